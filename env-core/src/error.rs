@@ -1,0 +1,50 @@
+//! The one error type. A message says what was found and what was expected.
+
+use thiserror::Error;
+
+/// Result of everything in this crate that can fail.
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// Why something could not be built or computed.
+#[non_exhaustive]
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum Error {
+    /// A number, name or combination of options that makes no sense.
+    #[error("{name}: found {found}, expected {expected}")]
+    Invalid {
+        /// The argument, as the user wrote it.
+        name: String,
+        /// What was given.
+        found: String,
+        /// What would have been accepted.
+        expected: String,
+    },
+    /// A surface or volume mesh that cannot be used.
+    #[error("mesh {name}: {reason}")]
+    BadMesh {
+        /// File or shape that the mesh came from.
+        name: String,
+        /// What is wrong with it, with numbers.
+        reason: String,
+    },
+    /// A file that could not be read or written.
+    #[error("{path}: {reason}")]
+    File {
+        /// The path as given.
+        path: String,
+        /// What the operating system or the parser said.
+        reason: String,
+    },
+}
+
+impl Error {
+    /// An [`Error::Invalid`] from anything printable.
+    #[allow(clippy::needless_pass_by_value)] // Reads better at the hundred places that call it.
+    pub fn invalid(
+        name: impl Into<String>,
+        found: impl std::fmt::Display,
+        expected: impl Into<String>,
+    ) -> Self {
+        Self::Invalid { name: name.into(), found: found.to_string(), expected: expected.into() }
+    }
+}

@@ -1,0 +1,286 @@
+//! Closed solids that a finger can touch, as exact parameters rather than triangles.
+//!
+//! Every shape has its own frame: the origin at its middle, z along its axis of symmetry. The
+//! triangles that a picture or a rigid-body engine needs are derived in [`Shape::surface`].
+
+use std::{
+    f64::consts::{PI, TAU},
+    sync::Arc,
+};
+
+use nalgebra::Vector3;
+
+use super::Surface;
+use crate::{Error, Result};
+
+/// A closed solid in its own frame (m).
+#[non_exhaustive]
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape {
+    /// Ball.
+    Sphere {
+        /// Radius (m).
+        radius: f64,
+    },
+    /// Box with edges along the axes.
+    Cuboid {
+        /// Half of each edge (m).
+        half_extents: Vector3<f64>,
+    },
+    /// Cylinder about z.
+    Cylinder {
+        /// Radius (m).
+        radius: f64,
+        /// Half of the height (m).
+        half_height: f64,
+    },
+    /// Cylinder about z with hemispherical ends.
+    Capsule {
+        /// Radius of the shaft and of the ends (m).
+        radius: f64,
+        /// Half of the shaft's length, ends excluded (m).
+        half_height: f64,
+    },
+    /// Cone about z, apex up.
+    Cone {
+        /// Radius of the base (m).
+        radius: f64,
+        /// Half of the height (m).
+        half_height: f64,
+    },
+    /// Right prism over a regular polygon, a flat side facing +x.
+    Prism {
+        /// Number of sides, at least 3.
+        sides: u32,
+        /// Radius of the polygon's corners (m).
+        radius: f64,
+        /// Half of the height (m).
+        half_height: f64,
+    },
+    /// Cylinder about z with a concentric hole.
+    Annulus {
+        /// Outer radius (m).
+        outer: f64,
+        /// Radius of the hole (m).
+        inner: f64,
+        /// Half of the height (m).
+        half_height: f64,
+    },
+    /// Ellipsoid with axes along x, y, z.
+    Ellipsoid {
+        /// Semi-axes (m).
+        semi_axes: Vector3<f64>,
+    },
+    /// Open vessel about z: a conical wall on a flat bottom, both of one thickness.
+    Cup {
+        /// Outer radius at the bottom (m).
+        bottom: f64,
+        /// Outer radius at the rim (m).
+        rim: f64,
+        /// Half of the height (m).
+        half_height: f64,
+        /// Thickness of wall and bottom (m).
+        wall: f64,
+    },
+    /// Smooth solid that every ray from the origin leaves exactly once.
+    StarShaped(StarShaped),
+    /// Solid under the plane z = 0. It has no surface of finite size.
+    HalfSpace,
+    /// Solid inside a watertight surface.
+    Mesh(Arc<Surface>),
+}
+
+/// An ellipsoid modulated by plane waves over the unit sphere:
+/// r(d) = r₀(d) (1 + Σᵢ aᵢ cos(kᵢ·d + φᵢ)), |d| = 1, r₀ the ellipsoid's radius along d.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StarShaped {
+    /// Semi-axes of the unmodulated ellipsoid (m).
+    pub semi_axes: Vector3<f64>,
+    /// Modulations; the sum of their amplitudes stays below 0.5.
+    pub waves: Vec<Wave>,
+}
+
+/// One modulation of a [`StarShaped`] solid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wave {
+    /// Relative amplitude a.
+    pub amplitude: f64,
+    /// Wave vector k (rad), over the unit sphere.
+    pub vector: Vector3<f64>,
+    /// Phase φ (rad).
+    pub phase: f64,
+}
+
+impl StarShaped {
+    /// Distance from the origin to the surface along the unit vector `direction` (m).
+    pub fn radius(&self, direction: &Vector3<f64>) -> f64 {
+        let ellipsoid = 1.0 / direction.component_div(&self.semi_axes).norm();
+        let wave = |w: &Wave| w.amplitude * (w.vector.dot(direction) + w.phase).cos();
+        ellipsoid * (1.0 + self.waves.iter().map(wave).sum::<f64>())
+    }
+}
+
+/// Longest allowed dimension of a shape (m): a hand-scale simulator.
+const LARGEST: f64 = 1.0;
+/// Shortest allowed dimension (m).
+const SMALLEST: f64 = 1e-5;
+
+impl Shape {
+    /// This shape, if its parameters describe a solid of hand scale.
+    pub fn validated(self) -> Result<Self> {
+        match &self {
+            Self::Sphere { radius } => length("radius", *radius)?,
+            Self::Cuboid { half_extents } => lengths("half_extents", half_extents)?,
+            Self::Ellipsoid { semi_axes } => lengths("semi_axes", semi_axes)?,
+            Self::Cylinder { radius, half_height }
+            | Self::Capsule { radius, half_height }
+            | Self::Cone { radius, half_height } => {
+                length("radius", *radius)?;
+                length("half_height", *half_height)?;
+            }
+            Self::Prism { sides, radius, half_height } => {
+                if !(3..=256).contains(sides) {
+                    return Err(Error::invalid("sides", sides, "3 to 256"));
+                }
+                length("radius", *radius)?;
+                length("half_height", *half_height)?;
+            }
+            Self::Annulus { outer, inner, half_height } => {
+                length("outer", *outer)?;
+                length("half_height", *half_height)?;
+                less("inner", *inner, "outer", *outer)?;
+            }
+            Self::Cup { bottom, rim, half_height, wall } => {
+                length("bottom", *bottom)?;
+                length("rim", *rim)?;
+                length("half_height", *half_height)?;
+                less("wall", *wall, "bottom", *bottom)?;
+                less("wall", *wall, "rim", *rim)?;
+                less("wall", *wall, "the height", 2.0 * half_height)?;
+            }
+            Self::StarShaped(star) => star.validate()?,
+            Self::HalfSpace => {}
+            // A surface is checked when it is made; only its size is left.
+            Self::Mesh(surface) => length("mesh size", surface.size())?,
+        }
+        Ok(self)
+    }
+
+    /// The same solid, `factor` times as large.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
+        let mut shape = self.clone();
+        match &mut shape {
+            Self::Sphere { radius } => *radius *= factor,
+            Self::Cuboid { half_extents: v } | Self::Ellipsoid { semi_axes: v } => *v *= factor,
+            Self::Cylinder { radius, half_height }
+            | Self::Capsule { radius, half_height }
+            | Self::Cone { radius, half_height }
+            | Self::Prism { radius, half_height, .. } => {
+                *radius *= factor;
+                *half_height *= factor;
+            }
+            Self::Annulus { outer, inner, half_height } => {
+                for l in [outer, inner, half_height] {
+                    *l *= factor;
+                }
+            }
+            Self::Cup { bottom, rim, half_height, wall } => {
+                for l in [bottom, rim, half_height, wall] {
+                    *l *= factor;
+                }
+            }
+            Self::StarShaped(star) => star.semi_axes *= factor,
+            Self::HalfSpace => {}
+            Self::Mesh(surface) => *surface = Arc::new(surface.scaled(factor)),
+        }
+        shape
+    }
+
+    /// Watertight triangles, with about `segments` edges round a circle, or `None` for a half-space.
+    pub fn surface(&self, segments: u32) -> Option<Surface> {
+        let ring = |profile: &[[f64; 2]]| Surface::revolved(profile, segments.max(8), 0.0);
+        Some(match self {
+            Self::Sphere { radius } => Surface::radial(segments, |_| *radius),
+            Self::Ellipsoid { semi_axes } => {
+                Surface::radial(segments, |d| 1.0 / d.component_div(semi_axes).norm())
+            }
+            Self::StarShaped(star) => Surface::radial(segments, |d| star.radius(d)),
+            Self::Cuboid { half_extents } => Surface::cuboid(half_extents),
+            Self::Cylinder { radius: r, half_height: h } => {
+                ring(&[[0.0, -h], [*r, -h], [*r, *h], [0.0, *h]])
+            }
+            Self::Cone { radius: r, half_height: h } => ring(&[[0.0, -h], [*r, -h], [0.0, *h]]),
+            Self::Capsule { radius, half_height } => {
+                ring(&capsule_profile(*radius, *half_height, segments))
+            }
+            Self::Prism { sides, radius: r, half_height: h } => {
+                let profile = [[0.0, -h], [*r, -h], [*r, *h], [0.0, *h]];
+                Surface::revolved(&profile, *sides, PI / f64::from(*sides))
+            }
+            Self::Annulus { outer, inner, half_height: h } => {
+                ring(&[[*outer, -h], [*outer, *h], [*inner, *h], [*inner, -h], [*outer, -h]])
+            }
+            Self::Cup { bottom, rim, half_height: h, wall } => ring(&[
+                [0.0, -h],
+                [*bottom, -h],
+                [*rim, *h],
+                [rim - wall, *h],
+                [bottom - wall, wall - h],
+                [0.0, wall - h],
+            ]),
+            Self::HalfSpace => return None,
+            Self::Mesh(surface) => (**surface).clone(),
+        })
+    }
+}
+
+impl StarShaped {
+    fn validate(&self) -> Result<()> {
+        lengths("semi_axes", &self.semi_axes)?;
+        let sum: f64 = self.waves.iter().map(|w| w.amplitude.abs()).sum();
+        let finite =
+            self.waves.iter().all(|w| w.vector.iter().chain([&w.phase]).all(|x| x.is_finite()));
+        if !(sum < 0.5 && finite) {
+            let expected = "finite waves whose amplitudes add up to less than 0.5";
+            return Err(Error::invalid("waves", format!("amplitudes of {sum}"), expected));
+        }
+        Ok(())
+    }
+}
+
+fn capsule_profile(radius: f64, half_height: f64, segments: u32) -> Vec<[f64; 2]> {
+    let steps = (segments / 4).max(2);
+    let arc = |from: f64, z: f64| {
+        (0..=steps).map(move |i| {
+            let angle = from + 0.25 * TAU * f64::from(i) / f64::from(steps);
+            // The cosine of a right angle is not exactly zero, the axis is.
+            [(radius * angle.cos()).max(0.0), z + radius * angle.sin()]
+        })
+    };
+    let mut profile: Vec<_> = arc(-0.25 * TAU, -half_height).chain(arc(0.0, half_height)).collect();
+    let last = profile.len() - 1;
+    profile[0][0] = 0.0;
+    profile[last][0] = 0.0;
+    profile
+}
+
+fn length(name: &str, value: f64) -> Result<()> {
+    if (SMALLEST..=LARGEST).contains(&value) {
+        return Ok(());
+    }
+    let expected = format!("a length of {SMALLEST} to {LARGEST} m");
+    Err(Error::invalid(name, format!("{value} m"), expected))
+}
+
+fn lengths(name: &str, values: &Vector3<f64>) -> Result<()> {
+    values.iter().try_for_each(|&value| length(name, value))
+}
+
+fn less(name: &str, value: f64, than: &str, bound: f64) -> Result<()> {
+    length(name, value)?;
+    if value < bound {
+        return Ok(());
+    }
+    Err(Error::invalid(name, format!("{value} m"), format!("less than {than} ({bound} m)")))
+}

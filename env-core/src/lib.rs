@@ -1,0 +1,11 @@
+//! Grasping with soft tactile fingertips: geometry, rigid scene, task and vectorised environment.
+//!
+//! Modules are floors, declared from the ground up: a module imports only from floors above it in
+//! this list. SI units everywhere; only `scene` converts, at its border with Rapier.
+
+#![forbid(unsafe_code)]
+
+pub mod error;
+pub mod geometry;
+
+pub use error::{Error, Result};
