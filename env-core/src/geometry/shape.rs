@@ -199,7 +199,10 @@ impl Shape {
 
     /// Watertight triangles, with about `segments` edges round a circle, or `None` for a half-space.
     pub fn surface(&self, segments: u32) -> Option<Surface> {
-        let ring = |profile: &[[f64; 2]]| Surface::revolved(profile, segments.max(8), 0.0);
+        let segments = segments.max(8);
+        // A flat faces +x, as a prism's does.
+        let ring =
+            |profile: &[[f64; 2]]| Surface::revolved(profile, segments, PI / f64::from(segments));
         Some(match self {
             Self::Sphere { radius } => Surface::radial(segments, |_| *radius),
             Self::Ellipsoid { semi_axes } => {

@@ -1,0 +1,3 @@
+//! Physics of the whole crate against closed forms, one binary.
+
+mod grasp;
