@@ -8,5 +8,7 @@
 pub mod error;
 pub mod geometry;
 pub mod scene;
+pub mod task;
+pub mod env;
 
 pub use error::{Error, Result};
