@@ -9,6 +9,7 @@ pub mod error;
 pub mod geometry;
 pub mod scene;
 pub mod task;
+pub mod render;
 pub mod env;
 
 pub use error::{Error, Result};

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::{
     exceptions::{PyRuntimeError, PyValueError},
     prelude::*,
@@ -135,6 +135,19 @@ impl Batch {
             PyArray1::from_iter(py, outcomes.iter().map(|o| o.ending.map_or(0, Ending::code))),
             finals.into_iter().map(|(i, last)| (i, PyArray1::from_vec(py, last))).collect(),
         ))
+    }
+
+    /// A picture (height, width, 3) of one row's scene.
+    fn render<'py>(
+        &mut self,
+        py: Python<'py>,
+        row: usize,
+        width: usize,
+        height: usize,
+    ) -> PyResult<Bound<'py, PyArray3<u8>>> {
+        let batch = &mut self.inner;
+        let picture = py.detach(|| batch.render(row, width, height)).map_err(python_error)?;
+        PyArray1::from_vec(py, picture).reshape([height, width, 3])
     }
 
     /// Every row as bytes.

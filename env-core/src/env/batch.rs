@@ -5,7 +5,7 @@ use std::{mem, process, sync::Arc};
 use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
 
 use super::{Outcome, Row, Setup, snapshot};
-use crate::{Error, Result, task::ACTION_SIZE};
+use crate::{Error, Result, render::SceneRenderer, task::ACTION_SIZE};
 
 /// When a row whose episode has ended starts the next one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,6 +28,8 @@ pub struct Batch {
     pool: Option<(u32, ThreadPool)>,
     /// The latest observation (N, D).
     observation: Vec<f32>,
+    /// Shared by all rows, and there only once a picture was asked for.
+    renderer: Option<SceneRenderer>,
 }
 
 /// What a step of the whole batch came to.
@@ -59,7 +61,7 @@ impl Batch {
         }
         let observation = vec![0.0; rows * setup.layout().size()];
         let rows = (0..rows as u64).map(Row::new).collect();
-        Ok(Self { setup, rows, autoreset, threads, pool: None, observation })
+        Ok(Self { setup, rows, autoreset, threads, pool: None, observation, renderer: None })
     }
 
     /// The shared settings.
@@ -125,6 +127,22 @@ impl Batch {
             result.finals.extend(last.map(|last| (i, last)));
         }
         Ok(result)
+    }
+
+    /// A picture (height, width, 3), sRGB, of one row's scene.
+    pub fn render(&mut self, row: usize, width: usize, height: usize) -> Result<Vec<u8>> {
+        let state = self.rows.get(row).and_then(Row::state);
+        let Some((state, draw)) = state else {
+            return Err(Error::invalid("render", format!("row {row}"), "a row that was reset"));
+        };
+        let shape = self.setup.models()[draw.object].shape().scaled(draw.scale);
+        let mut renderer = match self.renderer.take() {
+            Some(renderer) if renderer.size() == (width, height) => renderer,
+            _ => SceneRenderer::new(width, height)?,
+        };
+        let picture = renderer.draw(&state, &shape);
+        self.renderer = Some(renderer);
+        picture
     }
 
     /// Every row as bytes.

@@ -121,15 +121,6 @@ impl Surface {
         Self { vertices, triangles: self.triangles.clone() }
     }
 
-    /// Whether every vertex lies behind every triangle's plane, within `tolerance` (m).
-    pub fn is_convex(&self, tolerance: f64) -> bool {
-        self.triangles.iter().all(|corners| {
-            let [a, b, c] = corners.map(|i| self.vertices[i as usize]);
-            let Some(normal) = (b - a).cross(&(c - a)).try_normalize(0.0) else { return true };
-            self.vertices.iter().all(|v| (v - a).dot(&normal) <= tolerance)
-        })
-    }
-
     /// Box with edges along the axes.
     pub(super) fn cuboid(half_extents: &Vector3<f64>) -> Self {
         let corner = |i: u32| {

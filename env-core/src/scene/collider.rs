@@ -165,8 +165,8 @@ fn collider(shape: &Shape, surface: &Surface) -> Result<SharedShape> {
     })
 }
 
-/// Share of its volume that a hull may add to a solid: a dimple less than a tenth of a millimetre
-/// deep on a hand-sized body, for a sixth of the time that triangles take.
+/// Share of its volume that a hull may add to a solid: as much as 1.6 % of radius adds to a ball, for
+/// a sixth of the time that triangles take.
 const HULL_EXCESS: f64 = 0.05;
 
 /// The hull of a nearly convex surface, the triangles of any other.

@@ -238,7 +238,7 @@ fn integration_parameters(config: &SceneConfig) -> IntegrationParameters {
 }
 
 fn table() -> ColliderBuilder {
-    let half = Vector3::new(0.5, 0.5, 0.05);
+    let half = Vector3::new(0.25, 0.25, 0.05);
     ColliderBuilder::cuboid(units::scalar(half.x), units::scalar(half.y), units::scalar(half.z))
         .translation(units::vector(&Vector3::new(0.0, 0.0, -half.z)))
         .friction(f32::MAX)
