@@ -1,12 +1,12 @@
 //! The grasp matrix: close on an object, lift it by 10 cm, hold it for 5 s, shake it at 3 Hz.
 
-use std::f64::consts::{FRAC_PI_2, TAU};
+use std::f64::consts::TAU;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use ruffini_core::{
     Result,
     geometry::{Shape, StarShaped, Wave},
-    scene::{Command, Object, ObjectModel, Scene, SceneConfig, SceneState},
+    scene::{Command, Object, ObjectModel, Scene, SceneConfig, SceneState, named},
 };
 
 /// One grasp.
@@ -146,20 +146,12 @@ fn imbalance(trial: &Trial, before: &SceneState, state: &SceneState, dt: f64) ->
 
 /// The nine shapes, about 30 mm wide.
 fn shapes() -> Vec<(&'static str, ObjectModel)> {
-    let potato = || {
-        let wave =
-            |amplitude, vector: [f64; 3], phase| Wave { amplitude, vector: vector.into(), phase };
-        Shape::StarShaped(StarShaped {
-            semi_axes: Vector3::new(0.015, 0.020, 0.016),
-            // 1 + 0.10 sin(3x + 1) cos 2y + 0.06 sin(5z + 2x)
-            waves: vec![
-                wave(0.05, [3.0, 2.0, 0.0], 1.0 - FRAC_PI_2),
-                wave(0.05, [3.0, -2.0, 0.0], 1.0 - FRAC_PI_2),
-                wave(0.06, [2.0, 0.0, 5.0], -FRAC_PI_2),
-            ],
-        })
-    };
-    let mesh = potato().surface(24).unwrap();
+    // Waisted, so that its triangles collide and not its hull.
+    let peanut = Shape::StarShaped(StarShaped {
+        semi_axes: Vector3::new(0.018, 0.018, 0.024),
+        waves: vec![Wave { amplitude: -0.25, vector: Vector3::z() * 3.0, phase: 0.0 }],
+    });
+    let peanut = Shape::Mesh(peanut.surface(16).unwrap().into());
     let shapes = [
         ("sphere", Shape::Sphere { radius: 0.015 }),
         ("cuboid", Shape::Cuboid { half_extents: Vector3::new(0.015, 0.015, 0.020) }),
@@ -168,8 +160,8 @@ fn shapes() -> Vec<(&'static str, ObjectModel)> {
         ("octagon", Shape::Prism { sides: 8, radius: 0.016, half_height: 0.015 }),
         ("annulus", Shape::Annulus { outer: 0.020, inner: 0.013, half_height: 0.010 }),
         ("cup", Shape::Cup { bottom: 0.016, rim: 0.020, half_height: 0.020, wall: 0.002 }),
-        ("potato", potato()),
-        ("potato mesh", Shape::Mesh(mesh.into())),
+        ("potato", named("potato").unwrap()),
+        ("peanut mesh", peanut),
     ];
     shapes.map(|(name, shape)| (name, ObjectModel::new(shape).unwrap())).into()
 }
