@@ -1,13 +1,18 @@
 //! Shapes, surfaces and mesh files.
 
+mod cached;
 mod distance;
+#[cfg(test)]
+mod examples;
 mod mesh_file;
 mod shape;
+mod star_shaped;
 mod surface;
 mod tet_mesh;
 
 pub use distance::Distance;
 pub use mesh_file::read_surface;
-pub use shape::{Shape, StarShaped, Wave};
+pub use shape::Shape;
+pub use star_shaped::{StarShaped, Wave};
 pub use surface::{MassProperties, Surface};
 pub use tet_mesh::TetMesh;
