@@ -5,6 +5,7 @@ mod distance;
 #[cfg(test)]
 mod examples;
 mod mesh_file;
+mod pad_mesh;
 mod shape;
 mod star_shaped;
 mod surface;
@@ -12,7 +13,8 @@ mod tet_mesh;
 
 pub use distance::Distance;
 pub use mesh_file::read_surface;
+pub use pad_mesh::{Grading, PadMesh, PadOutline};
 pub use shape::Shape;
 pub use star_shaped::{StarShaped, Wave};
 pub use surface::{MassProperties, Surface};
-pub use tet_mesh::TetMesh;
+pub use tet_mesh::{Incidence, MeshQuality, TetMesh};

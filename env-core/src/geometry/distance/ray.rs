@@ -57,9 +57,9 @@ impl StarShaped {
     ///
     /// A ray that grazes the surface within the facets' sag may be taken for a miss.
     fn ray_gap(&self, origin: &Point3<f64>, direction: &Vector3<f64>) -> Option<f64> {
-        let facets = self.facets();
-        let start = facets.ray_gap(origin, direction)?;
-        let farthest = 0.02 * facets.size();
+        let start = self.facets().ray_gap(origin, direction)?;
+        let size = self.semi_axes().max();
+        let farthest = 0.04 * size;
         let mut gap = start;
         for _ in 0..20 {
             let (level, slope) = self.implicit(&(origin + gap * direction).coords, direction);
@@ -69,7 +69,7 @@ impl StarShaped {
             if !step.is_finite() || (gap - start).abs() > farthest {
                 return Some(start);
             }
-            if step.abs() <= 1e-14 * facets.size() {
+            if step.abs() <= 1e-14 * size {
                 break;
             }
         }
