@@ -7,5 +7,6 @@
 
 pub mod error;
 pub mod geometry;
+pub mod sensor;
 
 pub use error::{Error, Result};

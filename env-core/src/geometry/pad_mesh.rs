@@ -10,12 +10,14 @@
 //! it: with the density 1/h(s), nodes stand at equal steps of N(s) = ∫ ds / h(s).
 
 use nalgebra::Point3;
+use serde::Deserialize;
 
 use super::TetMesh;
 use crate::{Error, Result};
 
 /// The undeformed shape of a gel pad: a rectangular block with a crowned face.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
 pub struct PadOutline {
     /// Extent along y (m).
     pub length: f64,
