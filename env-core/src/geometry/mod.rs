@@ -4,14 +4,17 @@ mod cached;
 mod distance;
 #[cfg(test)]
 mod examples;
+mod field_file;
 mod mesh_file;
 mod pad_mesh;
 mod shape;
 mod star_shaped;
 mod surface;
+mod tet_file;
 mod tet_mesh;
 
 pub use distance::Distance;
+pub use field_file::{Field, FieldOn};
 pub use mesh_file::read_surface;
 pub use pad_mesh::{Grading, PadMesh, PadOutline};
 pub use shape::Shape;
