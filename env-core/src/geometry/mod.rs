@@ -9,6 +9,7 @@ mod mesh_file;
 mod pad_mesh;
 mod shape;
 mod star_shaped;
+mod stuffing;
 mod surface;
 mod tet_file;
 mod tet_mesh;

@@ -109,9 +109,17 @@ impl TetMesh {
         self.faces().filter(|&face| uses[&sorted(face)] == 1).collect()
     }
 
-    /// The boundary as a watertight surface.
+    /// The boundary as a watertight surface of its own vertices.
     pub fn surface(&self) -> Result<Surface> {
-        Surface::new("boundary", &self.vertices, &self.boundary())
+        let (mut vertices, mut number) = (Vec::new(), HashMap::new());
+        let mut place = |i: u32| {
+            *number.entry(i).or_insert_with(|| {
+                vertices.push(self.vertices[i as usize]);
+                vertices.len() as u32 - 1
+            })
+        };
+        let triangles: Vec<_> = self.boundary().into_iter().map(|t| t.map(&mut place)).collect();
+        Surface::new("boundary", &vertices, &triangles)
     }
 
     /// Edges, lower vertex first, in rising order.
