@@ -246,6 +246,43 @@ mod tests {
         }
     }
 
+    /// The entries of an archive, by the sizes in their headers.
+    fn entries(mut archive: &[u8]) -> Vec<(String, Vec<u8>)> {
+        let mut found = Vec::new();
+        while archive.starts_with(b"PK\x03\x04") {
+            let word = |at: usize| u32::from_le_bytes(archive[at..at + 4].try_into().unwrap());
+            let (sum, size, name) = (word(14), word(18) as usize, word(26) as usize);
+            let (name, rest) = archive[30..].split_at(name);
+            let (data, rest) = rest.split_at(size);
+            assert_eq!(crc32(data), sum);
+            found.push((String::from_utf8(name.to_vec()).unwrap(), data.to_vec()));
+            archive = rest;
+        }
+        assert!(archive.starts_with(b"PK\x01\x02"), "the directory follows the entries");
+        found
+    }
+
+    #[test]
+    fn what_is_written_is_there_to_the_bit() {
+        let mesh = pad();
+        let values: Vec<f64> = (0..3 * mesh.vertices.len()).map(|i| (i as f64).sqrt()).collect();
+        let field =
+            Field { name: "displacement", on: FieldOn::Vertices, components: 3, values: &values };
+        let entries = entries(&mesh.npz(std::slice::from_ref(&field)));
+        let names: Vec<_> = entries.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["vertices.npy", "tets.npy", "displacement.npy"]);
+        assert!(entries[2].1.ends_with(&bytes(&values)));
+        let header = String::from_utf8_lossy(&entries[2].1[10..128]).into_owned();
+        let shape = format!("'shape': ({}, 3,)", mesh.vertices.len());
+        assert!(header.contains(&shape) && header.contains("'descr': '<f8'"), "{header}");
+        let data = bytes(&values);
+        let text = base64(&[&(data.len() as u64).to_le_bytes(), &data[..]].concat());
+        let vtu = mesh.vtu(&[field]);
+        let vector = "Name=\"displacement\" NumberOfComponents=\"3\" format=\"binary\">";
+        assert!(vtu.contains(&format!("{vector}{text}</DataArray>")), "no displacement in .vtu");
+        assert!(vtu.contains("<PointData>") && vtu.contains("types"), "{}", &vtu[..400]);
+    }
+
     #[test]
     fn fields_that_do_not_fit_are_named() {
         let mesh = pad();

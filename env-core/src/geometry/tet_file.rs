@@ -321,6 +321,26 @@ mod tests {
     }
 
     #[test]
+    fn files_are_told_apart_by_their_names() {
+        let folder = std::env::temp_dir().join(format!("ruffini-tet-file-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let read = |name: &str, text: &str, scale: f64| {
+            let path = folder.join(name);
+            fs::write(&path, text).unwrap();
+            TetMesh::read(&path, scale)
+        };
+        let tet = read("pair.tet", TET, 1e-3).unwrap();
+        assert_eq!(read("pair.msh", MSH_4, 1e-3).unwrap(), tet);
+        let message = |result: Result<TetMesh>| result.unwrap_err().to_string();
+        assert!(message(read("pair.txt", TET, 1.0)).contains(".tet or .msh"));
+        assert!(message(read("pair.tet", TET, -1.0)).starts_with("scale"));
+        assert!(message(read("pair.tet", "v 0 0", 1.0)).contains("line 1"));
+        assert!(message(read("pair.tet", "", 1.0)).contains("0 tetrahedra"));
+        assert!(message(TetMesh::read(&folder.join("none.tet"), 1.0)).contains("none.tet"));
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
     fn defects_are_named_with_their_line() {
         let tet = |from: &str, to: &str| parse_tet(&TET.replacen(from, to, 1)).unwrap_err();
         assert!(tet("v 1 0 0", "v 1 0").starts_with("line 5: found 1 0, expected three"));

@@ -1,4 +1,4 @@
-use std::sync::Arc;
+use std::{f64::consts::PI, sync::Arc};
 
 use nalgebra::{Point3, Vector3};
 use parry3d::{
@@ -112,6 +112,29 @@ fn a_box_of_triangles_measures_like_the_exact_box() {
         let parallel = a.normal.dot(&b.normal);
         // Inside, points of the medial planes have several nearest faces; Halton points miss them.
         assert!(parallel > 1.0 - 1e-12, "{p}: normals {} and {}", a.normal, b.normal);
+    }
+}
+
+#[test]
+fn signs_of_a_mesh_are_those_of_its_winding_number() {
+    for shape in solids() {
+        let surface = shape.surface(24).unwrap();
+        for p in points(300, 0.04) {
+            // Solid angle of every triangle (Van Oosterom and Strackee 1983): 4π in all, or 0.
+            let angle = |t: &[u32; 3]| {
+                let [a, b, c] = t.map(|i| surface.vertices()[i as usize] - p);
+                let (x, y, z) = (a.norm(), b.norm(), c.norm());
+                let below = x * y * z + a.dot(&b) * z + b.dot(&c) * x + c.dot(&a) * y;
+                2.0 * a.dot(&b.cross(&c)).atan2(below)
+            };
+            let turns = surface.triangles().iter().map(angle).sum::<f64>() / (4.0 * PI);
+            let distance = surface.distance(&p).value;
+            assert_eq!(
+                distance < 0.0,
+                turns > 0.5,
+                "{shape:?} at {p}: {distance} m, {turns} turns"
+            );
+        }
     }
 }
 
