@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Vector2, Vector3};
 
 use crate::geometry::{Shape, StarShaped, Surface};
 
@@ -131,7 +131,7 @@ impl Line {
     fn in_round(&self, radius: f64) -> Option<Chord> {
         let [o, d] = [self.origin.xy(), self.direction.xy()];
         let c = o.norm_squared() - radius * radius;
-        if d == nalgebra::Vector2::zeros() {
+        if d == Vector2::zeros() {
             return (c <= 0.0).then_some(WHOLE);
         }
         roots(d.norm_squared(), o.dot(&d), c)
