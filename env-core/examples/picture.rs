@@ -32,10 +32,10 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// Name, shape, height of its middle when it stands (m), and lift above that (m).
 fn scenes() -> Vec<(&'static str, Shape, f64, f64)> {
     let wave = |amplitude, x, y, z, phase| Wave { amplitude, vector: [x, y, z].into(), phase };
-    let potato = StarShaped {
-        semi_axes: Vector3::new(0.024, 0.036, 0.028),
-        waves: vec![wave(0.08, 3.0, 2.0, 1.0, 0.3), wave(0.05, -2.0, 4.0, 3.0, 1.0)],
-    };
+    let potato = StarShaped::new(
+        Vector3::new(0.024, 0.036, 0.028),
+        vec![wave(0.08, 3.0, 2.0, 1.0, 0.3), wave(0.05, -2.0, 4.0, 3.0, 1.0)],
+    );
     vec![
         ("cylinder", Shape::Cylinder { radius: 0.02, half_height: 0.035 }, 0.035, 0.04),
         (

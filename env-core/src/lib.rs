@@ -7,6 +7,7 @@
 
 pub mod error;
 pub mod geometry;
+pub mod sensor;
 pub mod scene;
 pub mod task;
 pub mod render;

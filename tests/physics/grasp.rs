@@ -147,10 +147,10 @@ fn imbalance(trial: &Trial, before: &SceneState, state: &SceneState, dt: f64) ->
 /// The nine shapes, about 30 mm wide.
 fn shapes() -> Vec<(&'static str, ObjectModel)> {
     // Waisted, so that its triangles collide and not its hull.
-    let peanut = Shape::StarShaped(StarShaped {
-        semi_axes: Vector3::new(0.018, 0.018, 0.024),
-        waves: vec![Wave { amplitude: -0.25, vector: Vector3::z() * 3.0, phase: 0.0 }],
-    });
+    let peanut = Shape::StarShaped(StarShaped::new(
+        Vector3::new(0.018, 0.018, 0.024),
+        vec![Wave { amplitude: -0.25, vector: Vector3::z() * 3.0, phase: 0.0 }],
+    ));
     let peanut = Shape::Mesh(peanut.surface(16).unwrap().into());
     let shapes = [
         ("sphere", Shape::Sphere { radius: 0.015 }),

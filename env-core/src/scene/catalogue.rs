@@ -53,10 +53,7 @@ fn star(semi_axes: [f64; 3], waves: &[(f64, [f64; 3], f64)]) -> Shape {
         vector: vector.into(),
         phase,
     };
-    Shape::StarShaped(StarShaped {
-        semi_axes: semi_axes.into(),
-        waves: waves.iter().map(wave).collect(),
-    })
+    Shape::StarShaped(StarShaped::new(semi_axes.into(), waves.iter().map(wave).collect()))
 }
 
 #[cfg(test)]
