@@ -62,8 +62,8 @@ class ScriptedGrasp:
     @staticmethod
     def _lift(seen: NDArray[np.float32]) -> NDArray[np.float32]:
         """Upward speed that brings the object 10 cm up and stops it there."""
-        rise = seen[:, 15]
-        return np.clip(10.0 * (0.10 - rise), -0.2, 0.8)
+        lift: NDArray[np.float32] = np.clip(10.0 * (0.10 - seen[:, 15]), -0.2, 0.8)
+        return lift
 
     @staticmethod
     def _yaw_rate(seen: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -71,4 +71,5 @@ class ScriptedGrasp:
         angle = np.arctan2(seen[:, 4], seen[:, 3])
         quarter = 0.5 * np.pi
         square = angle - quarter * np.round(angle / quarter)
-        return np.clip(2.0 * square, -1.0, 1.0)
+        rate: NDArray[np.float32] = np.clip(2.0 * square, -1.0, 1.0)
+        return rate

@@ -217,3 +217,30 @@ fn within(name: &str, value: f64, low: f64, high: f64) -> Result<()> {
     }
     Err(Error::invalid(name, value, format!("{low} to {high}")))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::Sensor;
+
+    #[test]
+    fn the_default_pads_have_the_outline_of_a_gelsight_mini() {
+        let (pad, gripper) = (Sensor::named("gelsight-mini").unwrap().outline, Gripper::default());
+        let found = [gripper.pad_width, gripper.pad_length, gripper.pad_thickness];
+        assert_eq!(found, [pad.width, pad.length, pad.thickness]);
+    }
+
+    #[test]
+    fn a_setting_out_of_range_is_named() {
+        let message = |change: fn(&mut SceneConfig)| {
+            let mut config = SceneConfig::default();
+            change(&mut config);
+            config.validate().unwrap_err().to_string()
+        };
+        let force = message(|c| c.gripper.max_force = f64::NAN);
+        assert_eq!(force, "gripper.max_force: found NaN, expected 0.01 to 200");
+        assert!(message(|c| c.physics.time_step = 0.003).contains("whole number of steps"));
+        assert!(message(|c| c.workspace.low[2] = 0.01).contains("workspace.low[2]"));
+        assert!(message(|c| c.workspace.low[0] = 0.5).contains("low ≤ high"));
+    }
+}

@@ -54,7 +54,9 @@ def to_json(settings: Mapping[str, Any]) -> str:
         elif name in _RANGES and isinstance(value, (int, float, np.number)):
             document[name] = [value, value]
         elif name in ("scene", "reward"):
-            raise ValueError(f"{name}: unknown, expected one of {', '.join(Settings.__annotations__)}")
+            raise ValueError(
+                f"{name}: unknown, expected one of {', '.join(Settings.__annotations__)}"
+            )
         else:
             document[name] = value
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -24,7 +24,8 @@ Frame = NDArray[np.uint8]
 """A picture (height, width, 3)."""
 
 ACTION_SIZE = 5
-FRAMES_PER_SECOND = 25
+
+_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 25}
 
 
 class _Spaces:
@@ -62,10 +63,8 @@ class _Spaces:
 class _Renderer:
     """Size of a picture, checked once."""
 
-    modes: ClassVar[list[str]] = ["rgb_array"]
-
     def __init__(self, mode: str | None, width: int, height: int) -> None:
-        if mode is not None and mode not in self.modes:
+        if mode is not None and mode not in _METADATA["render_modes"]:
             raise ValueError(f"render_mode: found {mode!r}, expected None or 'rgb_array'")
         for name, pixels in (("width", width), ("height", height)):
             if not (isinstance(pixels, int) and 16 <= pixels <= 4096):
@@ -142,7 +141,7 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
         ValueError: If a setting is unknown, of the wrong type or out of range.
     """
 
-    metadata: dict[str, Any] = {"render_modes": _Renderer.modes, "render_fps": FRAMES_PER_SECOND}
+    metadata = _METADATA
 
     def __init__(
         self,
@@ -152,13 +151,13 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
         height: int = 480,
         **settings: Unpack[Settings],
     ) -> None:
-        self._arguments = {"obs": obs, "width": width, "height": height, **settings}
+        self._obs = obs
         self._settings: dict[str, Any] = dict(settings)
         self._renderer = _Renderer(render_mode, width, height)
         self.render_mode = render_mode
         self._batch = self._new_batch()
         self._spaces = _Spaces(self._batch, obs)
-        self.observation_space = self._spaces.observation
+        self.observation_space: gym.spaces.Space[Any] = self._spaces.observation
         self.action_space = self._spaces.action
 
     def _new_batch(self) -> Batch:
@@ -209,7 +208,7 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
             info,
         )
 
-    def render(self) -> Frame | None:  # type: ignore[override]
+    def render(self) -> Frame | None:
         """A picture (height, width, 3) of the scene, or ``None`` without a render mode."""
         if self.render_mode is None:
             return None
@@ -248,7 +247,7 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.__dict__.update(state)
         self._batch = self._new_batch()
         self._batch.load(snapshot)
-        self._spaces = _Spaces(self._batch, self._arguments["obs"])
+        self._spaces = _Spaces(self._batch, self._obs)
 
 
 class GraspLiftVectorEnv(VectorEnv[Any, Any, Any]):
@@ -270,7 +269,7 @@ class GraspLiftVectorEnv(VectorEnv[Any, Any, Any]):
         ValueError: If a setting is unknown, of the wrong type or out of range.
     """
 
-    metadata: dict[str, Any] = {"render_modes": _Renderer.modes, "render_fps": FRAMES_PER_SECOND}
+    metadata = _METADATA
 
     def __init__(
         self,
@@ -295,7 +294,7 @@ class GraspLiftVectorEnv(VectorEnv[Any, Any, Any]):
                 raise ValueError(f"{name}: found {count!r}, expected a whole number from 1")
         self.num_envs = num_envs
         self.autoreset_mode = mode
-        self.metadata = {**type(self).metadata, "autoreset_mode": mode}
+        self.metadata = {**_METADATA, "autoreset_mode": mode}
         self._renderer = _Renderer(render_mode, width, height)
         self.render_mode = render_mode
         self._obs = obs
@@ -335,7 +334,7 @@ class GraspLiftVectorEnv(VectorEnv[Any, Any, Any]):
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None] | None:
         if isinstance(seed, (int, np.integer)):
             return [int(seed) + i for i in range(self.num_envs)]
-        given = [None] * self.num_envs if seed is None else list(seed)
+        given: list[int | None] = [None] * self.num_envs if seed is None else list(seed)
         if len(given) != self.num_envs:
             raise ValueError(f"seed: found {len(given)} seeds, expected {self.num_envs}")
         if not all(s is None or (isinstance(s, (int, np.integer)) and s >= 0) for s in given):
@@ -458,7 +457,7 @@ def _cores() -> int:
 
 
 def _masked(info: Mapping[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:
-    """The entries of a vector info that belong to `rows`; keys that none of them has are left out."""
+    """The entries of a vector info that belong to `rows`, without keys that none of them has."""
     kept: dict[str, Any] = {}
     for key, value in info.items():
         if key.startswith("_"):

@@ -51,6 +51,7 @@ class RuffiniVecEnv(VecEnv):
     def reset(self) -> VecEnvObs:
         """Starts an episode in every row, with the seeds given since the last reset."""
         seeds = self._seeds if any(seed is not None for seed in self._seeds) else None
+        observation: VecEnvObs
         observation, _ = self.envs.reset(seed=seeds)
         self._reset_seeds()
         self._reset_options()
@@ -68,7 +69,7 @@ class RuffiniVecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if dones.any():
             final = info["final_info"]
-            for row in np.flatnonzero(dones):
+            for row in np.flatnonzero(dones).tolist():
                 infos[row] = self._final_info(info, final, row)
                 infos[row]["TimeLimit.truncated"] = bool(truncated[row] and not terminated[row])
                 self.reset_infos[row] = {}
@@ -112,7 +113,9 @@ class RuffiniVecEnv(VecEnv):
         method = getattr(self.envs, method_name)
         return [method(*method_args, **method_kwargs) for _ in self._rows(indices)]
 
-    def env_is_wrapped(self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None) -> list[bool]:
+    def env_is_wrapped(
+        self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None
+    ) -> list[bool]:
         """No row is wrapped: the batch is native."""
         return [False for _ in self._rows(indices)]
 
