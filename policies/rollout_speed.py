@@ -1,0 +1,192 @@
+"""Environment steps per second, by number of environments and threads, beside its peers.
+
+Use::
+
+    python policies/rollout_speed.py --json policies/results/rollout_speed.json
+
+Peers are measured in the same run if they are installed (``gymnasium-robotics`` with ``mujoco``,
+``envpool``) and named as missing if not. Actions are random; resets count as what they cost.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from evaluate import about_this_run
+from scripted_grasp import ScriptedGrasp
+
+from ruffini.envs import GraspLiftVectorEnv
+
+ENV_ID = "ruffini/GraspLift-v0"
+
+
+def make(n: int, threads: int, **settings: Any) -> GraspLiftVectorEnv:
+    """N environments on so many threads, reset."""
+    envs = gym.make_vec(ENV_ID, num_envs=n, num_threads=threads, **settings)
+    assert isinstance(envs, GraspLiftVectorEnv)
+    envs.reset(seed=0)
+    return envs
+
+
+def steps_per_second(n: int, step: Callable[[int], Any], seconds: float) -> float:
+    """Rate of `step`, which steps n environments, after a tenth of the time to warm up."""
+    rates = []
+    for budget in (0.1 * seconds, seconds):
+        count, start = 0, time.perf_counter()
+        while (elapsed := time.perf_counter() - start) < budget:
+            step(count)
+            count += 1
+        rates.append(n * count / max(elapsed, 1e-9))
+    return rates[-1]
+
+
+def random_rollout(n: int, threads: int, seconds: float, **settings: Any) -> float:
+    """Steps per second under random actions."""
+    envs = make(n, threads, **settings)
+    random = np.random.default_rng(0)
+    actions = random.uniform(-1, 1, (16, n, 5)).astype(np.float32)
+    return steps_per_second(n, lambda i: envs.step(actions[i % 16]), seconds)
+
+
+def scripted_rollout(n: int, threads: int, seconds: float) -> float:
+    """Steps per second while grasping, lifting and holding; the policy's own time is left out."""
+    envs, policy = make(n, threads), ScriptedGrasp()
+    observation, _ = envs.reset(seed=0)
+    spent, count = 0.0, 0
+    while spent < seconds:
+        actions, _ = policy.predict(observation)
+        start = time.perf_counter()
+        observation, *_ = envs.step(actions)
+        spent += time.perf_counter() - start
+        count += 1
+    return n * count / spent
+
+
+def python_share(seconds: float) -> float:
+    """Share of a batched step (n = 64, one thread) that is not the native call."""
+    envs = make(64, 1, obs="flat")
+    actions = np.zeros((64, 5), np.float32)
+    whole = steps_per_second(64, lambda _: envs.step(actions), seconds)
+    envs.reset(seed=0)
+    native = steps_per_second(64, lambda _: envs._batch.step(actions), seconds)
+    return max(0.0, 1.0 - whole / native)
+
+
+def resident_bytes() -> int:
+    """Memory of this process that is in use."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def memory_per_environment(n: int = 512) -> float:
+    """Bytes that each of n environments adds, after a few steps."""
+    before = resident_bytes()
+    envs = make(n, 1)
+    for _ in range(10):
+        envs.step(np.zeros((n, 5), np.float32))
+    return (resident_bytes() - before) / n
+
+
+def memory_growth(steps: int) -> float:
+    """Bytes by which so many environment steps grow the process, after as many to warm up."""
+    envs = make(256, os.cpu_count() or 1)
+    actions = np.random.default_rng(0).uniform(-1, 1, (64, 256, 5)).astype(np.float32)
+    for i in range(steps // 256):
+        envs.step(actions[i % 64])
+    before = resident_bytes()
+    for i in range(steps // 256):
+        envs.step(actions[i % 64])
+    return float(resident_bytes() - before)
+
+
+def fetch_pick_and_place(seconds: float) -> float:
+    """MuJoCo's FetchPickAndPlace in one environment."""
+    import gymnasium_robotics
+
+    gym.register_envs(gymnasium_robotics)
+    env = gym.make("FetchPickAndPlace-v4")
+    env.reset(seed=0)
+
+    def step(_: int) -> None:
+        *_, terminated, truncated, _info = env.step(env.action_space.sample())
+        if terminated or truncated:
+            env.reset()
+
+    return steps_per_second(1, step, seconds)
+
+
+def panda_pick_cube(seconds: float) -> float:
+    """Envpool's PandaPickCube, 16 environments on one thread."""
+    import envpool
+
+    env = envpool.make_gymnasium("PandaPickCube-v1", num_envs=16, num_threads=1, seed=0)
+    env.reset()
+    random = np.random.default_rng(0)
+    shape = (16, *env.action_space.shape)
+    return steps_per_second(16, lambda _: env.step(random.uniform(-1, 1, shape)), seconds)
+
+
+PEERS: dict[str, tuple[str, Callable[[float], float]]] = {
+    "FetchPickAndPlace, 1 environment": ("gymnasium_robotics", fetch_pick_and_place),
+    "envpool PandaPickCube, 16 environments": ("envpool", panda_pick_cube),
+}
+
+
+def peers(seconds: float) -> dict[str, float | str]:
+    """Steps per second of each peer on one thread, or why there is none."""
+    rates: dict[str, float | str] = {}
+    for name, (module, measure) in PEERS.items():
+        if importlib.util.find_spec(module) is None:
+            rates[name] = f"{module} is not installed"
+            continue
+        try:
+            rates[name] = round(measure(seconds), 1)
+        except Exception as error:  # A peer that fails must not take the measurement with it.
+            rates[name] = f"failed: {error}"
+    return rates
+
+
+def main() -> None:
+    """Measures, prints, writes."""
+    parser = argparse.ArgumentParser(description="Measure environment steps per second.")
+    parser.add_argument("--json", type=Path, help="file to write the figures to")
+    parser.add_argument("--quick", action="store_true", help="a tenth of the time, fewer sizes")
+    arguments = parser.parse_args()
+    seconds, cores = (0.3 if arguments.quick else 3.0), os.cpu_count() or 1
+    sizes = [1, 64] if arguments.quick else [1, 16, 64, 256, 1024]
+    threads = sorted({t for t in (1, 2, 4, cores) if t <= cores})
+    rates: dict[str, dict[str, float]] = {}
+    for n in sizes:
+        row = {str(t): round(random_rollout(n, t, seconds), 1) for t in threads if t <= n}
+        rates[str(n)] = row
+        print(f"n = {n:5d}: " + ", ".join(f"{v:,.0f} /s on {t}" for t, v in row.items()))
+    one, most = rates["64"]["1"], rates["64"][str(threads[-1])]
+    figures: dict[str, Any] = {
+        "random_actions": rates,
+        "scripted_grasp_n64_1_thread": round(scripted_rollout(64, 1, seconds), 1),
+        "efficiency_n64": round(most / one / threads[-1], 3),
+        "python_share_n64": round(python_share(seconds), 4),
+        "bytes_per_environment": round(memory_per_environment()),
+        "growth_steps": 20_000 if arguments.quick else 1_000_000,
+    }
+    figures["growth_bytes"] = memory_growth(figures["growth_steps"])
+    figures["peers_1_thread"] = peers(seconds)
+    for name, value in figures.items():
+        if name != "random_actions":
+            print(f"{name}: {value}")
+    if arguments.json:
+        arguments.json.parent.mkdir(exist_ok=True)
+        arguments.json.write_text(json.dumps(about_this_run() | figures, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

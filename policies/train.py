@@ -1,0 +1,187 @@
+"""Trains an agent with Stable-Baselines3.
+
+Use::
+
+    python policies/train.py --algo ppo --seed 0
+    python policies/train.py --algo ppo --seed 0 --resume
+
+A run is a folder: ``model.zip`` and ``normaliser.pkl`` (replaced together at every checkpoint),
+``run.json`` (what was run) and ``curve.json`` (steps, seconds, success, return).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+from tqdm import tqdm
+
+from params import Params, params
+from ruffini.sb3 import make_vec_env
+
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
+RUNS = Path(__file__).parent / "runs"
+CHECKPOINT = "checkpoint"
+
+
+def run_folder(env_id: str, algorithm: str, seed: int) -> Path:
+    """Where a run keeps its files unless told otherwise."""
+    return RUNS / f"{env_id.split('/')[-1]}-{algorithm}-{seed}"
+
+
+def make_environment(env_id: str, chosen: Params, seed: int, n_envs: int) -> VecNormalize:
+    """The environments that an agent trains in: flat observations, normalised as they come."""
+    envs = make_vec_env(env_id, n_envs=n_envs, seed=seed, obs="flat", **chosen.environment)
+    monitored = VecMonitor(envs, info_keywords=("is_success",))
+    return VecNormalize(monitored, norm_reward=False, gamma=chosen.algorithm["gamma"])
+
+
+class Progress(BaseCallback):
+    """Progress bar, learning curve and checkpoints."""
+
+    def __init__(self, folder: Path, total: int, curve: list[dict[str, float]], every: int) -> None:
+        super().__init__()
+        self.folder, self.total, self.curve, self.every = folder, total, curve, every
+        self.before = curve[-1]["seconds"] if curve else 0.0
+        self.started = time.monotonic()
+        self.saved = 0
+
+    def _on_training_start(self) -> None:
+        self.saved = self.num_timesteps
+        self.bar = tqdm(total=self.total, initial=self.num_timesteps, unit=" steps", smoothing=0.1)
+
+    def _on_step(self) -> bool:
+        return self.num_timesteps < self.total
+
+    def _on_rollout_end(self) -> None:
+        self.bar.update(self.num_timesteps - self.bar.n)
+        episodes = list(self.model.ep_info_buffer or ())
+        # SAC ends a rollout at every step; a point a second is enough.
+        seconds = self.before + time.monotonic() - self.started
+        if episodes and (not self.curve or seconds - self.curve[-1]["seconds"] > 1.0):
+            success = float(np.mean([episode["is_success"] for episode in episodes]))
+            mean_return = float(np.mean([episode["r"] for episode in episodes]))
+            point = {"steps": self.num_timesteps, "seconds": round(seconds, 2)}
+            self.curve.append(point | {"success": success, "return": round(mean_return, 3)})
+            self.bar.set_postfix_str(f"success {success:.0%}, return {mean_return:.1f}")
+        if self.num_timesteps - self.saved >= self.every:
+            self.save()
+
+    def _on_training_end(self) -> None:
+        self.save()
+        self.bar.close()
+
+    def save(self) -> None:
+        """Writes a whole new checkpoint beside the old one, then takes its place."""
+        fresh = self.folder / f"{CHECKPOINT}.new"
+        shutil.rmtree(fresh, ignore_errors=True)
+        fresh.mkdir(parents=True)
+        self.model.save(fresh / "model.zip")
+        if isinstance(self.model, SAC):
+            self.model.save_replay_buffer(fresh / "buffer.pkl")
+        normaliser = self.model.get_vec_normalize_env()
+        assert normaliser is not None, "make_environment normalises"
+        normaliser.save(str(fresh / "normaliser.pkl"))
+        (fresh / "curve.json").write_text(json.dumps(self.curve))
+        current, old = self.folder / CHECKPOINT, self.folder / f"{CHECKPOINT}.old"
+        shutil.rmtree(old, ignore_errors=True)
+        if current.exists():
+            current.rename(old)
+        fresh.rename(current)
+        shutil.rmtree(old, ignore_errors=True)
+        self.saved = self.num_timesteps
+
+
+def start(
+    env_id: str, algorithm: str, seed: int, n_envs: int, folder: Path, resume: bool
+) -> tuple[BaseAlgorithm, list[dict[str, float]]]:
+    """A new model, or the last checkpoint's with its learning curve."""
+    chosen = params(env_id, algorithm)
+    envs = make_environment(env_id, chosen, seed, n_envs)
+    if not resume:
+        arguments: dict[str, Any] = {"seed": seed, "device": "cpu", **chosen.algorithm}
+        return ALGORITHMS[algorithm]("MlpPolicy", envs, **arguments), []
+    saved = folder / CHECKPOINT
+    normalised = VecNormalize.load(str(saved / "normaliser.pkl"), envs.venv)
+    model = ALGORITHMS[algorithm].load(saved / "model.zip", env=normalised, device="cpu")
+    # The environments start anew: other episodes than before, from a stream of their own.
+    normalised.seed(seed + 1_000_003 + model.num_timesteps)
+    if isinstance(model, SAC):
+        model.load_replay_buffer(saved / "buffer.pkl")
+    return model, json.loads((saved / "curve.json").read_text())
+
+
+def train(
+    env_id: str,
+    algorithm: str,
+    seed: int,
+    folder: Path,
+    *,
+    steps: int | None = None,
+    n_envs: int | None = None,
+    resume: bool = False,
+) -> BaseAlgorithm:
+    """Trains to `steps` environment steps in all; an interrupt saves and stops early."""
+    chosen = params(env_id, algorithm)
+    steps, n_envs = steps or chosen.steps, n_envs or chosen.n_envs
+    torch.set_num_threads(max(1, (os.cpu_count() or 2) // 2))
+    model, curve = start(env_id, algorithm, seed, n_envs, folder, resume)
+    folder.mkdir(parents=True, exist_ok=True)
+    about = {"env": env_id, "algorithm": algorithm, "seed": seed, "n_envs": n_envs, "steps": steps}
+    (folder / "run.json").write_text(json.dumps(about | chosen.algorithm, indent=1))
+    progress = Progress(folder, steps, curve, every=max(steps // 10, 1))
+    try:
+        left = steps - model.num_timesteps
+        model.learn(left, callback=progress, reset_num_timesteps=False)
+    except KeyboardInterrupt:
+        progress.save()
+        print(f"stopped at {model.num_timesteps} steps; --resume goes on from there")
+    return model
+
+
+def main() -> None:
+    """Parses the command line and trains."""
+    parser = argparse.ArgumentParser(description="Train an agent.")
+    parser.add_argument("--env", default="ruffini/GraspLift-v0", help="environment id")
+    parser.add_argument("--algo", choices=sorted(ALGORITHMS), default="ppo")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--steps", type=int, help="environment steps in all")
+    parser.add_argument("--n-envs", type=int, help="environments stepped together")
+    parser.add_argument("--out", type=Path, help="run folder")
+    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
+    arguments = parser.parse_args()
+    folder = arguments.out or run_folder(arguments.env, arguments.algo, arguments.seed)
+    saved = (folder / CHECKPOINT).exists()
+    if arguments.resume and not saved:
+        parser.error(f"--resume: no checkpoint in {folder}")
+    if saved and not arguments.resume:
+        parser.error(f"{folder} holds a run: give --resume to go on, or another --out")
+    try:
+        params(arguments.env, arguments.algo)
+    except ValueError as error:
+        parser.error(str(error))
+    train(
+        arguments.env,
+        arguments.algo,
+        arguments.seed,
+        folder,
+        steps=arguments.steps,
+        n_envs=arguments.n_envs,
+        resume=arguments.resume,
+    )
+    print(f"run in {folder}")
+
+
+if __name__ == "__main__":
+    main()
