@@ -21,10 +21,10 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from evaluate import about_this_run
-from scripted_grasp import ScriptedGrasp
 
+from evaluate import about_this_run
 from ruffini.envs import GraspLiftVectorEnv
+from scripted_grasp import ScriptedGrasp
 
 ENV_ID = "ruffini/GraspLift-v0"
 
@@ -39,14 +39,14 @@ def make(n: int, threads: int, **settings: Any) -> GraspLiftVectorEnv:
 
 def steps_per_second(n: int, step: Callable[[int], Any], seconds: float) -> float:
     """Rate of `step`, which steps n environments, after a tenth of the time to warm up."""
-    rates = []
+    rate = 0.0
     for budget in (0.1 * seconds, seconds):
         count, start = 0, time.perf_counter()
         while (elapsed := time.perf_counter() - start) < budget:
             step(count)
             count += 1
-        rates.append(n * count / max(elapsed, 1e-9))
-    return rates[-1]
+        rate = n * count / max(elapsed, 1e-9)
+    return rate
 
 
 def random_rollout(n: int, threads: int, seconds: float, **settings: Any) -> float:
@@ -116,8 +116,8 @@ def fetch_pick_and_place(seconds: float) -> float:
     env = gym.make("FetchPickAndPlace-v4")
     env.reset(seed=0)
 
-    def step(_: int) -> None:
-        *_, terminated, truncated, _info = env.step(env.action_space.sample())
+    def step(_count: int) -> None:
+        _, _, terminated, truncated, _ = env.step(env.action_space.sample())
         if terminated or truncated:
             env.reset()
 

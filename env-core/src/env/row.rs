@@ -135,8 +135,8 @@ impl Episode {
     }
 
     fn moment<'a>(&'a self, state: &'a SceneState, setup: &Setup) -> Moment<'a> {
-        let steps = (self.steps, setup.config.max_episode_steps);
-        Moment { state, draw: &self.draw, grip: self.grip, steps }
+        let time = f64::from(self.steps) * setup.config.scene.physics.control_period;
+        Moment { state, draw: &self.draw, grip: self.grip, time }
     }
 
     fn step(

@@ -40,8 +40,8 @@ pub struct Moment<'a> {
     pub draw: &'a Draw,
     /// Grip force that was commanded (N).
     pub grip: f64,
-    /// Control steps taken, and the most there can be.
-    pub steps: (u32, u32),
+    /// Time since the start of the episode (s).
+    pub time: f64,
 }
 
 impl Moment<'_> {

@@ -71,7 +71,7 @@ impl Layout {
                 "object" => object(moment, &mut writer),
                 "wrench" => moment.state.fingers.iter().for_each(|f| writer.wrench(&f.wrench)),
                 "properties" => properties(moment, &mut writer),
-                _ => writer.push(f64::from(moment.steps.0) / f64::from(moment.steps.1)),
+                _ => writer.push(moment.time),
             }
         }
         debug_assert_eq!(writer.at, self.size(), "every channel writes what the table declares");
@@ -134,7 +134,7 @@ fn components(channel: &str, config: &Config) -> Vec<Component> {
             between("friction coefficient", 1, 0.0, 10.01, ""),
             between("half of the bounding box's edges", 3, 0.0, 10.0, "m"),
         ],
-        _ => vec![between("share of the episode that is over", 1, 0.0, 1.0, "")],
+        _ => vec![between("time since the start of the episode", 1, 0.0, 1.1e6, "s")],
     }
 }
 

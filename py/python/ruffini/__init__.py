@@ -20,4 +20,5 @@ register(
     id="ruffini/GraspLift-v0",
     entry_point="ruffini.envs:GraspLiftEnv",
     vector_entry_point="ruffini.envs:GraspLiftVectorEnv",
+    max_episode_steps=100,
 )

@@ -24,6 +24,8 @@ Frame = NDArray[np.uint8]
 """A picture (height, width, 3)."""
 
 ACTION_SIZE = 5
+MOST_ENVIRONMENTS = 1_000_000
+_NO_LIMIT = 1_000_000
 
 _METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 25}
 
@@ -75,11 +77,19 @@ class _Renderer:
         return batch.render(row, self.width, self.height)
 
 
+def _check_count(name: str, count: Any) -> None:
+    """A ``ValueError`` unless `count` is a whole number of environments or threads."""
+    whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
+    if not (whole and 1 <= count <= MOST_ENVIRONMENTS):
+        expected = f"a whole number from 1 to {MOST_ENVIRONMENTS}"
+        raise ValueError(f"{name}: found {count!r}, expected {expected}")
+
+
 def _as_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """`actions` as floats of that shape, or a ``ValueError`` that says what they were."""
     try:
         array = np.asarray(actions, dtype=np.float32)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"actions: found {actions!r}, expected numbers ({error})") from None
     if array.shape != shape:
         raise ValueError(f"actions: found shape {array.shape}, expected {shape}")
@@ -108,7 +118,7 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
     | ``object`` | 16 | pose and velocity of the object in the wrist's frame, rise |
     | ``wrench`` | 12 | force and torque on each pad in the pad's frame |
     | ``properties`` | 5 | mass, friction, half of the bounding box |
-    | ``time`` | 1 | share of the episode that is over |
+    | ``time`` | 1 | time since the start of the episode (s) |
 
     ## Reward
     Weighted mean of five terms in [0, 1], each in ``info["reward_terms"]``: ``reach``, ``grasp``,
@@ -119,8 +129,9 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
     the environment's seed.
 
     ## End
-    Truncated after ``max_episode_steps`` steps; a lift does not end the episode. Terminated, with
-    the reason in ``info["ending"]``, when the object leaves the table (``object_lost``), a body's
+    Truncated after ``max_episode_steps`` steps, 100 by default (``gymnasium.make`` leaves that to
+    its wrapper, which does not know of :meth:`set_state`); a lift does not end the episode.
+    Terminated, with the reason in ``info["ending"]``, when the object leaves the table (``object_lost``), a body's
     state becomes infinite (``non_finite``) or leaves the declared bounds (``out_of_range``), or the
     engine fails (``engine_error``); the last observation is then the last valid one.
     ``info["is_success"]`` says whether the object is up and has been for ``hold_time``.
@@ -163,11 +174,10 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
     def _new_batch(self) -> Batch:
         return Batch(to_json(self._settings), 1, 1, AutoresetMode.DISABLED.value)
 
-    def _follow_time_limit(self) -> None:
-        """Takes over a limit given to ``gymnasium.make``, which only its wrapper knows."""
-        limit = self.spec.max_episode_steps if self.spec is not None else None
-        if limit is not None and limit != self._settings.get("max_episode_steps"):
-            self._settings["max_episode_steps"] = limit
+    def _leave_time_limit(self) -> None:
+        """Leaves the limit to the wrapper of ``gymnasium.make``, which alone knows it."""
+        if self.spec is not None and "max_episode_steps" not in self._settings:
+            self._settings["max_episode_steps"] = _NO_LIMIT
             self._batch = self._new_batch()
             self._started = False
 
@@ -178,7 +188,7 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Starts an episode; a seed restarts the random stream."""
         super().reset(seed=seed)
-        self._follow_time_limit()
+        self._leave_time_limit()
         seeds: list[int | None] | None = None
         if seed is not None or not self._started:
             seeds = [seed if seed is not None else int(self.np_random.integers(2**63))]
@@ -289,9 +299,9 @@ class GraspLiftVectorEnv(VectorEnv[Any, Any, Any]):
             raise ValueError(
                 f"autoreset_mode: found {autoreset_mode!r}, expected one of {known}"
             ) from None
-        for name, count in (("num_envs", num_envs), ("num_threads", num_threads)):
-            if count is not None and (not isinstance(count, int) or count < 1):
-                raise ValueError(f"{name}: found {count!r}, expected a whole number from 1")
+        _check_count("num_envs", num_envs)
+        if num_threads is not None:
+            _check_count("num_threads", num_threads)
         self.num_envs = num_envs
         self.autoreset_mode = mode
         self.metadata = {**_METADATA, "autoreset_mode": mode}

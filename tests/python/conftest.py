@@ -1,0 +1,49 @@
+"""What the tests share: every id with every observation choice."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import ruffini
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "policies"))
+
+IDS = sorted(name for name in gym.registry if name.startswith("ruffini/"))
+OBSERVATIONS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "flat": {"obs": "flat"},
+    "all": {"observation": ruffini.CHANNELS},
+    "all flat": {"observation": ruffini.CHANNELS, "obs": "flat"},
+    **{channel: {"observation": channel} for channel in ruffini.CHANNELS},
+}
+MODES = ["NextStep", "SameStep", "Disabled"]
+
+
+@pytest.fixture(params=IDS)
+def env_id(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture(params=OBSERVATIONS)
+def choice(request: pytest.FixtureRequest) -> dict[str, Any]:
+    return OBSERVATIONS[request.param]
+
+
+def actions(rows: int, steps: int, seed: int = 0) -> np.ndarray:
+    """Random actions (steps, rows, 5) that mostly go down and close."""
+    drift = np.array([0, 0, -0.3, 0, 0.3])
+    noise = np.random.default_rng(seed).uniform(-1, 1, (steps, rows, 5))
+    return np.clip(noise + drift, -1, 1).astype(np.float32)
+
+
+def flat(observation: Any) -> np.ndarray:
+    """All channels in one array, in order."""
+    if isinstance(observation, dict):
+        return np.concatenate(list(observation.values()), axis=-1)
+    return observation

@@ -1,0 +1,211 @@
+"""Whatever comes in, what comes out is a ``ValueError`` that says what was found and expected."""
+
+from __future__ import annotations
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
+
+JUNK = [
+    None,
+    True,
+    -1,
+    0,
+    1e400,
+    math.nan,
+    -math.inf,
+    1e30,
+    10**400,
+    "",
+    "x",
+    "sphere",
+    b"bytes",
+    [],
+    {},
+    (),
+    [1],
+    [2, 1],
+    [math.nan, 1],
+    [-5, 5],
+    [1, 2, 3],
+    [[1, 2]],
+    ["a", "b"],
+    {"a": 1},
+    {"shape": "sphere"},
+    {"shape": "blob", "radius": 1},
+    {"shape": "sphere", "radius": -1},
+    {"mesh": "none.obj"},
+    {"mesh": 3},
+    object(),
+    lambda: 0,
+    np.nan,
+    np.array([1.0, np.inf]),
+    np.zeros((2, 2)),
+    1j,
+    {1: 2},
+    "\x00",
+    "a.stl",
+]
+NAMES = [
+    "objects",
+    "mass",
+    "friction",
+    "size",
+    "position",
+    "yaw",
+    "start",
+    "start_height",
+    "lift_height",
+    "hold_time",
+    "max_episode_steps",
+    "observation",
+    "reward_weights",
+    "gripper",
+    "workspace",
+    "physics",
+    "obs",
+    "render_mode",
+    "width",
+    "height",
+    "num_envs",
+    "num_threads",
+    "autoreset_mode",
+    "nonsense",
+    "scene",
+    "reward",
+]
+
+
+def outcome(make, *arguments, **keywords) -> str:
+    """``"fine"`` or the message of a ``ValueError``; anything else fails the test."""
+    try:
+        make(*arguments, **keywords)
+    except ValueError as error:
+        assert len(str(error)) > 10, error
+        return str(error)
+    return "fine"
+
+
+def junk(random: np.random.Generator, depth: int = 0):
+    """A value that is probably wrong."""
+    pick = random.integers(10)
+    if pick == 0 and depth < 3:
+        return [junk(random, depth + 1) for _ in range(random.integers(4))]
+    if pick == 1 and depth < 3:
+        return {str(NAMES[random.integers(len(NAMES))]): junk(random, depth + 1)}
+    if pick == 2:
+        return float(random.normal() * 10.0 ** random.integers(-300, 300))
+    return JUNK[random.integers(len(JUNK))]
+
+
+def test_ten_thousand_bad_settings_are_refused_or_make_an_environment():
+    random = np.random.default_rng(0)
+    refused = 0
+    for _ in range(10_000):
+        names = random.choice(NAMES, random.integers(1, 3), replace=False)
+        settings = {str(name): junk(random) for name in names}
+        # A million rows are allowed, and not what this test is about.
+        settings.setdefault("num_envs", 1)
+        try:
+            refused += outcome(GraspLiftVectorEnv, **settings) != "fine"
+        except TypeError as error:
+            assert "unexpected keyword" in str(error), (settings, error)
+    assert refused > 5_000, f"only {refused} refused: the junk is too good"
+
+
+def test_bad_actions_are_refused_and_change_nothing():
+    env = GraspLiftEnv(obs="flat")
+    envs = GraspLiftVectorEnv(3, obs="flat")
+    env.reset(seed=0)
+    envs.reset(seed=0)
+    before = env.state(), envs.state()
+    bad = [*JUNK, np.zeros(4), np.zeros((3, 4)), np.full(5, np.nan), np.full((3, 5), np.inf)]
+    bad += [np.zeros((1, 5)), np.zeros((2, 3, 5)), np.array(["a"] * 5), np.zeros(5, complex)]
+    for action in bad:
+        for step in (env.step, envs.step):
+            with np.errstate(all="ignore"):
+                try:
+                    message = outcome(step, action)
+                except np.exceptions.ComplexWarning:
+                    message = "a warning is an error here"
+            assert message != "fine", action
+    assert (env.state(), envs.state()) == before
+
+
+@pytest.mark.parametrize(
+    ("settings", "parts"),
+    [
+        ({"mass": (0.2, 0.1)}, ["mass", "[0.2, 0.1]", "rising range"]),
+        ({"mass": 1e-4}, ["mass", "0.0001", "40 N"]),
+        ({"observation": "taste"}, ["observation", "taste", "proprio, object"]),
+        ({"observation": []}, ["observation", "no channel"]),
+        ({"objects": "pear"}, ["object", "pear", "sphere, cuboid"]),
+        ({"objects": [{"shape": "sphere"}]}, ["objects", "missing field `radius`"]),
+        ({"objects": [{"shape": "sphere", "radius": 0.3}]}, ["objects", "0.6", "opening of 0.08"]),
+        ({"gripper": {"max_force": -1}}, ["gripper.max_force", "-1", "0.01 to 200"]),
+        ({"gripper": {"colour": 1}}, ["gripper", "colour", "pad_width"]),
+        ({"physics": {"time_step": 0.003}}, ["physics.time_step", "whole number of steps"]),
+        ({"reward_weights": {"reach": -1}}, ["reward", "-1", "0 to 1e6"]),
+        ({"mass": math.nan}, ["mass", "nan", "finite numbers"]),
+        ({"obs": "image"}, ["obs", "image", "'dict' or 'flat'"]),
+        ({"nonsense": 1}, ["nonsense", "mass"]),
+        ({"width": 5}, ["width", "5", "16 to 4096"]),
+        ({"max_episode_steps": 0}, ["max_episode_steps", "0", "1 to 1000000"]),
+    ],
+)
+def test_a_message_names_the_setting_what_was_found_and_what_was_expected(settings, parts):
+    message = outcome(GraspLiftEnv, **settings)
+    for part in parts:
+        assert part in message, message
+
+
+TETRAHEDRON = "v 0 0 0\nv 20 0 0\nv 0 20 0\nv 0 0 20\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def test_a_mesh_of_ones_own_can_be_grasped(tmp_path):
+    file = tmp_path / "part.obj"
+    file.write_text(TETRAHEDRON)
+    env = GraspLiftEnv(objects=[{"mesh": file, "scale": 0.001}])
+    env.reset(seed=0)
+    assert env.look()["object"] == str(file)
+    assert outcome(GraspLiftEnv, objects=[str(file)]).startswith("mesh size: found 20")
+
+
+@pytest.mark.parametrize("name", ["part.obj", "part.stl", "part.OBJ", "part.ply", "part"])
+def test_bad_mesh_files_are_refused(tmp_path, name):
+    random = np.random.default_rng(0)
+    good = TETRAHEDRON.encode()
+    files = [b"", b"\x00" * 100, b"solid\n", good[:40], good[:-12], good.replace(b"4", b"9")]
+    files += [good.replace(b"20", b"nan"), good.replace(b"20", b"0"), b"f 1 2 3\n" * 1000]
+    files += [b"v 1e308 1e308 1e308\n" * 3 + b"f 1 2 3\n", b"\xff" * 84 + b"\x00" * 50]
+    files += [random.bytes(int(random.integers(1, 400))) for _ in range(150)]
+    file = tmp_path / name
+    for content in files:
+        file.write_bytes(content)
+        assert outcome(GraspLiftEnv, objects=[{"mesh": str(file)}]) != "fine", content
+    file.unlink()
+    assert str(file) in outcome(GraspLiftEnv, objects=[{"mesh": str(file)}])
+    file.mkdir()
+    assert outcome(GraspLiftEnv, objects=[{"mesh": str(file)}]) != "fine"
+
+
+def test_seeds_and_masks_are_checked():
+    envs = GraspLiftVectorEnv(2)
+    for seed in (-1, [1], [1, 2, 3], [1, "a"], [-1, 0], ["a", "b"], [1.5, 2]):
+        with pytest.raises((ValueError, gym.error.Error)):
+            envs.reset(seed=seed)
+    envs.reset(seed=[3, None])
+    for mask in ([True, False], np.ones(3, bool), np.ones(2), np.zeros(2, bool), "ab", 5):
+        with pytest.raises(ValueError, match="reset_mask"):
+            envs.reset(options={"reset_mask": mask})
+
+
+def test_a_step_before_a_reset_is_refused():
+    with pytest.raises(ValueError, match="a reset before it"):
+        GraspLiftVectorEnv(2).step(np.zeros((2, 5)))
+    with pytest.raises(ValueError, match="a row that was reset"):
+        GraspLiftEnv(render_mode="rgb_array").render()

@@ -1,0 +1,96 @@
+"""The single environment as Gymnasium and Stable-Baselines3 check it."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from conftest import actions, flat
+from gymnasium.utils.env_checker import check_env
+
+from ruffini.envs import GraspLiftEnv
+
+
+def test_gymnasium_finds_nothing_to_warn_about(env_id, choice):
+    check_env(gym.make(env_id, render_mode="rgb_array", **choice).unwrapped)
+
+
+def test_stable_baselines_finds_nothing_to_warn_about(env_id, choice):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(gym.make(env_id, **choice))
+
+
+def test_the_prefix_form_makes_the_same_environment():
+    env = gym.make("ruffini:ruffini/GraspLift-v0")
+    assert isinstance(env.unwrapped, GraspLiftEnv)
+
+
+def test_observations_stay_in_their_space(env_id, choice):
+    env = gym.make(env_id, disable_env_checker=True, **choice)
+    observation, _ = env.reset(seed=3)
+    for action in actions(1, 100)[:, 0]:
+        assert observation in env.observation_space, observation
+        observation, *_ = env.step(action)
+
+
+@pytest.mark.parametrize("limit", [7, 150])
+def test_make_sets_the_time_limit(limit):
+    env = gym.make("ruffini/GraspLift-v0", max_episode_steps=limit, observation="time", mass=0.1)
+    env.reset(seed=0)
+    still = np.zeros(5, np.float32)
+    for step in range(1, limit + 1):
+        observation, _, terminated, truncated, _ = env.step(still)
+        assert (terminated, truncated) == (False, step == limit), step
+    assert observation["time"] == pytest.approx(0.04 * limit)
+
+
+def test_a_seed_starts_the_same_stream_of_episodes():
+    first, second = GraspLiftEnv(), GraspLiftEnv()
+    for env in (first, second):
+        env.reset(seed=5)
+    ours, theirs = (flat(env.reset()[0]) for env in (first, second))
+    np.testing.assert_array_equal(ours, theirs)
+    assert not np.array_equal(ours, flat(first.reset(seed=5)[0]))
+
+
+def test_reward_is_the_weighted_mean_of_the_terms_in_info():
+    weights = {"reach": 1.0, "grasp": 2.0, "lift": 3.0, "hold": 4.0, "effort": 5.0}
+    env = GraspLiftEnv(reward_weights=weights)
+    env.reset(seed=0)
+    _, reward, _, _, info = env.step(actions(1, 1)[0, 0])
+    terms = info["reward_terms"]
+    mean = sum(weights[name] * terms[name] for name in weights) / sum(weights.values())
+    assert reward == pytest.approx(mean)
+
+
+def test_the_picture_shows_what_happens():
+    env = gym.make("ruffini/GraspLift-v0", render_mode="rgb_array", width=160, height=120)
+    env.reset(seed=0)
+    before = env.render()
+    assert (before.shape, before.dtype) == ((120, 160, 3), np.uint8)
+    assert before.std() > 10
+    for _ in range(20):
+        env.step(np.array([0, 0, -1, 0, 0], np.float32))
+    changed = np.abs(env.render().astype(int) - before).max(axis=2) > 20
+    assert changed.mean() > 0.02, f"{changed.mean():.1%} of the pixels changed"
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_a_video_can_be_recorded(tmp_path):
+    pytest.importorskip("moviepy")
+    env = gym.make("ruffini/GraspLift-v0", render_mode="rgb_array", width=160, height=128)
+    env = gym.wrappers.RecordVideo(env, str(tmp_path / "videos"), lambda episode: True)
+    env.reset(seed=0)
+    for action in actions(1, 5)[:, 0]:
+        env.step(action)
+    env.close()
+    assert [file.suffix for file in (tmp_path / "videos").iterdir()] == [".mp4"]
+
+
+def test_the_scripted_policy_grasps():
+    from evaluate import evaluate, load
+
+    result = evaluate(load("scripted"), "ruffini/GraspLift-v0", 64)
+    assert result["success"] >= 0.95, result
+    assert evaluate(load("random"), "ruffini/GraspLift-v0", 64)["success"] < 0.1

@@ -1,0 +1,79 @@
+"""Workers run however they are started, and nothing starts threads before it must."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from concurrent.futures import ProcessPoolExecutor
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from ruffini.envs import GraspLiftVectorEnv
+
+CONTEXTS = ["fork", "forkserver", "spawn"]
+
+
+def work(seed: int) -> bytes:
+    """A worker's whole job: make, reset, step on two threads."""
+    envs = gym.make_vec("ruffini:ruffini/GraspLift-v0", num_envs=4, num_threads=2, obs="flat")
+    envs.reset(seed=seed)
+    return envs.step(np.zeros((4, 5)))[0].tobytes()
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+@pytest.mark.parametrize("method", CONTEXTS)
+def test_workers_run_after_the_parent_has_stepped(method):
+    expected = work(0)
+    inherited = GraspLiftVectorEnv(4, 2)
+    inherited.reset(seed=0)
+    inherited.step(np.zeros((4, 5)))
+    context = multiprocessing.get_context(method)
+    with ProcessPoolExecutor(2, mp_context=context) as pool:
+        assert [job.result(timeout=120) for job in [pool.submit(work, 0)] * 2] == [expected] * 2
+
+
+INHERITED = GraspLiftVectorEnv(4, 2, obs="flat")
+
+
+def step_inherited() -> bytes:
+    return INHERITED.step(np.zeros((4, 5)))[0].tobytes()
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_forked_child_steps_the_batch_that_its_parent_stepped():
+    INHERITED.reset(seed=0)
+    INHERITED.step(np.zeros((4, 5)))
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("fork")) as pool:
+        theirs = pool.submit(step_inherited).result(timeout=120)
+    assert theirs == step_inherited()
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+@pytest.mark.parametrize("method", CONTEXTS)
+def test_async_vector_env_runs(method):
+    INHERITED.reset(seed=0)
+    INHERITED.step(np.zeros((4, 5)))
+    envs = gym.make_vec(
+        "ruffini:ruffini/GraspLift-v0",
+        num_envs=2,
+        vectorization_mode="async",
+        vector_kwargs={"context": method},
+    )
+    observation, _ = envs.reset(seed=0)
+    assert observation["proprio"].shape == (2, 14)
+    envs.step(np.zeros((2, 5), np.float32))
+    envs.close()
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/task"), reason="counts threads in /proc")
+def test_threads_start_with_the_first_step_that_needs_them():
+    def threads() -> int:
+        return len(os.listdir("/proc/self/task"))
+
+    before = threads()
+    envs = GraspLiftVectorEnv(4, 3)
+    assert threads() == before
+    envs.reset(seed=0)
+    assert threads() == before + 3

@@ -1,0 +1,77 @@
+"""The Stable-Baselines3 adapter."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import VecMonitor
+
+from ruffini.envs import GraspLiftEnv
+from ruffini.sb3 import make_vec_env
+
+ID = "ruffini/GraspLift-v0"
+
+
+def test_finished_rows_bring_their_last_observation():
+    envs = make_vec_env(ID, 2, seed=0, max_episode_steps=3, obs="flat")
+    alone = GraspLiftEnv(obs="flat", max_episode_steps=3)
+    envs.reset()
+    alone.reset(seed=1)
+    assert envs.reset_infos == [{}, {}]
+    still = np.zeros((2, 5), np.float32)
+    for _ in range(3):
+        observation, reward, dones, infos = envs.step(still)
+        last, *_ = alone.step(still[0])
+    assert dones.all() and reward.dtype == np.float32
+    np.testing.assert_array_equal(infos[1]["terminal_observation"], last)
+    np.testing.assert_array_equal(observation[1], alone.reset()[0])
+    assert infos[1]["TimeLimit.truncated"] is True
+    assert infos[1]["is_success"] is False
+
+
+def test_a_seed_takes_effect_at_the_next_reset():
+    envs = make_vec_env(ID, 2, obs="flat")
+    envs.seed(5)
+    first = envs.reset()
+    assert not np.array_equal(first, envs.reset())
+    envs.seed(5)
+    np.testing.assert_array_equal(first, envs.reset())
+
+
+def test_attributes_and_methods_honour_indices():
+    envs = make_vec_env(ID, 3, render_mode="rgb_array", width=64, height=48)
+    envs.reset()
+    assert envs.get_attr("num_envs", [0, 2]) == [3, 3]
+    assert envs.env_is_wrapped(Monitor) == [False] * 3
+    assert envs.env_is_wrapped(Monitor, 1) == [False]
+    assert len(envs.env_method("look", indices=0)) == 1
+    with pytest.raises(ValueError, match="expected all"):
+        envs.set_attr("label", 1, indices=0)
+    envs.set_attr("label", 1)
+    assert envs.get_attr("label") == [1] * 3
+    assert [image.shape for image in envs.get_images()] == [(48, 64, 3)] * 3
+
+
+def test_ppo_learns_on_dict_observations():
+    envs = VecMonitor(make_vec_env(ID, 4, seed=0, max_episode_steps=20))
+    PPO("MultiInputPolicy", envs, n_steps=64, batch_size=64, n_epochs=1).learn(512)
+
+
+def test_sac_learns_on_flat_observations():
+    envs = make_vec_env(ID, 2, seed=0, max_episode_steps=20, obs="flat")
+    SAC("MlpPolicy", envs, learning_starts=50, buffer_size=1000, batch_size=32).learn(200)
+
+
+def test_a_stopped_run_goes_on_from_its_checkpoint(tmp_path):
+    from train import train
+
+    first = train(ID, "ppo", 0, tmp_path, steps=8192)
+    assert first.num_timesteps == 8192
+    second = train(ID, "ppo", 0, tmp_path, steps=16384, resume=True)
+    assert second.num_timesteps == 16384
+    assert (tmp_path / "checkpoint" / "model.zip").is_file()

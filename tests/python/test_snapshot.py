@@ -1,0 +1,69 @@
+"""Snapshots, pickles and copies go on where the original stood."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from conftest import actions, flat
+
+import ruffini
+from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
+from scripted_grasp import ScriptedGrasp
+
+
+def follow(envs, acts) -> list[bytes]:
+    return [flat(envs.step(action)[0]).tobytes() for action in acts]
+
+
+def held(objects: str) -> GraspLiftVectorEnv:
+    """Two environments whose object is in the hand."""
+    envs = GraspLiftVectorEnv(2, objects=objects)
+    observation, _ = envs.reset(seed=1)
+    policy = ScriptedGrasp()
+    for _ in range(55):
+        observation, *_ = envs.step(policy.predict(observation)[0])
+    return envs
+
+
+@pytest.mark.parametrize("name", ruffini.OBJECTS)
+def test_a_held_object_replays_bit_for_bit(name):
+    envs = held(name)
+    saved = envs.state()
+    acts = actions(2, 60, seed=2)
+    first = follow(envs, acts)
+    envs.set_state(saved)
+    assert follow(envs, acts) == first
+    fresh = GraspLiftVectorEnv(2, objects=name)
+    fresh.set_state(saved)
+    assert follow(fresh, acts) == first
+
+
+@pytest.mark.parametrize("twin_of", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_goes_on_like_the_original(twin_of):
+    for env in (GraspLiftEnv(obs="flat"), GraspLiftVectorEnv(1, obs="flat")):
+        env.reset(seed=3)
+        acts = actions(1, 150, seed=4)
+        acts = acts[:, 0] if isinstance(env, GraspLiftEnv) else acts
+        follow(env, acts[:10])
+        twin = twin_of(env)
+        assert follow(twin, acts[10:90]) == follow(env, acts[10:90])
+        after, again = env.reset()[0], twin.reset()[0]
+        np.testing.assert_array_equal(after, again)
+
+
+def test_a_state_that_does_not_fit_is_refused_and_changes_nothing():
+    env = GraspLiftEnv()
+    env.reset(seed=0)
+    good = env.state()
+    other = GraspLiftEnv(mass=0.1)
+    other.reset(seed=0)
+    middle = len(good) // 2
+    flipped = good[:middle] + bytes([good[middle] ^ 255]) + good[middle + 1 :]
+    bad = [b"", b"x" * 100, good[:-1], good[:20], good + b"x", flipped, other.state(), "text", None]
+    for state in bad:
+        with pytest.raises(ValueError, match="state"):
+            env.set_state(state)
+    assert env.state() == good

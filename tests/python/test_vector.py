@@ -1,0 +1,154 @@
+"""The native batch: equal to single environments, and as Gymnasium expects a vector environment."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from conftest import MODES, actions, flat
+from gymnasium.vector import AutoresetMode
+
+from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
+
+ROWS, STEPS = 3, 50
+SETTINGS = {"max_episode_steps": 20, "observation": ["proprio", "object", "wrench", "properties"]}
+
+
+def single_rollout(seed: int, acts: np.ndarray, mode: str) -> list[tuple]:
+    """What a single environment goes through when its caller resets it as `mode` says."""
+    env = GraspLiftEnv(**SETTINGS)
+    observation, _ = env.reset(seed=seed)
+    log, over = [flat(observation).tobytes()], False
+    for action in acts:
+        if over and mode == "NextStep":
+            observation, _ = env.reset()
+            log.append((flat(observation).tobytes(), 0.0, False, False, None))
+            over = False
+            continue
+        observation, reward, terminated, truncated, _ = env.step(action)
+        over = terminated or truncated
+        last = None
+        if over and mode != "NextStep":
+            last = flat(observation).tobytes()
+            observation, _ = env.reset()
+        log.append((flat(observation).tobytes(), reward, terminated, truncated, last))
+    return log
+
+
+def batch_rollout(acts: np.ndarray, mode: str, threads: int) -> list[list[tuple]]:
+    envs = GraspLiftVectorEnv(ROWS, threads, autoreset_mode=mode, **SETTINGS)
+    observation, _ = envs.reset(seed=7)
+    logs = [[flat(observation)[row].tobytes()] for row in range(ROWS)]
+    for action in acts:
+        observation, reward, terminated, truncated, info = envs.step(action)
+        over = terminated | truncated
+        last = [None] * ROWS
+        if mode == "SameStep" and over.any():
+            last = [flat(o).tobytes() if o is not None else None for o in info["final_obs"]]
+        if mode == "Disabled" and over.any():
+            last = [flat(observation)[row].tobytes() if over[row] else None for row in range(ROWS)]
+            observation, _ = envs.reset(options={"reset_mask": over})
+        for row in range(ROWS):
+            seen = flat(observation)[row].tobytes()
+            flags = bool(terminated[row]), bool(truncated[row])
+            logs[row].append((seen, float(reward[row]), *flags, last[row]))
+    return logs
+
+
+@pytest.mark.parametrize("threads", [1, 2, 4])
+@pytest.mark.parametrize("mode", MODES)
+def test_a_row_equals_the_single_environment_bit_for_bit(mode, threads):
+    acts = actions(ROWS, STEPS)
+    logs = batch_rollout(acts, mode, threads)
+    for row in range(ROWS):
+        alone = single_rollout(7 + row, acts[:, row], mode)
+        for step, (ours, theirs) in enumerate(zip(logs[row], alone, strict=True)):
+            assert ours == theirs, f"row {row}, step {step}"
+
+
+def test_seeds_can_be_given_one_by_one():
+    envs = GraspLiftVectorEnv(2)
+    both, _ = envs.reset(seed=[11, 4])
+    alone, _ = GraspLiftEnv().reset(seed=4)
+    np.testing.assert_array_equal(flat(both)[1], flat(alone))
+
+
+def test_make_vec_takes_the_native_batch_with_its_time_limit():
+    envs = gym.make_vec("ruffini/GraspLift-v0", num_envs=2, max_episode_steps=5)
+    assert isinstance(envs, GraspLiftVectorEnv)
+    assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    envs.reset(seed=0)
+    ends = [envs.step(np.zeros((2, 5)))[3].all() for _ in range(6)]
+    assert ends == [False] * 4 + [True, False]
+
+
+def test_returned_arrays_are_the_callers_own():
+    envs = GraspLiftVectorEnv(2, obs="flat")
+    first, _ = envs.reset(seed=0)
+    kept = first.copy()
+    acts = actions(2, 3)
+    second, reward, *_ = envs.step(acts[0])
+    np.testing.assert_array_equal(first, kept)
+    for array in (first, second, reward):
+        array[:] = 7.0
+    third, *_ = envs.step(acts[1])
+    twin = GraspLiftVectorEnv(2, obs="flat")
+    twin.reset(seed=0)
+    twin.step(acts[0])
+    np.testing.assert_array_equal(third, twin.step(acts[1])[0])
+
+
+def test_every_info_has_its_mask():
+    envs = GraspLiftVectorEnv(2, autoreset_mode="SameStep", max_episode_steps=3)
+    envs.reset(seed=0)
+    for step in range(6):
+        *_, info = envs.step(np.zeros((2, 5)))
+        for key in info:
+            assert key.startswith("_") or info[f"_{key}"].shape == (2,), key
+        assert ("final_obs" in info) == (step % 3 == 2)
+        if "final_info" in info:
+            assert "is_success" in info["final_info"]
+            assert "is_success" not in info
+
+
+def test_common_wrappers_work():
+    envs = GraspLiftVectorEnv(4, obs="flat", max_episode_steps=10)
+    envs = gym.wrappers.vector.RecordEpisodeStatistics(envs)
+    envs = gym.wrappers.vector.NormalizeObservation(envs)
+    envs.reset(seed=0)
+    for action in actions(4, 10):
+        *_, info = envs.step(action)
+    np.testing.assert_array_equal(info["episode"]["l"], [10] * 4)
+
+
+def test_gymnasiums_benchmark_runs():
+    from gymnasium.utils.performance import benchmark_vector_step
+
+    assert benchmark_vector_step(GraspLiftVectorEnv(8), target_duration=1, seed=0) > 100
+
+
+def test_every_row_has_a_picture():
+    envs = GraspLiftVectorEnv(2, render_mode="rgb_array", width=64, height=48)
+    envs.reset(seed=0)
+    frames = envs.render()
+    assert [frame.shape for frame in frames] == [(48, 64, 3)] * 2
+    assert not np.array_equal(*frames)
+
+
+def test_an_ended_row_must_be_reset_when_autoreset_is_disabled():
+    envs = GraspLiftVectorEnv(2, autoreset_mode="Disabled", max_episode_steps=1)
+    envs.reset(seed=0)
+    envs.step(np.zeros((2, 5)))
+    with pytest.raises(ValueError, match="row 0 without a running episode"):
+        envs.step(np.zeros((2, 5)))
+    with pytest.raises(ValueError, match="reset_mask"):
+        envs.reset(options={"reset_mask": np.zeros(2, bool)})
+
+
+def test_memory_does_not_grow():
+    from rollout_speed import memory_growth, memory_per_environment
+
+    assert memory_per_environment(256) < 1e6
+    memory_growth(20_000)
+    grown = memory_growth(50_000)
+    assert grown < 5e6, f"{grown:.0f} bytes in 50,000 steps"
