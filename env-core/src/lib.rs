@@ -5,7 +5,10 @@
 
 #![forbid(unsafe_code)]
 
+pub mod contact;
+pub mod deformation;
 pub mod error;
+pub mod fem;
 pub mod geometry;
 
 pub use error::{Error, Result};

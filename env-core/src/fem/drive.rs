@@ -1,0 +1,236 @@
+//! Presses frame by frame: load steps, their subdivision, and force control.
+
+use std::time::Instant;
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::{
+    newton::{Balance, Limits, Push, equilibrium},
+    sparse::Matrix,
+    system::{Forces, State, System},
+};
+use crate::{
+    Error, Result,
+    contact::{ContactStep, Touch},
+    deformation::{Anchor, Deformation, Drive, History, Press, Wrench},
+};
+
+/// A load step is halved at most this often.
+const HALVINGS: u32 = 7;
+
+/// One press being solved: workspace and current state.
+pub(super) struct Run<'a> {
+    system: &'a System,
+    /// Number of the mesh's nodes, V.
+    vertices: usize,
+    limits: Limits,
+    matrix: Matrix,
+    state: State,
+    anchors: Vec<Anchor>,
+}
+
+/// A converged load step.
+struct Solved {
+    balance: Balance,
+    forces: Forces,
+}
+
+impl<'a> Run<'a> {
+    pub(super) fn new(system: &'a System, vertices: usize, limits: Limits) -> Self {
+        let displacement = vec![Vector3::zeros(); system.nodes.places.len()];
+        let state = State { displacement, poses: Vec::new() };
+        let matrix = system.pattern.matrix();
+        Self { system, vertices, limits, matrix, state, anchors: Vec::new() }
+    }
+
+    /// Every frame of `press`; the first that fails is the last.
+    pub(super) fn frames(mut self, press: &Press) -> Vec<Result<Deformation>> {
+        if let Err(error) = self.start(press) {
+            return vec![Err(error)];
+        }
+        match press.drive() {
+            Drive::Translation { path } => {
+                let mut frames = Vec::with_capacity(path.len());
+                for poses in path {
+                    frames.push(self.frame(|run| run.follow(press, poses)));
+                    if frames.last().is_some_and(Result::is_err) {
+                        break;
+                    }
+                }
+                frames
+            }
+            Drive::Force { force, direction, .. } => {
+                let push = Push { direction: **direction, force: *force };
+                vec![self.frame(|run| run.push(press, &push))]
+            }
+        }
+    }
+
+    /// Puts body and shapes where the press begins.
+    fn start(&mut self, press: &Press) -> Result<()> {
+        let first = match press.drive() {
+            Drive::Translation { path } => &path[0],
+            Drive::Force { poses, .. } => poses,
+        };
+        let Some(history) = press.history() else {
+            self.state.poses = self.apart(press, first);
+            return Ok(());
+        };
+        let (found, nodes) = (history.displacement.len(), self.state.displacement.len());
+        if found != nodes {
+            let expected = format!("displacements of this model's {nodes} nodes");
+            return Err(Error::invalid("history", found, expected));
+        }
+        let points = self.system.surface.len();
+        if let Some(anchor) = history.anchors.iter().find(|a| a.point as usize >= points) {
+            let expected = format!("anchors at this model's {points} contact points");
+            return Err(Error::invalid("history", anchor.point, expected));
+        }
+        self.state.displacement.clone_from(&history.displacement);
+        self.state.poses.clone_from(&history.poses);
+        self.anchors.clone_from(&history.anchors);
+        Ok(())
+    }
+
+    /// `poses`, with each shape backed off the resting body along the push it would give.
+    fn apart(&self, press: &Press, poses: &[Isometry3<f64>]) -> Vec<Isometry3<f64>> {
+        let surface = &self.system.surface;
+        let places = self.system.surface_places(&self.state.displacement);
+        let mut apart = poses.to_vec();
+        for (shape, pose) in press.shapes().iter().zip(&mut apart) {
+            let measure = |pose: &Isometry3<f64>| {
+                let (mut deepest, mut push) = (0f64, Vector3::zeros());
+                for (point, place) in surface.iter().zip(&places) {
+                    let distance = shape.distance(&pose.inverse_transform_point(place));
+                    if distance.value < 0.0 {
+                        deepest = deepest.max(-distance.value);
+                        push -= pose.rotation * distance.normal * (distance.value * point.area);
+                    }
+                }
+                (deepest, push)
+            };
+            let (mut deepest, push) = measure(pose);
+            let Some(away) = (-push).try_normalize(0.0) else { continue };
+            for _ in 0..100 {
+                if deepest == 0.0 {
+                    break;
+                }
+                pose.translation.vector += away * deepest.max(1e-6);
+                deepest = measure(pose).0;
+            }
+        }
+        apart
+    }
+
+    /// Solves one frame and reports it.
+    fn frame(&mut self, solve: impl FnOnce(&mut Self) -> Result<Solved>) -> Result<Deformation> {
+        let start = Instant::now();
+        let solved = solve(self)?;
+        let mut deformation = self.report(&solved);
+        deformation.seconds = start.elapsed().as_secs_f64();
+        Ok(deformation)
+    }
+
+    /// Leads the shapes to `poses`, in smaller steps where the whole way at once fails.
+    fn follow(&mut self, press: &Press, poses: &[Isometry3<f64>]) -> Result<Solved> {
+        let from = self.state.poses.clone();
+        let (mut done, mut stride, mut iterations) = (0.0, 1.0, 0);
+        loop {
+            let next = f64::min(done + stride, 1.0);
+            let target = between(&from, poses, next);
+            match self.load_step(press, target, None) {
+                Ok(mut solved) => {
+                    iterations += solved.balance.iterations;
+                    if next == 1.0 {
+                        solved.balance.iterations = iterations;
+                        return Ok(solved);
+                    }
+                    done = next;
+                    stride *= 2.0;
+                }
+                Err(Error::NotConverged { iterations: more, residual, tolerance }) => {
+                    iterations += more;
+                    stride *= 0.5;
+                    if stride < 0.5f64.powi(HALVINGS as i32) {
+                        return Err(Error::NotConverged { iterations, residual, tolerance });
+                    }
+                }
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// One load step to `poses`, or from there on under `push`. On failure nothing has changed.
+    fn load_step(
+        &mut self,
+        press: &Press,
+        poses: Vec<Isometry3<f64>>,
+        push: Option<&Push>,
+    ) -> Result<Solved> {
+        let system = self.system;
+        let start = system.surface_places(&self.state.displacement);
+        let from = self.state.poses.clone();
+        let mut contact =
+            ContactStep::new(press.shapes(), &system.surface, from, start, &self.anchors);
+        let mut state = State { displacement: self.state.displacement.clone(), poses };
+        let (balance, forces) =
+            equilibrium(system, &mut self.matrix, &mut state, &mut contact, push, &self.limits)?;
+        let back =
+            |touch: &Touch| system.law.stuck_at(&system.surface[touch.point as usize], touch);
+        self.anchors = contact.anchors(&state.poses, &forces.touches, back);
+        self.state = state;
+        Ok(Solved { balance, forces })
+    }
+
+    fn push(&mut self, press: &Press, push: &Push) -> Result<Solved> {
+        let poses = self.state.poses.clone();
+        self.load_step(press, poses, Some(push))
+    }
+
+    /// What the current state is, seen from outside.
+    fn report(&self, solved: &Solved) -> Deformation {
+        let system = self.system;
+        let mut contact_force = vec![Vector3::zeros(); self.state.displacement.len()];
+        let mut wrench = Wrench::default();
+        for touch in &solved.forces.touches {
+            let force = system.contact_force(touch);
+            wrench.force += force;
+            wrench.torque += touch.place.coords.cross(&force);
+            for &(node, share) in &system.surface[touch.point as usize].shares {
+                contact_force[node as usize] += force * share;
+            }
+        }
+        // A quadratic element's force at the middle of an edge goes to its ends in equal parts.
+        for (&[a, b], middle) in system.nodes.edges.iter().zip(self.vertices..) {
+            let half = 0.5 * contact_force[middle];
+            contact_force[a as usize] += half;
+            contact_force[b as usize] += half;
+        }
+        contact_force.truncate(self.vertices);
+        let displacement = &self.state.displacement;
+        let history = History {
+            displacement: displacement.clone(),
+            poses: self.state.poses.clone(),
+            anchors: self.anchors.clone(),
+        };
+        Deformation {
+            displacement: displacement[..self.vertices].to_vec(),
+            von_mises: system.solid.von_mises(displacement),
+            contact_force,
+            wrench,
+            poses: self.state.poses.clone(),
+            history,
+            iterations: solved.balance.iterations,
+            residual: solved.balance.residual,
+            seconds: 0.0,
+        }
+    }
+}
+
+/// Poses a fraction `t` of the way between two sets.
+fn between(from: &[Isometry3<f64>], to: &[Isometry3<f64>], t: f64) -> Vec<Isometry3<f64>> {
+    if t == 1.0 {
+        return to.to_vec();
+    }
+    from.iter().zip(to).map(|(from, to)| from.lerp_slerp(to, t)).collect()
+}
