@@ -1,10 +1,10 @@
 //! Regularised unilateral contact and Coulomb friction at one surface point, per unit of area.
 //!
 //! Pressure p = k δ at depth δ ≥ 0 with k = E/ℓ: a pressure as high as Young's modulus sinks in by
-//! the softness ℓ. Friction is a spring of stiffness k to the place where the point sticks, whose
-//! force is cut at μp (Wriggers 2006, ch. 5: return mapping): at most μδ of elastic slip.
-//! With the limit c = μp held fixed it has the potential H(s) = k s²/2 for ks ≤ c, else
-//! c s − c²/2k, so friction is a minimisation, too, repeated until c has settled.
+//! the softness ℓ. Friction is a spring of stiffness h = k/4 to the place where the point sticks,
+//! whose force is cut at μp (Wriggers 2006, ch. 5: return mapping): at most 4μδ of elastic slip.
+//! With the limit c = μp held fixed it has the potential H(s) = h s²/2 for hs ≤ c, else
+//! c s − c²/2h, so friction is a minimisation, too, repeated until c has settled.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -46,6 +46,11 @@ impl ContactLaw {
         point.young / self.softness
     }
 
+    /// h (Pa/m).
+    fn stick_stiffness(&self, point: &SurfacePoint) -> f64 {
+        0.25 * self.stiffness(point)
+    }
+
     /// Largest friction c = μp that a touching point bears (Pa).
     pub fn limit(&self, point: &SurfacePoint, touch: &Touch) -> f64 {
         self.friction * self.stiffness(point) * touch.depth
@@ -53,20 +58,20 @@ impl ContactLaw {
 
     /// Energy (J/m²) with friction cut at `limit` (Pa).
     pub fn energy(&self, point: &SurfacePoint, touch: &Touch, limit: f64) -> f64 {
-        let (k, slip) = (self.stiffness(point), touch.slip.norm());
-        let friction = if k * slip <= limit {
-            0.5 * k * slip * slip
+        let (h, slip) = (self.stick_stiffness(point), touch.slip.norm());
+        let friction = if h * slip <= limit {
+            0.5 * h * slip * slip
         } else {
-            limit * (slip - 0.5 * limit / k)
+            limit * (slip - 0.5 * limit / h)
         };
-        0.5 * k * touch.depth * touch.depth + friction
+        0.5 * self.stiffness(point) * touch.depth * touch.depth + friction
     }
 
     /// The traction: minus the gradient of the energy by the point's place.
     pub fn traction(&self, point: &SurfacePoint, touch: &Touch, limit: f64) -> Traction {
-        let (k, slip) = (self.stiffness(point), touch.slip.norm());
-        let spring = if k * slip <= limit { k } else { limit / slip };
-        Traction { normal: k * touch.depth * touch.normal, tangential: -spring * touch.slip }
+        let (h, slip) = (self.stick_stiffness(point), touch.slip.norm());
+        let spring = if h * slip <= limit { h } else { limit / slip };
+        Traction { normal: self.stiffness(point) * touch.depth * touch.normal, tangential: -spring * touch.slip }
     }
 
     /// Second derivative of the energy by the point's place (Pa/m), without the curvature of the
@@ -75,12 +80,12 @@ impl ContactLaw {
         let (k, n) = (self.stiffness(point), touch.normal);
         let normal = n * n.transpose();
         let tangential = Matrix3::identity() - normal;
-        let slip = touch.slip.norm();
+        let (h, slip) = (self.stick_stiffness(point), touch.slip.norm());
         if self.friction == 0.0 {
             return k * normal;
         }
-        if k * slip <= limit {
-            return k * (normal + tangential);
+        if h * slip <= limit {
+            return k * normal + h * tangential;
         }
         let along = touch.slip / slip;
         k * normal + limit / slip * (tangential - along * along.transpose())
@@ -90,7 +95,7 @@ impl ContactLaw {
     /// by the point's place, μk ŝ ⊗ (−n) where the point slips (Pa/m).
     pub fn limit_coupling(&self, point: &SurfacePoint, touch: &Touch) -> Option<Matrix3<f64>> {
         let (k, slip) = (self.stiffness(point), touch.slip.norm());
-        let slips = k * slip > self.limit(point, touch);
+        let slips = self.stick_stiffness(point) * slip > self.limit(point, touch);
         let along = touch.slip / slip;
         slips.then(|| -self.friction * k * along * touch.normal.transpose())
     }
@@ -98,7 +103,7 @@ impl ContactLaw {
     /// Where the point sticks from here on, relative to where it is: the spring keeps its force.
     pub fn stuck_at(&self, point: &SurfacePoint, touch: &Touch) -> Vector3<f64> {
         let traction = self.traction(point, touch, self.limit(point, touch));
-        traction.tangential / self.stiffness(point)
+        traction.tangential / self.stick_stiffness(point)
     }
 }
 

@@ -55,8 +55,8 @@ impl Default for Options {
             element: Element::default(),
             friction: 0.0,
             tolerance: 1e-7,
-            softness: 1e-6,
-            iterations: 40,
+            softness: 2e-6,
+            iterations: 30,
         }
     }
 }
