@@ -71,7 +71,10 @@ impl ContactLaw {
     pub fn traction(&self, point: &SurfacePoint, touch: &Touch, limit: f64) -> Traction {
         let (h, slip) = (self.stick_stiffness(point), touch.slip.norm());
         let spring = if h * slip <= limit { h } else { limit / slip };
-        Traction { normal: self.stiffness(point) * touch.depth * touch.normal, tangential: -spring * touch.slip }
+        Traction {
+            normal: self.stiffness(point) * touch.depth * touch.normal,
+            tangential: -spring * touch.slip,
+        }
     }
 
     /// Second derivative of the energy by the point's place (Pa/m), without the curvature of the

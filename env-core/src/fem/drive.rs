@@ -13,10 +13,13 @@ use crate::{
     Error, Result,
     contact::{ContactStep, Touch},
     deformation::{Anchor, Deformation, Drive, History, Press, Wrench},
+    geometry::Shape,
 };
 
-/// A load step is halved at most this often.
-const HALVINGS: u32 = 7;
+/// Smallest part of a frame that is tried as a load step of its own.
+const SHORTEST_STRIDE: f64 = 1.0 / 256.0;
+/// Shapes pushed this far without a touch will not meet the body (m).
+const FARTHEST: f64 = 1.0;
 
 /// One press being solved: workspace and current state.
 pub(super) struct Run<'a> {
@@ -27,6 +30,8 @@ pub(super) struct Run<'a> {
     matrix: Matrix,
     state: State,
     anchors: Vec<Anchor>,
+    /// Force on the body in the last load step (N).
+    held: Vector3<f64>,
 }
 
 /// A converged load step.
@@ -40,7 +45,8 @@ impl<'a> Run<'a> {
         let displacement = vec![Vector3::zeros(); system.nodes.places.len()];
         let state = State { displacement, poses: Vec::new() };
         let matrix = system.pattern.matrix();
-        Self { system, vertices, limits, matrix, state, anchors: Vec::new() }
+        let held = Vector3::zeros();
+        Self { system, vertices, limits, matrix, state, anchors: Vec::new(), held }
     }
 
     /// Every frame of `press`; the first that fails is the last.
@@ -131,14 +137,71 @@ impl<'a> Run<'a> {
         Ok(deformation)
     }
 
-    /// Leads the shapes to `poses`, in smaller steps where the whole way at once fails.
+    /// Leads the shapes to `poses`.
     fn follow(&mut self, press: &Press, poses: &[Isometry3<f64>]) -> Result<Solved> {
         let from = self.state.poses.clone();
+        self.in_steps(press, |_, t| (between(&from, poses, t), None))
+    }
+
+    /// Pushes the shapes until they press with the force of `push`.
+    fn push(&mut self, press: &Press, push: &Push) -> Result<Solved> {
+        let begin = self.state.poses[0].translation.vector;
+        let reached = if self.anchors.is_empty() { self.meet(press, push) } else { Ok(()) };
+        let solved = reached.and_then(|()| {
+            self.in_steps(press, |run, t| {
+                let force = t * push.force;
+                (run.state.poses.clone(), Some(Push { force, ..*push }))
+            })
+        });
+        solved.map_err(|_| {
+            let travel = (self.state.poses[0].translation.vector - begin).norm();
+            Error::Unreachable {
+                force: push.force,
+                reached: self.held.dot(&push.direction),
+                travel,
+            }
+        })
+    }
+
+    /// Moves the shapes along the push until the first of them touches. A step as long as the least
+    /// distance cannot pass the body.
+    fn meet(&mut self, press: &Press, push: &Push) -> Result<()> {
+        let places = self.system.surface_places(&self.state.displacement);
+        let least = |poses: &[Isometry3<f64>]| {
+            let pairs = press.shapes().iter().zip(poses);
+            let distance = |(shape, pose): (&Shape, &Isometry3<f64>)| {
+                let measure = |p| shape.distance(&pose.inverse_transform_point(p)).value;
+                places.iter().map(measure).fold(f64::INFINITY, f64::min)
+            };
+            pairs.map(distance).fold(f64::INFINITY, f64::min)
+        };
+        let mut travel = 0.0;
+        while travel < FARTHEST {
+            let gap = least(&self.state.poses);
+            if gap < 0.0 {
+                return Ok(());
+            }
+            let stride = gap.max(self.system.law.softness);
+            travel += stride;
+            for pose in &mut self.state.poses {
+                pose.translation.vector += push.direction * stride;
+            }
+        }
+        Err(Error::Unreachable { force: push.force, reached: 0.0, travel })
+    }
+
+    /// Solves for the poses and push that `target` gives at t = 1, by way of smaller t where the
+    /// whole way at once fails.
+    fn in_steps(
+        &mut self,
+        press: &Press,
+        target: impl Fn(&Self, f64) -> (Vec<Isometry3<f64>>, Option<Push>),
+    ) -> Result<Solved> {
         let (mut done, mut stride, mut iterations) = (0.0, 1.0, 0);
         loop {
             let next = f64::min(done + stride, 1.0);
-            let target = between(&from, poses, next);
-            match self.load_step(press, target, None) {
+            let (poses, push) = target(self, next);
+            match self.load_step(press, poses, push.as_ref()) {
                 Ok(mut solved) => {
                     iterations += solved.balance.iterations;
                     if next == 1.0 {
@@ -151,7 +214,7 @@ impl<'a> Run<'a> {
                 Err(Error::NotConverged { iterations: more, residual, tolerance }) => {
                     iterations += more;
                     stride *= 0.5;
-                    if stride < 0.5f64.powi(HALVINGS as i32) {
+                    if stride < SHORTEST_STRIDE {
                         return Err(Error::NotConverged { iterations, residual, tolerance });
                     }
                 }
@@ -178,24 +241,28 @@ impl<'a> Run<'a> {
         let back =
             |touch: &Touch| system.law.stuck_at(&system.surface[touch.point as usize], touch);
         self.anchors = contact.anchors(&state.poses, &forces.touches, back);
+        self.held = self.wrench(&forces).force;
         self.state = state;
         Ok(Solved { balance, forces })
     }
 
-    fn push(&mut self, press: &Press, push: &Push) -> Result<Solved> {
-        let poses = self.state.poses.clone();
-        self.load_step(press, poses, Some(push))
+    /// Resultant of all contact on the body.
+    fn wrench(&self, forces: &Forces) -> Wrench {
+        let mut wrench = Wrench::default();
+        for touch in &forces.touches {
+            let force = self.system.contact_force(touch);
+            wrench.force += force;
+            wrench.torque += touch.place.coords.cross(&force);
+        }
+        wrench
     }
 
     /// What the current state is, seen from outside.
     fn report(&self, solved: &Solved) -> Deformation {
         let system = self.system;
         let mut contact_force = vec![Vector3::zeros(); self.state.displacement.len()];
-        let mut wrench = Wrench::default();
         for touch in &solved.forces.touches {
             let force = system.contact_force(touch);
-            wrench.force += force;
-            wrench.torque += touch.place.coords.cross(&force);
             for &(node, share) in &system.surface[touch.point as usize].shares {
                 contact_force[node as usize] += force * share;
             }
@@ -217,7 +284,7 @@ impl<'a> Run<'a> {
             displacement: displacement[..self.vertices].to_vec(),
             von_mises: system.solid.von_mises(displacement),
             contact_force,
-            wrench,
+            wrench: self.wrench(&solved.forces),
             poses: self.state.poses.clone(),
             history,
             iterations: solved.balance.iterations,

@@ -2,7 +2,8 @@
 //!
 //! Every law is split into a distortion and a dilatation part,
 //! ψ(F) = w(F) + U(θ(F)), θ = det F (for the linear law θ = tr F − 2), so that an element may hand
-//! U the dilatation averaged over its neighbourhood. With the pressure-like p = U′ the stress is
+//! U the dilatation averaged over its neighbourhood. U is what grows with λ; the rest stays in w,
+//! which is convex at rest and keeps each element from inverting. With the pressure-like p = U′ the stress is
 //! P = ∂w/∂F + p ∂θ/∂F. The laws and their sources are listed at [`Law`].
 //!
 //! All but the linear law are used for J = det F > 0 only.
@@ -74,7 +75,6 @@ impl Material {
                     stiffness: lambda * (1.0 - log) / (theta * theta),
                 }
             }
-            Law::StableNeoHookean => quadratic(lambda + self.mu, strain),
             _ => quadratic(lambda, strain),
         }
     }
@@ -84,7 +84,8 @@ impl Material {
         match self.law {
             Law::NeoHookean => self.mu * (0.5 * (f.norm_squared() - 3.0) - f.determinant().ln()),
             Law::StableNeoHookean => {
-                self.mu * (0.5 * (f.norm_squared() - 3.0) - (f.determinant() - 1.0))
+                let strain = f.determinant() - 1.0;
+                0.5 * self.mu * (f.norm_squared() - 3.0 - 2.0 * strain + strain * strain)
             }
             Law::Corotated => self.mu * (f - rotation(f)).norm_squared(),
             _ => self.mu * strain(f).norm_squared(),
@@ -95,7 +96,7 @@ impl Material {
     pub(super) fn distortion_stress(&self, f: &Matrix3<f64>) -> Matrix3<f64> {
         match self.law {
             Law::NeoHookean => self.mu * (f - cofactor(f) / f.determinant()),
-            Law::StableNeoHookean => self.mu * (f - cofactor(f)),
+            Law::StableNeoHookean => self.mu * (f + (f.determinant() - 2.0) * cofactor(f)),
             Law::Corotated => 2.0 * self.mu * (f - rotation(f)),
             _ => 2.0 * self.mu * strain(f),
         }
@@ -125,8 +126,8 @@ impl Material {
                 Tangent::Cofactor { mu, a: mu / (j * j) + b, b, cofactor: cofactor(f) }
             }
             Law::StableNeoHookean => {
-                let b = (pressure - mu) / j;
-                Tangent::Cofactor { mu, a: b, b, cofactor: cofactor(f) }
+                let b = (pressure + mu * (j - 2.0)) / j;
+                Tangent::Cofactor { mu, a: mu + b, b, cofactor: cofactor(f) }
             }
             Law::Corotated => Tangent::Full(Box::new(corotated_tangent(f, mu, pressure))),
             _ => Tangent::Full(Box::new(linear_tangent(mu))),

@@ -1,7 +1,8 @@
 //! Equilibrium by Newton's method with a line search on the energy.
 //!
-//! The stiffness is used as it is where it is positive definite, and filtered element by element
-//! where it is not (Longva et al. 2023, "Pitfalls of projection"). Friction is a minimisation only
+//! The stiffness is used as it is where it is positive definite. Where it is not, its diagonal is
+//! raised a little, and if that is not enough it is filtered element by element, which is safe but
+//! slow near the end (Longva et al. 2023, "Pitfalls of projection"). Friction is a minimisation only
 //! while its limits are held; they are renewed before every step. While points slip, the step is
 //! first tried with the limits' dependence on depth: its matrix is unsymmetric, and is solved by
 //! GMRES with the Cholesky factor as preconditioner.
@@ -14,7 +15,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::{
     gmres::gmres,
     sparse::Matrix,
-    system::{Forces, State, System},
+    system::{Forces, State, Stiffness, System},
 };
 use crate::{
     Error, Result,
@@ -111,8 +112,8 @@ impl Search<'_, '_> {
     /// One Newton step from `state`, or `None` if none was found that lowers the energy.
     fn advance(&mut self, state: &mut State, forces: &Forces) -> Option<Forces> {
         let residual = self.residual(forces);
-        for filtered in [false, true] {
-            self.system.assemble(forces, self.matrix, filtered);
+        for stiffness in [Stiffness::Exact, Stiffness::Shifted, Stiffness::Filtered] {
+            self.system.assemble(forces, self.matrix, stiffness);
             if !self.matrix.factorise(&self.system.pattern) {
                 continue;
             }
@@ -147,7 +148,9 @@ impl Search<'_, '_> {
         let last = if border.is_some() { right.pop() } else { None };
         self.matrix.solve(&self.system.pattern, right);
         if let (Some(border), Some(last)) = (border, last) {
-            let travel = (last - dot(&border.column, right)) / border.schur;
+            let pull = last - dot(&border.column, right);
+            // Shapes that have lost touch have no stiffness, and go as far as they may.
+            let travel = if border.schur > 0.0 { pull / border.schur } else { pull.signum() };
             let travel = travel.clamp(-LONGEST_TRAVEL, LONGEST_TRAVEL);
             right.iter_mut().zip(&border.lifted).for_each(|(x, lift)| *x -= lift * travel);
             right.push(travel);
@@ -227,14 +230,17 @@ impl Search<'_, '_> {
         }
         let limits = self.friction_limits(&forces.touches);
         let energy = self.energy(state, forces, &limits);
-        // The energy sums about 10⁴ terms.
-        let rounding = 1e-13 * energy.abs().max(forces.elastic);
+        let rounding = 1e-10 * energy.abs().max(forces.elastic);
         let mut share = 1.0;
         while share > SHORTEST {
             let trial = self.moved(state, step, share);
             if let Some(next) = self.system.forces(&trial, self.contact) {
                 let change = self.energy(&trial, &next, &limits) - energy;
-                if change <= ARMIJO * share * slope + rounding {
+                // Near the end the fall of energy drowns in rounding, but the force does not.
+                let drowned = -slope < rounding && {
+                    norm(&self.residual(&next)) < norm(&self.residual(forces))
+                };
+                if drowned || change <= ARMIJO * share * slope {
                     *state = trial;
                     return Some(next);
                 }

@@ -253,3 +253,163 @@ fn sort_nodes<const M: usize>(cell: &mut Cell<M>, place: impl Fn(u32) -> u32) {
         point.local = point.local.map(|old| renumbered[old as usize]);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::{
+        deformation::{Law, Moduli},
+        geometry::TetMesh,
+    };
+
+    /// A cube of 27 nodes in 48 tetrahedra, its inner nodes out of line.
+    fn cube() -> TetMesh {
+        let at = |i: u32, j: u32, k: u32| (i * 3 + j) * 3 + k;
+        let mut vertices: Vec<Point3<f64>> = Vec::new();
+        for n in 0..27 {
+            let place = Point3::new(f64::from(n / 9), f64::from(n / 3 % 3), f64::from(n % 3));
+            vertices.push(place * 0.001);
+        }
+        vertices[13] += Vector3::new(2e-4, -1e-4, 1.5e-4);
+        let mut tets = Vec::new();
+        for n in 0..8 {
+            let (i, j, k) = (n / 4, n / 2 % 2, n % 2);
+            for [a, b] in [[0, 1], [0, 2], [1, 0], [1, 2], [2, 0], [2, 1]] {
+                let mut corner = [i, j, k];
+                let mut tet = [at(i, j, k); 4];
+                for (step, axis) in [a, b, 3 - a - b].into_iter().enumerate() {
+                    corner[axis] += 1;
+                    tet[step + 1] = at(corner[0], corner[1], corner[2]);
+                }
+                let [p, q, r, s] = tet.map(|n| vertices[n as usize]);
+                if (q - p).cross(&(r - p)).dot(&(s - p)) < 0.0 {
+                    tet.swap(2, 3);
+                }
+                tets.push(tet);
+            }
+        }
+        TetMesh { vertices, tets }
+    }
+
+    fn setup(law: Law, element: Element, fixed: &[u32]) -> (Nodes, Box<dyn Solid>, Pattern) {
+        let moduli = Moduli { young: 1e5, poisson: 0.45 };
+        let body = SoftBody::new(cube(), law, moduli, fixed).unwrap();
+        let nodes = Nodes::new(&body, element);
+        let mut solid = solid(&body, &nodes, element);
+        let pattern = Pattern::new(&nodes.places, &nodes.fixed, &solid.couplings());
+        solid.locate(&pattern);
+        (nodes, solid, pattern)
+    }
+
+    fn every() -> impl Iterator<Item = (Law, Element)> {
+        let elements = Element::NAMES.map(|(_, element)| element);
+        Law::NAMES.into_iter().flat_map(move |(_, law)| elements.map(|element| (law, element)))
+    }
+
+    fn displaced(nodes: &Nodes, f: &Matrix3<f64>) -> Vec<Vector3<f64>> {
+        nodes.places.iter().map(|x| (f - Matrix3::identity()) * x.coords).collect()
+    }
+
+    fn inside(x: &Point3<f64>) -> bool {
+        x.iter().all(|&x| x > 1e-6 && x < 0.002 - 1e-6)
+    }
+
+    #[test]
+    fn a_uniform_strain_is_in_equilibrium_on_a_distorted_mesh() {
+        let f = Matrix3::new(1.1, 0.2, 0.0, -0.1, 0.9, 0.1, 0.05, 0.0, 1.2);
+        for (law, element) in every() {
+            let (nodes, solid, _) = setup(law, element, &[]);
+            let mut forces = vec![Vector3::zeros(); nodes.places.len()];
+            solid.evaluate(&displaced(&nodes, &f), &mut Strain::default(), &mut forces).unwrap();
+            let largest = forces.iter().map(Vector3::norm).fold(0.0, f64::max);
+            for (x, force) in nodes.places.iter().zip(&forces).filter(|(x, _)| inside(x)) {
+                // Sums of a few dozen terms of the size of the largest force.
+                let rest = force.norm() / largest;
+                assert!(rest < 1e-9, "{law} {element}: {rest:.1e} of the largest force at {x}");
+            }
+        }
+    }
+
+    /// Force on the side x = 2 mm over its area, which is the first column of P.
+    fn traction(law: Law, element: Element, f: &Matrix3<f64>) -> Vector3<f64> {
+        let (nodes, solid, _) = setup(law, element, &[]);
+        let mut forces = vec![Vector3::zeros(); nodes.places.len()];
+        solid.evaluate(&displaced(&nodes, f), &mut Strain::default(), &mut forces).unwrap();
+        // The side's nodes and the opposite side's carry all that crosses the middle.
+        let moment: Matrix3<f64> =
+            nodes.places.iter().zip(&forces).map(|(x, f)| f * x.coords.transpose()).sum();
+        moment.column(0) / 0.002f64.powi(3)
+    }
+
+    #[test]
+    fn stretch_and_shear_by_half_give_the_stress_of_the_law() {
+        let moduli = Moduli { young: 1e5, poisson: 0.45 };
+        let (mu, lambda) = (moduli.shear(), moduli.lambda());
+        let stretch = Matrix3::from_diagonal(&[1.5, 1.0, 1.0].into());
+        let mut shear = Matrix3::identity();
+        shear[(1, 0)] = 0.5;
+        for (law, element) in every() {
+            // Confined stretch by s: P₁₁ from dψ/ds; shear by γ at J = 1: P₂₁ from dψ/dγ.
+            let s = 1.5f64;
+            let (tension, drag) = match law {
+                Law::NeoHookean => (mu * (s - 1.0 / s) + lambda * s.ln() / s, mu * 0.5),
+                Law::StableNeoHookean => (mu * (s - 1.0) + (lambda + mu) * (s - 1.0), mu * 0.5),
+                Law::Corotated => {
+                    // Singular values of [[1, 0], [γ, 1]] sum to √(4 + γ²).
+                    let sum = (4.0 + 0.25f64).sqrt();
+                    let drag = 2.0 * mu * 0.5 * (1.0 - 1.0 / sum);
+                    ((2.0 * mu + lambda) * (s - 1.0), drag)
+                }
+                _ => ((2.0 * mu + lambda) * (s - 1.0), mu * 0.5),
+            };
+            let found = [traction(law, element, &stretch)[0], traction(law, element, &shear)[1]];
+            for (found, exact) in found.into_iter().zip([tension, drag]) {
+                let error = (found / exact - 1.0).abs();
+                assert!(error < 1e-8, "{law} {element}: {found} Pa against {exact} Pa");
+            }
+        }
+    }
+
+    #[test]
+    fn forces_and_stiffness_are_derivatives_of_the_energy() {
+        let f = Matrix3::new(1.1, 0.1, 0.0, -0.1, 0.95, 0.05, 0.05, 0.0, 1.0);
+        let base: Vec<u32> = (0..27).filter(|n| n % 3 == 0).collect();
+        for (law, element) in every() {
+            let (nodes, solid, pattern) = setup(law, element, &base);
+            let wave = |x: &Point3<f64>| Vector3::new(x.z, x.x, x.y).map(|x| (2e3 * x).sin());
+            let mut start = displaced(&nodes, &f);
+            start.iter_mut().zip(&nodes.places).for_each(|(u, x)| *u += 3e-5 * wave(x));
+            let way: Vec<_> = pattern.scatter(&pattern.gather(
+                &nodes.places.iter().map(|x| wave(&x.yzx().into()) * 1e-3).collect::<Vec<_>>(),
+            ));
+            let at = |t: f64| {
+                let u: Vec<_> = start.iter().zip(&way).map(|(u, du)| u + du * t).collect();
+                let (mut strain, mut forces) = (Strain::default(), vec![Vector3::zeros(); u.len()]);
+                let energy = solid.evaluate(&u, &mut strain, &mut forces).unwrap();
+                (energy, forces, strain)
+            };
+            let step = 1e-5;
+            let ((low, low_forces, _), (_, forces, strain), (high, high_forces, _)) =
+                (at(-step), at(0.0), at(step));
+            let slope: f64 = forces.iter().zip(&way).map(|(f, du)| f.dot(du)).sum();
+            let difference = (high - low) / (2.0 * step);
+            // The step changes strains by 1e-5: truncation 1e-10, rounding 1e-16/1e-5, some decades spare.
+            let error = (difference / slope - 1.0).abs();
+            assert!(error < 1e-7, "{law} {element}: {difference} J against {slope} J");
+            let change: Vec<_> = high_forces.iter().zip(&low_forces).map(|(h, l)| h - l).collect();
+            let mut unknowns = pattern.gather(&change);
+            let mut matrix = pattern.matrix();
+            solid.assemble(&strain, &pattern, &mut matrix, false);
+            assert!(matrix.factorise(&pattern), "{law} {element}: not positive definite");
+            matrix.solve(&pattern, &mut unknowns);
+            let solved = pattern.scatter(&unknowns);
+            let size: f64 = way.iter().map(Vector3::norm_squared).sum();
+            let rest = solved.iter().zip(&way).map(|(s, w)| (s / (2.0 * step) - w).norm_squared());
+            let error = (rest.sum::<f64>() / size).sqrt();
+            // As above, times the condition number of a block of 18 free nodes, about 1e2.
+            assert!(error < 1e-5, "{law} {element}: relative error {error:.1e}");
+        }
+    }
+}

@@ -32,6 +32,17 @@ pub(super) struct State {
     pub(super) poses: Vec<Isometry3<f64>>,
 }
 
+/// How the stiffness matrix is made positive definite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Stiffness {
+    /// Not at all.
+    Exact,
+    /// By raising the diagonal.
+    Shifted,
+    /// Element by element.
+    Filtered,
+}
+
 /// Energy and forces at one state.
 pub(super) struct Forces {
     /// Elastic energy (J).
@@ -108,13 +119,18 @@ impl System {
         self.law.hessian(point, touch, self.law.limit(point, touch)) * point.area
     }
 
-    /// Fills `matrix` with the stiffness at `forces`, `filtered` so that each part is positive.
-    pub(super) fn assemble(&self, forces: &Forces, matrix: &mut Matrix, filtered: bool) {
+    /// Fills `matrix` with the stiffness at `forces`.
+    pub(super) fn assemble(&self, forces: &Forces, matrix: &mut Matrix, stiffness: Stiffness) {
         matrix.clear();
+        let filtered = stiffness == Stiffness::Filtered;
         self.solid.assemble(&forces.strain, &self.pattern, matrix, filtered);
-        if self.floating {
-            // Steps of least length among those that only move the body as a whole.
-            matrix.shift(&self.pattern, PROXIMAL * matrix.mean_diagonal(&self.pattern));
+        let shift = match stiffness {
+            Stiffness::Shifted => RAISED,
+            _ if self.floating => PROXIMAL,
+            _ => 0.0,
+        };
+        if shift > 0.0 {
+            matrix.shift(&self.pattern, shift * matrix.mean_diagonal(&self.pattern));
         }
         for touch in &forces.touches {
             let stiffness = self.contact_stiffness(touch);
@@ -131,5 +147,8 @@ impl System {
     }
 }
 
-/// Share of the mean diagonal added for a body that nothing holds.
+/// Share of the mean diagonal added for a body that nothing holds: of the steps that differ by a
+/// motion of the whole body it takes the shortest.
 const PROXIMAL: f64 = 1e-8;
+/// Share of the mean diagonal added to a stiffness that is not positive definite.
+const RAISED: f64 = 1e-3;
