@@ -5,7 +5,7 @@ use ruffini_core::geometry::TetMesh;
 
 /// A box cut by the coordinate planes `xs`, `ys`, `zs`, each cell into six tetrahedra round a
 /// diagonal (Kuhn), mirrored from cell to cell so that no direction is preferred.
-pub fn grid(xs: &[f64], ys: &[f64], zs: &[f64]) -> TetMesh {
+pub(crate) fn grid(xs: &[f64], ys: &[f64], zs: &[f64]) -> TetMesh {
     let index = |i: usize, j: usize, k: usize| ((i * ys.len() + j) * zs.len() + k) as u32;
     let mut vertices = Vec::new();
     for &x in xs {
@@ -18,7 +18,9 @@ pub fn grid(xs: &[f64], ys: &[f64], zs: &[f64]) -> TetMesh {
         for j in 0..ys.len() - 1 {
             for k in 0..zs.len() - 1 {
                 let corner = |offset: [usize; 3]| {
-                    let at = |cell: usize, o: usize| cell + if cell % 2 == 0 { o } else { 1 - o };
+                    let at = |cell: usize, o: usize| {
+                        cell + if cell.is_multiple_of(2) { o } else { 1 - o }
+                    };
                     index(at(i, offset[0]), at(j, offset[1]), at(k, offset[2]))
                 };
                 for [a, b] in [[0, 1], [0, 2], [1, 0], [1, 2], [2, 0], [2, 1]] {
@@ -40,19 +42,19 @@ pub fn grid(xs: &[f64], ys: &[f64], zs: &[f64]) -> TetMesh {
 }
 
 /// `count` + 1 coordinates from `low` to `high`, equally spaced.
-pub fn even(low: f64, high: f64, count: usize) -> Vec<f64> {
+pub(crate) fn even(low: f64, high: f64, count: usize) -> Vec<f64> {
     (0..=count).map(|i| low + (high - low) * i as f64 / count as f64).collect()
 }
 
 /// `count` + 1 coordinates from −`half` to `half`, `ratio` times as dense in the middle as at the
 /// ends.
-pub fn graded(half: f64, count: usize, ratio: f64) -> Vec<f64> {
+pub(crate) fn graded(half: f64, count: usize, ratio: f64) -> Vec<f64> {
     // Density falls linearly, so x(t) = half ((1 − c) t + c t |t|) with slopes 1 − c and 1 + c.
     let c = (ratio - 1.0) / (ratio + 1.0);
     even(-1.0, 1.0, count).into_iter().map(|t| half * ((1.0 - c) * t + c * t * t.abs())).collect()
 }
 
 /// Nodes of `mesh` at which `chosen` holds.
-pub fn nodes_where(mesh: &TetMesh, chosen: impl Fn(&Point3<f64>) -> bool) -> Vec<u32> {
+pub(crate) fn nodes_where(mesh: &TetMesh, chosen: impl Fn(&Point3<f64>) -> bool) -> Vec<u32> {
     (0..mesh.vertices.len() as u32).filter(|&n| chosen(&mesh.vertices[n as usize])).collect()
 }

@@ -6,7 +6,8 @@ use nalgebra::{Point3, Vector3};
 
 use crate::{Error, Result, geometry::TetMesh};
 
-/// Stress–strain law of an isotropic solid, named by its energy density ψ(F), J = det F, I₁ = tr FᵀF.
+/// Stress–strain law of an isotropic solid, given by its energy density ψ; J is the determinant of
+/// the deformation gradient F and I₁ the trace of `FᵀF`.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Law {
@@ -189,13 +190,6 @@ fn longest_edge(corners: &[Point3<f64>; 4]) -> f64 {
 /// Number of sets of vertices that no tetrahedron joins.
 fn parts(mesh: &TetMesh) -> usize {
     let mut leader: Vec<usize> = (0..mesh.vertices.len()).collect();
-    fn root(leader: &mut [usize], mut node: usize) -> usize {
-        while leader[node] != node {
-            leader[node] = leader[leader[node]];
-            node = leader[node];
-        }
-        node
-    }
     for tet in &mesh.tets {
         let first = root(&mut leader, tet[0] as usize);
         for &node in &tet[1..] {
@@ -204,6 +198,14 @@ fn parts(mesh: &TetMesh) -> usize {
         }
     }
     (0..leader.len()).filter(|&node| leader[node] == node).count()
+}
+
+fn root(leader: &mut [usize], mut node: usize) -> usize {
+    while leader[node] != node {
+        leader[node] = leader[leader[node]];
+        node = leader[node];
+    }
+    node
 }
 
 #[cfg(test)]

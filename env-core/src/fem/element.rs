@@ -172,11 +172,12 @@ pub(super) fn quadratic_cells(mesh: &TetMesh, nodes: &Nodes) -> Vec<Cell<10>> {
     (0..mesh.tets.len() as u32).map(cell).collect()
 }
 
-/// Gradients of Lₐ(2Lₐ − 1) at the corners and 4 LₐL_b at the middles.
+/// Gradients of L(2L − 1) at the corners and 4 L L′ at the middles.
 fn quadratic_gradients(l: &[f64; 4], g: &[Vector3<f64>; 4]) -> [Vector3<f64>; 10] {
-    std::array::from_fn(|i| match i {
-        0..4 => (4.0 * l[i] - 1.0) * g[i],
-        _ => {
+    std::array::from_fn(|i| {
+        if let 0..4 = i {
+            (4.0 * l[i] - 1.0) * g[i]
+        } else {
             let [a, b] = EDGES[i - 4];
             4.0 * (l[a] * g[b] + l[b] * g[a])
         }

@@ -179,7 +179,7 @@ impl Tangent {
     pub(super) fn filtered(&self) -> Self {
         let full = self.full();
         let eigen = (0.5 * (full + full.transpose())).symmetric_eigen();
-        let scaled = &eigen.eigenvectors * SMatrix::from_diagonal(&eigen.eigenvalues.abs());
+        let scaled = eigen.eigenvectors * SMatrix::from_diagonal(&eigen.eigenvalues.abs());
         Self::Full(Box::new(scaled * eigen.eigenvectors.transpose()))
     }
 }

@@ -5,7 +5,7 @@
 //! method with a sparse Cholesky factorisation whose analysis is done once per mesh.
 //!
 //! Precision. A frame is returned when the norm of the unbalanced force is at most
-//! [`Options::tolerance`]; for bodies stiffer than 1 MPa the tolerance grows in proportion. Shapes
+//! [`Options::tolerance`]; for bodies stiffer than 1 `MPa` the tolerance grows in proportion. Shapes
 //! sink in by [`Options::softness`] × pressure / Young's modulus, and friction creeps no further.
 
 mod drive;
@@ -41,7 +41,7 @@ pub struct Options {
     pub element: Element,
     /// Coefficient of Coulomb friction between body and shapes.
     pub friction: f64,
-    /// Norm of the unbalanced force at which a frame is done, for a body of 1 MPa or softer (N).
+    /// Norm of the unbalanced force at which a frame is done, for a body of 1 `MPa` or softer (N).
     pub tolerance: f64,
     /// How deep a shape sinks in where the pressure equals Young's modulus (m).
     pub softness: f64,

@@ -45,7 +45,9 @@ fn divide(
     nodes.sort_by(|a, b| along(a).partial_cmp(&along(b)).expect("coordinates are finite"));
     let (low, high) = nodes.split_at(middle);
     for (half, name) in [(low, Side::Low), (high, Side::High)] {
-        half.iter().for_each(|&node| side[node as usize] = name);
+        for &node in half {
+            side[node as usize] = name;
+        }
     }
     let touches =
         |node: &u32, other| neighbours[*node as usize].iter().any(|&n| side[n as usize] == other);
@@ -53,7 +55,9 @@ fn divide(
         low.iter().partition(|node| touches(node, Side::High));
     let (high_edge, high_rest): (Vec<u32>, Vec<u32>) =
         high.iter().partition(|node| touches(node, Side::Low));
-    nodes.iter().for_each(|&node| side[node as usize] = Side::Outside);
+    for &node in &nodes {
+        side[node as usize] = Side::Outside;
+    }
     let (low, high, separator) = if low_edge.len() <= high_edge.len() {
         (low_rest, high.to_vec(), low_edge)
     } else {

@@ -36,7 +36,9 @@ pub(super) fn patches(mesh: &TetMesh, moduli: &[Moduli]) -> Vec<Vec<u32>> {
     for ring in rings_by_length(mesh) {
         let alike = ring.iter().all(|&t| moduli[t as usize] == moduli[ring[0] as usize]);
         if alike && ring.len() >= 3 && ring.iter().all(|&t| patch_of[t as usize].is_none()) {
-            ring.iter().for_each(|&t| patch_of[t as usize] = Some(patches.len()));
+            for &t in &ring {
+                patch_of[t as usize] = Some(patches.len());
+            }
             patches.push(ring);
         }
     }

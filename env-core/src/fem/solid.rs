@@ -50,7 +50,7 @@ pub(super) fn solid(body: &SoftBody, nodes: &Nodes, element: Element) -> Box<dyn
 }
 
 struct Cells<const M: usize> {
-    cells: Vec<Cell<M>>,
+    all: Vec<Cell<M>>,
     /// Material of each cell.
     materials: Vec<Material>,
     /// Where each cell's lower triangle goes, by rows.
@@ -65,7 +65,7 @@ impl<const M: usize> Cells<M> {
     fn new(body: &SoftBody, cells: Vec<Cell<M>>) -> Self {
         let moduli = |cell: &Cell<M>| &body.moduli()[cell.points[0].tet as usize];
         let materials = cells.iter().map(|cell| Material::new(body.law(), moduli(cell))).collect();
-        Self { cells, materials, blocks: Vec::new(), tets: body.mesh().tets.len() }
+        Self { all: cells, materials, blocks: Vec::new(), tets: body.mesh().tets.len() }
     }
 }
 
@@ -95,7 +95,9 @@ impl<const M: usize> Cell<M> {
             deformed += point.volume * material.dilatation(f);
         }
         let shared = material.volumetric(deformed / volume);
-        states.iter_mut().for_each(|(_, volumetric)| *volumetric = shared);
+        for (_, volumetric) in states {
+            *volumetric = shared;
+        }
     }
 
     /// ∂θ/∂u times volume, summed over `points`, for the cell's nodes.
@@ -176,7 +178,7 @@ impl<const M: usize> Solid for Cells<M> {
     ) -> Option<f64> {
         let mut energy = 0.0;
         strain.points.clear();
-        for (cell, material) in self.cells.iter().zip(&self.materials) {
+        for (cell, material) in self.all.iter().zip(&self.materials) {
             let first = strain.points.len();
             for k in 0..cell.points.len() {
                 let f = cell.deformation_gradient(k, displacement);
@@ -200,7 +202,7 @@ impl<const M: usize> Solid for Cells<M> {
 
     fn assemble(&self, strain: &Strain, pattern: &Pattern, matrix: &mut Matrix, filtered: bool) {
         let (mut dense, mut first) = (Vec::new(), 0);
-        for ((cell, material), blocks) in self.cells.iter().zip(&self.materials).zip(&self.blocks) {
+        for ((cell, material), blocks) in self.all.iter().zip(&self.materials).zip(&self.blocks) {
             let states = &strain.points[first..first + cell.points.len()];
             first += cell.points.len();
             cell.stiffness(material, states, filtered, &mut dense);
@@ -212,7 +214,7 @@ impl<const M: usize> Solid for Cells<M> {
 
     fn von_mises(&self, displacement: &[Vector3<f64>]) -> Vec<f64> {
         let (mut sum, mut volume) = (vec![0.0; self.tets], vec![0.0; self.tets]);
-        for (cell, material) in self.cells.iter().zip(&self.materials) {
+        for (cell, material) in self.all.iter().zip(&self.materials) {
             for (k, point) in cell.points.iter().enumerate() {
                 let f = cell.deformation_gradient(k, displacement);
                 sum[point.tet as usize] += point.volume * material.von_mises(&f);
@@ -223,13 +225,13 @@ impl<const M: usize> Solid for Cells<M> {
     }
 
     fn couplings(&self) -> Vec<&[u32]> {
-        self.cells.iter().map(|cell| &cell.nodes[..]).collect()
+        self.all.iter().map(|cell| &cell.nodes[..]).collect()
     }
 
     fn locate(&mut self, pattern: &Pattern) {
         let place = |node: u32| pattern.place[node as usize];
         self.blocks = self
-            .cells
+            .all
             .iter_mut()
             .map(|cell| {
                 sort_nodes(cell, place);
@@ -381,9 +383,10 @@ mod tests {
             let wave = |x: &Point3<f64>| Vector3::new(x.z, x.x, x.y).map(|x| (2e3 * x).sin());
             let mut start = displaced(&nodes, &f);
             start.iter_mut().zip(&nodes.places).for_each(|(u, x)| *u += 3e-5 * wave(x));
-            let way: Vec<_> = pattern.scatter(&pattern.gather(
-                &nodes.places.iter().map(|x| wave(&x.yzx().into()) * 1e-3).collect::<Vec<_>>(),
-            ));
+            let way: Vec<_> =
+                pattern.scatter(&pattern.gather(
+                    &nodes.places.iter().map(|x| wave(&x.yzx()) * 1e-3).collect::<Vec<_>>(),
+                ));
             let at = |t: f64| {
                 let u: Vec<_> = start.iter().zip(&way).map(|(u, du)| u + du * t).collect();
                 let (mut strain, mut forces) = (Strain::default(), vec![Vector3::zeros(); u.len()]);

@@ -4,8 +4,9 @@
 //! to a node, so the matrix consists of 3 × 3 blocks and a block is added without searching.
 
 use faer::{
-    Conj, MatMut, Par, Side,
+    Conj, MatMut, Par, Side, Spec,
     dyn_stack::{MemBuffer, MemStack, StackReq},
+    linalg::cholesky::llt::factor::LltRegularization,
     sparse::{
         SparseColMatRef, SymbolicSparseColMatRef,
         linalg::cholesky::{
@@ -88,7 +89,7 @@ impl Pattern {
     /// Values of the matrix, all zero.
     pub(super) fn matrix(&self) -> Matrix {
         let needs = StackReq::any_of(&[
-            self.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default()),
+            self.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Spec::default()),
             self.symbolic.solve_in_place_scratch::<f64>(MOST_COLUMNS, Par::Seq),
         ]);
         Matrix {
@@ -165,10 +166,10 @@ impl Matrix {
             &mut self.factor,
             matrix,
             Side::Upper,
-            Default::default(),
+            LltRegularization::default(),
             Par::Seq,
             MemStack::new(&mut self.scratch),
-            Default::default(),
+            Spec::default(),
         );
         factorised.is_ok()
     }
@@ -201,7 +202,9 @@ fn minimum_degree(pattern: &Pattern, free: &[u32]) -> Vec<u32> {
     let Pattern { place, first_block, block_row, .. } = pattern;
     let symbolic = analyse(first_block, block_row, SymmetricOrdering::Amd);
     let mut node_at = vec![0; free.len()];
-    free.iter().for_each(|&node| node_at[place[node as usize] as usize] = node);
+    for &node in free {
+        node_at[place[node as usize] as usize] = node;
+    }
     match symbolic.perm() {
         Some(order) => order.arrays().0.iter().map(|&i| node_at[i as usize]).collect(),
         None => node_at,
