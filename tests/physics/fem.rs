@@ -185,7 +185,9 @@ fn a_press_goes_on_where_another_ended() {
     let first = last(&fem, ball(), path[..2].to_vec());
     let press = Press::along(ball(), path[2..].to_vec()).unwrap().after(first.history).unwrap();
     let rest = fem.solve_path(&press).pop().unwrap().unwrap();
-    assert_eq!(rest.displacement, whole.displacement);
+    let error = relative(&rest.displacement, &whole.displacement);
+    // They start the last frame differently, and both leave 1e-7 N unbalanced, of about 0.4 N.
+    assert!(error < 1e-6, "displacements differ by {error:.1e}");
 }
 
 #[test]

@@ -32,6 +32,8 @@ pub(super) struct Run<'a> {
     anchors: Vec<Anchor>,
     /// Force on the body in the last load step (N).
     held: Vector3<f64>,
+    /// Change of displacement in the last load step (N) in m.
+    increment: Vec<Vector3<f64>>,
 }
 
 /// A converged load step.
@@ -43,10 +45,11 @@ struct Solved {
 impl<'a> Run<'a> {
     pub(super) fn new(system: &'a System, vertices: usize, limits: Limits) -> Self {
         let displacement = vec![Vector3::zeros(); system.nodes.places.len()];
-        let state = State { displacement, poses: Vec::new() };
         let matrix = system.pattern.matrix();
         let held = Vector3::zeros();
-        Self { system, vertices, limits, matrix, state, anchors: Vec::new(), held }
+        let increment = displacement.clone();
+        let state = State { displacement, poses: Vec::new() };
+        Self { system, vertices, limits, matrix, state, anchors: Vec::new(), held, increment }
     }
 
     /// Every frame of `press`; the first that fails is the last.
@@ -236,14 +239,33 @@ impl<'a> Run<'a> {
         let mut contact =
             ContactStep::new(press.shapes(), &system.surface, from, start, &self.anchors);
         let mut state = State { displacement: self.state.displacement.clone(), poses };
+        if push.is_none() {
+            self.extrapolate(&mut state, &mut contact);
+        }
         let (balance, forces) =
             equilibrium(system, &mut self.matrix, &mut state, &mut contact, push, &self.limits)?;
         let back =
             |touch: &Touch| system.law.stuck_at(&system.surface[touch.point as usize], touch);
         self.anchors = contact.anchors(&state.poses, &forces.touches, back);
+        let moved = state.displacement.iter().zip(&self.state.displacement);
+        self.increment = moved.map(|(after, before)| after - before).collect();
         self.held = self.wrench(&forces).force;
         self.state = state;
         Ok(Solved { balance, forces })
+    }
+
+    /// Starts `state` where the last load step's motion would lead, if less force is unbalanced there.
+    fn extrapolate(&self, state: &mut State, contact: &mut ContactStep) {
+        let ahead = state.displacement.iter().zip(&self.increment).map(|(u, du)| u + du);
+        let ahead = State { displacement: ahead.collect(), poses: state.poses.clone() };
+        let unbalanced = |state: &State, contact: &mut ContactStep| {
+            let forces = self.system.forces(state, contact)?;
+            Some(self.system.pattern.gather(&forces.gradient).iter().map(|x| x * x).sum::<f64>())
+        };
+        let here = unbalanced(state, contact).unwrap_or(f64::INFINITY);
+        if unbalanced(&ahead, contact).is_some_and(|there| there < here) {
+            *state = ahead;
+        }
     }
 
     /// Resultant of all contact on the body.
