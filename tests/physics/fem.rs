@@ -3,8 +3,8 @@
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use ruffini_core::{
     Error, Result,
-    deformation::{Deformation, DeformationModel, Drive, Law, Moduli, Press, SoftBody},
-    fem::{Element, Fem, Options},
+    deformation::{Deformation, DeformationModel, Drive, Law, Moduli, Press, SoftBody, Wrench},
+    fem::{Element, Fem, Grasp, Options},
     geometry::{Shape, TetMesh},
 };
 
@@ -283,4 +283,44 @@ fn a_press_shows_how_it_is_driven() {
     let press = press.unwrap();
     assert!(matches!(press.drive(), Drive::Force { force: 2.0, direction, .. }
         if direction.z == -1.0));
+}
+
+/// Poses of two pads that face each other along x, `gap` between their faces.
+fn facing(gap: f64) -> [Isometry3<f64>; 2] {
+    [1.0, -1.0].map(|side| {
+        let turn =
+            UnitQuaternion::from_axis_angle(&Vector3::y_axis(), side * std::f64::consts::FRAC_PI_2);
+        Isometry3::from_parts(Vector3::new(-side * 0.5 * gap, 0.0, 0.0).into(), turn)
+    })
+}
+
+#[test]
+fn a_ball_between_two_pads_finds_the_middle_and_carries_its_load() {
+    let pad = block(GEL, 3, rough(0.6));
+    let path: Vec<_> = (0..6).map(|i| facing(8.1 * MM - 0.2 * MM * f64::from(i))).collect();
+    let weight = Wrench { force: Vector3::new(0.0, 0.0, -0.02), torque: Vector3::zeros() };
+    for (load, start) in [(Wrench::default(), 0.03 * MM), (weight, 0.0)] {
+        // The pads first touch in the second frame, so a load is there only once they hold.
+        let closing = Grasp {
+            object: ball()[0].clone(),
+            start: Isometry3::translation(start, 0.0, 0.0),
+            path: if load.force == Vector3::zeros() {
+                Vec::clone(&path)
+            } else {
+                path[1..].to_vec()
+            },
+            load,
+        };
+        let frames = closing.solve([&pad, &pad]);
+        let last = frames.last().unwrap().as_ref().unwrap();
+        assert_eq!(frames.len(), closing.path.len());
+        let poses = facing(0.0);
+        let [left, right] = [0, 1].map(|i| poses[i].rotation * last.pads[i].wrench.force);
+        let net = (left + right - load.force).norm();
+        // Ten times the tolerance of a pad.
+        assert!(net < 1e-6, "{net} N unbalanced");
+        assert!(left.norm() > 0.3, "{left} N");
+        let middle = last.object.translation.vector.x;
+        assert!(middle.abs() < 1e-3 * MM, "{middle} m off the middle");
+    }
 }

@@ -23,12 +23,12 @@ const FARTHEST: f64 = 1.0;
 
 /// One press being solved: workspace and current state.
 pub(super) struct Run<'a> {
-    system: &'a System,
+    pub(super) system: &'a System,
     /// Number of the mesh's nodes, V.
     vertices: usize,
     limits: Limits,
-    matrix: Matrix,
-    state: State,
+    pub(super) matrix: Matrix,
+    pub(super) state: State,
     anchors: Vec<Anchor>,
     /// Force on the body in the last load step (N).
     held: Vector3<f64>,
@@ -37,9 +37,16 @@ pub(super) struct Run<'a> {
 }
 
 /// A converged load step.
-struct Solved {
-    balance: Balance,
-    forces: Forces,
+pub(super) struct Solved {
+    pub(super) balance: Balance,
+    pub(super) forces: Forces,
+}
+
+/// A load step and where it leads.
+pub(super) struct Attempt {
+    state: State,
+    anchors: Vec<Anchor>,
+    pub(super) solved: Solved,
 }
 
 impl<'a> Run<'a> {
@@ -233,11 +240,21 @@ impl<'a> Run<'a> {
         poses: Vec<Isometry3<f64>>,
         push: Option<&Push>,
     ) -> Result<Solved> {
+        let attempt = self.attempt(press.shapes(), poses, push)?;
+        Ok(self.accept(attempt))
+    }
+
+    /// Where a load step to `poses`, or from there on under `push`, would lead.
+    pub(super) fn attempt(
+        &mut self,
+        shapes: &[Shape],
+        poses: Vec<Isometry3<f64>>,
+        push: Option<&Push>,
+    ) -> Result<Attempt> {
         let system = self.system;
         let start = system.surface_places(&self.state.displacement);
         let from = self.state.poses.clone();
-        let mut contact =
-            ContactStep::new(press.shapes(), &system.surface, from, start, &self.anchors);
+        let mut contact = ContactStep::new(shapes, &system.surface, from, start, &self.anchors);
         let mut state = State { displacement: self.state.displacement.clone(), poses };
         if push.is_none() {
             self.extrapolate(&mut state, &mut contact);
@@ -246,12 +263,19 @@ impl<'a> Run<'a> {
             equilibrium(system, &mut self.matrix, &mut state, &mut contact, push, &self.limits)?;
         let back =
             |touch: &Touch| system.law.stuck_at(&system.surface[touch.point as usize], touch);
-        self.anchors = contact.anchors(&state.poses, &forces.touches, back);
+        let anchors = contact.anchors(&state.poses, &forces.touches, back);
+        Ok(Attempt { state, anchors, solved: Solved { balance, forces } })
+    }
+
+    /// Makes an attempt the current state.
+    pub(super) fn accept(&mut self, attempt: Attempt) -> Solved {
+        let Attempt { state, anchors, solved } = attempt;
+        self.anchors = anchors;
         let moved = state.displacement.iter().zip(&self.state.displacement);
         self.increment = moved.map(|(after, before)| after - before).collect();
-        self.held = self.wrench(&forces).force;
+        self.held = self.wrench(&solved.forces).force;
         self.state = state;
-        Ok(Solved { balance, forces })
+        solved
     }
 
     /// Starts `state` where the last load step's motion would lead, if less force is unbalanced there.
@@ -269,7 +293,7 @@ impl<'a> Run<'a> {
     }
 
     /// Resultant of all contact on the body.
-    fn wrench(&self, forces: &Forces) -> Wrench {
+    pub(super) fn wrench(&self, forces: &Forces) -> Wrench {
         let mut wrench = Wrench::default();
         for touch in &forces.touches {
             let force = self.system.contact_force(touch);
@@ -280,7 +304,7 @@ impl<'a> Run<'a> {
     }
 
     /// What the current state is, seen from outside.
-    fn report(&self, solved: &Solved) -> Deformation {
+    pub(super) fn report(&self, solved: &Solved) -> Deformation {
         let system = self.system;
         let mut contact_force = vec![Vector3::zeros(); self.state.displacement.len()];
         for touch in &solved.forces.touches {

@@ -11,6 +11,7 @@
 mod drive;
 mod element;
 mod gmres;
+mod grasp;
 mod material;
 mod newton;
 mod ordering;
@@ -33,6 +34,7 @@ use drive::Run;
 use system::System;
 
 pub use element::Element;
+pub use grasp::{Grasp, Grasped};
 
 /// How a [`Fem`] computes.
 #[derive(Clone, Copy, Debug, PartialEq)]
