@@ -19,6 +19,20 @@ pub enum Error {
         /// What would have been accepted.
         expected: String,
     },
+    /// Settings that could not be read at all: an unknown name, a wrong type.
+    #[error("{name}: {reason}")]
+    Setting {
+        /// Path of the setting.
+        name: String,
+        /// What was found and what was expected.
+        reason: String,
+    },
+    /// A snapshot that does not fit the environment it is given to.
+    #[error("state: {reason}")]
+    BadState {
+        /// What is wrong with it.
+        reason: String,
+    },
     /// A surface or volume mesh that cannot be used.
     #[error("mesh {name}: {reason}")]
     BadMesh {

@@ -5,10 +5,15 @@
 
 #![forbid(unsafe_code)]
 
-pub mod contact;
-pub mod deformation;
 pub mod error;
-pub mod fem;
 pub mod geometry;
+pub mod sensor;
+pub mod deformation;
+pub mod contact;
+pub mod fem;
+pub mod scene;
+pub mod task;
+pub mod render;
+pub mod env;
 
 pub use error::{Error, Result};

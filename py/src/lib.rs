@@ -1,1 +1,226 @@
-//! Python bindings of ruffini.
+//! `ruffini._core`: the Rust batch as Python sees it. Numbers cross as numpy arrays, settings as
+//! JSON, snapshots as bytes.
+
+use std::sync::Arc;
+
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::{
+    exceptions::{PyRuntimeError, PyValueError},
+    prelude::*,
+    types::{PyBytes, PyDict},
+};
+use ruffini_core::{
+    Error,
+    env::{Autoreset, Setup, StepResult},
+    scene::CATALOGUE,
+    task::{CHANNELS, Config, Ending, TERMS},
+};
+
+pyo3::create_exception!(
+    ruffini,
+    SimulationError,
+    PyRuntimeError,
+    "A computation that failed: an engine error, a press without a solution."
+);
+
+/// Bad arguments are a `ValueError`, the rest a `SimulationError`, with the same text.
+#[allow(clippy::needless_pass_by_value)] // For `map_err`.
+fn python_error(error: Error) -> PyErr {
+    match error {
+        Error::Invalid { .. }
+        | Error::Setting { .. }
+        | Error::BadState { .. }
+        | Error::BadMesh { .. }
+        | Error::File { .. } => PyValueError::new_err(error.to_string()),
+        _ => SimulationError::new_err(error.to_string()),
+    }
+}
+
+/// N environments stepped together.
+#[pyclass(module = "ruffini._core")]
+struct Batch {
+    inner: ruffini_core::env::Batch,
+}
+
+/// Observations (N, D), rewards (N), terminated (N), truncated (N), reward terms (N, K), success
+/// (N), codes of the endings (N), and the rows that have started anew with their last observation.
+type Step<'py> = (
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<bool>>,
+    Bound<'py, PyArray1<bool>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<bool>>,
+    Bound<'py, PyArray1<u8>>,
+    Vec<(usize, Bound<'py, PyArray1<f32>>)>,
+);
+
+/// Name, lower bounds, upper bounds and unit of a channel's component.
+type Component = (&'static str, Vec<f32>, Vec<f32>, &'static str);
+
+#[pymethods]
+#[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
+impl Batch {
+    #[new]
+    fn new(settings: &str, num_envs: usize, num_threads: usize, autoreset: &str) -> PyResult<Self> {
+        let autoreset = match autoreset {
+            "NextStep" => Autoreset::NextStep,
+            "SameStep" => Autoreset::SameStep,
+            "Disabled" => Autoreset::Disabled,
+            other => {
+                let expected = "NextStep, SameStep or Disabled";
+                return Err(python_error(Error::invalid("autoreset_mode", other, expected)));
+            }
+        };
+        let setup = Setup::new(Config::from_json(settings).map_err(python_error)?);
+        let setup = Arc::new(setup.map_err(python_error)?);
+        let inner = ruffini_core::env::Batch::new(setup, num_envs, num_threads, autoreset);
+        Ok(Self { inner: inner.map_err(python_error)? })
+    }
+
+    /// Channels of the observation with their components.
+    fn layout(&self) -> Vec<(&'static str, Vec<Component>)> {
+        let components = |components: &[ruffini_core::task::Component]| {
+            components.iter().map(|c| (c.name, c.low.clone(), c.high.clone(), c.unit)).collect()
+        };
+        let channels = self.inner.setup().layout().channels();
+        channels.iter().map(|(name, parts)| (*name, components(parts))).collect()
+    }
+
+    /// Starts episodes in the rows of `mask`, or in all, after reseeding the rows that have a seed.
+    fn reset<'py>(
+        &mut self,
+        py: Python<'py>,
+        seeds: Option<Vec<Option<u64>>>,
+        mask: Option<PyReadonlyArray1<'py, bool>>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let mask = mask.map(|mask| mask.as_array().to_vec());
+        let batch = &mut self.inner;
+        let reset = || {
+            if let Some(seeds) = seeds {
+                batch.seed(&seeds)?;
+            }
+            batch.reset(mask.as_deref())
+        };
+        let observation = py.detach(reset).map_err(python_error)?;
+        self.rows(py, observation)
+    }
+
+    /// Takes one step; `actions` is (N, 5).
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        actions: PyReadonlyArray2<'py, f32>,
+    ) -> PyResult<Step<'py>> {
+        let columns = actions.as_array().ncols();
+        if columns != ruffini_core::task::ACTION_SIZE {
+            let found = format!("rows of {columns} numbers");
+            return Err(python_error(Error::invalid("actions", found, "rows of 5 numbers")));
+        }
+        let actions: Vec<f32> = actions.as_array().iter().copied().collect();
+        let batch = &mut self.inner;
+        let StepResult { observation, outcomes, finals } =
+            py.detach(|| batch.step(&actions)).map_err(python_error)?;
+        let column = |f: fn(&ruffini_core::env::Outcome) -> bool| {
+            PyArray1::from_iter(py, outcomes.iter().map(f))
+        };
+        let terms = PyArray1::from_iter(py, outcomes.iter().flat_map(|o| o.terms.values()));
+        Ok((
+            self.rows(py, observation)?,
+            PyArray1::from_iter(py, outcomes.iter().map(|o| o.reward)),
+            column(|o| o.terminated),
+            column(|o| o.truncated),
+            terms.reshape([outcomes.len(), TERMS.len()])?,
+            column(|o| o.is_success),
+            PyArray1::from_iter(py, outcomes.iter().map(|o| o.ending.map_or(0, Ending::code))),
+            finals.into_iter().map(|(i, last)| (i, PyArray1::from_vec(py, last))).collect(),
+        ))
+    }
+
+    /// A picture (height, width, 3) of one row's scene.
+    fn render<'py>(
+        &mut self,
+        py: Python<'py>,
+        row: usize,
+        width: usize,
+        height: usize,
+    ) -> PyResult<Bound<'py, PyArray3<u8>>> {
+        let batch = &mut self.inner;
+        let picture = py.detach(|| batch.render(row, width, height)).map_err(python_error)?;
+        PyArray1::from_vec(py, picture).reshape([height, width, 3])
+    }
+
+    /// Every row as bytes.
+    fn save<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyBytes>> {
+        self.inner.save().iter().map(|state| PyBytes::new(py, state)).collect()
+    }
+
+    /// Puts every row back to what `save` saved.
+    fn load<'py>(
+        &mut self,
+        py: Python<'py>,
+        states: Vec<Vec<u8>>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let observation = self.inner.load(&states).map_err(python_error)?;
+        self.rows(py, observation)
+    }
+
+    /// What the running episode of a row drew, and where its bodies are, in SI units; `None` before
+    /// the first reset.
+    fn look<'py>(&self, py: Python<'py>, row: usize) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let rows = self.inner.rows();
+        let found = rows.get(row).ok_or_else(|| {
+            python_error(Error::invalid("row", row, format!("less than {}", rows.len())))
+        })?;
+        let Some((state, draw)) = found.state() else { return Ok(None) };
+        let objects = &self.inner.setup().config().objects;
+        let pose = &state.object.pose;
+        let dict = PyDict::new(py);
+        dict.set_item("object", objects[draw.object].to_string())?;
+        dict.set_item("size", draw.scale)?;
+        dict.set_item("mass", draw.mass)?;
+        dict.set_item("friction", draw.friction)?;
+        dict.set_item("object_position", pose.translation.vector.as_slice().to_vec())?;
+        dict.set_item("object_quaternion", pose.rotation.coords.as_slice().to_vec())?;
+        let tool = state.wrist.pose.translation.vector;
+        dict.set_item("tool_position", tool.as_slice().to_vec())?;
+        dict.set_item("tool_yaw", state.wrist.yaw)?;
+        dict.set_item("opening", state.opening())?;
+        let wrenches = state.fingers.iter().map(|f| {
+            let (force, torque) = (f.wrench.force, f.wrench.torque);
+            force.iter().chain(torque.iter()).copied().collect::<Vec<f64>>()
+        });
+        dict.set_item("pad_wrenches", wrenches.collect::<Vec<_>>())?;
+        Ok(Some(dict))
+    }
+}
+
+impl Batch {
+    fn rows<'py>(&self, py: Python<'py>, values: Vec<f32>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let rows = self.inner.rows().len();
+        PyArray1::from_vec(py, values).reshape([rows, self.inner.setup().layout().size()])
+    }
+}
+
+/// The settings that hold where none are given, as JSON.
+#[pyfunction]
+fn default_settings() -> String {
+    serde_json::to_string(&Config::default()).expect("default settings are plain numbers and names")
+}
+
+/// The whole Python surface of the crate.
+#[pymodule]
+mod _core {
+    #[pymodule_export]
+    use super::{Batch, SimulationError, default_settings};
+    use super::{Bound, CATALOGUE, CHANNELS, Ending, PyModule, PyModuleMethods, PyResult, TERMS};
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("OBJECTS", CATALOGUE.to_vec())?;
+        module.add("CHANNELS", CHANNELS.to_vec())?;
+        module.add("REWARD_TERMS", TERMS.to_vec())?;
+        module.add("ENDINGS", Ending::ALL.map(Ending::name).to_vec())?;
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}

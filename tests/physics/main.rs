@@ -1,4 +1,7 @@
-//! What must hold for the simulated physics, against closed forms and conservation laws.
+//! Physics of the whole crate against closed forms, one binary.
 
+mod batch;
 mod bodies;
 mod fem;
+mod floors;
+mod grasp;

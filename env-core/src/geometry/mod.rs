@@ -1,13 +1,24 @@
 //! Shapes, surfaces and mesh files.
 
+mod cached;
 mod distance;
+#[cfg(test)]
+mod examples;
+mod field_file;
 mod mesh_file;
+mod pad_mesh;
 mod shape;
+mod star_shaped;
+mod stuffing;
 mod surface;
+mod tet_file;
 mod tet_mesh;
 
 pub use distance::Distance;
+pub use field_file::{Field, FieldOn};
 pub use mesh_file::read_surface;
-pub use shape::{Shape, StarShaped, Wave};
+pub use pad_mesh::{Grading, PadMesh, PadOutline};
+pub use shape::Shape;
+pub use star_shaped::{StarShaped, Wave};
 pub use surface::{MassProperties, Surface};
-pub use tet_mesh::TetMesh;
+pub use tet_mesh::{Incidence, MeshQuality, TetMesh};

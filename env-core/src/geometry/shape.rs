@@ -10,7 +10,7 @@ use std::{
 
 use nalgebra::Vector3;
 
-use super::Surface;
+use super::{StarShaped, Surface};
 use crate::{Error, Result};
 
 /// A closed solid in its own frame (m).
@@ -90,36 +90,6 @@ pub enum Shape {
     Mesh(Arc<Surface>),
 }
 
-/// An ellipsoid modulated by plane waves over the unit sphere:
-/// r(d) = r₀(d) (1 + Σᵢ aᵢ cos(kᵢ·d + φᵢ)), |d| = 1, r₀ the ellipsoid's radius along d.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StarShaped {
-    /// Semi-axes of the unmodulated ellipsoid (m).
-    pub semi_axes: Vector3<f64>,
-    /// Modulations; the sum of their amplitudes stays below 0.5.
-    pub waves: Vec<Wave>,
-}
-
-/// One modulation of a [`StarShaped`] solid.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Wave {
-    /// Relative amplitude a.
-    pub amplitude: f64,
-    /// Wave vector k (rad), over the unit sphere.
-    pub vector: Vector3<f64>,
-    /// Phase φ (rad).
-    pub phase: f64,
-}
-
-impl StarShaped {
-    /// Distance from the origin to the surface along the unit vector `direction` (m).
-    pub fn radius(&self, direction: &Vector3<f64>) -> f64 {
-        let ellipsoid = 1.0 / direction.component_div(&self.semi_axes).norm();
-        let wave = |w: &Wave| w.amplitude * (w.vector.dot(direction) + w.phase).cos();
-        ellipsoid * (1.0 + self.waves.iter().map(wave).sum::<f64>())
-    }
-}
-
 /// Longest allowed dimension of a shape (m): a hand-scale simulator.
 const LARGEST: f64 = 1.0;
 /// Shortest allowed dimension (m).
@@ -190,7 +160,7 @@ impl Shape {
                     *l *= factor;
                 }
             }
-            Self::StarShaped(star) => star.semi_axes *= factor,
+            Self::StarShaped(star) => *star = star.scaled(factor),
             Self::HalfSpace => {}
             Self::Mesh(surface) => *surface = Arc::new(surface.scaled(factor)),
         }
@@ -199,7 +169,10 @@ impl Shape {
 
     /// Watertight triangles, with about `segments` edges round a circle, or `None` for a half-space.
     pub fn surface(&self, segments: u32) -> Option<Surface> {
-        let ring = |profile: &[[f64; 2]]| Surface::revolved(profile, segments.max(8), 0.0);
+        let segments = segments.max(8);
+        // A flat faces +x, as a prism's does.
+        let ring =
+            |profile: &[[f64; 2]]| Surface::revolved(profile, segments, PI / f64::from(segments));
         Some(match self {
             Self::Sphere { radius } => Surface::radial(segments, |_| *radius),
             Self::Ellipsoid { semi_axes } => {
@@ -210,7 +183,7 @@ impl Shape {
             Self::Cylinder { radius: r, half_height: h } => {
                 ring(&[[0.0, -h], [*r, -h], [*r, *h], [0.0, *h]])
             }
-            Self::Cone { radius: r, half_height: h } => ring(&[[0.0, -h], [*r, -h], [0.0, *h]]),
+            Self::Cone { radius: r, half_height: h } => ring(&Self::cone_profile(*r, *h)),
             Self::Capsule { radius, half_height } => {
                 ring(&capsule_profile(*radius, *half_height, segments))
             }
@@ -221,31 +194,30 @@ impl Shape {
             Self::Annulus { outer, inner, half_height: h } => {
                 ring(&[[*outer, -h], [*outer, *h], [*inner, *h], [*inner, -h], [*outer, -h]])
             }
-            Self::Cup { bottom, rim, half_height: h, wall } => ring(&[
-                [0.0, -h],
-                [*bottom, -h],
-                [*rim, *h],
-                [rim - wall, *h],
-                [bottom - wall, wall - h],
-                [0.0, wall - h],
-            ]),
+            Self::Cup { bottom, rim, half_height: h, wall } => {
+                ring(&Self::cup_profile(*bottom, *rim, *h, *wall))
+            }
             Self::HalfSpace => return None,
             Self::Mesh(surface) => (**surface).clone(),
         })
     }
-}
 
-impl StarShaped {
-    fn validate(&self) -> Result<()> {
-        lengths("semi_axes", &self.semi_axes)?;
-        let sum: f64 = self.waves.iter().map(|w| w.amplitude.abs()).sum();
-        let finite =
-            self.waves.iter().all(|w| w.vector.iter().chain([&w.phase]).all(|x| x.is_finite()));
-        if !(sum < 0.5 && finite) {
-            let expected = "finite waves whose amplitudes add up to less than 0.5";
-            return Err(Error::invalid("waves", format!("amplitudes of {sum}"), expected));
-        }
-        Ok(())
+    /// (radius, z) points of a cone's side and base, solid on the left.
+    pub(super) fn cone_profile(radius: f64, half_height: f64) -> [[f64; 2]; 3] {
+        [[0.0, -half_height], [radius, -half_height], [0.0, half_height]]
+    }
+
+    /// (radius, z) points of a cup, solid on the left.
+    pub(super) fn cup_profile(bottom: f64, rim: f64, half_height: f64, wall: f64) -> [[f64; 2]; 6] {
+        let h = half_height;
+        [
+            [0.0, -h],
+            [bottom, -h],
+            [rim, h],
+            [rim - wall, h],
+            [bottom - wall, wall - h],
+            [0.0, wall - h],
+        ]
     }
 }
 
@@ -265,7 +237,7 @@ fn capsule_profile(radius: f64, half_height: f64, segments: u32) -> Vec<[f64; 2]
     profile
 }
 
-fn length(name: &str, value: f64) -> Result<()> {
+pub(super) fn length(name: &str, value: f64) -> Result<()> {
     if (SMALLEST..=LARGEST).contains(&value) {
         return Ok(());
     }
@@ -273,7 +245,7 @@ fn length(name: &str, value: f64) -> Result<()> {
     Err(Error::invalid(name, format!("{value} m"), expected))
 }
 
-fn lengths(name: &str, values: &Vector3<f64>) -> Result<()> {
+pub(super) fn lengths(name: &str, values: &Vector3<f64>) -> Result<()> {
     values.iter().try_for_each(|&value| length(name, value))
 }
 

@@ -7,6 +7,7 @@ use std::{collections::HashMap, f64::consts::TAU};
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
+use super::{Distance, cached::Cached, distance::TriangleTree};
 use crate::{Error, Result};
 
 /// A watertight, outward-oriented triangle surface (m).
@@ -14,6 +15,7 @@ use crate::{Error, Result};
 pub struct Surface {
     vertices: Vec<Point3<f64>>,
     triangles: Vec<[u32; 3]>,
+    tree: Cached<TriangleTree>,
 }
 
 /// Mass, centre and inertia of a solid of uniform density.
@@ -68,6 +70,21 @@ impl Surface {
         Ok(surface)
     }
 
+    /// A surface that needs no check.
+    fn from_parts(vertices: Vec<Point3<f64>>, triangles: Vec<[u32; 3]>) -> Self {
+        Self { vertices, triangles, tree: Cached::default() }
+    }
+
+    /// Signed distance to the surface and its gradient at `point` (m).
+    pub fn distance(&self, point: &Point3<f64>) -> Distance {
+        self.tree().distance(point)
+    }
+
+    /// The triangles prepared for queries, on first use.
+    pub(super) fn tree(&self) -> &TriangleTree {
+        self.tree.get_or_init(|| TriangleTree::new(&self.vertices, &self.triangles))
+    }
+
     /// Vertices (m).
     pub fn vertices(&self) -> &[Point3<f64>] {
         &self.vertices
@@ -118,16 +135,7 @@ impl Surface {
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
         let vertices = self.vertices.iter().map(|v| v * factor).collect();
-        Self { vertices, triangles: self.triangles.clone() }
-    }
-
-    /// Whether every vertex lies behind every triangle's plane, within `tolerance` (m).
-    pub fn is_convex(&self, tolerance: f64) -> bool {
-        self.triangles.iter().all(|corners| {
-            let [a, b, c] = corners.map(|i| self.vertices[i as usize]);
-            let Some(normal) = (b - a).cross(&(c - a)).try_normalize(0.0) else { return true };
-            self.vertices.iter().all(|v| (v - a).dot(&normal) <= tolerance)
-        })
+        Self::from_parts(vertices, self.triangles.clone())
     }
 
     /// Box with edges along the axes.
@@ -139,7 +147,7 @@ impl Surface {
         let faces =
             [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
         let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-        Self { vertices: (0..8).map(corner).collect(), triangles }
+        Self::from_parts((0..8).map(corner).collect(), triangles)
     }
 
     /// Surface swept by a profile of (radius, z) points turned about z in `segments` steps.
@@ -176,7 +184,7 @@ impl Surface {
                 }
             }
         }
-        Self { vertices, triangles }
+        Self::from_parts(vertices, triangles)
     }
 
     /// Surface at distance `radius(d)` from the origin along every unit vector d, from a subdivided
@@ -188,7 +196,7 @@ impl Surface {
             triangles = subdivide(&mut directions, &triangles);
         }
         let vertices = directions.iter().map(|d| Point3::from(radius(d) * d)).collect();
-        Self { vertices, triangles }
+        Self::from_parts(vertices, triangles)
     }
 
     /// A directed edge that is used twice, or whose reverse is not used.
@@ -223,7 +231,7 @@ fn merge_coincident(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Surface
         .map(|t| t.map(|i| renumbered[i as usize]))
         .filter(|[a, b, c]| a != b && b != c && c != a)
         .collect();
-    Surface { vertices: merged, triangles }
+    Surface::from_parts(merged, triangles)
 }
 
 fn icosahedron() -> (Vec<Vector3<f64>>, Vec<[u32; 3]>) {
@@ -267,28 +275,11 @@ fn subdivide(directions: &mut Vec<Vector3<f64>>, triangles: &[[u32; 3]]) -> Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Shape, StarShaped, Wave};
-
-    fn shapes() -> Vec<Shape> {
-        let v = Vector3::new(0.01, 0.02, 0.03);
-        let wave = Wave { amplitude: 0.1, vector: Vector3::new(3.0, 2.0, 1.0), phase: 0.3 };
-        vec![
-            Shape::Sphere { radius: 0.02 },
-            Shape::Cuboid { half_extents: v },
-            Shape::Cylinder { radius: 0.02, half_height: 0.03 },
-            Shape::Capsule { radius: 0.01, half_height: 0.02 },
-            Shape::Cone { radius: 0.02, half_height: 0.03 },
-            Shape::Prism { sides: 6, radius: 0.02, half_height: 0.03 },
-            Shape::Annulus { outer: 0.03, inner: 0.02, half_height: 0.01 },
-            Shape::Ellipsoid { semi_axes: v },
-            Shape::Cup { bottom: 0.02, rim: 0.03, half_height: 0.03, wall: 0.003 },
-            Shape::StarShaped(StarShaped { semi_axes: v, waves: vec![wave] }),
-        ]
-    }
+    use crate::geometry::{Shape, examples::solids};
 
     #[test]
     fn every_shape_has_a_watertight_outward_surface() {
-        for shape in shapes() {
+        for shape in solids() {
             let surface = shape.validated().unwrap().surface(32).unwrap();
             let checked = Surface::new("shape", &surface.vertices, &surface.triangles);
             assert_eq!(checked.as_ref(), Ok(&surface), "{surface:?}");

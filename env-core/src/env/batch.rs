@@ -1,0 +1,239 @@
+//! Many rows stepped together, on the threads of this process.
+
+use std::{mem, process, sync::Arc};
+
+use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
+
+use super::{Outcome, Row, Setup, snapshot};
+use crate::{Error, Result, render::SceneRenderer, task::ACTION_SIZE};
+
+/// When a row whose episode has ended starts the next one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Autoreset {
+    /// On the next step, which ignores its action.
+    NextStep,
+    /// In the same step; the last observation is kept apart.
+    SameStep,
+    /// Never: the caller resets rows by mask.
+    Disabled,
+}
+
+/// N rows with shared settings.
+pub struct Batch {
+    setup: Arc<Setup>,
+    rows: Vec<Row>,
+    autoreset: Autoreset,
+    threads: usize,
+    /// The pool and the process that started it: a forked child has none of its threads.
+    pool: Option<(u32, ThreadPool)>,
+    /// The latest observation (N, D).
+    observation: Vec<f32>,
+    /// Shared by all rows, and there only once a picture was asked for.
+    renderer: Option<SceneRenderer>,
+}
+
+/// What a step of the whole batch came to.
+#[derive(Clone, Debug, Default)]
+pub struct StepResult {
+    /// Observations (N, D).
+    pub observation: Vec<f32>,
+    /// One outcome a row.
+    pub outcomes: Vec<Outcome>,
+    /// Rows that ended in this step and have already started anew (same-step autoreset), with the
+    /// observation (D) that their episode ended with.
+    pub finals: Vec<(usize, Vec<f32>)>,
+}
+
+impl Batch {
+    /// A batch of `rows` rows that steps on up to `threads` threads. No thread starts before the
+    /// first step that needs one.
+    pub fn new(
+        setup: Arc<Setup>,
+        rows: usize,
+        threads: usize,
+        autoreset: Autoreset,
+    ) -> Result<Self> {
+        if !(1..=1_000_000).contains(&rows) {
+            return Err(Error::invalid("num_envs", rows, "1 to 1000000"));
+        }
+        if !(1..=1024).contains(&threads) {
+            return Err(Error::invalid("num_threads", threads, "1 to 1024"));
+        }
+        let observation = vec![0.0; rows * setup.layout().size()];
+        let rows = (0..rows as u64).map(Row::new).collect();
+        Ok(Self { setup, rows, autoreset, threads, pool: None, observation, renderer: None })
+    }
+
+    /// The shared settings.
+    pub fn setup(&self) -> &Arc<Setup> {
+        &self.setup
+    }
+
+    /// The rows.
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+
+    /// Restarts the random stream of every row that has a seed.
+    pub fn seed(&mut self, seeds: &[Option<u64>]) -> Result<()> {
+        self.expect_length("seed", seeds.len(), "one seed a row")?;
+        for (row, seed) in self.rows.iter_mut().zip(seeds) {
+            if let Some(seed) = seed {
+                row.seed(*seed);
+            }
+        }
+        Ok(())
+    }
+
+    /// Starts a new episode in the rows that `mask` names, or in all; all observations (N, D).
+    pub fn reset(&mut self, mask: Option<&[bool]>) -> Result<Vec<f32>> {
+        if let Some(mask) = mask {
+            self.expect_length("reset_mask", mask.len(), "one flag a row")?;
+            let fresh = self.rows.iter().zip(mask).position(|(row, m)| row.is_new() && !m);
+            if let Some(row) = fresh {
+                let found = format!("row {row} left out of its first reset");
+                return Err(Error::invalid("reset_mask", found, "all rows at first"));
+            }
+        }
+        let setup = self.setup.clone();
+        self.each(|i, row, observation| {
+            if mask.is_none_or(|mask| mask[i]) { row.reset(&setup, observation) } else { Ok(()) }
+        })?
+        .into_iter()
+        .collect::<Result<()>>()?;
+        Ok(self.observation.clone())
+    }
+
+    /// Takes one step in every row; `actions` is (N, 5).
+    pub fn step(&mut self, actions: &[f32]) -> Result<StepResult> {
+        let (actions, rest) = actions.as_chunks::<ACTION_SIZE>();
+        if !rest.is_empty() {
+            return Err(Error::invalid("actions", "a part of a row", "whole rows of 5"));
+        }
+        self.expect_length("actions", actions.len(), "one row of 5 an environment")?;
+        if let Some(i) = actions.iter().position(|a| !a.iter().all(|x| x.is_finite())) {
+            let found = format!("{:?} in row {i}", actions[i]);
+            return Err(Error::invalid("actions", found, "finite numbers"));
+        }
+        self.expect_started()?;
+        let (setup, autoreset) = (self.setup.clone(), self.autoreset);
+        let steps = self.each(|i, row, observation| {
+            one_step(&setup, autoreset, row, &actions[i], observation)
+        })?;
+        let mut result = StepResult { observation: self.observation.clone(), ..Default::default() };
+        for (i, step) in steps.into_iter().enumerate() {
+            let (outcome, last) = step?;
+            result.outcomes.push(outcome);
+            result.finals.extend(last.map(|last| (i, last)));
+        }
+        Ok(result)
+    }
+
+    /// A picture (height, width, 3), sRGB, of one row's scene.
+    pub fn render(&mut self, row: usize, width: usize, height: usize) -> Result<Vec<u8>> {
+        let state = self.rows.get(row).and_then(Row::state);
+        let Some((state, draw)) = state else {
+            return Err(Error::invalid("render", format!("row {row}"), "a row that was reset"));
+        };
+        let shape = self.setup.models()[draw.object].shape().scaled(draw.scale);
+        let mut renderer = match self.renderer.take() {
+            Some(renderer) if renderer.size() == (width, height) => renderer,
+            _ => SceneRenderer::new(width, height)?,
+        };
+        let picture = renderer.draw(&state, &shape);
+        self.renderer = Some(renderer);
+        picture
+    }
+
+    /// Every row as bytes.
+    pub fn save(&self) -> Vec<Vec<u8>> {
+        let size = self.setup.layout().size();
+        let rows = self.rows.iter().zip(self.observation.chunks(size));
+        rows.map(|(row, observation)| snapshot::save(row, observation, &self.setup)).collect()
+    }
+
+    /// Puts every row back to what [`Batch::save`] saved; on an error nothing changes. All
+    /// observations (N, D).
+    pub fn load(&mut self, states: &[impl AsRef<[u8]>]) -> Result<Vec<f32>> {
+        self.expect_length("state", states.len(), "one snapshot a row")?;
+        let (mut rows, mut observation) = (Vec::new(), Vec::new());
+        for state in states {
+            let (row, latest) = snapshot::load(state.as_ref(), &self.setup)?;
+            rows.push(row);
+            observation.extend(latest);
+        }
+        (self.rows, self.observation) = (rows, observation);
+        Ok(self.observation.clone())
+    }
+
+    fn expect_length(&self, name: &str, found: usize, expected: &str) -> Result<()> {
+        let rows = self.rows.len();
+        if found == rows {
+            return Ok(());
+        }
+        Err(Error::invalid(name, format!("{found} of them"), format!("{expected}: {rows}")))
+    }
+
+    fn expect_started(&self) -> Result<()> {
+        let started = |row: &Row| match self.autoreset {
+            Autoreset::Disabled => !row.needs_reset(),
+            _ => !row.is_new(),
+        };
+        let Some(row) = self.rows.iter().position(|row| !started(row)) else { return Ok(()) };
+        let found = format!("row {row} without a running episode");
+        Err(Error::invalid("step", found, "a reset before it"))
+    }
+
+    /// What `act` returns for each row, its index and its observation (D).
+    fn each<T: Send>(
+        &mut self,
+        act: impl Fn(usize, &mut Row, &mut [f32]) -> T + Sync,
+    ) -> Result<Vec<T>> {
+        let size = self.setup.layout().size();
+        self.start_threads()?;
+        let (rows, observation) = (&mut self.rows, &mut self.observation);
+        let Some((_, pool)) = &self.pool else {
+            let rows = rows.iter_mut().zip(observation.chunks_mut(size)).enumerate();
+            return Ok(rows.map(|(i, (row, observation))| act(i, row, observation)).collect());
+        };
+        let rows = rows.par_iter_mut().zip(observation.par_chunks_mut(size)).enumerate();
+        Ok(pool.install(|| rows.map(|(i, (row, o))| act(i, row, o)).collect()))
+    }
+
+    /// Starts the pool if this process needs one and has none.
+    fn start_threads(&mut self) -> Result<()> {
+        let (wanted, process) = (self.threads.min(self.rows.len()), process::id());
+        if wanted == 1 || self.pool.as_ref().is_some_and(|(owner, _)| *owner == process) {
+            return Ok(());
+        }
+        // The parent's pool cannot be dropped here: its threads are not there to be joined.
+        mem::forget(self.pool.take());
+        let pool = ThreadPoolBuilder::new().num_threads(wanted).build();
+        let pool =
+            pool.map_err(|error| Error::invalid("num_threads", error, "threads to start"))?;
+        self.pool = Some((process, pool));
+        Ok(())
+    }
+}
+
+/// One row's share of a step: its outcome, and its last observation (D) if it has started anew.
+fn one_step(
+    setup: &Setup,
+    autoreset: Autoreset,
+    row: &mut Row,
+    action: &[f32; ACTION_SIZE],
+    observation: &mut [f32],
+) -> Result<(Outcome, Option<Vec<f32>>)> {
+    if autoreset == Autoreset::NextStep && row.needs_reset() {
+        row.reset(setup, observation)?;
+        return Ok((Outcome::default(), None));
+    }
+    let mut scratch = vec![0.0; observation.len()];
+    let outcome = row.step(setup, action, observation, &mut scratch);
+    if autoreset != Autoreset::SameStep || !row.needs_reset() {
+        return Ok((outcome, None));
+    }
+    let last = observation.to_vec();
+    row.reset(setup, observation)?;
+    Ok((outcome, Some(last)))
+}

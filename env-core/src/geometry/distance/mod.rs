@@ -1,0 +1,76 @@
+//! Signed distance from a point to a shape, its gradient, and the gap along a ray.
+//!
+//! Points, normals and rays are in the shape's own frame ([`Shape`]). Every solid of a closed form
+//! answers exactly; ellipsoids and star-shaped solids by a Newton iteration to rounding; meshes by
+//! the nearest of their triangles, exact in f64. On the medial axis, where the gradient does not
+//! exist, the normal is that of one of the nearest surface points.
+
+mod ellipsoid;
+mod ray;
+mod solids;
+mod star;
+mod triangles;
+
+use nalgebra::{Point3, Vector3};
+
+use super::Shape;
+pub(super) use triangles::TriangleTree;
+
+/// Where a point stands to a shape.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distance {
+    /// Distance to the surface (m), negative inside.
+    pub value: f64,
+    /// Gradient of the distance: the outward unit normal at the nearest surface point.
+    pub normal: Vector3<f64>,
+}
+
+impl Distance {
+    /// From the vector `offset` that leads from a sharp edge or corner to the point, on the side
+    /// that `outward` says; the direction `outward` itself where the point lies on the edge.
+    fn from_edge(offset: &Vector3<f64>, outward: &Vector3<f64>) -> Self {
+        let sign = if offset.dot(outward) < 0.0 { -1.0 } else { 1.0 };
+        let (length, normal) = length_and_direction(offset, outward);
+        Self { value: sign * length, normal: sign * normal }
+    }
+}
+
+/// Length of `v` and its direction, or that of `fallback` where `v` has none.
+fn length_and_direction(v: &Vector3<f64>, fallback: &Vector3<f64>) -> (f64, Vector3<f64>) {
+    // Scaled first, so that the square of a tiny length does not vanish.
+    let scale = v.amax();
+    let unit = if scale > 0.0 { v / scale } else { *fallback };
+    (v.norm(), unit.normalize())
+}
+
+impl Shape {
+    /// Signed distance and its gradient at `point`, in the shape's frame (m).
+    pub fn distance(&self, point: &Point3<f64>) -> Distance {
+        let p = &point.coords;
+        match self {
+            Self::Sphere { radius } => solids::sphere(p, *radius),
+            Self::Cuboid { half_extents } => solids::cuboid(p, half_extents),
+            Self::Cylinder { radius, half_height } => solids::cylinder(p, *radius, *half_height),
+            Self::Capsule { radius, half_height } => solids::capsule(p, *radius, *half_height),
+            Self::Prism { sides, radius, half_height } => {
+                solids::prism(p, *sides, *radius, *half_height)
+            }
+            Self::Annulus { outer, inner, half_height } => {
+                solids::annulus(p, *outer, *inner, *half_height)
+            }
+            Self::Cone { radius: r, half_height: h } => {
+                solids::revolved(p, &Self::cone_profile(*r, *h))
+            }
+            Self::Cup { bottom, rim, half_height, wall } => {
+                solids::revolved(p, &Self::cup_profile(*bottom, *rim, *half_height, *wall))
+            }
+            Self::Ellipsoid { semi_axes } => ellipsoid::distance(p, semi_axes),
+            Self::StarShaped(star) => star.distance(point),
+            Self::HalfSpace => Distance { value: p.z, normal: Vector3::z() },
+            Self::Mesh(surface) => surface.distance(point),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,41 @@
+//! What the tests of this module share: one solid of every kind, and points spread over a box.
+
+use nalgebra::{Point3, Vector3};
+
+use super::{Shape, StarShaped, Wave};
+
+/// One solid of every kind that has a finite surface and is not a mesh.
+pub(super) fn solids() -> Vec<Shape> {
+    let v = Vector3::new(0.01, 0.02, 0.03);
+    let wave = Wave { amplitude: 0.1, vector: Vector3::new(3.0, 2.0, 1.0), phase: 0.3 };
+    vec![
+        Shape::Sphere { radius: 0.02 },
+        Shape::Cuboid { half_extents: v },
+        Shape::Cylinder { radius: 0.02, half_height: 0.03 },
+        Shape::Capsule { radius: 0.01, half_height: 0.02 },
+        Shape::Cone { radius: 0.02, half_height: 0.03 },
+        Shape::Prism { sides: 6, radius: 0.02, half_height: 0.03 },
+        Shape::Prism { sides: 3, radius: 0.02, half_height: 0.01 },
+        Shape::Annulus { outer: 0.03, inner: 0.02, half_height: 0.01 },
+        Shape::Ellipsoid { semi_axes: v },
+        Shape::Cup { bottom: 0.02, rim: 0.03, half_height: 0.03, wall: 0.003 },
+        Shape::Cup { bottom: 0.03, rim: 0.02, half_height: 0.02, wall: 0.004 },
+        Shape::StarShaped(StarShaped::new(v, vec![wave])),
+    ]
+}
+
+/// The first `count` points of a Halton sequence in the cube from −`half` to `half` on every axis.
+pub(super) fn points(count: u32, half: f64) -> impl Iterator<Item = Point3<f64>> {
+    let radical_inverse = |base: u32, mut i: u32| {
+        let (mut value, mut digit) = (0.0, 1.0);
+        while i > 0 {
+            digit /= f64::from(base);
+            value += digit * f64::from(i % base);
+            i /= base;
+        }
+        value
+    };
+    (1..=count).map(move |i| {
+        Point3::from([2, 3, 5].map(|base| half * (2.0 * radical_inverse(base, i) - 1.0)))
+    })
+}

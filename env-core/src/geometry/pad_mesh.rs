@@ -1,0 +1,446 @@
+//! Graded tetrahedra for gel pads.
+//!
+//! Pad frame: x across, y along, z out of the gel; the origin is the apex, the centre of the
+//! undeformed face, and the bonded base is the plane z = −thickness.
+//!
+//! A tensor grid of columns is cut into Kuhn's six tetrahedra a cell, mirrored from cell to cell so
+//! that no diagonal direction is preferred. Every such tetrahedron has one vertical edge and spans
+//! a triangle of its column's plan, so its volume is plan area × edge / 3: positive for any height
+//! of the face. Spacing is constant in the contact zone and grows linearly with the distance from
+//! it: with the density 1/h(s), nodes stand at equal steps of N(s) = ∫ ds / h(s).
+
+use nalgebra::Point3;
+use serde::Deserialize;
+
+use super::TetMesh;
+use crate::{Error, Result};
+
+/// The undeformed shape of a gel pad: a rectangular block with a crowned face.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct PadOutline {
+    /// Extent along y (m).
+    pub length: f64,
+    /// Extent along x (m).
+    pub width: f64,
+    /// Height of the apex above the base (m).
+    pub thickness: f64,
+    /// Radius of the face along y (m), infinite if straight.
+    pub radius_along: f64,
+    /// Radius of the face along x (m), infinite if straight.
+    pub radius_across: f64,
+    /// Width of the rim along which the face rolls off towards the sides (m), 0 if sharp.
+    pub rim_width: f64,
+    /// Radius of that roll-off (m): the width for a fillet that meets the sides smoothly, more for
+    /// one that meets them at an angle.
+    pub rim_radius: f64,
+}
+
+/// How fine a pad is meshed, and where.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grading {
+    /// Distance between nodes in the contact zone (m).
+    pub spacing: f64,
+    /// Half-extent of the contact zone across and along, and its depth under the face (m).
+    pub zone: [f64; 3],
+    /// Growth of the spacing per distance from the zone: 0.3 makes neighbours differ by about 30 %.
+    pub growth: f64,
+}
+
+/// A meshed pad: V nodes in layers of equal plan, T tetrahedra in grid cells.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PadMesh {
+    /// Vertices (V, 3) in the pad frame, face first, layer by layer; tetrahedra six to a grid cell.
+    pub mesh: TetMesh,
+    /// Nodes bonded to the base.
+    pub base: Vec<u32>,
+    /// Nodes of the face.
+    pub face: Vec<u32>,
+    /// Triangles of the face, counter-clockwise seen from outside.
+    pub face_triangles: Vec<[u32; 3]>,
+    /// Grid cells across, along and through the thickness.
+    pub cells: [u32; 3],
+}
+
+/// Fewest and most nodes that a pad is meshed with.
+const NODES: std::ops::RangeInclusive<usize> = 100..=200_000;
+
+impl PadOutline {
+    /// A block with a flat face and sharp edges.
+    pub fn flat(length: f64, width: f64, thickness: f64) -> Self {
+        let (radius_along, radius_across) = (f64::INFINITY, f64::INFINITY);
+        let (rim_width, rim_radius) = (0.0, 0.0);
+        Self { length, width, thickness, radius_along, radius_across, rim_width, rim_radius }
+    }
+
+    /// This outline, if it describes a block that is higher than 0 at its edges.
+    pub fn validated(self) -> Result<Self> {
+        let extents =
+            [("length", self.length), ("width", self.width), ("thickness", self.thickness)];
+        for (name, value) in extents {
+            if !(value > 1e-4 && value < 1.0) {
+                return Err(Error::invalid(name, format!("{value} m"), "1e-4 to 1 m"));
+            }
+        }
+        let radii = [
+            ("radius_along", self.radius_along, 0.5 * self.length),
+            ("radius_across", self.radius_across, 0.5 * self.width),
+        ];
+        for (name, radius, half) in radii {
+            if radius.is_nan() || radius < half {
+                let expected = format!("half of the extent ({half} m) or more");
+                return Err(Error::invalid(name, format!("{radius} m"), expected));
+            }
+        }
+        let most = (0.5 * self.length.min(self.width)).min(self.rim_radius);
+        if !(self.rim_width >= 0.0 && self.rim_width <= most) {
+            let expected = format!("0 to its radius and half of the shorter side ({most} m)");
+            return Err(Error::invalid("rim_width", format!("{} m", self.rim_width), expected));
+        }
+        let edge = self.thickness + self.height(0.5 * self.width, 0.5 * self.length);
+        if edge <= 0.05 * self.thickness {
+            let found = format!("{edge:.2e} m at the corners");
+            return Err(Error::invalid("pad height", found, "more than 5 % of the thickness"));
+        }
+        Ok(self)
+    }
+
+    /// Height of the face at (x, y) (m): 0 at the apex, negative elsewhere.
+    pub fn height(&self, x: f64, y: f64) -> f64 {
+        let beyond = |p: f64, extent: f64| (p.abs() - (0.5 * extent - self.rim_width)).max(0.0);
+        // Round the corners the rim keeps its width and ends at one height.
+        let over = beyond(x, self.width).hypot(beyond(y, self.length)).min(self.rim_width);
+        let crown = sagitta(x, self.radius_across) + sagitta(y, self.radius_along);
+        -crown - sagitta(over, self.rim_radius)
+    }
+}
+
+/// Drop of a circle of `radius` at `p` from its top: r − √(r² − p²) without cancellation.
+fn sagitta(p: f64, radius: f64) -> f64 {
+    if p == 0.0 || radius.is_infinite() {
+        return 0.0;
+    }
+    p * p / (radius + (radius * radius - p * p).max(0.0).sqrt())
+}
+
+impl Grading {
+    /// Spacing `spacing` (m) in the middle half of the face and the upper quarter of the gel.
+    pub fn central(outline: &PadOutline, spacing: f64) -> Self {
+        let PadOutline { width, length, thickness, .. } = *outline;
+        let half = 0.25 * width.min(length);
+        Self { spacing, zone: [half, half, 0.25 * thickness], growth: 0.3 }
+    }
+
+    /// The same spacing (m) everywhere.
+    pub fn uniform(spacing: f64) -> Self {
+        Self { spacing, zone: [f64::INFINITY; 3], growth: 0.0 }
+    }
+
+    /// Intervals of nodes from 0 to `extent` along axis `axis`: N(extent), rounded up.
+    fn intervals(&self, axis: usize, extent: f64) -> u32 {
+        // An exact multiple must not round up by an ulp.
+        (self.nodes_before(axis, extent) - 1e-9).ceil().max(1.0) as u32
+    }
+
+    /// N(s) = ∫ ds / h(s), h = spacing + growth · (distance from the zone).
+    fn nodes_before(&self, axis: usize, s: f64) -> f64 {
+        let fine = s.min(self.zone[axis]);
+        let coarse = self.growth * (s - fine) / self.spacing;
+        let grown = if coarse > 0.0 { coarse.ln_1p() / self.growth } else { 0.0 };
+        fine / self.spacing + grown
+    }
+
+    /// Positions of nodes from 0 to `extent`: N inverted at equal steps.
+    fn positions(&self, axis: usize, extent: f64) -> Vec<f64> {
+        let intervals = self.intervals(axis, extent);
+        let (all, zone) = (self.nodes_before(axis, extent), self.zone[axis] / self.spacing);
+        let position = |i: u32| {
+            let n = all * f64::from(i) / f64::from(intervals);
+            let fine = n.min(zone);
+            let coarse = self.growth * (n - fine);
+            let grown = if coarse > 0.0 { coarse.exp_m1() / self.growth } else { 0.0 };
+            self.spacing * (fine + grown)
+        };
+        (0..intervals).map(position).chain([extent]).collect()
+    }
+
+    fn validated(&self) -> Result<()> {
+        if !(self.spacing.is_finite() && self.spacing > 0.0) {
+            let found = format!("{} m", self.spacing);
+            return Err(Error::invalid("spacing", found, "a length above 0"));
+        }
+        if !(0.0..=2.0).contains(&self.growth) {
+            return Err(Error::invalid("growth", self.growth, "0 to 2"));
+        }
+        if !self.zone.iter().all(|&z| z >= 0.0) {
+            return Err(Error::invalid("zone", format!("{:?} m", self.zone), "lengths from 0"));
+        }
+        Ok(())
+    }
+}
+
+impl PadMesh {
+    /// Tetrahedra for a pad, finest in its contact zone.
+    pub fn new(outline: &PadOutline, grading: &Grading) -> Result<Self> {
+        let outline = outline.validated()?;
+        grading.validated()?;
+        let count = node_count(&outline, grading);
+        if count > *NODES.end() as f64 {
+            let found = format!("{count} nodes at a spacing of {} m", grading.spacing);
+            return Err(Error::invalid("pad mesh", found, format!("at most {}", NODES.end())));
+        }
+        let across = mirrored(&grading.positions(0, 0.5 * outline.width));
+        let along = mirrored(&grading.positions(1, 0.5 * outline.length));
+        let down = grading.positions(2, outline.thickness);
+        let [nx, ny, nz] = [&across, &along, &down].map(Vec::len);
+        let mut vertices = Vec::with_capacity(nx * ny * nz);
+        for depth in &down {
+            for &y in &along {
+                for &x in &across {
+                    // Depths are those under the apex; other columns are shortened.
+                    let share = 1.0 - depth / outline.thickness;
+                    let height = outline.thickness + outline.height(x, y);
+                    vertices.push(Point3::new(x, y, share * height - outline.thickness));
+                }
+            }
+        }
+        let mesh = TetMesh::new("pad", vertices, kuhn(nx, ny, nz))?;
+        let (plane, all) = ((nx * ny) as u32, (nx * ny * nz) as u32);
+        let face_triangles = mesh.boundary();
+        Ok(Self {
+            base: (all - plane..all).collect(),
+            face: (0..plane).collect(),
+            face_triangles: face_triangles
+                .into_iter()
+                .filter(|triangle| triangle.iter().all(|&i| i < plane))
+                .collect(),
+            cells: [nx, ny, nz].map(|n| n as u32 - 1),
+            mesh,
+        })
+    }
+
+    /// The finest [`Grading::central`] mesh of at most `nodes` nodes.
+    pub fn with_nodes(outline: &PadOutline, nodes: usize) -> Result<Self> {
+        if !NODES.contains(&nodes) {
+            let expected = format!("{} to {}", NODES.start(), NODES.end());
+            return Err(Error::invalid("nodes", nodes, expected));
+        }
+        let outline = outline.validated()?;
+        let fits = |h: f64| node_count(&outline, &Grading::central(&outline, h)) <= nodes as f64;
+        // The count falls in steps as the spacing grows: halve the interval down to one step.
+        let (mut fine, mut coarse) = (1e-3 * outline.thickness, outline.length.max(outline.width));
+        while coarse > fine * (1.0 + 1e-6) {
+            let middle = (fine * coarse).sqrt();
+            *(if fits(middle) { &mut coarse } else { &mut fine }) = middle;
+        }
+        Self::new(&outline, &Grading::central(&outline, coarse))
+    }
+
+    /// Layer of `node`: 0 on the face, `cells[2]` on the base.
+    pub fn layer(&self, node: u32) -> u32 {
+        node / self.face.len() as u32
+    }
+
+    /// Grid cell of tetrahedron `tet`.
+    pub fn cell(&self, tet: u32) -> u32 {
+        tet / 6
+    }
+}
+
+fn node_count(outline: &PadOutline, grading: &Grading) -> f64 {
+    let extents = [0.5 * outline.width, 0.5 * outline.length, outline.thickness];
+    let [x, y, z] = [0, 1, 2].map(|axis| f64::from(grading.intervals(axis, extents[axis])));
+    (2.0 * x + 1.0) * (2.0 * y + 1.0) * (z + 1.0)
+}
+
+/// Positions on both sides of 0, from those from 0 on.
+fn mirrored(half: &[f64]) -> Vec<f64> {
+    half[1..].iter().rev().map(|x| -x).chain(half.iter().copied()).collect()
+}
+
+/// Kuhn's six tetrahedra for every cell of an nx × ny × nz grid of nodes, x fastest: the paths from
+/// one corner of the cell to the opposite one along its edges. In every second cell along an axis
+/// the paths run the other way, so that neighbours agree on their common diagonal.
+fn kuhn(nx: usize, ny: usize, nz: usize) -> Vec<[u32; 4]> {
+    const PATHS: [[usize; 3]; 6] =
+        [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+    let stride = [1, nx, nx * ny];
+    let mut tets = Vec::with_capacity(6 * (nx - 1) * (ny - 1) * (nz - 1));
+    for k in 0..nz - 1 {
+        for j in 0..ny - 1 {
+            for i in 0..nx - 1 {
+                let cell = [i, j, k];
+                let from: usize = (0..3).map(|a| (cell[a] + cell[a] % 2) * stride[a]).sum();
+                tets.extend(PATHS.map(|path| {
+                    let mut node = from;
+                    let mut step = |axis: usize| {
+                        let back = cell[axis] % 2 == 1;
+                        node = if back { node - stride[axis] } else { node + stride[axis] };
+                        node as u32
+                    };
+                    [from as u32, step(path[0]), step(path[1]), step(path[2])]
+                }));
+            }
+        }
+    }
+    tets
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The outline of a common sensor with every feature.
+    fn crowned() -> PadOutline {
+        PadOutline {
+            length: 0.02525,
+            width: 0.02075,
+            thickness: 0.004,
+            radius_along: 0.210,
+            radius_across: 0.133,
+            rim_width: 0.00287,
+            rim_radius: 0.00524,
+        }
+    }
+
+    fn outlines() -> [PadOutline; 2] {
+        [crowned(), PadOutline::flat(0.02525, 0.02075, 0.004)]
+    }
+
+    #[test]
+    fn every_resolution_keeps_its_quality_and_budget() {
+        // Nodes asked for, and the smallest dihedral angle (degrees) of the crowned and flat pad.
+        let table = [
+            (500, [17.0, 28.0]),
+            (1000, [11.0, 19.0]),
+            (3000, [9.0, 16.0]),
+            (10_000, [5.5, 10.5]),
+            (15_000, [5.0, 9.0]),
+        ];
+        for (nodes, least) in table {
+            for (outline, least) in outlines().iter().zip(least) {
+                let pad = PadMesh::with_nodes(outline, nodes).unwrap();
+                let (count, quality) = (pad.mesh.vertices.len(), pad.mesh.quality());
+                assert!(count <= nodes && count > nodes * 4 / 5, "{count} nodes for {nodes}");
+                let found = quality.min_dihedral.to_degrees();
+                assert!(found > least, "{count} nodes: {found}°, expected {least}° or more");
+                let most = quality.max_dihedral.to_degrees();
+                assert!(most < 117.0, "{count} nodes: {most}°, expected 117° or less");
+            }
+        }
+    }
+
+    #[test]
+    fn fifteen_thousand_nodes_reach_the_spacing_of_truth_meshes() {
+        let pad = PadMesh::with_nodes(&crowned(), 15_000).unwrap();
+        let zone = |i: &u32| {
+            let p = pad.mesh.vertices[*i as usize];
+            p.x.abs() < 0.005 && p.y.abs() < 0.005
+        };
+        let inside = pad.face_triangles.iter().filter(|t| t.iter().all(zone));
+        let longest = inside.flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).map(|edge| {
+            let [a, b] = edge.map(|i| pad.mesh.vertices[i as usize]);
+            (a - b).abs().max()
+        });
+        let spacing = longest.fold(0.0, f64::max);
+        assert!(spacing < 0.37e-3, "{spacing} m between nodes of the contact zone");
+    }
+
+    #[test]
+    fn the_volume_converges_to_that_under_the_face() {
+        for outline in outlines() {
+            // Midpoint rule, 400 × 400.
+            let (n, PadOutline { width, length, thickness, .. }) = (400, outline);
+            let at = |i: u32, extent: f64| ((f64::from(i) + 0.5) / f64::from(n) - 0.5) * extent;
+            let heights = (0..n * n).map(|i| outline.height(at(i / n, width), at(i % n, length)));
+            let mean = thickness + heights.sum::<f64>() / f64::from(n * n);
+            let exact = width * length * mean;
+            let error = |h: f64| {
+                let pad = PadMesh::new(&outline, &Grading::uniform(h)).unwrap();
+                pad.mesh.volume() / exact - 1.0
+            };
+            let (coarse, fine) = (error(1.2e-3), error(0.4e-3));
+            // Linear facets under a face of slope jumps: second order, (0.4 mm)²/8/5.2 mm of 4 mm.
+            assert!(fine.abs() < 1e-3, "{fine} of {exact} m³");
+            // The midpoint sum of 160,000 terms itself is good to 1e-11.
+            assert!(fine.abs() <= coarse.abs() / 3.0 + 1e-11, "{coarse}, then {fine}");
+        }
+    }
+
+    #[test]
+    fn base_and_face_lie_where_the_frame_says() {
+        for outline in outlines() {
+            let pad = PadMesh::with_nodes(&outline, 1000).unwrap();
+            let at = |i: u32| pad.mesh.vertices[i as usize];
+            assert!(pad.base.iter().all(|&i| (at(i).z + 0.004).abs() < 1e-18));
+            for &i in &pad.face {
+                let (p, exact) = (at(i), outline.height(at(i).x, at(i).y));
+                assert!((p.z - exact).abs() < 1e-15, "{p}: face at {exact} m");
+                assert_eq!(pad.layer(i), 0);
+            }
+            assert!(pad.face.iter().any(|&i| at(i).coords.norm() < 1e-15), "no node at the apex");
+            assert!(pad.base.iter().all(|&i| pad.layer(i) == pad.cells[2]));
+            let on_face: f64 = pad
+                .face_triangles
+                .iter()
+                .map(|t| {
+                    let [a, b, c] = t.map(|i| at(i).xy());
+                    0.5 * (b - a).perp(&(c - a))
+                })
+                .sum();
+            let plan = outline.width * outline.length;
+            assert!((on_face / plan - 1.0).abs() < 1e-12, "{on_face} m² over {plan} m²");
+        }
+    }
+
+    #[test]
+    fn the_mesh_is_its_own_mirror_image() {
+        let pad = PadMesh::with_nodes(&crowned(), 1000).unwrap();
+        let key = |p: Point3<f64>| [p.x, p.y, p.z].map(|x| (x * 1e12).round() as i64);
+        let tets = |signs: [f64; 2]| {
+            let mirrored = |i: u32| {
+                let p = pad.mesh.vertices[i as usize];
+                key(Point3::new(p.x * signs[0], p.y * signs[1], p.z))
+            };
+            let mut all: Vec<_> = pad.mesh.tets.iter().map(|t| t.map(mirrored)).collect();
+            for tet in &mut all {
+                tet.sort_unstable();
+            }
+            all.sort_unstable();
+            all
+        };
+        let straight = tets([1.0, 1.0]);
+        assert_eq!(tets([-1.0, 1.0]), straight);
+        assert_eq!(tets([1.0, -1.0]), straight);
+    }
+
+    #[test]
+    fn six_tetrahedra_fill_each_cell() {
+        let grading = Grading { spacing: 0.5e-3, zone: [2e-3, 3e-3, 1e-3], growth: 0.5 };
+        let pad = PadMesh::new(&PadOutline::flat(0.02, 0.01, 0.003), &grading).unwrap();
+        let [nx, ny, _] = pad.cells;
+        for (t, tet) in pad.mesh.tets.iter().enumerate() {
+            let cell = pad.cell(t as u32);
+            let low = [cell % nx, cell / nx % ny, cell / nx / ny];
+            for &node in tet {
+                let (i, j) = (node % (nx + 1), node / (nx + 1) % (ny + 1));
+                let at = [i, j, pad.layer(node)];
+                assert!((0..3).all(|a| at[a] == low[a] || at[a] == low[a] + 1), "{t}: {at:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn impossible_pads_are_named() {
+        let message = |outline: PadOutline| outline.validated().unwrap_err().to_string();
+        let flat = PadOutline::flat(0.02525, 0.02075, 0.004);
+        assert!(message(PadOutline { thickness: 0.0, ..flat }).starts_with("thickness"));
+        assert!(message(PadOutline { radius_along: 0.01, ..flat }).starts_with("radius_along"));
+        assert!(message(PadOutline { rim_width: 0.001, ..flat }).starts_with("rim_width"));
+        assert!(message(PadOutline { radius_across: 0.0105, ..flat }).starts_with("pad height"));
+        let fine = PadMesh::new(&flat, &Grading::uniform(1e-5)).unwrap_err().to_string();
+        assert!(fine.contains("at most 200000"), "{fine}");
+        assert!(PadMesh::new(&flat, &Grading::uniform(f64::NAN)).is_err());
+        assert!(PadMesh::with_nodes(&flat, 20).unwrap_err().to_string().starts_with("nodes"));
+    }
+}

@@ -1,0 +1,107 @@
+//! Where a picture is taken from, and the projection that follows.
+
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+
+use crate::{Error, Result};
+
+/// Nearest distance along the view axis that is drawn (m).
+const NEAR: f64 = 0.01;
+/// Farthest distance from the eye that is drawn (m).
+pub(super) const FAR: f64 = 20.0;
+
+/// A pinhole camera in the world frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// Position of the pinhole (m).
+    pub eye: Point3<f64>,
+    /// Point at the middle of the picture (m).
+    pub target: Point3<f64>,
+    /// Direction that appears upright.
+    pub up: Vector3<f64>,
+    /// Angle between the top and the bottom of the picture (rad).
+    pub vertical_fov: f64,
+}
+
+impl Default for Camera {
+    /// A view from the front left on a gripper that works near the origin.
+    fn default() -> Self {
+        Self {
+            eye: Point3::new(0.30, -0.42, 0.28),
+            target: Point3::new(0.0, 0.0, 0.09),
+            up: Vector3::z(),
+            vertical_fov: 0.60,
+        }
+    }
+}
+
+/// A camera with a raster behind it.
+#[derive(Clone, Debug)]
+pub(super) struct View {
+    pub(super) eye: Point3<f64>,
+    /// Rows: right, up, forward.
+    rotation: Matrix3<f64>,
+    /// Clip-space units per tangent, along x and y.
+    focal: [f64; 2],
+    /// Raster size (samples).
+    size: [f64; 2],
+}
+
+impl Camera {
+    /// The view on a raster of `width` × `height` samples, or an error if the camera has no
+    /// direction or no sensible angle.
+    pub(super) fn view(&self, width: usize, height: usize) -> Result<View> {
+        let fov = self.vertical_fov;
+        if !(fov > 0.01 && fov < 3.0) {
+            let found = format!("{fov} rad");
+            return Err(Error::invalid("vertical_fov", found, "0.01 to 3 rad"));
+        }
+        let rotation = self.rotation().ok_or_else(|| {
+            let found = format!("eye {}, target {}, up {:?}", self.eye, self.target, self.up);
+            Error::invalid("camera", found, "finite, eye off target, up off the view axis")
+        })?;
+        let vertical = 1.0 / (0.5 * fov).tan();
+        let size = [width as f64, height as f64];
+        let focal = [vertical * size[1] / size[0], vertical];
+        Ok(View { eye: self.eye, rotation, focal, size })
+    }
+
+    fn rotation(&self) -> Option<Matrix3<f64>> {
+        let forward = direction(self.target - self.eye)?;
+        let right = direction(forward.cross(&direction(self.up)?))?;
+        let up = right.cross(&forward);
+        Some(Matrix3::from_rows(&[right.transpose(), up.transpose(), forward.transpose()]))
+    }
+}
+
+fn direction(v: Vector3<f64>) -> Option<Vector3<f64>> {
+    let norm = v.norm();
+    (norm.is_finite() && norm > 1e-9).then(|| v / norm)
+}
+
+impl View {
+    /// The map from the frame at `pose` to clip space: x, y, z, w with w the distance along the
+    /// view axis (m).
+    pub(super) fn clip_from(&self, pose: &Isometry3<f64>) -> impl Fn(&Point3<f64>) -> [f32; 4] {
+        let rotation = self.rotation * pose.rotation.to_rotation_matrix().matrix();
+        let shift = self.rotation * (pose.translation.vector - self.eye.coords);
+        let [fx, fy] = self.focal;
+        let (scale, offset) = ((FAR + NEAR) / (FAR - NEAR), -2.0 * FAR * NEAR / (FAR - NEAR));
+        move |p| {
+            let q = rotation * p.coords + shift;
+            [fx * q.x, fy * q.y, scale * q.z + offset, q.z].map(|x| x as f32)
+        }
+    }
+
+    /// Vector from the eye to the point at sample position (x, y) at unit distance along the view
+    /// axis, in the world frame.
+    pub(super) fn ray(&self, x: f64, y: f64) -> Vector3<f64> {
+        let across = (2.0 * x / self.size[0] - 1.0) / self.focal[0];
+        let along = (1.0 - 2.0 * y / self.size[1]) / self.focal[1];
+        self.rotation.transpose() * Vector3::new(across, along, 1.0)
+    }
+
+    /// Width of a sample at unit distance (m/m).
+    pub(super) fn sample_size(&self) -> f64 {
+        2.0 / (self.focal[1] * self.size[1])
+    }
+}

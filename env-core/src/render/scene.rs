@@ -1,0 +1,56 @@
+//! The picture of a rigid scene: gripper, object and table.
+
+use nalgebra::Isometry3;
+
+use super::{Camera, Color, Finish, GripperParts, Item, RenderMesh, Renderer, table};
+use crate::{Error, Result, geometry::Shape, scene::SceneState};
+
+/// Edges round a circle in a picture.
+const SEGMENTS: u32 = 64;
+
+/// Draws scenes at one size, keeping what does not change between frames.
+pub struct SceneRenderer {
+    renderer: Renderer,
+    camera: Camera,
+    gripper: GripperParts,
+    table: RenderMesh,
+    /// The object drawn last, with its shape: most frames show it again.
+    object: Option<(Shape, RenderMesh)>,
+}
+
+impl SceneRenderer {
+    /// A renderer of pictures of `width` × `height` pixels.
+    pub fn new(width: usize, height: usize) -> Result<Self> {
+        Ok(Self {
+            renderer: Renderer::new(width, height)?,
+            camera: Camera::default(),
+            gripper: GripperParts::default(),
+            table: table(),
+            object: None,
+        })
+    }
+
+    /// Width and height of a picture (pixels).
+    pub fn size(&self) -> (usize, usize) {
+        self.renderer.size()
+    }
+
+    /// The picture (height, width, 3), sRGB, of a scene with an object of `shape`.
+    pub fn draw(&mut self, state: &SceneState, shape: &Shape) -> Result<Vec<u8>> {
+        if self.object.as_ref().is_none_or(|(known, _)| known != shape) {
+            let surface = shape.surface(SEGMENTS).ok_or_else(|| {
+                Error::invalid("object", format!("{shape:?}"), "a shape of finite size")
+            })?;
+            self.object = Some((shape.clone(), RenderMesh::new(&surface)));
+        }
+        let table = Item::new(&self.table, Isometry3::identity(), Color::srgb(214, 211, 205));
+        let mut items = vec![table.with_finish(Finish::Ground { spacing: 0.025 })];
+        if let Some((_, mesh)) = &self.object {
+            let object = Item::new(mesh, state.object.pose, Color::srgb(72, 145, 202));
+            items.push(object.with_finish(Finish::Glossy));
+        }
+        let jaws = [0, 1].map(|k| state.fingers[k].position);
+        items.extend(self.gripper.items(&state.wrist.pose, jaws));
+        self.renderer.draw(&self.camera, &items)
+    }
+}

@@ -1,0 +1,73 @@
+//! Objects by name, at a size that fits the default gripper.
+
+use nalgebra::Vector3;
+
+use crate::{
+    Error, Result,
+    geometry::{Shape, StarShaped, Wave},
+};
+
+/// Every name that [`named`] knows.
+pub const CATALOGUE: [&str; 11] = [
+    "sphere",
+    "cuboid",
+    "cylinder",
+    "prism",
+    "annulus",
+    "ellipsoid",
+    "cup",
+    "potato",
+    "lemon",
+    "apple",
+    "eggplant",
+];
+
+/// The catalogue's shape of that name.
+pub fn named(name: &str) -> Result<Shape> {
+    Ok(match name {
+        "sphere" => Shape::Sphere { radius: 0.018 },
+        "cuboid" => Shape::Cuboid { half_extents: Vector3::new(0.015, 0.015, 0.020) },
+        "cylinder" => Shape::Cylinder { radius: 0.015, half_height: 0.020 },
+        "prism" => Shape::Prism { sides: 8, radius: 0.016, half_height: 0.018 },
+        "annulus" => Shape::Annulus { outer: 0.020, inner: 0.013, half_height: 0.012 },
+        "ellipsoid" => Shape::Ellipsoid { semi_axes: Vector3::new(0.016, 0.022, 0.018) },
+        "cup" => Shape::Cup { bottom: 0.016, rim: 0.020, half_height: 0.022, wall: 0.002 },
+        "potato" => star(
+            [0.022, 0.016, 0.017],
+            &[(0.05, [3.0, 2.0, 0.0], 1.0), (0.04, [2.0, 0.0, 5.0], 0.0)],
+        ),
+        "lemon" => star([0.017, 0.017, 0.022], &[(0.08, [0.0, 0.0, 6.0], 0.0)]),
+        "apple" => star([0.020, 0.020, 0.019], &[(-0.12, [0.0, 0.0, 2.4], -0.6)]),
+        "eggplant" => star([0.030, 0.016, 0.016], &[(0.14, [1.6, 0.0, 0.0], 0.8)]),
+        _ => return Err(Error::invalid("object", format!("{name:?}"), known())),
+    })
+}
+
+fn known() -> String {
+    format!("one of {}, a mesh file, or a shape with its lengths", CATALOGUE.join(", "))
+}
+
+fn star(semi_axes: [f64; 3], waves: &[(f64, [f64; 3], f64)]) -> Shape {
+    let wave = |&(amplitude, vector, phase): &(f64, [f64; 3], f64)| Wave {
+        amplitude,
+        vector: vector.into(),
+        phase,
+    };
+    Shape::StarShaped(StarShaped::new(semi_axes.into(), waves.iter().map(wave).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_name_makes_an_object_that_fits_between_the_open_pads() {
+        let opening = crate::scene::Gripper::default().max_opening;
+        for name in CATALOGUE {
+            let model = crate::scene::ObjectModel::new(named(name).unwrap()).unwrap();
+            let (low, high) = model.surface().bounds();
+            let width = (high - low).xy().max();
+            assert!(width < 0.9 * opening, "{name}: {width} m in {opening} m");
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! What a scene is made of, in SI, with the reason for every default.
+
+use nalgebra::{Isometry3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::ObjectModel;
+use crate::{Error, Result};
+
+/// Everything about a scene except its object.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SceneConfig {
+    /// The hand.
+    pub gripper: Gripper,
+    /// Where the tool centre may go.
+    pub workspace: Workspace,
+    /// How Rapier integrates.
+    pub physics: Physics,
+}
+
+/// A parallel-jaw gripper whose pads have the outline of a GelSight Mini's gel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Gripper {
+    /// Extent of a pad across the fingers, along the wrist's y (m).
+    pub pad_width: f64,
+    /// Extent of a pad along the fingers, along the wrist's z (m).
+    pub pad_length: f64,
+    /// Thickness of a pad (m).
+    pub pad_thickness: f64,
+    /// Mass of one finger (kg).
+    pub finger_mass: f64,
+    /// Distance between the pad faces of the open gripper (m).
+    pub max_opening: f64,
+    /// Largest grip force of one finger (N).
+    pub max_force: f64,
+    /// Speed that a free finger reaches under any grip force (m/s).
+    pub closing_speed: f64,
+    /// Largest speed of the wrist along each axis (m/s).
+    pub max_speed: f64,
+    /// Largest yaw rate of the wrist (rad/s).
+    pub max_yaw_rate: f64,
+    /// Largest acceleration of the wrist along each axis (m/s²).
+    pub max_acceleration: f64,
+    /// Largest yaw acceleration of the wrist (rad/s²).
+    pub max_yaw_acceleration: f64,
+    /// Stiffness of the spring that keeps the fingers centred (N/m): without it two force-driven
+    /// fingers drift along the grip axis.
+    pub centering_stiffness: f64,
+}
+
+impl Default for Gripper {
+    fn default() -> Self {
+        Self {
+            pad_width: 0.020_75,
+            pad_length: 0.025_25,
+            pad_thickness: 0.004,
+            finger_mass: 0.1,
+            max_opening: 0.08,
+            max_force: 40.0,
+            closing_speed: 0.1,
+            max_speed: 0.25,
+            max_yaw_rate: 2.0,
+            max_acceleration: 5.0,
+            max_yaw_acceleration: 40.0,
+            centering_stiffness: 2.0e4,
+        }
+    }
+}
+
+/// Box of tool-centre positions (m). The table's top is the plane z = 0.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Workspace {
+    /// Lower corner (m); its z keeps the pads off the table.
+    pub low: [f64; 3],
+    /// Upper corner (m).
+    pub high: [f64; 3],
+}
+
+impl Default for Workspace {
+    fn default() -> Self {
+        Self { low: [-0.15, -0.15, 0.014], high: [0.15, 0.15, 0.25] }
+    }
+}
+
+/// Time step and solver settings of Rapier.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Physics {
+    /// Time that one command is held (s).
+    pub control_period: f64,
+    /// Duration of one Rapier step (s); a whole number of them fills the control period.
+    pub time_step: f64,
+    /// Solver iterations of a step. Rapier's iterations are substeps; past 1 ms each, held objects
+    /// creep.
+    pub iterations: usize,
+    /// Gravity along −z (m/s²).
+    pub gravity: f64,
+}
+
+impl Default for Physics {
+    fn default() -> Self {
+        Self { control_period: 0.04, time_step: 1.0 / 250.0, iterations: 4, gravity: 9.81 }
+    }
+}
+
+/// The free object of one episode.
+#[derive(Clone, Debug)]
+pub struct Object<'a> {
+    /// Its shape, ready for Rapier.
+    pub model: &'a ObjectModel,
+    /// Size relative to the model.
+    pub scale: f64,
+    /// Mass (kg).
+    pub mass: f64,
+    /// Coulomb coefficient against pads and table.
+    pub friction: f64,
+    /// Where it starts: pose of the shape's frame (m).
+    pub pose: Isometry3<f64>,
+}
+
+impl SceneConfig {
+    /// An error that names the first setting out of its range.
+    pub fn validate(&self) -> Result<()> {
+        let (g, p) = (&self.gripper, &self.physics);
+        let settings = [
+            ("gripper.pad_width", g.pad_width, 0.001, 0.1),
+            ("gripper.pad_length", g.pad_length, 0.001, 0.1),
+            ("gripper.pad_thickness", g.pad_thickness, 0.0005, 0.02),
+            ("gripper.finger_mass", g.finger_mass, 0.001, 10.0),
+            ("gripper.max_opening", g.max_opening, 0.001, 0.5),
+            ("gripper.max_force", g.max_force, 0.01, 200.0),
+            ("gripper.closing_speed", g.closing_speed, 0.001, 5.0),
+            ("gripper.max_speed", g.max_speed, 0.001, 5.0),
+            ("gripper.max_yaw_rate", g.max_yaw_rate, 0.01, 50.0),
+            ("gripper.max_acceleration", g.max_acceleration, 0.1, 1000.0),
+            ("gripper.max_yaw_acceleration", g.max_yaw_acceleration, 0.1, 10_000.0),
+            ("gripper.centering_stiffness", g.centering_stiffness, 0.0, 1e6),
+            ("physics.control_period", p.control_period, 1e-3, 1.0),
+            ("physics.time_step", p.time_step, 1e-4, 1.0 / 60.0),
+            ("physics.iterations", p.iterations as f64, 1.0, 64.0),
+            ("physics.gravity", p.gravity, 0.0, 100.0),
+        ];
+        for (name, value, low, high) in settings {
+            within(name, value, low, high)?;
+        }
+        let steps = p.control_period / p.time_step;
+        if (steps - steps.round()).abs() > 1e-6 || steps < 0.5 {
+            let found = format!("{steps} steps of {} s in {} s", p.time_step, p.control_period);
+            return Err(Error::invalid("physics.time_step", found, "a whole number of steps"));
+        }
+        self.workspace.validate(g)
+    }
+}
+
+impl Physics {
+    /// Rapier steps in one control period.
+    pub fn steps(&self) -> usize {
+        (self.control_period / self.time_step).round() as usize
+    }
+}
+
+impl Workspace {
+    fn validate(&self, gripper: &Gripper) -> Result<()> {
+        for axis in 0..3 {
+            within("workspace.low", self.low[axis], -1.0, 1.0)?;
+            within("workspace.high", self.high[axis], -1.0, 1.0)?;
+            if self.low[axis] > self.high[axis] {
+                let found = format!("{:?} above {:?}", self.low, self.high);
+                return Err(Error::invalid("workspace", found, "low ≤ high on every axis"));
+            }
+        }
+        if self.low[2] <= 0.5 * gripper.pad_length {
+            let expected = format!(
+                "more than half of the pad's length ({} m) above the table",
+                0.5 * gripper.pad_length
+            );
+            return Err(Error::invalid("workspace.low[2]", format!("{} m", self.low[2]), expected));
+        }
+        Ok(())
+    }
+
+    /// The nearest point inside (m).
+    pub fn clamp(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        point.sup(&Vector3::from(self.low)).inf(&Vector3::from(self.high))
+    }
+}
+
+/// Largest grip force over object mass (m/s²) at which contact forces are right. Past it Rapier's
+/// iterations no longer converge: forces come out low, then the object is ejected.
+const MOST_ACCELERATION: f64 = 2e4;
+
+impl Object<'_> {
+    /// An error that names the first property out of its range.
+    pub fn validate(&self, gripper: &Gripper) -> Result<()> {
+        let lightest = gripper.max_force / MOST_ACCELERATION;
+        within("object scale", self.scale, 0.05, 20.0)?;
+        if !(lightest..=1000.0).contains(&self.mass) {
+            let force = gripper.max_force;
+            let expected = format!("{lightest} to 1000 kg under a grip of up to {force} N");
+            return Err(Error::invalid("object mass", format!("{} kg", self.mass), expected));
+        }
+        within("object friction", self.friction, 0.0, 10.0)?;
+        let position = self.pose.translation.vector;
+        if !position.iter().all(|x| x.abs() <= 1.0) {
+            let found = format!("{:?} m", position.as_slice());
+            return Err(Error::invalid("object position", found, "within 1 m of the origin"));
+        }
+        Ok(())
+    }
+}
+
+fn within(name: &str, value: f64, low: f64, high: f64) -> Result<()> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    Err(Error::invalid(name, value, format!("{low} to {high}")))
+}

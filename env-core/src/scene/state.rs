@@ -1,0 +1,94 @@
+//! What can be known about the rigid world after a step, in SI and without a Rapier type.
+
+use nalgebra::{Isometry3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Everything that a task, a sensor or a picture reads.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneState {
+    /// The wrist.
+    pub wrist: WristState,
+    /// The finger on the wrist's −x side, then the one on +x.
+    pub fingers: [FingerState; 2],
+    /// The free object.
+    pub object: BodyState,
+    /// What the table exerts on the object, in the world frame about the object's origin.
+    pub table: Wrench,
+    /// Why the scene stopped, if it did; the other fields then hold the last finite state.
+    pub failure: Option<Failure>,
+}
+
+/// Pose and velocity of the tool centre.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WristState {
+    /// Pose of the wrist frame, origin at the tool centre (m).
+    pub pose: Isometry3<f64>,
+    /// Rotation about z (rad), in (−π, π].
+    pub yaw: f64,
+    /// Velocity of the tool centre (m/s).
+    pub velocity: Vector3<f64>,
+    /// Rate of yaw (rad/s).
+    pub yaw_rate: f64,
+}
+
+/// One finger and its pad.
+///
+/// The pad's frame has its origin at the centre of the undeformed face, z out of the gel towards
+/// the other finger, y along the finger (the wrist's z) and x across it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FingerState {
+    /// Distance of the pad face from the tool centre (m), 0 when closed.
+    pub position: f64,
+    /// Rate of `position` (m/s), negative when closing.
+    pub velocity: f64,
+    /// Pose of the pad's frame in the world (m).
+    pub pad: Isometry3<f64>,
+    /// What the object exerts on the pad, in the pad's frame about its origin.
+    pub wrench: Wrench,
+}
+
+impl FingerState {
+    /// Force with which object and pad press on each other (N), along the pad's normal.
+    pub fn normal_force(&self) -> f64 {
+        -self.wrench.force.z
+    }
+}
+
+/// Pose and velocity of a rigid body.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BodyState {
+    /// Pose of the body's frame (m).
+    pub pose: Isometry3<f64>,
+    /// Velocity of the centre of mass (m/s).
+    pub velocity: Vector3<f64>,
+    /// Angular velocity (rad/s).
+    pub angular_velocity: Vector3<f64>,
+}
+
+/// Force (N) and torque (N m).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Wrench {
+    /// Force (N).
+    pub force: Vector3<f64>,
+    /// Torque (N m).
+    pub torque: Vector3<f64>,
+}
+
+/// Why a scene can no longer be stepped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Failure {
+    /// A pose or velocity became infinite or not a number; Rapier froze the body.
+    NonFinite,
+}
+
+impl SceneState {
+    /// Distance between the pad faces (m).
+    pub fn opening(&self) -> f64 {
+        self.fingers[0].position + self.fingers[1].position
+    }
+
+    /// Position of the object's frame relative to the tool centre, in the wrist's frame (m).
+    pub fn object_in_wrist(&self) -> Isometry3<f64> {
+        self.wrist.pose.inv_mul(&self.object.pose)
+    }
+}

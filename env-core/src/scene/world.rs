@@ -1,0 +1,264 @@
+//! One scene: built, stepped, read, saved.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use rapier3d::prelude::{
+    CoefficientCombineRule, ColliderBuilder, ColliderHandle, FrictionModel, IntegrationParameters,
+    InteractionGroups, InteractionTestMode, PhysicsWorld, RigidBodyBuilder, RigidBodyHandle,
+    SpringCoefficients, Vector,
+};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    BodyState, Failure, FingerState, Object, SceneConfig, SceneState, WristState, contact,
+    gripper::{HAND, Hand, OBJECT, TABLE},
+    units,
+};
+use crate::Result;
+
+/// What the hand is told for one control period.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Command {
+    /// Wanted velocity of the tool centre in the world (m/s).
+    pub velocity: Vector3<f64>,
+    /// Wanted yaw rate (rad/s).
+    pub yaw_rate: f64,
+    /// Grip force of each finger (N), closing if positive.
+    pub grip: f64,
+}
+
+/// A gripper over a table with one free object.
+#[derive(Serialize, Deserialize)]
+pub struct Scene {
+    config: SceneConfig,
+    world: PhysicsWorld,
+    hand: Hand,
+    object: RigidBodyHandle,
+    object_collider: ColliderHandle,
+    table: ColliderHandle,
+    wrist: Wrist,
+    failure: Option<Failure>,
+}
+
+/// The kinematic wrist, kept in double precision.
+#[derive(Clone, Copy, Serialize, Deserialize)]
+struct Wrist {
+    pose: Isometry3<f64>,
+    yaw: f64,
+    velocity: Vector3<f64>,
+    yaw_rate: f64,
+}
+
+impl Scene {
+    /// A scene with the open hand at `tool_center` (m) and `yaw` (rad).
+    pub fn new(
+        config: &SceneConfig,
+        object: &Object,
+        tool_center: &Vector3<f64>,
+        yaw: f64,
+    ) -> Result<Self> {
+        config.validate()?;
+        object.validate(&config.gripper)?;
+        let mut world = PhysicsWorld::new();
+        world.gravity = Vector::new(0.0, 0.0, -units::scalar(config.physics.gravity));
+        world.integration_parameters = integration_parameters(config);
+        let wrist = Wrist::at(config.workspace.clamp(tool_center), yaw);
+        let table = world.colliders.insert(table());
+        let (object, object_collider) = insert_object(&mut world, object)?;
+        let hand = Hand::insert(&mut world, &config.gripper, &wrist.pose);
+        let config = config.clone();
+        Ok(Self { config, world, hand, object, object_collider, table, wrist, failure: None })
+    }
+
+    /// Holds `command` for one control period. A scene that has failed stays as it is.
+    pub fn step(&mut self, command: &Command) {
+        for _ in 0..self.config.physics.steps() {
+            self.advance_to(self.wrist.toward(command, &self.config), command.grip);
+        }
+    }
+
+    /// One Rapier step in which the wrist moves to `target` (m) under a grip force (N).
+    pub fn advance(&mut self, target: &Isometry3<f64>, grip: f64) {
+        self.advance_to(self.wrist.moved_to(target, self.config.physics.time_step), grip);
+    }
+
+    fn advance_to(&mut self, wrist: Wrist, grip: f64) {
+        if self.failure.is_some() {
+            return;
+        }
+        self.world.bodies[self.hand.wrist].set_next_kinematic_position(units::pose(&wrist.pose));
+        self.hand.drive(&mut self.world, &self.config.gripper, grip);
+        self.world.step();
+        self.wrist = wrist;
+        if !self.world.quarantine().is_empty() || !self.is_finite() {
+            self.failure = Some(Failure::NonFinite);
+        }
+    }
+
+    /// What can be known about the scene.
+    pub fn state(&self) -> SceneState {
+        let object = &self.world.bodies[self.object];
+        let pose = units::si_pose(object.position());
+        let origin = Point3::from(pose.translation.vector);
+        let (object_collider, table) = (self.object_collider, self.table);
+        SceneState {
+            wrist: WristState {
+                pose: self.wrist.pose,
+                yaw: self.wrist.yaw,
+                velocity: self.wrist.velocity,
+                yaw_rate: self.wrist.yaw_rate,
+            },
+            fingers: self.hand.fingers.map(|finger| {
+                let (position, velocity) = finger.position(&self.world, self.hand.wrist);
+                let pad = finger.pad_pose(&self.world);
+                let center = Point3::from(pad.translation.vector);
+                let wrench = contact::wrench(&self.world, finger.pad, object_collider, &center);
+                FingerState { position, velocity, pad, wrench: wrench.seen_from(&pad) }
+            }),
+            table: contact::wrench(&self.world, object_collider, table, &origin),
+            object: BodyState {
+                pose,
+                velocity: units::si_vector(object.linvel()),
+                angular_velocity: units::si_angular(object.angvel()),
+            },
+            failure: self.failure,
+        }
+    }
+
+    /// Settings of the scene.
+    pub fn config(&self) -> &SceneConfig {
+        &self.config
+    }
+
+    /// Sets the velocity of the object (m/s, rad/s), as a disturbance.
+    pub fn push_object(&mut self, velocity: &Vector3<f64>, angular_velocity: &Vector3<f64>) {
+        let body = &mut self.world.bodies[self.object];
+        body.set_linvel(units::vector(velocity), true);
+        let w = angular_velocity;
+        body.set_angvel(Vector::new(w.x as f32, w.y as f32, w.z as f32), true);
+    }
+
+    /// Sets gravity along −z (m/s²).
+    pub fn set_gravity(&mut self, gravity: f64) {
+        self.world.gravity = Vector::new(0.0, 0.0, -units::scalar(gravity));
+    }
+
+    /// Lets the object come to rest under strong damping with the hand away; its orientation then.
+    pub(super) fn settle(&mut self, steps: usize) -> UnitQuaternion<f64> {
+        let body = &mut self.world.bodies[self.object];
+        body.set_angular_damping(3.0);
+        body.set_linear_damping(3.0);
+        let wrist = self.wrist.pose;
+        for _ in 0..steps {
+            self.advance(&wrist, -1.0);
+        }
+        units::si_pose(self.world.bodies[self.object].position()).rotation
+    }
+
+    fn is_finite(&self) -> bool {
+        let finite = |handle: RigidBodyHandle| {
+            let body = &self.world.bodies[handle];
+            body.position().is_finite() && body.linvel().is_finite() && body.angvel().is_finite()
+        };
+        finite(self.object) && self.hand.fingers.iter().all(|finger| finite(finger.body))
+    }
+}
+
+impl Wrist {
+    fn at(position: Vector3<f64>, yaw: f64) -> Self {
+        let pose = wrist_pose(&position, yaw);
+        Self { pose, yaw, velocity: Vector3::zeros(), yaw_rate: 0.0 }
+    }
+
+    /// The wrist one time step on, its acceleration limited, braking in time for the workspace's
+    /// walls.
+    fn toward(&self, command: &Command, config: &SceneConfig) -> Self {
+        let (gripper, dt) = (&config.gripper, config.physics.time_step);
+        let position = self.pose.translation.vector;
+        let acceleration = gripper.max_acceleration;
+        let velocity = Vector3::from_fn(|axis, _| {
+            let wanted = command.velocity[axis].clamp(-gripper.max_speed, gripper.max_speed);
+            let change = acceleration * dt;
+            let v = self.velocity[axis] + (wanted - self.velocity[axis]).clamp(-change, change);
+            let brake = |room: f64| (2.0 * acceleration * room.max(0.0)).sqrt();
+            v.clamp(
+                -brake(position[axis] - config.workspace.low[axis]),
+                brake(config.workspace.high[axis] - position[axis]),
+            )
+        });
+        let wanted = command.yaw_rate.clamp(-gripper.max_yaw_rate, gripper.max_yaw_rate);
+        let change = gripper.max_yaw_acceleration * dt;
+        let yaw_rate = self.yaw_rate + (wanted - self.yaw_rate).clamp(-change, change);
+        let position = config.workspace.clamp(&(position + velocity * dt));
+        let yaw = PI - (PI - self.yaw - yaw_rate * dt).rem_euclid(TAU);
+        Self { pose: wrist_pose(&position, yaw), yaw, velocity, yaw_rate }
+    }
+
+    /// The wrist after a move to `target` within `dt` (s).
+    fn moved_to(&self, target: &Isometry3<f64>, dt: f64) -> Self {
+        let turn = target.rotation * self.pose.rotation.inverse();
+        Self {
+            pose: *target,
+            yaw: target.rotation.euler_angles().2,
+            velocity: (target.translation.vector - self.pose.translation.vector) / dt,
+            yaw_rate: turn.scaled_axis().z / dt,
+        }
+    }
+}
+
+fn wrist_pose(position: &Vector3<f64>, yaw: f64) -> Isometry3<f64> {
+    let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
+    Isometry3::from_parts(Translation3::from(*position), rotation)
+}
+
+/// Rapier's settings for stiff, frictional contact of hand-sized objects.
+fn integration_parameters(config: &SceneConfig) -> IntegrationParameters {
+    let physics = &config.physics;
+    let substep = physics.time_step / physics.iterations as f64;
+    // As stiff as a substep resolves, and overdamped: softer contact lets held objects creep.
+    let softness = SpringCoefficients::new((0.5 / substep) as f32, 5.0);
+    IntegrationParameters {
+        dt: physics.time_step as f32,
+        num_solver_iterations: physics.iterations,
+        contact_softness: softness,
+        static_contact_softness: softness,
+        // Recycled contacts go stale within centimetres, which is the size of everything here.
+        contact_recycling: false,
+        friction_model: FrictionModel::Coulomb,
+        // Tolerances follow this length (2 cm).
+        length_unit: units::scalar(0.02),
+        // With Rapier's default of 3, grams between kilograms of force are ejected.
+        normalized_max_corrective_velocity: 100.0,
+        // 20 m/s, so that every velocity has a bound.
+        normalized_max_linear_velocity: 1000.0,
+        max_ccd_substeps: 0,
+        ..IntegrationParameters::default()
+    }
+}
+
+fn table() -> ColliderBuilder {
+    let half = Vector3::new(0.25, 0.25, 0.05);
+    ColliderBuilder::cuboid(units::scalar(half.x), units::scalar(half.y), units::scalar(half.z))
+        .translation(units::vector(&Vector3::new(0.0, 0.0, -half.z)))
+        .friction(f32::MAX)
+        .collision_groups(InteractionGroups::new(TABLE, OBJECT, InteractionTestMode::And))
+}
+
+fn insert_object(
+    world: &mut PhysicsWorld,
+    object: &Object,
+) -> Result<(RigidBodyHandle, ColliderHandle)> {
+    let groups = InteractionGroups::new(OBJECT, TABLE | HAND, InteractionTestMode::And);
+    let collider = object
+        .model
+        .scaled(object.scale)?
+        .friction(object.friction as f32)
+        .friction_combine_rule(CoefficientCombineRule::Min)
+        .collision_groups(groups);
+    let body = RigidBodyBuilder::dynamic()
+        .pose(units::pose(&object.pose))
+        .can_sleep(false)
+        .additional_mass_properties(object.model.mass_properties(object.mass, object.scale));
+    Ok(world.insert(body, collider))
+}

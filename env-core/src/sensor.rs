@@ -1,0 +1,264 @@
+//! Named tactile sensors: shape, material, markers and camera of their gel pads.
+//!
+//! A sensor is a TOML file in which every figure has its source; `assets/sensors` holds those that
+//! are known by name. Published moduli of one gel differ by a factor of 1.4, so a sensor has
+//! several named calibrations and none is hidden.
+
+use std::{fs, path::Path};
+
+use serde::Deserialize;
+
+use crate::{
+    Error, Result,
+    geometry::{PadMesh, PadOutline},
+};
+
+const KNOWN: [(&str, &str); 2] = [
+    ("gelsight-mini", include_str!("../assets/sensors/gelsight-mini.toml")),
+    ("digit", include_str!("../assets/sensors/digit.toml")),
+];
+
+/// A tactile sensor.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Sensor {
+    /// Name to ask for it.
+    pub name: String,
+    /// What it is, in a sentence.
+    pub description: String,
+    /// Undeformed gel pad.
+    pub outline: PadOutline,
+    /// What holds for every calibration of the gel.
+    pub gel: Gel,
+    /// Materials fitted to the gel; the first is the default.
+    #[serde(rename = "calibration")]
+    pub calibrations: Vec<Calibration>,
+    /// Friction of the gel's skin.
+    pub friction: Friction,
+    /// Printed markers, if any.
+    pub markers: Option<Markers>,
+    /// Camera behind the gel.
+    pub camera: Camera,
+}
+
+/// A gel, whatever its calibration.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Gel {
+    /// Density (kg/m³).
+    pub density: f64,
+    /// Who says so.
+    pub source: String,
+}
+
+/// A material law fitted to a gel.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Calibration {
+    /// Name to ask for it.
+    pub name: String,
+    /// Young's modulus at small strain (Pa).
+    pub young: f64,
+    /// Poisson's ratio.
+    pub poisson: f64,
+    /// Name of the material law.
+    pub law: String,
+    /// Who measured or chose it.
+    pub source: String,
+}
+
+/// Coulomb friction coefficients of a gel's skin.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Friction {
+    /// Coefficient at rest.
+    #[serde(rename = "static")]
+    pub at_rest: f64,
+    /// Coefficient while sliding.
+    #[serde(rename = "dynamic")]
+    pub sliding: f64,
+    /// Who says so.
+    pub source: String,
+}
+
+/// A centred grid of markers on the face.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Markers {
+    /// Markers in a row across (x).
+    pub across: u32,
+    /// Markers in a row along (y).
+    pub along: u32,
+    /// Distance between neighbours (m).
+    pub pitch: f64,
+    /// Who says so.
+    pub source: String,
+}
+
+/// A camera that looks at the face, its picture centred on the apex.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Camera {
+    /// Pixels across (x) and along (y).
+    pub pixels: [u32; 2],
+    /// Size of a pixel on the face (m).
+    pub pixel: f64,
+    /// Who says so.
+    pub source: String,
+}
+
+impl Sensor {
+    /// The sensor known by `name`, or an error that lists the known ones.
+    pub fn named(name: &str) -> Result<Self> {
+        let known = KNOWN.iter().find(|(known, _)| *known == name);
+        let (name, text) = known.ok_or_else(|| {
+            let names = Self::names().collect::<Vec<_>>().join(", ");
+            Error::invalid("sensor", name, format!("one of {names}, or the path of a .toml file"))
+        })?;
+        Self::parse(name, text)
+    }
+
+    /// The names that [`Sensor::named`] knows.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        KNOWN.iter().map(|(name, _)| *name)
+    }
+
+    /// The sensor described in a TOML file of the form of `assets/sensors`.
+    pub fn read(path: &Path) -> Result<Self> {
+        let shown = path.display().to_string();
+        let text = fs::read_to_string(path)
+            .map_err(|e| Error::File { path: shown.clone(), reason: e.to_string() })?;
+        Self::parse(&shown, &text)
+    }
+
+    /// The calibration of that name, or an error that lists those there are.
+    pub fn calibration(&self, name: &str) -> Result<&Calibration> {
+        self.calibrations.iter().find(|c| c.name == name).ok_or_else(|| {
+            let names: Vec<_> = self.calibrations.iter().map(|c| c.name.as_str()).collect();
+            let expected = format!("one of {} for the sensor {}", names.join(", "), self.name);
+            Error::invalid("calibration", name, expected)
+        })
+    }
+
+    /// The pad meshed with at most `nodes` nodes, finest in the middle of the face.
+    pub fn pad(&self, nodes: usize) -> Result<PadMesh> {
+        PadMesh::with_nodes(&self.outline, nodes)
+    }
+
+    fn parse(path: &str, text: &str) -> Result<Self> {
+        let sensor: Self = toml::from_str(text)
+            .map_err(|e| Error::File { path: path.to_owned(), reason: e.to_string() })?;
+        sensor.validated()
+    }
+
+    fn validated(self) -> Result<Self> {
+        self.outline.validated()?;
+        at_least(0.0, "gel.density", self.gel.density)?;
+        at_least(0.0, "friction.static", self.friction.at_rest)?;
+        at_least(0.0, "friction.dynamic", self.friction.sliding)?;
+        at_least(1e-7, "camera.pixel", self.camera.pixel)?;
+        if let Some(markers) = &self.markers {
+            at_least(1e-5, "markers.pitch", markers.pitch)?;
+        }
+        if self.calibrations.is_empty() {
+            return Err(Error::invalid("calibration", "none", "at least one"));
+        }
+        for (i, calibration) in self.calibrations.iter().enumerate() {
+            at_least(1.0, "calibration.young", calibration.young)?;
+            if !(calibration.poisson > -1.0 && calibration.poisson < 0.5) {
+                let found = calibration.poisson;
+                return Err(Error::invalid("calibration.poisson", found, "above -1 and below 0.5"));
+            }
+            if self.calibrations[..i].iter().any(|other| other.name == calibration.name) {
+                let found = format!("{} twice", calibration.name);
+                return Err(Error::invalid("calibration.name", found, "names that differ"));
+            }
+        }
+        Ok(self)
+    }
+}
+
+fn at_least(least: f64, name: &str, value: f64) -> Result<()> {
+    if value.is_finite() && value >= least {
+        return Ok(());
+    }
+    Err(Error::invalid(name, value, format!("a finite number from {least} on")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_known_sensor_reads_and_meshes() {
+        for name in Sensor::names() {
+            let sensor = Sensor::named(name).unwrap();
+            assert_eq!(sensor.name, name);
+            let pad = sensor.pad(1000).unwrap();
+            let ([low, high], outline) = (extent(&pad), &sensor.outline);
+            let size = [high[0] - low[0], high[1] - low[1], high[2] - low[2]];
+            let exact = [outline.width, outline.length, outline.thickness];
+            for (found, exact) in size.into_iter().zip(exact) {
+                assert!((found - exact).abs() < 1e-12, "{name}: {found} m against {exact} m");
+            }
+            assert!(high[2].abs() < 1e-12, "{name}: apex at {} m", high[2]);
+        }
+    }
+
+    fn extent(pad: &PadMesh) -> [[f64; 3]; 2] {
+        let of = |i: usize, pick: fn(f64, f64) -> f64| {
+            pad.mesh.vertices.iter().map(|v| v[i]).reduce(pick).expect("a pad has vertices")
+        };
+        [[0, 1, 2].map(|i| of(i, f64::min)), [0, 1, 2].map(|i| of(i, f64::max))]
+    }
+
+    #[test]
+    fn the_mini_has_the_height_of_its_cad_model() {
+        let outline = Sensor::named("gelsight-mini").unwrap().outline;
+        // (x, y, drop under the apex) in mm: vertices of the CAD model on its face.
+        let vertices = [
+            [0.0, 6.0, 0.0953],
+            [4.5, 0.0, 0.0891],
+            [4.5, 6.0, 0.1605],
+            [7.535, 0.0, 0.25],
+            [7.535, 6.0, 0.2783],
+            [10.375, 0.0, 1.25],
+            [0.0, 12.625, 1.25],
+        ];
+        for [x, y, drop] in vertices {
+            let found = -1e3 * outline.height(1e-3 * x, 1e-3 * y);
+            assert!((found - drop).abs() < 0.04, "({x}, {y}) mm: {found} mm against {drop} mm");
+        }
+    }
+
+    #[test]
+    fn the_feats_calibration_is_that_of_its_neo_hookean_constant() {
+        let sensor = Sensor::named("gelsight-mini").unwrap();
+        let Calibration { young, poisson, .. } = sensor.calibration("feats").unwrap();
+        let exact = 2.0 * (2.0 * 0.0725e6) * (1.0 + poisson);
+        assert!((young / exact - 1.0).abs() < 1e-12, "{young} Pa against {exact} Pa");
+    }
+
+    #[test]
+    fn unknown_names_list_the_known_ones() {
+        let sensor = Sensor::named("gelsight").unwrap_err().to_string();
+        assert!(sensor.contains("gelsight-mini, digit"), "{sensor}");
+        let mini = Sensor::named("gelsight-mini").unwrap();
+        let calibration = mini.calibration("fem").unwrap_err().to_string();
+        assert!(calibration.contains("tacflex, feats"), "{calibration}");
+    }
+
+    #[test]
+    fn defects_of_a_file_are_named() {
+        let good = KNOWN[0].1;
+        let message = |from: &str, to: &str| {
+            assert!(good.contains(from), "nothing replaced: {from}");
+            Sensor::parse("mine.toml", &good.replace(from, to)).unwrap_err().to_string()
+        };
+        assert!(message("poisson = 0.475", "poisson = 0.5").contains("poisson"));
+        assert!(message("thickness = 0.004", "thickness = 4").contains("thickness"));
+        assert!(message("name = \"feats\"", "name = \"tacflex\"").contains("tacflex twice"));
+        assert!(message("[gel]", "[jelly]").contains("mine.toml"));
+        assert!(Sensor::read(Path::new("no-such.toml")).is_err());
+    }
+}

@@ -1,0 +1,149 @@
+//! Settings of the grasp task, as they come from Python.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Layout, ObjectSpec, Weights};
+use crate::{
+    Error, Result,
+    scene::{Object, ObjectModel, SceneConfig},
+};
+
+/// Lower and upper end of a uniform draw.
+pub type Range = [f64; 2];
+
+/// Everything that defines the task. Unknown names are errors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// Gripper, workspace and solver.
+    pub scene: SceneConfig,
+    /// Objects to draw from, each as likely as the next.
+    pub objects: Vec<ObjectSpec>,
+    /// Mass (kg).
+    pub mass: Range,
+    /// Coulomb coefficient of the object against pads and table.
+    pub friction: Range,
+    /// Size relative to the named object.
+    pub size: Range,
+    /// Where the object lies: x and y, each in this range (m).
+    pub position: Range,
+    /// How the object is turned about z (rad).
+    pub yaw: Range,
+    /// Where the tool centre starts: x and y, each in this range (m).
+    pub start: Range,
+    /// Height at which the tool centre starts (m).
+    pub start_height: Range,
+    /// Rise that counts as lifted (m).
+    pub lift_height: f64,
+    /// Time for which the lifted object must stay held (s).
+    pub hold_time: f64,
+    /// Control steps after which an episode is truncated.
+    pub max_episode_steps: u32,
+    /// Names of the observation's channels.
+    pub observation: Vec<String>,
+    /// Weights of the reward's terms.
+    pub reward: Weights,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        let objects =
+            ["sphere", "cuboid", "cylinder", "prism", "annulus", "ellipsoid", "cup", "potato"];
+        Self {
+            scene: SceneConfig::default(),
+            objects: objects.map(|name| ObjectSpec::Name(name.into())).into(),
+            mass: [0.02, 0.2],
+            friction: [0.5, 1.0],
+            size: [0.9, 1.1],
+            position: [-0.05, 0.05],
+            yaw: [-std::f64::consts::PI, std::f64::consts::PI],
+            start: [-0.05, 0.05],
+            start_height: [0.08, 0.12],
+            lift_height: 0.08,
+            hold_time: 0.5,
+            max_episode_steps: 100,
+            observation: vec!["proprio".into(), "object".into()],
+            reward: Weights::default(),
+        }
+    }
+}
+
+impl Config {
+    /// Settings from JSON; an error names the setting, what was found and what was expected.
+    pub fn from_json(json: &str) -> Result<Self> {
+        let deserializer = &mut serde_json::Deserializer::from_str(json);
+        let config: Self = serde_path_to_error::deserialize(deserializer).map_err(|error| {
+            let path = error.path().to_string();
+            let name = if path == "." { "settings".to_owned() } else { path };
+            let reason = error.into_inner().to_string();
+            let reason = reason.split(" at line ").next().unwrap_or_default().to_owned();
+            Error::Setting { name, reason }
+        })?;
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// An error that names the first setting out of its range.
+    pub fn validate(&self) -> Result<()> {
+        self.scene.validate()?;
+        let workspace = &self.scene.workspace;
+        let flat = [0, 1].map(|axis| (workspace.low[axis], workspace.high[axis]));
+        let (low, high) = (flat[0].0.max(flat[1].0), flat[0].1.min(flat[1].1));
+        ordered("mass", self.mass, 1e-6, 1e3)?;
+        ordered("friction", self.friction, 0.0, 10.0)?;
+        ordered("size", self.size, 0.1, 10.0)?;
+        ordered("position", self.position, low, high)?;
+        ordered("yaw", self.yaw, -7.0, 7.0)?;
+        ordered("start", self.start, low, high)?;
+        ordered("start_height", self.start_height, workspace.low[2], workspace.high[2])?;
+        ordered("lift_height", [self.lift_height; 2], 0.001, workspace.high[2])?;
+        ordered("hold_time", [self.hold_time; 2], 0.0, 60.0)?;
+        if !(1..=1_000_000).contains(&self.max_episode_steps) {
+            return Err(Error::invalid(
+                "max_episode_steps",
+                self.max_episode_steps,
+                "1 to 1000000 steps",
+            ));
+        }
+        if !(1..=1000).contains(&self.objects.len()) {
+            return Err(Error::invalid("objects", self.objects.len(), "1 to 1000 objects"));
+        }
+        Layout::new(self)?;
+        self.reward.validate()
+    }
+
+    /// The objects ready for the scene, checked at both ends of their ranges.
+    pub fn models(&self) -> Result<Vec<ObjectModel>> {
+        let models: Vec<_> = self.objects.iter().map(ObjectSpec::model).collect::<Result<_>>()?;
+        for (spec, model) in self.objects.iter().zip(&models) {
+            for (mass, scale) in self.mass.into_iter().zip(self.size) {
+                let pose = model.rest(scale, 0.0, 0.0, 0.0);
+                let object = Object { model, scale, mass, friction: self.friction[0], pose };
+                object.validate(&self.scene.gripper)?;
+            }
+            self.fits(spec, model)?;
+        }
+        Ok(models)
+    }
+
+    /// Some side of the object must pass between the open pads.
+    fn fits(&self, spec: &ObjectSpec, model: &ObjectModel) -> Result<()> {
+        let (low, high) = model.surface().bounds();
+        let narrow = (high - low).min() * self.size[1];
+        let opening = self.scene.gripper.max_opening;
+        if narrow < opening {
+            return Ok(());
+        }
+        let found = format!("{spec}, {narrow:.3} m across its narrowest side");
+        Err(Error::invalid("objects", found, format!("less than the opening of {opening} m")))
+    }
+}
+
+fn ordered(name: &str, range: Range, low: f64, high: f64) -> Result<()> {
+    let [from, to] = range;
+    if low <= from && from <= to && to <= high {
+        return Ok(());
+    }
+    let found = if from == to { format!("{from}") } else { format!("{range:?}") };
+    Err(Error::invalid(name, found, format!("a rising range within {low} to {high}")))
+}

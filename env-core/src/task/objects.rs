@@ -1,0 +1,130 @@
+//! Objects as a user names them.
+
+use std::{fmt, path::Path, sync::Arc};
+
+use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
+use serde_json::Value;
+
+use crate::{
+    Result,
+    geometry::{Shape, read_surface},
+    scene::{ObjectModel, named},
+};
+
+/// A name of the catalogue, a mesh file, or a shape with its lengths (m).
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum ObjectSpec {
+    /// Name in the catalogue, or path of an .obj or .stl file in metres.
+    Name(String),
+    /// A mesh file with its unit.
+    Mesh(MeshSpec),
+    /// A shape with its lengths.
+    Shape(ShapeSpec),
+}
+
+/// A mesh file with its unit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshSpec {
+    /// Path of an .obj or .stl file.
+    pub mesh: String,
+    /// Metres to a unit of the file.
+    #[serde(default = "one")]
+    pub scale: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// A shape with its lengths (m), told apart by `"shape"`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "shape", rename_all = "kebab-case", deny_unknown_fields)]
+#[allow(missing_docs)] // The fields are those of `geometry::Shape`.
+pub enum ShapeSpec {
+    Sphere { radius: f64 },
+    Cuboid { half_extents: [f64; 3] },
+    Cylinder { radius: f64, half_height: f64 },
+    Capsule { radius: f64, half_height: f64 },
+    Cone { radius: f64, half_height: f64 },
+    Prism { sides: u32, radius: f64, half_height: f64 },
+    Annulus { outer: f64, inner: f64, half_height: f64 },
+    Ellipsoid { semi_axes: [f64; 3] },
+    Cup { bottom: f64, rim: f64, half_height: f64, wall: f64 },
+}
+
+impl From<&ShapeSpec> for Shape {
+    fn from(spec: &ShapeSpec) -> Self {
+        match *spec {
+            ShapeSpec::Sphere { radius } => Self::Sphere { radius },
+            ShapeSpec::Cuboid { half_extents } => {
+                Self::Cuboid { half_extents: half_extents.into() }
+            }
+            ShapeSpec::Cylinder { radius, half_height } => Self::Cylinder { radius, half_height },
+            ShapeSpec::Capsule { radius, half_height } => Self::Capsule { radius, half_height },
+            ShapeSpec::Cone { radius, half_height } => Self::Cone { radius, half_height },
+            ShapeSpec::Prism { sides, radius, half_height } => {
+                Self::Prism { sides, radius, half_height }
+            }
+            ShapeSpec::Annulus { outer, inner, half_height } => {
+                Self::Annulus { outer, inner, half_height }
+            }
+            ShapeSpec::Ellipsoid { semi_axes } => Self::Ellipsoid { semi_axes: semi_axes.into() },
+            ShapeSpec::Cup { bottom, rim, half_height, wall } => {
+                Self::Cup { bottom, rim, half_height, wall }
+            }
+        }
+    }
+}
+
+impl ObjectSpec {
+    /// The object ready for the scene.
+    pub fn model(&self) -> Result<ObjectModel> {
+        ObjectModel::new(match self {
+            Self::Name(name) if is_mesh_file(name) => mesh(name, 1.0)?,
+            Self::Name(name) => named(name)?,
+            Self::Mesh(spec) => mesh(&spec.mesh, spec.scale)?,
+            Self::Shape(spec) => spec.into(),
+        })
+    }
+}
+
+fn is_mesh_file(name: &str) -> bool {
+    let extension = Path::new(name).extension().map(std::ffi::OsStr::to_ascii_lowercase);
+    extension.is_some_and(|e| e == "obj" || e == "stl")
+}
+
+fn mesh(path: &str, scale: f64) -> Result<Shape> {
+    Ok(Shape::Mesh(Arc::new(read_surface(Path::new(path), scale)?)))
+}
+
+impl fmt::Display for ObjectSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Name(name) => f.write_str(name),
+            Self::Mesh(spec) => f.write_str(&spec.mesh),
+            Self::Shape(spec) => write!(f, "{spec:?}"),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for ObjectSpec {
+    /// By hand, because serde's untagged enums cannot say what was wrong.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        let value = Value::deserialize(deserializer)?;
+        let parsed = match &value {
+            Value::String(name) => Ok(Self::Name(name.clone())),
+            Value::Object(map) if map.contains_key("mesh") => {
+                serde_json::from_value(value).map(Self::Mesh)
+            }
+            Value::Object(_) => serde_json::from_value(value).map(Self::Shape),
+            other => {
+                return Err(D::Error::custom(format!(
+                    "found {other}, expected a name, a mesh file, or a shape with its lengths"
+                )));
+            }
+        };
+        parsed.map_err(D::Error::custom)
+    }
+}

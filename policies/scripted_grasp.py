@@ -1,0 +1,74 @@
+"""A scripted policy: turn, go over the object, go down, close, lift, hold.
+
+It reads only the default observation (``proprio`` and ``object``), so it is the yardstick for what
+an agent can do with it, and runs as::
+
+    python policies/scripted_grasp.py --episodes 200
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAX_SPEED = 0.25
+"""Speed of the wrist at action 1 (m/s)."""
+
+GAIN = 8.0
+"""Rate at which a position error is closed (1/s)."""
+
+NEAR = 0.006
+"""Horizontal error at which the hand goes down (m)."""
+
+FIRM = 0.5
+"""Normal force on each pad from which the hand lifts (N)."""
+
+GRIP = 0.5
+"""Grip force command while closing, of the gripper's largest."""
+
+
+class ScriptedGrasp:
+    """Acts on a batch of dict observations, one row an environment."""
+
+    def predict(
+        self,
+        observation: dict[str, NDArray[np.float32]],
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], Any]:
+        """Actions (N, 5) for observations (N, ...); the signature is Stable-Baselines3's."""
+        proprio, seen = observation["proprio"], observation["object"]
+        sine, cosine = proprio[:, 3], proprio[:, 4]
+        forces = proprio[:, 12:14]
+        x, y, z = seen[:, 0], seen[:, 1], seen[:, 2]
+        error = np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=1)
+        grasped = (forces > FIRM).all(axis=1)
+        # A grasped object is below or between the pads; one that merely stands there is not held.
+        over = np.hypot(x, y) < NEAR + 0.3 * np.maximum(0.0, 0.03 + z)
+        down = np.abs(z) < NEAR
+        closing = grasped | (over & (down | (forces > 0.05).any(axis=1)))
+        action = np.zeros((len(proprio), 5), np.float32)
+        velocity = GAIN * error / MAX_SPEED
+        velocity[:, 2] = np.where(over, velocity[:, 2], np.maximum(velocity[:, 2] + 2.0, 0.0))
+        action[:, :3] = np.where(closing[:, None], 0.0, velocity)
+        action[:, 2] = np.where(grasped, self._lift(seen), action[:, 2])
+        action[:, 3] = np.where(closing, 0.0, self._yaw_rate(seen))
+        action[:, 4] = np.where(closing, GRIP, -GRIP)
+        return np.clip(action, -1.0, 1.0), state
+
+    @staticmethod
+    def _lift(seen: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Upward speed that brings the object 10 cm up and stops it there."""
+        rise = seen[:, 15]
+        return np.clip(10.0 * (0.10 - rise), -0.2, 0.8)
+
+    @staticmethod
+    def _yaw_rate(seen: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Turns the jaws square to the object's nearer horizontal axis."""
+        angle = np.arctan2(seen[:, 4], seen[:, 3])
+        quarter = 0.5 * np.pi
+        square = angle - quarter * np.round(angle / quarter)
+        return np.clip(2.0 * square, -1.0, 1.0)

@@ -1,0 +1,125 @@
+"""Stable-Baselines3's vector environment straight over the native batch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+from ruffini.envs import GraspLiftVectorEnv
+
+
+def make_vec_env(
+    env_id: str, n_envs: int = 1, seed: int | None = None, **kwargs: Any
+) -> RuffiniVecEnv:
+    """A vector environment for Stable-Baselines3.
+
+    Args:
+        env_id: A registered id, such as ``"ruffini/GraspLift-v0"``.
+        n_envs: Number of environments.
+        seed: Seed of the first one; each next one has the next seed.
+        **kwargs: As for ``gymnasium.make_vec``, ``max_episode_steps`` included.
+
+    Raises:
+        ValueError: If a setting is unknown, of the wrong type or out of range.
+    """
+    same_step = AutoresetMode.SAME_STEP
+    envs = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode=same_step, **kwargs)
+    if not isinstance(envs, GraspLiftVectorEnv):
+        raise ValueError(f"env_id: found {env_id!r}, expected an environment of ruffini")
+    vec_env = RuffiniVecEnv(envs)
+    vec_env.seed(seed)
+    return vec_env
+
+
+class RuffiniVecEnv(VecEnv):
+    """Adapter from the batch to Stable-Baselines3, with Python work for finished rows only."""
+
+    def __init__(self, envs: GraspLiftVectorEnv) -> None:
+        self.envs = envs
+        self.render_mode = envs.render_mode
+        self.metadata = envs.metadata
+        self._actions: NDArray[np.float32] | None = None
+        super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+
+    def reset(self) -> VecEnvObs:
+        """Starts an episode in every row, with the seeds given since the last reset."""
+        seeds = self._seeds if any(seed is not None for seed in self._seeds) else None
+        observation, _ = self.envs.reset(seed=seeds)
+        self._reset_seeds()
+        self._reset_options()
+        self.reset_infos = [{} for _ in range(self.num_envs)]
+        return observation
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Keeps the actions for :meth:`step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Takes one step; rows whose episode ended have already started the next."""
+        observation, reward, terminated, truncated, info = self.envs.step(self._actions)
+        dones = terminated | truncated
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        if dones.any():
+            final = info["final_info"]
+            for row in np.flatnonzero(dones):
+                infos[row] = self._final_info(info, final, row)
+                infos[row]["TimeLimit.truncated"] = bool(truncated[row] and not terminated[row])
+                self.reset_infos[row] = {}
+        return observation, reward.astype(np.float32), dones, infos
+
+    @staticmethod
+    def _final_info(info: dict[str, Any], final: dict[str, Any], row: int) -> dict[str, Any]:
+        terms = final["reward_terms"]
+        named = {name: float(terms[name][row]) for name in terms if not name.startswith("_")}
+        row_info: dict[str, Any] = {
+            "terminal_observation": info["final_obs"][row],
+            "is_success": bool(final["is_success"][row]),
+            "reward_terms": named,
+        }
+        if "ending" in final and final["_ending"][row]:
+            row_info["ending"] = final["ending"][row]
+        return row_info
+
+    def close(self) -> None:
+        """Frees the environments."""
+        self.envs.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """The batch's attribute, once for every row asked for."""
+        return [getattr(self.envs, attr_name) for _ in self._rows(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Sets an attribute of the batch, which all rows share.
+
+        Raises:
+            ValueError: If only some of the rows are asked for.
+        """
+        if len(self._rows(indices)) != self.num_envs:
+            raise ValueError("indices: found some of the rows, expected all: they share attributes")
+        setattr(self.envs, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Calls a method of the batch, once for every row asked for."""
+        method = getattr(self.envs, method_name)
+        return [method(*method_args, **method_kwargs) for _ in self._rows(indices)]
+
+    def env_is_wrapped(self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None) -> list[bool]:
+        """No row is wrapped: the batch is native."""
+        return [False for _ in self._rows(indices)]
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """One picture (height, width, 3) a row."""
+        frames = self.envs.render()
+        return [None] * self.num_envs if frames is None else list(frames)
+
+    def _rows(self, indices: int | Iterable[int] | None) -> list[int]:
+        return list(self._get_indices(indices))

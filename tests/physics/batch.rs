@@ -1,0 +1,136 @@
+//! Batches: the same numbers for any batch and any number of threads; endings stay in their row.
+
+use std::sync::Arc;
+
+use ruffini_core::{
+    Error,
+    env::{Autoreset, Batch, Setup, StepResult},
+    task::{CHANNELS, Config, Ending, Range},
+};
+
+fn batch(config: Config, rows: usize, threads: usize, autoreset: Autoreset) -> Batch {
+    let setup = Arc::new(Setup::new(config).unwrap());
+    let mut batch = Batch::new(setup, rows, threads, autoreset).unwrap();
+    batch.seed(&(0..rows as u64).map(Some).collect::<Vec<_>>()).unwrap();
+    batch.reset(None).unwrap();
+    batch
+}
+
+/// Actions (N, 5) that move, close and lift, different in every row.
+fn actions(rows: usize, step: usize) -> Vec<f32> {
+    let number =
+        |i: usize| (0.7 * (i % 5) as f32 + 0.37 * (i / 5) as f32 + 0.11 * step as f32).sin();
+    (0..5 * rows).map(number).collect()
+}
+
+fn all_channels() -> Config {
+    Config { observation: CHANNELS.map(String::from).into(), ..Config::default() }
+}
+
+#[test]
+fn a_row_does_not_depend_on_its_batch_or_the_threads() {
+    let short = Config { max_episode_steps: 20, ..all_channels() };
+    for autoreset in [Autoreset::NextStep, Autoreset::SameStep] {
+        let mut wide = batch(short.clone(), 6, 1, autoreset);
+        let mut threaded = batch(short.clone(), 6, 4, autoreset);
+        let mut narrow = batch(short.clone(), 2, 1, autoreset);
+        let size = wide.setup().layout().size();
+        for step in 0..50 {
+            let a = actions(6, step);
+            let one = wide.step(&a).unwrap();
+            let four = threaded.step(&a).unwrap();
+            let two = narrow.step(&a[..10]).unwrap();
+            assert_eq!(one.observation, four.observation, "step {step}");
+            assert_eq!(one.outcomes, four.outcomes, "step {step}");
+            assert_eq!(one.observation[..2 * size], two.observation[..], "step {step}");
+            assert_eq!(one.outcomes[..2], two.outcomes[..], "step {step}");
+        }
+    }
+}
+
+#[test]
+fn a_snapshot_replays_bit_for_bit() {
+    let mut first = batch(all_channels(), 4, 1, Autoreset::NextStep);
+    for step in 0..40 {
+        first.step(&actions(4, step)).unwrap();
+    }
+    let saved = first.save();
+    let mut second = batch(all_channels(), 4, 1, Autoreset::NextStep);
+    second.load(&saved).unwrap();
+    for step in 40..140 {
+        let [a, b] = [&mut first, &mut second].map(|b| b.step(&actions(4, step)).unwrap());
+        assert_eq!(a.observation, b.observation, "step {step}");
+        assert_eq!(a.outcomes, b.outcomes, "step {step}");
+    }
+}
+
+#[test]
+fn damaged_and_foreign_snapshots_are_refused() {
+    let mut one = batch(Config::default(), 1, 1, Autoreset::NextStep);
+    let saved = one.save();
+    for byte in [0, 9, 17, 30, saved[0].len() - 1] {
+        let mut damaged = saved.clone();
+        damaged[0][byte] ^= 1;
+        assert!(matches!(one.load(&damaged), Err(Error::BadState { .. })), "byte {byte}");
+    }
+    let mut other = batch(all_channels(), 1, 1, Autoreset::NextStep);
+    assert!(matches!(other.load(&saved), Err(Error::BadState { .. })));
+    assert!(one.load(&[&saved[0][..10]]).is_err());
+    assert!(one.load(&saved).is_ok());
+}
+
+#[test]
+fn reset_forgets_what_was_before() {
+    let config = all_channels();
+    let mut used = batch(config.clone(), 2, 1, Autoreset::NextStep);
+    for step in 0..150 {
+        used.step(&actions(2, step)).unwrap();
+    }
+    used.seed(&[Some(0), Some(1)]).unwrap();
+    let again = used.reset(None).unwrap();
+    let mut fresh = batch(config, 2, 1, Autoreset::NextStep);
+    fresh.seed(&[Some(0), Some(1)]).unwrap();
+    assert_eq!(again, fresh.reset(None).unwrap());
+    let [a, b] = [&mut used, &mut fresh].map(|b| b.step(&actions(2, 0)).unwrap());
+    assert_eq!(a.observation, b.observation);
+}
+
+#[test]
+fn rewards_are_means_of_terms_in_the_unit_interval() {
+    let mut batch = batch(Config::default(), 8, 1, Autoreset::NextStep);
+    for step in 0..200 {
+        let StepResult { outcomes, .. } = batch.step(&actions(8, step)).unwrap();
+        for outcome in outcomes {
+            let values = outcome.terms.values();
+            let sound = values.iter().chain([&outcome.reward]).all(|x| (0.0..=1.0).contains(x));
+            assert!(sound, "{outcome:?}");
+        }
+    }
+}
+
+/// Wild actions for many episodes of extreme objects: every number stays within its declared
+/// bounds, and an early end has a name.
+#[test]
+fn observations_stay_within_their_bounds() {
+    let extremes: [(Range, Range, Range); 3] = [
+        ([0.002, 0.002], [0.0, 0.0], [0.3, 0.3]),
+        ([1000.0, 1000.0], [2.0, 2.0], [1.0, 1.0]),
+        ([0.002, 10.0], [0.0, 10.0], [0.2, 1.5]),
+    ];
+    for (mass, friction, size) in extremes {
+        let config = Config { mass, friction, size, ..all_channels() };
+        let mut batch = batch(config, 16, 1, Autoreset::NextStep);
+        let layout = batch.setup().layout().clone();
+        for step in 0..300 {
+            let wild: Vec<_> = actions(16, 7 * step).iter().map(|a| a.signum()).collect();
+            let result = batch.step(&wild).unwrap();
+            for row in result.observation.chunks(layout.size()) {
+                assert!(layout.holds(row), "{mass:?} kg, step {step}: {row:?}");
+            }
+            for outcome in result.outcomes {
+                assert_eq!(outcome.terminated, outcome.ending.is_some());
+                assert_ne!(outcome.ending, Some(Ending::EngineError));
+            }
+        }
+    }
+}
