@@ -324,3 +324,12 @@ fn a_ball_between_two_pads_finds_the_middle_and_carries_its_load() {
         assert!(middle.abs() < 1e-3 * MM, "{middle} m off the middle");
     }
 }
+
+#[test]
+fn a_tip_finer_than_the_mesh_is_felt() {
+    // Faces of 1.3 mm and a ball of half a millimetre between their nodes.
+    let fem = block(GEL, 3, rough(0.0));
+    let pose = vec![Isometry3::translation(0.4 * MM, 0.3 * MM, 0.4 * MM)];
+    let tip = last(&fem, vec![Shape::Sphere { radius: 0.5 * MM }], vec![pose]);
+    assert!(tip.wrench.force.z < 0.0, "{} N", tip.wrench.force.z);
+}

@@ -184,33 +184,30 @@ fn quadratic_gradients(l: &[f64; 4], g: &[Vector3<f64>; 4]) -> [Vector3<f64>; 10
     })
 }
 
-/// Barycentric coordinates and weight of the points on a face.
-type FaceRule = &'static [([f64; 3], f64)];
+/// Contact points lie about this close (m), so that a tip of half a millimetre is not missed.
+const SPACING: f64 = 4e-4;
+/// Pieces into which a face's edges are cut: at least and at most.
+const PIECES: (f64, f64) = (2.0, 8.0);
 
-/// Exact for quadratic polynomials (Strang and Fix 1973).
-const THREE_POINTS: FaceRule = {
-    const A: f64 = 2.0 / 3.0;
-    const B: f64 = 1.0 / 6.0;
-    &[([A, B, B], 1.0 / 3.0), ([B, A, B], 1.0 / 3.0), ([B, B, A], 1.0 / 3.0)]
-};
-
-/// Exact for quartic polynomials (Dunavant 1985).
-const SIX_POINTS: FaceRule = {
-    const A: f64 = 0.816_847_572_980_459;
-    const B: f64 = 0.091_576_213_509_771;
-    const C: f64 = 0.108_103_018_168_070;
-    const D: f64 = 0.445_948_490_915_965;
-    const V: f64 = 0.109_951_743_655_322;
-    const W: f64 = 0.223_381_589_678_011;
-    &[
-        ([A, B, B], V),
-        ([B, A, B], V),
-        ([B, B, A], V),
-        ([C, D, D], W),
-        ([D, C, D], W),
-        ([D, D, C], W),
-    ]
-};
+/// Barycentric coordinates of points on a face of longest edge `edge` (m): the centroids of equal
+/// triangles.
+fn face_rule(edge: f64) -> Vec<[f64; 3]> {
+    let pieces = (edge / SPACING).ceil().clamp(PIECES.0, PIECES.1) as u32;
+    let mut rule = Vec::new();
+    for i in 0..pieces {
+        for j in 0..pieces - i {
+            let mut add = |corner: f64| {
+                let [a, b] = [i, j].map(|k| (f64::from(k) + corner) / f64::from(pieces));
+                rule.push([a, b, 1.0 - a - b]);
+            };
+            add(1.0 / 3.0);
+            if i + j + 1 < pieces {
+                add(2.0 / 3.0);
+            }
+        }
+    }
+    rule
+}
 
 /// Points of the body's surface at which contact is felt; faces held all round have none.
 pub(super) fn surface_points(
@@ -219,7 +216,6 @@ pub(super) fn surface_points(
     element: Element,
 ) -> Vec<SurfacePoint> {
     let mesh = body.mesh();
-    let rule = if element == Element::P2 { SIX_POINTS } else { THREE_POINTS };
     let mut points = Vec::new();
     for owners in faces(mesh).into_values() {
         let [(tet, face)] = owners[..] else { continue };
@@ -229,13 +225,15 @@ pub(super) fn surface_points(
         }
         let [a, b, c] = ends.map(|node| mesh.vertices[node as usize]);
         let area = 0.5 * (b - a).cross(&(c - a)).norm();
-        for (l, weight) in rule {
+        let edge = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+        let rule = face_rule(edge);
+        for l in &rule {
             let shares = match element {
                 Element::P2 => quadratic_shares(nodes, ends, l),
                 _ => ends.into_iter().zip(*l).collect(),
             };
             let young = body.moduli()[tet as usize].young;
-            points.push(SurfacePoint { shares, area: weight * area, young });
+            points.push(SurfacePoint { shares, area: area / rule.len() as f64, young });
         }
     }
     points

@@ -5,8 +5,10 @@
 //! method with a sparse Cholesky factorisation whose analysis is done once per mesh.
 //!
 //! Precision. A frame is returned when the norm of the unbalanced force is at most
-//! [`Options::tolerance`]; for bodies stiffer than 1 `MPa` the tolerance grows in proportion. Shapes
-//! sink in by [`Options::softness`] × pressure / Young's modulus, and friction creeps no further.
+//! [`Options::tolerance`]; for bodies stiffer than 1 MPa the tolerance grows in proportion. Shapes
+//! sink in by [`Options::softness`] × pressure / Young's modulus, and a sticking point creeps by four
+//! times that × friction. At the default softness this costs 0.3 % of the force at a depth of
+//! 0.5 mm, 0.1 % at 1 mm.
 
 mod drive;
 mod element;
