@@ -333,3 +333,20 @@ fn a_tip_finer_than_the_mesh_is_felt() {
     let tip = last(&fem, vec![Shape::Sphere { radius: 0.5 * MM }], vec![pose]);
     assert!(tip.wrench.force.z < 0.0, "{} N", tip.wrench.force.z);
 }
+
+#[test]
+fn a_crooked_box_is_turned_straight_by_the_pads() {
+    let pad = block(GEL, 3, rough(0.8));
+    let crooked = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.04, 0.02));
+    let grasp = Grasp {
+        object: Shape::Cuboid { half_extents: Vector3::new(3.0, 2.5, 2.0) * MM },
+        start: Isometry3::from_parts(Vector3::zeros().into(), crooked),
+        path: (0..4).map(|i| facing(6.0 * MM - 0.1 * MM * f64::from(i))).collect(),
+        load: Wrench::default(),
+    };
+    let frames = grasp.solve([&pad, &pad]);
+    let last = frames.last().unwrap().as_ref().unwrap();
+    let (before, after) = (crooked.angle(), last.object.rotation.angle());
+    assert!(after < 0.9 * before, "{after} rad, was {before} rad");
+    assert!(last.residual < 1e-6, "{} N unbalanced", last.residual);
+}

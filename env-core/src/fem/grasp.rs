@@ -2,7 +2,8 @@
 //!
 //! The pads are solved for a given pose of the object; what they do to it, and the load, must cancel.
 //! That is Newton's method in six unknowns, whose matrix is the pads' stiffness at the object:
-//! K = Σ (C − Bᵀ A⁻¹ B), A a pad's stiffness, C the contact's, B their coupling.
+//! K = Σ (C − Bᵀ A⁻¹ B), A a pad's stiffness, C the contact's, B their coupling. It holds the limits
+//! of friction fixed; what it misses is learnt from step to step (Broyden 1965).
 
 use std::time::Instant;
 
@@ -109,12 +110,23 @@ impl Hold<'_> {
     fn frame(&mut self, pads: &[Isometry3<f64>; 2]) -> Result<Grasped> {
         let clock = Instant::now();
         let mut trial = self.trial(pads, self.pose)?;
+        let balanced = trial.unbalanced.norm() <= self.tolerance;
+        let mut stiffness = if balanced { Matrix6::zeros() } else { self.stiffness(pads, &trial) };
         for _ in 0..ITERATIONS {
             if trial.unbalanced.norm() <= self.tolerance {
                 break;
             }
-            let stiffness = self.stiffness(pads, &trial);
-            trial = self.closer(pads, &trial, -free_inverse(&stiffness) * trial.unbalanced)?;
+            let towards = |k: &Matrix6<f64>, g: &Vector6<f64>| -free_inverse(k) * g;
+            let learnt = self.closer(pads, &trial, towards(&stiffness, &trial.unbalanced));
+            let (next, step) = if let Ok(found) = learnt {
+                found
+            } else {
+                stiffness = self.stiffness(pads, &trial);
+                self.closer(pads, &trial, towards(&stiffness, &trial.unbalanced))?
+            };
+            let surprise = next.unbalanced - trial.unbalanced - stiffness * step;
+            stiffness += surprise * step.transpose() / step.norm_squared();
+            trial = next;
         }
         let residual = trial.unbalanced.norm();
         if residual > self.tolerance {
@@ -149,20 +161,20 @@ impl Hold<'_> {
         Ok(Trial { pose, attempts, unbalanced })
     }
 
-    /// The trial along `step`, shortened until less is unbalanced than at `from`.
+    /// The trial along `step`, shortened until less is unbalanced than at `from`, and the step taken.
     fn closer(
         &mut self,
         pads: &[Isometry3<f64>; 2],
         from: &Trial,
         step: Vector6<f64>,
-    ) -> Result<Trial> {
+    ) -> Result<(Trial, Vector6<f64>)> {
         let before = from.unbalanced.norm();
         let mut share = (0.05 * self.size / step.norm()).min(1.0);
         for _ in 0..12 {
             if let Ok(trial) = self.trial(pads, moved(&from.pose, &(step * share), self.size))
                 && trial.unbalanced.norm() < before
             {
-                return Ok(trial);
+                return Ok((trial, step * share));
             }
             share *= 0.5;
         }
@@ -237,10 +249,9 @@ fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>, size: f64) -> Isometry3<f64
     Isometry3::from_parts(translation, UnitQuaternion::from_scaled_axis(turn) * pose.rotation)
 }
 
-/// Inverse of a symmetric matrix, zero where it has no stiffness.
+/// Inverse of a matrix, zero where it has no stiffness.
 fn free_inverse(stiffness: &Matrix6<f64>) -> Matrix6<f64> {
-    let eigen = (0.5 * (stiffness + stiffness.transpose())).symmetric_eigen();
-    let least = FREE * eigen.eigenvalues.amax();
-    let inverse = eigen.eigenvalues.map(|x| if x.abs() > least { 1.0 / x.abs() } else { 0.0 });
-    eigen.eigenvectors * Matrix6::from_diagonal(&inverse) * eigen.eigenvectors.transpose()
+    let svd = stiffness.svd(true, true);
+    let least = FREE * svd.singular_values.max();
+    svd.pseudo_inverse(least).expect("both factors were asked for, and the bound is not negative")
 }
