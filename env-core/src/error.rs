@@ -49,6 +49,29 @@ pub enum Error {
         /// What the operating system or the parser said.
         reason: String,
     },
+    /// Newton's method stopped before the forces balanced, however small the load step.
+    #[error(
+        "no equilibrium after {iterations} Newton steps: residual {residual:.2e} N, \
+         tolerance {tolerance:.2e} N"
+    )]
+    NotConverged {
+        /// Newton steps taken, all load steps together.
+        iterations: usize,
+        /// Norm of the unbalanced force (N).
+        residual: f64,
+        /// Norm that would have been accepted (N).
+        tolerance: f64,
+    },
+    /// A force drive whose shapes never press that hard.
+    #[error("force {force:.3e} N not reached: {reached:.3e} N after {travel:.3e} m")]
+    Unreachable {
+        /// Force asked for (N).
+        force: f64,
+        /// Largest force met (N).
+        reached: f64,
+        /// How far the shapes moved (m).
+        travel: f64,
+    },
 }
 
 impl Error {

@@ -8,6 +8,9 @@
 pub mod error;
 pub mod geometry;
 pub mod sensor;
+pub mod deformation;
+pub mod contact;
+pub mod fem;
 pub mod scene;
 pub mod task;
 pub mod render;

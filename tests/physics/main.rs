@@ -1,5 +1,7 @@
 //! Physics of the whole crate against closed forms, one binary.
 
 mod batch;
+mod bodies;
+mod fem;
 mod floors;
 mod grasp;

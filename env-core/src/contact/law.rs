@@ -1,0 +1,210 @@
+//! Regularised unilateral contact and Coulomb friction at one surface point, per unit of area.
+//!
+//! Pressure p = k δ at depth δ ≥ 0 with k = E/ℓ: a pressure as high as Young's modulus sinks in by
+//! the softness ℓ. Friction is a spring of stiffness h = k/4 to the place where the point sticks,
+//! whose force is cut at μp (Wriggers 2006, ch. 5: return mapping): at most 4μδ of elastic slip.
+//! With the limit c = μp held fixed it has the potential H(s) = h s²/2 for hs ≤ c, else
+//! c s − c²/2h, so friction is a minimisation, too, repeated until c has settled.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::{SurfacePoint, Touch};
+use crate::{Error, Result};
+
+/// Regularised contact with Coulomb friction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ContactLaw {
+    /// Depth at which the pressure equals Young's modulus (m).
+    pub softness: f64,
+    /// Coefficient of friction μ.
+    pub friction: f64,
+}
+
+/// What the shape does to the body at a touching point, per unit of area.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Traction {
+    /// Along the shape's normal, pushing the body out (Pa).
+    pub normal: Vector3<f64>,
+    /// Friction, tangential (Pa).
+    pub tangential: Vector3<f64>,
+}
+
+impl ContactLaw {
+    /// A law with a `friction` coefficient from 0 to 100 and a `softness` above 0 m.
+    pub fn new(softness: f64, friction: f64) -> Result<Self> {
+        if !(softness.is_finite() && softness > 0.0) {
+            return Err(Error::invalid("softness", softness, "a finite depth above 0 m"));
+        }
+        if !(0.0..=100.0).contains(&friction) {
+            return Err(Error::invalid("friction", friction, "a coefficient from 0 to 100"));
+        }
+        Ok(Self { softness, friction })
+    }
+
+    /// k (Pa/m).
+    fn stiffness(&self, point: &SurfacePoint) -> f64 {
+        point.young / self.softness
+    }
+
+    /// h (Pa/m).
+    fn stick_stiffness(&self, point: &SurfacePoint) -> f64 {
+        0.25 * self.stiffness(point)
+    }
+
+    /// Largest friction c = μp that a touching point bears (Pa).
+    pub fn limit(&self, point: &SurfacePoint, touch: &Touch) -> f64 {
+        self.friction * self.stiffness(point) * touch.depth
+    }
+
+    /// Energy (J/m²) with friction cut at `limit` (Pa).
+    pub fn energy(&self, point: &SurfacePoint, touch: &Touch, limit: f64) -> f64 {
+        let (h, slip) = (self.stick_stiffness(point), touch.slip.norm());
+        let friction = if h * slip <= limit {
+            0.5 * h * slip * slip
+        } else {
+            limit * (slip - 0.5 * limit / h)
+        };
+        0.5 * self.stiffness(point) * touch.depth * touch.depth + friction
+    }
+
+    /// The traction: minus the gradient of the energy by the point's place.
+    pub fn traction(&self, point: &SurfacePoint, touch: &Touch, limit: f64) -> Traction {
+        let (h, slip) = (self.stick_stiffness(point), touch.slip.norm());
+        let spring = if h * slip <= limit { h } else { limit / slip };
+        Traction {
+            normal: self.stiffness(point) * touch.depth * touch.normal,
+            tangential: -spring * touch.slip,
+        }
+    }
+
+    /// Second derivative of the energy by the point's place (Pa/m), without the curvature of the
+    /// shape: that part is negative where it matters and would only spoil the descent.
+    pub fn hessian(&self, point: &SurfacePoint, touch: &Touch, limit: f64) -> Matrix3<f64> {
+        let (k, n) = (self.stiffness(point), touch.normal);
+        let normal = n * n.transpose();
+        let tangential = Matrix3::identity() - normal;
+        let (h, slip) = (self.stick_stiffness(point), touch.slip.norm());
+        if self.friction == 0.0 {
+            return k * normal;
+        }
+        if h * slip <= limit {
+            return k * normal + h * tangential;
+        }
+        let along = touch.slip / slip;
+        k * normal + limit / slip * (tangential - along * along.transpose())
+    }
+
+    /// What [`ContactLaw::hessian`] leaves out when the limit follows the depth: d of −`tangential`
+    /// by the point's place, μk ŝ ⊗ (−n) where the point slips (Pa/m).
+    pub fn limit_coupling(&self, point: &SurfacePoint, touch: &Touch) -> Option<Matrix3<f64>> {
+        let (k, slip) = (self.stiffness(point), touch.slip.norm());
+        let slips = self.stick_stiffness(point) * slip > self.limit(point, touch);
+        let along = touch.slip / slip;
+        slips.then(|| -self.friction * k * along * touch.normal.transpose())
+    }
+
+    /// Where the point sticks from here on, relative to where it is: the spring keeps its force.
+    pub fn stuck_at(&self, point: &SurfacePoint, touch: &Touch) -> Vector3<f64> {
+        let traction = self.traction(point, touch, self.limit(point, touch));
+        traction.tangential / self.stick_stiffness(point)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+
+    const LAW: ContactLaw = ContactLaw { softness: 1e-6, friction: 0.6 };
+
+    fn point() -> SurfacePoint {
+        SurfacePoint { shares: vec![(0, 1.0)], area: 1e-7, young: 2e5 }
+    }
+
+    /// A touch of the half-space z < 0 that has slipped from the origin.
+    fn touch(place: Vector3<f64>) -> Touch {
+        let slip = Vector3::new(place.x, place.y, 0.0);
+        let (normal, depth) = (Vector3::z(), -place.z);
+        Touch { shape: 0, point: 0, place: Point3::from(place), depth, normal, slip }
+    }
+
+    /// Stuck, and slipping.
+    fn places() -> [Vector3<f64>; 2] {
+        [Vector3::new(1e-7, 5e-8, -4e-7), Vector3::new(1e-6, -2e-6, -4e-7)]
+    }
+
+    #[test]
+    fn traction_and_hessian_are_derivatives_of_the_energy() {
+        let point = point();
+        for place in places() {
+            let limit = LAW.limit(&point, &touch(place));
+            let traction = LAW.traction(&point, &touch(place), limit);
+            let exact = -(traction.normal + traction.tangential);
+            let hessian = LAW.hessian(&point, &touch(place), limit);
+            for i in 0..3 {
+                let step = 1e-12;
+                let moved = |d: f64| touch(place + Vector3::ith(i, d));
+                let energy = |d: f64| LAW.energy(&point, &moved(d), limit);
+                let slope = (energy(step) - energy(-step)) / (2.0 * step);
+                // Truncation (step/slip)² and rounding 1e-16 slip/step are both below 1e-7.
+                let error = (slope - exact[i]).abs() / exact.norm();
+                assert!(error < 1e-6, "{place} {i}: {slope} Pa against {} Pa", exact[i]);
+                let force = |d: f64| {
+                    let t = LAW.traction(&point, &moved(d), limit);
+                    -(t.normal + t.tangential)
+                };
+                let column = (force(step) - force(-step)) / (2.0 * step);
+                let error = (column - hessian.column(i)).norm() / hessian.norm();
+                assert!(error < 1e-6, "{place} {i}: relative error {error:.1e}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_limit_follows_the_depth() {
+        let (point, step) = (point(), 1e-12);
+        let tangential = |place: Vector3<f64>| {
+            let touch = touch(place);
+            LAW.traction(&point, &touch, LAW.limit(&point, &touch)).tangential
+        };
+        let [stuck, slipping] = places();
+        assert!(LAW.limit_coupling(&point, &touch(stuck)).is_none());
+        let coupling = LAW.limit_coupling(&point, &touch(slipping)).unwrap();
+        let up = Vector3::z() * step;
+        let change = -(tangential(slipping + up) - tangential(slipping - up)) / (2.0 * step);
+        let error = (change - coupling.column(2)).norm() / coupling.norm();
+        assert!(error < 1e-6, "relative error {error:.1e}");
+    }
+
+    #[test]
+    fn friction_sticks_below_and_slips_at_its_limit() {
+        let point = point();
+        let [stuck, slipping] = places().map(|place| {
+            let touch = touch(place);
+            let limit = LAW.limit(&point, &touch);
+            LAW.traction(&point, &touch, limit).tangential.norm() / limit
+        });
+        assert!(stuck < 1.0, "{stuck} of the limit");
+        assert!((slipping - 1.0).abs() < 1e-14, "{slipping} of the limit");
+    }
+
+    #[test]
+    fn a_slipped_point_sticks_where_its_force_stays_the_same() {
+        let point = point();
+        let slipped = touch(places()[1]);
+        let anchor = slipped.place.coords + LAW.stuck_at(&point, &slipped);
+        let again = Touch { slip: (slipped.place.coords - anchor), ..slipped };
+        let limit = LAW.limit(&point, &slipped);
+        let force = |touch: &Touch| LAW.traction(&point, touch, limit).tangential;
+        let change = (force(&again) - force(&slipped)).norm() / limit;
+        assert!(change < 1e-9, "changed by {change:.1e} of the limit");
+    }
+
+    #[test]
+    fn a_law_outside_its_range_is_refused() {
+        for (softness, friction) in [(0.0, 0.5), (1e-6, -0.1), (1e-6, f64::NAN), (f64::NAN, 0.5)] {
+            assert!(ContactLaw::new(softness, friction).is_err(), "{softness} m, {friction}");
+        }
+    }
+}

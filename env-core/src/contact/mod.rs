@@ -1,0 +1,40 @@
+//! Contact of a deformable surface with rigid shapes.
+//!
+//! Contact is felt at a few points of every surface face, each standing for part of its area, and
+//! not at the nodes: a node misses an edge between its neighbours, and too few contact points
+//! release a locked mesh just where it is looked at. [`touches`] finds the points inside a shape,
+//! [`ContactLaw`] says what a touching point costs: value, gradient and Hessian.
+
+mod law;
+mod touch;
+
+pub use law::{ContactLaw, Traction};
+pub use touch::{ContactStep, Touch};
+
+use nalgebra::{Point3, Vector3};
+
+/// A point of the surface at which contact is felt.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// Nodes that carry it, with their shares; the shares sum to 1.
+    pub shares: Vec<(u32, f64)>,
+    /// Area at rest that it stands for (m²).
+    pub area: f64,
+    /// Young's modulus under it (Pa).
+    pub young: f64,
+}
+
+impl SurfacePoint {
+    /// A nodal field at this point.
+    pub fn interpolate(&self, nodal: &[Vector3<f64>]) -> Vector3<f64> {
+        self.shares.iter().map(|&(node, share)| nodal[node as usize] * share).sum()
+    }
+
+    /// Where it is when the nodes, at rest in `places`, are displaced.
+    pub fn place(&self, places: &[Point3<f64>], displacement: &[Vector3<f64>]) -> Point3<f64> {
+        let at = |&(node, share): &(u32, f64)| {
+            (places[node as usize].coords + displacement[node as usize]) * share
+        };
+        self.shares.iter().map(at).sum::<Vector3<f64>>().into()
+    }
+}

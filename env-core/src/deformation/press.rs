@@ -1,0 +1,219 @@
+//! How a soft body is pressed, what it remembers, and what comes out.
+
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
+
+use crate::{Error, Result, geometry::Shape};
+
+/// Rigid shapes pressed into one soft body.
+#[derive(Clone, Debug)]
+pub struct Press {
+    shapes: Vec<Shape>,
+    drive: Drive,
+    history: Option<History>,
+}
+
+/// What moves the shapes. Poses are those of the shapes in the frame of the soft body.
+#[derive(Clone, Debug)]
+pub enum Drive {
+    /// Poses are given.
+    Translation {
+        /// Poses of the shapes frame by frame (F, S).
+        path: Vec<Vec<Isometry3<f64>>>,
+    },
+    /// The shapes move together along a line until they press with a given force.
+    Force {
+        /// Poses of the shapes where the line begins (S).
+        poses: Vec<Isometry3<f64>>,
+        /// Force of the shapes on the soft body along `direction` (N).
+        force: f64,
+        /// Direction of motion, and of the force's counted component.
+        direction: Unit<Vector3<f64>>,
+    },
+}
+
+/// Where a press ended: the next press of the same body and shapes may start there.
+#[derive(Clone, Debug, PartialEq)]
+pub struct History {
+    /// Displacement of the nodes of the model that wrote this (m); the mesh's nodes come first.
+    pub displacement: Vec<Vector3<f64>>,
+    /// Poses of the shapes (S).
+    pub poses: Vec<Isometry3<f64>>,
+    /// Where touching contact points stick.
+    pub anchors: Vec<Anchor>,
+}
+
+/// A contact point that touches a shape, and the place on the shape where friction holds it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Anchor {
+    /// Index of the shape.
+    pub shape: u32,
+    /// Index of the contact point among the model's.
+    pub point: u32,
+    /// Place in the frame of the shape (m).
+    pub place: Point3<f64>,
+}
+
+/// Force and torque on the soft body, about the origin of its frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Wrench {
+    /// Force (N).
+    pub force: Vector3<f64>,
+    /// Torque (N m).
+    pub torque: Vector3<f64>,
+}
+
+/// A soft body in equilibrium with what presses it.
+#[derive(Clone, Debug)]
+pub struct Deformation {
+    /// Displacement of the nodes (V, 3) in m.
+    pub displacement: Vec<Vector3<f64>>,
+    /// Von Mises equivalent of the Cauchy stress (T) in Pa.
+    pub von_mises: Vec<f64>,
+    /// Contact force on the nodes (V, 3) in N.
+    pub contact_force: Vec<Vector3<f64>>,
+    /// Resultant of all contact on the soft body.
+    pub wrench: Wrench,
+    /// Poses of the shapes (S).
+    pub poses: Vec<Isometry3<f64>>,
+    /// What the contact remembers.
+    pub history: History,
+    /// Newton steps taken since the last frame.
+    pub iterations: usize,
+    /// Norm of the force left unbalanced (N).
+    pub residual: f64,
+    /// Wall time (s).
+    pub seconds: f64,
+}
+
+/// Answers presses of one soft body.
+pub trait DeformationModel: Send {
+    /// One answer per press, in order: where it ends. An unsolved press is an error in its slot.
+    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>>;
+}
+
+impl Press {
+    /// `shapes` led through the poses of `path` (F, S).
+    pub fn along(shapes: Vec<Shape>, path: Vec<Vec<Isometry3<f64>>>) -> Result<Self> {
+        if path.is_empty() {
+            return Err(Error::invalid("path", "no frames", "at least one"));
+        }
+        path.iter().try_for_each(|poses| check_poses(shapes.len(), poses))?;
+        Self::new(shapes, Drive::Translation { path })
+    }
+
+    /// `shapes` moved from `poses` along `direction` until they press with `force` (N).
+    pub fn with_force(
+        shapes: Vec<Shape>,
+        poses: Vec<Isometry3<f64>>,
+        force: f64,
+        direction: Vector3<f64>,
+    ) -> Result<Self> {
+        check_poses(shapes.len(), &poses)?;
+        if !(force.is_finite() && force > 0.0) {
+            return Err(Error::invalid("force", force, "a finite force above 0 N"));
+        }
+        let direction = Unit::try_new(direction, 1e-12)
+            .filter(|d| d.iter().all(|x| x.is_finite()))
+            .ok_or_else(|| Error::invalid("direction", direction, "a vector with a length"))?;
+        Self::new(shapes, Drive::Force { poses, force, direction })
+    }
+
+    /// This press, starting where another ended.
+    pub fn after(mut self, history: History) -> Result<Self> {
+        check_poses(self.shapes.len(), &history.poses)?;
+        if let Some(anchor) = history.anchors.iter().find(|a| a.shape as usize >= self.shapes.len())
+        {
+            let expected = format!("anchors on {} shapes", self.shapes.len());
+            return Err(Error::invalid("history", anchor.shape, expected));
+        }
+        let numbers = history.displacement.iter().flat_map(|u| u.iter());
+        if let Some(x) = numbers.copied().find(|x| !x.is_finite()) {
+            return Err(Error::invalid("history", x, "finite displacements"));
+        }
+        self.history = Some(history);
+        Ok(self)
+    }
+
+    fn new(shapes: Vec<Shape>, drive: Drive) -> Result<Self> {
+        if shapes.is_empty() {
+            return Err(Error::invalid("shapes", "none", "at least one rigid shape"));
+        }
+        let shapes = shapes.into_iter().map(Shape::validated).collect::<Result<_>>()?;
+        Ok(Self { shapes, drive, history: None })
+    }
+
+    /// The rigid shapes (S).
+    pub fn shapes(&self) -> &[Shape] {
+        &self.shapes
+    }
+
+    /// What moves them.
+    pub fn drive(&self) -> &Drive {
+        &self.drive
+    }
+
+    /// Where the press starts, if not from rest.
+    pub fn history(&self) -> Option<&History> {
+        self.history.as_ref()
+    }
+}
+
+fn check_poses(shapes: usize, poses: &[Isometry3<f64>]) -> Result<()> {
+    if poses.len() != shapes {
+        return Err(Error::invalid(
+            "poses",
+            poses.len(),
+            format!("one for each of {shapes} shapes"),
+        ));
+    }
+    for pose in poses {
+        let numbers = pose.translation.vector.iter().chain(pose.rotation.coords.iter());
+        if !numbers.copied().all(f64::is_finite) {
+            return Err(Error::invalid("pose", pose, "finite numbers"));
+        }
+        if (pose.rotation.norm() - 1.0).abs() > 1e-6 {
+            return Err(Error::invalid("pose", pose.rotation, "a unit quaternion"));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ball() -> Vec<Shape> {
+        vec![Shape::Sphere { radius: 0.004 }]
+    }
+
+    #[test]
+    fn presses_that_make_no_sense_are_refused() {
+        let (here, z) = (Isometry3::identity(), Vector3::z());
+        let mut nowhere = here;
+        nowhere.translation.vector.x = f64::NAN;
+        assert!(Press::along(ball(), vec![]).is_err());
+        assert!(Press::along(ball(), vec![vec![here, here]]).is_err());
+        assert!(Press::along(ball(), vec![vec![nowhere]]).is_err());
+        assert!(Press::along(vec![], vec![vec![]]).is_err());
+        assert!(Press::along(vec![Shape::Sphere { radius: -1.0 }], vec![vec![here]]).is_err());
+        for force in [0.0, -1.0, f64::INFINITY] {
+            assert!(Press::with_force(ball(), vec![here], force, z).is_err(), "{force} N");
+        }
+        assert!(Press::with_force(ball(), vec![here], 1.0, Vector3::zeros()).is_err());
+    }
+
+    #[test]
+    fn a_history_of_other_shapes_is_refused() {
+        let here = Isometry3::identity();
+        let press = Press::along(ball(), vec![vec![here]]).unwrap();
+        let anchor = Anchor { shape: 1, point: 0, place: Point3::origin() };
+        let history = |poses: usize, anchors: Vec<Anchor>| History {
+            displacement: vec![Vector3::zeros(); 4],
+            poses: vec![here; poses],
+            anchors,
+        };
+        assert!(press.clone().after(history(1, vec![])).is_ok());
+        assert!(press.clone().after(history(2, vec![])).is_err());
+        assert!(press.after(history(1, vec![anchor])).is_err());
+    }
+}

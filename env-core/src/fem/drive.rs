@@ -1,0 +1,349 @@
+//! Presses frame by frame: load steps, their subdivision, and force control.
+
+use std::time::Instant;
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::{
+    newton::{Balance, Limits, Push, equilibrium},
+    sparse::Matrix,
+    system::{Forces, State, System},
+};
+use crate::{
+    Error, Result,
+    contact::{ContactStep, Touch},
+    deformation::{Anchor, Deformation, Drive, History, Press, Wrench},
+    geometry::Shape,
+};
+
+/// Smallest part of a frame that is tried as a load step of its own.
+const SHORTEST_STRIDE: f64 = 1.0 / 256.0;
+/// Shapes pushed this far without a touch will not meet the body (m).
+const FARTHEST: f64 = 1.0;
+
+/// One press being solved: workspace and current state.
+pub(super) struct Run<'a> {
+    pub(super) system: &'a System,
+    /// Number of the mesh's nodes, V.
+    vertices: usize,
+    limits: Limits,
+    pub(super) matrix: Matrix,
+    pub(super) state: State,
+    anchors: Vec<Anchor>,
+    /// Force on the body in the last load step (N).
+    held: Vector3<f64>,
+    /// Change of displacement in the last load step (N) in m.
+    increment: Vec<Vector3<f64>>,
+}
+
+/// A converged load step.
+pub(super) struct Solved {
+    pub(super) balance: Balance,
+    pub(super) forces: Forces,
+}
+
+/// A load step and where it leads.
+pub(super) struct Attempt {
+    state: State,
+    anchors: Vec<Anchor>,
+    pub(super) solved: Solved,
+}
+
+impl<'a> Run<'a> {
+    pub(super) fn new(system: &'a System, vertices: usize, limits: Limits) -> Self {
+        let displacement = vec![Vector3::zeros(); system.nodes.places.len()];
+        let matrix = system.pattern.matrix();
+        let held = Vector3::zeros();
+        let increment = displacement.clone();
+        let state = State { displacement, poses: Vec::new() };
+        Self { system, vertices, limits, matrix, state, anchors: Vec::new(), held, increment }
+    }
+
+    /// Every frame of `press`; the first that fails is the last.
+    pub(super) fn frames(mut self, press: &Press) -> Vec<Result<Deformation>> {
+        if let Err(error) = self.start(press) {
+            return vec![Err(error)];
+        }
+        match press.drive() {
+            Drive::Translation { path } => {
+                let mut frames = Vec::with_capacity(path.len());
+                for poses in path {
+                    frames.push(self.frame(|run| run.follow(press, poses)));
+                    if frames.last().is_some_and(Result::is_err) {
+                        break;
+                    }
+                }
+                frames
+            }
+            Drive::Force { force, direction, .. } => {
+                let push = Push { direction: **direction, force: *force };
+                vec![self.frame(|run| run.push(press, &push))]
+            }
+        }
+    }
+
+    /// Puts body and shapes where the press begins.
+    fn start(&mut self, press: &Press) -> Result<()> {
+        let first = match press.drive() {
+            Drive::Translation { path } => &path[0],
+            Drive::Force { poses, .. } => poses,
+        };
+        let Some(history) = press.history() else {
+            self.state.poses = self.apart(press, first);
+            return Ok(());
+        };
+        let (found, nodes) = (history.displacement.len(), self.state.displacement.len());
+        if found != nodes {
+            let expected = format!("displacements of this model's {nodes} nodes");
+            return Err(Error::invalid("history", found, expected));
+        }
+        let points = self.system.surface.len();
+        if let Some(anchor) = history.anchors.iter().find(|a| a.point as usize >= points) {
+            let expected = format!("anchors at this model's {points} contact points");
+            return Err(Error::invalid("history", anchor.point, expected));
+        }
+        self.state.displacement.clone_from(&history.displacement);
+        self.state.poses.clone_from(&history.poses);
+        self.anchors.clone_from(&history.anchors);
+        Ok(())
+    }
+
+    /// `poses`, with each shape backed off the resting body along the push it would give.
+    fn apart(&self, press: &Press, poses: &[Isometry3<f64>]) -> Vec<Isometry3<f64>> {
+        let surface = &self.system.surface;
+        let places = self.system.surface_places(&self.state.displacement);
+        let mut apart = poses.to_vec();
+        for (shape, pose) in press.shapes().iter().zip(&mut apart) {
+            let measure = |pose: &Isometry3<f64>| {
+                let (mut deepest, mut push) = (0f64, Vector3::zeros());
+                for (point, place) in surface.iter().zip(&places) {
+                    let distance = shape.distance(&pose.inverse_transform_point(place));
+                    if distance.value < 0.0 {
+                        deepest = deepest.max(-distance.value);
+                        push -= pose.rotation * distance.normal * (distance.value * point.area);
+                    }
+                }
+                (deepest, push)
+            };
+            let (mut deepest, push) = measure(pose);
+            let Some(away) = (-push).try_normalize(0.0) else { continue };
+            for _ in 0..100 {
+                if deepest == 0.0 {
+                    break;
+                }
+                pose.translation.vector += away * deepest.max(1e-6);
+                deepest = measure(pose).0;
+            }
+        }
+        apart
+    }
+
+    /// Solves one frame and reports it.
+    fn frame(&mut self, solve: impl FnOnce(&mut Self) -> Result<Solved>) -> Result<Deformation> {
+        let start = Instant::now();
+        let solved = solve(self)?;
+        let mut deformation = self.report(&solved);
+        deformation.seconds = start.elapsed().as_secs_f64();
+        Ok(deformation)
+    }
+
+    /// Leads the shapes to `poses`.
+    fn follow(&mut self, press: &Press, poses: &[Isometry3<f64>]) -> Result<Solved> {
+        let from = self.state.poses.clone();
+        self.in_steps(press, |_, t| (between(&from, poses, t), None))
+    }
+
+    /// Pushes the shapes until they press with the force of `push`.
+    fn push(&mut self, press: &Press, push: &Push) -> Result<Solved> {
+        let begin = self.state.poses[0].translation.vector;
+        let reached = if self.anchors.is_empty() { self.meet(press, push) } else { Ok(()) };
+        let solved = reached.and_then(|()| {
+            self.in_steps(press, |run, t| {
+                let force = t * push.force;
+                (run.state.poses.clone(), Some(Push { force, ..*push }))
+            })
+        });
+        solved.map_err(|_| {
+            let travel = (self.state.poses[0].translation.vector - begin).norm();
+            Error::Unreachable {
+                force: push.force,
+                reached: self.held.dot(&push.direction),
+                travel,
+            }
+        })
+    }
+
+    /// Moves the shapes along the push until the first of them touches. A step as long as the least
+    /// distance cannot pass the body.
+    fn meet(&mut self, press: &Press, push: &Push) -> Result<()> {
+        let places = self.system.surface_places(&self.state.displacement);
+        let least = |poses: &[Isometry3<f64>]| {
+            let pairs = press.shapes().iter().zip(poses);
+            let distance = |(shape, pose): (&Shape, &Isometry3<f64>)| {
+                let measure = |p| shape.distance(&pose.inverse_transform_point(p)).value;
+                places.iter().map(measure).fold(f64::INFINITY, f64::min)
+            };
+            pairs.map(distance).fold(f64::INFINITY, f64::min)
+        };
+        let mut travel = 0.0;
+        while travel < FARTHEST {
+            let gap = least(&self.state.poses);
+            if gap < 0.0 {
+                return Ok(());
+            }
+            let stride = gap.max(self.system.law.softness);
+            travel += stride;
+            for pose in &mut self.state.poses {
+                pose.translation.vector += push.direction * stride;
+            }
+        }
+        Err(Error::Unreachable { force: push.force, reached: 0.0, travel })
+    }
+
+    /// Solves for the poses and push that `target` gives at t = 1, by way of smaller t where the
+    /// whole way at once fails.
+    fn in_steps(
+        &mut self,
+        press: &Press,
+        target: impl Fn(&Self, f64) -> (Vec<Isometry3<f64>>, Option<Push>),
+    ) -> Result<Solved> {
+        let (mut done, mut stride, mut iterations) = (0.0, 1.0, 0);
+        loop {
+            let next = f64::min(done + stride, 1.0);
+            let (poses, push) = target(self, next);
+            match self.load_step(press, poses, push.as_ref()) {
+                Ok(mut solved) => {
+                    iterations += solved.balance.iterations;
+                    if next == 1.0 {
+                        solved.balance.iterations = iterations;
+                        return Ok(solved);
+                    }
+                    done = next;
+                    stride *= 2.0;
+                }
+                Err(Error::NotConverged { iterations: more, residual, tolerance }) => {
+                    iterations += more;
+                    stride *= 0.5;
+                    if stride < SHORTEST_STRIDE {
+                        return Err(Error::NotConverged { iterations, residual, tolerance });
+                    }
+                }
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// One load step to `poses`, or from there on under `push`. On failure nothing has changed.
+    fn load_step(
+        &mut self,
+        press: &Press,
+        poses: Vec<Isometry3<f64>>,
+        push: Option<&Push>,
+    ) -> Result<Solved> {
+        let attempt = self.attempt(press.shapes(), poses, push)?;
+        Ok(self.accept(attempt))
+    }
+
+    /// Where a load step to `poses`, or from there on under `push`, would lead.
+    pub(super) fn attempt(
+        &mut self,
+        shapes: &[Shape],
+        poses: Vec<Isometry3<f64>>,
+        push: Option<&Push>,
+    ) -> Result<Attempt> {
+        let system = self.system;
+        let start = system.surface_places(&self.state.displacement);
+        let from = self.state.poses.clone();
+        let mut contact = ContactStep::new(shapes, &system.surface, from, start, &self.anchors);
+        let mut state = State { displacement: self.state.displacement.clone(), poses };
+        if push.is_none() {
+            self.extrapolate(&mut state, &mut contact);
+        }
+        let (balance, forces) =
+            equilibrium(system, &mut self.matrix, &mut state, &mut contact, push, &self.limits)?;
+        let back =
+            |touch: &Touch| system.law.stuck_at(&system.surface[touch.point as usize], touch);
+        let anchors = contact.anchors(&state.poses, &forces.touches, back);
+        Ok(Attempt { state, anchors, solved: Solved { balance, forces } })
+    }
+
+    /// Makes an attempt the current state.
+    pub(super) fn accept(&mut self, attempt: Attempt) -> Solved {
+        let Attempt { state, anchors, solved } = attempt;
+        self.anchors = anchors;
+        let moved = state.displacement.iter().zip(&self.state.displacement);
+        self.increment = moved.map(|(after, before)| after - before).collect();
+        self.held = self.wrench(&solved.forces).force;
+        self.state = state;
+        solved
+    }
+
+    /// Starts `state` where the last load step's motion would lead, if less force is unbalanced there.
+    fn extrapolate(&self, state: &mut State, contact: &mut ContactStep) {
+        let ahead = state.displacement.iter().zip(&self.increment).map(|(u, du)| u + du);
+        let ahead = State { displacement: ahead.collect(), poses: state.poses.clone() };
+        let unbalanced = |state: &State, contact: &mut ContactStep| {
+            let forces = self.system.forces(state, contact)?;
+            Some(self.system.pattern.gather(&forces.gradient).iter().map(|x| x * x).sum::<f64>())
+        };
+        let here = unbalanced(state, contact).unwrap_or(f64::INFINITY);
+        if unbalanced(&ahead, contact).is_some_and(|there| there < here) {
+            *state = ahead;
+        }
+    }
+
+    /// Resultant of all contact on the body.
+    pub(super) fn wrench(&self, forces: &Forces) -> Wrench {
+        let mut wrench = Wrench::default();
+        for touch in &forces.touches {
+            let force = self.system.contact_force(touch);
+            wrench.force += force;
+            wrench.torque += touch.place.coords.cross(&force);
+        }
+        wrench
+    }
+
+    /// What the current state is, seen from outside.
+    pub(super) fn report(&self, solved: &Solved) -> Deformation {
+        let system = self.system;
+        let mut contact_force = vec![Vector3::zeros(); self.state.displacement.len()];
+        for touch in &solved.forces.touches {
+            let force = system.contact_force(touch);
+            for &(node, share) in &system.surface[touch.point as usize].shares {
+                contact_force[node as usize] += force * share;
+            }
+        }
+        // A quadratic element's force at the middle of an edge goes to its ends in equal parts.
+        for (&[a, b], middle) in system.nodes.edges.iter().zip(self.vertices..) {
+            let half = 0.5 * contact_force[middle];
+            contact_force[a as usize] += half;
+            contact_force[b as usize] += half;
+        }
+        contact_force.truncate(self.vertices);
+        let displacement = &self.state.displacement;
+        let history = History {
+            displacement: displacement.clone(),
+            poses: self.state.poses.clone(),
+            anchors: self.anchors.clone(),
+        };
+        Deformation {
+            displacement: displacement[..self.vertices].to_vec(),
+            von_mises: system.solid.von_mises(displacement),
+            contact_force,
+            wrench: self.wrench(&solved.forces),
+            poses: self.state.poses.clone(),
+            history,
+            iterations: solved.balance.iterations,
+            residual: solved.balance.residual,
+            seconds: 0.0,
+        }
+    }
+}
+
+/// Poses a fraction `t` of the way between two sets.
+fn between(from: &[Isometry3<f64>], to: &[Isometry3<f64>], t: f64) -> Vec<Isometry3<f64>> {
+    if t == 1.0 {
+        return to.to_vec();
+    }
+    from.iter().zip(to).map(|(from, to)| from.lerp_slerp(to, t)).collect()
+}

@@ -1,0 +1,112 @@
+//! Quasi-static finite elements: a soft body in equilibrium with the rigid shapes that press it.
+//!
+//! Large strains, several material laws ([`Law`](crate::deformation::Law)) and elements
+//! ([`Element`]), frictional contact on the faces of the surface ([`crate::contact`]), Newton's
+//! method with a sparse Cholesky factorisation whose analysis is done once per mesh.
+//!
+//! Precision. A frame is returned when the norm of the unbalanced force is at most
+//! [`Options::tolerance`]; for bodies stiffer than 1 MPa the tolerance grows in proportion. Shapes
+//! sink in by [`Options::softness`] × pressure / Young's modulus, and a sticking point creeps by four
+//! times that × friction. At the default softness this costs 0.3 % of the force at a depth of
+//! 0.5 mm, 0.1 % at 1 mm.
+
+mod drive;
+mod element;
+mod gmres;
+mod grasp;
+mod material;
+mod newton;
+mod ordering;
+mod patches;
+mod solid;
+mod sparse;
+mod system;
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use crate::{
+    Error, Result,
+    contact::ContactLaw,
+    deformation::{Deformation, DeformationModel, Press, SoftBody},
+};
+
+use drive::Run;
+use system::System;
+
+pub use element::Element;
+pub use grasp::{Grasp, Grasped};
+
+/// How a [`Fem`] computes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Kind of element.
+    pub element: Element,
+    /// Coefficient of Coulomb friction between body and shapes.
+    pub friction: f64,
+    /// Norm of the unbalanced force at which a frame is done, for a body of 1 `MPa` or softer (N).
+    pub tolerance: f64,
+    /// How deep a shape sinks in where the pressure equals Young's modulus (m).
+    pub softness: f64,
+    /// Most Newton steps in one load step.
+    pub iterations: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            element: Element::default(),
+            friction: 0.0,
+            tolerance: 1e-7,
+            softness: 2e-6,
+            iterations: 30,
+        }
+    }
+}
+
+/// The finite-element model of one soft body.
+pub struct Fem {
+    body: SoftBody,
+    system: Arc<System>,
+    limits: newton::Limits,
+}
+
+impl Fem {
+    /// Discretises `body` and analyses its stiffness matrix.
+    pub fn new(body: SoftBody, options: Options) -> Result<Self> {
+        if !(options.tolerance.is_finite() && options.tolerance > 0.0) {
+            let expected = "a finite force above 0 N";
+            return Err(Error::invalid("tolerance", options.tolerance, expected));
+        }
+        let law = ContactLaw::new(options.softness, options.friction)?;
+        let system = Arc::new(System::new(&body, options.element, law));
+        let tolerance = options.tolerance * (body.stiffest() / 1e6).max(1.0);
+        let limits = newton::Limits { tolerance, iterations: options.iterations };
+        Ok(Self { body, system, limits })
+    }
+
+    /// The body.
+    pub fn body(&self) -> &SoftBody {
+        &self.body
+    }
+
+    /// Unknowns, and numbers in the factor of the stiffness matrix.
+    pub fn size(&self) -> (usize, usize) {
+        (self.system.pattern.size(), self.system.pattern.fill())
+    }
+
+    /// Every frame of `press`, in order; the first that is not solved is an error and the last.
+    pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
+        Run::new(&self.system, self.body.mesh().vertices.len(), self.limits).frames(press)
+    }
+}
+
+impl DeformationModel for Fem {
+    /// Presses are solved in parallel, each on one thread.
+    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
+        let last =
+            |press: &Press| self.solve_path(press).pop().expect("a press has a frame or an error");
+        presses.par_iter().map(last).collect()
+    }
+}

@@ -1,0 +1,113 @@
+//! Patches of tetrahedra that share one dilatation: the cure of volumetric locking in `p1-bar`.
+//!
+//! A linear tetrahedron keeps its own volume, and a nearly incompressible mesh of them has more
+//! volumes to keep than ways to move. Averaging J over disjoint patches (de Souza Neto, Pires and
+//! Owen 2005, "F-bar-based linear triangles and tetrahedra") leaves about one volume a node. Here a
+//! patch is the ring of tetrahedra around an edge, longest edges first: in a hexahedral cell cut
+//! into six tetrahedra that is the cell.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Point3;
+
+use crate::{deformation::Moduli, geometry::TetMesh};
+
+/// Corners of the edges of a tetrahedron.
+pub(super) const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+/// Corners of the faces of a tetrahedron, counter-clockwise from outside; face i lies opposite i.
+pub(super) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
+
+/// The mesh's edges, each with its nodes in ascending order, and the tetrahedra around it.
+pub(super) fn edges(mesh: &TetMesh) -> BTreeMap<[u32; 2], Vec<u32>> {
+    let mut edges: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
+    for (i, tet) in mesh.tets.iter().enumerate() {
+        for [a, b] in EDGES {
+            let (a, b) = (tet[a], tet[b]);
+            edges.entry([a.min(b), a.max(b)]).or_default().push(i as u32);
+        }
+    }
+    edges
+}
+
+/// Disjoint patches that cover all tetrahedra; within a patch the moduli are equal.
+pub(super) fn patches(mesh: &TetMesh, moduli: &[Moduli]) -> Vec<Vec<u32>> {
+    let mut patches: Vec<Vec<u32>> = Vec::new();
+    let mut patch_of: Vec<Option<usize>> = vec![None; mesh.tets.len()];
+    for ring in rings_by_length(mesh) {
+        let alike = ring.iter().all(|&t| moduli[t as usize] == moduli[ring[0] as usize]);
+        if alike && ring.len() >= 3 && ring.iter().all(|&t| patch_of[t as usize].is_none()) {
+            for &t in &ring {
+                patch_of[t as usize] = Some(patches.len());
+            }
+            patches.push(ring);
+        }
+    }
+    adopt_rest(mesh, moduli, &mut patches, &mut patch_of);
+    patches
+}
+
+/// Rings of tetrahedra around edges, longest edge first; ties go by place, not by number.
+fn rings_by_length(mesh: &TetMesh) -> Vec<Vec<u32>> {
+    let key = |&[a, b]: &[u32; 2]| {
+        let [a, b] = [a, b].map(|n| mesh.vertices[n as usize]);
+        let middle: Point3<f64> = nalgebra::center(&a, &b);
+        [-(b - a).norm_squared(), middle.x, middle.y, middle.z]
+    };
+    let mut rings: Vec<_> =
+        edges(mesh).into_iter().map(|(edge, ring)| (key(&edge), ring)).collect();
+    rings.sort_by(|(a, _), (b, _)| a.partial_cmp(b).expect("coordinates are finite"));
+    rings.into_iter().map(|(_, ring)| ring).collect()
+}
+
+/// Every tetrahedron left over joins the smallest patch it shares a face with.
+fn adopt_rest(
+    mesh: &TetMesh,
+    moduli: &[Moduli],
+    patches: &mut Vec<Vec<u32>>,
+    patch_of: &mut [Option<usize>],
+) {
+    let beside = face_neighbours(mesh);
+    loop {
+        let homes: Vec<(u32, usize)> = (0..mesh.tets.len())
+            .filter(|&t| patch_of[t].is_none())
+            .filter_map(|t| {
+                let alike = beside[t].iter().filter(|&&n| moduli[n as usize] == moduli[t]);
+                let near = alike.filter_map(|&n| patch_of[n as usize]);
+                near.min_by_key(|&p| patches[p].len()).map(|p| (t as u32, p))
+            })
+            .collect();
+        for &(t, patch) in &homes {
+            patch_of[t as usize] = Some(patch);
+            patches[patch].push(t);
+        }
+        if homes.is_empty() {
+            break;
+        }
+    }
+    patches.extend((0..mesh.tets.len()).filter(|&t| patch_of[t].is_none()).map(|t| vec![t as u32]));
+}
+
+/// For each tetrahedron those that share a face with it.
+fn face_neighbours(mesh: &TetMesh) -> Vec<Vec<u32>> {
+    let mut beside = vec![Vec::new(); mesh.tets.len()];
+    for owners in faces(mesh).values() {
+        if let [(a, _), (b, _)] = owners[..] {
+            beside[a as usize].push(b);
+            beside[b as usize].push(a);
+        }
+    }
+    beside
+}
+
+/// The mesh's faces by their sorted nodes, with each owner and the face's number in it.
+pub(super) fn faces(mesh: &TetMesh) -> BTreeMap<[u32; 3], Vec<(u32, usize)>> {
+    let mut faces: BTreeMap<[u32; 3], Vec<(u32, usize)>> = BTreeMap::new();
+    for (i, tet) in mesh.tets.iter().enumerate() {
+        for (k, face) in FACES.iter().enumerate() {
+            let mut nodes = face.map(|corner| tet[corner]);
+            nodes.sort_unstable();
+            faces.entry(nodes).or_default().push((i as u32, k));
+        }
+    }
+    faces
+}

@@ -1,0 +1,418 @@
+//! Elastic energy of a meshed body, its forces on the nodes and its stiffness.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::{
+    element::{Cell, Element, Nodes, linear_cells, quadratic_cells},
+    material::{Material, Tangent, Volumetric},
+    sparse::{FIXED, Matrix, Pattern},
+};
+use crate::deformation::SoftBody;
+
+/// An elastic body in one discretisation. Nodal arrays have N entries.
+pub(super) trait Solid: Send + Sync {
+    /// Elastic energy (J), its gradient added to `gradient` (N), or `None` if an element is
+    /// inverted. What the stiffness needs is kept in `strain`.
+    fn evaluate(
+        &self,
+        displacement: &[Vector3<f64>],
+        strain: &mut Strain,
+        gradient: &mut [Vector3<f64>],
+    ) -> Option<f64>;
+
+    /// Adds ∂²E/∂u² at the last evaluated `strain`; `filtered` makes each element's part positive.
+    fn assemble(&self, strain: &Strain, pattern: &Pattern, matrix: &mut Matrix, filtered: bool);
+
+    /// Von Mises stress, volume average over each tetrahedron (T) in Pa.
+    fn von_mises(&self, displacement: &[Vector3<f64>]) -> Vec<f64>;
+
+    /// Sets of nodes that are coupled.
+    fn couplings(&self) -> Vec<&[u32]>;
+
+    /// Looks up where the cells' blocks lie in `pattern`.
+    fn locate(&mut self, pattern: &Pattern);
+}
+
+/// State of the energy points, in the order of the cells.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Strain {
+    points: Vec<(Matrix3<f64>, Volumetric)>,
+}
+
+/// The body that `element` makes of `body`.
+pub(super) fn solid(body: &SoftBody, nodes: &Nodes, element: Element) -> Box<dyn Solid> {
+    let mesh = body.mesh();
+    match element {
+        Element::P1 => Box::new(Cells::new(body, linear_cells(mesh, body.moduli(), false))),
+        Element::P1Bar => Box::new(Cells::new(body, linear_cells(mesh, body.moduli(), true))),
+        Element::P2 => Box::new(Cells::new(body, quadratic_cells(mesh, nodes))),
+    }
+}
+
+struct Cells<const M: usize> {
+    all: Vec<Cell<M>>,
+    /// Material of each cell.
+    materials: Vec<Material>,
+    /// Where each cell's lower triangle goes, by rows.
+    blocks: Vec<CellBlocks>,
+    tets: usize,
+}
+
+/// For each pair (i, j), j ≤ i, of the cell's free nodes: the place of i and the pair's block.
+type CellBlocks = Vec<(u32, u32)>;
+
+impl<const M: usize> Cells<M> {
+    fn new(body: &SoftBody, cells: Vec<Cell<M>>) -> Self {
+        let moduli = |cell: &Cell<M>| &body.moduli()[cell.points[0].tet as usize];
+        let materials = cells.iter().map(|cell| Material::new(body.law(), moduli(cell))).collect();
+        Self { all: cells, materials, blocks: Vec::new(), tets: body.mesh().tets.len() }
+    }
+}
+
+impl<const M: usize> Cell<M> {
+    /// Deformation gradient F = 1 + Σ uₐ ⊗ ∇Nₐ at point `k`.
+    fn deformation_gradient(&self, k: usize, displacement: &[Vector3<f64>]) -> Matrix3<f64> {
+        let point = &self.points[k];
+        let mut f = Matrix3::identity();
+        for (&local, gradient) in point.local.iter().zip(&point.gradients) {
+            let u = displacement[self.nodes[local as usize] as usize];
+            f += u * gradient.transpose();
+        }
+        f
+    }
+
+    /// U of the cell's points: each its own, or that of their mean dilatation.
+    fn volumetric(&self, material: &Material, states: &mut [(Matrix3<f64>, Volumetric)]) {
+        if !self.averaged {
+            for (f, volumetric) in states {
+                *volumetric = material.volumetric(material.dilatation(f));
+            }
+            return;
+        }
+        let (mut volume, mut deformed) = (0.0, 0.0);
+        for (point, (f, _)) in self.points.iter().zip(states.iter()) {
+            volume += point.volume;
+            deformed += point.volume * material.dilatation(f);
+        }
+        let shared = material.volumetric(deformed / volume);
+        for (_, volumetric) in states {
+            *volumetric = shared;
+        }
+    }
+
+    /// ∂θ/∂u times volume, summed over `points`, for the cell's nodes.
+    fn dilatation_gradient(
+        &self,
+        material: &Material,
+        points: std::ops::Range<usize>,
+        states: &[(Matrix3<f64>, Volumetric)],
+    ) -> (Vec<Vector3<f64>>, f64) {
+        let (mut gradient, mut volume) = (vec![Vector3::zeros(); self.nodes.len()], 0.0);
+        for (point, (f, _)) in self.points[points.clone()].iter().zip(&states[points]) {
+            let slope = material.dilatation_gradient(f) * point.volume;
+            for (&local, g) in point.local.iter().zip(&point.gradients) {
+                gradient[local as usize] += slope * g;
+            }
+            volume += point.volume;
+        }
+        (gradient, volume)
+    }
+
+    /// Stiffness of the cell: blocks of its nodes, lower triangle by rows, into `dense`.
+    fn stiffness(
+        &self,
+        material: &Material,
+        states: &[(Matrix3<f64>, Volumetric)],
+        filtered: bool,
+        dense: &mut Vec<Matrix3<f64>>,
+    ) {
+        let count = self.nodes.len();
+        dense.clear();
+        dense.resize(count * (count + 1) / 2, Matrix3::zeros());
+        for (point, (f, volumetric)) in self.points.iter().zip(states) {
+            let tangent = material.tangent(f, volumetric.pressure);
+            let tangent = if filtered { tangent.filtered() } else { tangent };
+            add_tangent(&tangent, &point.local, &point.gradients, point.volume, dense);
+        }
+        let groups = if self.averaged { 1 } else { self.points.len() };
+        let size = self.points.len() / groups;
+        for group in 0..groups {
+            let points = group * size..(group + 1) * size;
+            let stiffness = states[points.start].1.stiffness;
+            let stiffness = if filtered { stiffness.abs() } else { stiffness };
+            let (gradient, volume) = self.dilatation_gradient(material, points, states);
+            for i in 0..count {
+                let scaled = gradient[i] * (stiffness / volume);
+                for j in 0..=i {
+                    dense[i * (i + 1) / 2 + j] += scaled * gradient[j].transpose();
+                }
+            }
+        }
+    }
+}
+
+fn add_tangent<const M: usize>(
+    tangent: &Tangent,
+    local: &[u8; M],
+    gradients: &[Vector3<f64>; M],
+    volume: f64,
+    dense: &mut [Matrix3<f64>],
+) {
+    for a in 0..M {
+        for b in 0..M {
+            let (i, j) = (local[a] as usize, local[b] as usize);
+            if j <= i {
+                let block = tangent.block(&gradients[a], &gradients[b]);
+                dense[i * (i + 1) / 2 + j] += block * volume;
+            }
+        }
+    }
+}
+
+impl<const M: usize> Solid for Cells<M> {
+    fn evaluate(
+        &self,
+        displacement: &[Vector3<f64>],
+        strain: &mut Strain,
+        gradient: &mut [Vector3<f64>],
+    ) -> Option<f64> {
+        let mut energy = 0.0;
+        strain.points.clear();
+        for (cell, material) in self.all.iter().zip(&self.materials) {
+            let first = strain.points.len();
+            for k in 0..cell.points.len() {
+                let f = cell.deformation_gradient(k, displacement);
+                if !material.admits(&f) {
+                    return None;
+                }
+                strain.points.push((f, Volumetric::default()));
+            }
+            let states = &mut strain.points[first..];
+            cell.volumetric(material, states);
+            for (point, (f, volumetric)) in cell.points.iter().zip(states.iter()) {
+                energy += point.volume * (material.distortion(f) + volumetric.energy);
+                let stress = material.stress(f, volumetric.pressure) * point.volume;
+                for (&local, g) in point.local.iter().zip(&point.gradients) {
+                    gradient[cell.nodes[local as usize] as usize] += stress * g;
+                }
+            }
+        }
+        energy.is_finite().then_some(energy)
+    }
+
+    fn assemble(&self, strain: &Strain, pattern: &Pattern, matrix: &mut Matrix, filtered: bool) {
+        let (mut dense, mut first) = (Vec::new(), 0);
+        for ((cell, material), blocks) in self.all.iter().zip(&self.materials).zip(&self.blocks) {
+            let states = &strain.points[first..first + cell.points.len()];
+            first += cell.points.len();
+            cell.stiffness(material, states, filtered, &mut dense);
+            for (&(high, block), value) in blocks.iter().zip(&dense) {
+                matrix.add(pattern, high, block, value);
+            }
+        }
+    }
+
+    fn von_mises(&self, displacement: &[Vector3<f64>]) -> Vec<f64> {
+        let (mut sum, mut volume) = (vec![0.0; self.tets], vec![0.0; self.tets]);
+        for (cell, material) in self.all.iter().zip(&self.materials) {
+            for (k, point) in cell.points.iter().enumerate() {
+                let f = cell.deformation_gradient(k, displacement);
+                sum[point.tet as usize] += point.volume * material.von_mises(&f);
+                volume[point.tet as usize] += point.volume;
+            }
+        }
+        sum.iter().zip(&volume).map(|(sum, volume)| sum / volume).collect()
+    }
+
+    fn couplings(&self) -> Vec<&[u32]> {
+        self.all.iter().map(|cell| &cell.nodes[..]).collect()
+    }
+
+    fn locate(&mut self, pattern: &Pattern) {
+        let place = |node: u32| pattern.place[node as usize];
+        self.blocks = self
+            .all
+            .iter_mut()
+            .map(|cell| {
+                sort_nodes(cell, place);
+                let places: Vec<u32> = cell.nodes.iter().map(|&node| place(node)).collect();
+                let free = places.iter().filter(|&&place| place != FIXED).count();
+                let pairs = (0..free).flat_map(|i| (0..=i).map(move |j| (i, j)));
+                pairs.map(|(i, j)| (places[i], pattern.block(places[i], places[j]))).collect()
+            })
+            .collect();
+    }
+}
+
+/// Puts the cell's nodes in the order of elimination.
+fn sort_nodes<const M: usize>(cell: &mut Cell<M>, place: impl Fn(u32) -> u32) {
+    let mut rank: Vec<usize> = (0..cell.nodes.len()).collect();
+    rank.sort_by_key(|&i| place(cell.nodes[i]));
+    let mut renumbered = vec![0; rank.len()];
+    rank.iter().enumerate().for_each(|(new, &old)| renumbered[old] = new as u8);
+    cell.nodes = rank.iter().map(|&old| cell.nodes[old]).collect();
+    for point in &mut cell.points {
+        point.local = point.local.map(|old| renumbered[old as usize]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::{
+        deformation::{Law, Moduli},
+        geometry::TetMesh,
+    };
+
+    /// A cube of 27 nodes in 48 tetrahedra, its inner nodes out of line.
+    fn cube() -> TetMesh {
+        let at = |i: u32, j: u32, k: u32| (i * 3 + j) * 3 + k;
+        let mut vertices: Vec<Point3<f64>> = Vec::new();
+        for n in 0..27 {
+            let place = Point3::new(f64::from(n / 9), f64::from(n / 3 % 3), f64::from(n % 3));
+            vertices.push(place * 0.001);
+        }
+        vertices[13] += Vector3::new(2e-4, -1e-4, 1.5e-4);
+        let mut tets = Vec::new();
+        for n in 0..8 {
+            let (i, j, k) = (n / 4, n / 2 % 2, n % 2);
+            for [a, b] in [[0, 1], [0, 2], [1, 0], [1, 2], [2, 0], [2, 1]] {
+                let mut corner = [i, j, k];
+                let mut tet = [at(i, j, k); 4];
+                for (step, axis) in [a, b, 3 - a - b].into_iter().enumerate() {
+                    corner[axis] += 1;
+                    tet[step + 1] = at(corner[0], corner[1], corner[2]);
+                }
+                let [p, q, r, s] = tet.map(|n| vertices[n as usize]);
+                if (q - p).cross(&(r - p)).dot(&(s - p)) < 0.0 {
+                    tet.swap(2, 3);
+                }
+                tets.push(tet);
+            }
+        }
+        TetMesh { vertices, tets }
+    }
+
+    fn setup(law: Law, element: Element, fixed: &[u32]) -> (Nodes, Box<dyn Solid>, Pattern) {
+        let moduli = Moduli { young: 1e5, poisson: 0.45 };
+        let body = SoftBody::new(cube(), law, moduli, fixed).unwrap();
+        let nodes = Nodes::new(&body, element);
+        let mut solid = solid(&body, &nodes, element);
+        let pattern = Pattern::new(&nodes.places, &nodes.fixed, &solid.couplings());
+        solid.locate(&pattern);
+        (nodes, solid, pattern)
+    }
+
+    fn every() -> impl Iterator<Item = (Law, Element)> {
+        let elements = Element::NAMES.map(|(_, element)| element);
+        Law::NAMES.into_iter().flat_map(move |(_, law)| elements.map(|element| (law, element)))
+    }
+
+    fn displaced(nodes: &Nodes, f: &Matrix3<f64>) -> Vec<Vector3<f64>> {
+        nodes.places.iter().map(|x| (f - Matrix3::identity()) * x.coords).collect()
+    }
+
+    fn inside(x: &Point3<f64>) -> bool {
+        x.iter().all(|&x| x > 1e-6 && x < 0.002 - 1e-6)
+    }
+
+    #[test]
+    fn a_uniform_strain_is_in_equilibrium_on_a_distorted_mesh() {
+        let f = Matrix3::new(1.1, 0.2, 0.0, -0.1, 0.9, 0.1, 0.05, 0.0, 1.2);
+        for (law, element) in every() {
+            let (nodes, solid, _) = setup(law, element, &[]);
+            let mut forces = vec![Vector3::zeros(); nodes.places.len()];
+            solid.evaluate(&displaced(&nodes, &f), &mut Strain::default(), &mut forces).unwrap();
+            let largest = forces.iter().map(Vector3::norm).fold(0.0, f64::max);
+            for (x, force) in nodes.places.iter().zip(&forces).filter(|(x, _)| inside(x)) {
+                // Sums of a few dozen terms of the size of the largest force.
+                let rest = force.norm() / largest;
+                assert!(rest < 1e-9, "{law} {element}: {rest:.1e} of the largest force at {x}");
+            }
+        }
+    }
+
+    /// Force on the side x = 2 mm over its area, which is the first column of P.
+    fn traction(law: Law, element: Element, f: &Matrix3<f64>) -> Vector3<f64> {
+        let (nodes, solid, _) = setup(law, element, &[]);
+        let mut forces = vec![Vector3::zeros(); nodes.places.len()];
+        solid.evaluate(&displaced(&nodes, f), &mut Strain::default(), &mut forces).unwrap();
+        // The side's nodes and the opposite side's carry all that crosses the middle.
+        let moment: Matrix3<f64> =
+            nodes.places.iter().zip(&forces).map(|(x, f)| f * x.coords.transpose()).sum();
+        moment.column(0) / 0.002f64.powi(3)
+    }
+
+    #[test]
+    fn stretch_and_shear_by_half_give_the_stress_of_the_law() {
+        let moduli = Moduli { young: 1e5, poisson: 0.45 };
+        let (mu, lambda) = (moduli.shear(), moduli.lambda());
+        let stretch = Matrix3::from_diagonal(&[1.5, 1.0, 1.0].into());
+        let mut shear = Matrix3::identity();
+        shear[(1, 0)] = 0.5;
+        for (law, element) in every() {
+            // Confined stretch by s: P₁₁ from dψ/ds; shear by γ at J = 1: P₂₁ from dψ/dγ.
+            let s = 1.5f64;
+            let (tension, drag) = match law {
+                Law::NeoHookean => (mu * (s - 1.0 / s) + lambda * s.ln() / s, mu * 0.5),
+                Law::StableNeoHookean => (mu * (s - 1.0) + (lambda + mu) * (s - 1.0), mu * 0.5),
+                Law::Corotated => {
+                    // Singular values of [[1, 0], [γ, 1]] sum to √(4 + γ²).
+                    let sum = (4.0 + 0.25f64).sqrt();
+                    let drag = 2.0 * mu * 0.5 * (1.0 - 1.0 / sum);
+                    ((2.0 * mu + lambda) * (s - 1.0), drag)
+                }
+                _ => ((2.0 * mu + lambda) * (s - 1.0), mu * 0.5),
+            };
+            let found = [traction(law, element, &stretch)[0], traction(law, element, &shear)[1]];
+            for (found, exact) in found.into_iter().zip([tension, drag]) {
+                let error = (found / exact - 1.0).abs();
+                assert!(error < 1e-8, "{law} {element}: {found} Pa against {exact} Pa");
+            }
+        }
+    }
+
+    #[test]
+    fn forces_and_stiffness_are_derivatives_of_the_energy() {
+        let f = Matrix3::new(1.1, 0.1, 0.0, -0.1, 0.95, 0.05, 0.05, 0.0, 1.0);
+        let base: Vec<u32> = (0..27).filter(|n| n % 3 == 0).collect();
+        for (law, element) in every() {
+            let (nodes, solid, pattern) = setup(law, element, &base);
+            let wave = |x: &Point3<f64>| Vector3::new(x.z, x.x, x.y).map(|x| (2e3 * x).sin());
+            let mut start = displaced(&nodes, &f);
+            start.iter_mut().zip(&nodes.places).for_each(|(u, x)| *u += 3e-5 * wave(x));
+            let way: Vec<_> =
+                pattern.scatter(&pattern.gather(
+                    &nodes.places.iter().map(|x| wave(&x.yzx()) * 1e-3).collect::<Vec<_>>(),
+                ));
+            let at = |t: f64| {
+                let u: Vec<_> = start.iter().zip(&way).map(|(u, du)| u + du * t).collect();
+                let (mut strain, mut forces) = (Strain::default(), vec![Vector3::zeros(); u.len()]);
+                let energy = solid.evaluate(&u, &mut strain, &mut forces).unwrap();
+                (energy, forces, strain)
+            };
+            let step = 1e-5;
+            let ((low, low_forces, _), (_, forces, strain), (high, high_forces, _)) =
+                (at(-step), at(0.0), at(step));
+            let slope: f64 = forces.iter().zip(&way).map(|(f, du)| f.dot(du)).sum();
+            let difference = (high - low) / (2.0 * step);
+            // The step changes strains by 1e-5: truncation 1e-10, rounding 1e-16/1e-5, some decades spare.
+            let error = (difference / slope - 1.0).abs();
+            assert!(error < 1e-7, "{law} {element}: {difference} J against {slope} J");
+            let change: Vec<_> = high_forces.iter().zip(&low_forces).map(|(h, l)| h - l).collect();
+            let mut unknowns = pattern.gather(&change);
+            let mut matrix = pattern.matrix();
+            solid.assemble(&strain, &pattern, &mut matrix, false);
+            assert!(matrix.factorise(&pattern), "{law} {element}: not positive definite");
+            matrix.solve(&pattern, &mut unknowns);
+            let solved = pattern.scatter(&unknowns);
+            let size: f64 = way.iter().map(Vector3::norm_squared).sum();
+            let rest = solved.iter().zip(&way).map(|(s, w)| (s / (2.0 * step) - w).norm_squared());
+            let error = (rest.sum::<f64>() / size).sqrt();
+            // As above, times the condition number of a block of 18 free nodes, about 1e2.
+            assert!(error < 1e-5, "{law} {element}: relative error {error:.1e}");
+        }
+    }
+}

@@ -1,0 +1,154 @@
+//! Forces and stiffness of a body together with its contact, at one state.
+
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+
+use super::{
+    element::{Element, Nodes, surface_points},
+    solid::{Solid, Strain, solid},
+    sparse::{FIXED, Matrix, Pattern},
+};
+use crate::{
+    contact::{ContactLaw, ContactStep, SurfacePoint, Touch},
+    deformation::SoftBody,
+};
+
+/// A body, discretised and analysed once; shared by all presses.
+pub(super) struct System {
+    pub(super) nodes: Nodes,
+    pub(super) solid: Box<dyn Solid>,
+    pub(super) pattern: Pattern,
+    pub(super) surface: Vec<SurfacePoint>,
+    pub(super) law: ContactLaw,
+    /// Whether the body can move as a whole.
+    pub(super) floating: bool,
+}
+
+/// Displacement of the body and poses of the shapes.
+#[derive(Clone, Debug)]
+pub(super) struct State {
+    /// Displacement of the nodes (N) in m.
+    pub(super) displacement: Vec<Vector3<f64>>,
+    /// Poses of the shapes (S).
+    pub(super) poses: Vec<Isometry3<f64>>,
+}
+
+/// How the stiffness matrix is made positive definite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Stiffness {
+    /// Not at all.
+    Exact,
+    /// By raising the diagonal.
+    Shifted,
+    /// Element by element.
+    Filtered,
+}
+
+/// Energy and forces at one state.
+pub(super) struct Forces {
+    /// Elastic energy (J).
+    pub(super) elastic: f64,
+    /// Gradient of elastic energy less contact forces, by node (N); zero in equilibrium where free.
+    pub(super) gradient: Vec<Vector3<f64>>,
+    /// Elastic strain, for the stiffness.
+    pub(super) strain: Strain,
+    pub(super) touches: Vec<Touch>,
+}
+
+impl System {
+    pub(super) fn new(body: &SoftBody, element: Element, law: ContactLaw) -> Self {
+        let nodes = Nodes::new(body, element);
+        let mut solid = solid(body, &nodes, element);
+        let pattern = Pattern::new(&nodes.places, &nodes.fixed, &solid.couplings());
+        solid.locate(&pattern);
+        let surface = surface_points(body, &nodes, element);
+        let floating = body.fixed().len() < 3;
+        Self { nodes, solid, pattern, surface, law, floating }
+    }
+
+    /// Places of the surface points (C).
+    pub(super) fn surface_places(&self, displacement: &[Vector3<f64>]) -> Vec<Point3<f64>> {
+        let place = |point: &SurfacePoint| point.place(&self.nodes.places, displacement);
+        self.surface.iter().map(place).collect()
+    }
+
+    /// Energy and forces, or `None` if an element is inverted or a point came out on the far side
+    /// of a shape.
+    pub(super) fn forces(&self, state: &State, step: &mut ContactStep) -> Option<Forces> {
+        let mut gradient = vec![Vector3::zeros(); self.nodes.places.len()];
+        let mut strain = Strain::default();
+        let elastic = self.solid.evaluate(&state.displacement, &mut strain, &mut gradient)?;
+        let touches = step.touches(&state.poses, &self.surface_places(&state.displacement));
+        if touches
+            .iter()
+            .any(|touch| self.is_deep(touch) && step.passed_through(touch, &state.poses))
+        {
+            return None;
+        }
+        for touch in &touches {
+            let force = self.contact_force(touch);
+            for &(node, share) in &self.surface[touch.point as usize].shares {
+                gradient[node as usize] -= force * share;
+            }
+        }
+        Some(Forces { elastic, gradient, strain, touches })
+    }
+
+    fn is_deep(&self, touch: &Touch) -> bool {
+        touch.depth > 10.0 * self.law.softness
+    }
+
+    /// Force of a shape on the body at a touching point (N).
+    pub(super) fn contact_force(&self, touch: &Touch) -> Vector3<f64> {
+        let point = &self.surface[touch.point as usize];
+        let traction = self.law.traction(point, touch, self.law.limit(point, touch));
+        (traction.normal + traction.tangential) * point.area
+    }
+
+    /// Energy of contact with friction cut at the `limit` of each touch (J).
+    pub(super) fn contact_energy(&self, touches: &[Touch], limit: impl Fn(&Touch) -> f64) -> f64 {
+        let energy = |touch: &Touch| {
+            let point = &self.surface[touch.point as usize];
+            self.law.energy(point, touch, limit(touch)) * point.area
+        };
+        touches.iter().map(energy).sum()
+    }
+
+    /// Stiffness of a touch (N/m).
+    pub(super) fn contact_stiffness(&self, touch: &Touch) -> Matrix3<f64> {
+        let point = &self.surface[touch.point as usize];
+        self.law.hessian(point, touch, self.law.limit(point, touch)) * point.area
+    }
+
+    /// Fills `matrix` with the stiffness at `forces`.
+    pub(super) fn assemble(&self, forces: &Forces, matrix: &mut Matrix, stiffness: Stiffness) {
+        matrix.clear();
+        let filtered = stiffness == Stiffness::Filtered;
+        self.solid.assemble(&forces.strain, &self.pattern, matrix, filtered);
+        let shift = match stiffness {
+            Stiffness::Shifted => RAISED,
+            _ if self.floating => PROXIMAL,
+            _ => 0.0,
+        };
+        if shift > 0.0 {
+            matrix.shift(&self.pattern, shift * matrix.mean_diagonal(&self.pattern));
+        }
+        for touch in &forces.touches {
+            let stiffness = self.contact_stiffness(touch);
+            for &(a, s) in &self.surface[touch.point as usize].shares {
+                for &(b, t) in &self.surface[touch.point as usize].shares {
+                    let [a, b] = [a, b].map(|node| self.pattern.place[node as usize]);
+                    if b <= a && a != FIXED {
+                        let block = self.pattern.block(a, b);
+                        matrix.add(&self.pattern, a, block, &(stiffness * (s * t)));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Share of the mean diagonal added for a body that nothing holds: of the steps that differ by a
+/// motion of the whole body it takes the shortest.
+const PROXIMAL: f64 = 1e-8;
+/// Share of the mean diagonal added to a stiffness that is not positive definite.
+const RAISED: f64 = 1e-3;
