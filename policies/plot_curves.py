@@ -55,7 +55,7 @@ def draw(runs: list[dict[str, Any]], yardstick: dict[str, Any], path: Path) -> N
     by_steps.set_ylabel("success in training (%)")
     by_steps.legend(loc="lower right", fontsize=8)
     by_minutes.text(
-        0.02, 0.93, "dashed: scripted policy", transform=by_minutes.transAxes, fontsize=8
+        0.45, 0.05, "dashed: scripted policy", transform=by_minutes.transAxes, fontsize=8
     )
     figure.suptitle(f"{runs[0]['env']}, {runs[0]['algorithm'].upper()}, {len(runs)} seeds")
     figure.tight_layout()

@@ -131,9 +131,10 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## End
     Truncated after ``max_episode_steps`` steps, 100 by default (``gymnasium.make`` leaves that to
     its wrapper, which does not know of :meth:`set_state`); a lift does not end the episode.
-    Terminated, with the reason in ``info["ending"]``, when the object leaves the table (``object_lost``), a body's
-    state becomes infinite (``non_finite``) or leaves the declared bounds (``out_of_range``), or the
-    engine fails (``engine_error``); the last observation is then the last valid one.
+    Terminated, with the reason in ``info["ending"]``, when the object leaves the table
+    (``object_lost``), a body's state becomes infinite (``non_finite``) or leaves the declared
+    bounds (``out_of_range``), or the engine fails (``engine_error``); the last observation is then
+    the last valid one.
     ``info["is_success"]`` says whether the object is up and has been for ``hold_time``.
 
     Args:
