@@ -49,7 +49,9 @@ def test_attributes_and_methods_honour_indices():
     assert envs.get_attr("num_envs", [0, 2]) == [3, 3]
     assert envs.env_is_wrapped(Monitor) == [False] * 3
     assert envs.env_is_wrapped(Monitor, 1) == [False]
-    assert len(envs.env_method("look", indices=0)) == 1
+    third = envs.envs.look(2)
+    assert envs.env_method("look", indices=[2]) == [third]
+    assert envs.env_method("state", indices=2) == [envs.envs.state()[2]]
     with pytest.raises(ValueError, match="expected all"):
         envs.set_attr("label", 1, indices=0)
     envs.set_attr("label", 1)

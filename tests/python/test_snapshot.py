@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from conftest import actions, flat
@@ -67,3 +68,15 @@ def test_a_state_that_does_not_fit_is_refused_and_changes_nothing():
         with pytest.raises(ValueError, match="state"):
             env.set_state(state)
     assert env.state() == good
+
+
+def test_a_state_fits_however_the_environment_was_made():
+    made = gym.make("ruffini/GraspLift-v0", max_episode_steps=500).unwrapped
+    row = GraspLiftVectorEnv(1)
+    row.reset(seed=0)
+    acts = actions(1, 120)
+    np.testing.assert_array_equal(
+        flat(made.set_state(row.state()[0])), flat(row.set_state(row.state()))[0]
+    )
+    ends = [made.step(action)[3] for action in acts[:, 0]]
+    assert not any(ends)

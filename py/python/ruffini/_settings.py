@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict
 
@@ -62,7 +63,7 @@ def to_json(settings: Mapping[str, Any]) -> str:
     try:
         return json.dumps(document, allow_nan=False, default=_plain)
     except (TypeError, ValueError, RecursionError) as error:
-        found = ", ".join(f"{name}={value!r}" for name, value in given.items())
+        found = ", ".join(f"{name}={reprlib.repr(value)}" for name, value in given.items())
         expected = "finite numbers, names, and lists or mappings of them"
         raise ValueError(f"settings: found {found}; expected {expected} ({error})") from None
 

@@ -85,10 +85,26 @@ def _check_count(name: str, count: Any) -> None:
         raise ValueError(f"{name}: found {count!r}, expected {expected}")
 
 
+def _check_seed(seed: Any) -> None:
+    """A ``ValueError`` unless `seed` is a whole number that leaves room for a seed a row."""
+    whole = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
+    if not (whole and 0 <= seed < 2**63):
+        raise ValueError(f"seed: found {seed!r}, expected a whole number from 0 below 2**63")
+
+
+def _check_options(options: Any) -> None:
+    """A ``ValueError`` unless `options` is a mapping or ``None``."""
+    if options is not None and not isinstance(options, Mapping):
+        raise ValueError(f"options: found {options!r}, expected a mapping or None")
+
+
 def _as_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """`actions` as floats of that shape, or a ``ValueError`` that says what they were."""
     try:
-        array = np.asarray(actions, dtype=np.float32)
+        given = np.asarray(actions)
+        if given.dtype.kind not in "fiub":
+            raise TypeError(f"of type {given.dtype}")
+        array = given.astype(np.float32)
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"actions: found {actions!r}, expected numbers ({error})") from None
     if array.shape != shape:
@@ -188,11 +204,14 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Starts an episode; a seed restarts the random stream."""
-        super().reset(seed=seed)
+        _check_options(options)
+        if seed is not None:
+            _check_seed(seed)
+        super().reset(seed=None if seed is None else int(seed))
         self._leave_time_limit()
         seeds: list[int | None] | None = None
         if seed is not None or not self._started:
-            seeds = [seed if seed is not None else int(self.np_random.integers(2**63))]
+            seeds = [int(self.np_random.integers(2**63) if seed is None else seed)]
         observation = self._batch.reset(seeds, None)
         self._started = True
         return self._spaces.cut(observation[0]), {}
@@ -237,6 +256,7 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
         """
         if not isinstance(state, bytes):
             raise ValueError(f"state: found {type(state).__name__}, expected bytes")
+        self._leave_time_limit()
         self._started = True
         return self._spaces.cut(self._batch.load([state])[0])
 
@@ -334,26 +354,31 @@ class GraspLiftVectorEnv(VectorEnv[Any, Any, Any]):
         A seed s gives row i the seed s + i; a sequence gives each row its own, and ``None`` in it
         leaves that row's random stream as it is.
         """
+        _check_options(options)
+        seeds = self._seeds(seed)
         if isinstance(seed, (int, np.integer)):
             super().reset(seed=int(seed))
-        seeds = self._seeds(seed)
         mask = None if options is None else self._mask(options.get("reset_mask"))
         observation = self._batch.reset(seeds, mask)
         self._started = True
         return self._spaces.cut(observation), {}
 
-    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None] | None:
-        if isinstance(seed, (int, np.integer)):
-            return [int(seed) + i for i in range(self.num_envs)]
-        given: list[int | None] = [None] * self.num_envs if seed is None else list(seed)
-        if len(given) != self.num_envs:
-            raise ValueError(f"seed: found {len(given)} seeds, expected {self.num_envs}")
-        if not all(s is None or (isinstance(s, (int, np.integer)) and s >= 0) for s in given):
-            raise ValueError(f"seed: found {given}, expected whole numbers from 0, or None")
-        if self._started:
-            return given
-        fresh = self.np_random.integers(2**63, size=self.num_envs)
-        return [int(f if s is None else s) for s, f in zip(given, fresh, strict=True)]
+    def _seeds(self, seed: Any) -> list[int | None] | None:
+        given: list[int | None] = [None] * self.num_envs
+        if isinstance(seed, (Sequence, np.ndarray)) and not isinstance(seed, (str, bytes)):
+            given = list(seed)
+            if len(given) != self.num_envs:
+                raise ValueError(f"seed: found {len(given)} seeds, expected {self.num_envs}")
+            for one in given:
+                if one is not None:
+                    _check_seed(one)
+        elif seed is not None:
+            _check_seed(seed)
+            given = [int(seed) + row for row in range(self.num_envs)]
+        if not self._started:
+            fresh = self.np_random.integers(2**63, size=self.num_envs)
+            given = [f if s is None else s for s, f in zip(given, fresh, strict=True)]
+        return [None if s is None else int(s) for s in given]
 
     def _mask(self, mask: Any) -> NDArray[np.bool_] | None:
         if mask is None:

@@ -109,9 +109,16 @@ class RuffiniVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Calls a method of the batch, once for every row asked for."""
-        method = getattr(self.envs, method_name)
-        return [method(*method_args, **method_kwargs) for _ in self._rows(indices)]
+        """Calls a method of the batch, and gives each row asked for its share.
+
+        ``look`` and ``state`` are a row's own; any other method is called once for the batch, and
+        every row gets what it returns.
+        """
+        rows = self._rows(indices)
+        if method_name == "look":
+            return [self.envs.look(row) for row in rows]
+        result = getattr(self.envs, method_name)(*method_args, **method_kwargs)
+        return [result[row] if method_name == "state" else result for row in rows]
 
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None
