@@ -1,9 +1,9 @@
 """A scripted policy: turn, go over the object, go down, close, lift, hold.
 
 It reads only the default observation (``proprio`` and ``object``), so it is the yardstick for what
-an agent can do with it, and runs as::
+an agent can do with it. Use::
 
-    python policies/scripted_grasp.py --episodes 200
+    python policies/evaluate.py --policy scripted --episodes 200
 """
 
 from __future__ import annotations
