@@ -220,7 +220,7 @@ fn fall(model: &ObjectModel, mass: f64, grip: f64, friction: f64) -> f64 {
 ///
 /// The block of 0.5 kg is the exception. Friction frozen across the slip direction while closing
 /// fades only as slip goes on, and on four-point patches under bodies much heavier than a finger it
-/// takes up to 11 % of the limit.
+/// takes between 10 and 12 % of the limit.
 #[test]
 fn an_object_slips_within_six_percent_of_the_coulomb_limit() {
     let square = ["sphere", "cuboid", "cylinder", "32-gon", "octagon", "annulus"];
