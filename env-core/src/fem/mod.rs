@@ -20,6 +20,7 @@ mod ordering;
 mod patches;
 mod solid;
 mod sparse;
+mod surface;
 mod system;
 
 use std::sync::Arc;

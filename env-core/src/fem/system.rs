@@ -3,9 +3,10 @@
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
-    element::{Element, Nodes, surface_points},
+    element::{Element, Nodes},
     solid::{Solid, Strain, solid},
     sparse::{FIXED, Matrix, Pattern},
+    surface::surface_points,
 };
 use crate::{
     contact::{ContactLaw, ContactStep, SurfacePoint, Touch},
