@@ -1,7 +1,7 @@
 //! Contact of a deformable surface with rigid shapes.
 //!
 //! Contact is felt at points of the surface, each standing for part of its area and carried by the
-//! nodes around it. [`touches`] finds the points inside a shape,
+//! nodes around it. [`ContactStep::touches`] finds the points inside a shape,
 //! [`ContactLaw`] says what a touching point costs: value, gradient and Hessian.
 
 mod law;
