@@ -13,6 +13,7 @@ mod stuffing;
 mod surface;
 mod tet_file;
 mod tet_mesh;
+mod transfer;
 
 pub use distance::Distance;
 pub use field_file::{Field, FieldOn};
@@ -22,3 +23,4 @@ pub use shape::Shape;
 pub use star_shaped::{StarShaped, Wave};
 pub use surface::{MassProperties, Surface};
 pub use tet_mesh::{Incidence, MeshQuality, TetMesh};
+pub use transfer::Transfer;
