@@ -50,10 +50,10 @@ fn draw(renderer: &mut Renderer, object: &Object) -> Result<Vec<u8>, ruffini_cor
     let ground = Item::new(&table, Isometry3::identity(), ground);
     let item = Item::new(&mesh, standing(object), color(object.family));
     let camera = Camera {
-        eye: Point3::new(0.14, -0.32, 0.22),
+        eye: Point3::new(0.12, -0.28, 0.28),
         target: Point3::new(0.0, 0.0, 0.022),
         up: Vector3::z(),
-        vertical_fov: 0.25,
+        vertical_fov: 0.23,
     };
     renderer.draw(
         &camera,
@@ -63,12 +63,17 @@ fn draw(renderer: &mut Renderer, object: &Object) -> Result<Vec<u8>, ruffini_cor
 
 /// The object on the table, long ones lying down.
 fn standing(object: &Object) -> Isometry3<f64> {
-    let lying = matches!(object.family, Family::Eggplant | Family::Cucumber | Family::Potato);
+    let lying = matches!(
+        object.family,
+        Family::Eggplant | Family::Cucumber | Family::Potato | Family::Lemon | Family::HollowLemon
+    );
     let turn = if lying { Vector3::new(0.0, 1.4, 0.0) } else { Vector3::zeros() };
-    let pose = Isometry3::rotation(turn);
+    let turned = Isometry3::rotation(turn);
     let surface = object.surface(48);
-    let heights = surface.vertices().iter().map(|v| (pose * v).z);
-    Isometry3::translation(0.0, 0.0, -heights.fold(f64::INFINITY, f64::min)) * pose
+    let points: Vec<Point3<f64>> = surface.vertices().iter().map(|v| turned * v).collect();
+    let (low, high) = points.iter().fold((points[0], points[0]), |(a, b), v| (a.inf(v), b.sup(v)));
+    let middle = nalgebra::center(&low, &high);
+    Isometry3::translation(-middle.x, -middle.y, -low.z) * turned
 }
 
 fn color(family: Family) -> Color {

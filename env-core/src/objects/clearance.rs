@@ -26,7 +26,7 @@ pub struct Hand {
 }
 
 impl Default for Hand {
-    /// The hand of [`crate::scene`], with the pads of a GelSight Mini.
+    /// The hand of the rigid scene, with the pads of a GelSight Mini.
     fn default() -> Self {
         let sensor = Sensor::named("gelsight-mini").expect("a sensor that is built in");
         Self { pad: sensor.outline, opening: 0.08, finger_depth: 0.010, palm: 0.070 }

@@ -32,13 +32,13 @@ pub(super) fn lemon(draw: &mut Draw) -> StarShaped {
 pub(super) fn tomato(draw: &mut Draw) -> StarShaped {
     let width = draw.spread(0.022, 0.026);
     let height = draw.uniform(0.74, 0.84) * width;
-    let rib = draw.uniform(0.012, 0.022);
-    // Three waves at 60° make six lobes.
+    let rib = draw.uniform(0.006, 0.010);
+    // Three waves at 60° make six lobes, which a wave number of 7 makes deepest.
     let across = 0.75f64.sqrt();
     let ribs = [[1.0, 0.0], [0.5, across], [-0.5, across]]
-        .map(|[x, y]| (rib, [5.0 * x, 5.0 * y, 0.0], 0.0));
+        .map(|[x, y]| (rib, [7.0 * x, 7.0 * y, 0.0], 0.0));
     blob([width, width, height], &ribs)
-        .with_bumps(vec![stem(-draw.uniform(0.16, 0.20), 16.0), tip(-0.05, 20.0)])
+        .with_bumps(vec![stem(-draw.uniform(0.26, 0.30), 14.0), tip(-0.08, 20.0)])
 }
 
 /// A ball, wider above the middle, with a deep dimple at the stem and a flat one below.
@@ -66,10 +66,10 @@ pub(super) fn cucumber(draw: &mut Draw) -> StarShaped {
 
 /// A bent pear with a stump of its stem.
 pub(super) fn eggplant(draw: &mut Draw) -> StarShaped {
-    let width = draw.spread(0.018, 0.021);
-    let [one, other] = bent(draw.uniform(0.05, 0.07));
-    blob([width, width, draw.uniform(1.9, 2.1) * width], &[wider_up(-0.2), one, other])
-        .with_bumps(vec![stem(0.1, 40.0)])
+    let width = draw.spread(0.017, 0.020);
+    let [one, other] = bent(draw.uniform(0.03, 0.04));
+    blob([width, width, draw.uniform(2.1, 2.3) * width], &[wider_up(-0.17), one, other])
+        .with_bumps(vec![stem(0.06, 50.0), tip(-0.12, 6.0)])
 }
 
 type Modulation = (f64, [f64; 3], f64);
@@ -85,9 +85,9 @@ fn wider_up(amplitude: f64) -> Modulation {
     (amplitude, [0.0, 0.0, 1.6], -FRAC_PI_2)
 }
 
-/// 2 `amplitude` sin(1.5 x) cos(3 z), as two waves: out at +x in the middle, at −x towards the ends.
+/// 2 `amplitude` sin(1.5 x) cos(2.4 z), as two waves: out at +x in the middle, at −x towards the ends.
 fn bent(amplitude: f64) -> [Modulation; 2] {
-    [3.0, -3.0].map(|z| (amplitude, [1.5, 0.0, z], -FRAC_PI_2))
+    [2.4, -2.4].map(|z| (amplitude, [1.5, 0.0, z], -FRAC_PI_2))
 }
 
 fn stem(amplitude: f64, concentration: f64) -> Bump {

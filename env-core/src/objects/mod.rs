@@ -1,9 +1,9 @@
 //! The objects of the dataset, and where a parallel gripper can hold them.
 //!
 //! Families and counts are those of the paper's experiment: 49 objects to train on, 14 novel ones,
-//! and one soft fruit besides. Every object is drawn from its own seed by additions and products
-//! alone, so its parameters are the same bits on every platform. All are of hand size: some way of
-//! holding them is at most 60 mm wide.
+//! and one soft fruit besides. Every object is drawn from its own seed by arithmetic that IEEE 754
+//! rounds exactly, so its parameters are the same bits on every platform. All are of hand size: some
+//! way of holding them is at most 60 mm wide.
 
 mod antipodal;
 mod clearance;
