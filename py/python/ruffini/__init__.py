@@ -1,8 +1,8 @@
-"""Grasping with soft tactile fingertips: vectorised Gymnasium environments and soft-body mechanics.
+"""Grasping with soft tactile fingertips: vectorised Gymnasium environments, soft-body mechanics.
 
-A soft body (`SoftBody`, or the gel pad of a `sensor`) is pressed by rigid shapes (`Shape`, `Press`);
-a model (`Fem`) answers with a `Deformation`. Lengths in m, forces in N, stresses in Pa. The shell's
-`ruffini press` does one.
+A soft body (`SoftBody`, or the gel pad of a `sensor`) is pressed by rigid shapes (`Shape`,
+`Press`); a model (`Fem`) answers with a `Deformation`. Lengths are in m, forces in N, stresses in
+Pa. In the shell, `ruffini press` does one press.
 
 Importing registers the environments; from a worker process use the prefix form,
 ``gymnasium.make("ruffini:ruffini/GraspLift-v0")``.

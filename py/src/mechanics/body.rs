@@ -121,11 +121,9 @@ pub(crate) fn sensor(
     calibration: Option<&str>,
     resolution: Option<i64>,
 ) -> PyResult<SoftBody> {
-    let nodes = match resolution {
-        None => RESOLUTION,
-        // What is negative is too small for the check that follows.
-        Some(nodes) => usize::try_from(nodes).unwrap_or(0),
-    };
+    let nodes = resolution.map_or(Ok(RESOLUTION), |nodes| {
+        usize::try_from(nodes).map_err(|_| refused("resolution", nodes, "100 nodes or more"))
+    })?;
     let inner = py.detach(|| pad(name, calibration, nodes)).map_err(python_error)?;
     SoftBody::of(Bound::new(py, TetMesh::of(py, inner.mesh().clone())?)?, inner)
 }
