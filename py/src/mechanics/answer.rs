@@ -87,9 +87,6 @@ impl Deformation {
     }
 }
 
-/// History(state)
-/// --
-///
 /// Where a press ended: displacement of the nodes, poses of the shapes, places where they stick.
 ///
 /// Given to another `Press` of the same body, model and shapes, which then goes on from there. It

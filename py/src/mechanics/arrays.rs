@@ -110,7 +110,7 @@ fn array<T: Element + Copy>(
 }
 
 /// A shape as numpy writes it: `array (3, 2)`.
-struct Shown<'a>(&'a [usize]);
+pub(crate) struct Shown<'a>(pub(crate) &'a [usize]);
 
 impl Display for Shown<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

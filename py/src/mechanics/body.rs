@@ -17,9 +17,6 @@ use crate::error::python_error;
 /// Nodes of a sensor's pad where the caller does not say.
 const RESOLUTION: usize = 2000;
 
-/// SoftBody(mesh, young, poisson, law="neo-hookean", fixed=None)
-/// --
-///
 /// An elastic solid in its own frame, meshed, with the nodes of its base held where they are.
 ///
 /// Args:

@@ -8,13 +8,10 @@ use ruffini_core::geometry::{self, Field, FieldOn};
 
 use super::{
     Shape,
-    arrays::{array_of_rows, index_rows, numbers, read_only, refused, rows},
+    arrays::{Shown, array_of_rows, index_rows, numbers, read_only, refused, rows},
 };
 use crate::error::python_error;
 
-/// TetMesh(vertices, tets)
-/// --
-///
 /// A tetrahedral mesh of V vertices and T tetrahedra.
 ///
 /// Two corners of a tetrahedron of negative volume are swapped.
@@ -124,7 +121,7 @@ impl TetMesh {
             _ => {
                 let expected =
                     format!("({vertices}, …) for vertices or ({tets}, …) for tetrahedra");
-                return Err(refused(&format!("field {name}"), format!("{shape:?}"), expected));
+                return Err(refused(&format!("field {name}"), Shown(shape), expected));
             }
         };
         Ok((on, shape[1..].iter().product()))

@@ -12,9 +12,6 @@ use ruffini_core::{
 use super::{Deformation, Press, SoftBody, pool::pool, press::one_or_many};
 use crate::error::{press_error, python_error};
 
-/// Fem(body, friction=0.0, tolerance=1e-7, element="p1-bar")
-/// --
-///
 /// Quasi-static finite elements: a soft body in equilibrium with the rigid shapes that press it.
 ///
 /// Large strains, contact on the faces of the surface with Coulomb friction, Newton's method with a

@@ -12,9 +12,6 @@ use crate::error::python_error;
 
 const POSE: &str = "(position (3,), quaternion xyzw (4,))";
 
-/// Press(shapes, path=None, *, pose=None, force=None, direction=None, history=None)
-/// --
-///
 /// Rigid shapes pressed into one soft body: led along a path, or pushed with a force.
 ///
 /// A pose is (position (3,) in m, unit quaternion (4,) as x, y, z, w): that of a shape in the frame

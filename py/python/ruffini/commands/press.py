@@ -115,7 +115,7 @@ def _report(frames: list[Deformation], indentation: float) -> None:
     last = frames[-1]
     x, y, z = last.wrench[:3]
     rows = {
-        "force": f"{-z:.4f} N normal, {np.hypot(x, y):.4f} N tangential",
+        "force": f"{0.0 - z:.4f} N normal, {np.hypot(x, y):.4f} N tangential",
         "indentation": f"{1e3 * indentation:.4f} mm",
         "iterations": f"{sum(frame.iterations for frame in frames)} in {len(frames)} frames",
         "residual": f"{last.residual:.1e} N",
