@@ -119,7 +119,7 @@ mod tests {
     const LAW: ContactLaw = ContactLaw { softness: 1e-6, friction: 0.6 };
 
     fn point() -> SurfacePoint {
-        SurfacePoint { shares: vec![(0, 1.0)], area: 1e-7, young: 2e5, recess: 0.0 }
+        SurfacePoint { shares: vec![(0, 1.0)], area: 1e-7, young: 2e5 }
     }
 
     /// A touch of the half-space z < 0 that has slipped from the origin.

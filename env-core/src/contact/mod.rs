@@ -21,8 +21,6 @@ pub struct SurfacePoint {
     pub area: f64,
     /// Young's modulus under it (Pa).
     pub young: f64,
-    /// How far a shape comes in before it is felt (m).
-    pub recess: f64,
 }
 
 impl SurfacePoint {

@@ -19,7 +19,7 @@ pub struct Touch {
     pub point: u32,
     /// Where the point is (m).
     pub place: Point3<f64>,
-    /// How deep it is inside, less its recess (m), above 0.
+    /// How deep it is inside (m), above 0.
     pub depth: f64,
     /// Outward normal of the shape.
     pub normal: Vector3<f64>,
@@ -87,15 +87,14 @@ impl<'a> ContactStep<'a> {
         touches
     }
 
-    /// Distance of point `c`, its recess added, at `local` in the frame of shape `s`, if it is
-    /// inside. A distance changes no faster than the point moves, which spares most points the measurement.
+    /// Distance of point `c` at `local` in the frame of shape `s`, if it is inside. A distance
+    /// changes no faster than the point moves, which spares most points the measurement.
     fn inside(&mut self, s: usize, c: usize, local: &Point3<f64>) -> Option<Distance> {
         let seen = &mut self.seen[s * self.surface.len() + c];
         if (local - seen.0).norm() < seen.1 {
             return None;
         }
-        let mut distance = self.shapes[s].distance(local);
-        distance.value += self.surface[c].recess;
+        let distance = self.shapes[s].distance(local);
         *seen = (*local, distance.value);
         (distance.value < 0.0).then_some(distance)
     }
@@ -106,9 +105,8 @@ impl<'a> ContactStep<'a> {
         let pair = s * self.surface.len() + c;
         *self.stuck[pair].get_or_insert_with(|| {
             let (shape, from, start) = (&self.shapes[s], &self.from[s], &self.start[c]);
-            let recess = self.surface[c].recess;
             let seen_from = |t: f64| from.lerp_slerp(pose, t).inverse_transform_point(start);
-            let gap = |t: f64| shape.distance(&seen_from(t)).value + recess;
+            let gap = |t: f64| shape.distance(&seen_from(t)).value;
             seen_from(first_touch(gap))
         })
     }
@@ -163,7 +161,7 @@ mod tests {
     use super::*;
 
     fn surface() -> Vec<SurfacePoint> {
-        vec![SurfacePoint { shares: vec![(0, 1.0)], area: 1e-6, young: 1e5, recess: 0.0 }]
+        vec![SurfacePoint { shares: vec![(0, 1.0)], area: 1e-6, young: 1e5 }]
     }
 
     #[test]
