@@ -5,3 +5,4 @@ mod bodies;
 mod fem;
 mod floors;
 mod grasp;
+mod peer;
