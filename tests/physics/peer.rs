@@ -50,7 +50,9 @@ fn distances(body: &SoftBody, ours: &Deformation, theirs: &Answer) -> [f64; 3] {
     // A vertex stands for a quarter of its tetrahedra.
     let mut share = vec![0.0; mesh.vertices.len()];
     for (t, tet) in mesh.tets.iter().enumerate() {
-        tet.iter().for_each(|&node| share[node as usize] += volume(t) / 4.0);
+        for &node in tet {
+            share[node as usize] += volume(t) / 4.0;
+        }
     }
     let weights = share.iter().flat_map(|&share| [share; 3]);
     let displacement = ours.displacement.iter().flat_map(|u| [u.x, u.y, u.z]);
@@ -69,7 +71,8 @@ fn compare(element: Element, friction: f64, frame: usize, theirs: &Answer) {
     let ours = fem.solve_path(&press_and_shear()).swap_remove(frame).unwrap();
     let [displacement, von_mises, force] = distances(fem.body(), &ours, theirs);
     let report = format!(
-        "{element}, μ {friction}: displacement {:.3} %, von Mises {:.3} %, force {:.3} %; {:.5?} N against {:.5?} N",
+        "{element}, μ {friction}: displacement {:.3} %, von Mises {:.3} %, force {:.3} %; \
+         {:.5?} N against {:.5?} N",
         100.0 * displacement,
         100.0 * von_mises,
         100.0 * force,

@@ -220,6 +220,7 @@ class Matrix:
         self.csr.data = np.bincount(self.slots, weights=np.concatenate(entries)[self.kept])
         solution = np.zeros(right.size)
         right = right.T.ravel()[self.free]
+        # PARDISO's phases: 1 analysis, 2 factorisation, 3 solution; `solve` would repeat the first.
         self.solver.set_phase(23 if self.analysed else 13)
         solution[self.free] = self.solver._call_pardiso(self.csr, right)
         self.analysed = True
@@ -275,7 +276,7 @@ class Press:
         return None
 
     def search(self, u, step, centre):
-        """Halves `step` until it lowers the unbalanced force or, friction's limit held, the energy."""
+        """Halves `step` until it lowers the unbalanced force or the energy at fixed limits."""
         limit = self.contact.limit(u, centre)
 
         def energy(u):
