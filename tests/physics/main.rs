@@ -6,3 +6,4 @@ mod fem;
 mod floors;
 mod grasp;
 mod objects;
+mod peer;
