@@ -50,7 +50,7 @@ pub struct Options {
     pub tolerance: f64,
     /// How deep a shape sinks in where the pressure equals Young's modulus (m).
     pub softness: f64,
-    /// Most Newton steps in one load step.
+    /// Most Newton steps in one load step. A body that buckles takes many.
     pub iterations: usize,
 }
 
@@ -61,7 +61,7 @@ impl Default for Options {
             friction: 0.0,
             tolerance: 1e-7,
             softness: 2e-6,
-            iterations: 30,
+            iterations: 60,
         }
     }
 }
