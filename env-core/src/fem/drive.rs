@@ -36,6 +36,8 @@ pub(super) struct Run<'a> {
     increment: Vec<Vector3<f64>>,
     /// Poses of the shapes before it (S).
     before: Vec<Isometry3<f64>>,
+    /// Whether load steps must be short enough to tell the sides of a shape apart.
+    one_sided: bool,
 }
 
 /// A converged load step.
@@ -59,7 +61,19 @@ impl<'a> Run<'a> {
         let increment = displacement.clone();
         let state = State { displacement, poses: Vec::new() };
         let (anchors, before) = (Vec::new(), Vec::new());
-        Self { system, vertices, limits, matrix, state, anchors, held, increment, before }
+        let one_sided = false;
+        Self {
+            system,
+            vertices,
+            limits,
+            matrix,
+            state,
+            anchors,
+            held,
+            increment,
+            before,
+            one_sided,
+        }
     }
 
     /// Every frame of `press`; the first that fails is the last.
@@ -67,6 +81,7 @@ impl<'a> Run<'a> {
         if let Err(error) = self.start(press) {
             return vec![Err(error)];
         }
+        self.one_sided = true;
         match press.drive() {
             Drive::Translation { path } => {
                 let mut frames = Vec::with_capacity(path.len());
@@ -87,12 +102,8 @@ impl<'a> Run<'a> {
 
     /// Puts body and shapes where the press begins.
     fn start(&mut self, press: &Press) -> Result<()> {
-        let first = match press.drive() {
-            Drive::Translation { path } => &path[0],
-            Drive::Force { poses, .. } => poses,
-        };
         let Some(history) = press.history() else {
-            self.state.poses = self.apart(press, first);
+            self.state.poses = self.apart(press, press.drive().first());
             return Ok(());
         };
         let (found, nodes) = (history.displacement.len(), self.state.displacement.len());
@@ -258,6 +269,11 @@ impl<'a> Run<'a> {
         let start = system.surface_places(&self.state.displacement);
         let from = self.state.poses.clone();
         let mut contact = ContactStep::new(shapes, &system.surface, from, start, &self.anchors);
+        contact.one_sided = self.one_sided;
+        if contact.runs_over(&poses, system.deepest()) {
+            let (residual, tolerance) = (f64::INFINITY, self.limits.tolerance);
+            return Err(Error::NotConverged { iterations: 0, residual, tolerance });
+        }
         let mut state = State { displacement: self.state.displacement.clone(), poses };
         if push.is_none() {
             self.predict(shapes, &mut state, &mut contact);

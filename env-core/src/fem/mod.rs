@@ -25,6 +25,7 @@ mod system;
 
 use std::sync::Arc;
 
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::{
@@ -99,7 +100,30 @@ impl Fem {
 
     /// Every frame of `press`, in order; the first that is not solved is an error and the last.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
-        Run::new(&self.system, self.body.mesh().vertices.len(), self.limits).frames(press)
+        match self.check_start(press) {
+            Ok(()) => {
+                Run::new(&self.system, self.body.mesh().vertices.len(), self.limits).frames(press)
+            }
+            Err(error) => vec![Err(error)],
+        }
+    }
+
+    /// Refuses a press from rest with a shape wholly inside the body, where no contact point feels
+    /// it.
+    fn check_start(&self, press: &Press) -> Result<()> {
+        let rest = vec![Vector3::zeros(); self.system.nodes.places.len()];
+        let places = self.system.surface_places(&rest);
+        let pairs = press.shapes().iter().zip(press.drive().first());
+        for (i, (shape, pose)) in pairs.enumerate().filter(|_| press.history().is_none()) {
+            let inside =
+                |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value < 0.0;
+            let middle = pose * Point3::origin();
+            if inside(&middle) && self.body.mesh().contains(&middle) && !places.iter().any(inside) {
+                let expected = "a first pose outside the body or across its surface";
+                return Err(Error::invalid(format!("pose of shape {i}"), "all inside", expected));
+            }
+        }
+        Ok(())
     }
 }
 
