@@ -12,6 +12,8 @@
 
 mod drive;
 mod element;
+#[cfg(test)]
+mod examples;
 mod gmres;
 mod grasp;
 mod material;
@@ -22,6 +24,8 @@ mod solid;
 mod sparse;
 mod surface;
 mod system;
+#[cfg(test)]
+mod tests;
 
 use std::sync::Arc;
 
