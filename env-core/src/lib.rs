@@ -11,6 +11,7 @@ pub mod sensor;
 pub mod deformation;
 pub mod contact;
 pub mod fem;
+pub mod compliance;
 pub mod scene;
 pub mod task;
 pub mod render;

@@ -2,6 +2,7 @@
 
 mod batch;
 mod bodies;
+mod compliance;
 mod fem;
 mod floors;
 mod grasp;

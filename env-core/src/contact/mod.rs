@@ -5,9 +5,11 @@
 //! release a locked mesh just where it is looked at. [`touches`] finds the points inside a shape,
 //! [`ContactLaw`] says what a touching point costs: value, gradient and Hessian.
 
+mod approach;
 mod law;
 mod touch;
 
+pub use approach::{backed_off, between, clearance};
 pub use law::{ContactLaw, Traction};
 pub use touch::{ContactStep, Touch};
 

@@ -42,6 +42,21 @@ pub struct History {
     pub anchors: Vec<Anchor>,
 }
 
+impl History {
+    /// An error if this was not written by a model of `nodes` nodes and `points` contact points.
+    pub fn check(&self, nodes: usize, points: usize) -> Result<()> {
+        if self.displacement.len() != nodes {
+            let expected = format!("displacements of this model's {nodes} nodes");
+            return Err(Error::invalid("history", self.displacement.len(), expected));
+        }
+        if let Some(anchor) = self.anchors.iter().find(|a| a.point as usize >= points) {
+            let expected = format!("anchors at this model's {points} contact points");
+            return Err(Error::invalid("history", anchor.point, expected));
+        }
+        Ok(())
+    }
+}
+
 /// A contact point that touches a shape, and the place on the shape where friction holds it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Anchor {

@@ -14,6 +14,7 @@ mod drive;
 mod element;
 mod gmres;
 mod grasp;
+mod linearised;
 mod material;
 mod newton;
 mod ordering;
@@ -37,6 +38,7 @@ use system::System;
 
 pub use element::Element;
 pub use grasp::{Grasp, Grasped};
+pub(crate) use linearised::{Linearised, Workspace};
 
 /// How a [`Fem`] computes.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,0 +1,336 @@
+//! Balance of contact and elastic forces on the condensed surface.
+//!
+//! The surface gives way by u = u₀ + C f to forces f on its nodes, and the shapes push back with
+//! f = t(u), the contact law integrated over the surface points. Newton's method on f − t(u₀ + C f)
+//! solves (1 + C H) δu = C (t − f) on the nodes that touch, H = −∂t/∂u, so the shapes' distance and
+//! normal are taken anew where the surface has moved to, and Coulomb's cone is met by return mapping
+//! at every point (Wriggers 2006, ch. 9). Where the full step fails to halve the imbalance, the
+//! energy is searched along it with the friction limits held.
+//!
+//! Arrays are those of a [`Zone`]: m free nodes.
+
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+
+use super::{dense::solve_dense, zone::Zone};
+use crate::{
+    Error, Result,
+    contact::{ContactLaw, ContactStep, SurfacePoint, Touch},
+    deformation::Wrench,
+};
+
+/// Contact of a zone with the shapes at one set of poses.
+pub(super) struct Contact<'a> {
+    pub(super) zone: &'a Zone,
+    pub(super) law: &'a ContactLaw,
+    pub(super) step: ContactStep<'a>,
+    pub(super) poses: &'a [Isometry3<f64>],
+}
+
+/// Forces on the nodes and what comes of them.
+pub(super) struct Trial {
+    /// Forces that the surface gives way to (m) in N.
+    pub(super) forces: Vec<Vector3<f64>>,
+    /// Displacement of all nodes of the zone (m).
+    displacement: Vec<Vector3<f64>>,
+    pub(super) touches: Vec<Touch>,
+    /// What the contact exerts beyond `forces` (m) in N.
+    excess: Vec<Vector3<f64>>,
+    /// Norm of `excess` (N).
+    imbalance: f64,
+}
+
+/// A change of forces and what it does to the displacement of the free nodes.
+struct Step {
+    forces: Vec<Vector3<f64>>,
+    displacement: Vec<Vector3<f64>>,
+}
+
+/// Most Newton steps.
+const MOST: usize = 40;
+/// Imbalance accepted, relative to the forces.
+const RELATIVE: f64 = 1e-6;
+/// Fraction of the expected fall of energy that a step must bring (Armijo).
+const ARMIJO: f64 = 1e-4;
+/// Shortest fraction of a Newton step that is tried.
+const SHORTEST: f64 = 1e-3;
+
+impl Contact<'_> {
+    /// Forces in balance near the guess `forces` (m) when the body by itself is displaced by
+    /// `offset` (m), and the Newton steps taken. `tolerance` (N) is the least imbalance asked for.
+    pub(super) fn settle(
+        &mut self,
+        offset: &[Vector3<f64>],
+        forces: Vec<Vector3<f64>>,
+        tolerance: f64,
+    ) -> Result<(Trial, usize)> {
+        let mut displacement = offset.to_vec();
+        for (u, du) in displacement.iter_mut().zip(self.zone.respond(&forces)) {
+            *u += du;
+        }
+        let mut at = self.trial(forces, displacement);
+        for iterations in 0..MOST {
+            let Some(trial) = at else { break };
+            let size = norm(&trial.forces);
+            if trial.imbalance <= tolerance.max(RELATIVE * size) {
+                return Ok((trial, iterations));
+            }
+            at = self.advance(offset, trial);
+        }
+        Err(Error::NotConverged { iterations: MOST, residual: f64::INFINITY, tolerance })
+    }
+
+    /// Contact on the surface displaced by `displacement`, or `None` if a point came out on the far
+    /// side of a shape.
+    pub(super) fn touches(&mut self, displacement: &[Vector3<f64>]) -> Option<Vec<Touch>> {
+        let zone = self.zone;
+        let place = |point: &SurfacePoint| point.place(&zone.places, displacement);
+        let places: Vec<Point3<f64>> = zone.surface.iter().map(place).collect();
+        let touches = self.step.touches(self.poses, &places);
+        let deep = |touch: &Touch| touch.depth > 10.0 * self.law.softness;
+        let through = |touch: &Touch| deep(touch) && self.step.passed_through(touch, self.poses);
+        (!touches.iter().any(through)).then_some(touches)
+    }
+
+    /// Force of a shape at a touching point (N).
+    pub(super) fn force(&self, touch: &Touch) -> Vector3<f64> {
+        let point = &self.zone.surface[touch.point as usize];
+        let traction = self.law.traction(point, touch, self.law.limit(point, touch));
+        (traction.normal + traction.tangential) * point.area
+    }
+
+    /// Forces of `touches` on the nodes of the zone (N).
+    pub(super) fn nodal(&self, touches: &[Touch]) -> Vec<Vector3<f64>> {
+        let mut nodal = vec![Vector3::zeros(); self.zone.nodes.len()];
+        for touch in touches {
+            let force = self.force(touch);
+            for &(node, share) in &self.zone.surface[touch.point as usize].shares {
+                nodal[node as usize] += force * share;
+            }
+        }
+        nodal
+    }
+
+    /// Resultant of `touches`.
+    pub(super) fn wrench(&self, touches: &[Touch]) -> Wrench {
+        let mut wrench = Wrench::default();
+        for touch in touches {
+            let force = self.force(touch);
+            wrench.force += force;
+            wrench.torque += touch.place.coords.cross(&force);
+        }
+        wrench
+    }
+
+    fn trial(
+        &mut self,
+        forces: Vec<Vector3<f64>>,
+        displacement: Vec<Vector3<f64>>,
+    ) -> Option<Trial> {
+        let touches = self.touches(&displacement)?;
+        let mut excess = self.nodal(&touches);
+        excess.truncate(self.zone.free);
+        excess.iter_mut().zip(&forces).for_each(|(excess, force)| *excess -= force);
+        let imbalance = norm(&excess);
+        Some(Trial { forces, displacement, touches, excess, imbalance })
+    }
+
+    fn moved(&mut self, at: &Trial, step: &Step, share: f64) -> Option<Trial> {
+        let add = |to: &[Vector3<f64>], change: &[Vector3<f64>]| {
+            let mut sum = to.to_vec();
+            sum.iter_mut().zip(change).for_each(|(x, dx)| *x += dx * share);
+            sum
+        };
+        let forces = add(&at.forces, &step.forces);
+        self.trial(forces, add(&at.displacement, &step.displacement))
+    }
+
+    /// One Newton step, or `None` if none was found.
+    fn advance(&mut self, offset: &[Vector3<f64>], at: Trial) -> Option<Trial> {
+        let slips = at.touches.iter().any(|touch| self.coupling(touch).is_some());
+        for coupled in [true, false] {
+            if coupled && !slips {
+                continue;
+            }
+            let step = self.newton_step(&at, coupled)?;
+            let full = self.moved(&at, &step, 1.0);
+            if full.as_ref().is_some_and(|full| full.imbalance <= 0.5 * at.imbalance) {
+                return full;
+            }
+            let found = self.line_search(offset, &at, &step, full);
+            if found.is_some() {
+                return found;
+            }
+        }
+        None
+    }
+
+    fn coupling(&self, touch: &Touch) -> Option<Matrix3<f64>> {
+        let point = &self.zone.surface[touch.point as usize];
+        Some(self.law.limit_coupling(point, touch)? * point.area)
+    }
+
+    /// Newton's step; `coupled` lets the friction limits follow the depth.
+    fn newton_step(&self, at: &Trial, coupled: bool) -> Option<Step> {
+        let stiffness = Stiffness::new(self, &at.touches, coupled);
+        let pull = self.zone.respond(&at.excess);
+        let mut forces = at.excess.clone();
+        let moved = stiffness.solve(self.zone, &pull)?;
+        for (column, &node) in stiffness.columns.iter().zip(&stiffness.active) {
+            for (row, block) in column {
+                forces[stiffness.active[*row]] -= block * moved[stiffness.rank[node]];
+            }
+        }
+        let displacement = self.zone.respond(&forces);
+        Some(Step { forces, displacement })
+    }
+
+    /// Backtracks along `step` until the energy has fallen enough for its slope (Armijo).
+    fn line_search(
+        &mut self,
+        offset: &[Vector3<f64>],
+        at: &Trial,
+        step: &Step,
+        full: Option<Trial>,
+    ) -> Option<Trial> {
+        let slope = -dot(&step.displacement, &at.excess);
+        if slope >= 0.0 {
+            return None;
+        }
+        let limits = self.friction_limits(&at.touches);
+        let energy = self.energy(offset, at, &limits);
+        let (mut share, mut next) = (1.0, full);
+        while share > SHORTEST {
+            if let Some(trial) = next
+                && self.energy(offset, &trial, &limits) - energy <= ARMIJO * share * slope
+            {
+                return Some(trial);
+            }
+            share *= 0.5;
+            next = self.moved(at, step, share);
+        }
+        None
+    }
+
+    /// Energy of body and contact with friction cut at `limits` (J).
+    fn energy(&self, offset: &[Vector3<f64>], at: &Trial, limits: &[f64]) -> f64 {
+        let give = at.displacement.iter().zip(offset).map(|(u, u0)| u - u0);
+        let elastic: f64 = at.forces.iter().zip(give).map(|(f, u)| 0.5 * f.dot(&u)).sum();
+        let contact = |touch: &Touch| {
+            let point = &self.zone.surface[touch.point as usize];
+            let limit = limits.get(self.pair(touch)).copied().unwrap_or(0.0);
+            self.law.energy(point, touch, limit) * point.area
+        };
+        elastic + at.touches.iter().map(contact).sum::<f64>()
+    }
+
+    /// The friction limit of every pair of shape and point; 0 for those that do not touch (Pa).
+    fn friction_limits(&self, touches: &[Touch]) -> Vec<f64> {
+        let mut limits = vec![0.0; self.poses.len() * self.zone.surface.len()];
+        for touch in touches {
+            let point = &self.zone.surface[touch.point as usize];
+            limits[self.pair(touch)] = self.law.limit(point, touch);
+        }
+        limits
+    }
+
+    fn pair(&self, touch: &Touch) -> usize {
+        touch.shape as usize * self.zone.surface.len() + touch.point as usize
+    }
+}
+
+/// H = −∂t/∂u between the free nodes that touch.
+struct Stiffness {
+    /// The nodes.
+    active: Vec<usize>,
+    /// Rank of each free node among them (m).
+    rank: Vec<usize>,
+    /// Blocks of each node's column, with the rank of their row (N/m).
+    columns: Vec<Vec<(usize, Matrix3<f64>)>>,
+}
+
+impl Stiffness {
+    fn new(contact: &Contact, touches: &[Touch], coupled: bool) -> Self {
+        let free = contact.zone.free;
+        let mut stiffness =
+            Self { active: Vec::new(), rank: vec![usize::MAX; free], columns: Vec::new() };
+        for touch in touches {
+            let point = &contact.zone.surface[touch.point as usize];
+            let mut block = contact.law.hessian(point, touch, contact.law.limit(point, touch));
+            block *= point.area;
+            if coupled && let Some(coupling) = contact.coupling(touch) {
+                block += coupling;
+            }
+            let carriers = || point.shares.iter().filter(|(node, _)| (*node as usize) < free);
+            for &(column, t) in carriers() {
+                for &(row, s) in carriers() {
+                    stiffness.add(row as usize, column as usize, block * (s * t));
+                }
+            }
+        }
+        stiffness
+    }
+
+    fn add(&mut self, row: usize, column: usize, block: Matrix3<f64>) {
+        let [row, column] = [row, column].map(|node| self.rank_of(node));
+        let blocks = &mut self.columns[column];
+        match blocks.iter_mut().find(|(known, _)| *known == row) {
+            Some((_, sum)) => *sum += block,
+            None => blocks.push((row, block)),
+        }
+    }
+
+    fn rank_of(&mut self, node: usize) -> usize {
+        if self.rank[node] == usize::MAX {
+            self.rank[node] = self.active.len();
+            self.active.push(node);
+            self.columns.push(Vec::new());
+        }
+        self.rank[node]
+    }
+
+    /// Solves (1 + C H) x = `right` for the active nodes.
+    fn solve(&self, zone: &Zone, right: &[Vector3<f64>]) -> Option<Vec<Vector3<f64>>> {
+        let size = 3 * self.active.len();
+        let compliance = self.compliance(zone);
+        let mut matrix = vec![0.0; size * size];
+        for (rank, blocks) in self.columns.iter().enumerate() {
+            let columns = &mut matrix[3 * rank * size..][..3 * size];
+            for (k, column) in columns.chunks_mut(size).enumerate() {
+                column[3 * rank + k] = 1.0;
+                for (row, block) in blocks {
+                    let [x, y, z] = [0, 1, 2].map(|l| &compliance[(3 * row + l) * size..][..size]);
+                    let h = block.column(k);
+                    for (((sum, x), y), z) in column.iter_mut().zip(x).zip(y).zip(z) {
+                        *sum += h[0] * x + h[1] * y + h[2] * z;
+                    }
+                }
+            }
+        }
+        let right: Vec<f64> =
+            self.active.iter().flat_map(|&node| right[node].iter().copied()).collect();
+        let solution = solve_dense(&matrix, right)?;
+        Some(solution.as_chunks::<3>().0.iter().map(|&x| Vector3::from(x)).collect())
+    }
+
+    /// The compliance between the active nodes, by rows.
+    fn compliance(&self, zone: &Zone) -> Vec<f64> {
+        let mut compliance = Vec::with_capacity(9 * self.active.len() * self.active.len());
+        for &node in &self.active {
+            for i in 0..3 {
+                let row = zone.row(node, i);
+                for &column in &self.active {
+                    compliance.extend_from_slice(&row[3 * column..3 * column + 3]);
+                }
+            }
+        }
+        compliance
+    }
+}
+
+fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
+}
+
+pub(super) fn norm(a: &[Vector3<f64>]) -> f64 {
+    dot(a, a).sqrt()
+}

@@ -1,0 +1,105 @@
+//! A bonded body condensed to its skin, once.
+//!
+//! The compliance C is the displacement of every skin node under a unit force on every other: the
+//! inverse of the stiffness K at rest, between skin nodes only. It is symmetric.
+//!
+//! Shapes: V nodes, M skin nodes (free nodes that carry a surface point), C surface points.
+
+use std::path::Path;
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::cache::Stored;
+use crate::{Result, contact::SurfacePoint, deformation::SoftBody, fem::Linearised};
+
+/// Not a skin node.
+pub(super) const INSIDE: u32 = u32::MAX;
+
+/// What all presses of a body share.
+pub(super) struct Condensed {
+    pub(super) body: SoftBody,
+    pub(super) rest: Linearised,
+    /// Rank of each node among the skin nodes, or [`INSIDE`] (V).
+    pub(super) rank: Vec<u32>,
+    /// Number of skin nodes, M.
+    pub(super) skin: usize,
+    /// Three rows of numbers for each skin node (3M, 3M) in m/N.
+    pub(super) compliance: Vec<f64>,
+    pub(super) facets: Vec<Facet>,
+}
+
+/// A face of the surface at rest.
+pub(super) struct Facet {
+    pub(super) centre: Point3<f64>,
+    /// Distance of its farthest surface point from the centre (m).
+    pub(super) radius: f64,
+    pub(super) nodes: Vec<u32>,
+    /// Its surface points.
+    pub(super) points: std::ops::Range<u32>,
+}
+
+impl Condensed {
+    /// Condenses `body`; with a `directory` the result is read from there if it was stored before,
+    /// and stored there if not.
+    pub(super) fn new(body: SoftBody, directory: Option<&Path>) -> Result<Self> {
+        let rest = Linearised::new(&body)?;
+        let mut skin: Vec<u32> = rest.surface().iter().flat_map(carriers).collect();
+        skin.sort_unstable();
+        skin.dedup();
+        skin.retain(|&node| rest.is_free(node));
+        let mut rank = vec![INSIDE; rest.places().len()];
+        for (i, &node) in skin.iter().enumerate() {
+            rank[node as usize] = i as u32;
+        }
+        let compliance = match directory {
+            None => condense(&rest, &skin),
+            Some(directory) => {
+                let stored = Stored::of(&body, directory);
+                stored.read_or_compute(9 * skin.len() * skin.len(), || condense(&rest, &skin))?
+            }
+        };
+        let facets = facets(rest.surface(), rest.places());
+        Ok(Self { body, rest, rank, skin: skin.len(), compliance, facets })
+    }
+}
+
+fn carriers(point: &SurfacePoint) -> impl Iterator<Item = u32> {
+    point.shares.iter().map(|&(node, _)| node)
+}
+
+/// Skin nodes solved for in one piece of work.
+const BATCH: usize = 8;
+
+fn condense(rest: &Linearised, skin: &[u32]) -> Vec<f64> {
+    let row = 9 * skin.len();
+    let mut compliance = vec![0.0; row * skin.len()];
+    let batches = compliance.par_chunks_mut(BATCH * row).zip(skin.par_chunks(BATCH));
+    batches.for_each_init(
+        || rest.workspace(),
+        |workspace, (rows, at)| {
+            rows.copy_from_slice(&rest.unit_responses(at, skin, workspace));
+        },
+    );
+    compliance
+}
+
+/// Runs of surface points that the same nodes carry.
+fn facets(surface: &[SurfacePoint], places: &[Point3<f64>]) -> Vec<Facet> {
+    let mut facets = Vec::new();
+    let mut first = 0;
+    for run in surface.chunk_by(|a, b| carriers(a).eq(carriers(b))) {
+        let nodes: Vec<u32> = carriers(&run[0]).collect();
+        let sum: Vector3<f64> = nodes.iter().map(|&node| places[node as usize].coords).sum();
+        let centre = Point3::from(sum / nodes.len() as f64);
+        let place = |point: &SurfacePoint| -> Vector3<f64> {
+            point.shares.iter().map(|&(node, share)| places[node as usize].coords * share).sum()
+        };
+        let radius =
+            run.iter().map(|point| (place(point) - centre.coords).norm()).fold(0.0, f64::max);
+        let last = first + run.len() as u32;
+        facets.push(Facet { centre, radius, nodes, points: first..last });
+        first = last;
+    }
+    facets
+}
