@@ -63,12 +63,21 @@ fn explore() {
         for (name, shape) in [("ball", ball()), ("box", cuboid())] {
             for friction in [0.0, 0.5] {
                 for path in [
-                    vec![at(0.0, 1e-5)], vec![at(0.0, 0.25 * MM)], vec![at(0.0, 0.5 * MM)], vec![at(0.0, MM)],
-                    (1..=10).map(|i| at(0.0, 0.1 * MM * f64::from(i))).chain((1..=10).map(|i| at(0.05 * MM * f64::from(i), MM))).collect(),
+                    vec![at(0.0, 1e-5)],
+                    vec![at(0.0, 0.25 * MM)],
+                    vec![at(0.0, 0.5 * MM)],
+                    vec![at(0.0, MM)],
+                    (1..=10)
+                        .map(|i| at(0.0, 0.1 * MM * f64::from(i)))
+                        .chain((1..=10).map(|i| at(0.05 * MM * f64::from(i), MM)))
+                        .collect(),
                 ] {
                     let press = Press::along(vec![shape.clone()], path.clone()).unwrap();
                     let truth = fem(&body, friction).solve_path(&press);
-                    let Ok(truth) = truth.into_iter().collect::<Result<Vec<_>>>() else { println!("fem failed"); continue };
+                    let Ok(truth) = truth.into_iter().collect::<Result<Vec<_>>>() else {
+                        println!("fem failed");
+                        continue;
+                    };
                     let t = truth.last().unwrap();
                     let linear = compliance(&body, friction, 0);
                     for sweeps in [0, 1, 2, 4, 8, 12] {
@@ -77,13 +86,42 @@ fn explore() {
                         let wr = model.wrenches(&press);
                         let ws = w0.elapsed().as_secs_f64();
                         match model.solve_path(&press).pop().unwrap() {
-                            Err(e) => println!("{law} {name} {friction} {} frames {sweeps}: {e}", path.len()),
+                            Err(e) => println!(
+                                "{law} {name} {friction} {} frames {sweeps}: {e}",
+                                path.len()
+                            ),
                             Ok(d) => {
-                                let vm: f64 = d.von_mises.iter().zip(&t.von_mises).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+                                let vm: f64 = d
+                                    .von_mises
+                                    .iter()
+                                    .zip(&t.von_mises)
+                                    .map(|(a, b)| (a - b).powi(2))
+                                    .sum::<f64>()
+                                    .sqrt()
                                     / t.von_mises.iter().map(|b| b * b).sum::<f64>().sqrt();
-                                println!("{law} {name} μ{friction} {} frames s{sweeps}: F {:?} / {:?} u {:.2e} vm {:.2e} its {} res {:.1e} t {:.2} ms wr {:.2} ms/frame fem {:.1} ms", path.len(),
-                                    d.wrench.force.as_slice().iter().map(|x| (x * 1e5).round() / 1e5).collect::<Vec<_>>(), t.wrench.force.as_slice().iter().map(|x| (x * 1e5).round() / 1e5).collect::<Vec<_>>(),
-                                    relative(&d.displacement, &t.displacement), vm, d.iterations, d.residual, d.seconds * 1e3, ws * 1e3 / wr.len() as f64, t.seconds * 1e3);
+                                println!(
+                                    "{law} {name} μ{friction} {} frames s{sweeps}: F {:?} / {:?} u {:.2e} vm {:.2e} its {} res {:.1e} t {:.2} ms wr {:.2} ms/frame fem {:.1} ms",
+                                    path.len(),
+                                    d.wrench
+                                        .force
+                                        .as_slice()
+                                        .iter()
+                                        .map(|x| (x * 1e5).round() / 1e5)
+                                        .collect::<Vec<_>>(),
+                                    t.wrench
+                                        .force
+                                        .as_slice()
+                                        .iter()
+                                        .map(|x| (x * 1e5).round() / 1e5)
+                                        .collect::<Vec<_>>(),
+                                    relative(&d.displacement, &t.displacement),
+                                    vm,
+                                    d.iterations,
+                                    d.residual,
+                                    d.seconds * 1e3,
+                                    ws * 1e3 / wr.len() as f64,
+                                    t.seconds * 1e3
+                                );
                             }
                         }
                     }

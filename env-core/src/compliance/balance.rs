@@ -39,6 +39,17 @@ pub(super) struct Trial {
     imbalance: f64,
 }
 
+/// What is known of the balance before it is sought.
+#[derive(Clone, Default)]
+pub(super) struct Guess {
+    /// Forces on the free nodes in a balance before (m) in N.
+    pub(super) forces: Vec<Vector3<f64>>,
+    /// The touches in that balance.
+    pub(super) touches: Vec<Touch>,
+    /// How far the shape has moved since against each of these points (m).
+    pub(super) motion: Vec<Vector3<f64>>,
+}
+
 /// A change of forces and what it does to the displacement of the free nodes.
 struct Step {
     forces: Vec<Vector3<f64>>,
@@ -48,35 +59,67 @@ struct Step {
 /// Most Newton steps.
 const MOST: usize = 40;
 /// Imbalance accepted, relative to the forces.
-const RELATIVE: f64 = 1e-6;
+const RELATIVE: f64 = 1e-5;
 /// Fraction of the expected fall of energy that a step must bring (Armijo).
 const ARMIJO: f64 = 1e-4;
 /// Shortest fraction of a Newton step that is tried.
 const SHORTEST: f64 = 1e-3;
 
 impl Contact<'_> {
-    /// Forces in balance near the guess `forces` (m) when the body by itself is displaced by
-    /// `offset` (m), and the Newton steps taken. `tolerance` (N) is the least imbalance asked for.
+    /// Forces in balance near those of the `guess` when the body by itself is displaced by `offset`
+    /// (m), and the Newton steps taken. `tolerance` (N) is the least imbalance asked for.
     pub(super) fn settle(
         &mut self,
         offset: &[Vector3<f64>],
-        forces: Vec<Vector3<f64>>,
+        guess: Guess,
         tolerance: f64,
     ) -> Result<(Trial, usize)> {
+        let not_converged = |iterations, residual| Error::NotConverged {
+            iterations,
+            residual,
+            tolerance: tolerance.max(RELATIVE * residual),
+        };
+        let mut at = self.begin(offset, guess).ok_or(not_converged(0, f64::INFINITY))?;
+        for iterations in 0..MOST {
+            if at.imbalance <= tolerance.max(RELATIVE * norm(&at.forces)) {
+                return Ok((at, iterations));
+            }
+            let residual = at.imbalance;
+            at = self.advance(offset, at).ok_or(not_converged(iterations + 1, residual))?;
+        }
+        Err(not_converged(MOST, at.imbalance))
+    }
+
+    /// Where Newton's method starts.
+    fn begin(&mut self, offset: &[Vector3<f64>], guess: Guess) -> Option<Trial> {
+        let Guess { mut forces, mut touches, motion } = guess;
+        let mut excess = vec![Vector3::zeros(); self.zone.free];
+        if touches.is_empty() {
+            let still = self.displaced(offset, &forces);
+            touches = deepest(self.touches(&still)?);
+            excess = self.nodal(&touches);
+            excess.truncate(self.zone.free);
+        }
+        for (touch, motion) in touches.iter().zip(&motion) {
+            let push = self.hessian(touch, false) * motion;
+            for (node, share) in self.carriers(touch) {
+                excess[node] += push * share;
+            }
+        }
+        if let Some(step) = self.newton_step(&touches, &excess, false) {
+            forces.iter_mut().zip(&step.forces).for_each(|(force, change)| *force += change);
+        }
+        let displacement = self.displaced(offset, &forces);
+        self.trial(forces, displacement)
+    }
+
+    /// The surface under `forces`, displaced by `offset` without them (m).
+    fn displaced(&self, offset: &[Vector3<f64>], forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut displacement = offset.to_vec();
-        for (u, du) in displacement.iter_mut().zip(self.zone.respond(&forces)) {
+        for (u, du) in displacement.iter_mut().zip(self.zone.respond(forces)) {
             *u += du;
         }
-        let mut at = self.trial(forces, displacement);
-        for iterations in 0..MOST {
-            let Some(trial) = at else { break };
-            let size = norm(&trial.forces);
-            if trial.imbalance <= tolerance.max(RELATIVE * size) {
-                return Ok((trial, iterations));
-            }
-            at = self.advance(offset, trial);
-        }
-        Err(Error::NotConverged { iterations: MOST, residual: f64::INFINITY, tolerance })
+        displacement
     }
 
     /// Contact on the surface displaced by `displacement`, or `None` if a point came out on the far
@@ -151,7 +194,7 @@ impl Contact<'_> {
             if coupled && !slips {
                 continue;
             }
-            let step = self.newton_step(&at, coupled)?;
+            let step = self.newton_step(&at.touches, &at.excess, coupled)?;
             let full = self.moved(&at, &step, 1.0);
             if full.as_ref().is_some_and(|full| full.imbalance <= 0.5 * at.imbalance) {
                 return full;
@@ -169,15 +212,35 @@ impl Contact<'_> {
         Some(self.law.limit_coupling(point, touch)? * point.area)
     }
 
-    /// Newton's step; `coupled` lets the friction limits follow the depth.
-    fn newton_step(&self, at: &Trial, coupled: bool) -> Option<Step> {
-        let stiffness = Stiffness::new(self, &at.touches, coupled);
-        let pull = self.zone.respond(&at.excess);
-        let mut forces = at.excess.clone();
-        let moved = stiffness.solve(self.zone, &pull)?;
-        for (column, &node) in stiffness.columns.iter().zip(&stiffness.active) {
+    /// Stiffness of a touch (N/m); `coupled` lets the friction limit follow the depth.
+    fn hessian(&self, touch: &Touch, coupled: bool) -> Matrix3<f64> {
+        let point = &self.zone.surface[touch.point as usize];
+        let hessian = self.law.hessian(point, touch, self.law.limit(point, touch)) * point.area;
+        let coupling = if coupled { self.coupling(touch) } else { None };
+        coupling.map_or(hessian, |coupling| hessian + coupling)
+    }
+
+    /// Free nodes that carry a touching point, with their shares.
+    fn carriers(&self, touch: &Touch) -> impl Iterator<Item = (usize, f64)> + Clone {
+        let zone = self.zone;
+        let shares = zone.surface[touch.point as usize].shares.iter();
+        let shares = shares.map(|&(node, share)| (node as usize, share));
+        shares.filter(|&(node, _)| node < zone.free)
+    }
+
+    /// Newton's step for what the contact exerts in `excess` of the forces.
+    fn newton_step(
+        &self,
+        touches: &[Touch],
+        excess: &[Vector3<f64>],
+        coupled: bool,
+    ) -> Option<Step> {
+        let stiffness = Stiffness::new(self, touches, coupled);
+        let moved = stiffness.solve(self.zone, &self.zone.respond(excess))?;
+        let mut forces = excess.to_vec();
+        for (column, du) in stiffness.columns.iter().zip(&moved) {
             for (row, block) in column {
-                forces[stiffness.active[*row]] -= block * moved[stiffness.rank[node]];
+                forces[stiffness.active[*row]] -= block * du;
             }
         }
         let displacement = self.zone.respond(&forces);
@@ -250,20 +313,14 @@ struct Stiffness {
 
 impl Stiffness {
     fn new(contact: &Contact, touches: &[Touch], coupled: bool) -> Self {
-        let free = contact.zone.free;
-        let mut stiffness =
-            Self { active: Vec::new(), rank: vec![usize::MAX; free], columns: Vec::new() };
+        let rank = vec![usize::MAX; contact.zone.free];
+        let mut stiffness = Self { active: Vec::new(), rank, columns: Vec::new() };
         for touch in touches {
-            let point = &contact.zone.surface[touch.point as usize];
-            let mut block = contact.law.hessian(point, touch, contact.law.limit(point, touch));
-            block *= point.area;
-            if coupled && let Some(coupling) = contact.coupling(touch) {
-                block += coupling;
-            }
-            let carriers = || point.shares.iter().filter(|(node, _)| (*node as usize) < free);
-            for &(column, t) in carriers() {
-                for &(row, s) in carriers() {
-                    stiffness.add(row as usize, column as usize, block * (s * t));
+            let block = contact.hessian(touch, coupled);
+            let carriers = contact.carriers(touch);
+            for (column, t) in carriers.clone() {
+                for (row, s) in carriers.clone() {
+                    stiffness.add(row, column, block * (s * t));
                 }
             }
         }
@@ -325,6 +382,14 @@ impl Stiffness {
         }
         compliance
     }
+}
+
+/// Those at least half as deep as the deepest: nearer to where a round shape will touch than all of
+/// them, and free of those that an edge would push aside.
+fn deepest(mut touches: Vec<Touch>) -> Vec<Touch> {
+    let deepest = touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
+    touches.retain(|touch| touch.depth >= 0.5 * deepest);
+    touches
 }
 
 fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {

@@ -9,7 +9,7 @@
 
 use nalgebra::Vector3;
 
-use super::balance::Contact;
+use super::balance::{Contact, Guess};
 use crate::{
     Error, Result,
     contact::Touch,
@@ -55,18 +55,18 @@ struct Judged {
 }
 
 impl Solution<'_, '_> {
-    /// The solution near the guess `forces` (m) after at most `sweeps`, begun with `offset`.
+    /// The solution near the `guess` after at most `sweeps`, begun with `offset`.
     pub(super) fn find(
         &mut self,
         offset: &[Vector3<f64>],
-        forces: Vec<Vector3<f64>>,
+        guess: Guess,
         sweeps: usize,
     ) -> Result<(Field, Vec<Touch>)> {
         if sweeps == 0 {
-            let settled = self.settle(offset.to_vec(), forces)?;
+            let settled = self.settle(offset.to_vec(), guess)?;
             return Ok((settled.field, settled.touches));
         }
-        let mut best = self.begin(offset, forces)?;
+        let mut best = self.begin(offset, guess)?;
         for _ in 0..sweeps {
             if best.residual <= self.tolerance {
                 break;
@@ -81,14 +81,14 @@ impl Solution<'_, '_> {
     }
 
     /// The linear answer with `offset` or without, whichever leaves less out of balance.
-    fn begin(&mut self, offset: &[Vector3<f64>], forces: Vec<Vector3<f64>>) -> Result<Judged> {
+    fn begin(&mut self, offset: &[Vector3<f64>], guess: Guess) -> Result<Judged> {
         let none = vec![Vector3::zeros(); offset.len()];
         let mut starts = Vec::new();
         if *offset != none[..] {
-            let settled = self.settle(offset.to_vec(), forces.clone())?;
+            let settled = self.settle(offset.to_vec(), guess.clone())?;
             starts.extend(self.judge(settled));
         }
-        let settled = self.settle(none, forces)?;
+        let settled = self.settle(none, guess)?;
         starts.extend(self.judge(settled));
         let least = starts.into_iter().min_by(|a, b| a.residual.total_cmp(&b.residual));
         least.ok_or(Error::NotConverged {
@@ -103,7 +103,8 @@ impl Solution<'_, '_> {
         let Field { displacement, offset } = &from.settled.field;
         let mut next = self.rest.displacement(&from.elastic, self.workspace);
         next.iter_mut().zip(displacement).for_each(|(x, u)| *x = u - *x);
-        let target = self.settle(next, from.settled.forces.clone())?;
+        let guess = self.guess(&from.settled, &next);
+        let target = self.settle(next, guess)?;
         for share in SHARES {
             let field = Field {
                 displacement: blend(displacement, &target.field.displacement, share),
@@ -123,11 +124,24 @@ impl Solution<'_, '_> {
         Ok(None)
     }
 
-    /// Lets the contact settle with `offset` (V), near the guess `forces` (m).
-    fn settle(&mut self, offset: Vec<Vector3<f64>>, forces: Vec<Vector3<f64>>) -> Result<Settled> {
+    /// What `settled` makes expect when its offset becomes `next` (V).
+    fn guess(&self, settled: &Settled, next: &[Vector3<f64>]) -> Guess {
+        let zone = self.contact.zone;
+        let change: Vec<_> = settled.field.offset.iter().zip(next).map(|(a, b)| a - b).collect();
+        let change = zone.pick(&change);
+        let motion = |touch: &Touch| zone.surface[touch.point as usize].interpolate(&change);
+        Guess {
+            forces: settled.forces.clone(),
+            motion: settled.touches.iter().map(motion).collect(),
+            touches: settled.touches.clone(),
+        }
+    }
+
+    /// Lets the contact settle with `offset` (V), near the `guess`.
+    fn settle(&mut self, offset: Vec<Vector3<f64>>, guess: Guess) -> Result<Settled> {
         let zone = self.contact.zone;
         let local = zone.pick(&offset);
-        let (trial, iterations) = self.contact.settle(&local, forces, 0.1 * self.tolerance)?;
+        let (trial, iterations) = self.contact.settle(&local, guess, 0.1 * self.tolerance)?;
         self.iterations += iterations;
         let loads = zone.spread(&trial.forces, offset.len());
         let mut displacement = self.rest.displacement(&loads, self.workspace);

@@ -5,7 +5,7 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
-    balance::Contact,
+    balance::{Contact, Guess},
     condensed::Condensed,
     push::push,
     solution::{Field, Solution},
@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     Result,
-    contact::{ContactLaw, ContactStep, backed_off, between, clearance},
+    contact::{ContactLaw, ContactStep, Touch, backed_off, between, clearance},
     deformation::{Anchor, Deformation, Drive, History, Press, Wrench},
     fem::Workspace,
     geometry::Shape,
@@ -49,9 +49,25 @@ pub(super) struct State {
     field: Field,
     /// Force of the shapes on the nodes (V) in N.
     contact_force: Vec<Vector3<f64>>,
+    /// Touches, by points of the mesh.
+    touches: Vec<Touch>,
     anchors: Vec<Anchor>,
     pub(super) wrench: Wrench,
     pub(super) iterations: usize,
+}
+
+impl State {
+    /// What it makes expect when the shapes move on to `poses`.
+    fn guess(&self, zone: &Zone, poses: &[Isometry3<f64>]) -> Guess {
+        let mut forces = zone.pick(&self.contact_force);
+        forces.truncate(zone.free);
+        let touches = zone.touches_in(&self.touches);
+        let motion = |touch: &Touch| {
+            let shape = touch.shape as usize;
+            poses[shape] * self.poses[shape].inverse_transform_point(&touch.place) - touch.place
+        };
+        Guess { forces, motion: touches.iter().map(motion).collect(), touches }
+    }
 }
 
 impl<'a> Walk<'a> {
@@ -62,6 +78,7 @@ impl<'a> Walk<'a> {
             poses: Vec::new(),
             field: Field { displacement: still.clone(), offset: still.clone() },
             contact_force: still,
+            touches: Vec::new(),
             anchors: Vec::new(),
             wrench: Wrench::default(),
             iterations: 0,
@@ -102,6 +119,7 @@ impl<'a> Walk<'a> {
         let mut contact = Contact { zone: &self.zone, law: &self.settings.law, step, poses };
         let touches = contact.touches(&self.zone.pick(&history.displacement)).unwrap_or_default();
         self.state.contact_force = self.zone.spread(&contact.nodal(&touches), rest.places().len());
+        self.state.touches = self.zone.touches_out(touches);
         if self.settings.sweeps > 0 {
             let given = rest.displacement(&self.state.contact_force, &mut self.workspace);
             let pairs = history.displacement.iter().zip(given);
@@ -246,7 +264,7 @@ impl<'a> Walk<'a> {
             tolerance: self.settings.tolerance,
             iterations: 0,
         };
-        let guess = zone.pick(&self.state.contact_force);
+        let guess = self.state.guess(zone, poses);
         let (field, touches) =
             solution.find(&self.state.field.offset, guess, self.settings.sweeps)?;
         let iterations = solution.iterations;
@@ -255,7 +273,9 @@ impl<'a> Walk<'a> {
         let anchors = zone.anchors_out(contact.step.anchors(poses, &touches, back));
         let contact_force = zone.spread(&contact.nodal(&touches), field.displacement.len());
         let wrench = contact.wrench(&touches);
-        Ok(State { poses: poses.to_vec(), field, contact_force, anchors, wrench, iterations })
+        let touches = zone.touches_out(touches);
+        let poses = poses.to_vec();
+        Ok(State { poses, field, contact_force, touches, anchors, wrench, iterations })
     }
 
     /// Makes the zone hold all that the shapes at `poses` may touch.
@@ -299,6 +319,6 @@ impl<'a> Walk<'a> {
     }
 }
 
-fn stuck_at(law: &ContactLaw, zone: &Zone, touch: &crate::contact::Touch) -> Vector3<f64> {
+fn stuck_at(law: &ContactLaw, zone: &Zone, touch: &Touch) -> Vector3<f64> {
     law.stuck_at(&zone.surface[touch.point as usize], touch)
 }

@@ -3,7 +3,11 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::condensed::{Condensed, INSIDE};
-use crate::{contact::SurfacePoint, deformation::Anchor, geometry::Shape};
+use crate::{
+    contact::{SurfacePoint, Touch},
+    deformation::Anchor,
+    geometry::Shape,
+};
 
 /// Facets near the shapes. Nodes and points are numbered anew: m free nodes, then fixed ones.
 pub(super) struct Zone {
@@ -113,6 +117,23 @@ impl Zone {
             anchor.point = self.points[anchor.point as usize];
         }
         anchors
+    }
+
+    /// Those of the mesh's `touches` that lie in the zone.
+    pub(super) fn touches_in(&self, touches: &[Touch]) -> Vec<Touch> {
+        let inside = |touch: &Touch| {
+            let point = self.points.binary_search(&touch.point).ok()? as u32;
+            Some(Touch { point, ..*touch })
+        };
+        touches.iter().filter_map(inside).collect()
+    }
+
+    /// The zone's `touches` as the mesh's.
+    pub(super) fn touches_out(&self, mut touches: Vec<Touch>) -> Vec<Touch> {
+        for touch in &mut touches {
+            touch.point = self.points[touch.point as usize];
+        }
+        touches
     }
 
     /// Row of the compliance for component `i` of the force on free node `node` (3m).
