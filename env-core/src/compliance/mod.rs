@@ -14,6 +14,7 @@ mod balance;
 mod cache;
 mod condensed;
 mod dense;
+mod mixing;
 mod push;
 mod solution;
 mod walk;

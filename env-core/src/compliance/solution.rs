@@ -1,23 +1,29 @@
-//! One load step: the linear answer, then sweeps that correct it by the true residual.
+//! One load step: the linear answer, then sweeps that correct it by the true forces.
 //!
 //! A sweep is a step of modified Newton: the body's own law gives the elastic force g(u), the
-//! stiffness at rest carries what is out of balance, and contact is settled anew with the offset
-//! u₀ = u − K⁻¹ g(u) in place of none. A step is taken, halved or dropped so that the unbalanced
-//! force falls.
+//! stiffness at rest K carries what is out of balance, and contact is settled anew with the offset
+//! u₀ = u − K⁻¹ g(u) in place of none. That is a fixed-point iteration on u₀, and it is accelerated
+//! ([`Mixing`]). A sweep is taken only if it lowers the unbalanced force; after one that did not, the
+//! plain step is tried at half its length, then at a quarter.
 //!
-//! Arrays have V entries; m is the number of free nodes of the contact's zone.
+//! Arrays have V entries.
 
 use nalgebra::Vector3;
 
-use super::balance::{Contact, Guess};
+use super::{
+    balance::{Contact, Guess, norm},
+    mixing::Mixing,
+};
 use crate::{
     Error, Result,
     contact::Touch,
     fem::{Linearised, Workspace},
 };
 
-/// Shares of a sweep's step that are tried.
-const SHARES: [f64; 3] = [1.0, 0.5, 0.25];
+/// Shortest share of a plain step that is tried.
+const SHORTEST: f64 = 0.25;
+/// Imbalance left in the contact of a sweep, relative to the unbalanced force before it.
+const INEXACT: f64 = 1e-3;
 
 /// Displacement of the nodes, and its part that is not the linear response to contact (m).
 #[derive(Clone)]
@@ -33,7 +39,7 @@ pub(super) struct Solution<'a, 'b> {
     pub(super) contact: &'a mut Contact<'b>,
     /// Norm of the unbalanced force that needs no further work (N).
     pub(super) tolerance: f64,
-    /// Newton steps and sweeps so far.
+    /// Newton steps of the contact and sweeps so far.
     pub(super) iterations: usize,
 }
 
@@ -48,8 +54,8 @@ struct Settled {
 /// A settled field and how far its true forces are out of balance.
 struct Judged {
     settled: Settled,
-    /// Elastic force (N).
-    elastic: Vec<Vector3<f64>>,
+    /// What a plain sweep adds to the offset: K⁻¹ of the unbalanced force (m).
+    step: Vec<Vector3<f64>>,
     /// Norm of the unbalanced force (N).
     residual: f64,
 }
@@ -62,22 +68,38 @@ impl Solution<'_, '_> {
         guess: Guess,
         sweeps: usize,
     ) -> Result<(Field, Vec<Touch>)> {
-        if sweeps == 0 {
-            let settled = self.settle(offset.to_vec(), guess)?;
-            return Ok((settled.field, settled.touches));
-        }
+        let found = if sweeps == 0 {
+            self.settle(offset.to_vec(), guess, 0.0)?
+        } else {
+            self.swept(offset, guess, sweeps)?
+        };
+        Ok((found.field, found.touches))
+    }
+
+    fn swept(&mut self, offset: &[Vector3<f64>], guess: Guess, sweeps: usize) -> Result<Settled> {
         let mut best = self.begin(offset, guess)?;
+        let (mut mixing, mut share) = (Mixing::default(), 1.0);
+        mixing.record(&best.settled.field.offset, &best.step);
         for _ in 0..sweeps {
-            if best.residual <= self.tolerance {
+            if best.residual <= self.tolerance || share < SHORTEST {
                 break;
             }
             self.iterations += 1;
-            match self.sweep(&best)? {
-                Some(better) => best = better,
-                None => break,
+            let from = &best.settled.field.offset;
+            let plain = || from.iter().zip(&best.step).map(|(x, r)| x + r * share).collect();
+            let next = if share == 1.0 { mixing.next() } else { plain() };
+            let guess = self.guess(&best.settled, &next);
+            let tried = self.settle(next, guess, INEXACT * best.residual);
+            let tried = tried.ok().and_then(|settled| self.judge(settled));
+            if let Some(tried) = &tried {
+                mixing.record(&tried.settled.field.offset, &tried.step);
+            }
+            match tried {
+                Some(better) if better.residual < best.residual => (best, share) = (better, 1.0),
+                _ => share *= 0.5,
             }
         }
-        Ok((best.settled.field, best.settled.touches))
+        Ok(best.settled)
     }
 
     /// The linear answer with `offset` or without, whichever leaves less out of balance.
@@ -85,10 +107,10 @@ impl Solution<'_, '_> {
         let none = vec![Vector3::zeros(); offset.len()];
         let mut starts = Vec::new();
         if *offset != none[..] {
-            let settled = self.settle(offset.to_vec(), guess.clone())?;
+            let settled = self.settle(offset.to_vec(), guess.clone(), 0.0)?;
             starts.extend(self.judge(settled));
         }
-        let settled = self.settle(none, guess)?;
+        let settled = self.settle(none, guess, 0.0)?;
         starts.extend(self.judge(settled));
         let least = starts.into_iter().min_by(|a, b| a.residual.total_cmp(&b.residual));
         least.ok_or(Error::NotConverged {
@@ -98,33 +120,7 @@ impl Solution<'_, '_> {
         })
     }
 
-    /// A better solution, or `None` if the sweep found none.
-    fn sweep(&mut self, from: &Judged) -> Result<Option<Judged>> {
-        let Field { displacement, offset } = &from.settled.field;
-        let mut next = self.rest.displacement(&from.elastic, self.workspace);
-        next.iter_mut().zip(displacement).for_each(|(x, u)| *x = u - *x);
-        let guess = self.guess(&from.settled, &next);
-        let target = self.settle(next, guess)?;
-        for share in SHARES {
-            let field = Field {
-                displacement: blend(displacement, &target.field.displacement, share),
-                offset: blend(offset, &target.field.offset, share),
-            };
-            let Some(touches) = self.contact.touches(&self.contact.zone.pick(&field.displacement))
-            else {
-                continue;
-            };
-            let forces = blend(&from.settled.forces, &target.forces, share);
-            if let Some(judged) = self.judge(Settled { field, forces, touches })
-                && judged.residual < from.residual
-            {
-                return Ok(Some(judged));
-            }
-        }
-        Ok(None)
-    }
-
-    /// What `settled` makes expect when its offset becomes `next` (V).
+    /// What `settled` makes expect when its offset becomes `next`.
     fn guess(&self, settled: &Settled, next: &[Vector3<f64>]) -> Guess {
         let zone = self.contact.zone;
         let change: Vec<_> = settled.field.offset.iter().zip(next).map(|(a, b)| a - b).collect();
@@ -137,11 +133,16 @@ impl Solution<'_, '_> {
         }
     }
 
-    /// Lets the contact settle with `offset` (V), near the `guess`.
-    fn settle(&mut self, offset: Vec<Vector3<f64>>, guess: Guess) -> Result<Settled> {
+    /// Lets the contact settle with `offset`, near the `guess`, until `imbalance` (N) is left.
+    fn settle(
+        &mut self,
+        offset: Vec<Vector3<f64>>,
+        guess: Guess,
+        imbalance: f64,
+    ) -> Result<Settled> {
         let zone = self.contact.zone;
-        let local = zone.pick(&offset);
-        let (trial, iterations) = self.contact.settle(&local, guess, 0.1 * self.tolerance)?;
+        let tolerance = imbalance.max(0.1 * self.tolerance);
+        let (trial, iterations) = self.contact.settle(&zone.pick(&offset), guess, tolerance)?;
         self.iterations += iterations;
         let loads = zone.spread(&trial.forces, offset.len());
         let mut displacement = self.rest.displacement(&loads, self.workspace);
@@ -155,15 +156,11 @@ impl Solution<'_, '_> {
         let displacement = &settled.field.displacement;
         let elastic = self.rest.elastic_force(displacement, self.workspace)?;
         let nodal = self.contact.nodal(&settled.touches);
-        let contact = self.contact.zone.spread(&nodal, displacement.len());
-        let residual = self.rest.imbalance(&elastic, &contact);
-        Some(Judged { settled, elastic, residual })
+        let mut left = self.contact.zone.spread(&nodal, displacement.len());
+        left.iter_mut().zip(&elastic).for_each(|(left, elastic)| *left -= elastic);
+        self.rest.release(&mut left);
+        let residual = norm(&left);
+        let step = self.rest.displacement(&left, self.workspace);
+        Some(Judged { settled, step, residual })
     }
-}
-
-fn blend(from: &[Vector3<f64>], to: &[Vector3<f64>], share: f64) -> Vec<Vector3<f64>> {
-    if share == 1.0 {
-        return to.to_vec();
-    }
-    from.iter().zip(to).map(|(a, b)| a.lerp(b, share)).collect()
 }

@@ -5,7 +5,7 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
-    balance::{Contact, Guess},
+    balance::{Contact, Guess, norm},
     condensed::Condensed,
     push::push,
     solution::{Field, Solution},
@@ -298,9 +298,14 @@ impl<'a> Walk<'a> {
     fn report(&mut self) -> Result<Deformation> {
         let (rest, state) = (&self.condensed.rest, &self.state);
         let displacement = &state.field.displacement;
-        let elastic = rest.elastic_force(displacement, &mut self.workspace);
-        let residual =
-            elastic.map_or(f64::INFINITY, |force| rest.imbalance(&force, &state.contact_force));
+        let residual = match rest.elastic_force(displacement, &mut self.workspace) {
+            Some(mut left) => {
+                left.iter_mut().zip(&state.contact_force).for_each(|(left, f)| *left -= f);
+                rest.release(&mut left);
+                norm(&left)
+            }
+            None => f64::INFINITY,
+        };
         Ok(Deformation {
             von_mises: rest.von_mises(displacement),
             displacement: displacement.clone(),

@@ -121,10 +121,10 @@ impl Linearised {
         Some(forces)
     }
 
-    /// Norm of the force left on the free nodes by `elastic` and `contact` forces (V) in N.
-    pub(crate) fn imbalance(&self, elastic: &[Vector3<f64>], contact: &[Vector3<f64>]) -> f64 {
-        let left = elastic.iter().zip(contact).zip(&self.nodes.fixed).filter(|(_, fixed)| !**fixed);
-        left.map(|((elastic, contact), _)| (elastic - contact).norm_squared()).sum::<f64>().sqrt()
+    /// Sets `forces` (V) on fixed nodes to zero: the base bears them.
+    pub(crate) fn release(&self, forces: &mut [Vector3<f64>]) {
+        let fixed = forces.iter_mut().zip(&self.nodes.fixed).filter(|(_, fixed)| **fixed);
+        fixed.for_each(|(force, _)| *force = Vector3::zeros());
     }
 
     /// Von Mises stress by the body's own law (T) in Pa.
