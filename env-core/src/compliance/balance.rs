@@ -11,7 +11,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
-use super::{dense::solve_dense, zone::Zone};
+use super::{stiffness::Stiffness, zone::Zone};
 use crate::{
     Error, Result,
     contact::{ContactLaw, ContactStep, SurfacePoint, Touch},
@@ -235,14 +235,14 @@ impl Contact<'_> {
         excess: &[Vector3<f64>],
         coupled: bool,
     ) -> Option<Step> {
-        let stiffness = Stiffness::new(self, touches, coupled);
+        let mut stiffness = Stiffness::new(self.zone.free);
+        for touch in touches {
+            let point = &self.zone.surface[touch.point as usize];
+            stiffness.add(point, &self.hessian(touch, coupled));
+        }
         let moved = stiffness.solve(self.zone, &self.zone.respond(excess))?;
         let mut forces = excess.to_vec();
-        for (column, du) in stiffness.columns.iter().zip(&moved) {
-            for (row, block) in column {
-                forces[stiffness.active[*row]] -= block * du;
-            }
-        }
+        stiffness.relieve(&mut forces, &moved);
         let displacement = self.zone.respond(&forces);
         Some(Step { forces, displacement })
     }
@@ -298,89 +298,6 @@ impl Contact<'_> {
 
     fn pair(&self, touch: &Touch) -> usize {
         touch.shape as usize * self.zone.surface.len() + touch.point as usize
-    }
-}
-
-/// H = −∂t/∂u between the free nodes that touch.
-struct Stiffness {
-    /// The nodes.
-    active: Vec<usize>,
-    /// Rank of each free node among them (m).
-    rank: Vec<usize>,
-    /// Blocks of each node's column, with the rank of their row (N/m).
-    columns: Vec<Vec<(usize, Matrix3<f64>)>>,
-}
-
-impl Stiffness {
-    fn new(contact: &Contact, touches: &[Touch], coupled: bool) -> Self {
-        let rank = vec![usize::MAX; contact.zone.free];
-        let mut stiffness = Self { active: Vec::new(), rank, columns: Vec::new() };
-        for touch in touches {
-            let block = contact.hessian(touch, coupled);
-            let carriers = contact.carriers(touch);
-            for (column, t) in carriers.clone() {
-                for (row, s) in carriers.clone() {
-                    stiffness.add(row, column, block * (s * t));
-                }
-            }
-        }
-        stiffness
-    }
-
-    fn add(&mut self, row: usize, column: usize, block: Matrix3<f64>) {
-        let [row, column] = [row, column].map(|node| self.rank_of(node));
-        let blocks = &mut self.columns[column];
-        match blocks.iter_mut().find(|(known, _)| *known == row) {
-            Some((_, sum)) => *sum += block,
-            None => blocks.push((row, block)),
-        }
-    }
-
-    fn rank_of(&mut self, node: usize) -> usize {
-        if self.rank[node] == usize::MAX {
-            self.rank[node] = self.active.len();
-            self.active.push(node);
-            self.columns.push(Vec::new());
-        }
-        self.rank[node]
-    }
-
-    /// Solves (1 + C H) x = `right` for the active nodes.
-    fn solve(&self, zone: &Zone, right: &[Vector3<f64>]) -> Option<Vec<Vector3<f64>>> {
-        let size = 3 * self.active.len();
-        let compliance = self.compliance(zone);
-        let mut matrix = vec![0.0; size * size];
-        for (rank, blocks) in self.columns.iter().enumerate() {
-            let columns = &mut matrix[3 * rank * size..][..3 * size];
-            for (k, column) in columns.chunks_mut(size).enumerate() {
-                column[3 * rank + k] = 1.0;
-                for (row, block) in blocks {
-                    let [x, y, z] = [0, 1, 2].map(|l| &compliance[(3 * row + l) * size..][..size]);
-                    let h = block.column(k);
-                    for (((sum, x), y), z) in column.iter_mut().zip(x).zip(y).zip(z) {
-                        *sum += h[0] * x + h[1] * y + h[2] * z;
-                    }
-                }
-            }
-        }
-        let right: Vec<f64> =
-            self.active.iter().flat_map(|&node| right[node].iter().copied()).collect();
-        let solution = solve_dense(&matrix, right)?;
-        Some(solution.as_chunks::<3>().0.iter().map(|&x| Vector3::from(x)).collect())
-    }
-
-    /// The compliance between the active nodes, by rows.
-    fn compliance(&self, zone: &Zone) -> Vec<f64> {
-        let mut compliance = Vec::with_capacity(9 * self.active.len() * self.active.len());
-        for &node in &self.active {
-            for i in 0..3 {
-                let row = zone.row(node, i);
-                for &column in &self.active {
-                    compliance.extend_from_slice(&row[3 * column..3 * column + 3]);
-                }
-            }
-        }
-        compliance
     }
 }
 

@@ -13,10 +13,10 @@
 mod balance;
 mod cache;
 mod condensed;
-mod dense;
 mod mixing;
 mod push;
 mod solution;
+mod stiffness;
 mod walk;
 mod zone;
 

@@ -2,20 +2,19 @@
 
 use nalgebra::{Isometry3, Unit, Vector3};
 
-use super::walk::{State, Walk};
+use super::walk::{EDGE_STRIDE, State, Walk};
 use crate::{Error, Result, geometry::Shape};
 
 /// Shapes pushed this far without a touch will not meet the body (m).
 const FARTHEST: f64 = 1.0;
-/// First travel after the first touch (m), and the least that is tried.
-const STRIDE: f64 = 1e-4;
+/// Least travel that is tried (m).
 const SHORTEST_STRIDE: f64 = 1e-9;
 /// Error of the force that is accepted, relative.
 const RELATIVE: f64 = 1e-6;
 /// Most load steps.
 const MOST: usize = 200;
 
-/// Moves the shapes along `direction` until they press with `force` (N): by growing strides to where
+/// Moves the shapes along `direction` until they press with `force` (N): by strides to where
 /// they press harder, then by the Illinois form of false position within the last stride.
 pub(super) fn push(
     walk: &mut Walk,
@@ -67,7 +66,7 @@ impl Push<'_> {
 
     /// Strides until the force is met; `None` if it never is.
     fn reach(&mut self, walk: &mut Walk) -> Option<()> {
-        let mut stride = STRIDE;
+        let mut stride = EDGE_STRIDE;
         for _ in 0..MOST {
             // A history may begin with a force that is too great: then the way is back.
             let back = self.along(&walk.state) > self.force;
@@ -82,11 +81,11 @@ impl Push<'_> {
                 }
                 Ok(state) => {
                     walk.state = state;
-                    stride *= 2.0;
+                    stride = f64::min(2.0 * stride, EDGE_STRIDE);
                 }
                 Err(_) => stride *= 0.5,
             }
-            if stride < SHORTEST_STRIDE || stride > FARTHEST {
+            if stride < SHORTEST_STRIDE {
                 break;
             }
         }

@@ -113,11 +113,7 @@ impl Solution<'_, '_> {
         let settled = self.settle(none, guess, 0.0)?;
         starts.extend(self.judge(settled));
         let least = starts.into_iter().min_by(|a, b| a.residual.total_cmp(&b.residual));
-        least.ok_or(Error::NotConverged {
-            iterations: self.iterations,
-            residual: f64::INFINITY,
-            tolerance: self.tolerance,
-        })
+        least.ok_or(Error::Inverted)
     }
 
     /// What `settled` makes expect when its offset becomes `next`.

@@ -12,7 +12,7 @@ use super::{
     zone::{Zone, reached},
 };
 use crate::{
-    Result,
+    Error, Result,
     contact::{ContactLaw, ContactStep, Touch, backed_off, between, clearance},
     deformation::{Anchor, Deformation, Drive, History, Press, Wrench},
     fem::Workspace,
@@ -21,6 +21,9 @@ use crate::{
 
 /// Smallest part of a frame that is tried as a load step of its own.
 const SHORTEST_STRIDE: f64 = 1.0 / 64.0;
+/// Farthest that a shape with edges sinks in within one load step (m): a point of the surface that is
+/// nearer to the wrong face of an edge would be pushed out there.
+pub(super) const EDGE_STRIDE: f64 = 2.5e-4;
 /// Facets this close to a shape are made part of the zone (m).
 const MARGIN: f64 = 2e-4;
 
@@ -119,6 +122,7 @@ impl<'a> Walk<'a> {
         let mut contact = Contact { zone: &self.zone, law: &self.settings.law, step, poses };
         let touches = contact.touches(&self.zone.pick(&history.displacement)).unwrap_or_default();
         self.state.contact_force = self.zone.spread(&contact.nodal(&touches), rest.places().len());
+        self.state.wrench = contact.wrench(&touches);
         self.state.touches = self.zone.touches_out(touches);
         if self.settings.sweeps > 0 {
             let given = rest.displacement(&self.state.contact_force, &mut self.workspace);
@@ -181,11 +185,18 @@ impl<'a> Walk<'a> {
         Ok(deformation)
     }
 
-    /// Leads the shapes to `poses`, by way of poses between where the whole way at once fails.
+    /// Leads the shapes to `poses`, by way of poses between where the whole way at once fails or
+    /// would take an edge too far.
     fn follow(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<()> {
         let from = self.state.poses.clone();
+        self.cover(shapes, poses);
+        let motion = self.motion(shapes, &from, poses);
         let (mut done, mut stride, mut iterations) = (0.0, 1.0, 0);
         while done < 1.0 {
+            if stride * motion > EDGE_STRIDE {
+                let gap = clearance(shapes, &self.state.poses, &self.zone_places()).max(0.0);
+                stride = f64::min(stride, (gap + EDGE_STRIDE) / motion);
+            }
             let next = f64::min(done + stride, 1.0);
             match self.attempt(shapes, between(&from, poses, next)) {
                 Ok(state) => {
@@ -204,6 +215,18 @@ impl<'a> Walk<'a> {
         }
         self.state.iterations = iterations;
         Ok(())
+    }
+
+    /// How far shapes with edges move, as seen in the middle of the zone (m).
+    fn motion(&self, shapes: &[Shape], from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
+        let count = self.zone.places.len().max(1) as f64;
+        let middle =
+            self.zone.places.iter().map(|place| place.coords).sum::<Vector3<f64>>() / count;
+        let middle = Point3::from(middle);
+        let poses = shapes.iter().zip(from.iter().zip(to)).filter(|(shape, _)| has_edges(shape));
+        let moved = poses
+            .map(|(_, (from, to))| (to * from.inverse_transform_point(&middle) - middle).norm());
+        moved.fold(0.0, f64::max)
     }
 
     /// Moves the shapes along `direction` until the first of them touches, at most by `farthest` (m);
@@ -298,14 +321,11 @@ impl<'a> Walk<'a> {
     fn report(&mut self) -> Result<Deformation> {
         let (rest, state) = (&self.condensed.rest, &self.state);
         let displacement = &state.field.displacement;
-        let residual = match rest.elastic_force(displacement, &mut self.workspace) {
-            Some(mut left) => {
-                left.iter_mut().zip(&state.contact_force).for_each(|(left, f)| *left -= f);
-                rest.release(&mut left);
-                norm(&left)
-            }
-            None => f64::INFINITY,
-        };
+        let elastic = rest.elastic_force(displacement, &mut self.workspace);
+        let mut left = elastic.ok_or(Error::Inverted)?;
+        left.iter_mut().zip(&state.contact_force).for_each(|(left, force)| *left -= force);
+        rest.release(&mut left);
+        let residual = norm(&left);
         Ok(Deformation {
             von_mises: rest.von_mises(displacement),
             displacement: displacement.clone(),
@@ -322,6 +342,11 @@ impl<'a> Walk<'a> {
             seconds: 0.0,
         })
     }
+}
+
+fn has_edges(shape: &Shape) -> bool {
+    use Shape::{Capsule, Ellipsoid, HalfSpace, Sphere, StarShaped};
+    !matches!(shape, Sphere { .. } | Ellipsoid { .. } | Capsule { .. } | StarShaped(_) | HalfSpace)
 }
 
 fn stuck_at(law: &ContactLaw, zone: &Zone, touch: &Touch) -> Vector3<f64> {
