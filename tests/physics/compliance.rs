@@ -382,6 +382,17 @@ fn a_press_through_the_pad_is_refused() {
 }
 
 #[test]
+fn a_force_beyond_the_pad_is_refused() {
+    for sweeps in [0, 2] {
+        let model = Compliance::new(block(), Options { friction: 0.5, sweeps }).unwrap();
+        let press = Press::with_force(vec![ball()], at(0.0, 0.0), 100.0, -Vector3::z()).unwrap();
+        let error = model.solve_path(&press).pop().unwrap().map(|frame| frame.wrench).unwrap_err();
+        let named = matches!(error, Error::Inverted | Error::Unreachable { .. });
+        assert!(named, "{sweeps} sweeps: {error}");
+    }
+}
+
+#[test]
 fn bodies_and_options_that_make_no_sense_are_refused() {
     let refused = |fixed: &[u32], options: Options| {
         let body = SoftBody::new(block_mesh(), Law::Linear, GEL, fixed).unwrap();

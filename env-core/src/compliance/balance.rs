@@ -85,7 +85,7 @@ impl Contact<'_> {
                 return Ok((at, iterations));
             }
             let residual = at.imbalance;
-            at = self.advance(offset, at).ok_or(not_converged(iterations + 1, residual))?;
+            at = self.advance(offset, &at).ok_or(not_converged(iterations + 1, residual))?;
         }
         Err(not_converged(MOST, at.imbalance))
     }
@@ -188,18 +188,18 @@ impl Contact<'_> {
     }
 
     /// One Newton step, or `None` if none was found.
-    fn advance(&mut self, offset: &[Vector3<f64>], at: Trial) -> Option<Trial> {
+    fn advance(&mut self, offset: &[Vector3<f64>], at: &Trial) -> Option<Trial> {
         let slips = at.touches.iter().any(|touch| self.coupling(touch).is_some());
         for coupled in [true, false] {
             if coupled && !slips {
                 continue;
             }
             let step = self.newton_step(&at.touches, &at.excess, coupled)?;
-            let full = self.moved(&at, &step, 1.0);
+            let full = self.moved(at, &step, 1.0);
             if full.as_ref().is_some_and(|full| full.imbalance <= 0.5 * at.imbalance) {
                 return full;
             }
-            let found = self.line_search(offset, &at, &step, full);
+            let found = self.line_search(offset, at, &step, full);
             if found.is_some() {
                 return found;
             }

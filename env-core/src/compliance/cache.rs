@@ -29,8 +29,9 @@ pub(super) struct Stored {
 impl Stored {
     pub(super) fn of(body: &SoftBody, directory: &Path) -> Self {
         let key = key(body);
-        let name: String = key[..8].iter().map(|byte| format!("{byte:02x}")).collect();
-        Self { key, path: directory.join(format!("compliance-{name}.bin")) }
+        let [.., name] = key.as_chunks::<8>().0 else { unreachable!("a hash has 32 bytes") };
+        let name = u64::from_be_bytes(*name);
+        Self { key, path: directory.join(format!("compliance-{name:016x}.bin")) }
     }
 
     /// The stored `count` numbers, or those of `compute`, which are then stored.

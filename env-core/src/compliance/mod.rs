@@ -14,6 +14,7 @@ mod balance;
 mod cache;
 mod condensed;
 mod mixing;
+mod path;
 mod push;
 mod solution;
 mod stiffness;
@@ -83,33 +84,30 @@ impl Compliance {
 
     /// Every frame of `press`, in order; the first that is not solved is an error and the last.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
-        self.frames(press, true)
+        match self.walk(press) {
+            Ok(walk) => walk.every(press, Walk::report),
+            Err(error) => vec![Err(error)],
+        }
     }
 
-    /// Force and torque in every frame of `press`, as in [`Compliance::solve_path`], without the
-    /// fields.
+    /// Force and torque in every frame of `press`, as in [`Compliance::solve_path`], but without the
+    /// fields, and so without the error that a tetrahedron is turned inside out.
     pub fn wrenches(&self, press: &Press) -> Vec<Result<Wrench>> {
-        match Walk::new(&self.condensed, self.settings, press) {
-            Ok(walk) => walk.wrenches(press),
+        match self.walk(press) {
+            Ok(walk) => walk.every(press, |walk| Ok(walk.state.wrench)),
             Err(error) => vec![Err(error)],
         }
     }
 
-    fn frames(&self, press: &Press, every: bool) -> Vec<Result<Deformation>> {
-        match Walk::new(&self.condensed, self.settings, press) {
-            Ok(walk) => walk.frames(press, every),
-            Err(error) => vec![Err(error)],
-        }
+    fn walk(&self, press: &Press) -> Result<Walk<'_>> {
+        Walk::new(&self.condensed, self.settings, press)
     }
 }
 
 impl DeformationModel for Compliance {
     /// Presses are solved in parallel, each on one thread.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        let last = |press: &Press| {
-            self.frames(press, false).pop().expect("a press has a frame or an error")
-        };
-        presses.par_iter().map(last).collect()
+        presses.par_iter().map(|press| self.walk(press)?.last(press)).collect()
     }
 }
 

@@ -2,8 +2,11 @@
 
 use nalgebra::{Isometry3, Unit, Vector3};
 
-use super::walk::{EDGE_STRIDE, State, Walk};
-use crate::{Error, Result, geometry::Shape};
+use super::{
+    path::EDGE_STRIDE,
+    walk::{State, Walk},
+};
+use crate::{Error, Result, contact::clearance, geometry::Shape};
 
 /// Shapes pushed this far without a touch will not meet the body (m).
 const FARTHEST: f64 = 1.0;
@@ -33,6 +36,29 @@ pub(super) fn push(
     Ok(())
 }
 
+impl Walk<'_> {
+    /// Moves the shapes along `direction` until the first of them touches, at most by `farthest` (m);
+    /// whether one does. A step as long as the least distance cannot pass the body.
+    fn meet(&mut self, shapes: &[Shape], direction: &Vector3<f64>, farthest: f64) -> bool {
+        let surface = self.condensed.rest.surface();
+        let (rest, displacement) = (self.condensed.rest.places(), &self.state.field.displacement);
+        let places: Vec<_> = surface.iter().map(|point| point.place(rest, displacement)).collect();
+        let mut travel = 0.0;
+        while travel < farthest {
+            let gap = clearance(shapes, &self.state.poses, &places);
+            if gap < 0.0 {
+                return true;
+            }
+            let stride = gap.max(self.settings.law.softness);
+            travel += stride;
+            for pose in &mut self.state.poses {
+                pose.translation.vector += direction * stride;
+            }
+        }
+        false
+    }
+}
+
 struct Push<'a> {
     shapes: &'a [Shape],
     /// Force asked for (N).
@@ -58,8 +84,8 @@ impl Push<'_> {
             pose.translation.vector += *self.direction * travel;
             pose
         };
-        let poses = walk.state.poses.iter().map(ahead).collect();
-        let state = walk.attempt(self.shapes, poses)?;
+        let poses: Vec<_> = walk.state.poses.iter().map(ahead).collect();
+        let state = walk.attempt(self.shapes, &poses)?;
         self.iterations += state.iterations;
         Ok(state)
     }

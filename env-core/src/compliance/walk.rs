@@ -1,29 +1,21 @@
-//! A press walked frame by frame: load steps and their subdivision.
-
-use std::time::Instant;
+//! A press being walked: where body and shapes are, and load steps from there.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
-    balance::{Contact, Guess, norm},
+    balance::{Contact, Guess},
     condensed::Condensed,
-    push::push,
     solution::{Field, Solution},
     zone::{Zone, reached},
 };
 use crate::{
-    Error, Result,
-    contact::{ContactLaw, ContactStep, Touch, backed_off, between, clearance},
-    deformation::{Anchor, Deformation, Drive, History, Press, Wrench},
+    Result,
+    contact::{ContactLaw, ContactStep, Touch, backed_off},
+    deformation::{Anchor, Drive, History, Press, Wrench},
     fem::Workspace,
     geometry::Shape,
 };
 
-/// Smallest part of a frame that is tried as a load step of its own.
-const SHORTEST_STRIDE: f64 = 1.0 / 64.0;
-/// Farthest that a shape with edges sinks in within one load step (m): a point of the surface that is
-/// nearer to the wrong face of an edge would be pushed out there.
-pub(super) const EDGE_STRIDE: f64 = 2.5e-4;
 /// Facets this close to a shape are made part of the zone (m).
 const MARGIN: f64 = 2e-4;
 
@@ -39,22 +31,24 @@ pub(super) struct Settings {
 
 /// One press being answered.
 pub(super) struct Walk<'a> {
-    condensed: &'a Condensed,
-    settings: Settings,
-    workspace: Workspace,
-    zone: Zone,
+    pub(super) condensed: &'a Condensed,
+    pub(super) settings: Settings,
+    pub(super) workspace: Workspace,
+    pub(super) zone: Zone,
     pub(super) state: State,
+    /// Wall time of the last frame (s).
+    pub(super) seconds: f64,
 }
 
 /// Body and shapes in balance.
 pub(super) struct State {
     pub(super) poses: Vec<Isometry3<f64>>,
-    field: Field,
+    pub(super) field: Field,
     /// Force of the shapes on the nodes (V) in N.
-    contact_force: Vec<Vector3<f64>>,
+    pub(super) contact_force: Vec<Vector3<f64>>,
     /// Touches, by points of the mesh.
     touches: Vec<Touch>,
-    anchors: Vec<Anchor>,
+    pub(super) anchors: Vec<Anchor>,
     pub(super) wrench: Wrench,
     pub(super) iterations: usize,
 }
@@ -88,7 +82,7 @@ impl<'a> Walk<'a> {
         };
         let zone = Zone::new(condensed, vec![false; condensed.facets.len()]);
         let workspace = condensed.rest.workspace();
-        let mut walk = Self { condensed, settings, workspace, zone, state };
+        let mut walk = Self { condensed, settings, workspace, zone, state, seconds: 0.0 };
         match press.history() {
             Some(history) => walk.recall(press.shapes(), history)?,
             None => walk.approach(press),
@@ -132,140 +126,13 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// The frames of `press`, of which the last alone is reported if `every` is false; the first
-    /// that fails is the last.
-    pub(super) fn frames(mut self, press: &Press, every: bool) -> Vec<Result<Deformation>> {
-        let path = match press.drive() {
-            Drive::Translation { path } => path,
-            Drive::Force { force, direction, .. } => {
-                let pushed = |walk: &mut Self| push(walk, press.shapes(), *force, direction);
-                return vec![self.frame(pushed)];
-            }
-        };
-        let mut frames = Vec::with_capacity(path.len());
-        for (i, poses) in path.iter().enumerate() {
-            if every || i + 1 == path.len() {
-                frames.push(self.frame(|walk| walk.follow(press.shapes(), poses)));
-            } else if let Err(error) = self.follow(press.shapes(), poses) {
-                frames.push(Err(error));
-            }
-            if frames.last().is_some_and(Result::is_err) {
-                break;
-            }
-        }
-        frames
-    }
-
-    /// Wrench of every frame of `press`; the first that fails is the last.
-    pub(super) fn wrenches(mut self, press: &Press) -> Vec<Result<Wrench>> {
-        let shapes = press.shapes();
-        match press.drive() {
-            Drive::Translation { path } => {
-                let mut wrenches = Vec::with_capacity(path.len());
-                for poses in path {
-                    wrenches.push(self.follow(shapes, poses).map(|()| self.state.wrench));
-                    if wrenches.last().is_some_and(Result::is_err) {
-                        break;
-                    }
-                }
-                wrenches
-            }
-            Drive::Force { force, direction, .. } => {
-                vec![push(&mut self, shapes, *force, direction).map(|()| self.state.wrench)]
-            }
-        }
-    }
-
-    /// Solves one frame and reports it.
-    fn frame(&mut self, solve: impl FnOnce(&mut Self) -> Result<()>) -> Result<Deformation> {
-        let start = Instant::now();
-        solve(self)?;
-        let mut deformation = self.report()?;
-        deformation.seconds = start.elapsed().as_secs_f64();
-        Ok(deformation)
-    }
-
-    /// Leads the shapes to `poses`, by way of poses between where the whole way at once fails or
-    /// would take an edge too far.
-    fn follow(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<()> {
-        let from = self.state.poses.clone();
-        self.cover(shapes, poses);
-        let motion = self.motion(shapes, &from, poses);
-        let (mut done, mut stride, mut iterations) = (0.0, 1.0, 0);
-        while done < 1.0 {
-            if stride * motion > EDGE_STRIDE {
-                let gap = clearance(shapes, &self.state.poses, &self.zone_places()).max(0.0);
-                stride = f64::min(stride, (gap + EDGE_STRIDE) / motion);
-            }
-            let next = f64::min(done + stride, 1.0);
-            match self.attempt(shapes, between(&from, poses, next)) {
-                Ok(state) => {
-                    iterations += state.iterations;
-                    self.state = state;
-                    done = next;
-                    stride *= 2.0;
-                }
-                Err(error) => {
-                    stride *= 0.5;
-                    if stride < SHORTEST_STRIDE {
-                        return Err(error);
-                    }
-                }
-            }
-        }
-        self.state.iterations = iterations;
-        Ok(())
-    }
-
-    /// How far shapes with edges move, as seen in the middle of the zone (m).
-    fn motion(&self, shapes: &[Shape], from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
-        let count = self.zone.places.len().max(1) as f64;
-        let middle =
-            self.zone.places.iter().map(|place| place.coords).sum::<Vector3<f64>>() / count;
-        let middle = Point3::from(middle);
-        let poses = shapes.iter().zip(from.iter().zip(to)).filter(|(shape, _)| has_edges(shape));
-        let moved = poses
-            .map(|(_, (from, to))| (to * from.inverse_transform_point(&middle) - middle).norm());
-        moved.fold(0.0, f64::max)
-    }
-
-    /// Moves the shapes along `direction` until the first of them touches, at most by `farthest` (m);
-    /// whether one does. A step as long as the least distance cannot pass the body.
-    pub(super) fn meet(
-        &mut self,
-        shapes: &[Shape],
-        direction: &Vector3<f64>,
-        farthest: f64,
-    ) -> bool {
-        let surface = self.condensed.rest.surface();
-        let (rest, displacement) = (self.condensed.rest.places(), &self.state.field.displacement);
-        let places: Vec<_> = surface.iter().map(|point| point.place(rest, displacement)).collect();
-        let mut travel = 0.0;
-        while travel < farthest {
-            let gap = clearance(shapes, &self.state.poses, &places);
-            if gap < 0.0 {
-                return true;
-            }
-            let stride = gap.max(self.settings.law.softness);
-            travel += stride;
-            for pose in &mut self.state.poses {
-                pose.translation.vector += direction * stride;
-            }
-        }
-        false
-    }
-
     /// Where one load step to `poses` leads.
-    pub(super) fn attempt(
-        &mut self,
-        shapes: &[Shape],
-        poses: Vec<Isometry3<f64>>,
-    ) -> Result<State> {
-        self.cover(shapes, &poses);
+    pub(super) fn attempt(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<State> {
+        self.cover(shapes, poses);
         loop {
-            let state = self.attempt_in_zone(shapes, &poses)?;
+            let state = self.attempt_in_zone(shapes, poses)?;
             let displacement = &state.field.displacement;
-            let near = reached(self.condensed, shapes, &poses, displacement, 0.0);
+            let near = reached(self.condensed, shapes, poses, displacement, 0.0);
             if !self.zone.grow(self.condensed, &near) {
                 return Ok(state);
             }
@@ -302,7 +169,7 @@ impl<'a> Walk<'a> {
     }
 
     /// Makes the zone hold all that the shapes at `poses` may touch.
-    fn cover(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) {
+    pub(super) fn cover(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) {
         let displacement = &self.state.field.displacement;
         if !self.zone.covers(&reached(self.condensed, shapes, poses, displacement, 0.0)) {
             let near = reached(self.condensed, shapes, poses, displacement, MARGIN);
@@ -311,42 +178,11 @@ impl<'a> Walk<'a> {
     }
 
     /// Places of the zone's surface points.
-    fn zone_places(&self) -> Vec<Point3<f64>> {
+    pub(super) fn zone_places(&self) -> Vec<Point3<f64>> {
         let displacement = self.zone.pick(&self.state.field.displacement);
         let points = self.zone.surface.iter();
         points.map(|point| point.place(&self.zone.places, &displacement)).collect()
     }
-
-    /// The current state, seen from outside.
-    fn report(&mut self) -> Result<Deformation> {
-        let (rest, state) = (&self.condensed.rest, &self.state);
-        let displacement = &state.field.displacement;
-        let elastic = rest.elastic_force(displacement, &mut self.workspace);
-        let mut left = elastic.ok_or(Error::Inverted)?;
-        left.iter_mut().zip(&state.contact_force).for_each(|(left, force)| *left -= force);
-        rest.release(&mut left);
-        let residual = norm(&left);
-        Ok(Deformation {
-            von_mises: rest.von_mises(displacement),
-            displacement: displacement.clone(),
-            contact_force: state.contact_force.clone(),
-            wrench: state.wrench,
-            poses: state.poses.clone(),
-            history: History {
-                displacement: displacement.clone(),
-                poses: state.poses.clone(),
-                anchors: state.anchors.clone(),
-            },
-            iterations: state.iterations,
-            residual,
-            seconds: 0.0,
-        })
-    }
-}
-
-fn has_edges(shape: &Shape) -> bool {
-    use Shape::{Capsule, Ellipsoid, HalfSpace, Sphere, StarShaped};
-    !matches!(shape, Sphere { .. } | Ellipsoid { .. } | Capsule { .. } | StarShaped(_) | HalfSpace)
 }
 
 fn stuck_at(law: &ContactLaw, zone: &Zone, touch: &Touch) -> Vector3<f64> {
