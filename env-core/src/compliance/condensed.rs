@@ -22,10 +22,10 @@ pub(super) struct Condensed {
     pub(super) rest: Linearised,
     /// Rank of each node among the skin nodes, or [`INSIDE`] (V).
     pub(super) rank: Vec<u32>,
-    /// Number of skin nodes, M.
-    pub(super) skin: usize,
+    /// The skin nodes (M).
+    skin: Vec<u32>,
     /// Three rows of numbers for each skin node (3M, 3M) in m/N.
-    pub(super) compliance: Vec<f64>,
+    compliance: Vec<f64>,
     pub(super) facets: Vec<Facet>,
 }
 
@@ -60,7 +60,34 @@ impl Condensed {
             }
         };
         let facets = facets(rest.surface(), rest.places());
-        Ok(Self { body, rest, rank, skin: skin.len(), compliance, facets })
+        Ok(Self { body, rest, rank, skin, compliance, facets })
+    }
+
+    /// Row of the compliance for component `i` of the force on a skin node, by its rank (3M).
+    pub(super) fn row(&self, rank: u32, i: usize) -> &[f64] {
+        let size = 3 * self.skin.len();
+        &self.compliance[(3 * rank as usize + i) * size..][..size]
+    }
+
+    /// Displacement of the skin under `forces` on some of its `nodes`, zero at all others (V) in m.
+    pub(super) fn response(&self, nodes: &[u32], forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let mut sum = vec![0.0; 3 * self.skin.len()];
+        for (&node, force) in nodes.iter().zip(forces).filter(|(_, f)| **f != Vector3::zeros()) {
+            let rank = self.rank[node as usize];
+            add_rows(&mut sum, [0, 1, 2].map(|i| self.row(rank, i)), force);
+        }
+        let mut displacement = vec![Vector3::zeros(); self.rank.len()];
+        for (&node, u) in self.skin.iter().zip(sum.as_chunks::<3>().0) {
+            displacement[node as usize] = Vector3::from(*u);
+        }
+        displacement
+    }
+}
+
+/// Adds to `sum` what a force does whose components have the given rows of the compliance.
+pub(super) fn add_rows(sum: &mut [f64], [x, y, z]: [&[f64]; 3], force: &Vector3<f64>) {
+    for (((u, x), y), z) in sum.iter_mut().zip(x).zip(y).zip(z) {
+        *u += force.x * x + force.y * y + force.z * z;
     }
 }
 

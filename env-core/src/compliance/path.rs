@@ -102,7 +102,10 @@ impl Walk<'_> {
     /// The current state, seen from outside.
     pub(super) fn report(&mut self) -> Result<Deformation> {
         let start = Instant::now();
-        let (rest, state) = (&self.condensed.rest, &self.state);
+        let (rest, state) = (&self.condensed.rest, &mut self.state);
+        if self.settings.sweeps == 0 {
+            state.field.displacement = rest.displacement(&state.contact_force, &mut self.workspace);
+        }
         let displacement = &state.field.displacement;
         let elastic = rest.elastic_force(displacement, &mut self.workspace);
         let mut left = elastic.ok_or(Error::Inverted)?;

@@ -12,13 +12,10 @@ use nalgebra::Vector3;
 
 use super::{
     balance::{Contact, Guess, norm},
+    condensed::Condensed,
     mixing::Mixing,
 };
-use crate::{
-    Error, Result,
-    contact::Touch,
-    fem::{Linearised, Workspace},
-};
+use crate::{Error, Result, contact::Touch, fem::Workspace};
 
 /// Shortest share of a plain step that is tried.
 const SHORTEST: f64 = 0.25;
@@ -28,13 +25,14 @@ const INEXACT: f64 = 1e-3;
 /// Displacement of the nodes, and its part that is not the linear response to contact (m).
 #[derive(Clone)]
 pub(super) struct Field {
+    /// Known on the skin; inside the body only if sweeps were asked for, or it was completed.
     pub(super) displacement: Vec<Vector3<f64>>,
     pub(super) offset: Vec<Vector3<f64>>,
 }
 
 /// The search for a load step's solution.
 pub(super) struct Solution<'a, 'b> {
-    pub(super) rest: &'a Linearised,
+    pub(super) condensed: &'a Condensed,
     pub(super) workspace: &'a mut Workspace,
     pub(super) contact: &'a mut Contact<'b>,
     /// Norm of the unbalanced force that needs no further work (N).
@@ -140,23 +138,25 @@ impl Solution<'_, '_> {
         let tolerance = imbalance.max(0.1 * self.tolerance);
         let (trial, iterations) = self.contact.settle(&zone.pick(&offset), guess, tolerance)?;
         self.iterations += iterations;
-        let loads = zone.spread(&trial.forces, offset.len());
-        let mut displacement = self.rest.displacement(&loads, self.workspace);
+        let mut displacement = self.condensed.response(&zone.nodes, &trial.forces);
         displacement.iter_mut().zip(&offset).for_each(|(u, u0)| *u += u0);
         let field = Field { displacement, offset };
         Ok(Settled { field, forces: trial.forces, touches: trial.touches })
     }
 
-    /// `None` if an element is inverted.
-    fn judge(&mut self, settled: Settled) -> Option<Judged> {
-        let displacement = &settled.field.displacement;
-        let elastic = self.rest.elastic_force(displacement, self.workspace)?;
-        let nodal = self.contact.nodal(&settled.touches);
-        let mut left = self.contact.zone.spread(&nodal, displacement.len());
+    /// Completes the displacement and compares the forces; `None` if an element is inverted.
+    fn judge(&mut self, mut settled: Settled) -> Option<Judged> {
+        let (rest, zone) = (&self.condensed.rest, self.contact.zone);
+        let Field { displacement, offset } = &mut settled.field;
+        *displacement =
+            rest.displacement(&zone.spread(&settled.forces, offset.len()), self.workspace);
+        displacement.iter_mut().zip(offset).for_each(|(u, u0)| *u += *u0);
+        let elastic = rest.elastic_force(displacement, self.workspace)?;
+        let mut left = zone.spread(&self.contact.nodal(&settled.touches), displacement.len());
         left.iter_mut().zip(&elastic).for_each(|(left, elastic)| *left -= elastic);
-        self.rest.release(&mut left);
+        rest.release(&mut left);
         let residual = norm(&left);
-        let step = self.rest.displacement(&left, self.workspace);
+        let step = rest.displacement(&left, self.workspace);
         Some(Judged { settled, step, residual })
     }
 }

@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// Facets this close to a shape are made part of the zone (m).
-const MARGIN: f64 = 2e-4;
+const MARGIN: f64 = 1e-4;
 
 /// How a walk computes.
 #[derive(Clone, Copy, Debug)]
@@ -148,7 +148,7 @@ impl<'a> Walk<'a> {
         let step = ContactStep::new(shapes, &zone.surface, from, start, &anchors);
         let mut contact = Contact { zone, law: &self.settings.law, step, poses };
         let mut solution = Solution {
-            rest: &self.condensed.rest,
+            condensed: self.condensed,
             workspace: &mut self.workspace,
             contact: &mut contact,
             tolerance: self.settings.tolerance,

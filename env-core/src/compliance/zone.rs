@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::condensed::{Condensed, INSIDE};
+use super::condensed::{Condensed, Facet, INSIDE, add_rows};
 use crate::{
     contact::{SurfacePoint, Touch},
     deformation::Anchor,
@@ -35,12 +35,13 @@ pub(super) fn reached(
     displacement: &[Vector3<f64>],
     margin: f64,
 ) -> Vec<bool> {
-    let squared: Vec<f64> = displacement.iter().map(Vector3::norm_squared).collect();
-    let near = |facet: &super::condensed::Facet| {
-        let farthest = facet.nodes.iter().map(|&node| squared[node as usize]).fold(0.0, f64::max);
-        let reach = facet.radius + farthest.sqrt() + margin;
+    let near = |facet: &Facet| {
+        let moved = || facet.nodes.iter().map(|&node| displacement[node as usize]);
+        let mean = moved().sum::<Vector3<f64>>() / facet.nodes.len() as f64;
+        let spread = moved().map(|u| (u - mean).norm_squared()).fold(0.0, f64::max).sqrt();
+        let (centre, reach) = (facet.centre + mean, facet.radius + spread + margin);
         shapes.iter().zip(poses).any(|(shape, pose)| {
-            shape.distance(&pose.inverse_transform_point(&facet.centre)).value < reach
+            shape.distance(&pose.inverse_transform_point(&centre)).value < reach
         })
     };
     condensed.facets.iter().map(near).collect()
@@ -146,10 +147,7 @@ impl Zone {
     pub(super) fn respond(&self, forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut numbers = vec![0.0; 3 * self.free];
         for (node, force) in forces.iter().enumerate().filter(|(_, f)| **f != Vector3::zeros()) {
-            let [x, y, z] = [0, 1, 2].map(|i| self.row(node, i));
-            for (((u, x), y), z) in numbers.iter_mut().zip(x).zip(y).zip(z) {
-                *u += force.x * x + force.y * y + force.z * z;
-            }
+            add_rows(&mut numbers, [0, 1, 2].map(|i| self.row(node, i)), force);
         }
         numbers.as_chunks::<3>().0.iter().map(|&u| Vector3::from(u)).collect()
     }
@@ -157,14 +155,13 @@ impl Zone {
 
 /// The compliance between `nodes`.
 fn gathered(condensed: &Condensed, nodes: &[u32]) -> Vec<f64> {
-    let ranks: Vec<usize> = nodes.iter().map(|&n| condensed.rank[n as usize] as usize).collect();
-    let size = 3 * condensed.skin;
+    let ranks: Vec<u32> = nodes.iter().map(|&node| condensed.rank[node as usize]).collect();
     let mut compliance = Vec::with_capacity(9 * nodes.len() * nodes.len());
-    for &row in &ranks {
+    for &rank in &ranks {
         for i in 0..3 {
-            let row = &condensed.compliance[(3 * row + i) * size..][..size];
+            let row = condensed.row(rank, i);
             for &column in &ranks {
-                compliance.extend_from_slice(&row[3 * column..3 * column + 3]);
+                compliance.extend_from_slice(&row[3 * column as usize..][..3]);
             }
         }
     }
