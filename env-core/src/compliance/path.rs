@@ -104,7 +104,7 @@ impl Walk<'_> {
         let start = Instant::now();
         let (rest, state) = (&self.condensed.rest, &mut self.state);
         if self.settings.sweeps == 0 {
-            state.field.displacement = rest.displacement(&state.contact_force, &mut self.workspace);
+            state.field.complete(rest, &mut self.workspace);
         }
         let displacement = &state.field.displacement;
         let elastic = rest.elastic_force(displacement, &mut self.workspace);

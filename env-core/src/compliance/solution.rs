@@ -22,12 +22,23 @@ const SHORTEST: f64 = 0.25;
 /// Imbalance left in the contact of a sweep, relative to the unbalanced force before it.
 const INEXACT: f64 = 1e-3;
 
-/// Displacement of the nodes, and its part that is not the linear response to contact (m).
+/// Displacement of the body: its own offset and the linear response to loads.
 #[derive(Clone)]
 pub(super) struct Field {
-    /// Known on the skin; inside the body only if sweeps were asked for, or it was completed.
+    /// Displacement (m), known on the skin; inside the body after [`Field::complete`].
     pub(super) displacement: Vec<Vector3<f64>>,
+    /// Its part that is not the response to the loads (m).
     pub(super) offset: Vec<Vector3<f64>>,
+    /// Forces that the body gives way to (N).
+    pub(super) loads: Vec<Vector3<f64>>,
+}
+
+impl Field {
+    /// Finds the displacement inside the body, too.
+    pub(super) fn complete(&mut self, rest: &Linearised, workspace: &mut Workspace) {
+        self.displacement = rest.displacement(&self.loads, workspace);
+        self.displacement.iter_mut().zip(&self.offset).for_each(|(u, u0)| *u += u0);
+    }
 }
 
 /// The search for a load step's solution.
@@ -140,17 +151,16 @@ impl Solution<'_, '_> {
         self.iterations += iterations;
         let mut displacement = self.condensed.response(&zone.nodes, &trial.forces);
         displacement.iter_mut().zip(&offset).for_each(|(u, u0)| *u += u0);
-        let field = Field { displacement, offset };
+        let loads = zone.spread(&trial.forces, offset.len());
+        let field = Field { displacement, offset, loads };
         Ok(Settled { field, forces: trial.forces, touches: trial.touches })
     }
 
     /// Completes the displacement and compares the forces; `None` if an element is inverted.
     fn judge(&mut self, mut settled: Settled) -> Option<Judged> {
         let (rest, zone) = (&self.condensed.rest, self.contact.zone);
-        let Field { displacement, offset } = &mut settled.field;
-        *displacement =
-            rest.displacement(&zone.spread(&settled.forces, offset.len()), self.workspace);
-        displacement.iter_mut().zip(offset).for_each(|(u, u0)| *u += *u0);
+        settled.field.complete(rest, self.workspace);
+        let displacement = &settled.field.displacement;
         let elastic = rest.elastic_force(displacement, self.workspace)?;
         let mut left = zone.spread(&self.contact.nodal(&settled.touches), displacement.len());
         left.iter_mut().zip(&elastic).for_each(|(left, elastic)| *left -= elastic);

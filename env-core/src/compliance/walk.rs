@@ -73,7 +73,11 @@ impl<'a> Walk<'a> {
         let still = vec![Vector3::zeros(); condensed.rest.places().len()];
         let state = State {
             poses: Vec::new(),
-            field: Field { displacement: still.clone(), offset: still.clone() },
+            field: Field {
+                displacement: still.clone(),
+                offset: still.clone(),
+                loads: still.clone(),
+            },
             contact_force: still,
             touches: Vec::new(),
             anchors: Vec::new(),
