@@ -87,4 +87,18 @@ impl Error {
     ) -> Self {
         Self::Invalid { name: name.into(), found: found.to_string(), expected: expected.into() }
     }
+
+    /// Name of the kind of failure, as Python has it.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Invalid { .. } => "invalid",
+            Self::Setting { .. } => "setting",
+            Self::BadState { .. } => "bad-state",
+            Self::BadMesh { .. } => "bad-mesh",
+            Self::File { .. } => "file",
+            Self::NotConverged { .. } => "not-converged",
+            Self::Inverted => "inverted",
+            Self::Unreachable { .. } => "unreachable",
+        }
+    }
 }

@@ -8,6 +8,7 @@
 pub mod error;
 pub mod geometry;
 pub mod sensor;
+pub mod objects;
 pub mod deformation;
 pub mod contact;
 pub mod fem;

@@ -1,11 +1,13 @@
-//! `ruffini._core`: the Rust batch as Python sees it. Numbers cross as numpy arrays, settings as
+//! `ruffini._core`: the Rust crate as Python sees it. Numbers cross as numpy arrays, settings as
 //! JSON, snapshots as bytes.
+
+mod error;
+mod mechanics;
 
 use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::{
-    exceptions::{PyRuntimeError, PyValueError},
     prelude::*,
     types::{PyBytes, PyDict},
 };
@@ -16,25 +18,7 @@ use ruffini_core::{
     task::{CHANNELS, Config, Ending, TERMS},
 };
 
-pyo3::create_exception!(
-    ruffini,
-    SimulationError,
-    PyRuntimeError,
-    "A computation that failed: an engine error, a press without a solution."
-);
-
-/// Bad arguments are a `ValueError`, the rest a `SimulationError`, with the same text.
-#[allow(clippy::needless_pass_by_value)] // For `map_err`.
-fn python_error(error: Error) -> PyErr {
-    match error {
-        Error::Invalid { .. }
-        | Error::Setting { .. }
-        | Error::BadState { .. }
-        | Error::BadMesh { .. }
-        | Error::File { .. } => PyValueError::new_err(error.to_string()),
-        _ => SimulationError::new_err(error.to_string()),
-    }
-}
+use error::{PressError, SimulationError, python_error};
 
 /// N environments stepped together.
 #[pyclass(module = "ruffini._core")]
@@ -212,7 +196,10 @@ fn default_settings() -> String {
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use super::{Batch, SimulationError, default_settings};
+    use super::{Batch, PressError, SimulationError, default_settings};
+    #[pymodule_export]
+    use crate::mechanics::{Deformation, Fem, History, Press, Shape, SoftBody, TetMesh, sensor};
+
     use super::{Bound, CATALOGUE, CHANNELS, Ending, PyModule, PyModuleMethods, PyResult, TERMS};
 
     #[pymodule_init]

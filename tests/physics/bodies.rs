@@ -1,7 +1,31 @@
-//! Meshes of boxes for tests.
+//! Meshes of boxes for tests, and a gel pad with the path of a ball on it.
 
-use nalgebra::Point3;
-use ruffini_core::geometry::TetMesh;
+use nalgebra::{Isometry3, Point3};
+use ruffini_core::{
+    deformation::{Law, Moduli, Press, SoftBody},
+    geometry::{Shape, TetMesh},
+};
+
+const MM: f64 = 1e-3;
+
+/// A pad of 20.75 × 25.25 × 4 mm, finer in the middle, bonded underneath, its free face at z = 0.
+pub(crate) fn gel_pad(cells: [usize; 3]) -> SoftBody {
+    let [x, y] = [(10.375 * MM, cells[0]), (12.625 * MM, cells[1])]
+        .map(|(half, count)| graded(half, count, 4.0));
+    let mesh = grid(&x, &y, &even(-4.0 * MM, 0.0, cells[2]));
+    let base = nodes_where(&mesh, |p| p.z < -3.999 * MM);
+    let gel = Moduli { young: 2e5, poisson: 0.48 };
+    SoftBody::new(mesh, Law::NeoHookean, gel, &base).expect("a pad is a body")
+}
+
+/// A ball of radius 4 mm pressed in by 1 mm in ten frames, then moved aside by 0.5 mm in ten.
+pub(crate) fn press_and_shear() -> Press {
+    let at = |x: f64, depth: f64| vec![Isometry3::translation(x, 0.0, 4.0 * MM - depth)];
+    let down = (1..=10).map(|i| at(0.0, 0.1 * MM * f64::from(i)));
+    let aside = (1..=10).map(|i| at(0.05 * MM * f64::from(i), MM));
+    let ball = vec![Shape::Sphere { radius: 4.0 * MM }];
+    Press::along(ball, down.chain(aside).collect()).expect("a path of finite poses")
+}
 
 /// A box cut by the coordinate planes `xs`, `ys`, `zs`, each cell into six tetrahedra round a
 /// diagonal (Kuhn), mirrored from cell to cell so that no direction is preferred.

@@ -6,3 +6,5 @@ mod compliance;
 mod fem;
 mod floors;
 mod grasp;
+mod objects;
+mod peer;

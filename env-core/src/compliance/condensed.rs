@@ -34,6 +34,8 @@ pub(super) struct Facet {
     pub(super) centre: Point3<f64>,
     /// Distance of its farthest surface point from the centre (m).
     pub(super) radius: f64,
+    /// Largest sum of the absolute shares of one of its points: at least 1.
+    pub(super) gain: f64,
     pub(super) nodes: Vec<u32>,
     /// Its surface points.
     pub(super) points: std::ops::Range<u32>,
@@ -114,18 +116,21 @@ fn condense(rest: &Linearised, skin: &[u32]) -> Vec<f64> {
 /// Runs of surface points that the same nodes carry.
 fn facets(surface: &[SurfacePoint], places: &[Point3<f64>]) -> Vec<Facet> {
     let mut facets = Vec::new();
-    let mut first = 0;
+    let (mut first, still) = (0, vec![Vector3::zeros(); places.len()]);
     for run in surface.chunk_by(|a, b| carriers(a).eq(carriers(b))) {
-        let nodes: Vec<u32> = carriers(&run[0]).collect();
-        let sum: Vector3<f64> = nodes.iter().map(|&node| places[node as usize].coords).sum();
-        let centre = Point3::from(sum / nodes.len() as f64);
-        let place = |point: &SurfacePoint| -> Vector3<f64> {
-            point.shares.iter().map(|&(node, share)| places[node as usize].coords * share).sum()
-        };
-        let radius =
-            run.iter().map(|point| (place(point) - centre.coords).norm()).fold(0.0, f64::max);
+        let place = |point: &SurfacePoint| point.place(places, &still);
+        let sum: Vector3<f64> = run.iter().map(|point| place(point).coords).sum();
+        let centre = Point3::from(sum / run.len() as f64);
+        let away = |point: &SurfacePoint| (place(point) - centre).norm();
+        let gain = |point: &SurfacePoint| point.shares.iter().map(|(_, s)| s.abs()).sum::<f64>();
         let last = first + run.len() as u32;
-        facets.push(Facet { centre, radius, nodes, points: first..last });
+        facets.push(Facet {
+            centre,
+            radius: run.iter().map(away).fold(0.0, f64::max),
+            gain: run.iter().map(gain).fold(1.0, f64::max),
+            nodes: carriers(&run[0]).collect(),
+            points: first..last,
+        });
         first = last;
     }
     facets

@@ -15,7 +15,11 @@ use super::{
     condensed::Condensed,
     mixing::Mixing,
 };
-use crate::{Error, Result, contact::Touch, fem::Workspace};
+use crate::{
+    Error, Result,
+    contact::Touch,
+    fem::{Linearised, Workspace},
+};
 
 /// Shortest share of a plain step that is tried.
 const SHORTEST: f64 = 0.25;

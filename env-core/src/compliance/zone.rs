@@ -39,7 +39,7 @@ pub(super) fn reached(
         let moved = || facet.nodes.iter().map(|&node| displacement[node as usize]);
         let mean = moved().sum::<Vector3<f64>>() / facet.nodes.len() as f64;
         let spread = moved().map(|u| (u - mean).norm_squared()).fold(0.0, f64::max).sqrt();
-        let (centre, reach) = (facet.centre + mean, facet.radius + spread + margin);
+        let (centre, reach) = (facet.centre + mean, facet.radius + facet.gain * spread + margin);
         shapes.iter().zip(poses).any(|(shape, pose)| {
             shape.distance(&pose.inverse_transform_point(&centre)).value < reach
         })

@@ -1,8 +1,7 @@
 //! Contact of a deformable surface with rigid shapes.
 //!
-//! Contact is felt at a few points of every surface face, each standing for part of its area, and
-//! not at the nodes: a node misses an edge between its neighbours, and too few contact points
-//! release a locked mesh just where it is looked at. [`touches`] finds the points inside a shape,
+//! Contact is felt at points of the surface, each standing for part of its area and carried by the
+//! nodes around it. [`ContactStep::touches`] finds the points inside a shape,
 //! [`ContactLaw`] says what a touching point costs: value, gradient and Hessian.
 
 mod approach;

@@ -6,7 +6,9 @@
 //! Shapes: V nodes of the mesh, T tetrahedra, S rigid shapes, F frames of a path.
 
 mod body;
+mod history;
 mod press;
 
 pub use body::{Law, Moduli, SoftBody};
-pub use press::{Anchor, Deformation, DeformationModel, Drive, History, Press, Wrench};
+pub use history::{Anchor, History};
+pub use press::{Deformation, DeformationModel, Drive, Press, Wrench};

@@ -1,7 +1,8 @@
-//! How a soft body is pressed, what it remembers, and what comes out.
+//! How a soft body is pressed, and what comes out.
 
-use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use nalgebra::{Isometry3, Unit, Vector3};
 
+use super::History;
 use crate::{Error, Result, geometry::Shape};
 
 /// Rigid shapes pressed into one soft body.
@@ -29,43 +30,6 @@ pub enum Drive {
         /// Direction of motion, and of the force's counted component.
         direction: Unit<Vector3<f64>>,
     },
-}
-
-/// Where a press ended: the next press of the same body and shapes may start there.
-#[derive(Clone, Debug, PartialEq)]
-pub struct History {
-    /// Displacement of the nodes of the model that wrote this (m); the mesh's nodes come first.
-    pub displacement: Vec<Vector3<f64>>,
-    /// Poses of the shapes (S).
-    pub poses: Vec<Isometry3<f64>>,
-    /// Where touching contact points stick.
-    pub anchors: Vec<Anchor>,
-}
-
-impl History {
-    /// An error if this was not written by a model of `nodes` nodes and `points` contact points.
-    pub fn check(&self, nodes: usize, points: usize) -> Result<()> {
-        if self.displacement.len() != nodes {
-            let expected = format!("displacements of this model's {nodes} nodes");
-            return Err(Error::invalid("history", self.displacement.len(), expected));
-        }
-        if let Some(anchor) = self.anchors.iter().find(|a| a.point as usize >= points) {
-            let expected = format!("anchors at this model's {points} contact points");
-            return Err(Error::invalid("history", anchor.point, expected));
-        }
-        Ok(())
-    }
-}
-
-/// A contact point that touches a shape, and the place on the shape where friction holds it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Anchor {
-    /// Index of the shape.
-    pub shape: u32,
-    /// Index of the contact point among the model's.
-    pub point: u32,
-    /// Place in the frame of the shape (m).
-    pub place: Point3<f64>,
 }
 
 /// Force and torque on the soft body, about the origin of its frame.
@@ -141,9 +105,10 @@ impl Press {
             let expected = format!("anchors on {} shapes", self.shapes.len());
             return Err(Error::invalid("history", anchor.shape, expected));
         }
-        let numbers = history.displacement.iter().flat_map(|u| u.iter());
-        if let Some(x) = numbers.copied().find(|x| !x.is_finite()) {
-            return Err(Error::invalid("history", x, "finite displacements"));
+        let places = history.anchors.iter().map(|anchor| &anchor.place.coords);
+        let mut numbers = history.displacement.iter().chain(places).flat_map(|v| v.iter());
+        if let Some(x) = numbers.find(|x| !x.is_finite()) {
+            return Err(Error::invalid("history", x, "finite displacements and anchors"));
         }
         self.history = Some(history);
         Ok(self)
@@ -195,7 +160,10 @@ fn check_poses(shapes: usize, poses: &[Isometry3<f64>]) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point3;
+
     use super::*;
+    use crate::deformation::Anchor;
 
     fn ball() -> Vec<Shape> {
         vec![Shape::Sphere { radius: 0.004 }]

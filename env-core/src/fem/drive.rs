@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::{
     newton::{Balance, Limits, Push, equilibrium},
     sparse::Matrix,
-    system::{Forces, State, System},
+    system::{Forces, State, Stiffness, System},
 };
 use crate::{
     Error, Result,
@@ -34,6 +34,8 @@ pub(super) struct Run<'a> {
     held: Vector3<f64>,
     /// Change of displacement in the last load step (N) in m.
     increment: Vec<Vector3<f64>>,
+    /// Poses of the shapes before it (S).
+    before: Vec<Isometry3<f64>>,
 }
 
 /// A converged load step.
@@ -56,7 +58,8 @@ impl<'a> Run<'a> {
         let held = Vector3::zeros();
         let increment = displacement.clone();
         let state = State { displacement, poses: Vec::new() };
-        Self { system, vertices, limits, matrix, state, anchors: Vec::new(), held, increment }
+        let (anchors, before) = (Vec::new(), Vec::new());
+        Self { system, vertices, limits, matrix, state, anchors, held, increment, before }
     }
 
     /// Every frame of `press`; the first that fails is the last.
@@ -212,7 +215,7 @@ impl<'a> Run<'a> {
         let mut contact = ContactStep::new(shapes, &system.surface, from, start, &self.anchors);
         let mut state = State { displacement: self.state.displacement.clone(), poses };
         if push.is_none() {
-            self.extrapolate(&mut state, &mut contact);
+            self.predict(shapes, &mut state, &mut contact);
         }
         let (balance, forces) =
             equilibrium(system, &mut self.matrix, &mut state, &mut contact, push, &self.limits)?;
@@ -228,23 +231,70 @@ impl<'a> Run<'a> {
         self.anchors = anchors;
         let moved = state.displacement.iter().zip(&self.state.displacement);
         self.increment = moved.map(|(after, before)| after - before).collect();
+        self.before.clone_from(&self.state.poses);
         self.held = self.wrench(&solved.forces).force;
         self.state = state;
         solved
     }
 
-    /// Starts `state` where the last load step's motion would lead, if less force is unbalanced there.
-    fn extrapolate(&self, state: &mut State, contact: &mut ContactStep) {
-        let ahead = state.displacement.iter().zip(&self.increment).map(|(u, du)| u + du);
-        let ahead = State { displacement: ahead.collect(), poses: state.poses.clone() };
-        let unbalanced = |state: &State, contact: &mut ContactStep| {
-            let forces = self.system.forces(state, contact)?;
-            Some(self.system.pattern.gather(&forces.gradient).iter().map(|x| x * x).sum::<f64>())
+    /// Starts `state` where the path leads: along its tangent at the beginning, or on as in the last
+    /// load step if the shapes go on as they did and less force is unbalanced there.
+    fn predict(&mut self, shapes: &[Shape], state: &mut State, contact: &mut ContactStep) {
+        let step = if self.goes_on(&state.poses) {
+            Some(self.increment.clone())
+        } else {
+            self.tangent(shapes, &state.poses)
         };
-        let here = unbalanced(state, contact).unwrap_or(f64::INFINITY);
-        if unbalanced(&ahead, contact).is_some_and(|there| there < here) {
+        let Some(step) = step else { return };
+        let ahead = self.state.displacement.iter().zip(&step).map(|(u, du)| u + du).collect();
+        let ahead = State { displacement: ahead, poses: state.poses.clone() };
+        if self.system.forces(&ahead, contact).is_some() {
             *state = ahead;
         }
+    }
+
+    /// Whether the way to `poses` is about the same as that of the last load step.
+    fn goes_on(&self, poses: &[Isometry3<f64>]) -> bool {
+        let ways = poses.iter().zip(&self.state.poses).zip(&self.before);
+        self.before.len() == poses.len()
+            && ways.into_iter().all(|((next, now), before)| {
+                let way = |to: &Isometry3<f64>, from: &Isometry3<f64>| {
+                    (to.translation.vector - from.translation.vector, to.rotation / from.rotation)
+                };
+                let (next, last) = (way(next, now), way(now, before));
+                let turn = (next.1 / last.1).angle();
+                (next.0 - last.0).norm() <= 0.5 * next.0.norm() && turn <= 0.5 * next.1.angle()
+            })
+    }
+
+    /// Change of displacement for small motions of the shapes towards `poses`, with all that touches
+    /// taken along; none if nothing touches.
+    fn tangent(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Option<Vec<Vector3<f64>>> {
+        let (system, now) = (self.system, &self.state);
+        let start = system.surface_places(&now.displacement);
+        let from = now.poses.clone();
+        let mut rest = ContactStep::new(shapes, &system.surface, from, start, &self.anchors);
+        let mut forces = system.forces(now, &mut rest)?;
+        if forces.touches.is_empty() {
+            return None;
+        }
+        let mut pull = vec![Vector3::zeros(); forces.gradient.len()];
+        for touch in &mut forces.touches {
+            touch.slip = Vector3::zeros();
+            let shape = touch.shape as usize;
+            let moved = poses[shape] * now.poses[shape].inverse_transform_point(&touch.place);
+            let force = system.contact_stiffness(touch) * (moved - touch.place);
+            for &(node, share) in &system.surface[touch.point as usize].shares {
+                pull[node as usize] += force * share;
+            }
+        }
+        system.assemble(&forces, &mut self.matrix, Stiffness::Exact);
+        if !self.matrix.factorise(&system.pattern) {
+            return None;
+        }
+        let mut step = system.pattern.gather(&pull);
+        self.matrix.solve(&system.pattern, &mut step);
+        Some(system.pattern.scatter(&step))
     }
 
     /// Resultant of all contact on the body.

@@ -6,10 +6,9 @@ use std::{fmt, str::FromStr};
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::patches::{EDGES, FACES, edges, faces, patches};
+use super::patches::{EDGES, edges, patches};
 use crate::{
     Error, Result,
-    contact::SurfacePoint,
     deformation::{Moduli, SoftBody},
     geometry::TetMesh,
 };
@@ -102,7 +101,8 @@ impl Nodes {
         Self { places, edges: middles, fixed }
     }
 
-    fn middle(&self, a: u32, b: u32) -> u32 {
+    /// The node in the middle of edge ab.
+    pub(super) fn middle(&self, a: u32, b: u32) -> u32 {
         let vertices = self.places.len() - self.edges.len();
         let found = self.edges.binary_search(&[a.min(b), a.max(b)]);
         (vertices + found.expect("every edge has a middle")) as u32
@@ -182,67 +182,4 @@ fn quadratic_gradients(l: &[f64; 4], g: &[Vector3<f64>; 4]) -> [Vector3<f64>; 10
             4.0 * (l[a] * g[b] + l[b] * g[a])
         }
     })
-}
-
-/// Contact points lie about this close (m), so that a tip of half a millimetre is not missed.
-const SPACING: f64 = 4e-4;
-/// Pieces into which a face's edges are cut: at least and at most.
-const PIECES: (f64, f64) = (2.0, 8.0);
-
-/// Barycentric coordinates of points on a face of longest edge `edge` (m): the centroids of equal
-/// triangles.
-fn face_rule(edge: f64) -> Vec<[f64; 3]> {
-    let pieces = (edge / SPACING).ceil().clamp(PIECES.0, PIECES.1) as u32;
-    let mut rule = Vec::new();
-    for i in 0..pieces {
-        for j in 0..pieces - i {
-            let mut add = |corner: f64| {
-                let [a, b] = [i, j].map(|k| (f64::from(k) + corner) / f64::from(pieces));
-                rule.push([a, b, 1.0 - a - b]);
-            };
-            add(1.0 / 3.0);
-            if i + j + 1 < pieces {
-                add(2.0 / 3.0);
-            }
-        }
-    }
-    rule
-}
-
-/// Points of the body's surface at which contact is felt; faces held all round have none.
-pub(super) fn surface_points(
-    body: &SoftBody,
-    nodes: &Nodes,
-    element: Element,
-) -> Vec<SurfacePoint> {
-    let mesh = body.mesh();
-    let mut points = Vec::new();
-    for owners in faces(mesh).into_values() {
-        let [(tet, face)] = owners[..] else { continue };
-        let ends = FACES[face].map(|corner| mesh.tets[tet as usize][corner]);
-        if ends.iter().all(|&node| nodes.fixed[node as usize]) {
-            continue;
-        }
-        let [a, b, c] = ends.map(|node| mesh.vertices[node as usize]);
-        let area = 0.5 * (b - a).cross(&(c - a)).norm();
-        let edge = (b - a).norm().max((c - b).norm()).max((a - c).norm());
-        let rule = face_rule(edge);
-        for l in &rule {
-            let shares = match element {
-                Element::P2 => quadratic_shares(nodes, ends, l),
-                _ => ends.into_iter().zip(*l).collect(),
-            };
-            let young = body.moduli()[tet as usize].young;
-            points.push(SurfacePoint { shares, area: area / rule.len() as f64, young });
-        }
-    }
-    points
-}
-
-/// Shape functions of a quadratic face at barycentric coordinates `l`.
-fn quadratic_shares(nodes: &Nodes, ends: [u32; 3], l: &[f64; 3]) -> Vec<(u32, f64)> {
-    let corners = (0..3).map(|i| (ends[i], l[i] * (2.0 * l[i] - 1.0)));
-    let middles = [[0, 1], [1, 2], [2, 0]];
-    let middles = middles.map(|[i, j]| (nodes.middle(ends[i], ends[j]), 4.0 * l[i] * l[j]));
-    corners.chain(middles).collect()
 }

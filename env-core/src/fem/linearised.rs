@@ -6,9 +6,10 @@ use faer::dyn_stack::MemBuffer;
 use nalgebra::{Point3, Vector3};
 
 use super::{
-    element::{Element, Nodes, surface_points},
+    element::{Element, Nodes},
     solid::{Solid, Strain, solid},
     sparse::{FIXED, Factor, MOST_COLUMNS, Pattern},
+    surface::surface_points,
 };
 use crate::{Error, Result, contact::SurfacePoint, deformation::SoftBody};
 

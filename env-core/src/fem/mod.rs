@@ -21,6 +21,7 @@ mod ordering;
 mod patches;
 mod solid;
 mod sparse;
+mod surface;
 mod system;
 
 use std::sync::Arc;

@@ -1,11 +1,14 @@
 //! Forces and stiffness of a body together with its contact, at one state.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
-    element::{Element, Nodes, surface_points},
+    element::{Element, Nodes},
     solid::{Solid, Strain, solid},
     sparse::{FIXED, Matrix, Pattern},
+    surface::surface_points,
 };
 use crate::{
     contact::{ContactLaw, ContactStep, SurfacePoint, Touch},
@@ -58,9 +61,12 @@ impl System {
     pub(super) fn new(body: &SoftBody, element: Element, law: ContactLaw) -> Self {
         let nodes = Nodes::new(body, element);
         let mut solid = solid(body, &nodes, element);
-        let pattern = Pattern::new(&nodes.places, &nodes.fixed, &solid.couplings());
-        solid.locate(&pattern);
         let surface = surface_points(body, &nodes, element);
+        let stencils = stencils(&surface);
+        let mut couplings = solid.couplings();
+        couplings.extend(stencils.iter().map(|stencil| &stencil[..]));
+        let pattern = Pattern::new(&nodes.places, &nodes.fixed, &couplings);
+        solid.locate(&pattern);
         let floating = body.fixed().len() < 3;
         Self { nodes, solid, pattern, surface, law, floating }
     }
@@ -145,6 +151,12 @@ impl System {
             }
         }
     }
+}
+
+/// Sets of nodes that carry a surface point together.
+fn stencils(surface: &[SurfacePoint]) -> BTreeSet<Vec<u32>> {
+    let nodes = |point: &SurfacePoint| point.shares.iter().map(|&(node, _)| node).collect();
+    surface.iter().map(nodes).collect()
 }
 
 /// Share of the mean diagonal added for a body that nothing holds: of the steps that differ by a

@@ -2,12 +2,15 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Shape, StarShaped, Wave};
+use super::{Bump, Hollow, Shape, StarShaped, Wave};
 
 /// One solid of every kind that has a finite surface and is not a mesh.
 pub(super) fn solids() -> Vec<Shape> {
     let v = Vector3::new(0.01, 0.02, 0.03);
     let wave = Wave { amplitude: 0.1, vector: Vector3::new(3.0, 2.0, 1.0), phase: 0.3 };
+    let dimple = |amplitude, axis| Bump { amplitude, axis, concentration: 12.0 };
+    let dimples = vec![dimple(-0.25, Vector3::z_axis()), dimple(0.1, -Vector3::y_axis())];
+    let apple = StarShaped::new(Vector3::new(0.022, 0.022, 0.02), vec![]).with_bumps(dimples);
     vec![
         Shape::Sphere { radius: 0.02 },
         Shape::Cuboid { half_extents: v },
@@ -20,6 +23,8 @@ pub(super) fn solids() -> Vec<Shape> {
         Shape::Ellipsoid { semi_axes: v },
         Shape::Cup { bottom: 0.02, rim: 0.03, half_height: 0.03, wall: 0.003 },
         Shape::Cup { bottom: 0.03, rim: 0.02, half_height: 0.02, wall: 0.004 },
+        Shape::StarShaped(apple.clone()),
+        Shape::Hollow(Hollow::new(apple, 0.6)),
         Shape::StarShaped(StarShaped::new(v, vec![wave])),
     ]
 }

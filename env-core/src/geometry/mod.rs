@@ -13,12 +13,14 @@ mod stuffing;
 mod surface;
 mod tet_file;
 mod tet_mesh;
+mod transfer;
 
 pub use distance::Distance;
 pub use field_file::{Field, FieldOn};
 pub use mesh_file::read_surface;
 pub use pad_mesh::{Grading, PadMesh, PadOutline};
 pub use shape::Shape;
-pub use star_shaped::{StarShaped, Wave};
+pub use star_shaped::{Bump, Hollow, StarShaped, Wave};
 pub use surface::{MassProperties, Surface};
 pub use tet_mesh::{Incidence, MeshQuality, TetMesh};
+pub use transfer::Transfer;

@@ -10,7 +10,7 @@ use std::{
 
 use nalgebra::Vector3;
 
-use super::{StarShaped, Surface};
+use super::{Hollow, StarShaped, Surface};
 use crate::{Error, Result};
 
 /// A closed solid in its own frame (m).
@@ -84,6 +84,8 @@ pub enum Shape {
     },
     /// Smooth solid that every ray from the origin leaves exactly once.
     StarShaped(StarShaped),
+    /// Star-shaped solid with a closed cavity.
+    Hollow(Hollow),
     /// Solid under the plane z = 0. It has no surface of finite size.
     HalfSpace,
     /// Solid inside a watertight surface.
@@ -129,6 +131,7 @@ impl Shape {
                 less("wall", *wall, "the height", 2.0 * half_height)?;
             }
             Self::StarShaped(star) => star.validate()?,
+            Self::Hollow(hollow) => hollow.validate()?,
             Self::HalfSpace => {}
             // A surface is checked when it is made; only its size is left.
             Self::Mesh(surface) => length("mesh size", surface.size())?,
@@ -161,6 +164,7 @@ impl Shape {
                 }
             }
             Self::StarShaped(star) => *star = star.scaled(factor),
+            Self::Hollow(hollow) => *hollow = hollow.scaled(factor),
             Self::HalfSpace => {}
             Self::Mesh(surface) => *surface = Arc::new(surface.scaled(factor)),
         }
@@ -179,6 +183,10 @@ impl Shape {
                 Surface::radial(segments, |d| 1.0 / d.component_div(semi_axes).norm())
             }
             Self::StarShaped(star) => Surface::radial(segments, |d| star.radius(d)),
+            Self::Hollow(hollow) => {
+                let outer = Surface::radial(segments, |d| hollow.solid().radius(d));
+                outer.without(&outer.scaled(hollow.cavity()))
+            }
             Self::Cuboid { half_extents } => Surface::cuboid(half_extents),
             Self::Cylinder { radius: r, half_height: h } => {
                 ring(&[[0.0, -h], [*r, -h], [*r, *h], [0.0, *h]])

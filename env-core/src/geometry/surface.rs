@@ -138,6 +138,14 @@ impl Surface {
         Self::from_parts(vertices, self.triangles.clone())
     }
 
+    /// The surface of the solid inside without the one inside `cavity`, which lies within.
+    pub(super) fn without(&self, cavity: &Self) -> Self {
+        let first = self.vertices.len() as u32;
+        let vertices = [&self.vertices[..], &cavity.vertices].concat();
+        let turned = cavity.triangles.iter().map(|&[a, b, c]| [a, c, b].map(|i| first + i));
+        Self::from_parts(vertices, self.triangles.iter().copied().chain(turned).collect())
+    }
+
     /// Box with edges along the axes.
     pub(super) fn cuboid(half_extents: &Vector3<f64>) -> Self {
         let corner = |i: u32| {

@@ -162,3 +162,18 @@ fn touching(collider: ColliderBuilder) -> ColliderBuilder {
     let groups = InteractionGroups::new(HAND, OBJECT, InteractionTestMode::And);
     collider.density(0.0).friction(f32::MAX).collision_groups(groups)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::objects::Hand;
+
+    #[test]
+    fn grasps_are_sampled_for_this_hand() {
+        let (hand, gripper) = (Hand::default(), Gripper::default());
+        let found = [hand.opening, hand.finger_depth, hand.palm];
+        assert_eq!(found, [gripper.max_opening, FINGER_DEPTH, FINGER_TOP]);
+        let pad = [hand.pad.width, hand.pad.length, hand.pad.thickness];
+        assert_eq!(pad, [gripper.pad_width, gripper.pad_length, gripper.pad_thickness]);
+    }
+}

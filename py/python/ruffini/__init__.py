@@ -1,4 +1,8 @@
-"""Grasping with soft tactile fingertips: vectorised Gymnasium environments in Rust.
+"""Grasping with soft tactile fingertips: vectorised Gymnasium environments, soft-body mechanics.
+
+A soft body (`SoftBody`, or the gel pad of a `sensor`) is pressed by rigid shapes (`Shape`,
+`Press`); a model (`Fem`) answers with a `Deformation`. Lengths are in m, forces in N, stresses in
+Pa. In the shell, `ruffini press` does one press.
 
 Importing registers the environments; from a worker process use the prefix form,
 ``gymnasium.make("ruffini:ruffini/GraspLift-v0")``.
@@ -6,14 +10,38 @@ Importing registers the environments; from a worker process use the prefix form,
 
 from gymnasium.envs.registration import register
 
-from ruffini._core import CHANNELS, OBJECTS, REWARD_TERMS, SimulationError, __version__
+from ruffini._core import (
+    CHANNELS,
+    OBJECTS,
+    REWARD_TERMS,
+    Deformation,
+    Fem,
+    History,
+    Press,
+    PressError,
+    Shape,
+    SimulationError,
+    SoftBody,
+    TetMesh,
+    __version__,
+    sensor,
+)
 
 __all__ = [
     "CHANNELS",
     "OBJECTS",
     "REWARD_TERMS",
+    "Deformation",
+    "Fem",
+    "History",
+    "Press",
+    "PressError",
+    "Shape",
     "SimulationError",
+    "SoftBody",
+    "TetMesh",
     "__version__",
+    "sensor",
 ]
 
 register(

@@ -1,7 +1,9 @@
-from typing import Any, TypeAlias, final
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "CHANNELS",
@@ -9,9 +11,18 @@ __all__ = [
     "OBJECTS",
     "REWARD_TERMS",
     "Batch",
+    "Deformation",
+    "Fem",
+    "History",
+    "Press",
+    "PressError",
+    "Shape",
     "SimulationError",
+    "SoftBody",
+    "TetMesh",
     "__version__",
     "default_settings",
+    "sensor",
 ]
 
 __version__: str
@@ -21,6 +32,9 @@ REWARD_TERMS: list[str]
 ENDINGS: list[str]
 
 class SimulationError(RuntimeError): ...
+
+class PressError(SimulationError):
+    kind: Literal["not-converged", "unreachable", "invalid"]
 
 _Floats: TypeAlias = NDArray[np.float32]
 _Bools: TypeAlias = NDArray[np.bool_]
@@ -48,3 +62,130 @@ class Batch:
     def render(self, row: int, width: int, height: int) -> NDArray[np.uint8]: ...
 
 def default_settings() -> str: ...
+
+_Array: TypeAlias = NDArray[np.float64]
+_Path: TypeAlias = str | PathLike[str]
+_Pose: TypeAlias = tuple[ArrayLike, ArrayLike]
+_Frame: TypeAlias = _Pose | Sequence[_Pose]
+_Law: TypeAlias = Literal["neo-hookean", "stable-neo-hookean", "corotated", "linear"]
+_Element: TypeAlias = Literal["p1", "p1-bar", "p2"]
+
+@final
+class TetMesh:
+    def __new__(cls, vertices: ArrayLike, tets: ArrayLike) -> TetMesh: ...
+    @staticmethod
+    def read(path: _Path, scale: float = 1.0) -> TetMesh: ...
+    @staticmethod
+    def of_shape(shape: Shape, spacing: float) -> TetMesh: ...
+    def write(self, path: _Path, fields: Mapping[str, ArrayLike] | None = None) -> None: ...
+    @property
+    def vertices(self) -> _Array: ...
+    @property
+    def tets(self) -> NDArray[np.uint32]: ...
+
+@final
+class SoftBody:
+    def __new__(
+        cls,
+        mesh: TetMesh,
+        young: ArrayLike,
+        poisson: float,
+        law: _Law = "neo-hookean",
+        fixed: ArrayLike | None = None,
+    ) -> SoftBody: ...
+    @property
+    def mesh(self) -> TetMesh: ...
+    @property
+    def fixed(self) -> NDArray[np.uint32]: ...
+    @property
+    def law(self) -> _Law: ...
+
+@final
+class Shape:
+    @staticmethod
+    def sphere(radius: float) -> Shape: ...
+    @staticmethod
+    def cuboid(half_extents: ArrayLike) -> Shape: ...
+    @staticmethod
+    def cylinder(radius: float, half_height: float) -> Shape: ...
+    @staticmethod
+    def capsule(radius: float, half_height: float) -> Shape: ...
+    @staticmethod
+    def cone(radius: float, half_height: float) -> Shape: ...
+    @staticmethod
+    def prism(sides: int, radius: float, half_height: float) -> Shape: ...
+    @staticmethod
+    def annulus(outer: float, inner: float, half_height: float) -> Shape: ...
+    @staticmethod
+    def ellipsoid(semi_axes: ArrayLike) -> Shape: ...
+    @staticmethod
+    def cup(bottom: float, rim: float, half_height: float, wall: float) -> Shape: ...
+    @staticmethod
+    def star_shaped(
+        semi_axes: ArrayLike, waves: Sequence[tuple[float, ArrayLike, float]]
+    ) -> Shape: ...
+    @staticmethod
+    def half_space() -> Shape: ...
+    @staticmethod
+    def mesh(vertices: ArrayLike, faces: ArrayLike) -> Shape: ...
+    @staticmethod
+    def read(path: _Path, scale: float = 1.0) -> Shape: ...
+    def distance(self, points: ArrayLike) -> tuple[_Array, _Array]: ...
+
+@final
+class Press:
+    def __new__(
+        cls,
+        shapes: Shape | Sequence[Shape],
+        path: Sequence[_Frame] | _Frame | None = None,
+        *,
+        pose: _Frame | None = None,
+        force: float | None = None,
+        direction: ArrayLike | None = None,
+        history: History | None = None,
+    ) -> Press: ...
+
+@final
+class History:
+    def __new__(cls, state: bytes) -> History: ...
+    def __bytes__(self) -> bytes: ...
+    def __reduce__(self) -> tuple[type[History], tuple[bytes]]: ...
+
+@final
+class Deformation:
+    @property
+    def displacement(self) -> _Array: ...
+    @property
+    def von_mises(self) -> _Array: ...
+    @property
+    def contact_force(self) -> _Array: ...
+    @property
+    def wrench(self) -> _Array: ...
+    @property
+    def pose(self) -> Any: ...
+    @property
+    def history(self) -> History: ...
+    @property
+    def iterations(self) -> int: ...
+    @property
+    def residual(self) -> float: ...
+    @property
+    def seconds(self) -> float: ...
+
+@final
+class Fem:
+    def __new__(
+        cls,
+        body: SoftBody,
+        friction: float = 0.0,
+        tolerance: float = 1e-7,
+        element: _Element = "p1-bar",
+    ) -> Fem: ...
+    @property
+    def body(self) -> SoftBody: ...
+    def solve(self, presses: Press | Sequence[Press]) -> list[Deformation | PressError]: ...
+    def solve_path(self, press: Press) -> list[Deformation | PressError]: ...
+
+def sensor(
+    name: str, calibration: str | None = None, resolution: int | None = None
+) -> SoftBody: ...

@@ -6,6 +6,7 @@
 //! exist, the normal is that of one of the nearest surface points.
 
 mod ellipsoid;
+mod hollow;
 mod ray;
 mod solids;
 mod star;
@@ -66,6 +67,7 @@ impl Shape {
             }
             Self::Ellipsoid { semi_axes } => ellipsoid::distance(p, semi_axes),
             Self::StarShaped(star) => star.distance(point),
+            Self::Hollow(hollow) => hollow.distance(point),
             Self::HalfSpace => Distance { value: p.z, normal: Vector3::z() },
             Self::Mesh(surface) => surface.distance(point),
         }

@@ -29,6 +29,7 @@ impl Shape {
         let (pieces, hole) = match self {
             Self::Mesh(surface) => return surface.ray_gap(origin, direction),
             Self::StarShaped(star) => return star.ray_gap(origin, direction),
+            Self::Hollow(hollow) => return hollow.ray_gap(origin, direction),
             Self::Annulus { outer, inner, half_height } => {
                 (line.in_cylinder(*outer, *half_height), line.in_round(*inner))
             }
@@ -56,7 +57,7 @@ impl StarShaped {
     /// [`Shape::ray_gap`]: the facets' answer carried to the smooth surface by Newton's method.
     ///
     /// A ray that grazes the surface within the facets' sag may be taken for a miss.
-    fn ray_gap(&self, origin: &Point3<f64>, direction: &Vector3<f64>) -> Option<f64> {
+    pub(super) fn ray_gap(&self, origin: &Point3<f64>, direction: &Vector3<f64>) -> Option<f64> {
         let start = self.facets().ray_gap(origin, direction)?;
         let size = self.semi_axes().max();
         let farthest = 0.04 * size;
@@ -100,9 +101,11 @@ impl Line {
                 Self { origin, direction }.in_ball(1.0)
             }
             Shape::HalfSpace => self.under(&Vector3::z(), 0.0),
-            Shape::Annulus { .. } | Shape::Cup { .. } | Shape::StarShaped(_) | Shape::Mesh(_) => {
-                unreachable!("not convex: {solid:?}")
-            }
+            Shape::Annulus { .. }
+            | Shape::Cup { .. }
+            | Shape::StarShaped(_)
+            | Shape::Hollow(_)
+            | Shape::Mesh(_) => unreachable!("not convex: {solid:?}"),
         }
     }
 

@@ -1,7 +1,7 @@
 //! Distance to a star-shaped solid.
 //!
-//! The surface is F(x) = √(xᵀAx) − 1 − S(x/|x|) = 0 with A = diag(1/eᵢ²) and S the sum of the
-//! waves. The nearest facet of a triangulation gives the start; Newton's method on the surface then
+//! The surface is F(x) = √(xᵀAx) − 1 − S(x/|x|) = 0 with A = diag(1/eᵢ²) and S the sum of waves
+//! and bumps. The nearest facet of a triangulation gives the start; Newton's method on the surface then
 //! finds the nearest point of the smooth surface itself. The tangential Hessian of ½|x − p|² there
 //! is I + λ ∇²F with λ = (p − x)·∇F / |∇F|².
 //!
@@ -12,7 +12,7 @@
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, Point3, Vector3};
 
 use super::Distance;
-use crate::geometry::{StarShaped, Surface};
+use crate::geometry::{StarShaped, Surface, star_shaped::Modulation};
 
 /// Facet edges round a great circle.
 const SEGMENTS: u32 = 80;
@@ -46,8 +46,8 @@ impl StarShaped {
 
     /// F and its derivative along `direction` at `x`.
     pub(super) fn implicit(&self, x: &Vector3<f64>, direction: &Vector3<f64>) -> (f64, f64) {
-        let waves: f64 = self.waves().iter().map(|w| w.value(&x.normalize())).sum();
-        let level = x.component_div(self.semi_axes()).norm() - 1.0 - waves;
+        let height = self.relative_height(&x.normalize());
+        let level = x.component_div(self.semi_axes()).norm() - 1.0 - height;
         (level, self.slope(x).0.dot(direction))
     }
 
@@ -95,12 +95,7 @@ impl StarShaped {
         let (weighted, root) =
             (x.component_mul(&weights), x.component_div(self.semi_axes()).norm());
         // Gradient and Hessian of S over free vectors, then through x ↦ x/|x|.
-        let (mut g, mut h) = (Vector3::zeros(), Matrix3::zeros());
-        for wave in self.waves() {
-            let (sin, cos) = (wave.vector.dot(&d) + wave.phase).sin_cos();
-            g -= wave.amplitude * sin * wave.vector;
-            h -= wave.amplitude * cos * wave.vector * wave.vector.transpose();
-        }
+        let Modulation { gradient: g, hessian: h, .. } = self.modulation(&d);
         let across = Matrix3::identity() - d * d.transpose();
         let tangent = across * g;
         let mixed = d * tangent.transpose();

@@ -1,0 +1,60 @@
+//! Our half of `tests/reference/peer.py`: the pad's mesh, and the time of a frame on it.
+//!
+//! `peer mesh FILE.npz` writes the mesh; `peer speed` prints as JSON, for every element without
+//! and with friction, the least mean seconds a frame of two runs on one thread and the force at the
+//! end (N).
+
+#[path = "../../tests/physics/bodies.rs"]
+mod bodies;
+
+use std::{env, path::Path, process::ExitCode};
+
+use bodies::{gel_pad, press_and_shear};
+use ruffini_core::{
+    Error, Result,
+    fem::{Element, Fem, Options},
+};
+use serde_json::{Map, Value, json};
+
+/// Cells of the pad: 1,020 vertices.
+const CELLS: [usize; 3] = [14, 16, 3];
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = env::args().skip(1).collect();
+    let done = match &arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["mesh", file] => gel_pad(CELLS).mesh().write(Path::new(file), &[]),
+        ["speed"] => speed().map(|times| println!("{times}")),
+        _ => Err(Error::invalid("arguments", arguments.join(" "), "mesh FILE.npz, or speed")),
+    };
+    done.map_or_else(
+        |error| {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        },
+        |()| ExitCode::SUCCESS,
+    )
+}
+
+fn speed() -> Result<Value> {
+    let mut times = Map::new();
+    for (name, element) in Element::NAMES {
+        let time = |friction| timed(Options { element, friction, ..Options::default() });
+        times.insert(name.to_owned(), json!({ "press": time(0.0)?, "shear": time(0.5)? }));
+    }
+    Ok(Value::Object(times))
+}
+
+/// Pressed in only without friction, moved aside, too, with it.
+fn timed(options: Options) -> Result<Value> {
+    let fem = Fem::new(gel_pad(CELLS), options)?;
+    let count = if options.friction == 0.0 { 10 } else { 20 };
+    let (mut seconds, mut force) = (f64::INFINITY, 0.0);
+    for _ in 0..2 {
+        let frames = fem.solve_path(&press_and_shear());
+        let frames = frames.into_iter().take(count).collect::<Result<Vec<_>>>()?;
+        let total: f64 = frames.iter().map(|frame| frame.seconds).sum();
+        seconds = f64::min(seconds, total / count as f64);
+        force = frames.last().map_or(0.0, |frame| frame.wrench.force.norm());
+    }
+    Ok(json!({ "seconds": seconds, "force": force }))
+}

@@ -1,0 +1,92 @@
+//! What a pressed body remembers, and how that is kept as bytes.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::{Error, Result};
+
+/// Where a press ended: the next press of the same body and shapes may start there.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct History {
+    /// Displacement of the nodes of the model that wrote this (m); the mesh's nodes come first.
+    pub displacement: Vec<Vector3<f64>>,
+    /// Poses of the shapes (S).
+    pub poses: Vec<Isometry3<f64>>,
+    /// Where touching contact points stick.
+    pub anchors: Vec<Anchor>,
+}
+
+/// A contact point that touches a shape, and the place on the shape where friction holds it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Anchor {
+    /// Index of the shape.
+    pub shape: u32,
+    /// Index of the contact point among the model's.
+    pub point: u32,
+    /// Place in the frame of the shape (m).
+    pub place: Point3<f64>,
+}
+
+/// What the bytes of a history begin with; its last letter counts versions.
+const MARK: [u8; 8] = *b"history1";
+
+impl History {
+    /// An error if this was not written by a model of `nodes` nodes and `points` contact points.
+    pub fn check(&self, nodes: usize, points: usize) -> Result<()> {
+        if self.displacement.len() != nodes {
+            let expected = format!("displacements of this model's {nodes} nodes");
+            return Err(Error::invalid("history", self.displacement.len(), expected));
+        }
+        if let Some(anchor) = self.anchors.iter().find(|a| a.point as usize >= points) {
+            let expected = format!("anchors at this model's {points} contact points");
+            return Err(Error::invalid("history", anchor.point, expected));
+        }
+        Ok(())
+    }
+
+    /// The history as bytes (postcard), exact to the bit.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let body = postcard::to_stdvec(self).expect("lists of numbers are what postcard writes");
+        [&MARK[..], &body].concat()
+    }
+
+    /// The history that [`History::to_bytes`] wrote; other bytes are an error.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
+        let bad = |found: String| Error::invalid("history", found, "bytes of a saved history");
+        let Some(body) = bytes.strip_prefix(&MARK) else {
+            return Err(bad(format!("{} bytes without its mark", bytes.len())));
+        };
+        match postcard::take_from_bytes(body) {
+            Ok((history, [])) => Ok(history),
+            Ok((_, rest)) => Err(bad(format!("{} bytes too many", rest.len()))),
+            Err(error) => Err(bad(format!("damaged bytes ({error})"))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn history() -> History {
+        History {
+            displacement: vec![Vector3::new(1e-3, -0.0, 1.0 / 3.0); 2],
+            poses: vec![Isometry3::rotation(Vector3::new(0.1, 0.2, 0.3))],
+            anchors: vec![Anchor { shape: 0, point: 7, place: Point3::new(0.0, 1e-9, 2.0) }],
+        }
+    }
+
+    #[test]
+    fn a_history_comes_back_from_its_bytes() {
+        assert_eq!(History::from_bytes(&history().to_bytes()), Ok(history()));
+    }
+
+    #[test]
+    fn other_bytes_are_refused() {
+        let good = history().to_bytes();
+        let message = |bytes: &[u8]| History::from_bytes(bytes).unwrap_err().to_string();
+        assert!(message(b"").contains("0 bytes without its mark"));
+        assert!(message(&good[..good.len() - 1]).contains("damaged"));
+        assert!(message(&[&good[..], b"12"].concat()).contains("2 bytes too many"));
+    }
+}

@@ -1,0 +1,260 @@
+//! The surface on which a discretised body feels contact.
+//!
+//! Linear faces are flat, and between two nodes on a ball of radius R such a face cuts off a cap of
+//! height h²/8R: pressing it out of the ball drives the nodes deeper, which a coarse mesh feels as a
+//! force a quarter too high. The surface of `p1-bar` is therefore quadratic over every face, like
+//! that of `p2`, with the middle of an edge e lifted by −⅛ eᵀ𝐇e off its chord: 𝐇 is the second
+//! derivative of the surface at the edge's ends, fitted to the neighbours there. All this is a set
+//! of constant weights of the nodes, so forces and stiffness stay those of an energy.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{DMatrix, Point3, Vector2, Vector3};
+
+use super::{
+    element::{Element, Nodes},
+    patches::{FACES, faces},
+};
+use crate::{contact::SurfacePoint, deformation::SoftBody, geometry::TetMesh};
+
+/// Contact points lie about this close (m), so that a tip of half a millimetre is not missed.
+const SPACING: f64 = 4e-4;
+/// Pieces into which a face's edges are cut: at least and at most.
+const PIECES: (f64, f64) = (2.0, 8.0);
+/// Faces that meet at an angle of a smaller cosine meet at an edge of the body, not within a curve.
+const CREASE: f64 = 0.8;
+
+/// A face of the body's boundary.
+struct Facet {
+    /// Nodes, counter-clockwise from outside.
+    ends: [u32; 3],
+    /// Its tetrahedron.
+    tet: u32,
+    /// Unit normal at rest.
+    normal: Vector3<f64>,
+    /// Area at rest (m²).
+    area: f64,
+}
+
+/// Nodes with their weights.
+type Weights = Vec<(u32, f64)>;
+
+/// Points of the body's surface at which contact is felt; faces held all round have none.
+pub(super) fn surface_points(
+    body: &SoftBody,
+    nodes: &Nodes,
+    element: Element,
+) -> Vec<SurfacePoint> {
+    let mesh = body.mesh();
+    let facets = facets(mesh);
+    let curvatures = match element {
+        Element::P1Bar => curvatures(mesh, &facets),
+        _ => BTreeMap::new(),
+    };
+    let middle = |a: u32, b: u32| match element {
+        Element::P2 => vec![(nodes.middle(a, b), 1.0)],
+        _ => lifted_middle(mesh, &curvatures, a, b),
+    };
+    let mut points = Vec::new();
+    for Facet { ends, tet, area, .. } in facets {
+        if ends.iter().all(|&node| nodes.fixed[node as usize]) {
+            continue;
+        }
+        let middles = [0, 1, 2].map(|i| middle(ends[i], ends[(i + 1) % 3]));
+        let rule = face_rule(longest_edge(mesh, ends));
+        for l in &rule {
+            let shares = quadratic_shares(ends, &middles, l);
+            let young = body.moduli()[tet as usize].young;
+            points.push(SurfacePoint { shares, area: area / rule.len() as f64, young });
+        }
+    }
+    points
+}
+
+fn facets(mesh: &TetMesh) -> Vec<Facet> {
+    let outer = faces(mesh).into_values().filter(|owners| owners.len() == 1);
+    let facet = |(tet, face): (u32, usize)| {
+        let ends = FACES[face].map(|corner| mesh.tets[tet as usize][corner]);
+        let [a, b, c] = ends.map(|node| mesh.vertices[node as usize]);
+        let twice = (b - a).cross(&(c - a));
+        Facet { ends, tet, normal: twice.normalize(), area: 0.5 * twice.norm() }
+    };
+    outer.map(|owners| facet(owners[0])).collect()
+}
+
+fn longest_edge(mesh: &TetMesh, ends: [u32; 3]) -> f64 {
+    let [a, b, c] = ends.map(|node| mesh.vertices[node as usize]);
+    (b - a).norm().max((c - b).norm()).max((a - c).norm())
+}
+
+/// Barycentric coordinates of points on a face of longest edge `edge` (m): the centroids of equal
+/// triangles.
+fn face_rule(edge: f64) -> Vec<[f64; 3]> {
+    let pieces = (edge / SPACING).ceil().clamp(PIECES.0, PIECES.1) as u32;
+    let mut rule = Vec::new();
+    for i in 0..pieces {
+        for j in 0..pieces - i {
+            let mut add = |corner: f64| {
+                let [a, b] = [i, j].map(|k| (f64::from(k) + corner) / f64::from(pieces));
+                rule.push([a, b, 1.0 - a - b]);
+            };
+            add(1.0 / 3.0);
+            if i + j + 1 < pieces {
+                add(2.0 / 3.0);
+            }
+        }
+    }
+    rule
+}
+
+/// Weights of a quadratic face at barycentric coordinates `l`: L(2L − 1) of its corners, 4 L L′ of
+/// the middles of its edges.
+fn quadratic_shares(ends: [u32; 3], middles: &[Weights; 3], l: &[f64; 3]) -> Weights {
+    let mut sum = BTreeMap::new();
+    for i in 0..3 {
+        *sum.entry(ends[i]).or_insert(0.0) += l[i] * (2.0 * l[i] - 1.0);
+        let bubble = 4.0 * l[i] * l[(i + 1) % 3];
+        for &(node, weight) in &middles[i] {
+            *sum.entry(node).or_insert(0.0) += bubble * weight;
+        }
+    }
+    sum.into_iter().filter(|&(_, weight)| weight.abs() > 1e-12).collect()
+}
+
+/// Second derivatives of the surface at a smooth node.
+struct Curvature {
+    node: u32,
+    /// Neighbours.
+    ring: Vec<u32>,
+    /// Tangents.
+    frame: [Vector3<f64>; 2],
+    /// H₁₁, H₁₂ and H₂₂ (3) of a field from its differences to the neighbours' (R) in 1/m².
+    fit: DMatrix<f64>,
+}
+
+impl Curvature {
+    /// Weights whose sum with the nodes' places is eᵀ𝐇e along `edge` (m).
+    fn along(&self, edge: &Vector3<f64>) -> Weights {
+        let [x, y] = self.frame.map(|t| t.dot(edge));
+        let weight = |i: usize| {
+            let h = self.fit.column(i);
+            x * x * h[0] + 2.0 * x * y * h[1] + y * y * h[2]
+        };
+        let mut weights: Weights =
+            self.ring.iter().enumerate().map(|(i, &node)| (node, weight(i))).collect();
+        weights.push((self.node, -weights.iter().map(|(_, w)| w).sum::<f64>()));
+        weights
+    }
+}
+
+/// Curvatures by node, where the surface is smooth.
+fn curvatures(mesh: &TetMesh, facets: &[Facet]) -> BTreeMap<u32, Curvature> {
+    let mut around: BTreeMap<u32, Vec<&Facet>> = BTreeMap::new();
+    for facet in facets {
+        facet.ends.iter().for_each(|&node| around.entry(node).or_default().push(facet));
+    }
+    let smooth = |(node, facets): (u32, Vec<&Facet>)| {
+        let normal: Vector3<f64> = facets.iter().map(|f| f.normal * f.area).sum();
+        let normal = normal.try_normalize(0.0)?;
+        let flat = facets.iter().all(|f| f.normal.dot(&normal) > CREASE);
+        let ring: BTreeSet<u32> =
+            facets.iter().flat_map(|f| f.ends).filter(|&n| n != node).collect();
+        flat.then(|| (node, curvature(&mesh.vertices, node, ring.into_iter().collect(), &normal)))
+    };
+    around.into_iter().filter_map(smooth).collect()
+}
+
+/// Fits g·ξ + ½ ξᵀ𝐇ξ to the differences of a field at `ring` from `node`, nearer ones first.
+fn curvature(
+    places: &[Point3<f64>],
+    node: u32,
+    ring: Vec<u32>,
+    normal: &Vector3<f64>,
+) -> Curvature {
+    let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
+    let frame = [first, normal.cross(&first)];
+    let away = |&n: &u32| places[n as usize] - places[node as usize];
+    let scale = ring.iter().map(|n| away(n).norm()).sum::<f64>() / ring.len() as f64;
+    let mut rows = DMatrix::zeros(ring.len(), 5);
+    let mut weights = Vec::new();
+    for (i, n) in ring.iter().enumerate() {
+        let at = Vector2::from(frame.map(|t| t.dot(&away(n)) / scale));
+        let weight = 1.0 / at.norm();
+        let row = [at.x, at.y, 0.5 * at.x * at.x, at.x * at.y, 0.5 * at.y * at.y];
+        row.iter().enumerate().for_each(|(j, value)| rows[(i, j)] = weight * value);
+        weights.push(weight);
+    }
+    let inverse = rows.pseudo_inverse(1e-6).expect("the tolerance is not negative");
+    let mut fit = inverse.rows(2, 3) / (scale * scale);
+    fit.column_iter_mut().zip(&weights).for_each(|(mut column, &weight)| column *= weight);
+    Curvature { node, ring, frame, fit }
+}
+
+/// Weights of the middle of an edge, ½(a + b) − ⅛ eᵀ𝐇e with the mean 𝐇 of its smooth ends.
+fn lifted_middle(mesh: &TetMesh, curvatures: &BTreeMap<u32, Curvature>, a: u32, b: u32) -> Weights {
+    let edge = mesh.vertices[b as usize] - mesh.vertices[a as usize];
+    let mut weights = vec![(a, 0.5), (b, 0.5)];
+    let smooth: Vec<_> = [a, b].iter().filter_map(|end| curvatures.get(end)).collect();
+    for curvature in &smooth {
+        let share = -0.125 / smooth.len() as f64;
+        weights.extend(curvature.along(&edge).iter().map(|(node, w)| (*node, share * w)));
+    }
+    weights
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        deformation::{Law, Moduli},
+        geometry::{PadMesh, PadOutline},
+    };
+
+    /// Greatest distance of the surface of a pad, bent to z = f(x, y), from that surface, where it
+    /// is at least two cells from the rim.
+    fn distance(element: Element, f: impl Fn(f64, f64) -> f64) -> f64 {
+        let pad = PadMesh::with_nodes(&PadOutline::flat(0.02, 0.02, 0.004), 1000).unwrap();
+        let moduli = Moduli { young: 1e5, poisson: 0.45 };
+        let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
+        let nodes = Nodes::new(&body, element);
+        let face: BTreeSet<u32> = pad.face.iter().copied().collect();
+        let points = surface_points(&body, &nodes, element);
+        let inner = points.iter().filter(|point| {
+            point.shares.iter().all(|(node, _)| {
+                let p = nodes.places[*node as usize];
+                face.contains(node) && p.x.abs() < 5e-3 && p.y.abs() < 5e-3
+            })
+        });
+        let off = |point: &SurfacePoint| {
+            let bent: Vec<_> =
+                nodes.places.iter().map(|p| Vector3::new(0.0, 0.0, f(p.x, p.y))).collect();
+            let place = point.place(&nodes.places, &bent);
+            (place.z - f(place.x, place.y)).abs()
+        };
+        inner.map(off).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn weights_keep_planes_and_nearly_a_ball() {
+        let plane = |x: f64, y: f64| 1e-3 + 0.1 * x - 0.3 * y;
+        let ball = |x: f64, y: f64| (4e-3f64.powi(2) * 2.0 - x * x - y * y).sqrt();
+        // Rounding of places of a centimetre.
+        assert!(distance(Element::P1Bar, plane) < 1e-16);
+        let [flat, lifted] = [Element::P1, Element::P1Bar].map(|e| distance(e, ball));
+        assert!(flat > 3e-5 && lifted < 0.3 * flat, "{lifted} m off, flat faces {flat} m");
+    }
+
+    #[test]
+    fn an_edge_of_the_body_stays_sharp() {
+        let pad = PadMesh::with_nodes(&PadOutline::flat(0.02, 0.02, 0.004), 300).unwrap();
+        let facets = facets(&pad.mesh);
+        let smooth = curvatures(&pad.mesh, &facets);
+        let at_rim = |p: &Point3<f64>| p.x.abs() > 0.00999 || p.y.abs() > 0.00999;
+        assert!(smooth.len() > 20);
+        for node in smooth.keys() {
+            let place = &pad.mesh.vertices[*node as usize];
+            let top_edge = at_rim(place) && place.z > -1e-9;
+            assert!(!top_edge, "the edge at {place} is smooth");
+        }
+    }
+}

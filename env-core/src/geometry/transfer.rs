@@ -1,0 +1,250 @@
+//! Fields carried from one mesh of a body to another.
+//!
+//! A truth is solved on a finer mesh than the one on which fast answerers live. Displacements are
+//! interpolated at the other mesh's vertices, stresses are averaged over its tetrahedra, and nodal
+//! forces are handed to the vertices around them, which keeps their resultant.
+
+use std::ops::{AddAssign, Mul};
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::TetMesh;
+use crate::{Error, Result};
+
+/// A point in a tetrahedron: its number and the barycentric coordinates.
+type Site = (u32, [f64; 4]);
+
+/// How fields on one mesh (V vertices, T tetrahedra) become fields on another (V′, T′).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Transfer {
+    /// Tetrahedra of the source and the target.
+    tets: [Vec<[u32; 4]>; 2],
+    /// Where the target's vertices lie in the source (V′).
+    sites: Vec<Site>,
+    /// Where the source's vertices lie in the target (V).
+    homes: Vec<Site>,
+    /// Tetrahedra of the source met by each of the target's, in equal shares (T′).
+    parts: Vec<Vec<u32>>,
+}
+
+/// Sample points along an edge of a tetrahedron: n (n + 1) (n + 2) / 6 in its volume.
+const SAMPLES: u32 = 5;
+/// Least barycentric coordinate at which a point outside still counts as near a tetrahedron.
+const NEAR: f64 = -1.0;
+
+impl Transfer {
+    /// A transfer `from` a mesh `to` another of the same body, or an error if a vertex of one lies
+    /// far off the other.
+    pub fn new(from: &TetMesh, to: &TetMesh) -> Result<Self> {
+        let [source, target] = [from, to].map(Locator::new);
+        let sites = to.vertices.iter().map(|p| source.site(p)).collect::<Result<_>>()?;
+        let homes = from.vertices.iter().map(|p| target.site(p)).collect::<Result<_>>()?;
+        let part = |corners: [Point3<f64>; 4]| {
+            let sites = samples(&corners).into_iter().map(|p| Ok(source.site(&p)?.0));
+            sites.collect::<Result<_>>()
+        };
+        let parts = (0..to.tets.len()).map(|t| part(to.corners(t))).collect::<Result<_>>()?;
+        Ok(Self { tets: [from.tets.clone(), to.tets.clone()], sites, homes, parts })
+    }
+
+    /// A nodal field (V) interpolated at the target's vertices (V′).
+    pub fn interpolate(&self, nodal: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let at = |&(tet, l): &Site| {
+            let corners = self.tets[0][tet as usize];
+            (0..4).map(|i| nodal[corners[i] as usize] * l[i]).sum()
+        };
+        self.sites.iter().map(at).collect()
+    }
+
+    /// Nodal forces (V) as nodal forces of the target (V′) of equal force and torque.
+    pub fn spread(&self, forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let mut spread = vec![Vector3::zeros(); self.sites.len()];
+        for ((tet, l), force) in self.homes.iter().zip(forces) {
+            for (&corner, &share) in self.tets[1][*tet as usize].iter().zip(l) {
+                spread[corner as usize] += force * share;
+            }
+        }
+        spread
+    }
+
+    /// A field on tetrahedra (T) averaged over those of the target (T′).
+    pub fn average<F>(&self, values: &[F]) -> Vec<F>
+    where
+        F: Copy + Default + AddAssign + Mul<f64, Output = F>,
+    {
+        let mean = |part: &Vec<u32>| {
+            let mut sum = F::default();
+            for &tet in part {
+                sum += values[tet as usize];
+            }
+            sum * (1.0 / part.len() as f64)
+        };
+        self.parts.iter().map(mean).collect()
+    }
+}
+
+/// Points that stand for equal volumes of a tetrahedron.
+fn samples(corners: &[Point3<f64>; 4]) -> Vec<Point3<f64>> {
+    let mut points = Vec::new();
+    for i in 0..SAMPLES {
+        for j in 0..SAMPLES - i {
+            for k in 0..SAMPLES - i - j {
+                let counts = [i, j, k, SAMPLES - 1 - i - j - k];
+                let share = |a: usize| (f64::from(counts[a]) + 0.25) / f64::from(SAMPLES);
+                let sum = (0..4).map(|a| corners[a].coords * share(a)).sum::<Vector3<f64>>();
+                points.push(sum.into());
+            }
+        }
+    }
+    points
+}
+
+/// Finds the tetrahedron at a point by a grid of boxes.
+struct Locator<'a> {
+    mesh: &'a TetMesh,
+    /// From a place to its barycentric coordinates b, c and d, and the place of corner a (T).
+    inverse: Vec<(Matrix3<f64>, Point3<f64>)>,
+    low: Point3<f64>,
+    /// Side of a box (m).
+    side: f64,
+    /// Boxes along each axis.
+    counts: [usize; 3],
+    /// Tetrahedra that reach into each box, or near it.
+    boxes: Vec<Vec<u32>>,
+}
+
+impl<'a> Locator<'a> {
+    fn new(mesh: &'a TetMesh) -> Self {
+        let bounds = |points: &[Point3<f64>]| {
+            let first = (points[0], points[0]);
+            points.iter().fold(first, |(low, high), p| (low.inf(p), high.sup(p)))
+        };
+        let (low, high) = bounds(&mesh.vertices);
+        let extent = high - low;
+        // About two tetrahedra to a box.
+        let side = 1.26 * (extent.product() / mesh.tets.len() as f64).cbrt();
+        let counts = std::array::from_fn(|a| (extent[a] / side) as usize + 1);
+        let inverse = |t: usize| {
+            let [a, b, c, d] = mesh.corners(t);
+            let edges = Matrix3::from_columns(&[b - a, c - a, d - a]);
+            (edges.try_inverse().expect("a mesh has no flat tetrahedron"), a)
+        };
+        let inverse = (0..mesh.tets.len()).map(inverse).collect();
+        let boxes = vec![Vec::new(); counts.iter().product()];
+        let mut locator = Self { mesh, inverse, low, side, counts, boxes };
+        for t in 0..mesh.tets.len() {
+            let (low, high) = bounds(&mesh.corners(t));
+            let reach = Vector3::repeat(0.5 * side);
+            let [from, to] = [low - reach, high + reach].map(|p| locator.cell(&p));
+            for x in from[0]..=to[0] {
+                for y in from[1]..=to[1] {
+                    for z in from[2]..=to[2] {
+                        let place = locator.number([x, y, z]);
+                        locator.boxes[place].push(t as u32);
+                    }
+                }
+            }
+        }
+        locator
+    }
+
+    /// The box around a point, or the nearest one.
+    fn cell(&self, point: &Point3<f64>) -> [usize; 3] {
+        let along = |a: usize| ((point[a] - self.low[a]) / self.side).max(0.0) as usize;
+        std::array::from_fn(|a| along(a).min(self.counts[a] - 1))
+    }
+
+    fn number(&self, [x, y, z]: [usize; 3]) -> usize {
+        (x * self.counts[1] + y) * self.counts[2] + z
+    }
+
+    /// The tetrahedron that holds the point, or of those near it the one it is least far out of.
+    fn site(&self, point: &Point3<f64>) -> Result<Site> {
+        let near = self.boxes[self.number(self.cell(point))].iter().map(|&t| self.inside(t, point));
+        let least = |site: &Site| site.1.into_iter().fold(f64::INFINITY, f64::min);
+        let best = near.max_by(|a, b| least(a).total_cmp(&least(b)));
+        best.filter(|site| least(site) > NEAR).ok_or_else(|| Error::BadMesh {
+            name: "transfer".to_owned(),
+            reason: format!(
+                "{point} lies off the other mesh of {} tetrahedra: expected two meshes of one body",
+                self.mesh.tets.len()
+            ),
+        })
+    }
+
+    fn inside(&self, tet: u32, point: &Point3<f64>) -> Site {
+        let (inverse, origin) = &self.inverse[tet as usize];
+        let l = inverse * (point - origin);
+        (tet, [1.0 - l.sum(), l.x, l.y, l.z])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{PadMesh, PadOutline};
+
+    /// A crowned pad in two resolutions.
+    fn meshes() -> [TetMesh; 2] {
+        let outline = PadOutline {
+            radius_along: 0.2,
+            radius_across: 0.1,
+            ..PadOutline::flat(0.02525, 0.02075, 0.004)
+        };
+        [3000, 700].map(|nodes| PadMesh::with_nodes(&outline, nodes).unwrap().mesh)
+    }
+
+    #[test]
+    fn linear_fields_are_carried_exactly() {
+        let [fine, coarse] = meshes();
+        let field = |p: &Point3<f64>| Vector3::new(1.0 + p.x - 2.0 * p.z, p.y, 3.0 * p.x + p.z);
+        let on = |mesh: &TetMesh| mesh.vertices.iter().map(field).collect::<Vec<_>>();
+        for (from, to) in [(&fine, &coarse), (&coarse, &fine)] {
+            let carried = Transfer::new(from, to).unwrap().interpolate(&on(from));
+            let worst = carried.iter().zip(on(to)).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+            // Rounding of a field of size 1.
+            assert!(worst < 1e-12, "off by {worst}");
+        }
+    }
+
+    #[test]
+    fn forces_keep_their_resultant() {
+        let [fine, coarse] = meshes();
+        let force = |p: &Point3<f64>| Vector3::new(p.y.sin(), p.x * p.z, 1.0 + p.x);
+        let forces: Vec<_> = fine.vertices.iter().map(force).collect();
+        let spread = Transfer::new(&fine, &coarse).unwrap().spread(&forces);
+        let resultant = |mesh: &TetMesh, forces: &[Vector3<f64>]| {
+            let torque = mesh.vertices.iter().zip(forces).map(|(p, f)| p.coords.cross(f));
+            (forces.iter().sum::<Vector3<f64>>(), torque.sum::<Vector3<f64>>())
+        };
+        let (before, after) = (resultant(&fine, &forces), resultant(&coarse, &spread));
+        // Rounding of some thousand forces of size 1.
+        assert!((before.0 - after.0).norm() < 1e-9 && (before.1 - after.1).norm() < 1e-9);
+    }
+
+    #[test]
+    fn averages_keep_the_mean() {
+        let [fine, coarse] = meshes();
+        let middle =
+            |mesh: &TetMesh, t: usize| nalgebra::center(&mesh.corners(t)[0], &mesh.corners(t)[2]);
+        let values: Vec<f64> =
+            (0..fine.tets.len()).map(|t| 1.0 + (300.0 * middle(&fine, t).x).sin()).collect();
+        let transfer = Transfer::new(&fine, &coarse).unwrap();
+        let mean = |mesh: &TetMesh, values: &[f64]| {
+            let weighted = values.iter().enumerate().map(|(t, v)| v * mesh.tet_volume(t));
+            weighted.sum::<f64>() / mesh.volume()
+        };
+        let (before, after) = (mean(&fine, &values), mean(&coarse, &transfer.average(&values)));
+        assert!((after / before - 1.0).abs() < 2e-3, "{after} against {before}");
+        let constant = transfer.average(&vec![2.5; fine.tets.len()]);
+        assert!(constant.iter().all(|v| (v - 2.5).abs() < 1e-14));
+    }
+
+    #[test]
+    fn meshes_of_different_bodies_are_refused() {
+        let [fine, mut coarse] = meshes();
+        coarse.vertices.iter_mut().for_each(|p| p.x += 0.02);
+        let error = Transfer::new(&fine, &coarse).unwrap_err();
+        assert!(error.to_string().contains("expected two meshes of one body"), "{error}");
+    }
+}

@@ -1,0 +1,252 @@
+//! Antipodal grasps: two contacts whose line lies in both friction cones.
+//!
+//! Two opposite contacts with friction resist any force, and soft fingers any torque besides, if
+//! and only if the line between them lies strictly inside both cones (Nguyen, "Constructing
+//! force-closure grasps", 1988). A point is drawn evenly from the surface, a ray leaves it along
+//! the inward normal, and the approach is any direction across. The same seed gives the same grasps
+//! on one platform; on another, the last bits of sines may differ.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, Unit, Vector3};
+
+use super::{clearance::Hand, draw::Draw};
+use crate::{
+    Error, Result,
+    geometry::{Shape, Surface},
+};
+
+/// A grasp between two opposite contacts, in the object's frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Antipodal {
+    /// Pose of the tool frame: the origin midway between the contacts, x from the first to the
+    /// second, z to the wrist.
+    pub tool: Isometry3<f64>,
+    /// Distance between the contacts (m).
+    pub width: f64,
+    /// Angle between x and the outward normal at the second contact (rad); at the first it is 0.
+    pub angle: f64,
+    /// Force-closure margin 1 − tan(angle)/μ: 1 at the middle of the cone, 0 on its side.
+    pub quality: f64,
+    /// Distance of the line between the contacts from the centre of mass (m): what weight turns by.
+    pub lever: f64,
+}
+
+impl Antipodal {
+    /// Poses of the pads' frames in the object's, that of the first contact first, with the apexes
+    /// `apart` (m).
+    pub fn pads(&self, apart: f64) -> [Isometry3<f64>; 2] {
+        Hand::pads(&self.tool, apart)
+    }
+}
+
+/// Why a drawn grasp was not taken, in the order of the checks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Rejection {
+    /// The open pads, with their clearance, are not far enough apart.
+    TooWide,
+    /// The line between the contacts lies outside the second friction cone.
+    OutsideCone,
+    /// Part of the object stands higher than the palm.
+    Palm,
+    /// The hand reaches below the table.
+    Table,
+    /// The object stands too deep in the gel beside the contacts.
+    Face,
+    /// A finger meets the object on its way.
+    Finger,
+}
+
+/// What was drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sampling {
+    /// Grasps taken, in the order they were drawn.
+    pub grasps: Vec<Antipodal>,
+    /// How many were not, and why.
+    pub rejected: BTreeMap<Rejection, usize>,
+}
+
+/// Draws antipodal grasps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GraspSampler {
+    /// The gripper.
+    pub hand: Hand,
+    /// Coulomb coefficient μ between pads and object.
+    pub friction: f64,
+    /// Free way of each pad before it touches (m).
+    pub clearance: f64,
+    /// How far the object may stand in the gel beside the contacts when the apexes touch (m).
+    pub intrusion: f64,
+    /// Height of a table's top along z of the object's frame (m), if it lies on one.
+    pub table: Option<f64>,
+}
+
+impl Default for GraspSampler {
+    /// Half of the GelSight Mini's friction at rest, for a margin; 5 mm free each side; half of the
+    /// gel's thickness; no table.
+    fn default() -> Self {
+        let hand = Hand::default();
+        let intrusion = 0.5 * hand.pad.thickness;
+        Self { hand, friction: 0.5, clearance: 0.005, intrusion, table: None }
+    }
+}
+
+/// Draws for each grasp that is wanted.
+const ATTEMPTS: usize = 200;
+/// Edges round a circle of the surface that points are drawn from.
+const SEGMENTS: u32 = 64;
+/// Depth under the surface at which a ray through the solid starts (m): deeper than facets sag,
+/// less than any wall is thick.
+const DEPTH: f64 = 5e-4;
+
+impl GraspSampler {
+    /// Up to `count` grasps of `shape`; fewer if 200 draws for each do not yield them. An error if
+    /// the shape has no finite surface or a setting makes no sense.
+    pub fn sample(&self, shape: &Shape, count: usize, seed: u64) -> Result<Sampling> {
+        self.check()?;
+        let target = Target::new(shape)?;
+        let mut draw = Draw::new(seed, 0, 1);
+        let mut sampling = Sampling { grasps: Vec::new(), rejected: BTreeMap::new() };
+        for _ in 0..ATTEMPTS * count {
+            if sampling.grasps.len() == count {
+                break;
+            }
+            match self.attempt(&target, &mut draw) {
+                Ok(grasp) => sampling.grasps.push(grasp),
+                Err(rejection) => *sampling.rejected.entry(rejection).or_default() += 1,
+            }
+        }
+        Ok(sampling)
+    }
+
+    fn check(&self) -> Result<()> {
+        let settings = [
+            ("friction", self.friction, 10.0),
+            ("clearance", self.clearance, 0.5 * self.hand.opening),
+            ("intrusion", self.intrusion, self.hand.pad.thickness),
+        ];
+        for (name, value, most) in settings {
+            if !(value > 0.0 && value <= most) {
+                return Err(Error::invalid(name, value, format!("above 0, at most {most}")));
+            }
+        }
+        Ok(())
+    }
+
+    fn attempt(
+        &self,
+        target: &Target,
+        draw: &mut Draw,
+    ) -> std::result::Result<Antipodal, Rejection> {
+        let (first, normal) = target.point(draw);
+        let axis = -normal;
+        let width = target.through(&first, &axis, draw);
+        if width + 2.0 * self.clearance > self.hand.opening {
+            return Err(Rejection::TooWide);
+        }
+        let second = first + width * axis;
+        let angle = target.shape.distance(&second).normal.angle(&axis);
+        let quality = 1.0 - angle.tan() / self.friction;
+        if angle >= std::f64::consts::FRAC_PI_2 || quality <= 0.0 {
+            return Err(Rejection::OutsideCone);
+        }
+        let tool = tool(&nalgebra::center(&first, &second), &axis, &draw.direction());
+        self.reachable(target, &tool, width)?;
+        let lever = axis.cross(&(target.center - first)).norm();
+        Ok(Antipodal { tool, width, angle, quality, lever })
+    }
+
+    /// The first reason why the hand does not get to `tool`, if any.
+    fn reachable(
+        &self,
+        target: &Target,
+        tool: &Isometry3<f64>,
+        width: f64,
+    ) -> std::result::Result<(), Rejection> {
+        let (hand, clearance) = (&self.hand, self.clearance);
+        let top = target.top(tool);
+        if top > hand.palm {
+            return Err(Rejection::Palm);
+        }
+        let lowest = hand.lowest(tool, width + 2.0 * clearance);
+        if self.table.is_some_and(|table| lowest < table) {
+            return Err(Rejection::Table);
+        }
+        if hand.intrusion(target.shape, tool, width, clearance) > self.intrusion {
+            return Err(Rejection::Face);
+        }
+        if !hand.fingers_are_free(target.shape, tool, [width, clearance, top]) {
+            return Err(Rejection::Finger);
+        }
+        Ok(())
+    }
+}
+
+/// A solid made ready for drawing points of its surface.
+struct Target<'a> {
+    shape: &'a Shape,
+    surface: Surface,
+    center: Point3<f64>,
+    /// Area of all triangles up to each (m²).
+    areas: Vec<f64>,
+}
+
+impl<'a> Target<'a> {
+    fn new(shape: &'a Shape) -> Result<Self> {
+        let surface = shape.surface(SEGMENTS).ok_or_else(|| {
+            Error::invalid("shape", "a half-space", "a solid of finite size to hold")
+        })?;
+        let mut sum = 0.0;
+        let running = surface.triangles().iter().map(|t| {
+            let [a, b, c] = t.map(|i| surface.vertices()[i as usize]);
+            sum += 0.5 * (b - a).cross(&(c - a)).norm();
+            sum
+        });
+        let areas = running.collect();
+        let center = surface.mass_properties(1.0).center;
+        Ok(Self { shape, surface, center, areas })
+    }
+
+    /// A point of the exact surface and the outward normal there.
+    fn point(&self, draw: &mut Draw) -> (Point3<f64>, Vector3<f64>) {
+        let area = draw.uniform(0.0, self.areas[self.areas.len() - 1]);
+        let triangle = self.areas.partition_point(|&sum| sum <= area);
+        let [a, b, c] =
+            self.surface.triangles()[triangle].map(|i| self.surface.vertices()[i as usize]);
+        // The square root makes points even over the triangle.
+        let (root, share) = (draw.uniform(0.0, 1.0).sqrt(), draw.uniform(0.0, 1.0));
+        let drawn = a + root * ((b - a) + share * (c - b));
+        let distance = self.shape.distance(&drawn);
+        (drawn - distance.value * distance.normal, distance.normal)
+    }
+
+    /// Way through the solid (m) from its surface point `from` along `axis`: to where the ray first
+    /// leaves it or to where it last does, which differ for a cup.
+    fn through(&self, from: &Point3<f64>, axis: &Vector3<f64>, draw: &mut Draw) -> f64 {
+        let far = 3.0 * self.surface.size();
+        let last = self.shape.ray_gap(&(from + far * axis), &-axis).map_or(0.0, |gap| far - gap);
+        if draw.coin() {
+            return last;
+        }
+        let back = self.shape.ray_gap(&(from + DEPTH * axis), &-axis);
+        back.filter(|&gap| gap < 0.0).map_or(last, |gap| DEPTH - gap)
+    }
+
+    /// Largest z of the solid in the tool frame (m).
+    fn top(&self, tool: &Isometry3<f64>) -> f64 {
+        let up = tool * Vector3::z();
+        let heights = self.surface.vertices().iter().map(|v| up.dot(&v.coords));
+        heights.fold(f64::NEG_INFINITY, f64::max) - up.dot(&tool.translation.vector)
+    }
+}
+
+/// The tool frame at `middle` with x along `axis` and z as near to `towards` as it can be.
+fn tool(middle: &Point3<f64>, axis: &Vector3<f64>, towards: &Unit<Vector3<f64>>) -> Isometry3<f64> {
+    let y = towards.cross(axis).try_normalize(1e-9).unwrap_or_else(|| {
+        let aside = Vector3::ith(axis.iamin(), 1.0);
+        aside.cross(axis).normalize()
+    });
+    let axes = Matrix3::from_columns(&[*axis, y, axis.cross(&y)]);
+    let turn = Rotation3::from_matrix_unchecked(axes);
+    Isometry3::from_parts(Translation3::from(middle.coords), turn.into())
+}

@@ -1,0 +1,179 @@
+//! Kinds of objects, how many there are of each, and their sizes.
+
+use std::fmt;
+
+use nalgebra::Vector3;
+
+use super::{draw::Draw, fruit};
+use crate::geometry::{Hollow, Shape};
+
+/// What an object is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Split {
+    /// Known to whoever learns.
+    Train,
+    /// Kept for the test; no family is in both.
+    Novel,
+    /// For the ablation on soft objects only.
+    Soft,
+}
+
+/// A kind of object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[allow(missing_docs)] // The names say it; what is particular is documented.
+pub enum Family {
+    Prism,
+    Annulus,
+    Cuboid,
+    /// An open vessel that widens towards the rim.
+    Cup,
+    Cylinder,
+    Eggplant,
+    Potato,
+    Sphere,
+    Lemon,
+    Tomato,
+    /// A lemon's rind round a closed cavity.
+    HollowLemon,
+    Ellipsoid,
+    /// An open vessel that narrows towards the rim: the paper's other cups.
+    Jar,
+    Cucumber,
+    Apple,
+    Strawberry,
+}
+
+use Family::{
+    Annulus, Apple, Cuboid, Cucumber, Cup, Cylinder, Eggplant, Ellipsoid, HollowLemon, Jar, Lemon,
+    Potato, Prism, Sphere, Strawberry, Tomato,
+};
+
+impl Family {
+    /// Every family, in the order of the catalogue.
+    pub const ALL: [Self; 16] = [
+        Prism,
+        Annulus,
+        Cuboid,
+        Cup,
+        Cylinder,
+        Eggplant,
+        Potato,
+        Sphere,
+        Lemon,
+        Tomato,
+        HollowLemon,
+        Ellipsoid,
+        Jar,
+        Cucumber,
+        Apple,
+        Strawberry,
+    ];
+
+    /// Number of members in the catalogue.
+    pub fn count(self) -> u32 {
+        match self {
+            Prism => 14,
+            Cylinder => 8,
+            Annulus => 7,
+            Cuboid | Sphere => 6,
+            Ellipsoid => 4,
+            Cup | Potato | Jar | Apple => 3,
+            Tomato => 2,
+            Eggplant | Lemon | HollowLemon | Cucumber | Strawberry => 1,
+        }
+    }
+
+    /// What its members are for.
+    pub fn split(self) -> Split {
+        match self {
+            Prism | Annulus | Cuboid | Cup | Cylinder | Eggplant | Potato | Sphere | Lemon => {
+                Split::Train
+            }
+            Tomato | HollowLemon | Ellipsoid | Jar | Cucumber | Apple => Split::Novel,
+            Strawberry => Split::Soft,
+        }
+    }
+
+    /// The solid of member `index`. The first length drawn is spread over the members.
+    pub(super) fn shape(self, index: u32, seed: u64) -> Shape {
+        let draw = &mut Draw::new(seed, index, self.count());
+        match self {
+            Prism => Shape::Prism {
+                sides: 3 + index % 7,
+                radius: draw.spread(0.012, 0.026),
+                half_height: draw.uniform(0.009, 0.026),
+            },
+            Annulus => annulus(draw),
+            Cuboid => Shape::Cuboid {
+                half_extents: Vector3::new(
+                    draw.spread(0.008, 0.026),
+                    draw.uniform(0.008, 0.026),
+                    draw.uniform(0.010, 0.030),
+                ),
+            },
+            Cup => cup(draw, [1.15, 1.4]),
+            Jar => cup(draw, [0.72, 0.9]),
+            Cylinder => Shape::Cylinder {
+                radius: draw.spread(0.008, 0.026),
+                half_height: draw.uniform(0.010, 0.030),
+            },
+            Sphere => Shape::Sphere { radius: draw.spread(0.010, 0.027) },
+            Ellipsoid => Shape::Ellipsoid {
+                semi_axes: Vector3::new(
+                    draw.spread(0.012, 0.024),
+                    draw.uniform(0.012, 0.024),
+                    draw.uniform(0.020, 0.032),
+                ),
+            },
+            Eggplant => Shape::StarShaped(fruit::eggplant(draw)),
+            Potato => Shape::StarShaped(fruit::potato(draw)),
+            Lemon => Shape::StarShaped(fruit::lemon(draw)),
+            HollowLemon => Shape::Hollow(Hollow::new(fruit::lemon(draw), draw.uniform(0.72, 0.78))),
+            Tomato => Shape::StarShaped(fruit::tomato(draw)),
+            Cucumber => Shape::StarShaped(fruit::cucumber(draw)),
+            Apple => Shape::StarShaped(fruit::apple(draw)),
+            Strawberry => Shape::StarShaped(fruit::strawberry(draw)),
+        }
+    }
+}
+
+impl fmt::Display for Family {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Prism => "prism",
+            Annulus => "annulus",
+            Cuboid => "cuboid",
+            Cup => "cup",
+            Cylinder => "cylinder",
+            Eggplant => "eggplant",
+            Potato => "potato",
+            Sphere => "sphere",
+            Lemon => "lemon",
+            Tomato => "tomato",
+            HollowLemon => "hollow-lemon",
+            Ellipsoid => "ellipsoid",
+            Jar => "jar",
+            Cucumber => "cucumber",
+            Apple => "apple",
+            Strawberry => "strawberry",
+        })
+    }
+}
+
+/// A ring of at least 4 mm between hole and side.
+fn annulus(draw: &mut Draw) -> Shape {
+    let outer = draw.spread(0.014, 0.027);
+    let inner = draw.uniform(0.35, 0.7) * outer;
+    Shape::Annulus { outer, inner, half_height: draw.uniform(0.006, 0.018) }
+}
+
+/// A vessel whose rim is so many times as wide as its bottom.
+fn cup(draw: &mut Draw, [low, high]: [f64; 2]) -> Shape {
+    let bottom = draw.spread(0.015, 0.020);
+    Shape::Cup {
+        bottom,
+        rim: draw.uniform(low, high) * bottom,
+        half_height: draw.uniform(0.018, 0.028),
+        wall: draw.uniform(0.003, 0.004),
+    }
+}

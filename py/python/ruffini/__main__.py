@@ -1,0 +1,7 @@
+"""``python -m ruffini``: the command without its script."""
+
+import sys
+
+from ruffini.commands import main
+
+sys.exit(main())

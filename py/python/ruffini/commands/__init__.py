@@ -1,0 +1,34 @@
+"""The ``ruffini`` command: one module to a subcommand.
+
+Exit status: 0, 1 for a computation that failed, 2 for bad input.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from ruffini import SimulationError, __version__
+from ruffini.commands import press
+
+_COMMANDS = (press,)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command line, or `arguments`, and returns the exit status."""
+    parser = argparse.ArgumentParser(prog="ruffini", description="Soft tactile fingertips.")
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(metavar="command", required=True)
+    for command in _COMMANDS:
+        command.add_to(commands)
+    options = parser.parse_args(arguments)
+    try:
+        options.run(options)
+    except SimulationError as error:
+        print(f"ruffini: {error}", file=sys.stderr)
+        return 1
+    except ValueError as error:
+        print(f"ruffini: {error}", file=sys.stderr)
+        return 2
+    return 0

@@ -1,0 +1,125 @@
+"""``ruffini press``: one shape pressed into the gel of a sensor."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ruffini import Deformation, Fem, History, Press, PressError, Shape, sensor
+from ruffini.commands import shapes
+
+_STRIDE = 1e-4
+"""Longest way between two frames (m): friction follows the path."""
+_UPSIDE_DOWN = (1.0, 0.0, 0.0, 0.0)
+"""Orientation of the shape: its z points into the gel."""
+
+
+def add_to(commands: Any) -> None:
+    """Adds the subcommand to the parser's."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "press",
+        help="press one shape into the gel of a sensor",
+        description="Presses a shape straight into the apex of a sensor's gel, its z axis first, "
+        "by finite elements. SI units.",
+    )
+    parser.add_argument("--sensor", required=True, help="gelsight-mini, digit or a .toml file")
+    parser.add_argument("--shape", required=True, help=f"{shapes.FORMS}, or a .obj or .stl file")
+    drive = parser.add_mutually_exclusive_group(required=True)
+    drive.add_argument("--depth", type=float, help="way down from the first touch (m)")
+    drive.add_argument("--force", type=float, help="force to be reached (N)")
+    parser.add_argument("--shear", type=float, default=0.0, help="way along x that follows (m)")
+    parser.add_argument(
+        "--calibration", help="material of the gel; the sensor's first if not given"
+    )
+    parser.add_argument("--resolution", type=int, help="about how many nodes; 2000 if not given")
+    parser.add_argument("--friction", type=float, default=0.0, help="coefficient; 0 if not given")
+    parser.add_argument("--element", default="p1-bar", help="p1, p1-bar (if not given) or p2")
+    parser.add_argument("--out", help=".vtu or .npz file for the mesh and its fields")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Solves the press, writes its fields and prints its figures.
+
+    Raises:
+        ValueError: If an option makes no sense.
+        PressError: If the press is not solved.
+    """
+    body = sensor(options.sensor, options.calibration, options.resolution)
+    fem = Fem(body, friction=options.friction, element=options.element)
+    shape = shapes.shape(options.shape)
+    touch = touching_height(shape, body.mesh.vertices)
+    if options.force is None:
+        ways = _ways("depth", options.depth, 0.0)
+        frames = _follow(fem, shape, np.array([0, 0, touch]) - np.outer(ways, [0, 0, 1]))
+    else:
+        start = ((0, 0, touch), _UPSIDE_DOWN)
+        push = Press(shape, start, force=options.force, direction=(0, 0, -1))
+        frames = _solved(fem.solve_path(push))
+    reached, _ = frames[-1].pose
+    if options.shear != 0.0:
+        ways = _ways("shear", options.shear, -1.0)
+        frames += _follow(fem, shape, reached + np.outer(ways, [1, 0, 0]), frames[-1].history)
+    last = frames[-1]
+    if options.out is not None:
+        fields = ("displacement", "von_mises", "contact_force")
+        body.mesh.write(options.out, {name: getattr(last, name) for name in fields})
+    _report(frames, touch - reached[2])
+
+
+def touching_height(shape: Shape, vertices: NDArray[np.float64]) -> float:
+    """Height of the shape's origin at which it first touches `vertices` (V, 3) from above (m).
+
+    It comes down along z by its least distance at a time, which cannot lead past a vertex.
+
+    Raises:
+        ValueError: If it passes beside them.
+    """
+    height, lowest = 3.0, vertices[:, 2].min() - 3.0
+    while height > lowest:
+        gap = shape.distance((vertices - [0, 0, height]) * [1, -1, -1])[0].min()
+        if gap < 1e-8:
+            return height
+        height -= gap
+    raise ValueError("shape: found one that passes beside the pad, expected one above its apex")
+
+
+def _ways(name: str, whole: float, least: float) -> NDArray[np.float64]:
+    """Parts of the way `whole` (m), all of one length, up to its end."""
+    if not least < whole <= 1.0:
+        raise ValueError(f"{name}: found {whole} m, expected more than {least} m, at most 1 m")
+    count = int(np.ceil(abs(whole) / _STRIDE - 1e-9))
+    return np.linspace(0.0, whole, count + 1)[1:]
+
+
+def _follow(
+    fem: Fem, shape: Shape, positions: NDArray[np.float64], history: History | None = None
+) -> list[Deformation]:
+    """Frames with the shape at `positions` (F, 3)."""
+    path = [(position, _UPSIDE_DOWN) for position in positions]
+    return _solved(fem.solve_path(Press(shape, path, history=history)))
+
+
+def _solved(frames: list[Deformation | PressError]) -> list[Deformation]:
+    """The frames, if all are solved; else the error is raised."""
+    for frame in frames:
+        if isinstance(frame, PressError):
+            raise frame
+    return [frame for frame in frames if isinstance(frame, Deformation)]
+
+
+def _report(frames: list[Deformation], indentation: float) -> None:
+    last = frames[-1]
+    x, y, z = last.wrench[:3]
+    rows = {
+        "force": f"{0.0 - z:.4f} N normal, {np.hypot(x, y):.4f} N tangential",
+        "indentation": f"{1e3 * indentation:.4f} mm",
+        "iterations": f"{sum(frame.iterations for frame in frames)} in {len(frames)} frames",
+        "residual": f"{last.residual:.1e} N",
+        "seconds": f"{sum(frame.seconds for frame in frames):.2f}",
+    }
+    for name, value in rows.items():
+        print(f"{name:<12} {value}")

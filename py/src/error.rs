@@ -1,0 +1,44 @@
+//! Errors of the Rust crate as Python's exceptions, with the same text.
+
+use pyo3::{
+    exceptions::{PyRuntimeError, PyValueError},
+    prelude::*,
+};
+use ruffini_core::Error;
+
+pyo3::create_exception!(
+    ruffini,
+    SimulationError,
+    PyRuntimeError,
+    "A computation that failed: an engine error, a press without a solution."
+);
+
+pyo3::create_exception!(
+    ruffini,
+    PressError,
+    SimulationError,
+    "A press that was not solved, as it stands in the list of answers.\n\n\
+     `kind` names the reason: \"not-converged\" (no equilibrium, however small the load step),\n\
+     \"unreachable\" (the shapes never press with the force asked for) or \"invalid\" (a history of\n\
+     another body). The text has the figures."
+);
+
+/// Bad arguments are a `ValueError`, the rest a `SimulationError`.
+#[allow(clippy::needless_pass_by_value)] // For `map_err`.
+pub(crate) fn python_error(error: Error) -> PyErr {
+    match error {
+        Error::Invalid { .. }
+        | Error::Setting { .. }
+        | Error::BadState { .. }
+        | Error::BadMesh { .. }
+        | Error::File { .. } => PyValueError::new_err(error.to_string()),
+        _ => SimulationError::new_err(error.to_string()),
+    }
+}
+
+/// The `PressError` that stands in the slot of an unsolved press.
+pub(crate) fn press_error<'py>(py: Python<'py>, error: &Error) -> PyResult<Bound<'py, PyAny>> {
+    let value = PressError::new_err(error.to_string()).into_value(py).into_bound(py);
+    value.setattr("kind", error.kind())?;
+    Ok(value.into_any())
+}

@@ -1,0 +1,120 @@
+//! Deformations as Python sees them.
+
+use nalgebra::Isometry3;
+use numpy::{PyArray1, PyArray2};
+use pyo3::{
+    IntoPyObjectExt,
+    prelude::*,
+    types::{PyBytes, PyType},
+};
+use ruffini_core::deformation;
+
+use super::arrays::array_of_vectors;
+use crate::error::python_error;
+
+/// A soft body in equilibrium with what presses it, in the frame of the body.
+#[pyclass(frozen, get_all, module = "ruffini")]
+pub(crate) struct Deformation {
+    /// Displacement of the nodes (V, 3) in m.
+    displacement: Py<PyArray2<f64>>,
+    /// Von Mises equivalent of the Cauchy stress in the tetrahedra (T,) in Pa.
+    von_mises: Py<PyArray1<f64>>,
+    /// Contact force on the nodes (V, 3) in N.
+    contact_force: Py<PyArray2<f64>>,
+    /// Force (N) and torque about the origin (N m) of all contact on the body (6,).
+    wrench: Py<PyArray1<f64>>,
+    /// Where the shapes are, in the form that `Press` takes: a pose (position (3,), quaternion (4,)
+    /// xyzw) if one shape was given by itself, else a list with one for each shape.
+    pose: Py<PyAny>,
+    /// What another press needs to start here.
+    history: Py<History>,
+    /// Newton steps since the last frame.
+    iterations: usize,
+    /// Norm of the force left unbalanced (N).
+    residual: f64,
+    /// Wall time (s).
+    seconds: f64,
+}
+
+impl Deformation {
+    /// `single` gives the pose of the only shape by itself.
+    pub(super) fn of(
+        py: Python<'_>,
+        answer: deformation::Deformation,
+        single: bool,
+    ) -> PyResult<Self> {
+        let wrench = answer.wrench.force.iter().chain(answer.wrench.torque.iter());
+        let pose = match &answer.poses[..] {
+            [one] if single => pose(py, one).into_py_any(py)?,
+            all => all.iter().map(|one| pose(py, one)).collect::<Vec<_>>().into_py_any(py)?,
+        };
+        Ok(Self {
+            displacement: array_of_vectors(py, &answer.displacement).unbind(),
+            contact_force: array_of_vectors(py, &answer.contact_force).unbind(),
+            wrench: PyArray1::from_vec(py, wrench.copied().collect()).unbind(),
+            von_mises: PyArray1::from_vec(py, answer.von_mises).unbind(),
+            pose,
+            history: Py::new(py, History { inner: answer.history })?,
+            iterations: answer.iterations,
+            residual: answer.residual,
+            seconds: answer.seconds,
+        })
+    }
+}
+
+/// Position (3,) and quaternion (4,).
+fn pose<'py>(
+    py: Python<'py>,
+    pose: &Isometry3<f64>,
+) -> (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>) {
+    let position = pose.translation.vector.as_slice().to_vec();
+    (
+        PyArray1::from_vec(py, position),
+        PyArray1::from_vec(py, pose.rotation.coords.as_slice().to_vec()),
+    )
+}
+
+#[pymethods]
+impl Deformation {
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let wrench = self.wrench.bind(py).call_method0("tolist")?.extract::<Vec<f64>>()?;
+        let [x, y, z] = [0, 1, 2].map(|i| wrench[i]);
+        let (iterations, residual) = (self.iterations, self.residual);
+        Ok(format!(
+            "<ruffini.Deformation force ({x:.4}, {y:.4}, {z:.4}) N, {iterations} iterations, \
+             residual {residual:.1e} N>"
+        ))
+    }
+}
+
+/// Where a press ended: displacement of the nodes, poses of the shapes, places where they stick.
+///
+/// Given to another `Press` of the same body, model and shapes, which then goes on from there. It
+/// can be pickled and is the same on every machine.
+///
+/// Args:
+///     state: What `bytes(history)` gave.
+///
+/// Raises:
+///     ValueError: If the bytes are not those of a history.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct History {
+    pub(super) inner: deformation::History,
+}
+
+#[pymethods]
+impl History {
+    #[new]
+    fn new(state: &[u8]) -> PyResult<Self> {
+        let inner = deformation::History::from_bytes(state).map_err(python_error)?;
+        Ok(Self { inner })
+    }
+
+    fn __bytes__<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &self.inner.to_bytes())
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> (Bound<'py, PyType>, (Bound<'py, PyBytes>,)) {
+        (py.get_type::<Self>(), (self.__bytes__(py),))
+    }
+}

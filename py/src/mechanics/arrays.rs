@@ -1,0 +1,150 @@
+//! Numbers between Python and Rust: anything that numpy makes an array of comes in, checked; numpy
+//! arrays of float64 and uint32 go out.
+
+use std::fmt::Display;
+
+use nalgebra::Vector3;
+use numpy::{
+    Element, PyArray2, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyUntypedArray,
+    PyUntypedArrayMethods, ndarray::Array2,
+};
+use pyo3::prelude::*;
+use ruffini_core::Error;
+
+use crate::error::python_error;
+
+/// A `ValueError` that says what was found and what was expected.
+pub(crate) fn refused(name: &str, found: impl Display, expected: impl Into<String>) -> PyErr {
+    python_error(Error::invalid(name, found, expected))
+}
+
+/// Finite numbers in C order, and the shape of the array that held them.
+pub(crate) fn numbers(
+    name: &str,
+    found: &Bound<'_, PyAny>,
+    expected: &str,
+) -> PyResult<(Vec<f64>, Vec<usize>)> {
+    let (values, shape) = array::<f64>(name, found, expected, b"fiu")?;
+    match values.iter().find(|x| !x.is_finite()) {
+        Some(x) => Err(refused(name, x, "finite numbers")),
+        None => Ok((values, shape)),
+    }
+}
+
+/// Rows of N numbers, from an array (…, N).
+pub(crate) fn rows<const N: usize>(
+    name: &str,
+    found: &Bound<'_, PyAny>,
+) -> PyResult<Vec<[f64; N]>> {
+    let expected = format!("numbers (…, {N})");
+    let (values, shape) = numbers(name, found, &expected)?;
+    if shape.len() != 2 || shape[1] != N {
+        return Err(refused(name, Shown(&shape), expected));
+    }
+    Ok(values.as_chunks().0.to_vec())
+}
+
+/// N numbers, from an array (N).
+pub(crate) fn vector<const N: usize>(name: &str, found: &Bound<'_, PyAny>) -> PyResult<[f64; N]> {
+    let expected = format!("numbers ({N},)");
+    let (values, shape) = numbers(name, found, &expected)?;
+    values
+        .try_into()
+        .ok()
+        .filter(|_| shape.len() == 1)
+        .ok_or_else(|| refused(name, Shown(&shape), expected))
+}
+
+/// Rows of N indices, from an array (…, N).
+pub(crate) fn index_rows<const N: usize>(
+    name: &str,
+    found: &Bound<'_, PyAny>,
+) -> PyResult<Vec<[u32; N]>> {
+    let expected = format!("integers (…, {N})");
+    let (values, shape) = array::<i64>(name, found, &expected, b"iu")?;
+    if shape.len() != 2 || shape[1] != N {
+        return Err(refused(name, Shown(&shape), expected));
+    }
+    Ok(unsigned(name, values)?.as_chunks().0.to_vec())
+}
+
+/// A list of indices.
+pub(crate) fn indices(name: &str, found: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {
+    // An empty list is one of floats to numpy.
+    if found.len().is_ok_and(|length| length == 0) {
+        return Ok(Vec::new());
+    }
+    let expected = "integers (…,)";
+    let (values, shape) = array::<i64>(name, found, expected, b"iu")?;
+    if shape.len() != 1 {
+        return Err(refused(name, Shown(&shape), expected));
+    }
+    unsigned(name, values)
+}
+
+fn unsigned(name: &str, values: Vec<i64>) -> PyResult<Vec<u32>> {
+    let convert = |i: i64| {
+        u32::try_from(i).map_err(|_| refused(name, i, format!("indices from 0 to {}", u32::MAX)))
+    };
+    values.into_iter().map(convert).collect()
+}
+
+/// An array whose kind of numbers is among `kinds` (numpy's letters), as values of T.
+fn array<T: Element + Copy>(
+    name: &str,
+    found: &Bound<'_, PyAny>,
+    expected: &str,
+    kinds: &[u8],
+) -> PyResult<(Vec<T>, Vec<usize>)> {
+    let py = found.py();
+    let made = py.import("numpy")?.call_method1("asarray", (found,));
+    let made = made.map_err(|error| refused(name, error.value(py), expected))?;
+    let untyped = made.cast::<PyUntypedArray>()?;
+    if !kinds.contains(&untyped.dtype().kind()) {
+        let found = format!("{} of {}", Shown(untyped.shape()), untyped.dtype());
+        return Err(refused(name, found, expected));
+    }
+    let typed = made.call_method1("astype", (numpy::dtype::<T>(py),))?;
+    let typed = typed.cast_into::<PyArrayDyn<T>>()?.readonly();
+    Ok((typed.as_array().iter().copied().collect(), untyped.shape().to_vec()))
+}
+
+/// A shape as numpy writes it: `array (3, 2)`.
+pub(crate) struct Shown<'a>(pub(crate) &'a [usize]);
+
+impl Display for Shown<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.0 {
+            [] => f.write_str("one number"),
+            [one] => write!(f, "array ({one},)"),
+            many => {
+                let sizes: Vec<_> = many.iter().map(usize::to_string).collect();
+                write!(f, "array ({})", sizes.join(", "))
+            }
+        }
+    }
+}
+
+/// An array (…, N) of its rows.
+pub(crate) fn array_of_rows<T: Element + Copy, const N: usize>(
+    py: Python<'_>,
+    rows: impl ExactSizeIterator<Item = [T; N]>,
+) -> Bound<'_, PyArray2<T>> {
+    let count = rows.len();
+    let values = Array2::from_shape_vec((count, N), rows.flatten().collect());
+    PyArray2::from_owned_array(py, values.expect("every row has N values"))
+}
+
+/// An array (…, 3) of vectors.
+pub(crate) fn array_of_vectors<'py>(
+    py: Python<'py>,
+    vectors: &[Vector3<f64>],
+) -> Bound<'py, PyArray2<f64>> {
+    array_of_rows(py, vectors.iter().map(|&v| v.into()))
+}
+
+/// The array, closed to writing: what it shows would not follow.
+pub(crate) fn read_only<T>(array: Bound<'_, T>) -> PyResult<Py<T>> {
+    array.as_any().call_method1("setflags", (false,))?;
+    Ok(array.unbind())
+}

@@ -1,0 +1,139 @@
+//! Soft bodies, and the gel pads of known sensors.
+
+use numpy::PyArray1;
+use pyo3::prelude::*;
+use ruffini_core::{
+    Result,
+    deformation::{self, Law, Moduli},
+    sensor::Sensor,
+};
+
+use super::{
+    TetMesh,
+    arrays::{indices, numbers, read_only, refused},
+};
+use crate::error::python_error;
+
+/// Nodes of a sensor's pad where the caller does not say.
+const RESOLUTION: usize = 2000;
+
+/// An elastic solid in its own frame, meshed, with the nodes of its base held where they are.
+///
+/// Args:
+///     mesh: The undeformed solid.
+///     young: Young's modulus E (Pa): one number, or one for each tetrahedron (T,).
+///     poisson: Poisson's ratio, from 0 to just under 0.5.
+///     law: Energy density of the material (F deformation gradient, J = det F, I1 = tr F^T F, mu
+///         and lambda Lame's parameters):
+///         "neo-hookean" mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2;
+///         "stable-neo-hookean" mu/2 (I1 - 3) - mu (J - 1) + (lambda + mu)/2 (J - 1)^2;
+///         "corotated" mu |F - R|^2 + lambda/2 (J - 1)^2, R the rotation nearest to F;
+///         "linear" mu e:e + lambda/2 (tr e)^2, e = sym(F - 1): small strains and rotations only.
+///     fixed: Nodes that never move, counted from 0; none is a free body.
+///
+/// Raises:
+///     ValueError: If a modulus, the law or a node is none of those.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct SoftBody {
+    pub(super) inner: deformation::SoftBody,
+    /// The undeformed mesh.
+    #[pyo3(get)]
+    mesh: Py<TetMesh>,
+    /// Nodes that never move, ascending, read-only.
+    #[pyo3(get)]
+    fixed: Py<PyArray1<u32>>,
+}
+
+#[pymethods]
+impl SoftBody {
+    #[new]
+    #[pyo3(signature = (mesh, young, poisson, law="neo-hookean", fixed=None))]
+    fn new(
+        mesh: &Bound<'_, TetMesh>,
+        young: &Bound<'_, PyAny>,
+        poisson: f64,
+        law: &str,
+        fixed: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let tets = mesh.get().inner.tets.len();
+        let moduli = young_moduli(young, tets)?.into_iter().map(|young| Moduli { young, poisson });
+        let fixed = fixed.map_or(Ok(Vec::new()), |nodes| indices("fixed", nodes))?;
+        let law = law.parse().map_err(python_error)?;
+        let solid = mesh.get().inner.clone();
+        let inner = deformation::SoftBody::graded(solid, law, moduli.collect(), &fixed);
+        Self::of(mesh.clone(), inner.map_err(python_error)?)
+    }
+
+    /// Name of the material law.
+    #[getter]
+    fn law(&self) -> String {
+        self.inner.law().to_string()
+    }
+
+    fn __repr__(&self) -> String {
+        let (mesh, fixed) = (self.inner.mesh(), self.inner.fixed().len());
+        let (vertices, tets) = (mesh.vertices.len(), mesh.tets.len());
+        let law = self.inner.law();
+        format!("<ruffini.SoftBody {law}, {vertices} nodes ({fixed} fixed), {tets} tetrahedra>")
+    }
+}
+
+impl SoftBody {
+    fn of(mesh: Bound<'_, TetMesh>, inner: deformation::SoftBody) -> PyResult<Self> {
+        let fixed = read_only(PyArray1::from_vec(mesh.py(), inner.fixed().to_vec()))?;
+        Ok(Self { inner, mesh: mesh.unbind(), fixed })
+    }
+}
+
+/// Young's modulus of each tetrahedron (T), from one number or T of them.
+fn young_moduli(young: &Bound<'_, PyAny>, tets: usize) -> PyResult<Vec<f64>> {
+    let expected = format!("one modulus, or one for each of {tets} tetrahedra");
+    let (values, shape) = numbers("young", young, &expected)?;
+    match shape[..] {
+        [] => Ok(vec![values[0]; tets]),
+        [count] if count == tets => Ok(values),
+        _ => Err(refused("young", format!("{} of them", values.len()), expected)),
+    }
+}
+
+/// The gel pad of a tactile sensor as a soft body bonded to its base.
+///
+/// Frame of the pad: z out of the gel, x across, y along; the origin is the apex, the centre of the
+/// undeformed face.
+///
+/// Args:
+///     name: "gelsight-mini", "digit", or the path of a .toml file in the form of those.
+///     calibration: Name of the material, "tacflex" or "feats" for the GelSight Mini; the first of
+///         the sensor if not given.
+///     resolution: About how many nodes (never more), 2,000 if not given.
+///
+/// Raises:
+///     ValueError: If the sensor or the calibration is not known, or the resolution is not 100 to
+///         200,000.
+#[pyfunction]
+#[pyo3(signature = (name, calibration=None, resolution=None))]
+pub(crate) fn sensor(
+    py: Python<'_>,
+    name: &str,
+    calibration: Option<&str>,
+    resolution: Option<i64>,
+) -> PyResult<SoftBody> {
+    let nodes = resolution.map_or(Ok(RESOLUTION), |nodes| {
+        usize::try_from(nodes).map_err(|_| refused("resolution", nodes, "100 nodes or more"))
+    })?;
+    let inner = py.detach(|| pad(name, calibration, nodes)).map_err(python_error)?;
+    SoftBody::of(Bound::new(py, TetMesh::of(py, inner.mesh().clone())?)?, inner)
+}
+
+fn pad(name: &str, calibration: Option<&str>, nodes: usize) -> Result<deformation::SoftBody> {
+    let path = std::path::Path::new(name);
+    let is_file = path.extension().is_some_and(|extension| extension == "toml");
+    let sensor = if is_file { Sensor::read(path)? } else { Sensor::named(name)? };
+    let gel = match calibration {
+        Some(name) => sensor.calibration(name)?,
+        None => &sensor.calibrations[0],
+    };
+    let moduli = Moduli { young: gel.young, poisson: gel.poisson };
+    let pad = sensor.pad(nodes)?;
+    deformation::SoftBody::new(pad.mesh, gel.law.parse::<Law>()?, moduli, &pad.base)
+}

@@ -1,0 +1,129 @@
+//! Tetrahedral meshes.
+
+use std::path::PathBuf;
+
+use numpy::PyArray2;
+use pyo3::{prelude::*, types::PyMapping};
+use ruffini_core::geometry::{self, Field, FieldOn};
+
+use super::{
+    Shape,
+    arrays::{Shown, array_of_rows, index_rows, numbers, read_only, refused, rows},
+};
+use crate::error::python_error;
+
+/// A tetrahedral mesh of V vertices and T tetrahedra.
+///
+/// Two corners of a tetrahedron of negative volume are swapped.
+///
+/// Args:
+///     vertices: Places (V, 3) in m.
+///     tets: Corners (T, 4), counted from 0.
+///
+/// Raises:
+///     ValueError: If a vertex is not finite or unused, an index too large, a tetrahedron flat, or
+///         if tetrahedra overlap or do not hang together.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct TetMesh {
+    pub(super) inner: geometry::TetMesh,
+    /// Vertices (V, 3) in m, read-only.
+    #[pyo3(get)]
+    vertices: Py<PyArray2<f64>>,
+    /// Corners of the tetrahedra (T, 4), read-only: (b - a) x (c - a) . (d - a) > 0.
+    #[pyo3(get)]
+    tets: Py<PyArray2<u32>>,
+}
+
+#[pymethods]
+impl TetMesh {
+    #[new]
+    fn new(py: Python<'_>, vertices: &Bound<'_, PyAny>, tets: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let vertices = rows::<3>("vertices", vertices)?.into_iter().map(Into::into).collect();
+        let tets = index_rows("tets", tets)?;
+        Self::of(py, geometry::TetMesh::new("from arrays", vertices, tets).map_err(python_error)?)
+    }
+
+    /// The mesh in a file: .tet (Isaac Gym's text form) or .msh (gmsh, ASCII, 2.2 and 4.1).
+    ///
+    /// Args:
+    ///     path: The file. Vertices that no tetrahedron uses are left out.
+    ///     scale: Metres to a unit of the file.
+    ///
+    /// Raises:
+    ///     ValueError: If the file cannot be read or its mesh cannot be used.
+    #[staticmethod]
+    #[pyo3(signature = (path, scale=1.0))]
+    #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
+    fn read(py: Python<'_>, path: PathBuf, scale: f64) -> PyResult<Self> {
+        let read = py.detach(|| geometry::TetMesh::read(&path, scale));
+        Self::of(py, read.map_err(python_error)?)
+    }
+
+    /// The solid inside a shape, in the frame of the shape, by isosurface stuffing.
+    ///
+    /// Args:
+    ///     shape: A solid of finite size. Its sharp edges are cut off within half a spacing.
+    ///     spacing: Length of an edge (m), about.
+    ///
+    /// Raises:
+    ///     ValueError: If the shape is a half-space or the spacing does not suit its size.
+    #[staticmethod]
+    fn of_shape(py: Python<'_>, shape: &Shape, spacing: f64) -> PyResult<Self> {
+        let mesh = py.detach(|| geometry::TetMesh::of_shape(&shape.inner, spacing));
+        Self::of(py, mesh.map_err(python_error)?)
+    }
+
+    /// Writes the mesh with fields to a .vtu file (ParaView) or a .npz file (numpy).
+    ///
+    /// Args:
+    ///     path: The file; one that is there is replaced.
+    ///     fields: Finite numbers by name: an array (V,) or (V, ...) on the vertices, or (T,) or
+    ///         (T, ...) on the tetrahedra; on the vertices where V = T. Names have letters, digits,
+    ///         spaces and underscores. What follows the first axis is written as one.
+    ///
+    /// Raises:
+    ///     ValueError: If a field does not fit the mesh or the file cannot be written.
+    #[pyo3(signature = (path, fields=None))]
+    #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
+    fn write(&self, path: PathBuf, fields: Option<&Bound<'_, PyMapping>>) -> PyResult<()> {
+        let mut named = Vec::new();
+        for item in fields.map_or(Ok(Vec::new()), |fields| fields.items()?.extract())? {
+            let (name, values): (String, Bound<'_, PyAny>) = item;
+            let (values, shape) = numbers(&format!("field {name}"), &values, "numbers (V, …)")?;
+            let (on, components) = self.place(&name, &shape)?;
+            named.push((name, on, components, values));
+        }
+        let field = |(name, on, components, values)| Field { name, on, components, values };
+        let fields: Vec<_> =
+            named.iter().map(|(n, on, components, v)| field((n, *on, *components, v))).collect();
+        self.inner.write(&path, &fields).map_err(python_error)
+    }
+
+    fn __repr__(&self) -> String {
+        let (vertices, tets) = (self.inner.vertices.len(), self.inner.tets.len());
+        format!("<ruffini.TetMesh of {vertices} vertices, {tets} tetrahedra>")
+    }
+}
+
+impl TetMesh {
+    pub(super) fn of(py: Python<'_>, mesh: geometry::TetMesh) -> PyResult<Self> {
+        let vertices = array_of_rows(py, mesh.vertices.iter().map(|&p| p.into()));
+        let tets = array_of_rows(py, mesh.tets.iter().copied());
+        Ok(Self { vertices: read_only(vertices)?, tets: read_only(tets)?, inner: mesh })
+    }
+
+    /// What a field of that array shape is given for, and numbers to a value.
+    fn place(&self, name: &str, shape: &[usize]) -> PyResult<(FieldOn, usize)> {
+        let (vertices, tets) = (self.inner.vertices.len(), self.inner.tets.len());
+        let on = match shape.first() {
+            Some(&count) if count == vertices => FieldOn::Vertices,
+            Some(&count) if count == tets => FieldOn::Tets,
+            _ => {
+                let expected =
+                    format!("({vertices}, …) for vertices or ({tets}, …) for tetrahedra");
+                return Err(refused(&format!("field {name}"), Shown(shape), expected));
+            }
+        };
+        Ok((on, shape[1..].iter().product()))
+    }
+}

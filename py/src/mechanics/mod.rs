@@ -1,0 +1,19 @@
+//! Soft bodies and rigid shapes in Python: what is pressed, how, by whom it is answered.
+//!
+//! Shapes: V vertices, T tetrahedra, S rigid shapes, F frames of a path, P points. SI units.
+
+mod answer;
+mod arrays;
+mod body;
+mod mesh;
+mod model;
+mod pool;
+mod press;
+mod shape;
+
+pub(crate) use answer::{Deformation, History};
+pub(crate) use body::{SoftBody, sensor};
+pub(crate) use mesh::TetMesh;
+pub(crate) use model::Fem;
+pub(crate) use press::Press;
+pub(crate) use shape::Shape;

@@ -1,0 +1,118 @@
+//! Models that answer presses.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use pyo3::prelude::*;
+use ruffini_core::{
+    Result,
+    deformation::{self, DeformationModel},
+    fem,
+};
+
+use super::{Deformation, Press, SoftBody, pool::pool, press::one_or_many};
+use crate::error::{press_error, python_error};
+
+/// Quasi-static finite elements: a soft body in equilibrium with the rigid shapes that press it.
+///
+/// Large strains, contact on the faces of the surface with Coulomb friction, Newton's method with a
+/// sparse Cholesky factorisation. Shapes sink in by 2 µm x pressure / Young's modulus.
+///
+/// Args:
+///     body: What is pressed.
+///     friction: Coefficient of friction between body and shapes, 0 to 100.
+///     tolerance: Norm of the unbalanced force at which a frame is done (N); for a body stiffer than
+///         1 MPa it grows in proportion.
+///     element: "p1" (linear tetrahedra; they lock from a Poisson's ratio of 0.45 on), "p1-bar"
+///         (linear, with the dilatation averaged over patches) or "p2" (quadratic: the reference).
+///
+/// Raises:
+///     ValueError: If an option is none of those.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct Fem {
+    model: Mutex<fem::Fem>,
+    /// What is pressed.
+    #[pyo3(get)]
+    body: Py<SoftBody>,
+}
+
+#[pymethods]
+impl Fem {
+    #[new]
+    #[pyo3(signature = (body, friction=0.0, tolerance=1e-7, element="p1-bar"))]
+    fn new(
+        py: Python<'_>,
+        body: Py<SoftBody>,
+        friction: f64,
+        tolerance: f64,
+        element: &str,
+    ) -> PyResult<Self> {
+        let element = element.parse().map_err(python_error)?;
+        let options = fem::Options { element, friction, tolerance, ..fem::Options::default() };
+        let solid = body.get().inner.clone();
+        let model = py.detach(|| fem::Fem::new(solid, options)).map_err(python_error)?;
+        Ok(Self { model: Mutex::new(model), body })
+    }
+
+    /// Where each press ends.
+    ///
+    /// Presses are solved in parallel, each on one thread, with the same answer for any number of
+    /// threads; RAYON_NUM_THREADS sets it. Other Python threads run meanwhile.
+    ///
+    /// Args:
+    ///     presses: A list of Press, or one.
+    ///
+    /// Returns:
+    ///     A list with a Deformation for each press, or the PressError that says why there is none.
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        presses: &Bound<'py, PyAny>,
+    ) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        solve(py, &self.model, presses)
+    }
+
+    /// Every frame of one press, in order.
+    ///
+    /// Returns:
+    ///     A list with a Deformation for each frame of the path, or one for a press with a force. It
+    ///     ends early with a PressError at the first frame that is not solved.
+    fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let frames = py.detach(|| locked(&self.model).solve_path(&press.inner));
+        frames.into_iter().map(|frame| answer(py, frame, press.single)).collect()
+    }
+}
+
+/// What `model` answers to `presses`, one or a list.
+fn solve<'py, M: DeformationModel>(
+    py: Python<'py>,
+    model: &Mutex<M>,
+    presses: &Bound<'py, PyAny>,
+) -> PyResult<Vec<Bound<'py, PyAny>>> {
+    let (presses, _) = one_or_many::<Press>("presses", "Press", presses)?;
+    let questions: Vec<_> = presses.iter().map(|press| press.get().inner.clone()).collect();
+    let pool = pool()?;
+    let answers = py.detach(|| {
+        // Locked here: a thread of the pool that waits could take the work of another caller.
+        let model = &mut *locked(model);
+        pool.install(|| model.solve(&questions))
+    });
+    let slots = answers.into_iter().zip(&presses);
+    slots.map(|(found, press)| answer(py, found, press.get().single)).collect()
+}
+
+/// The model, even after a panic: no model keeps anything between presses.
+fn locked<M>(model: &Mutex<M>) -> MutexGuard<'_, M> {
+    model.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A deformation, or the error in its place.
+fn answer(
+    py: Python<'_>,
+    found: Result<deformation::Deformation>,
+    single: bool,
+) -> PyResult<Bound<'_, PyAny>> {
+    match found {
+        Ok(found) => Ok(Bound::new(py, Deformation::of(py, found, single)?)?.into_any()),
+        Err(error) => press_error(py, &error),
+    }
+}

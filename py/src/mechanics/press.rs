@@ -1,0 +1,138 @@
+//! Presses: rigid shapes and what moves them.
+
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use pyo3::{PyClass, prelude::*};
+use ruffini_core::deformation;
+
+use super::{
+    History, Shape,
+    arrays::{refused, vector},
+};
+use crate::error::python_error;
+
+const POSE: &str = "(position (3,), quaternion xyzw (4,))";
+
+/// Rigid shapes pressed into one soft body: led along a path, or pushed with a force.
+///
+/// A pose is (position (3,) in m, unit quaternion (4,) as x, y, z, w): that of a shape in the frame
+/// of the body. A frame has one pose for each shape, in a list; for a single shape the pose itself
+/// will do.
+///
+/// Args:
+///     shapes: One Shape, or a list of S.
+///     path: A list of frames that the shapes are led through, the first from wherever they do not
+///         touch yet; with `force` the one frame where the push begins, as `pose` is.
+///     pose: Where the push begins.
+///     force: Force of the shapes on the body along `direction` (N), at which the push ends. The
+///         shapes keep their places to each other.
+///     direction: Direction of the push (3,), of any length.
+///     history: Where another press of the same body, model and shapes ended; this one starts there
+///         and not from rest.
+///
+/// Raises:
+///     ValueError: If a frame does not fit the shapes, a number is not finite, or a path and a force
+///         are given together.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct Press {
+    pub(super) inner: deformation::Press,
+    /// Whether one shape was given by itself: its pose then comes back by itself.
+    pub(super) single: bool,
+}
+
+#[pymethods]
+impl Press {
+    #[new]
+    #[pyo3(signature = (shapes, path=None, *, pose=None, force=None, direction=None, history=None))]
+    fn new(
+        shapes: &Bound<'_, PyAny>,
+        path: Option<&Bound<'_, PyAny>>,
+        pose: Option<&Bound<'_, PyAny>>,
+        force: Option<f64>,
+        direction: Option<&Bound<'_, PyAny>>,
+        history: Option<&History>,
+    ) -> PyResult<Self> {
+        let (shapes, single) = one_or_many::<Shape>("shapes", "Shape", shapes)?;
+        let shapes = shapes.iter().map(|shape| shape.get().inner.clone()).collect();
+        let press = match (path, pose, force, direction) {
+            (Some(path), None, None, None) => deformation::Press::along(shapes, frames(path)?),
+            (Some(start), None, Some(force), Some(direction))
+            | (None, Some(start), Some(force), Some(direction)) => {
+                let direction = vector("direction", direction)?.into();
+                deformation::Press::with_force(shapes, frame("pose", start)?, force, direction)
+            }
+            _ => {
+                let given = [path.is_some(), pose.is_some(), force.is_some(), direction.is_some()];
+                let names = ["path", "pose", "force", "direction"].into_iter().zip(given);
+                let found: Vec<_> = names.filter(|(_, given)| *given).map(|(n, _)| n).collect();
+                let expected = "a path alone, or a pose with force and direction";
+                return Err(refused("press", format!("[{}]", found.join(", ")), expected));
+            }
+        };
+        let press = match history {
+            Some(history) => press.and_then(|press| press.after(history.inner.clone())),
+            None => press,
+        };
+        Ok(Self { inner: press.map_err(python_error)?, single })
+    }
+}
+
+/// The items of a list, or the one that was given in its place (and then `true`).
+pub(super) fn one_or_many<'py, T: PyClass>(
+    name: &str,
+    kind: &str,
+    found: &Bound<'py, PyAny>,
+) -> PyResult<(Vec<Bound<'py, T>>, bool)> {
+    if let Ok(one) = found.cast::<T>() {
+        return Ok((vec![one.clone()], true));
+    }
+    let wrong = |found: &Bound<'_, PyAny>| {
+        refused(name, found.get_type(), format!("ruffini.{kind}, or a list of them"))
+    };
+    let items = found.try_iter().map_err(|_| wrong(found))?;
+    let item = |item: PyResult<Bound<'py, PyAny>>| {
+        item?.cast_into::<T>().map_err(|e| wrong(&e.into_inner()))
+    };
+    Ok((items.map(item).collect::<PyResult<_>>()?, false))
+}
+
+/// Poses (F, S) of a list of frames.
+fn frames(path: &Bound<'_, PyAny>) -> PyResult<Vec<Vec<Isometry3<f64>>>> {
+    let expected = format!("a list of poses {POSE}, or of lists of them");
+    let frames = path.try_iter().map_err(|_| refused("path", path.get_type(), expected))?;
+    frames.enumerate().map(|(i, found)| frame(&format!("path[{i}]"), &found?)).collect()
+}
+
+/// Poses (S) of one frame: a list of them, or one by itself.
+fn frame(name: &str, found: &Bound<'_, PyAny>) -> PyResult<Vec<Isometry3<f64>>> {
+    if is_pose(found) {
+        return Ok(vec![pose(name, found)?]);
+    }
+    let wrong = || refused(name, found.get_type(), format!("a pose {POSE}, or a list of them"));
+    let poses = found.try_iter().map_err(|_| wrong())?;
+    poses.enumerate().map(|(i, found)| pose(&format!("{name}[{i}]"), &found?)).collect()
+}
+
+/// Whether the first item of the first item is a number and not a position.
+fn is_pose(found: &Bound<'_, PyAny>) -> bool {
+    let position = found.get_item(0).and_then(|position| position.get_item(0));
+    position.is_ok_and(|x| x.extract::<f64>().is_ok())
+}
+
+fn pose(name: &str, found: &Bound<'_, PyAny>) -> PyResult<Isometry3<f64>> {
+    let (position, quaternion) = found
+        .extract::<(Bound<'_, PyAny>, Bound<'_, PyAny>)>()
+        .map_err(|_| refused(name, found.get_type(), POSE))?;
+    let position: [f64; 3] = vector(&format!("{name}: position"), &position)?;
+    let [x, y, z, w] = vector(&format!("{name}: quaternion"), &quaternion)?;
+    let quaternion = Quaternion::new(w, x, y, z);
+    let norm = quaternion.norm();
+    if (norm - 1.0).abs() > ROUNDING {
+        let found = format!("length {norm}");
+        return Err(refused(&format!("{name}: quaternion"), found, "length 1"));
+    }
+    let rotation = UnitQuaternion::new_normalize(quaternion);
+    Ok(Isometry3::from_parts(Translation3::from(position), rotation))
+}
+
+/// How far the length of a unit quaternion in single precision may be from 1.
+const ROUNDING: f64 = 1e-6;

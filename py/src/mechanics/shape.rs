@@ -1,0 +1,160 @@
+//! Rigid shapes.
+
+use std::{path::PathBuf, sync::Arc};
+
+use nalgebra::Point3;
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use ruffini_core::geometry::{self, StarShaped, Surface, Wave, read_surface};
+
+use super::arrays::{array_of_vectors, index_rows, refused, rows, vector};
+use crate::error::python_error;
+
+/// Values (P) and normals (P, 3).
+type Distances<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
+
+/// A rigid solid in its own frame: the origin at its middle, z along its axis of symmetry.
+///
+/// Made by one of its static methods. Lengths are in m, from 1e-5 to 1; what describes no solid is
+/// a ValueError.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct Shape {
+    pub(super) inner: geometry::Shape,
+}
+
+#[pymethods]
+impl Shape {
+    /// Ball of a radius.
+    #[staticmethod]
+    fn sphere(radius: f64) -> PyResult<Self> {
+        Self::of(geometry::Shape::Sphere { radius })
+    }
+
+    /// Box with edges along the axes, of half their lengths (3,).
+    #[staticmethod]
+    fn cuboid(half_extents: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let half_extents = vector("half_extents", half_extents)?.into();
+        Self::of(geometry::Shape::Cuboid { half_extents })
+    }
+
+    /// Cylinder about z.
+    #[staticmethod]
+    fn cylinder(radius: f64, half_height: f64) -> PyResult<Self> {
+        Self::of(geometry::Shape::Cylinder { radius, half_height })
+    }
+
+    /// Cylinder about z with hemispherical ends; the half height is that of the shaft alone.
+    #[staticmethod]
+    fn capsule(radius: f64, half_height: f64) -> PyResult<Self> {
+        Self::of(geometry::Shape::Capsule { radius, half_height })
+    }
+
+    /// Cone about z, apex up, of the radius of its base.
+    #[staticmethod]
+    fn cone(radius: f64, half_height: f64) -> PyResult<Self> {
+        Self::of(geometry::Shape::Cone { radius, half_height })
+    }
+
+    /// Right prism over a regular polygon of 3 or more sides, a flat one facing +x; the radius is
+    /// that of the polygon's corners.
+    #[staticmethod]
+    fn prism(sides: i64, radius: f64, half_height: f64) -> PyResult<Self> {
+        let sides = u32::try_from(sides).map_err(|_| refused("sides", sides, "3 or more"))?;
+        Self::of(geometry::Shape::Prism { sides, radius, half_height })
+    }
+
+    /// Cylinder about z with a concentric hole, of its outer radius and that of the hole.
+    #[staticmethod]
+    fn annulus(outer: f64, inner: f64, half_height: f64) -> PyResult<Self> {
+        Self::of(geometry::Shape::Annulus { outer, inner, half_height })
+    }
+
+    /// Ellipsoid with semi-axes (3,) along x, y, z.
+    #[staticmethod]
+    fn ellipsoid(semi_axes: &Bound<'_, PyAny>) -> PyResult<Self> {
+        Self::of(geometry::Shape::Ellipsoid { semi_axes: vector("semi_axes", semi_axes)?.into() })
+    }
+
+    /// Open vessel about z: a conical wall on a flat bottom, both of one thickness, of its outer
+    /// radii at the bottom and at the rim.
+    #[staticmethod]
+    fn cup(bottom: f64, rim: f64, half_height: f64, wall: f64) -> PyResult<Self> {
+        Self::of(geometry::Shape::Cup { bottom, rim, half_height, wall })
+    }
+
+    /// Lumpy ellipsoid, r(d) = r0(d) (1 + sum a cos(k . d + phi)) along the unit vector d.
+    ///
+    /// Args:
+    ///     semi_axes: Those of the ellipsoid (3,), whose radius is r0.
+    ///     waves: Relative amplitude a, vector k (3,) and phase phi (rad) of each wave; the
+    ///         amplitudes add up to less than 0.5.
+    #[staticmethod]
+    fn star_shaped(
+        semi_axes: &Bound<'_, PyAny>,
+        waves: Vec<(f64, Bound<'_, PyAny>, f64)>,
+    ) -> PyResult<Self> {
+        let wave = |(amplitude, k, phase): (f64, Bound<'_, PyAny>, f64)| -> PyResult<Wave> {
+            Ok(Wave { amplitude, vector: vector("wave vector", &k)?.into(), phase })
+        };
+        let waves = waves.into_iter().map(wave).collect::<PyResult<_>>()?;
+        let axes = vector("semi_axes", semi_axes)?.into();
+        Self::of(geometry::Shape::StarShaped(StarShaped::new(axes, waves)))
+    }
+
+    /// Solid under the plane z = 0.
+    #[staticmethod]
+    fn half_space() -> Self {
+        Self { inner: geometry::Shape::HalfSpace }
+    }
+
+    /// Solid inside a watertight surface of triangles.
+    ///
+    /// Args:
+    ///     vertices: Places (V, 3) in m; those that coincide are merged.
+    ///     faces: Corners of the triangles (F, 3), all counter-clockwise seen from outside or all
+    ///         clockwise.
+    #[staticmethod]
+    fn mesh(vertices: &Bound<'_, PyAny>, faces: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let vertices: Vec<_> =
+            rows::<3>("vertices", vertices)?.into_iter().map(Point3::from).collect();
+        let faces = index_rows("faces", faces)?;
+        let surface = Surface::new("from arrays", &vertices, &faces).map_err(python_error)?;
+        Self::of(geometry::Shape::Mesh(Arc::new(surface)))
+    }
+
+    /// Solid inside the watertight surface of an .obj or .stl file, `scale` metres to a unit.
+    #[staticmethod]
+    #[pyo3(signature = (path, scale=1.0))]
+    #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
+    fn read(py: Python<'_>, path: PathBuf, scale: f64) -> PyResult<Self> {
+        let surface = py.detach(|| read_surface(&path, scale)).map_err(python_error)?;
+        Self::of(geometry::Shape::Mesh(Arc::new(surface)))
+    }
+
+    /// Signed distances of points to the surface, and their gradients.
+    ///
+    /// Args:
+    ///     points: Places (P, 3) in the frame of the shape, in m.
+    ///
+    /// Returns:
+    ///     Distances (P,) in m, negative inside, and outward unit normals (P, 3) at the nearest
+    ///     points of the surface.
+    fn distance<'py>(
+        &self,
+        py: Python<'py>,
+        points: &Bound<'py, PyAny>,
+    ) -> PyResult<Distances<'py>> {
+        let points = rows::<3>("points", points)?;
+        let (values, normals): (Vec<_>, Vec<_>) = py.detach(|| {
+            let distances = points.into_iter().map(|p| self.inner.distance(&p.into()));
+            distances.map(|distance| (distance.value, distance.normal)).unzip()
+        });
+        Ok((PyArray1::from_vec(py, values), array_of_vectors(py, &normals)))
+    }
+}
+
+impl Shape {
+    fn of(shape: geometry::Shape) -> PyResult<Self> {
+        Ok(Self { inner: shape.validated().map_err(python_error)? })
+    }
+}

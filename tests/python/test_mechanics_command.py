@@ -1,0 +1,77 @@
+"""`ruffini press` in the shell."""
+
+from __future__ import annotations
+
+import base64
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from bodies import BALL, ball_at
+
+import ruffini
+from ruffini import Fem, Press
+
+
+def command(*words: str) -> subprocess.CompletedProcess[str]:
+    line = [sys.executable, "-m", "ruffini", *words]
+    return subprocess.run(line, capture_output=True, text=True, check=False)
+
+
+PRESS = ["press", "--sensor", "gelsight-mini", "--resolution", "400"]
+
+
+def test_the_command_presses_and_writes_a_file(tmp_path):
+    file = tmp_path / "frame.vtu"
+    done = command(*PRESS, "--shape", "sphere:0.004", "--depth", "0.0005", "--out", str(file))
+    assert done.returncode == 0, done.stderr
+    table = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
+    assert list(table) == ["force", "indentation", "iterations", "residual", "seconds"]
+    assert table["indentation"] == "0.5000 mm"
+    body = ruffini.sensor("gelsight-mini", resolution=400)
+    [answer] = Fem(body).solve(Press(BALL, [ball_at(0, 5e-4)]))
+    assert abs(float(table["force"].split()[0]) + answer.wrench[2]) < 1e-4
+    arrays = {found.get("Name"): found for found in ElementTree.parse(file).iter("DataArray")}
+    assert {"displacement", "von_mises", "contact_force"} < set(arrays)
+    # A byte count of eight bytes, then the numbers.
+    written = np.frombuffer(base64.b64decode(arrays["displacement"].text)[8:]).reshape(-1, 3)
+    assert np.abs(written - answer.displacement).max() < 1e-8
+
+
+def test_the_command_pushes_and_shears():
+    done = command(
+        *PRESS, "--shape", "cone:0.003,0.002", "--force", "0.5", "--shear", "0.0002",
+        "--friction", "0.8", "--calibration", "feats", "--element", "p1",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout.split("N normal, ")[1].split()[0]) > 0.01
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--shape", "sphere", "--depth", "0.001"], "expected sphere:radius"),
+        (["--shape", "blob:1", "--depth", "0.001"], "expected sphere:radius, cuboid"),
+        (["--shape", "prism:6.5,0.1,0.1", "--depth", "0.001"], "expected prism:sides"),
+        (["--shape", "sphere:4", "--depth", "0.001"], "a length of"),
+        (["--shape", "none.stl", "--depth", "0.001"], "none.stl"),
+        (["--shape", "sphere:0.004", "--depth", "-0.001"], "depth: found -0.001"),
+        (["--shape", "sphere:0.004", "--depth", "nan"], "depth: found nan"),
+        (["--shape", "sphere:0.004", "--depth", "0.001", "--force", "1"], "not allowed with"),
+        (["--shape", "sphere:0.004"], "one of the arguments"),
+        (["--shape", "sphere:0.004", "--force", "1", "--friction", "-1"], "friction"),
+        (["--shape", "sphere:0.004", "--depth", "1e-4", "--out", "a.txt"], ".vtu or .npz"),
+    ],
+)
+def test_the_command_names_bad_input(words, text):
+    done = command(*PRESS, *words)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert text in done.stderr and "Traceback" not in done.stderr
+
+
+def test_the_command_says_when_a_press_is_not_solved():
+    done = command(*PRESS, "--shape", "sphere:0.004", "--depth", "0.02")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "no equilibrium" in done.stderr

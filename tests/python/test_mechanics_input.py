@@ -1,0 +1,90 @@
+"""Bad input to soft-body mechanics, and the documentation of its API."""
+
+from __future__ import annotations
+
+import inspect
+
+import numpy as np
+import pytest
+from bodies import BALL, PLATE, UPRIGHT, ball_at, block, gel
+
+import ruffini
+from ruffini import Fem, History, Press, Shape, SoftBody, TetMesh
+
+MESH = block(1)
+POSE = ball_at(0, 0)
+NAN = float("nan")
+REFUSED = {
+    "vertices: found array (2,)": lambda: TetMesh([1.0, 2.0], []),
+    "numbers (…, 3)": lambda: TetMesh(np.zeros((4, 2)), [[0, 1, 2, 3]]),
+    "vertices: found NaN": lambda: TetMesh(np.full((4, 3), NAN), [[0, 1, 2, 3]]),
+    "of <U1, expected numbers": lambda: TetMesh([["a", "b", "c"]], [[0, 1, 2, 3]]),
+    "of object, expected numbers": lambda: TetMesh([[None] * 3], [[0, 1, 2, 3]]),
+    "of complex128": lambda: TetMesh([[1j, 0, 0]], [[0, 1, 2, 3]]),
+    "inhomogeneous": lambda: TetMesh([[1.0], [1.0, 2.0]], [[0, 1, 2, 3]]),
+    "of float64, expected integers": lambda: TetMesh(np.eye(3), [[0.0, 1.0, 2.0, 3.0]]),
+    "tets: found -1": lambda: TetMesh(np.eye(3), [[0, 1, 2, -1]]),
+    "tetrahedron 0 uses vertex 3": lambda: TetMesh(np.eye(3), [[0, 1, 2, 3]]),
+    "expected a name in .tet or .msh": lambda: TetMesh.read("mesh.vtu"),
+    "no-such.tet": lambda: TetMesh.read("no-such.tet"),
+    "a half-space": lambda: TetMesh.of_shape(PLATE, 1e-3),
+    "for vertices or": lambda: MESH.write("mesh.vtu", {"a": np.zeros(3)}),
+    "field a: found one number": lambda: MESH.write("mesh.vtu", {"a": 1.0}),
+    "field a: found NaN": lambda: MESH.write("mesh.vtu", {"a": np.full(len(MESH.tets), NAN)}),
+    "field name: found a<b": lambda: MESH.write("mesh.vtu", {"a<b": np.zeros(len(MESH.tets))}),
+    ".vtu or .npz": lambda: MESH.write("mesh.txt"),
+    "young: found 2 of them": lambda: SoftBody(MESH, [1e5, 1e5], 0.3),
+    "young: found -1": lambda: SoftBody(MESH, -1.0, 0.3),
+    "poisson: found 0.5": lambda: SoftBody(MESH, 1e5, 0.5),
+    "law: found hookean": lambda: SoftBody(MESH, 1e5, 0.3, law="hookean"),
+    "fixed: found 99": lambda: SoftBody(MESH, 1e5, 0.3, fixed=[99]),
+    "fixed: found array (2, 1)": lambda: SoftBody(MESH, 1e5, 0.3, fixed=[[0], [1]]),
+    "of bool, expected integers": lambda: SoftBody(MESH, 1e5, 0.3, fixed=[True]),
+    "gelsight-mini, digit": lambda: ruffini.sensor("gelsight"),
+    "tacflex, feats": lambda: ruffini.sensor("gelsight-mini", calibration="soft"),
+    "resolution: found -1": lambda: ruffini.sensor("digit", resolution=-1),
+    "100 to 200000": lambda: ruffini.sensor("digit", resolution=10),
+    "radius: found -1": lambda: Shape.sphere(-1.0),
+    "half_extents: found one number": lambda: Shape.cuboid(1e-3),
+    "sides: found -3": lambda: Shape.prism(-3, 1e-3, 1e-3),
+    "not watertight": lambda: Shape.mesh(np.eye(3) * 1e-3, [[0, 1, 2]]),
+    "points: found array (3,)": lambda: BALL.distance([0, 0, 0]),
+    "shapes: found none": lambda: Press([], [[]]),
+    "shapes: found <class 'str'>": lambda: Press("sphere", [POSE]),
+    "path: found no frames": lambda: Press(BALL, []),
+    "path: found <class 'int'>": lambda: Press(BALL, 3),
+    "path[0][0]: found <class 'float'>": lambda: Press(BALL, ((0.0, 0.0, 0.0), UPRIGHT)),
+    "path[0]: position: found array (2,)": lambda: Press(BALL, [((0, 0), UPRIGHT)]),
+    "path[1]: quaternion: found length 2": lambda: Press(BALL, [POSE, (POSE[0], (0, 0, 0, 2))]),
+    "path[0]: position: found NaN": lambda: Press(BALL, [((0, 0, NAN), UPRIGHT)]),
+    "one for each of 2 shapes": lambda: Press([BALL, BALL], [POSE]),
+    "press: found []": lambda: Press(BALL),
+    "press: found [path, force]": lambda: Press(BALL, POSE, force=1.0),
+    "press: found [pose]": lambda: Press(BALL, pose=POSE),
+    "force: found -1": lambda: Press(BALL, POSE, force=-1.0, direction=(0, 0, -1)),
+    "direction": lambda: Press(BALL, POSE, force=1.0, direction=(0, 0, 0)),
+    "history: found 3 bytes": lambda: History(b"abc"),
+    "friction: found -1": lambda: Fem(gel(), friction=-1.0),
+    "tolerance: found 0": lambda: Fem(gel(), tolerance=0.0),
+    "element: found p3": lambda: Fem(gel(), element="p3"),
+    "presses: found <class 'int'>": lambda: Fem(gel()).solve(3),
+    "presses: found <class 'ruffini.Shape'>": lambda: Fem(gel()).solve([BALL]),
+}
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_bad_input_is_refused_with_what_was_found(text):
+    with pytest.raises(ValueError) as refusal:
+        REFUSED[text]()
+    assert text in str(refusal.value)
+
+
+NAMES = [name for name in ruffini.__all__ if inspect.isclass(getattr(ruffini, name))]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_whole_api_is_documented(name):
+    parts = vars(getattr(ruffini, name))
+    documented = {part: inspect.getdoc(value) for part, value in parts.items() if part[0] != "_"}
+    assert inspect.getdoc(getattr(ruffini, name))
+    assert all(documented.values()), [part for part, text in documented.items() if not text]

@@ -1,0 +1,85 @@
+"""Shapes and their distances from Python."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bodies import BALL, PLATE, RADIUS
+
+import ruffini
+from ruffini import Shape, TetMesh
+from ruffini.commands.press import touching_height
+
+CORNER = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+"""Faces of a tetrahedron."""
+SHAPES = {
+    "sphere": BALL,
+    "cuboid": Shape.cuboid([1e-3, 2e-3, 3e-3]),
+    "cylinder": Shape.cylinder(3e-3, 2e-3),
+    "capsule": Shape.capsule(2e-3, 2e-3),
+    "cone": Shape.cone(3e-3, 2e-3),
+    "prism": Shape.prism(6, 3e-3, 2e-3),
+    "annulus": Shape.annulus(4e-3, 2e-3, 2e-3),
+    "ellipsoid": Shape.ellipsoid((2e-3, 3e-3, 4e-3)),
+    "cup": Shape.cup(3e-3, 4e-3, 3e-3, 5e-4),
+    "star_shaped": Shape.star_shaped([3e-3, 3e-3, 4e-3], [(0.1, [2.0, 0.0, 1.0], 0.5)]),
+    "half_space": PLATE,
+    "mesh": Shape.mesh(
+        *[
+            np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 5e-3,
+            [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+        ]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_normal_is_the_slope_of_the_distance(name):
+    shape, step = SHAPES[name], 1e-8
+    points = np.random.default_rng(0).normal(0.0, 6e-3, (200, 3))
+    values, normals = shape.distance(points)
+    assert values.shape == (200,) and normals.shape == (200, 3)
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
+    ahead = [shape.distance(points + step * axis)[0] for axis in np.eye(3)]
+    slopes = (np.stack(ahead, axis=1) - values[:, None]) / step
+    # Where the nearest surface point jumps within the step there is no slope; that is rare.
+    wrong = np.abs(slopes - normals).max(axis=1) > 1e-3
+    assert wrong.mean() < 0.05, f"{wrong.sum()} of 200 slopes differ"
+
+
+def test_distances_of_a_ball_and_a_box_are_exact():
+    points = np.array([[0.0, 0.0, 6e-3], [0.0, 3e-3, 0.0]])
+    assert np.allclose(BALL.distance(points)[0], [2e-3, -1e-3], atol=1e-15)
+    values, normals = SHAPES["cuboid"].distance([[2e-3, 3e-3, 3e-3], [0.9e-3, 0, 0]])
+    assert np.allclose(values, [np.sqrt(2) * 1e-3, -1e-4], atol=1e-15)
+    assert np.allclose(normals, [[np.sqrt(0.5), np.sqrt(0.5), 0], [1, 0, 0]], atol=1e-12)
+
+
+def test_a_surface_file_is_the_shape_of_its_arrays(tmp_path):
+    file = tmp_path / "corner.obj"
+    file.write_text("v 0 0 0\nv 5 0 0\nv 0 5 0\nv 0 0 5\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    points = np.random.default_rng(1).normal(0.0, 6e-3, (50, 3))
+    read = Shape.read(file, scale=1e-3).distance(points)
+    assert np.allclose(read[0], SHAPES["mesh"].distance(points)[0], atol=1e-15)
+
+
+def test_a_shape_is_filled_to_its_volume():
+    mesh = TetMesh.of_shape(BALL, 5e-4)
+    a, b, c, d = np.moveaxis(mesh.vertices[mesh.tets], 1, 0)
+    volume = np.einsum("ij,ij->", np.cross(b - a, c - a), d - a) / 6
+    # Facets of one spacing lie inside the ball by about spacing^2 / 8 R, 0.2 % of the radius.
+    assert 0.98 < volume / (4 / 3 * np.pi * RADIUS**3) < 1.0
+
+
+def test_the_first_touch_is_found():
+    vertices = ruffini.sensor("gelsight-mini", resolution=400).mesh.vertices
+    # Those that meet the apex first touch it with their lowest point; their z points down.
+    heights = {"sphere": 4e-3, "half_space": 0.0, "cone": 2e-3, "prism": 2e-3, "capsule": 4e-3}
+    for name, height in heights.items():
+        found = touching_height(SHAPES[name], vertices)
+        assert abs(found - height) < 1e-7, f"{name}: {found} m against {height} m"
+    hollow = touching_height(SHAPES["annulus"], vertices)
+    assert 1.9e-3 < hollow < 2e-3, f"{hollow} m: the hole is over the apex, which stands out"
+    beside = Shape.mesh(np.array([[1, 0, 0], [2, 0, 0], [1, 1, 0], [1, 0, 1]]) * 0.1, CORNER)
+    with pytest.raises(ValueError, match="beside the pad"):
+        touching_height(beside, vertices)

@@ -1,0 +1,63 @@
+"""Presses on several threads and in several processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import subprocess
+import sys
+import threading
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bodies import BALL, ball_at, gel
+
+from ruffini import Fem, Press
+
+
+def many() -> bytes:
+    presses = [Press(BALL, [ball_at(0, 1e-4), ball_at(x, 3e-4)]) for x in np.linspace(0, 1e-3, 6)]
+    answers = Fem(gel(), friction=0.5).solve(presses)
+    return b"".join(a.displacement.tobytes() + a.von_mises.tobytes() for a in answers)
+
+
+def test_any_number_of_threads_gives_the_same_bits(monkeypatch):
+    code = "import sys, test_mechanics_threads as t; sys.stdout.buffer.write(t.many())"
+    outputs = []
+    for threads in ("1", "3"):
+        monkeypatch.setenv("RAYON_NUM_THREADS", threads)
+        command = [sys.executable, "-c", code]
+        done = subprocess.run(command, capture_output=True, cwd=Path(__file__).parent)
+        assert done.returncode == 0, done.stderr.decode()
+        outputs.append(done.stdout)
+    assert outputs[0] == outputs[1] == many()
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_workers_solve_after_the_parent_has_solved(method):
+    expected = many()
+    context = multiprocessing.get_context(method)
+    with ProcessPoolExecutor(1, mp_context=context) as pool:
+        assert pool.submit(many).result(timeout=120) == expected
+
+
+def test_python_runs_while_a_press_is_solved():
+    fem, done, turns = Fem(gel(4)), threading.Event(), 0
+    press = Press(BALL, [ball_at(0, 1e-4 * i) for i in range(1, 9)])
+    worker = threading.Thread(target=lambda: (fem.solve_path(press), done.set()))
+    worker.start()
+    while not done.wait(1e-4):
+        turns += 1
+    worker.join()
+    assert turns > 100, f"{turns} turns of the interpreter during the press"
+
+
+def test_threads_share_one_model():
+    fem = Fem(gel())
+    presses = [Press(BALL, [ball_at(0, 1e-4 * i)]) for i in range(1, 5)]
+    expected = [answer.wrench[2] for answer in fem.solve(presses)]
+    with ThreadPoolExecutor(4) as pool:
+        answers = pool.map(fem.solve, [presses] * 4, timeout=120)
+        assert [[a.wrench[2] for a in answer] for answer in answers] == [expected] * 4
