@@ -62,6 +62,9 @@ pub enum Error {
         /// Norm that would have been accepted (N).
         tolerance: f64,
     },
+    /// An answer that turns part of the body inside out.
+    #[error("the answer turns a tetrahedron inside out, expected a press in reach of the model")]
+    Inverted,
     /// A force drive whose shapes never press that hard.
     #[error("force {force:.3e} N not reached: {reached:.3e} N after {travel:.3e} m")]
     Unreachable {
@@ -94,6 +97,7 @@ impl Error {
             Self::BadMesh { .. } => "bad-mesh",
             Self::File { .. } => "file",
             Self::NotConverged { .. } => "not-converged",
+            Self::Inverted => "inverted",
             Self::Unreachable { .. } => "unreachable",
         }
     }

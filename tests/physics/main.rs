@@ -4,6 +4,7 @@ mod batch;
 mod bodies;
 mod closed_forms;
 mod extremes;
+mod compliance;
 mod fem;
 mod floors;
 mod grasp;

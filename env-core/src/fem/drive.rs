@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactStep, Touch},
+    contact::{ContactStep, Touch, backed_off, between, clearance},
     deformation::{Anchor, Deformation, Drive, History, Press, Wrench},
     geometry::Shape,
 };
@@ -102,54 +102,18 @@ impl<'a> Run<'a> {
 
     /// Puts body and shapes where the press begins.
     fn start(&mut self, press: &Press) -> Result<()> {
+        let surface = &self.system.surface;
         let Some(history) = press.history() else {
-            self.state.poses = self.apart(press, press.drive().first());
+            let places = self.system.surface_places(&self.state.displacement);
+            let first = press.drive().first();
+            self.state.poses = backed_off(press.shapes(), first, surface, &places);
             return Ok(());
         };
-        let (found, nodes) = (history.displacement.len(), self.state.displacement.len());
-        if found != nodes {
-            let expected = format!("displacements of this model's {nodes} nodes");
-            return Err(Error::invalid("history", found, expected));
-        }
-        let points = self.system.surface.len();
-        if let Some(anchor) = history.anchors.iter().find(|a| a.point as usize >= points) {
-            let expected = format!("anchors at this model's {points} contact points");
-            return Err(Error::invalid("history", anchor.point, expected));
-        }
+        history.check(self.state.displacement.len(), surface.len())?;
         self.state.displacement.clone_from(&history.displacement);
         self.state.poses.clone_from(&history.poses);
         self.anchors.clone_from(&history.anchors);
         Ok(())
-    }
-
-    /// `poses`, with each shape backed off the resting body along the push it would give.
-    fn apart(&self, press: &Press, poses: &[Isometry3<f64>]) -> Vec<Isometry3<f64>> {
-        let surface = &self.system.surface;
-        let places = self.system.surface_places(&self.state.displacement);
-        let mut apart = poses.to_vec();
-        for (shape, pose) in press.shapes().iter().zip(&mut apart) {
-            let measure = |pose: &Isometry3<f64>| {
-                let (mut deepest, mut push) = (0f64, Vector3::zeros());
-                for (point, place) in surface.iter().zip(&places) {
-                    let distance = shape.distance(&pose.inverse_transform_point(place));
-                    if distance.value < 0.0 {
-                        deepest = deepest.max(-distance.value);
-                        push -= pose.rotation * distance.normal * (distance.value * point.area);
-                    }
-                }
-                (deepest, push)
-            };
-            let (mut deepest, push) = measure(pose);
-            let Some(away) = (-push).try_normalize(0.0) else { continue };
-            for _ in 0..100 {
-                if deepest == 0.0 {
-                    break;
-                }
-                pose.translation.vector += away * deepest.max(1e-6);
-                deepest = measure(pose).0;
-            }
-        }
-        apart
     }
 
     /// Solves one frame and reports it.
@@ -191,17 +155,9 @@ impl<'a> Run<'a> {
     /// distance cannot pass the body.
     fn meet(&mut self, press: &Press, push: &Push) -> Result<()> {
         let places = self.system.surface_places(&self.state.displacement);
-        let least = |poses: &[Isometry3<f64>]| {
-            let pairs = press.shapes().iter().zip(poses);
-            let distance = |(shape, pose): (&Shape, &Isometry3<f64>)| {
-                let measure = |p| shape.distance(&pose.inverse_transform_point(p)).value;
-                places.iter().map(measure).fold(f64::INFINITY, f64::min)
-            };
-            pairs.map(distance).fold(f64::INFINITY, f64::min)
-        };
         let mut travel = 0.0;
         while travel < FARTHEST {
-            let gap = least(&self.state.poses);
+            let gap = clearance(press.shapes(), &self.state.poses, &places);
             if gap < 0.0 {
                 return Ok(());
             }
@@ -404,12 +360,4 @@ impl<'a> Run<'a> {
             seconds: 0.0,
         }
     }
-}
-
-/// Poses a fraction `t` of the way between two sets.
-fn between(from: &[Isometry3<f64>], to: &[Isometry3<f64>], t: f64) -> Vec<Isometry3<f64>> {
-    if t == 1.0 {
-        return to.to_vec();
-    }
-    from.iter().zip(to).map(|(from, to)| from.lerp_slerp(to, t)).collect()
 }

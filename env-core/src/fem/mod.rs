@@ -16,6 +16,7 @@ mod element;
 mod examples;
 mod gmres;
 mod grasp;
+mod linearised;
 mod material;
 mod newton;
 mod ordering;
@@ -43,6 +44,7 @@ use system::System;
 
 pub use element::Element;
 pub use grasp::{Grasp, Grasped};
+pub(crate) use linearised::{Linearised, Workspace};
 
 /// How a [`Fem`] computes.
 #[derive(Clone, Copy, Debug, PartialEq)]
