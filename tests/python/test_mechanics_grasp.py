@@ -47,6 +47,17 @@ def test_a_ball_comes_to_the_middle_of_the_pads(pad):
     assert left.pose[0][2] == pytest.approx(RADIUS - 3e-4, abs=1e-6)
 
 
+def test_a_grasp_closed_at_once_ends_where_one_closed_in_steps_does(pad):
+    start, forces = ((3e-5, 0, 0), UPRIGHT), []
+    for steps in (1, 10):
+        path = [facing(2 * (RADIUS - depth)) for depth in np.linspace(-1e-4, 3e-4, steps + 1)]
+        frames = Grasp(BALL, path, start).solve((pad, pad))
+        assert len(frames) == steps + 1
+        forces.append(-frames[-1].pads[0].wrench[2])
+    # What sticks, sticks where it first touched, and one step does not see where that was.
+    assert forces[0] == pytest.approx(forces[1], rel=2e-3), f"{forces} N"
+
+
 @pytest.mark.parametrize("load", [None, (0, 0, -0.02, 0, 0, 0), (0, 0, 0, 0, 2e-5, 0)])
 def test_what_the_pads_do_to_the_object_cancels_with_the_load(pad, load):
     [*_, last] = Grasp(BALL, CLOSING, load=load).solve((pad, pad))
