@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// Smallest part of a frame that is tried as a load step of its own.
-const SHORTEST_STRIDE: f64 = 1.0 / 256.0;
+pub(super) const SHORTEST_STRIDE: f64 = 1.0 / 256.0;
 /// Shapes pushed this far without a touch will not meet the body (m).
 const FARTHEST: f64 = 1.0;
 

@@ -74,6 +74,7 @@ impl Default for Options {
 }
 
 /// The finite-element model of one soft body.
+#[derive(Clone)]
 pub struct Fem {
     body: SoftBody,
     system: Arc<System>,

@@ -1,7 +1,8 @@
 """Grasping with soft tactile fingertips: vectorised Gymnasium environments, soft-body mechanics.
 
 A soft body (`SoftBody`, or the gel pad of a `sensor`) is pressed by rigid shapes (`Shape`,
-`Press`); a model (`Fem`) answers with a `Deformation`. Lengths are in m, forces in N, stresses in
+`Press`); a model (`Fem`) answers with a `Deformation`. Two pads hold one of the `objects` in a
+`Grasp`. Lengths are in m, forces in N, stresses in
 Pa. In the shell, `ruffini press` does one press.
 
 Importing registers the environments; from a worker process use the prefix form,
@@ -14,9 +15,13 @@ from ruffini._core import (
     CHANNELS,
     OBJECTS,
     REWARD_TERMS,
+    Antipodal,
     Deformation,
     Fem,
+    Grasp,
+    Grasped,
     History,
+    Object,
     Press,
     PressError,
     Shape,
@@ -24,6 +29,7 @@ from ruffini._core import (
     SoftBody,
     TetMesh,
     __version__,
+    objects,
     sensor,
 )
 
@@ -31,9 +37,13 @@ __all__ = [
     "CHANNELS",
     "OBJECTS",
     "REWARD_TERMS",
+    "Antipodal",
     "Deformation",
     "Fem",
+    "Grasp",
+    "Grasped",
     "History",
+    "Object",
     "Press",
     "PressError",
     "Shape",
@@ -41,6 +51,7 @@ __all__ = [
     "SoftBody",
     "TetMesh",
     "__version__",
+    "objects",
     "sensor",
 ]
 

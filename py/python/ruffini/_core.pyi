@@ -10,10 +10,14 @@ __all__ = [
     "ENDINGS",
     "OBJECTS",
     "REWARD_TERMS",
+    "Antipodal",
     "Batch",
     "Deformation",
     "Fem",
+    "Grasp",
+    "Grasped",
     "History",
+    "Object",
     "Press",
     "PressError",
     "Shape",
@@ -22,6 +26,7 @@ __all__ = [
     "TetMesh",
     "__version__",
     "default_settings",
+    "objects",
     "sensor",
 ]
 
@@ -189,3 +194,55 @@ class Fem:
 def sensor(
     name: str, calibration: str | None = None, resolution: int | None = None
 ) -> SoftBody: ...
+
+@final
+class Grasp:
+    def __new__(
+        cls,
+        object: Shape,
+        path: Sequence[tuple[_Pose, _Pose]],
+        start: _Pose | None = None,
+        load: ArrayLike | None = None,
+    ) -> Grasp: ...
+    def solve(self, pads: tuple[Fem, Fem]) -> list[Grasped | PressError]: ...
+
+@final
+class Grasped:
+    @property
+    def pads(self) -> tuple[Deformation, Deformation]: ...
+    @property
+    def object(self) -> tuple[_Array, _Array]: ...
+    @property
+    def residual(self) -> float: ...
+    @property
+    def seconds(self) -> float: ...
+
+@final
+class Object:
+    @property
+    def name(self) -> str: ...
+    @property
+    def family(self) -> str: ...
+    @property
+    def split(self) -> Literal["train", "novel", "soft"]: ...
+    @property
+    def seed(self) -> int: ...
+    @property
+    def shape(self) -> Shape: ...
+    def surface(self, segments: int = 64) -> tuple[_Array, NDArray[np.uint32]]: ...
+    def tets(self, spacing: float) -> TetMesh: ...
+    def grasps(self, count: int, seed: int, friction: float = 0.5) -> list[Antipodal]: ...
+
+@final
+class Antipodal:
+    @property
+    def tool(self) -> tuple[_Array, _Array]: ...
+    @property
+    def width(self) -> float: ...
+    @property
+    def angle(self) -> float: ...
+    @property
+    def quality(self) -> float: ...
+    def pads(self, apart: float) -> tuple[tuple[_Array, _Array], tuple[_Array, _Array]]: ...
+
+def objects(seed: int = 0) -> list[Object]: ...

@@ -5,6 +5,8 @@
 mod answer;
 mod arrays;
 mod body;
+mod catalogue;
+mod grasp;
 mod mesh;
 mod model;
 mod pool;
@@ -13,6 +15,8 @@ mod shape;
 
 pub(crate) use answer::{Deformation, History};
 pub(crate) use body::{SoftBody, sensor};
+pub(crate) use catalogue::{Antipodal, Object, objects};
+pub(crate) use grasp::{Grasp, Grasped};
 pub(crate) use mesh::TetMesh;
 pub(crate) use model::Fem;
 pub(crate) use press::Press;

@@ -82,6 +82,13 @@ impl Fem {
     }
 }
 
+impl Fem {
+    /// The model, for a solution that needs it beside another.
+    pub(super) fn copy(&self) -> fem::Fem {
+        locked(&self.model).clone()
+    }
+}
+
 /// What `model` answers to `presses`, one or a list.
 fn solve<'py, M: DeformationModel>(
     py: Python<'py>,
