@@ -23,6 +23,7 @@ from ruffini._core import (
     SimulationError,
     SoftBody,
     TetMesh,
+    Transfer,
     __version__,
     sensor,
 )
@@ -40,6 +41,7 @@ __all__ = [
     "SimulationError",
     "SoftBody",
     "TetMesh",
+    "Transfer",
     "__version__",
     "sensor",
 ]
