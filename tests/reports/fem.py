@@ -20,9 +20,10 @@ import time
 from importlib.metadata import version
 from pathlib import Path
 
-import fem_cases
-import fem_pages
 import numpy as np
+from fem_cases import MINI, SCENE, accuracy, closed_forms, mini, speed
+from fem_pages import markdown
+from fem_plots import figure
 
 import ruffini
 
@@ -32,9 +33,9 @@ JOBS = 2
 
 FULL = {
     "poisson": [0.3, 0.45, 0.48, 0.49, 0.499],
-    "common": 800,
+    "common": 650,
     "meshes": {
-        "p1": [1000, 3000, 10000],
+        "p1": [500, 1000, 3000],
         "p1-bar": [500, 1000, 2000, 3000, 5000, 10000],
         "p2": [500, 1000, 2000, 3000],
     },
@@ -55,17 +56,14 @@ def cases(sizes: dict) -> dict:
     named = {}
     for nodes in sizes["speed"]:
         for friction in (0.0, 0.5):
-            named[f"speed {nodes} nodes, friction {friction}"] = (fem_cases.speed, nodes, friction)
-    for calibration in [c["name"] for c in fem_cases.MINI["calibration"]]:
-        for friction in (
-            fem_cases.MINI["friction"]["dynamic"],
-            fem_cases.MINI["friction"]["static"],
-        ):
+            named[f"speed {nodes} nodes, friction {friction}"] = (speed, nodes, friction)
+    for calibration in [c["name"] for c in MINI["calibration"]]:
+        for friction in (MINI["friction"]["dynamic"], MINI["friction"]["static"]):
             for element, nodes in sizes["mini"]:
                 name = f"mini {calibration}, friction {friction}, {element} {nodes}"
-                named[name] = (fem_cases.mini, calibration, friction, element, nodes)
+                named[name] = (mini, calibration, friction, element, nodes)
     for poisson in sizes["poisson"]:
-        named[f"accuracy {poisson}"] = (fem_cases.accuracy, poisson)
+        named[f"accuracy {poisson}"] = (accuracy, poisson)
     return named
 
 
@@ -82,23 +80,20 @@ def header(sizes: dict) -> dict:
         },
         "versions": {"ruffini": ruffini.__version__, "numpy": np.__version__}
         | {"python": platform.python_version(), "matplotlib": version("matplotlib")},
-        "scene": fem_cases.SCENE,
         "sizes": sizes,
     }
 
 
 def run(out: Path, sizes: dict) -> dict:
     """The report in `out` with every case in it."""
-    file, report = out / "fem.json", header(sizes) | {"cases": {}}
-    if file.exists():
-        kept = json.loads(file.read_text())
-        if {key: kept[key] for key in kept if key != "cases"} == header(sizes):
-            report = kept
+    file, known = out / "fem.json", header(sizes)
+    kept = json.loads(file.read_text()) if file.exists() else {}
+    same = all(kept.get(key) == value for key, value in known.items())
+    forms = {gel["name"]: closed_forms(gel["young"], gel["poisson"]) for gel in MINI["calibration"]}
+    report = known | {"scene": SCENE, "closed_forms": forms, "cases": kept["cases"] if same else {}}
     missing = {name: case for name, case in cases(sizes).items() if name not in report["cases"]}
-    alone = [(name, sizes, *case) for name, case in missing.items() if case[0] is fem_cases.speed]
-    beside = [
-        (name, sizes, *case) for name, case in missing.items() if case[0] is not fem_cases.speed
-    ]
+    alone = [(name, sizes, *case) for name, case in missing.items() if case[0] is speed]
+    beside = [(name, sizes, *case) for name, case in missing.items() if case[0] is not speed]
     spawn = multiprocessing.get_context("spawn")
     for workers, work in [(1, alone), (JOBS, beside)]:
         # A process for each case: its peak memory is that of the case.
@@ -131,8 +126,8 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     os.environ["RAYON_NUM_THREADS"] = "1"
     report = run(out, QUICK if options.quick else FULL)
-    (out / "fem.md").write_text(fem_pages.markdown(report))
-    fem_pages.figure(report, out / "fem.svg")
+    (out / "fem.md").write_text(markdown(report))
+    figure(report, out / "fem.svg")
 
 
 if __name__ == "__main__":
