@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import matplotlib
-from fem_pages import DATA, accuracies, cases
+from fem_pages import DATA, accuracies, best_mini, cases
 
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
@@ -61,9 +61,8 @@ def mini_plot(report: dict, axis) -> None:
     measured = report["scene"]["measured"]
     x = [float(depth) for depth in measured]
     axis.loglog(x, list(measured.values()), "ko", label="measured (FEATS)")
-    runs = sorted(cases(report, "mini"), key=lambda case: case["vertices"])
-    finest = {(case["calibration"], case["friction"]): case for case in runs}
-    for (name, friction), case in sorted(finest.items()):
+    for case in best_mini(report):
+        name, friction = case["calibration"], case["friction"]
         colour = f"C{list(report['closed_forms']).index(name)}"
         style = "-" if friction >= 1 else "--"
         y = [case["force"][depth] for depth in measured]
@@ -74,7 +73,7 @@ def mini_plot(report: dict, axis) -> None:
             y = [forms[form][depth] for depth in measured]
             axis.loglog(x, y, style, color=f"C{colour}", label=label)
     axis.set(title="GelSight Mini, ball of 7.5 mm", xlabel="depth (mm)", ylabel="N")
-    axis.legend(fontsize=6)
+    axis.legend(fontsize=6, handlelength=4)
 
 
 def speed_plot(report: dict, axis) -> None:
