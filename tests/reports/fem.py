@@ -4,7 +4,7 @@
     python tests/reports/fem.py --quick    a small subset within a minute, into a folder of its own
 
 Every case runs in a process of its own, on one thread, and is kept in fem.json when it is done.
-Cases of other code (the last commit of env-core or py), machines, versions or sizes are dropped.
+Cases of other code (by its last commit), machines, versions or sizes are dropped.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from fem_plots import figure
 import ruffini
 
 HERE = Path(__file__).resolve().parent
+MADE_OF = ["env-core", "py", "tests/reports/fem_cases.py", "tests/reports/flat-pad.toml"]
+"""What the figures come from, under the root."""
 JOBS = 2
 """Cases at once, but for those of speed."""
 
@@ -69,7 +71,7 @@ def cases(sizes: dict) -> dict:
 
 def header(sizes: dict) -> dict:
     """What the figures depend on."""
-    last = ["git", "log", "-1", "--format=%h", "--", "env-core", "py"]
+    last = ["git", "log", "-1", "--format=%h", "--", *MADE_OF]
     cpu = [s for s in Path("/proc/cpuinfo").read_text().splitlines() if s.startswith("model name")]
     return {
         "commit": subprocess.check_output(last, cwd=HERE.parents[1], text=True).strip(),
