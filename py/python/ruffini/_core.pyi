@@ -24,6 +24,7 @@ __all__ = [
     "SimulationError",
     "SoftBody",
     "TetMesh",
+    "Transfer",
     "__version__",
     "default_settings",
     "objects",
@@ -87,6 +88,13 @@ class TetMesh:
     def vertices(self) -> _Array: ...
     @property
     def tets(self) -> NDArray[np.uint32]: ...
+
+@final
+class Transfer:
+    def __new__(cls, source: TetMesh, target: TetMesh) -> Transfer: ...
+    def interpolate(self, nodal: ArrayLike) -> _Array: ...
+    def spread(self, forces: ArrayLike) -> _Array: ...
+    def average(self, per_tet: ArrayLike) -> _Array: ...
 
 @final
 class SoftBody:

@@ -12,6 +12,7 @@ mod model;
 mod pool;
 mod press;
 mod shape;
+mod transfer;
 
 pub(crate) use answer::{Deformation, History};
 pub(crate) use body::{SoftBody, sensor};
@@ -21,3 +22,4 @@ pub(crate) use mesh::TetMesh;
 pub(crate) use model::Fem;
 pub(crate) use press::Press;
 pub(crate) use shape::Shape;
+pub(crate) use transfer::Transfer;
