@@ -199,8 +199,8 @@ mod _core {
     use super::{Batch, PressError, SimulationError, default_settings};
     #[pymodule_export]
     use crate::mechanics::{
-        Antipodal, Deformation, Fem, Grasp, Grasped, History, Object, Press, Shape, SoftBody,
-        TetMesh, Transfer, objects, sensor,
+        Antipodal, Compliance, Deformation, Fem, Grasp, Grasped, History, Object, Press, Shape,
+        SoftBody, TetMesh, Transfer, objects, sensor,
     };
 
     use super::{Bound, CATALOGUE, CHANNELS, Ending, PyModule, PyModuleMethods, PyResult, TERMS};

@@ -1,8 +1,8 @@
 """Grasping with soft tactile fingertips: vectorised Gymnasium environments, soft-body mechanics.
 
 A soft body (`SoftBody`, or the gel pad of a `sensor`) is pressed by rigid shapes (`Shape`,
-`Press`); a model (`Fem`) answers with a `Deformation`. Two pads hold one of the `objects` in a
-`Grasp`. Lengths are in m, forces in N, stresses in
+`Press`); a model answers with a `Deformation`: `Fem`, finite elements, or `Compliance`, fast and
+linear. Two pads hold one of the `objects` in a `Grasp`. Lengths are in m, forces in N, stresses in
 Pa. In the shell, `ruffini press` does one press.
 
 Importing registers the environments; from a worker process use the prefix form,
@@ -16,6 +16,7 @@ from ruffini._core import (
     OBJECTS,
     REWARD_TERMS,
     Antipodal,
+    Compliance,
     Deformation,
     Fem,
     Grasp,
@@ -39,6 +40,7 @@ __all__ = [
     "OBJECTS",
     "REWARD_TERMS",
     "Antipodal",
+    "Compliance",
     "Deformation",
     "Fem",
     "Grasp",

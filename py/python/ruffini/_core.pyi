@@ -11,6 +11,7 @@ __all__ = [
     "OBJECTS",
     "REWARD_TERMS",
     "Antipodal",
+    "Compliance",
     "Batch",
     "Deformation",
     "Fem",
@@ -194,6 +195,20 @@ class Fem:
         tolerance: float = 1e-7,
         element: _Element = "p1-bar",
     ) -> Fem: ...
+    @property
+    def body(self) -> SoftBody: ...
+    def solve(self, presses: Press | Sequence[Press]) -> list[Deformation | PressError]: ...
+    def solve_path(self, press: Press) -> list[Deformation | PressError]: ...
+
+@final
+class Compliance:
+    def __new__(
+        cls,
+        body: SoftBody,
+        friction: float = 0.0,
+        sweeps: int = 0,
+        cache: str | PathLike[str] | None = None,
+    ) -> Compliance: ...
     @property
     def body(self) -> SoftBody: ...
     def solve(self, presses: Press | Sequence[Press]) -> list[Deformation | PressError]: ...
