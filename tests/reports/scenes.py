@@ -109,7 +109,7 @@ def hold(thing, pad):
 
 def picture_of_a_grasp():
     """Writes grasp.png."""
-    pad, thing = Fem(ruffini.sensor("gelsight-mini", resolution=1500), FRICTION), OBJECTS["lemon-1"]
+    pad, thing = Fem(ruffini.sensor("gelsight-mini", resolution=1000), FRICTION), OBJECTS["lemon-1"]
     mesh, faces = pad.body.mesh, surface(pad.body.mesh)
     grasp, poses, held = hold(thing, pad)
     stresses = [at_nodes(mesh, answer.von_mises) * KPA for answer in held.pads]
