@@ -10,7 +10,7 @@ from ruffini import Compliance, Deformation, Fem, Press, PressError, SoftBody
 
 
 def _path(depth: float) -> Press:
-    return Press(BALL, path=[ball_at(0.25 * depth * (i + 1)) for i in range(4)])
+    return Press(BALL, path=[ball_at(0.0, 0.25 * depth * (i + 1)) for i in range(4)])
 
 
 def test_a_shallow_press_is_that_of_the_finite_elements():
@@ -55,6 +55,6 @@ def test_bad_options_are_named():
 
 def test_an_error_stays_in_its_slot():
     model = Compliance(gel())
-    good, bad = _path(1e-4), Press(BALL, ball_at(-1e-3), force=1e6, direction=(0.0, 0.0, -1.0))
+    good, bad = _path(1e-4), Press(BALL, ball_at(0.0, -1e-3), force=1.0, direction=(0.0, 0.0, 1.0))
     found = model.solve([good, bad, good])
     assert [type(item) for item in found] == [Deformation, PressError, Deformation]
