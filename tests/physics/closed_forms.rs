@@ -6,11 +6,7 @@
 
 use std::{f64::consts::PI, sync::LazyLock};
 
-<<<<<<< HEAD
-use nalgebra::Isometry3;
-=======
 use nalgebra::{Isometry3, Vector3};
->>>>>>> closedforms
 use ruffini_core::{
     deformation::{Law, Moduli, Press, SoftBody},
     fem::{Element, Fem, Options},
@@ -29,9 +25,6 @@ fn plane_strain_modulus(poisson: f64) -> f64 {
 }
 
 /// Force of `shape`, lowered by `depth` from where its end, `reach` below its origin, touches (N).
-<<<<<<< HEAD
-fn force(shape: Shape, reach: f64, depth: f64, poisson: f64, block: (TetMesh, Vec<u32>)) -> f64 {
-=======
 fn force(
     shape: Shape,
     turn: f64,
@@ -40,7 +33,6 @@ fn force(
     poisson: f64,
     block: (TetMesh, Vec<u32>),
 ) -> f64 {
->>>>>>> closedforms
     let (mesh, bonded) = block;
     let body = SoftBody::new(mesh, Law::Linear, Moduli { young: YOUNG, poisson }, &bonded).unwrap();
     // Contact gives by less than 1e-4 of the depth; forces balance to 2e-5 of their sum, about E a δ.
@@ -50,11 +42,7 @@ fn force(
         tolerance: 1e-3 * YOUNG * depth * depth,
         ..Options::default()
     };
-<<<<<<< HEAD
-    let pose = Isometry3::translation(0.0, 0.0, reach - depth);
-=======
     let pose = Isometry3::new(Vector3::z() * (reach - depth), Vector3::z() * turn);
->>>>>>> closedforms
     let press = Press::along(vec![shape], vec![vec![pose]]).unwrap();
     let frame = Fem::new(body, options).unwrap().solve_path(&press).pop().unwrap();
     -frame.unwrap().wrench.force.z
@@ -66,17 +54,6 @@ fn ball_over_hertz(poisson: f64, n: usize, shells: usize, size: [f64; 2]) -> f64
     let (radius, depth) = (50.0 * patch, patch / 50.0);
     let hertz = 4.0 / 3.0 * plane_strain_modulus(poisson) * radius.sqrt() * depth.powf(1.5);
     let block = half_space(patch, n, shells, size);
-<<<<<<< HEAD
-    force(Shape::Sphere { radius }, radius, depth, poisson, block) / hertz
-}
-
-/// Force of a flat end over 2 E* a δ. It is large, for then contact is felt at many points of a face.
-fn punch_over_exact(poisson: f64, n: usize) -> f64 {
-    let (radius, half_height, depth) = (0.02, 0.1, 2e-5);
-    let exact = 2.0 * plane_strain_modulus(poisson) * radius * depth;
-    let block = half_space(radius, n, 4 * n, FAR);
-    force(Shape::Cylinder { radius, half_height }, half_height, depth, poisson, block) / exact
-=======
     force(Shape::Sphere { radius }, 0.0, radius, depth, poisson, block) / hertz
 }
 
@@ -90,7 +67,6 @@ fn punch_over_exact(poisson: f64, n: usize) -> f64 {
     let punch = Shape::Prism { sides: 8 * n as u32, radius, half_height };
     let block = half_space(radius, n, 4 * n, FAR);
     force(punch, 0.5 * sector, half_height, depth, poisson, block) / exact
->>>>>>> closedforms
 }
 
 /// The limit of values on meshes of sizes `coarse` and `fine` whose error falls with the power `order`.
@@ -115,11 +91,7 @@ fn a_ball_presses_as_hertz_says() {
 fn a_flat_end_presses_as_its_closed_form_says() {
     // Displacements like √r at the rim, on rings that narrow like its square: second order.
     let [coarse, fine] = [2, 3].map(|n| punch_over_exact(0.3, n));
-<<<<<<< HEAD
-    let limit = extrapolated((0.5, coarse), (1.0 / 3.0, fine), 2.0);
-=======
     let limit = extrapolated((1.0 / 2.0, coarse), (1.0 / 3.0, fine), 2.0);
->>>>>>> closedforms
     println!("punch: {coarse:.4}, {fine:.4}, extrapolated {limit:.4} of 2 E* a δ");
     assert!((limit - 1.0).abs() < 0.01, "{coarse}, {fine}, extrapolated {limit} of 2 E* a δ");
 }

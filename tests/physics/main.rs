@@ -3,8 +3,8 @@
 mod batch;
 mod bodies;
 mod closed_forms;
-mod extremes;
 mod compliance;
+mod extremes;
 mod fem;
 mod floors;
 mod grasp;

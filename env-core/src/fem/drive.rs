@@ -18,6 +18,9 @@ use crate::{
 
 /// Smallest part of a frame that is tried as a load step of its own.
 pub(super) const SHORTEST_STRIDE: f64 = 1.0 / 256.0;
+/// Depth of a touching point past which an answer is refused, in softnesses: what holds a shape there
+/// is a pressure of as many Young's moduli.
+const DEEPEST: f64 = 250.0;
 /// Shapes pushed this far without a touch will not meet the body (m).
 const FARTHEST: f64 = 1.0;
 
@@ -198,6 +201,7 @@ impl<'a> Run<'a> {
                         return Err(Error::NotConverged { iterations, residual, tolerance });
                     }
                 }
+                Err(Error::Penetrated { .. }) if stride > SHORTEST_STRIDE => stride *= 0.5,
                 Err(error) => return Err(error),
             }
         }
@@ -236,6 +240,11 @@ impl<'a> Run<'a> {
         }
         let (balance, forces) =
             equilibrium(system, &mut self.matrix, &mut state, &mut contact, push, &self.limits)?;
+        let depth = forces.touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
+        let most = DEEPEST * system.law.softness;
+        if depth > most {
+            return Err(Error::Penetrated { depth, most });
+        }
         let back =
             |touch: &Touch| system.law.stuck_at(&system.surface[touch.point as usize], touch);
         let anchors = contact.anchors(&state.poses, &forces.touches, back);

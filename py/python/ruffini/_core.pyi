@@ -41,7 +41,7 @@ ENDINGS: list[str]
 class SimulationError(RuntimeError): ...
 
 class PressError(SimulationError):
-    kind: Literal["not-converged", "unreachable", "invalid"]
+    kind: Literal["not-converged", "penetrated", "inverted", "unreachable", "invalid"]
 
 _Floats: TypeAlias = NDArray[np.float32]
 _Bools: TypeAlias = NDArray[np.bool_]

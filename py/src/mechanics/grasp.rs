@@ -62,6 +62,7 @@ impl Grasp {
     /// Returns:
     ///     A list with a Grasped for each frame of the path. It ends early with a PressError at the
     ///     first frame that is not solved.
+    #[allow(clippy::needless_pass_by_value)] // What pyo3 extracts is owned.
     fn solve<'py>(
         &self,
         py: Python<'py>,
