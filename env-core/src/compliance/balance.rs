@@ -11,7 +11,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
-use super::{stiffness::Stiffness, zone::Zone};
+use super::{stiffness::Dense, zone::Zone};
 use crate::{
     Error, Result,
     contact::{ContactLaw, ContactStep, SurfacePoint, Touch},
@@ -24,6 +24,7 @@ pub(super) struct Contact<'a> {
     pub(super) law: &'a ContactLaw,
     pub(super) step: ContactStep<'a>,
     pub(super) poses: &'a [Isometry3<f64>],
+    pub(super) dense: &'a mut Dense,
 }
 
 /// Forces on the nodes and what comes of them.
@@ -230,19 +231,25 @@ impl Contact<'_> {
 
     /// Newton's step for what the contact exerts in `excess` of the forces.
     fn newton_step(
-        &self,
+        &mut self,
         touches: &[Touch],
         excess: &[Vector3<f64>],
         coupled: bool,
     ) -> Option<Step> {
-        let mut stiffness = Stiffness::new(self.zone.free);
-        for touch in touches {
-            let point = &self.zone.surface[touch.point as usize];
-            stiffness.add(point, &self.hessian(touch, coupled));
-        }
-        let moved = stiffness.solve(self.zone, &self.zone.respond(excess))?;
+        let stiffness = |touch: &Touch| {
+            (&self.zone.surface[touch.point as usize], self.hessian(touch, coupled))
+        };
+        let touching: Vec<_> = touches.iter().map(stiffness).collect();
+        self.dense.assemble(self.zone, &touching);
+        let pull = self.zone.respond(excess);
+        let pull = self.dense.active().iter().flat_map(|&node| <[f64; 3]>::from(pull[node]));
+        let pull = pull.collect();
+        let moved = self.dense.solve(self.zone, pull)?;
+        let relief = self.dense.times(&moved);
         let mut forces = excess.to_vec();
-        stiffness.relieve(&mut forces, &moved);
+        for (&node, &relief) in self.dense.active().iter().zip(relief.as_chunks::<3>().0) {
+            forces[node] -= Vector3::from(relief);
+        }
         let displacement = self.zone.respond(&forces);
         Some(Step { forces, displacement })
     }

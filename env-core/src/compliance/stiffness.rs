@@ -3,112 +3,133 @@
 //! Arrays are those of a [`Zone`], m free nodes; A of them touch.
 
 use faer::{
-    Conj, MatMut, MatRef,
-    linalg::solvers::{PartialPivLu, SolveCore},
+    Accum, MatMut, MatRef, Par, Spec,
+    dyn_stack::{MemBuffer, MemStack, StackReq},
+    linalg::{
+        lu::partial_pivoting::{factor, solve},
+        matmul::matmul,
+    },
 };
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 
 use super::zone::Zone;
 use crate::contact::SurfacePoint;
 
-/// H = −∂t/∂u between the free nodes that touch.
-pub(super) struct Stiffness {
-    /// The nodes (A).
+/// The dense system of a Newton step. Its memory is used again: taking as much from the system every
+/// time costs more than the arithmetic.
+#[derive(Default)]
+pub(super) struct Dense {
+    /// The nodes that touch, ascending (A).
     active: Vec<usize>,
-    /// Rank of each free node among them (m).
-    rank: Vec<usize>,
-    /// Blocks of each node's column, with the rank of their row (N/m).
-    columns: Vec<Vec<(usize, Matrix3<f64>)>>,
+    /// H = −∂t/∂u between them, by columns (3A, 3A) in N/m.
+    stiffness: Vec<f64>,
+    /// C between them, by columns (3A, 3A) in m/N.
+    compliance: Vec<f64>,
+    /// 1 + C H, then its factors.
+    matrix: Vec<f64>,
 }
 
-impl Stiffness {
-    /// Of no touch among `free` nodes.
-    pub(super) fn new(free: usize) -> Self {
-        Self { active: Vec::new(), rank: vec![usize::MAX; free], columns: Vec::new() }
-    }
-
-    /// Adds a touching `point` of stiffness `block` (N/m).
-    pub(super) fn add(&mut self, point: &SurfacePoint, block: &Matrix3<f64>) {
-        for &(column, t) in &point.shares {
-            let Some(column) = self.rank_of(column as usize) else { continue };
-            for &(row, s) in &point.shares {
-                let Some(row) = self.rank_of(row as usize) else { continue };
-                let value = block * (s * t);
-                let blocks = &mut self.columns[column];
-                match blocks.iter_mut().find(|(known, _)| *known == row) {
-                    Some((_, sum)) => *sum += value,
-                    None => blocks.push((row, value)),
-                }
+impl Dense {
+    /// Takes up touching points with their own stiffness (N/m).
+    pub(super) fn assemble(&mut self, zone: &Zone, touching: &[(&SurfacePoint, Matrix3<f64>)]) {
+        let mut rank = vec![usize::MAX; zone.free];
+        for node in touching.iter().flat_map(|(point, _)| carriers(point)) {
+            if let Some(rank) = rank.get_mut(node as usize) {
+                *rank = 0;
             }
         }
-    }
-
-    /// Rank of `node`, new if need be; `None` if it is fixed.
-    fn rank_of(&mut self, node: usize) -> Option<usize> {
-        let rank = self.rank.get_mut(node)?;
-        if *rank == usize::MAX {
-            *rank = self.active.len();
-            self.active.push(node);
-            self.columns.push(Vec::new());
-        }
-        Some(*rank)
-    }
-
-    /// Takes H `moved` (A) from `forces` (m).
-    pub(super) fn relieve(&self, forces: &mut [Vector3<f64>], moved: &[Vector3<f64>]) {
-        for (column, du) in self.columns.iter().zip(moved) {
-            for (row, block) in column {
-                forces[self.active[*row]] -= block * du;
-            }
-        }
-    }
-
-    /// Solves (1 + C H) x = `right` (m) on the nodes that touch (A), or `None` if that has no finite
-    /// solution.
-    pub(super) fn solve(&self, zone: &Zone, right: &[Vector3<f64>]) -> Option<Vec<Vector3<f64>>> {
-        let matrix = self.matrix(zone);
-        let right = self.active.iter().flat_map(|&node| right[node].iter().copied());
-        let mut solution: Vec<f64> = right.collect();
-        let size = solution.len();
-        let factor = PartialPivLu::new(MatRef::from_column_major_slice(&matrix, size, size));
-        let in_place = MatMut::from_column_major_slice_mut(&mut solution, size, 1);
-        factor.solve_in_place_with_conj(Conj::No, in_place);
-        let finite = solution.iter().all(|x| x.is_finite());
-        finite.then(|| solution.as_chunks::<3>().0.iter().map(|&x| Vector3::from(x)).collect())
-    }
-
-    /// 1 + C H, by columns.
-    fn matrix(&self, zone: &Zone) -> Vec<f64> {
+        self.active.clear();
+        self.active.extend((0..zone.free).filter(|&node| rank[node] == 0));
+        self.active.iter().enumerate().for_each(|(i, &node)| rank[node] = i);
         let size = 3 * self.active.len();
-        let compliance = self.compliance(zone);
-        let mut matrix = vec![0.0; size * size];
-        for (rank, blocks) in self.columns.iter().enumerate() {
-            let columns = &mut matrix[3 * rank * size..][..3 * size];
-            for (k, column) in columns.chunks_mut(size).enumerate() {
-                column[3 * rank + k] = 1.0;
-                for (row, block) in blocks {
-                    let [x, y, z] = [0, 1, 2].map(|l| &compliance[(3 * row + l) * size..][..size]);
-                    let h = block.column(k);
-                    for (((sum, x), y), z) in column.iter_mut().zip(x).zip(y).zip(z) {
-                        *sum += h[0] * x + h[1] * y + h[2] * z;
-                    }
-                }
-            }
+        self.stiffness.clear();
+        self.stiffness.resize(size * size, 0.0);
+        for run in touching.chunk_by(|(a, _), (b, _)| carriers(a).eq(carriers(b))) {
+            let ranks: Vec<_> =
+                carriers(run[0].0).map(|node| rank.get(node as usize).copied()).collect();
+            add_block(&mut self.stiffness, size, &local_stiffness(run), &ranks);
         }
-        matrix
     }
 
-    /// The compliance between the nodes that touch; it is symmetric.
-    fn compliance(&self, zone: &Zone) -> Vec<f64> {
-        let mut compliance = Vec::with_capacity(9 * self.active.len() * self.active.len());
-        for &node in &self.active {
-            for i in 0..3 {
-                let row = zone.row(node, i);
-                for &column in &self.active {
-                    compliance.extend_from_slice(&row[3 * column..3 * column + 3]);
-                }
+    /// The nodes that touch (A).
+    pub(super) fn active(&self) -> &[usize] {
+        &self.active
+    }
+
+    /// H x (3A).
+    pub(super) fn times(&self, x: &[f64]) -> Vec<f64> {
+        let mut product = vec![0.0; x.len()];
+        for (column, x) in self.stiffness.chunks(x.len().max(1)).zip(x) {
+            product.iter_mut().zip(column).for_each(|(sum, value)| *sum += x * value);
+        }
+        product
+    }
+
+    /// Solves (1 + C H) x = `right` (3A), or `None` if that has no finite solution.
+    pub(super) fn solve(&mut self, zone: &Zone, mut right: Vec<f64>) -> Option<Vec<f64>> {
+        let size = right.len();
+        zone.compliance_between(&self.active, &mut self.compliance);
+        self.matrix.clear();
+        self.matrix.resize(size * size, 0.0);
+        self.matrix.iter_mut().step_by(size + 1).for_each(|diagonal| *diagonal = 1.0);
+        let [c, h] = [&self.compliance, &self.stiffness]
+            .map(|numbers| MatRef::from_column_major_slice(numbers, size, size));
+        let mut matrix = MatMut::from_column_major_slice_mut(&mut self.matrix, size, size);
+        matmul(matrix.as_mut(), Accum::Add, c, h, 1.0, Par::Seq);
+        let mut buffer = MemBuffer::new(StackReq::any_of(&[
+            factor::lu_in_place_scratch::<usize, f64>(size, size, Par::Seq, Spec::default()),
+            solve::solve_in_place_scratch::<usize, f64>(size, 1, Par::Seq),
+        ]));
+        let stack = MemStack::new(&mut buffer);
+        let (mut pivots, mut back) = (vec![0usize; size], vec![0; size]);
+        let (_, order) = factor::lu_in_place(
+            matrix.as_mut(),
+            &mut pivots,
+            &mut back,
+            Par::Seq,
+            stack,
+            Spec::default(),
+        );
+        let (lower, upper) = (matrix.as_ref(), matrix.as_ref());
+        let in_place = MatMut::from_column_major_slice_mut(&mut right, size, 1);
+        solve::solve_in_place(lower, upper, order, in_place, Par::Seq, stack);
+        right.iter().all(|x| x.is_finite()).then_some(right)
+    }
+}
+
+fn carriers(point: &SurfacePoint) -> impl Iterator<Item = u32> {
+    point.shares.iter().map(|&(node, _)| node)
+}
+
+/// Adds a `block` between nodes of the given `ranks` to a matrix of `size` rows; nodes without a rank
+/// are fixed.
+fn add_block(matrix: &mut [f64], size: usize, block: &[f64], ranks: &[Option<usize>]) {
+    let columns = (0..3 * ranks.len()).map(|k| ranks[k / 3].map(|rank| 3 * rank + k % 3));
+    for (from, to) in block.chunks(3 * ranks.len()).zip(columns) {
+        let Some(to) = to else { continue };
+        let to = &mut matrix[to * size..][..size];
+        for (values, rank) in from.as_chunks::<3>().0.iter().zip(ranks) {
+            let Some(rank) = rank else { continue };
+            to[3 * rank..][..3].iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+        }
+    }
+}
+
+/// Stiffness between the carriers of points that have them in common, by columns.
+fn local_stiffness(run: &[(&SurfacePoint, Matrix3<f64>)]) -> Vec<f64> {
+    let size = 3 * run[0].0.shares.len();
+    let (mut local, mut rows) = (vec![0.0; size * size], vec![0.0; size]);
+    for (point, block) in run {
+        for k in 0..3 {
+            let column = block.column(k);
+            for (rows, (_, share)) in rows.as_chunks_mut::<3>().0.iter_mut().zip(&point.shares) {
+                *rows = [0, 1, 2].map(|i| share * column[i]);
+            }
+            for (to, (_, share)) in local.chunks_mut(3 * size).zip(&point.shares) {
+                let to = &mut to[k * size..][..size];
+                to.iter_mut().zip(&rows).for_each(|(sum, value)| *sum += share * value);
             }
         }
-        compliance
     }
+    local
 }

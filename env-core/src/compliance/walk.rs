@@ -6,6 +6,7 @@ use super::{
     balance::{Contact, Guess},
     condensed::Condensed,
     solution::{Field, Solution},
+    stiffness::Dense,
     zone::{Zone, reached},
 };
 use crate::{
@@ -34,6 +35,7 @@ pub(super) struct Walk<'a> {
     pub(super) condensed: &'a Condensed,
     pub(super) settings: Settings,
     pub(super) workspace: Workspace,
+    dense: Dense,
     pub(super) zone: Zone,
     pub(super) state: State,
     /// Wall time of the last frame (s).
@@ -86,7 +88,15 @@ impl<'a> Walk<'a> {
         };
         let zone = Zone::new(condensed, vec![false; condensed.facets.len()]);
         let workspace = condensed.rest.workspace();
-        let mut walk = Self { condensed, settings, workspace, zone, state, seconds: 0.0 };
+        let mut walk = Self {
+            condensed,
+            settings,
+            workspace,
+            dense: Dense::default(),
+            zone,
+            state,
+            seconds: 0.0,
+        };
         match press.history() {
             Some(history) => walk.recall(press.shapes(), history)?,
             None => walk.approach(press),
@@ -117,7 +127,8 @@ impl<'a> Walk<'a> {
         let anchors = self.zone.anchors_in(&history.anchors);
         let poses = &history.poses;
         let step = ContactStep::new(shapes, &self.zone.surface, poses.clone(), places, &anchors);
-        let mut contact = Contact { zone: &self.zone, law: &self.settings.law, step, poses };
+        let (zone, law, dense) = (&self.zone, &self.settings.law, &mut self.dense);
+        let mut contact = Contact { zone, law, step, poses, dense };
         let touches = contact.touches(&self.zone.pick(&history.displacement)).unwrap_or_default();
         self.state.contact_force = self.zone.spread(&contact.nodal(&touches), rest.places().len());
         self.state.wrench = contact.wrench(&touches);
@@ -136,8 +147,7 @@ impl<'a> Walk<'a> {
         loop {
             let state = self.attempt_in_zone(shapes, poses)?;
             let displacement = &state.field.displacement;
-            let near = reached(self.condensed, shapes, poses, displacement, 0.0);
-            if !self.zone.grow(self.condensed, &near) {
+            if !self.zone.grow(self.condensed, shapes, poses, displacement) {
                 return Ok(state);
             }
         }
@@ -150,7 +160,8 @@ impl<'a> Walk<'a> {
         let from = self.state.poses.clone();
         let zone = &self.zone;
         let step = ContactStep::new(shapes, &zone.surface, from, start, &anchors);
-        let mut contact = Contact { zone, law: &self.settings.law, step, poses };
+        let (law, dense) = (&self.settings.law, &mut self.dense);
+        let mut contact = Contact { zone, law, step, poses, dense };
         let mut solution = Solution {
             condensed: self.condensed,
             workspace: &mut self.workspace,

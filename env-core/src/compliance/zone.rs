@@ -75,12 +75,30 @@ impl Zone {
         }
     }
 
-    /// Adds what it lacks of `facets`; false if that is nothing.
-    pub(super) fn grow(&mut self, condensed: &Condensed, facets: &[bool]) -> bool {
-        if self.covers(facets) {
+    /// Adds the facets that the shapes may touch when the nodes are displaced (V), if they do touch
+    /// one that it lacks; whether they do.
+    pub(super) fn grow(
+        &mut self,
+        condensed: &Condensed,
+        shapes: &[Shape],
+        poses: &[Isometry3<f64>],
+        displacement: &[Vector3<f64>],
+    ) -> bool {
+        let near = reached(condensed, shapes, poses, displacement, 0.0);
+        let (rest, surface) = (condensed.rest.places(), condensed.rest.surface());
+        let touches = |point: &SurfacePoint| {
+            let place = point.place(rest, displacement);
+            shapes.iter().zip(poses).any(|(shape, pose)| {
+                shape.distance(&pose.inverse_transform_point(&place)).value < 0.0
+            })
+        };
+        let lacking = condensed.facets.iter().zip(near.iter().zip(&self.facets));
+        let lacking = lacking.filter(|(_, (near, has))| **near && !**has);
+        let mut points = lacking.flat_map(|(facet, _)| facet.points.clone());
+        if !points.any(|point| touches(&surface[point as usize])) {
             return false;
         }
-        let union = self.facets.iter().zip(facets).map(|(a, b)| *a || *b).collect();
+        let union = self.facets.iter().zip(near).map(|(has, near)| *has || near).collect();
         *self = Self::new(condensed, union);
         true
     }
@@ -138,9 +156,20 @@ impl Zone {
     }
 
     /// Row of the compliance for component `i` of the force on free node `node` (3m).
-    pub(super) fn row(&self, node: usize, i: usize) -> &[f64] {
+    fn row(&self, node: usize, i: usize) -> &[f64] {
         let size = 3 * self.free;
         &self.compliance[(3 * node + i) * size..][..size]
+    }
+
+    /// The compliance between some free `nodes` (A), by columns (3A, 3A) in m/N; it is symmetric.
+    pub(super) fn compliance_between(&self, nodes: &[usize], compliance: &mut Vec<f64>) {
+        compliance.clear();
+        for &node in nodes {
+            for i in 0..3 {
+                let row = self.row(node, i).as_chunks::<3>().0;
+                nodes.iter().for_each(|&other| compliance.extend(row[other]));
+            }
+        }
     }
 
     /// Displacement of the free nodes under `forces` on them (m).
