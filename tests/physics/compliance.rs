@@ -90,10 +90,10 @@ fn relative(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
 fn finite_elements_of_the_linear_law_give_the_same_answer() {
     let body = pad(Law::Linear);
     let down = |depth: f64| vec![at(0.0, 0.5 * depth), at(0.0, depth)];
-    // Over an edge there may be several equilibria; small frames leave no choice.
-    let sheared: Vec<_> = (1..=4)
-        .map(|i| at(0.0, 0.1 * MM * f64::from(i)))
-        .chain((1..=4).map(|i| at(0.05 * MM * f64::from(i), 0.4 * MM)))
+    // Over an edge there may be several equilibria; frames of 0.05 mm leave no choice.
+    let sheared: Vec<_> = (1..=8)
+        .map(|i| at(0.0, 0.05 * MM * f64::from(i)))
+        .chain((1..=8).map(|i| at(0.025 * MM * f64::from(i), 0.4 * MM)))
         .collect();
     for (shape, friction, path) in [
         (ball(), 0.0, down(0.01 * MM)),
@@ -121,24 +121,25 @@ fn what_linear_elasticity_misses_grows_with_the_depth() {
     let (truth, model) = (fem(&body, 0.5), linear(&body, 0.5));
     let bounds = [
         (ball(), 0.25, [0.02, 0.03, 0.03]),
-        (ball(), 0.5, [0.06, 0.05, 0.05]),
+        (ball(), 0.5, [0.05, 0.05, 0.05]),
         (ball(), 1.0, [0.12, 0.10, 0.09]),
-        (cuboid(), 0.25, [0.06, 0.04, 0.04]),
-        (cuboid(), 0.5, [0.12, 0.08, 0.07]),
-        (cuboid(), 1.0, [0.24, 0.15, 0.14]),
+        (cuboid(), 0.25, [0.05, 0.04, 0.03]),
+        (cuboid(), 0.5, [0.11, 0.07, 0.06]),
+        (cuboid(), 1.0, [0.20, 0.15, 0.13]),
     ];
     for (shape, depth, bounds) in bounds {
-        let steps = (4.0 * depth) as u32;
-        let path = (1..=steps).map(|i| at(0.0, 0.25 * MM * f64::from(i))).collect();
+        let steps = (20.0 * depth) as u32;
+        let path = (1..=steps).map(|i| at(0.0, 0.05 * MM * f64::from(i))).collect();
         let press = along(shape.clone(), path);
         let exact = last(truth.solve_path(&press));
         let found = last(model.solve_path(&press));
-        let force = relative(&[found.wrench.force], &[exact.wrench.force]);
-        let displacement = relative(&found.displacement, &exact.displacement);
         let as_vectors =
             |stress: &[f64]| stress.iter().map(|s| Vector3::x() * *s).collect::<Vec<_>>();
-        let stress = relative(&as_vectors(&found.von_mises), &as_vectors(&exact.von_mises));
-        let errors = [force, displacement, stress];
+        let errors = [
+            relative(&[found.wrench.force], &[exact.wrench.force]),
+            relative(&found.displacement, &exact.displacement),
+            relative(&as_vectors(&found.von_mises), &as_vectors(&exact.von_mises)),
+        ];
         println!("{shape:?} at {depth} mm: off by {errors:.3?} in force, u and stress");
         for (error, bound) in errors.into_iter().zip(bounds) {
             assert!(error < bound, "{shape:?} at {depth} mm: {error:.3}, expected < {bound}");
@@ -226,10 +227,11 @@ fn friction_sticks_below_and_slips_at_its_limit() {
     let model = linear(&block(), friction);
     let mut path = vec![plate_at(0.0, -0.2 * MM)];
     path.extend((1..=2).map(|i| plate_at(0.02 * MM * f64::from(i), -0.2 * MM)));
-    path.push(plate_at(2.0 * MM, -0.2 * MM));
+    // The first long slide turns the slip of all points one way, the second keeps it there.
+    path.extend([plate_at(2.0 * MM, -0.2 * MM), plate_at(4.0 * MM, -0.2 * MM)]);
     let frames = frames(model.solve_path(&along(Shape::HalfSpace, path)));
     let ratio = |frame: &Deformation| frame.wrench.force.x / -frame.wrench.force.z;
-    let [small, twice, slid] = [1, 2, 3].map(|i| ratio(&frames[i]));
+    let [small, twice, slid] = [1, 2, 4].map(|i| ratio(&frames[i]));
     assert!(small > 0.0 && twice < friction, "{small}, {twice}");
     // While it sticks the block is a spring, softened by the rim that slips first.
     assert!((twice / small - 2.0).abs() < 0.2, "{small}, then {twice}");

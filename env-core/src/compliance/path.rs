@@ -102,19 +102,15 @@ impl Walk<'_> {
     /// The current state, seen from outside.
     pub(super) fn report(&mut self) -> Result<Deformation> {
         let start = Instant::now();
-        let (rest, state) = (&self.condensed.rest, &mut self.state);
-        if self.settings.sweeps == 0 {
-            state.field.complete(rest, &mut self.workspace);
-        }
-        let displacement = &state.field.displacement;
-        let elastic = rest.elastic_force(displacement, &mut self.workspace);
+        let (rest, state) = (&self.condensed.rest, &self.state);
+        let displacement = state.field.complete(rest, &mut self.workspace);
+        let elastic = rest.elastic_force(&displacement, &mut self.workspace);
         let mut left = elastic.ok_or(Error::Inverted)?;
         left.iter_mut().zip(&state.contact_force).for_each(|(left, force)| *left -= force);
         rest.release(&mut left);
         let residual = norm(&left);
         Ok(Deformation {
-            von_mises: rest.von_mises(displacement),
-            displacement: displacement.clone(),
+            von_mises: rest.von_mises(&displacement),
             contact_force: state.contact_force.clone(),
             wrench: state.wrench,
             poses: state.poses.clone(),
@@ -123,6 +119,7 @@ impl Walk<'_> {
                 poses: state.poses.clone(),
                 anchors: state.anchors.clone(),
             },
+            displacement,
             iterations: state.iterations,
             residual,
             seconds: self.seconds + start.elapsed().as_secs_f64(),

@@ -29,7 +29,7 @@ const INEXACT: f64 = 1e-3;
 /// Displacement of the body: its own offset and the linear response to loads.
 #[derive(Clone)]
 pub(super) struct Field {
-    /// Displacement (m), known on the skin; inside the body after [`Field::complete`].
+    /// Displacement (m), known on the skin; inside the body where sweeps were asked for.
     pub(super) displacement: Vec<Vector3<f64>>,
     /// Its part that is not the response to the loads (m).
     pub(super) offset: Vec<Vector3<f64>>,
@@ -38,10 +38,11 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// Finds the displacement inside the body, too.
-    pub(super) fn complete(&mut self, rest: &Linearised, workspace: &mut Workspace) {
-        self.displacement = rest.displacement(&self.loads, workspace);
-        self.displacement.iter_mut().zip(&self.offset).for_each(|(u, u0)| *u += u0);
+    /// The displacement of all nodes (m).
+    pub(super) fn complete(&self, rest: &Linearised, space: &mut Workspace) -> Vec<Vector3<f64>> {
+        let mut displacement = rest.displacement(&self.loads, space);
+        displacement.iter_mut().zip(&self.offset).for_each(|(u, u0)| *u += u0);
+        displacement
     }
 }
 
@@ -163,7 +164,7 @@ impl Solution<'_, '_> {
     /// Completes the displacement and compares the forces; `None` if an element is inverted.
     fn judge(&mut self, mut settled: Settled) -> Option<Judged> {
         let (rest, zone) = (&self.condensed.rest, self.contact.zone);
-        settled.field.complete(rest, self.workspace);
+        settled.field.displacement = settled.field.complete(rest, self.workspace);
         let displacement = &settled.field.displacement;
         let elastic = rest.elastic_force(displacement, self.workspace)?;
         let mut left = zone.spread(&self.contact.nodal(&settled.touches), displacement.len());

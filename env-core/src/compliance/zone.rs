@@ -167,7 +167,7 @@ impl Zone {
         for &node in nodes {
             for i in 0..3 {
                 let row = self.row(node, i).as_chunks::<3>().0;
-                nodes.iter().for_each(|&other| compliance.extend(row[other]));
+                compliance.extend(nodes.iter().flat_map(|&other| row[other]));
             }
         }
     }
