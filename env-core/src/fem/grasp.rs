@@ -59,26 +59,16 @@ const FREE: f64 = 1e-9;
 impl Grasp {
     /// Every frame, in order; the first that is not solved is an error and the last.
     pub fn solve(&self, pads: [&Fem; 2]) -> Vec<Result<Grasped>> {
-        let object = match self.object.clone().validated() {
-            Ok(object) => [object],
-            Err(error) => return vec![Err(error)],
-        };
         let Some(first) = self.path.first() else {
             return vec![Err(Error::invalid("path", "no frames", "at least one"))];
         };
-        let size = object[0].surface(16).map_or(0.01, |surface| surface.size());
-        let runs = [0, 1].map(|i| {
-            let fem = pads[i];
-            let mut run = Run::new(&fem.system, fem.body.mesh().vertices.len(), fem.limits);
-            run.state.poses = vec![first[i].inv_mul(&self.start)];
-            run
-        });
-        let tolerance =
-            SLACK * pads.map(|pad| pad.limits.tolerance).into_iter().fold(0.0, f64::max);
-        let mut hold = Hold { object, runs, pose: self.start, size, load: self.load, tolerance };
+        let mut hold = match Hold::new(&self.object, self.start, pads, first, self.load) {
+            Ok(hold) => hold,
+            Err(error) => return vec![Err(error)],
+        };
         let mut frames = Vec::with_capacity(self.path.len());
-        for pads in &self.path {
-            frames.push(hold.frame(pads));
+        for poses in &self.path {
+            frames.push(hold.frame(poses));
             if frames.last().is_some_and(Result::is_err) {
                 break;
             }
@@ -87,8 +77,8 @@ impl Grasp {
     }
 }
 
-/// A grasp being solved.
-struct Hold<'a> {
+/// A grasp being solved frame by frame, for whoever chooses the next frame by the last.
+pub struct Hold<'a> {
     object: [Shape; 1],
     runs: [Run<'a>; 2],
     pose: Isometry3<f64>,
@@ -106,8 +96,31 @@ struct Trial {
     unbalanced: Vector6<f64>,
 }
 
-impl Hold<'_> {
-    fn frame(&mut self, pads: &[Isometry3<f64>; 2]) -> Result<Grasped> {
+impl<'a> Hold<'a> {
+    /// `object` at `start` between undeformed pads at the poses `first`, under `load`, as in
+    /// [`Grasp`]. What touches there sticks where it is. An error if the object is not a solid.
+    pub fn new(
+        object: &Shape,
+        start: Isometry3<f64>,
+        pads: [&'a Fem; 2],
+        first: &[Isometry3<f64>; 2],
+        load: Wrench,
+    ) -> Result<Self> {
+        let object = [object.clone().validated()?];
+        let size = object[0].surface(16).map_or(0.01, |surface| surface.size());
+        let runs = [0, 1].map(|i| {
+            let fem = pads[i];
+            let mut run = Run::new(&fem.system, fem.body.mesh().vertices.len(), fem.limits);
+            run.state.poses = vec![first[i].inv_mul(&start)];
+            run
+        });
+        let tolerance =
+            SLACK * pads.map(|pad| pad.limits.tolerance).into_iter().fold(0.0, f64::max);
+        Ok(Self { object, runs, pose: start, size, load, tolerance })
+    }
+
+    /// The equilibrium with the pads at new poses. On failure nothing has changed.
+    pub fn frame(&mut self, pads: &[Isometry3<f64>; 2]) -> Result<Grasped> {
         let clock = Instant::now();
         let mut trial = self.trial(pads, self.pose)?;
         let balanced = trial.unbalanced.norm() <= self.tolerance;
