@@ -12,6 +12,7 @@ pub mod objects;
 pub mod deformation;
 pub mod contact;
 pub mod fem;
+pub mod compliance;
 pub mod dataset;
 pub mod scene;
 pub mod task;

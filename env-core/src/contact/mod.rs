@@ -4,9 +4,11 @@
 //! nodes around it. [`ContactStep::touches`] finds the points inside a shape,
 //! [`ContactLaw`] says what a touching point costs: value, gradient and Hessian.
 
+mod approach;
 mod law;
 mod touch;
 
+pub use approach::{backed_off, between, clearance};
 pub use law::{ContactLaw, Traction};
 pub use touch::{ContactStep, Touch};
 

@@ -31,6 +31,19 @@ pub struct Anchor {
 const MARK: [u8; 8] = *b"history1";
 
 impl History {
+    /// An error if this was not written by a model of `nodes` nodes and `points` contact points.
+    pub fn check(&self, nodes: usize, points: usize) -> Result<()> {
+        if self.displacement.len() != nodes {
+            let expected = format!("displacements of this model's {nodes} nodes");
+            return Err(Error::invalid("history", self.displacement.len(), expected));
+        }
+        if let Some(anchor) = self.anchors.iter().find(|a| a.point as usize >= points) {
+            let expected = format!("anchors at this model's {points} contact points");
+            return Err(Error::invalid("history", anchor.point, expected));
+        }
+        Ok(())
+    }
+
     /// The history as bytes (postcard), exact to the bit.
     pub fn to_bytes(&self) -> Vec<u8> {
         let body = postcard::to_stdvec(self).expect("lists of numbers are what postcard writes");

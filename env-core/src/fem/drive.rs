@@ -11,13 +11,16 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactStep, Touch},
+    contact::{ContactStep, Touch, backed_off, between, clearance},
     deformation::{Anchor, Deformation, Drive, History, Press, Wrench},
     geometry::Shape,
 };
 
 /// Smallest part of a frame that is tried as a load step of its own.
-const SHORTEST_STRIDE: f64 = 1.0 / 256.0;
+pub(super) const SHORTEST_STRIDE: f64 = 1.0 / 256.0;
+/// Depth of a touching point past which an answer is refused, in softnesses: what holds a shape there
+/// is a pressure of as many Young's moduli.
+const DEEPEST: f64 = 250.0;
 /// Shapes pushed this far without a touch will not meet the body (m).
 const FARTHEST: f64 = 1.0;
 
@@ -36,6 +39,8 @@ pub(super) struct Run<'a> {
     increment: Vec<Vector3<f64>>,
     /// Poses of the shapes before it (S).
     before: Vec<Isometry3<f64>>,
+    /// Whether load steps must be short enough to tell the sides of a shape apart.
+    one_sided: bool,
 }
 
 /// A converged load step.
@@ -59,7 +64,19 @@ impl<'a> Run<'a> {
         let increment = displacement.clone();
         let state = State { displacement, poses: Vec::new() };
         let (anchors, before) = (Vec::new(), Vec::new());
-        Self { system, vertices, limits, matrix, state, anchors, held, increment, before }
+        let one_sided = false;
+        Self {
+            system,
+            vertices,
+            limits,
+            matrix,
+            state,
+            anchors,
+            held,
+            increment,
+            before,
+            one_sided,
+        }
     }
 
     /// Every frame of `press`; the first that fails is the last.
@@ -67,6 +84,7 @@ impl<'a> Run<'a> {
         if let Err(error) = self.start(press) {
             return vec![Err(error)];
         }
+        self.one_sided = true;
         match press.drive() {
             Drive::Translation { path } => {
                 let mut frames = Vec::with_capacity(path.len());
@@ -87,58 +105,18 @@ impl<'a> Run<'a> {
 
     /// Puts body and shapes where the press begins.
     fn start(&mut self, press: &Press) -> Result<()> {
-        let first = match press.drive() {
-            Drive::Translation { path } => &path[0],
-            Drive::Force { poses, .. } => poses,
-        };
+        let surface = &self.system.surface;
         let Some(history) = press.history() else {
-            self.state.poses = self.apart(press, first);
+            let places = self.system.surface_places(&self.state.displacement);
+            let first = press.drive().first();
+            self.state.poses = backed_off(press.shapes(), first, surface, &places);
             return Ok(());
         };
-        let (found, nodes) = (history.displacement.len(), self.state.displacement.len());
-        if found != nodes {
-            let expected = format!("displacements of this model's {nodes} nodes");
-            return Err(Error::invalid("history", found, expected));
-        }
-        let points = self.system.surface.len();
-        if let Some(anchor) = history.anchors.iter().find(|a| a.point as usize >= points) {
-            let expected = format!("anchors at this model's {points} contact points");
-            return Err(Error::invalid("history", anchor.point, expected));
-        }
+        history.check(self.state.displacement.len(), surface.len())?;
         self.state.displacement.clone_from(&history.displacement);
         self.state.poses.clone_from(&history.poses);
         self.anchors.clone_from(&history.anchors);
         Ok(())
-    }
-
-    /// `poses`, with each shape backed off the resting body along the push it would give.
-    fn apart(&self, press: &Press, poses: &[Isometry3<f64>]) -> Vec<Isometry3<f64>> {
-        let surface = &self.system.surface;
-        let places = self.system.surface_places(&self.state.displacement);
-        let mut apart = poses.to_vec();
-        for (shape, pose) in press.shapes().iter().zip(&mut apart) {
-            let measure = |pose: &Isometry3<f64>| {
-                let (mut deepest, mut push) = (0f64, Vector3::zeros());
-                for (point, place) in surface.iter().zip(&places) {
-                    let distance = shape.distance(&pose.inverse_transform_point(place));
-                    if distance.value < 0.0 {
-                        deepest = deepest.max(-distance.value);
-                        push -= pose.rotation * distance.normal * (distance.value * point.area);
-                    }
-                }
-                (deepest, push)
-            };
-            let (mut deepest, push) = measure(pose);
-            let Some(away) = (-push).try_normalize(0.0) else { continue };
-            for _ in 0..100 {
-                if deepest == 0.0 {
-                    break;
-                }
-                pose.translation.vector += away * deepest.max(1e-6);
-                deepest = measure(pose).0;
-            }
-        }
-        apart
     }
 
     /// Solves one frame and reports it.
@@ -180,17 +158,9 @@ impl<'a> Run<'a> {
     /// distance cannot pass the body.
     fn meet(&mut self, press: &Press, push: &Push) -> Result<()> {
         let places = self.system.surface_places(&self.state.displacement);
-        let least = |poses: &[Isometry3<f64>]| {
-            let pairs = press.shapes().iter().zip(poses);
-            let distance = |(shape, pose): (&Shape, &Isometry3<f64>)| {
-                let measure = |p| shape.distance(&pose.inverse_transform_point(p)).value;
-                places.iter().map(measure).fold(f64::INFINITY, f64::min)
-            };
-            pairs.map(distance).fold(f64::INFINITY, f64::min)
-        };
         let mut travel = 0.0;
         while travel < FARTHEST {
-            let gap = least(&self.state.poses);
+            let gap = clearance(press.shapes(), &self.state.poses, &places);
             if gap < 0.0 {
                 return Ok(());
             }
@@ -231,6 +201,7 @@ impl<'a> Run<'a> {
                         return Err(Error::NotConverged { iterations, residual, tolerance });
                     }
                 }
+                Err(Error::Penetrated { .. }) if stride > SHORTEST_STRIDE => stride *= 0.5,
                 Err(error) => return Err(error),
             }
         }
@@ -258,12 +229,22 @@ impl<'a> Run<'a> {
         let start = system.surface_places(&self.state.displacement);
         let from = self.state.poses.clone();
         let mut contact = ContactStep::new(shapes, &system.surface, from, start, &self.anchors);
+        contact.one_sided = self.one_sided;
+        if contact.runs_over(&poses, system.deepest()) {
+            let (residual, tolerance) = (f64::INFINITY, self.limits.tolerance);
+            return Err(Error::NotConverged { iterations: 0, residual, tolerance });
+        }
         let mut state = State { displacement: self.state.displacement.clone(), poses };
         if push.is_none() {
             self.predict(shapes, &mut state, &mut contact);
         }
         let (balance, forces) =
             equilibrium(system, &mut self.matrix, &mut state, &mut contact, push, &self.limits)?;
+        let depth = forces.touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
+        let most = DEEPEST * system.law.softness;
+        if depth > most {
+            return Err(Error::Penetrated { depth, most });
+        }
         let back =
             |touch: &Touch| system.law.stuck_at(&system.surface[touch.point as usize], touch);
         let anchors = contact.anchors(&state.poses, &forces.touches, back);
@@ -388,12 +369,4 @@ impl<'a> Run<'a> {
             seconds: 0.0,
         }
     }
-}
-
-/// Poses a fraction `t` of the way between two sets.
-fn between(from: &[Isometry3<f64>], to: &[Isometry3<f64>], t: f64) -> Vec<Isometry3<f64>> {
-    if t == 1.0 {
-        return to.to_vec();
-    }
-    from.iter().zip(to).map(|(from, to)| from.lerp_slerp(to, t)).collect()
 }

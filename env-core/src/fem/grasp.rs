@@ -13,7 +13,7 @@ use nalgebra::{
 
 use super::{
     Fem,
-    drive::{Attempt, Run},
+    drive::{Attempt, Run, SHORTEST_STRIDE},
     sparse::Matrix,
     system::{Forces, Stiffness, System},
 };
@@ -81,6 +81,8 @@ impl Grasp {
 pub struct Hold<'a> {
     object: [Shape; 1],
     runs: [Run<'a>; 2],
+    /// Poses of the pads' frames, and of the object, at the end of the last step.
+    pads: [Isometry3<f64>; 2],
     pose: Isometry3<f64>,
     /// Size of the object (m): what a radian is compared with.
     size: f64,
@@ -116,12 +118,43 @@ impl<'a> Hold<'a> {
         });
         let tolerance =
             SLACK * pads.map(|pad| pad.limits.tolerance).into_iter().fold(0.0, f64::max);
-        Ok(Self { object, runs, pose: start, size, load, tolerance })
+        Ok(Self { object, runs, pads: *first, pose: start, size, load, tolerance })
     }
 
-    /// The equilibrium with the pads at new poses. On failure nothing has changed.
+    /// Leads the pads to `pads`, by way of shorter steps where the whole way at once fails. On
+    /// failure they stand where the last step that was solved left them.
     pub fn frame(&mut self, pads: &[Isometry3<f64>; 2]) -> Result<Grasped> {
-        let clock = Instant::now();
+        let (clock, from) = (Instant::now(), self.pads);
+        let shortest = if *pads == from { 1.0 } else { SHORTEST_STRIDE };
+        let (mut done, mut stride, mut iterations) = (0.0, 1.0, [0; 2]);
+        loop {
+            let next = f64::min(done + stride, 1.0);
+            let between = [0, 1].map(|i| from[i].lerp_slerp(&pads[i], next));
+            match self.step(if next == 1.0 { pads } else { &between }) {
+                Ok(mut grasped) => {
+                    for (sum, pad) in iterations.iter_mut().zip(&mut grasped.pads) {
+                        *sum += pad.iterations;
+                        pad.iterations = *sum;
+                    }
+                    if next == 1.0 {
+                        grasped.seconds = clock.elapsed().as_secs_f64();
+                        return Ok(grasped);
+                    }
+                    (done, stride) = (next, 2.0 * stride);
+                }
+                Err(error @ Error::NotConverged { .. }) => {
+                    stride *= 0.5;
+                    if stride < shortest {
+                        return Err(error);
+                    }
+                }
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// One step to `pads`. On failure nothing has changed.
+    fn step(&mut self, pads: &[Isometry3<f64>; 2]) -> Result<Grasped> {
         let mut trial = self.trial(pads, self.pose)?;
         let balanced = trial.unbalanced.norm() <= self.tolerance;
         let mut stiffness = if balanced { Matrix6::zeros() } else { self.stiffness(pads, &trial) };
@@ -146,14 +179,14 @@ impl<'a> Hold<'a> {
             let (iterations, tolerance) = (ITERATIONS, self.tolerance);
             return Err(Error::NotConverged { iterations, residual, tolerance });
         }
-        self.pose = trial.pose;
+        (self.pads, self.pose) = (*pads, trial.pose);
         let [left, right] = trial.attempts;
         let [first, second] = &mut self.runs;
         let pads = [(first, left), (second, right)].map(|(run, attempt)| {
             let solved = run.accept(attempt);
             run.report(&solved)
         });
-        Ok(Grasped { pads, object: self.pose, residual, seconds: clock.elapsed().as_secs_f64() })
+        Ok(Grasped { pads, object: self.pose, residual, seconds: 0.0 })
     }
 
     /// The pads solved with the object at `pose`.

@@ -109,9 +109,15 @@ impl Material {
 
     /// Von Mises equivalent of the Cauchy stress P Fᵀ / J (Pa).
     pub(super) fn von_mises(&self, f: &Matrix3<f64>) -> f64 {
-        // The pressure's part of the Cauchy stress is hydrostatic and drops out.
-        let w = self.distortion_stress(f);
-        let cauchy = if self.law == Law::Linear { w } else { w * f.transpose() / f.determinant() };
+        // Parts of the Cauchy stress along the identity are hydrostatic and drop out: the pressure's,
+        // and what cof F = J F⁻ᵀ makes.
+        let cauchy = match self.law {
+            Law::NeoHookean | Law::StableNeoHookean => {
+                f * f.transpose() * (self.mu / f.determinant())
+            }
+            Law::Corotated => self.distortion_stress(f) * f.transpose() / f.determinant(),
+            Law::Linear => self.distortion_stress(f),
+        };
         let deviator = cauchy - Matrix3::identity() * (cauchy.trace() / 3.0);
         (1.5 * deviator.norm_squared()).sqrt()
     }

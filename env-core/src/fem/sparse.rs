@@ -90,13 +90,22 @@ impl Pattern {
     pub(super) fn matrix(&self) -> Matrix {
         let needs = StackReq::any_of(&[
             self.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Spec::default()),
-            self.symbolic.solve_in_place_scratch::<f64>(MOST_COLUMNS, Par::Seq),
+            self.solve_needs(),
         ]);
         Matrix {
             values: vec![0.0; self.row.len()],
             factor: vec![0.0; self.symbolic.len_val()],
             scratch: MemBuffer::new(needs),
         }
+    }
+
+    fn solve_needs(&self) -> StackReq {
+        self.symbolic.solve_in_place_scratch::<f64>(MOST_COLUMNS, Par::Seq)
+    }
+
+    /// Working memory of [`Factor::solve`].
+    pub(super) fn workspace(&self) -> MemBuffer {
+        MemBuffer::new(self.solve_needs())
     }
 
     /// A nodal vector (N) as unknowns.
@@ -176,13 +185,33 @@ impl Matrix {
 
     /// Solves for up to [`MOST_COLUMNS`] right-hand sides in place, after [`Matrix::factorise`].
     pub(super) fn solve(&mut self, pattern: &Pattern, right: &mut [f64]) {
-        let size = pattern.size();
-        let columns = right.len() / size;
-        let factor = faer::sparse::linalg::cholesky::LltRef::new(&pattern.symbolic, &self.factor);
-        let right = MatMut::from_column_major_slice_mut(right, size, columns);
-        let scratch = MemStack::new(&mut self.scratch);
-        factor.solve_in_place_with_conj(Conj::No, right, Par::Seq, scratch);
+        solve(pattern, &self.factor, &mut self.scratch, right);
     }
+
+    /// The factor alone, after [`Matrix::factorise`].
+    pub(super) fn into_factor(self) -> Factor {
+        Factor { values: self.factor }
+    }
+}
+
+/// The factor L of L Lᵀ, to be shared between threads.
+pub(super) struct Factor {
+    values: Vec<f64>,
+}
+
+impl Factor {
+    /// Solves for up to [`MOST_COLUMNS`] right-hand sides in place, in a [`Pattern::workspace`].
+    pub(super) fn solve(&self, pattern: &Pattern, workspace: &mut MemBuffer, right: &mut [f64]) {
+        solve(pattern, &self.values, workspace, right);
+    }
+}
+
+fn solve(pattern: &Pattern, factor: &[f64], workspace: &mut MemBuffer, right: &mut [f64]) {
+    let size = pattern.size();
+    let columns = right.len() / size;
+    let factor = faer::sparse::linalg::cholesky::LltRef::new(&pattern.symbolic, factor);
+    let right = MatMut::from_column_major_slice_mut(right, size, columns);
+    factor.solve_in_place_with_conj(Conj::No, right, Par::Seq, MemStack::new(workspace));
 }
 
 /// Symbolic factorisation of a pattern, given by its upper triangle.

@@ -1,0 +1,325 @@
+//! Balance of contact and elastic forces on the condensed surface.
+//!
+//! The surface gives way by u = u₀ + C f to forces f on its nodes, and the shapes push back with
+//! f = t(u), the contact law integrated over the surface points. Newton's method on f − t(u₀ + C f)
+//! solves (1 + C H) δu = C (t − f) on the nodes that touch, H = −∂t/∂u, so the shapes' distance and
+//! normal are taken anew where the surface has moved to, and Coulomb's cone is met by return mapping
+//! at every point (Wriggers 2006, ch. 9). Where the full step fails to halve the imbalance, the
+//! energy is searched along it with the friction limits held.
+//!
+//! Arrays are those of a [`Zone`]: m free nodes.
+
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+
+use super::{stiffness::Dense, zone::Zone};
+use crate::{
+    Error, Result,
+    contact::{ContactLaw, ContactStep, SurfacePoint, Touch},
+    deformation::Wrench,
+};
+
+/// Contact of a zone with the shapes at one set of poses.
+pub(super) struct Contact<'a> {
+    pub(super) zone: &'a Zone,
+    pub(super) law: &'a ContactLaw,
+    pub(super) step: ContactStep<'a>,
+    pub(super) poses: &'a [Isometry3<f64>],
+    pub(super) dense: &'a mut Dense,
+}
+
+/// Forces on the nodes and what comes of them.
+pub(super) struct Trial {
+    /// Forces that the surface gives way to (m) in N.
+    pub(super) forces: Vec<Vector3<f64>>,
+    /// Displacement of all nodes of the zone (m).
+    displacement: Vec<Vector3<f64>>,
+    pub(super) touches: Vec<Touch>,
+    /// What the contact exerts beyond `forces` (m) in N.
+    excess: Vec<Vector3<f64>>,
+    /// Norm of `excess` (N).
+    imbalance: f64,
+}
+
+/// What is known of the balance before it is sought.
+#[derive(Clone, Default)]
+pub(super) struct Guess {
+    /// Forces on the free nodes in a balance before (m) in N.
+    pub(super) forces: Vec<Vector3<f64>>,
+    /// The touches in that balance.
+    pub(super) touches: Vec<Touch>,
+    /// How far the shape has moved since against each of these points (m).
+    pub(super) motion: Vec<Vector3<f64>>,
+}
+
+/// A change of forces and what it does to the displacement of the free nodes.
+struct Step {
+    forces: Vec<Vector3<f64>>,
+    displacement: Vec<Vector3<f64>>,
+}
+
+/// Most Newton steps.
+const MOST: usize = 40;
+/// Imbalance accepted, relative to the forces.
+const RELATIVE: f64 = 1e-5;
+/// Fraction of the expected fall of energy that a step must bring (Armijo).
+const ARMIJO: f64 = 1e-4;
+/// Shortest fraction of a Newton step that is tried.
+const SHORTEST: f64 = 1e-3;
+
+impl Contact<'_> {
+    /// Forces in balance near those of the `guess` when the body by itself is displaced by `offset`
+    /// (m), and the Newton steps taken. `tolerance` (N) is the least imbalance asked for.
+    pub(super) fn settle(
+        &mut self,
+        offset: &[Vector3<f64>],
+        guess: Guess,
+        tolerance: f64,
+    ) -> Result<(Trial, usize)> {
+        let not_converged = |iterations, residual| Error::NotConverged {
+            iterations,
+            residual,
+            tolerance: tolerance.max(RELATIVE * residual),
+        };
+        let mut at = self.begin(offset, guess).ok_or(not_converged(0, f64::INFINITY))?;
+        for iterations in 0..MOST {
+            if at.imbalance <= tolerance.max(RELATIVE * norm(&at.forces)) {
+                return Ok((at, iterations));
+            }
+            let residual = at.imbalance;
+            at = self.advance(offset, &at).ok_or(not_converged(iterations + 1, residual))?;
+        }
+        Err(not_converged(MOST, at.imbalance))
+    }
+
+    /// Where Newton's method starts.
+    fn begin(&mut self, offset: &[Vector3<f64>], guess: Guess) -> Option<Trial> {
+        let Guess { mut forces, mut touches, motion } = guess;
+        let mut excess = vec![Vector3::zeros(); self.zone.free];
+        if touches.is_empty() {
+            let still = self.displaced(offset, &forces);
+            touches = deepest(self.touches(&still)?);
+            excess = self.nodal(&touches);
+            excess.truncate(self.zone.free);
+        }
+        for (touch, motion) in touches.iter().zip(&motion) {
+            let push = self.hessian(touch, false) * motion;
+            for (node, share) in self.carriers(touch) {
+                excess[node] += push * share;
+            }
+        }
+        if let Some(step) = self.newton_step(&touches, &excess, false) {
+            forces.iter_mut().zip(&step.forces).for_each(|(force, change)| *force += change);
+        }
+        let displacement = self.displaced(offset, &forces);
+        self.trial(forces, displacement)
+    }
+
+    /// The surface under `forces`, displaced by `offset` without them (m).
+    fn displaced(&self, offset: &[Vector3<f64>], forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let mut displacement = offset.to_vec();
+        for (u, du) in displacement.iter_mut().zip(self.zone.respond(forces)) {
+            *u += du;
+        }
+        displacement
+    }
+
+    /// Contact on the surface displaced by `displacement`, or `None` if a point came out on the far
+    /// side of a shape.
+    pub(super) fn touches(&mut self, displacement: &[Vector3<f64>]) -> Option<Vec<Touch>> {
+        let zone = self.zone;
+        let place = |point: &SurfacePoint| point.place(&zone.places, displacement);
+        let places: Vec<Point3<f64>> = zone.surface.iter().map(place).collect();
+        let touches = self.step.touches(self.poses, &places);
+        let deep = |touch: &Touch| touch.depth > 10.0 * self.law.softness;
+        let through = |touch: &Touch| deep(touch) && self.step.passed_through(touch, self.poses);
+        (!touches.iter().any(through)).then_some(touches)
+    }
+
+    /// Force of a shape at a touching point (N).
+    pub(super) fn force(&self, touch: &Touch) -> Vector3<f64> {
+        let point = &self.zone.surface[touch.point as usize];
+        let traction = self.law.traction(point, touch, self.law.limit(point, touch));
+        (traction.normal + traction.tangential) * point.area
+    }
+
+    /// Forces of `touches` on the nodes of the zone (N).
+    pub(super) fn nodal(&self, touches: &[Touch]) -> Vec<Vector3<f64>> {
+        let mut nodal = vec![Vector3::zeros(); self.zone.nodes.len()];
+        for touch in touches {
+            let force = self.force(touch);
+            for &(node, share) in &self.zone.surface[touch.point as usize].shares {
+                nodal[node as usize] += force * share;
+            }
+        }
+        nodal
+    }
+
+    /// Resultant of `touches`.
+    pub(super) fn wrench(&self, touches: &[Touch]) -> Wrench {
+        let mut wrench = Wrench::default();
+        for touch in touches {
+            let force = self.force(touch);
+            wrench.force += force;
+            wrench.torque += touch.place.coords.cross(&force);
+        }
+        wrench
+    }
+
+    fn trial(
+        &mut self,
+        forces: Vec<Vector3<f64>>,
+        displacement: Vec<Vector3<f64>>,
+    ) -> Option<Trial> {
+        let touches = self.touches(&displacement)?;
+        let mut excess = self.nodal(&touches);
+        excess.truncate(self.zone.free);
+        excess.iter_mut().zip(&forces).for_each(|(excess, force)| *excess -= force);
+        let imbalance = norm(&excess);
+        Some(Trial { forces, displacement, touches, excess, imbalance })
+    }
+
+    fn moved(&mut self, at: &Trial, step: &Step, share: f64) -> Option<Trial> {
+        let add = |to: &[Vector3<f64>], change: &[Vector3<f64>]| {
+            let mut sum = to.to_vec();
+            sum.iter_mut().zip(change).for_each(|(x, dx)| *x += dx * share);
+            sum
+        };
+        let forces = add(&at.forces, &step.forces);
+        self.trial(forces, add(&at.displacement, &step.displacement))
+    }
+
+    /// One Newton step, or `None` if none was found.
+    fn advance(&mut self, offset: &[Vector3<f64>], at: &Trial) -> Option<Trial> {
+        let slips = at.touches.iter().any(|touch| self.coupling(touch).is_some());
+        for coupled in [true, false] {
+            if coupled && !slips {
+                continue;
+            }
+            let step = self.newton_step(&at.touches, &at.excess, coupled)?;
+            let full = self.moved(at, &step, 1.0);
+            if full.as_ref().is_some_and(|full| full.imbalance <= 0.5 * at.imbalance) {
+                return full;
+            }
+            let found = self.line_search(offset, at, &step, full);
+            if found.is_some() {
+                return found;
+            }
+        }
+        None
+    }
+
+    fn coupling(&self, touch: &Touch) -> Option<Matrix3<f64>> {
+        let point = &self.zone.surface[touch.point as usize];
+        Some(self.law.limit_coupling(point, touch)? * point.area)
+    }
+
+    /// Stiffness of a touch (N/m); `coupled` lets the friction limit follow the depth.
+    fn hessian(&self, touch: &Touch, coupled: bool) -> Matrix3<f64> {
+        let point = &self.zone.surface[touch.point as usize];
+        let hessian = self.law.hessian(point, touch, self.law.limit(point, touch)) * point.area;
+        let coupling = if coupled { self.coupling(touch) } else { None };
+        coupling.map_or(hessian, |coupling| hessian + coupling)
+    }
+
+    /// Free nodes that carry a touching point, with their shares.
+    fn carriers(&self, touch: &Touch) -> impl Iterator<Item = (usize, f64)> + Clone {
+        let zone = self.zone;
+        let shares = zone.surface[touch.point as usize].shares.iter();
+        let shares = shares.map(|&(node, share)| (node as usize, share));
+        shares.filter(|&(node, _)| node < zone.free)
+    }
+
+    /// Newton's step for what the contact exerts in `excess` of the forces.
+    fn newton_step(
+        &mut self,
+        touches: &[Touch],
+        excess: &[Vector3<f64>],
+        coupled: bool,
+    ) -> Option<Step> {
+        let stiffness = |touch: &Touch| {
+            (&self.zone.surface[touch.point as usize], self.hessian(touch, coupled))
+        };
+        let touching: Vec<_> = touches.iter().map(stiffness).collect();
+        self.dense.assemble(self.zone, &touching);
+        let pull = self.zone.respond(excess);
+        let pull = self.dense.active().iter().flat_map(|&node| <[f64; 3]>::from(pull[node]));
+        let pull = pull.collect();
+        let moved = self.dense.solve(self.zone, pull)?;
+        let relief = self.dense.times(&moved);
+        let mut forces = excess.to_vec();
+        for (&node, &relief) in self.dense.active().iter().zip(relief.as_chunks::<3>().0) {
+            forces[node] -= Vector3::from(relief);
+        }
+        let displacement = self.zone.respond(&forces);
+        Some(Step { forces, displacement })
+    }
+
+    /// Backtracks along `step` until the energy has fallen enough for its slope (Armijo).
+    fn line_search(
+        &mut self,
+        offset: &[Vector3<f64>],
+        at: &Trial,
+        step: &Step,
+        full: Option<Trial>,
+    ) -> Option<Trial> {
+        let slope = -dot(&step.displacement, &at.excess);
+        if slope >= 0.0 {
+            return None;
+        }
+        let limits = self.friction_limits(&at.touches);
+        let energy = self.energy(offset, at, &limits);
+        let (mut share, mut next) = (1.0, full);
+        while share > SHORTEST {
+            if let Some(trial) = next
+                && self.energy(offset, &trial, &limits) - energy <= ARMIJO * share * slope
+            {
+                return Some(trial);
+            }
+            share *= 0.5;
+            next = self.moved(at, step, share);
+        }
+        None
+    }
+
+    /// Energy of body and contact with friction cut at `limits` (J).
+    fn energy(&self, offset: &[Vector3<f64>], at: &Trial, limits: &[f64]) -> f64 {
+        let give = at.displacement.iter().zip(offset).map(|(u, u0)| u - u0);
+        let elastic: f64 = at.forces.iter().zip(give).map(|(f, u)| 0.5 * f.dot(&u)).sum();
+        let contact = |touch: &Touch| {
+            let point = &self.zone.surface[touch.point as usize];
+            let limit = limits.get(self.pair(touch)).copied().unwrap_or(0.0);
+            self.law.energy(point, touch, limit) * point.area
+        };
+        elastic + at.touches.iter().map(contact).sum::<f64>()
+    }
+
+    /// The friction limit of every pair of shape and point; 0 for those that do not touch (Pa).
+    fn friction_limits(&self, touches: &[Touch]) -> Vec<f64> {
+        let mut limits = vec![0.0; self.poses.len() * self.zone.surface.len()];
+        for touch in touches {
+            let point = &self.zone.surface[touch.point as usize];
+            limits[self.pair(touch)] = self.law.limit(point, touch);
+        }
+        limits
+    }
+
+    fn pair(&self, touch: &Touch) -> usize {
+        touch.shape as usize * self.zone.surface.len() + touch.point as usize
+    }
+}
+
+/// Those at least half as deep as the deepest: nearer to where a round shape will touch than all of
+/// them, and free of those that an edge would push aside.
+fn deepest(mut touches: Vec<Touch>) -> Vec<Touch> {
+    let deepest = touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
+    touches.retain(|touch| touch.depth >= 0.5 * deepest);
+    touches
+}
+
+fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
+}
+
+pub(super) fn norm(a: &[Vector3<f64>]) -> f64 {
+    dot(a, a).sqrt()
+}

@@ -1,0 +1,137 @@
+//! A bonded body condensed to its skin, once.
+//!
+//! The compliance C is the displacement of every skin node under a unit force on every other: the
+//! inverse of the stiffness K at rest, between skin nodes only. It is symmetric.
+//!
+//! Shapes: V nodes, M skin nodes (free nodes that carry a surface point), C surface points.
+
+use std::path::Path;
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::cache::Stored;
+use crate::{Result, contact::SurfacePoint, deformation::SoftBody, fem::Linearised};
+
+/// Not a skin node.
+pub(super) const INSIDE: u32 = u32::MAX;
+
+/// What all presses of a body share.
+pub(super) struct Condensed {
+    pub(super) body: SoftBody,
+    pub(super) rest: Linearised,
+    /// Rank of each node among the skin nodes, or [`INSIDE`] (V).
+    pub(super) rank: Vec<u32>,
+    /// The skin nodes (M).
+    skin: Vec<u32>,
+    /// Three rows of numbers for each skin node (3M, 3M) in m/N.
+    compliance: Vec<f64>,
+    pub(super) facets: Vec<Facet>,
+}
+
+/// A face of the surface at rest.
+pub(super) struct Facet {
+    pub(super) centre: Point3<f64>,
+    /// Distance of its farthest surface point from the centre (m).
+    pub(super) radius: f64,
+    /// Largest sum of the absolute shares of one of its points: at least 1.
+    pub(super) gain: f64,
+    pub(super) nodes: Vec<u32>,
+    /// Its surface points.
+    pub(super) points: std::ops::Range<u32>,
+}
+
+impl Condensed {
+    /// Condenses `body`; with a `directory` the result is read from there if it was stored before,
+    /// and stored there if not.
+    pub(super) fn new(body: SoftBody, directory: Option<&Path>) -> Result<Self> {
+        let rest = Linearised::new(&body)?;
+        let mut skin: Vec<u32> = rest.surface().iter().flat_map(carriers).collect();
+        skin.sort_unstable();
+        skin.dedup();
+        skin.retain(|&node| rest.is_free(node));
+        let mut rank = vec![INSIDE; rest.places().len()];
+        for (i, &node) in skin.iter().enumerate() {
+            rank[node as usize] = i as u32;
+        }
+        let compliance = match directory {
+            None => condense(&rest, &skin),
+            Some(directory) => {
+                let stored = Stored::of(&body, directory);
+                stored.read_or_compute(9 * skin.len() * skin.len(), || condense(&rest, &skin))?
+            }
+        };
+        let facets = facets(rest.surface(), rest.places());
+        Ok(Self { body, rest, rank, skin, compliance, facets })
+    }
+
+    /// Row of the compliance for component `i` of the force on a skin node, by its rank (3M).
+    pub(super) fn row(&self, rank: u32, i: usize) -> &[f64] {
+        let size = 3 * self.skin.len();
+        &self.compliance[(3 * rank as usize + i) * size..][..size]
+    }
+
+    /// Displacement of the skin under `forces` on some of its `nodes`, zero at all others (V) in m.
+    pub(super) fn response(&self, nodes: &[u32], forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let mut sum = vec![0.0; 3 * self.skin.len()];
+        for (&node, force) in nodes.iter().zip(forces).filter(|(_, f)| **f != Vector3::zeros()) {
+            let rank = self.rank[node as usize];
+            add_rows(&mut sum, [0, 1, 2].map(|i| self.row(rank, i)), force);
+        }
+        let mut displacement = vec![Vector3::zeros(); self.rank.len()];
+        for (&node, u) in self.skin.iter().zip(sum.as_chunks::<3>().0) {
+            displacement[node as usize] = Vector3::from(*u);
+        }
+        displacement
+    }
+}
+
+/// Adds to `sum` what a force does whose components have the given rows of the compliance.
+pub(super) fn add_rows(sum: &mut [f64], [x, y, z]: [&[f64]; 3], force: &Vector3<f64>) {
+    for (((u, x), y), z) in sum.iter_mut().zip(x).zip(y).zip(z) {
+        *u += force.x * x + force.y * y + force.z * z;
+    }
+}
+
+fn carriers(point: &SurfacePoint) -> impl Iterator<Item = u32> {
+    point.shares.iter().map(|&(node, _)| node)
+}
+
+/// Skin nodes solved for in one piece of work.
+const BATCH: usize = 8;
+
+fn condense(rest: &Linearised, skin: &[u32]) -> Vec<f64> {
+    let row = 9 * skin.len();
+    let mut compliance = vec![0.0; row * skin.len()];
+    let batches = compliance.par_chunks_mut(BATCH * row).zip(skin.par_chunks(BATCH));
+    batches.for_each_init(
+        || rest.workspace(),
+        |workspace, (rows, at)| {
+            rows.copy_from_slice(&rest.unit_responses(at, skin, workspace));
+        },
+    );
+    compliance
+}
+
+/// Runs of surface points that the same nodes carry.
+fn facets(surface: &[SurfacePoint], places: &[Point3<f64>]) -> Vec<Facet> {
+    let mut facets = Vec::new();
+    let (mut first, still) = (0, vec![Vector3::zeros(); places.len()]);
+    for run in surface.chunk_by(|a, b| carriers(a).eq(carriers(b))) {
+        let place = |point: &SurfacePoint| point.place(places, &still);
+        let sum: Vector3<f64> = run.iter().map(|point| place(point).coords).sum();
+        let centre = Point3::from(sum / run.len() as f64);
+        let away = |point: &SurfacePoint| (place(point) - centre).norm();
+        let gain = |point: &SurfacePoint| point.shares.iter().map(|(_, s)| s.abs()).sum::<f64>();
+        let last = first + run.len() as u32;
+        facets.push(Facet {
+            centre,
+            radius: run.iter().map(away).fold(0.0, f64::max),
+            gain: run.iter().map(gain).fold(1.0, f64::max),
+            nodes: carriers(&run[0]).collect(),
+            points: first..last,
+        });
+        first = last;
+    }
+    facets
+}

@@ -1,0 +1,122 @@
+//! Linear elasticity of a bonded body, condensed once to its surface: the second answerer.
+//!
+//! The stiffness is that of the finite elements at rest ([`crate::fem`], `p1-bar`), so the body
+//! answers contact by a dense compliance matrix between the nodes of its surface; the contact itself
+//! is the same as there: the same surface points, law and history ([`crate::contact`]), and a press
+//! may go on where either model ended. What is lost is large strain. [`Options::sweeps`] buys it
+//! back: each is a step of modified Newton with the stiffness at rest and the true forces of the
+//! body's own law, taken only where it lowers the unbalanced force, which
+//! [`Deformation::residual`](crate::deformation::Deformation) states.
+//!
+//! A body must be held by fixed nodes: a free one has no compliance.
+
+mod balance;
+mod cache;
+mod condensed;
+mod mixing;
+mod path;
+mod push;
+mod solution;
+mod stiffness;
+mod walk;
+mod zone;
+
+use std::{path::Path, sync::Arc};
+
+use rayon::prelude::*;
+
+use crate::{
+    Error, Result,
+    contact::ContactLaw,
+    deformation::{Deformation, DeformationModel, Press, SoftBody, Wrench},
+    fem,
+};
+
+use condensed::Condensed;
+use walk::{Settings, Walk};
+
+/// How a [`Compliance`] computes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Options {
+    /// Coefficient of Coulomb friction between body and shapes.
+    pub friction: f64,
+    /// Most corrections of a load step by the true residual, 0 to 12; none is linear elasticity.
+    pub sweeps: usize,
+}
+
+/// Most sweeps that may be asked for.
+const MOST_SWEEPS: usize = 12;
+
+/// The compliance model of one soft body. Copies share what was computed in advance.
+#[derive(Clone)]
+pub struct Compliance {
+    condensed: Arc<Condensed>,
+    settings: Settings,
+}
+
+impl Compliance {
+    /// Condenses `body`, whose fixed nodes must hold it.
+    pub fn new(body: SoftBody, options: Options) -> Result<Self> {
+        Self::condensed(body, options, None)
+    }
+
+    /// As [`Compliance::new`], reading the compliance from a file in `directory`, or writing it there
+    /// if it is missing, damaged or of another body.
+    pub fn cached(body: SoftBody, options: Options, directory: &Path) -> Result<Self> {
+        Self::condensed(body, options, Some(directory))
+    }
+
+    fn condensed(body: SoftBody, options: Options, directory: Option<&Path>) -> Result<Self> {
+        let settings = settings(&body, options)?;
+        Ok(Self { condensed: Arc::new(Condensed::new(body, directory)?), settings })
+    }
+
+    /// The same body with other options.
+    pub fn with_options(&self, options: Options) -> Result<Self> {
+        let settings = settings(self.body(), options)?;
+        Ok(Self { condensed: Arc::clone(&self.condensed), settings })
+    }
+
+    /// The body.
+    pub fn body(&self) -> &SoftBody {
+        &self.condensed.body
+    }
+
+    /// Every frame of `press`, in order; the first that is not solved is an error and the last.
+    pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
+        match self.walk(press) {
+            Ok(walk) => walk.every(press, Walk::report),
+            Err(error) => vec![Err(error)],
+        }
+    }
+
+    /// Force and torque in every frame of `press`, as in [`Compliance::solve_path`], but without the
+    /// fields, and so without the error that a tetrahedron is turned inside out.
+    pub fn wrenches(&self, press: &Press) -> Vec<Result<Wrench>> {
+        match self.walk(press) {
+            Ok(walk) => walk.every(press, |walk| Ok(walk.state.wrench)),
+            Err(error) => vec![Err(error)],
+        }
+    }
+
+    fn walk(&self, press: &Press) -> Result<Walk<'_>> {
+        Walk::new(&self.condensed, self.settings, press)
+    }
+}
+
+impl DeformationModel for Compliance {
+    /// Presses are solved in parallel, each on one thread.
+    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
+        presses.par_iter().map(|press| self.walk(press)?.last(press)).collect()
+    }
+}
+
+fn settings(body: &SoftBody, options: Options) -> Result<Settings> {
+    if options.sweeps > MOST_SWEEPS {
+        return Err(Error::invalid("sweeps", options.sweeps, format!("0 to {MOST_SWEEPS}")));
+    }
+    let fem::Options { softness, tolerance, .. } = fem::Options::default();
+    let law = ContactLaw::new(softness, options.friction)?;
+    let tolerance = tolerance * (body.stiffest() / 1e6).max(1.0);
+    Ok(Settings { law, sweeps: options.sweeps, tolerance })
+}

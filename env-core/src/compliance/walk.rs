@@ -1,0 +1,205 @@
+//! A press being walked: where body and shapes are, and load steps from there.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::{
+    balance::{Contact, Guess},
+    condensed::Condensed,
+    solution::{Field, Solution},
+    stiffness::Dense,
+    zone::{Zone, reached},
+};
+use crate::{
+    Result,
+    contact::{ContactLaw, ContactStep, Touch, backed_off},
+    deformation::{Anchor, Drive, History, Press, Wrench},
+    fem::Workspace,
+    geometry::Shape,
+};
+
+/// Facets this close to a shape are made part of the zone (m).
+const MARGIN: f64 = 1e-4;
+
+/// How a walk computes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Settings {
+    pub(super) law: ContactLaw,
+    /// Corrections by the true residual.
+    pub(super) sweeps: usize,
+    /// Norm of the unbalanced force that needs no further work (N).
+    pub(super) tolerance: f64,
+}
+
+/// One press being answered.
+pub(super) struct Walk<'a> {
+    pub(super) condensed: &'a Condensed,
+    pub(super) settings: Settings,
+    pub(super) workspace: Workspace,
+    dense: Dense,
+    pub(super) zone: Zone,
+    pub(super) state: State,
+    /// Wall time of the last frame (s).
+    pub(super) seconds: f64,
+}
+
+/// Body and shapes in balance.
+pub(super) struct State {
+    pub(super) poses: Vec<Isometry3<f64>>,
+    pub(super) field: Field,
+    /// Force of the shapes on the nodes (V) in N.
+    pub(super) contact_force: Vec<Vector3<f64>>,
+    /// Touches, by points of the mesh.
+    touches: Vec<Touch>,
+    pub(super) anchors: Vec<Anchor>,
+    pub(super) wrench: Wrench,
+    pub(super) iterations: usize,
+}
+
+impl State {
+    /// What it makes expect when the shapes move on to `poses`.
+    fn guess(&self, zone: &Zone, poses: &[Isometry3<f64>]) -> Guess {
+        let mut forces = zone.pick(&self.contact_force);
+        forces.truncate(zone.free);
+        let touches = zone.touches_in(&self.touches);
+        let motion = |touch: &Touch| {
+            let shape = touch.shape as usize;
+            poses[shape] * self.poses[shape].inverse_transform_point(&touch.place) - touch.place
+        };
+        Guess { forces, motion: touches.iter().map(motion).collect(), touches }
+    }
+}
+
+impl<'a> Walk<'a> {
+    /// A walk that begins where `press` does.
+    pub(super) fn new(condensed: &'a Condensed, settings: Settings, press: &Press) -> Result<Self> {
+        let still = vec![Vector3::zeros(); condensed.rest.places().len()];
+        let state = State {
+            poses: Vec::new(),
+            field: Field {
+                displacement: still.clone(),
+                offset: still.clone(),
+                loads: still.clone(),
+            },
+            contact_force: still,
+            touches: Vec::new(),
+            anchors: Vec::new(),
+            wrench: Wrench::default(),
+            iterations: 0,
+        };
+        let zone = Zone::new(condensed, vec![false; condensed.facets.len()]);
+        let workspace = condensed.rest.workspace();
+        let mut walk = Self {
+            condensed,
+            settings,
+            workspace,
+            dense: Dense::default(),
+            zone,
+            state,
+            seconds: 0.0,
+        };
+        match press.history() {
+            Some(history) => walk.recall(press.shapes(), history)?,
+            None => walk.approach(press),
+        }
+        Ok(walk)
+    }
+
+    /// Puts the shapes beside the resting body.
+    fn approach(&mut self, press: &Press) {
+        let first = match press.drive() {
+            Drive::Translation { path } => &path[0],
+            Drive::Force { poses, .. } => poses,
+        };
+        self.cover(press.shapes(), first);
+        let places = self.zone_places();
+        self.state.poses = backed_off(press.shapes(), first, &self.zone.surface, &places);
+    }
+
+    /// Goes back to where another press ended.
+    fn recall(&mut self, shapes: &[Shape], history: &History) -> Result<()> {
+        let rest = &self.condensed.rest;
+        history.check(rest.places().len(), rest.surface().len())?;
+        self.state.field.displacement.clone_from(&history.displacement);
+        self.state.poses.clone_from(&history.poses);
+        self.state.anchors.clone_from(&history.anchors);
+        self.cover(shapes, &history.poses);
+        let places = self.zone_places();
+        let anchors = self.zone.anchors_in(&history.anchors);
+        let poses = &history.poses;
+        let step = ContactStep::new(shapes, &self.zone.surface, poses.clone(), places, &anchors);
+        let (zone, law, dense) = (&self.zone, &self.settings.law, &mut self.dense);
+        let mut contact = Contact { zone, law, step, poses, dense };
+        let touches = contact.touches(&self.zone.pick(&history.displacement)).unwrap_or_default();
+        self.state.contact_force = self.zone.spread(&contact.nodal(&touches), rest.places().len());
+        self.state.wrench = contact.wrench(&touches);
+        self.state.touches = self.zone.touches_out(touches);
+        if self.settings.sweeps > 0 {
+            let given = rest.displacement(&self.state.contact_force, &mut self.workspace);
+            let pairs = history.displacement.iter().zip(given);
+            self.state.field.offset = pairs.map(|(u, given)| u - given).collect();
+        }
+        Ok(())
+    }
+
+    /// Where one load step to `poses` leads.
+    pub(super) fn attempt(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<State> {
+        self.cover(shapes, poses);
+        loop {
+            let state = self.attempt_in_zone(shapes, poses)?;
+            let displacement = &state.field.displacement;
+            if !self.zone.grow(self.condensed, shapes, poses, displacement) {
+                return Ok(state);
+            }
+        }
+    }
+
+    /// As [`Walk::attempt`], blind to what lies outside the zone.
+    fn attempt_in_zone(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<State> {
+        let start = self.zone_places();
+        let anchors = self.zone.anchors_in(&self.state.anchors);
+        let from = self.state.poses.clone();
+        let zone = &self.zone;
+        let step = ContactStep::new(shapes, &zone.surface, from, start, &anchors);
+        let (law, dense) = (&self.settings.law, &mut self.dense);
+        let mut contact = Contact { zone, law, step, poses, dense };
+        let mut solution = Solution {
+            condensed: self.condensed,
+            workspace: &mut self.workspace,
+            contact: &mut contact,
+            tolerance: self.settings.tolerance,
+            iterations: 0,
+        };
+        let guess = self.state.guess(zone, poses);
+        let (field, touches) =
+            solution.find(&self.state.field.offset, guess, self.settings.sweeps)?;
+        let iterations = solution.iterations;
+        let law = &self.settings.law;
+        let back = |touch: &_| stuck_at(law, zone, touch);
+        let anchors = zone.anchors_out(contact.step.anchors(poses, &touches, back));
+        let contact_force = zone.spread(&contact.nodal(&touches), field.displacement.len());
+        let wrench = contact.wrench(&touches);
+        let touches = zone.touches_out(touches);
+        let poses = poses.to_vec();
+        Ok(State { poses, field, contact_force, touches, anchors, wrench, iterations })
+    }
+
+    /// Makes the zone hold all that the shapes at `poses` may touch.
+    pub(super) fn cover(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) {
+        let displacement = &self.state.field.displacement;
+        if !self.zone.covers(&reached(self.condensed, shapes, poses, displacement, 0.0)) {
+            let near = reached(self.condensed, shapes, poses, displacement, MARGIN);
+            self.zone = Zone::new(self.condensed, near);
+        }
+    }
+
+    /// Places of the zone's surface points.
+    pub(super) fn zone_places(&self) -> Vec<Point3<f64>> {
+        let displacement = self.zone.pick(&self.state.field.displacement);
+        let points = self.zone.surface.iter();
+        points.map(|point| point.place(&self.zone.places, &displacement)).collect()
+    }
+}
+
+fn stuck_at(law: &ContactLaw, zone: &Zone, touch: &Touch) -> Vector3<f64> {
+    law.stuck_at(&zone.surface[touch.point as usize], touch)
+}

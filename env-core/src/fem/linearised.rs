@@ -1,0 +1,147 @@
+//! A body bonded to its base, linearised at rest, for those who need no more than that.
+//!
+//! The stiffness is that of `p1-bar`; at rest it is the same for all laws. Fixed nodes do not move.
+
+use faer::dyn_stack::MemBuffer;
+use nalgebra::{Point3, Vector3};
+
+use super::{
+    element::{Element, Nodes},
+    solid::{Solid, Strain, solid},
+    sparse::{FIXED, Factor, MOST_COLUMNS, Pattern},
+    surface::surface_points,
+};
+use crate::{Error, Result, contact::SurfacePoint, deformation::SoftBody};
+
+/// Element whose stiffness is taken.
+const ELEMENT: Element = Element::P1Bar;
+
+/// A body with the factor of its stiffness at rest.
+pub(crate) struct Linearised {
+    nodes: Nodes,
+    solid: Box<dyn Solid>,
+    pattern: Pattern,
+    factor: Factor,
+    surface: Vec<SurfacePoint>,
+}
+
+/// Working memory of one thread.
+pub(crate) struct Workspace {
+    buffer: MemBuffer,
+    strain: Strain,
+}
+
+impl Linearised {
+    /// Linearises `body`; an error if its fixed nodes leave it free to move as a whole.
+    pub(crate) fn new(body: &SoftBody) -> Result<Self> {
+        let nodes = Nodes::new(body, ELEMENT);
+        let mut solid = solid(body, &nodes, ELEMENT);
+        let pattern = Pattern::new(&nodes.places, &nodes.fixed, &solid.couplings());
+        solid.locate(&pattern);
+        let rest = vec![Vector3::zeros(); nodes.places.len()];
+        let (mut strain, mut forces) = (Strain::default(), rest.clone());
+        let mut matrix = pattern.matrix();
+        solid.evaluate(&rest, &mut strain, &mut forces).expect("no element is inverted at rest");
+        solid.assemble(&strain, &pattern, &mut matrix, false);
+        if !held(body) || !matrix.factorise(&pattern) {
+            let found = format!("{} nodes", body.fixed().len());
+            let expected = "three or more that are not on a line, so that the body is held";
+            return Err(Error::invalid("fixed", found, expected));
+        }
+        let surface = surface_points(body, &nodes, ELEMENT);
+        Ok(Self { nodes, solid, pattern, factor: matrix.into_factor(), surface })
+    }
+
+    pub(crate) fn workspace(&self) -> Workspace {
+        Workspace { buffer: self.pattern.workspace(), strain: Strain::default() }
+    }
+
+    /// Places of the nodes at rest (V).
+    pub(crate) fn places(&self) -> &[Point3<f64>] {
+        &self.nodes.places
+    }
+
+    /// Points at which contact is felt (C).
+    pub(crate) fn surface(&self) -> &[SurfacePoint] {
+        &self.surface
+    }
+
+    pub(crate) fn is_free(&self, node: u32) -> bool {
+        self.pattern.place[node as usize] != FIXED
+    }
+
+    /// Displacement (V) in m under `forces` (V) in N.
+    pub(crate) fn displacement(
+        &self,
+        forces: &[Vector3<f64>],
+        workspace: &mut Workspace,
+    ) -> Vec<Vector3<f64>> {
+        let mut unknowns = self.pattern.gather(forces);
+        self.factor.solve(&self.pattern, &mut workspace.buffer, &mut unknowns);
+        self.pattern.scatter(&unknowns)
+    }
+
+    /// Displacement of `nodes` under unit forces on the free nodes `at`, one row of numbers for each
+    /// component of each force (m/N).
+    pub(crate) fn unit_responses(
+        &self,
+        at: &[u32],
+        nodes: &[u32],
+        workspace: &mut Workspace,
+    ) -> Vec<f64> {
+        let size = self.pattern.size();
+        let place = |node: u32| 3 * self.pattern.place[node as usize] as usize;
+        let loads: Vec<usize> = at
+            .iter()
+            .flat_map(|&node| (0..3).map(move |i| (node, i)))
+            .map(|(node, i)| place(node) + i)
+            .collect();
+        let mut rows = Vec::with_capacity(9 * at.len() * nodes.len());
+        for loads in loads.chunks(MOST_COLUMNS) {
+            let mut columns = vec![0.0; size * loads.len()];
+            for (column, &load) in columns.chunks_mut(size).zip(loads) {
+                column[load] = 1.0;
+            }
+            self.factor.solve(&self.pattern, &mut workspace.buffer, &mut columns);
+            for column in columns.chunks(size) {
+                rows.extend(nodes.iter().flat_map(|&node| &column[place(node)..place(node) + 3]));
+            }
+        }
+        rows
+    }
+
+    /// Force that the nodes exert against `displacement` by the body's own law (V) in N, or `None`
+    /// if an element is inverted.
+    pub(crate) fn elastic_force(
+        &self,
+        displacement: &[Vector3<f64>],
+        workspace: &mut Workspace,
+    ) -> Option<Vec<Vector3<f64>>> {
+        let mut forces = vec![Vector3::zeros(); displacement.len()];
+        self.solid.evaluate(displacement, &mut workspace.strain, &mut forces)?;
+        Some(forces)
+    }
+
+    /// Sets `forces` (V) on fixed nodes to zero: the base bears them.
+    pub(crate) fn release(&self, forces: &mut [Vector3<f64>]) {
+        let fixed = forces.iter_mut().zip(&self.nodes.fixed).filter(|(_, fixed)| **fixed);
+        fixed.for_each(|(force, _)| *force = Vector3::zeros());
+    }
+
+    /// Von Mises stress by the body's own law (T) in Pa.
+    pub(crate) fn von_mises(&self, displacement: &[Vector3<f64>]) -> Vec<f64> {
+        self.solid.von_mises(displacement)
+    }
+}
+
+/// Whether the fixed nodes span a plane.
+fn held(body: &SoftBody) -> bool {
+    let place = |&node: &u32| body.mesh().vertices[node as usize];
+    let mut fixed = body.fixed().iter().map(place);
+    let Some(first) = fixed.next() else { return false };
+    let ways: Vec<Vector3<f64>> = fixed.map(|place| place - first).collect();
+    let Some(longest) = ways.iter().max_by(|a, b| a.norm().total_cmp(&b.norm())) else {
+        return false;
+    };
+    ways.iter().any(|way| way.cross(longest).norm() > 1e-6 * longest.norm_squared())
+}
