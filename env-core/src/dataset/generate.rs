@@ -20,11 +20,7 @@ use super::{
     ramp::Ramp,
     record::{Entry, Shard as Filling, entries, write_mesh, write_whole},
 };
-use crate::{
-    Error, Result,
-    geometry::Transfer,
-    objects::Object,
-};
+use crate::{Error, Result, geometry::Transfer, objects::Object};
 
 /// How far a generation has come.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

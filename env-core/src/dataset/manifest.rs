@@ -96,7 +96,8 @@ pub(super) fn splits(grasps: &[(Object, Vec<String>)]) -> BTreeMap<String, Split
     };
     let known: Vec<_> = grasps.iter().filter(|(o, _)| o.split == objects::Split::Train).collect();
     let novel = grasps.iter().filter(|(o, _)| o.split == objects::Split::Novel);
-    let ten: Vec<_> = (0..known.len().min(10)).map(|i| known[i * known.len() / known.len().min(10)]).collect();
+    let ten: Vec<_> =
+        (0..known.len().min(10)).map(|i| known[i * known.len() / known.len().min(10)]).collect();
     let judged = |left_out: &[objects::Family]| {
         let Split { mut train, validation, test } = of(&known);
         train.extend(test);

@@ -61,13 +61,7 @@ pub(super) struct Shard {
 
 impl Shard {
     /// Adds a grasp; its fields are carried from the truth mesh to the model mesh.
-    pub(super) fn add(
-        &mut self,
-        entry: Entry,
-        frames: &[Frame],
-        pads: &Pads,
-        transfer: &Transfer,
-    ) {
+    pub(super) fn add(&mut self, entry: Entry, frames: &[Frame], pads: &Pads, transfer: &Transfer) {
         let number = entry.plan.name.rsplit('/').next().unwrap_or_default().to_owned();
         let count = frames.len();
         let mut put = |name: &str, tensor| self.tensors.push((format!("{number}.{name}"), tensor));
@@ -106,7 +100,8 @@ fn pad_tensors(
     let count = frames.len();
     let [nodes, tets] = [pads.model.mesh.vertices.len(), pads.model.mesh.tets.len()];
     let pad = |frame: &Frame| frame.grasped.pads[side].clone();
-    let all = |field: &dyn Fn(&Frame) -> Vec<f64>| frames.iter().flat_map(field).collect::<Vec<_>>();
+    let all =
+        |field: &dyn Fn(&Frame) -> Vec<f64>| frames.iter().flat_map(field).collect::<Vec<_>>();
     let flat = |vectors: Vec<Vector3<f64>>| {
         vectors.iter().flat_map(|v| [v.x, v.y, v.z]).collect::<Vec<f64>>()
     };
