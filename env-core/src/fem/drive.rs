@@ -51,7 +51,7 @@ pub(super) struct Solved {
 
 /// A load step and where it leads.
 pub(super) struct Attempt {
-    state: State,
+    pub(super) state: State,
     anchors: Vec<Anchor>,
     pub(super) solved: Solved,
 }
@@ -214,16 +214,27 @@ impl<'a> Run<'a> {
         poses: Vec<Isometry3<f64>>,
         push: Option<&Push>,
     ) -> Result<Solved> {
-        let attempt = self.attempt(press.shapes(), poses, push)?;
+        let attempt = self.attempt(press.shapes(), poses, push, None)?;
         Ok(self.accept(attempt))
     }
 
-    /// Where a load step to `poses`, or from there on under `push`, would lead.
-    pub(super) fn attempt(
+    /// Where a load step to `poses` would lead, searched from displacements guessed or predicted.
+    pub(super) fn attempt_from(
+        &mut self,
+        shapes: &[Shape],
+        poses: Vec<Isometry3<f64>>,
+        guess: Option<Vec<Vector3<f64>>>,
+    ) -> Result<Attempt> {
+        self.attempt(shapes, poses, None, guess)
+    }
+
+    /// As [`Run::attempt_from`], or from there on under `push`.
+    fn attempt(
         &mut self,
         shapes: &[Shape],
         poses: Vec<Isometry3<f64>>,
         push: Option<&Push>,
+        guess: Option<Vec<Vector3<f64>>>,
     ) -> Result<Attempt> {
         let system = self.system;
         let start = system.surface_places(&self.state.displacement);
@@ -235,8 +246,10 @@ impl<'a> Run<'a> {
             return Err(Error::NotConverged { iterations: 0, residual, tolerance });
         }
         let mut state = State { displacement: self.state.displacement.clone(), poses };
-        if push.is_none() {
-            self.predict(shapes, &mut state, &mut contact);
+        match guess {
+            Some(guess) => state.displacement = guess,
+            None if push.is_none() => self.predict(shapes, &mut state, &mut contact),
+            None => {}
         }
         let (balance, forces) =
             equilibrium(system, &mut self.matrix, &mut state, &mut contact, push, &self.limits)?;

@@ -43,7 +43,7 @@ use drive::Run;
 use system::System;
 
 pub use element::Element;
-pub use grasp::{Grasp, Grasped};
+pub use grasp::{Grasp, Grasped, Hold};
 pub(crate) use linearised::{Linearised, Workspace};
 
 /// How a [`Fem`] computes.
@@ -93,6 +93,13 @@ impl Fem {
         let tolerance = options.tolerance * (body.stiffest() / 1e6).max(1.0);
         let limits = newton::Limits { tolerance, iterations: options.iterations };
         Ok(Self { body, system, limits })
+    }
+
+    /// Places at rest of the points at which contact is felt (m), numbered as in a history's
+    /// anchors.
+    pub fn contact_points(&self) -> Vec<Point3<f64>> {
+        let still = vec![Vector3::zeros(); self.system.nodes.places.len()];
+        self.system.surface_places(&still)
     }
 
     /// The body.
