@@ -4,6 +4,7 @@
 
 #![allow(missing_docs)] // criterion's macros expand to undocumented functions
 
+#[allow(dead_code)] // Each of its users needs a part of it.
 #[path = "../../tests/physics/bodies.rs"]
 mod bodies;
 

@@ -65,6 +65,15 @@ pub enum Error {
     /// An answer that turns part of the body inside out.
     #[error("the answer turns a tetrahedron inside out, expected a press in reach of the model")]
     Inverted,
+    /// A balance of forces in which a shape stands deep inside the body, as when it is led through
+    /// nodes that are held fixed.
+    #[error("a shape stands {depth:.2e} m inside the body, expected {most:.1e} m or less")]
+    Penetrated {
+        /// Depth of the deepest touching point (m).
+        depth: f64,
+        /// Depth that would have been accepted (m).
+        most: f64,
+    },
     /// A force drive whose shapes never press that hard.
     #[error("force {force:.3e} N not reached: {reached:.3e} N after {travel:.3e} m")]
     Unreachable {
@@ -98,6 +107,7 @@ impl Error {
             Self::File { .. } => "file",
             Self::NotConverged { .. } => "not-converged",
             Self::Inverted => "inverted",
+            Self::Penetrated { .. } => "penetrated",
             Self::Unreachable { .. } => "unreachable",
         }
     }

@@ -13,6 +13,7 @@ pub mod deformation;
 pub mod contact;
 pub mod fem;
 pub mod compliance;
+pub mod dataset;
 pub mod scene;
 pub mod task;
 pub mod render;

@@ -19,8 +19,9 @@ pyo3::create_exception!(
     SimulationError,
     "A press that was not solved, as it stands in the list of answers.\n\n\
      `kind` names the reason: \"not-converged\" (no equilibrium, however small the load step),\n\
-     \"unreachable\" (the shapes never press with the force asked for) or \"invalid\" (a history of\n\
-     another body). The text has the figures."
+     \"penetrated\" (a shape was led deep into the body, past nodes that are held), \"inverted\" (a\n\
+     linear answer turned part of the body inside out), \"unreachable\" (the shapes never press with\n\
+     the force asked for) or \"invalid\" (a history of another body). The text has the figures."
 );
 
 /// Bad arguments are a `ValueError`, the rest a `SimulationError`.

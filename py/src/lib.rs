@@ -198,7 +198,10 @@ mod _core {
     #[pymodule_export]
     use super::{Batch, PressError, SimulationError, default_settings};
     #[pymodule_export]
-    use crate::mechanics::{Deformation, Fem, History, Press, Shape, SoftBody, TetMesh, sensor};
+    use crate::mechanics::{
+        Antipodal, Compliance, Deformation, Fem, Grasp, Grasped, History, Object, Press, Shape,
+        SoftBody, TetMesh, Transfer, objects, sensor,
+    };
 
     use super::{Bound, CATALOGUE, CHANNELS, Ending, PyModule, PyModuleMethods, PyResult, TERMS};
 

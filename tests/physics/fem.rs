@@ -10,54 +10,58 @@ use ruffini_core::{
 
 use crate::bodies::{even, graded, grid, nodes_where};
 
-const GEL: Moduli = Moduli { young: 2e5, poisson: 0.48 };
-const MM: f64 = 1e-3;
+pub(crate) const GEL: Moduli = Moduli { young: 2e5, poisson: 0.48 };
+pub(crate) const MM: f64 = 1e-3;
 
 /// An 8 × 8 × 4 mm block, bonded underneath, its free face at z = 0.
-fn block_mesh(cells: usize) -> TetMesh {
+pub(crate) fn block_mesh(cells: usize) -> TetMesh {
     let side = even(-4.0 * MM, 4.0 * MM, 2 * cells);
     grid(&side, &side, &even(-4.0 * MM, 0.0, cells))
 }
 
-fn base(mesh: &TetMesh) -> Vec<u32> {
+pub(crate) fn base(mesh: &TetMesh) -> Vec<u32> {
     nodes_where(mesh, |p| p.z < -3.999 * MM)
 }
 
-fn block(moduli: Moduli, cells: usize, options: Options) -> Fem {
+pub(crate) fn block(moduli: Moduli, cells: usize, options: Options) -> Fem {
     let mesh = block_mesh(cells);
     let base = base(&mesh);
     Fem::new(SoftBody::new(mesh, Law::NeoHookean, moduli, &base).unwrap(), options).unwrap()
 }
 
-fn rough(friction: f64) -> Options {
+pub(crate) fn rough(friction: f64) -> Options {
     Options { friction, ..Options::default() }
 }
 
 /// A ball of radius 4 mm pressed in by `depth`, then moved aside by `x`.
-fn ball_at(x: f64, depth: f64) -> Vec<Isometry3<f64>> {
+pub(crate) fn ball_at(x: f64, depth: f64) -> Vec<Isometry3<f64>> {
     vec![Isometry3::translation(x, 0.0, 4.0 * MM - depth)]
 }
 
-fn ball() -> Vec<Shape> {
+pub(crate) fn ball() -> Vec<Shape> {
     vec![Shape::Sphere { radius: 4.0 * MM }]
 }
 
 /// A flat plate, facing down, at `height` and moved aside by `x`.
-fn plate_at(x: f64, height: f64) -> Vec<Isometry3<f64>> {
+pub(crate) fn plate_at(x: f64, height: f64) -> Vec<Isometry3<f64>> {
     let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     vec![Isometry3::from_parts(Vector3::new(x, 0.0, height).into(), down)]
 }
 
-fn along(fem: &Fem, shapes: Vec<Shape>, path: Vec<Vec<Isometry3<f64>>>) -> Vec<Deformation> {
+pub(crate) fn along(
+    fem: &Fem,
+    shapes: Vec<Shape>,
+    path: Vec<Vec<Isometry3<f64>>>,
+) -> Vec<Deformation> {
     let press = Press::along(shapes, path).unwrap();
     fem.solve_path(&press).into_iter().collect::<Result<_>>().unwrap()
 }
 
-fn last(fem: &Fem, shapes: Vec<Shape>, path: Vec<Vec<Isometry3<f64>>>) -> Deformation {
+pub(crate) fn last(fem: &Fem, shapes: Vec<Shape>, path: Vec<Vec<Isometry3<f64>>>) -> Deformation {
     along(fem, shapes, path).pop().unwrap()
 }
 
-fn relative(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
+pub(crate) fn relative(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
     let rest: f64 = a.iter().zip(b).map(|(a, b)| (a - b).norm_squared()).sum();
     (rest / b.iter().map(Vector3::norm_squared).sum::<f64>()).sqrt()
 }

@@ -2,9 +2,12 @@
 
 mod batch;
 mod bodies;
+mod closed_forms;
 mod compliance;
+mod extremes;
 mod fem;
 mod floors;
 mod grasp;
+mod half_space;
 mod objects;
 mod peer;

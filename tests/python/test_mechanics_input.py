@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import inspect
+import math
 
 import numpy as np
 import pytest
 from bodies import BALL, PLATE, UPRIGHT, ball_at, block, gel
 
 import ruffini
-from ruffini import Fem, History, Press, Shape, SoftBody, TetMesh
+from ruffini import Fem, Grasp, History, Press, Shape, SoftBody, TetMesh
 
 MESH = block(1)
 POSE = ball_at(0, 0)
 NAN = float("nan")
+DOUBLE = (POSE[0], (0, 0, 0, 2))
+PAIRS = [(POSE, POSE)]
+CUP = next(thing for thing in ruffini.objects() if thing.family == "cup")
 REFUSED = {
     "vertices: found array (2,)": lambda: TetMesh([1.0, 2.0], []),
     "numbers (…, 3)": lambda: TetMesh(np.zeros((4, 2)), [[0, 1, 2, 3]]),
@@ -55,7 +59,7 @@ REFUSED = {
     "path: found <class 'int'>": lambda: Press(BALL, 3),
     "path[0][0]: found <class 'float'>": lambda: Press(BALL, ((0.0, 0.0, 0.0), UPRIGHT)),
     "path[0]: position: found array (2,)": lambda: Press(BALL, [((0, 0), UPRIGHT)]),
-    "path[1]: quaternion: found length 2": lambda: Press(BALL, [POSE, (POSE[0], (0, 0, 0, 2))]),
+    "path[1]: quaternion: found length 2": lambda: Press(BALL, [POSE, DOUBLE]),
     "path[0]: position: found NaN": lambda: Press(BALL, [((0, 0, NAN), UPRIGHT)]),
     "one for each of 2 shapes": lambda: Press([BALL, BALL], [POSE]),
     "press: found []": lambda: Press(BALL),
@@ -69,6 +73,21 @@ REFUSED = {
     "element: found p3": lambda: Fem(gel(), element="p3"),
     "presses: found <class 'int'>": lambda: Fem(gel()).solve(3),
     "presses: found <class 'ruffini.Shape'>": lambda: Fem(gel()).solve([BALL]),
+    "path: found no frames, expected at least one": lambda: Grasp(BALL, []),
+    "expected a list of poses of two pads": lambda: Grasp(BALL, 3),
+    "path[0]: found <class 'int'>, expected poses of two pads": lambda: Grasp(BALL, [3]),
+    "path[0][1]: position: found array (2,)": lambda: Grasp(BALL, [(POSE, ((0, 0), UPRIGHT))]),
+    "path[0][0]: quaternion: found length 2": lambda: Grasp(BALL, [(DOUBLE, POSE)]),
+    "start: position: found NaN": lambda: Grasp(BALL, PAIRS, start=((0, 0, NAN), UPRIGHT)),
+    "load: found array (3,)": lambda: Grasp(BALL, PAIRS, load=(0, 0, 1)),
+    "load: found inf": lambda: Grasp(BALL, PAIRS, load=(0, 0, 0, 0, 0, math.inf)),
+    "seed: found -1": lambda: ruffini.objects(-1),
+    "segments: found 4, expected 8 to 200": lambda: CUP.surface(4),
+    "spacing: found": lambda: CUP.tets(-1.0),
+    "count: found -1": lambda: CUP.grasps(-1, 0),
+    "seed: found 0.5": lambda: CUP.grasps(1, 0.5),
+    "friction: found 0": lambda: CUP.grasps(1, 0, friction=0.0),
+    "apart: found NaN": lambda: CUP.grasps(1, 0)[0].pads(NAN),
 }
 
 

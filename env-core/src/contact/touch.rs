@@ -41,6 +41,8 @@ pub struct ContactStep<'a> {
     stuck: Vec<Option<Point3<f64>>>,
     /// Where each pair was last measured in the frame of the shape, and its distance (S × C).
     seen: Vec<(Point3<f64>, f64)>,
+    /// Whether points that meet a shape must stay on the side where they do.
+    pub one_sided: bool,
 }
 
 impl<'a> ContactStep<'a> {
@@ -60,7 +62,7 @@ impl<'a> ContactStep<'a> {
                 Some(anchor.place);
         }
         let seen = vec![(Point3::origin(), 0.0); pairs];
-        Self { shapes, surface, from, start, stuck, seen }
+        Self { shapes, surface, from, start, stuck, seen, one_sided: false }
     }
 
     /// Surface points inside the shapes at `poses`, when the points are at `places` (C).
@@ -111,14 +113,34 @@ impl<'a> ContactStep<'a> {
         })
     }
 
-    /// Whether a point that was outside has come out nearer to the far side of the shape: the
-    /// normal where it entered points away from the normal where it is.
+    /// Whether a point has come out nearer to the far side of the shape than to where it entered: the
+    /// normals there point away from each other. In a one-sided step a point that has just met the
+    /// shape may not even turn round an edge.
     pub fn passed_through(&self, touch: &Touch, poses: &[Isometry3<f64>]) -> bool {
-        let shape = touch.shape as usize;
-        let pair = shape * self.surface.len() + touch.point as usize;
-        self.stuck[pair].is_some_and(|entry| {
-            let entered = poses[shape].rotation * self.shapes[shape].distance(&entry).normal;
-            entered.dot(&touch.normal) < -0.5
+        let (s, c) = (touch.shape as usize, touch.point as usize);
+        let shape = &self.shapes[s];
+        self.stuck[s * self.surface.len() + c].is_some_and(|entry| {
+            let start = self.from[s].inverse_transform_point(&self.start[c]);
+            let strict = self.one_sided && shape.distance(&start).value > 0.0;
+            let entered = poses[s].rotation * shape.distance(&entry).normal;
+            entered.dot(&touch.normal) < if strict { 0.5 } else { -0.5 }
+        })
+    }
+
+    /// Whether a shape, on its way to `poses`, runs over a point by more than `depth` and leaves it
+    /// behind: seen at the end alone, the two have never met.
+    pub fn runs_over(&mut self, poses: &[Isometry3<f64>], depth: f64) -> bool {
+        let points = self.surface.len();
+        poses.iter().enumerate().any(|(s, pose)| {
+            (0..points).any(|c| {
+                let [begin, end] =
+                    [&self.from[s], pose].map(|pose| pose.inverse_transform_point(&self.start[c]));
+                let gap = |p: &Point3<f64>| self.shapes[s].distance(p).value;
+                let value = gap(&begin);
+                self.seen[s * points + c] = (begin, value);
+                value < (end - begin).norm()
+                    && runs_through(gap, &begin, &end, depth - value.min(0.0))
+            })
         })
     }
 
@@ -136,6 +158,25 @@ impl<'a> ContactStep<'a> {
         };
         touches.iter().map(anchor).collect()
     }
+}
+
+/// Whether the straight way from `begin` to `end` lies deeper than `depth` somewhere and ends
+/// outside, by a `gap` that changes no faster than the point moves: it is followed in steps as long
+/// as the gap.
+fn runs_through(
+    gap: impl Fn(&Point3<f64>) -> f64,
+    begin: &Point3<f64>,
+    end: &Point3<f64>,
+    depth: f64,
+) -> bool {
+    let way = end - begin;
+    let (length, mut gone, mut deep) = (way.norm(), 0.0, false);
+    while !deep && gone < length {
+        let value = gap(&(begin + way * (gone / length)));
+        deep = value < -depth;
+        gone += value.abs().max(depth);
+    }
+    deep && gap(end) > 0.0
 }
 
 /// First root of a falling `gap` over [0, 1] by false position; 0 if it begins below zero, 1 if it
@@ -180,6 +221,20 @@ mod tests {
                 assert!((touch.depth - depth).abs() < 1e-17, "{} against {depth}", touch.depth);
             }
         }
+    }
+
+    #[test]
+    fn a_shape_that_runs_over_a_point_is_noticed() {
+        let (shapes, surface) = ([Shape::Sphere { radius: 0.01 }], surface());
+        let start = vec![Point3::origin()];
+        let from = Isometry3::translation(0.0, 0.0, 0.011);
+        let mut step = ContactStep::new(&shapes, &surface, vec![from], start, &[]);
+        let mut ends_at =
+            |x: f64, z: f64| step.runs_over(&[Isometry3::translation(x, 0.0, z)], 1e-5);
+        assert!(ends_at(0.0, -0.011), "right through");
+        assert!(!ends_at(0.0, -0.009), "ends inside, where it is felt");
+        assert!(!ends_at(0.0, 0.02), "away");
+        assert!(!ends_at(0.05, 0.011), "past");
     }
 
     #[test]

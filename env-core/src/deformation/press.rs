@@ -70,6 +70,16 @@ pub trait DeformationModel: Send {
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>>;
 }
 
+impl Drive {
+    /// Poses of the shapes where the press begins (S), history aside.
+    pub fn first(&self) -> &[Isometry3<f64>] {
+        match self {
+            Self::Translation { path } => &path[0],
+            Self::Force { poses, .. } => poses,
+        }
+    }
+}
+
 impl Press {
     /// `shapes` led through the poses of `path` (F, S).
     pub fn along(shapes: Vec<Shape>, path: Vec<Vec<Isometry3<f64>>>) -> Result<Self> {

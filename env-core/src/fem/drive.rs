@@ -17,7 +17,10 @@ use crate::{
 };
 
 /// Smallest part of a frame that is tried as a load step of its own.
-const SHORTEST_STRIDE: f64 = 1.0 / 256.0;
+pub(super) const SHORTEST_STRIDE: f64 = 1.0 / 256.0;
+/// Depth of a touching point past which an answer is refused, in softnesses: what holds a shape there
+/// is a pressure of as many Young's moduli.
+const DEEPEST: f64 = 250.0;
 /// Shapes pushed this far without a touch will not meet the body (m).
 const FARTHEST: f64 = 1.0;
 
@@ -36,6 +39,8 @@ pub(super) struct Run<'a> {
     increment: Vec<Vector3<f64>>,
     /// Poses of the shapes before it (S).
     before: Vec<Isometry3<f64>>,
+    /// Whether load steps must be short enough to tell the sides of a shape apart.
+    one_sided: bool,
 }
 
 /// A converged load step.
@@ -46,7 +51,7 @@ pub(super) struct Solved {
 
 /// A load step and where it leads.
 pub(super) struct Attempt {
-    state: State,
+    pub(super) state: State,
     anchors: Vec<Anchor>,
     pub(super) solved: Solved,
 }
@@ -59,7 +64,19 @@ impl<'a> Run<'a> {
         let increment = displacement.clone();
         let state = State { displacement, poses: Vec::new() };
         let (anchors, before) = (Vec::new(), Vec::new());
-        Self { system, vertices, limits, matrix, state, anchors, held, increment, before }
+        let one_sided = false;
+        Self {
+            system,
+            vertices,
+            limits,
+            matrix,
+            state,
+            anchors,
+            held,
+            increment,
+            before,
+            one_sided,
+        }
     }
 
     /// Every frame of `press`; the first that fails is the last.
@@ -67,6 +84,7 @@ impl<'a> Run<'a> {
         if let Err(error) = self.start(press) {
             return vec![Err(error)];
         }
+        self.one_sided = true;
         match press.drive() {
             Drive::Translation { path } => {
                 let mut frames = Vec::with_capacity(path.len());
@@ -87,13 +105,10 @@ impl<'a> Run<'a> {
 
     /// Puts body and shapes where the press begins.
     fn start(&mut self, press: &Press) -> Result<()> {
-        let first = match press.drive() {
-            Drive::Translation { path } => &path[0],
-            Drive::Force { poses, .. } => poses,
-        };
         let surface = &self.system.surface;
         let Some(history) = press.history() else {
             let places = self.system.surface_places(&self.state.displacement);
+            let first = press.drive().first();
             self.state.poses = backed_off(press.shapes(), first, surface, &places);
             return Ok(());
         };
@@ -186,6 +201,7 @@ impl<'a> Run<'a> {
                         return Err(Error::NotConverged { iterations, residual, tolerance });
                     }
                 }
+                Err(Error::Penetrated { .. }) if stride > SHORTEST_STRIDE => stride *= 0.5,
                 Err(error) => return Err(error),
             }
         }
@@ -198,27 +214,50 @@ impl<'a> Run<'a> {
         poses: Vec<Isometry3<f64>>,
         push: Option<&Push>,
     ) -> Result<Solved> {
-        let attempt = self.attempt(press.shapes(), poses, push)?;
+        let attempt = self.attempt(press.shapes(), poses, push, None)?;
         Ok(self.accept(attempt))
     }
 
-    /// Where a load step to `poses`, or from there on under `push`, would lead.
-    pub(super) fn attempt(
+    /// Where a load step to `poses` would lead, searched from displacements guessed or predicted.
+    pub(super) fn attempt_from(
+        &mut self,
+        shapes: &[Shape],
+        poses: Vec<Isometry3<f64>>,
+        guess: Option<Vec<Vector3<f64>>>,
+    ) -> Result<Attempt> {
+        self.attempt(shapes, poses, None, guess)
+    }
+
+    /// As [`Run::attempt_from`], or from there on under `push`.
+    fn attempt(
         &mut self,
         shapes: &[Shape],
         poses: Vec<Isometry3<f64>>,
         push: Option<&Push>,
+        guess: Option<Vec<Vector3<f64>>>,
     ) -> Result<Attempt> {
         let system = self.system;
         let start = system.surface_places(&self.state.displacement);
         let from = self.state.poses.clone();
         let mut contact = ContactStep::new(shapes, &system.surface, from, start, &self.anchors);
+        contact.one_sided = self.one_sided;
+        if contact.runs_over(&poses, system.deepest()) {
+            let (residual, tolerance) = (f64::INFINITY, self.limits.tolerance);
+            return Err(Error::NotConverged { iterations: 0, residual, tolerance });
+        }
         let mut state = State { displacement: self.state.displacement.clone(), poses };
-        if push.is_none() {
-            self.predict(shapes, &mut state, &mut contact);
+        match guess {
+            Some(guess) => state.displacement = guess,
+            None if push.is_none() => self.predict(shapes, &mut state, &mut contact),
+            None => {}
         }
         let (balance, forces) =
             equilibrium(system, &mut self.matrix, &mut state, &mut contact, push, &self.limits)?;
+        let depth = forces.touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
+        let most = DEEPEST * system.law.softness;
+        if depth > most {
+            return Err(Error::Penetrated { depth, most });
+        }
         let back =
             |touch: &Touch| system.law.stuck_at(&system.surface[touch.point as usize], touch);
         let anchors = contact.anchors(&state.poses, &forces.touches, back);

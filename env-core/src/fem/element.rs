@@ -110,7 +110,7 @@ impl Nodes {
 }
 
 /// Gradients of the barycentric coordinates (1/m) and the volume (m³) of a tetrahedron.
-fn barycentric([a, b, c, d]: [Point3<f64>; 4]) -> ([Vector3<f64>; 4], f64) {
+pub(super) fn barycentric([a, b, c, d]: [Point3<f64>; 4]) -> ([Vector3<f64>; 4], f64) {
     let edges = Matrix3::from_columns(&[b - a, c - a, d - a]);
     let inverse = edges.try_inverse().expect("a soft body has no flat tetrahedron");
     let [u, v, w] = [0, 1, 2].map(|i| inverse.row(i).transpose());
@@ -173,7 +173,7 @@ pub(super) fn quadratic_cells(mesh: &TetMesh, nodes: &Nodes) -> Vec<Cell<10>> {
 }
 
 /// Gradients of L(2L − 1) at the corners and 4 L L′ at the middles.
-fn quadratic_gradients(l: &[f64; 4], g: &[Vector3<f64>; 4]) -> [Vector3<f64>; 10] {
+pub(super) fn quadratic_gradients(l: &[f64; 4], g: &[Vector3<f64>; 4]) -> [Vector3<f64>; 10] {
     std::array::from_fn(|i| {
         if let 0..4 = i {
             (4.0 * l[i] - 1.0) * g[i]

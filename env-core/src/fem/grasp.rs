@@ -2,10 +2,10 @@
 //!
 //! The pads are solved for a given pose of the object; what they do to it, and the load, must cancel.
 //! That is Newton's method in six unknowns, whose matrix is the pads' stiffness at the object:
-//! K = Σ (C − Bᵀ A⁻¹ B), A a pad's stiffness, C the contact's, B their coupling. It holds the limits
-//! of friction fixed; what it misses is learnt from step to step (Broyden 1965).
+//! K = Σ (C − Bᵀ A⁻¹ B), A a pad's stiffness, C the contact's, B their coupling, with the limits of
+//! friction following the depth.
 
-use std::time::Instant;
+use std::{ops::AddAssign, time::Instant};
 
 use nalgebra::{
     Isometry3, Matrix3x6, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6,
@@ -13,12 +13,14 @@ use nalgebra::{
 
 use super::{
     Fem,
-    drive::{Attempt, Run},
+    drive::{Attempt, Run, SHORTEST_STRIDE},
+    gmres::gmres,
     sparse::Matrix,
     system::{Forces, Stiffness, System},
 };
 use crate::{
     Error, Result,
+    contact::Touch,
     deformation::{Deformation, Wrench},
     geometry::Shape,
 };
@@ -49,8 +51,10 @@ pub struct Grasped {
     pub seconds: f64,
 }
 
-/// Most changes of the object's pose in one frame.
-const ITERATIONS: usize = 40;
+/// Most changes of the object's pose in one step.
+const ITERATIONS: usize = 15;
+/// Most halvings of such a change.
+const CUTS: usize = 6;
 /// Unbalanced force on the object at which a frame is done, in tolerances of a pad.
 const SLACK: f64 = 10.0;
 /// Stiffnesses below this share of the largest are free motions, such as the spin of a ball.
@@ -59,26 +63,16 @@ const FREE: f64 = 1e-9;
 impl Grasp {
     /// Every frame, in order; the first that is not solved is an error and the last.
     pub fn solve(&self, pads: [&Fem; 2]) -> Vec<Result<Grasped>> {
-        let object = match self.object.clone().validated() {
-            Ok(object) => [object],
-            Err(error) => return vec![Err(error)],
-        };
         let Some(first) = self.path.first() else {
             return vec![Err(Error::invalid("path", "no frames", "at least one"))];
         };
-        let size = object[0].surface(16).map_or(0.01, |surface| surface.size());
-        let runs = [0, 1].map(|i| {
-            let fem = pads[i];
-            let mut run = Run::new(&fem.system, fem.body.mesh().vertices.len(), fem.limits);
-            run.state.poses = vec![first[i].inv_mul(&self.start)];
-            run
-        });
-        let tolerance =
-            SLACK * pads.map(|pad| pad.limits.tolerance).into_iter().fold(0.0, f64::max);
-        let mut hold = Hold { object, runs, pose: self.start, size, load: self.load, tolerance };
+        let mut hold = match Hold::new(&self.object, self.start, pads, first, self.load) {
+            Ok(hold) => hold,
+            Err(error) => return vec![Err(error)],
+        };
         let mut frames = Vec::with_capacity(self.path.len());
-        for pads in &self.path {
-            frames.push(hold.frame(pads));
+        for poses in &self.path {
+            frames.push(hold.frame(poses));
             if frames.last().is_some_and(Result::is_err) {
                 break;
             }
@@ -87,10 +81,12 @@ impl Grasp {
     }
 }
 
-/// A grasp being solved.
-struct Hold<'a> {
+/// A grasp being solved frame by frame, for whoever chooses the next frame by the last.
+pub struct Hold<'a> {
     object: [Shape; 1],
     runs: [Run<'a>; 2],
+    /// Poses of the pads' frames, and of the object, at the end of the last step.
+    pads: [Isometry3<f64>; 2],
     pose: Isometry3<f64>,
     /// Size of the object (m): what a radian is compared with.
     size: f64,
@@ -106,49 +102,100 @@ struct Trial {
     unbalanced: Vector6<f64>,
 }
 
-impl Hold<'_> {
-    fn frame(&mut self, pads: &[Isometry3<f64>; 2]) -> Result<Grasped> {
-        let clock = Instant::now();
-        let mut trial = self.trial(pads, self.pose)?;
-        let balanced = trial.unbalanced.norm() <= self.tolerance;
-        let mut stiffness = if balanced { Matrix6::zeros() } else { self.stiffness(pads, &trial) };
-        for _ in 0..ITERATIONS {
-            if trial.unbalanced.norm() <= self.tolerance {
-                break;
+impl<'a> Hold<'a> {
+    /// `object` at `start` between undeformed pads at the poses `first`, under `load`, as in
+    /// [`Grasp`]. What touches there sticks where it is. An error if the object is not a solid.
+    pub fn new(
+        object: &Shape,
+        start: Isometry3<f64>,
+        pads: [&'a Fem; 2],
+        first: &[Isometry3<f64>; 2],
+        load: Wrench,
+    ) -> Result<Self> {
+        let object = [object.clone().validated()?];
+        let size = object[0].surface(16).map_or(0.01, |surface| surface.size());
+        let runs = [0, 1].map(|i| {
+            let fem = pads[i];
+            let mut run = Run::new(&fem.system, fem.body.mesh().vertices.len(), fem.limits);
+            run.state.poses = vec![first[i].inv_mul(&start)];
+            run
+        });
+        let tolerance =
+            SLACK * pads.map(|pad| pad.limits.tolerance).into_iter().fold(0.0, f64::max);
+        Ok(Self { object, runs, pads: *first, pose: start, size, load, tolerance })
+    }
+
+    /// Leads the pads to `pads`, by way of shorter steps where the whole way at once fails. On
+    /// failure they stand where the last step that was solved left them.
+    pub fn frame(&mut self, pads: &[Isometry3<f64>; 2]) -> Result<Grasped> {
+        let (clock, from) = (Instant::now(), self.pads);
+        let shortest = if *pads == from { 1.0 } else { SHORTEST_STRIDE };
+        let (mut done, mut stride, mut iterations) = (0.0, 1.0, [0; 2]);
+        loop {
+            let next = f64::min(done + stride, 1.0);
+            let between = [0, 1].map(|i| from[i].lerp_slerp(&pads[i], next));
+            match self.step(if next == 1.0 { pads } else { &between }) {
+                Ok(mut grasped) => {
+                    for (sum, pad) in iterations.iter_mut().zip(&mut grasped.pads) {
+                        *sum += pad.iterations;
+                        pad.iterations = *sum;
+                    }
+                    if next == 1.0 {
+                        grasped.seconds = clock.elapsed().as_secs_f64();
+                        return Ok(grasped);
+                    }
+                    (done, stride) = (next, 2.0 * stride);
+                }
+                Err(error @ Error::NotConverged { .. }) => {
+                    stride *= 0.5;
+                    if stride < shortest {
+                        return Err(error);
+                    }
+                }
+                Err(error) => return Err(error),
             }
-            let towards = |k: &Matrix6<f64>, g: &Vector6<f64>| -free_inverse(k) * g;
-            let learnt = self.closer(pads, &trial, towards(&stiffness, &trial.unbalanced));
-            let (next, step) = if let Ok(found) = learnt {
-                found
-            } else {
-                stiffness = self.stiffness(pads, &trial);
-                self.closer(pads, &trial, towards(&stiffness, &trial.unbalanced))?
-            };
-            let surprise = next.unbalanced - trial.unbalanced - stiffness * step;
-            stiffness += surprise * step.transpose() / step.norm_squared();
-            trial = next;
+        }
+    }
+
+    /// One step to `pads`. On failure nothing has changed.
+    fn step(&mut self, pads: &[Isometry3<f64>; 2]) -> Result<Grasped> {
+        let mut trial = self.trial(pads, self.pose, [None, None])?;
+        let mut left = ITERATIONS;
+        while trial.unbalanced.norm() > self.tolerance {
+            if left == 0 {
+                return Err(self.failed(&trial));
+            }
+            left -= 1;
+            trial = self.closer(pads, &trial)?;
         }
         let residual = trial.unbalanced.norm();
-        if residual > self.tolerance {
-            let (iterations, tolerance) = (ITERATIONS, self.tolerance);
-            return Err(Error::NotConverged { iterations, residual, tolerance });
-        }
-        self.pose = trial.pose;
+        (self.pads, self.pose) = (*pads, trial.pose);
         let [left, right] = trial.attempts;
         let [first, second] = &mut self.runs;
         let pads = [(first, left), (second, right)].map(|(run, attempt)| {
             let solved = run.accept(attempt);
             run.report(&solved)
         });
-        Ok(Grasped { pads, object: self.pose, residual, seconds: clock.elapsed().as_secs_f64() })
+        Ok(Grasped { pads, object: self.pose, residual, seconds: 0.0 })
     }
 
-    /// The pads solved with the object at `pose`.
-    fn trial(&mut self, pads: &[Isometry3<f64>; 2], pose: Isometry3<f64>) -> Result<Trial> {
+    fn failed(&self, trial: &Trial) -> Error {
+        let (residual, tolerance) = (trial.unbalanced.norm(), self.tolerance);
+        Error::NotConverged { iterations: ITERATIONS, residual, tolerance }
+    }
+
+    /// The pads solved with the object at `pose`, from displacements guessed or predicted.
+    fn trial(
+        &mut self,
+        pads: &[Isometry3<f64>; 2],
+        pose: Isometry3<f64>,
+        guesses: [Option<Vec<Vector3<f64>>>; 2],
+    ) -> Result<Trial> {
         let [first, second] = &mut self.runs;
+        let [left, right] = guesses;
         let attempts = [
-            first.attempt(&self.object, vec![pads[0].inv_mul(&pose)], None)?,
-            second.attempt(&self.object, vec![pads[1].inv_mul(&pose)], None)?,
+            first.attempt_from(&self.object, vec![pads[0].inv_mul(&pose)], left)?,
+            second.attempt_from(&self.object, vec![pads[1].inv_mul(&pose)], right)?,
         ];
         let mut unbalanced = stacked(&-self.load.force, &(-self.load.torque / self.size));
         for (i, attempt) in attempts.iter().enumerate() {
@@ -161,80 +208,125 @@ impl Hold<'_> {
         Ok(Trial { pose, attempts, unbalanced })
     }
 
-    /// The trial along `step`, shortened until less is unbalanced than at `from`, and the step taken.
-    fn closer(
-        &mut self,
-        pads: &[Isometry3<f64>; 2],
-        from: &Trial,
-        step: Vector6<f64>,
-    ) -> Result<(Trial, Vector6<f64>)> {
-        let before = from.unbalanced.norm();
+    /// The trial after Newton's step from `from`, shortened until less is unbalanced.
+    fn closer(&mut self, pads: &[Isometry3<f64>; 2], from: &Trial) -> Result<Trial> {
+        let followers = [0, 1].map(|i| self.follower(i, &pads[i], from));
+        let stiffness: Matrix6<f64> = followers.iter().map(|follower| follower.stiffness).sum();
+        let step = -free_inverse(&stiffness) * from.unbalanced;
         let mut share = (0.05 * self.size / step.norm()).min(1.0);
-        for _ in 0..12 {
-            if let Ok(trial) = self.trial(pads, moved(&from.pose, &(step * share), self.size))
-                && trial.unbalanced.norm() < before
+        for _ in 0..CUTS {
+            let step = step * share;
+            let guesses = [0, 1].map(|i| {
+                let ahead = followers[i].ahead(self.runs[i].system, &step);
+                let now = &from.attempts[i].state.displacement;
+                Some(now.iter().zip(&ahead).map(|(u, du)| u + du).collect())
+            });
+            if let Ok(trial) = self.trial(pads, moved(&from.pose, &step, self.size), guesses)
+                && trial.unbalanced.norm() < from.unbalanced.norm()
             {
-                return Ok((trial, step * share));
+                return Ok(trial);
             }
             share *= 0.5;
         }
-        let (iterations, tolerance) = (ITERATIONS, self.tolerance);
-        Err(Error::NotConverged { iterations, residual: before, tolerance })
+        Err(self.failed(from))
     }
 
-    /// Stiffness of both pads at the object (N/m).
-    fn stiffness(&mut self, pads: &[Isometry3<f64>; 2], trial: &Trial) -> Matrix6<f64> {
-        let mut stiffness = Matrix6::zeros();
-        for (i, run) in self.runs.iter_mut().enumerate() {
-            let object = pads[i].inv_mul(&trial.pose);
-            let motion = |place: &Point3<f64>| {
-                let arm = (place.coords - object.translation.vector) / self.size;
-                let turn = pads[i].rotation.inverse().to_rotation_matrix().into_inner();
-                let mut motion = Matrix3x6::zeros();
-                motion.fixed_columns_mut::<3>(0).copy_from(&turn);
-                motion.fixed_columns_mut::<3>(3).copy_from(&(-arm.cross_matrix() * turn));
-                motion
-            };
-            stiffness +=
-                condensed(run.system, &mut run.matrix, &trial.attempts[i].solved.forces, motion);
-        }
-        stiffness
+    /// How pad `i` at `pad` answers small motions of the object at `trial`.
+    fn follower(&mut self, i: usize, pad: &Isometry3<f64>, trial: &Trial) -> Follower {
+        let object = pad.inv_mul(&trial.pose);
+        let motion = |place: &Point3<f64>| {
+            let arm = (place.coords - object.translation.vector) / self.size;
+            let turn = pad.rotation.inverse().to_rotation_matrix().into_inner();
+            let mut motion = Matrix3x6::zeros();
+            motion.fixed_columns_mut::<3>(0).copy_from(&turn);
+            motion.fixed_columns_mut::<3>(3).copy_from(&(-arm.cross_matrix() * turn));
+            motion
+        };
+        let run = &mut self.runs[i];
+        Follower::new(run.system, &mut run.matrix, &trial.attempts[i].solved.forces, motion)
     }
 }
 
-/// Stiffness of a pad at the object whose contact points move by `motion`.
-fn condensed(
-    system: &System,
-    matrix: &mut Matrix,
-    forces: &Forces,
-    motion: impl Fn(&Point3<f64>) -> Matrix3x6<f64>,
-) -> Matrix6<f64> {
-    let mut corner = Matrix6::zeros();
-    let mut coupling = vec![vec![Vector3::zeros(); forces.gradient.len()]; 6];
-    for touch in &forces.touches {
-        let motion = motion(&touch.place);
-        let pull = system.contact_stiffness(touch) * motion;
-        corner += motion.transpose() * pull;
-        for &(node, share) in &system.surface[touch.point as usize].shares {
-            for (column, pull) in coupling.iter_mut().zip(pull.column_iter()) {
-                column[node as usize] -= pull * share;
+/// A pad's answer to small motions of the object: six columns.
+struct Follower {
+    /// Change of what the pad does to the object (N/m).
+    stiffness: Matrix6<f64>,
+    /// Change of the pad's unknowns.
+    columns: [Vec<f64>; 6],
+}
+
+impl Follower {
+    /// Linearised at `forces`, where the object's contact points move by `motion`.
+    fn new(
+        system: &System,
+        matrix: &mut Matrix,
+        forces: &Forces,
+        motion: impl Fn(&Point3<f64>) -> Matrix3x6<f64>,
+    ) -> Self {
+        system.assemble(forces, matrix, Stiffness::Exact);
+        if !matrix.factorise(&system.pattern) {
+            system.assemble(forces, matrix, Stiffness::Filtered);
+            matrix.factorise(&system.pattern);
+        }
+        let slipping = |touch: &Touch| {
+            let point = &system.surface[touch.point as usize];
+            system.law.limit_coupling(point, touch).map(|coupling| coupling * point.area)
+        };
+        let nodes = forces.gradient.len();
+        let spread = |touch: &Touch, force: &Vector3<f64>, nodal: &mut [Vector3<f64>]| {
+            for &(node, share) in &system.surface[touch.point as usize].shares {
+                nodal[node as usize] += force * share;
+            }
+        };
+        let columns: [Vec<f64>; 6] = std::array::from_fn(|k| {
+            let mut pull = vec![Vector3::zeros(); nodes];
+            for touch in &forces.touches {
+                let along = motion(&touch.place).column(k).into_owned();
+                let coupling = slipping(touch).unwrap_or_default();
+                let force = (system.contact_stiffness(touch) + coupling) * along;
+                spread(touch, &force, &mut pull);
+            }
+            let mut first = system.pattern.gather(&pull);
+            matrix.solve(&system.pattern, &mut first);
+            // The limits of friction follow the depth, which makes the stiffness unsymmetric.
+            let product = |x: &[f64]| {
+                let moved = system.pattern.scatter(x);
+                let mut nodal = vec![Vector3::zeros(); nodes];
+                for touch in &forces.touches {
+                    let Some(coupling) = slipping(touch) else { continue };
+                    let here = system.surface[touch.point as usize].interpolate(&moved);
+                    spread(touch, &(coupling * here), &mut nodal);
+                }
+                let mut y = system.pattern.gather(&nodal);
+                matrix.solve(&system.pattern, &mut y);
+                y.iter_mut().zip(x).for_each(|(y, x)| *y += x);
+                y
+            };
+            gmres(product, &first)
+        });
+        let mut stiffness = Matrix6::zeros();
+        for (k, column) in columns.iter().enumerate() {
+            let moved = system.pattern.scatter(column);
+            for touch in &forces.touches {
+                let motion = motion(&touch.place);
+                let here = system.surface[touch.point as usize].interpolate(&moved);
+                let coupling = slipping(touch).unwrap_or_default();
+                let change = system.contact_stiffness(touch) + coupling;
+                let change = change * (motion.column(k) - here);
+                stiffness.column_mut(k).add_assign(motion.transpose() * change);
             }
         }
+        Self { stiffness, columns }
     }
-    system.assemble(forces, matrix, Stiffness::Exact);
-    if !matrix.factorise(&system.pattern) {
-        system.assemble(forces, matrix, Stiffness::Filtered);
-        matrix.factorise(&system.pattern);
+
+    /// Displacements (N) of the pad's nodes that go with a `step` of the object.
+    fn ahead(&self, system: &System, step: &Vector6<f64>) -> Vec<Vector3<f64>> {
+        let mut sum = vec![0.0; system.pattern.size()];
+        for (column, &share) in self.columns.iter().zip(step.iter()) {
+            sum.iter_mut().zip(column).for_each(|(sum, x)| *sum += share * x);
+        }
+        system.pattern.scatter(&sum)
     }
-    let columns: Vec<f64> = coupling.iter().flat_map(|c| system.pattern.gather(c)).collect();
-    let mut lifted = columns.clone();
-    matrix.solve(&system.pattern, &mut lifted);
-    let column = |all: &'_ [f64], k: usize| {
-        nalgebra::DVector::from_column_slice(
-            &all[k * system.pattern.size()..][..system.pattern.size()],
-        )
-    };
-    corner - Matrix6::from_fn(|i, j| column(&columns, i).dot(&column(&lifted, j)))
 }
 
 fn stacked(force: &Vector3<f64>, torque: &Vector3<f64>) -> Vector6<f64> {

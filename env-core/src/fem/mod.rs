@@ -8,10 +8,12 @@
 //! [`Options::tolerance`]; for bodies stiffer than 1 MPa the tolerance grows in proportion. Shapes
 //! sink in by [`Options::softness`] × pressure / Young's modulus, and a sticking point creeps by four
 //! times that × friction. At the default softness this costs 0.3 % of the force at a depth of
-//! 0.5 mm, 0.1 % at 1 mm.
+//! 0.5 mm, 0.1 % at 1 mm. An answer in which a point is deeper than 250 softnesses is an error.
 
 mod drive;
 mod element;
+#[cfg(test)]
+mod examples;
 mod gmres;
 mod grasp;
 mod linearised;
@@ -23,9 +25,12 @@ mod solid;
 mod sparse;
 mod surface;
 mod system;
+#[cfg(test)]
+mod tests;
 
 use std::sync::Arc;
 
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::{
@@ -38,7 +43,7 @@ use drive::Run;
 use system::System;
 
 pub use element::Element;
-pub use grasp::{Grasp, Grasped};
+pub use grasp::{Grasp, Grasped, Hold};
 pub(crate) use linearised::{Linearised, Workspace};
 
 /// How a [`Fem`] computes.
@@ -52,7 +57,7 @@ pub struct Options {
     pub tolerance: f64,
     /// How deep a shape sinks in where the pressure equals Young's modulus (m).
     pub softness: f64,
-    /// Most Newton steps in one load step.
+    /// Most Newton steps in one load step. A body that buckles takes many.
     pub iterations: usize,
 }
 
@@ -63,12 +68,13 @@ impl Default for Options {
             friction: 0.0,
             tolerance: 1e-7,
             softness: 2e-6,
-            iterations: 30,
+            iterations: 60,
         }
     }
 }
 
 /// The finite-element model of one soft body.
+#[derive(Clone)]
 pub struct Fem {
     body: SoftBody,
     system: Arc<System>,
@@ -89,6 +95,13 @@ impl Fem {
         Ok(Self { body, system, limits })
     }
 
+    /// Places at rest of the points at which contact is felt (m), numbered as in a history's
+    /// anchors.
+    pub fn contact_points(&self) -> Vec<Point3<f64>> {
+        let still = vec![Vector3::zeros(); self.system.nodes.places.len()];
+        self.system.surface_places(&still)
+    }
+
     /// The body.
     pub fn body(&self) -> &SoftBody {
         &self.body
@@ -101,7 +114,30 @@ impl Fem {
 
     /// Every frame of `press`, in order; the first that is not solved is an error and the last.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
-        Run::new(&self.system, self.body.mesh().vertices.len(), self.limits).frames(press)
+        match self.check_start(press) {
+            Ok(()) => {
+                Run::new(&self.system, self.body.mesh().vertices.len(), self.limits).frames(press)
+            }
+            Err(error) => vec![Err(error)],
+        }
+    }
+
+    /// Refuses a press from rest with a shape wholly inside the body, where no contact point feels
+    /// it.
+    fn check_start(&self, press: &Press) -> Result<()> {
+        let rest = vec![Vector3::zeros(); self.system.nodes.places.len()];
+        let places = self.system.surface_places(&rest);
+        let pairs = press.shapes().iter().zip(press.drive().first());
+        for (i, (shape, pose)) in pairs.enumerate().filter(|_| press.history().is_none()) {
+            let inside =
+                |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value < 0.0;
+            let middle = pose * Point3::origin();
+            if inside(&middle) && self.body.mesh().contains(&middle) && !places.iter().any(inside) {
+                let expected = "a first pose outside the body or across its surface";
+                return Err(Error::invalid(format!("pose of shape {i}"), "all inside", expected));
+            }
+        }
+        Ok(())
     }
 }
 

@@ -1,10 +1,10 @@
 //! Equilibrium by Newton's method with a line search on the energy.
 //!
 //! The stiffness is used as it is where it is positive definite. Where it is not, its diagonal is
-//! raised a little, and if that is not enough it is filtered element by element, which is safe but
-//! slow near the end (Longva et al. 2023, "Pitfalls of projection"). Friction is a minimisation only
-//! while its limits are held; they are renewed before every step. While points slip, the step is
-//! first tried with the limits' dependence on depth: its matrix is unsymmetric, and is solved by
+//! raised step by step, and if that is not enough it is filtered element by element, which is safe
+//! but slow near the end (Longva et al. 2023, "Pitfalls of projection"). Friction is a minimisation
+//! only while its limits are held; they are renewed before every step. While points slip, the step
+//! is first tried with the limits' dependence on depth: its matrix is unsymmetric, and is solved by
 //! GMRES with the Cholesky factor as preconditioner.
 //!
 //! A press with given force has one more unknown, the travel of the shapes. Vectors of unknowns hold
@@ -112,7 +112,7 @@ impl Search<'_, '_> {
     /// One Newton step from `state`, or `None` if none was found that lowers the energy.
     fn advance(&mut self, state: &mut State, forces: &Forces) -> Option<Forces> {
         let residual = self.residual(forces);
-        for stiffness in [Stiffness::Exact, Stiffness::Shifted, Stiffness::Filtered] {
+        for stiffness in Stiffness::SAFER {
             self.system.assemble(forces, self.matrix, stiffness);
             if !self.matrix.factorise(&self.system.pattern) {
                 continue;

@@ -263,36 +263,15 @@ mod tests {
     use super::*;
     use crate::{
         deformation::{Law, Moduli},
+        fem::examples::grid,
         geometry::TetMesh,
     };
 
-    /// A cube of 27 nodes in 48 tetrahedra, its inner nodes out of line.
+    /// A cube of 27 nodes in 48 tetrahedra, its inner node out of line.
     fn cube() -> TetMesh {
-        let at = |i: u32, j: u32, k: u32| (i * 3 + j) * 3 + k;
-        let mut vertices: Vec<Point3<f64>> = Vec::new();
-        for n in 0..27 {
-            let place = Point3::new(f64::from(n / 9), f64::from(n / 3 % 3), f64::from(n % 3));
-            vertices.push(place * 0.001);
-        }
-        vertices[13] += Vector3::new(2e-4, -1e-4, 1.5e-4);
-        let mut tets = Vec::new();
-        for n in 0..8 {
-            let (i, j, k) = (n / 4, n / 2 % 2, n % 2);
-            for [a, b] in [[0, 1], [0, 2], [1, 0], [1, 2], [2, 0], [2, 1]] {
-                let mut corner = [i, j, k];
-                let mut tet = [at(i, j, k); 4];
-                for (step, axis) in [a, b, 3 - a - b].into_iter().enumerate() {
-                    corner[axis] += 1;
-                    tet[step + 1] = at(corner[0], corner[1], corner[2]);
-                }
-                let [p, q, r, s] = tet.map(|n| vertices[n as usize]);
-                if (q - p).cross(&(r - p)).dot(&(s - p)) < 0.0 {
-                    tet.swap(2, 3);
-                }
-                tets.push(tet);
-            }
-        }
-        TetMesh { vertices, tets }
+        let mut mesh = grid([2; 3], |p| p * 0.001);
+        mesh.vertices[13] += Vector3::new(2e-4, -1e-4, 1.5e-4);
+        mesh
     }
 
     fn setup(law: Law, element: Element, fixed: &[u32]) -> (Nodes, Box<dyn Solid>, Pattern) {

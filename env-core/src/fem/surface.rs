@@ -24,6 +24,9 @@ const PIECES: (f64, f64) = (2.0, 8.0);
 /// Faces that meet at an angle of a smaller cosine meet at an edge of the body, not within a curve.
 const CREASE: f64 = 0.8;
 
+/// Sum of the sizes of the weights in eᵀ𝐇e, 4 on a regular lattice, past which a fit is not trusted.
+const WILD: f64 = 32.0;
+
 /// A face of the body's boundary.
 struct Facet {
     /// Nodes, counter-clockwise from outside.
@@ -190,14 +193,17 @@ fn curvature(
     Curvature { node, ring, frame, fit }
 }
 
-/// Weights of the middle of an edge, ½(a + b) − ⅛ eᵀ𝐇e with the mean 𝐇 of its smooth ends.
+/// Weights of the middle of an edge, ½(a + b) − ⅛ eᵀ𝐇e with the mean 𝐇 of its smooth ends. An end
+/// whose neighbours lie too unevenly to know of bends as long as the edge is left out.
 fn lifted_middle(mesh: &TetMesh, curvatures: &BTreeMap<u32, Curvature>, a: u32, b: u32) -> Weights {
     let edge = mesh.vertices[b as usize] - mesh.vertices[a as usize];
     let mut weights = vec![(a, 0.5), (b, 0.5)];
-    let smooth: Vec<_> = [a, b].iter().filter_map(|end| curvatures.get(end)).collect();
-    for curvature in &smooth {
-        let share = -0.125 / smooth.len() as f64;
-        weights.extend(curvature.along(&edge).iter().map(|(node, w)| (*node, share * w)));
+    let tame = |bend: &Weights| bend.iter().map(|(_, w)| w.abs()).sum::<f64>() < WILD;
+    let bends = [a, b].into_iter().filter_map(|end| Some(curvatures.get(&end)?.along(&edge)));
+    let bends: Vec<_> = bends.filter(tame).collect();
+    for bend in &bends {
+        let share = -0.125 / bends.len() as f64;
+        weights.extend(bend.iter().map(|(node, w)| (*node, share * w)));
     }
     weights
 }

@@ -40,10 +40,22 @@ pub(super) struct State {
 pub(super) enum Stiffness {
     /// Not at all.
     Exact,
-    /// By raising the diagonal.
-    Shifted,
+    /// By raising the diagonal by this share of its mean.
+    Shifted(f64),
     /// Element by element.
     Filtered,
+}
+
+impl Stiffness {
+    /// From the most faithful to the safest. Raising the diagonal little by little keeps more of the
+    /// curvature than the filter, which creeps where a body is close to buckling.
+    pub(super) const SAFER: [Self; 5] = [
+        Self::Exact,
+        Self::Shifted(1e-3),
+        Self::Shifted(1e-2),
+        Self::Shifted(1e-1),
+        Self::Filtered,
+    ];
 }
 
 /// Energy and forces at one state.
@@ -86,7 +98,7 @@ impl System {
         let touches = step.touches(&state.poses, &self.surface_places(&state.displacement));
         if touches
             .iter()
-            .any(|touch| self.is_deep(touch) && step.passed_through(touch, &state.poses))
+            .any(|touch| touch.depth > self.deepest() && step.passed_through(touch, &state.poses))
         {
             return None;
         }
@@ -99,8 +111,10 @@ impl System {
         Some(Forces { elastic, gradient, strain, touches })
     }
 
-    fn is_deep(&self, touch: &Touch) -> bool {
-        touch.depth > 10.0 * self.law.softness
+    /// Depth that no touching point keeps in equilibrium, at pressures below ten times Young's
+    /// modulus (m).
+    pub(super) fn deepest(&self) -> f64 {
+        10.0 * self.law.softness
     }
 
     /// Force of a shape on the body at a touching point (N).
@@ -131,7 +145,7 @@ impl System {
         let filtered = stiffness == Stiffness::Filtered;
         self.solid.assemble(&forces.strain, &self.pattern, matrix, filtered);
         let shift = match stiffness {
-            Stiffness::Shifted => RAISED,
+            Stiffness::Shifted(share) => share,
             _ if self.floating => PROXIMAL,
             _ => 0.0,
         };
@@ -162,5 +176,3 @@ fn stencils(surface: &[SurfacePoint]) -> BTreeSet<Vec<u32>> {
 /// Share of the mean diagonal added for a body that nothing holds: of the steps that differ by a
 /// motion of the whole body it takes the shortest.
 const PROXIMAL: f64 = 1e-8;
-/// Share of the mean diagonal added to a stiffness that is not positive definite.
-const RAISED: f64 = 1e-3;

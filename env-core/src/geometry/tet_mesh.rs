@@ -87,6 +87,17 @@ impl TetMesh {
         (0..self.tets.len()).map(|t| self.tet_volume(t)).sum()
     }
 
+    /// Whether `point` (m) lies in a tetrahedron.
+    pub fn contains(&self, point: &Point3<f64>) -> bool {
+        (0..self.tets.len()).any(|t| {
+            let corners = self.corners(t);
+            FACES.iter().all(|face| {
+                let [a, b, c] = face.map(|i| corners[i]);
+                (b - a).cross(&(c - a)).dot(&(point - a)) <= 0.0
+            })
+        })
+    }
+
     /// Centre of the volume (m).
     pub fn centroid(&self) -> Point3<f64> {
         // Relative to a vertex, so that a body far from the origin loses no digits.
@@ -318,6 +329,7 @@ mod tests {
         let volume = mesh.volume();
         assert!((volume - 8.0 / 3.0).abs() < 1e-12, "{volume} m³ against 8/3 m³");
         assert!(mesh.centroid().coords.norm() < 1e-12, "{}", mesh.centroid());
+        assert!(mesh.contains(&mesh.centroid()) && !mesh.contains(&Point3::new(0.0, 0.0, 2.0)));
     }
 
     #[test]

@@ -1,7 +1,8 @@
 """Grasping with soft tactile fingertips: vectorised Gymnasium environments, soft-body mechanics.
 
 A soft body (`SoftBody`, or the gel pad of a `sensor`) is pressed by rigid shapes (`Shape`,
-`Press`); a model (`Fem`) answers with a `Deformation`. Lengths are in m, forces in N, stresses in
+`Press`); a model answers with a `Deformation`: `Fem`, finite elements, or `Compliance`, fast and
+linear. Two pads hold one of the `objects` in a `Grasp`. Lengths are in m, forces in N, stresses in
 Pa. In the shell, `ruffini press` does one press.
 
 Importing registers the environments; from a worker process use the prefix form,
@@ -14,16 +15,23 @@ from ruffini._core import (
     CHANNELS,
     OBJECTS,
     REWARD_TERMS,
+    Antipodal,
+    Compliance,
     Deformation,
     Fem,
+    Grasp,
+    Grasped,
     History,
+    Object,
     Press,
     PressError,
     Shape,
     SimulationError,
     SoftBody,
     TetMesh,
+    Transfer,
     __version__,
+    objects,
     sensor,
 )
 
@@ -31,16 +39,23 @@ __all__ = [
     "CHANNELS",
     "OBJECTS",
     "REWARD_TERMS",
+    "Antipodal",
+    "Compliance",
     "Deformation",
     "Fem",
+    "Grasp",
+    "Grasped",
     "History",
+    "Object",
     "Press",
     "PressError",
     "Shape",
     "SimulationError",
     "SoftBody",
     "TetMesh",
+    "Transfer",
     "__version__",
+    "objects",
     "sensor",
 ]
 

@@ -10,18 +10,25 @@ __all__ = [
     "ENDINGS",
     "OBJECTS",
     "REWARD_TERMS",
+    "Antipodal",
+    "Compliance",
     "Batch",
     "Deformation",
     "Fem",
+    "Grasp",
+    "Grasped",
     "History",
+    "Object",
     "Press",
     "PressError",
     "Shape",
     "SimulationError",
     "SoftBody",
     "TetMesh",
+    "Transfer",
     "__version__",
     "default_settings",
+    "objects",
     "sensor",
 ]
 
@@ -34,7 +41,7 @@ ENDINGS: list[str]
 class SimulationError(RuntimeError): ...
 
 class PressError(SimulationError):
-    kind: Literal["not-converged", "unreachable", "invalid"]
+    kind: Literal["not-converged", "penetrated", "inverted", "unreachable", "invalid"]
 
 _Floats: TypeAlias = NDArray[np.float32]
 _Bools: TypeAlias = NDArray[np.bool_]
@@ -82,6 +89,13 @@ class TetMesh:
     def vertices(self) -> _Array: ...
     @property
     def tets(self) -> NDArray[np.uint32]: ...
+
+@final
+class Transfer:
+    def __new__(cls, source: TetMesh, target: TetMesh) -> Transfer: ...
+    def interpolate(self, nodal: ArrayLike) -> _Array: ...
+    def spread(self, forces: ArrayLike) -> _Array: ...
+    def average(self, per_tet: ArrayLike) -> _Array: ...
 
 @final
 class SoftBody:
@@ -186,6 +200,72 @@ class Fem:
     def solve(self, presses: Press | Sequence[Press]) -> list[Deformation | PressError]: ...
     def solve_path(self, press: Press) -> list[Deformation | PressError]: ...
 
+@final
+class Compliance:
+    def __new__(
+        cls,
+        body: SoftBody,
+        friction: float = 0.0,
+        sweeps: int = 0,
+        cache: str | PathLike[str] | None = None,
+    ) -> Compliance: ...
+    @property
+    def body(self) -> SoftBody: ...
+    def solve(self, presses: Press | Sequence[Press]) -> list[Deformation | PressError]: ...
+    def solve_path(self, press: Press) -> list[Deformation | PressError]: ...
+
 def sensor(
     name: str, calibration: str | None = None, resolution: int | None = None
 ) -> SoftBody: ...
+
+@final
+class Grasp:
+    def __new__(
+        cls,
+        object: Shape,
+        path: Sequence[tuple[_Pose, _Pose]],
+        start: _Pose | None = None,
+        load: ArrayLike | None = None,
+    ) -> Grasp: ...
+    def solve(self, pads: tuple[Fem, Fem]) -> list[Grasped | PressError]: ...
+
+@final
+class Grasped:
+    @property
+    def pads(self) -> tuple[Deformation, Deformation]: ...
+    @property
+    def object(self) -> tuple[_Array, _Array]: ...
+    @property
+    def residual(self) -> float: ...
+    @property
+    def seconds(self) -> float: ...
+
+@final
+class Object:
+    @property
+    def name(self) -> str: ...
+    @property
+    def family(self) -> str: ...
+    @property
+    def split(self) -> Literal["train", "novel", "soft"]: ...
+    @property
+    def seed(self) -> int: ...
+    @property
+    def shape(self) -> Shape: ...
+    def surface(self, segments: int = 64) -> tuple[_Array, NDArray[np.uint32]]: ...
+    def tets(self, spacing: float) -> TetMesh: ...
+    def grasps(self, count: int, seed: int, friction: float = 0.5) -> list[Antipodal]: ...
+
+@final
+class Antipodal:
+    @property
+    def tool(self) -> tuple[_Array, _Array]: ...
+    @property
+    def width(self) -> float: ...
+    @property
+    def angle(self) -> float: ...
+    @property
+    def quality(self) -> float: ...
+    def pads(self, apart: float) -> tuple[tuple[_Array, _Array], tuple[_Array, _Array]]: ...
+
+def objects(seed: int = 0) -> list[Object]: ...

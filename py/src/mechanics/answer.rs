@@ -63,7 +63,7 @@ impl Deformation {
 }
 
 /// Position (3,) and quaternion (4,).
-fn pose<'py>(
+pub(super) fn pose<'py>(
     py: Python<'py>,
     pose: &Isometry3<f64>,
 ) -> (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>) {

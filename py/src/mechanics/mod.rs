@@ -5,15 +5,21 @@
 mod answer;
 mod arrays;
 mod body;
+mod catalogue;
+mod grasp;
 mod mesh;
 mod model;
 mod pool;
 mod press;
 mod shape;
+mod transfer;
 
 pub(crate) use answer::{Deformation, History};
 pub(crate) use body::{SoftBody, sensor};
+pub(crate) use catalogue::{Antipodal, Object, objects};
+pub(crate) use grasp::{Grasp, Grasped};
 pub(crate) use mesh::TetMesh;
-pub(crate) use model::Fem;
+pub(crate) use model::{Compliance, Fem};
 pub(crate) use press::Press;
 pub(crate) use shape::Shape;
+pub(crate) use transfer::Transfer;

@@ -1,10 +1,13 @@
 //! Models that answer presses.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::{
+    path::PathBuf,
+    sync::{Mutex, MutexGuard, PoisonError},
+};
 
 use pyo3::prelude::*;
 use ruffini_core::{
-    Result,
+    Result, compliance,
     deformation::{self, DeformationModel},
     fem,
 };
@@ -76,6 +79,81 @@ impl Fem {
     /// Returns:
     ///     A list with a Deformation for each frame of the path, or one for a press with a force. It
     ///     ends early with a PressError at the first frame that is not solved.
+    fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let frames = py.detach(|| locked(&self.model).solve_path(&press.inner));
+        frames.into_iter().map(|frame| answer(py, frame, press.single)).collect()
+    }
+}
+
+impl Fem {
+    /// The model, for a solution that needs it beside another.
+    pub(super) fn copy(&self) -> fem::Fem {
+        locked(&self.model).clone()
+    }
+}
+
+/// Linear elasticity of a bonded body, condensed once to its surface: fast where strains are small.
+///
+/// Contact is the same as in Fem, with the stiffness of "p1-bar" at rest; a history of either goes on
+/// in the other. What is lost is large strain; each sweep, a modified Newton step towards the true
+/// forces, buys some of it back, and the residual of the answer says how much is missing.
+///
+/// Args:
+///     body: What is pressed; its fixed nodes must hold it.
+///     friction: Coefficient of friction between body and shapes, 0 to 100.
+///     sweeps: Most corrections of a load step, 0 to 12.
+///     cache: Folder that keeps what is computed in advance, by a hash of the body.
+///
+/// Raises:
+///     ValueError: If an option is none of those, or the body is free.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct Compliance {
+    model: Mutex<compliance::Compliance>,
+    /// What is pressed.
+    #[pyo3(get)]
+    body: Py<SoftBody>,
+}
+
+#[pymethods]
+impl Compliance {
+    #[new]
+    #[pyo3(signature = (body, friction=0.0, sweeps=0, cache=None))]
+    fn new(
+        py: Python<'_>,
+        body: Py<SoftBody>,
+        friction: f64,
+        sweeps: usize,
+        cache: Option<PathBuf>,
+    ) -> PyResult<Self> {
+        let options = compliance::Options { friction, sweeps };
+        let solid = body.get().inner.clone();
+        let model = py.detach(|| match cache {
+            Some(folder) => compliance::Compliance::cached(solid, options, &folder),
+            None => compliance::Compliance::new(solid, options),
+        });
+        Ok(Self { model: Mutex::new(model.map_err(python_error)?), body })
+    }
+
+    /// Where each press ends, as Fem.solve.
+    ///
+    /// Args:
+    ///     presses: A list of Press, or one.
+    ///
+    /// Returns:
+    ///     A list with a Deformation for each press, or the PressError that says why there is none.
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        presses: &Bound<'py, PyAny>,
+    ) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        solve(py, &self.model, presses)
+    }
+
+    /// Every frame of one press, in order, as Fem.solve_path.
+    ///
+    /// Returns:
+    ///     A list with a Deformation for each frame. It ends early with a PressError at the first
+    ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let frames = py.detach(|| locked(&self.model).solve_path(&press.inner));
         frames.into_iter().map(|frame| answer(py, frame, press.single)).collect()

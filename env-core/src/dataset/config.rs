@@ -1,0 +1,161 @@
+//! What a dataset is made of.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    Error, Result,
+    deformation::{Law, Moduli, SoftBody},
+    fem::{Element, Fem, Options},
+    geometry::PadMesh,
+    sensor::Sensor,
+};
+
+/// Everything that decides the bytes of a dataset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// What objects, grasps and perturbations are drawn from.
+    pub seed: u64,
+    /// How many of the 63 rigid objects, evenly over the catalogue.
+    pub objects: usize,
+    /// Grasps of each object.
+    pub grasps: usize,
+    /// Frames of growing force in each grasp.
+    pub frames: usize,
+    /// Nodes of the mesh whose fields are stored.
+    pub model_nodes: usize,
+    /// Nodes of the mesh that is solved.
+    pub truth_nodes: usize,
+    /// Element that is solved.
+    pub truth_element: String,
+    /// Least and greatest force at which a grasp ends (N).
+    pub force: [f64; 2],
+    /// Share of a pad's thickness at which a grasp ends, whatever its force.
+    pub depth: f64,
+    /// Greatest shift of the pads against each other along their faces, over their closing.
+    pub shear: f64,
+    /// Greatest turn of the pads against each other about their normals, over their closing (rad/m).
+    pub twist: f64,
+    /// Pads, drawn for each grasp by their shares.
+    pub gels: Vec<Gel>,
+}
+
+/// A pad of one material.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Gel {
+    /// Name of the sensor.
+    pub sensor: String,
+    /// Young's modulus at small strain (Pa).
+    pub young: f64,
+    /// Poisson's ratio.
+    pub poisson: f64,
+    /// Coefficient of friction between pad and object.
+    pub friction: f64,
+    /// How often it is drawn, relative to the others.
+    pub share: f64,
+}
+
+impl Default for Config {
+    /// The paper's 63 objects × 100 grasps × 50 frames. Three grasps of four are made with the two
+    /// published calibrations of the `GelSight` Mini, the others with softer and stiffer gels and
+    /// with a second sensor.
+    fn default() -> Self {
+        let gel = |sensor: &str, young, poisson, friction, share| Gel {
+            sensor: sensor.to_owned(),
+            young,
+            poisson,
+            friction,
+            share,
+        };
+        Self {
+            seed: 0,
+            objects: 63,
+            grasps: 100,
+            frames: 50,
+            model_nodes: 1000,
+            truth_nodes: 2000,
+            truth_element: "p1-bar".to_owned(),
+            force: [2.0, 20.0],
+            depth: 0.5,
+            shear: 0.4,
+            twist: 60.0,
+            gels: vec![
+                gel("gelsight-mini", 0.30e6, 0.47, 1.0, 5.0),
+                gel("gelsight-mini", 0.428e6, 0.475, 0.6, 2.5),
+                gel("gelsight-mini", 0.10e6, 0.45, 0.8, 0.75),
+                gel("gelsight-mini", 1.0e6, 0.49, 0.4, 0.75),
+                gel("digit", 0.30e6, 0.47, 0.8, 1.0),
+            ],
+        }
+    }
+}
+
+/// The rigid objects of the catalogue.
+pub(super) const RIGID: usize = 63;
+/// Grasps in a shard.
+pub(super) const SHARD: usize = 10;
+
+impl Config {
+    /// The configuration in a TOML file; what it leaves out is the default.
+    pub fn read(path: &Path) -> Result<Self> {
+        let file = |reason: String| Error::File { path: path.display().to_string(), reason };
+        let text = std::fs::read_to_string(path).map_err(|error| file(error.to_string()))?;
+        toml::from_str::<Self>(&text).map_err(|error| file(error.to_string()))?.validated()
+    }
+
+    /// This configuration, if a dataset can be made of it.
+    pub fn validated(self) -> Result<Self> {
+        let counts = [
+            ("objects", self.objects, RIGID),
+            ("grasps", self.grasps, 1000),
+            ("frames", self.frames, 1000),
+        ];
+        for (name, count, most) in counts {
+            if !(1..=most).contains(&count) {
+                return Err(Error::invalid(name, count, format!("1 to {most}")));
+            }
+        }
+        let [low, high] = self.force;
+        if !(low > 0.0 && high >= low && high.is_finite()) {
+            let found = format!("{low} to {high} N");
+            return Err(Error::invalid("force", found, "a range above 0 N"));
+        }
+        if !(self.depth > 0.0 && self.depth <= 0.6) {
+            return Err(Error::invalid("depth", self.depth, "0 to 0.6 of the thickness"));
+        }
+        for (name, value, most) in [("shear", self.shear, 1.0), ("twist", self.twist, 200.0)] {
+            if !(0.0..=most).contains(&value) {
+                return Err(Error::invalid(name, value, format!("0 to {most}")));
+            }
+        }
+        let shares: f64 = self.gels.iter().map(|gel| gel.share).sum();
+        if !(shares > 0.0 && self.gels.iter().all(|gel| gel.share >= 0.0)) {
+            return Err(Error::invalid("gels", shares, "shares from 0 with a sum above 0"));
+        }
+        self.truth_element.parse::<Element>()?;
+        Ok(self)
+    }
+}
+
+/// What a gel's grasps are solved on and stored on.
+pub(super) struct Pads {
+    pub(super) sensor: Sensor,
+    pub(super) truth: Fem,
+    pub(super) model: PadMesh,
+}
+
+impl Gel {
+    /// The pads with the meshes of `config`.
+    pub(super) fn pads(&self, config: &Config) -> Result<Pads> {
+        let sensor = Sensor::named(&self.sensor)?;
+        let PadMesh { mesh, base, .. } = sensor.pad(config.truth_nodes)?;
+        let moduli = Moduli { young: self.young, poisson: self.poisson };
+        let body = SoftBody::new(mesh, Law::default(), moduli, &base)?;
+        let element = config.truth_element.parse()?;
+        let options = Options { element, friction: self.friction, ..Options::default() };
+        Ok(Pads { truth: Fem::new(body, options)?, model: sensor.pad(config.model_nodes)?, sensor })
+    }
+}

@@ -1,0 +1,111 @@
+//! Which grasps a dataset holds, drawn from its seed.
+
+use std::f64::consts::TAU;
+
+use nalgebra::Isometry3;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use super::config::{Config, RIGID};
+use crate::{
+    Result,
+    objects::{Antipodal, GraspSampler, Object, catalogue},
+};
+
+/// One grasp that is to be solved.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Name of the object and number of the grasp: `cup-2/007`.
+    pub name: String,
+    /// Name of the object.
+    pub object: String,
+    /// Which of the configuration's gels.
+    pub gel: usize,
+    /// Pose of the tool in the object's frame: x from the first pad to the second.
+    pub tool: Isometry3<f64>,
+    /// Distance of the contacts (m).
+    pub width: f64,
+    /// Margin of force closure, 0 to 1.
+    pub quality: f64,
+    /// Force at which it ends (N).
+    pub force: f64,
+    /// Shift of the second pad against the first along their faces (x, y of the second), over the
+    /// closing of each.
+    pub shear: [f64; 2],
+    /// Turn of the second pad against the first about their normals, over the closing (rad/m).
+    pub twist: f64,
+}
+
+/// The objects of `config`, each with its grasps in order. An object may have fewer than asked for.
+pub fn plans(config: &Config) -> Result<Vec<(Object, Vec<Plan>)>> {
+    let all = catalogue(config.seed);
+    let chosen = (0..config.objects).map(|i| i * RIGID / config.objects);
+    chosen.map(|i| Ok((all[i].clone(), of_object(config, &all[i])?))).collect()
+}
+
+fn of_object(config: &Config, object: &Object) -> Result<Vec<Plan>> {
+    let sampling = GraspSampler::default().sample(&object.shape, config.grasps, object.seed)?;
+    let grasps = sampling.grasps.iter().enumerate();
+    Ok(grasps.map(|(number, grasp)| draw(config, object, number, grasp)).collect())
+}
+
+fn draw(config: &Config, object: &Object, number: usize, grasp: &Antipodal) -> Plan {
+    let mut random = ChaCha8Rng::seed_from_u64(object.seed);
+    random.set_stream(1 + number as u64);
+    let mut uniform = || random.random::<f64>();
+    let [low, high] = config.force;
+    let (size, angle) = (config.shear * uniform().sqrt(), TAU * uniform());
+    Plan {
+        name: format!("{}/{number:03}", object.name),
+        object: object.name.clone(),
+        gel: choose(config, uniform()),
+        tool: grasp.tool,
+        width: grasp.width,
+        quality: grasp.quality,
+        force: low * (high / low).powf(uniform()),
+        shear: [size * angle.cos(), size * angle.sin()],
+        twist: config.twist * (2.0 * uniform() - 1.0),
+    }
+}
+
+/// The gel at `point`, from 0 to 1, of their shares laid end to end.
+fn choose(config: &Config, point: f64) -> usize {
+    let all: f64 = config.gels.iter().map(|gel| gel.share).sum();
+    let mut rest = point * all;
+    let over = |share: f64| {
+        rest -= share;
+        rest < 0.0
+    };
+    let shares = config.gels.iter().map(|gel| gel.share);
+    shares.map(over).position(|found| found).unwrap_or(config.gels.len() - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn grasps_are_drawn_from_the_seed_and_not_from_each_other() {
+        let config = Config { objects: 5, grasps: 4, ..Config::default() };
+        let more = Config { grasps: 6, ..config.clone() };
+        let (few, many) = (plans(&config).unwrap(), plans(&more).unwrap());
+        for ((object, few), (_, many)) in few.iter().zip(&many) {
+            assert_eq!(few[..], many[..few.len()], "{}", object.name);
+        }
+        let other = plans(&Config { seed: 1, ..config }).unwrap();
+        assert!(few.iter().zip(&other).all(|((_, a), (_, b))| a[0].tool != b[0].tool));
+    }
+
+    #[test]
+    fn gels_are_drawn_by_their_shares() {
+        let config = Config::default();
+        let mut counts = vec![0.0; config.gels.len()];
+        for i in 0..1000 {
+            counts[choose(&config, (f64::from(i) + 0.5) / 1000.0)] += 0.01;
+        }
+        for (count, gel) in counts.iter().zip(&config.gels) {
+            assert!((count - gel.share).abs() < 0.011, "{count} of {}", gel.share);
+        }
+    }
+}

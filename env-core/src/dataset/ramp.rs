@@ -1,0 +1,135 @@
+//! One grasp, solved frame by frame while its force grows.
+//!
+//! The four phases of a grasp: the object is loaded into its frame, the pads are put on either side
+//! of it, each closes until it touches, and then both close together until the force is reached.
+//! How far the next frame closes is told by the last: force grows with about the 1.9th power of
+//! depth (a measured `GelSight` Mini). A frame that is not solved is tried again half as far.
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+
+use super::plan::Plan;
+use crate::{
+    Error, Result,
+    deformation::Wrench,
+    fem::{Fem, Grasped, Hold},
+    geometry::Shape,
+    objects::Hand,
+};
+
+/// How far a grasp goes and in how many frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ramp {
+    /// Frames.
+    pub frames: usize,
+    /// Closing of each pad at which it ends, whatever its force (m).
+    pub depth: f64,
+}
+
+/// A solved frame of a grasp.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Closing of each pad since it touched (m).
+    pub closing: f64,
+    /// Force with which the pads are pressed together (N).
+    pub force: f64,
+    /// Poses of the pads in the object's frame of the start.
+    pub pads: [Isometry3<f64>; 2],
+    /// The equilibrium.
+    pub grasped: Grasped,
+}
+
+/// Exponent of force by depth that strides are chosen with.
+const EXPONENT: f64 = 1.9;
+/// Closing of the first frame, shortest stride that is tried, and longest, over the depth.
+const STRIDES: [f64; 3] = [0.03, 0.001, 0.1];
+/// Pads start this far open (m).
+const OPEN: f64 = 0.005;
+/// Distance at which a pad counts as touching (m).
+const TOUCH: f64 = 1e-7;
+
+impl Ramp {
+    /// The frames of `plan`, and the error that ended it before its force, depth or last frame.
+    pub fn solve(&self, plan: &Plan, object: &Shape, pad: &Fem) -> (Vec<Frame>, Option<Error>) {
+        let mut frames = Vec::with_capacity(self.frames);
+        let error = self.run(plan, object, pad, &mut frames).err();
+        (frames, error)
+    }
+
+    fn run(&self, plan: &Plan, object: &Shape, pad: &Fem, frames: &mut Vec<Frame>) -> Result<()> {
+        let touching = touching(plan, object, pad)?;
+        let start = Isometry3::identity();
+        let mut hold = Hold::new(object, start, [pad; 2], &touching, Wrench::default())?;
+        let (mut closing, mut force) = (0.0, 0.0);
+        while frames.len() < self.frames && force < plan.force && closing < self.depth {
+            let wanted = plan.force * (frames.len() + 1) as f64 / self.frames as f64;
+            let mut stride = self.stride(closing, force, wanted);
+            let frame = loop {
+                let pads = plan.closed(&touching, closing + stride);
+                match hold.frame(&pads) {
+                    Ok(grasped) => break Frame::new(closing + stride, pads, grasped),
+                    Err(error) if stride < STRIDES[1] * self.depth => return Err(error),
+                    Err(_) => stride *= 0.5,
+                }
+            };
+            (closing, force) = (frame.closing, frame.force);
+            frames.push(frame);
+        }
+        Ok(())
+    }
+
+    /// How much farther to close from `closing` at `force` for a force of `wanted` (N).
+    fn stride(&self, closing: f64, force: f64, wanted: f64) -> f64 {
+        let [first, shortest, longest] = STRIDES.map(|share| share * self.depth);
+        let predicted = if force > 0.0 {
+            closing * ((wanted / force).powf(1.0 / EXPONENT) - 1.0)
+        } else {
+            first
+        };
+        predicted.clamp(shortest, longest).min((self.depth - closing).max(shortest))
+    }
+}
+
+impl Frame {
+    fn new(closing: f64, pads: [Isometry3<f64>; 2], grasped: Grasped) -> Self {
+        let pressure = |i: usize| -> f64 { -grasped.pads[i].wrench.force.z };
+        Self { closing, force: 0.5 * (pressure(0) + pressure(1)), pads, grasped }
+    }
+}
+
+impl Plan {
+    /// Poses of the pads that have closed by `closing` (m) each since they were `touching`: the
+    /// first goes straight, the second shears and twists.
+    fn closed(&self, touching: &[Isometry3<f64>; 2], closing: f64) -> [Isometry3<f64>; 2] {
+        let ahead = Isometry3::translation(0.0, 0.0, closing);
+        let [x, y] = self.shear.map(|share| share * closing);
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.twist * closing);
+        let astray = Isometry3::from_parts(Translation3::new(x, y, closing), turn);
+        [touching[0] * ahead, touching[1] * astray]
+    }
+}
+
+/// Poses of the pads in the object's frame, each closed until it touches.
+fn touching(plan: &Plan, object: &Shape, pad: &Fem) -> Result<[Isometry3<f64>; 2]> {
+    let mut pads = Hand::pads(&plan.tool, plan.width + 2.0 * OPEN);
+    let mesh = pad.body().mesh();
+    for pose in &mut pads {
+        let gap = |pose: &Isometry3<f64>| {
+            let distance = |p: &Point3<f64>| object.distance(&(*pose * p)).value;
+            mesh.vertices.iter().map(distance).fold(f64::INFINITY, f64::min)
+        };
+        let mut travel = 0.0;
+        loop {
+            let free = gap(pose);
+            if free < TOUCH {
+                break;
+            }
+            travel += free;
+            if travel > plan.width + 2.0 * OPEN {
+                let found = format!("no touch within {travel:.4} m of {}", plan.name);
+                return Err(Error::invalid("grasp", found, "an object between the pads"));
+            }
+            *pose *= Isometry3::translation(0.0, 0.0, free);
+        }
+    }
+    Ok(pads)
+}

@@ -1,0 +1,193 @@
+//! The objects of the dataset, and where a gripper can hold them.
+
+use std::ops::RangeInclusive;
+
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use ruffini_core::objects::GraspSampler;
+
+use super::{
+    Shape, TetMesh, answer,
+    arrays::{array_of_rows, refused},
+};
+use crate::error::python_error;
+
+/// Position (3,) and quaternion (4,).
+type Pose<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+/// Places (V, 3) and corners of triangles (F, 3).
+type Triangles<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<u32>>);
+
+/// Most edges round a circle that a surface is asked for: a ball has then 20,000 triangles.
+const MOST_SEGMENTS: i64 = 200;
+/// Most grasps of one object that are drawn at once.
+const MOST_GRASPS: i64 = 10_000;
+
+/// The 64 objects of the catalogue: 49 to train on, 14 novel ones and a soft one.
+///
+/// Args:
+///     seed: What the sizes are drawn from; the same seed gives the same objects on every machine.
+#[pyfunction]
+#[pyo3(signature = (seed=None), text_signature = "(seed=0)")]
+pub(crate) fn objects(seed: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<Object>> {
+    let seed = seed.map_or(Ok(0), whole)?;
+    Ok(ruffini_core::objects::catalogue(seed).into_iter().map(|inner| Object { inner }).collect())
+}
+
+/// An object of the catalogue: a solid of hand size in its own frame, z along its axis if it has one.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct Object {
+    inner: ruffini_core::objects::Object,
+}
+
+#[pymethods]
+impl Object {
+    /// Family and number, such as "cup-2".
+    #[getter]
+    fn name(&self) -> &str {
+        &self.inner.name
+    }
+
+    /// Kind of thing, such as "cup".
+    #[getter]
+    fn family(&self) -> String {
+        self.inner.family.to_string()
+    }
+
+    /// What it is for: "train", "novel" or "soft".
+    #[getter]
+    fn split(&self) -> String {
+        self.inner.split.to_string()
+    }
+
+    /// What its sizes were drawn from.
+    #[getter]
+    fn seed(&self) -> u64 {
+        self.inner.seed
+    }
+
+    /// The exact solid.
+    #[getter]
+    fn shape(&self) -> Shape {
+        Shape { inner: self.inner.shape.clone() }
+    }
+
+    /// Watertight triangles.
+    ///
+    /// Args:
+    ///     segments: Edges round a circle, about; 8 to 200.
+    ///
+    /// Returns:
+    ///     Vertices (V, 3) in m and corners of the triangles (F, 3), counter-clockwise from outside.
+    ///
+    /// Raises:
+    ///     ValueError: If the number of segments is out of range.
+    #[pyo3(signature = (segments=64))]
+    fn surface<'py>(&self, py: Python<'py>, segments: i64) -> PyResult<Triangles<'py>> {
+        let segments = ranged("segments", segments, 8..=MOST_SEGMENTS)?;
+        let surface = py.detach(|| self.inner.surface(segments));
+        let vertices = array_of_rows(py, surface.vertices().iter().map(|&p| p.into()));
+        Ok((vertices, array_of_rows(py, surface.triangles().iter().copied())))
+    }
+
+    /// Tetrahedra of the solid.
+    ///
+    /// Args:
+    ///     spacing: Length of an edge (m), about.
+    ///
+    /// Raises:
+    ///     ValueError: If the spacing does not suit the size of the object.
+    fn tets(&self, py: Python<'_>, spacing: f64) -> PyResult<TetMesh> {
+        let mesh = py.detach(|| self.inner.tets(spacing)).map_err(python_error)?;
+        TetMesh::of(py, mesh)
+    }
+
+    /// Grasps that hold the object between two opposite contacts, and that the hand gets to.
+    ///
+    /// Args:
+    ///     count: How many are wanted, up to 10,000; there are fewer if 200 draws for each do not
+    ///         yield them.
+    ///     seed: What they are drawn from.
+    ///     friction: Coulomb coefficient between pads and object, above 0 and up to 10.
+    ///
+    /// Raises:
+    ///     ValueError: If an argument is out of range.
+    #[pyo3(signature = (count, seed, friction=0.5))]
+    fn grasps(
+        &self,
+        py: Python<'_>,
+        count: i64,
+        seed: &Bound<'_, PyAny>,
+        friction: f64,
+    ) -> PyResult<Vec<Antipodal>> {
+        let (count, seed) = (ranged("count", count, 0..=MOST_GRASPS)?, whole(seed)?);
+        let sampler = GraspSampler { friction, ..GraspSampler::default() };
+        let sample = || sampler.sample(&self.inner.shape, count as usize, seed);
+        let sampling = py.detach(sample).map_err(python_error)?;
+        Ok(sampling.grasps.into_iter().map(|inner| Antipodal { inner }).collect())
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<ruffini.Object {}>", self.inner.name)
+    }
+}
+
+/// A grasp between two opposite contacts, in the frame of the object.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct Antipodal {
+    inner: ruffini_core::objects::Antipodal,
+}
+
+#[pymethods]
+impl Antipodal {
+    /// Pose of the tool in the frame of the object, (position (3,) in m, quaternion (4,) xyzw): its
+    /// origin midway between the contacts, x from the first to the second, z to the wrist.
+    #[getter]
+    fn tool<'py>(&self, py: Python<'py>) -> Pose<'py> {
+        answer::pose(py, &self.inner.tool)
+    }
+
+    /// Distance between the contacts (m).
+    #[getter]
+    fn width(&self) -> f64 {
+        self.inner.width
+    }
+
+    /// Angle between x of the tool and the outward normal at the second contact (rad).
+    #[getter]
+    fn angle(&self) -> f64 {
+        self.inner.angle
+    }
+
+    /// Margin of force closure: 1 at the middle of the cone of friction, 0 on its side.
+    #[getter]
+    fn quality(&self) -> f64 {
+        self.inner.quality
+    }
+
+    /// Poses of the frames of the two pads in the frame of the object, that of the first contact
+    /// first, with the apexes `apart` (m).
+    fn pads<'py>(&self, py: Python<'py>, apart: f64) -> PyResult<(Pose<'py>, Pose<'py>)> {
+        if !apart.is_finite() {
+            return Err(refused("apart", apart, "a finite length (m)"));
+        }
+        let [first, second] = self.inner.pads(apart);
+        Ok((answer::pose(py, &first), answer::pose(py, &second)))
+    }
+
+    fn __repr__(&self) -> String {
+        let ruffini_core::objects::Antipodal { width, quality, .. } = self.inner;
+        format!("<ruffini.Antipodal {:.1} mm wide, quality {quality:.2}>", 1e3 * width)
+    }
+}
+
+/// A seed.
+fn whole(found: &Bound<'_, PyAny>) -> PyResult<u64> {
+    found.extract().map_err(|_| refused("seed", found, "a whole number from 0 below 2**64"))
+}
+
+/// `value`, if it is in `range`.
+fn ranged(name: &str, value: i64, range: RangeInclusive<i64>) -> PyResult<u32> {
+    let expected = format!("{} to {}", range.start(), range.end());
+    let within = u32::try_from(value).ok().filter(|_| range.contains(&value));
+    within.ok_or_else(|| refused(name, value, expected))
+}

@@ -1,0 +1,132 @@
+//! Rigid objects held between two soft pads.
+
+use nalgebra::{Isometry3, Vector3};
+use pyo3::{IntoPyObjectExt, prelude::*};
+use ruffini_core::{Result, deformation::Wrench, fem};
+
+use super::{
+    Deformation, Fem, Shape, answer,
+    arrays::{refused, vector},
+    press,
+};
+use crate::error::press_error;
+
+const PAIR: &str = "poses of two pads, each (position (3,), quaternion xyzw (4,))";
+
+/// A free rigid object that two soft pads close on; its pose is solved for.
+///
+/// Poses are (position (3,) in m, unit quaternion (4,) as x, y, z, w) in the frame of the world.
+/// Nothing but the pads and the load holds the object, so in the first frame the pads must touch it
+/// if there is a load.
+///
+/// Args:
+///     object: The object.
+///     path: Poses of the frames of the left and the right pad, a pair for each of F frames. What
+///         touches in the first sticks where it is.
+///     start: Pose of the object where the grasp begins; the origin of the world if not given.
+///     load: What else acts on the object, such as its weight (6,): force (N) and torque about the
+///         origin of the object (N m), in the frame of the world; nothing if not given.
+///
+/// Raises:
+///     ValueError: If there is no frame, or a pose or the load is none.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct Grasp {
+    inner: fem::Grasp,
+}
+
+#[pymethods]
+impl Grasp {
+    #[new]
+    #[pyo3(signature = (object, path, start=None, load=None))]
+    fn new(
+        object: &Shape,
+        path: &Bound<'_, PyAny>,
+        start: Option<&Bound<'_, PyAny>>,
+        load: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let object = object.inner.clone();
+        let start = start.map_or(Ok(Isometry3::identity()), |found| press::pose("start", found))?;
+        let load = load.map_or(Ok(Wrench::default()), wrench)?;
+        let path = frames(path)?;
+        if path.is_empty() {
+            return Err(refused("path", "no frames", "at least one"));
+        }
+        Ok(Self { inner: fem::Grasp { object, start, path, load } })
+    }
+
+    /// Every frame, in order, on one thread; other Python threads run meanwhile.
+    ///
+    /// Args:
+    ///     pads: The models of the left and the right pad, which may be the same.
+    ///
+    /// Returns:
+    ///     A list with a Grasped for each frame of the path. It ends early with a PressError at the
+    ///     first frame that is not solved.
+    #[allow(clippy::needless_pass_by_value)] // What pyo3 extracts is owned.
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        pads: (Bound<'py, Fem>, Bound<'py, Fem>),
+    ) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let (left, right) = (pads.0.get().copy(), pads.1.get().copy());
+        let frames = py.detach(|| self.inner.solve([&left, &right]));
+        frames.into_iter().map(|frame| slot(py, frame)).collect()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<ruffini.Grasp of {} frames>", self.inner.path.len())
+    }
+}
+
+/// One frame of a `Grasp`: object and pads in equilibrium.
+#[pyclass(frozen, get_all, module = "ruffini")]
+pub(crate) struct Grasped {
+    /// The deformations of the left and the right pad, each in the frame of its pad, with the pose
+    /// of the object there.
+    pads: (Py<Deformation>, Py<Deformation>),
+    /// Pose of the object in the world: position (3,) in m, quaternion (4,) xyzw.
+    object: Py<PyAny>,
+    /// Force left unbalanced on the object, torque counted over its size (N).
+    residual: f64,
+    /// Wall time (s).
+    seconds: f64,
+}
+
+#[pymethods]
+impl Grasped {
+    fn __repr__(&self) -> String {
+        let Self { residual, seconds, .. } = self;
+        format!("<ruffini.Grasped residual {residual:.1e} N, {seconds:.2} s>")
+    }
+}
+
+/// A frame, or the error in its place.
+fn slot(py: Python<'_>, frame: Result<fem::Grasped>) -> PyResult<Bound<'_, PyAny>> {
+    let fem::Grasped { pads: [left, right], object, residual, seconds } = match frame {
+        Ok(grasped) => grasped,
+        Err(error) => return press_error(py, &error),
+    };
+    let pad = |found| Py::new(py, Deformation::of(py, found, true)?);
+    let pads = (pad(left)?, pad(right)?);
+    let object = answer::pose(py, &object).into_py_any(py)?;
+    Ok(Bound::new(py, Grasped { pads, object, residual, seconds })?.into_any())
+}
+
+fn wrench(found: &Bound<'_, PyAny>) -> PyResult<Wrench> {
+    let [fx, fy, fz, tx, ty, tz] = vector("load", found)?;
+    Ok(Wrench { force: Vector3::new(fx, fy, fz), torque: Vector3::new(tx, ty, tz) })
+}
+
+/// Poses of two pads (F, 2).
+fn frames(path: &Bound<'_, PyAny>) -> PyResult<Vec<[Isometry3<f64>; 2]>> {
+    let wrong = |_| refused("path", path.get_type(), format!("a list of {PAIR}"));
+    let frames = path.try_iter().map_err(wrong)?;
+    frames.enumerate().map(|(i, found)| pair(&format!("path[{i}]"), &found?)).collect()
+}
+
+fn pair(name: &str, found: &Bound<'_, PyAny>) -> PyResult<[Isometry3<f64>; 2]> {
+    let (left, right) = found
+        .extract::<(Bound<'_, PyAny>, Bound<'_, PyAny>)>()
+        .map_err(|_| refused(name, found.get_type(), PAIR))?;
+    Ok([press::pose(&format!("{name}[0]"), &left)?, press::pose(&format!("{name}[1]"), &right)?])
+}

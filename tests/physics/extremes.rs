@@ -1,0 +1,273 @@
+//! Stiff, nearly incompressible, sharp, deep, rough and badly meshed: solved, or refused by name.
+
+use std::f64::consts::{FRAC_PI_4, PI, SQRT_2};
+
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use rayon::ThreadPoolBuilder;
+use ruffini_core::{
+    Error, Result,
+    deformation::{Deformation, DeformationModel, Law, Moduli, Press, SoftBody},
+    fem::{Element, Fem, Options},
+    geometry::{Shape, TetMesh},
+};
+
+use crate::{
+    bodies::{even, grid},
+    fem::{
+        GEL, MM, along, ball, ball_at, base, block, block_mesh, last, plate_at, relative, rough,
+    },
+};
+
+/// Force of the shapes into the block (N).
+fn pressing(frame: &Deformation) -> f64 {
+    -frame.wrench.force.z
+}
+
+fn plate() -> Vec<Shape> {
+    vec![Shape::HalfSpace]
+}
+
+/// A body on its base, its moduli given by height.
+fn layered(mesh: TetMesh, moduli: impl Fn(f64) -> Moduli, options: Options) -> Fem {
+    let moduli = mesh.tets.iter().map(|tet| {
+        let height = |&node: &u32| 0.25 * mesh.vertices[node as usize].z;
+        moduli(tet.iter().map(height).sum())
+    });
+    let (moduli, base) = (moduli.collect(), base(&mesh));
+    Fem::new(SoftBody::graded(mesh, Law::NeoHookean, moduli, &base).unwrap(), options).unwrap()
+}
+
+#[test]
+fn the_answer_is_the_same_from_a_thousand_to_a_thousand_million_pascals() {
+    let press = |young| {
+        last(&block(Moduli { young, ..GEL }, 3, rough(0.5)), ball(), vec![ball_at(0.0, MM)])
+    };
+    let reference = press(2e5);
+    for young in [1e3, 1e9] {
+        let frame = press(young);
+        let force = pressing(&frame) / young * 2e5;
+        // 1e-7 N may be left at 1 kPa, where the force is 5 mN.
+        let error = (force / pressing(&reference) - 1.0).abs();
+        assert!(error < 1e-4, "{young} Pa: scaled force off by {error:.1e}");
+        let error = relative(&frame.displacement, &reference.displacement);
+        assert!(error < 1e-4, "{young} Pa: displacements differ by {error:.1e}");
+    }
+}
+
+#[test]
+fn a_layer_a_million_times_stiffer_is_rigid() {
+    // A soft layer under a stiff one gives way as if a rigid plate were glued to it.
+    let soft = Moduli { young: 1e3, poisson: 0.45 };
+    let side = even(-4.0 * MM, 4.0 * MM, 8);
+    let two = grid(&side, &side, &even(-4.0 * MM, 0.0, 8));
+    let one = grid(&side, &side, &even(-4.0 * MM, -2.0 * MM, 4));
+    let stiff_above = |z: f64| if z > -2.0 * MM { Moduli { young: 1e9, ..soft } } else { soft };
+    let options = Options { tolerance: 1e-10, softness: 2e-7, ..rough(100.0) };
+    let both = last(&layered(two, stiff_above, options), plate(), vec![plate_at(0.0, -0.2 * MM)]);
+    let alone = last(&layered(one, |_| soft, options), plate(), vec![plate_at(0.0, -2.2 * MM)]);
+    let [both, alone] = [both, alone].map(|frame| pressing(&frame));
+    // The plate's contact gives a little at the rim; the glue does not.
+    assert!((both / alone - 1.0).abs() < 5e-3, "{both} N against {alone} N");
+}
+
+#[test]
+fn a_block_is_squeezed_to_thirty_percent_of_its_height() {
+    let path: Vec<_> = (1..=14).map(|i| plate_at(0.0, -0.2 * MM * f64::from(i))).collect();
+    for poisson in [0.3, 0.45, 0.49, 0.499] {
+        for friction in [0.0, 1.0] {
+            let squeeze = |element| {
+                let options = Options { element, ..rough(friction) };
+                along(&block(Moduli { poisson, ..GEL }, 2, options), plate(), path.clone())
+            };
+            for frames in [Element::P1Bar, Element::P2].map(squeeze) {
+                let last = frames.last().unwrap();
+                assert!(last.residual <= 1e-7, "ν {poisson} μ {friction}: {} N", last.residual);
+                // Coarse blocks buckle on the way without friction, but stay far above 10 N.
+                assert!(pressing(last) > 10.0, "ν {poisson} μ {friction}: {} N", pressing(last));
+            }
+        }
+    }
+}
+
+/// A long box on its edge, a cone on its point, a small tip, each with how far it reaches below its origin.
+fn sharp() -> [(Shape, UnitQuaternion<f64>, f64); 3] {
+    let about_x = |angle| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle);
+    [
+        (
+            Shape::Cuboid { half_extents: Vector3::new(5.0, 3.0, 3.0) * MM },
+            about_x(FRAC_PI_4),
+            3.0 * SQRT_2 * MM,
+        ),
+        (Shape::Cone { radius: 3.0 * MM, half_height: 3.0 * MM }, about_x(PI), 3.0 * MM),
+        (Shape::Sphere { radius: 0.5 * MM }, about_x(0.0), 0.5 * MM),
+    ]
+}
+
+#[test]
+fn an_edge_a_point_and_a_small_tip_go_in_by_a_millimetre_at_once() {
+    for (element, cells) in [(Element::P1Bar, 4), (Element::P2, 2)] {
+        let fem = block(GEL, cells, Options { element, ..rough(0.0) });
+        for (shape, turn, reach) in sharp() {
+            let at = |depth: f64| {
+                let place = Vector3::new(0.1 * MM, 0.2 * MM, reach - depth);
+                vec![Isometry3::from_parts(place.into(), turn)]
+            };
+            let in_steps = |count: u32| {
+                let depth = |i| MM * f64::from(i) / f64::from(count);
+                let path = (0..=count).map(|i| at(depth(i))).collect();
+                pressing(&last(&fem, vec![shape.clone()], path))
+            };
+            let (once, slowly) = (in_steps(1), in_steps(10));
+            assert!(slowly > 0.1, "{element} {shape:?}: {slowly} N");
+            // Which side of an edge or a point the nearest contact point ends on may differ.
+            let error = (once / slowly - 1.0).abs();
+            assert!(error < 0.03, "{element} {shape:?}: {once} N at once, {slowly} N slowly");
+        }
+    }
+}
+
+#[test]
+fn a_shape_that_begins_inside_the_body_is_refused() {
+    let fem = block(GEL, 2, rough(0.0));
+    let tip = vec![Shape::Sphere { radius: 0.5 * MM }];
+    let inside = vec![Isometry3::translation(0.0, 0.0, -2.0 * MM)];
+    let press = Press::along(tip, vec![inside]).unwrap();
+    let error = fem.solve_path(&press).pop().unwrap().unwrap_err();
+    assert!(error.to_string().contains("across its surface"), "{error}");
+}
+
+#[test]
+fn friction_up_to_five_stiffens() {
+    let force =
+        |friction| pressing(&last(&block(GEL, 4, rough(friction)), ball(), vec![ball_at(0.0, MM)]));
+    let forces = [0.0, 0.1, 0.3, 1.0, 5.0].map(force);
+    assert!(forces.windows(2).all(|pair| pair[1] > pair[0]), "{forces:?} N");
+}
+
+/// The block of 3 cells with columns of cells `width` wide amidst them, four across.
+fn with_needles(width: f64) -> TetMesh {
+    let mut side = even(-4.0 * MM, 4.0 * MM, 6);
+    side.splice(3..=3, even(-width, width, 4));
+    grid(&side, &side, &even(-4.0 * MM, 0.0, 3))
+}
+
+/// The block of 3 cells with a vertex in every tetrahedron, at a fraction `height` over a face.
+fn with_slivers(height: f64) -> TetMesh {
+    let mesh = block_mesh(3);
+    let (mut vertices, mut tets) = (mesh.vertices.clone(), Vec::new());
+    for (t, &[a, b, c, d]) in mesh.tets.iter().enumerate() {
+        let [p, q, r, s] = mesh.corners(t).map(|p| p.coords);
+        let new = vertices.len() as u32;
+        vertices.push(((p + q + r) / 3.0 * (1.0 - height) + s * height).into());
+        tets.extend([[a, b, c, new], [a, b, new, d], [a, new, c, d], [new, b, c, d]]);
+    }
+    TetMesh::new("slivers", vertices, tets).unwrap()
+}
+
+#[test]
+fn needles_and_slivers_do_no_harm() {
+    // Needles 1 µm thick and 1.3 mm long; slivers flat to a hundred-thousandth. Beside needles the
+    // faces of p1-bar stay flat like those of p1, which on this mesh is a quarter stiffer.
+    let moduli = Moduli { poisson: 0.3, ..GEL };
+    for (element, tolerance) in [(Element::P1, 1e-3), (Element::P1Bar, 0.25), (Element::P2, 2e-3)] {
+        let options = Options { element, ..rough(0.5) };
+        let force = |mesh: TetMesh| {
+            let fem = layered(mesh, |_| moduli, options);
+            pressing(&last(&fem, ball(), vec![ball_at(0.0, 0.5 * MM)]))
+        };
+        let plain = force(block_mesh(3));
+        for other in [with_needles(2e-6), with_slivers(1e-5)].map(force) {
+            // Thin elements add little room to move.
+            let error = (other / plain - 1.0).abs();
+            assert!(error < tolerance, "{element}: {other} N against {plain} N");
+        }
+    }
+}
+
+fn pushed(fem: &Fem, shape: Shape, pose: Vec<Isometry3<f64>>, force: f64) -> Result<Deformation> {
+    let press = Press::with_force(vec![shape], pose, force, -Vector3::z()).unwrap();
+    fem.solve_path(&press).pop().unwrap()
+}
+
+#[test]
+fn a_hundred_newtons_are_borne() {
+    // Eight times Young's modulus on the block's face.
+    for friction in [0.0, 0.5] {
+        let frame =
+            pushed(&block(GEL, 3, rough(friction)), Shape::HalfSpace, plate_at(0.0, 0.0), 100.0);
+        let force = pressing(&frame.unwrap());
+        assert!((force - 100.0).abs() < 1e-6, "μ {friction}: {force} N");
+    }
+    let large = vec![Isometry3::translation(0.0, 0.0, 20.0 * MM)];
+    let frame =
+        pushed(&block(GEL, 3, rough(0.0)), Shape::Sphere { radius: 20.0 * MM }, large, 100.0);
+    let force = pressing(&frame.unwrap());
+    assert!((force - 100.0).abs() < 1e-6, "{force} N");
+}
+
+#[test]
+fn a_force_that_is_never_met_is_named() {
+    let pad = block(GEL, 2, rough(0.2));
+    // The ball of 4 mm is through the frictionless block of 4 mm before it presses that hard.
+    let through = pushed(&block(GEL, 3, rough(0.0)), ball()[0].clone(), ball_at(0.0, 0.0), 100.0);
+    let too_much = pushed(&pad, ball()[0].clone(), ball_at(0.0, 0.0), 1e5);
+    let start = ball_at(0.0, 0.1 * MM);
+    let aside = Press::with_force(ball(), start, 1.0, Vector3::x()).unwrap();
+    let aside = pad.solve_path(&aside).pop().unwrap();
+    for error in [through, too_much, aside].map(Result::unwrap_err) {
+        let named = matches!(error, Error::Unreachable { reached, force, .. } if reached < force);
+        assert!(named, "{error}");
+    }
+}
+
+/// Work of a ball on a block along a closed path, and the largest on the way (J).
+fn round_trip(fem: &Fem) -> (f64, f64) {
+    const STEPS: u32 = 16;
+    let corners = [[0.0, 0.0], [0.0, 0.4], [0.3, 0.4], [0.3, 0.2], [0.0, 0.2], [0.0, 0.0]];
+    let mut path = vec![ball_at(0.0, 0.0)];
+    for pair in corners.windows(2) {
+        path.extend((1..=STEPS).map(|i| {
+            let t = f64::from(i) / f64::from(STEPS);
+            let [x, depth] = [0, 1].map(|k| pair[0][k] + (pair[1][k] - pair[0][k]) * t);
+            ball_at(x * MM, depth * MM)
+        }));
+    }
+    let (mut work, mut most) = (0.0, 0f64);
+    for pair in along(fem, ball(), path).windows(2) {
+        let way = pair[1].poses[0].translation.vector - pair[0].poses[0].translation.vector;
+        work += 0.5 * (pair[0].wrench.force + pair[1].wrench.force).dot(&way);
+        most = most.max(work);
+    }
+    (work, most)
+}
+
+#[test]
+fn no_energy_is_won_round_a_closed_path() {
+    for element in [Element::P1Bar, Element::P2] {
+        let work = |friction| round_trip(&block(GEL, 3, Options { element, ..rough(friction) }));
+        let (lost, most) = work(0.0);
+        // The trapezium rule in 16 steps a side; half as many leave two to four times as much.
+        assert!(lost.abs() < 2e-3 * most, "{element}: {lost:.2e} J of {most:.2e} J");
+        for friction in [0.2, 0.5] {
+            let (lost, most) = work(friction);
+            assert!(lost > 0.1 * most, "{element} μ {friction}: {lost:.2e} J of {most:.2e} J");
+        }
+    }
+}
+
+#[test]
+fn one_two_and_four_threads_give_the_same_bits() {
+    let press = |i| {
+        let depth = 0.1 * MM * f64::from(i);
+        Press::along(ball(), vec![ball_at(0.0, depth), ball_at(0.1 * MM, depth)]).unwrap()
+    };
+    let presses: Vec<_> = (1..=6).map(press).collect();
+    let answers = [1, 2, 4].map(|threads| {
+        let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut fem = block(GEL, 3, rough(0.5));
+        let frames = pool.install(|| fem.solve(&presses));
+        frames.into_iter().map(|frame| frame.unwrap().history).collect::<Vec<_>>()
+    });
+    assert_eq!(answers[0], answers[1]);
+    assert_eq!(answers[0], answers[2]);
+}

@@ -1,0 +1,221 @@
+"""What the report measures: accuracy by mesh, the GelSight Mini's force, cost along a path.
+
+Units are SI. V vertices and T tetrahedra of the mesh that fields are compared on.
+"""
+
+from __future__ import annotations
+
+import itertools
+import resource
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import tomllib
+
+import ruffini
+from ruffini import Fem, Press, Shape, SoftBody, Transfer
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+sys.path.append(str(ROOT / "tests/python"))
+from bodies import box
+
+FLAT = str(HERE / "flat-pad.toml")
+MINI = tomllib.loads((ROOT / "env-core/assets/sensors/gelsight-mini.toml").read_text())
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
+YOUNG, LAW, RADIUS = 2e5, "stable-neo-hookean", 4e-3
+CONVERGED = {"0.5": 0.3806, "1.0": 1.3133}
+"""Force (N) by depth (mm) at a Poisson's ratio of 0.48: NGSolve, GetFEM and CalculiX refined."""
+MEASURED = {"0.5": 1.650, "1.0": 5.964, "1.5": 13.526, "2.0": 23.253}
+"""Force (N) by depth (mm) of a GelSight Mini under a ball of 7.5 mm (FEATS, arXiv 2411.03315)."""
+MINI_RADIUS = 7.5e-3
+SCENE = {
+    "young": YOUNG,
+    "law": LAW,
+    "radius": RADIUS,
+    "converged": CONVERGED,
+    "mini_radius": MINI_RADIUS,
+    "measured": MEASURED,
+}
+
+
+def ball_path(radius: float, depths: np.ndarray, sideways: float = 0.0) -> list:
+    """Poses of a ball pressed to depths (m), then moved along x in steps of 0.1 mm."""
+    down = [((0.0, 0.0, radius - depth), UPRIGHT) for depth in depths]
+    steps = np.arange(1, round(sideways / 1e-4) + 1) * 1e-4
+    return down + [((x, 0.0, radius - depths[-1]), UPRIGHT) for x in steps]
+
+
+def depths(last: float, step: float) -> np.ndarray:
+    """Depths (m) in equal steps from `step` to `last`."""
+    return np.arange(1, round(last / step) + 1) * step
+
+
+def flat_pad(nodes: int, poisson: float) -> SoftBody:
+    """The flat pad with at most that many nodes."""
+    pad = ruffini.sensor(FLAT, resolution=nodes)
+    return SoftBody(pad.mesh, YOUNG, poisson, LAW, pad.fixed)
+
+
+def refined(mesh: ruffini.TetMesh) -> ruffini.TetMesh:
+    """The mesh of a flat pad with the cells within 3.7 mm of the contact cut into 4 × 4 × 2.
+
+    The vertices of the mesh are among the new ones: fields are carried to them without error.
+    """
+    axes = []
+    for places, parts in zip(mesh.vertices.T, (4, 4, 2), strict=True):
+        ends = np.unique(places)
+        cells = itertools.pairwise(ends)
+        counts = [(a, b, parts if max(abs(a), abs(b)) < 3.7e-3 else 1) for a, b in cells]
+        inner = [np.linspace(a, b, count, endpoint=False) for a, b, count in counts]
+        axes.append(np.concatenate([*inner, ends[-1:]]))
+    return box(*axes)
+
+
+def solved(body: SoftBody, element: str, friction: float, radius: float, path: list):
+    """The frames of a path, and their cost."""
+    begun = time.process_time()
+    fem = Fem(body, friction=friction, element=element)
+    built = time.process_time()
+    frames = fem.solve_path(Press(Shape.sphere(radius), path))
+    cpu = (time.process_time() - built) / len(path)
+    if isinstance(frames[-1], ruffini.PressError):
+        raise frames[-1]
+    return frames, {
+        "vertices": len(body.mesh.vertices),
+        "tetrahedra": len(body.mesh.tets),
+        "setup_cpu_seconds": built - begun,
+        "seconds": float(np.mean([frame.seconds for frame in frames])),
+        "cpu_seconds": cpu,
+        "iterations": float(np.mean([frame.iterations for frame in frames])),
+        "residual": max(frame.residual for frame in frames),
+    }
+
+
+def volumes(mesh: ruffini.TetMesh) -> np.ndarray:
+    """Volumes of the tetrahedra (T,)."""
+    a, b, c, d = np.moveaxis(mesh.vertices[mesh.tets], 1, 0)
+    return np.einsum("ti,ti->t", np.cross(b - a, c - a), d - a) / 6
+
+
+def difference(found: np.ndarray, truth: np.ndarray, weights: np.ndarray) -> float:
+    """Weighted L2 norm of a field's error over that of the field; both are (N, ...)."""
+    norm = [np.sum(weights * np.sum(x.reshape(len(x), -1) ** 2, 1)) for x in (found - truth, truth)]
+    return float(np.sqrt(norm[0] / norm[1]))
+
+
+class Comparison:
+    """Fields of a reference on the common mesh, and how far other answers are from them."""
+
+    def __init__(self, common: ruffini.TetMesh, body: SoftBody, frames: dict):
+        self.common, self.tets = common, volumes(common)
+        shares = np.repeat(self.tets / 4, 4)
+        self.nodes = np.bincount(common.tets.ravel(), shares)
+        self.truth = self.carried(body, frames)
+
+    def carried(self, body: SoftBody, frames: dict) -> dict:
+        """Force (N), displacement (V, 3) and von Mises stress (T,) by depth."""
+        transfer = Transfer(body.mesh, self.common)
+        return {
+            depth: (
+                -frame.wrench[2],
+                transfer.interpolate(frame.displacement),
+                transfer.average(frame.von_mises),
+            )
+            for depth, frame in frames.items()
+        }
+
+    def errors(self, body: SoftBody, frames: dict) -> dict:
+        """Force (N) and relative errors by depth."""
+        found = {}
+        for depth, (force, displacement, von_mises) in self.carried(body, frames).items():
+            true_force, true_displacement, true_von_mises = self.truth[depth]
+            found[depth] = {
+                "force": force,
+                "force_error": force / true_force - 1,
+                "displacement_error": difference(displacement, true_displacement, self.nodes),
+                "von_mises_error": difference(von_mises, true_von_mises, self.tets),
+            }
+        return found
+
+
+def accuracy(sizes: dict, poisson: float) -> dict:
+    """Every mesh at one Poisson's ratio against the finest quadratic one."""
+    common, rows = ruffini.sensor(FLAT, resolution=sizes["common"]).mesh, []
+    truth, reference = finest(common, poisson)
+    path = ball_path(RADIUS, depths(1e-3, 2.5e-4))
+    meshes = [(element, n) for element, counts in sizes["meshes"].items() for n in counts]
+    for element, nodes in meshes:
+        body, row = flat_pad(nodes, poisson), {"element": element, "nodes": nodes}
+        try:
+            frames, cost = solved(body, element, 0.0, RADIUS, path)
+        except ruffini.PressError as error:
+            rows.append(row | {"vertices": len(body.mesh.vertices), "failed": str(error)})
+            continue
+        errors = truth.errors(body, {"0.5": frames[1], "1.0": frames[3]})
+        rows.append(row | cost | {"depths": errors})
+    common_size = {"vertices": len(common.vertices), "tetrahedra": len(common.tets)}
+    return {"poisson": poisson, "common": common_size, "reference": reference, "rows": rows}
+
+
+def finest(common: ruffini.TetMesh, poisson: float) -> tuple[Comparison, dict]:
+    """Quadratic elements on the common mesh refined, in steps of 0.5 mm."""
+    mesh = refined(common)
+    base = np.flatnonzero(mesh.vertices[:, 2] <= mesh.vertices[:, 2].min())
+    body = SoftBody(mesh, YOUNG, poisson, LAW, base)
+    frames, cost = solved(body, "p2", 0.0, RADIUS, ball_path(RADIUS, depths(1e-3, 5e-4)))
+    kept = dict(zip(CONVERGED, frames, strict=True))
+    force = {depth: -frame.wrench[2] for depth, frame in kept.items()}
+    return Comparison(common, body, kept), cost | {"force": force}
+
+
+def closed_forms(young: float, poisson: float) -> dict:
+    """Force (N) by depth on a half-space (Hertz) and on a flat bonded layer.
+
+    The layer is stiffer than the half-space by a series in χ = √(Rδ)/h (Dimitriadis et al. 2002):
+    the one for any Poisson's ratio, and their equation for 0.5.
+    """
+    alpha = -(1.2876 - 1.4678 * poisson + 1.3442 * poisson**2) / (1 - poisson)
+    beta = (0.6387 - 1.0277 * poisson + 1.5164 * poisson**2) / (1 - poisson)
+    cubic = alpha**3 + 4 * np.pi**2 / 15 * beta
+    quartic = alpha * (alpha**3 + 3 * np.pi**2 / 5 * beta)
+    found = {"hertz": {}, "dimitriadis": {}, "dimitriadis 0.5": {}}
+    for depth in MEASURED:
+        delta = float(depth) * 1e-3
+        x = np.sqrt(MINI_RADIUS * delta) / MINI["outline"]["thickness"]
+        flat = 4 / 3 * young * np.sqrt(MINI_RADIUS * delta**3)
+        hertz, y = flat / (1 - poisson**2), 2 / np.pi * x
+        series = 1 - alpha * y + (alpha * y) ** 2 - cubic * y**3 + quartic * y**4
+        incompressible = 1 + 1.133 * x + 1.283 * x**2 + 0.769 * x**3 + 0.0975 * x**4
+        found["hertz"][depth] = hertz
+        found["dimitriadis"][depth] = hertz * series
+        found["dimitriadis 0.5"][depth] = flat / 0.75 * incompressible
+    return found
+
+
+def mini(sizes: dict, calibration: str, friction: float, element: str, nodes: int) -> dict:
+    """Force of the GelSight Mini on a ball of 7.5 mm, nothing fitted."""
+    body = ruffini.sensor("gelsight-mini", calibration, nodes)
+    path = ball_path(MINI_RADIUS, depths(2e-3, 2.5e-4))
+    frames, cost = solved(body, element, friction, MINI_RADIUS, path)
+    force = {depth: -frames[2 * i + 1].wrench[2] for i, depth in enumerate(MEASURED)}
+    about = {"calibration": calibration, "friction": friction, "element": element}
+    return about | cost | {"force": force}
+
+
+def speed(sizes: dict, nodes: int, friction: float) -> dict:
+    """Cost of a path in steps of 0.1 mm: 1 mm down, 0.5 mm sideways."""
+    before, body = peak_memory(), flat_pad(nodes, 0.48)
+    path = ball_path(RADIUS, depths(1e-3, 1e-4), sideways=5e-4)
+    frames, cost = solved(body, "p1-bar", friction, RADIUS, path)
+    memory = {"idle_mib": before, "peak_mib": peak_memory()}
+    slowest = max(frame.seconds for frame in frames)
+    return {"friction": friction} | cost | {"slowest_seconds": slowest} | memory
+
+
+def peak_memory() -> float:
+    """Most memory that this process has held (MiB)."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

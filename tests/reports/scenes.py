@@ -1,0 +1,214 @@
+"""Two pictures: a rigid lemon between two gel pads, a soft strawberry between two rigid plates.
+
+    python tests/reports/scenes.py            # writes grasp.png and soft.png beside itself
+
+The pads are those of a GelSight Mini, which close on a lemon of the catalogue, which is free and
+finds its own pose. The strawberry (E = 50 kPa, nu = 0.45, friction 0.5) is meshed and nothing of it
+is fixed. Both are coloured by von Mises stress.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from drawing import Part, at_nodes, cuboid, draw, section, surface
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize, to_rgba
+from matplotlib.patches import Rectangle
+from PIL import Image
+
+import ruffini
+from ruffini import Fem, Grasp, Press, PressError, Shape, SoftBody
+
+HERE = Path(__file__).parent
+MM, KPA = 1e3, 1e-3
+STRESS = matplotlib.colormaps["magma_r"]
+OBJECT, PLATE = to_rgba("#8fa3b3"), to_rgba("#c9ccd1", 0.45)
+OBJECTS = {thing.name: thing for thing in ruffini.objects()}
+
+
+def turned(quaternion, vectors):
+    """Vectors (..., 3) turned by a quaternion xyzw."""
+    axis, w = np.asarray(quaternion[:3]), quaternion[3]
+    cross = np.cross(axis, vectors)
+    return vectors + 2 * (w * cross + np.cross(axis, cross))
+
+
+def moved(pose, places):
+    """Places (..., 3) of a frame with that pose."""
+    return turned(pose[1], places) + pose[0]
+
+
+def seen_from(pose, places):
+    """Places (..., 3) in the frame of that pose."""
+    x, y, z, w = pose[1]
+    return turned((-x, -y, -z, w), places - pose[0])
+
+
+def solved(frames):
+    """The frames, if all were solved."""
+    for frame in frames:
+        if isinstance(frame, PressError):
+            raise frame
+    return frames
+
+
+def stress_bar(figure, axes, scale):
+    """The colour bar of both pictures."""
+    bar = figure.colorbar(ScalarMappable(scale, STRESS), ax=axes, shrink=0.7, pad=0.02)
+    bar.set_label("von Mises stress (kPa)")
+
+
+def save(figure, name):
+    """Writes the figure without its opacity, packed as tightly as can be."""
+    figure.canvas.draw()
+    pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]
+    Image.fromarray(pixels).save(HERE / name, optimize=True)
+
+
+def coloured(triangles, color):
+    """A part of one colour."""
+    return Part(triangles, np.tile(color, (len(triangles), 1)))
+
+
+# A lemon between two pads.
+
+FRICTION = 0.8
+CLOSING = np.array([0.1, 0.25, 0.4, 0.55, 0.7]) * 1e-3
+"""How deep each pad would be in an object that stayed where it is (m)."""
+SHOWN = np.array([56.0, 30.0, 50.0])
+"""Size of the picture across the pads, along the view and upwards (mm)."""
+
+
+def upright(thing, count=40):
+    """Of some grasps of `thing` the one that comes most from above, well inside the cone."""
+    grasps = [grasp for grasp in thing.grasps(count, seed=1) if grasp.quality > 0.6]
+    return max(grasps, key=lambda grasp: turned(grasp.tool[1], np.array([0, 0, 1.0]))[2])
+
+
+def hold(thing, pad):
+    """A grasp of `thing`, the poses of the pads at its end, and what they are then."""
+    grasp = upright(thing)
+    path = [grasp.pads(grasp.width - 2 * depth) for depth in CLOSING]
+    print(f"{thing.name} between two pads of {len(pad.body.mesh.vertices)} nodes, {grasp}")
+    frames = solved(Grasp(thing.shape, path).solve((pad, pad)))
+    for depth, frame in zip(CLOSING, frames, strict=True):
+        forces = [np.linalg.norm(answer.wrench[:3]) for answer in frame.pads]
+        print(
+            f"  depth {depth * MM:5.2f} mm, force {forces[0]:6.3f} and {forces[1]:6.3f} N, "
+            f"iterations {[answer.iterations for answer in frame.pads]}, "
+            f"residual {frame.residual:.1e} N, {frame.seconds:.2f} s"
+        )
+    return grasp, path[-1], frames[-1]
+
+
+def picture_of_a_grasp():
+    """Writes grasp.png."""
+    pad, thing = Fem(ruffini.sensor("gelsight-mini", resolution=1000), FRICTION), OBJECTS["lemon-1"]
+    mesh, faces = pad.body.mesh, surface(pad.body.mesh)
+    grasp, poses, held = hold(thing, pad)
+    stresses = [at_nodes(mesh, answer.von_mises) * KPA for answer in held.pads]
+    scale = Normalize(0, np.quantile(stresses, 0.999))
+    vertices, corners = thing.surface(96)
+    whole = seen_from(grasp.tool, moved(held.object, vertices))[corners] * MM
+    parts = [coloured(whole, OBJECT)]
+    for pose, answer, stress in zip(poses, held.pads, stresses, strict=True):
+        places = seen_from(grasp.tool, moved(pose, mesh.vertices + answer.displacement))
+        parts.append(Part(places[faces] * MM, STRESS(scale(stress[faces].mean(axis=1)))))
+    figure = plt.figure(figsize=(10, 4.2), dpi=100, layout="constrained")
+    grid = figure.add_gridspec(1, 3, width_ratios=[2.2, 1, 1])
+    draw(figure.add_subplot(grid[0], projection="3d"), parts, -62, 24, SHOWN)
+    axes = [figure.add_subplot(grid[i]) for i in (1, 2)]
+    for ax, name, answer, stress in zip(axes, ("left", "right"), held.pads, stresses, strict=True):
+        face_map(ax, mesh, faces, answer, stress, scale)
+        ax.set_title(f"{name} pad, {np.linalg.norm(answer.wrench[:3]):.1f} N", fontsize=10)
+    axes[0].set_ylabel("along the finger (mm)")
+    stress_bar(figure, axes, scale)
+    save(figure, "grasp.png")
+
+
+def face_map(ax, mesh, faces, answer, stress, scale):
+    """The face of a pad, seen from the object."""
+    normals = np.cross(*np.moveaxis(np.diff(mesh.vertices[faces], axis=1), 1, 0))
+    out = faces[normals[:, 2] > 0.5 * np.linalg.norm(normals, axis=1)]
+    x, y, _ = (mesh.vertices + answer.displacement).T * MM
+    ax.tripcolor(x, y, out, stress, cmap=STRESS, norm=scale, shading="gouraud", rasterized=True)
+    ax.set(aspect="equal", xlabel="across (mm)")
+
+
+# A strawberry between two plates.
+
+YOUNG, POISSON, GRIP = 5e4, 0.45, 0.5
+SPACING = 2.6e-3
+HALF = np.array([1.5e-3, 15e-3, 17e-3])
+"""Half the edges of a plate (m)."""
+SQUEEZE = np.arange(1, 6) * 0.8e-3
+"""How deep each plate goes (m)."""
+
+
+def plates_at(mesh, depth):
+    """Poses of two plates that stand `depth` in the body from both sides along x."""
+    low, high = mesh.vertices[:, 0].min(), mesh.vertices[:, 0].max()
+    ends = (low - HALF[0] + depth, high + HALF[0] - depth)
+    return [((x, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)) for x in ends]
+
+
+def squeeze(mesh):
+    """The body at the end of the squeeze, and the force of a plate (N)."""
+    fem = Fem(SoftBody(mesh, YOUNG, POISSON), GRIP)
+    print(f"strawberry of {len(mesh.vertices)} nodes between two plates")
+    path = [plates_at(mesh, depth) for depth in SQUEEZE]
+    answers = solved(fem.solve_path(Press([Shape.cuboid(HALF)] * 2, path)))
+    left = mesh.vertices[:, 0] < 0
+    for depth, answer in zip(SQUEEZE, answers, strict=True):
+        force = answer.contact_force[left].sum(axis=0)[0]
+        print(
+            f"  depth {depth * MM:5.2f} mm, force {force:6.3f} N, net force "
+            f"{np.linalg.norm(answer.wrench[:3]):.1e} N, iterations {answer.iterations}, "
+            f"residual {answer.residual:.1e} N, {answer.seconds:.2f} s"
+        )
+    return answers[-1], force
+
+
+def picture_of_a_squeeze():
+    """Writes soft.png."""
+    mesh = OBJECTS["strawberry-1"].tets(SPACING)
+    answer, force = squeeze(mesh)
+    stress, faces = at_nodes(mesh, answer.von_mises) * KPA, surface(mesh)
+    scale = Normalize(0, np.quantile(stress, 0.998))
+    figure = plt.figure(figsize=(10, 4), dpi=100, layout="constrained")
+    axes = [figure.add_subplot(1, 3, i, projection="3d") for i in (1, 2)]
+    after = mesh.vertices + answer.displacement
+    size = 2 * MM * np.array([abs(mesh.vertices[:, 0]).max() + 2 * HALF[0], *(1.2 * HALF[1:])])
+    for ax, places, level, depth, title in [
+        (axes[0], mesh.vertices, 0 * stress, 0.0, "at rest"),
+        (axes[1], after, stress, SQUEEZE[-1], f"squeezed with {force:.2f} N"),
+    ]:
+        fruit = Part(places[faces] * MM, STRESS(scale(level[faces].mean(axis=1))))
+        plates = [
+            coloured(cuboid(HALF * MM, np.array(position) * MM), PLATE)
+            for position, _ in plates_at(mesh, depth)
+        ]
+        draw(ax, [fruit, *plates], -68, 18, size)
+        ax.set_title(title, fontsize=10)
+    cut = figure.add_subplot(1, 3, 3)
+    corners, values = section(mesh, after * MM, stress)
+    order = np.arange(len(corners)).reshape(-1, 3)
+    cut.tripcolor(*corners.T, order, values, cmap=STRESS, norm=scale, shading="gouraud")
+    for (x, _, z), _ in plates_at(mesh, SQUEEZE[-1]):
+        corner = ((x - HALF[0]) * MM, (z - HALF[2]) * MM)
+        cut.add_patch(Rectangle(corner, *(2 * MM * HALF[[0, 2]]), color=PLATE))
+    cut.set(aspect="equal", xlabel="x (mm)", ylabel="z (mm)")
+    cut.set_title("section through the middle", fontsize=10)
+    stress_bar(figure, cut, scale)
+    save(figure, "soft.png")
+
+
+if __name__ == "__main__":
+    picture_of_a_grasp()
+    picture_of_a_squeeze()
