@@ -10,28 +10,18 @@ mod bodies;
 
 use std::hint::black_box;
 
-use bodies::{even, graded, grid, nodes_where};
+use bodies::{gel_pad, press_and_shear};
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use nalgebra::{Isometry3, Vector3};
 use ruffini_core::{
     compliance::{Compliance, Options},
-    deformation::{DeformationModel, History, Law, Moduli, Press, SoftBody},
+    deformation::{DeformationModel, History, Press},
     fem::{self, Fem},
     geometry::Shape,
 };
 
 const MM: f64 = 1e-3;
 const FRICTION: f64 = 0.5;
-
-/// A pad of 20.75 × 25.25 × 4 mm, finer in the middle.
-fn pad(cells: [usize; 3]) -> SoftBody {
-    let [x, y] = [(10.375 * MM, cells[0]), (12.625 * MM, cells[1])]
-        .map(|(half, count)| graded(half, count, 4.0));
-    let mesh = grid(&x, &y, &even(-4.0 * MM, 0.0, cells[2]));
-    let base = nodes_where(&mesh, |p| p.z < -3.999 * MM);
-    let gel = Moduli { young: 2e5, poisson: 0.48 };
-    SoftBody::new(mesh, Law::default(), gel, &base).expect("a pad is a body")
-}
 
 fn ball() -> Vec<Shape> {
     vec![Shape::Sphere { radius: 4.0 * MM }]
@@ -59,7 +49,7 @@ fn presses(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("press");
     group.sample_size(20);
     for cells in [[14, 16, 3], [18, 22, 6]] {
-        let body = pad(cells);
+        let body = gel_pad(cells);
         let nodes = body.mesh().vertices.len();
         let options = fem::Options { friction: FRICTION, ..fem::Options::default() };
         let mut fem = Fem::new(body.clone(), options).expect("the options are valid");
@@ -72,6 +62,7 @@ fn presses(criterion: &mut Criterion) {
             ("1 mm", pressed(MM)),
             ("onwards", moved_on(history)),
             ("0.3 N", pushed(0.3)),
+            ("20 frames", press_and_shear()),
         ];
         for (name, press) in questions {
             let id = |who: &str| BenchmarkId::new(format!("{nodes} nodes, {name}"), who);
