@@ -211,7 +211,7 @@ fn summary(
                 grasps.push(Solved { name, gel: plan.gel, frames });
             }
         }
-        let sha256 = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+        let sha256 = hex(&Sha256::digest(&bytes));
         let file = job.file.clone();
         shards.push(Shard { file, sha256, bytes: bytes.len() as u64, grasps });
     }
@@ -231,4 +231,9 @@ fn summary(
         shards,
         unsolved,
     })
+}
+
+fn hex(bytes: &[u8]) -> String {
+    let digit = |value: u8| char::from_digit(value.into(), 16).expect("half a byte is a digit");
+    bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]).collect()
 }
