@@ -58,7 +58,8 @@ def generate(
         threads: Threads to solve on; ``None`` takes one a core.
         commit: Commit of this library, kept in the manifest.
         watch: Called from another thread before the first grasp and after each; false stops. A
-            stop, Ctrl-C included, waits for the grasps being solved; the next call goes on.
+            stop, Ctrl-C included, waits for the grasps being solved and drops the shards being
+            filled, of ten grasps at most; the next call goes on from there.
         settings: Settings that replace those of the file: ``objects=2, grasps=1``.
 
     Raises:
@@ -113,7 +114,7 @@ class Frame:
     residual: float
     """Force on the object out of balance (N)."""
     object: NDArray[np.float64]
-    """Pose of the object in its frame of the start (7,)."""
+    """Pose of the object against that of its start (7,)."""
     pads: tuple[Pad, Pad]
     """The two pads."""
 
@@ -137,7 +138,7 @@ class Dataset:
         self.splits = self.manifest["splits"]
         shards = self.manifest["shards"]
         self._grasps = [(shard["file"], grasp) for shard in shards for grasp in shard["grasps"]]
-        counts = (grasp["frames"] for _, grasp in self._grasps)
+        counts = (int(grasp["frames"]) for _, grasp in self._grasps)
         self._starts = list(accumulate(counts, initial=0))
         self._numbers = {grasp["name"]: i for i, (_, grasp) in enumerate(self._grasps)}
         self._tensors = lru_cache(maxsize=32)(self._open)
