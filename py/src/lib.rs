@@ -1,6 +1,7 @@
 //! `ruffini._core`: the Rust crate as Python sees it. Numbers cross as numpy arrays, settings as
 //! JSON, snapshots as bytes.
 
+mod dataset;
 mod error;
 mod mechanics;
 
@@ -197,6 +198,8 @@ fn default_settings() -> String {
 mod _core {
     #[pymodule_export]
     use super::{Batch, PressError, SimulationError, default_settings};
+    #[pymodule_export]
+    use crate::dataset::generate_dataset;
     #[pymodule_export]
     use crate::mechanics::{
         Antipodal, Compliance, Deformation, Fem, Grasp, Grasped, History, Object, Press, Shape,

@@ -1,4 +1,4 @@
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from typing import Any, Literal, TypeAlias, final
 
@@ -28,6 +28,7 @@ __all__ = [
     "Transfer",
     "__version__",
     "default_settings",
+    "generate_dataset",
     "objects",
     "sensor",
 ]
@@ -269,3 +270,11 @@ class Antipodal:
     def pads(self, apart: float) -> tuple[tuple[_Array, _Array], tuple[_Array, _Array]]: ...
 
 def objects(seed: int = 0) -> list[Object]: ...
+def generate_dataset(
+    folder: _Path,
+    config: _Path | None,
+    overrides: str,
+    commit: str,
+    threads: int,
+    watch: Callable[[int, int, int, int, float, int], bool],
+) -> bool: ...

@@ -1,6 +1,6 @@
 """The ``ruffini`` command: one module to a subcommand.
 
-Exit status: 0, 1 for a computation that failed, 2 for bad input.
+Exit status: 0, 1 for a computation that failed, 2 for bad input, 130 if interrupted.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import sys
 from collections.abc import Sequence
 
 from ruffini import SimulationError, __version__
-from ruffini.commands import press
+from ruffini.commands import dataset, press
 
-_COMMANDS = (press,)
+_COMMANDS = (dataset, press)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,4 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as error:
         print(f"ruffini: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("\nruffini: stopped", file=sys.stderr)
+        return 130
     return 0

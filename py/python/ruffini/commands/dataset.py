@@ -1,0 +1,128 @@
+"""``ruffini dataset``: datasets of solved grasps, made and looked into."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from ruffini import dataset
+from ruffini.dataset import Progress
+
+_SETTINGS = {
+    "objects": "rigid objects, evenly over the catalogue",
+    "grasps": "grasps of each object",
+    "frames": "frames of growing force in each grasp",
+    "seed": "what objects and grasps are drawn from",
+}
+
+
+def add_to(commands: Any) -> None:
+    """Adds the subcommand to the parser's."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "dataset", help="make or look into a dataset of solved grasps"
+    )
+    parts = parser.add_subparsers(metavar="part", required=True)
+    maker = parts.add_parser(
+        "generate",
+        help="solve grasps and store them",
+        description="Solves grasps by finite elements. Stopped with Ctrl-C, it ends with the "
+        "grasps being solved, and the same command goes on from the last whole shards, of ten "
+        "grasps each.",
+    )
+    maker.add_argument("folder", help="where the dataset is made")
+    maker.add_argument("--config", help=".toml file; the paper's configuration if not given")
+    for name, text in _SETTINGS.items():
+        maker.add_argument(f"--{name}", type=int, help=f"{text}; as configured if not given")
+    maker.add_argument("--threads", type=int, help="threads; one a core if not given")
+    maker.add_argument("--commit", default="", help="commit of ruffini, for the manifest")
+    maker.set_defaults(run=_generate)
+    viewer = parts.add_parser("inspect", help="say what a finished dataset holds")
+    viewer.add_argument("folder", help="the dataset")
+    viewer.set_defaults(run=_inspect)
+
+
+def _generate(options: argparse.Namespace) -> None:
+    given = {name: getattr(options, name) for name in _SETTINGS}
+    dataset.generate(
+        options.folder,
+        options.config,
+        threads=options.threads,
+        commit=options.commit,
+        watch=_Line(options.folder),
+        **{name: value for name, value in given.items() if value is not None},
+    )
+    _inspect(options)
+
+
+class _Line:
+    """The line that says how far a generation has come."""
+
+    def __init__(self, folder: str):
+        self._folder = folder
+        self._before: int | None = None
+
+    def __call__(self, now: Progress) -> bool:
+        if self._before is None:
+            self._before = now.done
+            self._announce(now)
+        else:
+            end = "\r" if sys.stderr.isatty() and now.done < now.all else "\n"
+            print(self._text(now, now.done - self._before), end=end, file=sys.stderr, flush=True)
+        return True
+
+    def _announce(self, now: Progress) -> None:
+        free = shutil.disk_usage(self._folder).free
+        print(
+            f"{now.all} grasps, {now.done} of them done; up to {_size(now.bytes)} on disk, "
+            f"{_size(free)} free",
+            file=sys.stderr,
+            flush=True,
+        )
+
+    @staticmethod
+    def _text(now: Progress, solved: int) -> str:
+        left = now.seconds / solved * (now.all - now.done)
+        return (
+            f"{now.done}/{now.all} grasps, {now.frames} frames, {now.unsolved} unsolved, "
+            f"{_time(now.seconds)} gone, {_time(left)} left "
+        )
+
+
+def _inspect(options: argparse.Namespace) -> None:
+    found = dataset.open(Path(options.folder))
+    shards, unsolved = found.manifest["shards"], found.manifest["unsolved"]
+    grasps = [grasp for shard in shards for grasp in shard["grasps"]]
+    objects = {grasp["name"].split("/")[0] for grasp in grasps}
+    print(f"{'objects':<12} {len(objects)}")
+    print(f"{'grasps':<12} {len(grasps)}")
+    print(f"{'frames':<12} {len(found)}")
+    print(f"{'size':<12} {_size(sum(shard['bytes'] for shard in shards))}, {len(shards)} shards")
+    print(f"{'unsolved':<12} {len(unsolved)}")
+    reasons = Counter(_without_figures(grasp["error"]) for grasp in unsolved)
+    for reason, count in reasons.most_common():
+        print(f"{'':<12} {count} of: {reason}")
+    for name, split in found.splits.items():
+        print(f"{name:<12} {', '.join(f'{len(part)} {use}' for use, part in split.items())}")
+
+
+def _without_figures(text: str) -> str:
+    """The text with every number as `#`, so that equal reasons are equal."""
+    return re.sub(r"\d+(\.\d+)?(e[-+]?\d+)?", "#", text)
+
+
+def _size(count: float) -> str:
+    for unit in ("B", "kB", "MB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.1f} GB"
+
+
+def _time(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02}:{rest:02}"

@@ -1,0 +1,240 @@
+"""Datasets of solved grasps: made, opened, read frame by frame.
+
+V vertices and T tetrahedra of the mesh that fields are stored on; SI units. A pose is a position
+and a quaternion (x, y, z, w), 7 numbers. Reading needs ``pip install "ruffini[data]"``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import accumulate
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ruffini._core import TetMesh, generate_dataset
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a generation has come."""
+
+    done: int
+    """Grasps that are done, those of earlier calls included."""
+    all: int
+    """Grasps to do."""
+    frames: int
+    """Frames solved in this call."""
+    unsolved: int
+    """Grasps that ended early in this call."""
+    seconds: float
+    """Wall time of this call (s)."""
+    bytes: int
+    """Size of the whole dataset if no grasp ends early."""
+
+
+def generate(
+    folder: str | PathLike[str],
+    config: str | PathLike[str] | None = None,
+    *,
+    threads: int | None = None,
+    commit: str = "",
+    watch: Callable[[Progress], bool] | None = None,
+    **settings: Any,
+) -> Dataset | None:
+    """Makes a dataset, or what is missing of it; ``None`` if it was stopped.
+
+    Args:
+        folder: Where it is made; one with another dataset is refused.
+        config: A TOML file; what it leaves out is the default.
+        threads: Threads to solve on; ``None`` takes one a core.
+        commit: Commit of this library, kept in the manifest.
+        watch: Called from another thread before the first grasp and after each; false stops. A
+            stop, Ctrl-C included, waits for the grasps being solved and drops the shards being
+            filled, of ten grasps at most; the next call goes on from there.
+        settings: Settings that replace those of the file: ``objects=2, grasps=1``.
+
+    Raises:
+        ValueError: If a setting makes no sense, the folder holds another dataset or cannot be
+            written.
+    """
+    if threads is not None and threads < 1:
+        raise ValueError(f"threads: found {threads}, expected 1 or more")
+
+    def ask(*progress: Any) -> bool:
+        return watch is None or watch(Progress(*progress))
+
+    overrides = json.dumps(settings)
+    finished = generate_dataset(folder, config, overrides, commit, threads or 0, ask)
+    return Dataset(folder) if finished else None
+
+
+@dataclass(frozen=True)
+class Pad:
+    """One pad in one frame, in the frame of the pad."""
+
+    displacement: NDArray[np.float32]
+    """Displacement of the vertices (V, 3) (m)."""
+    von_mises: NDArray[np.float32]
+    """Von Mises stress in the tetrahedra (T,) (Pa)."""
+    contact_force: NDArray[np.float32]
+    """Forces of the object on the vertices (V, 3) (N)."""
+    wrench: NDArray[np.float64]
+    """Force (N) and torque (Nm) of the object on the pad (6,)."""
+    press: NDArray[np.float64]
+    """Pose of the object in the frame of the pad (7,)."""
+    pose: NDArray[np.float64]
+    """Pose of the pad in the frame of the object at its start (7,)."""
+    residual: float
+    """Force out of balance in the pad (N)."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One solved frame of a grasp."""
+
+    grasp: str
+    """Name of the grasp: object and number."""
+    number: int
+    """Number of the frame in the grasp, from 0."""
+    gel: int
+    """Number of the gel, see `Dataset.mesh`."""
+    force: float
+    """Force with which the pads are pressed together (N)."""
+    closing: float
+    """Closing of each pad since it touched (m)."""
+    residual: float
+    """Force on the object out of balance (N)."""
+    object: NDArray[np.float64]
+    """Pose of the object against that of its start (7,)."""
+    pads: tuple[Pad, Pad]
+    """The two pads."""
+
+
+class Dataset:
+    """A finished dataset: a sequence of frames, those of a grasp one after the other.
+
+    Attributes:
+        path: Its folder.
+        manifest: What it was made of, its shards, unsolved grasps and objects with few grasps.
+        splits: Names of grasps to "train", for "validation" and to "test" with, by split.
+    """
+
+    path: Path
+    manifest: dict[str, Any]
+    splits: dict[str, dict[str, list[str]]]
+
+    def __init__(self, path: str | PathLike[str]):
+        self.path = Path(path)
+        self.manifest = _manifest(self.path)
+        self.splits = self.manifest["splits"]
+        shards = self.manifest["shards"]
+        self._grasps = [(shard["file"], grasp) for shard in shards for grasp in shard["grasps"]]
+        counts = (int(grasp["frames"]) for _, grasp in self._grasps)
+        self._starts = list(accumulate(counts, initial=0))
+        self._numbers = {grasp["name"]: i for i, (_, grasp) in enumerate(self._grasps)}
+        self._tensors = lru_cache(maxsize=32)(self._open)
+
+    def __len__(self) -> int:
+        return self._starts[-1]
+
+    def __getitem__(self, index: int) -> Frame:
+        place = index + len(self) if index < 0 else index
+        if not 0 <= place < len(self):
+            raise IndexError(f"frame: found {index}, expected less than {len(self)}")
+        number = bisect_right(self._starts, place) - 1
+        return self._read(*self._grasps[number], place - self._starts[number])
+
+    def __reduce__(self) -> tuple[type[Dataset], tuple[Path]]:
+        return Dataset, (self.path,)
+
+    def frames(self, grasp: str) -> range:
+        """Indices of a grasp's frames.
+
+        Raises:
+            KeyError: If there is no such grasp.
+        """
+        number = self._numbers[grasp]
+        return range(self._starts[number], self._starts[number + 1])
+
+    def mesh(self, gel: int) -> TetMesh:
+        """The mesh that the fields of a gel's grasps are stored on.
+
+        Raises:
+            IndexError: If there is no such gel.
+        """
+        count = len(self.manifest["config"]["gels"])
+        if not 0 <= gel < count:
+            raise IndexError(f"gel: found {gel}, expected less than {count}")
+        tensors = self._tensors(f"gels/{gel}.safetensors")
+        return TetMesh(tensors.get_tensor("vertices"), tensors.get_tensor("tets"))
+
+    def verify(self) -> None:
+        """Compares every shard with its hash in the manifest.
+
+        Raises:
+            ValueError: If one is missing or damaged.
+        """
+        for shard in self.manifest["shards"]:
+            path = self.path / shard["file"]
+            if not path.is_file():
+                raise ValueError(f"{path}: missing")
+            found = hashlib.sha256(path.read_bytes()).hexdigest()
+            if found != shard["sha256"]:
+                raise ValueError(f"{path}: found SHA-256 {found}, expected {shard['sha256']}")
+
+    def _open(self, file: str) -> Any:
+        try:
+            from safetensors import safe_open
+        except ImportError as error:
+            text = 'datasets are read with safetensors: pip install "ruffini[data]"'
+            raise ImportError(text) from error
+        return safe_open(self.path / file, framework="numpy")
+
+    def _read(self, file: str, grasp: dict[str, Any], number: int) -> Frame:
+        tensors, prefix = self._tensors(file), grasp["name"].rsplit("/", 1)[1]
+
+        def row(name: str) -> Any:
+            return tensors.get_slice(f"{prefix}.{name}")[number : number + 1][0]
+
+        def pad(side: str) -> Pad:
+            fields = ("displacement", "von_mises", "contact_force", "wrench", "press", "pose")
+            arrays = {name: row(f"{side}.{name}") for name in fields}
+            return Pad(**arrays, residual=float(row(f"{side}.residual")))
+
+        return Frame(
+            grasp=grasp["name"],
+            number=number,
+            gel=grasp["gel"],
+            force=float(row("force")),
+            closing=float(row("closing")),
+            residual=float(row("residual")),
+            object=row("object"),
+            pads=(pad("first"), pad("second")),
+        )
+
+
+def open(path: str | PathLike[str]) -> Dataset:
+    """The finished dataset in a folder.
+
+    Raises:
+        ValueError: If there is none.
+    """
+    return Dataset(path)
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    path = folder / "manifest.json"
+    try:
+        manifest: dict[str, Any] = json.loads(path.read_text())
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}, expected a finished dataset") from error
+    return manifest

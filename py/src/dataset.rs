@@ -1,0 +1,79 @@
+//! Datasets of solved grasps, made for Python.
+
+use std::{
+    panic::resume_unwind,
+    path::PathBuf,
+    sync::{Mutex, PoisonError},
+    thread,
+    time::Duration,
+};
+
+use pyo3::{exceptions::PyValueError, prelude::*};
+use ruffini_core::dataset::{Config, Progress, generate};
+
+use crate::error::python_error;
+
+/// How long a signal may wait to be seen.
+const POLL: Duration = Duration::from_millis(20);
+
+/// Makes a dataset in `folder`, or what is missing of it; whether it is finished.
+///
+/// The configuration is that of the TOML file `config`, or the default, with the JSON object
+/// `overrides` laid over it. `watch` is called from another thread.
+#[pyfunction]
+#[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
+pub(crate) fn generate_dataset(
+    py: Python<'_>,
+    folder: PathBuf,
+    config: Option<PathBuf>,
+    overrides: &str,
+    commit: &str,
+    threads: usize,
+    watch: Py<PyAny>,
+) -> PyResult<bool> {
+    let config = configuration(config, overrides)?;
+    let raised = Mutex::new(None);
+    let raise = |error| *raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+    let go_on = |progress: &Progress| {
+        let has_raised = raised.lock().unwrap_or_else(PoisonError::into_inner).is_some();
+        !has_raised
+            && ask(&watch, progress).unwrap_or_else(|error| {
+                raise(error);
+                false
+            })
+    };
+    let manifest = thread::scope(|scope| {
+        let worker = scope.spawn(|| generate(&config, &folder, commit, threads, &go_on));
+        // Python hears signals in its main thread only, which is this one.
+        loop {
+            let finished = worker.is_finished();
+            py.check_signals().unwrap_or_else(raise);
+            if finished {
+                break worker.join().unwrap_or_else(|panic| resume_unwind(panic));
+            }
+            py.detach(|| thread::sleep(POLL));
+        }
+    });
+    let finished = manifest.map_err(python_error)?.is_some();
+    let raised = raised.into_inner().unwrap_or_else(PoisonError::into_inner);
+    raised.map_or(Ok(finished), Err)
+}
+
+fn configuration(file: Option<PathBuf>, overrides: &str) -> PyResult<Config> {
+    let bad = |error: serde_json::Error| PyValueError::new_err(format!("configuration: {error}"));
+    let base = file.map_or_else(|| Ok(Config::default()), |file| Config::read(&file));
+    let mut settings = serde_json::to_value(base.map_err(python_error)?).map_err(bad)?;
+    let overrides: serde_json::Map<_, _> = serde_json::from_str(overrides).map_err(bad)?;
+    for (name, value) in overrides {
+        settings[name] = value;
+    }
+    let config: Config = serde_json::from_value(settings).map_err(bad)?;
+    config.validated().map_err(python_error)
+}
+
+fn ask(watch: &Py<PyAny>, progress: &Progress) -> PyResult<bool> {
+    let Progress { done, all, frames, unsolved, seconds, bytes, .. } = *progress;
+    Python::attach(|py| {
+        watch.call1(py, (done, all, frames, unsolved, seconds, bytes))?.is_truthy(py)
+    })
+}

@@ -1,0 +1,182 @@
+"""Datasets: made, stopped, resumed, read, told about in the shell."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import shutil
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from ruffini import dataset
+
+pytest.importorskip("safetensors")
+
+TINY = {
+    "objects": 2,
+    "grasps": 1,
+    "frames": 2,
+    "truth_nodes": 400,
+    "model_nodes": 200,
+    "gels": [
+        {"sensor": "gelsight-mini", "young": 3e5, "poisson": 0.47, "friction": 0.6, "share": 1.0}
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data") / "tiny"
+    assert dataset.generate(folder, threads=2, **TINY) is not None
+    return folder
+
+
+@pytest.fixture
+def data(folder):
+    return dataset.open(folder)
+
+
+def shards(folder):
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("*/*.safetensors"))}
+
+
+def test_every_frame_can_be_read(data):
+    assert data.manifest["unsolved"] == []
+    assert len(data) == 4
+    mesh = data.mesh(0)
+    vertices, tets = len(mesh.vertices), len(mesh.tets)
+    for index, frame in enumerate(data):
+        assert index == data.frames(frame.grasp)[frame.number]
+        assert frame.gel == 0 and frame.force > 0 and frame.closing > 0
+        assert abs(np.linalg.norm(frame.object[3:]) - 1) < 1e-12
+        for pad in frame.pads:
+            assert pad.displacement.shape == pad.contact_force.shape == (vertices, 3)
+            assert pad.von_mises.shape == (tets,)
+            assert (pad.wrench.shape, pad.press.shape, pad.pose.shape) == ((6,), (7,), (7,))
+            assert np.abs(pad.displacement).max() > 1e-5
+    assert data[-1].number == 1 and data[1].force > data[0].force
+    with pytest.raises(IndexError, match="found 4, expected less than 4"):
+        data[4]
+
+
+def test_contact_forces_add_up_to_the_wrench(data):
+    for frame in data:
+        for pad in frame.pads:
+            total, force = pad.contact_force.sum(axis=0, dtype=np.float64), pad.wrench[:3]
+            # Each of the 32-bit numbers is rounded by at most 6e-8 of itself.
+            rounding = 6e-8 * np.abs(pad.contact_force).sum() + 1e-12
+            assert np.abs(total - force).max() < rounding, f"{total} N against {force} N"
+
+
+def test_splits_name_grasps_that_are_there(data):
+    named = {name for split in data.splits.values() for part in split.values() for name in part}
+    assert named and all(len(data.frames(name)) == 2 for name in named)
+
+
+def test_a_dataset_goes_to_another_process(data):
+    data[0]
+    again = pickle.loads(pickle.dumps(data))
+    assert np.array_equal(again[1].pads[0].displacement, data[1].pads[0].displacement)
+
+
+def test_a_stopped_generation_resumes_with_the_same_bytes(folder, tmp_path):
+    seen = []
+
+    def once(progress):
+        seen.append(progress)
+        return progress.done < 1
+
+    assert dataset.generate(tmp_path, threads=1, watch=once, **TINY) is None
+    assert [progress.done for progress in seen] == [0, 1]
+    assert (seen[1].all, seen[1].frames, seen[1].unsolved) == (2, 2, 0)
+    with pytest.raises(ValueError, match=r"manifest\.json"):
+        dataset.open(tmp_path)
+    [kept] = tmp_path.glob("shards/*")
+    before = kept.stat().st_mtime_ns
+    assert dataset.generate(tmp_path, threads=2, **TINY) is not None
+    assert kept.stat().st_mtime_ns == before
+    assert shards(tmp_path) == shards(folder)
+
+
+def test_ctrl_c_stops_a_generation(tmp_path):
+    def interrupt(_):
+        os.kill(os.getpid(), signal.SIGINT)
+        return True
+
+    with pytest.raises(KeyboardInterrupt):
+        dataset.generate(tmp_path, threads=1, watch=interrupt, **TINY)
+
+
+def test_an_error_of_the_watcher_stops_a_generation(tmp_path):
+    def broken(_):
+        raise KeyError("watcher")
+
+    with pytest.raises(KeyError, match="watcher"):
+        dataset.generate(tmp_path, threads=1, watch=broken, **TINY)
+    assert list(tmp_path.glob("shards/*")) == []
+
+
+def test_a_folder_with_another_dataset_is_refused(folder):
+    with pytest.raises(ValueError, match="another dataset lies here"):
+        dataset.generate(folder, **{**TINY, "seed": 1})
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"objects": 64}, "objects: found 64, expected 1 to 63"),
+        ({"frames": 0}, "frames: found 0"),
+        ({"grasps": -1}, "expected usize"),
+        ({"colour": "red"}, "unknown field `colour`"),
+        ({"truth_element": "p9"}, "p9"),
+        ({"threads": 0}, "threads: found 0"),
+    ],
+)
+def test_a_bad_setting_is_named(tmp_path, settings, text):
+    with pytest.raises(ValueError, match=text):
+        dataset.generate(tmp_path / "none", **{**TINY, **settings})
+    assert not (tmp_path / "none").exists()
+
+
+def test_damage_is_found(folder, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    dataset.open(copy).verify()
+    damaged = next(copy.glob("shards/*"))
+    content = bytearray(damaged.read_bytes())
+    content[-1] ^= 1
+    damaged.write_bytes(content)
+    with pytest.raises(ValueError, match=rf"{damaged.name}: found SHA-256"):
+        dataset.open(copy).verify()
+
+
+def command(*words):
+    line = [sys.executable, "-m", "ruffini", "dataset", *words]
+    return subprocess.run(line, capture_output=True, text=True, check=False)
+
+
+def test_the_command_generates_and_inspects(folder, tmp_path):
+    config = tmp_path / "tiny.toml"
+    gel = "\n".join(f"{name} = {value!r}" for name, value in TINY["gels"][0].items())
+    config.write_text(f"truth_nodes = 400\nmodel_nodes = 200\n[[gels]]\n{gel}\n")
+    made = tmp_path / "made"
+    counts = ["--objects", "2", "--grasps", "1", "--frames", "2", "--threads", "2"]
+    done = command("generate", str(made), "--config", str(config), *counts)
+    assert done.returncode == 0, done.stderr
+    announced, *lines = done.stderr.splitlines()
+    assert announced.startswith("2 grasps, 0 of them done; up to") and "free" in announced
+    assert len(lines) == 2 and lines[-1].startswith("2/2 grasps, 4 frames, 0 unsolved")
+    assert shards(made) == shards(folder)
+    assert command("inspect", str(made)).stdout == done.stdout
+    table = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
+    assert [table[name] for name in ("objects", "grasps", "frames", "unsolved")] == list("2240")
+
+
+def test_the_command_names_a_folder_without_a_dataset(tmp_path):
+    done = command("inspect", str(tmp_path))
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "manifest.json" in done.stderr and "Traceback" not in done.stderr
