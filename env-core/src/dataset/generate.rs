@@ -37,7 +37,7 @@ pub struct Progress {
     pub unsolved: usize,
     /// Wall time of this run (s).
     pub seconds: f64,
-    /// Size of the whole dataset if no grasp ends early (bytes).
+    /// About the size of the whole dataset (bytes).
     pub bytes: u64,
 }
 
@@ -136,10 +136,12 @@ fn is_whole(path: &Path) -> bool {
     fs::read(path).is_ok_and(|bytes| entries(path, &bytes).is_ok())
 }
 
-/// Bytes of a frame of two pads, anchors left out.
+/// About the bytes of a frame of two pads: fields, and the anchors of the tenth of the contact points
+/// that touch on average.
 fn bytes_a_frame(pads: &Pads) -> u64 {
     let mesh = &pads.model.mesh;
-    2 * (24 * mesh.vertices.len() + 4 * mesh.tets.len() + 200) as u64
+    let anchors = pads.truth.contact_points().len() / 10;
+    2 * (24 * mesh.vertices.len() + 4 * mesh.tets.len() + 48 * anchors + 200) as u64
 }
 
 /// A run on the shards that are missing.

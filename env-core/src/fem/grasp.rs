@@ -52,9 +52,9 @@ pub struct Grasped {
 }
 
 /// Most changes of the object's pose in one step.
-const ITERATIONS: usize = 15;
+const ITERATIONS: usize = 40;
 /// Most halvings of such a change.
-const CUTS: usize = 6;
+const CUTS: usize = 12;
 /// Unbalanced force on the object at which a frame is done, in tolerances of a pad.
 const SLACK: f64 = 10.0;
 /// Stiffnesses below this share of the largest are free motions, such as the spin of a ball.

@@ -78,7 +78,7 @@ class _Line:
     def _announce(self, now: Progress) -> None:
         free = shutil.disk_usage(self._folder).free
         print(
-            f"{now.all} grasps, {now.done} of them done; up to {_size(now.bytes)} on disk, "
+            f"{now.all} grasps, {now.done} of them done; about {_size(now.bytes)} on disk, "
             f"{_size(free)} free",
             file=sys.stderr,
             flush=True,
