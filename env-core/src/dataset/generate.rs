@@ -29,7 +29,7 @@ pub struct Progress {
     pub done: usize,
     /// Grasps to do.
     pub all: usize,
-    /// Grasps and frames solved in this run, and grasps that ended early.
+    /// Grasps gone through in this run, those that ended early included.
     pub solved: usize,
     /// Frames solved in this run.
     pub frames: usize,

@@ -218,18 +218,9 @@ impl<'a> Run<'a> {
         Ok(self.accept(attempt))
     }
 
-    /// Where a load step to `poses` would lead, searched from displacements guessed or predicted.
-    pub(super) fn attempt_from(
-        &mut self,
-        shapes: &[Shape],
-        poses: Vec<Isometry3<f64>>,
-        guess: Option<Vec<Vector3<f64>>>,
-    ) -> Result<Attempt> {
-        self.attempt(shapes, poses, None, guess)
-    }
-
-    /// As [`Run::attempt_from`], or from there on under `push`.
-    fn attempt(
+    /// Where a load step to `poses`, or from there on under `push`, would lead; searched from the
+    /// displacements guessed, or else predicted.
+    pub(super) fn attempt(
         &mut self,
         shapes: &[Shape],
         poses: Vec<Isometry3<f64>>,
@@ -276,8 +267,8 @@ impl<'a> Run<'a> {
         solved
     }
 
-    /// Starts `state` where the path leads: along its tangent at the beginning, or on as in the last
-    /// load step if the shapes go on as they did and less force is unbalanced there.
+    /// Starts `state` where the path leads: on as in the last load step if the shapes go on as they
+    /// did, else along the path's tangent at the beginning.
     fn predict(&mut self, shapes: &[Shape], state: &mut State, contact: &mut ContactStep) {
         let step = if self.goes_on(&state.poses) {
             Some(self.increment.clone())

@@ -194,8 +194,8 @@ impl<'a> Hold<'a> {
         let [first, second] = &mut self.runs;
         let [left, right] = guesses;
         let attempts = [
-            first.attempt_from(&self.object, vec![pads[0].inv_mul(&pose)], left)?,
-            second.attempt_from(&self.object, vec![pads[1].inv_mul(&pose)], right)?,
+            first.attempt(&self.object, vec![pads[0].inv_mul(&pose)], None, left)?,
+            second.attempt(&self.object, vec![pads[1].inv_mul(&pose)], None, right)?,
         ];
         let mut unbalanced = stacked(&-self.load.force, &(-self.load.torque / self.size));
         for (i, attempt) in attempts.iter().enumerate() {
