@@ -74,6 +74,12 @@ pub enum Error {
         /// Depth that would have been accepted (m).
         most: f64,
     },
+    /// A network that could not be built, read or run.
+    #[error("network: {reason}")]
+    Network {
+        /// What is wrong with it.
+        reason: String,
+    },
     /// A force drive whose shapes never press that hard.
     #[error("force {force:.3e} N not reached: {reached:.3e} N after {travel:.3e} m")]
     Unreachable {
@@ -108,7 +114,14 @@ impl Error {
             Self::NotConverged { .. } => "not-converged",
             Self::Inverted => "inverted",
             Self::Penetrated { .. } => "penetrated",
+            Self::Network { .. } => "network",
             Self::Unreachable { .. } => "unreachable",
         }
+    }
+}
+
+impl From<candle_core::Error> for Error {
+    fn from(error: candle_core::Error) -> Self {
+        Self::Network { reason: error.to_string() }
     }
 }

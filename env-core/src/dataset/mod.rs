@@ -13,6 +13,7 @@ mod generate;
 mod manifest;
 mod plan;
 mod ramp;
+mod read;
 mod record;
 
 pub use config::{Config, Gel};
@@ -20,3 +21,4 @@ pub use generate::{Progress, generate};
 pub use manifest::{Manifest, Shard, Solved, Split, Unsolved};
 pub use plan::{Plan, plans};
 pub use ramp::{Frame, Ramp};
+pub use read::{Dataset, PadFrames};

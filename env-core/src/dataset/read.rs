@@ -1,0 +1,151 @@
+//! A dataset read back, finished or not.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use safetensors::{SafeTensorError, SafeTensors};
+
+use super::{
+    config::Config,
+    manifest::{Split, splits},
+    record::{Entry, entries},
+};
+use crate::{
+    Error, Result,
+    objects::{Object, catalogue},
+};
+
+/// A folder of solved grasps.
+pub struct Dataset {
+    folder: PathBuf,
+    config: Config,
+    objects: Vec<Object>,
+    /// Shards by object, in the order of the catalogue.
+    shards: Vec<(usize, PathBuf)>,
+    splits: BTreeMap<String, Split>,
+}
+
+/// One pad of a grasp, frame by frame. F frames, V nodes, T tetrahedra of the model mesh.
+#[derive(Clone, Debug)]
+pub struct PadFrames {
+    /// Name of the grasp.
+    pub grasp: String,
+    /// Which of the configuration's gels.
+    pub gel: usize,
+    /// Poses of the object in the pad's frame (F).
+    pub poses: Vec<Isometry3<f64>>,
+    /// Displacement (F, V, 3) in m.
+    pub displacement: Vec<f32>,
+    /// Contact force on the nodes (F, V, 3) in N.
+    pub contact_force: Vec<f32>,
+    /// Von Mises stress (F, T) in Pa.
+    pub von_mises: Vec<f32>,
+    /// Force and torque of all contact (F, 6) in N and N m.
+    pub wrench: Vec<f64>,
+}
+
+impl Dataset {
+    /// The dataset in `folder`. Splits are those of the shards that are there, so that one still being
+    /// made can be looked at.
+    pub fn open(folder: &Path) -> Result<Self> {
+        let path = folder.join("config.json");
+        let text = fs::read_to_string(&path).map_err(|error| failed(&path, &error))?;
+        let config: Config = serde_json::from_str(&text).map_err(|error| failed(&path, &error))?;
+        let objects = catalogue(config.seed);
+        let mut shards = Vec::new();
+        let mut grasps = Vec::new();
+        for (number, object) in objects.iter().enumerate() {
+            let mut names = Vec::new();
+            for part in 0.. {
+                let path = folder.join(format!("shards/{}-{part:03}.safetensors", object.name));
+                if !path.exists() {
+                    break;
+                }
+                let bytes = fs::read(&path).map_err(|error| failed(&path, &error))?;
+                let solved = entries(&path, &bytes)?.into_iter().filter(|entry| entry.frames > 0);
+                names.extend(solved.map(|entry| entry.plan.name));
+                shards.push((number, path));
+            }
+            if !names.is_empty() {
+                grasps.push((object.clone(), names));
+            }
+        }
+        if shards.is_empty() {
+            return Err(failed(&folder.join("shards"), &"no shards in it, expected some"));
+        }
+        Ok(Self { folder: folder.to_owned(), config, objects, shards, splits: splits(&grasps) })
+    }
+
+    /// What it is made of.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Where it lies.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The split of that name, or an error that lists those there are.
+    pub fn split(&self, name: &str) -> Result<&Split> {
+        self.splits.get(name).ok_or_else(|| {
+            let names: Vec<_> = self.splits.keys().map(String::as_str).collect();
+            Error::invalid("split", name, format!("one of {}", names.join(", ")))
+        })
+    }
+
+    /// Number of shards.
+    pub fn shards(&self) -> usize {
+        self.shards.len()
+    }
+
+    /// The object and all pads of all grasps in shard `index`.
+    pub fn read(&self, index: usize) -> Result<(&Object, Vec<PadFrames>)> {
+        let (object, path) = &self.shards[index];
+        let bytes = fs::read(path).map_err(|error| failed(path, &error))?;
+        let file = SafeTensors::deserialize(&bytes).map_err(|error| failed(path, &error))?;
+        let mut pads = Vec::new();
+        for entry in entries(path, &bytes)?.iter().filter(|entry| entry.frames > 0) {
+            for side in ["first", "second"] {
+                let frames = pad(&file, entry, side).map_err(|error| failed(path, &error))?;
+                pads.push(frames);
+            }
+        }
+        Ok((&self.objects[*object], pads))
+    }
+}
+
+type Found<T> = std::result::Result<T, SafeTensorError>;
+
+fn pad(file: &SafeTensors, entry: &Entry, side: &str) -> Found<PadFrames> {
+    let number = entry.plan.name.rsplit('/').next().unwrap_or_default();
+    let bytes = |name: &str| file.tensor(&format!("{number}.{side}.{name}"));
+    let single = |name: &str| -> Found<Vec<f32>> {
+        Ok(bytes(name)?.data().as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
+    };
+    let double = |name: &str| -> Found<Vec<f64>> {
+        Ok(bytes(name)?.data().as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect())
+    };
+    Ok(PadFrames {
+        grasp: entry.plan.name.clone(),
+        gel: entry.plan.gel,
+        poses: double("press")?.as_chunks::<7>().0.iter().map(pose).collect(),
+        displacement: single("displacement")?,
+        contact_force: single("contact_force")?,
+        von_mises: single("von_mises")?,
+        wrench: double("wrench")?,
+    })
+}
+
+fn pose(&[x, y, z, i, j, k, w]: &[f64; 7]) -> Isometry3<f64> {
+    let turn = UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
+    Isometry3::from_parts(Translation3::new(x, y, z), turn)
+}
+
+fn failed(path: &Path, reason: &dyn std::fmt::Display) -> Error {
+    Error::File { path: path.display().to_string(), reason: reason.to_string() }
+}

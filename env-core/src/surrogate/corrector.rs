@@ -1,0 +1,222 @@
+//! The default network: what finite elements add to the linear answer.
+//!
+//! A graph network on the pad's columns (MeshGraphNets, Pfaff et al. 2021, in three scales as in
+//! MultiScale MeshGraphNets, Fortunato et al. 2022). It is shown the answer of `compliance`, linear
+//! elasticity with friction, and says by how much each node is displaced farther, each touching
+//! node pressed harder, and how far the stress of each tetrahedron is from that of the corrected
+//! displacement. Without contact it says nothing, exactly.
+//!
+//! Shapes: B presses in a batch, C columns, K free layers, V = C (K + 1) nodes, T tetrahedra, H latent
+//! width, W width of a corner.
+
+use candle_core::{DType, Device, Result, Tensor};
+use candle_nn::VarBuilder;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    features::{FEATURES, Question},
+    graph::{EDGE_FEATURES, LAYERS, PadGraph, SCALES},
+    layers::{Affine, Mlp, Norm, Round},
+    ops::{sparse, von_mises},
+};
+
+/// Sizes of the network.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CorrectorConfig {
+    /// Latent width H.
+    pub width: usize,
+    /// Rounds of message passing at each scale on the way down, the finest first.
+    pub down: [usize; SCALES],
+    /// Rounds at each scale but the coarsest on the way up.
+    pub up: [usize; SCALES - 1],
+    /// Width W of a tetrahedron's corner.
+    pub corner: usize,
+}
+
+impl Default for CorrectorConfig {
+    fn default() -> Self {
+        Self { width: 48, down: [1, 1, 2], up: [2, 1], corner: 16 }
+    }
+}
+
+/// The network.
+pub(super) struct Corrector {
+    pub(super) encoder: Mlp,
+    pub(super) down: [Vec<Round>; SCALES],
+    pub(super) up: [Vec<Round>; SCALES - 1],
+    /// To each coarser scale.
+    pub(super) lower: [Affine; SCALES - 1],
+    /// Back from it.
+    pub(super) raise: [Affine; SCALES - 1],
+    pub(super) global: Mlp,
+    pub(super) norm: Norm,
+    pub(super) nodes: Mlp,
+    pub(super) corners: Affine,
+    pub(super) strain: Affine,
+    pub(super) stress: Affine,
+}
+
+/// Presses on one graph as tensors.
+pub(super) struct Batch {
+    /// (B C, FEATURES).
+    features: Tensor,
+    /// (B V, 3).
+    displacement: Tensor,
+    /// (B, C, 3).
+    forces: Tensor,
+    /// (B, 3).
+    other_force: Tensor,
+    /// (B, C, 1).
+    gates: Tensor,
+    /// (B, 1, 1).
+    amplitude: Tensor,
+    strongest: Tensor,
+}
+
+/// What the network says of a batch, in the units of [`Question`].
+pub(super) struct Answer {
+    /// (B V, 3).
+    pub(super) displacement: Tensor,
+    /// Von Mises (B, T).
+    pub(super) stress: Tensor,
+    /// On the face (B, C, 3).
+    pub(super) forces: Tensor,
+    /// Of all contact (B, 3).
+    pub(super) force: Tensor,
+}
+
+impl Batch {
+    pub(super) fn new(questions: &[&Question]) -> Result<Self> {
+        let (count, device) = (questions.len(), &Device::Cpu);
+        let columns = questions[0].gates.len();
+        let all = |field: fn(&Question) -> &[f32]| -> Vec<f32> {
+            questions.iter().flat_map(|q| field(q)).copied().collect()
+        };
+        let single = |field: fn(&Question) -> f32| {
+            let values: Vec<f32> = questions.iter().map(|q| field(q)).collect();
+            Tensor::from_vec(values, (count, 1, 1), device)
+        };
+        let displacement = all(|q| &q.displacement);
+        let nodes = displacement.len() / 3;
+        Ok(Self {
+            features: Tensor::from_vec(all(|q| &q.features), (count * columns, FEATURES), device)?,
+            displacement: Tensor::from_vec(displacement, (nodes, 3), device)?,
+            forces: Tensor::from_vec(all(|q| &q.forces), (count, columns, 3), device)?,
+            other_force: Tensor::from_vec(all(|q| &q.other_force), (count, 3), device)?,
+            gates: Tensor::from_vec(all(|q| &q.gates), (count, columns, 1), device)?,
+            amplitude: single(|q| q.amplitude)?,
+            strongest: single(|q| q.strongest)?,
+        })
+    }
+
+    fn presses(&self) -> Result<usize> {
+        self.amplitude.dim(0)
+    }
+}
+
+impl Corrector {
+    pub(super) fn new(config: &CorrectorConfig, vb: &VarBuilder) -> Result<Self> {
+        let CorrectorConfig { width, corner, .. } = *config;
+        let rounds = |count: usize, vb: VarBuilder| {
+            (0..count).map(|i| Round::new(width, EDGE_FEATURES, &vb.pp(i))).collect::<Result<Vec<_>>>()
+        };
+        let link = |name: &str, i: usize| Affine::new(width, width, &vb.pp(name).pp(i));
+        let zero = |vb: VarBuilder| Affine::zero(width, 3 * LAYERS + 3, &vb);
+        let nodes = vb.pp("nodes");
+        Ok(Self {
+            encoder: Mlp::new([FEATURES, width, width], &vb.pp("encoder"))?,
+            down: [
+                rounds(config.down[0], vb.pp("down.0"))?,
+                rounds(config.down[1], vb.pp("down.1"))?,
+                rounds(config.down[2], vb.pp("down.2"))?,
+            ],
+            up: [rounds(config.up[0], vb.pp("up.0"))?, rounds(config.up[1], vb.pp("up.1"))?],
+            lower: [link("lower", 0)?, link("lower", 1)?],
+            raise: [link("raise", 0)?, link("raise", 1)?],
+            global: Mlp::new([width, width, width], &vb.pp("global"))?,
+            norm: Norm::new(width, &vb.pp("norm"))?,
+            nodes: Mlp {
+                first: Affine::new(width, width, &nodes.pp("first"))?,
+                second: zero(nodes.pp("second"))?,
+            },
+            corners: Affine::new(width, (LAYERS + 1) * corner, &vb.pp("corners"))?,
+            strain: Affine::new(1, corner, &vb.pp("strain"))?,
+            stress: Affine::zero(corner, 1, &vb.pp("stress"))?,
+        })
+    }
+
+    /// Corrects the linear answers of `batch`, all on one `graph`.
+    pub(super) fn forward(&self, batch: &Batch, graph: &PadGraph) -> Result<Answer> {
+        let latent = self.latent(batch, graph)?;
+        let says = self.nodes.forward(&latent)?;
+        let displacement = displaced(batch, &says)?;
+        let (forces, force) = pressed(batch, &says)?;
+        let stress = self.stressed(batch, graph, &latent, &displacement)?;
+        Ok(Answer { displacement, stress, forces, force })
+    }
+
+    /// Features of the columns after all rounds (B C, H).
+    fn latent(&self, batch: &Batch, graph: &PadGraph) -> Result<Tensor> {
+        let rounds = |rounds: &[Round], v: Tensor, scale: usize| {
+            let scale = &graph.scales[scale];
+            rounds.iter().try_fold(v, |v, round| round.forward(&v, &scale.features, &scale.edges))
+        };
+        let links = [0, 1].map(|i| graph.scales[i].links.as_ref().expect("a coarser scale"));
+        let fine = rounds(&self.down[0], self.encoder.forward(&batch.features)?, 0)?;
+        let middle = self.lower[0].forward(&sparse(&fine, &links[0][1])?)?;
+        let middle = rounds(&self.down[1], middle, 1)?;
+        let coarse = self.lower[1].forward(&sparse(&middle, &links[1][1])?)?;
+        let coarse = self.shared(&rounds(&self.down[2], coarse, 2)?, batch.presses()?)?;
+        let raised = self.raise[1].forward(&sparse(&coarse, &links[1][0])?)?;
+        let middle = rounds(&self.up[1], (middle + raised)?, 1)?;
+        let raised = self.raise[0].forward(&sparse(&middle, &links[0][0])?)?;
+        self.norm.forward(&rounds(&self.up[0], (fine + raised)?, 0)?)
+    }
+
+    /// `v` (B N, H) with what a press's mean says added to each of its rows.
+    fn shared(&self, v: &Tensor, presses: usize) -> Result<Tensor> {
+        let by_press = v.reshape((presses, (), v.dim(1)?))?;
+        let global = self.global.forward(&by_press.mean(1)?)?;
+        by_press.broadcast_add(&global.unsqueeze(1)?)?.reshape(v.shape())
+    }
+
+    fn stressed(
+        &self,
+        batch: &Batch,
+        graph: &PadGraph,
+        latent: &Tensor,
+        displacement: &Tensor,
+    ) -> Result<Tensor> {
+        let presses = batch.presses()?;
+        let amplitude = batch.amplitude.reshape((presses, 1))?;
+        let stress = von_mises(displacement, &graph.gradients)?;
+        let relative = stress.broadcast_div(&(&amplitude + f64::from(f32::MIN_POSITIVE))?)?;
+        let corner = self.corners.forward(latent)?.reshape((presses * graph.columns * (LAYERS + 1), ()))?;
+        let corners = sparse(&corner, &graph.corners)?;
+        let strain = self.strain.forward(&relative.reshape((presses * graph.tets(), 1))?)?;
+        let says = self.stress.forward(&(corners + strain)?.relu()?)?;
+        stress + says.reshape((presses, graph.tets()))?.broadcast_mul(&amplitude)?
+    }
+}
+
+/// The displacement of all nodes (B V, 3).
+fn displaced(batch: &Batch, says: &Tensor) -> Result<Tensor> {
+    let presses = batch.presses()?;
+    let layers = says.narrow(1, 0, 3 * LAYERS)?.reshape((presses, (), LAYERS, 3))?;
+    let layers = layers.transpose(1, 2)?.contiguous()?;
+    let columns = layers.dim(2)?;
+    let base = Tensor::zeros((presses, 1, columns, 3), DType::F32, &Device::Cpu)?;
+    let added = Tensor::cat(&[&layers, &base], 1)?.reshape((presses, (), 3))?;
+    let added = added.broadcast_mul(&batch.amplitude)?.reshape(batch.displacement.shape())?;
+    &batch.displacement + added
+}
+
+/// The forces on the face (B, C, 3), and of all contact (B, 3).
+fn pressed(batch: &Batch, says: &Tensor) -> Result<(Tensor, Tensor)> {
+    let added = says.narrow(1, 3 * LAYERS, 3)?.reshape(batch.forces.shape())?;
+    let added = added.broadcast_mul(&batch.gates)?.broadcast_mul(&batch.strongest)?;
+    let forces = (&batch.forces + added)?;
+    let force = (forces.sum(1)? + &batch.other_force)?;
+    Ok((forces, force))
+}

@@ -1,0 +1,188 @@
+//! A press as the network sees it, and the truth it is to find, as plain numbers without units.
+//!
+//! Lengths are in units of the pad's thickness L, stresses of the shear modulus μ, forces of E L².
+//! Young's modulus drops out: displacements do not depend on it and stresses are proportional to
+//! it. What the network says is multiplied by the press's own amplitude, so without contact it is
+//! exactly nothing.
+//!
+//! Shapes: C columns, V nodes, T tetrahedra.
+
+use nalgebra::{Point3, Vector3};
+
+use super::graph::{LAYERS, Mirror, PLACE_FEATURES, PadGraph};
+use crate::{
+    deformation::{Deformation, Moduli},
+    geometry::{Distance, Shape},
+};
+
+/// Numbers for each column: displacement of its layers, contact force, how far the object is at rest,
+/// after displacement in units of the amplitude and of the thickness, its normal, where the column
+/// stands, and what holds for the press as a whole.
+pub(super) const FEATURES: usize = 3 * LAYERS + 3 + 3 + 3 + PLACE_FEATURES + GLOBALS;
+/// Numbers that hold for the press: amplitude, compressibility, friction, force over amplitude.
+const GLOBALS: usize = 4;
+
+/// A press with its linear answer.
+#[derive(Clone, Debug)]
+pub(super) struct Question {
+    /// (C, FEATURES).
+    pub(super) features: Vec<f32>,
+    /// The linear answer (V, 3).
+    pub(super) displacement: Vec<f32>,
+    /// Its contact forces on the face (C, 3).
+    pub(super) forces: Vec<f32>,
+    /// Its contact force on all other nodes.
+    pub(super) other_force: [f32; 3],
+    /// How far contact may be corrected: 1 where the object is, 0 where it is far (C).
+    pub(super) gates: Vec<f32>,
+    /// Largest displacement of a node.
+    pub(super) amplitude: f32,
+    /// Largest contact force on a node.
+    pub(super) strongest: f32,
+}
+
+/// What finite elements say of a press.
+#[derive(Clone, Debug)]
+pub(super) struct Truth {
+    /// (V, 3).
+    pub(super) displacement: Vec<f32>,
+    /// Von Mises (T).
+    pub(super) stress: Vec<f32>,
+    /// On the face (C, 3).
+    pub(super) forces: Vec<f32>,
+    /// Of all contact.
+    pub(super) force: [f32; 3],
+}
+
+/// Units and what else must be known of a pad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Gel {
+    pub(super) moduli: Moduli,
+    pub(super) friction: f64,
+    /// L (m).
+    pub(super) thickness: f64,
+}
+
+impl Gel {
+    /// Unit of force (N).
+    pub(super) fn force(&self) -> f64 {
+        self.moduli.young * self.thickness * self.thickness
+    }
+}
+
+/// Distance from the displaced face at which contact is no longer corrected.
+const REACH: f64 = 0.125;
+
+impl Question {
+    /// What `linear`, the answer to a press of `shapes`, asks of the network.
+    pub(super) fn new(graph: &PadGraph, gel: &Gel, places: &[Point3<f64>], shapes: &[Shape], linear: &Deformation) -> Self {
+        let (length, columns) = (gel.thickness, graph.columns);
+        let amplitude = linear.displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
+        let strongest = linear.contact_force.iter().map(Vector3::norm).fold(0.0, f64::max);
+        let total: Vector3<f64> = linear.contact_force.iter().sum();
+        let other: Vector3<f64> = linear.contact_force[columns..].iter().sum();
+        let globals = [
+            2.0 * amplitude / length,
+            10.0 * (0.5 - gel.moduli.poisson),
+            gel.friction,
+            (total.norm() * length / (gel.force() * amplitude.max(f64::MIN_POSITIVE))).ln_1p(),
+        ];
+        let mut features = Vec::with_capacity(columns * FEATURES);
+        let mut gates = Vec::with_capacity(columns);
+        for column in 0..columns {
+            let (rest, moved) = (places[column], places[column] + linear.displacement[column]);
+            let before = nearest(shapes, linear, &rest).value;
+            let Distance { value: gap, normal } = nearest(shapes, linear, &moved);
+            let layers = (0..LAYERS).map(|k| linear.displacement[k * columns + column]);
+            let force = linear.contact_force[column] / strongest.max(f64::MIN_POSITIVE);
+            let moved = layers.map(|u| u / amplitude.max(f64::MIN_POSITIVE));
+            let distances = [
+                (2.0 * before / length).clamp(-1.0, 1.0),
+                (gap / amplitude.max(f64::MIN_POSITIVE)).clamp(-1.0, 1.0),
+                (8.0 * gap / length).clamp(-1.0, 1.0),
+            ];
+            let vectors = moved.chain([force]).flat_map(|v| [v.x, v.y, v.z]);
+            let numbers = vectors.chain(distances).chain([normal.x, normal.y, normal.z]);
+            features.extend(numbers.map(|x| x as f32));
+            features.extend(&graph.places[column * PLACE_FEATURES..][..PLACE_FEATURES]);
+            features.extend(globals.map(|x| x as f32));
+            gates.push((1.0 - gap / (REACH * length)).clamp(0.0, 1.0) as f32);
+        }
+        Self {
+            features,
+            displacement: flat(&linear.displacement, length),
+            forces: flat(&linear.contact_force[..columns], gel.force()),
+            other_force: (other / gel.force()).map(|x| x as f32).into(),
+            gates,
+            amplitude: (amplitude / length) as f32,
+            strongest: (strongest / gel.force()) as f32,
+        }
+    }
+
+    /// The same press in a mirror.
+    pub(super) fn mirrored(&self, mirror: &Mirror) -> Self {
+        let Self { other_force, amplitude, strongest, .. } = *self;
+        let signs = feature_signs(mirror.signs);
+        Self {
+            features: moved(&self.features, &mirror.columns, &signs),
+            displacement: moved(&self.displacement, &mirror.columns, &mirror.signs),
+            forces: moved(&self.forces, &mirror.columns, &mirror.signs),
+            other_force: std::array::from_fn(|i| other_force[i] * mirror.signs[i]),
+            gates: moved(&self.gates, &mirror.columns, &[1.0]),
+            amplitude,
+            strongest,
+        }
+    }
+}
+
+impl Truth {
+    /// The same truth in a mirror.
+    pub(super) fn mirrored(&self, mirror: &Mirror) -> Self {
+        Self {
+            displacement: moved(&self.displacement, &mirror.columns, &mirror.signs),
+            stress: moved(&self.stress, &mirror.tets, &[1.0]),
+            forces: moved(&self.forces, &mirror.columns, &mirror.signs),
+            force: std::array::from_fn(|i| self.force[i] * mirror.signs[i]),
+        }
+    }
+}
+
+/// Sign of each feature in a mirror of the given `signs`.
+fn feature_signs([x, y, z]: [f32; 3]) -> [f32; FEATURES] {
+    let mut all = [1.0; FEATURES];
+    let distances = 3 * (LAYERS + 1);
+    for vector in (0..LAYERS + 1).map(|k| 3 * k).chain([distances + 3]) {
+        all[vector..vector + 3].copy_from_slice(&[x, y, z]);
+    }
+    let place = distances + 6;
+    all[place..place + 2].copy_from_slice(&[x, y]);
+    all
+}
+
+/// Rows of a field, each taken from its image in the mirror; a field of several layers of columns is
+/// moved layer by layer. A mirror is its own inverse.
+fn moved(field: &[f32], images: &[u32], signs: &[f32]) -> Vec<f32> {
+    let (width, layer) = (signs.len(), signs.len() * images.len());
+    let rows = field.chunks_exact(layer).flat_map(|layer| {
+        images.iter().map(move |&image| &layer[width * image as usize..][..width])
+    });
+    rows.flat_map(|row| row.iter().zip(signs).map(|(x, sign)| x * sign)).collect()
+}
+
+/// Vectors in units of `unit`.
+pub(super) fn flat(vectors: &[Vector3<f64>], unit: f64) -> Vec<f32> {
+    vectors.iter().flat_map(|v| [v.x, v.y, v.z].map(|x| (x / unit) as f32)).collect()
+}
+
+/// Distance to the nearest shape, its normal in the pad's frame.
+fn nearest(shapes: &[Shape], linear: &Deformation, place: &Point3<f64>) -> Distance {
+    let far = Distance { value: f64::INFINITY, normal: Vector3::z() };
+    shapes.iter().zip(&linear.poses).fold(far, |nearest, (shape, pose)| {
+        let found = shape.distance(&pose.inverse_transform_point(place));
+        if found.value < nearest.value {
+            Distance { value: found.value, normal: pose * found.normal }
+        } else {
+            nearest
+        }
+    })
+}

@@ -1,0 +1,122 @@
+//! Layers of the networks.
+//!
+//! Shapes: N rows, B presses in a batch, V nodes, E edges, H latent width.
+
+use std::sync::Arc;
+
+use candle_core::{Result, Tensor};
+use candle_nn::{Init, VarBuilder};
+
+use super::ops::{Edges, affine, layer_norm, messages};
+
+/// x Wᵀ + b, or its positive part.
+pub(super) struct Affine {
+    /// (M, K).
+    pub(super) weight: Tensor,
+    /// (M).
+    pub(super) bias: Tensor,
+}
+
+impl Affine {
+    /// From `inputs` to `outputs` numbers.
+    pub(super) fn new(inputs: usize, outputs: usize, vb: &VarBuilder) -> Result<Self> {
+        let bound = 1.0 / (inputs as f64).sqrt();
+        Self::with(inputs, outputs, vb, Init::Uniform { lo: -bound, up: bound })
+    }
+
+    /// As [`Affine::new`], but all zero to begin with.
+    pub(super) fn zero(inputs: usize, outputs: usize, vb: &VarBuilder) -> Result<Self> {
+        Self::with(inputs, outputs, vb, Init::Const(0.0))
+    }
+
+    fn with(inputs: usize, outputs: usize, vb: &VarBuilder, init: Init) -> Result<Self> {
+        let weight = vb.get_with_hints((outputs, inputs), "weight", init)?;
+        let bias = vb.get_with_hints(outputs, "bias", Init::Const(0.0))?;
+        Ok(Self { weight, bias })
+    }
+
+    /// (N, K) to (N, M).
+    pub(super) fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        affine(x, &self.weight, &self.bias, false)
+    }
+
+    /// As [`Affine::forward`], its positive part.
+    pub(super) fn forward_relu(&self, x: &Tensor) -> Result<Tensor> {
+        affine(x, &self.weight, &self.bias, true)
+    }
+}
+
+/// Layer norm.
+pub(super) struct Norm {
+    pub(super) scale: Tensor,
+    pub(super) shift: Tensor,
+}
+
+impl Norm {
+    /// For rows of `width` numbers.
+    pub(super) fn new(width: usize, vb: &VarBuilder) -> Result<Self> {
+        let scale = vb.get_with_hints(width, "scale", Init::Const(1.0))?;
+        let shift = vb.get_with_hints(width, "shift", Init::Const(0.0))?;
+        Ok(Self { scale, shift })
+    }
+
+    /// (N, H) to (N, H).
+    pub(super) fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        layer_norm(x, &self.scale, &self.shift)
+    }
+}
+
+/// Two affine layers with a relu between them.
+pub(super) struct Mlp {
+    pub(super) first: Affine,
+    pub(super) second: Affine,
+}
+
+impl Mlp {
+    /// From `inputs` over `hidden` to `outputs` numbers.
+    pub(super) fn new(
+        [inputs, hidden, outputs]: [usize; 3],
+        vb: &VarBuilder,
+    ) -> Result<Self> {
+        let first = Affine::new(inputs, hidden, &vb.pp("first"))?;
+        Ok(Self { first, second: Affine::new(hidden, outputs, &vb.pp("second"))? })
+    }
+
+    /// (N, inputs) to (N, outputs).
+    pub(super) fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        self.second.forward(&self.first.forward_relu(x)?)
+    }
+}
+
+/// A round of message passing on a graph with fixed edge features:
+/// v ← v + f(n, Σₛ relu(A nₛ + B nᵣ + C eₛᵣ)), n the layer norm of v and f two affine layers.
+pub(super) struct Round {
+    pub(super) norm: Norm,
+    pub(super) ends: Affine,
+    pub(super) edges: Affine,
+    pub(super) update: Mlp,
+}
+
+impl Round {
+    /// Of latent width `width`, on edges of `features` numbers.
+    pub(super) fn new(width: usize, features: usize, vb: &VarBuilder) -> Result<Self> {
+        Ok(Self {
+            norm: Norm::new(width, &vb.pp("norm"))?,
+            ends: Affine::new(width, 2 * width, &vb.pp("ends"))?,
+            edges: Affine::new(features, width, &vb.pp("edges"))?,
+            update: Mlp::new([2 * width, width, width], &vb.pp("update"))?,
+        })
+    }
+
+    /// (B V, H) to (B V, H), along `graph` with `features` (E, F) on its edges.
+    pub(super) fn forward(
+        &self,
+        v: &Tensor,
+        features: &Tensor,
+        graph: &Arc<Edges>,
+    ) -> Result<Tensor> {
+        let n = self.norm.forward(v)?;
+        let heard = messages(&self.ends.forward(&n)?, &self.edges.forward(features)?, graph)?;
+        v + self.update.forward(&Tensor::cat(&[&n, &heard], 1)?)?
+    }
+}

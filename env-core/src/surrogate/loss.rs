@@ -1,0 +1,78 @@
+//! What training makes small, and what is reported.
+//!
+//! Each part is a relative error of a press, ‖x̂ − x‖ / ‖x‖, averaged over the batch: every press counts
+//! the same, however hard it presses.
+
+use candle_core::{Device, Result, Tensor};
+
+use super::{
+    corrector::{Answer, Batch, Corrector},
+    features::{Question, Truth},
+    graph::PadGraph,
+    samples::Sample,
+};
+
+/// Weight of displacement, stress, forces on nodes and net force in the loss.
+const WEIGHTS: [f64; 4] = [1.0, 1.0, 0.3, 1.0];
+/// Added to the squares of norms, so that their roots have derivatives.
+const EPSILON: f64 = 1e-16;
+
+/// Mean relative errors of displacement, stress, nodal forces and net force, each a scalar.
+pub(super) struct Parts(pub(super) [Tensor; 4]);
+
+impl Parts {
+    /// Their weighted sum.
+    pub(super) fn total(&self) -> Result<Tensor> {
+        let mut sum = (&self.0[0] * WEIGHTS[0])?;
+        for (part, weight) in self.0.iter().zip(WEIGHTS).skip(1) {
+            sum = (sum + (part * weight)?)?;
+        }
+        Ok(sum)
+    }
+
+    pub(super) fn values(&self) -> Result<[f32; 4]> {
+        let mut values = [0.0; 4];
+        for (value, part) in values.iter_mut().zip(&self.0) {
+            *value = part.to_scalar()?;
+        }
+        Ok(values)
+    }
+}
+
+/// The errors of each press of `answer` against `truths`: of displacement, stress, forces on nodes
+/// and net force, (B) each.
+pub(super) fn errors(answer: &Answer, truths: &[&Truth]) -> Result<[Tensor; 4]> {
+    let all = |field: fn(&Truth) -> &[f32]| {
+        let values: Vec<f32> = truths.iter().flat_map(|truth| field(truth)).copied().collect();
+        Tensor::from_vec(values, (truths.len(), field(truths[0]).len()), &Device::Cpu)
+    };
+    let by_press = |x: &Tensor| x.reshape((truths.len(), ()));
+    Ok([
+        relative(&by_press(&answer.displacement)?, &all(|t| &t.displacement)?)?,
+        relative(&answer.stress, &all(|t| &t.stress)?)?,
+        relative(&by_press(&answer.forces)?, &all(|t| &t.forces)?)?,
+        relative(&answer.force, &all(|t| &t.force)?)?,
+    ])
+}
+
+/// ‖x − truth‖ / ‖truth‖ of each row.
+fn relative(x: &Tensor, truth: &Tensor) -> Result<Tensor> {
+    let norm = |x: Tensor| (x.sqr()?.sum(1)? + EPSILON)?.sqrt();
+    norm((x - truth)?)? / norm(truth.clone())?
+}
+
+/// The errors of a network on `samples`, all of one graph, seen in one of its mirrors.
+pub(super) fn parts(
+    network: &Corrector,
+    samples: &[&Sample],
+    graph: &PadGraph,
+    mirror: usize,
+) -> Result<Parts> {
+    let mirror = &graph.mirrors[mirror];
+    let questions: Vec<Question> = samples.iter().map(|s| s.question.mirrored(mirror)).collect();
+    let truths: Vec<Truth> = samples.iter().map(|s| s.truth.mirrored(mirror)).collect();
+    let batch = Batch::new(&questions.iter().collect::<Vec<_>>())?;
+    let answer = network.forward(&batch, graph)?;
+    let [a, b, c, d] = errors(&answer, &truths.iter().collect::<Vec<_>>())?;
+    Ok(Parts([a.mean_all()?, b.mean_all()?, c.mean_all()?, d.mean_all()?]))
+}

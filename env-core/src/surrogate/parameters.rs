@@ -1,0 +1,103 @@
+//! What a network learns, by name.
+
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+};
+
+use candle_core::{DType, Device, Result, Shape, Tensor, Var, bail};
+use candle_nn::{
+    Init, VarBuilder,
+    init::NormalOrUniform,
+    var_builder::SimpleBackend,
+};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Variables by name: drawn from a seed as a network asks for them, or read from a file.
+#[derive(Clone)]
+pub(super) struct Parameters(Arc<Mutex<Store>>);
+
+struct Store {
+    variables: BTreeMap<String, Var>,
+    /// Source of new variables; none if all are given.
+    random: Option<ChaCha8Rng>,
+}
+
+impl Parameters {
+    /// Variables that will be drawn from `seed`.
+    pub(super) fn drawn(seed: u64) -> Self {
+        let random = Some(ChaCha8Rng::seed_from_u64(seed));
+        Self(Arc::new(Mutex::new(Store { variables: BTreeMap::new(), random })))
+    }
+
+    /// The given variables and no others.
+    pub(super) fn given(tensors: impl IntoIterator<Item = (String, Tensor)>) -> Result<Self> {
+        let variable = |(name, tensor): (String, Tensor)| Ok((name, Var::from_tensor(&tensor)?));
+        let variables = tensors.into_iter().map(variable).collect::<Result<_>>()?;
+        Ok(Self(Arc::new(Mutex::new(Store { variables, random: None }))))
+    }
+
+    /// Where a network asks for its variables.
+    pub(super) fn builder(&self) -> VarBuilder<'static> {
+        VarBuilder::from_backend(Box::new(self.clone()), DType::F32, Device::Cpu)
+    }
+
+    /// All variables with their names, by name.
+    pub(super) fn all(&self) -> Vec<(String, Var)> {
+        self.store().variables.iter().map(|(name, var)| (name.clone(), var.clone())).collect()
+    }
+
+    fn store(&self) -> MutexGuard<'_, Store> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl SimpleBackend for Parameters {
+    fn get(
+        &self,
+        shape: Shape,
+        name: &str,
+        init: Init,
+        _dtype: DType,
+        device: &Device,
+    ) -> Result<Tensor> {
+        let mut store = self.store();
+        if let Some(known) = store.variables.get(name) {
+            if known.shape() != &shape {
+                bail!("{name}: found shape {:?}, expected {shape:?}", known.shape());
+            }
+            return Ok(known.as_tensor().clone());
+        }
+        let Some(random) = &mut store.random else { bail!("{name}: missing from the weights") };
+        let values = draw(&shape, init, random);
+        let variable = Var::from_vec(values, shape, device)?;
+        let tensor = variable.as_tensor().clone();
+        store.variables.insert(name.to_owned(), variable);
+        Ok(tensor)
+    }
+
+    fn get_unchecked(&self, name: &str, _dtype: DType, _device: &Device) -> Result<Tensor> {
+        let found = self.store().variables.get(name).map(|known| known.as_tensor().clone());
+        found.map_or_else(|| bail!("{name}: missing from the weights"), Ok)
+    }
+
+    fn contains_tensor(&self, name: &str) -> bool {
+        self.store().variables.contains_key(name)
+    }
+}
+
+/// Numbers as `init` says; normal ones too are drawn uniformly, with the same deviation.
+fn draw(shape: &Shape, init: Init, random: &mut ChaCha8Rng) -> Vec<f32> {
+    let (low, high) = match init {
+        Init::Const(value) => (value, value),
+        Init::Uniform { lo, up } => (lo, up),
+        Init::Randn { mean, stdev } => (mean - 3.0_f64.sqrt() * stdev, mean + 3.0_f64.sqrt() * stdev),
+        Init::Kaiming { dist: NormalOrUniform::Normal | NormalOrUniform::Uniform, fan, non_linearity } => {
+            let bound = non_linearity.gain() * (3.0 / fan.for_shape(shape) as f64).sqrt();
+            (-bound, bound)
+        }
+    };
+    let mut number = || (low + (high - low) * random.random::<f64>()) as f32;
+    (0..shape.elem_count()).map(|_| number()).collect()
+}

@@ -1,0 +1,160 @@
+//! Training: batches over threads, a rate that falls with a cosine, checkpoints that resume exactly.
+
+use std::{f64::consts::PI, time::Instant};
+
+use rand::{RngExt, SeedableRng, seq::SliceRandom};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    adam::{self, Adam},
+    corrector::{Batch, Corrector, CorrectorConfig},
+    loss::{errors, parts},
+    parameters::Parameters,
+    samples::{Gels, Sample},
+};
+use crate::{Error, Result};
+
+/// How a network is trained.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Training {
+    /// What weights and batches are drawn from.
+    pub seed: u64,
+    /// Split of the dataset to train on.
+    pub split: String,
+    /// Times that every sample is seen.
+    pub epochs: usize,
+    /// Presses in a gradient.
+    pub batch: usize,
+    /// Highest learning rate.
+    pub rate: f64,
+    /// Share of the steps over which the rate rises.
+    pub warmup: f64,
+    /// Largest norm of a gradient.
+    pub clip: f64,
+    /// Sizes of the network.
+    pub network: CorrectorConfig,
+}
+
+impl Default for Training {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            split: "novel-14".to_owned(),
+            epochs: 40,
+            batch: 16,
+            rate: 2e-3,
+            warmup: 0.05,
+            clip: 1.0,
+            network: CorrectorConfig::default(),
+        }
+    }
+}
+
+impl Training {
+    /// Learning rate at a step of all `steps`.
+    fn rate(&self, step: u64, steps: u64) -> f64 {
+        let done = step as f64 / steps.max(1) as f64;
+        let rise = (done / self.warmup.max(1e-9)).min(1.0);
+        self.rate * rise * (0.01 + 0.495 * (1.0 + (PI * done).cos()))
+    }
+}
+
+/// An epoch of training.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Epoch {
+    /// Epochs so far.
+    pub epoch: usize,
+    /// Steps so far.
+    pub steps: u64,
+    /// Mean relative errors on the batches: displacement, stress, nodal forces, net force.
+    pub errors: [f32; 4],
+    /// Wall time of it (s).
+    pub seconds: f64,
+}
+
+/// A network being trained.
+pub(super) struct Trainer {
+    pub(super) training: Training,
+    pub(super) parameters: Parameters,
+    pub(super) network: Corrector,
+    pub(super) adam: Adam,
+    pub(super) epoch: usize,
+}
+
+/// A part of a batch that one thread computes.
+const PIECE: usize = 4;
+
+impl Trainer {
+    pub(super) fn new(training: Training) -> Result<Self> {
+        let parameters = Parameters::drawn(training.seed);
+        let network = Corrector::new(&training.network, &parameters.builder())?;
+        Ok(Self { training, parameters, network, adam: Adam::default(), epoch: 0 })
+    }
+
+    /// Batches of one epoch: pieces of sample numbers on one graph, and a mirror for each.
+    fn batches(&self, samples: &[Sample]) -> Vec<Vec<(Vec<usize>, usize)>> {
+        let mut random = ChaCha8Rng::seed_from_u64(self.training.seed);
+        random.set_stream(1 + self.epoch as u64);
+        let graphs = 1 + samples.iter().map(|sample| sample.graph).max().unwrap_or(0);
+        let mut pieces = Vec::new();
+        for graph in 0..graphs {
+            let mut own: Vec<usize> =
+                (0..samples.len()).filter(|&i| samples[i].graph == graph).collect();
+            own.shuffle(&mut random);
+            let cut = own.chunks(PIECE).map(|piece| (piece.to_vec(), random.random_range(0..4)));
+            pieces.extend(cut.collect::<Vec<_>>());
+        }
+        pieces.shuffle(&mut random);
+        pieces.chunks((self.training.batch / PIECE).max(1)).map(<[_]>::to_vec).collect()
+    }
+
+    /// One epoch over `samples`.
+    pub(super) fn epoch(&mut self, gels: &Gels, samples: &[Sample]) -> Result<Epoch> {
+        let start = Instant::now();
+        let batches = self.batches(samples);
+        let all = (batches.len() * self.training.epochs) as u64;
+        let variables = self.parameters.all();
+        let mut sums = [0.0; 4];
+        for batch in &batches {
+            let network = &self.network;
+            let piece = |(piece, mirror): &(Vec<usize>, usize)| {
+                let samples: Vec<&Sample> = piece.iter().map(|&i| &samples[i]).collect();
+                let parts = parts(network, &samples, &gels.graphs[samples[0].graph], *mirror)?;
+                let store = parts.total()?.backward()?;
+                Ok((adam::gradients(&variables, &store)?, parts.values()?))
+            };
+            let found: Vec<_> = batch.par_iter().map(piece).collect::<Result<_>>()?;
+            let (gradients, values): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+            let (gradient, norm) = adam::mean(&gradients, self.training.clip);
+            if !norm.is_finite() {
+                let reason = format!("gradient of norm {norm} after {} steps", self.adam.steps);
+                return Err(Error::Network { reason });
+            }
+            let rate = self.training.rate(self.adam.steps, all);
+            self.adam.step(&variables, &gradient, rate)?;
+            for value in &values {
+                let count = (values.len() * batches.len()) as f32;
+                sums.iter_mut().zip(value).for_each(|(sum, value)| *sum += value / count);
+            }
+        }
+        self.epoch += 1;
+        let seconds = start.elapsed().as_secs_f64();
+        Ok(Epoch { epoch: self.epoch, steps: self.adam.steps, errors: sums, seconds })
+    }
+}
+
+/// Relative errors of each sample: displacement, stress, nodal forces, net force.
+pub(super) fn judge(network: &Corrector, gels: &Gels, samples: &[Sample]) -> Result<Vec<[f32; 4]>> {
+    let one = |sample: &Sample| {
+        let answer = network.forward(&Batch::new(&[&sample.question])?, &gels.graphs[sample.graph])?;
+        let mut values = [0.0; 4];
+        for (value, error) in values.iter_mut().zip(errors(&answer, &[&sample.truth])?) {
+            *value = error.squeeze(0)?.to_scalar()?;
+        }
+        Ok(values)
+    };
+    samples.par_iter().map(one).collect()
+}
