@@ -103,6 +103,12 @@ impl Dataset {
         self.shards.len()
     }
 
+    /// Name of shard `index`.
+    pub fn name(&self, index: usize) -> String {
+        let stem = self.shards[index].1.file_stem().unwrap_or_default();
+        stem.to_string_lossy().into_owned()
+    }
+
     /// The object and all pads of all grasps in shard `index`.
     pub fn read(&self, index: usize) -> Result<(&Object, Vec<PadFrames>)> {
         let (object, path) = &self.shards[index];

@@ -63,6 +63,8 @@ pub(super) struct Batch {
     features: Tensor,
     /// (B V, 3).
     displacement: Tensor,
+    /// (B, T).
+    stress: Tensor,
     /// (B, C, 3).
     forces: Tensor,
     /// (B, 3).
@@ -102,6 +104,7 @@ impl Batch {
         Ok(Self {
             features: Tensor::from_vec(all(|q| &q.features), (count * columns, FEATURES), device)?,
             displacement: Tensor::from_vec(displacement, (nodes, 3), device)?,
+            stress: Tensor::from_vec(all(|q| &q.stress), (count, questions[0].stress.len()), device)?,
             forces: Tensor::from_vec(all(|q| &q.forces), (count, columns, 3), device)?,
             other_force: Tensor::from_vec(all(|q| &q.other_force), (count, 3), device)?,
             gates: Tensor::from_vec(all(|q| &q.gates), (count, columns, 1), device)?,
@@ -141,7 +144,7 @@ impl Corrector {
                 second: zero(nodes.pp("second"))?,
             },
             corners: Affine::new(width, (LAYERS + 1) * corner, &vb.pp("corners"))?,
-            strain: Affine::new(1, corner, &vb.pp("strain"))?,
+            strain: Affine::new(3, corner, &vb.pp("strain"))?,
             stress: Affine::zero(corner, 1, &vb.pp("stress"))?,
         })
     }
@@ -190,13 +193,18 @@ impl Corrector {
     ) -> Result<Tensor> {
         let presses = batch.presses()?;
         let amplitude = batch.amplitude.reshape((presses, 1))?;
-        let stress = von_mises(displacement, &graph.gradients)?;
-        let relative = stress.broadcast_div(&(&amplitude + f64::from(f32::MIN_POSITIVE))?)?;
-        let corner = self.corners.forward(latent)?.reshape((presses * graph.columns * (LAYERS + 1), ()))?;
+        let before = von_mises(&batch.displacement, &graph.gradients)?;
+        let after = von_mises(displacement, &graph.gradients)?;
+        let unit = (&amplitude + f64::from(f32::MIN_POSITIVE))?;
+        let relative = |x: &Tensor| x.broadcast_div(&unit)?.reshape((presses * graph.tets(), 1));
+        let strains = [relative(&batch.stress)?, relative(&before)?, relative(&after)?];
+        let corner = self.corners.forward(latent)?;
+        let corner = corner.reshape((presses * graph.columns * (LAYERS + 1), ()))?;
         let corners = sparse(&corner, &graph.corners)?;
-        let strain = self.strain.forward(&relative.reshape((presses * graph.tets(), 1))?)?;
+        let strain = self.strain.forward(&Tensor::cat(&strains, 1)?)?;
         let says = self.stress.forward(&(corners + strain)?.relu()?)?;
-        stress + says.reshape((presses, graph.tets()))?.broadcast_mul(&amplitude)?
+        let says = says.reshape((presses, graph.tets()))?.broadcast_mul(&amplitude)?;
+        (&batch.stress + (after - before)?)? + says
     }
 }
 

@@ -10,8 +10,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::graph::{LAYERS, Mirror, PLACE_FEATURES, PadGraph};
+use super::linear::Carried;
 use crate::{
-    deformation::{Deformation, Moduli},
+    deformation::Moduli,
     geometry::{Distance, Shape},
 };
 
@@ -29,6 +30,8 @@ pub(super) struct Question {
     pub(super) features: Vec<f32>,
     /// The linear answer (V, 3).
     pub(super) displacement: Vec<f32>,
+    /// Its von Mises stress (T).
+    pub(super) stress: Vec<f32>,
     /// Its contact forces on the face (C, 3).
     pub(super) forces: Vec<f32>,
     /// Its contact force on all other nodes.
@@ -75,7 +78,7 @@ const REACH: f64 = 0.125;
 
 impl Question {
     /// What `linear`, the answer to a press of `shapes`, asks of the network.
-    pub(super) fn new(graph: &PadGraph, gel: &Gel, places: &[Point3<f64>], shapes: &[Shape], linear: &Deformation) -> Self {
+    pub(super) fn new(graph: &PadGraph, gel: &Gel, places: &[Point3<f64>], shapes: &[Shape], linear: &Carried) -> Self {
         let (length, columns) = (gel.thickness, graph.columns);
         let amplitude = linear.displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
         let strongest = linear.contact_force.iter().map(Vector3::norm).fold(0.0, f64::max);
@@ -111,6 +114,7 @@ impl Question {
         Self {
             features,
             displacement: flat(&linear.displacement, length),
+            stress: linear.von_mises.iter().map(|s| (s / gel.moduli.shear()) as f32).collect(),
             forces: flat(&linear.contact_force[..columns], gel.force()),
             other_force: (other / gel.force()).map(|x| x as f32).into(),
             gates,
@@ -126,6 +130,7 @@ impl Question {
         Self {
             features: moved(&self.features, &mirror.columns, &signs),
             displacement: moved(&self.displacement, &mirror.columns, &mirror.signs),
+            stress: moved(&self.stress, &mirror.tets, &[1.0]),
             forces: moved(&self.forces, &mirror.columns, &mirror.signs),
             other_force: std::array::from_fn(|i| other_force[i] * mirror.signs[i]),
             gates: moved(&self.gates, &mirror.columns, &[1.0]),
@@ -175,7 +180,7 @@ pub(super) fn flat(vectors: &[Vector3<f64>], unit: f64) -> Vec<f32> {
 }
 
 /// Distance to the nearest shape, its normal in the pad's frame.
-fn nearest(shapes: &[Shape], linear: &Deformation, place: &Point3<f64>) -> Distance {
+fn nearest(shapes: &[Shape], linear: &Carried, place: &Point3<f64>) -> Distance {
     let far = Distance { value: f64::INFINITY, normal: Vector3::z() };
     shapes.iter().zip(&linear.poses).fold(far, |nearest, (shape, pose)| {
         let found = shape.distance(&pose.inverse_transform_point(place));

@@ -1,17 +1,22 @@
 //! Training samples from a dataset: each solved frame of each pad with its linear answer.
+//!
+//! Linear answers are kept beside the dataset, a file for each shard, and made where they are missing.
 
-use nalgebra::Point3;
+use std::{collections::HashMap, fs, path::PathBuf};
+
+use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
+use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
 use super::{
     features::{Gel, Question, Truth},
     graph::PadGraph,
+    linear::{Carried, Linear},
 };
 use crate::{
-    Result,
-    compliance::{Compliance, Options},
+    Error, Result,
     dataset::{Config, Dataset, PadFrames},
-    deformation::{Deformation, Law, Moduli, Press, SoftBody},
+    deformation::{Moduli, Press},
     geometry::{PadMesh, Shape},
     sensor::Sensor,
 };
@@ -32,38 +37,40 @@ pub(super) struct Sample {
 pub(super) struct Gels {
     pub(super) graphs: Vec<PadGraph>,
     pub(super) pads: Vec<Pad>,
+    /// Nodes of the mesh of the linear models.
+    nodes: usize,
 }
 
 /// A gel of a dataset.
 pub(super) struct Pad {
     pub(super) graph: usize,
     pub(super) gel: Gel,
-    linear: Compliance,
+    mesh: PadMesh,
+    linear: Linear,
 }
 
-/// A pad mesh of a gel.
-pub(super) fn body(pad: &PadMesh, moduli: Moduli) -> Result<SoftBody> {
-    SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base)
-}
+/// Linear answers of a shard, frame by frame, one list for each pad.
+type Answers = Vec<Vec<Carried>>;
 
 impl Gels {
-    /// Those of `config`.
-    pub(super) fn new(config: &Config) -> Result<Self> {
-        let mut sensors: Vec<String> = config.gels.iter().map(|gel| gel.sensor.clone()).collect();
-        sensors.sort();
+    /// Those of `config`, with linear models of `nodes` nodes.
+    pub(super) fn new(config: &Config, nodes: usize) -> Result<Self> {
+        let mut sensors: Vec<&str> = config.gels.iter().map(|gel| gel.sensor.as_str()).collect();
+        sensors.sort_unstable();
         sensors.dedup();
         let meshes = sensors.iter().map(|name| Sensor::named(name)?.pad(config.model_nodes));
         let meshes = meshes.collect::<Result<Vec<_>>>()?;
         let pad = |gel: &crate::dataset::Gel| {
+            let sensor = Sensor::named(&gel.sensor)?;
             let graph = sensors.iter().position(|name| *name == gel.sensor).unwrap_or_default();
             let moduli = Moduli { young: gel.young, poisson: gel.poisson };
-            let options = Options { friction: gel.friction, sweeps: 0 };
-            let linear = Compliance::new(body(&meshes[graph], moduli)?, options)?;
-            let thickness = Sensor::named(&gel.sensor)?.outline.thickness;
-            Ok(Pad { graph, gel: Gel { moduli, friction: gel.friction, thickness }, linear })
+            let thickness = sensor.outline.thickness;
+            let gel = Gel { moduli, friction: gel.friction, thickness };
+            let mesh = meshes[graph].clone();
+            Ok(Pad { graph, gel, linear: Linear::new(&sensor, &gel, nodes, &mesh)?, mesh })
         };
         let pads = config.gels.par_iter().map(pad).collect::<Result<_>>()?;
-        Ok(Self { graphs: meshes.iter().map(PadGraph::new).collect::<Result<_>>()?, pads })
+        Ok(Self { graphs: meshes.iter().map(PadGraph::new).collect::<Result<_>>()?, pads, nodes })
     }
 
     /// Every frame of `dataset` whose grasp is `wanted`, and how many the linear model did not
@@ -75,42 +82,55 @@ impl Gels {
     ) -> Result<(Vec<Sample>, usize)> {
         let shard = |index: usize| {
             let (object, pads) = dataset.read(index)?;
-            let pads = pads.iter().filter(|pad| wanted(&pad.grasp));
+            let shape = object.shape.clone().validated()?;
+            let answers = self.answers(dataset, index, &shape, &pads)?;
             let mut lost = 0;
             let mut samples = Vec::new();
-            for pad in pads {
-                let found = self.frames(&object.shape, pad)?;
-                lost += pad.poses.len() - found.len();
-                samples.extend(found);
+            for (frames, answers) in pads.iter().zip(&answers) {
+                if wanted(&frames.grasp) {
+                    lost += frames.poses.len() - answers.len();
+                    let one = |(i, linear)| self.sample(frames, i, &shape, linear);
+                    samples.extend(answers.iter().enumerate().map(one));
+                }
             }
             Ok((samples, lost))
         };
-        let shards: Vec<_> = (0..dataset.shards()).into_par_iter().map(shard).collect::<Result<_>>()?;
+        let shards: Vec<_> =
+            (0..dataset.shards()).into_par_iter().map(shard).collect::<Result<_>>()?;
         let lost = shards.iter().map(|(_, lost)| lost).sum();
         Ok((shards.into_iter().flat_map(|(samples, _)| samples).collect(), lost))
     }
 
-    fn frames(&self, shape: &Shape, frames: &PadFrames) -> Result<Vec<Sample>> {
-        let pad = &self.pads[frames.gel];
-        let shapes = [shape.clone().validated()?];
-        let path = frames.poses.iter().map(|&pose| vec![pose]).collect();
-        let press = Press::along(shapes.to_vec(), path)?;
-        let answers = pad.linear.solve_path(&press);
-        let places = &pad.linear.body().mesh().vertices;
-        let solved = answers.into_iter().enumerate().filter_map(|(i, answer)| Some((i, answer.ok()?)));
-        Ok(solved.map(|(frame, linear)| self.sample(pad, frames, frame, places, &shapes, &linear)).collect())
+    /// The linear answers of a shard, read or made.
+    fn answers(
+        &self,
+        dataset: &Dataset,
+        index: usize,
+        shape: &Shape,
+        pads: &[PadFrames],
+    ) -> Result<Answers> {
+        let shard = dataset.name(index);
+        let path = dataset.folder().join(format!("linear/{}-{shard}.safetensors", self.nodes));
+        if let Some(stored) = read(&path, pads) {
+            return Ok(stored);
+        }
+        let path_of = |frames: &PadFrames| -> Result<Vec<Carried>> {
+            let linear = &self.pads[frames.gel].linear;
+            let poses = frames.poses.iter().map(|&pose| vec![pose]).collect();
+            let press = Press::along(vec![shape.clone()], poses)?;
+            let answers = linear.path(&press).into_iter().map_while(Result::ok);
+            Ok(answers.map(|answer| linear.carry(&answer)).collect())
+        };
+        let answers: Answers = pads.par_iter().map(path_of).collect::<Result<_>>()?;
+        write(&path, &answers)?;
+        // What was read back must be what is trained on, also in the run that made it.
+        read(&path, pads).ok_or_else(|| failed(&path, &"not what was written"))
     }
 
-    fn sample(
-        &self,
-        pad: &Pad,
-        frames: &PadFrames,
-        frame: usize,
-        places: &[Point3<f64>],
-        shapes: &[Shape],
-        linear: &Deformation,
-    ) -> Sample {
+    fn sample(&self, frames: &PadFrames, frame: usize, shape: &Shape, linear: &Carried) -> Sample {
+        let pad = &self.pads[frames.gel];
         let (graph, gel) = (&self.graphs[pad.graph], &pad.gel);
+        let places: &[Point3<f64>] = &pad.mesh.mesh.vertices;
         let (nodes, tets) = (places.len(), graph.tets());
         let part = |field: &[f32], size: usize, unit: f64| -> Vec<f32> {
             let unit = unit as f32;
@@ -123,7 +143,7 @@ impl Gels {
             graph: pad.graph,
             gel: frames.gel,
             grasp: frames.grasp.clone(),
-            question: Question::new(graph, gel, places, shapes, linear),
+            question: Question::new(graph, gel, places, std::slice::from_ref(shape), linear),
             truth: Truth {
                 displacement: part(&frames.displacement, 3 * nodes, gel.thickness),
                 stress: part(&frames.von_mises, tets, gel.moduli.shear()),
@@ -132,4 +152,63 @@ impl Gels {
             },
         }
     }
+}
+
+/// Writes answers so that they are there whole or not at all.
+fn write(path: &PathBuf, answers: &Answers) -> Result<()> {
+    let vectors = |field: &[Vector3<f64>]| -> Vec<f64> { field.iter().flat_map(|v| [v.x, v.y, v.z]).collect() };
+    let mut fields: Vec<(String, Vec<u8>)> = Vec::new();
+    for (pad, answers) in answers.iter().enumerate() {
+        let mut put = |name: &str, of: &dyn Fn(&Carried) -> Vec<f64>| {
+            let numbers = answers.iter().flat_map(of);
+            let bytes = numbers.flat_map(|x| (x as f32).to_le_bytes()).collect();
+            fields.push((format!("{pad}.{name}"), bytes));
+        };
+        put("displacement", &|answer| vectors(&answer.displacement));
+        put("contact_force", &|answer| vectors(&answer.contact_force));
+        put("von_mises", &|answer| answer.von_mises.clone());
+    }
+    let views = fields.iter().map(|(name, bytes)| {
+        let view = TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes);
+        (name, view.expect("as many bytes as the shape says"))
+    });
+    let bytes = safetensors::serialize(views.collect::<HashMap<_, _>>(), None).expect("valid tensors");
+    let partial = path.with_extension("partial");
+    fs::create_dir_all(path.parent().unwrap_or(path))
+        .and_then(|()| fs::write(&partial, bytes))
+        .and_then(|()| fs::rename(&partial, path))
+        .map_err(|error| failed(path, &error))
+}
+
+/// The answers in a file to the presses of `pads`, if it is whole.
+fn read(path: &PathBuf, pads: &[PadFrames]) -> Option<Answers> {
+    let bytes = fs::read(path).ok()?;
+    let file = SafeTensors::deserialize(&bytes).ok()?;
+    let pad = |(number, frames): (usize, &PadFrames)| {
+        let (nodes, tets) = (
+            frames.displacement.len() / frames.poses.len(),
+            frames.von_mises.len() / frames.poses.len(),
+        );
+        let field = |name: &str| -> Option<Vec<f64>> {
+            let tensor = file.tensor(&format!("{number}.{name}")).ok()?;
+            let numbers = tensor.data().as_chunks().0.iter();
+            Some(numbers.map(|bytes| f64::from(f32::from_le_bytes(*bytes))).collect())
+        };
+        let vectors = |numbers: &[f64]| numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect();
+        let (displacement, force) = (field("displacement")?, field("contact_force")?);
+        let stress = field("von_mises")?;
+        let each = displacement.chunks(nodes).zip(force.chunks(nodes)).zip(stress.chunks(tets));
+        let frame = |(((u, f), s), pose): (((&[f64], &[f64]), &[f64]), &Isometry3<f64>)| Carried {
+            displacement: vectors(u),
+            contact_force: vectors(f),
+            von_mises: s.to_vec(),
+            poses: vec![*pose],
+        };
+        Some(each.zip(&frames.poses).map(frame).collect())
+    };
+    pads.iter().enumerate().map(pad).collect()
+}
+
+fn failed(path: &PathBuf, reason: &dyn std::fmt::Display) -> Error {
+    Error::File { path: path.display().to_string(), reason: reason.to_string() }
 }

@@ -1,7 +1,8 @@
 //! Training: batches over threads, a rate that falls with a cosine, checkpoints that resume exactly.
 
-use std::{f64::consts::PI, time::Instant};
+use std::{collections::BTreeMap, f64::consts::PI, time::Instant};
 
+use candle_core::Tensor;
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -9,8 +10,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     adam::{self, Adam},
-    corrector::{Batch, Corrector, CorrectorConfig},
-    loss::{errors, parts},
+    corrector::{Corrector, CorrectorConfig},
+    loss::parts,
     parameters::Parameters,
     samples::{Gels, Sample},
 };
@@ -34,6 +35,8 @@ pub struct Training {
     pub warmup: f64,
     /// Largest norm of a gradient.
     pub clip: f64,
+    /// Nodes of the mesh of the linear model, at most.
+    pub linear_nodes: usize,
     /// Sizes of the network.
     pub network: CorrectorConfig,
 }
@@ -48,6 +51,7 @@ impl Default for Training {
             rate: 2e-3,
             warmup: 0.05,
             clip: 1.0,
+            linear_nodes: 2000,
             network: CorrectorConfig::default(),
         }
     }
@@ -84,6 +88,10 @@ pub(super) struct Trainer {
     pub(super) epoch: usize,
 }
 
+/// Shapes and values by name.
+type Vectors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
+/// What the names of first and second moments begin with.
+const MOMENTS: [&str; 2] = ["moment-1", "moment-2"];
 /// A part of a batch that one thread computes.
 const PIECE: usize = 4;
 
@@ -92,6 +100,32 @@ impl Trainer {
         let parameters = Parameters::drawn(training.seed);
         let network = Corrector::new(&training.network, &parameters.builder())?;
         Ok(Self { training, parameters, network, adam: Adam::default(), epoch: 0 })
+    }
+
+    /// Weights and the optimiser's moments, by name.
+    pub(super) fn vectors(&self) -> Result<Vectors> {
+        let mut all = self.parameters.vectors()?;
+        for (name, moments) in &self.adam.moments {
+            for (which, values) in MOMENTS.iter().zip(moments) {
+                all.insert(format!("{which}.{name}"), (vec![values.len()], values.clone()));
+            }
+        }
+        Ok(all)
+    }
+
+    /// Goes back to what [`Trainer::vectors`] gave after `epoch` epochs and `steps` steps.
+    pub(super) fn restore(&mut self, vectors: &Vectors, epoch: usize, steps: u64) -> Result<()> {
+        let missing = |name: &str| Error::Network { reason: format!("{name}: not in the checkpoint") };
+        for (name, variable) in self.parameters.all() {
+            let find = |name: &str| vectors.get(name).ok_or_else(|| missing(name));
+            let (shape, values) = find(&name)?;
+            let tensor = Tensor::from_slice(values, shape.as_slice(), variable.device())?;
+            variable.set(&tensor)?;
+            let [first, second] = MOMENTS.map(|which| find(&format!("{which}.{name}")));
+            self.adam.moments.insert(name, [first?.1.clone(), second?.1.clone()]);
+        }
+        (self.epoch, self.adam.steps) = (epoch, steps);
+        Ok(())
     }
 
     /// Batches of one epoch: pieces of sample numbers on one graph, and a mirror for each.
@@ -144,17 +178,4 @@ impl Trainer {
         let seconds = start.elapsed().as_secs_f64();
         Ok(Epoch { epoch: self.epoch, steps: self.adam.steps, errors: sums, seconds })
     }
-}
-
-/// Relative errors of each sample: displacement, stress, nodal forces, net force.
-pub(super) fn judge(network: &Corrector, gels: &Gels, samples: &[Sample]) -> Result<Vec<[f32; 4]>> {
-    let one = |sample: &Sample| {
-        let answer = network.forward(&Batch::new(&[&sample.question])?, &gels.graphs[sample.graph])?;
-        let mut values = [0.0; 4];
-        for (value, error) in values.iter_mut().zip(errors(&answer, &[&sample.truth])?) {
-            *value = error.squeeze(0)?.to_scalar()?;
-        }
-        Ok(values)
-    };
-    samples.par_iter().map(one).collect()
 }

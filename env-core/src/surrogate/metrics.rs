@@ -1,0 +1,227 @@
+//! Errors of an answerer against the truth, press by press and as they are reported.
+//!
+//! Relative errors are ‖x̂ − x‖ / ‖x‖ over all nodes or tetrahedra of a press; medians and 95th
+//! percentiles are over presses. Presses whose true displacement is below 1 µm (root mean square) are
+//! counted apart, for they have no relative error worth the name. Nothing is clipped or left out.
+
+use serde::{Deserialize, Serialize};
+
+use super::{corrector::Batch, corrector::Corrector, features::Truth, samples::Gels, samples::Sample};
+use crate::Result;
+
+/// Root mean square displacement below which a press is counted apart (m).
+const STILL: f64 = 1e-6;
+/// Share of the peak stress from which a tetrahedron belongs to the stressed set.
+const STRESSED: f64 = 0.05;
+
+/// Fields of an answer in the units of [`Truth`].
+pub(super) struct Fields {
+    pub(super) displacement: Vec<f32>,
+    pub(super) stress: Vec<f32>,
+    pub(super) forces: Vec<f32>,
+    pub(super) force: [f32; 3],
+}
+
+/// Errors of one press.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PressErrors {
+    /// Largest true displacement over the pad's thickness.
+    pub amplitude: f64,
+    /// Whether it hardly moves.
+    pub still: bool,
+    /// Mean absolute error of displacement, by component (m).
+    pub displacement_mae: f64,
+    /// Relative error of displacement.
+    pub displacement: f64,
+    /// Mean absolute error of von Mises stress (Pa).
+    pub stress_mae: f64,
+    /// Relative error of stress.
+    pub stress: f64,
+    /// Relative error of stress in the tetrahedra above 5 % of the peak.
+    pub stressed: f64,
+    /// Relative error of stress in the tetrahedron of the true peak, signed.
+    pub peak: f64,
+    /// Relative error of the contact forces on the nodes of the face.
+    pub nodal_force: f64,
+    /// Relative error of the net force's vector.
+    pub force: f64,
+}
+
+/// Median and 95th percentile.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Spread {
+    /// Half of the presses are below it.
+    pub median: f64,
+    /// One in twenty is above it.
+    pub p95: f64,
+}
+
+/// Errors over presses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Presses that move.
+    pub presses: usize,
+    /// Presses that hardly do, counted apart.
+    pub still: usize,
+    /// Mean absolute error of displacement (m).
+    pub displacement_mae: f64,
+    /// Relative error of displacement.
+    pub displacement: Spread,
+    /// Mean absolute error of stress (Pa).
+    pub stress_mae: f64,
+    /// Relative error of stress.
+    pub stress: Spread,
+    /// Relative error of stress in the stressed set.
+    pub stressed: Spread,
+    /// Relative error at the peak, without its sign.
+    pub peak: Spread,
+    /// Relative error of the forces on nodes.
+    pub nodal_force: Spread,
+    /// Relative error of the net force.
+    pub force: Spread,
+}
+
+impl PressErrors {
+    /// Of `found` against `truth`, with units of length (m), stress (Pa) and `[…]`.
+    pub(super) fn of(found: &Fields, truth: &Truth, length: f64, stress: f64) -> Self {
+        let nodes = (truth.displacement.len() / 3) as f64;
+        let size = norm(&truth.displacement) * length;
+        let peak = (0..truth.stress.len()).max_by(|&a, &b| truth.stress[a].total_cmp(&truth.stress[b]));
+        let peak = peak.unwrap_or_default();
+        let high = f64::from(truth.stress[peak]);
+        let stressed: Vec<usize> =
+            (0..truth.stress.len()).filter(|&t| f64::from(truth.stress[t]) > STRESSED * high).collect();
+        let pick = |field: &[f32]| -> Vec<f32> { stressed.iter().map(|&t| field[t]).collect() };
+        let amplitude = truth.displacement.as_chunks::<3>().0.iter().map(|u| norm(u));
+        Self {
+            amplitude: amplitude.fold(0.0, f64::max),
+            still: size < STILL * nodes.sqrt(),
+            displacement_mae: length * mean_difference(&found.displacement, &truth.displacement),
+            displacement: relative(&found.displacement, &truth.displacement),
+            stress_mae: stress * mean_difference(&found.stress, &truth.stress),
+            stress: relative(&found.stress, &truth.stress),
+            stressed: relative(&pick(&found.stress), &pick(&truth.stress)),
+            peak: f64::from(found.stress[peak]) / high - 1.0,
+            nodal_force: relative(&found.forces, &truth.forces),
+            force: relative(&found.force, &truth.force),
+        }
+    }
+}
+
+impl Summary {
+    /// Of single presses.
+    pub fn of(presses: &[PressErrors]) -> Self {
+        let moving: Vec<_> = presses.iter().filter(|errors| !errors.still).collect();
+        let spread = |field: fn(&PressErrors) -> f64| {
+            let mut values: Vec<f64> = moving.iter().map(|errors| field(errors).abs()).collect();
+            values.sort_by(f64::total_cmp);
+            let at = |share: f64| {
+                let last = values.len().saturating_sub(1) as f64;
+                values.get((share * last).round() as usize).copied().unwrap_or_default()
+            };
+            Spread { median: at(0.5), p95: at(0.95) }
+        };
+        let mean = |field: fn(&PressErrors) -> f64| {
+            presses.iter().map(field).sum::<f64>() / presses.len().max(1) as f64
+        };
+        Self {
+            presses: moving.len(),
+            still: presses.len() - moving.len(),
+            displacement_mae: mean(|e| e.displacement_mae),
+            displacement: spread(|e| e.displacement),
+            stress_mae: mean(|e| e.stress_mae),
+            stress: spread(|e| e.stress),
+            stressed: spread(|e| e.stressed),
+            peak: spread(|e| e.peak),
+            nodal_force: spread(|e| e.nodal_force),
+            force: spread(|e| e.force),
+        }
+    }
+}
+
+fn norm(field: &[f32]) -> f64 {
+    field.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt()
+}
+
+fn relative(found: &[f32], truth: &[f32]) -> f64 {
+    let difference: Vec<f32> = found.iter().zip(truth).map(|(a, b)| a - b).collect();
+    norm(&difference) / norm(truth).max(f64::MIN_POSITIVE)
+}
+
+fn mean_difference(found: &[f32], truth: &[f32]) -> f64 {
+    let sum: f64 = found.iter().zip(truth).map(|(a, b)| f64::from((a - b).abs())).sum();
+    sum / truth.len() as f64
+}
+
+/// Errors of the linear answers of `samples`.
+pub(super) fn judge_linear(gels: &Gels, samples: &[Sample]) -> Vec<PressErrors> {
+    let one = |sample: &Sample| {
+        let question = &sample.question;
+        let [x, y, z] = question.forces.as_chunks::<3>().0.iter().fold(
+            question.other_force,
+            |sum, force| std::array::from_fn(|i| sum[i] + force[i]),
+        );
+        let fields = Fields {
+            displacement: question.displacement.clone(),
+            stress: question.stress.clone(),
+            forces: question.forces.clone(),
+            force: [x, y, z],
+        };
+        errors(gels, sample, &fields)
+    };
+    samples.iter().map(one).collect()
+}
+
+/// Errors of the network on `samples`.
+pub(super) fn judge(network: &Corrector, gels: &Gels, samples: &[Sample]) -> Result<Vec<PressErrors>> {
+    use rayon::prelude::*;
+    let one = |sample: &Sample| {
+        let answer = network.forward(&Batch::new(&[&sample.question])?, &gels.graphs[sample.graph])?;
+        let force: Vec<f32> = answer.force.flatten_all()?.to_vec1()?;
+        let fields = Fields {
+            displacement: answer.displacement.flatten_all()?.to_vec1()?,
+            stress: answer.stress.flatten_all()?.to_vec1()?,
+            forces: answer.forces.flatten_all()?.to_vec1()?,
+            force: [force[0], force[1], force[2]],
+        };
+        Ok(errors(gels, sample, &fields))
+    };
+    samples.par_iter().map(one).collect()
+}
+
+fn errors(gels: &Gels, sample: &Sample, fields: &Fields) -> PressErrors {
+    let gel = &gels.pads[sample.gel].gel;
+    PressErrors::of(fields, &sample.truth, gel.thickness, gel.moduli.shear())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_are_the_ratios_of_norms() {
+        let truth = Truth {
+            displacement: vec![3e-3, 0.0, 4e-3],
+            stress: vec![1.0, 0.5, 0.01],
+            forces: vec![0.0, 0.0, 2.0],
+            force: [0.0, 0.0, 2.0],
+        };
+        let found = Fields {
+            displacement: vec![3e-3, 0.0, 3e-3],
+            stress: vec![0.9, 0.5, 0.02],
+            forces: vec![0.0, 1.0, 2.0],
+            force: [0.0, 0.0, 1.0],
+        };
+        let errors = PressErrors::of(&found, &truth, 2.0, 10.0);
+        let near = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-5, "{a} for {b}");
+        near(errors.displacement, 0.2);
+        near(errors.displacement_mae, 2.0 * 1e-3 / 3.0);
+        near(errors.peak, -0.1);
+        near(errors.stressed, 0.1 / 1.25_f64.sqrt());
+        near(errors.force, 0.5);
+        near(errors.nodal_force, 0.5);
+        assert!(!errors.still);
+        let still = Truth { displacement: vec![1e-9; 3], ..truth };
+        assert!(PressErrors::of(&found, &still, 2.0, 10.0).still);
+    }
+}

@@ -1,0 +1,142 @@
+//! Weights as a file, with a card that says what they are.
+//!
+//! A file is safetensors; the card is JSON in its metadata. Nothing is allocated on the word of a
+//! file: it is read only up to a size that no network of ours has, and its tensors must have the
+//! shapes that the card's network asks for.
+
+use std::{collections::BTreeMap, fs, path::Path};
+
+use candle_core::{Device, Tensor};
+use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+
+use super::{
+    corrector::CorrectorConfig, metrics::Summary, parameters::Parameters, train::Training,
+};
+use crate::{Error, Result};
+
+/// What a network is, what it learnt from and how well.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Card {
+    /// Form of the network.
+    pub variant: String,
+    /// Sizes of the network.
+    pub network: CorrectorConfig,
+    /// Nodes of the model mesh, at most.
+    pub model_nodes: usize,
+    /// Nodes of the mesh of the linear model, at most.
+    pub linear_nodes: usize,
+    /// How it was trained.
+    pub training: Training,
+    /// What it was trained on.
+    pub data: Data,
+    /// Errors on the split's test part.
+    pub test: Summary,
+    /// Errors of the linear answer on the same presses.
+    pub linear: Summary,
+}
+
+/// What a network was trained on.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Data {
+    /// SHA-256 of the dataset's configuration and the split's grasps.
+    pub fingerprint: String,
+    /// Commit that trained.
+    pub trained_by: String,
+    /// Grasps, and frames of their pads, trained on and tested on.
+    pub train: [usize; 2],
+    /// As `train`.
+    pub test: [usize; 2],
+    /// Sensors.
+    pub sensors: Vec<String>,
+    /// Largest displacement over the pad's thickness.
+    pub amplitude: f64,
+    /// Least and largest Poisson's ratio.
+    pub poisson: [f64; 2],
+    /// Least and largest coefficient of friction.
+    pub friction: [f64; 2],
+}
+
+/// Largest file that is read (bytes).
+const MOST: u64 = 64 << 20;
+/// Key of what a file says of itself.
+const KEY: &str = "card";
+
+/// The bytes of named vectors with `card`.
+pub(super) fn to_bytes(
+    tensors: &BTreeMap<String, (Vec<usize>, Vec<f32>)>,
+    card: &impl Serialize,
+) -> Vec<u8> {
+    let fields: BTreeMap<&str, (&[usize], Vec<u8>)> = tensors
+        .iter()
+        .map(|(name, (shape, values))| {
+            let bytes = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+            (name.as_str(), (shape.as_slice(), bytes))
+        })
+        .collect();
+    let views = fields.iter().map(|(name, (shape, bytes))| {
+        let view = TensorView::new(Dtype::F32, shape.to_vec(), bytes);
+        (*name, view.expect("as many bytes as the shape says"))
+    });
+    let text = serde_json::to_string(card).expect("plain data");
+    let metadata = [(KEY.to_owned(), text)].into();
+    safetensors::serialize(views, Some(metadata)).expect("valid tensors")
+}
+
+/// The tensors and the card in `bytes`, or why `name` is not such a file.
+pub(super) fn from_bytes<C: DeserializeOwned>(
+    name: &str,
+    bytes: &[u8],
+) -> Result<(BTreeMap<String, (Vec<usize>, Vec<f32>)>, C)> {
+    let bad = |reason: String| Error::File { path: name.to_owned(), reason };
+    let file = SafeTensors::deserialize(bytes).map_err(|error| bad(error.to_string()))?;
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
+    let text = metadata.metadata().as_ref().and_then(|map| map.get(KEY));
+    let text = text.ok_or_else(|| bad("no card in it, expected weights of ruffini".into()))?;
+    let card = serde_json::from_str(text).map_err(|error| bad(format!("its card: {error}")))?;
+    let mut tensors = BTreeMap::new();
+    for (tensor, view) in file.tensors() {
+        if view.dtype() != Dtype::F32 {
+            return Err(bad(format!("{tensor} is {:?}, expected F32", view.dtype())));
+        }
+        let numbers = view.data().as_chunks().0.iter();
+        let values: Vec<f32> = numbers.map(|bytes| f32::from_le_bytes(*bytes)).collect();
+        if let Some(x) = values.iter().find(|x| !x.is_finite()) {
+            return Err(bad(format!("{tensor} holds {x}, expected finite numbers")));
+        }
+        tensors.insert(tensor, (view.shape().to_vec(), values));
+    }
+    Ok((tensors, card))
+}
+
+/// Reads a file that is not larger than any of ours.
+pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
+    let bad = |reason: String| Error::File { path: path.display().to_string(), reason };
+    let size = fs::metadata(path).map_err(|error| bad(error.to_string()))?.len();
+    if size > MOST {
+        return Err(bad(format!("{size} bytes, expected at most {MOST}")));
+    }
+    fs::read(path).map_err(|error| bad(error.to_string()))
+}
+
+/// The variables among `tensors`.
+pub(super) fn parameters(tensors: BTreeMap<String, (Vec<usize>, Vec<f32>)>) -> Result<Parameters> {
+    let tensor = |(name, (shape, values)): (String, (Vec<usize>, Vec<f32>))| {
+        Ok((name, Tensor::from_vec(values, shape, &Device::Cpu)?))
+    };
+    let tensors = tensors.into_iter().map(tensor).collect::<candle_core::Result<Vec<_>>>()?;
+    Ok(Parameters::given(tensors)?)
+}
+
+impl Parameters {
+    /// All variables as vectors.
+    pub(super) fn vectors(&self) -> Result<BTreeMap<String, (Vec<usize>, Vec<f32>)>> {
+        let vector = |(name, variable): (String, candle_core::Var)| {
+            let values = variable.flatten_all()?.to_vec1()?;
+            Ok((name, (variable.dims().to_vec(), values)))
+        };
+        self.all().into_iter().map(vector).collect()
+    }
+}
