@@ -4,6 +4,7 @@
 mod dataset;
 mod error;
 mod mechanics;
+mod training;
 
 use std::sync::Arc;
 
@@ -201,9 +202,11 @@ mod _core {
     #[pymodule_export]
     use crate::dataset::generate_dataset;
     #[pymodule_export]
+    use crate::training::{evaluate_surrogate, train_surrogate};
+    #[pymodule_export]
     use crate::mechanics::{
         Antipodal, Compliance, Deformation, Fem, Grasp, Grasped, History, Object, Press, Shape,
-        SoftBody, TetMesh, Transfer, objects, sensor,
+        SoftBody, Surrogate, TetMesh, Transfer, objects, sensor,
     };
 
     use super::{Bound, CATALOGUE, CHANNELS, Ending, PyModule, PyModuleMethods, PyResult, TERMS};

@@ -85,11 +85,12 @@ impl Surrogate {
         answers.map(|linear| self.correct(press, linear?)).collect()
     }
 
-    /// Whether an answer lies in the range that the network has learnt.
-    pub fn knows(&self, answer: &Deformation) -> bool {
+    /// Whether an answer with that displacement (V, 3) in m, on this gel, is like what the network has
+    /// learnt from.
+    pub fn knows(&self, displacement: &[Vector3<f64>]) -> bool {
         let data = &self.card.data;
         let within = |x: f64, [low, high]: [f64; 2]| (low..=high).contains(&x);
-        let deepest = answer.displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
+        let deepest = displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
         deepest <= data.amplitude * self.gel.thickness
             && within(self.gel.moduli.poisson, data.poisson)
             && within(self.gel.friction, data.friction)

@@ -27,8 +27,6 @@ pub(super) const PLACE_FEATURES: usize = 4;
 /// What all presses of one pad mesh share.
 #[derive(Clone, Debug)]
 pub(super) struct PadGraph {
-    /// Thickness of the pad (m).
-    pub(super) thickness: f64,
     /// Number of columns.
     pub(super) columns: usize,
     /// From fine to coarse.
@@ -100,7 +98,6 @@ impl PadGraph {
         let corners: Vec<Vec<_>> =
             pad.mesh.tets.iter().map(|tet| tet.iter().map(corner).collect()).collect();
         Ok(Self {
-            thickness,
             columns,
             scales,
             places: place_features(&faces),

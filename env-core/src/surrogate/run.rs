@@ -20,6 +20,13 @@ use crate::{
 /// What a run has come to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress {
+    /// A shard of the dataset has been read, its linear answers made where they were missing.
+    Shard {
+        /// Shards so far.
+        done: usize,
+        /// Shards of the dataset.
+        all: usize,
+    },
     /// The samples are there: those to train on, and those that the linear model did not answer.
     Samples {
         /// Frames to train on.
@@ -27,6 +34,8 @@ pub enum Progress {
         /// Frames without a linear answer.
         lost: usize,
     },
+    /// A step of training is done.
+    Batch,
     /// An epoch is over.
     Epoch {
         /// Errors on its batches.
@@ -70,26 +79,29 @@ pub fn train(
     let dataset = Dataset::open(data)?;
     let gels = Gels::new(dataset.config(), training.linear_nodes)?;
     let split = dataset.split(&training.split)?.clone();
-    let part = |names: &[String]| -> Result<(Vec<Sample>, usize)> {
-        gels.samples(&dataset, &|grasp| names.iter().any(|name| name == grasp))
-    };
-    let (samples, lost) = part(&split.train)?;
+    let parts = [&split.train[..], &split.validation, &split.test];
+    let mut go_on = true;
+    let ([samples, validation, test], lost) = gels.samples(&dataset, parts, &mut |done, all| {
+        go_on = watch(&Progress::Shard { done, all });
+        go_on
+    })?;
+    if !go_on {
+        return Ok(None);
+    }
     if samples.is_empty() {
         let found = format!("{} with no frames to train on", training.split);
         return Err(Error::invalid("split", found, "a split with frames in the dataset"));
     }
-    let (validation, _) = part(&split.validation)?;
     fs::create_dir_all(out).map_err(|error| failed(out, &error))?;
     let fingerprint = fingerprint(&dataset, &split);
     let mut run = Run::resumed(training, out, fingerprint)?;
-    let mut go_on = watch(&Progress::Samples { train: samples.len(), lost });
+    go_on = watch(&Progress::Samples { train: samples.len(), lost });
     while go_on && run.trainer.epoch < training.epochs {
         go_on = run.epoch(&gels, &samples, &validation, out, watch)?;
     }
     if run.trainer.epoch < training.epochs {
         return Ok(None);
     }
-    let (test, _) = part(&split.test)?;
     let network = run.chosen(out)?;
     let card = run.card(&dataset, &gels, [&samples, &test], &network, trained_by)?;
     write(&out.join(WEIGHTS), &weights::to_bytes(&network.1, &card))?;
@@ -134,7 +146,8 @@ impl Run {
         watch: &mut dyn FnMut(&Progress) -> bool,
     ) -> Result<bool> {
         let start = Instant::now();
-        let epoch = self.trainer.epoch(gels, samples)?;
+        let mut on = || watch(&Progress::Batch);
+        let Some(epoch) = self.trainer.epoch(gels, samples, &mut on)? else { return Ok(false) };
         let judged = || judge(&self.trainer.network, gels, validation);
         let errors = (!validation.is_empty()).then(judged).transpose()?;
         let validation = errors.map(|errors| Summary::of(&errors));
@@ -244,7 +257,7 @@ pub fn evaluate(
     let dataset = Dataset::open(data)?;
     let gels = Gels::new(dataset.config(), card.linear_nodes)?;
     let names = &dataset.split(split)?.test;
-    let (samples, _) = gels.samples(&dataset, &|grasp| names.iter().any(|name| name == grasp))?;
+    let ([samples], _) = gels.samples(&dataset, [names], &mut |_, _| true)?;
     let found = judge(&network, &gels, &samples)?.into_iter().zip(judge_linear(&gels, &samples));
     Ok(samples.iter().zip(found).map(|(s, (net, linear))| (s.grasp.clone(), net, linear)).collect())
 }

@@ -2,7 +2,11 @@
 //!
 //! Linear answers are kept beside the dataset, a file for each shard, and made where they are missing.
 
-use std::{collections::HashMap, fs, path::PathBuf};
+use std::{
+    collections::{HashMap, HashSet},
+    fs,
+    path::PathBuf,
+};
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
@@ -73,32 +77,37 @@ impl Gels {
         Ok(Self { graphs: meshes.iter().map(PadGraph::new).collect::<Result<_>>()?, pads, nodes })
     }
 
-    /// Every frame of `dataset` whose grasp is `wanted`, and how many the linear model did not
-    /// answer.
-    pub(super) fn samples(
+    /// Every frame of `dataset` whose grasp is in one of `parts`, for each part, and how many the linear
+    /// model did not answer. `watch` is told of each shard; if it says no, what is there is returned.
+    pub(super) fn samples<const N: usize>(
         &self,
         dataset: &Dataset,
-        wanted: &(dyn Fn(&str) -> bool + Sync),
-    ) -> Result<(Vec<Sample>, usize)> {
-        let shard = |index: usize| {
+        parts: [&[String]; N],
+        watch: &mut dyn FnMut(usize, usize) -> bool,
+    ) -> Result<([Vec<Sample>; N], usize)> {
+        let parts = parts.map(|names| names.iter().map(String::as_str).collect::<HashSet<_>>());
+        let (mut samples, mut lost) = (std::array::from_fn(|_| Vec::new()), 0);
+        for index in 0..dataset.shards() {
             let (object, pads) = dataset.read(index)?;
-            let shape = object.shape.clone().validated()?;
-            let answers = self.answers(dataset, index, &shape, &pads)?;
-            let mut lost = 0;
-            let mut samples = Vec::new();
-            for (frames, answers) in pads.iter().zip(&answers) {
-                if wanted(&frames.grasp) {
-                    lost += frames.poses.len() - answers.len();
-                    let one = |(i, linear)| self.sample(frames, i, &shape, linear);
-                    samples.extend(answers.iter().enumerate().map(one));
+            let wanted = |frames: &PadFrames| parts.iter().any(|p| p.contains(&*frames.grasp));
+            if pads.iter().any(wanted) {
+                let shape = object.shape.clone().validated()?;
+                let answers = self.answers(dataset, index, &shape, &pads)?;
+                for (frames, answers) in pads.iter().zip(&answers) {
+                    for (part, samples) in parts.iter().zip(&mut samples) {
+                        if part.contains(&*frames.grasp) {
+                            lost += frames.poses.len() - answers.len();
+                            let one = |(i, linear)| self.sample(frames, i, &shape, linear);
+                            samples.extend(answers.iter().enumerate().map(one));
+                        }
+                    }
                 }
             }
-            Ok((samples, lost))
-        };
-        let shards: Vec<_> =
-            (0..dataset.shards()).into_par_iter().map(shard).collect::<Result<_>>()?;
-        let lost = shards.iter().map(|(_, lost)| lost).sum();
-        Ok((shards.into_iter().flat_map(|(samples, _)| samples).collect(), lost))
+            if !watch(index + 1, dataset.shards()) {
+                break;
+            }
+        }
+        Ok((samples, lost))
     }
 
     /// The linear answers of a shard, read or made.

@@ -58,6 +58,29 @@ impl Default for Training {
 }
 
 impl Training {
+    /// This training, if a network can be trained so.
+    pub fn validated(self) -> Result<Self> {
+        let positive = [("rate", self.rate), ("clip", self.clip)];
+        if let Some((name, value)) = positive.iter().find(|(_, x)| !(*x > 0.0 && x.is_finite())) {
+            return Err(Error::invalid(*name, value, "a number above 0"));
+        }
+        let CorrectorConfig { width, corner, down, up } = self.network;
+        let rounds = down.iter().chain(&up).copied().max().unwrap_or(0);
+        let counts = [
+            ("epochs", self.epochs, 1, 100_000),
+            ("batch", self.batch, PIECE, 4096),
+            ("width", width, 4, 512),
+            ("corner", corner, 1, 256),
+            ("rounds", rounds, 0, 16),
+        ];
+        for (name, count, least, most) in counts {
+            if !(least..=most).contains(&count) {
+                return Err(Error::invalid(name, count, format!("{least} to {most}")));
+            }
+        }
+        Ok(self)
+    }
+
     /// Learning rate at a step of all `steps`.
     fn rate(&self, step: u64, steps: u64) -> f64 {
         let done = step as f64 / steps.max(1) as f64;
@@ -145,14 +168,23 @@ impl Trainer {
         pieces.chunks((self.training.batch / PIECE).max(1)).map(<[_]>::to_vec).collect()
     }
 
-    /// One epoch over `samples`.
-    pub(super) fn epoch(&mut self, gels: &Gels, samples: &[Sample]) -> Result<Epoch> {
+    /// One epoch over `samples`, or `None` if `go_on`, asked before each step, says no: the weights are
+    /// then somewhere within the epoch.
+    pub(super) fn epoch(
+        &mut self,
+        gels: &Gels,
+        samples: &[Sample],
+        go_on: &mut dyn FnMut() -> bool,
+    ) -> Result<Option<Epoch>> {
         let start = Instant::now();
         let batches = self.batches(samples);
         let all = (batches.len() * self.training.epochs) as u64;
         let variables = self.parameters.all();
         let mut sums = [0.0; 4];
         for batch in &batches {
+            if !go_on() {
+                return Ok(None);
+            }
             let network = &self.network;
             let piece = |(piece, mirror): &(Vec<usize>, usize)| {
                 let samples: Vec<&Sample> = piece.iter().map(|&i| &samples[i]).collect();
@@ -176,6 +208,6 @@ impl Trainer {
         }
         self.epoch += 1;
         let seconds = start.elapsed().as_secs_f64();
-        Ok(Epoch { epoch: self.epoch, steps: self.adam.steps, errors: sums, seconds })
+        Ok(Some(Epoch { epoch: self.epoch, steps: self.adam.steps, errors: sums, seconds }))
     }
 }

@@ -1,8 +1,8 @@
 """Grasping with soft tactile fingertips: vectorised Gymnasium environments, soft-body mechanics.
 
 A soft body (`SoftBody`, or the gel pad of a `sensor`) is pressed by rigid shapes (`Shape`,
-`Press`); a model answers with a `Deformation`: `Fem`, finite elements, or `Compliance`, fast and
-linear. Two pads hold one of the `objects` in a `Grasp`. Lengths are in m, forces in N, stresses in
+`Press`); a model answers with a `Deformation`: `Fem`, finite elements, `Compliance`, fast and
+linear, or `Surrogate`, a network that corrects the linear answer. Two pads hold one of the `objects` in a `Grasp`. Lengths are in m, forces in N, stresses in
 Pa. In the shell, `ruffini press` does one press.
 
 Importing registers the environments; from a worker process use the prefix form,
@@ -28,6 +28,7 @@ from ruffini._core import (
     Shape,
     SimulationError,
     SoftBody,
+    Surrogate,
     TetMesh,
     Transfer,
     __version__,
@@ -52,6 +53,7 @@ __all__ = [
     "Shape",
     "SimulationError",
     "SoftBody",
+    "Surrogate",
     "TetMesh",
     "Transfer",
     "__version__",

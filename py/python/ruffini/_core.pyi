@@ -215,6 +215,34 @@ class Compliance:
     def solve(self, presses: Press | Sequence[Press]) -> list[Deformation | PressError]: ...
     def solve_path(self, press: Press) -> list[Deformation | PressError]: ...
 
+@final
+class Surrogate:
+    def __new__(
+        cls,
+        weights: str = "default",
+        sensor: str = "gelsight-mini",
+        calibration: str | None = None,
+        young: float | None = None,
+        poisson: float | None = None,
+        friction: float | None = None,
+    ) -> Surrogate: ...
+    @staticmethod
+    def load(
+        path: str | PathLike[str],
+        sensor: str = "gelsight-mini",
+        calibration: str | None = None,
+        young: float | None = None,
+        poisson: float | None = None,
+        friction: float | None = None,
+    ) -> Surrogate: ...
+    @property
+    def body(self) -> SoftBody: ...
+    @property
+    def card(self) -> str: ...
+    def solve(self, presses: Press | Sequence[Press]) -> list[Deformation | PressError]: ...
+    def solve_path(self, press: Press) -> list[Deformation | PressError]: ...
+    def knows(self, answer: Deformation) -> bool: ...
+
 def sensor(
     name: str, calibration: str | None = None, resolution: int | None = None
 ) -> SoftBody: ...
@@ -278,3 +306,11 @@ def generate_dataset(
     threads: int,
     watch: Callable[[int, int, int, int, float, int], bool],
 ) -> bool: ...
+def train_surrogate(
+    data: _Path,
+    out: _Path,
+    settings: str,
+    commit: str,
+    watch: Callable[[str, str], bool],
+) -> str | None: ...
+def evaluate_surrogate(weights: _Path, data: _Path, split: str) -> list[tuple[str, str, str]]: ...

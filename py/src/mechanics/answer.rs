@@ -16,7 +16,7 @@ use crate::error::python_error;
 #[pyclass(frozen, get_all, module = "ruffini")]
 pub(crate) struct Deformation {
     /// Displacement of the nodes (V, 3) in m.
-    displacement: Py<PyArray2<f64>>,
+    pub(super) displacement: Py<PyArray2<f64>>,
     /// Von Mises equivalent of the Cauchy stress in the tetrahedra (T,) in Pa.
     von_mises: Py<PyArray1<f64>>,
     /// Contact force on the nodes (V, 3) in N.

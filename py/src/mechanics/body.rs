@@ -79,6 +79,11 @@ impl SoftBody {
 }
 
 impl SoftBody {
+    /// A body made in Rust.
+    pub(super) fn from_core(py: Python<'_>, inner: deformation::SoftBody) -> PyResult<Self> {
+        Self::of(Bound::new(py, TetMesh::of(py, inner.mesh().clone())?)?, inner)
+    }
+
     fn of(mesh: Bound<'_, TetMesh>, inner: deformation::SoftBody) -> PyResult<Self> {
         let fixed = read_only(PyArray1::from_vec(mesh.py(), inner.fixed().to_vec()))?;
         Ok(Self { inner, mesh: mesh.unbind(), fixed })
@@ -122,7 +127,7 @@ pub(crate) fn sensor(
         usize::try_from(nodes).map_err(|_| refused("resolution", nodes, "100 nodes or more"))
     })?;
     let inner = py.detach(|| pad(name, calibration, nodes)).map_err(python_error)?;
-    SoftBody::of(Bound::new(py, TetMesh::of(py, inner.mesh().clone())?)?, inner)
+    SoftBody::from_core(py, inner)
 }
 
 fn pad(name: &str, calibration: Option<&str>, nodes: usize) -> Result<deformation::SoftBody> {

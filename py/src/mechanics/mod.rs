@@ -12,6 +12,7 @@ mod model;
 mod pool;
 mod press;
 mod shape;
+mod surrogate;
 mod transfer;
 
 pub(crate) use answer::{Deformation, History};
@@ -22,4 +23,5 @@ pub(crate) use mesh::TetMesh;
 pub(crate) use model::{Compliance, Fem};
 pub(crate) use press::Press;
 pub(crate) use shape::Shape;
+pub(crate) use surrogate::Surrogate;
 pub(crate) use transfer::Transfer;

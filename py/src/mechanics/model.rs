@@ -161,7 +161,7 @@ impl Compliance {
 }
 
 /// What `model` answers to `presses`, one or a list.
-fn solve<'py, M: DeformationModel>(
+pub(super) fn solve<'py, M: DeformationModel>(
     py: Python<'py>,
     model: &Mutex<M>,
     presses: &Bound<'py, PyAny>,
@@ -179,12 +179,12 @@ fn solve<'py, M: DeformationModel>(
 }
 
 /// The model, even after a panic: no model keeps anything between presses.
-fn locked<M>(model: &Mutex<M>) -> MutexGuard<'_, M> {
+pub(super) fn locked<M>(model: &Mutex<M>) -> MutexGuard<'_, M> {
     model.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A deformation, or the error in its place.
-fn answer(
+pub(super) fn answer(
     py: Python<'_>,
     found: Result<deformation::Deformation>,
     single: bool,

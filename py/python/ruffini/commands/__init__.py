@@ -10,9 +10,9 @@ import sys
 from collections.abc import Sequence
 
 from ruffini import SimulationError, __version__
-from ruffini.commands import dataset, press
+from ruffini.commands import dataset, evaluate, press, train
 
-_COMMANDS = (dataset, press)
+_COMMANDS = (dataset, train, evaluate, press)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,0 +1,168 @@
+//! The trained network as an answerer.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Mutex,
+};
+
+use numpy::PyArrayMethods;
+use pyo3::prelude::*;
+use ruffini_core::{Result, deformation::Moduli, sensor::Sensor, surrogate};
+
+use super::{
+    Deformation, Press, SoftBody,
+    model::{answer, locked, solve},
+};
+use crate::error::python_error;
+
+/// A graph network that corrects the linear answer: as fine finite elements, at a fraction of the time.
+///
+/// Linear elasticity, condensed on a mesh as fine as the network's teacher, answers first; the network
+/// adds what large strain does, on the coarser mesh of `body`. Without contact it adds nothing, exactly.
+///
+/// Args:
+///     weights: Name of shipped weights.
+///     sensor: Name of a sensor, or the path of its .toml file.
+///     calibration: Name of the material; the first of the sensor if not given.
+///     young: Young's modulus (Pa), in place of the calibration's.
+///     poisson: Poisson's ratio, in place of the calibration's.
+///     friction: Coefficient of friction; the sensor's at rest if not given.
+///
+/// Raises:
+///     ValueError: If a name is not known, or the sensor's pad is not one for the network.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct Surrogate {
+    model: Mutex<surrogate::Surrogate>,
+    /// The mesh, with its material, that answers refer to.
+    #[pyo3(get)]
+    body: Py<SoftBody>,
+}
+
+/// What a network is put on.
+struct Gel {
+    sensor: Sensor,
+    moduli: Moduli,
+    friction: f64,
+}
+
+#[pymethods]
+impl Surrogate {
+    #[new]
+    #[pyo3(signature = (weights="default", sensor="gelsight-mini", calibration=None, young=None,
+        poisson=None, friction=None))]
+    fn new(
+        py: Python<'_>,
+        weights: &str,
+        sensor: &str,
+        calibration: Option<&str>,
+        young: Option<f64>,
+        poisson: Option<f64>,
+        friction: Option<f64>,
+    ) -> PyResult<Self> {
+        let model = py.detach(|| {
+            let Gel { sensor, moduli, friction } =
+                Gel::new(sensor, calibration, [young, poisson, friction])?;
+            surrogate::Surrogate::named(weights, &sensor, moduli, friction)
+        });
+        Self::of(py, model.map_err(python_error)?)
+    }
+
+    /// A network of one's own, from the weights that `ruffini train` wrote.
+    ///
+    /// Args:
+    ///     path: The .safetensors file.
+    ///     sensor, calibration, young, poisson, friction: As for Surrogate.
+    ///
+    /// Raises:
+    ///     ValueError: If the file is missing, damaged or of another kind of network.
+    #[staticmethod]
+    #[pyo3(signature = (path, sensor="gelsight-mini", calibration=None, young=None, poisson=None,
+        friction=None))]
+    #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
+    fn load(
+        py: Python<'_>,
+        path: PathBuf,
+        sensor: &str,
+        calibration: Option<&str>,
+        young: Option<f64>,
+        poisson: Option<f64>,
+        friction: Option<f64>,
+    ) -> PyResult<Self> {
+        let model = py.detach(|| {
+            let Gel { sensor, moduli, friction } =
+                Gel::new(sensor, calibration, [young, poisson, friction])?;
+            surrogate::Surrogate::load(&path, &sensor, moduli, friction)
+        });
+        Self::of(py, model.map_err(python_error)?)
+    }
+
+    /// What the weights are, as JSON: form, training, data, errors on what they never saw.
+    #[getter]
+    fn card(&self) -> String {
+        serde_json::to_string(locked(&self.model).card()).expect("plain data")
+    }
+
+    /// Where each press ends, as Fem.solve.
+    ///
+    /// Args:
+    ///     presses: A list of Press, or one.
+    ///
+    /// Returns:
+    ///     A list with a Deformation for each press, or the PressError that says why there is none.
+    ///     `residual` is the force out of balance by the elements of `body`'s own coarse mesh, which
+    ///     even the truth does not balance.
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        presses: &Bound<'py, PyAny>,
+    ) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        solve(py, &self.model, presses)
+    }
+
+    /// Every frame of one press, in order, as Fem.solve_path.
+    ///
+    /// Returns:
+    ///     A list with a Deformation for each frame. It ends early with a PressError at the first
+    ///     frame that is not solved.
+    fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let frames = py.detach(|| locked(&self.model).solve_path(&press.inner));
+        frames.into_iter().map(|frame| answer(py, frame, press.single)).collect()
+    }
+
+    /// Whether an answer of this network lies within what it was trained on: displacement, Poisson's
+    /// ratio, friction.
+    fn knows(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
+        let displacement = answer.displacement.bind(py).try_readonly()?;
+        let numbers: Vec<f64> = displacement.as_array().iter().copied().collect();
+        let vectors: Vec<_> = numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect();
+        Ok(locked(&self.model).knows(&vectors))
+    }
+}
+
+impl Surrogate {
+    fn of(py: Python<'_>, model: surrogate::Surrogate) -> PyResult<Self> {
+        let body = SoftBody::from_core(py, model.body().clone())?;
+        Ok(Self { model: Mutex::new(model), body: Py::new(py, body)? })
+    }
+}
+
+impl Gel {
+    fn new(
+        name: &str,
+        calibration: Option<&str>,
+        [young, poisson, friction]: [Option<f64>; 3],
+    ) -> Result<Self> {
+        let path = Path::new(name);
+        let is_file = path.extension().is_some_and(|extension| extension == "toml");
+        let sensor = if is_file { Sensor::read(path)? } else { Sensor::named(name)? };
+        let known = match calibration {
+            Some(name) => sensor.calibration(name)?,
+            None => &sensor.calibrations[0],
+        };
+        let moduli = Moduli {
+            young: young.unwrap_or(known.young),
+            poisson: poisson.unwrap_or(known.poisson),
+        };
+        Ok(Self { moduli, friction: friction.unwrap_or(sensor.friction.at_rest), sensor })
+    }
+}
