@@ -2,11 +2,12 @@
 
 use std::{path::Path, time::Instant};
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use rayon::prelude::*;
 
 use super::{
-    corrector::{Batch, Corrector},
+    corrector::Corrector,
+    fast::{Fast, Scratch},
     features::{Gel, Question},
     graph::PadGraph,
     linear::{Carried, Linear, body},
@@ -14,7 +15,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    deformation::{Deformation, DeformationModel, Moduli, Press, SoftBody, Wrench},
+    deformation::{Deformation, DeformationModel, Drive, Moduli, Press, SoftBody, Wrench},
     fem::Linearised,
     sensor::Sensor,
 };
@@ -22,7 +23,7 @@ use crate::{
 /// A trained network on one gel.
 pub struct Surrogate {
     card: Card,
-    network: Corrector,
+    network: Fast,
     graph: PadGraph,
     gel: Gel,
     linear: Linear,
@@ -31,6 +32,9 @@ pub struct Surrogate {
     body: SoftBody,
 }
 
+/// Trials of a force drive, and how near to the force is near enough.
+const TRIES: usize = 12;
+const FORCE: f64 = 1e-3;
 /// Weights that are known by name.
 const KNOWN: [(&str, &[u8]); 0] = [];
 
@@ -60,13 +64,15 @@ impl Surrogate {
     ) -> Result<Self> {
         let (tensors, card): (_, Card) = weights::from_bytes(name, bytes)?;
         let parameters = weights::parameters(tensors)?;
-        let network = Corrector::new(&card.network, &parameters.builder())?;
+        let plain = Corrector::new(&card.network, &parameters.builder())?;
         let gel = Gel { moduli, friction, thickness: sensor.outline.thickness };
         let pad = sensor.pad(card.model_nodes)?;
         let linear = Linear::new(sensor, &gel, card.linear_nodes, &pad)?;
         let body = body(&pad, moduli)?;
         let elements = Linearised::new(&body)?;
-        Ok(Self { network, graph: PadGraph::new(&pad)?, gel, linear, elements, body, card })
+        let graph = PadGraph::new(&pad)?;
+        let network = Fast::new(&plain, &graph, &pad.mesh.tets)?;
+        Ok(Self { network, graph, gel, linear, elements, body, card })
     }
 
     /// What the weights are.
@@ -79,10 +85,48 @@ impl Surrogate {
         &self.body
     }
 
-    /// Every frame of `press`, in order; the first that is not solved is an error and the last.
+    /// Every frame of `press`, in order; the first that is not solved is an error and the last. A force
+    /// is that of the network's own answer.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
-        let answers = self.linear.path(press).into_iter();
-        answers.map(|linear| self.correct(press, linear?)).collect()
+        let scratch = &mut Scratch::default();
+        match press.drive() {
+            Drive::Translation { .. } => {
+                let answers = self.linear.path(press).into_iter();
+                answers.map(|linear| self.correct(press, linear?, scratch)).collect()
+            }
+            Drive::Force { poses, force, direction } => {
+                vec![self.push(press, poses, *force, direction, scratch)]
+            }
+        }
+    }
+
+    /// The answer to a force drive: the linear model is asked for that force which the network makes
+    /// the wanted one of.
+    fn push(
+        &self,
+        press: &Press,
+        poses: &[Isometry3<f64>],
+        force: f64,
+        direction: &Unit<Vector3<f64>>,
+        scratch: &mut Scratch,
+    ) -> Result<Deformation> {
+        let (mut asked, mut reached) = (force, 0.0);
+        for _ in 0..TRIES {
+            let shapes = press.shapes().to_vec();
+            let trial = Press::with_force(shapes, poses.to_vec(), asked, direction.into_inner())?;
+            let trial = match press.history() {
+                Some(history) => trial.after(history.clone())?,
+                None => trial,
+            };
+            let linear = self.linear.path(&trial).swap_remove(0)?;
+            let answer = self.correct(press, linear, scratch)?;
+            reached = answer.wrench.force.dot(direction);
+            if (reached / force - 1.0).abs() < FORCE {
+                return Ok(answer);
+            }
+            asked *= (force / reached.max(f64::MIN_POSITIVE)).clamp(0.5, 2.0);
+        }
+        Err(Error::Unreachable { force, reached, travel: 0.0 })
     }
 
     /// Whether an answer with that displacement (V, 3) in m, on this gel, is like what the network has
@@ -97,13 +141,18 @@ impl Surrogate {
     }
 
     /// What the network makes of the linear answer.
-    fn correct(&self, press: &Press, linear: Deformation) -> Result<Deformation> {
+    fn correct(
+        &self,
+        press: &Press,
+        linear: Deformation,
+        scratch: &mut Scratch,
+    ) -> Result<Deformation> {
         let start = Instant::now();
         let carried = self.linear.carry(&linear);
         let places = &self.body.mesh().vertices;
         let question = Question::new(&self.graph, &self.gel, places, press.shapes(), &carried);
         let corrected = if question.amplitude > 0.0 {
-            self.corrected(&question, &carried)?
+            self.corrected(&question, &carried, scratch)
         } else {
             carried
         };
@@ -122,23 +171,21 @@ impl Surrogate {
         })
     }
 
-    fn corrected(&self, question: &Question, carried: &Carried) -> Result<Carried> {
-        let answer = self.network.forward(&Batch::new(&[question])?, &self.graph)?;
-        let vectors = |tensor: &candle_core::Tensor, unit: f64| -> Result<Vec<Vector3<f64>>> {
-            let numbers: Vec<f32> = tensor.flatten_all()?.to_vec1()?;
+    fn corrected(&self, question: &Question, carried: &Carried, scratch: &mut Scratch) -> Carried {
+        let fields = self.network.forward(question, true, scratch);
+        let vectors = |numbers: &[f32], unit: f64| {
             let vector = |&v: &[f32; 3]| Vector3::from(v).cast::<f64>() * unit;
-            Ok(numbers.as_chunks::<3>().0.iter().map(vector).collect())
+            numbers.as_chunks::<3>().0.iter().map(vector).collect::<Vec<_>>()
         };
-        let mut contact_force = vectors(&answer.forces, self.gel.force())?;
+        let mut contact_force = vectors(&fields.forces, self.gel.force());
         contact_force.extend(&carried.contact_force[self.graph.columns..]);
-        let stress: Vec<f32> = answer.stress.flatten_all()?.to_vec1()?;
         let shear = self.gel.moduli.shear();
-        Ok(Carried {
-            displacement: vectors(&answer.displacement, self.gel.thickness)?,
+        Carried {
+            displacement: vectors(&fields.displacement, self.gel.thickness),
             contact_force,
-            von_mises: stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
+            von_mises: fields.stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
             poses: carried.poses.clone(),
-        })
+        }
     }
 
     /// Norm of the force out of balance by the model mesh's own elements (N).
@@ -167,8 +214,7 @@ fn wrench(
 }
 
 impl DeformationModel for Surrogate {
-    /// Presses are solved in parallel, each on one thread. Poses given by force are those at which the
-    /// linear model presses that hard.
+    /// Presses are solved in parallel, each on one thread.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
         let last = |press: &Press| {
             let path = self.solve_path(press);

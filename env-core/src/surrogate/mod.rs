@@ -8,6 +8,7 @@
 mod adam;
 mod answer;
 mod corrector;
+mod fast;
 mod features;
 mod graph;
 mod layers;

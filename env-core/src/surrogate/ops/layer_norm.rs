@@ -19,6 +19,7 @@ pub(in super::super) fn layer_norm(x: &Tensor, scale: &Tensor, shift: &Tensor) -
 }
 
 /// Mean of a row, and the inverse of its standard deviation.
+#[inline(always)]
 pub(in super::super) fn moments(row: &[f32]) -> (f32, f32) {
     let count = row.len() as f32;
     let mean = row.iter().sum::<f32>() / count;

@@ -21,6 +21,7 @@ pub(in super::super) struct Edges {
 
 impl Edges {
     /// Receivers with the range of their edges.
+    #[inline(always)]
     fn receivers(&self) -> impl Iterator<Item = (usize, std::ops::Range<usize>)> {
         let ranges = self.starts.windows(2).map(|pair| pair[0] as usize..pair[1] as usize);
         ranges.enumerate()
@@ -93,6 +94,7 @@ impl CustomOp2 for Messages {
 }
 
 /// Adds the messages of one press to `sums` (V, H).
+#[inline(always)]
 pub(in super::super) fn hear(
     graph: &Edges,
     nodes: &[f32],

@@ -15,10 +15,10 @@ mod sparse;
 mod von_mises;
 
 pub(super) use affine::affine;
-pub(super) use layer_norm::layer_norm;
-pub(super) use messages::{Edges, messages};
+pub(super) use layer_norm::{layer_norm, moments};
+pub(super) use messages::{Edges, hear, messages};
 pub(super) use sparse::{Sparse, sparse};
-pub(super) use von_mises::{Gradients, von_mises};
+pub(super) use von_mises::{Blocks, Gradients, von_mises};
 
 use candle_core::{CpuStorage, Layout, Result, Storage, Tensor, bail};
 

@@ -54,6 +54,7 @@ impl Sparse {
         Self::new(&rows, self.height())
     }
 
+    #[inline(always)]
     fn row(&self, row: usize) -> impl Iterator<Item = (usize, f32)> {
         let range = self.starts[row] as usize..self.starts[row + 1] as usize;
         let values = self.values[range.clone()].iter();
@@ -61,6 +62,7 @@ impl Sparse {
     }
 
     /// Adds the product with `x` (width, H) to `y` (height, H).
+    #[inline(always)]
     pub(in super::super) fn add_product(&self, x: &[f32], y: &mut [f32], channels: usize) {
         for (row, y) in y.chunks_exact_mut(channels).enumerate() {
             for (column, value) in self.row(row) {
