@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from ruffini import dataset
+from ruffini._distributions import by_family, family
 
 pytest.importorskip("safetensors")
 
@@ -184,3 +185,48 @@ def test_the_command_names_a_folder_without_a_dataset(tmp_path):
     done = command("inspect", str(tmp_path))
     assert (done.returncode, done.stdout) == (2, "")
     assert "manifest.json" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_frame_is_written_for_paraview(data, folder, tmp_path):
+    done = command("export", str(folder), "-1", str(tmp_path / "frame.npz"))
+    files = [str(tmp_path / f"frame-{side}.npz") for side in ("first", "second")]
+    assert done.stdout.splitlines() == files
+    pads, mesh = [np.load(file) for file in files], data.mesh(0)
+    for pad, stored in zip(pads, data[-1].pads, strict=True):
+        assert np.array_equal(pad["tets"], mesh.tets)
+        assert np.array_equal(pad["von_mises"], stored.von_mises)
+    # The object is pressed from both sides: seen from outside, the forces on the pads cancel.
+    force = np.concatenate([pad["contact_force"] for pad in pads])
+    net, pressed = force.sum(axis=0), np.abs(force).sum()
+    assert np.abs(net).max() < 1e-5 * pressed, f"{net} N left of {pressed} N"
+    # Pads stand on either side of the object, bases outwards and faces towards it.
+    ends = [mesh.vertices[:, 2].argmin(), mesh.vertices[:, 2].argmax()]
+    apart = [np.linalg.norm(pads[0]["vertices"][i] - pads[1]["vertices"][i]) for i in ends]
+    assert apart[0] > apart[1] > 0.01
+    assert command("export", str(folder), "0", str(tmp_path / "frame.vtu")).returncode == 0
+    assert (tmp_path / "frame-second.vtu").read_bytes().startswith(b"<?xml")
+    missing = command("export", str(folder), "4", "frame.vtu")
+    assert missing.returncode == 2 and "found 4, expected less than 4" in missing.stderr
+
+
+def test_distributions_are_drawn_by_family(data, folder, tmp_path):
+    pytest.importorskip("matplotlib")
+    assert command("plot", str(folder), "-o", str(tmp_path / "a.svg")).returncode == 0
+    text = (tmp_path / "a.svg").read_text()
+    assert text.rstrip().endswith("</svg>")
+    columns = by_family(data)
+    assert sum(len(of["force"]) for of in columns.values()) == len(data)
+    for name, of in columns.items():
+        frames = [frame for frame in data if family(frame.grasp) == name]
+        assert np.array_equal(of["force"], [frame.force for frame in frames])
+        peaks = [1e-3 * max(pad.von_mises.max() for pad in frame.pads) for frame in frames]
+        np.testing.assert_allclose(of["stress"], peaks, rtol=1e-6)
+        assert (of["depth"] > 0).all() and (of["depth"] <= 0.5).all()
+        # Pads cannot pull sideways with more than friction allows.
+        assert (of["shear"] < 0.61).all(), of["shear"]
+    assert command("plot", str(folder), "-o", "a.gif").returncode == 2
+
+
+def test_a_field_that_is_not_there_is_named(data):
+    with pytest.raises(ValueError, match=r"found third\.force"):
+        data.column(data.grasps[0], "third.force")

@@ -17,10 +17,13 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
+from ruffini import _distributions
 from ruffini._core import TetMesh, generate_dataset
+from ruffini._frames import Frame, Pad
+
+__all__ = ["Dataset", "Frame", "Pad", "Progress", "generate", "open"]
 
 
 @dataclass(frozen=True)
@@ -77,48 +80,6 @@ def generate(
     return Dataset(folder) if finished else None
 
 
-@dataclass(frozen=True)
-class Pad:
-    """One pad in one frame, in the frame of the pad."""
-
-    displacement: NDArray[np.float32]
-    """Displacement of the vertices (V, 3) (m)."""
-    von_mises: NDArray[np.float32]
-    """Von Mises stress in the tetrahedra (T,) (Pa)."""
-    contact_force: NDArray[np.float32]
-    """Forces of the object on the vertices (V, 3) (N)."""
-    wrench: NDArray[np.float64]
-    """Force (N) and torque (Nm) of the object on the pad (6,)."""
-    press: NDArray[np.float64]
-    """Pose of the object in the frame of the pad (7,)."""
-    pose: NDArray[np.float64]
-    """Pose of the pad in the frame of the object at its start (7,)."""
-    residual: float
-    """Force out of balance in the pad (N)."""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One solved frame of a grasp."""
-
-    grasp: str
-    """Name of the grasp: object and number."""
-    number: int
-    """Number of the frame in the grasp, from 0."""
-    gel: int
-    """Number of the gel, see `Dataset.mesh`."""
-    force: float
-    """Force with which the pads are pressed together (N)."""
-    closing: float
-    """Closing of each pad since it touched (m)."""
-    residual: float
-    """Force on the object out of balance (N)."""
-    object: NDArray[np.float64]
-    """Pose of the object against that of its start (7,)."""
-    pads: tuple[Pad, Pad]
-    """The two pads."""
-
-
 class Dataset:
     """A finished dataset: a sequence of frames, those of a grasp one after the other.
 
@@ -126,11 +87,13 @@ class Dataset:
         path: Its folder.
         manifest: What it was made of, its shards, unsolved grasps and objects with few grasps.
         splits: Names of grasps to "train", for "validation" and to "test" with, by split.
+        grasps: Names of the grasps with at least one frame, in the order of their frames.
     """
 
     path: Path
     manifest: dict[str, Any]
     splits: dict[str, dict[str, list[str]]]
+    grasps: list[str]
 
     def __init__(self, path: str | PathLike[str]):
         self.path = Path(path)
@@ -140,7 +103,8 @@ class Dataset:
         self._grasps = [(shard["file"], grasp) for shard in shards for grasp in shard["grasps"]]
         counts = (int(grasp["frames"]) for _, grasp in self._grasps)
         self._starts = list(accumulate(counts, initial=0))
-        self._numbers = {grasp["name"]: i for i, (_, grasp) in enumerate(self._grasps)}
+        self.grasps = [grasp["name"] for _, grasp in self._grasps]
+        self._numbers = {name: i for i, name in enumerate(self.grasps)}
         self._tensors = lru_cache(maxsize=32)(self._open)
 
     def __len__(self) -> int:
@@ -164,6 +128,47 @@ class Dataset:
         """
         number = self._numbers[grasp]
         return range(self._starts[number], self._starts[number + 1])
+
+    def gel(self, grasp: str) -> int:
+        """Number of a grasp's gel.
+
+        Raises:
+            KeyError: If there is no such grasp.
+        """
+        _, found = self._grasps[self._numbers[grasp]]
+        return int(found["gel"])
+
+    def column(self, grasp: str, field: str) -> NDArray[Any]:
+        """A field of all frames of a grasp (F, ...), such as ``force`` or ``first.von_mises``.
+
+        Raises:
+            KeyError: If there is no such grasp.
+            ValueError: If there is no such field.
+        """
+        file, _ = self._grasps[self._numbers[grasp]]
+        tensors, name = self._tensors(file), f"{_number(grasp)}.{field}"
+        if name not in tensors.keys():  # noqa: SIM118, what is open is no dictionary
+            raise ValueError(f"field: found {field}, expected one of a frame's")
+        column: NDArray[Any] = tensors.get_tensor(name)
+        return column
+
+    def export(self, index: int, path: str | PathLike[str]) -> list[Path]:
+        """Writes a frame's fields on their meshes, see `Frame.write`.
+
+        Raises:
+            IndexError: If there is no such frame.
+            ValueError: If the file is no .vtu or .npz or cannot be written.
+        """
+        frame = self[index]
+        return frame.write(path, self.mesh(frame.gel))
+
+    def plot(self, path: str | PathLike[str]) -> None:
+        """Draws how depth, force, shear and stress are distributed to a .png or .svg file.
+
+        Raises:
+            ValueError: If the file has another ending.
+        """
+        _distributions.draw(self, path)
 
     def mesh(self, gel: int) -> TetMesh:
         """The mesh that the fields of a gel's grasps are stored on.
@@ -200,7 +205,7 @@ class Dataset:
         return safe_open(self.path / file, framework="numpy")
 
     def _read(self, file: str, grasp: dict[str, Any], number: int) -> Frame:
-        tensors, prefix = self._tensors(file), grasp["name"].rsplit("/", 1)[1]
+        tensors, prefix = self._tensors(file), _number(grasp["name"])
 
         def row(name: str) -> Any:
             return tensors.get_slice(f"{prefix}.{name}")[number : number + 1][0]
@@ -229,6 +234,11 @@ def open(path: str | PathLike[str]) -> Dataset:
         ValueError: If there is none.
     """
     return Dataset(path)
+
+
+def _number(grasp: str) -> str:
+    """What the tensors of a grasp begin with."""
+    return grasp.rsplit("/", 1)[1]
 
 
 def _manifest(folder: Path) -> dict[str, Any]:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import re
 import shutil
 import sys
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from ruffini import dataset
+from ruffini import _distributions, dataset
 from ruffini.dataset import Progress
 
 _SETTINGS = {
@@ -44,6 +42,15 @@ def add_to(commands: Any) -> None:
     viewer = parts.add_parser("inspect", help="say what a finished dataset holds")
     viewer.add_argument("folder", help="the dataset")
     viewer.set_defaults(run=_inspect)
+    artist = parts.add_parser("plot", help="draw distributions by family of objects")
+    artist.add_argument("folder", help="the dataset")
+    artist.add_argument("-o", "--out", required=True, help=".png or .svg file")
+    artist.set_defaults(run=lambda options: dataset.open(options.folder).plot(options.out))
+    writer = parts.add_parser("export", help="write a frame for ParaView")
+    writer.add_argument("folder", help="the dataset")
+    writer.add_argument("index", type=int, help="number of the frame; from the end if negative")
+    writer.add_argument("out", help=".vtu or .npz file; -first, -second are put in")
+    writer.set_defaults(run=_export)
 
 
 def _generate(options: argparse.Namespace) -> None:
@@ -103,16 +110,18 @@ def _inspect(options: argparse.Namespace) -> None:
     print(f"{'frames':<12} {len(found)}")
     print(f"{'size':<12} {_size(sum(shard['bytes'] for shard in shards))}, {len(shards)} shards")
     print(f"{'unsolved':<12} {len(unsolved)}")
-    reasons = Counter(_without_figures(grasp["error"]) for grasp in unsolved)
-    for reason, count in reasons.most_common():
+    for reason, count in _distributions.reasons(found).most_common():
         print(f"{'':<12} {count} of: {reason}")
     for name, split in found.splits.items():
         print(f"{name:<12} {', '.join(f'{len(part)} {use}' for use, part in split.items())}")
 
 
-def _without_figures(text: str) -> str:
-    """The text with every number as `#`, so that equal reasons are equal."""
-    return re.sub(r"\d+(\.\d+)?(e[-+]?\d+)?", "#", text)
+def _export(options: argparse.Namespace) -> None:
+    try:
+        files = dataset.open(options.folder).export(options.index, options.out)
+    except IndexError as error:
+        raise ValueError(error) from error
+    print(*files, sep="\n")
 
 
 def _size(count: float) -> str:
