@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -64,13 +65,23 @@ def test_every_frame_can_be_read(data):
         data[4]
 
 
-def test_contact_forces_add_up_to_the_wrench(data):
+def test_every_frame_is_in_balance(data):
     for frame in data:
-        for pad in frame.pads:
-            total, force = pad.contact_force.sum(axis=0, dtype=np.float64), pad.wrench[:3]
-            # Each of the 32-bit numbers is rounded by at most 6e-8 of itself.
-            rounding = 6e-8 * np.abs(pad.contact_force).sum() + 1e-12
-            assert np.abs(total - force).max() < rounding, f"{total} N against {force} N"
+        off, pressed = frame.imbalance(), frame.pads[0].contact_force
+        # Each of the 32-bit numbers is rounded by at most 6e-8 of itself.
+        rounding = 6e-8 * np.abs(pressed).sum() * 2 + 1e-12
+        assert off["contact"] < rounding, f"{off['contact']} N against {rounding} N"
+        # The solver's tolerance is 1e-6 N, torque counted over the object's size, below 0.1 m.
+        assert off["force"] <= 1.001e-6, f"{off['force']} N on the object"
+        assert off["torque"] <= 1.001e-7, f"{off['torque']} N m on the object"
+
+
+def test_an_unbalanced_frame_shows(data):
+    frame = data[0]
+    pad = replace(frame.pads[0], wrench=frame.pads[0].wrench + [0, 0, 0.1, 0, 0, 0])
+    off = replace(frame, pads=(pad, frame.pads[1])).imbalance()
+    assert off["contact"] == pytest.approx(0.1, abs=1e-5)
+    assert off["force"] == pytest.approx(0.1, abs=1e-5)
 
 
 def test_splits_name_grasps_that_are_there(data):
@@ -178,6 +189,7 @@ def test_the_command_generates_and_inspects(folder, tmp_path):
     assert shards(made) == shards(folder)
     assert command("inspect", str(made)).stdout == done.stdout
     table = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
+    assert table["force"].startswith("at most") and "N out of balance" in table["force"]
     assert [table[name] for name in ("objects", "grasps", "frames", "unsolved")] == list("2240")
 
 

@@ -36,6 +36,11 @@ class Pad:
     residual: float
     """Force out of balance in the pad (N)."""
 
+    def wrench_about(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Force and torque of the object on the pad (6,) about a `place` (3,), in its frame."""
+        force, torque = _turned(self.pose, self.wrench.reshape(2, 3))
+        return np.concatenate([force, torque + np.cross(self.pose[:3] - place, force)])
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -57,6 +62,24 @@ class Frame:
     """Pose of the object against that of its start (7,)."""
     pads: tuple[Pad, Pad]
     """The two pads."""
+
+    def imbalance(self) -> dict[str, float]:
+        """How far the frame is from balance.
+
+        Returns:
+            ``contact``: what the contact forces on the vertices of a pad add up to, less the force of
+            its wrench, the larger of the two pads' (N). ``force`` and ``torque`` of both pads on the
+            object, which is free and at rest (N, N m about its origin).
+        """
+        sums = [pad.contact_force.sum(axis=0, dtype=np.float64) for pad in self.pads]
+        off = [total - pad.wrench[:3] for total, pad in zip(sums, self.pads, strict=True)]
+        wrenches = [pad.wrench_about(self.object[:3]) for pad in self.pads]
+        force, torque = np.split(np.sum(wrenches, axis=0), 2)
+        return {
+            "contact": float(max(map(np.linalg.norm, off))),
+            "force": float(np.linalg.norm(force)),
+            "torque": float(np.linalg.norm(torque)),
+        }
 
     def write(self, path: str | PathLike[str], mesh: TetMesh) -> list[Path]:
         """Writes each pad with its fields, placed about the object's start, to a file of its own.

@@ -112,8 +112,20 @@ def _inspect(options: argparse.Namespace) -> None:
     print(f"{'unsolved':<12} {len(unsolved)}")
     for reason, count in _distributions.reasons(found).most_common():
         print(f"{'':<12} {count} of: {reason}")
+    _balance(found)
     for name, split in found.splits.items():
         print(f"{name:<12} {', '.join(f'{len(part)} {use}' for use, part in split.items())}")
+
+
+def _balance(found: dataset.Dataset) -> None:
+    """The worst of all frames' imbalances, and where it is."""
+    units = {"contact": "N", "force": "N", "torque": "N m"}
+    worst = dict.fromkeys(units, (-1.0, ""))
+    for frame in found:
+        for name, value in frame.imbalance().items():
+            worst[name] = max(worst[name], (value, f"{frame.grasp} frame {frame.number}"))
+    for (name, unit), (value, place) in zip(units.items(), worst.values(), strict=True):
+        print(f"{name:<12} at most {value:.1e} {unit} out of balance, {place}")
 
 
 def _export(options: argparse.Namespace) -> None:
