@@ -12,22 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tiny_dataset import TINY
 
 from ruffini import dataset
 from ruffini._distributions import by_family, family
 
 pytest.importorskip("safetensors")
-
-TINY = {
-    "objects": 2,
-    "grasps": 1,
-    "frames": 2,
-    "truth_nodes": 400,
-    "model_nodes": 200,
-    "gels": [
-        {"sensor": "gelsight-mini", "young": 3e5, "poisson": 0.47, "friction": 0.6, "share": 1.0}
-    ],
-}
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +68,7 @@ def test_every_frame_is_in_balance(data):
 
 def test_an_unbalanced_frame_shows(data):
     frame = data[0]
-    pad = replace(frame.pads[0], wrench=frame.pads[0].wrench + [0, 0, 0.1, 0, 0, 0])
+    pad = replace(frame.pads[0], wrench=frame.pads[0].wrench + np.eye(6)[2] / 10)
     off = replace(frame, pads=(pad, frame.pads[1])).imbalance()
     assert off["contact"] == pytest.approx(0.1, abs=1e-5)
     assert off["force"] == pytest.approx(0.1, abs=1e-5)
@@ -112,6 +102,75 @@ def test_a_stopped_generation_resumes_with_the_same_bytes(folder, tmp_path):
     assert dataset.generate(tmp_path, threads=2, **TINY) is not None
     assert kept.stat().st_mtime_ns == before
     assert shards(tmp_path) == shards(folder)
+
+
+def test_a_stop_loses_no_solved_grasp(tmp_path):
+    settings = {**TINY, "objects": 1, "grasps": 3}
+
+    def twice(progress):
+        return progress.done < 2
+
+    assert dataset.generate(tmp_path, threads=1, watch=twice, **settings) is None
+    assert len(list(tmp_path.glob("parts/*"))) == 2 and not list(tmp_path.glob("shards/*"))
+    # A part that a crash of the machine cut short is solved again.
+    damaged = min(tmp_path.glob("parts/*"))
+    damaged.write_bytes(damaged.read_bytes()[:100])
+    seen = []
+
+    def watch(progress):
+        seen.append(progress.done)
+        return True
+
+    data = dataset.generate(tmp_path, threads=1, watch=watch, **settings)
+    assert seen == [1, 2, 3] and len(data) == 6
+    assert not (tmp_path / "parts").exists()
+
+
+def test_shards_made_apart_are_those_made_together(folder, tmp_path):
+    first, second = dataset.shards(**TINY)
+    assert dataset.generate(tmp_path, shards=[], **TINY) is None
+    assert dataset.generate(tmp_path, shards=[second], threads=1, **TINY) is None
+    assert [path.name for path in tmp_path.glob("shards/*")] == [second.split("/")[1]]
+    assert dataset.generate(tmp_path, shards=[first, second], threads=1, **TINY) is None
+    assert dataset.generate(tmp_path, threads=1, **TINY) is not None
+    for file in (*shards(folder), "manifest.json"):
+        [made] = tmp_path.rglob(file)
+        [known] = folder.rglob(file)
+        assert made.read_bytes() == known.read_bytes(), file
+    with pytest.raises(ValueError, match="shard: found shards/none, expected one of 2 names"):
+        dataset.generate(tmp_path, shards=["shards/none"], **TINY)
+
+
+def test_anchors_tell_where_the_skin_sticks(data):
+    mesh = data.mesh(0)
+    for frame in data:
+        for pad in frame.pads:
+            assert len(pad.anchors) > 0
+            rest, place = pad.anchors[:, 0], pad.anchors[:, 1]
+            assert (rest[:, 2] > mesh.vertices[:, 2].min() + 1e-3).all(), "an anchor at the base"
+            # What sticks is pressed in by less than it closed: rest and place are that near.
+            x, y, z, w = pad.press[3:]
+            turn = np.array(
+                [
+                    [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                    [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                    [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+                ]
+            )
+            apart = np.linalg.norm(place @ turn.T + pad.press[:3] - rest, axis=1)
+            assert apart.max() < 2 * frame.closing + 1e-4, f"{apart.max()} m"
+
+
+def test_a_dataset_of_a_later_format_is_refused(folder, tmp_path):
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    manifest = (tmp_path / "manifest.json").read_text()
+    (tmp_path / "manifest.json").write_text(manifest.replace('"format": 2', '"format": 3'))
+    with pytest.raises(ValueError, match="found format 3, expected 1 or 2"):
+        dataset.open(tmp_path)
+    claim = (tmp_path / "config.json").read_text()
+    (tmp_path / "config.json").write_text(claim.replace('"format": 2', '"format": 3'))
+    with pytest.raises(ValueError, match="another format lies here, expected format 2"):
+        dataset.generate(tmp_path, **TINY)
 
 
 def test_ctrl_c_stops_a_generation(tmp_path, request):

@@ -95,8 +95,6 @@ impl Default for Config {
 
 /// The rigid objects of the catalogue.
 pub(super) const RIGID: usize = 63;
-/// Grasps in a shard.
-pub(super) const SHARD: usize = 10;
 
 impl Config {
     /// The configuration in a TOML file; what it leaves out is the default.

@@ -6,17 +6,20 @@
 //! mesh and the model mesh of [`Config`]. Grasps are stored in shards (safetensors), ten of an
 //! object each, which a [`Manifest`] lists with their hashes, failures and splits. The same
 //! configuration gives the same bytes, whatever the number of threads and however often it was
-//! interrupted: a shard is there whole or not at all.
+//! interrupted: every solved grasp is kept in a file of its own until its shard is packed.
 
 mod config;
 mod generate;
+mod job;
 mod manifest;
 mod plan;
 mod ramp;
 mod record;
+mod setup;
+mod tensor;
 
 pub use config::{Config, Gel};
-pub use generate::{Progress, generate};
-pub use manifest::{Manifest, Shard, Solved, Split, Unsolved};
+pub use generate::{Orders, Progress, generate, shards};
+pub use manifest::{FORMAT, Manifest, Shard, Solved, Split, Unsolved};
 pub use plan::{Plan, plans};
 pub use ramp::{Frame, Ramp};

@@ -3,7 +3,7 @@
 //! The four phases of a grasp: the object is loaded into its frame, the pads are put on either side
 //! of it, each closes until it touches, and then both close together until the force is reached.
 //! How far the next frame closes is told by the last: force grows with about the 1.9th power of
-//! depth (a measured `GelSight` Mini). A frame that is not solved is tried again half as far.
+//! depth (a measured `GelSight` Mini). Frames in which nothing is held yet are not kept.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -40,7 +40,9 @@ pub struct Frame {
 
 /// Exponent of force by depth that strides are chosen with.
 const EXPONENT: f64 = 1.9;
-/// Closing of the first frame, shortest stride that is tried, and longest, over the depth.
+/// Force above which an object is held (N): a free one may lie against a pad with none.
+const HELD: f64 = 1e-4;
+/// Closing of the first frame, shortest stride, and longest, over the depth.
 const STRIDES: [f64; 3] = [0.03, 0.001, 0.1];
 /// Pads start this far open (m).
 const OPEN: f64 = 0.005;
@@ -62,17 +64,16 @@ impl Ramp {
         let (mut closing, mut force) = (0.0, 0.0);
         while frames.len() < self.frames && force < plan.force && closing < self.depth {
             let wanted = plan.force * (frames.len() + 1) as f64 / self.frames as f64;
-            let mut stride = self.stride(closing, force, wanted);
-            let frame = loop {
-                let pads = plan.closed(&touching, closing + stride);
-                match hold.frame(&pads) {
-                    Ok(grasped) => break Frame::new(closing + stride, pads, grasped),
-                    Err(error) if stride < STRIDES[1] * self.depth => return Err(error),
-                    Err(_) => stride *= 0.5,
-                }
-            };
-            (closing, force) = (frame.closing, frame.force);
-            frames.push(frame);
+            closing += self.stride(closing, force, wanted);
+            let pads = plan.closed(&touching, closing);
+            let frame = Frame::new(closing, pads, hold.frame(&pads)?);
+            force = frame.force;
+            if force > HELD {
+                frames.push(frame);
+            }
+        }
+        if frames.is_empty() {
+            return Err(Error::Unreachable { force: plan.force, reached: force, travel: closing });
         }
         Ok(())
     }
@@ -80,7 +81,7 @@ impl Ramp {
     /// How much farther to close from `closing` at `force` for a force of `wanted` (N).
     fn stride(&self, closing: f64, force: f64, wanted: f64) -> f64 {
         let [first, shortest, longest] = STRIDES.map(|share| share * self.depth);
-        let predicted = if force > 0.0 {
+        let predicted = if force > HELD {
             closing * ((wanted / force).powf(1.0 / EXPONENT) - 1.0)
         } else {
             first

@@ -36,6 +36,10 @@ class Pad:
     residual: float
     """Force out of balance in the pad (N)."""
 
+    anchors: NDArray[np.float32]
+    """Where friction holds the skin (A, 2, 3): a point of the undeformed pad in its frame, and the
+    place on the object that it sticks to, in the frame of the object (m)."""
+
     def wrench_about(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
         """Force and torque of the object on the pad (6,) about a `place` (3,), in its frame."""
         force, torque = _turned(self.pose, self.wrench.reshape(2, 3))
@@ -67,9 +71,9 @@ class Frame:
         """How far the frame is from balance.
 
         Returns:
-            ``contact``: what the contact forces on the vertices of a pad add up to, less the force of
-            its wrench, the larger of the two pads' (N). ``force`` and ``torque`` of both pads on the
-            object, which is free and at rest (N, N m about its origin).
+            ``contact``: what the contact forces on the vertices of a pad add up to, less the force
+            of its wrench, the larger of the two pads' (N). ``force`` and ``torque`` of both pads on
+            the object, which is free and at rest (N, N m about its origin).
         """
         sums = [pad.contact_force.sum(axis=0, dtype=np.float64) for pad in self.pads]
         off = [total - pad.wrench[:3] for total, pad in zip(sums, self.pads, strict=True)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate
@@ -17,13 +17,17 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ruffini import _distributions
-from ruffini._core import TetMesh, generate_dataset
+from ruffini._core import TetMesh, dataset_shards, generate_dataset
 from ruffini._frames import Frame, Pad
 
-__all__ = ["Dataset", "Frame", "Pad", "Progress", "generate", "open"]
+__all__ = ["Dataset", "Frame", "Pad", "Progress", "generate", "open", "shards"]
+
+FORMATS = (1, 2)
+"""Versions of a dataset's files that can be read; 2 is written."""
 
 
 @dataclass(frozen=True)
@@ -50,24 +54,29 @@ def generate(
     *,
     threads: int | None = None,
     commit: str = "",
+    shards: Sequence[str] | None = None,
     watch: Callable[[Progress], bool] | None = None,
     **settings: Any,
 ) -> Dataset | None:
-    """Makes a dataset, or what is missing of it; ``None`` if it was stopped.
+    """Makes a dataset, or what is missing of it; ``None`` if it is not finished.
+
+    Killed at any moment it loses the grasps being solved; the next call goes on from there.
 
     Args:
         folder: Where it is made; one with another dataset is refused.
         config: A TOML file; what it leaves out is the default.
         threads: Threads to solve on; ``None`` takes one a core.
         commit: Commit of this library, kept in the manifest.
+        shards: Makes these only, of those that `shards` names, and no manifest: a part of the work
+            for one of several processes. A first call with none makes the folder, a last one
+            without this argument the manifest.
         watch: Called from another thread before the first grasp and after each; false stops. A
-            stop, Ctrl-C included, waits for the grasps being solved and drops the shards being
-            filled, of ten grasps at most; the next call goes on from there.
+            stop, Ctrl-C included, waits for the grasps being solved.
         settings: Settings that replace those of the file: ``objects=2, grasps=1``.
 
     Raises:
-        ValueError: If a setting makes no sense, the folder holds another dataset or cannot be
-            written.
+        ValueError: If a setting makes no sense, a shard is not part of the dataset, or the folder
+            holds another dataset or cannot be written.
     """
     if threads is not None and threads < 1:
         raise ValueError(f"threads: found {threads}, expected 1 or more")
@@ -76,8 +85,17 @@ def generate(
         return watch is None or watch(Progress(*progress))
 
     overrides = json.dumps(settings)
-    finished = generate_dataset(folder, config, overrides, commit, threads or 0, ask)
+    finished = generate_dataset(folder, config, overrides, commit, threads or 0, shards, ask)
     return Dataset(folder) if finished else None
+
+
+def shards(config: str | PathLike[str] | None = None, **settings: Any) -> list[str]:
+    """Names of the shards of the dataset that `generate` makes of the same arguments.
+
+    Raises:
+        ValueError: If a setting makes no sense.
+    """
+    return dataset_shards(config, json.dumps(settings))
 
 
 class Dataset:
@@ -98,6 +116,7 @@ class Dataset:
     def __init__(self, path: str | PathLike[str]):
         self.path = Path(path)
         self.manifest = _manifest(self.path)
+        self._meshes = "gels" if self.manifest["format"] == 1 else "meshes"
         self.splits = self.manifest["splits"]
         shards = self.manifest["shards"]
         self._grasps = [(shard["file"], grasp) for shard in shards for grasp in shard["grasps"]]
@@ -115,7 +134,10 @@ class Dataset:
         if not 0 <= place < len(self):
             raise IndexError(f"frame: found {index}, expected less than {len(self)}")
         number = bisect_right(self._starts, place) - 1
-        return self._read(*self._grasps[number], place - self._starts[number])
+        return self._frame(*self._grasps[number], place - self._starts[number])
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (self[index] for index in range(len(self)))
 
     def __reduce__(self) -> tuple[type[Dataset], tuple[Path]]:
         return Dataset, (self.path,)
@@ -179,7 +201,7 @@ class Dataset:
         count = len(self.manifest["config"]["gels"])
         if not 0 <= gel < count:
             raise IndexError(f"gel: found {gel}, expected less than {count}")
-        tensors = self._tensors(f"gels/{gel}.safetensors")
+        tensors = self._tensors(f"{self._meshes}/{gel}.safetensors")
         return TetMesh(tensors.get_tensor("vertices"), tensors.get_tensor("tets"))
 
     def verify(self) -> None:
@@ -204,7 +226,7 @@ class Dataset:
             raise ImportError(text) from error
         return safe_open(self.path / file, framework="numpy")
 
-    def _read(self, file: str, grasp: dict[str, Any], number: int) -> Frame:
+    def _frame(self, file: str, grasp: dict[str, Any], number: int) -> Frame:
         tensors, prefix = self._tensors(file), _number(grasp["name"])
 
         def row(name: str) -> Any:
@@ -213,7 +235,8 @@ class Dataset:
         def pad(side: str) -> Pad:
             fields = ("displacement", "von_mises", "contact_force", "wrench", "press", "pose")
             arrays = {name: row(f"{side}.{name}") for name in fields}
-            return Pad(**arrays, residual=float(row(f"{side}.residual")))
+            history = self._anchors(file, grasp, f"{prefix}.{side}", number)
+            return Pad(**arrays, residual=float(row(f"{side}.residual")), anchors=history)
 
         return Frame(
             grasp=grasp["name"],
@@ -225,6 +248,19 @@ class Dataset:
             object=row("object"),
             pads=(pad("first"), pad("second")),
         )
+
+    def _anchors(self, file: str, grasp: dict[str, Any], prefix: str, number: int) -> Any:
+        tensors = self._tensors(file)
+        counts = tensors.get_tensor(f"{prefix}.anchors").astype(int)
+        own = slice(counts[:number].sum(), counts[: number + 1].sum())
+        place = tensors.get_slice(f"{prefix}.anchor_place")[own]
+        if self.manifest["format"] == 1:
+            rest = tensors.get_slice(f"{prefix}.anchor_rest")[own]
+        else:
+            meshes = self._tensors(f"{self._meshes}/{grasp['gel']}.safetensors")
+            points = tensors.get_slice(f"{prefix}.anchor_point")[own]
+            rest = meshes.get_tensor("contact_points")[points]
+        return np.stack([rest, place], axis=1).astype(np.float32)
 
 
 def open(path: str | PathLike[str]) -> Dataset:
@@ -247,4 +283,7 @@ def _manifest(folder: Path) -> dict[str, Any]:
         manifest: dict[str, Any] = json.loads(path.read_text())
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}, expected a finished dataset") from error
+    if manifest.setdefault("format", 1) not in FORMATS:
+        expected = " or ".join(map(str, FORMATS))
+        raise ValueError(f"{path}: found format {manifest['format']}, expected {expected}")
     return manifest

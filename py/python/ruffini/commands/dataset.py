@@ -29,8 +29,7 @@ def add_to(commands: Any) -> None:
         "generate",
         help="solve grasps and store them",
         description="Solves grasps by finite elements. Stopped with Ctrl-C, it ends with the "
-        "grasps being solved, and the same command goes on from the last whole shards, of ten "
-        "grasps each.",
+        "grasps being solved; after that or a kill the same command goes on with what is missing.",
     )
     maker.add_argument("folder", help="where the dataset is made")
     maker.add_argument("--config", help=".toml file; the paper's configuration if not given")
