@@ -81,7 +81,8 @@ pub fn generate(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(orders.threads).build();
     let pool =
         pool.map_err(|error| Error::invalid("threads", orders.threads, error.to_string()))?;
-    let setup = pool.install(|| Setup::new(&config, folder))?;
+    let objects: Vec<_> = plans.iter().map(|(object, _)| object).collect();
+    let setup = pool.install(|| Setup::new(&config, &objects, folder))?;
     let (packed, open): (Vec<&Job>, Vec<&Job>) =
         chosen.into_iter().partition(|job| is_whole(&folder.join(&job.file)));
     let tasks: Vec<_> = open.iter().flat_map(|job| job.missing(folder)).collect();

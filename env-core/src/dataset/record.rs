@@ -16,7 +16,6 @@ use super::{
 };
 use crate::{
     deformation::{Deformation, Wrench},
-    fem::Fem,
     geometry::{TetMesh, Transfer},
 };
 
@@ -34,7 +33,8 @@ pub(super) struct Entry {
 /// Grasps of one object, on their way to a file.
 pub(super) type Shard = Tensors<Entry>;
 
-type Named = Vec<(String, Tensor)>;
+/// Tensors by name.
+pub(super) type Named = Vec<(String, Tensor)>;
 
 impl Shard {
     /// One grasp, whose `tensors` get its number in front of their names.
@@ -120,15 +120,14 @@ pub(super) fn pose(pose: &Isometry3<f64>) -> [f64; 7] {
 impl Pads {
     /// The file of its meshes, see [`mesh_file`].
     pub(super) fn mesh_file(&self) -> Vec<u8> {
-        mesh_file(&self.model.mesh, &self.model.base, &self.truth)
+        mesh_file(&self.model.mesh, &self.model.base, &self.truth.contact_points())
     }
 }
 
 /// A model mesh as bytes: `vertices` (V, 3) in m, `tets` (T, 4), `fixed` nodes; and the places of
 /// the truth's `contact_points` (P, 3), which anchors number.
-pub(super) fn mesh_file(mesh: &TetMesh, fixed: &[u32], truth: &Fem) -> Vec<u8> {
+pub(super) fn mesh_file(mesh: &TetMesh, fixed: &[u32], points: &[Point3<f64>]) -> Vec<u8> {
     let corners = mesh.tets.iter().flatten().map(|&i| i as usize);
-    let points = truth.contact_points();
     let places = |p: &[Point3<f64>]| {
         Tensor::double(p.iter().flat_map(place).collect::<Vec<_>>(), &[p.len(), 3])
     };
@@ -136,7 +135,7 @@ pub(super) fn mesh_file(mesh: &TetMesh, fixed: &[u32], truth: &Fem) -> Vec<u8> {
         ("vertices".to_owned(), places(&mesh.vertices)),
         ("tets".to_owned(), Tensor::counts(corners, &[mesh.tets.len(), 4])),
         ("fixed".to_owned(), Tensor::counts(fixed.iter().map(|&i| i as usize), &[fixed.len()])),
-        ("contact_points".to_owned(), places(&points)),
+        ("contact_points".to_owned(), places(points)),
     ];
     Shard { tensors, entries: Vec::new() }.to_bytes()
 }

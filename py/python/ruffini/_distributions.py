@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 _Columns = dict[str, NDArray[np.float64]]
 
 QUANTITIES = {
-    "depth": "closing of a pad over its thickness",
+    "depth": "closing of a pad over its thickness, of a finger over half the width",
     "force": "force (N)",
-    "shear": "tangential over normal force of a pad",
+    "shear": "tangential over normal force",
     "stress": "peak von Mises stress (kPa)",
 }
-"""What is drawn of every frame; the last two are the larger of the two pads'."""
+"""What is drawn of every frame; the last two are the larger of both sides'."""
 
 
 def by_family(data: Dataset) -> dict[str, _Columns]:
@@ -49,15 +49,22 @@ def reasons(data: Dataset) -> Counter[str]:
 
 
 def _of_grasp(data: Dataset, name: str) -> _Columns:
-    thickness = np.ptp(data.mesh(data.gel(name)).vertices[:, 2])
     wrenches = [data.column(name, f"{side}.wrench") for side in ("first", "second")]
-    stresses = [data.column(name, f"{side}.von_mises") for side in ("first", "second")]
+    soft = ("body",) if data.soft else ("first", "second")
+    stresses = [data.column(name, f"{part}.von_mises") for part in soft]
     return {
-        "depth": data.column(name, "closing") / thickness,
+        "depth": data.column(name, "closing") / _thickness(data, name),
         "force": data.column(name, "force"),
         "shear": np.max([_shear(wrench) for wrench in wrenches], axis=0),
         "stress": 1e-3 * np.max([stress.max(axis=1) for stress in stresses], axis=0),
     }
+
+
+def _thickness(data: Dataset, name: str) -> float:
+    """Of a pad, or half the width of a soft object where it is grasped (m)."""
+    if data.soft:
+        return 0.5 * float(data.plan(name)["width"])
+    return float(np.ptp(data.mesh(name).vertices[:, 2]))
 
 
 def _shear(wrench: NDArray[np.float64]) -> NDArray[np.float64]:

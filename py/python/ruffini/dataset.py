@@ -22,12 +22,25 @@ from numpy.typing import NDArray
 
 from ruffini import _distributions
 from ruffini._core import TetMesh, dataset_shards, generate_dataset
-from ruffini._frames import Frame, Pad
+from ruffini._frames import Body, Finger, Frame, Pad, SoftFrame
 
-__all__ = ["Dataset", "Frame", "Pad", "Progress", "generate", "open", "shards"]
+__all__ = [
+    "Body",
+    "Dataset",
+    "Finger",
+    "Frame",
+    "Pad",
+    "Progress",
+    "SoftFrame",
+    "generate",
+    "open",
+    "shards",
+]
 
 FORMATS = (1, 2)
 """Versions of a dataset's files that can be read; 2 is written."""
+_SIDES = ("first", "second")
+_OF_A_PAD = ("wrench", "press", "pose")
 
 
 @dataclass(frozen=True)
@@ -105,18 +118,20 @@ class Dataset:
         path: Its folder.
         manifest: What it was made of, its shards, unsolved grasps and objects with few grasps.
         splits: Names of grasps to "train", for "validation" and to "test" with, by split.
+        soft: Whether the objects are soft and the fingers rigid, so that frames are `SoftFrame`.
         grasps: Names of the grasps with at least one frame, in the order of their frames.
     """
 
     path: Path
     manifest: dict[str, Any]
     splits: dict[str, dict[str, list[str]]]
+    soft: bool
     grasps: list[str]
 
     def __init__(self, path: str | PathLike[str]):
         self.path = Path(path)
         self.manifest = _manifest(self.path)
-        self._meshes = "gels" if self.manifest["format"] == 1 else "meshes"
+        self.soft = self.manifest["config"].get("scenario") == "soft"
         self.splits = self.manifest["splits"]
         shards = self.manifest["shards"]
         self._grasps = [(shard["file"], grasp) for shard in shards for grasp in shard["grasps"]]
@@ -129,14 +144,14 @@ class Dataset:
     def __len__(self) -> int:
         return self._starts[-1]
 
-    def __getitem__(self, index: int) -> Frame:
+    def __getitem__(self, index: int) -> Frame | SoftFrame:
         place = index + len(self) if index < 0 else index
         if not 0 <= place < len(self):
             raise IndexError(f"frame: found {index}, expected less than {len(self)}")
         number = bisect_right(self._starts, place) - 1
         return self._frame(*self._grasps[number], place - self._starts[number])
 
-    def __iter__(self) -> Iterator[Frame]:
+    def __iter__(self) -> Iterator[Frame | SoftFrame]:
         return (self[index] for index in range(len(self)))
 
     def __reduce__(self) -> tuple[type[Dataset], tuple[Path]]:
@@ -182,7 +197,7 @@ class Dataset:
             ValueError: If the file is no .vtu or .npz or cannot be written.
         """
         frame = self[index]
-        return frame.write(path, self.mesh(frame.gel))
+        return frame.write(path, self.mesh(frame.grasp))
 
     def plot(self, path: str | PathLike[str]) -> None:
         """Draws how depth, force, shear and stress are distributed to a .png or .svg file.
@@ -192,17 +207,26 @@ class Dataset:
         """
         _distributions.draw(self, path)
 
-    def mesh(self, gel: int) -> TetMesh:
-        """The mesh that the fields of a gel's grasps are stored on.
+    def mesh(self, grasp: str | int) -> TetMesh:
+        """The mesh that a grasp's fields are stored on; for pads, a gel's number will do.
 
         Raises:
+            KeyError: If there is no such grasp.
             IndexError: If there is no such gel.
         """
-        count = len(self.manifest["config"]["gels"])
-        if not 0 <= gel < count:
-            raise IndexError(f"gel: found {gel}, expected less than {count}")
-        tensors = self._tensors(f"{self._meshes}/{gel}.safetensors")
+        tensors = self._mesh(grasp)
         return TetMesh(tensors.get_tensor("vertices"), tensors.get_tensor("tets"))
+
+    def plan(self, grasp: str) -> dict[str, Any]:
+        """What was drawn for a grasp: ``tool``, ``width``, ``force``, ``shear``, ``twist``, ...
+
+        Raises:
+            KeyError: If there is no such grasp.
+        """
+        file, _ = self._grasps[self._numbers[grasp]]
+        entries = json.loads(self._tensors(file).metadata()["grasps"])
+        [plan] = [entry["plan"] for entry in entries if entry["plan"]["name"] == grasp]
+        return dict(plan)
 
     def verify(self) -> None:
         """Compares every shard with its hash in the manifest.
@@ -226,40 +250,53 @@ class Dataset:
             raise ImportError(text) from error
         return safe_open(self.path / file, framework="numpy")
 
-    def _frame(self, file: str, grasp: dict[str, Any], number: int) -> Frame:
-        tensors, prefix = self._tensors(file), _number(grasp["name"])
+    def _mesh(self, grasp: str | int) -> Any:
+        """The file of a grasp's, or a gel's, mesh."""
+        if self.soft:
+            return self._tensors(
+                f"meshes/{self.grasps[self._numbers[str(grasp)]].split('/')[0]}.safetensors"
+            )
+        gel = self.gel(grasp) if isinstance(grasp, str) else grasp
+        count = len(self.manifest["config"]["gels"])
+        if not 0 <= gel < count:
+            raise IndexError(f"gel: found {gel}, expected less than {count}")
+        folder = "gels" if self.manifest["format"] == 1 else "meshes"
+        return self._tensors(f"{folder}/{gel}.safetensors")
 
-        def row(name: str) -> Any:
-            return tensors.get_slice(f"{prefix}.{name}")[number : number + 1][0]
+    def _frame(self, file: str, grasp: dict[str, Any], number: int) -> Frame | SoftFrame:
+        tensors, name = self._tensors(file), grasp["name"]
 
-        def pad(side: str) -> Pad:
-            fields = ("displacement", "von_mises", "contact_force", "wrench", "press", "pose")
-            arrays = {name: row(f"{side}.{name}") for name in fields}
-            history = self._anchors(file, grasp, f"{prefix}.{side}", number)
-            return Pad(**arrays, residual=float(row(f"{side}.residual")), anchors=history)
+        def row(field: str) -> Any:
+            return tensors.get_slice(f"{_number(name)}.{field}")[number : number + 1][0]
 
-        return Frame(
-            grasp=grasp["name"],
-            number=number,
-            gel=grasp["gel"],
-            force=float(row("force")),
-            closing=float(row("closing")),
-            residual=float(row("residual")),
-            object=row("object"),
-            pads=(pad("first"), pad("second")),
-        )
+        def body(part: str) -> dict[str, Any]:
+            fields = ("displacement", "von_mises", "contact_force")
+            arrays = {field: row(f"{part}.{field}") for field in fields}
+            residual = float(row(f"{part}.residual"))
+            return {**arrays, "residual": residual, "anchors": self._anchors(name, part, number)}
 
-    def _anchors(self, file: str, grasp: dict[str, Any], prefix: str, number: int) -> Any:
-        tensors = self._tensors(file)
-        counts = tensors.get_tensor(f"{prefix}.anchors").astype(int)
+        def rigid(part: str, *fields: str) -> dict[str, Any]:
+            return {field: row(f"{part}.{field}") for field in fields}
+
+        common: dict[str, Any] = {"grasp": name, "number": number, "gel": grasp["gel"]}
+        common |= {field: float(row(field)) for field in ("force", "closing")}
+        if self.soft:
+            first, second = (Finger(**rigid(side, "wrench", "pose")) for side in _SIDES)
+            moved = {"motion": row("motion"), "deviation": float(row("deviation"))}
+            return SoftFrame(**common, **moved, body=Body(**body("body")), fingers=(first, second))
+        left, right = (Pad(**body(side), **rigid(side, *_OF_A_PAD)) for side in _SIDES)
+        residual = float(row("residual"))
+        return Frame(**common, residual=residual, object=row("object"), pads=(left, right))
+
+    def _anchors(self, grasp: str, part: str, number: int) -> NDArray[np.float32]:
+        counts = self.column(grasp, f"{part}.anchors").astype(int)
         own = slice(counts[:number].sum(), counts[: number + 1].sum())
-        place = tensors.get_slice(f"{prefix}.anchor_place")[own]
+        place = self.column(grasp, f"{part}.anchor_place")[own]
         if self.manifest["format"] == 1:
-            rest = tensors.get_slice(f"{prefix}.anchor_rest")[own]
+            rest = self.column(grasp, f"{part}.anchor_rest")[own]
         else:
-            meshes = self._tensors(f"{self._meshes}/{grasp['gel']}.safetensors")
-            points = tensors.get_slice(f"{prefix}.anchor_point")[own]
-            rest = meshes.get_tensor("contact_points")[points]
+            points = self.column(grasp, f"{part}.anchor_point")[own]
+            rest = self._mesh(grasp).get_tensor("contact_points")[points]
         return np.stack([rest, place], axis=1).astype(np.float32)
 
 

@@ -12,7 +12,7 @@ from ruffini import _distributions, dataset
 from ruffini.dataset import Progress
 
 _SETTINGS = {
-    "objects": "rigid objects, evenly over the catalogue",
+    "objects": "objects, evenly over the catalogue",
     "grasps": "grasps of each object",
     "frames": "frames of growing force in each grasp",
     "seed": "what objects and grasps are drawn from",
@@ -35,6 +35,12 @@ def add_to(commands: Any) -> None:
     maker.add_argument("--config", help=".toml file; the paper's configuration if not given")
     for name, text in _SETTINGS.items():
         maker.add_argument(f"--{name}", type=int, help=f"{text}; as configured if not given")
+    maker.add_argument(
+        "--scenario",
+        choices=("pads", "soft"),
+        help="soft pads on rigid objects, or soft objects between rigid fingers; as configured if "
+        "not given",
+    )
     maker.add_argument("--threads", type=int, help="threads; one a core if not given")
     maker.add_argument("--commit", default="", help="commit of ruffini, for the manifest")
     maker.set_defaults(run=_generate)
@@ -53,7 +59,7 @@ def add_to(commands: Any) -> None:
 
 
 def _generate(options: argparse.Namespace) -> None:
-    given = {name: getattr(options, name) for name in _SETTINGS}
+    given = {name: getattr(options, name) for name in (*_SETTINGS, "scenario")}
     dataset.generate(
         options.folder,
         options.config,
