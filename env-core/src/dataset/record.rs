@@ -128,14 +128,13 @@ impl Pads {
 /// the truth's `contact_points` (P, 3), which anchors number.
 pub(super) fn mesh_file(mesh: &TetMesh, fixed: &[u32], points: &[Point3<f64>]) -> Vec<u8> {
     let corners = mesh.tets.iter().flatten().map(|&i| i as usize);
-    let places = |p: &[Point3<f64>]| {
-        Tensor::double(p.iter().flat_map(place).collect::<Vec<_>>(), &[p.len(), 3])
-    };
+    let vertices = mesh.vertices.iter().flat_map(place);
+    let places = points.iter().flat_map(place);
     let tensors = vec![
-        ("vertices".to_owned(), places(&mesh.vertices)),
+        ("vertices".to_owned(), Tensor::double(vertices, &[mesh.vertices.len(), 3])),
         ("tets".to_owned(), Tensor::counts(corners, &[mesh.tets.len(), 4])),
         ("fixed".to_owned(), Tensor::counts(fixed.iter().map(|&i| i as usize), &[fixed.len()])),
-        ("contact_points".to_owned(), places(points)),
+        ("contact_points".to_owned(), Tensor::single(places, &[points.len(), 3])),
     ];
     Shard { tensors, entries: Vec::new() }.to_bytes()
 }
