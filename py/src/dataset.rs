@@ -9,19 +9,27 @@ use std::{
 };
 
 use pyo3::{exceptions::PyValueError, prelude::*};
-use ruffini_core::dataset::{Config, Progress, generate};
+use ruffini_core::dataset::{Config, Orders, Progress, generate, shards};
 
 use crate::error::python_error;
 
 /// How long a signal may wait to be seen.
 const POLL: Duration = Duration::from_millis(20);
 
-/// Makes a dataset in `folder`, or what is missing of it; whether it is finished.
+/// Names of the shards of a dataset; the configuration as in `generate_dataset`.
+#[pyfunction]
+#[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
+pub(crate) fn dataset_shards(config: Option<PathBuf>, overrides: &str) -> PyResult<Vec<String>> {
+    shards(&configuration(config, overrides)?).map_err(python_error)
+}
+
+/// Makes a dataset in `folder`, or what is missing of it, or of the shards `only`; whether it is
+/// finished.
 ///
 /// The configuration is that of the TOML file `config`, or the default, with the JSON object
 /// `overrides` laid over it. `watch` is called from another thread.
 #[pyfunction]
-#[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
+#[allow(clippy::needless_pass_by_value, clippy::too_many_arguments)] // As Python passes them.
 pub(crate) fn generate_dataset(
     py: Python<'_>,
     folder: PathBuf,
@@ -29,6 +37,7 @@ pub(crate) fn generate_dataset(
     overrides: &str,
     commit: &str,
     threads: usize,
+    only: Option<Vec<String>>,
     watch: Py<PyAny>,
 ) -> PyResult<bool> {
     let config = configuration(config, overrides)?;
@@ -42,8 +51,9 @@ pub(crate) fn generate_dataset(
                 false
             })
     };
+    let orders = Orders { commit, threads, only: only.as_deref() };
     let manifest = thread::scope(|scope| {
-        let worker = scope.spawn(|| generate(&config, &folder, commit, threads, &go_on));
+        let worker = scope.spawn(|| generate(&config, &folder, &orders, &go_on));
         // Python hears signals in its main thread only, which is this one.
         loop {
             let finished = worker.is_finished();

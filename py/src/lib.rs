@@ -200,7 +200,7 @@ mod _core {
     #[pymodule_export]
     use super::{Batch, PressError, SimulationError, default_settings};
     #[pymodule_export]
-    use crate::dataset::generate_dataset;
+    use crate::dataset::{dataset_shards, generate_dataset};
     #[pymodule_export]
     use crate::training::{evaluate_surrogate, train_surrogate};
     #[pymodule_export]

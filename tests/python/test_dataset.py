@@ -8,24 +8,16 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from tiny_dataset import TINY
 
 from ruffini import dataset
+from ruffini._distributions import by_family, family
 
 pytest.importorskip("safetensors")
-
-TINY = {
-    "objects": 2,
-    "grasps": 1,
-    "frames": 2,
-    "truth_nodes": 400,
-    "model_nodes": 200,
-    "gels": [
-        {"sensor": "gelsight-mini", "young": 3e5, "poisson": 0.47, "friction": 0.6, "share": 1.0}
-    ],
-}
 
 
 @pytest.fixture(scope="module")
@@ -63,13 +55,23 @@ def test_every_frame_can_be_read(data):
         data[4]
 
 
-def test_contact_forces_add_up_to_the_wrench(data):
+def test_every_frame_is_in_balance(data):
     for frame in data:
-        for pad in frame.pads:
-            total, force = pad.contact_force.sum(axis=0, dtype=np.float64), pad.wrench[:3]
-            # Each of the 32-bit numbers is rounded by at most 6e-8 of itself.
-            rounding = 6e-8 * np.abs(pad.contact_force).sum() + 1e-12
-            assert np.abs(total - force).max() < rounding, f"{total} N against {force} N"
+        off, pressed = frame.imbalance(), frame.pads[0].contact_force
+        # Each of the 32-bit numbers is rounded by at most 6e-8 of itself.
+        rounding = 6e-8 * np.abs(pressed).sum() * 2 + 1e-12
+        assert off["contact"] < rounding, f"{off['contact']} N against {rounding} N"
+        # The solver's tolerance is 1e-6 N, torque counted over the object's size, below 0.1 m.
+        assert off["force"] <= 1.001e-6, f"{off['force']} N on the object"
+        assert off["torque"] <= 1.001e-7, f"{off['torque']} N m on the object"
+
+
+def test_an_unbalanced_frame_shows(data):
+    frame = data[0]
+    pad = replace(frame.pads[0], wrench=frame.pads[0].wrench + np.eye(6)[2] / 10)
+    off = replace(frame, pads=(pad, frame.pads[1])).imbalance()
+    assert off["contact"] == pytest.approx(0.1, abs=1e-5)
+    assert off["force"] == pytest.approx(0.1, abs=1e-5)
 
 
 def test_splits_name_grasps_that_are_there(data):
@@ -100,6 +102,75 @@ def test_a_stopped_generation_resumes_with_the_same_bytes(folder, tmp_path):
     assert dataset.generate(tmp_path, threads=2, **TINY) is not None
     assert kept.stat().st_mtime_ns == before
     assert shards(tmp_path) == shards(folder)
+
+
+def test_a_stop_loses_no_solved_grasp(tmp_path):
+    settings = {**TINY, "objects": 1, "grasps": 3}
+
+    def twice(progress):
+        return progress.done < 2
+
+    assert dataset.generate(tmp_path, threads=1, watch=twice, **settings) is None
+    assert len(list(tmp_path.glob("parts/*"))) == 2 and not list(tmp_path.glob("shards/*"))
+    # A part that a crash of the machine cut short is solved again.
+    damaged = min(tmp_path.glob("parts/*"))
+    damaged.write_bytes(damaged.read_bytes()[:100])
+    seen = []
+
+    def watch(progress):
+        seen.append(progress.done)
+        return True
+
+    data = dataset.generate(tmp_path, threads=1, watch=watch, **settings)
+    assert seen == [1, 2, 3] and len(data) == 6
+    assert not (tmp_path / "parts").exists()
+
+
+def test_shards_made_apart_are_those_made_together(folder, tmp_path):
+    first, second = dataset.shards(**TINY)
+    assert dataset.generate(tmp_path, shards=[], **TINY) is None
+    assert dataset.generate(tmp_path, shards=[second], threads=1, **TINY) is None
+    assert [path.name for path in tmp_path.glob("shards/*")] == [second.split("/")[1]]
+    assert dataset.generate(tmp_path, shards=[first, second], threads=1, **TINY) is None
+    assert dataset.generate(tmp_path, threads=1, **TINY) is not None
+    for file in (*shards(folder), "manifest.json"):
+        [made] = tmp_path.rglob(file)
+        [known] = folder.rglob(file)
+        assert made.read_bytes() == known.read_bytes(), file
+    with pytest.raises(ValueError, match="shard: found shards/none, expected one of 2 names"):
+        dataset.generate(tmp_path, shards=["shards/none"], **TINY)
+
+
+def test_anchors_tell_where_the_skin_sticks(data):
+    mesh = data.mesh(0)
+    for frame in data:
+        for pad in frame.pads:
+            assert len(pad.anchors) > 0
+            rest, place = pad.anchors[:, 0], pad.anchors[:, 1]
+            assert (rest[:, 2] > mesh.vertices[:, 2].min() + 1e-3).all(), "an anchor at the base"
+            # What sticks is pressed in by less than it closed: rest and place are that near.
+            x, y, z, w = pad.press[3:]
+            turn = np.array(
+                [
+                    [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                    [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                    [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+                ]
+            )
+            apart = np.linalg.norm(place @ turn.T + pad.press[:3] - rest, axis=1)
+            assert apart.max() < 2 * frame.closing + 1e-4, f"{apart.max()} m"
+
+
+def test_a_dataset_of_a_later_format_is_refused(folder, tmp_path):
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    manifest = (tmp_path / "manifest.json").read_text()
+    (tmp_path / "manifest.json").write_text(manifest.replace('"format": 2', '"format": 3'))
+    with pytest.raises(ValueError, match="found format 3, expected 1 or 2"):
+        dataset.open(tmp_path)
+    claim = (tmp_path / "config.json").read_text()
+    (tmp_path / "config.json").write_text(claim.replace('"format": 2', '"format": 3'))
+    with pytest.raises(ValueError, match="another format lies here, expected format 2"):
+        dataset.generate(tmp_path, **TINY)
 
 
 def test_ctrl_c_stops_a_generation(tmp_path, request):
@@ -177,6 +248,7 @@ def test_the_command_generates_and_inspects(folder, tmp_path):
     assert shards(made) == shards(folder)
     assert command("inspect", str(made)).stdout == done.stdout
     table = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
+    assert table["force"].startswith("at most") and "N out of balance" in table["force"]
     assert [table[name] for name in ("objects", "grasps", "frames", "unsolved")] == list("2240")
 
 
@@ -184,3 +256,48 @@ def test_the_command_names_a_folder_without_a_dataset(tmp_path):
     done = command("inspect", str(tmp_path))
     assert (done.returncode, done.stdout) == (2, "")
     assert "manifest.json" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_frame_is_written_for_paraview(data, folder, tmp_path):
+    done = command("export", str(folder), "-1", str(tmp_path / "frame.npz"))
+    files = [str(tmp_path / f"frame-{side}.npz") for side in ("first", "second")]
+    assert done.stdout.splitlines() == files
+    pads, mesh = [np.load(file) for file in files], data.mesh(0)
+    for pad, stored in zip(pads, data[-1].pads, strict=True):
+        assert np.array_equal(pad["tets"], mesh.tets)
+        assert np.array_equal(pad["von_mises"], stored.von_mises)
+    # The object is pressed from both sides: seen from outside, the forces on the pads cancel.
+    force = np.concatenate([pad["contact_force"] for pad in pads])
+    net, pressed = force.sum(axis=0), np.abs(force).sum()
+    assert np.abs(net).max() < 1e-5 * pressed, f"{net} N left of {pressed} N"
+    # Pads stand on either side of the object, bases outwards and faces towards it.
+    ends = [mesh.vertices[:, 2].argmin(), mesh.vertices[:, 2].argmax()]
+    apart = [np.linalg.norm(pads[0]["vertices"][i] - pads[1]["vertices"][i]) for i in ends]
+    assert apart[0] > apart[1] > 0.01
+    assert command("export", str(folder), "0", str(tmp_path / "frame.vtu")).returncode == 0
+    assert (tmp_path / "frame-second.vtu").read_bytes().startswith(b"<?xml")
+    missing = command("export", str(folder), "4", "frame.vtu")
+    assert missing.returncode == 2 and "found 4, expected less than 4" in missing.stderr
+
+
+def test_distributions_are_drawn_by_family(data, folder, tmp_path):
+    pytest.importorskip("matplotlib")
+    assert command("plot", str(folder), "-o", str(tmp_path / "a.svg")).returncode == 0
+    text = (tmp_path / "a.svg").read_text()
+    assert text.rstrip().endswith("</svg>")
+    columns = by_family(data)
+    assert sum(len(of["force"]) for of in columns.values()) == len(data)
+    for name, of in columns.items():
+        frames = [frame for frame in data if family(frame.grasp) == name]
+        assert np.array_equal(of["force"], [frame.force for frame in frames])
+        peaks = [1e-3 * max(pad.von_mises.max() for pad in frame.pads) for frame in frames]
+        np.testing.assert_allclose(of["stress"], peaks, rtol=1e-6)
+        assert (of["depth"] > 0).all() and (of["depth"] <= 0.5).all()
+        # Pads cannot pull sideways with more than friction allows.
+        assert (of["shear"] < 0.61).all(), of["shear"]
+    assert command("plot", str(folder), "-o", "a.gif").returncode == 2
+
+
+def test_a_field_that_is_not_there_is_named(data):
+    with pytest.raises(ValueError, match=r"found third\.force"):
+        data.column(data.grasps[0], "third.force")

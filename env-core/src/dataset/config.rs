@@ -8,7 +8,8 @@ use crate::{
     Error, Result,
     deformation::{Law, Moduli, SoftBody},
     fem::{Element, Fem, Options},
-    geometry::PadMesh,
+    geometry::{PadMesh, TetMesh},
+    objects::{Object, catalogue},
     sensor::Sensor,
 };
 
@@ -18,7 +19,10 @@ use crate::{
 pub struct Config {
     /// What objects, grasps and perturbations are drawn from.
     pub seed: u64,
-    /// How many of the 63 rigid objects, evenly over the catalogue.
+    /// What is soft.
+    pub scenario: Scenario,
+    /// How many objects: of the 63 rigid ones, evenly over the catalogue; or of all 64, those of
+    /// [`SOFT`] first.
     pub objects: usize,
     /// Grasps of each object.
     pub grasps: usize,
@@ -32,27 +36,44 @@ pub struct Config {
     pub truth_element: String,
     /// Least and greatest force at which a grasp ends (N).
     pub force: [f64; 2],
-    /// Share of a pad's thickness at which a grasp ends, whatever its force.
+    /// Closing of each pad at which a grasp ends, whatever its force, over its thickness; or of each
+    /// finger, over half the object's width there.
     pub depth: f64,
     /// Greatest shift of the pads against each other along their faces, over their closing.
     pub shear: f64,
     /// Greatest turn of the pads against each other about their normals, over their closing (rad/m).
     pub twist: f64,
-    /// Pads, drawn for each grasp by their shares.
+    /// Materials of what is soft, and the pads or fingers, drawn for each grasp by their shares.
     pub gels: Vec<Gel>,
 }
 
-/// A pad of one material.
+/// Which side of a grasp is soft.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Scenario {
+    /// Two soft pads, between which a rigid object settles.
+    #[default]
+    Pads,
+    /// A soft object between two rigid fingers with the pads' outlines.
+    Soft,
+}
+
+/// The first soft objects: solids of six kinds, the strawberry among them. The paper's ablation has
+/// six objects and does not name the others.
+pub const SOFT: [&str; 6] =
+    ["strawberry-1", "lemon-1", "eggplant-1", "sphere-1", "cylinder-1", "cuboid-1"];
+
+/// A soft material and what it is met with.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gel {
-    /// Name of the sensor.
+    /// Name of the sensor whose pads, or fingers with the outline of whose pads, it takes.
     pub sensor: String,
     /// Young's modulus at small strain (Pa).
     pub young: f64,
     /// Poisson's ratio.
     pub poisson: f64,
-    /// Coefficient of friction between pad and object.
+    /// Coefficient of friction.
     pub friction: f64,
     /// How often it is drawn, relative to the others.
     pub share: f64,
@@ -72,6 +93,7 @@ impl Default for Config {
         };
         Self {
             seed: 0,
+            scenario: Scenario::Pads,
             objects: 63,
             grasps: 100,
             frames: 50,
@@ -94,9 +116,16 @@ impl Default for Config {
 }
 
 /// The rigid objects of the catalogue.
-pub(super) const RIGID: usize = 63;
-/// Grasps in a shard.
-pub(super) const SHARD: usize = 10;
+const RIGID: usize = 63;
+
+impl Scenario {
+    fn objects(self) -> usize {
+        match self {
+            Self::Pads => RIGID,
+            Self::Soft => RIGID + 1,
+        }
+    }
+}
 
 impl Config {
     /// The configuration in a TOML file; what it leaves out is the default.
@@ -106,10 +135,26 @@ impl Config {
         toml::from_str::<Self>(&text).map_err(|error| file(error.to_string()))?.validated()
     }
 
+    /// The objects of a dataset, in order.
+    pub(super) fn objects(&self) -> Vec<Object> {
+        let mut all = catalogue(self.seed);
+        match self.scenario {
+            Scenario::Pads => {
+                (0..self.objects).map(|i| all[i * RIGID / self.objects].clone()).collect()
+            }
+            Scenario::Soft => {
+                let place = |o: &Object| SOFT.iter().position(|name| *name == o.name);
+                all.sort_by_key(|object| place(object).unwrap_or(SOFT.len()));
+                all.truncate(self.objects);
+                all
+            }
+        }
+    }
+
     /// This configuration, if a dataset can be made of it.
     pub fn validated(self) -> Result<Self> {
         let counts = [
-            ("objects", self.objects, RIGID),
+            ("objects", self.objects, self.scenario.objects()),
             ("grasps", self.grasps, 1000),
             ("frames", self.frames, 1000),
         ];
@@ -152,10 +197,19 @@ impl Gel {
     pub(super) fn pads(&self, config: &Config) -> Result<Pads> {
         let sensor = Sensor::named(&self.sensor)?;
         let PadMesh { mesh, base, .. } = sensor.pad(config.truth_nodes)?;
+        let truth = self.body(mesh, &base, config)?;
+        Ok(Pads { truth, model: sensor.pad(config.model_nodes)?, sensor })
+    }
+
+    /// An object of this material, free.
+    pub(super) fn object(&self, mesh: TetMesh, config: &Config) -> Result<Fem> {
+        self.body(mesh, &[], config)
+    }
+
+    fn body(&self, mesh: TetMesh, fixed: &[u32], config: &Config) -> Result<Fem> {
         let moduli = Moduli { young: self.young, poisson: self.poisson };
-        let body = SoftBody::new(mesh, Law::default(), moduli, &base)?;
+        let body = SoftBody::new(mesh, Law::default(), moduli, fixed)?;
         let element = config.truth_element.parse()?;
-        let options = Options { element, friction: self.friction, ..Options::default() };
-        Ok(Pads { truth: Fem::new(body, options)?, model: sensor.pad(config.model_nodes)?, sensor })
+        Fem::new(body, Options { element, friction: self.friction, ..Options::default() })
     }
 }

@@ -11,16 +11,19 @@ use std::{
 };
 
 use rayon::prelude::*;
+use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::{
-    config::{Config, Gel, Pads, SHARD},
-    manifest::{Manifest, Shard, Solved, Unsolved, splits},
+    config::Config,
+    job::{Job, Task, is_whole, jobs},
+    manifest::{FORMAT, Manifest, Shard, Solved, Unsolved, splits},
     plan::{Plan, plans},
-    ramp::Ramp,
-    record::{Entry, Shard as Filling, entries, write_mesh, write_whole},
+    record::Entry,
+    setup::Setup,
+    tensor::{entries, read, write_whole},
 };
-use crate::{Error, Result, geometry::Transfer, objects::Object};
+use crate::{Error, Result, objects::Object};
 
 /// How far a generation has come.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -41,113 +44,122 @@ pub struct Progress {
     pub bytes: u64,
 }
 
-/// A file to be filled.
-struct Job<'a> {
-    file: String,
-    object: &'a Object,
-    plans: &'a [Plan],
+/// Which part of a dataset is made, and how.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Orders<'a> {
+    /// Commit of this library, for the manifest.
+    pub commit: &'a str,
+    /// Threads to solve on; 0 is one a core.
+    pub threads: usize,
+    /// Shards to make, by [`shards`]'s names; `None` makes all, and the manifest.
+    pub only: Option<&'a [String]>,
 }
 
-/// Makes the dataset of `config` in `folder` with `threads` threads, or what is missing of it.
+/// Names of the shards that make up the dataset of `config`.
+pub fn shards(config: &Config) -> Result<Vec<String>> {
+    let plans = plans(&config.clone().validated()?)?;
+    Ok(jobs(&plans).into_iter().map(|job| job.file).collect())
+}
+
+/// Makes the dataset of `config` in `folder`, or what is missing of it.
 ///
 /// `watch` is called before the first grasp and after each; false stops, and the next call goes on.
-/// Returns the manifest, or `None` if stopped. Errors: a configuration that makes no sense, a folder
-/// that holds another dataset, a disk that is full.
+/// Returns the manifest, or `None` if stopped or if only some shards were ordered. Errors: a
+/// configuration that makes no sense, a folder that holds another dataset, a shard that is not part
+/// of it, a disk that is full.
 pub fn generate(
     config: &Config,
     folder: &Path,
-    commit: &str,
-    threads: usize,
+    orders: &Orders,
     watch: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> Result<Option<Manifest>> {
     let config = config.clone().validated()?;
     claim(&config, folder)?;
     let plans = plans(&config)?;
     let jobs = jobs(&plans);
-    let missing: Vec<_> = jobs.iter().filter(|job| !is_whole(&folder.join(&job.file))).collect();
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = pool.map_err(|error| Error::invalid("threads", threads, error.to_string()))?;
-    let pads = |gel: &Gel| {
-        let pads = gel.pads(&config)?;
-        let transfer = Transfer::new(pads.truth.body().mesh(), &pads.model.mesh)?;
-        Ok((pads, transfer))
-    };
-    let gels = pool.install(|| config.gels.par_iter().map(pads).collect::<Result<Vec<_>>>())?;
-    for (number, (pads, _)) in gels.iter().enumerate() {
-        write_mesh(&folder.join(format!("gels/{number}.safetensors")), pads)?;
-    }
+    let chosen = choose(&jobs, orders.only)?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(orders.threads).build();
+    let pool =
+        pool.map_err(|error| Error::invalid("threads", orders.threads, error.to_string()))?;
+    let objects: Vec<_> = plans.iter().map(|(object, _)| object).collect();
+    let setup = pool.install(|| Setup::new(&config, &objects, folder))?;
+    let (packed, open): (Vec<&Job>, Vec<&Job>) =
+        chosen.into_iter().partition(|job| is_whole(&folder.join(&job.file)));
+    let tasks: Vec<_> = open.iter().flat_map(|job| job.missing(folder)).collect();
     let count = |jobs: &[&Job]| jobs.iter().map(|job| job.plans.len()).sum::<usize>();
-    let all = count(&jobs.iter().collect::<Vec<_>>());
-    let bytes = all as u64 * config.frames as u64 * bytes_a_frame(&gels[0].0);
-    let progress = Progress { done: all - count(&missing), all, bytes, ..Progress::default() };
+    let all = count(&packed) + count(&open);
+    let bytes = all as u64 * config.frames as u64 * setup.bytes_a_frame();
+    let progress = Progress { done: all - tasks.len(), all, bytes, ..Progress::default() };
     let work = Work {
         config: &config,
-        gels: &gels,
+        setup: &setup,
         folder,
         watch,
         clock: Instant::now(),
         progress: Mutex::new(progress),
         stopped: AtomicBool::new(!watch(&progress)),
     };
-    pool.install(|| missing.par_iter().try_for_each(|job| work.fill(job)))?;
-    if work.stopped.load(Ordering::Relaxed) {
+    open.iter().try_for_each(|job| work.pack_if_complete(job))?;
+    pool.install(|| tasks.par_iter().try_for_each(|task| work.solve(task)))?;
+    if work.stopped.load(Ordering::Relaxed) || orders.only.is_some() {
         return Ok(None);
     }
-    let manifest = summary(&config, commit, &plans, &jobs, folder)?;
+    let manifest = summary(&config, orders.commit, &plans, &jobs, folder)?;
     let text = serde_json::to_string_pretty(&manifest).expect("plain data");
     write_whole(&folder.join("manifest.json"), text.as_bytes())?;
+    // A kill may have left parts of shards that had just been packed.
+    let parts = folder.join("parts");
+    fs::remove_dir_all(&parts).map_err(file_error(&parts))?;
     Ok(Some(manifest))
+}
+
+fn choose<'a>(jobs: &'a [Job<'a>], only: Option<&[String]>) -> Result<Vec<&'a Job<'a>>> {
+    let Some(names) = only else { return Ok(jobs.iter().collect()) };
+    let find = |name: &String| {
+        let job = jobs.iter().find(|job| job.file == *name);
+        job.ok_or_else(|| Error::invalid("shard", name, format!("one of {} names", jobs.len())))
+    };
+    names.iter().map(find).collect()
+}
+
+/// What `config.json` holds: whose folder it is.
+#[derive(Serialize)]
+struct Claim<'a> {
+    format: u32,
+    #[serde(flatten)]
+    config: &'a Config,
 }
 
 /// Makes the folder and writes the configuration into it, or checks that it is the one there.
 fn claim(config: &Config, folder: &Path) -> Result<()> {
-    let failed = |path: &Path| {
-        let path = path.display().to_string();
-        move |error: std::io::Error| Error::File { path, reason: error.to_string() }
-    };
-    for name in ["shards", "gels"] {
+    for name in ["shards", "parts", "meshes"] {
         let path = folder.join(name);
-        fs::create_dir_all(&path).map_err(failed(&path))?;
+        fs::create_dir_all(&path).map_err(file_error(&path))?;
     }
     let path = folder.join("config.json");
-    let text = serde_json::to_string_pretty(config).expect("plain data");
+    let text = serde_json::to_string_pretty(&Claim { format: FORMAT, config }).expect("plain data");
+    let refused = |reason| Err(Error::File { path: path.display().to_string(), reason });
     match fs::read_to_string(&path) {
         Ok(found) if found == text => Ok(()),
-        Ok(_) => Err(Error::File {
-            path: path.display().to_string(),
-            reason: "another dataset lies here, expected this configuration or no folder".into(),
-        }),
+        Ok(found) if !found.contains(&format!("\"format\": {FORMAT},")) => refused(format!(
+            "a dataset of another format lies here, expected format {FORMAT} or no folder"
+        )),
+        Ok(_) => refused(
+            "another dataset lies here, expected this configuration or no folder".to_owned(),
+        ),
         Err(_) => write_whole(&path, text.as_bytes()),
     }
 }
 
-fn jobs(plans: &[(Object, Vec<Plan>)]) -> Vec<Job<'_>> {
-    let mut jobs = Vec::new();
-    for (object, plans) in plans {
-        for (i, plans) in plans.chunks(SHARD).enumerate() {
-            let file = format!("shards/{}-{i:03}.safetensors", object.name);
-            jobs.push(Job { file, object, plans });
-        }
-    }
-    jobs
+fn file_error(path: &Path) -> impl Fn(std::io::Error) -> Error {
+    let path = path.display().to_string();
+    move |error| Error::File { path: path.clone(), reason: error.to_string() }
 }
 
-fn is_whole(path: &Path) -> bool {
-    fs::read(path).is_ok_and(|bytes| entries(path, &bytes).is_ok())
-}
-
-/// About the bytes of a frame of two pads: fields, and the anchors of the tenth of the contact points
-/// that touch on average.
-fn bytes_a_frame(pads: &Pads) -> u64 {
-    let mesh = &pads.model.mesh;
-    let anchors = pads.truth.contact_points().len() / 10;
-    2 * (24 * mesh.vertices.len() + 4 * mesh.tets.len() + 48 * anchors + 200) as u64
-}
-
-/// A run on the shards that are missing.
+/// A run on the grasps that are missing.
 struct Work<'a> {
     config: &'a Config,
-    gels: &'a [(Pads, Transfer)],
+    setup: &'a Setup,
     folder: &'a Path,
     watch: &'a (dyn Fn(&Progress) -> bool + Sync),
     clock: Instant,
@@ -156,24 +168,26 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
-    /// Solves the grasps of a shard and writes it, unless stopped.
-    fn fill(&self, job: &Job) -> Result<()> {
-        let object = job.object.shape.clone().validated()?;
-        let mut shard = Filling::default();
-        for plan in job.plans {
-            if self.stopped.load(Ordering::Relaxed) {
-                return Ok(());
-            }
-            let (pads, transfer) = &self.gels[plan.gel];
-            let depth = self.config.depth * pads.sensor.outline.thickness;
-            let ramp = Ramp { frames: self.config.frames, depth };
-            let (frames, error) = ramp.solve(plan, &object, &pads.truth);
-            let error = error.map(|error| error.to_string());
-            self.report(frames.len(), error.is_some());
-            let entry = Entry { plan: plan.clone(), frames: frames.len(), error };
-            shard.add(entry, &frames, pads, transfer);
+    /// Solves a grasp and keeps it, unless stopped; the last one of a shard packs it.
+    fn solve(&self, task: &Task) -> Result<()> {
+        if self.stopped.load(Ordering::Relaxed) {
+            return Ok(());
         }
-        shard.write(&self.folder.join(&job.file))
+        let part = self.setup.solve(self.config, task.job.object, task.plan)?;
+        write_whole(&self.folder.join(&task.part), &part.to_bytes())?;
+        let Entry { frames, error, .. } = &part.entries[0];
+        self.report(*frames, error.is_some());
+        task.job.missing.fetch_sub(1, Ordering::AcqRel);
+        self.pack_if_complete(task.job)
+    }
+
+    /// Packs a shard if all of its parts are there and nobody else does.
+    fn pack_if_complete(&self, job: &Job) -> Result<()> {
+        let complete = job.missing.load(Ordering::Acquire) == 0;
+        if complete && !job.packed.swap(true, Ordering::AcqRel) {
+            job.pack(self.folder)?;
+        }
+        Ok(())
     }
 
     fn report(&self, frames: usize, unsolved: bool) {
@@ -200,11 +214,7 @@ fn summary(
     let (mut shards, mut unsolved) = (Vec::new(), Vec::new());
     for job in jobs {
         let path: PathBuf = folder.join(&job.file);
-        let failed = |error: std::io::Error| Error::File {
-            path: path.display().to_string(),
-            reason: error.to_string(),
-        };
-        let bytes = fs::read(&path).map_err(failed)?;
+        let bytes = read(&path)?;
         let mut grasps = Vec::new();
         for Entry { plan, frames, error } in entries(&path, &bytes)? {
             let name = plan.name;
@@ -225,6 +235,7 @@ fn summary(
     let by_object: Vec<_> = plans.iter().map(|(o, _)| (o.clone(), there(o))).collect();
     let short = plans.iter().filter(|(_, plans)| plans.len() < config.grasps);
     Ok(Manifest {
+        format: FORMAT,
         version: env!("CARGO_PKG_VERSION").to_owned(),
         commit: commit.to_owned(),
         config: config.clone(),

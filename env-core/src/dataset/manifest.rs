@@ -7,9 +7,15 @@ use serde::{Deserialize, Serialize};
 use super::config::Config;
 use crate::objects::{self, Object};
 
+/// Version of the files of a dataset. 1 (which did not say so) kept anchors as two places in 64 bits
+/// each, 2 keeps the number of the contact point and a place in 32 bits.
+pub const FORMAT: u32 = 2;
+
 /// A finished dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
+    /// What its files look like: [`FORMAT`].
+    pub format: u32,
     /// Version of this library.
     pub version: String,
     /// Commit it was built from, or empty.

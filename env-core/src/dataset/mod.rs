@@ -2,23 +2,27 @@
 //! learn from and every answerer is judged by.
 //!
 //! A grasp closes two pads on a rigid object that settles between them, frame by frame with growing
-//! force ([`ramp`]). It is solved on a finer mesh than the one its fields are stored on: the truth
+//! force ([`ramp`]); or two rigid fingers squeeze a soft object ([`squeeze`]). It is solved on a finer mesh than the one its fields are stored on: the truth
 //! mesh and the model mesh of [`Config`]. Grasps are stored in shards (safetensors), ten of an
 //! object each, which a [`Manifest`] lists with their hashes, failures and splits. The same
 //! configuration gives the same bytes, whatever the number of threads and however often it was
-//! interrupted: a shard is there whole or not at all.
+//! interrupted: every solved grasp is kept in a file of its own until its shard is packed.
 
 mod config;
 mod generate;
+mod job;
 mod manifest;
 mod plan;
 mod ramp;
 mod read;
 mod record;
+mod setup;
+mod squeeze;
+mod tensor;
 
-pub use config::{Config, Gel};
-pub use generate::{Progress, generate};
-pub use manifest::{Manifest, Shard, Solved, Split, Unsolved};
+pub use config::{Config, Gel, SOFT, Scenario};
+pub use generate::{Orders, Progress, generate, shards};
+pub use manifest::{FORMAT, Manifest, Shard, Solved, Split, Unsolved};
 pub use plan::{Plan, plans};
 pub use ramp::{Frame, Ramp};
 pub use read::{Dataset, PadFrames};

@@ -7,10 +7,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::config::{Config, RIGID};
+use super::config::Config;
 use crate::{
     Result,
-    objects::{Antipodal, GraspSampler, Object, catalogue},
+    objects::{Antipodal, GraspSampler, Object},
 };
 
 /// One grasp that is to be solved.
@@ -39,9 +39,8 @@ pub struct Plan {
 
 /// The objects of `config`, each with its grasps in order. An object may have fewer than asked for.
 pub fn plans(config: &Config) -> Result<Vec<(Object, Vec<Plan>)>> {
-    let all = catalogue(config.seed);
-    let chosen = (0..config.objects).map(|i| i * RIGID / config.objects);
-    chosen.map(|i| Ok((all[i].clone(), of_object(config, &all[i])?))).collect()
+    let objects = config.objects().into_iter();
+    objects.map(|object| of_object(config, &object).map(|plans| (object, plans))).collect()
 }
 
 fn of_object(config: &Config, object: &Object) -> Result<Vec<Plan>> {

@@ -3,7 +3,7 @@
 //! The four phases of a grasp: the object is loaded into its frame, the pads are put on either side
 //! of it, each closes until it touches, and then both close together until the force is reached.
 //! How far the next frame closes is told by the last: force grows with about the 1.9th power of
-//! depth (a measured `GelSight` Mini). A frame that is not solved is tried again half as far.
+//! depth (a measured `GelSight` Mini). Frames in which nothing is held yet are not kept.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -40,7 +40,9 @@ pub struct Frame {
 
 /// Exponent of force by depth that strides are chosen with.
 const EXPONENT: f64 = 1.9;
-/// Closing of the first frame, shortest stride that is tried, and longest, over the depth.
+/// Force above which an object is held (N): a free one may lie against a pad with none.
+const HELD: f64 = 1e-4;
+/// Closing of the first frame, shortest stride, and longest, over the depth.
 const STRIDES: [f64; 3] = [0.03, 0.001, 0.1];
 /// Pads start this far open (m).
 const OPEN: f64 = 0.005;
@@ -50,37 +52,58 @@ const TOUCH: f64 = 1e-7;
 impl Ramp {
     /// The frames of `plan`, and the error that ended it before its force, depth or last frame.
     pub fn solve(&self, plan: &Plan, object: &Shape, pad: &Fem) -> (Vec<Frame>, Option<Error>) {
-        let mut frames = Vec::with_capacity(self.frames);
-        let error = self.run(plan, object, pad, &mut frames).err();
-        (frames, error)
+        let mesh = pad.body().mesh();
+        let gap = |pose: &Isometry3<f64>| {
+            let distance = |p: &Point3<f64>| object.distance(&(*pose * p)).value;
+            mesh.vertices.iter().map(distance).fold(f64::INFINITY, f64::min)
+        };
+        let start = Isometry3::identity();
+        let hold = touching(plan, gap).and_then(|touching| {
+            let hold = Hold::new(object, start, [pad; 2], &touching, Wrench::default())?;
+            Ok((touching, hold))
+        });
+        let (touching, mut hold) = match hold {
+            Ok(hold) => hold,
+            Err(error) => return (Vec::new(), Some(error)),
+        };
+        self.climb(plan.force, |closing| {
+            let pads = plan.closed(&touching, closing);
+            let frame = Frame::new(closing, pads, hold.frame(&pads)?);
+            Ok((frame.force, frame))
+        })
     }
 
-    fn run(&self, plan: &Plan, object: &Shape, pad: &Fem, frames: &mut Vec<Frame>) -> Result<()> {
-        let touching = touching(plan, object, pad)?;
-        let start = Isometry3::identity();
-        let mut hold = Hold::new(object, start, [pad; 2], &touching, Wrench::default())?;
+    /// What `close` gives, and its force, for closings that grow until `target` (N) is reached; and
+    /// the error that ended it before.
+    pub(super) fn climb<F>(
+        &self,
+        target: f64,
+        mut close: impl FnMut(f64) -> Result<(f64, F)>,
+    ) -> (Vec<F>, Option<Error>) {
+        let mut frames = Vec::with_capacity(self.frames);
         let (mut closing, mut force) = (0.0, 0.0);
-        while frames.len() < self.frames && force < plan.force && closing < self.depth {
-            let wanted = plan.force * (frames.len() + 1) as f64 / self.frames as f64;
-            let mut stride = self.stride(closing, force, wanted);
-            let frame = loop {
-                let pads = plan.closed(&touching, closing + stride);
-                match hold.frame(&pads) {
-                    Ok(grasped) => break Frame::new(closing + stride, pads, grasped),
-                    Err(error) if stride < STRIDES[1] * self.depth => return Err(error),
-                    Err(_) => stride *= 0.5,
+        while frames.len() < self.frames && force < target && closing < self.depth {
+            let wanted = target * (frames.len() + 1) as f64 / self.frames as f64;
+            closing += self.stride(closing, force, wanted);
+            match close(closing) {
+                Ok((reached, frame)) => {
+                    force = reached;
+                    if force > HELD {
+                        frames.push(frame);
+                    }
                 }
-            };
-            (closing, force) = (frame.closing, frame.force);
-            frames.push(frame);
+                Err(error) => return (frames, Some(error)),
+            }
         }
-        Ok(())
+        let loose = Error::Unreachable { force: target, reached: force, travel: closing };
+        let error = frames.is_empty().then_some(loose);
+        (frames, error)
     }
 
     /// How much farther to close from `closing` at `force` for a force of `wanted` (N).
     fn stride(&self, closing: f64, force: f64, wanted: f64) -> f64 {
         let [first, shortest, longest] = STRIDES.map(|share| share * self.depth);
-        let predicted = if force > 0.0 {
+        let predicted = if force > HELD {
             closing * ((wanted / force).powf(1.0 / EXPONENT) - 1.0)
         } else {
             first
@@ -99,7 +122,11 @@ impl Frame {
 impl Plan {
     /// Poses of the pads that have closed by `closing` (m) each since they were `touching`: the
     /// first goes straight, the second shears and twists.
-    fn closed(&self, touching: &[Isometry3<f64>; 2], closing: f64) -> [Isometry3<f64>; 2] {
+    pub(super) fn closed(
+        &self,
+        touching: &[Isometry3<f64>; 2],
+        closing: f64,
+    ) -> [Isometry3<f64>; 2] {
         let ahead = Isometry3::translation(0.0, 0.0, closing);
         let [x, y] = self.shear.map(|share| share * closing);
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.twist * closing);
@@ -108,15 +135,14 @@ impl Plan {
     }
 }
 
-/// Poses of the pads in the object's frame, each closed until it touches.
-fn touching(plan: &Plan, object: &Shape, pad: &Fem) -> Result<[Isometry3<f64>; 2]> {
+/// Poses of the pads or fingers in the object's frame, each closed by the `gap` (m) that is left at
+/// its pose until it touches.
+pub(super) fn touching(
+    plan: &Plan,
+    gap: impl Fn(&Isometry3<f64>) -> f64,
+) -> Result<[Isometry3<f64>; 2]> {
     let mut pads = Hand::pads(&plan.tool, plan.width + 2.0 * OPEN);
-    let mesh = pad.body().mesh();
     for pose in &mut pads {
-        let gap = |pose: &Isometry3<f64>| {
-            let distance = |p: &Point3<f64>| object.distance(&(*pose * p)).value;
-            mesh.vertices.iter().map(distance).fold(f64::INFINITY, f64::min)
-        };
         let mut travel = 0.0;
         loop {
             let free = gap(pose);

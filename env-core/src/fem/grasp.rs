@@ -146,7 +146,7 @@ impl<'a> Hold<'a> {
                     }
                     (done, stride) = (next, 2.0 * stride);
                 }
-                Err(error @ Error::NotConverged { .. }) => {
+                Err(error @ (Error::NotConverged { .. } | Error::Penetrated { .. })) => {
                     stride *= 0.5;
                     if stride < shortest {
                         return Err(error);

@@ -27,6 +27,7 @@ __all__ = [
     "TetMesh",
     "Transfer",
     "__version__",
+    "dataset_shards",
     "default_settings",
     "generate_dataset",
     "objects",
@@ -298,12 +299,14 @@ class Antipodal:
     def pads(self, apart: float) -> tuple[tuple[_Array, _Array], tuple[_Array, _Array]]: ...
 
 def objects(seed: int = 0) -> list[Object]: ...
+def dataset_shards(config: _Path | None, overrides: str) -> list[str]: ...
 def generate_dataset(
     folder: _Path,
     config: _Path | None,
     overrides: str,
     commit: str,
     threads: int,
+    only: Sequence[str] | None,
     watch: Callable[[int, int, int, int, float, int], bool],
 ) -> bool: ...
 def train_surrogate(

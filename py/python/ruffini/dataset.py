@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate
@@ -20,7 +20,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ruffini._core import TetMesh, generate_dataset
+from ruffini import _distributions
+from ruffini._core import TetMesh, dataset_shards, generate_dataset
+from ruffini._frames import Body, Finger, Frame, Pad, SoftFrame
+
+__all__ = [
+    "Body",
+    "Dataset",
+    "Finger",
+    "Frame",
+    "Pad",
+    "Progress",
+    "SoftFrame",
+    "generate",
+    "open",
+    "shards",
+]
+
+FORMATS = (1, 2)
+"""Versions of a dataset's files that can be read; 2 is written."""
+_SIDES = ("first", "second")
+_OF_A_PAD = ("wrench", "press", "pose")
 
 
 @dataclass(frozen=True)
@@ -47,24 +67,29 @@ def generate(
     *,
     threads: int | None = None,
     commit: str = "",
+    shards: Sequence[str] | None = None,
     watch: Callable[[Progress], bool] | None = None,
     **settings: Any,
 ) -> Dataset | None:
-    """Makes a dataset, or what is missing of it; ``None`` if it was stopped.
+    """Makes a dataset, or what is missing of it; ``None`` if it is not finished.
+
+    Killed at any moment it loses the grasps being solved; the next call goes on from there.
 
     Args:
         folder: Where it is made; one with another dataset is refused.
         config: A TOML file; what it leaves out is the default.
         threads: Threads to solve on; ``None`` takes one a core.
         commit: Commit of this library, kept in the manifest.
+        shards: Makes these only, of those that `shards` names, and no manifest: a part of the work
+            for one of several processes. A first call with none makes the folder, a last one
+            without this argument the manifest.
         watch: Called from another thread before the first grasp and after each; false stops. A
-            stop, Ctrl-C included, waits for the grasps being solved and drops the shards being
-            filled, of ten grasps at most; the next call goes on from there.
+            stop, Ctrl-C included, waits for the grasps being solved.
         settings: Settings that replace those of the file: ``objects=2, grasps=1``.
 
     Raises:
-        ValueError: If a setting makes no sense, the folder holds another dataset or cannot be
-            written.
+        ValueError: If a setting makes no sense, a shard is not part of the dataset, or the folder
+            holds another dataset or cannot be written.
     """
     if threads is not None and threads < 1:
         raise ValueError(f"threads: found {threads}, expected 1 or more")
@@ -73,50 +98,17 @@ def generate(
         return watch is None or watch(Progress(*progress))
 
     overrides = json.dumps(settings)
-    finished = generate_dataset(folder, config, overrides, commit, threads or 0, ask)
+    finished = generate_dataset(folder, config, overrides, commit, threads or 0, shards, ask)
     return Dataset(folder) if finished else None
 
 
-@dataclass(frozen=True)
-class Pad:
-    """One pad in one frame, in the frame of the pad."""
+def shards(config: str | PathLike[str] | None = None, **settings: Any) -> list[str]:
+    """Names of the shards of the dataset that `generate` makes of the same arguments.
 
-    displacement: NDArray[np.float32]
-    """Displacement of the vertices (V, 3) (m)."""
-    von_mises: NDArray[np.float32]
-    """Von Mises stress in the tetrahedra (T,) (Pa)."""
-    contact_force: NDArray[np.float32]
-    """Forces of the object on the vertices (V, 3) (N)."""
-    wrench: NDArray[np.float64]
-    """Force (N) and torque (Nm) of the object on the pad (6,)."""
-    press: NDArray[np.float64]
-    """Pose of the object in the frame of the pad (7,)."""
-    pose: NDArray[np.float64]
-    """Pose of the pad in the frame of the object at its start (7,)."""
-    residual: float
-    """Force out of balance in the pad (N)."""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One solved frame of a grasp."""
-
-    grasp: str
-    """Name of the grasp: object and number."""
-    number: int
-    """Number of the frame in the grasp, from 0."""
-    gel: int
-    """Number of the gel, see `Dataset.mesh`."""
-    force: float
-    """Force with which the pads are pressed together (N)."""
-    closing: float
-    """Closing of each pad since it touched (m)."""
-    residual: float
-    """Force on the object out of balance (N)."""
-    object: NDArray[np.float64]
-    """Pose of the object against that of its start (7,)."""
-    pads: tuple[Pad, Pad]
-    """The two pads."""
+    Raises:
+        ValueError: If a setting makes no sense.
+    """
+    return dataset_shards(config, json.dumps(settings))
 
 
 class Dataset:
@@ -126,32 +118,41 @@ class Dataset:
         path: Its folder.
         manifest: What it was made of, its shards, unsolved grasps and objects with few grasps.
         splits: Names of grasps to "train", for "validation" and to "test" with, by split.
+        soft: Whether the objects are soft and the fingers rigid, so that frames are `SoftFrame`.
+        grasps: Names of the grasps with at least one frame, in the order of their frames.
     """
 
     path: Path
     manifest: dict[str, Any]
     splits: dict[str, dict[str, list[str]]]
+    soft: bool
+    grasps: list[str]
 
     def __init__(self, path: str | PathLike[str]):
         self.path = Path(path)
         self.manifest = _manifest(self.path)
+        self.soft = self.manifest["config"].get("scenario") == "soft"
         self.splits = self.manifest["splits"]
         shards = self.manifest["shards"]
         self._grasps = [(shard["file"], grasp) for shard in shards for grasp in shard["grasps"]]
         counts = (int(grasp["frames"]) for _, grasp in self._grasps)
         self._starts = list(accumulate(counts, initial=0))
-        self._numbers = {grasp["name"]: i for i, (_, grasp) in enumerate(self._grasps)}
+        self.grasps = [grasp["name"] for _, grasp in self._grasps]
+        self._numbers = {name: i for i, name in enumerate(self.grasps)}
         self._tensors = lru_cache(maxsize=32)(self._open)
 
     def __len__(self) -> int:
         return self._starts[-1]
 
-    def __getitem__(self, index: int) -> Frame:
+    def __getitem__(self, index: int) -> Frame | SoftFrame:
         place = index + len(self) if index < 0 else index
         if not 0 <= place < len(self):
             raise IndexError(f"frame: found {index}, expected less than {len(self)}")
         number = bisect_right(self._starts, place) - 1
-        return self._read(*self._grasps[number], place - self._starts[number])
+        return self._frame(*self._grasps[number], place - self._starts[number])
+
+    def __iter__(self) -> Iterator[Frame | SoftFrame]:
+        return (self[index] for index in range(len(self)))
 
     def __reduce__(self) -> tuple[type[Dataset], tuple[Path]]:
         return Dataset, (self.path,)
@@ -165,17 +166,67 @@ class Dataset:
         number = self._numbers[grasp]
         return range(self._starts[number], self._starts[number + 1])
 
-    def mesh(self, gel: int) -> TetMesh:
-        """The mesh that the fields of a gel's grasps are stored on.
+    def gel(self, grasp: str) -> int:
+        """Number of a grasp's gel.
 
         Raises:
+            KeyError: If there is no such grasp.
+        """
+        _, found = self._grasps[self._numbers[grasp]]
+        return int(found["gel"])
+
+    def column(self, grasp: str, field: str) -> NDArray[Any]:
+        """A field of all frames of a grasp (F, ...), such as ``force`` or ``first.von_mises``.
+
+        Raises:
+            KeyError: If there is no such grasp.
+            ValueError: If there is no such field.
+        """
+        file, _ = self._grasps[self._numbers[grasp]]
+        tensors, name = self._tensors(file), f"{_number(grasp)}.{field}"
+        if name not in tensors.keys():  # noqa: SIM118, what is open is no dictionary
+            raise ValueError(f"field: found {field}, expected one of a frame's")
+        column: NDArray[Any] = tensors.get_tensor(name)
+        return column
+
+    def export(self, index: int, path: str | PathLike[str]) -> list[Path]:
+        """Writes a frame's fields on their meshes, see `Frame.write`.
+
+        Raises:
+            IndexError: If there is no such frame.
+            ValueError: If the file is no .vtu or .npz or cannot be written.
+        """
+        frame = self[index]
+        return frame.write(path, self.mesh(frame.grasp))
+
+    def plot(self, path: str | PathLike[str]) -> None:
+        """Draws how depth, force, shear and stress are distributed to a .png or .svg file.
+
+        Raises:
+            ValueError: If the file has another ending.
+        """
+        _distributions.draw(self, path)
+
+    def mesh(self, grasp: str | int) -> TetMesh:
+        """The mesh that a grasp's fields are stored on; for pads, a gel's number will do.
+
+        Raises:
+            KeyError: If there is no such grasp.
             IndexError: If there is no such gel.
         """
-        count = len(self.manifest["config"]["gels"])
-        if not 0 <= gel < count:
-            raise IndexError(f"gel: found {gel}, expected less than {count}")
-        tensors = self._tensors(f"gels/{gel}.safetensors")
+        tensors = self._mesh(grasp)
         return TetMesh(tensors.get_tensor("vertices"), tensors.get_tensor("tets"))
+
+    def plan(self, grasp: str) -> dict[str, Any]:
+        """What was drawn for a grasp: ``tool``, ``width``, ``force``, ``shear``, ``twist``, ...
+
+        Raises:
+            KeyError: If there is no such grasp.
+        """
+        file, _ = self._grasps[self._numbers[grasp]]
+        entries = json.loads(self._tensors(file).metadata()["grasps"])
+        [plan] = [entry["plan"] for entry in entries if entry["plan"]["name"] == grasp]
+        return dict(plan)
 
     def verify(self) -> None:
         """Compares every shard with its hash in the manifest.
@@ -199,27 +250,54 @@ class Dataset:
             raise ImportError(text) from error
         return safe_open(self.path / file, framework="numpy")
 
-    def _read(self, file: str, grasp: dict[str, Any], number: int) -> Frame:
-        tensors, prefix = self._tensors(file), grasp["name"].rsplit("/", 1)[1]
+    def _mesh(self, grasp: str | int) -> Any:
+        """The file of a grasp's, or a gel's, mesh."""
+        if self.soft:
+            return self._tensors(
+                f"meshes/{self.grasps[self._numbers[str(grasp)]].split('/')[0]}.safetensors"
+            )
+        gel = self.gel(grasp) if isinstance(grasp, str) else grasp
+        count = len(self.manifest["config"]["gels"])
+        if not 0 <= gel < count:
+            raise IndexError(f"gel: found {gel}, expected less than {count}")
+        folder = "gels" if self.manifest["format"] == 1 else "meshes"
+        return self._tensors(f"{folder}/{gel}.safetensors")
 
-        def row(name: str) -> Any:
-            return tensors.get_slice(f"{prefix}.{name}")[number : number + 1][0]
+    def _frame(self, file: str, grasp: dict[str, Any], number: int) -> Frame | SoftFrame:
+        tensors, name = self._tensors(file), grasp["name"]
 
-        def pad(side: str) -> Pad:
-            fields = ("displacement", "von_mises", "contact_force", "wrench", "press", "pose")
-            arrays = {name: row(f"{side}.{name}") for name in fields}
-            return Pad(**arrays, residual=float(row(f"{side}.residual")))
+        def row(field: str) -> Any:
+            return tensors.get_slice(f"{_number(name)}.{field}")[number : number + 1][0]
 
-        return Frame(
-            grasp=grasp["name"],
-            number=number,
-            gel=grasp["gel"],
-            force=float(row("force")),
-            closing=float(row("closing")),
-            residual=float(row("residual")),
-            object=row("object"),
-            pads=(pad("first"), pad("second")),
-        )
+        def body(part: str) -> dict[str, Any]:
+            fields = ("displacement", "von_mises", "contact_force")
+            arrays = {field: row(f"{part}.{field}") for field in fields}
+            residual = float(row(f"{part}.residual"))
+            return {**arrays, "residual": residual, "anchors": self._anchors(name, part, number)}
+
+        def rigid(part: str, *fields: str) -> dict[str, Any]:
+            return {field: row(f"{part}.{field}") for field in fields}
+
+        common: dict[str, Any] = {"grasp": name, "number": number, "gel": grasp["gel"]}
+        common |= {field: float(row(field)) for field in ("force", "closing")}
+        if self.soft:
+            first, second = (Finger(**rigid(side, "wrench", "pose")) for side in _SIDES)
+            moved = {"motion": row("motion"), "deviation": float(row("deviation"))}
+            return SoftFrame(**common, **moved, body=Body(**body("body")), fingers=(first, second))
+        left, right = (Pad(**body(side), **rigid(side, *_OF_A_PAD)) for side in _SIDES)
+        residual = float(row("residual"))
+        return Frame(**common, residual=residual, object=row("object"), pads=(left, right))
+
+    def _anchors(self, grasp: str, part: str, number: int) -> NDArray[np.float32]:
+        counts = self.column(grasp, f"{part}.anchors").astype(int)
+        own = slice(counts[:number].sum(), counts[: number + 1].sum())
+        place = self.column(grasp, f"{part}.anchor_place")[own]
+        if self.manifest["format"] == 1:
+            rest = self.column(grasp, f"{part}.anchor_rest")[own]
+        else:
+            points = self.column(grasp, f"{part}.anchor_point")[own]
+            rest = self._mesh(grasp).get_tensor("contact_points")[points]
+        return np.stack([rest, place], axis=1).astype(np.float32)
 
 
 def open(path: str | PathLike[str]) -> Dataset:
@@ -231,10 +309,18 @@ def open(path: str | PathLike[str]) -> Dataset:
     return Dataset(path)
 
 
+def _number(grasp: str) -> str:
+    """What the tensors of a grasp begin with."""
+    return grasp.rsplit("/", 1)[1]
+
+
 def _manifest(folder: Path) -> dict[str, Any]:
     path = folder / "manifest.json"
     try:
         manifest: dict[str, Any] = json.loads(path.read_text())
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}, expected a finished dataset") from error
+    if manifest.setdefault("format", 1) not in FORMATS:
+        expected = " or ".join(map(str, FORMATS))
+        raise ValueError(f"{path}: found format {manifest['format']}, expected {expected}")
     return manifest

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import re
 import shutil
 import sys
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from ruffini import dataset
+from ruffini import _distributions, dataset
 from ruffini.dataset import Progress
 
 _SETTINGS = {
-    "objects": "rigid objects, evenly over the catalogue",
+    "objects": "objects, evenly over the catalogue",
     "grasps": "grasps of each object",
     "frames": "frames of growing force in each grasp",
     "seed": "what objects and grasps are drawn from",
@@ -31,23 +29,37 @@ def add_to(commands: Any) -> None:
         "generate",
         help="solve grasps and store them",
         description="Solves grasps by finite elements. Stopped with Ctrl-C, it ends with the "
-        "grasps being solved, and the same command goes on from the last whole shards, of ten "
-        "grasps each.",
+        "grasps being solved; after that or a kill the same command goes on with what is missing.",
     )
     maker.add_argument("folder", help="where the dataset is made")
     maker.add_argument("--config", help=".toml file; the paper's configuration if not given")
     for name, text in _SETTINGS.items():
         maker.add_argument(f"--{name}", type=int, help=f"{text}; as configured if not given")
+    maker.add_argument(
+        "--scenario",
+        choices=("pads", "soft"),
+        help="soft pads on rigid objects, or soft objects between rigid fingers; as configured if "
+        "not given",
+    )
     maker.add_argument("--threads", type=int, help="threads; one a core if not given")
     maker.add_argument("--commit", default="", help="commit of ruffini, for the manifest")
     maker.set_defaults(run=_generate)
     viewer = parts.add_parser("inspect", help="say what a finished dataset holds")
     viewer.add_argument("folder", help="the dataset")
     viewer.set_defaults(run=_inspect)
+    artist = parts.add_parser("plot", help="draw distributions by family of objects")
+    artist.add_argument("folder", help="the dataset")
+    artist.add_argument("-o", "--out", required=True, help=".png or .svg file")
+    artist.set_defaults(run=lambda options: dataset.open(options.folder).plot(options.out))
+    writer = parts.add_parser("export", help="write a frame for ParaView")
+    writer.add_argument("folder", help="the dataset")
+    writer.add_argument("index", type=int, help="number of the frame; from the end if negative")
+    writer.add_argument("out", help=".vtu or .npz file; -first, -second are put in")
+    writer.set_defaults(run=_export)
 
 
 def _generate(options: argparse.Namespace) -> None:
-    given = {name: getattr(options, name) for name in _SETTINGS}
+    given = {name: getattr(options, name) for name in (*_SETTINGS, "scenario")}
     dataset.generate(
         options.folder,
         options.config,
@@ -103,16 +115,30 @@ def _inspect(options: argparse.Namespace) -> None:
     print(f"{'frames':<12} {len(found)}")
     print(f"{'size':<12} {_size(sum(shard['bytes'] for shard in shards))}, {len(shards)} shards")
     print(f"{'unsolved':<12} {len(unsolved)}")
-    reasons = Counter(_without_figures(grasp["error"]) for grasp in unsolved)
-    for reason, count in reasons.most_common():
+    for reason, count in _distributions.reasons(found).most_common():
         print(f"{'':<12} {count} of: {reason}")
+    _balance(found)
     for name, split in found.splits.items():
         print(f"{name:<12} {', '.join(f'{len(part)} {use}' for use, part in split.items())}")
 
 
-def _without_figures(text: str) -> str:
-    """The text with every number as `#`, so that equal reasons are equal."""
-    return re.sub(r"\d+(\.\d+)?(e[-+]?\d+)?", "#", text)
+def _balance(found: dataset.Dataset) -> None:
+    """The worst of all frames' imbalances, and where it is."""
+    units = {"contact": "N", "force": "N", "torque": "N m"}
+    worst = dict.fromkeys(units, (-1.0, ""))
+    for frame in found:
+        for name, value in frame.imbalance().items():
+            worst[name] = max(worst[name], (value, f"{frame.grasp} frame {frame.number}"))
+    for (name, unit), (value, place) in zip(units.items(), worst.values(), strict=True):
+        print(f"{name:<12} at most {value:.1e} {unit} out of balance, {place}")
+
+
+def _export(options: argparse.Namespace) -> None:
+    try:
+        files = dataset.open(options.folder).export(options.index, options.out)
+    except IndexError as error:
+        raise ValueError(error) from error
+    print(*files, sep="\n")
 
 
 def _size(count: float) -> str:

@@ -1,0 +1,85 @@
+//! Shards to be filled, and the grasps that are missing in them.
+
+use std::{
+    fs,
+    path::Path,
+    sync::atomic::{AtomicBool, AtomicUsize, Ordering},
+};
+
+use super::{
+    plan::Plan,
+    record::Shard,
+    tensor::{Tensors, entries, read, write_whole},
+};
+use crate::{Result, objects::Object};
+
+/// Grasps in a shard.
+const SHARD: usize = 10;
+
+/// A shard to be filled.
+pub(super) struct Job<'a> {
+    /// Path within the dataset.
+    pub(super) file: String,
+    pub(super) object: &'a Object,
+    pub(super) plans: &'a [Plan],
+    /// Grasps that are not kept yet, of a shard that is not packed.
+    pub(super) missing: AtomicUsize,
+    /// Whether it is being packed, or is already.
+    pub(super) packed: AtomicBool,
+}
+
+/// A grasp to be solved and kept.
+pub(super) struct Task<'a> {
+    pub(super) job: &'a Job<'a>,
+    pub(super) plan: &'a Plan,
+    /// Where it is kept until its shard is complete, within the dataset.
+    pub(super) part: String,
+}
+
+/// The shards of all objects, in order.
+pub(super) fn jobs(plans: &[(Object, Vec<Plan>)]) -> Vec<Job<'_>> {
+    let mut jobs = Vec::new();
+    for (object, plans) in plans {
+        for (i, plans) in plans.chunks(SHARD).enumerate() {
+            let file = format!("shards/{}-{i:03}.safetensors", object.name);
+            let (missing, packed) = (AtomicUsize::new(plans.len()), AtomicBool::new(false));
+            jobs.push(Job { file, object, plans, missing, packed });
+        }
+    }
+    jobs
+}
+
+/// Whether a shard or part is there and readable.
+pub(super) fn is_whole(path: &Path) -> bool {
+    read(path).is_ok_and(|bytes| entries::<serde::de::IgnoredAny>(path, &bytes).is_ok())
+}
+
+impl Job<'_> {
+    /// The grasps that are not kept in `folder` yet; their number is remembered.
+    pub(super) fn missing(&self, folder: &Path) -> Vec<Task<'_>> {
+        let tasks = self.plans.iter().map(|plan| Task { job: self, plan, part: part(plan) });
+        let missing: Vec<_> = tasks.filter(|task| !is_whole(&folder.join(&task.part))).collect();
+        self.missing.store(missing.len(), Ordering::Release);
+        missing
+    }
+
+    /// Makes the shard of its parts and removes these.
+    pub(super) fn pack(&self, folder: &Path) -> Result<()> {
+        let mut shard = Shard { tensors: Vec::new(), entries: Vec::new() };
+        for plan in self.plans {
+            let Tensors { tensors, entries } = Shard::read(&folder.join(part(plan)))?;
+            shard.tensors.extend(tensors);
+            shard.entries.extend(entries);
+        }
+        write_whole(&folder.join(&self.file), &shard.to_bytes())?;
+        for plan in self.plans {
+            // One that stays is removed when the dataset is finished.
+            let _ = fs::remove_file(folder.join(part(plan)));
+        }
+        Ok(())
+    }
+}
+
+fn part(plan: &Plan) -> String {
+    format!("parts/{}.safetensors", plan.name.replace('/', "-"))
+}

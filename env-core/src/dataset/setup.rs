@@ -1,0 +1,125 @@
+//! What all grasps of a dataset share: bodies, meshes, and the way between them.
+
+use std::{collections::BTreeMap, path::Path};
+
+use rayon::prelude::*;
+
+use super::{
+    config::{Config, Gel, Pads, Scenario},
+    plan::Plan,
+    ramp::Ramp,
+    record::{Entry, Shard, mesh_file, of_pads},
+    squeeze::{Squeeze, of_squeeze},
+    tensor::write_whole,
+};
+use crate::{
+    Result,
+    geometry::{TetMesh, Transfer},
+    objects::Object,
+    sensor::Sensor,
+};
+
+/// What is soft.
+pub(super) enum Setup {
+    /// The pads of every gel.
+    Pads(Vec<(Pads, Transfer)>),
+    /// The objects by name.
+    Soft(BTreeMap<String, Meshes>),
+}
+
+/// A soft object.
+pub(super) struct Meshes {
+    truth: TetMesh,
+    model: TetMesh,
+    transfer: Transfer,
+    /// Contact points of the truth.
+    points: usize,
+}
+
+impl Setup {
+    /// Meshes what is soft and writes the model meshes into `folder`, where they are missing.
+    pub(super) fn new(config: &Config, objects: &[&Object], folder: &Path) -> Result<Self> {
+        let keep = |name: &str, bytes: &dyn Fn() -> Vec<u8>| {
+            let path = folder.join(format!("meshes/{name}.safetensors"));
+            if path.is_file() { Ok(()) } else { write_whole(&path, &bytes()) }
+        };
+        let pads = |(number, gel): (usize, &Gel)| {
+            let pads = gel.pads(config)?;
+            let transfer = Transfer::new(pads.truth.body().mesh(), &pads.model.mesh)?;
+            keep(&number.to_string(), &|| pads.mesh_file())?;
+            Ok((pads, transfer))
+        };
+        let soft = |object: &&Object| {
+            let truth = meshed(object, config.truth_nodes)?;
+            let model = meshed(object, config.model_nodes)?;
+            let transfer = Transfer::new(&truth, &model)?;
+            let points = config.gels[0].object(truth.clone(), config)?.contact_points();
+            keep(&object.name, &|| mesh_file(&model, &[], &points))?;
+            let meshes = Meshes { truth, model, transfer, points: points.len() };
+            Ok((object.name.clone(), meshes))
+        };
+        Ok(match config.scenario {
+            Scenario::Pads => {
+                Self::Pads(config.gels.par_iter().enumerate().map(pads).collect::<Result<_>>()?)
+            }
+            Scenario::Soft => Self::Soft(objects.par_iter().map(soft).collect::<Result<_>>()?),
+        })
+    }
+
+    /// The grasp of `object` that `plan` says, as a shard of its own.
+    pub(super) fn solve(&self, config: &Config, object: &Object, plan: &Plan) -> Result<Shard> {
+        let ramp = |length: f64| Ramp { frames: config.frames, depth: config.depth * length };
+        let (frames, tensors, error) = match self {
+            Self::Pads(gels) => {
+                let (pads, transfer) = &gels[plan.gel];
+                let object = object.shape.clone().validated()?;
+                let ramp = ramp(pads.sensor.outline.thickness);
+                let (frames, error) = ramp.solve(plan, &object, &pads.truth);
+                (frames.len(), of_pads(&frames, transfer), error)
+            }
+            Self::Soft(objects) => {
+                let (meshes, gel) = (&objects[&object.name], &config.gels[plan.gel]);
+                let object = gel.object(meshes.truth.clone(), config)?;
+                let outline = Sensor::named(&gel.sensor)?.outline;
+                let squeeze = Squeeze { object: &object, outline, ramp: ramp(0.5 * plan.width) };
+                let (frames, error) = squeeze.solve(plan);
+                (frames.len(), of_squeeze(&frames, &meshes.transfer), error)
+            }
+        };
+        let error = error.map(|error| error.to_string());
+        Ok(Shard::of_grasp(Entry { plan: plan.clone(), frames, error }, tensors))
+    }
+
+    /// About the bytes of a frame: fields, and the anchors of the tenth of the contact points that
+    /// touch on average.
+    pub(super) fn bytes_a_frame(&self) -> u64 {
+        let body = |mesh: &TetMesh, points: usize| {
+            24 * mesh.vertices.len() + 4 * mesh.tets.len() + 20 * (points / 10) + 200
+        };
+        let bytes = match self {
+            Self::Pads(gels) => {
+                let (Pads { model, truth, .. }, _) = &gels[0];
+                2 * body(&model.mesh, truth.contact_points().len())
+            }
+            Self::Soft(objects) => {
+                let sizes = objects.values().map(|meshes| body(&meshes.model, meshes.points));
+                sizes.sum::<usize>() / objects.len()
+            }
+        };
+        bytes as u64
+    }
+}
+
+/// The finest tetrahedra of `object` with about `nodes` nodes, at most.
+fn meshed(object: &Object, nodes: usize) -> Result<TetMesh> {
+    // A body-centred lattice has two points in a cube of the spacing.
+    let volume = object.mass_properties(1.0).mass;
+    let mut spacing = (2.0 * volume / nodes as f64).cbrt();
+    loop {
+        let mesh = object.tets(spacing)?;
+        if mesh.vertices.len() <= nodes {
+            return Ok(mesh);
+        }
+        spacing *= (mesh.vertices.len() as f64 / nodes as f64).cbrt().max(1.005);
+    }
+}

@@ -1,0 +1,103 @@
+//! Named numbers in safetensors files that are there whole or not at all.
+
+use std::{collections::HashMap, fs, path::Path};
+
+use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+use serde::{Serialize, de::DeserializeOwned};
+
+use crate::{Error, Result};
+
+/// Numbers with a shape.
+pub(super) struct Tensor {
+    dtype: Dtype,
+    shape: Vec<usize>,
+    bytes: Vec<u8>,
+}
+
+impl Tensor {
+    /// Numbers kept with 32 bits.
+    pub(super) fn single(values: impl IntoIterator<Item = f64>, shape: &[usize]) -> Self {
+        let bytes = values.into_iter().flat_map(|value| (value as f32).to_le_bytes()).collect();
+        Self { dtype: Dtype::F32, shape: shape.to_vec(), bytes }
+    }
+
+    pub(super) fn double(values: impl IntoIterator<Item = f64>, shape: &[usize]) -> Self {
+        let bytes = values.into_iter().flat_map(f64::to_le_bytes).collect();
+        Self { dtype: Dtype::F64, shape: shape.to_vec(), bytes }
+    }
+
+    pub(super) fn counts(values: impl IntoIterator<Item = usize>, shape: &[usize]) -> Self {
+        let bytes = values.into_iter().flat_map(|value| (value as u32).to_le_bytes()).collect();
+        Self { dtype: Dtype::U32, shape: shape.to_vec(), bytes }
+    }
+}
+
+/// A file's tensors by name, and what is said of each part of it.
+pub(super) struct Tensors<Entry> {
+    pub(super) tensors: Vec<(String, Tensor)>,
+    pub(super) entries: Vec<Entry>,
+}
+
+/// Key of the entries in a file's metadata: there is one key, so its bytes have one order.
+const ENTRIES: &str = "grasps";
+
+impl<Entry: Serialize + DeserializeOwned> Tensors<Entry> {
+    /// What a file holds, or an error if it is missing or damaged.
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        let bytes = read(path)?;
+        let bad = |reason: String| Error::File { path: path.display().to_string(), reason };
+        let found = SafeTensors::deserialize(&bytes).map_err(|error| bad(error.to_string()))?;
+        let keep = |(name, view): (String, TensorView)| {
+            let (dtype, shape) = (view.dtype(), view.shape().to_vec());
+            (name, Tensor { dtype, shape, bytes: view.data().to_vec() })
+        };
+        let tensors = found.tensors().into_iter().map(keep).collect();
+        Ok(Self { tensors, entries: entries(path, &bytes)? })
+    }
+
+    /// The bytes of a file of these, whatever their order.
+    pub(super) fn to_bytes(&self) -> Vec<u8> {
+        let views = self.tensors.iter().map(|(name, tensor)| {
+            let view = TensorView::new(tensor.dtype, tensor.shape.clone(), &tensor.bytes);
+            (name, view.expect("as many bytes as the shape says"))
+        });
+        let entries = serde_json::to_string(&self.entries).expect("plain data");
+        let metadata = HashMap::from([(ENTRIES.to_owned(), entries)]);
+        safetensors::serialize(views, Some(metadata)).expect("valid tensors")
+    }
+}
+
+/// The entries in a file's bytes, or an error if it is damaged.
+pub(super) fn entries<Entry: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<Vec<Entry>> {
+    let bad = |reason: String| Error::File { path: path.display().to_string(), reason };
+    SafeTensors::deserialize(bytes).map_err(|error| bad(error.to_string()))?;
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
+    let text = metadata.metadata().as_ref().and_then(|map| map.get(ENTRIES));
+    let text = text.ok_or_else(|| bad(format!("no \"{ENTRIES}\" in its metadata")))?;
+    serde_json::from_str(text).map_err(|error| bad(error.to_string()))
+}
+
+/// The bytes of a file.
+pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
+    fs::read(path).map_err(|error| Error::File {
+        path: path.display().to_string(),
+        reason: error.to_string(),
+    })
+}
+
+/// Writes a file so that it is there whole or not at all, whenever the process is killed.
+pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+    let failed = |error: std::io::Error| Error::File {
+        path: path.display().to_string(),
+        reason: error.to_string(),
+    };
+    let partial = path.with_extension("partial");
+    let write = || {
+        use std::io::Write;
+        let mut file = fs::File::create(&partial)?;
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        fs::rename(&partial, path)
+    };
+    write().map_err(failed)
+}

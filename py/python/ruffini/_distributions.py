@@ -1,0 +1,127 @@
+"""How depth, force, shear and stress of a dataset are distributed, drawn by family of objects."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections import Counter, defaultdict
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ruffini.dataset import Dataset
+
+_Columns = dict[str, NDArray[np.float64]]
+
+QUANTITIES = {
+    "depth": "closing of a pad over its thickness, of a finger over half the width",
+    "force": "force (N)",
+    "shear": "tangential over normal force",
+    "stress": "peak von Mises stress (kPa)",
+}
+"""What is drawn of every frame; the last two are the larger of both sides'."""
+
+
+def by_family(data: Dataset) -> dict[str, _Columns]:
+    """The `QUANTITIES` of all frames (F,), by family in the order of the catalogue."""
+    parts: dict[str, list[_Columns]] = defaultdict(list)
+    for name in data.grasps:
+        parts[family(name)].append(_of_grasp(data, name))
+    return {
+        name: {key: np.concatenate([part[key] for part in grasps]) for key in QUANTITIES}
+        for name, grasps in parts.items()
+    }
+
+
+def family(grasp: str) -> str:
+    """Family of the object in a grasp's name: ``hollow-lemon`` of ``hollow-lemon-1/003``."""
+    return grasp.split("/")[0].rsplit("-", 1)[0]
+
+
+def reasons(data: Dataset) -> Counter[str]:
+    """How many grasps ended early, by their error without its figures."""
+    unsolved = data.manifest["unsolved"]
+    return Counter(re.sub(r"\d+(\.\d+)?(e[-+]?\d+)?", "#", grasp["error"]) for grasp in unsolved)
+
+
+def _of_grasp(data: Dataset, name: str) -> _Columns:
+    wrenches = [data.column(name, f"{side}.wrench") for side in ("first", "second")]
+    soft = ("body",) if data.soft else ("first", "second")
+    stresses = [data.column(name, f"{part}.von_mises") for part in soft]
+    return {
+        "depth": data.column(name, "closing") / _thickness(data, name),
+        "force": data.column(name, "force"),
+        "shear": np.max([_shear(wrench) for wrench in wrenches], axis=0),
+        "stress": 1e-3 * np.max([stress.max(axis=1) for stress in stresses], axis=0),
+    }
+
+
+def _thickness(data: Dataset, name: str) -> float:
+    """Of a pad, or half the width of a soft object where it is grasped (m)."""
+    if data.soft:
+        return 0.5 * float(data.plan(name)["width"])
+    return float(np.ptp(data.mesh(name).vertices[:, 2]))
+
+
+def _shear(wrench: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Tangential over normal force (F,) of wrenches (F, 6); 0 where nothing presses."""
+    tangential, normal = np.hypot(wrench[:, 0], wrench[:, 1]), np.abs(wrench[:, 2])
+    return np.divide(tangential, normal, out=np.zeros_like(normal), where=normal > 0)
+
+
+def draw(data: Dataset, path: str | PathLike[str]) -> None:
+    """Draws the quantities by family, and the reasons of unsolved grasps, to a .png or .svg file.
+
+    Raises:
+        ValueError: If the file has another ending.
+    """
+    if Path(path).suffix not in (".png", ".svg"):
+        raise ValueError(f"file: found {path}, expected a name in .png or .svg")
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        text = 'datasets are drawn with matplotlib: pip install "ruffini[data]"'
+        raise ImportError(text) from error
+    columns = by_family(data)
+    height = 1.6 + 0.24 * len(columns)
+    figure = Figure(figsize=(11, 2 * height), layout="constrained")
+    grid = figure.add_gridspec(3, 2, height_ratios=[height, height, 0.9])
+    for place, (key, label) in enumerate(QUANTITIES.items()):
+        axes = figure.add_subplot(grid[divmod(place, 2)])
+        _boxes(axes, {name: of[key] for name, of in columns.items()}, label)
+    _unsolved(figure.add_subplot(grid[2, :]), data)
+    figure.suptitle(f"{len(data)} frames of {len(data.grasps)} grasps")
+    figure.savefig(path, dpi=130)
+
+
+def _boxes(axes: Any, values: dict[str, NDArray[np.float64]], label: str) -> None:
+    """Quartiles, and the 1st to the 99th per cent, family under family."""
+    labels = [f"{name} ({len(of)})" for name, of in values.items()]
+    axes.boxplot(
+        list(values.values()),
+        orientation="horizontal",
+        tick_labels=labels,
+        whis=(1, 99),
+        widths=0.6,
+        flierprops={"markersize": 2, "markeredgecolor": "0.5"},
+        medianprops={"color": "C1"},
+    )
+    axes.invert_yaxis()
+    axes.set_xlabel(label)
+    axes.set_xlim(left=0)
+    axes.grid(axis="x", alpha=0.3)
+
+
+def _unsolved(axes: Any, data: Dataset) -> None:
+    asked = len(data.grasps) + sum(grasp["frames"] == 0 for grasp in data.manifest["unsolved"])
+    counts = reasons(data).most_common() or [("ended early", 0)]
+    names = [textwrap.shorten(reason, 60) for reason, _ in counts]
+    bars = axes.barh(names, [100 * count / asked for _, count in counts], color="C3")
+    axes.bar_label(bars, [f"{count} of {asked}" for _, count in counts], padding=3)
+    axes.invert_yaxis()
+    axes.set_xlim(0, max(1.0, 120 * counts[0][1] / asked))
+    axes.set_xlabel("grasps that ended before their last frame (%)")

@@ -1,0 +1,190 @@
+"""What a dataset holds of one frame.
+
+V vertices and T tetrahedra of the mesh that fields are stored on; SI units. A pose is a position
+and a quaternion (x, y, z, w), 7 numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ruffini._core import TetMesh
+
+_Left = dict[str, float]
+_NOWHERE = np.array([0.0, 0, 0, 0, 0, 0, 1])
+
+
+@dataclass(frozen=True)
+class Body:
+    """A soft body in one frame, in the frame in which its mesh is given."""
+
+    displacement: NDArray[np.float32]
+    """Displacement of the vertices (V, 3) (m)."""
+    von_mises: NDArray[np.float32]
+    """Von Mises stress in the tetrahedra (T,) (Pa)."""
+    contact_force: NDArray[np.float32]
+    """Forces of what is rigid on the vertices (V, 3) (N)."""
+    residual: float
+    """Force out of balance in the body (N)."""
+    anchors: NDArray[np.float32]
+    """Where friction holds the skin (A, 2, 3): a point of the undeformed body in its frame, and the
+    place that it sticks to in the frame of what is rigid (m)."""
+
+    def write(
+        self, path: str | PathLike[str], mesh: TetMesh, pose: NDArray[np.float64] = _NOWHERE
+    ) -> None:
+        """Writes the mesh and the fields at a pose (7,) to a .vtu or .npz file.
+
+        Raises:
+            ValueError: If the file has another ending or cannot be written.
+        """
+        fields: dict[str, NDArray[Any]] = {
+            "displacement": _turned(pose, self.displacement),
+            "contact_force": _turned(pose, self.contact_force),
+            "von_mises": self.von_mises,
+        }
+        TetMesh(_turned(pose, mesh.vertices) + pose[:3], mesh.tets).write(path, fields)
+
+
+@dataclass(frozen=True)
+class Pad(Body):
+    """One pad in one frame, in the frame of the pad."""
+
+    wrench: NDArray[np.float64]
+    """Force (N) and torque (N m) of the object on the pad (6,)."""
+    press: NDArray[np.float64]
+    """Pose of the object in the frame of the pad (7,)."""
+    pose: NDArray[np.float64]
+    """Pose of the pad in the frame of the object at its start (7,)."""
+
+
+@dataclass(frozen=True)
+class Finger:
+    """One rigid finger in one frame: a box whose face looks along z."""
+
+    wrench: NDArray[np.float64]
+    """Force (N) and torque (N m) of the object on the finger (6,), in the frame of the finger."""
+    pose: NDArray[np.float64]
+    """Pose of the middle of its face in the frame of the object at its start (7,)."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One solved frame of a grasp."""
+
+    grasp: str
+    """Name of the grasp: object and number."""
+    number: int
+    """Number of the frame in the grasp, from 0."""
+    gel: int
+    """Number of the gel, see `Dataset.mesh`."""
+    force: float
+    """Force with which the pads are pressed together (N)."""
+    closing: float
+    """Closing of each pad since it touched (m)."""
+    residual: float
+    """Force on the object out of balance (N)."""
+    object: NDArray[np.float64]
+    """Pose of the object against that of its start (7,)."""
+    pads: tuple[Pad, Pad]
+    """The two pads."""
+
+    def imbalance(self) -> dict[str, float]:
+        """How far the frame is from balance.
+
+        Returns:
+            ``contact``: what the contact forces on the vertices of a pad add up to, less the force
+            of its wrench, the larger of the two pads' (N). ``force`` and ``torque`` of both pads on
+            the object, which is free and at rest (N, N m about its origin).
+        """
+        sums = [pad.contact_force.sum(axis=0, dtype=np.float64) for pad in self.pads]
+        off = [total - pad.wrench[:3] for total, pad in zip(sums, self.pads, strict=True)]
+        return {"contact": float(max(map(np.linalg.norm, off)))} | _left(self.pads, self.object[:3])
+
+    def write(self, path: str | PathLike[str], mesh: TetMesh) -> list[Path]:
+        """Writes each pad with its fields, placed about the object's start, to a file of its own.
+
+        Returns:
+            The files: ``a-first.vtu`` and ``a-second.vtu`` for the path ``a.vtu``.
+
+        Raises:
+            ValueError: If the file is no .vtu or .npz or cannot be written.
+        """
+        path = Path(path)
+        files = [path.with_stem(f"{path.stem}-{side}") for side in ("first", "second")]
+        for pad, file in zip(self.pads, files, strict=True):
+            pad.write(file, mesh, pad.pose)
+        return files
+
+
+@dataclass(frozen=True)
+class SoftFrame:
+    """One solved frame of a soft object's squeeze."""
+
+    grasp: str
+    """Name of the grasp: object and number."""
+    number: int
+    """Number of the frame in the grasp, from 0."""
+    gel: int
+    """Number of the material and finger in the configuration's ``gels``."""
+    force: float
+    """Mean force of the fingers along their normals (N)."""
+    closing: float
+    """Closing of each finger since it touched (m)."""
+    motion: NDArray[np.float64]
+    """Rigid motion nearest to that of the object's nodes (7,), by singular values."""
+    deviation: float
+    """Root mean square of the nodes' distances from that motion (m)."""
+    body: Body
+    """The object, in its frame of the start."""
+    fingers: tuple[Finger, Finger]
+    """The two fingers."""
+
+    def imbalance(self) -> dict[str, float]:
+        """How far the frame is from balance.
+
+        Returns:
+            ``contact``: what the contact forces on the vertices add up to with the fingers'
+            wrenches (N). ``force`` and ``torque`` of the fingers on the object, which is free and
+            at rest (N, N m about its origin).
+        """
+        total = self.body.contact_force.sum(axis=0, dtype=np.float64)
+        fingers = sum(_turned(finger.pose, finger.wrench[None, :3])[0] for finger in self.fingers)
+        contact = float(np.linalg.norm(total + fingers))
+        return {"contact": contact} | _left(self.fingers, np.zeros(3))
+
+    def write(self, path: str | PathLike[str], mesh: TetMesh) -> list[Path]:
+        """Writes the object with its fields to a .vtu or .npz file.
+
+        Returns:
+            The file.
+
+        Raises:
+            ValueError: If the file has another ending or cannot be written.
+        """
+        self.body.write(path, mesh)
+        return [Path(path)]
+
+
+def _left(sides: tuple[Pad, Pad] | tuple[Finger, Finger], place: NDArray[np.float64]) -> _Left:
+    """Force and torque about a `place` (3,) that both sides leave on what is between them."""
+    force, torque = np.zeros(3), np.zeros(3)
+    for side in sides:
+        own, turning = _turned(side.pose, side.wrench.reshape(2, 3))
+        force += own
+        torque += turning + np.cross(side.pose[:3] - place, own)
+    return {"force": float(np.linalg.norm(force)), "torque": float(np.linalg.norm(torque))}
+
+
+def _turned(pose: NDArray[np.float64], vectors: NDArray[Any]) -> NDArray[np.float64]:
+    """Vectors (N, 3) in the frame at `pose`, as seen from outside."""
+    axis, real = pose[3:6], pose[6]
+    across = np.cross(axis, vectors)
+    turned: NDArray[np.float64] = vectors + 2 * (real * across + np.cross(axis, across))
+    return turned

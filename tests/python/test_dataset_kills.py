@@ -1,0 +1,47 @@
+"""Killed at any moment, a generation goes on, and ends with the bytes of an undisturbed one."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import subprocess
+import sys
+import time
+
+import pytest
+import tiny_dataset
+
+pytest.importorskip("safetensors")
+
+MAKE = [sys.executable, tiny_dataset.__file__]
+
+
+def killed_and_resumed(folder, kills, whole, random):
+    """Makes a tiny dataset over many runs that are killed at any moment, and lets the last end.
+
+    How many of the kills met a generation at work; `whole` is what it takes undisturbed (s).
+    """
+    met = 0
+    while met < kills:
+        line = [*MAKE, str(folder)]
+        with subprocess.Popen(line, stderr=subprocess.DEVNULL) as run:
+            try:
+                run.wait(timeout=random.uniform(0, 0.7 * whole))
+                shutil.rmtree(folder)  # It was done before the kill came: begin anew.
+            except subprocess.TimeoutExpired:
+                run.kill()
+                met += 1
+    subprocess.run([*MAKE, str(folder)], check=True)
+
+
+@pytest.mark.parametrize("kills", [2, pytest.param(20, marks=pytest.mark.slow)])
+def test_kills_change_no_byte(tmp_path, kills):
+    undisturbed, killed = tmp_path / "undisturbed", tmp_path / "killed"
+    start = time.monotonic()
+    subprocess.run([*MAKE, str(undisturbed)], check=True)
+    whole = time.monotonic() - start
+    killed_and_resumed(killed, kills, whole, random.Random(kills))
+    names = sorted(str(path.relative_to(killed)) for path in killed.rglob("*.*"))
+    assert names == sorted(str(path.relative_to(undisturbed)) for path in undisturbed.rglob("*.*"))
+    for name in names:
+        assert (killed / name).read_bytes() == (undisturbed / name).read_bytes(), name
