@@ -14,6 +14,7 @@ pub mod contact;
 pub mod fem;
 pub mod compliance;
 pub mod dataset;
+pub mod tactile;
 pub mod scene;
 pub mod task;
 pub mod render;

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::{Layout, ObjectSpec, Weights};
 use crate::{
     Error, Result,
-    scene::{Object, ObjectModel, SceneConfig},
+    scene::{Gripper, Object, ObjectModel, SceneConfig},
+    tactile::{self, Choice, Material, Resolution},
 };
 
 /// Lower and upper end of a uniform draw.
@@ -39,8 +40,16 @@ pub struct Config {
     pub hold_time: f64,
     /// Control steps after which an episode is truncated.
     pub max_episode_steps: u32,
-    /// Names of the observation's channels.
-    pub observation: Vec<String>,
+    /// Which model answers what the fingers feel.
+    pub tactile: Choice,
+    /// Name of the sensor on both fingers, or the path of its .toml file.
+    pub sensor: String,
+    /// What its gel is made of: a calibration's name, or numbers; its first calibration if none.
+    pub material: Option<Material>,
+    /// How finely touch is computed and seen.
+    pub resolution: Resolution,
+    /// Names of the observation's channels; see [`Config::channels`] for what holds if none.
+    pub observation: Option<Vec<String>>,
     /// Weights of the reward's terms.
     pub reward: Weights,
 }
@@ -49,6 +58,7 @@ impl Default for Config {
     fn default() -> Self {
         let objects =
             ["sphere", "cuboid", "cylinder", "prism", "annulus", "ellipsoid", "cup", "potato"];
+        let touch = tactile::Config::default();
         Self {
             scene: SceneConfig::default(),
             objects: objects.map(|name| ObjectSpec::Name(name.into())).into(),
@@ -62,7 +72,11 @@ impl Default for Config {
             lift_height: 0.08,
             hold_time: 0.5,
             max_episode_steps: 100,
-            observation: vec!["proprio".into(), "object".into()],
+            tactile: touch.choice,
+            sensor: touch.sensor,
+            material: touch.material,
+            resolution: touch.resolution,
+            observation: None,
             reward: Weights::default(),
         }
     }
@@ -72,15 +86,51 @@ impl Config {
     /// Settings from JSON; an error names the setting, what was found and what was expected.
     pub fn from_json(json: &str) -> Result<Self> {
         let deserializer = &mut serde_json::Deserializer::from_str(json);
-        let config: Self = serde_path_to_error::deserialize(deserializer).map_err(|error| {
+        let mut config: Self = serde_path_to_error::deserialize(deserializer).map_err(|error| {
             let path = error.path().to_string();
             let name = if path == "." { "settings".to_owned() } else { path };
             let reason = error.into_inner().to_string();
             let reason = reason.split(" at line ").next().unwrap_or_default().to_owned();
             Error::Setting { name, reason }
         })?;
+        config.wear_sensor()?;
         config.validate()?;
         Ok(config)
+    }
+
+    /// What is set about touch.
+    pub fn touch(&self) -> tactile::Config {
+        let Self { tactile: choice, sensor, material, resolution, .. } = self.clone();
+        tactile::Config { choice, sensor, material, resolution }
+    }
+
+    /// Names of the observation's channels: body and object, and the markers of fingers that feel,
+    /// where nothing else is asked for.
+    pub fn channels(&self) -> Vec<&str> {
+        match &self.observation {
+            Some(names) => names.iter().map(String::as_str).collect(),
+            None if self.tactile == Choice::None => vec!["proprio", "object"],
+            None => vec!["proprio", "object", "markers"],
+        }
+    }
+
+    /// Gives the fingers the pads of the sensor; an error if others were asked for.
+    fn wear_sensor(&mut self) -> Result<()> {
+        let (outline, usual) = (self.touch().sensor()?.outline, Gripper::default());
+        let gripper = &mut self.scene.gripper;
+        for (name, size, usual, of_sensor) in [
+            ("pad_width", &mut gripper.pad_width, usual.pad_width, outline.width),
+            ("pad_length", &mut gripper.pad_length, usual.pad_length, outline.length),
+            ("pad_thickness", &mut gripper.pad_thickness, usual.pad_thickness, outline.thickness),
+        ] {
+            let changed = *size != usual && *size != of_sensor;
+            if changed && self.tactile != Choice::None {
+                let expected = format!("{of_sensor} m, as the sensor {} has it", self.sensor);
+                return Err(Error::invalid(format!("gripper.{name}"), *size, expected));
+            }
+            *size = if changed { *size } else { of_sensor };
+        }
+        Ok(())
     }
 
     /// An error that names the first setting out of its range.
@@ -108,7 +158,8 @@ impl Config {
         if !(1..=1000).contains(&self.objects.len()) {
             return Err(Error::invalid("objects", self.objects.len(), "1 to 1000 objects"));
         }
-        Layout::new(self)?;
+        self.touch().validate()?;
+        Layout::check(self)?;
         self.reward.validate()
     }
 
