@@ -1,6 +1,7 @@
 //! Physics of the whole crate against closed forms, one binary.
 
 mod batch;
+mod bed;
 mod bodies;
 mod closed_forms;
 mod compliance;

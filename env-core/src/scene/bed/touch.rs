@@ -1,0 +1,228 @@
+//! Where the face of a pad stands in the object.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::law::{Depth, Law};
+use crate::{geometry::PadOutline, scene::field::DistanceField};
+
+/// Bristles across and along a pad.
+const COUNTS: [usize; 2] = [8, 10];
+
+/// A bristle's place on the undeformed face, in the pad's frame.
+struct Root {
+    place: Vector3<f64>,
+    /// The face's own directions, one cell long (m).
+    edges: [Vector3<f64>; 2],
+}
+
+/// The face of a pad as bristles.
+pub(super) struct Face {
+    roots: Vec<Root>,
+    /// Area of the plan that a bristle stands for (m²).
+    area: f64,
+    /// Height of the gel (m).
+    thickness: f64,
+}
+
+/// The object as a pad's frame sees it.
+pub(super) struct Obstacle<'a> {
+    pub(super) field: &'a DistanceField,
+    pub(super) scale: f64,
+    /// Radius about its frame's origin that holds all of it (m).
+    pub(super) radius: f64,
+    pub(super) pose: Isometry3<f64>,
+}
+
+/// A bristle that sticks to the object.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Anchor {
+    /// Where, in the object's frame (m).
+    place: Point3<f64>,
+    /// Sideways stiffness (N/m): the greatest since it touched, so that noise does not wear it out.
+    stiffness: f64,
+}
+
+/// A bristle that touches, in the pad's frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Touch {
+    pub(super) bristle: usize,
+    /// Root of the bristle on the undeformed face (m).
+    root: Vector3<f64>,
+    /// Where the object's surface meets it (m).
+    pub(super) place: Vector3<f64>,
+    /// Outward normal of the object.
+    pub(super) normal: Vector3<f64>,
+    pub(super) depth: Depth,
+    /// Force over mean depth (N/m).
+    pub(super) stiffness: f64,
+    /// Sideways stiffness (N/m).
+    pub(super) shear: f64,
+    /// Sideways motion of the object since the bristle stuck, as far as it did not slip (m).
+    pub(super) stretch: Vector3<f64>,
+}
+
+impl Face {
+    pub(super) fn new(outline: &PadOutline) -> Self {
+        let [across, along] = COUNTS;
+        let cell = [outline.width / across as f64, outline.length / along as f64];
+        let at = |i: usize, count: usize, cell: f64| (i as f64 + 0.5 - 0.5 * count as f64) * cell;
+        let root = |i: usize| {
+            let (x, y) = (at(i % across, across, cell[0]), at(i / across, along, cell[1]));
+            let height = |dx: f64, dy: f64| outline.height(x + dx * cell[0], y + dy * cell[1]);
+            let rise = [height(0.5, 0.0) - height(-0.5, 0.0), height(0.0, 0.5) - height(0.0, -0.5)];
+            Root {
+                place: Vector3::new(x, y, outline.height(x, y)),
+                edges: [Vector3::new(cell[0], 0.0, rise[0]), Vector3::new(0.0, cell[1], rise[1])],
+            }
+        };
+        Self {
+            roots: (0..across * along).map(root).collect(),
+            area: cell[0] * cell[1],
+            thickness: outline.thickness,
+        }
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.roots.len()
+    }
+
+    /// The bristles that touch `obstacle`, stuck where `anchors` say.
+    pub(super) fn touches(
+        &self,
+        obstacle: &Obstacle,
+        law: &Law,
+        anchors: &[Option<Anchor>],
+        touches: &mut Vec<Touch>,
+    ) {
+        touches.clear();
+        if !self.is_near(obstacle) {
+            return;
+        }
+        for (bristle, root) in self.roots.iter().enumerate() {
+            if let Some((normal, depth)) = self.meet(root, obstacle) {
+                let place = root.place + depth.middle * normal;
+                let stretch = Vector3::zeros();
+                let (root, stiffness, shear) = (root.place, 0.0, 0.0);
+                touches.push(Touch {
+                    bristle,
+                    root,
+                    place,
+                    normal,
+                    depth,
+                    stiffness,
+                    shear,
+                    stretch,
+                });
+            }
+        }
+        self.stiffen(touches, law);
+        for touch in touches {
+            if let Some(anchor) = anchors[touch.bristle] {
+                touch.hold(&anchor, &obstacle.pose);
+            }
+        }
+    }
+
+    /// Whether any bristle could touch.
+    fn is_near(&self, obstacle: &Obstacle) -> bool {
+        let last = self.roots[self.roots.len() - 1].place.norm() + self.thickness;
+        obstacle.pose.translation.vector.norm() < obstacle.radius + last
+            && obstacle.distance(&Vector3::zeros()).0 < last
+    }
+
+    /// Normal of the object and depth of the cell round a bristle, if it touches.
+    fn meet(&self, root: &Root, obstacle: &Obstacle) -> Option<(Vector3<f64>, Depth)> {
+        /// Steepest slope that counts as a face turned to the pad: past it the bristle stands beside
+        /// an edge and is pushed back along itself.
+        const STEEPEST: f64 = -0.5;
+        let reach = 0.5 * root.edges[0].norm().max(root.edges[1].norm());
+        let offset = root.place - obstacle.pose.translation.vector;
+        if offset.norm_squared() > (obstacle.radius + reach).powi(2) {
+            return None;
+        }
+        let (value, normal) = obstacle.distance(&root.place);
+        if value > reach {
+            return None;
+        }
+        if normal.z < STEEPEST {
+            let spread = root.edges.map(|edge| normal.dot(&edge).powi(2)).iter().sum::<f64>();
+            let depth = Depth { middle: -value, spread: 0.5 * spread.sqrt() };
+            return (depth.middle > -depth.spread).then_some((normal, depth));
+        }
+        let middle = if normal.z > -STEEPEST && value < 0.0 {
+            self.way_out(&root.place, obstacle, -value)
+        } else {
+            -value
+        };
+        (middle > 0.0).then_some((-Vector3::z(), Depth { middle, spread: 0.0 }))
+    }
+
+    /// Way down into the gel from a place inside the object to its surface that faces the pad (m), at
+    /// least `start`: through a thin wall the nearest surface is the wrong one.
+    fn way_out(&self, place: &Vector3<f64>, obstacle: &Obstacle, start: f64) -> f64 {
+        const SHORTEST: f64 = 2e-5;
+        let mut way = start;
+        while way < self.thickness {
+            let (value, _) = obstacle.distance(&(place - Vector3::z() * way));
+            if value >= 0.0 {
+                return way - value;
+            }
+            way += (-value).max(SHORTEST);
+        }
+        self.thickness
+    }
+
+    /// Gives every touch its share of the bed's stiffness.
+    fn stiffen(&self, touches: &mut [Touch], law: &Law) {
+        let (squares, covered) = touches.iter().fold((0.0, 0.0), |(squares, covered), touch| {
+            let depth = &touch.depth;
+            (squares + self.area * depth.mean_square(), covered + self.area * depth.cover())
+        });
+        let (stiffness, shear) = (law.foundation(squares), law.shear_foundation(covered));
+        for touch in touches {
+            touch.stiffness = self.area * stiffness;
+            touch.shear = self.area * shear * touch.depth.cover();
+        }
+    }
+}
+
+impl Obstacle<'_> {
+    /// Signed distance (m) and outward normal at a place of the pad's frame.
+    fn distance(&self, place: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        let seen = self.pose.inverse_transform_point(&Point3::from(*place)).coords / self.scale;
+        let found = self.field.at(&seen);
+        (self.scale * found.value, self.pose.rotation * found.normal)
+    }
+}
+
+impl Touch {
+    /// Stretches the bristle to where it stuck. Stiffness that it gained since bears no force yet.
+    fn hold(&mut self, anchor: &Anchor, pose: &Isometry3<f64>) {
+        let way = (pose * anchor.place).coords - self.root;
+        let along = way - self.normal * self.normal.dot(&way);
+        let shear = self.shear.max(anchor.stiffness);
+        self.stretch = along * (anchor.stiffness / shear);
+        self.shear = shear;
+    }
+
+    /// Where the bristle sticks if it is stretched by `stretch` (m).
+    pub(super) fn anchor(&self, stretch: &Vector3<f64>, pose: &Isometry3<f64>) -> Anchor {
+        let place = pose.inverse_transform_point(&Point3::from(self.root + stretch));
+        Anchor { place, stiffness: self.shear }
+    }
+
+    /// Force on the object (N) in the pad's frame if it stood still here: along the normal, and
+    /// sideways; a `gain` on the normal one.
+    pub(super) fn force_at_rest(&self, gain: f64, friction: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let normal = gain * self.stiffness * self.depth.mean();
+        let sideways = cut(&(-self.shear * self.stretch), friction * normal);
+        (-normal * self.normal, sideways)
+    }
+}
+
+/// `force`, shortened to `limit` if it is longer.
+pub(super) fn cut(force: &Vector3<f64>, limit: f64) -> Vector3<f64> {
+    let size = force.norm();
+    if size > limit { force * (limit / size) } else { *force }
+}
