@@ -35,6 +35,7 @@ pub struct Setup {
 impl Setup {
     /// Ready settings, or the first thing wrong with them.
     pub fn new(config: Config) -> Result<Self> {
+        let config = config.with_sensor()?;
         config.validate()?;
         let (models, touch) = (config.models()?, Touch::new(&config.touch())?);
         let layout = Layout::new(&config, touch.as_ref().map(|touch| &**touch.skin()))?;

@@ -21,10 +21,12 @@ pub(super) const SCENE: usize = 0;
 pub(super) const PRESS: usize = 1;
 /// Answering presses.
 pub(super) const MODEL: usize = 2;
+/// Handing the answers back to the rigid world.
+pub(super) const CORRECTION: usize = 3;
 /// Terms of the reward.
-pub(super) const REWARD: usize = 3;
+pub(super) const REWARD: usize = 4;
 /// The first channel of the observation; the others follow.
-pub(super) const CHANNEL: usize = 4;
+pub(super) const CHANNEL: usize = 5;
 
 /// Time spent so far, by stage.
 #[derive(Clone, Debug, Default)]
@@ -78,6 +80,7 @@ impl Costs {
         if let Some(touch) = setup.touch() {
             plan.push(stage(PRESS, "press".into()));
             plan.push(stage(MODEL, format!("model {}", touch.model().name())));
+            plan.push(stage(CORRECTION, "correction".into()));
         }
         let channels = setup.layout().channels().iter().enumerate();
         plan.extend(channels.map(|(i, (name, _))| stage(CHANNEL + i, format!("channel {name}"))));

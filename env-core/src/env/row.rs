@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Setup,
-    plan::{CHANNEL, Costs, PRESS, REWARD, SCENE},
-    touch::{PerFinger, keep, poses_in_pads, presses},
+    plan::{CHANNEL, CORRECTION, Costs, PRESS, REWARD, SCENE},
+    touch::{PerFinger, correct, keep, poses_in_pads, presses},
 };
 use crate::{
     Error, Result,
@@ -164,6 +164,16 @@ impl Row {
         outcome
     }
 
+    /// Gives a row that was read from bytes what bytes do not hold.
+    pub(super) fn attach(&mut self, setup: &Setup) -> Result<()> {
+        let Some(episode) = &mut self.episode else { return Ok(()) };
+        let model = setup.models.get(episode.draw.object).ok_or_else(|| Error::BadState {
+            reason: format!("object {} of {}", episode.draw.object, setup.models.len()),
+        })?;
+        episode.scene.attach(model);
+        Ok(())
+    }
+
     /// Time spent in this row's steps.
     pub(super) fn costs(&self) -> &Costs {
         &self.costs
@@ -258,6 +268,9 @@ impl Episode {
             Ok(felt) => felt,
             Err(error) => return Outcome::press_failed(&error),
         };
+        if setup.touch().is_some() {
+            costs.time(CORRECTION, || correct(&mut self.scene, &state, &felt));
+        }
         let mut progress = self.progress;
         let moment = self.moment(&state, setup, &felt);
         observe(setup, &moment, scratch, costs);

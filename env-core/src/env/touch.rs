@@ -7,7 +7,7 @@ use crate::{
     Result,
     deformation::{Deformation, Press},
     geometry::Shape,
-    scene::SceneState,
+    scene::{Scene, SceneState, Wrench},
     tactile::Finger,
     task::Draw,
 };
@@ -18,7 +18,7 @@ pub(super) type PerFinger<T> = [Option<T>; 2];
 /// Pose of the object in the frame of each pad (m): the one place that knows how the rigid world
 /// stands for the soft one.
 pub(super) fn poses_in_pads(state: &SceneState) -> [Isometry3<f64>; 2] {
-    [0, 1].map(|finger| state.fingers[finger].pad.inv_mul(&state.object.pose))
+    state.fingers.each_ref().map(|finger| finger.object)
 }
 
 /// The presses that `fingers` ask to be answered after a step to `state`.
@@ -35,6 +35,16 @@ pub(super) fn presses(
         *press = finger.press(touch.skin(), object, &[pose], draw.friction)?;
     }
     Ok(presses)
+}
+
+/// Corrects the pads of `scene`, in `state`, towards what the fingers felt there.
+pub(super) fn correct(scene: &mut Scene, state: &SceneState, felt: &PerFinger<Deformation>) {
+    for (finger, felt) in felt.iter().enumerate() {
+        if felt.is_some() || state.fingers[finger].touches() {
+            let wrench = felt.as_ref().map(|felt| felt.wrench).unwrap_or_default();
+            scene.correct(finger, &Wrench { force: wrench.force, torque: wrench.torque });
+        }
+    }
 }
 
 /// Hands each finger its answer; the answers of those that still touch, or the first error.

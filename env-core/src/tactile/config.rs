@@ -9,7 +9,7 @@ use crate::{
     Error, Result,
     deformation::{Law, Moduli, SoftBody},
     geometry::PadMesh,
-    sensor::Sensor,
+    sensor::{Calibration, Sensor},
 };
 
 /// Which model answers presses.
@@ -112,17 +112,22 @@ impl Config {
         if is_file { Sensor::read(path) } else { Sensor::named(&self.sensor) }
     }
 
+    /// The calibration of `sensor` that is closest to what is set: the named one or the first.
+    pub fn calibration<'s>(&self, sensor: &'s Sensor) -> Result<&'s Calibration> {
+        match &self.material {
+            Some(Material::Calibration(name)) => {
+                sensor.calibration(name).map_err(|error| error.renamed("material"))
+            }
+            _ => Ok(&sensor.calibrations[0]),
+        }
+    }
+
     /// Law and moduli of the gel of `sensor`.
     pub fn material(&self, sensor: &Sensor) -> Result<(Law, Moduli)> {
-        let gel = match &self.material {
-            Some(Material::Moduli { young, poisson }) => {
-                return Ok((Law::NeoHookean, Moduli { young: *young, poisson: *poisson }));
-            }
-            Some(Material::Calibration(name)) => {
-                sensor.calibration(name).map_err(|error| error.renamed("material"))?
-            }
-            None => &sensor.calibrations[0],
-        };
+        if let Some(Material::Moduli { young, poisson }) = self.material {
+            return Ok((Law::NeoHookean, Moduli { young, poisson }));
+        }
+        let gel = self.calibration(sensor)?;
         Ok((gel.law.parse()?, Moduli { young: gel.young, poisson: gel.poisson }))
     }
 

@@ -45,6 +45,8 @@ pub struct Skin {
     /// Nodes of the whole surface, each with a distance within which a point of the surface is
     /// nearer to it than to any other (m).
     reach: Vec<(u32, f64)>,
+    /// Distance of the farthest point of the surface from the apex (m), or a bit more.
+    radius: f64,
     /// Markers (M).
     pub(super) markers: Vec<Site>,
     /// Tetrahedra that share in the stress of each cell (G), with weights that sum to 1.
@@ -95,6 +97,8 @@ impl Skin {
         let places = pad.mesh.vertices.clone();
         let boundary = pad.mesh.boundary();
         let reach = reach(&places, &boundary);
+        let away = reach.iter().map(|&(node, reach)| places[node as usize].coords.norm() + reach);
+        let radius = away.fold(0.0, f64::max);
         let fixed = body.fixed();
         let free = reach.iter().map(|&(node, _)| node).filter(|n| fixed.binary_search(n).is_err());
         let free = free.collect();
@@ -127,6 +131,7 @@ impl Skin {
             places,
             free,
             reach,
+            radius,
             markers,
             stress,
             grid,
@@ -170,8 +175,11 @@ impl Skin {
     /// Whether a solid might reach into the resting pad, `distance` being how far a point is from
     /// it (m). Never wrongly false.
     pub(super) fn may_touch(&self, distance: impl Fn(&Point3<f64>) -> f64) -> bool {
-        // The nearest node is most often the first that is met in the middle of the face.
-        self.reach.iter().any(|&(node, reach)| distance(&self.places[node as usize]) <= reach)
+        distance(&Point3::origin()) <= self.radius
+            && self
+                .reach
+                .iter()
+                .any(|&(node, reach)| distance(&self.places[node as usize]) <= reach)
     }
 }
 

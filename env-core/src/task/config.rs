@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{Layout, ObjectSpec, Weights};
 use crate::{
     Error, Result,
-    scene::{Gripper, Object, ObjectModel, SceneConfig},
+    scene::{Gripper, Object, ObjectModel, SceneConfig, SoftPads},
     tactile::{self, Choice, Material, Resolution},
 };
 
@@ -86,14 +86,13 @@ impl Config {
     /// Settings from JSON; an error names the setting, what was found and what was expected.
     pub fn from_json(json: &str) -> Result<Self> {
         let deserializer = &mut serde_json::Deserializer::from_str(json);
-        let mut config: Self = serde_path_to_error::deserialize(deserializer).map_err(|error| {
+        let config: Self = serde_path_to_error::deserialize(deserializer).map_err(|error| {
             let path = error.path().to_string();
             let name = if path == "." { "settings".to_owned() } else { path };
             let reason = error.into_inner().to_string();
             let reason = reason.split(" at line ").next().unwrap_or_default().to_owned();
             Error::Setting { name, reason }
         })?;
-        config.wear_sensor()?;
         config.validate()?;
         Ok(config)
     }
@@ -114,23 +113,35 @@ impl Config {
         }
     }
 
-    /// Gives the fingers the pads of the sensor; an error if others were asked for.
-    fn wear_sensor(&mut self) -> Result<()> {
-        let (outline, usual) = (self.touch().sensor()?.outline, Gripper::default());
+    /// These settings with the sensor's pads on the fingers, soft if these are to feel; an error if
+    /// other pads were asked for.
+    pub fn with_sensor(mut self) -> Result<Self> {
+        let (touch, usual) = (self.touch(), Gripper::default());
+        let sensor = touch.sensor()?;
         let gripper = &mut self.scene.gripper;
         for (name, size, usual, of_sensor) in [
-            ("pad_width", &mut gripper.pad_width, usual.pad_width, outline.width),
-            ("pad_length", &mut gripper.pad_length, usual.pad_length, outline.length),
-            ("pad_thickness", &mut gripper.pad_thickness, usual.pad_thickness, outline.thickness),
+            ("pad_width", &mut gripper.pad_width, usual.pad_width, sensor.outline.width),
+            ("pad_length", &mut gripper.pad_length, usual.pad_length, sensor.outline.length),
+            (
+                "pad_thickness",
+                &mut gripper.pad_thickness,
+                usual.pad_thickness,
+                sensor.outline.thickness,
+            ),
         ] {
-            let changed = *size != usual && *size != of_sensor;
-            if changed && self.tactile != Choice::None {
+            if *size == usual {
+                *size = of_sensor;
+            } else if *size != of_sensor && self.tactile != Choice::None {
                 let expected = format!("{of_sensor} m, as the sensor {} has it", self.sensor);
                 return Err(Error::invalid(format!("gripper.{name}"), *size, expected));
             }
-            *size = if changed { *size } else { of_sensor };
         }
-        Ok(())
+        if self.tactile != Choice::None {
+            let (_, moduli) = touch.material(&sensor)?;
+            let pads = SoftPads::new(&sensor, touch.calibration(&sensor)?);
+            self.scene = self.scene.with_pads(SoftPads { young: moduli.young, ..pads });
+        }
+        Ok(self)
     }
 
     /// An error that names the first setting out of its range.
