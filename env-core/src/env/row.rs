@@ -309,3 +309,43 @@ fn observe(setup: &Setup, moment: &Moment, row: &mut [f32], costs: &mut Costs) {
         rest = costs.time(CHANNEL + channel, || setup.layout.write_channel(channel, moment, here));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        tactile::{Choice, Resolution},
+        task::Config,
+    };
+
+    /// A row that feels, once reset, and its observation.
+    fn row() -> (Setup, Row, Vec<f32>) {
+        let resolution = Resolution { nodes: 100, ..Resolution::default() };
+        let config = Config { tactile: Choice::Compliance, resolution, ..Config::default() };
+        let (setup, mut row) = (Setup::new(config).unwrap(), Row::new(1));
+        let mut observation = vec![0.0; setup.layout().size()];
+        row.reset(&setup, &mut observation).unwrap();
+        (setup, row, observation)
+    }
+
+    #[test]
+    fn an_unanswered_press_ends_the_episode_with_the_last_observation() {
+        let (setup, mut row, mut observation) = row();
+        let (before, mut scratch) = (observation.clone(), observation.clone());
+        row.advance(&setup, &[0.0, 0.0, -1.0, 0.0, 0.0]);
+        row.answer(1, Err(Error::Inverted));
+        let outcome = row.conclude(&setup, &mut observation, &mut scratch);
+        assert_eq!(outcome.ending, Some(Ending::PressFailed));
+        assert_eq!(outcome.press_error, Some("inverted"));
+        assert!(outcome.terminated && row.needs_reset());
+        assert_eq!(observation, before);
+    }
+
+    #[test]
+    fn a_step_without_a_motion_is_an_engine_error() {
+        let (setup, mut row, mut observation) = row();
+        let mut scratch = observation.clone();
+        let outcome = row.conclude(&setup, &mut observation, &mut scratch);
+        assert_eq!(outcome.ending, Some(Ending::EngineError));
+    }
+}

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{Layout, ObjectSpec, Weights};
 use crate::{
     Error, Result,
-    scene::{Gripper, Object, ObjectModel, SceneConfig, SoftPads},
+    scene::{Gripper, Object, ObjectModel, SceneConfig, SoftPads, Workspace},
     tactile::{self, Choice, Material, Resolution},
 };
 
@@ -136,6 +136,10 @@ impl Config {
                 return Err(Error::invalid(format!("gripper.{name}"), *size, expected));
             }
         }
+        let lowest = &mut self.scene.workspace.low[2];
+        if *lowest == Workspace::default().low[2] {
+            *lowest = lowest.max(0.5 * sensor.outline.length + CLEARANCE);
+        }
         if self.tactile != Choice::None {
             let (_, moduli) = touch.material(&sensor)?;
             let pads = SoftPads::new(&sensor, touch.calibration(&sensor)?);
@@ -200,6 +204,9 @@ impl Config {
         Err(Error::invalid("objects", found, format!("less than the opening of {opening} m")))
     }
 }
+
+/// Room that is left under the pads where the workspace is not set (m).
+const CLEARANCE: f64 = 1e-3;
 
 fn ordered(name: &str, range: Range, low: f64, high: f64) -> Result<()> {
     let [from, to] = range;
