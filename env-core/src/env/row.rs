@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Setup;
 use crate::{
-    Result,
+    Error, Result,
     scene::{Object, Scene, SceneState},
     task::{ACTION_SIZE, Draw, Ending, Moment, Progress, Range, RewardTerms, command},
 };
@@ -100,6 +100,18 @@ impl Row {
         });
         episode.over = outcome.terminated || outcome.truncated;
         outcome
+    }
+
+    /// Gives a row that was read from bytes the object of its episode back; an error if the settings
+    /// have no such object.
+    pub(super) fn attach(&mut self, setup: &Setup) -> Result<()> {
+        let Some(episode) = &mut self.episode else { return Ok(()) };
+        let (index, count) = (episode.draw.object, setup.models.len());
+        let model = setup.models.get(index).ok_or_else(|| Error::BadState {
+            reason: format!("object {index} of {count} in these settings"),
+        })?;
+        episode.scene.attach(model);
+        Ok(())
     }
 
     /// The rigid world and the episode's draw, for a picture or a look inside.

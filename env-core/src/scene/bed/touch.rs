@@ -39,8 +39,9 @@ pub(super) struct Obstacle<'a> {
 pub(super) struct Anchor {
     /// Where, in the object's frame (m).
     place: Point3<f64>,
-    /// Sideways stiffness (N/m): the greatest since it touched, so that noise does not wear it out.
-    stiffness: f64,
+    /// Share of its cell that sticks: the greatest since it touched, so that noise does not wear it
+    /// out.
+    cover: f64,
 }
 
 /// A bristle that touches, in the pad's frame.
@@ -54,6 +55,8 @@ pub(super) struct Touch {
     /// Outward normal of the object.
     pub(super) normal: Vector3<f64>,
     pub(super) depth: Depth,
+    /// Share of the cell that sticks.
+    cover: f64,
     /// Force over mean depth (N/m).
     pub(super) stiffness: f64,
     /// Sideways stiffness (N/m).
@@ -100,28 +103,28 @@ impl Face {
             return;
         }
         for (bristle, root) in self.roots.iter().enumerate() {
-            if let Some((normal, depth)) = self.meet(root, obstacle) {
-                let place = root.place + depth.middle * normal;
-                let stretch = Vector3::zeros();
-                let (root, stiffness, shear) = (root.place, 0.0, 0.0);
-                touches.push(Touch {
-                    bristle,
-                    root,
-                    place,
-                    normal,
-                    depth,
-                    stiffness,
-                    shear,
-                    stretch,
-                });
-            }
+            touches.extend(self.meet(root, obstacle).map(|(normal, depth)| Touch {
+                bristle,
+                root: root.place,
+                place: root.place,
+                normal,
+                depth,
+                cover: 0.0,
+                stiffness: 0.0,
+                shear: 0.0,
+                stretch: Vector3::zeros(),
+            }));
         }
-        self.stiffen(touches, law);
-        for touch in touches {
+        self.round(touches);
+        touches.retain(|touch| touch.depth.cover() > 0.0);
+        for touch in touches.iter_mut() {
+            touch.cover = touch.depth.cover();
+            touch.place = touch.root + touch.depth.middle * touch.normal;
             if let Some(anchor) = anchors[touch.bristle] {
                 touch.hold(&anchor, &obstacle.pose);
             }
         }
+        self.stiffen(touches, law);
     }
 
     /// Whether any bristle could touch.
@@ -173,6 +176,38 @@ impl Face {
         self.thickness
     }
 
+    /// Lowers the depths from those of the bristles to the means of their cells: by (κ₁a² + κ₂b²)/24 where
+    /// the object curves away from the face by κ along the cells' edges a and b.
+    fn round(&self, touches: &mut [Touch]) {
+        /// Sharpest curvature that a cell can feel (1/m).
+        const SHARPEST: f64 = 250.0;
+        let lowered = [0, 1].map(|axis| {
+            let (mut weight, mut first, mut slope) = (0.0, 0.0, 0.0);
+            let (mut second, mut mixed) = (0.0, 0.0);
+            for touch in touches.iter() {
+                let edge = &self.roots[touch.bristle].edges[axis];
+                let (x, rise) = (touch.root[axis] / edge[axis], touch.normal.dot(edge));
+                let w = touch.depth.cover();
+                weight += w;
+                first += w * x;
+                slope += w * rise;
+                second += w * x * x;
+                mixed += w * x * rise;
+            }
+            let spread = weight * second - first * first;
+            if spread <= 1e-6 * weight * weight {
+                return 0.0;
+            }
+            // κ times the edge squared, by regression of the slope over the touch.
+            let cell = self.roots[0].edges[axis][axis];
+            let curved = (weight * mixed - first * slope) / spread;
+            curved.clamp(0.0, SHARPEST * cell * cell) / 24.0
+        });
+        for touch in touches.iter_mut().filter(|touch| touch.depth.spread > 0.0) {
+            touch.depth.middle -= lowered[0] + lowered[1];
+        }
+    }
+
     /// Gives every touch its share of the bed's stiffness.
     fn stiffen(&self, touches: &mut [Touch], law: &Law) {
         let (squares, covered) = touches.iter().fold((0.0, 0.0), |(squares, covered), touch| {
@@ -182,7 +217,7 @@ impl Face {
         let (stiffness, shear) = (law.foundation(squares), law.shear_foundation(covered));
         for touch in touches {
             touch.stiffness = self.area * stiffness;
-            touch.shear = self.area * shear * touch.depth.cover();
+            touch.shear = self.area * shear * touch.cover;
         }
     }
 }
@@ -197,19 +232,18 @@ impl Obstacle<'_> {
 }
 
 impl Touch {
-    /// Stretches the bristle to where it stuck. Stiffness that it gained since bears no force yet.
+    /// Stretches the bristle to where it stuck. What touched since bears no force yet.
     fn hold(&mut self, anchor: &Anchor, pose: &Isometry3<f64>) {
         let way = (pose * anchor.place).coords - self.root;
         let along = way - self.normal * self.normal.dot(&way);
-        let shear = self.shear.max(anchor.stiffness);
-        self.stretch = along * (anchor.stiffness / shear);
-        self.shear = shear;
+        self.cover = self.cover.max(anchor.cover);
+        self.stretch = along * (anchor.cover / self.cover);
     }
 
     /// Where the bristle sticks if it is stretched by `stretch` (m).
     pub(super) fn anchor(&self, stretch: &Vector3<f64>, pose: &Isometry3<f64>) -> Anchor {
         let place = pose.inverse_transform_point(&Point3::from(self.root + stretch));
-        Anchor { place, stiffness: self.shear }
+        Anchor { place, cover: self.cover }
     }
 
     /// Force on the object (N) in the pad's frame if it stood still here: along the normal, and
