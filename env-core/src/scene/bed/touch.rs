@@ -1,6 +1,6 @@
 //! Where the face of a pad stands in the object.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::law::{Depth, Law};
@@ -21,8 +21,7 @@ pub(super) struct Face {
     roots: Vec<Root>,
     /// Area of the plan that a bristle stands for (m²).
     area: f64,
-    /// Height of the gel (m).
-    thickness: f64,
+    outline: PadOutline,
 }
 
 /// The object as a pad's frame sees it.
@@ -39,8 +38,7 @@ pub(super) struct Obstacle<'a> {
 pub(super) struct Anchor {
     /// Where, in the object's frame (m).
     place: Point3<f64>,
-    /// Share of its cell that sticks: the greatest since it touched, so that noise does not wear it
-    /// out.
+    /// Share of its cell that sticks.
     cover: f64,
 }
 
@@ -82,7 +80,7 @@ impl Face {
         Self {
             roots: (0..across * along).map(root).collect(),
             area: cell[0] * cell[1],
-            thickness: outline.thickness,
+            outline: *outline,
         }
     }
 
@@ -127,9 +125,36 @@ impl Face {
         self.stiffen(touches, law);
     }
 
+    /// Greatest depth at which the face stands in `obstacle` (m), 0 outside: climbed to from the deepest
+    /// of `touches`.
+    pub(super) fn indentation(&self, obstacle: &Obstacle, touches: &[Touch]) -> f64 {
+        /// Halvings of a cell: to 0.04 mm, on which a ball of 1 mm rises by 1 µm.
+        const HALVINGS: i32 = 6;
+        let deepest = touches.iter().max_by(|a, b| a.depth.middle.total_cmp(&b.depth.middle));
+        let Some(deepest) = deepest else { return 0.0 };
+        let depth = |at: &Vector2<f64>| {
+            let place = Vector3::new(at.x, at.y, self.outline.height(at.x, at.y));
+            -obstacle.distance(&place).0
+        };
+        let half = 0.5 * Vector2::new(self.outline.width, self.outline.length);
+        let mut best = deepest.root.xy();
+        let mut most = depth(&best).max(deepest.depth.middle);
+        for halving in 1..=HALVINGS {
+            let step = self.roots[0].edges[0].norm() * 0.5f64.powi(halving);
+            for way in [Vector2::x(), -Vector2::x(), Vector2::y(), -Vector2::y()] {
+                let at = (best + step * way).inf(&half).sup(&-half);
+                let there = depth(&at);
+                if there > most {
+                    (best, most) = (at, there);
+                }
+            }
+        }
+        most.max(0.0)
+    }
+
     /// Whether any bristle could touch.
     fn is_near(&self, obstacle: &Obstacle) -> bool {
-        let last = self.roots[self.roots.len() - 1].place.norm() + self.thickness;
+        let last = self.roots[self.roots.len() - 1].place.norm() + self.outline.thickness;
         obstacle.pose.translation.vector.norm() < obstacle.radius + last
             && obstacle.distance(&Vector3::zeros()).0 < last
     }
@@ -166,14 +191,14 @@ impl Face {
     fn way_out(&self, place: &Vector3<f64>, obstacle: &Obstacle, start: f64) -> f64 {
         const SHORTEST: f64 = 2e-5;
         let mut way = start;
-        while way < self.thickness {
+        while way < self.outline.thickness {
             let (value, _) = obstacle.distance(&(place - Vector3::z() * way));
             if value >= 0.0 {
                 return way - value;
             }
             way += (-value).max(SHORTEST);
         }
-        self.thickness
+        self.outline.thickness
     }
 
     /// Lowers the depths from those of the bristles to the means of their cells: by (κ₁a² + κ₂b²)/24 where
@@ -232,12 +257,14 @@ impl Obstacle<'_> {
 }
 
 impl Touch {
-    /// Stretches the bristle to where it stuck. What touched since bears no force yet.
+    /// Stretches the bristle to where it stuck. What touched since bears no force yet. A share that
+    /// has come off by less than `SLACK` still counts, so that a tremor does not wear the bristle out.
     fn hold(&mut self, anchor: &Anchor, pose: &Isometry3<f64>) {
+        const SLACK: f64 = 0.1;
         let way = (pose * anchor.place).coords - self.root;
         let along = way - self.normal * self.normal.dot(&way);
-        self.cover = self.cover.max(anchor.cover);
-        self.stretch = along * (anchor.cover / self.cover);
+        self.cover = anchor.cover.clamp(self.cover, (1.0 + SLACK) * self.cover);
+        self.stretch = along * f64::min(1.0, anchor.cover / self.cover);
     }
 
     /// Where the bristle sticks if it is stretched by `stretch` (m).
@@ -246,12 +273,12 @@ impl Touch {
         Anchor { place, cover: self.cover }
     }
 
-    /// Force on the object (N) in the pad's frame if it stood still here: along the normal, and
-    /// sideways; a `gain` on the normal one.
-    pub(super) fn force_at_rest(&self, gain: f64, friction: f64) -> (Vector3<f64>, Vector3<f64>) {
+    /// Force on the object (N) in the pad's frame if it stood still here, with a `gain` on its normal
+    /// part; and the stretch that does not slip (m).
+    pub(super) fn at_rest(&self, gain: f64, friction: f64) -> (Vector3<f64>, Vector3<f64>) {
         let normal = gain * self.stiffness * self.depth.mean();
         let sideways = cut(&(-self.shear * self.stretch), friction * normal);
-        (-normal * self.normal, sideways)
+        (sideways - normal * self.normal, -sideways / self.shear)
     }
 }
 
