@@ -5,6 +5,7 @@ mod bed;
 mod bodies;
 mod closed_forms;
 mod compliance;
+mod correction;
 mod extremes;
 mod feel;
 mod fem;

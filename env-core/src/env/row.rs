@@ -164,11 +164,13 @@ impl Row {
         outcome
     }
 
-    /// Gives a row that was read from bytes what bytes do not hold.
+    /// Gives a row that was read from bytes the object of its episode back; an error if the settings
+    /// have no such object.
     pub(super) fn attach(&mut self, setup: &Setup) -> Result<()> {
         let Some(episode) = &mut self.episode else { return Ok(()) };
-        let model = setup.models.get(episode.draw.object).ok_or_else(|| Error::BadState {
-            reason: format!("object {} of {}", episode.draw.object, setup.models.len()),
+        let (index, count) = (episode.draw.object, setup.models.len());
+        let model = setup.models.get(index).ok_or_else(|| Error::BadState {
+            reason: format!("object {index} of {count} in these settings"),
         })?;
         episode.scene.attach(model);
         Ok(())

@@ -170,7 +170,7 @@ impl Scene {
     /// [`FingerState::object`].
     ///
     /// To be called once per control step and finger. The bed then presses as the model does, within
-    /// limits: a factor of 2.5 on the normal force, half of the normal force sideways, 3 mm of lever.
+    /// limits: a factor of 4 on the normal force, half of the normal force sideways, 3 mm of lever.
     /// A rigid pad is left as it is.
     pub fn correct(&mut self, finger: usize, model: &Wrench) {
         let pad = self.hand.fingers[finger].pad_pose(&self.world);

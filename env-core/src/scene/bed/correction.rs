@@ -3,19 +3,20 @@
 //! The model's wrench at a pose of the object is compared with the bed's at the same pose. The
 //! normal force is corrected by a factor, which keeps the bed's steep law and vanishes with the
 //! touch; what is left, friction and torque, by a constant wrench. Where the pose stays, bed and
-//! correction converge to the model: the factor as (1 − `RATE` μ/β)ᵏ with the exponents μ of the
-//! model's and β of the bed's force law, the rest as (1 − `RATE` K_model/K_bed)ᵏ, which is stable up
-//! to a model 2/`RATE` times as stiff as the bed.
+//! correction converge to the model: the factor as (1 − 0.6 μ/β)ᵏ with the exponents μ of the
+//! model's and β of the bed's force law, the rest as (1 − 0.4 K_model/K_bed)ᵏ, which is stable up to a
+//! model five times as stiff as the bed.
 
 use serde::{Deserialize, Serialize};
 
 use super::touch::cut;
 use crate::scene::Wrench;
 
-/// Share of a difference that one correction takes up.
-const RATE: f64 = 0.6;
+/// Share of a difference that one correction takes up: of the normal force, and of the rest.
+const PRESSING: f64 = 0.6;
+const REST: f64 = 0.4;
 /// Least and greatest factor on the normal force.
-const GAIN: std::ops::RangeInclusive<f64> = 0.4..=2.5;
+const GAIN: std::ops::RangeInclusive<f64> = 0.25..=4.0;
 /// Largest sideways force of a correction, of the normal force.
 const SIDEWAYS: f64 = 0.5;
 /// Largest torque of a correction over the normal force (m).
@@ -49,14 +50,14 @@ impl Correction {
             *self = Self::default();
             return;
         }
-        let gain = self.gain * (wanted / found).powf(RATE);
+        let gain = self.gain * (wanted / found).powf(PRESSING);
         self.gain = gain.clamp(*GAIN.start(), *GAIN.end());
         let bed = bed(self.gain);
         let now = self.at(-bed.force.z);
         self.force = -bed.force.z;
         let mut extra = Wrench {
-            force: now.force + RATE * (model.force - bed.force - now.force),
-            torque: now.torque + RATE * (model.torque - bed.torque - now.torque),
+            force: now.force + REST * (model.force - bed.force - now.force),
+            torque: now.torque + REST * (model.torque - bed.torque - now.torque),
         };
         // The factor alone answers for the normal force.
         extra.force.z = 0.0;

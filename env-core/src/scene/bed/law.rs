@@ -9,7 +9,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::sensor::Bristles;
+use crate::{scene::SoftPads, sensor::Bristles};
 
 /// Least Σ and A/h², so that a touch at a point has a finite stiffness.
 const FAINTEST: f64 = 1e-9;
@@ -65,6 +65,11 @@ impl Depth {
 }
 
 impl Law {
+    pub(super) fn new(pads: &SoftPads) -> Self {
+        let SoftPads { outline, young, bristles } = *pads;
+        Self { young, thickness: outline.thickness, bristles }
+    }
+
     /// Pressure over mean depth (Pa/m) where ∫ δ² dA is `squares` (m⁴).
     pub(super) fn foundation(&self, squares: f64) -> f64 {
         let Bristles { normal, coupling: q, .. } = self.bristles;

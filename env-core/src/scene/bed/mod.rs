@@ -79,10 +79,14 @@ impl Bed {
             correction: Correction::default(),
             wrench: Wrench::default(),
         };
-        let law =
-            Law { young: pads.young, thickness: pads.outline.thickness, bristles: pads.bristles };
         let (friction, scale) = (object.friction, object.scale);
-        let mut bed = Self { law, friction, scale, pads: [pad.clone(), pad], surroundings: None };
+        let mut bed = Self {
+            law: Law::new(pads),
+            friction,
+            scale,
+            pads: [pad.clone(), pad],
+            surroundings: None,
+        };
         bed.attach(pads, object.model);
         bed
     }
@@ -109,31 +113,27 @@ impl Bed {
     pub(super) fn correct(&mut self, finger: usize, pose: &Isometry3<f64>, model: &Wrench) {
         let touches = self.touches(finger, pose);
         let friction = self.friction;
-        let bed = |gain: f64| {
-            let mut sum = Wrench::default();
-            for touch in &touches {
-                let (normal, sideways) = touch.force_at_rest(gain, friction);
-                let force = -(normal + sideways);
-                sum.force += force;
-                sum.torque += touch.place.cross(&force);
-            }
-            sum
-        };
-        self.pads[finger].correction.toward(model, bed);
+        self.pads[finger].correction.toward(model, |gain| at_rest(&touches, gain, friction));
     }
 
     /// Greatest depth at which the undeformed face stands in an object at `pose` in the pad's frame
     /// (m), 0 outside.
     pub(super) fn indentation(&self, finger: usize, pose: &Isometry3<f64>) -> f64 {
-        let depths = self.touches(finger, pose).into_iter().map(|touch| touch.depth);
-        depths.map(|depth| depth.middle + 0.5 * depth.spread).fold(0.0, f64::max)
+        match &self.surroundings {
+            Some(surroundings) => {
+                let obstacle = surroundings.obstacle(self.scale, pose);
+                surroundings.face.indentation(&obstacle, &self.touches(finger, pose))
+            }
+            None => 0.0,
+        }
     }
 
     fn touches(&self, finger: usize, pose: &Isometry3<f64>) -> Vec<Touch> {
         let mut touches = Vec::new();
-        if let Some(Surroundings { face, field, radius }) = &self.surroundings {
-            let obstacle = Obstacle { field, scale: self.scale, radius: *radius, pose: *pose };
-            face.touches(&obstacle, &self.law, &self.pads[finger].anchors, &mut touches);
+        if let Some(surroundings) = &self.surroundings {
+            let obstacle = surroundings.obstacle(self.scale, pose);
+            let anchors = &self.pads[finger].anchors;
+            surroundings.face.touches(&obstacle, &self.law, anchors, &mut touches);
         }
         touches
     }
@@ -201,6 +201,53 @@ impl Bed {
                 pad.correction = Correction::default();
             }
         }
+    }
+}
+
+impl Surroundings {
+    /// The object, `scale` times as large as its model, at `pose` in a pad's frame.
+    fn obstacle(&self, scale: f64, pose: &Isometry3<f64>) -> Obstacle<'_> {
+        Obstacle { field: &self.field, scale, radius: self.radius, pose: *pose }
+    }
+}
+
+/// What standing touches exert on their pad, in its frame about its origin.
+fn at_rest(touches: &[Touch], gain: f64, friction: f64) -> Wrench {
+    let mut sum = Wrench::default();
+    for touch in touches {
+        let force = -touch.at_rest(gain, friction).0;
+        sum.force += force;
+        sum.torque += touch.place.cross(&force);
+    }
+    sum
+}
+
+impl SoftPads {
+    /// Force and torque on one pad, in its frame about its origin (N, N m), of an `object` that is led
+    /// slowly through `path`, poses in the pad's frame: the bed alone, without a gripper.
+    pub fn wrenches(
+        &self,
+        object: &ObjectModel,
+        friction: f64,
+        path: &[Isometry3<f64>],
+    ) -> Vec<Wrench> {
+        let law = Law::new(self);
+        let (face, field, radius) =
+            (Face::new(&self.outline), object.distance_field(), object.radius());
+        let surroundings = Surroundings { face, field, radius };
+        let mut anchors = vec![None; surroundings.face.count()];
+        let mut touches = Vec::new();
+        let frame = |pose: &Isometry3<f64>| {
+            let obstacle = surroundings.obstacle(1.0, pose);
+            surroundings.face.touches(&obstacle, &law, &anchors, &mut touches);
+            anchors.fill(None);
+            for touch in &touches {
+                let stretch = touch.at_rest(1.0, friction).1;
+                anchors[touch.bristle] = Some(touch.anchor(&stretch, pose));
+            }
+            at_rest(&touches, 1.0, friction)
+        };
+        path.iter().map(frame).collect()
     }
 }
 

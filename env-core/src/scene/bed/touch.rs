@@ -1,6 +1,6 @@
 //! Where the face of a pad stands in the object.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::law::{Depth, Law};
@@ -21,8 +21,7 @@ pub(super) struct Face {
     roots: Vec<Root>,
     /// Area of the plan that a bristle stands for (m²).
     area: f64,
-    /// Height of the gel (m).
-    thickness: f64,
+    outline: PadOutline,
 }
 
 /// The object as a pad's frame sees it.
@@ -39,8 +38,8 @@ pub(super) struct Obstacle<'a> {
 pub(super) struct Anchor {
     /// Where, in the object's frame (m).
     place: Point3<f64>,
-    /// Sideways stiffness (N/m): the greatest since it touched, so that noise does not wear it out.
-    stiffness: f64,
+    /// Share of its cell that sticks.
+    cover: f64,
 }
 
 /// A bristle that touches, in the pad's frame.
@@ -54,6 +53,8 @@ pub(super) struct Touch {
     /// Outward normal of the object.
     pub(super) normal: Vector3<f64>,
     pub(super) depth: Depth,
+    /// Share of the cell that sticks.
+    cover: f64,
     /// Force over mean depth (N/m).
     pub(super) stiffness: f64,
     /// Sideways stiffness (N/m).
@@ -79,7 +80,7 @@ impl Face {
         Self {
             roots: (0..across * along).map(root).collect(),
             area: cell[0] * cell[1],
-            thickness: outline.thickness,
+            outline: *outline,
         }
     }
 
@@ -100,33 +101,60 @@ impl Face {
             return;
         }
         for (bristle, root) in self.roots.iter().enumerate() {
-            if let Some((normal, depth)) = self.meet(root, obstacle) {
-                let place = root.place + depth.middle * normal;
-                let stretch = Vector3::zeros();
-                let (root, stiffness, shear) = (root.place, 0.0, 0.0);
-                touches.push(Touch {
-                    bristle,
-                    root,
-                    place,
-                    normal,
-                    depth,
-                    stiffness,
-                    shear,
-                    stretch,
-                });
-            }
+            touches.extend(self.meet(root, obstacle).map(|(normal, depth)| Touch {
+                bristle,
+                root: root.place,
+                place: root.place,
+                normal,
+                depth,
+                cover: 0.0,
+                stiffness: 0.0,
+                shear: 0.0,
+                stretch: Vector3::zeros(),
+            }));
         }
-        self.stiffen(touches, law);
-        for touch in touches {
+        self.round(touches);
+        touches.retain(|touch| touch.depth.cover() > 0.0);
+        for touch in touches.iter_mut() {
+            touch.cover = touch.depth.cover();
+            touch.place = touch.root + touch.depth.middle * touch.normal;
             if let Some(anchor) = anchors[touch.bristle] {
                 touch.hold(&anchor, &obstacle.pose);
             }
         }
+        self.stiffen(touches, law);
+    }
+
+    /// Greatest depth at which the face stands in `obstacle` (m), 0 outside: climbed to from the deepest
+    /// of `touches`.
+    pub(super) fn indentation(&self, obstacle: &Obstacle, touches: &[Touch]) -> f64 {
+        /// Halvings of a cell: to 0.04 mm, on which a ball of 1 mm rises by 1 µm.
+        const HALVINGS: i32 = 6;
+        let deepest = touches.iter().max_by(|a, b| a.depth.middle.total_cmp(&b.depth.middle));
+        let Some(deepest) = deepest else { return 0.0 };
+        let depth = |at: &Vector2<f64>| {
+            let place = Vector3::new(at.x, at.y, self.outline.height(at.x, at.y));
+            -obstacle.distance(&place).0
+        };
+        let half = 0.5 * Vector2::new(self.outline.width, self.outline.length);
+        let mut best = deepest.root.xy();
+        let mut most = depth(&best).max(deepest.depth.middle);
+        for halving in 1..=HALVINGS {
+            let step = self.roots[0].edges[0].norm() * 0.5f64.powi(halving);
+            for way in [Vector2::x(), -Vector2::x(), Vector2::y(), -Vector2::y()] {
+                let at = (best + step * way).inf(&half).sup(&-half);
+                let there = depth(&at);
+                if there > most {
+                    (best, most) = (at, there);
+                }
+            }
+        }
+        most.max(0.0)
     }
 
     /// Whether any bristle could touch.
     fn is_near(&self, obstacle: &Obstacle) -> bool {
-        let last = self.roots[self.roots.len() - 1].place.norm() + self.thickness;
+        let last = self.roots[self.roots.len() - 1].place.norm() + self.outline.thickness;
         obstacle.pose.translation.vector.norm() < obstacle.radius + last
             && obstacle.distance(&Vector3::zeros()).0 < last
     }
@@ -163,14 +191,46 @@ impl Face {
     fn way_out(&self, place: &Vector3<f64>, obstacle: &Obstacle, start: f64) -> f64 {
         const SHORTEST: f64 = 2e-5;
         let mut way = start;
-        while way < self.thickness {
+        while way < self.outline.thickness {
             let (value, _) = obstacle.distance(&(place - Vector3::z() * way));
             if value >= 0.0 {
                 return way - value;
             }
             way += (-value).max(SHORTEST);
         }
-        self.thickness
+        self.outline.thickness
+    }
+
+    /// Lowers the depths from those of the bristles to the means of their cells: by (κ₁a² + κ₂b²)/24 where
+    /// the object curves away from the face by κ along the cells' edges a and b.
+    fn round(&self, touches: &mut [Touch]) {
+        /// Sharpest curvature that a cell can feel (1/m).
+        const SHARPEST: f64 = 250.0;
+        let lowered = [0, 1].map(|axis| {
+            let (mut weight, mut first, mut slope) = (0.0, 0.0, 0.0);
+            let (mut second, mut mixed) = (0.0, 0.0);
+            for touch in touches.iter() {
+                let edge = &self.roots[touch.bristle].edges[axis];
+                let (x, rise) = (touch.root[axis] / edge[axis], touch.normal.dot(edge));
+                let w = touch.depth.cover();
+                weight += w;
+                first += w * x;
+                slope += w * rise;
+                second += w * x * x;
+                mixed += w * x * rise;
+            }
+            let spread = weight * second - first * first;
+            if spread <= 1e-6 * weight * weight {
+                return 0.0;
+            }
+            // κ times the edge squared, by regression of the slope over the touch.
+            let cell = self.roots[0].edges[axis][axis];
+            let curved = (weight * mixed - first * slope) / spread;
+            curved.clamp(0.0, SHARPEST * cell * cell) / 24.0
+        });
+        for touch in touches.iter_mut().filter(|touch| touch.depth.spread > 0.0) {
+            touch.depth.middle -= lowered[0] + lowered[1];
+        }
     }
 
     /// Gives every touch its share of the bed's stiffness.
@@ -182,7 +242,7 @@ impl Face {
         let (stiffness, shear) = (law.foundation(squares), law.shear_foundation(covered));
         for touch in touches {
             touch.stiffness = self.area * stiffness;
-            touch.shear = self.area * shear * touch.depth.cover();
+            touch.shear = self.area * shear * touch.cover;
         }
     }
 }
@@ -197,27 +257,28 @@ impl Obstacle<'_> {
 }
 
 impl Touch {
-    /// Stretches the bristle to where it stuck. Stiffness that it gained since bears no force yet.
+    /// Stretches the bristle to where it stuck. What touched since bears no force yet. A share that
+    /// has come off by less than `SLACK` still counts, so that a tremor does not wear the bristle out.
     fn hold(&mut self, anchor: &Anchor, pose: &Isometry3<f64>) {
+        const SLACK: f64 = 0.1;
         let way = (pose * anchor.place).coords - self.root;
         let along = way - self.normal * self.normal.dot(&way);
-        let shear = self.shear.max(anchor.stiffness);
-        self.stretch = along * (anchor.stiffness / shear);
-        self.shear = shear;
+        self.cover = anchor.cover.clamp(self.cover, (1.0 + SLACK) * self.cover);
+        self.stretch = along * f64::min(1.0, anchor.cover / self.cover);
     }
 
     /// Where the bristle sticks if it is stretched by `stretch` (m).
     pub(super) fn anchor(&self, stretch: &Vector3<f64>, pose: &Isometry3<f64>) -> Anchor {
         let place = pose.inverse_transform_point(&Point3::from(self.root + stretch));
-        Anchor { place, stiffness: self.shear }
+        Anchor { place, cover: self.cover }
     }
 
-    /// Force on the object (N) in the pad's frame if it stood still here: along the normal, and
-    /// sideways; a `gain` on the normal one.
-    pub(super) fn force_at_rest(&self, gain: f64, friction: f64) -> (Vector3<f64>, Vector3<f64>) {
+    /// Force on the object (N) in the pad's frame if it stood still here, with a `gain` on its normal
+    /// part; and the stretch that does not slip (m).
+    pub(super) fn at_rest(&self, gain: f64, friction: f64) -> (Vector3<f64>, Vector3<f64>) {
         let normal = gain * self.stiffness * self.depth.mean();
         let sideways = cut(&(-self.shear * self.stretch), friction * normal);
-        (-normal * self.normal, sideways)
+        (sideways - normal * self.normal, -sideways / self.shear)
     }
 }
 
