@@ -8,6 +8,10 @@ use ruffini_core::{
     task::{CHANNELS, Config, Ending, ObjectSpec, TACTILE_CHANNELS},
 };
 
+fn coarse(nodes: usize) -> Resolution {
+    Resolution { nodes, ..Resolution::default() }
+}
+
 /// The hand right over an object that it can hold; a coarse pad, for speed.
 fn config(object: &str) -> Config {
     Config {
@@ -18,7 +22,7 @@ fn config(object: &str) -> Config {
         yaw: [0.0, 0.0],
         size: [1.0, 1.0],
         tactile: Choice::Compliance,
-        resolution: Resolution { nodes: 300, ..Resolution::default() },
+        resolution: coarse(150),
         observation: Some(
             [&CHANNELS[..], &TACTILE_CHANNELS].concat().into_iter().map(String::from).collect(),
         ),
@@ -139,7 +143,7 @@ fn a_reset_forgets_what_was_felt() {
 #[test]
 fn a_press_without_an_answer_ends_its_episode_only() {
     // The full grip drives two edges into the pads, farther than linear elasticity goes.
-    let edges = Config { yaw: [0.5, 0.5], ..config("cuboid") };
+    let edges = Config { yaw: [0.5, 0.5], resolution: coarse(300), ..config("cuboid") };
     let mut batch = batch(edges, 3, 1, Autoreset::Disabled);
     let mut ended = [false; 3];
     for step in 0..25 {

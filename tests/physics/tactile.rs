@@ -190,7 +190,8 @@ fn the_depth_under_a_ball_is_the_ball() {
     let depth = 0.8 * MM;
     let press = Press::along(vec![ball()], vec![vec![ball_at(0.0, 0.0, depth)]]).unwrap();
     let felt = linear(&tip.body).solve(&[press]).remove(0).unwrap();
-    // A facet is a chord of the ball, and the softness of contact lets that in by micrometres.
+    // A facet is a chord of the ball, which contact lets in by 2 µm for each Young's modulus of
+    // pressure: five of them at most under single points of so smooth a ball.
     let middle = |p: &Point3<f64>| p.coords.norm() < 2.0 * MM;
     let edges = tip
         .body
@@ -200,7 +201,7 @@ fn the_depth_under_a_ball_is_the_ball() {
         .map(|edge| edge.map(|node| tip.body.mesh().vertices[node as usize]));
     let longest = edges.filter(|edge| edge.iter().all(middle)).map(|[a, b]| (a - b).xy().norm());
     let longest = longest.fold(0.0, f64::max);
-    let most = longest * longest / (8.0 * 5.0 * MM) + 5e-6;
+    let most = longest * longest / (8.0 * 5.0 * MM) + 5.0 * 2e-6;
     let heights = Channel::Depth.read(&tip.skin, Some(&felt));
     let mut covered = 0;
     for ([x, y], height) in tip.skin.pixels().into_iter().zip(heights) {

@@ -146,7 +146,7 @@ def test_random_steps_never_yield_what_is_not_a_number():
     mode = AutoresetMode.SAME_STEP
     objects = ["sphere", "cuboid", "annulus", "cup"]
     settings = everything(objects=objects, position=0.01, start=0.01, yaw=(-3.0, 3.0))
-    settings["gripper"] = {"max_force": 10.0}
+    settings |= {"gripper": {"max_force": 10.0}, "resolution": {"nodes": 150}}
     envs = GraspLiftVectorEnv(20, autoreset_mode=mode, **settings)
     envs.reset(seed=0)
     touched = 0

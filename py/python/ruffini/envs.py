@@ -470,7 +470,10 @@ class GraspLiftVectorEnv(VectorEnv[Any, Any, Any]):
         kinds = np.full(self.num_envs, None, dtype=object)
         for row, kind in failed:
             kinds[row] = kind
-        return {"press_error": kinds, "_press_error": np.array([kind is not None for kind in kinds])}
+        return {
+            "press_error": kinds,
+            "_press_error": np.array([kind is not None for kind in kinds]),
+        }
 
     def _with_finals(
         self, info: dict[str, Any], finals: list[tuple[int, NDArray[np.float32]]]
