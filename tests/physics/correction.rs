@@ -1,7 +1,13 @@
 //! Soft pads corrected towards a better model once per control step.
 
 use nalgebra::{Isometry3, Vector3};
-use ruffini_core::scene::{Command, Scene, Wrench};
+use ruffini_core::{
+    compliance::{Compliance, Options},
+    deformation::{History, Law, Moduli, Press, SoftBody},
+    geometry::Shape,
+    scene::{Command, Scene, Wrench},
+    sensor::Sensor,
+};
 
 use crate::bed::{ball, gripped, hold, soft};
 
@@ -204,5 +210,60 @@ fn nonsense_from_a_model_is_bounded() {
             assert!(state.failure.is_none());
             assert!(state.object.velocity.norm() < 5.0, "{} m/s", state.object.velocity.norm());
         }
+    }
+}
+
+/// The gel itself as condensed finite elements, its contact history included.
+struct Condensed {
+    model: Compliance,
+    histories: [Option<History>; 2],
+}
+
+impl Condensed {
+    fn new() -> Self {
+        let sensor = Sensor::named("gelsight-mini").unwrap();
+        let (pad, calibration) = (sensor.pad(1000).unwrap(), &sensor.calibrations[0]);
+        let moduli = Moduli { young: calibration.young, poisson: calibration.poisson };
+        let body = SoftBody::new(pad.mesh, Law::default(), moduli, &pad.base).unwrap();
+        let model = Compliance::new(body, Options { friction: 0.8, sweeps: 0 }).unwrap();
+        Self { model, histories: [None, None] }
+    }
+
+    /// Wrench on the pad of a finger where the scene is.
+    fn wrench(&mut self, scene: &Scene, finger: usize) -> Wrench {
+        let pose = scene.state().fingers[finger].object;
+        let ball = Shape::Sphere { radius: RADIUS };
+        let mut press = Press::along(vec![ball], vec![vec![pose]]).unwrap();
+        if let Some(history) = self.histories[finger].take() {
+            press = press.after(history).unwrap();
+        }
+        let frame = self.model.solve_path(&press).pop().unwrap().unwrap();
+        self.histories[finger] = Some(frame.history);
+        frame.wrench.into()
+    }
+}
+
+#[test]
+fn the_wrench_becomes_that_of_the_condensed_gel() {
+    for (mass, grip) in [(0.02, 1.0), (0.1, 5.0), (0.3, 10.0)] {
+        let mut scene = gripped(&soft(), &ball(), mass, grip);
+        let mut gel = Condensed::new();
+        let mut off = [0.0; 2];
+        for step in 0..60 {
+            if step == 15 {
+                scene.set_gravity(9.81);
+            }
+            scene.step(&Command { grip, ..Command::default() });
+            let before = scene.state().fingers.map(|finger| finger.wrench.force);
+            for finger in 0..2 {
+                let wrench = gel.wrench(&scene, finger);
+                off[finger] = (wrench.force - before[finger]).norm() / grip;
+                scene.correct(finger, &wrench);
+            }
+            if step % 5 == 0 {
+                println!("{mass} kg, step {step}: {:.4} {:.4}", off[0], off[1]);
+            }
+        }
+        assert!(off.iter().all(|off| *off < 0.03), "{mass} kg: off by {off:?} of the grip");
     }
 }

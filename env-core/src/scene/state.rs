@@ -3,6 +3,8 @@
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::deformation;
+
 /// Everything that a task, a sensor or a picture reads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneState {
@@ -82,6 +84,12 @@ pub struct Wrench {
     pub force: Vector3<f64>,
     /// Torque (N m).
     pub torque: Vector3<f64>,
+}
+
+impl From<deformation::Wrench> for Wrench {
+    fn from(deformation::Wrench { force, torque }: deformation::Wrench) -> Self {
+        Self { force, torque }
+    }
 }
 
 impl std::ops::Add for Wrench {
