@@ -1,11 +1,14 @@
-//! Environment steps per second on one thread: `cargo bench --bench step`.
+//! Environment steps per second on one thread, and what soft pads cost in a grasp:
+//! `cargo bench --bench step`.
 
 use std::{hint::black_box, sync::Arc};
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use nalgebra::Isometry3;
 use ruffini_core::{
     env::{Autoreset, Batch, Setup},
-    scene::CATALOGUE,
+    scene::{CATALOGUE, Command, Object, ObjectModel, Scene, SceneConfig, SoftPads, Wrench, named},
+    sensor::Sensor,
     task::{Config, ObjectSpec},
 };
 
@@ -45,9 +48,42 @@ fn steps(criterion: &mut Criterion) {
     group.finish();
 }
 
+/// A control step of 40 ms in which both fingers hold an object of 100 g with 5 N and its state is
+/// read; soft pads are corrected besides.
+fn grasps(criterion: &mut Criterion) {
+    let sensor = Sensor::named("gelsight-mini").expect("a known sensor");
+    let soft = SoftPads::new(&sensor, &sensor.calibrations[0]);
+    let configs =
+        [("rigid", SceneConfig::default()), ("soft", SceneConfig::default().with_pads(soft))];
+    let mut group = criterion.benchmark_group("grasp");
+    for name in ["sphere", "cuboid", "cylinder", "prism", "cup", "potato"] {
+        let model = ObjectModel::new(named(name).expect("a known name")).expect("a sound shape");
+        for (pads, config) in &configs {
+            let pose = Isometry3::translation(0.0, 0.0, 0.1);
+            let object = Object { model: &model, scale: 1.0, mass: 0.1, friction: 0.8, pose };
+            let tool_center = pose.translation.vector;
+            let mut scene = Scene::new(config, &object, &tool_center, 0.0).expect("a sound scene");
+            let hold = Command { grip: 5.0, ..Command::default() };
+            scene.set_gravity(0.0);
+            (0..25).for_each(|_| scene.step(&hold));
+            scene.set_gravity(config.physics.gravity);
+            group.bench_function(format!("{name}, {pads}"), |bencher| {
+                bencher.iter(|| {
+                    scene.step(&hold);
+                    let wrenches = scene.state().fingers.map(|finger| finger.wrench);
+                    for (finger, wrench) in wrenches.iter().enumerate() {
+                        scene.correct(finger, black_box::<&Wrench>(wrench));
+                    }
+                });
+            });
+        }
+    }
+    group.finish();
+}
+
 criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(20);
-    targets = steps
+    targets = steps, grasps
 }
 criterion_main!(benches);

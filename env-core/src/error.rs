@@ -90,6 +90,9 @@ pub enum Error {
         /// How far the shapes moved (m).
         travel: f64,
     },
+    /// A model that stopped on an internal error.
+    #[error("the model stopped on an internal error, expected none: please report it")]
+    Panicked,
 }
 
 impl Error {
@@ -101,6 +104,28 @@ impl Error {
         expected: impl Into<String>,
     ) -> Self {
         Self::Invalid { name: name.into(), found: found.to_string(), expected: expected.into() }
+    }
+
+    /// This error about the argument that the user knows as `name`.
+    #[must_use]
+    pub fn renamed(self, name: &str) -> Self {
+        match self {
+            Self::Invalid { found, expected, .. } => {
+                Self::Invalid { name: name.to_owned(), found, expected }
+            }
+            other => other,
+        }
+    }
+
+    /// This error about a part of the argument `whole`.
+    #[must_use]
+    pub fn within(self, whole: &str) -> Self {
+        match self {
+            Self::Invalid { name, found, expected } => {
+                Self::Invalid { name: format!("{whole}.{name}"), found, expected }
+            }
+            other => other,
+        }
     }
 
     /// Name of the kind of failure, as Python has it.
@@ -116,6 +141,7 @@ impl Error {
             Self::Penetrated { .. } => "penetrated",
             Self::Network { .. } => "network",
             Self::Unreachable { .. } => "unreachable",
+            Self::Panicked => "panicked",
         }
     }
 }

@@ -15,6 +15,7 @@ pub mod fem;
 pub mod compliance;
 pub mod dataset;
 pub mod surrogate;
+pub mod tactile;
 pub mod scene;
 pub mod task;
 pub mod render;

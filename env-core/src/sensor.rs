@@ -6,7 +6,7 @@
 
 use std::{fs, path::Path};
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::{
     Error, Result,
@@ -65,6 +65,26 @@ pub struct Calibration {
     pub law: String,
     /// Who measured or chose it.
     pub source: String,
+    /// The gel as a bed of bristles, fitted to its finite elements.
+    pub bristles: Bristles,
+}
+
+/// A gel lumped into independent bristles, for any Young's modulus: what `calibrate_bed` prints.
+///
+/// With the gel's thickness h, Σ = ∫ δ² dA / h⁴ over the depth δ of the undeformed face in an object
+/// and the touched area A, the stored energy is `normal` E h³ Σ^`coupling`, and the stiffness
+/// against sideways motion `shear` E h (A/h²)^`spread`.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Bristles {
+    /// Factor of the stored energy.
+    pub normal: f64,
+    /// Its exponent.
+    pub coupling: f64,
+    /// Factor of the sideways stiffness.
+    pub shear: f64,
+    /// Its exponent.
+    pub spread: f64,
 }
 
 /// Coulomb friction coefficients of a gel's skin.
@@ -165,6 +185,7 @@ impl Sensor {
         }
         for (i, calibration) in self.calibrations.iter().enumerate() {
             at_least(1.0, "calibration.young", calibration.young)?;
+            calibration.bristles.validate()?;
             if !(calibration.poisson > -1.0 && calibration.poisson < 0.5) {
                 let found = calibration.poisson;
                 return Err(Error::invalid("calibration.poisson", found, "above -1 and below 0.5"));
@@ -175,6 +196,23 @@ impl Sensor {
             }
         }
         Ok(self)
+    }
+}
+
+impl Bristles {
+    fn validate(&self) -> Result<()> {
+        let numbers = [
+            ("bristles.normal", self.normal, 1e-3, 1e3),
+            ("bristles.coupling", self.coupling, 0.5, 2.0),
+            ("bristles.shear", self.shear, 1e-3, 1e3),
+            ("bristles.spread", self.spread, 0.5, 2.0),
+        ];
+        match numbers.into_iter().find(|(_, value, low, high)| !(low..=high).contains(&value)) {
+            Some((name, value, low, high)) => {
+                Err(Error::invalid(name, value, format!("{low} to {high}")))
+            }
+            None => Ok(()),
+        }
     }
 }
 

@@ -8,6 +8,7 @@ mod training;
 
 use std::sync::Arc;
 
+use nalgebra::Point3;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::{
     prelude::*,
@@ -17,7 +18,7 @@ use ruffini_core::{
     Error,
     env::{Autoreset, Setup, StepResult},
     scene::CATALOGUE,
-    task::{CHANNELS, Config, Ending, TERMS},
+    task::{CHANNELS, Config, Ending, TACTILE_CHANNELS, TERMS},
 };
 
 use error::{PressError, SimulationError, python_error};
@@ -29,7 +30,8 @@ struct Batch {
 }
 
 /// Observations (N, D), rewards (N), terminated (N), truncated (N), reward terms (N, K), success
-/// (N), codes of the endings (N), and the rows that have started anew with their last observation.
+/// (N), codes of the endings (N), the rows that have started anew with their last observation, and
+/// the rows in which a press was not answered with the kind of the error.
 type Step<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray1<f64>>,
@@ -39,10 +41,11 @@ type Step<'py> = (
     Bound<'py, PyArray1<bool>>,
     Bound<'py, PyArray1<u8>>,
     Vec<(usize, Bound<'py, PyArray1<f32>>)>,
+    Vec<(usize, &'static str)>,
 );
 
 /// Name, lower bounds, upper bounds and unit of a channel's component.
-type Component = (&'static str, Vec<f32>, Vec<f32>, &'static str);
+type Component = (String, Vec<f32>, Vec<f32>, &'static str);
 
 #[pymethods]
 #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
@@ -67,7 +70,10 @@ impl Batch {
     /// Channels of the observation with their components.
     fn layout(&self) -> Vec<(&'static str, Vec<Component>)> {
         let components = |components: &[ruffini_core::task::Component]| {
-            components.iter().map(|c| (c.name, c.low.clone(), c.high.clone(), c.unit)).collect()
+            let row = |c: &ruffini_core::task::Component| {
+                (c.name.clone(), c.low.clone(), c.high.clone(), c.unit)
+            };
+            components.iter().map(row).collect()
         };
         let channels = self.inner.setup().layout().channels();
         channels.iter().map(|(name, parts)| (*name, components(parts))).collect()
@@ -110,6 +116,8 @@ impl Batch {
         let column = |f: fn(&ruffini_core::env::Outcome) -> bool| {
             PyArray1::from_iter(py, outcomes.iter().map(f))
         };
+        let failed = outcomes.iter().enumerate();
+        let failed = failed.filter_map(|(i, o)| o.press_error.map(|kind| (i, kind))).collect();
         let terms = PyArray1::from_iter(py, outcomes.iter().flat_map(|o| o.terms.values()));
         Ok((
             self.rows(py, observation)?,
@@ -120,7 +128,34 @@ impl Batch {
             column(|o| o.is_success),
             PyArray1::from_iter(py, outcomes.iter().map(|o| o.ending.map_or(0, Ending::code))),
             finals.into_iter().map(|(i, last)| (i, PyArray1::from_vec(py, last))).collect(),
+            failed,
         ))
+    }
+
+    /// Stages of a step: name, runs and microseconds in a step of one environment.
+    fn plan(&mut self, forget: bool) -> Vec<(String, f64, f64)> {
+        let plan = self.inner.plan(forget).into_iter();
+        plan.map(|stage| (stage.name, stage.runs, stage.microseconds)).collect()
+    }
+
+    /// Places at rest that the tactile channels refer to; `None` for rigid fingers.
+    fn skin<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let Some(touch) = self.inner.setup().touch() else { return Ok(None) };
+        let (skin, dict) = (touch.skin(), PyDict::new(py));
+        let points = |points: Vec<Point3<f64>>| {
+            let count = points.len();
+            let numbers = points.iter().flat_map(|p| p.coords.iter().copied());
+            PyArray1::from_iter(py, numbers).reshape([count, 3])
+        };
+        let plan = |places: Vec<[f64; 2]>| {
+            let count = places.len();
+            PyArray1::from_iter(py, places.into_flattened()).reshape([count, 2])
+        };
+        dict.set_item("markers", points(skin.markers())?)?;
+        dict.set_item("surface", points(skin.surface())?)?;
+        dict.set_item("grid", plan(skin.cells())?)?;
+        dict.set_item("depth", plan(skin.pixels())?)?;
+        Ok(Some(dict))
     }
 
     /// A picture (height, width, 3) of one row's scene.
@@ -209,12 +244,16 @@ mod _core {
         SoftBody, Surrogate, TetMesh, Transfer, objects, sensor,
     };
 
-    use super::{Bound, CATALOGUE, CHANNELS, Ending, PyModule, PyModuleMethods, PyResult, TERMS};
+    use super::{
+        Bound, CATALOGUE, CHANNELS, Ending, PyModule, PyModuleMethods, PyResult, TACTILE_CHANNELS,
+        TERMS,
+    };
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("OBJECTS", CATALOGUE.to_vec())?;
         module.add("CHANNELS", CHANNELS.to_vec())?;
+        module.add("TACTILE_CHANNELS", TACTILE_CHANNELS.to_vec())?;
         module.add("REWARD_TERMS", TERMS.to_vec())?;
         module.add("ENDINGS", Ending::ALL.map(Ending::name).to_vec())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))

@@ -24,7 +24,7 @@ fn actions(rows: usize, step: usize) -> Vec<f32> {
 }
 
 fn all_channels() -> Config {
-    Config { observation: CHANNELS.map(String::from).into(), ..Config::default() }
+    Config { observation: Some(CHANNELS.map(String::from).into()), ..Config::default() }
 }
 
 #[test]

@@ -1,13 +1,17 @@
 //! Physics of the whole crate against closed forms, one binary.
 
 mod batch;
+mod bed;
 mod bodies;
 mod closed_forms;
 mod compliance;
+mod correction;
 mod extremes;
+mod feel;
 mod fem;
 mod floors;
 mod grasp;
 mod half_space;
 mod objects;
 mod peer;
+mod tactile;

@@ -100,7 +100,9 @@ impl Compliance {
     }
 
     fn walk(&self, press: &Press) -> Result<Walk<'_>> {
-        Walk::new(&self.condensed, self.settings, press)
+        let mut settings = self.settings;
+        settings.law.friction = press.friction().unwrap_or(settings.law.friction);
+        Walk::new(&self.condensed, settings, press)
     }
 }
 

@@ -10,9 +10,10 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use safetensors::{SafeTensorError, SafeTensors};
 
 use super::{
-    config::Config,
+    config::{Config, Scenario},
     manifest::{Split, splits},
-    record::{Entry, entries},
+    record::Entry,
+    tensor::{entries, read},
 };
 use crate::{
     Error, Result,
@@ -54,7 +55,10 @@ impl Dataset {
     pub fn open(folder: &Path) -> Result<Self> {
         let path = folder.join("config.json");
         let text = fs::read_to_string(&path).map_err(|error| failed(&path, &error))?;
-        let config: Config = serde_json::from_str(&text).map_err(|error| failed(&path, &error))?;
+        let config = claimed(&text).map_err(|error| failed(&path, &error))?;
+        if config.scenario != Scenario::Pads {
+            return Err(failed(&path, &"soft objects, expected grasps by soft pads"));
+        }
         let objects = catalogue(config.seed);
         let mut shards = Vec::new();
         let mut grasps = Vec::new();
@@ -65,8 +69,8 @@ impl Dataset {
                 if !path.exists() {
                     break;
                 }
-                let bytes = fs::read(&path).map_err(|error| failed(&path, &error))?;
-                let solved = entries(&path, &bytes)?.into_iter().filter(|entry| entry.frames > 0);
+                let bytes = read(&path)?;
+                let solved = entries::<Entry>(&path, &bytes)?.into_iter().filter(|e| e.frames > 0);
                 names.extend(solved.map(|entry| entry.plan.name));
                 shards.push((number, path));
             }
@@ -112,10 +116,10 @@ impl Dataset {
     /// The object and all pads of all grasps in shard `index`.
     pub fn read(&self, index: usize) -> Result<(&Object, Vec<PadFrames>)> {
         let (object, path) = &self.shards[index];
-        let bytes = fs::read(path).map_err(|error| failed(path, &error))?;
+        let bytes = read(path)?;
         let file = SafeTensors::deserialize(&bytes).map_err(|error| failed(path, &error))?;
         let mut pads = Vec::new();
-        for entry in entries(path, &bytes)?.iter().filter(|entry| entry.frames > 0) {
+        for entry in entries::<Entry>(path, &bytes)?.iter().filter(|entry| entry.frames > 0) {
             for side in ["first", "second"] {
                 let frames = pad(&file, entry, side).map_err(|error| failed(path, &error))?;
                 pads.push(frames);
@@ -123,6 +127,13 @@ impl Dataset {
         }
         Ok((&self.objects[*object], pads))
     }
+}
+
+/// The configuration in `config.json`, which says the files' format besides.
+fn claimed(text: &str) -> serde_json::Result<Config> {
+    let mut claim: serde_json::Map<_, _> = serde_json::from_str(text)?;
+    claim.remove("format");
+    serde_json::from_value(claim.into())
 }
 
 type Found<T> = std::result::Result<T, SafeTensorError>;

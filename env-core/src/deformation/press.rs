@@ -5,12 +5,16 @@ use nalgebra::{Isometry3, Unit, Vector3};
 use super::History;
 use crate::{Error, Result, geometry::Shape};
 
+/// Largest coefficient of friction.
+const MOST_FRICTION: f64 = 100.0;
+
 /// Rigid shapes pressed into one soft body.
 #[derive(Clone, Debug)]
 pub struct Press {
     shapes: Vec<Shape>,
     drive: Drive,
     history: Option<History>,
+    friction: Option<f64>,
 }
 
 /// What moves the shapes. Poses are those of the shapes in the frame of the soft body.
@@ -124,12 +128,22 @@ impl Press {
         Ok(self)
     }
 
+    /// This press with its own coefficient of friction, 0 to 100, in place of the model's.
+    pub fn with_friction(mut self, friction: f64) -> Result<Self> {
+        if !(0.0..=MOST_FRICTION).contains(&friction) {
+            let expected = format!("a coefficient from 0 to {MOST_FRICTION}");
+            return Err(Error::invalid("friction", friction, expected));
+        }
+        self.friction = Some(friction);
+        Ok(self)
+    }
+
     fn new(shapes: Vec<Shape>, drive: Drive) -> Result<Self> {
         if shapes.is_empty() {
             return Err(Error::invalid("shapes", "none", "at least one rigid shape"));
         }
         let shapes = shapes.into_iter().map(Shape::validated).collect::<Result<_>>()?;
-        Ok(Self { shapes, drive, history: None })
+        Ok(Self { shapes, drive, history: None, friction: None })
     }
 
     /// The rigid shapes (S).
@@ -145,6 +159,11 @@ impl Press {
     /// Where the press starts, if not from rest.
     pub fn history(&self) -> Option<&History> {
         self.history.as_ref()
+    }
+
+    /// Coefficient of Coulomb friction, if not the model's.
+    pub fn friction(&self) -> Option<f64> {
+        self.friction
     }
 }
 

@@ -1,11 +1,26 @@
 //! Many rows stepped together, on the threads of this process.
 
-use std::{mem, process, sync::Arc};
+use std::{
+    mem,
+    panic::{AssertUnwindSafe, catch_unwind},
+    process,
+    sync::Arc,
+};
 
 use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
 
-use super::{Outcome, Row, Setup, snapshot};
-use crate::{Error, Result, render::SceneRenderer, task::ACTION_SIZE};
+use super::{
+    Outcome, Row, Setup, Stage,
+    plan::{Costs, MODEL},
+    snapshot,
+};
+use crate::{
+    Error, Result,
+    deformation::{Deformation, DeformationModel, Press},
+    render::SceneRenderer,
+    tactile,
+    task::ACTION_SIZE,
+};
 
 /// When a row whose episode has ended starts the next one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +37,10 @@ pub enum Autoreset {
 pub struct Batch {
     setup: Arc<Setup>,
     rows: Vec<Row>,
+    /// Answers what presses the fingers, unless they are rigid.
+    model: Option<tactile::Model>,
+    /// Time spent for all rows at once.
+    costs: Costs,
     autoreset: Autoreset,
     threads: usize,
     /// The pool and the process that started it: a forked child has none of its threads.
@@ -61,7 +80,18 @@ impl Batch {
         }
         let observation = vec![0.0; rows * setup.layout().size()];
         let rows = (0..rows as u64).map(Row::new).collect();
-        Ok(Self { setup, rows, autoreset, threads, pool: None, observation, renderer: None })
+        let model = setup.touch().map(|touch| touch.model().clone());
+        Ok(Self {
+            setup,
+            rows,
+            model,
+            costs: Costs::default(),
+            autoreset,
+            threads,
+            pool: None,
+            observation,
+            renderer: None,
+        })
     }
 
     /// The shared settings.
@@ -117,8 +147,14 @@ impl Batch {
         }
         self.expect_started()?;
         let (setup, autoreset) = (self.setup.clone(), self.autoreset);
-        let steps = self.each(|i, row, observation| {
-            one_step(&setup, autoreset, row, &actions[i], observation)
+        let begun = self.each(|i, row, observation| {
+            begin_step(&setup, autoreset, row, &actions[i], observation)
+        })?;
+        let begun = begun.into_iter().collect::<Result<Vec<_>>>()?;
+        self.feel();
+        let steps = self.each(|i, row, observation| match begun[i] {
+            Begun::Reset => Ok((Outcome::default(), None)),
+            Begun::Step => end_step(&setup, autoreset, row, observation),
         })?;
         let mut result = StepResult { observation: self.observation.clone(), ..Default::default() };
         for (i, step) in steps.into_iter().enumerate() {
@@ -127,6 +163,45 @@ impl Batch {
             result.finals.extend(last.map(|last| (i, last)));
         }
         Ok(result)
+    }
+
+    /// Has the presses of all rows answered in one call.
+    fn feel(&mut self) {
+        let Some(model) = &mut self.model else { return };
+        let (mut from, mut presses) = (Vec::new(), Vec::new());
+        for (i, row) in self.rows.iter_mut().enumerate() {
+            for (finger, press) in row.ask().into_iter().enumerate() {
+                from.extend(press.as_ref().map(|_| (i, finger)));
+                presses.extend(press);
+            }
+        }
+        if presses.is_empty() {
+            return;
+        }
+        let solve = || match &self.pool {
+            Some((_, pool)) => pool.install(|| answers(model, &presses)),
+            None => answers(model, &presses),
+        };
+        let answers = self.costs.time_all(MODEL, presses.len() as u64, solve);
+        for ((i, finger), answer) in from.into_iter().zip(answers) {
+            self.rows[i].answer(finger, answer);
+        }
+    }
+
+    /// The stages that a step of this batch runs, with their mean times since the beginning, since
+    /// the last [`Batch::load`] or since the last time that `forget` was set.
+    pub fn plan(&mut self, forget: bool) -> Vec<Stage> {
+        let mut costs = self.costs.clone();
+        self.rows.iter().for_each(|row| costs.include(row.costs()));
+        if forget {
+            self.forget_costs();
+        }
+        costs.plan(&self.setup)
+    }
+
+    fn forget_costs(&mut self) {
+        self.costs = Costs::default();
+        self.rows.iter_mut().for_each(Row::forget_costs);
     }
 
     /// A picture (height, width, 3), sRGB, of one row's scene.
@@ -163,6 +238,7 @@ impl Batch {
             observation.extend(latest);
         }
         (self.rows, self.observation) = (rows, observation);
+        self.forget_costs();
         Ok(self.observation.clone())
     }
 
@@ -203,7 +279,9 @@ impl Batch {
     /// Starts the pool if this process needs one and has none.
     fn start_threads(&mut self) -> Result<()> {
         let (wanted, process) = (self.threads.min(self.rows.len()), process::id());
-        if wanted == 1 || self.pool.as_ref().is_some_and(|(owner, _)| *owner == process) {
+        // Models solve on the threads of whichever pool they are called in, the process's by default.
+        let needed = wanted > 1 || self.model.is_some();
+        if !needed || self.pool.as_ref().is_some_and(|(owner, _)| *owner == process) {
             return Ok(());
         }
         // The parent's pool cannot be dropped here: its threads are not there to be joined.
@@ -216,24 +294,55 @@ impl Batch {
     }
 }
 
-/// One row's share of a step: its outcome, and its last observation (D) if it has started anew.
-fn one_step(
+/// What a row did in the first phase of a step.
+#[derive(Clone, Copy)]
+enum Begun {
+    /// Started a new episode.
+    Reset,
+    /// Moved its rigid world.
+    Step,
+}
+
+/// One row's share of the first phase of a step.
+fn begin_step(
     setup: &Setup,
     autoreset: Autoreset,
     row: &mut Row,
     action: &[f32; ACTION_SIZE],
     observation: &mut [f32],
-) -> Result<(Outcome, Option<Vec<f32>>)> {
+) -> Result<Begun> {
     if autoreset == Autoreset::NextStep && row.needs_reset() {
         row.reset(setup, observation)?;
-        return Ok((Outcome::default(), None));
+        return Ok(Begun::Reset);
     }
+    row.advance(setup, action);
+    Ok(Begun::Step)
+}
+
+/// One row's share of the last phase of a step: its outcome, and its last observation (D) if it has
+/// started anew.
+fn end_step(
+    setup: &Setup,
+    autoreset: Autoreset,
+    row: &mut Row,
+    observation: &mut [f32],
+) -> Result<(Outcome, Option<Vec<f32>>)> {
     let mut scratch = vec![0.0; observation.len()];
-    let outcome = row.step(setup, action, observation, &mut scratch);
+    let outcome = row.conclude(setup, observation, &mut scratch);
     if autoreset != Autoreset::SameStep || !row.needs_reset() {
         return Ok((outcome, None));
     }
     let last = observation.to_vec();
     row.reset(setup, observation)?;
     Ok((outcome, Some(last)))
+}
+
+/// What `model` answers to `presses`. A panic in one of them is that one's error.
+fn answers(model: &mut tactile::Model, presses: &[Press]) -> Vec<Result<Deformation>> {
+    let mut solve = |presses| catch_unwind(AssertUnwindSafe(|| model.solve(presses)));
+    solve(presses).unwrap_or_else(|_| {
+        let mut alone =
+            |press| solve(std::slice::from_ref(press)).ok().and_then(|mut one| one.pop());
+        presses.iter().map(|press| alone(press).unwrap_or(Err(Error::Panicked))).collect()
+    })
 }

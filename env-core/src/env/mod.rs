@@ -1,18 +1,23 @@
 //! Environments: one row is one episode after another; a batch is many rows stepped together.
 //!
 //! Rows share nothing but their settings, so a row's numbers depend on its seed and actions alone:
-//! not on the other rows, their number, or the number of threads.
+//! not on the other rows, their number, or the number of threads. A step has three phases: every row
+//! moves its rigid world, one call answers the presses of all fingers, every row observes.
 
 mod batch;
+mod plan;
 mod row;
 mod snapshot;
+mod touch;
 
 pub use batch::{Autoreset, Batch, StepResult};
+pub use plan::Stage;
 pub use row::{Outcome, Row};
 
 use crate::{
     Result,
     scene::ObjectModel,
+    tactile::Touch,
     task::{Config, Layout},
 };
 
@@ -22,6 +27,7 @@ pub struct Setup {
     config: Config,
     layout: Layout,
     models: Vec<ObjectModel>,
+    touch: Option<Touch>,
     /// Identifies the settings in snapshots.
     fingerprint: [u8; 8],
 }
@@ -29,10 +35,12 @@ pub struct Setup {
 impl Setup {
     /// Ready settings, or the first thing wrong with them.
     pub fn new(config: Config) -> Result<Self> {
+        let config = config.with_sensor()?;
         config.validate()?;
-        let (layout, models) = (Layout::new(&config)?, config.models()?);
+        let (models, touch) = (config.models()?, Touch::new(&config.touch())?);
+        let layout = Layout::new(&config, touch.as_ref().map(|touch| &**touch.skin()))?;
         let fingerprint = snapshot::fingerprint(&config);
-        Ok(Self { config, layout, models, fingerprint })
+        Ok(Self { config, layout, models, touch, fingerprint })
     }
 
     /// The settings.
@@ -48,5 +56,10 @@ impl Setup {
     /// The configured objects.
     pub fn models(&self) -> &[ObjectModel] {
         &self.models
+    }
+
+    /// What the fingers feel with, unless they are rigid.
+    pub fn touch(&self) -> Option<&Touch> {
+        self.touch.as_ref()
     }
 }

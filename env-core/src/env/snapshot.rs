@@ -42,5 +42,8 @@ pub(super) fn load(bytes: &[u8], setup: &Setup) -> Result<(Row, Vec<f32>)> {
     if header[16..] != digest(body) {
         return Err(bad("damaged: the checksum does not match".into()));
     }
-    postcard::from_bytes(body).map_err(|error| bad(error.to_string()))
+    let (mut row, observation): (Row, _) =
+        postcard::from_bytes(body).map_err(|error| bad(error.to_string()))?;
+    row.attach(setup)?;
+    Ok((row, observation))
 }

@@ -116,7 +116,9 @@ impl Fem {
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         match self.check_start(press) {
             Ok(()) => {
-                Run::new(&self.system, self.body.mesh().vertices.len(), self.limits).frames(press)
+                let rubbed = press.friction().map(|friction| self.system.with_friction(friction));
+                let system = rubbed.as_ref().unwrap_or(&self.system);
+                Run::new(system, self.body.mesh().vertices.len(), self.limits).frames(press)
             }
             Err(error) => vec![Err(error)],
         }

@@ -1,6 +1,6 @@
 //! Forces and stiffness of a body together with its contact, at one state.
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, sync::Arc};
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
@@ -15,12 +15,13 @@ use crate::{
     deformation::SoftBody,
 };
 
-/// A body, discretised and analysed once; shared by all presses.
+/// A body, discretised and analysed once; shared by all presses. Copies differ in their friction.
+#[derive(Clone)]
 pub(super) struct System {
-    pub(super) nodes: Nodes,
-    pub(super) solid: Box<dyn Solid>,
-    pub(super) pattern: Pattern,
-    pub(super) surface: Vec<SurfacePoint>,
+    pub(super) nodes: Arc<Nodes>,
+    pub(super) solid: Arc<dyn Solid>,
+    pub(super) pattern: Arc<Pattern>,
+    pub(super) surface: Arc<[SurfacePoint]>,
     pub(super) law: ContactLaw,
     /// Whether the body can move as a whole.
     pub(super) floating: bool,
@@ -80,7 +81,13 @@ impl System {
         let pattern = Pattern::new(&nodes.places, &nodes.fixed, &couplings);
         solid.locate(&pattern);
         let floating = body.fixed().len() < 3;
-        Self { nodes, solid, pattern, surface, law, floating }
+        let (nodes, pattern) = (Arc::new(nodes), Arc::new(pattern));
+        Self { nodes, solid: solid.into(), pattern, surface: surface.into(), law, floating }
+    }
+
+    /// The same body under another coefficient of friction.
+    pub(super) fn with_friction(&self, friction: f64) -> Self {
+        Self { law: ContactLaw { friction, ..self.law }, ..self.clone() }
     }
 
     /// Places of the surface points (C).

@@ -10,13 +10,13 @@
 //! it: with the density 1/h(s), nodes stand at equal steps of N(s) = ∫ ds / h(s).
 
 use nalgebra::Point3;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::TetMesh;
 use crate::{Error, Result};
 
 /// The undeformed shape of a gel pad: a rectangular block with a crowned face.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PadOutline {
     /// Extent along y (m).

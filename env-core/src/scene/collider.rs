@@ -1,7 +1,10 @@
 //! Shapes as Rapier colliders, with the mass properties of the exact surface and the pose in which
 //! the solid rests on a table.
 
-use std::f64::consts::FRAC_PI_2;
+use std::{
+    f64::consts::FRAC_PI_2,
+    sync::{Arc, OnceLock},
+};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rapier3d::{
@@ -9,7 +12,7 @@ use rapier3d::{
     prelude::{ColliderBuilder, MassProperties, Matrix, Pose, SharedShape, Vector},
 };
 
-use super::{Object, Scene, SceneConfig, units};
+use super::{Object, Scene, SceneConfig, field::DistanceField, units};
 use crate::{
     Error, Result,
     geometry::{self, Shape, Surface},
@@ -32,6 +35,8 @@ pub struct ObjectModel {
     /// Of the solid at density 1.
     solid: geometry::MassProperties,
     resting: UnitQuaternion<f64>,
+    /// Made on first use, and shared by copies made after.
+    field: OnceLock<Arc<DistanceField>>,
 }
 
 impl std::fmt::Debug for ObjectModel {
@@ -57,7 +62,8 @@ impl ObjectModel {
         };
         let solid = surface.mass_properties(1.0);
         let resting = UnitQuaternion::identity();
-        let mut model = Self { shape, surface, collider, upright, solid, resting };
+        let field = OnceLock::new();
+        let mut model = Self { shape, surface, collider, upright, solid, resting, field };
         model.resting = model.settle();
         Ok(model)
     }
@@ -70,6 +76,18 @@ impl ObjectModel {
     /// Its triangles, for a picture.
     pub fn surface(&self) -> &Surface {
         &self.surface
+    }
+
+    /// Distance to the object at its model's size.
+    pub(super) fn distance_field(&self) -> Arc<DistanceField> {
+        Arc::clone(self.field.get_or_init(|| Arc::new(DistanceField::new(&self.shape))))
+    }
+
+    /// Radius about the frame's origin that holds the object (m).
+    pub(super) fn radius(&self) -> f64 {
+        let farthest = self.surface.vertices().iter().map(|v| v.coords.norm());
+        // The polygons of the surface may cut what is round.
+        1.02 * farthest.fold(0.0, f64::max)
     }
 
     /// The pose in which the object, `scale` times as large, rests on the table at `x`, `y` (m),

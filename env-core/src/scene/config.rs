@@ -4,7 +4,11 @@ use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::ObjectModel;
-use crate::{Error, Result};
+use crate::{
+    Error, Result,
+    geometry::PadOutline,
+    sensor::{Bristles, Calibration, Sensor},
+};
 
 /// Everything about a scene except its object.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -16,6 +20,39 @@ pub struct SceneConfig {
     pub workspace: Workspace,
     /// How Rapier integrates.
     pub physics: Physics,
+    /// What touches the object.
+    pub pads: Pads,
+}
+
+/// The pads of the fingers.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Pads {
+    /// Boxes in Rapier's rigid contact: fast, and blind.
+    #[default]
+    Rigid,
+    /// Gel that gives way.
+    Soft(SoftPads),
+}
+
+/// Gel pads as a bed of bristles.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SoftPads {
+    /// Undeformed shape; its extents are those of the gripper's pads.
+    pub outline: PadOutline,
+    /// Young's modulus (Pa).
+    pub young: f64,
+    /// How the gel answers.
+    pub bristles: Bristles,
+}
+
+impl SoftPads {
+    /// The pads of a `sensor` whose gel is as `calibration` says.
+    pub fn new(sensor: &Sensor, calibration: &Calibration) -> Self {
+        let Calibration { young, bristles, .. } = *calibration;
+        Self { outline: sensor.outline, young, bristles }
+    }
 }
 
 /// A parallel-jaw gripper whose pads have the outline of a GelSight Mini's gel.
@@ -121,6 +158,16 @@ pub struct Object<'a> {
 }
 
 impl SceneConfig {
+    /// These settings with soft pads, and a gripper whose pads have their extents.
+    #[must_use]
+    pub fn with_pads(mut self, pads: SoftPads) -> Self {
+        self.gripper.pad_width = pads.outline.width;
+        self.gripper.pad_length = pads.outline.length;
+        self.gripper.pad_thickness = pads.outline.thickness;
+        self.pads = Pads::Soft(pads);
+        self
+    }
+
     /// An error that names the first setting out of its range.
     pub fn validate(&self) -> Result<()> {
         let (g, p) = (&self.gripper, &self.physics);
@@ -150,7 +197,24 @@ impl SceneConfig {
             let found = format!("{steps} steps of {} s in {} s", p.time_step, p.control_period);
             return Err(Error::invalid("physics.time_step", found, "a whole number of steps"));
         }
+        if let Pads::Soft(pads) = &self.pads {
+            pads.validate(g)?;
+        }
         self.workspace.validate(g)
+    }
+}
+
+impl SoftPads {
+    fn validate(&self, gripper: &Gripper) -> Result<()> {
+        let outline = self.outline.validated()?;
+        within("pads.young", self.young, 1e3, 1e8)?;
+        let extents = [outline.width, outline.length, outline.thickness];
+        let expected = [gripper.pad_width, gripper.pad_length, gripper.pad_thickness];
+        if extents == expected {
+            return Ok(());
+        }
+        let expected = format!("the gripper's {expected:?} m");
+        Err(Error::invalid("pads.outline", format!("{extents:?} m"), expected))
     }
 }
 

@@ -10,12 +10,14 @@ use rapier3d::prelude::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{Gripper, units};
+use super::{Gripper, Pads, units};
 
 /// Extent of the finger body behind its pad, along the grip axis (m).
 pub(super) const FINGER_DEPTH: f64 = 0.010;
 /// Height of the finger body's top over the tool centre (m).
 pub(super) const FINGER_TOP: f64 = 0.070;
+/// Share of a soft pad's thickness, at its base, that is rigid: gel does not get thinner than that.
+const CORE: f64 = 0.25;
 /// Damping force is reckoned from at least this grip force (N), so that an idle finger holds still.
 const LEAST_FORCE: f64 = 1.0;
 
@@ -46,11 +48,17 @@ impl Hand {
     pub(super) fn insert(
         world: &mut PhysicsWorld,
         gripper: &Gripper,
+        pads: &Pads,
         pose: &Isometry3<f64>,
     ) -> Self {
         let kinematic = RigidBodyBuilder::kinematic_position_based().pose(units::pose(pose));
         let wrist = world.insert_body(kinematic);
-        let fingers = [1.0, -1.0].map(|side| Finger::insert(world, gripper, pose, wrist, side));
+        let core = match pads {
+            Pads::Rigid => 1.0,
+            Pads::Soft(_) => CORE,
+        };
+        let fingers =
+            [1.0, -1.0].map(|side| Finger::insert(world, gripper, core, pose, wrist, side));
         Self { wrist, fingers }
     }
 
@@ -65,7 +73,7 @@ impl Hand {
         let target = gap + rate * world.integration_parameters.dt;
         let axis = world.bodies[self.wrist].rotation() * Vector::X;
         let stiffness = gripper.centering_stiffness as f32;
-        let damping = (grip.abs().max(LEAST_FORCE) / gripper.closing_speed) as f32;
+        let damping = self.damping(gripper, grip) as f32;
         for finger in &self.fingers {
             let joint = finger.motor(world);
             joint.set_motor(JointAxis::LinX, -finger.side * target, 0.0, stiffness, damping);
@@ -76,12 +84,44 @@ impl Hand {
     }
 }
 
+impl Hand {
+    /// Damping of each slide under the force `grip` (N s/m).
+    pub(super) fn damping(&self, gripper: &Gripper, grip: f64) -> f64 {
+        grip.abs().max(LEAST_FORCE) / gripper.closing_speed
+    }
+
+    /// What moves each finger along its slide under the force `grip` (N), dampers aside.
+    pub(super) fn slides(&self, world: &PhysicsWorld, gripper: &Gripper, grip: f64) -> [Slide; 2] {
+        let travel = self.fingers.map(|finger| units::si(finger.travel(world, self.wrist).0));
+        let common = 0.5 * (travel[0] + travel[1]);
+        self.fingers.map(|finger| {
+            let body = &world.bodies[finger.body];
+            Slide {
+                place: units::si_vector(body.translation()),
+                velocity: units::si_vector(body.linvel()),
+                force: f64::from(finger.side) * grip - gripper.centering_stiffness * common,
+            }
+        })
+    }
+}
+
+/// Motion of a finger, and the force along the wrist's x on it.
+pub(super) struct Slide {
+    /// Place in the world (m).
+    pub(super) place: Vector3<f64>,
+    /// Velocity in the world (m/s).
+    pub(super) velocity: Vector3<f64>,
+    /// Grip force and centring spring (N).
+    pub(super) force: f64,
+}
+
 impl Finger {
     /// The finger's frame is the wrist's, moved to the centre of the pad's face: no lever between
     /// grip force and guide.
     fn insert(
         world: &mut PhysicsWorld,
         gripper: &Gripper,
+        core: f64,
         wrist_pose: &Isometry3<f64>,
         wrist: RigidBodyHandle,
         side: f64,
@@ -99,7 +139,7 @@ impl Finger {
                 mass,
                 Vector::splat(moment),
             ));
-        let (body, pad) = world.insert(body, touching(pad_box(gripper, side)));
+        let (body, pad) = world.insert(body, touching(pad_box(gripper, core, side)));
         world.insert_collider(touching(body_box(gripper, side)), Some(body));
         let joint = PrismaticJointBuilder::new(Vector::X)
             .contacts_enabled(false)
@@ -143,10 +183,12 @@ impl Finger {
     }
 }
 
-fn pad_box(gripper: &Gripper, side: f64) -> ColliderBuilder {
-    let half = 0.5 * Vector3::new(gripper.pad_thickness, gripper.pad_width, gripper.pad_length);
+/// The share `core` of a pad's thickness, at its base.
+fn pad_box(gripper: &Gripper, core: f64, side: f64) -> ColliderBuilder {
+    let (thickness, soft) = (core * gripper.pad_thickness, (1.0 - core) * gripper.pad_thickness);
+    let half = 0.5 * Vector3::new(thickness, gripper.pad_width, gripper.pad_length);
     ColliderBuilder::cuboid(units::scalar(half.x), units::scalar(half.y), units::scalar(half.z))
-        .translation(Vector::new(units::scalar(-side * half.x), 0.0, 0.0))
+        .translation(Vector::new(units::scalar(-side * (soft + half.x)), 0.0, 0.0))
 }
 
 fn body_box(gripper: &Gripper, side: f64) -> ColliderBuilder {

@@ -3,6 +3,8 @@
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::deformation;
+
 /// Everything that a task, a sensor or a picture reads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneState {
@@ -45,12 +47,22 @@ pub struct FingerState {
     pub pad: Isometry3<f64>,
     /// What the object exerts on the pad, in the pad's frame about its origin.
     pub wrench: Wrench,
+    /// Pose of the object's frame in the pad's (m), which is that of [`crate::geometry::PadMesh`].
+    pub object: Isometry3<f64>,
+    /// Greatest depth at which the undeformed face of a soft pad stands in the object (m), 0 without
+    /// a touch and for a rigid pad.
+    pub indentation: f64,
 }
 
 impl FingerState {
     /// Force with which object and pad press on each other (N), along the pad's normal.
     pub fn normal_force(&self) -> f64 {
         -self.wrench.force.z
+    }
+
+    /// Whether object and pad exerted a force on each other in the last step.
+    pub fn touches(&self) -> bool {
+        self.wrench != Wrench::default()
     }
 }
 
@@ -66,7 +78,7 @@ pub struct BodyState {
 }
 
 /// Force (N) and torque (N m).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Wrench {
     /// Force (N).
     pub force: Vector3<f64>,
@@ -74,11 +86,28 @@ pub struct Wrench {
     pub torque: Vector3<f64>,
 }
 
+impl From<deformation::Wrench> for Wrench {
+    fn from(deformation::Wrench { force, torque }: deformation::Wrench) -> Self {
+        Self { force, torque }
+    }
+}
+
+impl std::ops::Add for Wrench {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self { force: self.force + other.force, torque: self.torque + other.torque }
+    }
+}
+
 /// Why a scene can no longer be stepped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Failure {
     /// A pose or velocity became infinite or not a number; Rapier froze the body.
     NonFinite,
+    /// A scene with soft pads that was read from bytes was not given its object back:
+    /// [`super::Scene::attach`].
+    Detached,
 }
 
 impl SceneState {

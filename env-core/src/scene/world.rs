@@ -11,7 +11,10 @@ use rapier3d::prelude::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    BodyState, Failure, FingerState, Object, SceneConfig, SceneState, WristState, contact,
+    BodyState, Failure, FingerState, Object, ObjectModel, Pads, SceneConfig, SceneState, Wrench,
+    WristState,
+    bed::{Bed, Step},
+    contact,
     gripper::{HAND, Hand, OBJECT, TABLE},
     units,
 };
@@ -37,6 +40,9 @@ pub struct Scene {
     object: RigidBodyHandle,
     object_collider: ColliderHandle,
     table: ColliderHandle,
+    /// Of soft pads.
+    bed: Option<Bed>,
+    gravity: f64,
     wrist: Wrist,
     failure: Option<Failure>,
 }
@@ -65,10 +71,24 @@ impl Scene {
         world.integration_parameters = integration_parameters(config);
         let wrist = Wrist::at(config.workspace.clamp(tool_center), yaw);
         let table = world.colliders.insert(table());
+        let bed = match &config.pads {
+            Pads::Rigid => None,
+            Pads::Soft(pads) => Some(Bed::new(pads, object)),
+        };
         let (object, object_collider) = insert_object(&mut world, object)?;
-        let hand = Hand::insert(&mut world, &config.gripper, &wrist.pose);
-        let config = config.clone();
-        Ok(Self { config, world, hand, object, object_collider, table, wrist, failure: None })
+        let hand = Hand::insert(&mut world, &config.gripper, &config.pads, &wrist.pose);
+        Ok(Self {
+            config: config.clone(),
+            world,
+            hand,
+            object,
+            object_collider,
+            table,
+            bed,
+            gravity: config.physics.gravity,
+            wrist,
+            failure: None,
+        })
     }
 
     /// Holds `command` for one control period. A scene that has failed stays as it is.
@@ -87,8 +107,19 @@ impl Scene {
         if self.failure.is_some() {
             return;
         }
+        if self.bed.as_ref().is_some_and(|bed| !bed.is_attached()) {
+            self.failure = Some(Failure::Detached);
+            return;
+        }
         self.world.bodies[self.hand.wrist].set_next_kinematic_position(units::pose(&wrist.pose));
-        self.hand.drive(&mut self.world, &self.config.gripper, grip);
+        let gripper = &self.config.gripper;
+        self.hand.drive(&mut self.world, gripper, grip);
+        if let Some(bed) = &mut self.bed {
+            let time = self.config.physics.time_step;
+            let step =
+                Step { time, gravity: self.gravity, wrist: [self.wrist.pose, wrist.pose], grip };
+            bed.apply(&mut self.world, &self.hand, self.object, gripper, &step);
+        }
         self.world.step();
         self.wrist = wrist;
         if !self.world.quarantine().is_empty() || !self.is_finite() {
@@ -101,7 +132,6 @@ impl Scene {
         let object = &self.world.bodies[self.object];
         let pose = units::si_pose(object.position());
         let origin = Point3::from(pose.translation.vector);
-        let (object_collider, table) = (self.object_collider, self.table);
         SceneState {
             wrist: WristState {
                 pose: self.wrist.pose,
@@ -109,20 +139,52 @@ impl Scene {
                 velocity: self.wrist.velocity,
                 yaw_rate: self.wrist.yaw_rate,
             },
-            fingers: self.hand.fingers.map(|finger| {
-                let (position, velocity) = finger.position(&self.world, self.hand.wrist);
-                let pad = finger.pad_pose(&self.world);
-                let center = Point3::from(pad.translation.vector);
-                let wrench = contact::wrench(&self.world, finger.pad, object_collider, &center);
-                FingerState { position, velocity, pad, wrench: wrench.seen_from(&pad) }
-            }),
-            table: contact::wrench(&self.world, object_collider, table, &origin),
+            fingers: [0, 1].map(|finger| self.finger_state(finger, &pose)),
+            table: contact::wrench(&self.world, self.object_collider, self.table, &origin),
             object: BodyState {
                 pose,
                 velocity: units::si_vector(object.linvel()),
                 angular_velocity: units::si_angular(object.angvel()),
             },
             failure: self.failure,
+        }
+    }
+
+    fn finger_state(&self, index: usize, object: &Isometry3<f64>) -> FingerState {
+        let finger = &self.hand.fingers[index];
+        let (position, velocity) = finger.position(&self.world, self.hand.wrist);
+        let pad = finger.pad_pose(&self.world);
+        let center = Point3::from(pad.translation.vector);
+        let wrench = contact::wrench(&self.world, finger.pad, self.object_collider, &center);
+        let wrench = wrench.seen_from(&pad);
+        let object = pad.inv_mul(object);
+        let (wrench, indentation) = match &self.bed {
+            Some(bed) => (wrench + bed.wrench(index), bed.indentation(index, &object)),
+            None => (wrench, 0.0),
+        };
+        FingerState { position, velocity, pad, wrench, object, indentation }
+    }
+
+    /// Corrects a soft pad towards `model`: the wrench on pad `finger`, in its frame about its origin
+    /// (N, N m), that a better model of the gel finds at the object's present pose,
+    /// [`FingerState::object`].
+    ///
+    /// To be called once per control step and finger. The bed then presses as the model does, within
+    /// limits: a factor of 4 on the normal force, half of the normal force sideways, 3 mm of lever.
+    /// A rigid pad is left as it is.
+    pub fn correct(&mut self, finger: usize, model: &Wrench) {
+        let pad = self.hand.fingers[finger].pad_pose(&self.world);
+        let pose = pad.inv_mul(&units::si_pose(self.world.bodies[self.object].position()));
+        if let Some(bed) = &mut self.bed {
+            bed.correct(finger, &pose, model);
+        }
+    }
+
+    /// Gives a scene that was read from bytes its object back, which bytes do not hold. Without it a
+    /// scene with soft pads fails when stepped.
+    pub fn attach(&mut self, model: &ObjectModel) {
+        if let (Some(bed), Pads::Soft(pads)) = (&mut self.bed, &self.config.pads) {
+            bed.attach(pads, model);
         }
     }
 
@@ -141,6 +203,7 @@ impl Scene {
 
     /// Sets gravity along −z (m/s²).
     pub fn set_gravity(&mut self, gravity: f64) {
+        self.gravity = gravity;
         self.world.gravity = Vector::new(0.0, 0.0, -units::scalar(gravity));
     }
 

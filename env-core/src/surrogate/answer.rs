@@ -1,6 +1,6 @@
 //! The network as an answerer of presses.
 
-use std::{path::Path, time::Instant};
+use std::{path::Path, sync::Arc, time::Instant};
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use rayon::prelude::*;
@@ -20,8 +20,11 @@ use crate::{
     sensor::Sensor,
 };
 
-/// A trained network on one gel.
-pub struct Surrogate {
+/// A trained network on one gel. Copies share what was computed in advance.
+#[derive(Clone)]
+pub struct Surrogate(Arc<Trained>);
+
+struct Trained {
     card: Card,
     network: Fast,
     graph: PadGraph,
@@ -72,17 +75,17 @@ impl Surrogate {
         let elements = Linearised::new(&body)?;
         let graph = PadGraph::new(&pad)?;
         let network = Fast::new(&plain, &graph, &pad.mesh.tets)?;
-        Ok(Self { network, graph, gel, linear, elements, body, card })
+        Ok(Self(Arc::new(Trained { network, graph, gel, linear, elements, body, card })))
     }
 
     /// What the weights are.
     pub fn card(&self) -> &Card {
-        &self.card
+        &self.0.card
     }
 
     /// The body whose nodes and tetrahedra the answers refer to.
     pub fn body(&self) -> &SoftBody {
-        &self.body
+        &self.0.body
     }
 
     /// Every frame of `press`, in order; the first that is not solved is an error and the last. A force
@@ -91,15 +94,28 @@ impl Surrogate {
         let scratch = &mut Scratch::default();
         match press.drive() {
             Drive::Translation { .. } => {
-                let answers = self.linear.path(press).into_iter();
-                answers.map(|linear| self.correct(press, linear?, scratch)).collect()
+                let answers = self.0.linear.path(press).into_iter();
+                answers.map(|linear| self.0.correct(press, linear?, scratch)).collect()
             }
             Drive::Force { poses, force, direction } => {
-                vec![self.push(press, poses, *force, direction, scratch)]
+                vec![self.0.push(press, poses, *force, direction, scratch)]
             }
         }
     }
 
+    /// Whether an answer with that displacement (V, 3) in m, on this gel, is like what the network has
+    /// learnt from.
+    pub fn knows(&self, displacement: &[Vector3<f64>]) -> bool {
+        let Trained { card: Card { data, .. }, gel, .. } = &*self.0;
+        let within = |x: f64, [low, high]: [f64; 2]| (low..=high).contains(&x);
+        let deepest = displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
+        deepest <= data.amplitude * gel.thickness
+            && within(gel.moduli.poisson, data.poisson)
+            && within(gel.friction, data.friction)
+    }
+}
+
+impl Trained {
     /// The answer to a force drive: the linear model is asked for that force which the network makes
     /// the wanted one of.
     fn push(
@@ -114,6 +130,10 @@ impl Surrogate {
         for _ in 0..TRIES {
             let shapes = press.shapes().to_vec();
             let trial = Press::with_force(shapes, poses.to_vec(), asked, direction.into_inner())?;
+            let trial = match press.friction() {
+                Some(friction) => trial.with_friction(friction)?,
+                None => trial,
+            };
             let trial = match press.history() {
                 Some(history) => trial.after(history.clone())?,
                 None => trial,
@@ -129,17 +149,6 @@ impl Surrogate {
         Err(Error::Unreachable { force, reached, travel: 0.0 })
     }
 
-    /// Whether an answer with that displacement (V, 3) in m, on this gel, is like what the network has
-    /// learnt from.
-    pub fn knows(&self, displacement: &[Vector3<f64>]) -> bool {
-        let data = &self.card.data;
-        let within = |x: f64, [low, high]: [f64; 2]| (low..=high).contains(&x);
-        let deepest = displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
-        deepest <= data.amplitude * self.gel.thickness
-            && within(self.gel.moduli.poisson, data.poisson)
-            && within(self.gel.friction, data.friction)
-    }
-
     /// What the network makes of the linear answer.
     fn correct(
         &self,
@@ -150,7 +159,9 @@ impl Surrogate {
         let start = Instant::now();
         let carried = self.linear.carry(&linear);
         let places = &self.body.mesh().vertices;
-        let question = Question::new(&self.graph, &self.gel, places, press.shapes(), &carried);
+        let friction = press.friction().unwrap_or(self.gel.friction);
+        let gel = Gel { friction, ..self.gel };
+        let question = Question::new(&self.graph, &gel, places, press.shapes(), &carried);
         let corrected = if question.amplitude > 0.0 {
             self.corrected(&question, &carried, scratch)
         } else {

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::{Layout, ObjectSpec, Weights};
 use crate::{
     Error, Result,
-    scene::{Object, ObjectModel, SceneConfig},
+    scene::{Gripper, Object, ObjectModel, SceneConfig, SoftPads, Workspace},
+    tactile::{self, Choice, Material, Resolution},
 };
 
 /// Lower and upper end of a uniform draw.
@@ -39,8 +40,16 @@ pub struct Config {
     pub hold_time: f64,
     /// Control steps after which an episode is truncated.
     pub max_episode_steps: u32,
-    /// Names of the observation's channels.
-    pub observation: Vec<String>,
+    /// Which model answers what the fingers feel.
+    pub tactile: Choice,
+    /// Name of the sensor on both fingers, or the path of its .toml file.
+    pub sensor: String,
+    /// What its gel is made of: a calibration's name, or numbers; its first calibration if none.
+    pub material: Option<Material>,
+    /// How finely touch is computed and seen.
+    pub resolution: Resolution,
+    /// Names of the observation's channels; see [`Config::channels`] for what holds if none.
+    pub observation: Option<Vec<String>>,
     /// Weights of the reward's terms.
     pub reward: Weights,
 }
@@ -49,6 +58,7 @@ impl Default for Config {
     fn default() -> Self {
         let objects =
             ["sphere", "cuboid", "cylinder", "prism", "annulus", "ellipsoid", "cup", "potato"];
+        let touch = tactile::Config::default();
         Self {
             scene: SceneConfig::default(),
             objects: objects.map(|name| ObjectSpec::Name(name.into())).into(),
@@ -62,7 +72,11 @@ impl Default for Config {
             lift_height: 0.08,
             hold_time: 0.5,
             max_episode_steps: 100,
-            observation: vec!["proprio".into(), "object".into()],
+            tactile: touch.choice,
+            sensor: touch.sensor,
+            material: touch.material,
+            resolution: touch.resolution,
+            observation: None,
             reward: Weights::default(),
         }
     }
@@ -81,6 +95,57 @@ impl Config {
         })?;
         config.validate()?;
         Ok(config)
+    }
+
+    /// What is set about touch.
+    pub fn touch(&self) -> tactile::Config {
+        let Self { tactile: choice, sensor, material, resolution, .. } = self.clone();
+        tactile::Config { choice, sensor, material, resolution }
+    }
+
+    /// Names of the observation's channels: body and object, and the markers of fingers that feel,
+    /// where nothing else is asked for.
+    pub fn channels(&self) -> Vec<&str> {
+        match &self.observation {
+            Some(names) => names.iter().map(String::as_str).collect(),
+            None if self.tactile == Choice::None => vec!["proprio", "object"],
+            None => vec!["proprio", "object", "markers"],
+        }
+    }
+
+    /// These settings with the sensor's pads on the fingers, soft if these are to feel; an error if
+    /// other pads were asked for.
+    pub fn with_sensor(mut self) -> Result<Self> {
+        let (touch, usual) = (self.touch(), Gripper::default());
+        let sensor = touch.sensor()?;
+        let gripper = &mut self.scene.gripper;
+        for (name, size, usual, of_sensor) in [
+            ("pad_width", &mut gripper.pad_width, usual.pad_width, sensor.outline.width),
+            ("pad_length", &mut gripper.pad_length, usual.pad_length, sensor.outline.length),
+            (
+                "pad_thickness",
+                &mut gripper.pad_thickness,
+                usual.pad_thickness,
+                sensor.outline.thickness,
+            ),
+        ] {
+            if *size == usual {
+                *size = of_sensor;
+            } else if *size != of_sensor && self.tactile != Choice::None {
+                let expected = format!("{of_sensor} m, as the sensor {} has it", self.sensor);
+                return Err(Error::invalid(format!("gripper.{name}"), *size, expected));
+            }
+        }
+        let lowest = &mut self.scene.workspace.low[2];
+        if *lowest == Workspace::default().low[2] {
+            *lowest = lowest.max(0.5 * sensor.outline.length + CLEARANCE);
+        }
+        if self.tactile != Choice::None {
+            let (_, moduli) = touch.material(&sensor)?;
+            let pads = SoftPads::new(&sensor, touch.calibration(&sensor)?);
+            self.scene = self.scene.with_pads(SoftPads { young: moduli.young, ..pads });
+        }
+        Ok(self)
     }
 
     /// An error that names the first setting out of its range.
@@ -108,7 +173,8 @@ impl Config {
         if !(1..=1000).contains(&self.objects.len()) {
             return Err(Error::invalid("objects", self.objects.len(), "1 to 1000 objects"));
         }
-        Layout::new(self)?;
+        self.touch().validate()?;
+        Layout::check(self)?;
         self.reward.validate()
     }
 
@@ -138,6 +204,9 @@ impl Config {
         Err(Error::invalid("objects", found, format!("less than the opening of {opening} m")))
     }
 }
+
+/// Room that is left under the pads where the workspace is not set (m).
+const CLEARANCE: f64 = 1e-3;
 
 fn ordered(name: &str, range: Range, low: f64, high: f64) -> Result<()> {
     let [from, to] = range;

@@ -9,10 +9,10 @@ mod reward;
 pub use action::{ACTION_SIZE, command};
 pub use config::{Config, Range};
 pub use objects::ObjectSpec;
-pub use observation::{CHANNELS, Component, Layout};
+pub use observation::{CHANNELS, Component, Layout, TACTILE_CHANNELS};
 pub use reward::{Progress, RewardTerms, TERMS, Weights};
 
-use crate::scene::SceneState;
+use crate::{scene::SceneState, tactile::Feeling};
 
 /// What an episode drew at its reset.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -42,6 +42,8 @@ pub struct Moment<'a> {
     pub grip: f64,
     /// Time since the start of the episode (s).
     pub time: f64,
+    /// What the fingers feel, if they do.
+    pub feeling: Option<Feeling<'a>>,
 }
 
 impl Moment<'_> {
@@ -62,12 +64,14 @@ pub enum Ending {
     OutOfRange,
     /// The rigid-body engine stopped on an internal error.
     EngineError,
+    /// No model's answer to what presses a finger.
+    PressFailed,
 }
 
 impl Ending {
     /// Every ending, in the order of [`Ending::code`].
-    pub const ALL: [Self; 4] =
-        [Self::ObjectLost, Self::NonFinite, Self::OutOfRange, Self::EngineError];
+    pub const ALL: [Self; 5] =
+        [Self::ObjectLost, Self::NonFinite, Self::OutOfRange, Self::EngineError, Self::PressFailed];
 
     /// Name in `info["ending"]`.
     pub fn name(self) -> &'static str {
@@ -76,6 +80,7 @@ impl Ending {
             Self::NonFinite => "non_finite",
             Self::OutOfRange => "out_of_range",
             Self::EngineError => "engine_error",
+            Self::PressFailed => "press_failed",
         }
     }
 

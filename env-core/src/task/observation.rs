@@ -4,16 +4,30 @@
 use nalgebra::Vector3;
 
 use super::{Config, Moment};
-use crate::{Error, Result, scene::Wrench};
+use crate::{
+    Error, Result,
+    scene::Wrench,
+    tactile::{Channel, Choice, Skin, Spec},
+};
 
-/// Names of all channels, in the order of the table.
+/// Names of the channels that every environment has, in the order of the table.
 pub const CHANNELS: [&str; 5] = ["proprio", "object", "wrench", "properties", "time"];
+/// Names of the channels of fingers that feel; with these, "wrench" is what the pads feel, too.
+pub const TACTILE_CHANNELS: [&str; 7] = [
+    Channel::Markers.name(),
+    Channel::Displacement.name(),
+    Channel::Stress.name(),
+    Channel::TetStress.name(),
+    Channel::Traction.name(),
+    Channel::Depth.name(),
+    Channel::Trust.name(),
+];
 
 /// Some neighbouring entries of a channel that share bounds and unit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Component {
     /// What they are.
-    pub name: &'static str,
+    pub name: String,
     /// Lower bounds, one an entry.
     pub low: Vec<f32>,
     /// Upper bounds, one an entry.
@@ -31,25 +45,39 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// The layout of the configured channels; an unknown, repeated or missing name is an error.
-    pub fn new(config: &Config) -> Result<Self> {
-        let known = format!("one or more of {}, each once", CHANNELS.join(", "));
-        let unknown = |found: &str| Error::invalid("observation", found, known.clone());
-        let mut channels = Vec::new();
-        for name in &config.observation {
-            let name = *CHANNELS.iter().find(|c| *c == name).ok_or_else(|| unknown(name))?;
-            if channels.iter().any(|(n, _)| *n == name) {
-                return Err(unknown(&format!("{name} twice")));
-            }
-            channels.push((name, components(name, config)));
-        }
-        if channels.is_empty() {
-            return Err(unknown("no channel"));
-        }
+    /// The layout of the configured channels, the fingers' having `skin` if they feel; an unknown,
+    /// repeated or missing name is an error.
+    pub fn new(config: &Config, skin: Option<&Skin>) -> Result<Self> {
+        let named = |name| {
+            let felt = skin.zip(Channel::named(name));
+            (name, felt.map_or_else(|| components(name, config), |(s, c)| of_fingers(c, s)))
+        };
+        let channels: Vec<_> = Self::check(config)?.into_iter().map(named).collect();
         let all = || channels.iter().flat_map(|(_, components)| components);
         let low = all().flat_map(|c| c.low.clone()).collect();
         let high = all().flat_map(|c| c.high.clone()).collect();
         Ok(Self { channels, low, high })
+    }
+
+    /// Names of the configured channels; an unknown, repeated or missing one is an error.
+    pub(super) fn check(config: &Config) -> Result<Vec<&'static str>> {
+        let tactile = if config.tactile == Choice::None { &[][..] } else { &TACTILE_CHANNELS };
+        let known = [&CHANNELS, tactile].concat();
+        let invalid = |found: &str| {
+            let hint =
+                if TACTILE_CHANNELS.contains(&found) { "; set tactile for more" } else { "" };
+            let expected = format!("one or more of {}, each once{hint}", known.join(", "));
+            Error::invalid("observation", found, expected)
+        };
+        let mut names = Vec::new();
+        for name in config.channels() {
+            let name = *known.iter().find(|c| **c == name).ok_or_else(|| invalid(name))?;
+            if names.contains(&name) {
+                return Err(invalid(&format!("{name} twice")));
+            }
+            names.push(name);
+        }
+        if names.is_empty() { Err(invalid("no channel")) } else { Ok(names) }
     }
 
     /// Channels with their components, in order.
@@ -64,17 +92,37 @@ impl Layout {
 
     /// Writes the observation of `moment` into `row`.
     pub fn write(&self, moment: &Moment, row: &mut [f32]) {
-        let mut writer = Writer { row, at: 0 };
-        for (name, _) in &self.channels {
-            match *name {
-                "proprio" => proprio(moment, &mut writer),
-                "object" => object(moment, &mut writer),
-                "wrench" => moment.state.fingers.iter().for_each(|f| writer.wrench(&f.wrench)),
-                "properties" => properties(moment, &mut writer),
-                _ => writer.push(moment.time),
-            }
+        let mut rest = row;
+        for channel in 0..self.channels.len() {
+            rest = self.write_channel(channel, moment, rest);
         }
-        debug_assert_eq!(writer.at, self.size(), "every channel writes what the table declares");
+    }
+
+    /// Writes the channel of that number to the beginning of `row`; what is left of it.
+    pub fn write_channel<'r>(
+        &self,
+        channel: usize,
+        moment: &Moment,
+        row: &'r mut [f32],
+    ) -> &'r mut [f32] {
+        let (name, components) = &self.channels[channel];
+        let size = components.iter().map(|component| component.low.len()).sum();
+        let (here, rest) = row.split_at_mut(size);
+        let mut writer = Writer { row: here, at: 0 };
+        match (*name, moment.feeling.zip(Channel::named(name))) {
+            (_, Some((feeling, channel))) => {
+                for felt in feeling.fingers {
+                    channel.read(feeling.skin, felt).into_iter().for_each(|x| writer.push(x));
+                }
+            }
+            ("proprio", _) => proprio(moment, &mut writer),
+            ("object", _) => object(moment, &mut writer),
+            ("wrench", _) => moment.state.fingers.iter().for_each(|f| writer.wrench(&f.wrench)),
+            ("properties", _) => properties(moment, &mut writer),
+            _ => writer.push(moment.time),
+        }
+        debug_assert_eq!(writer.at, size, "{name} writes what the table declares");
+        rest
     }
 
     /// Whether every entry is within its declared bounds (and so finite).
@@ -83,19 +131,36 @@ impl Layout {
     }
 }
 
-/// The table: what each channel consists of.
+/// What a channel of both fingers consists of.
+fn of_fingers(channel: Channel, skin: &Skin) -> Vec<Component> {
+    let component = |side: &str, spec: &Spec| {
+        let count = spec.shape.iter().product();
+        let shape = spec.shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(" x ");
+        Component {
+            name: format!("{}, {side} pad: {shape}", spec.name),
+            low: vec![spec.low as f32; count],
+            high: vec![spec.high as f32; count],
+            unit: spec.unit,
+        }
+    };
+    let specs = channel.specs(skin);
+    let of = |side: &'static str| specs.iter().map(move |spec| component(side, spec));
+    of("−x").chain(of("+x")).collect()
+}
+
+/// The table: what each channel of the rigid world consists of.
 fn components(channel: &str, config: &Config) -> Vec<Component> {
     let (gripper, workspace) = (&config.scene.gripper, &config.scene.workspace);
     // Room for rounding to single precision.
     let about = |x: f64| (x + 1e-3 * x.abs().max(1e-3) * x.signum()) as f32;
-    let both = |name, n: usize, limit: f64, unit| Component {
-        name,
+    let both = |name: &str, n: usize, limit: f64, unit| Component {
+        name: name.to_owned(),
         low: vec![about(-limit); n],
         high: vec![about(limit); n],
         unit,
     };
-    let between = |name, n: usize, low: f64, high: f64, unit| Component {
-        name,
+    let between = |name: &str, n: usize, low: f64, high: f64, unit| Component {
+        name: name.to_owned(),
         low: vec![low as f32; n],
         high: vec![high as f32; n],
         unit,
@@ -103,7 +168,7 @@ fn components(channel: &str, config: &Config) -> Vec<Component> {
     match channel {
         "proprio" => vec![
             Component {
-                name: "tool centre position",
+                name: "tool centre position".to_owned(),
                 low: workspace.low.map(|x| (x - 1e-4) as f32).into(),
                 high: workspace.high.map(|x| (x + 1e-4) as f32).into(),
                 unit: "m",

@@ -10,6 +10,7 @@ __all__ = [
     "ENDINGS",
     "OBJECTS",
     "REWARD_TERMS",
+    "TACTILE_CHANNELS",
     "Antipodal",
     "Batch",
     "Compliance",
@@ -37,6 +38,7 @@ __all__ = [
 __version__: str
 OBJECTS: list[str]
 CHANNELS: list[str]
+TACTILE_CHANNELS: list[str]
 REWARD_TERMS: list[str]
 ENDINGS: list[str]
 
@@ -57,6 +59,7 @@ _StepResult: TypeAlias = tuple[
     _Bools,
     NDArray[np.uint8],
     list[tuple[int, _Floats]],
+    list[tuple[int, str]],
 ]
 
 @final
@@ -67,6 +70,8 @@ class Batch:
     def step(self, actions: _Floats) -> _StepResult: ...
     def save(self) -> list[bytes]: ...
     def load(self, states: list[bytes]) -> _Floats: ...
+    def plan(self, forget: bool) -> list[tuple[str, float, float]]: ...
+    def skin(self) -> dict[str, NDArray[np.float64]] | None: ...
     def look(self, row: int) -> dict[str, Any] | None: ...
     def render(self, row: int, width: int, height: int) -> NDArray[np.uint8]: ...
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import reprlib
 from collections.abc import Mapping, Sequence
-from typing import Any, TypedDict
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 
@@ -30,6 +30,10 @@ class Settings(TypedDict, total=False):
     lift_height: float
     hold_time: float
     max_episode_steps: int
+    tactile: Literal["none", "compliance", "fem"]
+    sensor: str
+    material: str | Mapping[str, float]
+    resolution: Mapping[str, int | Sequence[int]]
     observation: str | Sequence[str]
     reward_weights: Mapping[str, float]
     gripper: Mapping[str, float]

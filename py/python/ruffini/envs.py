@@ -136,6 +136,20 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
     | ``properties`` | 5 | mass, friction, half of the bounding box |
     | ``time`` | 1 | time since the start of the episode (s) |
 
+    With a `tactile` model there are also these, of the pad on −x and then of the one on +x, in the
+    pad's frame (x across, y along the finger, z out of the gel), flat; `resolution` sets the sizes.
+    Without contact each is exactly 0, but for ``depth``. ``wrench`` is then what the model says.
+
+    | channel | size of each pad | content |
+    | --- | --- | --- |
+    | ``markers`` | 7 x 5 x 3 | displacement of the sensor's markers (m) |
+    | ``displacement`` | S x 3 | displacement of all free nodes of the pad's surface (m) |
+    | ``stress`` | 12 x 10 | von Mises stress under the face (Pa) |
+    | ``tet_stress`` | T | von Mises stress in each tetrahedron (Pa) |
+    | ``traction`` | 12 x 10 x 3 | contact force per area (Pa): shear in x and y, normal in z |
+    | ``depth`` | 32 x 24 | height of the face over the camera's view (m) |
+    | ``trust`` | 3 | unbalanced force (N), its share, 1 if deeper than gels are calibrated |
+
     ## Reward
     Weighted mean of five terms in [0, 1], each in ``info["reward_terms"]``: ``reach``, ``grasp``,
     ``lift``, ``hold``, ``effort``.
@@ -149,8 +163,9 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
     its wrapper, which does not know of :meth:`set_state`); a lift does not end the episode.
     Terminated, with the reason in ``info["ending"]``, when the object leaves the table
     (``object_lost``), a body's state becomes infinite (``non_finite``) or leaves the declared
-    bounds (``out_of_range``), or the engine fails (``engine_error``); the last observation is then
-    the last valid one.
+    bounds (``out_of_range``), the engine fails (``engine_error``), or the tactile model has no
+    answer (``press_failed``, with the kind of the error in ``info["press_error"]``); the last
+    observation is then the last valid one.
     ``info["is_success"]`` says whether the object is up and has been for ``hold_time``.
 
     Args:
@@ -163,7 +178,12 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
             ``size`` (factor), ``position`` and ``start`` (m, for x and y), ``yaw`` (rad),
             ``start_height`` (m), each a range or a number; ``lift_height`` (m), ``hold_time`` (s),
             ``max_episode_steps``, ``observation`` (channels), ``reward_weights``, and mappings for
-            ``gripper``, ``workspace`` and ``physics``.
+            ``gripper``, ``workspace`` and ``physics``. Of touch: ``tactile`` (``"none"``,
+            ``"compliance"``: linear elasticity, or ``"fem"``: finite elements), ``sensor``
+            (``"gelsight-mini"``, ``"digit"`` or a .toml file), ``material`` (name of a calibration
+            of the sensor, or ``{"young": Pa, "poisson": ratio}``), ``resolution``
+            (``{"nodes": 1000, "markers": (5, 7), "grid": (10, 12), "depth": (24, 32)}``, the pairs
+            across and along).
 
     Raises:
         ValueError: If a setting is unknown, of the wrong type or out of range.
@@ -221,8 +241,8 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Takes one control step of 40 ms."""
         actions = _as_actions(action, (ACTION_SIZE,))[None]
-        observation, reward, terminated, truncated, terms, success, ending, _ = self._batch.step(
-            actions
+        observation, reward, terminated, truncated, terms, success, ending, _, failed = (
+            self._batch.step(actions)
         )
         info: dict[str, Any] = {
             "reward_terms": dict(zip(REWARD_TERMS, terms[0].tolist(), strict=True)),
@@ -230,6 +250,8 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
         }
         if ending[0]:
             info["ending"] = ENDINGS[ending[0] - 1]
+        for _, kind in failed:
+            info["press_error"] = kind
         return (
             self._spaces.cut(observation[0]),
             float(reward[0]),
@@ -263,6 +285,25 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
     def channels(self) -> list[tuple[str, list[tuple[str, list[float], list[float], str]]]]:
         """Channels in order, with each component's name, lower bounds, upper bounds and unit."""
         return self._batch.layout()
+
+    def plan(self, forget: bool = False) -> list[tuple[str, float, float]]:
+        """The stages that a step runs, in order, with what they cost.
+
+        Each has its name, how often it runs in a step of one environment, and its time in such a
+        step (µs): means since the environment was made or put back to a state, or since the last
+        call with `forget`. Stages: ``scene`` (Rapier), ``press`` (contact found, presses made),
+        ``model`` (all presses of a batch in one call), each channel, ``reward``.
+        """
+        return self._batch.plan(forget)
+
+    def skin(self) -> dict[str, NDArray[np.float64]] | None:
+        """Places at rest in the frame of a pad (m) that the tactile channels refer to.
+
+        ``markers`` (M, 3), ``surface`` (S, 3) the nodes of ``displacement``, ``grid`` (G, 2) the
+        cells of ``stress`` and ``traction``, ``depth`` (D, 2) its pixels; ``None`` for rigid
+        fingers.
+        """
+        return self._batch.skin()
 
     def look(self) -> dict[str, Any] | None:
         """What the episode drew and where the bodies are (SI), or ``None`` before a reset."""
@@ -393,10 +434,12 @@ class GraspLiftVectorEnv(VectorEnv[Any, Any, Any]):
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Takes one control step of 40 ms in every row."""
         actions = _as_actions(actions, (self.num_envs, ACTION_SIZE))
-        observation, reward, terminated, truncated, terms, success, ending, finals = (
+        observation, reward, terminated, truncated, terms, success, ending, finals, failed = (
             self._batch.step(actions)
         )
         info = self._info(terms, success, ending)
+        if failed:
+            info |= self._press_errors(failed)
         if finals:
             info = self._with_finals(info, finals)
         return self._spaces.cut(observation), reward, terminated, truncated, info
@@ -422,6 +465,15 @@ class GraspLiftVectorEnv(VectorEnv[Any, Any, Any]):
                 names[row] = ENDINGS[ending[row] - 1]
             info["ending"], info["_ending"] = names, ending != 0
         return info
+
+    def _press_errors(self, failed: list[tuple[int, str]]) -> dict[str, Any]:
+        kinds = np.full(self.num_envs, None, dtype=object)
+        for row, kind in failed:
+            kinds[row] = kind
+        return {
+            "press_error": kinds,
+            "_press_error": np.array([kind is not None for kind in kinds]),
+        }
 
     def _with_finals(
         self, info: dict[str, Any], finals: list[tuple[int, NDArray[np.float32]]]
@@ -462,6 +514,25 @@ class GraspLiftVectorEnv(VectorEnv[Any, Any, Any]):
             raise ValueError(f"state: found {type(states).__name__}, expected a list of bytes")
         self._started = True
         return self._spaces.cut(self._batch.load(list(states)))
+
+    def plan(self, forget: bool = False) -> list[tuple[str, float, float]]:
+        """The stages that a step runs, in order, with what they cost.
+
+        Each has its name, how often it runs in a step of one environment, and its time in such a
+        step (µs): means since the environment was made or put back to a state, or since the last
+        call with `forget`. Stages: ``scene`` (Rapier), ``press`` (contact found, presses made),
+        ``model`` (all presses of a batch in one call), each channel, ``reward``.
+        """
+        return self._batch.plan(forget)
+
+    def skin(self) -> dict[str, NDArray[np.float64]] | None:
+        """Places at rest in the frame of a pad (m) that the tactile channels refer to.
+
+        ``markers`` (M, 3), ``surface`` (S, 3) the nodes of ``displacement``, ``grid`` (G, 2) the
+        cells of ``stress`` and ``traction``, ``depth`` (D, 2) its pixels; ``None`` for rigid
+        fingers.
+        """
+        return self._batch.skin()
 
     def look(self, row: int = 0) -> dict[str, Any] | None:
         """What a row's episode drew and where its bodies are (SI)."""

@@ -84,8 +84,9 @@ class RuffiniVecEnv(VecEnv):
             "is_success": bool(final["is_success"][row]),
             "reward_terms": named,
         }
-        if "ending" in final and final["_ending"][row]:
-            row_info["ending"] = final["ending"][row]
+        for key in ("ending", "press_error"):
+            if key in final and final[f"_{key}"][row]:
+                row_info[key] = final[key][row]
         return row_info
 
     def close(self) -> None:

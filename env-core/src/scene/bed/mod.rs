@@ -1,0 +1,351 @@
+//! Soft pads: an implicit bed of bristles in place of Rapier's rigid contact.
+//!
+//! The face of each pad carries bristles that press along the object's normal where they stand in
+//! the object, and stick to it until Coulomb's limit ([`law`], [`touch`]). Their forces are those of
+//! the end of a step ([`balance`]), because explicit ones are unstable for any object that a stiff
+//! gel can hold, and act on the object and on the slides as external forces; the wrist bears the
+//! rest. A model that knows better corrects the bed once per control step ([`correction`]).
+//!
+//! Known limits: a sharp edge is felt only by the bristles it meets, 2.6 mm apart; the gel does not
+//! move sideways, so neighbours of a touch feel nothing of it except through the law's coupling.
+
+mod balance;
+mod correction;
+mod law;
+mod touch;
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+use rapier3d::prelude::{PhysicsWorld, RigidBodyHandle, Vector};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Gripper, Object, ObjectModel, SoftPads, Wrench, field::DistanceField, gripper::Hand, units,
+};
+use balance::{Bodies, Contact, Motion};
+use correction::Correction;
+use law::Law;
+use touch::{Anchor, Face, Obstacle, Touch};
+
+/// The soft pads of a scene.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Bed {
+    law: Law,
+    /// Coulomb coefficient between pads and object.
+    friction: f64,
+    /// Size of the object relative to its model.
+    scale: f64,
+    pads: [Pad; 2],
+    /// What is derived from settings and object: not part of a saved scene.
+    #[serde(skip)]
+    surroundings: Option<Surroundings>,
+}
+
+/// State of one pad.
+#[derive(Clone, Serialize, Deserialize)]
+struct Pad {
+    anchors: Vec<Option<Anchor>>,
+    correction: Correction,
+    /// On the pad, in its frame about its origin, in the last step.
+    wrench: Wrench,
+}
+
+struct Surroundings {
+    face: Face,
+    field: Arc<DistanceField>,
+    /// Radius about the object's frame that holds all of it (m).
+    radius: f64,
+}
+
+/// What the bed must know of the step that Rapier is about to take.
+pub(super) struct Step {
+    /// Duration (s).
+    pub(super) time: f64,
+    /// Gravity along −z (m/s²).
+    pub(super) gravity: f64,
+    /// Wrist at the beginning and at the end (m).
+    pub(super) wrist: [Isometry3<f64>; 2],
+    /// Grip force (N).
+    pub(super) grip: f64,
+}
+
+impl Bed {
+    /// A bed on the pads of a new scene.
+    pub(super) fn new(pads: &SoftPads, object: &Object) -> Self {
+        let face = Face::new(&pads.outline);
+        let pad = Pad {
+            anchors: vec![None; face.count()],
+            correction: Correction::default(),
+            wrench: Wrench::default(),
+        };
+        let (friction, scale) = (object.friction, object.scale);
+        let mut bed = Self {
+            law: Law::new(pads),
+            friction,
+            scale,
+            pads: [pad.clone(), pad],
+            surroundings: None,
+        };
+        bed.attach(pads, object.model);
+        bed
+    }
+
+    /// Gives a bed that was read from bytes what bytes do not hold.
+    pub(super) fn attach(&mut self, pads: &SoftPads, model: &ObjectModel) {
+        let radius = self.scale * model.radius();
+        let (face, field) = (Face::new(&pads.outline), model.distance_field());
+        self.surroundings = Some(Surroundings { face, field, radius });
+    }
+
+    /// Whether the bed knows its object.
+    pub(super) fn is_attached(&self) -> bool {
+        self.surroundings.is_some()
+    }
+
+    /// What the object exerted on a pad in the last step, in the pad's frame about its origin.
+    pub(super) fn wrench(&self, finger: usize) -> Wrench {
+        self.pads[finger].wrench
+    }
+
+    /// Corrects a finger towards the wrench on its pad of a better model at this pose of the object in
+    /// the pad's frame.
+    pub(super) fn correct(&mut self, finger: usize, pose: &Isometry3<f64>, model: &Wrench) {
+        let touches = self.touches(finger, pose);
+        let friction = self.friction;
+        self.pads[finger].correction.toward(model, |gain| at_rest(&touches, gain, friction));
+    }
+
+    /// Greatest depth at which the undeformed face stands in an object at `pose` in the pad's frame
+    /// (m), 0 outside.
+    pub(super) fn indentation(&self, finger: usize, pose: &Isometry3<f64>) -> f64 {
+        match &self.surroundings {
+            Some(surroundings) => {
+                let obstacle = surroundings.obstacle(self.scale, pose);
+                surroundings.face.indentation(&obstacle, &self.touches(finger, pose))
+            }
+            None => 0.0,
+        }
+    }
+
+    fn touches(&self, finger: usize, pose: &Isometry3<f64>) -> Vec<Touch> {
+        let mut touches = Vec::new();
+        if let Some(surroundings) = &self.surroundings {
+            let obstacle = surroundings.obstacle(self.scale, pose);
+            let anchors = &self.pads[finger].anchors;
+            surroundings.face.touches(&obstacle, &self.law, anchors, &mut touches);
+        }
+        touches
+    }
+
+    /// Applies the bed's forces of one step to object and fingers.
+    pub(super) fn apply(
+        &mut self,
+        world: &mut PhysicsWorld,
+        hand: &Hand,
+        object: RigidBodyHandle,
+        gripper: &Gripper,
+        step: &Step,
+    ) {
+        let poses = hand.fingers.map(|finger| finger.pad_pose(world));
+        let seen = poses.map(|pad| pad.inv_mul(&units::si_pose(world.bodies[object].position())));
+        let touches = [0, 1].map(|finger| self.touches(finger, &seen[finger]));
+        let center = units::si_vector(world.bodies[object].center_of_mass());
+        let mut bodies = bodies(world, hand, object, gripper, step);
+        let base = Twist::of(&step.wrist, step.time);
+        let mut contacts = Vec::with_capacity(touches[0].len() + touches[1].len());
+        let mut extra = [Wrench::default(); 2];
+        for (finger, touches) in touches.into_iter().enumerate() {
+            let (pad, pose) = (&self.pads[finger], &poses[finger]);
+            let touching = !touches.is_empty();
+            for touch in touches {
+                let place = (pose * Point3::from(touch.place)).coords;
+                let (arm, gain) = (place - center, pad.correction.gain);
+                let base = base.at(&place);
+                contacts.push(Contact::new(finger, touch, gain, &pose.rotation, arm, base));
+            }
+            if touching {
+                extra[finger] = on_object(&pad.correction.at(-pad.wrench.force.z), pose, &center);
+                bodies.loads += bodies.loads_of(finger, &extra[finger]);
+            }
+        }
+        let balance = bodies.balance(&mut contacts, self.friction);
+        let mut forces = balance.forces;
+        for finger in 0..2 {
+            forces += bodies.loads_of(finger, &extra[finger]);
+            let wrench = balance.wrenches[finger] + extra[finger];
+            self.pads[finger].wrench = on_pad(&wrench, &poses[finger], &center);
+        }
+        self.stick(&contacts, &poses, &seen);
+        push(world, hand, object, &bodies.axis, &forces);
+    }
+
+    /// Remembers where the bristles stick; a pad that does not touch forgets everything.
+    fn stick(
+        &mut self,
+        contacts: &[Contact],
+        poses: &[Isometry3<f64>; 2],
+        seen: &[Isometry3<f64>; 2],
+    ) {
+        for finger in 0..2 {
+            let pad = &mut self.pads[finger];
+            pad.anchors.fill(None);
+            let mut touching = false;
+            for contact in contacts.iter().filter(|contact| contact.finger == finger) {
+                let stretch = contact.stretch_left(&poses[finger].rotation);
+                let anchor = contact.touch.anchor(&stretch, &seen[finger]);
+                pad.anchors[contact.touch.bristle] = Some(anchor);
+                touching = true;
+            }
+            if !touching {
+                pad.correction = Correction::default();
+            }
+        }
+    }
+}
+
+impl Surroundings {
+    /// The object, `scale` times as large as its model, at `pose` in a pad's frame.
+    fn obstacle(&self, scale: f64, pose: &Isometry3<f64>) -> Obstacle<'_> {
+        Obstacle { field: &self.field, scale, radius: self.radius, pose: *pose }
+    }
+}
+
+/// What standing touches exert on their pad, in its frame about its origin.
+fn at_rest(touches: &[Touch], gain: f64, friction: f64) -> Wrench {
+    let mut sum = Wrench::default();
+    for touch in touches {
+        let force = -touch.at_rest(gain, friction).0;
+        sum.force += force;
+        sum.torque += touch.place.cross(&force);
+    }
+    sum
+}
+
+impl SoftPads {
+    /// Force and torque on one pad, in its frame about its origin (N, N m), of an `object` that is led
+    /// slowly through `path`, poses in the pad's frame: the bed alone, without a gripper.
+    pub fn wrenches(
+        &self,
+        object: &ObjectModel,
+        friction: f64,
+        path: &[Isometry3<f64>],
+    ) -> Vec<Wrench> {
+        let law = Law::new(self);
+        let (face, field, radius) =
+            (Face::new(&self.outline), object.distance_field(), object.radius());
+        let surroundings = Surroundings { face, field, radius };
+        let mut anchors = vec![None; surroundings.face.count()];
+        let mut touches = Vec::new();
+        let frame = |pose: &Isometry3<f64>| {
+            let obstacle = surroundings.obstacle(1.0, pose);
+            surroundings.face.touches(&obstacle, &law, &anchors, &mut touches);
+            anchors.fill(None);
+            for touch in &touches {
+                let stretch = touch.at_rest(1.0, friction).1;
+                anchors[touch.bristle] = Some(touch.anchor(&stretch, pose));
+            }
+            at_rest(&touches, 1.0, friction)
+        };
+        path.iter().map(frame).collect()
+    }
+}
+
+/// Velocity of the wrist as a rigid motion.
+struct Twist {
+    origin: Vector3<f64>,
+    linear: Vector3<f64>,
+    angular: Vector3<f64>,
+}
+
+impl Twist {
+    fn of(wrist: &[Isometry3<f64>; 2], time: f64) -> Self {
+        let [from, to] = wrist;
+        let way = to.translation.vector - from.translation.vector;
+        let turn = (to.rotation * from.rotation.inverse()).scaled_axis();
+        Self { origin: from.translation.vector, linear: way / time, angular: turn / time }
+    }
+
+    fn at(&self, place: &Vector3<f64>) -> Vector3<f64> {
+        self.linear + self.angular.cross(&(place - self.origin))
+    }
+}
+
+/// Everything that moves, from Rapier.
+fn bodies(
+    world: &PhysicsWorld,
+    hand: &Hand,
+    object: RigidBodyHandle,
+    gripper: &Gripper,
+    step: &Step,
+) -> Bodies {
+    let base = Twist::of(&step.wrist, step.time);
+    let axis = step.wrist[0].rotation * Vector3::x();
+    let object = &world.bodies[object];
+    let mass = f64::from(object.mass());
+    let drive = hand.slides(world, gripper, step.grip);
+    let mut motion = Motion::zeros();
+    motion.fixed_rows_mut::<3>(0).copy_from(&units::si_vector(object.linvel()));
+    motion.fixed_rows_mut::<3>(3).copy_from(&units::si_angular(object.angvel()));
+    let mut loads = Motion::zeros();
+    loads[2] = -mass * step.gravity;
+    for (finger, slide) in drive.iter().enumerate() {
+        motion[6 + finger] = axis.dot(&(slide.velocity - base.at(&slide.place)));
+        loads[6 + finger] = slide.force;
+    }
+    Bodies {
+        time_step: step.time,
+        mass,
+        inertia: inertia(object.mass_properties()),
+        motion,
+        loads,
+        axis,
+        finger_mass: gripper.finger_mass,
+        slide_damping: hand.damping(gripper, step.grip),
+        centering: gripper.centering_stiffness,
+    }
+}
+
+/// Inertia of a body about its centre of mass along the world's axes (kg m²).
+fn inertia(properties: &rapier3d::prelude::RigidBodyMassProps) -> Matrix3<f64> {
+    let inverse = properties.effective_world_inv_inertia;
+    let column = |axis: Vector| units::si_angular(inverse * axis) * units::UNIT.powi(2);
+    let inverse = Matrix3::from_columns(&[column(Vector::X), column(Vector::Y), column(Vector::Z)]);
+    inverse.try_inverse().unwrap_or_else(Matrix3::zeros)
+}
+
+/// A wrench on a pad, in its frame about its origin, as one on the object, in axes of the world
+/// about its centre of mass.
+fn on_object(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wrench {
+    let turn = |v: &Vector3<f64>| -(pad.rotation * v);
+    let force = turn(&wrench.force);
+    let arm = pad.translation.vector - center;
+    Wrench { force, torque: turn(&wrench.torque) + arm.cross(&force) }
+}
+
+/// The inverse of [`on_object`].
+fn on_pad(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wrench {
+    let turn = |v: Vector3<f64>| -pad.rotation.inverse_transform_vector(&v);
+    let arm = pad.translation.vector - center;
+    Wrench { force: turn(wrench.force), torque: turn(wrench.torque - arm.cross(&wrench.force)) }
+}
+
+/// Adds forces and torques on the unknowns to Rapier's bodies.
+fn push(
+    world: &mut PhysicsWorld,
+    hand: &Hand,
+    object: RigidBodyHandle,
+    axis: &Vector3<f64>,
+    forces: &Motion,
+) {
+    let body = &mut world.bodies[object];
+    body.reset_forces(false);
+    body.reset_torques(false);
+    body.add_force(units::vector(&forces.fixed_rows::<3>(0).into()), false);
+    let torque: Vector3<f64> = forces.fixed_rows::<3>(3).into();
+    body.add_torque(units::vector(&(torque * units::UNIT)), false);
+    for (k, finger) in hand.fingers.iter().enumerate() {
+        let force = units::vector(&(axis * forces[6 + k]));
+        world.bodies[finger.body].add_force(force, false);
+    }
+}

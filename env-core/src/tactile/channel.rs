@@ -1,0 +1,191 @@
+//! The channels of touch: one table of shapes, units and bounds, and one reader each.
+//!
+//! Vectors are in the frame of the pad. Without contact every entry is exactly 0, but for the depth
+//! map, which shows the resting face. Bounds: no node moves by more than the pad's thickness, and no
+//! stress exceeds 25 times Young's modulus, some ten times what tears a silicone gel.
+
+use nalgebra::Vector3;
+
+use super::{depth, skin::Skin, traction};
+use crate::deformation::Deformation;
+
+/// What can be asked about a pressed finger.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channel {
+    /// Displacement of the markers.
+    Markers,
+    /// Displacement of all free surface nodes.
+    Displacement,
+    /// Von Mises stress on a grid under the face.
+    Stress,
+    /// Von Mises stress in every tetrahedron.
+    TetStress,
+    /// Contact traction on a grid over the face.
+    Traction,
+    /// Net force and torque of the contact.
+    Wrench,
+    /// Height of the face over the camera's view.
+    Depth,
+    /// How far the answer is to be trusted.
+    Trust,
+}
+
+/// A part of a channel: entries of one unit within the same bounds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Spec {
+    /// What the entries are.
+    pub name: &'static str,
+    /// Their shape, the last axis fastest.
+    pub shape: Vec<usize>,
+    /// Lower bound of each.
+    pub low: f64,
+    /// Upper bound of each.
+    pub high: f64,
+    /// SI unit.
+    pub unit: &'static str,
+}
+
+/// Most stress, in Young's moduli.
+const MOST_STRESS: f64 = 25.0;
+/// Most force (N), torque (N m) and unbalanced force (N).
+const MOST_FORCE: f64 = 5000.0;
+/// Displacement past which an answer is out of range, in thicknesses: the forces to which gels were
+/// calibrated were measured down to 2 mm in a gel of 4 mm (FEATS).
+const CALIBRATED: f64 = 0.5;
+
+impl Channel {
+    /// All channels, in the order of the table.
+    pub const ALL: [Self; 8] = [
+        Self::Markers,
+        Self::Displacement,
+        Self::Stress,
+        Self::TetStress,
+        Self::Traction,
+        Self::Wrench,
+        Self::Depth,
+        Self::Trust,
+    ];
+
+    /// Its name in the settings.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Markers => "markers",
+            Self::Displacement => "displacement",
+            Self::Stress => "stress",
+            Self::TetStress => "tet_stress",
+            Self::Traction => "traction",
+            Self::Wrench => "wrench",
+            Self::Depth => "depth",
+            Self::Trust => "trust",
+        }
+    }
+
+    /// The channel of that name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|channel| channel.name() == name)
+    }
+
+    /// The table: what the channel of one finger consists of.
+    pub fn specs(self, skin: &Skin) -> Vec<Spec> {
+        let map = |counts: [u32; 2]| vec![counts[1] as usize, counts[0] as usize];
+        let vectors = |counts: [u32; 2]| [map(counts), vec![3]].concat();
+        let (thickness, stress) = (skin.thickness, MOST_STRESS * skin.moduli.young);
+        let spec = |name, shape, low, high, unit| Spec { name, shape, low, high, unit };
+        let resolution = &skin.resolution;
+        match self {
+            Self::Markers => {
+                let shape = vectors(resolution.markers);
+                vec![spec("displacement of the markers", shape, -thickness, thickness, "m")]
+            }
+            Self::Displacement => {
+                let shape = vec![skin.free.len(), 3];
+                vec![spec("displacement of the surface nodes", shape, -thickness, thickness, "m")]
+            }
+            Self::Stress => {
+                vec![spec(
+                    "von Mises stress under the face",
+                    map(resolution.grid),
+                    0.0,
+                    stress,
+                    "Pa",
+                )]
+            }
+            Self::TetStress => {
+                vec![spec("von Mises stress of the tetrahedra", vec![skin.tets], 0.0, stress, "Pa")]
+            }
+            Self::Traction => {
+                vec![spec("traction", vectors(resolution.grid), -stress, stress, "Pa")]
+            }
+            Self::Wrench => vec![
+                spec("force", vec![3], -MOST_FORCE, MOST_FORCE, "N"),
+                spec("torque about the apex", vec![3], -MOST_FORCE, MOST_FORCE, "N m"),
+            ],
+            Self::Depth => {
+                let shape = map(resolution.depth);
+                vec![spec("height over the resting apex", shape, -thickness, thickness, "m")]
+            }
+            Self::Trust => vec![
+                spec("unbalanced force", vec![1], 0.0, MOST_FORCE, "N"),
+                spec("its share of unbalanced and contact force", vec![1], 0.0, 1.0, ""),
+                spec("1 if pressed deeper than gels are calibrated", vec![1], 0.0, 1.0, ""),
+            ],
+        }
+    }
+
+    /// Number of entries of one finger.
+    pub fn size(self, skin: &Skin) -> usize {
+        self.specs(skin).iter().map(|spec| spec.shape.iter().product::<usize>()).sum()
+    }
+
+    /// The entries for one finger, `felt` being none without contact.
+    pub fn read(self, skin: &Skin, felt: Option<&Deformation>) -> Vec<f64> {
+        let Some(felt) = felt else {
+            return if self == Self::Depth { skin.rest_depth.clone() } else { self.zeros(skin) };
+        };
+        match self {
+            Self::Markers => flat(&markers(skin, felt)),
+            Self::Displacement => {
+                flat(skin.free.iter().map(|&node| &felt.displacement[node as usize]))
+            }
+            Self::Stress => stress(skin, felt),
+            Self::TetStress => felt.von_mises.clone(),
+            Self::Traction => flat(&traction::map(skin, felt)),
+            Self::Wrench => flat([&felt.wrench.force, &felt.wrench.torque]),
+            Self::Depth => depth::heights(skin, Some(&felt.displacement)),
+            Self::Trust => trust(skin, felt).into(),
+        }
+    }
+
+    fn zeros(self, skin: &Skin) -> Vec<f64> {
+        vec![0.0; self.size(skin)]
+    }
+}
+
+fn flat<'a>(vectors: impl IntoIterator<Item = &'a Vector3<f64>>) -> Vec<f64> {
+    vectors.into_iter().flat_map(|v| v.iter().copied()).collect()
+}
+
+fn markers(skin: &Skin, felt: &Deformation) -> Vec<Vector3<f64>> {
+    let moved = |(corners, shares): &([u32; 3], [f64; 3])| {
+        (0..3).map(|i| felt.displacement[corners[i] as usize] * shares[i]).sum()
+    };
+    skin.markers.iter().map(moved).collect()
+}
+
+fn stress(skin: &Skin, felt: &Deformation) -> Vec<f64> {
+    let at = |shares: &Vec<(u32, f64)>| {
+        shares.iter().map(|&(tet, share)| felt.von_mises[tet as usize] * share).sum()
+    };
+    skin.stress.iter().map(at).collect()
+}
+
+/// Unbalanced force (N), its share of all nodal forces, and whether the press is out of range.
+fn trust(skin: &Skin, felt: &Deformation) -> [f64; 3] {
+    let contact = felt.contact_force.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
+    let all = felt.residual + contact;
+    let share = if all > 0.0 { felt.residual / all } else { 0.0 };
+    let most = CALIBRATED * skin.thickness;
+    let moved = skin.free.iter().map(|&node| felt.displacement[node as usize].norm());
+    let out_of_range = moved.fold(0.0, f64::max) > most;
+    [felt.residual, share, f64::from(u8::from(out_of_range))]
+}

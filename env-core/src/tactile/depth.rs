@@ -1,0 +1,46 @@
+//! The height map of the face, deformed or at rest.
+//!
+//! Heights are those of the mesh's face above each pixel, the uppermost where it folds over.
+
+use nalgebra::{Point3, Vector3};
+
+use super::skin::{Grid, Skin, shares};
+
+/// Heights in the view (D) in m, with the nodes displaced (V) or at rest.
+pub(super) fn heights(skin: &Skin, displacement: Option<&[Vector3<f64>]>) -> Vec<f64> {
+    let mut heights = vec![-skin.thickness; (skin.view.counts[0] * skin.view.counts[1]) as usize];
+    for corners in &skin.triangles {
+        let place = |node: u32| {
+            let still = skin.places[node as usize];
+            displacement.map_or(still, |u| still + u[node as usize])
+        };
+        raise(&mut heights, &skin.view, &corners.map(place));
+    }
+    heights
+}
+
+/// Lifts every pixel under `triangle` up to it.
+fn raise(heights: &mut [f64], view: &Grid, triangle: &[Point3<f64>; 3]) {
+    let [columns, rows] = [0, 1].map(|axis| pixels(view, axis, triangle));
+    for j in rows {
+        for i in columns.clone() {
+            let [x, y] = [view.centre(0, i), view.centre(1, j)];
+            let Some(shares) = shares(triangle, x, y) else { return };
+            if shares.iter().all(|&share| share >= -1e-9) {
+                let z: f64 = triangle.iter().zip(shares).map(|(corner, s)| corner.z * s).sum();
+                let height = &mut heights[(j * view.counts[0] + i) as usize];
+                *height = height.max(z);
+            }
+        }
+    }
+}
+
+/// Pixels along `axis` whose centres may lie under `triangle`.
+fn pixels(view: &Grid, axis: usize, triangle: &[Point3<f64>; 3]) -> std::ops::Range<u32> {
+    let index = |p: f64| p / view.cell[axis] + 0.5 * f64::from(view.counts[axis]) - 0.5;
+    let places = triangle.map(|corner| index(corner[axis]));
+    let low = places.into_iter().fold(f64::INFINITY, f64::min).floor();
+    let high = places.into_iter().fold(f64::NEG_INFINITY, f64::max).ceil() + 1.0;
+    // Casts of negative numbers to unsigned ones give 0.
+    (low as u32)..(high as u32).min(view.counts[axis])
+}

@@ -1,0 +1,261 @@
+//! A pad's surface with the weights that carry fields of its mesh to markers and maps.
+//!
+//! Shapes: V nodes of the mesh, T tetrahedra, S free surface nodes, M markers, G cells of the grid,
+//! D pixels of the depth map. Grids run across (x) fastest, from the corner of least x and y.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point3, Vector3};
+
+use super::{Resolution, depth};
+use crate::{
+    Error, Result,
+    deformation::{Deformation, Moduli, SoftBody},
+    geometry::PadMesh,
+    sensor::Sensor,
+};
+
+/// A place on the face: the corners of its triangle and their shares, which sum to 1.
+type Site = ([u32; 3], [f64; 3]);
+
+/// What both fingers feel: the surface that they share, and a deformation where one touches.
+#[derive(Clone, Copy, Debug)]
+pub struct Feeling<'a> {
+    /// Surface of the pads.
+    pub skin: &'a Skin,
+    /// What became of the pad on −x and of the one on +x; none without contact.
+    pub fingers: [Option<&'a Deformation>; 2],
+}
+
+/// The surface of a pad at rest, made ready once.
+#[derive(Debug)]
+pub struct Skin {
+    /// Nodes of the mesh at rest (V).
+    pub(super) places: Vec<Point3<f64>>,
+    /// Tetrahedra (T).
+    pub(super) tets: usize,
+    /// Thickness of the pad (m).
+    pub(super) thickness: f64,
+    /// Elastic moduli of the gel.
+    pub(super) moduli: Moduli,
+    /// Corners of the face's triangles, counter-clockwise seen from outside.
+    pub(super) triangles: Vec<[u32; 3]>,
+    /// Nodes of the surface that are free to move (S), ascending.
+    pub(super) free: Vec<u32>,
+    /// Nodes of the whole surface, each with a distance within which a point of the surface is
+    /// nearer to it than to any other (m).
+    reach: Vec<(u32, f64)>,
+    /// Distance of the farthest point of the surface from the apex (m), or a bit more.
+    radius: f64,
+    /// Markers (M).
+    pub(super) markers: Vec<Site>,
+    /// Tetrahedra that share in the stress of each cell (G), with weights that sum to 1.
+    pub(super) stress: Vec<Vec<(u32, f64)>>,
+    pub(super) grid: Grid,
+    pub(super) view: Grid,
+    /// Heights of the resting face in the view (D) in m.
+    pub(super) rest_depth: Vec<f64>,
+    pub(super) resolution: Resolution,
+}
+
+/// Cells of a centred rectangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Grid {
+    /// Cells across and along.
+    pub(super) counts: [u32; 2],
+    /// Size of a cell (m).
+    pub(super) cell: [f64; 2],
+}
+
+impl Grid {
+    /// `counts` cells that fill a rectangle of `extent` (m).
+    fn filling(extent: [f64; 2], counts: [u32; 2]) -> Self {
+        Self { counts, cell: [0, 1].map(|axis| extent[axis] / f64::from(counts[axis])) }
+    }
+
+    /// Centre of cell `i` along `axis` (m).
+    pub(super) fn centre(&self, axis: usize, i: u32) -> f64 {
+        (f64::from(i) + 0.5 - 0.5 * f64::from(self.counts[axis])) * self.cell[axis]
+    }
+
+    /// Centres of all cells (m).
+    pub(super) fn centres(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+        let [nx, ny] = self.counts;
+        (0..ny).flat_map(move |j| (0..nx).map(move |i| [self.centre(0, i), self.centre(1, j)]))
+    }
+}
+
+impl Skin {
+    /// The surface of `pad`, which `body` is, seen as by `sensor`; an error if its markers or its
+    /// view reach beyond the face.
+    pub fn new(
+        pad: &PadMesh,
+        body: &SoftBody,
+        sensor: &Sensor,
+        resolution: &Resolution,
+    ) -> Result<Self> {
+        let places = pad.mesh.vertices.clone();
+        let boundary = pad.mesh.boundary();
+        let reach = reach(&places, &boundary);
+        let away = reach.iter().map(|&(node, reach)| places[node as usize].coords.norm() + reach);
+        let radius = away.fold(0.0, f64::max);
+        let fixed = body.fixed();
+        let free = reach.iter().map(|&(node, _)| node).filter(|n| fixed.binary_search(n).is_err());
+        let free = free.collect();
+        let find = |name: &str, [x, y]: [f64; 2]| {
+            site(&places, &pad.face_triangles, x, y).ok_or_else(|| {
+                let found = format!("({x:.4}, {y:.4}) m");
+                Error::invalid(format!("{name} of {}", sensor.name), found, "places on the face")
+            })
+        };
+        let view = view(sensor);
+        let camera = Grid::filling(view, resolution.depth);
+        let printed = sensor.markers.as_ref().map_or(view, |markers| {
+            [markers.across, markers.along].map(|count| markers.pitch * f64::from(count - 1))
+        });
+        let markers = lattice(printed, resolution.markers).map(|place| find("markers", place));
+        let markers = markers.collect::<Result<_>>()?;
+        let outline = &sensor.outline;
+        let grid = Grid::filling([outline.width, outline.length], resolution.grid);
+        let shares = nodal_shares(pad);
+        let stress = grid.centres().map(|place| Ok(spread(&find("grid", place)?, &shares)));
+        let stress = stress.collect::<Result<_>>()?;
+        for corner in [[0, 0], [resolution.depth[0] - 1, resolution.depth[1] - 1]] {
+            find("camera", [camera.centre(0, corner[0]), camera.centre(1, corner[1])])?;
+        }
+        let mut skin = Self {
+            tets: pad.mesh.tets.len(),
+            thickness: outline.thickness,
+            moduli: body.moduli()[0],
+            triangles: pad.face_triangles.clone(),
+            places,
+            free,
+            reach,
+            radius,
+            markers,
+            stress,
+            grid,
+            view: camera,
+            rest_depth: Vec::new(),
+            resolution: resolution.clone(),
+        };
+        skin.rest_depth = depth::heights(&skin, None);
+        Ok(skin)
+    }
+
+    /// Nodes of the surface at rest that the displacement channel lists (S) in m.
+    pub fn surface(&self) -> Vec<Point3<f64>> {
+        self.free.iter().map(|&node| self.places[node as usize]).collect()
+    }
+
+    /// Markers at rest (M) in m.
+    pub fn markers(&self) -> Vec<Point3<f64>> {
+        let at = |(corners, shares): &Site| {
+            let sum = |i: usize| self.places[corners[i] as usize].coords * shares[i];
+            Point3::from((0..3).map(sum).sum::<Vector3<f64>>())
+        };
+        self.markers.iter().map(at).collect()
+    }
+
+    /// Centres of the cells of the stress and traction maps (G), x and y in m.
+    pub fn cells(&self) -> Vec<[f64; 2]> {
+        self.grid.centres().collect()
+    }
+
+    /// Area of such a cell (m²).
+    pub fn cell_area(&self) -> f64 {
+        self.grid.cell[0] * self.grid.cell[1]
+    }
+
+    /// Centres of the pixels of the depth map (D), x and y in m.
+    pub fn pixels(&self) -> Vec<[f64; 2]> {
+        self.view.centres().collect()
+    }
+
+    /// Whether a solid might reach into the resting pad, `distance` being how far a point is from
+    /// it (m). Never wrongly false.
+    pub(super) fn may_touch(&self, distance: impl Fn(&Point3<f64>) -> f64) -> bool {
+        distance(&Point3::origin()) <= self.radius
+            && self
+                .reach
+                .iter()
+                .any(|&(node, reach)| distance(&self.places[node as usize]) <= reach)
+    }
+}
+
+/// Extent of the camera's view on the face (m).
+fn view(sensor: &Sensor) -> [f64; 2] {
+    let outline = [sensor.outline.width, sensor.outline.length];
+    let seen = |axis: usize| f64::from(sensor.camera.pixels[axis]) * sensor.camera.pixel;
+    [0, 1].map(|axis| f64::min(seen(axis), outline[axis]))
+}
+
+/// `counts` points evenly over a centred rectangle of `extent` (m), its edges included.
+fn lattice(extent: [f64; 2], counts: [u32; 2]) -> impl Iterator<Item = [f64; 2]> {
+    let along = move |axis: usize, i: u32| {
+        let intervals = f64::from(counts[axis].max(2) - 1);
+        let middle = 0.5 * f64::from(counts[axis] - 1);
+        extent[axis] * (f64::from(i) - middle) / intervals
+    };
+    (0..counts[1]).flat_map(move |j| (0..counts[0]).map(move |i| [along(0, i), along(1, j)]))
+}
+
+/// Nodes of the `boundary`, ascending, with the distance to the farthest point of a triangle that
+/// may be nearest to them: a circumradius is at most 1/√3 of the longest edge unless the triangle
+/// is obtuse, and then half of that edge is far enough.
+fn reach(places: &[Point3<f64>], boundary: &[[u32; 3]]) -> Vec<(u32, f64)> {
+    let mut reach = BTreeMap::new();
+    for triangle in boundary {
+        let [a, b, c] = triangle.map(|node| places[node as usize]);
+        let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+        for &node in triangle {
+            let most: &mut f64 = reach.entry(node).or_default();
+            *most = most.max(longest / 3f64.sqrt());
+        }
+    }
+    reach.into_iter().collect()
+}
+
+/// The triangle of the face over (x, y), or none.
+fn site(places: &[Point3<f64>], triangles: &[[u32; 3]], x: f64, y: f64) -> Option<Site> {
+    /// Share by which a point on a common edge may lie outside of both neighbours.
+    const ROUNDING: f64 = 1e-9;
+    triangles.iter().find_map(|corners| {
+        let shares = shares(&corners.map(|node| places[node as usize]), x, y)?;
+        shares.iter().all(|&share| share >= -ROUNDING).then_some((*corners, shares))
+    })
+}
+
+/// Barycentric coordinates of (x, y) in the plan of a triangle; none if that has no area.
+pub(super) fn shares([a, b, c]: &[Point3<f64>; 3], x: f64, y: f64) -> Option<[f64; 3]> {
+    let twice = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| {
+        (q[0] - p[0]) * (r[1] - p[1]) - (r[0] - p[0]) * (q[1] - p[1])
+    };
+    let ([a, b, c], p) = ([a, b, c].map(|v| [v.x, v.y]), [x, y]);
+    let area = twice(a, b, c);
+    let parts = [twice(p, b, c), twice(a, p, c), twice(a, b, p)];
+    (area != 0.0).then(|| parts.map(|part| part / area))
+}
+
+/// For each node the tetrahedra around it, with their shares of the volume (V).
+fn nodal_shares(pad: &PadMesh) -> Vec<Vec<(u32, f64)>> {
+    let around = pad.mesh.tets_of_vertices();
+    let of = |node: usize| {
+        let tets = around.of(node as u32);
+        let volumes = tets.iter().map(|&tet| pad.mesh.tet_volume(tet as usize));
+        let volume: f64 = volumes.clone().sum();
+        tets.iter().copied().zip(volumes.map(|v| v / volume)).collect()
+    };
+    (0..pad.mesh.vertices.len()).map(of).collect()
+}
+
+/// Shares of the tetrahedra in a field on them at `site`, by way of its mean at the nodes.
+fn spread((corners, weights): &Site, shares: &[Vec<(u32, f64)>]) -> Vec<(u32, f64)> {
+    let mut sum = BTreeMap::new();
+    for (&node, weight) in corners.iter().zip(weights) {
+        for &(tet, share) in &shares[node as usize] {
+            *sum.entry(tet).or_default() += weight * share;
+        }
+    }
+    sum.into_iter().collect()
+}

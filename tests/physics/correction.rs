@@ -1,0 +1,269 @@
+//! Soft pads corrected towards a better model once per control step.
+
+use nalgebra::{Isometry3, Vector3};
+use ruffini_core::{
+    compliance::{Compliance, Options},
+    deformation::{History, Law, Moduli, Press, SoftBody},
+    geometry::Shape,
+    scene::{Command, Scene, Wrench},
+    sensor::Sensor,
+};
+
+use crate::bed::{ball, gripped, hold, soft};
+
+const RADIUS: f64 = 0.015;
+
+/// A gel other than the bed's under a ball: a power law in depth, a linear spring sideways from where
+/// the ball first touched, Coulomb's limit, both at the deepest point of the touch.
+#[derive(Clone, Copy)]
+struct Gel {
+    /// Force at 1 mm (N).
+    force: f64,
+    exponent: f64,
+    /// N/m.
+    shear: f64,
+}
+
+impl Gel {
+    /// Force and torque on the pad under a ball at `pose` that touched at `touched` (m).
+    fn wrench(&self, pose: &Isometry3<f64>, touched: &Vector3<f64>) -> Wrench {
+        let depth = RADIUS - pose.translation.z;
+        if depth <= 0.0 {
+            return Wrench::default();
+        }
+        let normal = self.force * (depth / 1e-3).powf(self.exponent);
+        let way = pose.translation.vector - touched;
+        let mut force = Vector3::new(self.shear * way.x, self.shear * way.y, 0.0);
+        let limit = 0.8 * normal;
+        if force.norm() > limit {
+            force *= limit / force.norm();
+        }
+        force.z = -normal;
+        let place = Vector3::new(pose.translation.x, pose.translation.y, -depth);
+        Wrench { force, torque: place.cross(&force) }
+    }
+}
+
+/// One finger's view of a gel: where the ball first touched.
+struct Feel {
+    gel: Gel,
+    touched: [Option<Vector3<f64>>; 2],
+}
+
+impl Feel {
+    fn new(gel: Gel) -> Self {
+        Self { gel, touched: [None; 2] }
+    }
+
+    /// What the gel of a finger answers to the scene.
+    fn wrench(&mut self, scene: &Scene, finger: usize) -> Wrench {
+        let state = &scene.state().fingers[finger];
+        if !state.touches() {
+            self.touched[finger] = None;
+            return Wrench::default();
+        }
+        let here = state.object.translation.vector;
+        let touched = self.touched[finger].get_or_insert(here);
+        self.gel.wrench(&state.object, touched)
+    }
+
+    /// A control step, then the correction.
+    fn step(&mut self, scene: &mut Scene, command: &Command) {
+        scene.step(command);
+        for finger in 0..2 {
+            let wrench = self.wrench(scene, finger);
+            scene.correct(finger, &wrench);
+        }
+    }
+}
+
+/// Softer and stiffer than the bed, whose ball of 15 mm bears 10 N at 1 mm.
+fn gels() -> Vec<Gel> {
+    let mut gels = Vec::new();
+    for force in [6.0, 10.0, 14.0] {
+        for (exponent, shear) in [(1.7, 2000.0), (1.9, 4000.0), (2.2, 6000.0)] {
+            gels.push(Gel { force, exponent, shear });
+        }
+    }
+    gels
+}
+
+/// |model − scene| over the grip force, the worse finger.
+fn defect(scene: &Scene, feel: &mut Feel, grip: f64) -> f64 {
+    let of = |finger: usize, feel: &mut Feel| {
+        let found = scene.state().fingers[finger].wrench.force;
+        (feel.wrench(scene, finger).force - found).norm() / grip
+    };
+    of(0, feel).max(of(1, feel))
+}
+
+fn ways(t: f64) -> Command {
+    let velocity =
+        Vector3::new(0.1 * (7.0 * t).sin(), 0.1 * (9.0 * t).sin(), 0.03 + 0.1 * (11.0 * t).cos());
+    Command { velocity, yaw_rate: (5.0 * t).sin(), grip: 0.0 }
+}
+
+#[test]
+fn in_steady_holding_the_wrench_is_the_models() {
+    for gel in gels() {
+        for (mass, grip) in [(0.005, 1.0), (0.1, 5.0), (0.5, 20.0)] {
+            let mut scene = gripped(&soft(), &ball(), mass, 0.5 * grip);
+            let mut feel = Feel::new(gel);
+            scene.set_gravity(9.81);
+            let steady = Command { grip, ..Command::default() };
+            for _ in 0..50 {
+                feel.step(&mut scene, &steady);
+            }
+            let (before, found) = (scene.state(), defect(&scene, &mut feel, grip));
+            let Gel { force, exponent, shear } = gel;
+            let name = format!("{force} N, δ^{exponent}, {shear} N/m, {mass} kg");
+            println!("{name}: {:.4} %", 100.0 * found);
+            assert!(found < 0.03, "{name}: off by {found:.3} of the grip");
+            let speed = before.object.velocity.norm();
+            assert!(speed < 1e-3, "{name}: still moves at {speed} m/s");
+        }
+    }
+}
+
+#[test]
+fn a_minute_of_corrections_moves_nothing() {
+    for mass in [0.005, 0.5] {
+        let grip = 40.0 * mass + 2.0;
+        let mut scene = gripped(&soft(), &ball(), mass, grip);
+        let mut feel = Feel::new(Gel { force: 6.0, exponent: 1.6, shear: 2000.0 });
+        scene.set_gravity(9.81);
+        let steady = Command { grip, ..Command::default() };
+        for _ in 0..50 {
+            feel.step(&mut scene, &steady);
+        }
+        let before = scene.state().object_in_wrist();
+        for _ in 0..1500 {
+            feel.step(&mut scene, &steady);
+        }
+        let after = scene.state().object_in_wrist();
+        let moved = (after.translation.vector - before.translation.vector).norm();
+        let turned = after.rotation.angle_to(&before.rotation);
+        assert!(moved < 2e-6 && turned < 2e-4, "{mass} kg: {moved} m, {turned} rad");
+    }
+}
+
+#[test]
+fn lifted_and_shaken_under_correction_nothing_is_lost() {
+    for gel in gels() {
+        for (mass, grip) in [(0.005, 1.0), (0.02, 5.0), (0.1, 5.0), (0.5, 20.0)] {
+            let mut scene = gripped(&soft(), &ball(), mass, grip);
+            let mut feel = Feel::new(gel);
+            scene.set_gravity(9.81);
+            let before = scene.state().object_in_wrist().translation.vector;
+            let mut worst = 0f64;
+            for i in 0..100 {
+                feel.step(&mut scene, &Command { grip, ..ways(0.04 * f64::from(i)) });
+                if i > 25 {
+                    worst = worst.max(defect(&scene, &mut feel, grip));
+                }
+            }
+            let state = scene.state();
+            let moved = (state.object_in_wrist().translation.vector - before).norm();
+            let Gel { force, exponent, shear } = gel;
+            println!(
+                "{force} N, δ^{exponent}, {shear} N/m, {mass} kg: {:.1} %, {:.2} mm",
+                100.0 * worst,
+                1e3 * moved
+            );
+            assert!(state.failure.is_none());
+            assert!(moved < 3e-3, "{mass} kg: moved by {moved} m in the hand");
+        }
+    }
+}
+
+#[test]
+fn a_touch_that_is_lost_takes_its_correction_along() {
+    let mut scene = gripped(&soft(), &ball(), 0.05, 5.0);
+    let mut feel = Feel::new(Gel { force: 14.0, exponent: 1.7, shear: 6000.0 });
+    for _ in 0..20 {
+        feel.step(&mut scene, &Command { grip: 5.0, ..Command::default() });
+    }
+    hold(&mut scene, -5.0, 0.4);
+    for finger in scene.state().fingers {
+        assert_eq!(finger.wrench, Wrench::default());
+    }
+    let scaled = |scene: &Scene| scene.state().fingers.map(|finger| finger.object.translation.z);
+    hold(&mut scene, 5.0, 1.0);
+    let depth = scaled(&scene).map(|z| RADIUS - z);
+    let fresh = scaled(&gripped(&soft(), &ball(), 0.05, 5.0)).map(|z| RADIUS - z);
+    for (found, fresh) in depth.into_iter().zip(fresh) {
+        assert!((found / fresh - 1.0).abs() < 0.02, "{found} m, without a correction {fresh} m");
+    }
+}
+
+#[test]
+fn nonsense_from_a_model_is_bounded() {
+    for wild in [1e9, -1e9, 0.0] {
+        let mut scene = gripped(&soft(), &ball(), 0.05, 5.0);
+        for _ in 0..50 {
+            for finger in 0..2 {
+                let force = Vector3::new(wild, -wild, -wild);
+                scene.correct(finger, &Wrench { force, torque: force });
+            }
+            scene.step(&Command { grip: 5.0, ..Command::default() });
+            let state = scene.state();
+            assert!(state.failure.is_none());
+            assert!(state.object.velocity.norm() < 5.0, "{} m/s", state.object.velocity.norm());
+        }
+    }
+}
+
+/// The gel itself as condensed finite elements, its contact history included.
+struct Condensed {
+    model: Compliance,
+    histories: [Option<History>; 2],
+}
+
+impl Condensed {
+    fn new() -> Self {
+        let sensor = Sensor::named("gelsight-mini").unwrap();
+        let (pad, calibration) = (sensor.pad(1000).unwrap(), &sensor.calibrations[0]);
+        let moduli = Moduli { young: calibration.young, poisson: calibration.poisson };
+        let body = SoftBody::new(pad.mesh, Law::default(), moduli, &pad.base).unwrap();
+        let model = Compliance::new(body, Options { friction: 0.8, sweeps: 0 }).unwrap();
+        Self { model, histories: [None, None] }
+    }
+
+    /// Wrench on the pad of a finger where the scene is.
+    fn wrench(&mut self, scene: &Scene, finger: usize) -> Wrench {
+        let pose = scene.state().fingers[finger].object;
+        let ball = Shape::Sphere { radius: RADIUS };
+        let mut press = Press::along(vec![ball], vec![vec![pose]]).unwrap();
+        if let Some(history) = self.histories[finger].take() {
+            press = press.after(history).unwrap();
+        }
+        let frame = self.model.solve_path(&press).pop().unwrap().unwrap();
+        self.histories[finger] = Some(frame.history);
+        frame.wrench.into()
+    }
+}
+
+#[test]
+fn the_wrench_becomes_that_of_the_condensed_gel() {
+    for (mass, grip) in [(0.02, 1.0), (0.1, 5.0), (0.3, 10.0)] {
+        let mut scene = gripped(&soft(), &ball(), mass, grip);
+        let mut gel = Condensed::new();
+        let mut off = [0.0; 2];
+        for step in 0..60 {
+            if step == 15 {
+                scene.set_gravity(9.81);
+            }
+            scene.step(&Command { grip, ..Command::default() });
+            let before = scene.state().fingers.map(|finger| finger.wrench.force);
+            for finger in 0..2 {
+                let wrench = gel.wrench(&scene, finger);
+                off[finger] = (wrench.force - before[finger]).norm() / grip;
+                scene.correct(finger, &wrench);
+            }
+            if step % 5 == 0 {
+                println!("{mass} kg, step {step}: {:.4} {:.4}", off[0], off[1]);
+            }
+        }
+        assert!(off.iter().all(|off| *off < 0.03), "{mass} kg: off by {off:?} of the grip");
+    }
+}

@@ -1,0 +1,362 @@
+//! What a fingertip feels: each channel against its definition, and a finger's memory.
+
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+use ruffini_core::{
+    compliance::{self, Compliance},
+    deformation::{Deformation, DeformationModel, History, Press, SoftBody, Wrench},
+    fem::{self, Fem},
+    geometry::{PadMesh, PadOutline, Shape},
+    sensor::Sensor,
+    tactile::{Channel, Config, Finger, Resolution, Skin},
+};
+
+const MM: f64 = 1e-3;
+const FRICTION: f64 = 0.6;
+
+struct Tip {
+    sensor: Sensor,
+    body: SoftBody,
+    skin: Skin,
+}
+
+/// A fingertip of a known sensor.
+fn tip(name: &str, resolution: Resolution) -> Tip {
+    let config = Config { sensor: name.into(), resolution, ..Config::default() };
+    let sensor = config.sensor().unwrap();
+    let (pad, body) = config.pad(&sensor).unwrap();
+    let skin = Skin::new(&pad, &body, &sensor, &config.resolution).unwrap();
+    Tip { sensor, body, skin }
+}
+
+fn coarse() -> Resolution {
+    Resolution { nodes: 500, ..Resolution::default() }
+}
+
+fn linear(body: &SoftBody) -> Compliance {
+    Compliance::new(body.clone(), compliance::Options::default()).unwrap()
+}
+
+/// A ball of 5 mm over (x, y), sunk in by `depth` (m).
+fn ball_at(x: f64, y: f64, depth: f64) -> Isometry3<f64> {
+    Isometry3::translation(x, y, 5.0 * MM - depth)
+}
+
+fn ball() -> Shape {
+    Shape::Sphere { radius: 5.0 * MM }
+}
+
+/// A ball pressed in off the middle and dragged aside.
+fn dragged() -> Press {
+    let path = [(0.4, 0.0), (0.4, 0.4), (0.4, 0.8), (0.6, 0.8), (0.9, 0.8)];
+    let frames = path.map(|(x, depth)| vec![ball_at(x * MM, -1.3 * MM, depth * MM)]);
+    Press::along(vec![ball()], frames.into()).unwrap().with_friction(FRICTION).unwrap()
+}
+
+/// A deformation that is `u` at rest place x, and nothing else.
+fn displaced(body: &SoftBody, u: impl Fn(&Point3<f64>) -> Vector3<f64>) -> Deformation {
+    let displacement: Vec<_> = body.mesh().vertices.iter().map(u).collect();
+    Deformation {
+        von_mises: vec![0.0; body.mesh().tets.len()],
+        contact_force: vec![Vector3::zeros(); displacement.len()],
+        wrench: Wrench::default(),
+        poses: vec![],
+        history: History { displacement: vec![], poses: vec![], anchors: vec![] },
+        iterations: 0,
+        residual: 0.0,
+        seconds: 0.0,
+        displacement,
+    }
+}
+
+fn vectors(values: &[f64]) -> Vec<Vector3<f64>> {
+    values.chunks(3).map(Vector3::from_column_slice).collect()
+}
+
+#[test]
+fn markers_follow_a_linear_field_exactly() {
+    for name in Sensor::names() {
+        let tip = tip(name, coarse());
+        let strain = Matrix3::new(0.1, 0.02, -0.3, 0.05, -0.2, 0.07, 0.01, 0.4, 0.15);
+        let shift = Vector3::new(1e-4, -2e-4, 3e-4);
+        let felt = displaced(&tip.body, |place| strain * place.coords + shift);
+        let found = vectors(&Channel::Markers.read(&tip.skin, Some(&felt)));
+        for (marker, found) in tip.skin.markers().iter().zip(found) {
+            let error = (found - (strain * marker.coords + shift)).norm();
+            assert!(error < 1e-15, "{name}: {error:.1e} m at {marker}");
+        }
+    }
+}
+
+#[test]
+fn the_full_marker_grid_is_the_printed_one() {
+    let markers = [7, 9];
+    let tip = tip("gelsight-mini", Resolution { markers, ..coarse() });
+    let found = tip.skin.markers();
+    assert_eq!(found.len(), 63);
+    let pitch = tip.sensor.markers.as_ref().unwrap().pitch;
+    for (i, marker) in found.iter().enumerate() {
+        let exact = [(i % 7) as f64 - 3.0, (i / 7) as f64 - 4.0].map(|k| k * pitch);
+        let error = (marker.x - exact[0]).hypot(marker.y - exact[1]);
+        assert!(error < 1e-12, "marker {i} is {error:.1e} m off");
+    }
+    let per_finger = Channel::Markers.size(&self::tip("gelsight-mini", coarse()).skin);
+    assert_eq!(2 * per_finger, 210, "default values of both fingers");
+}
+
+#[test]
+fn traction_integrates_to_the_wrench() {
+    for grid in [[10, 12], [3, 2], [30, 40]] {
+        let tip = tip("gelsight-mini", Resolution { grid, ..coarse() });
+        let felt = linear(&tip.body).solve(&[dragged()]).remove(0).unwrap();
+        let traction = vectors(&Channel::Traction.read(&tip.skin, Some(&felt)));
+        let area = tip.skin.cell_area();
+        let (mut force, mut torque) = (Vector3::zeros(), 0.0);
+        let mut tilt = [0.0; 2];
+        for ([x, y], t) in tip.skin.cells().into_iter().zip(traction) {
+            force += t * area;
+            torque += (x * t.y - y * t.x) * area;
+            tilt[0] += y * t.z * area;
+            tilt[1] -= x * t.z * area;
+        }
+        let size = felt.wrench.force.norm();
+        assert!(size > 0.1, "a press of {size} N");
+        let error = (force - felt.wrench.force).norm() / size;
+        assert!(error < 1e-6, "{grid:?}: force off by {error:.1e}");
+        let lever = 10.0 * MM;
+        let error = (torque - felt.wrench.torque.z).abs() / (size * lever);
+        assert!(error < 1e-6, "{grid:?}: torque about z off by {error:.1e}");
+        // Torques across are those of the normal traction and of the shear at the deformed heights.
+        let places = tip.body.mesh().vertices.iter().zip(&felt.displacement);
+        let shear: Vector3<f64> = places
+            .zip(&felt.contact_force)
+            .map(|((place, u), f)| Vector3::new(-f.y, f.x, 0.0) * (place.z + u.z))
+            .sum();
+        for axis in 0..2 {
+            let error = tilt[axis] + shear[axis] - felt.wrench.torque[axis];
+            let error = error.abs() / (size * lever);
+            assert!(error < 1e-6, "{grid:?}: torque about axis {axis} off by {error:.1e}");
+        }
+    }
+}
+
+#[test]
+fn the_depth_of_a_resting_pad_is_its_geometry() {
+    for name in Sensor::names() {
+        let tip = tip(name, Resolution::default());
+        let outline = tip.sensor.outline;
+        let longest = tip.body.mesh().edges().into_iter().filter_map(|edge| {
+            let [a, b] = edge.map(|node| tip.body.mesh().vertices[node as usize]);
+            let view = |p: &Point3<f64>| p.x.abs() < 8.5 * MM && p.y.abs() < 11.0 * MM;
+            (a.z.max(b.z) > -2.0 * MM && view(&a) && view(&b)).then(|| (a - b).xy().norm())
+        });
+        let longest = longest.fold(0.0, f64::max);
+        // A chord lies under its arc by l²/8r; here along both sides of a cell.
+        let [across, along, rim] =
+            [outline.radius_across, outline.radius_along, outline.rim_radius];
+        let crown = longest * longest / 8.0 * (1.0 / across + 1.0 / along);
+        let rolled = if rim > 0.0 { longest * longest / (8.0 * rim) } else { 0.0 };
+        let found = Channel::Depth.read(&tip.skin, None);
+        for ([x, y], found) in tip.skin.pixels().into_iter().zip(found) {
+            let near_rim = x.abs() + longest > 0.5 * outline.width - outline.rim_width
+                || y.abs() + longest > 0.5 * outline.length - outline.rim_width;
+            let most = if near_rim { crown + rolled } else { crown };
+            let drop = outline.height(x, y) - found;
+            assert!(
+                -1e-12 < drop && drop < most + 1e-12,
+                "{name} at ({x}, {y}) m: {found} m is {drop:.1e} m under the face, may be {most:.1e}"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_depth_of_a_flat_pad_is_zero_and_follows_a_shift() {
+    let mut sensor = Sensor::named("gelsight-mini").unwrap();
+    sensor.outline = PadOutline::flat(0.025, 0.020, 0.004);
+    let pad = PadMesh::with_nodes(&sensor.outline, 500).unwrap();
+    let (law, moduli) = Config::default().material(&sensor).unwrap();
+    let body = SoftBody::new(pad.mesh.clone(), law, moduli, &pad.base).unwrap();
+    let skin = Skin::new(&pad, &body, &sensor, &coarse()).unwrap();
+    assert!(Channel::Depth.read(&skin, None).iter().all(|&z| z == 0.0));
+    let felt = displaced(&body, |_| Vector3::new(2e-4, -1e-4, -3e-4));
+    for z in Channel::Depth.read(&skin, Some(&felt)) {
+        assert!((z + 3e-4).abs() < 1e-15, "{z} m");
+    }
+}
+
+#[test]
+fn the_depth_under_a_ball_is_the_ball() {
+    let tip = tip("gelsight-mini", Resolution { nodes: 3000, ..Resolution::default() });
+    let depth = 0.8 * MM;
+    let press = Press::along(vec![ball()], vec![vec![ball_at(0.0, 0.0, depth)]]).unwrap();
+    let felt = linear(&tip.body).solve(&[press]).remove(0).unwrap();
+    // A facet is a chord of the ball, which contact lets in by 2 µm for each Young's modulus of
+    // pressure: five of them at most under single points of so smooth a ball.
+    let middle = |p: &Point3<f64>| p.coords.norm() < 2.0 * MM;
+    let edges = tip
+        .body
+        .mesh()
+        .edges()
+        .into_iter()
+        .map(|edge| edge.map(|node| tip.body.mesh().vertices[node as usize]));
+    let longest = edges.filter(|edge| edge.iter().all(middle)).map(|[a, b]| (a - b).xy().norm());
+    let longest = longest.fold(0.0, f64::max);
+    let most = longest * longest / (8.0 * 5.0 * MM) + 5.0 * 2e-6;
+    let heights = Channel::Depth.read(&tip.skin, Some(&felt));
+    let mut covered = 0;
+    for ([x, y], height) in tip.skin.pixels().into_iter().zip(heights) {
+        let r = x.hypot(y);
+        if r < 1.0 * MM {
+            let surface = 5.0 * MM - depth - ((5.0 * MM).powi(2) - r * r).sqrt();
+            let error = (height - surface).abs();
+            assert!(error < most, "{error:.1e} m off the ball at {r} m, may be {most:.1e}");
+            covered += 1;
+        }
+    }
+    assert_eq!(covered, 4, "pixels within a millimetre of the middle");
+}
+
+#[test]
+fn everything_but_depth_is_exactly_zero_without_contact() {
+    let tip = tip("digit", coarse());
+    for channel in Channel::ALL {
+        let values = channel.read(&tip.skin, None);
+        assert_eq!(values.len(), channel.size(&tip.skin), "{}", channel.name());
+        let zero = values.iter().all(|&x| x == 0.0 && x.is_sign_positive());
+        assert_eq!(zero, channel != Channel::Depth, "{}", channel.name());
+    }
+}
+
+#[test]
+fn a_press_fills_every_channel_within_its_bounds() {
+    let tip = tip("gelsight-mini", coarse());
+    let felt = linear(&tip.body).solve(&[dragged()]).remove(0).unwrap();
+    for channel in Channel::ALL {
+        let values = channel.read(&tip.skin, Some(&felt));
+        assert_eq!(values.len(), channel.size(&tip.skin), "{}", channel.name());
+        assert!(values.iter().any(|&x| x != 0.0), "{} is all zeros", channel.name());
+        let mut rest = &values[..];
+        for spec in channel.specs(&tip.skin) {
+            let (part, others) = rest.split_at(spec.shape.iter().product());
+            let within = part.iter().all(|x| (spec.low..=spec.high).contains(x));
+            assert!(within, "{}: {:?} not in [{}, {}]", spec.name, part, spec.low, spec.high);
+            rest = others;
+        }
+    }
+}
+
+#[test]
+fn the_stress_map_averages_the_tetrahedra() {
+    let tip = tip("gelsight-mini", coarse());
+    let mut felt = displaced(&tip.body, |_| Vector3::zeros());
+    felt.von_mises.fill(2e4);
+    for stress in Channel::Stress.read(&tip.skin, Some(&felt)) {
+        assert!((stress - 2e4).abs() < 1e-8, "{stress} Pa of uniform 2e4 Pa");
+    }
+}
+
+#[test]
+fn a_press_past_half_of_the_thickness_is_flagged() {
+    let tip = tip("gelsight-mini", coarse());
+    for (shift, flag) in [(1.99 * MM, 0.0), (2.01 * MM, 1.0)] {
+        let felt = displaced(&tip.body, |_| Vector3::new(shift, 0.0, 0.0));
+        assert_eq!(Channel::Trust.read(&tip.skin, Some(&felt))[2], flag, "{shift} m");
+    }
+}
+
+#[test]
+fn a_finger_asks_only_when_it_may_touch() {
+    let tip = tip("gelsight-mini", coarse());
+    let mut finger = Finger::new(ball_at(0.0, 0.0, -20.0 * MM));
+    let mut ask = |depth: f64| {
+        finger.press(&tip.skin, &ball(), &[ball_at(0.0, 0.0, depth)], FRICTION).unwrap()
+    };
+    assert!(ask(-10.0 * MM).is_none(), "far away");
+    assert!(ask(-2.0 * MM).is_none(), "farther than the mesh is coarse");
+    assert!(ask(0.1 * MM).is_some(), "0.1 mm in");
+}
+
+#[test]
+fn a_touch_between_nodes_is_not_missed() {
+    let tip = tip("gelsight-mini", Resolution { nodes: 200, ..Resolution::default() });
+    let pin = Shape::Sphere { radius: 0.2 * MM };
+    for i in 0..400 {
+        let (x, y) = (f64::from(i % 20) - 9.5, f64::from(i / 20) - 9.5);
+        let (x, y) = (0.7 * x * MM, 0.9 * y * MM);
+        // Half way in, whatever the chord of the mesh.
+        let pose = Isometry3::translation(x, y, tip.sensor.outline.height(x, y));
+        let mut finger = Finger::new(Isometry3::translation(x, y, 20.0 * MM));
+        let press = finger.press(&tip.skin, &pin, &[pose], FRICTION).unwrap();
+        assert!(press.is_some(), "a pin at ({x}, {y}) m");
+    }
+}
+
+/// What the finger feels at each depth of a ball that goes down, aside and up.
+fn episode(tip: &Tip, model: &mut Compliance, finger: &mut Finger) -> Vec<Option<Deformation>> {
+    let path = [(0.0, -1.0), (0.0, 0.3), (0.0, 0.6), (0.2, 0.6), (0.2, -0.5), (0.2, 0.4)];
+    let step = |(x, depth): (f64, f64)| {
+        let pose = ball_at(x * MM, 0.0, depth * MM);
+        let press = finger.press(&tip.skin, &ball(), &[pose], FRICTION).unwrap()?;
+        let felt = model.solve(&[press]).remove(0).unwrap();
+        finger.keep(&felt).then_some(felt)
+    };
+    path.into_iter().map(step).collect()
+}
+
+#[test]
+fn a_finger_remembers_its_contact_and_forgets_it_when_it_is_lost() {
+    let tip = tip("gelsight-mini", coarse());
+    let mut model = linear(&tip.body);
+    let start = ball_at(0.0, 0.0, -5.0 * MM);
+    let felt = episode(&tip, &mut model, &mut Finger::new(start));
+    let touches: Vec<_> = felt.iter().map(Option::is_some).collect();
+    assert_eq!(touches, [false, true, true, true, false, true]);
+    let shear = felt[3].as_ref().unwrap().wrench.force;
+    assert!(shear.x > 0.1 * shear.z.abs(), "dragged by {shear:?} N");
+    let fresh = felt[5].as_ref().unwrap().wrench.force;
+    // A touch from straight above, as if it were the first.
+    assert!(fresh.x.abs() < 0.02 * fresh.z.abs(), "{fresh:?} N");
+}
+
+#[test]
+fn a_finger_saved_as_bytes_goes_on_bit_for_bit() {
+    let tip = tip("gelsight-mini", coarse());
+    let mut model = linear(&tip.body);
+    let mut finger = Finger::new(ball_at(0.0, 0.0, -5.0 * MM));
+    episode(&tip, &mut model, &mut finger);
+    assert!(finger.touches());
+    let bytes = postcard::to_stdvec(&finger).unwrap();
+    let mut copy: Finger = postcard::from_bytes(&bytes).unwrap();
+    let [one, two] = [&mut finger, &mut copy].map(|finger| {
+        let felt = episode(&tip, &mut model, finger);
+        felt.into_iter().flatten().map(|felt| felt.displacement).collect::<Vec<_>>()
+    });
+    assert_eq!(one, two);
+}
+
+#[test]
+fn a_press_may_bring_its_own_friction() {
+    let tip = tip("gelsight-mini", Resolution { nodes: 300, ..Resolution::default() });
+    let plain = Press::along(dragged().shapes().into(), {
+        let path = [(0.4, 0.0), (0.4, 0.5), (0.7, 0.5)];
+        path.map(|(x, depth)| vec![ball_at(x * MM, 0.0, depth * MM)]).into()
+    })
+    .unwrap();
+    let own = plain.clone().with_friction(FRICTION).unwrap();
+    let options = compliance::Options { friction: FRICTION, sweeps: 0 };
+    let theirs =
+        linear(&tip.body).with_options(options).unwrap().solve(std::slice::from_ref(&plain));
+    let ours = linear(&tip.body).solve(std::slice::from_ref(&own));
+    assert_eq!(ours[0].as_ref().unwrap().displacement, theirs[0].as_ref().unwrap().displacement);
+    let fem = |friction: f64| {
+        Fem::new(tip.body.clone(), fem::Options { friction, ..fem::Options::default() }).unwrap()
+    };
+    let (theirs, ours) = (
+        fem(FRICTION).solve(std::slice::from_ref(&plain)),
+        fem(0.0).solve(std::slice::from_ref(&own)),
+    );
+    assert_eq!(ours[0].as_ref().unwrap().displacement, theirs[0].as_ref().unwrap().displacement);
+    assert!(ours[0].as_ref().unwrap().wrench.force.x > 0.0);
+    let refused = plain.with_friction(-0.1).unwrap_err().to_string();
+    assert!(refused.contains("0 to 100"), "{refused}");
+}

@@ -1,0 +1,224 @@
+"""Fingers that feel: spaces, zeros, seeds, snapshots, batches, settings and the plan."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from conftest import actions, flat
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+import ruffini
+from ruffini._core import ENDINGS
+from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
+
+COARSE = {"nodes": 300}
+FELT = ["markers", "displacement", "stress", "tet_stress", "traction", "wrench", "trust"]
+OVER_OBJECT: dict[str, Any] = {
+    "objects": "sphere",
+    "position": 0.0,
+    "start": 0.0,
+    "start_height": 0.08,
+    "tactile": "compliance",
+    "resolution": COARSE,
+}
+
+
+def everything(**settings: Any) -> dict[str, Any]:
+    channels = [*ruffini.CHANNELS, *ruffini.TACTILE_CHANNELS]
+    return {**OVER_OBJECT, "observation": channels, **settings}
+
+
+def grasping(step: int, grip: float = 0.1) -> np.ndarray:
+    """Down to the object, close, lift."""
+    if step < 7:
+        return np.array([0, 0, -0.9, 0, -0.2], np.float32)
+    return np.array([0, 0, 0.2 if step > 14 else 0.0, 0, grip], np.float32)
+
+
+@pytest.mark.parametrize("tactile", ["compliance", "fem"])
+@pytest.mark.parametrize("obs", ["dict", "flat"])
+def test_gymnasium_finds_nothing_to_warn_about(tactile, obs):
+    env = gym.make("ruffini/GraspLift-v0", obs=obs, **everything(tactile=tactile))
+    check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_markers_are_seen_by_default_and_are_about_two_hundred():
+    env = gym.make("ruffini/GraspLift-v0", tactile="compliance", resolution=COARSE)
+    assert set(env.observation_space) == {"proprio", "object", "markers"}
+    assert env.observation_space["markers"].shape == (210,)
+
+
+@pytest.mark.parametrize("sensor", ["gelsight-mini", "digit"])
+def test_observations_stay_in_their_space_and_are_zero_without_contact(sensor):
+    env = GraspLiftEnv(**everything(sensor=sensor))
+    observation, _ = env.reset(seed=1)
+    touched = 0
+    for step in range(25):
+        assert observation in env.observation_space, step
+        force = np.abs(observation["wrench"]).max()
+        for channel in FELT:
+            assert np.any(observation[channel]) == (force > 0), (step, channel)
+        assert np.any(observation["depth"])
+        touched += force > 0
+        observation, *_ = env.step(grasping(step))
+    assert touched > 10, f"touched in {touched} of 25 steps"
+
+
+def test_the_wrench_is_that_of_the_traction_and_close_to_the_grip():
+    env = GraspLiftEnv(**everything())
+    env.reset(seed=1)
+    for step in range(25):
+        observation, *_ = env.step(grasping(step))
+    cells = env.skin()["grid"]
+    spacing = [np.diff(np.unique(cells[:, axis].round(9)))[0] for axis in (0, 1)]
+    area = spacing[0] * spacing[1]
+    traction = observation["traction"].reshape(2, -1, 3).astype(float)
+    wrench = observation["wrench"].reshape(2, 6)
+    np.testing.assert_allclose(traction.sum(1) * area, wrench[:, :3], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(-wrench[:, 2], 4.0, atol=0.4)
+
+
+def test_places_of_the_channels_have_their_sizes():
+    env = GraspLiftEnv(**everything())
+    skin, spaces = env.skin(), env.observation_space
+    assert spaces["markers"].shape == (2 * skin["markers"].size,)
+    assert spaces["displacement"].shape == (2 * skin["surface"].size,)
+    assert spaces["stress"].shape == (2 * len(skin["grid"]),)
+    assert spaces["depth"].shape == (2 * len(skin["depth"]),)
+    env.reset(seed=0)
+    assert np.all(np.abs(skin["markers"][:, :2]) < 0.011)
+    assert GraspLiftEnv().skin() is None
+
+
+def test_a_seed_gives_the_same_touch_again():
+    first, second = GraspLiftEnv(**everything()), GraspLiftEnv(**everything())
+    for env in (first, second):
+        env.reset(seed=3)
+    for step in range(15):
+        ours, theirs = (flat(env.step(grasping(step))[0]) for env in (first, second))
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_snapshot_in_mid_grasp_replays_bit_for_bit():
+    env = GraspLiftEnv(**everything())
+    env.reset(seed=2)
+    for step in range(14):
+        env.step(grasping(step))
+    copy, state = pickle.loads(pickle.dumps(env)), env.state()
+    later = [flat(env.step(grasping(step))[0]) for step in range(14, 22)]
+    env.set_state(state)
+    for replay in (env, copy):
+        again = [flat(replay.step(grasping(step))[0]) for step in range(14, 22)]
+        np.testing.assert_array_equal(again, later)
+    assert np.any(env.step(grasping(22))[0]["markers"])
+
+
+def test_a_reset_forgets_what_was_felt():
+    used, fresh = GraspLiftEnv(**everything()), GraspLiftEnv(**everything())
+    used.reset(seed=2)
+    for step in range(16):
+        used.step(grasping(step))
+    np.testing.assert_array_equal(flat(used.reset(seed=4)[0]), flat(fresh.reset(seed=4)[0]))
+    assert used.state() == fresh.state()
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_a_row_of_a_batch_equals_the_single_environment(mode, threads):
+    envs = GraspLiftVectorEnv(3, num_threads=threads, autoreset_mode=mode, **everything())
+    rows, _ = envs.reset(seed=5)
+    singles = [GraspLiftEnv(**everything()) for _ in range(3)]
+    for i, env in enumerate(singles):
+        np.testing.assert_array_equal(flat(rows)[i], flat(env.reset(seed=5 + i)[0]))
+    for step in range(16):
+        rows, *_ = envs.step(np.stack([grasping(step)] * 3))
+        for i, env in enumerate(singles):
+            np.testing.assert_array_equal(flat(rows)[i], flat(env.step(grasping(step))[0]))
+    assert np.any(rows["markers"])
+
+
+def test_random_steps_never_yield_what_is_not_a_number():
+    mode = AutoresetMode.SAME_STEP
+    objects = ["sphere", "cuboid", "annulus", "cup"]
+    settings = everything(objects=objects, position=0.01, start=0.01, yaw=(-3.0, 3.0))
+    settings |= {"gripper": {"max_force": 10.0}, "resolution": {"nodes": 150}}
+    envs = GraspLiftVectorEnv(20, autoreset_mode=mode, **settings)
+    envs.reset(seed=0)
+    touched = 0
+    for action in actions(20, 100):
+        action[:, :2] *= 0.2
+        rows, reward, *_, info = envs.step(action)
+        assert envs.observation_space.contains(rows) and np.isfinite(reward).all()
+        touched += int((np.abs(rows["wrench"]).max(axis=1) > 0).sum())
+        assert all(e is None or e in ENDINGS for e in info.get("ending", []))
+    assert touched > 100, f"touched in {touched} of 2,000 steps"
+
+
+def test_a_press_without_an_answer_ends_its_episode_by_name():
+    # The full grip drives two edges into the pads, farther than linear elasticity goes.
+    edges = everything(yaw=0.5, objects="cuboid")
+    env = GraspLiftEnv(**edges)
+    envs = GraspLiftVectorEnv(2, autoreset_mode=AutoresetMode.SAME_STEP, **edges)
+    env.reset(seed=0)
+    envs.reset(seed=0)
+    for step in range(25):
+        action = np.stack([grasping(step, 1.0), grasping(0)])
+        observation, _, terminated, _, info = env.step(action[0])
+        *_, done, _, infos = envs.step(action)
+        assert observation in env.observation_space
+        if terminated:
+            break
+    assert terminated and info["ending"] == "press_failed"
+    assert info["press_error"] in ("not-converged", "inverted", "penetrated")
+    assert done.tolist() == [True, False]
+    final = infos["final_info"]
+    assert final["press_error"][0] == info["press_error"]
+    assert final["_press_error"].tolist() == [True, False]
+
+
+def test_the_plan_shows_the_stages_that_are_asked_for():
+    env = gym.make("ruffini/GraspLift-v0", **{**OVER_OBJECT, "observation": ["markers", "stress"]})
+    env.reset(seed=0)
+    for step in range(20):
+        env.step(grasping(step))
+    stages = ["scene", "press", "model compliance", "correction"]
+    stages += ["channel markers", "channel stress", "reward"]
+    plan = env.unwrapped.plan(forget=True)
+    assert [name for name, _, _ in plan] == stages
+    assert all(runs > 0 and microseconds > 0 for _, runs, microseconds in plan)
+    assert all(runs == 0 for _, runs, _ in env.unwrapped.plan())
+    assert [name for name, *_ in GraspLiftEnv(observation="time").plan()] == [
+        "scene",
+        "channel time",
+        "reward",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"tactile": "surrogate"}, "tactile: unknown variant `surrogate`, expected one of `none`"),
+        ({"tactile": 3}, "tactile"),
+        ({"sensor": "gelsight"}, "sensor: found gelsight, expected one of gelsight-mini, digit"),
+        ({"sensor": "no-such.toml"}, "no-such.toml"),
+        ({"material": "steel"}, "material: found steel, expected one of tacflex, feats"),
+        ({"material": {"young": 1e5}}, "missing field `poisson`"),
+        ({"material": {"young": -1.0, "poisson": 0.3}}, "young"),
+        ({"material": {"young": 1e5, "poisson": 0.6}}, "poisson: found 0.6"),
+        ({"material": 3}, "expected a calibration's name or the numbers young and poisson"),
+        ({"resolution": {"nodes": 5}}, "resolution.nodes: found 5, expected 100 to"),
+        ({"resolution": {"markers": [0, 7]}}, "resolution.markers"),
+        ({"resolution": {"cells": 3}}, "unknown field `cells`"),
+        ({"observation": ["marker"]}, "observation: found marker"),
+        ({"observation": ["markers"], "tactile": "none"}, "set tactile"),
+        ({"gripper": {"pad_width": 0.03}}, "as the sensor gelsight-mini has it"),
+    ],
+)
+def test_bad_settings_are_named(settings, message):
+    with pytest.raises(ValueError, match=message.replace("[", r"\[")):
+        GraspLiftEnv(**{**OVER_OBJECT, **settings})
