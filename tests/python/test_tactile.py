@@ -202,7 +202,7 @@ def test_the_plan_shows_the_stages_that_are_asked_for():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"tactile": "surrogate"}, "tactile: unknown variant `surrogate`, expected one of `none`"),
+        ({"tactile": "touchy"}, "tactile: unknown variant `touchy`, expected one of `none`"),
         ({"tactile": 3}, "tactile"),
         ({"sensor": "gelsight"}, "sensor: found gelsight, expected one of gelsight-mini, digit"),
         ({"sensor": "no-such.toml"}, "no-such.toml"),

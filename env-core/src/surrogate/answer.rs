@@ -39,7 +39,8 @@ struct Trained {
 const TRIES: usize = 12;
 const FORCE: f64 = 1e-3;
 /// Weights that are known by name.
-const KNOWN: [(&str, &[u8]); 0] = [];
+const KNOWN: [(&str, &[u8]); 1] =
+    [("default", include_bytes!("../../assets/weights/default.safetensors"))];
 
 impl Surrogate {
     /// The shipped weights of that name on a gel of `sensor` with the given material and friction.

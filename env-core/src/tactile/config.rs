@@ -24,6 +24,8 @@ pub enum Choice {
     Compliance,
     /// Finite elements ([`crate::fem`]).
     Fem,
+    /// The shipped network ([`crate::surrogate`]).
+    Surrogate,
 }
 
 /// What a gel is made of.

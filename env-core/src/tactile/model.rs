@@ -8,8 +8,11 @@ use super::{Choice, Config, Skin};
 use crate::{
     Error, Result,
     compliance::{self, Compliance},
-    deformation::{Deformation, DeformationModel, Press, SoftBody},
+    deformation::{Deformation, DeformationModel, Law, Press, SoftBody},
     fem::{self, Fem},
+    geometry::PadMesh,
+    sensor::Sensor,
+    surrogate::Surrogate,
 };
 
 /// A model of a pad. Copies share what was computed in advance.
@@ -20,6 +23,8 @@ pub enum Model {
     Compliance(Compliance),
     /// Finite elements.
     Fem(Fem),
+    /// A network that corrects the linear answer.
+    Surrogate(Surrogate),
 }
 
 /// Everything fixed about the sense of touch: the surface of the pads and the model of their gel.
@@ -54,9 +59,8 @@ impl Touch {
             return Ok(Some(touch.clone()));
         }
         let sensor = config.sensor()?;
-        let (pad, body) = config.pad(&sensor)?;
+        let Some((model, pad, body)) = Model::new(config, &sensor)? else { return Ok(None) };
         let skin = Arc::new(Skin::new(&pad, &body, &sensor, &config.resolution)?);
-        let Some(model) = Model::new(config.choice, body)? else { return Ok(None) };
         let touch = Self { skin, model };
         built.insert(0, (config.clone(), touch.clone()));
         built.truncate(KEPT);
@@ -75,16 +79,20 @@ impl Touch {
 }
 
 impl Model {
-    /// The chosen model of `body`.
-    fn new(choice: Choice, body: SoftBody) -> Result<Option<Self>> {
-        Ok(match choice {
-            Choice::None => None,
+    /// The chosen model of the gel of `sensor`, and the pad and body that it answers on.
+    fn new(config: &Config, sensor: &Sensor) -> Result<Option<(Self, PadMesh, SoftBody)>> {
+        let (pad, body) = config.pad(sensor)?;
+        let on = body.clone();
+        let model = match config.choice {
+            Choice::None => return Ok(None),
             Choice::Compliance => {
                 let options = compliance::Options::default();
-                Some(Self::Compliance(alone(move || Compliance::new(body, options))?))
+                Self::Compliance(alone(move || Compliance::new(on, options))?)
             }
-            Choice::Fem => Some(Self::Fem(Fem::new(body, fem::Options::default())?)),
-        })
+            Choice::Fem => Self::Fem(Fem::new(on, fem::Options::default())?),
+            Choice::Surrogate => Self::Surrogate(trained(config, sensor)?),
+        };
+        Ok(Some((model, pad, body)))
     }
 
     /// Its name in the settings.
@@ -92,6 +100,7 @@ impl Model {
         match self {
             Self::Compliance(_) => "compliance",
             Self::Fem(_) => "fem",
+            Self::Surrogate(_) => "surrogate",
         }
     }
 }
@@ -101,8 +110,26 @@ impl DeformationModel for Model {
         match self {
             Self::Compliance(model) => model.solve(presses),
             Self::Fem(model) => model.solve(presses),
+            Self::Surrogate(model) => model.solve(presses),
         }
     }
+}
+
+/// The shipped network on the gel of `sensor`.
+fn trained(config: &Config, sensor: &Sensor) -> Result<Surrogate> {
+    let (law, moduli) = config.material(sensor)?;
+    if law != Law::NeoHookean {
+        let expected = "a neo-hookean gel for the surrogate";
+        return Err(Error::invalid("material", law, expected));
+    }
+    let friction = sensor.friction.at_rest;
+    let model = alone(|| Surrogate::named("default", sensor, moduli, friction))?;
+    let nodes = model.card().model_nodes;
+    if nodes != config.resolution.nodes {
+        let expected = format!("{nodes}, those of the surrogate");
+        return Err(Error::invalid("resolution.nodes", config.resolution.nodes, expected));
+    }
+    Ok(model)
 }
 
 /// What `build` returns, run on a thread that is gone afterwards: a process that has started rayon's

@@ -30,7 +30,7 @@ class Settings(TypedDict, total=False):
     lift_height: float
     hold_time: float
     max_episode_steps: int
-    tactile: Literal["none", "compliance", "fem"]
+    tactile: Literal["none", "compliance", "fem", "surrogate"]
     sensor: str
     material: str | Mapping[str, float]
     resolution: Mapping[str, int | Sequence[int]]

@@ -179,6 +179,7 @@ class GraspLiftEnv(gym.Env[Observation, NDArray[np.float32]]):
             ``start_height`` (m), each a range or a number; ``lift_height`` (m), ``hold_time`` (s),
             ``max_episode_steps``, ``observation`` (channels), ``reward_weights``, and mappings for
             ``gripper``, ``workspace`` and ``physics``. Of touch: ``tactile`` (``"none"``,
+            ``"surrogate"``: a network,
             ``"compliance"``: linear elasticity, or ``"fem"``: finite elements), ``sensor``
             (``"gelsight-mini"``, ``"digit"`` or a .toml file), ``material`` (name of a calibration
             of the sensor, or ``{"young": Pa, "poisson": ratio}``), ``resolution``
