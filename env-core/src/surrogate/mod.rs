@@ -19,6 +19,8 @@ mod ops;
 mod parameters;
 mod run;
 mod samples;
+#[cfg(test)]
+mod tests;
 mod train;
 mod weights;
 

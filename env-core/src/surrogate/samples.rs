@@ -77,6 +77,12 @@ impl Gels {
         Ok(Self { graphs: meshes.iter().map(PadGraph::new).collect::<Result<_>>()?, pads, nodes })
     }
 
+    /// Graphs alone, for samples that are made elsewhere.
+    #[cfg(test)]
+    pub(super) fn of(graphs: Vec<PadGraph>) -> Self {
+        Self { graphs, pads: Vec::new(), nodes: 0 }
+    }
+
     /// Every frame of `dataset` whose grasp is in one of `parts`, for each part, and how many the linear
     /// model did not answer. `watch` is told of each shard; if it says no, what is there is returned.
     pub(super) fn samples<const N: usize>(

@@ -37,6 +37,8 @@ pub struct Training {
     pub clip: f64,
     /// Nodes of the mesh of the linear model, at most.
     pub linear_nodes: usize,
+    /// Whether presses are also seen in the pad's mirrors.
+    pub mirrors: bool,
     /// Sizes of the network.
     pub network: CorrectorConfig,
 }
@@ -52,6 +54,7 @@ impl Default for Training {
             warmup: 0.05,
             clip: 1.0,
             linear_nodes: 2000,
+            mirrors: true,
             network: CorrectorConfig::default(),
         }
     }
@@ -83,7 +86,7 @@ impl Training {
 
     /// Learning rate at a step of all `steps`.
     fn rate(&self, step: u64, steps: u64) -> f64 {
-        let done = step as f64 / steps.max(1) as f64;
+        let done = (step + 1) as f64 / steps.max(1) as f64;
         let rise = (done / self.warmup.max(1e-9)).min(1.0);
         self.rate * rise * (0.01 + 0.495 * (1.0 + (PI * done).cos()))
     }
@@ -161,7 +164,8 @@ impl Trainer {
             let mut own: Vec<usize> =
                 (0..samples.len()).filter(|&i| samples[i].graph == graph).collect();
             own.shuffle(&mut random);
-            let cut = own.chunks(PIECE).map(|piece| (piece.to_vec(), random.random_range(0..4)));
+            let mirrors = if self.training.mirrors { 4 } else { 1 };
+            let cut = own.chunks(PIECE).map(|piece| (piece.to_vec(), random.random_range(0..mirrors)));
             pieces.extend(cut.collect::<Vec<_>>());
         }
         pieces.shuffle(&mut random);

@@ -1,0 +1,205 @@
+//! Training as a whole, on presses of a ball solved by finite elements on the model mesh itself.
+
+use nalgebra::Isometry3;
+
+use super::{
+    Surrogate,
+    adam,
+    corrector::{Corrector, CorrectorConfig},
+    features::{Gel, Question, Truth, flat},
+    graph::PadGraph,
+    linear::{Linear, body},
+    loss::parts,
+    samples::{Gels, Sample},
+    train::{Trainer, Training},
+    weights,
+};
+use crate::{
+    deformation::{Moduli, Press},
+    fem::{Fem, Options},
+    geometry::Shape,
+    sensor::Sensor,
+};
+
+const GEL: Moduli = Moduli { young: 3e5, poisson: 0.47 };
+const FRICTION: f64 = 0.8;
+
+/// A ball at `depth` (m) in the middle of a face, or above it.
+fn press(depth: f64) -> Press {
+    let pose = Isometry3::translation(1e-3, 0.5e-3, 0.004 - depth);
+    Press::along(vec![Shape::Sphere { radius: 0.004 }], vec![vec![pose]]).unwrap()
+}
+
+/// Gels without linear models, for samples made by hand.
+fn gels(graph: PadGraph) -> Gels {
+    Gels::of(vec![graph])
+}
+
+fn samples(depths: &[f64]) -> (PadGraph, Vec<Sample>) {
+    let sensor = Sensor::named("gelsight-mini").unwrap();
+    let pad = sensor.pad(1000).unwrap();
+    let graph = PadGraph::new(&pad).unwrap();
+    let gel = Gel { moduli: GEL, friction: FRICTION, thickness: sensor.outline.thickness };
+    let linear = Linear::new(&sensor, &gel, 1000, &pad).unwrap();
+    let options = Options { friction: FRICTION, ..Options::default() };
+    let elements = Fem::new(body(&pad, GEL).unwrap(), options).unwrap();
+    let sample = |&depth: &f64| {
+        let press = press(depth);
+        let answer = linear.path(&press).swap_remove(0).unwrap();
+        let truth = elements.solve_path(&press).swap_remove(0).unwrap();
+        let (places, shapes) = (&pad.mesh.vertices, press.shapes());
+        let mut forces = flat(&truth.contact_force, gel.force());
+        forces.truncate(3 * graph.columns);
+        Sample {
+            graph: 0,
+            gel: 0,
+            grasp: "ball/000".to_owned(),
+            question: Question::new(&graph, &gel, places, shapes, &linear.carry(&answer)),
+            truth: Truth {
+                displacement: flat(&truth.displacement, gel.thickness),
+                stress: truth.von_mises.iter().map(|s| (s / GEL.shear()) as f32).collect(),
+                forces,
+                force: (truth.wrench.force / gel.force()).map(|x| x as f32).into(),
+            },
+        }
+    };
+    let samples = depths.iter().map(sample).collect();
+    (graph, samples)
+}
+
+fn small() -> Training {
+    let network = CorrectorConfig { width: 16, corner: 8, ..CorrectorConfig::default() };
+    Training { network, epochs: 2, batch: 4, ..Training::default() }
+}
+
+#[test]
+fn every_parameter_gets_a_gradient() {
+    let (graph, samples) = samples(&[8e-4]);
+    let mut trainer = Trainer::new(small()).unwrap();
+    // Last layers begin at zero and hide what is behind them until they have moved.
+    for _ in 0..2 {
+        trainer.epoch(&gels(graph.clone()), &samples, &mut || true).unwrap().unwrap();
+    }
+    let loss = parts(&trainer.network, &[&samples[0]], &graph, 0).unwrap().total().unwrap();
+    let variables = trainer.parameters.all();
+    let gradients = adam::gradients(&variables, &loss.backward().unwrap()).unwrap();
+    for (name, gradient) in &gradients {
+        assert!(gradient.iter().any(|g| *g != 0.0), "{name} gets none");
+    }
+}
+
+#[test]
+fn one_press_can_be_learnt_by_heart() {
+    let (graph, samples) = samples(&[1e-3]);
+    let network = CorrectorConfig::default();
+    let training = Training { epochs: 1000, rate: 4e-3, mirrors: false, network, ..small() };
+    let mut trainer = Trainer::new(training).unwrap();
+    let gels = gels(graph.clone());
+    let before = parts(&trainer.network, &[&samples[0]], &graph, 0).unwrap().values().unwrap();
+    for _ in 0..1000 {
+        trainer.epoch(&gels, &samples, &mut || true).unwrap().unwrap();
+    }
+    let after = parts(&trainer.network, &[&samples[0]], &graph, 0).unwrap().values().unwrap();
+    assert!(before[0] > 0.02 && before[3] > 0.02, "nothing to learn: {before:?}");
+    assert!(after[0] < 5e-3 && after[1] < 5e-3 && after[3] < 5e-3, "{after:?}, {before:?} before");
+}
+
+#[test]
+fn a_resumed_training_is_the_same_to_the_bit() {
+    let (graph, samples) = samples(&[4e-4, 8e-4]);
+    let gels = gels(graph);
+    let mut straight = Trainer::new(small()).unwrap();
+    let mut first = Trainer::new(small()).unwrap();
+    for _ in 0..2 {
+        straight.epoch(&gels, &samples, &mut || true).unwrap().unwrap();
+    }
+    first.epoch(&gels, &samples, &mut || true).unwrap().unwrap();
+    let mut resumed = Trainer::new(small()).unwrap();
+    resumed.restore(&first.vectors().unwrap(), first.epoch, first.adam.steps).unwrap();
+    resumed.epoch(&gels, &samples, &mut || true).unwrap().unwrap();
+    assert_eq!(straight.vectors().unwrap(), resumed.vectors().unwrap());
+}
+
+#[test]
+fn without_contact_it_says_exactly_nothing() {
+    let sensor = Sensor::named("gelsight-mini").unwrap();
+    let network = Surrogate::named("default", &sensor, GEL, FRICTION).unwrap();
+    let answer = network.solve_path(&press(-1e-4)).swap_remove(0).unwrap();
+    assert!(answer.displacement.iter().chain(&answer.contact_force).all(|v| v.norm() == 0.0));
+    assert_eq!(answer.wrench.force.norm(), 0.0);
+    assert!(network.knows(&answer.displacement));
+    let deep = vec![nalgebra::Vector3::new(0.0, 0.0, -0.003); answer.displacement.len()];
+    assert!(!network.knows(&deep));
+}
+
+#[test]
+fn stress_is_in_proportion_to_youngs_modulus() {
+    let sensor = Sensor::named("gelsight-mini").unwrap();
+    let stiff = Moduli { young: 2.0 * GEL.young, ..GEL };
+    let answer = |moduli| {
+        let network = Surrogate::named("default", &sensor, moduli, FRICTION).unwrap();
+        network.solve_path(&press(6e-4)).swap_remove(0).unwrap()
+    };
+    let (soft, stiff) = (answer(GEL), answer(stiff));
+    let ratio = stiff.wrench.force.z / soft.wrench.force.z;
+    // The contact solver's own tolerance is a force, the same for both.
+    assert!((ratio / 2.0 - 1.0).abs() < 1e-3, "{ratio} for 2");
+    let (high, low) = (stiff.von_mises[100], soft.von_mises[100]);
+    assert!((high / low / 2.0 - 1.0).abs() < 5e-3, "{high} Pa for twice {low} Pa");
+}
+
+#[test]
+fn a_force_is_that_of_the_answer() {
+    let sensor = Sensor::named("gelsight-mini").unwrap();
+    let network = Surrogate::named("default", &sensor, GEL, FRICTION).unwrap();
+    let down = -nalgebra::Vector3::z();
+    let start = vec![Isometry3::translation(0.0, 0.0, 0.0045)];
+    let ball = vec![Shape::Sphere { radius: 0.004 }];
+    let press = Press::with_force(ball, start, 1.5, down).unwrap();
+    let answer = network.solve_path(&press).swap_remove(0).unwrap();
+    let force = answer.wrench.force.dot(&down);
+    assert!((force / 1.5 - 1.0).abs() < 1e-3, "{force} N for 1.5 N");
+}
+
+#[test]
+fn damaged_weights_are_named() {
+    let sensor = Sensor::named("gelsight-mini").unwrap();
+    let folder = std::env::temp_dir().join(format!("ruffini-weights-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("weights.safetensors");
+    let message = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        let loaded = Surrogate::load(&path, &sensor, GEL, FRICTION);
+        loaded.map(|_| ()).unwrap_err().to_string()
+    };
+    let good: &[u8] = include_bytes!("../../assets/weights/default.safetensors");
+    assert!(message(b"").contains("weights.safetensors"));
+    assert!(message(&good[..good.len() - 4]).contains("weights.safetensors"));
+    // A header that promises more bytes than there are allocates nothing.
+    assert!(message(&[&u64::MAX.to_le_bytes()[..], b"{}"].concat()).contains("weights"));
+    let (mut vectors, card): (_, weights::Card) = weights::from_bytes("default", good).unwrap();
+    let (_, values) = vectors.values_mut().next().unwrap();
+    values[0] = f32::NAN;
+    assert!(message(&weights::to_bytes(&vectors, &card)).contains("expected finite numbers"));
+    let (mut vectors, card): (_, weights::Card) = weights::from_bytes("default", good).unwrap();
+    vectors.remove("corners.weight");
+    assert!(message(&weights::to_bytes(&vectors, &card)).contains("corners.weight: missing"));
+    let (vectors, mut card): (_, weights::Card) = weights::from_bytes("default", good).unwrap();
+    card.network.width += 1;
+    assert!(message(&weights::to_bytes(&vectors, &card)).contains("expected"));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// A network without training corrects nothing.
+#[test]
+fn an_untrained_network_is_the_linear_answer_but_for_the_strain() {
+    let (graph, samples) = samples(&[8e-4]);
+    let network = Corrector::new(&CorrectorConfig::default(), &super::parameters::Parameters::drawn(0).builder());
+    let question = &samples[0].question;
+    let batch = super::corrector::Batch::new(&[question]).unwrap();
+    let answer = network.unwrap().forward(&batch, &graph).unwrap();
+    let displacement: Vec<f32> = answer.displacement.flatten_all().unwrap().to_vec1().unwrap();
+    assert_eq!(displacement, question.displacement);
+    let stress: Vec<f32> = answer.stress.flatten_all().unwrap().to_vec1().unwrap();
+    assert_eq!(stress, question.stress);
+}
