@@ -37,6 +37,8 @@ pub struct PadFrames {
     pub grasp: String,
     /// Which of the configuration's gels.
     pub gel: usize,
+    /// Pose of the object in the pad's frame where they touched.
+    pub start: Isometry3<f64>,
     /// Poses of the object in the pad's frame (F).
     pub poses: Vec<Isometry3<f64>>,
     /// Displacement (F, V, 3) in m.
@@ -120,7 +122,7 @@ impl Dataset {
         let file = SafeTensors::deserialize(&bytes).map_err(|error| failed(path, &error))?;
         let mut pads = Vec::new();
         for entry in entries::<Entry>(path, &bytes)?.iter().filter(|entry| entry.frames > 0) {
-            for side in ["first", "second"] {
+            for side in 0..2 {
                 let frames = pad(&file, entry, side).map_err(|error| failed(path, &error))?;
                 pads.push(frames);
             }
@@ -138,16 +140,22 @@ fn claimed(text: &str) -> serde_json::Result<Config> {
 
 type Found<T> = std::result::Result<T, SafeTensorError>;
 
-fn pad(file: &SafeTensors, entry: &Entry, side: &str) -> Found<PadFrames> {
+fn pad(file: &SafeTensors, entry: &Entry, side: usize) -> Found<PadFrames> {
     let number = entry.plan.name.rsplit('/').next().unwrap_or_default();
-    let bytes = |name: &str| file.tensor(&format!("{number}.{side}.{name}"));
+    let name = ["first", "second"][side];
+    let bytes = |what: &str| file.tensor(&format!("{number}.{name}.{what}"));
     let single = |name: &str| -> Found<Vec<f32>> {
         Ok(bytes(name)?.data().as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
     };
     let double = |name: &str| -> Found<Vec<f64>> {
         Ok(bytes(name)?.data().as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect())
     };
+    let placed = double("pose")?.as_chunks::<7>().0.iter().map(pose).collect::<Vec<_>>();
+    let closing = file.tensor(&format!("{number}.closing"))?.data().as_chunks().0[0];
+    let closed = entry.plan.closed(&[Isometry3::identity(); 2], f64::from_le_bytes(closing));
     Ok(PadFrames {
+        // The object was still at its start, the origin of the poses of pads.
+        start: closed[side] * placed[0].inverse(),
         grasp: entry.plan.name.clone(),
         gel: entry.plan.gel,
         poses: double("press")?.as_chunks::<7>().0.iter().map(pose).collect(),

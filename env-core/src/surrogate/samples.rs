@@ -131,9 +131,10 @@ impl Gels {
         }
         let path_of = |frames: &PadFrames| -> Result<Vec<Carried>> {
             let linear = &self.pads[frames.gel].linear;
-            let poses = frames.poses.iter().map(|&pose| vec![pose]).collect();
+            let poses = std::iter::once(&frames.start).chain(&frames.poses);
+            let poses = poses.map(|&pose| vec![pose]).collect();
             let press = Press::along(vec![shape.clone()], poses)?;
-            let answers = linear.path(&press).into_iter().map_while(Result::ok);
+            let answers = linear.path(&press).into_iter().map_while(Result::ok).skip(1);
             Ok(answers.map(|answer| linear.carry(&answer)).collect())
         };
         let answers: Answers = pads.par_iter().map(path_of).collect::<Result<_>>()?;
