@@ -148,8 +148,8 @@ fn of_bed(pads: &SoftPads, indenter: &Indenter) -> Curve {
     curve.expect("a bed always answers")
 }
 
-/// Sum of squared logarithmic errors. Ten micrometres of depth are nothing to a grasp, so forces at
-/// 0.1 mm, where they are 20 % of it, count a third.
+/// Sum of squared logarithmic errors. At 0.1 mm ten micrometres, nothing to a grasp, are a fifth of
+/// the force, so forces there count a third.
 fn misfit(bed: &Curve, truth: &Curve) -> f64 {
     let error = |(a, b): (&f64, &f64)| (a.max(1e-9) / b).ln().powi(2);
     let normal = bed.normal.iter().zip(&truth.normal).map(error).enumerate();

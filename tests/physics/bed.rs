@@ -1,12 +1,21 @@
 //! Soft pads: an implicit bed of bristles between the fingers and the object.
 
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use ruffini_core::{
     deformation::{Law, Moduli, Press, SoftBody},
+    env::{Autoreset, Batch, Setup},
     fem::{Fem, Options},
     geometry::{PadOutline, Shape, Surface},
-    scene::{Command, Failure, Object, ObjectModel, Pads, Scene, SceneConfig, SoftPads, Wrench},
+    scene::{
+        CATALOGUE, Command, Failure, Object, ObjectModel, Pads, Scene, SceneConfig, SoftPads,
+        Wrench,
+    },
     sensor::{Bristles, Sensor},
+    task::{Config, Ending, ObjectSpec},
 };
 
 use crate::grasp::{HEIGHT, Trial, matrix, run};
@@ -211,6 +220,36 @@ fn a_saved_scene_goes_on_bit_for_bit() {
             assert_eq!(scene.state(), other.state(), "{name}, step {step}");
         }
         assert_eq!(postcard::to_stdvec(&scene).unwrap(), postcard::to_stdvec(&other).unwrap());
+    }
+}
+
+#[test]
+fn random_actions_on_every_object_stay_finite_and_replay_from_a_snapshot() {
+    let objects = CATALOGUE.map(|name| ObjectSpec::Name(name.into())).into();
+    let config = Config { scene: soft(), objects, ..Config::default() };
+    let setup = Arc::new(Setup::new(config).unwrap());
+    let batch = || Batch::new(Arc::clone(&setup), 12, 1, Autoreset::NextStep).unwrap();
+    let mut first = batch();
+    first.seed(&(0..12).map(Some).collect::<Vec<_>>()).unwrap();
+    first.reset(None).unwrap();
+    let mut second = batch();
+    let mut random = ChaCha8Rng::seed_from_u64(7);
+    for step in 0..300 {
+        if step == 150 {
+            second.load(&first.save()).unwrap();
+        }
+        // Down and closing more often than not, so that the fingers meet the object.
+        let bias = [0.0, 0.0, -0.2, 0.0, 0.3];
+        let actions: Vec<f32> =
+            (0..60).map(|i| random.random_range(-1.0..1.0) + bias[i % 5]).collect();
+        let result = first.step(&actions).unwrap();
+        for outcome in &result.outcomes {
+            let sound = outcome.ending.is_none_or(|ending| ending == Ending::ObjectLost);
+            assert!(sound, "step {step}: {:?}", outcome.ending);
+        }
+        if step >= 150 {
+            assert_eq!(second.step(&actions).unwrap().observation, result.observation);
+        }
     }
 }
 

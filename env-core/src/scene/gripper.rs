@@ -73,7 +73,7 @@ impl Hand {
         let target = gap + rate * world.integration_parameters.dt;
         let axis = world.bodies[self.wrist].rotation() * Vector::X;
         let stiffness = gripper.centering_stiffness as f32;
-        let damping = self.damping(gripper, grip) as f32;
+        let damping = damping(gripper, grip) as f32;
         for finger in &self.fingers {
             let joint = finger.motor(world);
             joint.set_motor(JointAxis::LinX, -finger.side * target, 0.0, stiffness, damping);
@@ -85,11 +85,6 @@ impl Hand {
 }
 
 impl Hand {
-    /// Damping of each slide under the force `grip` (N s/m).
-    pub(super) fn damping(&self, gripper: &Gripper, grip: f64) -> f64 {
-        grip.abs().max(LEAST_FORCE) / gripper.closing_speed
-    }
-
     /// What moves each finger along its slide under the force `grip` (N), dampers aside.
     pub(super) fn slides(&self, world: &PhysicsWorld, gripper: &Gripper, grip: f64) -> [Slide; 2] {
         let travel = self.fingers.map(|finger| units::si(finger.travel(world, self.wrist).0));
@@ -103,6 +98,11 @@ impl Hand {
             }
         })
     }
+}
+
+/// Damping of each slide under the force `grip` (N s/m).
+pub(super) fn damping(gripper: &Gripper, grip: f64) -> f64 {
+    grip.abs().max(LEAST_FORCE) / gripper.closing_speed
 }
 
 /// Motion of a finger, and the force along the wrist's x on it.

@@ -16,8 +16,9 @@ type Stiffness = SMatrix<f64, 8, 8>;
 
 /// Time by which the gel's damping force lags its elastic one (s); stiffness-proportional.
 const DAMPING: f64 = 2e-3;
-/// Newton stops where its step is slower than this (m/s; turns count at a lever of `LEVER`).
-const SLOWEST: f64 = 1e-7;
+/// Newton stops where the forces differ by less than this from the linearised ones, relative.
+const CLOSE: f64 = 1e-6;
+/// Lever at which torques count as forces (m).
 const LEVER: f64 = 0.02;
 /// Most Newton steps; two are usual.
 const MOST_STEPS: usize = 8;
@@ -48,6 +49,8 @@ pub(super) struct Contact {
     arm: Vector3<f64>,
     normal: Vector3<f64>,
     stretch: Vector3<f64>,
+    /// Stretch at the end of the step, as far as the bristle does not slip (m).
+    left: Vector3<f64>,
     /// Velocity of the pad there, slides at rest (m/s).
     base: Vector3<f64>,
     /// Factor on the normal force.
@@ -74,7 +77,7 @@ impl Contact {
         base: Vector3<f64>,
     ) -> Self {
         let (normal, stretch) = (turn * touch.normal, turn * touch.stretch);
-        Self { finger, touch, arm, normal, stretch, base, gain }
+        Self { finger, touch, arm, normal, stretch, left: stretch, base, gain }
     }
 
     /// Velocity of the object against the pad (m/s).
@@ -119,30 +122,36 @@ pub(super) struct Balance {
 }
 
 impl Bodies {
-    /// Solves the balance; the bristles that slipped are shortened in `contacts`.
+    /// Solves the balance; `contacts` learn the stretch that they are left with.
     pub(super) fn balance(&self, contacts: &mut [Contact], friction: f64) -> Balance {
         let mut motion = self.motion;
+        let mut balance = Balance { forces: Motion::zeros(), wrenches: [Wrench::default(); 2] };
         for _ in 0..MOST_STEPS {
             let (forces, stiffness) = self.linearised(contacts, &motion, friction);
             let step = self.newton_step(&motion, &forces, &stiffness);
             motion += step;
-            if speed(&step) < SLOWEST {
+            balance = self.exerted(contacts, &motion, friction);
+            let expected = forces - stiffness * step * (self.time_step + DAMPING);
+            if size(&(balance.forces - expected)) <= CLOSE * size(&expected) {
                 break;
             }
         }
-        let mut balance = Balance { forces: Motion::zeros(), wrenches: [Wrench::default(); 2] };
+        balance
+    }
+
+    /// What the bed exerts at the end of a step with this motion, and the stretch that it leaves.
+    fn exerted(&self, contacts: &mut [Contact], motion: &Motion, friction: f64) -> Balance {
+        let mut wrenches = [Wrench::default(); 2];
         for contact in contacts {
-            let answer = contact.answer(self, &motion, friction);
+            let answer = contact.answer(self, motion, friction);
             let force = answer.normal + answer.sideways;
-            let wrench = &mut balance.wrenches[contact.finger];
+            let wrench = &mut wrenches[contact.finger];
             wrench.force += force;
             wrench.torque += contact.arm.cross(&force);
-            contact.stretch = answer.stretch;
+            contact.left = answer.stretch;
         }
-        for (finger, wrench) in balance.wrenches.iter().enumerate() {
-            balance.forces += self.loads_of(finger, wrench);
-        }
-        balance
+        let forces = self.loads_of(0, &wrenches[0]) + self.loads_of(1, &wrenches[1]);
+        Balance { forces, wrenches }
     }
 
     /// A wrench on the object about its centre of mass as forces on the unknowns: the finger bears
@@ -206,9 +215,10 @@ impl Bodies {
     }
 }
 
-fn speed(step: &Motion) -> f64 {
-    let angular = LEVER * step.fixed_rows::<3>(3).norm();
-    step.fixed_rows::<3>(0).norm().max(angular).max(step[6].abs()).max(step[7].abs())
+/// Size of forces on the unknowns (N), torques at a lever of `LEVER`.
+fn size(forces: &Motion) -> f64 {
+    let turning = forces.fixed_rows::<3>(3).norm() / LEVER;
+    forces.fixed_rows::<3>(0).norm().max(turning).max(forces[6].abs()).max(forces[7].abs())
 }
 
 /// Sums over the touches of one finger that its stiffness is made of.
@@ -262,6 +272,6 @@ impl Sums {
 impl Contact {
     /// Stretch that the bristle is left with (m), in the pad's frame.
     pub(super) fn stretch_left(&self, turn: &UnitQuaternion<f64>) -> Vector3<f64> {
-        turn.inverse_transform_vector(&self.stretch)
+        turn.inverse_transform_vector(&self.left)
     }
 }

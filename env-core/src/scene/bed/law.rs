@@ -44,18 +44,24 @@ impl Depth {
 
     /// Mean of the depth over the cell, 0 where it does not touch (m).
     pub(super) fn mean(&self) -> f64 {
-        if self.middle >= self.spread {
-            return self.middle;
+        if self.middle <= -self.spread {
+            0.0
+        } else if self.middle >= self.spread {
+            self.middle
+        } else {
+            0.25 * (self.middle + self.spread).powi(2) / self.spread
         }
-        0.25 * (self.middle + self.spread).max(0.0).powi(2) / self.spread
     }
 
     /// Mean of its square (m²).
     pub(super) fn mean_square(&self) -> f64 {
-        if self.middle >= self.spread {
-            return self.middle * self.middle + self.spread * self.spread / 3.0;
+        if self.middle <= -self.spread {
+            0.0
+        } else if self.middle >= self.spread {
+            self.middle * self.middle + self.spread * self.spread / 3.0
+        } else {
+            (self.middle + self.spread).powi(3) / (6.0 * self.spread)
         }
-        (self.middle + self.spread).max(0.0).powi(3) / (6.0 * self.spread)
     }
 
     /// The same cell, the object moved into it by `way` (m).

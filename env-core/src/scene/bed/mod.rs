@@ -21,7 +21,10 @@ use rapier3d::prelude::{PhysicsWorld, RigidBodyHandle, Vector};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Gripper, Object, ObjectModel, SoftPads, Wrench, field::DistanceField, gripper::Hand, units,
+    Gripper, Object, ObjectModel, SoftPads, Wrench,
+    field::DistanceField,
+    gripper::{Hand, damping},
+    units,
 };
 use balance::{Bodies, Contact, Motion};
 use correction::Correction;
@@ -301,7 +304,7 @@ fn bodies(
         loads,
         axis,
         finger_mass: gripper.finger_mass,
-        slide_damping: hand.damping(gripper, step.grip),
+        slide_damping: damping(gripper, step.grip),
         centering: gripper.centering_stiffness,
     }
 }
