@@ -4,9 +4,14 @@
 //! percentiles are over presses. Presses whose true displacement is below 1 µm (root mean square) are
 //! counted apart, for they have no relative error worth the name. Nothing is clipped or left out.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{corrector::Batch, corrector::Corrector, features::Truth, samples::Gels, samples::Sample};
+use super::{
+    features::{Gel, Truth},
+    samples::{Gels, Sample},
+    train::Network,
+};
 use crate::Result;
 
 /// Root mean square displacement below which a press is counted apart (m).
@@ -14,7 +19,7 @@ const STILL: f64 = 1e-6;
 /// Share of the peak stress from which a tetrahedron belongs to the stressed set.
 const STRESSED: f64 = 0.05;
 
-/// Fields of an answer in the units of [`Truth`].
+/// Fields of an answer in the units of [`Truth`]; not a number where the answerer does not say.
 pub(super) struct Fields {
     pub(super) displacement: Vec<f32>,
     pub(super) stress: Vec<f32>,
@@ -167,31 +172,26 @@ pub(super) fn judge_linear(gels: &Gels, samples: &[Sample]) -> Vec<PressErrors> 
             forces: question.forces.clone(),
             force: [x, y, z],
         };
-        errors(gels, sample, &fields)
+        errors(&fields, &sample.truth, &gels.pads[sample.gel].gel)
     };
     samples.iter().map(one).collect()
 }
 
 /// Errors of the network on `samples`.
-pub(super) fn judge(network: &Corrector, gels: &Gels, samples: &[Sample]) -> Result<Vec<PressErrors>> {
-    use rayon::prelude::*;
-    let one = |sample: &Sample| {
-        let answer = network.forward(&Batch::new(&[&sample.question])?, &gels.graphs[sample.graph])?;
-        let force: Vec<f32> = answer.force.flatten_all()?.to_vec1()?;
-        let fields = Fields {
-            displacement: answer.displacement.flatten_all()?.to_vec1()?,
-            stress: answer.stress.flatten_all()?.to_vec1()?,
-            forces: answer.forces.flatten_all()?.to_vec1()?,
-            force: [force[0], force[1], force[2]],
-        };
-        Ok(errors(gels, sample, &fields))
+pub(super) fn judge<N: Network>(
+    network: &N,
+    ground: &N::Ground,
+    samples: &[N::Sample],
+) -> Result<Vec<PressErrors>> {
+    let one = |sample: &N::Sample| {
+        let (truth, gel) = N::truth(ground, sample);
+        Ok(errors(&network.answer(ground, sample)?, truth, gel))
     };
     samples.par_iter().map(one).collect()
 }
 
-fn errors(gels: &Gels, sample: &Sample, fields: &Fields) -> PressErrors {
-    let gel = &gels.pads[sample.gel].gel;
-    PressErrors::of(fields, &sample.truth, gel.thickness, gel.moduli.shear())
+fn errors(fields: &Fields, truth: &Truth, gel: &Gel) -> PressErrors {
+    PressErrors::of(fields, truth, gel.thickness, gel.moduli.shear())
 }
 
 #[cfg(test)]
