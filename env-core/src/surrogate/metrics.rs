@@ -113,18 +113,24 @@ impl PressErrors {
     }
 }
 
+impl Spread {
+    /// Of single values.
+    pub(super) fn of(mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        let at = |share: f64| {
+            let last = values.len().saturating_sub(1) as f64;
+            values.get((share * last).round() as usize).copied().unwrap_or_default()
+        };
+        Self { median: at(0.5), p95: at(0.95) }
+    }
+}
+
 impl Summary {
     /// Of single presses.
     pub fn of(presses: &[PressErrors]) -> Self {
         let moving: Vec<_> = presses.iter().filter(|errors| !errors.still).collect();
         let spread = |field: fn(&PressErrors) -> f64| {
-            let mut values: Vec<f64> = moving.iter().map(|errors| field(errors).abs()).collect();
-            values.sort_by(f64::total_cmp);
-            let at = |share: f64| {
-                let last = values.len().saturating_sub(1) as f64;
-                values.get((share * last).round() as usize).copied().unwrap_or_default()
-            };
-            Spread { median: at(0.5), p95: at(0.95) }
+            Spread::of(moving.iter().map(|errors| field(errors).abs()).collect())
         };
         let mean = |field: fn(&PressErrors) -> f64| {
             presses.iter().map(field).sum::<f64>() / presses.len().max(1) as f64
@@ -148,7 +154,7 @@ fn norm(field: &[f32]) -> f64 {
     field.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt()
 }
 
-fn relative(found: &[f32], truth: &[f32]) -> f64 {
+pub(super) fn relative(found: &[f32], truth: &[f32]) -> f64 {
     let difference: Vec<f32> = found.iter().zip(truth).map(|(a, b)| a - b).collect();
     norm(&difference) / norm(truth).max(f64::MIN_POSITIVE)
 }
@@ -190,7 +196,8 @@ pub(super) fn judge<N: Network>(
     samples.par_iter().map(one).collect()
 }
 
-fn errors(fields: &Fields, truth: &Truth, gel: &Gel) -> PressErrors {
+/// Errors of `fields` against the truth on a gel.
+pub(super) fn errors(fields: &Fields, truth: &Truth, gel: &Gel) -> PressErrors {
     PressErrors::of(fields, truth, gel.thickness, gel.moduli.shear())
 }
 
