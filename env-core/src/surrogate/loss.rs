@@ -4,12 +4,15 @@
 //! the same, however hard it presses.
 
 use candle_core::{Device, Result, Tensor};
+use candle_nn::VarBuilder;
 
 use super::{
-    corrector::{Answer, Batch, Corrector},
-    features::{Question, Truth},
+    corrector::{Answer, Batch, Corrector, CorrectorConfig},
+    features::{Gel, Question, Truth},
     graph::PadGraph,
-    samples::Sample,
+    metrics::Fields,
+    samples::{Gels, Sample},
+    train::{Loss, Network},
 };
 
 /// Weight of displacement, stress, forces on nodes and net force in the loss.
@@ -56,9 +59,45 @@ pub(super) fn errors(answer: &Answer, truths: &[&Truth]) -> Result<[Tensor; 4]> 
 }
 
 /// ‖x − truth‖ / ‖truth‖ of each row.
-fn relative(x: &Tensor, truth: &Tensor) -> Result<Tensor> {
+pub(super) fn relative(x: &Tensor, truth: &Tensor) -> Result<Tensor> {
     let norm = |x: Tensor| (x.sqr()?.sum(1)? + EPSILON)?.sqrt();
     norm((x - truth)?)? / norm(truth.clone())?
+}
+
+impl Network for Corrector {
+    type Config = CorrectorConfig;
+    type Sample = Sample;
+    type Ground = Gels;
+
+    fn new(config: &CorrectorConfig, vb: &VarBuilder) -> Result<Self> {
+        Self::new(config, vb)
+    }
+
+    fn graph(sample: &Sample) -> usize {
+        sample.graph
+    }
+
+    fn truth<'a>(gels: &'a Gels, sample: &'a Sample) -> (&'a Truth, &'a Gel) {
+        (&sample.truth, &gels.pads[sample.gel].gel)
+    }
+
+    fn loss(&self, gels: &Gels, samples: &[&Sample], mirror: usize) -> crate::Result<Loss> {
+        let graph = &gels.graphs[samples[0].graph];
+        let parts = parts(self, samples, graph, mirror)?;
+        Ok(Loss { total: parts.total()?, parts: parts.values()? })
+    }
+
+    fn answer(&self, gels: &Gels, sample: &Sample) -> crate::Result<Fields> {
+        let graph = &gels.graphs[sample.graph];
+        let answer = self.forward(&Batch::new(&[&sample.question])?, graph)?;
+        let force: Vec<f32> = answer.force.flatten_all()?.to_vec1()?;
+        Ok(Fields {
+            displacement: answer.displacement.flatten_all()?.to_vec1()?,
+            stress: answer.stress.flatten_all()?.to_vec1()?,
+            forces: answer.forces.flatten_all()?.to_vec1()?,
+            force: [force[0], force[1], force[2]],
+        })
+    }
 }
 
 /// The errors of a network on `samples`, all of one graph, seen in one of its mirrors.

@@ -4,9 +4,14 @@
 //! percentiles are over presses. Presses whose true displacement is below 1 µm (root mean square) are
 //! counted apart, for they have no relative error worth the name. Nothing is clipped or left out.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{corrector::Batch, corrector::Corrector, features::Truth, samples::Gels, samples::Sample};
+use super::{
+    features::{Gel, Truth},
+    samples::{Gels, Sample},
+    train::Network,
+};
 use crate::Result;
 
 /// Root mean square displacement below which a press is counted apart (m).
@@ -14,7 +19,7 @@ const STILL: f64 = 1e-6;
 /// Share of the peak stress from which a tetrahedron belongs to the stressed set.
 const STRESSED: f64 = 0.05;
 
-/// Fields of an answer in the units of [`Truth`].
+/// Fields of an answer in the units of [`Truth`]; not a number where the answerer does not say.
 pub(super) struct Fields {
     pub(super) displacement: Vec<f32>,
     pub(super) stress: Vec<f32>,
@@ -108,18 +113,24 @@ impl PressErrors {
     }
 }
 
+impl Spread {
+    /// Of single values.
+    pub(super) fn of(mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        let at = |share: f64| {
+            let last = values.len().saturating_sub(1) as f64;
+            values.get((share * last).round() as usize).copied().unwrap_or_default()
+        };
+        Self { median: at(0.5), p95: at(0.95) }
+    }
+}
+
 impl Summary {
     /// Of single presses.
     pub fn of(presses: &[PressErrors]) -> Self {
         let moving: Vec<_> = presses.iter().filter(|errors| !errors.still).collect();
         let spread = |field: fn(&PressErrors) -> f64| {
-            let mut values: Vec<f64> = moving.iter().map(|errors| field(errors).abs()).collect();
-            values.sort_by(f64::total_cmp);
-            let at = |share: f64| {
-                let last = values.len().saturating_sub(1) as f64;
-                values.get((share * last).round() as usize).copied().unwrap_or_default()
-            };
-            Spread { median: at(0.5), p95: at(0.95) }
+            Spread::of(moving.iter().map(|errors| field(errors).abs()).collect())
         };
         let mean = |field: fn(&PressErrors) -> f64| {
             presses.iter().map(field).sum::<f64>() / presses.len().max(1) as f64
@@ -143,7 +154,7 @@ fn norm(field: &[f32]) -> f64 {
     field.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt()
 }
 
-fn relative(found: &[f32], truth: &[f32]) -> f64 {
+pub(super) fn relative(found: &[f32], truth: &[f32]) -> f64 {
     let difference: Vec<f32> = found.iter().zip(truth).map(|(a, b)| a - b).collect();
     norm(&difference) / norm(truth).max(f64::MIN_POSITIVE)
 }
@@ -167,31 +178,27 @@ pub(super) fn judge_linear(gels: &Gels, samples: &[Sample]) -> Vec<PressErrors> 
             forces: question.forces.clone(),
             force: [x, y, z],
         };
-        errors(gels, sample, &fields)
+        errors(&fields, &sample.truth, &gels.pads[sample.gel].gel)
     };
     samples.iter().map(one).collect()
 }
 
 /// Errors of the network on `samples`.
-pub(super) fn judge(network: &Corrector, gels: &Gels, samples: &[Sample]) -> Result<Vec<PressErrors>> {
-    use rayon::prelude::*;
-    let one = |sample: &Sample| {
-        let answer = network.forward(&Batch::new(&[&sample.question])?, &gels.graphs[sample.graph])?;
-        let force: Vec<f32> = answer.force.flatten_all()?.to_vec1()?;
-        let fields = Fields {
-            displacement: answer.displacement.flatten_all()?.to_vec1()?,
-            stress: answer.stress.flatten_all()?.to_vec1()?,
-            forces: answer.forces.flatten_all()?.to_vec1()?,
-            force: [force[0], force[1], force[2]],
-        };
-        Ok(errors(gels, sample, &fields))
+pub(super) fn judge<N: Network>(
+    network: &N,
+    ground: &N::Ground,
+    samples: &[N::Sample],
+) -> Result<Vec<PressErrors>> {
+    let one = |sample: &N::Sample| {
+        let (truth, gel) = N::truth(ground, sample);
+        Ok(errors(&network.answer(ground, sample)?, truth, gel))
     };
     samples.par_iter().map(one).collect()
 }
 
-fn errors(gels: &Gels, sample: &Sample, fields: &Fields) -> PressErrors {
-    let gel = &gels.pads[sample.gel].gel;
-    PressErrors::of(fields, &sample.truth, gel.thickness, gel.moduli.shear())
+/// Errors of `fields` against the truth on a gel.
+pub(super) fn errors(fields: &Fields, truth: &Truth, gel: &Gel) -> PressErrors {
+    PressErrors::of(fields, truth, gel.thickness, gel.moduli.shear())
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ mod linear;
 mod loss;
 mod metrics;
 mod ops;
+pub mod paper;
 mod parameters;
 mod run;
 mod samples;

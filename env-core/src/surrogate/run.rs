@@ -113,7 +113,7 @@ pub fn train(
 type Vectors = std::collections::BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 
 struct Run {
-    trainer: Trainer,
+    trainer: Trainer<Corrector>,
     data: String,
     best: Option<f64>,
 }

@@ -147,25 +147,31 @@ impl Gels {
         let pad = &self.pads[frames.gel];
         let (graph, gel) = (&self.graphs[pad.graph], &pad.gel);
         let places: &[Point3<f64>] = &pad.mesh.mesh.vertices;
-        let (nodes, tets) = (places.len(), graph.tets());
-        let part = |field: &[f32], size: usize, unit: f64| -> Vec<f32> {
-            let unit = unit as f32;
-            field[frame * size..][..size].iter().map(|x| x / unit).collect()
-        };
-        let mut forces = part(&frames.contact_force, 3 * nodes, gel.force());
-        forces.truncate(3 * graph.columns);
-        let wrench = &frames.wrench[6 * frame..];
         Sample {
             graph: pad.graph,
             gel: frames.gel,
             grasp: frames.grasp.clone(),
             question: Question::new(graph, gel, places, std::slice::from_ref(shape), linear),
-            truth: Truth {
-                displacement: part(&frames.displacement, 3 * nodes, gel.thickness),
-                stress: part(&frames.von_mises, tets, gel.moduli.shear()),
-                forces,
-                force: std::array::from_fn(|i| (wrench[i] / gel.force()) as f32),
-            },
+            truth: Truth::new(frames, frame, graph.columns, gel),
+        }
+    }
+}
+
+impl Truth {
+    /// What finite elements say of a frame on a pad of `columns` columns.
+    pub(super) fn new(frames: &PadFrames, frame: usize, columns: usize, gel: &Gel) -> Self {
+        let part = |field: &[f32], unit: f64| -> Vec<f32> {
+            let (size, unit) = (field.len() / frames.poses.len(), unit as f32);
+            field[frame * size..][..size].iter().map(|x| x / unit).collect()
+        };
+        let mut forces = part(&frames.contact_force, gel.force());
+        forces.truncate(3 * columns);
+        let wrench = &frames.wrench[6 * frame..];
+        Self {
+            displacement: part(&frames.displacement, gel.thickness),
+            stress: part(&frames.von_mises, gel.moduli.shear()),
+            forces,
+            force: std::array::from_fn(|i| (wrench[i] / gel.force()) as f32),
         }
     }
 }

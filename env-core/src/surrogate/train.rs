@@ -3,6 +3,7 @@
 use std::{collections::BTreeMap, f64::consts::PI, time::Instant};
 
 use candle_core::Tensor;
+use candle_nn::VarBuilder;
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -10,17 +11,54 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     adam::{self, Adam},
-    corrector::{Corrector, CorrectorConfig},
-    loss::parts,
+    corrector::CorrectorConfig,
+    features::{Gel, Truth},
+    metrics::Fields,
     parameters::Parameters,
-    samples::{Gels, Sample},
 };
 use crate::{Error, Result};
 
-/// How a network is trained.
+/// A network that can be trained and judged.
+pub(super) trait Network: Sized + Sync {
+    /// Its sizes.
+    type Config: Clone + Send;
+    /// A press and its truth.
+    type Sample: Sync;
+    /// What samples share.
+    type Ground: Sync;
+
+    fn new(config: &Self::Config, vb: &VarBuilder) -> candle_core::Result<Self>;
+
+    /// The graph that a sample lies on; those of one graph are computed together.
+    fn graph(sample: &Self::Sample) -> usize;
+
+    /// What a sample's answer should be, in the units of its gel.
+    fn truth<'a>(ground: &'a Self::Ground, sample: &'a Self::Sample) -> (&'a Truth, &'a Gel);
+
+    /// What training makes small, on samples of one graph seen in one of its mirrors.
+    fn loss(
+        &self,
+        ground: &Self::Ground,
+        samples: &[&Self::Sample],
+        mirror: usize,
+    ) -> Result<Loss>;
+
+    /// The answer to a sample's question, in the units of [`Truth`].
+    fn answer(&self, ground: &Self::Ground, sample: &Self::Sample) -> Result<Fields>;
+}
+
+/// What training makes small.
+pub(super) struct Loss {
+    /// A scalar to go down.
+    pub(super) total: Tensor,
+    /// Mean errors of its parts.
+    pub(super) parts: [f32; 4],
+}
+
+/// How a network of sizes `C` is trained.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Training {
+pub struct Training<C = CorrectorConfig> {
     /// What weights and batches are drawn from.
     pub seed: u64,
     /// Split of the dataset to train on.
@@ -40,10 +78,10 @@ pub struct Training {
     /// Whether presses are also seen in the pad's mirrors.
     pub mirrors: bool,
     /// Sizes of the network.
-    pub network: CorrectorConfig,
+    pub network: C,
 }
 
-impl Default for Training {
+impl<C: Default> Default for Training<C> {
     fn default() -> Self {
         Self {
             seed: 0,
@@ -55,7 +93,7 @@ impl Default for Training {
             clip: 1.0,
             linear_nodes: 2000,
             mirrors: true,
-            network: CorrectorConfig::default(),
+            network: C::default(),
         }
     }
 }
@@ -83,10 +121,11 @@ impl Training {
         }
         Ok(self)
     }
+}
 
-    /// Learning rate at a step of all `steps`.
-    fn rate(&self, step: u64, steps: u64) -> f64 {
-        let done = (step + 1) as f64 / steps.max(1) as f64;
+impl<C> Training<C> {
+    /// Learning rate when a share `done` of the training is.
+    fn rate(&self, done: f64) -> f64 {
         let rise = (done / self.warmup.max(1e-9)).min(1.0);
         self.rate * rise * (0.01 + 0.495 * (1.0 + (PI * done).cos()))
     }
@@ -99,17 +138,18 @@ pub struct Epoch {
     pub epoch: usize,
     /// Steps so far.
     pub steps: u64,
-    /// Mean relative errors on the batches: displacement, stress, nodal forces, net force.
+    /// Mean relative errors on the batches; the corrector's are those of displacement, stress, nodal
+    /// forces and net force.
     pub errors: [f32; 4],
     /// Wall time of it (s).
     pub seconds: f64,
 }
 
 /// A network being trained.
-pub(super) struct Trainer {
-    pub(super) training: Training,
+pub(super) struct Trainer<N: Network> {
+    pub(super) training: Training<N::Config>,
     pub(super) parameters: Parameters,
-    pub(super) network: Corrector,
+    pub(super) network: N,
     pub(super) adam: Adam,
     pub(super) epoch: usize,
 }
@@ -118,13 +158,15 @@ pub(super) struct Trainer {
 type Vectors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 /// What the names of first and second moments begin with.
 const MOMENTS: [&str; 2] = ["moment-1", "moment-2"];
-/// A part of a batch that one thread computes.
+/// Sample numbers on one graph and the mirror they are seen in, which one thread computes.
+type Piece = (Vec<usize>, usize);
+/// Samples in a piece.
 const PIECE: usize = 4;
 
-impl Trainer {
-    pub(super) fn new(training: Training) -> Result<Self> {
+impl<N: Network> Trainer<N> {
+    pub(super) fn new(training: Training<N::Config>) -> Result<Self> {
         let parameters = Parameters::drawn(training.seed);
-        let network = Corrector::new(&training.network, &parameters.builder())?;
+        let network = N::new(&training.network, &parameters.builder())?;
         Ok(Self { training, parameters, network, adam: Adam::default(), epoch: 0 })
     }
 
@@ -154,15 +196,15 @@ impl Trainer {
         Ok(())
     }
 
-    /// Batches of one epoch: pieces of sample numbers on one graph, and a mirror for each.
-    fn batches(&self, samples: &[Sample]) -> Vec<Vec<(Vec<usize>, usize)>> {
+    /// Batches of one epoch.
+    fn batches(&self, samples: &[N::Sample]) -> Vec<Vec<Piece>> {
         let mut random = ChaCha8Rng::seed_from_u64(self.training.seed);
         random.set_stream(1 + self.epoch as u64);
-        let graphs = 1 + samples.iter().map(|sample| sample.graph).max().unwrap_or(0);
+        let graphs = 1 + samples.iter().map(N::graph).max().unwrap_or(0);
         let mut pieces = Vec::new();
         for graph in 0..graphs {
             let mut own: Vec<usize> =
-                (0..samples.len()).filter(|&i| samples[i].graph == graph).collect();
+                (0..samples.len()).filter(|&i| N::graph(&samples[i]) == graph).collect();
             own.shuffle(&mut random);
             let mirrors = if self.training.mirrors { 4 } else { 1 };
             let cut = own.chunks(PIECE).map(|piece| (piece.to_vec(), random.random_range(0..mirrors)));
@@ -176,42 +218,78 @@ impl Trainer {
     /// then somewhere within the epoch.
     pub(super) fn epoch(
         &mut self,
-        gels: &Gels,
-        samples: &[Sample],
+        ground: &N::Ground,
+        samples: &[N::Sample],
         go_on: &mut dyn FnMut() -> bool,
     ) -> Result<Option<Epoch>> {
-        let start = Instant::now();
         let batches = self.batches(samples);
-        let all = (batches.len() * self.training.epochs) as u64;
-        let variables = self.parameters.all();
-        let mut sums = [0.0; 4];
-        for batch in &batches {
-            if !go_on() {
-                return Ok(None);
-            }
-            let network = &self.network;
-            let piece = |(piece, mirror): &(Vec<usize>, usize)| {
-                let samples: Vec<&Sample> = piece.iter().map(|&i| &samples[i]).collect();
-                let parts = parts(network, &samples, &gels.graphs[samples[0].graph], *mirror)?;
-                let store = parts.total()?.backward()?;
-                Ok((adam::gradients(&variables, &store)?, parts.values()?))
-            };
-            let found: Vec<_> = batch.par_iter().map(piece).collect::<Result<_>>()?;
-            let (gradients, values): (Vec<_>, Vec<_>) = found.into_iter().unzip();
-            let (gradient, norm) = adam::mean(&gradients, self.training.clip);
-            if !norm.is_finite() {
-                let reason = format!("gradient of norm {norm} after {} steps", self.adam.steps);
-                return Err(Error::Network { reason });
-            }
-            let rate = self.training.rate(self.adam.steps, all);
-            self.adam.step(&variables, &gradient, rate)?;
-            for value in &values {
-                let count = (values.len() * batches.len()) as f32;
-                sums.iter_mut().zip(value).for_each(|(sum, value)| *sum += value / count);
-            }
+        let (training, all) = (self.training.clone(), (batches.len() * self.training.epochs) as f64);
+        let rate = &mut |step: u64| go_on().then(|| training.rate((step + 1) as f64 / all));
+        self.steps(ground, samples, &batches, rate)
+    }
+
+    /// Epochs over `samples` until a budget is spent, of which `spent` tells the share.
+    pub(super) fn spend(
+        &mut self,
+        ground: &N::Ground,
+        samples: &[N::Sample],
+        spent: &dyn Fn() -> f64,
+    ) -> Result<()> {
+        let training = self.training.clone();
+        let rate = &mut |_: u64| Some(spent()).filter(|s| *s < 1.0).map(|s| training.rate(s));
+        while spent() < 1.0 {
+            let batches = self.batches(samples);
+            self.steps(ground, samples, &batches, rate)?;
+        }
+        Ok(())
+    }
+
+    /// The steps of an epoch at the learning rates that `rate` tells from the number of steps before,
+    /// or `None` if it tells none.
+    fn steps(
+        &mut self,
+        ground: &N::Ground,
+        samples: &[N::Sample],
+        batches: &[Vec<Piece>],
+        rate: &mut dyn FnMut(u64) -> Option<f64>,
+    ) -> Result<Option<Epoch>> {
+        let start = Instant::now();
+        let mut errors = [0.0; 4];
+        for batch in batches {
+            let Some(rate) = rate(self.adam.steps) else { return Ok(None) };
+            let parts = self.step(ground, samples, batch, rate)?;
+            errors.iter_mut().zip(parts).for_each(|(sum, x)| *sum += x / batches.len() as f32);
         }
         self.epoch += 1;
         let seconds = start.elapsed().as_secs_f64();
-        Ok(Some(Epoch { epoch: self.epoch, steps: self.adam.steps, errors: sums, seconds }))
+        Ok(Some(Epoch { epoch: self.epoch, steps: self.adam.steps, errors, seconds }))
+    }
+
+    /// A step at learning rate `rate`; the mean errors before it.
+    fn step(
+        &mut self,
+        ground: &N::Ground,
+        samples: &[N::Sample],
+        batch: &[Piece],
+        rate: f64,
+    ) -> Result<[f32; 4]> {
+        let variables = self.parameters.all();
+        let network = &self.network;
+        let piece = |(piece, mirror): &Piece| {
+            let samples: Vec<_> = piece.iter().map(|&i| &samples[i]).collect();
+            let loss = network.loss(ground, &samples, *mirror)?;
+            let store = loss.total.backward()?;
+            Ok((adam::gradients(&variables, &store)?, loss.parts))
+        };
+        let found: Vec<_> = batch.par_iter().map(piece).collect::<Result<_>>()?;
+        let (gradients, parts): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+        let (gradient, norm) = adam::mean(&gradients, self.training.clip);
+        if !norm.is_finite() {
+            let reason = format!("gradient of norm {norm} after {} steps", self.adam.steps);
+            return Err(Error::Network { reason });
+        }
+        self.adam.step(&variables, &gradient, rate)?;
+        let mean = |i: usize| parts.iter().map(|parts| parts[i]).sum::<f32>() / parts.len() as f32;
+        Ok(std::array::from_fn(mean))
     }
 }

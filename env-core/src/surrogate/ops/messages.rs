@@ -22,13 +22,13 @@ pub(in super::super) struct Edges {
 impl Edges {
     /// Receivers with the range of their edges.
     #[inline(always)]
-    fn receivers(&self) -> impl Iterator<Item = (usize, std::ops::Range<usize>)> {
+    pub(super) fn receivers(&self) -> impl Iterator<Item = (usize, std::ops::Range<usize>)> {
         let ranges = self.starts.windows(2).map(|pair| pair[0] as usize..pair[1] as usize);
         ranges.enumerate()
     }
 
     /// Number of nodes.
-    fn nodes(&self) -> usize {
+    pub(super) fn nodes(&self) -> usize {
         self.starts.len() - 1
     }
 }

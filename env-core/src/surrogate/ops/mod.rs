@@ -9,12 +9,14 @@
 //! one press after the other.
 
 mod affine;
+mod ends;
 mod layer_norm;
 mod messages;
 mod sparse;
 mod von_mises;
 
 pub(super) use affine::affine;
+pub(super) use ends::ends;
 pub(super) use layer_norm::{layer_norm, moments};
 pub(super) use messages::{Edges, hear, messages};
 pub(super) use sparse::{Sparse, sparse};

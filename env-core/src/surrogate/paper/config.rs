@@ -1,0 +1,58 @@
+//! Which of the paper's networks, and how large.
+
+use serde::{Deserialize, Serialize};
+
+/// Steps of the paper's ablation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Variant {
+    /// Stress at nodes.
+    Baseline,
+    /// Tetrahedra that hear their corners.
+    A,
+    /// Tetrahedra, and a global feature.
+    B,
+}
+
+/// What is known of a press.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Input {
+    /// The object's pose in the pad's frame.
+    Translation,
+    /// The net normal force, and the object's pose when it first touched; how far it has moved since is
+    /// decoded at its nodes.
+    Force,
+}
+
+/// Sizes of a network.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PaperConfig {
+    /// Which network.
+    pub variant: Variant,
+    /// What it is told.
+    pub input: Input,
+    /// Latent width H.
+    pub width: usize,
+    /// Rounds of message passing.
+    pub rounds: usize,
+    /// Whether all rounds have the same weights.
+    pub shared: bool,
+    /// Whether layer norms end the perceptrons of encoders and rounds.
+    pub norm: bool,
+}
+
+impl Default for PaperConfig {
+    /// Variant B by translation at a size that trains on one core; the paper's is 128 wide, 15 rounds.
+    fn default() -> Self {
+        Self {
+            variant: Variant::B,
+            input: Input::Translation,
+            width: 32,
+            rounds: 4,
+            shared: false,
+            norm: true,
+        }
+    }
+}

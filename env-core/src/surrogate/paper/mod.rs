@@ -1,0 +1,26 @@
+//! The paper's networks: MeshGraphNets (Pfaff et al. 2021) as `DefGraspNets` (Huang et al. 2023) use
+//! them on grasps, with its three steps.
+//!
+//! - Baseline: nodes and edges; stress is decoded at nodes (averaged to tetrahedra, where it is judged).
+//! - A: tetrahedra hear their corners, t' = f(t, {v}) + t, and send nothing back; stress is theirs.
+//! - B: besides, a global feature hears all nodes, g' = f(mean v) + g, and every node hears it,
+//!   v' = f(v, Σ e, g) + v; it is decoded into the gel's best-fit rigid motion. A bonded gel hardly
+//!   moves as a whole, so that motion is small here.
+//!
+//! They are trained on the same frames, with the same loss and trainer as the corrector, and are shown
+//! no linear answer. None of them answers contact forces.
+
+mod blocks;
+mod bodies;
+mod config;
+mod network;
+mod patch;
+mod rigid;
+mod samples;
+mod scene;
+mod study;
+mod target;
+
+pub use config::{Input, PaperConfig, Variant};
+pub use patch::Density;
+pub use study::{Judged, Report, Run, Study};

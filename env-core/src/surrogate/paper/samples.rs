@@ -1,0 +1,144 @@
+//! Frames of a dataset as the paper's networks are asked them.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Vector3};
+use rayon::prelude::*;
+
+use super::{
+    bodies::{Bodies, Pad},
+    patch::{Density, Patch},
+    rigid::{self, MOTION},
+};
+use crate::{
+    Result,
+    dataset::{Dataset, PadFrames},
+    objects::Object,
+    surrogate::features::{Gel, Truth},
+};
+
+/// A solved frame.
+pub(super) struct Sample {
+    /// Which of the gels.
+    pub(super) gel: usize,
+    /// Name of its grasp.
+    pub(super) grasp: String,
+    /// The object's surface when it first touched.
+    pub(super) patch: Arc<Patch>,
+    /// How the object has moved since, in the pad's frame.
+    pub(super) moved: Isometry3<f64>,
+    pub(super) truth: Truth,
+    /// Best-fit rigid motion of the gel, in units of its thickness.
+    pub(super) rigid: [f32; MOTION],
+}
+
+impl Bodies {
+    /// Every frame of `dataset` whose grasp is among `wanted`.
+    pub(super) fn samples(
+        &self,
+        dataset: &Dataset,
+        wanted: &[String],
+        density: Density,
+    ) -> Result<Vec<Sample>> {
+        let shard = |index: usize| {
+            let (object, pads) = dataset.read(index)?;
+            let own = pads.iter().filter(|frames| wanted.contains(&frames.grasp));
+            Ok(own.flat_map(|frames| self.frames(object, frames, density)).collect())
+        };
+        let shards: Vec<Vec<_>> =
+            (0..dataset.shards()).into_par_iter().map(shard).collect::<Result<_>>()?;
+        Ok(shards.into_iter().flatten().collect())
+    }
+
+    fn frames(&self, object: &Object, frames: &PadFrames, density: Density) -> Vec<Sample> {
+        let Pad { gel, graph } = &self.pads[frames.gel];
+        let touch = graph.touch(&object.shape, frames.poses[0]);
+        let surface = object.surface(density.segments());
+        let patch = Arc::new(Patch::new(&surface, &touch, graph.half, density));
+        let one = |(i, pose): (usize, &Isometry3<f64>)| {
+            let truth = Truth::new(frames, i, graph.columns, gel);
+            Sample {
+                gel: frames.gel,
+                grasp: frames.grasp.clone(),
+                patch: Arc::clone(&patch),
+                moved: pose * touch.inverse(),
+                rigid: self.pads[frames.gel].rigid(&truth),
+                truth,
+            }
+        };
+        frames.poses.iter().enumerate().map(one).collect()
+    }
+}
+
+impl Pad {
+    /// The best-fit rigid motion of a displacement, lengths in units of the thickness.
+    fn rigid(&self, truth: &Truth) -> [f32; MOTION] {
+        let Gel { thickness, .. } = self.gel;
+        let places: Vec<_> = self.graph.places.iter().map(|p| p.coords / thickness).collect();
+        let moved = truth.displacement.as_chunks::<3>().0.iter();
+        let moved: Vec<_> = moved.map(|u| Vector3::from(*u).cast::<f64>()).collect();
+        let (rotation, translation) = rigid::best_fit(&places, &moved);
+        rigid::numbers(&rotation, &translation)
+    }
+}
+
+impl Sample {
+    /// Angle (rad) and translation, in units of thickness, of the gel's rigid motion.
+    pub(super) fn turned(&self) -> [f64; 2] {
+        rigid::apart(&rigid::STILL, &self.rigid)
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::{
+        compliance::{Compliance, Options},
+        deformation::{Moduli, Press},
+        geometry::Shape,
+        sensor::Sensor,
+        surrogate::linear::body,
+    };
+
+    /// A ball of 8 mm pressed 0.5 mm into a small pad, answered by `compliance`.
+    pub(in super::super) fn pressed_ball() -> (Bodies, Sample) {
+        let sensor = Sensor::named("gelsight-mini").unwrap();
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let gel = Gel { moduli, friction: 0.8, thickness: sensor.outline.thickness };
+        let mesh = sensor.pad(200).unwrap();
+        let graph = Arc::new(super::super::bodies::Graph::new(&mesh));
+        let ball = Shape::Sphere { radius: 8e-3 };
+        let pose = Isometry3::translation(0.5e-3, 0.0, 7.5e-3);
+        let press = Press::along(vec![ball.clone()], vec![vec![pose]]).unwrap();
+        let options = Options { friction: gel.friction, sweeps: 0 };
+        let compliance = Compliance::new(body(&mesh, moduli).unwrap(), options).unwrap();
+        let answer = compliance.solve_path(&press).pop().unwrap().unwrap();
+        let flat = |v: &[Vector3<f64>]| v.iter().flat_map(|v| [v.x, v.y, v.z]).map(|x| x as f32).collect();
+        let frames = PadFrames {
+            grasp: "ball/0".into(),
+            gel: 0,
+            poses: vec![pose],
+            displacement: flat(&answer.displacement),
+            contact_force: flat(&answer.contact_force),
+            von_mises: answer.von_mises.iter().map(|&s| s as f32).collect(),
+            wrench: [answer.wrench.force, answer.wrench.torque].iter().flat_map(|v| [v.x, v.y, v.z]).collect(),
+        };
+        let truth = Truth::new(&frames, 0, graph.columns, &gel);
+        let touch = graph.touch(&ball, pose);
+        let surface = ball.surface(Density::Coarse.segments()).unwrap();
+        let patch = Arc::new(Patch::new(&surface, &touch, graph.half, Density::Coarse));
+        let pad = Pad { gel, graph };
+        let rigid = pad.rigid(&truth);
+        let moved = pose * touch.inverse();
+        let sample = Sample { gel: 0, grasp: frames.grasp, patch, moved, truth, rigid };
+        (Bodies { pads: vec![pad] }, sample)
+    }
+
+    #[test]
+    fn a_press_is_undone_along_the_pads_axis() {
+        let (_, sample) = pressed_ball();
+        let shift = sample.moved.translation.vector;
+        // The crowned face and a ball 0.5 mm off its apex touch within the width of a cell.
+        assert!(shift.xy().norm() < 1e-12 && (-6e-4..-3e-4).contains(&shift.z), "{shift}");
+    }
+}

@@ -1,0 +1,167 @@
+//! What the paper's networks are trained towards: the corrector's relative errors, and besides those
+//! of the object's motion, where only the force is told, and of the rigid motion, where it is said.
+
+use candle_core::{Device, Tensor};
+use candle_nn::VarBuilder;
+use nalgebra::Point3;
+
+use super::{
+    bodies::Bodies,
+    config::{Input, PaperConfig},
+    network::{Answer, Paper},
+    rigid::{self, STILL},
+    samples::Sample,
+    scene::{Scene, signs},
+};
+use crate::{
+    Result,
+    surrogate::{
+        features::{Gel, Truth},
+        loss::relative,
+        metrics::Fields,
+        train::{Loss, Network},
+    },
+};
+
+/// Weight of displacement, stress, the object's motion and the rigid motion in the loss.
+const WEIGHTS: [f64; 4] = [1.0, 1.0, 1.0, 0.1];
+
+/// A network and what it is told.
+pub(super) struct Told {
+    network: Paper,
+    input: Input,
+}
+
+impl Told {
+    /// The answer to a sample seen in a mirror.
+    pub(super) fn says(&self, bodies: &Bodies, sample: &Sample, mirror: usize) -> Result<Answer> {
+        Ok(self.network.forward(&Scene::new(bodies, sample, self.input, mirror)?)?)
+    }
+
+    /// Errors of the parts of an answer, a scalar each; none where a part is not asked.
+    fn errors(&self, bodies: &Bodies, sample: &Sample, mirror: usize) -> Result<[Option<Tensor>; 4]> {
+        let answer = self.says(bodies, sample, mirror)?;
+        let signs = signs(mirror).map(|sign| sign as f32);
+        let error = |found: &Tensor, truth: Vec<f32>| -> Result<Option<Tensor>> {
+            let truth = Tensor::from_vec(truth, (1, found.elem_count()), &Device::Cpu)?;
+            Ok(Some(relative(&found.reshape(truth.shape())?, &truth)?.mean_all()?))
+        };
+        let mirrored = |vectors: &[f32]| -> Vec<f32> {
+            vectors.iter().zip(signs.iter().cycle()).map(|(x, sign)| x * sign).collect()
+        };
+        let object = match self.input {
+            Input::Translation => None,
+            Input::Force => error(&answer.object, mirrored(&motion(bodies, sample)))?,
+        };
+        let rigid = match &answer.rigid {
+            Some(found) => rigid_error(found, &sample.rigid, signs).map(Some)?,
+            None => None,
+        };
+        Ok([
+            error(&answer.displacement, mirrored(&sample.truth.displacement))?,
+            error(&answer.stress, sample.truth.stress.clone())?,
+            object,
+            rigid,
+        ])
+    }
+}
+
+/// How the object's nodes have moved since it touched (O, 3), in units of thickness.
+pub(super) fn motion(bodies: &Bodies, sample: &Sample) -> Vec<f32> {
+    let length = bodies.pads[sample.gel].gel.thickness;
+    let moved = sample.patch.places.iter().map(|p| (sample.moved * Point3::from(*p)).coords - p);
+    moved.flat_map(|u| [u.x, u.y, u.z]).map(|x| (x / length) as f32).collect()
+}
+
+/// ‖M̂ − M‖ / ‖M − 1‖ of a rigid motion M = (R, t) in a mirror of the given `signs`.
+fn rigid_error(found: &Tensor, truth: &[f32], signs: [f32; 3]) -> Result<Tensor> {
+    let sign = |i: usize| if i < 9 { signs[i / 3] * signs[i % 3] } else { signs[i - 9] };
+    let change: Vec<f32> = (0..truth.len()).map(|i| truth[i] * sign(i) - STILL[i]).collect();
+    let row = |numbers: Vec<f32>| Tensor::from_vec(numbers, (1, truth.len()), &Device::Cpu);
+    let found = (found.reshape((1, truth.len()))? - row(STILL.to_vec())?)?;
+    Ok(relative(&found, &row(change)?)?.mean_all()?)
+}
+
+impl Network for Told {
+    type Config = PaperConfig;
+    type Sample = Sample;
+    type Ground = Bodies;
+
+    fn new(config: &PaperConfig, vb: &VarBuilder) -> candle_core::Result<Self> {
+        Ok(Self { network: Paper::new(config, vb)?, input: config.input })
+    }
+
+    fn graph(_sample: &Sample) -> usize {
+        0
+    }
+
+    fn truth<'a>(bodies: &'a Bodies, sample: &'a Sample) -> (&'a Truth, &'a Gel) {
+        (&sample.truth, &bodies.pads[sample.gel].gel)
+    }
+
+    fn loss(&self, bodies: &Bodies, samples: &[&Sample], mirror: usize) -> Result<Loss> {
+        let mut total = Tensor::zeros((), candle_core::DType::F32, &Device::Cpu)?;
+        let mut parts = [0.0; 4];
+        for sample in samples {
+            let errors = self.errors(bodies, sample, mirror)?;
+            for (i, error) in errors.iter().enumerate() {
+                if let Some(error) = error {
+                    total = (total + (error * (WEIGHTS[i] / samples.len() as f64))?)?;
+                    parts[i] += error.to_scalar::<f32>()? / samples.len() as f32;
+                }
+            }
+        }
+        Ok(Loss { total, parts })
+    }
+
+    fn answer(&self, bodies: &Bodies, sample: &Sample) -> Result<Fields> {
+        fields(&self.says(bodies, sample, 0)?)
+    }
+}
+
+/// The fields that are judged; contact forces are not said.
+pub(super) fn fields(answer: &Answer) -> Result<Fields> {
+    Ok(Fields {
+        displacement: answer.displacement.flatten_all()?.to_vec1()?,
+        stress: answer.stress.to_vec1()?,
+        forces: vec![f32::NAN],
+        force: [f32::NAN; 3],
+    })
+}
+
+/// How far a network's rigid motion of the gel is from the best fit: angle (rad), and distance in
+/// units of thickness.
+pub(super) fn rigid_apart(answer: &Answer, sample: &Sample) -> Result<Option<[f64; 2]>> {
+    let found = answer.rigid.as_ref().map(Tensor::to_vec1::<f32>).transpose()?;
+    Ok(found.map(|found| rigid::apart(&found, &sample.rigid)))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::{super::samples::tests::pressed_ball, *};
+    use crate::surrogate::{
+        adam::{self, Adam},
+        parameters::Parameters,
+    };
+
+    #[test]
+    fn one_press_is_learnt_by_heart() {
+        let (bodies, sample) = pressed_ball();
+        let config = PaperConfig { width: 16, rounds: 2, ..PaperConfig::default() };
+        let (parameters, mut adam) = (Parameters::drawn(0), Adam::default());
+        let network = Told::new(&config, &parameters.builder()).unwrap();
+        let (variables, steps) = (parameters.all(), 600);
+        let mut found = 0.0;
+        for step in 0..steps {
+            let loss = network.loss(&bodies, &[&sample], 0).unwrap();
+            let gradients = adam::gradients(&variables, &loss.total.backward().unwrap()).unwrap();
+            let (gradient, _) = adam::mean(&[gradients], 1.0);
+            let rate = 4e-3 * (1.0 + (PI * f64::from(step) / f64::from(steps)).cos());
+            adam.step(&variables, &gradient, rate).unwrap();
+            found = loss.parts[0];
+        }
+        assert!(found < 5e-3, "u misses by {found} after {steps} steps");
+    }
+}
