@@ -75,7 +75,7 @@ fn small() -> Training {
 #[test]
 fn every_parameter_gets_a_gradient() {
     let (graph, samples) = samples(&[8e-4]);
-    let mut trainer = Trainer::new(small()).unwrap();
+    let mut trainer = Trainer::<Corrector>::new(small()).unwrap();
     // Last layers begin at zero and hide what is behind them until they have moved.
     for _ in 0..2 {
         trainer.epoch(&gels(graph.clone()), &samples, &mut || true).unwrap().unwrap();
@@ -93,7 +93,7 @@ fn one_press_can_be_learnt_by_heart() {
     let (graph, samples) = samples(&[1e-3]);
     let network = CorrectorConfig::default();
     let training = Training { epochs: 1000, rate: 4e-3, mirrors: false, network, ..small() };
-    let mut trainer = Trainer::new(training).unwrap();
+    let mut trainer = Trainer::<Corrector>::new(training).unwrap();
     let gels = gels(graph.clone());
     let before = parts(&trainer.network, &[&samples[0]], &graph, 0).unwrap().values().unwrap();
     for _ in 0..1000 {
@@ -108,13 +108,13 @@ fn one_press_can_be_learnt_by_heart() {
 fn a_resumed_training_is_the_same_to_the_bit() {
     let (graph, samples) = samples(&[4e-4, 8e-4]);
     let gels = gels(graph);
-    let mut straight = Trainer::new(small()).unwrap();
-    let mut first = Trainer::new(small()).unwrap();
+    let mut straight = Trainer::<Corrector>::new(small()).unwrap();
+    let mut first = Trainer::<Corrector>::new(small()).unwrap();
     for _ in 0..2 {
         straight.epoch(&gels, &samples, &mut || true).unwrap().unwrap();
     }
     first.epoch(&gels, &samples, &mut || true).unwrap().unwrap();
-    let mut resumed = Trainer::new(small()).unwrap();
+    let mut resumed = Trainer::<Corrector>::new(small()).unwrap();
     resumed.restore(&first.vectors().unwrap(), first.epoch, first.adam.steps).unwrap();
     resumed.epoch(&gels, &samples, &mut || true).unwrap().unwrap();
     assert_eq!(straight.vectors().unwrap(), resumed.vectors().unwrap());

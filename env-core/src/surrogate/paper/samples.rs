@@ -115,6 +115,7 @@ pub(super) mod tests {
         let answer = compliance.solve_path(&press).pop().unwrap().unwrap();
         let flat = |v: &[Vector3<f64>]| v.iter().flat_map(|v| [v.x, v.y, v.z]).map(|x| x as f32).collect();
         let frames = PadFrames {
+            start: Isometry3::identity(),
             grasp: "ball/0".into(),
             gel: 0,
             poses: vec![pose],
