@@ -103,6 +103,13 @@ impl DeformationModel for Model {
             Self::Fem(model) => model.solve(presses),
         }
     }
+
+    fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
+        match self {
+            Self::Compliance(model) => model.solve_path(press),
+            Self::Fem(model) => model.solve_path(press),
+        }
+    }
 }
 
 /// What `build` returns, run on a thread that is gone afterwards: a process that has started rayon's
