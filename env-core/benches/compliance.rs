@@ -8,7 +8,7 @@
 #[path = "../../tests/physics/bodies.rs"]
 mod bodies;
 
-use std::hint::black_box;
+use std::{f64::consts::FRAC_PI_2, hint::black_box};
 
 use bodies::{gel_pad, press_and_shear};
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
@@ -18,6 +18,7 @@ use ruffini_core::{
     deformation::{DeformationModel, History, Press},
     fem::{self, Fem},
     geometry::Shape,
+    objects::{Object, catalogue},
 };
 
 const MM: f64 = 1e-3;
@@ -82,5 +83,58 @@ fn presses(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, presses);
+/// Shapes turned so that their lowest part touches, with the height of their origin above it (m).
+fn objects() -> Vec<(&'static str, Shape, Isometry3<f64>)> {
+    let about_y = |angle: f64| Isometry3::rotation(Vector3::y() * angle);
+    let cylinder = Shape::Cylinder { radius: 10.0 * MM, half_height: 30.0 * MM };
+    let cuboid = Shape::Cuboid { half_extents: Vector3::repeat(15.0 * MM) };
+    let is_star = |object: &Object| matches!(object.shape, Shape::StarShaped(_));
+    let star = catalogue(1).into_iter().find(is_star).expect("the catalogue has fruit").shape;
+    let solids = [
+        ("ball", ball().remove(0), Isometry3::identity()),
+        ("edge", cuboid, about_y(0.5)),
+        ("cylinder", cylinder, about_y(FRAC_PI_2)),
+        ("star", star, Isometry3::identity()),
+    ];
+    let on_top = |(name, shape, turn): (&'static str, Shape, Isometry3<f64>)| {
+        let surface = shape.surface(128).expect("no half-space");
+        let lowest = surface.vertices().iter().map(|v| (turn * v).z).fold(0.0, f64::min);
+        (name, shape, Isometry3::translation(0.0, 0.0, -lowest) * turn)
+    };
+    solids.into_iter().map(on_top).collect()
+}
+
+/// A control step of 0.1 mm from a press of 0.5 mm, on, aside and round, the first touch, and ten
+/// frames from there, by object.
+fn steps(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("step");
+    group.sample_size(20);
+    let options = Options { friction: FRICTION, sweeps: 0 };
+    let mut model = Compliance::new(gel_pad([14, 16, 3]), options).expect("the pad is bonded");
+    for (object, shape, top) in objects() {
+        let at = |x: f64, depth: f64| vec![Isometry3::translation(x, 0.0, -depth) * top];
+        let along = |path| Press::along(vec![shape.clone()], path).expect("finite poses");
+        let down = |frames: i32| (1..=frames).map(|i| at(0.0, 0.1 * MM * f64::from(i))).collect();
+        let begun = model.solve(&[along(down(5))]).remove(0).expect("a shallow press").history;
+        let then = |poses| along(vec![poses]).after(begun.clone()).expect("the same shapes");
+        let twist = Isometry3::rotation(Vector3::z() * 1f64.to_radians());
+        let questions = [
+            ("on", then(at(0.0, 0.6 * MM))),
+            ("aside", then(at(0.1 * MM, 0.5 * MM))),
+            ("round", then(vec![twist * at(0.0, 0.5 * MM)[0]])),
+            ("first touch", along(down(1))),
+            ("10 frames", along(down(10))),
+        ];
+        for (question, press) in questions {
+            let id = |who: &str| BenchmarkId::new(format!("{object}, {question}"), who);
+            group.bench_function(id("wrench"), |b| b.iter(|| black_box(model.wrenches(&press))));
+            let presses = [press];
+            group.bench_function(id("moved"), |b| b.iter(|| black_box(model.moved(&presses))));
+            group.bench_function(id("whole"), |b| b.iter(|| black_box(model.solve(&presses))));
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(benches, presses, steps);
 criterion_main!(benches);

@@ -303,6 +303,23 @@ fn presses_are_answered_in_order_whatever_the_threads() {
 }
 
 #[test]
+fn asking_for_less_changes_nothing_that_is_answered() {
+    let mut model = linear(&block(), 0.4);
+    let path = vec![at(0.0, 0.2 * MM), at(0.05 * MM, 0.3 * MM)];
+    let presses = [ball(), cuboid()].map(|shape| along(shape, path.clone()));
+    // One thread uses its memory again for the second press.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let whole = frames(pool.install(|| model.solve(&presses)));
+    let moved = pool.install(|| model.moved(&presses));
+    for (whole, moved) in whole.iter().zip(moved) {
+        let moved = moved.unwrap();
+        assert_eq!(moved.history, whole.history);
+        assert_eq!(moved.contact_force, whole.contact_force);
+        assert_eq!((moved.wrench, moved.iterations), (whole.wrench, whole.iterations));
+    }
+}
+
+#[test]
 fn a_turned_scene_turns_the_answer() {
     let turn = Isometry3::new(Vector3::new(0.01, -0.02, 0.03), Vector3::new(0.4, -1.0, 0.7));
     let mesh = block_mesh();

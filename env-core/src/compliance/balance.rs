@@ -11,7 +11,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
-use super::{stiffness::Dense, zone::Zone};
+use super::{condensed::Condensed, newton::Newton, zone::Zone};
 use crate::{
     Error, Result,
     contact::{ContactLaw, ContactStep, SurfacePoint, Touch},
@@ -20,11 +20,12 @@ use crate::{
 
 /// Contact of a zone with the shapes at one set of poses.
 pub(super) struct Contact<'a> {
+    pub(super) condensed: &'a Condensed,
     pub(super) zone: &'a Zone,
     pub(super) law: &'a ContactLaw,
     pub(super) step: ContactStep<'a>,
     pub(super) poses: &'a [Isometry3<f64>],
-    pub(super) dense: &'a mut Dense,
+    pub(super) newton: &'a mut Newton,
 }
 
 /// Forces on the nodes and what comes of them.
@@ -32,10 +33,10 @@ pub(super) struct Trial {
     /// Forces that the surface gives way to (m) in N.
     pub(super) forces: Vec<Vector3<f64>>,
     /// Displacement of all nodes of the zone (m).
-    displacement: Vec<Vector3<f64>>,
+    pub(super) displacement: Vec<Vector3<f64>>,
     pub(super) touches: Vec<Touch>,
     /// What the contact exerts beyond `forces` (m) in N.
-    excess: Vec<Vector3<f64>>,
+    pub(super) excess: Vec<Vector3<f64>>,
     /// Norm of `excess` (N).
     imbalance: f64,
 }
@@ -52,19 +53,15 @@ pub(super) struct Guess {
 }
 
 /// A change of forces and what it does to the displacement of the free nodes.
-struct Step {
+pub(super) struct Step {
     forces: Vec<Vector3<f64>>,
-    displacement: Vec<Vector3<f64>>,
+    pub(super) displacement: Vec<Vector3<f64>>,
 }
 
 /// Most Newton steps.
 const MOST: usize = 40;
 /// Imbalance accepted, relative to the forces.
 const RELATIVE: f64 = 1e-5;
-/// Fraction of the expected fall of energy that a step must bring (Armijo).
-const ARMIJO: f64 = 1e-4;
-/// Shortest fraction of a Newton step that is tried.
-const SHORTEST: f64 = 1e-3;
 
 impl Contact<'_> {
     /// Forces in balance near those of the `guess` when the body by itself is displaced by `offset`
@@ -107,17 +104,17 @@ impl Contact<'_> {
                 excess[node] += push * share;
             }
         }
-        if let Some(step) = self.newton_step(&touches, &excess, false) {
-            forces.iter_mut().zip(&step.forces).for_each(|(force, change)| *force += change);
+        if let Some(changes) = self.newton_forces(&touches, &excess, false) {
+            forces.iter_mut().zip(&changes).for_each(|(force, change)| *force += change);
         }
         let displacement = self.displaced(offset, &forces);
         self.trial(forces, displacement)
     }
 
     /// The surface under `forces`, displaced by `offset` without them (m).
-    fn displaced(&self, offset: &[Vector3<f64>], forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    fn displaced(&mut self, offset: &[Vector3<f64>], forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut displacement = offset.to_vec();
-        for (u, du) in displacement.iter_mut().zip(self.zone.respond(forces)) {
+        for (u, du) in displacement.iter_mut().zip(self.respond(forces)) {
             *u += du;
         }
         displacement
@@ -178,7 +175,8 @@ impl Contact<'_> {
         Some(Trial { forces, displacement, touches, excess, imbalance })
     }
 
-    fn moved(&mut self, at: &Trial, step: &Step, share: f64) -> Option<Trial> {
+    /// After a `share` of `step`.
+    pub(super) fn moved(&mut self, at: &Trial, step: &Step, share: f64) -> Option<Trial> {
         let add = |to: &[Vector3<f64>], change: &[Vector3<f64>]| {
             let mut sum = to.to_vec();
             sum.iter_mut().zip(change).for_each(|(x, dx)| *x += dx * share);
@@ -195,7 +193,9 @@ impl Contact<'_> {
             if coupled && !slips {
                 continue;
             }
-            let step = self.newton_step(&at.touches, &at.excess, coupled)?;
+            let forces = self.newton_forces(&at.touches, &at.excess, coupled)?;
+            let displacement = self.respond(&forces);
+            let step = Step { forces, displacement };
             let full = self.moved(at, &step, 1.0);
             if full.as_ref().is_some_and(|full| full.imbalance <= 0.5 * at.imbalance) {
                 return full;
@@ -229,82 +229,23 @@ impl Contact<'_> {
         shares.filter(|&(node, _)| node < zone.free)
     }
 
-    /// Newton's step for what the contact exerts in `excess` of the forces.
-    fn newton_step(
+    /// Newton's step of the forces for what the contact exerts in `excess` of them.
+    fn newton_forces(
         &mut self,
         touches: &[Touch],
         excess: &[Vector3<f64>],
         coupled: bool,
-    ) -> Option<Step> {
+    ) -> Option<Vec<Vector3<f64>>> {
         let stiffness = |touch: &Touch| {
             (&self.zone.surface[touch.point as usize], self.hessian(touch, coupled))
         };
         let touching: Vec<_> = touches.iter().map(stiffness).collect();
-        self.dense.assemble(self.zone, &touching);
-        let pull = self.zone.respond(excess);
-        let pull = self.dense.active().iter().flat_map(|&node| <[f64; 3]>::from(pull[node]));
-        let pull = pull.collect();
-        let moved = self.dense.solve(self.zone, pull)?;
-        let relief = self.dense.times(&moved);
-        let mut forces = excess.to_vec();
-        for (&node, &relief) in self.dense.active().iter().zip(relief.as_chunks::<3>().0) {
-            forces[node] -= Vector3::from(relief);
-        }
-        let displacement = self.zone.respond(&forces);
-        Some(Step { forces, displacement })
+        self.newton.solve(self.condensed, self.zone, &touching, excess)
     }
 
-    /// Backtracks along `step` until the energy has fallen enough for its slope (Armijo).
-    fn line_search(
-        &mut self,
-        offset: &[Vector3<f64>],
-        at: &Trial,
-        step: &Step,
-        full: Option<Trial>,
-    ) -> Option<Trial> {
-        let slope = -dot(&step.displacement, &at.excess);
-        if slope >= 0.0 {
-            return None;
-        }
-        let limits = self.friction_limits(&at.touches);
-        let energy = self.energy(offset, at, &limits);
-        let (mut share, mut next) = (1.0, full);
-        while share > SHORTEST {
-            if let Some(trial) = next
-                && self.energy(offset, &trial, &limits) - energy <= ARMIJO * share * slope
-            {
-                return Some(trial);
-            }
-            share *= 0.5;
-            next = self.moved(at, step, share);
-        }
-        None
-    }
-
-    /// Energy of body and contact with friction cut at `limits` (J).
-    fn energy(&self, offset: &[Vector3<f64>], at: &Trial, limits: &[f64]) -> f64 {
-        let give = at.displacement.iter().zip(offset).map(|(u, u0)| u - u0);
-        let elastic: f64 = at.forces.iter().zip(give).map(|(f, u)| 0.5 * f.dot(&u)).sum();
-        let contact = |touch: &Touch| {
-            let point = &self.zone.surface[touch.point as usize];
-            let limit = limits.get(self.pair(touch)).copied().unwrap_or(0.0);
-            self.law.energy(point, touch, limit) * point.area
-        };
-        elastic + at.touches.iter().map(contact).sum::<f64>()
-    }
-
-    /// The friction limit of every pair of shape and point; 0 for those that do not touch (Pa).
-    fn friction_limits(&self, touches: &[Touch]) -> Vec<f64> {
-        let mut limits = vec![0.0; self.poses.len() * self.zone.surface.len()];
-        for touch in touches {
-            let point = &self.zone.surface[touch.point as usize];
-            limits[self.pair(touch)] = self.law.limit(point, touch);
-        }
-        limits
-    }
-
-    fn pair(&self, touch: &Touch) -> usize {
-        touch.shape as usize * self.zone.surface.len() + touch.point as usize
+    /// Displacement of the free nodes under `forces` on them (m).
+    fn respond(&mut self, forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        self.newton.respond(self.condensed, self.zone, forces)
     }
 }
 
@@ -316,7 +257,7 @@ fn deepest(mut touches: Vec<Touch>) -> Vec<Touch> {
     touches
 }
 
-fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
+pub(super) fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
 }
 

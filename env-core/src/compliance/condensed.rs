@@ -65,18 +65,17 @@ impl Condensed {
         Ok(Self { body, rest, rank, skin, compliance, facets })
     }
 
-    /// Row of the compliance for component `i` of the force on a skin node, by its rank (3M).
-    pub(super) fn row(&self, rank: u32, i: usize) -> &[f64] {
-        let size = 3 * self.skin.len();
-        &self.compliance[(3 * rank as usize + i) * size..][..size]
+    /// Rows of the compliance for a force on a skin node, by its rank (3, 3M).
+    pub(super) fn rows(&self, rank: u32) -> &[f64] {
+        let size = 9 * self.skin.len();
+        &self.compliance[rank as usize * size..][..size]
     }
 
     /// Displacement of the skin under `forces` on some of its `nodes`, zero at all others (V) in m.
     pub(super) fn response(&self, nodes: &[u32], forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut sum = vec![0.0; 3 * self.skin.len()];
         for (&node, force) in nodes.iter().zip(forces).filter(|(_, f)| **f != Vector3::zeros()) {
-            let rank = self.rank[node as usize];
-            add_rows(&mut sum, [0, 1, 2].map(|i| self.row(rank, i)), force);
+            add_rows(&mut sum, self.rows(self.rank[node as usize]), &(*force).into());
         }
         let mut displacement = vec![Vector3::zeros(); self.rank.len()];
         for (&node, u) in self.skin.iter().zip(sum.as_chunks::<3>().0) {
@@ -86,11 +85,18 @@ impl Condensed {
     }
 }
 
-/// Adds to `sum` what a force does whose components have the given rows of the compliance.
-pub(super) fn add_rows(sum: &mut [f64], [x, y, z]: [&[f64]; 3], force: &Vector3<f64>) {
-    for (((u, x), y), z) in sum.iter_mut().zip(x).zip(y).zip(z) {
-        *u += force.x * x + force.y * y + force.z * z;
-    }
+/// Adds to `sum` what a `force` does whose components have these three `rows` of the compliance.
+pub(super) fn add_rows(sum: &mut [f64], rows: &[f64], force: &[f64; 3]) {
+    let (x, rest) = rows.split_at(sum.len());
+    let (y, z) = rest.split_at(sum.len());
+    pulp::Arch::new().dispatch(
+        #[inline(always)]
+        || {
+            for (((u, x), y), z) in sum.iter_mut().zip(x).zip(y).zip(z) {
+                *u += force[0] * x + force[1] * y + force[2] * z;
+            }
+        },
+    );
 }
 
 fn carriers(point: &SurfacePoint) -> impl Iterator<Item = u32> {

@@ -13,27 +13,31 @@
 mod balance;
 mod cache;
 mod condensed;
+mod descent;
 mod mixing;
+mod newton;
 mod path;
+mod preconditioner;
 mod push;
+mod reach;
 mod solution;
-mod stiffness;
 mod walk;
 mod zone;
 
 use std::{path::Path, sync::Arc};
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::{
     Error, Result,
     contact::ContactLaw,
-    deformation::{Deformation, DeformationModel, Press, SoftBody, Wrench},
+    deformation::{Deformation, DeformationModel, History, Press, SoftBody, Wrench},
     fem,
 };
 
 use condensed::Condensed;
-use walk::{Settings, Walk};
+use walk::{Scratch, Settings, Walk};
 
 /// How a [`Compliance`] computes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -84,33 +88,76 @@ impl Compliance {
 
     /// Every frame of `press`, in order; the first that is not solved is an error and the last.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
-        match self.walk(press) {
-            Ok(walk) => walk.every(press, Walk::report),
-            Err(error) => vec![Err(error)],
-        }
+        self.every(press, whole)
     }
 
-    /// Force and torque in every frame of `press`, as in [`Compliance::solve_path`], but without the
-    /// fields, and so without the error that a tetrahedron is turned inside out.
+    /// Force and torque in every frame of `press`, as in [`Compliance::solve_path`], but without
+    /// the fields, and so without the error that a tetrahedron is turned inside out.
     pub fn wrenches(&self, press: &Press) -> Vec<Result<Wrench>> {
-        match self.walk(press) {
-            Ok(walk) => walk.every(press, |walk| Ok(walk.state.wrench)),
+        self.every(press, |walk| Ok(walk.state.wrench))
+    }
+
+    /// Where each of `presses` ends, as in [`DeformationModel::solve`], but without stress and
+    /// residual, and so without the error that a tetrahedron is turned inside out.
+    pub fn moved(&self, presses: &[Press]) -> Vec<Result<Moved>> {
+        self.each(presses, |walk| Ok(walk.moved()))
+    }
+
+    fn every<T>(&self, press: &Press, report: impl Fn(&mut Walk) -> Result<T>) -> Vec<Result<T>> {
+        let mut scratch = Scratch::new(&self.condensed);
+        match Walk::new(&self.condensed, self.settings_of(press), &mut scratch, press) {
+            Ok(walk) => walk.every(press, report),
             Err(error) => vec![Err(error)],
         }
     }
 
-    fn walk(&self, press: &Press) -> Result<Walk<'_>> {
+    /// Settings with the friction of `press`.
+    fn settings_of(&self, press: &Press) -> Settings {
         let mut settings = self.settings;
         settings.law.friction = press.friction().unwrap_or(settings.law.friction);
-        Walk::new(&self.condensed, settings, press)
+        settings
+    }
+
+    /// What `report` says of the end of each press. Presses are solved in parallel, each on one thread.
+    fn each<T: Send>(
+        &self,
+        presses: &[Press],
+        report: impl Fn(&mut Walk) -> Result<T> + Sync,
+    ) -> Vec<Result<T>> {
+        let scratch = || Scratch::new(&self.condensed);
+        let answer = |scratch: &mut Scratch, press: &Press| {
+            Walk::new(&self.condensed, self.settings_of(press), scratch, press)?
+                .last(press, &report)
+        };
+        presses.par_iter().map_init(scratch, answer).collect()
     }
 }
 
+/// A pressed body without stress and residual, which cost more than what is here.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Moved {
+    /// Contact force on the nodes (V, 3) in N.
+    pub contact_force: Vec<Vector3<f64>>,
+    /// Resultant of all contact on the soft body.
+    pub wrench: Wrench,
+    /// Displacement of the nodes, poses, and what the contact remembers.
+    pub history: History,
+    /// Newton steps taken since the last frame.
+    pub iterations: usize,
+}
+
 impl DeformationModel for Compliance {
-    /// Presses are solved in parallel, each on one thread.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        presses.par_iter().map(|press| self.walk(press)?.last(press)).collect()
+        self.each(presses, whole)
     }
+
+    fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
+        self.solve_path(press)
+    }
+}
+
+fn whole(walk: &mut Walk) -> Result<Deformation> {
+    walk.report()
 }
 
 fn settings(body: &SoftBody, options: Options) -> Result<Settings> {

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{balance::norm, push::push, walk::Walk};
+use super::{Moved, balance::norm, push::push, walk::Walk};
 use crate::{
     Error, Result,
     contact::{between, clearance},
@@ -35,10 +35,14 @@ impl Walk<'_> {
         frames
     }
 
-    /// The last frame of `press`.
-    pub(super) fn last(mut self, press: &Press) -> Result<Deformation> {
+    /// What `report` says of the last frame of `press`.
+    pub(super) fn last<T>(
+        mut self,
+        press: &Press,
+        report: impl Fn(&mut Self) -> Result<T>,
+    ) -> Result<T> {
         (0..count(press)).try_for_each(|frame| self.enter(press, frame))?;
-        self.report()
+        report(&mut self)
     }
 
     /// Goes on to a frame.
@@ -99,29 +103,40 @@ impl Walk<'_> {
         moved.fold(0.0, f64::max)
     }
 
-    /// The current state, seen from outside.
-    pub(super) fn report(&mut self) -> Result<Deformation> {
-        let start = Instant::now();
-        let (rest, state) = (&self.condensed.rest, &self.state);
-        let displacement = state.field.complete(rest, &mut self.workspace);
-        let elastic = rest.elastic_force(&displacement, &mut self.workspace);
-        let mut left = elastic.ok_or(Error::Inverted)?;
-        left.iter_mut().zip(&state.contact_force).for_each(|(left, force)| *left -= force);
-        rest.release(&mut left);
-        let residual = norm(&left);
-        Ok(Deformation {
-            von_mises: rest.von_mises(&displacement),
+    /// The current state without stress and residual.
+    pub(super) fn moved(&mut self) -> Moved {
+        let state = &self.state;
+        let displacement = state.field.complete(&self.condensed.rest, &mut self.scratch.workspace);
+        Moved {
             contact_force: state.contact_force.clone(),
             wrench: state.wrench,
-            poses: state.poses.clone(),
             history: History {
-                displacement: displacement.clone(),
+                displacement,
                 poses: state.poses.clone(),
                 anchors: state.anchors.clone(),
             },
-            displacement,
             iterations: state.iterations,
-            residual,
+        }
+    }
+
+    /// The current state, seen from outside.
+    pub(super) fn report(&mut self) -> Result<Deformation> {
+        let start = Instant::now();
+        let Moved { contact_force, wrench, history, iterations } = self.moved();
+        let rest = &self.condensed.rest;
+        let elastic = rest.elastic_force(&history.displacement, &mut self.scratch.workspace);
+        let mut left = elastic.ok_or(Error::Inverted)?;
+        left.iter_mut().zip(&contact_force).for_each(|(left, force)| *left -= force);
+        rest.release(&mut left);
+        Ok(Deformation {
+            displacement: history.displacement.clone(),
+            von_mises: rest.von_mises(&history.displacement),
+            contact_force,
+            wrench,
+            poses: history.poses.clone(),
+            history,
+            iterations,
+            residual: norm(&left),
             seconds: self.seconds + start.elapsed().as_secs_f64(),
         })
     }

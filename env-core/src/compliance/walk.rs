@@ -5,9 +5,10 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::{
     balance::{Contact, Guess},
     condensed::Condensed,
+    newton::Newton,
+    reach::{Bound, Reach, bounds},
     solution::{Field, Solution},
-    stiffness::Dense,
-    zone::{Zone, reached},
+    zone::Zone,
 };
 use crate::{
     Result,
@@ -30,12 +31,24 @@ pub(super) struct Settings {
     pub(super) tolerance: f64,
 }
 
+/// Memory that one thread uses for one press after the other.
+pub(super) struct Scratch {
+    pub(super) workspace: Workspace,
+    newton: Newton,
+}
+
+impl Scratch {
+    pub(super) fn new(condensed: &Condensed) -> Self {
+        Self { workspace: condensed.rest.workspace(), newton: Newton::default() }
+    }
+}
+
 /// One press being answered.
 pub(super) struct Walk<'a> {
     pub(super) condensed: &'a Condensed,
     pub(super) settings: Settings,
-    pub(super) workspace: Workspace,
-    dense: Dense,
+    pub(super) scratch: &'a mut Scratch,
+    reach: Reach,
     pub(super) zone: Zone,
     pub(super) state: State,
     /// Wall time of the last frame (s).
@@ -46,6 +59,8 @@ pub(super) struct Walk<'a> {
 pub(super) struct State {
     pub(super) poses: Vec<Isometry3<f64>>,
     pub(super) field: Field,
+    /// Bounds of the facets (F).
+    bounds: Vec<Bound>,
     /// Force of the shapes on the nodes (V) in N.
     pub(super) contact_force: Vec<Vector3<f64>>,
     /// Touches, by points of the mesh.
@@ -71,10 +86,16 @@ impl State {
 
 impl<'a> Walk<'a> {
     /// A walk that begins where `press` does.
-    pub(super) fn new(condensed: &'a Condensed, settings: Settings, press: &Press) -> Result<Self> {
+    pub(super) fn new(
+        condensed: &'a Condensed,
+        settings: Settings,
+        scratch: &'a mut Scratch,
+        press: &Press,
+    ) -> Result<Self> {
         let still = vec![Vector3::zeros(); condensed.rest.places().len()];
         let state = State {
             poses: Vec::new(),
+            bounds: bounds(condensed, &still),
             field: Field {
                 displacement: still.clone(),
                 offset: still.clone(),
@@ -87,16 +108,9 @@ impl<'a> Walk<'a> {
             iterations: 0,
         };
         let zone = Zone::new(condensed, vec![false; condensed.facets.len()]);
-        let workspace = condensed.rest.workspace();
-        let mut walk = Self {
-            condensed,
-            settings,
-            workspace,
-            dense: Dense::default(),
-            zone,
-            state,
-            seconds: 0.0,
-        };
+        scratch.newton.enter(zone.free);
+        let reach = Reach::default();
+        let mut walk = Self { condensed, settings, scratch, reach, zone, state, seconds: 0.0 };
         match press.history() {
             Some(history) => walk.recall(press.shapes(), history)?,
             None => walk.approach(press),
@@ -122,19 +136,21 @@ impl<'a> Walk<'a> {
         self.state.field.displacement.clone_from(&history.displacement);
         self.state.poses.clone_from(&history.poses);
         self.state.anchors.clone_from(&history.anchors);
+        self.state.bounds = bounds(self.condensed, &history.displacement);
         self.cover(shapes, &history.poses);
         let places = self.zone_places();
         let anchors = self.zone.anchors_in(&history.anchors);
         let poses = &history.poses;
         let step = ContactStep::new(shapes, &self.zone.surface, poses.clone(), places, &anchors);
-        let (zone, law, dense) = (&self.zone, &self.settings.law, &mut self.dense);
-        let mut contact = Contact { zone, law, step, poses, dense };
+        let (zone, law, newton) = (&self.zone, &self.settings.law, &mut self.scratch.newton);
+        let condensed = self.condensed;
+        let mut contact = Contact { condensed, zone, law, step, poses, newton };
         let touches = contact.touches(&self.zone.pick(&history.displacement)).unwrap_or_default();
         self.state.contact_force = self.zone.spread(&contact.nodal(&touches), rest.places().len());
         self.state.wrench = contact.wrench(&touches);
         self.state.touches = self.zone.touches_out(touches);
         if self.settings.sweeps > 0 {
-            let given = rest.displacement(&self.state.contact_force, &mut self.workspace);
+            let given = rest.displacement(&self.state.contact_force, &mut self.scratch.workspace);
             let pairs = history.displacement.iter().zip(given);
             self.state.field.offset = pairs.map(|(u, given)| u - given).collect();
         }
@@ -146,9 +162,11 @@ impl<'a> Walk<'a> {
         self.cover(shapes, poses);
         loop {
             let state = self.attempt_in_zone(shapes, poses)?;
+            let near = self.reach.reached(shapes, poses, &state.bounds, 0.0);
             let displacement = &state.field.displacement;
-            if !self.zone.grow(self.condensed, shapes, poses, displacement) {
-                return Ok(state);
+            match self.zone.grown(self.condensed, shapes, poses, displacement, &near) {
+                Some(facets) => self.enter_zone(facets),
+                None => return Ok(state),
             }
         }
     }
@@ -160,11 +178,12 @@ impl<'a> Walk<'a> {
         let from = self.state.poses.clone();
         let zone = &self.zone;
         let step = ContactStep::new(shapes, &zone.surface, from, start, &anchors);
-        let (law, dense) = (&self.settings.law, &mut self.dense);
-        let mut contact = Contact { zone, law, step, poses, dense };
+        let (condensed, law, newton) =
+            (self.condensed, &self.settings.law, &mut self.scratch.newton);
+        let mut contact = Contact { condensed, zone, law, step, poses, newton };
         let mut solution = Solution {
             condensed: self.condensed,
-            workspace: &mut self.workspace,
+            workspace: &mut self.scratch.workspace,
             contact: &mut contact,
             tolerance: self.settings.tolerance,
             iterations: 0,
@@ -180,16 +199,22 @@ impl<'a> Walk<'a> {
         let wrench = contact.wrench(&touches);
         let touches = zone.touches_out(touches);
         let poses = poses.to_vec();
-        Ok(State { poses, field, contact_force, touches, anchors, wrench, iterations })
+        let bounds = bounds(self.condensed, &field.displacement);
+        Ok(State { poses, field, bounds, contact_force, touches, anchors, wrench, iterations })
     }
 
     /// Makes the zone hold all that the shapes at `poses` may touch.
     pub(super) fn cover(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) {
-        let displacement = &self.state.field.displacement;
-        if !self.zone.covers(&reached(self.condensed, shapes, poses, displacement, 0.0)) {
-            let near = reached(self.condensed, shapes, poses, displacement, MARGIN);
-            self.zone = Zone::new(self.condensed, near);
+        let bounds = &self.state.bounds;
+        if !self.zone.covers(&self.reach.reached(shapes, poses, bounds, 0.0)) {
+            let near = self.reach.reached(shapes, poses, bounds, MARGIN);
+            self.enter_zone(near);
         }
+    }
+
+    fn enter_zone(&mut self, facets: Vec<bool>) {
+        self.zone = Zone::new(self.condensed, facets);
+        self.scratch.newton.enter(self.zone.free);
     }
 
     /// Places of the zone's surface points.

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::condensed::{Condensed, Facet, INSIDE, add_rows};
+use super::condensed::{Condensed, INSIDE};
 use crate::{
     contact::{SurfacePoint, Touch},
     deformation::Anchor,
@@ -23,28 +23,8 @@ pub(super) struct Zone {
     pub(super) free: usize,
     /// Places of the nodes at rest.
     pub(super) places: Vec<Point3<f64>>,
-    /// Compliance between the free nodes (3m, 3m) in m/N.
-    compliance: Vec<f64>,
-}
-
-/// Facets that some shape may touch when the nodes are displaced, or come within `margin` (m).
-pub(super) fn reached(
-    condensed: &Condensed,
-    shapes: &[Shape],
-    poses: &[Isometry3<f64>],
-    displacement: &[Vector3<f64>],
-    margin: f64,
-) -> Vec<bool> {
-    let near = |facet: &Facet| {
-        let moved = || facet.nodes.iter().map(|&node| displacement[node as usize]);
-        let mean = moved().sum::<Vector3<f64>>() / facet.nodes.len() as f64;
-        let spread = moved().map(|u| (u - mean).norm_squared()).fold(0.0, f64::max).sqrt();
-        let (centre, reach) = (facet.centre + mean, facet.radius + facet.gain * spread + margin);
-        shapes.iter().zip(poses).any(|(shape, pose)| {
-            shape.distance(&pose.inverse_transform_point(&centre)).value < reach
-        })
-    };
-    condensed.facets.iter().map(near).collect()
+    /// Ranks of the free nodes among the skin's (m).
+    pub(super) ranks: Vec<u32>,
 }
 
 impl Zone {
@@ -67,7 +47,7 @@ impl Zone {
         Self {
             surface: points.iter().map(renumbered).collect(),
             places: nodes.iter().map(|&node| condensed.rest.places()[node as usize]).collect(),
-            compliance: gathered(condensed, &nodes[..free]),
+            ranks: nodes[..free].iter().map(|&node| condensed.rank[node as usize]).collect(),
             facets,
             points,
             nodes,
@@ -75,16 +55,16 @@ impl Zone {
         }
     }
 
-    /// Adds the facets that the shapes may touch when the nodes are displaced (V), if they do touch
-    /// one that it lacks; whether they do.
-    pub(super) fn grow(
-        &mut self,
+    /// The facets of the zone and those `near` the shapes, if one of these is touched and lacking in
+    /// the zone when the nodes are displaced (V).
+    pub(super) fn grown(
+        &self,
         condensed: &Condensed,
         shapes: &[Shape],
         poses: &[Isometry3<f64>],
         displacement: &[Vector3<f64>],
-    ) -> bool {
-        let near = reached(condensed, shapes, poses, displacement, 0.0);
+        near: &[bool],
+    ) -> Option<Vec<bool>> {
         let (rest, surface) = (condensed.rest.places(), condensed.rest.surface());
         let touches = |point: &SurfacePoint| {
             let place = point.place(rest, displacement);
@@ -95,12 +75,9 @@ impl Zone {
         let lacking = condensed.facets.iter().zip(near.iter().zip(&self.facets));
         let lacking = lacking.filter(|(_, (near, has))| **near && !**has);
         let mut points = lacking.flat_map(|(facet, _)| facet.points.clone());
-        if !points.any(|point| touches(&surface[point as usize])) {
-            return false;
-        }
-        let union = self.facets.iter().zip(near).map(|(has, near)| *has || near).collect();
-        *self = Self::new(condensed, union);
-        true
+        let grows = points.any(|point| touches(&surface[point as usize]));
+        let union = || self.facets.iter().zip(near).map(|(has, near)| *has || *near).collect();
+        grows.then(union)
     }
 
     pub(super) fn covers(&self, facets: &[bool]) -> bool {
@@ -154,45 +131,4 @@ impl Zone {
         }
         touches
     }
-
-    /// Row of the compliance for component `i` of the force on free node `node` (3m).
-    fn row(&self, node: usize, i: usize) -> &[f64] {
-        let size = 3 * self.free;
-        &self.compliance[(3 * node + i) * size..][..size]
-    }
-
-    /// The compliance between some free `nodes` (A), by columns (3A, 3A) in m/N; it is symmetric.
-    pub(super) fn compliance_between(&self, nodes: &[usize], compliance: &mut Vec<f64>) {
-        compliance.clear();
-        for &node in nodes {
-            for i in 0..3 {
-                let row = self.row(node, i).as_chunks::<3>().0;
-                compliance.extend(nodes.iter().flat_map(|&other| row[other]));
-            }
-        }
-    }
-
-    /// Displacement of the free nodes under `forces` on them (m).
-    pub(super) fn respond(&self, forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-        let mut numbers = vec![0.0; 3 * self.free];
-        for (node, force) in forces.iter().enumerate().filter(|(_, f)| **f != Vector3::zeros()) {
-            add_rows(&mut numbers, [0, 1, 2].map(|i| self.row(node, i)), force);
-        }
-        numbers.as_chunks::<3>().0.iter().map(|&u| Vector3::from(u)).collect()
-    }
-}
-
-/// The compliance between `nodes`.
-fn gathered(condensed: &Condensed, nodes: &[u32]) -> Vec<f64> {
-    let ranks: Vec<u32> = nodes.iter().map(|&node| condensed.rank[node as usize]).collect();
-    let mut compliance = Vec::with_capacity(9 * nodes.len() * nodes.len());
-    for &rank in &ranks {
-        for i in 0..3 {
-            let row = condensed.row(rank, i);
-            for &column in &ranks {
-                compliance.extend_from_slice(&row[3 * column as usize..][..3]);
-            }
-        }
-    }
-    compliance
 }

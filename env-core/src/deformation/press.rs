@@ -72,6 +72,9 @@ pub struct Deformation {
 pub trait DeformationModel: Send {
     /// One answer per press, in order: where it ends. An unsolved press is an error in its slot.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>>;
+
+    /// Every frame of `press`, in order; the first that is not solved is an error and the last.
+    fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>>;
 }
 
 impl Drive {

@@ -5,17 +5,26 @@ const MOST: usize = 15;
 /// Residual at which to stop, relative to the right-hand side.
 const RELATIVE: f64 = 1e-3;
 
+/// What was found.
+pub(crate) struct Found {
+    /// The approximate solution.
+    pub(crate) x: Vec<f64>,
+    /// Whether its residual is small enough.
+    pub(crate) converged: bool,
+}
+
 /// Approximate x with `product`(x) = `right`.
-pub(super) fn gmres(mut product: impl FnMut(&[f64]) -> Vec<f64>, right: &[f64]) -> Vec<f64> {
+pub(crate) fn gmres(mut product: impl FnMut(&[f64]) -> Vec<f64>, right: &[f64]) -> Found {
     let size = norm(right);
     if size == 0.0 {
-        return right.to_vec();
+        return Found { x: right.to_vec(), converged: true };
     }
     let mut basis = vec![scaled(right, 1.0 / size)];
     // Columns of the triangular factor, the rotations that made it, and the rotated right side.
     let (mut upper, mut rotations): (Vec<Vec<f64>>, Vec<(f64, f64)>) = (Vec::new(), Vec::new());
     let mut projected = vec![size];
-    while upper.len() < MOST {
+    let mut converged = false;
+    while !converged && upper.len() < MOST {
         let mut next = product(&basis[upper.len()]);
         let mut column: Vec<f64> = Vec::with_capacity(basis.len() + 1);
         for vector in &basis {
@@ -36,12 +45,10 @@ pub(super) fn gmres(mut product: impl FnMut(&[f64]) -> Vec<f64>, right: &[f64]) 
         projected[last] *= c;
         rotations.push((c, s));
         upper.push(column);
-        if projected[last + 1].abs() <= RELATIVE * size || rest == 0.0 {
-            break;
-        }
+        converged = projected[last + 1].abs() <= RELATIVE * size || rest == 0.0;
         basis.push(scaled(&next, 1.0 / rest));
     }
-    combine(&basis, &upper, &projected)
+    Found { x: combine(&basis, &upper, &projected), converged }
 }
 
 /// Σ yᵢ `basis`ᵢ with `upper` y = `projected`.
@@ -83,7 +90,7 @@ mod tests {
         let matrix = [[1.0, 0.5, 0.0], [-0.3, 1.2, 0.1], [0.0, -0.4, 0.9]];
         let product = |x: &[f64]| matrix.iter().map(|row| dot(row, x)).collect::<Vec<_>>();
         let right = [1.0, -2.0, 0.5];
-        let mut rest = product(&gmres(product, &right));
+        let mut rest = product(&gmres(product, &right).x);
         add(&mut rest, -1.0, &right);
         // Three unknowns need three products; what remains is rounding.
         assert!(norm(&rest) < 1e-14, "residual {:.1e}", norm(&rest));

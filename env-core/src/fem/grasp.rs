@@ -302,7 +302,7 @@ impl Follower {
                 y.iter_mut().zip(x).for_each(|(y, x)| *y += x);
                 y
             };
-            gmres(product, &first)
+            gmres(product, &first).x
         });
         let mut stiffness = Matrix6::zeros();
         for (k, column) in columns.iter().enumerate() {

@@ -43,6 +43,7 @@ use drive::Run;
 use system::System;
 
 pub use element::Element;
+pub(crate) use gmres::{Found, gmres};
 pub use grasp::{Grasp, Grasped, Hold};
 pub(crate) use linearised::{Linearised, Workspace};
 
@@ -149,5 +150,9 @@ impl DeformationModel for Fem {
         let last =
             |press: &Press| self.solve_path(press).pop().expect("a press has a frame or an error");
         presses.par_iter().map(last).collect()
+    }
+
+    fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
+        self.solve_path(press)
     }
 }

@@ -207,7 +207,7 @@ impl Search<'_, '_> {
             y.iter_mut().zip(x).for_each(|(y, x)| *y += x);
             y
         };
-        let step = gmres(product, step);
+        let step = gmres(product, step).x;
         let trial = self.moved(state, &step, 1.0);
         let next = self.system.forces(&trial, self.contact)?;
         if norm(&self.residual(&next)) > 0.5 * norm(&self.residual(forces)) {

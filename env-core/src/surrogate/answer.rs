@@ -234,4 +234,8 @@ impl DeformationModel for Surrogate {
         };
         presses.par_iter().map(last).collect()
     }
+
+    fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
+        self.solve_path(press)
+    }
 }

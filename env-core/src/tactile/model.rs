@@ -113,6 +113,14 @@ impl DeformationModel for Model {
             Self::Surrogate(model) => model.solve(presses),
         }
     }
+
+    fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
+        match self {
+            Self::Compliance(model) => model.solve_path(press),
+            Self::Fem(model) => model.solve_path(press),
+            Self::Surrogate(model) => model.solve_path(press),
+        }
+    }
 }
 
 /// The shipped network on the gel of `sensor`.

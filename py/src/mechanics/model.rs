@@ -80,8 +80,7 @@ impl Fem {
     ///     A list with a Deformation for each frame of the path, or one for a press with a force. It
     ///     ends early with a PressError at the first frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let frames = py.detach(|| locked(&self.model).solve_path(&press.inner));
-        frames.into_iter().map(|frame| answer(py, frame, press.single)).collect()
+        solve_path(py, &self.model, press)
     }
 }
 
@@ -155,8 +154,7 @@ impl Compliance {
     ///     A list with a Deformation for each frame. It ends early with a PressError at the first
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let frames = py.detach(|| locked(&self.model).solve_path(&press.inner));
-        frames.into_iter().map(|frame| answer(py, frame, press.single)).collect()
+        solve_path(py, &self.model, press)
     }
 }
 
@@ -176,6 +174,16 @@ pub(super) fn solve<'py, M: DeformationModel>(
     });
     let slots = answers.into_iter().zip(&presses);
     slots.map(|(found, press)| answer(py, found, press.get().single)).collect()
+}
+
+/// What `model` answers to every frame of `press`.
+fn solve_path<'py, M: DeformationModel>(
+    py: Python<'py>,
+    model: &Mutex<M>,
+    press: &Press,
+) -> PyResult<Vec<Bound<'py, PyAny>>> {
+    let frames = py.detach(|| locked(model).solve_path(&press.inner));
+    frames.into_iter().map(|frame| answer(py, frame, press.single)).collect()
 }
 
 /// The model, even after a panic: no model keeps anything between presses.
