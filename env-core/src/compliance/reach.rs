@@ -79,9 +79,9 @@ mod tests {
             Shape::Sphere { radius: 0.01 },
             Shape::Cuboid { half_extents: Vector3::repeat(0.004) },
         ];
-        let place = |i: u32, j: u32| Point3::new(2e-3 * f64::from(i), 1e-3 * f64::from(j), 0.0);
-        let bounds: Vec<_> = (0..20)
-            .flat_map(|i| (0..20).map(move |j| Bound { centre: place(i, j), radius: 1e-3 }))
+        let place = |i: i32, j: i32| Point3::new(2e-3 * f64::from(i), 1e-3 * f64::from(j), 0.0);
+        let bounds: Vec<_> = (-10..=10)
+            .flat_map(|i| (-10..=10).map(move |j| Bound { centre: place(i, j), radius: 1e-3 }))
             .collect();
         let mut reach = Reach::default();
         for i in 0..100 {
