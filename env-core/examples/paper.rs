@@ -12,7 +12,8 @@ use ruffini_core::surrogate::paper::Study;
 /// Processor time of this process (s).
 fn processor() -> f64 {
     let text = fs::read_to_string("/proc/self/stat").expect("a Linux with /proc");
-    let fields: Vec<&str> = text.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
+    let fields: Vec<&str> =
+        text.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
     let ticks = |i: usize| -> f64 { fields[i].parse().expect("a number of ticks") };
     (ticks(11) + ticks(12)) / 100.0
 }

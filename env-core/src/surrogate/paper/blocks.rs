@@ -151,10 +151,10 @@ mod tests {
         let update = Update::new(3, &config, &Parameters::drawn(1).builder()).unwrap();
         let random = |rows: usize| Tensor::randn(0.0_f32, 1.0, (rows, 8), &Device::Cpu).unwrap();
         let (e, v) = (random(3), random(3));
-        let links = Links::new(Edges { senders: vec![1, 2, 0], starts: vec![0, 2, 2, 3] }, e.clone());
-        let rows = |rows: [u32; 3]| {
-            v.index_select(&Tensor::new(&rows, &Device::Cpu).unwrap(), 0).unwrap()
-        };
+        let links =
+            Links::new(Edges { senders: vec![1, 2, 0], starts: vec![0, 2, 2, 3] }, e.clone());
+        let rows =
+            |rows: [u32; 3]| v.index_select(&Tensor::new(&rows, &Device::Cpu).unwrap(), 0).unwrap();
         let whole = Tensor::cat(&[&e, &rows([1, 2, 0]), &rows([0, 0, 2])], 1).unwrap();
         let hidden = affine(&whole, &update.first.weight, &update.first.bias, true).unwrap();
         let plain = (&e + update.tail.forward(&hidden).unwrap()).unwrap();

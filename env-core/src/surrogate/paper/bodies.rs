@@ -67,7 +67,8 @@ impl Graph {
         let both = |&a: &u32, tet: &[u32; 4]| tet.map(|b| (a, b));
         let pairs = tets.clone().flat_map(|tet| tet.iter().flat_map(move |a| both(a, tet)));
         let pairs: BTreeSet<_> = pairs.filter(|(a, b)| a != b).collect();
-        let corners: Vec<Vec<_>> = tets.map(|tet| tet.iter().map(|&i| (i, 1.0)).collect()).collect();
+        let corners: Vec<Vec<_>> =
+            tets.map(|tet| tet.iter().map(|&i| (i, 1.0)).collect()).collect();
         let reach = |axis: usize| places.iter().map(|p| p[axis].abs()).fold(0.0, f64::max);
         Self {
             half: [reach(0), reach(1)],
@@ -82,9 +83,9 @@ impl Graph {
     /// The pose at which `shape`, drawn out along the pad's axis from `pose`, just touches the face.
     pub(super) fn touch(&self, shape: &Shape, mut pose: Isometry3<f64>) -> Isometry3<f64> {
         for _ in 0..STEPS {
-            let distance =
-                |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value;
-            let gap = self.places[..self.columns].iter().map(distance).fold(f64::INFINITY, f64::min);
+            let distance = |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value;
+            let gap =
+                self.places[..self.columns].iter().map(distance).fold(f64::INFINITY, f64::min);
             if gap > -TOUCH {
                 break;
             }

@@ -15,10 +15,10 @@ use super::{
 };
 use crate::surrogate::ops::{Sparse, sparse};
 
-/// What the latent features say is in these units of thickness, and of the shear modulus: a deep press
-/// is about 1.
-const DISPLACEMENT: f64 = 0.1;
-const STRESS: f64 = 0.3;
+/// What decoders say is in these units of thickness, and of the shear modulus: the root mean square of
+/// a middling press is about 1, as is a number drawn for a decoder's weights.
+const DISPLACEMENT: f64 = 0.01;
+const STRESS: f64 = 0.05;
 
 /// One of the paper's networks.
 pub(super) struct Paper {
@@ -105,7 +105,8 @@ impl Paper {
         let width = nodes.dim(1)?;
         let zeros = |rows: usize| Tensor::zeros((rows, width), DType::F32, &Device::Cpu);
         let block = self.blocks.first();
-        let tets = block.and_then(|block| block.tets.as_ref()).map(|_| zeros(scene.corners.height()));
+        let tets =
+            block.and_then(|block| block.tets.as_ref()).map(|_| zeros(scene.corners.height()));
         let whole = self.rigid.as_ref().map(|_| zeros(1));
         Ok(Latent {
             nodes,
@@ -121,7 +122,9 @@ impl Paper {
         let moved = (self.displacement.forward(&latent.nodes)? * DISPLACEMENT)?;
         let stress = match &latent.tets {
             Some(tets) => self.stress.forward(tets)?,
-            None => averaged(&self.stress.forward(&latent.nodes.narrow(0, 0, gel)?)?, &scene.corners)?,
+            None => {
+                averaged(&self.stress.forward(&latent.nodes.narrow(0, 0, gel)?)?, &scene.corners)?
+            }
         };
         let rigid = match (&self.rigid, &latent.whole) {
             (Some(decoder), Some(whole)) => {
@@ -193,8 +196,10 @@ mod tests {
         let scene = Scene::new(&bodies, &sample, Input::Translation, 0).unwrap();
         let latent = network.encode(&scene).unwrap();
         let zeros = latent.tets.clone().unwrap();
-        let ones = Latent { tets: Some(zeros.ones_like().unwrap()), ..network.encode(&scene).unwrap() };
-        let [plain, other] = [&latent, &ones].map(|l| network.blocks[0].forward(l, &scene).unwrap());
+        let ones =
+            Latent { tets: Some(zeros.ones_like().unwrap()), ..network.encode(&scene).unwrap() };
+        let [plain, other] =
+            [&latent, &ones].map(|l| network.blocks[0].forward(l, &scene).unwrap());
         let difference = |a: &Tensor, b: &Tensor| -> f32 {
             (a - b).unwrap().abs().unwrap().max_all().unwrap().to_scalar().unwrap()
         };
@@ -211,14 +216,17 @@ mod tests {
         for variant in [Variant::Baseline, Variant::A, Variant::B] {
             for input in [Input::Translation, Input::Force] {
                 let (width, rounds) = (8, 2);
-                let config = PaperConfig { variant, input, width, rounds, ..PaperConfig::default() };
+                let config =
+                    PaperConfig { variant, input, width, rounds, ..PaperConfig::default() };
                 let parameters = Parameters::drawn(3);
-                let network = <super::super::target::Told as Network>::new(&config, &parameters.builder());
+                let network =
+                    <super::super::target::Told as Network>::new(&config, &parameters.builder());
                 let loss = network.unwrap().loss(&bodies, &[&sample], 1).unwrap();
                 let gradients = loss.total.backward().unwrap();
                 for (name, variable) in parameters.all() {
                     let gradient = gradients.get(&variable);
-                    let gradient = gradient.unwrap_or_else(|| panic!("{variant:?}: none for {name}"));
+                    let gradient =
+                        gradient.unwrap_or_else(|| panic!("{variant:?}: none for {name}"));
                     let most = gradient.abs().unwrap().max_all().unwrap();
                     assert!(most.to_scalar::<f32>().unwrap() > 0.0, "{variant:?}: zero for {name}");
                 }

@@ -66,7 +66,8 @@ impl Patch {
             if misses(&triangle.map(|i| places[i as usize]), &reach) {
                 continue;
             }
-            let sides = [0, 1, 2].map(|i| [triangle[i], triangle[(i + 1) % 3], triangle[(i + 2) % 3]]);
+            let sides =
+                [0, 1, 2].map(|i| [triangle[i], triangle[(i + 1) % 3], triangle[(i + 2) % 3]]);
             let length = |&[a, b, _]: &[u32; 3]| (places[a as usize] - places[b as usize]).norm();
             let longest = |a: &[u32; 3], b: &[u32; 3]| length(a).total_cmp(&length(b));
             let [a, b, c] = sides.into_iter().max_by(longest).expect("three sides");

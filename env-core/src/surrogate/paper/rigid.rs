@@ -5,12 +5,13 @@
 //! angles or quaternions leave no jumps to learn.
 
 use candle_core::{Device, Result, Tensor};
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 /// Numbers of a motion: its rotation row by row and its translation.
 pub(super) const MOTION: usize = 12;
 /// No motion.
-pub(super) const STILL: [f32; MOTION] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
+pub(super) const STILL: [f32; MOTION] =
+    [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
 
 /// Rotation R and translation t that bring `places` nearest to where `displacement` moves them:
 /// p ↦ R p + t.
@@ -18,7 +19,8 @@ pub(super) fn best_fit(
     places: &[Vector3<f64>],
     displacement: &[Vector3<f64>],
 ) -> (Matrix3<f64>, Vector3<f64>) {
-    let mean = |vectors: &[Vector3<f64>]| vectors.iter().sum::<Vector3<f64>>() / places.len() as f64;
+    let mean =
+        |vectors: &[Vector3<f64>]| vectors.iter().sum::<Vector3<f64>>() / places.len() as f64;
     let (centre, drift) = (mean(places), mean(displacement));
     let pairs = places.iter().zip(displacement);
     let product: Matrix3<f64> =
@@ -43,9 +45,12 @@ pub(super) fn numbers(rotation: &Matrix3<f64>, translation: &Vector3<f64>) -> [f
 /// Angle (rad) between two motions, and distance of their translations.
 pub(super) fn apart(a: &[f32], b: &[f32]) -> [f64; 2] {
     let rotation = |m: &[f32]| Matrix3::from_row_slice(&m[..9]).cast::<f64>();
-    let turn = Rotation3::from_matrix_unchecked(rotation(a).transpose() * rotation(b));
+    let turn = rotation(a).transpose() * rotation(b);
+    // By sine and cosine, for the cosine alone knows no small angles.
+    let sines = Vector3::new(turn.m32 - turn.m23, turn.m13 - turn.m31, turn.m21 - turn.m12);
+    let angle = sines.norm().atan2(turn.trace() - 1.0);
     let translation = |m: &[f32]| Vector3::from_column_slice(&m[9..12]).cast::<f64>();
-    [turn.angle(), (translation(a) - translation(b)).norm()]
+    [angle, (translation(a) - translation(b)).norm()]
 }
 
 /// The motion (12) that nine numbers mean: two columns less those of the identity, a translation.
@@ -70,11 +75,16 @@ fn cross(a: &Tensor, b: &Tensor) -> Result<Tensor> {
     let ([a1, b1], [a2, b2], [a3, b3]) = (x, y, z);
     let (a1, a2, a3, b1, b2, b3) = (a1?, a2?, a3?, b1?, b2?, b3?);
     let part = |p: &Tensor, q: &Tensor, r: &Tensor, s: &Tensor| (p * q)? - (r * s)?;
-    Tensor::cat(&[part(&a2, &b3, &a3, &b2)?, part(&a3, &b1, &a1, &b3)?, part(&a1, &b2, &a2, &b1)?], 0)
+    Tensor::cat(
+        &[part(&a2, &b3, &a3, &b2)?, part(&a3, &b1, &a1, &b3)?, part(&a1, &b2, &a2, &b1)?],
+        0,
+    )
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Rotation3;
+
     use super::*;
 
     fn said(says: [f32; 9]) -> Vec<f32> {
@@ -95,12 +105,16 @@ mod tests {
     fn the_best_fit_to_a_rigid_motion_is_that_motion() {
         let turn = Rotation3::new(Vector3::new(0.1, -0.4, 0.2));
         let shift = Vector3::new(0.3, 0.1, -0.5);
-        let places = [[0.0, 0.0, 0.1], [1.0, 0.0, 0.3], [0.0, 1.2, 0.0], [0.3, 0.4, -0.9]].map(Vector3::from);
+        let places = [[0.0, 0.0, 0.1], [1.0, 0.0, 0.3], [0.0, 1.2, 0.0], [0.3, 0.4, -0.9]]
+            .map(Vector3::from);
         let moved = places.map(|p| turn * p + shift - p);
         let (rotation, translation) = best_fit(&places, &moved);
         assert!((rotation - turn.matrix()).norm() < 1e-12 && (translation - shift).norm() < 1e-12);
         let numbers = numbers(&rotation, &translation);
         let [angle, _] = apart(&numbers, &said([0.0; 9]));
         assert!((angle - turn.angle()).abs() < 1e-6, "{angle} for {}", turn.angle());
+        let little = Rotation3::new(Vector3::new(1e-5, 0.0, 0.0));
+        let [angle, _] = apart(&STILL, &super::numbers(little.matrix(), &shift));
+        assert!((angle - 1e-5).abs() < 1e-7, "{angle} rad for 1e-5");
     }
 }

@@ -113,7 +113,8 @@ pub(super) mod tests {
         let options = Options { friction: gel.friction, sweeps: 0 };
         let compliance = Compliance::new(body(&mesh, moduli).unwrap(), options).unwrap();
         let answer = compliance.solve_path(&press).pop().unwrap().unwrap();
-        let flat = |v: &[Vector3<f64>]| v.iter().flat_map(|v| [v.x, v.y, v.z]).map(|x| x as f32).collect();
+        let flat =
+            |v: &[Vector3<f64>]| v.iter().flat_map(|v| [v.x, v.y, v.z]).map(|x| x as f32).collect();
         let frames = PadFrames {
             start: Isometry3::identity(),
             grasp: "ball/0".into(),
@@ -122,7 +123,10 @@ pub(super) mod tests {
             displacement: flat(&answer.displacement),
             contact_force: flat(&answer.contact_force),
             von_mises: answer.von_mises.iter().map(|&s| s as f32).collect(),
-            wrench: [answer.wrench.force, answer.wrench.torque].iter().flat_map(|v| [v.x, v.y, v.z]).collect(),
+            wrench: [answer.wrench.force, answer.wrench.torque]
+                .iter()
+                .flat_map(|v| [v.x, v.y, v.z])
+                .collect(),
         };
         let truth = Truth::new(&frames, 0, graph.columns, &gel);
         let touch = graph.touch(&ball, pose);

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use candle_core::{Device, Tensor};
 use nalgebra::{Point3, Vector3};
 
-use super::{bodies::Pad, bodies::Bodies, config::Input, patch::Patch, samples::Sample};
+use super::{bodies::Bodies, bodies::Pad, config::Input, patch::Patch, samples::Sample};
 use crate::{
     Error, Result,
     surrogate::ops::{Edges, Sparse},
@@ -61,7 +61,12 @@ pub(super) fn signs(mirror: usize) -> [f64; 3] {
 
 impl Scene {
     /// The scene of a sample seen in a mirror; an error if nothing is near the gel.
-    pub(super) fn new(bodies: &Bodies, sample: &Sample, input: Input, mirror: usize) -> Result<Self> {
+    pub(super) fn new(
+        bodies: &Bodies,
+        sample: &Sample,
+        input: Input,
+        mirror: usize,
+    ) -> Result<Self> {
         let Pad { gel, graph } = &bodies.pads[sample.gel];
         let (length, gel_nodes) = (gel.thickness, graph.places.len());
         let at_touch = sample.patch.places.iter().map(|p| Point3::from(*p));
@@ -131,7 +136,11 @@ fn contacts(face: &[Point3<f64>], object: &[Point3<f64>], first: usize) -> Vec<(
 
 impl Links {
     pub(super) fn new(edges: Edges, features: Tensor) -> Self {
-        let rows: Vec<Vec<_>> = edges.starts.windows(2).map(|pair| (pair[0]..pair[1]).map(|e| (e, 1.0)).collect()).collect();
+        let rows: Vec<Vec<_>> = edges
+            .starts
+            .windows(2)
+            .map(|pair| (pair[0]..pair[1]).map(|e| (e, 1.0)).collect())
+            .collect();
         let sums = Arc::new(Sparse::new(&rows, edges.senders.len()));
         Self { edges: Arc::new(edges), features, sums }
     }
