@@ -237,12 +237,12 @@ mod _core {
     #[pymodule_export]
     use crate::dataset::{dataset_shards, generate_dataset};
     #[pymodule_export]
-    use crate::training::{evaluate_surrogate, train_surrogate};
-    #[pymodule_export]
     use crate::mechanics::{
         Antipodal, Compliance, Deformation, Fem, Grasp, Grasped, History, Object, Press, Shape,
         SoftBody, Surrogate, TetMesh, Transfer, objects, sensor,
     };
+    #[pymodule_export]
+    use crate::training::{evaluate_surrogate, train_surrogate};
 
     use super::{
         Bound, CATALOGUE, CHANNELS, Ending, PyModule, PyModuleMethods, PyResult, TACTILE_CHANNELS,

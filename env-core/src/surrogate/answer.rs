@@ -76,7 +76,7 @@ impl Surrogate {
         let elements = Linearised::new(&body)?;
         let graph = PadGraph::new(&pad)?;
         let network = Fast::new(&plain, &graph, &pad.mesh.tets)?;
-        Ok(Self(Arc::new(Trained { network, graph, gel, linear, elements, body, card })))
+        Ok(Self(Arc::new(Trained { card, network, graph, gel, linear, elements, body })))
     }
 
     /// What the weights are.

@@ -104,7 +104,11 @@ impl Batch {
         Ok(Self {
             features: Tensor::from_vec(all(|q| &q.features), (count * columns, FEATURES), device)?,
             displacement: Tensor::from_vec(displacement, (nodes, 3), device)?,
-            stress: Tensor::from_vec(all(|q| &q.stress), (count, questions[0].stress.len()), device)?,
+            stress: Tensor::from_vec(
+                all(|q| &q.stress),
+                (count, questions[0].stress.len()),
+                device,
+            )?,
             forces: Tensor::from_vec(all(|q| &q.forces), (count, columns, 3), device)?,
             other_force: Tensor::from_vec(all(|q| &q.other_force), (count, 3), device)?,
             gates: Tensor::from_vec(all(|q| &q.gates), (count, columns, 1), device)?,
@@ -122,7 +126,9 @@ impl Corrector {
     pub(super) fn new(config: &CorrectorConfig, vb: &VarBuilder) -> Result<Self> {
         let CorrectorConfig { width, corner, .. } = *config;
         let rounds = |count: usize, vb: VarBuilder| {
-            (0..count).map(|i| Round::new(width, EDGE_FEATURES, &vb.pp(i))).collect::<Result<Vec<_>>>()
+            (0..count)
+                .map(|i| Round::new(width, EDGE_FEATURES, &vb.pp(i)))
+                .collect::<Result<Vec<_>>>()
         };
         let link = |name: &str, i: usize| Affine::new(width, width, &vb.pp(name).pp(i));
         let zero = |vb: VarBuilder| Affine::zero(width, 3 * LAYERS + 3, &vb);

@@ -6,6 +6,8 @@
 //!
 //! Shapes as in the corrector, with one press.
 
+#![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
+
 use std::sync::Arc;
 
 use candle_core::{Result, Tensor};
@@ -180,7 +182,9 @@ fn normalise(rows: &mut [f32], [scale, shift]: &[Vec<f32>; 2]) {
 }
 
 fn relu(values: &mut [f32]) {
-    values.iter_mut().for_each(|x| *x = x.max(0.0));
+    for x in values {
+        *x = x.max(0.0);
+    }
 }
 
 impl Fast {
@@ -231,11 +235,8 @@ impl Fast {
         self.nodes[1].forward(hidden, says);
         let displacement = self.displaced(question, says);
         let (forces, force) = pressed(question, says);
-        let stress = if with_stress {
-            self.stressed(question, &displacement, scratch)
-        } else {
-            Vec::new()
-        };
+        let stress =
+            if with_stress { self.stressed(question, &displacement, scratch) } else { Vec::new() };
         Fields { displacement, stress, forces, force }
     }
 
@@ -337,7 +338,8 @@ impl Fast {
                 let corner = &corners[corner as usize * width..][..width];
                 hidden.iter_mut().zip(corner).for_each(|(hidden, x)| *hidden += x);
             }
-            let says: f32 = hidden.iter().zip(&self.stress.weight).map(|(h, w)| h.max(0.0) * w).sum();
+            let says: f32 =
+                hidden.iter().zip(&self.stress.weight).map(|(h, w)| h.max(0.0) * w).sum();
             let says = (says + self.stress.bias[0]) * question.amplitude;
             stress[t] = question.stress[t] + after[t] - before[t] + says;
         }

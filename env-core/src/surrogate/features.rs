@@ -78,7 +78,13 @@ const REACH: f64 = 0.125;
 
 impl Question {
     /// What `linear`, the answer to a press of `shapes`, asks of the network.
-    pub(super) fn new(graph: &PadGraph, gel: &Gel, places: &[Point3<f64>], shapes: &[Shape], linear: &Carried) -> Self {
+    pub(super) fn new(
+        graph: &PadGraph,
+        gel: &Gel,
+        places: &[Point3<f64>],
+        shapes: &[Shape],
+        linear: &Carried,
+    ) -> Self {
         let (length, columns) = (gel.thickness, graph.columns);
         let amplitude = linear.displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
         let strongest = linear.contact_force.iter().map(Vector3::norm).fold(0.0, f64::max);
@@ -92,8 +98,8 @@ impl Question {
         ];
         let mut features = Vec::with_capacity(columns * FEATURES);
         let mut gates = Vec::with_capacity(columns);
-        for column in 0..columns {
-            let (rest, moved) = (places[column], places[column] + linear.displacement[column]);
+        for (column, &rest) in places[..columns].iter().enumerate() {
+            let moved = rest + linear.displacement[column];
             let before = nearest(shapes, linear, &rest).value;
             let Distance { value: gap, normal } = nearest(shapes, linear, &moved);
             let layers = (0..LAYERS).map(|k| linear.displacement[k * columns + column]);
@@ -156,7 +162,7 @@ impl Truth {
 fn feature_signs([x, y, z]: [f32; 3]) -> [f32; FEATURES] {
     let mut all = [1.0; FEATURES];
     let distances = 3 * (LAYERS + 1);
-    for vector in (0..LAYERS + 1).map(|k| 3 * k).chain([distances + 3]) {
+    for vector in (0..=LAYERS).map(|k| 3 * k).chain([distances + 3]) {
         all[vector..vector + 3].copy_from_slice(&[x, y, z]);
     }
     let place = distances + 6;

@@ -124,7 +124,8 @@ fn interpolation(fine: [usize; 2], coarse: [usize; 2]) -> Sparse {
     };
     let row = |column: usize| {
         let (x, y) = (along(0, column % fine[0]), along(1, column / fine[0]));
-        let pairs = y.iter().flat_map(|&(j, b)| x.map(|(i, a)| ((j * coarse[0] + i) as u32, a * b)));
+        let pairs =
+            y.iter().flat_map(|&(j, b)| x.map(|(i, a)| ((j * coarse[0] + i) as u32, a * b)));
         pairs.filter(|(_, share)| *share > 0.0).collect()
     };
     let rows: Vec<Vec<_>> = (0..fine[0] * fine[1]).map(row).collect();
@@ -233,7 +234,8 @@ mod tests {
     fn interpolation_reproduces_linear_fields() {
         let matrix = interpolation([15, 7], [8, 4]);
         let field = |n: usize, m: usize| -> Vec<f32> {
-            let at = |c: usize| (c % n) as f32 / (n - 1) as f32 + 2.0 * (c / n) as f32 / (m - 1) as f32;
+            let at =
+                |c: usize| (c % n) as f32 / (n - 1) as f32 + 2.0 * (c / n) as f32 / (m - 1) as f32;
             (0..n * m).map(at).collect()
         };
         let mut fine = vec![0.0; 15 * 7];

@@ -74,10 +74,7 @@ pub(super) struct Mlp {
 
 impl Mlp {
     /// From `inputs` over `hidden` to `outputs` numbers.
-    pub(super) fn new(
-        [inputs, hidden, outputs]: [usize; 3],
-        vb: &VarBuilder,
-    ) -> Result<Self> {
+    pub(super) fn new([inputs, hidden, outputs]: [usize; 3], vb: &VarBuilder) -> Result<Self> {
         let first = Affine::new(inputs, hidden, &vb.pp("first"))?;
         Ok(Self { first, second: Affine::new(hidden, outputs, &vb.pp("second"))? })
     }

@@ -91,11 +91,13 @@ impl PressErrors {
     pub(super) fn of(found: &Fields, truth: &Truth, length: f64, stress: f64) -> Self {
         let nodes = (truth.displacement.len() / 3) as f64;
         let size = norm(&truth.displacement) * length;
-        let peak = (0..truth.stress.len()).max_by(|&a, &b| truth.stress[a].total_cmp(&truth.stress[b]));
+        let peak =
+            (0..truth.stress.len()).max_by(|&a, &b| truth.stress[a].total_cmp(&truth.stress[b]));
         let peak = peak.unwrap_or_default();
         let high = f64::from(truth.stress[peak]);
-        let stressed: Vec<usize> =
-            (0..truth.stress.len()).filter(|&t| f64::from(truth.stress[t]) > STRESSED * high).collect();
+        let stressed: Vec<usize> = (0..truth.stress.len())
+            .filter(|&t| f64::from(truth.stress[t]) > STRESSED * high)
+            .collect();
         let pick = |field: &[f32]| -> Vec<f32> { stressed.iter().map(|&t| field[t]).collect() };
         let amplitude = truth.displacement.as_chunks::<3>().0.iter().map(|u| norm(u));
         Self {
@@ -168,10 +170,10 @@ fn mean_difference(found: &[f32], truth: &[f32]) -> f64 {
 pub(super) fn judge_linear(gels: &Gels, samples: &[Sample]) -> Vec<PressErrors> {
     let one = |sample: &Sample| {
         let question = &sample.question;
-        let [x, y, z] = question.forces.as_chunks::<3>().0.iter().fold(
-            question.other_force,
-            |sum, force| std::array::from_fn(|i| sum[i] + force[i]),
-        );
+        let [x, y, z] =
+            question.forces.as_chunks::<3>().0.iter().fold(question.other_force, |sum, force| {
+                std::array::from_fn(|i| sum[i] + force[i])
+            });
         let fields = Fields {
             displacement: question.displacement.clone(),
             stress: question.stress.clone(),

@@ -6,11 +6,7 @@ use std::{
 };
 
 use candle_core::{DType, Device, Result, Shape, Tensor, Var, bail};
-use candle_nn::{
-    Init, VarBuilder,
-    init::NormalOrUniform,
-    var_builder::SimpleBackend,
-};
+use candle_nn::{Init, VarBuilder, init::NormalOrUniform, var_builder::SimpleBackend};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -92,8 +88,14 @@ fn draw(shape: &Shape, init: Init, random: &mut ChaCha8Rng) -> Vec<f32> {
     let (low, high) = match init {
         Init::Const(value) => (value, value),
         Init::Uniform { lo, up } => (lo, up),
-        Init::Randn { mean, stdev } => (mean - 3.0_f64.sqrt() * stdev, mean + 3.0_f64.sqrt() * stdev),
-        Init::Kaiming { dist: NormalOrUniform::Normal | NormalOrUniform::Uniform, fan, non_linearity } => {
+        Init::Randn { mean, stdev } => {
+            (mean - 3.0_f64.sqrt() * stdev, mean + 3.0_f64.sqrt() * stdev)
+        }
+        Init::Kaiming {
+            dist: NormalOrUniform::Normal | NormalOrUniform::Uniform,
+            fan,
+            non_linearity,
+        } => {
             let bound = non_linearity.gain() * (3.0 / fan.for_shape(shape) as f64).sqrt();
             (-bound, bound)
         }

@@ -1,6 +1,6 @@
 //! A training run: samples, epochs, checkpoints, a card.
 
-use std::{fs, path::Path, time::Instant};
+use std::{fmt::Write as _, fs, path::Path, time::Instant};
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -10,7 +10,7 @@ use super::{
     metrics::{PressErrors, Summary, judge, judge_linear},
     samples::{Gels, Sample},
     train::{Epoch, Trainer, Training},
-    weights::{self, Card, Data},
+    weights::{self, Card, Data, Vectors},
 };
 use crate::{
     Error, Result,
@@ -110,8 +110,6 @@ pub fn train(
     Ok(Some(card))
 }
 
-type Vectors = std::collections::BTreeMap<String, (Vec<usize>, Vec<f32>)>;
-
 struct Run {
     trainer: Trainer<Corrector>,
     data: String,
@@ -130,7 +128,8 @@ impl Run {
         let (vectors, checkpoint): (_, Checkpoint) =
             weights::from_bytes(&path.display().to_string(), &bytes)?;
         if checkpoint.training != *training || checkpoint.data != data {
-            let reason = "a run on other data or with other settings, expected this one's checkpoint";
+            let reason =
+                "a run on other data or with other settings, expected this one's checkpoint";
             return Err(failed(&path, &reason));
         }
         trainer.restore(&vectors, checkpoint.epoch, checkpoint.steps)?;
@@ -241,7 +240,10 @@ fn counts(samples: &[Sample]) -> [usize; 2] {
 /// SHA-256 of what a dataset is made of and of the grasps of a split.
 fn fingerprint(dataset: &Dataset, split: &Split) -> String {
     let text = serde_json::to_string(&(dataset.config(), split)).expect("plain data");
-    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+    Sha256::digest(text).iter().fold(String::new(), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
 }
 
 /// Errors on one part of a split, press by press with the names of their grasps: the network's and the

@@ -5,7 +5,7 @@
 use std::{
     collections::{HashMap, HashSet},
     fs,
-    path::PathBuf,
+    path::Path,
 };
 
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -177,8 +177,10 @@ impl Truth {
 }
 
 /// Writes answers so that they are there whole or not at all.
-fn write(path: &PathBuf, answers: &Answers) -> Result<()> {
-    let vectors = |field: &[Vector3<f64>]| -> Vec<f64> { field.iter().flat_map(|v| [v.x, v.y, v.z]).collect() };
+fn write(path: &Path, answers: &Answers) -> Result<()> {
+    let vectors = |field: &[Vector3<f64>]| -> Vec<f64> {
+        field.iter().flat_map(|v| [v.x, v.y, v.z]).collect()
+    };
     let mut fields: Vec<(String, Vec<u8>)> = Vec::new();
     for (pad, answers) in answers.iter().enumerate() {
         let mut put = |name: &str, of: &dyn Fn(&Carried) -> Vec<f64>| {
@@ -194,7 +196,8 @@ fn write(path: &PathBuf, answers: &Answers) -> Result<()> {
         let view = TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes);
         (name, view.expect("as many bytes as the shape says"))
     });
-    let bytes = safetensors::serialize(views.collect::<HashMap<_, _>>(), None).expect("valid tensors");
+    let bytes =
+        safetensors::serialize(views.collect::<HashMap<_, _>>(), None).expect("valid tensors");
     let partial = path.with_extension("partial");
     fs::create_dir_all(path.parent().unwrap_or(path))
         .and_then(|()| fs::write(&partial, bytes))
@@ -202,8 +205,11 @@ fn write(path: &PathBuf, answers: &Answers) -> Result<()> {
         .map_err(|error| failed(path, &error))
 }
 
+/// A frame's fields and the pose of its shape.
+type Row<'a> = (((&'a [f64], &'a [f64]), &'a [f64]), &'a Isometry3<f64>);
+
 /// The answers in a file to the presses of `pads`, if it is whole.
-fn read(path: &PathBuf, pads: &[PadFrames]) -> Option<Answers> {
+fn read(path: &Path, pads: &[PadFrames]) -> Option<Answers> {
     let bytes = fs::read(path).ok()?;
     let file = SafeTensors::deserialize(&bytes).ok()?;
     let pad = |(number, frames): (usize, &PadFrames)| {
@@ -216,11 +222,12 @@ fn read(path: &PathBuf, pads: &[PadFrames]) -> Option<Answers> {
             let numbers = tensor.data().as_chunks().0.iter();
             Some(numbers.map(|bytes| f64::from(f32::from_le_bytes(*bytes))).collect())
         };
-        let vectors = |numbers: &[f64]| numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect();
+        let vectors =
+            |numbers: &[f64]| numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect();
         let (displacement, force) = (field("displacement")?, field("contact_force")?);
         let stress = field("von_mises")?;
         let each = displacement.chunks(nodes).zip(force.chunks(nodes)).zip(stress.chunks(tets));
-        let frame = |(((u, f), s), pose): (((&[f64], &[f64]), &[f64]), &Isometry3<f64>)| Carried {
+        let frame = |(((u, f), s), pose): Row| Carried {
             displacement: vectors(u),
             contact_force: vectors(f),
             von_mises: s.to_vec(),
@@ -231,6 +238,6 @@ fn read(path: &PathBuf, pads: &[PadFrames]) -> Option<Answers> {
     pads.iter().enumerate().map(pad).collect()
 }
 
-fn failed(path: &PathBuf, reason: &dyn std::fmt::Display) -> Error {
+fn failed(path: &Path, reason: &dyn std::fmt::Display) -> Error {
     Error::File { path: path.display().to_string(), reason: reason.to_string() }
 }

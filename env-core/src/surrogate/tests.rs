@@ -3,8 +3,7 @@
 use nalgebra::Isometry3;
 
 use super::{
-    Surrogate,
-    adam,
+    Surrogate, adam,
     corrector::{Corrector, CorrectorConfig},
     features::{Gel, Question, Truth, flat},
     graph::PadGraph,
@@ -194,7 +193,10 @@ fn damaged_weights_are_named() {
 #[test]
 fn an_untrained_network_is_the_linear_answer_but_for_the_strain() {
     let (graph, samples) = samples(&[8e-4]);
-    let network = Corrector::new(&CorrectorConfig::default(), &super::parameters::Parameters::drawn(0).builder());
+    let network = Corrector::new(
+        &CorrectorConfig::default(),
+        &super::parameters::Parameters::drawn(0).builder(),
+    );
     let question = &samples[0].question;
     let batch = super::corrector::Batch::new(&[question]).unwrap();
     let answer = network.unwrap().forward(&batch, &graph).unwrap();

@@ -1,6 +1,6 @@
 //! Training: batches over threads, a rate that falls with a cosine, checkpoints that resume exactly.
 
-use std::{collections::BTreeMap, f64::consts::PI, time::Instant};
+use std::{f64::consts::PI, time::Instant};
 
 use candle_core::Tensor;
 use candle_nn::VarBuilder;
@@ -15,6 +15,7 @@ use super::{
     features::{Gel, Truth},
     metrics::Fields,
     parameters::Parameters,
+    weights::Vectors,
 };
 use crate::{Error, Result};
 
@@ -36,12 +37,8 @@ pub(super) trait Network: Sized + Sync {
     fn truth<'a>(ground: &'a Self::Ground, sample: &'a Self::Sample) -> (&'a Truth, &'a Gel);
 
     /// What training makes small, on samples of one graph seen in one of its mirrors.
-    fn loss(
-        &self,
-        ground: &Self::Ground,
-        samples: &[&Self::Sample],
-        mirror: usize,
-    ) -> Result<Loss>;
+    fn loss(&self, ground: &Self::Ground, samples: &[&Self::Sample], mirror: usize)
+    -> Result<Loss>;
 
     /// The answer to a sample's question, in the units of [`Truth`].
     fn answer(&self, ground: &Self::Ground, sample: &Self::Sample) -> Result<Fields>;
@@ -154,8 +151,6 @@ pub(super) struct Trainer<N: Network> {
     pub(super) epoch: usize,
 }
 
-/// Shapes and values by name.
-type Vectors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 /// What the names of first and second moments begin with.
 const MOMENTS: [&str; 2] = ["moment-1", "moment-2"];
 /// Sample numbers on one graph and the mirror they are seen in, which one thread computes.
@@ -183,7 +178,8 @@ impl<N: Network> Trainer<N> {
 
     /// Goes back to what [`Trainer::vectors`] gave after `epoch` epochs and `steps` steps.
     pub(super) fn restore(&mut self, vectors: &Vectors, epoch: usize, steps: u64) -> Result<()> {
-        let missing = |name: &str| Error::Network { reason: format!("{name}: not in the checkpoint") };
+        let missing =
+            |name: &str| Error::Network { reason: format!("{name}: not in the checkpoint") };
         for (name, variable) in self.parameters.all() {
             let find = |name: &str| vectors.get(name).ok_or_else(|| missing(name));
             let (shape, values) = find(&name)?;
@@ -207,7 +203,8 @@ impl<N: Network> Trainer<N> {
                 (0..samples.len()).filter(|&i| N::graph(&samples[i]) == graph).collect();
             own.shuffle(&mut random);
             let mirrors = if self.training.mirrors { 4 } else { 1 };
-            let cut = own.chunks(PIECE).map(|piece| (piece.to_vec(), random.random_range(0..mirrors)));
+            let cut =
+                own.chunks(PIECE).map(|piece| (piece.to_vec(), random.random_range(0..mirrors)));
             pieces.extend(cut.collect::<Vec<_>>());
         }
         pieces.shuffle(&mut random);
@@ -223,7 +220,8 @@ impl<N: Network> Trainer<N> {
         go_on: &mut dyn FnMut() -> bool,
     ) -> Result<Option<Epoch>> {
         let batches = self.batches(samples);
-        let (training, all) = (self.training.clone(), (batches.len() * self.training.epochs) as f64);
+        let (training, all) =
+            (self.training.clone(), (batches.len() * self.training.epochs) as f64);
         let rate = &mut |step: u64| go_on().then(|| training.rate((step + 1) as f64 / all));
         self.steps(ground, samples, &batches, rate)
     }

@@ -59,16 +59,16 @@ pub struct Data {
     pub friction: [f64; 2],
 }
 
+/// Shapes and values of tensors by name.
+pub(super) type Vectors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
+
 /// Largest file that is read (bytes).
 const MOST: u64 = 64 << 20;
 /// Key of what a file says of itself.
 const KEY: &str = "card";
 
 /// The bytes of named vectors with `card`.
-pub(super) fn to_bytes(
-    tensors: &BTreeMap<String, (Vec<usize>, Vec<f32>)>,
-    card: &impl Serialize,
-) -> Vec<u8> {
+pub(super) fn to_bytes(tensors: &Vectors, card: &impl Serialize) -> Vec<u8> {
     let fields: BTreeMap<&str, (&[usize], Vec<u8>)> = tensors
         .iter()
         .map(|(name, (shape, values))| {
@@ -86,10 +86,7 @@ pub(super) fn to_bytes(
 }
 
 /// The tensors and the card in `bytes`, or why `name` is not such a file.
-pub(super) fn from_bytes<C: DeserializeOwned>(
-    name: &str,
-    bytes: &[u8],
-) -> Result<(BTreeMap<String, (Vec<usize>, Vec<f32>)>, C)> {
+pub(super) fn from_bytes<C: DeserializeOwned>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
     let bad = |reason: String| Error::File { path: name.to_owned(), reason };
     let file = SafeTensors::deserialize(bytes).map_err(|error| bad(error.to_string()))?;
     let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
@@ -122,7 +119,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
 }
 
 /// The variables among `tensors`.
-pub(super) fn parameters(tensors: BTreeMap<String, (Vec<usize>, Vec<f32>)>) -> Result<Parameters> {
+pub(super) fn parameters(tensors: Vectors) -> Result<Parameters> {
     let tensor = |(name, (shape, values)): (String, (Vec<usize>, Vec<f32>))| {
         Ok((name, Tensor::from_vec(values, shape, &Device::Cpu)?))
     };
@@ -132,7 +129,7 @@ pub(super) fn parameters(tensors: BTreeMap<String, (Vec<usize>, Vec<f32>)>) -> R
 
 impl Parameters {
     /// All variables as vectors.
-    pub(super) fn vectors(&self) -> Result<BTreeMap<String, (Vec<usize>, Vec<f32>)>> {
+    pub(super) fn vectors(&self) -> Result<Vectors> {
         let vector = |(name, variable): (String, candle_core::Var)| {
             let values = variable.flatten_all()?.to_vec1()?;
             Ok((name, (variable.dims().to_vec(), values)))

@@ -55,7 +55,9 @@ impl CustomOp3 for Affine {
         let into = matrix_mut(&mut y, rows, columns);
         product(into, matrix(x, rows, inner), matrix(weight, columns, inner).transpose(), true);
         if self.relu {
-            y.iter_mut().for_each(|y| *y = y.max(0.0));
+            for y in &mut y {
+                *y = y.max(0.0);
+            }
         }
         Ok((CpuStorage::F32(y), (rows, columns).into()))
     }

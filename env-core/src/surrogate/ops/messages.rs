@@ -77,7 +77,8 @@ impl CustomOp2 for Messages {
     ) -> Result<(Option<Tensor>, Option<Tensor>)> {
         let width = edges.dims2()?.1;
         let count = self.0.nodes();
-        let (mut dnodes, mut dedges) = (vec![0.0; nodes.elem_count()], vec![0.0; edges.elem_count()]);
+        let (mut dnodes, mut dedges) =
+            (vec![0.0; nodes.elem_count()], vec![0.0; edges.elem_count()]);
         with_numbers([nodes, edges, gradient], |[nodes, edges, gradient]| {
             let presses = nodes.chunks_exact(2 * width * count);
             let gradients = gradient.chunks_exact(width * count);
@@ -133,7 +134,8 @@ fn back(
             let sender = 2 * graph.senders[edge] as usize * width;
             let sent = &nodes[sender..][..width];
             let dsent = &mut dnodes[sender..][..width];
-            let (edge, dedge) = (&edges[edge * width..][..width], &mut dedges[edge * width..][..width]);
+            let (edge, dedge) =
+                (&edges[edge * width..][..width], &mut dedges[edge * width..][..width]);
             for i in 0..width {
                 let passed = if sent[i] + own[i] + edge[i] > 0.0 { gradient[i] } else { 0.0 };
                 dsent[i] += passed;

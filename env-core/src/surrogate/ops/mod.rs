@@ -8,6 +8,8 @@
 //! Shapes: B presses in a batch, V nodes, E edges, T tetrahedra, H latent width. Rows of a batch lie
 //! one press after the other.
 
+#![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
+
 mod affine;
 mod ends;
 mod layer_norm;
@@ -86,7 +88,9 @@ mod tests {
                 let at = |offset: f32| {
                     let mut moved = start.clone();
                     moved[i] += offset;
-                    input.set(&Tensor::from_vec(moved, input.dims(), &Device::Cpu).unwrap()).unwrap();
+                    input
+                        .set(&Tensor::from_vec(moved, input.dims(), &Device::Cpu).unwrap())
+                        .unwrap();
                     value()
                 };
                 let slope = (at(h) - at(-h)) / (2.0 * f64::from(h));

@@ -49,7 +49,9 @@ impl Sparse {
         }
         for row in &mut rows {
             let sum: f32 = row.iter().map(|(_, value)| value).sum();
-            row.iter_mut().for_each(|(_, value)| *value /= sum);
+            for (_, value) in row {
+                *value /= sum;
+            }
         }
         Self::new(&rows, self.height())
     }
@@ -141,8 +143,11 @@ mod tests {
 
     #[test]
     fn pooling_keeps_constants() {
-        let pooled = sparse(&Tensor::ones((2, 1), candle_core::DType::F32, &Device::Cpu).unwrap(),
-            &Arc::new(matrix().pooling())).unwrap();
+        let pooled = sparse(
+            &Tensor::ones((2, 1), candle_core::DType::F32, &Device::Cpu).unwrap(),
+            &Arc::new(matrix().pooling()),
+        )
+        .unwrap();
         assert_eq!(pooled.flatten_all().unwrap().to_vec1::<f32>().unwrap(), [1.0; 3]);
     }
 

@@ -23,26 +23,25 @@ pub(in super::super) struct Gradients {
     nodes: usize,
     tets: Vec<[u32; 4]>,
     /// ∇N of the last three corners; that of the first is minus their sum.
-    gradients: Vec<Matrix3<f32>>,
+    slopes: Vec<Matrix3<f32>>,
 }
 
 impl Gradients {
     /// Those of `mesh`, with lengths in units of `length` (m).
     pub(in super::super) fn new(mesh: &TetMesh, length: f64) -> Self {
-        let gradients = (0..mesh.tets.len()).map(|t| {
+        let slopes = (0..mesh.tets.len()).map(|t| {
             let [a, b, c, d] = mesh.corners(t);
             let edges = Matrix3::from_columns(&[b - a, c - a, d - a]) / length;
             edges.try_inverse().expect("soft bodies have no flat tetrahedra").cast::<f32>()
         });
-        Self { nodes: mesh.vertices.len(), tets: mesh.tets.clone(), gradients: gradients.collect() }
+        Self { nodes: mesh.vertices.len(), tets: mesh.tets.clone(), slopes: slopes.collect() }
     }
 
     /// Deformation gradients' rows of edges and the stress over μ of tetrahedron `t`.
     fn strain(&self, t: usize, u: &[f32]) -> Matrix3<f32> {
-        let [a, b, c, d] = self.tets[t].map(|node| {
-            Vector3::from_column_slice(&u[3 * node as usize..][..3])
-        });
-        Matrix3::identity() + Matrix3::from_columns(&[b - a, c - a, d - a]) * self.gradients[t]
+        let [a, b, c, d] =
+            self.tets[t].map(|node| Vector3::from_column_slice(&u[3 * node as usize..][..3]));
+        Matrix3::identity() + Matrix3::from_columns(&[b - a, c - a, d - a]) * self.slopes[t]
     }
 
     /// Stress over μ (T) for the displacement `u` (V, 3) in units of the length.
@@ -55,7 +54,7 @@ impl Gradients {
     /// Adds to `du` (V, 3) what the `gradient` (T) by stress is by displacement.
     fn back(&self, u: &[f32], gradient: &[f32], du: &mut [f32]) {
         for (t, gradient) in gradient.iter().enumerate() {
-            let by_edges = slope(&self.strain(t, u)) * self.gradients[t].transpose() * *gradient;
+            let by_edges = slope(&self.strain(t, u)) * self.slopes[t].transpose() * *gradient;
             let [first, others @ ..] = self.tets[t].map(|node| 3 * node as usize);
             for (node, edge) in others.iter().zip(by_edges.column_iter()) {
                 for i in 0..3 {
@@ -84,7 +83,7 @@ pub(in super::super) struct Blocks {
 
 impl Gradients {
     pub(in super::super) fn blocks(&self) -> Blocks {
-        let pairs = self.tets.chunks(LANES).zip(self.gradients.chunks(LANES));
+        let pairs = self.tets.chunks(LANES).zip(self.slopes.chunks(LANES));
         let (corners, gradients) = pairs
             .map(|(tets, gradients)| {
                 let lane = |i: usize| i.min(tets.len() - 1);
