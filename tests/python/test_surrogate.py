@@ -18,7 +18,7 @@ GEL = {"sensor": "gelsight-mini", "young": 3e5, "poisson": 0.47, "friction": 0.8
 
 def ball(depth: float) -> Press:
     # The origin of a pad's frame is its apex.
-    return Press(Shape.sphere(4e-3), [([1e-3, 0, 4e-3 - d], UPRIGHT) for d in (depth / 2, depth)])
+    return Press(Shape.sphere(12e-3), [([1e-3, 0, 12e-3 - d], UPRIGHT) for d in (depth / 2, depth)])
 
 
 @pytest.fixture(scope="module")
@@ -70,9 +70,9 @@ def test_forces_on_nodes_add_up_to_the_wrench(network):
 
 
 def test_a_press_goes_on_where_another_ended(network):
-    path = [([1e-3, 0, 4e-3 - d], UPRIGHT) for d in (4e-4, 8e-4)]
-    first = network.solve(Press(Shape.sphere(4e-3), path[:1]))[0]
-    onwards = network.solve(Press(Shape.sphere(4e-3), path[1:], history=first.history))[0]
+    path = [([1e-3, 0, 12e-3 - d], UPRIGHT) for d in (4e-4, 8e-4)]
+    first = network.solve(Press(Shape.sphere(12e-3), path[:1]))[0]
+    onwards = network.solve(Press(Shape.sphere(12e-3), path[1:], history=first.history))[0]
     straight = network.solve_path(ball(8e-4))[-1]
     np.testing.assert_allclose(onwards.wrench[:3], straight.wrench[:3], atol=2e-3)
 

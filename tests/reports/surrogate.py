@@ -1,0 +1,109 @@
+"""The shipped surrogate beyond what it learnt: small balls, deep presses, a sharp block.
+
+Writes ``surrogate.json`` beside itself and prints the rows of README's table. Judged by finite elements
+on the mesh of the network's teacher; one thread (set RAYON_NUM_THREADS=1); three minutes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import ruffini
+from ruffini import Deformation, Press, PressError, Shape
+
+FRICTION = 0.8
+UPRIGHT = (0, 0, 0, 1)
+SHAPES = {
+    **{f"ball {r} mm": (Shape.sphere(1e-3 * r), 1e-3 * r) for r in (3, 4, 6, 8, 12)},
+    "block 10 mm": (Shape.cuboid((5e-3, 5e-3, 5e-3)), 5e-3),
+}
+DEPTHS = (4e-4, 1e-3, 2e-3)
+
+
+def main() -> None:
+    """Presses every shape to every depth by network, linear answer and finite elements."""
+    network = ruffini.Surrogate(friction=FRICTION)
+    card = json.loads(network.card)
+    fine = ruffini.sensor("gelsight-mini", resolution=card["linear_nodes"])
+    models = [ruffini.Fem(fine, friction=FRICTION), ruffini.Compliance(fine, friction=FRICTION)]
+    carry = ruffini.Transfer(fine.mesh, network.body.mesh)
+    rows = []
+    for name, (shape, half) in SHAPES.items():
+        for depth in DEPTHS:
+            path = [([1e-3, 0, half - d], UPRIGHT) for d in np.linspace(1e-4, depth, 8)]
+            press = Press(shape, path)
+            truth, linear = (model.solve_path(press)[-1] for model in models)
+            rows.append(row(name, depth, network, press, truth, linear, carry))
+            print(line(rows[-1]), flush=True)
+    commit = subprocess.check_output(["git", "rev-parse", "--short", "HEAD"], text=True).strip()
+    machine = {"cores": os.cpu_count(), "machine": platform.processor() or platform.machine()}
+    report = {"commit": commit, **machine, "friction": FRICTION, "rows": rows}
+    Path(__file__).with_suffix(".json").write_text(json.dumps(report, indent=1) + "\n")
+
+
+def row(
+    name: str,
+    depth: float,
+    network: ruffini.Surrogate,
+    press: Press,
+    truth: Deformation | PressError,
+    linear: Deformation | PressError,
+    carry: ruffini.Transfer,
+) -> dict[str, Any]:
+    """Errors of network and linear answer, or what kept them from answering."""
+    found = network.solve_path(press)[-1]
+    answers = {"truth": truth, "surrogate": found, "linear": linear}
+    failed = {who: str(a) for who, a in answers.items() if isinstance(a, PressError)}
+    if failed:
+        return {"press": name, "depth": depth, "failed": failed}
+    fields = {
+        who: (a.displacement, a.von_mises)
+        if who == "surrogate"
+        else (carry.interpolate(a.displacement), carry.average(a.von_mises))
+        for who, a in answers.items()
+    }
+    errors = {
+        who: {
+            "force": relative(answers[who].wrench[:3], truth.wrench[:3]),
+            "displacement": relative(fields[who][0], fields["truth"][0]),
+            "stress": relative(fields[who][1], fields["truth"][1]),
+        }
+        for who in ("surrogate", "linear")
+    }
+    return {
+        "press": name,
+        "depth": depth,
+        "force": float(np.linalg.norm(truth.wrench[:3])),
+        **errors,
+        "knows": network.knows(found),
+        "seconds": {who: a.seconds for who, a in answers.items()},
+    }
+
+
+def relative(found: Any, truth: Any) -> float:
+    """Norm of the difference over the norm of the truth."""
+    return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
+
+
+def line(row: dict[str, Any]) -> str:
+    """A row of README's table."""
+    head = f"| {row['press']}, {1e3 * row['depth']:.1f} mm |"
+    if "failed" in row:
+        return f"{head} not solved by {', '.join(row['failed'])} |"
+    cells = [
+        " / ".join(f"{100 * row[who][what]:.1f}" for what in ("displacement", "stress", "force"))
+        for who in ("surrogate", "linear")
+    ]
+    times = [f"{1e3 * row['seconds'][who]:.0f}" for who in ("surrogate", "linear", "truth")]
+    return f"{head} {row['force']:.1f} N | {cells[0]} | {cells[1]} | {' / '.join(times)} ms |"
+
+
+if __name__ == "__main__":
+    main()
