@@ -19,11 +19,13 @@ import ray
 from ruffini import dataset
 
 
-@ray.remote(num_cpus=1)
 def fill(folder: str, shard: str, config: str | None, settings: dict[str, Any]) -> str:
     """Makes one shard on one thread and returns its name."""
     dataset.generate(folder, config, shards=[shard], threads=1, **settings)
     return shard
+
+
+remote = ray.remote(num_cpus=1)(fill)
 
 
 def generate(
@@ -32,7 +34,7 @@ def generate(
     """The dataset that `ruffini.dataset.generate` makes, by all machines of the cluster."""
     shards = dataset.shards(config, **settings)
     dataset.generate(folder, config, shards=[], **settings)  # The folder and its meshes.
-    left = [fill.remote(folder, shard, config, settings) for shard in shards]
+    left = [remote.remote(folder, shard, config, settings) for shard in shards]
     while left:
         done, left = ray.wait(left)
         print(f"{len(shards) - len(left)}/{len(shards)} shards, {ray.get(done)[0]}", flush=True)

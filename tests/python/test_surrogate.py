@@ -42,7 +42,10 @@ def test_it_is_nearer_to_fine_finite_elements_than_the_linear_answer(network):
     carry = ruffini.Transfer(fine.mesh, network.body.mesh)
 
     def misses(answer, u, stress):
-        errors = (u - carry.interpolate(truth.displacement), stress - carry.average(truth.von_mises))
+        errors = (
+            u - carry.interpolate(truth.displacement),
+            stress - carry.average(truth.von_mises),
+        )
         force = np.linalg.norm(answer.wrench[:3] - truth.wrench[:3])
         return [force / np.linalg.norm(truth.wrench[:3]), *map(np.linalg.norm, errors)]
 
@@ -99,10 +102,10 @@ def test_bad_arguments_are_named(arguments, message):
 
 def test_files_that_are_no_weights_are_named(tmp_path):
     path = tmp_path / "notes.safetensors"
-    with pytest.raises(ValueError, match="notes.safetensors"):
+    with pytest.raises(ValueError, match=r"notes\.safetensors"):
         Surrogate.load(path)
     path.write_bytes(b"\xff" * 64)
-    with pytest.raises(ValueError, match="notes.safetensors"):
+    with pytest.raises(ValueError, match=r"notes\.safetensors"):
         Surrogate.load(path)
 
 

@@ -1,7 +1,7 @@
 """The shipped surrogate beyond what it learnt: small balls, deep presses, a sharp block.
 
-Writes ``surrogate.json`` beside itself and prints the rows of README's table. Judged by finite elements
-on the mesh of the network's teacher; one thread (set RAYON_NUM_THREADS=1); three minutes.
+Writes ``surrogate.json`` beside itself and prints the rows of README's table. Judged by finite
+elements on the mesh of the network's teacher; one thread (set RAYON_NUM_THREADS=1); a minute.
 """
 
 from __future__ import annotations

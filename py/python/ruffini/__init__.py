@@ -2,8 +2,9 @@
 
 A soft body (`SoftBody`, or the gel pad of a `sensor`) is pressed by rigid shapes (`Shape`,
 `Press`); a model answers with a `Deformation`: `Fem`, finite elements, `Compliance`, fast and
-linear, or `Surrogate`, a network that corrects the linear answer. Two pads hold one of the `objects` in a `Grasp`. Lengths are in m, forces in N, stresses in
-Pa. In the shell, `ruffini press` does one press.
+linear, or `Surrogate`, a network that corrects the linear answer. Two pads hold one of the
+`objects` in a `Grasp`. Lengths are in m, forces in N, stresses in Pa. In the shell,
+`ruffini press` does one press.
 
 Importing registers the environments; from a worker process use the prefix form,
 ``gymnasium.make("ruffini:ruffini/GraspLift-v0")``.

@@ -25,14 +25,17 @@ __all__ = [
     "Shape",
     "SimulationError",
     "SoftBody",
+    "Surrogate",
     "TetMesh",
     "Transfer",
     "__version__",
     "dataset_shards",
     "default_settings",
+    "evaluate_surrogate",
     "generate_dataset",
     "objects",
     "sensor",
+    "train_surrogate",
 ]
 
 __version__: str

@@ -71,8 +71,10 @@ def summary(network: dict[str, Any], linear: dict[str, Any]) -> str:
     """A table of the errors of a surrogate beside those of the linear answer."""
     rows = [f"{'':<18}{'surrogate':>16}{'linear':>18}   median / 95 % of presses"]
     for part in ("displacement", "stress", "stressed", "peak", "nodal_force", "force"):
-        cells = [f"{100 * of[part]['median']:.2f} / {100 * of[part]['p95']:.2f} %"
-                 for of in (network, linear)]
+        cells = [
+            f"{100 * of[part]['median']:.2f} / {100 * of[part]['p95']:.2f} %"
+            for of in (network, linear)
+        ]
         rows.append(f"{part.replace('_', ' '):<18}{cells[0]:>16}{cells[1]:>18}")
     for part, unit in (("displacement_mae", "m"), ("stress_mae", "Pa")):
         cells = [f"{of[part]:.3g} {unit}" for of in (network, linear)]
