@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
-from scripted_grasp import ScriptedGrasp
 
 import ruffini
+from scripted_grasp import ScriptedGrasp
 
 MODELS = ("none", "compliance", "surrogate")
 OBJECTS = ("sphere", "cuboid", "cylinder")
