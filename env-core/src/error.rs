@@ -128,6 +128,11 @@ impl Error {
         }
     }
 
+    /// An [`Error::File`] from a path and anything printable.
+    pub(crate) fn file(path: &std::path::Path, reason: &dyn std::fmt::Display) -> Self {
+        Self::File { path: path.display().to_string(), reason: reason.to_string() }
+    }
+
     /// Name of the kind of failure, as Python has it.
     pub fn kind(&self) -> &'static str {
         match self {

@@ -26,3 +26,4 @@ pub use manifest::{FORMAT, Manifest, Shard, Solved, Split, Unsolved};
 pub use plan::{Plan, plans};
 pub use ramp::{Frame, Ramp};
 pub use read::{Dataset, PadFrames};
+pub(crate) use tensor::write_whole;

@@ -56,10 +56,10 @@ impl Dataset {
     /// made can be looked at.
     pub fn open(folder: &Path) -> Result<Self> {
         let path = folder.join("config.json");
-        let text = fs::read_to_string(&path).map_err(|error| failed(&path, &error))?;
-        let config = claimed(&text).map_err(|error| failed(&path, &error))?;
+        let text = fs::read_to_string(&path).map_err(|error| Error::file(&path, &error))?;
+        let config = claimed(&text).map_err(|error| Error::file(&path, &error))?;
         if config.scenario != Scenario::Pads {
-            return Err(failed(&path, &"soft objects, expected grasps by soft pads"));
+            return Err(Error::file(&path, &"soft objects, expected grasps by soft pads"));
         }
         let objects = catalogue(config.seed);
         let mut shards = Vec::new();
@@ -81,7 +81,7 @@ impl Dataset {
             }
         }
         if shards.is_empty() {
-            return Err(failed(&folder.join("shards"), &"no shards in it, expected some"));
+            return Err(Error::file(&folder.join("shards"), &"no shards in it, expected some"));
         }
         Ok(Self { folder: folder.to_owned(), config, objects, shards, splits: splits(&grasps) })
     }
@@ -119,11 +119,11 @@ impl Dataset {
     pub fn read(&self, index: usize) -> Result<(&Object, Vec<PadFrames>)> {
         let (object, path) = &self.shards[index];
         let bytes = read(path)?;
-        let file = SafeTensors::deserialize(&bytes).map_err(|error| failed(path, &error))?;
+        let file = SafeTensors::deserialize(&bytes).map_err(|error| Error::file(path, &error))?;
         let mut pads = Vec::new();
         for entry in entries::<Entry>(path, &bytes)?.iter().filter(|entry| entry.frames > 0) {
             for side in 0..2 {
-                let frames = pad(&file, entry, side).map_err(|error| failed(path, &error))?;
+                let frames = pad(&file, entry, side).map_err(|error| Error::file(path, &error))?;
                 pads.push(frames);
             }
         }
@@ -169,8 +169,4 @@ fn pad(file: &SafeTensors, entry: &Entry, side: usize) -> Found<PadFrames> {
 fn pose(&[x, y, z, i, j, k, w]: &[f64; 7]) -> Isometry3<f64> {
     let turn = UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
     Isometry3::from_parts(Translation3::new(x, y, z), turn)
-}
-
-fn failed(path: &Path, reason: &dyn std::fmt::Display) -> Error {
-    Error::File { path: path.display().to_string(), reason: reason.to_string() }
 }

@@ -104,6 +104,20 @@ impl Surrogate {
         }
     }
 
+    /// The last frame of `press`; those before it are not corrected.
+    fn last(&self, press: &Press) -> Result<Deformation> {
+        let scratch = &mut Scratch::default();
+        match press.drive() {
+            Drive::Translation { .. } => {
+                let linear = self.0.linear.path(press).pop().expect("a press has a frame")?;
+                self.0.correct(press, linear, scratch)
+            }
+            Drive::Force { poses, force, direction } => {
+                self.0.push(press, poses, *force, direction, scratch)
+            }
+        }
+    }
+
     /// Whether an answer with that displacement (V, 3) in m, on this gel, is like what the network has
     /// learnt from.
     pub fn knows(&self, displacement: &[Vector3<f64>]) -> bool {
@@ -228,11 +242,7 @@ fn wrench(
 impl DeformationModel for Surrogate {
     /// Presses are solved in parallel, each on one thread.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        let last = |press: &Press| {
-            let path = self.solve_path(press);
-            path.into_iter().next_back().expect("a press has a frame")
-        };
-        presses.par_iter().map(last).collect()
+        presses.par_iter().map(|press| self.last(press)).collect()
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {

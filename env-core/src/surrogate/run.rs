@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    dataset::{Dataset, Split},
+    dataset::{Dataset, Split, write_whole},
 };
 
 /// What a run has come to.
@@ -92,7 +92,7 @@ pub fn train(
         let found = format!("{} with no frames to train on", training.split);
         return Err(Error::invalid("split", found, "a split with frames in the dataset"));
     }
-    fs::create_dir_all(out).map_err(|error| failed(out, &error))?;
+    fs::create_dir_all(out).map_err(|error| Error::file(out, &error))?;
     let fingerprint = fingerprint(&dataset, &split);
     let mut run = Run::resumed(training, out, fingerprint)?;
     go_on = watch(&Progress::Samples { train: samples.len(), lost });
@@ -104,9 +104,9 @@ pub fn train(
     }
     let network = run.chosen(out)?;
     let card = run.card(&dataset, &gels, [&samples, &test], &network, trained_by)?;
-    write(&out.join(WEIGHTS), &weights::to_bytes(&network.1, &card))?;
+    write_whole(&out.join(WEIGHTS), &weights::to_bytes(&network.1, &card))?;
     let text = toml::to_string_pretty(&card).expect("plain data");
-    write(&out.join(CARD), text.as_bytes())?;
+    write_whole(&out.join(CARD), text.as_bytes())?;
     Ok(Some(card))
 }
 
@@ -130,7 +130,7 @@ impl Run {
         if checkpoint.training != *training || checkpoint.data != data {
             let reason =
                 "a run on other data or with other settings, expected this one's checkpoint";
-            return Err(failed(&path, &reason));
+            return Err(Error::file(&path, &reason));
         }
         trainer.restore(&vectors, checkpoint.epoch, checkpoint.steps)?;
         Ok(Self { trainer, data, best: checkpoint.best })
@@ -155,11 +155,11 @@ impl Run {
             if self.best.is_none_or(|best| error < best) {
                 self.best = Some(error);
                 let vectors = self.trainer.parameters.vectors()?;
-                write(&out.join(BEST), &weights::to_bytes(&vectors, &self.checkpoint()))?;
+                write_whole(&out.join(BEST), &weights::to_bytes(&vectors, &self.checkpoint()))?;
             }
         }
         let vectors = self.trainer.vectors()?;
-        write(&out.join(LAST), &weights::to_bytes(&vectors, &self.checkpoint()))?;
+        write_whole(&out.join(LAST), &weights::to_bytes(&vectors, &self.checkpoint()))?;
         let rest = (self.trainer.training.epochs - self.trainer.epoch) as f64;
         let left = rest * start.elapsed().as_secs_f64();
         Ok(watch(&Progress::Epoch { epoch, validation, left }))
@@ -262,14 +262,4 @@ pub fn evaluate(
     let ([samples], _) = gels.samples(&dataset, [names], &mut |_, _| true)?;
     let found = judge(&network, &gels, &samples)?.into_iter().zip(judge_linear(&gels, &samples));
     Ok(samples.iter().zip(found).map(|(s, (net, linear))| (s.grasp.clone(), net, linear)).collect())
-}
-
-fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    let partial = path.with_extension("partial");
-    let done = fs::write(&partial, bytes).and_then(|()| fs::rename(&partial, path));
-    done.map_err(|error| failed(path, &error))
-}
-
-fn failed(path: &Path, reason: &dyn std::fmt::Display) -> Error {
-    Error::File { path: path.display().to_string(), reason: reason.to_string() }
 }

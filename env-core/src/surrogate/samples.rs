@@ -19,7 +19,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    dataset::{Config, Dataset, PadFrames},
+    dataset::{Config, Dataset, PadFrames, write_whole},
     deformation::{Moduli, Press},
     geometry::{PadMesh, Shape},
     sensor::Sensor,
@@ -140,7 +140,7 @@ impl Gels {
         let answers: Answers = pads.par_iter().map(path_of).collect::<Result<_>>()?;
         write(&path, &answers)?;
         // What was read back must be what is trained on, also in the run that made it.
-        read(&path, pads).ok_or_else(|| failed(&path, &"not what was written"))
+        read(&path, pads).ok_or_else(|| Error::file(&path, &"not what was written"))
     }
 
     fn sample(&self, frames: &PadFrames, frame: usize, shape: &Shape, linear: &Carried) -> Sample {
@@ -198,11 +198,9 @@ fn write(path: &Path, answers: &Answers) -> Result<()> {
     });
     let bytes =
         safetensors::serialize(views.collect::<HashMap<_, _>>(), None).expect("valid tensors");
-    let partial = path.with_extension("partial");
-    fs::create_dir_all(path.parent().unwrap_or(path))
-        .and_then(|()| fs::write(&partial, bytes))
-        .and_then(|()| fs::rename(&partial, path))
-        .map_err(|error| failed(path, &error))
+    let folder = path.parent().unwrap_or(path);
+    fs::create_dir_all(folder).map_err(|error| Error::file(folder, &error))?;
+    write_whole(path, &bytes)
 }
 
 /// A frame's fields and the pose of its shape.
@@ -236,8 +234,4 @@ fn read(path: &Path, pads: &[PadFrames]) -> Option<Answers> {
         Some(each.zip(&frames.poses).map(frame).collect())
     };
     pads.iter().enumerate().map(pad).collect()
-}
-
-fn failed(path: &Path, reason: &dyn std::fmt::Display) -> Error {
-    Error::File { path: path.display().to_string(), reason: reason.to_string() }
 }
