@@ -12,6 +12,7 @@ mod fem;
 mod floors;
 mod grasp;
 mod half_space;
+mod nodal;
 mod objects;
 mod peer;
 mod tactile;

@@ -60,7 +60,7 @@ fn displaced(body: &SoftBody, u: impl Fn(&Point3<f64>) -> Vector3<f64>) -> Defor
         contact_force: vec![Vector3::zeros(); displacement.len()],
         wrench: Wrench::default(),
         poses: vec![],
-        history: History { displacement: vec![], poses: vec![], anchors: vec![] },
+        history: History { displacement: vec![], poses: vec![], anchors: vec![], forces: vec![] },
         iterations: 0,
         residual: 0.0,
         seconds: 0.0,

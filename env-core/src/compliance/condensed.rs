@@ -23,7 +23,7 @@ pub(super) struct Condensed {
     /// Rank of each node among the skin nodes, or [`INSIDE`] (V).
     pub(super) rank: Vec<u32>,
     /// The skin nodes (M).
-    skin: Vec<u32>,
+    pub(super) skin: Vec<u32>,
     /// Three rows of numbers for each skin node (3M, 3M) in m/N.
     compliance: Vec<f64>,
     pub(super) facets: Vec<Facet>,
@@ -69,6 +69,17 @@ impl Condensed {
     pub(super) fn rows(&self, rank: u32) -> &[f64] {
         let size = 9 * self.skin.len();
         &self.compliance[rank as usize * size..][..size]
+    }
+
+    /// Three rows of numbers for each skin node (3M, 3M) in m/N.
+    pub(super) fn compliance(&self) -> &[f64] {
+        &self.compliance
+    }
+
+    /// Rank of a node among the skin nodes, if it is one.
+    pub(super) fn rank_of(&self, node: u32) -> Option<usize> {
+        let rank = self.rank[node as usize];
+        (rank != INSIDE).then_some(rank as usize)
     }
 
     /// Displacement of the skin under `forces` on some of its `nodes`, zero at all others (V) in m.

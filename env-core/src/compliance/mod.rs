@@ -16,6 +16,7 @@ mod condensed;
 mod descent;
 mod mixing;
 mod newton;
+pub mod nodal;
 mod path;
 mod preconditioner;
 mod push;
@@ -32,7 +33,7 @@ use rayon::prelude::*;
 use crate::{
     Error, Result,
     contact::ContactLaw,
-    deformation::{Deformation, DeformationModel, History, Press, SoftBody, Wrench},
+    deformation::{Deformation, DeformationModel, History, Press, SoftBody, Wanted, Wrench},
     fem,
 };
 
@@ -149,6 +150,14 @@ pub struct Moved {
 impl DeformationModel for Compliance {
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
         self.each(presses, whole)
+    }
+
+    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+        if wanted == Wanted::default() {
+            self.each(presses, |walk| Ok(walk.unstressed()))
+        } else {
+            self.solve(presses)
+        }
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {

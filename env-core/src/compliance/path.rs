@@ -4,7 +4,12 @@ use std::time::Instant;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{Moved, balance::norm, push::push, walk::Walk};
+use super::{
+    Moved,
+    balance::norm,
+    push::{Led, push},
+    walk::Walk,
+};
 use crate::{
     Error, Result,
     contact::{between, clearance},
@@ -51,7 +56,8 @@ impl Walk<'_> {
         match press.drive() {
             Drive::Translation { path } => self.follow(press.shapes(), &path[frame])?,
             Drive::Force { force, direction, .. } => {
-                push(self, press.shapes(), *force, direction)?;
+                let mut led = Led { walk: self, shapes: press.shapes() };
+                push(&mut led, *force, direction)?;
             }
         }
         self.seconds = start.elapsed().as_secs_f64();
@@ -114,8 +120,25 @@ impl Walk<'_> {
                 displacement,
                 poses: state.poses.clone(),
                 anchors: state.anchors.clone(),
+                forces: Vec::new(),
             },
             iterations: state.iterations,
+        }
+    }
+
+    /// The current state, seen from outside, without stress and residual.
+    pub(super) fn unstressed(&mut self) -> Deformation {
+        let Moved { contact_force, wrench, history, iterations } = self.moved();
+        Deformation {
+            displacement: history.displacement.clone(),
+            von_mises: Vec::new(),
+            contact_force,
+            wrench,
+            poses: history.poses.clone(),
+            history,
+            iterations,
+            residual: 0.0,
+            seconds: self.seconds,
         }
     }
 

@@ -6,107 +6,158 @@ use super::{
     path::EDGE_STRIDE,
     walk::{State, Walk},
 };
-use crate::{Error, Result, contact::clearance, geometry::Shape};
+use crate::{Error, Result, contact::clearance, deformation::Wrench, geometry::Shape};
 
 /// Shapes pushed this far without a touch will not meet the body (m).
 const FARTHEST: f64 = 1.0;
 /// Least travel that is tried (m).
 const SHORTEST_STRIDE: f64 = 1e-9;
+/// Least travel towards a body that is not yet touched (m).
+const LEAST_STRIDE: f64 = 2e-6;
 /// Error of the force that is accepted, relative.
 const RELATIVE: f64 = 1e-6;
 /// Most load steps.
 const MOST: usize = 200;
 
+/// A body with shapes that can be tried at other poses.
+pub(super) trait Driven {
+    /// Body and shapes in balance.
+    type State;
+
+    /// Poses of the shapes (S).
+    fn poses(&mut self) -> &mut [Isometry3<f64>];
+    /// Least distance of the shapes to the body (m).
+    fn clearance(&self) -> f64;
+    /// Where one load step to `poses` leads.
+    fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<Self::State>;
+    /// The present state.
+    fn state(&mut self) -> &mut Self::State;
+    /// What the shapes exert in a state.
+    fn wrench(state: &Self::State) -> &Wrench;
+    /// Steps that were taken to a state.
+    fn iterations(state: &mut Self::State) -> &mut usize;
+}
+
 /// Moves the shapes along `direction` until they press with `force` (N): by strides to where
 /// they press harder, then by the Illinois form of false position within the last stride.
-pub(super) fn push(
-    walk: &mut Walk,
-    shapes: &[Shape],
+pub(super) fn push<D: Driven>(
+    body: &mut D,
     force: f64,
     direction: &Unit<Vector3<f64>>,
 ) -> Result<()> {
-    let mut push = Push { shapes, force, direction: *direction, iterations: 0 };
-    let begin = walk.state.poses[0].translation.vector;
-    let pushed = walk.meet(shapes, direction, FARTHEST) && push.reach(walk).is_some();
+    let mut push = Push { force, direction: *direction, iterations: 0 };
+    let begin = body.poses()[0].translation.vector;
+    let pushed = meet(body, direction, FARTHEST) && push.reach(body).is_some();
     if !pushed {
-        let travel = (walk.state.poses[0].translation.vector - begin).norm();
-        return Err(Error::Unreachable { force, reached: push.along(&walk.state), travel });
+        let travel = (body.poses()[0].translation.vector - begin).norm();
+        return Err(Error::Unreachable { force, reached: push.along::<D>(body.state()), travel });
     }
-    walk.state.iterations = push.iterations;
+    *D::iterations(body.state()) = push.iterations;
     Ok(())
 }
 
-impl Walk<'_> {
-    /// Moves the shapes along `direction` until the first of them touches, at most by `farthest` (m);
-    /// whether one does. A step as long as the least distance cannot pass the body.
-    fn meet(&mut self, shapes: &[Shape], direction: &Vector3<f64>, farthest: f64) -> bool {
-        let surface = self.condensed.rest.surface();
-        let (rest, displacement) = (self.condensed.rest.places(), &self.state.field.displacement);
-        let places: Vec<_> = surface.iter().map(|point| point.place(rest, displacement)).collect();
-        let mut travel = 0.0;
-        while travel < farthest {
-            let gap = clearance(shapes, &self.state.poses, &places);
-            if gap < 0.0 {
-                return true;
-            }
-            let stride = gap.max(self.settings.law.softness);
-            travel += stride;
-            for pose in &mut self.state.poses {
-                pose.translation.vector += direction * stride;
-            }
+/// Moves the shapes along `direction` until the first of them touches, at most by `farthest` (m);
+/// whether one does. A step as long as the least distance cannot pass the body.
+fn meet<D: Driven>(body: &mut D, direction: &Vector3<f64>, farthest: f64) -> bool {
+    let mut travel = 0.0;
+    while travel < farthest {
+        let gap = body.clearance();
+        if gap < 0.0 {
+            return true;
         }
-        false
+        let stride = gap.max(LEAST_STRIDE);
+        travel += stride;
+        for pose in body.poses() {
+            pose.translation.vector += direction * stride;
+        }
+    }
+    false
+}
+
+/// A walk with the shapes that it leads.
+pub(super) struct Led<'a, 'b> {
+    pub(super) walk: &'a mut Walk<'b>,
+    pub(super) shapes: &'a [Shape],
+}
+
+impl Driven for Led<'_, '_> {
+    type State = State;
+
+    fn poses(&mut self) -> &mut [Isometry3<f64>] {
+        &mut self.walk.state.poses
+    }
+
+    fn clearance(&self) -> f64 {
+        let Walk { condensed, state, .. } = &*self.walk;
+        let (rest, displacement) = (condensed.rest.places(), &state.field.displacement);
+        let places = condensed.rest.surface().iter().map(|point| point.place(rest, displacement));
+        clearance(self.shapes, &state.poses, &places.collect::<Vec<_>>())
+    }
+
+    fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<State> {
+        self.walk.attempt(self.shapes, poses)
+    }
+
+    fn state(&mut self) -> &mut State {
+        &mut self.walk.state
+    }
+
+    fn wrench(state: &State) -> &Wrench {
+        &state.wrench
+    }
+
+    fn iterations(state: &mut State) -> &mut usize {
+        &mut state.iterations
     }
 }
 
-struct Push<'a> {
-    shapes: &'a [Shape],
+struct Push {
     /// Force asked for (N).
     force: f64,
     direction: Unit<Vector3<f64>>,
     iterations: usize,
 }
 
-impl Push<'_> {
+impl Push {
     /// Force of a state along the direction (N).
-    fn along(&self, state: &State) -> f64 {
-        state.wrench.force.dot(&self.direction)
+    fn along<D: Driven>(&self, state: &D::State) -> f64 {
+        D::wrench(state).force.dot(&self.direction)
     }
 
-    fn is_met(&self, state: &State) -> bool {
-        (self.along(state) - self.force).abs() <= RELATIVE * self.force
+    fn is_met(&self, along: f64) -> bool {
+        (along - self.force).abs() <= RELATIVE * self.force
     }
 
-    /// Where the shapes press after `travel` from the walk's state.
-    fn attempt(&mut self, walk: &mut Walk, travel: f64) -> Result<State> {
+    /// Where the shapes press after `travel` from the present state.
+    fn attempt<D: Driven>(&mut self, body: &mut D, travel: f64) -> Result<D::State> {
         let ahead = |pose: &Isometry3<f64>| {
             let mut pose = *pose;
             pose.translation.vector += *self.direction * travel;
             pose
         };
-        let poses: Vec<_> = walk.state.poses.iter().map(ahead).collect();
-        let state = walk.attempt(self.shapes, &poses)?;
-        self.iterations += state.iterations;
+        let poses: Vec<_> = body.poses().iter().map(ahead).collect();
+        let mut state = body.attempt(&poses)?;
+        self.iterations += *D::iterations(&mut state);
         Ok(state)
     }
 
     /// Strides until the force is met; `None` if it never is.
-    fn reach(&mut self, walk: &mut Walk) -> Option<()> {
+    fn reach<D: Driven>(&mut self, body: &mut D) -> Option<()> {
         let mut stride = EDGE_STRIDE;
         for _ in 0..MOST {
             // A history may begin with a force that is too great: then the way is back.
-            let back = self.along(&walk.state) > self.force;
+            let back = self.along::<D>(body.state()) > self.force;
             let signed = if back { -stride } else { stride };
-            match self.attempt(walk, signed) {
-                Ok(state) if self.is_met(&state) => {
-                    walk.state = state;
-                    return Some(());
-                }
-                Ok(state) if (self.along(&state) > self.force) != back => {
-                    return self.narrow(walk, signed, self.along(&state));
-                }
+            match self.attempt(body, signed) {
                 Ok(state) => {
-                    walk.state = state;
+                    let along = self.along::<D>(&state);
+                    if !self.is_met(along) && (along > self.force) != back {
+                        return self.narrow(body, signed, along);
+                    }
+                    *body.state() = state;
+                    if self.is_met(along) {
+                        return Some(());
+                    }
                     stride = f64::min(2.0 * stride, EDGE_STRIDE);
                 }
                 Err(_) => stride *= 0.5,
@@ -118,18 +169,19 @@ impl Push<'_> {
         None
     }
 
-    /// Finds the force between the walk's state and a `far` travel at which it is `there`.
-    fn narrow(&mut self, walk: &mut Walk, far: f64, there: f64) -> Option<()> {
-        let (mut low, mut high) =
-            ((0.0, self.along(&walk.state) - self.force), (far, there - self.force));
+    /// Finds the force between the present state and a `far` travel at which it is `there`.
+    fn narrow<D: Driven>(&mut self, body: &mut D, far: f64, there: f64) -> Option<()> {
+        let here = self.along::<D>(body.state());
+        let (mut low, mut high) = ((0.0, here - self.force), (far, there - self.force));
         for _ in 0..MOST {
             let travel = low.0 - low.1 * (high.0 - low.0) / (high.1 - low.1);
-            let state = self.attempt(walk, travel).ok()?;
-            if self.is_met(&state) {
-                walk.state = state;
+            let state = self.attempt(body, travel).ok()?;
+            let along = self.along::<D>(&state);
+            if self.is_met(along) {
+                *body.state() = state;
                 return Some(());
             }
-            let rest = self.along(&state) - self.force;
+            let rest = along - self.force;
             // Illinois: an end that stays counts half, so that both ends close in.
             if (rest > 0.0) == (high.1 > 0.0) {
                 high = (travel, rest);

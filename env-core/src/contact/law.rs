@@ -51,6 +51,16 @@ impl ContactLaw {
         0.25 * self.stiffness(point)
     }
 
+    /// How far a point gives way to a force along the normal, 1/(kA) (m/N).
+    pub fn give(&self, point: &SurfacePoint) -> f64 {
+        1.0 / (self.stiffness(point) * point.area)
+    }
+
+    /// How far a sticking point gives way to a tangential force, 1/(hA) (m/N).
+    pub fn stick_give(&self, point: &SurfacePoint) -> f64 {
+        1.0 / (self.stick_stiffness(point) * point.area)
+    }
+
     /// Largest friction c = μp that a touching point bears (Pa).
     pub fn limit(&self, point: &SurfacePoint, touch: &Touch) -> f64 {
         self.friction * self.stiffness(point) * touch.depth

@@ -181,7 +181,7 @@ fn runs_through(
 
 /// First root of a falling `gap` over [0, 1] by false position; 0 if it begins below zero, 1 if it
 /// never gets there.
-fn first_touch(gap: impl Fn(f64) -> f64) -> f64 {
+pub fn first_touch(gap: impl Fn(f64) -> f64) -> f64 {
     let (mut open, mut closed) = ((0.0, gap(0.0)), (1.0, gap(1.0)));
     if open.1 <= 0.0 {
         return 0.0;

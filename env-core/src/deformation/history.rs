@@ -14,6 +14,8 @@ pub struct History {
     pub poses: Vec<Isometry3<f64>>,
     /// Where touching contact points stick.
     pub anchors: Vec<Anchor>,
+    /// Forces at the anchors (N), by a model that begins with them; else none.
+    pub forces: Vec<Vector3<f64>>,
 }
 
 /// A contact point that touches a shape, and the place on the shape where friction holds it.
@@ -28,7 +30,7 @@ pub struct Anchor {
 }
 
 /// What the bytes of a history begin with; its last letter counts versions.
-const MARK: [u8; 8] = *b"history1";
+const MARK: [u8; 8] = *b"history2";
 
 impl History {
     /// An error if this was not written by a model of `nodes` nodes and `points` contact points.
@@ -36,6 +38,10 @@ impl History {
         if self.displacement.len() != nodes {
             let expected = format!("displacements of this model's {nodes} nodes");
             return Err(Error::invalid("history", self.displacement.len(), expected));
+        }
+        if !(self.forces.is_empty() || self.forces.len() == self.anchors.len()) {
+            let expected = format!("forces at its {} anchors", self.anchors.len());
+            return Err(Error::invalid("history", self.forces.len(), expected));
         }
         if let Some(anchor) = self.anchors.iter().find(|a| a.point as usize >= points) {
             let expected = format!("anchors at this model's {points} contact points");
@@ -73,6 +79,7 @@ mod tests {
             displacement: vec![Vector3::new(1e-3, -0.0, 1.0 / 3.0); 2],
             poses: vec![Isometry3::rotation(Vector3::new(0.1, 0.2, 0.3))],
             anchors: vec![Anchor { shape: 0, point: 7, place: Point3::new(0.0, 1e-9, 2.0) }],
+            forces: vec![Vector3::x()],
         }
     }
 

@@ -68,10 +68,25 @@ pub struct Deformation {
     pub seconds: f64,
 }
 
+/// Parts of an answer that cost extra.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Wanted {
+    /// Von Mises stress; a model may leave it empty if it is not wanted.
+    pub stress: bool,
+    /// The force left unbalanced; a model may leave it 0 if it is not wanted.
+    pub residual: bool,
+}
+
 /// Answers presses of one soft body.
 pub trait DeformationModel: Send {
     /// One answer per press, in order: where it ends. An unsolved press is an error in its slot.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>>;
+
+    /// As [`DeformationModel::solve`], sparing what is not `wanted`.
+    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+        let _ = wanted;
+        self.solve(presses)
+    }
 
     /// Every frame of `press`, in order; the first that is not solved is an error and the last.
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>>;
@@ -123,9 +138,10 @@ impl Press {
             return Err(Error::invalid("history", anchor.shape, expected));
         }
         let places = history.anchors.iter().map(|anchor| &anchor.place.coords);
-        let mut numbers = history.displacement.iter().chain(places).flat_map(|v| v.iter());
+        let vectors = history.displacement.iter().chain(places).chain(&history.forces);
+        let mut numbers = vectors.flat_map(|v| v.iter());
         if let Some(x) = numbers.find(|x| !x.is_finite()) {
-            return Err(Error::invalid("history", x, "finite displacements and anchors"));
+            return Err(Error::invalid("history", x, "finite displacements, anchors and forces"));
         }
         self.history = Some(history);
         Ok(self)
@@ -226,6 +242,7 @@ mod tests {
             displacement: vec![Vector3::zeros(); 4],
             poses: vec![here; poses],
             anchors,
+            forces: vec![],
         };
         assert!(press.clone().after(history(1, vec![])).is_ok());
         assert!(press.clone().after(history(2, vec![])).is_err());

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    deformation::{Deformation, DeformationModel, Press},
+    deformation::{Deformation, DeformationModel, Press, Wanted},
     render::SceneRenderer,
     tactile,
     task::ACTION_SIZE,
@@ -178,9 +178,10 @@ impl Batch {
         if presses.is_empty() {
             return;
         }
+        let wanted = self.setup.wanted();
         let solve = || match &self.pool {
-            Some((_, pool)) => pool.install(|| answers(model, &presses)),
-            None => answers(model, &presses),
+            Some((_, pool)) => pool.install(|| answers(model, &presses, wanted)),
+            None => answers(model, &presses, wanted),
         };
         let answers = self.costs.time_all(MODEL, presses.len() as u64, solve);
         for ((i, finger), answer) in from.into_iter().zip(answers) {
@@ -338,8 +339,12 @@ fn end_step(
 }
 
 /// What `model` answers to `presses`. A panic in one of them is that one's error.
-fn answers(model: &mut tactile::Model, presses: &[Press]) -> Vec<Result<Deformation>> {
-    let mut solve = |presses| catch_unwind(AssertUnwindSafe(|| model.solve(presses)));
+fn answers(
+    model: &mut tactile::Model,
+    presses: &[Press],
+    wanted: Wanted,
+) -> Vec<Result<Deformation>> {
+    let mut solve = |presses| catch_unwind(AssertUnwindSafe(|| model.feel(presses, wanted)));
     solve(presses).unwrap_or_else(|_| {
         let mut alone =
             |press| solve(std::slice::from_ref(press)).ok().and_then(|mut one| one.pop());

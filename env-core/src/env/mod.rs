@@ -16,8 +16,9 @@ pub use row::{Outcome, Row};
 
 use crate::{
     Result,
+    deformation::Wanted,
     scene::ObjectModel,
-    tactile::Touch,
+    tactile::{Channel, Touch},
     task::{Config, Layout},
 };
 
@@ -56,6 +57,15 @@ impl Setup {
     /// The configured objects.
     pub fn models(&self) -> &[ObjectModel] {
         &self.models
+    }
+
+    /// What must be known of each answer for the observation.
+    pub fn wanted(&self) -> Wanted {
+        let channels = self.layout.channels().iter().filter_map(|(name, _)| Channel::named(name));
+        channels.map(Channel::wants).fold(Wanted::default(), |all, more| Wanted {
+            stress: all.stress || more.stress,
+            residual: all.residual || more.residual,
+        })
     }
 
     /// What the fingers feel with, unless they are rigid.

@@ -360,6 +360,7 @@ impl<'a> Run<'a> {
             displacement: displacement.clone(),
             poses: self.state.poses.clone(),
             anchors: self.anchors.clone(),
+            forces: Vec::new(),
         };
         Deformation {
             displacement: displacement[..self.vertices].to_vec(),

@@ -19,7 +19,7 @@ mod transfer;
 pub use distance::Distance;
 pub use field_file::{Field, FieldOn};
 pub use mesh_file::read_surface;
-pub use pad_mesh::{Grading, PadMesh, PadOutline};
+pub use pad_mesh::{Grading, PadMesh, PadOutline, plan_shares};
 pub use rigid_fit::RigidFit;
 pub use shape::Shape;
 pub use star_shaped::{Bump, Hollow, StarShaped, Wave};

@@ -286,6 +286,29 @@ fn kuhn(nx: usize, ny: usize, nz: usize) -> Vec<[u32; 4]> {
     tets
 }
 
+impl PadMesh {
+    /// The triangle of the face over (x, y), with barycentric coordinates in plan; none off the face.
+    pub fn under(&self, x: f64, y: f64) -> Option<([u32; 3], [f64; 3])> {
+        /// Share by which a point on a common edge may lie outside of both neighbours.
+        const ROUNDING: f64 = 1e-9;
+        self.face_triangles.iter().find_map(|corners| {
+            let shares = plan_shares(&corners.map(|node| self.mesh.vertices[node as usize]), x, y)?;
+            shares.iter().all(|&share| share >= -ROUNDING).then_some((*corners, shares))
+        })
+    }
+}
+
+/// Barycentric coordinates of (x, y) in the plan of a triangle; none if that has no area.
+pub fn plan_shares([a, b, c]: &[Point3<f64>; 3], x: f64, y: f64) -> Option<[f64; 3]> {
+    let twice = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| {
+        (q[0] - p[0]) * (r[1] - p[1]) - (r[0] - p[0]) * (q[1] - p[1])
+    };
+    let ([a, b, c], p) = ([a, b, c].map(|v| [v.x, v.y]), [x, y]);
+    let area = twice(a, b, c);
+    let parts = [twice(p, b, c), twice(a, p, c), twice(a, b, p)];
+    (area != 0.0).then(|| parts.map(|part| part / area))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

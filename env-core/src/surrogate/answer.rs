@@ -10,12 +10,12 @@ use super::{
     fast::{Fast, Scratch},
     features::{Gel, Question},
     graph::PadGraph,
-    linear::{Carried, Linear, body},
+    linear::{self, Carried, Linear, body},
     weights::{self, Card},
 };
 use crate::{
     Error, Result,
-    deformation::{Deformation, DeformationModel, Drive, Moduli, Press, SoftBody, Wrench},
+    deformation::{Deformation, DeformationModel, Drive, Moduli, Press, SoftBody, Wanted, Wrench},
     fem::Linearised,
     sensor::Sensor,
 };
@@ -35,12 +35,16 @@ struct Trained {
     body: SoftBody,
 }
 
+/// Everything.
+const ALL: Wanted = Wanted { stress: true, residual: true };
 /// Trials of a force drive, and how near to the force is near enough.
 const TRIES: usize = 12;
 const FORCE: f64 = 1e-3;
 /// Weights that are known by name.
-const KNOWN: [(&str, &[u8]); 1] =
-    [("default", include_bytes!("../../assets/weights/default.safetensors"))];
+const KNOWN: [(&str, &[u8]); 2] = [
+    ("default", include_bytes!("../../assets/weights/default.safetensors")),
+    ("swift", include_bytes!("../../assets/weights/swift.safetensors")),
+];
 
 impl Surrogate {
     /// The shipped weights of that name on a gel of `sensor` with the given material and friction.
@@ -71,7 +75,7 @@ impl Surrogate {
         let plain = Corrector::new(&card.network, &parameters.builder())?;
         let gel = Gel { moduli, friction, thickness: sensor.outline.thickness };
         let pad = sensor.pad(card.model_nodes)?;
-        let linear = Linear::new(sensor, &gel, card.linear_nodes, &pad)?;
+        let linear = Linear::new(sensor, &gel, card.linear_nodes, card.contact, &pad)?;
         let body = body(&pad, moduli)?;
         let elements = Linearised::new(&body)?;
         let graph = PadGraph::new(&pad)?;
@@ -96,7 +100,7 @@ impl Surrogate {
         match press.drive() {
             Drive::Translation { .. } => {
                 let answers = self.0.linear.path(press).into_iter();
-                answers.map(|linear| self.0.correct(press, linear?, scratch)).collect()
+                answers.map(|linear| self.0.correct(press, &linear?, ALL, scratch)).collect()
             }
             Drive::Force { poses, force, direction } => {
                 vec![self.0.push(press, poses, *force, direction, scratch)]
@@ -105,12 +109,11 @@ impl Surrogate {
     }
 
     /// The last frame of `press`; those before it are not corrected.
-    fn last(&self, press: &Press) -> Result<Deformation> {
-        let scratch = &mut Scratch::default();
+    fn last(&self, press: &Press, wanted: Wanted, scratch: &mut Scratch) -> Result<Deformation> {
         match press.drive() {
             Drive::Translation { .. } => {
                 let linear = self.0.linear.path(press).pop().expect("a press has a frame")?;
-                self.0.correct(press, linear, scratch)
+                self.0.correct(press, &linear, wanted, scratch)
             }
             Drive::Force { poses, force, direction } => {
                 self.0.push(press, poses, *force, direction, scratch)
@@ -154,7 +157,7 @@ impl Trained {
                 None => trial,
             };
             let linear = self.linear.path(&trial).swap_remove(0)?;
-            let answer = self.correct(press, linear, scratch)?;
+            let answer = self.correct(press, &linear, ALL, scratch)?;
             reached = answer.wrench.force.dot(direction);
             if (reached / force - 1.0).abs() < FORCE {
                 return Ok(answer);
@@ -168,37 +171,46 @@ impl Trained {
     fn correct(
         &self,
         press: &Press,
-        linear: Deformation,
+        linear: &linear::Answer,
+        wanted: Wanted,
         scratch: &mut Scratch,
     ) -> Result<Deformation> {
         let start = Instant::now();
-        let carried = self.linear.carry(&linear);
+        let carried = self.linear.carry(linear, wanted.stress);
         let places = &self.body.mesh().vertices;
         let friction = press.friction().unwrap_or(self.gel.friction);
         let gel = Gel { friction, ..self.gel };
         let question = Question::new(&self.graph, &gel, places, press.shapes(), &carried);
         let corrected = if question.amplitude > 0.0 {
-            self.corrected(&question, &carried, scratch)
+            self.corrected(&question, &carried, wanted.stress, scratch)
         } else {
             carried
         };
         let Carried { displacement, contact_force, von_mises, poses } = corrected;
-        let residual = self.residual(&displacement, &contact_force)?;
+        let residual =
+            if wanted.residual { self.residual(&displacement, &contact_force)? } else { 0.0 };
+        let (iterations, seconds) = linear.effort();
         Ok(Deformation {
             wrench: wrench(places, &displacement, &contact_force),
             displacement,
             von_mises,
             contact_force,
             poses,
-            history: linear.history,
-            iterations: linear.iterations,
+            history: linear.history().clone(),
+            iterations,
             residual,
-            seconds: linear.seconds + start.elapsed().as_secs_f64(),
+            seconds: seconds + start.elapsed().as_secs_f64(),
         })
     }
 
-    fn corrected(&self, question: &Question, carried: &Carried, scratch: &mut Scratch) -> Carried {
-        let fields = self.network.forward(question, true, scratch);
+    fn corrected(
+        &self,
+        question: &Question,
+        carried: &Carried,
+        with_stress: bool,
+        scratch: &mut Scratch,
+    ) -> Carried {
+        let fields = self.network.forward(question, with_stress, scratch);
         let vectors = |numbers: &[f32], unit: f64| {
             let vector = |&v: &[f32; 3]| Vector3::from(v).cast::<f64>() * unit;
             numbers.as_chunks::<3>().0.iter().map(vector).collect::<Vec<_>>()
@@ -242,7 +254,13 @@ fn wrench(
 impl DeformationModel for Surrogate {
     /// Presses are solved in parallel, each on one thread.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        presses.par_iter().map(|press| self.last(press)).collect()
+        self.feel(presses, ALL)
+    }
+
+    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+        let model = &*self;
+        let answer = |scratch: &mut Scratch, press| model.last(press, wanted, scratch);
+        presses.par_iter().map_init(Scratch::default, answer).collect()
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {

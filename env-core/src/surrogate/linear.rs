@@ -1,25 +1,61 @@
-//! The linear answer that the network corrects: `compliance` on a mesh as fine as the truth's, carried
-//! to the model mesh.
+//! The linear answer that the network corrects, on the model mesh.
 //!
 //! Linear elasticity can be condensed in advance on any mesh, so what a coarse mesh would miss need not
-//! be learnt: displacement is interpolated at the model mesh's nodes, contact forces are spread on
-//! them, stress is averaged over its tetrahedra.
+//! be learnt: the body is condensed on a mesh as fine as the truth's. Contact is felt either at that
+//! mesh's many surface points ([`Contact::Points`]), or at the nodes of the model mesh's face
+//! ([`Contact::Nodes`]), which is an order of magnitude faster and leaves more to be learnt.
 
 use nalgebra::{Isometry3, Vector3};
+use serde::{Deserialize, Serialize};
 
-use super::features::Gel;
+use super::{extension::Extension, features::Gel};
 use crate::{
     Result,
-    compliance::{Compliance, Options},
-    deformation::{Deformation, Law, Moduli, Press, SoftBody},
+    compliance::{
+        Compliance, Options,
+        nodal::{Nodal, Settled},
+    },
+    deformation::{Deformation, History, Law, Moduli, Press, SoftBody},
     geometry::{PadMesh, Transfer},
     sensor::Sensor,
 };
 
+/// Where the linear model feels contact.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Contact {
+    /// At the surface points of its own mesh, as finite elements do.
+    #[default]
+    Points,
+    /// At the nodes of the model mesh's face.
+    Nodes,
+}
+
+impl Contact {
+    /// Its name in the settings.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Points => "points",
+            Self::Nodes => "nodes",
+        }
+    }
+}
+
 /// A gel's linear model.
 pub(super) struct Linear {
-    compliance: Compliance,
+    solver: Solver,
     transfer: Transfer,
+}
+
+enum Solver {
+    Points(Compliance),
+    Nodes(Nodal, Extension),
+}
+
+/// An answer of the linear model, before it is carried to the model mesh.
+pub(super) enum Answer {
+    Points(Box<Deformation>),
+    Nodes(Settled),
 }
 
 /// A linear answer on the model mesh. V nodes, T tetrahedra, S shapes.
@@ -29,7 +65,7 @@ pub(super) struct Carried {
     pub(super) displacement: Vec<Vector3<f64>>,
     /// (V) in N.
     pub(super) contact_force: Vec<Vector3<f64>>,
-    /// (T) in Pa.
+    /// (T) in Pa, or empty.
     pub(super) von_mises: Vec<f64>,
     /// (S).
     pub(super) poses: Vec<Isometry3<f64>>,
@@ -37,25 +73,82 @@ pub(super) struct Carried {
 
 impl Linear {
     /// That of a gel on a mesh of `nodes` nodes, answering on `model`.
-    pub(super) fn new(sensor: &Sensor, gel: &Gel, nodes: usize, model: &PadMesh) -> Result<Self> {
+    pub(super) fn new(
+        sensor: &Sensor,
+        gel: &Gel,
+        nodes: usize,
+        contact: Contact,
+        model: &PadMesh,
+    ) -> Result<Self> {
         let fine = sensor.pad(nodes)?;
         let transfer = Transfer::new(&fine.mesh, &model.mesh)?;
         let options = Options { friction: gel.friction, sweeps: 0 };
-        Ok(Self { compliance: Compliance::new(body(&fine, gel.moduli)?, options)?, transfer })
+        let compliance = Compliance::new(body(&fine, gel.moduli)?, options)?;
+        let solver = match contact {
+            Contact::Points => Solver::Points(compliance),
+            Contact::Nodes => {
+                let nodal = compliance.at_coarse_nodes(&fine, model)?;
+                let extension = Extension::new(&nodal, &transfer);
+                Solver::Nodes(nodal, extension)
+            }
+        };
+        Ok(Self { solver, transfer })
     }
 
     /// The answers along `press`, until one fails.
-    pub(super) fn path(&self, press: &Press) -> Vec<Result<Deformation>> {
-        self.compliance.solve_path(press)
+    pub(super) fn path(&self, press: &Press) -> Vec<Result<Answer>> {
+        match &self.solver {
+            Solver::Points(compliance) => {
+                let answers = compliance.solve_path(press).into_iter();
+                answers.map(|answer| Ok(Answer::Points(Box::new(answer?)))).collect()
+            }
+            Solver::Nodes(nodal, _) => {
+                let answers = nodal.settled_path(press).into_iter();
+                answers.map(|settled| Ok(Answer::Nodes(settled?))).collect()
+            }
+        }
     }
 
-    /// An answer on the model mesh.
-    pub(super) fn carry(&self, fine: &Deformation) -> Carried {
-        Carried {
-            displacement: self.transfer.interpolate(&fine.displacement),
-            contact_force: self.transfer.spread(&fine.contact_force),
-            von_mises: self.transfer.average(&fine.von_mises),
-            poses: fine.poses.clone(),
+    /// An answer on the model mesh; its stress is left empty unless `with_stress`.
+    pub(super) fn carry(&self, answer: &Answer, with_stress: bool) -> Carried {
+        match (answer, &self.solver) {
+            (Answer::Nodes(settled), Solver::Nodes(nodal, extension)) => {
+                let stress = || self.transfer.average(&nodal.von_mises(settled));
+                Carried {
+                    displacement: extension.displacement(&settled.forces),
+                    contact_force: extension.contact_force(&settled.forces),
+                    von_mises: if with_stress { stress() } else { Vec::new() },
+                    poses: settled.history.poses.clone(),
+                }
+            }
+            (Answer::Points(fine), _) => {
+                let stress = || self.transfer.average(&fine.von_mises);
+                Carried {
+                    displacement: self.transfer.interpolate(&fine.displacement),
+                    contact_force: self.transfer.spread(&fine.contact_force),
+                    von_mises: if with_stress { stress() } else { Vec::new() },
+                    poses: fine.poses.clone(),
+                }
+            }
+            (Answer::Nodes(_), Solver::Points(_)) => unreachable!("answers come from this model"),
+        }
+    }
+}
+
+impl Answer {
+    /// What the contact remembers.
+    pub(super) fn history(&self) -> &History {
+        match self {
+            Self::Points(fine) => &fine.history,
+            Self::Nodes(settled) => &settled.history,
+        }
+    }
+
+    /// Steps of the solver, and its wall time (s).
+    pub(super) fn effort(&self) -> (usize, f64) {
+        match self {
+            Self::Points(fine) => (fine.iterations, fine.seconds),
+            Self::Nodes(settled) => (settled.iterations, settled.seconds),
         }
     }
 }

@@ -8,6 +8,7 @@
 mod adam;
 mod answer;
 mod corrector;
+mod extension;
 mod fast;
 mod features;
 mod graph;
@@ -27,6 +28,7 @@ mod weights;
 
 pub use answer::Surrogate;
 pub use corrector::CorrectorConfig;
+pub use linear::Contact;
 pub use metrics::{PressErrors, Spread, Summary};
 pub use run::{Progress, evaluate, train};
 pub use train::{Epoch, Training};

@@ -77,7 +77,7 @@ pub fn train(
     watch: &mut dyn FnMut(&Progress) -> bool,
 ) -> Result<Option<Card>> {
     let dataset = Dataset::open(data)?;
-    let gels = Gels::new(dataset.config(), training.linear_nodes)?;
+    let gels = Gels::new(dataset.config(), training.linear_nodes, training.contact)?;
     let split = dataset.split(&training.split)?.clone();
     let parts = [&split.train[..], &split.validation, &split.test];
     let mut go_on = true;
@@ -212,6 +212,7 @@ impl Run {
             network: training.network,
             model_nodes: config.model_nodes,
             linear_nodes: training.linear_nodes,
+            contact: training.contact,
             training: training.clone(),
             data: Data {
                 fingerprint: self.data.clone(),
@@ -257,7 +258,7 @@ pub fn evaluate(
         weights::from_bytes(&weights.display().to_string(), &weights::read(weights)?)?;
     let network = Corrector::new(&card.network, &weights::parameters(vectors)?.builder())?;
     let dataset = Dataset::open(data)?;
-    let gels = Gels::new(dataset.config(), card.linear_nodes)?;
+    let gels = Gels::new(dataset.config(), card.linear_nodes, card.contact)?;
     let names = &dataset.split(split)?.test;
     let ([samples], _) = gels.samples(&dataset, [names], &mut |_, _| true)?;
     let found = judge(&network, &gels, &samples)?.into_iter().zip(judge_linear(&gels, &samples));

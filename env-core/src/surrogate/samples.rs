@@ -15,7 +15,7 @@ use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use super::{
     features::{Gel, Question, Truth},
     graph::PadGraph,
-    linear::{Carried, Linear},
+    linear::{Carried, Contact, Linear},
 };
 use crate::{
     Error, Result,
@@ -41,8 +41,9 @@ pub(super) struct Sample {
 pub(super) struct Gels {
     pub(super) graphs: Vec<PadGraph>,
     pub(super) pads: Vec<Pad>,
-    /// Nodes of the mesh of the linear models.
+    /// Nodes of the mesh of the linear models, and where they feel contact.
     nodes: usize,
+    contact: Contact,
 }
 
 /// A gel of a dataset.
@@ -58,7 +59,7 @@ type Answers = Vec<Vec<Carried>>;
 
 impl Gels {
     /// Those of `config`, with linear models of `nodes` nodes.
-    pub(super) fn new(config: &Config, nodes: usize) -> Result<Self> {
+    pub(super) fn new(config: &Config, nodes: usize, contact: Contact) -> Result<Self> {
         let mut sensors: Vec<&str> = config.gels.iter().map(|gel| gel.sensor.as_str()).collect();
         sensors.sort_unstable();
         sensors.dedup();
@@ -71,16 +72,18 @@ impl Gels {
             let thickness = sensor.outline.thickness;
             let gel = Gel { moduli, friction: gel.friction, thickness };
             let mesh = meshes[graph].clone();
-            Ok(Pad { graph, gel, linear: Linear::new(&sensor, &gel, nodes, &mesh)?, mesh })
+            let linear = Linear::new(&sensor, &gel, nodes, contact, &mesh)?;
+            Ok(Pad { graph, gel, mesh, linear })
         };
         let pads = config.gels.par_iter().map(pad).collect::<Result<_>>()?;
-        Ok(Self { graphs: meshes.iter().map(PadGraph::new).collect::<Result<_>>()?, pads, nodes })
+        let graphs = meshes.iter().map(PadGraph::new).collect::<Result<_>>()?;
+        Ok(Self { graphs, pads, nodes, contact })
     }
 
     /// Graphs alone, for samples that are made elsewhere.
     #[cfg(test)]
     pub(super) fn of(graphs: Vec<PadGraph>) -> Self {
-        Self { graphs, pads: Vec::new(), nodes: 0 }
+        Self { graphs, pads: Vec::new(), nodes: 0, contact: Contact::Points }
     }
 
     /// Every frame of `dataset` whose grasp is in one of `parts`, for each part, and how many the linear
@@ -125,7 +128,12 @@ impl Gels {
         pads: &[PadFrames],
     ) -> Result<Answers> {
         let shard = dataset.name(index);
-        let path = dataset.folder().join(format!("linear/{}-{shard}.safetensors", self.nodes));
+        let kind = match self.contact {
+            Contact::Points => String::new(),
+            Contact::Nodes => format!("{}-", self.contact.name()),
+        };
+        let name = format!("linear/{kind}{}-{shard}.safetensors", self.nodes);
+        let path = dataset.folder().join(name);
         if let Some(stored) = read(&path, pads) {
             return Ok(stored);
         }
@@ -135,7 +143,7 @@ impl Gels {
             let poses = poses.map(|&pose| vec![pose]).collect();
             let press = Press::along(vec![shape.clone()], poses)?;
             let answers = linear.path(&press).into_iter().map_while(Result::ok).skip(1);
-            Ok(answers.map(|answer| linear.carry(&answer)).collect())
+            Ok(answers.map(|answer| linear.carry(&answer, true)).collect())
         };
         let answers: Answers = pads.par_iter().map(path_of).collect::<Result<_>>()?;
         write(&path, &answers)?;

@@ -7,7 +7,7 @@ use super::{
     corrector::{Corrector, CorrectorConfig},
     features::{Gel, Question, Truth, flat},
     graph::PadGraph,
-    linear::{Linear, body},
+    linear::{Contact, Linear, body},
     loss::parts,
     samples::{Gels, Sample},
     train::{Trainer, Training},
@@ -39,7 +39,7 @@ fn samples(depths: &[f64]) -> (PadGraph, Vec<Sample>) {
     let pad = sensor.pad(1000).unwrap();
     let graph = PadGraph::new(&pad).unwrap();
     let gel = Gel { moduli: GEL, friction: FRICTION, thickness: sensor.outline.thickness };
-    let linear = Linear::new(&sensor, &gel, 1000, &pad).unwrap();
+    let linear = Linear::new(&sensor, &gel, 1000, Contact::Points, &pad).unwrap();
     let options = Options { friction: FRICTION, ..Options::default() };
     let elements = Fem::new(body(&pad, GEL).unwrap(), options).unwrap();
     let sample = |&depth: &f64| {
@@ -53,7 +53,7 @@ fn samples(depths: &[f64]) -> (PadGraph, Vec<Sample>) {
             graph: 0,
             gel: 0,
             grasp: "ball/000".to_owned(),
-            question: Question::new(&graph, &gel, places, shapes, &linear.carry(&answer)),
+            question: Question::new(&graph, &gel, places, shapes, &linear.carry(&answer, true)),
             truth: Truth {
                 displacement: flat(&truth.displacement, gel.thickness),
                 stress: truth.von_mises.iter().map(|s| (s / GEL.shear()) as f32).collect(),

@@ -13,6 +13,7 @@ use super::{
     adam::{self, Adam},
     corrector::CorrectorConfig,
     features::{Gel, Truth},
+    linear::Contact,
     metrics::Fields,
     parameters::Parameters,
     weights::Vectors,
@@ -72,6 +73,8 @@ pub struct Training<C = CorrectorConfig> {
     pub clip: f64,
     /// Nodes of the mesh of the linear model, at most.
     pub linear_nodes: usize,
+    /// Where the linear model feels contact.
+    pub contact: Contact,
     /// Whether presses are also seen in the pad's mirrors.
     pub mirrors: bool,
     /// Sizes of the network.
@@ -89,6 +92,7 @@ impl<C: Default> Default for Training<C> {
             warmup: 0.05,
             clip: 1.0,
             linear_nodes: 2000,
+            contact: Contact::default(),
             mirrors: true,
             network: C::default(),
         }

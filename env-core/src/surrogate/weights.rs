@@ -11,7 +11,8 @@ use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
-    corrector::CorrectorConfig, metrics::Summary, parameters::Parameters, train::Training,
+    corrector::CorrectorConfig, linear::Contact, metrics::Summary, parameters::Parameters,
+    train::Training,
 };
 use crate::{Error, Result};
 
@@ -27,6 +28,9 @@ pub struct Card {
     pub model_nodes: usize,
     /// Nodes of the mesh of the linear model, at most.
     pub linear_nodes: usize,
+    /// Where the linear model feels contact.
+    #[serde(default)]
+    pub contact: Contact,
     /// How it was trained.
     pub training: Training,
     /// What it was trained on.

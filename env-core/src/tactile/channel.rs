@@ -7,7 +7,7 @@
 use nalgebra::Vector3;
 
 use super::{depth, skin::Skin, traction};
-use crate::deformation::Deformation;
+use crate::deformation::{Deformation, Wanted};
 
 /// What can be asked about a pressed finger.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,6 +83,14 @@ impl Channel {
     /// The channel of that name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|channel| channel.name() == name)
+    }
+
+    /// What must be known of an answer for this channel.
+    pub const fn wants(self) -> Wanted {
+        Wanted {
+            stress: matches!(self, Self::Stress | Self::TetStress),
+            residual: matches!(self, Self::Trust),
+        }
     }
 
     /// The table: what the channel of one finger consists of.

@@ -24,8 +24,11 @@ pub enum Choice {
     Compliance,
     /// Finite elements ([`crate::fem`]).
     Fem,
-    /// The shipped network ([`crate::surrogate`]).
+    /// The shipped network made for speed, `swift` ([`crate::surrogate`]).
     Surrogate,
+    /// The shipped network made for accuracy, `default`.
+    #[serde(rename = "surrogate-fine")]
+    SurrogateFine,
 }
 
 /// What a gel is made of.

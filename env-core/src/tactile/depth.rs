@@ -4,7 +4,8 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::skin::{Grid, Skin, shares};
+use super::skin::{Grid, Skin};
+use crate::geometry::plan_shares;
 
 /// Heights in the view (D) in m, with the nodes displaced (V) or at rest.
 pub(super) fn heights(skin: &Skin, displacement: Option<&[Vector3<f64>]>) -> Vec<f64> {
@@ -25,7 +26,7 @@ fn raise(heights: &mut [f64], view: &Grid, triangle: &[Point3<f64>; 3]) {
     for j in rows {
         for i in columns.clone() {
             let [x, y] = [view.centre(0, i), view.centre(1, j)];
-            let Some(shares) = shares(triangle, x, y) else { return };
+            let Some(shares) = plan_shares(triangle, x, y) else { return };
             if shares.iter().all(|&share| share >= -1e-9) {
                 let z: f64 = triangle.iter().zip(shares).map(|(corner, s)| corner.z * s).sum();
                 let height = &mut heights[(j * view.counts[0] + i) as usize];

@@ -8,7 +8,7 @@ use super::{Choice, Config, Skin};
 use crate::{
     Error, Result,
     compliance::{self, Compliance},
-    deformation::{Deformation, DeformationModel, Law, Press, SoftBody},
+    deformation::{Deformation, DeformationModel, Law, Press, SoftBody, Wanted},
     fem::{self, Fem},
     geometry::PadMesh,
     sensor::Sensor,
@@ -90,7 +90,8 @@ impl Model {
                 Self::Compliance(alone(move || Compliance::new(on, options))?)
             }
             Choice::Fem => Self::Fem(Fem::new(on, fem::Options::default())?),
-            Choice::Surrogate => Self::Surrogate(trained(config, sensor)?),
+            Choice::Surrogate => Self::Surrogate(trained("swift", config, sensor)?),
+            Choice::SurrogateFine => Self::Surrogate(trained("default", config, sensor)?),
         };
         Ok(Some((model, pad, body)))
     }
@@ -114,6 +115,14 @@ impl DeformationModel for Model {
         }
     }
 
+    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+        match self {
+            Self::Compliance(model) => model.feel(presses, wanted),
+            Self::Fem(model) => model.feel(presses, wanted),
+            Self::Surrogate(model) => model.feel(presses, wanted),
+        }
+    }
+
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         match self {
             Self::Compliance(model) => model.solve_path(press),
@@ -123,15 +132,15 @@ impl DeformationModel for Model {
     }
 }
 
-/// The shipped network on the gel of `sensor`.
-fn trained(config: &Config, sensor: &Sensor) -> Result<Surrogate> {
+/// The shipped network of that name on the gel of `sensor`.
+fn trained(name: &str, config: &Config, sensor: &Sensor) -> Result<Surrogate> {
     let (law, moduli) = config.material(sensor)?;
     if law != Law::NeoHookean {
         let expected = "a neo-hookean gel for the surrogate";
         return Err(Error::invalid("material", law, expected));
     }
     let friction = sensor.friction.at_rest;
-    let model = alone(|| Surrogate::named("default", sensor, moduli, friction))?;
+    let model = alone(|| Surrogate::named(name, sensor, moduli, friction))?;
     let nodes = model.card().model_nodes;
     if nodes != config.resolution.nodes {
         let expected = format!("{nodes}, those of the surrogate");

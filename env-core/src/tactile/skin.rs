@@ -103,7 +103,7 @@ impl Skin {
         let free = reach.iter().map(|&(node, _)| node).filter(|n| fixed.binary_search(n).is_err());
         let free = free.collect();
         let find = |name: &str, [x, y]: [f64; 2]| {
-            site(&places, &pad.face_triangles, x, y).ok_or_else(|| {
+            pad.under(x, y).ok_or_else(|| {
                 let found = format!("({x:.4}, {y:.4}) m");
                 Error::invalid(format!("{name} of {}", sensor.name), found, "places on the face")
             })
@@ -214,27 +214,6 @@ fn reach(places: &[Point3<f64>], boundary: &[[u32; 3]]) -> Vec<(u32, f64)> {
         }
     }
     reach.into_iter().collect()
-}
-
-/// The triangle of the face over (x, y), or none.
-fn site(places: &[Point3<f64>], triangles: &[[u32; 3]], x: f64, y: f64) -> Option<Site> {
-    /// Share by which a point on a common edge may lie outside of both neighbours.
-    const ROUNDING: f64 = 1e-9;
-    triangles.iter().find_map(|corners| {
-        let shares = shares(&corners.map(|node| places[node as usize]), x, y)?;
-        shares.iter().all(|&share| share >= -ROUNDING).then_some((*corners, shares))
-    })
-}
-
-/// Barycentric coordinates of (x, y) in the plan of a triangle; none if that has no area.
-pub(super) fn shares([a, b, c]: &[Point3<f64>; 3], x: f64, y: f64) -> Option<[f64; 3]> {
-    let twice = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| {
-        (q[0] - p[0]) * (r[1] - p[1]) - (r[0] - p[0]) * (q[1] - p[1])
-    };
-    let ([a, b, c], p) = ([a, b, c].map(|v| [v.x, v.y]), [x, y]);
-    let area = twice(a, b, c);
-    let parts = [twice(p, b, c), twice(a, p, c), twice(a, b, p)];
-    (area != 0.0).then(|| parts.map(|part| part / area))
 }
 
 /// For each node the tetrahedra around it, with their shares of the volume (V).

@@ -218,6 +218,7 @@ class Compliance:
         friction: float = 0.0,
         sweeps: int = 0,
         cache: str | PathLike[str] | None = None,
+        contact: str = "points",
     ) -> Compliance: ...
     @property
     def body(self) -> SoftBody: ...

@@ -43,7 +43,8 @@ def train(
         commit: Commit of this library, kept in the card.
         watch: See `Watch`.
         settings: ``seed``, ``split``, ``epochs``, ``batch``, ``rate``, ``warmup``, ``clip``,
-            ``linear_nodes``, and ``network``: ``width``, ``down``, ``up``, ``corner``.
+            ``linear_nodes``, ``contact`` (of the linear answer: ``"points"``, or ``"nodes"`` for
+            speed), and ``network``: ``width``, ``down``, ``up``, ``corner``.
 
     Raises:
         ValueError: If a setting makes no sense, the dataset cannot be read or `out` holds another

@@ -7,7 +7,7 @@ use std::{
 
 use pyo3::prelude::*;
 use ruffini_core::{
-    Result, compliance,
+    Error, Result, compliance,
     deformation::{self, DeformationModel},
     fem,
 };
@@ -102,33 +102,73 @@ impl Fem {
 ///     friction: Coefficient of friction between body and shapes, 0 to 100.
 ///     sweeps: Most corrections of a load step, 0 to 12.
 ///     cache: Folder that keeps what is computed in advance, by a hash of the body.
+///     contact: "points": felt at many points of every face, as in Fem, and solved by Newton's method.
+///         "nodes": at the nodes of the surface, solved by projected Gauss-Seidel; ten to fifty times
+///         faster, coarse where few nodes touch, without sweeps, and with histories of its own.
 ///
 /// Raises:
 ///     ValueError: If an option is none of those, or the body is free.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Compliance {
-    model: Mutex<compliance::Compliance>,
+    model: Mutex<Linear>,
     /// What is pressed.
     #[pyo3(get)]
     body: Py<SoftBody>,
 }
 
+/// Linear elasticity with contact at points or at nodes.
+enum Linear {
+    Points(compliance::Compliance),
+    Nodes(compliance::nodal::Nodal),
+}
+
+impl DeformationModel for Linear {
+    fn solve(&mut self, presses: &[deformation::Press]) -> Vec<Result<deformation::Deformation>> {
+        match self {
+            Self::Points(model) => model.solve(presses),
+            Self::Nodes(model) => model.solve(presses),
+        }
+    }
+
+    fn solve_path(&self, press: &deformation::Press) -> Vec<Result<deformation::Deformation>> {
+        match self {
+            Self::Points(model) => model.solve_path(press),
+            Self::Nodes(model) => model.solve_path(press),
+        }
+    }
+}
+
+impl Linear {
+    fn new(model: compliance::Compliance, contact: &str, sweeps: usize) -> Result<Self> {
+        match contact {
+            "points" => Ok(Self::Points(model)),
+            "nodes" if sweeps == 0 => Ok(Self::Nodes(model.at_nodes())),
+            "nodes" => Err(Error::invalid("sweeps", sweeps, "0 with contact at nodes")),
+            _ => Err(Error::invalid("contact", contact, "points or nodes")),
+        }
+    }
+}
+
 #[pymethods]
 impl Compliance {
     #[new]
-    #[pyo3(signature = (body, friction=0.0, sweeps=0, cache=None))]
+    #[pyo3(signature = (body, friction=0.0, sweeps=0, cache=None, contact="points"))]
     fn new(
         py: Python<'_>,
         body: Py<SoftBody>,
         friction: f64,
         sweeps: usize,
         cache: Option<PathBuf>,
+        contact: &str,
     ) -> PyResult<Self> {
         let options = compliance::Options { friction, sweeps };
         let solid = body.get().inner.clone();
-        let model = py.detach(|| match cache {
-            Some(folder) => compliance::Compliance::cached(solid, options, &folder),
-            None => compliance::Compliance::new(solid, options),
+        let model = py.detach(|| {
+            let model = match cache {
+                Some(folder) => compliance::Compliance::cached(solid, options, &folder),
+                None => compliance::Compliance::new(solid, options),
+            }?;
+            Linear::new(model, contact, sweeps)
         });
         Ok(Self { model: Mutex::new(model.map_err(python_error)?), body })
     }

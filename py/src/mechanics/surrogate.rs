@@ -21,7 +21,7 @@ use crate::error::python_error;
 /// adds what large strain does, on the coarser mesh of `body`. Without contact it adds nothing, exactly.
 ///
 /// Args:
-///     weights: Name of shipped weights.
+///     weights: Name of shipped weights: "default" for accuracy, "swift" for speed.
 ///     sensor: Name of a sensor, or the path of its .toml file.
 ///     calibration: Name of the material; the first of the sensor if not given.
 ///     young: Young's modulus (Pa), in place of the calibration's.

@@ -15,7 +15,7 @@ use crate::{
     Error, Result,
     dataset::Dataset,
     surrogate::{
-        PressErrors, Spread, Summary, Training,
+        Contact, PressErrors, Spread, Summary, Training,
         corrector::{Corrector, CorrectorConfig},
         metrics::{errors, judge, judge_linear, relative},
         samples::Gels,
@@ -136,7 +136,7 @@ impl Study {
     ) -> Result<Report> {
         let dataset = Dataset::open(data)?;
         let linear_nodes = Training::<CorrectorConfig>::default().linear_nodes;
-        let gels = Gels::new(dataset.config(), linear_nodes)?;
+        let gels = Gels::new(dataset.config(), linear_nodes, Contact::Points)?;
         let split = dataset.split(&self.split)?;
         let parts = [split.train.as_slice(), &split.test];
         let ([samples, test], _) = gels.samples(&dataset, parts, &mut |_, _| true)?;

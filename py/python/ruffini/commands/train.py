@@ -15,6 +15,7 @@ _SETTINGS = {
     "batch": (int, "frames in a step"),
     "rate": (float, "highest learning rate"),
     "linear-nodes": (int, "nodes of the linear model's mesh"),
+    "contact": (str, "where the linear model feels contact: points, or nodes for speed"),
 }
 
 
@@ -31,6 +32,9 @@ def add_to(commands: Any) -> None:
     for name, (kind, text) in _SETTINGS.items():
         parser.add_argument(f"--{name}", type=kind, help=text)
     parser.add_argument("--width", type=int, help="latent width of the network")
+    rounds = "rounds of messages at each scale on the way"
+    parser.add_argument("--down", type=int, nargs=3, help=f"{rounds} down, the finest first")
+    parser.add_argument("--up", type=int, nargs=2, help=f"{rounds} up, the finest first")
     parser.add_argument("--commit", default="", help="commit of ruffini, for the card")
     parser.set_defaults(run=_train)
 
@@ -39,8 +43,9 @@ def _train(options: argparse.Namespace) -> None:
     names = [name.replace("-", "_") for name in _SETTINGS]
     given = {name: getattr(options, name) for name in names}
     settings = {name: value for name, value in given.items() if value is not None}
-    if options.width is not None:
-        settings["network"] = {"width": options.width}
+    sizes = {name: getattr(options, name) for name in ("width", "down", "up")}
+    if sizes := {name: value for name, value in sizes.items() if value is not None}:
+        settings["network"] = sizes
     card = surrogate.train(
         options.data, options.out, commit=options.commit, watch=_tell, **settings
     )

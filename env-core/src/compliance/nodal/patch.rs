@@ -1,0 +1,328 @@
+//! The nodes near the shapes in one load step, and the sweeps that bring their forces into balance.
+//!
+//! A node that the shapes touch is pushed to where its target says: on the shape's tangent plane, and
+//! there to where friction holds it. With C its own compliance, K the stiffness of the contact law
+//! and r how far it is from its target beyond what K allows, (C + K⁻¹) δf = r; the force is then cut
+//! to Coulomb's cone, with the direction of sliding by the proximal form of Alart and Curnier (1991).
+
+// What `pulp` dispatches is compiled for the processor only as far as it is inlined.
+#![allow(clippy::inline_always)]
+
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+
+use super::{skin::Skin, walk::Held};
+use crate::{
+    Error, Result,
+    contact::{ContactLaw, SurfacePoint, first_touch},
+    geometry::{Distance, Shape},
+};
+
+/// Sweeps between measurements of the shapes' distances.
+const SWEEPS: usize = 4;
+/// Most measurements.
+const MOST: usize = 60;
+/// Change of a force by one sweep that is accepted, relative to the strongest.
+const RELATIVE: f64 = 5e-4;
+/// Force that counts as none (N).
+const NONE: f64 = 1e-9;
+/// Nodes by which two runs are apart at most if they are treated as one.
+const BRIDGE: usize = 6;
+
+/// The shapes on their way within one load step.
+pub(super) struct Move<'a> {
+    pub(super) shapes: &'a [Shape],
+    pub(super) from: &'a [Isometry3<f64>],
+    pub(super) to: &'a [Isometry3<f64>],
+}
+
+/// Nodes that the shapes may touch in one load step.
+pub(super) struct Patch<'a> {
+    skin: &'a Skin,
+    law: &'a ContactLaw,
+    way: Move<'a>,
+    members: Vec<Member>,
+    /// Ranks of the nodes whose displacement is kept, as ranges that hold all members.
+    runs: Vec<[usize; 2]>,
+    /// Displacement of the skin (3M) in m, valid in the runs.
+    displacement: &'a mut Vec<f32>,
+}
+
+struct Member {
+    rank: u32,
+    force: Vector3<f64>,
+    /// Place at the beginning of the step (m).
+    start: Point3<f64>,
+    /// Shape that it sticks to and where, in the shape's frame.
+    stuck: Option<(u32, Point3<f64>)>,
+    /// Where it was last measured, and the distance (m).
+    seen: (Point3<f64>, f64),
+    /// What a touching node is pushed to.
+    target: Option<Target>,
+}
+
+/// Where a touching node belongs.
+#[derive(Clone, Copy)]
+struct Target {
+    normal: Vector3<f64>,
+    /// Displacement that the target asks for (m).
+    displacement: Vector3<f64>,
+    /// K⁻¹ (m/N).
+    give: Matrix3<f64>,
+    /// C + K⁻¹ and its inverse.
+    compliance: Matrix3<f64>,
+    stiffness: Matrix3<f64>,
+}
+
+impl<'a> Patch<'a> {
+    /// The nodes of `groups` that come within `reach` (m) of a shape where they stand at the beginning
+    /// of the step, and those that are `held`.
+    pub(super) fn new(
+        skin: &'a Skin,
+        law: &'a ContactLaw,
+        way: Move<'a>,
+        groups: &[bool],
+        reach: f64,
+        held: &[Held],
+        displacement: &'a mut Vec<f32>,
+    ) -> Self {
+        let near = skin.groups.iter().zip(groups).filter(|(_, near)| **near);
+        let mut ranks: Vec<u32> = near.flat_map(|(group, _)| group.ranks.iter().copied()).collect();
+        ranks.extend(held.iter().map(|held| held.rank));
+        ranks.sort_unstable();
+        ranks.dedup();
+        let runs = runs(ranks.iter().copied());
+        displacement.resize(3 * skin.places.len(), 0.0);
+        for &[first, last] in &runs {
+            displacement[3 * first..3 * last].fill(0.0);
+        }
+        for held in held {
+            let rows = skin.rows(held.rank);
+            pulp::Arch::new().dispatch(
+                #[inline(always)]
+                || give_way(displacement, rows, &held.force, &runs),
+            );
+        }
+        let mut held = held.iter().peekable();
+        let member = |&rank: &u32| {
+            let known = held.next_if(|held| held.rank == rank);
+            let start = skin.places[rank as usize] + displaced(displacement, rank);
+            let distance = match known {
+                Some(_) => 0.0,
+                None => nearest(way.shapes, way.to, &start).1.value,
+            };
+            (distance < reach).then(|| Member {
+                rank,
+                force: known.map(|held| held.force).unwrap_or_default(),
+                start,
+                stuck: known.map(|held| (held.shape, held.stuck)),
+                seen: (start, distance),
+                target: None,
+            })
+        };
+        let members: Vec<_> = ranks.iter().filter_map(member).collect();
+        let runs = self::runs(members.iter().map(|member| member.rank));
+        Self { skin, law, way, members, runs, displacement }
+    }
+
+    /// Brings the forces into balance; the sweeps taken.
+    pub(super) fn settle(&mut self) -> Result<usize> {
+        let (mut sweeps, mut change, mut strongest) = (0, 0.0, 0.0);
+        for _ in 0..MOST {
+            if !self.measure() {
+                return Ok(sweeps);
+            }
+            for sweep in 0..SWEEPS {
+                (change, strongest) = pulp::Arch::new().dispatch(
+                    #[inline(always)]
+                    || self.sweep(sweep % 2 == 1),
+                );
+                sweeps += 1;
+                if change <= RELATIVE * strongest + NONE {
+                    if sweep == 0 {
+                        return Ok(sweeps);
+                    }
+                    break;
+                }
+            }
+        }
+        let tolerance = RELATIVE * strongest;
+        Err(Error::NotConverged { iterations: sweeps, residual: change, tolerance })
+    }
+
+    /// Measures the shapes' distances where the nodes now are; whether any node touches.
+    fn measure(&mut self) -> bool {
+        let mut touches = false;
+        for i in 0..self.members.len() {
+            let Member { rank, force, seen, .. } = self.members[i];
+            let moved = displaced(self.displacement, rank);
+            let place = self.skin.places[rank as usize] + moved;
+            let loose = force == Vector3::zeros();
+            if loose && (place - seen.0).norm() < seen.1 {
+                self.members[i].target = None;
+                continue;
+            }
+            let (shape, distance) = nearest(self.way.shapes, self.way.to, &place);
+            self.members[i].seen = (place, distance.value);
+            self.members[i].target = (!loose || distance.value < 0.0).then(|| {
+                touches = true;
+                self.target(i, shape, &distance, &place)
+            });
+        }
+        touches
+    }
+
+    /// Where a touching member belongs.
+    fn target(&mut self, i: usize, shape: u32, distance: &Distance, place: &Point3<f64>) -> Target {
+        let pose = &self.way.to[shape as usize];
+        let member = &mut self.members[i];
+        let stuck = member.stuck.filter(|(held_by, _)| *held_by == shape);
+        let (_, stuck) = *member
+            .stuck
+            .insert(stuck.unwrap_or_else(|| (shape, self.way.touch(shape, &member.start))));
+        let normal = distance.normal;
+        let surface = place - normal * distance.value;
+        let stuck = pose * stuck;
+        let aim = stuck - normal * normal.dot(&(stuck - surface));
+        let rank = member.rank as usize;
+        let point = &self.skin.points[rank];
+        let give = give(self.law, point, &normal);
+        let compliance = self.skin.own[rank] + give;
+        let stiffness = compliance.try_inverse().unwrap_or_else(Matrix3::zeros);
+        let displacement = aim - self.skin.places[rank];
+        Target { normal, displacement, give, compliance, stiffness }
+    }
+
+    /// One sweep over the touching nodes, `back` to front or not: the largest change of a force, and the
+    /// strongest force (N).
+    #[inline(always)]
+    fn sweep(&mut self, back: bool) -> (f64, f64) {
+        let Self { skin, law, members, runs, displacement, .. } = self;
+        let (mut change, mut strongest) = (0f64, 0f64);
+        let count = members.len();
+        for i in 0..count {
+            let member = &mut members[if back { count - 1 - i } else { i }];
+            let Some(target) = &member.target else { continue };
+            let off = target.displacement
+                - displaced(displacement, member.rank)
+                - target.give * member.force;
+            let force = target.force(&member.force, &off, law.friction);
+            let step = force - member.force;
+            member.force = force;
+            let size = step.norm();
+            strongest = strongest.max(force.norm());
+            if size > 0.0 {
+                change = change.max(size);
+                give_way(displacement, skin.rows(member.rank), &step, runs);
+            }
+        }
+        (change, strongest)
+    }
+
+    /// Largest displacement of a member (m).
+    pub(super) fn amplitude(&self) -> f64 {
+        let moved = |member: &Member| displaced(self.displacement, member.rank).norm();
+        self.members.iter().map(moved).fold(0.0, f64::max)
+    }
+
+    /// The nodes that touch, and where.
+    pub(super) fn held(&self) -> Vec<(Held, Point3<f64>)> {
+        let touching = self.members.iter().filter(|member| member.force != Vector3::zeros());
+        let held = |member: &Member| {
+            let rank = member.rank as usize;
+            let place = self.skin.places[rank] + displaced(self.displacement, member.rank);
+            let target = member.target.expect("what has a force has been measured");
+            let (shape, _) = member.stuck.expect("what touches sticks somewhere");
+            let normal = target.normal;
+            let along = member.force - normal * normal.dot(&member.force);
+            let stretch = self.law.stick_give(&self.skin.points[rank]) * along;
+            let stuck = self.way.to[shape as usize].inverse_transform_point(&(place + stretch));
+            (Held { rank: member.rank, shape, stuck, force: member.force }, place)
+        };
+        touching.map(held).collect()
+    }
+}
+
+impl Target {
+    /// The force on a node that had `old`, when it is `off` its target (m).
+    #[inline(always)]
+    fn force(&self, old: &Vector3<f64>, off: &Vector3<f64>, friction: f64) -> Vector3<f64> {
+        let n = &self.normal;
+        let trial = old + self.stiffness * off;
+        let press = n.dot(&trial);
+        if press > 0.0 && (trial - n * press).norm() <= friction * press {
+            return trial;
+        }
+        let pull = old + off * (1.0 / (self.compliance.trace() - n.dot(&(self.compliance * n))));
+        let along = (pull - n * n.dot(&pull)).try_normalize(0.0).unwrap_or_default();
+        let cone = n + along * friction;
+        let free = off + self.compliance * old;
+        let press = n.dot(&free) / n.dot(&(self.compliance * cone));
+        let stuck = (pull - n * n.dot(&pull)).norm();
+        if press > 0.0 {
+            n * press + along * f64::min(stuck, friction * press)
+        } else {
+            Vector3::zeros()
+        }
+    }
+}
+
+impl Move<'_> {
+    /// Where a point that rests at `start` meets a shape on its way, in the shape's frame.
+    fn touch(&self, shape: u32, start: &Point3<f64>) -> Point3<f64> {
+        let s = shape as usize;
+        let (from, to) = (&self.from[s], &self.to[s]);
+        let seen_from = |t: f64| from.lerp_slerp(to, t).inverse_transform_point(start);
+        seen_from(first_touch(|t| self.shapes[s].distance(&seen_from(t)).value))
+    }
+}
+
+/// Ranges that hold all of the ascending `ranks`.
+fn runs(ranks: impl Iterator<Item = u32>) -> Vec<[usize; 2]> {
+    let mut runs: Vec<[usize; 2]> = Vec::new();
+    for rank in ranks.map(|rank| rank as usize) {
+        match runs.last_mut() {
+            Some([_, end]) if rank - *end < BRIDGE => *end = rank + 1,
+            _ => runs.push([rank, rank + 1]),
+        }
+    }
+    runs
+}
+
+/// K⁻¹ of a node (m/N).
+fn give(law: &ContactLaw, point: &SurfacePoint, normal: &Vector3<f64>) -> Matrix3<f64> {
+    let across = normal * normal.transpose();
+    across * law.give(point) + (Matrix3::identity() - across) * law.stick_give(point)
+}
+
+/// The nearest shape, and the distance with its normal in the frame of the body.
+fn nearest(shapes: &[Shape], poses: &[Isometry3<f64>], place: &Point3<f64>) -> (u32, Distance) {
+    let measure = |(s, (shape, pose)): (usize, (&Shape, &Isometry3<f64>))| {
+        let found = shape.distance(&pose.inverse_transform_point(place));
+        (s as u32, Distance { value: found.value, normal: pose.rotation * found.normal })
+    };
+    let all = shapes.iter().zip(poses).enumerate().map(measure);
+    all.min_by(|(_, a), (_, b)| a.value.total_cmp(&b.value)).expect("a press has a shape")
+}
+
+#[inline(always)]
+fn displaced(displacement: &[f32], rank: u32) -> Vector3<f64> {
+    let u = &displacement[3 * rank as usize..][..3];
+    Vector3::new(f64::from(u[0]), f64::from(u[1]), f64::from(u[2]))
+}
+
+/// Adds to the displacement in the runs what a `force` on the node of these `rows` does.
+#[inline(always)]
+fn give_way(displacement: &mut [f32], rows: &[f32], force: &Vector3<f64>, runs: &[[usize; 2]]) {
+    let [x, y, z] = [force.x as f32, force.y as f32, force.z as f32];
+    let size = displacement.len();
+    for &[first, last] in runs {
+        let part = 3 * first..3 * last;
+        let u = &mut displacement[part.clone()];
+        let a = &rows[..size][part.clone()];
+        let b = &rows[size..2 * size][part.clone()];
+        let c = &rows[2 * size..3 * size][part];
+        for (((u, a), b), c) in u.iter_mut().zip(a).zip(b).zip(c) {
+            *u += x * a + y * b + z * c;
+        }
+    }
+}

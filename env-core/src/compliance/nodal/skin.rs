@@ -1,0 +1,174 @@
+//! The contact nodes of a body, with the compliance between them.
+//!
+//! They are the body's own skin nodes, or the nodes of the face of a coarser mesh of the same pad: then a
+//! force is spread over the fine nodes as a traction that falls off linearly to the neighbours, and
+//! displacement is interpolated, so that the elasticity stays that of the fine mesh.
+//!
+//! Shapes: M contact nodes, N skin nodes of the body.
+
+use std::{collections::BTreeMap, sync::Arc};
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::super::condensed::Condensed;
+use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh};
+
+/// What all presses of a body share.
+pub(super) struct Skin {
+    pub(super) condensed: Arc<Condensed>,
+    /// Three rows of numbers for each contact node (3M, 3M) in m/N.
+    compliance: Vec<f32>,
+    /// Compliance of each node to itself (M) in m/N.
+    pub(super) own: Vec<Matrix3<f64>>,
+    pub(super) places: Vec<Point3<f64>>,
+    /// The body's skin nodes that bear a force on each (M).
+    pub(super) loads: Vec<Shares>,
+    /// Each node as a surface point (M).
+    pub(super) points: Vec<SurfacePoint>,
+    pub(super) groups: Vec<Group>,
+}
+
+/// Nodes that lie together.
+pub(super) struct Group {
+    pub(super) centre: Point3<f64>,
+    /// Distance of the farthest of them from the centre (m).
+    pub(super) radius: f64,
+    pub(super) ranks: Vec<u32>,
+}
+
+/// Skin nodes of a body, by rank, with shares that sum to 1.
+pub(super) type Shares = Vec<(u32, f64)>;
+
+/// Side of the boxes that nodes are grouped by (m).
+const BOX: f64 = 3.5e-3;
+
+impl Skin {
+    /// The skin nodes of the body themselves.
+    pub(super) fn new(condensed: Arc<Condensed>) -> Self {
+        let place = |&node: &u32| condensed.rest.places()[node as usize];
+        let places: Vec<_> = condensed.skin.iter().map(place).collect();
+        let compliance = condensed.compliance().iter().map(|&c| c as f32).collect();
+        let loads = (0..places.len() as u32).map(|rank| vec![(rank, 1.0)]).collect();
+        let areas = areas(&condensed);
+        Self::of(condensed, compliance, places, loads, &areas)
+    }
+
+    /// The nodes of the face of a `coarse` mesh of the pad that `condensed` is, whose mesh is `fine`; an
+    /// error if the faces do not cover each other.
+    pub(super) fn coarse(
+        condensed: Arc<Condensed>,
+        fine: &PadMesh,
+        coarse: &PadMesh,
+    ) -> Result<Self> {
+        let off = |place: &Point3<f64>| Error::invalid("pad", place, "meshes of one pad");
+        let rank = |node: u32| condensed.rank_of(node).map(|rank| rank as u32);
+        let areas = areas(&condensed);
+        let mut loads: Vec<Shares> = vec![Vec::new(); coarse.face.len()];
+        for &node in &fine.face {
+            let place = &condensed.rest.places()[node as usize];
+            let (corners, shares) = coarse.under(place.x, place.y).ok_or_else(|| off(place))?;
+            let rank = rank(node).ok_or_else(|| off(place))?;
+            for (corner, share) in corners.iter().zip(shares).filter(|(_, share)| *share > 0.0) {
+                loads[*corner as usize].push((rank, share * areas[rank as usize]));
+            }
+        }
+        let area = |loads: &Shares| loads.iter().map(|(_, area)| area).sum::<f64>();
+        let borne: Vec<f64> = loads.iter().map(area).collect();
+        for (loads, area) in loads.iter_mut().zip(&borne) {
+            for (_, share) in loads {
+                *share /= area;
+            }
+        }
+        let places: Vec<_> =
+            coarse.face.iter().map(|&node| coarse.mesh.vertices[node as usize]).collect();
+        let sight = |place: &Point3<f64>| -> Result<Shares> {
+            let (corners, shares) = fine.under(place.x, place.y).ok_or_else(|| off(place))?;
+            let ranks = corners.map(rank).into_iter().zip(shares);
+            ranks.map(|(rank, share)| Ok((rank.ok_or_else(|| off(place))?, share))).collect()
+        };
+        let sights = places.iter().map(sight).collect::<Result<Vec<_>>>()?;
+        let compliance = condensed_between(&condensed, &loads, &sights);
+        Ok(Self::of(condensed, compliance, places, loads, &borne))
+    }
+
+    fn of(
+        condensed: Arc<Condensed>,
+        compliance: Vec<f32>,
+        places: Vec<Point3<f64>>,
+        loads: Vec<Shares>,
+        areas: &[f64],
+    ) -> Self {
+        let young = condensed.body.moduli().iter().map(|moduli| moduli.young).fold(0.0, f64::max);
+        let point = |(node, &area): (u32, &f64)| {
+            let shares = vec![(node, 1.0)];
+            SurfacePoint { shares, area, young }
+        };
+        let points = (0..).zip(areas).map(point).collect();
+        let groups = groups(&places, areas);
+        let mut skin =
+            Self { condensed, compliance, own: Vec::new(), places, loads, points, groups };
+        skin.own = (0..skin.places.len() as u32).map(|node| skin.own_compliance(node)).collect();
+        skin
+    }
+
+    fn own_compliance(&self, node: u32) -> Matrix3<f64> {
+        let (rows, size) = (self.rows(node), 3 * self.places.len());
+        Matrix3::from_fn(|i, j| f64::from(rows[j * size + 3 * node as usize + i]))
+    }
+
+    /// Displacement of all nodes under unit forces on one (3, 3M) in m/N.
+    pub(super) fn rows(&self, node: u32) -> &[f32] {
+        let size = 9 * self.places.len();
+        &self.compliance[node as usize * size..][..size]
+    }
+}
+
+/// Area that each skin node stands for (N) in m².
+fn areas(condensed: &Condensed) -> Vec<f64> {
+    let mut areas = vec![0.0; condensed.skin.len()];
+    for point in condensed.rest.surface() {
+        for &(node, share) in &point.shares {
+            if let Some(rank) = condensed.rank_of(node) {
+                areas[rank] += share * point.area;
+            }
+        }
+    }
+    areas
+}
+
+/// Displacement seen by each of `sights` under unit forces on each of `loads` (3M, 3M) in m/N.
+fn condensed_between(condensed: &Condensed, loads: &[Shares], sights: &[Shares]) -> Vec<f32> {
+    let size = 3 * condensed.skin.len();
+    let mut compliance = Vec::with_capacity(9 * loads.len() * sights.len());
+    let mut row = vec![0.0; size];
+    for (loads, axis) in loads.iter().flat_map(|loads| [0, 1, 2].map(|axis| (loads, axis))) {
+        row.fill(0.0);
+        for &(rank, share) in loads {
+            let rows = &condensed.rows(rank)[axis * size..][..size];
+            row.iter_mut().zip(rows).for_each(|(sum, c)| *sum += share * c);
+        }
+        let seen = |(shares, i): (&Shares, usize)| {
+            shares.iter().map(|&(rank, share)| row[3 * rank as usize + i] * share).sum::<f64>()
+        };
+        let sights = sights.iter().flat_map(|shares| [0, 1, 2].map(|i| (shares, i)));
+        compliance.extend(sights.map(|sight| seen(sight) as f32));
+    }
+    compliance
+}
+
+/// The nodes that stand for some area, by the boxes that they lie in.
+fn groups(places: &[Point3<f64>], areas: &[f64]) -> Vec<Group> {
+    let mut boxes = BTreeMap::<[i64; 3], Vec<u32>>::new();
+    for (rank, place) in places.iter().enumerate().filter(|(rank, _)| areas[*rank] > 0.0) {
+        let key = <[f64; 3]>::from(place.coords).map(|x| (x / BOX).floor() as i64);
+        boxes.entry(key).or_default().push(rank as u32);
+    }
+    let group = |ranks: Vec<u32>| {
+        let of = |&rank: &u32| places[rank as usize];
+        let sum: Vector3<f64> = ranks.iter().map(|rank| of(rank).coords).sum();
+        let centre = Point3::from(sum / ranks.len() as f64);
+        let radius = ranks.iter().map(|rank| (of(rank) - centre).norm()).fold(0.0, f64::max);
+        Group { centre, radius, ranks }
+    };
+    boxes.into_values().map(group).collect()
+}

@@ -1,0 +1,280 @@
+//! A press being followed in load steps.
+
+use std::time::Instant;
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::{
+    super::push::{Driven, push},
+    Settled,
+    patch::{Move, Patch},
+    skin::{Group, Skin},
+};
+use crate::{
+    Error, Result,
+    contact::{ContactLaw, backed_off, between, clearance},
+    deformation::{Anchor, Drive, History, Press, Wrench},
+    geometry::Shape,
+};
+
+/// Farthest that a shape moves in one load step (m).
+pub(super) const STRIDE: f64 = 2.5e-4;
+/// Room that nodes are given beyond what they moved before (m).
+const MARGIN: f64 = 1e-4;
+/// Smallest part of a stride that is tried.
+const SHORTEST: f64 = 1.0 / 64.0;
+
+/// Memory that one thread uses for one press after the other.
+#[derive(Default)]
+pub(super) struct Scratch {
+    displacement: Vec<f32>,
+}
+
+/// A node that touches.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Held {
+    pub(super) rank: u32,
+    pub(super) shape: u32,
+    /// Where friction holds it, in the frame of the shape.
+    pub(super) stuck: Point3<f64>,
+    /// Force of the shape on it (N).
+    pub(super) force: Vector3<f64>,
+}
+
+/// Body and shapes in balance.
+#[derive(Clone)]
+pub(super) struct State {
+    pub(super) poses: Vec<Isometry3<f64>>,
+    /// By rank.
+    held: Vec<Held>,
+    pub(super) wrench: Wrench,
+    /// Largest displacement of a node near the shapes (m).
+    amplitude: f64,
+    pub(super) sweeps: usize,
+}
+
+/// One press being answered.
+pub(super) struct Walk<'a> {
+    skin: &'a Skin,
+    law: ContactLaw,
+    pub(super) shapes: &'a [Shape],
+    scratch: &'a mut Scratch,
+    pub(super) state: State,
+}
+
+impl<'a> Walk<'a> {
+    /// A walk that begins where `press` does.
+    pub(super) fn new(
+        skin: &'a Skin,
+        law: ContactLaw,
+        press: &'a Press,
+        scratch: &'a mut Scratch,
+    ) -> Result<Self> {
+        let shapes = press.shapes();
+        let state = match press.history() {
+            Some(history) => recalled(skin, history)?,
+            None => State {
+                poses: backed_off(shapes, press.drive().first(), &skin.points, &skin.places),
+                held: Vec::new(),
+                wrench: Wrench::default(),
+                amplitude: 0.0,
+                sweeps: 0,
+            },
+        };
+        Ok(Self { skin, law, shapes, scratch, state })
+    }
+
+    /// Every frame of `press`; the first that fails is the last.
+    pub(super) fn every(mut self, press: &Press) -> Vec<Result<Settled>> {
+        let frames = match press.drive() {
+            Drive::Translation { path } => path.len(),
+            Drive::Force { .. } => 1,
+        };
+        let mut answers = Vec::with_capacity(frames);
+        for frame in 0..frames {
+            let start = Instant::now();
+            let reached = match press.drive() {
+                Drive::Translation { path } => self.follow(&path[frame]),
+                Drive::Force { force, direction, .. } => push(&mut self, *force, direction),
+            };
+            let failed = reached.is_err();
+            answers.push(reached.map(|()| self.settled(start.elapsed().as_secs_f64())));
+            if failed {
+                break;
+            }
+        }
+        answers
+    }
+
+    /// Leads the shapes to `poses` in strides.
+    fn follow(&mut self, poses: &[Isometry3<f64>]) -> Result<()> {
+        let from = self.state.poses.clone();
+        let motion = from.iter().zip(poses).map(|(a, b)| self.motion(a, b)).fold(0.0, f64::max);
+        let (mut done, mut share, mut sweeps) = (0.0, 1.0, 0);
+        while done < 1.0 {
+            let stride = (self.gap(motion * (1.0 - done)) + STRIDE) / motion.max(f64::MIN_POSITIVE);
+            let next = f64::min(done + share * stride, 1.0);
+            match self.attempt(&between(&from, poses, next)) {
+                Ok(state) => {
+                    sweeps += state.sweeps;
+                    self.state = state;
+                    done = next;
+                    share = f64::min(2.0 * share, 1.0);
+                }
+                Err(error) => {
+                    share *= 0.5;
+                    if share < SHORTEST {
+                        return Err(error);
+                    }
+                }
+            }
+        }
+        self.state.sweeps = sweeps;
+        Ok(())
+    }
+
+    /// How far a shape moves as seen in the middle of the skin, at most (m).
+    fn motion(&self, from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
+        let moved = |group: &Group| {
+            (to * from.inverse_transform_point(&group.centre) - group.centre).norm()
+        };
+        self.skin.groups.iter().map(moved).fold(0.0, f64::max)
+    }
+
+    /// A way that the shapes can certainly go without a touch, `enough` at most (m); 0 if they touch.
+    fn gap(&self, enough: f64) -> f64 {
+        let mut gap = enough;
+        for group in &self.skin.groups {
+            for (shape, pose) in self.shapes.iter().zip(&self.state.poses) {
+                if gap <= 0.0 {
+                    return 0.0;
+                }
+                let distance = shape.distance(&pose.inverse_transform_point(&group.centre)).value;
+                gap = gap.min(distance - group.radius - self.state.amplitude);
+            }
+        }
+        gap.max(0.0)
+    }
+
+    /// Where one load step to `poses` leads.
+    pub(super) fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<State> {
+        let motion = self.state.poses.iter().zip(poses).map(|(a, b)| self.motion(a, b));
+        let reach = motion.fold(0.0, f64::max) + MARGIN;
+        let mut room = self.state.amplitude + reach;
+        loop {
+            let state = self.attempt_within(poses, room, reach)?;
+            if state.amplitude <= room {
+                return Ok(state);
+            }
+            room = 2.0 * state.amplitude;
+        }
+    }
+
+    /// As [`Walk::attempt`] if no node moves farther than `room` (m) in all and `reach` (m) now.
+    fn attempt_within(&mut self, poses: &[Isometry3<f64>], room: f64, reach: f64) -> Result<State> {
+        let shapes = self.shapes;
+        let near = |group: &Group| {
+            shapes.iter().zip(poses).any(|(shape, pose)| {
+                let centre = pose.inverse_transform_point(&group.centre);
+                shape.distance(&centre).value < group.radius + room
+            })
+        };
+        let groups: Vec<bool> = self.skin.groups.iter().map(near).collect();
+        let (from, held) = (&self.state.poses, &self.state.held);
+        let way = Move { shapes, from, to: poses };
+        let displacement = &mut self.scratch.displacement;
+        let mut patch = Patch::new(self.skin, &self.law, way, &groups, reach, held, displacement);
+        let sweeps = patch.settle()?;
+        let held = patch.held();
+        let mut wrench = Wrench::default();
+        for (Held { force, .. }, place) in &held {
+            wrench.force += force;
+            wrench.torque += place.coords.cross(force);
+        }
+        if !wrench.force.iter().chain(wrench.torque.iter()).all(|x| x.is_finite()) {
+            let residual = f64::INFINITY;
+            return Err(Error::NotConverged { iterations: sweeps, residual, tolerance: 0.0 });
+        }
+        let amplitude = patch.amplitude();
+        let held = held.into_iter().map(|(held, _)| held).collect();
+        Ok(State { poses: poses.to_vec(), held, wrench, amplitude, sweeps })
+    }
+
+    /// The current state, seen from outside.
+    fn settled(&self, seconds: f64) -> Settled {
+        let State { poses, held, wrench, sweeps, .. } = &self.state;
+        let anchor =
+            |held: &Held| Anchor { shape: held.shape, point: held.rank, place: held.stuck };
+        Settled {
+            forces: held.iter().map(|held| (held.rank, held.force)).collect(),
+            wrench: *wrench,
+            history: History {
+                displacement: Vec::new(),
+                poses: poses.clone(),
+                anchors: held.iter().map(anchor).collect(),
+                forces: held.iter().map(|held| held.force).collect(),
+            },
+            iterations: *sweeps,
+            seconds,
+        }
+    }
+}
+
+impl Driven for Walk<'_> {
+    type State = State;
+
+    fn poses(&mut self) -> &mut [Isometry3<f64>] {
+        &mut self.state.poses
+    }
+
+    fn clearance(&self) -> f64 {
+        if !self.state.held.is_empty() {
+            return -f64::MIN_POSITIVE;
+        }
+        clearance(self.shapes, &self.state.poses, &self.skin.places)
+    }
+
+    fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<State> {
+        self.attempt(poses)
+    }
+
+    fn state(&mut self) -> &mut State {
+        &mut self.state
+    }
+
+    fn wrench(state: &State) -> &Wrench {
+        &state.wrench
+    }
+
+    fn iterations(state: &mut State) -> &mut usize {
+        &mut state.sweeps
+    }
+}
+
+/// The state that a history remembers.
+fn recalled(skin: &Skin, history: &History) -> Result<State> {
+    history.check(0, skin.places.len())?;
+    if history.forces.len() != history.anchors.len() {
+        let expected = format!("the forces at its {} anchors", history.anchors.len());
+        return Err(Error::invalid("history", history.forces.len(), expected));
+    }
+    let held = |(anchor, force): (&Anchor, &Vector3<f64>)| Held {
+        rank: anchor.point,
+        shape: anchor.shape,
+        stuck: anchor.place,
+        force: *force,
+    };
+    let mut held: Vec<_> = history.anchors.iter().zip(&history.forces).map(held).collect();
+    held.sort_unstable_by_key(|held| held.rank);
+    held.dedup_by_key(|held| held.rank);
+    // A node that touches stands where it sticks, but for the give of the contact law.
+    let (mut amplitude, mut wrench) = (0f64, Wrench::default());
+    for Held { rank, shape, stuck, force } in &held {
+        let pose = history.poses.get(*shape as usize).copied().unwrap_or_default();
+        let place = pose * stuck;
+        amplitude = amplitude.max((place - skin.places[*rank as usize]).norm());
+        wrench.force += force;
+        wrench.torque += place.coords.cross(force);
+    }
+    Ok(State { poses: history.poses.clone(), amplitude, held, wrench, sweeps: 0 })
+}

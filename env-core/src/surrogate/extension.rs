@@ -1,0 +1,61 @@
+//! From forces on the nodes of a pad's face to the displacement of the whole model mesh: a dense matrix
+//! in single precision, made once.
+//!
+//! Shapes: C nodes of the face, V nodes of the model mesh.
+
+// What `pulp` dispatches is compiled for the processor only as far as it is inlined.
+#![allow(clippy::inline_always)]
+
+use nalgebra::Vector3;
+
+use crate::{compliance::nodal::Nodal, geometry::Transfer};
+
+/// The matrix.
+pub(super) struct Extension {
+    /// Displacement under a unit force along each axis on each node of the face (3C, 3V) in m/N.
+    columns: Vec<f32>,
+    /// Number of nodes, V.
+    nodes: usize,
+}
+
+impl Extension {
+    /// That of `nodal`, whose fields `transfer` carries to the model mesh.
+    pub(super) fn new(nodal: &Nodal, transfer: &Transfer) -> Self {
+        let answers = nodal.unit_responses(&|displacement| transfer.interpolate(displacement));
+        let nodes = answers.first().map_or(0, Vec::len);
+        let numbers = answers.iter().flatten().flat_map(|u| [u.x, u.y, u.z]);
+        Self { columns: numbers.map(|x| x as f32).collect(), nodes }
+    }
+
+    /// Displacement (V) in m under forces (N) on some nodes of the face.
+    pub(super) fn displacement(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
+        let mut sum = vec![0.0_f32; 3 * self.nodes];
+        pulp::Arch::new().dispatch(
+            #[inline(always)]
+            || self.add(forces, &mut sum),
+        );
+        sum.as_chunks::<3>().0.iter().map(|&u| Vector3::from(u).cast()).collect()
+    }
+
+    #[inline(always)]
+    fn add(&self, forces: &[(u32, Vector3<f64>)], sum: &mut [f32]) {
+        let size = sum.len();
+        for (node, force) in forces {
+            let columns = &self.columns[3 * size * *node as usize..][..3 * size];
+            let ([x, y, z], (a, rest)) = ((*force).into(), columns.split_at(size));
+            let ([x, y, z], (b, c)) = ([x, y, z].map(|x: f64| x as f32), rest.split_at(size));
+            for (((u, a), b), c) in sum.iter_mut().zip(a).zip(b).zip(c) {
+                *u += x * a + y * b + z * c;
+            }
+        }
+    }
+
+    /// The forces (V) in N on all nodes: those of the face come first.
+    pub(super) fn contact_force(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
+        let mut all = vec![Vector3::zeros(); self.nodes];
+        for (node, force) in forces {
+            all[*node as usize] = *force;
+        }
+        all
+    }
+}

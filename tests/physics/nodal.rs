@@ -1,0 +1,146 @@
+//! Linear elasticity with contact at the nodes, against contact at the points of every face.
+
+use nalgebra::{Isometry3, Vector3};
+use ruffini_core::{
+    compliance::{
+        Compliance, Options,
+        nodal::{Nodal, Settled},
+    },
+    deformation::{DeformationModel, Law, Moduli, Press, SoftBody},
+    geometry::{PadMesh, Shape},
+    sensor::Sensor,
+};
+
+const GEL: Moduli = Moduli { young: 3e5, poisson: 0.47 };
+const FRICTION: f64 = 0.8;
+const MM: f64 = 1e-3;
+
+fn pad(nodes: usize) -> PadMesh {
+    Sensor::named("gelsight-mini").unwrap().pad(nodes).unwrap()
+}
+
+fn linear(pad: &PadMesh, friction: f64) -> Compliance {
+    let body = SoftBody::new(pad.mesh.clone(), Law::default(), GEL, &pad.base).unwrap();
+    Compliance::new(body, Options { friction, sweeps: 0 }).unwrap()
+}
+
+fn nodal(friction: f64) -> Nodal {
+    linear(&pad(600), friction).at_nodes()
+}
+
+/// A ball whose lowest point is at (x, z) mm, off the nodes.
+fn ball(radius: f64, x: f64, z: f64) -> Vec<Isometry3<f64>> {
+    vec![Isometry3::translation((x + 0.2) * MM, 0.3 * MM, z * MM + radius)]
+}
+
+fn press(radius: f64, path: Vec<Vec<Isometry3<f64>>>) -> Press {
+    Press::along(vec![Shape::Sphere { radius }], path).unwrap()
+}
+
+/// Straight down by `depth` mm.
+fn down(radius: f64, depth: f64) -> Press {
+    press(radius, vec![ball(radius, 0.0, 0.1), ball(radius, 0.0, -depth)])
+}
+
+fn gap(found: &Settled, other: &Settled) -> f64 {
+    (found.wrench.force - other.wrench.force).norm() / other.wrench.force.norm()
+}
+
+#[test]
+fn large_contacts_weigh_as_at_points() {
+    let (fine, coarse) = (pad(1500), pad(600));
+    let points = linear(&fine, FRICTION);
+    let models = [points.at_nodes(), points.at_coarse_nodes(&fine, &coarse).unwrap()];
+    for (radius, depth) in [(0.03, 0.9), (0.012, 1.2)] {
+        let exact = points.wrenches(&down(radius, depth)).pop().unwrap().unwrap().force;
+        for (model, bound) in models.iter().zip([0.06, 0.06]) {
+            let found = model.settle(&down(radius, depth)).unwrap().wrench.force;
+            let error = (found - exact).norm() / exact.norm();
+            assert!(error < bound, "radius {radius} m: {found} N against {exact} N");
+        }
+    }
+}
+
+#[test]
+fn no_node_is_left_inside_and_none_is_pulled() {
+    let (model, radius) = (nodal(FRICTION), 0.012);
+    let press = press(radius, vec![ball(radius, 0.0, 0.1), ball(radius, 0.3, -1.0)]);
+    let answer = model.solve_path(&press).pop().unwrap().unwrap();
+    let centre = answer.poses[0].translation.vector;
+    let (mut touching, mut deepest) = (0, 0f64);
+    let nodes = model.body().mesh().vertices.iter().zip(&answer.displacement);
+    for ((place, moved), force) in nodes.zip(&answer.contact_force) {
+        let away = place.coords + moved - centre;
+        deepest = deepest.max(radius - away.norm());
+        if *force == Vector3::zeros() {
+            continue;
+        }
+        touching += 1;
+        let normal = away.normalize();
+        // The ball pushes the pad away from its centre.
+        let push = force.dot(&normal);
+        let along = (force - normal * push).norm();
+        assert!(push > 0.0 && along <= FRICTION * push * 1.001, "{force} N at {place}");
+    }
+    assert!(touching > 10, "{touching} nodes touch");
+    // Softness 2 µm at a pressure of Young's modulus; the pressure is below it.
+    assert!(deepest < 2e-6, "a node is {deepest:.1e} m inside");
+}
+
+#[test]
+fn a_press_goes_on_where_another_ended() {
+    let (model, radius) = (nodal(FRICTION), 0.012);
+    let way: Vec<_> =
+        (0..6).map(|i| ball(radius, 0.1 * f64::from(i), -0.2 * f64::from(i))).collect();
+    let whole = model.settle(&press(radius, way.clone())).unwrap();
+    let first = model.settle(&press(radius, way[..4].to_vec())).unwrap();
+    let rest = press(radius, way[4..].to_vec()).after(first.history).unwrap();
+    let gap = gap(&model.settle(&rest).unwrap(), &whole);
+    assert!(gap < 1e-6, "forces differ by {gap:.1e}");
+}
+
+#[test]
+fn a_ball_that_is_dragged_slides_at_the_limit() {
+    let friction = 0.3;
+    let (model, radius) = (nodal(friction), 0.012);
+    let way = (0..12).map(|i| ball(radius, 0.15 * f64::from(i), if i == 0 { 0.1 } else { -0.6 }));
+    let force = model.settle(&press(radius, way.collect())).unwrap().wrench.force;
+    // Normals lean with the ball's curvature, and the limit with them.
+    let ratio = force.x / -force.z;
+    assert!((ratio / friction - 1.0).abs() < 0.15, "{ratio} of the normal force");
+    let smooth = nodal(0.0).settle(&down(radius, 0.6)).unwrap().wrench.force;
+    assert!(smooth.xy().norm() < 0.02 * smooth.norm(), "{smooth} N without friction");
+}
+
+#[test]
+fn a_force_is_met() {
+    let (model, radius) = (nodal(FRICTION), 0.012);
+    let poses = ball(radius, 0.0, 1.0);
+    let shapes = vec![Shape::Sphere { radius }];
+    let press = Press::with_force(shapes, poses, 5.0, -Vector3::z()).unwrap();
+    let force = model.settle(&press).unwrap().wrench.force;
+    assert!((force.z + 5.0).abs() < 1e-5, "{force} N");
+}
+
+#[test]
+fn without_a_touch_nothing_moves() {
+    let model = nodal(FRICTION);
+    let press = press(0.012, vec![ball(0.012, 0.0, 1.0), ball(0.012, 0.0, 0.01)]);
+    let answer = model.solve_path(&press).pop().unwrap().unwrap();
+    assert!(answer.displacement.iter().all(|u| *u == Vector3::zeros()));
+    assert!(answer.contact_force.iter().all(|f| *f == Vector3::zeros()));
+}
+
+#[test]
+fn histories_of_other_models_are_refused() {
+    let pad = pad(600);
+    let points = linear(&pad, FRICTION);
+    let model = points.at_nodes();
+    let history = |press: &Press| points.solve_path(press).pop().unwrap().unwrap().history;
+    let press = down(0.012, 0.5);
+    let mixed = press.clone().after(history(&press)).unwrap();
+    assert!(model.settle(&mixed).unwrap_err().to_string().contains("history"));
+    let own = model.settle(&press).unwrap().history;
+    let mixed = press.after(own).unwrap();
+    assert!(points.solve_path(&mixed)[0].as_ref().unwrap_err().to_string().contains("history"));
+}
