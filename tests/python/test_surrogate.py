@@ -70,6 +70,9 @@ def test_the_swift_network_is_near_and_goes_on_from_its_own_history(network, swi
     # Its own error on families it never saw is 5 % in force and 11 % in displacement (95 %).
     assert force < 0.05 * np.linalg.norm(exact[-1].wrench[:3])
     assert moved < 0.11 * np.linalg.norm(exact[-1].displacement)
+    assert swift.knows(found[-1])
+    small = Press(Shape.sphere(3e-3), [([1e-3, 0, 3e-3 - 2e-4], UPRIGHT)])
+    assert not swift.knows(swift.solve(small)[0])
     last = [([1e-3, 0, 12e-3 - 8e-4], UPRIGHT)]
     onward = swift.solve(Press(Shape.sphere(12e-3), last, history=found[0].history))[0]
     assert onward.wrench == pytest.approx(found[-1].wrench, rel=1e-3, abs=1e-5)

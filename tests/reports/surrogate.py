@@ -83,7 +83,7 @@ def row(
         "depth": depth,
         "force": float(np.linalg.norm(truth.wrench[:3])),
         **errors,
-        "knows": networks["surrogate"].knows(answers["surrogate"]),
+        "knows": {who: network.knows(answers[who]) for who, network in networks.items()},
         "seconds": {who: a.seconds for who, a in answers.items()},
     }
 
