@@ -1,0 +1,99 @@
+"""What extreme presses do to every answerer: makes stability.json, stability.md and stability.svg.
+
+    python tests/reports/stability.py            1e5 presses, hours; goes on where it was interrupted
+    python tests/reports/stability.py --quick    200 presses within minutes, into target/reports/quick
+
+Press number n of seed s is drawn from (s, n) alone: `--show n` asks it again and prints it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+
+import extreme
+import extreme_scenes
+import numpy as np
+from kept import KEPT, Rows, arguments, folder, header
+from stability_pages import markdown, summary
+from stability_plots import figure
+from verdict import judged
+from watched import answers
+
+MADE_OF = ["env-core", "py", "tests/reports/extreme.py", "tests/reports/extreme_scenes.py"]
+MADE_OF += ["tests/reports/verdict.py"]
+"""What the figures come from, under the root."""
+ANSWERERS = {"fem": 0.4, "compliance": 0.3, "surrogate": 0.1, "environment": 0.2}
+"""Who is asked, and how often."""
+SEED = 7
+LIMIT = 120.0
+"""Time for a press (s)."""
+JOBS = 2
+
+
+def case(seed: int, number: int) -> dict:
+    """Press `number` of a seed."""
+    random = np.random.default_rng([seed, number])
+    who = str(random.choice(list(ANSWERERS), p=list(ANSWERERS.values())))
+    if who == "environment":
+        return extreme_scenes.draw(random)
+    return extreme.draw(random, who)
+
+
+def task(place: tuple[int, int]) -> dict:
+    """What became of press `number` of a seed."""
+    os.environ["RAYON_NUM_THREADS"] = "1"
+    return judged(case(*place))
+
+
+def run(rows: Rows, seed: int, count: int, until: float) -> None:
+    """Asks every press that is not among the rows, until a time is reached."""
+    missing = ((seed, n) for n in range(count) if n not in rows)
+    begun, done = time.monotonic(), 0
+    for (_, number), found in answers(task, in_time(missing, until), JOBS, LIMIT):
+        rows.add({"key": number, "case": case(seed, number)} | found)
+        done += 1
+        if done % 500 == 0 or found["verdict"] not in ("solved", "refused"):
+            rate = done / (time.monotonic() - begun)
+            print(f"{len(rows)}, {rate:.1f}/s: {number} {found['verdict']}", file=sys.stderr)
+
+
+def in_time(tasks: Iterator, until: float) -> Iterator:
+    """The tasks that can begin in time."""
+    for one in tasks:
+        if time.monotonic() > until:
+            return
+        yield one
+
+
+def main() -> None:
+    """Asks what is missing and writes the files."""
+    parser = arguments(__doc__)
+    parser.add_argument("--presses", type=int, help="how many; 100 000, or 200 in the quick form")
+    parser.add_argument("--seed", type=int, default=SEED, help=f"{SEED} if not given")
+    parser.add_argument("--hours", type=float, default=1e3, help="when to stop asking")
+    parser.add_argument("--show", type=int, help="one press, printed")
+    options = parser.parse_args()
+    if options.show is not None:
+        asked = case(options.seed, options.show)
+        print(json.dumps(asked | {"found": task((options.seed, options.show))}, indent=1))
+        return
+    count = options.presses or (200 if options.quick else 100_000)
+    known = header(MADE_OF, {"seed": options.seed, "limit": LIMIT, "processes": JOBS})
+    form = "quick" if options.quick else "full"
+    rows = Rows(KEPT / form / "stability.jsonl", known)
+    run(rows, options.seed, count, time.monotonic() + 3600 * options.hours)
+    out, report = folder(parser, options), known | summary(list(rows))
+    (out / "stability.json").write_text(json.dumps(report, indent=1) + "\n")
+    (out / "stability.md").write_text(markdown(report))
+    figure(report, out / "stability.svg")
+    bad = report["wrong"]
+    print(f"{report['presses']} presses, {len(bad)} wrong or silent: {out / 'stability.md'}")
+    sys.exit(1 if bad and options.quick else 0)
+
+
+if __name__ == "__main__":
+    main()
