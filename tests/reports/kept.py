@@ -26,7 +26,7 @@ KEPT = ROOT / "target/reports"
 
 
 def header(made_of: list[str], sizes: dict) -> dict:
-    """What the figures depend on: commit of the files they are made of, machine, versions, sizes."""
+    """What the figures depend on: commit of what they are made of, machine, versions, sizes."""
     last = ["git", "log", "-1", "--format=%h", "--", *made_of]
     cpu = [s for s in Path("/proc/cpuinfo").read_text().splitlines() if s.startswith("model name")]
     return {

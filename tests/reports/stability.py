@@ -1,7 +1,7 @@
-"""What extreme presses do to every answerer: makes stability.json, stability.md and stability.svg.
+"""What extreme presses do to every answerer: makes stability.json, .md and .svg.
 
-    python tests/reports/stability.py            1e5 presses, hours; goes on where it was interrupted
-    python tests/reports/stability.py --quick    200 presses within minutes, into target/reports/quick
+    python tests/reports/stability.py            1e5 presses, hours; goes on after a stop
+    python tests/reports/stability.py --quick    200 presses, into target/reports/quick
 
 Press number n of seed s is drawn from (s, n) alone: `--show n` asks it again and prints it.
 """
@@ -52,10 +52,10 @@ def task(place: tuple[int, int]) -> dict:
 def run(rows: Rows, seed: int, count: int, until: float) -> None:
     """Asks every press that is not among the rows, until a time is reached."""
     missing = ((seed, n) for n in range(count) if n not in rows)
-    begun, done = time.monotonic(), 0
-    for (_, number), found in answers(task, in_time(missing, until), JOBS, LIMIT):
+    begun = time.monotonic()
+    found_ones = answers(task, in_time(missing, until), JOBS, LIMIT)
+    for done, ((_, number), found) in enumerate(found_ones, 1):
         rows.add({"key": number, "case": case(seed, number)} | found)
-        done += 1
         if done % 500 == 0 or found["verdict"] not in ("solved", "refused"):
             rate = done / (time.monotonic() - begun)
             print(f"{len(rows)}, {rate:.1f}/s: {number} {found['verdict']}", file=sys.stderr)

@@ -203,8 +203,8 @@ def ways(long: dict) -> str:
         rows.append([what[name], str(row["compared"]), *cells, above])
     head = ["relative difference", "presses", "median", "95 %", "most", "above 1 %"]
     return table(head, rows) + (
-        "\n\nWhere steps differ in force, both answers balance: an edge or a point on a coarse mesh, "
-        "and a body that buckles, have more than one equilibrium."
+        "\n\nWhere steps differ in force, both answers balance: an edge or a point on a coarse "
+        "mesh, and a body that buckles, have more than one equilibrium."
     )
 
 

@@ -18,8 +18,7 @@ TITLES = {
     "mesh": "mesh",
     "kind": "how it is led",
 }
-COLOURS = {"solved": "#4c9f70", "refused": "#e3b23c"}
-WRONG = "#b3232c"
+COLOURS = {"solved": "#4c9f70", "wrong or silent": "#b3232c", "refused by name": "#e3b23c"}
 
 
 def figure(report: dict, path: Path) -> None:
@@ -41,18 +40,11 @@ def bars(axis, title: str, counted: dict) -> None:
     for place, counts in enumerate(counted.values()):
         total, left = sum(counts.values()), 0.0
         bad = total - counts.get("solved", 0) - counts.get("refused", 0)
-        for kind, count in [("solved", counts.get("solved", 0)), ("wrong", bad)] + [
-            ("refused", counts.get("refused", 0))
-        ]:
+        for (label, colour), count in zip(
+            COLOURS.items(), [counts.get("solved", 0), bad, counts.get("refused", 0)], strict=True
+        ):
             share = 100 * count / total
-            label = {"solved": "solved", "refused": "refused by name", "wrong": "wrong or silent"}
-            axis.barh(
-                place,
-                share,
-                left=left,
-                color=COLOURS.get(kind, WRONG),
-                label=label[kind] if place == 0 else None,
-            )
+            axis.barh(place, share, left=left, color=colour, label=label if place == 0 else None)
             left += share
         axis.text(99, place, f"n = {total}", ha="right", va="center", fontsize=6)
     axis.set_yticks(range(len(counted)), [short(name) for name in counted])

@@ -2,10 +2,9 @@
 
 An answer counts as solved if it stands these checks. Every number is finite. The force left out of
 balance is within the tolerance that the finite elements state. The wrench is the sum of the contact
-forces, whose moment about the displaced nodes is its torque. Held nodes stay. No tetrahedron is
-inside out where the law forbids it. No shape is deeper in the skin than 250 softnesses (0.5 mm), the
-bound that is documented, nor cuts through it between the nodes unfelt. A plate never pulls, nor rubs
-with more than the cone of friction. Zero force is an answer only where nothing touches.
+forces. Held nodes stay. No tetrahedron is inside out where the law forbids it. No shape is deeper
+in the skin than 250 softnesses (0.5 mm), the bound that is documented. A plate never pulls, nor
+rubs with more than the cone of friction. Nothing moves where nothing touches, unless it is free.
 """
 
 from __future__ import annotations
