@@ -12,6 +12,7 @@ what `ruffini recommend` reads, py/python/ruffini/answerers.json. Held-out grasp
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import time
 from functools import lru_cache
@@ -29,10 +30,11 @@ from pareto_plots import figure
 from ruffini import PressError
 
 MADE_OF = ["env-core", "py/src", "tests/reports/pareto_cases.py"]
-FINEST = {"full": 6000, "quick": 2500}
+FINEST = {"full": 5000, "quick": 2500}
 """Nodes of the mesh of the truth, p1-bar."""
 REPEATS = 3
 """Times that a press is answered where that is quick; the fastest counts."""
+JOBS = 2
 CHOICE = ROOT / "py/python/ruffini/answerers.json"
 
 
@@ -85,7 +87,7 @@ def closed_form(case: Case, layer) -> dict:
 def row(case: Case, name: str, judges: dict[str, Fields]) -> dict:
     """Errors of an answerer at a press against the finest mesh and against the teacher's."""
     fields, found = answered(case, name)
-    found |= {"key": f"{case.panel}/{case.name}/{name}", "panel": case.panel, "answerer": name}
+    found |= {"key": key(case, name), "panel": case.panel, "answerer": name}
     for judge, true in judges.items():
         if fields is not None and name != judge:
             found[judge] = fields.errors(true, case.judged)
@@ -95,21 +97,36 @@ def row(case: Case, name: str, judges: dict[str, Fields]) -> dict:
     return found
 
 
+def key(case: Case, name: str) -> str:
+    """What a row is known by."""
+    return f"{case.panel}/{case.name}/{name}"
+
+
+def task(work: tuple[bool, int, list[str], int, Path]) -> list[dict]:
+    """Rows of the press of that number, for some of the answerers."""
+    quick, number, names, nodes, kept = work
+    case = list(cases(quick))[number]
+    finest = truth(case, nodes, kept)
+    if finest is None:
+        failed = {"failed": "not solved on the finest mesh", "panel": case.panel}
+        return [failed | {"key": key(case, name), "answerer": name} for name in names]
+    teacher, _ = answered(case, TEACHER)
+    judges = {"finest": finest} | ({TEACHER: teacher} if teacher else {})
+    return [row(case, name, judges) for name in names]
+
+
 def run(rows: Rows, form: str, kept: Path) -> None:
     """Answers every press that is not among the rows."""
-    for case in cases(form == "quick"):
-        names = [n for n in ANSWERERS if f"{case.panel}/{case.name}/{n}" not in rows]
-        if not names:
-            continue
-        finest = truth(case, FINEST[form], kept)
-        if finest is None:
-            print(f"{case.panel}, {case.name}: not solved on the finest mesh", flush=True)
-            continue
-        teacher, _ = answered(case, TEACHER)
-        judges = {"finest": finest} | ({TEACHER: teacher} if teacher else {})
-        for name in names:
-            rows.add(row(case, name, judges))
-        print(f"{case.panel}, {case.name}", flush=True)
+    quick = form == "quick"
+    work = []
+    for number, case in enumerate(cases(quick)):
+        if names := [name for name in ANSWERERS if key(case, name) not in rows]:
+            work.append((quick, number, names, FINEST[form], kept))
+    with multiprocessing.get_context("spawn").Pool(JOBS) as pool:
+        for found in pool.imap_unordered(task, work):
+            for one in found:
+                rows.add(one)
+            print(found[0]["key"].rsplit("/", 1)[0], flush=True)
 
 
 def main() -> None:

@@ -30,7 +30,7 @@ ANSWERERS = {"fem": 0.4, "compliance": 0.3, "surrogate": 0.1, "environment": 0.2
 """Who is asked, and how often."""
 SEED = 7
 LIMIT = 120.0
-"""Time for a press (s)."""
+"""Processor time for a press (s)."""
 JOBS = 2
 
 

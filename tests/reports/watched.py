@@ -1,15 +1,18 @@
 """Work in processes that are watched: what a task may do to its process is part of its answer.
 
-A task that hangs is ended with its process and answered ``{"verdict": "hang"}``; one that kills its
-process, as running out of memory would, ``{"verdict": "died"}``.
+A task that takes too much processor time, or ten times as much on the clock, is ended with its process
+and answered ``{"verdict": "hang"}``; one that kills its process, as running out of memory would,
+``{"verdict": "died"}``.
 """
 
 from __future__ import annotations
 
 import multiprocessing
+import os
 import time
 from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 from typing import Any
 
 
@@ -23,12 +26,24 @@ class Worker:
         self._process.start()
         theirs.close()
         self.task: Any = None
-        self.begun = 0.0
+        self.begun = self.spent = 0.0
 
     def give(self, task: Any) -> None:
         """Starts a task."""
-        self.task, self.begun = task, time.monotonic()
+        self.task, self.begun, self.spent = task, time.monotonic(), self.processor_time()
         self.pipe.send(task)
+
+    def processor_time(self) -> float:
+        """What the process has used so far (s)."""
+        fields = Path(f"/proc/{self._process.pid}/stat").read_text().rsplit(") ", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def late(self, limit: float) -> bool:
+        """Whether the task has used more than `limit` (s), or ten times that on the clock."""
+        waited = time.monotonic() - self.begun
+        return waited > limit and (
+            waited > 10 * limit or self.processor_time() - self.spent > limit
+        )
 
     def end(self) -> int | None:
         """Ends the process; its exit code, if it had ended by itself."""
@@ -49,7 +64,7 @@ def answers(
         function: What answers a task, importable by name.
         tasks: What to answer.
         jobs: Processes at once.
-        limit: Time for a task (s).
+        limit: Processor time for a task (s).
     """
     workers = [Worker(function) for _ in range(jobs)]
     busy: list[Worker] = []
@@ -84,7 +99,7 @@ def _found(worker: Worker, ready: bool, limit: float) -> dict | None:
         except (EOFError, ConnectionResetError):
             return {"verdict": "died", "why": f"exit code {worker.end()}", "seconds": seconds}
         return answer
-    if seconds > limit:
+    if worker.late(limit):
         worker.end()
         return {"verdict": "hang", "why": f"more than {limit:.0f} s", "seconds": seconds}
     return None
