@@ -20,6 +20,7 @@ LAWS = ("neo-hookean", "stable-neo-hookean", "corotated", "linear")
 ELEMENTS = ("p1", "p1-bar", "p2")
 MESHES = ("block", "wall", "film", "needles", "slivers", "inverted", "layers", "mini")
 SHAPES = ("ball", "large ball", "tip", "plate", "edge", "cone", "rim", "prism", "annulus", "cup")
+KINDS = ("steps", "at once", "tiny", "slide", "hold", "force", "force", "afar", "through")
 GELS = {"mini": "gelsight-mini", "digit": "digit"}
 HALF_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -40,6 +41,8 @@ def draw(random: np.random.Generator, answerer: str) -> dict:
     if answerer == "compliance":
         case["sweeps"] = int(random.choice([0, 0, 1, 3, 12]))
     if answerer == "surrogate":
+        if random.random() < 0.5:
+            case["poisson"], case["friction"] = random.uniform([0.45, 0.4], [0.49, 1.0]).tolist()
         case["long way"] = str(random.choice(["none", "truth"], p=[0.8, 0.2]))
     if answerer == "fem":
         case["element"] = str(random.choice(ELEMENTS, p=[0.2, 0.6, 0.2]))
@@ -73,7 +76,7 @@ def drive(random: np.random.Generator) -> dict:
         "size": spread(random, 5e-4, 8e-3),
         "turn": [float(x) for x in random.normal(size=4)] if random.random() < 0.3 else None,
         "aside": [float(x) for x in random.uniform(-1.0, 1.0, 2)],
-        "kind": str(random.choice(["steps", "at once", "tiny", "slide", "hold", "force"])),
+        "kind": str(random.choice(KINDS)),
     }
     found["depth"] = spread(random, 1e-3, 0.7)
     found["frames"] = int(random.integers(2, 7))
@@ -164,6 +167,12 @@ def shape(case: dict) -> tuple[Shape, np.ndarray]:
     return found, turn
 
 
+def reach(form: Shape) -> float:
+    """A length past which the shape cannot reach from its origin, half-spaces aside (m)."""
+    far = 0.3 * np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1]])
+    return 0.3 - float(form.distance(far)[0].min())
+
+
 def turned(turn: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Points (N, 3) turned by a quaternion."""
     across = np.cross(turn[:3], points)
@@ -200,6 +209,10 @@ def press(case: dict, vertices: np.ndarray, finer: int = 1) -> Press:
     ways = np.linspace(0, 1, frames * finer + 1)[1:, None] * [0, 0, -depth]
     if kind == "at once":
         ways = np.linspace(0, 1, finer + 1)[1:, None] * [0, 0, -depth]
+    if kind == "afar":
+        ways = np.array([[0, 0, 0.05], [0, 0, -depth]])
+    if kind == "through":
+        ways = np.array([[0, 0, 1e-4], [0, 0, -thick - 2.5 * reach(form)]])
     if kind == "tiny":
         ways = np.arange(1, frames * finer + 1)[:, None] * [0, 0, -1e-6 / finer]
     if kind == "slide":

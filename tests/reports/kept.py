@@ -76,9 +76,10 @@ class Rows:
 
     def add(self, row: dict) -> None:
         """Keeps a row, in the file too."""
-        self._rows[row["key"]] = row
+        line = json.dumps(row)
+        self._rows[row["key"]] = json.loads(line)
         with self._file.open("a") as file:
-            file.write(json.dumps(row) + "\n")
+            file.write(line + "\n")
 
 
 def folder(parser: argparse.ArgumentParser, options: argparse.Namespace) -> Path:

@@ -102,10 +102,10 @@ def key(case: Case, name: str) -> str:
     return f"{case.panel}/{case.name}/{name}"
 
 
-def task(work: tuple[bool, int, list[str], int, Path]) -> list[dict]:
+def task(work: tuple[bool, int, int, list[str], int, Path]) -> list[dict]:
     """Rows of the press of that number, for some of the answerers."""
-    quick, number, names, nodes, kept = work
-    case = list(cases(quick))[number]
+    quick, most, number, names, nodes, kept = work
+    case = list(cases(quick, most))[number]
     finest = truth(case, nodes, kept)
     if finest is None:
         failed = {"failed": "not solved on the finest mesh", "panel": case.panel}
@@ -115,13 +115,13 @@ def task(work: tuple[bool, int, list[str], int, Path]) -> list[dict]:
     return [row(case, name, judges) for name in names]
 
 
-def run(rows: Rows, form: str, kept: Path) -> None:
+def run(rows: Rows, form: str, most: int, kept: Path) -> None:
     """Answers every press that is not among the rows."""
     quick = form == "quick"
     work = []
-    for number, case in enumerate(cases(quick)):
+    for number, case in enumerate(cases(quick, most)):
         if names := [name for name in ANSWERERS if key(case, name) not in rows]:
-            work.append((quick, number, names, FINEST[form], kept))
+            work.append((quick, most, number, names, FINEST[form], kept))
     with multiprocessing.get_context("spawn").Pool(JOBS) as pool:
         for found in pool.imap_unordered(task, work):
             for one in found:
@@ -132,11 +132,14 @@ def run(rows: Rows, form: str, kept: Path) -> None:
 def main() -> None:
     """Runs what is missing and writes the files."""
     parser = arguments(__doc__)
+    parser.add_argument("--presses", type=int, default=14, help="most of a panel; 14 if not given")
     options = parser.parse_args()
     form = "quick" if options.quick else "full"
-    known = header(MADE_OF, {"nodes of the truth": FINEST[form], "threads": 1})
+    known = header(
+        MADE_OF, {"nodes of the truth": FINEST[form], "presses of a panel": options.presses}
+    )
     rows = Rows(KEPT / form / "pareto.jsonl", known)
-    run(rows, form, KEPT / form / f"truth-{known['commit']}")
+    run(rows, form, options.presses, KEPT / form / f"truth-{known['commit']}")
     out, report = folder(parser, options), known | summary(list(rows))
     (out / "pareto.json").write_text(json.dumps(report, indent=1) + "\n")
     (out / "pareto.md").write_text(markdown(report))

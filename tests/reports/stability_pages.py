@@ -192,7 +192,7 @@ def ways(long: dict) -> str:
     """Comparisons with other ways."""
     what = {
         "finer": "frictionless finite elements, steps a quarter as long: force",
-        "stiffer": "finite elements, a body 1024 times as stiff: displacement",
+        "stiffer": "finite elements, a body 16 times as stiff: displacement",
         "truth": "network that says it knows, against its teacher: force",
         "unfelt": "depth in the skin at which nothing is felt (m)",
     }

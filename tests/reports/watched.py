@@ -1,8 +1,8 @@
 """Work in processes that are watched: what a task may do to its process is part of its answer.
 
-A task that takes too much processor time, or ten times as much on the clock, is ended with its process
-and answered ``{"verdict": "hang"}``; one that kills its process, as running out of memory would,
-``{"verdict": "died"}``.
+A task that takes too much processor time, or ten times as much on the clock, is ended with its
+process and answered ``{"verdict": "hang"}``; one that kills its process, as running out of memory
+would, ``{"verdict": "died"}``.
 """
 
 from __future__ import annotations
