@@ -20,7 +20,6 @@ from pathlib import Path
 
 os.environ["RAYON_NUM_THREADS"] = "1"
 
-import numpy as np
 from kept import HERE, KEPT, ROOT, Rows, arguments, folder, header
 from pareto_answerers import ANSWERERS, TEACHER, Gel, fem
 from pareto_cases import Case, Fields, cases
@@ -92,8 +91,10 @@ def row(case: Case, name: str, judges: dict[str, Fields]) -> dict:
         if fields is not None and name != judge:
             found[judge] = fields.errors(true, case.judged)
         elif "normal" in found:
-            off = np.abs(np.array(found["normal"]) / -true.force[:, 2] - 1)
-            found[judge] = {"force": off[case.judged].tolist()}
+            pairs = zip(found["normal"], -true.force[:, 2], strict=True)
+            off = [abs(normal / force - 1) if force > 0 else None for normal, force in pairs]
+            felt = [off[frame] for frame in case.judged if off[frame] is not None]
+            found[judge] = {"force": felt} if felt else {}
     return found
 
 
@@ -135,9 +136,7 @@ def main() -> None:
     parser.add_argument("--presses", type=int, default=14, help="most of a panel; 14 if not given")
     options = parser.parse_args()
     form = "quick" if options.quick else "full"
-    known = header(
-        MADE_OF, {"nodes of the truth": FINEST[form], "presses of a panel": options.presses}
-    )
+    known = header(MADE_OF, {"nodes of the truth": FINEST[form]})
     rows = Rows(KEPT / form / "pareto.jsonl", known)
     run(rows, form, options.presses, KEPT / form / f"truth-{known['commit']}")
     out, report = folder(parser, options), known | summary(list(rows))

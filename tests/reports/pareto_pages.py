@@ -146,7 +146,8 @@ def panel(name: str, found: dict, report: dict) -> str:
         cells = [cell(row, what) for what in ERRORS]
         rows.append([f"{bold}{answerer}{bold}", f"{row['ms']:.3g}", *cells, failed])
     head = ["answerer", "ms", "u", "σ", "force", "peak", "unsolved"]
-    return f"## {name.capitalize()}\n\n" + table(head, rows)
+    presses = max(row["presses"] for row in found.values())
+    return f"## {name.capitalize()}, {presses} presses\n\n" + table(head, rows)
 
 
 def cell(row: dict, what: str) -> str:

@@ -37,22 +37,30 @@ def figure(report: dict, path: Path) -> None:
 
 def scatter(axis, found: dict, what: str, front: list[str]) -> None:
     """Every answerer's median, a bar up to its 95th percentile, and the front as a line."""
-    for name, row in found.items():
-        if "ms" not in row or what not in row["finest"]:
-            continue
+    known = [name for name, row in found.items() if "ms" in row and what in row["finest"]]
+    for place, name in enumerate(sorted(known, key=lambda name: found[name]["ms"])):
+        row = found[name]
         marker, colour = STYLES[row["kind"]]
         median, most = (100 * row["finest"][what][key] for key in ("median", "95 %"))
         axis.plot([row["ms"]] * 2, [median, most], color=colour, alpha=0.25, linewidth=1)
         size = 11 if marker == "*" else 5
         axis.plot(row["ms"], median, marker, color=colour, markersize=size)
-        label = name.replace("compliance", "c.").replace("fem ", "")
+        # Neighbours in time have their names above and below.
+        over = (4, 3) if place % 2 else (-4, -9)
         axis.annotate(
-            label, (row["ms"], median), xytext=(4, 3), textcoords="offset points", fontsize=6
+            short(name), (row["ms"], median), xytext=over, textcoords="offset points", fontsize=6
         )
     line = [(found[name]["ms"], 100 * found[name]["finest"][what]["median"]) for name in front]
     axis.plot(*zip(*line, strict=True), color="black", linewidth=0.8, zorder=0)
     axis.set(xscale="log", yscale="log")
     axis.grid(alpha=0.3, which="both")
+
+
+def short(name: str) -> str:
+    """A name in few letters; the marker tells the family."""
+    for long, brief in [("compliance, ", "c "), ("compliance", "c"), ("fem ", "")]:
+        name = name.replace(long, brief)
+    return name.replace(" sweeps", "×").replace(" sweep", "×")
 
 
 def legend(axis) -> None:

@@ -23,28 +23,33 @@ def figure(report: dict, path: Path) -> None:
 
 
 def stages(axis, scenes: dict) -> None:
-    """A bar a scene, cut into its stages, by share, with its rate."""
+    """A row a scene: the time of each kind of stage, and the rate of the whole."""
     rows = [(f"{n}, {t}", row) for n, things in scenes.items() for t, row in things.items()]
-    names = list(dict.fromkeys(stage for _, row in rows for stage in row["stages"]))
+    kinds = ("scene", "press", "model", "correction", "channel", "reward")
+    for colour, kind in enumerate(kinds):
+        for place, (_, row) in enumerate(rows):
+            us = sum(time for stage, time in row["stages"].items() if stage.startswith(kind))
+            if us > 0:
+                label = "channels" if kind == "channel" else kind
+                shown = axis.plot(us, place, "o", color=f"C{colour}", markersize=6)
+                shown[0].set_label(label)
     for place, (_, row) in enumerate(rows):
-        left = 0.0
-        for stage in (name for name in names if name in row["stages"]):
-            share = 100 * row["stages"][stage] / max(row["us"], sum(row["stages"].values()))
-            axis.barh(
-                place,
-                share,
-                left=left,
-                color=f"C{names.index(stage) % 10}",
-                hatch="//" if names.index(stage) > 9 else None,
-            )
-            left += share
-        axis.text(101, place, f"{row['rate']:,.0f} steps/s", va="center", fontsize=7)
-    for number, name in enumerate(names):
-        axis.barh(0, 0, color=f"C{number % 10}", hatch="//" if number > 9 else None, label=name)
+        axis.plot(row["us"], place, "|", color="black", markersize=14)
+        axis.annotate(
+            f"{row['rate']:,.0f} steps/s",
+            (row["us"], place),
+            xytext=(6, -2),
+            textcoords="offset points",
+            fontsize=7,
+        )
     axis.set_yticks(range(len(rows)), [name for name, _ in rows])
     axis.invert_yaxis()
-    axis.set(xlim=(0, 122), xlabel="% of a step", title="Where a step's time goes")
-    axis.legend(ncols=6, fontsize=6, loc="upper center", bbox_to_anchor=(0.45, -0.1))
+    axis.set(xscale="log", xlabel="CPU µs in a step of one environment; | is the whole step")
+    axis.set_title("Where a step's time goes")
+    axis.set_xlim(right=6 * max(row["us"] for _, row in rows))
+    axis.grid(alpha=0.3, axis="x", which="both")
+    named = dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
+    axis.legend(named.values(), named.keys(), fontsize=7, loc="lower left")
 
 
 def threads(axis, rows: list[dict]) -> None:

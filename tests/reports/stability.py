@@ -49,11 +49,11 @@ def task(place: tuple[int, int]) -> dict:
     return judged(case(*place))
 
 
-def run(rows: Rows, seed: int, count: int, until: float) -> None:
+def run(rows: Rows, seed: int, count: int, jobs: int, until: float) -> None:
     """Asks every press that is not among the rows, until a time is reached."""
     missing = ((seed, n) for n in range(count) if n not in rows)
     begun = time.monotonic()
-    found_ones = answers(task, in_time(missing, until), JOBS, LIMIT)
+    found_ones = answers(task, in_time(missing, until), jobs, LIMIT)
     for done, ((_, number), found) in enumerate(found_ones, 1):
         rows.add({"key": number, "case": case(seed, number)} | found)
         if done % 500 == 0 or found["verdict"] not in ("solved", "refused"):
@@ -75,6 +75,7 @@ def main() -> None:
     parser.add_argument("--presses", type=int, help="how many; 100 000, or 200 in the quick form")
     parser.add_argument("--seed", type=int, default=SEED, help=f"{SEED} if not given")
     parser.add_argument("--hours", type=float, default=1e3, help="when to stop asking")
+    parser.add_argument("--jobs", type=int, default=JOBS, help=f"processes; {JOBS} if not given")
     parser.add_argument("--show", type=int, help="one press, printed")
     options = parser.parse_args()
     if options.show is not None:
@@ -82,10 +83,10 @@ def main() -> None:
         print(json.dumps(asked | {"found": task((options.seed, options.show))}, indent=1))
         return
     count = options.presses or (200 if options.quick else 100_000)
-    known = header(MADE_OF, {"seed": options.seed, "limit": LIMIT, "processes": JOBS})
+    known = header(MADE_OF, {"seed": options.seed, "limit": LIMIT})
     form = "quick" if options.quick else "full"
     rows = Rows(KEPT / form / "stability.jsonl", known)
-    run(rows, options.seed, count, time.monotonic() + 3600 * options.hours)
+    run(rows, options.seed, count, options.jobs, time.monotonic() + 3600 * options.hours)
     out, report = folder(parser, options), known | summary(list(rows))
     (out / "stability.json").write_text(json.dumps(report, indent=1) + "\n")
     (out / "stability.md").write_text(markdown(report))
