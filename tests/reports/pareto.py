@@ -28,7 +28,10 @@ from pareto_plots import figure
 
 from ruffini import PressError
 
-MADE_OF = ["env-core", "py/src", "tests/reports/pareto_cases.py"]
+PARTS = ("geometry", "deformation", "contact", "fem", "compliance", "surrogate")
+MADE_OF = [f"env-core/src/{part}" for part in PARTS]
+MADE_OF += ["env-core/assets", "tests/reports/pareto_cases.py"]
+"""What the figures come from, under the root."""
 FINEST = {"full": 5000, "quick": 2500}
 """Nodes of the mesh of the truth, p1-bar."""
 REPEATS = 3
