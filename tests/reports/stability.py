@@ -74,7 +74,7 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--presses", type=int, help="how many; 100 000, or 200 in the quick form")
     parser.add_argument("--seed", type=int, default=SEED, help=f"{SEED} if not given")
-    parser.add_argument("--hours", type=float, default=1e3, help="when to stop asking")
+    parser.add_argument("--hours", type=float, help="when to stop; 0.1 in the quick form")
     parser.add_argument("--jobs", type=int, default=JOBS, help=f"processes; {JOBS} if not given")
     parser.add_argument("--show", type=int, help="one press, printed")
     options = parser.parse_args()
@@ -83,17 +83,19 @@ def main() -> None:
         print(json.dumps(asked | {"found": task((options.seed, options.show))}, indent=1))
         return
     count = options.presses or (200 if options.quick else 100_000)
-    known = header(MADE_OF, {"seed": options.seed, "limit": LIMIT})
+    hours = options.hours or (0.1 if options.quick else 1e3)
+    about = header(MADE_OF, {"seed": options.seed, "limit": LIMIT})
     form = "quick" if options.quick else "full"
-    rows = Rows(KEPT / form / "stability.jsonl", known)
-    run(rows, options.seed, count, options.jobs, time.monotonic() + 3600 * options.hours)
-    out, report = folder(parser, options), known | summary(list(rows))
+    rows = Rows(KEPT / form / "stability.jsonl", about)
+    run(rows, options.seed, count, options.jobs, time.monotonic() + 3600 * hours)
+    out, report = folder(parser, options), about | summary(list(rows))
     (out / "stability.json").write_text(json.dumps(report, indent=1) + "\n")
     (out / "stability.md").write_text(markdown(report))
     figure(report, out / "stability.svg")
-    bad = report["wrong"]
-    print(f"{report['presses']} presses, {len(bad)} wrong or silent: {out / 'stability.md'}")
-    sys.exit(1 if bad and options.quick else 0)
+    known = {number for defect in report["defects"] for number in defect.get("known", [])}
+    new = [row["key"] for row in report["wrong"] if row["key"] not in known]
+    print(f"{report['presses']} presses, wrong or silent and not known {new}: {out}")
+    sys.exit(1 if new and options.quick else 0)
 
 
 if __name__ == "__main__":
