@@ -21,7 +21,7 @@ use crate::{
 /// Facets this close to a shape are made part of the zone (m).
 const MARGIN: f64 = 1e-4;
 /// Way of a shape in one load step past which it may have run through what it ought to press (m).
-const LONG: f64 = 1e-3;
+const LONG: f64 = 5e-4;
 /// How deep a point must have been in such a shape to have been run over, in softnesses.
 const RUN_OVER: f64 = 10.0;
 
