@@ -30,7 +30,7 @@ def figure(report: dict, path: Path) -> None:
         parts |= {"scene: time step (s)": report["scenes"].get("time step", {})}
         for (title, counted), axis in zip(parts.items(), axes.flat, strict=True):
             bars(axis, title, counted)
-        axes[0, 0].legend(loc="lower right")
+        picture.legend(*axes[0, 0].get_legend_handles_labels(), ncols=3, loc="outside lower center")
         picture.savefig(path, metadata={"Date": None})
         plt.close(picture)
 
