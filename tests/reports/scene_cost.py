@@ -30,7 +30,7 @@ from ruffini.envs import GraspLiftVectorEnv
 sys.path.append(str(ROOT / "policies"))
 from scripted_grasp import ScriptedGrasp
 
-MADE_OF = ["env-core", "py", "tests/reports/scene_cost.py"]
+MADE_OF = ["env-core", "py/src", "tests/reports/scene_cost.py"]
 COUNT = 4
 """Environments of a scene."""
 FELT = 0.05

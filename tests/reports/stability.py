@@ -23,7 +23,7 @@ from stability_plots import figure
 from verdict import judged
 from watched import answers
 
-MADE_OF = ["env-core", "py", "tests/reports/extreme.py", "tests/reports/extreme_scenes.py"]
+MADE_OF = ["env-core", "py/src", "tests/reports/extreme.py", "tests/reports/extreme_scenes.py"]
 MADE_OF += ["tests/reports/verdict.py"]
 """What the figures come from, under the root."""
 ANSWERERS = {"fem": 0.4, "compliance": 0.3, "surrogate": 0.1, "environment": 0.2}
