@@ -20,7 +20,7 @@ import gymnasium
 import ruffini
 from scripted_grasp import ScriptedGrasp
 
-MODELS = ("none", "compliance", "surrogate")
+MODELS = ("none", "surrogate", "surrogate-fine", "compliance")
 OBJECTS = ("sphere", "cuboid", "cylinder")
 COUNT = 4
 STEPS = 100
@@ -32,7 +32,9 @@ RESULT = Path(__file__).parent / "results" / "touch_speed.json"
 def main() -> None:
     """Measures every model with every object and writes the result."""
     rows = [measure(model, name) for model in MODELS for name in OBJECTS]
-    commit = subprocess.check_output(["git", "rev-parse", "--short", "HEAD"], text=True).strip()
+    here = Path(__file__).parent
+    git = ["git", "-C", str(here), "rev-parse", "--short", "HEAD"]
+    commit = subprocess.check_output(git, text=True).strip()
     setup = {"commit": commit, "version": ruffini.__version__, "cores": os.cpu_count()}
     setup["threads"] = os.environ.get("RAYON_NUM_THREADS", "all")
     RESULT.write_text(json.dumps({**setup, "rows": rows}, indent=1) + "\n")

@@ -173,3 +173,20 @@ def test_a_history_is_the_same_after_a_pickle():
     history = Fem(gel(), friction=0.5).solve(Press(BALL, [ball_at(0, 4e-4)]))[0].history
     again = pickle.loads(pickle.dumps(history))
     assert bytes(again) == bytes(history) == bytes(History(bytes(history)))
+
+
+def test_contact_at_nodes_is_another_form_of_compliance():
+    body = ruffini.sensor("gelsight-mini", resolution=600)
+    press = Press(
+        ruffini.Shape.sphere(0.02), [([0, 0, 0.02 - d], (0, 0, 0, 1)) for d in (-1e-4, 8e-4)]
+    )
+    answers = [
+        ruffini.Compliance(body, friction=0.8, contact=contact).solve_path(press)[-1]
+        for contact in ("points", "nodes")
+    ]
+    points, nodes = (answer.wrench[2] for answer in answers)
+    assert nodes == pytest.approx(points, rel=0.06)
+    with pytest.raises(ValueError, match="contact: found edges, expected points or nodes"):
+        ruffini.Compliance(body, contact="edges")
+    with pytest.raises(ValueError, match="sweeps: found 3, expected 0 with contact at nodes"):
+        ruffini.Compliance(body, sweeps=3, contact="nodes")

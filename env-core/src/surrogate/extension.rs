@@ -1,7 +1,7 @@
 //! From forces on the nodes of a pad's face to the displacement of the whole model mesh: a dense matrix
 //! in single precision, made once.
 //!
-//! Shapes: C nodes of the face, V nodes of the model mesh.
+//! Shapes: C nodes of the face, V nodes of the model mesh, the first F of them free.
 
 // What `pulp` dispatches is compiled for the processor only as far as it is inlined.
 #![allow(clippy::inline_always)]
@@ -12,9 +12,11 @@ use crate::{compliance::nodal::Nodal, geometry::Transfer};
 
 /// The matrix.
 pub(super) struct Extension {
-    /// Displacement under a unit force along each axis on each node of the face (3C, 3V) in m/N.
+    /// Displacement of the free nodes under a unit force along each axis on each node of the face
+    /// (3C, 3F) in m/N.
     columns: Vec<f32>,
-    /// Number of nodes, V.
+    /// F and V.
+    free: usize,
     nodes: usize,
 }
 
@@ -23,18 +25,26 @@ impl Extension {
     pub(super) fn new(nodal: &Nodal, transfer: &Transfer) -> Self {
         let answers = nodal.unit_responses(&|displacement| transfer.interpolate(displacement));
         let nodes = answers.first().map_or(0, Vec::len);
-        let numbers = answers.iter().flatten().flat_map(|u| [u.x, u.y, u.z]);
-        Self { columns: numbers.map(|x| x as f32).collect(), nodes }
+        let moved =
+            |answer: &Vec<Vector3<f64>>| answer.iter().rposition(|u| *u != Vector3::zeros());
+        let free = answers.iter().filter_map(moved).max().map_or(0, |last| last + 1);
+        let numbers = answers.iter().flat_map(|answer| &answer[..free]);
+        let columns = numbers.flat_map(|u| [u.x, u.y, u.z].map(|x| x as f32)).collect();
+        Self { columns, free, nodes }
     }
 
     /// Displacement (V) in m under forces (N) on some nodes of the face.
     pub(super) fn displacement(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
-        let mut sum = vec![0.0_f32; 3 * self.nodes];
+        let mut sum = vec![0.0_f32; 3 * self.free];
         pulp::Arch::new().dispatch(
             #[inline(always)]
             || self.add(forces, &mut sum),
         );
-        sum.as_chunks::<3>().0.iter().map(|&u| Vector3::from(u).cast()).collect()
+        let mut all = vec![Vector3::zeros(); self.nodes];
+        for (u, sum) in all.iter_mut().zip(sum.as_chunks::<3>().0) {
+            *u = Vector3::from(*sum).cast();
+        }
+        all
     }
 
     #[inline(always)]

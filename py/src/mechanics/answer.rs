@@ -27,7 +27,7 @@ pub(crate) struct Deformation {
     /// xyzw) if one shape was given by itself, else a list with one for each shape.
     pose: Py<PyAny>,
     /// What another press needs to start here.
-    history: Py<History>,
+    pub(super) history: Py<History>,
     /// Newton steps since the last frame.
     iterations: usize,
     /// Norm of the force left unbalanced (N).

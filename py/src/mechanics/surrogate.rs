@@ -130,12 +130,12 @@ impl Surrogate {
     }
 
     /// Whether an answer of this network lies within what it was trained on: displacement, Poisson's
-    /// ratio, friction.
+    /// ratio, friction; for "swift" also that no fewer than eight nodes touch.
     fn knows(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
         let displacement = answer.displacement.bind(py).try_readonly()?;
         let numbers: Vec<f64> = displacement.as_array().iter().copied().collect();
         let vectors: Vec<_> = numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect();
-        Ok(locked(&self.model).knows(&vectors))
+        Ok(locked(&self.model).knows(&vectors, &answer.history.get().inner))
     }
 }
 
