@@ -49,7 +49,14 @@ def stages(axis, scenes: dict) -> None:
     axis.set_xlim(right=6 * max(row["us"] for _, row in rows))
     axis.grid(alpha=0.3, axis="x", which="both")
     named = dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
-    axis.legend(named.values(), named.keys(), fontsize=7, loc="lower left")
+    axis.legend(
+        named.values(),
+        named.keys(),
+        fontsize=7,
+        ncols=6,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.09),
+    )
 
 
 def threads(axis, rows: list[dict]) -> None:
