@@ -48,8 +48,9 @@ def made(header: dict) -> str:
     sizes = ", ".join(f"{name} {value}" for name, value in header["sizes"].items())
     return (
         f"Made at commit {header['commit']} on {machine['cores']} cores ({machine['cpu']}, "
-        f"{machine['system']}), Python {versions['python']}, numpy {versions['numpy']}; {sizes}."
-    )
+        f"{machine['system']}), Python {versions['python']}, numpy {versions['numpy']}; {sizes}. "
+        + header["note"]
+    ).rstrip()
 
 
 class Rows:
@@ -95,6 +96,7 @@ def arguments(doc: str) -> argparse.ArgumentParser:
     """The options that all reports have."""
     parser = argparse.ArgumentParser(description=doc.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a small form, within minutes")
+    parser.add_argument("--note", default="", help="what a reader must know of this run")
     parser.add_argument("--out", type=Path, help="folder of the files")
     return parser
 

@@ -142,7 +142,7 @@ def main() -> None:
     known = header(MADE_OF, {"nodes of the truth": FINEST[form]})
     rows = Rows(KEPT / form / "pareto.jsonl", known)
     run(rows, form, options.presses, KEPT / form / f"truth-{known['commit']}")
-    out, report = folder(parser, options), known | summary(list(rows))
+    out, report = folder(parser, options), known | {"note": options.note} | summary(list(rows))
     (out / "pareto.json").write_text(json.dumps(report, indent=1) + "\n")
     (out / "pareto.md").write_text(markdown(report))
     figure(report, out / "pareto.svg")

@@ -173,6 +173,8 @@ def training(found: dict) -> str:
     rows = []
     for name, cost in found.items():
         presses = f"{cost['presses']:,.0f}" if cost["presses"] else "never"
+        if "training" not in cost:
+            presses = f"> {presses}"
         hours = [f"{cost[p] / 3600:.2f}" if p in cost else "–" for p in ("data", "training")]
         rows.append([name, *hours, f"{1e3 * cost['saved']:.0f}", presses])
     head = ["network", "data (core h)", "training (core h)", "saved a frame (ms)", "break-even"]

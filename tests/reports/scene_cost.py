@@ -166,7 +166,7 @@ def main() -> None:
         for row in pool.imap(called, missing):
             rows.add(row)
             print(row["key"], flush=True)
-    out, report = folder(parser, options), known | summary(list(rows))
+    out, report = folder(parser, options), known | {"note": options.note} | summary(list(rows))
     (out / "scene_cost.json").write_text(json.dumps(report, indent=1) + "\n")
     (out / "scene_cost.md").write_text(markdown(report))
     figure(report, out / "scene_cost.svg")

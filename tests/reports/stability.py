@@ -88,7 +88,7 @@ def main() -> None:
     form = "quick" if options.quick else "full"
     rows = Rows(KEPT / form / "stability.jsonl", about)
     run(rows, options.seed, count, options.jobs, time.monotonic() + 3600 * hours)
-    out, report = folder(parser, options), about | summary(list(rows))
+    out, report = folder(parser, options), about | {"note": options.note} | summary(list(rows))
     (out / "stability.json").write_text(json.dumps(report, indent=1) + "\n")
     (out / "stability.md").write_text(markdown(report))
     figure(report, out / "stability.svg")
