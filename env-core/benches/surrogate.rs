@@ -1,17 +1,17 @@
-//! Time of a ball's next 50 µm into a gel pad: by the network, by the linear answer that it corrects,
-//! by finite elements as fine as its teacher.
+//! Time of a held object's next micrometre on a gel pad: by the networks, the linear answers that they
+//! correct, and finite elements as fine as their teacher; each without stress and residual, and whole.
 //!
 //! Goal: 1 ms a press on one thread, everything included.
 
 #![allow(missing_docs)] // criterion's macros expand to undocumented functions
 
-use std::hint::black_box;
+use std::{hint::black_box, slice};
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 use ruffini_core::{
     compliance::{self, Compliance},
-    deformation::{Deformation, History, Law, Moduli, Press, SoftBody},
+    deformation::{DeformationModel, Law, Moduli, Press, SoftBody, Wanted},
     fem::{self, Fem},
     geometry::Shape,
     sensor::Sensor,
@@ -20,38 +20,74 @@ use ruffini_core::{
 
 const MM: f64 = 1e-3;
 const FRICTION: f64 = 0.8;
+const WHOLE: Wanted = Wanted { stress: true, residual: true };
 
-fn pressed(x: f64, depth: f64) -> Press {
-    let ball = vec![Shape::Sphere { radius: 4.0 * MM }];
-    let pose = Isometry3::translation(x, 0.0, 4.0 * MM - depth);
-    Press::along(ball, vec![vec![pose]]).expect("a path of finite poses")
+/// A shape, how far it reaches below its origin, and how deep it is held (m).
+struct Held(&'static str, Shape, f64, f64);
+
+fn held() -> [Held; 3] {
+    let ball = |radius| Shape::Sphere { radius };
+    let block = Shape::Cuboid { half_extents: Vector3::repeat(20.0 * MM) };
+    [
+        Held("ball 8 mm", ball(8.0 * MM), 8.0 * MM, 1.5 * MM),
+        Held("ball 30 mm", ball(30.0 * MM), 30.0 * MM, 0.9 * MM),
+        Held("block 40 mm", block, 20.0 * MM, 0.5 * MM),
+    ]
 }
 
-fn onwards(history: History) -> Press {
-    pressed(0.03 * MM, 0.54 * MM).after(history).expect("the same shapes")
+impl Held {
+    fn press(&self, path: &[(f64, f64)]) -> Press {
+        let Self(_, shape, reach, _) = self;
+        let pose = |&(x, depth)| vec![Isometry3::translation(x, 0.0, reach - depth)];
+        Press::along(vec![shape.clone()], path.iter().map(pose).collect()).expect("finite poses")
+    }
+
+    /// Onwards by a micrometre down and across from where `model` holds it.
+    fn onwards(&self, model: &impl DeformationModel) -> Press {
+        let depth = self.3;
+        let steps = 1 + (depth / (0.2 * MM)) as usize;
+        let down = (0..=steps).map(|i| (0.0, depth * i as f64 / steps as f64));
+        let mut path = model.solve_path(&self.press(&down.collect::<Vec<_>>()));
+        let end = path.pop().expect("a path has frames").expect("a press that is solved");
+        self.press(&[(1e-6, depth + 1e-6)]).after(end.history).expect("the same shapes")
+    }
 }
 
 fn presses(criterion: &mut Criterion) {
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     let sensor = Sensor::named("gelsight-mini").expect("a known sensor");
     let moduli = Moduli { young: 3e5, poisson: 0.47 };
-    let network = Surrogate::named("default", &sensor, moduli, FRICTION).expect("shipped weights");
-    let pad = sensor.pad(network.card().linear_nodes).expect("a mesh of that size");
-    let body = SoftBody::new(pad.mesh, Law::NeoHookean, moduli, &pad.base).expect("a sound mesh");
+    let network =
+        |name| Surrogate::named(name, &sensor, moduli, FRICTION).expect("shipped weights");
+    let [mut fine, mut swift] = ["default", "swift"].map(network);
+    let pad = sensor.pad(fine.card().linear_nodes).expect("a mesh of that size");
+    let face = sensor.pad(swift.card().model_nodes).expect("a mesh of that size");
+    let body =
+        SoftBody::new(pad.mesh.clone(), Law::NeoHookean, moduli, &pad.base).expect("a sound mesh");
     let options = compliance::Options { friction: FRICTION, sweeps: 0 };
-    let linear = Compliance::new(body.clone(), options).expect("a bonded pad");
+    let mut points = Compliance::new(body.clone(), options).expect("a bonded pad");
+    let nodes = points.at_coarse_nodes(&pad, &face).expect("meshes of one pad");
     let options = fem::Options { friction: FRICTION, ..fem::Options::default() };
     let elements = Fem::new(body, options).expect("valid options");
-    let history = |mut path: Vec<ruffini_core::Result<Deformation>>| {
-        path.swap_remove(0).expect("a shallow press").history
-    };
-    let mut group = criterion.benchmark_group("onwards by 50 µm");
-    group.sample_size(20);
-    let press = onwards(history(network.solve_path(&pressed(0.0, 0.5 * MM))));
-    group.bench_function("surrogate", |b| b.iter(|| black_box(network.solve_path(&press))));
-    group.bench_function("linear", |b| b.iter(|| black_box(linear.solve_path(&press))));
-    let press = onwards(history(elements.solve_path(&pressed(0.0, 0.5 * MM))));
-    group.bench_function("fem", |b| b.iter(|| black_box(elements.solve_path(&press))));
-    group.finish();
+    for held in held() {
+        let mut group = criterion.benchmark_group(held.0);
+        group.sample_size(20);
+        for (name, model) in [("surrogate", &mut fine), ("swift", &mut swift)] {
+            let press = held.onwards(model);
+            for (what, wanted) in [("moved", Wanted::default()), ("whole", WHOLE)] {
+                let mut feel = || one.install(|| model.feel(slice::from_ref(&press), wanted));
+                group.bench_function(format!("{name} {what}"), |b| b.iter(|| black_box(feel())));
+            }
+        }
+        let press = held.onwards(&points);
+        let mut feel = || one.install(|| points.feel(slice::from_ref(&press), Wanted::default()));
+        group.bench_function("points moved", |b| b.iter(|| black_box(feel())));
+        let press = held.onwards(&nodes);
+        group.bench_function("nodes moved", |b| b.iter(|| black_box(nodes.settle(&press))));
+        let press = held.onwards(&elements);
+        group.bench_function("fem whole", |b| b.iter(|| black_box(elements.solve_path(&press))));
+        group.finish();
+    }
 }
 
 criterion_group!(benches, presses);
