@@ -494,3 +494,16 @@ fn a_folder_that_cannot_be_written_is_named() {
     let error = Compliance::cached(block(), Options::default(), &file).map(|_| ()).unwrap_err();
     assert!(matches!(error, Error::File { .. }), "{error}");
 }
+
+#[test]
+fn a_shape_led_through_the_body_is_not_unfelt() {
+    // From just over the block to under it, in one frame.
+    for radius in [2.0 * MM, 20.0 * MM] {
+        let at = |z| vec![Isometry3::translation(0.3 * MM, 0.2 * MM, z)];
+        let path = vec![at(radius + 0.1 * MM), at(-5.0 * MM - radius)];
+        let press = Press::along(vec![Shape::Sphere { radius }], path).unwrap();
+        let end = linear(&block(), 0.0).solve_path(&press).pop().unwrap();
+        let unfelt = end.as_ref().is_ok_and(|frame| frame.wrench.force.norm() == 0.0);
+        assert!(!unfelt, "a ball of {radius} m went through the block without a force");
+    }
+}

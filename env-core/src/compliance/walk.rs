@@ -11,7 +11,7 @@ use super::{
     zone::Zone,
 };
 use crate::{
-    Result,
+    Error, Result,
     contact::{ContactLaw, ContactStep, Touch, backed_off},
     deformation::{Anchor, Drive, History, Press, Wrench},
     fem::Workspace,
@@ -20,6 +20,10 @@ use crate::{
 
 /// Facets this close to a shape are made part of the zone (m).
 const MARGIN: f64 = 1e-4;
+/// Way of a shape in one load step past which it may have run through what it ought to press (m).
+const LONG: f64 = 5e-4;
+/// How deep a point must have been in such a shape to have been run over, in softnesses.
+const RUN_OVER: f64 = 10.0;
 
 /// How a walk computes.
 #[derive(Clone, Copy, Debug)]
@@ -159,6 +163,10 @@ impl<'a> Walk<'a> {
 
     /// Where one load step to `poses` leads.
     pub(super) fn attempt(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<State> {
+        if self.runs_over(shapes, poses) {
+            let tolerance = self.settings.tolerance;
+            return Err(Error::NotConverged { iterations: 0, residual: f64::INFINITY, tolerance });
+        }
         self.cover(shapes, poses);
         loop {
             let state = self.attempt_in_zone(shapes, poses)?;
@@ -169,6 +177,22 @@ impl<'a> Walk<'a> {
                 None => return Ok(state),
             }
         }
+    }
+
+    /// Whether a shape on a long way to `poses` leaves points behind that it should have taken along.
+    fn runs_over(&self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> bool {
+        let from = &self.state.poses;
+        let way = |(from, to): (&Isometry3<f64>, &Isometry3<f64>)| {
+            (to.translation.vector - from.translation.vector).norm()
+        };
+        if from.iter().zip(poses).map(way).all(|way| way < LONG) {
+            return false;
+        }
+        let (rest, displacement) = (&self.condensed.rest, &self.state.field.displacement);
+        let surface = rest.surface();
+        let places = surface.iter().map(|point| point.place(rest.places(), displacement)).collect();
+        ContactStep::new(shapes, surface, from.clone(), places, &[])
+            .runs_over(poses, RUN_OVER * self.settings.law.softness)
     }
 
     /// As [`Walk::attempt`], blind to what lies outside the zone.

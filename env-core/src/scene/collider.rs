@@ -172,11 +172,7 @@ fn collider(shape: &Shape, surface: &Surface) -> Result<SharedShape> {
             let floor = wall - h;
             let inner = [bottom - wall, rim - wall];
             let mut parts = wedges([outer(floor), *rim], inner, [floor, *h])?;
-            let disc: Vec<_> = [(-h, *bottom), (floor, outer(floor))]
-                .into_iter()
-                .flat_map(|(z, r)| (0..SEGMENTS).map(move |i| corner(i, r, z)))
-                .collect();
-            parts.push((Pose::IDENTITY, hull(&disc)?));
+            parts.extend(sectors([*bottom, outer(floor)], [-h, floor])?);
             SharedShape::compound(parts)
         }
         _ => hull_or_triangles(surface)?,
@@ -229,6 +225,21 @@ fn wedges(outer: [f64; 2], inner: [f64; 2], z: [f64; 2]) -> Result<Vec<(Pose, Sh
         Ok((Pose::IDENTITY, hull(&points)?))
     };
     (0..SEGMENTS).map(wedge).collect()
+}
+
+/// A disc as convex sectors of radii given at two heights (m). In one piece its many corners, of which
+/// the solver takes now these, now those, let it creep over the table.
+fn sectors(radius: [f64; 2], z: [f64; 2]) -> Result<Vec<(Pose, SharedShape)>> {
+    const EACH: u32 = SEGMENTS / 4;
+    let sector = |part: u32| {
+        let end = |end: usize| {
+            let arc = move |i| corner(part * EACH + EACH / 2 + i, radius[end], z[end]);
+            (0..=EACH).map(arc).chain([corner(0, 0.0, z[end])])
+        };
+        let points: Vec<_> = [0, 1].into_iter().flat_map(end).collect();
+        Ok((Pose::IDENTITY, hull(&points)?))
+    };
+    (0..4).map(sector).collect()
 }
 
 /// Corner `i` of the polygon of radius `r` at height `z`, in Rapier's units.

@@ -1,0 +1,69 @@
+"""What README quotes of the reports, and that their pages are those of their figures.
+
+A figure in README is followed by a comment that says where it comes from, the report's name and the
+way to it in the JSON: ``12.3 ms<!-- pareto: panels / deep / network / ms -->``. It must be that
+number, rounded to as many digits as are written; before a ``%``, a hundred times that.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+REPORTS = ROOT / "tests/reports"
+MARK = re.compile(
+    r"(?P<number>-?[\d,]*\.?\d+)(?P<unit> ?[%\w]+)?\**<!-- (?P<report>\w+): (?P<way>.+?) -->"
+)
+PAGES = ("stability", "pareto", "scene_cost")
+sys.path.append(str(REPORTS))
+
+
+def value(report: str, way: str) -> float:
+    """The number at the end of a way into a report."""
+    found = json.loads((REPORTS / f"{report}.json").read_text())
+    for step in way.split(" / "):
+        found = found[int(step)] if isinstance(found, list) else found[step]
+    assert isinstance(found, (int, float)), f"{report}: {way} is {found}"
+    return found
+
+
+def quoted(mark: re.Match[str]) -> tuple[str, str]:
+    """A marked figure as it is written, and as the report has it."""
+    written = mark["number"]
+    _, _, digits = written.partition(".")
+    true = value(mark["report"], mark["way"]) * (100 if "%" in (mark["unit"] or "") else 1)
+    return written.replace(",", ""), f"{true:.{len(digits)}f}"
+
+
+def test_every_marked_figure_of_readme_is_that_of_its_report():
+    wrong = []
+    for mark in MARK.finditer((ROOT / "README.md").read_text()):
+        written, true = quoted(mark)
+        if written != true:
+            wrong.append(f"{mark[0]} is {true}")
+    assert not wrong, wrong
+
+
+def test_a_mark_is_read_with_its_digits_and_its_percent():
+    count = value("stability", "presses")
+    right = f"**{count:,}**<!-- stability: presses -->"
+    written, true = quoted(MARK.search(right))
+    assert written == true
+    share = MARK.search("1.5 %<!-- stability: sizes / limit -->")
+    assert quoted(share) == ("1.5", f"{100 * value('stability', 'sizes / limit'):.1f}")
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_is_that_of_its_figures(name):
+    pytest.importorskip(
+        "tomllib", reason="what was found is kept in TOML, read from Python 3.11 on"
+    )
+    pages = importlib.import_module(f"{name}_pages")
+    report = json.loads((REPORTS / f"{name}.json").read_text())
+    assert pages.markdown(report) == (REPORTS / f"{name}.md").read_text()

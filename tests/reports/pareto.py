@@ -1,0 +1,154 @@
+"""Error against run time of every answerer: makes pareto.json, pareto.md and pareto.svg.
+
+    python tests/reports/pareto.py            about an hour on one core; goes on after a stop
+    python tests/reports/pareto.py --quick    a few presses, into target/reports/quick
+
+Judged by finite elements on the finest mesh, never by an answerer's own. The full form also writes
+what `ruffini recommend` reads, py/python/ruffini/answerers.json. Held-out grasps are those of
+~/.cache/ruffini/grasps-63x3x10, left out where there are none: `ruffini dataset generate` with
+``--objects 63 --grasps 3 --frames 10`` makes them.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import time
+from functools import lru_cache
+from pathlib import Path
+
+os.environ["RAYON_NUM_THREADS"] = "1"
+
+from kept import HERE, KEPT, ROOT, Rows, arguments, folder, header
+from pareto_answerers import ANSWERERS, TEACHER, Gel, fem
+from pareto_cases import Case, Fields, cases
+from pareto_pages import chosen, markdown, summary
+from pareto_plots import figure
+
+from ruffini import PressError
+
+PARTS = ("geometry", "deformation", "contact", "fem", "compliance", "surrogate")
+MADE_OF = [f"env-core/src/{part}" for part in PARTS]
+MADE_OF += ["env-core/assets", "tests/reports/pareto_cases.py"]
+"""What the figures come from, under the root."""
+FINEST = {"full": 5000, "quick": 2500}
+"""Nodes of the mesh of the truth, p1-bar."""
+REPEATS = 3
+"""Times that a press is answered where that is quick; the fastest counts."""
+JOBS = 2
+CHOICE = ROOT / "py/python/ruffini/answerers.json"
+
+
+@lru_cache(maxsize=2)
+def model(name: str, gel: Gel) -> tuple:
+    """An answerer of a gel, and the CPU time that making it took (s)."""
+    begun = time.process_time()
+    made = ANSWERERS[name].make(gel)
+    return made, time.process_time() - begun
+
+
+def truth(case: Case, nodes: int, kept: Path) -> Fields | None:
+    """What the finest mesh says, kept in a file; ``None`` where it has no answer."""
+    file = kept / f"{case.panel}-{case.name.replace('/', '-')}.npz"
+    if not file.exists():
+        judge = fem("p1-bar", nodes).make(case.gel)
+        frames = judge.solve_path(case.press())
+        if isinstance(frames[-1], PressError):
+            return None
+        Fields.carried(case.gel, judge.body.mesh, frames).write(file)
+    return Fields.read(file)
+
+
+def answered(case: Case, name: str) -> tuple[Fields | None, dict]:
+    """A press answered by name: its fields, and CPU time a frame (s) or why there is none."""
+    made, setup = model(name, case.gel)
+    if name == "bonded layer":
+        return None, closed_form(case, made)
+    seconds: list[float] = []
+    while len(seconds) < REPEATS and sum(seconds) * len(case.path) < 1.0:
+        begun = time.process_time()
+        frames = made.solve_path(case.press())
+        seconds.append((time.process_time() - begun) / len(case.path))
+    if isinstance(frames[-1], PressError):
+        return None, {"failed": frames[-1].kind}
+    fields = Fields.carried(case.gel, made.body.mesh, frames)
+    return fields, {"seconds": min(seconds), "setup": setup}
+
+
+def closed_form(case: Case, layer) -> dict:
+    """The closed form's force on a ball, its cost a Python call's."""
+    if case.ball is None:
+        return {"failed": "no ball"}
+    begun = time.process_time()
+    for _ in range(100):
+        force = layer.force(*case.ball)
+    return {"seconds": (time.process_time() - begun) / 100 / len(force), "normal": force.tolist()}
+
+
+def row(case: Case, name: str, judges: dict[str, Fields]) -> dict:
+    """Errors of an answerer at a press against the finest mesh and against the teacher's."""
+    fields, found = answered(case, name)
+    found |= {"key": key(case, name), "panel": case.panel, "answerer": name}
+    for judge, true in judges.items():
+        if fields is not None and name != judge:
+            found[judge] = fields.errors(true, case.judged)
+        elif "normal" in found:
+            pairs = zip(found["normal"], -true.force[:, 2], strict=True)
+            off = [abs(normal / force - 1) if force > 0 else None for normal, force in pairs]
+            felt = [off[frame] for frame in case.judged if off[frame] is not None]
+            found[judge] = {"force": felt} if felt else {}
+    return found
+
+
+def key(case: Case, name: str) -> str:
+    """What a row is known by."""
+    return f"{case.panel}/{case.name}/{name}"
+
+
+def task(work: tuple[bool, int, int, list[str], int, Path]) -> list[dict]:
+    """Rows of the press of that number, for some of the answerers."""
+    quick, most, number, names, nodes, kept = work
+    case = list(cases(quick, most))[number]
+    finest = truth(case, nodes, kept)
+    if finest is None:
+        failed = {"failed": "not solved on the finest mesh", "panel": case.panel}
+        return [failed | {"key": key(case, name), "answerer": name} for name in names]
+    teacher, _ = answered(case, TEACHER)
+    judges = {"finest": finest} | ({TEACHER: teacher} if teacher else {})
+    return [row(case, name, judges) for name in names]
+
+
+def run(rows: Rows, form: str, most: int, kept: Path) -> None:
+    """Answers every press that is not among the rows."""
+    quick = form == "quick"
+    work = []
+    for number, case in enumerate(cases(quick, most)):
+        if names := [name for name in ANSWERERS if key(case, name) not in rows]:
+            work.append((quick, most, number, names, FINEST[form], kept))
+    with multiprocessing.get_context("spawn").Pool(JOBS) as pool:
+        for found in pool.imap_unordered(task, work):
+            for one in found:
+                rows.add(one)
+            print(found[0]["key"].rsplit("/", 1)[0], flush=True)
+
+
+def main() -> None:
+    """Runs what is missing and writes the files."""
+    parser = arguments(__doc__)
+    parser.add_argument("--presses", type=int, default=14, help="most of a panel; 14 if not given")
+    options = parser.parse_args()
+    form = "quick" if options.quick else "full"
+    known = header(MADE_OF, {"nodes of the truth": FINEST[form]})
+    rows = Rows(KEPT / form / "pareto.jsonl", known)
+    run(rows, form, options.presses, KEPT / form / f"truth-{known['commit']}")
+    out, report = folder(parser, options), known | {"note": options.note} | summary(list(rows))
+    (out / "pareto.json").write_text(json.dumps(report, indent=1) + "\n")
+    (out / "pareto.md").write_text(markdown(report))
+    figure(report, out / "pareto.svg")
+    if out == HERE:
+        CHOICE.write_text(json.dumps(chosen(report), indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,137 @@
+"""Who answers presses: the table of the report on error against run time.
+
+An entry of `ANSWERERS` is all that another answerer needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+import ruffini
+from ruffini import Compliance, Fem, SoftBody, Surrogate
+
+
+@dataclass(frozen=True)
+class Gel:
+    """What the pad is made of, and how rough."""
+
+    sensor: str
+    young: float
+    """Young's modulus (Pa)."""
+    poisson: float
+    friction: float
+
+    def body(self, nodes: int) -> SoftBody:
+        """The pad, meshed with about so many nodes."""
+        pad = ruffini.sensor(self.sensor, resolution=nodes)
+        return SoftBody(pad.mesh, self.young, self.poisson, "neo-hookean", pad.fixed)
+
+
+@dataclass(frozen=True)
+class Answerer:
+    """A way to answer presses."""
+
+    make: Callable[[Gel], Any]
+    """The model of a gel."""
+    kind: str
+    """Family, one colour in the figure."""
+    use: str
+    """How it is asked for in Python."""
+    made_from: dict[str, float] = field(default_factory=dict)
+    """Core seconds that were spent before the first answer, by what for."""
+
+
+def compliance(nodes: int, sweeps: int = 0, rough: bool = True) -> Answerer:
+    """Linear elasticity condensed to the surface."""
+    arguments = (f", sweeps={sweeps}" if sweeps else "") + ("" if rough else ", friction=0")
+    return Answerer(
+        lambda gel: Compliance(gel.body(nodes), gel.friction if rough else 0.0, sweeps),
+        "compliance",
+        f"Compliance(sensor(…, resolution={nodes}){arguments})",
+    )
+
+
+def at_nodes(nodes: int) -> Answerer:
+    """Linear elasticity with contact at the nodes, made for speed."""
+    return Answerer(
+        lambda gel: Compliance(gel.body(nodes), gel.friction, contact="nodes"),
+        "compliance",
+        f'Compliance(sensor(…, resolution={nodes}), contact="nodes")',
+    )
+
+
+def fem(element: str, nodes: int) -> Answerer:
+    """Finite elements."""
+    return Answerer(
+        lambda gel: Fem(gel.body(nodes), friction=gel.friction, element=element),
+        "fem",
+        f'Fem(sensor(…, resolution={nodes}), element="{element}")',
+    )
+
+
+def network(weights: str, made_from: dict[str, float]) -> Answerer:
+    """A trained network that is shipped."""
+
+    def make(gel: Gel) -> Surrogate:
+        material = {"young": gel.young, "poisson": gel.poisson, "friction": gel.friction}
+        return Surrogate(weights, sensor=gel.sensor, **material)
+
+    return Answerer(make, "network", f'Surrogate("{weights}")', made_from)
+
+
+class BondedLayer:
+    """Force of a ball on a flat layer bonded underneath, without friction, for any Poisson's ratio.
+
+    Hertz times a series in √(Rδ)/h (Dimitriadis et al. 2002, doi 10.1016/S0006-3495(02)75620-8).
+    """
+
+    def __init__(self, gel: Gel):
+        self.gel = gel
+        self.thickness = float(
+            np.ptp(ruffini.sensor(gel.sensor, resolution=300).mesh.vertices[:, 2])
+        )
+
+    def force(self, radius: float, depth: np.ndarray) -> np.ndarray:
+        """Normal force (N) at depths (m)."""
+        nu = self.gel.poisson
+        alpha = -(1.2876 - 1.4678 * nu + 1.3442 * nu**2) / (1 - nu)
+        beta = (0.6387 - 1.0277 * nu + 1.5164 * nu**2) / (1 - nu)
+        hertz = 4 / 3 * self.gel.young / (1 - nu**2) * np.sqrt(radius * depth**3)
+        y = 2 / np.pi * np.sqrt(radius * depth) / self.thickness
+        cubic = alpha**3 + 4 * np.pi**2 / 15 * beta
+        quartic = alpha * (alpha**3 + 3 * np.pi**2 / 5 * beta)
+        return hertz * (1 - alpha * y + (alpha * y) ** 2 - cubic * y**3 + quartic * y**4)
+
+
+DEFAULT = {"data": 42 * 60 * 3.5, "training": 20 * 60 * 3.0}
+"""Of the default network: 189 grasps in 42 minutes on 3 to 4 threads, 40 epochs in 20 on 3."""
+
+SWIFT = {"data": DEFAULT["data"]}
+"""Of the swift network, from the same data; its card does not say how long it was trained."""
+
+ANSWERERS: dict[str, Answerer] = {
+    "bonded layer": Answerer(BondedLayer, "closed form", "– (force of a ball)"),
+    "compliance, no friction": compliance(2000, rough=False),
+    "compliance 1000": compliance(1000),
+    "compliance": compliance(2000),
+    "compliance at nodes": at_nodes(2000),
+    "compliance, 1 sweep": compliance(2000, 1),
+    "compliance, 3 sweeps": compliance(2000, 3),
+    "compliance, 6 sweeps": compliance(2000, 6),
+    "compliance, 12 sweeps": compliance(2000, 12),
+    "network": network("default", DEFAULT),
+    "network, swift": network("swift", SWIFT),
+    "fem p1 2000": fem("p1", 2000),
+    "fem p1-bar 500": fem("p1-bar", 500),
+    "fem p1-bar 1000": fem("p1-bar", 1000),
+    "fem p1-bar 2000": fem("p1-bar", 2000),
+    "fem p1-bar 3000": fem("p1-bar", 3000),
+    "fem p2 500": fem("p2", 500),
+    "fem p2 1000": fem("p2", 1000),
+}
+TEACHER = "fem p1-bar 2000"
+"""What the network learnt from."""

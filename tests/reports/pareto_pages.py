@@ -1,0 +1,184 @@
+"""The figures and the text of the report on error against run time."""
+
+from __future__ import annotations
+
+import numpy as np
+from kept import made, table
+from pareto_answerers import ANSWERERS, TEACHER
+
+ERRORS = ("displacement", "stress", "force", "peak")
+JUDGES = ("finest", TEACHER)
+
+
+def summary(rows: list[dict]) -> dict:
+    """Errors, time and front by panel, and what the network's training has cost."""
+    panels = list(dict.fromkeys(row["panel"] for row in rows if row["panel"] != "no contact"))
+    order = ["held-out", "deep", "tiny", "soft", "stiff"]
+    panels.sort(key=lambda panel: order.index(panel))
+    report: dict = {"panels": {}}
+    for panel in panels:
+        part = [row for row in rows if row["panel"] == panel]
+        report["panels"][panel] = {name: figures(part, name) for name in ANSWERERS}
+    still = [row for row in rows if row["panel"] == "no contact" and "finest" in row]
+    report["no contact"] = {row["answerer"]: max(row["finest"]["still"]) for row in still}
+    report["fronts"] = {
+        panel: {what: front(found, what) for what in ERRORS}
+        for panel, found in report["panels"].items()
+    }
+    report["break-even"] = break_even(report)
+    return report
+
+
+def figures(rows: list[dict], name: str) -> dict:
+    """Median and 95th percentile of an answerer's errors by judge, its time and its failures."""
+    mine = [row for row in rows if row["answerer"] == name]
+    solved = [row for row in mine if "failed" not in row]
+    found: dict = {"kind": ANSWERERS[name].kind, "use": ANSWERERS[name].use}
+    found["presses"] = len(mine)
+    found["failed"] = [row["failed"] for row in mine if "failed" in row]
+    if solved:
+        found["ms"] = 1e3 * float(np.median([row["seconds"] for row in solved]))
+        found["ms 95 %"] = 1e3 * float(np.quantile([row["seconds"] for row in solved], 0.95))
+    for judge in JUDGES:
+        errors: dict[str, list[float]] = {}
+        for row in solved:
+            for what, values in row.get(judge, {}).items():
+                errors.setdefault(what, []).extend(values)
+        found[judge] = {
+            what: {"median": float(np.median(v)), "95 %": float(np.quantile(v, 0.95))}
+            for what, v in errors.items()
+        }
+    return found
+
+
+def front(found: dict, what: str) -> list[str]:
+    """Answerers of every press that none beats both in time and in median error, fastest first."""
+    known = [
+        (row["ms"], row["finest"][what]["median"], name)
+        for name, row in found.items()
+        if what in row["finest"] and not row["failed"]
+    ]
+    best, names = np.inf, []
+    for _, error, name in sorted(known):
+        if error < best:
+            best = error
+            names.append(name)
+    return names
+
+
+def break_even(report: dict) -> dict:
+    """Presses after which a network's data and training are paid for by time saved.
+
+    Against the finite elements that it learnt from.
+    """
+    found = {}
+    panel = next(iter(report["panels"].values()))
+    for name, answerer in ANSWERERS.items():
+        if not answerer.made_from:
+            continue
+        spent = sum(answerer.made_from.values())
+        saved = 1e-3 * (panel[TEACHER]["ms"] - panel[name]["ms"])
+        presses = spent / saved if saved > 0 else None
+        found[name] = answerer.made_from | {"presses": presses, "saved": saved}
+    return found
+
+
+def chosen(report: dict) -> dict:
+    """What `ruffini recommend` reads: errors and time by panel and answerer."""
+    return {
+        "commit": report["commit"],
+        "machine": report["machine"],
+        "panels": {
+            panel: {
+                name: {"use": row["use"], "ms": row["ms"], "errors": row["finest"]}
+                for name, row in found.items()
+                if "ms" in row and not row["failed"]
+            }
+            for panel, found in report["panels"].items()
+        },
+    }
+
+
+def markdown(report: dict) -> str:
+    """Conclusion, a table for each panel, costs."""
+    parts = [
+        "# Error against run time: which answerer for which error",
+        conclusion(report),
+        "![error against run time](pareto.svg)",
+        f"Errors against p1-bar on the finest mesh ({report['sizes']['nodes of the truth']} nodes, "
+        "itself about 4 % off in displacement and 8 % in stress, see [fem.md](fem.md)), carried to "
+        "the model mesh of 900 nodes; relative L² a frame, median / 95th percentile, in %. "
+        "In brackets against the teacher's mesh, p1-bar on 2,000 nodes: what the network was "
+        "taught. Time is CPU time a frame on one thread, median over presses.",
+        *(panel(name, found, report) for name, found in report["panels"].items()),
+        "## Nothing touches",
+        still(report["no contact"]),
+        "## What a network costs before its first answer",
+        training(report["break-even"]),
+        made(report)
+        + " Rapier's own soft bodies are not among the answerers, nor are the paper's networks.",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def conclusion(report: dict) -> str:
+    """The front of the first panel in words."""
+    name, found = next(iter(report["panels"].items()))
+    lines = []
+    for what in ("force", "displacement", "stress"):
+        names = report["fronts"][name][what]
+        steps = "; ".join(
+            f"{n} {100 * found[n]['finest'][what]['median']:.1f} % in {found[n]['ms']:.3g} ms"
+            for n in names
+        )
+        lines.append(f"- **{what}**, {name}: {steps}.")
+    return "The front, fastest first, by median error:\n\n" + "\n".join(lines)
+
+
+def panel(name: str, found: dict, report: dict) -> str:
+    """A panel's table; members of the front of displacement are bold."""
+    rows = []
+    for answerer, row in found.items():
+        if "ms" not in row:
+            continue
+        bold = "**" if answerer in report["fronts"][name]["displacement"] else ""
+        failed = f"{len(row['failed'])} of {row['presses']}" if row["failed"] else ""
+        cells = [cell(row, what) for what in ERRORS]
+        rows.append([f"{bold}{answerer}{bold}", f"{row['ms']:.3g}", *cells, failed])
+    head = ["answerer", "ms", "u", "σ", "force", "peak", "unsolved"]
+    presses = max(row["presses"] for row in found.values())
+    return f"## {name.capitalize()}, {presses} presses\n\n" + table(head, rows)
+
+
+def cell(row: dict, what: str) -> str:
+    """Median and 95th percentile against the finest mesh, the median against the teacher."""
+    if what not in row["finest"]:
+        return "–"
+    error, teacher = row["finest"][what], row[TEACHER].get(what)
+    text = f"{100 * error['median']:.1f} / {100 * error['95 %']:.1f}"
+    return text + (f" ({100 * teacher['median']:.1f})" if teacher else "")
+
+
+def still(found: dict) -> str:
+    """Largest displacement that is answered where nothing touches."""
+    worst = max(found.values(), default=0.0)
+    who = [name for name, most in found.items() if most == worst and worst > 0]
+    if not worst:
+        return f"A ball 0.1 and 1 mm over the gel: exactly zero from all {len(found)} answerers."
+    return f"A ball over the gel: up to {worst:.1e} m from {', '.join(who)}."
+
+
+def training(found: dict) -> str:
+    """Core hours of data and training, and the break-even."""
+    rows = []
+    for name, cost in found.items():
+        presses = f"{cost['presses']:,.0f}" if cost["presses"] else "never"
+        if "training" not in cost:
+            presses = f"> {presses}"
+        hours = [f"{cost[p] / 3600:.2f}" if p in cost else "–" for p in ("data", "training")]
+        rows.append([name, *hours, f"{1e3 * cost['saved']:.0f}", presses])
+    head = ["network", "data (core h)", "training (core h)", "saved a frame (ms)", "break-even"]
+    return table(head, rows) + (
+        "\n\nThe break-even is the number of frames after which answering by the finite elements "
+        "that it learnt from would have cost more."
+    )
