@@ -23,7 +23,11 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 import ruffini
+from scripted_fragile import ScriptedFragile
 from scripted_grasp import ScriptedGrasp
+from scripted_hold import ScriptedHold
+
+LIFT = "ruffini/GraspLift-v0"
 
 FIRST_SEED = 10_000
 """Evaluation seeds are this and the following; training seeds stay far below."""
@@ -40,6 +44,14 @@ class Policy(Protocol):
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
         """Actions (N, 5) for observations of N environments."""
+
+
+SCRIPTED: dict[str, type[Policy]] = {
+    LIFT: ScriptedGrasp,
+    "ruffini/GraspFragile-v0": ScriptedFragile,
+    "ruffini/HoldStill-v0": ScriptedHold,
+}
+"""The scripted policy of each environment."""
 
 
 class RandomPolicy:
@@ -70,7 +82,10 @@ class TrainedPolicy:
         from train import ALGORITHMS, CHECKPOINT, make_environment
 
         about = json.loads((folder / "run.json").read_text())
-        envs = make_environment(about["env"], params(about["env"], about["algorithm"]), 0, 1)
+        chosen = params(about["env"], about["algorithm"])
+        self.environment = chosen.environment
+        """Settings that it was trained with."""
+        envs = make_environment(about["env"], chosen, 0, 1)
         saved = folder / CHECKPOINT
         self._normaliser = VecNormalize.load(str(saved / "normaliser.pkl"), envs.venv)
         self._model = ALGORITHMS[about["algorithm"]].load(saved / "model.zip", device="cpu")
@@ -83,20 +98,21 @@ class TrainedPolicy:
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
         """Actions (N, 5) for dict observations of N environments."""
-        flat = np.concatenate(list(observation.values()), axis=1)
-        normal = self._normaliser.normalize_obs(flat)
+        if not isinstance(self._normaliser.observation_space, gym.spaces.Dict):
+            observation = np.concatenate(list(observation.values()), axis=1)
+        normal = self._normaliser.normalize_obs(observation)
         action, state = self._model.predict(normal, deterministic=deterministic)
         return np.asarray(action, np.float32), state
 
 
-def load(name: str) -> Policy:
-    """The policy of that name or run folder.
+def load(name: str, env_id: str = LIFT) -> Policy:
+    """The policy of that name for an environment, or that of a run folder.
 
     Raises:
         ValueError: If there is neither.
     """
-    if name == "scripted":
-        return ScriptedGrasp()
+    if name == "scripted" and env_id in SCRIPTED:
+        return SCRIPTED[env_id]()
     if name == "random":
         return RandomPolicy()
     if (Path(name) / "run.json").is_file():
@@ -121,9 +137,9 @@ def evaluate(policy: Policy, env_id: str, episodes: int, **settings: Any) -> dic
     observation, _ = envs.reset(seed=FIRST_SEED)
     objects = [envs.look(row)["object"] for row in range(episodes)]  # type: ignore[attr-defined]
     returns, success = np.zeros(episodes), np.zeros(episodes, bool)
-    ended = np.zeros(episodes, bool)
+    ended, state = np.zeros(episodes, bool), None
     while not ended.all():
-        action, _ = policy.predict(observation, deterministic=True)
+        action, state = policy.predict(observation, state, deterministic=True)
         observation, reward, terminated, truncated, info = envs.step(action)
         returns += np.where(ended, 0.0, reward)
         over = (terminated | truncated) & ~ended
@@ -180,22 +196,28 @@ def main() -> None:
     """Parses the command line, evaluates, prints and writes."""
     parser = argparse.ArgumentParser(description="Evaluate a policy over fixed seeds.")
     parser.add_argument("--policy", required=True, help="scripted, random or a run's folder")
-    parser.add_argument("--env", default="ruffini/GraspLift-v0", help="environment id")
+    parser.add_argument("--env", default=LIFT, choices=sorted(SCRIPTED), help="environment id")
     parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument(
+        "--settings", type=json.loads, default={}, help="the environment's, as JSON"
+    )
     parser.add_argument("--json", type=Path, help="file to write the result to")
     arguments = parser.parse_args()
     if arguments.episodes < 1:
         parser.error(f"--episodes: found {arguments.episodes}, expected at least 1")
     try:
-        policy = load(arguments.policy)
+        policy = load(arguments.policy, arguments.env)
     except ValueError as error:
         parser.error(str(error))
-    result = evaluate(policy, arguments.env, arguments.episodes)
+    trained_with = policy.environment if isinstance(policy, TrainedPolicy) else {}
+    settings = trained_with | arguments.settings
+    result = evaluate(policy, arguments.env, arguments.episodes, **settings)
     print(line(Path(arguments.policy).name, result))
     for name, (good, of) in result["by_object"].items():
         print(f"  {name:<22} {good:4d} of {of}")
     if arguments.json:
-        document = {"policy": Path(arguments.policy).name} | result | about_this_run()
+        about = {"policy": Path(arguments.policy).name, "settings": settings}
+        document = about | result | about_this_run()
         arguments.json.write_text(json.dumps(document, indent=1) + "\n")
 
 

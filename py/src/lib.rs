@@ -18,7 +18,7 @@ use ruffini_core::{
     Error,
     env::{Autoreset, Setup, StepResult},
     scene::CATALOGUE,
-    task::{CHANNELS, Config, Ending, TACTILE_CHANNELS, TERMS},
+    task::{CHANNELS, Config, Ending, TACTILE_CHANNELS, Term},
 };
 
 use error::{PressError, SimulationError, python_error};
@@ -79,6 +79,12 @@ impl Batch {
         channels.iter().map(|(name, parts)| (*name, components(parts))).collect()
     }
 
+    /// Names of the reward's terms, in order.
+    fn reward_terms(&self) -> Vec<&'static str> {
+        let terms = self.inner.setup().config().task.terms();
+        terms.iter().map(|(term, _)| term.name()).collect()
+    }
+
     /// Starts episodes in the rows of `mask`, or in all, after reseeding the rows that have a seed.
     fn reset<'py>(
         &mut self,
@@ -118,13 +124,14 @@ impl Batch {
         };
         let failed = outcomes.iter().enumerate();
         let failed = failed.filter_map(|(i, o)| o.press_error.map(|kind| (i, kind))).collect();
-        let terms = PyArray1::from_iter(py, outcomes.iter().flat_map(|o| o.terms.values()));
+        let task = self.inner.setup().config().task;
+        let terms = PyArray1::from_iter(py, outcomes.iter().flat_map(|o| o.terms.values(task)));
         Ok((
             self.rows(py, observation)?,
             PyArray1::from_iter(py, outcomes.iter().map(|o| o.reward)),
             column(|o| o.terminated),
             column(|o| o.truncated),
-            terms.reshape([outcomes.len(), TERMS.len()])?,
+            terms.reshape([outcomes.len(), task.terms().len()])?,
             column(|o| o.is_success),
             PyArray1::from_iter(py, outcomes.iter().map(|o| o.ending.map_or(0, Ending::code))),
             finals.into_iter().map(|(i, last)| (i, PyArray1::from_vec(py, last))).collect(),
@@ -201,6 +208,14 @@ impl Batch {
         dict.set_item("size", draw.scale)?;
         dict.set_item("mass", draw.mass)?;
         dict.set_item("friction", draw.friction)?;
+        if let Some(limit) = draw.stress_limit {
+            dict.set_item("stress_limit", limit)?;
+        }
+        if let Some(shaking) = draw.shaking {
+            dict.set_item("load", shaking.load)?;
+            dict.set_item("shaking", shaking.amplitude)?;
+            dict.set_item("shaking_frequency", shaking.frequency)?;
+        }
         dict.set_item("object_position", pose.translation.vector.as_slice().to_vec())?;
         dict.set_item("object_quaternion", pose.rotation.coords.as_slice().to_vec())?;
         let tool = state.wrist.pose.translation.vector;
@@ -246,7 +261,7 @@ mod _core {
 
     use super::{
         Bound, CATALOGUE, CHANNELS, Ending, PyModule, PyModuleMethods, PyResult, TACTILE_CHANNELS,
-        TERMS,
+        Term,
     };
 
     #[pymodule_init]
@@ -254,7 +269,7 @@ mod _core {
         module.add("OBJECTS", CATALOGUE.to_vec())?;
         module.add("CHANNELS", CHANNELS.to_vec())?;
         module.add("TACTILE_CHANNELS", TACTILE_CHANNELS.to_vec())?;
-        module.add("REWARD_TERMS", TERMS.to_vec())?;
+        module.add("REWARD_TERMS", Term::ALL.map(Term::name).to_vec())?;
         module.add("ENDINGS", Ending::ALL.map(Ending::name).to_vec())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }

@@ -16,3 +16,4 @@ mod nodal;
 mod objects;
 mod peer;
 mod tactile;
+mod tasks;

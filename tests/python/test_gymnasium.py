@@ -30,7 +30,10 @@ def test_observations_stay_in_their_space(env_id, choice):
     observation, _ = env.reset(seed=3)
     for action in actions(1, 100)[:, 0]:
         assert observation in env.observation_space, observation
-        observation, *_ = env.step(action)
+        observation, _, terminated, truncated, _ = env.step(action)
+        if terminated or truncated:
+            assert observation in env.observation_space, observation
+            observation, _ = env.reset()
 
 
 @pytest.mark.parametrize("limit", [7, 150])

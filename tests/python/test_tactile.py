@@ -199,6 +199,30 @@ def test_the_plan_shows_the_stages_that_are_asked_for():
     ]
 
 
+def test_a_picture_shows_stress_beside_the_scene_and_changes_nothing():
+    size = {"render_mode": "rgb_array", "width": 320, "height": 240}
+    env = GraspLiftEnv(**{**OVER_OBJECT, "observation": "markers"}, **size)
+    env.reset(seed=1)
+    corner = (slice(0, 100), slice(-100, None))
+    untouched = env.render()[corner]
+    for step in range(20):
+        env.step(grasping(step, 0.2))
+    before = env.state()
+    env.plan(forget=True)
+    picture = env.render()
+    assert env.state() == before
+    # The picture's own answer is no part of what a step costs.
+    assert all(runs == 0 for _, runs, _ in env.plan())
+    # Without touch there is sky in the corner; with it a dark patch on a light pad.
+    assert untouched.min() > 200
+    assert (picture[corner].min(axis=2) < 120).mean() > 0.02
+    blind = GraspLiftEnv(**{**OVER_OBJECT, "tactile": "none"}, **size)
+    blind.reset(seed=1)
+    for step in range(20):
+        blind.step(grasping(step, 0.2))
+    assert blind.render()[corner].min() > 200
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -1,23 +1,20 @@
 //! Many rows stepped together, on the threads of this process.
 
-use std::{
-    mem,
-    panic::{AssertUnwindSafe, catch_unwind},
-    process,
-    sync::Arc,
-};
+use std::{mem, process, sync::Arc};
 
 use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
 
 use super::{
     Outcome, Row, Setup, Stage,
+    answers::answers,
     plan::{Costs, MODEL},
     snapshot,
+    touch::PerFinger,
 };
 use crate::{
     Error, Result,
-    deformation::{Deformation, DeformationModel, Press, Wanted},
-    render::SceneRenderer,
+    deformation::{Deformation, Wanted},
+    render::{SceneRenderer, TouchView},
     tactile,
     task::ACTION_SIZE,
 };
@@ -32,6 +29,10 @@ pub enum Autoreset {
     /// Never: the caller resets rows by mask.
     Disabled,
 }
+
+/// Stress of the darkest colour in a picture, in Young's moduli, where no limit is set: that of a
+/// small ball pressed with some 8 N.
+const DARKEST: f64 = 0.3;
 
 /// N rows with shared settings.
 pub struct Batch {
@@ -126,11 +127,11 @@ impl Batch {
             }
         }
         let setup = self.setup.clone();
-        self.each(|i, row, observation| {
-            if mask.is_none_or(|mask| mask[i]) { row.reset(&setup, observation) } else { Ok(()) }
-        })?
-        .into_iter()
-        .collect::<Result<()>>()?;
+        let chosen = |i: usize| mask.is_none_or(|mask| mask[i]);
+        let reset = self.each(|i, row, _| if chosen(i) { row.reset(&setup) } else { Ok(()) })?;
+        reset.into_iter().collect::<Result<()>>()?;
+        self.feel();
+        self.each(|_, row, observation| row.open(&setup, observation))?;
         Ok(self.observation.clone())
     }
 
@@ -147,22 +148,27 @@ impl Batch {
         }
         self.expect_started()?;
         let (setup, autoreset) = (self.setup.clone(), self.autoreset);
-        let begun = self.each(|i, row, observation| {
-            begin_step(&setup, autoreset, row, &actions[i], observation)
-        })?;
+        let begun = self.each(|i, row, _| begin_step(&setup, autoreset, row, &actions[i]))?;
         let begun = begun.into_iter().collect::<Result<Vec<_>>>()?;
         self.feel();
         let steps = self.each(|i, row, observation| match begun[i] {
-            Begun::Reset => Ok((Outcome::default(), None)),
+            Begun::Reset => {
+                row.open(&setup, observation);
+                Ok((Outcome::default(), None))
+            }
             Begun::Step => end_step(&setup, autoreset, row, observation),
         })?;
-        let mut result = StepResult { observation: self.observation.clone(), ..Default::default() };
+        let mut result = StepResult::default();
         for (i, step) in steps.into_iter().enumerate() {
             let (outcome, last) = step?;
             result.outcomes.push(outcome);
             result.finals.extend(last.map(|last| (i, last)));
         }
-        Ok(result)
+        if !result.finals.is_empty() {
+            self.feel();
+            self.each(|_, row, observation| row.open(&setup, observation))?;
+        }
+        Ok(StepResult { observation: self.observation.clone(), ..result })
     }
 
     /// Has the presses of all rows answered in one call.
@@ -179,10 +185,7 @@ impl Batch {
             return;
         }
         let wanted = self.setup.wanted();
-        let solve = || match &self.pool {
-            Some((_, pool)) => pool.install(|| answers(model, &presses, wanted)),
-            None => answers(model, &presses, wanted),
-        };
+        let solve = || answers(model, &presses, wanted, self.pool.as_ref().map(|(_, pool)| pool));
         let answers = self.costs.time_all(MODEL, presses.len() as u64, solve);
         for ((i, finger), answer) in from.into_iter().zip(answers) {
             self.rows[i].answer(finger, answer);
@@ -211,14 +214,36 @@ impl Batch {
         let Some((state, draw)) = state else {
             return Err(Error::invalid("render", format!("row {row}"), "a row that was reset"));
         };
-        let shape = self.setup.models()[draw.object].shape().scaled(draw.scale);
+        let setup = self.setup.clone();
+        let felt = self.felt_by(row)?;
+        let touch = setup.touch().map(|touch| TouchView {
+            shell: touch.skin().shell(),
+            fingers: felt.each_ref().map(Option::as_ref),
+            darkest: draw.stress_limit.unwrap_or(DARKEST * touch.skin().young()),
+        });
+        let shape = setup.models()[draw.object].shape().scaled(draw.scale);
         let mut renderer = match self.renderer.take() {
             Some(renderer) if renderer.size() == (width, height) => renderer,
             _ => SceneRenderer::new(width, height)?,
         };
-        let picture = renderer.draw(&state, &shape);
+        let picture = renderer.draw(&state, &shape, touch.as_ref());
         self.renderer = Some(renderer);
         picture
+    }
+
+    /// What the fingers of a row feel, answered anew for a picture; none where nothing touches or there
+    /// is no answer. The row goes on as if it had not been asked.
+    fn felt_by(&mut self, row: usize) -> Result<PerFinger<Deformation>> {
+        self.start_threads()?;
+        let mut felt = [None, None];
+        let Some(mut model) = self.model.clone() else { return Ok(felt) };
+        let wanted = Wanted { stress: true, residual: false };
+        for (felt, press) in felt.iter_mut().zip(self.rows[row].touch_again(&self.setup)?) {
+            let pool = self.pool.as_ref().map(|(_, pool)| pool);
+            let answers = answers(&mut model, press.as_slice(), wanted, pool);
+            *felt = answers.into_iter().find_map(Result::ok);
+        }
+        Ok(felt)
     }
 
     /// Every row as bytes.
@@ -310,10 +335,9 @@ fn begin_step(
     autoreset: Autoreset,
     row: &mut Row,
     action: &[f32; ACTION_SIZE],
-    observation: &mut [f32],
 ) -> Result<Begun> {
     if autoreset == Autoreset::NextStep && row.needs_reset() {
-        row.reset(setup, observation)?;
+        row.reset(setup)?;
         return Ok(Begun::Reset);
     }
     row.advance(setup, action);
@@ -333,21 +357,6 @@ fn end_step(
     if autoreset != Autoreset::SameStep || !row.needs_reset() {
         return Ok((outcome, None));
     }
-    let last = observation.to_vec();
-    row.reset(setup, observation)?;
-    Ok((outcome, Some(last)))
-}
-
-/// What `model` answers to `presses`. A panic in one of them is that one's error.
-fn answers(
-    model: &mut tactile::Model,
-    presses: &[Press],
-    wanted: Wanted,
-) -> Vec<Result<Deformation>> {
-    let mut solve = |presses| catch_unwind(AssertUnwindSafe(|| model.feel(presses, wanted)));
-    solve(presses).unwrap_or_else(|_| {
-        let mut alone =
-            |press| solve(std::slice::from_ref(press)).ok().and_then(|mut one| one.pop());
-        presses.iter().map(|press| alone(press).unwrap_or(Err(Error::Panicked))).collect()
-    })
+    row.reset(setup)?;
+    Ok((outcome, Some(observation.to_vec())))
 }

@@ -4,15 +4,18 @@
 //! not on the other rows, their number, or the number of threads. A step has three phases: every row
 //! moves its rigid world, one call answers the presses of all fingers, every row observes.
 
+mod answers;
 mod batch;
+mod episode;
 mod plan;
 mod row;
 mod snapshot;
 mod touch;
 
 pub use batch::{Autoreset, Batch, StepResult};
+pub use episode::Outcome;
 pub use plan::Stage;
-pub use row::{Outcome, Row};
+pub use row::Row;
 
 use crate::{
     Result,
@@ -59,10 +62,11 @@ impl Setup {
         &self.models
     }
 
-    /// What must be known of each answer for the observation.
+    /// What must be known of each answer for the observation and the task.
     pub fn wanted(&self) -> Wanted {
         let channels = self.layout.channels().iter().filter_map(|(name, _)| Channel::named(name));
-        channels.map(Channel::wants).fold(Wanted::default(), |all, more| Wanted {
+        let task = Wanted { stress: self.config.stress_limit.is_some(), residual: false };
+        channels.map(Channel::wants).fold(task, |all, more| Wanted {
             stress: all.stress || more.stress,
             residual: all.residual || more.residual,
         })

@@ -25,8 +25,10 @@ pub(super) const MODEL: usize = 2;
 pub(super) const CORRECTION: usize = 3;
 /// Terms of the reward.
 pub(super) const REWARD: usize = 4;
+/// Finding the highest stress in the pads.
+pub(super) const PEAK: usize = 5;
 /// The first channel of the observation; the others follow.
-pub(super) const CHANNEL: usize = 5;
+pub(super) const CHANNEL: usize = 6;
 
 /// Time spent so far, by stage.
 #[derive(Clone, Debug, Default)]
@@ -81,6 +83,9 @@ impl Costs {
             plan.push(stage(PRESS, "press".into()));
             plan.push(stage(MODEL, format!("model {}", touch.model().name())));
             plan.push(stage(CORRECTION, "correction".into()));
+        }
+        if setup.config().stress_limit.is_some() {
+            plan.push(stage(PEAK, "peak stress".into()));
         }
         let channels = setup.layout().channels().iter().enumerate();
         plan.extend(channels.map(|(i, (name, _))| stage(CHANNEL + i, format!("channel {name}"))));

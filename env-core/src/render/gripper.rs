@@ -64,6 +64,14 @@ impl GripperParts {
     /// The eight items of a gripper with its tool frame at `tool`, the pad faces at x =
     /// −`jaws[0]` and x = `jaws[1]` (m).
     pub fn items(&self, tool: &Isometry3<f64>, jaws: [f64; 2]) -> Vec<Item<'_>> {
+        let mut items = self.rigid_items(tool, jaws);
+        let color = Color::srgb(240, 122, 72);
+        items.extend(finger_frames(tool, jaws).map(|frame| Item::new(&self.pad, frame, color)));
+        items
+    }
+
+    /// The items of such a gripper without its two pads.
+    pub fn rigid_items(&self, tool: &Isometry3<f64>, jaws: [f64; 2]) -> Vec<Item<'_>> {
         let shell = Color::srgb(212, 215, 220);
         let dark = Color::srgb(62, 68, 77);
         let mut items = vec![
@@ -75,7 +83,6 @@ impl GripperParts {
                 Item::new(&self.finger, frame, Color::srgb(168, 175, 184))
                     .with_finish(Finish::Metal),
                 Item::new(&self.holder, frame, dark),
-                Item::new(&self.pad, frame, Color::srgb(240, 122, 72)),
             ]);
         }
         items

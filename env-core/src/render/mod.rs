@@ -17,6 +17,7 @@ mod renderer;
 mod scene;
 mod shade;
 mod shadow;
+mod touch;
 
 pub use camera::Camera;
 pub use gripper::{GripperParts, table};
@@ -24,3 +25,4 @@ pub use mesh::RenderMesh;
 pub use renderer::{Item, Renderer};
 pub use scene::SceneRenderer;
 pub use shade::{Color, Finish};
+pub use touch::TouchView;

@@ -1,8 +1,11 @@
-//! The picture of a rigid scene: gripper, object and table.
+//! The picture of a scene: gripper, object and table, and what the pads feel.
 
 use nalgebra::Isometry3;
 
-use super::{Camera, Color, Finish, GripperParts, Item, RenderMesh, Renderer, table};
+use super::{
+    Camera, Color, Finish, GripperParts, Item, RenderMesh, Renderer, TouchView, table,
+    touch::{Inset, TouchedPad},
+};
 use crate::{Error, Result, geometry::Shape, scene::SceneState};
 
 /// Edges round a circle in a picture.
@@ -16,6 +19,8 @@ pub struct SceneRenderer {
     table: RenderMesh,
     /// The object drawn last, with its shape: most frames show it again.
     object: Option<(Shape, RenderMesh)>,
+    /// There once a picture has shown touch and has room for it.
+    inset: Option<Inset>,
 }
 
 impl SceneRenderer {
@@ -27,6 +32,7 @@ impl SceneRenderer {
             gripper: GripperParts::default(),
             table: table(),
             object: None,
+            inset: None,
         })
     }
 
@@ -35,8 +41,15 @@ impl SceneRenderer {
         self.renderer.size()
     }
 
-    /// The picture (height, width, 3), sRGB, of a scene with an object of `shape`.
-    pub fn draw(&mut self, state: &SceneState, shape: &Shape) -> Result<Vec<u8>> {
+    /// The picture (height, width, 3), sRGB, of a scene with an object of `shape`. With a view of
+    /// `touch`, pads have their true form and are coloured by stress, and where one touches, an inset
+    /// shows it from the object's side.
+    pub fn draw(
+        &mut self,
+        state: &SceneState,
+        shape: &Shape,
+        touch: Option<&TouchView>,
+    ) -> Result<Vec<u8>> {
         if self.object.as_ref().is_none_or(|(known, _)| known != shape) {
             let surface = shape.surface(SEGMENTS).ok_or_else(|| {
                 Error::invalid("object", format!("{shape:?}"), "a shape of finite size")
@@ -50,7 +63,21 @@ impl SceneRenderer {
             items.push(object.with_finish(Finish::Glossy));
         }
         let jaws = [0, 1].map(|k| state.fingers[k].position);
-        items.extend(self.gripper.items(&state.wrist.pose, jaws));
-        self.renderer.draw(&self.camera, &items)
+        let Some(touch) = touch else {
+            items.extend(self.gripper.items(&state.wrist.pose, jaws));
+            return self.renderer.draw(&self.camera, &items);
+        };
+        let pads = TouchedPad::both(touch)?;
+        items.extend(self.gripper.rigid_items(&state.wrist.pose, jaws));
+        items.extend(pads.iter().zip(&state.fingers).map(|(pad, finger)| pad.item(finger.pad)));
+        let mut picture = self.renderer.draw(&self.camera, &items)?;
+        let (width, height) = self.renderer.size();
+        if self.inset.is_none() {
+            self.inset = Inset::new(width, height)?;
+        }
+        if let Some(inset) = &mut self.inset {
+            inset.draw(&pads, &mut picture, width)?;
+        }
+        Ok(picture)
     }
 }

@@ -53,6 +53,11 @@ impl Color {
         }))
     }
 
+    /// The sRGB bytes that show this colour on a screen.
+    pub(super) fn bytes(self) -> [u8; 3] {
+        self.0.map(encode)
+    }
+
     fn vector(self) -> Vector3<f32> {
         self.0.into()
     }

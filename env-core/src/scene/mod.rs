@@ -16,6 +16,7 @@ mod config;
 mod contact;
 mod field;
 mod gripper;
+mod held;
 mod state;
 mod units;
 mod world;

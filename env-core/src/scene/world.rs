@@ -93,17 +93,25 @@ impl Scene {
 
     /// Holds `command` for one control period. A scene that has failed stays as it is.
     pub fn step(&mut self, command: &Command) {
-        for _ in 0..self.config.physics.steps() {
-            self.advance_to(self.wrist.toward(command, &self.config), command.grip);
+        self.step_under(command, |_| Vector3::zeros());
+    }
+
+    /// [`Scene::step`] while a `force` (N), which depends on the time since its beginning (s), acts on
+    /// the object's centre of mass.
+    pub fn step_under(&mut self, command: &Command, force: impl Fn(f64) -> Vector3<f64>) {
+        for step in 0..self.config.physics.steps() {
+            let force = force(step as f64 * self.config.physics.time_step);
+            self.advance_to(self.wrist.toward(command, &self.config), command.grip, force);
         }
     }
 
     /// One Rapier step in which the wrist moves to `target` (m) under a grip force (N).
     pub fn advance(&mut self, target: &Isometry3<f64>, grip: f64) {
-        self.advance_to(self.wrist.moved_to(target, self.config.physics.time_step), grip);
+        let wrist = self.wrist.moved_to(target, self.config.physics.time_step);
+        self.advance_to(wrist, grip, Vector3::zeros());
     }
 
-    fn advance_to(&mut self, wrist: Wrist, grip: f64) {
+    fn advance_to(&mut self, wrist: Wrist, grip: f64, force: Vector3<f64>) {
         if self.failure.is_some() {
             return;
         }
@@ -115,11 +123,13 @@ impl Scene {
         let gripper = &self.config.gripper;
         self.hand.drive(&mut self.world, gripper, grip);
         if let Some(bed) = &mut self.bed {
-            let time = self.config.physics.time_step;
-            let step =
-                Step { time, gravity: self.gravity, wrist: [self.wrist.pose, wrist.pose], grip };
+            let (time, gravity) = (self.config.physics.time_step, self.gravity);
+            let step = Step { time, gravity, force, wrist: [self.wrist.pose, wrist.pose], grip };
             bed.apply(&mut self.world, &self.hand, self.object, gripper, &step);
+        } else {
+            self.world.bodies[self.object].reset_forces(false);
         }
+        self.world.bodies[self.object].add_force(units::vector(&force), false);
         self.world.step();
         self.wrist = wrist;
         if !self.world.quarantine().is_empty() || !self.is_finite() {

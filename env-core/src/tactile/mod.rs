@@ -11,6 +11,7 @@ mod config;
 mod depth;
 mod finger;
 mod model;
+mod shell;
 mod skin;
 mod traction;
 
@@ -18,4 +19,5 @@ pub use channel::{Channel, Spec};
 pub use config::{Choice, Config, Material, Resolution};
 pub use finger::Finger;
 pub use model::{Model, Touch};
+pub use shell::Shell;
 pub use skin::{Feeling, Skin};

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Resolution, depth};
+use super::{Resolution, Shell, depth};
 use crate::{
     Error, Result,
     deformation::{Deformation, Moduli, SoftBody},
@@ -25,6 +25,14 @@ pub struct Feeling<'a> {
     pub skin: &'a Skin,
     /// What became of the pad on −x and of the one on +x; none without contact.
     pub fingers: [Option<&'a Deformation>; 2],
+}
+
+impl Feeling<'_> {
+    /// Highest von Mises stress in any tetrahedron of both pads (Pa), 0 without contact.
+    pub fn peak_stress(&self) -> f64 {
+        let stresses = self.fingers.iter().flatten().flat_map(|felt| &felt.von_mises);
+        stresses.copied().fold(0.0, f64::max)
+    }
 }
 
 /// The surface of a pad at rest, made ready once.
@@ -47,6 +55,8 @@ pub struct Skin {
     reach: Vec<(u32, f64)>,
     /// Distance of the farthest point of the surface from the apex (m), or a bit more.
     radius: f64,
+    /// The whole surface, for a picture.
+    shell: Shell,
     /// Markers (M).
     pub(super) markers: Vec<Site>,
     /// Tetrahedra that share in the stress of each cell (G), with weights that sum to 1.
@@ -124,6 +134,7 @@ impl Skin {
             find("camera", [camera.centre(0, corner[0]), camera.centre(1, corner[1])])?;
         }
         let mut skin = Self {
+            shell: Shell::new(&places, &boundary, &shares),
             tets: pad.mesh.tets.len(),
             thickness: outline.thickness,
             moduli: body.moduli()[0],
@@ -141,6 +152,16 @@ impl Skin {
         };
         skin.rest_depth = depth::heights(&skin, None);
         Ok(skin)
+    }
+
+    /// Young's modulus of the gel (Pa).
+    pub fn young(&self) -> f64 {
+        self.moduli.young
+    }
+
+    /// The whole surface, for a picture.
+    pub fn shell(&self) -> &Shell {
+        &self.shell
     }
 
     /// Nodes of the surface at rest that the displacement channel lists (S) in m.

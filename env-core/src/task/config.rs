@@ -1,8 +1,8 @@
-//! Settings of the grasp task, as they come from Python.
+//! Settings of a task, as they come from Python.
 
 use serde::{Deserialize, Serialize};
 
-use super::{Layout, ObjectSpec, Weights};
+use super::{Holding, Layout, ObjectSpec, Task, Weights};
 use crate::{
     Error, Result,
     scene::{Gripper, Object, ObjectModel, SceneConfig, SoftPads, Workspace},
@@ -12,10 +12,12 @@ use crate::{
 /// Lower and upper end of a uniform draw.
 pub type Range = [f64; 2];
 
-/// Everything that defines the task. Unknown names are errors.
+/// Everything that defines an environment. Unknown names are errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
+    /// What is to be done.
+    pub task: Task,
     /// Gripper, workspace and solver.
     pub scene: SceneConfig,
     /// Objects to draw from, each as likely as the next.
@@ -38,6 +40,10 @@ pub struct Config {
     pub lift_height: f64,
     /// Time for which the lifted object must stay held (s).
     pub hold_time: f64,
+    /// Stress in the pads that ends an episode (Pa): of GraspFragile, and of no other task.
+    pub stress_limit: Option<Range>,
+    /// Start and disturbance of a held object: of HoldStill, and of no other task.
+    pub holding: Option<Holding>,
     /// Control steps after which an episode is truncated.
     pub max_episode_steps: u32,
     /// Which model answers what the fingers feel.
@@ -55,11 +61,13 @@ pub struct Config {
 }
 
 impl Default for Config {
+    /// GraspLift.
     fn default() -> Self {
         let objects =
             ["sphere", "cuboid", "cylinder", "prism", "annulus", "ellipsoid", "cup", "potato"];
         let touch = tactile::Config::default();
         Self {
+            task: Task::GraspLift,
             scene: SceneConfig::default(),
             objects: objects.map(|name| ObjectSpec::Name(name.into())).into(),
             mass: [0.02, 0.2],
@@ -71,30 +79,53 @@ impl Default for Config {
             start_height: [0.08, 0.12],
             lift_height: 0.08,
             hold_time: 0.5,
+            stress_limit: None,
+            holding: None,
             max_episode_steps: 100,
             tactile: touch.choice,
             sensor: touch.sensor,
             material: touch.material,
             resolution: touch.resolution,
             observation: None,
-            reward: Weights::default(),
+            reward: Weights::of(Task::GraspLift),
         }
     }
 }
 
+/// Largest grip force of the tasks in which little force counts (N): actions are shares of it.
+const LIGHT_GRIP: f64 = 10.0;
+/// Centring stiffness of fingers that close gently (N/m): the usual one drives a finger under 1 N to
+/// several times its closing speed.
+const LIGHT_CENTERING: f64 = 1e3;
+
 impl Config {
-    /// Settings from JSON; an error names the setting, what was found and what was expected.
-    pub fn from_json(json: &str) -> Result<Self> {
-        let deserializer = &mut serde_json::Deserializer::from_str(json);
-        let config: Self = serde_path_to_error::deserialize(deserializer).map_err(|error| {
-            let path = error.path().to_string();
-            let name = if path == "." { "settings".to_owned() } else { path };
-            let reason = error.into_inner().to_string();
-            let reason = reason.split(" at line ").next().unwrap_or_default().to_owned();
-            Error::Setting { name, reason }
-        })?;
-        config.validate()?;
-        Ok(config)
+    /// The usual settings of `task`.
+    pub fn of(task: Task) -> Self {
+        let mut config = Self { task, reward: Weights::of(task), ..Self::default() };
+        if task == Task::GraspLift {
+            return config;
+        }
+        config.scene.gripper.max_force = LIGHT_GRIP;
+        let objects = match task {
+            // Nothing that meets a pad with an edge only.
+            Task::GraspLift | Task::GraspFragile => {
+                &["sphere", "cuboid", "cylinder", "prism", "ellipsoid"][..]
+            }
+            // Nothing that turns between two points either, which rigid pads cannot prevent.
+            Task::HoldStill => &["sphere", "cuboid", "cylinder", "prism"],
+        };
+        config.objects = objects.iter().map(|&name| ObjectSpec::Name(name.into())).collect();
+        match task {
+            Task::GraspLift => {}
+            Task::GraspFragile => {
+                config.scene.gripper.centering_stiffness = LIGHT_CENTERING;
+                config.mass = [0.02, 0.1];
+                config.stress_limit = Some([6e4, 1.2e5]);
+                config.tactile = Choice::Surrogate;
+            }
+            Task::HoldStill => config.holding = Some(Holding::default()),
+        }
+        config
     }
 
     /// What is set about touch.
@@ -103,13 +134,11 @@ impl Config {
         tactile::Config { choice, sensor, material, resolution }
     }
 
-    /// Names of the observation's channels: body and object, and the markers of fingers that feel,
-    /// where nothing else is asked for.
+    /// Names of the observation's channels: the task's usual ones where nothing else is asked for.
     pub fn channels(&self) -> Vec<&str> {
         match &self.observation {
             Some(names) => names.iter().map(String::as_str).collect(),
-            None if self.tactile == Choice::None => vec!["proprio", "object"],
-            None => vec!["proprio", "object", "markers"],
+            None => self.task.usual_channels(self.tactile != Choice::None).into(),
         }
     }
 
@@ -174,8 +203,31 @@ impl Config {
             return Err(Error::invalid("objects", self.objects.len(), "1 to 1000 objects"));
         }
         self.touch().validate()?;
+        self.validate_task()?;
         Layout::check(self)?;
-        self.reward.validate()
+        self.reward.validate(self.task)
+    }
+
+    /// An error that names the first setting that the task lacks, or has no use for.
+    fn validate_task(&self) -> Result<()> {
+        let (task, tactile) = (self.task, self.tactile);
+        if task == Task::GraspFragile && tactile == Choice::None {
+            let expected =
+                "surrogate, compliance or fem: GraspFragile limits the stress in the pads";
+            return Err(Error::invalid("tactile", "none", expected));
+        }
+        belongs("stress_limit", self.stress_limit.as_ref(), task, Task::GraspFragile)?;
+        belongs("holding", self.holding.as_ref(), task, Task::HoldStill)?;
+        if let Some(limit) = self.stress_limit {
+            ordered("stress_limit", limit, 1.0, 1e9)?;
+        }
+        let Some(holding) = &self.holding else { return Ok(()) };
+        let most = self.scene.gripper.max_force;
+        ordered("start_grip", [holding.start_grip; 2], 0.01, most)?;
+        ordered("load", holding.load, 0.0, 1e3)?;
+        ordered("shaking", holding.shaking, 0.0, 1e3)?;
+        ordered("shaking_frequency", holding.frequency, 0.0, 0.5 / self.scene.physics.time_step)?;
+        ordered("slip_limit", [holding.slip_limit; 2], 1e-5, 0.02)
     }
 
     /// The objects ready for the scene, checked at both ends of their ranges.
@@ -192,10 +244,13 @@ impl Config {
         Ok(models)
     }
 
-    /// Some side of the object must pass between the open pads.
+    /// Some side of the object must pass between the open pads; of a held one, a horizontal side.
     fn fits(&self, spec: &ObjectSpec, model: &ObjectModel) -> Result<()> {
         let (low, high) = model.surface().bounds();
-        let narrow = (high - low).min() * self.size[1];
+        let narrow = match self.task {
+            Task::HoldStill => model.width_in_hand(self.size[1]),
+            Task::GraspLift | Task::GraspFragile => (high - low).min() * self.size[1],
+        };
         let opening = self.scene.gripper.max_opening;
         if narrow < opening {
             return Ok(());
@@ -207,6 +262,20 @@ impl Config {
 
 /// Room that is left under the pads where the workspace is not set (m).
 const CLEARANCE: f64 = 1e-3;
+
+/// An error if a setting of the task `owner` is missing there or given elsewhere.
+fn belongs<T: Serialize>(name: &str, value: Option<&T>, task: Task, owner: Task) -> Result<()> {
+    match value {
+        None if task == owner => {
+            Err(Error::invalid(name, "none", format!("a value: {}", owner.name())))
+        }
+        Some(_) if task != owner => {
+            let expected = format!("nothing: {} has no such setting", task.name());
+            Err(Error::invalid(name, serde_json::json!(value), expected))
+        }
+        _ => Ok(()),
+    }
+}
 
 fn ordered(name: &str, range: Range, low: f64, high: f64) -> Result<()> {
     let [from, to] = range;

@@ -2,15 +2,24 @@
 
 mod action;
 mod config;
+mod ending;
+mod holding;
+mod json;
+mod kind;
 mod objects;
 mod observation;
+mod progress;
 mod reward;
 
 pub use action::{ACTION_SIZE, command};
 pub use config::{Config, Range};
+pub use ending::Ending;
+pub use holding::{Holding, Shaking};
+pub use kind::Task;
 pub use objects::ObjectSpec;
 pub use observation::{CHANNELS, Component, Layout, TACTILE_CHANNELS};
-pub use reward::{Progress, RewardTerms, TERMS, Weights};
+pub use progress::Progress;
+pub use reward::{RewardTerms, Term, Weights};
 
 use crate::{scene::SceneState, tactile::Feeling};
 
@@ -29,6 +38,10 @@ pub struct Draw {
     pub half_extents: [f64; 3],
     /// Height of the object's frame when it rests on the table (m).
     pub rest_height: f64,
+    /// Stress in the pads that ends the episode (Pa), where there is such a limit.
+    pub stress_limit: Option<f64>,
+    /// What shakes the object, where something does.
+    pub shaking: Option<Shaking>,
 }
 
 /// Everything that observation and reward are functions of.
@@ -44,6 +57,8 @@ pub struct Moment<'a> {
     pub time: f64,
     /// What the fingers feel, if they do.
     pub feeling: Option<Feeling<'a>>,
+    /// Highest von Mises stress in the pads (Pa), where the task asks for it; 0 without contact.
+    pub peak_stress: f64,
 }
 
 impl Moment<'_> {
@@ -51,52 +66,14 @@ impl Moment<'_> {
     pub fn rise(&self) -> f64 {
         self.state.object.pose.translation.z - self.draw.rest_height
     }
-}
 
-/// Why an episode ended before its time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub enum Ending {
-    /// The object left the table or the workspace.
-    ObjectLost,
-    /// A pose or velocity became infinite or not a number.
-    NonFinite,
-    /// A quantity left the range that its observation declares.
-    OutOfRange,
-    /// The rigid-body engine stopped on an internal error.
-    EngineError,
-    /// No model's answer to what presses a finger.
-    PressFailed,
-}
-
-impl Ending {
-    /// Every ending, in the order of [`Ending::code`].
-    pub const ALL: [Self; 5] =
-        [Self::ObjectLost, Self::NonFinite, Self::OutOfRange, Self::EngineError, Self::PressFailed];
-
-    /// Name in `info["ending"]`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::ObjectLost => "object_lost",
-            Self::NonFinite => "non_finite",
-            Self::OutOfRange => "out_of_range",
-            Self::EngineError => "engine_error",
-            Self::PressFailed => "press_failed",
-        }
+    /// Whether both pads press on the object.
+    pub fn both_touch(&self) -> bool {
+        self.state.fingers.iter().all(|finger| finger.normal_force() > 0.0)
     }
 
-    /// Number from 1; 0 stands for none.
-    pub fn code(self) -> u8 {
-        self as u8 + 1
-    }
-
-    /// Whether and why the state ends the episode.
-    pub fn of(state: &SceneState) -> Option<Self> {
-        /// Half of the table's edge (m).
-        const TABLE: f64 = 0.5;
-        if state.failure.is_some() {
-            return Some(Self::NonFinite);
-        }
-        let p = state.object.pose.translation.vector;
-        (p.z < -0.05 || p.z > 1.0 || p.xy().amax() > TABLE).then_some(Self::ObjectLost)
+    /// Whether a pad presses on the object.
+    pub fn any_touches(&self) -> bool {
+        self.state.fingers.iter().any(|finger| finger.normal_force() > 0.0)
     }
 }

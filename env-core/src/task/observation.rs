@@ -62,7 +62,7 @@ impl Layout {
     /// Names of the configured channels; an unknown, repeated or missing one is an error.
     pub(super) fn check(config: &Config) -> Result<Vec<&'static str>> {
         let tactile = if config.tactile == Choice::None { &[][..] } else { &TACTILE_CHANNELS };
-        let known = [&CHANNELS, tactile].concat();
+        let known = [&CHANNELS, config.task.channels(), tactile].concat();
         let invalid = |found: &str| {
             let hint =
                 if TACTILE_CHANNELS.contains(&found) { "; set tactile for more" } else { "" };
@@ -119,6 +119,7 @@ impl Layout {
             ("object", _) => object(moment, &mut writer),
             ("wrench", _) => moment.state.fingers.iter().for_each(|f| writer.wrench(&f.wrench)),
             ("properties", _) => properties(moment, &mut writer),
+            ("limit", _) => writer.push(moment.draw.stress_limit.unwrap_or_default()),
             _ => writer.push(moment.time),
         }
         debug_assert_eq!(writer.at, size, "{name} writes what the table declares");
@@ -199,6 +200,10 @@ fn components(channel: &str, config: &Config) -> Vec<Component> {
             between("friction coefficient", 1, 0.0, 10.01, ""),
             between("half of the bounding box's edges", 3, 0.0, 10.0, "m"),
         ],
+        "limit" => {
+            let [low, high] = config.stress_limit.unwrap_or_default();
+            vec![between("stress in the pads that ends the episode", 1, low, high, "Pa")]
+        }
         _ => vec![between("time since the start of the episode", 1, 0.0, 1.1e6, "s")],
     }
 }

@@ -1,121 +1,155 @@
 //! The reward: a weighted mean of named terms, each in [0, 1].
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
-use super::{Config, Moment};
+use super::{Config, Moment, Progress, Task};
 use crate::{Error, Result};
 
-/// Names of the terms, in the order of [`RewardTerms`].
-pub const TERMS: [&str; 5] = ["reach", "grasp", "lift", "hold", "effort"];
-
-/// The terms of one step, each in [0, 1].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct RewardTerms {
+/// A term of the reward. What 1 and 0 stand for is said at each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Term {
     /// 1 at the object's middle, 1/4 at 10 cm from it.
-    pub reach: f64,
+    Reach,
     /// 1 when both pads press with 1 N or more.
-    pub grasp: f64,
+    Grasp,
+    /// 1 when both pads touch the object, however lightly.
+    Touch,
     /// Rise of the grasped object over the wanted rise.
-    pub lift: f64,
+    Lift,
     /// Time for which it has stayed lifted over the wanted time.
-    pub hold: f64,
+    Hold,
     /// 1 without grip force, 0 at the largest.
-    pub effort: f64,
-}
-
-/// Relative weights of the terms.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-#[allow(missing_docs)] // Named like the terms.
-pub struct Weights {
-    pub reach: f64,
-    pub grasp: f64,
-    pub lift: f64,
-    pub hold: f64,
-    pub effort: f64,
-}
-
-impl Default for Weights {
-    fn default() -> Self {
-        Self { reach: 0.2, grasp: 0.2, lift: 0.3, hold: 0.25, effort: 0.05 }
-    }
-}
-
-/// How long the object has been up without a break (control steps).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Progress {
-    held: u32,
+    Effort,
+    /// 1 without stress in the pads, 0 at the episode's limit.
+    Gentle,
+    /// 1 where the object was in the hand at the start, 0 at the largest slip that counts as still.
+    Still,
 }
 
 /// Normal force of a firm pad (N).
 const FIRM: f64 = 1.0;
-/// Share of the wanted rise that counts as lifted.
-const LIFTED: f64 = 0.95;
+/// Distance over which reaching matters (m); tanh of 10 cm over it is 3/4.
+const NEAR: f64 = 0.103;
 
-impl Progress {
-    /// Counts one more step, and whether the object is up.
-    pub fn advance(&mut self, moment: &Moment, config: &Config) {
-        let lifted = moment.rise() >= LIFTED * config.lift_height && both_touch(moment);
-        self.held = if lifted { self.held + 1 } else { 0 };
+impl Term {
+    /// All terms.
+    pub const ALL: [Self; 8] = [
+        Self::Reach,
+        Self::Grasp,
+        Self::Touch,
+        Self::Lift,
+        Self::Hold,
+        Self::Effort,
+        Self::Gentle,
+        Self::Still,
+    ];
+
+    /// Its name in settings and `info`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Reach => "reach",
+            Self::Grasp => "grasp",
+            Self::Touch => "touch",
+            Self::Lift => "lift",
+            Self::Hold => "hold",
+            Self::Effort => "effort",
+            Self::Gentle => "gentle",
+            Self::Still => "still",
+        }
     }
 
-    /// Whether the object has been held up long enough.
-    pub fn is_success(&self, config: &Config) -> bool {
-        self.held >= wanted_steps(config)
+    /// Its value at `moment`.
+    fn value(self, moment: &Moment, progress: &Progress, config: &Config) -> f64 {
+        match self {
+            Self::Reach => {
+                1.0 - (moment.state.object_in_wrist().translation.vector.norm() / NEAR).tanh()
+            }
+            Self::Grasp => {
+                let [a, b] = [0, 1].map(|k| moment.state.fingers[k].normal_force());
+                (a.min(b) / FIRM).clamp(0.0, 1.0)
+            }
+            Self::Touch => f64::from(u8::from(moment.both_touch())),
+            Self::Lift if moment.both_touch() => {
+                (moment.rise() / config.lift_height).clamp(0.0, 1.0)
+            }
+            Self::Lift => 0.0,
+            Self::Hold => progress.held(config),
+            Self::Effort => 1.0 - (moment.grip.abs() / config.scene.gripper.max_force).min(1.0),
+            Self::Gentle => {
+                moment.draw.stress_limit.map_or(1.0, |limit| within(moment.peak_stress, limit))
+            }
+            Self::Still => {
+                let limit = config.holding.as_ref().map(|holding| holding.slip_limit);
+                limit.map_or(1.0, |limit| within(progress.slip(moment), limit))
+            }
+        }
     }
 }
 
-fn wanted_steps(config: &Config) -> u32 {
-    (config.hold_time / config.scene.physics.control_period).ceil().max(1.0) as u32
+/// 1 at zero, 0 at `limit` and past it.
+fn within(value: f64, limit: f64) -> f64 {
+    (1.0 - value / limit).clamp(0.0, 1.0)
 }
 
-fn both_touch(moment: &Moment) -> bool {
-    moment.state.fingers.iter().all(|finger| finger.normal_force() > 0.0)
-}
+/// The terms of one step, each in [0, 1]; those that the task does not pay for are 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RewardTerms([f64; Term::ALL.len()]);
 
 impl RewardTerms {
     /// The terms at `moment`.
     pub fn of(moment: &Moment, progress: &Progress, config: &Config) -> Self {
-        /// Distance over which reaching matters (m); tanh of 10 cm over it is 3/4.
-        const NEAR: f64 = 0.103;
-        let [a, b] = [0, 1].map(|k| moment.state.fingers[k].normal_force());
-        let distance = moment.state.object_in_wrist().translation.vector.norm();
-        let rise = (moment.rise() / config.lift_height).clamp(0.0, 1.0);
-        Self {
-            reach: 1.0 - (distance / NEAR).tanh(),
-            grasp: (a.min(b) / FIRM).clamp(0.0, 1.0),
-            lift: if both_touch(moment) { rise } else { 0.0 },
-            hold: (f64::from(progress.held) / f64::from(wanted_steps(config))).min(1.0),
-            effort: 1.0 - (moment.grip.abs() / config.scene.gripper.max_force).min(1.0),
+        let mut terms = Self::default();
+        for &(term, _) in config.task.terms() {
+            terms.0[term as usize] = term.value(moment, progress, config);
         }
+        terms
     }
 
-    /// The terms in the order of [`TERMS`].
-    pub fn values(&self) -> [f64; TERMS.len()] {
-        [self.reach, self.grasp, self.lift, self.hold, self.effort]
+    /// The value of one term.
+    pub fn get(&self, term: Term) -> f64 {
+        self.0[term as usize]
+    }
+
+    /// The terms of `task`, in its order.
+    pub fn values(&self, task: Task) -> impl Iterator<Item = f64> + '_ {
+        task.terms().iter().map(|&(term, _)| self.get(term))
     }
 
     /// Weighted mean of the terms.
     pub fn reward(&self, weights: &Weights) -> f64 {
-        let weights = weights.values();
-        let sum: f64 = self.values().iter().zip(weights).map(|(term, w)| term * w).sum();
-        sum / weights.iter().sum::<f64>()
+        let weights = &weights.0;
+        let sum: f64 = weights.iter().map(|(&term, weight)| self.get(term) * weight).sum();
+        sum / weights.values().sum::<f64>()
     }
 }
 
+/// Relative weights of the terms; a term without one weighs nothing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Weights(BTreeMap<Term, f64>);
+
 impl Weights {
-    fn values(self) -> [f64; TERMS.len()] {
-        [self.reach, self.grasp, self.lift, self.hold, self.effort]
+    /// The usual weights of `task`.
+    pub fn of(task: Task) -> Self {
+        Self(task.terms().iter().copied().collect())
     }
 
-    /// Weights are finite and not negative, and one is above zero.
-    pub(super) fn validate(self) -> Result<()> {
-        let values = self.values();
-        let sound = values.iter().all(|w| (0.0..=1e6).contains(w));
-        if sound && values.iter().sum::<f64>() > 0.0 {
+    /// Weights are finite and not negative, one is above zero, and all are of terms of `task`.
+    pub(super) fn validate(&self, task: Task) -> Result<()> {
+        let terms = || task.terms().iter().map(|&(term, _)| term);
+        if let Some(other) = self.0.keys().find(|&&term| terms().all(|own| own != term)) {
+            let own = terms().map(Term::name).collect::<Vec<_>>().join(", ");
+            let expected = format!("terms of {}: {own}", task.name());
+            return Err(Error::invalid("reward", other.name(), expected));
+        }
+        let sound = self.0.values().all(|w| (0.0..=1e6).contains(w));
+        if sound && self.0.values().sum::<f64>() > 0.0 {
             return Ok(());
         }
-        let found = format!("{values:?}");
+        let found = format!("{:?}", self.0.values().collect::<Vec<_>>());
         Err(Error::invalid("reward", found, "weights of 0 to 1e6, not all 0"))
     }
 }

@@ -64,9 +64,10 @@ __all__ = [
     "sensor",
 ]
 
-register(
-    id="ruffini/GraspLift-v0",
-    entry_point="ruffini.envs:GraspLiftEnv",
-    vector_entry_point="ruffini.envs:GraspLiftVectorEnv",
-    max_episode_steps=100,
-)
+for _task in ("GraspLift", "GraspFragile", "HoldStill"):
+    register(
+        id=f"ruffini/{_task}-v0",
+        entry_point=f"ruffini.envs:{_task}Env",
+        vector_entry_point=f"ruffini.envs:{_task}VectorEnv",
+        max_episode_steps=100,
+    )

@@ -12,12 +12,32 @@ import numpy as np
 Range = float | tuple[float, float]
 """Both ends of a uniform draw, or the one value."""
 
-_RANGES = ("mass", "friction", "size", "position", "yaw", "start", "start_height")
+_HOLDING = {
+    "start_grip": "start_grip",
+    "load": "load",
+    "shaking": "shaking",
+    "shaking_frequency": "frequency",
+    "slip_limit": "slip_limit",
+}
+"""Settings of a held object, with their names in Rust."""
+_RANGES = (
+    "mass",
+    "friction",
+    "size",
+    "position",
+    "yaw",
+    "start",
+    "start_height",
+    "stress_limit",
+    "load",
+    "shaking",
+    "shaking_frequency",
+)
 _SCENE = ("gripper", "workspace", "physics")
 
 
 class Settings(TypedDict, total=False):
-    """What can be set; see :class:`ruffini.envs.GraspLiftEnv` for meaning and defaults."""
+    """What can be set; see :mod:`ruffini.envs` for meaning and defaults, and for what is whose."""
 
     objects: str | Sequence[str | Mapping[str, Any]]
     mass: Range
@@ -29,6 +49,12 @@ class Settings(TypedDict, total=False):
     start_height: Range
     lift_height: float
     hold_time: float
+    stress_limit: Range
+    start_grip: float
+    load: Range
+    shaking: Range
+    shaking_frequency: Range
+    slip_limit: float
     max_episode_steps: int
     tactile: Literal["none", "compliance", "fem", "surrogate"]
     sensor: str
@@ -41,24 +67,26 @@ class Settings(TypedDict, total=False):
     physics: Mapping[str, float]
 
 
-def to_json(settings: Mapping[str, Any]) -> str:
-    """The settings as the JSON that Rust reads.
+def to_json(settings: Mapping[str, Any], task: str) -> str:
+    """The settings of a task as the JSON that Rust reads.
 
     Raises:
         ValueError: If a value is not a finite number, a name, or a list or mapping of those.
     """
     given = {name: value for name, value in settings.items() if value is not None}
-    document: dict[str, Any] = {}
-    for name, value in given.items():
+    document: dict[str, Any] = {"task": task}
+    for name, given_value in given.items():
+        single = name in _RANGES and isinstance(given_value, (int, float, np.number))
+        value = [given_value, given_value] if single else given_value
         if name in _SCENE:
             document.setdefault("scene", {})[name] = value
+        elif name in _HOLDING:
+            document.setdefault("holding", {})[_HOLDING[name]] = value
         elif name == "reward_weights":
             document["reward"] = value
         elif name in ("objects", "observation") and isinstance(value, str):
             document[name] = [value]
-        elif name in _RANGES and isinstance(value, (int, float, np.number)):
-            document[name] = [value, value]
-        elif name in ("scene", "reward"):
+        elif name in ("task", "scene", "holding", "reward"):
             raise ValueError(
                 f"{name}: unknown, expected one of {', '.join(Settings.__annotations__)}"
             )

@@ -67,6 +67,8 @@ pub(super) struct Step {
     pub(super) time: f64,
     /// Gravity along −z (m/s²).
     pub(super) gravity: f64,
+    /// What else acts on the object's centre of mass (N).
+    pub(super) force: Vector3<f64>,
     /// Wrist at the beginning and at the end (m).
     pub(super) wrist: [Isometry3<f64>; 2],
     /// Grip force (N).
@@ -291,7 +293,8 @@ fn bodies(
     motion.fixed_rows_mut::<3>(0).copy_from(&units::si_vector(object.linvel()));
     motion.fixed_rows_mut::<3>(3).copy_from(&units::si_angular(object.angvel()));
     let mut loads = Motion::zeros();
-    loads[2] = -mass * step.gravity;
+    loads.fixed_rows_mut::<3>(0).copy_from(&step.force);
+    loads[2] -= mass * step.gravity;
     for (finger, slide) in drive.iter().enumerate() {
         motion[6 + finger] = axis.dot(&(slide.velocity - base.at(&slide.place)));
         loads[6 + finger] = slide.force;

@@ -1,0 +1,279 @@
+//! One episode: how it starts, what a step does to it, and what ends it.
+
+use std::f64::consts::TAU;
+
+use nalgebra::Vector3;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Setup,
+    plan::{CHANNEL, CORRECTION, Costs, PEAK, PRESS, REWARD, SCENE},
+    touch::{PerFinger, correct, keep, poses_in_pads, presses},
+};
+use crate::{
+    Error, Result,
+    deformation::{Deformation, Press},
+    geometry::Shape,
+    scene::{Object, Scene, SceneState},
+    tactile::{Feeling, Finger},
+    task::{
+        ACTION_SIZE, Draw, Ending, Holding, Moment, Progress, Range, RewardTerms, Shaking, command,
+    },
+};
+
+/// An episode that has begun.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Episode {
+    scene: Scene,
+    draw: Draw,
+    /// The object in its drawn size, once a finger has asked for it.
+    #[serde(skip)]
+    object: Option<Shape>,
+    fingers: [Finger; 2],
+    grip: f64,
+    steps: u32,
+    progress: Progress,
+    pub(super) over: bool,
+}
+
+/// Where a reset or a step has led the rigid world.
+pub(super) struct Motion {
+    state: SceneState,
+    pub(super) presses: PerFinger<Press>,
+    pub(super) answers: PerFinger<Result<Deformation>>,
+}
+
+/// What a step came to, beside its observation.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// Weighted mean of the terms, in [0, 1].
+    pub reward: f64,
+    /// Each term, in [0, 1].
+    pub terms: RewardTerms,
+    /// The episode ended before its time.
+    pub terminated: bool,
+    /// The episode ran out of time.
+    pub truncated: bool,
+    /// The task is done.
+    pub is_success: bool,
+    /// Why the episode ended before its time.
+    pub ending: Option<Ending>,
+    /// Kind of the error ([`Error::kind`]) where a press was not answered.
+    pub press_error: Option<&'static str>,
+}
+
+impl Outcome {
+    /// An episode that ended without a reward.
+    pub(super) fn ended(ending: Ending) -> Self {
+        Self { terminated: true, ending: Some(ending), ..Self::default() }
+    }
+
+    fn press_failed(error: &Error) -> Self {
+        Self { press_error: Some(error.kind()), ..Self::ended(Ending::PressFailed) }
+    }
+}
+
+impl Episode {
+    /// A new episode, its numbers drawn from `random`, and where it starts.
+    pub(super) fn start(setup: &Setup, random: &mut ChaCha8Rng) -> Result<(Self, Motion)> {
+        let config = &setup.config;
+        let object = random.random_range(0..setup.models.len());
+        let mut uniform = |[low, high]: Range| low + (high - low) * random.random::<f64>();
+        let (mass, friction) = (uniform(config.mass), uniform(config.friction));
+        let (scale, yaw) = (uniform(config.size), uniform(config.yaw));
+        let (x, y) = (uniform(config.position), uniform(config.position));
+        let start = [config.start, config.start, config.start_height].map(&mut uniform);
+        let model = &setup.models[object];
+        let pose = model.rest(scale, x, y, yaw);
+        let (low, high) = model.surface().bounds();
+        let draw = Draw {
+            object,
+            scale,
+            mass,
+            friction,
+            half_extents: (0.5 * scale * (high - low)).into(),
+            rest_height: pose.translation.z,
+            stress_limit: config.stress_limit.map(&mut uniform),
+            shaking: config.holding.as_ref().map(|holding| shaking(holding, &mut uniform)),
+        };
+        let object = Object { model, scale, mass, friction, pose };
+        let (scene, grip) = scene(setup, &object, &Vector3::from(start))?;
+        let state = scene.state();
+        let fingers = poses_in_pads(&state).map(Finger::new);
+        let (object, progress) = (None, Progress::new(&state));
+        let mut episode =
+            Self { scene, draw, object, fingers, grip, steps: 0, progress, over: false };
+        let motion = episode.motion(setup, state);
+        Ok((episode, motion))
+    }
+
+    /// Ends a reset: writes the observation of `motion`, where the episode starts. A press without an
+    /// answer leaves the fingers without touch until the first step.
+    pub(super) fn open(&mut self, setup: &Setup, motion: Motion, observation: &mut [f32]) {
+        let Motion { state, answers, .. } = motion;
+        let felt = keep(&mut self.fingers, answers).unwrap_or_default();
+        correct(&mut self.scene, &state, &felt);
+        setup.layout.write(&self.moment(&state, setup, &felt), observation);
+    }
+
+    /// Gives an episode that was read from bytes its object back; an error if the settings have no
+    /// such object.
+    pub(super) fn attach(&mut self, setup: &Setup) -> Result<()> {
+        let (index, count) = (self.draw.object, setup.models.len());
+        let model = setup.models.get(index).ok_or_else(|| Error::BadState {
+            reason: format!("object {index} of {count} in these settings"),
+        })?;
+        self.scene.attach(model);
+        Ok(())
+    }
+
+    /// The rigid world and the episode's draw.
+    pub(super) fn state(&self) -> (SceneState, Draw) {
+        (self.scene.state(), self.draw)
+    }
+
+    fn time(&self, setup: &Setup) -> f64 {
+        f64::from(self.steps) * setup.config.scene.physics.control_period
+    }
+
+    fn moment<'a>(
+        &'a self,
+        state: &'a SceneState,
+        setup: &'a Setup,
+        felt: &'a PerFinger<Deformation>,
+    ) -> Moment<'a> {
+        let fingers = felt.each_ref().map(Option::as_ref);
+        let feeling = setup.touch().map(|touch| Feeling { skin: touch.skin(), fingers });
+        let (time, peak_stress) = (self.time(setup), 0.0);
+        Moment { state, draw: &self.draw, grip: self.grip, time, feeling, peak_stress }
+    }
+
+    /// What the fingers ask of the world in `state`.
+    fn motion(&mut self, setup: &Setup, state: SceneState) -> Motion {
+        let mut motion = Motion { state, presses: [None, None], answers: [None, None] };
+        if setup.touch().is_some() && motion.state.failure.is_none() {
+            let draw = &self.draw;
+            let scaled = || setup.models[draw.object].shape().scaled(draw.scale);
+            let object = self.object.get_or_insert_with(scaled);
+            match presses(&mut self.fingers, &motion.state, object, draw, setup) {
+                Ok(presses) => motion.presses = presses,
+                Err(error) => motion.answers[0] = Some(Err(error)),
+            }
+        }
+        motion
+    }
+
+    /// The presses that tell once more what the fingers feel now; the fingers do not know of them.
+    pub(super) fn touch_again(&self, setup: &Setup) -> Result<PerFinger<Press>> {
+        let state = self.scene.state();
+        if state.failure.is_some() {
+            return Ok([None, None]);
+        }
+        let object = setup.models[self.draw.object].shape().scaled(self.draw.scale);
+        presses(&mut self.fingers.clone(), &state, &object, &self.draw, setup)
+    }
+
+    /// Moves the rigid world on by one control period.
+    pub(super) fn advance(
+        &mut self,
+        setup: &Setup,
+        action: &[f32; ACTION_SIZE],
+        costs: &mut Costs,
+    ) -> Motion {
+        let command = command(action, &setup.config.scene.gripper);
+        let (start, shaking) = (self.time(setup), self.draw.shaking);
+        self.grip = command.grip;
+        self.steps += 1;
+        let state = costs.time(SCENE, || {
+            let force = |time| shaking.map_or_else(Vector3::zeros, |s| s.force(start + time));
+            self.scene.step_under(&command, force);
+            self.scene.state()
+        });
+        costs.time(PRESS, || self.motion(setup, state))
+    }
+
+    /// Ends the step that led to `motion`; `observation` holds the previous one on entry, which stands
+    /// where the new one would leave its declared range.
+    pub(super) fn conclude(
+        &mut self,
+        setup: &Setup,
+        motion: Motion,
+        observation: &mut [f32],
+        scratch: &mut [f32],
+        costs: &mut Costs,
+    ) -> Outcome {
+        let config = &setup.config;
+        let Motion { state, answers, .. } = motion;
+        let felt = match keep(&mut self.fingers, answers) {
+            Ok(felt) => felt,
+            Err(error) => return Outcome::press_failed(&error),
+        };
+        if setup.touch().is_some() {
+            costs.time(CORRECTION, || correct(&mut self.scene, &state, &felt));
+        }
+        let mut progress = self.progress;
+        let mut moment = self.moment(&state, setup, &felt);
+        if let (Some(_), Some(feeling)) = (self.draw.stress_limit, &moment.feeling) {
+            moment.peak_stress = costs.time(PEAK, || feeling.peak_stress());
+        }
+        observe(setup, &moment, scratch, costs);
+        let mut ending = Ending::of(&moment, &progress, config);
+        if !setup.layout.holds(scratch) {
+            ending = ending.or(Some(Ending::OutOfRange));
+        } else if ending != Some(Ending::NonFinite) {
+            observation.copy_from_slice(scratch);
+        }
+        let terms = if ending.is_none_or(Ending::is_of_the_task) {
+            costs.time(REWARD, || {
+                progress.advance(&moment, config);
+                RewardTerms::of(&moment, &progress, config)
+            })
+        } else {
+            RewardTerms::default()
+        };
+        let outcome = Outcome {
+            reward: terms.reward(&config.reward),
+            terms,
+            terminated: ending.is_some(),
+            truncated: ending.is_none() && self.steps >= config.max_episode_steps,
+            is_success: progress.is_success(&moment, config),
+            ending,
+            press_error: None,
+        };
+        self.progress = progress;
+        outcome
+    }
+}
+
+/// The scene that an episode starts with, the hand at `start` (m), and the grip force (N): over an
+/// `object` on the table, or holding it.
+fn scene(setup: &Setup, object: &Object, start: &Vector3<f64>) -> Result<(Scene, f64)> {
+    let config = &setup.config.scene;
+    let Some(holding) = &setup.config.holding else {
+        return Ok((Scene::new(config, object, start, 0.0)?, 0.0));
+    };
+    let place = config.workspace.clamp(start);
+    let object = Object { pose: object.model.in_hand(object.scale, &place), ..object.clone() };
+    Ok((Scene::holding(config, &object, &place, holding.start_grip)?, holding.start_grip))
+}
+
+/// A disturbance drawn by `uniform` from its ranges, its direction from the sphere.
+fn shaking(holding: &Holding, mut uniform: impl FnMut(Range) -> f64) -> Shaking {
+    let (load, frequency) = (uniform(holding.load), uniform(holding.frequency));
+    let amplitude = uniform(holding.shaking);
+    let (height, angle) = (uniform([-1.0, 1.0]), uniform([0.0, TAU]));
+    let radius = (1.0 - height * height).max(0.0).sqrt();
+    let direction = [radius * angle.cos(), radius * angle.sin(), height];
+    Shaking { load, amplitude: direction.map(|x| amplitude * x), frequency }
+}
+
+/// Writes the observation of `moment` into `row`, the time of each channel counted.
+fn observe(setup: &Setup, moment: &Moment, row: &mut [f32], costs: &mut Costs) {
+    let mut rest = row;
+    for channel in 0..setup.layout.channels().len() {
+        let here = rest;
+        rest = costs.time(CHANNEL + channel, || setup.layout.write_channel(channel, moment, here));
+    }
+}

@@ -1,0 +1,74 @@
+//! A scene that begins with the object in the hand.
+
+use std::f64::consts::FRAC_PI_2;
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+
+use super::{Command, Object, ObjectModel, Scene, SceneConfig, SceneState};
+use crate::{Error, Result};
+
+/// Control periods in which fingers must meet any object that fits between them.
+const MOST_PERIODS: usize = 50;
+/// Share of the grip force at which a pad counts as pressing.
+const FIRM: f64 = 0.9;
+/// Control periods after which a gripped object hangs at rest.
+const REST: usize = 8;
+
+impl Scene {
+    /// A scene whose hand, at `tool_center` (m), has gripped the object with `grip` (N); an error if
+    /// the hand closes on nothing.
+    ///
+    /// The object is met where [`Object::pose`] puts it, in weightlessness. That ends with the grip,
+    /// and the object has come to rest in the hand if `grip` holds it.
+    pub fn holding(
+        config: &SceneConfig,
+        object: &Object,
+        tool_center: &Vector3<f64>,
+        grip: f64,
+    ) -> Result<Self> {
+        let mut scene = Self::new(config, object, tool_center, 0.0)?;
+        scene.set_gravity(0.0);
+        let command = Command { grip, ..Command::default() };
+        let pressed = |state: &SceneState| {
+            state.fingers.iter().all(|finger| finger.normal_force() > FIRM * grip)
+        };
+        let closed = (0..MOST_PERIODS).any(|_| {
+            scene.step(&command);
+            pressed(&scene.state())
+        });
+        if !closed {
+            let expected = format!("one that the hand can grip with {grip} N");
+            return Err(Error::invalid("objects", "an object out of the pads' reach", expected));
+        }
+        scene.set_gravity(config.physics.gravity);
+        (0..REST).for_each(|_| scene.step(&command));
+        Ok(scene)
+    }
+}
+
+impl ObjectModel {
+    /// The pose that brings the frame of the object, `scale` times as large, to `place` (m), standing
+    /// as it rests on a table and with its narrower side along x.
+    pub fn in_hand(&self, scale: f64, place: &Vector3<f64>) -> Isometry3<f64> {
+        let rest = self.rest(scale, 0.0, 0.0, 0.0).rotation;
+        let [across, along] = self.extents(&rest);
+        let yaw = if across <= along { 0.0 } else { FRAC_PI_2 };
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
+        Isometry3::from_parts(Translation3::from(*place), turn * rest)
+    }
+
+    /// Extent along x of the object in [`ObjectModel::in_hand`] (m).
+    pub fn width_in_hand(&self, scale: f64) -> f64 {
+        scale * self.extents(&self.in_hand(scale, &Vector3::zeros()).rotation)[0]
+    }
+
+    /// Extents along x and y of the turned model (m).
+    fn extents(&self, rotation: &UnitQuaternion<f64>) -> [f64; 2] {
+        let turned = self.surface().vertices().iter().map(|v| rotation * v);
+        let ends = turned.fold(
+            (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3])),
+            |(low, high), v| (low.inf(&v), high.sup(&v)),
+        );
+        [0, 1].map(|axis| ends.1[axis] - ends.0[axis])
+    }
+}

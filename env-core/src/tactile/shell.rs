@@ -1,0 +1,63 @@
+//! The outside of a pad, for a picture.
+//!
+//! Shapes: B nodes of the boundary, in the order of the mesh.
+
+use nalgebra::Point3;
+
+use crate::deformation::Deformation;
+
+/// The whole surface of a pad at rest, base and sides included.
+#[derive(Debug)]
+pub struct Shell {
+    /// Nodes of the mesh (B).
+    nodes: Vec<u32>,
+    places: Vec<Point3<f64>>,
+    triangles: Vec<[u32; 3]>,
+    /// Tetrahedra around each node, with weights that sum to 1 (B).
+    shares: Vec<Vec<(u32, f64)>>,
+}
+
+impl Shell {
+    /// Of the triangles of a `boundary` between `places` of a mesh, whose nodes have `shares` in its
+    /// tetrahedra.
+    pub(super) fn new(
+        places: &[Point3<f64>],
+        boundary: &[[u32; 3]],
+        shares: &[Vec<(u32, f64)>],
+    ) -> Self {
+        let mut nodes: Vec<u32> = boundary.iter().flatten().copied().collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        let mut of_node = vec![0; places.len()];
+        for (own, &node) in nodes.iter().enumerate() {
+            of_node[node as usize] = own as u32;
+        }
+        Self {
+            places: nodes.iter().map(|&node| places[node as usize]).collect(),
+            triangles: boundary.iter().map(|t| t.map(|node| of_node[node as usize])).collect(),
+            shares: nodes.iter().map(|&node| shares[node as usize].clone()).collect(),
+            nodes,
+        }
+    }
+
+    /// Corners of the triangles, counter-clockwise seen from outside.
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
+    /// Where the nodes are (B) in m, at rest where nothing is `felt`.
+    pub fn places(&self, felt: Option<&Deformation>) -> Vec<Point3<f64>> {
+        let Some(felt) = felt else { return self.places.clone() };
+        let nodes = self.nodes.iter().zip(&self.places);
+        nodes.map(|(&node, place)| place + felt.displacement[node as usize]).collect()
+    }
+
+    /// Von Mises stress at the nodes (B) in Pa, the mean of the tetrahedra around each.
+    pub fn stress(&self, felt: Option<&Deformation>) -> Vec<f64> {
+        let Some(felt) = felt else { return vec![0.0; self.nodes.len()] };
+        let mean = |shares: &Vec<(u32, f64)>| {
+            shares.iter().map(|&(tet, share)| share * felt.von_mises[tet as usize]).sum()
+        };
+        self.shares.iter().map(mean).collect()
+    }
+}

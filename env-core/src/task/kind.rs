@@ -1,0 +1,69 @@
+//! What can be asked of an agent, and what sets each task apart.
+
+use serde::{Deserialize, Serialize};
+
+use super::Term;
+
+/// A task.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Task {
+    /// Grasp an object that lies on the table, and lift it.
+    #[default]
+    GraspLift,
+    /// The same, under a limit on the stress in the pads.
+    GraspFragile,
+    /// Keep a gripped object in place under load and shaking, with little force.
+    HoldStill,
+}
+
+impl Task {
+    /// Its name, as in the environment's id.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::GraspLift => "GraspLift",
+            Self::GraspFragile => "GraspFragile",
+            Self::HoldStill => "HoldStill",
+        }
+    }
+
+    /// The reward's terms in order, with their usual weights.
+    pub fn terms(self) -> &'static [(Term, f64)] {
+        match self {
+            Self::GraspLift => &[
+                (Term::Reach, 0.2),
+                (Term::Grasp, 0.2),
+                (Term::Lift, 0.3),
+                (Term::Hold, 0.25),
+                (Term::Effort, 0.05),
+            ],
+            Self::GraspFragile => &[
+                (Term::Reach, 0.2),
+                (Term::Touch, 0.1),
+                (Term::Lift, 0.3),
+                (Term::Hold, 0.25),
+                (Term::Gentle, 0.15),
+            ],
+            Self::HoldStill => &[(Term::Still, 0.6), (Term::Effort, 0.4)],
+        }
+    }
+
+    /// Channels that only this task has.
+    pub fn channels(self) -> &'static [&'static str] {
+        match self {
+            Self::GraspFragile => &["limit"],
+            Self::GraspLift | Self::HoldStill => &[],
+        }
+    }
+
+    /// Channels of the observation where nothing else is asked for, with fingers that feel or do not.
+    pub fn usual_channels(self, feels: bool) -> &'static [&'static str] {
+        match (self, feels) {
+            (Self::GraspLift, false) => &["proprio", "object"],
+            (Self::GraspLift, true) => &["proprio", "object", "markers"],
+            (Self::GraspFragile, _) => &["proprio", "object", "limit", "stress"],
+            (Self::HoldStill, false) => &["proprio", "wrench"],
+            (Self::HoldStill, true) => &["proprio", "wrench", "markers"],
+        }
+    }
+}

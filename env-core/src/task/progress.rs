@@ -1,0 +1,57 @@
+//! What an episode has come to.
+
+use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
+
+use super::{Config, Moment, Task};
+use crate::scene::SceneState;
+
+/// Share of the wanted rise that counts as lifted.
+const LIFTED: f64 = 0.95;
+/// Lever at which a turn of the object counts as slip (m).
+const LEVER: f64 = 0.01;
+
+/// Where the object was in the hand, and how long it has been up.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Pose of the object in the wrist's frame at the start (m).
+    start: Isometry3<f64>,
+    /// Control steps for which it has been lifted without a break.
+    held: u32,
+}
+
+impl Progress {
+    /// Of an episode that starts in `state`.
+    pub fn new(state: &SceneState) -> Self {
+        Self { start: state.object_in_wrist(), held: 0 }
+    }
+
+    /// Counts one more step, and whether the object is up.
+    pub fn advance(&mut self, moment: &Moment, config: &Config) {
+        let lifted = moment.rise() >= LIFTED * config.lift_height && moment.both_touch();
+        self.held = if lifted { self.held + 1 } else { 0 };
+    }
+
+    /// How far the object has moved in the hand since the start, its turn taken at 1 cm (m).
+    pub fn slip(&self, moment: &Moment) -> f64 {
+        let now = moment.state.object_in_wrist();
+        let moved = now.translation.vector - self.start.translation.vector;
+        moved.norm() + LEVER * now.rotation.angle_to(&self.start.rotation)
+    }
+
+    /// Share of the wanted time for which the object has been up, at most 1.
+    pub fn held(&self, config: &Config) -> f64 {
+        let wanted = (config.hold_time / config.scene.physics.control_period).ceil().max(1.0);
+        (f64::from(self.held) / wanted).min(1.0)
+    }
+
+    /// Whether the task is done: the object held up long enough, or still where it was in the hand.
+    pub fn is_success(&self, moment: &Moment, config: &Config) -> bool {
+        match (config.task, &config.holding) {
+            (Task::HoldStill, Some(holding)) => {
+                moment.both_touch() && self.slip(moment) <= holding.slip_limit
+            }
+            _ => self.held(config) >= 1.0,
+        }
+    }
+}

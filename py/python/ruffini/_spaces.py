@@ -1,0 +1,106 @@
+"""What single and vectorised environments share: spaces, pictures, checks of what comes in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box, Dict
+from numpy.typing import NDArray
+
+from ruffini._core import Batch
+
+Observation = NDArray[np.float32] | dict[str, NDArray[np.float32]]
+"""A flat vector, or one vector a channel."""
+
+Frame = NDArray[np.uint8]
+"""A picture (height, width, 3)."""
+
+ACTION_SIZE = 5
+MOST_ENVIRONMENTS = 1_000_000
+NO_LIMIT = 1_000_000
+
+METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 25}
+
+
+class Spaces:
+    """Spaces of one environment, and observations cut out of the batch's matrix."""
+
+    def __init__(self, batch: Batch, obs: str) -> None:
+        if obs not in ("dict", "flat"):
+            raise ValueError(f"obs: found {obs!r}, expected 'dict' or 'flat'")
+        self.action = Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
+        boxes: dict[str, Box] = {}
+        self._slices: dict[str, slice] = {}
+        start = 0
+        for channel, components in batch.layout():
+            low = np.concatenate([np.array(c[1], np.float32) for c in components])
+            high = np.concatenate([np.array(c[2], np.float32) for c in components])
+            boxes[channel] = Box(low, high, dtype=np.float32)
+            self._slices[channel] = slice(start, start + len(low))
+            start += len(low)
+        self._flat = obs == "flat"
+        self.observation: Box | Dict
+        if self._flat:
+            low = np.concatenate([box.low for box in boxes.values()])
+            high = np.concatenate([box.high for box in boxes.values()])
+            self.observation = Box(low, high, dtype=np.float32)
+        else:
+            self.observation = Dict(boxes)  # type: ignore[arg-type]
+
+    def cut(self, values: NDArray[np.float32]) -> Observation:
+        """The observation in `values`, whose last axis is all channels in a row."""
+        if self._flat:
+            return values
+        return {name: values[..., part].copy() for name, part in self._slices.items()}
+
+
+class Renderer:
+    """Size of a picture, checked once."""
+
+    def __init__(self, mode: str | None, width: int, height: int) -> None:
+        if mode is not None and mode not in METADATA["render_modes"]:
+            raise ValueError(f"render_mode: found {mode!r}, expected None or 'rgb_array'")
+        for name, pixels in (("width", width), ("height", height)):
+            if not (isinstance(pixels, int) and 16 <= pixels <= 4096):
+                raise ValueError(f"{name}: found {pixels!r}, expected 16 to 4096 pixels")
+        self.mode, self.width, self.height = mode, width, height
+
+    def draw(self, batch: Batch, row: int) -> Frame:
+        return batch.render(row, self.width, self.height)
+
+
+def check_count(name: str, count: Any) -> None:
+    """A ``ValueError`` unless `count` is a whole number of environments or threads."""
+    whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
+    if not (whole and 1 <= count <= MOST_ENVIRONMENTS):
+        expected = f"a whole number from 1 to {MOST_ENVIRONMENTS}"
+        raise ValueError(f"{name}: found {count!r}, expected {expected}")
+
+
+def check_seed(seed: Any) -> None:
+    """A ``ValueError`` unless `seed` is a whole number that leaves room for a seed a row."""
+    whole = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
+    if not (whole and 0 <= seed < 2**63):
+        raise ValueError(f"seed: found {seed!r}, expected a whole number from 0 below 2**63")
+
+
+def check_options(options: Any) -> None:
+    """A ``ValueError`` unless `options` is a mapping or ``None``."""
+    if options is not None and not isinstance(options, Mapping):
+        raise ValueError(f"options: found {options!r}, expected a mapping or None")
+
+
+def as_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """`actions` as floats of that shape, or a ``ValueError`` that says what they were."""
+    try:
+        given = np.asarray(actions)
+        if given.dtype.kind not in "fiub":
+            raise TypeError(f"of type {given.dtype}")
+        array = given.astype(np.float32)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"actions: found {actions!r}, expected numbers ({error})") from None
+    if array.shape != shape:
+        raise ValueError(f"actions: found shape {array.shape}, expected {shape}")
+    return array

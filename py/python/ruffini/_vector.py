@@ -1,0 +1,291 @@
+"""The vector environment over the native batch."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+from typing_extensions import Unpack
+
+from ruffini._core import ENDINGS, Batch
+from ruffini._settings import Settings, to_json
+from ruffini._spaces import (
+    ACTION_SIZE,
+    METADATA,
+    Frame,
+    Renderer,
+    Spaces,
+    as_actions,
+    check_count,
+    check_options,
+    check_seed,
+)
+
+
+class NativeVectorEnv(VectorEnv[Any, Any, Any]):
+    """Many environments of one task stepped together by one native call; a subclass names it.
+
+    Row i of a batch seeded with s equals the single environment seeded with s + i, bit for bit.
+
+    Args:
+        num_envs: Number of environments.
+        num_threads: Threads to step them on; ``None`` takes one a core, at most one an environment.
+        autoreset_mode: When a row whose episode has ended starts the next one.
+        render_mode: ``None`` or ``"rgb_array"``.
+        obs: ``"dict"`` or ``"flat"``.
+        width: Width of a picture in pixels.
+        height: Height of a picture in pixels.
+        **settings: As for the single environment.
+
+    Raises:
+        ValueError: If a setting is unknown, of the wrong type or out of range.
+    """
+
+    TASK: ClassVar[str]
+    """Name of the task in the settings."""
+
+    metadata = METADATA
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        num_threads: int | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        obs: str = "dict",
+        width: int = 640,
+        height: int = 480,
+        **settings: Unpack[Settings],
+    ) -> None:
+        try:
+            mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            known = ", ".join(m.value for m in AutoresetMode)
+            raise ValueError(
+                f"autoreset_mode: found {autoreset_mode!r}, expected one of {known}"
+            ) from None
+        check_count("num_envs", num_envs)
+        if num_threads is not None:
+            check_count("num_threads", num_threads)
+        self.num_envs = num_envs
+        self.autoreset_mode = mode
+        self.metadata = {**METADATA, "autoreset_mode": mode}
+        self._renderer = Renderer(render_mode, width, height)
+        self.render_mode = render_mode
+        self._obs = obs
+        self._settings: dict[str, Any] = dict(settings)
+        self._threads = num_threads or min(_cores(), num_envs)
+        self._batch = self._new_batch()
+        self._spaces = Spaces(self._batch, obs)
+        self._terms = self._batch.reward_terms()
+        self.single_observation_space = self._spaces.observation
+        self.single_action_space = self._spaces.action
+        self.observation_space = batch_space(self._spaces.observation, num_envs)
+        self.action_space = batch_space(self._spaces.action, num_envs)
+        self._started = False
+
+    def _new_batch(self) -> Batch:
+        mode = self.autoreset_mode.value
+        return Batch(to_json(self._settings, self.TASK), self.num_envs, self._threads, mode)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Any, dict[str, Any]]:
+        """Starts an episode in every row, or in those of ``options["reset_mask"]``.
+
+        A seed s gives row i the seed s + i; a sequence gives each row its own, and ``None`` in it
+        leaves that row's random stream as it is.
+        """
+        check_options(options)
+        seeds = self._seeds(seed)
+        if isinstance(seed, (int, np.integer)):
+            super().reset(seed=int(seed))
+        mask = None if options is None else self._mask(options.get("reset_mask"))
+        observation = self._batch.reset(seeds, mask)
+        self._started = True
+        return self._spaces.cut(observation), {}
+
+    def _seeds(self, seed: Any) -> list[int | None] | None:
+        given: list[int | None] = [None] * self.num_envs
+        if isinstance(seed, (Sequence, np.ndarray)) and not isinstance(seed, (str, bytes)):
+            given = list(seed)
+            if len(given) != self.num_envs:
+                raise ValueError(f"seed: found {len(given)} seeds, expected {self.num_envs}")
+            for one in given:
+                if one is not None:
+                    check_seed(one)
+        elif seed is not None:
+            check_seed(seed)
+            given = [int(seed) + row for row in range(self.num_envs)]
+        if not self._started:
+            fresh = self.np_random.integers(2**63, size=self.num_envs)
+            given = [f if s is None else s for s, f in zip(given, fresh, strict=True)]
+        return [None if s is None else int(s) for s in given]
+
+    def _mask(self, mask: Any) -> NDArray[np.bool_] | None:
+        if mask is None:
+            return None
+        shape = (self.num_envs,)
+        sound = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == shape
+        if not sound or not mask.any():
+            expected = f"a bool array of shape {shape} with at least one True"
+            raise ValueError(f"options['reset_mask']: found {mask!r}, expected {expected}")
+        return np.ascontiguousarray(mask)
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Takes one control step of 40 ms in every row."""
+        actions = as_actions(actions, (self.num_envs, ACTION_SIZE))
+        observation, reward, terminated, truncated, terms, success, ending, finals, failed = (
+            self._batch.step(actions)
+        )
+        info = self._info(terms, success, ending)
+        if failed:
+            info |= self._press_errors(failed)
+        if finals:
+            info = self._with_finals(info, finals)
+        return self._spaces.cut(observation), reward, terminated, truncated, info
+
+    def _info(
+        self, terms: NDArray[Any], success: NDArray[np.bool_], ending: NDArray[np.uint8]
+    ) -> dict[str, Any]:
+        def everywhere() -> NDArray[np.bool_]:
+            return np.ones(self.num_envs, np.bool_)
+
+        named: dict[str, Any] = {}
+        for name, column in zip(self._terms, terms.T.copy(), strict=True):
+            named[name], named[f"_{name}"] = column, everywhere()
+        info: dict[str, Any] = {
+            "reward_terms": named,
+            "_reward_terms": everywhere(),
+            "is_success": success,
+            "_is_success": everywhere(),
+        }
+        if ending.any():
+            names = np.full(self.num_envs, None, dtype=object)
+            for row in np.flatnonzero(ending):
+                names[row] = ENDINGS[ending[row] - 1]
+            info["ending"], info["_ending"] = names, ending != 0
+        return info
+
+    def _press_errors(self, failed: list[tuple[int, str]]) -> dict[str, Any]:
+        kinds = np.full(self.num_envs, None, dtype=object)
+        for row, kind in failed:
+            kinds[row] = kind
+        return {
+            "press_error": kinds,
+            "_press_error": np.array([kind is not None for kind in kinds]),
+        }
+
+    def _with_finals(
+        self, info: dict[str, Any], finals: list[tuple[int, NDArray[np.float32]]]
+    ) -> dict[str, Any]:
+        """Moves what rows that have started anew ended with into ``final_obs``/``final_info``."""
+        rows = np.array([row for row, _ in finals])
+        done = np.zeros(self.num_envs, np.bool_)
+        done[rows] = True
+        last = np.full(self.num_envs, None, dtype=object)
+        for row, observation in finals:
+            last[row] = self._spaces.cut(observation)
+        final_info = _masked(info, done)
+        kept = _masked(info, ~done)
+        return kept | {
+            "final_obs": last,
+            "_final_obs": done,
+            "final_info": final_info,
+            "_final_info": done.copy(),
+        }
+
+    def render(self) -> tuple[Frame, ...] | None:
+        """One picture (height, width, 3) a row, or ``None`` without a render mode."""
+        if self.render_mode is None:
+            return None
+        return tuple(self._renderer.draw(self._batch, row) for row in range(self.num_envs))
+
+    def state(self) -> list[bytes]:
+        """Every row as bytes: everything that its future depends on."""
+        return self._batch.save()
+
+    def set_state(self, states: Sequence[bytes]) -> Any:
+        """Puts every row back to its :meth:`state`; the observations then.
+
+        Raises:
+            ValueError: If the bytes are damaged or come from an environment with other settings.
+        """
+        if not (isinstance(states, (list, tuple)) and all(isinstance(s, bytes) for s in states)):
+            raise ValueError(f"state: found {type(states).__name__}, expected a list of bytes")
+        self._started = True
+        return self._spaces.cut(self._batch.load(list(states)))
+
+    def plan(self, forget: bool = False) -> list[tuple[str, float, float]]:
+        """The stages that a step runs, in order, with what they cost.
+
+        Each has its name, how often it runs in a step of one environment, and its time in such a
+        step (µs): means since the environment was made or put back to a state, or since the last
+        call with `forget`. Stages: ``scene`` (Rapier), ``press`` (contact found, presses made),
+        ``model`` (all presses of a batch in one call), ``correction`` (the rigid world told of the
+        answers), ``peak stress`` (of GraspFragile), each channel, ``reward``.
+        """
+        return self._batch.plan(forget)
+
+    def skin(self) -> dict[str, NDArray[np.float64]] | None:
+        """Places at rest in the frame of a pad (m) that the tactile channels refer to.
+
+        ``markers`` (M, 3), ``surface`` (S, 3) the nodes of ``displacement``, ``grid`` (G, 2) the
+        cells of ``stress`` and ``traction``, ``depth`` (D, 2) its pixels; ``None`` for rigid
+        fingers.
+        """
+        return self._batch.skin()
+
+    def look(self, row: int = 0) -> dict[str, Any] | None:
+        """What a row's episode drew and where its bodies are (SI)."""
+        return self._batch.look(row)
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """What `name` is or returns, once a row."""
+        value = getattr(self, name)
+        result = value(*args, **kwargs) if callable(value) else value
+        return (result,) * self.num_envs
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Arguments and snapshots; a copy goes on where this one stands."""
+        mine = {k: v for k, v in self.__dict__.items() if k not in ("_batch", "_spaces")}
+        return mine | {"_snapshot": self._batch.save()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        snapshot = state.pop("_snapshot")
+        self.__dict__.update(state)
+        self._batch = self._new_batch()
+        self._batch.load(snapshot)
+        self._spaces = Spaces(self._batch, self._obs)
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    affinity: Callable[[int], Any] | None = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+
+
+def _masked(info: Mapping[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:
+    """The entries of a vector info that belong to `rows`, without keys that none of them has."""
+    kept: dict[str, Any] = {}
+    for key, value in info.items():
+        if key.startswith("_"):
+            continue
+        mask = info[f"_{key}"] & rows
+        if not mask.any():
+            continue
+        if isinstance(value, dict):
+            kept[key] = _masked(value, rows)
+        else:
+            blank = None if value.dtype == object else value.dtype.type(0)
+            kept[key] = np.where(mask, value, blank)
+        kept[f"_{key}"] = mask
+    return kept

@@ -1,0 +1,251 @@
+//! The tasks: what a held object bears, what a limit ends, and that each restarts clean.
+
+use std::sync::Arc;
+
+use nalgebra::Vector3;
+use ruffini_core::{
+    env::{Autoreset, Batch, Setup, StepResult},
+    scene::{Command, Gripper, Object, ObjectModel, Scene, SceneConfig, named},
+    tactile::{Choice, Resolution},
+    task::{CHANNELS, Config, Ending, Holding, ObjectSpec, TACTILE_CHANNELS, Task, Term},
+};
+
+const GRAVITY: f64 = 9.81;
+
+/// The usual settings of a task with a coarse pad, for speed, and every channel.
+fn config(task: Task, tactile: Choice) -> Config {
+    let felt = if tactile == Choice::None { &[][..] } else { &TACTILE_CHANNELS };
+    let channels = [&CHANNELS, task.channels(), felt].concat();
+    Config {
+        tactile,
+        resolution: Resolution { nodes: 150, ..Resolution::default() },
+        observation: Some(channels.into_iter().map(String::from).collect()),
+        ..Config::of(task)
+    }
+}
+
+/// A sphere in the hand that a steady load pulls at.
+fn loaded(tactile: Choice, load: f64, grip: f64) -> Config {
+    let holding =
+        Holding { start_grip: grip, load: [load, load], shaking: [0.0, 0.0], ..Holding::default() };
+    Config {
+        objects: vec![ObjectSpec::Name("sphere".into())],
+        friction: [0.8, 0.8],
+        holding: Some(holding),
+        ..config(Task::HoldStill, tactile)
+    }
+}
+
+fn batch(config: Config, rows: usize, autoreset: Autoreset) -> (Batch, Vec<f32>) {
+    let setup = Arc::new(Setup::new(config).unwrap());
+    let mut batch = Batch::new(setup, rows, 1, autoreset).unwrap();
+    batch.seed(&(0..rows as u64).map(Some).collect::<Vec<_>>()).unwrap();
+    let observation = batch.reset(None).unwrap();
+    (batch, observation)
+}
+
+/// Actions (N, 5) of a hand at rest with grip commands from `grip`, of the largest.
+fn gripping(rows: usize, grip: impl Fn(usize) -> f32) -> Vec<f32> {
+    (0..rows).flat_map(|row| [0.0, 0.0, 0.0, 0.0, grip(row)]).collect()
+}
+
+/// Force of both pads on the object of the only row, in the world (N).
+fn held_by(batch: &Batch) -> Vector3<f64> {
+    let (state, _) = batch.rows()[0].state().unwrap();
+    -state.fingers.iter().map(|f| f.pad.rotation * f.wrench.force).sum::<Vector3<f64>>()
+}
+
+/// The part of a row's observation that is one channel.
+fn channel<'a>(batch: &Batch, observation: &'a [f32], row: usize, name: &str) -> &'a [f32] {
+    let layout = batch.setup().layout();
+    let mut start = row * layout.size();
+    for (channel, components) in layout.channels() {
+        let size: usize = components.iter().map(|component| component.low.len()).sum();
+        if *channel == name {
+            return &observation[start..start + size];
+        }
+        start += size;
+    }
+    panic!("no channel {name}");
+}
+
+#[test]
+fn an_episode_of_holding_starts_with_the_object_at_rest_between_the_pads() {
+    for tactile in [Choice::None, Choice::Compliance] {
+        let (batch, observation) = batch(config(Task::HoldStill, tactile), 12, Autoreset::Disabled);
+        for (i, row) in batch.rows().iter().enumerate() {
+            let (state, draw) = row.state().unwrap();
+            for finger in &state.fingers {
+                let force = finger.normal_force();
+                assert!((force - 5.0).abs() < 0.25, "{tactile:?}, row {i}: {force} N, not 5 N");
+            }
+            let speed = state.object.velocity.norm();
+            assert!(speed < 2e-3, "{tactile:?}, row {i}, object {}: {speed} m/s", draw.object);
+            if tactile != Choice::None {
+                let markers = channel(&batch, &observation, i, "markers");
+                let most = markers.iter().fold(0.0f32, |most, x| most.max(x.abs()));
+                assert!((1e-5..4e-3).contains(&most), "row {i}: markers moved by {most} m");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_pads_bear_weight_and_load() {
+    for tactile in [Choice::None, Choice::Compliance] {
+        for load in [0.0, 1.5] {
+            let (mut batch, _) = batch(loaded(tactile, load, 8.0), 1, Autoreset::Disabled);
+            for _ in 0..50 {
+                batch.step(&gripping(1, |_| 0.8)).unwrap();
+            }
+            let weight = batch.rows()[0].state().unwrap().1.mass * GRAVITY + load;
+            let force = held_by(&batch);
+            let error = (force - weight * Vector3::z()).norm();
+            assert!(error < 0.02 * weight, "{tactile:?}: {force:?} N hold {weight} N");
+        }
+    }
+}
+
+/// A grip 1.3 times the Coulomb limit holds the sphere, one 0.7 times drops it.
+#[test]
+fn an_object_is_dropped_below_the_coulomb_limit_and_by_name() {
+    let config = Config { mass: [0.1, 0.1], ..loaded(Choice::None, 1.0, 8.0) };
+    let limit = (0.1 * GRAVITY + 1.0) / (2.0 * 0.8);
+    let most = config.scene.gripper.max_force;
+    let (mut batch, _) = batch(config, 2, Autoreset::Disabled);
+    let grip = [1.3, 0.7].map(|share| (share * limit / most) as f32);
+    for _ in 0..100 {
+        let StepResult { outcomes, .. } = batch.step(&gripping(2, |row| grip[row])).unwrap();
+        let still = outcomes[0].terms.get(Term::Still);
+        assert!(outcomes[0].ending.is_none() && still > 0.9, "still {still} above the limit");
+        if outcomes[1].terminated {
+            assert_eq!(outcomes[1].ending, Some(Ending::Dropped));
+            assert!(!outcomes[1].is_success);
+            return;
+        }
+    }
+    panic!("held below the limit");
+}
+
+/// The fingers close at about the speed that the settings give, so that a touch is no blow.
+#[test]
+fn gentle_fingers_close_at_their_speed() {
+    let gripper = Config::of(Task::GraspFragile).scene.gripper;
+    for force in [1.0, 2.0, 5.0, 10.0] {
+        let speed = closing_speed(&gripper, force);
+        let error = (speed / gripper.closing_speed - 1.0).abs();
+        assert!(error < 0.25, "{speed} m/s under {force} N");
+    }
+}
+
+/// Speed of each finger that closes on nothing with `force` (N), after 0.3 s.
+fn closing_speed(gripper: &Gripper, force: f64) -> f64 {
+    let config = SceneConfig { gripper: gripper.clone(), ..SceneConfig::default() };
+    let model = ObjectModel::new(named("sphere").unwrap()).unwrap();
+    let pose = model.rest(1.0, 0.1, 0.1, 0.0);
+    let object = Object { model: &model, scale: 1.0, mass: 0.1, friction: 0.5, pose };
+    let mut scene = Scene::new(&config, &object, &Vector3::new(-0.1, -0.1, 0.1), 0.0).unwrap();
+    (0..7).for_each(|_| scene.step(&Command { grip: force, ..Command::default() }));
+    let fingers = scene.state().fingers;
+    -0.5 * (fingers[0].velocity + fingers[1].velocity)
+}
+
+#[test]
+fn the_first_step_past_the_limit_ends_a_fragile_grasp() {
+    let config = Config {
+        objects: vec![ObjectSpec::Name("sphere".into())],
+        position: [0.0, 0.0],
+        start: [0.0, 0.0],
+        start_height: [0.08, 0.08],
+        stress_limit: Some([3e4, 6e4]),
+        ..config(Task::GraspFragile, Choice::Compliance)
+    };
+    let (mut batch, observation) = batch(config, 4, Autoreset::Disabled);
+    let limits = (0..4).map(|row| channel(&batch, &observation, row, "limit")[0]);
+    let limits: Vec<f32> = limits.collect();
+    assert!(limits.windows(2).all(|pair| pair[0] != pair[1]), "{limits:?} Pa");
+    let (mut ended, mut felt) = ([false; 4], 0);
+    for step in 0..60 {
+        let action = if step < 7 {
+            [0.0, 0.0, -0.9, 0.0, -0.2]
+        } else {
+            [0.0, 0.0, 0.0, 0.0, 0.01 * (step - 6) as f32]
+        };
+        let StepResult { observation, outcomes, .. } = batch.step(&action.repeat(4)).unwrap();
+        for (row, outcome) in outcomes.iter().enumerate() {
+            let stress = channel(&batch, &observation, row, "tet_stress");
+            let peak = stress.iter().copied().fold(0.0, f32::max);
+            let exceeded = outcome.ending == Some(Ending::StressExceeded);
+            assert_eq!(exceeded, peak > limits[row], "step {step}: {peak} of {} Pa", limits[row]);
+            let gentle = (1.0 - peak / limits[row]).max(0.0);
+            assert!((outcome.terms.get(Term::Gentle) - f64::from(gentle)).abs() < 1e-5);
+            ended[row] |= exceeded;
+            felt += usize::from(peak > 0.0 && !exceeded);
+        }
+        if outcomes.iter().any(|outcome| outcome.terminated) {
+            let over: Vec<_> = outcomes.iter().map(|outcome| outcome.terminated).collect();
+            batch.reset(Some(&over)).unwrap();
+        }
+        if ended == [true; 4] {
+            break;
+        }
+    }
+    assert_eq!(ended, [true; 4], "limits of {limits:?} Pa");
+    assert!(felt > 4, "{felt} steps with stress within the limit");
+}
+
+#[test]
+fn rewards_are_means_of_terms_in_the_unit_interval() {
+    for task in [Task::GraspLift, Task::GraspFragile, Task::HoldStill] {
+        let (mut batch, _) = batch(config(task, Choice::Compliance), 3, Autoreset::NextStep);
+        for step in 0..40 {
+            let wild = |i: usize| (0.7 * (i % 5) as f32 + 0.37 * i as f32 + step as f32).sin();
+            let actions: Vec<_> = (0..15).map(wild).collect();
+            for outcome in batch.step(&actions).unwrap().outcomes {
+                let terms: Vec<_> = outcome.terms.values(task).collect();
+                assert_eq!(terms.len(), task.terms().len());
+                let sound = terms.iter().chain([&outcome.reward]).all(|x| (0.0..=1.0).contains(x));
+                assert!(sound, "{task:?}: {outcome:?}");
+            }
+        }
+    }
+}
+
+/// Bytes after a reset do not depend on what was before it; a snapshot in mid-shake replays.
+#[test]
+fn held_objects_restart_and_replay_to_the_byte() {
+    for tactile in [Choice::None, Choice::Compliance] {
+        let config = config(Task::HoldStill, tactile);
+        let (mut used, _) = batch(config.clone(), 2, Autoreset::SameStep);
+        for _ in 0..10 {
+            used.step(&gripping(2, |row| 0.5 - 0.6 * row as f32)).unwrap();
+        }
+        let saved = used.save();
+        let later = used.step(&gripping(2, |_| 0.4)).unwrap();
+        used.load(&saved).unwrap();
+        assert_eq!(used.step(&gripping(2, |_| 0.4)).unwrap().observation, later.observation);
+        used.seed(&[Some(0), Some(1)]).unwrap();
+        let again = used.reset(None).unwrap();
+        let (fresh, first) = batch(config, 2, Autoreset::SameStep);
+        assert_eq!(again, first, "{tactile:?}");
+        assert_eq!(used.save(), fresh.save(), "{tactile:?}");
+    }
+}
+
+#[test]
+fn settings_of_another_task_are_refused_by_name() {
+    let message = |json: &str| Config::from_json(json).unwrap_err().to_string();
+    for (json, parts) in [
+        (r#"{"task": "grasp-fragile", "tactile": "none"}"#, ["tactile: found none", "surrogate"]),
+        (r#"{"stress_limit": [1e4, 2e4]}"#, ["stress_limit", "GraspLift has no such setting"]),
+        (r#"{"holding": {"load": [0, 1]}}"#, ["holding", "GraspLift has no such setting"]),
+        (r#"{"task": "hold-still", "holding": {"load": [2, 1]}}"#, ["load", "rising range"]),
+        (r#"{"task": "hold-still", "holding": {"start_grip": 11}}"#, ["start_grip", "11"]),
+        (r#"{"task": "hold-still", "reward": {"lift": 1}}"#, ["lift", "still, effort"]),
+        (r#"{"task": "hold-still", "observation": ["limit"]}"#, ["limit", "one or more of"]),
+        (r#"{"task": "juggle"}"#, ["task", "expected one of `grasp-lift`"]),
+    ] {
+        let message = message(json);
+        assert!(parts.iter().all(|part| message.contains(part)), "{json}: {message}");
+    }
+}

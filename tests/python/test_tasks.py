@@ -1,0 +1,183 @@
+"""The tasks beyond GraspLift: specifications, seeds, batches, endings, plans and policies."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from conftest import IDS, MODES, NEEDED, actions, flat
+
+import ruffini.envs
+from evaluate import evaluate, load
+
+FRAGILE, HOLD = "ruffini/GraspFragile-v0", "ruffini/HoldStill-v0"
+SOFT: dict[str, Any] = NEEDED[FRAGILE]
+CASES = [(FRAGILE, SOFT), (HOLD, {}), (HOLD, SOFT)]
+OVER_OBJECT = {"objects": "sphere", "position": 0.0, "start": 0.0, "start_height": 0.08}
+
+
+def grasping(step: int, grip: float) -> np.ndarray:
+    """Down to the object, close, stay."""
+    if step < 7:
+        return np.array([0, 0, -0.9, 0, -0.2], np.float32)
+    return np.array([0, 0, 0, 0, grip], np.float32)
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_every_id_is_made_by_all_three_forms_and_says_what_it_is(env_id):
+    settings = NEEDED.get(env_id, {})
+    name = env_id.split("/")[1].removesuffix("-v0")
+    single, vector = (getattr(ruffini.envs, f"{name}{kind}") for kind in ("Env", "VectorEnv"))
+    assert type(gym.make(env_id, **settings).unwrapped) is single
+    assert type(gym.make(f"ruffini:{env_id}", **settings).unwrapped) is single
+    assert type(gym.make_vec(env_id, num_envs=2, **settings)) is vector
+    for heading in ("Action", "Observation", "Reward", "Start", "End"):
+        assert f"## {heading}" in single.__doc__
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(("env_id", "settings"), CASES)
+def test_a_row_equals_the_single_environment_bit_for_bit(env_id, settings, mode):
+    # Ten steps an episode, and a grip that drops one object and not the other.
+    rows, settings = 2, settings | OVER_OBJECT | {"max_episode_steps": 10}
+    acts = np.stack([[grasping(step % 11, 0.4), grasping(step % 11, -0.2)] for step in range(24)])
+    envs = gym.make_vec(env_id, num_envs=rows, autoreset_mode=mode, **settings)
+    first, _ = envs.reset(seed=3)
+    for row in range(rows):
+        alone = gym.make(env_id, disable_env_checker=True, **settings).unwrapped
+        observation, _ = alone.reset(seed=3 + row)
+        np.testing.assert_array_equal(flat(first)[row], flat(observation))
+    singles = [type(alone)(**settings) for _ in range(rows)]
+    over = np.zeros(rows, bool)
+    for row, env in enumerate(singles):
+        env.reset(seed=3 + row)
+    for action in acts:
+        seen, reward, terminated, truncated, _ = envs.step(action)
+        for row, env in enumerate(singles):
+            if over[row] and mode == "NextStep":
+                ours = flat(env.reset()[0]), 0.0, False, False
+            else:
+                observation, *rest, _ = env.step(action[row])
+                ours = flat(observation), *rest
+                if mode == "SameStep" and (rest[1] or rest[2]):
+                    ours = flat(env.reset()[0]), *rest
+            np.testing.assert_array_equal(flat(seen)[row], ours[0])
+            assert (reward[row], terminated[row], truncated[row]) == ours[1:]
+        over = terminated | truncated
+        if mode == "Disabled" and over.any():
+            envs.reset(options={"reset_mask": over})
+            for row in np.flatnonzero(over):
+                singles[row].reset()
+
+
+@pytest.mark.parametrize(("env_id", "settings"), CASES)
+def test_a_reset_forgets_and_a_copy_goes_on(env_id, settings):
+    settings = settings | OVER_OBJECT | {"yaw": 0.0}
+    used, fresh = (gym.make(env_id, **settings).unwrapped for _ in range(2))
+    used.reset(seed=2)
+    steps, grip = (range(12), 0.1) if env_id == FRAGILE else (range(7, 12), 0.5)
+    for step in steps:
+        used.step(grasping(step, grip))
+    copy = pickle.loads(pickle.dumps(used))
+    for step in range(12, 16):
+        ours, theirs = (flat(env.step(grasping(step, grip))[0]) for env in (used, copy))
+        np.testing.assert_array_equal(ours, theirs)
+    np.testing.assert_array_equal(flat(used.reset(seed=4)[0]), flat(fresh.reset(seed=4)[0]))
+    assert used.state() == fresh.state()
+
+
+def test_too_much_stress_ends_the_episode_by_name_and_the_limit_is_drawn():
+    # Of touch, only the limit asks for stress.
+    channels = ["proprio", "limit"]
+    env = gym.make(FRAGILE, **SOFT, **OVER_OBJECT, stress_limit=(2e4, 4e4), observation=channels)
+    env = env.unwrapped
+    limits = set()
+    for seed in range(3):
+        observation, _ = env.reset(seed=seed)
+        limit = env.look()["stress_limit"]
+        assert observation["limit"][0] == np.float32(limit)
+        limits.add(limit)
+        for step in range(40):
+            _, _, terminated, _, info = env.step(grasping(step, 1.0))
+            if terminated:
+                break
+        assert info["ending"] == "stress_exceeded"
+        assert info["reward_terms"]["gentle"] == 0
+        assert not info["is_success"]
+    assert len(limits) == 3
+
+
+def test_a_fragile_grasp_needs_touch():
+    with pytest.raises(ValueError, match="tactile: found none, expected surrogate, compliance"):
+        gym.make(FRAGILE, tactile="none")
+
+
+@pytest.mark.parametrize(
+    ("env_id", "settings", "channels", "terms"),
+    [
+        (
+            FRAGILE,
+            SOFT,
+            ["proprio", "object", "limit", "stress"],
+            ["reach", "touch", "lift", "hold", "gentle"],
+        ),
+        (HOLD, SOFT, ["proprio", "wrench", "markers"], ["still", "effort"]),
+        (HOLD, {}, ["proprio", "wrench"], ["still", "effort"]),
+    ],
+)
+def test_the_plan_shows_what_the_task_asks_for(env_id, settings, channels, terms):
+    env = gym.make(env_id, **settings).unwrapped
+    env.reset(seed=0)
+    *_, info = env.step(np.array([0, 0, 0, 0, 0.5], np.float32))
+    touch = ["press", "model compliance", "correction"] if settings else []
+    peak = ["peak stress"] if env_id == FRAGILE else []
+    names = ["scene", *touch, *peak, *(f"channel {name}" for name in channels), "reward"]
+    assert [name for name, *_ in env.plan()] == names
+    assert [name for name, _ in env.channels()] == channels
+    assert list(info["reward_terms"]) == terms
+
+
+def test_a_held_object_is_felt_from_the_first_observation():
+    env = gym.make(HOLD, **SOFT).unwrapped
+    observation, _ = env.reset(seed=0)
+    wrench = observation["wrench"].reshape(2, 6)
+    assert np.any(observation["markers"])
+    np.testing.assert_allclose(-wrench[:, 2], 5.0, atol=1.0)
+    assert {"load", "shaking", "shaking_frequency"} <= env.look().keys()
+
+
+@pytest.mark.parametrize(("env_id", "settings"), CASES)
+def test_random_actions_stay_within_the_spaces_and_end_by_name(env_id, settings):
+    envs = gym.make_vec(env_id, num_envs=4, autoreset_mode="SameStep", **settings)
+    envs.reset(seed=0)
+    for action in actions(4, 60):
+        rows, reward, *_, info = envs.step(action)
+        assert envs.observation_space.contains(rows)
+        assert ((reward >= 0) & (reward <= 1)).all()
+        assert all(e is None or e in ruffini._core.ENDINGS for e in info.get("ending", []))
+
+
+class Constant:
+    """Grips with the same force whatever happens."""
+
+    def __init__(self, grip: float) -> None:
+        self._grip = grip
+
+    def predict(self, observation: Any, state: Any = None, **_: Any) -> tuple[np.ndarray, Any]:
+        return np.tile(grasping(7, self._grip), (len(observation["proprio"]), 1)), state
+
+
+def test_the_scripted_policy_holds_with_less_force_than_any_constant_grip():
+    scripted = evaluate(load("scripted", HOLD), HOLD, 64)
+    assert scripted["success"] >= 0.9, scripted
+    for grip in (0.1, 0.2, 0.3, 0.5, 1.0):
+        constant = evaluate(Constant(grip), HOLD, 64)
+        assert constant["return"] < scripted["return"], (grip, constant)
+
+
+def test_the_scripted_policy_lifts_what_is_fragile():
+    result = evaluate(load("scripted", FRAGILE), FRAGILE, 8, **SOFT)
+    assert result["success"] >= 0.75, result
