@@ -28,7 +28,7 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from tqdm import tqdm
 
 from params import Params, params
-from ruffini.sb3 import make_vec_env
+from ruffini.sb3 import TouchExtractor, make_vec_env
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 RUNS = Path(__file__).parent / "runs"
@@ -41,8 +41,9 @@ def run_folder(env_id: str, algorithm: str, seed: int) -> Path:
 
 
 def make_environment(env_id: str, chosen: Params, seed: int, n_envs: int) -> VecNormalize:
-    """The environments that an agent trains in: flat observations, normalised as they come."""
-    envs = make_vec_env(env_id, n_envs=n_envs, seed=seed, obs="flat", **chosen.environment)
+    """The environments that an agent trains in, their observations normalised as they come."""
+    obs = "dict" if chosen.policy == "MultiInputPolicy" else "flat"
+    envs = make_vec_env(env_id, n_envs=n_envs, seed=seed, obs=obs, **chosen.environment)
     monitored = VecMonitor(envs, info_keywords=("is_success",))
     return VecNormalize(monitored, norm_reward=False, gamma=chosen.algorithm["gamma"])
 
@@ -111,7 +112,10 @@ def start(
     envs = make_environment(env_id, chosen, seed, n_envs)
     if not resume:
         arguments: dict[str, Any] = {"seed": seed, "device": "cpu", **chosen.algorithm}
-        return ALGORITHMS[algorithm]("MlpPolicy", envs, **arguments), []
+        if chosen.policy == "MultiInputPolicy":
+            touch = {"features_extractor_class": TouchExtractor}
+            arguments["policy_kwargs"] = arguments["policy_kwargs"] | touch
+        return ALGORITHMS[algorithm](chosen.policy, envs, **arguments), []
     saved = folder / CHECKPOINT
     normalised = VecNormalize.load(str(saved / "normaliser.pkl"), envs.venv)
     model = ALGORITHMS[algorithm].load(saved / "model.zip", env=normalised, device="cpu")

@@ -12,7 +12,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecMonitor
 
 from ruffini.envs import GraspLiftEnv
-from ruffini.sb3 import make_vec_env
+from ruffini.sb3 import TouchExtractor, make_vec_env
 
 ID = "ruffini/GraspLift-v0"
 
@@ -62,6 +62,31 @@ def test_attributes_and_methods_honour_indices():
 def test_ppo_learns_on_dict_observations():
     envs = VecMonitor(make_vec_env(ID, 4, seed=0, max_episode_steps=20))
     PPO("MultiInputPolicy", envs, n_steps=64, batch_size=64, n_epochs=1).learn(512)
+
+
+def test_the_encoder_of_touch_treats_both_pads_alike():
+    import torch
+    from gymnasium.spaces import Box, Dict
+
+    sizes = {"proprio": 14, "markers": 210, "stress": 240}
+    space = Dict({name: Box(-1, 1, (size,), np.float32) for name, size in sizes.items()})
+    extractor = TouchExtractor(space)
+    drawn = torch.Generator().manual_seed(0)
+    given = {name: torch.rand(3, size, generator=drawn) for name, size in sizes.items()}
+    features = extractor(given)
+    assert features.shape == (3, extractor.features_dim) == (3, 14 + 2 * 2 * 32)
+    swapped = given | {"markers": torch.roll(given["markers"], 105, dims=1)}
+    # A space has its channels by name: 64 features of the markers come first.
+    ours, theirs = features[:, :64], extractor(swapped)[:, :64]
+    torch.testing.assert_close(torch.roll(ours, 32, dims=1), theirs)
+    torch.testing.assert_close(features[:, 64:78], given["proprio"])
+
+
+def test_ppo_learns_on_touch():
+    settings = {"tactile": "compliance", "resolution": {"nodes": 300}, "max_episode_steps": 20}
+    envs = make_vec_env("ruffini/HoldStill-v0", 2, seed=0, **settings)
+    kwargs = {"features_extractor_class": TouchExtractor, "net_arch": [32]}
+    PPO("MultiInputPolicy", envs, n_steps=16, batch_size=16, policy_kwargs=kwargs).learn(32)
 
 
 def test_sac_learns_on_flat_observations():

@@ -1,4 +1,4 @@
-"""Stable-Baselines3's vector environment straight over the native batch."""
+"""For Stable-Baselines3: its vector environment over the native batch, and an encoder of touch."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import torch
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from ruffini.envs import GraspLiftVectorEnv
+from ruffini._core import TACTILE_CHANNELS
+from ruffini.envs import NativeVectorEnv
 
 
 def make_vec_env(
@@ -31,7 +34,7 @@ def make_vec_env(
     """
     same_step = AutoresetMode.SAME_STEP
     envs = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode=same_step, **kwargs)
-    if not isinstance(envs, GraspLiftVectorEnv):
+    if not isinstance(envs, NativeVectorEnv):
         raise ValueError(f"env_id: found {env_id!r}, expected an environment of ruffini")
     vec_env = RuffiniVecEnv(envs)
     vec_env.seed(seed)
@@ -41,7 +44,7 @@ def make_vec_env(
 class RuffiniVecEnv(VecEnv):
     """Adapter from the batch to Stable-Baselines3, with Python work for finished rows only."""
 
-    def __init__(self, envs: GraspLiftVectorEnv) -> None:
+    def __init__(self, envs: NativeVectorEnv) -> None:
         self.envs = envs
         self.render_mode = envs.render_mode
         self.metadata = envs.metadata
@@ -134,3 +137,47 @@ class RuffiniVecEnv(VecEnv):
 
     def _rows(self, indices: int | Iterable[int] | None) -> list[int]:
         return list(self._get_indices(indices))
+
+
+class TouchExtractor(BaseFeaturesExtractor):
+    """Features of dict observations for ``MultiInputPolicy``.
+
+    Each channel of touch goes pad by pad through a small network of its own, which both pads share;
+    all others are taken as they are. About 9,000 weights for the default markers.
+
+    Args:
+        observation_space: Space of the observations, a ``Dict`` of vectors.
+        features: Number of features of one pad.
+        hidden: Width of the hidden layer.
+    """
+
+    def __init__(
+        self, observation_space: gym.spaces.Dict, features: int = 32, hidden: int = 64
+    ) -> None:
+        sizes = {name: int(np.prod(box.shape or ())) for name, box in observation_space.items()}
+        felt = {name: size // 2 for name, size in sizes.items() if name in TACTILE_CHANNELS}
+        seen = sum(size for name, size in sizes.items() if name not in felt)
+        super().__init__(observation_space, features_dim=seen + 2 * features * len(felt))
+        self._channels = list(sizes)
+        self._pads = torch.nn.ModuleDict(
+            {
+                name: torch.nn.Sequential(
+                    torch.nn.Linear(size, hidden),
+                    torch.nn.Tanh(),
+                    torch.nn.Linear(hidden, features),
+                    torch.nn.Tanh(),
+                )
+                for name, size in felt.items()
+            }
+        )
+
+    def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
+        """Features (N, F) of observations (N, ...)."""
+        parts = []
+        for name in self._channels:
+            values = observations[name]
+            if name in self._pads:
+                pads = values.reshape(len(values), 2, -1)
+                values = self._pads[name](pads).flatten(1)
+            parts.append(values)
+        return torch.cat(parts, dim=1)
