@@ -1,7 +1,8 @@
-"""Two pictures: a rigid lemon between two gel pads, a soft strawberry between two rigid plates.
+"""Pictures: a lemon between two gel pads, a soft strawberry between two plates, an environment.
 
-    python tests/reports/scenes.py            # writes grasp.png and soft.png beside itself
+    python tests/reports/scenes.py            # writes grasp.png, soft.png, touch.png beside itself
 
+The environment's is what `render` gives: HoldStill with touch, a loaded ball in the hand.
 The pads are those of a GelSight Mini, which close on a lemon of the catalogue, which is free and
 finds its own pose. The strawberry (E = 50 kPa, nu = 0.45, friction 0.5) is meshed and nothing of it
 is fixed. Both are coloured by von Mises stress.
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import gymnasium
 import matplotlib
 
 matplotlib.use("Agg")
@@ -209,6 +211,27 @@ def picture_of_a_squeeze():
     save(figure, "soft.png")
 
 
+# An environment that feels.
+
+
+def picture_of_touch():
+    """Writes touch.png."""
+    env = gymnasium.make(
+        "ruffini/HoldStill-v0",
+        objects="sphere",
+        mass=0.15,
+        load=1.0,
+        tactile="surrogate",
+        render_mode="rgb_array",
+    )
+    env.reset(seed=1)
+    for _ in range(15):
+        env.step(np.array([0, 0, 0, 0, 0.8], np.float32))
+    Image.fromarray(env.render()).save(HERE / "touch.png", optimize=True)
+    print(f"touch: {env.unwrapped.look()}")
+
+
 if __name__ == "__main__":
+    picture_of_touch()
     picture_of_a_grasp()
     picture_of_a_squeeze()
