@@ -71,7 +71,7 @@ def main() -> None:
     if missing:
         parser.error(f"no run in {', '.join(missing)}")
     runs = sorted((read(folder) for folder in arguments.runs), key=lambda run: run["seed"])
-    yardstick = evaluate(load("scripted"), runs[0]["env"], EPISODES)
+    yardstick = evaluate(load("scripted", runs[0]["env"]), runs[0]["env"], EPISODES)
     RESULTS.mkdir(exist_ok=True)
     name = f"{runs[0]['env'].split('/')[-1]}-{runs[0]['algorithm']}"
     draw(runs, yardstick, RESULTS / f"{name}.png")
