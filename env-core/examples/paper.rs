@@ -1,11 +1,11 @@
 //! Trains one of the paper's networks, or the corrector, within a budget of processor time and writes
-//! its errors as JSON.
+//! its errors, and the weights of one of the paper's networks, into a folder.
 //!
-//! `paper DATA OUT.json RUN.json SECONDS SEED [BATCH RATE EVERY]`, where RUN.json is such as
-//! `{"paper": {"network": {"variant": "b", "input": "force", "width": 32, "rounds": 4},
-//! "density": "coarse"}}` or `{"corrector": {}}`. One thread. Linux, whose /proc tells the time.
+//! `paper DATA OUT RUN [STUDY]`: RUN is JSON such as `{"paper": {"network": {"variant": "b", "input":
+//! "force"}, "density": "coarse"}}` or `{"corrector": {}}`, STUDY such as `{"seconds": 1500, "seed": 1}`.
+//! One thread. Linux, whose /proc tells the time.
 
-use std::{fs, path::Path};
+use std::{env, error::Error, fs, path::Path, process::Command};
 
 use ruffini_core::surrogate::paper::Study;
 
@@ -18,23 +18,26 @@ fn processor() -> f64 {
     (ticks(11) + ticks(12)) / 100.0
 }
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let args: Vec<String> = std::env::args().collect();
-    let [_, data, out, run, seconds, seed, rest @ ..] = args.as_slice() else {
-        return Err("expected DATA OUT.json RUN.json SECONDS SEED [BATCH RATE EVERY]".into());
+/// The commit that is checked out.
+fn commit() -> Result<String, Box<dyn Error>> {
+    let output = Command::new("git").args(["rev-parse", "--short", "HEAD"]).output()?;
+    Ok(String::from_utf8(output.stdout)?.trim().to_owned())
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let args: Vec<String> = env::args().collect();
+    let [_, data, out, run, rest @ ..] = args.as_slice() else {
+        return Err("expected DATA OUT RUN [STUDY]".into());
     };
-    let number = |i: usize, usual: f64| rest.get(i).map_or(Ok(usual), |text| text.parse());
-    let study = Study {
-        split: "novel-14".to_owned(),
-        seed: seed.parse()?,
-        seconds: seconds.parse()?,
-        batch: number(0, 4.0)? as usize,
-        rate: number(1, 2e-3)?,
-        every: number(2, 1.0)? as usize,
-    };
-    let run = serde_json::from_str(&fs::read_to_string(run)?)?;
+    let study: Study = serde_json::from_str(rest.first().map_or("{}", String::as_str))?;
     rayon::ThreadPoolBuilder::new().num_threads(1).build_global()?;
-    let report = study.run(&run, Path::new(data), &processor)?;
-    fs::write(out, serde_json::to_string_pretty(&report)? + "\n")?;
+    let run = serde_json::from_str(run)?;
+    let (report, weights) = study.run(&run, Path::new(data), &commit()?, &processor)?;
+    fs::create_dir_all(out)?;
+    let out = Path::new(out);
+    fs::write(out.join("report.json"), serde_json::to_string_pretty(&report)? + "\n")?;
+    if let Some(bytes) = weights {
+        fs::write(out.join("weights.safetensors"), bytes)?;
+    }
     Ok(())
 }

@@ -4,6 +4,8 @@
 //! percentiles are over presses. Presses whose true displacement is below 1 µm (root mean square) are
 //! counted apart, for they have no relative error worth the name. Nothing is clipped or left out.
 
+use std::borrow::Borrow;
+
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -80,10 +82,12 @@ pub struct Summary {
     pub stressed: Spread,
     /// Relative error at the peak, without its sign.
     pub peak: Spread,
-    /// Relative error of the forces on nodes.
-    pub nodal_force: Spread,
-    /// Relative error of the net force.
-    pub force: Spread,
+    /// Relative error of the forces on nodes; none if the answerer says no forces.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nodal_force: Option<Spread>,
+    /// Relative error of the net force; none if the answerer says no forces.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub force: Option<Spread>,
 }
 
 impl PressErrors {
@@ -134,6 +138,9 @@ impl Summary {
         let spread = |field: fn(&PressErrors) -> f64| {
             Spread::of(moving.iter().map(|errors| field(errors).abs()).collect())
         };
+        let said = |field: fn(&PressErrors) -> f64| {
+            moving.iter().all(|errors| field(errors).is_finite()).then(|| spread(field))
+        };
         let mean = |field: fn(&PressErrors) -> f64| {
             presses.iter().map(field).sum::<f64>() / presses.len().max(1) as f64
         };
@@ -146,8 +153,8 @@ impl Summary {
             stress: spread(|e| e.stress),
             stressed: spread(|e| e.stressed),
             peak: spread(|e| e.peak),
-            nodal_force: spread(|e| e.nodal_force),
-            force: spread(|e| e.force),
+            nodal_force: said(|e| e.nodal_force),
+            force: said(|e| e.force),
         }
     }
 }
@@ -189,13 +196,13 @@ pub(super) fn judge_linear(gels: &Gels, samples: &[Sample]) -> Vec<PressErrors> 
 pub(super) fn judge<N: Network>(
     network: &N,
     ground: &N::Ground,
-    samples: &[N::Sample],
+    samples: &[impl Borrow<N::Sample> + Sync],
 ) -> Result<Vec<PressErrors>> {
     let one = |sample: &N::Sample| {
         let (truth, gel) = N::truth(ground, sample);
         Ok(errors(&network.answer(ground, sample)?, truth, gel))
     };
-    samples.par_iter().map(one).collect()
+    samples.par_iter().map(|sample| one(sample.borrow())).collect()
 }
 
 /// Errors of `fields` against the truth on a gel.

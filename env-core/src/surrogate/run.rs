@@ -151,7 +151,8 @@ impl Run {
         let errors = (!validation.is_empty()).then(judged).transpose()?;
         let validation = errors.map(|errors| Summary::of(&errors));
         if let Some(found) = validation {
-            let error = found.displacement.median + found.stress.median + found.force.median;
+            let force = found.force.map_or(0.0, |force| force.median);
+            let error = found.displacement.median + found.stress.median + force;
             if self.best.is_none_or(|best| error < best) {
                 self.best = Some(error);
                 let vectors = self.trainer.parameters.vectors()?;
@@ -199,13 +200,6 @@ impl Run {
     ) -> Result<Card> {
         let training = &self.trainer.training;
         let config = dataset.config();
-        let range = |field: fn(&crate::dataset::Gel) -> f64| {
-            let values = config.gels.iter().map(field);
-            [values.clone().fold(f64::INFINITY, f64::min), values.fold(0.0, f64::max)]
-        };
-        let mut sensors: Vec<_> = config.gels.iter().map(|gel| gel.sensor.clone()).collect();
-        sensors.sort();
-        sensors.dedup();
         let amplitudes = train.iter().map(|sample| f64::from(sample.question.amplitude));
         Ok(Card {
             variant: "corrector".to_owned(),
@@ -215,14 +209,10 @@ impl Run {
             contact: training.contact,
             training: training.clone(),
             data: Data {
-                fingerprint: self.data.clone(),
-                trained_by: trained_by.to_owned(),
                 train: counts(train),
                 test: counts(test),
-                sensors,
                 amplitude: amplitudes.fold(0.0, f64::max),
-                poisson: range(|gel| gel.poisson),
-                friction: range(|gel| gel.friction),
+                ..Data::of(config, self.data.clone(), trained_by)
             },
             test: Summary::of(&judge(network, gels, test)?),
             linear: Summary::of(&judge_linear(gels, test)),
@@ -239,7 +229,7 @@ fn counts(samples: &[Sample]) -> [usize; 2] {
 }
 
 /// SHA-256 of what a dataset is made of and of the grasps of a split.
-fn fingerprint(dataset: &Dataset, split: &Split) -> String {
+pub(super) fn fingerprint(dataset: &Dataset, split: &Split) -> String {
     let text = serde_json::to_string(&(dataset.config(), split)).expect("plain data");
     Sha256::digest(text).iter().fold(String::new(), |mut text, byte| {
         let _ = write!(text, "{byte:02x}");

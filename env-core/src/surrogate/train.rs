@@ -230,20 +230,26 @@ impl<N: Network> Trainer<N> {
         self.steps(ground, samples, &batches, rate)
     }
 
-    /// Epochs over `samples` until a budget is spent, of which `spent` tells the share.
+    /// Epochs over `samples` until a budget is spent, of which `spent` tells the share. `watch` sees
+    /// the network after every step.
     pub(super) fn spend(
         &mut self,
         ground: &N::Ground,
         samples: &[N::Sample],
         spent: &dyn Fn() -> f64,
+        watch: &mut dyn FnMut(&Self) -> Result<()>,
     ) -> Result<()> {
-        let training = self.training.clone();
-        let rate = &mut |_: u64| Some(spent()).filter(|s| *s < 1.0).map(|s| training.rate(s));
-        while spent() < 1.0 {
-            let batches = self.batches(samples);
-            self.steps(ground, samples, &batches, rate)?;
+        loop {
+            for batch in self.batches(samples) {
+                let share = spent();
+                if share >= 1.0 {
+                    return Ok(());
+                }
+                self.step(ground, samples, &batch, self.training.rate(share))?;
+                watch(self)?;
+            }
+            self.epoch += 1;
         }
-        Ok(())
     }
 
     /// The steps of an epoch at the learning rates that `rate` tells from the number of steps before,

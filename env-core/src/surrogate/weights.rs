@@ -14,7 +14,10 @@ use super::{
     corrector::CorrectorConfig, linear::Contact, metrics::Summary, parameters::Parameters,
     train::Training,
 };
-use crate::{Error, Result};
+use crate::{
+    Error, Result,
+    dataset::{Config, Gel},
+};
 
 /// What a network is, what it learnt from and how well.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -61,6 +64,27 @@ pub struct Data {
     pub poisson: [f64; 2],
     /// Least and largest coefficient of friction.
     pub friction: [f64; 2],
+}
+
+impl Data {
+    /// What a dataset's configuration says of it.
+    pub(super) fn of(config: &Config, fingerprint: String, trained_by: &str) -> Self {
+        let range = |field: fn(&Gel) -> f64| {
+            let values = config.gels.iter().map(field);
+            [values.clone().fold(f64::INFINITY, f64::min), values.fold(0.0, f64::max)]
+        };
+        let mut sensors: Vec<_> = config.gels.iter().map(|gel| gel.sensor.clone()).collect();
+        sensors.sort();
+        sensors.dedup();
+        Self {
+            fingerprint,
+            trained_by: trained_by.to_owned(),
+            sensors,
+            poisson: range(|gel| gel.poisson),
+            friction: range(|gel| gel.friction),
+            ..Self::default()
+        }
+    }
 }
 
 /// Shapes and values of tensors by name.

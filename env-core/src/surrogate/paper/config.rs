@@ -14,6 +14,17 @@ pub enum Variant {
     B,
 }
 
+impl Variant {
+    /// What weights of this form are called.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Baseline => "paper-baseline",
+            Self::A => "paper-a",
+            Self::B => "paper-b",
+        }
+    }
+}
+
 /// What is known of a press.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

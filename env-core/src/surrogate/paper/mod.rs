@@ -12,8 +12,11 @@
 
 mod blocks;
 mod bodies;
+mod card;
 mod config;
+mod judge;
 mod network;
+mod parts;
 mod patch;
 mod rigid;
 mod samples;
@@ -21,6 +24,8 @@ mod scene;
 mod study;
 mod target;
 
+pub use card::PaperCard;
 pub use config::{Input, PaperConfig, Variant};
+pub use judge::Judged;
 pub use patch::Density;
-pub use study::{Judged, Report, Run, Study};
+pub use study::{Point, Report, Run, Study};

@@ -178,10 +178,18 @@ impl Block {
 #[cfg(test)]
 mod tests {
     use super::{
-        super::{config::Input, samples::tests::pressed_ball},
+        super::{
+            bodies::Bodies,
+            config::Input,
+            samples::{Sample, tests::pressed_ball},
+        },
         *,
     };
     use crate::surrogate::{parameters::Parameters, train::Network};
+
+    fn scene(bodies: &Bodies, sample: &Sample) -> Scene {
+        Scene::new(&bodies.pads[0], &sample.patch, sample.push(Input::Translation), 0).unwrap()
+    }
 
     fn network(config: &PaperConfig) -> (Parameters, Paper) {
         let parameters = Parameters::drawn(3);
@@ -193,7 +201,7 @@ mod tests {
     fn tetrahedra_send_nothing_back() {
         let (bodies, sample) = pressed_ball();
         let (_, network) = network(&PaperConfig { width: 8, rounds: 1, ..PaperConfig::default() });
-        let scene = Scene::new(&bodies, &sample, Input::Translation, 0).unwrap();
+        let scene = scene(&bodies, &sample);
         let latent = network.encode(&scene).unwrap();
         let zeros = latent.tets.clone().unwrap();
         let ones =
@@ -244,7 +252,7 @@ mod tests {
         assert_eq!(count(&shared), count(&one));
         assert!(count(&plain) > count(&shared));
         assert!(!network(&plain).0.all().iter().any(|(name, _)| name.contains("norm")));
-        let scene = Scene::new(&bodies, &sample, Input::Translation, 0).unwrap();
+        let scene = scene(&bodies, &sample);
         let says = |config: &PaperConfig| network(config).1.forward(&scene).unwrap().displacement;
         let difference = (says(&shared) - says(&one)).unwrap().abs().unwrap().max_all().unwrap();
         assert!(difference.to_scalar::<f32>().unwrap() > 0.0);

@@ -18,6 +18,14 @@ pub enum Density {
 }
 
 impl Density {
+    /// Coarse for dense, dense for coarse.
+    pub(super) fn other(self) -> Self {
+        match self {
+            Self::Coarse => Self::Dense,
+            Self::Dense => Self::Coarse,
+        }
+    }
+
     /// Edges round a circle of the surface that is cut from.
     pub(super) fn segments(self) -> u32 {
         match self {

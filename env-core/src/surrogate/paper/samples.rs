@@ -7,8 +7,10 @@ use rayon::prelude::*;
 
 use super::{
     bodies::{Bodies, Pad},
+    config::Input,
     patch::{Density, Patch},
     rigid::{self, MOTION},
+    scene::Push,
 };
 use crate::{
     Result,
@@ -83,6 +85,20 @@ impl Pad {
 }
 
 impl Sample {
+    /// The press as a network with that input is told it.
+    pub(super) fn push(&self, input: Input) -> Push {
+        match input {
+            Input::Translation => Push::Moved(self.moved),
+            Input::Force => Push::Force(-f64::from(self.truth.force[2])),
+        }
+    }
+
+    /// Largest displacement, in units of thickness.
+    pub(super) fn amplitude(&self) -> f64 {
+        let moved = self.truth.displacement.as_chunks::<3>().0.iter();
+        moved.map(|u| f64::from(Vector3::from(*u).norm())).fold(0.0, f64::max)
+    }
+
     /// Angle (rad) and translation, in units of thickness, of the gel's rigid motion.
     pub(super) fn turned(&self) -> [f64; 2] {
         rigid::apart(&rigid::STILL, &self.rigid)

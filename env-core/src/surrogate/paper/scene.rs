@@ -8,9 +8,9 @@
 use std::sync::Arc;
 
 use candle_core::{Device, Tensor};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{bodies::Bodies, bodies::Pad, config::Input, patch::Patch, samples::Sample};
+use super::{bodies::Pad, patch::Patch};
 use crate::{
     Error, Result,
     surrogate::ops::{Edges, Sparse},
@@ -31,6 +31,15 @@ const RADIUS: f64 = 5e-3;
 const NEAREST: usize = 4;
 /// Force over the number of edges is about 1 in units of E L² over this many edges.
 const SHARES: f64 = 1000.0;
+
+/// What is known of an object that is pressed in.
+#[derive(Clone, Copy)]
+pub(super) enum Push {
+    /// How it has moved since it touched, in the pad's frame.
+    Moved(Isometry3<f64>),
+    /// The normal force, in units of E L².
+    Force(f64),
+}
 
 /// One press as a graph.
 pub(super) struct Scene {
@@ -60,19 +69,15 @@ pub(super) fn signs(mirror: usize) -> [f64; 3] {
 }
 
 impl Scene {
-    /// The scene of a sample seen in a mirror; an error if nothing is near the gel.
-    pub(super) fn new(
-        bodies: &Bodies,
-        sample: &Sample,
-        input: Input,
-        mirror: usize,
-    ) -> Result<Self> {
-        let Pad { gel, graph } = &bodies.pads[sample.gel];
+    /// The scene of `push` by the surface in `patch`, which touches `pad`, seen in a mirror; an error if
+    /// nothing is near the gel.
+    pub(super) fn new(pad: &Pad, patch: &Patch, push: Push, mirror: usize) -> Result<Self> {
+        let Pad { gel, graph } = pad;
         let (length, gel_nodes) = (gel.thickness, graph.places.len());
-        let at_touch = sample.patch.places.iter().map(|p| Point3::from(*p));
-        let object: Vec<Point3<f64>> = match input {
-            Input::Translation => at_touch.map(|p| sample.moved * p).collect(),
-            Input::Force => at_touch.collect(),
+        let at_touch = patch.places.iter().map(|p| Point3::from(*p));
+        let object: Vec<Point3<f64>> = match push {
+            Push::Moved(moved) => at_touch.map(|p| moved * p).collect(),
+            Push::Force(_) => at_touch.collect(),
         };
         let places: Vec<_> = graph.places.iter().chain(&object).copied().collect();
         let signs = Vector3::from(signs(mirror));
@@ -81,14 +86,14 @@ impl Scene {
         };
         let joined = contacts(&graph.places[..graph.columns], &object, gel_nodes);
         if joined.is_empty() {
-            let reason = format!("{}: no object node within {RADIUS} m of the face", sample.grasp);
+            let reason = format!("no node of the object within {RADIUS} m of the pad's face");
             return Err(Error::Network { reason });
         }
-        let force = match input {
-            Input::Translation => 0.0,
-            Input::Force => -f64::from(sample.truth.force[2]) * SHARES / joined.len() as f64,
+        let force = match push {
+            Push::Moved(_) => 0.0,
+            Push::Force(force) => force * SHARES / joined.len() as f64,
         };
-        let on_object = sample.patch.pairs.iter();
+        let on_object = patch.pairs.iter();
         let shift = gel_nodes as u32;
         let on_object = on_object.map(|&(a, b)| (a + shift, b + shift));
         let pairs: Vec<_> = graph.pairs.iter().copied().chain(on_object).collect();
@@ -101,7 +106,7 @@ impl Scene {
         let node = |i: usize| {
             let place = places[i].coords.component_mul(&signs) / length;
             let (kind, moved, motion) = if i >= gel_nodes {
-                let moved = object[i - gel_nodes].coords - sample.patch.places[i - gel_nodes];
+                let moved = object[i - gel_nodes].coords - patch.places[i - gel_nodes];
                 (2, moved.component_mul(&signs) / length, -Vector3::z())
             } else {
                 (usize::from(graph.free[i] == 0.0), Vector3::zeros(), Vector3::zeros())

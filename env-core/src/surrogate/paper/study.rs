@@ -1,25 +1,35 @@
-//! Runs of equal budget on equal data, and their errors.
+//! Runs of equal budget on equal data: what is trained, and what a run came to.
 
-use std::{collections::BTreeMap, path::Path, time::Instant};
+use std::{
+    cell::Cell,
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+    time::Instant,
+};
 
 use serde::{Deserialize, Serialize};
 
 use super::{
     bodies::Bodies,
-    config::{Input, PaperConfig},
+    card::PaperCard,
+    config::PaperConfig,
+    judge::{Judged, judge_paper, thinned},
+    parts::Parts,
     patch::Density,
     samples::Sample,
-    target::{Told, fields, motion, rigid_apart},
+    target::Told,
 };
 use crate::{
     Error, Result,
     dataset::Dataset,
     surrogate::{
-        Contact, PressErrors, Spread, Summary, Training,
+        Contact, Spread, Summary, Training,
         corrector::{Corrector, CorrectorConfig},
-        metrics::{errors, judge, judge_linear, relative},
+        metrics::{judge, judge_linear},
         samples::Gels,
         train::{Network, Trainer},
+        run::fingerprint,
+        weights::{self, Data, Vectors},
     },
 };
 
@@ -40,8 +50,9 @@ pub enum Run {
 
 /// Data and budget that runs have in common.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Study {
-    /// Split of the dataset.
+    /// Split of the dataset; the last grasp of each object to train on is judged on instead.
     pub split: String,
     /// What weights and batches are drawn from.
     pub seed: u64,
@@ -51,23 +62,27 @@ pub struct Study {
     pub batch: usize,
     /// Highest learning rate.
     pub rate: f64,
-    /// Every how manieth frame of the test part is judged.
+    /// Every how manieth frame is judged.
     pub every: usize,
 }
 
-/// Errors of an answerer, and what else is known of it.
+impl Default for Study {
+    /// Twenty-five minutes.
+    fn default() -> Self {
+        let (seed, seconds, every) = (0, 1500.0, 1);
+        Self { split: "novel-14".to_owned(), seed, seconds, batch: 4, rate: 2e-3, every }
+    }
+}
+
+/// Errors while training, on a sample of the frames that are judged.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Judged {
-    /// By the corrector's measures; null where the answerer does not say.
-    pub summary: Summary,
-    /// Error of the gel's rigid motion: translation (m) and rotation (degrees).
-    pub rigid: Option<[Spread; 2]>,
-    /// The true rigid motion: translation (m) and rotation (degrees).
-    pub rigid_truth: Option<[Spread; 2]>,
-    /// Relative error of the object's motion since touch, where only the force is told.
-    pub object: Option<Spread>,
-    /// Mean time of a press, everything but the linear answer included (s by the study's clock).
+pub struct Point {
+    /// Time trained (s) by the study's clock.
     pub seconds: f64,
+    /// Gradient steps.
+    pub steps: u64,
+    /// Relative errors of displacement and stress by part.
+    pub errors: BTreeMap<String, [Spread; 2]>,
 }
 
 /// What a run came to.
@@ -77,89 +92,131 @@ pub struct Report {
     pub run: Run,
     /// On which data and budget.
     pub study: Study,
-    /// Grasps and frames trained on.
-    pub train: [usize; 2],
-    /// Grasps and frames judged on.
-    pub test: [usize; 2],
+    /// Grasps and frames by part: train, known objects' and novel objects' grasps.
+    pub counts: BTreeMap<String, [usize; 2]>,
     /// Numbers that were learnt.
     pub parameters: usize,
     /// Gradient steps.
     pub steps: u64,
     /// What training took by the study's clock, and by the wall (s).
     pub seconds: [f64; 2],
-    /// Errors on the test part by answerer.
-    pub errors: BTreeMap<String, Judged>,
+    /// Errors on the way.
+    pub curve: Vec<Point>,
+    /// Errors by part and by answerer: a density of the object's surface, or a model.
+    pub errors: BTreeMap<String, BTreeMap<String, Judged>>,
+}
+
+/// Points of a learning curve, and frames of a part that it is drawn from.
+const POINTS: f64 = 12.0;
+const FRAMES: usize = 40;
+
+/// A trained network, its learning curve, and what training took (s).
+struct Trained<N: Network> {
+    trainer: Trainer<N>,
+    curve: Vec<Point>,
+    seconds: [f64; 2],
 }
 
 impl Study {
-    /// Trains `run` on the dataset in `data` for the budget, told by `clock` (s), and judges it.
+    /// Trains `run` on the dataset in `data` for the budget, told by `clock` (s), and judges it. For
+    /// one of the paper's networks the bytes of a weights file come with it.
     ///
     /// Errors: a dataset that cannot be read, a split without frames, a gradient that is not finite.
-    pub fn run(&self, run: &Run, data: &Path, clock: &dyn Fn() -> f64) -> Result<Report> {
+    pub fn run(
+        &self,
+        run: &Run,
+        data: &Path,
+        trained_by: &str,
+        clock: &dyn Fn() -> f64,
+    ) -> Result<(Report, Option<Vec<u8>>)> {
+        let dataset = Dataset::open(data)?;
+        let parts = Parts::of(dataset.split(&self.split)?);
         match run {
-            Run::Paper { network, density } => self.paper(run, *network, *density, data, clock),
-            Run::Corrector(network) => self.corrector(run, *network, data, clock),
+            Run::Paper { network, density } => {
+                let told = (*network, *density, trained_by);
+                let (report, bytes) = self.paper(run, told, &dataset, &parts, clock)?;
+                Ok((report, Some(bytes)))
+            }
+            Run::Corrector(network) => {
+                Ok((self.corrector(run, *network, &dataset, &parts, clock)?, None))
+            }
         }
     }
 
     fn paper(
         &self,
         run: &Run,
-        network: PaperConfig,
-        density: Density,
-        data: &Path,
+        (network, density, trained_by): (PaperConfig, Density, &str),
+        dataset: &Dataset,
+        parts: &Parts,
         clock: &dyn Fn() -> f64,
-    ) -> Result<Report> {
-        let dataset = Dataset::open(data)?;
+    ) -> Result<(Report, Vec<u8>)> {
         let bodies = Bodies::new(dataset.config())?;
-        let split = dataset.split(&self.split)?;
-        let samples = bodies.samples(&dataset, &split.train, density)?;
-        let (trainer, seconds) = self.trained::<Told>(network, &bodies, &samples, clock)?;
+        let samples = bodies.samples(dataset, &parts.train, density)?;
+        let judged = [&parts.known, &parts.novel].map(|part| -> Result<_> {
+            Ok(thinned(bodies.samples(dataset, part, density)?, self.every))
+        });
+        let [known, novel] = judged;
+        let tests = [("known", known?), ("novel", novel?)];
+        let trained = self.trained::<Told>(network, &bodies, &samples, &tests, clock)?;
+        let told = &trained.trainer.network;
         let mut errors = BTreeMap::new();
-        let mut counted = [0; 2];
-        for (name, density) in [("coarse", Density::Coarse), ("dense", Density::Dense)] {
-            let test = self.judged(bodies.samples(&dataset, &split.test, density)?);
-            counted = counts(test.iter().map(|sample| sample.grasp.as_str()));
-            let found = judge_paper(&trainer.network, &bodies, &test, network, clock)?;
-            errors.insert(name.to_owned(), found);
+        let mut counted = BTreeMap::from([counts("train", samples.iter().map(|s| &s.grasp))]);
+        for (part, test) in &tests {
+            let found = judge_paper(told, &bodies, test, clock)?;
+            errors.insert((*part).to_owned(), BTreeMap::from([(name(density), found)]));
+            counted.extend([counts(part, test.iter().map(|s| &s.grasp))]);
         }
-        let train = counts(samples.iter().map(|sample| sample.grasp.as_str()));
-        Ok(self.report(run, &trainer, [train, counted], seconds, errors))
+        let other = density.other();
+        let test = thinned(bodies.samples(dataset, &parts.novel, other)?, OTHER * self.every);
+        let found = judge_paper(told, &bodies, &test, clock)?;
+        errors.entry("novel".to_owned()).or_default().insert(name(other), found);
+        let report = self.report(run, &trained, counted, errors);
+        let fingerprint = fingerprint(dataset, dataset.split(&self.split)?);
+        let amplitude = samples.iter().map(Sample::amplitude).fold(0.0, f64::max);
+        let [train, test] = ["train", "novel"].map(|part| report.counts[part]);
+        let card = PaperCard {
+            variant: network.variant.name().to_owned(),
+            network,
+            density,
+            model_nodes: dataset.config().model_nodes,
+            study: self.clone(),
+            data: Data { train, test, amplitude, ..Data::of(dataset.config(), fingerprint, trained_by) },
+            known: report.errors["known"][&name(density)].clone(),
+            novel: report.errors["novel"][&name(density)].clone(),
+        };
+        let vectors: Vectors = trained.trainer.parameters.vectors()?;
+        Ok((report, weights::to_bytes(&vectors, &card)))
     }
 
     fn corrector(
         &self,
         run: &Run,
         network: CorrectorConfig,
-        data: &Path,
+        dataset: &Dataset,
+        parts: &Parts,
         clock: &dyn Fn() -> f64,
     ) -> Result<Report> {
-        let dataset = Dataset::open(data)?;
         let linear_nodes = Training::<CorrectorConfig>::default().linear_nodes;
         let gels = Gels::new(dataset.config(), linear_nodes, Contact::Points)?;
-        let split = dataset.split(&self.split)?;
-        let parts = [split.train.as_slice(), &split.test];
-        let ([samples, test], _) = gels.samples(&dataset, parts, &mut |_, _| true)?;
-        let test = self.judged(test);
-        let (trainer, seconds) = self.trained::<Corrector>(network, &gels, &samples, clock)?;
-        let start = clock();
-        let found = judge(&trainer.network, &gels, &test)?;
-        let each = (clock() - start) / test.len().max(1) as f64;
-        let plain = |errors: &[PressErrors], seconds: f64| {
-            let summary = Summary::of(errors);
-            Judged { summary, rigid: None, rigid_truth: None, object: None, seconds }
-        };
-        let errors = BTreeMap::from([
-            ("corrector".to_owned(), plain(&found, each)),
-            ("linear".to_owned(), plain(&judge_linear(&gels, &test), 0.0)),
-        ]);
-        let counted = [&samples, &test].map(|part| counts(part.iter().map(|s| s.grasp.as_str())));
-        Ok(self.report(run, &trainer, counted, seconds, errors))
-    }
-
-    /// The frames that are judged.
-    fn judged<T>(&self, test: Vec<T>) -> Vec<T> {
-        test.into_iter().step_by(self.every.max(1)).collect()
+        let all = [&parts.train[..], &parts.known, &parts.novel];
+        let ([samples, known, novel], _) = gels.samples(dataset, all, &mut |_, _| true)?;
+        let [known, novel] = [known, novel].map(|part| thinned(part, self.every));
+        let tests = [("known", known), ("novel", novel)];
+        let trained = self.trained::<Corrector>(network, &gels, &samples, &tests, clock)?;
+        let mut errors = BTreeMap::new();
+        let mut counted = BTreeMap::from([counts("train", samples.iter().map(|s| &s.grasp))]);
+        for (part, test) in &tests {
+            let start = clock();
+            let found = judge(&trained.trainer.network, &gels, test)?;
+            let each = (clock() - start) / test.len().max(1) as f64;
+            let linear = Judged::of(&judge_linear(&gels, test), None);
+            let found = Judged::of(&found, Some(each));
+            let both = [("corrector".to_owned(), found), ("linear".to_owned(), linear)];
+            errors.insert((*part).to_owned(), both.into());
+            counted.extend([counts(part, test.iter().map(|s| &s.grasp))]);
+        }
+        Ok(self.report(run, &trained, counted, errors))
     }
 
     fn trained<N: Network>(
@@ -167,8 +224,9 @@ impl Study {
         network: N::Config,
         ground: &N::Ground,
         samples: &[N::Sample],
+        tests: &[(&str, Vec<N::Sample>)],
         clock: &dyn Fn() -> f64,
-    ) -> Result<(Trainer<N>, [f64; 2])>
+    ) -> Result<Trained<N>>
     where
         N::Config: Default,
     {
@@ -185,60 +243,65 @@ impl Study {
             ..Training::default()
         };
         let mut trainer = Trainer::<N>::new(training)?;
-        let (start, wall) = (clock(), Instant::now());
-        trainer.spend(ground, samples, &|| (clock() - start) / self.seconds)?;
-        Ok((trainer, [clock() - start, wall.elapsed().as_secs_f64()]))
+        let (start, wall, mut curve) = (Cell::new(clock()), Instant::now(), Vec::<Point>::new());
+        let spent = || (clock() - start.get()) / self.seconds;
+        trainer.spend(ground, samples, &spent, &mut |trainer| {
+            if spent() * POINTS >= (curve.len() + 1) as f64 {
+                let begun = clock();
+                let (seconds, steps) = (spent() * self.seconds, trainer.adam.steps);
+                let errors = glance(&trainer.network, ground, tests)?;
+                curve.push(Point { seconds, steps, errors });
+                // The budget is for training alone.
+                start.set(start.get() + clock() - begun);
+            }
+            Ok(())
+        })?;
+        let seconds = [clock() - start.get(), wall.elapsed().as_secs_f64()];
+        Ok(Trained { trainer, curve, seconds })
     }
 
     fn report<N: Network>(
         &self,
         run: &Run,
-        trainer: &Trainer<N>,
-        [train, test]: [[usize; 2]; 2],
-        seconds: [f64; 2],
-        errors: BTreeMap<String, Judged>,
+        Trained { trainer, curve, seconds }: &Trained<N>,
+        counts: BTreeMap<String, [usize; 2]>,
+        errors: BTreeMap<String, BTreeMap<String, Judged>>,
     ) -> Report {
         let learnt = trainer.parameters.all().iter().map(|(_, var)| var.elem_count()).sum();
         let (run, study, steps) = (*run, self.clone(), trainer.adam.steps);
-        Report { run, study, train, test, parameters: learnt, steps, seconds, errors }
+        let (curve, seconds) = (curve.clone(), *seconds);
+        Report { run, study, counts, parameters: learnt, steps, seconds, curve, errors }
     }
 }
 
-fn judge_paper(
-    network: &Told,
-    bodies: &Bodies,
-    test: &[Sample],
-    config: PaperConfig,
-    clock: &dyn Fn() -> f64,
-) -> Result<Judged> {
-    let (mut presses, mut seconds) = (Vec::new(), 0.0);
-    let (mut rigid, mut truth, mut object) = (Vec::new(), Vec::new(), Vec::new());
-    for sample in test {
-        let start = clock();
-        let answer = network.says(bodies, sample, 0)?;
-        seconds += (clock() - start) / test.len() as f64;
-        let (true_fields, gel) = Told::truth(bodies, sample);
-        presses.push(errors(&fields(&answer)?, true_fields, gel));
-        let in_units = |[angle, way]: [f64; 2]| [way * gel.thickness, angle.to_degrees()];
-        rigid.extend(rigid_apart(&answer, sample)?.map(in_units));
-        truth.push(in_units(sample.turned()));
-        if config.input == Input::Force {
-            let (found, moved) = (answer.object.flatten_all()?.to_vec1()?, motion(bodies, sample));
-            object.push(relative(&found, &moved));
-        }
-    }
-    let spreads = |pairs: &[[f64; 2]]| {
-        let spread = |i: usize| Spread::of(pairs.iter().map(|pair| pair[i]).collect());
-        (!pairs.is_empty()).then(|| [spread(0), spread(1)])
+/// Of the density that is not trained on, one in so many of the judged frames is judged.
+const OTHER: usize = 3;
+
+/// Errors of displacement and stress on a few frames of each part.
+fn glance<N: Network>(
+    network: &N,
+    ground: &N::Ground,
+    tests: &[(&str, Vec<N::Sample>)],
+) -> Result<BTreeMap<String, [Spread; 2]>> {
+    let one = |(part, test): &(&str, Vec<N::Sample>)| {
+        let stride = test.len().div_ceil(FRAMES).max(1) | 1;
+        let few: Vec<_> = test.iter().step_by(stride).collect();
+        let Summary { displacement, stress, .. } = Summary::of(&judge(network, ground, &few)?);
+        Ok(((*part).to_owned(), [displacement, stress]))
     };
-    let (rigid, rigid_truth) = (spreads(&rigid), spreads(&truth));
-    let object = (!object.is_empty()).then(|| Spread::of(object));
-    Ok(Judged { summary: Summary::of(&presses), rigid, rigid_truth, object, seconds })
+    tests.iter().map(one).collect()
 }
 
-/// Grasps and frames.
-fn counts<'a>(grasps: impl Iterator<Item = &'a str>) -> [usize; 2] {
-    let all: Vec<&str> = grasps.collect();
-    let grasps: std::collections::BTreeSet<_> = all.iter().collect();
-    [grasps.len(), all.len()]
+fn name(density: Density) -> String {
+    match density {
+        Density::Coarse => "coarse".to_owned(),
+        Density::Dense => "dense".to_owned(),
+    }
+}
+
+/// Grasps and frames of a part.
+fn counts<'a>(part: &str, grasps: impl Iterator<Item = &'a String>) -> (String, [usize; 2]) {
+    let all: Vec<_> = grasps.collect();
+    let grasps: BTreeSet<_> = all.iter().collect();
+    (part.to_owned(), [grasps.len(), all.len()])
 }

@@ -29,13 +29,15 @@ const WEIGHTS: [f64; 4] = [1.0, 1.0, 1.0, 0.1];
 /// A network and what it is told.
 pub(super) struct Told {
     network: Paper,
-    input: Input,
+    pub(super) input: Input,
 }
 
 impl Told {
     /// The answer to a sample seen in a mirror.
     pub(super) fn says(&self, bodies: &Bodies, sample: &Sample, mirror: usize) -> Result<Answer> {
-        Ok(self.network.forward(&Scene::new(bodies, sample, self.input, mirror)?)?)
+        let pad = &bodies.pads[sample.gel];
+        let scene = Scene::new(pad, &sample.patch, sample.push(self.input), mirror)?;
+        Ok(self.network.forward(&scene)?)
     }
 
     /// Errors of the parts of an answer, a scalar each; none where a part is not asked.

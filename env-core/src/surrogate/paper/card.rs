@@ -1,0 +1,28 @@
+//! What the weights of one of the paper's networks say of themselves.
+
+use serde::{Deserialize, Serialize};
+
+use super::{config::PaperConfig, judge::Judged, patch::Density, study::Study};
+use crate::surrogate::weights::Data;
+
+/// What a network is, what it learnt from and how well.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PaperCard {
+    /// Form of the network: paper-baseline, paper-a or paper-b.
+    pub variant: String,
+    /// Sizes of the network.
+    pub network: PaperConfig,
+    /// Density of the objects' surfaces.
+    pub density: Density,
+    /// Nodes of the model mesh, at most.
+    pub model_nodes: usize,
+    /// How it was trained.
+    pub study: Study,
+    /// What it was trained on; tested on objects that it never saw.
+    pub data: Data,
+    /// Errors on unseen grasps of known objects.
+    pub known: Judged,
+    /// Errors on objects that it never saw.
+    pub novel: Judged,
+}

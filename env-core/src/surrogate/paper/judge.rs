@@ -1,0 +1,91 @@
+//! Errors of an answerer on one part of the frames.
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    bodies::Bodies,
+    config::Input,
+    samples::Sample,
+    target::{Told, fields, motion, rigid_apart},
+};
+use crate::{
+    Result,
+    surrogate::{
+        PressErrors, Spread, Summary,
+        metrics::{errors, relative},
+        train::Network,
+    },
+};
+
+/// Largest displacement over the pad's thickness from which a press is deep.
+const DEEP: f64 = 0.25;
+
+/// Errors of an answerer, and what else is known of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Judged {
+    /// By the corrector's measures.
+    pub all: Summary,
+    /// Of presses that move the gel by more than a quarter of its thickness.
+    pub deep: Summary,
+    /// Error of the gel's rigid motion: translation (m) and rotation (degrees).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rigid: Option<[Spread; 2]>,
+    /// The true rigid motion: translation (m) and rotation (degrees).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rigid_truth: Option<[Spread; 2]>,
+    /// Relative error of the object's motion since touch, where only the force is told.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub object: Option<Spread>,
+    /// Mean time of a press (s by the study's clock), the linear answer not included.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
+}
+
+impl Judged {
+    /// Of single presses.
+    pub(super) fn of(presses: &[PressErrors], seconds: Option<f64>) -> Self {
+        let deep: Vec<_> = presses.iter().filter(|press| press.amplitude > DEEP).copied().collect();
+        let (all, deep) = (Summary::of(presses), Summary::of(&deep));
+        Self { all, deep, rigid: None, rigid_truth: None, object: None, seconds }
+    }
+}
+
+/// Errors of one of the paper's networks.
+pub(super) fn judge_paper(
+    network: &Told,
+    bodies: &Bodies,
+    test: &[Sample],
+    clock: &dyn Fn() -> f64,
+) -> Result<Judged> {
+    let (mut presses, mut seconds) = (Vec::new(), 0.0);
+    let (mut rigid, mut truth, mut object) = (Vec::new(), Vec::new(), Vec::new());
+    for sample in test {
+        let start = clock();
+        let answer = network.says(bodies, sample, 0)?;
+        seconds += (clock() - start) / test.len() as f64;
+        let (true_fields, gel) = Told::truth(bodies, sample);
+        presses.push(errors(&fields(&answer)?, true_fields, gel));
+        let in_units = |[angle, way]: [f64; 2]| [way * gel.thickness, angle.to_degrees()];
+        rigid.extend(rigid_apart(&answer, sample)?.map(in_units));
+        truth.push(in_units(sample.turned()));
+        if network.input == Input::Force {
+            let (found, moved) = (answer.object.flatten_all()?.to_vec1()?, motion(bodies, sample));
+            object.push(relative(&found, &moved));
+        }
+    }
+    let spreads = |pairs: &[[f64; 2]]| {
+        let spread = |i: usize| Spread::of(pairs.iter().map(|pair| pair[i]).collect());
+        (!pairs.is_empty()).then(|| [spread(0), spread(1)])
+    };
+    Ok(Judged {
+        rigid: spreads(&rigid),
+        rigid_truth: spreads(&truth),
+        object: (!object.is_empty()).then(|| Spread::of(object)),
+        ..Judged::of(&presses, Some(seconds))
+    })
+}
+
+/// Every so manieth of `test`.
+pub(super) fn thinned<T>(test: Vec<T>, every: usize) -> Vec<T> {
+    test.into_iter().step_by(every.max(1)).collect()
+}
