@@ -159,7 +159,7 @@ pub(super) struct Trainer<N: Network> {
 const MOMENTS: [&str; 2] = ["moment-1", "moment-2"];
 /// Sample numbers on one graph and the mirror they are seen in, which one thread computes.
 type Piece = (Vec<usize>, usize);
-/// Samples in a piece.
+/// Samples in a piece, at most.
 const PIECE: usize = 4;
 
 impl<N: Network> Trainer<N> {
@@ -207,8 +207,9 @@ impl<N: Network> Trainer<N> {
                 (0..samples.len()).filter(|&i| N::graph(&samples[i]) == graph).collect();
             own.shuffle(&mut random);
             let mirrors = if self.training.mirrors { 4 } else { 1 };
-            let cut =
-                own.chunks(PIECE).map(|piece| (piece.to_vec(), random.random_range(0..mirrors)));
+            let cut = own
+                .chunks(PIECE.min(self.training.batch))
+                .map(|piece| (piece.to_vec(), random.random_range(0..mirrors)));
             pieces.extend(cut.collect::<Vec<_>>());
         }
         pieces.shuffle(&mut random);

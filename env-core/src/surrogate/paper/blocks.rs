@@ -49,9 +49,16 @@ pub(super) struct Tail {
 
 impl Tail {
     fn new(width: usize, outputs: usize, norm: bool, vb: &VarBuilder) -> Result<Self> {
+        let second = Affine::new(width, width, &vb.pp("second"))?;
+        let third = Affine::new(width, outputs, &vb.pp("third"))?;
+        Self::of(second, third, norm, vb)
+    }
+
+    fn of(second: Affine, third: Affine, norm: bool, vb: &VarBuilder) -> Result<Self> {
+        let outputs = third.bias.dims1()?;
         Ok(Self {
-            second: Affine::new(width, width, &vb.pp("second"))?,
-            third: Affine::new(width, outputs, &vb.pp("third"))?,
+            second,
+            third,
             norm: norm.then(|| Norm::new(outputs, &vb.pp("norm"))).transpose()?,
         })
     }
@@ -70,13 +77,23 @@ pub(super) struct Perceptron {
 }
 
 impl Perceptron {
-    pub(super) fn new(
-        [inputs, width, outputs]: [usize; 3],
+    pub(super) fn encoder(
+        inputs: usize,
+        width: usize,
         norm: bool,
         vb: &VarBuilder,
     ) -> Result<Self> {
         let first = Affine::new(inputs, width, &vb.pp("first"))?;
-        Ok(Self { first, tail: Tail::new(width, outputs, norm, vb)? })
+        Ok(Self { first, tail: Tail::new(width, width, norm, vb)? })
+    }
+
+    /// Says nothing to begin with: a random field on every node is worse than none, and light presses
+    /// would be all noise.
+    pub(super) fn decoder(width: usize, outputs: usize, vb: &VarBuilder) -> Result<Self> {
+        let first = Affine::new(width, width, &vb.pp("first"))?;
+        let second = Affine::new(width, width, &vb.pp("second"))?;
+        let third = Affine::zero(width, outputs, &vb.pp("third"))?;
+        Ok(Self { first, tail: Tail::of(second, third, false, vb)? })
     }
 
     /// (N, inputs) to (N, outputs).

@@ -16,9 +16,9 @@ use super::{
 use crate::surrogate::ops::{Sparse, sparse};
 
 /// What decoders say is in these units of thickness, and of the shear modulus: the root mean square of
-/// a middling press is about 1, as is a number drawn for a decoder's weights.
-const DISPLACEMENT: f64 = 0.01;
-const STRESS: f64 = 0.05;
+/// a middling press is about 1.
+pub(super) const DISPLACEMENT: f64 = 0.01;
+pub(super) const STRESS: f64 = 0.05;
 
 /// One of the paper's networks.
 pub(super) struct Paper {
@@ -72,10 +72,8 @@ pub(super) struct Answer {
 impl Paper {
     pub(super) fn new(config: &PaperConfig, vb: &VarBuilder) -> Result<Self> {
         let PaperConfig { variant, width, rounds, shared, norm, .. } = *config;
-        let encoder =
-            |name: &str, inputs| Perceptron::new([inputs, width, width], norm, &vb.pp(name));
-        let decoder =
-            |name: &str, outputs| Perceptron::new([width, width, outputs], false, &vb.pp(name));
+        let encoder = |name: &str, inputs| Perceptron::encoder(inputs, width, norm, &vb.pp(name));
+        let decoder = |name: &str, outputs| Perceptron::decoder(width, outputs, &vb.pp(name));
         let blocks = 0..if shared { rounds.min(1) } else { rounds };
         Ok(Self {
             nodes: encoder("encoder.nodes", NODE_FEATURES)?,

@@ -16,8 +16,8 @@ use crate::{
     surrogate::ops::{Edges, Sparse},
 };
 
-/// Kind of a node (free, bonded, object), position, displacement since touch, direction in which the
-/// finger moves it, compressibility, friction.
+/// Kind of a node (free, bonded, object), position, displacement since touch in units of a middling
+/// press, direction in which the finger moves it, compressibility, friction.
 pub(super) const NODE_FEATURES: usize = 3 + 3 + 3 + 3 + 2;
 /// The way from sender to receiver, its length.
 pub(super) const MESH_FEATURES: usize = 4;
@@ -29,6 +29,8 @@ const RADIUS: f64 = 5e-3;
 /// Object nodes that a node of the face is joined to at most, the nearest; all within the radius
 /// would be dozens.
 const NEAREST: usize = 4;
+/// How far a middling press moves the object, in units of thickness.
+const MIDDLING: f64 = 0.05;
 /// Force over the number of edges is about 1 in units of E L² over this many edges.
 const SHARES: f64 = 1000.0;
 
@@ -107,7 +109,7 @@ impl Scene {
             let place = places[i].coords.component_mul(&signs) / length;
             let (kind, moved, motion) = if i >= gel_nodes {
                 let moved = object[i - gel_nodes].coords - patch.places[i - gel_nodes];
-                (2, moved.component_mul(&signs) / length, -Vector3::z())
+                (2, moved.component_mul(&signs) / (MIDDLING * length), -Vector3::z())
             } else {
                 (usize::from(graph.free[i] == 0.0), Vector3::zeros(), Vector3::zeros())
             };

@@ -7,6 +7,8 @@ use std::{
     time::Instant,
 };
 
+use rand::{SeedableRng, seq::SliceRandom};
+use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -26,9 +28,9 @@ use crate::{
         Contact, Spread, Summary, Training,
         corrector::{Corrector, CorrectorConfig},
         metrics::{judge, judge_linear},
+        run::fingerprint,
         samples::Gels,
         train::{Network, Trainer},
-        run::fingerprint,
         weights::{self, Data, Vectors},
     },
 };
@@ -181,7 +183,12 @@ impl Study {
             density,
             model_nodes: dataset.config().model_nodes,
             study: self.clone(),
-            data: Data { train, test, amplitude, ..Data::of(dataset.config(), fingerprint, trained_by) },
+            data: Data {
+                train,
+                test,
+                amplitude,
+                ..Data::of(dataset.config(), fingerprint, trained_by)
+            },
             known: report.errors["known"][&name(density)].clone(),
             novel: report.errors["novel"][&name(density)].clone(),
         };
@@ -284,8 +291,9 @@ fn glance<N: Network>(
     tests: &[(&str, Vec<N::Sample>)],
 ) -> Result<BTreeMap<String, [Spread; 2]>> {
     let one = |(part, test): &(&str, Vec<N::Sample>)| {
-        let stride = test.len().div_ceil(FRAMES).max(1) | 1;
-        let few: Vec<_> = test.iter().step_by(stride).collect();
+        let mut few: Vec<_> = test.iter().collect();
+        few.shuffle(&mut ChaCha8Rng::seed_from_u64(0));
+        few.truncate(FRAMES);
         let Summary { displacement, stress, .. } = Summary::of(&judge(network, ground, &few)?);
         Ok(((*part).to_owned(), [displacement, stress]))
     };

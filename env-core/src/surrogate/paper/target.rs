@@ -1,5 +1,6 @@
-//! What the paper's networks are trained towards: the corrector's relative errors, and besides those
-//! of the object's motion, where only the force is told, and of the rigid motion, where it is said.
+//! What the paper's networks are trained towards: the corrector's relative errors of displacement and
+//! stress, and besides those of the object's motion, where only the force is told, and of the rigid
+//! motion, where it is said. Light presses count less than with the corrector.
 
 use candle_core::{Device, Tensor};
 use candle_nn::VarBuilder;
@@ -8,7 +9,7 @@ use nalgebra::Point3;
 use super::{
     bodies::Bodies,
     config::{Input, PaperConfig},
-    network::{Answer, Paper},
+    network::{Answer, DISPLACEMENT, Paper, STRESS},
     rigid::{self, STILL},
     samples::Sample,
     scene::{Scene, signs},
@@ -25,6 +26,9 @@ use crate::{
 
 /// Weight of displacement, stress, the object's motion and the rigid motion in the loss.
 const WEIGHTS: [f64; 4] = [1.0, 1.0, 1.0, 0.1];
+
+/// Size of a press below which it counts less, over that of a middling one.
+const LIGHT: f64 = 0.1;
 
 /// A network and what it is told.
 pub(super) struct Told {
@@ -49,28 +53,39 @@ impl Told {
     ) -> Result<[Option<Tensor>; 4]> {
         let answer = self.says(bodies, sample, mirror)?;
         let signs = signs(mirror).map(|sign| sign as f32);
-        let error = |found: &Tensor, truth: Vec<f32>| -> Result<Option<Tensor>> {
+        let error = |found: &Tensor, truth: Vec<f32>, middling: f64| -> Result<Option<Tensor>> {
+            let weight = weight(&truth, middling);
             let truth = Tensor::from_vec(truth, (1, found.elem_count()), &Device::Cpu)?;
-            Ok(Some(relative(&found.reshape(truth.shape())?, &truth)?.mean_all()?))
+            let error = relative(&found.reshape(truth.shape())?, &truth)?.mean_all()?;
+            Ok(Some((error * weight)?))
         };
         let mirrored = |vectors: &[f32]| -> Vec<f32> {
             vectors.iter().zip(signs.iter().cycle()).map(|(x, sign)| x * sign).collect()
         };
         let object = match self.input {
             Input::Translation => None,
-            Input::Force => error(&answer.object, mirrored(&motion(bodies, sample)))?,
+            Input::Force => error(&answer.object, mirrored(&motion(bodies, sample)), DISPLACEMENT)?,
         };
         let rigid = match &answer.rigid {
             Some(found) => rigid_error(found, &sample.rigid, signs).map(Some)?,
             None => None,
         };
         Ok([
-            error(&answer.displacement, mirrored(&sample.truth.displacement))?,
-            error(&answer.stress, sample.truth.stress.clone())?,
+            error(&answer.displacement, mirrored(&sample.truth.displacement), DISPLACEMENT)?,
+            error(&answer.stress, sample.truth.stress.clone(), STRESS)?,
             object,
             rigid,
         ])
     }
+}
+
+/// How much the relative error of a field counts: 1 where its root mean square is that of a middling
+/// press, in proportion to its size where it is far below a tenth of that. First touches, of which the
+/// surface's nodes say little, would else be most of the loss.
+fn weight(truth: &[f32], middling: f64) -> f64 {
+    let squares = truth.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>();
+    let size = (squares / truth.len() as f64).sqrt();
+    size / size.hypot(LIGHT * middling)
 }
 
 /// How the object's nodes have moved since it touched (O, 3), in units of thickness.
