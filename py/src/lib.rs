@@ -253,8 +253,8 @@ mod _core {
     use crate::dataset::{dataset_shards, generate_dataset};
     #[pymodule_export]
     use crate::mechanics::{
-        Antipodal, Compliance, Deformation, Fem, Grasp, Grasped, History, Object, Press, Shape,
-        SoftBody, Surrogate, TetMesh, Transfer, objects, sensor,
+        Antipodal, Compliance, Deformation, Fem, Grasp, Grasped, History, Object, PaperAnswer,
+        PaperNetwork, Press, Shape, SoftBody, Surrogate, TetMesh, Transfer, objects, sensor,
     };
     #[pymodule_export]
     use crate::training::{evaluate_surrogate, train_surrogate};

@@ -11,6 +11,7 @@ use super::{
     features::{Gel, Question},
     graph::PadGraph,
     linear::{self, Carried, Contact, Linear, body},
+    paper::PaperNetwork,
     weights::{self, Card},
 };
 use crate::{
@@ -57,7 +58,12 @@ impl Surrogate {
         let known = KNOWN.iter().find(|(known, _)| *known == name);
         let (name, bytes) = known.ok_or_else(|| {
             let names = KNOWN.map(|(name, _)| name).join(", ");
-            Error::invalid("surrogate", name, format!("one of {names}, or a file's path"))
+            let expected = if PaperNetwork::names().any(|paper| paper == name) {
+                format!("one of {names}; {name} says no contact forces and is a PaperNetwork")
+            } else {
+                format!("one of {names}, or a file's path")
+            };
+            Error::invalid("surrogate", name, expected)
         })?;
         Self::from_bytes(name, bytes, sensor, moduli, friction)
     }
@@ -75,7 +81,7 @@ impl Surrogate {
         moduli: Moduli,
         friction: f64,
     ) -> Result<Self> {
-        let (tensors, card): (_, Card) = weights::from_bytes(name, bytes)?;
+        let (tensors, card): (_, Card) = weights::of_kind(name, bytes)?;
         let parameters = weights::parameters(tensors)?;
         let plain = Corrector::new(&card.network, &parameters.builder())?;
         let gel = Gel { moduli, friction, thickness: sensor.outline.thickness };
@@ -130,14 +136,10 @@ impl Surrogate {
     /// network has learnt from. Where the linear model feels contact at nodes, a touch of few of them
     /// is not.
     pub fn knows(&self, displacement: &[Vector3<f64>], history: &History) -> bool {
-        let Trained { card: Card { data, .. }, gel, .. } = &*self.0;
-        let within = |x: f64, [low, high]: [f64; 2]| (low..=high).contains(&x);
-        let deepest = displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
+        let Trained { card, gel, .. } = &*self.0;
         let touching = history.anchors.len();
-        let seen = self.0.card.contact == Contact::Points || touching == 0 || touching >= FEWEST;
-        seen && deepest <= data.amplitude * gel.thickness
-            && within(gel.moduli.poisson, data.poisson)
-            && within(gel.friction, data.friction)
+        let seen = card.contact == Contact::Points || touching == 0 || touching >= FEWEST;
+        seen && card.data.covers(gel, displacement)
     }
 }
 

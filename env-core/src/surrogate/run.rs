@@ -245,7 +245,7 @@ pub fn evaluate(
     split: &str,
 ) -> Result<Vec<(String, PressErrors, PressErrors)>> {
     let (vectors, card): (_, Card) =
-        weights::from_bytes(&weights.display().to_string(), &weights::read(weights)?)?;
+        weights::of_kind(&weights.display().to_string(), &weights::read(weights)?)?;
     let network = Corrector::new(&card.network, &weights::parameters(vectors)?.builder())?;
     let dataset = Dataset::open(data)?;
     let gels = Gels::new(dataset.config(), card.linear_nodes, card.contact)?;

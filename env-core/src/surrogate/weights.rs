@@ -7,12 +7,13 @@
 use std::{collections::BTreeMap, fs, path::Path};
 
 use candle_core::{Device, Tensor};
+use nalgebra::Vector3;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
-    corrector::CorrectorConfig, linear::Contact, metrics::Summary, parameters::Parameters,
-    train::Training,
+    corrector::CorrectorConfig, features, linear::Contact, metrics::Summary,
+    parameters::Parameters, train::Training,
 };
 use crate::{
     Error, Result,
@@ -85,6 +86,31 @@ impl Data {
             ..Self::default()
         }
     }
+
+    /// Whether a displacement (V, 3) in m on `gel` is like these data.
+    pub(super) fn covers(&self, gel: &features::Gel, displacement: &[Vector3<f64>]) -> bool {
+        let within = |x: f64, [low, high]: [f64; 2]| (low..=high).contains(&x);
+        let deepest = displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
+        deepest <= self.amplitude * gel.thickness
+            && within(gel.moduli.poisson, self.poisson)
+            && within(gel.friction, self.friction)
+    }
+}
+
+/// A card that says of which form its network is.
+pub(super) trait Kind: DeserializeOwned {
+    /// What its `variant` may be.
+    const VARIANTS: &'static [&'static str];
+}
+
+impl Kind for Card {
+    const VARIANTS: &'static [&'static str] = &["corrector"];
+}
+
+/// What is read of a card of any kind.
+#[derive(Deserialize)]
+struct Form {
+    variant: String,
 }
 
 /// Shapes and values of tensors by name.
@@ -111,6 +137,18 @@ pub(super) fn to_bytes(tensors: &Vectors, card: &impl Serialize) -> Vec<u8> {
     let text = serde_json::to_string(card).expect("plain data");
     let metadata = [(KEY.to_owned(), text)].into();
     safetensors::serialize(views, Some(metadata)).expect("valid tensors")
+}
+
+/// The tensors and the card in `bytes`, or why `name` holds no weights of that kind.
+pub(super) fn of_kind<C: Kind>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
+    if let Ok(Form { variant }) = from_bytes(name, bytes).map(|(_, form): (_, Form)| form)
+        && !C::VARIANTS.contains(&variant.as_str())
+    {
+        let expected = C::VARIANTS.join(", ");
+        let reason = format!("weights of {variant}, expected {expected}");
+        return Err(Error::File { path: name.to_owned(), reason });
+    }
+    from_bytes(name, bytes)
 }
 
 /// The tensors and the card in `bytes`, or why `name` is not such a file.

@@ -2,7 +2,8 @@
 
 A soft body (`SoftBody`, or the gel pad of a `sensor`) is pressed by rigid shapes (`Shape`,
 `Press`); a model answers with a `Deformation`: `Fem`, finite elements, `Compliance`, fast and
-linear, or `Surrogate`, a network that corrects the linear answer. Two pads hold one of the
+linear, or `Surrogate`, a network that corrects the linear answer. `PaperNetwork` is a network that
+is shown no linear answer, and says no forces. Two pads hold one of the
 `objects` in a `Grasp`. Lengths are in m, forces in N, stresses in Pa. In the shell,
 `ruffini press` does one press.
 
@@ -25,6 +26,8 @@ from ruffini._core import (
     Grasped,
     History,
     Object,
+    PaperAnswer,
+    PaperNetwork,
     Press,
     PressError,
     Shape,
@@ -51,6 +54,8 @@ __all__ = [
     "Grasped",
     "History",
     "Object",
+    "PaperAnswer",
+    "PaperNetwork",
     "Press",
     "PressError",
     "Shape",

@@ -39,10 +39,10 @@ pub(crate) struct Surrogate {
 }
 
 /// What a network is put on.
-struct Gel {
-    sensor: Sensor,
-    moduli: Moduli,
-    friction: f64,
+pub(super) struct Gel {
+    pub(super) sensor: Sensor,
+    pub(super) moduli: Moduli,
+    pub(super) friction: f64,
 }
 
 #[pymethods]
@@ -147,7 +147,7 @@ impl Surrogate {
 }
 
 impl Gel {
-    fn new(
+    pub(super) fn new(
         name: &str,
         calibration: Option<&str>,
         [young, poisson, friction]: [Option<f64>; 3],

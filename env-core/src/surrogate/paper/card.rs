@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{config::PaperConfig, judge::Judged, patch::Density, study::Study};
-use crate::surrogate::weights::Data;
+use crate::surrogate::weights::{Data, Kind};
 
 /// What a network is, what it learnt from and how well.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,4 +25,8 @@ pub struct PaperCard {
     pub known: Judged,
     /// Errors on objects that it never saw.
     pub novel: Judged,
+}
+
+impl Kind for PaperCard {
+    const VARIANTS: &'static [&'static str] = &["paper-baseline", "paper-a", "paper-b"];
 }

@@ -7,9 +7,11 @@
 //!   v' = f(v, Σ e, g) + v; it is decoded into the gel's best-fit rigid motion. A bonded gel hardly
 //!   moves as a whole, so that motion is small here.
 //!
-//! They are trained on the same frames, with the same loss and trainer as the corrector, and are shown
-//! no linear answer. None of them answers contact forces.
+//! They are trained on the same frames as the corrector, by its trainer and nearly its loss, and are
+//! shown no linear answer. None of them answers contact forces: [`PaperNetwork`] says displacement,
+//! stress and, of B, rigid motion. [`Study`] trains and judges them at equal budgets.
 
+mod answer;
 mod blocks;
 mod bodies;
 mod card;
@@ -24,6 +26,7 @@ mod scene;
 mod study;
 mod target;
 
+pub use answer::{PaperAnswer, PaperNetwork};
 pub use card::PaperCard;
 pub use config::{Input, PaperConfig, Variant};
 pub use judge::Judged;

@@ -89,6 +89,11 @@ impl Paper {
         })
     }
 
+    /// Whether it is variant B.
+    pub(super) fn says_motion(&self) -> bool {
+        self.rigid.is_some()
+    }
+
     /// The answer on `scene`.
     pub(super) fn forward(&self, scene: &Scene) -> Result<Answer> {
         let mut latent = self.encode(scene)?;

@@ -7,12 +7,13 @@ use candle_nn::VarBuilder;
 use nalgebra::Point3;
 
 use super::{
-    bodies::Bodies,
+    bodies::{Bodies, Pad},
     config::{Input, PaperConfig},
     network::{Answer, DISPLACEMENT, Paper, STRESS},
+    patch::Patch,
     rigid::{self, STILL},
     samples::Sample,
-    scene::{Scene, signs},
+    scene::{Push, Scene, signs},
 };
 use crate::{
     Result,
@@ -42,6 +43,16 @@ impl Told {
         let pad = &bodies.pads[sample.gel];
         let scene = Scene::new(pad, &sample.patch, sample.push(self.input), mirror)?;
         Ok(self.network.forward(&scene)?)
+    }
+
+    /// The answer to `push` by the surface in `patch`.
+    pub(super) fn answer_to(&self, pad: &Pad, patch: &Patch, push: Push) -> Result<Answer> {
+        Ok(self.network.forward(&Scene::new(pad, patch, push, 0)?)?)
+    }
+
+    /// Whether it says a rigid motion.
+    pub(super) fn says_motion(&self) -> bool {
+        self.network.says_motion()
     }
 
     /// Errors of the parts of an answer, a scalar each; none where a part is not asked.

@@ -1,0 +1,299 @@
+//! One of the paper's networks as an answerer of presses.
+
+use std::{path::Path, sync::Arc, time::Instant};
+
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+use super::{
+    bodies::{Graph, Pad},
+    card::PaperCard,
+    config::Input,
+    patch::Patch,
+    scene::Push,
+    target::Told,
+};
+use crate::{
+    Error, Result,
+    deformation::{Drive, Moduli, Press, SoftBody},
+    geometry::Shape,
+    sensor::Sensor,
+    surrogate::{features::Gel, linear::body, train::Network, weights},
+};
+
+/// A trained network of the paper's on one gel. Copies share what was computed in advance.
+#[derive(Clone)]
+pub struct PaperNetwork(Arc<Trained>);
+
+struct Trained {
+    card: PaperCard,
+    network: Told,
+    pad: Pad,
+    body: SoftBody,
+}
+
+/// What one of the paper's networks says of a press. It says nothing of contact forces.
+#[derive(Clone, Debug)]
+pub struct PaperAnswer {
+    /// Displacement of the nodes (V, 3) in m.
+    pub displacement: Vec<Vector3<f64>>,
+    /// Von Mises equivalent of the Cauchy stress (T) in Pa.
+    pub von_mises: Vec<f64>,
+    /// Best-fit rigid motion of the gel, of variant B.
+    pub rigid: Option<Isometry3<f64>>,
+    /// Pose of the shape.
+    pub pose: Isometry3<f64>,
+    /// Wall time (s).
+    pub seconds: f64,
+}
+
+/// Weights that are known by name.
+const KNOWN: [(&str, &[u8]); 1] =
+    [("paper-b", include_bytes!("../../../assets/weights/paper-b.safetensors"))];
+/// Largest model mesh and network that a card may ask for.
+const MOST_NODES: usize = 20_000;
+const MOST_ROUNDS: usize = 64;
+
+impl PaperNetwork {
+    /// Names of shipped weights.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        KNOWN.into_iter().map(|(name, _)| name)
+    }
+
+    /// The shipped weights of that name on a gel of `sensor` with the given material and friction.
+    pub fn named(name: &str, sensor: &Sensor, moduli: Moduli, friction: f64) -> Result<Self> {
+        let known = KNOWN.iter().find(|(known, _)| *known == name);
+        let (name, bytes) = known.ok_or_else(|| {
+            let names = Self::names().collect::<Vec<_>>().join(", ");
+            Error::invalid("paper network", name, format!("one of {names}, or a file's path"))
+        })?;
+        Self::from_bytes(name, bytes, sensor, moduli, friction)
+    }
+
+    /// As [`PaperNetwork::named`], with the weights in a file.
+    pub fn load(path: &Path, sensor: &Sensor, moduli: Moduli, friction: f64) -> Result<Self> {
+        let bytes = weights::read(path)?;
+        Self::from_bytes(&path.display().to_string(), &bytes, sensor, moduli, friction)
+    }
+
+    fn from_bytes(
+        name: &str,
+        bytes: &[u8],
+        sensor: &Sensor,
+        moduli: Moduli,
+        friction: f64,
+    ) -> Result<Self> {
+        let (tensors, card): (_, PaperCard) = weights::of_kind(name, bytes)?;
+        let bad = |reason: String| Error::File { path: name.to_owned(), reason };
+        if card.network.input == Input::Force {
+            return Err(bad("a network told forces, expected one told poses".to_owned()));
+        }
+        if card.model_nodes > MOST_NODES || card.network.rounds > MOST_ROUNDS {
+            let (nodes, rounds) = (card.model_nodes, card.network.rounds);
+            let most = format!("at most {MOST_NODES} and {MOST_ROUNDS}");
+            return Err(bad(format!("{nodes} nodes and {rounds} rounds, expected {most}")));
+        }
+        let parameters = weights::parameters(tensors)?;
+        let network = Told::new(&card.network, &parameters.builder())?;
+        let mesh = sensor.pad(card.model_nodes)?;
+        let body = body(&mesh, moduli)?;
+        let gel = Gel { moduli, friction, thickness: sensor.outline.thickness };
+        let pad = Pad { gel, graph: Arc::new(Graph::new(&mesh)) };
+        Ok(Self(Arc::new(Trained { card, network, pad, body })))
+    }
+
+    /// What the weights are.
+    pub fn card(&self) -> &PaperCard {
+        &self.0.card
+    }
+
+    /// The body whose nodes and tetrahedra the answers refer to.
+    pub fn body(&self) -> &SoftBody {
+        &self.0.body
+    }
+
+    /// Where each press ends. Presses are answered in parallel, each on one thread.
+    pub fn solve(&self, presses: &[Press]) -> Vec<Result<PaperAnswer>> {
+        let last = |press: &Press| {
+            let (asked, path) = self.0.asked(press)?;
+            self.0.answer(&asked, path.last().expect("a press has a frame"))
+        };
+        presses.par_iter().map(last).collect()
+    }
+
+    /// Every frame of `press`, in order; the first that is not answered is an error and the last.
+    ///
+    /// Errors: several shapes, a shape without a surface, a press with a force or a history.
+    pub fn solve_path(&self, press: &Press) -> Vec<Result<PaperAnswer>> {
+        let (asked, path) = match self.0.asked(press) {
+            Ok(found) => found,
+            Err(error) => return vec![Err(error)],
+        };
+        let mut answers = Vec::new();
+        for pose in &path {
+            answers.push(self.0.answer(&asked, pose));
+            if answers.last().is_some_and(Result::is_err) {
+                break;
+            }
+        }
+        answers
+    }
+
+    /// Whether an answer with that displacement (V, 3) in m, on this gel, is like what the network has
+    /// learnt from.
+    pub fn knows(&self, displacement: &[Vector3<f64>]) -> bool {
+        self.0.card.data.covers(&self.0.pad.gel, displacement)
+    }
+}
+
+/// A press as a network is asked it.
+struct Asked<'a> {
+    shape: &'a Shape,
+    pad: Pad,
+    /// Where the shape first touched, along the pad's axis, and its surface there; none if it never
+    /// touches.
+    touch: Option<(Isometry3<f64>, Patch)>,
+}
+
+impl Trained {
+    /// What is asked, and the poses of the shape frame by frame.
+    fn asked<'a>(&self, press: &'a Press) -> Result<(Asked<'a>, Vec<Isometry3<f64>>)> {
+        let [shape] = press.shapes() else {
+            return Err(Error::invalid("shapes", press.shapes().len(), "one"));
+        };
+        let Drive::Translation { path } = press.drive() else {
+            return Err(Error::invalid("press", "a force", "a path: the network is told poses"));
+        };
+        if press.history().is_some() {
+            return Err(Error::invalid("history", "one", "none: the network has no memory"));
+        }
+        let surface = shape.surface(self.card.density.segments());
+        let surface = surface
+            .ok_or_else(|| Error::invalid("shape", format!("{shape:?}"), "a finite surface"))?;
+        let mut pad = Pad { gel: self.pad.gel, graph: Arc::clone(&self.pad.graph) };
+        pad.gel.friction = press.friction().unwrap_or(pad.gel.friction);
+        let path: Vec<_> = path.iter().map(|poses| poses[0]).collect();
+        let first = path.iter().find(|pose| pad.graph.touches(shape, pose));
+        let touch = first.map(|&pose| {
+            let touch = pad.graph.touch(shape, pose);
+            (touch, Patch::new(&surface, &touch, pad.graph.half, self.card.density))
+        });
+        Ok((Asked { shape, pad, touch }, path))
+    }
+
+    /// The answer when the shape is at `pose`; nothing moves if it does not touch.
+    fn answer(&self, asked: &Asked, pose: &Isometry3<f64>) -> Result<PaperAnswer> {
+        let (start, Asked { shape, pad, touch }) = (Instant::now(), asked);
+        let (length, shear) = (pad.gel.thickness, pad.gel.moduli.shear());
+        let still = |rows: usize| vec![Vector3::zeros(); rows];
+        let (displacement, von_mises, rigid) = match touch {
+            Some((touch, patch)) if pad.graph.touches(shape, pose) => {
+                let push = Push::Moved(pose * touch.inverse());
+                let says = self.network.answer_to(pad, patch, push)?;
+                let numbers: Vec<f32> = says.displacement.flatten_all()?.to_vec1()?;
+                let vector = |&u: &[f32; 3]| Vector3::from(u).cast::<f64>() * length;
+                let stress = says.stress.to_vec1::<f32>()?.into_iter();
+                let motion = says.rigid.map(|m| m.to_vec1::<f32>()).transpose()?;
+                (
+                    numbers.as_chunks::<3>().0.iter().map(vector).collect(),
+                    stress.map(|s| f64::from(s.max(0.0)) * shear).collect(),
+                    motion.map(|numbers| isometry(&numbers, length)),
+                )
+            }
+            _ => {
+                let mesh = self.body.mesh();
+                let rigid = self.network.says_motion().then(Isometry3::identity);
+                (still(mesh.vertices.len()), vec![0.0; mesh.tets.len()], rigid)
+            }
+        };
+        let seconds = start.elapsed().as_secs_f64();
+        Ok(PaperAnswer { displacement, von_mises, rigid, pose: *pose, seconds })
+    }
+}
+
+/// A motion of 12 numbers in units of `length`.
+fn isometry(numbers: &[f32], length: f64) -> Isometry3<f64> {
+    let rotation = Matrix3::from_row_slice(&numbers[..9]).cast::<f64>();
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&rotation));
+    let translation = Vector3::from_column_slice(&numbers[9..12]).cast::<f64>() * length;
+    Isometry3::from_parts(Translation3::from(translation), rotation)
+}
+
+impl Graph {
+    /// Whether `shape` at `pose` reaches under the face.
+    fn touches(&self, shape: &Shape, pose: &Isometry3<f64>) -> bool {
+        let inside = |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value < 0.0;
+        self.places[..self.columns].iter().any(inside)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SHIPPED: &[u8] = KNOWN[0].1;
+
+    fn opened(bytes: &[u8]) -> Result<PaperNetwork> {
+        let sensor = Sensor::named("gelsight-mini")?;
+        PaperNetwork::from_bytes("mine", bytes, &sensor, Moduli { young: 3e5, poisson: 0.47 }, 0.8)
+    }
+
+    fn ball(heights: &[f64]) -> Press {
+        let path = heights.iter().map(|&z| vec![Isometry3::translation(0.0, 0.0, z)]).collect();
+        Press::along(vec![Shape::Sphere { radius: 8e-3 }], path).unwrap()
+    }
+
+    #[test]
+    fn nothing_moves_before_the_object_touches_and_deeper_presses_move_more() {
+        let network = opened(SHIPPED).unwrap();
+        let answers = network.solve_path(&ball(&[8.5e-3, 7.7e-3, 7.2e-3]));
+        let size = |answer: &Result<PaperAnswer>| -> [f64; 2] {
+            let PaperAnswer { displacement, von_mises, rigid, .. } = answer.as_ref().unwrap();
+            assert!(rigid.is_some());
+            let moved = displacement.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
+            [moved, von_mises.iter().sum::<f64>()]
+        };
+        let [none, light, deep] = [0, 1, 2].map(|i| size(&answers[i]));
+        assert_eq!(none, [0.0, 0.0]);
+        assert!(light[0] > 0.0 && deep[0] > 1.5 * light[0], "{deep:?} m after {light:?} m");
+        assert!(light[1] > 0.0 && deep[1] > 1.5 * light[1], "{deep:?} Pa after {light:?} Pa");
+        let last = network.solve(&[ball(&[8.5e-3, 7.7e-3, 7.2e-3])]).pop().unwrap();
+        assert_eq!(size(&last), deep);
+    }
+
+    #[test]
+    fn what_a_network_told_poses_cannot_answer_is_an_error() {
+        let network = opened(SHIPPED).unwrap();
+        let said = |press: Press| network.solve(&[press])[0].as_ref().unwrap_err().to_string();
+        let (here, sphere) = (Isometry3::translation(0.0, 0.0, 7.5e-3), ball(&[7.5e-3]));
+        let shape = sphere.shapes()[0].clone();
+        let force = Press::with_force(vec![shape.clone()], vec![here], 1.0, -Vector3::z());
+        assert!(said(force.unwrap()).contains("told poses"));
+        let two = Press::along(vec![shape.clone(), shape], vec![vec![here, here]]);
+        assert!(said(two.unwrap()).contains("shapes: found 2"));
+        let plane = Press::along(vec![Shape::HalfSpace], vec![vec![Isometry3::identity()]]);
+        assert!(said(plane.unwrap()).contains("a finite surface"));
+    }
+
+    #[test]
+    fn damaged_and_other_weights_are_named() {
+        let said = |bytes: &[u8]| opened(bytes).err().unwrap().to_string();
+        for cut in [0, 7, 100, SHIPPED.len() / 2, SHIPPED.len() - 1] {
+            assert!(said(&SHIPPED[..cut]).contains("mine"), "{cut} bytes");
+        }
+        let corrector = include_bytes!("../../../assets/weights/default.safetensors");
+        assert!(said(corrector).contains("weights of corrector, expected paper-baseline"));
+        let (mut tensors, card) = weights::of_kind::<PaperCard>("mine", SHIPPED).unwrap();
+        let told = |change: &dyn Fn(&mut PaperCard)| {
+            let mut card = card.clone();
+            change(&mut card);
+            said(&weights::to_bytes(&tensors, &card))
+        };
+        assert!(told(&|card| card.network.input = Input::Force).contains("told poses"));
+        assert!(told(&|card| card.model_nodes = usize::MAX).contains("expected at most"));
+        assert!(told(&|card| card.network.rounds += 1).contains("missing from the weights"));
+        assert!(told(&|card| card.network.width *= 2).contains("expected shape"));
+        tensors.values_mut().next().unwrap().1[0] = f32::NAN;
+        assert!(said(&weights::to_bytes(&tensors, &card)).contains("expected finite numbers"));
+    }
+}

@@ -1,0 +1,181 @@
+//! One of the paper's networks as an answerer, and its answer.
+
+use std::path::PathBuf;
+
+use nalgebra::Vector3;
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::{IntoPyObjectExt, prelude::*};
+use ruffini_core::{Result, surrogate::paper};
+
+use super::{
+    Press, SoftBody, answer::pose, arrays::array_of_vectors, pool::pool, press::one_or_many,
+    surrogate::Gel,
+};
+use crate::error::{press_error, python_error};
+
+/// What one of the paper's networks says of a press, in the frame of the body.
+///
+/// It says nothing of contact forces, so there is no wrench, history or residual.
+#[pyclass(frozen, get_all, module = "ruffini")]
+pub(crate) struct PaperAnswer {
+    /// Displacement of the nodes (V, 3) in m.
+    displacement: Py<PyArray2<f64>>,
+    /// Von Mises equivalent of the Cauchy stress in the tetrahedra (T,) in Pa.
+    von_mises: Py<PyArray1<f64>>,
+    /// Best-fit rigid motion of the gel, p -> R p + t: position t (3,) and quaternion (4,) xyzw; None
+    /// from a network that does not say.
+    rigid: Py<PyAny>,
+    /// Where the shape is: position (3,) and quaternion (4,) xyzw.
+    pose: Py<PyAny>,
+    /// Wall time (s).
+    seconds: f64,
+}
+
+/// A graph network as in the paper: told the object's surface and how far it has moved since it touched.
+///
+/// Unlike Surrogate it is shown no linear answer, needs none, and knows one shape led along a path from
+/// rest; it says displacement, stress and the gel's rigid motion, but no contact forces. It is far less
+/// exact than Surrogate: see `card`. Where the shape does not touch, nothing moves.
+///
+/// Args:
+///     weights: Name of shipped weights.
+///     sensor: Name of a sensor, or the path of its .toml file.
+///     calibration: Name of the material; the first of the sensor if not given.
+///     young: Young's modulus (Pa), in place of the calibration's.
+///     poisson: Poisson's ratio, in place of the calibration's.
+///     friction: Coefficient of friction; the sensor's at rest if not given.
+///
+/// Raises:
+///     ValueError: If a name is not known.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct PaperNetwork {
+    model: paper::PaperNetwork,
+    /// The mesh, with its material, that answers refer to.
+    #[pyo3(get)]
+    body: Py<SoftBody>,
+}
+
+#[pymethods]
+impl PaperNetwork {
+    #[new]
+    #[pyo3(signature = (weights="paper-b", sensor="gelsight-mini", calibration=None, young=None,
+        poisson=None, friction=None))]
+    fn new(
+        py: Python<'_>,
+        weights: &str,
+        sensor: &str,
+        calibration: Option<&str>,
+        young: Option<f64>,
+        poisson: Option<f64>,
+        friction: Option<f64>,
+    ) -> PyResult<Self> {
+        let model = py.detach(|| {
+            let Gel { sensor, moduli, friction } =
+                Gel::new(sensor, calibration, [young, poisson, friction])?;
+            paper::PaperNetwork::named(weights, &sensor, moduli, friction)
+        });
+        Self::of(py, model)
+    }
+
+    /// A network of one's own, from the weights that the example `paper` wrote.
+    ///
+    /// Args:
+    ///     path: The .safetensors file.
+    ///     sensor, calibration, young, poisson, friction: As for PaperNetwork.
+    ///
+    /// Raises:
+    ///     ValueError: If the file is missing, damaged, of another kind of network, or of one that is
+    ///         told forces.
+    #[staticmethod]
+    #[pyo3(signature = (path, sensor="gelsight-mini", calibration=None, young=None, poisson=None,
+        friction=None))]
+    #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
+    fn load(
+        py: Python<'_>,
+        path: PathBuf,
+        sensor: &str,
+        calibration: Option<&str>,
+        young: Option<f64>,
+        poisson: Option<f64>,
+        friction: Option<f64>,
+    ) -> PyResult<Self> {
+        let model = py.detach(|| {
+            let Gel { sensor, moduli, friction } =
+                Gel::new(sensor, calibration, [young, poisson, friction])?;
+            paper::PaperNetwork::load(&path, &sensor, moduli, friction)
+        });
+        Self::of(py, model)
+    }
+
+    /// What the weights are, as JSON: form, training, data, errors on what they never saw.
+    #[getter]
+    fn card(&self) -> String {
+        serde_json::to_string(self.model.card()).expect("plain data")
+    }
+
+    /// Where each press ends.
+    ///
+    /// Args:
+    ///     presses: A list of Press, or one.
+    ///
+    /// Returns:
+    ///     A list with a PaperAnswer for each press, or the PressError that says why there is none: a
+    ///     press with a force or a history, several shapes, a shape without a finite surface.
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        presses: &Bound<'py, PyAny>,
+    ) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let (presses, _) = one_or_many::<Press>("presses", "Press", presses)?;
+        let questions: Vec<_> = presses.iter().map(|press| press.get().inner.clone()).collect();
+        let pool = pool()?;
+        let answers = py.detach(|| pool.install(|| self.model.solve(&questions)));
+        answers.into_iter().map(|found| answer(py, found)).collect()
+    }
+
+    /// Every frame of one press, in order.
+    ///
+    /// Returns:
+    ///     A list with a PaperAnswer for each frame. It ends early with a PressError at the first frame
+    ///     that is not answered.
+    fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let frames = py.detach(|| self.model.solve_path(&press.inner));
+        frames.into_iter().map(|frame| answer(py, frame)).collect()
+    }
+
+    /// Whether an answer of this network lies within what it was trained on: displacement, Poisson's
+    /// ratio, friction.
+    fn knows(&self, py: Python<'_>, answer: &PaperAnswer) -> PyResult<bool> {
+        let displacement = answer.displacement.bind(py).try_readonly()?;
+        let numbers: Vec<f64> = displacement.as_array().iter().copied().collect();
+        let vectors: Vec<Vector3<f64>> =
+            numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect();
+        Ok(self.model.knows(&vectors))
+    }
+}
+
+impl PaperNetwork {
+    fn of(py: Python<'_>, model: Result<paper::PaperNetwork>) -> PyResult<Self> {
+        let model = model.map_err(python_error)?;
+        let body = SoftBody::from_core(py, model.body().clone())?;
+        Ok(Self { model, body: Py::new(py, body)? })
+    }
+}
+
+/// An answer, or the error in its place.
+fn answer(py: Python<'_>, found: Result<paper::PaperAnswer>) -> PyResult<Bound<'_, PyAny>> {
+    match found {
+        Ok(found) => {
+            let rigid = found.rigid.map(|motion| pose(py, &motion));
+            let answer = PaperAnswer {
+                displacement: array_of_vectors(py, &found.displacement).unbind(),
+                von_mises: PyArray1::from_vec(py, found.von_mises).unbind(),
+                rigid: rigid.into_py_any(py)?,
+                pose: pose(py, &found.pose).into_py_any(py)?,
+                seconds: found.seconds,
+            };
+            Ok(Bound::new(py, answer)?.into_any())
+        }
+        Err(error) => press_error(py, &error),
+    }
+}
