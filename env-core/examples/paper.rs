@@ -36,8 +36,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     fs::create_dir_all(out)?;
     let out = Path::new(out);
     fs::write(out.join("report.json"), serde_json::to_string_pretty(&report)? + "\n")?;
-    if let Some(bytes) = weights {
-        fs::write(out.join("weights.safetensors"), bytes)?;
+    if let Some(weights) = weights {
+        fs::write(out.join("weights.safetensors"), weights.bytes)?;
+        fs::write(out.join("card.toml"), toml::to_string_pretty(&weights.card)?)?;
     }
     Ok(())
 }

@@ -94,7 +94,11 @@ impl PaperNetwork {
             return Err(bad(format!("{nodes} nodes and {rounds} rounds, expected {most}")));
         }
         let parameters = weights::parameters(tensors)?;
-        let network = Told::new(&card.network, &parameters.builder())?;
+        let network = Told::new(&card.network, &parameters.builder());
+        // The first line, for a trace may follow.
+        let network = network.map_err(|error| {
+            bad(error.to_string().lines().next().unwrap_or_default().to_owned())
+        })?;
         let mesh = sensor.pad(card.model_nodes)?;
         let body = body(&mesh, moduli)?;
         let gel = Gel { moduli, friction, thickness: sensor.outline.thickness };
@@ -277,23 +281,26 @@ mod tests {
 
     #[test]
     fn damaged_and_other_weights_are_named() {
-        let said = |bytes: &[u8]| opened(bytes).err().unwrap().to_string();
+        let says = |bytes: &[u8], what: &str| {
+            let error = opened(bytes).err().expect(what).to_string();
+            assert!(error.contains(what), "{error}, expected {what}");
+        };
         for cut in [0, 7, 100, SHIPPED.len() / 2, SHIPPED.len() - 1] {
-            assert!(said(&SHIPPED[..cut]).contains("mine"), "{cut} bytes");
+            says(&SHIPPED[..cut], "mine");
         }
         let corrector = include_bytes!("../../../assets/weights/default.safetensors");
-        assert!(said(corrector).contains("weights of corrector, expected paper-baseline"));
+        says(corrector, "weights of corrector, expected paper-baseline");
         let (mut tensors, card) = weights::of_kind::<PaperCard>("mine", SHIPPED).unwrap();
-        let told = |change: &dyn Fn(&mut PaperCard)| {
+        let told = |change: &dyn Fn(&mut PaperCard), what: &str| {
             let mut card = card.clone();
             change(&mut card);
-            said(&weights::to_bytes(&tensors, &card))
+            says(&weights::to_bytes(&tensors, &card), what);
         };
-        assert!(told(&|card| card.network.input = Input::Force).contains("told poses"));
-        assert!(told(&|card| card.model_nodes = usize::MAX).contains("expected at most"));
-        assert!(told(&|card| card.network.rounds += 1).contains("missing from the weights"));
-        assert!(told(&|card| card.network.width *= 2).contains("expected shape"));
+        told(&|card| card.network.input = Input::Force, "told poses");
+        told(&|card| card.model_nodes = MOST_NODES + 1, "expected at most");
+        told(&|card| card.network.rounds += 1, "missing from the weights");
+        told(&|card| card.network.width *= 2, "mine: encoder.nodes.first.weight: found shape");
         tensors.values_mut().next().unwrap().1[0] = f32::NAN;
-        assert!(said(&weights::to_bytes(&tensors, &card)).contains("expected finite numbers"));
+        says(&weights::to_bytes(&tensors, &card), "expected finite numbers");
     }
 }

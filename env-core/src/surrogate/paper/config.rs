@@ -60,7 +60,7 @@ impl Default for PaperConfig {
         Self {
             variant: Variant::B,
             input: Input::Translation,
-            width: 32,
+            width: 16,
             rounds: 4,
             shared: false,
             norm: true,

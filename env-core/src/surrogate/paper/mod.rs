@@ -31,4 +31,4 @@ pub use card::PaperCard;
 pub use config::{Input, PaperConfig, Variant};
 pub use judge::Judged;
 pub use patch::Density;
-pub use study::{Point, Report, Run, Study};
+pub use study::{Point, Report, Run, Study, Weights};

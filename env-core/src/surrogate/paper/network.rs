@@ -197,7 +197,18 @@ mod tests {
     fn network(config: &PaperConfig) -> (Parameters, Paper) {
         let parameters = Parameters::drawn(3);
         let network = Paper::new(config, &parameters.builder()).unwrap();
+        awaken(&parameters);
         (parameters, network)
+    }
+
+    /// Lets decoders, which say nothing to begin with, say something.
+    fn awaken(parameters: &Parameters) {
+        for (name, variable) in parameters.all() {
+            if name.starts_with("decoder") && name.ends_with("third.weight") {
+                let drawn = variable.randn_like(0.0, 0.3).unwrap();
+                variable.set(&drawn).unwrap();
+            }
+        }
     }
 
     #[test]
@@ -232,6 +243,7 @@ mod tests {
                 let parameters = Parameters::drawn(3);
                 let network =
                     <super::super::target::Told as Network>::new(&config, &parameters.builder());
+                awaken(&parameters);
                 let loss = network.unwrap().loss(&bodies, &[&sample], 1).unwrap();
                 let gradients = loss.total.backward().unwrap();
                 for (name, variable) in parameters.all() {

@@ -69,10 +69,10 @@ pub struct Study {
 }
 
 impl Default for Study {
-    /// Twenty-five minutes.
+    /// A quarter of an hour, a press at a time: in that little, more steps are worth more than better ones.
     fn default() -> Self {
-        let (seed, seconds, every) = (0, 1500.0, 1);
-        Self { split: "novel-14".to_owned(), seed, seconds, batch: 4, rate: 2e-3, every }
+        let (seed, seconds, every) = (0, 900.0, 1);
+        Self { split: "novel-14".to_owned(), seed, seconds, batch: 1, rate: 2e-3, every }
     }
 }
 
@@ -108,6 +108,15 @@ pub struct Report {
     pub errors: BTreeMap<String, BTreeMap<String, Judged>>,
 }
 
+/// The weights of one of the paper's networks.
+#[derive(Clone, Debug)]
+pub struct Weights {
+    /// What they are.
+    pub card: PaperCard,
+    /// The file, the card in it.
+    pub bytes: Vec<u8>,
+}
+
 /// Points of a learning curve, and frames of a part that it is drawn from.
 const POINTS: f64 = 12.0;
 const FRAMES: usize = 40;
@@ -121,7 +130,7 @@ struct Trained<N: Network> {
 
 impl Study {
     /// Trains `run` on the dataset in `data` for the budget, told by `clock` (s), and judges it. For
-    /// one of the paper's networks the bytes of a weights file come with it.
+    /// one of the paper's networks its weights come with it.
     ///
     /// Errors: a dataset that cannot be read, a split without frames, a gradient that is not finite.
     pub fn run(
@@ -130,14 +139,14 @@ impl Study {
         data: &Path,
         trained_by: &str,
         clock: &dyn Fn() -> f64,
-    ) -> Result<(Report, Option<Vec<u8>>)> {
+    ) -> Result<(Report, Option<Weights>)> {
         let dataset = Dataset::open(data)?;
         let parts = Parts::of(dataset.split(&self.split)?);
         match run {
             Run::Paper { network, density } => {
                 let told = (*network, *density, trained_by);
-                let (report, bytes) = self.paper(run, told, &dataset, &parts, clock)?;
-                Ok((report, Some(bytes)))
+                let (report, weights) = self.paper(run, told, &dataset, &parts, clock)?;
+                Ok((report, Some(weights)))
             }
             Run::Corrector(network) => {
                 Ok((self.corrector(run, *network, &dataset, &parts, clock)?, None))
@@ -152,7 +161,7 @@ impl Study {
         dataset: &Dataset,
         parts: &Parts,
         clock: &dyn Fn() -> f64,
-    ) -> Result<(Report, Vec<u8>)> {
+    ) -> Result<(Report, Weights)> {
         let bodies = Bodies::new(dataset.config())?;
         let samples = bodies.samples(dataset, &parts.train, density)?;
         let judged = [&parts.known, &parts.novel].map(|part| -> Result<_> {
@@ -193,7 +202,8 @@ impl Study {
             novel: report.errors["novel"][&name(density)].clone(),
         };
         let vectors: Vectors = trained.trainer.parameters.vectors()?;
-        Ok((report, weights::to_bytes(&vectors, &card)))
+        let bytes = weights::to_bytes(&vectors, &card);
+        Ok((report, Weights { card, bytes }))
     }
 
     fn corrector(
