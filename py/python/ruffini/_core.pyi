@@ -20,6 +20,8 @@ __all__ = [
     "Grasped",
     "History",
     "Object",
+    "PaperAnswer",
+    "PaperNetwork",
     "Press",
     "PressError",
     "Shape",
