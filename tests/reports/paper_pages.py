@@ -194,8 +194,7 @@ def made(report: dict[str, Any]) -> str:
     counts = {name: f"{n} grasps ({f} frames)" for name, (n, f) in first["counts"].items()}
     budget, machine = first["study"]["seconds"] / 60, report["machine"]
     text = f"""Data: 63 objects x 3 grasps x 10 frames x 2 pads, p1-bar on 1,995 nodes, carried to
-900.
-Trained on {counts["train"]}; judged on {counts["known"]}, the last grasp of each of the
+900. Trained on {counts["train"]}; judged on {counts["known"]}, the last grasp of each of the
 49 objects, and {counts["novel"]} of 14 objects of families left out. {budget:.0f} minutes of
 processor time each where the table says no other, on one thread of a busy machine
 ({machine["cpu"]}, {machine["cores"]} cores), commit {report["commit"]};
@@ -203,7 +202,7 @@ processor time each where the table says no other, on one thread of a busy machi
 judged; nothing is chosen by its error. Time of a press is without the linear answer, which takes a
 median of {1e3 * times()["linear"]:.0f} ms in [surrogate.json](surrogate.json). The paper's networks
 see the object as nodes of its surface, the corrector as distances. A quarter of an hour is little,
-and the forces on the gel are not asked of them."""
+and how many steps it holds varies with what else the machine does."""
     head = ["run", "channels", "rounds", "numbers learnt", "batch", "steps", "CPU s", "wall s"]
     return f"{text}\n\n{table(head, [spent(run) for run in report['runs'].values()])}"
 
