@@ -82,7 +82,8 @@ class TrainedPolicy:
         from train import ALGORITHMS, CHECKPOINT, make_environment
 
         about = json.loads((folder / "run.json").read_text())
-        chosen = params(about["env"], about["algorithm"])
+        settings = about.get("environment", {})
+        chosen = params(about["env"], about["algorithm"]).with_settings(settings)
         self.environment = chosen.environment
         """Settings that it was trained with."""
         envs = make_environment(about["env"], chosen, 0, 1)

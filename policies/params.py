@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 
@@ -20,6 +20,13 @@ class Params:
     """Keyword arguments of the environment."""
     policy: str = "MlpPolicy"
     """Name of the policy: of flat observations, or ``"MultiInputPolicy"`` of dicts with touch."""
+
+    def with_settings(self, settings: dict[str, Any]) -> Params:
+        """With other keyword arguments of the environment; a tactile model brings its policy."""
+        environment = self.environment | settings
+        touch = environment.get("tactile", "none") != "none"
+        policy = "MultiInputPolicy" if touch else self.policy
+        return replace(self, environment=environment, policy=policy)
 
 
 PARAMS: dict[tuple[str, str], Params] = {
@@ -68,7 +75,7 @@ PARAMS: dict[tuple[str, str], Params] = {
             # A shaking hand breaks things.
             "policy_kwargs": {"net_arch": [128, 128], "log_std_init": -1.0},
         },
-        environment={"tactile": "compliance"},
+        environment={"tactile": "surrogate"},
         policy="MultiInputPolicy",
     ),
     ("ruffini/HoldStill-v0", "ppo"): Params(

@@ -105,10 +105,15 @@ class Progress(BaseCallback):
 
 
 def start(
-    env_id: str, algorithm: str, seed: int, n_envs: int, folder: Path, resume: bool
+    env_id: str,
+    algorithm: str,
+    chosen: Params,
+    seed: int,
+    n_envs: int,
+    folder: Path,
+    resume: bool,
 ) -> tuple[BaseAlgorithm, list[dict[str, float]]]:
     """A new model, or the last checkpoint's with its learning curve."""
-    chosen = params(env_id, algorithm)
     envs = make_environment(env_id, chosen, seed, n_envs)
     if not resume:
         arguments: dict[str, Any] = {"seed": seed, "device": "cpu", **chosen.algorithm}
@@ -135,14 +140,16 @@ def train(
     steps: int | None = None,
     n_envs: int | None = None,
     resume: bool = False,
+    settings: dict[str, Any] | None = None,
 ) -> BaseAlgorithm:
     """Trains to `steps` environment steps in all; an interrupt saves and stops early."""
-    chosen = params(env_id, algorithm)
+    chosen = params(env_id, algorithm).with_settings(settings or {})
     steps, n_envs = steps or chosen.steps, n_envs or chosen.n_envs
     torch.set_num_threads(max(1, (os.cpu_count() or 2) // 2))
-    model, curve = start(env_id, algorithm, seed, n_envs, folder, resume)
+    model, curve = start(env_id, algorithm, chosen, seed, n_envs, folder, resume)
     folder.mkdir(parents=True, exist_ok=True)
     about = {"env": env_id, "algorithm": algorithm, "seed": seed, "n_envs": n_envs, "steps": steps}
+    about |= {"policy": chosen.policy, "environment": chosen.environment}
     (folder / "run.json").write_text(json.dumps(about | chosen.algorithm, indent=1))
     progress = Progress(folder, steps, curve, every=max(steps // 10, 1))
     try:
@@ -164,6 +171,9 @@ def main() -> None:
     parser.add_argument("--n-envs", type=int, help="environments stepped together")
     parser.add_argument("--out", type=Path, help="run folder")
     parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
+    parser.add_argument(
+        "--settings", type=json.loads, default={}, help="the environment's, as JSON"
+    )
     arguments = parser.parse_args()
     folder = arguments.out or run_folder(arguments.env, arguments.algo, arguments.seed)
     saved = (folder / CHECKPOINT).exists()
@@ -183,6 +193,7 @@ def main() -> None:
         steps=arguments.steps,
         n_envs=arguments.n_envs,
         resume=arguments.resume,
+        settings=arguments.settings,
     )
     print(f"run in {folder}")
 
