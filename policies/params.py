@@ -18,15 +18,16 @@ class Params:
     """Keyword arguments of the algorithm."""
     environment: dict[str, Any] = field(default_factory=dict)
     """Keyword arguments of the environment."""
-    policy: str = "MlpPolicy"
-    """Name of the policy: of flat observations, or ``"MultiInputPolicy"`` of dicts with touch."""
+
+    @property
+    def policy(self) -> str:
+        """Name of the policy: of flat observations, or of dicts with touch."""
+        touch = self.environment.get("tactile", "none") != "none"
+        return "MultiInputPolicy" if touch else "MlpPolicy"
 
     def with_settings(self, settings: dict[str, Any]) -> Params:
-        """With other keyword arguments of the environment; a tactile model brings its policy."""
-        environment = self.environment | settings
-        touch = environment.get("tactile", "none") != "none"
-        policy = "MultiInputPolicy" if touch else self.policy
-        return replace(self, environment=environment, policy=policy)
+        """With other keyword arguments of the environment."""
+        return replace(self, environment=self.environment | settings)
 
 
 PARAMS: dict[tuple[str, str], Params] = {
@@ -76,7 +77,6 @@ PARAMS: dict[tuple[str, str], Params] = {
             "policy_kwargs": {"net_arch": [128, 128], "log_std_init": -1.0},
         },
         environment={"tactile": "surrogate"},
-        policy="MultiInputPolicy",
     ),
     ("ruffini/HoldStill-v0", "ppo"): Params(
         steps=500_000,

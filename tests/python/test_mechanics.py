@@ -186,6 +186,7 @@ def test_contact_at_nodes_is_another_form_of_compliance():
     ]
     points, nodes = (answer.wrench[2] for answer in answers)
     assert nodes == pytest.approx(points, rel=0.06)
+    assert nodes != points
     with pytest.raises(ValueError, match="contact: found edges, expected points or nodes"):
         ruffini.Compliance(body, contact="edges")
     with pytest.raises(ValueError, match="sweeps: found 3, expected 0 with contact at nodes"):

@@ -73,9 +73,14 @@ def test_the_swift_network_is_near_and_goes_on_from_its_own_history(network, swi
     assert swift.knows(found[-1])
     small = Press(Shape.sphere(3e-3), [([1e-3, 0, 3e-3 - 2e-4], UPRIGHT)])
     assert not swift.knows(swift.solve(small)[0])
-    last = [([1e-3, 0, 12e-3 - 8e-4], UPRIGHT)]
-    onward = swift.solve(Press(Shape.sphere(12e-3), last, history=found[0].history))[0]
-    assert onward.wrench == pytest.approx(found[-1].wrench, rel=1e-3, abs=1e-5)
+    dragged = [([x, 0, 12e-3 - 8e-4], UPRIGHT) for x in (1e-3, 1.4e-3)]
+    whole = swift.solve_path(Press(Shape.sphere(12e-3), dragged))
+    last = dragged[1:]
+    onward = swift.solve(Press(Shape.sphere(12e-3), last, history=whole[0].history))[0]
+    assert onward.wrench == pytest.approx(whole[-1].wrench, rel=1e-3, abs=1e-5)
+    # Friction remembers: a ball that comes straight down is not pulled sideways.
+    fresh = swift.solve(Press(Shape.sphere(12e-3), last))[0]
+    assert abs(onward.wrench[0]) > 0.1 + abs(fresh.wrench[0])
     mixed = Press(Shape.sphere(12e-3), last, history=exact[0].history)
     assert "history" in str(swift.solve(mixed)[0])
 

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::{Compliance, Options};
+use super::Compliance;
 use crate::{
     Error, Result,
     contact::ContactLaw,
@@ -54,11 +54,6 @@ pub struct Settled {
 }
 
 impl Nodal {
-    /// Condenses `body`, whose fixed nodes must hold it. `friction` is Coulomb's coefficient.
-    pub fn new(body: SoftBody, friction: f64) -> Result<Self> {
-        Ok(Compliance::new(body, Options { friction, sweeps: 0 })?.at_nodes())
-    }
-
     /// The body.
     pub fn body(&self) -> &SoftBody {
         &self.skin.condensed.body

@@ -253,13 +253,13 @@ impl Target {
             return trial;
         }
         let pull = old + off * (1.0 / (self.compliance.trace() - n.dot(&(self.compliance * n))));
-        let along = (pull - n * n.dot(&pull)).try_normalize(0.0).unwrap_or_default();
+        let pull = pull - n * n.dot(&pull);
+        let along = pull.try_normalize(0.0).unwrap_or_default();
         let cone = n + along * friction;
         let free = off + self.compliance * old;
         let press = n.dot(&free) / n.dot(&(self.compliance * cone));
-        let stuck = (pull - n * n.dot(&pull)).norm();
         if press > 0.0 {
-            n * press + along * f64::min(stuck, friction * press)
+            n * press + along * f64::min(pull.norm(), friction * press)
         } else {
             Vector3::zeros()
         }

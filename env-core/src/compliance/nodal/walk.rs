@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// Farthest that a shape moves in one load step (m).
-pub(super) const STRIDE: f64 = 2.5e-4;
+const STRIDE: f64 = 2.5e-4;
 /// Room that nodes are given beyond what they moved before (m).
 const MARGIN: f64 = 1e-4;
 /// Smallest part of a stride that is tried.
@@ -42,7 +42,6 @@ pub(super) struct Held {
 }
 
 /// Body and shapes in balance.
-#[derive(Clone)]
 pub(super) struct State {
     pub(super) poses: Vec<Isometry3<f64>>,
     /// By rank.
@@ -57,7 +56,7 @@ pub(super) struct State {
 pub(super) struct Walk<'a> {
     skin: &'a Skin,
     law: ContactLaw,
-    pub(super) shapes: &'a [Shape],
+    shapes: &'a [Shape],
     scratch: &'a mut Scratch,
     pub(super) state: State,
 }
@@ -270,8 +269,7 @@ fn recalled(skin: &Skin, history: &History) -> Result<State> {
     // A node that touches stands where it sticks, but for the give of the contact law.
     let (mut amplitude, mut wrench) = (0f64, Wrench::default());
     for Held { rank, shape, stuck, force } in &held {
-        let pose = history.poses.get(*shape as usize).copied().unwrap_or_default();
-        let place = pose * stuck;
+        let place = history.poses[*shape as usize] * stuck;
         amplitude = amplitude.max((place - skin.places[*rank as usize]).norm());
         wrench.force += force;
         wrench.torque += place.coords.cross(force);
