@@ -67,3 +67,10 @@ def test_a_page_is_that_of_its_figures(name):
     pages = importlib.import_module(f"{name}_pages")
     report = json.loads((REPORTS / f"{name}.json").read_text())
     assert pages.markdown(report) == (REPORTS / f"{name}.md").read_text()
+
+
+def test_what_is_recommended_from_is_the_report():
+    pages = importlib.import_module("pareto_pages")
+    report = json.loads((REPORTS / "pareto.json").read_text())
+    shipped = json.loads((ROOT / "py/python/ruffini/answerers.json").read_text())
+    assert pages.chosen(report) == shipped
