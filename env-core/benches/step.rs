@@ -1,4 +1,4 @@
-//! Environment steps per second on one thread, and what soft pads cost in a grasp:
+//! Environment steps per second on one thread, rigid and with touch, and what soft pads cost in a grasp:
 //! `cargo bench --bench step`.
 
 use std::{hint::black_box, sync::Arc};
@@ -9,17 +9,22 @@ use ruffini_core::{
     env::{Autoreset, Batch, Setup},
     scene::{CATALOGUE, Command, Object, ObjectModel, Scene, SceneConfig, SoftPads, Wrench, named},
     sensor::Sensor,
-    task::{Config, ObjectSpec},
+    tactile::Choice,
+    task::{Config, Holding, ObjectSpec, Task},
 };
 
 const ROWS: usize = 16;
 
 fn batch(objects: &[&str]) -> Batch {
     let objects = objects.iter().map(|name| ObjectSpec::Name((*name).into())).collect();
-    let setup = Setup::new(Config { objects, ..Config::default() }).expect("default settings hold");
+    started(Config { objects, ..Config::default() })
+}
+
+fn started(config: Config) -> Batch {
+    let setup = Setup::new(config).expect("settings hold");
     let mut batch = Batch::new(Arc::new(setup), ROWS, 1, Autoreset::NextStep).expect("16 rows");
     batch.seed(&(0..ROWS as u64).map(Some).collect::<Vec<_>>()).expect("one seed a row");
-    batch.reset(None).expect("default settings reset");
+    batch.reset(None).expect("settings reset");
     batch
 }
 
@@ -81,9 +86,28 @@ fn grasps(criterion: &mut Criterion) {
     group.finish();
 }
 
+/// Environment steps in which both fingers hold an object with 20 N and observe the markers.
+fn touches(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("touch");
+    group.throughput(Throughput::Elements(ROWS as u64));
+    for name in ["sphere", "cuboid", "cylinder", "prism", "potato"] {
+        let mut config = Config::of(Task::HoldStill);
+        config.objects = vec![ObjectSpec::Name(name.into())];
+        config.tactile = Choice::Surrogate;
+        config.scene.gripper.max_force = 40.0;
+        config.holding = Some(Holding { start_grip: 20.0, ..Holding::default() });
+        let mut batch = started(config);
+        let hold = [0.0, 0.0, 0.0, 0.0, 0.5].repeat(ROWS);
+        group.bench_function(name, |bencher| {
+            bencher.iter(|| black_box(batch.step(&hold).expect("a running batch")));
+        });
+    }
+    group.finish();
+}
+
 criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(20);
-    targets = steps, grasps
+    targets = steps, grasps, touches
 }
 criterion_main!(benches);

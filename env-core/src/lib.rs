@@ -5,6 +5,8 @@
 
 #![forbid(unsafe_code)]
 
+mod simd;
+
 pub mod error;
 pub mod geometry;
 pub mod sensor;

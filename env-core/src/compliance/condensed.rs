@@ -11,7 +11,9 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::cache::Stored;
-use crate::{Result, contact::SurfacePoint, deformation::SoftBody, fem::Linearised};
+use crate::{
+    Result, contact::SurfacePoint, deformation::SoftBody, fem::Linearised, simd::vectorised,
+};
 
 /// Not a skin node.
 pub(super) const INSIDE: u32 = u32::MAX;
@@ -100,7 +102,7 @@ impl Condensed {
 pub(super) fn add_rows(sum: &mut [f64], rows: &[f64], force: &[f64; 3]) {
     let (x, rest) = rows.split_at(sum.len());
     let (y, z) = rest.split_at(sum.len());
-    pulp::Arch::new().dispatch(
+    vectorised(
         #[inline(always)]
         || {
             for (((u, x), y), z) in sum.iter_mut().zip(x).zip(y).zip(z) {

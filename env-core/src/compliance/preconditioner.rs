@@ -3,8 +3,7 @@
 //! They only have to lead GMRES the right way, and single precision halves their memory and doubles
 //! the speed. The matrix is kept transposed, by columns: 1 + C Hᵀ.
 
-// What `pulp` dispatches is compiled for the processor only as far as it is inlined.
-#![allow(clippy::inline_always)]
+#![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
 
 use faer::{
     MatMut, Par, Spec,
@@ -13,6 +12,7 @@ use faer::{
 };
 
 use super::newton::Touching;
+use crate::simd::vectorised;
 
 /// The factors, for the nodes that were active when they were made: the first A of those active now.
 #[derive(Default)]
@@ -53,7 +53,7 @@ impl Preconditioner {
         }
         self.factors.clear();
         self.factors.resize(size * size, 0.0);
-        pulp::Arch::new().dispatch(
+        vectorised(
             #[inline(always)]
             || multiply(&mut self.factors, &self.stiffness, &self.compliance, size),
         );
@@ -77,7 +77,7 @@ impl Preconditioner {
     pub(super) fn apply(&self, x: &mut [f64]) {
         let size = self.pivots.len();
         let mut right: Vec<f32> = x[..size].iter().map(|&x| x as f32).collect();
-        pulp::Arch::new().dispatch(
+        vectorised(
             #[inline(always)]
             || substitute(&self.factors, &mut right),
         );

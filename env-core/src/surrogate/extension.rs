@@ -3,12 +3,11 @@
 //!
 //! Shapes: C nodes of the face, V nodes of the model mesh, the first F of them free.
 
-// What `pulp` dispatches is compiled for the processor only as far as it is inlined.
-#![allow(clippy::inline_always)]
+#![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
 
 use nalgebra::Vector3;
 
-use crate::{compliance::nodal::Nodal, geometry::Transfer};
+use crate::{compliance::nodal::Nodal, geometry::Transfer, simd::vectorised};
 
 /// The matrix.
 pub(super) struct Extension {
@@ -36,7 +35,7 @@ impl Extension {
     /// Displacement (V) in m under forces (N) on some nodes of the face.
     pub(super) fn displacement(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
         let mut sum = vec![0.0_f32; 3 * self.free];
-        pulp::Arch::new().dispatch(
+        vectorised(
             #[inline(always)]
             || self.add(forces, &mut sum),
         );

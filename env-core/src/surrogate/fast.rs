@@ -12,7 +12,6 @@ use std::sync::Arc;
 
 use candle_core::{Result, Tensor};
 use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul};
-use pulp::Arch;
 
 use super::{
     corrector::Corrector,
@@ -22,6 +21,7 @@ use super::{
     metrics::Fields,
     ops::{Blocks, Edges, hear, moments},
 };
+use crate::simd::vectorised;
 
 /// The network on one pad.
 pub(super) struct Fast {
@@ -39,7 +39,6 @@ pub(super) struct Fast {
     graph: PadGraph,
     blocks: Blocks,
     tets: Vec<[u32; 4]>,
-    arch: Arch,
 }
 
 /// Buffers of a forward pass.
@@ -144,12 +143,15 @@ impl FastRound {
     }
 
     /// A round on `buffers.v`.
-    fn run(&self, buffers: &mut Buffers, arch: Arch) {
+    fn run(&self, buffers: &mut Buffers) {
         let width = self.update.outputs();
         let Buffers { v, normal, parts, ends, heard, hidden } = buffers;
         normal.clear();
         normal.extend_from_slice(v);
-        arch.dispatch(|| normalise(normal, &self.norm));
+        vectorised(
+            #[inline(always)]
+            || normalise(normal, &self.norm),
+        );
         self.fan.forward(normal, parts);
         ends.clear();
         hidden.clear();
@@ -159,7 +161,10 @@ impl FastRound {
         }
         heard.clear();
         heard.resize(v.len(), 0.0);
-        arch.dispatch(|| hear(&self.graph, ends, &self.edges, width, heard));
+        vectorised(
+            #[inline(always)]
+            || hear(&self.graph, ends, &self.edges, width, heard),
+        );
         self.heard.add(heard, hidden);
         relu(hidden);
         self.update.forward(hidden, parts);
@@ -217,7 +222,6 @@ impl Fast {
             blocks: graph.gradients.blocks(),
             tets: tets.iter().map(|tet| tet.map(place)).collect(),
             graph: graph.clone(),
-            arch: Arch::new(),
         })
     }
 
@@ -253,10 +257,13 @@ impl Fast {
                 other.clear();
                 other.resize(links[1].height() * width, 0.0);
                 let fine = &scales[scale - 1].v;
-                self.arch.dispatch(|| links[1].add_product(fine, other, width));
+                vectorised(
+                    #[inline(always)]
+                    || links[1].add_product(fine, other, width),
+                );
                 self.lower[scale - 1].forward(other, &mut scales[scale].v);
             }
-            self.down[scale].iter().for_each(|round| round.run(&mut scales[scale], self.arch));
+            self.down[scale].iter().for_each(|round| round.run(&mut scales[scale]));
         }
         self.share(&mut scales[SCALES - 1].v, spare, other);
         for scale in (0..SCALES - 1).rev() {
@@ -264,14 +271,20 @@ impl Fast {
             other.clear();
             other.resize(links[0].height() * width, 0.0);
             let coarse = &scales[scale + 1].v;
-            self.arch.dispatch(|| links[0].add_product(coarse, other, width));
+            vectorised(
+                #[inline(always)]
+                || links[0].add_product(coarse, other, width),
+            );
             self.raise[scale].forward(other, spare);
             scales[scale].v.iter_mut().zip(&*spare).for_each(|(v, more)| *v += more);
-            self.up[scale].iter().for_each(|round| round.run(&mut scales[scale], self.arch));
+            self.up[scale].iter().for_each(|round| round.run(&mut scales[scale]));
         }
         latent.clear();
         latent.extend_from_slice(&scales[0].v);
-        self.arch.dispatch(|| normalise(latent, &self.norm));
+        vectorised(
+            #[inline(always)]
+            || normalise(latent, &self.norm),
+        );
     }
 
     /// Adds to each row of `v` what their mean says.
@@ -306,11 +319,14 @@ impl Fast {
         let Scratch { latent, corners, stresses: [before, after], .. } = scratch;
         self.corners.forward(latent, corners);
         let mut stress = vec![0.0; self.tets.len()];
-        self.arch.dispatch(|| {
-            self.blocks.stress(&question.displacement, before);
-            self.blocks.stress(u, after);
-            self.heads(question, corners, [before, after], &mut stress);
-        });
+        vectorised(
+            #[inline(always)]
+            || {
+                self.blocks.stress(&question.displacement, before);
+                self.blocks.stress(u, after);
+                self.heads(question, corners, [before, after], &mut stress);
+            },
+        );
         stress
     }
 

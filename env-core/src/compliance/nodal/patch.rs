@@ -5,9 +5,6 @@
 //! and r how far it is from its target beyond what K allows, (C + K⁻¹) δf = r; the force is then cut
 //! to Coulomb's cone, with the direction of sliding by the proximal form of Alart and Curnier (1991).
 
-// What `pulp` dispatches is compiled for the processor only as far as it is inlined.
-#![allow(clippy::inline_always)]
-
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{skin::Skin, walk::Held};
@@ -15,6 +12,7 @@ use crate::{
     Error, Result,
     contact::{ContactLaw, SurfacePoint, first_touch},
     geometry::{Distance, Shape},
+    simd::vectorised,
 };
 
 /// Sweeps between measurements of the shapes' distances.
@@ -97,10 +95,7 @@ impl<'a> Patch<'a> {
         }
         for held in held {
             let rows = skin.rows(held.rank);
-            pulp::Arch::new().dispatch(
-                #[inline(always)]
-                || give_way(displacement, rows, &held.force, &runs),
-            );
+            give_way(displacement, rows, &held.force, &runs);
         }
         let mut held = held.iter().peekable();
         let member = |&rank: &u32| {
@@ -132,10 +127,7 @@ impl<'a> Patch<'a> {
                 return Ok(sweeps);
             }
             for sweep in 0..SWEEPS {
-                (change, strongest) = pulp::Arch::new().dispatch(
-                    #[inline(always)]
-                    || self.sweep(sweep % 2 == 1),
-                );
+                (change, strongest) = self.sweep(sweep % 2 == 1);
                 sweeps += 1;
                 if change <= RELATIVE * strongest + NONE {
                     if sweep == 0 {
@@ -194,7 +186,6 @@ impl<'a> Patch<'a> {
 
     /// One sweep over the touching nodes, `back` to front or not: the largest change of a force, and the
     /// strongest force (N).
-    #[inline(always)]
     fn sweep(&mut self, back: bool) -> (f64, f64) {
         let Self { skin, law, members, runs, displacement, .. } = self;
         let (mut change, mut strongest) = (0f64, 0f64);
@@ -244,7 +235,6 @@ impl<'a> Patch<'a> {
 
 impl Target {
     /// The force on a node that had `old`, when it is `off` its target (m).
-    #[inline(always)]
     fn force(&self, old: &Vector3<f64>, off: &Vector3<f64>, friction: f64) -> Vector3<f64> {
         let n = &self.normal;
         let trial = old + self.stiffness * off;
@@ -304,14 +294,12 @@ fn nearest(shapes: &[Shape], poses: &[Isometry3<f64>], place: &Point3<f64>) -> (
     all.min_by(|(_, a), (_, b)| a.value.total_cmp(&b.value)).expect("a press has a shape")
 }
 
-#[inline(always)]
 fn displaced(displacement: &[f32], rank: u32) -> Vector3<f64> {
     let u = &displacement[3 * rank as usize..][..3];
     Vector3::new(f64::from(u[0]), f64::from(u[1]), f64::from(u[2]))
 }
 
 /// Adds to the displacement in the runs what a `force` on the node of these `rows` does.
-#[inline(always)]
 fn give_way(displacement: &mut [f32], rows: &[f32], force: &Vector3<f64>, runs: &[[usize; 2]]) {
     let [x, y, z] = [force.x as f32, force.y as f32, force.z as f32];
     let size = displacement.len();
@@ -321,8 +309,13 @@ fn give_way(displacement: &mut [f32], rows: &[f32], force: &Vector3<f64>, runs: 
         let a = &rows[..size][part.clone()];
         let b = &rows[size..2 * size][part.clone()];
         let c = &rows[2 * size..3 * size][part];
-        for (((u, a), b), c) in u.iter_mut().zip(a).zip(b).zip(c) {
-            *u += x * a + y * b + z * c;
-        }
+        vectorised(
+            #[inline(always)]
+            || {
+                for (((u, a), b), c) in u.iter_mut().zip(a).zip(b).zip(c) {
+                    *u += x * a + y * b + z * c;
+                }
+            },
+        );
     }
 }
