@@ -174,5 +174,9 @@ fn count(press: &Press) -> usize {
 
 fn has_edges(shape: &Shape) -> bool {
     use Shape::{Capsule, Ellipsoid, HalfSpace, Sphere, StarShaped};
-    !matches!(shape, Sphere { .. } | Ellipsoid { .. } | Capsule { .. } | StarShaped(_) | HalfSpace)
+    match shape {
+        Shape::Sampled(sampled) => has_edges(sampled.exact()),
+        Sphere { .. } | Ellipsoid { .. } | Capsule { .. } | StarShaped(_) | HalfSpace => false,
+        _ => true,
+    }
 }

@@ -155,7 +155,7 @@ impl Episode {
         let mut motion = Motion { state, presses: [None, None], answers: [None, None] };
         if setup.touch().is_some() && motion.state.failure.is_none() {
             let draw = &self.draw;
-            let scaled = || setup.models[draw.object].shape().scaled(draw.scale);
+            let scaled = || setup.felt_shape(draw.object).scaled(draw.scale);
             let object = self.object.get_or_insert_with(scaled);
             match presses(&mut self.fingers, &motion.state, object, draw, setup) {
                 Ok(presses) => motion.presses = presses,
@@ -171,7 +171,7 @@ impl Episode {
         if state.failure.is_some() {
             return Ok([None, None]);
         }
-        let object = setup.models[self.draw.object].shape().scaled(self.draw.scale);
+        let object = setup.felt_shape(self.draw.object).scaled(self.draw.scale);
         presses(&mut self.fingers.clone(), &state, &object, &self.draw, setup)
     }
 

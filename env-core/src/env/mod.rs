@@ -20,8 +20,9 @@ pub use row::Row;
 use crate::{
     Result,
     deformation::Wanted,
+    geometry::Shape,
     scene::ObjectModel,
-    tactile::{Channel, Touch},
+    tactile::{Channel, Choice, Touch},
     task::{Config, Layout},
 };
 
@@ -60,6 +61,15 @@ impl Setup {
     /// The configured objects.
     pub fn models(&self) -> &[ObjectModel] {
         &self.models
+    }
+
+    /// The shape of an object as fingers feel it: networks are wrong by more than a sampled one is.
+    fn felt_shape(&self, object: usize) -> &Shape {
+        let model = &self.models[object];
+        match self.config.tactile {
+            Choice::Surrogate | Choice::SurrogateFine => model.sampled(),
+            Choice::None | Choice::Compliance | Choice::Fem => model.shape(),
+        }
     }
 
     /// What must be known of each answer for the observation and the task.

@@ -10,7 +10,7 @@ use std::{
 
 use nalgebra::Vector3;
 
-use super::{Hollow, StarShaped, Surface};
+use super::{Hollow, Sampled, StarShaped, Surface};
 use crate::{Error, Result};
 
 /// A closed solid in its own frame (m).
@@ -90,6 +90,8 @@ pub enum Shape {
     HalfSpace,
     /// Solid inside a watertight surface.
     Mesh(Arc<Surface>),
+    /// One of these by its distances on a grid: see [`Shape::sampled`].
+    Sampled(Sampled),
 }
 
 /// Longest allowed dimension of a shape (m): a hand-scale simulator.
@@ -135,6 +137,9 @@ impl Shape {
             Self::HalfSpace => {}
             // A surface is checked when it is made; only its size is left.
             Self::Mesh(surface) => length("mesh size", surface.size())?,
+            Self::Sampled(sampled) => {
+                sampled.exact().scaled(sampled.scale()).validated()?;
+            }
         }
         Ok(self)
     }
@@ -167,6 +172,7 @@ impl Shape {
             Self::Hollow(hollow) => *hollow = hollow.scaled(factor),
             Self::HalfSpace => {}
             Self::Mesh(surface) => *surface = Arc::new(surface.scaled(factor)),
+            Self::Sampled(sampled) => *sampled = sampled.scaled(factor),
         }
         shape
     }
@@ -207,6 +213,7 @@ impl Shape {
             }
             Self::HalfSpace => return None,
             Self::Mesh(surface) => (**surface).clone(),
+            Self::Sampled(sampled) => return sampled.surface(segments),
         })
     }
 

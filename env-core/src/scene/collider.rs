@@ -1,10 +1,7 @@
 //! Shapes as Rapier colliders, with the mass properties of the exact surface and the pose in which
 //! the solid rests on a table.
 
-use std::{
-    f64::consts::FRAC_PI_2,
-    sync::{Arc, OnceLock},
-};
+use std::{f64::consts::FRAC_PI_2, sync::OnceLock};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rapier3d::{
@@ -12,7 +9,7 @@ use rapier3d::{
     prelude::{ColliderBuilder, MassProperties, Matrix, Pose, SharedShape, Vector},
 };
 
-use super::{Object, Scene, SceneConfig, field::DistanceField, units};
+use super::{Object, Scene, SceneConfig, units};
 use crate::{
     Error, Result,
     geometry::{self, Shape, Surface},
@@ -35,8 +32,8 @@ pub struct ObjectModel {
     /// Of the solid at density 1.
     solid: geometry::MassProperties,
     resting: UnitQuaternion<f64>,
-    /// Made on first use, and shared by copies made after.
-    field: OnceLock<Arc<DistanceField>>,
+    /// The shape with quick distances: made on first use, and shared by copies made after.
+    sampled: OnceLock<Shape>,
 }
 
 impl std::fmt::Debug for ObjectModel {
@@ -62,8 +59,8 @@ impl ObjectModel {
         };
         let solid = surface.mass_properties(1.0);
         let resting = UnitQuaternion::identity();
-        let field = OnceLock::new();
-        let mut model = Self { shape, surface, collider, upright, solid, resting, field };
+        let sampled = OnceLock::new();
+        let mut model = Self { shape, surface, collider, upright, solid, resting, sampled };
         model.resting = model.settle();
         Ok(model)
     }
@@ -78,9 +75,9 @@ impl ObjectModel {
         &self.surface
     }
 
-    /// Distance to the object at its model's size.
-    pub(super) fn distance_field(&self) -> Arc<DistanceField> {
-        Arc::clone(self.field.get_or_init(|| Arc::new(DistanceField::new(&self.shape))))
+    /// The shape with distances that are quick to find, see [`Shape::sampled`].
+    pub fn sampled(&self) -> &Shape {
+        self.sampled.get_or_init(|| self.shape.sampled())
     }
 
     /// Radius about the frame's origin that holds the object (m).

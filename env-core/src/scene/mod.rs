@@ -14,7 +14,6 @@ mod catalogue;
 mod collider;
 mod config;
 mod contact;
-mod field;
 mod gripper;
 mod held;
 mod state;

@@ -3,11 +3,9 @@
 //!
 //! Shapes: C nodes of the face, V nodes of the model mesh, the first F of them free.
 
-#![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
-
 use nalgebra::Vector3;
 
-use crate::{compliance::nodal::Nodal, geometry::Transfer, simd::vectorised};
+use crate::{compliance::nodal::Nodal, geometry::Transfer, simd::add_rows};
 
 /// The matrix.
 pub(super) struct Extension {
@@ -34,29 +32,18 @@ impl Extension {
 
     /// Displacement (V) in m under forces (N) on some nodes of the face.
     pub(super) fn displacement(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
-        let mut sum = vec![0.0_f32; 3 * self.free];
-        vectorised(
-            #[inline(always)]
-            || self.add(forces, &mut sum),
-        );
+        let size = 3 * self.free;
+        let mut sum = vec![0.0_f32; size];
+        for (node, force) in forces {
+            let rows = &self.columns[3 * size * *node as usize..];
+            let rows = [0, 1, 2].map(|axis| &rows[axis * size..][..size]);
+            add_rows(&mut sum, rows, (*force).map(|x| x as f32).into());
+        }
         let mut all = vec![Vector3::zeros(); self.nodes];
         for (u, sum) in all.iter_mut().zip(sum.as_chunks::<3>().0) {
             *u = Vector3::from(*sum).cast();
         }
         all
-    }
-
-    #[inline(always)]
-    fn add(&self, forces: &[(u32, Vector3<f64>)], sum: &mut [f32]) {
-        let size = sum.len();
-        for (node, force) in forces {
-            let columns = &self.columns[3 * size * *node as usize..][..3 * size];
-            let ([x, y, z], (a, rest)) = ((*force).into(), columns.split_at(size));
-            let ([x, y, z], (b, c)) = ([x, y, z].map(|x: f64| x as f32), rest.split_at(size));
-            for (((u, a), b), c) in sum.iter_mut().zip(a).zip(b).zip(c) {
-                *u += x * a + y * b + z * c;
-            }
-        }
     }
 
     /// The forces (V) in N on all nodes: those of the face come first.

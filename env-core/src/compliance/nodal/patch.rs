@@ -12,7 +12,7 @@ use crate::{
     Error, Result,
     contact::{ContactLaw, SurfacePoint, first_touch},
     geometry::{Distance, Shape},
-    simd::vectorised,
+    simd::add_rows,
 };
 
 /// Sweeps between measurements of the shapes' distances.
@@ -23,8 +23,9 @@ const MOST: usize = 60;
 const RELATIVE: f64 = 5e-4;
 /// Force that counts as none (N).
 const NONE: f64 = 1e-9;
-/// Nodes by which two runs are apart at most if they are treated as one.
-const BRIDGE: usize = 6;
+/// Nodes by which two runs are apart at most if they are treated as one: long runs are worth the nodes
+/// between.
+const BRIDGE: usize = 16;
 
 /// The shapes on their way within one load step.
 pub(super) struct Move<'a> {
@@ -301,21 +302,11 @@ fn displaced(displacement: &[f32], rank: u32) -> Vector3<f64> {
 
 /// Adds to the displacement in the runs what a `force` on the node of these `rows` does.
 fn give_way(displacement: &mut [f32], rows: &[f32], force: &Vector3<f64>, runs: &[[usize; 2]]) {
-    let [x, y, z] = [force.x as f32, force.y as f32, force.z as f32];
+    let force = (*force).map(|x| x as f32).into();
     let size = displacement.len();
     for &[first, last] in runs {
         let part = 3 * first..3 * last;
-        let u = &mut displacement[part.clone()];
-        let a = &rows[..size][part.clone()];
-        let b = &rows[size..2 * size][part.clone()];
-        let c = &rows[2 * size..3 * size][part];
-        vectorised(
-            #[inline(always)]
-            || {
-                for (((u, a), b), c) in u.iter_mut().zip(a).zip(b).zip(c) {
-                    *u += x * a + y * b + z * c;
-                }
-            },
-        );
+        let rows = [0, 1, 2].map(|axis| &rows[axis * size..][part.clone()]);
+        add_rows(&mut displacement[part], rows, force);
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Points, normals and rays are in the shape's own frame ([`Shape`]). Every solid of a closed form
 //! answers exactly; ellipsoids and star-shaped solids by a Newton iteration to rounding; meshes by
-//! the nearest of their triangles, exact in f64. On the medial axis, where the gradient does not
+//! the nearest of their triangles, exact in f64; what is sampled by interpolation. On the medial axis, where the gradient does not
 //! exist, the normal is that of one of the nearest surface points.
 
 mod ellipsoid;
@@ -70,6 +70,7 @@ impl Shape {
             Self::Hollow(hollow) => hollow.distance(point),
             Self::HalfSpace => Distance { value: p.z, normal: Vector3::z() },
             Self::Mesh(surface) => surface.distance(point),
+            Self::Sampled(sampled) => sampled.distance(point),
         }
     }
 }

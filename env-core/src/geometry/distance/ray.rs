@@ -30,6 +30,7 @@ impl Shape {
             Self::Mesh(surface) => return surface.ray_gap(origin, direction),
             Self::StarShaped(star) => return star.ray_gap(origin, direction),
             Self::Hollow(hollow) => return hollow.ray_gap(origin, direction),
+            Self::Sampled(sampled) => return sampled.ray_gap(origin, direction),
             Self::Annulus { outer, inner, half_height } => {
                 (line.in_cylinder(*outer, *half_height), line.in_round(*inner))
             }
@@ -105,7 +106,8 @@ impl Line {
             | Shape::Cup { .. }
             | Shape::StarShaped(_)
             | Shape::Hollow(_)
-            | Shape::Mesh(_) => unreachable!("not convex: {solid:?}"),
+            | Shape::Mesh(_)
+            | Shape::Sampled(_) => unreachable!("not convex: {solid:?}"),
         }
     }
 

@@ -14,18 +14,16 @@ mod correction;
 mod law;
 mod touch;
 
-use std::sync::Arc;
-
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use rapier3d::prelude::{PhysicsWorld, RigidBodyHandle, Vector};
 use serde::{Deserialize, Serialize};
 
 use super::{
     Gripper, Object, ObjectModel, SoftPads, Wrench,
-    field::DistanceField,
     gripper::{Hand, damping},
     units,
 };
+use crate::geometry::Shape;
 use balance::{Bodies, Contact, Motion};
 use correction::Correction;
 use law::Law;
@@ -56,7 +54,8 @@ struct Pad {
 
 struct Surroundings {
     face: Face,
-    field: Arc<DistanceField>,
+    /// The object at its size.
+    shape: Shape,
     /// Radius about the object's frame that holds all of it (m).
     radius: f64,
 }
@@ -99,8 +98,8 @@ impl Bed {
     /// Gives a bed that was read from bytes what bytes do not hold.
     pub(super) fn attach(&mut self, pads: &SoftPads, model: &ObjectModel) {
         let radius = self.scale * model.radius();
-        let (face, field) = (Face::new(&pads.outline), model.distance_field());
-        self.surroundings = Some(Surroundings { face, field, radius });
+        let (face, shape) = (Face::new(&pads.outline), model.sampled().scaled(self.scale));
+        self.surroundings = Some(Surroundings { face, shape, radius });
     }
 
     /// Whether the bed knows its object.
@@ -126,7 +125,7 @@ impl Bed {
     pub(super) fn indentation(&self, finger: usize, pose: &Isometry3<f64>) -> f64 {
         match &self.surroundings {
             Some(surroundings) => {
-                let obstacle = surroundings.obstacle(self.scale, pose);
+                let obstacle = surroundings.obstacle(pose);
                 surroundings.face.indentation(&obstacle, &self.touches(finger, pose))
             }
             None => 0.0,
@@ -136,7 +135,7 @@ impl Bed {
     fn touches(&self, finger: usize, pose: &Isometry3<f64>) -> Vec<Touch> {
         let mut touches = Vec::new();
         if let Some(surroundings) = &self.surroundings {
-            let obstacle = surroundings.obstacle(self.scale, pose);
+            let obstacle = surroundings.obstacle(pose);
             let anchors = &self.pads[finger].anchors;
             surroundings.face.touches(&obstacle, &self.law, anchors, &mut touches);
         }
@@ -210,9 +209,9 @@ impl Bed {
 }
 
 impl Surroundings {
-    /// The object, `scale` times as large as its model, at `pose` in a pad's frame.
-    fn obstacle(&self, scale: f64, pose: &Isometry3<f64>) -> Obstacle<'_> {
-        Obstacle { field: &self.field, scale, radius: self.radius, pose: *pose }
+    /// The object at `pose` in a pad's frame.
+    fn obstacle(&self, pose: &Isometry3<f64>) -> Obstacle<'_> {
+        Obstacle::new(&self.shape, self.radius, pose)
     }
 }
 
@@ -237,13 +236,12 @@ impl SoftPads {
         path: &[Isometry3<f64>],
     ) -> Vec<Wrench> {
         let law = Law::new(self);
-        let (face, field, radius) =
-            (Face::new(&self.outline), object.distance_field(), object.radius());
-        let surroundings = Surroundings { face, field, radius };
+        let (face, radius) = (Face::new(&self.outline), object.radius());
+        let surroundings = Surroundings { face, shape: object.sampled().clone(), radius };
         let mut anchors = vec![None; surroundings.face.count()];
         let mut touches = Vec::new();
         let frame = |pose: &Isometry3<f64>| {
-            let obstacle = surroundings.obstacle(1.0, pose);
+            let obstacle = surroundings.obstacle(pose);
             surroundings.face.touches(&obstacle, &law, &anchors, &mut touches);
             anchors.fill(None);
             for touch in &touches {

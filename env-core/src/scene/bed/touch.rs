@@ -1,10 +1,10 @@
 //! Where the face of a pad stands in the object.
 
-use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::law::{Depth, Law};
-use crate::{geometry::PadOutline, scene::field::DistanceField};
+use crate::geometry::{PadOutline, Shape};
 
 /// Bristles across and along a pad.
 const COUNTS: [usize; 2] = [8, 10];
@@ -26,11 +26,12 @@ pub(super) struct Face {
 
 /// The object as a pad's frame sees it.
 pub(super) struct Obstacle<'a> {
-    pub(super) field: &'a DistanceField,
-    pub(super) scale: f64,
+    shape: &'a Shape,
     /// Radius about its frame's origin that holds all of it (m).
-    pub(super) radius: f64,
-    pub(super) pose: Isometry3<f64>,
+    radius: f64,
+    pose: Isometry3<f64>,
+    /// The rotation of the pose.
+    turn: Matrix3<f64>,
 }
 
 /// A bristle that sticks to the object.
@@ -247,12 +248,18 @@ impl Face {
     }
 }
 
-impl Obstacle<'_> {
+impl<'a> Obstacle<'a> {
+    /// A `shape` at `pose`, within a `radius` (m) about its frame's origin.
+    pub(super) fn new(shape: &'a Shape, radius: f64, pose: &Isometry3<f64>) -> Self {
+        let turn = *pose.rotation.to_rotation_matrix().matrix();
+        Self { shape, radius, pose: *pose, turn }
+    }
+
     /// Signed distance (m) and outward normal at a place of the pad's frame.
     fn distance(&self, place: &Vector3<f64>) -> (f64, Vector3<f64>) {
-        let seen = self.pose.inverse_transform_point(&Point3::from(*place)).coords / self.scale;
-        let found = self.field.at(&seen);
-        (self.scale * found.value, self.pose.rotation * found.normal)
+        let seen = self.turn.tr_mul(&(place - self.pose.translation.vector));
+        let found = self.shape.distance(&Point3::from(seen));
+        (found.value, self.turn * found.normal)
     }
 }
 
