@@ -22,7 +22,7 @@ class Params:
     @property
     def policy(self) -> str:
         """Name of the policy: of flat observations, or of dicts with touch."""
-        touch = self.environment.get("tactile", "none") != "none"
+        touch = self.environment.get("tactile") != "none"
         return "MultiInputPolicy" if touch else "MlpPolicy"
 
     def with_settings(self, settings: dict[str, Any]) -> Params:

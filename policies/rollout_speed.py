@@ -31,7 +31,8 @@ ENV_ID = "ruffini/GraspLift-v0"
 
 def make(n: int, threads: int, **settings: Any) -> GraspLiftVectorEnv:
     """N environments on so many threads, reset."""
-    envs = gym.make_vec(ENV_ID, num_envs=n, num_threads=threads, **settings)
+    rigid = {"tactile": "none"}
+    envs = gym.make_vec(ENV_ID, num_envs=n, num_threads=threads, **rigid | settings)
     assert isinstance(envs, GraspLiftVectorEnv)
     envs.reset(seed=0)
     return envs

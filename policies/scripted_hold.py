@@ -14,14 +14,11 @@ from numpy.typing import NDArray
 FRICTION = 0.5
 """Least coefficient of friction of the default settings."""
 
-MARGIN = 1.1
-"""Grip force over the least that holds by Coulomb's law."""
-
 FORGETTING = 0.99
 """Share of the largest load that is left after a step."""
 
-LEAST = 0.3
-"""Grip force without any load (N)."""
+SPARE = 0.6
+"""Grip force beyond the least that holds by Coulomb's law (N)."""
 
 LARGEST_FORCE = 10.0
 """Grip force at action 1 (N)."""
@@ -43,6 +40,6 @@ class ScriptedHold:
         before = np.zeros(len(load)) if state is None else FORGETTING * state
         largest = np.maximum(load, before)
         action = np.zeros((len(load), 5), np.float32)
-        grip = LEAST + MARGIN * largest / FRICTION
+        grip = SPARE + largest / FRICTION
         action[:, 4] = np.clip(grip / LARGEST_FORCE, 0.0, 1.0)
         return action, largest

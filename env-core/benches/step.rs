@@ -17,7 +17,7 @@ const ROWS: usize = 16;
 
 fn batch(objects: &[&str]) -> Batch {
     let objects = objects.iter().map(|name| ObjectSpec::Name((*name).into())).collect();
-    started(Config { objects, ..Config::default() })
+    started(Config { objects, tactile: Choice::None, ..Config::default() })
 }
 
 fn started(config: Config) -> Batch {

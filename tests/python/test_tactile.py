@@ -92,7 +92,7 @@ def test_places_of_the_channels_have_their_sizes():
     assert spaces["depth"].shape == (2 * len(skin["depth"]),)
     env.reset(seed=0)
     assert np.all(np.abs(skin["markers"][:, :2]) < 0.011)
-    assert GraspLiftEnv().skin() is None
+    assert GraspLiftEnv(tactile="none").skin() is None
 
 
 def test_a_seed_gives_the_same_touch_again():
@@ -192,7 +192,7 @@ def test_the_plan_shows_the_stages_that_are_asked_for():
     assert [name for name, _, _ in plan] == stages
     assert all(runs > 0 and microseconds > 0 for _, runs, microseconds in plan)
     assert all(runs == 0 for _, runs, _ in env.unwrapped.plan())
-    assert [name for name, *_ in GraspLiftEnv(observation="time").plan()] == [
+    assert [name for name, *_ in GraspLiftEnv(tactile="none", observation="time").plan()] == [
         "scene",
         "channel time",
         "reward",

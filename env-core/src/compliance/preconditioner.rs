@@ -12,7 +12,7 @@ use faer::{
 };
 
 use super::newton::Touching;
-use crate::simd::vectorised;
+use crate::simd::{sum, vectorised};
 
 /// The factors, for the nodes that were active when they were made: the first A of those active now.
 #[derive(Default)]
@@ -90,25 +90,11 @@ impl Preconditioner {
 fn substitute(factors: &[f32], right: &mut [f32]) {
     let size = right.len();
     for (j, column) in factors.chunks(size).enumerate() {
-        right[j] = (right[j] - dot(&column[..j], &right[..j])) / column[j];
+        right[j] = (right[j] - sum(&column[..j], &right[..j], |a, b| a * b)) / column[j];
     }
     for (j, column) in factors.chunks(size).enumerate().rev() {
-        right[j] -= dot(&column[j + 1..], &right[j + 1..]);
+        right[j] -= sum(&column[j + 1..], &right[j + 1..], |a, b| a * b);
     }
-}
-
-/// The dot product, summed in an order that a processor can take several steps of at once.
-#[inline(always)]
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<16>(), b.as_chunks::<16>());
-    let mut sums = [0.0; 16];
-    for (a, b) in a.iter().zip(b) {
-        for i in 0..16 {
-            sums[i] += a[i] * b[i];
-        }
-    }
-    let rest: f32 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
-    rest + sums.iter().sum::<f32>()
 }
 
 fn carriers(point: &crate::contact::SurfacePoint) -> impl Iterator<Item = u32> {

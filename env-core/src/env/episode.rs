@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     Setup,
     plan::{CHANNEL, CORRECTION, Costs, PEAK, PRESS, REWARD, SCENE},
-    touch::{PerFinger, correct, keep, poses_in_pads, presses},
+    touch::{PerFinger, PosesInPads, correct, keep, poses_in_pads, presses},
 };
 use crate::{
     Error, Result,
@@ -99,13 +99,13 @@ impl Episode {
             shaking: config.holding.as_ref().map(|holding| shaking(holding, &mut uniform)),
         };
         let object = Object { model, scale, mass, friction, pose };
-        let (scene, grip) = scene(setup, &object, &Vector3::from(start))?;
+        let (scene, grip, way) = scene(setup, &object, &Vector3::from(start))?;
         let state = scene.state();
-        let fingers = poses_in_pads(&state).map(Finger::new);
+        let fingers = way[0].map(Finger::new);
         let (object, progress) = (None, Progress::new(&state));
         let mut episode =
             Self { scene, draw, object, fingers, grip, steps: 0, progress, over: false };
-        let motion = episode.motion(setup, state);
+        let motion = episode.motion(setup, state, &way);
         Ok((episode, motion))
     }
 
@@ -150,14 +150,14 @@ impl Episode {
         Moment { state, draw: &self.draw, grip: self.grip, time, feeling, peak_stress }
     }
 
-    /// What the fingers ask of the world in `state`.
-    fn motion(&mut self, setup: &Setup, state: SceneState) -> Motion {
+    /// What the fingers ask of the world in `state`, after the object has moved along `way`.
+    fn motion(&mut self, setup: &Setup, state: SceneState, way: &[PosesInPads]) -> Motion {
         let mut motion = Motion { state, presses: [None, None], answers: [None, None] };
         if setup.touch().is_some() && motion.state.failure.is_none() {
             let draw = &self.draw;
             let scaled = || setup.felt_shape(draw.object).scaled(draw.scale);
             let object = self.object.get_or_insert_with(scaled);
-            match presses(&mut self.fingers, &motion.state, object, draw, setup) {
+            match presses(&mut self.fingers, way, object, draw, setup) {
                 Ok(presses) => motion.presses = presses,
                 Err(error) => motion.answers[0] = Some(Err(error)),
             }
@@ -172,7 +172,8 @@ impl Episode {
             return Ok([None, None]);
         }
         let object = setup.felt_shape(self.draw.object).scaled(self.draw.scale);
-        presses(&mut self.fingers.clone(), &state, &object, &self.draw, setup)
+        let way = [poses_in_pads(&state)];
+        presses(&mut self.fingers.clone(), &way, &object, &self.draw, setup)
     }
 
     /// Moves the rigid world on by one control period.
@@ -191,7 +192,8 @@ impl Episode {
             self.scene.step_under(&command, force);
             self.scene.state()
         });
-        costs.time(PRESS, || self.motion(setup, state))
+        let way = [poses_in_pads(&state)];
+        costs.time(PRESS, || self.motion(setup, state, &way))
     }
 
     /// Ends the step that led to `motion`; `observation` holds the previous one on entry, which stands
@@ -247,16 +249,25 @@ impl Episode {
     }
 }
 
-/// The scene that an episode starts with, the hand at `start` (m), and the grip force (N): over an
-/// `object` on the table, or holding it.
-fn scene(setup: &Setup, object: &Object, start: &Vector3<f64>) -> Result<(Scene, f64)> {
+/// The scene that an episode starts with, the hand at `start` (m), the grip force (N), and the way on
+/// which the object came there: over an `object` on the table, or holding it.
+fn scene(
+    setup: &Setup,
+    object: &Object,
+    start: &Vector3<f64>,
+) -> Result<(Scene, f64, Vec<PosesInPads>)> {
     let config = &setup.config.scene;
     let Some(holding) = &setup.config.holding else {
-        return Ok((Scene::new(config, object, start, 0.0)?, 0.0));
+        let scene = Scene::new(config, object, start, 0.0)?;
+        let way = vec![poses_in_pads(&scene.state())];
+        return Ok((scene, 0.0, way));
     };
     let place = config.workspace.clamp(start);
     let object = Object { pose: object.model.in_hand(object.scale, &place), ..object.clone() };
-    Ok((Scene::holding(config, &object, &place, holding.start_grip)?, holding.start_grip))
+    let (grip, mut way) = (holding.start_grip, Vec::new());
+    let seen = |state: &SceneState| way.push(poses_in_pads(state));
+    let scene = Scene::holding(config, &object, &place, grip, seen)?;
+    Ok((scene, grip, way))
 }
 
 /// A disturbance drawn by `uniform` from its ranges, its direction from the sphere.

@@ -15,24 +15,28 @@ use crate::{
 /// What one row's fingers ask or are told: for each a press, or an answer, where it touches.
 pub(super) type PerFinger<T> = [Option<T>; 2];
 
-/// Pose of the object in the frame of each pad (m): the one place that knows how the rigid world
-/// stands for the soft one.
-pub(super) fn poses_in_pads(state: &SceneState) -> [Isometry3<f64>; 2] {
+/// Pose of the object in the frame of each pad (m).
+pub(super) type PosesInPads = [Isometry3<f64>; 2];
+
+/// The one place that knows how the rigid world stands for the soft one.
+pub(super) fn poses_in_pads(state: &SceneState) -> PosesInPads {
     state.fingers.each_ref().map(|finger| finger.object)
 }
 
-/// The presses that `fingers` ask to be answered after a step to `state`.
+/// The presses that `fingers` ask to be answered after the object has moved along `way`, its poses in
+/// the frame of each pad.
 pub(super) fn presses(
     fingers: &mut [Finger; 2],
-    state: &SceneState,
+    way: &[PosesInPads],
     object: &Shape,
     draw: &Draw,
     setup: &Setup,
 ) -> Result<PerFinger<Press>> {
     let Some(touch) = setup.touch() else { return Ok([None, None]) };
     let mut presses = [None, None];
-    for ((press, finger), pose) in presses.iter_mut().zip(fingers).zip(poses_in_pads(state)) {
-        *press = finger.press(touch.skin(), object, &[pose], draw.friction)?;
+    for (i, (press, finger)) in presses.iter_mut().zip(fingers).enumerate() {
+        let path: Vec<_> = way.iter().map(|poses| poses[i]).collect();
+        *press = finger.press(touch.skin(), object, &path, draw.friction)?;
     }
     Ok(presses)
 }

@@ -19,29 +19,37 @@ impl Scene {
     /// the hand closes on nothing.
     ///
     /// The object is met where [`Object::pose`] puts it, in weightlessness. That ends with the grip,
-    /// and the object has come to rest in the hand if `grip` holds it.
+    /// and the object has come to rest in the hand if `grip` holds it. `seen` is told of every state
+    /// on the way, from the open hand to the last: what the pads remember comes from there.
     pub fn holding(
         config: &SceneConfig,
         object: &Object,
         tool_center: &Vector3<f64>,
         grip: f64,
+        mut seen: impl FnMut(&SceneState),
     ) -> Result<Self> {
         let mut scene = Self::new(config, object, tool_center, 0.0)?;
         scene.set_gravity(0.0);
         let command = Command { grip, ..Command::default() };
-        let pressed = |state: &SceneState| {
+        seen(&scene.state());
+        let mut stepped = |scene: &mut Self| {
+            scene.step(&command);
+            let state = scene.state();
+            seen(&state);
+            state
+        };
+        let pressed = |state: SceneState| {
             state.fingers.iter().all(|finger| finger.normal_force() > FIRM * grip)
         };
-        let closed = (0..MOST_PERIODS).any(|_| {
-            scene.step(&command);
-            pressed(&scene.state())
-        });
+        let closed = (0..MOST_PERIODS).any(|_| pressed(stepped(&mut scene)));
         if !closed {
             let expected = format!("one that the hand can grip with {grip} N");
             return Err(Error::invalid("objects", "an object out of the pads' reach", expected));
         }
         scene.set_gravity(config.physics.gravity);
-        (0..REST).for_each(|_| scene.step(&command));
+        for _ in 0..REST {
+            stepped(&mut scene);
+        }
         Ok(scene)
     }
 }

@@ -1,11 +1,11 @@
-//! From forces on the nodes of a pad's face to the displacement of the whole model mesh: a dense matrix
-//! in single precision, made once.
+//! From forces on the nodes of a pad's face to the displacement of a whole mesh: a dense matrix in single
+//! precision, made once.
 //!
-//! Shapes: C nodes of the face, V nodes of the model mesh, the first F of them free.
+//! Shapes: C nodes of the face, V nodes of the mesh, the first F of them free.
 
 use nalgebra::Vector3;
 
-use crate::{compliance::nodal::Nodal, geometry::Transfer, simd::add_rows};
+use crate::{compliance::nodal::Nodal, simd::add_rows};
 
 /// The matrix.
 pub(super) struct Extension {
@@ -18,9 +18,12 @@ pub(super) struct Extension {
 }
 
 impl Extension {
-    /// That of `nodal`, whose fields `transfer` carries to the model mesh.
-    pub(super) fn new(nodal: &Nodal, transfer: &Transfer) -> Self {
-        let answers = nodal.unit_responses(&|displacement| transfer.interpolate(displacement));
+    /// That of `nodal`, whose displacement `carry` brings to the mesh.
+    pub(super) fn new(
+        nodal: &Nodal,
+        carry: impl Fn(&[Vector3<f64>]) -> Vec<Vector3<f64>> + Sync,
+    ) -> Self {
+        let answers = nodal.unit_responses(&carry);
         let nodes = answers.first().map_or(0, Vec::len);
         let moved =
             |answer: &Vec<Vector3<f64>>| answer.iter().rposition(|u| *u != Vector3::zeros());
@@ -30,27 +33,14 @@ impl Extension {
         Self { columns, free, nodes }
     }
 
-    /// Displacement (V) in m under forces (N) on some nodes of the face.
-    pub(super) fn displacement(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
+    /// Displacement (V, 3) in m under forces (N) on some nodes of the face.
+    pub(super) fn displacement(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<f32> {
         let size = 3 * self.free;
-        let mut sum = vec![0.0_f32; size];
+        let mut all = vec![0.0; 3 * self.nodes];
         for (node, force) in forces {
             let rows = &self.columns[3 * size * *node as usize..];
             let rows = [0, 1, 2].map(|axis| &rows[axis * size..][..size]);
-            add_rows(&mut sum, rows, (*force).map(|x| x as f32).into());
-        }
-        let mut all = vec![Vector3::zeros(); self.nodes];
-        for (u, sum) in all.iter_mut().zip(sum.as_chunks::<3>().0) {
-            *u = Vector3::from(*sum).cast();
-        }
-        all
-    }
-
-    /// The forces (V) in N on all nodes: those of the face come first.
-    pub(super) fn contact_force(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
-        let mut all = vec![Vector3::zeros(); self.nodes];
-        for (node, force) in forces {
-            all[*node as usize] = *force;
+            add_rows(&mut all[..size], rows, (*force).map(|x| x as f32).into());
         }
         all
     }

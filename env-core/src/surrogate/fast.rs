@@ -21,7 +21,7 @@ use super::{
     metrics::Fields,
     ops::{Blocks, Edges, hear, moments},
 };
-use crate::simd::vectorised;
+use crate::simd::{sum, vectorised};
 
 /// The network on one pad.
 pub(super) struct Fast {
@@ -354,8 +354,7 @@ impl Fast {
                 let corner = &corners[corner as usize * width..][..width];
                 hidden.iter_mut().zip(corner).for_each(|(hidden, x)| *hidden += x);
             }
-            let says: f32 =
-                hidden.iter().zip(&self.stress.weight).map(|(h, w)| h.max(0.0) * w).sum();
+            let says = sum(&hidden, &self.stress.weight, |h, w| h.max(0.0) * w);
             let says = (says + self.stress.bias[0]) * question.amplitude;
             stress[t] = question.stress[t] + after[t] - before[t] + says;
         }

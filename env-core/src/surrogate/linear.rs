@@ -5,10 +5,16 @@
 //! mesh's many surface points ([`Contact::Points`]), or at the nodes of the model mesh's face
 //! ([`Contact::Nodes`]), which is an order of magnitude faster and leaves more to be learnt.
 
+use std::sync::OnceLock;
+
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{extension::Extension, features::Gel};
+use super::{
+    extension::Extension,
+    features::Gel,
+    ops::{Blocks, Gradients},
+};
 use crate::{
     Result,
     compliance::{
@@ -16,8 +22,9 @@ use crate::{
         nodal::{Nodal, Settled},
     },
     deformation::{Deformation, History, Law, Moduli, Press, SoftBody},
-    geometry::{PadMesh, Transfer},
+    geometry::{PadMesh, TetMesh, Transfer},
     sensor::Sensor,
+    simd::vectorised,
 };
 
 /// Where the linear model feels contact.
@@ -49,7 +56,23 @@ pub(super) struct Linear {
 
 enum Solver {
     Points(Compliance),
-    Nodes(Nodal, Extension),
+    Nodes(Box<Nodes>),
+}
+
+/// Contact at nodes, and what its forces do to the meshes.
+struct Nodes {
+    nodal: Nodal,
+    extension: Extension,
+    /// On the fine mesh, made when stress is first asked for.
+    stress: OnceLock<Stress>,
+}
+
+/// Stress of the fine mesh (T) from forces on the face.
+struct Stress {
+    extension: Extension,
+    tets: Blocks,
+    /// Shear modulus (Pa).
+    shear: f64,
 }
 
 /// An answer of the linear model, before it is carried to the model mesh.
@@ -88,8 +111,8 @@ impl Linear {
             Contact::Points => Solver::Points(compliance),
             Contact::Nodes => {
                 let nodal = compliance.at_coarse_nodes(&fine, model)?;
-                let extension = Extension::new(&nodal, &transfer);
-                Solver::Nodes(nodal, extension)
+                let extension = Extension::new(&nodal, |u| transfer.interpolate(u));
+                Solver::Nodes(Box::new(Nodes { nodal, extension, stress: OnceLock::new() }))
             }
         };
         Ok(Self { solver, transfer })
@@ -102,8 +125,8 @@ impl Linear {
                 let answers = compliance.solve_path(press).into_iter();
                 answers.map(|answer| Ok(Answer::Points(Box::new(answer?)))).collect()
             }
-            Solver::Nodes(nodal, _) => {
-                let answers = nodal.settled_path(press).into_iter();
+            Solver::Nodes(nodes) => {
+                let answers = nodes.nodal.settled_path(press).into_iter();
                 answers.map(|settled| Ok(Answer::Nodes(settled?))).collect()
             }
         }
@@ -112,11 +135,19 @@ impl Linear {
     /// An answer on the model mesh; its stress is left empty unless `with_stress`.
     pub(super) fn carry(&self, answer: &Answer, with_stress: bool) -> Carried {
         match (answer, &self.solver) {
-            (Answer::Nodes(settled), Solver::Nodes(nodal, extension)) => {
-                let stress = || self.transfer.average(&nodal.von_mises(settled));
+            (Answer::Nodes(settled), Solver::Nodes(nodes)) => {
+                let stress = || self.transfer.average(&nodes.von_mises(settled));
+                let displacement = nodes.extension.displacement(&settled.forces);
+                let displacement = displacement.as_chunks::<3>().0.iter();
+                let displacement: Vec<_> = displacement.map(|&u| Vector3::from(u).cast()).collect();
+                // The nodes of the face come first.
+                let mut contact_force = vec![Vector3::zeros(); displacement.len()];
+                for (node, force) in &settled.forces {
+                    contact_force[*node as usize] = *force;
+                }
                 Carried {
-                    displacement: extension.displacement(&settled.forces),
-                    contact_force: extension.contact_force(&settled.forces),
+                    displacement,
+                    contact_force,
                     von_mises: if with_stress { stress() } else { Vec::new() },
                     poses: settled.history.poses.clone(),
                 }
@@ -133,6 +164,32 @@ impl Linear {
             (Answer::Nodes(_), Solver::Points(_)) => unreachable!("answers come from this model"),
         }
     }
+}
+
+impl Nodes {
+    /// Von Mises stress of the fine mesh (T) in Pa.
+    fn von_mises(&self, settled: &Settled) -> Vec<f64> {
+        let Stress { extension, tets, shear } = self.stress.get_or_init(|| {
+            let body = self.nodal.body();
+            let extension = Extension::new(&self.nodal, <[_]>::to_vec);
+            Stress { extension, tets: blocks(body.mesh()), shear: body.moduli()[0].shear() }
+        });
+        if settled.forces.is_empty() {
+            return vec![0.0; self.nodal.body().mesh().tets.len()];
+        }
+        let displacement = extension.displacement(&settled.forces);
+        let mut stress = Vec::new();
+        vectorised(
+            #[inline(always)]
+            || tets.stress(&displacement, &mut stress),
+        );
+        stress.iter().map(|&s| shear * f64::from(s)).collect()
+    }
+}
+
+/// The tetrahedra of `mesh`, lengths in m.
+fn blocks(mesh: &TetMesh) -> Blocks {
+    Gradients::new(mesh, 1.0).blocks()
 }
 
 impl Answer {

@@ -18,13 +18,13 @@ use crate::{
 #[serde(rename_all = "lowercase")]
 pub enum Choice {
     /// None: the fingers are rigid and feel no more than their wrench.
-    #[default]
     None,
     /// Linear elasticity ([`crate::compliance`]).
     Compliance,
     /// Finite elements ([`crate::fem`]).
     Fem,
     /// The shipped network made for speed, `swift` ([`crate::surrogate`]).
+    #[default]
     Surrogate,
     /// The shipped network made for accuracy, `default`.
     #[serde(rename = "surrogate-fine")]
@@ -105,7 +105,7 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         let (material, resolution) = (None, Resolution::default());
-        Self { choice: Choice::None, sensor: "gelsight-mini".into(), material, resolution }
+        Self { choice: Choice::default(), sensor: "gelsight-mini".into(), material, resolution }
     }
 }
 

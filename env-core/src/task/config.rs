@@ -121,7 +121,6 @@ impl Config {
                 config.scene.gripper.centering_stiffness = LIGHT_CENTERING;
                 config.mass = [0.02, 0.1];
                 config.stress_limit = Some([6e4, 1.2e5]);
-                config.tactile = Choice::Surrogate;
             }
             Task::HoldStill => config.holding = Some(Holding::default()),
         }

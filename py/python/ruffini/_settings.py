@@ -56,7 +56,7 @@ class Settings(TypedDict, total=False):
     shaking_frequency: Range
     slip_limit: float
     max_episode_steps: int
-    tactile: Literal["none", "compliance", "fem", "surrogate"]
+    tactile: Literal["surrogate", "surrogate-fine", "compliance", "fem", "none"]
     sensor: str
     material: str | Mapping[str, float]
     resolution: Mapping[str, int | Sequence[int]]
@@ -71,8 +71,13 @@ def to_json(settings: Mapping[str, Any], task: str) -> str:
     """The settings of a task as the JSON that Rust reads.
 
     Raises:
+        TypeError: If a setting is unknown.
         ValueError: If a value is not a finite number, a name, or a list or mapping of those.
     """
+    for name in settings:
+        if name not in Settings.__annotations__:
+            known = ", ".join(Settings.__annotations__)
+            raise TypeError(f"got an unexpected keyword argument {name!r}, expected one of {known}")
     given = {name: value for name, value in settings.items() if value is not None}
     document: dict[str, Any] = {"task": task}
     for name, given_value in given.items():
@@ -86,10 +91,6 @@ def to_json(settings: Mapping[str, Any], task: str) -> str:
             document["reward"] = value
         elif name in ("objects", "observation") and isinstance(value, str):
             document[name] = [value]
-        elif name in ("task", "scene", "holding", "reward"):
-            raise ValueError(
-                f"{name}: unknown, expected one of {', '.join(Settings.__annotations__)}"
-            )
         else:
             document[name] = value
     try:

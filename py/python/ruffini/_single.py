@@ -37,7 +37,8 @@ class NativeEnv(gym.Env[Observation, NDArray[np.float32]]):
         **settings: As the subclass documents them.
 
     Raises:
-        ValueError: If a setting is unknown, of the wrong type or out of range.
+        TypeError: If a setting is unknown.
+        ValueError: If one is of the wrong type or out of range.
     """
 
     TASK: ClassVar[str]

@@ -43,7 +43,8 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         **settings: As for the single environment.
 
     Raises:
-        ValueError: If a setting is unknown, of the wrong type or out of range.
+        TypeError: If a setting is unknown.
+        ValueError: If one is of the wrong type or out of range.
     """
 
     TASK: ClassVar[str]

@@ -44,8 +44,9 @@ class GraspLiftEnv(NativeEnv):
     | ``properties`` | 5 | mass, friction, half of the bounding box |
     | ``time`` | 1 | time since the start of the episode (s) |
 
-    With a `tactile` model there are also these, of the pad on −x and then of the one on +x, in the
-    pad's frame (x across, y along the finger, z out of the gel), flat; `resolution` sets the sizes.
+    By default ``proprio``, ``object`` and ``markers``. Unless ``tactile="none"`` makes the pads
+    rigid, there are also these, of the pad on −x and then of the one on +x, in the pad's frame (x
+    across, y along the finger, z out of the gel), flat; `resolution` sets the sizes.
     Without contact each is exactly 0, but for ``depth``. ``wrench`` is then what the model says.
 
     | channel | size of each pad | content |
@@ -99,16 +100,17 @@ class GraspLiftEnv(NativeEnv):
             ``size`` (factor), ``position`` and ``start`` (m, for x and y), ``yaw`` (rad),
             ``start_height`` (m), each a range or a number; ``lift_height`` (m), ``hold_time`` (s),
             ``max_episode_steps``, ``observation`` (channels), ``reward_weights``, and mappings for
-            ``gripper``, ``workspace`` and ``physics``. Of touch: ``tactile`` (``"none"``,
-            ``"surrogate"``: a network,
-            ``"compliance"``: linear elasticity, or ``"fem"``: finite elements), ``sensor``
+            ``gripper``, ``workspace`` and ``physics``. Of touch: ``tactile`` (``"surrogate"``,
+            the default: a network; ``"surrogate-fine"``: a slower one; ``"compliance"``: linear
+            elasticity; ``"fem"``: finite elements; or ``"none"``), ``sensor``
             (``"gelsight-mini"``, ``"digit"`` or a .toml file), ``material`` (name of a calibration
             of the sensor, or ``{"young": Pa, "poisson": ratio}``), ``resolution``
             (``{"nodes": 1000, "markers": (5, 7), "grid": (10, 12), "depth": (24, 32)}``, the pairs
             across and along).
 
     Raises:
-        ValueError: If a setting is unknown, of the wrong type or out of range.
+        TypeError: If a setting is unknown.
+        ValueError: If one is of the wrong type or out of range.
     """
 
     TASK = "grasp-lift"
@@ -162,10 +164,11 @@ class GraspFragileEnv(NativeEnv):
         width: Width of a picture in pixels.
         height: Height of a picture in pixels.
         **settings: As for :class:`GraspLiftEnv`, and ``stress_limit`` (Pa), a range or a number.
-            ``tactile`` is ``"surrogate"`` by default; ``"none"`` is an error.
+            ``tactile="none"`` is an error.
 
     Raises:
-        ValueError: If a setting is unknown, of the wrong type or out of range.
+        TypeError: If a setting is unknown.
+        ValueError: If one is of the wrong type or out of range.
     """
 
     TASK = "grasp-fragile"
@@ -191,8 +194,8 @@ class HoldStillEnv(NativeEnv):
     The largest grip force is 10 N.
 
     ## Observation
-    By default what the hand feels, not where the object is: ``proprio``, ``wrench``, and with a
-    `tactile` model ``markers``. Mass, friction, load and shaking are not told.
+    By default what the hand feels, not where the object is: ``proprio``, ``wrench``, ``markers``,
+    which rigid pads do not have. Mass, friction, load and shaking are not told.
 
     ## Reward
     Weighted mean of two terms in [0, 1], each in ``info["reward_terms"]``. Slip is how far the
@@ -219,10 +222,11 @@ class HoldStillEnv(NativeEnv):
         height: Height of a picture in pixels.
         **settings: As for :class:`GraspLiftEnv`, and ``start_grip`` (N), ``slip_limit`` (m), and
             ``load`` (N), ``shaking`` (amplitude, N), ``shaking_frequency`` (Hz), each a range or a
-            number. ``tactile`` is ``"none"`` by default.
+            number.
 
     Raises:
-        ValueError: If a setting is unknown, of the wrong type or out of range.
+        TypeError: If a setting is unknown.
+        ValueError: If one is of the wrong type or out of range.
     """
 
     TASK = "hold-still"

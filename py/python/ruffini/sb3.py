@@ -30,7 +30,8 @@ def make_vec_env(
         **kwargs: As for ``gymnasium.make_vec``, ``max_episode_steps`` included.
 
     Raises:
-        ValueError: If a setting is unknown, of the wrong type or out of range.
+        TypeError: If a setting is unknown.
+        ValueError: If one is of the wrong type or out of range.
     """
     same_step = AutoresetMode.SAME_STEP
     envs = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode=same_step, **kwargs)

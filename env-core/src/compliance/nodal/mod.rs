@@ -74,13 +74,6 @@ impl Nodal {
         units.map_init(|| rest.workspace(), answer).collect()
     }
 
-    /// Von Mises stress (T) in Pa of an answer, solved for on the whole mesh.
-    pub(crate) fn von_mises(&self, settled: &Settled) -> Vec<f64> {
-        let rest = &self.skin.condensed.rest;
-        let displacement = rest.displacement(&self.spread(&settled.forces), &mut rest.workspace());
-        rest.von_mises(&displacement)
-    }
-
     /// Forces on contact nodes as forces on the nodes of the mesh (V) in N.
     fn spread(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
         let condensed = &self.skin.condensed;

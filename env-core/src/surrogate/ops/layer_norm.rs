@@ -7,6 +7,7 @@
 use candle_core::{CpuStorage, CustomOp3, Layout, Result, Shape, Tensor};
 
 use super::{numbers, with_numbers};
+use crate::simd::sum;
 
 /// Added to the variance.
 const EPSILON: f32 = 1e-5;
@@ -22,8 +23,8 @@ pub(in super::super) fn layer_norm(x: &Tensor, scale: &Tensor, shift: &Tensor) -
 #[inline(always)]
 pub(in super::super) fn moments(row: &[f32]) -> (f32, f32) {
     let count = row.len() as f32;
-    let mean = row.iter().sum::<f32>() / count;
-    let variance = row.iter().map(|x| (x - mean) * (x - mean)).sum::<f32>() / count;
+    let mean = sum(row, row, |x, _| x) / count;
+    let variance = sum(row, row, |x, _| (x - mean) * (x - mean)) / count;
     (mean, 1.0 / (variance + EPSILON).sqrt())
 }
 
