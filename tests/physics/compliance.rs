@@ -507,3 +507,23 @@ fn a_shape_led_through_the_body_is_not_unfelt() {
         assert!(!unfelt, "a ball of {radius} m went through the block without a force");
     }
 }
+
+#[test]
+fn a_thin_wall_led_through_the_body_is_not_unfelt() {
+    // Rings with walls of 0.3 to 0.7 mm, led from over the block to under it at several places.
+    for wall in [0.3, 0.5, 0.7] {
+        let outer = 2.5 * wall * MM;
+        let ring = Shape::Annulus { outer, inner: outer - wall * MM, half_height: 0.5 * outer };
+        for i in 0..12 {
+            let turn = UnitQuaternion::from_euler_angles(0.0, 0.1 * f64::from(i % 3), 0.0);
+            let at = |z: f64| {
+                let place = Vector3::new((0.17 * f64::from(i) - 1.0) * MM, 0.31 * MM, z);
+                vec![Isometry3::from_parts(place.into(), turn)]
+            };
+            let press = along(ring.clone(), vec![at(2.0 * outer), at(-5.0 * MM - 2.0 * outer)]);
+            let end = linear(&block(), 0.05).solve_path(&press).pop().unwrap();
+            let unfelt = end.as_ref().is_ok_and(|frame| frame.wrench.force.norm() == 0.0);
+            assert!(!unfelt, "a ring of {wall} mm at place {i} went through without a force");
+        }
+    }
+}

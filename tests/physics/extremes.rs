@@ -137,6 +137,53 @@ fn a_shape_that_begins_inside_the_body_is_refused() {
 }
 
 #[test]
+fn a_tip_is_felt_on_faces_eight_millimetres_wide() {
+    let tip = vec![Shape::Sphere { radius: 0.5 * MM }];
+    for element in [Element::P1Bar, Element::P2] {
+        let wide = grid(
+            &even(-4.0 * MM, 4.0 * MM, 1),
+            &even(-4.0 * MM, 4.0 * MM, 1),
+            &even(-4.0 * MM, 0.0, 1),
+        );
+        let fem = layered(wide, |_| GEL, Options { element, ..rough(0.02) });
+        for i in 0..6 {
+            let at = |z: f64| {
+                vec![Isometry3::translation(0.37 * MM * f64::from(i), -0.23 * MM * f64::from(i), z)]
+            };
+            let press = Press::along(tip.clone(), vec![at(0.6 * MM), at(-5.3 * MM)]).unwrap();
+            let end = fem.solve_path(&press).pop().unwrap();
+            let unfelt = end.as_ref().is_ok_and(|frame| pressing(frame) == 0.0);
+            assert!(!unfelt, "{element}: went through at place {i} without a force");
+        }
+    }
+}
+
+#[test]
+fn a_wall_a_tenth_of_a_millimetre_thick_is_felt_wherever_it_stands() {
+    // Its edge presses on a ring of about one force a length, whatever contact points lie under it.
+    let wall = 0.1 * MM;
+    let ring = vec![Shape::Annulus { outer: 1.5 * MM, inner: 1.5 * MM - wall, half_height: MM }];
+    let fem = block(GEL, 4, rough(0.0));
+    let force = |x: f64| {
+        let at = |z: f64| vec![Isometry3::translation(x * MM, 0.07 * MM, z)];
+        pressing(&last(&fem, ring.clone(), vec![at(1.1 * MM), at(0.8 * MM)]))
+    };
+    let forces = [0.0, 0.05, 0.1, 0.15].map(force);
+    let (least, most) =
+        forces.iter().fold((f64::INFINITY, 0f64), |(low, high), &f| (low.min(f), high.max(f)));
+    // Beside it the mesh, of cells of a millimetre, is stiffer here and softer there.
+    assert!(least > 0.8 * most, "{forces:?} N");
+}
+
+#[test]
+fn a_wall_too_thin_to_be_felt_is_refused() {
+    let card = Shape::Cuboid { half_extents: Vector3::new(2.0, 2.0, 0.01) * MM };
+    let press = Press::along(vec![card], vec![plate_at(0.0, 0.0)]).unwrap();
+    let error = block(GEL, 1, rough(0.0)).solve_path(&press).pop().unwrap().unwrap_err();
+    assert!(matches!(&error, Error::Invalid { name, .. } if name.contains("thickness")), "{error}");
+}
+
+#[test]
 fn friction_up_to_five_stiffens() {
     let force =
         |friction| pressing(&last(&block(GEL, 4, rough(friction)), ball(), vec![ball_at(0.0, MM)]));

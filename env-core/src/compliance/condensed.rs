@@ -5,30 +5,34 @@
 //!
 //! Shapes: V nodes, M skin nodes (free nodes that carry a surface point), C surface points.
 
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::cache::Stored;
 use crate::{
-    Result, contact::SurfacePoint, deformation::SoftBody, fem::Linearised, simd::vectorised,
+    Result, contact::SurfacePoint, deformation::SoftBody, fem::Linearised, geometry::Shape,
+    simd::vectorised,
 };
 
 /// Not a skin node.
 pub(super) const INSIDE: u32 = u32::MAX;
 
-/// What all presses of a body share.
+/// What all presses of a body share. Copies differ in their contact points.
+#[derive(Clone)]
 pub(super) struct Condensed {
     pub(super) body: SoftBody,
-    pub(super) rest: Linearised,
+    pub(super) rest: Arc<Linearised>,
     /// Rank of each node among the skin nodes, or [`INSIDE`] (V).
-    pub(super) rank: Vec<u32>,
+    pub(super) rank: Arc<[u32]>,
     /// The skin nodes (M).
-    pub(super) skin: Vec<u32>,
+    pub(super) skin: Arc<[u32]>,
     /// Three rows of numbers for each skin node (3M, 3M) in m/N.
-    compliance: Vec<f64>,
-    pub(super) facets: Vec<Facet>,
+    compliance: Arc<Vec<f64>>,
+    /// Points at which contact is felt (C).
+    pub(super) surface: Arc<[SurfacePoint]>,
+    pub(super) facets: Arc<[Facet]>,
 }
 
 /// A face of the surface at rest.
@@ -48,7 +52,8 @@ impl Condensed {
     /// and stored there if not.
     pub(super) fn new(body: SoftBody, directory: Option<&Path>) -> Result<Self> {
         let rest = Linearised::new(&body)?;
-        let mut skin: Vec<u32> = rest.surface().iter().flat_map(carriers).collect();
+        let surface = rest.surface(&body);
+        let mut skin: Vec<u32> = surface.iter().flat_map(carriers).collect();
         skin.sort_unstable();
         skin.dedup();
         skin.retain(|&node| rest.is_free(node));
@@ -63,8 +68,19 @@ impl Condensed {
                 stored.read_or_compute(9 * skin.len() * skin.len(), || condense(&rest, &skin))?
             }
         };
-        let facets = facets(rest.surface(), rest.places());
-        Ok(Self { body, rest, rank, skin, compliance, facets })
+        let facets = facets(&surface, rest.places()).into();
+        let (rank, skin, surface) = (rank.into(), skin.into(), surface.into());
+        let (rest, compliance) = (Arc::new(rest), Arc::new(compliance));
+        Ok(Self { body, rest, rank, skin, compliance, surface, facets })
+    }
+
+    /// With the contact points that it takes to feel `shapes`, if some of them are thin.
+    pub(super) fn suited(self: &Arc<Self>, shapes: &[Shape]) -> Result<Arc<Self>> {
+        let Some(surface) = self.rest.closer_surface(&self.body, shapes)? else {
+            return Ok(Arc::clone(self));
+        };
+        let facets = facets(&surface, self.rest.places()).into();
+        Ok(Arc::new(Self { surface: surface.into(), facets, ..(**self).clone() }))
     }
 
     /// Rows of the compliance for a force on a skin node, by its rank (3, 3M).

@@ -106,7 +106,11 @@ impl Compliance {
 
     fn every<T>(&self, press: &Press, report: impl Fn(&mut Walk) -> Result<T>) -> Vec<Result<T>> {
         let mut scratch = Scratch::new(&self.condensed);
-        match Walk::new(&self.condensed, self.settings_of(press), &mut scratch, press) {
+        let condensed = match self.condensed.suited(press.shapes()) {
+            Ok(condensed) => condensed,
+            Err(error) => return vec![Err(error)],
+        };
+        match Walk::new(&condensed, self.settings_of(press), &mut scratch, press) {
             Ok(walk) => walk.every(press, report),
             Err(error) => vec![Err(error)],
         }
@@ -127,8 +131,8 @@ impl Compliance {
     ) -> Vec<Result<T>> {
         let scratch = || Scratch::new(&self.condensed);
         let answer = |scratch: &mut Scratch, press: &Press| {
-            Walk::new(&self.condensed, self.settings_of(press), scratch, press)?
-                .last(press, &report)
+            let condensed = self.condensed.suited(press.shapes())?;
+            Walk::new(&condensed, self.settings_of(press), scratch, press)?.last(press, &report)
         };
         presses.par_iter().map_init(scratch, answer).collect()
     }

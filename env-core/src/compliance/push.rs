@@ -90,7 +90,7 @@ impl Driven for Led<'_, '_> {
     fn clearance(&self) -> f64 {
         let Walk { condensed, state, .. } = &*self.walk;
         let (rest, displacement) = (condensed.rest.places(), &state.field.displacement);
-        let places = condensed.rest.surface().iter().map(|point| point.place(rest, displacement));
+        let places = condensed.surface.iter().map(|point| point.place(rest, displacement));
         clearance(self.shapes, &state.poses, &places.collect::<Vec<_>>())
     }
 

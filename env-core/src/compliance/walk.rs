@@ -20,7 +20,8 @@ use crate::{
 
 /// Facets this close to a shape are made part of the zone (m).
 const MARGIN: f64 = 1e-4;
-/// Way of a shape in one load step past which it may have run through what it ought to press (m).
+/// Way of a shape in one load step past which it may have run through what it ought to press (m), as
+/// a thinner one may have after half its thickness.
 const LONG: f64 = 5e-4;
 /// How deep a point must have been in such a shape to have been run over, in softnesses.
 const RUN_OVER: f64 = 10.0;
@@ -136,7 +137,7 @@ impl<'a> Walk<'a> {
     /// Goes back to where another press ended.
     fn recall(&mut self, shapes: &[Shape], history: &History) -> Result<()> {
         let rest = &self.condensed.rest;
-        history.check(rest.places().len(), rest.surface().len())?;
+        history.check(rest.places().len(), self.condensed.surface.len())?;
         self.state.field.displacement.clone_from(&history.displacement);
         self.state.poses.clone_from(&history.poses);
         self.state.anchors.clone_from(&history.anchors);
@@ -164,8 +165,7 @@ impl<'a> Walk<'a> {
     /// Where one load step to `poses` leads.
     pub(super) fn attempt(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<State> {
         if self.runs_over(shapes, poses) {
-            let tolerance = self.settings.tolerance;
-            return Err(Error::NotConverged { iterations: 0, residual: f64::INFINITY, tolerance });
+            return Err(missed(self.settings.tolerance));
         }
         self.cover(shapes, poses);
         loop {
@@ -185,11 +185,12 @@ impl<'a> Walk<'a> {
         let way = |(from, to): (&Isometry3<f64>, &Isometry3<f64>)| {
             (to.translation.vector - from.translation.vector).norm()
         };
-        if from.iter().zip(poses).map(way).all(|way| way < LONG) {
+        let long = |shape: &Shape| f64::min(LONG, 0.5 * shape.thickness());
+        if from.iter().zip(poses).map(way).zip(shapes).all(|(way, shape)| way < long(shape)) {
             return false;
         }
         let (rest, displacement) = (&self.condensed.rest, &self.state.field.displacement);
-        let surface = rest.surface();
+        let surface = &self.condensed.surface;
         let places = surface.iter().map(|point| point.place(rest.places(), displacement)).collect();
         ContactStep::new(shapes, surface, from.clone(), places, &[])
             .runs_over(poses, RUN_OVER * self.settings.law.softness)
@@ -217,6 +218,10 @@ impl<'a> Walk<'a> {
             solution.find(&self.state.field.offset, guess, self.settings.sweeps)?;
         let iterations = solution.iterations;
         let law = &self.settings.law;
+        let displaced = zone.pick(&field.displacement);
+        if contact.step.leaps(poses, &places(zone, &displaced), RUN_OVER * law.softness) {
+            return Err(missed(self.settings.tolerance));
+        }
         let back = |touch: &_| stuck_at(law, zone, touch);
         let anchors = zone.anchors_out(contact.step.anchors(poses, &touches, back));
         let contact_force = zone.spread(&contact.nodal(&touches), field.displacement.len());
@@ -243,10 +248,18 @@ impl<'a> Walk<'a> {
 
     /// Places of the zone's surface points.
     pub(super) fn zone_places(&self) -> Vec<Point3<f64>> {
-        let displacement = self.zone.pick(&self.state.field.displacement);
-        let points = self.zone.surface.iter();
-        points.map(|point| point.place(&self.zone.places, &displacement)).collect()
+        places(&self.zone, &self.zone.pick(&self.state.field.displacement))
     }
+}
+
+/// The error of a load step in which shape and surface miss each other.
+fn missed(tolerance: f64) -> Error {
+    Error::NotConverged { iterations: 0, residual: f64::INFINITY, tolerance }
+}
+
+/// Places of the zone's surface points when its nodes are displaced (m).
+fn places(zone: &Zone, displacement: &[Vector3<f64>]) -> Vec<Point3<f64>> {
+    zone.surface.iter().map(|point| point.place(&zone.places, displacement)).collect()
 }
 
 fn stuck_at(law: &ContactLaw, zone: &Zone, touch: &Touch) -> Vector3<f64> {

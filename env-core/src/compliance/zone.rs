@@ -40,7 +40,7 @@ impl Zone {
             local[node as usize] = i as u32;
         }
         let renumbered = |&point: &u32| {
-            let point = &condensed.rest.surface()[point as usize];
+            let point = &condensed.surface[point as usize];
             let shares = point.shares.iter().map(|&(node, s)| (local[node as usize], s)).collect();
             SurfacePoint { shares, ..*point }
         };
@@ -65,7 +65,7 @@ impl Zone {
         displacement: &[Vector3<f64>],
         near: &[bool],
     ) -> Option<Vec<bool>> {
-        let (rest, surface) = (condensed.rest.places(), condensed.rest.surface());
+        let (rest, surface) = (condensed.rest.places(), &condensed.surface);
         let touches = |point: &SurfacePoint| {
             let place = point.place(rest, displacement);
             shapes.iter().zip(poses).any(|(shape, pose)| {

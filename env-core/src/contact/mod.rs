@@ -10,7 +10,7 @@ mod touch;
 
 pub use approach::{backed_off, between, clearance};
 pub use law::{ContactLaw, Traction};
-pub use touch::{ContactStep, Touch, first_touch};
+pub use touch::{ContactStep, Touch, first_touch, leaps_through};
 
 use nalgebra::{Point3, Vector3};
 

@@ -139,7 +139,24 @@ impl<'a> ContactStep<'a> {
                 let value = gap(&begin);
                 self.seen[s * points + c] = (begin, value);
                 value < (end - begin).norm()
-                    && runs_through(gap, &begin, &end, depth - value.min(0.0))
+                    && runs_through(gap, &begin, &end, [depth - value.min(0.0), 0.0])
+            })
+        })
+    }
+
+    /// Whether a point went through more than `depth` of a shape on its way to `places` (C), where it
+    /// stands outside or touches: it has changed sides unfelt. What was measured by the last
+    /// [`ContactStep::touches`] spares most points the measurement.
+    pub fn leaps(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
+        poses.iter().enumerate().any(|(s, pose)| {
+            places.iter().enumerate().any(|(c, place)| {
+                let begin = self.from[s].inverse_transform_point(&self.start[c]);
+                let end = pose.inverse_transform_point(place);
+                let way = (end - begin).norm();
+                let (seen, value) = self.seen[s * self.surface.len() + c];
+                way > 2.0 * depth
+                    && way > value - (end - seen).norm()
+                    && leaps_through(&self.shapes[s], &begin, &end, depth)
             })
         })
     }
@@ -160,14 +177,14 @@ impl<'a> ContactStep<'a> {
     }
 }
 
-/// Whether the straight way from `begin` to `end` lies deeper than `depth` somewhere and ends
-/// outside, by a `gap` that changes no faster than the point moves: it is followed in steps as long
-/// as the gap.
+/// Whether the straight way from `begin` to `end` lies deeper than the first of two depths somewhere
+/// and ends less deep than the second, by a `gap` that changes no faster than the point moves: it is
+/// followed in steps as long as the gap.
 fn runs_through(
     gap: impl Fn(&Point3<f64>) -> f64,
     begin: &Point3<f64>,
     end: &Point3<f64>,
-    depth: f64,
+    [depth, left]: [f64; 2],
 ) -> bool {
     let way = end - begin;
     let (length, mut gone, mut deep) = (way.norm(), 0.0, false);
@@ -176,7 +193,15 @@ fn runs_through(
         deep = value < -depth;
         gone += value.abs().max(depth);
     }
-    deep && gap(end) > 0.0
+    deep && gap(end) > -left
+}
+
+/// Whether the straight way from `begin` to `end`, in the frame of `shape`, leads through more than
+/// `depth` of it to where it is less deep (m).
+pub fn leaps_through(shape: &Shape, begin: &Point3<f64>, end: &Point3<f64>, depth: f64) -> bool {
+    let gap = |p: &Point3<f64>| shape.distance(p).value;
+    let sunk = gap(begin).min(0.0);
+    runs_through(gap, begin, end, [depth - sunk, depth])
 }
 
 /// First root of a falling `gap` over [0, 1] by false position; 0 if it begins below zero, 1 if it
@@ -235,6 +260,27 @@ mod tests {
         assert!(!ends_at(0.0, -0.009), "ends inside, where it is felt");
         assert!(!ends_at(0.0, 0.02), "away");
         assert!(!ends_at(0.05, 0.011), "past");
+    }
+
+    #[test]
+    fn a_point_that_changes_sides_is_noticed() {
+        // A plate 0.4 mm thick comes down on a point; a step later the point is above it or below.
+        let shapes = [Shape::Cuboid { half_extents: Vector3::new(0.01, 0.01, 2e-4) }];
+        let from = Isometry3::translation(0.0, 0.0, 3e-4);
+        let poses = [Isometry3::identity()];
+        let surface = surface();
+        let leaps = |x: f64, z: f64| {
+            let start = vec![Point3::origin()];
+            let mut step = ContactStep::new(&shapes, &surface, vec![from], start, &[]);
+            let places = [Point3::new(x, 0.0, z)];
+            step.touches(&poses, &places);
+            step.leaps(&poses, &places, 2e-5)
+        };
+        assert!(leaps(0.0, 2.1e-4), "above");
+        assert!(leaps(0.0, 1.99e-4), "touching from above");
+        assert!(!leaps(0.0, -1.99e-4), "touching from below");
+        assert!(!leaps(0.003, -2.1e-4), "slid along below");
+        assert!(!leaps(0.0, 0.0), "inside, where it is felt");
     }
 
     #[test]

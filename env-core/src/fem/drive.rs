@@ -233,8 +233,7 @@ impl<'a> Run<'a> {
         let mut contact = ContactStep::new(shapes, &system.surface, from, start, &self.anchors);
         contact.one_sided = self.one_sided;
         if contact.runs_over(&poses, system.deepest()) {
-            let (residual, tolerance) = (f64::INFINITY, self.limits.tolerance);
-            return Err(Error::NotConverged { iterations: 0, residual, tolerance });
+            return Err(self.missed());
         }
         let mut state = State { displacement: self.state.displacement.clone(), poses };
         match guess {
@@ -244,6 +243,10 @@ impl<'a> Run<'a> {
         }
         let (balance, forces) =
             equilibrium(system, &mut self.matrix, &mut state, &mut contact, push, &self.limits)?;
+        let places = system.surface_places(&state.displacement);
+        if contact.leaps(&state.poses, &places, system.deepest()) {
+            return Err(self.missed());
+        }
         let depth = forces.touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
         let most = DEEPEST * system.law.softness;
         if depth > most {
@@ -253,6 +256,12 @@ impl<'a> Run<'a> {
             |touch: &Touch| system.law.stuck_at(&system.surface[touch.point as usize], touch);
         let anchors = contact.anchors(&state.poses, &forces.touches, back);
         Ok(Attempt { state, anchors, solved: Solved { balance, forces } })
+    }
+
+    /// The error of a load step in which shape and surface miss each other.
+    fn missed(&self) -> Error {
+        let (residual, tolerance) = (f64::INFINITY, self.limits.tolerance);
+        Error::NotConverged { iterations: 0, residual, tolerance }
     }
 
     /// Makes an attempt the current state.

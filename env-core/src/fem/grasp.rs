@@ -113,6 +113,9 @@ impl<'a> Hold<'a> {
         load: Wrench,
     ) -> Result<Self> {
         let object = [object.clone().validated()?];
+        for pad in pads {
+            pad.system.check_felt(&object[0])?;
+        }
         let size = object[0].surface(16).map_or(0.01, |surface| surface.size());
         let runs = [0, 1].map(|i| {
             let fem = pads[i];

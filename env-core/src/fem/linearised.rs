@@ -9,9 +9,9 @@ use super::{
     element::{Element, Nodes},
     solid::{Solid, Strain, solid},
     sparse::{FIXED, Factor, MOST_COLUMNS, Pattern},
-    surface::surface_points,
+    surface::{SPACING, least_spacing, spacing, surface_points},
 };
-use crate::{Error, Result, contact::SurfacePoint, deformation::SoftBody};
+use crate::{Error, Result, contact::SurfacePoint, deformation::SoftBody, geometry::Shape};
 
 /// Element whose stiffness is taken.
 const ELEMENT: Element = Element::P1Bar;
@@ -22,7 +22,8 @@ pub(crate) struct Linearised {
     solid: Box<dyn Solid>,
     pattern: Pattern,
     factor: Factor,
-    surface: Vec<SurfacePoint>,
+    /// The least spacing to which contact points can be laid (m).
+    least_spacing: f64,
 }
 
 /// Working memory of one thread.
@@ -48,8 +49,8 @@ impl Linearised {
             let expected = "three or more that are not on a line, so that the body is held";
             return Err(Error::invalid("fixed", found, expected));
         }
-        let surface = surface_points(body, &nodes, ELEMENT);
-        Ok(Self { nodes, solid, pattern, factor: matrix.into_factor(), surface })
+        let (factor, least_spacing) = (matrix.into_factor(), least_spacing(body));
+        Ok(Self { nodes, solid, pattern, factor, least_spacing })
     }
 
     pub(crate) fn workspace(&self) -> Workspace {
@@ -61,9 +62,21 @@ impl Linearised {
         &self.nodes.places
     }
 
-    /// Points at which contact is felt (C).
-    pub(crate) fn surface(&self) -> &[SurfacePoint] {
-        &self.surface
+    /// Points of `body`, the one that was linearised, at which contact is felt (C).
+    pub(crate) fn surface(&self, body: &SoftBody) -> Vec<SurfacePoint> {
+        surface_points(body, &self.nodes, ELEMENT, SPACING)
+    }
+
+    /// As [`Linearised::surface`], as close as the thinnest of `shapes` asks for; `None` if that is as
+    /// close as always, and an error if it is too close.
+    pub(crate) fn closer_surface(
+        &self,
+        body: &SoftBody,
+        shapes: &[Shape],
+    ) -> Result<Option<Vec<SurfacePoint>>> {
+        let spacing = spacing(shapes, self.least_spacing)?;
+        let closer = || surface_points(body, &self.nodes, ELEMENT, spacing);
+        Ok((spacing < SPACING).then(closer))
     }
 
     pub(crate) fn is_free(&self, node: u32) -> bool {

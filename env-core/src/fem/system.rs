@@ -8,20 +8,26 @@ use super::{
     element::{Element, Nodes},
     solid::{Solid, Strain, solid},
     sparse::{FIXED, Matrix, Pattern},
-    surface::surface_points,
+    surface::{SPACING, least_spacing, spacing, surface_points},
 };
 use crate::{
+    Result,
     contact::{ContactLaw, ContactStep, SurfacePoint, Touch},
-    deformation::SoftBody,
+    deformation::{Press, SoftBody},
+    geometry::Shape,
 };
 
-/// A body, discretised and analysed once; shared by all presses. Copies differ in their friction.
+/// A body, discretised and analysed once; shared by all presses. Copies differ in their friction and
+/// their contact points.
 #[derive(Clone)]
 pub(super) struct System {
     pub(super) nodes: Arc<Nodes>,
     pub(super) solid: Arc<dyn Solid>,
     pub(super) pattern: Arc<Pattern>,
+    element: Element,
     pub(super) surface: Arc<[SurfacePoint]>,
+    /// The least spacing to which contact points can be laid (m).
+    least_spacing: f64,
     pub(super) law: ContactLaw,
     /// Whether the body can move as a whole.
     pub(super) floating: bool,
@@ -74,7 +80,7 @@ impl System {
     pub(super) fn new(body: &SoftBody, element: Element, law: ContactLaw) -> Self {
         let nodes = Nodes::new(body, element);
         let mut solid = solid(body, &nodes, element);
-        let surface = surface_points(body, &nodes, element);
+        let surface = surface_points(body, &nodes, element, SPACING);
         let stencils = stencils(&surface);
         let mut couplings = solid.couplings();
         couplings.extend(stencils.iter().map(|stencil| &stencil[..]));
@@ -82,12 +88,26 @@ impl System {
         solid.locate(&pattern);
         let floating = body.fixed().len() < 3;
         let (nodes, pattern) = (Arc::new(nodes), Arc::new(pattern));
-        Self { nodes, solid: solid.into(), pattern, surface: surface.into(), law, floating }
+        let (solid, surface) = (solid.into(), surface.into());
+        let least_spacing = least_spacing(body);
+        Self { nodes, solid, pattern, element, surface, least_spacing, law, floating }
     }
 
-    /// The same body under another coefficient of friction.
-    pub(super) fn with_friction(&self, friction: f64) -> Self {
-        Self { law: ContactLaw { friction, ..self.law }, ..self.clone() }
+    /// The system of the same `body` that feels `press`: with its friction, and with contact points
+    /// as close as its thinnest shape asks for.
+    pub(super) fn suited(&self, body: &SoftBody, press: &Press) -> Result<Self> {
+        let mut system = self.clone();
+        system.law.friction = press.friction().unwrap_or(self.law.friction);
+        let spacing = spacing(press.shapes(), self.least_spacing)?;
+        if spacing < SPACING {
+            system.surface = surface_points(body, &self.nodes, self.element, spacing).into();
+        }
+        Ok(system)
+    }
+
+    /// An error unless `shape` is felt at the contact points as they are.
+    pub(super) fn check_felt(&self, shape: &Shape) -> Result<()> {
+        spacing(std::slice::from_ref(shape), self.least_spacing.max(SPACING)).map(|_| ())
     }
 
     /// Places of the surface points (C).

@@ -15,6 +15,7 @@ mod stuffing;
 mod surface;
 mod tet_file;
 mod tet_mesh;
+mod thickness;
 mod transfer;
 
 pub use distance::Distance;

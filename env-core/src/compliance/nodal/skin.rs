@@ -126,7 +126,7 @@ impl Skin {
 /// Area that each skin node stands for (N) in m².
 fn areas(condensed: &Condensed) -> Vec<f64> {
     let mut areas = vec![0.0; condensed.skin.len()];
-    for point in condensed.rest.surface() {
+    for point in condensed.surface.iter() {
         for &(node, share) in &point.shares {
             if let Some(rank) = condensed.rank_of(node) {
                 areas[rank] += share * point.area;
