@@ -1,7 +1,8 @@
 //! Linear elasticity with contact at the nodes, against contact at the points of every face.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use ruffini_core::{
+    Error,
     compliance::{
         Compliance, Options,
         nodal::{Nodal, Settled},
@@ -143,4 +144,43 @@ fn histories_of_other_models_are_refused() {
     let own = model.settle(&press).unwrap().history;
     let mixed = press.after(own).unwrap();
     assert!(points.solve_path(&mixed)[0].as_ref().unwrap_err().to_string().contains("history"));
+}
+
+#[test]
+fn a_thin_shape_led_through_the_pad_is_not_unfelt() {
+    let model = nodal(0.05);
+    let ring = |wall: f64| {
+        let outer = 2.5 * wall * MM;
+        Shape::Annulus { outer, inner: outer - wall * MM, half_height: 0.5 * outer }
+    };
+    let shapes = [ring(0.1), ring(0.5), ring(0.7), Shape::Sphere { radius: 0.5 * MM }];
+    for shape in shapes {
+        for i in 0..12 {
+            let way = 0.17 * f64::from(i);
+            let at = |z: f64| vec![Isometry3::translation((way - 1.0) * MM, 0.31 * MM, z * MM)];
+            let press = Press::along(vec![shape.clone()], vec![at(2.0), at(-8.0)]).unwrap();
+            let end = model.settle(&press);
+            let unfelt = end.as_ref().is_ok_and(|found| found.wrench.force.norm() == 0.0);
+            assert!(!unfelt, "{shape:?} at place {i} went through without a force");
+        }
+    }
+}
+
+#[test]
+fn a_tip_between_nodes_is_refused_and_one_on_a_node_is_felt() {
+    let model = nodal(0.5);
+    let radius = 0.5 * MM;
+    let vertices = &model.body().mesh().vertices;
+    let apex = vertices.iter().find(|p| p.coords.norm() < 1e-9).expect("a node at the apex");
+    // The next node across the face.
+    let near = |p: &&Point3<f64>| p.y == 0.0 && p.z > -1e-4 && p.x > 1e-6;
+    let next = vertices.iter().filter(near).map(|p| p.x).fold(f64::INFINITY, f64::min);
+    let tip = |x: f64, depth: f64| {
+        let at = vec![Isometry3::translation(x, 0.0, radius - depth)];
+        model.settle(&Press::along(vec![Shape::Sphere { radius }], vec![at]).unwrap())
+    };
+    let felt = tip(apex.x, 0.3 * MM).unwrap().wrench.force;
+    assert!(felt.z < -1e-3, "{felt} N");
+    let error = tip(0.5 * next, 0.3 * MM).unwrap_err();
+    assert!(matches!(error, Error::Penetrated { .. }), "{error}");
 }

@@ -6,10 +6,12 @@
 //! three numbers of one node at a time, Coulomb's cone included. Nothing is factorised, so nothing
 //! fails where a contact is large, and a press that goes on from the forces before takes a few
 //! sweeps. What is lost is the contact between the nodes: where cells have the side h, a ball of
-//! radius R is felt up to h²/4R late, 0.08 mm for 4 mm on cells of 1.15 mm.
+//! radius R is felt up to h²/4R late, 0.08 mm for 4 mm on cells of 1.15 mm. A shape thinner than the
+//! cells is an error where it stands deeper between nodes than an eighth of its thickness.
 //!
 //! Shapes: M contact nodes, V nodes, S rigid shapes.
 
+mod between;
 mod patch;
 mod skin;
 mod walk;

@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use super::{skin::Skin, walk::Held};
 use crate::{
     Error, Result,
-    contact::{ContactLaw, SurfacePoint, first_touch},
+    contact::{ContactLaw, SurfacePoint, first_touch, leaps_through},
     geometry::{Distance, Shape},
     simd::add_rows,
 };
@@ -21,6 +21,8 @@ const SWEEPS: usize = 4;
 const MOST: usize = 60;
 /// Change of a force by one sweep that is accepted, relative to the strongest.
 const RELATIVE: f64 = 5e-4;
+/// How deep a node must have been in a shape to have gone through it, in softnesses.
+const RUN_OVER: f64 = 10.0;
 /// Force that counts as none (N).
 const NONE: f64 = 1e-9;
 /// Nodes by which two runs are apart at most if they are treated as one: long runs are worth the nodes
@@ -210,6 +212,20 @@ impl<'a> Patch<'a> {
         (change, strongest)
     }
 
+    /// Whether a node has changed sides of a shape in this step.
+    pub(super) fn leaps(&self) -> bool {
+        let depth = RUN_OVER * self.law.softness;
+        self.members.iter().any(|member| {
+            let place =
+                self.skin.places[member.rank as usize] + displaced(self.displacement, member.rank);
+            let near = member.seen.1 - (place - member.seen.0).norm();
+            self.way.ends(&member.start, &place).any(|(shape, [begin, end])| {
+                let way = (end - begin).norm();
+                way > 2.0 * depth && way > near && leaps_through(shape, &begin, &end, depth)
+            })
+        })
+    }
+
     /// Largest displacement of a member (m).
     pub(super) fn amplitude(&self) -> f64 {
         let moved = |member: &Member| displaced(self.displacement, member.rank).norm();
@@ -258,6 +274,18 @@ impl Target {
 }
 
 impl Move<'_> {
+    /// Where a point is seen from each shape that goes from `start` to `place` in this step.
+    fn ends(
+        &self,
+        start: &Point3<f64>,
+        place: &Point3<f64>,
+    ) -> impl Iterator<Item = (&Shape, [Point3<f64>; 2])> {
+        let poses = self.from.iter().zip(self.to);
+        self.shapes.iter().zip(poses).map(|(shape, (from, to))| {
+            (shape, [from.inverse_transform_point(start), to.inverse_transform_point(place)])
+        })
+    }
+
     /// Where a point that rests at `start` meets a shape on its way, in the shape's frame.
     fn touch(&self, shape: u32, start: &Point3<f64>) -> Point3<f64> {
         let s = shape as usize;

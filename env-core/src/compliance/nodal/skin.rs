@@ -10,7 +10,10 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::super::condensed::Condensed;
+use super::{
+    super::condensed::Condensed,
+    between::{Face, widest},
+};
 use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh};
 
 /// What all presses of a body share.
@@ -26,6 +29,8 @@ pub(super) struct Skin {
     /// Each node as a surface point (M).
     pub(super) points: Vec<SurfacePoint>,
     pub(super) groups: Vec<Group>,
+    /// Triangles of contact nodes, the widest first.
+    pub(super) faces: Vec<Face>,
 }
 
 /// Nodes that lie together.
@@ -50,7 +55,10 @@ impl Skin {
         let compliance = condensed.compliance().iter().map(|&c| c as f32).collect();
         let loads = (0..places.len() as u32).map(|rank| vec![(rank, 1.0)]).collect();
         let areas = areas(&condensed);
-        Self::of(condensed, compliance, places, loads, &areas)
+        let rank = |node: u32| condensed.rank_of(node).map(|rank| rank as u32);
+        let ranks = |[a, b, c]: [u32; 3]| Some([rank(a)?, rank(b)?, rank(c)?]);
+        let faces = condensed.body.mesh().boundary().into_iter().filter_map(ranks).collect();
+        Self::of(condensed, compliance, places, loads, &areas, faces)
     }
 
     /// The nodes of the face of a `coarse` mesh of the pad that `condensed` is, whose mesh is `fine`; an
@@ -88,7 +96,8 @@ impl Skin {
         };
         let sights = places.iter().map(sight).collect::<Result<Vec<_>>>()?;
         let compliance = condensed_between(&condensed, &loads, &sights);
-        Ok(Self::of(condensed, compliance, places, loads, &borne))
+        let faces = coarse.face_triangles.clone();
+        Ok(Self::of(condensed, compliance, places, loads, &borne, faces))
     }
 
     fn of(
@@ -97,6 +106,7 @@ impl Skin {
         places: Vec<Point3<f64>>,
         loads: Vec<Shares>,
         areas: &[f64],
+        faces: Vec<[u32; 3]>,
     ) -> Self {
         let young = condensed.body.moduli().iter().map(|moduli| moduli.young).fold(0.0, f64::max);
         let point = |(node, &area): (u32, &f64)| {
@@ -105,15 +115,17 @@ impl Skin {
         };
         let points = (0..).zip(areas).map(point).collect();
         let groups = groups(&places, areas);
-        let mut skin =
-            Self { condensed, compliance, own: Vec::new(), places, loads, points, groups };
-        skin.own = (0..skin.places.len() as u32).map(|node| skin.own_compliance(node)).collect();
+        let faces = widest(faces.into_iter().map(|face| Face::new(face, &places)).collect());
+        let own = Vec::new();
+        let mut skin = Self { condensed, compliance, own, places, loads, points, groups, faces };
+        skin.own = (0..skin.places.len() as u32).map(|node| skin.response(node, node)).collect();
         skin
     }
 
-    fn own_compliance(&self, node: u32) -> Matrix3<f64> {
-        let (rows, size) = (self.rows(node), 3 * self.places.len());
-        Matrix3::from_fn(|i, j| f64::from(rows[j * size + 3 * node as usize + i]))
+    /// Displacement of node `at` under unit forces on another (m/N).
+    pub(super) fn response(&self, loaded: u32, at: u32) -> Matrix3<f64> {
+        let (rows, size) = (self.rows(loaded), 3 * self.places.len());
+        Matrix3::from_fn(|i, j| f64::from(rows[j * size + 3 * at as usize + i]))
     }
 
     /// Displacement of all nodes under unit forces on one (3, 3M) in m/N.

@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::{
     super::push::{Driven, push},
     Settled,
+    between::{Face, Standing, watched},
     patch::{Move, Patch},
     skin::{Group, Skin},
 };
@@ -17,7 +18,7 @@ use crate::{
     geometry::Shape,
 };
 
-/// Farthest that a shape moves in one load step (m).
+/// Farthest that a shape moves in one load step (m), or half its thickness if that is less.
 const STRIDE: f64 = 2.5e-4;
 /// Room that nodes are given beyond what they moved before (m).
 const MARGIN: f64 = 1e-4;
@@ -57,6 +58,10 @@ pub(super) struct Walk<'a> {
     skin: &'a Skin,
     law: ContactLaw,
     shapes: &'a [Shape],
+    /// Faces between whose nodes a shape could stand unfelt.
+    watched: &'a [Face],
+    /// Farthest that a shape moves in one load step (m).
+    stride: f64,
     scratch: &'a mut Scratch,
     pub(super) state: State,
 }
@@ -80,7 +85,10 @@ impl<'a> Walk<'a> {
                 sweeps: 0,
             },
         };
-        Ok(Self { skin, law, shapes, scratch, state })
+        let watched = watched(&skin.faces, shapes);
+        let thickness = shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
+        let stride = f64::min(STRIDE, 0.5 * thickness);
+        Ok(Self { skin, law, shapes, watched, stride, scratch, state })
     }
 
     /// Every frame of `press`; the first that fails is the last.
@@ -111,7 +119,8 @@ impl<'a> Walk<'a> {
         let motion = from.iter().zip(poses).map(|(a, b)| self.motion(a, b)).fold(0.0, f64::max);
         let (mut done, mut share, mut sweeps) = (0.0, 1.0, 0);
         while done < 1.0 {
-            let stride = (self.gap(motion * (1.0 - done)) + STRIDE) / motion.max(f64::MIN_POSITIVE);
+            let stride = self.gap(motion * (1.0 - done)) + self.stride;
+            let stride = stride / motion.max(f64::MIN_POSITIVE);
             let next = f64::min(done + share * stride, 1.0);
             match self.attempt(&between(&from, poses, next)) {
                 Ok(state) => {
@@ -163,7 +172,7 @@ impl<'a> Walk<'a> {
         loop {
             let state = self.attempt_within(poses, room, reach)?;
             if state.amplitude <= room {
-                return Ok(state);
+                return self.check_between(&state).map(|()| state);
             }
             room = 2.0 * state.amplitude;
         }
@@ -184,6 +193,10 @@ impl<'a> Walk<'a> {
         let displacement = &mut self.scratch.displacement;
         let mut patch = Patch::new(self.skin, &self.law, way, &groups, reach, held, displacement);
         let sweeps = patch.settle()?;
+        if patch.leaps() {
+            let (residual, tolerance) = (f64::INFINITY, 0.0);
+            return Err(Error::NotConverged { iterations: sweeps, residual, tolerance });
+        }
         let held = patch.held();
         let mut wrench = Wrench::default();
         for (Held { force, .. }, place) in &held {
@@ -197,6 +210,24 @@ impl<'a> Walk<'a> {
         let amplitude = patch.amplitude();
         let held = held.into_iter().map(|(held, _)| held).collect();
         Ok(State { poses: poses.to_vec(), held, wrench, amplitude, sweeps })
+    }
+
+    /// An error if a shape stands deep between nodes.
+    fn check_between(&self, state: &State) -> Result<()> {
+        let displaced = |rank: u32| {
+            let moved = |held: &Held| self.skin.response(held.rank, rank) * held.force;
+            state.held.iter().map(moved).sum::<Vector3<f64>>()
+        };
+        for (shape, pose) in self.shapes.iter().zip(&state.poses) {
+            for face in self.watched {
+                let standing = Standing { shape, pose };
+                let found = face.penetrated(standing, state.amplitude, displaced);
+                if let Some([depth, most]) = found {
+                    return Err(Error::Penetrated { depth, most });
+                }
+            }
+        }
+        Ok(())
     }
 
     /// The current state, seen from outside.
