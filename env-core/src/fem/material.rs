@@ -111,15 +111,16 @@ impl Material {
     pub(super) fn von_mises(&self, f: &Matrix3<f64>) -> f64 {
         // Parts of the Cauchy stress along the identity are hydrostatic and drop out: the pressure's,
         // and what cof F = J F⁻ᵀ makes.
-        let cauchy = match self.law {
+        let (cauchy, scale) = match self.law {
+            // Scaled last: at rest the deviator of 1 is nothing, that of μ 1 only to rounding.
             Law::NeoHookean | Law::StableNeoHookean => {
-                f * f.transpose() * (self.mu / f.determinant())
+                (f * f.transpose(), self.mu / f.determinant())
             }
-            Law::Corotated => self.distortion_stress(f) * f.transpose() / f.determinant(),
-            Law::Linear => self.distortion_stress(f),
+            Law::Corotated => (self.distortion_stress(f) * f.transpose(), 1.0 / f.determinant()),
+            Law::Linear => (self.distortion_stress(f), 1.0),
         };
         let deviator = cauchy - Matrix3::identity() * (cauchy.trace() / 3.0);
-        (1.5 * deviator.norm_squared()).sqrt()
+        (1.5 * deviator.norm_squared()).sqrt() * scale
     }
 
     /// ∂²w/∂F² + `pressure` ∂²θ/∂F² (Pa).
@@ -350,6 +351,17 @@ mod tests {
             let rest = material.tangent(&Matrix3::identity(), 0.0);
             let change = (rest.filtered().full() - rest.full()).norm() / rest.full().norm();
             assert!(change < 1e-12, "{law}: changed by {change:.1e}");
+        }
+    }
+
+    #[test]
+    fn a_body_at_rest_has_no_stress_at_all() {
+        for (law, _) in laws() {
+            for young in [1e3, 3.7e5, 1.3287e7, 9.9e8] {
+                let material = Material::new(law, &Moduli { young, poisson: 0.4741787 });
+                let stress = material.von_mises(&Matrix3::identity());
+                assert!(stress == 0.0, "{law}, {young} Pa: {stress} Pa");
+            }
         }
     }
 
