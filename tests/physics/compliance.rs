@@ -359,6 +359,23 @@ fn a_given_force_is_met_by_the_travel_that_causes_it() {
 }
 
 #[test]
+fn a_force_of_a_few_micronewtons_is_met() {
+    let models = [linear(&pad(Law::NeoHookean), 0.5), linear(&block(), 0.0)];
+    for model in &models {
+        for force in [3e-6, 1e-4, 1e-3] {
+            let push =
+                || Press::with_force(vec![ball()], at(0.0, 0.0), force, -Vector3::z()).unwrap();
+            let points = last(model.solve_path(&push())).wrench.force;
+            let nodes = model.at_nodes().settle(&push()).unwrap().wrench.force;
+            for found in [points, nodes] {
+                // What a frame may leave out of balance.
+                assert!((-found.z - force).abs() <= 1e-7, "{found} N against {force} N");
+            }
+        }
+    }
+}
+
+#[test]
 fn a_push_that_misses_the_body_is_named() {
     let model = linear(&block(), 0.0);
     let press = Press::with_force(vec![ball()], at(0.0, -MM), 1.0, Vector3::z()).unwrap();

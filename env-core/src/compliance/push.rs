@@ -12,9 +12,9 @@ use crate::{Error, Result, contact::clearance, deformation::Wrench, geometry::Sh
 const FARTHEST: f64 = 1.0;
 /// Least travel that is tried (m).
 const SHORTEST_STRIDE: f64 = 1e-9;
-/// Least travel towards a body that is not yet touched (m).
-const LEAST_STRIDE: f64 = 2e-6;
-/// Error of the force that is accepted, relative.
+/// Distance of a body that is as good as touched (m).
+const NEAR: f64 = 2e-6;
+/// Error of the force that is accepted, relative, where it is not below what balance is found to.
 const RELATIVE: f64 = 1e-6;
 /// Most load steps.
 const MOST: usize = 200;
@@ -32,6 +32,8 @@ pub(super) trait Driven {
     fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<Self::State>;
     /// The present state.
     fn state(&mut self) -> &mut Self::State;
+    /// Force that a state may leave out of balance (N).
+    fn tolerance(&self) -> f64;
     /// What the shapes exert in a state.
     fn wrench(state: &Self::State) -> &Wrench;
     /// Steps that were taken to a state.
@@ -45,7 +47,8 @@ pub(super) fn push<D: Driven>(
     force: f64,
     direction: &Unit<Vector3<f64>>,
 ) -> Result<()> {
-    let mut push = Push { force, direction: *direction, iterations: 0 };
+    let accepted = f64::max(RELATIVE * force, body.tolerance());
+    let mut push = Push { force, accepted, direction: *direction, iterations: 0 };
     let begin = body.poses()[0].translation.vector;
     let pushed = meet(body, direction, FARTHEST) && push.reach(body).is_some();
     if !pushed {
@@ -56,19 +59,19 @@ pub(super) fn push<D: Driven>(
     Ok(())
 }
 
-/// Moves the shapes along `direction` until the first of them touches, at most by `farthest` (m);
-/// whether one does. A step as long as the least distance cannot pass the body.
+/// Moves the shapes along `direction` until the first of them is near, at most by `farthest` (m);
+/// whether one is. A step as long as the least distance cannot pass the body, nor touch it: the force
+/// there is what the state says, nothing.
 fn meet<D: Driven>(body: &mut D, direction: &Vector3<f64>, farthest: f64) -> bool {
     let mut travel = 0.0;
     while travel < farthest {
         let gap = body.clearance();
-        if gap < 0.0 {
+        if gap < NEAR {
             return true;
         }
-        let stride = gap.max(LEAST_STRIDE);
-        travel += stride;
+        travel += gap;
         for pose in body.poses() {
-            pose.translation.vector += direction * stride;
+            pose.translation.vector += direction * gap;
         }
     }
     false
@@ -102,6 +105,10 @@ impl Driven for Led<'_, '_> {
         &mut self.walk.state
     }
 
+    fn tolerance(&self) -> f64 {
+        self.walk.settings.tolerance
+    }
+
     fn wrench(state: &State) -> &Wrench {
         &state.wrench
     }
@@ -112,8 +119,9 @@ impl Driven for Led<'_, '_> {
 }
 
 struct Push {
-    /// Force asked for (N).
+    /// Force asked for, and its error that is accepted (N).
     force: f64,
+    accepted: f64,
     direction: Unit<Vector3<f64>>,
     iterations: usize,
 }
@@ -125,7 +133,7 @@ impl Push {
     }
 
     fn is_met(&self, along: f64) -> bool {
-        (along - self.force).abs() <= RELATIVE * self.force
+        (along - self.force).abs() <= self.accepted
     }
 
     /// Where the shapes press after `travel` from the present state.

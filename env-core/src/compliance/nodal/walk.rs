@@ -15,6 +15,7 @@ use crate::{
     Error, Result,
     contact::{ContactLaw, backed_off, between, clearance},
     deformation::{Anchor, Drive, History, Press, Wrench},
+    fem,
     geometry::Shape,
 };
 
@@ -270,6 +271,10 @@ impl Driven for Walk<'_> {
 
     fn state(&mut self) -> &mut State {
         &mut self.state
+    }
+
+    fn tolerance(&self) -> f64 {
+        fem::Options::default().tolerance
     }
 
     fn wrench(state: &State) -> &Wrench {
