@@ -148,6 +148,7 @@ def test_bad_actions_are_refused_and_change_nothing():
         ({"gripper": {"max_force": -1}}, ["gripper.max_force", "-1", "0.01 to 200"]),
         ({"gripper": {"colour": 1}}, ["gripper", "colour", "pad_width"]),
         ({"physics": {"time_step": 0.003}}, ["physics.time_step", "whole number of steps"]),
+        ({"physics": {"iterations": 3}}, ["physics.iterations", "3", "4 or more"]),
         ({"reward_weights": {"reach": -1}}, ["reward", "-1", "0 to 1e6"]),
         ({"mass": math.nan}, ["mass", "nan", "finite numbers"]),
         ({"obs": "image"}, ["obs", "image", "'dict' or 'flat'"]),
