@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ruffini
-from ruffini import Press, Shape, Surrogate, surrogate
+from ruffini import Press, PressError, Shape, Surrogate, surrogate
 from ruffini.commands import main
 
 pytest.importorskip("safetensors")
@@ -61,6 +61,8 @@ def test_it_is_nearer_to_fine_finite_elements_than_the_linear_answer(network):
     assert all(a < b for a, b in zip(of_network, of_linear, strict=True)), (of_network, of_linear)
     assert of_network[0] < 0.02
     assert network.knows(found)
+    pin = network.solve(Press(Shape.sphere(5e-4), [([1e-3, 0, 2e-4], UPRIGHT)]))[0]
+    assert not network.knows(pin)
 
 
 def test_the_swift_network_is_near_and_goes_on_from_its_own_history(network, swift):
@@ -71,8 +73,11 @@ def test_the_swift_network_is_near_and_goes_on_from_its_own_history(network, swi
     assert force < 0.05 * np.linalg.norm(exact[-1].wrench[:3])
     assert moved < 0.11 * np.linalg.norm(exact[-1].displacement)
     assert swift.knows(found[-1])
-    small = Press(Shape.sphere(3e-3), [([1e-3, 0, 3e-3 - 2e-4], UPRIGHT)])
-    assert not swift.knows(swift.solve(small)[0])
+    # Wrong by a third in displacement, and by more.
+    for depth in (2e-4, 2e-3):
+        way = [([1e-3, 0, 3e-3 - d], UPRIGHT) for d in np.linspace(1e-4, depth, 8)]
+        small = Press(Shape.sphere(3e-3), way)
+        assert not swift.knows(swift.solve(small)[0]), depth
     dragged = [([x, 0, 12e-3 - 8e-4], UPRIGHT) for x in (1e-3, 1.4e-3)]
     whole = swift.solve_path(Press(Shape.sphere(12e-3), dragged))
     last = dragged[1:]
@@ -83,6 +88,23 @@ def test_the_swift_network_is_near_and_goes_on_from_its_own_history(network, swi
     assert abs(onward.wrench[0]) > 0.1 + abs(fresh.wrench[0])
     mixed = Press(Shape.sphere(12e-3), last, history=exact[0].history)
     assert "history" in str(swift.solve(mixed)[0])
+
+
+def test_a_path_ends_at_the_first_frame_that_is_not_solved(swift):
+    depths = np.linspace(5e-4, 3.9e-3, 14)
+    path = [([1e-3, 0, 4e-3 - depth], UPRIGHT) for depth in depths]
+    frames = swift.solve_path(Press(Shape.sphere(4e-3), path))
+    assert len(frames) < len(path)
+    assert [isinstance(frame, PressError) for frame in frames] == [False] * (len(frames) - 1) + [
+        True
+    ]
+
+
+def test_a_force_is_met_where_a_node_more_makes_the_network_leap(swift):
+    force, r = 0.2478026, 5.13201747919e-3
+    start = ([1.7422215146e-4, 4.04848332323e-3, r + 1e-4], (1, 0, 0, 0))
+    press = Press(Shape.cone(r, r), start, force=force, direction=(0, 0, -1))
+    assert -swift.solve_path(press)[-1].wrench[2] == pytest.approx(force, rel=1e-3)
 
 
 def test_one_answer_or_many_are_the_same(network):

@@ -126,9 +126,9 @@ fn without_contact_it_says_exactly_nothing() {
     let answer = network.solve_path(&press(-1e-4)).swap_remove(0).unwrap();
     assert!(answer.displacement.iter().chain(&answer.contact_force).all(|v| v.norm() == 0.0));
     assert_eq!(answer.wrench.force.norm(), 0.0);
-    assert!(network.knows(&answer.displacement, &answer.history));
+    assert!(network.knows(&answer.displacement, &answer.contact_force, answer.residual));
     let deep = vec![nalgebra::Vector3::new(0.0, 0.0, -0.003); answer.displacement.len()];
-    assert!(!network.knows(&deep, &answer.history));
+    assert!(!network.knows(&deep, &answer.contact_force, answer.residual));
 }
 
 #[test]

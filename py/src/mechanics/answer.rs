@@ -20,7 +20,7 @@ pub(crate) struct Deformation {
     /// Von Mises equivalent of the Cauchy stress in the tetrahedra (T,) in Pa.
     von_mises: Py<PyArray1<f64>>,
     /// Contact force on the nodes (V, 3) in N.
-    contact_force: Py<PyArray2<f64>>,
+    pub(super) contact_force: Py<PyArray2<f64>>,
     /// Force (N) and torque about the origin (N m) of all contact on the body (6,).
     wrench: Py<PyArray1<f64>>,
     /// Where the shapes are, in the form that `Press` takes: a pose (position (3,), quaternion (4,)
@@ -31,7 +31,7 @@ pub(crate) struct Deformation {
     /// Newton steps since the last frame.
     iterations: usize,
     /// Norm of the force left unbalanced (N).
-    residual: f64,
+    pub(super) residual: f64,
     /// Wall time (s).
     seconds: f64,
 }

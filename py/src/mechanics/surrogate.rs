@@ -5,7 +5,8 @@ use std::{
     sync::Mutex,
 };
 
-use numpy::PyArrayMethods;
+use nalgebra::Vector3;
+use numpy::{PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use ruffini_core::{Result, deformation::Moduli, sensor::Sensor, surrogate};
 
@@ -129,13 +130,19 @@ impl Surrogate {
         frames.into_iter().map(|frame| answer(py, frame, press.single)).collect()
     }
 
-    /// Whether an answer of this network lies within what it was trained on: displacement, Poisson's
-    /// ratio, friction; for "swift" also that no fewer than eight nodes touch.
+    /// Whether an answer of this network is like what it was trained on.
+    ///
+    /// That is: Poisson's ratio, friction and the largest displacement (from 0.018 of the thickness)
+    /// are; nine nodes or more bear the force, counted by their share of it; at most half as much is out
+    /// of balance. Where nothing touches it is. What is lighter or touches few nodes may be right.
     fn knows(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
-        let displacement = answer.displacement.bind(py).try_readonly()?;
-        let numbers: Vec<f64> = displacement.as_array().iter().copied().collect();
-        let vectors: Vec<_> = numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect();
-        Ok(locked(&self.model).knows(&vectors, &answer.history.get().inner))
+        let vectors = |field: &Py<PyArray2<f64>>| -> PyResult<Vec<Vector3<f64>>> {
+            let numbers: Vec<f64> =
+                field.bind(py).try_readonly()?.as_array().iter().copied().collect();
+            Ok(numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect())
+        };
+        let (moved, forces) = (vectors(&answer.displacement)?, vectors(&answer.contact_force)?);
+        Ok(locked(&self.model).knows(&moved, &forces, answer.residual))
     }
 }
 
