@@ -29,6 +29,9 @@ def draw(random: np.random.Generator) -> dict:
     """A scene and what is done in it."""
     tactile = str(random.choice(TACTILE, p=[0.9, 0.07, 0.03]))
     hold = tactile == "none" and random.random() < 0.1
+    step = float(random.choice(STEPS))
+    # Fewer iterations than one a millisecond are refused.
+    least = math.ceil(step / 1.05e-3) if random.random() < 0.9 else 1
     steps = 1500 if hold else int(random.integers(5, 100 if tactile == "none" else 40))
     return {
         "answerer": "environment",
@@ -37,8 +40,8 @@ def draw(random: np.random.Generator) -> dict:
         "mass": spread(random, 1e-5, 1e3),
         "friction": float(random.choice([0.0, random.uniform(0, 5.0)])),
         "size": float(random.uniform(0.5, 1.2)),
-        "time step": float(random.choice(STEPS)),
-        "iterations": int(random.choice([1, 2, 4, 16])),
+        "time step": step,
+        "iterations": least * int(random.choice([1, 2, 4])),
         "grip": spread(random, 0.1, 100.0),
         "actions": str(random.choice(["wild", "bang", "huge", "scripted", "still"])),
         "steps": steps,
@@ -56,8 +59,7 @@ def answered(case: dict) -> dict:
     first = played(case, case["steps"])
     if case["seed"] % 8 == 0 and first != played(case, case["steps"]):
         raise WrongError("the same scene twice is not the same")
-    substep = case["time step"] / case["iterations"]
-    if first["shift"] > 1e-3 and case["friction"] >= 0.1 and substep <= 1.001e-3:
+    if first["shift"] > 1e-3 and case["friction"] >= 0.1:
         raise WrongError(f"an untouched object moves by {first['shift']:.1e} m")
     ended = sorted(set(first["endings"]))
     verdict = "refused" if ended else "solved"
