@@ -34,7 +34,7 @@ ANSWERERS = {
     "swift": 0.05,
     "environment": 0.14,
 }
-"""Who is asked, and how often: "nodes" is compliance with contact there, "swift" the network on it."""
+"""Who is asked, and how often: "nodes" is compliance with contact there, "swift" its network."""
 SEED = 7
 LIMIT = 120.0
 """Processor time for a press (s)."""
