@@ -12,6 +12,8 @@ use ruffini_core::{
     sensor::Sensor,
 };
 
+use crate::bodies::{even, grid, nodes_where};
+
 const GEL: Moduli = Moduli { young: 3e5, poisson: 0.47 };
 const FRICTION: f64 = 0.8;
 const MM: f64 = 1e-3;
@@ -163,6 +165,23 @@ fn a_thin_shape_led_through_the_pad_is_not_unfelt() {
             let unfelt = end.as_ref().is_ok_and(|found| found.wrench.force.norm() == 0.0);
             assert!(!unfelt, "{shape:?} at place {i} went through without a force");
         }
+    }
+}
+
+#[test]
+fn a_tip_is_not_led_past_a_wide_face_in_one_stride() {
+    // Two cells of 4 mm: between the nodes a tip comes nearer to none of them than 1.5 mm.
+    let side = even(-4.0 * MM, 4.0 * MM, 2);
+    let mesh = grid(&side, &side, &even(-4.0 * MM, 0.0, 1));
+    let base: Vec<u32> = nodes_where(&mesh, |p| p.z < -3.9 * MM);
+    let body = SoftBody::new(mesh, Law::default(), GEL, &base).unwrap();
+    let model = Compliance::new(body, Options { friction: 0.1, sweeps: 0 }).unwrap().at_nodes();
+    for x in [-2.0, 1.3, 2.1] {
+        let at = |z: f64| vec![Isometry3::translation(x * MM, 1.8 * MM, z * MM)];
+        let tip = vec![Shape::Sphere { radius: 0.5 * MM }];
+        let end = model.settle(&Press::along(tip, vec![at(0.6), at(-5.3)]).unwrap());
+        let unfelt = end.as_ref().is_ok_and(|found| found.wrench.force.norm() == 0.0);
+        assert!(!unfelt, "at x = {x} mm it went through without a force");
     }
 }
 

@@ -37,6 +37,11 @@ impl Face {
         Self { corners, places, longest }
     }
 
+    /// Distance from the nearest corner within which all its places lie (m).
+    pub(super) fn reach(&self) -> f64 {
+        0.5 * THICK * self.longest
+    }
+
     /// How much deeper `standing` is than it may be in the face, whose corners are `displaced` by
     /// `most` at most (m): the depth, and what is allowed.
     pub(super) fn penetrated(

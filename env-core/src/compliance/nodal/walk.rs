@@ -150,16 +150,18 @@ impl<'a> Walk<'a> {
         self.skin.groups.iter().map(moved).fold(0.0, f64::max)
     }
 
-    /// A way that the shapes can certainly go without a touch, `enough` at most (m); 0 if they touch.
+    /// A way that the shapes can certainly go without a touch of nodes, or of the faces between where
+    /// these are watched, `enough` at most (m); 0 if they touch.
     fn gap(&self, enough: f64) -> f64 {
         let mut gap = enough;
+        let between = self.watched.first().map_or(0.0, Face::reach);
         for group in &self.skin.groups {
             for (shape, pose) in self.shapes.iter().zip(&self.state.poses) {
                 if gap <= 0.0 {
                     return 0.0;
                 }
                 let distance = shape.distance(&pose.inverse_transform_point(&group.centre)).value;
-                gap = gap.min(distance - group.radius - self.state.amplitude);
+                gap = gap.min(distance - group.radius - self.state.amplitude - between);
             }
         }
         gap.max(0.0)
