@@ -226,7 +226,7 @@ fn a_saved_scene_goes_on_bit_for_bit() {
 #[test]
 fn random_actions_on_every_object_stay_finite_and_replay_from_a_snapshot() {
     let objects = CATALOGUE.map(|name| ObjectSpec::Name(name.into())).into();
-    let config = Config { scene: soft(), objects, ..Config::default() };
+    let config = Config { scene: soft(), objects, tactile: Choice::None, ..Config::default() };
     let setup = Arc::new(Setup::new(config).unwrap());
     let batch = || Batch::new(Arc::clone(&setup), 12, 1, Autoreset::NextStep).unwrap();
     let mut first = batch();
