@@ -98,17 +98,17 @@ impl SoftSurrogate {
         self.0.card.data.covers(&self.0.unit, displacement)
     }
 
-    /// What each finger of `press` exerts on the object in an answer, in the object's frame about its
-    /// origin.
-    pub fn of_fingers(&self, press: &Press, answer: &Deformation) -> Result<[Wrench; 2]> {
-        let grip = Grip::of(&Grip::half_extents(press)?, &answer.poses);
+    /// What each of two fingers of these half-extents (m) exerts on the object in an answer to their
+    /// press, in the object's frame about its origin.
+    pub fn of_fingers(&self, half_extents: &Vector3<f64>, answer: &Deformation) -> [Wrench; 2] {
+        let grip = Grip::of(half_extents, &answer.poses);
         let mut wrenches = [Wrench::default(); 2];
         let nodes = self.body().mesh().vertices.iter().zip(&answer.displacement);
         for ((rest, u), force) in nodes.zip(&answer.contact_force) {
             let place = rest + u;
             add(&mut wrenches[grip.nearer(&place)], &place, force);
         }
-        Ok(wrenches)
+        wrenches
     }
 }
 
