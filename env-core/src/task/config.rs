@@ -129,6 +129,7 @@ impl Config {
                 config.stress_limit = Some([6e4, 1.2e5]);
             }
             Task::GraspSoft => {
+                config.scene.gripper.pad_thickness = DEEP;
                 config.scene.gripper.centering_stiffness = LIGHT_CENTERING;
                 config.mass = [0.02, 0.06];
                 config.friction = [0.6, 1.0];
@@ -160,6 +161,7 @@ impl Config {
     pub fn with_sensor(mut self) -> Result<Self> {
         let (touch, usual) = (self.touch(), Gripper::default());
         let sensor = touch.sensor()?;
+        let feels = self.tactile != Choice::None && self.softness.is_none();
         let gripper = &mut self.scene.gripper;
         for (name, size, usual, of_sensor) in [
             ("pad_width", &mut gripper.pad_width, usual.pad_width, sensor.outline.width),
@@ -173,7 +175,7 @@ impl Config {
         ] {
             if *size == usual {
                 *size = of_sensor;
-            } else if *size != of_sensor && self.tactile != Choice::None {
+            } else if *size != of_sensor && feels {
                 let expected = format!("{of_sensor} m, as the sensor {} has it", self.sensor);
                 return Err(Error::invalid(format!("gripper.{name}"), *size, expected));
             }
@@ -294,6 +296,9 @@ impl Config {
     }
 }
 
+/// Thickness of fingers that a soft object gives way to (m): three quarters of it is how deep they may
+/// stand in the undeformed object.
+const DEEP: f64 = 0.012;
 /// Radius of a middling soft object (m).
 const MIDDLING: f64 = 0.018;
 /// Room that is left under the pads where the workspace is not set (m).

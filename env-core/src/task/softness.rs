@@ -18,6 +18,6 @@ pub struct Softness {
 
 impl Default for Softness {
     fn default() -> Self {
-        Self { young: [3e4, 1.5e5], poisson: 0.45, crush: 0.2 }
+        Self { young: [3e4, 1.5e5], poisson: 0.45, crush: 0.3 }
     }
 }

@@ -3,7 +3,7 @@
 //! A graph network in three scales (MeshGraphNets, Pfaff et al. 2021; scales as in Fortunato et al.
 //! 2022) on the object's mesh. It says by how much each node is displaced farther and each node of the
 //! surface near a finger pressed harder, and how far the stress of each tetrahedron is from that of the
-//! corrected displacement.
+//! corrected displacement. The forces sum to zero, as those on a free body do.
 //!
 //! Shapes: V nodes, T tetrahedra, H latent width, W width of a corner.
 
@@ -121,6 +121,8 @@ impl Soft {
         let displacement = (&before + (part(0)? * f64::from(question.amplitude))?)?;
         let pressed = part(3)?.broadcast_mul(&column(&question.gates)?)?;
         let forces = (given(&question.forces)? + (pressed * f64::from(question.strongest))?)?;
+        let unbalanced = forces.sum_keepdim(0)?;
+        let forces = (forces - column(&question.bearing)?.matmul(&unbalanced)?)?;
         let force = forces.broadcast_mul(&column(&question.shares)?)?.sum_keepdim(0)?;
         let stress = self.stressed(question, graph, &latent, [&before, &displacement])?;
         Ok(Answer { displacement, stress, forces, force })

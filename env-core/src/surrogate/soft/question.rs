@@ -38,6 +38,8 @@ pub(super) struct Question {
     /// Share of each node's force that counts to the squeeze: half of it with the sign of its finger
     /// (V).
     pub(super) shares: Vec<f32>,
+    /// Share of each node in all contact force: what is left unbalanced is taken from it (V).
+    pub(super) bearing: Vec<f32>,
     /// How far contact may be corrected: 1 at a face, 0 far from both and inside (V).
     pub(super) gates: Vec<f32>,
     /// Largest displacement of a node.
@@ -99,6 +101,7 @@ impl Question {
             stress: linear.von_mises.iter().map(|s| (s / unit.moduli.shear()) as f32).collect(),
             forces: flat(&linear.contact_force, unit.force()),
             shares,
+            bearing: linear.contact_force.iter().map(|f| over(f.norm(), all) as f32).collect(),
             gates,
             amplitude: (amplitude / length) as f32,
             strongest: (strongest / unit.force()) as f32,
