@@ -1,7 +1,7 @@
 """A scripted policy for GraspSoft: as :mod:`scripted_grasp`, but closing as softly as will do.
 
-It closes with little force and grips firmer while it does not feel enough; then it lifts. It reads only
-the default observation.
+It closes with the least force that moves the fingers, grips as the heaviest object needs once both
+touch, and lifts. It reads only the default observation.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ FIRST = 0.03
 """Grip force command until both fingers touch, of the gripper's largest."""
 
 ENOUGH = 0.55
-"""Normal force on each finger from which the hand lifts (N): the heaviest object at the least friction."""
+"""Normal force on each finger that holds the heaviest object at the least friction (N)."""
 
 LARGEST_FORCE = 10.0
 """Grip force at action 1 (N)."""

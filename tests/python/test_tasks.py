@@ -201,6 +201,12 @@ def test_a_fragile_grasp_needs_touch():
             ["proprio", "object", "limit", "stress"],
             ["reach", "touch", "lift", "hold", "gentle"],
         ),
+        (
+            SQUEEZE,
+            NEEDED[SQUEEZE],
+            ["proprio", "object", "wrench", "squeeze"],
+            ["reach", "touch", "lift", "hold", "gentle"],
+        ),
         (HOLD, SOFT, ["proprio", "wrench", "markers"], ["still", "effort"]),
         (HOLD, {"tactile": "none"}, ["proprio", "wrench"], ["still", "effort"]),
     ],
@@ -209,8 +215,9 @@ def test_the_plan_shows_what_the_task_asks_for(env_id, settings, channels, terms
     env = gym.make(env_id, **settings).unwrapped
     env.reset(seed=0)
     *_, info = env.step(np.array([0, 0, 0, 0, 0.5], np.float32))
-    feels = settings["tactile"] != "none"
-    touch = ["press", "model compliance", "correction"] if feels else []
+    feels = settings.get("tactile") != "none"
+    model = "model soft" if env_id == SQUEEZE else "model compliance"
+    touch = ["press", model, "correction"] if feels else []
     peak = ["peak stress"] if env_id == FRAGILE else []
     names = ["scene", *touch, *peak, *(f"channel {name}" for name in channels), "reward"]
     assert [name for name, *_ in env.plan()] == names

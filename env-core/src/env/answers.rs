@@ -40,12 +40,12 @@ pub(super) fn answers_of_objects(
     presses: &[Press],
     pool: Option<&ThreadPool>,
 ) -> Vec<Result<Deformation>> {
-    let one = |(object, press): (&Option<&SoftObject>, &Press)| {
+    let one = |(object, press): (Option<&SoftObject>, &Press)| {
         let mut model = object.ok_or(Error::Panicked)?.model().clone();
         let solve = || model.solve(std::slice::from_ref(press)).pop();
         catch_unwind(AssertUnwindSafe(solve)).ok().flatten().unwrap_or(Err(Error::Panicked))
     };
-    let all = || objects.par_iter().zip(presses).map(one).collect();
+    let all = || objects.par_iter().copied().zip(presses).map(one).collect();
     match pool {
         Some(pool) => pool.install(all),
         None => all(),

@@ -45,8 +45,16 @@ pub struct Squeezed {
     pub forces: [f64; 2],
 }
 
-/// What was built last, most recent first: shape, finger, Poisson's ratio.
-static BUILT: Mutex<Vec<(Shape, Vector3<f64>, f64, SoftObject)>> = Mutex::new(Vec::new());
+/// What a model is built of.
+#[derive(PartialEq)]
+struct Parts {
+    shape: Shape,
+    finger: Vector3<f64>,
+    poisson: f64,
+}
+
+/// What was built last, most recent first.
+static BUILT: Mutex<Vec<(Parts, SoftObject)>> = Mutex::new(Vec::new());
 /// How many are kept.
 const KEPT: usize = 16;
 
@@ -61,10 +69,8 @@ impl SoftObject {
     /// this process built lately is shared.
     pub fn new(shape: &Shape, finger: Vector3<f64>, poisson: f64) -> Result<Self> {
         let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_known = |(s, f, p, _): &&(Shape, Vector3<f64>, f64, Self)| {
-            s == shape && *f == finger && *p == poisson
-        };
-        if let Some((.., known)) = built.iter().find(is_known) {
+        let parts = Parts { shape: shape.clone(), finger, poisson };
+        if let Some((_, known)) = built.iter().find(|(known, _)| *known == parts) {
             return Ok(known.clone());
         }
         let moduli = Moduli { young: YOUNG, poisson };
@@ -72,7 +78,7 @@ impl SoftObject {
         let markers = spread_out(surrogate.body());
         let shell = Arc::new(shell(surrogate.body().mesh()));
         let object = Self { surrogate, markers, shell, finger };
-        built.insert(0, (shape.clone(), finger, poisson, object.clone()));
+        built.insert(0, (parts, object.clone()));
         built.truncate(KEPT);
         Ok(object)
     }
@@ -134,11 +140,15 @@ impl SoftObject {
 fn shell(mesh: &TetMesh) -> Shell {
     let mut shares = vec![Vec::new(); mesh.vertices.len()];
     for (number, tet) in mesh.tets.iter().enumerate() {
-        tet.iter().for_each(|&node| shares[node as usize].push((number as u32, 1.0)));
+        for &node in tet {
+            shares[node as usize].push((number as u32, 1.0));
+        }
     }
     for shares in &mut shares {
         let all = shares.len() as f64;
-        shares.iter_mut().for_each(|(_, share)| *share /= all);
+        for (_, share) in shares {
+            *share /= all;
+        }
     }
     Shell::new(&mesh.vertices, &mesh.boundary(), &shares)
 }

@@ -27,6 +27,7 @@ __all__ = [
     "Shape",
     "SimulationError",
     "SoftBody",
+    "SoftSurrogate",
     "Surrogate",
     "TetMesh",
     "Transfer",

@@ -188,8 +188,8 @@ class GraspFragileVectorEnv(NativeVectorEnv):
 class GraspSoftEnv(NativeEnv):
     """Lift a soft object of unknown stiffness with two rigid fingers, deforming it little.
 
-    World, action and settings are those of :class:`GraspLiftEnv`, with these differences. The fingers
-    are rigid and flat; the object gives way. Once both fingers touch it, a graph network
+    World, action and settings are those of :class:`GraspLiftEnv`, with these differences. The
+    fingers are rigid and flat; the object gives way. Once both fingers touch it, a graph network
     (:class:`ruffini.SoftSurrogate`) answers with the object's deformation and stress after every
     step, and the force with which the object resists is corrected towards that answer. The network
     knows no weight and no table: what friction bears is left to the bed of bristles between fingers
@@ -226,9 +226,9 @@ class GraspSoftEnv(NativeEnv):
     Young's modulus is drawn from ``young``; objects weigh 20 to 60 g and have one size.
 
     ## End
-    Also terminated, with ``info["ending"]`` ``stress_exceeded``, after the first step that ends with
-    more stress somewhere in the object than ``crush`` times Young's modulus: it is crushed. A
-    squeeze without an answer ends the episode as ``press_failed``.
+    Also terminated, with ``info["ending"]`` ``stress_exceeded``, after the first step that ends
+    with more stress somewhere in the object than ``crush`` times Young's modulus: it is crushed.
+    A squeeze without an answer ends the episode as ``press_failed``.
 
     ## Picture
     The object has its deformed shape and is coloured by von Mises stress, from 0 to where it is

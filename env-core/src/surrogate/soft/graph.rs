@@ -101,7 +101,9 @@ fn normals(mesh: &TetMesh) -> Vec<Vector3<f64>> {
     for triangle in mesh.boundary() {
         let [a, b, c] = triangle.map(|node| mesh.vertices[node as usize]);
         let normal = (b - a).cross(&(c - a));
-        triangle.iter().for_each(|&node| normals[node as usize] += normal);
+        for node in triangle {
+            normals[node as usize] += normal;
+        }
     }
     normals.iter().map(|normal| normal.try_normalize(0.0).unwrap_or_default()).collect()
 }
@@ -109,8 +111,12 @@ fn normals(mesh: &TetMesh) -> Vec<Vector3<f64>> {
 /// Edges between sorted pairs of receiver and sender, and the ways along them.
 fn edges(pairs: &BTreeSet<(u32, u32)>, places: &[Vector3<f64>]) -> (Edges, Vec<Vector3<f64>>) {
     let mut starts = vec![0; places.len() + 1];
-    pairs.iter().for_each(|&(receiver, _)| starts[receiver as usize + 1] += 1);
-    (0..places.len()).for_each(|i| starts[i + 1] += starts[i]);
+    for &(receiver, _) in pairs {
+        starts[receiver as usize + 1] += 1;
+    }
+    for i in 0..places.len() {
+        starts[i + 1] += starts[i];
+    }
     let way = |&(r, s): &(u32, u32)| places[r as usize] - places[s as usize];
     let senders = pairs.iter().map(|pair| pair.1).collect();
     (Edges { senders, starts }, pairs.iter().map(way).collect())

@@ -186,3 +186,132 @@ impl Soft {
         (linear + (after - before)?)? + (says.reshape((1, count))? * amplitude)?
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion};
+
+    use super::{
+        super::{grip::Grip, samples::squeezing},
+        *,
+    };
+    use crate::{
+        compliance::{Compliance, Options},
+        deformation::{Deformation, Law, Moduli, Press, SoftBody},
+        geometry::{Shape, TetMesh},
+        objects::tets_within,
+        surrogate::{features::Gel, parameters::Parameters},
+    };
+
+    const MODULI: Moduli = Moduli { young: 1e5, poisson: 0.45 };
+
+    /// A ball of 2 cm squeezed by 1 mm from either side, everything turned by `turn`: its graph, and
+    /// what it asks.
+    fn squeezed(turn: &UnitQuaternion<f64>) -> (ObjectGraph, Question) {
+        let mut mesh = tets_within(&Shape::Sphere { radius: 0.02 }, 150).unwrap();
+        // No two distances are equal, or coarse scales would depend on rounding.
+        for (i, place) in mesh.vertices.iter_mut().enumerate() {
+            let way = Vector3::from([1.0, 2.0, 3.0].map(|k| (k * (i * i) as f64).sin()));
+            *place += 2e-4 * way;
+        }
+        let half = Vector3::new(0.01, 0.012, 0.002);
+        let flip = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+        let away = |z: f64| Isometry3::translation(0.0, 0.0, z);
+        let poses = vec![away(-0.021), away(0.021) * flip];
+        let fingers = vec![Shape::Cuboid { half_extents: half }; 2];
+        let press = Press::along(fingers, vec![poses]).unwrap();
+        let body = SoftBody::new(mesh.clone(), Law::default(), MODULI, &[]).unwrap();
+        let model = Compliance::free(body, Options { friction: 0.8, sweeps: 0 }).unwrap();
+        let answer = model.solve_path(&press).pop().unwrap().unwrap();
+        let rotated = |field: &[Vector3<f64>]| field.iter().map(|v| turn * v).collect();
+        let answer = Deformation {
+            displacement: rotated(&answer.displacement),
+            contact_force: rotated(&answer.contact_force),
+            poses: answer.poses.iter().map(|pose| turn * pose).collect(),
+            ..answer
+        };
+        let turned = |p: &Point3<f64>| turn * p;
+        mesh = TetMesh { vertices: mesh.vertices.iter().map(turned).collect(), ..mesh };
+        let graph = ObjectGraph::new(&mesh);
+        let unit = Gel { moduli: MODULI, friction: 0.8, thickness: graph.length };
+        let grip = Grip::of(&half, &answer.poses);
+        let question = Question::new(&graph, &unit, &grip, &answer);
+        (graph, question)
+    }
+
+    /// A network that says something.
+    fn network() -> (Parameters, Soft) {
+        let parameters = Parameters::drawn(3);
+        let network = Soft::new(&SoftConfig::default(), &parameters.builder()).unwrap();
+        for (name, variable) in parameters.all() {
+            if name.starts_with("nodes.second") || name.starts_with("stress") {
+                variable.set(&variable.randn_like(0.0, 0.1).unwrap()).unwrap();
+            }
+        }
+        (parameters, network)
+    }
+
+    fn still() -> Vector3<f64> {
+        Vector3::repeat(1.0)
+    }
+
+    fn numbers(tensor: &Tensor) -> Vec<f32> {
+        tensor.flatten_all().unwrap().to_vec1().unwrap()
+    }
+
+    #[test]
+    fn every_parameter_receives_a_gradient() {
+        let ((graph, question), (parameters, network)) =
+            (squeezed(&UnitQuaternion::identity()), network());
+        let answer = network.forward(&question, &graph, &Vector3::new(-1.0, 1.0, 1.0)).unwrap();
+        let sums = [&answer.displacement, &answer.forces, &answer.stress]
+            .map(|field| field.sqr().unwrap().sum_all().unwrap());
+        let total = (((&sums[0] + &sums[1]).unwrap()) + &sums[2]).unwrap();
+        let gradients = total.backward().unwrap();
+        for (name, variable) in parameters.all() {
+            let gradient = gradients.get(&variable).unwrap_or_else(|| panic!("none for {name}"));
+            let most = gradient.abs().unwrap().max_all().unwrap().to_scalar::<f32>().unwrap();
+            assert!(most > 0.0, "zero for {name}");
+        }
+    }
+
+    #[test]
+    fn an_answer_turns_with_object_and_grip() {
+        let turn = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.0);
+        let (_, network) = network();
+        let [(graph, here), (turned, there)] =
+            [UnitQuaternion::identity(), turn].map(|t| squeezed(&t));
+        let here = network.forward(&here, &graph, &still()).unwrap();
+        let there = network.forward(&there, &turned, &still()).unwrap();
+        let rows: Matrix3<f64> = Rotation3::from(turn).into_inner();
+        let (a, b) = (numbers(&here.displacement), numbers(&there.displacement));
+        let largest = a.iter().fold(0.0_f32, |most, x| most.max(x.abs()));
+        for (a, b) in a.as_chunks::<3>().0.iter().zip(b.as_chunks::<3>().0) {
+            let expected = rows * Vector3::from(*a).cast::<f64>();
+            let error = (expected - Vector3::from(*b).cast::<f64>()).norm();
+            // Single precision through ten layers.
+            assert!(error < 1e-3 * f64::from(largest), "{b:?}, expected {expected}");
+        }
+        for (a, b) in numbers(&here.stress).iter().zip(numbers(&there.stress)) {
+            assert!((a - b).abs() < 1e-3, "stress {b}, expected {a}");
+        }
+    }
+
+    #[test]
+    fn forces_are_in_balance_and_squeeze_with_what_is_said() {
+        let ((graph, question), (_, network)) = (squeezed(&UnitQuaternion::identity()), network());
+        let answer = network.forward(&question, &graph, &still()).unwrap();
+        let forces = numbers(&answer.forces);
+        let sum = forces
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .fold(Vector3::zeros(), |sum, f| sum + Vector3::from(*f));
+        let size: f32 = forces.iter().map(|f| f.abs()).sum();
+        assert!(sum.norm() < 1e-5 * size, "{sum} of {size} are left");
+        let said = numbers(&answer.force);
+        for (said, found) in said.iter().zip(squeezing(&forces, &question.shares)) {
+            assert!((said - found).abs() < 1e-5 * size, "{said}, expected {found}");
+        }
+    }
+}

@@ -73,20 +73,20 @@ impl Objects {
     /// Everything in the dataset in `folder`.
     pub(super) fn read(folder: &Path) -> Result<(Self, Vec<Sample>)> {
         let data = Squeezes::open(folder)?;
-        let (mut numbers, mut graphs, mut meshes) = (BTreeMap::new(), Vec::new(), Vec::new());
+        let mut meshes = BTreeMap::new();
         for shard in 0..data.shards() {
             let name = data.read(shard)?.0.name.clone();
-            if !numbers.contains_key(&name) {
-                let mesh = data.mesh(&name)?;
-                graphs.push(Arc::new(ObjectGraph::new(&mesh)));
-                meshes.push(mesh);
-                numbers.insert(name, graphs.len() - 1);
+            if let Entry::Vacant(vacant) = meshes.entry(name) {
+                let mesh = data.mesh(vacant.key())?;
+                vacant.insert(mesh);
             }
         }
+        let graphs: Vec<_> = meshes.values().map(ObjectGraph::new).map(Arc::new).collect();
         let gels = &data.config().gels;
         let shard = |shard: usize| -> Result<(Vec<Sample>, usize)> {
             let (object, grasps) = data.read(shard)?;
-            let number = numbers[&object.name];
+            let number = meshes.keys().position(|name| *name == object.name);
+            let number = number.expect("every shard's object has its mesh");
             let graph = &graphs[number];
             let (mut samples, mut lost, mut models) = (Vec::new(), 0, BTreeMap::new());
             for frames in &grasps {
@@ -94,7 +94,7 @@ impl Objects {
                 let moduli = Moduli { young: gel.young, poisson: gel.poisson };
                 if let Entry::Vacant(vacant) = models.entry(frames.gel) {
                     let fine = object.tets_within(data.config().truth_nodes)?;
-                    vacant.insert(Linear::new(fine, &meshes[number], moduli, gel.friction)?);
+                    vacant.insert(Linear::new(fine, &meshes[&object.name], moduli, gel.friction)?);
                 }
                 let unit = Gel { moduli, friction: gel.friction, thickness: graph.length };
                 let outline = Sensor::named(&gel.sensor)?.outline;

@@ -15,6 +15,7 @@ use crate::{
     surrogate::{
         Spread, Summary,
         metrics::{Fields, errors, judge},
+        run::hex,
         train::{Trainer, Training},
         weights::{self, Data, Kind},
     },
@@ -125,7 +126,7 @@ impl SoftStudy {
         let dataset = Squeezes::open(data)?;
         let count = names.len();
         let text = serde_json::to_string(&(dataset.config(), names)).expect("plain data");
-        let fingerprint = Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect();
+        let fingerprint = hex(&Sha256::digest(text));
         let amplitude = train.iter().map(|s| f64::from(s.question.amplitude)).fold(0.0, f64::max);
         let card = SoftCard {
             variant: "soft".to_owned(),
