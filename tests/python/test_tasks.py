@@ -135,15 +135,25 @@ def test_a_softer_object_is_deformed_more_by_the_same_force():
 
 
 def test_a_squeezed_object_resists_with_the_force_that_its_model_says():
-    env = gym.make(SQUEEZE, **OVER_OBJECT, young=6e4, friction=0.8).unwrapped
+    env = gym.make(SQUEEZE, **OVER_OBJECT, yaw=0.0, young=6e4, friction=0.8).unwrapped
     env.reset(seed=0)
     for step in range(40):
         observation, *_ = env.step(squeezing(step))
     state = env.look()
-    assert state["young"] == 6e4
-    # At rest the bed has been corrected to the model, and both hold the grip.
-    np.testing.assert_allclose(observation["proprio"][12:14], 0.6, rtol=0.05)
     assert 0 < observation["squeeze"][2] < observation["squeeze"][1] < state["stress_limit"]
+    # The same squeeze, asked of the model: a ball of 18 mm that stands on the table between faces.
+    finger = ruffini.Shape.cuboid([0.020_75 / 2, 0.025_25 / 2, 0.006])
+    away = state["opening"] / 2 + 0.006
+    turned = (
+        ((away, 0, 0), (0, -(0.5**0.5), 0, 0.5**0.5)),
+        ((-away, 0, 0), (0, 0.5**0.5, 0, 0.5**0.5)),
+    )
+    model = ruffini.SoftSurrogate(ruffini.Shape.sphere(0.018), young=6e4, friction=0.8)
+    (answer,) = model.solve(ruffini.Press([finger, finger], [list(turned)]))
+    force = -answer.contact_force[model.body.mesh.vertices[:, 0] > 0, 0].sum()
+    pressed = observation["proprio"][12:14]
+    np.testing.assert_allclose(pressed, 0.6, rtol=0.05)
+    np.testing.assert_allclose(pressed, force, rtol=0.05)
 
 
 def test_crushing_ends_the_episode_by_name():
