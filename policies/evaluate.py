@@ -26,6 +26,7 @@ import ruffini
 from scripted_fragile import ScriptedFragile
 from scripted_grasp import ScriptedGrasp
 from scripted_hold import ScriptedHold
+from scripted_soft import ScriptedSoft
 
 LIFT = "ruffini/GraspLift-v0"
 
@@ -49,6 +50,7 @@ class Policy(Protocol):
 SCRIPTED: dict[str, type[Policy]] = {
     LIFT: ScriptedGrasp,
     "ruffini/GraspFragile-v0": ScriptedFragile,
+    "ruffini/GraspSoft-v0": ScriptedSoft,
     "ruffini/HoldStill-v0": ScriptedHold,
 }
 """The scripted policy of each environment."""

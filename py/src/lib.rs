@@ -208,6 +208,9 @@ impl Batch {
         dict.set_item("size", draw.scale)?;
         dict.set_item("mass", draw.mass)?;
         dict.set_item("friction", draw.friction)?;
+        if let Some(young) = draw.young {
+            dict.set_item("young", young)?;
+        }
         if let Some(limit) = draw.stress_limit {
             dict.set_item("stress_limit", limit)?;
         }
@@ -254,7 +257,8 @@ mod _core {
     #[pymodule_export]
     use crate::mechanics::{
         Antipodal, Compliance, Deformation, Fem, Grasp, Grasped, History, Object, PaperAnswer,
-        PaperNetwork, Press, Shape, SoftBody, Surrogate, TetMesh, Transfer, objects, sensor,
+        PaperNetwork, Press, Shape, SoftBody, SoftSurrogate, Surrogate, TetMesh, Transfer, objects,
+        sensor,
     };
     #[pymodule_export]
     use crate::training::{evaluate_surrogate, train_surrogate};

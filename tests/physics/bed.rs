@@ -15,6 +15,7 @@ use ruffini_core::{
         Wrench,
     },
     sensor::{Bristles, Sensor},
+    tactile::Choice,
     task::{Config, Ending, ObjectSpec},
 };
 

@@ -15,5 +15,6 @@ mod half_space;
 mod nodal;
 mod objects;
 mod peer;
+mod soft;
 mod tactile;
 mod tasks;

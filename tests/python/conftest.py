@@ -25,6 +25,8 @@ OBSERVATIONS: dict[str, dict[str, Any]] = {
 NEEDED: dict[str, dict[str, Any]] = {
     # A coarse pad: the shipped network has one size.
     "ruffini/GraspFragile-v0": {"tactile": "compliance", "resolution": {"nodes": 300}},
+    # One object: each is condensed once.
+    "ruffini/GraspSoft-v0": {"objects": "sphere"},
 }
 """Settings without which an id is slow to test."""
 MODES = ["NextStep", "SameStep", "Disabled"]

@@ -15,7 +15,8 @@ from evaluate import evaluate, load
 
 FRAGILE, HOLD = "ruffini/GraspFragile-v0", "ruffini/HoldStill-v0"
 SOFT: dict[str, Any] = NEEDED[FRAGILE]
-CASES = [(FRAGILE, SOFT), (HOLD, {}), (HOLD, SOFT)]
+SQUEEZE = "ruffini/GraspSoft-v0"
+CASES = [(FRAGILE, SOFT), (HOLD, {}), (HOLD, SOFT), (SQUEEZE, NEEDED[SQUEEZE])]
 OVER_OBJECT = {"objects": "sphere", "position": 0.0, "start": 0.0, "start_height": 0.08}
 
 
@@ -110,6 +111,92 @@ def test_too_much_stress_ends_the_episode_by_name_and_the_limit_is_drawn():
     assert len(limits) == 3
 
 
+def squeezing(step: int) -> np.ndarray:
+    """Down to the object, close softly, stay."""
+    return grasping(step, 0.06)
+
+
+def test_a_softer_object_is_deformed_more_by_the_same_force():
+    felt = {}
+    for young in (4e4, 1.2e5):
+        env = gym.make(SQUEEZE, **OVER_OBJECT, young=young, mass=0.04, friction=0.8).unwrapped
+        observation, _ = env.reset(seed=0)
+        assert not observation["squeeze"].any()
+        assert env.look()["young"] == young
+        for step in range(40):
+            observation, _, terminated, _, info = env.step(squeezing(step))
+            assert not terminated, info
+        pressed = observation["proprio"][12:14]
+        np.testing.assert_allclose(pressed, 0.6, rtol=0.1)
+        felt[young] = observation["squeeze"]
+    # Between the depth of the contacts, which by Hertz goes as (F/E)^(2/3), and the bulk, as F/E.
+    ratio = felt[4e4][0] / felt[1.2e5][0]
+    assert 3 ** (2 / 3) < ratio < 3, f"{ratio} times the deformation of a third of the stiffness"
+
+
+def test_a_squeezed_object_resists_with_the_force_that_its_model_says():
+    env = gym.make(SQUEEZE, **OVER_OBJECT, yaw=0.0, young=6e4, friction=0.8).unwrapped
+    env.reset(seed=0)
+    for step in range(40):
+        observation, *_ = env.step(squeezing(step))
+    state = env.look()
+    assert 0 < observation["squeeze"][2] < observation["squeeze"][1] < state["stress_limit"]
+    # The same squeeze, asked of the model: a ball of 18 mm that stands on the table between faces.
+    finger = ruffini.Shape.cuboid([0.020_75 / 2, 0.025_25 / 2, 0.006])
+    away = state["opening"] / 2 + 0.006
+    turned = (
+        ((away, 0, 0), (0, -(0.5**0.5), 0, 0.5**0.5)),
+        ((-away, 0, 0), (0, 0.5**0.5, 0, 0.5**0.5)),
+    )
+    model = ruffini.SoftSurrogate(ruffini.Shape.sphere(0.018), young=6e4, friction=0.8)
+    (answer,) = model.solve(ruffini.Press([finger, finger], [list(turned)]))
+    force = -answer.contact_force[model.body.mesh.vertices[:, 0] > 0, 0].sum()
+    pressed = observation["proprio"][12:14]
+    np.testing.assert_allclose(pressed, 0.6, rtol=0.05)
+    np.testing.assert_allclose(pressed, force, rtol=0.05)
+
+
+def test_crushing_ends_the_episode_by_name():
+    env = gym.make(SQUEEZE, **OVER_OBJECT, young=3e4).unwrapped
+    env.reset(seed=0)
+    for step in range(60):
+        _, _, terminated, _, info = env.step(grasping(step, 1.0))
+        if terminated:
+            break
+    assert info["ending"] == "stress_exceeded"
+    assert info["reward_terms"]["gentle"] == 0
+    assert not info["is_success"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"tactile": "fem"}, "tactile: found .*fem.*, expected surrogate"),
+        ({"size": 1.1}, "size: found .*, expected 1"),
+        ({"young": 0.0}, "young: found 0, expected a rising range"),
+        ({"crush": 2.0}, "crush: found 2, expected"),
+        ({"observation": "markers"}, "observation: found markers"),
+        ({"load": 1.0}, "holding"),
+    ],
+)
+def test_settings_that_no_soft_object_has_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        gym.make(SQUEEZE, **settings)
+
+
+def test_the_picture_shows_the_squeezed_object():
+    env = gym.make(SQUEEZE, **OVER_OBJECT, young=6e4, render_mode="rgb_array").unwrapped
+    env.reset(seed=0)
+    stressed = []
+    for step in range(30):
+        env.step(grasping(step, 0.2))
+        if step in (8, 29):
+            red, green, blue = env.render().reshape(-1, 3).astype(int).T
+            # Between the cream of an object at rest and the orange of the fingers.
+            stressed.append(((red > green + 25) & (green > blue + 25) & (green > 130)).sum())
+    assert stressed[0] < 50 and stressed[1] > 200, f"{stressed} stressed pixels"
+
+
 def test_a_fragile_grasp_needs_touch():
     with pytest.raises(ValueError, match="tactile: found none, expected surrogate, compliance"):
         gym.make(FRAGILE, tactile="none")
@@ -124,6 +211,12 @@ def test_a_fragile_grasp_needs_touch():
             ["proprio", "object", "limit", "stress"],
             ["reach", "touch", "lift", "hold", "gentle"],
         ),
+        (
+            SQUEEZE,
+            NEEDED[SQUEEZE],
+            ["proprio", "object", "wrench", "squeeze"],
+            ["reach", "touch", "lift", "hold", "gentle"],
+        ),
         (HOLD, SOFT, ["proprio", "wrench", "markers"], ["still", "effort"]),
         (HOLD, {"tactile": "none"}, ["proprio", "wrench"], ["still", "effort"]),
     ],
@@ -132,8 +225,9 @@ def test_the_plan_shows_what_the_task_asks_for(env_id, settings, channels, terms
     env = gym.make(env_id, **settings).unwrapped
     env.reset(seed=0)
     *_, info = env.step(np.array([0, 0, 0, 0, 0.5], np.float32))
-    feels = settings["tactile"] != "none"
-    touch = ["press", "model compliance", "correction"] if feels else []
+    feels = settings.get("tactile") != "none"
+    model = "model soft" if env_id == SQUEEZE else "model compliance"
+    touch = ["press", model, "correction"] if feels else []
     peak = ["peak stress"] if env_id == FRAGILE else []
     names = ["scene", *touch, *peak, *(f"channel {name}" for name in channels), "reward"]
     assert [name for name, *_ in env.plan()] == names

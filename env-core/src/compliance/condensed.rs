@@ -1,4 +1,4 @@
-//! A bonded body condensed to its skin, once.
+//! A body condensed to its skin, once.
 //!
 //! The compliance C is the displacement of every skin node under a unit force on every other: the
 //! inverse of the stiffness K at rest, between skin nodes only. It is symmetric.
@@ -52,6 +52,16 @@ impl Condensed {
     /// and stored there if not.
     pub(super) fn new(body: SoftBody, directory: Option<&Path>) -> Result<Self> {
         let rest = Linearised::new(&body)?;
+        Self::of(body, rest, directory)
+    }
+
+    /// Condenses a `body` without fixed nodes.
+    pub(super) fn free(body: SoftBody) -> Result<Self> {
+        let rest = Linearised::free(&body)?;
+        Self::of(body, rest, None)
+    }
+
+    fn of(body: SoftBody, rest: Linearised, directory: Option<&Path>) -> Result<Self> {
         let surface = rest.surface(&body);
         let mut skin: Vec<u32> = surface.iter().flat_map(carriers).collect();
         skin.sort_unstable();

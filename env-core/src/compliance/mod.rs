@@ -1,4 +1,4 @@
-//! Linear elasticity of a bonded body, condensed once to its surface: the second answerer.
+//! Linear elasticity of a body, condensed once to its surface: the second answerer.
 //!
 //! The stiffness is that of the finite elements at rest ([`crate::fem`], `p1-bar`), so the body
 //! answers contact by a dense compliance matrix between the nodes of its surface; the contact itself
@@ -8,7 +8,7 @@
 //! body's own law, taken only where it lowers the unbalanced force, which
 //! [`Deformation::residual`](crate::deformation::Deformation) states.
 //!
-//! A body must be held by fixed nodes: a free one has no compliance.
+//! A body is held by fixed nodes, or is free ([`Compliance::free`]) and held by contact alone.
 
 mod balance;
 mod cache;
@@ -63,6 +63,14 @@ impl Compliance {
     /// Condenses `body`, whose fixed nodes must hold it.
     pub fn new(body: SoftBody, options: Options) -> Result<Self> {
         Self::condensed(body, options, None)
+    }
+
+    /// Condenses a `body` without fixed nodes, which has no compliance of its own as a whole: springs at
+    /// its nodes, a ten-thousandth as stiff as it is, tie it to where it rests and bear what the contact
+    /// forces leave unbalanced.
+    pub fn free(body: SoftBody, options: Options) -> Result<Self> {
+        let settings = settings(&body, options)?;
+        Ok(Self { condensed: Arc::new(Condensed::free(body)?), settings })
     }
 
     /// As [`Compliance::new`], reading the compliance from a file in `directory`, or writing it there

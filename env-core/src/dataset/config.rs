@@ -21,9 +21,12 @@ pub struct Config {
     pub seed: u64,
     /// What is soft.
     pub scenario: Scenario,
-    /// How many objects: of the 63 rigid ones, evenly over the catalogue; or of all 64, those of
-    /// [`SOFT`] first.
+    /// How many objects: of the 63 rigid ones, evenly over the catalogue; or of all 64, those named
+    /// `first` before the others.
     pub objects: usize,
+    /// Names of the soft objects that come first; if empty, those of [`SOFT`].
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub first: Vec<String>,
     /// Grasps of each object.
     pub grasps: usize,
     /// Frames of growing force in each grasp.
@@ -95,6 +98,7 @@ impl Default for Config {
             seed: 0,
             scenario: Scenario::Pads,
             objects: 63,
+            first: Vec::new(),
             grasps: 100,
             frames: 50,
             model_nodes: 1000,
@@ -143,8 +147,12 @@ impl Config {
                 (0..self.objects).map(|i| all[i * RIGID / self.objects].clone()).collect()
             }
             Scenario::Soft => {
-                let place = |o: &Object| SOFT.iter().position(|name| *name == o.name);
-                all.sort_by_key(|object| place(object).unwrap_or(SOFT.len()));
+                let first: Vec<&str> = match &self.first[..] {
+                    [] => SOFT.to_vec(),
+                    first => first.iter().map(String::as_str).collect(),
+                };
+                let place = |o: &Object| first.iter().position(|name| *name == o.name);
+                all.sort_by_key(|object| place(object).unwrap_or(first.len()));
                 all.truncate(self.objects);
                 all
             }
@@ -181,7 +189,20 @@ impl Config {
             return Err(Error::invalid("gels", shares, "shares from 0 with a sum above 0"));
         }
         self.truth_element.parse::<Element>()?;
+        self.know_names()?;
         Ok(self)
+    }
+
+    /// An error if a name that should come first is of no object, or of none that can be soft.
+    fn know_names(&self) -> Result<()> {
+        let known = match self.scenario {
+            Scenario::Pads => Vec::new(),
+            Scenario::Soft => catalogue(self.seed).into_iter().map(|o| o.name).collect(),
+        };
+        match self.first.iter().find(|name| !known.contains(name)) {
+            Some(name) => Err(Error::invalid("first", name, "names of objects that are soft")),
+            None => Ok(()),
+        }
     }
 }
 

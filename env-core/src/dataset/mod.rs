@@ -18,6 +18,7 @@ mod read;
 mod record;
 mod setup;
 mod squeeze;
+mod squeezes;
 mod tensor;
 
 pub use config::{Config, Gel, SOFT, Scenario};
@@ -26,4 +27,5 @@ pub use manifest::{FORMAT, Manifest, Shard, Solved, Split, Unsolved};
 pub use plan::{Plan, plans};
 pub use ramp::{Frame, Ramp};
 pub use read::{Dataset, PadFrames};
+pub use squeezes::{SqueezeFrames, Squeezes};
 pub(crate) use tensor::write_whole;

@@ -55,11 +55,20 @@ impl Dataset {
     /// The dataset in `folder`. Splits are those of the shards that are there, so that one still being
     /// made can be looked at.
     pub fn open(folder: &Path) -> Result<Self> {
+        Self::of(folder, Scenario::Pads)
+    }
+
+    /// As [`Dataset::open`], of grasps of a `scenario`.
+    pub(super) fn of(folder: &Path, scenario: Scenario) -> Result<Self> {
         let path = folder.join("config.json");
         let text = fs::read_to_string(&path).map_err(|error| Error::file(&path, &error))?;
         let config = claimed(&text).map_err(|error| Error::file(&path, &error))?;
-        if config.scenario != Scenario::Pads {
-            return Err(Error::file(&path, &"soft objects, expected grasps by soft pads"));
+        if config.scenario != scenario {
+            let [found, expected] = [config.scenario, scenario].map(|scenario| match scenario {
+                Scenario::Pads => "grasps by soft pads",
+                Scenario::Soft => "soft objects",
+            });
+            return Err(Error::file(&path, &format!("{found}, expected {expected}")));
         }
         let objects = catalogue(config.seed);
         let mut shards = Vec::new();
@@ -117,17 +126,24 @@ impl Dataset {
 
     /// The object and all pads of all grasps in shard `index`.
     pub fn read(&self, index: usize) -> Result<(&Object, Vec<PadFrames>)> {
+        let (object, pads) = self.solved(index, |file, entry| {
+            [0, 1].into_iter().map(|side| pad(file, entry, side)).collect::<Found<Vec<_>>>()
+        })?;
+        Ok((object, pads.into_iter().flatten().collect()))
+    }
+
+    /// The object of shard `index`, and what `frames` makes of each of its grasps.
+    pub(super) fn solved<T>(
+        &self,
+        index: usize,
+        frames: impl Fn(&SafeTensors, &Entry) -> Found<T>,
+    ) -> Result<(&Object, Vec<T>)> {
         let (object, path) = &self.shards[index];
         let bytes = read(path)?;
         let file = SafeTensors::deserialize(&bytes).map_err(|error| Error::file(path, &error))?;
-        let mut pads = Vec::new();
-        for entry in entries::<Entry>(path, &bytes)?.iter().filter(|entry| entry.frames > 0) {
-            for side in 0..2 {
-                let frames = pad(&file, entry, side).map_err(|error| Error::file(path, &error))?;
-                pads.push(frames);
-            }
-        }
-        Ok((&self.objects[*object], pads))
+        let entries = entries::<Entry>(path, &bytes)?.into_iter().filter(|entry| entry.frames > 0);
+        let all: Found<_> = entries.map(|entry| frames(&file, &entry)).collect();
+        Ok((&self.objects[*object], all.map_err(|error| Error::file(path, &error))?))
     }
 }
 
@@ -138,18 +154,23 @@ fn claimed(text: &str) -> serde_json::Result<Config> {
     serde_json::from_value(claim.into())
 }
 
-type Found<T> = std::result::Result<T, SafeTensorError>;
+pub(super) type Found<T> = std::result::Result<T, SafeTensorError>;
+
+/// The 32-bit numbers of a tensor.
+pub(super) fn single(file: &SafeTensors, name: &str) -> Found<Vec<f32>> {
+    Ok(file.tensor(name)?.data().as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
+}
+
+/// The 64-bit numbers of a tensor.
+pub(super) fn double(file: &SafeTensors, name: &str) -> Found<Vec<f64>> {
+    Ok(file.tensor(name)?.data().as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect())
+}
 
 fn pad(file: &SafeTensors, entry: &Entry, side: usize) -> Found<PadFrames> {
     let number = entry.plan.name.rsplit('/').next().unwrap_or_default();
     let name = ["first", "second"][side];
-    let bytes = |what: &str| file.tensor(&format!("{number}.{name}.{what}"));
-    let single = |name: &str| -> Found<Vec<f32>> {
-        Ok(bytes(name)?.data().as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
-    };
-    let double = |name: &str| -> Found<Vec<f64>> {
-        Ok(bytes(name)?.data().as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect())
-    };
+    let single = |what: &str| single(file, &format!("{number}.{name}.{what}"));
+    let double = |what: &str| double(file, &format!("{number}.{name}.{what}"));
     let placed = double("pose")?.as_chunks::<7>().0.iter().map(pose).collect::<Vec<_>>();
     let closing = file.tensor(&format!("{number}.closing"))?.data().as_chunks().0[0];
     let closed = entry.plan.closed(&[Isometry3::identity(); 2], f64::from_le_bytes(closing));
@@ -166,7 +187,7 @@ fn pad(file: &SafeTensors, entry: &Entry, side: usize) -> Found<PadFrames> {
     })
 }
 
-fn pose(&[x, y, z, i, j, k, w]: &[f64; 7]) -> Isometry3<f64> {
+pub(super) fn pose(&[x, y, z, i, j, k, w]: &[f64; 7]) -> Isometry3<f64> {
     let turn = UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
     Isometry3::from_parts(Translation3::new(x, y, z), turn)
 }

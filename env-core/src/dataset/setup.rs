@@ -50,8 +50,8 @@ impl Setup {
             Ok((pads, transfer))
         };
         let soft = |object: &&Object| {
-            let truth = meshed(object, config.truth_nodes)?;
-            let model = meshed(object, config.model_nodes)?;
+            let truth = object.tets_within(config.truth_nodes)?;
+            let model = object.tets_within(config.model_nodes)?;
             let transfer = Transfer::new(&truth, &model)?;
             let points = config.gels[0].object(truth.clone(), config)?.contact_points();
             keep(&object.name, &|| mesh_file(&model, &[], &points))?;
@@ -107,19 +107,5 @@ impl Setup {
             }
         };
         bytes as u64
-    }
-}
-
-/// The finest tetrahedra of `object` with about `nodes` nodes, at most.
-fn meshed(object: &Object, nodes: usize) -> Result<TetMesh> {
-    // A body-centred lattice has two points in a cube of the spacing.
-    let volume = object.mass_properties(1.0).mass;
-    let mut spacing = (2.0 * volume / nodes as f64).cbrt();
-    loop {
-        let mesh = object.tets(spacing)?;
-        if mesh.vertices.len() <= nodes {
-            return Ok(mesh);
-        }
-        spacing *= (mesh.vertices.len() as f64 / nodes as f64).cbrt().max(1.005);
     }
 }

@@ -147,6 +147,13 @@ impl Press {
         Ok(self)
     }
 
+    /// This press, starting from rest.
+    #[must_use]
+    pub fn afresh(mut self) -> Self {
+        self.history = None;
+        self
+    }
+
     /// This press with its own coefficient of friction, 0 to 100, in place of the model's.
     pub fn with_friction(mut self, friction: f64) -> Result<Self> {
         if !(0.0..=MOST_FRICTION).contains(&friction) {

@@ -2,12 +2,12 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use rayon::ThreadPool;
+use rayon::{ThreadPool, prelude::*};
 
 use crate::{
     Error, Result,
     deformation::{Deformation, DeformationModel, Press, Wanted},
-    tactile::Model,
+    tactile::{Model, SoftObject},
 };
 
 /// What `model` answers to `presses`, as far as it is `wanted`, on the threads of `pool` or where it is
@@ -31,4 +31,23 @@ fn each(model: &mut Model, presses: &[Press], wanted: Wanted) -> Vec<Result<Defo
             |press| solve(std::slice::from_ref(press)).ok().and_then(|mut one| one.pop());
         presses.iter().map(|press| alone(press).unwrap_or(Err(Error::Panicked))).collect()
     })
+}
+
+/// What each of the soft `objects` answers to its press, as [`answers`]; a row without its object is an
+/// error.
+pub(super) fn answers_of_objects(
+    objects: &[Option<&SoftObject>],
+    presses: &[Press],
+    pool: Option<&ThreadPool>,
+) -> Vec<Result<Deformation>> {
+    let one = |(object, press): (Option<&SoftObject>, &Press)| {
+        let mut model = object.ok_or(Error::Panicked)?.model().clone();
+        let solve = || model.solve(std::slice::from_ref(press)).pop();
+        catch_unwind(AssertUnwindSafe(solve)).ok().flatten().unwrap_or(Err(Error::Panicked))
+    };
+    let all = || objects.par_iter().copied().zip(presses).map(one).collect();
+    match pool {
+        Some(pool) => pool.install(all),
+        None => all(),
+    }
 }

@@ -6,7 +6,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
 
 use super::{
     Outcome, Row, Setup, Stage,
-    answers::answers,
+    answers::{answers, answers_of_objects},
     plan::{Costs, MODEL},
     snapshot,
     touch::PerFinger,
@@ -14,7 +14,7 @@ use super::{
 use crate::{
     Error, Result,
     deformation::{Deformation, Wanted},
-    render::{SceneRenderer, TouchView},
+    render::{SceneRenderer, SoftView, TouchView},
     tactile,
     task::ACTION_SIZE,
 };
@@ -173,7 +173,10 @@ impl Batch {
 
     /// Has the presses of all rows answered in one call.
     fn feel(&mut self) {
-        let Some(model) = &mut self.model else { return };
+        let soft = self.setup.soft(0).is_some();
+        if self.model.is_none() && !soft {
+            return;
+        }
         let (mut from, mut presses) = (Vec::new(), Vec::new());
         for (i, row) in self.rows.iter_mut().enumerate() {
             for (finger, press) in row.ask().into_iter().enumerate() {
@@ -185,7 +188,12 @@ impl Batch {
             return;
         }
         let wanted = self.setup.wanted();
-        let solve = || answers(model, &presses, wanted, self.pool.as_ref().map(|(_, pool)| pool));
+        let pool = self.pool.as_ref().map(|(_, pool)| pool);
+        let objects: Vec<_> = from.iter().map(|&(i, _)| self.rows[i].soft(&self.setup)).collect();
+        let solve = || match &mut self.model {
+            Some(model) => answers(model, &presses, wanted, pool),
+            None => answers_of_objects(&objects, &presses, pool),
+        };
         let answers = self.costs.time_all(MODEL, presses.len() as u64, solve);
         for ((i, finger), answer) in from.into_iter().zip(answers) {
             self.rows[i].answer(finger, answer);
@@ -221,12 +229,18 @@ impl Batch {
             fingers: felt.each_ref().map(Option::as_ref),
             darkest: draw.stress_limit.unwrap_or(DARKEST * touch.skin().young()),
         });
+        let crush = setup.config().softness.as_ref().map_or(1.0, |softness| softness.crush);
+        let soft = setup.soft(draw.object).map(|object| SoftView {
+            shell: object.shell(),
+            felt: felt[0].as_ref(),
+            darkest: object.stress(crush),
+        });
         let shape = setup.models()[draw.object].shape().scaled(draw.scale);
         let mut renderer = match self.renderer.take() {
             Some(renderer) if renderer.size() == (width, height) => renderer,
             _ => SceneRenderer::new(width, height)?,
         };
-        let picture = renderer.draw(&state, &shape, touch.as_ref());
+        let picture = renderer.draw(&state, &shape, touch.as_ref(), soft.as_ref());
         self.renderer = Some(renderer);
         picture
     }
@@ -236,6 +250,14 @@ impl Batch {
     fn felt_by(&mut self, row: usize) -> Result<PerFinger<Deformation>> {
         self.start_threads()?;
         let mut felt = [None, None];
+        let pool = self.pool.as_ref().map(|(_, pool)| pool);
+        if let Some(object) = self.rows[row].soft(&self.setup) {
+            let presses: Vec<_> =
+                self.rows[row].touch_again(&self.setup)?.into_iter().flatten().collect();
+            let answers = answers_of_objects(&vec![Some(object); presses.len()], &presses, pool);
+            felt[0] = answers.into_iter().find_map(Result::ok);
+            return Ok(felt);
+        }
         let Some(mut model) = self.model.clone() else { return Ok(felt) };
         let wanted = Wanted { stress: true, residual: false };
         for (felt, press) in felt.iter_mut().zip(self.rows[row].touch_again(&self.setup)?) {
@@ -306,7 +328,7 @@ impl Batch {
     fn start_threads(&mut self) -> Result<()> {
         let (wanted, process) = (self.threads.min(self.rows.len()), process::id());
         // Models solve on the threads of whichever pool they are called in, the process's by default.
-        let needed = wanted > 1 || self.model.is_some();
+        let needed = wanted > 1 || self.model.is_some() || self.setup.soft(0).is_some();
         if !needed || self.pool.as_ref().is_some_and(|(owner, _)| *owner == process) {
             return Ok(());
         }

@@ -10,14 +10,15 @@ use serde::{Deserialize, Serialize};
 use super::{
     Setup,
     plan::{CHANNEL, CORRECTION, Costs, PEAK, PRESS, REWARD, SCENE},
+    squeeze::{self, Squeeze},
     touch::{PerFinger, PosesInPads, correct, keep, poses_in_pads, presses},
 };
 use crate::{
     Error, Result,
     deformation::{Deformation, Press},
     geometry::Shape,
-    scene::{Object, Scene, SceneState},
-    tactile::{Feeling, Finger},
+    scene::{Object, Pads, Scene, SceneState},
+    tactile::{Feeling, Finger, SoftObject, Squeezed},
     task::{
         ACTION_SIZE, Draw, Ending, Holding, Moment, Progress, Range, RewardTerms, Shaking, command,
     },
@@ -32,6 +33,7 @@ pub(super) struct Episode {
     #[serde(skip)]
     object: Option<Shape>,
     fingers: [Finger; 2],
+    squeeze: Squeeze,
     grip: f64,
     steps: u32,
     progress: Progress,
@@ -96,15 +98,19 @@ impl Episode {
             half_extents: (0.5 * scale * (high - low)).into(),
             rest_height: pose.translation.z,
             stress_limit: config.stress_limit.map(&mut uniform),
+            young: config.softness.as_ref().map(|softness| uniform(softness.young)),
             shaking: config.holding.as_ref().map(|holding| shaking(holding, &mut uniform)),
         };
+        let crushed = config.softness.as_ref().zip(draw.young).map(|(s, young)| s.crush * young);
+        let draw = Draw { stress_limit: draw.stress_limit.or(crushed), ..draw };
         let object = Object { model, scale, mass, friction, pose };
-        let (scene, grip, way) = scene(setup, &object, &Vector3::from(start))?;
+        let (scene, grip, way) = scene(setup, &object, &Vector3::from(start), draw.young)?;
         let state = scene.state();
         let fingers = way[0].map(Finger::new);
         let (object, progress) = (None, Progress::new(&state));
+        let (squeeze, steps, over) = (Squeeze::default(), 0, false);
         let mut episode =
-            Self { scene, draw, object, fingers, grip, steps: 0, progress, over: false };
+            Self { scene, draw, object, fingers, squeeze, grip, steps, progress, over };
         let motion = episode.motion(setup, state, &way);
         Ok((episode, motion))
     }
@@ -113,9 +119,8 @@ impl Episode {
     /// answer leaves the fingers without touch until the first step.
     pub(super) fn open(&mut self, setup: &Setup, motion: Motion, observation: &mut [f32]) {
         let Motion { state, answers, .. } = motion;
-        let felt = keep(&mut self.fingers, answers).unwrap_or_default();
-        correct(&mut self.scene, &state, &felt);
-        setup.layout.write(&self.moment(&state, setup, &felt), observation);
+        let (felt, squeezed) = self.felt(setup, &state, answers).unwrap_or_default();
+        setup.layout.write(&self.moment(&state, setup, &felt, squeezed.as_ref()), observation);
     }
 
     /// Gives an episode that was read from bytes its object back; an error if the settings have no
@@ -134,6 +139,11 @@ impl Episode {
         (self.scene.state(), self.draw)
     }
 
+    /// The model of the object, if it is soft.
+    pub(super) fn soft<'a>(&self, setup: &'a Setup) -> Option<&'a SoftObject> {
+        setup.soft(self.draw.object)
+    }
+
     fn time(&self, setup: &Setup) -> f64 {
         f64::from(self.steps) * setup.config.scene.physics.control_period
     }
@@ -143,17 +153,47 @@ impl Episode {
         state: &'a SceneState,
         setup: &'a Setup,
         felt: &'a PerFinger<Deformation>,
+        squeezed: Option<&'a Squeezed>,
     ) -> Moment<'a> {
         let fingers = felt.each_ref().map(Option::as_ref);
         let feeling = setup.touch().map(|touch| Feeling { skin: touch.skin(), fingers });
-        let (time, peak_stress) = (self.time(setup), 0.0);
-        Moment { state, draw: &self.draw, grip: self.grip, time, feeling, peak_stress }
+        let (time, draw, grip) = (self.time(setup), &self.draw, self.grip);
+        let peak_stress = squeezed.map_or(0.0, |squeezed| squeezed.peak);
+        Moment { state, draw, grip, time, feeling, squeezed, peak_stress }
+    }
+
+    /// What became of the presses, by which the scene's bed is corrected; or the first error.
+    fn felt(
+        &mut self,
+        setup: &Setup,
+        state: &SceneState,
+        mut answers: PerFinger<Result<Deformation>>,
+    ) -> Result<(PerFinger<Deformation>, Option<Squeezed>)> {
+        let Some(object) = setup.soft(self.draw.object) else {
+            let felt = keep(&mut self.fingers, answers)?;
+            correct(&mut self.scene, state, &felt);
+            return Ok((felt, None));
+        };
+        let answer = answers[0].take().transpose()?;
+        let young = self.draw.young.unwrap_or_default();
+        let squeezed = self.squeeze.keep(object, answer.as_ref(), young)?;
+        squeeze::correct(&mut self.scene, squeezed.as_ref());
+        Ok(([None, None], squeezed))
     }
 
     /// What the fingers ask of the world in `state`, after the object has moved along `way`.
     fn motion(&mut self, setup: &Setup, state: SceneState, way: &[PosesInPads]) -> Motion {
         let mut motion = Motion { state, presses: [None, None], answers: [None, None] };
-        if setup.touch().is_some() && motion.state.failure.is_none() {
+        if motion.state.failure.is_some() {
+            return motion;
+        }
+        if let Some(object) = setup.soft(self.draw.object) {
+            match self.squeeze.press(object, &motion.state, self.draw.friction).transpose() {
+                Some(Ok(press)) => motion.presses[0] = Some(press),
+                Some(Err(error)) => motion.answers[0] = Some(Err(error)),
+                None => {}
+            }
+        } else if setup.touch().is_some() {
             let draw = &self.draw;
             let scaled = || setup.felt_shape(draw.object).scaled(draw.scale);
             let object = self.object.get_or_insert_with(scaled);
@@ -170,6 +210,10 @@ impl Episode {
         let state = self.scene.state();
         if state.failure.is_some() {
             return Ok([None, None]);
+        }
+        if let Some(object) = setup.soft(self.draw.object) {
+            let press = self.squeeze.clone().press(object, &state, self.draw.friction)?;
+            return Ok([press, None]);
         }
         let object = setup.felt_shape(self.draw.object).scaled(self.draw.scale);
         let way = [poses_in_pads(&state)];
@@ -208,15 +252,13 @@ impl Episode {
     ) -> Outcome {
         let config = &setup.config;
         let Motion { state, answers, .. } = motion;
-        let felt = match keep(&mut self.fingers, answers) {
+        let felt = match costs.time(CORRECTION, || self.felt(setup, &state, answers)) {
             Ok(felt) => felt,
             Err(error) => return Outcome::press_failed(&error),
         };
-        if setup.touch().is_some() {
-            costs.time(CORRECTION, || correct(&mut self.scene, &state, &felt));
-        }
+        let (felt, squeezed) = felt;
         let mut progress = self.progress;
-        let mut moment = self.moment(&state, setup, &felt);
+        let mut moment = self.moment(&state, setup, &felt, squeezed.as_ref());
         if let (Some(_), Some(feeling)) = (self.draw.stress_limit, &moment.feeling) {
             moment.peak_stress = costs.time(PEAK, || feeling.peak_stress());
         }
@@ -255,8 +297,13 @@ fn scene(
     setup: &Setup,
     object: &Object,
     start: &Vector3<f64>,
+    young: Option<f64>,
 ) -> Result<(Scene, f64, Vec<PosesInPads>)> {
-    let config = &setup.config.scene;
+    let mut config = setup.config.scene.clone();
+    if let (Some(young), Pads::Soft(pads)) = (young, &mut config.pads) {
+        pads.young = young;
+    }
+    let config = &config;
     let Some(holding) = &setup.config.holding else {
         let scene = Scene::new(config, object, start, 0.0)?;
         let way = vec![poses_in_pads(&scene.state())];

@@ -10,6 +10,7 @@ mod episode;
 mod plan;
 mod row;
 mod snapshot;
+mod squeeze;
 mod touch;
 
 pub use batch::{Autoreset, Batch, StepResult};
@@ -17,12 +18,14 @@ pub use episode::Outcome;
 pub use plan::Stage;
 pub use row::Row;
 
+use nalgebra::Vector3;
+
 use crate::{
     Result,
     deformation::Wanted,
     geometry::Shape,
     scene::ObjectModel,
-    tactile::{Channel, Choice, Touch},
+    tactile::{Channel, Choice, SoftObject, Touch},
     task::{Config, Layout},
 };
 
@@ -33,6 +36,8 @@ pub struct Setup {
     layout: Layout,
     models: Vec<ObjectModel>,
     touch: Option<Touch>,
+    /// Models of the objects, where these are soft.
+    soft: Vec<SoftObject>,
     /// Identifies the settings in snapshots.
     fingerprint: [u8; 8],
 }
@@ -42,10 +47,12 @@ impl Setup {
     pub fn new(config: Config) -> Result<Self> {
         let config = config.with_sensor()?;
         config.validate()?;
-        let (models, touch) = (config.models()?, Touch::new(&config.touch())?);
+        let models = config.models()?;
+        let soft = soft_objects(&config, &models)?;
+        let touch = if soft.is_empty() { Touch::new(&config.touch())? } else { None };
         let layout = Layout::new(&config, touch.as_ref().map(|touch| &**touch.skin()))?;
         let fingerprint = snapshot::fingerprint(&config);
-        Ok(Self { config, layout, models, touch, fingerprint })
+        Ok(Self { config, layout, models, touch, soft, fingerprint })
     }
 
     /// The settings.
@@ -82,8 +89,23 @@ impl Setup {
         })
     }
 
+    /// The model of object `index`, if the objects are soft.
+    pub fn soft(&self, index: usize) -> Option<&SoftObject> {
+        self.soft.get(index)
+    }
+
     /// What the fingers feel with, unless they are rigid.
     pub fn touch(&self) -> Option<&Touch> {
         self.touch.as_ref()
     }
+}
+
+/// Models of the configured objects, or none if they are rigid.
+fn soft_objects(config: &Config, models: &[ObjectModel]) -> Result<Vec<SoftObject>> {
+    let Some(softness) = &config.softness else { return Ok(Vec::new()) };
+    let gripper = &config.scene.gripper;
+    let extents = Vector3::new(gripper.pad_width, gripper.pad_length, gripper.pad_thickness);
+    let object =
+        |model: &ObjectModel| SoftObject::new(model.shape(), 0.5 * extents, softness.poisson);
+    models.iter().map(object).collect()
 }

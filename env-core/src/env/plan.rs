@@ -84,6 +84,11 @@ impl Costs {
             plan.push(stage(MODEL, format!("model {}", touch.model().name())));
             plan.push(stage(CORRECTION, "correction".into()));
         }
+        if setup.soft(0).is_some() {
+            plan.push(stage(PRESS, "press".into()));
+            plan.push(stage(MODEL, "model soft".into()));
+            plan.push(stage(CORRECTION, "correction".into()));
+        }
         if setup.config().stress_limit.is_some() {
             plan.push(stage(PEAK, "peak stress".into()));
         }

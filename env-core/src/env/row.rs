@@ -16,6 +16,7 @@ use crate::{
     Result,
     deformation::{Deformation, Press},
     scene::SceneState,
+    tactile::SoftObject,
     task::{ACTION_SIZE, Draw, Ending},
 };
 
@@ -91,6 +92,11 @@ impl Row {
     /// The presses that tell once more what the fingers feel now; none before the first reset.
     pub(super) fn touch_again(&self, setup: &Setup) -> Result<PerFinger<Press>> {
         self.episode.as_ref().map_or(Ok([None, None]), |episode| episode.touch_again(setup))
+    }
+
+    /// The model of this episode's object, if it is soft.
+    pub(super) fn soft<'a>(&self, setup: &'a Setup) -> Option<&'a SoftObject> {
+        self.episode.as_ref().and_then(|episode| episode.soft(setup))
     }
 
     /// Gives a finger its answer.

@@ -1,6 +1,8 @@
-//! A body bonded to its base, linearised at rest, for those who need no more than that.
+//! A body linearised at rest, for those who need no more than that.
 //!
-//! The stiffness is that of `p1-bar`; at rest it is the same for all laws. Fixed nodes do not move.
+//! The stiffness is that of `p1-bar`; at rest it is the same for all laws. Fixed nodes do not move. A
+//! free body has no inverse of it: each of its nodes is tied to where it rests by a spring so weak that
+//! contact alone decides where the body lies.
 
 use faer::dyn_stack::MemBuffer;
 use nalgebra::{Point3, Vector3};
@@ -15,6 +17,9 @@ use crate::{Error, Result, contact::SurfacePoint, deformation::SoftBody, geometr
 
 /// Element whose stiffness is taken.
 const ELEMENT: Element = Element::P1Bar;
+/// Stiffness of all springs that tie a free body, over Young's modulus times the cube root of its
+/// volume: moved by a hundredth of its size, it is held by 1e-6 of E L².
+const TIE: f64 = 1e-4;
 
 /// A body with the factor of its stiffness at rest.
 pub(crate) struct Linearised {
@@ -24,6 +29,8 @@ pub(crate) struct Linearised {
     factor: Factor,
     /// The least spacing to which contact points can be laid (m).
     least_spacing: f64,
+    /// Stiffness of the spring at each node of a free body (N/m), else 0.
+    tie: f64,
 }
 
 /// Working memory of one thread.
@@ -35,6 +42,29 @@ pub(crate) struct Workspace {
 impl Linearised {
     /// Linearises `body`; an error if its fixed nodes leave it free to move as a whole.
     pub(crate) fn new(body: &SoftBody) -> Result<Self> {
+        if held(body)
+            && let Some(linearised) = Self::tied(body, 0.0)
+        {
+            return Ok(linearised);
+        }
+        let found = format!("{} nodes", body.fixed().len());
+        let expected = "three or more that are not on a line, so that the body is held";
+        Err(Error::invalid("fixed", found, expected))
+    }
+
+    /// Linearises a `body` without fixed nodes, tied by weak springs; an error if it has some.
+    pub(crate) fn free(body: &SoftBody) -> Result<Self> {
+        let mesh = body.mesh();
+        let volume = mesh.volume();
+        let tie = TIE * body.stiffest() * volume.cbrt() / mesh.vertices.len() as f64;
+        let free = body.fixed().is_empty().then(|| Self::tied(body, tie)).flatten();
+        free.ok_or_else(|| {
+            Error::invalid("fixed", format!("{} nodes", body.fixed().len()), "none: a free body")
+        })
+    }
+
+    /// Linearises `body` with a spring of `tie` (N/m) at each node, if that holds it.
+    fn tied(body: &SoftBody, tie: f64) -> Option<Self> {
         let nodes = Nodes::new(body, ELEMENT);
         let mut solid = solid(body, &nodes, ELEMENT);
         let pattern = Pattern::new(&nodes.places, &nodes.fixed, &solid.couplings());
@@ -44,13 +74,12 @@ impl Linearised {
         let mut matrix = pattern.matrix();
         solid.evaluate(&rest, &mut strain, &mut forces).expect("no element is inverted at rest");
         solid.assemble(&strain, &pattern, &mut matrix, false);
-        if !held(body) || !matrix.factorise(&pattern) {
-            let found = format!("{} nodes", body.fixed().len());
-            let expected = "three or more that are not on a line, so that the body is held";
-            return Err(Error::invalid("fixed", found, expected));
+        matrix.shift(&pattern, tie);
+        if !matrix.factorise(&pattern) {
+            return None;
         }
         let (factor, least_spacing) = (matrix.into_factor(), least_spacing(body));
-        Ok(Self { nodes, solid, pattern, factor, least_spacing })
+        Some(Self { nodes, solid, pattern, factor, least_spacing, tie })
     }
 
     pub(crate) fn workspace(&self) -> Workspace {
@@ -132,6 +161,7 @@ impl Linearised {
     ) -> Option<Vec<Vector3<f64>>> {
         let mut forces = vec![Vector3::zeros(); displacement.len()];
         self.solid.evaluate(displacement, &mut workspace.strain, &mut forces)?;
+        forces.iter_mut().zip(displacement).for_each(|(force, u)| *force += self.tie * u);
         Some(forces)
     }
 

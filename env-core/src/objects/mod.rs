@@ -19,7 +19,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::{
-    Result,
+    Error, Result,
     geometry::{MassProperties, Shape, Surface, TetMesh},
 };
 
@@ -61,6 +61,28 @@ impl Object {
     /// Tetrahedra with edges of about `spacing` (m); errors as for [`TetMesh::of_shape`].
     pub fn tets(&self, spacing: f64) -> Result<TetMesh> {
         TetMesh::of_shape(&self.shape, spacing)
+    }
+
+    /// The finest tetrahedra of at most `nodes` nodes, or about so; errors as for
+    /// [`TetMesh::of_shape`].
+    pub fn tets_within(&self, nodes: usize) -> Result<TetMesh> {
+        tets_within(&self.shape, nodes)
+    }
+}
+
+/// As [`Object::tets_within`], of any solid.
+pub fn tets_within(shape: &Shape, nodes: usize) -> Result<TetMesh> {
+    // A body-centred lattice has two points in a cube of the spacing.
+    let surface = shape.surface(SEGMENTS);
+    let surface = surface.ok_or_else(|| Error::invalid("shape", "a half-space", "a solid"))?;
+    let volume = surface.mass_properties(1.0).mass;
+    let mut spacing = (2.0 * volume / nodes as f64).cbrt();
+    loop {
+        let mesh = TetMesh::of_shape(shape, spacing)?;
+        if mesh.vertices.len() <= nodes {
+            return Ok(mesh);
+        }
+        spacing *= (mesh.vertices.len() as f64 / nodes as f64).cbrt().max(1.005);
     }
 }
 

@@ -25,4 +25,4 @@ pub use mesh::RenderMesh;
 pub use renderer::{Item, Renderer};
 pub use scene::SceneRenderer;
 pub use shade::{Color, Finish};
-pub use touch::TouchView;
+pub use touch::{SoftView, TouchView};

@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 
 use super::{
-    Camera, Color, Finish, GripperParts, Item, RenderMesh, Renderer, TouchView, table,
+    Camera, Color, Finish, GripperParts, Item, RenderMesh, Renderer, SoftView, TouchView, table,
     touch::{Inset, TouchedPad},
 };
 use crate::{Error, Result, geometry::Shape, scene::SceneState};
@@ -43,12 +43,14 @@ impl SceneRenderer {
 
     /// The picture (height, width, 3), sRGB, of a scene with an object of `shape`. With a view of
     /// `touch`, pads have their true form and are coloured by stress, and where one touches, an inset
-    /// shows it from the object's side.
+    /// shows it from the object's side. With a view of a `soft` object, that has its true form and is
+    /// coloured by stress.
     pub fn draw(
         &mut self,
         state: &SceneState,
         shape: &Shape,
         touch: Option<&TouchView>,
+        soft: Option<&SoftView>,
     ) -> Result<Vec<u8>> {
         if self.object.as_ref().is_none_or(|(known, _)| known != shape) {
             let surface = shape.surface(SEGMENTS).ok_or_else(|| {
@@ -58,7 +60,10 @@ impl SceneRenderer {
         }
         let table = Item::new(&self.table, Isometry3::identity(), Color::srgb(214, 211, 205));
         let mut items = vec![table.with_finish(Finish::Ground { spacing: 0.025 })];
-        if let Some((_, mesh)) = &self.object {
+        let soft = soft.map(TouchedPad::object).transpose()?;
+        if let Some(soft) = &soft {
+            items.push(soft.item(state.object.pose));
+        } else if let Some((_, mesh)) = &self.object {
             let object = Item::new(mesh, state.object.pose, Color::srgb(72, 145, 202));
             items.push(object.with_finish(Finish::Glossy));
         }

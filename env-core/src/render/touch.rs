@@ -16,6 +16,17 @@ pub struct TouchView<'a> {
     pub darkest: f64,
 }
 
+/// What the picture shows of a soft object.
+#[derive(Clone, Copy, Debug)]
+pub struct SoftView<'a> {
+    /// Its outside.
+    pub shell: &'a Shell,
+    /// What became of it; none without contact.
+    pub felt: Option<&'a Deformation>,
+    /// Von Mises stress of the darkest colour (Pa).
+    pub darkest: f64,
+}
+
 /// Colours from no stress to the most, sRGB, evenly spaced: light to dark, as in the reports.
 const COLORS: [[u8; 3]; 6] = [
     [252, 243, 205],
@@ -39,7 +50,7 @@ fn color(share: f64) -> Color {
     Color::srgb(mixed(0), mixed(1), mixed(2))
 }
 
-/// A pad as it is in the moment of the picture, in its own frame.
+/// A pad, or a soft object, as it is in the moment of the picture, in its own frame.
 pub(super) struct TouchedPad {
     mesh: RenderMesh,
     colors: Vec<Color>,
@@ -61,6 +72,18 @@ impl TouchedPad {
             })
         };
         Ok([pad(view.fingers[0])?, pad(view.fingers[1])?])
+    }
+
+    /// The object of `view`.
+    pub(super) fn object(view: &SoftView) -> Result<Self> {
+        let SoftView { shell, felt, darkest } = *view;
+        let rest = Surface::new("object", &shell.places(None), shell.triangles())?;
+        let stress = shell.stress(felt);
+        Ok(Self {
+            mesh: RenderMesh::new(&rest).moved(&shell.places(felt))?,
+            colors: stress.iter().map(|stress| color(stress / darkest)).collect(),
+            peak: stress.iter().copied().fold(0.0, f64::max),
+        })
     }
 
     /// The pad with its frame at `pose`.

@@ -1,11 +1,14 @@
 //! What a scene is made of, in SI, with the reason for every default.
 
+use std::f64::consts::TAU;
+
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::ObjectModel;
 use crate::{
     Error, Result,
+    deformation::Moduli,
     geometry::PadOutline,
     sensor::{Bristles, Calibration, Sensor},
 };
@@ -52,6 +55,28 @@ impl SoftPads {
     pub fn new(sensor: &Sensor, calibration: &Calibration) -> Self {
         let Calibration { young, bristles, .. } = *calibration;
         Self { outline: sensor.outline, young, bristles }
+    }
+
+    /// Rigid flat pads of a gripper on a soft object of the given moduli: the bed presses as that ball
+    /// of `radius` (m) does on a flat side by Hertz and Mindlin (Johnson 1985, ch. 4 and 7). The ball's
+    /// tangential stiffness 8 G* a is put on the area π 2Rδ in which it overlaps the undeformed face.
+    pub fn on_elastic(gripper: &Gripper, moduli: Moduli, radius: f64) -> Self {
+        let outline = PadOutline {
+            length: gripper.pad_length,
+            width: gripper.pad_width,
+            thickness: gripper.pad_thickness,
+            radius_along: f64::INFINITY,
+            radius_across: f64::INFINITY,
+            rim_width: 0.0,
+            rim_radius: 0.0,
+        };
+        let (young, poisson) = (moduli.young, moduli.poisson);
+        let coupling = 5.0 / 6.0;
+        // Hertz's energy 8/15 E* √R δ^(5/2) over the bed's E h³ (2πRδ³/3h⁴)^(5/6), which R alone enters.
+        let normal = 8.0 / 15.0 / (1.0 - poisson * poisson) / (TAU / 3.0).powf(coupling)
+            * (outline.thickness / radius).cbrt();
+        let shear = 8.0 * moduli.shear() / (2.0 - poisson) / young / TAU.sqrt();
+        Self { outline, young, bristles: Bristles { normal, coupling, shear, spread: 0.5 } }
     }
 }
 

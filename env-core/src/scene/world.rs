@@ -190,6 +190,16 @@ impl Scene {
         }
     }
 
+    /// As [`Scene::correct`], of the normal force alone, which the model wants to be `force` (N): for a
+    /// model that knows no weight, so that friction stays the bed's.
+    pub fn correct_pressing(&mut self, finger: usize, force: f64) {
+        let pad = self.hand.fingers[finger].pad_pose(&self.world);
+        let pose = pad.inv_mul(&units::si_pose(self.world.bodies[self.object].position()));
+        if let Some(bed) = &mut self.bed {
+            bed.correct_pressing(finger, &pose, force);
+        }
+    }
+
     /// Gives a scene that was read from bytes its object back, which bytes do not hold. Without it a
     /// scene with soft pads fails when stepped.
     pub fn attach(&mut self, model: &ObjectModel) {

@@ -21,6 +21,7 @@ pub mod paper;
 mod parameters;
 mod run;
 mod samples;
+pub mod soft;
 #[cfg(test)]
 mod tests;
 mod train;

@@ -231,7 +231,12 @@ fn counts(samples: &[Sample]) -> [usize; 2] {
 /// SHA-256 of what a dataset is made of and of the grasps of a split.
 pub(super) fn fingerprint(dataset: &Dataset, split: &Split) -> String {
     let text = serde_json::to_string(&(dataset.config(), split)).expect("plain data");
-    Sha256::digest(text).iter().fold(String::new(), |mut text, byte| {
+    hex(&Sha256::digest(text))
+}
+
+/// Bytes as two digits each.
+pub(super) fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut text, byte| {
         let _ = write!(text, "{byte:02x}");
         text
     })

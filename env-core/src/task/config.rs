@@ -2,9 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Holding, Layout, ObjectSpec, Task, Weights};
+use super::{Holding, Layout, ObjectSpec, Softness, Task, Weights};
 use crate::{
     Error, Result,
+    deformation::Moduli,
     scene::{Gripper, Object, ObjectModel, SceneConfig, SoftPads, Workspace},
     tactile::{self, Choice, Material, Resolution},
 };
@@ -44,6 +45,8 @@ pub struct Config {
     pub stress_limit: Option<Range>,
     /// Start and disturbance of a held object: of HoldStill, and of no other task.
     pub holding: Option<Holding>,
+    /// Material of soft objects: of GraspSoft, and of no other task.
+    pub softness: Option<Softness>,
     /// Control steps after which an episode is truncated.
     pub max_episode_steps: u32,
     /// Which model answers what the fingers feel.
@@ -81,6 +84,7 @@ impl Default for Config {
             hold_time: 0.5,
             stress_limit: None,
             holding: None,
+            softness: None,
             max_episode_steps: 100,
             tactile: touch.choice,
             sensor: touch.sensor,
@@ -111,6 +115,8 @@ impl Config {
             Task::GraspLift | Task::GraspFragile => {
                 &["sphere", "cuboid", "cylinder", "prism", "ellipsoid"][..]
             }
+            // Nothing that a rigid face meets with a face or an edge first.
+            Task::GraspSoft => &["sphere", "ellipsoid", "potato", "lemon"],
             // Nothing that turns between two points either, which rigid pads cannot prevent.
             Task::HoldStill => &["sphere", "cuboid", "cylinder", "prism"],
         };
@@ -121,6 +127,15 @@ impl Config {
                 config.scene.gripper.centering_stiffness = LIGHT_CENTERING;
                 config.mass = [0.02, 0.1];
                 config.stress_limit = Some([6e4, 1.2e5]);
+            }
+            Task::GraspSoft => {
+                config.scene.gripper.pad_thickness = DEEP;
+                config.scene.gripper.centering_stiffness = LIGHT_CENTERING;
+                config.mass = [0.02, 0.06];
+                config.friction = [0.6, 1.0];
+                config.size = [1.0, 1.0];
+                config.softness = Some(Softness::default());
+                config.tactile = Choice::Surrogate;
             }
             Task::HoldStill => config.holding = Some(Holding::default()),
         }
@@ -146,6 +161,7 @@ impl Config {
     pub fn with_sensor(mut self) -> Result<Self> {
         let (touch, usual) = (self.touch(), Gripper::default());
         let sensor = touch.sensor()?;
+        let feels = self.tactile != Choice::None && self.softness.is_none();
         let gripper = &mut self.scene.gripper;
         for (name, size, usual, of_sensor) in [
             ("pad_width", &mut gripper.pad_width, usual.pad_width, sensor.outline.width),
@@ -159,7 +175,7 @@ impl Config {
         ] {
             if *size == usual {
                 *size = of_sensor;
-            } else if *size != of_sensor && self.tactile != Choice::None {
+            } else if *size != of_sensor && feels {
                 let expected = format!("{of_sensor} m, as the sensor {} has it", self.sensor);
                 return Err(Error::invalid(format!("gripper.{name}"), *size, expected));
             }
@@ -168,7 +184,12 @@ impl Config {
         if *lowest == Workspace::default().low[2] {
             *lowest = lowest.max(0.5 * sensor.outline.length + CLEARANCE);
         }
-        if self.tactile != Choice::None {
+        if let Some(softness) = &self.softness {
+            let [low, high] = softness.young;
+            let moduli = Moduli { young: 0.5 * (low + high), poisson: softness.poisson };
+            let pads = SoftPads::on_elastic(&self.scene.gripper, moduli, MIDDLING);
+            self.scene = self.scene.with_pads(pads);
+        } else if self.tactile != Choice::None {
             let (_, moduli) = touch.material(&sensor)?;
             let pads = SoftPads::new(&sensor, touch.calibration(&sensor)?);
             self.scene = self.scene.with_pads(SoftPads { young: moduli.young, ..pads });
@@ -216,6 +237,20 @@ impl Config {
             return Err(Error::invalid("tactile", "none", expected));
         }
         belongs("stress_limit", self.stress_limit.as_ref(), task, Task::GraspFragile)?;
+        belongs("softness", self.softness.as_ref(), task, Task::GraspSoft)?;
+        if let Some(softness) = &self.softness {
+            if tactile != Choice::Surrogate {
+                let expected = "surrogate: it answers for the soft object";
+                return Err(Error::invalid("tactile", serde_json::json!(tactile), expected));
+            }
+            if self.size != [1.0, 1.0] {
+                let found = format!("{:?}", self.size);
+                return Err(Error::invalid("size", found, "1: soft objects have one size"));
+            }
+            ordered("young", softness.young, 1e3, 1e8)?;
+            ordered("poisson", [softness.poisson; 2], 0.0, 0.499)?;
+            ordered("crush", [softness.crush; 2], 0.01, 1.0)?;
+        }
         belongs("holding", self.holding.as_ref(), task, Task::HoldStill)?;
         if let Some(limit) = self.stress_limit {
             ordered("stress_limit", limit, 1.0, 1e9)?;
@@ -248,7 +283,9 @@ impl Config {
         let (low, high) = model.surface().bounds();
         let narrow = match self.task {
             Task::HoldStill => model.width_in_hand(self.size[1]),
-            Task::GraspLift | Task::GraspFragile => (high - low).min() * self.size[1],
+            Task::GraspLift | Task::GraspFragile | Task::GraspSoft => {
+                (high - low).min() * self.size[1]
+            }
         };
         let opening = self.scene.gripper.max_opening;
         if narrow < opening {
@@ -259,6 +296,11 @@ impl Config {
     }
 }
 
+/// Thickness of fingers that a soft object gives way to (m): three quarters of it is how deep they may
+/// stand in the undeformed object.
+const DEEP: f64 = 0.012;
+/// Radius of a middling soft object (m).
+const MIDDLING: f64 = 0.018;
 /// Room that is left under the pads where the workspace is not set (m).
 const CLEARANCE: f64 = 1e-3;
 

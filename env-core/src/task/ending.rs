@@ -15,7 +15,7 @@ pub enum Ending {
     EngineError,
     /// No model's answer to what presses a finger.
     PressFailed,
-    /// The stress in a pad exceeded the episode's limit.
+    /// The stress in a pad, or in a soft object, exceeded the episode's limit.
     StressExceeded,
     /// The held object slipped out of the hand.
     Dropped,

@@ -56,7 +56,7 @@ mod tests {
 
     #[test]
     fn what_is_not_given_is_as_usual_for_the_task() {
-        for task in [Task::GraspLift, Task::GraspFragile, Task::HoldStill] {
+        for task in [Task::GraspLift, Task::GraspFragile, Task::GraspSoft, Task::HoldStill] {
             let name = serde_json::to_string(&task).unwrap();
             let config = Config::from_json(&format!(r#"{{"task": {name}}}"#)).unwrap();
             assert_eq!(config, Config::of(task));

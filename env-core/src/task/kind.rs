@@ -13,6 +13,8 @@ pub enum Task {
     GraspLift,
     /// The same, under a limit on the stress in the pads.
     GraspFragile,
+    /// Lift a soft object with rigid fingers, deforming it little.
+    GraspSoft,
     /// Keep a gripped object in place under load and shaking, with little force.
     HoldStill,
 }
@@ -23,6 +25,7 @@ impl Task {
         match self {
             Self::GraspLift => "GraspLift",
             Self::GraspFragile => "GraspFragile",
+            Self::GraspSoft => "GraspSoft",
             Self::HoldStill => "HoldStill",
         }
     }
@@ -37,7 +40,7 @@ impl Task {
                 (Term::Hold, 0.25),
                 (Term::Effort, 0.05),
             ],
-            Self::GraspFragile => &[
+            Self::GraspFragile | Self::GraspSoft => &[
                 (Term::Reach, 0.2),
                 (Term::Touch, 0.1),
                 (Term::Lift, 0.3),
@@ -52,6 +55,7 @@ impl Task {
     pub fn channels(self) -> &'static [&'static str] {
         match self {
             Self::GraspFragile => &["limit"],
+            Self::GraspSoft => &["squeeze", "deformation"],
             Self::GraspLift | Self::HoldStill => &[],
         }
     }
@@ -62,6 +66,7 @@ impl Task {
             (Self::GraspLift, false) => &["proprio", "object"],
             (Self::GraspLift, true) => &["proprio", "object", "markers"],
             (Self::GraspFragile, _) => &["proprio", "object", "limit", "stress"],
+            (Self::GraspSoft, _) => &["proprio", "object", "wrench", "squeeze"],
             (Self::HoldStill, false) => &["proprio", "wrench"],
             (Self::HoldStill, true) => &["proprio", "wrench", "markers"],
         }

@@ -10,6 +10,7 @@ mod objects;
 mod observation;
 mod progress;
 mod reward;
+mod softness;
 
 pub use action::{ACTION_SIZE, command};
 pub use config::{Config, Range};
@@ -20,8 +21,12 @@ pub use objects::ObjectSpec;
 pub use observation::{CHANNELS, Component, Layout, TACTILE_CHANNELS};
 pub use progress::Progress;
 pub use reward::{RewardTerms, Term, Weights};
+pub use softness::Softness;
 
-use crate::{scene::SceneState, tactile::Feeling};
+use crate::{
+    scene::SceneState,
+    tactile::{Feeling, Squeezed},
+};
 
 /// What an episode drew at its reset.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -38,8 +43,10 @@ pub struct Draw {
     pub half_extents: [f64; 3],
     /// Height of the object's frame when it rests on the table (m).
     pub rest_height: f64,
-    /// Stress in the pads that ends the episode (Pa), where there is such a limit.
+    /// Stress in the pads, or in a soft object, that ends the episode (Pa), where there is such a limit.
     pub stress_limit: Option<f64>,
+    /// Young's modulus of a soft object (Pa).
+    pub young: Option<f64>,
     /// What shakes the object, where something does.
     pub shaking: Option<Shaking>,
 }
@@ -57,7 +64,10 @@ pub struct Moment<'a> {
     pub time: f64,
     /// What the fingers feel, if they do.
     pub feeling: Option<Feeling<'a>>,
-    /// Highest von Mises stress in the pads (Pa), where the task asks for it; 0 without contact.
+    /// What a soft object feels, if it is squeezed.
+    pub squeezed: Option<&'a Squeezed>,
+    /// Highest von Mises stress in the pads, or in a soft object (Pa), where the task asks for it; 0
+    /// without contact.
     pub peak_stress: f64,
 }
 

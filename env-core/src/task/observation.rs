@@ -7,7 +7,7 @@ use super::{Config, Moment};
 use crate::{
     Error, Result,
     scene::Wrench,
-    tactile::{Channel, Choice, Skin, Spec},
+    tactile::{Channel, Choice, MARKERS, Skin, Spec},
 };
 
 /// Names of the channels that every environment has, in the order of the table.
@@ -61,7 +61,8 @@ impl Layout {
 
     /// Names of the configured channels; an unknown, repeated or missing one is an error.
     pub(super) fn check(config: &Config) -> Result<Vec<&'static str>> {
-        let tactile = if config.tactile == Choice::None { &[][..] } else { &TACTILE_CHANNELS };
+        let feels = config.tactile != Choice::None && config.softness.is_none();
+        let tactile = if feels { &TACTILE_CHANNELS } else { &[][..] };
         let known = [&CHANNELS, config.task.channels(), tactile].concat();
         let invalid = |found: &str| {
             let hint =
@@ -119,6 +120,8 @@ impl Layout {
             ("object", _) => object(moment, &mut writer),
             ("wrench", _) => moment.state.fingers.iter().for_each(|f| writer.wrench(&f.wrench)),
             ("properties", _) => properties(moment, &mut writer),
+            ("squeeze", _) => squeeze(moment, &mut writer),
+            ("deformation", _) => deformation(moment, &mut writer),
             ("limit", _) => writer.push(moment.draw.stress_limit.unwrap_or_default()),
             _ => writer.push(moment.time),
         }
@@ -200,6 +203,18 @@ fn components(channel: &str, config: &Config) -> Vec<Component> {
             between("friction coefficient", 1, 0.0, 10.01, ""),
             between("half of the bounding box's edges", 3, 0.0, 10.0, "m"),
         ],
+        "squeeze" => vec![
+            between("root mean square deformation of the object", 1, 0.0, 0.1, "m"),
+            between("highest and mean von Mises stress in the object", 2, 0.0, 1e9, "Pa"),
+        ],
+        "deformation" => {
+            vec![both(
+                "how the object's markers are displaced, in the wrist's frame",
+                3 * MARKERS,
+                0.1,
+                "m",
+            )]
+        }
         "limit" => {
             let [low, high] = config.stress_limit.unwrap_or_default();
             vec![between("stress in the pads that ends the episode", 1, low, high, "Pa")]
@@ -238,6 +253,19 @@ fn object(moment: &Moment, writer: &mut Writer) {
     writer.vector(&wrist.inverse_transform_vector(&state.object.velocity));
     writer.vector(&wrist.inverse_transform_vector(&state.object.angular_velocity));
     writer.push(moment.rise());
+}
+
+fn squeeze(moment: &Moment, writer: &mut Writer) {
+    let numbers = moment.squeezed.map(|s| [s.deviation, s.peak, s.mean]);
+    numbers.unwrap_or_default().into_iter().for_each(|x| writer.push(x));
+}
+
+fn deformation(moment: &Moment, writer: &mut Writer) {
+    let turn = moment.state.object_in_wrist().rotation.to_rotation_matrix().into_inner();
+    let seen = moment.squeezed.map_or_else(Vec::new, |squeezed| squeezed.seen(&turn));
+    for i in 0..MARKERS {
+        writer.vector(&seen.get(i).copied().unwrap_or_default());
+    }
 }
 
 fn properties(moment: &Moment, writer: &mut Writer) {

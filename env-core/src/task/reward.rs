@@ -23,7 +23,7 @@ pub enum Term {
     Hold,
     /// 1 without grip force, 0 at the largest.
     Effort,
-    /// 1 without stress in the pads, 0 at the episode's limit.
+    /// 1 without stress in the pads, or in a soft object, 0 at the episode's limit.
     Gentle,
     /// 1 where the object was in the hand at the start, 0 at the largest slip that counts as still.
     Still,

@@ -33,6 +33,7 @@ from ruffini._core import (
     Shape,
     SimulationError,
     SoftBody,
+    SoftSurrogate,
     Surrogate,
     TetMesh,
     Transfer,
@@ -61,6 +62,7 @@ __all__ = [
     "Shape",
     "SimulationError",
     "SoftBody",
+    "SoftSurrogate",
     "Surrogate",
     "TetMesh",
     "Transfer",
@@ -69,7 +71,7 @@ __all__ = [
     "sensor",
 ]
 
-for _task in ("GraspLift", "GraspFragile", "HoldStill"):
+for _task in ("GraspLift", "GraspFragile", "GraspSoft", "HoldStill"):
     register(
         id=f"ruffini/{_task}-v0",
         entry_point=f"ruffini.envs:{_task}Env",

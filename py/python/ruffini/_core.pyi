@@ -27,6 +27,7 @@ __all__ = [
     "Shape",
     "SimulationError",
     "SoftBody",
+    "SoftSurrogate",
     "Surrogate",
     "TetMesh",
     "Transfer",
@@ -248,6 +249,24 @@ class Surrogate:
         poisson: float | None = None,
         friction: float | None = None,
     ) -> Surrogate: ...
+    @property
+    def body(self) -> SoftBody: ...
+    @property
+    def card(self) -> str: ...
+    def solve(self, presses: Press | Sequence[Press]) -> list[Deformation | PressError]: ...
+    def solve_path(self, press: Press) -> list[Deformation | PressError]: ...
+    def knows(self, answer: Deformation) -> bool: ...
+
+@final
+class SoftSurrogate:
+    def __new__(
+        cls,
+        shape: Shape,
+        young: float = 1e5,
+        poisson: float = 0.45,
+        friction: float = 0.8,
+        weights: str = "soft",
+    ) -> SoftSurrogate: ...
     @property
     def body(self) -> SoftBody: ...
     @property

@@ -20,6 +20,8 @@ _HOLDING = {
     "slip_limit": "slip_limit",
 }
 """Settings of a held object, with their names in Rust."""
+_SOFTNESS = {"young": "young", "poisson": "poisson", "crush": "crush"}
+"""Settings of soft objects, with their names in Rust."""
 _RANGES = (
     "mass",
     "friction",
@@ -32,6 +34,7 @@ _RANGES = (
     "load",
     "shaking",
     "shaking_frequency",
+    "young",
 )
 _SCENE = ("gripper", "workspace", "physics")
 
@@ -55,6 +58,9 @@ class Settings(TypedDict, total=False):
     shaking: Range
     shaking_frequency: Range
     slip_limit: float
+    young: Range
+    poisson: float
+    crush: float
     max_episode_steps: int
     tactile: Literal["surrogate", "surrogate-fine", "compliance", "fem", "none"]
     sensor: str
@@ -87,6 +93,8 @@ def to_json(settings: Mapping[str, Any], task: str) -> str:
             document.setdefault("scene", {})[name] = value
         elif name in _HOLDING:
             document.setdefault("holding", {})[_HOLDING[name]] = value
+        elif name in _SOFTNESS:
+            document.setdefault("softness", {})[_SOFTNESS[name]] = value
         elif name == "reward_weights":
             document["reward"] = value
         elif name in ("objects", "observation") and isinstance(value, str):

@@ -12,6 +12,8 @@ __all__ = [
     "GraspFragileVectorEnv",
     "GraspLiftEnv",
     "GraspLiftVectorEnv",
+    "GraspSoftEnv",
+    "GraspSoftVectorEnv",
     "HoldStillEnv",
     "HoldStillVectorEnv",
     "NativeEnv",
@@ -181,6 +183,80 @@ class GraspFragileVectorEnv(NativeVectorEnv):
     """
 
     TASK = "grasp-fragile"
+
+
+class GraspSoftEnv(NativeEnv):
+    """Lift a soft object of unknown stiffness with two rigid fingers, deforming it little.
+
+    World, action and settings are those of :class:`GraspLiftEnv`, with these differences. The
+    fingers are rigid and flat; the object gives way. Once both fingers touch it, a graph network
+    (:class:`ruffini.SoftSurrogate`) answers with the object's deformation and stress after every
+    step, and the force with which the object resists is corrected towards that answer. The network
+    knows no weight and no table: what friction bears is left to the bed of bristles between fingers
+    and object.
+
+    ## Action
+    The largest grip force is 10 N.
+
+    ## Observation
+    By default ``proprio``, ``object``, ``wrench`` and ``squeeze``. The stiffness is not told: it
+    shows in how force and opening go together, and in ``squeeze``. Two channels are only here;
+    without contact of both fingers they are exactly 0:
+
+    | channel | size | content |
+    | --- | --- | --- |
+    | ``squeeze`` | 3 | root mean square deformation (m), highest and mean von Mises stress (Pa) |
+    | ``deformation`` | 16 x 3 | displacement of markers on the object in the wrist's frame (m) |
+
+    Both are without the rigid motion nearest to the object's. The tactile channels of soft pads are
+    not here.
+
+    ## Reward
+    Weighted mean of five terms in [0, 1], each in ``info["reward_terms"]``:
+
+    | term | weight | 1 where |
+    | --- | --- | --- |
+    | ``reach`` | 0.2 | the tool centre is at the object's middle; 1/4 at 10 cm |
+    | ``touch`` | 0.1 | both fingers touch the object |
+    | ``lift`` | 0.3 | the grasped object has risen by ``lift_height`` |
+    | ``hold`` | 0.25 | it has been up for ``hold_time`` |
+    | ``gentle`` | 0.15 | there is no stress; 0 where it crushes the object, linear between |
+
+    ## Start
+    Young's modulus is drawn from ``young``; objects weigh 20 to 60 g and have one size.
+
+    ## End
+    Also terminated, with ``info["ending"]`` ``stress_exceeded``, after the first step that ends
+    with more stress somewhere in the object than ``crush`` times Young's modulus: it is crushed.
+    A squeeze without an answer ends the episode as ``press_failed``.
+
+    ## Picture
+    The object has its deformed shape and is coloured by von Mises stress, from 0 to where it is
+    crushed.
+
+    Args:
+        render_mode: ``None`` or ``"rgb_array"``.
+        obs: ``"dict"`` or ``"flat"``.
+        width: Width of a picture in pixels.
+        height: Height of a picture in pixels.
+        **settings: As for :class:`GraspLiftEnv`, and ``young`` (Pa), a range or a number,
+            ``poisson``, and ``crush`` (stress over Young's modulus). ``tactile`` is ``"surrogate"``
+            and ``size`` 1; anything else is an error.
+
+    Raises:
+        ValueError: If a setting is unknown, of the wrong type or out of range.
+    """
+
+    TASK = "grasp-soft"
+
+
+class GraspSoftVectorEnv(NativeVectorEnv):
+    """Many :class:`GraspSoftEnv` stepped together by one native call.
+
+    Row i of a batch seeded with s equals the single environment seeded with s + i, bit for bit.
+    """
+
+    TASK = "grasp-soft"
 
 
 class HoldStillEnv(NativeEnv):

@@ -13,6 +13,7 @@ mod paper;
 mod pool;
 mod press;
 mod shape;
+mod soft;
 mod surrogate;
 mod transfer;
 
@@ -25,5 +26,6 @@ pub(crate) use model::{Compliance, Fem};
 pub(crate) use paper::{PaperAnswer, PaperNetwork};
 pub(crate) use press::Press;
 pub(crate) use shape::Shape;
+pub(crate) use soft::SoftSurrogate;
 pub(crate) use surrogate::Surrogate;
 pub(crate) use transfer::Transfer;

@@ -45,13 +45,9 @@ impl Correction {
     /// Takes up the difference between the `model`'s wrench and that of the bed, which `bed` gives at
     /// any gain. Without a touch of both there is no correction.
     pub(super) fn toward(&mut self, model: &Wrench, bed: impl Fn(f64) -> Wrench) {
-        let (wanted, found) = (-model.force.z, -bed(self.gain).force.z);
-        if !(wanted > FAINTEST && found > FAINTEST) {
-            *self = Self::default();
+        if !self.press(-model.force.z, &bed) {
             return;
         }
-        let gain = self.gain * (wanted / found).powf(PRESSING);
-        self.gain = gain.clamp(*GAIN.start(), *GAIN.end());
         let bed = bed(self.gain);
         let now = self.at(-bed.force.z);
         self.force = -bed.force.z;
@@ -64,6 +60,19 @@ impl Correction {
         extra.force = cut(&extra.force, SIDEWAYS * self.force);
         extra.torque = cut(&extra.torque, LEVER * self.force);
         self.extra = extra;
+    }
+
+    /// As [`Correction::toward`], of the normal force alone: the model wants it to be `wanted` (N).
+    /// Whether both touch.
+    pub(super) fn press(&mut self, wanted: f64, bed: impl Fn(f64) -> Wrench) -> bool {
+        let found = -bed(self.gain).force.z;
+        if !(wanted > FAINTEST && found > FAINTEST) {
+            *self = Self::default();
+            return false;
+        }
+        let gain = self.gain * (wanted / found).powf(PRESSING);
+        self.gain = gain.clamp(*GAIN.start(), *GAIN.end());
+        true
     }
 
     /// The constant part where the bed presses with `force` (N): it fades with the touch.

@@ -120,6 +120,13 @@ impl Bed {
         self.pads[finger].correction.toward(model, |gain| at_rest(&touches, gain, friction));
     }
 
+    /// As [`Bed::correct`], of the normal force alone, which the model wants to be `force` (N).
+    pub(super) fn correct_pressing(&mut self, finger: usize, pose: &Isometry3<f64>, force: f64) {
+        let touches = self.touches(finger, pose);
+        let friction = self.friction;
+        self.pads[finger].correction.press(force, |gain| at_rest(&touches, gain, friction));
+    }
+
     /// Greatest depth at which the undeformed face stands in an object at `pose` in the pad's frame
     /// (m), 0 outside.
     pub(super) fn indentation(&self, finger: usize, pose: &Isometry3<f64>) -> f64 {

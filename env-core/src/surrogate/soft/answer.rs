@@ -1,0 +1,180 @@
+//! The network as an answerer of squeezes.
+
+use std::{path::Path, sync::Arc, time::Instant};
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::{
+    graph::ObjectGraph, grip::Grip, linear::Linear, network::Soft, question::Question,
+    study::SoftCard,
+};
+use crate::{
+    Error, Result,
+    deformation::{Deformation, DeformationModel, Law, Moduli, Press, SoftBody, Wrench},
+    geometry::Shape,
+    objects::tets_within,
+    surrogate::{features::Gel, weights},
+};
+
+/// A trained network on one soft object. Copies share what was computed in advance.
+///
+/// A press is of two equal cuboids, the fingers, whose sides at +z face the object; poses, fields and
+/// wrenches are in the object's frame.
+#[derive(Clone)]
+pub struct SoftSurrogate(Arc<Trained>);
+
+struct Trained {
+    card: SoftCard,
+    network: Soft,
+    graph: ObjectGraph,
+    unit: Gel,
+    linear: Linear,
+    body: SoftBody,
+}
+
+/// Weights that are known by name.
+const KNOWN: [(&str, &[u8]); 1] =
+    [("soft", include_bytes!("../../../assets/weights/soft.safetensors"))];
+
+impl SoftSurrogate {
+    /// The shipped weights of that name on an object of the given shape, material and friction.
+    pub fn named(name: &str, shape: &Shape, moduli: Moduli, friction: f64) -> Result<Self> {
+        let known = KNOWN.iter().find(|(known, _)| *known == name);
+        let (name, bytes) = known.ok_or_else(|| {
+            let names = KNOWN.map(|(name, _)| name).join(", ");
+            Error::invalid("surrogate", name, format!("one of {names}, or a file's path"))
+        })?;
+        Self::from_bytes(name, bytes, shape, moduli, friction)
+    }
+
+    /// As [`SoftSurrogate::named`], with the weights in a file.
+    pub fn load(path: &Path, shape: &Shape, moduli: Moduli, friction: f64) -> Result<Self> {
+        let bytes = weights::read(path)?;
+        Self::from_bytes(&path.display().to_string(), &bytes, shape, moduli, friction)
+    }
+
+    fn from_bytes(
+        name: &str,
+        bytes: &[u8],
+        shape: &Shape,
+        moduli: Moduli,
+        friction: f64,
+    ) -> Result<Self> {
+        let (tensors, card): (_, SoftCard) = weights::of_kind(name, bytes)?;
+        let parameters = weights::parameters(tensors)?;
+        let network = Soft::new(&card.study.network, &parameters.builder())?;
+        let mesh = tets_within(shape, card.model_nodes)?;
+        let graph = ObjectGraph::new(&mesh);
+        let unit = Gel { moduli, friction, thickness: graph.length };
+        let fine = tets_within(shape, card.linear_nodes)?;
+        let linear = Linear::new(fine, &mesh, moduli, friction)?;
+        let body = SoftBody::new(mesh, Law::default(), moduli, &[])?;
+        Ok(Self(Arc::new(Trained { card, network, graph, unit, linear, body })))
+    }
+
+    /// What the weights are.
+    pub fn card(&self) -> &SoftCard {
+        &self.0.card
+    }
+
+    /// The object, to whose nodes and tetrahedra the answers refer.
+    pub fn body(&self) -> &SoftBody {
+        &self.0.body
+    }
+
+    /// Every frame of `press`, in order; the first that is not solved is an error and the last.
+    pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
+        let half = match Grip::half_extents(press) {
+            Ok(half) => half,
+            Err(error) => return vec![Err(error)],
+        };
+        let answers = self.0.linear.path(press).into_iter();
+        answers.map(|linear| self.0.correct(press, &half, linear?)).collect()
+    }
+
+    /// Whether an answer with that displacement (V, 3) in m is like what the network has learnt from.
+    pub fn knows(&self, displacement: &[Vector3<f64>]) -> bool {
+        self.0.card.data.covers(&self.0.unit, displacement)
+    }
+
+    /// What each of two fingers of these half-extents (m) exerts on the object in an answer to their
+    /// press, in the object's frame about its origin.
+    pub fn of_fingers(&self, half_extents: &Vector3<f64>, answer: &Deformation) -> [Wrench; 2] {
+        let grip = Grip::of(half_extents, &answer.poses);
+        let mut wrenches = [Wrench::default(); 2];
+        let nodes = self.body().mesh().vertices.iter().zip(&answer.displacement);
+        for ((rest, u), force) in nodes.zip(&answer.contact_force) {
+            let place = rest + u;
+            add(&mut wrenches[grip.nearer(&place)], &place, force);
+        }
+        wrenches
+    }
+}
+
+impl Trained {
+    /// What the network makes of the linear answer.
+    fn correct(
+        &self,
+        press: &Press,
+        half: &Vector3<f64>,
+        linear: Deformation,
+    ) -> Result<Deformation> {
+        let start = Instant::now();
+        let friction = press.friction().unwrap_or(self.unit.friction);
+        let unit = Gel { friction, ..self.unit };
+        let grip = Grip::of(half, &linear.poses);
+        let question = Question::new(&self.graph, &unit, &grip, &linear);
+        if question.amplitude == 0.0 {
+            return Ok(linear);
+        }
+        let says = self.network.forward(&question, &self.graph, &Vector3::repeat(1.0))?;
+        let vectors = |field: candle_core::Tensor, unit: f64| -> Result<Vec<Vector3<f64>>> {
+            let numbers: Vec<f32> = field.flatten_all()?.to_vec1()?;
+            let vector = |&v: &[f32; 3]| Vector3::from(v).cast::<f64>() * unit;
+            Ok(numbers.as_chunks::<3>().0.iter().map(vector).collect())
+        };
+        let displacement = vectors(says.displacement, unit.thickness)?;
+        let contact_force = vectors(says.forces, unit.force())?;
+        let stress: Vec<f32> = says.stress.flatten_all()?.to_vec1()?;
+        let shear = unit.moduli.shear();
+        let mut wrench = Wrench::default();
+        let places = self.graph.places.iter().zip(&displacement).map(|(p, u)| p + u);
+        places.zip(&contact_force).for_each(|(place, f)| add(&mut wrench, &place, f));
+        Ok(Deformation {
+            displacement,
+            contact_force,
+            von_mises: stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
+            wrench,
+            seconds: linear.seconds + start.elapsed().as_secs_f64(),
+            ..linear
+        })
+    }
+}
+
+fn add(wrench: &mut Wrench, place: &Point3<f64>, force: &Vector3<f64>) {
+    wrench.force += force;
+    wrench.torque += place.coords.cross(force);
+}
+
+impl DeformationModel for SoftSurrogate {
+    /// Presses are solved in parallel, each on one thread; the frames before the last are not
+    /// corrected. One that cannot go on from its history begins anew.
+    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
+        let model = &*self.0;
+        let last = |press: &Press| {
+            let half = Grip::half_extents(press)?;
+            let last = |press: &Press| model.linear.path(press).pop().expect("a press has a frame");
+            let linear = match (last(press), press.history()) {
+                (Err(_), Some(_)) => last(&press.clone().afresh())?,
+                (answer, _) => answer?,
+            };
+            model.correct(press, &half, linear)
+        };
+        presses.par_iter().map(last).collect()
+    }
+
+    fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
+        self.solve_path(press)
+    }
+}

@@ -1,0 +1,168 @@
+//! A soft object's mesh as a graph of three scales.
+//!
+//! Edges of the finest scale are those of the tetrahedra. Coarser scales keep nodes far from each
+//! other, every one of them hears the nearest, and they are joined to the finer scale by weights that
+//! fall with the squared distance. Lengths are in units of the cube root of the object's volume.
+//!
+//! Shapes: V nodes, T tetrahedra, E directed edges of a scale.
+
+use std::{collections::BTreeSet, sync::Arc};
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use crate::{
+    geometry::TetMesh,
+    surrogate::ops::{Edges, Gradients, Sparse},
+};
+
+/// Scales.
+pub(super) const SCALES: usize = 3;
+/// The way from sender to receiver, its length.
+pub(super) const EDGE_FEATURES: usize = 4;
+/// Nodes of a scale for each of the next coarser one.
+const COARSER: usize = 5;
+/// Nodes that one of a coarse scale hears.
+const HEARD: usize = 12;
+/// Coarse nodes that a fine one is joined to.
+const JOINED: usize = 4;
+
+/// What all presses of one object share.
+pub(super) struct ObjectGraph {
+    /// Unit of length (m).
+    pub(super) length: f64,
+    /// Places at rest (V) in m.
+    pub(super) places: Vec<Point3<f64>>,
+    /// Outward normals of the surface, of unit length, zero inside (V).
+    pub(super) normals: Vec<Vector3<f64>>,
+    /// From fine to coarse.
+    pub(super) scales: [Scale; SCALES],
+    /// Displacement to stress.
+    pub(super) gradients: Arc<Gradients>,
+    /// Sum over the corners of each tetrahedron (T, V).
+    pub(super) corners: Arc<Sparse>,
+}
+
+/// Nodes of one fineness.
+pub(super) struct Scale {
+    pub(super) edges: Arc<Edges>,
+    /// The way along each edge (E).
+    ways: Vec<Vector3<f64>>,
+    /// To this scale from the next coarser one, and back; none at the coarsest.
+    pub(super) links: Option<[Arc<Sparse>; 2]>,
+}
+
+impl Scale {
+    /// Features of the edges (E, EDGE_FEATURES), seen in a frame.
+    pub(super) fn features(&self, turn: &Matrix3<f64>) -> Vec<f32> {
+        let row = |way: &Vector3<f64>| {
+            let seen = turn * way;
+            [seen.x, seen.y, seen.z, way.norm()].map(|x| x as f32)
+        };
+        self.ways.iter().flat_map(row).collect()
+    }
+}
+
+impl ObjectGraph {
+    pub(super) fn new(mesh: &TetMesh) -> Self {
+        let (length, count) = (mesh.volume().cbrt(), mesh.vertices.len());
+        let mut places: Vec<_> = mesh.vertices.iter().map(|p| p.coords / length).collect();
+        let mut pairs = BTreeSet::new();
+        for [a, b] in mesh.edges() {
+            pairs.extend([(a, b), (b, a)]);
+        }
+        let mut scale = |level: usize| {
+            let here = if level == 0 { std::mem::take(&mut pairs) } else { heard(&places) };
+            let (edges, ways) = edges(&here, &places);
+            let links = (level + 1 < SCALES).then(|| {
+                let coarse = spread_out(&places, places.len().div_ceil(COARSER));
+                let up = interpolation(&places, &coarse);
+                let down = up.pooling();
+                places = coarse;
+                [Arc::new(up), Arc::new(down)]
+            });
+            Scale { edges: Arc::new(edges), ways, links }
+        };
+        let corner = |tet: &[u32; 4]| tet.iter().map(|&node| (node, 1.0)).collect();
+        let corners: Vec<Vec<_>> = mesh.tets.iter().map(corner).collect();
+        Self {
+            length,
+            scales: [scale(0), scale(1), scale(2)],
+            places: mesh.vertices.clone(),
+            normals: normals(mesh),
+            gradients: Arc::new(Gradients::new(mesh, length)),
+            corners: Arc::new(Sparse::new(&corners, count)),
+        }
+    }
+}
+
+/// Outward normals of the nodes of a mesh's surface, by area.
+fn normals(mesh: &TetMesh) -> Vec<Vector3<f64>> {
+    let mut normals = vec![Vector3::zeros(); mesh.vertices.len()];
+    for triangle in mesh.boundary() {
+        let [a, b, c] = triangle.map(|node| mesh.vertices[node as usize]);
+        let normal = (b - a).cross(&(c - a));
+        for node in triangle {
+            normals[node as usize] += normal;
+        }
+    }
+    normals.iter().map(|normal| normal.try_normalize(0.0).unwrap_or_default()).collect()
+}
+
+/// Edges between sorted pairs of receiver and sender, and the ways along them.
+fn edges(pairs: &BTreeSet<(u32, u32)>, places: &[Vector3<f64>]) -> (Edges, Vec<Vector3<f64>>) {
+    let mut starts = vec![0; places.len() + 1];
+    for &(receiver, _) in pairs {
+        starts[receiver as usize + 1] += 1;
+    }
+    for i in 0..places.len() {
+        starts[i + 1] += starts[i];
+    }
+    let way = |&(r, s): &(u32, u32)| places[r as usize] - places[s as usize];
+    let senders = pairs.iter().map(|pair| pair.1).collect();
+    (Edges { senders, starts }, pairs.iter().map(way).collect())
+}
+
+/// Receiver and sender for the nearest of every node.
+fn heard(places: &[Vector3<f64>]) -> BTreeSet<(u32, u32)> {
+    let of = |(i, place): (usize, &Vector3<f64>)| {
+        let near = nearest(places, place, HEARD + 1).into_iter().filter(move |&j| j != i as u32);
+        near.map(move |j| (i as u32, j)).collect::<Vec<_>>()
+    };
+    places.iter().enumerate().flat_map(of).collect()
+}
+
+/// Numbers of the `count` places nearest to `place`, the nearest first.
+fn nearest(places: &[Vector3<f64>], place: &Vector3<f64>, count: usize) -> Vec<u32> {
+    let mut order: Vec<u32> = (0..places.len() as u32).collect();
+    let distance = |&i: &u32| (places[i as usize] - place).norm_squared();
+    order.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
+    order.truncate(count);
+    order
+}
+
+/// `count` of the places, each as far as can be from those before it.
+fn spread_out(places: &[Vector3<f64>], count: usize) -> Vec<Vector3<f64>> {
+    let mut gaps = vec![f64::INFINITY; places.len()];
+    let mut chosen = Vec::with_capacity(count);
+    let mut next = 0;
+    while chosen.len() < count {
+        chosen.push(places[next]);
+        for (gap, place) in gaps.iter_mut().zip(places) {
+            *gap = gap.min((place - places[next]).norm_squared());
+        }
+        next = (0..places.len()).max_by(|&a, &b| gaps[a].total_cmp(&gaps[b])).unwrap_or_default();
+    }
+    chosen
+}
+
+/// From `coarse` places to `fine` ones, by weights that fall with the squared distance.
+fn interpolation(fine: &[Vector3<f64>], coarse: &[Vector3<f64>]) -> Sparse {
+    let row = |place: &Vector3<f64>| {
+        let near = nearest(coarse, place, JOINED);
+        let weight = |&i: &u32| 1.0 / ((coarse[i as usize] - place).norm_squared() + 1e-6);
+        let all: f64 = near.iter().map(weight).sum();
+        near.iter().map(|i| (*i, (weight(i) / all) as f32)).collect()
+    };
+    let rows: Vec<Vec<_>> = fine.iter().map(row).collect();
+    Sparse::new(&rows, coarse.len())
+}

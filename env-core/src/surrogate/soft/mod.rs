@@ -1,0 +1,20 @@
+//! Soft objects between two rigid fingers: the paper's first scenario.
+//!
+//! As with pads, what linear elasticity can say is computed: the free object, condensed to its skin
+//! ([`crate::compliance::Compliance::free`]), settles between the fingers with friction. A graph
+//! network on the object's own mesh corrects that answer ([`network`]). It sees everything in the
+//! frame of the grip ([`grip`]), in units of the object's size and stiffness, and was shown the mesh
+//! only as a graph ([`graph`]): another object is another graph and not another network.
+
+mod answer;
+mod graph;
+mod grip;
+mod linear;
+mod network;
+mod question;
+mod samples;
+mod study;
+
+pub use answer::SoftSurrogate;
+pub use network::SoftConfig;
+pub use study::{SoftCard, SoftErrors, SoftStudy};

@@ -1,0 +1,317 @@
+//! What finite elements add to the linear answer of a squeezed object.
+//!
+//! A graph network in three scales (MeshGraphNets, Pfaff et al. 2021; scales as in Fortunato et al.
+//! 2022) on the object's mesh. It says by how much each node is displaced farther and each node of the
+//! surface near a finger pressed harder, and how far the stress of each tetrahedron is from that of the
+//! corrected displacement. The forces sum to zero, as those on a free body do.
+//!
+//! Shapes: V nodes, T tetrahedra, H latent width, W width of a corner.
+
+use candle_core::{Device, Result, Tensor};
+use candle_nn::VarBuilder;
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    graph::{EDGE_FEATURES, ObjectGraph, SCALES},
+    question::{FEATURES, Question},
+};
+use crate::surrogate::{
+    layers::{Affine, Mlp, Norm, Round},
+    ops::{sparse, von_mises},
+};
+
+/// Sizes of the network.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SoftConfig {
+    /// Latent width H.
+    pub width: usize,
+    /// Rounds of message passing at each scale on the way down, the finest first.
+    pub down: [usize; SCALES],
+    /// Rounds at each scale but the coarsest on the way up.
+    pub up: [usize; SCALES - 1],
+    /// Width W of a tetrahedron's corner.
+    pub corner: usize,
+}
+
+impl Default for SoftConfig {
+    fn default() -> Self {
+        Self { width: 32, down: [1, 1, 2], up: [2, 1], corner: 16 }
+    }
+}
+
+/// The network.
+pub(super) struct Soft {
+    encoder: Mlp,
+    down: [Vec<Round>; SCALES],
+    up: [Vec<Round>; SCALES - 1],
+    /// To each coarser scale.
+    lower: [Affine; SCALES - 1],
+    /// Back from it.
+    raise: [Affine; SCALES - 1],
+    global: Mlp,
+    norm: Norm,
+    first: Affine,
+    second: Affine,
+    corners: Affine,
+    strain: Affine,
+    stress: Affine,
+}
+
+/// What the network says, in the units of [`Question`] and the object's frame.
+pub(super) struct Answer {
+    /// (V, 3).
+    pub(super) displacement: Tensor,
+    /// Von Mises (1, T).
+    pub(super) stress: Tensor,
+    /// (V, 3).
+    pub(super) forces: Tensor,
+    /// Force of the squeeze (1, 3): half the difference of what the fingers exert.
+    pub(super) force: Tensor,
+}
+
+impl Soft {
+    pub(super) fn new(config: &SoftConfig, vb: &VarBuilder) -> Result<Self> {
+        let SoftConfig { width, corner, down, up } = *config;
+        let rounds = |count: usize, vb: VarBuilder| {
+            (0..count)
+                .map(|i| Round::new(width, EDGE_FEATURES, &vb.pp(i)))
+                .collect::<Result<Vec<_>>>()
+        };
+        let link = |name: &str, i: usize| Affine::new(width, width, &vb.pp(name).pp(i));
+        Ok(Self {
+            encoder: Mlp::new([FEATURES, width, width], &vb.pp("encoder"))?,
+            down: [
+                rounds(down[0], vb.pp("down.0"))?,
+                rounds(down[1], vb.pp("down.1"))?,
+                rounds(down[2], vb.pp("down.2"))?,
+            ],
+            up: [rounds(up[0], vb.pp("up.0"))?, rounds(up[1], vb.pp("up.1"))?],
+            lower: [link("lower", 0)?, link("lower", 1)?],
+            raise: [link("raise", 0)?, link("raise", 1)?],
+            global: Mlp::new([width, width, width], &vb.pp("global"))?,
+            norm: Norm::new(width, &vb.pp("norm"))?,
+            first: Affine::new(width, width, &vb.pp("nodes.first"))?,
+            second: Affine::zero(width, 6, &vb.pp("nodes.second"))?,
+            corners: Affine::new(width, corner, &vb.pp("corners"))?,
+            strain: Affine::new(3, corner, &vb.pp("strain"))?,
+            stress: Affine::zero(corner, 1, &vb.pp("stress"))?,
+        })
+    }
+
+    /// Corrects the linear answer in `question`, seen in a mirror of the given `signs`.
+    pub(super) fn forward(
+        &self,
+        question: &Question,
+        graph: &ObjectGraph,
+        signs: &Vector3<f64>,
+    ) -> Result<Answer> {
+        let nodes = question.gates.len();
+        let latent = self.latent(question, graph, signs)?;
+        let says = self.second.forward(&self.first.forward_relu(&latent)?)?;
+        // Back from the mirrored frame of the grip: v = Rᵀ S w, of rows w S R.
+        let turn = nalgebra::Matrix3::from_diagonal(signs) * question.turn;
+        let rows: Vec<f32> = turn.transpose().iter().map(|&x| x as f32).collect();
+        let back = Tensor::from_vec(rows, (3, 3), &Device::Cpu)?;
+        let part = |first: usize| says.narrow(1, first, 3)?.contiguous()?.matmul(&back);
+        let given = |field: &[f32]| Tensor::from_slice(field, (nodes, 3), &Device::Cpu);
+        let column = |field: &[f32]| Tensor::from_slice(field, (nodes, 1), &Device::Cpu);
+        let before = given(&question.displacement)?;
+        let displacement = (&before + (part(0)? * f64::from(question.amplitude))?)?;
+        let pressed = part(3)?.broadcast_mul(&column(&question.gates)?)?;
+        let forces = (given(&question.forces)? + (pressed * f64::from(question.strongest))?)?;
+        let unbalanced = forces.sum_keepdim(0)?;
+        let forces = (forces - column(&question.bearing)?.matmul(&unbalanced)?)?;
+        let force = forces.broadcast_mul(&column(&question.shares)?)?.sum_keepdim(0)?;
+        let stress = self.stressed(question, graph, &latent, [&before, &displacement])?;
+        Ok(Answer { displacement, stress, forces, force })
+    }
+
+    /// Features of the nodes after all rounds (V, H).
+    fn latent(
+        &self,
+        question: &Question,
+        graph: &ObjectGraph,
+        signs: &Vector3<f64>,
+    ) -> Result<Tensor> {
+        let turn = nalgebra::Matrix3::from_diagonal(signs) * question.turn;
+        let edges: Vec<Tensor> = graph
+            .scales
+            .iter()
+            .map(|scale| {
+                let features = scale.features(&turn);
+                let count = features.len() / EDGE_FEATURES;
+                Tensor::from_vec(features, (count, EDGE_FEATURES), &Device::Cpu)
+            })
+            .collect::<Result<_>>()?;
+        let rounds = |rounds: &[Round], v: Tensor, scale: usize| {
+            let graph = &graph.scales[scale].edges;
+            rounds.iter().try_fold(v, |v, round| round.forward(&v, &edges[scale], graph))
+        };
+        let links = [0, 1].map(|i| graph.scales[i].links.as_ref().expect("a coarser scale"));
+        let features = question.mirrored(signs);
+        let nodes = question.gates.len();
+        let features = Tensor::from_vec(features, (nodes, FEATURES), &Device::Cpu)?;
+        let fine = rounds(&self.down[0], self.encoder.forward(&features)?, 0)?;
+        let middle = self.lower[0].forward(&sparse(&fine, &links[0][1])?)?;
+        let middle = rounds(&self.down[1], middle, 1)?;
+        let coarse = self.lower[1].forward(&sparse(&middle, &links[1][1])?)?;
+        let coarse = rounds(&self.down[2], coarse, 2)?;
+        let coarse = coarse.broadcast_add(&self.global.forward(&coarse.mean_keepdim(0)?)?)?;
+        let raised = self.raise[1].forward(&sparse(&coarse, &links[1][0])?)?;
+        let middle = rounds(&self.up[1], (middle + raised)?, 1)?;
+        let raised = self.raise[0].forward(&sparse(&middle, &links[0][0])?)?;
+        self.norm.forward(&rounds(&self.up[0], (fine + raised)?, 0)?)
+    }
+
+    fn stressed(
+        &self,
+        question: &Question,
+        graph: &ObjectGraph,
+        latent: &Tensor,
+        displacement: [&Tensor; 2],
+    ) -> Result<Tensor> {
+        let amplitude = f64::from(question.amplitude);
+        let count = question.stress.len();
+        let linear = Tensor::from_slice(&question.stress, (1, count), &Device::Cpu)?;
+        let [before, after] = displacement.map(|u| von_mises(u, &graph.gradients));
+        let (before, after) = (before?, after?);
+        let unit = amplitude + f64::from(f32::MIN_POSITIVE);
+        let relative = |x: &Tensor| (x / unit)?.reshape((count, 1));
+        let strains = [relative(&linear)?, relative(&before)?, relative(&after)?];
+        let corners = sparse(&self.corners.forward(latent)?, &graph.corners)?;
+        let strain = self.strain.forward(&Tensor::cat(&strains, 1)?)?;
+        let says = self.stress.forward(&(corners + strain)?.relu()?)?;
+        (linear + (after - before)?)? + (says.reshape((1, count))? * amplitude)?
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion};
+
+    use super::{
+        super::{grip::Grip, samples::squeezing},
+        *,
+    };
+    use crate::{
+        compliance::{Compliance, Options},
+        deformation::{Deformation, Law, Moduli, Press, SoftBody},
+        geometry::{Shape, TetMesh},
+        objects::tets_within,
+        surrogate::{features::Gel, parameters::Parameters},
+    };
+
+    const MODULI: Moduli = Moduli { young: 1e5, poisson: 0.45 };
+
+    /// A ball of 2 cm squeezed by 1 mm from either side, everything turned by `turn`: its graph, and
+    /// what it asks.
+    fn squeezed(turn: &UnitQuaternion<f64>) -> (ObjectGraph, Question) {
+        let mut mesh = tets_within(&Shape::Sphere { radius: 0.02 }, 150).unwrap();
+        // No two distances are equal, or coarse scales would depend on rounding.
+        for (i, place) in mesh.vertices.iter_mut().enumerate() {
+            let way = Vector3::from([1.0, 2.0, 3.0].map(|k| (k * (i * i) as f64).sin()));
+            *place += 2e-4 * way;
+        }
+        let half = Vector3::new(0.01, 0.012, 0.002);
+        let flip = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+        let away = |z: f64| Isometry3::translation(0.0, 0.0, z);
+        let poses = vec![away(-0.021), away(0.021) * flip];
+        let fingers = vec![Shape::Cuboid { half_extents: half }; 2];
+        let press = Press::along(fingers, vec![poses]).unwrap();
+        let body = SoftBody::new(mesh.clone(), Law::default(), MODULI, &[]).unwrap();
+        let model = Compliance::free(body, Options { friction: 0.8, sweeps: 0 }).unwrap();
+        let answer = model.solve_path(&press).pop().unwrap().unwrap();
+        let rotated = |field: &[Vector3<f64>]| field.iter().map(|v| turn * v).collect();
+        let answer = Deformation {
+            displacement: rotated(&answer.displacement),
+            contact_force: rotated(&answer.contact_force),
+            poses: answer.poses.iter().map(|pose| turn * pose).collect(),
+            ..answer
+        };
+        let turned = |p: &Point3<f64>| turn * p;
+        mesh = TetMesh { vertices: mesh.vertices.iter().map(turned).collect(), ..mesh };
+        let graph = ObjectGraph::new(&mesh);
+        let unit = Gel { moduli: MODULI, friction: 0.8, thickness: graph.length };
+        let grip = Grip::of(&half, &answer.poses);
+        let question = Question::new(&graph, &unit, &grip, &answer);
+        (graph, question)
+    }
+
+    /// A network that says something.
+    fn network() -> (Parameters, Soft) {
+        let parameters = Parameters::drawn(3);
+        let network = Soft::new(&SoftConfig::default(), &parameters.builder()).unwrap();
+        for (name, variable) in parameters.all() {
+            if name.starts_with("nodes.second") || name.starts_with("stress") {
+                variable.set(&variable.randn_like(0.0, 0.1).unwrap()).unwrap();
+            }
+        }
+        (parameters, network)
+    }
+
+    fn still() -> Vector3<f64> {
+        Vector3::repeat(1.0)
+    }
+
+    fn numbers(tensor: &Tensor) -> Vec<f32> {
+        tensor.flatten_all().unwrap().to_vec1().unwrap()
+    }
+
+    #[test]
+    fn every_parameter_receives_a_gradient() {
+        let ((graph, question), (parameters, network)) =
+            (squeezed(&UnitQuaternion::identity()), network());
+        let answer = network.forward(&question, &graph, &Vector3::new(-1.0, 1.0, 1.0)).unwrap();
+        let sums = [&answer.displacement, &answer.forces, &answer.stress]
+            .map(|field| field.sqr().unwrap().sum_all().unwrap());
+        let total = (((&sums[0] + &sums[1]).unwrap()) + &sums[2]).unwrap();
+        let gradients = total.backward().unwrap();
+        for (name, variable) in parameters.all() {
+            let gradient = gradients.get(&variable).unwrap_or_else(|| panic!("none for {name}"));
+            let most = gradient.abs().unwrap().max_all().unwrap().to_scalar::<f32>().unwrap();
+            assert!(most > 0.0, "zero for {name}");
+        }
+    }
+
+    #[test]
+    fn an_answer_turns_with_object_and_grip() {
+        let turn = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.0);
+        let (_, network) = network();
+        let [(graph, here), (turned, there)] =
+            [UnitQuaternion::identity(), turn].map(|t| squeezed(&t));
+        let here = network.forward(&here, &graph, &still()).unwrap();
+        let there = network.forward(&there, &turned, &still()).unwrap();
+        let rows: Matrix3<f64> = Rotation3::from(turn).into_inner();
+        let (a, b) = (numbers(&here.displacement), numbers(&there.displacement));
+        let largest = a.iter().fold(0.0_f32, |most, x| most.max(x.abs()));
+        for (a, b) in a.as_chunks::<3>().0.iter().zip(b.as_chunks::<3>().0) {
+            let expected = rows * Vector3::from(*a).cast::<f64>();
+            let error = (expected - Vector3::from(*b).cast::<f64>()).norm();
+            // Single precision through ten layers.
+            assert!(error < 1e-3 * f64::from(largest), "{b:?}, expected {expected}");
+        }
+        for (a, b) in numbers(&here.stress).iter().zip(numbers(&there.stress)) {
+            assert!((a - b).abs() < 1e-3, "stress {b}, expected {a}");
+        }
+    }
+
+    #[test]
+    fn forces_are_in_balance_and_squeeze_with_what_is_said() {
+        let ((graph, question), (_, network)) = (squeezed(&UnitQuaternion::identity()), network());
+        let answer = network.forward(&question, &graph, &still()).unwrap();
+        let forces = numbers(&answer.forces);
+        let sum = forces
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .fold(Vector3::zeros(), |sum, f| sum + Vector3::from(*f));
+        let size: f32 = forces.iter().map(|f| f.abs()).sum();
+        assert!(sum.norm() < 1e-5 * size, "{sum} of {size} are left");
+        let said = numbers(&answer.force);
+        for (said, found) in said.iter().zip(squeezing(&forces, &question.shares)) {
+            assert!((said - found).abs() < 1e-5 * size, "{said}, expected {found}");
+        }
+    }
+}

@@ -1,0 +1,225 @@
+//! Frames of a dataset of squeezes with their linear answers.
+
+use std::{
+    collections::{BTreeMap, btree_map::Entry},
+    path::Path,
+    sync::Arc,
+};
+
+use candle_core::{Device, Tensor};
+use candle_nn::VarBuilder;
+use nalgebra::{Isometry3, Vector3};
+use rayon::prelude::*;
+
+use super::{
+    graph::ObjectGraph,
+    grip::Grip,
+    linear::Linear,
+    network::{Soft, SoftConfig},
+    question::Question,
+};
+use crate::{
+    Result,
+    dataset::{SqueezeFrames, Squeezes},
+    deformation::{Deformation, Moduli, Press},
+    geometry::Shape,
+    objects::Split,
+    sensor::Sensor,
+    surrogate::{
+        features::{Gel, Truth},
+        loss::relative,
+        metrics::Fields,
+        train::{Loss, Network},
+    },
+};
+
+/// A solved frame.
+pub(super) struct Sample {
+    /// Which of the objects.
+    pub(super) object: usize,
+    /// Name of its grasp.
+    pub(super) grasp: String,
+    /// What it is for.
+    pub(super) part: Part,
+    /// Units: the object's material and size, and the friction.
+    pub(super) unit: Gel,
+    pub(super) question: Question,
+    /// The linear answer's time (s).
+    pub(super) seconds: f64,
+    pub(super) truth: Truth,
+}
+
+/// What a grasp is for: of ten grasps of an object of a known family the last is judged and the one
+/// before it is left for choosing by; all of a novel one are judged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Part {
+    Train,
+    Spare,
+    Known,
+    Novel,
+}
+
+/// The objects of a dataset, and its frames.
+pub(super) struct Objects {
+    pub(super) graphs: Vec<Arc<ObjectGraph>>,
+    /// Frames that the linear model did not answer.
+    pub(super) lost: usize,
+}
+
+/// Weight of displacement, stress, forces on nodes and the squeeze's force in the loss.
+const WEIGHTS: [f64; 4] = [1.0, 1.0, 0.3, 1.0];
+
+impl Objects {
+    /// Everything in the dataset in `folder`.
+    pub(super) fn read(folder: &Path) -> Result<(Self, Vec<Sample>)> {
+        let data = Squeezes::open(folder)?;
+        let mut meshes = BTreeMap::new();
+        for shard in 0..data.shards() {
+            let name = data.read(shard)?.0.name.clone();
+            if let Entry::Vacant(vacant) = meshes.entry(name) {
+                let mesh = data.mesh(vacant.key())?;
+                vacant.insert(mesh);
+            }
+        }
+        let graphs: Vec<_> = meshes.values().map(ObjectGraph::new).map(Arc::new).collect();
+        let gels = &data.config().gels;
+        let shard = |shard: usize| -> Result<(Vec<Sample>, usize)> {
+            let (object, grasps) = data.read(shard)?;
+            let number = meshes.keys().position(|name| *name == object.name);
+            let number = number.expect("every shard's object has its mesh");
+            let graph = &graphs[number];
+            let (mut samples, mut lost, mut models) = (Vec::new(), 0, BTreeMap::new());
+            for frames in &grasps {
+                let gel = &gels[frames.gel];
+                let moduli = Moduli { young: gel.young, poisson: gel.poisson };
+                if let Entry::Vacant(vacant) = models.entry(frames.gel) {
+                    let fine = object.tets_within(data.config().truth_nodes)?;
+                    vacant.insert(Linear::new(fine, &meshes[&object.name], moduli, gel.friction)?);
+                }
+                let unit = Gel { moduli, friction: gel.friction, thickness: graph.length };
+                let outline = Sensor::named(&gel.sensor)?.outline;
+                let half = 0.5 * Vector3::new(outline.width, outline.length, outline.thickness);
+                let answers = answers(&models[&frames.gel], frames, &half)?;
+                lost += frames.fingers[0].len() - answers.len();
+                let part = part(object.split, &frames.grasp);
+                samples.extend(answers.iter().enumerate().map(|(i, answer)| {
+                    let grip = Grip::of(&half, &answer.poses);
+                    let question = Question::new(graph, &unit, &grip, answer);
+                    let truth = truth(frames, i, &question.shares, &unit);
+                    let (grasp, seconds) = (frames.grasp.clone(), answer.seconds);
+                    Sample { object: number, grasp, part, unit, question, seconds, truth }
+                }));
+            }
+            Ok((samples, lost))
+        };
+        let shards: Vec<_> =
+            (0..data.shards()).into_par_iter().map(shard).collect::<Result<_>>()?;
+        let lost = shards.iter().map(|(_, lost)| lost).sum();
+        let samples = shards.into_iter().flat_map(|(samples, _)| samples).collect();
+        Ok((Self { graphs, lost }, samples))
+    }
+}
+
+fn part(split: Split, grasp: &str) -> Part {
+    let number: usize = grasp.rsplit('/').next().and_then(|n| n.parse().ok()).unwrap_or_default();
+    match (split, number % 10) {
+        (Split::Novel, _) => Part::Novel,
+        (_, 9) => Part::Known,
+        (_, 8) => Part::Spare,
+        _ => Part::Train,
+    }
+}
+
+/// The linear model's answers to a grasp, until one fails.
+fn answers(
+    model: &Linear,
+    frames: &SqueezeFrames,
+    half: &Vector3<f64>,
+) -> Result<Vec<Deformation>> {
+    let finger = Shape::Cuboid { half_extents: *half };
+    let back = Isometry3::translation(0.0, 0.0, -half.z);
+    let path = frames.fingers[0].iter().zip(&frames.fingers[1]);
+    let path = path.map(|(a, b)| vec![a * back, b * back]).collect();
+    let press = Press::along(vec![finger; 2], path)?;
+    Ok(model.path(&press).into_iter().map_while(Result::ok).collect())
+}
+
+/// What finite elements say of a frame.
+fn truth(frames: &SqueezeFrames, frame: usize, shares: &[f32], unit: &Gel) -> Truth {
+    let part = |field: &[f32], unit: f64| -> Vec<f32> {
+        let size = field.len() / frames.fingers[0].len();
+        field[frame * size..][..size].iter().map(|x| x / unit as f32).collect()
+    };
+    let forces = part(&frames.contact_force, unit.force());
+    let force = squeezing(&forces, shares);
+    Truth {
+        displacement: part(&frames.displacement, unit.thickness),
+        stress: part(&frames.von_mises, unit.moduli.shear()),
+        forces,
+        force,
+    }
+}
+
+/// Half the difference of what two fingers exert, of forces on nodes.
+pub(super) fn squeezing(forces: &[f32], shares: &[f32]) -> [f32; 3] {
+    let nodes = forces.as_chunks::<3>().0.iter().zip(shares);
+    nodes.fold([0.0; 3], |sum, (force, share)| std::array::from_fn(|i| sum[i] + share * force[i]))
+}
+
+/// Signs of x, y and z in mirror 0 to 3: none, x, y, both.
+fn signs(mirror: usize) -> Vector3<f64> {
+    Vector3::from([mirror & 1, mirror >> 1 & 1, 0].map(|flip| 1.0 - 2.0 * flip as f64))
+}
+
+impl Network for Soft {
+    type Config = SoftConfig;
+    type Sample = Sample;
+    type Ground = Objects;
+
+    fn new(config: &SoftConfig, vb: &VarBuilder) -> candle_core::Result<Self> {
+        Self::new(config, vb)
+    }
+
+    fn graph(_sample: &Sample) -> usize {
+        0
+    }
+
+    fn truth<'a>(_objects: &'a Objects, sample: &'a Sample) -> (&'a Truth, &'a Gel) {
+        (&sample.truth, &sample.unit)
+    }
+
+    fn loss(&self, objects: &Objects, samples: &[&Sample], mirror: usize) -> Result<Loss> {
+        let mut total = Tensor::zeros((), candle_core::DType::F32, &Device::Cpu)?;
+        let mut parts = [0.0; 4];
+        for sample in samples {
+            let graph = &objects.graphs[sample.object];
+            let answer = self.forward(&sample.question, graph, &signs(mirror))?;
+            let truth = &sample.truth;
+            let errors = [
+                (&answer.displacement, &truth.displacement[..]),
+                (&answer.stress, &truth.stress),
+                (&answer.forces, &truth.forces),
+                (&answer.force, &truth.force),
+            ];
+            for (i, (found, truth)) in errors.into_iter().enumerate() {
+                let truth = Tensor::from_slice(truth, (1, truth.len()), &Device::Cpu)?;
+                let error = relative(&found.reshape(truth.shape())?, &truth)?.mean_all()?;
+                parts[i] += error.to_scalar::<f32>()? / samples.len() as f32;
+                total = (total + (error * (WEIGHTS[i] / samples.len() as f64))?)?;
+            }
+        }
+        Ok(Loss { total, parts })
+    }
+
+    fn answer(&self, objects: &Objects, sample: &Sample) -> Result<Fields> {
+        let graph = &objects.graphs[sample.object];
+        let answer = self.forward(&sample.question, graph, &signs(0))?;
+        let force: Vec<f32> = answer.force.flatten_all()?.to_vec1()?;
+        Ok(Fields {
+            displacement: answer.displacement.flatten_all()?.to_vec1()?,
+            stress: answer.stress.flatten_all()?.to_vec1()?,
+            forces: answer.forces.flatten_all()?.to_vec1()?,
+            force: [force[0], force[1], force[2]],
+        })
+    }
+}

@@ -1,0 +1,182 @@
+//! A soft object between rigid fingers: what presses it, and what becomes of it.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use nalgebra::{Isometry3, Matrix3, Vector3};
+
+use super::Shell;
+use crate::{
+    Result,
+    deformation::{Deformation, History, Moduli, Press, SoftBody},
+    geometry::{RigidFit, Shape, TetMesh},
+    surrogate::soft::SoftSurrogate,
+};
+
+/// Markers on the surface of a soft object.
+pub const MARKERS: usize = 16;
+/// Young's modulus that models are built with (Pa). Displacements do not depend on it; stresses and
+/// forces are proportional to it.
+const YOUNG: f64 = 1e5;
+
+/// A soft object's model.
+#[derive(Clone)]
+pub struct SoftObject {
+    surrogate: SoftSurrogate,
+    /// Nodes that carry markers, far from each other on the surface.
+    markers: Arc<[u32]>,
+    shell: Arc<Shell>,
+    /// Half-extents of a finger's box, which presses with its side at +z (m).
+    finger: Vector3<f64>,
+}
+
+/// What a squeeze does to the object.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Squeezed {
+    /// How far each marker is from where it would be if the object had moved rigidly, in the object's
+    /// frame (m).
+    pub markers: Vec<Vector3<f64>>,
+    /// Root mean square of that over all nodes (m).
+    pub deviation: f64,
+    /// Largest von Mises stress of a tetrahedron (Pa).
+    pub peak: f64,
+    /// Mean of the stress by volume (Pa).
+    pub mean: f64,
+    /// Normal force of the object on each finger (N).
+    pub forces: [f64; 2],
+}
+
+/// What a model is built of.
+#[derive(PartialEq)]
+struct Parts {
+    shape: Shape,
+    finger: Vector3<f64>,
+    poisson: f64,
+}
+
+/// What was built last, most recent first.
+static BUILT: Mutex<Vec<(Parts, SoftObject)>> = Mutex::new(Vec::new());
+/// How many are kept.
+const KEPT: usize = 16;
+
+impl std::fmt::Debug for SoftObject {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SoftObject").field("finger", &self.finger).finish_non_exhaustive()
+    }
+}
+
+impl SoftObject {
+    /// The shipped network on an object of `shape` between fingers of half-extents `finger` (m). What
+    /// this process built lately is shared.
+    pub fn new(shape: &Shape, finger: Vector3<f64>, poisson: f64) -> Result<Self> {
+        let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
+        let parts = Parts { shape: shape.clone(), finger, poisson };
+        if let Some((_, known)) = built.iter().find(|(known, _)| *known == parts) {
+            return Ok(known.clone());
+        }
+        let moduli = Moduli { young: YOUNG, poisson };
+        let surrogate = SoftSurrogate::named("soft", shape, moduli, 1.0)?;
+        let markers = spread_out(surrogate.body());
+        let shell = Arc::new(shell(surrogate.body().mesh()));
+        let object = Self { surrogate, markers, shell, finger };
+        built.insert(0, (parts, object.clone()));
+        built.truncate(KEPT);
+        Ok(object)
+    }
+
+    /// The model, to be copied by whoever solves with it.
+    pub fn model(&self) -> &SoftSurrogate {
+        &self.surrogate
+    }
+
+    /// The press by fingers whose faces are at `faces` in the object's frame, z towards the object.
+    pub fn press(
+        &self,
+        faces: &[Isometry3<f64>; 2],
+        friction: f64,
+        history: Option<History>,
+    ) -> Result<Press> {
+        let back = Isometry3::translation(0.0, 0.0, -self.finger.z);
+        let poses = faces.iter().map(|face| face * back).collect();
+        let fingers = vec![Shape::Cuboid { half_extents: self.finger }; 2];
+        let press = Press::along(fingers, vec![poses])?.with_friction(friction)?;
+        history.map_or(Ok(press.clone()), |history| press.after(history))
+    }
+
+    /// What an answer comes to for an object of Young's modulus `young` (Pa); `None` if nothing presses.
+    pub fn squeezed(&self, answer: &Deformation, young: f64) -> Result<Option<Squeezed>> {
+        if answer.contact_force.iter().all(|force| *force == Vector3::zeros()) {
+            return Ok(None);
+        }
+        let (mesh, share) = (self.surrogate.body().mesh(), young / YOUNG);
+        let rest = &mesh.vertices;
+        let moved: Vec<_> = rest.iter().zip(&answer.displacement).map(|(p, u)| p + u).collect();
+        let RigidFit { motion, residual } = RigidFit::new(rest, &moved)?;
+        let marker = |&node: &u32| moved[node as usize] - motion * rest[node as usize];
+        let stresses = answer.von_mises.iter().copied();
+        let volume = |t: usize| mesh.tet_volume(t);
+        let all: f64 = stresses.clone().enumerate().map(|(t, stress)| stress * volume(t)).sum();
+        let wrenches = self.surrogate.of_fingers(&self.finger, answer);
+        let face = |i: usize| answer.poses[i].rotation * Vector3::z();
+        Ok(Some(Squeezed {
+            markers: self.markers.iter().map(marker).collect(),
+            deviation: residual,
+            peak: share * stresses.fold(0.0, f64::max),
+            mean: share * all / mesh.volume(),
+            forces: [0, 1].map(|i| share * wrenches[i].force.dot(&face(i))),
+        }))
+    }
+
+    /// Its surface, for a picture.
+    pub fn shell(&self) -> &Shell {
+        &self.shell
+    }
+
+    /// A stress over Young's modulus as answers have it (Pa).
+    pub fn stress(&self, share: f64) -> f64 {
+        share * YOUNG
+    }
+}
+
+fn shell(mesh: &TetMesh) -> Shell {
+    let mut shares = vec![Vec::new(); mesh.vertices.len()];
+    for (number, tet) in mesh.tets.iter().enumerate() {
+        for &node in tet {
+            shares[node as usize].push((number as u32, 1.0));
+        }
+    }
+    for shares in &mut shares {
+        let all = shares.len() as f64;
+        for (_, share) in shares {
+            *share /= all;
+        }
+    }
+    Shell::new(&mesh.vertices, &mesh.boundary(), &shares)
+}
+
+/// Nodes of the surface, each as far as can be from those before it.
+fn spread_out(body: &SoftBody) -> Arc<[u32]> {
+    let places = &body.mesh().vertices;
+    let mut surface: Vec<u32> = body.mesh().boundary().into_iter().flatten().collect();
+    surface.sort_unstable();
+    surface.dedup();
+    let mut gaps = vec![f64::INFINITY; surface.len()];
+    let mut next = 0;
+    (0..MARKERS.min(surface.len()))
+        .map(|_| {
+            let chosen = surface[next];
+            for (gap, &node) in gaps.iter_mut().zip(&surface) {
+                *gap = gap.min((places[node as usize] - places[chosen as usize]).norm());
+            }
+            let farthest = (0..gaps.len()).max_by(|&a, &b| gaps[a].total_cmp(&gaps[b]));
+            next = farthest.unwrap_or_default();
+            chosen
+        })
+        .collect()
+}
+
+impl Squeezed {
+    /// The markers seen in a frame turned by `turn` (m).
+    pub fn seen(&self, turn: &Matrix3<f64>) -> Vec<Vector3<f64>> {
+        self.markers.iter().map(|marker| turn * marker).collect()
+    }
+}

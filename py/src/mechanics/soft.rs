@@ -1,0 +1,109 @@
+//! The trained network for soft objects as an answerer.
+
+use std::{path::PathBuf, sync::Mutex};
+
+use numpy::PyArrayMethods;
+use pyo3::prelude::*;
+use ruffini_core::{deformation::Moduli, surrogate::soft};
+
+use super::{
+    Deformation, Press, Shape, SoftBody,
+    model::{answer, locked, solve},
+};
+use crate::error::python_error;
+
+/// A graph network for a soft object between two rigid fingers: what finite elements add to linear
+/// elasticity.
+///
+/// The free object's linear answer, with friction, is computed first; the network corrects it on the
+/// mesh of `body`. Another object is another graph and not another network. Without contact the answer
+/// is exactly zero.
+///
+/// A press is of two equal cuboids, ``Press([box, box], poses)``: the fingers, whose sides at +z face
+/// the object, in the object's frame.
+///
+/// Args:
+///     shape: The object, a solid.
+///     young: Young's modulus (Pa).
+///     poisson: Poisson's ratio.
+///     friction: Coefficient of friction between object and fingers.
+///     weights: "soft", the shipped weights, or the path of a .safetensors file.
+///
+/// Raises:
+///     ValueError: If the weights are not known or damaged, a number is out of its range, or the shape
+///         has no mesh.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct SoftSurrogate {
+    model: Mutex<soft::SoftSurrogate>,
+    /// The object's mesh, with its material, that answers refer to.
+    #[pyo3(get)]
+    body: Py<SoftBody>,
+}
+
+#[pymethods]
+impl SoftSurrogate {
+    #[new]
+    #[pyo3(signature = (shape, young=1e5, poisson=0.45, friction=0.8, weights="soft"))]
+    fn new(
+        py: Python<'_>,
+        shape: &Shape,
+        young: f64,
+        poisson: f64,
+        friction: f64,
+        weights: &str,
+    ) -> PyResult<Self> {
+        let (shape, moduli) = (shape.inner.clone(), Moduli { young, poisson });
+        let path = PathBuf::from(weights);
+        let model = py.detach(|| {
+            if path.extension().is_some_and(|extension| extension == "safetensors") {
+                soft::SoftSurrogate::load(&path, &shape, moduli, friction)
+            } else {
+                soft::SoftSurrogate::named(weights, &shape, moduli, friction)
+            }
+        });
+        let model = model.map_err(python_error)?;
+        let body = SoftBody::from_core(py, model.body().clone())?;
+        Ok(Self { model: Mutex::new(model), body: Py::new(py, body)? })
+    }
+
+    /// What the weights are, as JSON: form, training, data, errors on what they never saw.
+    #[getter]
+    fn card(&self) -> String {
+        serde_json::to_string(locked(&self.model).card()).expect("plain data")
+    }
+
+    /// Where each press ends, as Fem.solve.
+    ///
+    /// Args:
+    ///     presses: A list of Press, or one.
+    ///
+    /// Returns:
+    ///     A list with a Deformation for each press, or the PressError that says why there is none.
+    ///     `residual` is that of the linear answer.
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        presses: &Bound<'py, PyAny>,
+    ) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        solve(py, &self.model, presses)
+    }
+
+    /// Every frame of one press, in order, as Fem.solve_path.
+    ///
+    /// Returns:
+    ///     A list with a Deformation for each frame. It ends early with a PressError at the first
+    ///     frame that is not solved.
+    fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let frames = py.detach(|| locked(&self.model).solve_path(&press.inner));
+        frames.into_iter().map(|frame| answer(py, frame, press.single)).collect()
+    }
+
+    /// Whether an answer of this network lies within what it was trained on: displacement, Poisson's
+    /// ratio, friction.
+    fn knows(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
+        let displacement = answer.displacement.bind(py).try_readonly()?;
+        let numbers: Vec<f64> = displacement.as_array().iter().copied().collect();
+        let vectors: Vec<_> = numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect();
+        Ok(locked(&self.model).knows(&vectors))
+    }
+}
