@@ -1,4 +1,6 @@
-"""Trains a small grasp agent and compares it with the scripted and the random policy.
+"""Trains a small grasp agent on rigid pads and tries it on soft ones.
+
+Beside it are the scripted and the random policy.
 
 Use::
 
@@ -17,6 +19,9 @@ from train import train
 
 ENV_ID = "ruffini/GraspLift-v0"
 
+SOFT = {"tactile": "surrogate", "observation": ["proprio", "object"]}
+"""The pads that feel, for an agent that has learnt with rigid ones."""
+
 
 def main() -> None:
     """Trains, evaluates, prints the table."""
@@ -32,10 +37,14 @@ def main() -> None:
         train(ENV_ID, "ppo", 0, folder, steps=arguments.steps)
         minutes = (time.monotonic() - started) / 60
         print(f"\nsuccess over {arguments.episodes} fixed seeds (95 % interval):")
-        agent = evaluate(TrainedPolicy(folder), ENV_ID, arguments.episodes)
+        policy = TrainedPolicy(folder)
+        settings = policy.environment
+        agent = evaluate(policy, ENV_ID, arguments.episodes, **settings)
         print(line(f"agent ({minutes:.1f} min)", agent))
+        felt = evaluate(policy, ENV_ID, arguments.episodes, **SOFT)
+        print(line("agent on soft pads", felt))
         for name in ("scripted", "random"):
-            print(line(name, evaluate(load(name), ENV_ID, arguments.episodes)))
+            print(line(name, evaluate(load(name), ENV_ID, arguments.episodes, **settings)))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import torch
 from stable_baselines3 import PPO, SAC
@@ -27,6 +28,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from tqdm import tqdm
 
+import ruffini
 from params import Params, params
 from ruffini.sb3 import TouchExtractor, make_vec_env
 
@@ -41,11 +43,15 @@ def run_folder(env_id: str, algorithm: str, seed: int) -> Path:
 
 
 def make_environment(env_id: str, chosen: Params, seed: int, n_envs: int) -> VecNormalize:
-    """The environments that an agent trains in, their observations normalised as they come."""
+    """The environments that an agent trains in; all that is seen but touch is normalised."""
     obs = "dict" if chosen.policy == "MultiInputPolicy" else "flat"
     envs = make_vec_env(env_id, n_envs=n_envs, seed=seed, obs=obs, **chosen.environment)
     monitored = VecMonitor(envs, info_keywords=("is_success",))
-    return VecNormalize(monitored, norm_reward=False, gamma=chosen.algorithm["gamma"])
+    keys = None
+    if isinstance(envs.observation_space, gym.spaces.Dict):
+        keys = [name for name in envs.observation_space if name not in ruffini.TACTILE_CHANNELS]
+    gamma = chosen.algorithm["gamma"]
+    return VecNormalize(monitored, norm_reward=False, gamma=gamma, norm_obs_keys=keys)
 
 
 class Progress(BaseCallback):

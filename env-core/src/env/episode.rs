@@ -47,6 +47,9 @@ pub(super) struct Motion {
     pub(super) answers: PerFinger<Result<Deformation>>,
 }
 
+/// Control steps between the poses by which fingers follow what happened before an episode.
+const STRIDE: usize = 4;
+
 /// What a step came to, beside its observation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Outcome {
@@ -314,6 +317,9 @@ fn scene(
     let (grip, mut way) = (holding.start_grip, Vec::new());
     let seen = |state: &SceneState| way.push(poses_in_pads(state));
     let scene = Scene::holding(config, &object, &place, grip, seen)?;
+    // From its end, so that the last pose is the present one.
+    let mut way: Vec<_> = way.into_iter().rev().step_by(STRIDE).collect();
+    way.reverse();
     Ok((scene, grip, way))
 }
 

@@ -140,11 +140,24 @@ class RuffiniVecEnv(VecEnv):
         return list(self._get_indices(indices))
 
 
+TYPICAL = {
+    "markers": 20.0,
+    "displacement": 20.0,
+    "stress": 100.0,
+    "tet_stress": 100.0,
+    "traction": 100.0,
+}
+"""Bound of a channel over what a firm grip makes of it."""
+
+
 class TouchExtractor(BaseFeaturesExtractor):
     """Features of dict observations for ``MultiInputPolicy``.
 
     Each channel of touch goes pad by pad through a small network of its own, which both pads share;
     all others are taken as they are. About 9,000 weights for the default markers.
+
+    Touch is scaled by its bounds. Leave it out of ``VecNormalize`` (``norm_obs_keys``): it is 0
+    until something touches, and running statistics of that make the first touches enormous.
 
     Args:
         observation_space: Space of the observations, a ``Dict`` of vectors.
@@ -160,6 +173,11 @@ class TouchExtractor(BaseFeaturesExtractor):
         seen = sum(size for name, size in sizes.items() if name not in felt)
         super().__init__(observation_space, features_dim=seen + 2 * features * len(felt))
         self._channels = list(sizes)
+        for name in felt:
+            box = observation_space[name]
+            assert isinstance(box, gym.spaces.Box), "channels are boxes"
+            scale = TYPICAL.get(name, 1.0) / np.maximum(-box.low, box.high)
+            self.register_buffer(f"scale_{name}", torch.as_tensor(scale.reshape(2, -1)))
         self._pads = torch.nn.ModuleDict(
             {
                 name: torch.nn.Sequential(
@@ -178,7 +196,7 @@ class TouchExtractor(BaseFeaturesExtractor):
         for name in self._channels:
             values = observations[name]
             if name in self._pads:
-                pads = values.reshape(len(values), 2, -1)
+                pads = values.reshape(len(values), 2, -1) * self.get_buffer(f"scale_{name}")
                 values = self._pads[name](pads).flatten(1)
             parts.append(values)
         return torch.cat(parts, dim=1)
