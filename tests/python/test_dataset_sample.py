@@ -28,7 +28,8 @@ def test_a_sample_is_whole_and_in_balance(name, objects):
         for part in ("grasps", "squeezes")
         for path in (SAMPLES / part).rglob("*")
     )
-    assert size < 2e6, f"{size} bytes of samples"
+    # Most of it places of contact points, 0.4 mm apart all over two fruits.
+    assert size < 4e6, f"{size} bytes of samples"
 
 
 def test_the_configuration_beside_a_sample_makes_it(tmp_path):
