@@ -3,27 +3,15 @@
 //! `soft DATA OUT [STUDY]`: STUDY is JSON such as `{"seconds": 1200, "seed": 1}`. Two threads. Linux,
 //! whose /proc tells the time.
 
-use std::{env, error::Error, fs, path::Path, process::Command};
+mod common;
 
+use std::{env, error::Error, fs, path::Path};
+
+use common::{commit, processor};
 use ruffini_core::surrogate::soft::SoftStudy;
 
 /// Threads.
 const THREADS: usize = 2;
-
-/// Processor time of this process (s).
-fn processor() -> f64 {
-    let text = fs::read_to_string("/proc/self/stat").expect("a Linux with /proc");
-    let fields: Vec<&str> =
-        text.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
-    let ticks = |i: usize| -> f64 { fields[i].parse().expect("a number of ticks") };
-    (ticks(11) + ticks(12)) / 100.0
-}
-
-/// The commit that is checked out.
-fn commit() -> Result<String, Box<dyn Error>> {
-    let output = Command::new("git").args(["rev-parse", "--short", "HEAD"]).output()?;
-    Ok(String::from_utf8(output.stdout)?.trim().to_owned())
-}
 
 fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = env::args().collect();

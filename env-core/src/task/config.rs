@@ -135,7 +135,6 @@ impl Config {
                 config.friction = [0.6, 1.0];
                 config.size = [1.0, 1.0];
                 config.softness = Some(Softness::default());
-                config.tactile = Choice::Surrogate;
             }
             Task::HoldStill => config.holding = Some(Holding::default()),
         }

@@ -148,3 +148,9 @@ pub(crate) fn read_only<T>(array: Bound<'_, T>) -> PyResult<Py<T>> {
     array.as_any().call_method1("setflags", (false,))?;
     Ok(array.unbind())
 }
+
+/// The rows of an array (V, 3).
+pub(super) fn vectors(array: &Bound<'_, PyArray2<f64>>) -> PyResult<Vec<Vector3<f64>>> {
+    let numbers: Vec<f64> = array.try_readonly()?.as_array().iter().copied().collect();
+    Ok(numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect())
+}

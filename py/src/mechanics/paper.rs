@@ -2,13 +2,16 @@
 
 use std::path::PathBuf;
 
-use nalgebra::Vector3;
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArray2};
 use pyo3::{IntoPyObjectExt, prelude::*};
 use ruffini_core::{Result, surrogate::paper};
 
 use super::{
-    Press, SoftBody, answer::pose, arrays::array_of_vectors, pool::pool, press::one_or_many,
+    Press, SoftBody,
+    answer::pose,
+    arrays::{array_of_vectors, vectors},
+    pool::pool,
+    press::one_or_many,
     surrogate::Gel,
 };
 use crate::error::{press_error, python_error};
@@ -146,11 +149,7 @@ impl PaperNetwork {
     /// Whether an answer of this network lies within what it was trained on: displacement, Poisson's
     /// ratio, friction.
     fn knows(&self, py: Python<'_>, answer: &PaperAnswer) -> PyResult<bool> {
-        let displacement = answer.displacement.bind(py).try_readonly()?;
-        let numbers: Vec<f64> = displacement.as_array().iter().copied().collect();
-        let vectors: Vec<Vector3<f64>> =
-            numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect();
-        Ok(self.model.knows(&vectors))
+        Ok(self.model.knows(&vectors(answer.displacement.bind(py))?))
     }
 }
 

@@ -2,12 +2,12 @@
 
 use std::{path::PathBuf, sync::Mutex};
 
-use numpy::PyArrayMethods;
 use pyo3::prelude::*;
 use ruffini_core::{deformation::Moduli, surrogate::soft};
 
 use super::{
     Deformation, Press, Shape, SoftBody,
+    arrays::vectors,
     model::{answer, locked, solve},
 };
 use crate::error::python_error;
@@ -101,9 +101,6 @@ impl SoftSurrogate {
     /// Whether an answer of this network lies within what it was trained on: displacement, Poisson's
     /// ratio, friction.
     fn knows(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
-        let displacement = answer.displacement.bind(py).try_readonly()?;
-        let numbers: Vec<f64> = displacement.as_array().iter().copied().collect();
-        let vectors: Vec<_> = numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect();
-        Ok(locked(&self.model).knows(&vectors))
+        Ok(locked(&self.model).knows(&vectors(answer.displacement.bind(py))?))
     }
 }

@@ -5,13 +5,12 @@ use std::{
     sync::Mutex,
 };
 
-use nalgebra::Vector3;
-use numpy::{PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use ruffini_core::{Result, deformation::Moduli, sensor::Sensor, surrogate};
 
 use super::{
     Deformation, Press, SoftBody,
+    arrays::vectors,
     model::{answer, locked, solve},
 };
 use crate::error::python_error;
@@ -136,12 +135,8 @@ impl Surrogate {
     /// are; nine nodes or more bear the force, counted by their share of it; at most half as much is out
     /// of balance. Where nothing touches it is. What is lighter or touches few nodes may be right.
     fn knows(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
-        let vectors = |field: &Py<PyArray2<f64>>| -> PyResult<Vec<Vector3<f64>>> {
-            let numbers: Vec<f64> =
-                field.bind(py).try_readonly()?.as_array().iter().copied().collect();
-            Ok(numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect())
-        };
-        let (moved, forces) = (vectors(&answer.displacement)?, vectors(&answer.contact_force)?);
+        let moved = vectors(answer.displacement.bind(py))?;
+        let forces = vectors(answer.contact_force.bind(py))?;
         Ok(locked(&self.model).knows(&moved, &forces, answer.residual))
     }
 }
