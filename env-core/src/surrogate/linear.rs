@@ -214,3 +214,30 @@ impl Answer {
 pub(super) fn body(pad: &PadMesh, moduli: Moduli) -> Result<SoftBody> {
     SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Shape;
+
+    #[test]
+    fn stress_by_the_matrix_is_that_of_a_solve_on_the_whole_mesh() {
+        let sensor = Sensor::named("gelsight-mini").unwrap();
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let gel = Gel { moduli, friction: 0.5, thickness: sensor.outline.thickness };
+        let pad = sensor.pad(1000).unwrap();
+        let linear = Linear::new(&sensor, &gel, 1000, Contact::Nodes, &pad).unwrap();
+        let Solver::Nodes(nodes) = &linear.solver else { panic!("contact at nodes") };
+        let path = vec![vec![Isometry3::translation(1e-4, 0.0, 8e-3 - 5e-4)]];
+        let press = Press::along(vec![Shape::Sphere { radius: 8e-3 }], path).unwrap();
+        let settled = nodes.nodal.settle(&press).unwrap();
+        let found = nodes.von_mises(&settled);
+        let solved = nodes.nodal.deformation(settled).unwrap().von_mises;
+        let most = solved.iter().copied().fold(0.0, f64::max);
+        let pairs = found.iter().zip(&solved);
+        let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(found.len() == solved.len() && most > 1e3, "{most} Pa");
+        // The fast stress has single precision and a floor of 1e-5 of the shear modulus.
+        assert!(error < 1e-4 * most, "{error} Pa of {most} Pa");
+    }
+}
