@@ -154,6 +154,16 @@ impl Press {
         self
     }
 
+    /// The last frame of this press alone, from rest; none if that is all that it asks.
+    pub fn its_end(&self) -> Option<Self> {
+        let Drive::Translation { path } = &self.drive else { return None };
+        if self.history.is_none() && path.len() < 2 {
+            return None;
+        }
+        let drive = Drive::Translation { path: vec![path.last()?.clone()] };
+        Some(Self { drive, history: None, ..self.clone() })
+    }
+
     /// This press with its own coefficient of friction, 0 to 100, in place of the model's.
     pub fn with_friction(mut self, friction: f64) -> Result<Self> {
         if !(0.0..=MOST_FRICTION).contains(&friction) {

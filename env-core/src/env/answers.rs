@@ -10,6 +10,14 @@ use crate::{
     tactile::{Model, SoftObject},
 };
 
+/// What became of a press.
+pub(super) struct Answer {
+    pub(super) found: Result<Deformation>,
+    /// Kind of the error ([`Error::kind`]) with which the way there failed, if `found` is what the shape
+    /// meets at its end when put there from rest: what the contact remembered is lost.
+    pub(super) retaken: Option<&'static str>,
+}
+
 /// What `model` answers to `presses`, as far as it is `wanted`, on the threads of `pool` or where it is
 /// called. A panic in one press is that one's error.
 pub(super) fn answers(
@@ -17,11 +25,32 @@ pub(super) fn answers(
     presses: &[Press],
     wanted: Wanted,
     pool: Option<&ThreadPool>,
-) -> Vec<Result<Deformation>> {
+) -> Vec<Answer> {
     match pool {
-        Some(pool) => pool.install(|| each(model, presses, wanted)),
-        None => each(model, presses, wanted),
+        Some(pool) => pool.install(|| retaken(model, presses, wanted)),
+        None => retaken(model, presses, wanted),
     }
+}
+
+/// The answers of [`each`], those that fail on their way from where they end.
+fn retaken(model: &mut Model, presses: &[Press], wanted: Wanted) -> Vec<Answer> {
+    let plain = |found| Answer { found, retaken: None };
+    let mut answers: Vec<_> = each(model, presses, wanted).into_iter().map(plain).collect();
+    let failed = |(i, press): (usize, &Press)| {
+        let kind = answers[i].found.as_ref().err()?.kind();
+        Some((i, kind, press.its_end()?))
+    };
+    let failed: Vec<_> = presses.iter().enumerate().filter_map(failed).collect();
+    if failed.is_empty() {
+        return answers;
+    }
+    let ends: Vec<_> = failed.iter().map(|(_, _, end)| end.clone()).collect();
+    for ((i, kind, _), found) in failed.into_iter().zip(each(model, &ends, wanted)) {
+        if found.is_ok() {
+            answers[i] = Answer { found, retaken: Some(kind) };
+        }
+    }
+    answers
 }
 
 fn each(model: &mut Model, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
@@ -39,15 +68,49 @@ pub(super) fn answers_of_objects(
     objects: &[Option<&SoftObject>],
     presses: &[Press],
     pool: Option<&ThreadPool>,
-) -> Vec<Result<Deformation>> {
+) -> Vec<Answer> {
     let one = |(object, press): (Option<&SoftObject>, &Press)| {
         let mut model = object.ok_or(Error::Panicked)?.model().clone();
         let solve = || model.solve(std::slice::from_ref(press)).pop();
         catch_unwind(AssertUnwindSafe(solve)).ok().flatten().unwrap_or(Err(Error::Panicked))
     };
-    let all = || objects.par_iter().copied().zip(presses).map(one).collect();
+    let answer = |asked| Answer { found: one(asked), retaken: None };
+    let all = || objects.par_iter().copied().zip(presses).map(answer).collect();
     match pool {
         Some(pool) => pool.install(all),
         None => all(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Isometry3, Vector3};
+
+    use super::*;
+    use crate::{
+        deformation::History,
+        geometry::Shape,
+        tactile::{Choice, Config, Resolution, Touch},
+    };
+
+    #[test]
+    fn a_way_that_fails_is_left_for_its_end() {
+        let resolution = Resolution { nodes: 100, ..Resolution::default() };
+        let config = Config { choice: Choice::Compliance, resolution, ..Config::default() };
+        let mut model = Touch::new(&config).unwrap().unwrap().model().clone();
+        let radius = 8e-3;
+        let at = |depth: f64| vec![Isometry3::translation(0.0, 0.0, radius - depth)];
+        let press = Press::along(vec![Shape::Sphere { radius }], vec![at(3e-4)]).unwrap();
+        // A history that is no body's.
+        let displacement = vec![Vector3::zeros(); 3];
+        let poses = at(-1e-3);
+        let history = History { displacement, poses, anchors: Vec::new(), forces: Vec::new() };
+        let asked = [press.clone(), press.after(history).unwrap()];
+        let [straight, lost] =
+            answers(&mut model, &asked, Wanted::default(), None).try_into().ok().unwrap();
+        assert_eq!([straight.retaken, lost.retaken], [None, Some("invalid")]);
+        let forces = [straight, lost].map(|answer| answer.found.unwrap().contact_force);
+        assert!(forces[0].iter().any(|force| force.norm() > 0.0));
+        assert_eq!(forces[0], forces[1]);
     }
 }

@@ -255,7 +255,7 @@ impl Batch {
             let presses: Vec<_> =
                 self.rows[row].touch_again(&self.setup)?.into_iter().flatten().collect();
             let answers = answers_of_objects(&vec![Some(object); presses.len()], &presses, pool);
-            felt[0] = answers.into_iter().find_map(Result::ok);
+            felt[0] = answers.into_iter().find_map(|answer| answer.found.ok());
             return Ok(felt);
         }
         let Some(mut model) = self.model.clone() else { return Ok(felt) };
@@ -263,7 +263,7 @@ impl Batch {
         for (felt, press) in felt.iter_mut().zip(self.rows[row].touch_again(&self.setup)?) {
             let pool = self.pool.as_ref().map(|(_, pool)| pool);
             let answers = answers(&mut model, press.as_slice(), wanted, pool);
-            *felt = answers.into_iter().find_map(Result::ok);
+            *felt = answers.into_iter().find_map(|answer| answer.found.ok());
         }
         Ok(felt)
     }

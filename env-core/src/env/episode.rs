@@ -11,7 +11,8 @@ use super::{
     Setup,
     plan::{CHANNEL, CORRECTION, Costs, PEAK, PRESS, REWARD, SCENE},
     squeeze::{self, Squeeze},
-    touch::{PerFinger, PosesInPads, correct, keep, poses_in_pads, presses},
+    touch::{PerFinger, correct, keep, presses},
+    way::{PosesInPads, Way},
 };
 use crate::{
     Error, Result,
@@ -45,10 +46,9 @@ pub(super) struct Motion {
     state: SceneState,
     pub(super) presses: PerFinger<Press>,
     pub(super) answers: PerFinger<Result<Deformation>>,
+    /// Kind of the error with which the way of an answered press failed.
+    pub(super) retaken: Option<&'static str>,
 }
-
-/// Control steps between the poses by which fingers follow what happened before an episode.
-const STRIDE: usize = 4;
 
 /// What a step came to, beside its observation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -65,7 +65,8 @@ pub struct Outcome {
     pub is_success: bool,
     /// Why the episode ended before its time.
     pub ending: Option<Ending>,
-    /// Kind of the error ([`Error::kind`]) where a press was not answered.
+    /// Kind of the error ([`Error::kind`]) where a press was not answered. The episode goes on if the
+    /// contact could be taken up anew from rest, where it ended.
     pub press_error: Option<&'static str>,
 }
 
@@ -109,12 +110,12 @@ impl Episode {
         let object = Object { model, scale, mass, friction, pose };
         let (scene, grip, way) = scene(setup, &object, &Vector3::from(start), draw.young)?;
         let state = scene.state();
-        let fingers = way[0].map(Finger::new);
+        let fingers = way.start().map(Finger::new);
         let (object, progress) = (None, Progress::new(&state));
         let (squeeze, steps, over) = (Squeeze::default(), 0, false);
         let mut episode =
             Self { scene, draw, object, fingers, squeeze, grip, steps, progress, over };
-        let motion = episode.motion(setup, state, &way);
+        let motion = episode.motion(setup, state, way.poses());
         Ok((episode, motion))
     }
 
@@ -186,7 +187,8 @@ impl Episode {
 
     /// What the fingers ask of the world in `state`, after the object has moved along `way`.
     fn motion(&mut self, setup: &Setup, state: SceneState, way: &[PosesInPads]) -> Motion {
-        let mut motion = Motion { state, presses: [None, None], answers: [None, None] };
+        let mut motion =
+            Motion { state, presses: [None, None], answers: [None, None], retaken: None };
         if motion.state.failure.is_some() {
             return motion;
         }
@@ -219,7 +221,7 @@ impl Episode {
             return Ok([press, None]);
         }
         let object = setup.felt_shape(self.draw.object).scaled(self.draw.scale);
-        let way = [poses_in_pads(&state)];
+        let way = [self.scene.object_in_pads()];
         presses(&mut self.fingers.clone(), &way, &object, &self.draw, setup)
     }
 
@@ -234,13 +236,19 @@ impl Episode {
         let (start, shaking) = (self.time(setup), self.draw.shaking);
         self.grip = command.grip;
         self.steps += 1;
+        let mut way = Way::after(&self.fingers);
+        let feels = setup.touch().is_some();
         let state = costs.time(SCENE, || {
             let force = |time| shaking.map_or_else(Vector3::zeros, |s| s.force(start + time));
-            self.scene.step_under(&command, force);
+            self.scene.step_under(&command, force, |scene| {
+                if feels {
+                    way.go_on(scene.object_in_pads());
+                }
+            });
             self.scene.state()
         });
-        let way = [poses_in_pads(&state)];
-        costs.time(PRESS, || self.motion(setup, state, &way))
+        way.arrive(self.scene.object_in_pads());
+        costs.time(PRESS, || self.motion(setup, state, way.poses()))
     }
 
     /// Ends the step that led to `motion`; `observation` holds the previous one on entry, which stands
@@ -254,7 +262,7 @@ impl Episode {
         costs: &mut Costs,
     ) -> Outcome {
         let config = &setup.config;
-        let Motion { state, answers, .. } = motion;
+        let Motion { state, answers, retaken, .. } = motion;
         let felt = match costs.time(CORRECTION, || self.felt(setup, &state, answers)) {
             Ok(felt) => felt,
             Err(error) => return Outcome::press_failed(&error),
@@ -287,7 +295,7 @@ impl Episode {
             truncated: ending.is_none() && self.steps >= config.max_episode_steps,
             is_success: progress.is_success(&moment, config),
             ending,
-            press_error: None,
+            press_error: retaken,
         };
         self.progress = progress;
         outcome
@@ -301,7 +309,7 @@ fn scene(
     object: &Object,
     start: &Vector3<f64>,
     young: Option<f64>,
-) -> Result<(Scene, f64, Vec<PosesInPads>)> {
+) -> Result<(Scene, f64, Way)> {
     let mut config = setup.config.scene.clone();
     if let (Some(young), Pads::Soft(pads)) = (young, &mut config.pads) {
         pads.young = young;
@@ -309,17 +317,20 @@ fn scene(
     let config = &config;
     let Some(holding) = &setup.config.holding else {
         let scene = Scene::new(config, object, start, 0.0)?;
-        let way = vec![poses_in_pads(&scene.state())];
+        let mut way = Way::from(scene.object_in_pads());
+        way.arrive(scene.object_in_pads());
         return Ok((scene, 0.0, way));
     };
     let place = config.workspace.clamp(start);
     let object = Object { pose: object.model.in_hand(object.scale, &place), ..object.clone() };
-    let (grip, mut way) = (holding.start_grip, Vec::new());
-    let seen = |state: &SceneState| way.push(poses_in_pads(state));
+    let (grip, mut way) = (holding.start_grip, None::<Way>);
+    let seen = |scene: &Scene| match &mut way {
+        Some(way) => way.go_on(scene.object_in_pads()),
+        None => way = Some(Way::from(scene.object_in_pads())),
+    };
     let scene = Scene::holding(config, &object, &place, grip, seen)?;
-    // From its end, so that the last pose is the present one.
-    let mut way: Vec<_> = way.into_iter().rev().step_by(STRIDE).collect();
-    way.reverse();
+    let mut way = way.unwrap_or_else(|| Way::from(scene.object_in_pads()));
+    way.arrive(scene.object_in_pads());
     Ok((scene, grip, way))
 }
 

@@ -12,6 +12,7 @@ mod row;
 mod snapshot;
 mod squeeze;
 mod touch;
+mod way;
 
 pub use batch::{Autoreset, Batch, StepResult};
 pub use episode::Outcome;

@@ -8,13 +8,14 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Outcome, Setup,
+    answers::Answer,
     episode::{Episode, Motion},
     plan::Costs,
     touch::PerFinger,
 };
 use crate::{
     Result,
-    deformation::{Deformation, Press},
+    deformation::Press,
     scene::SceneState,
     tactile::SoftObject,
     task::{ACTION_SIZE, Draw, Ending},
@@ -100,9 +101,10 @@ impl Row {
     }
 
     /// Gives a finger its answer.
-    pub(super) fn answer(&mut self, finger: usize, answer: Result<Deformation>) {
+    pub(super) fn answer(&mut self, finger: usize, answer: Answer) {
         if let Some(motion) = &mut self.motion {
-            motion.answers[finger] = Some(answer);
+            motion.answers[finger] = Some(answer.found);
+            motion.retaken = motion.retaken.or(answer.retaken);
         }
     }
 
@@ -174,7 +176,7 @@ mod tests {
         let (setup, mut row, mut observation) = row();
         let (before, mut scratch) = (observation.clone(), observation.clone());
         row.advance(&setup, &[0.0, 0.0, -1.0, 0.0, 0.0]);
-        row.answer(1, Err(Error::Inverted));
+        row.answer(1, Answer { found: Err(Error::Inverted), retaken: None });
         let outcome = row.conclude(&setup, &mut observation, &mut scratch);
         assert_eq!(outcome.ending, Some(Ending::PressFailed));
         assert_eq!(outcome.press_error, Some("inverted"));

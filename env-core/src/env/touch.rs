@@ -1,8 +1,6 @@
 //! How the rigid world's motion becomes presses, and answers become what a row feels.
 
-use nalgebra::Isometry3;
-
-use super::Setup;
+use super::{Setup, way::PosesInPads};
 use crate::{
     Result,
     deformation::{Deformation, Press},
@@ -14,14 +12,6 @@ use crate::{
 
 /// What one row's fingers ask or are told: for each a press, or an answer, where it touches.
 pub(super) type PerFinger<T> = [Option<T>; 2];
-
-/// Pose of the object in the frame of each pad (m).
-pub(super) type PosesInPads = [Isometry3<f64>; 2];
-
-/// The one place that knows how the rigid world stands for the soft one.
-pub(super) fn poses_in_pads(state: &SceneState) -> PosesInPads {
-    state.fingers.each_ref().map(|finger| finger.object)
-}
 
 /// The presses that `fingers` ask to be answered after the object has moved along `way`, its poses in
 /// the frame of each pad.

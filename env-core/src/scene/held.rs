@@ -19,24 +19,22 @@ impl Scene {
     /// the hand closes on nothing.
     ///
     /// The object is met where [`Object::pose`] puts it, in weightlessness. That ends with the grip,
-    /// and the object has come to rest in the hand if `grip` holds it. `seen` is told of every state
-    /// on the way, from the open hand to the last: what the pads remember comes from there.
+    /// and the object has come to rest in the hand if `grip` holds it. `seen` is shown the scene with
+    /// the hand open and after each time step: what the pads remember comes from there.
     pub fn holding(
         config: &SceneConfig,
         object: &Object,
         tool_center: &Vector3<f64>,
         grip: f64,
-        mut seen: impl FnMut(&SceneState),
+        mut seen: impl FnMut(&Self),
     ) -> Result<Self> {
         let mut scene = Self::new(config, object, tool_center, 0.0)?;
         scene.set_gravity(0.0);
         let command = Command { grip, ..Command::default() };
-        seen(&scene.state());
+        seen(&scene);
         let mut stepped = |scene: &mut Self| {
-            scene.step(&command);
-            let state = scene.state();
-            seen(&state);
-            state
+            scene.step_under(&command, |_| Vector3::zeros(), &mut seen);
+            scene.state()
         };
         let pressed = |state: SceneState| {
             state.fingers.iter().all(|finger| finger.normal_force() > FIRM * grip)

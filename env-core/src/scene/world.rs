@@ -93,15 +93,21 @@ impl Scene {
 
     /// Holds `command` for one control period. A scene that has failed stays as it is.
     pub fn step(&mut self, command: &Command) {
-        self.step_under(command, |_| Vector3::zeros());
+        self.step_under(command, |_| Vector3::zeros(), |_| ());
     }
 
     /// [`Scene::step`] while a `force` (N), which depends on the time since its beginning (s), acts on
-    /// the object's centre of mass.
-    pub fn step_under(&mut self, command: &Command, force: impl Fn(f64) -> Vector3<f64>) {
+    /// the object's centre of mass. `seen` is shown the scene after each time step.
+    pub fn step_under(
+        &mut self,
+        command: &Command,
+        force: impl Fn(f64) -> Vector3<f64>,
+        mut seen: impl FnMut(&Self),
+    ) {
         for step in 0..self.config.physics.steps() {
             let force = force(step as f64 * self.config.physics.time_step);
             self.advance_to(self.wrist.toward(command, &self.config), command.grip, force);
+            seen(self);
         }
     }
 
@@ -160,6 +166,16 @@ impl Scene {
         }
     }
 
+    /// Pose of the object in the frame of each pad (m), [`FingerState::object`].
+    pub fn object_in_pads(&self) -> [Isometry3<f64>; 2] {
+        [0, 1].map(|finger| self.object_in_pad(finger))
+    }
+
+    fn object_in_pad(&self, finger: usize) -> Isometry3<f64> {
+        let pad = self.hand.fingers[finger].pad_pose(&self.world);
+        pad.inv_mul(&units::si_pose(self.world.bodies[self.object].position()))
+    }
+
     fn finger_state(&self, index: usize, object: &Isometry3<f64>) -> FingerState {
         let finger = &self.hand.fingers[index];
         let (position, velocity) = finger.position(&self.world, self.hand.wrist);
@@ -183,8 +199,7 @@ impl Scene {
     /// limits: a factor of 4 on the normal force, half of the normal force sideways, 3 mm of lever.
     /// A rigid pad is left as it is.
     pub fn correct(&mut self, finger: usize, model: &Wrench) {
-        let pad = self.hand.fingers[finger].pad_pose(&self.world);
-        let pose = pad.inv_mul(&units::si_pose(self.world.bodies[self.object].position()));
+        let pose = self.object_in_pad(finger);
         if let Some(bed) = &mut self.bed {
             bed.correct(finger, &pose, model);
         }
@@ -193,8 +208,7 @@ impl Scene {
     /// As [`Scene::correct`], of the normal force alone, which the model wants to be `force` (N): for a
     /// model that knows no weight, so that friction stays the bed's.
     pub fn correct_pressing(&mut self, finger: usize, force: f64) {
-        let pad = self.hand.fingers[finger].pad_pose(&self.world);
-        let pose = pad.inv_mul(&units::si_pose(self.world.bodies[self.object].position()));
+        let pose = self.object_in_pad(finger);
         if let Some(bed) = &mut self.bed {
             bed.correct_pressing(finger, &pose, force);
         }

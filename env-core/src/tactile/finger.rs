@@ -25,13 +25,18 @@ impl Finger {
         Self { last: pose, history: None }
     }
 
+    /// Where the object was.
+    pub fn last(&self) -> &Isometry3<f64> {
+        &self.last
+    }
+
     /// Whether the last press touched.
     pub fn touches(&self) -> bool {
         self.history.is_some()
     }
 
     /// The press that leads the object from where it was through `path`, which has a pose or more;
-    /// none if that cannot touch the pad. The answer goes to [`Finger::keep`].
+    /// none if the object cannot touch the pad where it ends. The answer goes to [`Finger::keep`].
     pub fn press(
         &mut self,
         skin: &Skin,
@@ -41,18 +46,17 @@ impl Finger {
     ) -> Result<Option<Press>> {
         let from = self.last;
         self.last = path.last().copied().unwrap_or(from);
-        let frames = |path: &[Isometry3<f64>]| path.iter().map(|&pose| vec![pose]).collect();
-        let press = |path| Press::along(vec![object.clone()], path)?.with_friction(friction);
-        if let Some(history) = self.history.take() {
-            return press(frames(path))?.after(history).map(Some);
-        }
-        let near = |pose: &Isometry3<f64>| {
-            skin.may_touch(|place| object.distance(&pose.inverse_transform_point(place)).value)
-        };
-        if !path.iter().any(near) {
+        let end = self.last;
+        let history = self.history.take();
+        if !skin.may_touch(|place| object.distance(&end.inverse_transform_point(place)).value) {
             return Ok(None);
         }
-        press(frames(&[&[from], path].concat())).map(Some)
+        let frames = |path: &[Isometry3<f64>]| path.iter().map(|&pose| vec![pose]).collect();
+        let press = |path| Press::along(vec![object.clone()], path)?.with_friction(friction);
+        match history {
+            Some(history) => press(frames(path))?.after(history).map(Some),
+            None => press(frames(&[&[from], path].concat())).map(Some),
+        }
     }
 
     /// Takes what became of the last press; whether it still touches.

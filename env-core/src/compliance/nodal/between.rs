@@ -10,8 +10,11 @@ use crate::geometry::Shape;
 
 /// Thickness of a shape, in longest sides of a triangle, from which it need not be watched there.
 const THICK: f64 = 1.16;
-/// Greatest depth that a shape may stand between nodes, in thicknesses, and in all (m).
-const DEEPEST: (f64, f64) = (0.125, 2.5e-4);
+/// Greatest depth that a shape which no node feels may stand between nodes, in thicknesses, and in all (m).
+const UNFELT: (f64, f64) = (0.125, 2.5e-4);
+/// Greatest depth of a shape that some node feels, in thicknesses: a load step of half a thickness at most
+/// cannot lead from there to as near its other side, and the lattice sees it if anything is deeper.
+const FELT: f64 = 0.25;
 /// Distance of the places that are watched, in thicknesses, and most of them along a side.
 const SPACING: (f64, u32) = (0.5, 64);
 
@@ -27,6 +30,8 @@ pub(super) struct Face {
 pub(super) struct Standing<'a> {
     pub(super) shape: &'a Shape,
     pub(super) pose: &'a Isometry3<f64>,
+    /// Whether it presses on some node.
+    pub(super) felt: bool,
 }
 
 impl Face {
@@ -50,14 +55,15 @@ impl Face {
         most: f64,
         displaced: impl Fn(u32) -> Vector3<f64>,
     ) -> Option<[f64; 2]> {
-        let Standing { shape, pose } = standing;
+        let Standing { shape, pose, felt } = standing;
         let gap = |place: &Point3<f64>| shape.distance(&pose.inverse_transform_point(place)).value;
         if gap(&self.places[0]) > self.longest + most {
             return None;
         }
         let moved = [0, 1, 2].map(|i| (self.places[i] + displaced(self.corners[i])).coords);
         let thickness = shape.thickness();
-        let allowed = f64::min(DEEPEST.0 * thickness, DEEPEST.1);
+        let unfelt = f64::min(UNFELT.0 * thickness, UNFELT.1);
+        let allowed = if felt { FELT * thickness } else { unfelt };
         let pieces = (self.longest / (SPACING.0 * thickness)).ceil() as u32;
         let places = lattice(pieces.clamp(2, SPACING.1));
         let depth = places.map(|weights| -gap(&Point3::from(weighted(&moved, &weights))));

@@ -221,9 +221,10 @@ impl<'a> Walk<'a> {
             let moved = |held: &Held| self.skin.response(held.rank, rank) * held.force;
             state.held.iter().map(moved).sum::<Vector3<f64>>()
         };
-        for (shape, pose) in self.shapes.iter().zip(&state.poses) {
+        for (s, (shape, pose)) in (0..).zip(self.shapes.iter().zip(&state.poses)) {
+            let felt = state.held.iter().any(|held| held.shape == s);
             for face in self.watched {
-                let standing = Standing { shape, pose };
+                let standing = Standing { shape, pose, felt };
                 let found = face.penetrated(standing, state.amplitude, displaced);
                 if let Some([depth, most]) = found {
                     return Err(Error::Penetrated { depth, most });
