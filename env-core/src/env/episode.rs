@@ -12,7 +12,7 @@ use super::{
     plan::{CHANNEL, CORRECTION, Costs, PEAK, PRESS, REWARD, SCENE},
     squeeze::{self, Squeeze},
     touch::{PerFinger, correct, keep, presses},
-    way::{PosesInPads, Way},
+    way::{FINE, PosesInPads, Way},
 };
 use crate::{
     Error, Result,
@@ -317,7 +317,7 @@ fn scene(
     let config = &config;
     let Some(holding) = &setup.config.holding else {
         let scene = Scene::new(config, object, start, 0.0)?;
-        let mut way = Way::from(scene.object_in_pads());
+        let mut way = Way::from(scene.object_in_pads(), FINE);
         way.arrive(scene.object_in_pads());
         return Ok((scene, 0.0, way));
     };
@@ -326,10 +326,10 @@ fn scene(
     let (grip, mut way) = (holding.start_grip, None::<Way>);
     let seen = |scene: &Scene| match &mut way {
         Some(way) => way.go_on(scene.object_in_pads()),
-        None => way = Some(Way::from(scene.object_in_pads())),
+        None => way = Some(Way::from(scene.object_in_pads(), FINE)),
     };
     let scene = Scene::holding(config, &object, &place, grip, seen)?;
-    let mut way = way.unwrap_or_else(|| Way::from(scene.object_in_pads()));
+    let mut way = way.unwrap_or_else(|| Way::from(scene.object_in_pads(), FINE));
     way.arrive(scene.object_in_pads());
     Ok((scene, grip, way))
 }
