@@ -38,8 +38,11 @@ FELT = 0.05
 BASE: list[str] = ["proprio", "object"]
 TOUCH: list[str] = [*BASE, "markers", "stress", "traction", "displacement", "depth", "trust"]
 SCENES: dict[str, dict[str, Any]] = {
-    "rigid": {},
-    "rigid, finer step": {"physics": {"time_step": 1e-3, "iterations": 4}},
+    "rigid": {"tactile": "none"},
+    "rigid, finer step": {
+        "tactile": "none",
+        "physics": {"time_step": 1e-3, "iterations": 4},
+    },
     "linear, markers": {"tactile": "compliance", "observation": [*BASE, "markers"]},
     "linear, all channels": {"tactile": "compliance", "observation": TOUCH},
     "network, no channel": {"tactile": "surrogate", "observation": BASE},
