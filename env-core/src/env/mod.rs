@@ -50,7 +50,7 @@ impl Setup {
         config.validate()?;
         let models = config.models()?;
         let soft = soft_objects(&config, &models)?;
-        let touch = if soft.is_empty() { Touch::new(&config.touch())? } else { None };
+        let touch = if config.pads_feel() { Touch::new(&config.touch())? } else { None };
         let layout = Layout::new(&config, touch.as_ref().map(|touch| &**touch.skin()))?;
         let fingerprint = snapshot::fingerprint(&config);
         Ok(Self { config, layout, models, touch, soft, fingerprint })

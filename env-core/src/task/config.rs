@@ -155,12 +155,17 @@ impl Config {
         }
     }
 
+    /// Whether the pads are soft and feel: not those of rigid fingers, nor where the object gives way.
+    pub fn pads_feel(&self) -> bool {
+        self.tactile != Choice::None && self.softness.is_none()
+    }
+
     /// These settings with the sensor's pads on the fingers, soft if these are to feel; an error if
     /// other pads were asked for.
     pub fn with_sensor(mut self) -> Result<Self> {
         let (touch, usual) = (self.touch(), Gripper::default());
         let sensor = touch.sensor()?;
-        let feels = self.tactile != Choice::None && self.softness.is_none();
+        let feels = self.pads_feel();
         let gripper = &mut self.scene.gripper;
         for (name, size, usual, of_sensor) in [
             ("pad_width", &mut gripper.pad_width, usual.pad_width, sensor.outline.width),
@@ -188,7 +193,7 @@ impl Config {
             let moduli = Moduli { young: 0.5 * (low + high), poisson: softness.poisson };
             let pads = SoftPads::on_elastic(&self.scene.gripper, moduli, MIDDLING);
             self.scene = self.scene.with_pads(pads);
-        } else if self.tactile != Choice::None {
+        } else if feels {
             let (_, moduli) = touch.material(&sensor)?;
             let pads = SoftPads::new(&sensor, touch.calibration(&sensor)?);
             self.scene = self.scene.with_pads(SoftPads { young: moduli.young, ..pads });

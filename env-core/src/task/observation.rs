@@ -7,7 +7,7 @@ use super::{Config, Moment};
 use crate::{
     Error, Result,
     scene::Wrench,
-    tactile::{Channel, Choice, MARKERS, Skin, Spec},
+    tactile::{Channel, MARKERS, Skin, Spec},
 };
 
 /// Names of the channels that every environment has, in the order of the table.
@@ -61,8 +61,7 @@ impl Layout {
 
     /// Names of the configured channels; an unknown, repeated or missing one is an error.
     pub(super) fn check(config: &Config) -> Result<Vec<&'static str>> {
-        let feels = config.tactile != Choice::None && config.softness.is_none();
-        let tactile = if feels { &TACTILE_CHANNELS } else { &[][..] };
+        let tactile = if config.pads_feel() { &TACTILE_CHANNELS } else { &[][..] };
         let known = [&CHANNELS, config.task.channels(), tactile].concat();
         let invalid = |found: &str| {
             let hint =
