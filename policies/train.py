@@ -5,6 +5,9 @@ Use::
     python policies/train.py --algo ppo --seed 0
     python policies/train.py --algo ppo --seed 0 --resume
 
+``--settings`` may differ when a run goes on, in ranges but not in channels: first an easy task,
+then the hard one.
+
 A run is a folder: ``model.zip`` and ``normaliser.pkl`` (replaced together at every checkpoint),
 ``run.json`` (what was run) and ``curve.json`` (steps, seconds, success, return).
 """
@@ -129,7 +132,11 @@ def start(
         return ALGORITHMS[algorithm](chosen.policy, envs, **arguments), []
     saved = folder / CHECKPOINT
     normalised = VecNormalize.load(str(saved / "normaliser.pkl"), envs.venv)
-    model = ALGORITHMS[algorithm].load(saved / "model.zip", env=normalised, device="cpu")
+    # Bounds follow the settings: an agent may go on under harder ones, with the same channels.
+    spaces = {"observation_space": envs.observation_space, "action_space": envs.action_space}
+    model = ALGORITHMS[algorithm].load(
+        saved / "model.zip", env=normalised, device="cpu", custom_objects=spaces
+    )
     # The environments start anew: other episodes than before, from a stream of their own.
     normalised.seed(seed + 1_000_003 + model.num_timesteps)
     if isinstance(model, SAC):
