@@ -133,6 +133,7 @@ def start(
     saved = folder / CHECKPOINT
     normalised = VecNormalize.load(str(saved / "normaliser.pkl"), envs.venv)
     # Bounds follow the settings: an agent may go on under harder ones, with the same channels.
+    normalised.observation_space = envs.observation_space
     spaces = {"observation_space": envs.observation_space, "action_space": envs.action_space}
     model = ALGORITHMS[algorithm].load(
         saved / "model.zip", env=normalised, device="cpu", custom_objects=spaces
