@@ -20,12 +20,12 @@ mod setup;
 mod squeeze;
 mod squeezes;
 mod tensor;
+mod weight;
 
 pub use config::{Config, Gel, SOFT, Scenario};
-pub use generate::{Orders, Progress, generate, shards};
+pub use generate::{Obstacle, Orders, Progress, generate, shards};
 pub use manifest::{FORMAT, Manifest, Shard, Solved, Split, Unsolved};
 pub use plan::{Plan, plans};
-pub use ramp::{Frame, Ramp};
 pub use read::{Dataset, PadFrames};
 pub use squeezes::{SqueezeFrames, Squeezes};
 pub(crate) use tensor::write_whole;

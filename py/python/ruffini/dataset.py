@@ -285,8 +285,9 @@ class Dataset:
             moved = {"motion": row("motion"), "deviation": float(row("deviation"))}
             return SoftFrame(**common, **moved, body=Body(**body("body")), fingers=(first, second))
         left, right = (Pad(**body(side), **rigid(side, *_OF_A_PAD)) for side in _SIDES)
-        residual = float(row("residual"))
-        return Frame(**common, residual=residual, object=row("object"), pads=(left, right))
+        load = row("load") if self.manifest["config"].get("density") else np.zeros(6)
+        common |= {"residual": float(row("residual")), "load": load}
+        return Frame(**common, object=row("object"), pads=(left, right))
 
     def _anchors(self, grasp: str, part: str, number: int) -> NDArray[np.float32]:
         counts = self.column(grasp, f"{part}.anchors").astype(int)
