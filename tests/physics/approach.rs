@@ -1,6 +1,8 @@
 //! The grasps of the dataset, approached by the gripper of the scene.
 
-use nalgebra::{Isometry3, Vector3};
+use std::f64::consts::PI;
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use ruffini_core::{
     geometry::Shape,
@@ -22,12 +24,10 @@ fn obstacles(object: &Object, count: usize) -> Vec<(String, Obstacle)> {
 }
 
 #[test]
-fn the_gripper_gets_to_nearly_all_grasps_that_distances_allow() {
+fn the_gripper_gets_to_the_grasps_that_distances_allow() {
     let objects = catalogue(0);
-    let found: Vec<_> = objects.par_iter().flat_map(|object| obstacles(object, 10)).collect();
-    println!("of 640 grasps the gripper does not get to {found:?}");
-    // The scene's jar has 16 flats, and its wall stands out from the exact one between them.
-    assert_eq!(found, [("jar-3/009".to_owned(), Obstacle::Closing)]);
+    let found: Vec<_> = objects.par_iter().flat_map(|object| obstacles(object, 100)).collect();
+    assert!(found.is_empty(), "of 6400 grasps the gripper does not get to {found:?}");
 }
 
 /// A grasp of a cube with edges of 40 mm at `tool`, contacts `width` (m) apart.
@@ -42,4 +42,15 @@ fn an_object_in_the_way_of_the_hand_is_met() {
     assert_eq!(cube(middle, 0.04), None);
     assert_eq!(cube(Isometry3::translation(0.012, 0.0, 0.0), 0.03), Some(Obstacle::Coming));
     assert_eq!(cube(Isometry3::translation(0.0, 0.05, 0.0), 0.04), Some(Obstacle::Missed));
+}
+
+#[test]
+fn a_finger_meets_what_is_wider_above_the_pads() {
+    // Point down, its edge 30 mm above the grasp: 4.5 mm wider there than at the upper ends of the
+    // pads, behind which the fingers stand back by 4 mm.
+    let cone = ObjectModel::new(Shape::Cone { radius: 0.02, half_height: 0.0385 }).unwrap();
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
+    let tool = Isometry3::from_parts(Translation3::new(0.0, 0.0, -0.0085), turn);
+    let found = Approach::new(cone, 0.005).obstacle(&tool, 0.031).unwrap();
+    assert_eq!(found, Some(Obstacle::Closing));
 }

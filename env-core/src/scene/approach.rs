@@ -90,9 +90,13 @@ impl Approach {
             }
         }
         let steps = PATIENCE * self.clearance / (config.gripper.closing_speed * dt);
+        // A pad that has touched pushes the object ahead and may lose it for a moment.
+        let mut touched = [false; 2];
         for _ in 0..steps.ceil() as u32 {
             scene.advance(&goal, GRIP);
-            match scene.state().fingers.map(|finger| finger.touches()) {
+            let fingers = scene.state().fingers;
+            touched = [0, 1].map(|i| touched[i] || fingers[i].touches());
+            match touched {
                 [true, true] => return Ok(None),
                 [false, false] if moved(&scene) => return Ok(Some(Obstacle::Closing)),
                 _ => {}
