@@ -32,6 +32,8 @@ class Body:
     """Forces of what is rigid on the vertices (V, 3) (N)."""
     residual: float
     """Force out of balance in the body (N)."""
+    iterations: int
+    """Newton steps taken, all load steps together."""
     anchors: NDArray[np.float32]
     """Where friction holds the skin (A, 2, 3): a point of the undeformed body in its frame, and the
     place that it sticks to in the frame of what is rigid (m)."""
@@ -102,8 +104,8 @@ class Frame:
 
         Returns:
             ``contact``: what the contact forces on the vertices of a pad add up to, less the force
-            of its wrench, the larger of the two pads' (N). ``force`` and ``torque`` of both pads and
-            the weight on the object, which is free and at rest (N, N m about its origin).
+            of its wrench, the larger of the two pads' (N). ``force`` and ``torque`` of both pads
+            and the weight on the object, which is free and at rest (N, N m about its origin).
         """
         sums = [pad.contact_force.sum(axis=0, dtype=np.float64) for pad in self.pads]
         off = [total - pad.wrench[:3] for total, pad in zip(sums, self.pads, strict=True)]

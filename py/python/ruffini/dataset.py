@@ -272,8 +272,11 @@ class Dataset:
         def body(part: str) -> dict[str, Any]:
             fields = ("displacement", "von_mises", "contact_force")
             arrays = {field: row(f"{part}.{field}") for field in fields}
-            residual = float(row(f"{part}.residual"))
-            return {**arrays, "residual": residual, "anchors": self._anchors(name, part, number)}
+            report = {
+                "residual": float(row(f"{part}.residual")),
+                "iterations": int(row(f"{part}.iterations")),
+            }
+            return {**arrays, **report, "anchors": self._anchors(name, part, number)}
 
         def rigid(part: str, *fields: str) -> dict[str, Any]:
             return {field: row(f"{part}.{field}") for field in fields}
