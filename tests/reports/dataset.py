@@ -11,7 +11,11 @@ share and reasons of unsolved grasps, worst imbalance and distributions of every
 from __future__ import annotations
 
 import json
+import multiprocessing
+import os
 from pathlib import Path
+
+os.environ["RAYON_NUM_THREADS"] = "1"
 
 from dataset_cases import Again, contents, cost, errors
 from dataset_pages import markdown
@@ -24,19 +28,18 @@ PARTS = ("contact", "dataset", "deformation", "fem", "geometry", "objects")
 MADE_OF = [f"env-core/src/{part}" for part in PARTS]
 MADE_OF += ["env-core/assets", "tests/reports/dataset_cases.py"]
 """What the figures come from, under the root."""
+JOBS = 2
 SIZES = {
     "full": {
-        "cost": {"objects": 6, "grasps": 1, "frames": 5},
-        "meshes": [[900, 400], [2000, 1000], [5000, 1000]],
-        "threads": [1, 2, 4],
-        "again": {"objects": 6, "grasps": 1, "frames": 3},
+        "cost": {"objects": 4, "grasps": 1, "frames": 5},
+        "runs": [[900, 400, 2], *([2000, 1000, n] for n in (1, 2, 4)), [5000, 1000, 2]],
+        "again": {"objects": 4, "grasps": 1, "frames": 3},
         "rungs": [["p1-bar", 900], ["p1-bar", 2000], ["p1-bar", 5000], ["p2", 900], ["p2", 2000]],
-        "finest": ["p2", 3000],
+        "finest": ["p1-bar", 10000],
     },
     "quick": {
         "cost": {"objects": 2, "grasps": 1, "frames": 2},
-        "meshes": [[500, 300]],
-        "threads": [1, 2],
+        "runs": [[500, 300, 1], [500, 300, 2]],
         "again": {"objects": 2, "grasps": 1, "frames": 2},
         "rungs": [["p1-bar", 500]],
         "finest": ["p1-bar", 900],
@@ -45,39 +48,55 @@ SIZES = {
 
 
 def costs(rows: Rows, sizes: dict) -> None:
-    """Adds what datasets of each mesh cost on each number of threads."""
-    for truth, model in sizes["meshes"]:
-        for threads in sizes["threads"]:
-            key = f"cost {truth}/{model} on {threads}"
-            if key not in rows:
-                found = cost(truth, model, "p1-bar", threads, sizes["cost"])
-                about = {"key": key, "truth": truth, "model": model, "threads": threads}
-                rows.add(about | found)
-                print(key, flush=True)
+    """Adds what a dataset costs by nodes of the truth, of the model, and threads."""
+    for truth, model, threads in sizes["runs"]:
+        key = f"cost {truth}/{model} on {threads}"
+        if key not in rows:
+            found = cost(truth, model, "p1-bar", threads, sizes["cost"])
+            rows.add({"key": key, "truth": truth, "model": model, "threads": threads} | found)
+            print(key, flush=True)
 
 
 def truths(rows: Rows, sizes: dict, kept: Path) -> None:
     """Adds how far each grasp on each mesh is from the same on the finest."""
-    data = dataset.generate(kept, threads=2, **sizes["again"])
+    data = dataset.generate(kept, threads=JOBS, **sizes["again"])
     assert data is not None, "nobody stops it"
+    work = []
     for name in data.grasps:
-        again = Again(data, name)
-        missing = [rung for rung in sizes["rungs"] if rung_key(name, *rung) not in rows]
+        if missing := [rung for rung in sizes["rungs"] if rung_key(name, *rung) not in rows]:
+            work.append((kept, name, missing, sizes["finest"]))
+    with multiprocessing.get_context("spawn").Pool(JOBS) as pool:
+        for found in pool.imap_unordered(judged, work):
+            for row in found:
+                rows.add(row)
+                print(row["key"], flush=True)
+
+
+def judged(work: tuple[Path, str, list[tuple[str, int]], tuple[str, int]]) -> list[dict]:
+    """Rows of a grasp on some meshes."""
+    folder, name, rungs, finest = work
+    again = Again(dataset.open(folder), name)
+    try:
+        truth, price = again.solved(*finest)
+    except PressError as error:
+        failed = {"failed": f"on the finest mesh: {error}"}
+        return [failed | about(again, *rung) for rung in rungs]
+    rows = []
+    for rung in rungs:
+        row = about(again, *rung) | {"finest": price}
         try:
-            finest, price = again.solved(*sizes["finest"]) if missing else ([], {})
+            fields, own = again.solved(*rung)
+            row |= own | {"errors": errors(fields, truth, again.common)}
         except PressError as error:
-            print(f"{name} is not solved on the finest mesh: {error}", flush=True)
-            continue
-        for element, nodes in missing:
-            about = {"key": rung_key(name, element, nodes), "grasp": name, "element": element}
-            about |= {"nodes": nodes, "depths": again.depths, "finest": price}
-            try:
-                fields, own = again.solved(element, nodes)
-                about |= own | {"errors": errors(fields, finest, again.common)}
-            except PressError as error:
-                about |= {"failed": str(error)}
-            rows.add(about)
-            print(about["key"], flush=True)
+            row |= {"failed": str(error)}
+        rows.append(row)
+    return rows
+
+
+def about(again: Again, element: str, nodes: int) -> dict:
+    """What a row of the truth is of."""
+    found = {"key": rung_key(again.name, element, nodes), "grasp": again.name, "element": element}
+    return found | {"nodes": nodes, "depths": again.depths}
 
 
 def rung_key(grasp: str, element: str, nodes: int) -> str:
@@ -91,12 +110,12 @@ def main() -> None:
     parser.add_argument("--data", type=Path, nargs="*", default=[], help="finished datasets")
     options = parser.parse_args()
     out, form = folder(parser, options), "quick" if options.quick else "full"
-    about = header(MADE_OF, SIZES[form])
-    rows = Rows(KEPT / f"dataset-{form}.jsonl", about)
+    head = header(MADE_OF, SIZES[form])
+    rows = Rows(KEPT / f"dataset-{form}.jsonl", head)
     costs(rows, SIZES[form])
-    truths(rows, SIZES[form], KEPT / f"dataset-{form}-{about['commit']}")
+    truths(rows, SIZES[form], KEPT / f"dataset-{form}-{head['commit']}")
     held = {path.resolve().name: contents(dataset.open(path)) for path in options.data}
-    report = about | {"note": options.note, "rows": list(rows), "datasets": held}
+    report = head | {"note": options.note, "rows": list(rows), "datasets": held}
     (out / "dataset.json").write_text(json.dumps(report, indent=1) + "\n")
     (out / "dataset.md").write_text(markdown(report))
     figure(report, out / "dataset.svg")

@@ -15,7 +15,7 @@ def markdown(report: dict) -> str:
     parts = [
         "# Datasets: cost, truth, contents",
         "## Time and disk",
-        "Six grasps by two pads, five frames each, p1-bar. Wall time is that of the machine as "
+        "A grasp of each of four objects by two pads, five frames each, p1-bar. Wall time is that of the machine as "
         "loaded as it was; CPU time is less disturbed by others.",
         cost_table(report),
         "![cost and error](dataset.svg)",
