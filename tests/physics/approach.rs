@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use ruffini_core::{
+    dataset::{Config, Orders, Plan, Unsolved, generate},
     geometry::Shape,
     objects::{GraspSampler, Object, catalogue},
     scene::{Approach, ObjectModel, Obstacle},
@@ -53,4 +54,31 @@ fn a_finger_meets_what_is_wider_above_the_pads() {
     let tool = Isometry3::from_parts(Translation3::new(0.0, 0.0, -0.0085), turn);
     let found = Approach::new(cone, 0.005).obstacle(&tool, 0.031).unwrap();
     assert_eq!(found, Some(Obstacle::Closing));
+}
+
+#[test]
+fn a_grasp_that_the_gripper_does_not_get_to_is_listed_and_not_solved() {
+    let folder = std::env::temp_dir().join(format!("ruffini-approach-{}", std::process::id()));
+    let gels = Config::default().gels[..1].to_vec();
+    let config = Config {
+        objects: 1,
+        grasps: 2,
+        frames: 1,
+        truth_nodes: 400,
+        model_nodes: 200,
+        gels,
+        ..Config::default()
+    };
+    let first = |_: &Object, plan: &Plan| {
+        Ok(plan.name.ends_with("/000").then(|| Obstacle::Coming.to_string()))
+    };
+    let orders = Orders { obstacle: Some(&first), ..Orders::default() };
+    let manifest = generate(&config, &folder, &orders, &|_| true).unwrap().unwrap();
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(manifest.approached);
+    let error = "the hand meets the object on its way to the grasp".to_owned();
+    let unreached = Unsolved { name: "prism-1/000".to_owned(), frames: 0, error };
+    assert_eq!(manifest.unsolved, [unreached]);
+    let solved: Vec<_> = manifest.shards[0].grasps.iter().map(|g| (&*g.name, g.frames)).collect();
+    assert_eq!(solved, [("prism-1/001", 1)]);
 }

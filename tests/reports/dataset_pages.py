@@ -15,8 +15,8 @@ def markdown(report: dict) -> str:
     parts = [
         "# Datasets: cost, truth, contents",
         "## Time and disk",
-        "A grasp of each of four objects by two pads, five frames each, p1-bar. Wall time is that of the machine as "
-        "loaded as it was; CPU time is less disturbed by others.",
+        "One grasp of each of four objects by two pads, five frames, p1-bar. Wall time is that of "
+        "the machine as loaded as it was; CPU time is less disturbed by others.",
         cost_table(report),
         "![cost and error](dataset.svg)",
         "## How far the truth is from a finer mesh",
