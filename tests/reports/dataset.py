@@ -31,9 +31,9 @@ MADE_OF += ["env-core/assets", "tests/reports/dataset_cases.py"]
 JOBS = 2
 SIZES = {
     "full": {
-        "cost": {"objects": 4, "grasps": 1, "frames": 5},
+        "cost": {"objects": 4, "grasps": 1, "frames": 5, "force": [2.0, 80.0]},
         "runs": [[900, 400, 2], *([2000, 1000, n] for n in (1, 2, 4)), [5000, 1000, 2]],
-        "again": {"objects": 4, "grasps": 1, "frames": 3},
+        "again": {"objects": 4, "grasps": 1, "frames": 3, "force": [2.0, 80.0]},
         "rungs": [["p1-bar", 900], ["p1-bar", 2000], ["p1-bar", 5000], ["p2", 900], ["p2", 2000]],
         "finest": ["p1-bar", 10000],
     },
