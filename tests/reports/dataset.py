@@ -32,7 +32,7 @@ JOBS = 2
 SIZES = {
     "full": {
         "cost": {"objects": 4, "grasps": 1, "frames": 5, "force": [2.0, 80.0]},
-        "runs": [[900, 400, 2], *([2000, 1000, n] for n in (1, 2, 4)), [5000, 1000, 2]],
+        "runs": [[900, 400, 2], *([2000, 1000, n] for n in (1, 2, 4))],
         "again": {"objects": 4, "grasps": 1, "frames": 3, "force": [2.0, 80.0]},
         "rungs": [["p1-bar", 900], ["p1-bar", 2000], ["p1-bar", 5000], ["p2", 900], ["p2", 2000]],
         "finest": ["p1-bar", 10000],
