@@ -33,14 +33,16 @@ SIZES = {
     "full": {
         "cost": {"objects": 4, "grasps": 1, "frames": 5, "force": [2.0, 80.0]},
         "runs": [[900, 400, 2], *([2000, 1000, n] for n in (1, 2, 4))],
-        "again": {"objects": 4, "grasps": 1, "frames": 3, "force": [2.0, 80.0]},
-        "rungs": [["p1-bar", 900], ["p1-bar", 2000], ["p1-bar", 5000], ["p2", 900], ["p2", 2000]],
-        "finest": ["p1-bar", 10000],
+        "again": {"objects": 4, "grasps": 1, "frames": 10, "force": [2.0, 80.0]},
+        "every": 5,
+        "rungs": [["p1-bar", 900], ["p1-bar", 2000], ["p1-bar", 5000], ["p2", 900]],
+        "finest": ["p2", 2000],
     },
     "quick": {
         "cost": {"objects": 2, "grasps": 1, "frames": 2},
         "runs": [[500, 300, 1], [500, 300, 2]],
         "again": {"objects": 2, "grasps": 1, "frames": 2},
+        "every": 1,
         "rungs": [["p1-bar", 500]],
         "finest": ["p1-bar", 900],
     },
@@ -64,7 +66,7 @@ def truths(rows: Rows, sizes: dict, kept: Path) -> None:
     work = []
     for name in data.grasps:
         if missing := [rung for rung in sizes["rungs"] if rung_key(name, *rung) not in rows]:
-            work.append((kept, name, missing, sizes["finest"]))
+            work.append((kept, name, sizes["every"], missing, sizes["finest"]))
     with multiprocessing.get_context("spawn").Pool(JOBS) as pool:
         for found in pool.imap_unordered(judged, work):
             for row in found:
@@ -72,10 +74,10 @@ def truths(rows: Rows, sizes: dict, kept: Path) -> None:
                 print(row["key"], flush=True)
 
 
-def judged(work: tuple[Path, str, list[tuple[str, int]], tuple[str, int]]) -> list[dict]:
+def judged(work: tuple[Path, str, int, list[tuple[str, int]], tuple[str, int]]) -> list[dict]:
     """Rows of a grasp on some meshes."""
-    folder, name, rungs, finest = work
-    again = Again(dataset.open(folder), name)
+    folder, name, every, rungs, finest = work
+    again = Again(dataset.open(folder), name, every)
     try:
         truth, price = again.solved(*finest)
     except PressError as error:

@@ -30,13 +30,13 @@ def cost(truth: int, model: int, element: str, threads: int, counts: dict) -> di
 
 
 class Again:
-    """A stored grasp that is solved again, at the same poses of the pads, on other meshes."""
+    """Frames of a grasp, one in so many, solved again at the same poses of the pads."""
 
-    def __init__(self, data: dataset.Dataset, name: str):
+    def __init__(self, data: dataset.Dataset, name: str, every: int):
         self.name = name
         self.gel = data.manifest["config"]["gels"][data.gel(name)]
         self.common = data.mesh(name)
-        frames = [data[index] for index in data.frames(name)]
+        frames = [data[index] for index in data.frames(name)[every - 1 :: every]]
         self.depths = [frame.closing / np.ptp(self.common.vertices[:, 2]) for frame in frames]
         self._path = [opened(frames[0]), *(poses(frame) for frame in frames)]
         objects = {object.name: object for object in ruffini.objects()}
@@ -57,17 +57,18 @@ class Again:
         return fields, {"vertices": len(pad.mesh.vertices), "cpu": cpu / len(fields)}
 
 
-def poses(frame: Frame) -> list:
+def poses(frame: Frame) -> tuple:
     """Poses of the pads."""
-    return [(pad.pose[:3], pad.pose[3:]) for pad in frame.pads]
+    first, second = ((pad.pose[:3], pad.pose[3:]) for pad in frame.pads)
+    return first, second
 
 
-def opened(frame: Frame) -> list:
+def opened(frame: Frame) -> tuple:
     """Poses of the pads before they touched: back along the way between them."""
     (first, turn), (second, other) = poses(frame)
     along = (second - first) / np.linalg.norm(second - first)
     back = (frame.closing + OPEN) * along
-    return [(first - back, turn), (second + back, other)]
+    return (first - back, turn), (second + back, other)
 
 
 def carried(pads: tuple, transfer: Transfer) -> dict:
