@@ -108,11 +108,10 @@ def contents(data: dataset.Dataset) -> dict:
         family: {key: np.quantile(of, (0, 0.5, 1)).tolist() for key, of in columns.items()}
         for family, columns in _distributions.by_family(data).items()
     }
+    made_of = {key: manifest["config"][key] for key in ("objects", "grasps", "frames", "force")}
     return {
         "commit": manifest["commit"],
-        "config": {
-            key: manifest["config"][key] for key in ("objects", "grasps", "frames", "force")
-        },
+        "config": made_of | {"density": manifest["config"].get("density", 0.0)},
         "grasps": len(solved) + len(lost),
         "frames": len(data),
         "bytes": sum(shard["bytes"] for shard in manifest["shards"]),

@@ -104,7 +104,8 @@ def held(name: str, found: dict) -> str:
     low, high = config["force"]
     text = (
         f"{config['objects']} objects × {config['grasps']} grasps × at most {config['frames']} "
-        f"frames, {low:g} to {high:g} N, commit {found['commit']}: {found['frames']} frames, "
+        f"frames, {low:g} to {high:g} N, {config['density']:g} kg/m³, commit "
+        f"{found['commit'] or 'unknown'}: {found['frames']} frames, "
         f"{found['bytes'] / 1e6:.0f} MB. {found['unsolved']} of {asked} grasps ended early "
         f"({100 * found['unsolved'] / asked:.1f} %)"
     )

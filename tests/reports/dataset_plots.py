@@ -10,6 +10,7 @@ from dataset_pages import ERRORS, costs, rungs
 
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
+from matplotlib.ticker import NullFormatter
 
 
 def figure(report: dict, path: Path) -> None:
@@ -53,10 +54,11 @@ def truth_plot(report: dict, axis) -> None:
     points.sort(key=lambda point: point[0])
     for key, name in ERRORS.items():
         line = [(cpu, medians[key]) for cpu, medians, _ in points]
-        axis.loglog(*zip(*line, strict=True), marker=".", label=name)
+        axis.loglog(*zip(*line, strict=True), "o", label=name)
     for cpu, medians, name in points:
         axis.annotate(name, (cpu, max(medians.values())), fontsize=7)
     element, nodes = report["sizes"]["finest"]
     title = f"median difference to {element} on {nodes} nodes"
     axis.set(title=title, xlabel="CPU s a frame", ylabel="%")
+    axis.xaxis.set_minor_formatter(NullFormatter())
     axis.legend()
