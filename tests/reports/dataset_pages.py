@@ -15,8 +15,7 @@ def markdown(report: dict) -> str:
     parts = [
         "# Datasets: cost, truth, contents",
         "## Time and disk",
-        "One grasp of each of four objects by two pads, five frames, p1-bar. Wall time is that of "
-        "the machine as loaded as it was; CPU time is less disturbed by others.",
+        about_cost(report),
         cost_table(report),
         "![cost and error](dataset.svg)",
         "## How far the truth is from a finer mesh",
@@ -26,6 +25,16 @@ def markdown(report: dict) -> str:
         made(report | {"sizes": {"finest": " ".join(map(str, report["sizes"]["finest"]))}}),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def about_cost(report: dict) -> str:
+    """What was made, and what its times are worth."""
+    sizes = report["sizes"]["cost"]
+    return (
+        f"{sizes['objects']} objects × {sizes['grasps']} grasps × {sizes['frames']} frames by two "
+        "pads, p1-bar. Wall time is that of the machine as loaded as it was; CPU time is less "
+        "disturbed by others. A grasp of few frames costs more a frame, as its steps are longer."
+    )
 
 
 def costs(report: dict) -> list[dict]:
