@@ -33,7 +33,7 @@ def about_cost(report: dict) -> str:
     return (
         f"{sizes['objects']} objects × {sizes['grasps']} grasps × {sizes['frames']} frames by two "
         "pads, p1-bar. Wall time is that of the machine as loaded as it was; CPU time is less "
-        "disturbed by others. A grasp of few frames costs more a frame, as its steps are longer."
+        "disturbed by others."
     )
 
 
