@@ -9,7 +9,11 @@ use std::{
 };
 
 use pyo3::{exceptions::PyValueError, prelude::*};
-use ruffini_core::dataset::{Config, Orders, Progress, generate, shards};
+use ruffini_core::{
+    dataset::{Config, Orders, Plan, Progress, generate, shards},
+    objects::{GraspSampler, Object},
+    scene::{Approach, ObjectModel},
+};
 
 use crate::error::python_error;
 
@@ -51,7 +55,7 @@ pub(crate) fn generate_dataset(
                 false
             })
     };
-    let orders = Orders { commit, threads, only: only.as_deref() };
+    let orders = Orders { commit, obstacle: Some(&obstacle), threads, only: only.as_deref() };
     let manifest = thread::scope(|scope| {
         let worker = scope.spawn(|| generate(&config, &folder, &orders, &go_on));
         // Python hears signals in its main thread only, which is this one.
@@ -67,6 +71,13 @@ pub(crate) fn generate_dataset(
     let finished = manifest.map_err(python_error)?.is_some();
     let raised = raised.into_inner().unwrap_or_else(PoisonError::into_inner);
     raised.map_or(Ok(finished), Err)
+}
+
+/// What keeps the gripper of the scene from a grasp.
+fn obstacle(object: &Object, plan: &Plan) -> ruffini_core::Result<Option<String>> {
+    let model = ObjectModel::new(object.shape.clone())?;
+    let approach = Approach::new(model, GraspSampler::default().clearance);
+    Ok(approach.obstacle(&plan.tool, plan.width)?.map(|obstacle| obstacle.to_string()))
 }
 
 fn configuration(file: Option<PathBuf>, overrides: &str) -> PyResult<Config> {

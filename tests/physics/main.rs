@@ -1,5 +1,6 @@
 //! Physics of the whole crate against closed forms, one binary.
 
+mod approach;
 mod batch;
 mod bed;
 mod bodies;

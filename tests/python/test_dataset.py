@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 from tiny_dataset import TINY
 
+import ruffini
 from ruffini import dataset
 from ruffini._distributions import by_family, family
+from ruffini._frames import _turned
 
 pytest.importorskip("safetensors")
 
@@ -50,6 +52,8 @@ def test_every_frame_can_be_read(data):
             assert pad.von_mises.shape == (tets,)
             assert (pad.wrench.shape, pad.press.shape, pad.pose.shape) == ((6,), (7,), (7,))
             assert np.abs(pad.displacement).max() > 1e-5
+            # The tolerance of a pad's solution is 1e-7 N.
+            assert pad.residual <= 1e-7 and pad.iterations > 0
     assert data[-1].number == 1 and data[1].force > data[0].force
     with pytest.raises(IndexError, match="found 4, expected less than 4"):
         data[4]
@@ -64,6 +68,26 @@ def test_every_frame_is_in_balance(data):
         # The solver's tolerance is 1e-6 N, torque counted over the object's size, below 0.1 m.
         assert off["force"] <= 1.001e-6, f"{off['force']} N on the object"
         assert off["torque"] <= 1.001e-7, f"{off['torque']} N m on the object"
+
+
+def test_pads_take_over_the_weight_as_they_grip(tmp_path):
+    heavy = {**TINY, "objects": 1, "frames": 4, "force": [20.0, 20.0], "density": 3000.0}
+    data = dataset.generate(tmp_path, threads=1, **heavy)
+    assert data is not None and data.manifest["unsolved"] == []
+    loads = [float(np.linalg.norm(frame.load[:3])) for frame in data]
+    [prism] = [found for found in ruffini.objects() if found.name == "prism-1"]
+    vertices, triangles = prism.surface(64)
+    volume = np.linalg.det(vertices[triangles]).sum() / 6
+    assert loads == sorted(loads) and loads[0] < 0.5 * loads[-1]
+    assert loads[-1] == pytest.approx(3000 * 9.80665 * volume, rel=1e-9)
+    for frame in data:
+        borne = sum(_turned(pad.pose, pad.wrench[None, :3])[0] for pad in frame.pads)
+        # The solver's tolerance is 1e-6 N.
+        assert np.abs(borne - frame.load[:3]).max() < 1.001e-6
+        off = frame.imbalance()
+        assert off["force"] <= 1.001e-6 and off["torque"] <= 1.001e-7
+    with pytest.raises(ValueError, match=r"density: found 100, expected 0 to 0"):
+        dataset.generate(tmp_path / "soft", **{**TINY, "scenario": "soft", "density": 100.0})
 
 
 def test_an_unbalanced_frame_shows(data):
@@ -242,8 +266,9 @@ def test_the_command_generates_and_inspects(folder, tmp_path):
     counts = ["--objects", "2", "--grasps", "1", "--frames", "2", "--threads", "2"]
     done = command("generate", str(made), "--config", str(config), *counts)
     assert done.returncode == 0, done.stderr
-    announced, *lines = done.stderr.splitlines()
+    announced, held_out, *lines = done.stderr.splitlines()
     assert announced.startswith("2 grasps, 0 of them done; about") and "free" in announced
+    assert held_out.endswith("no validation part, no test on known objects")
     assert len(lines) == 2 and lines[-1].startswith("2/2 grasps, 4 frames, 0 unsolved")
     assert shards(made) == shards(folder)
     assert command("inspect", str(made)).stdout == done.stdout

@@ -20,7 +20,7 @@ REPORTS = ROOT / "tests/reports"
 MARK = re.compile(
     r"(?P<number>-?[\d,]*\.?\d+)(?P<unit> ?[%\w]+)?\**<!-- (?P<report>\w+): (?P<way>.+?) -->"
 )
-PAGES = ("stability", "pareto", "scene_cost")
+PAGES = ("dataset", "stability", "pareto", "scene_cost")
 sys.path.append(str(REPORTS))
 
 

@@ -1,61 +1,128 @@
-"""Time and disk of 1,000 frames of a dataset, by mesh size and number of threads, as a table.
+"""Cost, truth and contents of datasets: makes dataset.json, dataset.md and dataset.svg.
 
-python tests/reports/dataset.py --meshes 900/400 2000/1000 --threads 1 2 4
+    python tests/reports/dataset.py            about an hour on two cores; goes on after a stop
+    python tests/reports/dataset.py --quick    minutes, into target/reports/quick
+    python tests/reports/dataset.py --data F   what the finished datasets F hold, besides
 
-Wall time is that of the machine as loaded as it is; CPU time is less disturbed by others.
+Time and disk by mesh and number of threads; how far the truth of real grasps is from a finer mesh;
+share and reasons of unsolved grasps, worst imbalance and distributions of every dataset given.
 """
 
 from __future__ import annotations
 
-import argparse
-import tempfile
-import time
+import json
+import multiprocessing
+import os
 from pathlib import Path
 
-from ruffini import dataset
+os.environ["RAYON_NUM_THREADS"] = "1"
 
-WHOLE = 63 * 100 * 50
-"""Frames of the paper's dataset."""
+from dataset_cases import Again, contents, cost, errors
+from dataset_pages import markdown
+from dataset_plots import figure
+from kept import KEPT, Rows, arguments, folder, header
+
+from ruffini import PressError, dataset
+
+PARTS = ("contact", "dataset", "deformation", "fem", "geometry", "objects")
+MADE_OF = [f"env-core/src/{part}" for part in PARTS]
+MADE_OF += ["env-core/assets", "tests/reports/dataset_cases.py"]
+"""What the figures come from, under the root."""
+JOBS = 2
+SIZES = {
+    "full": {
+        "cost": {"objects": 4, "grasps": 1, "frames": 5, "force": [2.0, 80.0]},
+        "runs": [[900, 400, 2], *([2000, 1000, n] for n in (1, 2, 4))],
+        "again": {"objects": 4, "grasps": 1, "frames": 10, "force": [2.0, 80.0]},
+        "every": 5,
+        "rungs": [["p1-bar", 900], ["p1-bar", 2000], ["p1-bar", 5000], ["p2", 900]],
+        "finest": ["p2", 2000],
+    },
+    "quick": {
+        "cost": {"objects": 2, "grasps": 1, "frames": 2},
+        "runs": [[500, 300, 1], [500, 300, 2]],
+        "again": {"objects": 2, "grasps": 1, "frames": 2},
+        "every": 1,
+        "rungs": [["p1-bar", 500]],
+        "finest": ["p1-bar", 900],
+    },
+}
 
 
-def row(mesh: str, threads: int, counts: dict[str, int]) -> list[str]:
-    """Wall and CPU seconds and megabytes of 1,000 frames, and what the whole would take."""
-    truth, model = map(int, mesh.split("/"))
-    with tempfile.TemporaryDirectory() as folder:
-        wall, cpu = time.perf_counter(), time.process_time()
-        data = dataset.generate(
-            folder, threads=threads, truth_nodes=truth, model_nodes=model, **counts
-        )
-        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-        size = sum(path.stat().st_size for path in Path(folder).glob("shards/*"))
-    share = 1000 / len(data)
-    days, disk = WHOLE / len(data) * wall / 86400, WHOLE / len(data) * size / 1e9
-    return [
-        mesh,
-        str(threads),
-        str(len(data)),
-        f"{share * wall:.0f}",
-        f"{share * cpu:.0f}",
-        f"{share * size / 1e6:.0f}",
-        f"{days:.1f} d, {disk:.0f} GB",
-    ]
+def costs(rows: Rows, sizes: dict) -> None:
+    """Adds what a dataset costs by nodes of the truth, of the model, and threads."""
+    for truth, model, threads in sizes["runs"]:
+        key = f"cost {truth}/{model} on {threads}"
+        if key not in rows:
+            found = cost(truth, model, "p1-bar", threads, sizes["cost"])
+            rows.add({"key": key, "truth": truth, "model": model, "threads": threads} | found)
+            print(key, flush=True)
+
+
+def truths(rows: Rows, sizes: dict, kept: Path) -> None:
+    """Adds how far each grasp on each mesh is from the same on the finest."""
+    data = dataset.generate(kept, threads=JOBS, **sizes["again"])
+    assert data is not None, "nobody stops it"
+    work = []
+    for name in data.grasps:
+        if missing := [rung for rung in sizes["rungs"] if rung_key(name, *rung) not in rows]:
+            work.append((kept, name, sizes["every"], missing, sizes["finest"]))
+    with multiprocessing.get_context("spawn").Pool(JOBS) as pool:
+        for found in pool.imap_unordered(judged, work):
+            for row in found:
+                rows.add(row)
+                print(row["key"], flush=True)
+
+
+def judged(work: tuple[Path, str, int, list[tuple[str, int]], tuple[str, int]]) -> list[dict]:
+    """Rows of a grasp on some meshes."""
+    folder, name, every, rungs, finest = work
+    again = Again(dataset.open(folder), name, every)
+    try:
+        truth, price = again.solved(*finest)
+    except PressError as error:
+        failed = {"failed": f"on the finest mesh: {error}"}
+        return [failed | about(again, *rung) for rung in rungs]
+    rows = []
+    for rung in rungs:
+        row = about(again, *rung) | {"finest": price}
+        try:
+            fields, own = again.solved(*rung)
+            row |= own | {"errors": errors(fields, truth, again.common)}
+        except PressError as error:
+            row |= {"failed": str(error)}
+        rows.append(row)
+    return rows
+
+
+def about(again: Again, element: str, nodes: int) -> dict:
+    """What a row of the truth is of."""
+    found = {"key": rung_key(again.name, element, nodes), "grasp": again.name, "element": element}
+    return found | {"nodes": nodes, "depths": again.depths}
+
+
+def rung_key(grasp: str, element: str, nodes: int) -> str:
+    """What a row of the truth is known by."""
+    return f"truth {grasp} {element} {nodes}"
 
 
 def main() -> None:
-    """Reads the command line and prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--meshes", nargs="+", default=["900/400"], help="truth/model nodes")
-    parser.add_argument("--threads", nargs="+", type=int, default=[1, 2])
-    parser.add_argument("--scenario", default="pads", choices=("pads", "soft"))
-    for name, count in {"objects": 4, "grasps": 1, "frames": 5}.items():
-        parser.add_argument(f"--{name}", type=int, default=count)
-    options = vars(parser.parse_args())
-    meshes, threads = options.pop("meshes"), options.pop("threads")
-    print("| truth/model nodes | threads | frames | wall s / 1,000 | CPU s | MB | 315,000 frames |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
-    for mesh in meshes:
-        for count in threads:
-            print(f"| {' | '.join(row(mesh, count, options))} |", flush=True)
+    """Runs what is missing and writes the files."""
+    parser = arguments(__doc__)
+    parser.add_argument("--data", type=Path, nargs="*", default=[], help="finished datasets")
+    options = parser.parse_args()
+    out, form = folder(parser, options), "quick" if options.quick else "full"
+    head = header(MADE_OF, SIZES[form])
+    rows = Rows(KEPT / f"dataset-{form}.jsonl", head)
+    costs(rows, SIZES[form])
+    truths(rows, SIZES[form], KEPT / f"dataset-{form}-{head['commit']}")
+    held = {path.resolve().name: contents(dataset.open(path)) for path in options.data}
+    report = head | {"note": options.note, "rows": list(rows), "datasets": held}
+    (out / "dataset.json").write_text(json.dumps(report, indent=1) + "\n")
+    (out / "dataset.md").write_text(markdown(report))
+    figure(report, out / "dataset.svg")
+    for path in options.data:
+        dataset.open(path).plot(out / f"dataset-{path.resolve().name}.png")
 
 
 if __name__ == "__main__":

@@ -17,9 +17,9 @@ use sha2::{Digest, Sha256};
 use super::{
     config::Config,
     job::{Job, Task, is_whole, jobs},
-    manifest::{FORMAT, Manifest, Shard, Solved, Unsolved, splits},
+    manifest::{self, FORMAT, Manifest, Solved, Unsolved, splits},
     plan::{Plan, plans},
-    record::Entry,
+    record::{Entry, Shard},
     setup::Setup,
     tensor::{entries, read, write_whole},
 };
@@ -44,11 +44,17 @@ pub struct Progress {
     pub bytes: u64,
 }
 
+/// What keeps a gripper from a grasp of an object, if anything does.
+pub type Obstacle<'a> = dyn Fn(&Object, &Plan) -> Result<Option<String>> + Sync + 'a;
+
 /// Which part of a dataset is made, and how.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Default)]
 pub struct Orders<'a> {
     /// Commit of this library, for the manifest.
     pub commit: &'a str,
+    /// Asked of every grasp before it is solved: one that is kept from is listed as unsolved. The
+    /// gripper itself lies on a higher floor.
+    pub obstacle: Option<&'a Obstacle<'a>>,
     /// Threads to solve on; 0 is one a core.
     pub threads: usize,
     /// Shards to make, by [`shards`]'s names; `None` makes all, and the manifest.
@@ -94,6 +100,7 @@ pub fn generate(
         config: &config,
         setup: &setup,
         folder,
+        obstacle: orders.obstacle,
         watch,
         clock: Instant::now(),
         progress: Mutex::new(progress),
@@ -104,7 +111,7 @@ pub fn generate(
     if work.stopped.load(Ordering::Relaxed) || orders.only.is_some() {
         return Ok(None);
     }
-    let manifest = summary(&config, orders.commit, &plans, &jobs, folder)?;
+    let manifest = summary(&config, orders, &plans, &jobs, folder)?;
     let text = serde_json::to_string_pretty(&manifest).expect("plain data");
     write_whole(&folder.join("manifest.json"), text.as_bytes())?;
     // A kill may have left parts of shards that had just been packed.
@@ -161,6 +168,7 @@ struct Work<'a> {
     config: &'a Config,
     setup: &'a Setup,
     folder: &'a Path,
+    obstacle: Option<&'a Obstacle<'a>>,
     watch: &'a (dyn Fn(&Progress) -> bool + Sync),
     clock: Instant,
     progress: Mutex<Progress>,
@@ -173,7 +181,12 @@ impl Work<'_> {
         if self.stopped.load(Ordering::Relaxed) {
             return Ok(());
         }
-        let part = self.setup.solve(self.config, task.job.object, task.plan)?;
+        let (object, plan) = (task.job.object, task.plan);
+        let obstacle = self.obstacle.map(|obstacle| obstacle(object, plan)).transpose()?.flatten();
+        let part = match obstacle {
+            Some(reason) => Shard::unreached(plan, reason),
+            None => self.setup.solve(self.config, object, plan)?,
+        };
         write_whole(&self.folder.join(&task.part), &part.to_bytes())?;
         let Entry { frames, error, .. } = &part.entries[0];
         self.report(*frames, error.is_some());
@@ -206,7 +219,7 @@ impl Work<'_> {
 /// Reads back every shard.
 fn summary(
     config: &Config,
-    commit: &str,
+    orders: &Orders,
     plans: &[(Object, Vec<Plan>)],
     jobs: &[Job],
     folder: &Path,
@@ -225,7 +238,7 @@ fn summary(
         }
         let sha256 = hex(&Sha256::digest(&bytes));
         let file = job.file.clone();
-        shards.push(Shard { file, sha256, bytes: bytes.len() as u64, grasps });
+        shards.push(manifest::Shard { file, sha256, bytes: bytes.len() as u64, grasps });
     }
     let there = |object: &Object| {
         let all = shards.iter().flat_map(|shard| &shard.grasps);
@@ -237,10 +250,11 @@ fn summary(
     Ok(Manifest {
         format: FORMAT,
         version: env!("CARGO_PKG_VERSION").to_owned(),
-        commit: commit.to_owned(),
+        commit: orders.commit.to_owned(),
         config: config.clone(),
+        approached: orders.obstacle.is_some(),
         short: short.map(|(object, plans)| (object.name.clone(), plans.len())).collect(),
-        splits: splits(&by_object),
+        splits: splits(&by_object, config.grasps),
         shards,
         unsolved,
     })

@@ -7,7 +7,7 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::plan::Plan;
+use super::{plan::Plan, weight::Weight};
 use crate::{
     Error, Result,
     deformation::Wrench,
@@ -18,24 +18,26 @@ use crate::{
 
 /// How far a grasp goes and in how many frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ramp {
+pub(super) struct Ramp {
     /// Frames.
-    pub frames: usize,
+    pub(super) frames: usize,
     /// Closing of each pad at which it ends, whatever its force (m).
-    pub depth: f64,
+    pub(super) depth: f64,
 }
 
 /// A solved frame of a grasp.
 #[derive(Clone, Debug)]
-pub struct Frame {
+pub(super) struct Frame {
     /// Closing of each pad since it touched (m).
-    pub closing: f64,
+    pub(super) closing: f64,
     /// Force with which the pads are pressed together (N).
-    pub force: f64,
+    pub(super) force: f64,
     /// Poses of the pads in the object's frame of the start.
-    pub pads: [Isometry3<f64>; 2],
+    pub(super) pads: [Isometry3<f64>; 2],
+    /// Weight of the object that the pads bear (N, N m about its origin), in that frame.
+    pub(super) load: Wrench,
     /// The equilibrium.
-    pub grasped: Grasped,
+    pub(super) grasped: Grasped,
 }
 
 /// Exponent of force by depth that strides are chosen with.
@@ -51,7 +53,13 @@ const TOUCH: f64 = 1e-7;
 
 impl Ramp {
     /// The frames of `plan`, and the error that ended it before its force, depth or last frame.
-    pub fn solve(&self, plan: &Plan, object: &Shape, pad: &Fem) -> (Vec<Frame>, Option<Error>) {
+    pub(super) fn solve(
+        &self,
+        plan: &Plan,
+        object: &Shape,
+        weight: &Weight,
+        pad: &Fem,
+    ) -> (Vec<Frame>, Option<Error>) {
         let mesh = pad.body().mesh();
         let gap = |pose: &Isometry3<f64>| {
             let distance = |p: &Point3<f64>| object.distance(&(*pose * p)).value;
@@ -66,9 +74,12 @@ impl Ramp {
             Ok(hold) => hold,
             Err(error) => return (Vec::new(), Some(error)),
         };
+        let mut load = Wrench::default();
         self.climb(plan.force, |closing| {
             let pads = plan.closed(&touching, closing);
-            let frame = Frame::new(closing, pads, hold.frame(&pads)?);
+            hold.bear(load);
+            let frame = Frame::new(closing, pads, load, hold.frame(&pads)?);
+            load = weight.borne(frame.force, &frame.grasped.object);
             Ok((frame.force, frame))
         })
     }
@@ -113,9 +124,9 @@ impl Ramp {
 }
 
 impl Frame {
-    fn new(closing: f64, pads: [Isometry3<f64>; 2], grasped: Grasped) -> Self {
+    fn new(closing: f64, pads: [Isometry3<f64>; 2], load: Wrench, grasped: Grasped) -> Self {
         let pressure = |i: usize| -> f64 { -grasped.pads[i].wrench.force.z };
-        Self { closing, force: 0.5 * (pressure(0) + pressure(1)), pads, grasped }
+        Self { closing, force: 0.5 * (pressure(0) + pressure(1)), pads, load, grasped }
     }
 }
 

@@ -8,6 +8,7 @@ use std::{
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use safetensors::{SafeTensorError, SafeTensors};
+use serde::Deserialize;
 
 use super::{
     config::{Config, Scenario},
@@ -52,8 +53,8 @@ pub struct PadFrames {
 }
 
 impl Dataset {
-    /// The dataset in `folder`. Splits are those of the shards that are there, so that one still being
-    /// made can be looked at.
+    /// The dataset in `folder`. Splits are those of its manifest, or, so that one still being made can
+    /// be looked at, of the shards that are there.
     pub fn open(folder: &Path) -> Result<Self> {
         Self::of(folder, Scenario::Pads)
     }
@@ -92,7 +93,11 @@ impl Dataset {
         if shards.is_empty() {
             return Err(Error::file(&folder.join("shards"), &"no shards in it, expected some"));
         }
-        Ok(Self { folder: folder.to_owned(), config, objects, shards, splits: splits(&grasps) })
+        let splits = match finished(&folder.join("manifest.json"))? {
+            Some(splits) => splits,
+            None => splits(&grasps, config.grasps),
+        };
+        Ok(Self { folder: folder.to_owned(), config, objects, shards, splits })
     }
 
     /// What it is made of.
@@ -152,6 +157,17 @@ fn claimed(text: &str) -> serde_json::Result<Config> {
     let mut claim: serde_json::Map<_, _> = serde_json::from_str(text)?;
     claim.remove("format");
     serde_json::from_value(claim.into())
+}
+
+/// The splits in the manifest of a finished dataset.
+fn finished(manifest: &Path) -> Result<Option<BTreeMap<String, Split>>> {
+    #[derive(Deserialize)]
+    struct Said {
+        splits: BTreeMap<String, Split>,
+    }
+    let Ok(text) = fs::read_to_string(manifest) else { return Ok(None) };
+    let said: Said = serde_json::from_str(&text).map_err(|error| Error::file(manifest, &error))?;
+    Ok(Some(said.splits))
 }
 
 pub(super) type Found<T> = std::result::Result<T, SafeTensorError>;

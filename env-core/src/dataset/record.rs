@@ -37,6 +37,11 @@ pub(super) type Shard = Tensors<Entry>;
 pub(super) type Named = Vec<(String, Tensor)>;
 
 impl Shard {
+    /// A grasp that is not tried, and why.
+    pub(super) fn unreached(plan: &Plan, reason: String) -> Self {
+        Self::of_grasp(Entry { plan: plan.clone(), frames: 0, error: Some(reason) }, Vec::new())
+    }
+
     /// One grasp, whose `tensors` get its number in front of their names.
     pub(super) fn of_grasp(entry: Entry, tensors: Named) -> Self {
         let number = entry.plan.name.rsplit('/').next().unwrap_or_default();

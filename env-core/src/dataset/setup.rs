@@ -8,9 +8,10 @@ use super::{
     config::{Config, Gel, Pads, Scenario},
     plan::Plan,
     ramp::Ramp,
-    record::{Entry, Shard, mesh_file, of_pads},
+    record::{Entry, Shard, mesh_file, of_pads, wrenches},
     squeeze::{Squeeze, of_squeeze},
     tensor::write_whole,
+    weight::Weight,
 };
 use crate::{
     Result,
@@ -72,10 +73,16 @@ impl Setup {
         let (frames, tensors, error) = match self {
             Self::Pads(gels) => {
                 let (pads, transfer) = &gels[plan.gel];
-                let object = object.shape.clone().validated()?;
+                let weight =
+                    Weight::new(object, config.density, &plan.tool, &config.gels[plan.gel]);
+                let shape = object.shape.clone().validated()?;
                 let ramp = ramp(pads.sensor.outline.thickness);
-                let (frames, error) = ramp.solve(plan, &object, &pads.truth);
-                (frames.len(), of_pads(&frames, transfer), error)
+                let (frames, error) = ramp.solve(plan, &shape, &weight, &pads.truth);
+                let mut tensors = of_pads(&frames, transfer);
+                if config.density > 0.0 {
+                    tensors.push(("load".to_owned(), wrenches(frames.iter().map(|f| &f.load))));
+                }
+                (frames.len(), tensors, error)
             }
             Self::Soft(objects) => {
                 let (meshes, gel) = (&objects[&object.name], &config.gels[plan.gel]);

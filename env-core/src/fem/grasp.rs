@@ -128,6 +128,11 @@ impl<'a> Hold<'a> {
         Ok(Self { object, runs, pads: *first, pose: start, size, load, tolerance })
     }
 
+    /// Sets what else acts on the object, as in [`Grasp::load`], from the next frame on.
+    pub fn bear(&mut self, load: Wrench) {
+        self.load = load;
+    }
+
     /// Leads the pads to `pads`, by way of shorter steps where the whole way at once fails. On
     /// failure they stand where the last step that was solved left them.
     pub fn frame(&mut self, pads: &[Isometry3<f64>; 2]) -> Result<Grasped> {

@@ -9,6 +9,7 @@
 //! everything that enters or leaves this module is SI. The solver's settings are those of
 //! [`Physics`]; each names what it is for.
 
+mod approach;
 mod bed;
 mod catalogue;
 mod collider;
@@ -20,6 +21,7 @@ mod state;
 mod units;
 mod world;
 
+pub use approach::{Approach, Obstacle};
 pub use catalogue::{CATALOGUE, named};
 pub use collider::ObjectModel;
 pub use config::{Gripper, Object, Pads, Physics, SceneConfig, SoftPads, Workspace};

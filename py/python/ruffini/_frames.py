@@ -32,6 +32,8 @@ class Body:
     """Forces of what is rigid on the vertices (V, 3) (N)."""
     residual: float
     """Force out of balance in the body (N)."""
+    iterations: int
+    """Newton steps taken, all load steps together."""
     anchors: NDArray[np.float32]
     """Where friction holds the skin (A, 2, 3): a point of the undeformed body in its frame, and the
     place that it sticks to in the frame of what is rigid (m)."""
@@ -92,6 +94,8 @@ class Frame:
     """Force on the object out of balance (N)."""
     object: NDArray[np.float64]
     """Pose of the object against that of its start (7,)."""
+    load: NDArray[np.float64]
+    """Weight of the object that the pads bear: force (N) and torque about its origin (N m) (6,)."""
     pads: tuple[Pad, Pad]
     """The two pads."""
 
@@ -100,12 +104,13 @@ class Frame:
 
         Returns:
             ``contact``: what the contact forces on the vertices of a pad add up to, less the force
-            of its wrench, the larger of the two pads' (N). ``force`` and ``torque`` of both pads on
-            the object, which is free and at rest (N, N m about its origin).
+            of its wrench, the larger of the two pads' (N). ``force`` and ``torque`` of both pads
+            and the weight on the object, which is free and at rest (N, N m about its origin).
         """
         sums = [pad.contact_force.sum(axis=0, dtype=np.float64) for pad in self.pads]
         off = [total - pad.wrench[:3] for total, pad in zip(sums, self.pads, strict=True)]
-        return {"contact": float(max(map(np.linalg.norm, off)))} | _left(self.pads, self.object[:3])
+        left = _left(self.pads, self.object[:3], self.load)
+        return {"contact": float(max(map(np.linalg.norm, off)))} | left
 
     def write(self, path: str | PathLike[str], mesh: TetMesh) -> list[Path]:
         """Writes each pad with its fields, placed about the object's start, to a file of its own.
@@ -157,7 +162,7 @@ class SoftFrame:
         total = self.body.contact_force.sum(axis=0, dtype=np.float64)
         fingers = sum(_turned(finger.pose, finger.wrench[None, :3])[0] for finger in self.fingers)
         contact = float(np.linalg.norm(total + fingers))
-        return {"contact": contact} | _left(self.fingers, np.zeros(3))
+        return {"contact": contact} | _left(self.fingers, np.zeros(3), np.zeros(6))
 
     def write(self, path: str | PathLike[str], mesh: TetMesh) -> list[Path]:
         """Writes the object with its fields to a .vtu or .npz file.
@@ -172,9 +177,14 @@ class SoftFrame:
         return [Path(path)]
 
 
-def _left(sides: tuple[Pad, Pad] | tuple[Finger, Finger], place: NDArray[np.float64]) -> _Left:
-    """Force and torque about a `place` (3,) that both sides leave on what is between them."""
-    force, torque = np.zeros(3), np.zeros(3)
+def _left(
+    sides: tuple[Pad, Pad] | tuple[Finger, Finger],
+    place: NDArray[np.float64],
+    load: NDArray[np.float64],
+) -> _Left:
+    """Force and torque about a `place` (3,) that a load leaves on both sides' wrenches."""
+    # Wrenches are of the object on the sides, the load is on the object.
+    force, torque = -load.reshape(2, 3)
     for side in sides:
         own, turning = _turned(side.pose, side.wrench.reshape(2, 3))
         force += own

@@ -272,8 +272,11 @@ class Dataset:
         def body(part: str) -> dict[str, Any]:
             fields = ("displacement", "von_mises", "contact_force")
             arrays = {field: row(f"{part}.{field}") for field in fields}
-            residual = float(row(f"{part}.residual"))
-            return {**arrays, "residual": residual, "anchors": self._anchors(name, part, number)}
+            report = {
+                "residual": float(row(f"{part}.residual")),
+                "iterations": int(row(f"{part}.iterations")),
+            }
+            return {**arrays, **report, "anchors": self._anchors(name, part, number)}
 
         def rigid(part: str, *fields: str) -> dict[str, Any]:
             return {field: row(f"{part}.{field}") for field in fields}
@@ -285,8 +288,9 @@ class Dataset:
             moved = {"motion": row("motion"), "deviation": float(row("deviation"))}
             return SoftFrame(**common, **moved, body=Body(**body("body")), fingers=(first, second))
         left, right = (Pad(**body(side), **rigid(side, *_OF_A_PAD)) for side in _SIDES)
-        residual = float(row("residual"))
-        return Frame(**common, residual=residual, object=row("object"), pads=(left, right))
+        load = row("load") if self.manifest["config"].get("density") else np.zeros(6)
+        common |= {"residual": float(row("residual")), "load": load}
+        return Frame(**common, object=row("object"), pads=(left, right))
 
     def _anchors(self, grasp: str, part: str, number: int) -> NDArray[np.float32]:
         counts = self.column(grasp, f"{part}.anchors").astype(int)

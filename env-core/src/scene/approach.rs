@@ -1,0 +1,107 @@
+//! Whether the gripper gets to a sampled grasp without touching the object on its way.
+//!
+//! The grasps of a dataset are sampled by distances ([`crate::objects::GraspSampler`]); here the hand
+//! is driven to one in Rapier. The object floats, free and weightless, so whatever touches it moves
+//! it: the hand comes down along its fingers, as far open as the sampler says, then closes until both
+//! pads touch.
+
+use std::fmt;
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::{Object, ObjectModel, Physics, Scene, SceneConfig, Workspace, gripper::FINGER_TOP};
+use crate::Result;
+
+/// What keeps the hand from a grasp.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Obstacle {
+    /// The object was met while the hand came down.
+    Coming,
+    /// The object was met by a finger while the pads closed.
+    Closing,
+    /// The pads closed, and not both of them touched.
+    Missed,
+}
+
+impl fmt::Display for Obstacle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Coming => "the hand meets the object on its way to the grasp",
+            Self::Closing => "a finger meets the object before the pads do",
+            Self::Missed => "the pads close and do not both touch the object",
+        })
+    }
+}
+
+/// A hand that is led to grasps of one object.
+#[derive(Clone, Debug)]
+pub struct Approach {
+    model: ObjectModel,
+    config: SceneConfig,
+    /// Free way of each pad before it touches (m).
+    clearance: f64,
+}
+
+/// Height of a grasp over the table (m): farther than hand and object reach.
+const HEIGHT: f64 = 0.5;
+/// Speed of the hand (m/s): 1 mm a step.
+const SPEED: f64 = 0.25;
+/// Shift of the object that tells that it was touched (m). Single precision resolves 3e-8 m there.
+const TOUCHED: f64 = 1e-6;
+/// Grip force while closing (N).
+const GRIP: f64 = 2.0;
+/// Time after which closing pads have met what lies between them, over that of their free way.
+const PATIENCE: f64 = 4.0;
+
+impl Approach {
+    /// To `model`, with pads that stand `clearance` (m) off the contacts until they close.
+    pub fn new(model: ObjectModel, clearance: f64) -> Self {
+        let config = SceneConfig {
+            physics: Physics { gravity: 0.0, ..Physics::default() },
+            workspace: Workspace { low: [-1.0, -1.0, 0.1], high: [1.0; 3] },
+            ..SceneConfig::default()
+        };
+        Self { model, config, clearance }
+    }
+
+    /// What keeps the hand from the grasp whose tool frame, x from pad to pad and z to the wrist, is
+    /// at `tool` in the object's frame, with contacts `width` (m) apart. An error if the hand cannot
+    /// open so wide.
+    pub fn obstacle(&self, tool: &Isometry3<f64>, width: f64) -> Result<Option<Obstacle>> {
+        let mut config = self.config.clone();
+        config.gripper.max_opening = width + 2.0 * self.clearance;
+        let goal = Isometry3::translation(0.0, 0.0, HEIGHT);
+        let pose = goal * tool.inverse();
+        let object = Object { model: &self.model, scale: 1.0, mass: 0.1, friction: 1.0, pose };
+        let way = FINGER_TOP + config.gripper.pad_length;
+        let above = Vector3::new(0.0, 0.0, HEIGHT + way);
+        let mut scene = Scene::new(&config, &object, &above, 0.0)?;
+        let moved = |scene: &Scene| {
+            let now = scene.state().object.pose.translation.vector;
+            (now - pose.translation.vector).norm() > TOUCHED
+        };
+        let dt = config.physics.time_step;
+        let steps = (way / (SPEED * dt)).ceil();
+        for step in 1..=steps as u32 {
+            let left = way * (1.0 - f64::from(step) / steps);
+            scene.advance(&(goal * Isometry3::translation(0.0, 0.0, left)), -GRIP);
+            if moved(&scene) {
+                return Ok(Some(Obstacle::Coming));
+            }
+        }
+        let steps = PATIENCE * self.clearance / (config.gripper.closing_speed * dt);
+        // A pad that has touched pushes the object ahead and may lose it for a moment.
+        let mut touched = [false; 2];
+        for _ in 0..steps.ceil() as u32 {
+            scene.advance(&goal, GRIP);
+            let fingers = scene.state().fingers;
+            touched = [0, 1].map(|i| touched[i] || fingers[i].touches());
+            match touched {
+                [true, true] => return Ok(None),
+                [false, false] if moved(&scene) => return Ok(Some(Obstacle::Closing)),
+                _ => {}
+            }
+        }
+        Ok(Some(Obstacle::Missed))
+    }
+}

@@ -1,0 +1,123 @@
+"""What the dataset's report measures: cost by mesh and threads, the truth's own error, contents."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from fem_cases import difference, volumes
+
+import ruffini
+from ruffini import Fem, Grasp, PressError, SoftBody, Transfer, _distributions, dataset
+from ruffini._frames import Frame
+
+OPEN = 2e-5
+"""How far open a grasp that is solved again begins (m): pads of another mesh touch elsewhere."""
+
+
+def cost(truth: int, model: int, element: str, threads: int, counts: dict) -> dict:
+    """Wall and CPU seconds and bytes of a dataset's frames."""
+    settings = {"truth_nodes": truth, "model_nodes": model, "truth_element": element, **counts}
+    with tempfile.TemporaryDirectory() as folder:
+        wall, cpu = time.perf_counter(), time.process_time()
+        data = dataset.generate(folder, threads=threads, **settings)
+        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        size = sum(path.stat().st_size for path in Path(folder).glob("shards/*"))
+    found = {"frames": len(data), "unsolved": len(data.manifest["unsolved"])}
+    return found | {"wall": wall, "cpu": cpu, "bytes": size}
+
+
+class Again:
+    """Frames of a grasp, one in so many, solved again at the same poses of the pads."""
+
+    def __init__(self, data: dataset.Dataset, name: str, every: int):
+        self.name = name
+        self.gel = data.manifest["config"]["gels"][data.gel(name)]
+        self.common = data.mesh(name)
+        frames = [data[index] for index in data.frames(name)[every - 1 :: every]]
+        self.depths = [frame.closing / np.ptp(self.common.vertices[:, 2]) for frame in frames]
+        self._path = [opened(frames[0]), *(poses(frame) for frame in frames)]
+        objects = {object.name: object for object in ruffini.objects()}
+        self._shape = objects[name.split("/")[0]].shape
+
+    def solved(self, element: str, nodes: int) -> tuple[list[dict], dict]:
+        """Both pads' fields by frame, on the common mesh, and what they cost."""
+        pad = ruffini.sensor(self.gel["sensor"], resolution=nodes)
+        body = SoftBody(pad.mesh, self.gel["young"], self.gel["poisson"], fixed=pad.fixed)
+        fem = Fem(body, friction=self.gel["friction"], element=element)
+        begun = time.process_time()
+        frames = Grasp(self._shape, self._path).solve((fem, fem))
+        cpu = time.process_time() - begun
+        if isinstance(frames[-1], PressError):
+            raise frames[-1]
+        transfer = Transfer(pad.mesh, self.common)
+        fields = [carried(frame.pads, transfer) for frame in frames[1:]]
+        return fields, {"vertices": len(pad.mesh.vertices), "cpu": cpu / len(fields)}
+
+
+def poses(frame: Frame) -> tuple:
+    """Poses of the pads."""
+    first, second = ((pad.pose[:3], pad.pose[3:]) for pad in frame.pads)
+    return first, second
+
+
+def opened(frame: Frame) -> tuple:
+    """Poses of the pads before they touched: back along the way between them."""
+    (first, turn), (second, other) = poses(frame)
+    along = (second - first) / np.linalg.norm(second - first)
+    back = (frame.closing + OPEN) * along
+    return (first - back, turn), (second + back, other)
+
+
+def carried(pads: tuple, transfer: Transfer) -> dict:
+    """Force (2,), displacement (2 V, 3) and stress (2 T,) of both pads on the common mesh."""
+    return {
+        "force": np.array([-pad.wrench[2] for pad in pads]),
+        "u": np.concatenate([transfer.interpolate(pad.displacement) for pad in pads]),
+        "sigma": np.concatenate([transfer.average(pad.von_mises) for pad in pads]),
+    }
+
+
+def errors(found: list[dict], truth: list[dict], mesh: ruffini.TetMesh) -> list[dict]:
+    """Relative errors frame by frame: force, displacement, stress, peak stress."""
+    tets = volumes(mesh)
+    nodes = np.bincount(mesh.tets.ravel(), np.repeat(tets / 4, 4))
+    tets, nodes = np.tile(tets, 2), np.tile(nodes, 2)
+    return [
+        {
+            "force": float(np.abs(a["force"] / b["force"] - 1).max()),
+            "u": difference(a["u"], b["u"], nodes),
+            "sigma": difference(a["sigma"], b["sigma"], tets),
+            "peak": float(abs(a["sigma"].max() / b["sigma"].max() - 1)),
+        }
+        for a, b in zip(found, truth, strict=True)
+    ]
+
+
+def contents(data: dataset.Dataset) -> dict:
+    """What a dataset holds: counts, unsolved grasps by reason, worst imbalance, quantiles."""
+    worst = {"contact": 0.0, "force": 0.0, "torque": 0.0}
+    for frame in data:
+        worst = {key: max(worst[key], value) for key, value in frame.imbalance().items()}
+    manifest = data.manifest
+    solved = {grasp["name"] for shard in manifest["shards"] for grasp in shard["grasps"]}
+    lost = [grasp for grasp in manifest["unsolved"] if grasp["name"] not in solved]
+    quantiles = {
+        family: {key: np.quantile(of, (0, 0.5, 1)).tolist() for key, of in columns.items()}
+        for family, columns in _distributions.by_family(data).items()
+    }
+    made_of = {key: manifest["config"][key] for key in ("objects", "grasps", "frames", "force")}
+    return {
+        "commit": manifest["commit"],
+        "config": made_of | {"density": manifest["config"].get("density", 0.0)},
+        "grasps": len(solved) + len(lost),
+        "frames": len(data),
+        "bytes": sum(shard["bytes"] for shard in manifest["shards"]),
+        "approached": manifest.get("approached", False),
+        "unsolved": len(manifest["unsolved"]),
+        "reasons": dict(_distributions.reasons(data)),
+        "imbalance": worst,
+        "families": quantiles,
+    }

@@ -1,0 +1,64 @@
+"""The picture of the datasets' report: dataset.svg from what dataset.json holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from dataset_pages import ERRORS, costs, rungs
+
+matplotlib.use("svg")
+import matplotlib.pyplot as plt
+from matplotlib.ticker import NullFormatter
+
+
+def figure(report: dict, path: Path) -> None:
+    """Time of 1,000 frames by threads, and error against cost by mesh."""
+    # Glyphs as text and a fixed seed: the file changes only with the figures.
+    with plt.rc_context({"svg.fonttype": "none", "svg.hashsalt": "dataset", "font.size": 8}):
+        picture, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+        cost_plot(report, left)
+        truth_plot(report, right)
+        for axis in (left, right):
+            axis.grid(alpha=0.3)
+        picture.savefig(path, metadata={"Date": None})
+        plt.close(picture)
+
+
+def cost_plot(report: dict, axis) -> None:
+    """Wall and CPU minutes of 1,000 frames by number of threads, a colour to a mesh."""
+    rows = costs(report)
+    for colour, mesh in enumerate(sorted({(row["truth"], row["model"]) for row in rows})):
+        own = [row for row in rows if (row["truth"], row["model"]) == mesh]
+        threads = [row["threads"] for row in own]
+        for time, style in {"wall": "-", "cpu": ":"}.items():
+            minutes = [row[time] / 60 * 1000 / row["frames"] for row in own]
+            label = f"{mesh[0]} / {mesh[1]} nodes" if time == "wall" else None
+            axis.plot(threads, minutes, style, marker=".", color=f"C{colour}", label=label)
+    axis.set(title="1,000 frames", xlabel="threads", ylabel="minutes", yscale="log")
+    axis.set_xticks(sorted({row["threads"] for row in rows}))
+    axis.legend(title="CPU dotted")
+
+
+def truth_plot(report: dict, axis) -> None:
+    """Median error of each field against CPU seconds a frame, meshes named."""
+    points = []
+    for (element, _), rows in rungs(report).items():
+        solved = [row for row in rows if "errors" in row]
+        if solved:
+            frames = [frame for row in solved for frame in row["errors"]]
+            cpu = np.mean([row["cpu"] for row in solved])
+            medians = {key: 100 * np.median([frame[key] for frame in frames]) for key in ERRORS}
+            points.append((cpu, medians, f"{element}\n{solved[0]['vertices']}"))
+    points.sort(key=lambda point: point[0])
+    for key, name in ERRORS.items():
+        line = [(cpu, medians[key]) for cpu, medians, _ in points]
+        axis.loglog(*zip(*line, strict=True), "o", label=name)
+    for cpu, medians, name in points:
+        axis.annotate(name, (cpu, max(medians.values())), fontsize=7)
+    element, nodes = report["sizes"]["finest"]
+    title = f"median difference to {element} on {nodes} nodes"
+    axis.set(title=title, xlabel="CPU s a frame", ylabel="%")
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.legend()
