@@ -84,8 +84,8 @@ class GraspLiftEnv(NativeEnv):
     bounds (``out_of_range``), the engine fails (``engine_error``), or the tactile model has no
     answer (``press_failed``, with the kind of the error in ``info["press_error"]``); the last
     observation is then the last valid one. Where only the way to a press has no answer, the contact
-    is taken up anew from rest where it ends: the episode goes on, ``info["press_error"]`` names what
-    failed, and what friction remembered is lost.
+    is taken up anew from rest where it ends: the episode goes on, ``info["press_error"]`` names
+    what failed, and what friction remembered is lost.
     ``info["is_success"]`` says whether the object is up and has been for ``hold_time``.
 
     ## Picture
