@@ -108,7 +108,8 @@ impl ContactLaw {
     /// by the point's place, μk ŝ ⊗ (−n) where the point slips (Pa/m).
     pub fn limit_coupling(&self, point: &SurfacePoint, touch: &Touch) -> Option<Matrix3<f64>> {
         let (k, slip) = (self.stiffness(point), touch.slip.norm());
-        let slips = self.stick_stiffness(point) * slip > self.limit(point, touch);
+        let slips =
+            self.friction > 0.0 && self.stick_stiffness(point) * slip > self.limit(point, touch);
         let along = touch.slip / slip;
         slips.then(|| -self.friction * k * along * touch.normal.transpose())
     }

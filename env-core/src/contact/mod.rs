@@ -6,10 +6,12 @@
 
 mod approach;
 mod law;
+mod near;
 mod touch;
 
 pub use approach::{backed_off, between, clearance};
 pub use law::{ContactLaw, Traction};
+pub use near::Seen;
 pub use touch::{ContactStep, Touch, first_touch, leaps_through};
 
 use nalgebra::{Point3, Vector3};

@@ -4,7 +4,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::SurfacePoint;
+use super::{SurfacePoint, near::SURE};
 use crate::{
     deformation::Anchor,
     geometry::{Distance, Shape},
@@ -30,17 +30,21 @@ pub struct Touch {
 /// Contact within one load step: the shapes move from one set of poses to another.
 #[derive(Clone, Debug)]
 pub struct ContactStep<'a> {
-    shapes: &'a [Shape],
-    surface: &'a [SurfacePoint],
+    pub(super) shapes: &'a [Shape],
+    pub(super) surface: &'a [SurfacePoint],
     /// Poses at the beginning (S).
-    from: Vec<Isometry3<f64>>,
+    pub(super) from: Vec<Isometry3<f64>>,
     /// Places of the surface points at the beginning (C).
-    start: Vec<Point3<f64>>,
+    pub(super) start: Vec<Point3<f64>>,
     /// Where pairs stick, in the frame of the shape (S × C): known from before, or found when
     /// the pair first touches.
     stuck: Vec<Option<Point3<f64>>>,
     /// Where each pair was last measured in the frame of the shape, and its distance (S × C).
-    seen: Vec<(Point3<f64>, f64)>,
+    pub(super) seen: Vec<(Point3<f64>, f64)>,
+    /// What each pair is apart at the beginning, at least (S × C).
+    pub(super) room: Vec<f64>,
+    /// Displacement of the nodes at the beginning, if it is known (N).
+    pub(super) origin: Vec<Vector3<f64>>,
     /// Whether points that meet a shape must stay on the side where they do.
     pub one_sided: bool,
 }
@@ -62,14 +66,34 @@ impl<'a> ContactStep<'a> {
                 Some(anchor.place);
         }
         let seen = vec![(Point3::origin(), 0.0); pairs];
-        Self { shapes, surface, from, start, stuck, seen, one_sided: false }
+        let (room, origin) = (vec![0.0; pairs], Vec::new());
+        Self { shapes, surface, from, start, stuck, seen, room, origin, one_sided: false }
     }
 
     /// Surface points inside the shapes at `poses`, when the points are at `places` (C).
     pub fn touches(&mut self, poses: &[Isometry3<f64>], places: &[Point3<f64>]) -> Vec<Touch> {
+        self.found(poses, &places.iter().enumerate())
+    }
+
+    /// As [`ContactStep::touches`], of the `points` alone, which are at `places`.
+    pub fn touches_among(
+        &mut self,
+        points: &[u32],
+        poses: &[Isometry3<f64>],
+        places: &[Point3<f64>],
+    ) -> Vec<Touch> {
+        self.found(poses, &points.iter().map(|&c| c as usize).zip(places))
+    }
+
+    /// Those of the numbered `points` at their places that are inside the shapes.
+    fn found<'p>(
+        &mut self,
+        poses: &[Isometry3<f64>],
+        points: &(impl Iterator<Item = (usize, &'p Point3<f64>)> + Clone),
+    ) -> Vec<Touch> {
         let mut touches = Vec::new();
         for (s, pose) in poses.iter().enumerate() {
-            for (c, place) in places.iter().enumerate() {
+            for (c, place) in points.clone() {
                 let local = pose.inverse_transform_point(place);
                 if let Some(Distance { value, normal }) = self.inside(s, c, &local) {
                     let normal = pose.rotation * normal;
@@ -136,8 +160,14 @@ impl<'a> ContactStep<'a> {
                 let [begin, end] =
                     [&self.from[s], pose].map(|pose| pose.inverse_transform_point(&self.start[c]));
                 let gap = |p: &Point3<f64>| self.shapes[s].distance(p).value;
+                let (pair, way) = (s * points + c, (end - begin).norm());
+                let seen = self.seen[pair];
+                self.room[pair] = seen.1 - (begin - seen.0).norm();
+                if self.room[pair] > SURE + way {
+                    return false;
+                }
                 let value = gap(&begin);
-                self.seen[s * points + c] = (begin, value);
+                (self.seen[pair], self.room[pair]) = ((begin, value), value);
                 value < (end - begin).norm()
                     && runs_through(gap, &begin, &end, [depth - value.min(0.0), 0.0])
             })

@@ -13,9 +13,10 @@ use nalgebra::{
 
 use super::{
     Fem,
-    drive::{Attempt, Run, SHORTEST_STRIDE},
+    attempt::Attempt,
+    direct::DirectSolver,
+    drive::{Run, SHORTEST_STRIDE},
     gmres::gmres,
-    sparse::Matrix,
     system::{Forces, Stiffness, System},
 };
 use crate::{
@@ -225,7 +226,7 @@ impl<'a> Hold<'a> {
         for _ in 0..CUTS {
             let step = step * share;
             let guesses = [0, 1].map(|i| {
-                let ahead = followers[i].ahead(self.runs[i].system, &step);
+                let ahead = followers[i].ahead(self.runs[i].solver.as_ref().unwrap(), &step);
                 let now = &from.attempts[i].state.displacement;
                 Some(now.iter().zip(&ahead).map(|(u, du)| u + du).collect())
             });
@@ -251,7 +252,8 @@ impl<'a> Hold<'a> {
             motion
         };
         let run = &mut self.runs[i];
-        Follower::new(run.system, &mut run.matrix, &trial.attempts[i].solved.forces, motion)
+        let solver = run.solver.as_mut().expect("the trial made it");
+        Follower::new(run.system, solver, &trial.attempts[i].solved.forces, motion)
     }
 }
 
@@ -267,14 +269,13 @@ impl Follower {
     /// Linearised at `forces`, where the object's contact points move by `motion`.
     fn new(
         system: &System,
-        matrix: &mut Matrix,
+        solver: &mut DirectSolver,
         forces: &Forces,
         motion: impl Fn(&Point3<f64>) -> Matrix3x6<f64>,
     ) -> Self {
-        system.assemble(forces, matrix, Stiffness::Exact);
-        if !matrix.factorise(&system.pattern) {
-            system.assemble(forces, matrix, Stiffness::Filtered);
-            matrix.factorise(&system.pattern);
+        solver.make_hold(system, &forces.touches);
+        if !solver.factorise(system, forces, Stiffness::Exact) {
+            solver.factorise(system, forces, Stiffness::Filtered);
         }
         let slipping = |touch: &Touch| {
             let point = &system.surface[touch.point as usize];
@@ -294,19 +295,19 @@ impl Follower {
                 let force = (system.contact_stiffness(touch) + coupling) * along;
                 spread(touch, &force, &mut pull);
             }
-            let mut first = system.pattern.gather(&pull);
-            matrix.solve(&system.pattern, &mut first);
+            let mut first = solver.gather(&pull);
+            solver.solve(&mut first);
             // The limits of friction follow the depth, which makes the stiffness unsymmetric.
             let product = |x: &[f64]| {
-                let moved = system.pattern.scatter(x);
+                let moved = solver.scatter(x);
                 let mut nodal = vec![Vector3::zeros(); nodes];
                 for touch in &forces.touches {
                     let Some(coupling) = slipping(touch) else { continue };
                     let here = system.surface[touch.point as usize].interpolate(&moved);
                     spread(touch, &(coupling * here), &mut nodal);
                 }
-                let mut y = system.pattern.gather(&nodal);
-                matrix.solve(&system.pattern, &mut y);
+                let mut y = solver.gather(&nodal);
+                solver.solve(&mut y);
                 y.iter_mut().zip(x).for_each(|(y, x)| *y += x);
                 y
             };
@@ -314,7 +315,7 @@ impl Follower {
         });
         let mut stiffness = Matrix6::zeros();
         for (k, column) in columns.iter().enumerate() {
-            let moved = system.pattern.scatter(column);
+            let moved = solver.scatter(column);
             for touch in &forces.touches {
                 let motion = motion(&touch.place);
                 let here = system.surface[touch.point as usize].interpolate(&moved);
@@ -328,12 +329,12 @@ impl Follower {
     }
 
     /// Displacements (N) of the pad's nodes that go with a `step` of the object.
-    fn ahead(&self, system: &System, step: &Vector6<f64>) -> Vec<Vector3<f64>> {
-        let mut sum = vec![0.0; system.pattern.size()];
+    fn ahead(&self, solver: &DirectSolver, step: &Vector6<f64>) -> Vec<Vector3<f64>> {
+        let mut sum = vec![0.0; solver.size()];
         for (column, &share) in self.columns.iter().zip(step.iter()) {
             sum.iter_mut().zip(column).for_each(|(sum, x)| *sum += share * x);
         }
-        system.pattern.scatter(&sum)
+        solver.scatter(&sum)
     }
 }
 

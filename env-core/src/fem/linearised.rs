@@ -9,8 +9,9 @@ use nalgebra::{Point3, Vector3};
 
 use super::{
     element::{Element, Nodes},
+    pattern::{FIXED, Pattern},
     solid::{Solid, Strain, solid},
-    sparse::{FIXED, Factor, MOST_COLUMNS, Pattern},
+    sparse::{Factor, MOST_COLUMNS},
     surface::{SPACING, least_spacing, spacing, surface_points},
 };
 use crate::{Error, Result, contact::SurfacePoint, deformation::SoftBody, geometry::Shape};
@@ -66,14 +67,13 @@ impl Linearised {
     /// Linearises `body` with a spring of `tie` (N/m) at each node, if that holds it.
     fn tied(body: &SoftBody, tie: f64) -> Option<Self> {
         let nodes = Nodes::new(body, ELEMENT);
-        let mut solid = solid(body, &nodes, ELEMENT);
+        let solid = solid(body, &nodes, ELEMENT);
         let pattern = Pattern::new(&nodes.places, &nodes.fixed, &solid.couplings());
-        solid.locate(&pattern);
         let rest = vec![Vector3::zeros(); nodes.places.len()];
         let (mut strain, mut forces) = (Strain::default(), rest.clone());
         let mut matrix = pattern.matrix();
         solid.evaluate(&rest, &mut strain, &mut forces).expect("no element is inverted at rest");
-        solid.assemble(&strain, &pattern, &mut matrix, false);
+        solid.assemble(&strain, &solid.layout(&pattern), &mut matrix, false);
         matrix.shift(&pattern, tie);
         if !matrix.factorise(&pattern) {
             return None;

@@ -1,5 +1,8 @@
 //! Equilibrium by Newton's method with a line search on the energy.
 //!
+//! A step is first tried with contact solved for on its own nodes ([`super::condensed`]). The rest is
+//! for where that leads nowhere, for contact that is too wide for it, and for pushes.
+//!
 //! The stiffness is used as it is where it is positive definite. Where it is not, its diagonal is
 //! raised step by step, and if that is not enough it is filtered element by element, which is safe
 //! but slow near the end (Longva et al. 2023, "Pitfalls of projection"). Friction is a minimisation
@@ -10,11 +13,10 @@
 //! A press with given force has one more unknown, the travel of the shapes. Vectors of unknowns hold
 //! three numbers for each free node, and then the travel if there is one.
 
-use nalgebra::{Matrix3, Vector3};
-
 use super::{
+    direct::DirectSolver,
     gmres::gmres,
-    sparse::Matrix,
+    push::{Border, Push},
     system::{Forces, State, Stiffness, System},
 };
 use crate::{
@@ -31,14 +33,6 @@ pub(super) struct Limits {
     pub(super) iterations: usize,
 }
 
-/// A constant force with which the shapes are pushed.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Push {
-    pub(super) direction: Vector3<f64>,
-    /// Force along `direction` (N).
-    pub(super) force: f64,
-}
-
 /// How the search for an equilibrium ended.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Balance {
@@ -51,19 +45,18 @@ pub(super) struct Balance {
 const ARMIJO: f64 = 1e-4;
 /// Shortest fraction of a Newton step that is tried.
 const SHORTEST: f64 = 1e-6;
-/// Longest travel of pushed shapes in one Newton step (m).
-const LONGEST_TRAVEL: f64 = 5e-4;
 
 /// Moves `state` to equilibrium within one load step.
 pub(super) fn equilibrium(
     system: &System,
-    matrix: &mut Matrix,
+    solver: &mut DirectSolver,
     state: &mut State,
     contact: &mut ContactStep,
     push: Option<&Push>,
     limits: &Limits,
 ) -> Result<(Balance, Forces)> {
-    let mut search = Search { system, matrix, contact, push };
+    let willing = solver.is_willing();
+    let mut search = Search { system, solver, contact, push, willing };
     let mut iterations = 0;
     let mut residual = f64::INFINITY;
     let mut found = system.forces(state, search.contact);
@@ -76,32 +69,25 @@ pub(super) fn equilibrium(
             break;
         }
         iterations += 1;
-        found = search.advance(state, &forces);
+        found = search.advance(state, &forces, limits.tolerance);
     }
     Err(Error::NotConverged { iterations, residual, tolerance: limits.tolerance })
 }
 
-struct Search<'a, 'b> {
-    system: &'a System,
-    matrix: &'a mut Matrix,
-    contact: &'a mut ContactStep<'b>,
-    push: Option<&'a Push>,
-}
-
-/// The travel's row and column of the stiffness matrix, eliminated.
-struct Border {
-    /// Coupling of the travel with the other unknowns.
-    column: Vec<f64>,
-    /// The matrix's solution for `column`.
-    lifted: Vec<f64>,
-    /// Stiffness of the travel when the body follows.
-    schur: f64,
+/// An equilibrium being searched for.
+pub(super) struct Search<'a, 'b> {
+    pub(super) system: &'a System,
+    pub(super) solver: &'a mut DirectSolver,
+    pub(super) contact: &'a mut ContactStep<'b>,
+    pub(super) push: Option<&'a Push>,
+    /// Whether steps by the condensed stiffness are tried.
+    pub(super) willing: bool,
 }
 
 impl Search<'_, '_> {
     /// Gradient of the energy by the unknowns (N).
-    fn residual(&self, forces: &Forces) -> Vec<f64> {
-        let mut residual = self.system.pattern.gather(&forces.gradient);
+    pub(super) fn residual(&self, forces: &Forces) -> Vec<f64> {
+        let mut residual = self.solver.gather(&forces.gradient);
         if let Some(push) = self.push {
             let along = |touch: &Touch| self.system.contact_force(touch).dot(&push.direction);
             residual.push(forces.touches.iter().map(along).sum::<f64>() - push.force);
@@ -110,11 +96,14 @@ impl Search<'_, '_> {
     }
 
     /// One Newton step from `state`, or `None` if none was found that lowers the energy.
-    fn advance(&mut self, state: &mut State, forces: &Forces) -> Option<Forces> {
+    fn advance(&mut self, state: &mut State, forces: &Forces, tolerance: f64) -> Option<Forces> {
+        if let Some(next) = self.condensed_step(state, forces, tolerance) {
+            return Some(next);
+        }
+        self.solver.make_hold(self.system, &forces.touches);
         let residual = self.residual(forces);
         for stiffness in Stiffness::SAFER {
-            self.system.assemble(forces, self.matrix, stiffness);
-            if !self.matrix.factorise(&self.system.pattern) {
+            if !self.solver.factorise(self.system, forces, stiffness) {
                 continue;
             }
             let border = self.border(forces);
@@ -128,59 +117,6 @@ impl Search<'_, '_> {
             }
         }
         None
-    }
-
-    fn border(&mut self, forces: &Forces) -> Option<Border> {
-        let direction = self.push?.direction;
-        let stiffness = |touch: &Touch| Some(self.system.contact_stiffness(touch));
-        let mut unit = vec![0.0; self.system.pattern.size() + 1];
-        *unit.last_mut()? = 1.0;
-        let mut column = self.contact_product(&forces.touches, stiffness, &unit, Some(direction));
-        let corner = column.pop()?;
-        let mut lifted = column.clone();
-        self.matrix.solve(&self.system.pattern, &mut lifted);
-        let schur = corner - dot(&column, &lifted);
-        Some(Border { column, lifted, schur })
-    }
-
-    /// Multiplies by the inverse of the stiffness matrix.
-    fn solve(&mut self, border: Option<&Border>, right: &mut Vec<f64>) {
-        let last = if border.is_some() { right.pop() } else { None };
-        self.matrix.solve(&self.system.pattern, right);
-        if let (Some(border), Some(last)) = (border, last) {
-            let pull = last - dot(&border.column, right);
-            // Shapes that have lost touch have no stiffness, and go as far as they may.
-            let travel = if border.schur > 0.0 { pull / border.schur } else { pull.signum() };
-            let travel = travel.clamp(-LONGEST_TRAVEL, LONGEST_TRAVEL);
-            right.iter_mut().zip(&border.lifted).for_each(|(x, lift)| *x -= lift * travel);
-            right.push(travel);
-        }
-    }
-
-    /// Sum over the touches of `stiffness` times the relative motion `unknowns`, as forces on the
-    /// unknowns.
-    fn contact_product(
-        &self,
-        touches: &[Touch],
-        stiffness: impl Fn(&Touch) -> Option<Matrix3<f64>>,
-        unknowns: &[f64],
-        direction: Option<Vector3<f64>>,
-    ) -> Vec<f64> {
-        let moved = self.system.pattern.scatter(unknowns);
-        let travel = direction.map_or(Vector3::zeros(), |d| d * unknowns[unknowns.len() - 1]);
-        let (mut forces, mut total) = (vec![Vector3::zeros(); moved.len()], Vector3::zeros());
-        for touch in touches {
-            let Some(stiffness) = stiffness(touch) else { continue };
-            let point = &self.system.surface[touch.point as usize];
-            let force = stiffness * (point.interpolate(&moved) - travel);
-            total += force;
-            for &(node, share) in &point.shares {
-                forces[node as usize] += force * share;
-            }
-        }
-        let mut product = self.system.pattern.gather(&forces);
-        product.extend(direction.map(|d| -d.dot(&total)));
-        product
     }
 
     /// The full step with friction limits that follow the depth, if points slip and it halves the
@@ -250,9 +186,10 @@ impl Search<'_, '_> {
         None
     }
 
-    fn moved(&self, state: &State, step: &[f64], share: f64) -> State {
+    /// `state` after a `share` of a `step`.
+    pub(super) fn moved(&self, state: &State, step: &[f64], share: f64) -> State {
         let mut moved = state.clone();
-        let change = self.system.pattern.scatter(step);
+        let change = self.solver.scatter(step);
         for (u, du) in moved.displacement.iter_mut().zip(&change) {
             *u += du * share;
         }
@@ -297,10 +234,10 @@ impl FrictionLimits {
     }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-fn norm(a: &[f64]) -> f64 {
+pub(super) fn norm(a: &[f64]) -> f64 {
     dot(a, a).sqrt()
 }

@@ -5,7 +5,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::{
     element::{Cell, Element, Nodes, linear_cells, quadratic_cells},
     material::{Material, Tangent, Volumetric},
-    sparse::{FIXED, Matrix, Pattern},
+    pattern::{Pattern, Slot},
+    sparse::Matrix,
 };
 use crate::deformation::SoftBody;
 
@@ -21,7 +22,8 @@ pub(super) trait Solid: Send + Sync {
     ) -> Option<f64>;
 
     /// Adds ∂²E/∂u² at the last evaluated `strain`; `filtered` makes each element's part positive.
-    fn assemble(&self, strain: &Strain, pattern: &Pattern, matrix: &mut Matrix, filtered: bool);
+    /// `layout` says where its parts go.
+    fn assemble(&self, strain: &Strain, layout: &Layout, matrix: &mut Matrix, filtered: bool);
 
     /// Von Mises stress, volume average over each tetrahedron (T) in Pa.
     fn von_mises(&self, displacement: &[Vector3<f64>]) -> Vec<f64>;
@@ -29,9 +31,12 @@ pub(super) trait Solid: Send + Sync {
     /// Sets of nodes that are coupled.
     fn couplings(&self) -> Vec<&[u32]>;
 
-    /// Looks up where the cells' blocks lie in `pattern`.
-    fn locate(&mut self, pattern: &Pattern);
+    /// Where the parts of the stiffness lie in `pattern`.
+    fn layout(&self, pattern: &Pattern) -> Layout;
 }
+
+/// For each pair (i, j), j ≤ i, of each cell's nodes: where their coupling goes, if both are free.
+pub(super) type Layout = Vec<Option<Slot>>;
 
 /// State of the energy points, in the order of the cells.
 #[derive(Clone, Debug, Default)]
@@ -53,19 +58,14 @@ struct Cells<const M: usize> {
     all: Vec<Cell<M>>,
     /// Material of each cell.
     materials: Vec<Material>,
-    /// Where each cell's lower triangle goes, by rows.
-    blocks: Vec<CellBlocks>,
     tets: usize,
 }
-
-/// For each pair (i, j), j ≤ i, of the cell's free nodes: the place of i and the pair's block.
-type CellBlocks = Vec<(u32, u32)>;
 
 impl<const M: usize> Cells<M> {
     fn new(body: &SoftBody, cells: Vec<Cell<M>>) -> Self {
         let moduli = |cell: &Cell<M>| &body.moduli()[cell.points[0].tet as usize];
         let materials = cells.iter().map(|cell| Material::new(body.law(), moduli(cell))).collect();
-        Self { all: cells, materials, blocks: Vec::new(), tets: body.mesh().tets.len() }
+        Self { all: cells, materials, tets: body.mesh().tets.len() }
     }
 }
 
@@ -200,14 +200,16 @@ impl<const M: usize> Solid for Cells<M> {
         energy.is_finite().then_some(energy)
     }
 
-    fn assemble(&self, strain: &Strain, pattern: &Pattern, matrix: &mut Matrix, filtered: bool) {
-        let (mut dense, mut first) = (Vec::new(), 0);
-        for ((cell, material), blocks) in self.all.iter().zip(&self.materials).zip(&self.blocks) {
+    fn assemble(&self, strain: &Strain, layout: &Layout, matrix: &mut Matrix, filtered: bool) {
+        let (mut dense, mut first, mut slots) = (Vec::new(), 0, layout.iter());
+        for (cell, material) in self.all.iter().zip(&self.materials) {
             let states = &strain.points[first..first + cell.points.len()];
             first += cell.points.len();
             cell.stiffness(material, states, filtered, &mut dense);
-            for (&(high, block), value) in blocks.iter().zip(&dense) {
-                matrix.add(pattern, high, block, value);
+            for (value, slot) in dense.iter().zip(&mut slots) {
+                if let Some(slot) = slot {
+                    matrix.add(*slot, value);
+                }
             }
         }
     }
@@ -228,31 +230,13 @@ impl<const M: usize> Solid for Cells<M> {
         self.all.iter().map(|cell| &cell.nodes[..]).collect()
     }
 
-    fn locate(&mut self, pattern: &Pattern) {
-        let place = |node: u32| pattern.place[node as usize];
-        self.blocks = self
-            .all
-            .iter_mut()
-            .map(|cell| {
-                sort_nodes(cell, place);
-                let places: Vec<u32> = cell.nodes.iter().map(|&node| place(node)).collect();
-                let free = places.iter().filter(|&&place| place != FIXED).count();
-                let pairs = (0..free).flat_map(|i| (0..=i).map(move |j| (i, j)));
-                pairs.map(|(i, j)| (places[i], pattern.block(places[i], places[j]))).collect()
-            })
-            .collect();
-    }
-}
-
-/// Puts the cell's nodes in the order of elimination.
-fn sort_nodes<const M: usize>(cell: &mut Cell<M>, place: impl Fn(u32) -> u32) {
-    let mut rank: Vec<usize> = (0..cell.nodes.len()).collect();
-    rank.sort_by_key(|&i| place(cell.nodes[i]));
-    let mut renumbered = vec![0; rank.len()];
-    rank.iter().enumerate().for_each(|(new, &old)| renumbered[old] = new as u8);
-    cell.nodes = rank.iter().map(|&old| cell.nodes[old]).collect();
-    for point in &mut cell.points {
-        point.local = point.local.map(|old| renumbered[old as usize]);
+    fn layout(&self, pattern: &Pattern) -> Layout {
+        let pairs = |cell: &Cell<M>| {
+            let nodes = &cell.nodes;
+            let row = |i: usize| (0..=i).map(move |j| pattern.slot(nodes[i], nodes[j]));
+            (0..nodes.len()).flat_map(row).collect::<Vec<_>>()
+        };
+        self.all.iter().flat_map(pairs).collect()
     }
 }
 
@@ -278,9 +262,8 @@ mod tests {
         let moduli = Moduli { young: 1e5, poisson: 0.45 };
         let body = SoftBody::new(cube(), law, moduli, fixed).unwrap();
         let nodes = Nodes::new(&body, element);
-        let mut solid = solid(&body, &nodes, element);
+        let solid = solid(&body, &nodes, element);
         let pattern = Pattern::new(&nodes.places, &nodes.fixed, &solid.couplings());
-        solid.locate(&pattern);
         (nodes, solid, pattern)
     }
 
@@ -383,7 +366,7 @@ mod tests {
             let change: Vec<_> = high_forces.iter().zip(&low_forces).map(|(h, l)| h - l).collect();
             let mut unknowns = pattern.gather(&change);
             let mut matrix = pattern.matrix();
-            solid.assemble(&strain, &pattern, &mut matrix, false);
+            solid.assemble(&strain, &solid.layout(&pattern), &mut matrix, false);
             assert!(matrix.factorise(&pattern), "{law} {element}: not positive definite");
             matrix.solve(&pattern, &mut unknowns);
             let solved = pattern.scatter(&unknowns);

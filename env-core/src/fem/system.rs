@@ -1,13 +1,16 @@
 //! Forces and stiffness of a body together with its contact, at one state.
 
-use std::{collections::BTreeSet, sync::Arc};
+use std::{
+    collections::BTreeSet,
+    sync::{Arc, OnceLock},
+};
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
     element::{Element, Nodes},
-    solid::{Solid, Strain, solid},
-    sparse::{FIXED, Matrix, Pattern},
+    pattern::Pattern,
+    solid::{Layout, Solid, Strain, solid},
     surface::{SPACING, least_spacing, spacing, surface_points},
 };
 use crate::{
@@ -23,7 +26,8 @@ use crate::{
 pub(super) struct System {
     pub(super) nodes: Arc<Nodes>,
     pub(super) solid: Arc<dyn Solid>,
-    pub(super) pattern: Arc<Pattern>,
+    /// The pattern with contact anywhere, once it was asked for.
+    whole: Arc<OnceLock<(Arc<Pattern>, Arc<Layout>)>>,
     element: Element,
     pub(super) surface: Arc<[SurfacePoint]>,
     /// The least spacing to which contact points can be laid (m).
@@ -40,6 +44,15 @@ pub(super) struct State {
     pub(super) displacement: Vec<Vector3<f64>>,
     /// Poses of the shapes (S).
     pub(super) poses: Vec<Isometry3<f64>>,
+}
+
+/// What holds a surface point to a shape.
+pub(super) struct Spring {
+    /// Index of the point.
+    pub(super) point: u32,
+    /// Derivative of minus the force on the point by its place (N/m).
+    pub(super) stiffness: Matrix3<f64>,
+    pub(super) symmetric: bool,
 }
 
 /// How the stiffness matrix is made positive definite.
@@ -79,18 +92,12 @@ pub(super) struct Forces {
 impl System {
     pub(super) fn new(body: &SoftBody, element: Element, law: ContactLaw) -> Self {
         let nodes = Nodes::new(body, element);
-        let mut solid = solid(body, &nodes, element);
-        let surface = surface_points(body, &nodes, element, SPACING);
-        let stencils = stencils(&surface);
-        let mut couplings = solid.couplings();
-        couplings.extend(stencils.iter().map(|stencil| &stencil[..]));
-        let pattern = Pattern::new(&nodes.places, &nodes.fixed, &couplings);
-        solid.locate(&pattern);
+        let solid = solid(body, &nodes, element).into();
+        let surface = surface_points(body, &nodes, element, SPACING).into();
         let floating = body.fixed().len() < 3;
-        let (nodes, pattern) = (Arc::new(nodes), Arc::new(pattern));
-        let (solid, surface) = (solid.into(), surface.into());
+        let (nodes, whole) = (Arc::new(nodes), Arc::default());
         let least_spacing = least_spacing(body);
-        Self { nodes, solid, pattern, element, surface, least_spacing, law, floating }
+        Self { nodes, solid, whole, element, surface, least_spacing, law, floating }
     }
 
     /// The system of the same `body` that feels `press`: with its friction, and with contact points
@@ -122,7 +129,7 @@ impl System {
         let mut gradient = vec![Vector3::zeros(); self.nodes.places.len()];
         let mut strain = Strain::default();
         let elastic = self.solid.evaluate(&state.displacement, &mut strain, &mut gradient)?;
-        let touches = step.touches(&state.poses, &self.surface_places(&state.displacement));
+        let touches = step.touches_displaced(&state.poses, &self.nodes.places, &state.displacement);
         if touches
             .iter()
             .any(|touch| touch.depth > self.deepest() && step.passed_through(touch, &state.poses))
@@ -166,31 +173,34 @@ impl System {
         self.law.hessian(point, touch, self.law.limit(point, touch)) * point.area
     }
 
-    /// Fills `matrix` with the stiffness at `forces`.
-    pub(super) fn assemble(&self, forces: &Forces, matrix: &mut Matrix, stiffness: Stiffness) {
-        matrix.clear();
-        let filtered = stiffness == Stiffness::Filtered;
-        self.solid.assemble(&forces.strain, &self.pattern, matrix, filtered);
-        let shift = match stiffness {
-            Stiffness::Shifted(share) => share,
-            _ if self.floating => PROXIMAL,
-            _ => 0.0,
+    /// A touch as a spring, its limit of friction following its depth.
+    pub(super) fn spring(&self, touch: &Touch) -> Spring {
+        let point = &self.surface[touch.point as usize];
+        let slip = self.law.limit_coupling(point, touch);
+        let (stiffness, symmetric) = (self.contact_stiffness(touch), slip.is_none());
+        let stiffness = stiffness + slip.unwrap_or_default() * point.area;
+        Spring { point: touch.point, stiffness, symmetric }
+    }
+
+    /// The pattern of the body with contact anywhere on its surface.
+    pub(super) fn whole_pattern(&self) -> (Arc<Pattern>, Arc<Layout>) {
+        let whole = || {
+            let stencils = stencils(&self.surface);
+            let mut couplings = self.solid.couplings();
+            couplings.extend(stencils.iter().map(|stencil| &stencil[..]));
+            let pattern = Pattern::new(&self.nodes.places, &self.nodes.fixed, &couplings);
+            let layout = self.solid.layout(&pattern);
+            (Arc::new(pattern), Arc::new(layout))
         };
-        if shift > 0.0 {
-            matrix.shift(&self.pattern, shift * matrix.mean_diagonal(&self.pattern));
-        }
-        for touch in &forces.touches {
-            let stiffness = self.contact_stiffness(touch);
-            for &(a, s) in &self.surface[touch.point as usize].shares {
-                for &(b, t) in &self.surface[touch.point as usize].shares {
-                    let [a, b] = [a, b].map(|node| self.pattern.place[node as usize]);
-                    if b <= a && a != FIXED {
-                        let block = self.pattern.block(a, b);
-                        matrix.add(&self.pattern, a, block, &(stiffness * (s * t)));
-                    }
-                }
-            }
-        }
+        self.whole.get_or_init(whole).clone()
+    }
+
+    /// The pattern of the body with contact on its free `nodes` alone; they are eliminated last.
+    pub(super) fn pattern_around(&self, nodes: &[u32]) -> (Arc<Pattern>, Arc<Layout>) {
+        let (places, fixed) = (&self.nodes.places, &self.nodes.fixed);
+        let pattern = Pattern::ending_in(nodes, places, fixed, &self.solid.couplings());
+        let layout = self.solid.layout(&pattern);
+        (Arc::new(pattern), Arc::new(layout))
     }
 }
 
@@ -199,7 +209,3 @@ fn stencils(surface: &[SurfacePoint]) -> BTreeSet<Vec<u32>> {
     let nodes = |point: &SurfacePoint| point.shares.iter().map(|&(node, _)| node).collect();
     surface.iter().map(nodes).collect()
 }
-
-/// Share of the mean diagonal added for a body that nothing holds: of the steps that differ by a
-/// motion of the whole body it takes the shortest.
-const PROXIMAL: f64 = 1e-8;

@@ -1,0 +1,185 @@
+//! One load step of a press: where it is searched for, from where it starts, and what it leads to.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::{
+    direct::DirectSolver,
+    drive::{Run, Solved},
+    newton::equilibrium,
+    push::Push,
+    region::Region,
+    system::{State, Stiffness},
+};
+use crate::{
+    Error, Result,
+    contact::{ContactStep, Touch},
+    deformation::Anchor,
+    geometry::Shape,
+};
+
+/// Depth of a touching point past which an answer is refused, in softnesses: what holds a shape there
+/// is a pressure of as many Young's moduli.
+const DEEPEST: f64 = 250.0;
+/// Thickness of a shape under which points are watched that they do not change its sides (m); round
+/// the edges of thicker ones they may slide.
+const THIN: f64 = 1.2e-3;
+
+/// A load step and where it leads.
+pub(super) struct Attempt {
+    pub(super) state: State,
+    anchors: Vec<Anchor>,
+    pub(super) solved: Solved,
+}
+
+impl Run<'_> {
+    /// Where a load step to `poses`, or from there on under `push`, would lead; searched from the
+    /// displacements guessed, or else predicted.
+    pub(super) fn attempt(
+        &mut self,
+        shapes: &[Shape],
+        poses: Vec<Isometry3<f64>>,
+        push: Option<&Push>,
+        guess: Option<Vec<Vector3<f64>>>,
+    ) -> Result<Attempt> {
+        let system = self.system;
+        let start = system.surface_places(&self.state.displacement);
+        let from = self.state.poses.clone();
+        let places = start.clone();
+        let mut contact = ContactStep::new(shapes, &system.surface, from, start, &self.anchors)
+            .knowing(self.state.displacement.clone(), std::mem::take(&mut self.seen));
+        contact.one_sided = self.one_sided;
+        if contact.runs_over(&poses, system.deepest()) {
+            return Err(self.missed());
+        }
+        self.attend(&mut contact, shapes, &poses, push.is_some(), &places);
+        let mut state = State { displacement: self.state.displacement.clone(), poses };
+        match guess {
+            Some(guess) => state.displacement = guess,
+            None if push.is_none() => self.predict(shapes, &mut state, &mut contact),
+            None => {}
+        }
+        let solver = self.solver.as_mut().expect("the run attends to a region");
+        let (balance, forces) =
+            equilibrium(system, solver, &mut state, &mut contact, push, &self.limits)?;
+        if shapes.iter().any(|shape| shape.thickness() < THIN) {
+            let places = system.surface_places(&state.displacement);
+            if contact.leaps(&state.poses, &places, system.deepest()) {
+                return Err(self.missed());
+            }
+        }
+        let depth = forces.touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
+        let most = DEEPEST * system.law.softness;
+        if depth > most {
+            return Err(Error::Penetrated { depth, most });
+        }
+        let back =
+            |touch: &Touch| system.law.stuck_at(&system.surface[touch.point as usize], touch);
+        let anchors = contact.anchors(&state.poses, &forces.touches, back);
+        self.seen = contact.into_seen();
+        Ok(Attempt { state, anchors, solved: Solved { balance, forces } })
+    }
+
+    /// Chooses where contact may be felt on the way to `poses`, with the surface at `places` (C); a push
+    /// may lead anywhere.
+    fn attend(
+        &mut self,
+        contact: &mut ContactStep,
+        shapes: &[Shape],
+        poses: &[Isometry3<f64>],
+        pushed: bool,
+        places: &[Point3<f64>],
+    ) {
+        let everywhere = match &self.solver {
+            Some(solver) => match solver.region() {
+                Some(region) if !pushed && region.suits(contact, poses, places) => return,
+                region => region.is_none(),
+            },
+            None => false,
+        };
+        let path = || [&[poses.to_vec()], &self.ahead[..]].concat();
+        let along = |path: Vec<_>| Region::along(self.system, shapes, &path, places);
+        let region = if pushed { None } else { along(path()) };
+        if !everywhere || region.is_some() {
+            self.solver = Some(DirectSolver::new(self.system, region));
+        }
+    }
+
+    /// The error of a load step in which shape and surface miss each other.
+    fn missed(&self) -> Error {
+        let (residual, tolerance) = (f64::INFINITY, self.limits.tolerance);
+        Error::NotConverged { iterations: 0, residual, tolerance }
+    }
+
+    /// Makes an attempt the current state.
+    pub(super) fn accept(&mut self, attempt: Attempt) -> Solved {
+        let Attempt { state, anchors, solved } = attempt;
+        self.anchors = anchors;
+        let moved = state.displacement.iter().zip(&self.state.displacement);
+        self.increment = moved.map(|(after, before)| after - before).collect();
+        self.before.clone_from(&self.state.poses);
+        self.held = self.wrench(&solved.forces).force;
+        self.state = state;
+        solved
+    }
+
+    /// Starts `state` where the path leads: on as in the last load step if the shapes go on as they
+    /// did, else along the path's tangent at the beginning.
+    fn predict(&mut self, shapes: &[Shape], state: &mut State, contact: &mut ContactStep) {
+        let step = if self.goes_on(&state.poses) {
+            Some(self.increment.clone())
+        } else {
+            self.tangent(shapes, &state.poses)
+        };
+        let Some(step) = step else { return };
+        let ahead = self.state.displacement.iter().zip(&step).map(|(u, du)| u + du).collect();
+        let ahead = State { displacement: ahead, poses: state.poses.clone() };
+        if self.system.forces(&ahead, contact).is_some() {
+            *state = ahead;
+        }
+    }
+
+    /// Whether the way to `poses` is about the same as that of the last load step.
+    fn goes_on(&self, poses: &[Isometry3<f64>]) -> bool {
+        let ways = poses.iter().zip(&self.state.poses).zip(&self.before);
+        self.before.len() == poses.len()
+            && ways.into_iter().all(|((next, now), before)| {
+                let way = |to: &Isometry3<f64>, from: &Isometry3<f64>| {
+                    (to.translation.vector - from.translation.vector, to.rotation / from.rotation)
+                };
+                let (next, last) = (way(next, now), way(now, before));
+                let turn = (next.1 / last.1).angle();
+                (next.0 - last.0).norm() <= 0.5 * next.0.norm() && turn <= 0.5 * next.1.angle()
+            })
+    }
+
+    /// Change of displacement for small motions of the shapes towards `poses`, with all that touches
+    /// taken along; none if nothing touches.
+    fn tangent(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Option<Vec<Vector3<f64>>> {
+        let (system, now) = (self.system, &self.state);
+        let start = system.surface_places(&now.displacement);
+        let from = now.poses.clone();
+        let mut rest = ContactStep::new(shapes, &system.surface, from, start, &self.anchors);
+        let mut forces = system.forces(now, &mut rest)?;
+        if forces.touches.is_empty() {
+            return None;
+        }
+        let mut pull = vec![Vector3::zeros(); forces.gradient.len()];
+        for touch in &mut forces.touches {
+            touch.slip = Vector3::zeros();
+            let shape = touch.shape as usize;
+            let moved = poses[shape] * now.poses[shape].inverse_transform_point(&touch.place);
+            let force = system.contact_stiffness(touch) * (moved - touch.place);
+            for &(node, share) in &system.surface[touch.point as usize].shares {
+                pull[node as usize] += force * share;
+            }
+        }
+        let solver = self.solver.as_mut()?;
+        solver.make_hold(system, &forces.touches);
+        if !solver.factorise(system, &forces, Stiffness::Exact) {
+            return None;
+        }
+        let mut step = solver.gather(&pull);
+        solver.solve(&mut step);
+        Some(solver.scatter(&step))
+    }
+}

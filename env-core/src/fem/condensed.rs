@@ -1,0 +1,186 @@
+//! Contact solved on the few nodes that carry it.
+//!
+//! Within one Newton step the body is linear, A du = −g − c(u + du) with c the gradient of contact,
+//! friction included, and all that is not linear sits in the nodes (C) near the shapes. On these alone
+//! it reads S v + c(u_C + v) = b, S the stiffness condensed to them: a small dense system, whose own
+//! Newton steps cost next to nothing. The rest of the body follows.
+
+use faer::{Col, MatRef};
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::{
+    dense::Dense,
+    direct::DirectSolver,
+    newton::{Search, norm},
+    region::{NEAR, Region},
+    system::{Forces, State, System},
+};
+use crate::contact::{ContactStep, Touch};
+
+/// Most Newton steps of the small system.
+const STEPS: usize = 20;
+/// Up to the number of all unknowns to this power a dense system is worth its time: solving it a few
+/// times costs less than factorising the sparse one.
+const WORTH: f64 = 0.77;
+/// Part of the residual to which contact is solved on its nodes.
+const INEXACT: f64 = 1e-4;
+/// Part of the residual that a step must take away to be worth it.
+const HALF: f64 = 0.5;
+/// Steps that cost about as much as a factorisation.
+const PATIENCE: f64 = 4.0;
+
+impl Search<'_, '_> {
+    /// A step on which contact is solved for exactly and the body by a stiffness that may be an earlier
+    /// step's, if it halves the residual.
+    pub(super) fn condensed_step(
+        &mut self,
+        state: &mut State,
+        forces: &Forces,
+        tolerance: f64,
+    ) -> Option<Forces> {
+        let holds = self.solver.region().is_some_and(|region| region.holds(&forces.touches));
+        if self.push.is_some() || !holds || !self.willing {
+            return None;
+        }
+        let before = norm(&self.residual(forces));
+        let limit = f64::max(0.1 * tolerance, INEXACT * before);
+        let fresh = !self.solver.is_condensed();
+        for (margin, anew) in [(NEAR, fresh), (f64::INFINITY, false), (f64::INFINITY, !fresh)] {
+            if anew && !self.solver.condense(self.system, &forces.strain) {
+                break;
+            }
+            let contact = &mut *self.contact;
+            let step =
+                balanced_step(self.system, self.solver, contact, (state, forces), [margin, limit]);
+            let Some(trial) = step.map(|step| self.moved(state, &step, 1.0)) else { continue };
+            let Some(next) = self.system.forces(&trial, self.contact) else { continue };
+            let after = norm(&self.residual(&next));
+            if after <= HALF * before {
+                let far = (after / tolerance).ln() > PATIENCE * (before / after).ln();
+                if after > tolerance && far {
+                    self.solver.forget();
+                }
+                *state = trial;
+                return Some(next);
+            }
+        }
+        self.willing = false;
+        self.solver.set_back();
+        None
+    }
+}
+
+/// The step (unknowns) to where the linear body and contact balance up to `tolerance` (N), if only
+/// points within `margin` (m) of the shapes come to touch; none if it is not found, or leads through a
+/// shape.
+fn balanced_step(
+    system: &System,
+    solver: &mut DirectSolver,
+    contact: &mut ContactStep,
+    (state, forces): (&State, &Forces),
+    [margin, tolerance]: [f64; 2],
+) -> Option<Vec<f64>> {
+    let mut unknowns: Vec<f64> = solver.gather(&forces.gradient).iter().map(|r| -r).collect();
+    solver.solve_lower(&mut unknowns);
+    let (region, condensed) = solver.condensed()?;
+    let places = region.places(system, &state.displacement);
+    let near = contact.within(margin, &region.points, &state.poses, &places);
+    let count = 3 * region.carriers(&near);
+    if count as f64 > (unknowns.len() as f64).powf(WORTH) {
+        return None;
+    }
+    let (corner, stiffness) = condensed.of_last(count);
+    let first = unknowns.len() - corner.nrows();
+    let lower = Col::from_fn(corner.nrows(), |i| unknowns[first + i]);
+    let start = region.points.iter().copied().zip(places).zip(&near);
+    let start = start.filter(|(_, near)| **near).map(|(point, _)| point).unzip();
+    let mut small = Small { system, region, start, stiffness, poses: &state.poses, load: lower };
+    // Contact as it is has been counted in g.
+    small.load = corner * &small.load + small.pushed(&forces.touches)?;
+    let motion = small.balance(contact, tolerance, corner)?;
+    let upper = corner.transpose() * &motion;
+    upper.iter().zip(&mut unknowns[first..]).for_each(|(z, to)| *to = *z);
+    solver.solve_upper(&mut unknowns);
+    Some(unknowns)
+}
+
+/// The system on the nodes that carry what may touch.
+struct Small<'a> {
+    system: &'a System,
+    region: &'a Region,
+    /// Surface points that may touch, and their places before the step.
+    start: (Vec<u32>, Vec<Point3<f64>>),
+    /// Lower triangle of S.
+    stiffness: MatRef<'a, f64>,
+    poses: &'a [Isometry3<f64>],
+    /// b (N).
+    load: Col<f64>,
+}
+
+impl Small<'_> {
+    /// The motion v of the nodes that balances, by Newton's method; S = `corner` `corner`ᵀ.
+    fn balance(
+        &self,
+        contact: &mut ContactStep,
+        tolerance: f64,
+        corner: MatRef<'_, f64>,
+    ) -> Option<Col<f64>> {
+        let mut motion = Col::zeros(self.load.nrows());
+        for _ in 0..STEPS {
+            let touches = self.touches(contact, &motion)?;
+            let stiff = corner * (corner.transpose() * &motion);
+            let rest = &self.load - stiff - self.pushed(&touches)?;
+            if rest.norm_l2() <= tolerance {
+                return Some(motion);
+            }
+            motion += self.newton_step(&touches, rest)?;
+        }
+        None
+    }
+
+    /// What touches when the nodes have moved; none if a point came out on the far side of a shape.
+    fn touches(&self, contact: &mut ContactStep, motion: &Col<f64>) -> Option<Vec<Touch>> {
+        let (points, start) = &self.start;
+        let moved = |(&c, start): (&u32, &Point3<f64>)| {
+            let way: Vector3<f64> = self.carriers(c)?.map(|(i, s)| part(motion, i) * s).sum();
+            Some(start + way)
+        };
+        let places: Vec<_> = points.iter().zip(start).map(moved).collect::<Option<_>>()?;
+        let touches = contact.touches_among(points, self.poses, &places);
+        let through = |touch: &Touch| {
+            touch.depth > self.system.deepest() && contact.passed_through(touch, self.poses)
+        };
+        (!touches.iter().any(through)).then_some(touches)
+    }
+
+    fn carriers(&self, point: u32) -> Option<impl Iterator<Item = (usize, f64)> + Clone> {
+        self.region.carriers_among_last(self.load.nrows(), point)
+    }
+
+    /// c: minus the forces of `touches` on the nodes.
+    fn pushed(&self, touches: &[Touch]) -> Option<Col<f64>> {
+        let mut sum = Col::zeros(self.load.nrows());
+        for touch in touches {
+            let force = self.system.contact_force(touch);
+            for (i, share) in self.carriers(touch.point)? {
+                for k in 0..3 {
+                    sum[i + k] -= force[k] * share;
+                }
+            }
+        }
+        Some(sum)
+    }
+
+    /// (S + ∂c)⁻¹ `rest`.
+    fn newton_step(&self, touches: &[Touch], mut rest: Col<f64>) -> Option<Col<f64>> {
+        let springs: Vec<_> = touches.iter().map(|touch| self.system.spring(touch)).collect();
+        Dense::new(self.region, self.stiffness, &springs)?.solve(&mut rest);
+        let finite = rest.iter().all(|x| x.is_finite());
+        finite.then_some(rest)
+    }
+}
+
+/// The motion of the node whose unknowns begin at `i`.
+fn part(motion: &Col<f64>, i: usize) -> Vector3<f64> {
+    Vector3::new(motion[i], motion[i + 1], motion[i + 2])
+}

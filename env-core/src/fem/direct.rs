@@ -1,0 +1,200 @@
+//! The stiffness matrix of one run, its factor, and what of it a contact region feels.
+//!
+//! With the unknowns of the region's nodes (C) last, the elastic stiffness is L Lᵀ with
+//! L = [L_I 0; · L_C], and the region alone, the rest following it, has the stiffness
+//! S = L_C L_Cᵀ (the Schur complement).
+
+use std::sync::Arc;
+
+use faer::{
+    Accum, Mat, MatRef, Par,
+    linalg::matmul::triangular::{BlockStructure, matmul},
+};
+use nalgebra::Vector3;
+
+use crate::contact::Touch;
+
+use super::{
+    pattern::Pattern,
+    region::Region,
+    solid::{Layout, Strain},
+    sparse::Matrix,
+    system::{Forces, Stiffness, System},
+};
+
+/// A run's sparse direct solver.
+pub(super) struct DirectSolver {
+    pattern: Arc<Pattern>,
+    layout: Arc<Layout>,
+    matrix: Matrix,
+    /// Where contact may be felt; none for the whole surface.
+    region: Option<Region>,
+    /// The elastic stiffness condensed to the region, while the matrix holds its factor.
+    condensed: Option<Condensed>,
+    /// Searches to come that do without it, after one in which it led nowhere.
+    pause: u32,
+}
+
+/// An elastic stiffness condensed to the region.
+pub(super) struct Condensed {
+    /// L_C, lower triangular.
+    corner: Mat<f64>,
+    /// Lower triangle of S of the unknowns that were asked for last.
+    stiffness: Mat<f64>,
+}
+
+impl Condensed {
+    /// L_C and the lower triangle of S for at least `size` unknowns, the last ones of the region's.
+    pub(super) fn of_last(&mut self, size: usize) -> (MatRef<'_, f64>, MatRef<'_, f64>) {
+        let all = self.corner.nrows();
+        if self.stiffness.nrows() < size || self.stiffness.nrows() > 2 * size {
+            let size = all.min(size + size / 8);
+            let corner = self.corner.submatrix(all - size, all - size, size, size);
+            self.stiffness = Mat::zeros(size, size);
+            matmul(
+                &mut self.stiffness,
+                BlockStructure::TriangularLower,
+                Accum::Replace,
+                corner,
+                BlockStructure::TriangularLower,
+                corner.transpose(),
+                BlockStructure::TriangularUpper,
+                1.0,
+                Par::Seq,
+            );
+        }
+        let size = self.stiffness.nrows();
+        (self.corner.submatrix(all - size, all - size, size, size), self.stiffness.as_ref())
+    }
+}
+
+impl DirectSolver {
+    /// For contact in `region`, or everywhere.
+    pub(super) fn new(system: &System, region: Option<Region>) -> Self {
+        let (pattern, layout) = match &region {
+            Some(region) => system.pattern_around(&region.nodes),
+            None => system.whole_pattern(),
+        };
+        let matrix = pattern.matrix();
+        Self { pattern, layout, matrix, region, condensed: None, pause: 0 }
+    }
+
+    /// Sees to it that contact may be felt at `touches`.
+    pub(super) fn make_hold(&mut self, system: &System, touches: &[Touch]) {
+        if self.region.as_ref().is_some_and(|region| !region.holds(touches)) {
+            *self = Self::new(system, None);
+        }
+    }
+
+    pub(super) fn region(&self) -> Option<&Region> {
+        self.region.as_ref()
+    }
+
+    /// Whether the elastic stiffness condensed to the region is what was factorised last.
+    pub(super) fn is_condensed(&self) -> bool {
+        self.condensed.is_some()
+    }
+
+    /// The region, and the elastic stiffness condensed to it.
+    pub(super) fn condensed(&mut self) -> Option<(&Region, &mut Condensed)> {
+        Some((self.region.as_ref()?, self.condensed.as_mut()?))
+    }
+
+    /// Whether the condensed stiffness is worth a try in a new search.
+    pub(super) fn is_willing(&mut self) -> bool {
+        self.pause = self.pause.saturating_sub(1);
+        self.pause == 0
+    }
+
+    /// Notes that the condensed stiffness led nowhere.
+    pub(super) fn set_back(&mut self) {
+        self.pause = PAUSE;
+    }
+
+    /// Forgets the condensed stiffness.
+    pub(super) fn forget(&mut self) {
+        self.condensed = None;
+    }
+
+    /// Number of unknowns.
+    pub(super) fn size(&self) -> usize {
+        self.pattern.size()
+    }
+
+    /// A nodal vector (N) as unknowns.
+    pub(super) fn gather(&self, nodal: &[Vector3<f64>]) -> Vec<f64> {
+        self.pattern.gather(nodal)
+    }
+
+    /// Unknowns as a nodal vector (N), zero where nodes are fixed.
+    pub(super) fn scatter(&self, unknowns: &[f64]) -> Vec<Vector3<f64>> {
+        self.pattern.scatter(unknowns)
+    }
+
+    /// Factorises the stiffness at `forces`, contact included; false if it is not positive definite.
+    pub(super) fn factorise(&mut self, system: &System, forces: &Forces, how: Stiffness) -> bool {
+        self.assemble(system, &forces.strain, how);
+        for touch in &forces.touches {
+            let stiffness = system.contact_stiffness(touch);
+            let shares = &system.surface[touch.point as usize].shares;
+            for (i, &(a, s)) in shares.iter().enumerate() {
+                for &(b, t) in &shares[..=i] {
+                    if let Some(slot) = self.pattern.slot(a, b) {
+                        self.matrix.add(slot, &(stiffness * (s * t)));
+                    }
+                }
+            }
+        }
+        self.matrix.factorise(&self.pattern)
+    }
+
+    /// Factorises the elastic stiffness at `strain` and condenses it to the region; false if it is not
+    /// positive definite.
+    pub(super) fn condense(&mut self, system: &System, strain: &Strain) -> bool {
+        self.assemble(system, strain, Stiffness::Exact);
+        if !self.matrix.factorise(&self.pattern) {
+            return false;
+        }
+        let corner = self.matrix.corner(&self.pattern);
+        self.condensed = Some(Condensed { corner, stiffness: Mat::new() });
+        true
+    }
+
+    /// Fills the matrix with the elastic stiffness.
+    fn assemble(&mut self, system: &System, strain: &Strain, how: Stiffness) {
+        self.condensed = None;
+        self.matrix.clear();
+        let filtered = how == Stiffness::Filtered;
+        system.solid.assemble(strain, &self.layout, &mut self.matrix, filtered);
+        let shift = match how {
+            Stiffness::Shifted(share) => share,
+            _ if system.floating => PROXIMAL,
+            _ => 0.0,
+        };
+        if shift > 0.0 {
+            let mean = self.matrix.mean_diagonal(&self.pattern);
+            self.matrix.shift(&self.pattern, shift * mean);
+        }
+    }
+
+    /// Solves for what was factorised last, in place.
+    pub(super) fn solve(&mut self, right: &mut [f64]) {
+        self.matrix.solve(&self.pattern, right);
+    }
+
+    /// Solves L x = `right` in place.
+    pub(super) fn solve_lower(&mut self, right: &mut [f64]) {
+        self.matrix.solve_lower(&self.pattern, right);
+    }
+
+    /// Solves Lᵀ x = `right` in place.
+    pub(super) fn solve_upper(&mut self, right: &mut [f64]) {
+        self.matrix.solve_upper(&self.pattern, right);
+    }
+}
+
+/// Searches without the condensed stiffness after one in which it led nowhere.
+const PAUSE: u32 = 4;
+/// Share of the mean diagonal added for a body that nothing holds: of the steps that differ by a
+/// motion of the whole body it takes the shortest.
+const PROXIMAL: f64 = 1e-8;

@@ -1,0 +1,86 @@
+//! Shapes pushed with a given force: their travel is one more unknown.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::{
+    newton::{Search, dot},
+    system::Forces,
+};
+use crate::contact::Touch;
+
+/// Longest travel of pushed shapes in one Newton step (m).
+const LONGEST_TRAVEL: f64 = 5e-4;
+
+/// A constant force with which the shapes are pushed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Push {
+    pub(super) direction: Vector3<f64>,
+    /// Force along `direction` (N).
+    pub(super) force: f64,
+}
+
+/// The travel's row and column of the stiffness matrix, eliminated.
+pub(super) struct Border {
+    /// Coupling of the travel with the other unknowns.
+    column: Vec<f64>,
+    /// The matrix's solution for `column`.
+    lifted: Vec<f64>,
+    /// Stiffness of the travel when the body follows.
+    schur: f64,
+}
+
+impl Search<'_, '_> {
+    /// The border of the stiffness at `forces`, which was factorised last, if there is a push.
+    pub(super) fn border(&mut self, forces: &Forces) -> Option<Border> {
+        let direction = self.push?.direction;
+        let stiffness = |touch: &Touch| Some(self.system.contact_stiffness(touch));
+        let mut unit = vec![0.0; self.solver.size() + 1];
+        *unit.last_mut()? = 1.0;
+        let mut column = self.contact_product(&forces.touches, stiffness, &unit, Some(direction));
+        let corner = column.pop()?;
+        let mut lifted = column.clone();
+        self.solver.solve(&mut lifted);
+        let schur = corner - dot(&column, &lifted);
+        Some(Border { column, lifted, schur })
+    }
+
+    /// Multiplies by the inverse of the stiffness matrix.
+    pub(super) fn solve(&mut self, border: Option<&Border>, right: &mut Vec<f64>) {
+        let last = if border.is_some() { right.pop() } else { None };
+        self.solver.solve(right);
+        if let (Some(border), Some(last)) = (border, last) {
+            let pull = last - dot(&border.column, right);
+            // Shapes that have lost touch have no stiffness, and go as far as they may.
+            let travel = if border.schur > 0.0 { pull / border.schur } else { pull.signum() };
+            let travel = travel.clamp(-LONGEST_TRAVEL, LONGEST_TRAVEL);
+            right.iter_mut().zip(&border.lifted).for_each(|(x, lift)| *x -= lift * travel);
+            right.push(travel);
+        }
+    }
+
+    /// Sum over the touches of `stiffness` times the relative motion `unknowns`, as forces on the
+    /// unknowns.
+    pub(super) fn contact_product(
+        &self,
+        touches: &[Touch],
+        stiffness: impl Fn(&Touch) -> Option<Matrix3<f64>>,
+        unknowns: &[f64],
+        direction: Option<Vector3<f64>>,
+    ) -> Vec<f64> {
+        let moved = self.solver.scatter(unknowns);
+        let travel = direction.map_or(Vector3::zeros(), |d| d * unknowns[unknowns.len() - 1]);
+        let (mut forces, mut total) = (vec![Vector3::zeros(); moved.len()], Vector3::zeros());
+        for touch in touches {
+            let Some(stiffness) = stiffness(touch) else { continue };
+            let point = &self.system.surface[touch.point as usize];
+            let force = stiffness * (point.interpolate(&moved) - travel);
+            total += force;
+            for &(node, share) in &point.shares {
+                forces[node as usize] += force * share;
+            }
+        }
+        let mut product = self.solver.gather(&forces);
+        product.extend(direction.map(|d| -d.dot(&total)));
+        product
+    }
+}
