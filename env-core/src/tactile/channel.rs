@@ -1,8 +1,8 @@
 //! The channels of touch: one table of shapes, units and bounds, and one reader each.
 //!
 //! Vectors are in the frame of the pad. Without contact every entry is exactly 0, but for the depth
-//! map, which shows the resting face. Bounds: no node moves by more than the pad's thickness, and no
-//! stress exceeds 25 times Young's modulus, some ten times what tears a silicone gel.
+//! map, which shows the resting face. Bounds: no node moves by more than four times the pad's thickness,
+//! and no stress exceeds 25 times Young's modulus, some ten times what tears a silicone gel.
 
 use nalgebra::Vector3;
 
@@ -45,6 +45,9 @@ pub struct Spec {
     pub unit: &'static str,
 }
 
+/// Most displacement, in thicknesses: an edge that hooks the gel drags a place by more than one, and the
+/// episodes of clumsy grasps ended there.
+const MOST_MOTION: f64 = 4.0;
 /// Most stress, in Young's moduli.
 const MOST_STRESS: f64 = 25.0;
 /// Most force (N), torque (N m) and unbalanced force (N).
@@ -98,16 +101,17 @@ impl Channel {
         let map = |counts: [u32; 2]| vec![counts[1] as usize, counts[0] as usize];
         let vectors = |counts: [u32; 2]| [map(counts), vec![3]].concat();
         let (thickness, stress) = (skin.thickness, MOST_STRESS * skin.moduli.young);
+        let moved = MOST_MOTION * thickness;
         let spec = |name, shape, low, high, unit| Spec { name, shape, low, high, unit };
         let resolution = &skin.resolution;
         match self {
             Self::Markers => {
                 let shape = vectors(resolution.markers);
-                vec![spec("displacement of the markers", shape, -thickness, thickness, "m")]
+                vec![spec("displacement of the markers", shape, -moved, moved, "m")]
             }
             Self::Displacement => {
                 let shape = vec![skin.free.len(), 3];
-                vec![spec("displacement of the surface nodes", shape, -thickness, thickness, "m")]
+                vec![spec("displacement of the surface nodes", shape, -moved, moved, "m")]
             }
             Self::Stress => {
                 vec![spec(

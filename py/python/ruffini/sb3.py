@@ -141,8 +141,8 @@ class RuffiniVecEnv(VecEnv):
 
 
 TYPICAL = {
-    "markers": 20.0,
-    "displacement": 20.0,
+    "markers": 80.0,
+    "displacement": 80.0,
     "stress": 100.0,
     "tet_stress": 100.0,
     "traction": 100.0,
