@@ -155,7 +155,8 @@ fn a_press_without_an_answer_ends_its_episode_only() {
         let mut again = vec![false; 3];
         for (row, outcome) in result.outcomes.iter().enumerate() {
             let failed = outcome.ending == Some(Ending::PressFailed);
-            assert_eq!(failed, outcome.press_error.is_some());
+            // Where the contact was taken up anew, the error is told and the episode goes on.
+            assert!(outcome.press_error.is_some() || !failed);
             ended[row] |= failed;
             again[row] = outcome.terminated;
         }

@@ -149,6 +149,9 @@ TYPICAL = {
 }
 """Bound of a channel over what a firm grip makes of it."""
 
+WEAK = 0.1
+"""Strength of the features of touch at the beginning of training."""
+
 
 class TouchExtractor(BaseFeaturesExtractor):
     """Features of dict observations for ``MultiInputPolicy``.
@@ -158,6 +161,8 @@ class TouchExtractor(BaseFeaturesExtractor):
 
     Touch is scaled by its bounds. Leave it out of ``VecNormalize`` (``norm_obs_keys``): it is 0
     until something touches, and running statistics of that make the first touches enormous.
+    Features begin weak and grow as they are learnt, so that the first touches change little of what
+    the policy does without.
 
     Args:
         observation_space: Space of the observations, a ``Dict`` of vectors.
@@ -190,6 +195,10 @@ class TouchExtractor(BaseFeaturesExtractor):
             }
         )
 
+        self._strength = torch.nn.ParameterDict(
+            {name: torch.nn.Parameter(torch.tensor(WEAK)) for name in felt}
+        )
+
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
         """Features (N, F) of observations (N, ...)."""
         parts = []
@@ -197,6 +206,6 @@ class TouchExtractor(BaseFeaturesExtractor):
             values = observations[name]
             if name in self._pads:
                 pads = values.reshape(len(values), 2, -1) * self.get_buffer(f"scale_{name}")
-                values = self._pads[name](pads).flatten(1)
+                values = self._strength[name] * self._pads[name](pads).flatten(1)
             parts.append(values)
         return torch.cat(parts, dim=1)
