@@ -32,7 +32,7 @@ class Params:
 
 PARAMS: dict[tuple[str, str], Params] = {
     ("ruffini/GraspLift-v0", "ppo"): Params(
-        steps=1_500_000,
+        steps=600_000,
         n_envs=64,
         algorithm={
             # 8,192 steps a rollout, 20 minibatches: the update takes no longer than the rollout.
@@ -46,8 +46,6 @@ PARAMS: dict[tuple[str, str], Params] = {
             # Less noise than the default 0, under which light objects are thrown about.
             "policy_kwargs": {"net_arch": [128, 128], "log_std_init": -0.5},
         },
-        # With touch it learns to grasp from some seeds only.
-        environment={"tactile": "none"},
     ),
     ("ruffini/GraspLift-v0", "sac"): Params(
         steps=300_000,

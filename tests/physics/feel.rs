@@ -5,7 +5,7 @@ use std::sync::Arc;
 use ruffini_core::{
     env::{Autoreset, Batch, Setup, StepResult},
     tactile::{Choice, Resolution},
-    task::{CHANNELS, Config, Ending, ObjectSpec, TACTILE_CHANNELS},
+    task::{CHANNELS, Config, Ending, ObjectSpec, ShapeSpec, TACTILE_CHANNELS},
 };
 
 fn coarse(nodes: usize) -> Resolution {
@@ -142,9 +142,15 @@ fn a_reset_forgets_what_was_felt() {
 
 #[test]
 fn a_press_without_an_answer_ends_its_episode_only() {
-    // The full grip drives two edges into the pads, farther than linear elasticity goes.
-    let edges = Config { yaw: [0.5, 0.5], resolution: coarse(300), ..config("cuboid") };
-    let mut batch = batch(edges, 3, 1, Autoreset::Disabled);
+    // The full grip drives the edges of a thin ring between the nodes of the pads.
+    let ring = ShapeSpec::Annulus { outer: 0.02, inner: 0.0195, half_height: 0.01 };
+    let ring = Config {
+        objects: vec![ObjectSpec::Shape(ring)],
+        tactile: Choice::Surrogate,
+        resolution: Resolution::default(),
+        ..config("sphere")
+    };
+    let mut batch = batch(ring, 3, 1, Autoreset::Disabled);
     let mut ended = [false; 3];
     for step in 0..25 {
         let mut actions = grasp(3, step, 1.0);

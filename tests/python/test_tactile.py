@@ -160,10 +160,11 @@ def test_random_steps_never_yield_what_is_not_a_number():
 
 
 def test_a_press_without_an_answer_ends_its_episode_by_name():
-    # The full grip drives two edges into the pads, farther than linear elasticity goes.
-    edges = everything(yaw=0.5, objects="cuboid")
-    env = GraspLiftEnv(**edges)
-    envs = GraspLiftVectorEnv(2, autoreset_mode=AutoresetMode.SAME_STEP, **edges)
+    # The full grip drives the edges of a thin ring between the nodes of the pads.
+    shape = {"shape": "annulus", "outer": 0.02, "inner": 0.0195, "half_height": 0.01}
+    ring = everything(objects=[shape], tactile="surrogate", resolution={})
+    env = GraspLiftEnv(**ring)
+    envs = GraspLiftVectorEnv(2, autoreset_mode=AutoresetMode.SAME_STEP, **ring)
     env.reset(seed=0)
     envs.reset(seed=0)
     for step in range(25):

@@ -17,7 +17,7 @@ pub use config::{Config, Range};
 pub use ending::Ending;
 pub use holding::{Holding, Shaking};
 pub use kind::Task;
-pub use objects::ObjectSpec;
+pub use objects::{ObjectSpec, ShapeSpec};
 pub use observation::{CHANNELS, Component, Layout, TACTILE_CHANNELS};
 pub use progress::Progress;
 pub use reward::{RewardTerms, Term, Weights};
