@@ -33,14 +33,14 @@ REPLAYED = 20
 """Steps that are played twice."""
 EVERYTHING = ["proprio", "object", "markers", "stress", "traction", "wrench", "depth", "trust"]
 PARTS: dict[str, tuple[str, int, dict[str, Any]]] = {
-    "lift, rigid": ("GraspLift", 400_000, {"tactile": "none"}),
+    "lift, rigid": ("GraspLift", 410_000, {"tactile": "none"}),
     "lift, network": ("GraspLift", 150_000, {}),
     "lift, network, all channels": ("GraspLift", 25_000, {"observation": EVERYTHING}),
-    "lift, fine network": ("GraspLift", 4_000, {"tactile": "surrogate-fine"}),
-    "lift, linear": ("GraspLift", 5_000, {"tactile": "compliance"}),
-    "lift, fem": ("GraspLift", 1_000, {"tactile": "fem"}),
+    "lift, fine network": ("GraspLift", 1_000, {"tactile": "surrogate-fine"}),
+    "lift, linear": ("GraspLift", 3_000, {"tactile": "compliance"}),
+    "lift, fem": ("GraspLift", 500, {"tactile": "fem"}),
     "fragile, network": ("GraspFragile", 60_000, {}),
-    "soft object": ("GraspSoft", 5_000, {}),
+    "soft object": ("GraspSoft", 1_000, {}),
     "hold, rigid": ("HoldStill", 250_000, {"tactile": "none"}),
     "hold, network": ("HoldStill", 100_000, {}),
 }
