@@ -178,15 +178,44 @@ impl<'a> ContactStep<'a> {
     /// stands outside or touches: it has changed sides unfelt. What was measured by the last
     /// [`ContactStep::touches`] spares most points the measurement.
     pub fn leaps(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
+        self.any_way(poses, places, |pair, shape, begin, end| {
+            let way = (end - begin).norm();
+            let (seen, value) = self.seen[pair];
+            way > 2.0 * depth
+                && way > value - (end - seen).norm()
+                && leaps_through(shape, begin, end, depth)
+        })
+    }
+
+    /// As [`ContactStep::leaps`], but only for points that end opposite to where they began: round the
+    /// edge of a thick shape a point may slide a long way, though not all round.
+    pub fn changes_sides(
+        &self,
+        poses: &[Isometry3<f64>],
+        places: &[Point3<f64>],
+        depth: f64,
+    ) -> bool {
+        self.any_way(poses, places, |_, shape, begin, end| {
+            let normal = |p: &Point3<f64>| shape.distance(p).normal;
+            (end - begin).norm() > 0.5 * shape.thickness()
+                && leaps_through(shape, begin, end, depth)
+                && normal(begin).dot(&normal(end)) < -0.5
+        })
+    }
+
+    /// Whether `is_wrong` is true of a pair, its shape, and the ends of the point's way in the frame of
+    /// the shape.
+    fn any_way(
+        &self,
+        poses: &[Isometry3<f64>],
+        places: &[Point3<f64>],
+        is_wrong: impl Fn(usize, &Shape, &Point3<f64>, &Point3<f64>) -> bool,
+    ) -> bool {
         poses.iter().enumerate().any(|(s, pose)| {
             places.iter().enumerate().any(|(c, place)| {
                 let begin = self.from[s].inverse_transform_point(&self.start[c]);
                 let end = pose.inverse_transform_point(place);
-                let way = (end - begin).norm();
-                let (seen, value) = self.seen[s * self.surface.len() + c];
-                way > 2.0 * depth
-                    && way > value - (end - seen).norm()
-                    && leaps_through(&self.shapes[s], &begin, &end, depth)
+                is_wrong(s * self.surface.len() + c, &self.shapes[s], &begin, &end)
             })
         })
     }
@@ -311,6 +340,21 @@ mod tests {
         assert!(!leaps(0.0, -1.99e-4), "touching from below");
         assert!(!leaps(0.003, -2.1e-4), "slid along below");
         assert!(!leaps(0.0, 0.0), "inside, where it is felt");
+    }
+
+    #[test]
+    fn a_point_that_ends_opposite_on_a_thick_shape_is_noticed() {
+        let (shapes, surface) = ([Shape::Sphere { radius: 0.01 }], surface());
+        let from = Isometry3::translation(0.0, 0.0, 0.0099);
+        let sides = |x: f64, z: f64| {
+            let start = vec![Point3::origin()];
+            let step = ContactStep::new(&shapes, &surface, vec![from], start, &[]);
+            step.changes_sides(&[Isometry3::identity()], &[Point3::new(x, 0.0, z)], 2e-5)
+        };
+        assert!(sides(0.0, 0.011), "right through");
+        assert!(!sides(0.0, -0.0101), "taken along below");
+        assert!(!sides(0.0101, 0.0), "a quarter of the way round");
+        assert!(!sides(0.0, 0.005), "inside, where it is felt");
     }
 
     #[test]

@@ -61,11 +61,12 @@ impl Run<'_> {
         let solver = self.solver.as_mut().expect("the run attends to a region");
         let (balance, forces) =
             equilibrium(system, solver, &mut state, &mut contact, push, &self.limits)?;
-        if shapes.iter().any(|shape| shape.thickness() < THIN) {
-            let places = system.surface_places(&state.displacement);
-            if contact.leaps(&state.poses, &places, system.deepest()) {
-                return Err(self.missed());
-            }
+        let places = system.surface_places(&state.displacement);
+        let thin = shapes.iter().any(|shape| shape.thickness() < THIN);
+        if thin && contact.leaps(&state.poses, &places, system.deepest())
+            || contact.changes_sides(&state.poses, &places, system.deepest())
+        {
+            return Err(self.missed());
         }
         let depth = forces.touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
         let most = DEEPEST * system.law.softness;
