@@ -33,6 +33,19 @@ impl SurfacePoint {
         self.shares.iter().map(|&(node, share)| nodal[node as usize] * share).sum()
     }
 
+    /// Whether the nodes that carry it are those of `other`.
+    pub fn has_carriers_of(&self, other: &Self) -> bool {
+        self.shares.len() == other.shares.len()
+            && self.shares.iter().zip(&other.shares).all(|(a, b)| a.0 == b.0)
+    }
+
+    /// Adds `force` on this point to the forces on the nodes.
+    pub fn spread(&self, force: &Vector3<f64>, nodal: &mut [Vector3<f64>]) {
+        for &(node, share) in &self.shares {
+            nodal[node as usize] += force * share;
+        }
+    }
+
     /// Where it is when the nodes, at rest in `places`, are displaced.
     pub fn place(&self, places: &[Point3<f64>], displacement: &[Vector3<f64>]) -> Point3<f64> {
         let at = |&(node, share): &(u32, f64)| {

@@ -170,9 +170,7 @@ impl Run<'_> {
             let shape = touch.shape as usize;
             let moved = poses[shape] * now.poses[shape].inverse_transform_point(&touch.place);
             let force = system.contact_stiffness(touch) * (moved - touch.place);
-            for &(node, share) in &system.surface[touch.point as usize].shares {
-                pull[node as usize] += force * share;
-            }
+            system.surface[touch.point as usize].spread(&force, &mut pull);
         }
         let solver = self.solver.as_mut()?;
         solver.make_hold(system, &forces.touches);

@@ -24,10 +24,6 @@ const STEPS: usize = 20;
 const WORTH: f64 = 0.77;
 /// Part of the residual to which contact is solved on its nodes.
 const INEXACT: f64 = 1e-4;
-/// Part of the residual that a step must take away to be worth it.
-const HALF: f64 = 0.5;
-/// Steps that cost about as much as a factorisation.
-const PATIENCE: f64 = 4.0;
 
 impl Search<'_, '_> {
     /// A step on which contact is solved for exactly and the body by a stiffness that may be an earlier
@@ -52,16 +48,9 @@ impl Search<'_, '_> {
             let contact = &mut *self.contact;
             let step =
                 balanced_step(self.system, self.solver, contact, (state, forces), [margin, limit]);
-            let Some(trial) = step.map(|step| self.moved(state, &step, 1.0)) else { continue };
-            let Some(next) = self.system.forces(&trial, self.contact) else { continue };
-            let after = norm(&self.residual(&next));
-            if after <= HALF * before {
-                let far = (after / tolerance).ln() > PATIENCE * (before / after).ln();
-                if after > tolerance && far {
-                    self.solver.forget();
-                }
-                *state = trial;
-                return Some(next);
+            let next = step.and_then(|step| self.full_step(state, forces, &step, tolerance));
+            if next.is_some() {
+                return next;
             }
         }
         self.willing = false;
@@ -173,7 +162,7 @@ impl Small<'_> {
 
     /// (S + ∂c)⁻¹ `rest`.
     fn newton_step(&self, touches: &[Touch], mut rest: Col<f64>) -> Option<Col<f64>> {
-        let springs: Vec<_> = touches.iter().map(|touch| self.system.spring(touch)).collect();
+        let springs = self.system.springs(touches);
         Dense::new(self.region, self.stiffness, &springs)?.solve(&mut rest);
         let finite = rest.iter().all(|x| x.is_finite());
         finite.then_some(rest)

@@ -6,7 +6,7 @@ use faer::{
 };
 use nalgebra::Matrix3;
 
-use super::{region::Region, system::Spring};
+use super::{region::Region, springs::Spring};
 
 /// A factorised matrix.
 pub(super) enum Dense {

@@ -19,6 +19,7 @@ use super::{
     region::Region,
     solid::{Layout, Strain},
     sparse::Matrix,
+    springs::Spring,
     system::{Forces, Stiffness, System},
 };
 
@@ -33,6 +34,8 @@ pub(super) struct DirectSolver {
     condensed: Option<Condensed>,
     /// Searches to come that do without it, after one in which it led nowhere.
     pause: u32,
+    /// How the stiffness was made positive whose factor the matrix holds, and the springs in it.
+    factored: Option<(Stiffness, Vec<Spring>)>,
 }
 
 /// An elastic stiffness condensed to the region.
@@ -76,7 +79,7 @@ impl DirectSolver {
             None => system.whole_pattern(),
         };
         let matrix = pattern.matrix();
-        Self { pattern, layout, matrix, region, condensed: None, pause: 0 }
+        Self { pattern, layout, matrix, region, condensed: None, pause: 0, factored: None }
     }
 
     /// Sees to it that contact may be felt at `touches`.
@@ -111,9 +114,21 @@ impl DirectSolver {
         self.pause = PAUSE;
     }
 
-    /// Forgets the condensed stiffness.
+    /// Forgets what was factorised last.
     pub(super) fn forget(&mut self) {
         self.condensed = None;
+        self.factored = None;
+    }
+
+    /// The springs in the factor, if it is that of an exact stiffness with contact.
+    pub(super) fn kept(&self) -> Option<&[Spring]> {
+        let kept = self.factored.as_ref().filter(|(how, _)| *how == Stiffness::Exact);
+        kept.map(|(_, springs)| &springs[..])
+    }
+
+    /// The springs in the factor.
+    pub(super) fn springs(&self) -> &[Spring] {
+        self.factored.as_ref().map_or(&[], |(_, springs)| springs)
     }
 
     /// Number of unknowns.
@@ -134,18 +149,28 @@ impl DirectSolver {
     /// Factorises the stiffness at `forces`, contact included; false if it is not positive definite.
     pub(super) fn factorise(&mut self, system: &System, forces: &Forces, how: Stiffness) -> bool {
         self.assemble(system, &forces.strain, how);
-        for touch in &forces.touches {
-            let stiffness = system.contact_stiffness(touch);
-            let shares = &system.surface[touch.point as usize].shares;
-            for (i, &(a, s)) in shares.iter().enumerate() {
-                for &(b, t) in &shares[..=i] {
-                    if let Some(slot) = self.pattern.slot(a, b) {
-                        self.matrix.add(slot, &(stiffness * (s * t)));
-                    }
+        let springs = system.held_springs(&forces.touches);
+        self.add(system, &springs);
+        self.factored = self.matrix.factorise(&self.pattern).then_some((how, springs));
+        self.factored.is_some()
+    }
+
+    /// Adds `springs`, those at once whose points have their carriers in common.
+    fn add(&mut self, system: &System, springs: &[Spring]) {
+        let point = |spring: &Spring| &system.surface[spring.point as usize];
+        for group in springs.chunk_by(|a, b| point(a).has_carriers_of(point(b))) {
+            let shares = &point(&group[0]).shares;
+            for (i, &(a, _)) in shares.iter().enumerate() {
+                for (j, &(b, _)) in shares[..=i].iter().enumerate() {
+                    let Some(slot) = self.pattern.slot(a, b) else { continue };
+                    let part = |spring: &Spring| {
+                        let shares = &point(spring).shares;
+                        spring.stiffness * (shares[i].1 * shares[j].1)
+                    };
+                    self.matrix.add(slot, &group.iter().map(part).sum());
                 }
             }
         }
-        self.matrix.factorise(&self.pattern)
     }
 
     /// Factorises the elastic stiffness at `strain` and condenses it to the region; false if it is not
@@ -162,7 +187,7 @@ impl DirectSolver {
 
     /// Fills the matrix with the elastic stiffness.
     fn assemble(&mut self, system: &System, strain: &Strain, how: Stiffness) {
-        self.condensed = None;
+        self.forget();
         self.matrix.clear();
         let filtered = how == Stiffness::Filtered;
         system.solid.assemble(strain, &self.layout, &mut self.matrix, filtered);

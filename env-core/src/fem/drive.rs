@@ -231,10 +231,8 @@ impl<'a> Run<'a> {
         let system = self.system;
         let mut contact_force = vec![Vector3::zeros(); self.state.displacement.len()];
         for touch in &solved.forces.touches {
-            let force = system.contact_force(touch);
-            for &(node, share) in &system.surface[touch.point as usize].shares {
-                contact_force[node as usize] += force * share;
-            }
+            let point = &system.surface[touch.point as usize];
+            point.spread(&system.contact_force(touch), &mut contact_force);
         }
         // A quadratic element's force at the middle of an edge goes to its ends in equal parts.
         for (&[a, b], middle) in system.nodes.edges.iter().zip(self.vertices..) {

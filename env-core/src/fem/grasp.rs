@@ -5,7 +5,7 @@
 //! K = Σ (C − Bᵀ A⁻¹ B), A a pad's stiffness, C the contact's, B their coupling, with the limits of
 //! friction following the depth.
 
-use std::{ops::AddAssign, time::Instant};
+use std::time::Instant;
 
 use nalgebra::{
     Isometry3, Matrix3x6, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6,
@@ -14,14 +14,11 @@ use nalgebra::{
 use super::{
     Fem,
     attempt::Attempt,
-    direct::DirectSolver,
     drive::{Run, SHORTEST_STRIDE},
-    gmres::gmres,
-    system::{Forces, Stiffness, System},
+    follower::Follower,
 };
 use crate::{
     Error, Result,
-    contact::Touch,
     deformation::{Deformation, Wrench},
     geometry::Shape,
 };
@@ -254,87 +251,6 @@ impl<'a> Hold<'a> {
         let run = &mut self.runs[i];
         let solver = run.solver.as_mut().expect("the trial made it");
         Follower::new(run.system, solver, &trial.attempts[i].solved.forces, motion)
-    }
-}
-
-/// A pad's answer to small motions of the object: six columns.
-struct Follower {
-    /// Change of what the pad does to the object (N/m).
-    stiffness: Matrix6<f64>,
-    /// Change of the pad's unknowns.
-    columns: [Vec<f64>; 6],
-}
-
-impl Follower {
-    /// Linearised at `forces`, where the object's contact points move by `motion`.
-    fn new(
-        system: &System,
-        solver: &mut DirectSolver,
-        forces: &Forces,
-        motion: impl Fn(&Point3<f64>) -> Matrix3x6<f64>,
-    ) -> Self {
-        solver.make_hold(system, &forces.touches);
-        if !solver.factorise(system, forces, Stiffness::Exact) {
-            solver.factorise(system, forces, Stiffness::Filtered);
-        }
-        let slipping = |touch: &Touch| {
-            let point = &system.surface[touch.point as usize];
-            system.law.limit_coupling(point, touch).map(|coupling| coupling * point.area)
-        };
-        let nodes = forces.gradient.len();
-        let spread = |touch: &Touch, force: &Vector3<f64>, nodal: &mut [Vector3<f64>]| {
-            for &(node, share) in &system.surface[touch.point as usize].shares {
-                nodal[node as usize] += force * share;
-            }
-        };
-        let columns: [Vec<f64>; 6] = std::array::from_fn(|k| {
-            let mut pull = vec![Vector3::zeros(); nodes];
-            for touch in &forces.touches {
-                let along = motion(&touch.place).column(k).into_owned();
-                let coupling = slipping(touch).unwrap_or_default();
-                let force = (system.contact_stiffness(touch) + coupling) * along;
-                spread(touch, &force, &mut pull);
-            }
-            let mut first = solver.gather(&pull);
-            solver.solve(&mut first);
-            // The limits of friction follow the depth, which makes the stiffness unsymmetric.
-            let product = |x: &[f64]| {
-                let moved = solver.scatter(x);
-                let mut nodal = vec![Vector3::zeros(); nodes];
-                for touch in &forces.touches {
-                    let Some(coupling) = slipping(touch) else { continue };
-                    let here = system.surface[touch.point as usize].interpolate(&moved);
-                    spread(touch, &(coupling * here), &mut nodal);
-                }
-                let mut y = solver.gather(&nodal);
-                solver.solve(&mut y);
-                y.iter_mut().zip(x).for_each(|(y, x)| *y += x);
-                y
-            };
-            gmres(product, &first).x
-        });
-        let mut stiffness = Matrix6::zeros();
-        for (k, column) in columns.iter().enumerate() {
-            let moved = solver.scatter(column);
-            for touch in &forces.touches {
-                let motion = motion(&touch.place);
-                let here = system.surface[touch.point as usize].interpolate(&moved);
-                let coupling = slipping(touch).unwrap_or_default();
-                let change = system.contact_stiffness(touch) + coupling;
-                let change = change * (motion.column(k) - here);
-                stiffness.column_mut(k).add_assign(motion.transpose() * change);
-            }
-        }
-        Self { stiffness, columns }
-    }
-
-    /// Displacements (N) of the pad's nodes that go with a `step` of the object.
-    fn ahead(&self, solver: &DirectSolver, step: &Vector6<f64>) -> Vec<Vector3<f64>> {
-        let mut sum = vec![0.0; solver.size()];
-        for (column, &share) in self.columns.iter().zip(step.iter()) {
-            sum.iter_mut().zip(column).for_each(|(sum, x)| *sum += share * x);
-        }
-        solver.scatter(&sum)
     }
 }
 

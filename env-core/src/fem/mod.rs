@@ -22,6 +22,7 @@ mod drive;
 mod element;
 #[cfg(test)]
 mod examples;
+mod follower;
 mod gmres;
 mod grasp;
 mod linearised;
@@ -34,6 +35,7 @@ mod push;
 mod region;
 mod solid;
 mod sparse;
+mod springs;
 mod surface;
 mod system;
 #[cfg(test)]

@@ -15,8 +15,9 @@
 
 use super::{
     direct::DirectSolver,
-    gmres::gmres,
+    gmres::{Found, gmres},
     push::{Border, Push},
+    springs::{Spring, missing, product},
     system::{Forces, State, Stiffness, System},
 };
 use crate::{
@@ -43,6 +44,10 @@ pub(super) struct Balance {
 
 /// Fraction of the expected fall of energy that a step must bring (Armijo).
 const ARMIJO: f64 = 1e-4;
+/// Part of the residual that a step by an earlier stiffness must take away to be worth it.
+const HALF: f64 = 0.5;
+/// Such steps that cost about as much as a factorisation.
+const PATIENCE: f64 = 4.0;
 /// Shortest fraction of a Newton step that is tried.
 const SHORTEST: f64 = 1e-6;
 
@@ -101,16 +106,21 @@ impl Search<'_, '_> {
             return Some(next);
         }
         self.solver.make_hold(self.system, &forces.touches);
+        let springs = self.system.springs(&forces.touches);
+        if let Some(next) = self.kept_step(state, forces, &springs, tolerance) {
+            return Some(next);
+        }
         let residual = self.residual(forces);
         for stiffness in Stiffness::SAFER {
             if !self.solver.factorise(self.system, forces, stiffness) {
                 continue;
             }
-            let border = self.border(forces);
+            let border = self.border();
             let mut step = residual.iter().map(|r| -r).collect::<Vec<_>>();
             self.solve(border.as_ref(), &mut step);
+            let missing = missing(&springs, self.solver.springs());
             let found = self
-                .coupled_step(state, forces, border.as_ref(), &step)
+                .coupled_step(state, forces, &missing, (border.as_ref(), &step), tolerance)
                 .or_else(|| self.line_search(state, forces, &step, dot(&step, &residual)));
             if found.is_some() {
                 return found;
@@ -119,35 +129,75 @@ impl Search<'_, '_> {
         None
     }
 
+    /// The full step by an earlier step's elastic stiffness with contact as it is, if it halves the
+    /// residual.
+    fn kept_step(
+        &mut self,
+        state: &mut State,
+        forces: &Forces,
+        springs: &[Spring],
+        tolerance: f64,
+    ) -> Option<Forces> {
+        if self.push.is_some() {
+            return None;
+        }
+        let missing = missing(springs, self.solver.kept()?);
+        let mut step = self.residual(forces).iter().map(|r| -r).collect();
+        self.solve(None, &mut step);
+        let found = self.with_springs(&missing, None, &step);
+        if !found.converged {
+            return None;
+        }
+        self.full_step(state, forces, &found.x, tolerance)
+    }
+
     /// The full step with friction limits that follow the depth, if points slip and it halves the
     /// residual.
     fn coupled_step(
         &mut self,
         state: &mut State,
         forces: &Forces,
-        border: Option<&Border>,
-        step: &[f64],
+        missing: &[Spring],
+        (border, step): (Option<&Border>, &[f64]),
+        tolerance: f64,
     ) -> Option<Forces> {
-        let system = self.system;
-        let coupling = |touch: &Touch| {
-            let point = &system.surface[touch.point as usize];
-            Some(system.law.limit_coupling(point, touch)? * point.area)
-        };
-        if !forces.touches.iter().any(|touch| coupling(touch).is_some()) {
+        if missing.is_empty() {
             return None;
         }
-        let direction = self.push.map(|push| push.direction);
+        let step = self.with_springs(missing, border, step).x;
+        self.full_step(state, forces, &step, tolerance)
+    }
+
+    /// The `step` of the stiffness that was factorised last, put right for the springs that are `missing`
+    /// in it.
+    fn with_springs(&mut self, missing: &[Spring], border: Option<&Border>, step: &[f64]) -> Found {
         let product = |x: &[f64]| {
-            let mut y = self.contact_product(&forces.touches, coupling, x, direction);
+            let mut y = product(self.system, self.solver, missing, x, self.push);
             self.solve(border, &mut y);
             y.iter_mut().zip(x).for_each(|(y, x)| *y += x);
             y
         };
-        let step = gmres(product, step).x;
-        let trial = self.moved(state, &step, 1.0);
+        gmres(product, step)
+    }
+
+    /// Takes the full `step` if it halves the residual. A factor by which many more such steps would be
+    /// left is forgotten.
+    pub(super) fn full_step(
+        &mut self,
+        state: &mut State,
+        forces: &Forces,
+        step: &[f64],
+        tolerance: f64,
+    ) -> Option<Forces> {
+        let trial = self.moved(state, step, 1.0);
         let next = self.system.forces(&trial, self.contact)?;
-        if norm(&self.residual(&next)) > 0.5 * norm(&self.residual(forces)) {
+        let [before, after] = [forces, &next].map(|forces| norm(&self.residual(forces)));
+        if after > HALF * before {
             return None;
+        }
+        let far = (after / tolerance).ln() > PATIENCE * (before / after).ln();
+        if after > tolerance && far {
+            self.solver.forget();
         }
         *state = trial;
         Some(next)

@@ -1,12 +1,11 @@
 //! Shapes pushed with a given force: their travel is one more unknown.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use super::{
     newton::{Search, dot},
-    system::Forces,
+    springs::product,
 };
-use crate::contact::Touch;
 
 /// Longest travel of pushed shapes in one Newton step (m).
 const LONGEST_TRAVEL: f64 = 5e-4;
@@ -30,13 +29,12 @@ pub(super) struct Border {
 }
 
 impl Search<'_, '_> {
-    /// The border of the stiffness at `forces`, which was factorised last, if there is a push.
-    pub(super) fn border(&mut self, forces: &Forces) -> Option<Border> {
-        let direction = self.push?.direction;
-        let stiffness = |touch: &Touch| Some(self.system.contact_stiffness(touch));
+    /// The border of the stiffness that was factorised last, if there is a push.
+    pub(super) fn border(&mut self) -> Option<Border> {
         let mut unit = vec![0.0; self.solver.size() + 1];
         *unit.last_mut()? = 1.0;
-        let mut column = self.contact_product(&forces.touches, stiffness, &unit, Some(direction));
+        let springs = self.solver.springs();
+        let mut column = product(self.system, self.solver, springs, &unit, Some(self.push?));
         let corner = column.pop()?;
         let mut lifted = column.clone();
         self.solver.solve(&mut lifted);
@@ -56,31 +54,5 @@ impl Search<'_, '_> {
             right.iter_mut().zip(&border.lifted).for_each(|(x, lift)| *x -= lift * travel);
             right.push(travel);
         }
-    }
-
-    /// Sum over the touches of `stiffness` times the relative motion `unknowns`, as forces on the
-    /// unknowns.
-    pub(super) fn contact_product(
-        &self,
-        touches: &[Touch],
-        stiffness: impl Fn(&Touch) -> Option<Matrix3<f64>>,
-        unknowns: &[f64],
-        direction: Option<Vector3<f64>>,
-    ) -> Vec<f64> {
-        let moved = self.solver.scatter(unknowns);
-        let travel = direction.map_or(Vector3::zeros(), |d| d * unknowns[unknowns.len() - 1]);
-        let (mut forces, mut total) = (vec![Vector3::zeros(); moved.len()], Vector3::zeros());
-        for touch in touches {
-            let Some(stiffness) = stiffness(touch) else { continue };
-            let point = &self.system.surface[touch.point as usize];
-            let force = stiffness * (point.interpolate(&moved) - travel);
-            total += force;
-            for &(node, share) in &point.shares {
-                forces[node as usize] += force * share;
-            }
-        }
-        let mut product = self.solver.gather(&forces);
-        product.extend(direction.map(|d| -d.dot(&total)));
-        product
     }
 }

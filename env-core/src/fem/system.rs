@@ -46,15 +46,6 @@ pub(super) struct State {
     pub(super) poses: Vec<Isometry3<f64>>,
 }
 
-/// What holds a surface point to a shape.
-pub(super) struct Spring {
-    /// Index of the point.
-    pub(super) point: u32,
-    /// Derivative of minus the force on the point by its place (N/m).
-    pub(super) stiffness: Matrix3<f64>,
-    pub(super) symmetric: bool,
-}
-
 /// How the stiffness matrix is made positive definite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Stiffness {
@@ -137,10 +128,8 @@ impl System {
             return None;
         }
         for touch in &touches {
-            let force = self.contact_force(touch);
-            for &(node, share) in &self.surface[touch.point as usize].shares {
-                gradient[node as usize] -= force * share;
-            }
+            let point = &self.surface[touch.point as usize];
+            point.spread(&-self.contact_force(touch), &mut gradient);
         }
         Some(Forces { elastic, gradient, strain, touches })
     }
@@ -171,15 +160,6 @@ impl System {
     pub(super) fn contact_stiffness(&self, touch: &Touch) -> Matrix3<f64> {
         let point = &self.surface[touch.point as usize];
         self.law.hessian(point, touch, self.law.limit(point, touch)) * point.area
-    }
-
-    /// A touch as a spring, its limit of friction following its depth.
-    pub(super) fn spring(&self, touch: &Touch) -> Spring {
-        let point = &self.surface[touch.point as usize];
-        let slip = self.law.limit_coupling(point, touch);
-        let (stiffness, symmetric) = (self.contact_stiffness(touch), slip.is_none());
-        let stiffness = stiffness + slip.unwrap_or_default() * point.area;
-        Spring { point: touch.point, stiffness, symmetric }
     }
 
     /// The pattern of the body with contact anywhere on its surface.

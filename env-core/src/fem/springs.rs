@@ -1,0 +1,88 @@
+//! Touching points as springs, and products with their stiffness.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::{direct::DirectSolver, push::Push, system::System};
+use crate::contact::Touch;
+
+/// What holds a surface point to a shape.
+#[derive(Clone)]
+pub(super) struct Spring {
+    /// Index of the point.
+    pub(super) point: u32,
+    /// Derivative of minus the force on the point by its place (N/m).
+    pub(super) stiffness: Matrix3<f64>,
+    pub(super) symmetric: bool,
+}
+
+impl System {
+    /// `touches` as springs, their limits of friction following the depth.
+    pub(super) fn springs(&self, touches: &[Touch]) -> Vec<Spring> {
+        let spring = |touch: &Touch| {
+            let point = &self.surface[touch.point as usize];
+            let slip = self.law.limit_coupling(point, touch);
+            let (stiffness, symmetric) = (self.contact_stiffness(touch), slip.is_none());
+            let stiffness = stiffness + slip.unwrap_or_default() * point.area;
+            Spring { point: touch.point, stiffness, symmetric }
+        };
+        touches.iter().map(spring).collect()
+    }
+
+    /// `touches` as springs whose limits of friction are held.
+    pub(super) fn held_springs(&self, touches: &[Touch]) -> Vec<Spring> {
+        let spring = |touch: &Touch| {
+            let stiffness = self.contact_stiffness(touch);
+            Spring { point: touch.point, stiffness, symmetric: true }
+        };
+        touches.iter().map(spring).collect()
+    }
+
+    /// Forces on the nodes (N) in N with which springs resist when the points of each move by the way
+    /// beside it (m).
+    pub(super) fn resistance<'s>(
+        &self,
+        springs: impl Iterator<Item = (&'s Spring, Vector3<f64>)>,
+    ) -> Vec<Vector3<f64>> {
+        let mut forces = vec![Vector3::zeros(); self.nodes.places.len()];
+        for (spring, way) in springs {
+            let point = &self.surface[spring.point as usize];
+            point.spread(&(spring.stiffness * way), &mut forces);
+        }
+        forces
+    }
+}
+
+/// The springs that are missing in `others` to make them `springs`.
+pub(super) fn missing(springs: &[Spring], others: &[Spring]) -> Vec<Spring> {
+    let mut of_point = BTreeMap::<u32, Matrix3<f64>>::new();
+    for (springs, sign) in [(springs, 1.0), (others, -1.0)] {
+        for spring in springs {
+            *of_point.entry(spring.point).or_default() += spring.stiffness * sign;
+        }
+    }
+    let some = of_point.into_iter().filter(|(_, stiffness)| *stiffness != Matrix3::zeros());
+    some.map(|(point, stiffness)| Spring { point, stiffness, symmetric: false }).collect()
+}
+
+/// What `springs` put up against a motion of the nodes by `unknowns`, and of the shapes along `push` if
+/// the last unknown is their travel; as unknowns (N).
+pub(super) fn product(
+    system: &System,
+    solver: &DirectSolver,
+    springs: &[Spring],
+    unknowns: &[f64],
+    push: Option<&Push>,
+) -> Vec<f64> {
+    let moved = solver.scatter(unknowns);
+    let travel = push.map_or(Vector3::zeros(), |p| p.direction * unknowns[unknowns.len() - 1]);
+    let way = |spring: &Spring| system.surface[spring.point as usize].interpolate(&moved) - travel;
+    let ways: Vec<_> = springs.iter().map(way).collect();
+    let mut product = solver.gather(&system.resistance(springs.iter().zip(ways.iter().copied())));
+    product.extend(push.map(|push| {
+        let forces = springs.iter().zip(&ways).map(|(spring, way)| spring.stiffness * way);
+        -push.direction.dot(&forces.sum::<Vector3<f64>>())
+    }));
+    product
+}
