@@ -233,7 +233,32 @@ fn a_push_that_misses_the_body_is_named() {
     let fem = block(GEL, 2, rough(0.0));
     let press = Press::with_force(ball(), ball_at(0.0, -MM), 1.0, Vector3::z()).unwrap();
     let error = fem.solve_path(&press).pop().unwrap().unwrap_err();
-    assert!(matches!(error, Error::Unreachable { reached: 0.0, .. }), "{error}");
+    // It is followed for a metre, in strides that grow with the distance.
+    let named = |travel: &f64| (1.0..2.1).contains(travel);
+    assert!(
+        matches!(&error, Error::Unreachable { reached: 0.0, travel, .. } if named(travel)),
+        "{error}"
+    );
+}
+
+#[test]
+fn what_a_body_bears_of_a_force_that_is_too_much_is_told() {
+    // Through the block it goes at some newtons; asked for 1e5, as for ten, it says how far it came.
+    let fem = block(GEL, 2, rough(0.2));
+    let borne = |force: f64| {
+        let press = Press::with_force(ball(), ball_at(0.0, -MM), force, -Vector3::z()).unwrap();
+        match fem.solve_path(&press).pop().unwrap() {
+            Err(Error::Unreachable { reached, travel, .. }) => (reached, travel),
+            other => panic!("{:?}", other.map(|frame| frame.wrench)),
+        }
+    };
+    let [(much, deep), (more, deeper)] = [1e3, 1e5].map(borne);
+    assert!(much > 1.0 && more > 1.0, "{much} N of 1e3 N, {more} N of 1e5 N");
+    // Found to within a sixteenth, which the shape goes in by about as much less.
+    assert!((more / much - 1.0).abs() < 0.2, "{much} N of 1e3 N, {more} N of 1e5 N");
+    for travel in [deep, deeper] {
+        assert!((2.0 * MM..5.0 * MM).contains(&travel), "{travel} m");
+    }
 }
 
 #[test]

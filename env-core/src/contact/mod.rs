@@ -6,13 +6,15 @@
 
 mod approach;
 mod law;
+mod leap;
 mod near;
 mod touch;
 
 pub use approach::{backed_off, between, clearance};
 pub use law::{ContactLaw, Traction};
+pub use leap::leaps_through;
 pub use near::Seen;
-pub use touch::{ContactStep, Touch, first_touch, leaps_through};
+pub use touch::{ContactStep, Touch, first_touch};
 
 use nalgebra::{Point3, Vector3};
 

@@ -4,7 +4,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{SurfacePoint, near::SURE};
+use super::SurfacePoint;
 use crate::{
     deformation::Anchor,
     geometry::{Distance, Shape},
@@ -38,7 +38,7 @@ pub struct ContactStep<'a> {
     pub(super) start: Vec<Point3<f64>>,
     /// Where pairs stick, in the frame of the shape (S × C): known from before, or found when
     /// the pair first touches.
-    stuck: Vec<Option<Point3<f64>>>,
+    pub(super) stuck: Vec<Option<Point3<f64>>>,
     /// Where each pair was last measured in the frame of the shape, and its distance (S × C).
     pub(super) seen: Vec<(Point3<f64>, f64)>,
     /// What each pair is apart at the beginning, at least (S × C).
@@ -137,89 +137,6 @@ impl<'a> ContactStep<'a> {
         })
     }
 
-    /// Whether a point has come out nearer to the far side of the shape than to where it entered: the
-    /// normals there point away from each other. In a one-sided step a point that has just met the
-    /// shape may not even turn round an edge.
-    pub fn passed_through(&self, touch: &Touch, poses: &[Isometry3<f64>]) -> bool {
-        let (s, c) = (touch.shape as usize, touch.point as usize);
-        let shape = &self.shapes[s];
-        self.stuck[s * self.surface.len() + c].is_some_and(|entry| {
-            let start = self.from[s].inverse_transform_point(&self.start[c]);
-            let strict = self.one_sided && shape.distance(&start).value > 0.0;
-            let entered = poses[s].rotation * shape.distance(&entry).normal;
-            entered.dot(&touch.normal) < if strict { 0.5 } else { -0.5 }
-        })
-    }
-
-    /// Whether a shape, on its way to `poses`, runs over a point by more than `depth` and leaves it
-    /// behind: seen at the end alone, the two have never met.
-    pub fn runs_over(&mut self, poses: &[Isometry3<f64>], depth: f64) -> bool {
-        let points = self.surface.len();
-        poses.iter().enumerate().any(|(s, pose)| {
-            (0..points).any(|c| {
-                let [begin, end] =
-                    [&self.from[s], pose].map(|pose| pose.inverse_transform_point(&self.start[c]));
-                let gap = |p: &Point3<f64>| self.shapes[s].distance(p).value;
-                let (pair, way) = (s * points + c, (end - begin).norm());
-                let seen = self.seen[pair];
-                self.room[pair] = seen.1 - (begin - seen.0).norm();
-                if self.room[pair] > SURE + way {
-                    return false;
-                }
-                let value = gap(&begin);
-                (self.seen[pair], self.room[pair]) = ((begin, value), value);
-                value < (end - begin).norm()
-                    && runs_through(gap, &begin, &end, [depth - value.min(0.0), 0.0])
-            })
-        })
-    }
-
-    /// Whether a point went through more than `depth` of a shape on its way to `places` (C), where it
-    /// stands outside or touches: it has changed sides unfelt. What was measured by the last
-    /// [`ContactStep::touches`] spares most points the measurement.
-    pub fn leaps(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
-        self.any_way(poses, places, |pair, shape, begin, end| {
-            let way = (end - begin).norm();
-            let (seen, value) = self.seen[pair];
-            way > 2.0 * depth
-                && way > value - (end - seen).norm()
-                && leaps_through(shape, begin, end, depth)
-        })
-    }
-
-    /// As [`ContactStep::leaps`], but only for points that end opposite to where they began: round the
-    /// edge of a thick shape a point may slide a long way, though not all round.
-    pub fn changes_sides(
-        &self,
-        poses: &[Isometry3<f64>],
-        places: &[Point3<f64>],
-        depth: f64,
-    ) -> bool {
-        self.any_way(poses, places, |_, shape, begin, end| {
-            let normal = |p: &Point3<f64>| shape.distance(p).normal;
-            (end - begin).norm() > 0.5 * shape.thickness()
-                && leaps_through(shape, begin, end, depth)
-                && normal(begin).dot(&normal(end)) < -0.5
-        })
-    }
-
-    /// Whether `is_wrong` is true of a pair, its shape, and the ends of the point's way in the frame of
-    /// the shape.
-    fn any_way(
-        &self,
-        poses: &[Isometry3<f64>],
-        places: &[Point3<f64>],
-        is_wrong: impl Fn(usize, &Shape, &Point3<f64>, &Point3<f64>) -> bool,
-    ) -> bool {
-        poses.iter().enumerate().any(|(s, pose)| {
-            places.iter().enumerate().any(|(c, place)| {
-                let begin = self.from[s].inverse_transform_point(&self.start[c]);
-                let end = pose.inverse_transform_point(place);
-                is_wrong(s * self.surface.len() + c, &self.shapes[s], &begin, &end)
-            })
-        })
-    }
-
     /// The touching pairs' anchors after the step: `back` says how far behind its place each sticks.
     pub fn anchors(
         &self,
@@ -234,33 +151,6 @@ impl<'a> ContactStep<'a> {
         };
         touches.iter().map(anchor).collect()
     }
-}
-
-/// Whether the straight way from `begin` to `end` lies deeper than the first of two depths somewhere
-/// and ends less deep than the second, by a `gap` that changes no faster than the point moves: it is
-/// followed in steps as long as the gap.
-fn runs_through(
-    gap: impl Fn(&Point3<f64>) -> f64,
-    begin: &Point3<f64>,
-    end: &Point3<f64>,
-    [depth, left]: [f64; 2],
-) -> bool {
-    let way = end - begin;
-    let (length, mut gone, mut deep) = (way.norm(), 0.0, false);
-    while !deep && gone < length {
-        let value = gap(&(begin + way * (gone / length)));
-        deep = value < -depth;
-        gone += value.abs().max(depth);
-    }
-    deep && gap(end) > -left
-}
-
-/// Whether the straight way from `begin` to `end`, in the frame of `shape`, leads through more than
-/// `depth` of it to where it is less deep (m).
-pub fn leaps_through(shape: &Shape, begin: &Point3<f64>, end: &Point3<f64>, depth: f64) -> bool {
-    let gap = |p: &Point3<f64>| shape.distance(p).value;
-    let sunk = gap(begin).min(0.0);
-    runs_through(gap, begin, end, [depth - sunk, depth])
 }
 
 /// First root of a falling `gap` over [0, 1] by false position; 0 if it begins below zero, 1 if it
@@ -282,10 +172,10 @@ pub fn first_touch(gap: impl Fn(f64) -> f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    fn surface() -> Vec<SurfacePoint> {
+    pub(in super::super) fn surface() -> Vec<SurfacePoint> {
         vec![SurfacePoint { shares: vec![(0, 1.0)], area: 1e-6, young: 1e5 }]
     }
 
@@ -305,56 +195,6 @@ mod tests {
                 assert!((touch.depth - depth).abs() < 1e-17, "{} against {depth}", touch.depth);
             }
         }
-    }
-
-    #[test]
-    fn a_shape_that_runs_over_a_point_is_noticed() {
-        let (shapes, surface) = ([Shape::Sphere { radius: 0.01 }], surface());
-        let start = vec![Point3::origin()];
-        let from = Isometry3::translation(0.0, 0.0, 0.011);
-        let mut step = ContactStep::new(&shapes, &surface, vec![from], start, &[]);
-        let mut ends_at =
-            |x: f64, z: f64| step.runs_over(&[Isometry3::translation(x, 0.0, z)], 1e-5);
-        assert!(ends_at(0.0, -0.011), "right through");
-        assert!(!ends_at(0.0, -0.009), "ends inside, where it is felt");
-        assert!(!ends_at(0.0, 0.02), "away");
-        assert!(!ends_at(0.05, 0.011), "past");
-    }
-
-    #[test]
-    fn a_point_that_changes_sides_is_noticed() {
-        // A plate 0.4 mm thick comes down on a point; a step later the point is above it or below.
-        let shapes = [Shape::Cuboid { half_extents: Vector3::new(0.01, 0.01, 2e-4) }];
-        let from = Isometry3::translation(0.0, 0.0, 3e-4);
-        let poses = [Isometry3::identity()];
-        let surface = surface();
-        let leaps = |x: f64, z: f64| {
-            let start = vec![Point3::origin()];
-            let mut step = ContactStep::new(&shapes, &surface, vec![from], start, &[]);
-            let places = [Point3::new(x, 0.0, z)];
-            step.touches(&poses, &places);
-            step.leaps(&poses, &places, 2e-5)
-        };
-        assert!(leaps(0.0, 2.1e-4), "above");
-        assert!(leaps(0.0, 1.99e-4), "touching from above");
-        assert!(!leaps(0.0, -1.99e-4), "touching from below");
-        assert!(!leaps(0.003, -2.1e-4), "slid along below");
-        assert!(!leaps(0.0, 0.0), "inside, where it is felt");
-    }
-
-    #[test]
-    fn a_point_that_ends_opposite_on_a_thick_shape_is_noticed() {
-        let (shapes, surface) = ([Shape::Sphere { radius: 0.01 }], surface());
-        let from = Isometry3::translation(0.0, 0.0, 0.0099);
-        let sides = |x: f64, z: f64| {
-            let start = vec![Point3::origin()];
-            let step = ContactStep::new(&shapes, &surface, vec![from], start, &[]);
-            step.changes_sides(&[Isometry3::identity()], &[Point3::new(x, 0.0, z)], 2e-5)
-        };
-        assert!(sides(0.0, 0.011), "right through");
-        assert!(!sides(0.0, -0.0101), "taken along below");
-        assert!(!sides(0.0101, 0.0), "a quarter of the way round");
-        assert!(!sides(0.0, 0.005), "inside, where it is felt");
     }
 
     #[test]

@@ -99,7 +99,7 @@ impl Run<'_> {
         };
         let path = || [&[poses.to_vec()], &self.ahead[..]].concat();
         let along = |path: Vec<_>| Region::along(self.system, shapes, &path, places);
-        let region = if pushed { None } else { along(path()) };
+        let region = if pushed || self.limits.plain { None } else { along(path()) };
         if !everywhere || region.is_some() {
             self.solver = Some(DirectSolver::new(self.system, region));
         }

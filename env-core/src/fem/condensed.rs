@@ -35,7 +35,7 @@ impl Search<'_, '_> {
         tolerance: f64,
     ) -> Option<Forces> {
         let holds = self.solver.region().is_some_and(|region| region.holds(&forces.touches));
-        if self.push.is_some() || !holds || !self.willing {
+        if self.push.is_some() || !holds || !self.willing || !self.is_narrow(state) {
             return None;
         }
         let before = norm(&self.residual(forces));
@@ -57,6 +57,14 @@ impl Search<'_, '_> {
         self.solver.set_back();
         None
     }
+
+    /// Whether what may touch is little enough for a dense system.
+    fn is_narrow(&mut self, state: &State) -> bool {
+        let Some(region) = self.solver.region() else { return false };
+        let places = region.places(self.system, &state.displacement);
+        let near = self.contact.within(NEAR, &region.points, &state.poses, &places);
+        is_worth(3 * region.carriers(&near), self.solver.size())
+    }
 }
 
 /// The step (unknowns) to where the linear body and contact balance up to `tolerance` (N), if only
@@ -75,7 +83,7 @@ fn balanced_step(
     let places = region.places(system, &state.displacement);
     let near = contact.within(margin, &region.points, &state.poses, &places);
     let count = 3 * region.carriers(&near);
-    if count as f64 > (unknowns.len() as f64).powf(WORTH) {
+    if !is_worth(count, unknowns.len()) {
         return None;
     }
     let (corner, stiffness) = condensed.of_last(count);
@@ -91,6 +99,11 @@ fn balanced_step(
     upper.iter().zip(&mut unknowns[first..]).for_each(|(z, to)| *to = *z);
     solver.solve_upper(&mut unknowns);
     Some(unknowns)
+}
+
+/// Whether a dense system of `size` is worth its time where there are so many unknowns.
+fn is_worth(size: usize, unknowns: usize) -> bool {
+    size as f64 <= (unknowns as f64).powf(WORTH)
 }
 
 /// The system on the nodes that carry what may touch.

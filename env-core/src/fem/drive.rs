@@ -8,6 +8,7 @@ use super::{
     direct::DirectSolver,
     newton::{Balance, Limits},
     push::Push,
+    stride::{SHORTEST, in_steps},
     system::{Forces, State, System},
 };
 use crate::{
@@ -16,8 +17,9 @@ use crate::{
     deformation::{Anchor, Deformation, Drive, History, Press, Wrench},
 };
 
-/// Smallest part of a frame that is tried as a load step of its own.
-pub(super) const SHORTEST_STRIDE: f64 = 1.0 / 256.0;
+/// Part of the force already borne, and of the force asked for, by which a push is raised at least.
+const LEAST_GAIN: f64 = 1.0 / 16.0;
+const LEAST_PUSH: f64 = 1e-6;
 /// Shapes pushed this far without a touch will not meet the body (m).
 const FARTHEST: f64 = 1.0;
 
@@ -127,21 +129,31 @@ impl<'a> Run<'a> {
 
     /// Leads the shapes to `poses`.
     fn follow(&mut self, press: &Press, poses: &[Isometry3<f64>]) -> Result<Solved> {
-        let from = self.state.poses.clone();
-        self.in_steps(press, |_, t| (between(&from, poses, t), None))
+        let (from, mut iterations) = (self.state.poses.clone(), 0);
+        let step = |t| self.load_step(press, between(&from, poses, t), None, &mut iterations);
+        let mut solved = in_steps(|_| SHORTEST, step)?;
+        solved.balance.iterations = iterations;
+        Ok(solved)
     }
 
     /// Pushes the shapes until they press with the force of `push`.
     fn push(&mut self, press: &Press, push: &Push) -> Result<Solved> {
         let begin = self.state.poses[0].translation.vector;
         let reached = if self.anchors.is_empty() { self.meet(press, push) } else { Ok(()) };
+        let mut iterations = 0;
         let solved = reached.and_then(|()| {
-            self.in_steps(press, |run, t| {
-                let force = t * push.force;
-                (run.state.poses.clone(), Some(Push { force, ..*push }))
+            // What is borne at all may be a small part of the force.
+            let shortest = |done: f64| SHORTEST.min(LEAST_GAIN * done).max(LEAST_PUSH);
+            in_steps(shortest, |t| {
+                let push = Push { force: t * push.force, ..*push };
+                self.load_step(press, self.state.poses.clone(), Some(&push), &mut iterations)
             })
         });
-        solved.map_err(|_| {
+        let counted = |mut solved: Solved| {
+            solved.balance.iterations = iterations;
+            solved
+        };
+        solved.map(counted).map_err(|_| {
             let travel = (self.state.poses[0].translation.vector - begin).norm();
             Error::Unreachable {
                 force: push.force,
@@ -170,49 +182,22 @@ impl<'a> Run<'a> {
         Err(Error::Unreachable { force: push.force, reached: 0.0, travel })
     }
 
-    /// Solves for the poses and push that `target` gives at t = 1, by way of smaller t where the
-    /// whole way at once fails.
-    fn in_steps(
-        &mut self,
-        press: &Press,
-        target: impl Fn(&Self, f64) -> (Vec<Isometry3<f64>>, Option<Push>),
-    ) -> Result<Solved> {
-        let (mut done, mut stride, mut iterations) = (0.0, 1.0, 0);
-        loop {
-            let next = f64::min(done + stride, 1.0);
-            let (poses, push) = target(self, next);
-            match self.load_step(press, poses, push.as_ref()) {
-                Ok(mut solved) => {
-                    iterations += solved.balance.iterations;
-                    if next == 1.0 {
-                        solved.balance.iterations = iterations;
-                        return Ok(solved);
-                    }
-                    done = next;
-                    stride *= 2.0;
-                }
-                Err(Error::NotConverged { iterations: more, residual, tolerance }) => {
-                    iterations += more;
-                    stride *= 0.5;
-                    if stride < SHORTEST_STRIDE {
-                        return Err(Error::NotConverged { iterations, residual, tolerance });
-                    }
-                }
-                Err(Error::Penetrated { .. }) if stride > SHORTEST_STRIDE => stride *= 0.5,
-                Err(error) => return Err(error),
-            }
-        }
-    }
-
-    /// One load step to `poses`, or from there on under `push`. On failure nothing has changed.
+    /// One load step to `poses`, or from there on under `push`, its Newton steps added to `iterations`. On
+    /// failure nothing else has changed.
     fn load_step(
         &mut self,
         press: &Press,
         poses: Vec<Isometry3<f64>>,
         push: Option<&Push>,
+        iterations: &mut usize,
     ) -> Result<Solved> {
-        let attempt = self.attempt(press.shapes(), poses, push, None)?;
-        Ok(self.accept(attempt))
+        let attempt = self.attempt(press.shapes(), poses, push, None);
+        *iterations += match &attempt {
+            Ok(attempt) => attempt.solved.balance.iterations,
+            Err(Error::NotConverged { iterations, .. }) => *iterations,
+            Err(_) => 0,
+        };
+        Ok(self.accept(attempt?))
     }
 
     /// Resultant of all contact on the body.

@@ -14,8 +14,9 @@ use nalgebra::{
 use super::{
     Fem,
     attempt::Attempt,
-    drive::{Run, SHORTEST_STRIDE},
+    drive::Run,
     follower::Follower,
+    stride::{SHORTEST, in_steps},
 };
 use crate::{
     Error, Result,
@@ -135,32 +136,18 @@ impl<'a> Hold<'a> {
     /// failure they stand where the last step that was solved left them.
     pub fn frame(&mut self, pads: &[Isometry3<f64>; 2]) -> Result<Grasped> {
         let (clock, from) = (Instant::now(), self.pads);
-        let shortest = if *pads == from { 1.0 } else { SHORTEST_STRIDE };
-        let (mut done, mut stride, mut iterations) = (0.0, 1.0, [0; 2]);
-        loop {
-            let next = f64::min(done + stride, 1.0);
-            let between = [0, 1].map(|i| from[i].lerp_slerp(&pads[i], next));
-            match self.step(if next == 1.0 { pads } else { &between }) {
-                Ok(mut grasped) => {
-                    for (sum, pad) in iterations.iter_mut().zip(&mut grasped.pads) {
-                        *sum += pad.iterations;
-                        pad.iterations = *sum;
-                    }
-                    if next == 1.0 {
-                        grasped.seconds = clock.elapsed().as_secs_f64();
-                        return Ok(grasped);
-                    }
-                    (done, stride) = (next, 2.0 * stride);
-                }
-                Err(error @ (Error::NotConverged { .. } | Error::Penetrated { .. })) => {
-                    stride *= 0.5;
-                    if stride < shortest {
-                        return Err(error);
-                    }
-                }
-                Err(error) => return Err(error),
-            }
-        }
+        let shortest = if *pads == from { 1.0 } else { SHORTEST };
+        let mut iterations = [0; 2];
+        let step = |t| {
+            let between = [0, 1].map(|i| from[i].lerp_slerp(&pads[i], t));
+            let grasped = self.step(if t == 1.0 { pads } else { &between })?;
+            iterations.iter_mut().zip(&grasped.pads).for_each(|(sum, pad)| *sum += pad.iterations);
+            Ok(grasped)
+        };
+        let mut grasped = in_steps(|_| shortest, step)?;
+        grasped.pads.iter_mut().zip(iterations).for_each(|(pad, sum)| pad.iterations = sum);
+        grasped.seconds = clock.elapsed().as_secs_f64();
+        Ok(grasped)
     }
 
     /// One step to `pads`. On failure nothing has changed.

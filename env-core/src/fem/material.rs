@@ -1,4 +1,4 @@
-//! Hyperelastic materials: energy density, stress and tangent at one point.
+//! Hyperelastic materials: energy density and stress at one point; [`super::tangent`] has what follows.
 //!
 //! Every law is split into a distortion and a dilatation part,
 //! ψ(F) = w(F) + U(θ(F)), θ = det F (for the linear law θ = tr F − 2), so that an element may hand
@@ -8,18 +8,15 @@
 //!
 //! All but the linear law are used for J = det F > 0 only.
 
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::Matrix3;
 
 use crate::deformation::{Law, Moduli};
-
-/// ∂P/∂F as a matrix over the entries of F, column by column.
-pub(super) type Tangent9 = SMatrix<f64, 9, 9>;
 
 /// An isotropic elastic material.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Material {
-    law: Law,
-    mu: f64,
+    pub(super) law: Law,
+    pub(super) mu: f64,
     lambda: f64,
 }
 
@@ -32,15 +29,6 @@ pub(super) struct Volumetric {
     pub(super) pressure: f64,
     /// U″ (Pa).
     pub(super) stiffness: f64,
-}
-
-/// ∂²w/∂F² + p ∂²θ/∂F² at one point.
-#[derive(Clone, Debug)]
-pub(super) enum Tangent {
-    /// μ 1 + a C⊗C − b C⊗ᵗC, with C = cof F and (C⊗ᵗC)ᵢₖⱼₗ = Cᵢₗ Cⱼₖ.
-    Cofactor { mu: f64, a: f64, b: f64, cofactor: Matrix3<f64> },
-    /// Any other.
-    Full(Box<Tangent9>),
 }
 
 impl Material {
@@ -122,83 +110,12 @@ impl Material {
         let deviator = cauchy - Matrix3::identity() * (cauchy.trace() / 3.0);
         (1.5 * deviator.norm_squared()).sqrt() * scale
     }
-
-    /// ∂²w/∂F² + `pressure` ∂²θ/∂F² (Pa).
-    pub(super) fn tangent(&self, f: &Matrix3<f64>, pressure: f64) -> Tangent {
-        let (mu, j) = (self.mu, f.determinant());
-        // For w = μ/2 I₁ + h(J): a = h″ + (h′ + p)/J and b = (h′ + p)/J.
-        match self.law {
-            Law::NeoHookean => {
-                let b = (pressure - mu / j) / j;
-                Tangent::Cofactor { mu, a: mu / (j * j) + b, b, cofactor: cofactor(f) }
-            }
-            Law::StableNeoHookean => {
-                let b = (pressure + mu * (j - 2.0)) / j;
-                Tangent::Cofactor { mu, a: mu + b, b, cofactor: cofactor(f) }
-            }
-            Law::Corotated => Tangent::Full(Box::new(corotated_tangent(f, mu, pressure))),
-            _ => Tangent::Full(Box::new(linear_tangent(mu))),
-        }
-    }
-}
-
-impl Tangent {
-    /// Second derivative of the energy density by the displacements of two nodes whose shape
-    /// functions have the gradients `g` and `h` (Pa/m²).
-    pub(super) fn block(&self, g: &Vector3<f64>, h: &Vector3<f64>) -> Matrix3<f64> {
-        match self {
-            Self::Cofactor { mu, a, b, cofactor } => {
-                let (c, d) = (cofactor * g, cofactor * h);
-                Matrix3::from_diagonal_element(mu * g.dot(h)) + *a * c * d.transpose()
-                    - *b * d * c.transpose()
-            }
-            Self::Full(tangent) => {
-                let mut block = Matrix3::zeros();
-                for k in 0..3 {
-                    for l in 0..3 {
-                        block += g[k] * h[l] * tangent.fixed_view::<3, 3>(3 * k, 3 * l);
-                    }
-                }
-                block
-            }
-        }
-    }
-
-    /// As a matrix over the entries of F.
-    pub(super) fn full(&self) -> Tangent9 {
-        match self {
-            Self::Cofactor { .. } => {
-                let mut full = Tangent9::zeros();
-                for k in 0..3 {
-                    for l in 0..3 {
-                        let block = self.block(&axis(k), &axis(l));
-                        full.fixed_view_mut::<3, 3>(3 * k, 3 * l).copy_from(&block);
-                    }
-                }
-                full
-            }
-            Self::Full(tangent) => **tangent,
-        }
-    }
-
-    /// The nearest form that is positive along every direction: eigenvalues by absolute value
-    /// (Chen et al. 2024, arXiv 2406.05928).
-    pub(super) fn filtered(&self) -> Self {
-        let full = self.full();
-        let eigen = (0.5 * (full + full.transpose())).symmetric_eigen();
-        let scaled = eigen.eigenvectors * SMatrix::from_diagonal(&eigen.eigenvalues.abs());
-        Self::Full(Box::new(scaled * eigen.eigenvectors.transpose()))
-    }
 }
 
 /// cof F = J F⁻ᵀ.
-fn cofactor(f: &Matrix3<f64>) -> Matrix3<f64> {
+pub(super) fn cofactor(f: &Matrix3<f64>) -> Matrix3<f64> {
     let (a, b, c) = (f.column(0), f.column(1), f.column(2));
     Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)])
-}
-
-fn axis(i: usize) -> Vector3<f64> {
-    Vector3::ith(i, 1.0)
 }
 
 fn quadratic(modulus: f64, strain: f64) -> Volumetric {
@@ -215,63 +132,27 @@ fn strain(f: &Matrix3<f64>) -> Matrix3<f64> {
 }
 
 /// The rotation nearest to F.
-fn rotation(f: &Matrix3<f64>) -> Matrix3<f64> {
+pub(super) fn rotation(f: &Matrix3<f64>) -> Matrix3<f64> {
     let svd = f.svd_unordered(true, true);
     let u = svd.u.expect("asked for");
     let v_t = svd.v_t.expect("asked for");
     u * v_t
 }
 
-/// 2μ (1 − ∂R/∂F) + p ∂cof F/∂F, from R ᵀδR = [(tr S · 1 − S)⁻¹ axial(RᵀδF)]ₓ.
-fn corotated_tangent(f: &Matrix3<f64>, mu: f64, pressure: f64) -> Tangent9 {
-    let r = rotation(f);
-    let s = r.transpose() * f;
-    let spin = (Matrix3::identity() * s.trace() - s).try_inverse().unwrap_or_else(Matrix3::zeros);
-    let mut tangent = Tangent9::zeros();
-    for l in 0..3 {
-        for j in 0..3 {
-            let df = axis(j) * axis(l).transpose();
-            let turned = r.transpose() * df;
-            let skew = turned - turned.transpose();
-            let omega = spin * Vector3::new(skew[(2, 1)], skew[(0, 2)], skew[(1, 0)]);
-            let dr = r * omega.cross_matrix();
-            let dp = 2.0 * mu * (df - dr) + pressure * cofactor_derivative(f, &df);
-            tangent.column_mut(3 * l + j).copy_from_slice(dp.as_slice());
-        }
-    }
-    tangent
-}
-
-/// Change of cof F as F changes by `df`.
-fn cofactor_derivative(f: &Matrix3<f64>, df: &Matrix3<f64>) -> Matrix3<f64> {
-    // cof is quadratic in F, so a symmetric difference is exact.
-    0.5 * (cofactor(&(f + df)) - cofactor(&(f - df)))
-}
-
-fn linear_tangent(mu: f64) -> Tangent9 {
-    let mut tangent = Tangent9::zeros();
-    for l in 0..3 {
-        for j in 0..3 {
-            let df = axis(j) * axis(l).transpose();
-            let dp = mu * (df + df.transpose());
-            tangent.column_mut(3 * l + j).copy_from_slice(dp.as_slice());
-        }
-    }
-    tangent
-}
-
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
+    use nalgebra::Vector3;
+
     use super::*;
 
-    const GEL: Moduli = Moduli { young: 2e5, poisson: 0.47 };
+    pub(in super::super) const GEL: Moduli = Moduli { young: 2e5, poisson: 0.47 };
 
-    fn laws() -> impl Iterator<Item = (Law, Material)> {
+    pub(in super::super) fn laws() -> impl Iterator<Item = (Law, Material)> {
         Law::NAMES.into_iter().map(|(_, law)| (law, Material::new(law, &GEL)))
     }
 
     /// A sheared, stretched and turned state.
-    fn state() -> Matrix3<f64> {
+    pub(in super::super) fn state() -> Matrix3<f64> {
         Matrix3::new(0.8, 0.3, -0.1, -0.2, 1.1, 0.25, 0.15, -0.3, 1.2)
     }
 
@@ -279,7 +160,7 @@ mod tests {
         material.distortion(f) + material.volumetric(material.dilatation(f)).energy
     }
 
-    fn stress(material: &Material, f: &Matrix3<f64>) -> Matrix3<f64> {
+    pub(in super::super) fn stress(material: &Material, f: &Matrix3<f64>) -> Matrix3<f64> {
         material.stress(f, material.volumetric(material.dilatation(f)).pressure)
     }
 
@@ -303,30 +184,6 @@ mod tests {
     }
 
     #[test]
-    fn tangent_is_the_gradient_of_the_stress() {
-        let step = 1e-6;
-        for (law, material) in laws() {
-            let f = state();
-            let volumetric = material.volumetric(material.dilatation(&f));
-            let gradient = material.dilatation_gradient(&f);
-            let mut exact = material.tangent(&f, volumetric.pressure).full();
-            let g = SMatrix::<f64, 9, 1>::from_column_slice(gradient.as_slice());
-            exact += volumetric.stiffness * g * g.transpose();
-            for i in 0..9 {
-                let stress_at = |d: f64| {
-                    let mut f = state();
-                    f[i] += d;
-                    stress(&material, &f)
-                };
-                let difference = (stress_at(step) - stress_at(-step)) / (2.0 * step);
-                let column = SMatrix::<f64, 9, 1>::from_column_slice(difference.as_slice());
-                let error = (column - exact.column(i)).norm() / exact.norm();
-                assert!(error < 1e-8, "{law} column {i}: relative error {error:.1e}");
-            }
-        }
-    }
-
-    #[test]
     fn every_law_has_the_moduli_of_small_strain() {
         let strain = 1e-7;
         let f = Matrix3::from_diagonal(&[1.0 + strain, 1.0, 1.0].into());
@@ -337,20 +194,6 @@ mod tests {
                 // Second-order terms are 1e-7 times a few, rounding 1e-16/1e-7.
                 assert!((found / exact - 1.0).abs() < 1e-6, "{law}: {found} Pa, exact {exact} Pa");
             }
-        }
-    }
-
-    #[test]
-    fn a_filtered_tangent_is_positive_and_keeps_a_positive_one() {
-        for (law, material) in laws() {
-            let squeezed = Matrix3::from_diagonal(&[0.4, 1.3, 1.3].into());
-            let filtered = material.tangent(&squeezed, -GEL.lambda()).filtered().full();
-            let least = filtered.symmetric_eigenvalues().min();
-            // Rounding of the eigenvalues, relative to the largest.
-            assert!(least > -1e-12 * filtered.norm(), "{law}: {least} Pa");
-            let rest = material.tangent(&Matrix3::identity(), 0.0);
-            let change = (rest.filtered().full() - rest.full()).norm() / rest.full().norm();
-            assert!(change < 1e-12, "{law}: changed by {change:.1e}");
         }
     }
 

@@ -15,6 +15,7 @@
 //! down to 1/128 of the widest face; a shape that would need more is refused.
 
 mod attempt;
+mod cell;
 mod condensed;
 mod dense;
 mod direct;
@@ -28,6 +29,8 @@ mod grasp;
 mod linearised;
 mod material;
 mod newton;
+#[cfg(test)]
+mod oracle;
 mod ordering;
 mod patches;
 mod pattern;
@@ -36,8 +39,10 @@ mod region;
 mod solid;
 mod sparse;
 mod springs;
+mod stride;
 mod surface;
 mod system;
+mod tangent;
 #[cfg(test)]
 mod tests;
 
@@ -107,7 +112,7 @@ impl Fem {
         let law = ContactLaw::new(options.softness, options.friction)?;
         let system = Arc::new(System::new(&body, options.element, law));
         let tolerance = options.tolerance * (body.stiffest() / 1e6).max(1.0);
-        let limits = newton::Limits { tolerance, iterations: options.iterations };
+        let limits = newton::Limits { tolerance, iterations: options.iterations, plain: false };
         Ok(Self { body, system, limits })
     }
 

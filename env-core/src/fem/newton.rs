@@ -32,6 +32,9 @@ pub(super) struct Limits {
     pub(super) tolerance: f64,
     /// Newton steps.
     pub(super) iterations: usize,
+    /// Whether every step is Newton's on the whole body, with a factor of its own: slow, and what the
+    /// quick ways are held against.
+    pub(super) plain: bool,
 }
 
 /// How the search for an equilibrium ended.
@@ -60,8 +63,8 @@ pub(super) fn equilibrium(
     push: Option<&Push>,
     limits: &Limits,
 ) -> Result<(Balance, Forces)> {
-    let willing = solver.is_willing();
-    let mut search = Search { system, solver, contact, push, willing };
+    let willing = !limits.plain && solver.is_willing();
+    let mut search = Search { system, solver, contact, push, willing, plain: limits.plain };
     let mut iterations = 0;
     let mut residual = f64::INFINITY;
     let mut found = system.forces(state, search.contact);
@@ -87,6 +90,8 @@ pub(super) struct Search<'a, 'b> {
     pub(super) push: Option<&'a Push>,
     /// Whether steps by the condensed stiffness are tried.
     pub(super) willing: bool,
+    /// As in [`Limits`].
+    plain: bool,
 }
 
 impl Search<'_, '_> {
@@ -138,7 +143,7 @@ impl Search<'_, '_> {
         springs: &[Spring],
         tolerance: f64,
     ) -> Option<Forces> {
-        if self.push.is_some() {
+        if self.push.is_some() || self.plain {
             return None;
         }
         let missing = missing(springs, self.solver.kept()?);

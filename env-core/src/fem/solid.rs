@@ -1,10 +1,11 @@
 //! Elastic energy of a meshed body, its forces on the nodes and its stiffness.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use super::{
+    cell::PointState,
     element::{Cell, Element, Nodes, linear_cells, quadratic_cells},
-    material::{Material, Tangent, Volumetric},
+    material::{Material, Volumetric},
     pattern::{Pattern, Slot},
     sparse::Matrix,
 };
@@ -41,7 +42,7 @@ pub(super) type Layout = Vec<Option<Slot>>;
 /// State of the energy points, in the order of the cells.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Strain {
-    points: Vec<(Matrix3<f64>, Volumetric)>,
+    points: Vec<PointState>,
 }
 
 /// The body that `element` makes of `body`.
@@ -66,106 +67,6 @@ impl<const M: usize> Cells<M> {
         let moduli = |cell: &Cell<M>| &body.moduli()[cell.points[0].tet as usize];
         let materials = cells.iter().map(|cell| Material::new(body.law(), moduli(cell))).collect();
         Self { all: cells, materials, tets: body.mesh().tets.len() }
-    }
-}
-
-impl<const M: usize> Cell<M> {
-    /// Deformation gradient F = 1 + Σ uₐ ⊗ ∇Nₐ at point `k`.
-    fn deformation_gradient(&self, k: usize, displacement: &[Vector3<f64>]) -> Matrix3<f64> {
-        let point = &self.points[k];
-        let mut f = Matrix3::identity();
-        for (&local, gradient) in point.local.iter().zip(&point.gradients) {
-            let u = displacement[self.nodes[local as usize] as usize];
-            f += u * gradient.transpose();
-        }
-        f
-    }
-
-    /// U of the cell's points: each its own, or that of their mean dilatation.
-    fn volumetric(&self, material: &Material, states: &mut [(Matrix3<f64>, Volumetric)]) {
-        if !self.averaged {
-            for (f, volumetric) in states {
-                *volumetric = material.volumetric(material.dilatation(f));
-            }
-            return;
-        }
-        let (mut volume, mut deformed) = (0.0, 0.0);
-        for (point, (f, _)) in self.points.iter().zip(states.iter()) {
-            volume += point.volume;
-            deformed += point.volume * material.dilatation(f);
-        }
-        let shared = material.volumetric(deformed / volume);
-        for (_, volumetric) in states {
-            *volumetric = shared;
-        }
-    }
-
-    /// ∂θ/∂u times volume, summed over `points`, for the cell's nodes.
-    fn dilatation_gradient(
-        &self,
-        material: &Material,
-        points: std::ops::Range<usize>,
-        states: &[(Matrix3<f64>, Volumetric)],
-    ) -> (Vec<Vector3<f64>>, f64) {
-        let (mut gradient, mut volume) = (vec![Vector3::zeros(); self.nodes.len()], 0.0);
-        for (point, (f, _)) in self.points[points.clone()].iter().zip(&states[points]) {
-            let slope = material.dilatation_gradient(f) * point.volume;
-            for (&local, g) in point.local.iter().zip(&point.gradients) {
-                gradient[local as usize] += slope * g;
-            }
-            volume += point.volume;
-        }
-        (gradient, volume)
-    }
-
-    /// Stiffness of the cell: blocks of its nodes, lower triangle by rows, into `dense`.
-    fn stiffness(
-        &self,
-        material: &Material,
-        states: &[(Matrix3<f64>, Volumetric)],
-        filtered: bool,
-        dense: &mut Vec<Matrix3<f64>>,
-    ) {
-        let count = self.nodes.len();
-        dense.clear();
-        dense.resize(count * (count + 1) / 2, Matrix3::zeros());
-        for (point, (f, volumetric)) in self.points.iter().zip(states) {
-            let tangent = material.tangent(f, volumetric.pressure);
-            let tangent = if filtered { tangent.filtered() } else { tangent };
-            add_tangent(&tangent, &point.local, &point.gradients, point.volume, dense);
-        }
-        let groups = if self.averaged { 1 } else { self.points.len() };
-        let size = self.points.len() / groups;
-        for group in 0..groups {
-            let points = group * size..(group + 1) * size;
-            let stiffness = states[points.start].1.stiffness;
-            let stiffness = if filtered { stiffness.abs() } else { stiffness };
-            let (gradient, volume) = self.dilatation_gradient(material, points, states);
-            for i in 0..count {
-                let scaled = gradient[i] * (stiffness / volume);
-                for j in 0..=i {
-                    dense[i * (i + 1) / 2 + j] += scaled * gradient[j].transpose();
-                }
-            }
-        }
-    }
-}
-
-fn add_tangent<const M: usize>(
-    tangent: &Tangent,
-    local: &[u8; M],
-    gradients: &[Vector3<f64>; M],
-    volume: f64,
-    dense: &mut [Matrix3<f64>],
-) {
-    for a in 0..M {
-        for b in 0..M {
-            let (i, j) = (local[a] as usize, local[b] as usize);
-            if j <= i {
-                let block = tangent.block(&gradients[a], &gradients[b]);
-                dense[i * (i + 1) / 2 + j] += block * volume;
-            }
-        }
     }
 }
 
@@ -242,7 +143,7 @@ impl<const M: usize> Solid for Cells<M> {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Point3;
+    use nalgebra::{Matrix3, Point3};
 
     use super::*;
     use crate::{
