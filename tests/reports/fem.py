@@ -21,7 +21,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from fem_cases import MINI, SCENE, accuracy, closed_forms, mini, speed
+from fem_cases import MINI, SCENE, accuracy, closed_forms, mini, refinement, speed
 from fem_pages import markdown
 from fem_plots import figure
 
@@ -43,6 +43,7 @@ FULL = {
     },
     "mini": [["p1-bar", 3000], ["p2", 1500]],
     "speed": [1000, 3000, 10000],
+    "refinement": [[2, 2, 1], [3, 3, 2], [5, 5, 3]],
 }
 QUICK = {
     "poisson": [0.48],
@@ -50,6 +51,7 @@ QUICK = {
     "meshes": {"p1": [500], "p1-bar": [500, 1000], "p2": []},
     "mini": [["p1-bar", 1000]],
     "speed": [1000],
+    "refinement": [[2, 2, 1]],
 }
 
 
@@ -64,6 +66,8 @@ def cases(sizes: dict) -> dict:
             for element, nodes in sizes["mini"]:
                 name = f"mini {calibration}, friction {friction}, {element} {nodes}"
                 named[name] = (mini, calibration, friction, element, nodes)
+    for parts in sizes["refinement"]:
+        named[f"refinement {parts}"] = (refinement, tuple(parts))
     for poisson in sizes["poisson"]:
         named[f"accuracy {poisson}"] = (accuracy, poisson)
     return named

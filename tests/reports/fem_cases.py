@@ -60,16 +60,20 @@ def flat_pad(nodes: int, poisson: float) -> SoftBody:
     return SoftBody(pad.mesh, YOUNG, poisson, LAW, pad.fixed)
 
 
-def refined(mesh: ruffini.TetMesh) -> ruffini.TetMesh:
-    """The mesh of a flat pad with the cells within 3.7 mm of the contact cut into 4 × 4 × 2.
+FINEST = (4, 4, 2)
+"""Parts along x, y, z into which the truth's mesh cuts a cell of the common one."""
+
+
+def refined(mesh: ruffini.TetMesh, parts: tuple[int, int, int] = FINEST) -> ruffini.TetMesh:
+    """The mesh of a flat pad with the cells within 3.7 mm of the contact cut into `parts`.
 
     The vertices of the mesh are among the new ones: fields are carried to them without error.
     """
     axes = []
-    for places, parts in zip(mesh.vertices.T, (4, 4, 2), strict=True):
+    for places, count in zip(mesh.vertices.T, parts, strict=True):
         ends = np.unique(places)
         cells = itertools.pairwise(ends)
-        counts = [(a, b, parts if max(abs(a), abs(b)) < 3.7e-3 else 1) for a, b in cells]
+        counts = [(a, b, count if max(abs(a), abs(b)) < 3.7e-3 else 1) for a, b in cells]
         inner = [np.linspace(a, b, count, endpoint=False) for a, b, count in counts]
         axes.append(np.concatenate([*inner, ends[-1:]]))
     return box(*axes)
@@ -163,13 +167,27 @@ def accuracy(sizes: dict, poisson: float) -> dict:
 
 def finest(common: ruffini.TetMesh, poisson: float) -> tuple[Comparison, dict]:
     """Quadratic elements on the common mesh refined, in steps of 0.5 mm."""
-    mesh = refined(common)
+    body, kept, found = quadratic(common, poisson, FINEST)
+    return Comparison(common, body, kept), found
+
+
+def quadratic(
+    common: ruffini.TetMesh, poisson: float, parts: tuple[int, int, int]
+) -> tuple[SoftBody, dict, dict]:
+    """A body of cells cut into `parts`, its frames by depth, and their forces (N) and cost."""
+    mesh = refined(common, parts)
     base = np.flatnonzero(mesh.vertices[:, 2] <= mesh.vertices[:, 2].min())
     body = SoftBody(mesh, YOUNG, poisson, LAW, base)
     frames, cost = solved(body, "p2", 0.0, RADIUS, ball_path(RADIUS, depths(1e-3, 5e-4)))
     kept = dict(zip(CONVERGED, frames, strict=True))
     force = {depth: -frame.wrench[2] for depth, frame in kept.items()}
-    return Comparison(common, body, kept), cost | {"force": force}
+    return body, kept, cost | {"force": force}
+
+
+def refinement(sizes: dict, parts: tuple[int, int, int]) -> dict:
+    """Force of quadratic elements at a Poisson's ratio of 0.48 on a mesh of the truth's family."""
+    common = ruffini.sensor(FLAT, resolution=sizes["common"]).mesh
+    return {"parts": list(parts)} | quadratic(common, 0.48, parts)[2]
 
 
 def closed_forms(young: float, poisson: float) -> dict:
