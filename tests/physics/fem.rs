@@ -234,11 +234,8 @@ fn a_push_that_misses_the_body_is_named() {
     let press = Press::with_force(ball(), ball_at(0.0, -MM), 1.0, Vector3::z()).unwrap();
     let error = fem.solve_path(&press).pop().unwrap().unwrap_err();
     // It is followed for a metre, in strides that grow with the distance.
-    let named = |travel: &f64| (1.0..2.1).contains(travel);
-    assert!(
-        matches!(&error, Error::Unreachable { reached: 0.0, travel, .. } if named(travel)),
-        "{error}"
-    );
+    let Error::Unreachable { reached: 0.0, travel, .. } = error else { panic!("{error}") };
+    assert!((1.0..2.1).contains(&travel), "{travel} m");
 }
 
 #[test]
@@ -256,8 +253,9 @@ fn what_a_body_bears_of_a_force_that_is_too_much_is_told() {
     assert!(much > 1.0 && more > 1.0, "{much} N of 1e3 N, {more} N of 1e5 N");
     // Found to within a sixteenth, which the shape goes in by about as much less.
     assert!((more / much - 1.0).abs() < 0.2, "{much} N of 1e3 N, {more} N of 1e5 N");
+    // Over the gap and into the block, at most until the ball is under its face.
     for travel in [deep, deeper] {
-        assert!((2.0 * MM..5.0 * MM).contains(&travel), "{travel} m");
+        assert!((MM..9.0 * MM).contains(&travel), "{travel} m");
     }
 }
 

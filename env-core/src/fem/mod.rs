@@ -4,7 +4,8 @@
 //! ([`Element`]), frictional contact on the faces of the surface ([`crate::contact`]), Newton's
 //! method with a sparse Cholesky factorisation. What bends most is contact, and few nodes carry it:
 //! the body's stiffness is condensed to them, contact is solved for on that small system, and one
-//! factorisation serves for about a frame.
+//! factorisation serves for about a frame. Where many nodes carry it, a factor is kept likewise while
+//! contact changes.
 //!
 //! Precision. A frame is returned when the norm of the unbalanced force is at most
 //! [`Options::tolerance`]; for bodies stiffer than 1 MPa the tolerance grows in proportion. Shapes

@@ -1,7 +1,9 @@
 //! Equilibrium by Newton's method with a line search on the energy.
 //!
-//! A step is first tried with contact solved for on its own nodes ([`super::condensed`]). The rest is
-//! for where that leads nowhere, for contact that is too wide for it, and for pushes.
+//! A step is first tried with contact solved for on its own nodes ([`super::condensed`]). Where that
+//! leads nowhere, or contact is too wide for it, it is tried with the factor of an earlier step, put right
+//! by GMRES for the springs of contact that are missing in it. The rest is for where that leads nowhere
+//! either, and for pushes.
 //!
 //! The stiffness is used as it is where it is positive definite. Where it is not, its diagonal is
 //! raised step by step, and if that is not enough it is filtered element by element, which is safe
