@@ -1,11 +1,13 @@
-"""Draws the learning curves of several seeds.
+"""Draws the learning curves of several seeds, with touch and without in one picture.
 
 Use::
 
     python policies/plot_curves.py policies/runs/GraspLift-v0-ppo-*
+    python policies/plot_curves.py --name HoldStill-v0-ppo runs/hold-touch-* runs/hold-none-*
 
-Writes ``policies/results/<environment>-<algorithm>.png`` and, beside it, the JSON that it shows:
-each seed's curve and its success over the fixed evaluation seeds.
+Writes ``policies/results/<name>.png``, by default ``<environment>-<algorithm>``, and, beside it,
+the JSON that it shows: each seed's settings and curve, and its success over the fixed evaluation
+seeds under the settings that it was trained with.
 """
 
 from __future__ import annotations
@@ -25,39 +27,46 @@ from matplotlib import pyplot as plt
 
 RESULTS = Path(__file__).parent / "results"
 EPISODES = 200
+STYLES = ("-", "--", ":")
 
 
 def read(folder: Path) -> dict[str, Any]:
     """A run's settings, curve and evaluation."""
     about: dict[str, Any] = json.loads((folder / "run.json").read_text())
     curve = json.loads((folder / CHECKPOINT / "curve.json").read_text())
+    policy = TrainedPolicy(folder)
     return about | {
+        "tactile": about["environment"].get("tactile", "surrogate"),
         "curve": curve,
         "minutes": round(curve[-1]["seconds"] / 60, 2),
-        "evaluation": evaluate(TrainedPolicy(folder), about["env"], EPISODES),
+        "evaluation": evaluate(policy, about["env"], EPISODES, **about["environment"]),
     }
 
 
-def draw(runs: list[dict[str, Any]], yardstick: dict[str, Any], path: Path) -> None:
-    """Success against steps and against minutes, one line a seed."""
-    figure, (by_steps, by_minutes) = plt.subplots(1, 2, figsize=(9, 3.4), sharey=True)
+def draw(runs: list[dict[str, Any]], scripted: dict[str, dict[str, Any]], path: Path) -> None:
+    """Success and return against steps, one line a seed, one colour a model of touch."""
+    figure, (above, below) = plt.subplots(1, 2, figsize=(10, 3.6))
+    colours = {tactile: f"C{i}" for i, tactile in enumerate(scripted)}
     for run in runs:
-        curve = run["curve"]
-        success = [100 * point["success"] for point in curve]
-        label = f"seed {run['seed']}: {100 * run['evaluation']['success']:.1f} % at the end"
-        by_steps.plot([p["steps"] / 1e6 for p in curve], success, lw=1.4, label=label)
-        by_minutes.plot([p["seconds"] / 60 for p in curve], success, lw=1.4)
-    for axes, title in ((by_steps, "million environment steps"), (by_minutes, "minutes")):
-        axes.axhline(100 * yardstick["success"], color="0.4", ls="--", lw=1)
-        axes.axhline(90, color="0.7", ls=":", lw=1)
-        axes.set(xlabel=title, ylim=(-2, 103))
+        curve, evaluation = run["curve"], run["evaluation"]
+        label = f"{run['tactile']}, seed {run['seed']}: {100 * evaluation['success']:.1f} %, "
+        label += f"return {evaluation['return']:.1f}, {run['minutes']:.0f} min"
+        style = {"color": colours[run["tactile"]], "ls": STYLES[run["seed"] % 3], "lw": 1.3}
+        steps = [point["steps"] / 1e6 for point in curve]
+        above.plot(steps, [100 * point["success"] for point in curve], label=label, **style)
+        below.plot(steps, [point["return"] for point in curve], **style)
+    for tactile, told in scripted.items():
+        style = {"color": colours[tactile], "ls": (0, (1, 3)), "lw": 1}
+        above.axhline(100 * told["success"], **style)
+        below.axhline(told["return"], **style)
+    above.set(xlabel="million steps", ylabel="success in training (%)", ylim=(-2, 103))
+    below.set(xlabel="million steps", ylabel="return in training")
+    above.legend(fontsize=6)
+    for axes in (above, below):
         axes.grid(alpha=0.3)
-    by_steps.set_ylabel("success in training (%)")
-    by_steps.legend(loc="lower right", fontsize=8)
-    by_minutes.text(
-        0.45, 0.05, "dashed: scripted policy", transform=by_minutes.transAxes, fontsize=8
+    figure.suptitle(
+        f"{runs[0]['env']}, {runs[0]['algorithm'].upper()}; widely dotted: scripted", fontsize=9
     )
-    figure.suptitle(f"{runs[0]['env']}, {runs[0]['algorithm'].upper()}, {len(runs)} seeds")
     figure.tight_layout()
     figure.savefig(path, dpi=150)
 
@@ -66,20 +75,29 @@ def main() -> None:
     """Reads the runs, evaluates them, draws and writes."""
     parser = argparse.ArgumentParser(description="Draw learning curves.")
     parser.add_argument("runs", nargs="+", type=Path, help="folders of runs, one a seed")
+    parser.add_argument("--name", help="of the files that are written")
     arguments = parser.parse_args()
     missing = [str(folder) for folder in arguments.runs if not (folder / "run.json").is_file()]
     if missing:
         parser.error(f"no run in {', '.join(missing)}")
-    runs = sorted((read(folder) for folder in arguments.runs), key=lambda run: run["seed"])
-    yardstick = evaluate(load("scripted", runs[0]["env"]), runs[0]["env"], EPISODES)
+    runs = sorted(map(read, arguments.runs), key=lambda run: (run["tactile"], run["seed"]))
+    if len({run["env"] for run in runs}) > 1:
+        parser.error("expected runs of one environment")
+    settings = {run["tactile"]: run["environment"] for run in runs}
+    env_id = runs[0]["env"]
+    scripted = {
+        tactile: evaluate(load("scripted", env_id), env_id, EPISODES, **chosen)
+        for tactile, chosen in settings.items()
+    }
     RESULTS.mkdir(exist_ok=True)
-    name = f"{runs[0]['env'].split('/')[-1]}-{runs[0]['algorithm']}"
-    draw(runs, yardstick, RESULTS / f"{name}.png")
-    document = about_this_run() | {"scripted": yardstick, "runs": runs}
+    name = arguments.name or f"{env_id.split('/')[-1]}-{runs[0]['algorithm']}"
+    draw(runs, scripted, RESULTS / f"{name}.png")
+    document = about_this_run() | {"scripted": scripted, "runs": runs}
     (RESULTS / f"{name}.json").write_text(json.dumps(document, indent=1) + "\n")
     for run in runs:
         evaluation = run["evaluation"]
-        print(f"seed {run['seed']}: {evaluation['success']:.1%} {evaluation['interval']}", end="")
+        print(f"{run['tactile']}, seed {run['seed']}: {evaluation['success']:.1%} ", end="")
+        print(f"{evaluation['interval']}, return {evaluation['return']}", end="")
         print(f" after {run['minutes']} min")
 
 

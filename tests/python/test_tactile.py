@@ -142,6 +142,18 @@ def test_a_row_of_a_batch_equals_the_single_environment(mode, threads):
     assert np.any(rows["markers"])
 
 
+def test_a_quiet_hold_does_not_creep():
+    settings: dict[str, Any] = {"objects": "sphere", "load": 0.0, "shaking": 0.0}
+    env = gym.make("ruffini/HoldStill-v0", observation=["object", "markers"], **settings)
+    env.reset(seed=3)
+    still = np.array([0, 0, 0, 0, 0.4], np.float32)
+    seen = [env.step(still)[0] for _ in range(90)]
+    first, last = ({k: np.float64(v) for k, v in seen[i].items()} for i in (24, 89))
+    creep = np.linalg.norm(last["markers"] - first["markers"])
+    assert creep < 1e-5 * np.linalg.norm(first["markers"])
+    assert np.linalg.norm((last["object"] - first["object"])[:3]) < 1e-8
+
+
 def test_random_steps_never_yield_what_is_not_a_number():
     mode = AutoresetMode.SAME_STEP
     objects = ["sphere", "cuboid", "annulus", "cup"]

@@ -147,13 +147,6 @@ impl Press {
         Ok(self)
     }
 
-    /// This press, starting from rest.
-    #[must_use]
-    pub fn afresh(mut self) -> Self {
-        self.history = None;
-        self
-    }
-
     /// The last frame of this press alone, from rest; none if that is all that it asks.
     pub fn its_end(&self) -> Option<Self> {
         let Drive::Translation { path } = &self.drive else { return None };

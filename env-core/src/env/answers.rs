@@ -26,26 +26,49 @@ pub(super) fn answers(
     wanted: Wanted,
     pool: Option<&ThreadPool>,
 ) -> Vec<Answer> {
+    let ask = |_: &[usize], presses: &[Press]| each(model, presses, wanted);
+    within(pool, || retaken(presses, ask))
+}
+
+/// What each of the soft `objects` answers to its press, as [`answers`]; a row without its object is an
+/// error.
+pub(super) fn answers_of_objects(
+    objects: &[Option<&SoftObject>],
+    presses: &[Press],
+    pool: Option<&ThreadPool>,
+) -> Vec<Answer> {
+    let one = |(&row, press): (&usize, &Press)| {
+        let mut model = objects[row].ok_or(Error::Panicked)?.model().clone();
+        let solve = || model.solve(std::slice::from_ref(press)).pop();
+        catch_unwind(AssertUnwindSafe(solve)).ok().flatten().unwrap_or(Err(Error::Panicked))
+    };
+    let ask = |rows: &[usize], presses: &[Press]| rows.par_iter().zip(presses).map(one).collect();
+    within(pool, || retaken(presses, ask))
+}
+
+fn within<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
     match pool {
-        Some(pool) => pool.install(|| retaken(model, presses, wanted)),
-        None => retaken(model, presses, wanted),
+        Some(pool) => pool.install(work),
+        None => work(),
     }
 }
 
-/// The answers of [`each`], those that fail on their way from where they end.
-fn retaken(model: &mut Model, presses: &[Press], wanted: Wanted) -> Vec<Answer> {
+/// What `ask` says of the numbered presses; those that fail on their way are asked again from where they
+/// end.
+fn retaken(
+    presses: &[Press],
+    mut ask: impl FnMut(&[usize], &[Press]) -> Vec<Result<Deformation>>,
+) -> Vec<Answer> {
+    let all: Vec<_> = (0..presses.len()).collect();
     let plain = |found| Answer { found, retaken: None };
-    let mut answers: Vec<_> = each(model, presses, wanted).into_iter().map(plain).collect();
-    let failed = |(i, press): (usize, &Press)| {
+    let mut answers: Vec<_> = ask(&all, presses).into_iter().map(plain).collect();
+    let failed = |&i: &usize| {
         let kind = answers[i].found.as_ref().err()?.kind();
-        Some((i, kind, press.its_end()?))
+        Some((i, kind, presses[i].its_end()?))
     };
-    let failed: Vec<_> = presses.iter().enumerate().filter_map(failed).collect();
-    if failed.is_empty() {
-        return answers;
-    }
-    let ends: Vec<_> = failed.iter().map(|(_, _, end)| end.clone()).collect();
-    for ((i, kind, _), found) in failed.into_iter().zip(each(model, &ends, wanted)) {
+    let failed: Vec<_> = all.iter().filter_map(failed).collect();
+    let (rows, ends): (Vec<_>, Vec<_>) = failed.iter().map(|(i, _, end)| (*i, end.clone())).unzip();
+    for ((i, kind, _), found) in failed.into_iter().zip(ask(&rows, &ends)) {
         if found.is_ok() {
             answers[i] = Answer { found, retaken: Some(kind) };
         }
@@ -60,26 +83,6 @@ fn each(model: &mut Model, presses: &[Press], wanted: Wanted) -> Vec<Result<Defo
             |press| solve(std::slice::from_ref(press)).ok().and_then(|mut one| one.pop());
         presses.iter().map(|press| alone(press).unwrap_or(Err(Error::Panicked))).collect()
     })
-}
-
-/// What each of the soft `objects` answers to its press, as [`answers`]; a row without its object is an
-/// error.
-pub(super) fn answers_of_objects(
-    objects: &[Option<&SoftObject>],
-    presses: &[Press],
-    pool: Option<&ThreadPool>,
-) -> Vec<Answer> {
-    let one = |(object, press): (Option<&SoftObject>, &Press)| {
-        let mut model = object.ok_or(Error::Panicked)?.model().clone();
-        let solve = || model.solve(std::slice::from_ref(press)).pop();
-        catch_unwind(AssertUnwindSafe(solve)).ok().flatten().unwrap_or(Err(Error::Panicked))
-    };
-    let answer = |asked| Answer { found: one(asked), retaken: None };
-    let all = || objects.par_iter().copied().zip(presses).map(answer).collect();
-    match pool {
-        Some(pool) => pool.install(all),
-        None => all(),
-    }
 }
 
 #[cfg(test)]

@@ -158,17 +158,12 @@ fn add(wrench: &mut Wrench, place: &Point3<f64>, force: &Vector3<f64>) {
 }
 
 impl DeformationModel for SoftSurrogate {
-    /// Presses are solved in parallel, each on one thread; the frames before the last are not
-    /// corrected. One that cannot go on from its history begins anew.
+    /// Presses are solved in parallel, each on one thread; the frames before the last are not corrected.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
         let model = &*self.0;
         let last = |press: &Press| {
             let half = Grip::half_extents(press)?;
-            let last = |press: &Press| model.linear.path(press).pop().expect("a press has a frame");
-            let linear = match (last(press), press.history()) {
-                (Err(_), Some(_)) => last(&press.clone().afresh())?,
-                (answer, _) => answer?,
-            };
+            let linear = model.linear.path(press).pop().expect("a press has a frame")?;
             model.correct(press, &half, linear)
         };
         presses.par_iter().map(last).collect()

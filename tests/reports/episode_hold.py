@@ -1,0 +1,77 @@
+"""A quiet hold of 60 s: whether a model of touch lets what is held creep."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+STEPS = 1500
+"""Control steps of a hold (60 s)."""
+SETTLED = 25
+"""Control steps after which it counts as settled (1 s)."""
+GRIP = 0.4
+"""Grip force command, of the gripper's largest."""
+THINGS = ("sphere", "cuboid")
+CHANNELS = ("markers", "wrench")
+
+
+def hold(thing: str, model: str, nodes: int) -> dict[str, float]:
+    """What changes between the first second and the last of a hold without load or shaking.
+
+    Relative L2 for channels; for the object the way it went (m).
+    """
+    env = gymnasium.make(
+        "ruffini:ruffini/HoldStill-v0",
+        tactile=model,
+        objects=[thing],
+        resolution={"nodes": nodes},
+        observation=["proprio", "object", *CHANNELS],
+        max_episode_steps=STEPS + 1,
+        load=0.0,
+        shaking=0.0,
+        disable_env_checker=True,
+    )
+    env.reset(seed=3)
+    kept: dict[int, dict[str, Any]] = {}
+    for step in range(1, STEPS + 1):
+        observation, _, terminated, _, info = env.step(np.array([0, 0, 0, 0, GRIP], np.float32))
+        if step in (SETTLED, STEPS):
+            kept[step] = {key: np.array(value, float) for key, value in observation.items()}
+        if terminated:
+            raise RuntimeError(f"{thing} with {model} ended after {step} steps: {info}")
+    env.close()
+    first, last = kept[SETTLED], kept[STEPS]
+    change = {
+        channel: float(
+            np.linalg.norm(last[channel] - first[channel]) / np.linalg.norm(first[channel])
+        )
+        for channel in CHANNELS
+    }
+    return change | {"object": float(np.linalg.norm((last["object"] - first["object"])[:3]))}
+
+
+def holds(models: tuple[str, ...], nodes: int) -> dict[str, dict[str, dict[str, float]]]:
+    """The holds of all things, by model."""
+    return {thing: {model: hold(thing, model, nodes) for model in models} for thing in THINGS}
+
+
+def table(found: dict[str, dict[str, dict[str, float]]]) -> list[str]:
+    """The holds in a table."""
+    rows = [
+        f"| {thing} | {model} | {told['markers']:.1e} | {told['wrench']:.1e} "
+        f"| {1e6 * told['object']:.3f} |"
+        for thing, models in found.items()
+        for model, told in models.items()
+    ]
+    return [
+        "## A hold of 60 s",
+        "",
+        "Without load or shaking: what changed between the first second and the last, of channels "
+        "relative to their size.",
+        "",
+        "| object | model | markers | wrench | object (µm) |",
+        "| --- | --- | --- | --- | --- |",
+        *rows,
+    ]
