@@ -17,16 +17,18 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORTS = ROOT / "tests/reports"
+FOLDERS = (REPORTS, ROOT / "tests/reference")
 MARK = re.compile(
     r"(?P<number>-?[\d,]*\.?\d+)(?P<unit> ?[%\w]+)?\**<!-- (?P<report>\w+): (?P<way>.+?) -->"
 )
-PAGES = ("dataset", "stability", "pareto", "scene_cost")
+PAGES = ("dataset", "fem", "stability", "pareto", "scene_cost")
 sys.path.append(str(REPORTS))
 
 
 def value(report: str, way: str) -> float:
     """The number at the end of a way into a report."""
-    found = json.loads((REPORTS / f"{report}.json").read_text())
+    files = [folder / f"{report}.json" for folder in FOLDERS]
+    found = json.loads(next(file for file in files if file.exists()).read_text())
     for step in way.split(" / "):
         found = found[int(step)] if isinstance(found, list) else found[step]
     assert isinstance(found, (int, float)), f"{report}: {way} is {found}"
