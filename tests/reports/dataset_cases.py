@@ -10,7 +10,7 @@ import numpy as np
 from fem_cases import difference, volumes
 
 import ruffini
-from ruffini import Fem, Grasp, PressError, SoftBody, Transfer, _distributions, dataset
+from ruffini import Fem, Grasp, PressError, SoftBody, _distributions, dataset
 from ruffini._frames import Frame
 
 OPEN = 2e-5
@@ -52,8 +52,7 @@ class Again:
         cpu = time.process_time() - begun
         if isinstance(frames[-1], PressError):
             raise frames[-1]
-        transfer = Transfer(pad.mesh, self.common)
-        fields = [carried(frame.pads, transfer) for frame in frames[1:]]
+        fields = [carried(frame.pads, fem, self.common) for frame in frames[1:]]
         return fields, {"vertices": len(pad.mesh.vertices), "cpu": cpu / len(fields)}
 
 
@@ -71,12 +70,13 @@ def opened(frame: Frame) -> tuple:
     return (first - back, turn), (second + back, other)
 
 
-def carried(pads: tuple, transfer: Transfer) -> dict:
+def carried(pads: tuple, fem: Fem, mesh: ruffini.TetMesh) -> dict:
     """Force (2,), displacement (2 V, 3) and stress (2 T,) of both pads on the common mesh."""
+    moved, stress = zip(*(fem.carry(pad.history, mesh) for pad in pads), strict=True)
     return {
         "force": np.array([-pad.wrench[2] for pad in pads]),
-        "u": np.concatenate([transfer.interpolate(pad.displacement) for pad in pads]),
-        "sigma": np.concatenate([transfer.average(pad.von_mises) for pad in pads]),
+        "u": np.concatenate(moved),
+        "sigma": np.concatenate(stress),
     }
 
 
