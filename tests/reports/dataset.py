@@ -5,7 +5,8 @@
     python tests/reports/dataset.py --data F   what the finished datasets F hold, besides
 
 Time and disk by mesh and number of threads; how far the truth of real grasps is from a finer mesh;
-share and reasons of unsolved grasps, worst imbalance and distributions of every dataset given.
+what kills change; share and reasons of unsolved grasps, worst imbalance and distributions of every
+dataset given.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from pathlib import Path
 
 os.environ["RAYON_NUM_THREADS"] = "1"
 
-from dataset_cases import Again, contents, cost, errors
+from dataset_cases import Again, contents, cost, disturbed, errors
 from dataset_pages import markdown
 from dataset_plots import figure
 from kept import KEPT, Rows, arguments, folder, header
@@ -33,14 +34,16 @@ SIZES = {
     "full": {
         "cost": {"objects": 4, "grasps": 1, "frames": 5, "force": [2.0, 80.0]},
         "runs": [[900, 400, 2], *([2000, 1000, n] for n in (1, 2, 4))],
-        "again": {"objects": 4, "grasps": 1, "frames": 10, "force": [2.0, 80.0]},
-        "every": 5,
-        "rungs": [["p1-bar", 900], ["p1-bar", 2000], ["p1-bar", 5000], ["p2", 900]],
-        "finest": ["p2", 2000],
+        "kills": 20,
+        "again": {"objects": 6, "grasps": 1, "frames": 6, "force": [2.0, 80.0]},
+        "every": 3,
+        "rungs": [["p1-bar", 1000], ["p1-bar", 2000], ["p1-bar", 5000], ["p2", 1000]],
+        "finest": ["p2", 2500],
     },
     "quick": {
         "cost": {"objects": 2, "grasps": 1, "frames": 2},
         "runs": [[500, 300, 1], [500, 300, 2]],
+        "kills": 2,
         "again": {"objects": 2, "grasps": 1, "frames": 2},
         "every": 1,
         "rungs": [["p1-bar", 500]],
@@ -57,6 +60,13 @@ def costs(rows: Rows, sizes: dict) -> None:
             found = cost(truth, model, "p1-bar", threads, sizes["cost"])
             rows.add({"key": key, "truth": truth, "model": model, "threads": threads} | found)
             print(key, flush=True)
+
+
+def kills(rows: Rows, sizes: dict) -> None:
+    """Adds what kills and a second run change."""
+    if "kills" not in rows:
+        rows.add({"key": "kills"} | disturbed(sizes["kills"]))
+        print("kills", flush=True)
 
 
 def truths(rows: Rows, sizes: dict, kept: Path) -> None:
@@ -115,6 +125,7 @@ def main() -> None:
     head = header(MADE_OF, SIZES[form])
     rows = Rows(KEPT / f"dataset-{form}.jsonl", head)
     costs(rows, SIZES[form])
+    kills(rows, SIZES[form])
     truths(rows, SIZES[form], KEPT / f"dataset-{form}-{head['commit']}")
     held = {path.resolve().name: contents(dataset.open(path)) for path in options.data}
     report = head | {"note": options.note, "rows": list(rows), "datasets": held}
