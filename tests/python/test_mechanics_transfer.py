@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bodies import block
+from bodies import BALL, ball_at, block, gel
 
 import ruffini
-from ruffini import Transfer
+from ruffini import Fem, Press, Transfer
 
 FINE, COARSE = block(6), block(2)
 
@@ -46,6 +46,30 @@ def test_averages_keep_the_mean():
     # The 35 points of each tetrahedron share its volume to about 1 %; the field varies by 70 %.
     assert abs(means[1] / means[0] - 1) < 0.01, means
     assert np.allclose(Transfer(FINE, COARSE).average(np.full(len(FINE.tets), 2.5)), 2.5)
+
+
+@pytest.mark.parametrize("element", ["p1-bar", "p2"])
+def test_an_answer_is_carried_as_its_element_knows_it(element):
+    fem = Fem(gel(4), element=element)
+    (answer,) = fem.solve(Press(BALL, [ball_at(0.0, 4e-4)]))
+    target = block(3)
+    moved, stress = fem.carry(answer.history, target)
+    straight = Transfer(fem.body.mesh, target)
+    bent = np.abs(moved - straight.interpolate(answer.displacement)).max()
+    varied = np.abs(stress - straight.average(answer.von_mises)).max()
+    if element == "p2":
+        # A hundredth of the depth, and of a stress of some ten kPa.
+        assert bent > 4e-6 and varied > 100, (bent, varied)
+    else:
+        assert (bent, varied) == (0, 0)
+    own, _ = fem.carry(answer.history, fem.body.mesh)
+    assert np.allclose(own, answer.displacement, rtol=0, atol=1e-15)
+
+
+def test_a_history_of_another_model_is_not_carried():
+    (answer,) = Fem(gel(2)).solve(Press(BALL, [ball_at(0.0, 4e-4)]))
+    with pytest.raises(ValueError, match=r"history: found \d+, expected .* nodes"):
+        Fem(gel(3)).carry(answer.history, block(2))
 
 
 def test_what_does_not_fit_is_refused():

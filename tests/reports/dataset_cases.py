@@ -1,7 +1,11 @@
-"""What the dataset's report measures: cost by mesh and threads, the truth's own error, contents."""
+"""What the dataset's report measures: cost, what kills change, the truth's own error, contents."""
 
 from __future__ import annotations
 
+import hashlib
+import random
+import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -10,8 +14,11 @@ import numpy as np
 from fem_cases import difference, volumes
 
 import ruffini
-from ruffini import Fem, Grasp, PressError, SoftBody, Transfer, _distributions, dataset
+from ruffini import Fem, Grasp, PressError, SoftBody, _distributions, dataset
 from ruffini._frames import Frame
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "python"))
+from test_dataset_kills import MAKE, killed_and_resumed
 
 OPEN = 2e-5
 """How far open a grasp that is solved again begins (m): pads of another mesh touch elsewhere."""
@@ -27,6 +34,27 @@ def cost(truth: int, model: int, element: str, threads: int, counts: dict) -> di
         size = sum(path.stat().st_size for path in Path(folder).glob("shards/*"))
     found = {"frames": len(data), "unsolved": len(data.manifest["unsolved"])}
     return found | {"wall": wall, "cpu": cpu, "bytes": size}
+
+
+def disturbed(kills: int) -> dict:
+    """Whether a small generation ends with the same bytes when made twice, and when killed."""
+    with tempfile.TemporaryDirectory() as root:
+        once, twice, killed = (Path(root, name) for name in ("once", "twice", "killed"))
+        times = []
+        for folder in (once, twice):
+            begun = time.monotonic()
+            subprocess.run([*MAKE, str(folder)], check=True)
+            times.append(time.monotonic() - begun)
+        killed_and_resumed(killed, kills, min(times), random.Random(kills))
+        whole, again, resumed = map(hashes, (once, twice, killed))
+    return {"kills": kills, "files": len(whole), "twice": again == whole, "same": resumed == whole}
+
+
+def hashes(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file by its path within the folder."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    read = {str(path.relative_to(folder)): path.read_bytes() for path in files}
+    return {name: hashlib.sha256(data).hexdigest() for name, data in read.items()}
 
 
 class Again:
@@ -52,8 +80,7 @@ class Again:
         cpu = time.process_time() - begun
         if isinstance(frames[-1], PressError):
             raise frames[-1]
-        transfer = Transfer(pad.mesh, self.common)
-        fields = [carried(frame.pads, transfer) for frame in frames[1:]]
+        fields = [carried(frame.pads, fem, self.common) for frame in frames[1:]]
         return fields, {"vertices": len(pad.mesh.vertices), "cpu": cpu / len(fields)}
 
 
@@ -71,12 +98,13 @@ def opened(frame: Frame) -> tuple:
     return (first - back, turn), (second + back, other)
 
 
-def carried(pads: tuple, transfer: Transfer) -> dict:
+def carried(pads: tuple, fem: Fem, mesh: ruffini.TetMesh) -> dict:
     """Force (2,), displacement (2 V, 3) and stress (2 T,) of both pads on the common mesh."""
+    moved, stress = zip(*(fem.carry(pad.history, mesh) for pad in pads), strict=True)
     return {
         "force": np.array([-pad.wrench[2] for pad in pads]),
-        "u": np.concatenate([transfer.interpolate(pad.displacement) for pad in pads]),
-        "sigma": np.concatenate([transfer.average(pad.von_mises) for pad in pads]),
+        "u": np.concatenate(moved),
+        "sigma": np.concatenate(stress),
     }
 
 

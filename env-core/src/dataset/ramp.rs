@@ -44,8 +44,12 @@ pub(super) struct Frame {
 const EXPONENT: f64 = 1.9;
 /// Force above which an object is held (N): a free one may lie against a pad with none.
 const HELD: f64 = 1e-4;
-/// Closing of the first frame, shortest stride, and longest, over the depth.
-const STRIDES: [f64; 3] = [0.03, 0.001, 0.1];
+/// Closing of the first frame and shortest stride, over the depth.
+const STRIDES: [f64; 2] = [0.03, 0.001];
+/// Longest stride, over the depth, where many frames lead there; few share it out with some to spare.
+const LONGEST: f64 = 0.1;
+/// How often the longest strides of all frames go through the depth, at least.
+const SPARE: f64 = 1.5;
 /// Pads start this far open (m).
 const OPEN: f64 = 0.005;
 /// Distance at which a pad counts as touching (m).
@@ -113,7 +117,9 @@ impl Ramp {
 
     /// How much farther to close from `closing` at `force` for a force of `wanted` (N).
     fn stride(&self, closing: f64, force: f64, wanted: f64) -> f64 {
-        let [first, shortest, longest] = STRIDES.map(|share| share * self.depth);
+        let longest = LONGEST.max(SPARE / self.frames as f64);
+        let [first, shortest, longest] =
+            [STRIDES[0], STRIDES[1], longest].map(|share| share * self.depth);
         let predicted = if force > HELD {
             closing * ((wanted / force).powf(1.0 / EXPONENT) - 1.0)
         } else {
@@ -169,4 +175,32 @@ pub(super) fn touching(
         }
     }
     Ok(pads)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Closings and forces of a grasp that stiffens as 40 N at half a thickness of 4 mm.
+    fn climbed(frames: usize, target: f64) -> Vec<(f64, f64)> {
+        let close = |closing: f64| {
+            let force = 40.0 * (closing / 0.002).powf(EXPONENT);
+            Ok((force, (closing, force)))
+        };
+        let (frames, error) = Ramp { frames, depth: 0.002 }.climb(target, close);
+        assert!(error.is_none(), "{error:?}");
+        frames
+    }
+
+    #[test]
+    fn few_frames_and_many_reach_the_depth_or_the_force() {
+        for frames in [3, 5, 10, 50] {
+            let &(closing, _) = climbed(frames, 1000.0).last().unwrap();
+            assert!(closing > 0.002 - 1e-12, "{frames} frames close by {closing} m of 0.002 m");
+            for target in [2.0, 10.0, 30.0] {
+                let &(_, force) = climbed(frames, target).last().unwrap();
+                assert!(force > 0.99 * target, "{frames} frames reach {force} N of {target} N");
+            }
+        }
+    }
 }

@@ -16,7 +16,8 @@ use super::{
 };
 use crate::{
     deformation::{Deformation, Wrench},
-    geometry::{TetMesh, Transfer},
+    fem::Carrier,
+    geometry::TetMesh,
 };
 
 /// What a shard says of a grasp besides its tensors.
@@ -51,7 +52,7 @@ impl Shard {
 }
 
 /// The tensors of a grasp by two pads; fields are carried from the truth mesh to the model mesh.
-pub(super) fn of_pads(frames: &[Frame], transfer: &Transfer) -> Named {
+pub(super) fn of_pads(frames: &[Frame], carrier: &Carrier) -> Named {
     let count = frames.len();
     let number = |field: fn(&Frame) -> f64| Tensor::double(frames.iter().map(field), &[count]);
     let object = frames.iter().flat_map(|f| pose(&f.grasped.object));
@@ -65,7 +66,7 @@ pub(super) fn of_pads(frames: &[Frame], transfer: &Transfer) -> Named {
         let bodies: Vec<_> = frames.iter().map(|f| &f.grasped.pads[side]).collect();
         let pressed = bodies.iter().flat_map(|pad| pose(&pad.poses[0]));
         let placed = frames.iter().flat_map(|f| pose(&f.pads[side]));
-        let mut own = of_bodies(&bodies, transfer);
+        let mut own = of_bodies(&bodies, carrier);
         own.push(("press", Tensor::double(pressed, &[count, 7])));
         own.push(("pose", Tensor::double(placed, &[count, 7])));
         own.push(("wrench", wrenches(bodies.iter().map(|pad| &pad.wrench))));
@@ -75,22 +76,19 @@ pub(super) fn of_pads(frames: &[Frame], transfer: &Transfer) -> Named {
 }
 
 /// Fields, contact history and convergence of a soft body, frame by frame.
-pub(super) fn of_bodies(
-    frames: &[&Deformation],
-    transfer: &Transfer,
-) -> Vec<(&'static str, Tensor)> {
+pub(super) fn of_bodies(frames: &[&Deformation], carrier: &Carrier) -> Vec<(&'static str, Tensor)> {
     let count = frames.len();
-    let displacement: Vec<_> =
-        frames.iter().flat_map(|f| transfer.interpolate(&f.displacement)).collect();
-    let force: Vec<_> = frames.iter().flat_map(|f| transfer.spread(&f.contact_force)).collect();
-    let stress: Vec<_> = frames.iter().flat_map(|f| transfer.average(&f.von_mises)).collect();
+    let carried: Vec<_> = frames.iter().map(|f| carrier.fields(&f.history.displacement)).collect();
+    let displacement: Vec<_> = carried.iter().flat_map(|c| &c.displacement).collect();
+    let force: Vec<_> = frames.iter().flat_map(|f| carrier.spread(&f.contact_force)).collect();
+    let stress: Vec<_> = carried.iter().flat_map(|c| c.von_mises.iter().copied()).collect();
     let rows = |all: usize| all / count.max(1);
     let (nodes, tets) = (rows(force.len()), rows(stress.len()));
     let anchors: Vec<_> = frames.iter().flat_map(|f| &f.history.anchors).collect();
     let each = frames.iter().map(|f| f.history.anchors.len());
     let total = anchors.len();
     vec![
-        ("displacement", Tensor::single(flat(&displacement), &[count, nodes, 3])),
+        ("displacement", Tensor::single(flat(displacement), &[count, nodes, 3])),
         ("contact_force", Tensor::single(flat(&force), &[count, nodes, 3])),
         ("von_mises", Tensor::single(stress, &[count, tets])),
         ("iterations", Tensor::counts(frames.iter().map(|f| f.iterations), &[count])),
@@ -108,8 +106,8 @@ pub(super) fn wrenches<'a>(all: impl ExactSizeIterator<Item = &'a Wrench>) -> Te
     Tensor::double(all.flat_map(|w| flat(&[w.force, w.torque])), &[count, 6])
 }
 
-fn flat(vectors: &[Vector3<f64>]) -> Vec<f64> {
-    vectors.iter().flat_map(|v| [v.x, v.y, v.z]).collect()
+fn flat<'a>(vectors: impl IntoIterator<Item = &'a Vector3<f64>>) -> Vec<f64> {
+    vectors.into_iter().flat_map(|v| [v.x, v.y, v.z]).collect()
 }
 
 fn place(point: &Point3<f64>) -> [f64; 3] {

@@ -13,17 +13,12 @@ use super::{
     tensor::write_whole,
     weight::Weight,
 };
-use crate::{
-    Result,
-    geometry::{TetMesh, Transfer},
-    objects::Object,
-    sensor::Sensor,
-};
+use crate::{Result, fem::Carrier, geometry::TetMesh, objects::Object, sensor::Sensor};
 
 /// What is soft.
 pub(super) enum Setup {
     /// The pads of every gel.
-    Pads(Vec<(Pads, Transfer)>),
+    Pads(Vec<(Pads, Carrier)>),
     /// The objects by name.
     Soft(BTreeMap<String, Meshes>),
 }
@@ -32,7 +27,6 @@ pub(super) enum Setup {
 pub(super) struct Meshes {
     truth: TetMesh,
     model: TetMesh,
-    transfer: Transfer,
     /// Contact points of the truth.
     points: usize,
 }
@@ -46,17 +40,16 @@ impl Setup {
         };
         let pads = |(number, gel): (usize, &Gel)| {
             let pads = gel.pads(config)?;
-            let transfer = Transfer::new(pads.truth.body().mesh(), &pads.model.mesh)?;
+            let carrier = Carrier::new(&pads.truth, &pads.model.mesh)?;
             keep(&number.to_string(), &|| pads.mesh_file())?;
-            Ok((pads, transfer))
+            Ok((pads, carrier))
         };
         let soft = |object: &&Object| {
             let truth = object.tets_within(config.truth_nodes)?;
             let model = object.tets_within(config.model_nodes)?;
-            let transfer = Transfer::new(&truth, &model)?;
             let points = config.gels[0].object(truth.clone(), config)?.contact_points();
             keep(&object.name, &|| mesh_file(&model, &[], &points))?;
-            let meshes = Meshes { truth, model, transfer, points: points.len() };
+            let meshes = Meshes { truth, model, points: points.len() };
             Ok((object.name.clone(), meshes))
         };
         Ok(match config.scenario {
@@ -72,13 +65,13 @@ impl Setup {
         let ramp = |length: f64| Ramp { frames: config.frames, depth: config.depth * length };
         let (frames, tensors, error) = match self {
             Self::Pads(gels) => {
-                let (pads, transfer) = &gels[plan.gel];
+                let (pads, carrier) = &gels[plan.gel];
                 let weight =
                     Weight::new(object, config.density, &plan.tool, &config.gels[plan.gel]);
                 let shape = object.shape.clone().validated()?;
                 let ramp = ramp(pads.sensor.outline.thickness);
                 let (frames, error) = ramp.solve(plan, &shape, &weight, &pads.truth);
-                let mut tensors = of_pads(&frames, transfer);
+                let mut tensors = of_pads(&frames, carrier);
                 if config.density > 0.0 {
                     tensors.push(("load".to_owned(), wrenches(frames.iter().map(|f| &f.load))));
                 }
@@ -90,7 +83,8 @@ impl Setup {
                 let outline = Sensor::named(&gel.sensor)?.outline;
                 let squeeze = Squeeze { object: &object, outline, ramp: ramp(0.5 * plan.width) };
                 let (frames, error) = squeeze.solve(plan);
-                (frames.len(), of_squeeze(&frames, &meshes.transfer), error)
+                let carrier = Carrier::new(&object, &meshes.model)?;
+                (frames.len(), of_squeeze(&frames, &carrier), error)
             }
         };
         let error = error.map(|error| error.to_string());

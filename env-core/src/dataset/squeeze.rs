@@ -15,8 +15,8 @@ use super::{
 use crate::{
     Error, Result,
     deformation::{Deformation, History, Press, Wrench},
-    fem::Fem,
-    geometry::{PadOutline, RigidFit, Shape, Transfer},
+    fem::{Carrier, Fem},
+    geometry::{PadOutline, RigidFit, Shape},
 };
 
 /// A solved frame of a squeeze. Poses are in the object's frame of the start.
@@ -122,7 +122,7 @@ fn shares(
 
 /// The tensors of a squeeze; those of the object go on with `body.`, those of the fingers with
 /// `first.` or `second.`.
-pub(super) fn of_squeeze(frames: &[Squeezed], transfer: &Transfer) -> Named {
+pub(super) fn of_squeeze(frames: &[Squeezed], carrier: &Carrier) -> Named {
     let count = frames.len();
     let number = |field: fn(&Squeezed) -> f64| Tensor::double(frames.iter().map(field), &[count]);
     let motion = frames.iter().flat_map(|f| pose(&f.motion.motion));
@@ -139,7 +139,7 @@ pub(super) fn of_squeeze(frames: &[Squeezed], transfer: &Transfer) -> Named {
         tensors.push((format!("{name}.wrench"), wrenches(all)));
     }
     let bodies: Vec<_> = frames.iter().map(|f| &f.body).collect();
-    let own = of_bodies(&bodies, transfer).into_iter();
+    let own = of_bodies(&bodies, carrier).into_iter();
     tensors.extend(own.map(|(what, tensor)| (format!("body.{what}"), tensor)));
     tensors
 }

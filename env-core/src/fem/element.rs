@@ -154,11 +154,19 @@ const FOUR_POINTS: [[f64; 4]; 4] = {
     [[A, B, B, B], [B, A, B, B], [B, B, A, B], [B, B, B, A]]
 };
 
-/// Quadratic tetrahedra: corners first, then the middles of the edges in the order of [`EDGES`].
-pub(super) fn quadratic_cells(mesh: &TetMesh, nodes: &Nodes) -> Vec<Cell<10>> {
-    let cell = |tet: u32| {
-        let ends = mesh.tets[tet as usize];
+/// Nodes of the quadratic tetrahedra (T): corners first, then the middles of the edges in the order
+/// of [`EDGES`].
+pub(super) fn quadratic_nodes(mesh: &TetMesh, nodes: &Nodes) -> Vec<[u32; 10]> {
+    let of = |ends: &[u32; 4]| {
         let middles = EDGES.map(|[a, b]| nodes.middle(ends[a], ends[b]));
+        std::array::from_fn(|i| if i < 4 { ends[i] } else { middles[i - 4] })
+    };
+    mesh.tets.iter().map(of).collect()
+}
+
+/// Quadratic tetrahedra.
+pub(super) fn quadratic_cells(mesh: &TetMesh, nodes: &Nodes) -> Vec<Cell<10>> {
+    let cell = |(tet, nodes): (u32, [u32; 10])| {
         let (gradients, volume) = barycentric(corners(mesh, tet));
         let points = FOUR_POINTS.map(|l| EnergyPoint {
             tet,
@@ -166,13 +174,24 @@ pub(super) fn quadratic_cells(mesh: &TetMesh, nodes: &Nodes) -> Vec<Cell<10>> {
             gradients: quadratic_gradients(&l, &gradients),
             volume: volume / 4.0,
         });
-        let nodes = ends.into_iter().chain(middles).collect();
-        Cell { nodes, points: points.to_vec(), averaged: false }
+        Cell { nodes: nodes.to_vec(), points: points.to_vec(), averaged: false }
     };
-    (0..mesh.tets.len() as u32).map(cell).collect()
+    (0..).zip(quadratic_nodes(mesh, nodes)).map(cell).collect()
 }
 
-/// Gradients of L(2L − 1) at the corners and 4 L L′ at the middles.
+/// L(2L − 1) at the corners and 4 L L′ at the middles.
+pub(super) fn quadratic_shares(l: &[f64; 4]) -> [f64; 10] {
+    std::array::from_fn(|i| {
+        if let 0..4 = i {
+            l[i] * (2.0 * l[i] - 1.0)
+        } else {
+            let [a, b] = EDGES[i - 4];
+            4.0 * l[a] * l[b]
+        }
+    })
+}
+
+/// Gradients of [`quadratic_shares`].
 pub(super) fn quadratic_gradients(l: &[f64; 4], g: &[Vector3<f64>; 4]) -> [Vector3<f64>; 10] {
     std::array::from_fn(|i| {
         if let 0..4 = i {

@@ -16,6 +16,7 @@
 //! down to 1/128 of the widest face; a shape that would need more is refused.
 
 mod attempt;
+mod carry;
 mod cell;
 mod condensed;
 mod dense;
@@ -57,12 +58,14 @@ use crate::geometry::Shape;
 use crate::{
     Error, Result,
     contact::ContactLaw,
-    deformation::{Deformation, DeformationModel, Press, SoftBody},
+    deformation::{Deformation, DeformationModel, History, Press, SoftBody},
+    geometry::TetMesh,
 };
 
 use drive::Run;
 use system::System;
 
+pub use carry::{Carried, Carrier};
 pub use element::Element;
 pub(crate) use gmres::{Found, gmres};
 pub use grasp::{Grasp, Grasped, Hold};
@@ -133,6 +136,14 @@ impl Fem {
     pub fn size(&self) -> (usize, usize) {
         let (pattern, _) = self.system.whole_pattern();
         (pattern.size(), pattern.fill())
+    }
+
+    /// The fields of an answer with this `history` on another mesh of the body; an error if it is of
+    /// another model or the mesh of another body.
+    pub fn carry(&self, history: &History, to: &TetMesh) -> Result<Carried> {
+        // A press of something thin has contact points of its own: any number will do.
+        history.check(self.system.nodes.places.len(), usize::MAX)?;
+        Ok(Carrier::new(self, to)?.fields(&history.displacement))
     }
 
     /// Every frame of `press`, in order; the first that is not solved is an error and the last.

@@ -28,7 +28,7 @@ pub(super) struct System {
     pub(super) solid: Arc<dyn Solid>,
     /// The pattern with contact anywhere, once it was asked for.
     whole: Arc<OnceLock<(Arc<Pattern>, Arc<Layout>)>>,
-    element: Element,
+    pub(super) element: Element,
     pub(super) surface: Arc<[SurfacePoint]>,
     /// The least spacing to which contact points can be laid (m).
     least_spacing: f64,

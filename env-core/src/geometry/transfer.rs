@@ -12,7 +12,7 @@ use super::TetMesh;
 use crate::{Error, Result};
 
 /// A point in a tetrahedron: its number and the barycentric coordinates.
-type Site = (u32, [f64; 4]);
+pub(crate) type Site = (u32, [f64; 4]);
 
 /// How fields on one mesh (V vertices, T tetrahedra) become fields on another (V′, T′).
 #[derive(Clone, Debug, PartialEq)]
@@ -39,12 +39,14 @@ impl Transfer {
         let [source, target] = [from, to].map(Locator::new);
         let sites = to.vertices.iter().map(|p| source.site(p)).collect::<Result<_>>()?;
         let homes = from.vertices.iter().map(|p| target.site(p)).collect::<Result<_>>()?;
-        let part = |corners: [Point3<f64>; 4]| {
-            let sites = samples(&corners).into_iter().map(|p| Ok(source.site(&p)?.0));
-            sites.collect::<Result<_>>()
-        };
-        let parts = (0..to.tets.len()).map(|t| part(to.corners(t))).collect::<Result<_>>()?;
+        let tets_of = |sites: Vec<Site>| sites.into_iter().map(|(tet, _)| tet).collect();
+        let parts = sampled(&source, to).map(|sites| sites.map(tets_of)).collect::<Result<_>>()?;
         Ok(Self { tets: [from.tets.clone(), to.tets.clone()], sites, homes, parts })
+    }
+
+    /// Where the target's vertices lie in the source (V′).
+    pub(crate) fn sites(&self) -> &[Site] {
+        &self.sites
     }
 
     /// A nodal field (V) interpolated at the target's vertices (V′).
@@ -83,8 +85,19 @@ impl Transfer {
     }
 }
 
+/// Where points that stand for equal volumes of each tetrahedron of a mesh `to` lie in the mesh
+/// `from` of the same body (T′).
+pub(crate) fn samples(from: &TetMesh, to: &TetMesh) -> Result<Vec<Vec<Site>>> {
+    sampled(&Locator::new(from), to).collect()
+}
+
+fn sampled(source: &Locator, to: &TetMesh) -> impl Iterator<Item = Result<Vec<Site>>> {
+    let sites = |t: usize| points(&to.corners(t)).iter().map(|p| source.site(p)).collect();
+    (0..to.tets.len()).map(sites)
+}
+
 /// Points that stand for equal volumes of a tetrahedron.
-fn samples(corners: &[Point3<f64>; 4]) -> Vec<Point3<f64>> {
+fn points(corners: &[Point3<f64>; 4]) -> Vec<Point3<f64>> {
     let mut points = Vec::new();
     for i in 0..SAMPLES {
         for j in 0..SAMPLES - i {

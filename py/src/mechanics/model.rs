@@ -5,6 +5,7 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
+use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use ruffini_core::{
     Error, Result, compliance,
@@ -12,7 +13,10 @@ use ruffini_core::{
     fem,
 };
 
-use super::{Deformation, Press, SoftBody, pool::pool, press::one_or_many};
+use super::{
+    Deformation, History, Press, SoftBody, TetMesh, arrays::array_of_vectors, pool::pool,
+    press::one_or_many,
+};
 use crate::error::{press_error, python_error};
 
 /// Quasi-static finite elements: a soft body in equilibrium with the rigid shapes that press it.
@@ -81,6 +85,31 @@ impl Fem {
     ///     ends early with a PressError at the first frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
         solve_path(py, &self.model, press)
+    }
+
+    /// The fields of an answer on another mesh of the body (V' vertices, T' tetrahedra), as exactly
+    /// as the element knows them: a quadratic one bends between its nodes.
+    ///
+    /// Args:
+    ///     history: The history of an answer of this model.
+    ///     target: The undeformed mesh that they are carried to.
+    ///
+    /// Returns:
+    ///     Displacement of its vertices (V', 3) in m, and the volume average of the von Mises stress
+    ///     over its tetrahedra (T',) in Pa.
+    ///
+    /// Raises:
+    ///     ValueError: If the history is of another model, or the mesh of another body.
+    fn carry<'py>(
+        &self,
+        py: Python<'py>,
+        history: &History,
+        target: &TetMesh,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)> {
+        let model = self.copy();
+        let carried = py.detach(|| model.carry(&history.inner, &target.inner));
+        let fem::Carried { displacement, von_mises } = carried.map_err(python_error)?;
+        Ok((array_of_vectors(py, &displacement), PyArray1::from_vec(py, von_mises)))
     }
 }
 
