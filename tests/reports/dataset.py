@@ -36,7 +36,7 @@ JOBS = 2
 SIZES = {
     "full": {
         "cost": {"objects": 4, "grasps": 1, "frames": 5, "force": [2.0, 80.0]},
-        "runs": [[900, 400, 2], *([2000, 1000, n] for n in (1, 2, 4))],
+        "runs": [[900, 400, 2], *([2000, 1000, n] for n in (1, 2))],
         "kills": 20,
         "judged": 6,
         "every": 5,

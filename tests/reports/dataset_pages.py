@@ -19,9 +19,7 @@ def markdown(report: dict) -> str:
         cost_table(report),
         "![cost and error](dataset.svg)",
         about_kills(report),
-        "## How far the truth is from a finer mesh",
-        about_truth(report),
-        truth_table(report),
+        *judged(report),
         *(held(name, found) for name, found in report["datasets"].items()),
         made(report | {"sizes": {"finest": " ".join(map(str, report["sizes"]["finest"]))}}),
     ]
@@ -85,6 +83,14 @@ def rungs(report: dict) -> dict[tuple[str, int], list[dict]]:
         if row["key"].startswith("truth"):
             found.setdefault((row["element"], row["nodes"]), []).append(row)
     return found
+
+
+def judged(report: dict) -> list[str]:
+    """How far the truth is from a finer mesh, where a grasp has been judged."""
+    if not report["truth"]:
+        return []
+    head = "## How far the truth is from a finer mesh"
+    return [head, about_truth(report), truth_table(report)]
 
 
 def about_truth(report: dict) -> str:
