@@ -18,6 +18,7 @@ def figure(report: dict, path: Path) -> None:
     with plt.rc_context({"svg.fonttype": "none", "svg.hashsalt": "dataset", "font.size": 8}):
         picture, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
         cost_plot(report, left)
+        right.set_visible(bool(report["truth"]))
         if report["truth"]:
             truth_plot(report, right)
         for axis in (left, right):
