@@ -18,10 +18,8 @@ def markdown(report: dict) -> str:
         about_cost(report),
         cost_table(report),
         "![cost and error](dataset.svg)",
-        about_kills(report),
-        "## How far the truth is from a finer mesh",
-        about_truth(report),
-        truth_table(report),
+        *about_kills(report),
+        *judged(report),
         *(held(name, found) for name, found in report["datasets"].items()),
         made(report | {"sizes": {"finest": " ".join(map(str, report["sizes"]["finest"]))}}),
     ]
@@ -67,15 +65,16 @@ def cost_table(report: dict) -> str:
     return table([*head, "63 × 100 × 50"], lines)
 
 
-def about_kills(report: dict) -> str:
-    """What kills and a second run changed."""
-    (row,) = (row for row in report["rows"] if row["key"] == "kills")
+def about_kills(report: dict) -> list[str]:
+    """What kills and a second run changed, where that was tried."""
     changed = {True: "the same bytes", False: "**other bytes**"}
-    return (
+    return [
         f"A generation of {row['files']} files, killed at {row['kills']} random moments and taken "
         f"up again after each, ends with {changed[row['same']]}; made a second time, with "
         f"{changed[row['twice']]}."
-    )
+        for row in report["rows"]
+        if row["key"] == "kills"
+    ]
 
 
 def rungs(report: dict) -> dict[tuple[str, int], list[dict]]:
@@ -85,6 +84,14 @@ def rungs(report: dict) -> dict[tuple[str, int], list[dict]]:
         if row["key"].startswith("truth"):
             found.setdefault((row["element"], row["nodes"]), []).append(row)
     return found
+
+
+def judged(report: dict) -> list[str]:
+    """How far the truth is from a finer mesh, where a grasp has been judged."""
+    if not report["truth"]:
+        return []
+    head = "## How far the truth is from a finer mesh"
+    return [head, about_truth(report), truth_table(report)]
 
 
 def about_truth(report: dict) -> str:
@@ -102,19 +109,32 @@ def about_truth(report: dict) -> str:
     )
 
 
-def truth_table(report: dict) -> str:
-    """Median and worst error of each mesh, its cost and what it left unsolved."""
-    lines = []
-    for (element, _), rows in rungs(report).items():
-        solved = [row for row in rows if "errors" in row]
+def accuracy(rows: list[dict]) -> dict:
+    """Median and worst error of each element and mesh, its cost and what it left unsolved."""
+    found = {}
+    for (element, _), own in rungs({"rows": rows}).items():
+        solved = [row for row in own if "errors" in row]
         if not solved:
             continue
         frames = [frame for row in solved for frame in row["errors"]]
-        columns = [[frame[name] for frame in frames] for name in ERRORS]
-        cells = [f"{100 * np.median(of):.1f} / {100 * max(of):.1f} %" for of in columns]
-        cpu = np.mean([row["cpu"] for row in solved])
-        failed = f"{len(rows) - len(solved)} of {len(rows)}"
-        lines.append([f"{element} {solved[0]['vertices']}", *cells, f"{cpu:.1f}", failed])
+        columns = {name: [frame[name] for frame in frames] for name in ERRORS}
+        found[f"{element} {solved[0]['vertices']}"] = {
+            name: {"median": float(np.median(of)), "worst": max(of)} for name, of in columns.items()
+        } | {
+            "cpu": float(np.mean([row["cpu"] for row in solved])),
+            "grasps": len(own),
+            "failed": len(own) - len(solved),
+        }
+    return found
+
+
+def truth_table(report: dict) -> str:
+    """Median and worst error of each mesh, its cost and what it left unsolved."""
+    lines = []
+    for mesh, of in report["truth"].items():
+        pairs = [(of[name]["median"], of[name]["worst"]) for name in ERRORS]
+        cells = [f"{100 * median:.1f} / {100 * worst:.1f} %" for median, worst in pairs]
+        lines.append([mesh, *cells, f"{of['cpu']:.1f}", f"{of['failed']} of {of['grasps']}"])
     head = ["element, nodes", *ERRORS.values(), "CPU s a frame", "unsolved"]
     return table(head, lines)
 

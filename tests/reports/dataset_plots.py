@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import matplotlib
-import numpy as np
-from dataset_pages import ERRORS, costs, rungs
+from dataset_pages import ERRORS, costs
 
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
@@ -19,7 +18,9 @@ def figure(report: dict, path: Path) -> None:
     with plt.rc_context({"svg.fonttype": "none", "svg.hashsalt": "dataset", "font.size": 8}):
         picture, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
         cost_plot(report, left)
-        truth_plot(report, right)
+        right.set_visible(bool(report["truth"]))
+        if report["truth"]:
+            truth_plot(report, right)
         for axis in (left, right):
             axis.grid(alpha=0.3)
         picture.savefig(path, metadata={"Date": None})
@@ -44,13 +45,9 @@ def cost_plot(report: dict, axis) -> None:
 def truth_plot(report: dict, axis) -> None:
     """Median error of each field against CPU seconds a frame, meshes named."""
     points = []
-    for (element, _), rows in rungs(report).items():
-        solved = [row for row in rows if "errors" in row]
-        if solved:
-            frames = [frame for row in solved for frame in row["errors"]]
-            cpu = np.mean([row["cpu"] for row in solved])
-            medians = {key: 100 * np.median([frame[key] for frame in frames]) for key in ERRORS}
-            points.append((cpu, medians, f"{element}\n{solved[0]['vertices']}"))
+    for mesh, of in report["truth"].items():
+        medians = {key: 100 * of[key]["median"] for key in ERRORS}
+        points.append((of["cpu"], medians, mesh.replace(" ", "\n")))
     points.sort(key=lambda point: point[0])
     for key, name in ERRORS.items():
         line = [(cpu, medians[key]) for cpu, medians, _ in points]

@@ -132,13 +132,20 @@ mod tests {
         (Fem::new(body, Options { element, ..Options::default() }).unwrap(), coarse)
     }
 
+    type Field = fn(&Point3<f64>) -> Vector3<f64>;
+
+    fn linear(p: &Point3<f64>) -> Vector3<f64> {
+        Vector3::new(0.1 * p.y, 0.2 * p.z, -0.1 * p.x)
+    }
+
+    fn quadratic(p: &Point3<f64>) -> Vector3<f64> {
+        linear(p) + 30.0 * Vector3::new(p.x * p.y, p.z * p.z, p.x * p.z)
+    }
+
     #[test]
     fn what_an_element_can_be_arrives_exactly() {
-        let linear = |p: &Point3<f64>| Vector3::new(0.1 * p.y, 0.2 * p.z, -0.1 * p.x);
-        let quadratic =
-            |p: &Point3<f64>| linear(p) + 30.0 * Vector3::new(p.x * p.y, p.z * p.z, p.x * p.z);
-        let cases: [(Element, &dyn Fn(&Point3<f64>) -> Vector3<f64>); 3] =
-            [(Element::P1Bar, &linear), (Element::P2, &linear), (Element::P2, &quadratic)];
+        let cases: [(Element, Field); 3] =
+            [(Element::P1Bar, linear), (Element::P2, linear), (Element::P2, quadratic)];
         for (element, field) in cases {
             let (fem, target) = setup(element);
             let nodal: Vec<_> = fem.system.nodes.places.iter().map(field).collect();

@@ -19,6 +19,9 @@ use super::{
 };
 use crate::error::{press_error, python_error};
 
+/// Displacement (V, 3) and stress (T,) of a mesh.
+type Fields<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+
 /// Quasi-static finite elements: a soft body in equilibrium with the rigid shapes that press it.
 ///
 /// Large strains, contact on the faces of the surface with Coulomb friction, Newton's method with a
@@ -105,7 +108,7 @@ impl Fem {
         py: Python<'py>,
         history: &History,
         target: &TetMesh,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)> {
+    ) -> PyResult<Fields<'py>> {
         let model = self.copy();
         let carried = py.detach(|| model.carry(&history.inner, &target.inner));
         let fem::Carried { displacement, von_mises } = carried.map_err(python_error)?;
