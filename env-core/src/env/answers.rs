@@ -67,6 +67,9 @@ fn retaken(
         Some((i, kind, presses[i].its_end()?))
     };
     let failed: Vec<_> = all.iter().filter_map(failed).collect();
+    if failed.is_empty() {
+        return answers;
+    }
     let (rows, ends): (Vec<_>, Vec<_>) = failed.iter().map(|(i, _, end)| (*i, end.clone())).unzip();
     for ((i, kind, _), found) in failed.into_iter().zip(ask(&rows, &ends)) {
         if found.is_ok() {

@@ -1,9 +1,8 @@
 //! A free rigid object between two soft pads: its six degrees of freedom belong to the equilibrium.
 //!
 //! The pads are solved for a given pose of the object; what they do to it, and the load, must cancel.
-//! That is Newton's method in six unknowns, whose matrix is the pads' stiffness at the object:
-//! K = Σ (C − Bᵀ A⁻¹ B), A a pad's stiffness, C the contact's, B their coupling, with the limits of
-//! friction following the depth.
+//! That is Newton's method in six unknowns, whose matrix is the sum of the pads' stiffnesses at the object
+//! ([`super::follower`]).
 
 use std::time::Instant;
 
