@@ -5,20 +5,23 @@
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-/// Differences remembered at most.
-const DEPTH: usize = 5;
-
 /// The last iterates.
-#[derive(Default)]
 pub(super) struct Mixing {
+    /// Earlier iterates remembered at most.
+    depth: usize,
     /// Iterates with their r, oldest first.
     iterates: Vec<[Vec<Vector3<f64>>; 2]>,
 }
 
 impl Mixing {
+    /// Of iterates to come with `depth` earlier ones.
+    pub(super) fn new(depth: usize) -> Self {
+        Self { depth, iterates: Vec::new() }
+    }
+
     /// Remembers that the iterate `x` has the plain step `r`.
     pub(super) fn record(&mut self, x: &[Vector3<f64>], r: &[Vector3<f64>]) {
-        if self.iterates.len() > DEPTH {
+        if self.iterates.len() > self.depth {
             self.iterates.remove(0);
         }
         self.iterates.push([x.to_vec(), r.to_vec()]);
@@ -37,8 +40,8 @@ impl Mixing {
         next
     }
 
-    /// Shares γ of the earlier iterates that make ‖r + Σ γᵢ (rᵢ − r)‖ least.
-    fn shares(&self) -> Vec<f64> {
+    /// Shares γ of the earlier iterates, oldest first, that make ‖r + Σ γᵢ (rᵢ − r)‖ least.
+    pub(super) fn shares(&self) -> Vec<f64> {
         let Some(([_, r], before)) = self.iterates.split_last() else { return Vec::new() };
         let change = |[_, other]: &[Vec<Vector3<f64>>; 2]| -> Vec<Vector3<f64>> {
             other.iter().zip(r).map(|(other, r)| other - r).collect()
@@ -68,7 +71,7 @@ mod tests {
         // x ← x + r with r = b − A x and eigenvalues of A far above 2.
         let matrix = nalgebra::Matrix3::new(5.0, 1.0, 0.0, 1.0, 7.0, 0.5, 0.0, 0.5, 3.0);
         let right = Vector3::new(1.0, -2.0, 0.5);
-        let (mut mixing, mut x) = (Mixing::default(), vec![Vector3::zeros()]);
+        let (mut mixing, mut x) = (Mixing::new(5), vec![Vector3::zeros()]);
         for _ in 0..5 {
             mixing.record(&x, &[right - matrix * x[0]]);
             x = mixing.next();

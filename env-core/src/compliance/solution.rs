@@ -23,6 +23,8 @@ use crate::{
 
 /// Shortest share of a plain step that is tried.
 const SHORTEST: f64 = 0.25;
+/// Sweeps that are mixed with the last.
+const REMEMBERED: usize = 5;
 /// Imbalance left in the contact of a sweep, relative to the unbalanced force before it.
 const INEXACT: f64 = 1e-3;
 
@@ -92,7 +94,7 @@ impl Solution<'_, '_> {
 
     fn swept(&mut self, offset: &[Vector3<f64>], guess: Guess, sweeps: usize) -> Result<Settled> {
         let mut best = self.begin(offset, guess)?;
-        let (mut mixing, mut share) = (Mixing::default(), 1.0);
+        let (mut mixing, mut share) = (Mixing::new(REMEMBERED), 1.0);
         mixing.record(&best.settled.field.offset, &best.step);
         for _ in 0..sweeps {
             if best.residual <= self.tolerance || share < SHORTEST {

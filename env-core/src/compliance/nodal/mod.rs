@@ -13,6 +13,7 @@
 
 mod between;
 mod patch;
+mod settle;
 mod skin;
 mod walk;
 

@@ -1,4 +1,4 @@
-//! The nodes near the shapes in one load step, and the sweeps that bring their forces into balance.
+//! The nodes near the shapes in one load step, and the sweeps over their forces.
 //!
 //! A node that the shapes touch is pushed to where its target says: on the shape's tangent plane, and
 //! there to where friction holds it. With C its own compliance, K the stiffness of the contact law
@@ -9,22 +9,13 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{skin::Skin, walk::Held};
 use crate::{
-    Error, Result,
     contact::{ContactLaw, SurfacePoint, first_touch, leaps_through},
     geometry::{Distance, Shape},
     simd::add_rows,
 };
 
-/// Sweeps between measurements of the shapes' distances.
-const SWEEPS: usize = 4;
-/// Most measurements.
-const MOST: usize = 60;
-/// Change of a force by one sweep that is accepted, relative to the strongest.
-const RELATIVE: f64 = 5e-4;
 /// How deep a node must have been in a shape to have gone through it, in softnesses.
 const RUN_OVER: f64 = 10.0;
-/// Force that counts as none (N).
-const NONE: f64 = 1e-9;
 /// Nodes by which two runs are apart at most if they are treated as one: long runs are worth the nodes
 /// between.
 const BRIDGE: usize = 16;
@@ -41,16 +32,16 @@ pub(super) struct Patch<'a> {
     skin: &'a Skin,
     law: &'a ContactLaw,
     way: Move<'a>,
-    members: Vec<Member>,
+    pub(super) members: Vec<Member>,
     /// Ranks of the nodes whose displacement is kept, as ranges that hold all members.
-    runs: Vec<[usize; 2]>,
+    pub(super) runs: Vec<[usize; 2]>,
     /// Displacement of the skin (3M) in m, valid in the runs.
-    displacement: &'a mut Vec<f32>,
+    pub(super) displacement: &'a mut Vec<f32>,
 }
 
-struct Member {
+pub(super) struct Member {
     rank: u32,
-    force: Vector3<f64>,
+    pub(super) force: Vector3<f64>,
     /// Place at the beginning of the step (m).
     start: Point3<f64>,
     /// Shape that it sticks to and where, in the shape's frame.
@@ -58,12 +49,12 @@ struct Member {
     /// Where it was last measured, and the distance (m).
     seen: (Point3<f64>, f64),
     /// What a touching node is pushed to.
-    target: Option<Target>,
+    pub(super) target: Option<Target>,
 }
 
 /// Where a touching node belongs.
 #[derive(Clone, Copy)]
-struct Target {
+pub(super) struct Target {
     normal: Vector3<f64>,
     /// Displacement that the target asks for (m).
     displacement: Vector3<f64>,
@@ -122,30 +113,8 @@ impl<'a> Patch<'a> {
         Self { skin, law, way, members, runs, displacement }
     }
 
-    /// Brings the forces into balance; the sweeps taken.
-    pub(super) fn settle(&mut self) -> Result<usize> {
-        let (mut sweeps, mut change, mut strongest) = (0, 0.0, 0.0);
-        for _ in 0..MOST {
-            if !self.measure() {
-                return Ok(sweeps);
-            }
-            for sweep in 0..SWEEPS {
-                (change, strongest) = self.sweep(sweep % 2 == 1);
-                sweeps += 1;
-                if change <= RELATIVE * strongest + NONE {
-                    if sweep == 0 {
-                        return Ok(sweeps);
-                    }
-                    break;
-                }
-            }
-        }
-        let tolerance = RELATIVE * strongest;
-        Err(Error::NotConverged { iterations: sweeps, residual: change, tolerance })
-    }
-
     /// Measures the shapes' distances where the nodes now are; whether any node touches.
-    fn measure(&mut self) -> bool {
+    pub(super) fn measure(&mut self) -> bool {
         let mut touches = false;
         for i in 0..self.members.len() {
             let Member { rank, force, seen, .. } = self.members[i];
@@ -189,7 +158,7 @@ impl<'a> Patch<'a> {
 
     /// One sweep over the touching nodes, `back` to front or not: the largest change of a force, and the
     /// strongest force (N).
-    fn sweep(&mut self, back: bool) -> (f64, f64) {
+    pub(super) fn sweep(&mut self, back: bool) -> (f64, f64) {
         let Self { skin, law, members, runs, displacement, .. } = self;
         let (mut change, mut strongest) = (0f64, 0f64);
         let count = members.len();

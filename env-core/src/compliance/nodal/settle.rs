@@ -1,0 +1,175 @@
+//! Sweeps until the forces are in balance with where the shapes are.
+//!
+//! Sweeps there and back converge slowly where many nodes touch: what is wrong in the end varies little
+//! from node to node. Such pairs of sweeps are mixed with the ones before ([`Mixing`]), displacements
+//! with the same shares as the forces that cause them, so nothing is solved for anew.
+
+use nalgebra::Vector3;
+
+use super::{super::mixing::Mixing, patch::Patch};
+use crate::{Error, Result};
+
+/// Sweeps between measurements of the shapes' distances: two pairs.
+const SWEEPS: usize = 4;
+/// Most measurements.
+const MOST: usize = 60;
+/// Change of a force by one sweep that is accepted, relative to the strongest.
+const RELATIVE: f64 = 5e-4;
+/// Force that counts as none (N).
+const NONE: f64 = 1e-9;
+/// Earlier pairs that are mixed with the last: two take half of the sweeps away under a wide block, and
+/// more no more.
+const MIXED: usize = 2;
+
+impl Patch<'_> {
+    /// Brings the forces into balance; the sweeps taken.
+    pub(super) fn settle(&mut self) -> Result<usize> {
+        self.settle_to(RELATIVE, MIXED)
+    }
+
+    /// As [`Patch::settle`], up to changes `relative` to the strongest force, mixing with so many pairs.
+    fn settle_to(&mut self, relative: f64, mixed: usize) -> Result<usize> {
+        let (mut sweeps, mut change, mut strongest) = (0, 0.0, 0.0);
+        let mut past = Past::new(mixed);
+        for _ in 0..MOST {
+            if !self.measure() {
+                return Ok(sweeps);
+            }
+            let mut before = self.forces();
+            for sweep in 0..SWEEPS {
+                let back = sweep % 2 == 1;
+                (change, strongest) = self.sweep(back);
+                sweeps += 1;
+                if change <= relative * strongest + NONE {
+                    if sweep == 0 {
+                        return Ok(sweeps);
+                    }
+                    break;
+                }
+                if back {
+                    self.mix(&mut past, &before);
+                    before = self.forces();
+                }
+            }
+        }
+        let tolerance = relative * strongest;
+        Err(Error::NotConverged { iterations: sweeps, residual: change, tolerance })
+    }
+
+    /// Mixes the pair of sweeps that led here from the forces `before` with those of the `past`.
+    fn mix(&mut self, past: &mut Past, before: &[Vector3<f64>]) {
+        let step: Vec<_> = self.forces().iter().zip(before).map(|(f, b)| f - b).collect();
+        let touching = self.members.iter().map(|member| member.target.is_some()).collect();
+        let runs = self.runs.iter().map(|&[first, last]| 3 * first..3 * last);
+        let here: Vec<f32> =
+            runs.clone().flat_map(|run| &self.displacement[run]).copied().collect();
+        let (forces, moved) = past.mixed(touching, before, &step, here);
+        self.members.iter_mut().zip(forces).for_each(|(member, force)| member.force = force);
+        let mut moved = moved.into_iter();
+        for run in runs {
+            self.displacement[run].iter_mut().zip(&mut moved).for_each(|(u, to)| *u = to);
+        }
+    }
+
+    fn forces(&self) -> Vec<Vector3<f64>> {
+        self.members.iter().map(|member| member.force).collect()
+    }
+}
+
+/// The last pairs of sweeps over the same touching nodes.
+struct Past {
+    depth: usize,
+    touching: Vec<bool>,
+    mixing: Mixing,
+    /// Displacement of the runs after each.
+    ends: Vec<Vec<f32>>,
+    /// Square of the last one's change of the forces (N²).
+    change: f64,
+}
+
+impl Past {
+    fn new(depth: usize) -> Self {
+        let (mixing, touching, ends) = (Mixing::new(depth), Vec::new(), Vec::new());
+        Self { depth, touching, mixing, ends, change: f64::INFINITY }
+    }
+
+    /// Forces and displacements after a pair of sweeps over the `touching` nodes that changed forces
+    /// `before` by `step` and ended at `here`, mixed with the pairs before it. These are forgotten where
+    /// other nodes touched in them, or if the pair changed more than the last.
+    fn mixed(
+        &mut self,
+        touching: Vec<bool>,
+        before: &[Vector3<f64>],
+        step: &[Vector3<f64>],
+        here: Vec<f32>,
+    ) -> (Vec<Vector3<f64>>, Vec<f32>) {
+        let change = step.iter().map(Vector3::norm_squared).sum();
+        if touching != self.touching || change > self.change {
+            *self = Self { touching, ..Self::new(self.depth) };
+        }
+        self.change = change;
+        self.mixing.record(before, step);
+        let mut moved = here.clone();
+        for (end, share) in self.ends.iter().zip(self.mixing.shares()) {
+            let away = end.iter().zip(&here).map(|(end, here)| end - here);
+            moved.iter_mut().zip(away).for_each(|(u, away)| *u += share as f32 * away);
+        }
+        self.ends.push(here);
+        if self.ends.len() > self.depth {
+            self.ends.remove(0);
+        }
+        (self.mixing.next(), moved)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use nalgebra::Isometry3;
+
+    use super::*;
+    use crate::{
+        compliance::{
+            Compliance, Options,
+            nodal::{patch::Move, skin::Skin},
+        },
+        deformation::{Moduli, SoftBody},
+        geometry::{PadMesh, PadOutline, Shape},
+    };
+
+    /// Forces under a block of 12 mm pressed by 0.2 mm and sheared by `aside` (m), and the sweeps that
+    /// took.
+    fn under_a_block(relative: f64, mixed: usize, aside: f64) -> (Vec<Vector3<f64>>, usize) {
+        let pad = PadMesh::with_nodes(&PadOutline::flat(0.02, 0.02, 0.004), 900).unwrap();
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let body = SoftBody::new(pad.mesh, crate::deformation::Law::default(), moduli, &pad.base);
+        let model = Compliance::new(body.unwrap(), Options { friction: 0.8, sweeps: 0 }).unwrap();
+        let skin = Skin::new(Arc::clone(&model.condensed));
+        let shapes = [Shape::Cuboid { half_extents: Vector3::repeat(6e-3) }];
+        let [from, to] =
+            [(0.0, 6e-3), (aside, 5.8e-3)].map(|(x, z)| [Isometry3::translation(x, 3e-4, z)]);
+        let way = Move { shapes: &shapes, from: &from, to: &to };
+        let near = vec![true; skin.groups.len()];
+        let mut displacement = Vec::new();
+        let law = &model.settings.law;
+        let mut patch = Patch::new(&skin, law, way, &near, 1e-3, &[], &mut displacement);
+        let sweeps = patch.settle_to(relative, mixed).unwrap();
+        (patch.forces(), sweeps)
+    }
+
+    #[test]
+    fn mixed_sweeps_end_where_plain_ones_do_and_sooner() {
+        for aside in [0.0, 1e-4, 4e-4] {
+            let (plain, slow) = under_a_block(1e-5, 0, aside);
+            let (mixed, quick) = under_a_block(1e-5, MIXED, aside);
+            let norm = |forces: &[Vector3<f64>]| {
+                forces.iter().map(Vector3::norm_squared).sum::<f64>().sqrt()
+            };
+            let apart: Vec<_> = plain.iter().zip(&mixed).map(|(a, b)| a - b).collect();
+            let error = norm(&apart) / norm(&plain);
+            assert!(error < 1e-3, "{aside} m aside: forces are {error:.1e} apart");
+            assert!(4 * quick < 3 * slow, "{aside} m aside: {quick} sweeps against {slow}");
+        }
+    }
+}
