@@ -67,7 +67,7 @@ pub enum Error {
     Inverted,
     /// A balance of forces in which a shape stands deep inside the body, as when it is led through
     /// nodes that are held fixed.
-    #[error("a shape stands {depth:.2e} m inside the body, expected {most:.1e} m or less")]
+    #[error("a shape stands {depth:.2e} m inside the body, expected {most:.2e} m or less")]
     Penetrated {
         /// Depth of the deepest touching point (m).
         depth: f64,

@@ -16,6 +16,9 @@ use crate::{
 
 /// How deep a node must have been in a shape to have gone through it, in softnesses.
 const RUN_OVER: f64 = 10.0;
+/// Cosine between the normals out of body and shape, which look at each other where they touch, from
+/// which the shape is on the wrong side of the skin.
+const FOLDED: f64 = 0.5;
 /// Nodes by which two runs are apart at most if they are treated as one: long runs are worth the nodes
 /// between.
 const BRIDGE: usize = 16;
@@ -193,6 +196,14 @@ impl<'a> Patch<'a> {
                 way > 2.0 * depth && way > near && leaps_through(shape, &begin, &end, depth)
             })
         })
+    }
+
+    /// Whether a shape presses a node from within the body: the skin has been folded round it.
+    pub(super) fn folds(&self) -> bool {
+        let pressed = self.members.iter().filter(|member| member.force != Vector3::zeros());
+        pressed.filter_map(|member| Some((member.rank, member.target?.normal))).any(
+            |(rank, out_of_shape)| out_of_shape.dot(&self.skin.normals[rank as usize]) > FOLDED,
+        )
     }
 
     /// Largest displacement of a member (m).

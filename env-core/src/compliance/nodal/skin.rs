@@ -24,6 +24,8 @@ pub(super) struct Skin {
     /// Compliance of each node to itself (M) in m/N.
     pub(super) own: Vec<Matrix3<f64>>,
     pub(super) places: Vec<Point3<f64>>,
+    /// Unit normals out of the body at rest (M), zero where there is none.
+    pub(super) normals: Vec<Vector3<f64>>,
     /// The body's skin nodes that bear a force on each (M).
     pub(super) loads: Vec<Shares>,
     /// Each node as a surface point (M).
@@ -115,9 +117,11 @@ impl Skin {
         };
         let points = (0..).zip(areas).map(point).collect();
         let groups = groups(&places, areas);
+        let normals = normals(&places, &faces);
         let faces = widest(faces.into_iter().map(|face| Face::new(face, &places)).collect());
         let own = Vec::new();
-        let mut skin = Self { condensed, compliance, own, places, loads, points, groups, faces };
+        let mut skin =
+            Self { condensed, compliance, own, places, normals, loads, points, groups, faces };
         skin.own = (0..skin.places.len() as u32).map(|node| skin.response(node, node)).collect();
         skin
     }
@@ -146,6 +150,17 @@ fn areas(condensed: &Condensed) -> Vec<f64> {
         }
     }
     areas
+}
+
+/// Mean normals of the `faces` at each of `places`, by their areas.
+fn normals(places: &[Point3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
+    let mut normals = vec![Vector3::<f64>::zeros(); places.len()];
+    for corners in faces {
+        let [a, b, c] = corners.map(|corner| places[corner as usize]);
+        let twice = (b - a).cross(&(c - a));
+        corners.iter().for_each(|&corner| normals[corner as usize] += twice);
+    }
+    normals.iter().map(|sum| sum.try_normalize(0.0).unwrap_or_default()).collect()
 }
 
 /// Displacement seen by each of `sights` under unit forces on each of `loads` (3M, 3M) in m/N.

@@ -200,6 +200,9 @@ impl<'a> Walk<'a> {
             let (residual, tolerance) = (f64::INFINITY, 0.0);
             return Err(Error::NotConverged { iterations: sweeps, residual, tolerance });
         }
+        if patch.folds() {
+            return Err(Error::Inverted);
+        }
         let held = patch.held();
         let mut wrench = Wrench::default();
         for (Held { force, .. }, place) in &held {
