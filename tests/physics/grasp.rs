@@ -303,7 +303,7 @@ fn extremes_stay_finite_and_right() {
 fn what_nobody_touches_stays_where_it_stands() {
     let away = Vector3::new(0.1, 0.1, 0.2);
     let plain = ["sphere", "cuboid", "cylinder", "prism", "annulus", "cup"];
-    // Hulls of flat faces, which would roll from one to the next.
+    // Hulls of flat faces, which chatter where contact is too stiff.
     let hulls = ["ellipsoid", "potato", "lemon", "apple", "eggplant"];
     for name in plain.into_iter().chain(hulls) {
         let model = ObjectModel::new(named(name).unwrap()).unwrap();

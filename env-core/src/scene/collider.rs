@@ -135,45 +135,15 @@ impl ObjectModel {
         let Ok(mut scene) = Scene::new(&SceneConfig::default(), &object, &away, 0.0) else {
             return self.resting;
         };
-        let rotation = self.level(scene.settle(STEPS));
+        let rotation = scene.settle(STEPS);
         // Turn back about z, so that "yaw 0" keeps its meaning.
         let x = rotation * Vector3::x();
         let yaw = if x.xy().norm() > 0.1 { x.y.atan2(x.x) } else { 0.0 };
         let tilt = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -yaw) * rotation;
         // A body that stood still keeps its exact orientation, without the solver's rounding.
-        let stood = if self.collider.as_convex_polyhedron().is_some() { LEVEL } else { 0.01 };
-        if tilt.angle() < stood { UnitQuaternion::identity() } else { tilt }
-    }
-
-    /// `rotation` turned on, as the solid would roll, until it lies on a face of a collider that is a
-    /// hull: at rest on an edge or a corner it would go on rolling for minutes.
-    fn level(&self, mut rotation: UnitQuaternion<f64>) -> UnitQuaternion<f64> {
-        let Some(hull) = self.collider.as_convex_polyhedron() else { return rotation };
-        let center = units::vector(&self.solid.center.coords);
-        for _ in hull.faces() {
-            let down = rotation.inverse_transform_vector(&-Vector3::z());
-            let down = Vector::new(down.x as f32, down.y as f32, down.z as f32);
-            // The face that the way straight down from the centre of mass leaves the hull by.
-            let under = hull.faces().iter().filter_map(|face| {
-                let corner = hull.vertices_adj_to_face()[face.first_vertex_or_edge as usize];
-                let steep = face.normal.dot(down);
-                let depth = face.normal.dot(hull.points()[corner as usize] - center) / steep;
-                (steep > 0.0).then_some((depth, face.normal))
-            });
-            let Some((_, normal)) = under.min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
-            let normal = Vector3::new(normal.x, normal.y, normal.z).map(f64::from);
-            let turn = UnitQuaternion::rotation_between(&(rotation * normal), &-Vector3::z());
-            match turn {
-                Some(turn) if turn.angle() > LEVEL => rotation = turn * rotation,
-                _ => break,
-            }
-        }
-        rotation
+        if tilt.angle() < 0.01 { UnitQuaternion::identity() } else { tilt }
     }
 }
-
-/// Angle by which a face may be off the level (rad): rounding of its normal.
-const LEVEL: f64 = 1e-5;
 
 fn collider(shape: &Shape, surface: &Surface) -> Result<SharedShape> {
     use units::scalar;

@@ -22,7 +22,7 @@ pub enum Ending {
 }
 
 /// Half of the table's edge (m).
-const TABLE: f64 = 0.5;
+const TABLE: f64 = 0.25;
 /// Slip after which an object is no longer held (m): most of a pad.
 const OUT_OF_HAND: f64 = 0.02;
 
