@@ -316,8 +316,8 @@ fn integration_parameters(config: &SceneConfig) -> IntegrationParameters {
     // As stiff as a substep resolves, and overdamped: softer contact lets held objects creep.
     let softness = SpringCoefficients::new((0.5 / substep) as f32, 5.0);
     // On the table, hulls of flat faces chatter on contact as stiff as that, and wander by a millimetre in
-    // ten seconds; half as soft as this, a thin plate falls over.
-    let of_the_table = SpringCoefficients::new((0.2 / substep) as f32, 5.0);
+    // ten seconds; on softer contact than this a thin plate falls over.
+    let of_the_table = SpringCoefficients::new((0.15 / substep) as f32, 5.0);
     IntegrationParameters {
         dt: physics.time_step as f32,
         num_solver_iterations: physics.iterations,
