@@ -76,7 +76,8 @@ def truths(rows: Rows, sizes: dict, kept: Path) -> None:
     """Adds how far some grasps of a dataset on each mesh are from the same on the finest."""
     data = dataset.open(kept)
     work = []
-    for name in data.grasps[:: len(data.grasps) // sizes["judged"]][: sizes["judged"]]:
+    apart = max(len(data.grasps) // sizes["judged"], 1)
+    for name in data.grasps[::apart][: sizes["judged"]]:
         if missing := [rung for rung in sizes["rungs"] if rung_key(name, *rung) not in rows]:
             work.append((kept, name, sizes["every"], missing, sizes["finest"]))
     with multiprocessing.get_context("spawn").Pool(JOBS) as pool:
