@@ -39,6 +39,7 @@ mod pattern;
 mod push;
 mod region;
 mod solid;
+mod spacing;
 mod sparse;
 mod springs;
 mod stride;
