@@ -65,7 +65,7 @@ fn punch_over_exact(poisson: f64, n: usize) -> f64 {
     let equal_disc = radius * (sector.sin() / sector).sqrt();
     let exact = 2.0 * plane_strain_modulus(poisson) * equal_disc * depth;
     let punch = Shape::Prism { sides: 8 * n as u32, radius, half_height };
-    let block = half_space(radius, n, 4 * n, FAR);
+    let block = half_space(radius, n, 3 * n, FAR);
     force(punch, 0.5 * sector, half_height, depth, poisson, block) / exact
 }
 

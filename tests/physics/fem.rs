@@ -182,6 +182,33 @@ fn the_order_of_nodes_does_not_matter() {
 }
 
 #[test]
+fn the_order_of_nodes_of_a_solid_does_not_matter() {
+    let ball = TetMesh::of_shape(&Shape::Sphere { radius: 8.0 * MM }, 2.5 * MM).unwrap();
+    let count = ball.vertices.len() as u32;
+    let renumber = |node: u32| (u64::from(node) * 1009 % u64::from(count)) as u32;
+    assert!(!count.is_multiple_of(1009), "{count} nodes");
+    let mut shuffled = ball.clone();
+    for node in 0..count {
+        shuffled.vertices[renumber(node) as usize] = ball.vertices[node as usize];
+    }
+    shuffled.tets =
+        ball.tets.iter().rev().map(|&[a, b, c, d]| [b, c, a, d].map(renumber)).collect();
+    for element in [Element::P1, Element::P1Bar, Element::P2] {
+        let pressed = |mesh: &TetMesh| {
+            let base = nodes_where(mesh, |p| p.z < -5.0 * MM);
+            let body = SoftBody::new(mesh.clone(), Law::NeoHookean, GEL, &base).unwrap();
+            let fem = Fem::new(body, Options { element, ..rough(0.5) }).unwrap();
+            let pose = vec![Isometry3::translation(MM, 0.0, 11.2 * MM)];
+            last(&fem, vec![Shape::Sphere { radius: 4.0 * MM }], vec![pose]).displacement
+        };
+        let (plain, other) = (pressed(&ball), pressed(&shuffled));
+        let back: Vec<_> = (0..count).map(|node| other[renumber(node) as usize]).collect();
+        let error = relative(&back, &plain);
+        assert!(error < 1e-6, "{element}: displacements differ by {error:.1e}");
+    }
+}
+
+#[test]
 fn a_press_goes_on_where_another_ended() {
     let fem = block(GEL, 3, rough(0.5));
     let path = [ball_at(0.0, 0.4 * MM), ball_at(0.1 * MM, 0.4 * MM), ball_at(0.2 * MM, 0.5 * MM)];

@@ -7,7 +7,7 @@
 
 use std::cell::LazyCell;
 
-use nalgebra::{Isometry3, Point3, center};
+use nalgebra::{Isometry3, Point3, Translation3, center};
 
 use crate::{
     Error, Result,
@@ -19,8 +19,9 @@ use crate::{
 const USUAL: f64 = 4e-4;
 /// Pieces into which a face's edges are cut: at least and at most.
 const PIECES: [u32; 2] = [2, 128];
-/// Points of all faces past which wide faces have fewer: a fifth of a gigabyte.
-const MOST_POINTS: u64 = 1 << 19;
+/// Points of all faces past which the widest have fewer; a cube of 80 mm has so many. They take half a
+/// gigabyte.
+const MOST_POINTS: u64 = 1 << 20;
 /// Spacings that a wall must be thick, so that it cannot pass between the points: an equilateral
 /// triangle's centroid is 0.58 of its side from the corners, on either side of a wall.
 const THINNEST: f64 = 1.5;
@@ -136,19 +137,18 @@ impl<'a> Way<'a> {
     fn new(i: usize, press: &'a Press, vertices: &[Point3<f64>]) -> Self {
         let shape = &press.shapes()[i];
         let margin = shape.surface(16).map_or(0.0, |surface| surface.size());
-        let mut poses: Vec<_> =
-            press.history().map(|history| history.poses[i]).into_iter().collect();
-        match press.drive() {
-            Drive::Translation { path } => poses.extend(path.iter().map(|poses| poses[i])),
-            Drive::Force { poses: first, direction, .. } => {
-                let mut pose = *poses.first().unwrap_or(&first[i]);
-                let away = vertices.iter().map(|p| (p.coords - pose.translation.vector).norm());
-                let past = away.fold(margin, |most, away| most.max(away + margin));
-                poses = vec![pose];
-                pose.translation.vector += direction.scale(past);
-                poses.push(pose);
+        let history = press.history().map(|history| history.poses[i]);
+        let poses = match press.drive() {
+            Drive::Translation { path } => {
+                history.into_iter().chain(path.iter().map(|poses| poses[i])).collect()
             }
-        }
+            Drive::Force { poses, direction, .. } => {
+                let begin = history.unwrap_or(poses[i]);
+                let away = |p: &Point3<f64>| (p.coords - begin.translation.vector).norm();
+                let past = margin + vertices.iter().map(away).fold(0.0, f64::max);
+                vec![begin, Translation3::from(direction.scale(past)) * begin]
+            }
+        };
         Self { shape, poses, margin }
     }
 
@@ -205,4 +205,54 @@ pub(super) fn longest_edge(mesh: &TetMesh, ends: [u32; 3]) -> f64 {
 fn too_thin(shape: &Shape, thinnest: f64) -> Error {
     let expected = format!("{thinnest:.1e} m or more on faces as wide as here");
     Error::invalid("thickness of a shape", format!("{} m", shape.thickness()), expected)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        deformation::{Law, Moduli},
+        fem::{
+            element::{Element, Nodes},
+            surface::surface_points,
+        },
+        geometry::{PadMesh, PadOutline, TetMesh},
+        sensor::Sensor,
+    };
+
+    fn soft(mesh: &TetMesh, fixed: &[u32]) -> SoftBody {
+        let moduli = Moduli { young: 1e5, poisson: 0.45 };
+        SoftBody::new(mesh.clone(), Law::default(), moduli, fixed).unwrap()
+    }
+
+    /// Contact points of `body`, and of all its faces at the usual spacing, however many they are.
+    fn laid_and_wanted(body: &SoftBody) -> (usize, usize) {
+        let (nodes, faces) = (Nodes::new(body, Element::P1), Faces::new(body));
+        let laid = surface_points(body, &nodes, Element::P1, faces.usual).len();
+        let on = |face: &Face| (face.edge / USUAL).ceil().clamp(2.0, 128.0).powi(2) as usize;
+        (laid, faces.faces.iter().map(on).sum())
+    }
+
+    #[test]
+    fn pads_and_things_held_in_a_hand_have_all_their_contact_points() {
+        let outline = Sensor::named("gelsight-mini").unwrap().outline;
+        for nodes in [900, 2875, 9065] {
+            let pad = PadMesh::with_nodes(&outline, nodes).unwrap();
+            let (laid, wanted) = laid_and_wanted(&soft(&pad.mesh, &pad.base));
+            assert!(laid == wanted, "{nodes} nodes: {laid} points of {wanted}");
+        }
+        let ball = TetMesh::of_shape(&Shape::Sphere { radius: 0.03 }, 5e-3).unwrap();
+        let (laid, wanted) = laid_and_wanted(&soft(&ball, &[]));
+        assert!(laid == wanted && laid > 100_000, "a ball: {laid} points of {wanted}");
+    }
+
+    #[test]
+    fn a_body_however_large_has_no_more_points_than_fit() {
+        // Faces of half a metre on a block of 10 m: 128 pieces an edge would be ten times as many.
+        let pad = PadMesh::with_nodes(&PadOutline::flat(10.0, 10.0, 1.0), 1000).unwrap();
+        let (laid, wanted) = laid_and_wanted(&soft(&pad.mesh, &pad.base));
+        let most = MOST_POINTS as usize;
+        assert!(wanted > 10 * most, "{wanted} points were wanted");
+        assert!(laid <= most && laid > most / 2, "{laid} points of {most}");
+    }
 }
