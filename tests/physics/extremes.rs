@@ -56,6 +56,25 @@ fn the_answer_is_the_same_from_a_thousand_to_a_thousand_million_pascals() {
 }
 
 #[test]
+fn small_bodies_are_too_soft_by_what_the_contact_gives() {
+    // The softness of 2 µm does not shrink with the body: README says by how much it is felt.
+    let moduli = Moduli { poisson: 0.45, ..GEL };
+    let force = |scale: f64| {
+        let mut mesh = block_mesh(3);
+        let base = base(&mesh);
+        mesh.vertices.iter_mut().for_each(|vertex| *vertex *= scale);
+        let body = SoftBody::new(mesh, Law::NeoHookean, moduli, &base).unwrap();
+        let ball = vec![Shape::Sphere { radius: 4.0 * MM * scale }];
+        let pose = vec![Isometry3::translation(0.0, 0.0, 3.5 * MM * scale)];
+        pressing(&last(&Fem::new(body, rough(0.5)).unwrap(), ball, vec![pose])) / (scale * scale)
+    };
+    let [whole, tenth, hundredth] = [1.0, 0.1, 0.01].map(force);
+    let [tenth, hundredth] = [tenth, hundredth].map(|force| 1.0 - force / whole);
+    assert!((0.02..0.04).contains(&tenth), "0.8 mm across: {tenth} too soft");
+    assert!((0.14..0.20).contains(&hundredth), "0.08 mm across: {hundredth} too soft");
+}
+
+#[test]
 fn a_layer_a_million_times_stiffer_is_rigid() {
     // A soft layer under a stiff one gives way as if a rigid plate were glued to it.
     let soft = Moduli { young: 1e3, poisson: 0.45 };

@@ -15,7 +15,7 @@ use crate::{
     Result,
     contact::SurfacePoint,
     deformation::{Press, SoftBody},
-    fem::Linearised,
+    fem::{Linearised, held_all_round},
     simd::vectorised,
 };
 
@@ -66,6 +66,9 @@ impl Condensed {
 
     fn of(body: SoftBody, rest: Linearised, directory: Option<&Path>) -> Result<Self> {
         let surface = rest.surface(&body);
+        if surface.is_empty() {
+            return Err(held_all_round(&body));
+        }
         let mut skin: Vec<u32> = surface.iter().flat_map(carriers).collect();
         skin.sort_unstable();
         skin.dedup();

@@ -60,7 +60,7 @@ use crate::geometry::Shape;
 use crate::{
     Error, Result,
     contact::ContactLaw,
-    deformation::{Deformation, DeformationModel, History, Press, SoftBody},
+    deformation::{Deformation, DeformationModel, Drive, History, Press, SoftBody},
     geometry::TetMesh,
 };
 
@@ -109,7 +109,7 @@ pub struct Fem {
 }
 
 impl Fem {
-    /// Discretises `body` and analyses its stiffness matrix.
+    /// Discretises `body` and analyses its stiffness matrix; an error if no face of it can move.
     pub fn new(body: SoftBody, options: Options) -> Result<Self> {
         if !(options.tolerance.is_finite() && options.tolerance > 0.0) {
             let expected = "a finite force above 0 N";
@@ -117,6 +117,9 @@ impl Fem {
         }
         let law = ContactLaw::new(options.softness, options.friction)?;
         let system = Arc::new(System::new(&body, options.element, law));
+        if system.surface.is_empty() {
+            return Err(held_all_round(&body));
+        }
         let tolerance = options.tolerance * (body.stiffest() / 1e6).max(1.0);
         let limits = newton::Limits { tolerance, iterations: options.iterations, plain: false };
         Ok(Self { body, system, limits })
@@ -151,11 +154,24 @@ impl Fem {
     /// Every frame of `press`, in order; the first that is not solved is an error and the last.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         let system = self.system.suited(&self.body, press);
-        match system.and_then(|system| self.check_start(&system, press).map(|()| system)) {
+        let checked = |system| self.check_start(&system, press).map(|()| system);
+        match self.check_force(press).and(system).and_then(checked) {
             Ok(system) => {
                 Run::new(&system, self.body.mesh().vertices.len(), self.limits).frames(press)
             }
             Err(error) => vec![Err(error)],
+        }
+    }
+
+    /// Refuses a push that is lost in the force left unbalanced.
+    fn check_force(&self, press: &Press) -> Result<()> {
+        let tolerance = self.limits.tolerance;
+        match press.drive() {
+            Drive::Force { force, .. } if *force <= tolerance => {
+                let expected = format!("more than the tolerance of {tolerance:.2e} N");
+                Err(Error::invalid("force", format!("{force:.2e} N"), expected))
+            }
+            _ => Ok(()),
         }
     }
 
@@ -176,6 +192,12 @@ impl Fem {
         }
         Ok(())
     }
+}
+
+/// The error of a `body` on which nothing can press.
+pub(crate) fn held_all_round(body: &SoftBody) -> Error {
+    let found = format!("{} of {} nodes", body.fixed().len(), body.mesh().vertices.len());
+    Error::invalid("fixed", found, "a face of the surface that is not held all round")
 }
 
 impl DeformationModel for Fem {
