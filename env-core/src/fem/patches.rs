@@ -126,7 +126,10 @@ mod tests {
         let mesh = TetMesh::of_shape(&Shape::Ellipsoid { semi_axes }, 2e-3).unwrap();
         let (nodes, tets) = (mesh.vertices.len(), mesh.tets.len());
         // Primes that divide neither number make permutations.
-        assert!(nodes % 1009 != 0 && tets % 1013 != 0, "{nodes} nodes, {tets} tetrahedra");
+        assert!(
+            !nodes.is_multiple_of(1009) && !tets.is_multiple_of(1013),
+            "{nodes} nodes, {tets} tetrahedra"
+        );
         let [node, tet] = [(1009, nodes), (1013, tets)].map(|(p, n)| move |i: usize| i * p % n);
         let mut other = mesh.clone();
         for (i, place) in mesh.vertices.iter().enumerate() {
