@@ -65,7 +65,7 @@ fn punch_over_exact(poisson: f64, n: usize) -> f64 {
     let equal_disc = radius * (sector.sin() / sector).sqrt();
     let exact = 2.0 * plane_strain_modulus(poisson) * equal_disc * depth;
     let punch = Shape::Prism { sides: 8 * n as u32, radius, half_height };
-    let block = half_space(radius, n, 4 * n, FAR);
+    let block = half_space(radius, n, 3 * n, FAR);
     force(punch, 0.5 * sector, half_height, depth, poisson, block) / exact
 }
 
@@ -87,7 +87,6 @@ fn a_ball_presses_as_hertz_says() {
 }
 
 #[test]
-#[ignore = "fails: refused, for the block's widest face leaves contact points too far apart for it"]
 fn a_flat_end_presses_as_its_closed_form_says() {
     // Displacements like √r at the rim, on rings that narrow like its square: second order.
     let [coarse, fine] = [2, 3].map(|n| punch_over_exact(0.3, n));

@@ -6,7 +6,8 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rayon::ThreadPoolBuilder;
 use ruffini_core::{
     Error, Result,
-    deformation::{Deformation, DeformationModel, Law, Moduli, Press, SoftBody},
+    compliance::{self, Compliance},
+    deformation::{Deformation, DeformationModel, History, Law, Moduli, Press, SoftBody},
     fem::{Element, Fem, Options},
     geometry::{Shape, TetMesh},
 };
@@ -52,6 +53,25 @@ fn the_answer_is_the_same_from_a_thousand_to_a_thousand_million_pascals() {
         let error = relative(&frame.displacement, &reference.displacement);
         assert!(error < 1e-4, "{young} Pa: displacements differ by {error:.1e}");
     }
+}
+
+#[test]
+fn small_bodies_are_too_soft_by_what_the_contact_gives() {
+    // The softness of 2 µm does not shrink with the body: README says by how much it is felt.
+    let moduli = Moduli { poisson: 0.45, ..GEL };
+    let force = |scale: f64| {
+        let mut mesh = block_mesh(3);
+        let base = base(&mesh);
+        mesh.vertices.iter_mut().for_each(|vertex| *vertex *= scale);
+        let body = SoftBody::new(mesh, Law::NeoHookean, moduli, &base).unwrap();
+        let ball = vec![Shape::Sphere { radius: 4.0 * MM * scale }];
+        let pose = vec![Isometry3::translation(0.0, 0.0, 3.5 * MM * scale)];
+        pressing(&last(&Fem::new(body, rough(0.5)).unwrap(), ball, vec![pose])) / (scale * scale)
+    };
+    let [whole, tenth, hundredth] = [1.0, 0.1, 0.01].map(force);
+    let [tenth, hundredth] = [tenth, hundredth].map(|force| 1.0 - force / whole);
+    assert!((0.02..0.04).contains(&tenth), "0.8 mm across: {tenth} too soft");
+    assert!((0.14..0.20).contains(&hundredth), "0.08 mm across: {hundredth} too soft");
 }
 
 #[test]
@@ -181,6 +201,68 @@ fn a_wall_too_thin_to_be_felt_is_refused() {
     let press = Press::along(vec![card], vec![plate_at(0.0, 0.0)]).unwrap();
     let error = block(GEL, 1, rough(0.0)).solve_path(&press).pop().unwrap().unwrap_err();
     assert!(matches!(&error, Error::Invalid { name, .. } if name.contains("thickness")), "{error}");
+}
+
+#[test]
+fn a_thin_wall_is_refused_only_where_it_comes_near_a_wide_face() {
+    // Cells of 4 mm, and behind them some of 100 mm, cut into 128 pieces at most: too wide for a ring
+    // with a wall of 0.5 mm.
+    let mut long = even(-12.0 * MM, 12.0 * MM, 6);
+    long.push(112.0 * MM);
+    let mesh = grid(&long, &even(-8.0 * MM, 8.0 * MM, 4), &even(-4.0 * MM, 0.0, 1));
+    let body = SoftBody::new(mesh.clone(), Law::default(), GEL, &base(&mesh)).unwrap();
+    let free = SoftBody::new(mesh, Law::default(), GEL, &[]).unwrap();
+    let ring = Shape::Annulus { outer: 1.5 * MM, inner: MM, half_height: MM };
+    let at = |x: f64, z: f64| vec![Isometry3::translation(x * MM, 0.0, z * MM)];
+    let along = |path: &[[f64; 2]]| {
+        let path = path.iter().map(|[x, z]| at(*x, *z)).collect();
+        Press::along(vec![ring.clone()], path).unwrap()
+    };
+    let pushed =
+        |x: f64| Press::with_force(vec![ring.clone()], at(x, 1.1), 0.01, -Vector3::z()).unwrap();
+    let near = [along(&[[0.0, 0.9]]), along(&[[0.0, 1.1], [1.0, 0.9]]), pushed(0.0)];
+    let wide = [
+        along(&[[60.0, 0.9]]),
+        along(&[[0.0, 0.9], [60.0, 0.9]]),
+        along(&[[0.0, 2.0], [200.0, 2.0]]),
+        pushed(60.0),
+        near[0].clone().after(moved_by(60.0 * MM, &body)).unwrap(),
+    ];
+    let fem = Fem::new(body.clone(), rough(0.0)).unwrap();
+    let linear = Compliance::new(body, compliance::Options::default()).unwrap();
+    let turned = Fem::new(free, rough(0.0)).unwrap();
+    let too_thin = |mut frames: Vec<Result<Deformation>>| match frames.pop().unwrap() {
+        Ok(frame) => {
+            assert!(pressing(&frame) > 0.0, "{} N", pressing(&frame));
+            false
+        }
+        Err(error) => {
+            assert!(
+                matches!(&error, Error::Invalid { name, .. } if name.contains("thickness")),
+                "{error}"
+            );
+            true
+        }
+    };
+    for (i, press) in near.iter().enumerate() {
+        assert!(!too_thin(fem.solve_path(press)), "press {i}");
+        assert!(!too_thin(linear.solve_path(press)), "press {i}");
+        assert!(too_thin(turned.solve_path(press)), "press {i} of a free body");
+    }
+    for (i, press) in wide.iter().enumerate() {
+        assert!(too_thin(fem.solve_path(press)), "press {i} of wide faces");
+        assert!(too_thin(linear.solve_path(press)), "press {i} of wide faces");
+    }
+}
+
+/// Where a ring ends that stood `x` aside of the middle of `body`.
+fn moved_by(x: f64, body: &SoftBody) -> History {
+    History {
+        displacement: vec![Vector3::zeros(); body.mesh().vertices.len()],
+        poses: vec![Isometry3::translation(x, 0.0, 2.0 * MM)],
+        anchors: vec![],
+        forces: vec![],
+    }
 }
 
 #[test]

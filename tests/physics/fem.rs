@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use ruffini_core::{
     Error, Result,
+    compliance::{self, Compliance},
     deformation::{Deformation, DeformationModel, Drive, Law, Moduli, Press, SoftBody, Wrench},
     fem::{Element, Fem, Grasp, Options},
     geometry::{Shape, TetMesh},
@@ -182,6 +183,33 @@ fn the_order_of_nodes_does_not_matter() {
 }
 
 #[test]
+fn the_order_of_nodes_of_a_solid_does_not_matter() {
+    let ball = TetMesh::of_shape(&Shape::Sphere { radius: 8.0 * MM }, 2.5 * MM).unwrap();
+    let count = ball.vertices.len() as u32;
+    let renumber = |node: u32| (u64::from(node) * 1009 % u64::from(count)) as u32;
+    assert!(!count.is_multiple_of(1009), "{count} nodes");
+    let mut shuffled = ball.clone();
+    for node in 0..count {
+        shuffled.vertices[renumber(node) as usize] = ball.vertices[node as usize];
+    }
+    shuffled.tets =
+        ball.tets.iter().rev().map(|&[a, b, c, d]| [b, c, a, d].map(renumber)).collect();
+    for element in [Element::P1, Element::P1Bar, Element::P2] {
+        let pressed = |mesh: &TetMesh| {
+            let base = nodes_where(mesh, |p| p.z < -5.0 * MM);
+            let body = SoftBody::new(mesh.clone(), Law::NeoHookean, GEL, &base).unwrap();
+            let fem = Fem::new(body, Options { element, ..rough(0.5) }).unwrap();
+            let pose = vec![Isometry3::translation(MM, 0.0, 11.2 * MM)];
+            last(&fem, vec![Shape::Sphere { radius: 4.0 * MM }], vec![pose]).displacement
+        };
+        let (plain, other) = (pressed(&ball), pressed(&shuffled));
+        let back: Vec<_> = (0..count).map(|node| other[renumber(node) as usize]).collect();
+        let error = relative(&back, &plain);
+        assert!(error < 1e-6, "{element}: displacements differ by {error:.1e}");
+    }
+}
+
+#[test]
 fn a_press_goes_on_where_another_ended() {
     let fem = block(GEL, 3, rough(0.5));
     let path = [ball_at(0.0, 0.4 * MM), ball_at(0.1 * MM, 0.4 * MM), ball_at(0.2 * MM, 0.5 * MM)];
@@ -224,6 +252,35 @@ fn a_given_force_is_met_by_the_travel_that_causes_it() {
             // The push was solved on the whole body, the led ball on the nodes that it may touch.
             let off = relative(&led.displacement, &pushed.displacement);
             assert!(off < 1e-6, "what is condensed is off by {off:.1e}");
+        }
+    }
+}
+
+#[test]
+fn a_push_within_the_tolerance_is_refused() {
+    let fem = block(GEL, 2, rough(0.0));
+    let push = |force: f64| {
+        let press = Press::with_force(ball(), ball_at(0.0, -MM), force, -Vector3::z()).unwrap();
+        fem.solve_path(&press).pop().unwrap()
+    };
+    let error = push(5e-8).unwrap_err().to_string();
+    assert!(error.contains("more than the tolerance"), "{error}");
+    let force = -push(1e-5).unwrap().wrench.force.z;
+    assert!((force - 1e-5).abs() < 2e-7, "{force} N, not 1e-5 N");
+}
+
+#[test]
+fn a_body_with_no_face_to_press_is_refused() {
+    let mesh = block_mesh(2);
+    let all: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
+    // All, and all on the surface.
+    let outer: Vec<u32> = mesh.boundary().concat();
+    for held in [all, outer] {
+        let body = SoftBody::new(mesh.clone(), Law::NeoHookean, GEL, &held).unwrap();
+        let fem = Fem::new(body.clone(), rough(0.0)).map(|_| ()).unwrap_err();
+        let linear = Compliance::new(body, compliance::Options::default()).map(|_| ()).unwrap_err();
+        for error in [fem, linear].map(|error| error.to_string()) {
+            assert!(error.contains("held all round"), "{error}");
         }
     }
 }

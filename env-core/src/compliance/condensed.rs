@@ -12,7 +12,10 @@ use rayon::prelude::*;
 
 use super::cache::Stored;
 use crate::{
-    Result, contact::SurfacePoint, deformation::SoftBody, fem::Linearised, geometry::Shape,
+    Result,
+    contact::SurfacePoint,
+    deformation::{Press, SoftBody},
+    fem::{Linearised, held_all_round},
     simd::vectorised,
 };
 
@@ -63,6 +66,9 @@ impl Condensed {
 
     fn of(body: SoftBody, rest: Linearised, directory: Option<&Path>) -> Result<Self> {
         let surface = rest.surface(&body);
+        if surface.is_empty() {
+            return Err(held_all_round(&body));
+        }
         let mut skin: Vec<u32> = surface.iter().flat_map(carriers).collect();
         skin.sort_unstable();
         skin.dedup();
@@ -84,9 +90,9 @@ impl Condensed {
         Ok(Self { body, rest, rank, skin, compliance, surface, facets })
     }
 
-    /// With the contact points that it takes to feel `shapes`, if some of them are thin.
-    pub(super) fn suited(self: &Arc<Self>, shapes: &[Shape]) -> Result<Arc<Self>> {
-        let Some(surface) = self.rest.closer_surface(&self.body, shapes)? else {
+    /// With the contact points that it takes to feel `press`, if some of its shapes are thin.
+    pub(super) fn suited(self: &Arc<Self>, press: &Press) -> Result<Arc<Self>> {
+        let Some(surface) = self.rest.closer_surface(&self.body, press)? else {
             return Ok(Arc::clone(self));
         };
         let facets = facets(&surface, self.rest.places()).into();

@@ -114,7 +114,7 @@ impl Compliance {
 
     fn every<T>(&self, press: &Press, report: impl Fn(&mut Walk) -> Result<T>) -> Vec<Result<T>> {
         let mut scratch = Scratch::new(&self.condensed);
-        let condensed = match self.condensed.suited(press.shapes()) {
+        let condensed = match self.condensed.suited(press) {
             Ok(condensed) => condensed,
             Err(error) => return vec![Err(error)],
         };
@@ -139,7 +139,7 @@ impl Compliance {
     ) -> Vec<Result<T>> {
         let scratch = || Scratch::new(&self.condensed);
         let answer = |scratch: &mut Scratch, press: &Press| {
-            let condensed = self.condensed.suited(press.shapes())?;
+            let condensed = self.condensed.suited(press)?;
             Walk::new(&condensed, self.settings_of(press), scratch, press)?.last(press, &report)
         };
         presses.par_iter().map_init(scratch, answer).collect()

@@ -11,10 +11,15 @@ use super::{
     element::{Element, Nodes},
     pattern::{FIXED, Pattern},
     solid::{Solid, Strain, solid},
+    spacing::Faces,
     sparse::{Factor, MOST_COLUMNS},
-    surface::{SPACING, least_spacing, spacing, surface_points},
+    surface::surface_points,
 };
-use crate::{Error, Result, contact::SurfacePoint, deformation::SoftBody, geometry::Shape};
+use crate::{
+    Error, Result,
+    contact::SurfacePoint,
+    deformation::{Press, SoftBody},
+};
 
 /// Element whose stiffness is taken.
 const ELEMENT: Element = Element::P1Bar;
@@ -28,8 +33,7 @@ pub(crate) struct Linearised {
     solid: Box<dyn Solid>,
     pattern: Pattern,
     factor: Factor,
-    /// The least spacing to which contact points can be laid (m).
-    least_spacing: f64,
+    faces: Faces,
     /// Stiffness of the spring at each node of a free body (N/m), else 0.
     tie: f64,
 }
@@ -78,8 +82,8 @@ impl Linearised {
         if !matrix.factorise(&pattern) {
             return None;
         }
-        let (factor, least_spacing) = (matrix.into_factor(), least_spacing(body));
-        Some(Self { nodes, solid, pattern, factor, least_spacing, tie })
+        let (factor, faces) = (matrix.into_factor(), Faces::new(body));
+        Some(Self { nodes, solid, pattern, factor, faces, tie })
     }
 
     pub(crate) fn workspace(&self) -> Workspace {
@@ -93,19 +97,19 @@ impl Linearised {
 
     /// Points of `body`, the one that was linearised, at which contact is felt (C).
     pub(crate) fn surface(&self, body: &SoftBody) -> Vec<SurfacePoint> {
-        surface_points(body, &self.nodes, ELEMENT, SPACING)
+        surface_points(body, &self.nodes, ELEMENT, self.faces.usual)
     }
 
-    /// As [`Linearised::surface`], as close as the thinnest of `shapes` asks for; `None` if that is as
-    /// close as always, and an error if it is too close.
+    /// As [`Linearised::surface`], as close as the thinnest shape of `press` asks for; `None` if that is
+    /// as close as always, and an error if it is too close.
     pub(crate) fn closer_surface(
         &self,
         body: &SoftBody,
-        shapes: &[Shape],
+        press: &Press,
     ) -> Result<Option<Vec<SurfacePoint>>> {
-        let spacing = spacing(shapes, self.least_spacing)?;
+        let spacing = self.faces.felt(body.mesh(), press)?;
         let closer = || surface_points(body, &self.nodes, ELEMENT, spacing);
-        Ok((spacing < SPACING).then(closer))
+        Ok((spacing != self.faces.usual).then(closer))
     }
 
     pub(crate) fn is_free(&self, node: u32) -> bool {

@@ -12,8 +12,9 @@
 //! sink in by [`Options::softness`] × pressure / Young's modulus, and a sticking point creeps by four
 //! times that × friction. At the default softness this costs 0.3 % of the force at a depth of
 //! 0.5 mm, 0.1 % at 1 mm. An answer in which a point is deeper than 250 softnesses is an error.
-//! Contact points lie 0.4 mm apart, for a shape thinner than 0.6 mm ([`Shape::thickness`]) closer,
-//! down to 1/128 of the widest face; a shape that would need more is refused.
+//! Contact points lie 0.4 mm apart, for a shape thinner than 0.6 mm ([`Shape::thickness`]) closer, but
+//! not closer than 1/128 of a face's width, nor more than a million in all: a shape that would need
+//! more where it goes is refused.
 
 mod attempt;
 mod carry;
@@ -39,6 +40,7 @@ mod pattern;
 mod push;
 mod region;
 mod solid;
+mod spacing;
 mod sparse;
 mod springs;
 mod stride;
@@ -58,7 +60,7 @@ use crate::geometry::Shape;
 use crate::{
     Error, Result,
     contact::ContactLaw,
-    deformation::{Deformation, DeformationModel, History, Press, SoftBody},
+    deformation::{Deformation, DeformationModel, Drive, History, Press, SoftBody},
     geometry::TetMesh,
 };
 
@@ -107,7 +109,7 @@ pub struct Fem {
 }
 
 impl Fem {
-    /// Discretises `body` and analyses its stiffness matrix.
+    /// Discretises `body` and analyses its stiffness matrix; an error if no face of it can move.
     pub fn new(body: SoftBody, options: Options) -> Result<Self> {
         if !(options.tolerance.is_finite() && options.tolerance > 0.0) {
             let expected = "a finite force above 0 N";
@@ -115,6 +117,9 @@ impl Fem {
         }
         let law = ContactLaw::new(options.softness, options.friction)?;
         let system = Arc::new(System::new(&body, options.element, law));
+        if system.surface.is_empty() {
+            return Err(held_all_round(&body));
+        }
         let tolerance = options.tolerance * (body.stiffest() / 1e6).max(1.0);
         let limits = newton::Limits { tolerance, iterations: options.iterations, plain: false };
         Ok(Self { body, system, limits })
@@ -149,11 +154,24 @@ impl Fem {
     /// Every frame of `press`, in order; the first that is not solved is an error and the last.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         let system = self.system.suited(&self.body, press);
-        match system.and_then(|system| self.check_start(&system, press).map(|()| system)) {
+        let checked = |system| self.check_start(&system, press).map(|()| system);
+        match self.check_force(press).and(system).and_then(checked) {
             Ok(system) => {
                 Run::new(&system, self.body.mesh().vertices.len(), self.limits).frames(press)
             }
             Err(error) => vec![Err(error)],
+        }
+    }
+
+    /// Refuses a push that is lost in the force left unbalanced.
+    fn check_force(&self, press: &Press) -> Result<()> {
+        let tolerance = self.limits.tolerance;
+        match press.drive() {
+            Drive::Force { force, .. } if *force <= tolerance => {
+                let expected = format!("more than the tolerance of {tolerance:.2e} N");
+                Err(Error::invalid("force", format!("{force:.2e} N"), expected))
+            }
+            _ => Ok(()),
         }
     }
 
@@ -174,6 +192,12 @@ impl Fem {
         }
         Ok(())
     }
+}
+
+/// The error of a `body` on which nothing can press.
+pub(crate) fn held_all_round(body: &SoftBody) -> Error {
+    let found = format!("{} of {} nodes", body.fixed().len(), body.mesh().vertices.len());
+    Error::invalid("fixed", found, "a face of the surface that is not held all round")
 }
 
 impl DeformationModel for Fem {

@@ -59,7 +59,8 @@ fn rings_by_length(mesh: &TetMesh) -> Vec<Vec<u32>> {
     rings.into_iter().map(|(_, ring)| ring).collect()
 }
 
-/// Every tetrahedron left over joins the smallest patch it shares a face with.
+/// Every tetrahedron left over joins the smallest patch it shares a face with; of equal ones the first,
+/// as patches are in an order that the nodes' numbers do not change.
 fn adopt_rest(
     mesh: &TetMesh,
     moduli: &[Moduli],
@@ -73,7 +74,7 @@ fn adopt_rest(
             .filter_map(|t| {
                 let alike = beside[t].iter().filter(|&&n| moduli[n as usize] == moduli[t]);
                 let near = alike.filter_map(|&n| patch_of[n as usize]);
-                near.min_by_key(|&p| patches[p].len()).map(|p| (t as u32, p))
+                near.min_by_key(|&p| (patches[p].len(), p)).map(|p| (t as u32, p))
             })
             .collect();
         for &(t, patch) in &homes {
@@ -110,4 +111,46 @@ pub(super) fn faces(mesh: &TetMesh) -> BTreeMap<[u32; 3], Vec<(u32, usize)>> {
         }
     }
     faces
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::geometry::Shape;
+
+    #[test]
+    fn patches_are_the_same_however_the_mesh_is_numbered() {
+        let semi_axes = Vector3::new(0.010, 0.008, 0.006);
+        let mesh = TetMesh::of_shape(&Shape::Ellipsoid { semi_axes }, 2e-3).unwrap();
+        let (nodes, tets) = (mesh.vertices.len(), mesh.tets.len());
+        // Primes that divide neither number make permutations.
+        assert!(
+            !nodes.is_multiple_of(1009) && !tets.is_multiple_of(1013),
+            "{nodes} nodes, {tets} tetrahedra"
+        );
+        let [node, tet] = [(1009, nodes), (1013, tets)].map(|(p, n)| move |i: usize| i * p % n);
+        let mut other = mesh.clone();
+        for (i, place) in mesh.vertices.iter().enumerate() {
+            other.vertices[node(i)] = *place;
+        }
+        for (t, [a, b, c, d]) in mesh.tets.iter().enumerate() {
+            other.tets[tet(t)] = [b, c, a, d].map(|&n| node(n as usize) as u32);
+        }
+        let moduli = vec![Moduli { young: 1e5, poisson: 0.45 }; tets];
+        let sorted = |mesh: &TetMesh, number: &dyn Fn(usize) -> usize| {
+            let numbered = |patch: Vec<u32>| {
+                let mut patch: Vec<_> = patch.into_iter().map(|t| number(t as usize)).collect();
+                patch.sort_unstable();
+                patch
+            };
+            let mut patches: Vec<_> = patches(mesh, &moduli).into_iter().map(numbered).collect();
+            patches.sort_unstable();
+            patches
+        };
+        let [plain, renumbered] = [sorted(&mesh, &|t| tet(t)), sorted(&other, &|t| t)];
+        let alike = plain.iter().filter(|patch| renumbered.binary_search(patch).is_ok()).count();
+        assert!(alike == plain.len(), "{alike} of {} patches are the same", plain.len());
+    }
 }

@@ -197,15 +197,15 @@ mod tests {
         }
     }
 
-    /// Force on the side x = 2 mm over its area, which is the first column of P.
-    fn traction(law: Law, element: Element, f: &Matrix3<f64>) -> Vector3<f64> {
+    /// P: its columns are the forces on the sides x, y, z = 2 mm over their areas.
+    fn mean_stress(law: Law, element: Element, f: &Matrix3<f64>) -> Matrix3<f64> {
         let (nodes, solid, _) = setup(law, element, &[]);
         let mut forces = vec![Vector3::zeros(); nodes.places.len()];
         solid.evaluate(&displaced(&nodes, f), &mut Strain::default(), &mut forces).unwrap();
         // The side's nodes and the opposite side's carry all that crosses the middle.
         let moment: Matrix3<f64> =
             nodes.places.iter().zip(&forces).map(|(x, f)| f * x.coords.transpose()).sum();
-        moment.column(0) / 0.002f64.powi(3)
+        moment / 0.002f64.powi(3)
     }
 
     #[test]
@@ -229,11 +229,44 @@ mod tests {
                 }
                 _ => ((2.0 * mu + lambda) * (s - 1.0), mu * 0.5),
             };
-            let found = [traction(law, element, &stretch)[0], traction(law, element, &shear)[1]];
+            let [pulled, sheared] = [stretch, shear].map(|f| mean_stress(law, element, &f));
+            let found = [pulled[(0, 0)], sheared[(1, 0)]];
             for (found, exact) in found.into_iter().zip([tension, drag]) {
                 let error = (found / exact - 1.0).abs();
                 assert!(error < 1e-8, "{law} {element}: {found} Pa against {exact} Pa");
             }
+        }
+    }
+
+    #[test]
+    fn pulled_by_half_with_free_sides_it_bears_the_tension_of_the_law() {
+        let moduli = Moduli { young: 1e5, poisson: 0.45 };
+        let (mu, lambda, s) = (moduli.shear(), moduli.lambda(), 1.5f64);
+        for (law, element) in every() {
+            // P₁₁ and P₂₂ at stretches s, t and t, J = s t²; t is where P₂₂ = 0.
+            let stresses = |t: f64| {
+                let j = s * t * t;
+                match law {
+                    Law::NeoHookean => [s, t].map(|x| mu * (x - 1.0 / x) + lambda * j.ln() / x),
+                    Law::StableNeoHookean => {
+                        [s, t].map(|x| mu * x + ((lambda + mu) * (j - 1.0) - mu) * j / x)
+                    }
+                    Law::Corotated => {
+                        [s, t].map(|x| 2.0 * mu * (x - 1.0) + lambda * (j - 1.0) * j / x)
+                    }
+                    _ => [s, t].map(|x| 2.0 * mu * (x - 1.0) + lambda * (s + 2.0 * t - 3.0)),
+                }
+            };
+            let (mut low, mut high) = (0.5, 1.0);
+            for _ in 0..60 {
+                let t = 0.5 * (low + high);
+                if stresses(t)[1] > 0.0 { high = t } else { low = t }
+            }
+            let f = Matrix3::from_diagonal(&[s, low, low].into());
+            let found = mean_stress(law, element, &f);
+            let tension = stresses(low)[0];
+            let rest = (found - Matrix3::from_diagonal(&[tension, 0.0, 0.0].into())).norm();
+            assert!(rest < 1e-8 * tension, "{law} {element}: {found} Pa against {tension} Pa");
         }
     }
 

@@ -14,21 +14,10 @@ use nalgebra::{DMatrix, Point3, Vector2, Vector3};
 use super::{
     element::{Element, Nodes},
     patches::{FACES, faces},
+    spacing::{Spacing, longest_edge},
 };
-use crate::{
-    Error, Result,
-    contact::SurfacePoint,
-    deformation::SoftBody,
-    geometry::{Shape, TetMesh},
-};
+use crate::{contact::SurfacePoint, deformation::SoftBody, geometry::TetMesh};
 
-/// Contact points lie about this close (m), so that a tip of half a millimetre is not missed.
-pub(super) const SPACING: f64 = 4e-4;
-/// Pieces into which a face's edges are cut: at least and at most.
-const PIECES: (f64, f64) = (2.0, 128.0);
-/// Spacings that a wall must be thick, so that it cannot pass between the points: an equilateral
-/// triangle's centroid is 0.58 of its side from the corners, on either side of a wall.
-const THINNEST: f64 = 1.5;
 /// Faces that meet at an angle of a smaller cosine meet at an edge of the body, not within a curve.
 const CREASE: f64 = 0.8;
 
@@ -50,31 +39,12 @@ struct Facet {
 /// Nodes with their weights.
 type Weights = Vec<(u32, f64)>;
 
-/// The least spacing (m) to which the contact points of `body` can be laid.
-pub(super) fn least_spacing(body: &SoftBody) -> f64 {
-    let mesh = body.mesh();
-    let longest = mesh.boundary().into_iter().map(|ends| longest_edge(mesh, ends));
-    longest.fold(0.0, f64::max) / PIECES.1
-}
-
-/// Spacing of the contact points (m) at which `shapes` are felt, [`SPACING`] unless one is thin; an
-/// error for a shape thinner than what the `least` spacing (m) allows.
-pub(super) fn spacing(shapes: &[Shape], least: f64) -> Result<f64> {
-    let thickness = shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
-    if thickness < THINNEST * least {
-        let expected = format!("{:.1e} m or more on faces as wide as here", THINNEST * least);
-        return Err(Error::invalid("thickness of a shape", format!("{thickness} m"), expected));
-    }
-    Ok(f64::min(SPACING, thickness / THINNEST))
-}
-
-/// Points of the body's surface about `spacing` (m) apart at which contact is felt; faces held all
-/// round have none.
+/// Points of the body's surface at which contact is felt; faces held all round have none.
 pub(super) fn surface_points(
     body: &SoftBody,
     nodes: &Nodes,
     element: Element,
-    spacing: f64,
+    spacing: Spacing,
 ) -> Vec<SurfacePoint> {
     let mesh = body.mesh();
     let facets = facets(mesh);
@@ -92,7 +62,7 @@ pub(super) fn surface_points(
             continue;
         }
         let middles = [0, 1, 2].map(|i| middle(ends[i], ends[(i + 1) % 3]));
-        let rule = face_rule(longest_edge(mesh, ends) / spacing);
+        let rule = face_rule(spacing.pieces(longest_edge(mesh, ends)));
         for l in &rule {
             let shares = quadratic_shares(ends, &middles, l);
             let young = body.moduli()[tet as usize].young;
@@ -113,15 +83,9 @@ fn facets(mesh: &TetMesh) -> Vec<Facet> {
     outer.map(|owners| facet(owners[0])).collect()
 }
 
-fn longest_edge(mesh: &TetMesh, ends: [u32; 3]) -> f64 {
-    let [a, b, c] = ends.map(|node| mesh.vertices[node as usize]);
-    (b - a).norm().max((c - b).norm()).max((a - c).norm())
-}
-
-/// Barycentric coordinates of points on a face of longest edge `edge`, in spacings: the centroids of
+/// Barycentric coordinates of points on a face whose edges are cut into `pieces`: the centroids of
 /// equal triangles.
-fn face_rule(edge: f64) -> Vec<[f64; 3]> {
-    let pieces = edge.ceil().clamp(PIECES.0, PIECES.1) as u32;
+fn face_rule(pieces: u32) -> Vec<[f64; 3]> {
     let mut rule = Vec::new();
     for i in 0..pieces {
         for j in 0..pieces - i {
@@ -238,7 +202,7 @@ fn lifted_middle(mesh: &TetMesh, curvatures: &BTreeMap<u32, Curvature>, a: u32, 
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::spacing::Faces, *};
     use crate::{
         deformation::{Law, Moduli},
         geometry::{PadMesh, PadOutline},
@@ -252,7 +216,7 @@ mod tests {
         let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
         let nodes = Nodes::new(&body, element);
         let face: BTreeSet<u32> = pad.face.iter().copied().collect();
-        let points = surface_points(&body, &nodes, element, SPACING);
+        let points = surface_points(&body, &nodes, element, Faces::new(&body).usual);
         let inner = points.iter().filter(|point| {
             point.shares.iter().all(|(node, _)| {
                 let p = nodes.places[*node as usize];

@@ -11,7 +11,8 @@ use super::{
     element::{Element, Nodes},
     pattern::Pattern,
     solid::{Layout, Solid, Strain, solid},
-    surface::{SPACING, least_spacing, spacing, surface_points},
+    spacing::Faces,
+    surface::surface_points,
 };
 use crate::{
     Result,
@@ -30,8 +31,7 @@ pub(super) struct System {
     whole: Arc<OnceLock<(Arc<Pattern>, Arc<Layout>)>>,
     pub(super) element: Element,
     pub(super) surface: Arc<[SurfacePoint]>,
-    /// The least spacing to which contact points can be laid (m).
-    least_spacing: f64,
+    faces: Arc<Faces>,
     pub(super) law: ContactLaw,
     /// Whether the body can move as a whole.
     pub(super) floating: bool,
@@ -84,20 +84,20 @@ impl System {
     pub(super) fn new(body: &SoftBody, element: Element, law: ContactLaw) -> Self {
         let nodes = Nodes::new(body, element);
         let solid = solid(body, &nodes, element).into();
-        let surface = surface_points(body, &nodes, element, SPACING).into();
+        let faces = Faces::new(body);
+        let surface = surface_points(body, &nodes, element, faces.usual).into();
         let floating = body.fixed().len() < 3;
-        let (nodes, whole) = (Arc::new(nodes), Arc::default());
-        let least_spacing = least_spacing(body);
-        Self { nodes, solid, whole, element, surface, least_spacing, law, floating }
+        let (nodes, faces, whole) = (Arc::new(nodes), Arc::new(faces), Arc::default());
+        Self { nodes, solid, whole, element, surface, faces, law, floating }
     }
 
     /// The system of the same `body` that feels `press`: with its friction, and with contact points
-    /// as close as its thinnest shape asks for.
+    /// as close as its thinnest shape asks for; an error if that is too close.
     pub(super) fn suited(&self, body: &SoftBody, press: &Press) -> Result<Self> {
         let mut system = self.clone();
         system.law.friction = press.friction().unwrap_or(self.law.friction);
-        let spacing = spacing(press.shapes(), self.least_spacing)?;
-        if spacing < SPACING {
+        let spacing = self.faces.felt(body.mesh(), press)?;
+        if spacing != self.faces.usual {
             system.surface = surface_points(body, &self.nodes, self.element, spacing).into();
         }
         Ok(system)
@@ -105,7 +105,7 @@ impl System {
 
     /// An error unless `shape` is felt at the contact points as they are.
     pub(super) fn check_felt(&self, shape: &Shape) -> Result<()> {
-        spacing(std::slice::from_ref(shape), self.least_spacing.max(SPACING)).map(|_| ())
+        self.faces.check_felt(shape)
     }
 
     /// Places of the surface points (C).
