@@ -13,11 +13,12 @@ use crate::{
 /// Names of the channels that every environment has, in the order of the table.
 pub const CHANNELS: [&str; 5] = ["proprio", "object", "wrench", "properties", "time"];
 /// Names of the channels of fingers that feel; with these, "wrench" is what the pads feel, too.
-pub const TACTILE_CHANNELS: [&str; 7] = [
+pub const TACTILE_CHANNELS: [&str; 8] = [
     Channel::Markers.name(),
     Channel::Displacement.name(),
     Channel::Stress.name(),
     Channel::TetStress.name(),
+    Channel::Peak.name(),
     Channel::Traction.name(),
     Channel::Depth.name(),
     Channel::Trust.name(),
@@ -215,8 +216,7 @@ fn components(channel: &str, config: &Config) -> Vec<Component> {
             )]
         }
         "limit" => {
-            let [low, high] = config.stress_limit.unwrap_or_default();
-            vec![between("stress in the pads that ends the episode", 1, low, high, "Pa")]
+            vec![between("stress in the pads that ends the episode", 1, 0.0, 1e10, "Pa")]
         }
         _ => vec![between("time since the start of the episode", 1, 0.0, 1.1e6, "s")],
     }
