@@ -260,7 +260,7 @@ fn settings_of_another_task_are_refused_by_name() {
     for (json, parts) in [
         (r#"{"task": "grasp-fragile", "tactile": "none"}"#, ["tactile: found none", "surrogate"]),
         (r#"{"fragility": {"spare": 2}}"#, ["fragility", "GraspLift has no such setting"]),
-        (r#"{"task": "grasp-fragile", "fragility": {"spare": 9}}"#, ["spare: found 9", "15 N"]),
+        (r#"{"task": "grasp-fragile", "fragility": {"spare": 9}}"#, ["spare: found 9", "20 N"]),
         (r#"{"holding": {"load": [0, 1]}}"#, ["holding", "GraspLift has no such setting"]),
         (r#"{"task": "hold-still", "holding": {"load": [2, 1]}}"#, ["load", "rising range"]),
         (r#"{"task": "hold-still", "holding": {"start_grip": 11}}"#, ["start_grip", "11"]),

@@ -99,7 +99,7 @@ impl Default for Config {
 /// Largest grip force of the tasks in which little force counts (N): actions are shares of it.
 const LIGHT_GRIP: f64 = 10.0;
 /// The same where the heaviest and smoothest objects are tried with spare force (N).
-const FRAGILE_GRIP: f64 = 15.0;
+const FRAGILE_GRIP: f64 = 20.0;
 /// Centring stiffness of fingers that close gently (N/m): the usual one drives a finger under 1 N to
 /// several times its closing speed.
 const LIGHT_CENTERING: f64 = 1e3;
@@ -128,9 +128,9 @@ impl Config {
                 config.scene.gripper.centering_stiffness = LIGHT_CENTERING;
                 config.scene.gripper.max_force = FRAGILE_GRIP;
                 config.stand_on_a_column();
-                config.lift_height = 0.05;
+                config.lift_height = 0.03;
                 config.max_episode_steps = 60;
-                config.mass = [0.05, 0.3];
+                config.mass = [0.1, 0.4];
                 config.friction = [0.3, 1.0];
                 config.size = [0.8, 1.2];
                 config.fragility = Some(Fragility::default());

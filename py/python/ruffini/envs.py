@@ -135,14 +135,14 @@ class GraspFragileEnv(NativeEnv):
 
     World, channels and settings are those of :class:`GraspLiftEnv`, with these differences. The
     fingers stand round the object, the hand moves up and down only, and mass and friction are such
-    that the least force that holds differs by twenty times. What an object bears is told as a stress
+    that the least force that holds differs by more than ten times. What an object bears is told as a stress
     in the pads, which the same force makes several times as high with one shape as with another: the
     force that is enough and not too much shows in nothing but touch.
 
     ## Action
     The hand moves at 0.1 m/s at most; its workspace is a line, and it does not turn. The fifth
     number changes the grip force: that grows, or falls, by ``grip_rate`` times the number a second,
-    relatively (a factor of 1.5 a step at most), between ``start_grip`` and 15 N.
+    relatively (a factor of 1.5 a step at most), between ``start_grip`` and 20 N.
 
     ## Observation
     By default ``proprio``, ``limit``, ``wrench`` and ``peak``; where the object is is not told.
@@ -156,12 +156,12 @@ class GraspFragileEnv(NativeEnv):
     | term | weight | 1 where |
     | --- | --- | --- |
     | ``grasp`` | 0.2 | both pads press with the grip of the trial or more |
-    | ``lift`` | 0.3 | the grasped object has risen by ``lift_height``, 5 cm |
+    | ``lift`` | 0.3 | the grasped object has risen by ``lift_height``, 3 cm |
     | ``hold`` | 0.5 | it has been up for ``hold_time`` |
 
     ## Start
     The object lies in the middle, its narrower side across, half a millimetre from each pad; the
-    grip force is ``start_grip``, which holds none. Objects weigh 50 to 300 g, friction is 0.3 to
+    grip force is ``start_grip``, 1 N. Objects weigh 100 to 400 g, friction is 0.3 to
     1.0, size 0.8 to 1.2. The limit comes from a trial with the same object before the start: it
     hangs in a hand that grips with ``spare`` times the least force that holds it, m g / 2 μ; its
     limit is the highest stress there times a number drawn from ``margin``. So every limit can be
