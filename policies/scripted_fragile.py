@@ -1,6 +1,6 @@
 """A scripted policy for GraspFragile: grip until the felt stress is near the limit, then lift.
 
-It reads only the default observation: ``proprio``, ``limit`` and ``peak``.
+It reads only ``proprio`` and ``share`` of the default observation.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class ScriptedFragile:
         """Actions (N, 5) for observations (N, ...), and for the next call the steps (N) since each lift
         began with the heights (N) of the hand at first (m).
         """
-        stress = observation["peak"].max(axis=1) / observation["limit"][:, 0]
+        stress = observation["share"][:, 0]
         height = observation["proprio"][:, 2]
         steps, first = (np.zeros(len(height)), height) if state is None else state
         steps = steps + ((stress > FIRM) | (steps > 0))

@@ -17,7 +17,7 @@ from ruffini._core import ENDINGS
 from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 
 COARSE = {"nodes": 300}
-FELT = ["markers", "displacement", "stress", "tet_stress", "peak", "traction", "wrench", "trust"]
+FELT = ["markers", "displacement", "stress", "tet_stress", "traction", "wrench", "trust"]
 OVER_OBJECT: dict[str, Any] = {
     "objects": "sphere",
     "position": 0.0,

@@ -20,8 +20,6 @@ pub enum Channel {
     Stress,
     /// Von Mises stress in every tetrahedron.
     TetStress,
-    /// Highest von Mises stress in any tetrahedron.
-    Peak,
     /// Contact traction on a grid over the face.
     Traction,
     /// Net force and torque of the contact.
@@ -60,12 +58,11 @@ const CALIBRATED: f64 = 0.5;
 
 impl Channel {
     /// All channels, in the order of the table.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 8] = [
         Self::Markers,
         Self::Displacement,
         Self::Stress,
         Self::TetStress,
-        Self::Peak,
         Self::Traction,
         Self::Wrench,
         Self::Depth,
@@ -79,7 +76,6 @@ impl Channel {
             Self::Displacement => "displacement",
             Self::Stress => "stress",
             Self::TetStress => "tet_stress",
-            Self::Peak => "peak",
             Self::Traction => "traction",
             Self::Wrench => "wrench",
             Self::Depth => "depth",
@@ -95,7 +91,7 @@ impl Channel {
     /// What must be known of an answer for this channel.
     pub const fn wants(self) -> Wanted {
         Wanted {
-            stress: matches!(self, Self::Stress | Self::TetStress | Self::Peak),
+            stress: matches!(self, Self::Stress | Self::TetStress),
             residual: matches!(self, Self::Trust),
         }
     }
@@ -129,7 +125,6 @@ impl Channel {
             Self::TetStress => {
                 vec![spec("von Mises stress of the tetrahedra", vec![skin.tets], 0.0, stress, "Pa")]
             }
-            Self::Peak => vec![spec("highest von Mises stress", vec![1], 0.0, stress, "Pa")],
             Self::Traction => {
                 vec![spec("traction", vectors(resolution.grid), -stress, stress, "Pa")]
             }
@@ -166,7 +161,6 @@ impl Channel {
             }
             Self::Stress => stress(skin, felt),
             Self::TetStress => felt.von_mises.clone(),
-            Self::Peak => vec![peak(felt)],
             Self::Traction => flat(&traction::map(skin, felt)),
             Self::Wrench => flat([&felt.wrench.force, &felt.wrench.torque]),
             Self::Depth => depth::heights(skin, Some(&felt.displacement)),
@@ -195,11 +189,6 @@ fn stress(skin: &Skin, felt: &Deformation) -> Vec<f64> {
         shares.iter().map(|&(tet, share)| felt.von_mises[tet as usize] * share).sum()
     };
     skin.stress.iter().map(at).collect()
-}
-
-/// Highest von Mises stress in any tetrahedron (Pa).
-pub(super) fn peak(felt: &Deformation) -> f64 {
-    felt.von_mises.iter().copied().fold(0.0, f64::max)
 }
 
 /// Unbalanced force (N), its share of all nodal forces, and whether the press is out of range.

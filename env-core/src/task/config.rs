@@ -114,8 +114,8 @@ impl Config {
         config.scene.gripper.max_force = LIGHT_GRIP;
         let objects = match task {
             Task::GraspLift => &[][..],
-            // Nothing that meets a pad with an edge.
-            Task::GraspFragile => &["sphere", "cuboid", "cylinder", "ellipsoid"],
+            // Nothing that meets a pad with an edge or with a face.
+            Task::GraspFragile => &["sphere", "cylinder", "ellipsoid"],
             // Nothing that a rigid face meets with a face or an edge first.
             Task::GraspSoft => &["sphere", "ellipsoid", "potato", "lemon"],
             // Nothing that turns between two points either, which rigid pads cannot prevent.
@@ -130,7 +130,7 @@ impl Config {
                 config.stand_on_a_column();
                 config.lift_height = 0.03;
                 config.max_episode_steps = 60;
-                config.mass = [0.1, 0.4];
+                config.mass = [0.05, 0.4];
                 config.friction = [0.3, 1.0];
                 config.size = [0.8, 1.2];
                 config.fragility = Some(Fragility::default());

@@ -30,7 +30,7 @@ pub struct Trial {
 
 impl Default for Fragility {
     fn default() -> Self {
-        Self { start_grip: 1.0, grip_rate: 10.0, spare: 2.5, margin: [1.1, 1.4] }
+        Self { start_grip: 0.4, grip_rate: 10.0, spare: 2.0, margin: [1.1, 1.25] }
     }
 }
 

@@ -55,7 +55,7 @@ impl Task {
     /// Channels that only this task has.
     pub fn channels(self) -> &'static [&'static str] {
         match self {
-            Self::GraspFragile => &["limit"],
+            Self::GraspFragile => &["limit", "share"],
             Self::GraspSoft => &["squeeze", "deformation"],
             Self::GraspLift | Self::HoldStill => &[],
         }
@@ -66,7 +66,7 @@ impl Task {
         match (self, feels) {
             (Self::GraspLift, false) => &["proprio", "object"],
             (Self::GraspLift, true) => &["proprio", "object", "markers"],
-            (Self::GraspFragile, _) => &["proprio", "limit", "wrench", "peak"],
+            (Self::GraspFragile, _) => &["proprio", "wrench", "share"],
             (Self::GraspSoft, _) => &["proprio", "object", "wrench", "squeeze"],
             (Self::HoldStill, false) => &["proprio", "wrench"],
             (Self::HoldStill, true) => &["proprio", "wrench", "markers"],

@@ -81,6 +81,11 @@ impl Moment<'_> {
         self.state.object.pose.translation.z - self.draw.rest_height
     }
 
+    /// Highest stress over what the episode allows; 0 where it allows any.
+    pub fn share_of_limit(&self) -> f64 {
+        self.draw.stress_limit.map_or(0.0, |limit| self.peak_stress / limit)
+    }
+
     /// Whether both pads press on the object.
     pub fn both_touch(&self) -> bool {
         self.state.fingers.iter().all(|finger| finger.normal_force() > 0.0)

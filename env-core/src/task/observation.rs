@@ -13,12 +13,11 @@ use crate::{
 /// Names of the channels that every environment has, in the order of the table.
 pub const CHANNELS: [&str; 5] = ["proprio", "object", "wrench", "properties", "time"];
 /// Names of the channels of fingers that feel; with these, "wrench" is what the pads feel, too.
-pub const TACTILE_CHANNELS: [&str; 8] = [
+pub const TACTILE_CHANNELS: [&str; 7] = [
     Channel::Markers.name(),
     Channel::Displacement.name(),
     Channel::Stress.name(),
     Channel::TetStress.name(),
-    Channel::Peak.name(),
     Channel::Traction.name(),
     Channel::Depth.name(),
     Channel::Trust.name(),
@@ -122,6 +121,7 @@ impl Layout {
             ("properties", _) => properties(moment, &mut writer),
             ("squeeze", _) => squeeze(moment, &mut writer),
             ("deformation", _) => deformation(moment, &mut writer),
+            ("share", _) => writer.push(moment.share_of_limit()),
             ("limit", _) => writer.push(moment.draw.stress_limit.unwrap_or_default()),
             _ => writer.push(moment.time),
         }
@@ -214,6 +214,9 @@ fn components(channel: &str, config: &Config) -> Vec<Component> {
                 0.1,
                 "m",
             )]
+        }
+        "share" => {
+            vec![between("highest stress in the pads, of the episode's limit", 1, 0.0, 1e4, "")]
         }
         "limit" => {
             vec![between("stress in the pads that ends the episode", 1, 0.0, 1e10, "Pa")]

@@ -57,7 +57,6 @@ class GraspLiftEnv(NativeEnv):
     | ``displacement`` | S x 3 | displacement of all free nodes of the pad's surface (m) |
     | ``stress`` | 12 x 10 | von Mises stress under the face (Pa) |
     | ``tet_stress`` | T | von Mises stress in each tetrahedron (Pa) |
-    | ``peak`` | 1 | highest von Mises stress in any tetrahedron (Pa) |
     | ``traction`` | 12 x 10 x 3 | contact force per area (Pa): shear in x and y, normal in z |
     | ``depth`` | 32 x 24 | height of the face over the camera's view (m) |
     | ``trust`` | 3 | unbalanced force (N), its share, 1 if deeper than gels are calibrated |
@@ -135,9 +134,9 @@ class GraspFragileEnv(NativeEnv):
 
     World, channels and settings are those of :class:`GraspLiftEnv`, with these differences. The
     fingers stand round the object, the hand moves up and down only, and mass and friction are such
-    that the least force that holds differs by more than ten times. What an object bears is told as a stress
-    in the pads, which the same force makes several times as high with one shape as with another: the
-    force that is enough and not too much shows in nothing but touch.
+    that the least force that holds differs by more than twenty times. An object bears a little more
+    stress in the pads than a safe grip of it makes, however heavy, smooth and curved it is: which
+    force is enough and not too much shows in nothing but touch.
 
     ## Action
     The hand moves at 0.1 m/s at most; its workspace is a line, and it does not turn. The fifth
@@ -145,10 +144,16 @@ class GraspFragileEnv(NativeEnv):
     relatively (a factor of 1.5 a step at most), between ``start_grip`` and 20 N.
 
     ## Observation
-    By default ``proprio``, ``limit``, ``wrench`` and ``peak``; where the object is is not told.
-    ``limit`` (1 entry, only here) is the highest von Mises stress that this episode allows (Pa).
-    What must not exceed it is the highest stress in any tetrahedron of both pads, the greater of the
-    two entries of ``peak``; ``stress`` shows averages on a grid, which are lower.
+    By default ``proprio``, ``wrench`` and ``share``; where the object is is not told. Two channels
+    are only here:
+
+    | channel | size | content |
+    | --- | --- | --- |
+    | ``share`` | 1 | highest von Mises stress in any tetrahedron of both pads, of the limit |
+    | ``limit`` | 1 | what this episode allows that stress to be (Pa) |
+
+    An agent that is to feel its way has ``share``, or ``stress`` with ``limit``; one without touch
+    has neither.
 
     ## Reward
     Weighted mean of three terms in [0, 1], each in ``info["reward_terms"]``:
@@ -161,7 +166,7 @@ class GraspFragileEnv(NativeEnv):
 
     ## Start
     The object lies in the middle, its narrower side across, half a millimetre from each pad; the
-    grip force is ``start_grip``, 1 N. Objects weigh 100 to 400 g, friction is 0.3 to
+    grip force is ``start_grip``, 0.4 N. Objects weigh 50 to 400 g, friction is 0.3 to
     1.0, size 0.8 to 1.2. The limit comes from a trial with the same object before the start: it
     hangs in a hand that grips with ``spare`` times the least force that holds it, m g / 2 μ; its
     limit is the highest stress there times a number drawn from ``margin``. So every limit can be

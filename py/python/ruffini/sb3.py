@@ -149,9 +149,6 @@ TYPICAL = {
 }
 """Bound of a channel over what a firm grip makes of it."""
 
-MAPS = tuple(name for name in TACTILE_CHANNELS if name != "peak")
-"""Channels of touch with many numbers a pad."""
-
 WEAK = 0.1
 """Strength of the features of touch at the beginning of training."""
 
@@ -159,10 +156,10 @@ WEAK = 0.1
 class TouchExtractor(BaseFeaturesExtractor):
     """Features of dict observations for ``MultiInputPolicy``.
 
-    Each channel of :data:`MAPS` goes pad by pad through a small network of its own, which both pads
-    share; all others are taken as they are. About 9,000 weights for the default markers.
+    Each channel of touch goes pad by pad through a small network of its own, which both pads share;
+    all others are taken as they are. About 9,000 weights for the default markers.
 
-    Maps are scaled by their bounds. Leave them out of ``VecNormalize`` (``norm_obs_keys``): they are 0
+    Touch is scaled by its bounds. Leave it out of ``VecNormalize`` (``norm_obs_keys``): it is 0
     until something touches, and running statistics of that make the first touches enormous.
     Features begin weak and grow as they are learnt, so that the first touches change little of what
     the policy does without.
@@ -177,7 +174,7 @@ class TouchExtractor(BaseFeaturesExtractor):
         self, observation_space: gym.spaces.Dict, features: int = 32, hidden: int = 64
     ) -> None:
         sizes = {name: int(np.prod(box.shape or ())) for name, box in observation_space.items()}
-        felt = {name: sizes[name] // 2 for name in sizes if name in MAPS}
+        felt = {name: size // 2 for name, size in sizes.items() if name in TACTILE_CHANNELS}
         seen = sum(size for name, size in sizes.items() if name not in felt)
         super().__init__(observation_space, features_dim=seen + 2 * features * len(felt))
         self._channels = list(sizes)
