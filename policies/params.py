@@ -65,7 +65,7 @@ PARAMS: dict[tuple[str, str], Params] = {
     ),
     ("ruffini/GraspFragile-v0", "ppo"): Params(
         # Touch takes nearly all of the time: fewer steps, and more learnt from each.
-        steps=120_000,
+        steps=200_000,
         n_envs=32,
         algorithm={
             "n_steps": 64,
@@ -75,7 +75,7 @@ PARAMS: dict[tuple[str, str], Params] = {
             "gamma": 0.97,
             "gae_lambda": 0.95,
             # A shaking hand breaks things.
-            "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -2.0},
+            "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -1.5},
         },
     ),
     ("ruffini/HoldStill-v0", "ppo"): Params(

@@ -303,6 +303,25 @@ def test_the_scripted_policy_holds_with_less_force_than_any_constant_grip():
         assert constant["return"] < scripted["return"], (grip, constant)
 
 
-def test_the_scripted_policy_lifts_what_is_fragile():
-    result = evaluate(load("scripted", FRAGILE), FRAGILE, 16, **SOFT)
-    assert result["success"] >= 0.9, result
+class Firm:
+    """Grips fragile objects with the same force, then lifts."""
+
+    def __init__(self, force: float) -> None:
+        self._force = force
+
+    def predict(self, observation: Any, state: Any = None, **_: Any) -> tuple[np.ndarray, Any]:
+        step = state or 0
+        action = np.zeros((len(observation["proprio"]), 5), np.float32)
+        # A factor of exp(0.4) a step at most.
+        change = np.log(self._force / observation["proprio"][:, 11]) / 0.4
+        action[:, 4] = np.clip(change, -1, 1)
+        action[:, 2] = 0.5 * (15 <= step < 35)
+        return action, step + 1
+
+
+def test_the_scripted_policy_lifts_what_is_fragile_and_no_constant_grip_does():
+    scripted = evaluate(load("scripted", FRAGILE), FRAGILE, 24, **SOFT)
+    assert scripted["success"] >= 0.9, scripted
+    for force in (1.0, 2.0, 3.0, 4.0, 6.0):
+        constant = evaluate(Firm(force), FRAGILE, 24, **SOFT)
+        assert constant["interval"][1] < scripted["success"], (force, constant)

@@ -184,7 +184,8 @@ class GraspFragileEnv(NativeEnv):
         width: Width of a picture in pixels.
         height: Height of a picture in pixels.
         **settings: As for :class:`GraspLiftEnv`, and ``start_grip`` (N), ``grip_rate`` (1/s),
-            ``spare``, and ``margin``, a range or a number. ``tactile="none"`` is an error.
+            ``spare``, and ``margin``, a range or a number. ``tactile="none"`` is an error; ``yaw``,
+            ``start`` and ``start_height`` change nothing.
 
     Raises:
         TypeError: If a setting is unknown.
