@@ -163,7 +163,9 @@ fn the_first_step_past_the_limit_ends_a_fragile_grasp() {
     while ended != [true; 4] {
         let StepResult { observation, outcomes, .. } =
             batch.step(&[0.0, 0.0, 0.0, 0.0, 0.3].repeat(4)).unwrap();
-        for (row, outcome) in outcomes.iter().enumerate().filter(|&(row, _)| !ended[row]) {
+        let running: Vec<_> = (0..4).filter(|&row| !ended[row]).collect();
+        for row in running {
+            let outcome = &outcomes[row];
             let stress = channel(&batch, &observation, row, "tet_stress");
             let peak = stress.iter().copied().fold(0.0, f32::max);
             let share = channel(&batch, &observation, row, "share")[0];
