@@ -14,7 +14,7 @@ AIM = 0.9
 """Stress that is aimed at, of the limit."""
 
 FIRM = 0.85
-"""Stress from which it lifts, of the limit: a looser grip may slip, which breaks more than it spares."""
+"""Stress from which it lifts, of the limit: a looser grip slips, which stresses the pads more."""
 
 GAIN = 3.0
 """Action of the grip for a difference of the whole limit."""
@@ -42,8 +42,9 @@ class ScriptedFragile:
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (N, 5) for observations (N, ...), and for the next call the steps (N) since each lift
-        began with the heights (N) of the hand at first (m).
+        """Actions (N, 5) for observations (N, ...), and a state for the next call.
+
+        The state is the steps (N) since each lift began, and the hand's first heights (N) in m.
         """
         stress = observation["share"][:, 0]
         height = observation["proprio"][:, 2]

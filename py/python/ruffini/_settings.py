@@ -20,7 +20,12 @@ _HOLDING = {
     "slip_limit": "slip_limit",
 }
 """Settings of a held object, with their names in Rust."""
-_FRAGILITY = {"start_grip": "start_grip", "grip_rate": "grip_rate", "spare": "spare", "margin": "margin"}
+_FRAGILITY = {
+    "start_grip": "start_grip",
+    "grip_rate": "grip_rate",
+    "spare": "spare",
+    "margin": "margin",
+}
 """Settings of a fragile grasp, with their names in Rust."""
 _SOFTNESS = {"young": "young", "poisson": "poisson", "crush": "crush"}
 """Settings of soft objects, with their names in Rust."""
