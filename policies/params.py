@@ -65,17 +65,17 @@ PARAMS: dict[tuple[str, str], Params] = {
     ),
     ("ruffini/GraspFragile-v0", "ppo"): Params(
         # Touch takes nearly all of the time: fewer steps, and more learnt from each.
-        steps=300_000,
+        steps=200_000,
         n_envs=32,
         algorithm={
-            "n_steps": 128,
-            "batch_size": 512,
+            "n_steps": 64,
+            "batch_size": 256,
             "n_epochs": 10,
-            "learning_rate": 3e-4,
-            "gamma": 0.98,
+            "learning_rate": 7e-4,
+            "gamma": 0.97,
             "gae_lambda": 0.95,
             # A shaking hand breaks things.
-            "policy_kwargs": {"net_arch": [128, 128], "log_std_init": -1.0},
+            "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -1.5},
         },
     ),
     ("ruffini/HoldStill-v0", "ppo"): Params(

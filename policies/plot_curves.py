@@ -1,4 +1,4 @@
-"""Draws the learning curves of several seeds, with touch and without in one picture.
+"""Draws the learning curves of several seeds, by what is felt and seen, in one picture.
 
 Use::
 
@@ -35,8 +35,11 @@ def read(folder: Path) -> dict[str, Any]:
     about: dict[str, Any] = json.loads((folder / "run.json").read_text())
     curve = json.loads((folder / CHECKPOINT / "curve.json").read_text())
     policy = TrainedPolicy(folder)
+    tactile, seen = (about["environment"].get(name) for name in ("tactile", "observation"))
+    channels = [f"only {' '.join(seen)}"] if seen else []
     return about | {
-        "tactile": about["environment"].get("tactile", "surrogate"),
+        "tactile": tactile or "surrogate",
+        "kind": ", ".join([tactile or "surrogate", *channels]),
         "curve": curve,
         "minutes": round(curve[-1]["seconds"] / 60, 2),
         "evaluation": evaluate(policy, about["env"], EPISODES, **about["environment"]),
@@ -44,19 +47,20 @@ def read(folder: Path) -> dict[str, Any]:
 
 
 def draw(runs: list[dict[str, Any]], scripted: dict[str, dict[str, Any]], path: Path) -> None:
-    """Success and return against steps, one line a seed, one colour a model of touch."""
+    """Success and return against steps, one line a seed, one colour a kind of run."""
     figure, (above, below) = plt.subplots(1, 2, figsize=(10, 3.6))
-    colours = {tactile: f"C{i}" for i, tactile in enumerate(scripted)}
+    kinds = sorted({run["kind"] for run in runs})
+    colours = {kind: f"C{i}" for i, kind in enumerate(kinds)}
     for run in runs:
         curve, evaluation = run["curve"], run["evaluation"]
-        label = f"{run['tactile']}, seed {run['seed']}: {100 * evaluation['success']:.1f} %, "
+        label = f"{run['kind']}, seed {run['seed']}: {100 * evaluation['success']:.1f} %, "
         label += f"return {evaluation['return']:.1f}, {run['minutes']:.0f} min"
-        style = {"color": colours[run["tactile"]], "ls": STYLES[run["seed"] % 3], "lw": 1.3}
+        style = {"color": colours[run["kind"]], "ls": STYLES[run["seed"] % 3], "lw": 1.3}
         steps = [point["steps"] / 1e6 for point in curve]
         above.plot(steps, [100 * point["success"] for point in curve], label=label, **style)
         below.plot(steps, [point["return"] for point in curve], **style)
     for tactile, told in scripted.items():
-        style = {"color": colours[tactile], "ls": (0, (1, 3)), "lw": 1}
+        style = {"color": colours.get(tactile, "black"), "ls": (0, (1, 3)), "lw": 1}
         above.axhline(100 * told["success"], **style)
         below.axhline(told["return"], **style)
     above.set(xlabel="million steps", ylabel="success in training (%)", ylim=(-2, 103))
@@ -80,10 +84,12 @@ def main() -> None:
     missing = [str(folder) for folder in arguments.runs if not (folder / "run.json").is_file()]
     if missing:
         parser.error(f"no run in {', '.join(missing)}")
-    runs = sorted(map(read, arguments.runs), key=lambda run: (run["tactile"], run["seed"]))
+    runs = sorted(map(read, arguments.runs), key=lambda run: (run["kind"], run["seed"]))
     if len({run["env"] for run in runs}) > 1:
         parser.error("expected runs of one environment")
-    settings = {run["tactile"]: run["environment"] for run in runs}
+    # A scripted policy reads the usual observation.
+    usual = [{k: v for k, v in run["environment"].items() if k != "observation"} for run in runs]
+    settings = {run["tactile"]: chosen for run, chosen in zip(runs, usual, strict=True)}
     env_id = runs[0]["env"]
     scripted = {
         tactile: evaluate(load("scripted", env_id), env_id, EPISODES, **chosen)
@@ -96,7 +102,7 @@ def main() -> None:
     (RESULTS / f"{name}.json").write_text(json.dumps(document, indent=1) + "\n")
     for run in runs:
         evaluation = run["evaluation"]
-        print(f"{run['tactile']}, seed {run['seed']}: {evaluation['success']:.1%} ", end="")
+        print(f"{run['kind']}, seed {run['seed']}: {evaluation['success']:.1%} ", end="")
         print(f"{evaluation['interval']}, return {evaluation['return']}", end="")
         print(f" after {run['minutes']} min")
 

@@ -1,7 +1,6 @@
-"""A scripted policy for GraspFragile: as :mod:`scripted_grasp`, but gripping by felt stress.
+"""A scripted policy for GraspFragile: grip until the felt stress is near the limit, then lift.
 
-It closes lightly and then moves the grip force towards the one at which the stress is a fixed share
-of the episode's limit. It reads only the default observation.
+It reads only ``proprio`` and ``share`` of the default observation.
 """
 
 from __future__ import annotations
@@ -11,31 +10,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scripted_grasp import ScriptedGrasp
+AIM = 0.9
+"""Stress that is aimed at, of the limit."""
 
-SHARE = 0.35
-"""Highest stress on the grid that is aimed at, of the limit on the higher peak inside."""
+FIRM = 0.85
+"""Stress from which it lifts, of the limit: a looser grip slips, which stresses the pads more."""
 
-FIRST = 0.05
-"""Grip force command until both pads touch, of the gripper's largest."""
+GAIN = 3.0
+"""Action of the grip for a difference of the whole limit."""
 
-HIGHEST = 0.25
-"""Highest grip force command, of the gripper's largest."""
+SPEED = 0.5
+"""Action of the lift."""
 
-GAIN = 0.05
-"""Change of the command a step, at no stress."""
+RAMP = 5
+"""Steps in which the lift comes to its speed."""
 
-ENOUGH = 0.7
-"""Share of the stress aimed at from which it lifts."""
+RISE = 0.06
+"""Rise of the hand at which it stops (m)."""
 
-UP = 0.005
-"""Rise from which it goes on lifting (m)."""
-
-LARGEST_FORCE = 10.0
-"""Grip force at action 1 (N)."""
+BRAKING = 40.0
+"""Action for a metre that is left to rise."""
 
 
-class ScriptedFragile(ScriptedGrasp):
+class ScriptedFragile:
     """Acts on a batch of dict observations, one row an environment."""
 
     def predict(
@@ -45,14 +42,17 @@ class ScriptedFragile(ScriptedGrasp):
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (N, 5) for observations (N, ...); the signature is Stable-Baselines3's."""
-        action, state = super().predict(observation, state, episode_start, deterministic)
-        limit, before = observation["limit"][:, 0], observation["proprio"][:, 11] / LARGEST_FORCE
-        felt = observation["stress"].max(axis=1) / (SHARE * limit)
-        firmer = np.clip(before + GAIN * (1.0 - felt), FIRST, HIGHEST)
-        closing = action[:, 4] > 0
-        touching = (observation["proprio"][:, 12:14] > 0).all(axis=1)
-        action[:, 4] = np.where(closing, np.where(touching, firmer, FIRST), action[:, 4])
-        waits = closing & (felt < ENOUGH) & (firmer < HIGHEST) & (observation["object"][:, 15] < UP)
-        action[waits, 2] = 0.0
-        return action, state
+        """Actions (N, 5) for observations (N, ...), and a state for the next call.
+
+        The state is the steps (N) since each lift began, and the hand's first heights (N) in m.
+        """
+        stress = observation["share"][:, 0]
+        height = observation["proprio"][:, 2]
+        steps, first = (np.zeros(len(height)), height) if state is None else state
+        steps = steps + ((stress > FIRM) | (steps > 0))
+        action = np.zeros((len(height), 5), np.float32)
+        left = BRAKING * (first + RISE - height)
+        lift = SPEED * np.minimum(steps / RAMP, 1.0)
+        action[:, 2] = np.where(steps > 0, np.clip(left, -SPEED, lift), 0.0)
+        action[:, 4] = np.clip(GAIN * (AIM - stress), -1.0, 1.0)
+        return action, (steps, first)

@@ -90,6 +90,9 @@ pub enum Error {
         /// How far the shapes moved (m).
         travel: f64,
     },
+    /// A trial grip that no model answers, so that there is no limit to go by.
+    #[error("the trial grip has no answer, expected one in reach of the model")]
+    NoTrial,
     /// A model that stopped on an internal error.
     #[error("the model stopped on an internal error, expected none: please report it")]
     Panicked,
@@ -146,6 +149,7 @@ impl Error {
             Self::Penetrated { .. } => "penetrated",
             Self::Network { .. } => "network",
             Self::Unreachable { .. } => "unreachable",
+            Self::NoTrial => "no-trial",
             Self::Panicked => "panicked",
         }
     }

@@ -214,6 +214,10 @@ impl Batch {
         if let Some(limit) = draw.stress_limit {
             dict.set_item("stress_limit", limit)?;
         }
+        if let Some(trial) = draw.trial {
+            dict.set_item("trial_grip", trial.grip)?;
+            dict.set_item("margin", trial.margin)?;
+        }
         if let Some(shaking) = draw.shaking {
             dict.set_item("load", shaking.load)?;
             dict.set_item("shaking", shaking.amplitude)?;

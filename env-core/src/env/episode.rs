@@ -11,17 +11,20 @@ use super::{
     Setup,
     plan::{CHANNEL, CORRECTION, Costs, PEAK, PRESS, REWARD, SCENE},
     squeeze::{self, Squeeze},
+    start::Start,
     touch::{PerFinger, correct, keep, presses},
-    way::{FINE, PosesInPads, Way},
+    trial::{limit, trial},
+    way::{PosesInPads, Way},
 };
 use crate::{
     Error, Result,
     deformation::{Deformation, Press},
     geometry::Shape,
-    scene::{Object, Pads, Scene, SceneState},
+    scene::{Object, Scene, SceneState},
     tactile::{Feeling, Finger, SoftObject, Squeezed},
     task::{
-        ACTION_SIZE, Draw, Ending, Holding, Moment, Progress, Range, RewardTerms, Shaking, command,
+        ACTION_SIZE, Draw, Ending, Fragility, Holding, Moment, Progress, Range, RewardTerms,
+        Shaking, Trial, command, least_grip,
     },
 };
 
@@ -101,29 +104,45 @@ impl Episode {
             friction,
             half_extents: (0.5 * scale * (high - low)).into(),
             rest_height: pose.translation.z,
-            stress_limit: config.stress_limit.map(&mut uniform),
+            stress_limit: None,
+            trial: None,
             young: config.softness.as_ref().map(|softness| uniform(softness.young)),
             shaking: config.holding.as_ref().map(|holding| shaking(holding, &mut uniform)),
         };
-        let crushed = config.softness.as_ref().zip(draw.young).map(|(s, young)| s.crush * young);
-        let draw = Draw { stress_limit: draw.stress_limit.or(crushed), ..draw };
+        let stress_limit =
+            config.softness.as_ref().zip(draw.young).map(|(s, young)| s.crush * young);
+        let gravity = config.scene.physics.gravity;
+        let tried = |f: &Fragility| Trial {
+            grip: f.spare * least_grip(mass, friction, gravity),
+            margin: uniform(f.margin),
+        };
+        let draw = Draw { stress_limit, trial: config.fragility.as_ref().map(tried), ..draw };
         let object = Object { model, scale, mass, friction, pose };
-        let (scene, grip, way) = scene(setup, &object, &Vector3::from(start), draw.young)?;
+        let Start { scene, grip, way } =
+            Start::new(setup, &object, &Vector3::from(start), draw.young)?;
+        let presses = draw.trial.map(|t| trial(setup, &object, &draw, t.grip)).transpose()?;
         let state = scene.state();
         let fingers = way.start().map(Finger::new);
         let (object, progress) = (None, Progress::new(&state));
         let (squeeze, steps, over) = (Squeeze::default(), 0, false);
         let mut episode =
             Self { scene, draw, object, fingers, squeeze, grip, steps, progress, over };
-        let motion = episode.motion(setup, state, way.poses());
+        let mut motion = episode.motion(setup, state, way.poses());
+        motion.presses = presses.unwrap_or(motion.presses);
         Ok((episode, motion))
     }
 
     /// Ends a reset: writes the observation of `motion`, where the episode starts. A press without an
-    /// answer leaves the fingers without touch until the first step.
+    /// answer leaves the fingers without touch until the first step; a fragile grasp, which starts
+    /// without, takes its limit from the answers, and without one its first step ends it.
     pub(super) fn open(&mut self, setup: &Setup, motion: Motion, observation: &mut [f32]) {
         let Motion { state, answers, .. } = motion;
-        let (felt, squeezed) = self.felt(setup, &state, answers).unwrap_or_default();
+        let (felt, squeezed) = if let Some(trial) = &self.draw.trial {
+            self.draw.stress_limit = limit(setup, trial, answers).ok();
+            Default::default()
+        } else {
+            self.felt(setup, &state, answers).unwrap_or_default()
+        };
         setup.layout.write(&self.moment(&state, setup, &felt, squeezed.as_ref()), observation);
     }
 
@@ -232,7 +251,7 @@ impl Episode {
         action: &[f32; ACTION_SIZE],
         costs: &mut Costs,
     ) -> Motion {
-        let command = command(action, &setup.config.scene.gripper);
+        let command = command(action, &setup.config, self.grip);
         let (start, shaking) = (self.time(setup), self.draw.shaking);
         self.grip = command.grip;
         self.steps += 1;
@@ -270,6 +289,9 @@ impl Episode {
         let (felt, squeezed) = felt;
         let mut progress = self.progress;
         let mut moment = self.moment(&state, setup, &felt, squeezed.as_ref());
+        if self.draw.trial.is_some() && self.draw.stress_limit.is_none() {
+            return Outcome::press_failed(&Error::NoTrial);
+        }
         if let (Some(_), Some(feeling)) = (self.draw.stress_limit, &moment.feeling) {
             moment.peak_stress = costs.time(PEAK, || feeling.peak_stress());
         }
@@ -300,38 +322,6 @@ impl Episode {
         self.progress = progress;
         outcome
     }
-}
-
-/// The scene that an episode starts with, the hand at `start` (m), the grip force (N), and the way on
-/// which the object came there: over an `object` on the table, or holding it.
-fn scene(
-    setup: &Setup,
-    object: &Object,
-    start: &Vector3<f64>,
-    young: Option<f64>,
-) -> Result<(Scene, f64, Way)> {
-    let mut config = setup.config.scene.clone();
-    if let (Some(young), Pads::Soft(pads)) = (young, &mut config.pads) {
-        pads.young = young;
-    }
-    let config = &config;
-    let Some(holding) = &setup.config.holding else {
-        let scene = Scene::new(config, object, start, 0.0)?;
-        let mut way = Way::from(scene.object_in_pads(), FINE);
-        way.arrive(scene.object_in_pads());
-        return Ok((scene, 0.0, way));
-    };
-    let place = config.workspace.clamp(start);
-    let object = Object { pose: object.model.in_hand(object.scale, &place), ..object.clone() };
-    let (grip, mut way) = (holding.start_grip, None::<Way>);
-    let seen = |scene: &Scene| match &mut way {
-        Some(way) => way.go_on(scene.object_in_pads()),
-        None => way = Some(Way::from(scene.object_in_pads(), FINE)),
-    };
-    let scene = Scene::holding(config, &object, &place, grip, seen)?;
-    let mut way = way.unwrap_or_else(|| Way::from(scene.object_in_pads(), FINE));
-    way.arrive(scene.object_in_pads());
-    Ok((scene, grip, way))
 }
 
 /// A disturbance drawn by `uniform` from its ranges, its direction from the sphere.

@@ -11,7 +11,9 @@ mod plan;
 mod row;
 mod snapshot;
 mod squeeze;
+mod start;
 mod touch;
+mod trial;
 mod way;
 
 pub use batch::{Autoreset, Batch, StepResult};
@@ -83,7 +85,7 @@ impl Setup {
     /// What must be known of each answer for the observation and the task.
     pub fn wanted(&self) -> Wanted {
         let channels = self.layout.channels().iter().filter_map(|(name, _)| Channel::named(name));
-        let task = Wanted { stress: self.config.stress_limit.is_some(), residual: false };
+        let task = Wanted { stress: self.config.fragility.is_some(), residual: false };
         channels.map(Channel::wants).fold(task, |all, more| Wanted {
             stress: all.stress || more.stress,
             residual: all.residual || more.residual,

@@ -204,7 +204,7 @@ impl SceneConfig {
             ("gripper.max_force", g.max_force, 0.01, 200.0),
             ("gripper.closing_speed", g.closing_speed, 0.001, 5.0),
             ("gripper.max_speed", g.max_speed, 0.001, 5.0),
-            ("gripper.max_yaw_rate", g.max_yaw_rate, 0.01, 50.0),
+            ("gripper.max_yaw_rate", g.max_yaw_rate, 0.0, 50.0),
             ("gripper.max_acceleration", g.max_acceleration, 0.1, 1000.0),
             ("gripper.max_yaw_acceleration", g.max_yaw_acceleration, 0.1, 10_000.0),
             ("gripper.centering_stiffness", g.centering_stiffness, 0.0, 1e6),

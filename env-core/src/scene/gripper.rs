@@ -62,6 +62,14 @@ impl Hand {
         Self { wrist, fingers }
     }
 
+    /// Puts the pads' faces `opening` (m) apart about the wrist at `pose`.
+    pub(super) fn open_to(&self, world: &mut PhysicsWorld, pose: &Isometry3<f64>, opening: f64) {
+        for finger in &self.fingers {
+            let offset = Translation3::new(-0.5 * f64::from(finger.side) * opening, 0.0, 0.0);
+            world.bodies[finger.body].set_position(units::pose(&(pose * offset)), false);
+        }
+    }
+
     /// Drives each finger with the force `grip` (N), closing if positive.
     ///
     /// The force is applied to the finger; the joint's motor adds damping, which sets the speed of

@@ -14,13 +14,29 @@ const FIRM: f64 = 0.9;
 /// Control periods after which a gripped object hangs at rest.
 const REST: usize = 8;
 
+/// Room between each pad and the object that it is about to grip (m).
+const GAP: f64 = 5e-4;
+
 impl Scene {
+    /// A scene whose hand, at `tool_center` (m), is about to touch the object, which stands across it as
+    /// [`ObjectModel::in_hand`] turns it.
+    pub fn around(
+        config: &SceneConfig,
+        object: &Object,
+        tool_center: &Vector3<f64>,
+    ) -> Result<Self> {
+        let mut scene = Self::new(config, object, tool_center, 0.0)?;
+        let opening = object.model.width_in_hand(object.scale) + 2.0 * GAP;
+        scene.open_to(opening.min(config.gripper.max_opening));
+        Ok(scene)
+    }
+
     /// A scene whose hand, at `tool_center` (m), has gripped the object with `grip` (N); an error if
     /// the hand closes on nothing.
     ///
     /// The object is met where [`Object::pose`] puts it, in weightlessness. That ends with the grip,
     /// and the object has come to rest in the hand if `grip` holds it. `seen` is shown the scene with
-    /// the hand open and after each time step: what the pads remember comes from there.
+    /// the hand about to touch and after each time step: what the pads remember comes from there.
     pub fn holding(
         config: &SceneConfig,
         object: &Object,
@@ -28,7 +44,7 @@ impl Scene {
         grip: f64,
         mut seen: impl FnMut(&Self),
     ) -> Result<Self> {
-        let mut scene = Self::new(config, object, tool_center, 0.0)?;
+        let mut scene = Self::around(config, object, tool_center)?;
         scene.set_gravity(0.0);
         let command = Command { grip, ..Command::default() };
         seen(&scene);

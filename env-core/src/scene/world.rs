@@ -241,6 +241,11 @@ impl Scene {
         self.world.gravity = Vector::new(0.0, 0.0, -units::scalar(gravity));
     }
 
+    /// Puts the pads' faces `opening` (m) apart, at rest.
+    pub(super) fn open_to(&mut self, opening: f64) {
+        self.hand.open_to(&mut self.world, &self.wrist.pose, opening);
+    }
+
     /// Lets the object come to rest under strong damping with the hand away; its orientation then.
     pub(super) fn settle(&mut self, steps: usize) -> UnitQuaternion<f64> {
         let body = &mut self.world.bodies[self.object];

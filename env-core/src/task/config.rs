@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Holding, Layout, ObjectSpec, Softness, Task, Weights};
+use super::{Fragility, Holding, Layout, ObjectSpec, Softness, Task, Weights};
 use crate::{
     Error, Result,
     deformation::Moduli,
@@ -41,8 +41,8 @@ pub struct Config {
     pub lift_height: f64,
     /// Time for which the lifted object must stay held (s).
     pub hold_time: f64,
-    /// Stress in the pads that ends an episode (Pa): of GraspFragile, and of no other task.
-    pub stress_limit: Option<Range>,
+    /// Start and limit of a fragile grasp: of GraspFragile, and of no other task.
+    pub fragility: Option<Fragility>,
     /// Start and disturbance of a held object: of HoldStill, and of no other task.
     pub holding: Option<Holding>,
     /// Material of soft objects: of GraspSoft, and of no other task.
@@ -82,7 +82,7 @@ impl Default for Config {
             start_height: [0.08, 0.12],
             lift_height: 0.08,
             hold_time: 0.5,
-            stress_limit: None,
+            fragility: None,
             holding: None,
             softness: None,
             max_episode_steps: 100,
@@ -98,6 +98,8 @@ impl Default for Config {
 
 /// Largest grip force of the tasks in which little force counts (N): actions are shares of it.
 const LIGHT_GRIP: f64 = 10.0;
+/// The same where the heaviest and smoothest objects are tried with spare force (N).
+const FRAGILE_GRIP: f64 = 20.0;
 /// Centring stiffness of fingers that close gently (N/m): the usual one drives a finger under 1 N to
 /// several times its closing speed.
 const LIGHT_CENTERING: f64 = 1e3;
@@ -111,10 +113,9 @@ impl Config {
         }
         config.scene.gripper.max_force = LIGHT_GRIP;
         let objects = match task {
-            // Nothing that meets a pad with an edge only.
-            Task::GraspLift | Task::GraspFragile => {
-                &["sphere", "cuboid", "cylinder", "prism", "ellipsoid"][..]
-            }
+            Task::GraspLift => &[][..],
+            // Nothing that meets a pad with an edge or with a face.
+            Task::GraspFragile => &["sphere", "cylinder", "ellipsoid"],
             // Nothing that a rigid face meets with a face or an edge first.
             Task::GraspSoft => &["sphere", "ellipsoid", "potato", "lemon"],
             // Nothing that turns between two points either, which rigid pads cannot prevent.
@@ -125,8 +126,14 @@ impl Config {
             Task::GraspLift => {}
             Task::GraspFragile => {
                 config.scene.gripper.centering_stiffness = LIGHT_CENTERING;
-                config.mass = [0.02, 0.1];
-                config.stress_limit = Some([6e4, 1.2e5]);
+                config.scene.gripper.max_force = FRAGILE_GRIP;
+                config.stand_on_a_column();
+                config.lift_height = 0.03;
+                config.max_episode_steps = 60;
+                config.mass = [0.05, 0.4];
+                config.friction = [0.3, 1.0];
+                config.size = [0.8, 1.2];
+                config.fragility = Some(Fragility::default());
             }
             Task::GraspSoft => {
                 config.scene.gripper.pad_thickness = DEEP;
@@ -139,6 +146,16 @@ impl Config {
             Task::HoldStill => config.holding = Some(Holding::default()),
         }
         config
+    }
+
+    /// A hand that moves up and down only, gently, over an object in the middle.
+    fn stand_on_a_column(&mut self) {
+        let SceneConfig { gripper, workspace, .. } = &mut self.scene;
+        (gripper.max_speed, gripper.max_acceleration, gripper.max_yaw_rate) = (0.1, 1.0, 0.0);
+        for corner in [&mut workspace.low, &mut workspace.high] {
+            corner[..2].fill(0.0);
+        }
+        (self.position, self.start) = ([0.0; 2], [0.0; 2]);
     }
 
     /// What is set about touch.
@@ -240,7 +257,7 @@ impl Config {
                 "surrogate, compliance or fem: GraspFragile limits the stress in the pads";
             return Err(Error::invalid("tactile", "none", expected));
         }
-        belongs("stress_limit", self.stress_limit.as_ref(), task, Task::GraspFragile)?;
+        belongs("fragility", self.fragility.as_ref(), task, Task::GraspFragile)?;
         belongs("softness", self.softness.as_ref(), task, Task::GraspSoft)?;
         if let Some(softness) = &self.softness {
             if tactile != Choice::Surrogate {
@@ -256,11 +273,15 @@ impl Config {
             ordered("crush", [softness.crush; 2], 0.01, 1.0)?;
         }
         belongs("holding", self.holding.as_ref(), task, Task::HoldStill)?;
-        if let Some(limit) = self.stress_limit {
-            ordered("stress_limit", limit, 1.0, 1e9)?;
+        let most = self.scene.gripper.max_force;
+        if let Some(fragility) = &self.fragility {
+            ordered("start_grip", [fragility.start_grip; 2], 0.01, most)?;
+            ordered("grip_rate", [fragility.grip_rate; 2], 0.01, 100.0)?;
+            ordered("spare", [fragility.spare; 2], 1.0, 100.0)?;
+            ordered("margin", fragility.margin, 0.01, 100.0)?;
+            self.validate_trials(fragility)?;
         }
         let Some(holding) = &self.holding else { return Ok(()) };
-        let most = self.scene.gripper.max_force;
         ordered("start_grip", [holding.start_grip; 2], 0.01, most)?;
         ordered("load", holding.load, 0.0, 1e3)?;
         ordered("shaking", holding.shaking, 0.0, 1e3)?;
@@ -286,10 +307,8 @@ impl Config {
     fn fits(&self, spec: &ObjectSpec, model: &ObjectModel) -> Result<()> {
         let (low, high) = model.surface().bounds();
         let narrow = match self.task {
-            Task::HoldStill => model.width_in_hand(self.size[1]),
-            Task::GraspLift | Task::GraspFragile | Task::GraspSoft => {
-                (high - low).min() * self.size[1]
-            }
+            Task::HoldStill | Task::GraspFragile => model.width_in_hand(self.size[1]),
+            Task::GraspLift | Task::GraspSoft => (high - low).min() * self.size[1],
         };
         let opening = self.scene.gripper.max_opening;
         if narrow < opening {

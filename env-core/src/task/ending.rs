@@ -17,7 +17,7 @@ pub enum Ending {
     PressFailed,
     /// The stress in a pad, or in a soft object, exceeded the episode's limit.
     StressExceeded,
-    /// The held object slipped out of the hand.
+    /// The object slipped out of the hand.
     Dropped,
 }
 
@@ -73,9 +73,12 @@ impl Ending {
         }
         let exceeded = moment.draw.stress_limit.is_some_and(|limit| moment.peak_stress > limit);
         let held = config.task == Task::HoldStill;
+        let lost = config.task == Task::GraspFragile && progress.gripped();
         if exceeded {
             Some(Self::StressExceeded)
         } else if held && (!moment.any_touches() || progress.slip(moment) > OUT_OF_HAND) {
+            Some(Self::Dropped)
+        } else if lost && !moment.any_touches() {
             Some(Self::Dropped)
         } else {
             None

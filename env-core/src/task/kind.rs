@@ -11,7 +11,7 @@ pub enum Task {
     /// Grasp an object that lies on the table, and lift it.
     #[default]
     GraspLift,
-    /// The same, under a limit on the stress in the pads.
+    /// Lift an object that the hand is about to touch, under a limit on the stress in the pads.
     GraspFragile,
     /// Lift a soft object with rigid fingers, deforming it little.
     GraspSoft,
@@ -40,7 +40,8 @@ impl Task {
                 (Term::Hold, 0.25),
                 (Term::Effort, 0.05),
             ],
-            Self::GraspFragile | Self::GraspSoft => &[
+            Self::GraspFragile => &[(Term::Grasp, 0.2), (Term::Lift, 0.3), (Term::Hold, 0.5)],
+            Self::GraspSoft => &[
                 (Term::Reach, 0.2),
                 (Term::Touch, 0.1),
                 (Term::Lift, 0.3),
@@ -54,7 +55,7 @@ impl Task {
     /// Channels that only this task has.
     pub fn channels(self) -> &'static [&'static str] {
         match self {
-            Self::GraspFragile => &["limit"],
+            Self::GraspFragile => &["limit", "share"],
             Self::GraspSoft => &["squeeze", "deformation"],
             Self::GraspLift | Self::HoldStill => &[],
         }
@@ -65,7 +66,7 @@ impl Task {
         match (self, feels) {
             (Self::GraspLift, false) => &["proprio", "object"],
             (Self::GraspLift, true) => &["proprio", "object", "markers"],
-            (Self::GraspFragile, _) => &["proprio", "object", "limit", "stress"],
+            (Self::GraspFragile, _) => &["proprio", "wrench", "share"],
             (Self::GraspSoft, _) => &["proprio", "object", "wrench", "squeeze"],
             (Self::HoldStill, false) => &["proprio", "wrench"],
             (Self::HoldStill, true) => &["proprio", "wrench", "markers"],

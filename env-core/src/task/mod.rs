@@ -3,6 +3,7 @@
 mod action;
 mod config;
 mod ending;
+mod fragility;
 mod holding;
 mod json;
 mod kind;
@@ -15,6 +16,7 @@ mod softness;
 pub use action::{ACTION_SIZE, command};
 pub use config::{Config, Range};
 pub use ending::Ending;
+pub use fragility::{Fragility, Trial, least_grip};
 pub use holding::{Holding, Shaking};
 pub use kind::Task;
 pub use objects::{ObjectSpec, ShapeSpec};
@@ -45,6 +47,8 @@ pub struct Draw {
     pub rest_height: f64,
     /// Stress in the pads, or in a soft object, that ends the episode (Pa), where there is such a limit.
     pub stress_limit: Option<f64>,
+    /// Where the limit comes from, if it comes from a trial grip.
+    pub trial: Option<Trial>,
     /// Young's modulus of a soft object (Pa).
     pub young: Option<f64>,
     /// What shakes the object, where something does.
@@ -75,6 +79,11 @@ impl Moment<'_> {
     /// Rise of the object over its rest on the table (m).
     pub fn rise(&self) -> f64 {
         self.state.object.pose.translation.z - self.draw.rest_height
+    }
+
+    /// Highest stress over what the episode allows; 0 where it allows any.
+    pub fn share_of_limit(&self) -> f64 {
+        self.draw.stress_limit.map_or(0.0, |limit| self.peak_stress / limit)
     }
 
     /// Whether both pads press on the object.

@@ -121,6 +121,7 @@ impl Layout {
             ("properties", _) => properties(moment, &mut writer),
             ("squeeze", _) => squeeze(moment, &mut writer),
             ("deformation", _) => deformation(moment, &mut writer),
+            ("share", _) => writer.push(moment.share_of_limit()),
             ("limit", _) => writer.push(moment.draw.stress_limit.unwrap_or_default()),
             _ => writer.push(moment.time),
         }
@@ -214,9 +215,11 @@ fn components(channel: &str, config: &Config) -> Vec<Component> {
                 "m",
             )]
         }
+        "share" => {
+            vec![between("highest stress in the pads, of the episode's limit", 1, 0.0, 1e4, "")]
+        }
         "limit" => {
-            let [low, high] = config.stress_limit.unwrap_or_default();
-            vec![between("stress in the pads that ends the episode", 1, low, high, "Pa")]
+            vec![between("stress in the pads that ends the episode", 1, 0.0, 1e10, "Pa")]
         }
         _ => vec![between("time since the start of the episode", 1, 0.0, 1.1e6, "s")],
     }

@@ -18,18 +18,26 @@ pub struct Progress {
     start: Isometry3<f64>,
     /// Control steps for which it has been lifted without a break.
     held: u32,
+    /// Whether both pads have ever pressed on it.
+    gripped: bool,
 }
 
 impl Progress {
     /// Of an episode that starts in `state`.
     pub fn new(state: &SceneState) -> Self {
-        Self { start: state.object_in_wrist(), held: 0 }
+        Self { start: state.object_in_wrist(), held: 0, gripped: false }
     }
 
     /// Counts one more step, and whether the object is up.
     pub fn advance(&mut self, moment: &Moment, config: &Config) {
         let lifted = moment.rise() >= LIFTED * config.lift_height && moment.both_touch();
         self.held = if lifted { self.held + 1 } else { 0 };
+        self.gripped |= moment.both_touch();
+    }
+
+    /// Whether both pads have ever pressed on the object.
+    pub fn gripped(&self) -> bool {
+        self.gripped
     }
 
     /// How far the object has moved in the hand since the start, its turn taken at 1 cm (m).

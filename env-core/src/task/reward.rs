@@ -13,7 +13,7 @@ use crate::{Error, Result};
 pub enum Term {
     /// 1 at the object's middle, 1/4 at 10 cm from it.
     Reach,
-    /// 1 when both pads press with 1 N or more.
+    /// 1 when both pads press with 1 N or more, or with the grip of the trial that set the limit.
     Grasp,
     /// 1 when both pads touch the object, however lightly.
     Touch,
@@ -69,7 +69,8 @@ impl Term {
             }
             Self::Grasp => {
                 let [a, b] = [0, 1].map(|k| moment.state.fingers[k].normal_force());
-                (a.min(b) / FIRM).clamp(0.0, 1.0)
+                let firm = moment.draw.trial.map_or(FIRM, |trial| trial.grip);
+                (a.min(b) / firm).clamp(0.0, 1.0)
             }
             Self::Touch => f64::from(u8::from(moment.both_touch())),
             Self::Lift if moment.both_touch() => {

@@ -71,10 +71,11 @@ __all__ = [
     "sensor",
 ]
 
-for _task in ("GraspLift", "GraspFragile", "GraspSoft", "HoldStill"):
+_STEPS = {"GraspLift": 100, "GraspFragile": 60, "GraspSoft": 100, "HoldStill": 100}
+for _task, _steps in _STEPS.items():
     register(
         id=f"ruffini/{_task}-v0",
         entry_point=f"ruffini.envs:{_task}Env",
         vector_entry_point=f"ruffini.envs:{_task}VectorEnv",
-        max_episode_steps=100,
+        max_episode_steps=_steps,
     )

@@ -20,6 +20,13 @@ _HOLDING = {
     "slip_limit": "slip_limit",
 }
 """Settings of a held object, with their names in Rust."""
+_FRAGILITY = {
+    "start_grip": "start_grip",
+    "grip_rate": "grip_rate",
+    "spare": "spare",
+    "margin": "margin",
+}
+"""Settings of a fragile grasp, with their names in Rust."""
 _SOFTNESS = {"young": "young", "poisson": "poisson", "crush": "crush"}
 """Settings of soft objects, with their names in Rust."""
 _RANGES = (
@@ -30,7 +37,7 @@ _RANGES = (
     "yaw",
     "start",
     "start_height",
-    "stress_limit",
+    "margin",
     "load",
     "shaking",
     "shaking_frequency",
@@ -52,7 +59,9 @@ class Settings(TypedDict, total=False):
     start_height: Range
     lift_height: float
     hold_time: float
-    stress_limit: Range
+    grip_rate: float
+    spare: float
+    margin: Range
     start_grip: float
     load: Range
     shaking: Range
@@ -91,6 +100,8 @@ def to_json(settings: Mapping[str, Any], task: str) -> str:
         value = [given_value, given_value] if single else given_value
         if name in _SCENE:
             document.setdefault("scene", {})[name] = value
+        elif name in _FRAGILITY and (task == "grasp-fragile" or name not in _HOLDING):
+            document.setdefault("fragility", {})[_FRAGILITY[name]] = value
         elif name in _HOLDING:
             document.setdefault("holding", {})[_HOLDING[name]] = value
         elif name in _SOFTNESS:

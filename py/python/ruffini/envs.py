@@ -130,45 +130,62 @@ class GraspLiftVectorEnv(NativeVectorEnv):
 
 
 class GraspFragileEnv(NativeEnv):
-    """Lift an object without stressing the pads beyond a limit that differs in every episode.
+    """Find out by touch how hard to grip an object: enough to lift it, too little to break it.
 
-    World, action, channels and settings are those of :class:`GraspLiftEnv`, with these differences.
+    World, channels and settings are those of :class:`GraspLiftEnv`, with these differences. The
+    fingers stand round the object, the hand moves up and down only, and mass and friction are such
+    that the least force that holds differs by more than twenty times. An object bears a little more
+    stress in the pads than a safe grip of it makes, however heavy, smooth and curved it is: which
+    force is enough and not too much shows in nothing but touch.
 
     ## Action
-    The largest grip force is 10 N.
+    The hand moves at 0.1 m/s at most; its workspace is a line, and it does not turn. The fifth
+    number changes the grip force: that grows, or falls, by ``grip_rate`` times the number a second,
+    relatively (a factor of 1.5 a step at most), between ``start_grip`` and 20 N.
 
     ## Observation
-    By default ``proprio``, ``object``, ``limit`` and ``stress``. ``limit`` (1 entry, only here) is
-    the highest von Mises stress that this episode allows (Pa), part of the goal; for a limit that
-    the agent is not told, choose channels without it. Stress itself shows in the tactile channels
-    alone. What must not exceed the limit is the highest stress of any tetrahedron of both pads
-    (``tet_stress``), which is above the averages on the grid of ``stress``.
+    By default ``proprio``, ``wrench`` and ``share``; where the object is is not told. Two channels
+    are only here:
+
+    | channel | size | content |
+    | --- | --- | --- |
+    | ``share`` | 1 | highest von Mises stress in any tetrahedron of both pads, of the limit |
+    | ``limit`` | 1 | what this episode allows that stress to be (Pa) |
+
+    An agent that is to feel its way has ``share``, or ``stress`` with ``limit``; one without touch
+    has neither.
 
     ## Reward
-    Weighted mean of five terms in [0, 1], each in ``info["reward_terms"]``:
+    Weighted mean of three terms in [0, 1], each in ``info["reward_terms"]``:
 
     | term | weight | 1 where |
     | --- | --- | --- |
-    | ``reach`` | 0.2 | the tool centre is at the object's middle; 1/4 at 10 cm |
-    | ``touch`` | 0.1 | both pads touch the object |
-    | ``lift`` | 0.3 | the grasped object has risen by ``lift_height`` |
-    | ``hold`` | 0.25 | it has been up for ``hold_time`` |
-    | ``gentle`` | 0.15 | there is no stress; 0 at the limit, linear between |
+    | ``grasp`` | 0.2 | both pads press with the grip of the trial or more |
+    | ``lift`` | 0.3 | the grasped object has risen by ``lift_height``, 3 cm |
+    | ``hold`` | 0.5 | it has been up for ``hold_time`` |
 
     ## Start
-    The limit is drawn from ``stress_limit``; objects weigh 20 to 100 g.
+    The object lies in the middle, its narrower side across, half a millimetre from each pad; the
+    grip force is ``start_grip``, 0.4 N. Objects weigh 50 to 400 g, friction is 0.3 to
+    1.0, size 0.8 to 1.2. The limit comes from a trial with the same object before the start: it
+    hangs in a hand that grips with ``spare`` times the least force that holds it, m g / 2 μ; its
+    limit is the highest stress there times a number drawn from ``margin``. So every limit can be
+    kept, and none allows just any grip.
 
     ## End
-    Also terminated, with ``info["ending"]`` ``stress_exceeded``, after the first step that ends
-    with more stress than the limit.
+    Truncated after ``max_episode_steps`` steps, 60 by default. Also terminated, with
+    ``info["ending"]`` ``stress_exceeded`` after the first step that ends with more stress than the
+    limit, ``dropped`` when no pad touches the object any more, and ``press_failed`` by the first
+    step where the trial had no answer (``no-trial``).
 
     Args:
         render_mode: ``None`` or ``"rgb_array"``.
         obs: ``"dict"`` or ``"flat"``.
         width: Width of a picture in pixels.
         height: Height of a picture in pixels.
-        **settings: As for :class:`GraspLiftEnv`, and ``stress_limit`` (Pa), a range or a number.
-            ``tactile="none"`` is an error.
+        **settings: As for :class:`GraspLiftEnv`, and ``start_grip`` (N), ``grip_rate`` (1/s),
+            ``spare``, and ``margin``, a range or a number. ``tactile="none"`` is an error; ``yaw``,
+            ``start`` and ``start_height`` change nothing.
 
     Raises:
         TypeError: If a setting is unknown.

@@ -1,0 +1,78 @@
+//! How episodes start: over an object on the table, about to touch it, or holding it.
+
+use nalgebra::Vector3;
+
+use super::{
+    Setup,
+    way::{FINE, Way},
+};
+use crate::{
+    Result,
+    scene::{Object, Pads, Scene, SceneConfig},
+};
+
+/// A scene, the grip force in it (N), and the way on which the object came there.
+pub(super) struct Start {
+    pub(super) scene: Scene,
+    pub(super) grip: f64,
+    pub(super) way: Way,
+}
+
+impl Start {
+    /// The start of an episode with an `object` as it rests on the table, soft if it has a modulus of
+    /// `young` (Pa); the hand at `place` (m), unless the task puts it round the object.
+    pub(super) fn new(
+        setup: &Setup,
+        object: &Object,
+        place: &Vector3<f64>,
+        young: Option<f64>,
+    ) -> Result<Self> {
+        let mut config = setup.config.scene.clone();
+        if let (Some(young), Pads::Soft(pads)) = (young, &mut config.pads) {
+            pads.young = young;
+        }
+        if let Some(holding) = &setup.config.holding {
+            return Self::holding(&config, object, place, holding.start_grip, FINE);
+        }
+        let (scene, grip) = match &setup.config.fragility {
+            Some(fragility) => (around(&config, object)?, fragility.start_grip),
+            None => (Scene::new(&config, object, place, 0.0)?, 0.0),
+        };
+        Ok(Self::at_once(scene, grip))
+    }
+
+    /// A hand, at `place` (m), that has gripped the object with `grip` (N) in the air; the poses of its way
+    /// are `coarseness` (m) apart.
+    pub(super) fn holding(
+        config: &SceneConfig,
+        object: &Object,
+        place: &Vector3<f64>,
+        grip: f64,
+        coarseness: f64,
+    ) -> Result<Self> {
+        let place = config.workspace.clamp(place);
+        let object = Object { pose: object.model.in_hand(object.scale, &place), ..object.clone() };
+        let mut way = None::<Way>;
+        let seen = |scene: &Scene| match &mut way {
+            Some(way) => way.go_on(scene.object_in_pads()),
+            None => way = Some(Way::from(scene.object_in_pads(), coarseness)),
+        };
+        let scene = Scene::holding(config, &object, &place, grip, seen)?;
+        let mut way = way.unwrap_or_else(|| Way::from(scene.object_in_pads(), coarseness));
+        way.arrive(scene.object_in_pads());
+        Ok(Self { scene, grip, way })
+    }
+
+    fn at_once(scene: Scene, grip: f64) -> Self {
+        let mut way = Way::from(scene.object_in_pads(), FINE);
+        way.arrive(scene.object_in_pads());
+        Self { scene, grip, way }
+    }
+}
+
+/// A hand about to touch an object where it rests, its narrower side across.
+fn around(config: &SceneConfig, object: &Object) -> Result<Scene> {
+    let place = object.pose.translation.vector;
+    let object = Object { pose: object.model.in_hand(object.scale, &place), ..object.clone() };
+    Scene::around(config, &object, &place)
+}
