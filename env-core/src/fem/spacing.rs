@@ -56,7 +56,7 @@ struct Face {
 /// Faces of a body that can touch something: all that are not held all round.
 pub(super) struct Faces {
     /// The widest first.
-    faces: Vec<Face>,
+    all: Vec<Face>,
     /// The spacing for shapes that are not thin.
     pub(super) usual: Spacing,
     /// Whether the body stays where it is.
@@ -74,7 +74,7 @@ impl Faces {
             outer.map(|ends| Face { edge: longest_edge(mesh, ends), ends }).collect();
         faces.sort_by(|a, b| b.edge.total_cmp(&a.edge));
         let (usual, held) = (spacing(USUAL, &faces), body.fixed().len() >= 3);
-        Self { faces, usual, held }
+        Self { all: faces, usual, held }
     }
 
     /// The spacing at which the shapes of a `press` of `mesh` are felt; an error if one of them is too
@@ -82,7 +82,7 @@ impl Faces {
     pub(super) fn felt(&self, mesh: &TetMesh, press: &Press) -> Result<Spacing> {
         let thinnest = press.shapes().iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
         let spacing = match thinnest / THINNEST {
-            length if length < USUAL => spacing(length, &self.faces),
+            length if length < USUAL => spacing(length, &self.all),
             _ => self.usual,
         };
         let displaced = press.history().map_or(&[][..], |history| &history.displacement);
@@ -95,7 +95,7 @@ impl Faces {
             let near = |face: &&Face| !self.held || way.passes(&face.ends.map(place));
             let thickness = shape.thickness();
             let mut too_wide =
-                self.faces.iter().take_while(|face| thickness < spacing.thinnest(face.edge));
+                self.all.iter().take_while(|face| thickness < spacing.thinnest(face.edge));
             if let Some(face) = too_wide.find(near) {
                 return Err(too_thin(shape, spacing.thinnest(face.edge)));
             }
@@ -105,7 +105,7 @@ impl Faces {
 
     /// An error unless `shape` is felt anywhere at the usual spacing.
     pub(super) fn check_felt(&self, shape: &Shape) -> Result<()> {
-        let widest = self.faces.first().map_or(0.0, |face| face.edge);
+        let widest = self.all.first().map_or(0.0, |face| face.edge);
         let thinnest = self.usual.thinnest(widest).max(THINNEST * USUAL);
         if shape.thickness() < thinnest { Err(too_thin(shape, thinnest)) } else { Ok(()) }
     }
@@ -231,7 +231,7 @@ mod tests {
         let (nodes, faces) = (Nodes::new(body, Element::P1), Faces::new(body));
         let laid = surface_points(body, &nodes, Element::P1, faces.usual).len();
         let on = |face: &Face| (face.edge / USUAL).ceil().clamp(2.0, 128.0).powi(2) as usize;
-        (laid, faces.faces.iter().map(on).sum())
+        (laid, faces.all.iter().map(on).sum())
     }
 
     #[test]

@@ -72,13 +72,14 @@ impl Ending {
             return Some(Self::ObjectLost);
         }
         let exceeded = moment.draw.stress_limit.is_some_and(|limit| moment.peak_stress > limit);
-        let held = config.task == Task::HoldStill;
-        let lost = config.task == Task::GraspFragile && progress.gripped();
+        let dropped = match config.task {
+            Task::HoldStill => !moment.any_touches() || progress.slip(moment) > OUT_OF_HAND,
+            Task::GraspFragile => progress.gripped() && !moment.any_touches(),
+            Task::GraspLift | Task::GraspSoft => false,
+        };
         if exceeded {
             Some(Self::StressExceeded)
-        } else if held && (!moment.any_touches() || progress.slip(moment) > OUT_OF_HAND) {
-            Some(Self::Dropped)
-        } else if lost && !moment.any_touches() {
+        } else if dropped {
             Some(Self::Dropped)
         } else {
             None

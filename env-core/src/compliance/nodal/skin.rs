@@ -158,7 +158,9 @@ fn normals(places: &[Point3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
     for corners in faces {
         let [a, b, c] = corners.map(|corner| places[corner as usize]);
         let twice = (b - a).cross(&(c - a));
-        corners.iter().for_each(|&corner| normals[corner as usize] += twice);
+        for &corner in corners {
+            normals[corner as usize] += twice;
+        }
     }
     normals.iter().map(|sum| sum.try_normalize(0.0).unwrap_or_default()).collect()
 }
