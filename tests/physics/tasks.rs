@@ -188,7 +188,7 @@ fn every_limit_can_be_kept() {
     let (mut batch, _) =
         batch(config(Task::GraspFragile, Choice::Compliance), 8, Autoreset::Disabled);
     let draws: Vec<_> = batch.rows().iter().map(|row| row.state().unwrap().1).collect();
-    let mut grips = vec![Fragility::default().start_grip; 8];
+    let mut grips = [Fragility::default().start_grip; 8];
     for step in 0..55 {
         let mut actions = Vec::new();
         for (grip, draw) in grips.iter_mut().zip(&draws) {
