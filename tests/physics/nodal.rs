@@ -203,3 +203,12 @@ fn a_tip_between_nodes_is_refused_and_one_on_a_node_is_felt() {
     let error = tip(0.5 * next, 0.3 * MM).unwrap_err();
     assert!(matches!(error, Error::Penetrated { .. }), "{error}");
 }
+
+#[test]
+fn a_ball_that_the_skin_folds_round_is_refused() {
+    // On its way to below the pad, with little friction, nodes slide all round it.
+    let (model, radius) = (linear(&pad(300), 0.03).at_nodes(), 2.2161e-3);
+    let at = |z: f64| vec![Isometry3::translation(-1.84112e-3, 6.51621e-3, z)];
+    let error = model.settle(&press(radius, vec![at(2.1461e-3), at(-7.49425e-3)])).unwrap_err();
+    assert!(matches!(error, Error::Inverted), "{error}");
+}

@@ -27,11 +27,11 @@ impl Mixing {
         self.iterates.push([x.to_vec(), r.to_vec()]);
     }
 
-    /// The next iterate, if at least one was recorded.
-    pub(super) fn next(&self) -> Vec<Vector3<f64>> {
+    /// The next iterate by the [`Mixing::shares`], if at least one was recorded.
+    pub(super) fn next(&self, shares: &[f64]) -> Vec<Vector3<f64>> {
         let Some(([x, r], before)) = self.iterates.split_last() else { return Vec::new() };
         let mut next: Vec<_> = x.iter().zip(r).map(|(x, r)| x + r).collect();
-        for ([x_before, r_before], share) in before.iter().zip(&self.shares()) {
+        for ([x_before, r_before], share) in before.iter().zip(shares) {
             let back = x_before.iter().zip(r_before).zip(x.iter().zip(r));
             for (next, ((x_before, r_before), (x, r))) in next.iter_mut().zip(back) {
                 *next += (x_before + r_before - x - r) * *share;
@@ -74,7 +74,7 @@ mod tests {
         let (mut mixing, mut x) = (Mixing::new(5), vec![Vector3::zeros()]);
         for _ in 0..5 {
             mixing.record(&x, &[right - matrix * x[0]]);
-            x = mixing.next();
+            x = mixing.next(&mixing.shares());
         }
         let error = (right - matrix * x[0]).norm() / right.norm();
         // The normal equations square the condition number, about 1e2.

@@ -103,7 +103,7 @@ impl Solution<'_, '_> {
             self.iterations += 1;
             let from = &best.settled.field.offset;
             let plain = || from.iter().zip(&best.step).map(|(x, r)| x + r * share).collect();
-            let next = if share == 1.0 { mixing.next() } else { plain() };
+            let next = if share == 1.0 { mixing.next(&mixing.shares()) } else { plain() };
             let guess = self.guess(&best.settled, &next);
             let tried = self.settle(next, guess, INEXACT * best.residual);
             let tried = tried.ok().and_then(|settled| self.judge(settled));

@@ -35,9 +35,12 @@ impl Patch<'_> {
             if !self.measure() {
                 return Ok(sweeps);
             }
-            let mut before = self.forces();
+            let mut before = Vec::new();
             for sweep in 0..SWEEPS {
                 let back = sweep % 2 == 1;
+                if !back {
+                    before = self.forces();
+                }
                 (change, strongest) = self.sweep(back);
                 sweeps += 1;
                 if change <= relative * strongest + NONE {
@@ -48,7 +51,6 @@ impl Patch<'_> {
                 }
                 if back {
                     self.mix(&mut past, &before);
-                    before = self.forces();
                 }
             }
         }
@@ -109,16 +111,17 @@ impl Past {
         }
         self.change = change;
         self.mixing.record(before, step);
+        let shares = self.mixing.shares();
         let mut moved = here.clone();
-        for (end, share) in self.ends.iter().zip(self.mixing.shares()) {
+        for (end, share) in self.ends.iter().zip(&shares) {
             let away = end.iter().zip(&here).map(|(end, here)| end - here);
-            moved.iter_mut().zip(away).for_each(|(u, away)| *u += share as f32 * away);
+            moved.iter_mut().zip(away).for_each(|(u, away)| *u += *share as f32 * away);
         }
         self.ends.push(here);
         if self.ends.len() > self.depth {
             self.ends.remove(0);
         }
-        (self.mixing.next(), moved)
+        (self.mixing.next(&shares), moved)
     }
 }
 
