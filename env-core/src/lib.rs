@@ -5,6 +5,7 @@
 
 #![forbid(unsafe_code)]
 
+mod responses;
 mod simd;
 
 pub mod error;

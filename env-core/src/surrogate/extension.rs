@@ -1,19 +1,17 @@
-//! From forces on the nodes of a pad's face to the displacement of a whole mesh: a dense matrix in single
-//! precision, made once.
+//! From forces on the nodes of a pad's face to the displacement of a whole mesh: a dense matrix, made once.
 //!
 //! Shapes: C nodes of the face, V nodes of the mesh, the first F of them free.
 
 use nalgebra::Vector3;
 
-use crate::{compliance::nodal::Nodal, simd::add_rows};
+use crate::{compliance::nodal::Nodal, responses::Responses};
 
 /// The matrix.
 pub(super) struct Extension {
     /// Displacement of the free nodes under a unit force along each axis on each node of the face
     /// (3C, 3F) in m/N.
-    columns: Vec<f32>,
-    /// F and V.
-    free: usize,
+    columns: Responses,
+    /// V.
     nodes: usize,
 }
 
@@ -28,19 +26,19 @@ impl Extension {
         let moved =
             |answer: &Vec<Vector3<f64>>| answer.iter().rposition(|u| *u != Vector3::zeros());
         let free = answers.iter().filter_map(moved).max().map_or(0, |last| last + 1);
-        let numbers = answers.iter().flat_map(|answer| &answer[..free]);
-        let columns = numbers.flat_map(|u| [u.x, u.y, u.z].map(|x| x as f32)).collect();
-        Self { columns, free, nodes }
+        let mut columns = Responses::new(3 * free);
+        for answer in &answers {
+            columns.push(answer[..free].iter().flat_map(|u| [u.x, u.y, u.z]));
+        }
+        Self { columns, nodes }
     }
 
     /// Displacement (V, 3) in m under forces (N) on some nodes of the face.
     pub(super) fn displacement(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<f32> {
-        let size = 3 * self.free;
+        let size = self.columns.width();
         let mut all = vec![0.0; 3 * self.nodes];
         for (node, force) in forces {
-            let rows = &self.columns[3 * size * *node as usize..];
-            let rows = [0, 1, 2].map(|axis| &rows[axis * size..][..size]);
-            add_rows(&mut all[..size], rows, (*force).map(|x| x as f32).into());
+            self.columns.add(*node, force, 0..size, &mut all[..size]);
         }
         all
     }

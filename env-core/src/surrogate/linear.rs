@@ -237,7 +237,8 @@ mod tests {
         let pairs = found.iter().zip(&solved);
         let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(found.len() == solved.len() && most > 1e3, "{most} Pa");
-        // The fast stress has single precision and a floor of 1e-5 of the shear modulus.
-        assert!(error < 1e-4 * most, "{error} Pa of {most} Pa");
+        // The matrix is rounded to 16 bits, which differences between neighbours feel most, and the fast
+        // stress has single precision and a floor of 1e-5 of the shear modulus.
+        assert!(error < 3e-4 * most, "{error} Pa of {most} Pa");
     }
 }

@@ -11,7 +11,7 @@ use super::{skin::Skin, walk::Held};
 use crate::{
     contact::{ContactLaw, SurfacePoint, first_touch, leaps_through},
     geometry::{Distance, Shape},
-    simd::add_rows,
+    responses::Responses,
 };
 
 /// How deep a node must have been in a shape to have gone through it, in softnesses.
@@ -91,8 +91,7 @@ impl<'a> Patch<'a> {
             displacement[3 * first..3 * last].fill(0.0);
         }
         for held in held {
-            let rows = skin.rows(held.rank);
-            give_way(displacement, rows, &held.force, &runs);
+            give_way(displacement, &skin.compliance, held.rank, &held.force, &runs);
         }
         let mut held = held.iter().peekable();
         let member = |&rank: &u32| {
@@ -178,7 +177,7 @@ impl<'a> Patch<'a> {
             strongest = strongest.max(force.norm());
             if size > 0.0 {
                 change = change.max(size);
-                give_way(displacement, skin.rows(member.rank), &step, runs);
+                give_way(displacement, &skin.compliance, member.rank, &step, runs);
             }
         }
         (change, strongest)
@@ -308,13 +307,15 @@ fn displaced(displacement: &[f32], rank: u32) -> Vector3<f64> {
     Vector3::new(f64::from(u[0]), f64::from(u[1]), f64::from(u[2]))
 }
 
-/// Adds to the displacement in the runs what a `force` on the node of these `rows` does.
-fn give_way(displacement: &mut [f32], rows: &[f32], force: &Vector3<f64>, runs: &[[usize; 2]]) {
-    let force = (*force).map(|x| x as f32).into();
-    let size = displacement.len();
-    for &[first, last] in runs {
-        let part = 3 * first..3 * last;
-        let rows = [0, 1, 2].map(|axis| &rows[axis * size..][part.clone()]);
-        add_rows(&mut displacement[part], rows, force);
+/// Adds to the displacement in the runs what a `force` on the node of that `rank` does.
+fn give_way(
+    displacement: &mut [f32],
+    compliance: &Responses,
+    rank: u32,
+    force: &Vector3<f64>,
+    runs: &[[usize; 2]],
+) {
+    for part in runs.iter().map(|&[first, last]| 3 * first..3 * last) {
+        compliance.add(rank, force, part.clone(), &mut displacement[part]);
     }
 }

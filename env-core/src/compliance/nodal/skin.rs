@@ -14,13 +14,13 @@ use super::{
     super::condensed::Condensed,
     between::{Face, widest},
 };
-use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh};
+use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh, responses::Responses};
 
 /// What all presses of a body share.
 pub(super) struct Skin {
     pub(super) condensed: Arc<Condensed>,
-    /// Three rows of numbers for each contact node (3M, 3M) in m/N.
-    compliance: Vec<f32>,
+    /// Displacement of all contact nodes under unit forces on each (3M, 3M) in m/N.
+    pub(super) compliance: Responses,
     /// Compliance of each node to itself (M) in m/N.
     pub(super) own: Vec<Matrix3<f64>>,
     pub(super) places: Vec<Point3<f64>>,
@@ -54,7 +54,10 @@ impl Skin {
     pub(super) fn new(condensed: Arc<Condensed>) -> Self {
         let place = |&node: &u32| condensed.rest.places()[node as usize];
         let places: Vec<_> = condensed.skin.iter().map(place).collect();
-        let compliance = condensed.compliance().iter().map(|&c| c as f32).collect();
+        let size = 3 * places.len();
+        let mut compliance = Responses::new(size);
+        let rows = condensed.compliance().chunks_exact(size);
+        rows.for_each(|row| compliance.push(row.iter().copied()));
         let loads = (0..places.len() as u32).map(|rank| vec![(rank, 1.0)]).collect();
         let areas = areas(&condensed);
         let rank = |node: u32| condensed.rank_of(node).map(|rank| rank as u32);
@@ -104,7 +107,7 @@ impl Skin {
 
     fn of(
         condensed: Arc<Condensed>,
-        compliance: Vec<f32>,
+        compliance: Responses,
         places: Vec<Point3<f64>>,
         loads: Vec<Shares>,
         areas: &[f64],
@@ -128,14 +131,7 @@ impl Skin {
 
     /// Displacement of node `at` under unit forces on another (m/N).
     pub(super) fn response(&self, loaded: u32, at: u32) -> Matrix3<f64> {
-        let (rows, size) = (self.rows(loaded), 3 * self.places.len());
-        Matrix3::from_fn(|i, j| f64::from(rows[j * size + 3 * at as usize + i]))
-    }
-
-    /// Displacement of all nodes under unit forces on one (3, 3M) in m/N.
-    pub(super) fn rows(&self, node: u32) -> &[f32] {
-        let size = 9 * self.places.len();
-        &self.compliance[node as usize * size..][..size]
+        Matrix3::from_fn(|i, j| self.compliance.at(loaded, j, 3 * at as usize + i))
     }
 }
 
@@ -166,9 +162,9 @@ fn normals(places: &[Point3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
 }
 
 /// Displacement seen by each of `sights` under unit forces on each of `loads` (3M, 3M) in m/N.
-fn condensed_between(condensed: &Condensed, loads: &[Shares], sights: &[Shares]) -> Vec<f32> {
+fn condensed_between(condensed: &Condensed, loads: &[Shares], sights: &[Shares]) -> Responses {
     let size = 3 * condensed.skin.len();
-    let mut compliance = Vec::with_capacity(9 * loads.len() * sights.len());
+    let mut compliance = Responses::new(3 * sights.len());
     let mut row = vec![0.0; size];
     for (loads, axis) in loads.iter().flat_map(|loads| [0, 1, 2].map(|axis| (loads, axis))) {
         row.fill(0.0);
@@ -180,7 +176,7 @@ fn condensed_between(condensed: &Condensed, loads: &[Shares], sights: &[Shares])
             shares.iter().map(|&(rank, share)| row[3 * rank as usize + i] * share).sum::<f64>()
         };
         let sights = sights.iter().flat_map(|shares| [0, 1, 2].map(|i| (shares, i)));
-        compliance.extend(sights.map(|sight| seen(sight) as f32));
+        compliance.push(sights.map(seen));
     }
     compliance
 }
