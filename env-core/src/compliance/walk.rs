@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
-    balance::{Contact, Guess},
+    balance::{Contact, Guess, norm},
     condensed::Condensed,
     newton::Newton,
     reach::{Bound, Reach, bounds},
@@ -25,6 +25,9 @@ const MARGIN: f64 = 1e-4;
 const LONG: f64 = 5e-4;
 /// How deep a point must have been in such a shape to have been run over, in softnesses.
 const RUN_OVER: f64 = 10.0;
+
+/// How far the loads of a linear answer are from the forces of its contact at most, relative.
+const LINEAR: f64 = 1e-3;
 
 /// How a walk computes.
 #[derive(Clone, Copy, Debug)]
@@ -78,7 +81,7 @@ pub(super) struct State {
 impl State {
     /// What it makes expect when the shapes move on to `poses`.
     fn guess(&self, zone: &Zone, poses: &[Isometry3<f64>]) -> Guess {
-        let mut forces = zone.pick(&self.contact_force);
+        let mut forces = zone.pick(&self.field.loads);
         forces.truncate(zone.free);
         let touches = zone.touches_in(&self.touches);
         let motion = |touch: &Touch| {
@@ -154,12 +157,26 @@ impl<'a> Walk<'a> {
         self.state.contact_force = self.zone.spread(&contact.nodal(&touches), rest.places().len());
         self.state.wrench = contact.wrench(&touches);
         self.state.touches = self.zone.touches_out(touches);
+        self.state.field.loads = self.loads(&history.displacement);
         if self.settings.sweeps > 0 {
             let given = rest.displacement(&self.state.contact_force, &mut self.scratch.workspace);
             let pairs = history.displacement.iter().zip(given);
             self.state.field.offset = pairs.map(|(u, given)| u - given).collect();
         }
         Ok(())
+    }
+
+    /// Forces to which the body gives way by `displacement` (V): those of the contact there. A free body
+    /// does so by tenths of a millimetre under what they are out of balance, so its are taken from the
+    /// displacement, if that is a linear answer.
+    fn loads(&mut self, displacement: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let contact = &self.state.contact_force;
+        let workspace = &mut self.scratch.workspace;
+        let Some(loads) = self.condensed.rest.loads_of_free(displacement, workspace) else {
+            return contact.clone();
+        };
+        let apart: Vec<_> = loads.iter().zip(contact).map(|(a, b)| a - b).collect();
+        if norm(&apart) < LINEAR * norm(contact) { loads } else { contact.clone() }
     }
 
     /// Where one load step to `poses` leads.

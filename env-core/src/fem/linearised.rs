@@ -169,6 +169,23 @@ impl Linearised {
         Some(forces)
     }
 
+    /// Forces (V) in N to which a free body gives way by `displacement` (V): at rest its law is linear,
+    /// so they are those of a small part of it. `None` of a body that is held.
+    pub(crate) fn loads_of_free(
+        &self,
+        displacement: &[Vector3<f64>],
+        workspace: &mut Workspace,
+    ) -> Option<Vec<Vector3<f64>>> {
+        /// Part of the displacement: errors of linearity and of rounding are about the same.
+        const PART: f64 = 1e-7;
+        if self.tie == 0.0 {
+            return None;
+        }
+        let part: Vec<_> = displacement.iter().map(|u| u * PART).collect();
+        let forces = self.elastic_force(&part, workspace)?;
+        Some(forces.iter().map(|force| force / PART).collect())
+    }
+
     /// Sets `forces` (V) on fixed nodes to zero: the base bears them.
     pub(crate) fn release(&self, forces: &mut [Vector3<f64>]) {
         let fixed = forces.iter_mut().zip(&self.nodes.fixed).filter(|(_, fixed)| **fixed);
