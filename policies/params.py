@@ -78,6 +78,19 @@ PARAMS: dict[tuple[str, str], Params] = {
             "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -1.5},
         },
     ),
+    ("ruffini/GraspSoft-v0", "ppo"): Params(
+        steps=600_000,
+        n_envs=64,
+        algorithm={
+            "n_steps": 128,
+            "batch_size": 2048,
+            "n_epochs": 5,
+            "learning_rate": 5e-4,
+            "gamma": 0.98,
+            "gae_lambda": 0.95,
+            "policy_kwargs": {"net_arch": [128, 128], "log_std_init": -0.5},
+        },
+    ),
     ("ruffini/HoldStill-v0", "ppo"): Params(
         steps=500_000,
         n_envs=64,
