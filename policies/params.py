@@ -74,21 +74,22 @@ PARAMS: dict[tuple[str, str], Params] = {
             "learning_rate": 7e-4,
             "gamma": 0.97,
             "gae_lambda": 0.95,
-            # A shaking hand breaks things.
-            "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -1.5},
+            # A shaking hand breaks things; a still one (-1.5) never finds the lift from some seeds.
+            "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -1.0},
         },
     ),
     ("ruffini/GraspSoft-v0", "ppo"): Params(
-        steps=600_000,
-        n_envs=64,
+        # A press of a soft object takes ten times as long as one of a pad: fewer steps still.
+        steps=80_000,
+        n_envs=32,
         algorithm={
-            "n_steps": 128,
-            "batch_size": 2048,
-            "n_epochs": 5,
-            "learning_rate": 5e-4,
-            "gamma": 0.98,
+            "n_steps": 64,
+            "batch_size": 256,
+            "n_epochs": 10,
+            "learning_rate": 7e-4,
+            "gamma": 0.97,
             "gae_lambda": 0.95,
-            "policy_kwargs": {"net_arch": [128, 128], "log_std_init": -0.5},
+            "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -1.0},
         },
     ),
     ("ruffini/HoldStill-v0", "ppo"): Params(

@@ -1,7 +1,6 @@
-"""A scripted policy for GraspSoft: as :mod:`scripted_grasp`, but closing as softly as will do.
+"""A scripted policy for GraspSoft: close until the heaviest object would be held, then lift.
 
-It closes with the least force that moves the fingers, grips as the heaviest object needs once both
-touch, and lifts. It reads only the default observation.
+It reads only ``proprio`` and ``squeeze`` of the default observation.
 """
 
 from __future__ import annotations
@@ -11,19 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scripted_grasp import ScriptedGrasp
+from scripted_fragile import BRAKING, RAMP, RISE, SPEED
 
-FIRST = 0.03
-"""Grip force command until both fingers touch, of the gripper's largest."""
+ENOUGH = 0.6
+"""Grip force that holds the heaviest object at the least friction (N)."""
 
-ENOUGH = 0.55
-"""Normal force on each finger that holds the heaviest object at the least friction (N)."""
+PRESSED = 0.85
+"""Force on each finger from which it lifts, of the grip force."""
 
-LARGEST_FORCE = 10.0
-"""Grip force at action 1 (N)."""
+FACTOR = 0.4
+"""Logarithm of the factor by which an action of 1 changes the grip force."""
 
 
-class ScriptedSoft(ScriptedGrasp):
+class ScriptedSoft:
     """Acts on a batch of dict observations, one row an environment."""
 
     def predict(
@@ -33,14 +32,18 @@ class ScriptedSoft(ScriptedGrasp):
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (N, 5) for observations (N, ...); the signature is Stable-Baselines3's."""
-        action, state = super().predict(observation, state, episode_start, deterministic)
-        proprio, seen = observation["proprio"], observation["object"]
-        forces = proprio[:, 12:14]
-        closing = action[:, 4] > 0
-        squeezed = observation["squeeze"][:, 0] > 0
-        grip = np.where(squeezed, (ENOUGH + 0.05) / LARGEST_FORCE, FIRST)
-        action[:, 4] = np.where(closing, grip, action[:, 4])
-        holds = closing & squeezed & (forces > 0.85 * ENOUGH).all(axis=1)
-        action[:, 2] = np.where(closing, np.where(holds, self._lift(seen), 0.0), action[:, 2])
-        return np.clip(action, -1.0, 1.0), state
+        """Actions (N, 5) for observations (N, ...), and a state for the next call.
+
+        The state is the steps (N) since each lift began, and the hand's first heights (N) in m.
+        """
+        proprio = observation["proprio"]
+        height, grip, forces = proprio[:, 2], proprio[:, 11], proprio[:, 12:14]
+        steps, first = (np.zeros(len(height)), height) if state is None else state
+        held = (observation["squeeze"][:, 0] > 0) & (forces > PRESSED * ENOUGH).all(axis=1)
+        steps = steps + (held | (steps > 0))
+        action = np.zeros((len(height), 5), np.float32)
+        left = BRAKING * (first + RISE - height)
+        lift = SPEED * np.minimum(steps / RAMP, 1.0)
+        action[:, 2] = np.where(steps > 0, np.clip(left, -SPEED, lift), 0.0)
+        action[:, 4] = np.clip(np.log(ENOUGH / grip) / FACTOR, -1.0, 1.0)
+        return action, (steps, first)

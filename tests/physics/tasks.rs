@@ -7,9 +7,7 @@ use ruffini_core::{
     env::{Autoreset, Batch, Setup, StepResult},
     scene::{Command, Gripper, Object, ObjectModel, Scene, SceneConfig, named},
     tactile::{Choice, Resolution},
-    task::{
-        CHANNELS, Config, Ending, Fragility, Holding, ObjectSpec, TACTILE_CHANNELS, Task, Term,
-    },
+    task::{CHANNELS, Closing, Config, Ending, Holding, ObjectSpec, TACTILE_CHANNELS, Task, Term},
 };
 
 const GRAVITY: f64 = 9.81;
@@ -188,11 +186,11 @@ fn every_limit_can_be_kept() {
     let (mut batch, _) =
         batch(config(Task::GraspFragile, Choice::Compliance), 8, Autoreset::Disabled);
     let draws: Vec<_> = batch.rows().iter().map(|row| row.state().unwrap().1).collect();
-    let mut grips = [Fragility::default().start_grip; 8];
+    let mut grips = [Closing::default().start_grip; 8];
     for step in 0..55 {
         let mut actions = Vec::new();
         for (grip, draw) in grips.iter_mut().zip(&draws) {
-            let most = Fragility::default().grip_rate * 0.04;
+            let most = Closing::default().grip_rate * 0.04;
             let change = (draw.trial.unwrap().grip / *grip).ln().clamp(-most, most);
             *grip *= change.exp();
             actions.extend([0.0, 0.0, if step < 15 { 0.0 } else { 0.4 }, 0.0, change / most]);

@@ -34,8 +34,8 @@ impl Start {
         if let Some(holding) = &setup.config.holding {
             return Self::holding(&config, object, place, holding.start_grip, FINE);
         }
-        let (scene, grip) = match &setup.config.fragility {
-            Some(fragility) => (around(&config, object)?, fragility.start_grip),
+        let (scene, grip) = match &setup.config.closing {
+            Some(closing) => (around(&config, object)?, closing.start_grip),
             None => (Scene::new(&config, object, place, 0.0)?, 0.0),
         };
         Ok(Self::at_once(scene, grip))

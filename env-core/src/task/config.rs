@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Fragility, Holding, Layout, ObjectSpec, Softness, Task, Weights};
+use super::{Closing, Fragility, Holding, Layout, ObjectSpec, Softness, Task, Weights};
 use crate::{
     Error, Result,
     deformation::Moduli,
@@ -41,7 +41,10 @@ pub struct Config {
     pub lift_height: f64,
     /// Time for which the lifted object must stay held (s).
     pub hold_time: f64,
-    /// Start and limit of a fragile grasp: of GraspFragile, and of no other task.
+    /// Start and change of the grip where the hand begins round the object: of GraspFragile and
+    /// GraspSoft, and of no other task.
+    pub closing: Option<Closing>,
+    /// Limit of a fragile grasp: of GraspFragile, and of no other task.
     pub fragility: Option<Fragility>,
     /// Start and disturbance of a held object: of HoldStill, and of no other task.
     pub holding: Option<Holding>,
@@ -82,6 +85,7 @@ impl Default for Config {
             start_height: [0.08, 0.12],
             lift_height: 0.08,
             hold_time: 0.5,
+            closing: None,
             fragility: None,
             holding: None,
             softness: None,
@@ -125,11 +129,8 @@ impl Config {
         match task {
             Task::GraspLift => {}
             Task::GraspFragile => {
-                config.scene.gripper.centering_stiffness = LIGHT_CENTERING;
                 config.scene.gripper.max_force = FRAGILE_GRIP;
-                config.stand_on_a_column();
-                config.lift_height = 0.03;
-                config.max_episode_steps = 60;
+                config.begin_round_the_object(Closing::default());
                 config.mass = [0.05, 0.4];
                 config.friction = [0.3, 1.0];
                 config.size = [0.8, 1.2];
@@ -137,7 +138,7 @@ impl Config {
             }
             Task::GraspSoft => {
                 config.scene.gripper.pad_thickness = DEEP;
-                config.scene.gripper.centering_stiffness = LIGHT_CENTERING;
+                config.begin_round_the_object(Closing { start_grip: 0.1, ..Closing::default() });
                 config.mass = [0.02, 0.06];
                 config.friction = [0.6, 1.0];
                 config.size = [1.0, 1.0];
@@ -148,8 +149,11 @@ impl Config {
         config
     }
 
-    /// A hand that moves up and down only, gently, over an object in the middle.
-    fn stand_on_a_column(&mut self) {
+    /// A hand round an object in the middle, which moves up and down only, gently, and lifts a little.
+    fn begin_round_the_object(&mut self, closing: Closing) {
+        self.closing = Some(closing);
+        (self.lift_height, self.max_episode_steps) = (0.03, 60);
+        self.scene.gripper.centering_stiffness = LIGHT_CENTERING;
         let SceneConfig { gripper, workspace, .. } = &mut self.scene;
         (gripper.max_speed, gripper.max_acceleration, gripper.max_yaw_rate) = (0.1, 1.0, 0.0);
         for corner in [&mut workspace.low, &mut workspace.high] {
@@ -257,8 +261,10 @@ impl Config {
                 "surrogate, compliance or fem: GraspFragile limits the stress in the pads";
             return Err(Error::invalid("tactile", "none", expected));
         }
-        belongs("fragility", self.fragility.as_ref(), task, Task::GraspFragile)?;
-        belongs("softness", self.softness.as_ref(), task, Task::GraspSoft)?;
+        let closes = [Task::GraspFragile, Task::GraspSoft];
+        belongs("closing", self.closing.as_ref(), task, &closes)?;
+        belongs("fragility", self.fragility.as_ref(), task, &[Task::GraspFragile])?;
+        belongs("softness", self.softness.as_ref(), task, &[Task::GraspSoft])?;
         if let Some(softness) = &self.softness {
             if tactile != Choice::Surrogate {
                 let expected = "surrogate: it answers for the soft object";
@@ -272,11 +278,13 @@ impl Config {
             ordered("poisson", [softness.poisson; 2], 0.0, 0.499)?;
             ordered("crush", [softness.crush; 2], 0.01, 1.0)?;
         }
-        belongs("holding", self.holding.as_ref(), task, Task::HoldStill)?;
+        belongs("holding", self.holding.as_ref(), task, &[Task::HoldStill])?;
         let most = self.scene.gripper.max_force;
+        if let Some(closing) = &self.closing {
+            ordered("start_grip", [closing.start_grip; 2], 0.01, most)?;
+            ordered("grip_rate", [closing.grip_rate; 2], 0.01, 100.0)?;
+        }
         if let Some(fragility) = &self.fragility {
-            ordered("start_grip", [fragility.start_grip; 2], 0.01, most)?;
-            ordered("grip_rate", [fragility.grip_rate; 2], 0.01, 100.0)?;
             ordered("spare", [fragility.spare; 2], 1.0, 100.0)?;
             ordered("margin", fragility.margin, 0.01, 100.0)?;
             self.validate_trials(fragility)?;
@@ -307,8 +315,10 @@ impl Config {
     fn fits(&self, spec: &ObjectSpec, model: &ObjectModel) -> Result<()> {
         let (low, high) = model.surface().bounds();
         let narrow = match self.task {
-            Task::HoldStill | Task::GraspFragile => model.width_in_hand(self.size[1]),
-            Task::GraspLift | Task::GraspSoft => (high - low).min() * self.size[1],
+            Task::HoldStill | Task::GraspFragile | Task::GraspSoft => {
+                model.width_in_hand(self.size[1])
+            }
+            Task::GraspLift => (high - low).min() * self.size[1],
         };
         let opening = self.scene.gripper.max_opening;
         if narrow < opening {
@@ -327,13 +337,13 @@ const MIDDLING: f64 = 0.018;
 /// Room that is left under the pads where the workspace is not set (m).
 const CLEARANCE: f64 = 1e-3;
 
-/// An error if a setting of the task `owner` is missing there or given elsewhere.
-fn belongs<T: Serialize>(name: &str, value: Option<&T>, task: Task, owner: Task) -> Result<()> {
+/// An error if a setting of the `owners` is missing in one of them or given elsewhere.
+fn belongs<T: Serialize>(name: &str, value: Option<&T>, task: Task, owners: &[Task]) -> Result<()> {
     match value {
-        None if task == owner => {
-            Err(Error::invalid(name, "none", format!("a value: {}", owner.name())))
+        None if owners.contains(&task) => {
+            Err(Error::invalid(name, "none", format!("a value: {}", task.name())))
         }
-        Some(_) if task != owner => {
+        Some(_) if !owners.contains(&task) => {
             let expected = format!("nothing: {} has no such setting", task.name());
             Err(Error::invalid(name, serde_json::json!(value), expected))
         }

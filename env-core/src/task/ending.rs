@@ -74,8 +74,8 @@ impl Ending {
         let exceeded = moment.draw.stress_limit.is_some_and(|limit| moment.peak_stress > limit);
         let dropped = match config.task {
             Task::HoldStill => !moment.any_touches() || progress.slip(moment) > OUT_OF_HAND,
-            Task::GraspFragile => progress.gripped() && !moment.any_touches(),
-            Task::GraspLift | Task::GraspSoft => false,
+            Task::GraspFragile | Task::GraspSoft => progress.gripped() && !moment.any_touches(),
+            Task::GraspLift => false,
         };
         if exceeded {
             Some(Self::StressExceeded)

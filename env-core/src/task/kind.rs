@@ -13,7 +13,7 @@ pub enum Task {
     GraspLift,
     /// Lift an object that the hand is about to touch, under a limit on the stress in the pads.
     GraspFragile,
-    /// Lift a soft object with rigid fingers, deforming it little.
+    /// Lift a soft object that rigid fingers are about to touch, deforming it little.
     GraspSoft,
     /// Keep a gripped object in place under load and shaking, with little force.
     HoldStill,
@@ -41,13 +41,9 @@ impl Task {
                 (Term::Effort, 0.05),
             ],
             Self::GraspFragile => &[(Term::Grasp, 0.2), (Term::Lift, 0.3), (Term::Hold, 0.5)],
-            Self::GraspSoft => &[
-                (Term::Reach, 0.2),
-                (Term::Touch, 0.1),
-                (Term::Lift, 0.3),
-                (Term::Hold, 0.25),
-                (Term::Gentle, 0.15),
-            ],
+            Self::GraspSoft => {
+                &[(Term::Touch, 0.1), (Term::Lift, 0.3), (Term::Hold, 0.4), (Term::Gentle, 0.2)]
+            }
             Self::HoldStill => &[(Term::Still, 0.6), (Term::Effort, 0.4)],
         }
     }
@@ -67,7 +63,7 @@ impl Task {
             (Self::GraspLift, false) => &["proprio", "object"],
             (Self::GraspLift, true) => &["proprio", "object", "markers"],
             (Self::GraspFragile, _) => &["proprio", "wrench", "share"],
-            (Self::GraspSoft, _) => &["proprio", "object", "wrench", "squeeze"],
+            (Self::GraspSoft, _) => &["proprio", "wrench", "squeeze"],
             (Self::HoldStill, false) => &["proprio", "wrench"],
             (Self::HoldStill, true) => &["proprio", "wrench", "markers"],
         }

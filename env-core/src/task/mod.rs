@@ -1,6 +1,7 @@
 //! What the agent sees, does and is paid for: pure functions of the rigid world's state.
 
 mod action;
+mod closing;
 mod config;
 mod ending;
 mod fragility;
@@ -14,6 +15,7 @@ mod reward;
 mod softness;
 
 pub use action::{ACTION_SIZE, command};
+pub use closing::Closing;
 pub use config::{Config, Range};
 pub use ending::Ending;
 pub use fragility::{Fragility, Trial, least_grip};

@@ -71,7 +71,7 @@ __all__ = [
     "sensor",
 ]
 
-_STEPS = {"GraspLift": 100, "GraspFragile": 60, "GraspSoft": 100, "HoldStill": 100}
+_STEPS = {"GraspLift": 100, "GraspFragile": 60, "GraspSoft": 60, "HoldStill": 100}
 for _task, _steps in _STEPS.items():
     register(
         id=f"ruffini/{_task}-v0",

@@ -12,23 +12,21 @@ import numpy as np
 Range = float | tuple[float, float]
 """Both ends of a uniform draw, or the one value."""
 
-_HOLDING = {
-    "start_grip": "start_grip",
-    "load": "load",
-    "shaking": "shaking",
-    "shaking_frequency": "frequency",
-    "slip_limit": "slip_limit",
+_PARTS = {
+    "grip_rate": "closing",
+    "spare": "fragility",
+    "margin": "fragility",
+    "load": "holding",
+    "shaking": "holding",
+    "shaking_frequency": "holding",
+    "slip_limit": "holding",
+    "young": "softness",
+    "poisson": "softness",
+    "crush": "softness",
 }
-"""Settings of a held object, with their names in Rust."""
-_FRAGILITY = {
-    "start_grip": "start_grip",
-    "grip_rate": "grip_rate",
-    "spare": "spare",
-    "margin": "margin",
-}
-"""Settings of a fragile grasp, with their names in Rust."""
-_SOFTNESS = {"young": "young", "poisson": "poisson", "crush": "crush"}
-"""Settings of soft objects, with their names in Rust."""
+"""Settings that only some tasks have, with the part of the settings in Rust that holds them."""
+_RENAMED = {"shaking_frequency": "frequency"}
+"""Names that are others in Rust."""
 _RANGES = (
     "mass",
     "friction",
@@ -100,12 +98,11 @@ def to_json(settings: Mapping[str, Any], task: str) -> str:
         value = [given_value, given_value] if single else given_value
         if name in _SCENE:
             document.setdefault("scene", {})[name] = value
-        elif name in _FRAGILITY and (task == "grasp-fragile" or name not in _HOLDING):
-            document.setdefault("fragility", {})[_FRAGILITY[name]] = value
-        elif name in _HOLDING:
-            document.setdefault("holding", {})[_HOLDING[name]] = value
-        elif name in _SOFTNESS:
-            document.setdefault("softness", {})[_SOFTNESS[name]] = value
+        elif name == "start_grip":
+            part = "holding" if task == "hold-still" else "closing"
+            document.setdefault(part, {})[name] = value
+        elif name in _PARTS:
+            document.setdefault(_PARTS[name], {})[_RENAMED.get(name, name)] = value
         elif name == "reward_weights":
             document["reward"] = value
         elif name in ("objects", "observation") and isinstance(value, str):

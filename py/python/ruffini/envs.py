@@ -207,20 +207,21 @@ class GraspFragileVectorEnv(NativeVectorEnv):
 class GraspSoftEnv(NativeEnv):
     """Lift a soft object of unknown stiffness with two rigid fingers, deforming it little.
 
-    World, action and settings are those of :class:`GraspLiftEnv`, with these differences. The
-    fingers are rigid and flat; the object gives way. Once both fingers touch it, a graph network
-    (:class:`ruffini.SoftSurrogate`) answers with the object's deformation and stress after every
-    step, and the force with which the object resists is corrected towards that answer. The network
-    knows no weight and no table: what friction bears is left to the bed of bristles between fingers
-    and object.
+    World and settings are those of :class:`GraspLiftEnv`, with these differences. The fingers are
+    rigid and flat, and stand round the object, which gives way; the hand moves up and down only.
+    Once both fingers touch it, a graph network (:class:`ruffini.SoftSurrogate`) answers with its
+    deformation and stress after every step, and the force with which it resists is corrected
+    towards that answer. The network knows no weight and no table: what friction bears is left to
+    the bed of bristles between fingers and object.
 
     ## Action
-    The largest grip force is 10 N.
+    As of :class:`GraspFragileEnv`: the hand moves at 0.1 m/s at most, and the fifth number changes
+    the grip force by a factor of 1.5 a step at most, between ``start_grip`` and 10 N.
 
     ## Observation
-    By default ``proprio``, ``object``, ``wrench`` and ``squeeze``. The stiffness is not told: it
-    shows in how force and opening go together, and in ``squeeze``. Two channels are only here;
-    without contact of both fingers they are exactly 0:
+    By default ``proprio``, ``wrench`` and ``squeeze``; where the object is is not told, nor how
+    stiff it is: that shows in how force and opening go together, and in ``squeeze``. Two channels
+    are only here; without contact of both fingers they are exactly 0:
 
     | channel | size | content |
     | --- | --- | --- |
@@ -231,23 +232,25 @@ class GraspSoftEnv(NativeEnv):
     not here.
 
     ## Reward
-    Weighted mean of five terms in [0, 1], each in ``info["reward_terms"]``:
+    Weighted mean of four terms in [0, 1], each in ``info["reward_terms"]``:
 
     | term | weight | 1 where |
     | --- | --- | --- |
-    | ``reach`` | 0.2 | the tool centre is at the object's middle; 1/4 at 10 cm |
     | ``touch`` | 0.1 | both fingers touch the object |
-    | ``lift`` | 0.3 | the grasped object has risen by ``lift_height`` |
-    | ``hold`` | 0.25 | it has been up for ``hold_time`` |
-    | ``gentle`` | 0.15 | there is no stress; 0 where it crushes the object, linear between |
+    | ``lift`` | 0.3 | the grasped object has risen by ``lift_height``, 3 cm |
+    | ``hold`` | 0.4 | it has been up for ``hold_time`` |
+    | ``gentle`` | 0.2 | there is no stress; 0 where it crushes the object, linear between |
 
     ## Start
-    Young's modulus is drawn from ``young``; objects weigh 20 to 60 g and have one size.
+    The object lies in the middle, its narrower side across, half a millimetre from each finger;
+    the grip force is ``start_grip``, 0.1 N. Young's modulus is drawn from ``young``; objects weigh
+    20 to 60 g and have one size.
 
     ## End
-    Also terminated, with ``info["ending"]`` ``stress_exceeded``, after the first step that ends
-    with more stress somewhere in the object than ``crush`` times Young's modulus: it is crushed.
-    A squeeze without an answer ends the episode as ``press_failed``.
+    Truncated after ``max_episode_steps`` steps, 60 by default. Also terminated, with
+    ``info["ending"]`` ``stress_exceeded`` after the first step that ends with more stress somewhere
+    in the object than ``crush`` times Young's modulus: it is crushed; and ``dropped`` when no
+    finger touches it any more. A squeeze without an answer ends the episode as ``press_failed``.
 
     ## Picture
     The object has its deformed shape and is coloured by von Mises stress, from 0 to where it is
@@ -259,8 +262,9 @@ class GraspSoftEnv(NativeEnv):
         width: Width of a picture in pixels.
         height: Height of a picture in pixels.
         **settings: As for :class:`GraspLiftEnv`, and ``young`` (Pa), a range or a number,
-            ``poisson``, and ``crush`` (stress over Young's modulus). ``tactile`` is ``"surrogate"``
-            and ``size`` 1; anything else is an error.
+            ``poisson``, ``crush`` (stress over Young's modulus), ``start_grip`` (N) and
+            ``grip_rate`` (1/s). ``tactile`` is ``"surrogate"`` and ``size`` 1; anything else is an
+            error. ``yaw``, ``start`` and ``start_height`` change nothing.
 
     Raises:
         ValueError: If a setting is unknown, of the wrong type or out of range.
