@@ -16,7 +16,7 @@ import ruffini
 from ruffini import Deformation, Press, Shape, Transfer
 from ruffini.dataset import Dataset
 
-DATA = Path.home() / ".cache/ruffini/grasps-63x3x10"
+DATA = Path.home() / ".cache/ruffini/grasps-63x10x10"
 MINI = Gel("gelsight-mini", 3e5, 0.47, 0.8)
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 MODEL_NODES = 1000

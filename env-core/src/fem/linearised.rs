@@ -11,7 +11,7 @@ use super::{
     element::{Element, Nodes},
     pattern::{FIXED, Pattern},
     solid::{Solid, Strain, solid},
-    spacing::Faces,
+    spacing::{Faces, USUAL},
     sparse::{Factor, MOST_COLUMNS},
     surface::surface_points,
 };
@@ -26,6 +26,10 @@ const ELEMENT: Element = Element::P1Bar;
 /// Stiffness of all springs that tie a free body, over Young's modulus times the cube root of its
 /// volume: moved by a hundredth of its size, it is held by 1e-6 of E L².
 const TIE: f64 = 1e-4;
+
+/// How close contact points of a free body lie (m). Between them and points at the [`USUAL`] distance
+/// the forces on a ball of 40 mm between plates differ by 0.1 %, and the time by a half.
+const FREE: f64 = 1e-3;
 
 /// A body with the factor of its stiffness at rest.
 pub(crate) struct Linearised {
@@ -82,7 +86,8 @@ impl Linearised {
         if !matrix.factorise(&pattern) {
             return None;
         }
-        let (factor, faces) = (matrix.into_factor(), Faces::new(body));
+        let spacing = if tie > 0.0 { FREE } else { USUAL };
+        let (factor, faces) = (matrix.into_factor(), Faces::new(body, spacing));
         Some(Self { nodes, solid, pattern, factor, faces, tie })
     }
 

@@ -1,6 +1,6 @@
 //! How close contact points lie on the faces of a body, and which shapes are felt between them.
 //!
-//! Points lie 0.4 mm apart, or as close as the thinnest shape asks for. A wide face has fewer: its
+//! Points lie 0.4 mm apart, or farther where that was asked for, or as close as the thinnest shape asks for. A wide face has fewer: its
 //! edges are cut into 128 pieces at most, into less while the points of all faces are more than
 //! [`MOST_POINTS`]. So the points are those of body and shapes alone, wherever the shapes go, and
 //! histories can number them. A press is refused if a shape comes near a face that is too wide for it.
@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Contact points lie about this close (m), so that a tip of half a millimetre is not missed.
-const USUAL: f64 = 4e-4;
+pub(super) const USUAL: f64 = 4e-4;
 /// Pieces into which a face's edges are cut: at least and at most.
 const PIECES: [u32; 2] = [2, 128];
 /// Points of all faces past which the widest have fewer; a cube of 80 mm has so many. They take half a
@@ -64,7 +64,8 @@ pub(super) struct Faces {
 }
 
 impl Faces {
-    pub(super) fn new(body: &SoftBody) -> Self {
+    /// Those of `body`, with points `usual` (m) apart for shapes that are not thin.
+    pub(super) fn new(body: &SoftBody, usual: f64) -> Self {
         let mesh = body.mesh();
         let mut fixed = vec![false; mesh.vertices.len()];
         body.fixed().iter().for_each(|&node| fixed[node as usize] = true);
@@ -73,7 +74,7 @@ impl Faces {
         let mut faces: Vec<_> =
             outer.map(|ends| Face { edge: longest_edge(mesh, ends), ends }).collect();
         faces.sort_by(|a, b| b.edge.total_cmp(&a.edge));
-        let (usual, held) = (spacing(USUAL, &faces), body.fixed().len() >= 3);
+        let (usual, held) = (spacing(usual, &faces), body.fixed().len() >= 3);
         Self { all: faces, usual, held }
     }
 
@@ -82,7 +83,7 @@ impl Faces {
     pub(super) fn felt(&self, mesh: &TetMesh, press: &Press) -> Result<Spacing> {
         let thinnest = press.shapes().iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
         let spacing = match thinnest / THINNEST {
-            length if length < USUAL => spacing(length, &self.all),
+            length if length < self.usual.length => spacing(length, &self.all),
             _ => self.usual,
         };
         let displaced = press.history().map_or(&[][..], |history| &history.displacement);
@@ -106,7 +107,7 @@ impl Faces {
     /// An error unless `shape` is felt anywhere at the usual spacing.
     pub(super) fn check_felt(&self, shape: &Shape) -> Result<()> {
         let widest = self.all.first().map_or(0.0, |face| face.edge);
-        let thinnest = self.usual.thinnest(widest).max(THINNEST * USUAL);
+        let thinnest = self.usual.thinnest(widest).max(THINNEST * self.usual.length);
         if shape.thickness() < thinnest { Err(too_thin(shape, thinnest)) } else { Ok(()) }
     }
 }
@@ -228,7 +229,7 @@ mod tests {
 
     /// Contact points of `body`, and of all its faces at the usual spacing, however many they are.
     fn laid_and_wanted(body: &SoftBody) -> (usize, usize) {
-        let (nodes, faces) = (Nodes::new(body, Element::P1), Faces::new(body));
+        let (nodes, faces) = (Nodes::new(body, Element::P1), Faces::new(body, USUAL));
         let laid = surface_points(body, &nodes, Element::P1, faces.usual).len();
         let on = |face: &Face| (face.edge / USUAL).ceil().clamp(2.0, 128.0).powi(2) as usize;
         (laid, faces.all.iter().map(on).sum())

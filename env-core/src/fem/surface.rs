@@ -202,7 +202,10 @@ fn lifted_middle(mesh: &TetMesh, curvatures: &BTreeMap<u32, Curvature>, a: u32, 
 
 #[cfg(test)]
 mod tests {
-    use super::{super::spacing::Faces, *};
+    use super::{
+        super::spacing::{Faces, USUAL},
+        *,
+    };
     use crate::{
         deformation::{Law, Moduli},
         geometry::{PadMesh, PadOutline},
@@ -216,7 +219,7 @@ mod tests {
         let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
         let nodes = Nodes::new(&body, element);
         let face: BTreeSet<u32> = pad.face.iter().copied().collect();
-        let points = surface_points(&body, &nodes, element, Faces::new(&body).usual);
+        let points = surface_points(&body, &nodes, element, Faces::new(&body, USUAL).usual);
         let inner = points.iter().filter(|point| {
             point.shares.iter().all(|(node, _)| {
                 let p = nodes.places[*node as usize];

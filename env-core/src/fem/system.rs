@@ -11,7 +11,7 @@ use super::{
     element::{Element, Nodes},
     pattern::Pattern,
     solid::{Layout, Solid, Strain, solid},
-    spacing::Faces,
+    spacing::{Faces, USUAL},
     surface::surface_points,
 };
 use crate::{
@@ -84,7 +84,7 @@ impl System {
     pub(super) fn new(body: &SoftBody, element: Element, law: ContactLaw) -> Self {
         let nodes = Nodes::new(body, element);
         let solid = solid(body, &nodes, element).into();
-        let faces = Faces::new(body);
+        let faces = Faces::new(body, USUAL);
         let surface = surface_points(body, &nodes, element, faces.usual).into();
         let floating = body.fixed().len() < 3;
         let (nodes, faces, whole) = (Arc::new(nodes), Arc::new(faces), Arc::default());
