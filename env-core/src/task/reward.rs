@@ -23,7 +23,8 @@ pub enum Term {
     Hold,
     /// 1 without grip force, 0 at the largest.
     Effort,
-    /// 1 without stress in the pads, or in a soft object, 0 at the episode's limit.
+    /// 1 without stress in the lifted object, 0 at the episode's limit; on the way up as much of it as
+    /// of `lift`, so that it does not pay to leave the object alone.
     Gentle,
     /// 1 where the object was in the hand at the start, 0 at the largest slip that counts as still.
     Still,
@@ -80,7 +81,9 @@ impl Term {
             Self::Hold => progress.held(config),
             Self::Effort => 1.0 - (moment.grip.abs() / config.scene.gripper.max_force).min(1.0),
             Self::Gentle => {
-                moment.draw.stress_limit.map_or(1.0, |limit| within(moment.peak_stress, limit))
+                let limit = moment.draw.stress_limit;
+                let gentle = limit.map_or(1.0, |limit| within(moment.peak_stress, limit));
+                gentle * Self::Lift.value(moment, progress, config)
             }
             Self::Still => {
                 let limit = config.holding.as_ref().map(|holding| holding.slip_limit);

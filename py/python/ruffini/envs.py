@@ -239,7 +239,7 @@ class GraspSoftEnv(NativeEnv):
     | ``touch`` | 0.1 | both fingers touch the object |
     | ``lift`` | 0.3 | the grasped object has risen by ``lift_height``, 3 cm |
     | ``hold`` | 0.4 | it has been up for ``hold_time`` |
-    | ``gentle`` | 0.2 | there is no stress; 0 where it crushes the object, linear between |
+    | ``gentle`` | 0.2 | lifted without stress; 0 where it crushes the object, linear between |
 
     ## Start
     The object lies in the middle, its narrower side across, half a millimetre from each finger;
