@@ -301,7 +301,7 @@ def test_bad_training_is_named(data, tmp_path):
 
 def test_data_of_the_other_scenario_are_named(data, tmp_path):
     for variant, folder in (("soft", data), ("b", SQUEEZES), ("corrector", SQUEEZES)):
-        with pytest.raises(ValueError, match="expected (soft objects|grasps by soft pads)"):
+        with pytest.raises(ValueError, match=r"expected (soft objects|grasps by soft pads)"):
             surrogate.train(folder, tmp_path, variant=variant)
 
 

@@ -43,7 +43,7 @@ pub enum Progress {
     },
 }
 
-/// Asked at every step of a training, and before; false stops.
+/// Told of every step of a training; false stops.
 pub(super) type Watch<'a> = &'a mut dyn FnMut(&Progress) -> bool;
 
 /// What a checkpoint says beside its tensors.
@@ -58,8 +58,8 @@ struct Checkpoint {
     best: Option<f64>,
 }
 
-/// What `read` makes of each of `all` shards, some at a time, or `None` if `watch`, told after each some,
-/// says no.
+/// What `read` makes of each of `all` shards, as many at once as there are threads; `None` if `watch`
+/// says no after one of those.
 pub(super) fn shards<T: Send>(
     all: usize,
     read: impl Fn(usize) -> Result<T> + Sync,
@@ -91,7 +91,8 @@ const LAST: &str = "last.safetensors";
 const BEST: &str = "best.safetensors";
 const WEIGHTS: &str = "weights.safetensors";
 const CARD: &str = "card.toml";
-/// Numbers that a network may learn, for its checkpoint to be read again: each has two moments beside it.
+/// Numbers that a network may learn: with two moments each, its checkpoint must not be too large to
+/// be read.
 const MOST: usize = weights::MOST as usize / 16;
 
 /// A training whose files are in a folder. One that ends by epochs leaves a checkpoint after each and

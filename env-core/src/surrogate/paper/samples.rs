@@ -50,7 +50,7 @@ impl Bodies {
             let (object, pads) = dataset.read(index)?;
             Ok(parts.map(|wanted| -> Vec<_> {
                 let own = pads.iter().filter(|frames| wanted.contains(&frames.grasp));
-                own.flat_map(|frames| self.frames(&object, frames, density)).collect()
+                own.flat_map(|frames| self.frames(object, frames, density)).collect()
             }))
         };
         let Some(shards) = course::shards(dataset.shards(), shard, watch)? else { return Ok(None) };
