@@ -68,7 +68,9 @@ impl<'a> Pace<'a> {
     /// `None` if the budget is spent.
     pub(super) fn share(&self, steps: u64, batches: usize) -> Option<f64> {
         match self.budget {
-            Budget::Epochs(all) => Some((steps + 1) as f64 / (batches * all) as f64),
+            Budget::Epochs(all) => {
+                Some((steps + 1) as f64 / (batches * all) as f64).filter(|share| *share <= 1.0)
+            }
             Budget::Seconds(all) => Some(self.elapsed() / all).filter(|share| *share < 1.0),
         }
     }
@@ -92,6 +94,16 @@ mod tests {
         {
             assert!(Budget::of(epochs, seconds).is_err(), "{epochs:?}, {seconds:?}");
         }
+    }
+
+    #[test]
+    fn the_last_step_of_the_last_epoch_is_the_last() {
+        let pace = Pace::new(Budget::Epochs(3), &|| 0.0);
+        assert_eq!(
+            [0, 20, 21].map(|steps| pace.share(steps, 7)),
+            [Some(1.0 / 21.0), Some(1.0), None]
+        );
+        assert_eq!([pace.over(2) < 1.0, pace.over(3) < 1.0], [true, false]);
     }
 
     #[test]

@@ -259,18 +259,17 @@ impl Study {
         let mut trainer = Trainer::<N>::new(self.training(network))?;
         let (pace, wall) = (Pace::new(self.budget()?, clock), Instant::now());
         let mut curve = Vec::<Point>::new();
-        while pace.over(trainer.epoch) < 1.0 {
-            trainer.epoch(ground, samples, &mut |trainer, batches| {
-                let (seconds, steps) = (pace.elapsed(), trainer.adam.steps);
-                let share = pace.share(steps, batches);
-                if share.unwrap_or(1.0) * POINTS >= (curve.len() + 1) as f64 {
-                    // The budget is for training alone.
-                    let errors = pace.pause(|| glance(&trainer.network, ground, tests))?;
-                    curve.push(Point { seconds, steps, errors });
-                }
-                Ok(share)
-            })?;
-        }
+        let mut share = |trainer: &Trainer<N>, batches: usize| {
+            let (seconds, steps) = (pace.elapsed(), trainer.adam.steps);
+            let share = pace.share(steps, batches);
+            if share.unwrap_or(1.0) * POINTS >= (curve.len() + 1) as f64 {
+                // The budget is for training alone.
+                let errors = pace.pause(|| glance(&trainer.network, ground, tests))?;
+                curve.push(Point { seconds, steps, errors });
+            }
+            Ok(share)
+        };
+        while trainer.epoch(ground, samples, &mut share)?.is_some() {}
         let seconds = [pace.elapsed(), wall.elapsed().as_secs_f64()];
         Ok(Trained { trainer, curve, seconds })
     }
