@@ -1,28 +1,51 @@
 //! Training and judging of surrogates, for Python.
 
-use std::path::PathBuf;
+use std::{
+    path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
+};
 
 use pyo3::{exceptions::PyValueError, prelude::*};
-use ruffini_core::surrogate::{PressErrors, Progress, Training, evaluate, train};
+use ruffini_core::{
+    Error,
+    surrogate::{
+        Evaluated, PressErrors, Progress, Training, evaluate,
+        paper::{PaperRun, Study},
+        soft::SoftStudy,
+        train,
+    },
+};
+use serde_json::{Value, json};
 
 use crate::error::python_error;
 
-/// Trains on the dataset in `data` into the folder `out`; the card as JSON, or `None` if stopped.
+/// Trains a network on the dataset in `data` into the folder `out`; the card as JSON, or `None` if
+/// stopped.
 ///
-/// `settings` is a JSON object laid over the default training. `watch` is called with the name of a
-/// stage and a JSON value; false stops. It is called in this thread, where signals are heard.
+/// `settings` is a JSON object laid over the default training of that variant. `clock` tells the time
+/// that a budget of seconds is spent by. `watch` is called with the name of a stage and a JSON value;
+/// false stops. Both are called in this thread, where signals are heard.
 #[pyfunction]
-#[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
+#[allow(clippy::needless_pass_by_value, clippy::too_many_arguments)] // As they come from Python.
 pub(crate) fn train_surrogate(
     py: Python<'_>,
     data: PathBuf,
     out: PathBuf,
+    variant: &str,
     settings: &str,
     commit: &str,
+    clock: Py<PyAny>,
     watch: Py<PyAny>,
 ) -> PyResult<Option<String>> {
-    let training = training(settings)?;
-    let mut raised = None;
+    let asked = Asked::new(variant, settings)?;
+    let raised = Mutex::new(None);
+    let heard = |error: PyErr| {
+        raised.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+    };
+    let now = || {
+        let now = Python::attach(|py| clock.call0(py)?.extract::<f64>(py));
+        now.map_err(heard).unwrap_or_default()
+    };
     let mut go_on = |progress: &Progress| {
         let answer = Python::attach(|py| {
             py.check_signals()?;
@@ -31,21 +54,93 @@ pub(crate) fn train_surrogate(
                 None => Ok(true),
             }
         });
-        answer.unwrap_or_else(|error| {
-            raised = Some(error);
-            false
-        })
+        // What the clock raised stops the training too.
+        answer.map_err(heard).unwrap_or_default()
+            && raised.lock().unwrap_or_else(PoisonError::into_inner).is_none()
     };
-    let card = py.detach(|| train(&data, &out, &training, commit, &mut go_on));
-    if let Some(error) = raised {
+    let card = py.detach(|| asked.train(&data, &out, commit, &now, &mut go_on));
+    if let Some(error) = raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
         return Err(error);
     }
-    let text = |card| serde_json::to_string(&card).expect("plain data");
-    Ok(card.map_err(python_error)?.map(text))
+    card.map_err(python_error)
+}
+
+/// What is to be trained.
+enum Asked {
+    Corrector(Training),
+    Paper(PaperRun, Study),
+    Soft(SoftStudy),
+}
+
+impl Asked {
+    fn new(variant: &str, settings: &str) -> PyResult<Self> {
+        let settings = serde_json::from_str(settings).map_err(bad)?;
+        match variant {
+            "corrector" => {
+                let training: Training = serde_json::from_value(settings).map_err(bad)?;
+                Ok(Self::Corrector(training.validated().map_err(python_error)?))
+            }
+            "baseline" | "a" | "b" => Self::paper(variant, settings),
+            "soft" => Ok(Self::Soft(serde_json::from_value(settings).map_err(bad)?)),
+            other => {
+                let expected = "corrector, baseline, a, b or soft";
+                Err(python_error(Error::invalid("variant", other, expected)))
+            }
+        }
+    }
+
+    /// `network` and `density` say what is trained, and the other settings how.
+    fn paper(variant: &str, mut settings: Value) -> PyResult<Self> {
+        let mut run = json!({"network": {}});
+        if let Some(settings) = settings.as_object_mut() {
+            let known = ["network", "density"].into_iter();
+            known.for_each(|key| {
+                if let Some(value) = settings.remove(key) {
+                    run[key] = value;
+                }
+            });
+        }
+        if let Some(network) = run["network"].as_object_mut()
+            && network.insert("variant".to_owned(), variant.into()).is_some()
+        {
+            let error = Error::invalid("network", "a variant", "none beside the one to train");
+            return Err(python_error(error));
+        }
+        let run = serde_json::from_value(run).map_err(bad)?;
+        Ok(Self::Paper(run, serde_json::from_value(settings).map_err(bad)?))
+    }
+
+    /// The card as JSON.
+    fn train(
+        &self,
+        data: &Path,
+        out: &Path,
+        commit: &str,
+        clock: &dyn Fn() -> f64,
+        watch: &mut dyn FnMut(&Progress) -> bool,
+    ) -> ruffini_core::Result<Option<String>> {
+        let card = match self {
+            Self::Corrector(training) => {
+                train(data, out, training, commit, watch)?.map(|card| json!(card))
+            }
+            Self::Paper(run, study) => {
+                run.train(study, data, out, commit, clock, watch)?.map(|card| json!(card))
+            }
+            Self::Soft(study) => {
+                study.train(data, out, commit, clock, watch)?.map(|card| json!(card))
+            }
+        };
+        Ok(card.map(|card| card.to_string()))
+    }
+}
+
+#[allow(clippy::needless_pass_by_value)] // For `map_err`.
+fn bad(error: serde_json::Error) -> PyErr {
+    PyValueError::new_err(format!("training: {error}"))
 }
 
 /// Errors on the test part of a split: for each frame the grasp's name, and as JSON the errors of the
-/// network and of the linear answer.
+/// network, null for what it does not say, and those of the linear answer that it corrects, if it does.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
 pub(crate) fn evaluate_surrogate(
@@ -53,21 +148,19 @@ pub(crate) fn evaluate_surrogate(
     weights: PathBuf,
     data: PathBuf,
     split: &str,
-) -> PyResult<Vec<(String, String, String)>> {
+) -> PyResult<Vec<(String, String, Option<String>)>> {
     let found = py.detach(|| evaluate(&weights, &data, split)).map_err(python_error)?;
     let text = |errors: &PressErrors| serde_json::to_string(errors).expect("plain data");
-    Ok(found.into_iter().map(|(grasp, net, linear)| (grasp, text(&net), text(&linear))).collect())
+    let one = |Evaluated { grasp, network, linear }: Evaluated| {
+        (grasp, text(&network), linear.as_ref().map(text))
+    };
+    Ok(found.into_iter().map(one).collect())
 }
 
-fn training(settings: &str) -> PyResult<Training> {
-    let bad = |error: serde_json::Error| PyValueError::new_err(format!("training: {error}"));
-    serde_json::from_str::<Training>(settings).map_err(bad)?.validated().map_err(python_error)
-}
-
-/// What Python is told of a stage; nothing of single batches.
+/// What Python is told of a stage; nothing of single steps.
 fn message(progress: &Progress) -> Option<(&'static str, String)> {
     match progress {
-        Progress::Batch => None,
+        Progress::Step => None,
         Progress::Shard { done, all } => {
             Some(("shard", serde_json::json!({"done": done, "all": all}).to_string()))
         }

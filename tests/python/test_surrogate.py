@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import ruffini
-from ruffini import Press, PressError, Shape, Surrogate, surrogate
+from ruffini import PaperNetwork, Press, PressError, Shape, SoftSurrogate, Surrogate, surrogate
 from ruffini.commands import main
 
-pytest.importorskip("safetensors")
+safetensors = pytest.importorskip("safetensors.numpy")
+SQUEEZES = Path(__file__).parents[1] / "reference/squeezes"
 UPRIGHT = (0, 0, 0, 1)
 GEL = {"sensor": "gelsight-mini", "young": 3e5, "poisson": 0.47, "friction": 0.8, "share": 1.0}
 
@@ -34,8 +36,10 @@ def swift():
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("data") / "set"
-    sizes = {"objects": 2, "grasps": 1, "frames": 2, "truth_nodes": 700, "model_nodes": 700}
-    assert ruffini.dataset.generate(folder, threads=2, gels=[GEL], **sizes) is not None
+    sizes = {"objects": 6, "grasps": 1, "frames": 2, "truth_nodes": 700, "model_nodes": 700}
+    # One of the six to train on, and the one that is novel.
+    for shards in ([], ["shards/sphere-1-000.safetensors", "shards/ellipsoid-1-000.safetensors"]):
+        ruffini.dataset.generate(folder, threads=2, gels=[GEL], shards=shards, **sizes)
     return folder
 
 
@@ -180,12 +184,114 @@ def test_a_network_is_trained_stopped_resumed_and_loaded(data, tmp_path):
     assert network.solve(ball(5e-4))[0].wrench[2] < 0
 
 
+PAPER = {"epochs": 2, "network": {"width": 8, "rounds": 1}}
+SOFT = {"epochs": 2, "batch": 2, "network": {"width": 8, "corner": 4}}
+
+
+@pytest.mark.parametrize("variant", ["baseline", "a", "b", "soft"])
+def test_every_variant_is_stopped_resumed_to_the_bit_and_loaded(data, tmp_path, variant):
+    folder, settings = (SQUEEZES, SOFT) if variant == "soft" else (data, PAPER)
+
+    def train(out, watch=None):
+        return surrogate.train(folder, out, variant=variant, watch=watch, **settings)
+
+    heard = []
+
+    def first_epoch_only(stage, told):
+        heard.append((stage, told))
+        return stage != "epoch"
+
+    assert train(tmp_path, first_epoch_only) is None
+    stage, told = heard[-1]
+    assert stage == "epoch" and told["epoch"] == 1 and all(e > 0 for e in told["errors"][:2])
+    assert ("samples", {"train": 6 if variant == "soft" else 4, "lost": 0}) in heard
+    with pytest.raises(ValueError, match="other settings"):
+        surrogate.train(folder, tmp_path, variant=variant, **settings | {"seed": 1})
+    with pytest.raises(ValueError, match="other settings"):
+        surrogate.train(data, tmp_path, split="known-63")
+    assert train(tmp_path) is not None and train(tmp_path / "straight") is not None
+    files = [tmp_path / part / "weights.safetensors" for part in (".", "straight")]
+    resumed, straight = map(safetensors.load_file, files)
+    assert resumed.keys() == straight.keys()
+    for name, weights in straight.items():
+        np.testing.assert_array_equal(resumed[name], weights, err_msg=name)
+    ball = Press(Shape.sphere(12e-3), [([1e-3, 0, 12e-3 - 8e-4], UPRIGHT)])
+    if variant == "soft":
+        network = SoftSurrogate(Shape.sphere(0.018), weights=str(files[0]))
+    else:
+        network = PaperNetwork.load(files[0], friction=0.8)
+        assert np.linalg.norm(network.solve(ball)[0].displacement) > 0
+    card = json.loads(network.card)
+    assert card["variant"] == ("soft" if variant == "soft" else f"paper-{variant}")
+    assert card["study"]["epochs"] == 2 and "seconds" not in card["study"]
+    assert (tmp_path / "card.toml").read_text().startswith(f'variant = "{card["variant"]}"')
+
+
+def test_a_network_told_forces_is_trained_and_judged(data, tmp_path):
+    settings = PAPER | {"network": {"width": 8, "rounds": 1, "input": "force"}, "epochs": 1}
+    card = surrogate.train(data, tmp_path, variant="b", **settings)
+    assert card["network"]["input"] == "force" and card["novel"]["object"]["median"] > 0
+    weights = tmp_path / "weights.safetensors"
+    with pytest.raises(ValueError, match="told forces, expected one told poses"):
+        PaperNetwork.load(weights)
+    frames = surrogate.evaluate(weights, data, "novel-14")
+    assert len(frames) == card["novel"]["all"]["presses"] + card["novel"]["all"]["still"]
+    for frame in frames:
+        assert frame["linear"] is None and frame["surrogate"]["force"] is None
+    middle = sorted(frame["surrogate"]["stress"] for frame in frames)[len(frames) // 2]
+    assert middle == pytest.approx(card["novel"]["all"]["stress"]["median"])
+
+
+@pytest.mark.parametrize("variant", ["b", "soft"])
+def test_a_budget_of_time_ends_a_training_without_a_checkpoint(data, tmp_path, variant):
+    folder, settings = (SQUEEZES, SOFT) if variant == "soft" else (data, PAPER)
+    sizes, heard = settings["network"], []
+
+    def hear(stage, told):
+        heard.append((stage, told))
+        return True
+
+    card = surrogate.train(
+        folder, tmp_path, variant=variant, seconds=1.0, network=sizes, watch=hear
+    )
+    assert card["study"]["seconds"] == 1.0 and "epochs" not in card["study"]
+    left = [told["left"] for stage, told in heard if stage == "epoch"]
+    assert len(left) > 1 and left[-1] < left[0]
+    files = {path.name for path in tmp_path.iterdir()}
+    assert files == {"weights.safetensors", "card.toml"}
+
+
+def test_an_error_in_what_watches_stops_a_training(data, tmp_path):
+    def fail(stage, told):
+        raise KeyError(stage)
+
+    for variant, folder in (("b", data), ("soft", SQUEEZES)):
+        with pytest.raises(KeyError, match="shard"):
+            surrogate.train(folder, tmp_path, variant=variant, watch=fail)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_bad_training_is_named(data, tmp_path):
     for settings, message in [
         ({"split": "all"}, "one of known-1"),
         ({"epochs": 0}, "epochs"),
         ({"rate": -1.0}, "rate"),
         ({"speed": 1}, "speed"),
+        ({"seed": 2**63}, "seed"),
+        ({"seconds": 1.0}, "seconds"),
+        ({"variant": "c"}, "variant: found c, expected corrector, baseline, a, b or soft"),
+        ({"variant": "b", "contact": "nodes"}, "contact"),
+        ({"variant": "b", "epochs": 2, "seconds": 1.0}, "expected epochs or seconds"),
+        ({"variant": "b", "epochs": 0}, "epochs: found 0"),
+        ({"variant": "b", "every": 0}, "every: found 0"),
+        ({"variant": "b", "density": "thick"}, "thick"),
+        ({"variant": "b", "network": {"rounds": 65}}, "rounds: found 65"),
+        ({"variant": "b", "network": {"input": "torque"}}, "torque"),
+        ({"variant": "b", "network": {"variant": "a"}}, "network: found a variant"),
+        ({"variant": "b", "network": {"width": 512, "rounds": 64}}, "network: found .* numbers"),
+        ({"variant": "soft", "seconds": 0.0}, "seconds: found 0"),
+        ({"variant": "soft", "split": "known-1"}, "split"),
+        ({"variant": "soft", "network": {"down": [1, 1, 17]}}, "rounds: found 17"),
     ]:
         with pytest.raises(ValueError, match=message):
             surrogate.train(data, tmp_path, **settings)
@@ -193,9 +299,56 @@ def test_bad_training_is_named(data, tmp_path):
         surrogate.train(tmp_path / "nothing", tmp_path)
 
 
+def test_data_of_the_other_scenario_are_named(data, tmp_path):
+    for variant, folder in (("soft", data), ("b", SQUEEZES), ("corrector", SQUEEZES)):
+        with pytest.raises(ValueError, match=r"expected (soft objects|grasps by soft pads)"):
+            surrogate.train(folder, tmp_path, variant=variant)
+
+
 def test_the_shell_trains_and_evaluates(data, tmp_path, capsys):
     out = str(tmp_path / "run")
-    options = ["--epochs", "1", "--split", "known-63", "--linear-nodes", "700", "--width", "8"]
+    options = ["--epochs", "1", "--linear-nodes", "700", "--width", "8"]
     assert main(["train", str(data), out, *options]) == 0
+    assert "frames to train on" in capsys.readouterr().err
+    assert main(["evaluate", f"{out}/weights.safetensors", str(data)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "linear" in lines[0] and lines[1].startswith("ellipsoid-1") and len(lines) == 3
+    assert main(["evaluate", f"{out}/weights.safetensors", str(data), "--split", "known-63"]) == 2
+    assert "no frames in the test part of known-63" in capsys.readouterr().err
     assert main(["evaluate", f"{out}/weights.safetensors", str(data), "--split", "all"]) == 2
     assert "one of known-1" in capsys.readouterr().err
+
+
+def test_the_shell_trains_the_papers_networks_and_that_of_soft_objects(data, tmp_path, capsys):
+    out = str(tmp_path / "run")
+    options = ["--variant", "a", "--input", "force", "--epochs", "1", "--width", "8"]
+    assert main(["train", str(data), out, *options, "--rounds", "1"]) == 0
+    told = capsys.readouterr()
+    assert "object's motion" in told.err and "rigid motion" not in told.err
+    assert "novel objects" in told.out and "linear" not in told.out
+    assert main(["evaluate", f"{out}/weights.safetensors", str(data)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "linear" not in lines[0] and lines[1].split()[3] == "-" and len(lines) == 3
+    out, options = f"{out}/soft", ["--variant", "soft", "--epochs", "1", "--width", "8"]
+    assert main(["train", str(SQUEEZES), out, *options]) == 0
+    told = capsys.readouterr()
+    assert "nodal forces" in told.err and "linear, novel" in told.out
+    assert main(["evaluate", f"{out}/weights.safetensors", str(data)]) == 2
+    assert "weights of soft, expected corrector, paper-baseline" in capsys.readouterr().err
+
+
+def test_the_shell_names_options_that_a_variant_has_not(data, tmp_path, capsys):
+    for variant, option, value in [
+        ("corrector", "input", "force"),
+        ("corrector", "rounds", "3"),
+        ("corrector", "seconds", "3"),
+        ("b", "contact", "nodes"),
+        ("b", "down", "1 1 1"),
+        ("soft", "split", "known-1"),
+        ("soft", "input", "force"),
+    ]:
+        arguments = ["--variant", variant, f"--{option}", *value.split()]
+        assert main(["train", str(data), str(tmp_path), *arguments]) == 2
+        assert f"--{option} is no option of {variant}" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        main(["train", str(data), str(tmp_path), "--variant", "c"])

@@ -7,7 +7,9 @@
 
 mod adam;
 mod answer;
+mod budget;
 mod corrector;
+mod course;
 mod extension;
 mod fast;
 mod features;
@@ -29,8 +31,9 @@ mod weights;
 
 pub use answer::Surrogate;
 pub use corrector::CorrectorConfig;
+pub use course::Progress;
 pub use linear::Contact;
 pub use metrics::{PressErrors, Spread, Summary};
-pub use run::{Progress, evaluate, train};
+pub use run::{Evaluated, evaluate, train};
 pub use train::{Epoch, Training};
 pub use weights::{Card, Data};

@@ -44,6 +44,11 @@ impl Parameters {
         self.store().variables.iter().map(|(name, var)| (name.clone(), var.clone())).collect()
     }
 
+    /// How many numbers they are.
+    pub(super) fn count(&self) -> usize {
+        self.store().variables.values().map(|variable| variable.elem_count()).sum()
+    }
+
     fn store(&self) -> MutexGuard<'_, Store> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

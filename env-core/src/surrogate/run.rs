@@ -1,71 +1,27 @@
-//! A training run: samples, epochs, checkpoints, a card.
+//! Training and judging of the corrector.
 
-use std::{fmt::Write as _, fs, path::Path, time::Instant};
+use std::{fmt::Write as _, path::Path};
 
-use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::{
+    budget::{Budget, Pace},
     corrector::Corrector,
+    course::{Course, Progress, Watch, trainable},
     metrics::{PressErrors, Summary, judge, judge_linear},
+    paper::{self, PaperCard},
     samples::{Gels, Sample},
-    train::{Epoch, Trainer, Training},
-    weights::{self, Card, Data, Vectors},
+    train::Training,
+    weights::{self, Card, Data, Kind},
 };
 use crate::{
-    Error, Result,
-    dataset::{Dataset, Split, write_whole},
+    Result,
+    dataset::{Dataset, Split},
 };
 
-/// What a run has come to.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Progress {
-    /// A shard of the dataset has been read, its linear answers made where they were missing.
-    Shard {
-        /// Shards so far.
-        done: usize,
-        /// Shards of the dataset.
-        all: usize,
-    },
-    /// The samples are there: those to train on, and those that the linear model did not answer.
-    Samples {
-        /// Frames to train on.
-        train: usize,
-        /// Frames without a linear answer.
-        lost: usize,
-    },
-    /// A step of training is done.
-    Batch,
-    /// An epoch is over.
-    Epoch {
-        /// Errors on its batches.
-        epoch: Epoch,
-        /// Errors on the validation part, if it has frames.
-        validation: Option<Summary>,
-        /// Wall time until the last epoch at this pace (s).
-        left: f64,
-    },
-}
-
-/// What a checkpoint says beside its tensors.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Checkpoint {
-    training: Training,
-    data: String,
-    epoch: usize,
-    steps: u64,
-    best: Option<f64>,
-}
-
-/// Names of the files in a run's folder.
-const LAST: &str = "last.safetensors";
-const BEST: &str = "best.safetensors";
-const WEIGHTS: &str = "weights.safetensors";
-const CARD: &str = "card.toml";
-
 /// Trains on the dataset in `data` and writes checkpoints, weights and their card into `out`; goes on
-/// from the last checkpoint there. `watch` is called after every epoch; false stops. Returns the card,
-/// or `None` if stopped.
+/// from the last checkpoint there. `watch` hears every step; false stops. Returns the card, or `None` if
+/// stopped.
 ///
 /// Errors: a dataset that cannot be read, a split without frames, a checkpoint of another run, a
 /// gradient that is not finite.
@@ -74,7 +30,7 @@ pub fn train(
     out: &Path,
     training: &Training,
     trained_by: &str,
-    watch: &mut dyn FnMut(&Progress) -> bool,
+    watch: Watch,
 ) -> Result<Option<Card>> {
     let dataset = Dataset::open(data)?;
     let gels = Gels::new(dataset.config(), training.linear_nodes, training.contact)?;
@@ -88,136 +44,37 @@ pub fn train(
     if !go_on {
         return Ok(None);
     }
-    if samples.is_empty() {
-        let found = format!("{} with no frames to train on", training.split);
-        return Err(Error::invalid("split", found, "a split with frames in the dataset"));
-    }
-    fs::create_dir_all(out).map_err(|error| Error::file(out, &error))?;
+    trainable(&training.split, &samples)?;
     let fingerprint = fingerprint(&dataset, &split);
-    let mut run = Run::resumed(training, out, fingerprint)?;
-    go_on = watch(&Progress::Samples { train: samples.len(), lost });
-    while go_on && run.trainer.epoch < training.epochs {
-        go_on = run.epoch(&gels, &samples, &validation, out, watch)?;
-    }
-    if run.trainer.epoch < training.epochs {
+    let pace = Pace::new(Budget::Epochs(training.epochs), &|| 0.0);
+    let mut course =
+        Course::<Corrector>::resumed(training.clone(), training, fingerprint.clone(), pace, out)?;
+    if !watch(&Progress::Samples { train: samples.len(), lost })
+        || !course.run(&gels, &samples, &validation, watch)?
+    {
         return Ok(None);
     }
-    let network = run.chosen(out)?;
-    let card = run.card(&dataset, &gels, [&samples, &test], &network, trained_by)?;
-    write_whole(&out.join(WEIGHTS), &weights::to_bytes(&network.1, &card))?;
-    let text = toml::to_string_pretty(&card).expect("plain data");
-    write_whole(&out.join(CARD), text.as_bytes())?;
+    let (network, vectors) = course.chosen()?;
+    let config = dataset.config();
+    let amplitudes = samples.iter().map(|sample| f64::from(sample.question.amplitude));
+    let card = Card {
+        variant: "corrector".to_owned(),
+        network: training.network,
+        model_nodes: config.model_nodes,
+        linear_nodes: training.linear_nodes,
+        contact: training.contact,
+        training: training.clone(),
+        data: Data {
+            train: counts(&samples),
+            test: counts(&test),
+            amplitude: amplitudes.fold(0.0, f64::max),
+            ..Data::of(config, fingerprint, trained_by)
+        },
+        test: Summary::of(&judge(&network, &gels, &test)?),
+        linear: Summary::of(&judge_linear(&gels, &test)),
+    };
+    course.finish(&vectors, &card)?;
     Ok(Some(card))
-}
-
-struct Run {
-    trainer: Trainer<Corrector>,
-    data: String,
-    best: Option<f64>,
-}
-
-impl Run {
-    /// A new run, or the one whose checkpoint is in `out`.
-    fn resumed(training: &Training, out: &Path, data: String) -> Result<Self> {
-        let path = out.join(LAST);
-        let mut trainer = Trainer::new(training.clone())?;
-        if !path.exists() {
-            return Ok(Self { trainer, data, best: None });
-        }
-        let bytes = weights::read(&path)?;
-        let (vectors, checkpoint): (_, Checkpoint) =
-            weights::from_bytes(&path.display().to_string(), &bytes)?;
-        if checkpoint.training != *training || checkpoint.data != data {
-            let reason =
-                "a run on other data or with other settings, expected this one's checkpoint";
-            return Err(Error::file(&path, &reason));
-        }
-        trainer.restore(&vectors, checkpoint.epoch, checkpoint.steps)?;
-        Ok(Self { trainer, data, best: checkpoint.best })
-    }
-
-    fn epoch(
-        &mut self,
-        gels: &Gels,
-        samples: &[Sample],
-        validation: &[Sample],
-        out: &Path,
-        watch: &mut dyn FnMut(&Progress) -> bool,
-    ) -> Result<bool> {
-        let start = Instant::now();
-        let mut on = || watch(&Progress::Batch);
-        let Some(epoch) = self.trainer.epoch(gels, samples, &mut on)? else { return Ok(false) };
-        let judged = || judge(&self.trainer.network, gels, validation);
-        let errors = (!validation.is_empty()).then(judged).transpose()?;
-        let validation = errors.map(|errors| Summary::of(&errors));
-        if let Some(found) = validation {
-            let force = found.force.map_or(0.0, |force| force.median);
-            let error = found.displacement.median + found.stress.median + force;
-            if self.best.is_none_or(|best| error < best) {
-                self.best = Some(error);
-                let vectors = self.trainer.parameters.vectors()?;
-                write_whole(&out.join(BEST), &weights::to_bytes(&vectors, &self.checkpoint()))?;
-            }
-        }
-        let vectors = self.trainer.vectors()?;
-        write_whole(&out.join(LAST), &weights::to_bytes(&vectors, &self.checkpoint()))?;
-        let rest = (self.trainer.training.epochs - self.trainer.epoch) as f64;
-        let left = rest * start.elapsed().as_secs_f64();
-        Ok(watch(&Progress::Epoch { epoch, validation, left }))
-    }
-
-    fn checkpoint(&self) -> Checkpoint {
-        Checkpoint {
-            training: self.trainer.training.clone(),
-            data: self.data.clone(),
-            epoch: self.trainer.epoch,
-            steps: self.trainer.adam.steps,
-            best: self.best,
-        }
-    }
-
-    /// The weights of the best epoch by validation, or of the last where there was none.
-    fn chosen(&self, out: &Path) -> Result<(Corrector, Vectors)> {
-        let vectors = if self.best.is_some() {
-            let path = out.join(BEST);
-            let (vectors, _): (_, Checkpoint) =
-                weights::from_bytes(&path.display().to_string(), &weights::read(&path)?)?;
-            vectors
-        } else {
-            self.trainer.parameters.vectors()?
-        };
-        let parameters = weights::parameters(vectors.clone())?;
-        Ok((Corrector::new(&self.trainer.training.network, &parameters.builder())?, vectors))
-    }
-
-    fn card(
-        &self,
-        dataset: &Dataset,
-        gels: &Gels,
-        [train, test]: [&[Sample]; 2],
-        (network, _): &(Corrector, Vectors),
-        trained_by: &str,
-    ) -> Result<Card> {
-        let training = &self.trainer.training;
-        let config = dataset.config();
-        let amplitudes = train.iter().map(|sample| f64::from(sample.question.amplitude));
-        Ok(Card {
-            variant: "corrector".to_owned(),
-            network: training.network,
-            model_nodes: config.model_nodes,
-            linear_nodes: training.linear_nodes,
-            contact: training.contact,
-            training: training.clone(),
-            data: Data {
-                train: counts(train),
-                test: counts(test),
-                amplitude: amplitudes.fold(0.0, f64::max),
-                ..Data::of(config, self.data.clone(), trained_by)
-            },
-            test: Summary::of(&judge(network, gels, test)?),
-            linear: Summary::of(&judge_linear(gels, test)),
-        })
-    }
 }
 
 /// Grasps and frames.
@@ -242,20 +99,45 @@ pub(super) fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Errors on one part of a split, press by press with the names of their grasps: the network's and the
-/// linear answer's.
-pub fn evaluate(
-    weights: &Path,
-    data: &Path,
-    split: &str,
-) -> Result<Vec<(String, PressErrors, PressErrors)>> {
-    let (vectors, card): (_, Card) =
-        weights::of_kind(&weights.display().to_string(), &weights::read(weights)?)?;
-    let network = Corrector::new(&card.network, &weights::parameters(vectors)?.builder())?;
+/// Errors on a press of a network, and of the linear answer that it corrects, if it does.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evaluated {
+    /// Name of the grasp.
+    pub grasp: String,
+    /// The network's; not a number for what it does not say.
+    pub network: PressErrors,
+    /// The linear answer's.
+    pub linear: Option<PressErrors>,
+}
+
+/// Errors of a corrector, or of one of the paper's networks, on the test part of a split, press by press.
+///
+/// Errors: other weights, a dataset or a split that cannot be read.
+pub fn evaluate(weights: &Path, data: &Path, split: &str) -> Result<Vec<Evaluated>> {
+    let (name, bytes) = (weights.display().to_string(), weights::read(weights)?);
     let dataset = Dataset::open(data)?;
-    let gels = Gels::new(dataset.config(), card.linear_nodes, card.contact)?;
     let names = &dataset.split(split)?.test;
-    let ([samples], _) = gels.samples(&dataset, [names], &mut |_, _| true)?;
+    match weights::variant(&name, &bytes, &[Card::VARIANTS, PaperCard::VARIANTS].concat())? {
+        found if Card::VARIANTS.contains(&&*found) => corrector(&name, &bytes, &dataset, names),
+        _ => paper::evaluate(&name, &bytes, &dataset, names),
+    }
+}
+
+fn corrector(
+    name: &str,
+    bytes: &[u8],
+    dataset: &Dataset,
+    names: &[String],
+) -> Result<Vec<Evaluated>> {
+    let (vectors, card): (_, Card) = weights::of_kind(name, bytes)?;
+    let network = Corrector::new(&card.network, &weights::parameters(vectors)?.builder())?;
+    let gels = Gels::new(dataset.config(), card.linear_nodes, card.contact)?;
+    let ([samples], _) = gels.samples(dataset, [names], &mut |_, _| true)?;
     let found = judge(&network, &gels, &samples)?.into_iter().zip(judge_linear(&gels, &samples));
-    Ok(samples.iter().zip(found).map(|(s, (net, linear))| (s.grasp.clone(), net, linear)).collect())
+    let one = |(sample, (network, linear)): (Sample, _)| Evaluated {
+        grasp: sample.grasp,
+        network,
+        linear: Some(linear),
+    };
+    Ok(samples.into_iter().zip(found).map(one).collect())
 }

@@ -4,6 +4,7 @@ use nalgebra::Isometry3;
 
 use super::{
     Surrogate, adam,
+    budget::{Budget, Pace},
     corrector::{Corrector, CorrectorConfig},
     features::{Gel, Question, Truth, flat},
     graph::PadGraph,
@@ -71,13 +72,19 @@ fn small() -> Training {
     Training { network, epochs: 2, batch: 4, ..Training::default() }
 }
 
+/// An epoch's steps of a training that is to have `epochs` epochs.
+fn steps(epochs: usize) -> impl FnMut(&Trainer<Corrector>, usize) -> crate::Result<Option<f64>> {
+    let pace = Pace::new(Budget::Epochs(epochs), &|| 0.0);
+    move |trainer, batches| Ok(pace.share(trainer.adam.steps, batches))
+}
+
 #[test]
 fn every_parameter_gets_a_gradient() {
     let (graph, samples) = samples(&[8e-4]);
     let mut trainer = Trainer::<Corrector>::new(small()).unwrap();
     // Last layers begin at zero and hide what is behind them until they have moved.
     for _ in 0..2 {
-        trainer.epoch(&gels(graph.clone()), &samples, &mut || true).unwrap().unwrap();
+        trainer.epoch(&gels(graph.clone()), &samples, &mut steps(2)).unwrap().unwrap();
     }
     let loss = parts(&trainer.network, &[&samples[0]], &graph, 0).unwrap().total().unwrap();
     let variables = trainer.parameters.all();
@@ -96,7 +103,7 @@ fn one_press_can_be_learnt_by_heart() {
     let gels = gels(graph.clone());
     let before = parts(&trainer.network, &[&samples[0]], &graph, 0).unwrap().values().unwrap();
     for _ in 0..1000 {
-        trainer.epoch(&gels, &samples, &mut || true).unwrap().unwrap();
+        trainer.epoch(&gels, &samples, &mut steps(1000)).unwrap().unwrap();
     }
     let after = parts(&trainer.network, &[&samples[0]], &graph, 0).unwrap().values().unwrap();
     assert!(before[0] > 0.02 && before[3] > 0.02, "nothing to learn: {before:?}");
@@ -110,12 +117,12 @@ fn a_resumed_training_is_the_same_to_the_bit() {
     let mut straight = Trainer::<Corrector>::new(small()).unwrap();
     let mut first = Trainer::<Corrector>::new(small()).unwrap();
     for _ in 0..2 {
-        straight.epoch(&gels, &samples, &mut || true).unwrap().unwrap();
+        straight.epoch(&gels, &samples, &mut steps(2)).unwrap().unwrap();
     }
-    first.epoch(&gels, &samples, &mut || true).unwrap().unwrap();
+    first.epoch(&gels, &samples, &mut steps(2)).unwrap().unwrap();
     let mut resumed = Trainer::<Corrector>::new(small()).unwrap();
     resumed.restore(&first.vectors().unwrap(), first.epoch, first.adam.steps).unwrap();
-    resumed.epoch(&gels, &samples, &mut || true).unwrap().unwrap();
+    resumed.epoch(&gels, &samples, &mut steps(2)).unwrap().unwrap();
     assert_eq!(straight.vectors().unwrap(), resumed.vectors().unwrap());
 }
 

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     adam::{self, Adam},
+    budget::Budget,
     corrector::CorrectorConfig,
     features::{Gel, Truth},
     linear::Contact,
@@ -102,26 +103,46 @@ impl<C: Default> Default for Training<C> {
 impl Training {
     /// This training, if a network can be trained so.
     pub fn validated(self) -> Result<Self> {
-        let positive = [("rate", self.rate), ("clip", self.clip)];
-        if let Some((name, value)) = positive.iter().find(|(_, x)| !(*x > 0.0 && x.is_finite())) {
-            return Err(Error::invalid(*name, value, "a number above 0"));
-        }
         let CorrectorConfig { width, corner, down, up } = self.network;
-        let rounds = down.iter().chain(&up).copied().max().unwrap_or(0);
-        let counts = [
-            ("epochs", self.epochs, 1, 100_000),
-            ("batch", self.batch, PIECE, 4096),
-            ("width", width, 4, 512),
-            ("corner", corner, 1, 256),
-            ("rounds", rounds, 0, 16),
-        ];
-        for (name, count, least, most) in counts {
-            if !(least..=most).contains(&count) {
-                return Err(Error::invalid(name, count, format!("{least} to {most}")));
-            }
-        }
+        positive("rate", self.rate)?;
+        positive("clip", self.clip)?;
+        seeded(self.seed)?;
+        Budget::of(Some(self.epochs), None)?;
+        within("batch", self.batch, [PIECE, 4096])?;
+        scaled(width, corner, &[&down[..], &up])?;
         Ok(self)
     }
+}
+
+/// Whether a setting is a number above 0.
+pub(super) fn positive(name: &'static str, value: f64) -> Result<()> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    Err(Error::invalid(name, value, "a number above 0"))
+}
+
+/// Whether a setting is between two others, both included.
+pub(super) fn within(name: &'static str, count: usize, [least, most]: [usize; 2]) -> Result<()> {
+    if (least..=most).contains(&count) {
+        return Ok(());
+    }
+    Err(Error::invalid(name, count, format!("{least} to {most}")))
+}
+
+/// Whether a card can tell a seed: TOML has no larger numbers.
+pub(super) fn seeded(seed: u64) -> Result<()> {
+    if i64::try_from(seed).is_ok() {
+        return Ok(());
+    }
+    Err(Error::invalid("seed", seed, format!("at most {}", i64::MAX)))
+}
+
+/// Whether a network of several scales can have such sizes.
+pub(super) fn scaled(width: usize, corner: usize, rounds: &[&[usize]]) -> Result<()> {
+    within("width", width, [4, 512])?;
+    within("corner", corner, [1, 256])?;
+    rounds.iter().copied().flatten().try_for_each(|&rounds| within("rounds", rounds, [0, 16]))
 }
 
 impl<C> Training<C> {
@@ -216,57 +237,20 @@ impl<N: Network> Trainer<N> {
         pieces.chunks((self.training.batch / PIECE).max(1)).map(<[_]>::to_vec).collect()
     }
 
-    /// One epoch over `samples`, or `None` if `go_on`, asked before each step, says no: the weights are
-    /// then somewhere within the epoch.
+    /// One epoch over `samples`, or `None` if `share` says none: asked before each step, with the number
+    /// of steps in the epoch, for the share of the training that is done. The weights are then somewhere
+    /// within the epoch.
     pub(super) fn epoch(
         &mut self,
         ground: &N::Ground,
         samples: &[N::Sample],
-        go_on: &mut dyn FnMut() -> bool,
+        share: &mut dyn FnMut(&Self, usize) -> Result<Option<f64>>,
     ) -> Result<Option<Epoch>> {
-        let batches = self.batches(samples);
-        let (training, all) =
-            (self.training.clone(), (batches.len() * self.training.epochs) as f64);
-        let rate = &mut |step: u64| go_on().then(|| training.rate((step + 1) as f64 / all));
-        self.steps(ground, samples, &batches, rate)
-    }
-
-    /// Epochs over `samples` until a budget is spent, of which `spent` tells the share. `watch` sees
-    /// the network after every step.
-    pub(super) fn spend(
-        &mut self,
-        ground: &N::Ground,
-        samples: &[N::Sample],
-        spent: &dyn Fn() -> f64,
-        watch: &mut dyn FnMut(&Self) -> Result<()>,
-    ) -> Result<()> {
-        loop {
-            for batch in self.batches(samples) {
-                let share = spent();
-                if share >= 1.0 {
-                    return Ok(());
-                }
-                self.step(ground, samples, &batch, self.training.rate(share))?;
-                watch(self)?;
-            }
-            self.epoch += 1;
-        }
-    }
-
-    /// The steps of an epoch at the learning rates that `rate` tells from the number of steps before,
-    /// or `None` if it tells none.
-    fn steps(
-        &mut self,
-        ground: &N::Ground,
-        samples: &[N::Sample],
-        batches: &[Vec<Piece>],
-        rate: &mut dyn FnMut(u64) -> Option<f64>,
-    ) -> Result<Option<Epoch>> {
-        let start = Instant::now();
+        let (start, batches) = (Instant::now(), self.batches(samples));
         let mut errors = [0.0; 4];
-        for batch in batches {
-            let Some(rate) = rate(self.adam.steps) else { return Ok(None) };
-            let parts = self.step(ground, samples, batch, rate)?;
+        for batch in &batches {
+            let Some(share) = share(self, batches.len())? else { return Ok(None) };
+            let parts = self.step(ground, samples, batch, self.training.rate(share))?;
             errors.iter_mut().zip(parts).for_each(|(sum, x)| *sum += x / batches.len() as f32);
         }
         self.epoch += 1;

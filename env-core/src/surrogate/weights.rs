@@ -117,7 +117,7 @@ struct Form {
 pub(super) type Vectors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 
 /// Largest file that is read (bytes).
-const MOST: u64 = 64 << 20;
+pub(super) const MOST: u64 = 64 << 20;
 /// Key of what a file says of itself.
 const KEY: &str = "card";
 
@@ -139,15 +139,19 @@ pub(super) fn to_bytes(tensors: &Vectors, card: &impl Serialize) -> Vec<u8> {
     safetensors::serialize(views, Some(metadata)).expect("valid tensors")
 }
 
+/// The form of the weights in `bytes`, or why `name` holds none of those `expected`.
+pub(super) fn variant(name: &str, bytes: &[u8], expected: &[&str]) -> Result<String> {
+    let (_, Form { variant }) = from_bytes(name, bytes)?;
+    if expected.contains(&&*variant) {
+        return Ok(variant);
+    }
+    let reason = format!("weights of {variant}, expected {}", expected.join(", "));
+    Err(Error::File { path: name.to_owned(), reason })
+}
+
 /// The tensors and the card in `bytes`, or why `name` holds no weights of that kind.
 pub(super) fn of_kind<C: Kind>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
-    if let Ok(Form { variant }) = from_bytes(name, bytes).map(|(_, form): (_, Form)| form)
-        && !C::VARIANTS.contains(&variant.as_str())
-    {
-        let expected = C::VARIANTS.join(", ");
-        let reason = format!("weights of {variant}, expected {expected}");
-        return Err(Error::File { path: name.to_owned(), reason });
-    }
+    variant(name, bytes, C::VARIANTS)?;
     from_bytes(name, bytes)
 }
 

@@ -385,8 +385,12 @@ def generate_dataset(
 def train_surrogate(
     data: _Path,
     out: _Path,
+    variant: str,
     settings: str,
     commit: str,
+    clock: Callable[[], float],
     watch: Callable[[str, str], bool],
 ) -> str | None: ...
-def evaluate_surrogate(weights: _Path, data: _Path, split: str) -> list[tuple[str, str, str]]: ...
+def evaluate_surrogate(
+    weights: _Path, data: _Path, split: str
+) -> list[tuple[str, str, str | None]]: ...

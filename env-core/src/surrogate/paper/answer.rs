@@ -18,7 +18,7 @@ use crate::{
     deformation::{Drive, Moduli, Press, SoftBody},
     geometry::Shape,
     sensor::Sensor,
-    surrogate::{features::Gel, linear::body, train::Network, weights},
+    surrogate::{features::Gel, linear::body, weights},
 };
 
 /// A trained network of the paper's on one gel. Copies share what was computed in advance.
@@ -50,9 +50,8 @@ pub struct PaperAnswer {
 /// Weights that are known by name.
 const KNOWN: [(&str, &[u8]); 1] =
     [("paper-b", include_bytes!("../../../assets/weights/paper-b.safetensors"))];
-/// Largest model mesh and network that a card may ask for.
+/// Largest model mesh that a card may ask for.
 const MOST_NODES: usize = 20_000;
-const MOST_ROUNDS: usize = 64;
 
 impl PaperNetwork {
     /// Names of shipped weights.
@@ -83,22 +82,14 @@ impl PaperNetwork {
         moduli: Moduli,
         friction: f64,
     ) -> Result<Self> {
-        let (tensors, card): (_, PaperCard) = weights::of_kind(name, bytes)?;
+        let (network, card) = Told::opened(name, bytes)?;
         let bad = |reason: String| Error::File { path: name.to_owned(), reason };
         if card.network.input == Input::Force {
             return Err(bad("a network told forces, expected one told poses".to_owned()));
         }
-        if card.model_nodes > MOST_NODES || card.network.rounds > MOST_ROUNDS {
-            let (nodes, rounds) = (card.model_nodes, card.network.rounds);
-            let most = format!("at most {MOST_NODES} and {MOST_ROUNDS}");
-            return Err(bad(format!("{nodes} nodes and {rounds} rounds, expected {most}")));
+        if card.model_nodes > MOST_NODES {
+            return Err(bad(format!("{} nodes, expected at most {MOST_NODES}", card.model_nodes)));
         }
-        let parameters = weights::parameters(tensors)?;
-        let network = Told::new(&card.network, &parameters.builder());
-        // The first line, for a trace may follow.
-        let network = network.map_err(|error| {
-            bad(error.to_string().lines().next().unwrap_or_default().to_owned())
-        })?;
         let mesh = sensor.pad(card.model_nodes)?;
         let body = body(&mesh, moduli)?;
         let gel = Gel { moduli, friction, thickness: sensor.outline.thickness };

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::{Result, surrogate::train::within};
+
 /// Steps of the paper's ablation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -65,5 +67,17 @@ impl Default for PaperConfig {
             shared: false,
             norm: true,
         }
+    }
+}
+
+impl PaperConfig {
+    /// Most rounds of message passing.
+    pub(super) const MOST_ROUNDS: usize = 64;
+
+    /// This network, if its sizes are sane.
+    pub(super) fn validated(self) -> Result<Self> {
+        within("width", self.width, [4, 512])?;
+        within("rounds", self.rounds, [1, Self::MOST_ROUNDS])?;
+        Ok(self)
     }
 }

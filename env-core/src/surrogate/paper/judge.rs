@@ -10,9 +10,11 @@ use super::{
 };
 use crate::{
     Result,
+    dataset::Dataset,
     surrogate::{
-        PressErrors, Spread, Summary,
-        metrics::{errors, relative},
+        Evaluated, PressErrors, Progress, Spread, Summary,
+        course::Watch,
+        metrics::{errors, judge, relative},
         train::Network,
     },
 };
@@ -50,16 +52,20 @@ impl Judged {
     }
 }
 
-/// Errors of one of the paper's networks.
+/// Errors of one of the paper's networks; `None` if `watch`, asked before each press, says no.
 pub(super) fn judge_paper(
     network: &Told,
     bodies: &Bodies,
     test: &[Sample],
     clock: &dyn Fn() -> f64,
-) -> Result<Judged> {
+    watch: Watch,
+) -> Result<Option<Judged>> {
     let (mut presses, mut seconds) = (Vec::new(), 0.0);
     let (mut rigid, mut truth, mut object) = (Vec::new(), Vec::new(), Vec::new());
     for sample in test {
+        if !watch(&Progress::Step) {
+            return Ok(None);
+        }
         let start = clock();
         let answer = network.says(bodies, sample, 0)?;
         seconds += (clock() - start) / test.len() as f64;
@@ -77,12 +83,30 @@ pub(super) fn judge_paper(
         let spread = |i: usize| Spread::of(pairs.iter().map(|pair| pair[i]).collect());
         (!pairs.is_empty()).then(|| [spread(0), spread(1)])
     };
-    Ok(Judged {
+    Ok(Some(Judged {
         rigid: spreads(&rigid),
         rigid_truth: spreads(&truth),
         object: (!object.is_empty()).then(|| Spread::of(object)),
         ..Judged::of(&presses, Some(seconds))
-    })
+    }))
+}
+
+/// Errors of the network in the `bytes` of weights called `name` on the grasps of those `names`, press
+/// by press.
+pub(in super::super) fn evaluate(
+    name: &str,
+    bytes: &[u8],
+    dataset: &Dataset,
+    names: &[String],
+) -> Result<Vec<Evaluated>> {
+    let (network, card) = Told::opened(name, bytes)?;
+    let bodies = Bodies::new(dataset.config())?;
+    let samples = bodies.samples(dataset, [names], card.density, &mut |_| true)?;
+    let [samples] = samples.expect("nobody says no");
+    let found = judge(&network, &bodies, &samples)?.into_iter();
+    let one =
+        |(sample, network): (Sample, _)| Evaluated { grasp: sample.grasp, network, linear: None };
+    Ok(samples.into_iter().zip(found).map(one).collect())
 }
 
 /// Every so manieth of `test`.

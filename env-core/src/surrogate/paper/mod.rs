@@ -9,13 +9,14 @@
 //!
 //! They are trained on the same frames as the corrector, by its trainer and nearly its loss, and are
 //! shown no linear answer. None of them answers contact forces: [`PaperNetwork`] says displacement,
-//! stress and, of B, rigid motion. [`Study`] trains and judges them at equal budgets.
+//! stress and, of B, rigid motion. [`PaperRun`] trains one; [`Study`] compares them at equal budgets.
 
 mod answer;
 mod blocks;
 mod bodies;
 mod card;
 mod config;
+mod course;
 mod judge;
 mod network;
 mod parts;
@@ -29,6 +30,8 @@ mod target;
 pub use answer::{PaperAnswer, PaperNetwork};
 pub use card::PaperCard;
 pub use config::{Input, PaperConfig, Variant};
+pub use course::PaperRun;
 pub use judge::Judged;
+pub(super) use judge::evaluate;
 pub use patch::Density;
 pub use study::{Point, Report, Run, Study, Weights};

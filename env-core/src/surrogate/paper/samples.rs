@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
-use rayon::prelude::*;
 
 use super::{
     bodies::{Bodies, Pad},
@@ -16,7 +15,10 @@ use crate::{
     Result,
     dataset::{Dataset, PadFrames},
     objects::Object,
-    surrogate::features::{Gel, Truth},
+    surrogate::{
+        course::{self, Watch},
+        features::{Gel, Truth},
+    },
 };
 
 /// A solved frame.
@@ -35,21 +37,28 @@ pub(super) struct Sample {
 }
 
 impl Bodies {
-    /// Every frame of `dataset` whose grasp is among `wanted`.
-    pub(super) fn samples(
+    /// Every frame of `dataset` whose grasp is in one of `parts`, for each part; `None` if `watch` says
+    /// no.
+    pub(super) fn samples<const N: usize>(
         &self,
         dataset: &Dataset,
-        wanted: &[String],
+        parts: [&[String]; N],
         density: Density,
-    ) -> Result<Vec<Sample>> {
+        watch: Watch,
+    ) -> Result<Option<[Vec<Sample>; N]>> {
         let shard = |index: usize| {
             let (object, pads) = dataset.read(index)?;
-            let own = pads.iter().filter(|frames| wanted.contains(&frames.grasp));
-            Ok(own.flat_map(|frames| self.frames(object, frames, density)).collect())
+            Ok(parts.map(|wanted| -> Vec<_> {
+                let own = pads.iter().filter(|frames| wanted.contains(&frames.grasp));
+                own.flat_map(|frames| self.frames(object, frames, density)).collect()
+            }))
         };
-        let shards: Vec<Vec<_>> =
-            (0..dataset.shards()).into_par_iter().map(shard).collect::<Result<_>>()?;
-        Ok(shards.into_iter().flatten().collect())
+        let Some(shards) = course::shards(dataset.shards(), shard, watch)? else { return Ok(None) };
+        let mut samples = std::array::from_fn(|_| Vec::new());
+        for shard in shards {
+            samples.iter_mut().zip(shard).for_each(|(all, own): (&mut Vec<_>, _)| all.extend(own));
+        }
+        Ok(Some(samples))
     }
 
     fn frames(&self, object: &Object, frames: &PadFrames, density: Density) -> Vec<Sample> {

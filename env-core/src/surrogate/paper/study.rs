@@ -1,37 +1,31 @@
 //! Runs of equal budget on equal data: what is trained, and what a run came to.
 
-use std::{
-    cell::Cell,
-    collections::{BTreeMap, BTreeSet},
-    path::Path,
-    time::Instant,
-};
+use std::{collections::BTreeMap, path::Path, time::Instant};
 
 use rand::{SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    bodies::Bodies,
     card::PaperCard,
-    config::PaperConfig,
+    course::{Frames, PaperRun, counts},
     judge::{Judged, judge_paper, thinned},
     parts::Parts,
     patch::Density,
-    samples::Sample,
     target::Told,
 };
 use crate::{
-    Error, Result,
+    Result,
     dataset::Dataset,
     surrogate::{
-        Contact, Spread, Summary, Training,
+        Contact, Progress, Spread, Summary, Training,
+        budget::{Budget, Pace},
         corrector::{Corrector, CorrectorConfig},
+        course::trainable,
         metrics::{judge, judge_linear},
-        run::fingerprint,
         samples::Gels,
-        train::{Network, Trainer},
-        weights::{self, Data, Vectors},
+        train::{Network, Trainer, positive, seeded, within},
+        weights,
     },
 };
 
@@ -39,13 +33,8 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Run {
-    /// One of the paper's networks, trained on object surfaces of a density and judged on both.
-    Paper {
-        /// Which.
-        network: PaperConfig,
-        /// Density that it is trained on.
-        density: Density,
-    },
+    /// One of the paper's networks, judged on object surfaces of both densities.
+    Paper(PaperRun),
     /// The corrector of linear answers, and the linear answers themselves.
     Corrector(CorrectorConfig),
 }
@@ -58,8 +47,12 @@ pub struct Study {
     pub split: String,
     /// What weights and batches are drawn from.
     pub seed: u64,
-    /// Budget (s) by the clock that [`Study::run`] is given.
-    pub seconds: f64,
+    /// Times that every press is seen; ten if neither this nor `seconds` is given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub epochs: Option<usize>,
+    /// Budget of time (s) in place of epochs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
     /// Presses in a gradient.
     pub batch: usize,
     /// Highest learning rate.
@@ -69,10 +62,17 @@ pub struct Study {
 }
 
 impl Default for Study {
-    /// A quarter of an hour, a press at a time: in that little, more steps are worth more than better ones.
+    /// A press at a time: in few epochs, more steps are worth more than better ones.
     fn default() -> Self {
-        let (seed, seconds, every) = (0, 900.0, 1);
-        Self { split: "novel-14".to_owned(), seed, seconds, batch: 1, rate: 2e-3, every }
+        Self {
+            split: "novel-14".to_owned(),
+            seed: 0,
+            epochs: None,
+            seconds: None,
+            batch: 1,
+            rate: 2e-3,
+            every: 1,
+        }
     }
 }
 
@@ -128,7 +128,39 @@ struct Trained<N: Network> {
     seconds: [f64; 2],
 }
 
+/// Times that every press is seen if nothing else is said.
+const EPOCHS: usize = 10;
+
 impl Study {
+    /// This study with its budget written out, if networks can be trained so.
+    pub(super) fn validated(mut self) -> Result<Self> {
+        if self.seconds.is_none() {
+            self.epochs.get_or_insert(EPOCHS);
+        }
+        self.budget()?;
+        seeded(self.seed)?;
+        positive("rate", self.rate)?;
+        within("batch", self.batch, [1, 4096])?;
+        within("every", self.every, [1, 1_000_000])?;
+        Ok(self)
+    }
+
+    pub(super) fn budget(&self) -> Result<Budget> {
+        Budget::of(self.epochs, self.seconds)
+    }
+
+    /// How a network of that size is trained.
+    pub(super) fn training<C: Default>(&self, network: C) -> Training<C> {
+        Training {
+            seed: self.seed,
+            split: self.split.clone(),
+            batch: self.batch,
+            rate: self.rate,
+            network,
+            ..Training::default()
+        }
+    }
+
     /// Trains `run` on the dataset in `data` for the budget, told by `clock` (s), and judges it. For
     /// one of the paper's networks its weights come with it.
     ///
@@ -140,69 +172,44 @@ impl Study {
         trained_by: &str,
         clock: &dyn Fn() -> f64,
     ) -> Result<(Report, Option<Weights>)> {
-        let dataset = Dataset::open(data)?;
-        let parts = Parts::of(dataset.split(&self.split)?);
+        let (study, dataset) = (self.clone().validated()?, Dataset::open(data)?);
         match run {
-            Run::Paper { network, density } => {
-                let told = (*network, *density, trained_by);
-                let (report, weights) = self.paper(run, told, &dataset, &parts, clock)?;
+            Run::Paper(paper) => {
+                let (report, weights) = study.paper(*paper, &dataset, trained_by, clock)?;
                 Ok((report, Some(weights)))
             }
-            Run::Corrector(network) => {
-                Ok((self.corrector(run, *network, &dataset, &parts, clock)?, None))
-            }
+            Run::Corrector(network) => Ok((study.corrector(run, *network, &dataset, clock)?, None)),
         }
     }
 
     fn paper(
         &self,
-        run: &Run,
-        (network, density, trained_by): (PaperConfig, Density, &str),
+        paper: PaperRun,
         dataset: &Dataset,
-        parts: &Parts,
+        trained_by: &str,
         clock: &dyn Fn() -> f64,
     ) -> Result<(Report, Weights)> {
-        let bodies = Bodies::new(dataset.config())?;
-        let samples = bodies.samples(dataset, &parts.train, density)?;
-        let judged = [&parts.known, &parts.novel].map(|part| -> Result<_> {
-            Ok(thinned(bodies.samples(dataset, part, density)?, self.every))
-        });
-        let [known, novel] = judged;
-        let tests = [("known", known?), ("novel", novel?)];
-        let trained = self.trained::<Told>(network, &bodies, &samples, &tests, clock)?;
+        let watch = &mut |_: &Progress| true;
+        let frames = Frames::read(dataset, paper.density, self, watch)?.expect("nobody says no");
+        let Frames { bodies, train, tests } = &frames;
+        let network = paper.network.validated()?;
+        let trained = self.trained::<Told>(network, bodies, train, tests, clock)?;
         let told = &trained.trainer.network;
+        let judged = frames.judged(told, clock, watch)?.expect("nobody says no");
         let mut errors = BTreeMap::new();
-        let mut counted = BTreeMap::from([counts("train", samples.iter().map(|s| &s.grasp))]);
-        for (part, test) in &tests {
-            let found = judge_paper(told, &bodies, test, clock)?;
-            errors.insert((*part).to_owned(), BTreeMap::from([(name(density), found)]));
-            counted.extend([counts(part, test.iter().map(|s| &s.grasp))]);
+        for ((part, _), found) in tests.iter().zip(&judged) {
+            let found = (name(paper.density), found.clone());
+            errors.insert((*part).to_owned(), BTreeMap::from([found]));
         }
-        let other = density.other();
-        let test = thinned(bodies.samples(dataset, &parts.novel, other)?, OTHER * self.every);
-        let found = judge_paper(told, &bodies, &test, clock)?;
-        errors.entry("novel".to_owned()).or_default().insert(name(other), found);
-        let report = self.report(run, &trained, counted, errors);
-        let fingerprint = fingerprint(dataset, dataset.split(&self.split)?);
-        let amplitude = samples.iter().map(Sample::amplitude).fold(0.0, f64::max);
-        let [train, test] = ["train", "novel"].map(|part| report.counts[part]);
-        let card = PaperCard {
-            variant: network.variant.name().to_owned(),
-            network,
-            density,
-            model_nodes: dataset.config().model_nodes,
-            study: self.clone(),
-            data: Data {
-                train,
-                test,
-                amplitude,
-                ..Data::of(dataset.config(), fingerprint, trained_by)
-            },
-            known: report.errors["known"][&name(density)].clone(),
-            novel: report.errors["novel"][&name(density)].clone(),
-        };
-        let vectors: Vectors = trained.trainer.parameters.vectors()?;
-        let bytes = weights::to_bytes(&vectors, &card);
+        let other = paper.density.other();
+        let novel = &Parts::of(dataset.split(&self.split)?).novel;
+        let [test] = bodies.samples(dataset, [novel], other, watch)?.expect("nobody says no");
+        let found = judge_paper(told, bodies, &thinned(test, OTHER * self.every), clock, watch)?;
+        let found = (name(other), found.expect("nobody says no"));
+        errors.entry("novel".to_owned()).or_default().extend([found]);
+        let report = self.report(&Run::Paper(paper), &trained, frames.counts(), errors);
+        let card = paper.card(self, dataset, &frames, judged, trained_by)?;
+        let bytes = weights::to_bytes(&trained.trainer.parameters.vectors()?, &card);
         Ok((report, Weights { card, bytes }))
     }
 
@@ -211,9 +218,9 @@ impl Study {
         run: &Run,
         network: CorrectorConfig,
         dataset: &Dataset,
-        parts: &Parts,
         clock: &dyn Fn() -> f64,
     ) -> Result<Report> {
+        let parts = Parts::of(dataset.split(&self.split)?);
         let linear_nodes = Training::<CorrectorConfig>::default().linear_nodes;
         let gels = Gels::new(dataset.config(), linear_nodes, Contact::Points)?;
         let all = [&parts.train[..], &parts.known, &parts.novel];
@@ -222,7 +229,8 @@ impl Study {
         let tests = [("known", known), ("novel", novel)];
         let trained = self.trained::<Corrector>(network, &gels, &samples, &tests, clock)?;
         let mut errors = BTreeMap::new();
-        let mut counted = BTreeMap::from([counts("train", samples.iter().map(|s| &s.grasp))]);
+        let mut counted =
+            BTreeMap::from([("train".to_owned(), counts(samples.iter().map(|s| &s.grasp)))]);
         for (part, test) in &tests {
             let start = clock();
             let found = judge(&trained.trainer.network, &gels, test)?;
@@ -231,7 +239,7 @@ impl Study {
             let found = Judged::of(&found, Some(each));
             let both = [("corrector".to_owned(), found), ("linear".to_owned(), linear)];
             errors.insert((*part).to_owned(), both.into());
-            counted.extend([counts(part, test.iter().map(|s| &s.grasp))]);
+            counted.insert((*part).to_owned(), counts(test.iter().map(|s| &s.grasp)));
         }
         Ok(self.report(run, &trained, counted, errors))
     }
@@ -247,33 +255,22 @@ impl Study {
     where
         N::Config: Default,
     {
-        if samples.is_empty() {
-            let found = format!("{} with no frames to train on", self.split);
-            return Err(Error::invalid("split", found, "a split with frames in the dataset"));
-        }
-        let training = Training {
-            seed: self.seed,
-            split: self.split.clone(),
-            batch: self.batch,
-            rate: self.rate,
-            network,
-            ..Training::default()
-        };
-        let mut trainer = Trainer::<N>::new(training)?;
-        let (start, wall, mut curve) = (Cell::new(clock()), Instant::now(), Vec::<Point>::new());
-        let spent = || (clock() - start.get()) / self.seconds;
-        trainer.spend(ground, samples, &spent, &mut |trainer| {
-            if spent() * POINTS >= (curve.len() + 1) as f64 {
-                let begun = clock();
-                let (seconds, steps) = (spent() * self.seconds, trainer.adam.steps);
-                let errors = glance(&trainer.network, ground, tests)?;
-                curve.push(Point { seconds, steps, errors });
+        trainable(&self.split, samples)?;
+        let mut trainer = Trainer::<N>::new(self.training(network))?;
+        let (pace, wall) = (Pace::new(self.budget()?, clock), Instant::now());
+        let mut curve = Vec::<Point>::new();
+        let mut share = |trainer: &Trainer<N>, batches: usize| {
+            let (seconds, steps) = (pace.elapsed(), trainer.adam.steps);
+            let share = pace.share(steps, batches);
+            if share.unwrap_or(1.0) * POINTS >= (curve.len() + 1) as f64 {
                 // The budget is for training alone.
-                start.set(start.get() + clock() - begun);
+                let errors = pace.pause(|| glance(&trainer.network, ground, tests))?;
+                curve.push(Point { seconds, steps, errors });
             }
-            Ok(())
-        })?;
-        let seconds = [clock() - start.get(), wall.elapsed().as_secs_f64()];
+            Ok(share)
+        };
+        while trainer.epoch(ground, samples, &mut share)?.is_some() {}
+        let seconds = [pace.elapsed(), wall.elapsed().as_secs_f64()];
         Ok(Trained { trainer, curve, seconds })
     }
 
@@ -284,7 +281,7 @@ impl Study {
         counts: BTreeMap<String, [usize; 2]>,
         errors: BTreeMap<String, BTreeMap<String, Judged>>,
     ) -> Report {
-        let learnt = trainer.parameters.all().iter().map(|(_, var)| var.elem_count()).sum();
+        let learnt = trainer.parameters.count();
         let (run, study, steps) = (*run, self.clone(), trainer.adam.steps);
         let (curve, seconds) = (curve.clone(), *seconds);
         Report { run, study, counts, parameters: learnt, steps, seconds, curve, errors }
@@ -315,11 +312,4 @@ fn name(density: Density) -> String {
         Density::Coarse => "coarse".to_owned(),
         Density::Dense => "dense".to_owned(),
     }
-}
-
-/// Grasps and frames of a part.
-fn counts<'a>(part: &str, grasps: impl Iterator<Item = &'a String>) -> (String, [usize; 2]) {
-    let all: Vec<_> = grasps.collect();
-    let grasps: BTreeSet<_> = all.iter().collect();
-    (part.to_owned(), [grasps.len(), all.len()])
 }

@@ -8,6 +8,7 @@ use nalgebra::Point3;
 
 use super::{
     bodies::{Bodies, Pad},
+    card::PaperCard,
     config::{Input, PaperConfig},
     network::{Answer, DISPLACEMENT, Paper, STRESS},
     patch::Patch,
@@ -16,12 +17,13 @@ use super::{
     scene::{Push, Scene, signs},
 };
 use crate::{
-    Result,
+    Error, Result,
     surrogate::{
         features::{Gel, Truth},
         loss::relative,
         metrics::Fields,
         train::{Loss, Network},
+        weights,
     },
 };
 
@@ -38,6 +40,21 @@ pub(super) struct Told {
 }
 
 impl Told {
+    /// The network in the `bytes` of weights that are called `name`, and their card.
+    pub(super) fn opened(name: &str, bytes: &[u8]) -> Result<(Self, PaperCard)> {
+        let (tensors, card): (_, PaperCard) = weights::of_kind(name, bytes)?;
+        let bad = |reason: String| Error::File { path: name.to_owned(), reason };
+        if let Err(error) = card.network.validated() {
+            return Err(bad(error.to_string()));
+        }
+        let network = Self::new(&card.network, &weights::parameters(tensors)?.builder());
+        // The first line, for a trace may follow.
+        let network = network.map_err(|error| {
+            bad(error.to_string().lines().next().unwrap_or_default().to_owned())
+        })?;
+        Ok((network, card))
+    }
+
     /// The answer to a sample seen in a mirror.
     pub(super) fn says(&self, bodies: &Bodies, sample: &Sample, mirror: usize) -> Result<Answer> {
         let pad = &bodies.pads[sample.gel];

@@ -2,14 +2,12 @@
 
 use std::{
     collections::{BTreeMap, btree_map::Entry},
-    path::Path,
     sync::Arc,
 };
 
 use candle_core::{Device, Tensor};
 use candle_nn::VarBuilder;
 use nalgebra::{Isometry3, Vector3};
-use rayon::prelude::*;
 
 use super::{
     graph::ObjectGraph,
@@ -26,6 +24,7 @@ use crate::{
     objects::Split,
     sensor::Sensor,
     surrogate::{
+        course::{self, Watch},
         features::{Gel, Truth},
         loss::relative,
         metrics::Fields,
@@ -70,9 +69,8 @@ pub(super) struct Objects {
 const WEIGHTS: [f64; 4] = [1.0, 1.0, 0.3, 1.0];
 
 impl Objects {
-    /// Everything in the dataset in `folder`.
-    pub(super) fn read(folder: &Path) -> Result<(Self, Vec<Sample>)> {
-        let data = Squeezes::open(folder)?;
+    /// Everything in a dataset, or `None` if `watch` says no.
+    pub(super) fn read(data: &Squeezes, watch: Watch) -> Result<Option<(Self, Vec<Sample>)>> {
         let mut meshes = BTreeMap::new();
         for shard in 0..data.shards() {
             let name = data.read(shard)?.0.name.clone();
@@ -112,11 +110,10 @@ impl Objects {
             }
             Ok((samples, lost))
         };
-        let shards: Vec<_> =
-            (0..data.shards()).into_par_iter().map(shard).collect::<Result<_>>()?;
+        let Some(shards) = course::shards(data.shards(), shard, watch)? else { return Ok(None) };
         let lost = shards.iter().map(|(_, lost)| lost).sum();
         let samples = shards.into_iter().flat_map(|(samples, _)| samples).collect();
-        Ok((Self { graphs, lost }, samples))
+        Ok(Some((Self { graphs, lost }, samples)))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Training of the soft objects' network within a budget, and its card.
+//! Training of the soft objects' network, and its card.
 
 use std::path::Path;
 
@@ -13,11 +13,13 @@ use crate::{
     Error, Result,
     dataset::Squeezes,
     surrogate::{
-        Spread, Summary,
+        Progress, Spread, Summary, Training,
+        budget::{Budget, Pace},
+        course::{Course, Watch},
         metrics::{Fields, errors, judge},
         run::hex,
-        train::{Trainer, Training},
-        weights::{self, Data, Kind},
+        train::{positive, scaled, seeded, within},
+        weights::{Data, Kind},
     },
 };
 
@@ -27,8 +29,12 @@ use crate::{
 pub struct SoftStudy {
     /// What weights and batches are drawn from.
     pub seed: u64,
-    /// Budget (s) by the clock that [`SoftStudy::run`] is given.
-    pub seconds: f64,
+    /// Times that every squeeze is seen; forty if neither this nor `seconds` is given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub epochs: Option<usize>,
+    /// Budget of time (s) in place of epochs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
     /// Squeezes in a gradient.
     pub batch: usize,
     /// Highest learning rate.
@@ -39,7 +45,14 @@ pub struct SoftStudy {
 
 impl Default for SoftStudy {
     fn default() -> Self {
-        Self { seed: 0, seconds: 900.0, batch: 8, rate: 2e-3, network: SoftConfig::default() }
+        Self {
+            seed: 0,
+            epochs: None,
+            seconds: None,
+            batch: 8,
+            rate: 2e-3,
+            network: SoftConfig::default(),
+        }
     }
 }
 
@@ -83,57 +96,73 @@ impl Kind for SoftCard {
     const VARIANTS: &'static [&'static str] = &["soft"];
 }
 
+/// Times that every squeeze is seen if nothing else is said.
+const EPOCHS: usize = 40;
+
 impl SoftStudy {
-    /// Trains on the dataset in `data` for the budget, told by `clock` (s); the card, and the weights
-    /// as a file. `watch` hears the steps, the share of the budget and the errors on the batches.
-    pub fn run(
+    /// This study with its budget written out, if a network can be trained so.
+    fn validated(mut self) -> Result<Self> {
+        if self.seconds.is_none() {
+            self.epochs.get_or_insert(EPOCHS);
+        }
+        Budget::of(self.epochs, self.seconds)?;
+        seeded(self.seed)?;
+        positive("rate", self.rate)?;
+        within("batch", self.batch, [1, 4096])?;
+        let SoftConfig { width, corner, down, up } = self.network;
+        scaled(width, corner, &[&down[..], &up])?;
+        Ok(self)
+    }
+
+    /// Trains on the dataset in `data` for the budget, its time told by `clock` (s), and writes
+    /// checkpoints, weights and their card into `out`; goes on from the last checkpoint there. Of whole
+    /// epochs the best is chosen by grasps left out. `watch` hears every step; false stops. Returns the
+    /// card, or `None` if stopped.
+    ///
+    /// Errors: settings that make no sense, a dataset that cannot be read or has no frames to train on,
+    /// a checkpoint of another run, a gradient that is not finite.
+    pub fn train(
         &self,
         data: &Path,
+        out: &Path,
         trained_by: &str,
         clock: &dyn Fn() -> f64,
-        watch: &dyn Fn(u64, f64, &SoftErrors),
-    ) -> Result<(SoftCard, Vec<u8>)> {
-        let (objects, mut samples) = Objects::read(data)?;
+        watch: Watch,
+    ) -> Result<Option<SoftCard>> {
+        let (study, dataset) = (self.validated()?, Squeezes::open(data)?);
+        let Some((objects, mut samples)) = Objects::read(&dataset, watch)? else { return Ok(None) };
+        let count = samples.len();
         let names: Vec<_> = samples.iter().map(|s| s.grasp.clone()).collect();
-
+        let text = serde_json::to_string(&(dataset.config(), names)).expect("plain data");
+        let fingerprint = hex(&Sha256::digest(text));
         let [train, spare, known, novel] = [Part::Train, Part::Spare, Part::Known, Part::Novel]
             .map(|part| take(&mut samples, part));
         if train.is_empty() {
-            return Err(Error::invalid(
-                "data",
-                "no frames to train on",
-                "squeezes of known objects",
-            ));
+            let found = "no frames to train on";
+            return Err(Error::invalid("data", found, "squeezes of known objects"));
         }
         let training = Training {
-            seed: self.seed,
-            batch: self.batch,
-            rate: self.rate,
-            network: self.network,
+            seed: study.seed,
+            batch: study.batch,
+            rate: study.rate,
+            network: study.network,
             ..Training::<SoftConfig>::default()
         };
-        let mut trainer = Trainer::<Soft>::new(training)?;
-        let start = clock();
-        let spent = || (clock() - start) / self.seconds;
-        let mut reports = 0.0;
-        trainer.spend(&objects, &train, &spent, &mut |trainer| {
-            if spent() * 10.0 >= reports + 1.0 {
-                reports += 1.0;
-                watch(trainer.adam.steps, spent(), &judged(&trainer.network, &objects, &spare)?);
-            }
-            Ok(())
-        })?;
-        let dataset = Squeezes::open(data)?;
-        let count = names.len();
-        let text = serde_json::to_string(&(dataset.config(), names)).expect("plain data");
-        let fingerprint = hex(&Sha256::digest(text));
+        let pace = Pace::new(Budget::of(study.epochs, study.seconds)?, clock);
+        let mut course = Course::<Soft>::resumed(training, &study, fingerprint.clone(), pace, out)?;
+        if !watch(&Progress::Samples { train: train.len(), lost: objects.lost })
+            || !course.run(&objects, &train, &spare, watch)?
+        {
+            return Ok(None);
+        }
+        let (network, vectors) = course.chosen()?;
         let amplitude = train.iter().map(|s| f64::from(s.question.amplitude)).fold(0.0, f64::max);
         let card = SoftCard {
             variant: "soft".to_owned(),
-            study: *self,
+            study,
             model_nodes: dataset.config().model_nodes,
             linear_nodes: dataset.config().truth_nodes,
-            steps: trainer.adam.steps,
+            steps: course.trainer.adam.steps,
             lost: [objects.lost, objects.lost + count],
             data: Data {
                 train: counts(&train),
@@ -141,11 +170,11 @@ impl SoftStudy {
                 amplitude,
                 ..Data::of(dataset.config(), fingerprint, trained_by)
             },
-            known: judged(&trainer.network, &objects, &known)?,
-            novel: judged(&trainer.network, &objects, &novel)?,
+            known: judged(&network, &objects, &known)?,
+            novel: judged(&network, &objects, &novel)?,
         };
-        let bytes = weights::to_bytes(&trainer.parameters.vectors()?, &card);
-        Ok((card, bytes))
+        course.finish(&vectors, &card)?;
+        Ok(Some(card))
     }
 }
 

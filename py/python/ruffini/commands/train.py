@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from typing import Any
 
 from ruffini import surrogate
@@ -12,11 +13,26 @@ _SETTINGS = {
     "seed": (int, "what weights and batches are drawn from"),
     "split": (str, "split of the dataset"),
     "epochs": (int, "times that every frame is seen"),
+    "seconds": (float, "processor time in place of epochs; such a run cannot go on"),
     "batch": (int, "frames in a step"),
     "rate": (float, "highest learning rate"),
     "linear-nodes": (int, "nodes of the linear model's mesh"),
     "contact": (str, "where the linear model feels contact: points, or nodes for speed"),
+    "density": (str, "of nodes on the objects' surfaces: coarse or dense"),
 }
+_SIZES = ("input", "width", "rounds", "down", "up")
+_PAPER = {"seed", "split", "epochs", "seconds", "batch", "rate", "density", "input", "width"}
+_OPTIONS = {
+    "corrector": set(_SETTINGS) - {"seconds", "density"} | {"width", "down", "up"},
+    **dict.fromkeys(("baseline", "a", "b"), _PAPER | {"rounds"}),
+    "soft": {"seed", "epochs", "seconds", "batch", "rate", "width", "down", "up"},
+}
+_PARTS = {
+    "corrector": ("u", "stress", "nodal forces", "force"),
+    **dict.fromkeys(("baseline", "a", "b"), ("u", "stress", "object's motion", "rigid motion")),
+    "soft": ("u", "stress", "nodal forces", "force"),
+}
+"""What the four errors of an epoch are."""
 
 
 def add_to(commands: Any) -> None:
@@ -24,65 +40,101 @@ def add_to(commands: Any) -> None:
     parser: argparse.ArgumentParser = commands.add_parser(
         "train",
         help="train a surrogate on a dataset",
-        description="Trains the network that corrects the linear answer. Stopped with Ctrl-C, the "
-        "same command goes on from the last whole epoch. RAYON_NUM_THREADS sets the threads.",
+        description="Trains the network that corrects the linear answer, one of the paper's "
+        "(baseline, a, b), or that of soft objects. Stopped with Ctrl-C, the same command goes on "
+        "from the last whole epoch. RAYON_NUM_THREADS sets the threads.",
     )
-    parser.add_argument("data", help="the dataset, finished or not")
+    parser.add_argument("data", help="the dataset, finished or not; of soft objects for soft")
     parser.add_argument("out", help="folder for checkpoints, weights and their card")
+    parser.add_argument(
+        "--variant", choices=_OPTIONS, default="corrector", help="corrector if not given"
+    )
     for name, (kind, text) in _SETTINGS.items():
-        parser.add_argument(f"--{name}", type=kind, help=text)
+        parser.add_argument(f"--{name}", type=kind, help=f"{text} ({_had_by(name)})")
+    told = f"what the network is told: translation if not given ({_had_by('input')})"
+    parser.add_argument("--input", choices=("translation", "force"), help=told)
     parser.add_argument("--width", type=int, help="latent width of the network")
-    rounds = "rounds of messages at each scale on the way"
-    parser.add_argument("--down", type=int, nargs=3, help=f"{rounds} down, the finest first")
-    parser.add_argument("--up", type=int, nargs=2, help=f"{rounds} up, the finest first")
+    parser.add_argument("--rounds", type=int, help=f"rounds of messages ({_had_by('rounds')})")
+    rounds = f"rounds of messages at each scale ({_had_by('down')})"
+    parser.add_argument("--down", type=int, nargs=3, help=f"{rounds} on the way down, finest first")
+    parser.add_argument("--up", type=int, nargs=2, help=f"{rounds} on the way up, finest first")
     parser.add_argument("--commit", default="", help="commit of ruffini, for the card")
     parser.set_defaults(run=_train)
 
 
+def _had_by(name: str) -> str:
+    return ", ".join(variant for variant, options in _OPTIONS.items() if name in options)
+
+
 def _train(options: argparse.Namespace) -> None:
-    names = [name.replace("-", "_") for name in _SETTINGS]
-    given = {name: getattr(options, name) for name in names}
-    settings = {name: value for name, value in given.items() if value is not None}
-    sizes = {name: getattr(options, name) for name in ("width", "down", "up")}
-    if sizes := {name: value for name, value in sizes.items() if value is not None}:
+    given = {name: getattr(options, name.replace("-", "_")) for name in (*_SETTINGS, *_SIZES)}
+    given = {name: value for name, value in given.items() if value is not None}
+    for name in given:
+        if name not in _OPTIONS[options.variant]:
+            known = ", ".join(sorted(_OPTIONS[options.variant]))
+            raise ValueError(f"--{name} is no option of {options.variant}, which has {known}")
+    settings = {k.replace("-", "_"): value for k, value in given.items() if k in _SETTINGS}
+    if sizes := {name: value for name, value in given.items() if name in _SIZES}:
         settings["network"] = sizes
     card = surrogate.train(
-        options.data, options.out, commit=options.commit, watch=_tell, **settings
+        options.data,
+        options.out,
+        variant=options.variant,
+        commit=options.commit,
+        watch=_teller(_PARTS[options.variant]),
+        **settings,
     )
     if card is None:
         raise KeyboardInterrupt
-    print(summary(card["test"], card["linear"]))
+    print(summary(_answerers(card)))
 
 
-def _tell(stage: str, told: dict[str, Any]) -> bool:
-    if stage == "epoch":
-        u, stress, _, force = (f"{100 * error:.2f}" for error in told["errors"])
-        text = f"epoch {told['epoch']}: u {u} %, stress {stress} %, force {force} %"
-        if found := told["validation"]:
-            parts = [found[part]["median"] for part in ("displacement", "stress", "force")]
-            text += ", validation " + " / ".join(f"{100 * part:.2f} %" for part in parts)
-            text += f" ({found['displacement_mae']:.1e} m, {found['stress_mae']:.0f} Pa)"
-        text += f", {told['seconds']:.1f} s, {told['left'] / 60:.0f} min left"
-    elif stage == "shard":
-        text = f"{told['done']}/{told['all']} shards"
-    else:
-        text = f"{told['train']} frames to train on, {told['lost']} without a linear answer"
-    end = "\r" if stage == "shard" and sys.stderr.isatty() else "\n"
-    print(text, end=end, file=sys.stderr, flush=True)
-    return True
+def _teller(parts: tuple[str, ...]) -> Callable[[str, dict[str, Any]], bool]:
+    def tell(stage: str, told: dict[str, Any]) -> bool:
+        if stage == "epoch":
+            errors = zip(parts, told["errors"], strict=True)
+            text = ", ".join(f"{part} {100 * error:.2f} %" for part, error in errors if error)
+            text = f"epoch {told['epoch']}: {text}"
+            if found := told["validation"]:
+                medians = [found[part]["median"] for part in ("displacement", "stress", "force")]
+                text += ", validation " + " / ".join(f"{100 * error:.2f} %" for error in medians)
+                text += f" ({found['displacement_mae']:.1e} m, {found['stress_mae']:.0f} Pa)"
+            text += f", {told['seconds']:.1f} s, {told['left'] / 60:.0f} min left"
+        elif stage == "shard":
+            text = f"{told['done']}/{told['all']} shards"
+        else:
+            text = f"{told['train']} frames to train on, {told['lost']} without a linear answer"
+        end = "\r" if stage == "shard" and sys.stderr.isatty() else "\n"
+        print(text, end=end, file=sys.stderr, flush=True)
+        return True
+
+    return tell
 
 
-def summary(network: dict[str, Any], linear: dict[str, Any]) -> str:
-    """A table of the errors of a surrogate beside those of the linear answer."""
-    rows = [f"{'':<18}{'surrogate':>16}{'linear':>18}   median / 95 % of presses"]
+def _answerers(card: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The errors in a card by who answers what."""
+    if card["variant"] == "corrector":
+        return {"surrogate": card["test"], "linear": card["linear"]}
+    if card["variant"] == "soft":
+        parts = [(part, who) for part in ("known", "novel") for who in ("network", "linear")]
+        return {f"{who}, {part}": card[part][who] for part, who in parts}
+    return {f"{part} objects": card[part]["all"] for part in ("known", "novel")}
+
+
+def summary(answerers: dict[str, dict[str, Any]]) -> str:
+    """A table of errors, a column to each answerer."""
+    rows = [f"{'':<18}" + "".join(f"{who:>18}" for who in answerers) + "   median / 95 %"]
     for part in ("displacement", "stress", "stressed", "peak", "nodal_force", "force"):
         cells = [
             f"{100 * of[part]['median']:.2f} / {100 * of[part]['p95']:.2f} %"
-            for of in (network, linear)
+            if of["presses"] and part in of
+            else "-"
+            for of in answerers.values()
         ]
-        rows.append(f"{part.replace('_', ' '):<18}{cells[0]:>16}{cells[1]:>18}")
+        rows.append(f"{part.replace('_', ' '):<18}" + "".join(f"{cell:>18}" for cell in cells))
     for part, unit in (("displacement_mae", "m"), ("stress_mae", "Pa")):
-        cells = [f"{of[part]:.3g} {unit}" for of in (network, linear)]
-        rows.append(f"{part.replace('_', ' '):<18}{cells[0]:>16}{cells[1]:>18}")
-    rows.append(f"{network['presses']} presses, {network['still']} that hardly move counted apart")
+        cells = [f"{of[part]:.3g} {unit}" if of["presses"] else "-" for of in answerers.values()]
+        rows.append(f"{part.replace('_', ' '):<18}" + "".join(f"{cell:>18}" for cell in cells))
+    for part, name in (("presses", "presses"), ("still", "hardly moved")):
+        rows.append(f"{name:<18}" + "".join(f"{of[part]:>18}" for of in answerers.values()))
     return "\n".join(rows)

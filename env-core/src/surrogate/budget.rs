@@ -1,0 +1,120 @@
+//! When a training ends, and how much of it is over.
+
+use std::cell::Cell;
+
+use super::train::{positive, within};
+use crate::{Error, Result};
+
+/// When a training ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Budget {
+    /// After so many epochs.
+    Epochs(usize),
+    /// After so much time (s).
+    Seconds(f64),
+}
+
+impl Budget {
+    /// Of settings that name one of the two.
+    pub(super) fn of(epochs: Option<usize>, seconds: Option<f64>) -> Result<Self> {
+        match (epochs, seconds) {
+            (Some(epochs), None) => {
+                within("epochs", epochs, [1, 100_000]).map(|()| Self::Epochs(epochs))
+            }
+            (None, Some(seconds)) => positive("seconds", seconds).map(|()| Self::Seconds(seconds)),
+            (epochs, seconds) => {
+                let found = format!("epochs {epochs:?}, seconds {seconds:?}");
+                Err(Error::invalid("budget", found, "epochs or seconds"))
+            }
+        }
+    }
+}
+
+/// How much of a budget is spent, by a clock (s) that epochs do not look at.
+pub(super) struct Pace<'a> {
+    budget: Budget,
+    clock: &'a dyn Fn() -> f64,
+    start: Cell<f64>,
+}
+
+impl<'a> Pace<'a> {
+    /// Time begins to be spent.
+    pub(super) fn new(budget: Budget, clock: &'a dyn Fn() -> f64) -> Self {
+        Self { budget, clock, start: clock().into() }
+    }
+
+    /// Time spent (s).
+    pub(super) fn elapsed(&self) -> f64 {
+        (self.clock)() - self.start.get()
+    }
+
+    /// What `aside` says, its time not counted.
+    pub(super) fn pause<T>(&self, aside: impl FnOnce() -> T) -> T {
+        let begun = (self.clock)();
+        let said = aside();
+        self.start.set(self.start.get() + (self.clock)() - begun);
+        said
+    }
+
+    /// Share of the training that is over after `epoch` epochs.
+    pub(super) fn over(&self, epoch: usize) -> f64 {
+        match self.budget {
+            Budget::Epochs(all) => epoch as f64 / all as f64,
+            Budget::Seconds(all) => self.elapsed() / all,
+        }
+    }
+
+    /// The share that the next step belongs to, after `steps` steps in epochs of `batches` steps, or
+    /// `None` if the budget is spent.
+    pub(super) fn share(&self, steps: u64, batches: usize) -> Option<f64> {
+        match self.budget {
+            Budget::Epochs(all) => {
+                Some((steps + 1) as f64 / (batches * all) as f64).filter(|share| *share <= 1.0)
+            }
+            Budget::Seconds(all) => Some(self.elapsed() / all).filter(|share| *share < 1.0),
+        }
+    }
+
+    /// Whether the same budget ends at the same step again.
+    pub(super) fn repeats(&self) -> bool {
+        matches!(self.budget, Budget::Epochs(_))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_budget_is_of_epochs_or_of_time() {
+        assert_eq!(Budget::of(Some(3), None).unwrap(), Budget::Epochs(3));
+        assert_eq!(Budget::of(None, Some(0.5)).unwrap(), Budget::Seconds(0.5));
+        for (epochs, seconds) in
+            [(Some(3), Some(0.5)), (None, None), (Some(0), None), (None, Some(f64::NAN))]
+        {
+            assert!(Budget::of(epochs, seconds).is_err(), "{epochs:?}, {seconds:?}");
+        }
+    }
+
+    #[test]
+    fn the_last_step_of_the_last_epoch_is_the_last() {
+        let pace = Pace::new(Budget::Epochs(3), &|| 0.0);
+        assert_eq!(
+            [0, 20, 21].map(|steps| pace.share(steps, 7)),
+            [Some(1.0 / 21.0), Some(1.0), None]
+        );
+        assert_eq!([pace.over(2) < 1.0, pace.over(3) < 1.0], [true, false]);
+    }
+
+    #[test]
+    fn time_aside_is_not_spent() {
+        let now = Cell::new(5.0);
+        let clock = || now.get();
+        let pace = Pace::new(Budget::Seconds(4.0), &clock);
+        now.set(6.0);
+        pace.pause(|| now.set(100.0));
+        assert_eq!(pace.share(0, 1), Some(0.25));
+        now.set(103.0);
+        assert_eq!(pace.share(9, 1), None);
+    }
+}

@@ -1,0 +1,238 @@
+//! A training in a folder: epochs, checkpoints, the network that is chosen, its weights and card.
+
+use std::{fs, path::Path, time::Instant};
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    budget::Pace,
+    metrics::{Summary, judge},
+    train::{Epoch, Network, Trainer, Training},
+    weights::{self, Vectors},
+};
+use crate::{Error, Result, dataset::write_whole};
+
+/// What a training has come to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Progress {
+    /// Shards of the dataset have been read, linear answers made where they are needed and missing.
+    Shard {
+        /// Shards so far.
+        done: usize,
+        /// Shards of the dataset.
+        all: usize,
+    },
+    /// The samples are there: those to train on, and those that a linear model did not answer.
+    Samples {
+        /// Frames to train on.
+        train: usize,
+        /// Frames without a linear answer that is needed.
+        lost: usize,
+    },
+    /// A step of training begins, or a press is judged.
+    Step,
+    /// An epoch is over.
+    Epoch {
+        /// Errors on its batches.
+        epoch: Epoch,
+        /// Errors on the frames to choose by, if there are any.
+        validation: Option<Summary>,
+        /// Wall time until the end at this pace (s).
+        left: f64,
+    },
+}
+
+/// Told of every step of a training; false stops.
+pub(super) type Watch<'a> = &'a mut dyn FnMut(&Progress) -> bool;
+
+/// What a checkpoint says beside its tensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Checkpoint {
+    /// Settings as JSON.
+    settings: String,
+    /// Fingerprint of the data.
+    data: String,
+    epoch: usize,
+    steps: u64,
+    best: Option<f64>,
+}
+
+/// What `read` makes of each of `all` shards, as many at once as there are threads; `None` if `watch`
+/// says no after one of those.
+pub(super) fn shards<T: Send>(
+    all: usize,
+    read: impl Fn(usize) -> Result<T> + Sync,
+    watch: Watch,
+) -> Result<Option<Vec<T>>> {
+    let (mut found, some) = (Vec::new(), rayon::current_num_threads());
+    for first in (0..all).step_by(some) {
+        let last = (first + some).min(all);
+        let part: Vec<T> = (first..last).into_par_iter().map(&read).collect::<Result<_>>()?;
+        found.extend(part);
+        if !watch(&Progress::Shard { done: last, all }) {
+            return Ok(None);
+        }
+    }
+    Ok(Some(found))
+}
+
+/// Whether a split has frames to train on.
+pub(super) fn trainable<S>(split: &str, samples: &[S]) -> Result<()> {
+    if samples.is_empty() {
+        let found = format!("{split} with no frames to train on");
+        return Err(Error::invalid("split", found, "a split with frames in the dataset"));
+    }
+    Ok(())
+}
+
+/// Names of the files in a training's folder.
+const LAST: &str = "last.safetensors";
+const BEST: &str = "best.safetensors";
+const WEIGHTS: &str = "weights.safetensors";
+const CARD: &str = "card.toml";
+/// Numbers that a network may learn: with two moments each, its checkpoint must not be too large to
+/// be read.
+const MOST: usize = weights::MOST as usize / 16;
+
+/// A training whose files are in a folder. One that ends by epochs leaves a checkpoint after each and
+/// goes on from it to the bit; one that ends by time leaves none.
+pub(super) struct Course<'a, N: Network> {
+    pub(super) trainer: Trainer<N>,
+    out: &'a Path,
+    pace: Pace<'a>,
+    settings: String,
+    data: String,
+    best: Option<f64>,
+}
+
+impl<'a, N: Network> Course<'a, N> {
+    /// The one whose checkpoint is in `out`, or a new one if there is none.
+    ///
+    /// Errors: a checkpoint on other data than those of fingerprint `data`, or with other `settings`.
+    pub(super) fn resumed(
+        training: Training<N::Config>,
+        settings: &impl Serialize,
+        data: String,
+        pace: Pace<'a>,
+        out: &'a Path,
+    ) -> Result<Self> {
+        fs::create_dir_all(out).map_err(|error| Error::file(out, &error))?;
+        let settings = serde_json::to_string(settings).expect("plain data");
+        let trainer = Trainer::new(training)?;
+        let mut course = Self { trainer, out, pace, settings, data, best: None };
+        let numbers = course.trainer.parameters.count();
+        if numbers > MOST {
+            return Err(Error::invalid(
+                "network",
+                format!("{numbers} numbers"),
+                format!("at most {MOST}"),
+            ));
+        }
+        let path = out.join(LAST);
+        if !path.exists() {
+            return Ok(course);
+        }
+        let (vectors, found) = checkpoint(&path)?;
+        if found.settings != course.settings || found.data != course.data {
+            let reason =
+                "a run on other data or with other settings, expected this one's checkpoint";
+            return Err(Error::file(&path, &reason));
+        }
+        course.trainer.restore(&vectors, found.epoch, found.steps)?;
+        course.best = found.best;
+        Ok(course)
+    }
+
+    /// Trains until the budget is spent, choosing by `validation`; false if `watch` stops it.
+    pub(super) fn run(
+        &mut self,
+        ground: &N::Ground,
+        samples: &[N::Sample],
+        validation: &[N::Sample],
+        watch: Watch,
+    ) -> Result<bool> {
+        while self.pace.over(self.trainer.epoch) < 1.0 {
+            if !self.epoch(ground, samples, validation, watch)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    fn epoch(
+        &mut self,
+        ground: &N::Ground,
+        samples: &[N::Sample],
+        validation: &[N::Sample],
+        watch: Watch,
+    ) -> Result<bool> {
+        let (start, before) = (Instant::now(), self.pace.over(self.trainer.epoch));
+        let (pace, mut stopped) = (&self.pace, false);
+        let share = &mut |trainer: &Trainer<N>, batches: usize| {
+            stopped = !watch(&Progress::Step);
+            Ok(if stopped { None } else { pace.share(trainer.adam.steps, batches) })
+        };
+        let Some(epoch) = self.trainer.epoch(ground, samples, share)? else {
+            return Ok(!stopped);
+        };
+        let mut validated = None;
+        if self.pace.repeats() {
+            if !validation.is_empty() {
+                let found = Summary::of(&judge(&self.trainer.network, ground, validation)?);
+                self.keep_if_best(&found)?;
+                validated = Some(found);
+            }
+            self.write(LAST, &self.trainer.vectors()?, &self.checkpoint())?;
+        }
+        let over = self.pace.over(self.trainer.epoch);
+        let left = start.elapsed().as_secs_f64() * (1.0 - over).max(0.0) / (over - before);
+        Ok(watch(&Progress::Epoch { epoch, validation: validated, left }))
+    }
+
+    fn keep_if_best(&mut self, found: &Summary) -> Result<()> {
+        let force = found.force.map_or(0.0, |force| force.median);
+        let error = found.displacement.median + found.stress.median + force;
+        if self.best.is_none_or(|best| error < best) {
+            self.best = Some(error);
+            self.write(BEST, &self.trainer.parameters.vectors()?, &self.checkpoint())?;
+        }
+        Ok(())
+    }
+
+    fn checkpoint(&self) -> Checkpoint {
+        Checkpoint {
+            settings: self.settings.clone(),
+            data: self.data.clone(),
+            epoch: self.trainer.epoch,
+            steps: self.trainer.adam.steps,
+            best: self.best,
+        }
+    }
+
+    /// The network of the best epoch by validation, or of the last where there was none, and its
+    /// weights.
+    pub(super) fn chosen(&self) -> Result<(N, Vectors)> {
+        let vectors = match self.best {
+            Some(_) => checkpoint(&self.out.join(BEST))?.0,
+            None => self.trainer.parameters.vectors()?,
+        };
+        let parameters = weights::parameters(vectors.clone())?;
+        Ok((N::new(&self.trainer.training.network, &parameters.builder())?, vectors))
+    }
+
+    /// Writes the weights and their card.
+    pub(super) fn finish(&self, vectors: &Vectors, card: &impl Serialize) -> Result<()> {
+        self.write(WEIGHTS, vectors, card)?;
+        let text = toml::to_string_pretty(card).expect("plain data");
+        write_whole(&self.out.join(CARD), text.as_bytes())
+    }
+
+    fn write(&self, name: &str, vectors: &Vectors, card: &impl Serialize) -> Result<()> {
+        write_whole(&self.out.join(name), &weights::to_bytes(vectors, card))
+    }
+}
+
+fn checkpoint(path: &Path) -> Result<(Vectors, Checkpoint)> {
+    weights::from_bytes(&path.display().to_string(), &weights::read(path)?)
+}

@@ -1,0 +1,170 @@
+//! Training of one of the paper's networks into a folder.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    bodies::Bodies,
+    card::PaperCard,
+    config::PaperConfig,
+    judge::{Judged, judge_paper, thinned},
+    parts::Parts,
+    patch::Density,
+    samples::Sample,
+    study::Study,
+    target::Told,
+};
+use crate::{
+    Result,
+    dataset::Dataset,
+    surrogate::{
+        Progress,
+        budget::Pace,
+        course::{Course, Watch, trainable},
+        run::fingerprint,
+        weights::Data,
+    },
+};
+
+/// One of the paper's networks on the surfaces of objects.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PaperRun {
+    /// Which network.
+    pub network: PaperConfig,
+    /// Density of the surfaces that it is trained on.
+    pub density: Density,
+}
+
+impl Default for PaperRun {
+    fn default() -> Self {
+        Self { network: PaperConfig::default(), density: Density::Coarse }
+    }
+}
+
+/// The frames of a study.
+pub(super) struct Frames {
+    pub(super) bodies: Bodies,
+    pub(super) train: Vec<Sample>,
+    /// Unseen grasps of known objects, and novel objects.
+    pub(super) tests: [(&'static str, Vec<Sample>); 2],
+}
+
+impl Frames {
+    /// Those of `study` in `dataset`, or `None` if `watch` says no.
+    pub(super) fn read(
+        dataset: &Dataset,
+        density: Density,
+        study: &Study,
+        watch: Watch,
+    ) -> Result<Option<Self>> {
+        let Parts { train, known, novel } = Parts::of(dataset.split(&study.split)?);
+        let bodies = Bodies::new(dataset.config())?;
+        let found = bodies.samples(dataset, [&train, &known, &novel], density, watch)?;
+        Ok(found.map(|[train, known, novel]| {
+            let [known, novel] = [known, novel].map(|part| thinned(part, study.every));
+            Self { bodies, train, tests: [("known", known), ("novel", novel)] }
+        }))
+    }
+
+    /// Errors of a network on known and on novel objects, or `None` if `watch` says no.
+    pub(super) fn judged(
+        &self,
+        network: &Told,
+        clock: &dyn Fn() -> f64,
+        watch: Watch,
+    ) -> Result<Option<[Judged; 2]>> {
+        let [(_, known), (_, novel)] = &self.tests;
+        let Some(known) = judge_paper(network, &self.bodies, known, clock, watch)? else {
+            return Ok(None);
+        };
+        let novel = judge_paper(network, &self.bodies, novel, clock, watch)?;
+        Ok(novel.map(|novel| [known, novel]))
+    }
+
+    /// Grasps and frames by part.
+    pub(super) fn counts(&self) -> BTreeMap<String, [usize; 2]> {
+        let tests = self.tests.iter().map(|(part, test)| (*part, test));
+        let parts = tests.chain([("train", &self.train)]);
+        parts.map(|(part, all)| (part.to_owned(), counts(all.iter().map(|s| &s.grasp)))).collect()
+    }
+}
+
+/// Grasps and frames, of the name of the grasp of each frame.
+pub(super) fn counts<'a>(grasps: impl Iterator<Item = &'a String>) -> [usize; 2] {
+    let all: Vec<_> = grasps.collect();
+    let grasps: BTreeSet<_> = all.iter().collect();
+    [grasps.len(), all.len()]
+}
+
+impl PaperRun {
+    /// Trains on the dataset in `data` as `study` says, its time told by `clock` (s), and writes
+    /// checkpoints, weights and their card into `out`; goes on from the last checkpoint there. The last
+    /// weights are judged, none chosen. `watch` hears every step; false stops. Returns the card, or
+    /// `None` if stopped.
+    ///
+    /// Errors: settings that make no sense, a dataset that cannot be read, a split without frames, a
+    /// checkpoint of another run, a gradient that is not finite.
+    pub fn train(
+        &self,
+        study: &Study,
+        data: &Path,
+        out: &Path,
+        trained_by: &str,
+        clock: &dyn Fn() -> f64,
+        watch: Watch,
+    ) -> Result<Option<PaperCard>> {
+        let (study, network) = (study.clone().validated()?, self.network.validated()?);
+        let dataset = Dataset::open(data)?;
+        let Some(frames) = Frames::read(&dataset, self.density, &study, watch)? else {
+            return Ok(None);
+        };
+        let Frames { bodies, train, .. } = &frames;
+        trainable(&study.split, train)?;
+        let print = fingerprint(&dataset, dataset.split(&study.split)?);
+        let (training, pace) = (study.training(network), Pace::new(study.budget()?, clock));
+        let mut course = Course::<Told>::resumed(training, &(self, &study), print, pace, out)?;
+        if !watch(&Progress::Samples { train: train.len(), lost: 0 })
+            || !course.run(bodies, train, &[], watch)?
+        {
+            return Ok(None);
+        }
+        let (told, vectors) = course.chosen()?;
+        let Some(judged) = frames.judged(&told, clock, watch)? else { return Ok(None) };
+        let card = self.card(&study, &dataset, &frames, judged, trained_by)?;
+        course.finish(&vectors, &card)?;
+        Ok(Some(card))
+    }
+
+    /// What weights trained on `frames` say of themselves.
+    pub(super) fn card(
+        &self,
+        study: &Study,
+        dataset: &Dataset,
+        frames: &Frames,
+        [known, novel]: [Judged; 2],
+        trained_by: &str,
+    ) -> Result<PaperCard> {
+        let (counts, config) = (frames.counts(), dataset.config());
+        let fingerprint = fingerprint(dataset, dataset.split(&study.split)?);
+        Ok(PaperCard {
+            variant: self.network.variant.name().to_owned(),
+            network: self.network,
+            density: self.density,
+            model_nodes: config.model_nodes,
+            study: study.clone(),
+            data: Data {
+                train: counts["train"],
+                test: counts["novel"],
+                amplitude: frames.train.iter().map(Sample::amplitude).fold(0.0, f64::max),
+                ..Data::of(config, fingerprint, trained_by)
+            },
+            known,
+            novel,
+        })
+    }
+}
