@@ -181,18 +181,19 @@ impl Trained {
     ) -> Result<Deformation> {
         let (mut asked, mut reached, mut travel) = (force, 0.0, 0.0);
         let [mut low, mut high] = [0.0, f64::INFINITY];
-        for _ in 0..TRIES {
+        let mut last = None;
+        for trial in 0..TRIES {
             let shapes = press.shapes().to_vec();
-            let trial = Press::with_force(shapes, poses.to_vec(), asked, direction.into_inner())?;
-            let trial = match press.friction() {
-                Some(friction) => trial.with_friction(friction)?,
-                None => trial,
+            let same = Press::with_force(shapes, poses.to_vec(), asked, direction.into_inner())?;
+            let same = match press.friction() {
+                Some(friction) => same.with_friction(friction)?,
+                None => same,
             };
-            let trial = match press.history() {
-                Some(history) => trial.after(history.clone())?,
-                None => trial,
+            let same = match press.history() {
+                Some(history) => same.after(history.clone())?,
+                None => same,
             };
-            let linear = self.linear.path(&trial).swap_remove(0)?;
+            let linear = self.linear.path(&same).swap_remove(0)?;
             let answer = self.correct(press, &linear, ALL, scratch)?;
             reached = answer.wrench.force.dot(direction);
             let way = answer.poses[0].translation.vector - poses[0].translation.vector;
@@ -201,9 +202,15 @@ impl Trained {
                 return Ok(answer);
             }
             *(if reached < force { &mut low } else { &mut high }) = asked;
-            asked *= (force / reached.max(f64::MIN_POSITIVE)).clamp(0.5, 2.0);
-            // Where a node more makes a leap, the ratio alone would go to and fro.
-            if low < high && !(low..high).contains(&asked) {
+            let slope = last.map(|[a, r]: [f64; 2]| (reached - r) / (asked - a));
+            let by_slope = slope.map(|slope| 1.0 + (force - reached) / (slope * asked));
+            let by_share = force / reached.max(f64::MIN_POSITIVE);
+            last = Some([asked, reached]);
+            let factor = by_slope.filter(|factor| *factor > 0.0).unwrap_or(by_share);
+            asked *= factor.clamp(0.5, 2.0);
+            // Where a node more makes a leap, slopes alone would go to and fro.
+            let closed = low < high && high.is_finite();
+            if low < high && !(low..high).contains(&asked) || closed && trial >= TRIES / 2 {
                 asked = (low * high).sqrt();
             }
         }
