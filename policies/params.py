@@ -80,7 +80,7 @@ PARAMS: dict[tuple[str, str], Params] = {
     ),
     ("ruffini/GraspSoft-v0", "ppo"): Params(
         # A press of a soft object takes ten times as long as one of a pad: fewer steps still.
-        steps=80_000,
+        steps=50_000,
         n_envs=32,
         algorithm={
             "n_steps": 64,
