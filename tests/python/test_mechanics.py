@@ -175,6 +175,15 @@ def test_a_history_is_the_same_after_a_pickle():
     assert bytes(again) == bytes(history) == bytes(History(bytes(history)))
 
 
+def test_a_block_is_answered_where_points_turn_round_its_edges():
+    pad = ruffini.sensor("gelsight-mini", resolution=2000)
+    path = [([1e-3, 0, 5e-3 - depth], (0, 0, 0, 1)) for depth in np.linspace(1e-4, 1e-3, 8)]
+    block = Press(ruffini.Shape.cuboid((5e-3, 5e-3, 5e-3)), path)
+    frames = ruffini.Compliance(pad, friction=0.8).solve_path(block)
+    forces = [-frame.wrench[2] for frame in frames]
+    assert len(forces) == 8 and np.diff(forces, 2).max() < 0.1 * np.diff(forces).mean(), forces
+
+
 def test_contact_at_nodes_is_another_form_of_compliance():
     body = ruffini.sensor("gelsight-mini", resolution=600)
     press = Press(

@@ -236,7 +236,7 @@ impl<'a> Walk<'a> {
         let iterations = solution.iterations;
         let law = &self.settings.law;
         let displaced = zone.pick(&field.displacement);
-        if contact.step.leaps(poses, &places(zone, &displaced), RUN_OVER * law.softness) {
+        if contact.step.goes_through(poses, &places(zone, &displaced), RUN_OVER * law.softness) {
             return Err(missed(self.settings.tolerance));
         }
         let back = |touch: &_| stuck_at(law, zone, touch);

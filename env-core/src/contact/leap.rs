@@ -7,6 +7,10 @@ use nalgebra::{Isometry3, Point3};
 use super::{ContactStep, Touch, near::SURE};
 use crate::geometry::Shape;
 
+/// Thickness of a shape under which points are watched that they do not change its sides (m); round
+/// the edges of thicker ones they may slide.
+const THIN: f64 = 1.2e-3;
+
 impl ContactStep<'_> {
     /// Whether a point has come out nearer to the far side of the shape than to where it entered: the
     /// normals there point away from each other. In a one-sided step a point that has just met the
@@ -45,10 +49,22 @@ impl ContactStep<'_> {
         })
     }
 
+    /// Whether a point went through a shape on its way to `places` (C): through more than `depth` of one of
+    /// shapes that are thin, or to the opposite side.
+    pub fn goes_through(
+        &self,
+        poses: &[Isometry3<f64>],
+        places: &[Point3<f64>],
+        depth: f64,
+    ) -> bool {
+        let thin = self.shapes.iter().any(|shape| shape.thickness() < THIN);
+        thin && self.leaps(poses, places, depth) || self.changes_sides(poses, places, depth)
+    }
+
     /// Whether a point went through more than `depth` of a shape on its way to `places` (C), where it
     /// stands outside or touches: it has changed sides unfelt. What was measured by the last
     /// [`ContactStep::touches`] spares most points the measurement.
-    pub fn leaps(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
+    fn leaps(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
         self.any_way(poses, places, |pair, shape, begin, end| {
             let way = (end - begin).norm();
             let (seen, value) = self.seen[pair];
@@ -60,12 +76,7 @@ impl ContactStep<'_> {
 
     /// As [`ContactStep::leaps`], but only for points that end opposite to where they began: round the
     /// edge of a thick shape a point may slide a long way, though not all round.
-    pub fn changes_sides(
-        &self,
-        poses: &[Isometry3<f64>],
-        places: &[Point3<f64>],
-        depth: f64,
-    ) -> bool {
+    fn changes_sides(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
         self.any_way(poses, places, |_, shape, begin, end| {
             let normal = |p: &Point3<f64>| shape.distance(p).normal;
             (end - begin).norm() > 0.5 * shape.thickness()

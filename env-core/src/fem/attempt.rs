@@ -20,9 +20,6 @@ use crate::{
 /// Depth of a touching point past which an answer is refused, in softnesses: what holds a shape there
 /// is a pressure of as many Young's moduli.
 const DEEPEST: f64 = 250.0;
-/// Thickness of a shape under which points are watched that they do not change its sides (m); round
-/// the edges of thicker ones they may slide.
-const THIN: f64 = 1.2e-3;
 
 /// A load step and where it leads.
 pub(super) struct Attempt {
@@ -62,10 +59,7 @@ impl Run<'_> {
         let (balance, forces) =
             equilibrium(system, solver, &mut state, &mut contact, push, &self.limits)?;
         let places = system.surface_places(&state.displacement);
-        let thin = shapes.iter().any(|shape| shape.thickness() < THIN);
-        if thin && contact.leaps(&state.poses, &places, system.deepest())
-            || contact.changes_sides(&state.poses, &places, system.deepest())
-        {
+        if contact.goes_through(&state.poses, &places, system.deepest()) {
             return Err(self.missed());
         }
         let depth = forces.touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
