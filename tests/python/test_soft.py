@@ -51,6 +51,15 @@ def test_it_goes_on_from_its_own_history(network):
     assert np.linalg.norm(found.displacement - last.displacement) < 1e-3 * size
 
 
+def test_a_small_step_from_its_history_takes_few_newton_steps(network):
+    answer, steps = network.solve(squeeze(1e-3))[0], []
+    for i in range(1, 11):
+        (answer,) = network.solve(squeeze(1e-3 + 1e-6 * i, history=answer.history))
+        steps.append(answer.iterations)
+    # Three each; from the contact's own forces, whose imbalance moves a free body, it took a dozen.
+    assert sum(steps) <= 50, steps
+
+
 def test_without_contact_there_is_nothing(network):
     (answer,) = network.solve(squeeze(-1e-4))
     for field in (answer.displacement, answer.von_mises, answer.contact_force):

@@ -197,6 +197,20 @@ def test_crushing_ends_the_episode_by_name():
     assert not info["is_success"]
 
 
+def test_gentleness_is_paid_for_while_lifting_alone():
+    env = gym.make(SQUEEZE, **OVER_OBJECT, young=6e4, mass=0.03, friction=0.9).unwrapped
+    observation, _ = env.reset(seed=0)
+    paid = []
+    for step in range(45):
+        action = gripping(observation, 0.6)
+        action[2] = 0.5 if step >= 25 else 0.0
+        observation, _, terminated, _, info = env.step(action)
+        assert not terminated, info
+        paid.append(info["reward_terms"]["gentle"])
+    assert observation["squeeze"][1] > 0
+    assert max(paid[:25]) < 0.02 and 0.2 < paid[-1] < 1, paid
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

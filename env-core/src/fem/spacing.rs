@@ -1,8 +1,8 @@
 //! How close contact points lie on the faces of a body, and which shapes are felt between them.
 //!
-//! Points lie 0.4 mm apart, or farther where that was asked for, or as close as the thinnest shape asks for. A wide face has fewer: its
-//! edges are cut into 128 pieces at most, into less while the points of all faces are more than
-//! [`MOST_POINTS`]. So the points are those of body and shapes alone, wherever the shapes go, and
+//! Points lie 0.4 mm apart, or farther where that was asked for, or as close as the thinnest shape
+//! asks for. A wide face has fewer: its edges are cut into 128 pieces at most, into less while the
+//! points of all faces are more than [`MOST_POINTS`]. So the points are those of body and shapes alone, wherever the shapes go, and
 //! histories can number them. A press is refused if a shape comes near a face that is too wide for it.
 
 use std::cell::LazyCell;
@@ -25,6 +25,7 @@ const MOST_POINTS: u64 = 1 << 20;
 /// Spacings that a wall must be thick, so that it cannot pass between the points: an equilateral
 /// triangle's centroid is 0.58 of its side from the corners, on either side of a wall.
 const THINNEST: f64 = 1.5;
+
 /// How close contact points lie.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Spacing {
