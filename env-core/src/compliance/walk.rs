@@ -167,8 +167,8 @@ impl<'a> Walk<'a> {
     }
 
     /// Forces to which the body gives way by `displacement` (V): those of the contact there. A free body
-    /// does so by tenths of a millimetre under what they are out of balance, so its are taken from the
-    /// displacement, if that is a linear answer.
+    /// does so by some hundredth of a millimetre under what little they are out of balance, so its are
+    /// taken from the displacement, if that is a linear answer.
     fn loads(&mut self, displacement: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let contact = &self.state.contact_force;
         let workspace = &mut self.scratch.workspace;
