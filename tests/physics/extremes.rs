@@ -400,3 +400,22 @@ fn one_two_and_four_threads_give_the_same_bits() {
     assert_eq!(answers[0], answers[1]);
     assert_eq!(answers[0], answers[2]);
 }
+
+#[test]
+fn a_ball_in_a_wall_by_most_of_its_width_is_not_let_go_on_the_other_side() {
+    // Press 1186 of the stability report: led down on the wall's edge and on past its foot at once. The
+    // ball stood 0.48 mm deep in the wall of 0.6 mm, and then below it without a force.
+    let wall = grid(
+        &even(-0.3 * MM, 0.3 * MM, 2),
+        &even(-4.0 * MM, 4.0 * MM, 6),
+        &even(-4.0 * MM, 0.0, 3),
+    );
+    let stiff = |_| Moduli { young: 8.25e8, poisson: 0.492 };
+    let fem = layered(wall, stiff, rough(0.0585));
+    let at = |z: f64| vec![Isometry3::translation(-0.157 * MM, -1.63 * MM, z)];
+    let ball = vec![Shape::Sphere { radius: 1.48 * MM }];
+    let press = Press::along(ball, vec![at(1.54 * MM), at(-6.26 * MM)]).unwrap();
+    let end = fem.solve_path(&press).pop().unwrap();
+    let unfelt = end.as_ref().is_ok_and(|frame| pressing(frame).abs() < 1e-6);
+    assert!(!unfelt, "upright again, {:?}", end.map(|frame| frame.wrench));
+}

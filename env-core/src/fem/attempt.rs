@@ -17,10 +17,6 @@ use crate::{
     geometry::Shape,
 };
 
-/// Depth of a touching point past which an answer is refused, in softnesses: what holds a shape there
-/// is a pressure of as many Young's moduli.
-const DEEPEST: f64 = 250.0;
-
 /// A load step and where it leads.
 pub(super) struct Attempt {
     pub(super) state: State,
@@ -63,7 +59,7 @@ impl Run<'_> {
             return Err(self.missed());
         }
         let depth = forces.touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
-        let most = DEEPEST * system.law.softness;
+        let most = system.refused();
         if depth > most {
             return Err(Error::Penetrated { depth, most });
         }

@@ -11,7 +11,8 @@
 //! [`Options::tolerance`]; for bodies stiffer than 1 MPa the tolerance grows in proportion. Shapes
 //! sink in by [`Options::softness`] × pressure / Young's modulus, and a sticking point creeps by four
 //! times that × friction. At the default softness this costs 0.3 % of the force at a depth of
-//! 0.5 mm, 0.1 % at 1 mm. An answer in which a point is deeper than 250 softnesses is an error.
+//! 0.5 mm, 0.1 % at 1 mm. An answer in which a point is deeper than 250 softnesses, or than half of
+//! the body's least extent, is an error.
 //! Contact points lie 0.4 mm apart, for a shape thinner than 0.6 mm ([`Shape::thickness`]) closer, but
 //! not closer than 1/128 of a face's width, nor more than a million in all: a shape that would need
 //! more where it goes is refused.

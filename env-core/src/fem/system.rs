@@ -35,7 +35,13 @@ pub(super) struct System {
     pub(super) law: ContactLaw,
     /// Whether the body can move as a whole.
     pub(super) floating: bool,
+    /// Least extent of the body along an axis (m).
+    thinnest: f64,
 }
+
+/// Depth of a touching point past which an answer is refused, in softnesses: what holds a shape there
+/// is a pressure of as many Young's moduli.
+const DEEPEST: f64 = 250.0;
 
 /// Displacement of the body and poses of the shapes.
 #[derive(Clone, Debug)]
@@ -87,8 +93,13 @@ impl System {
         let faces = Faces::new(body, USUAL);
         let surface = surface_points(body, &nodes, element, faces.usual).into();
         let floating = body.fixed().len() < 3;
+        let [low, high] = [Vector3::inf, Vector3::sup].map(|edge: fn(&Vector3<f64>, &_) -> _| {
+            let places = body.mesh().vertices.iter().map(|place| place.coords);
+            places.reduce(|a, b| edge(&a, &b)).unwrap_or_default()
+        });
+        let thinnest = (high - low).min();
         let (nodes, faces, whole) = (Arc::new(nodes), Arc::new(faces), Arc::default());
-        Self { nodes, solid, whole, element, surface, faces, law, floating }
+        Self { nodes, solid, whole, element, surface, faces, law, floating, thinnest }
     }
 
     /// The system of the same `body` that feels `press`: with its friction, and with contact points
@@ -138,6 +149,12 @@ impl System {
     /// modulus (m).
     pub(super) fn deepest(&self) -> f64 {
         10.0 * self.law.softness
+    }
+
+    /// Depth of a touching point past which an answer is refused (m), at most half of the body: from there
+    /// a shape might go on to the other side.
+    pub(super) fn refused(&self) -> f64 {
+        (DEEPEST * self.law.softness).min(0.5 * self.thinnest)
     }
 
     /// Force of a shape on the body at a touching point (N).

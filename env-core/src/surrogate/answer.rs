@@ -12,12 +12,14 @@ use super::{
     graph::PadGraph,
     linear::{self, Carried, Linear, body},
     paper::PaperNetwork,
-    weights::{self, Card},
+    weights::{self, Card, bearing_of},
 };
 use crate::{
     Error, Result,
+    contact::{SurfacePoint, clearance},
     deformation::{Deformation, DeformationModel, Drive, Moduli, Press, SoftBody, Wanted, Wrench},
     fem::Linearised,
+    geometry::Shape,
     sensor::Sensor,
 };
 
@@ -36,13 +38,11 @@ struct Trained {
     body: SoftBody,
 }
 
-/// Fewest nodes, as [`bearing`] counts, from which a press is told well: the data's have 9.2 or more.
-const FEWEST: f64 = 9.0;
-/// Force out of balance past which a press is not told well, relative to the force: 99 % of the data's
-/// frames have less.
+/// Force out of balance past which a press is not told well, relative to the force.
 const UNBALANCED: f64 = 0.5;
-/// Least amplitude of the data, in thicknesses.
-const LIGHT: f64 = 0.018;
+/// Depth of a shape in the skin that is not felt past which "nothing touches" is not known (m): as far
+/// as a contact gives where the pressure is Young's modulus.
+const UNFELT: f64 = 2e-6;
 /// Everything.
 const ALL: Wanted = Wanted { stress: true, residual: true };
 /// Trials of a force drive, and how near to the force is near enough.
@@ -142,27 +142,38 @@ impl Surrogate {
         }
     }
 
-    /// Whether an answer with that displacement (V) in m, contact force (V) in N and residual (N), 0 if
-    /// it was not asked for, is like what the network has learnt from.
+    /// Whether an answer is like what the network has learnt from: displacement (V) in m with `shapes` at
+    /// `poses` (S), contact force (V) in N, and residual (N), 0 if it was not asked for.
     ///
-    /// That is: amplitude, Poisson's ratio and friction within the data's; and where the body is
-    /// pressed, nine nodes or more bear the force, each counted by its share of it, and at most half as
-    /// much is out of balance. These bounds were tuned on extreme presses (points, edges, rings, cups and
-    /// plates on two sensors) with weights that had learnt from grasps to 20 N; they refuse many good
-    /// answers.
+    /// That is: Poisson's ratio and friction within the data's; amplitude, net force and number of nodes
+    /// that bear it as [`Usual`] says of the data; and at most half as much out of balance. Where nothing
+    /// is felt: if no point of the skin at which finite elements would feel it lies in a shape.
+    ///
+    /// [`Usual`]: super::Usual
     pub fn knows(
         &self,
+        shapes: &[Shape],
+        poses: &[Isometry3<f64>],
         displacement: &[Vector3<f64>],
         contact_force: &[Vector3<f64>],
         residual: f64,
     ) -> bool {
-        let Trained { card, gel, .. } = &*self.0;
-        let (total, bearing) = (contact_force.iter().sum::<Vector3<f64>>(), bearing(contact_force));
+        let Trained { card, gel, elements, body, .. } = &*self.0;
+        let total = contact_force.iter().sum::<Vector3<f64>>().norm();
+        let bearing = bearing_of(contact_force.iter().map(Vector3::norm));
         let deepest = displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
-        let well_told = deepest >= LIGHT * gel.thickness
-            && bearing >= FEWEST
-            && residual <= UNBALANCED * total.norm();
-        (bearing == 0.0 || well_told) && card.data.covers(gel, displacement)
+        let [low, high] = card.usual.amplitude;
+        let is_usual = if bearing > 0.0 {
+            (low..=high).contains(&(deepest / gel.thickness))
+                && bearing >= card.usual.bearing
+                && total <= card.usual.force * gel.force()
+                && residual <= UNBALANCED * total
+        } else {
+            let place = |point: &SurfacePoint| point.place(elements.places(), displacement);
+            let skin: Vec<_> = elements.surface(body).iter().map(place).collect();
+            clearance(shapes, poses, &skin) > -UNFELT
+        };
+        is_usual && card.data.covers(gel, displacement)
     }
 }
 
@@ -283,14 +294,6 @@ impl Trained {
         self.elements.release(&mut left);
         Ok(left.iter().map(Vector3::norm_squared).sum::<f64>().sqrt())
     }
-}
-
-/// Number of nodes that bear `forces` (N), each counted by its share, (Σ f)² / Σ f²: n that bear the
-/// same count as n, 0 where there is no force.
-fn bearing(forces: &[Vector3<f64>]) -> f64 {
-    let squares: f64 = forces.iter().map(Vector3::norm_squared).sum();
-    let sum: f64 = forces.iter().map(Vector3::norm).sum();
-    if squares > 0.0 { sum * sum / squares } else { 0.0 }
 }
 
 /// Resultant of forces on displaced nodes.

@@ -36,4 +36,4 @@ pub use linear::Contact;
 pub use metrics::{PressErrors, Spread, Summary};
 pub use run::{Evaluated, evaluate, train};
 pub use train::{Epoch, Training};
-pub use weights::{Card, Data};
+pub use weights::{Card, Data, Usual};

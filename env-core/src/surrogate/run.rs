@@ -12,7 +12,7 @@ use super::{
     paper::{self, PaperCard},
     samples::{Gels, Sample},
     train::Training,
-    weights::{self, Card, Data, Kind},
+    weights::{self, Card, Data, Kind, Usual},
 };
 use crate::{
     Result,
@@ -70,6 +70,7 @@ pub fn train(
             amplitude: amplitudes.fold(0.0, f64::max),
             ..Data::of(config, fingerprint, trained_by)
         },
+        usual: Usual::of(samples.iter().map(|sample| &sample.truth)),
         test: Summary::of(&judge(&network, &gels, &test)?),
         linear: Summary::of(&judge_linear(&gels, &test)),
     };

@@ -133,9 +133,16 @@ fn without_contact_it_says_exactly_nothing() {
     let answer = network.solve_path(&press(-1e-4)).swap_remove(0).unwrap();
     assert!(answer.displacement.iter().chain(&answer.contact_force).all(|v| v.norm() == 0.0));
     assert_eq!(answer.wrench.force.norm(), 0.0);
-    assert!(network.knows(&answer.displacement, &answer.contact_force, answer.residual));
+    let knows = |displacement: &[nalgebra::Vector3<f64>], poses: &[Isometry3<f64>]| {
+        network.knows(press(0.0).shapes(), poses, displacement, &answer.contact_force, 0.0)
+    };
+    assert!(knows(&answer.displacement, &answer.poses));
     let deep = vec![nalgebra::Vector3::new(0.0, 0.0, -0.005); answer.displacement.len()];
-    assert!(!network.knows(&deep, &answer.contact_force, answer.residual));
+    assert!(!knows(&deep, &answer.poses), "farther than it ever saw");
+    let unfelt = [Isometry3::translation(0.0, 0.0, -1e-5) * answer.poses[0]];
+    assert!(knows(&answer.displacement, &unfelt), "still above the skin");
+    let unfelt = [Isometry3::translation(0.0, 0.0, -1.1e-4) * answer.poses[0]];
+    assert!(!knows(&answer.displacement, &unfelt), "in the skin, and nothing felt");
 }
 
 #[test]

@@ -12,8 +12,12 @@ use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
-    corrector::CorrectorConfig, features, linear::Contact, metrics::Summary,
-    parameters::Parameters, train::Training,
+    corrector::CorrectorConfig,
+    features::{self, Truth},
+    linear::Contact,
+    metrics::Summary,
+    parameters::Parameters,
+    train::Training,
 };
 use crate::{
     Error, Result,
@@ -39,6 +43,8 @@ pub struct Card {
     pub training: Training,
     /// What it was trained on.
     pub data: Data,
+    /// What most of that is like.
+    pub usual: Usual,
     /// Errors on the split's test part.
     pub test: Summary,
     /// Errors of the linear answer on the same presses.
@@ -65,6 +71,54 @@ pub struct Data {
     pub poisson: [f64; 2],
     /// Least and largest coefficient of friction.
     pub friction: [f64; 2],
+}
+
+/// Bounds of most presses that a network was trained on: one in twenty is lighter or touches fewer nodes,
+/// one in a hundred is deeper or stronger.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Usual {
+    /// Least and largest displacement over the pad's thickness.
+    pub amplitude: [f64; 2],
+    /// Largest net force, in units of E L², L the thickness.
+    pub force: f64,
+    /// Fewest nodes that bear the force, each counted by its share: (Σ f)² / Σ f².
+    pub bearing: f64,
+}
+
+impl Usual {
+    /// Of what finite elements say of the presses to train on.
+    pub(super) fn of<'a>(truths: impl Iterator<Item = &'a Truth>) -> Self {
+        let norms = |field: &[f32]| -> Vec<f64> {
+            let norm = |v: &[f32; 3]| Vector3::from(*v).cast::<f64>().norm();
+            field.as_chunks().0.iter().map(norm).collect()
+        };
+        let [mut amplitude, mut force, mut bearing] = [const { Vec::new() }; 3];
+        for truth in truths {
+            amplitude.push(norms(&truth.displacement).into_iter().fold(0.0, f64::max));
+            force.push(norms(&truth.force)[0]);
+            bearing.push(bearing_of(norms(&truth.forces).into_iter()));
+        }
+        let at = |mut values: Vec<f64>, share: f64| {
+            values.sort_by(f64::total_cmp);
+            let last = values.len().saturating_sub(1) as f64;
+            values.get((share * last).round() as usize).copied().unwrap_or_default()
+        };
+        let [few, most] = [0.05, 0.99];
+        Self {
+            amplitude: [few, most].map(|share| at(amplitude.clone(), share)),
+            force: at(force, most),
+            bearing: at(bearing, few),
+        }
+    }
+}
+
+/// Number of nodes that bear forces of those norms, each counted by its share, (Σ f)² / Σ f²: n that
+/// bear the same count as n, 0 where there is no force.
+pub(super) fn bearing_of(norms: impl Iterator<Item = f64>) -> f64 {
+    let add = |[sum, squares]: [f64; 2], norm: f64| [sum + norm, squares + norm * norm];
+    let [sum, squares] = norms.fold([0.0; 2], add);
+    if squares > 0.0 { sum * sum / squares } else { 0.0 }
 }
 
 impl Data {

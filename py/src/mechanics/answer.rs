@@ -7,40 +7,52 @@ use pyo3::{
     prelude::*,
     types::{PyBytes, PyType},
 };
-use ruffini_core::deformation;
+use ruffini_core::{deformation, geometry::Shape};
 
 use super::arrays::array_of_vectors;
 use crate::error::python_error;
 
 /// A soft body in equilibrium with what presses it, in the frame of the body.
-#[pyclass(frozen, get_all, module = "ruffini")]
+#[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Deformation {
     /// Displacement of the nodes (V, 3) in m.
+    #[pyo3(get)]
     pub(super) displacement: Py<PyArray2<f64>>,
     /// Von Mises equivalent of the Cauchy stress in the tetrahedra (T,) in Pa.
+    #[pyo3(get)]
     von_mises: Py<PyArray1<f64>>,
     /// Contact force on the nodes (V, 3) in N.
+    #[pyo3(get)]
     pub(super) contact_force: Py<PyArray2<f64>>,
     /// Force (N) and torque about the origin (N m) of all contact on the body (6,).
+    #[pyo3(get)]
     wrench: Py<PyArray1<f64>>,
     /// Where the shapes are, in the form that `Press` takes: a pose (position (3,), quaternion (4,)
     /// xyzw) if one shape was given by itself, else a list with one for each shape.
+    #[pyo3(get)]
     pose: Py<PyAny>,
     /// What another press needs to start here.
+    #[pyo3(get)]
     pub(super) history: Py<History>,
     /// Newton steps since the last frame.
+    #[pyo3(get)]
     iterations: usize,
     /// Norm of the force left unbalanced (N).
+    #[pyo3(get)]
     pub(super) residual: f64,
     /// Wall time (s).
+    #[pyo3(get)]
     seconds: f64,
+    /// What pressed, for [`Surrogate::knows`](super::surrogate::Surrogate).
+    pub(super) shapes: Vec<Shape>,
 }
 
 impl Deformation {
-    /// `single` gives the pose of the only shape by itself.
+    /// `shapes` have pressed; `single` gives the pose of the only one by itself.
     pub(super) fn of(
         py: Python<'_>,
         answer: deformation::Deformation,
+        shapes: Vec<Shape>,
         single: bool,
     ) -> PyResult<Self> {
         let wrench = answer.wrench.force.iter().chain(answer.wrench.torque.iter());
@@ -58,6 +70,7 @@ impl Deformation {
             iterations: answer.iterations,
             residual: answer.residual,
             seconds: answer.seconds,
+            shapes,
         })
     }
 }

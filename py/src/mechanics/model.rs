@@ -245,7 +245,7 @@ pub(super) fn solve<'py, M: DeformationModel>(
         pool.install(|| model.solve(&questions))
     });
     let slots = answers.into_iter().zip(&presses);
-    slots.map(|(found, press)| answer(py, found, press.get().single)).collect()
+    slots.map(|(found, press)| answer(py, found, press.get())).collect()
 }
 
 /// What `model` answers to every frame of `press`.
@@ -255,7 +255,7 @@ fn solve_path<'py, M: DeformationModel>(
     press: &Press,
 ) -> PyResult<Vec<Bound<'py, PyAny>>> {
     let frames = py.detach(|| locked(model).solve_path(&press.inner));
-    frames.into_iter().map(|frame| answer(py, frame, press.single)).collect()
+    frames.into_iter().map(|frame| answer(py, frame, press)).collect()
 }
 
 /// The model, even after a panic: no model keeps anything between presses.
@@ -263,14 +263,17 @@ pub(super) fn locked<M>(model: &Mutex<M>) -> MutexGuard<'_, M> {
     model.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A deformation, or the error in its place.
-pub(super) fn answer(
-    py: Python<'_>,
+/// A deformation under `press`, or the error in its place.
+pub(super) fn answer<'py>(
+    py: Python<'py>,
     found: Result<deformation::Deformation>,
-    single: bool,
-) -> PyResult<Bound<'_, PyAny>> {
+    press: &Press,
+) -> PyResult<Bound<'py, PyAny>> {
     match found {
-        Ok(found) => Ok(Bound::new(py, Deformation::of(py, found, single)?)?.into_any()),
+        Ok(found) => {
+            let shapes = press.inner.shapes().to_vec();
+            Ok(Bound::new(py, Deformation::of(py, found, shapes, press.single)?)?.into_any())
+        }
         Err(error) => press_error(py, &error),
     }
 }

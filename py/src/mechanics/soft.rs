@@ -95,7 +95,7 @@ impl SoftSurrogate {
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let frames = py.detach(|| locked(&self.model).solve_path(&press.inner));
-        frames.into_iter().map(|frame| answer(py, frame, press.single)).collect()
+        frames.into_iter().map(|frame| answer(py, frame, press)).collect()
     }
 
     /// Whether an answer of this network lies within what it was trained on: displacement, Poisson's

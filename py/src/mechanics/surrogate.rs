@@ -126,18 +126,20 @@ impl Surrogate {
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let frames = py.detach(|| locked(&self.model).solve_path(&press.inner));
-        frames.into_iter().map(|frame| answer(py, frame, press.single)).collect()
+        frames.into_iter().map(|frame| answer(py, frame, press)).collect()
     }
 
     /// Whether an answer of this network is like what it was trained on.
     ///
-    /// That is: Poisson's ratio, friction and the largest displacement (from 0.018 of the thickness)
-    /// are; nine nodes or more bear the force, counted by their share of it; at most half as much is out
-    /// of balance. Where nothing touches it is. What is lighter or touches few nodes may be right.
+    /// That is: Poisson's ratio and friction are within the data's; displacement, net force and the number
+    /// of nodes that bear it are like most of the data's, as the card's `usual` says; and at most half as
+    /// much is out of balance. Where nothing is felt: if the skin does not reach into what presses, as it
+    /// may between the nodes of "swift". What is lighter or touches fewer nodes may be right, too.
     fn knows(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
         let moved = vectors(answer.displacement.bind(py))?;
         let forces = vectors(answer.contact_force.bind(py))?;
-        Ok(locked(&self.model).knows(&moved, &forces, answer.residual))
+        let poses = &answer.history.get().inner.poses;
+        Ok(locked(&self.model).knows(&answer.shapes, poses, &moved, &forces, answer.residual))
     }
 }
 
