@@ -1,6 +1,6 @@
 """Error against run time of every answerer: makes pareto.json, pareto.md and pareto.svg.
 
-    python tests/reports/pareto.py            about an hour on one core; goes on after a stop
+    python tests/reports/pareto.py            two hours of one core; goes on after a stop
     python tests/reports/pareto.py --quick    a few presses, into target/reports/quick
 
 Judged by finite elements on the finest mesh, never by an answerer's own. The full form also writes
@@ -119,14 +119,14 @@ def task(work: tuple[bool, int, int, list[str], int, Path]) -> list[dict]:
     return [row(case, name, judges) for name in names]
 
 
-def run(rows: Rows, form: str, most: int, kept: Path) -> None:
+def run(rows: Rows, form: str, most: int, jobs: int, kept: Path) -> None:
     """Answers every press that is not among the rows."""
     quick = form == "quick"
     work = []
     for number, case in enumerate(cases(quick, most)):
         if names := [name for name in ANSWERERS if key(case, name) not in rows]:
             work.append((quick, most, number, names, FINEST[form], kept))
-    with multiprocessing.get_context("spawn").Pool(JOBS) as pool:
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
         for found in pool.imap_unordered(task, work):
             for one in found:
                 rows.add(one)
@@ -137,11 +137,12 @@ def main() -> None:
     """Runs what is missing and writes the files."""
     parser = arguments(__doc__)
     parser.add_argument("--presses", type=int, default=14, help="most of a panel; 14 if not given")
+    parser.add_argument("--jobs", type=int, default=JOBS, help=f"processes; {JOBS} if not given")
     options = parser.parse_args()
     form = "quick" if options.quick else "full"
     known = header(MADE_OF, {"nodes of the truth": FINEST[form]})
     rows = Rows(KEPT / form / "pareto.jsonl", known)
-    run(rows, form, options.presses, KEPT / form / f"truth-{known['commit']}")
+    run(rows, form, options.presses, options.jobs, KEPT / form / f"truth-{known['commit']}")
     out, report = folder(parser, options), known | {"note": options.note} | summary(list(rows))
     (out / "pareto.json").write_text(json.dumps(report, indent=1) + "\n")
     (out / "pareto.md").write_text(markdown(report))

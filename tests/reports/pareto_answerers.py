@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import ruffini
-from ruffini import Compliance, Fem, SoftBody, Surrogate
+from ruffini import Compliance, Fem, PaperNetwork, SoftBody, Surrogate
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,16 @@ def network(weights: str, made_from: dict[str, float]) -> Answerer:
     return Answerer(make, "network", f'Surrogate("{weights}")', made_from)
 
 
+def paper(weights: str, made_from: dict[str, float]) -> Answerer:
+    """One of the paper's networks, which says no forces."""
+
+    def make(gel: Gel) -> PaperNetwork:
+        material = {"young": gel.young, "poisson": gel.poisson, "friction": gel.friction}
+        return PaperNetwork(weights, sensor=gel.sensor, **material)
+
+    return Answerer(make, "paper", f'PaperNetwork("{weights}")', made_from)
+
+
 class BondedLayer:
     """Force of a ball on a flat layer bonded underneath, without friction, for any Poisson's ratio.
 
@@ -107,11 +117,14 @@ class BondedLayer:
         return hertz * (1 - alpha * y + (alpha * y) ** 2 - cubic * y**3 + quartic * y**4)
 
 
-DEFAULT = {"data": 42 * 60 * 3.5, "training": 20 * 60 * 3.0}
-"""Of the default network: 189 grasps in 42 minutes on 3 to 4 threads, 40 epochs in 20 on 3."""
-
-SWIFT = {"data": DEFAULT["data"]}
-"""Of the swift network, from the same data; its card does not say how long it was trained."""
+DATA = 4.5 * 3600
+"""Of 630 grasps of 10 frames, beside other work: see dataset.md."""
+DEFAULT = {"data": DATA, "training": 2 * 30 * 60.0}
+"""Of the default network: 24 epochs in 30 minutes on 2 threads."""
+SWIFT = {"data": DATA, "training": 2 * 16 * 60.0}
+"""Of the swift network: 30 epochs in 16 minutes on 2 threads."""
+B = {"data": DATA, "training": 600.0}
+"""Of the paper's B: the budget of paper.py."""
 
 ANSWERERS: dict[str, Answerer] = {
     "bonded layer": Answerer(BondedLayer, "closed form", "– (force of a ball)"),
@@ -125,6 +138,7 @@ ANSWERERS: dict[str, Answerer] = {
     "compliance, 12 sweeps": compliance(2000, 12),
     "network": network("default", DEFAULT),
     "network, swift": network("swift", SWIFT),
+    "paper's B": paper("b", B),
     "fem p1 2000": fem("p1", 2000),
     "fem p1-bar 500": fem("p1-bar", 500),
     "fem p1-bar 1000": fem("p1-bar", 1000),

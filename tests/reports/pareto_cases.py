@@ -13,7 +13,7 @@ import numpy as np
 from pareto_answerers import Gel
 
 import ruffini
-from ruffini import Deformation, Press, Shape, Transfer
+from ruffini import Deformation, PaperAnswer, Press, Shape, Transfer
 from ruffini.dataset import Dataset
 
 DATA = Path.home() / ".cache/ruffini/grasps-63x10x10"
@@ -98,16 +98,21 @@ def straight(panel: str, gel: Gel, shapes: list, depths: list[float]) -> Iterato
 
 
 class Fields:
-    """An answer on the model mesh: displacement (F, V, 3), stress (F, T), force (F, 3)."""
+    """An answer on the model mesh: displacement (F, V, 3), stress (F, T), force (F, 3), the last not a
+    number where it is not said.
+    """
 
     def __init__(self, displacement: np.ndarray, stress: np.ndarray, force: np.ndarray):
         self.displacement, self.stress, self.force = displacement, stress, force
 
     @classmethod
-    def carried(cls, gel: Gel, mesh: ruffini.TetMesh, frames: list[Deformation]) -> Fields:
+    def carried(
+        cls, gel: Gel, mesh: ruffini.TetMesh, frames: list[Deformation | PaperAnswer]
+    ) -> Fields:
         """Those of an answer on another mesh, or on the model mesh itself."""
         model = ruffini.sensor(gel.sensor, resolution=MODEL_NODES).mesh
-        force = np.array([frame.wrench[:3] for frame in frames])
+        silent = np.full(6, np.nan)
+        force = np.array([getattr(frame, "wrench", silent)[:3] for frame in frames])
         moved, stress = [f.displacement for f in frames], [f.von_mises for f in frames]
         if len(mesh.vertices) != len(model.vertices):
             carry = Transfer(mesh, model)
@@ -145,5 +150,6 @@ class Fields:
         off = {
             name: float(np.linalg.norm(m - t) / np.linalg.norm(t))
             for name, m, t in zip(names, mine, true, strict=True)
+            if np.isfinite(m).all()
         }
         return off | {"peak": float(abs(mine[1].max() / true[1].max() - 1))}

@@ -115,8 +115,7 @@ def markdown(report: dict) -> str:
         still(report["no contact"]),
         "## What a network costs before its first answer",
         training(report["break-even"]),
-        made(report)
-        + " Rapier's own soft bodies are not among the answerers, nor are the paper's networks.",
+        made(report) + " Rapier's own soft bodies are not among the answerers.",
     ]
     return "\n\n".join(parts) + "\n"
 
