@@ -23,6 +23,7 @@ use ruffini_core::{
 
 const MM: f64 = 1e-3;
 const FRICTION: f64 = 0.8;
+const STRESSED: Wanted = Wanted { stress: true, residual: false };
 const WHOLE: Wanted = Wanted { stress: true, residual: true };
 
 /// A shape, how far it reaches below its origin, and how deep it is held (m).
@@ -77,7 +78,9 @@ fn presses(criterion: &mut Criterion) {
         group.sample_size(20);
         for (name, model) in [("surrogate", &mut fine), ("swift", &mut swift)] {
             let press = held.onwards(model);
-            for (what, wanted) in [("moved", Wanted::default()), ("whole", WHOLE)] {
+            for (what, wanted) in
+                [("moved", Wanted::default()), ("stressed", STRESSED), ("whole", WHOLE)]
+            {
                 let mut feel = || one.install(|| model.feel(slice::from_ref(&press), wanted));
                 group.bench_function(format!("{name} {what}"), |b| b.iter(|| black_box(feel())));
             }
