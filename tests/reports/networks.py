@@ -13,10 +13,10 @@ import argparse
 import json
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 from typing import Any
 
+import tomllib
 from kept import table
 
 HERE = Path(__file__).resolve().parent

@@ -50,7 +50,7 @@ SEEDS = range(3)
 RUNS = (
     {f"{name}-{seed}": Run(network(name), seed) for seed in SEEDS for name in VARIANTS}
     | {"b-force-0": Run(network("b", "force")), "corrector-0": Run({"corrector": {}})}
-    | {f"{name}-one": Run(network(name), 0, "known-1", BUDGET / 2) for name in VARIANTS}
+    | {"b-one": Run(network("b"), 0, "known-1", BUDGET / 2)}
     | {"corrector-one": Run({"corrector": {}}, 0, "known-1", BUDGET / 2)}
 )
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
-from paper_pages import answerers, times, title
+from paper_pages import answerers, runs_on, times, title
 
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
@@ -40,7 +40,7 @@ def figure(report: dict[str, Any], path: Path) -> None:
 
 def learning(report: dict[str, Any], field: int, axis: Any) -> None:
     """Error against CPU seconds of training; further seeds dashed."""
-    for run in report["runs"].values():
+    for run in runs_on(report):
         name, seed = title(run).split(", seed ")
         x = [point["seconds"] for point in run["curve"]]
         y = [100 * point["errors"]["novel"][field]["median"] for point in run["curve"]]

@@ -77,7 +77,7 @@ QUICK = ("rigid", "linear, markers", "network, all channels")
 STEPS = {"rigid": 1500, "fem": 50}
 MOST = 80
 """Steps of the scenes that are not named there."""
-SCALING = {"rigid": (1, 16, 256), "network, markers": (1, 4, 16)}
+SCALING = {"rigid": (1, 16, 256), "network, markers": (1, 16, 64, 1024)}
 """Environments of the scaling, by scene."""
 
 
