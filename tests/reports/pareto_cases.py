@@ -98,8 +98,8 @@ def straight(panel: str, gel: Gel, shapes: list, depths: list[float]) -> Iterato
 
 
 class Fields:
-    """An answer on the model mesh: displacement (F, V, 3), stress (F, T), force (F, 3), not a number
-    where it is not said.
+    """An answer on the model mesh: displacement (F, V, 3), stress (F, T), force (F, 3), which is
+    not a number where it is not said.
     """
 
     def __init__(self, displacement: np.ndarray, stress: np.ndarray, force: np.ndarray):
