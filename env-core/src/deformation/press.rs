@@ -157,6 +157,15 @@ impl Press {
         Some(Self { drive, history: None, ..self.clone() })
     }
 
+    /// This press with another force (N) in place of its own, if a force drives it.
+    pub(crate) fn with_other_force(&self, other: f64) -> Self {
+        let mut press = self.clone();
+        if let Drive::Force { force, .. } = &mut press.drive {
+            *force = other;
+        }
+        press
+    }
+
     /// This press with its own coefficient of friction, 0 to 100, in place of the model's.
     pub fn with_friction(mut self, friction: f64) -> Result<Self> {
         if !(0.0..=MOST_FRICTION).contains(&friction) {

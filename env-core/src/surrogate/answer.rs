@@ -192,16 +192,7 @@ impl Trained {
         let [mut low, mut high] = [0.0, f64::INFINITY];
         let mut last = None;
         for trial in 0..TRIES {
-            let shapes = press.shapes().to_vec();
-            let same = Press::with_force(shapes, poses.to_vec(), asked, direction.into_inner())?;
-            let same = match press.friction() {
-                Some(friction) => same.with_friction(friction)?,
-                None => same,
-            };
-            let same = match press.history() {
-                Some(history) => same.after(history.clone())?,
-                None => same,
-            };
+            let same = press.with_other_force(asked);
             let linear = self.linear.path(&same).swap_remove(0)?;
             let answer = self.correct(press, &linear, ALL, scratch)?;
             reached = answer.wrench.force.dot(direction);
