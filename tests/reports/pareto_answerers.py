@@ -138,7 +138,7 @@ ANSWERERS: dict[str, Answerer] = {
     "compliance, 12 sweeps": compliance(2000, 12),
     "network": network("default", DEFAULT),
     "network, swift": network("swift", SWIFT),
-    "paper's B": paper("b", B),
+    "paper's B": paper("paper-b", B),
     "fem p1 2000": fem("p1", 2000),
     "fem p1-bar 500": fem("p1-bar", 500),
     "fem p1-bar 1000": fem("p1-bar", 1000),
