@@ -21,7 +21,12 @@ FOLDERS = (REPORTS, ROOT / "tests/reference")
 MARK = re.compile(
     r"(?P<number>-?[\d,]*\.?\d+)(?P<unit> ?[%\w]+)?\**<!-- (?P<report>\w+): (?P<way>.+?) -->"
 )
-PAGES = ("dataset", "fem", "stability", "pareto", "scene_cost")
+PAGES = {
+    f"{name}_pages": name
+    for name in ("dataset", "fem", "paper", "pareto", "scene_cost", "stability")
+}
+PAGES |= {"networks": "networks"}
+"""Reports by the module that writes their page."""
 sys.path.append(str(REPORTS))
 
 
@@ -61,12 +66,12 @@ def test_a_mark_is_read_with_its_digits_and_its_percent():
     assert quoted(share) == ("1.5", f"{100 * value('stability', 'sizes / limit'):.1f}")
 
 
-@pytest.mark.parametrize("name", PAGES)
-def test_a_page_is_that_of_its_figures(name):
+@pytest.mark.parametrize("module", PAGES)
+def test_a_page_is_that_of_its_figures(module):
     pytest.importorskip(
         "tomllib", reason="what was found is kept in TOML, read from Python 3.11 on"
     )
-    pages = importlib.import_module(f"{name}_pages")
+    pages, name = importlib.import_module(module), PAGES[module]
     report = json.loads((REPORTS / f"{name}.json").read_text())
     assert pages.markdown(report) == (REPORTS / f"{name}.md").read_text()
 
