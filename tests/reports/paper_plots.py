@@ -45,7 +45,8 @@ def learning(report: dict[str, Any], field: int, axis: Any) -> None:
         x = [point["seconds"] for point in run["curve"]]
         y = [100 * point["errors"]["novel"][field]["median"] for point in run["curve"]]
         style = "-" if seed == "0" else "--"
-        axis.loglog(x, y, style, color=COLOURS[name], label=f"{name}, seed {seed}", marker=".")
+        label = name if seed == "0" else None
+        axis.loglog(x, y, style, color=COLOURS[name], label=label, marker=".")
     linear = dict(answerers(report, "novel")).get("linear answer")
     if linear:
         error = 100 * linear["all"][key(field)]["median"]
@@ -59,12 +60,13 @@ def cost(report: dict[str, Any], field: int, axis: Any) -> None:
     typical = times()
     for full, judged in answerers(report, "novel"):
         name = full.split(", seed")[0]
+        label = name if full in (name, f"{name}, seed 0") else None
         own = judged.get("seconds") or 0.0
         x = 1e3 * (own + (typical["linear"] if name in ("corrector", "linear answer") else 0.0))
         found = judged["all"][key(field)]
         y = 100 * found["median"]
         up = [[0], [100 * found["p95"] - y]]
-        axis.errorbar([x], [y], up, color=COLOURS[name], marker="o", capsize=2, label=full)
+        axis.errorbar([x], [y], up, color=COLOURS[name], marker="o", capsize=2, label=label)
     axis.axvline(
         1e3 * typical["truth"], color="grey", linestyle=":", label="finite elements (truth)"
     )
