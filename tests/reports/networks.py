@@ -50,13 +50,17 @@ def gathered(runs: Path) -> dict[str, Any]:
 
 def markdown(report: dict[str, Any]) -> str:
     """Spread over seeds, and a table of all runs."""
-    first = next(iter(report.values()))
-    (grasps, frames), (_, judged) = first["data"]["train"], first["data"]["test"]
+    data = {card["contact"]: card["data"] for card in report.values()}
+    counts = [
+        f"{part['train'][1]:,} frames and judged on {part['test'][1]:,} with contact at {contact}"
+        for contact, part in data.items()
+    ]
+    grasps = next(iter(data.values()))["train"][0]
     parts = [
         "# The networks of pads: size, contact, seed",
-        f"Trained on {grasps} grasps of 49 objects ({frames:,} frames, or all 8,770 where contact "
-        f"is at nodes), judged on {judged:,} frames of 14 objects of families left out (split "
-        "`novel-14`). Relative L² a frame, median / 95th percentile.",
+        f"Trained on {grasps} grasps of 49 objects, judged on 14 of families left out (split "
+        f"`novel-14`): trained on {', on '.join(counts)}; the others have no linear answer. "
+        "Relative L² a frame, median / 95th percentile.",
         "\n".join(spread(report, name) for name in ("default", "swift")),
         table(
             ["run", "contact", "channels", "rounds", "epochs", *ERRORS.values(), "trained by"],

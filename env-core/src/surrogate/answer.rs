@@ -1,6 +1,10 @@
 //! The network as an answerer of presses.
 
-use std::{path::Path, sync::Arc, time::Instant};
+use std::{
+    path::Path,
+    sync::{Arc, OnceLock},
+    time::Instant,
+};
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use rayon::prelude::*;
@@ -36,6 +40,8 @@ struct Trained {
     /// The model mesh's elements, which judge an answer.
     elements: Linearised,
     body: SoftBody,
+    /// Where finite elements would feel contact on the model mesh, made when first asked for.
+    skin: OnceLock<Vec<SurfacePoint>>,
 }
 
 /// Force out of balance past which a press is not told well, relative to the force.
@@ -93,7 +99,8 @@ impl Surrogate {
         let elements = Linearised::new(&body)?;
         let graph = PadGraph::new(&pad)?;
         let network = Fast::new(&plain, &graph, &pad.mesh.tets)?;
-        Ok(Self(Arc::new(Trained { card, network, graph, gel, linear, elements, body })))
+        let skin = OnceLock::new();
+        Ok(Self(Arc::new(Trained { card, network, graph, gel, linear, elements, body, skin })))
     }
 
     /// What the weights are.
@@ -158,7 +165,7 @@ impl Surrogate {
         contact_force: &[Vector3<f64>],
         residual: f64,
     ) -> bool {
-        let Trained { card, gel, elements, body, .. } = &*self.0;
+        let Trained { card, gel, elements, body, skin, .. } = &*self.0;
         let total = contact_force.iter().sum::<Vector3<f64>>().norm();
         let bearing = bearing_of(contact_force.iter().map(Vector3::norm));
         let deepest = displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
@@ -170,8 +177,9 @@ impl Surrogate {
                 && residual <= UNBALANCED * total
         } else {
             let place = |point: &SurfacePoint| point.place(elements.places(), displacement);
-            let skin: Vec<_> = elements.surface(body).iter().map(place).collect();
-            clearance(shapes, poses, &skin) > -UNFELT
+            let skin = skin.get_or_init(|| elements.surface(body));
+            let places: Vec<_> = skin.iter().map(place).collect();
+            clearance(shapes, poses, &places) > -UNFELT
         };
         is_usual && card.data.covers(gel, displacement)
     }

@@ -121,13 +121,9 @@ impl PressErrors {
 
 impl Spread {
     /// Of single values.
-    pub(super) fn of(mut values: Vec<f64>) -> Self {
-        values.sort_by(f64::total_cmp);
-        let at = |share: f64| {
-            let last = values.len().saturating_sub(1) as f64;
-            values.get((share * last).round() as usize).copied().unwrap_or_default()
-        };
-        Self { median: at(0.5), p95: at(0.95) }
+    pub(super) fn of(values: Vec<f64>) -> Self {
+        let [median, p95] = quantiles(values, [0.5, 0.95]);
+        Self { median, p95 }
     }
 }
 
@@ -157,6 +153,13 @@ impl Summary {
             force: said(|e| e.force),
         }
     }
+}
+
+/// The values below which those shares of `values` lie, 0 where there are none.
+pub(super) fn quantiles<const N: usize>(mut values: Vec<f64>, shares: [f64; N]) -> [f64; N] {
+    values.sort_by(f64::total_cmp);
+    let last = values.len().saturating_sub(1) as f64;
+    shares.map(|share| values.get((share * last).round() as usize).copied().unwrap_or_default())
 }
 
 fn norm(field: &[f32]) -> f64 {

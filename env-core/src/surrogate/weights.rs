@@ -15,7 +15,7 @@ use super::{
     corrector::CorrectorConfig,
     features::{self, Truth},
     linear::Contact,
-    metrics::Summary,
+    metrics::{Summary, quantiles},
     parameters::Parameters,
     train::Training,
 };
@@ -99,17 +99,10 @@ impl Usual {
             force.push(norms(&truth.force)[0]);
             bearing.push(bearing_of(norms(&truth.forces).into_iter()));
         }
-        let at = |mut values: Vec<f64>, share: f64| {
-            values.sort_by(f64::total_cmp);
-            let last = values.len().saturating_sub(1) as f64;
-            values.get((share * last).round() as usize).copied().unwrap_or_default()
-        };
         let [few, most] = [0.05, 0.99];
-        Self {
-            amplitude: [few, most].map(|share| at(amplitude.clone(), share)),
-            force: at(force, most),
-            bearing: at(bearing, few),
-        }
+        let [force] = quantiles(force, [most]);
+        let [bearing] = quantiles(bearing, [few]);
+        Self { amplitude: quantiles(amplitude, [few, most]), force, bearing }
     }
 }
 
