@@ -15,6 +15,7 @@ use crate::{
     Error, Result,
     contact::{Seen, backed_off, between, clearance},
     deformation::{Anchor, Deformation, Drive, History, Press, Wrench},
+    geometry::TetMesh,
 };
 
 /// Part of the force already borne, and of the force asked for, by which a push is raised at least.
@@ -26,11 +27,12 @@ const FARTHEST: f64 = 1.0;
 /// One press being solved: workspace and current state.
 pub(super) struct Run<'a> {
     pub(super) system: &'a System,
-    /// Number of the mesh's nodes, V.
-    vertices: usize,
+    pub(super) mesh: &'a TetMesh,
     pub(super) limits: Limits,
     /// What the last load step measured.
     pub(super) seen: Seen,
+    /// The same of the backing.
+    pub(super) seen_backing: Seen,
     /// None before the first load step.
     pub(super) solver: Option<DirectSolver>,
     /// Where the shapes go later (frames of S).
@@ -54,7 +56,7 @@ pub(super) struct Solved {
 }
 
 impl<'a> Run<'a> {
-    pub(super) fn new(system: &'a System, vertices: usize, limits: Limits) -> Self {
+    pub(super) fn new(system: &'a System, mesh: &'a TetMesh, limits: Limits) -> Self {
         let displacement = vec![Vector3::zeros(); system.nodes.places.len()];
         let held = Vector3::zeros();
         let increment = displacement.clone();
@@ -63,9 +65,10 @@ impl<'a> Run<'a> {
         let one_sided = false;
         Self {
             system,
-            vertices,
+            mesh,
             limits,
             seen: Seen::default(),
+            seen_backing: Seen::default(),
             solver: None,
             ahead: Vec::new(),
             state,
@@ -220,12 +223,13 @@ impl<'a> Run<'a> {
             point.spread(&system.contact_force(touch), &mut contact_force);
         }
         // A quadratic element's force at the middle of an edge goes to its ends in equal parts.
-        for (&[a, b], middle) in system.nodes.edges.iter().zip(self.vertices..) {
+        for (&[a, b], middle) in system.nodes.edges.iter().zip(self.mesh.vertices.len()..) {
             let half = 0.5 * contact_force[middle];
             contact_force[a as usize] += half;
             contact_force[b as usize] += half;
         }
-        contact_force.truncate(self.vertices);
+        let vertices = self.mesh.vertices.len();
+        contact_force.truncate(vertices);
         let displacement = &self.state.displacement;
         let history = History {
             displacement: displacement.clone(),
@@ -234,7 +238,7 @@ impl<'a> Run<'a> {
             forces: Vec::new(),
         };
         Deformation {
-            displacement: displacement[..self.vertices].to_vec(),
+            displacement: displacement[..vertices].to_vec(),
             von_mises: system.solid.von_mises(displacement),
             contact_force,
             wrench: self.wrench(&solved.forces),

@@ -117,7 +117,7 @@ impl<'a> Hold<'a> {
         let size = object[0].surface(16).map_or(0.01, |surface| surface.size());
         let runs = [0, 1].map(|i| {
             let fem = pads[i];
-            let mut run = Run::new(&fem.system, fem.body.mesh().vertices.len(), fem.limits);
+            let mut run = Run::new(&fem.system, fem.body.mesh(), fem.limits);
             run.state.poses = vec![first[i].inv_mul(&start)];
             run
         });

@@ -13,7 +13,7 @@ use super::{
     solid::{Solid, Strain, solid},
     spacing::{Faces, USUAL},
     sparse::{Factor, MOST_COLUMNS},
-    surface::surface_points,
+    surface::{Part, surface_points},
 };
 use crate::{
     Error, Result,
@@ -102,7 +102,7 @@ impl Linearised {
 
     /// Points of `body`, the one that was linearised, at which contact is felt (C).
     pub(crate) fn surface(&self, body: &SoftBody) -> Vec<SurfacePoint> {
-        surface_points(body, &self.nodes, ELEMENT, self.faces.usual)
+        surface_points(body, &self.nodes, ELEMENT, self.faces.usual, Part::Free)
     }
 
     /// As [`Linearised::surface`], as close as the thinnest shape of `press` asks for; `None` if that is
@@ -113,7 +113,7 @@ impl Linearised {
         press: &Press,
     ) -> Result<Option<Vec<SurfacePoint>>> {
         let spacing = self.faces.felt(body.mesh(), press)?;
-        let closer = || surface_points(body, &self.nodes, ELEMENT, spacing);
+        let closer = || surface_points(body, &self.nodes, ELEMENT, spacing, Part::Free);
         Ok((spacing != self.faces.usual).then(closer))
     }
 

@@ -12,7 +12,8 @@
 //! sink in by [`Options::softness`] × pressure / Young's modulus, and a sticking point creeps by four
 //! times that × friction. At the default softness this costs 0.3 % of the force at a depth of
 //! 0.5 mm, 0.1 % at 1 mm. An answer in which a point is deeper than 250 softnesses, or than half of
-//! the body's least extent, is an error.
+//! the body's least extent, is an error; so is one with a shape wholly inside the body, or more than
+//! ten softnesses inside the faces that are held: what holds a body is rigid, and bears nothing here.
 //! Contact points lie 0.4 mm apart, for a shape thinner than 0.6 mm ([`Shape::thickness`]) closer, but
 //! not closer than 1/128 of a face's width, nor more than a million in all: a shape that would need
 //! more where it goes is refused.
@@ -25,6 +26,7 @@ mod dense;
 mod direct;
 mod drive;
 mod element;
+mod engulfing;
 #[cfg(test)]
 mod examples;
 mod follower;
@@ -66,6 +68,7 @@ use crate::{
 };
 
 use drive::Run;
+use engulfing::is_engulfed;
 use system::System;
 
 pub use carry::{Carried, Carrier};
@@ -157,9 +160,7 @@ impl Fem {
         let system = self.system.suited(&self.body, press);
         let checked = |system| self.check_start(&system, press).map(|()| system);
         match self.check_force(press).and(system).and_then(checked) {
-            Ok(system) => {
-                Run::new(&system, self.body.mesh().vertices.len(), self.limits).frames(press)
-            }
+            Ok(system) => Run::new(&system, self.body.mesh(), self.limits).frames(press),
             Err(error) => vec![Err(error)],
         }
     }
@@ -176,17 +177,17 @@ impl Fem {
         }
     }
 
-    /// Refuses a press from rest with a shape wholly inside the body, where no contact point feels
-    /// it.
+    /// Refuses a press from rest with a shape wholly inside the body.
     fn check_start(&self, system: &System, press: &Press) -> Result<()> {
+        if press.history().is_some() {
+            return Ok(());
+        }
         let rest = vec![Vector3::zeros(); system.nodes.places.len()];
         let places = system.surface_places(&rest);
-        let pairs = press.shapes().iter().zip(press.drive().first());
-        for (i, (shape, pose)) in pairs.enumerate().filter(|_| press.history().is_none()) {
+        for (i, (shape, pose)) in press.shapes().iter().zip(press.drive().first()).enumerate() {
             let inside =
                 |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value < 0.0;
-            let middle = pose * Point3::origin();
-            if inside(&middle) && self.body.mesh().contains(&middle) && !places.iter().any(inside) {
+            if !places.iter().any(inside) && is_engulfed(shape, pose, self.body.mesh(), &rest) {
                 let expected = "a first pose outside the body or across its surface";
                 return Err(Error::invalid(format!("pose of shape {i}"), "all inside", expected));
             }

@@ -39,12 +39,22 @@ struct Facet {
 /// Nodes with their weights.
 type Weights = Vec<(u32, f64)>;
 
-/// Points of the body's surface at which contact is felt; faces held all round have none.
+/// Which faces of a body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Part {
+    /// Those that can move, where contact is felt.
+    Free,
+    /// Those held all round: its backing.
+    Held,
+}
+
+/// Points of one part of the body's surface.
 pub(super) fn surface_points(
     body: &SoftBody,
     nodes: &Nodes,
     element: Element,
     spacing: Spacing,
+    part: Part,
 ) -> Vec<SurfacePoint> {
     let mesh = body.mesh();
     let facets = facets(mesh);
@@ -58,7 +68,8 @@ pub(super) fn surface_points(
     };
     let mut points = Vec::new();
     for Facet { ends, tet, area, .. } in facets {
-        if ends.iter().all(|&node| nodes.fixed[node as usize]) {
+        let held = ends.iter().all(|&node| nodes.fixed[node as usize]);
+        if held != (part == Part::Held) {
             continue;
         }
         let middles = [0, 1, 2].map(|i| middle(ends[i], ends[(i + 1) % 3]));
@@ -219,7 +230,8 @@ mod tests {
         let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
         let nodes = Nodes::new(&body, element);
         let face: BTreeSet<u32> = pad.face.iter().copied().collect();
-        let points = surface_points(&body, &nodes, element, Faces::new(&body, USUAL).usual);
+        let points =
+            surface_points(&body, &nodes, element, Faces::new(&body, USUAL).usual, Part::Free);
         let inner = points.iter().filter(|point| {
             point.shares.iter().all(|(node, _)| {
                 let p = nodes.places[*node as usize];

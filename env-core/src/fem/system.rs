@@ -11,8 +11,8 @@ use super::{
     element::{Element, Nodes},
     pattern::Pattern,
     solid::{Layout, Solid, Strain, solid},
-    spacing::{Faces, USUAL},
-    surface::surface_points,
+    spacing::{Faces, Spacing, USUAL},
+    surface::{Part, surface_points},
 };
 use crate::{
     Result,
@@ -31,12 +31,29 @@ pub(super) struct System {
     whole: Arc<OnceLock<(Arc<Pattern>, Arc<Layout>)>>,
     pub(super) element: Element,
     pub(super) surface: Arc<[SurfacePoint]>,
+    pub(super) backing: Arc<Backing>,
     faces: Arc<Faces>,
     pub(super) law: ContactLaw,
     /// Whether the body can move as a whole.
     pub(super) floating: bool,
     /// Least extent of the body along an axis (m).
     thinnest: f64,
+}
+
+/// The faces that are held, which no shape may enter.
+pub(super) struct Backing {
+    /// Points on them, and where these stay (m).
+    pub(super) points: Vec<SurfacePoint>,
+    pub(super) places: Vec<Point3<f64>>,
+}
+
+impl Backing {
+    fn new(body: &SoftBody, nodes: &Nodes, element: Element, spacing: Spacing) -> Arc<Self> {
+        let points = surface_points(body, nodes, element, spacing, Part::Held);
+        let still = vec![Vector3::zeros(); nodes.places.len()];
+        let places = points.iter().map(|point| point.place(&nodes.places, &still)).collect();
+        Arc::new(Self { points, places })
+    }
 }
 
 /// Depth of a touching point past which an answer is refused, in softnesses: what holds a shape there
@@ -91,7 +108,8 @@ impl System {
         let nodes = Nodes::new(body, element);
         let solid = solid(body, &nodes, element).into();
         let faces = Faces::new(body, USUAL);
-        let surface = surface_points(body, &nodes, element, faces.usual).into();
+        let surface = surface_points(body, &nodes, element, faces.usual, Part::Free).into();
+        let backing = Backing::new(body, &nodes, element, faces.usual);
         let floating = body.fixed().len() < 3;
         let [low, high] = [Vector3::inf, Vector3::sup].map(|edge: fn(&Vector3<f64>, &_) -> _| {
             let places = body.mesh().vertices.iter().map(|place| place.coords);
@@ -99,7 +117,7 @@ impl System {
         });
         let thinnest = (high - low).min();
         let (nodes, faces, whole) = (Arc::new(nodes), Arc::new(faces), Arc::default());
-        Self { nodes, solid, whole, element, surface, faces, law, floating, thinnest }
+        Self { nodes, solid, whole, element, surface, backing, faces, law, floating, thinnest }
     }
 
     /// The system of the same `body` that feels `press`: with its friction, and with contact points
@@ -109,7 +127,9 @@ impl System {
         system.law.friction = press.friction().unwrap_or(self.law.friction);
         let spacing = self.faces.felt(body.mesh(), press)?;
         if spacing != self.faces.usual {
-            system.surface = surface_points(body, &self.nodes, self.element, spacing).into();
+            let element = self.element;
+            system.surface = surface_points(body, &self.nodes, element, spacing, Part::Free).into();
+            system.backing = Backing::new(body, &self.nodes, element, spacing);
         }
         Ok(system)
     }
@@ -146,7 +166,7 @@ impl System {
     }
 
     /// Depth that no touching point keeps in equilibrium, at pressures below ten times Young's
-    /// modulus (m).
+    /// modulus (m); nor does a shape go deeper into the backing.
     pub(super) fn deepest(&self) -> f64 {
         10.0 * self.law.softness
     }

@@ -1,0 +1,50 @@
+//! Shapes wholly inside the body: none of its surface is in them, so contact does not feel them.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use crate::geometry::{Shape, TetMesh};
+
+/// Segments round a circle of the surface that is looked at.
+const SEGMENTS: u32 = 16;
+
+/// Whether `shape` at its `pose` lies wholly inside the body of this `mesh`, whose nodes are displaced
+/// (V or more) in m. Nothing engulfs a half-space.
+pub(super) fn is_engulfed(
+    shape: &Shape,
+    pose: &Isometry3<f64>,
+    mesh: &TetMesh,
+    displacement: &[Vector3<f64>],
+) -> bool {
+    let Some(surface) = shape.surface(SEGMENTS) else { return false };
+    let moved = || mesh.vertices.iter().zip(displacement).map(|(p, u)| p + u);
+    let mut corners = surface.vertices().iter().map(|corner| pose * corner);
+    let spanned = |corner: &Point3<f64>| {
+        (0..3).all(|i| moved().any(|p| p[i] <= corner[i]) && moved().any(|p| p[i] >= corner[i]))
+    };
+    if !corners.next().is_some_and(|first| spanned(&first)) {
+        return false;
+    }
+    let deformed = TetMesh { vertices: moved().collect(), tets: mesh.tets.clone() };
+    surface.vertices().iter().all(|corner| deformed.contains(&(pose * corner)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fem::examples::grid;
+
+    #[test]
+    fn a_body_engulfs_what_is_all_inside_it() {
+        // A unit cube on z = 0, pulled up to twice its height.
+        let mesh = grid([3, 3, 3], |p| p / 3.0);
+        let stretched: Vec<_> = mesh.vertices.iter().map(|p| Vector3::new(0.0, 0.0, p.z)).collect();
+        let ring = Shape::Annulus { outer: 0.3, inner: 0.2, half_height: 0.05 };
+        let cup = Shape::Cup { bottom: 0.2, rim: 0.3, half_height: 0.2, wall: 0.01 };
+        let at = |shape: &Shape, z: f64| {
+            is_engulfed(shape, &Isometry3::translation(0.5, 0.5, z), &mesh, &stretched)
+        };
+        assert!([&ring, &cup].iter().all(|shape| at(shape, 0.5) && at(shape, 1.5)));
+        assert!(!at(&ring, 1.98) && !at(&cup, 1.9), "across the surface");
+        assert!(!at(&ring, 2.2) && !at(&cup, -0.5) && !at(&Shape::HalfSpace, 1.0));
+    }
+}
