@@ -40,7 +40,7 @@ CLOSING: dict[str, Any] = {
     # A shaking hand breaks things; a still one (-1.5) never finds the lift from some seeds.
     "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -1.0},
 }
-"""PPO for tasks that begin round the object, with a grip that changes by factors."""
+"""PPO for tasks whose grip changes by factors."""
 
 PARAMS: dict[tuple[str, str], Params] = {
     ("ruffini/GraspLift-v0", "ppo"): Params(
@@ -79,20 +79,7 @@ PARAMS: dict[tuple[str, str], Params] = {
     ("ruffini/GraspFragile-v0", "ppo"): Params(steps=200_000, n_envs=32, algorithm=CLOSING),
     # A press of a soft object takes ten times as long as one of a pad: fewer steps still.
     ("ruffini/GraspSoft-v0", "ppo"): Params(steps=50_000, n_envs=32, algorithm=CLOSING),
-    ("ruffini/HoldStill-v0", "ppo"): Params(
-        steps=500_000,
-        n_envs=64,
-        algorithm={
-            "n_steps": 64,
-            "batch_size": 1024,
-            "n_epochs": 5,
-            "learning_rate": 5e-4,
-            # What a grip comes to shows within a period of the shaking, 50 steps at most.
-            "gamma": 0.95,
-            "gae_lambda": 0.95,
-            "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -1.0},
-        },
-    ),
+    ("ruffini/HoldStill-v0", "ppo"): Params(steps=200_000, n_envs=32, algorithm=CLOSING),
 }
 
 

@@ -1,7 +1,7 @@
-"""A scripted policy for HoldStill: grip in proportion to what the pads must hold.
+"""A scripted policy for HoldStill: loosen the grip until the skin begins to slide.
 
-It reads only the default observation, ``proprio`` and ``wrench``: the normal force follows the
-largest load that the pads have felt, in the friction cone of the least friction.
+Of the default observation it reads ``slip`` alone. How much of a contact slides says how much of
+what friction bears is used, whatever its coefficient and whatever the load.
 """
 
 from __future__ import annotations
@@ -11,17 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FRICTION = 0.5
-"""Least coefficient of friction of the default settings."""
+SLIDING = 0.08
+"""Share of sliding contact that the policy steers for."""
 
-FORGETTING = 0.99
-"""Share of the largest load that is left after a step."""
+LOOSER = 0.3
+"""How fast the grip falls while nothing slides, of the fastest."""
 
-SPARE = 0.6
-"""Grip force beyond the least that holds by Coulomb's law (N)."""
-
-LARGEST_FORCE = 10.0
-"""Grip force at action 1 (N)."""
+TIGHTER = 5.0
+"""How fast it grows for what slides beyond, of the fastest for all of the contact."""
 
 
 class ScriptedHold:
@@ -34,12 +31,8 @@ class ScriptedHold:
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (N, 5) for observations (N, ...) and the largest loads (N) for the next call."""
-        force = observation["wrench"].reshape(-1, 2, 6)[:, :, :3]
-        load = np.linalg.norm(force[:, :, :2], axis=2).max(axis=1)
-        before = np.zeros(len(load)) if state is None else FORGETTING * state
-        largest = np.maximum(load, before)
-        action = np.zeros((len(load), 5), np.float32)
-        grip = SPARE + largest / FRICTION
-        action[:, 4] = np.clip(grip / LARGEST_FORCE, 0.0, 1.0)
-        return action, largest
+        """Actions (N, 5) for observations (N, ...); `state` is passed through."""
+        over = observation["slip"].max(axis=1) - SLIDING
+        action = np.zeros((len(over), 5), np.float32)
+        action[:, 4] = np.where(over > 0, np.minimum(TIGHTER * over, 1.0), LOOSER * over / SLIDING)
+        return action, state

@@ -31,9 +31,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from tqdm import tqdm
 
-import ruffini
 from params import Params, params
-from ruffini.sb3 import TouchExtractor, make_vec_env
+from ruffini.sb3 import TouchExtractor, fields, make_vec_env
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 RUNS = Path(__file__).parent / "runs"
@@ -46,13 +45,14 @@ def run_folder(env_id: str, algorithm: str, seed: int) -> Path:
 
 
 def make_environment(env_id: str, chosen: Params, seed: int, n_envs: int) -> VecNormalize:
-    """The environments that an agent trains in; all that is seen but touch is normalised."""
+    """The environments that an agent trains in; fields of touch are not normalised."""
     obs = "dict" if chosen.policy == "MultiInputPolicy" else "flat"
     envs = make_vec_env(env_id, n_envs=n_envs, seed=seed, obs=obs, **chosen.environment)
     monitored = VecMonitor(envs, info_keywords=("is_success",))
     keys = None
     if isinstance(envs.observation_space, gym.spaces.Dict):
-        keys = [name for name in envs.observation_space if name not in ruffini.TACTILE_CHANNELS]
+        felt = fields(envs.observation_space)
+        keys = [name for name in envs.observation_space if name not in felt]
     gamma = chosen.algorithm["gamma"]
     return VecNormalize(monitored, norm_reward=False, gamma=gamma, norm_obs_keys=keys)
 

@@ -10,7 +10,7 @@ use ruffini_core::{
     scene::{CATALOGUE, Command, Object, ObjectModel, Scene, SceneConfig, SoftPads, Wrench, named},
     sensor::Sensor,
     tactile::Choice,
-    task::{Config, Holding, ObjectSpec, Task},
+    task::{Closing, Config, Holding, ObjectSpec, Task},
 };
 
 const ROWS: usize = 16;
@@ -95,9 +95,11 @@ fn touches(criterion: &mut Criterion) {
         config.objects = vec![ObjectSpec::Name(name.into())];
         config.tactile = Choice::Surrogate;
         config.scene.gripper.max_force = 40.0;
-        config.holding = Some(Holding { start_grip: 20.0, ..Holding::default() });
+        config.observation = Some(["proprio", "wrench", "markers"].map(String::from).into());
+        config.closing = Some(Closing { start_grip: 20.0, ..Closing::default() });
+        config.holding = Some(Holding::default());
         let mut batch = started(config);
-        let hold = [0.0, 0.0, 0.0, 0.0, 0.5].repeat(ROWS);
+        let hold = [0.0; 5].repeat(ROWS);
         group.bench_function(name, |bencher| {
             bencher.iter(|| black_box(batch.step(&hold).expect("a running batch")));
         });

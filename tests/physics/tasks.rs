@@ -26,13 +26,14 @@ fn config(task: Task, tactile: Choice) -> Config {
 
 /// A sphere in the hand that a steady load pulls at.
 fn loaded(tactile: Choice, load: f64, grip: f64) -> Config {
-    let holding =
-        Holding { start_grip: grip, load: [load, load], shaking: [0.0, 0.0], ..Holding::default() };
+    let holding = Holding { load: [load, load], shaking: [0.0, 0.0], ..Holding::default() };
+    let usual = config(Task::HoldStill, tactile);
     Config {
         objects: vec![ObjectSpec::Name("sphere".into())],
         friction: [0.8, 0.8],
+        closing: usual.closing.clone().map(|closing| Closing { start_grip: grip, ..closing }),
         holding: Some(holding),
-        ..config(Task::HoldStill, tactile)
+        ..usual
     }
 }
 
@@ -44,7 +45,7 @@ fn batch(config: Config, rows: usize, autoreset: Autoreset) -> (Batch, Vec<f32>)
     (batch, observation)
 }
 
-/// Actions (N, 5) of a hand at rest with grip commands from `grip`, of the largest.
+/// Actions (N, 5) of a hand at rest whose grip changes as `grip` says.
 fn gripping(rows: usize, grip: impl Fn(usize) -> f32) -> Vec<f32> {
     (0..rows).flat_map(|row| [0.0, 0.0, 0.0, 0.0, grip(row)]).collect()
 }
@@ -96,7 +97,7 @@ fn the_pads_bear_weight_and_load() {
         for load in [0.0, 1.5] {
             let (mut batch, _) = batch(loaded(tactile, load, 8.0), 1, Autoreset::Disabled);
             for _ in 0..50 {
-                batch.step(&gripping(1, |_| 0.8)).unwrap();
+                batch.step(&gripping(1, |_| 0.0)).unwrap();
             }
             let weight = batch.rows()[0].state().unwrap().1.mass * GRAVITY + load;
             let force = held_by(&batch);
@@ -111,11 +112,13 @@ fn the_pads_bear_weight_and_load() {
 fn an_object_is_dropped_below_the_coulomb_limit_and_by_name() {
     let config = Config { mass: [0.1, 0.1], ..loaded(Choice::None, 1.0, 8.0) };
     let limit = (0.1 * GRAVITY + 1.0) / (2.0 * 0.8);
-    let most = config.scene.gripper.max_force;
+    let changes = [1.3f64, 0.7].map(|share| (share * limit / 8.0).ln());
+    let most = config.closing.as_ref().unwrap().grip_rate * 0.04;
     let (mut batch, _) = batch(config, 2, Autoreset::Disabled);
-    let grip = [1.3, 0.7].map(|share| (share * limit / most) as f32);
-    for _ in 0..100 {
-        let StepResult { outcomes, .. } = batch.step(&gripping(2, |row| grip[row])).unwrap();
+    for step in 0..100 {
+        // As fast as it may, and then no more.
+        let action = |row: usize| ((changes[row] / most) as f32 + step as f32).clamp(-1.0, 0.0);
+        let StepResult { outcomes, .. } = batch.step(&gripping(2, action)).unwrap();
         let still = outcomes[0].terms.get(Term::Still);
         assert!(outcomes[0].ending.is_none() && still > 0.9, "still {still} above the limit");
         if outcomes[1].terminated {
@@ -125,6 +128,22 @@ fn an_object_is_dropped_below_the_coulomb_limit_and_by_name() {
         }
     }
     panic!("held below the limit");
+}
+
+/// The same hold succeeds with twice the least grip or less, and not with more.
+#[test]
+fn a_hold_by_too_much_force_is_no_success() {
+    for (grip, thrifty) in [(2.3, true), (2.6, false)] {
+        let config = Config { mass: [0.1, 0.1], ..loaded(Choice::None, 1.0, grip) };
+        let least = (0.1 * GRAVITY + 1.0) / (2.0 * 0.8);
+        let (mut batch, _) = batch(config, 1, Autoreset::Disabled);
+        for step in 0..100 {
+            let outcome = &batch.step(&gripping(1, |_| 0.0)).unwrap().outcomes[0];
+            assert_eq!(outcome.is_success, thrifty, "{grip} N of {least} N, step {step}");
+            let thrift = outcome.terms.get(Term::Thrift);
+            assert!((thrift - (1.0 - grip / (4.0 * least))).abs() < 1e-9, "{thrift}");
+        }
+    }
 }
 
 /// The fingers close at about the speed that the settings give, so that a touch is no blow.
@@ -262,8 +281,9 @@ fn settings_of_another_task_are_refused_by_name() {
         (r#"{"task": "grasp-fragile", "fragility": {"spare": 9}}"#, ["spare: found 9", "20 N"]),
         (r#"{"holding": {"load": [0, 1]}}"#, ["holding", "GraspLift has no such setting"]),
         (r#"{"task": "hold-still", "holding": {"load": [2, 1]}}"#, ["load", "rising range"]),
-        (r#"{"task": "hold-still", "holding": {"start_grip": 11}}"#, ["start_grip", "11"]),
-        (r#"{"task": "hold-still", "reward": {"lift": 1}}"#, ["lift", "still, effort"]),
+        (r#"{"task": "hold-still", "closing": {"start_grip": 21}}"#, ["start_grip", "21"]),
+        (r#"{"task": "hold-still", "holding": {"thrift": 0.5}}"#, ["thrift", "0.5"]),
+        (r#"{"task": "hold-still", "reward": {"lift": 1}}"#, ["lift", "still, thrift"]),
         (r#"{"task": "hold-still", "observation": ["limit"]}"#, ["limit", "one or more of"]),
         (r#"{"task": "juggle"}"#, ["task", "expected one of `grasp-lift`"]),
     ] {

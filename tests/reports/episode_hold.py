@@ -11,8 +11,8 @@ STEPS = 1500
 """Control steps of a hold (60 s)."""
 SETTLED = 25
 """Control steps after which it counts as settled (1 s)."""
-GRIP = 0.4
-"""Grip force command, of the gripper's largest."""
+GRIP = 4.0
+"""Grip force (N)."""
 THINGS = ("sphere", "cuboid")
 CHANNELS = ("markers", "wrench")
 
@@ -29,6 +29,7 @@ def hold(thing: str, model: str, nodes: int) -> dict[str, float]:
         resolution={"nodes": nodes},
         observation=["proprio", "object", *CHANNELS],
         max_episode_steps=STEPS + 1,
+        start_grip=GRIP,
         load=0.0,
         shaking=0.0,
         disable_env_checker=True,
@@ -36,7 +37,7 @@ def hold(thing: str, model: str, nodes: int) -> dict[str, float]:
     env.reset(seed=3)
     kept: dict[int, dict[str, Any]] = {}
     for step in range(1, STEPS + 1):
-        observation, _, terminated, _, info = env.step(np.array([0, 0, 0, 0, GRIP], np.float32))
+        observation, _, terminated, _, info = env.step(np.zeros(5, np.float32))
         if step in (SETTLED, STEPS):
             kept[step] = {key: np.array(value, float) for key, value in observation.items()}
         if terminated:

@@ -221,12 +221,13 @@ def picture_of_touch():
         objects="sphere",
         mass=0.15,
         load=1.0,
+        start_grip=8.0,
         tactile="surrogate",
         render_mode="rgb_array",
     )
     env.reset(seed=1)
     for _ in range(15):
-        env.step(np.array([0, 0, 0, 0, 0.8], np.float32))
+        env.step(np.zeros(5, np.float32))
     Image.fromarray(env.render()).save(HERE / "touch.png", optimize=True)
     print(f"touch: {env.unwrapped.look()}")
 

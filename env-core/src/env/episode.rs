@@ -21,7 +21,7 @@ use crate::{
     deformation::{Deformation, Press},
     geometry::Shape,
     scene::{Object, Scene, SceneState},
-    tactile::{Feeling, Finger, SoftObject, Squeezed},
+    tactile::{Feeling, Felt, Finger, SoftObject, Squeezed},
     task::{
         ACTION_SIZE, Draw, Ending, Fragility, Holding, Moment, Progress, Range, RewardTerms,
         Shaking, Trial, command, least_grip,
@@ -111,9 +111,9 @@ impl Episode {
         };
         let stress_limit =
             config.softness.as_ref().zip(draw.young).map(|(s, young)| s.crush * young);
-        let gravity = config.scene.physics.gravity;
+        let weight = mass * config.scene.physics.gravity;
         let tried = |f: &Fragility| Trial {
-            grip: f.spare * least_grip(mass, friction, gravity),
+            grip: f.spare * least_grip(weight, friction),
             margin: uniform(f.margin),
         };
         let draw = Draw { stress_limit, trial: config.fragility.as_ref().map(tried), ..draw };
@@ -138,7 +138,7 @@ impl Episode {
     pub(super) fn open(&mut self, setup: &Setup, motion: Motion, observation: &mut [f32]) {
         let Motion { state, answers, .. } = motion;
         let (felt, squeezed) = if let Some(trial) = &self.draw.trial {
-            self.draw.stress_limit = limit(setup, trial, answers).ok();
+            self.draw.stress_limit = limit(trial, answers).ok();
             Default::default()
         } else {
             self.felt(setup, &state, answers).unwrap_or_default()
@@ -178,7 +178,11 @@ impl Episode {
         felt: &'a PerFinger<Deformation>,
         squeezed: Option<&'a Squeezed>,
     ) -> Moment<'a> {
-        let fingers = felt.each_ref().map(Option::as_ref);
+        let friction = self.draw.friction;
+        let fingers = felt.each_ref().map(|felt| {
+            let (answer, object) = felt.as_ref().zip(self.object.as_ref())?;
+            Some(Felt { answer, object, friction })
+        });
         let feeling = setup.touch().map(|touch| Feeling { skin: touch.skin(), fingers });
         let (time, draw, grip) = (self.time(setup), &self.draw, self.grip);
         let peak_stress = squeezed.map_or(0.0, |squeezed| squeezed.peak);

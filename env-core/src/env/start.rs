@@ -31,14 +31,15 @@ impl Start {
         if let (Some(young), Pads::Soft(pads)) = (young, &mut config.pads) {
             pads.young = young;
         }
-        if let Some(holding) = &setup.config.holding {
-            return Self::holding(&config, object, place, holding.start_grip, FINE);
+        match (&setup.config.closing, &setup.config.holding) {
+            (None, _) => Ok(Self::at_once(Scene::new(&config, object, place, 0.0)?, 0.0)),
+            (Some(closing), None) => {
+                Ok(Self::at_once(around(&config, object)?, closing.start_grip))
+            }
+            (Some(closing), Some(_)) => {
+                Self::holding(&config, object, place, closing.start_grip, FINE)
+            }
         }
-        let (scene, grip) = match &setup.config.closing {
-            Some(closing) => (around(&config, object)?, closing.start_grip),
-            None => (Scene::new(&config, object, place, 0.0)?, 0.0),
-        };
-        Ok(Self::at_once(scene, grip))
     }
 
     /// A hand, at `place` (m), that has gripped the object with `grip` (N) in the air; the poses of its way

@@ -11,7 +11,7 @@ use crate::{
     Error, Result,
     deformation::{Deformation, Press},
     scene::Object,
-    tactile::{Feeling, Finger},
+    tactile::{Finger, peak_stress},
     task::{Draw, Trial},
 };
 
@@ -34,16 +34,11 @@ pub(super) fn trial(
 
 /// The limit (Pa) by the `answers` to a trial. There no model has corrected the pads, which press with
 /// another force than the grip's: stress is taken to go as the root of the force.
-pub(super) fn limit(
-    setup: &Setup,
-    trial: &Trial,
-    answers: PerFinger<Result<Deformation>>,
-) -> Result<f64> {
+pub(super) fn limit(trial: &Trial, answers: PerFinger<Result<Deformation>>) -> Result<f64> {
     let [left, right] = answers.map(|answer| answer.unwrap_or(Err(Error::NoTrial)));
     let (left, right) = (left?, right?);
     let force = -0.5 * (left.wrench.force.z + right.wrench.force.z);
-    let touch = setup.touch().ok_or(Error::NoTrial)?;
-    let peak = Feeling { skin: touch.skin(), fingers: [Some(&left), Some(&right)] }.peak_stress();
+    let peak = peak_stress([&left, &right].into_iter());
     if force > 0.0 && peak > 0.0 {
         Ok(trial.margin * peak * (trial.grip / force).sqrt())
     } else {

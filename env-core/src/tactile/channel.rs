@@ -6,7 +6,11 @@
 
 use nalgebra::Vector3;
 
-use super::{depth, skin::Skin, traction};
+use super::{
+    depth,
+    skin::{Felt, Skin},
+    slip, traction,
+};
 use crate::deformation::{Deformation, Wanted};
 
 /// What can be asked about a pressed finger.
@@ -24,6 +28,8 @@ pub enum Channel {
     Traction,
     /// Net force and torque of the contact.
     Wrench,
+    /// Share of the contact that slides.
+    Slip,
     /// Height of the face over the camera's view.
     Depth,
     /// How far the answer is to be trusted.
@@ -58,13 +64,14 @@ const CALIBRATED: f64 = 0.5;
 
 impl Channel {
     /// All channels, in the order of the table.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Markers,
         Self::Displacement,
         Self::Stress,
         Self::TetStress,
         Self::Traction,
         Self::Wrench,
+        Self::Slip,
         Self::Depth,
         Self::Trust,
     ];
@@ -78,6 +85,7 @@ impl Channel {
             Self::TetStress => "tet_stress",
             Self::Traction => "traction",
             Self::Wrench => "wrench",
+            Self::Slip => "slip",
             Self::Depth => "depth",
             Self::Trust => "trust",
         }
@@ -132,6 +140,9 @@ impl Channel {
                 spec("force", vec![3], -MOST_FORCE, MOST_FORCE, "N"),
                 spec("torque about the apex", vec![3], -MOST_FORCE, MOST_FORCE, "N m"),
             ],
+            Self::Slip => {
+                vec![spec("share of the normal force where the skin slides", vec![1], 0.0, 1.0, "")]
+            }
             Self::Depth => {
                 let shape = map(resolution.depth);
                 vec![spec("height over the resting apex", shape, -thickness, thickness, "m")]
@@ -150,21 +161,23 @@ impl Channel {
     }
 
     /// The entries for one finger, `felt` being none without contact.
-    pub fn read(self, skin: &Skin, felt: Option<&Deformation>) -> Vec<f64> {
+    pub fn read(self, skin: &Skin, felt: Option<&Felt>) -> Vec<f64> {
         let Some(felt) = felt else {
             return if self == Self::Depth { skin.rest_depth.clone() } else { self.zeros(skin) };
         };
+        let Felt { answer, object, friction } = felt;
         match self {
-            Self::Markers => flat(&markers(skin, felt)),
+            Self::Markers => flat(&markers(skin, answer)),
             Self::Displacement => {
-                flat(skin.free.iter().map(|&node| &felt.displacement[node as usize]))
+                flat(skin.free.iter().map(|&node| &answer.displacement[node as usize]))
             }
-            Self::Stress => stress(skin, felt),
-            Self::TetStress => felt.von_mises.clone(),
-            Self::Traction => flat(&traction::map(skin, felt)),
-            Self::Wrench => flat([&felt.wrench.force, &felt.wrench.torque]),
-            Self::Depth => depth::heights(skin, Some(&felt.displacement)),
-            Self::Trust => trust(skin, felt).into(),
+            Self::Stress => stress(skin, answer),
+            Self::TetStress => answer.von_mises.clone(),
+            Self::Traction => flat(&traction::map(skin, answer)),
+            Self::Wrench => flat([&answer.wrench.force, &answer.wrench.torque]),
+            Self::Slip => vec![slip::share(skin, answer, object, *friction)],
+            Self::Depth => depth::heights(skin, Some(&answer.displacement)),
+            Self::Trust => trust(skin, answer).into(),
         }
     }
 

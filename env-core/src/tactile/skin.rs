@@ -11,28 +11,43 @@ use super::{Resolution, Shell, depth};
 use crate::{
     Error, Result,
     deformation::{Deformation, Moduli, SoftBody},
-    geometry::PadMesh,
+    geometry::{PadMesh, Shape},
     sensor::Sensor,
 };
 
 /// A place on the face: the corners of its triangle and their shares, which sum to 1.
 type Site = ([u32; 3], [f64; 3]);
 
-/// What both fingers feel: the surface that they share, and a deformation where one touches.
+/// What one finger feels: the answer to a press of an object.
+#[derive(Clone, Copy, Debug)]
+pub struct Felt<'a> {
+    /// What became of the pad, with the object's pose.
+    pub answer: &'a Deformation,
+    /// The object.
+    pub object: &'a Shape,
+    /// Coulomb coefficient between the two.
+    pub friction: f64,
+}
+
+/// What both fingers feel: the surface that they share, and an answer where one touches.
 #[derive(Clone, Copy, Debug)]
 pub struct Feeling<'a> {
     /// Surface of the pads.
     pub skin: &'a Skin,
-    /// What became of the pad on −x and of the one on +x; none without contact.
-    pub fingers: [Option<&'a Deformation>; 2],
+    /// The finger on −x and the one on +x; none without contact.
+    pub fingers: [Option<Felt<'a>>; 2],
 }
 
 impl Feeling<'_> {
     /// Highest von Mises stress in any tetrahedron of both pads (Pa), 0 without contact.
     pub fn peak_stress(&self) -> f64 {
-        let stresses = self.fingers.iter().flatten().flat_map(|felt| &felt.von_mises);
-        stresses.copied().fold(0.0, f64::max)
+        peak_stress(self.fingers.iter().flatten().map(|felt| felt.answer))
     }
+}
+
+/// Highest von Mises stress in any tetrahedron of the `answers` (Pa), 0 without any.
+pub fn peak_stress<'a>(answers: impl Iterator<Item = &'a Deformation>) -> f64 {
+    answers.flat_map(|answer| &answer.von_mises).copied().fold(0.0, f64::max)
 }
 
 /// The surface of a pad at rest, made ready once.

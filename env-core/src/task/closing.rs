@@ -1,30 +1,32 @@
-//! Hands that begin round an object, about to touch it, and whose grip changes by factors.
+//! Hands whose grip changes by factors.
 //!
-//! Where much force ends an episode, a grip that is commanded outright is too hard before anything is
-//! learnt of it; one that grows from almost nothing is felt on the way.
+//! Where too much force ends an episode, or too little, a grip that is commanded outright is wrong before
+//! anything is learnt of it; one that grows or falls is felt on the way.
 
 use serde::{Deserialize, Serialize};
 
-/// Settings of a grip that closes slowly.
+/// Settings of a grip that changes slowly.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Closing {
-    /// Grip force at the start, which is the least (N).
+    /// Grip force at the start (N).
     pub start_grip: f64,
+    /// Least grip force (N).
+    pub least_grip: f64,
     /// Relative rate at which the grip force grows or falls under the largest action (1/s).
     pub grip_rate: f64,
 }
 
 impl Default for Closing {
     fn default() -> Self {
-        Self { start_grip: 0.4, grip_rate: 10.0 }
+        Self { start_grip: 0.4, least_grip: 0.4, grip_rate: 10.0 }
     }
 }
 
 impl Closing {
     /// Grip force (N) after `action`, from −1 to 1, has changed that of `before` for `time` (s).
     pub fn changed(&self, before: f64, action: f64, time: f64, most: f64) -> f64 {
-        (before * (self.grip_rate * action * time).exp()).clamp(self.start_grip, most)
+        (before * (self.grip_rate * action * time).exp()).clamp(self.least_grip, most)
     }
 }
 
@@ -34,7 +36,7 @@ mod tests {
 
     #[test]
     fn actions_multiply_the_grip_within_its_range() {
-        let closing = Closing { start_grip: 0.2, grip_rate: 5.0 };
+        let closing = Closing { start_grip: 2.0, least_grip: 0.2, grip_rate: 5.0 };
         let grown = closing.changed(1.0, 1.0, 0.04, 10.0);
         assert!((grown - 0.2f64.exp()).abs() < 1e-15, "{grown} N");
         let back = closing.changed(grown, -1.0, 0.04, 10.0);

@@ -41,12 +41,11 @@ pub struct Config {
     pub lift_height: f64,
     /// Time for which the lifted object must stay held (s).
     pub hold_time: f64,
-    /// Start and change of the grip where the hand begins round the object: of GraspFragile and
-    /// GraspSoft, and of no other task.
+    /// Start of the grip, where it changes by factors: of all tasks but GraspLift.
     pub closing: Option<Closing>,
     /// Limit of a fragile grasp: of GraspFragile, and of no other task.
     pub fragility: Option<Fragility>,
-    /// Start and disturbance of a held object: of HoldStill, and of no other task.
+    /// What disturbs a held object: of HoldStill, and of no other task.
     pub holding: Option<Holding>,
     /// Material of soft objects: of GraspSoft, and of no other task.
     pub softness: Option<Softness>,
@@ -100,10 +99,10 @@ impl Default for Config {
     }
 }
 
-/// Largest grip force of the tasks in which little force counts (N): actions are shares of it.
+/// Largest grip force of the tasks in which little force counts (N).
 const LIGHT_GRIP: f64 = 10.0;
-/// The same where the heaviest and smoothest objects are tried with spare force (N).
-const FRAGILE_GRIP: f64 = 20.0;
+/// The same where the heaviest and smoothest objects are held with spare force (N).
+const FIRM_GRIP: f64 = 20.0;
 /// Centring stiffness of fingers that close gently (N/m): the usual one drives a finger under 1 N to
 /// several times its closing speed.
 const LIGHT_CENTERING: f64 = 1e3;
@@ -129,7 +128,7 @@ impl Config {
         match task {
             Task::GraspLift => {}
             Task::GraspFragile => {
-                config.scene.gripper.max_force = FRAGILE_GRIP;
+                config.scene.gripper.max_force = FIRM_GRIP;
                 config.begin_round_the_object(Closing::default());
                 config.mass = [0.05, 0.4];
                 config.friction = [0.3, 1.0];
@@ -138,13 +137,24 @@ impl Config {
             }
             Task::GraspSoft => {
                 config.scene.gripper.pad_thickness = DEEP;
-                config.begin_round_the_object(Closing { start_grip: 0.1, ..Closing::default() });
+                config.begin_round_the_object(Closing {
+                    start_grip: 0.1,
+                    least_grip: 0.1,
+                    ..Closing::default()
+                });
                 config.mass = [0.02, 0.06];
                 config.friction = [0.6, 1.0];
                 config.size = [1.0, 1.0];
                 config.softness = Some(Softness::default());
             }
-            Task::HoldStill => config.holding = Some(Holding::default()),
+            Task::HoldStill => {
+                config.scene.gripper.max_force = FIRM_GRIP;
+                config.move_gently();
+                config.friction = [0.3, 1.2];
+                config.closing =
+                    Some(Closing { start_grip: 5.0, least_grip: 0.3, ..Closing::default() });
+                config.holding = Some(Holding::default());
+            }
         }
         config
     }
@@ -154,6 +164,11 @@ impl Config {
         self.closing = Some(closing);
         (self.lift_height, self.max_episode_steps) = (0.03, 60);
         self.scene.gripper.centering_stiffness = LIGHT_CENTERING;
+        self.move_gently();
+    }
+
+    /// A hand that moves up and down only, so gently that it hardly shakes what it holds.
+    fn move_gently(&mut self) {
         let SceneConfig { gripper, workspace, .. } = &mut self.scene;
         (gripper.max_speed, gripper.max_acceleration, gripper.max_yaw_rate) = (0.1, 1.0, 0.0);
         for corner in [&mut workspace.low, &mut workspace.high] {
@@ -261,7 +276,7 @@ impl Config {
                 "surrogate, compliance or fem: GraspFragile limits the stress in the pads";
             return Err(Error::invalid("tactile", "none", expected));
         }
-        let closes = [Task::GraspFragile, Task::GraspSoft];
+        let closes = [Task::GraspFragile, Task::GraspSoft, Task::HoldStill];
         belongs("closing", self.closing.as_ref(), task, &closes)?;
         belongs("fragility", self.fragility.as_ref(), task, &[Task::GraspFragile])?;
         belongs("softness", self.softness.as_ref(), task, &[Task::GraspSoft])?;
@@ -281,7 +296,8 @@ impl Config {
         belongs("holding", self.holding.as_ref(), task, &[Task::HoldStill])?;
         let most = self.scene.gripper.max_force;
         if let Some(closing) = &self.closing {
-            ordered("start_grip", [closing.start_grip; 2], 0.01, most)?;
+            ordered("least_grip", [closing.least_grip; 2], 0.01, most)?;
+            ordered("start_grip", [closing.start_grip; 2], closing.least_grip, most)?;
             ordered("grip_rate", [closing.grip_rate; 2], 0.01, 100.0)?;
         }
         if let Some(fragility) = &self.fragility {
@@ -290,11 +306,11 @@ impl Config {
             self.validate_trials(fragility)?;
         }
         let Some(holding) = &self.holding else { return Ok(()) };
-        ordered("start_grip", [holding.start_grip; 2], 0.01, most)?;
         ordered("load", holding.load, 0.0, 1e3)?;
         ordered("shaking", holding.shaking, 0.0, 1e3)?;
         ordered("shaking_frequency", holding.frequency, 0.0, 0.5 / self.scene.physics.time_step)?;
-        ordered("slip_limit", [holding.slip_limit; 2], 1e-5, 0.02)
+        ordered("slip_limit", [holding.slip_limit; 2], 1e-5, 0.02)?;
+        ordered("thrift", [holding.thrift; 2], 1.0, 100.0)
     }
 
     /// The objects ready for the scene, checked at both ends of their ranges.

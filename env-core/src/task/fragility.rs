@@ -30,16 +30,16 @@ impl Default for Fragility {
     }
 }
 
-/// Least grip force with which two pads hold an object of `mass` (kg) and `friction` by Coulomb's law (N).
-pub fn least_grip(mass: f64, friction: f64, gravity: f64) -> f64 {
-    0.5 * mass * gravity / friction
+/// Least grip force with which two pads bear `force` (N) by `friction`, by Coulomb's law (N).
+pub fn least_grip(force: f64, friction: f64) -> f64 {
+    0.5 * force / friction
 }
 
 impl Config {
     /// An error if some object would have to be tried with more force than the gripper has.
     pub(super) fn validate_trials(&self, fragility: &Fragility) -> Result<()> {
-        let gravity = self.scene.physics.gravity;
-        let hardest = fragility.spare * least_grip(self.mass[1], self.friction[0], gravity);
+        let heaviest = self.mass[1] * self.scene.physics.gravity;
+        let hardest = fragility.spare * least_grip(heaviest, self.friction[0]);
         let most = self.scene.gripper.max_force;
         if hardest <= most {
             return Ok(());

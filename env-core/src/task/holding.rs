@@ -1,4 +1,4 @@
-//! Holding still: how the object is gripped at the start, and the force that then acts on it.
+//! Holding still: the force that acts on a held object, and how much grip it is worth.
 
 use std::f64::consts::TAU;
 
@@ -11,8 +11,6 @@ use super::Range;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Holding {
-    /// Grip force at the start (N).
-    pub start_grip: f64,
     /// Downward force beside the object's weight (N).
     pub load: Range,
     /// Amplitude of the shaking force (N).
@@ -21,16 +19,18 @@ pub struct Holding {
     pub frequency: Range,
     /// Largest slip of an object that counts as held still (m).
     pub slip_limit: f64,
+    /// Largest mean grip that counts as little, over the least that holds ([`Shaking::largest`]).
+    pub thrift: f64,
 }
 
 impl Default for Holding {
     fn default() -> Self {
         Self {
-            start_grip: 5.0,
             load: [0.0, 1.5],
             shaking: [0.3, 1.5],
             frequency: [0.5, 3.0],
             slip_limit: 3e-3,
+            thrift: 2.0,
         }
     }
 }
@@ -56,6 +56,12 @@ impl Shaking {
         let force = swing * Vector3::from(self.amplitude) - self.load * Vector3::z();
         (time / ONSET).clamp(0.0, 1.0) * force
     }
+
+    /// Largest force of this, together with a `weight` (N), while it acts in full (N).
+    pub fn largest(&self, weight: f64) -> f64 {
+        let (mean, swing) = (-(self.load + weight) * Vector3::z(), Vector3::from(self.amplitude));
+        (mean + swing).norm().max((mean - swing).norm())
+    }
 }
 
 #[cfg(test)]
@@ -71,5 +77,7 @@ mod tests {
         assert!((mean - Vector3::new(0.0, 0.0, -1.2)).norm() < 1e-9, "{mean:?} N");
         let peak = shaking.force(1.125);
         assert!((peak - Vector3::new(0.3, 0.0, -1.6)).norm() < 1e-9, "{peak:?} N");
+        let largest = shaking.largest(0.9);
+        assert!((largest - 0.3f64.hypot(2.5)).abs() < 1e-12, "{largest} N");
     }
 }

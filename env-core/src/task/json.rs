@@ -62,7 +62,7 @@ mod tests {
             assert_eq!(config, Config::of(task));
         }
         let json =
-            r#"{"task": "hold-still", "holding": {"load": [1, 2]}, "reward": {"effort": 0}}"#;
+            r#"{"task": "hold-still", "holding": {"load": [1, 2]}, "reward": {"thrift": 0}}"#;
         let (config, usual) = (Config::from_json(json).unwrap(), Config::of(Task::HoldStill));
         let [holding, of_usual] = [&config, &usual].map(|c| c.holding.clone().unwrap());
         assert_eq!((holding.load, holding.shaking), ([1.0, 2.0], of_usual.shaking));

@@ -44,7 +44,7 @@ impl Task {
             Self::GraspSoft => {
                 &[(Term::Touch, 0.1), (Term::Lift, 0.3), (Term::Hold, 0.4), (Term::Gentle, 0.2)]
             }
-            Self::HoldStill => &[(Term::Still, 0.6), (Term::Effort, 0.4)],
+            Self::HoldStill => &[(Term::Still, 0.6), (Term::Thrift, 0.4)],
         }
     }
 
@@ -65,7 +65,7 @@ impl Task {
             (Self::GraspFragile, _) => &["proprio", "wrench", "share"],
             (Self::GraspSoft, _) => &["proprio", "wrench", "squeeze"],
             (Self::HoldStill, false) => &["proprio", "wrench"],
-            (Self::HoldStill, true) => &["proprio", "wrench", "markers"],
+            (Self::HoldStill, true) => &["proprio", "wrench", "slip"],
         }
     }
 }

@@ -88,6 +88,17 @@ impl Moment<'_> {
         self.draw.stress_limit.map_or(0.0, |limit| self.peak_stress / limit)
     }
 
+    /// Mean grip up to which a held object counts as held by little force (N): so much more than the least
+    /// that bears, by Coulomb's law, the largest of weight, load and shaking. Any force where nothing
+    /// shakes.
+    pub fn thrifty_grip(&self, config: &Config) -> f64 {
+        let weight = self.draw.mass * config.scene.physics.gravity;
+        let largest = self.draw.shaking.map(|shaking| shaking.largest(weight));
+        let spared = config.holding.as_ref().map(|holding| holding.thrift).zip(largest);
+        spared
+            .map_or(f64::INFINITY, |(thrift, force)| thrift * least_grip(force, self.draw.friction))
+    }
+
     /// Whether both pads press on the object.
     pub fn both_touch(&self) -> bool {
         self.state.fingers.iter().all(|finger| finger.normal_force() > 0.0)

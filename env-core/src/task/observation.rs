@@ -13,12 +13,13 @@ use crate::{
 /// Names of the channels that every environment has, in the order of the table.
 pub const CHANNELS: [&str; 5] = ["proprio", "object", "wrench", "properties", "time"];
 /// Names of the channels of fingers that feel; with these, "wrench" is what the pads feel, too.
-pub const TACTILE_CHANNELS: [&str; 7] = [
+pub const TACTILE_CHANNELS: [&str; 8] = [
     Channel::Markers.name(),
     Channel::Displacement.name(),
     Channel::Stress.name(),
     Channel::TetStress.name(),
     Channel::Traction.name(),
+    Channel::Slip.name(),
     Channel::Depth.name(),
     Channel::Trust.name(),
 ];
@@ -112,7 +113,10 @@ impl Layout {
         match (*name, moment.feeling.zip(Channel::named(name))) {
             (_, Some((feeling, channel))) => {
                 for felt in feeling.fingers {
-                    channel.read(feeling.skin, felt).into_iter().for_each(|x| writer.push(x));
+                    channel
+                        .read(feeling.skin, felt.as_ref())
+                        .into_iter()
+                        .for_each(|x| writer.push(x));
                 }
             }
             ("proprio", _) => proprio(moment, &mut writer),

@@ -20,12 +20,14 @@ pub struct Progress {
     held: u32,
     /// Whether both pads have ever pressed on it.
     gripped: bool,
+    /// Control steps, and the sum of the grips commanded in them (N).
+    grips: (u32, f64),
 }
 
 impl Progress {
     /// Of an episode that starts in `state`.
     pub fn new(state: &SceneState) -> Self {
-        Self { start: state.object_in_wrist(), held: 0, gripped: false }
+        Self { start: state.object_in_wrist(), held: 0, gripped: false, grips: (0, 0.0) }
     }
 
     /// Counts one more step, and whether the object is up.
@@ -33,6 +35,7 @@ impl Progress {
         let lifted = moment.rise() >= LIFTED * config.lift_height && moment.both_touch();
         self.held = if lifted { self.held + 1 } else { 0 };
         self.gripped |= moment.both_touch();
+        self.grips = (self.grips.0 + 1, self.grips.1 + moment.grip);
     }
 
     /// Whether both pads have ever pressed on the object.
@@ -53,11 +56,19 @@ impl Progress {
         (f64::from(self.held) / wanted).min(1.0)
     }
 
-    /// Whether the task is done: the object held up long enough, or still where it was in the hand.
+    /// Mean grip force commanded so far (N).
+    pub fn mean_grip(&self) -> f64 {
+        self.grips.1 / f64::from(self.grips.0.max(1))
+    }
+
+    /// Whether the task is done: the object held up long enough, or still where it was in the hand, by
+    /// little force.
     pub fn is_success(&self, moment: &Moment, config: &Config) -> bool {
         match (config.task, &config.holding) {
             (Task::HoldStill, Some(holding)) => {
-                moment.both_touch() && self.slip(moment) <= holding.slip_limit
+                moment.both_touch()
+                    && self.slip(moment) <= holding.slip_limit
+                    && self.mean_grip() <= moment.thrifty_grip(config)
             }
             _ => self.held(config) >= 1.0,
         }

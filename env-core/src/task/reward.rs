@@ -26,6 +26,8 @@ pub enum Term {
     /// 1 without stress in the lifted object, 0 at the episode's limit; on the way up as much of it as
     /// of `lift`, so that it does not pay to leave the object alone.
     Gentle,
+    /// 1 without grip force, 0 at twice what counts as little for this object, linear between.
+    Thrift,
     /// 1 where the object was in the hand at the start, 0 at the largest slip that counts as still.
     Still,
 }
@@ -37,7 +39,7 @@ const NEAR: f64 = 0.103;
 
 impl Term {
     /// All terms.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Reach,
         Self::Grasp,
         Self::Touch,
@@ -45,6 +47,7 @@ impl Term {
         Self::Hold,
         Self::Effort,
         Self::Gentle,
+        Self::Thrift,
         Self::Still,
     ];
 
@@ -58,6 +61,7 @@ impl Term {
             Self::Hold => "hold",
             Self::Effort => "effort",
             Self::Gentle => "gentle",
+            Self::Thrift => "thrift",
             Self::Still => "still",
         }
     }
@@ -85,6 +89,7 @@ impl Term {
                 let gentle = limit.map_or(1.0, |limit| within(moment.peak_stress, limit));
                 gentle * Self::Lift.value(moment, progress, config)
             }
+            Self::Thrift => within(moment.grip, 2.0 * moment.thrifty_grip(config)),
             Self::Still => {
                 let limit = config.holding.as_ref().map(|holding| holding.slip_limit);
                 limit.map_or(1.0, |limit| within(progress.slip(moment), limit))

@@ -13,6 +13,8 @@ Range = float | tuple[float, float]
 """Both ends of a uniform draw, or the one value."""
 
 _PARTS = {
+    "start_grip": "closing",
+    "least_grip": "closing",
     "grip_rate": "closing",
     "spare": "fragility",
     "margin": "fragility",
@@ -20,6 +22,7 @@ _PARTS = {
     "shaking": "holding",
     "shaking_frequency": "holding",
     "slip_limit": "holding",
+    "thrift": "holding",
     "young": "softness",
     "poisson": "softness",
     "crush": "softness",
@@ -61,10 +64,12 @@ class Settings(TypedDict, total=False):
     spare: float
     margin: Range
     start_grip: float
+    least_grip: float
     load: Range
     shaking: Range
     shaking_frequency: Range
     slip_limit: float
+    thrift: float
     young: Range
     poisson: float
     crush: float
@@ -98,9 +103,6 @@ def to_json(settings: Mapping[str, Any], task: str) -> str:
         value = [given_value, given_value] if single else given_value
         if name in _SCENE:
             document.setdefault("scene", {})[name] = value
-        elif name == "start_grip":
-            part = "holding" if task == "hold-still" else "closing"
-            document.setdefault(part, {})[name] = value
         elif name in _PARTS:
             document.setdefault(_PARTS[name], {})[_RENAMED.get(name, name)] = value
         elif name == "reward_weights":

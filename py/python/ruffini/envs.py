@@ -58,6 +58,7 @@ class GraspLiftEnv(NativeEnv):
     | ``stress`` | 12 x 10 | von Mises stress under the face (Pa) |
     | ``tet_stress`` | T | von Mises stress in each tetrahedron (Pa) |
     | ``traction`` | 12 x 10 x 3 | contact force per area (Pa): shear in x and y, normal in z |
+    | ``slip`` | 1 | share of the normal force borne where friction is used up and the skin slides |
     | ``depth`` | 32 x 24 | height of the face over the camera's view (m) |
     | ``trust`` | 3 | unbalanced force (N), its share, 1 if deeper than gels are calibrated |
 
@@ -141,7 +142,7 @@ class GraspFragileEnv(NativeEnv):
     ## Action
     The hand moves at 0.1 m/s at most; its workspace is a line, and it does not turn. The fifth
     number changes the grip force: that grows, or falls, by ``grip_rate`` times the number a second,
-    relatively (a factor of 1.5 a step at most), between ``start_grip`` and 20 N.
+    relatively (a factor of 1.5 a step at most), between ``least_grip`` and 20 N.
 
     ## Observation
     By default ``proprio``, ``wrench`` and ``share``; where the object is is not told. Two channels
@@ -166,11 +167,11 @@ class GraspFragileEnv(NativeEnv):
 
     ## Start
     The object lies in the middle, its narrower side across, half a millimetre from each pad; the
-    grip force is ``start_grip``, 0.4 N. Objects weigh 50 to 400 g, friction is 0.3 to
-    1.0, size 0.8 to 1.2. The limit comes from a trial with the same object before the start: it
-    hangs in a hand that grips with ``spare`` times the least force that holds it, m g / 2 μ; its
-    limit is the highest stress there times a number drawn from ``margin``. So every limit can be
-    kept, and none allows just any grip.
+    grip force is ``start_grip``, 0.4 N, which is also the least. Objects weigh 50 to 400 g,
+    friction is 0.3 to 1.0, size 0.8 to 1.2. The limit comes from a trial with the same object
+    before the start: it hangs in a hand that grips with ``spare`` times the least force that holds
+    it, m g / 2 μ; its limit is the highest stress there times a number drawn from ``margin``. So
+    every limit can be kept, and none allows just any grip.
 
     ## End
     Truncated after ``max_episode_steps`` steps, 60 by default. Also terminated, with
@@ -183,9 +184,9 @@ class GraspFragileEnv(NativeEnv):
         obs: ``"dict"`` or ``"flat"``.
         width: Width of a picture in pixels.
         height: Height of a picture in pixels.
-        **settings: As for :class:`GraspLiftEnv`, and ``start_grip`` (N), ``grip_rate`` (1/s),
-            ``spare``, and ``margin``, a range or a number. ``tactile="none"`` is an error; ``yaw``,
-            ``start`` and ``start_height`` change nothing.
+        **settings: As for :class:`GraspLiftEnv`, and ``start_grip`` and ``least_grip`` (N),
+            ``grip_rate`` (1/s), ``spare``, and ``margin``, a range or a number.
+            ``tactile="none"`` is an error; ``yaw``, ``start`` and ``start_height`` change nothing.
 
     Raises:
         TypeError: If a setting is unknown.
@@ -216,7 +217,7 @@ class GraspSoftEnv(NativeEnv):
 
     ## Action
     As of :class:`GraspFragileEnv`: the hand moves at 0.1 m/s at most, and the fifth number changes
-    the grip force by a factor of 1.5 a step at most, between ``start_grip`` and 10 N.
+    the grip force by a factor of 1.5 a step at most, between ``least_grip`` and 10 N.
 
     ## Observation
     By default ``proprio``, ``wrench`` and ``squeeze``; where the object is is not told, nor how
@@ -243,8 +244,8 @@ class GraspSoftEnv(NativeEnv):
 
     ## Start
     The object lies in the middle, its narrower side across, half a millimetre from each finger;
-    the grip force is ``start_grip``, 0.1 N. Young's modulus is drawn from ``young``; objects weigh
-    20 to 60 g and have one size.
+    the grip force is ``start_grip``, 0.1 N, the least. Young's modulus is drawn from ``young``;
+    objects weigh 20 to 60 g and have one size.
 
     ## End
     Truncated after ``max_episode_steps`` steps, 60 by default. Also terminated, with
@@ -262,9 +263,9 @@ class GraspSoftEnv(NativeEnv):
         width: Width of a picture in pixels.
         height: Height of a picture in pixels.
         **settings: As for :class:`GraspLiftEnv`, and ``young`` (Pa), a range or a number,
-            ``poisson``, ``crush`` (stress over Young's modulus), ``start_grip`` (N) and
-            ``grip_rate`` (1/s). ``tactile`` is ``"surrogate"`` and ``size`` 1; anything else is an
-            error. ``yaw``, ``start`` and ``start_height`` change nothing.
+            ``poisson``, ``crush`` (stress over Young's modulus), ``start_grip`` and
+            ``least_grip`` (N), and ``grip_rate`` (1/s). ``tactile`` is ``"surrogate"`` and ``size``
+            1; anything else is an error. ``yaw``, ``start`` and ``start_height`` change nothing.
 
     Raises:
         ValueError: If a setting is unknown, of the wrong type or out of range.
@@ -285,16 +286,18 @@ class GraspSoftVectorEnv(NativeVectorEnv):
 class HoldStillEnv(NativeEnv):
     """Keep a held object from slipping under load and shaking, with the least force.
 
-    World, action, channels and settings are those of :class:`GraspLiftEnv`, with these differences.
+    World, channels and settings are those of :class:`GraspLiftEnv`, with these differences.
     The object starts between the pads. A downward load and a force that swings along one direction
-    come on within half a second and act on its centre of mass until the end.
+    come on within half a second and act on its centre of mass until the end. Friction differs by a
+    factor of four and is not told: how little force holds shows in how much of the contact slides.
 
     ## Action
-    The largest grip force is 10 N.
+    As of :class:`GraspFragileEnv`: the hand moves up and down at 0.1 m/s at most, and the fifth
+    number changes the grip by a factor of 1.5 a step at most, between ``least_grip`` and 20 N.
 
     ## Observation
-    By default what the hand feels, not where the object is: ``proprio``, ``wrench``, ``markers``,
-    which rigid pads do not have. Mass, friction, load and shaking are not told.
+    By default what the hand feels, not where the object is: ``proprio``, ``wrench``, ``slip``;
+    rigid pads do not have the last. Mass, friction, load and shaking are not told.
 
     ## Reward
     Weighted mean of two terms in [0, 1], each in ``info["reward_terms"]``. Slip is how far the
@@ -303,25 +306,28 @@ class HoldStillEnv(NativeEnv):
     | term | weight | 1 where |
     | --- | --- | --- |
     | ``still`` | 0.6 | nothing has slipped; 0 at ``slip_limit``, linear between |
-    | ``effort`` | 0.4 | there is no grip force; 0 at the largest |
+    | ``thrift`` | 0.4 | there is no grip force; 0 at twice the grip that success allows |
 
     ## Start
     The hand, at a height drawn from ``start_height``, has gripped the object's middle across its
-    narrower side with ``start_grip``. Drawn are also load, amplitude, direction and frequency.
+    narrower side with ``start_grip``, 5 N. Drawn are also load, amplitude, direction and frequency.
 
     ## End
     Truncated after ``max_episode_steps`` steps, 100 by default. Also terminated, with
     ``info["ending"]`` ``dropped``, when no pad touches the object or it has slipped by 2 cm.
-    ``info["is_success"]`` says whether both pads hold it and the slip is within ``slip_limit``.
+    ``info["is_success"]`` says whether both pads hold it, the slip is within ``slip_limit``, and
+    the mean grip so far is at most ``thrift`` times F / 2 μ, with F the largest of weight, load and
+    shaking together: the least grip that bears F by Coulomb's law, if all of it pulls sideways.
 
     Args:
         render_mode: ``None`` or ``"rgb_array"``.
         obs: ``"dict"`` or ``"flat"``.
         width: Width of a picture in pixels.
         height: Height of a picture in pixels.
-        **settings: As for :class:`GraspLiftEnv`, and ``start_grip`` (N), ``slip_limit`` (m), and
-            ``load`` (N), ``shaking`` (amplitude, N), ``shaking_frequency`` (Hz), each a range or a
-            number.
+        **settings: As for :class:`GraspLiftEnv`, and ``start_grip`` and ``least_grip`` (N),
+            ``grip_rate`` (1/s), ``slip_limit`` (m), ``thrift``, and ``load`` (N), ``shaking``
+            (amplitude, N), ``shaking_frequency`` (Hz), each a range or a number. ``yaw`` and
+            ``start`` change nothing.
 
     Raises:
         TypeError: If a setting is unknown.

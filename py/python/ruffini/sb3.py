@@ -153,11 +153,17 @@ WEAK = 0.1
 """Strength of the features of touch at the beginning of training."""
 
 
+def fields(space: gym.spaces.Dict) -> list[str]:
+    """Names of the channels of touch that are fields: more than one number a pad."""
+    sizes = {name: int(np.prod(box.shape or ())) for name, box in space.items()}
+    return [name for name, size in sizes.items() if name in TACTILE_CHANNELS and size > 2]
+
+
 class TouchExtractor(BaseFeaturesExtractor):
     """Features of dict observations for ``MultiInputPolicy``.
 
-    Each channel of touch goes pad by pad through a small network of its own, which both pads share;
-    all others are taken as they are. About 9,000 weights for the default markers.
+    Each field of touch (:func:`fields`) goes pad by pad through a small network of its own, which
+    both pads share; all others are taken as they are. About 9,000 weights for the default markers.
 
     Touch is scaled by its bounds. Leave it out of ``VecNormalize`` (``norm_obs_keys``): it is 0
     until something touches, and running statistics of that make the first touches enormous.
@@ -174,7 +180,7 @@ class TouchExtractor(BaseFeaturesExtractor):
         self, observation_space: gym.spaces.Dict, features: int = 32, hidden: int = 64
     ) -> None:
         sizes = {name: int(np.prod(box.shape or ())) for name, box in observation_space.items()}
-        felt = {name: size // 2 for name, size in sizes.items() if name in TACTILE_CHANNELS}
+        felt = {name: sizes[name] // 2 for name in fields(observation_space)}
         seen = sum(size for name, size in sizes.items() if name not in felt)
         super().__init__(observation_space, features_dim=seen + 2 * features * len(felt))
         self._channels = list(sizes)
