@@ -413,7 +413,8 @@ fn a_press_through_the_pad_is_refused() {
         let found = model.solve_path(&along(ball(), vec![at(0.0, 0.2 * MM), at(0.0, 4.5 * MM)]));
         assert_eq!(found.len(), 2);
         let error = found[1].as_ref().map(|frame| frame.wrench).unwrap_err();
-        let named = matches!(error, Error::Inverted | Error::NotConverged { .. });
+        let in_the_base = matches!(error, Error::Penetrated { .. });
+        let named = in_the_base || matches!(error, Error::Inverted | Error::NotConverged { .. });
         assert!(named, "{sweeps} sweeps: {error}");
     }
 }
@@ -544,5 +545,19 @@ fn a_thin_wall_led_through_the_body_is_not_unfelt() {
             let unfelt = end.as_ref().is_ok_and(|frame| frame.wrench.force.norm() == 0.0);
             assert!(!unfelt, "a ring of {wall} mm at place {i} went through without a force");
         }
+    }
+}
+
+#[test]
+fn nothing_begins_or_sinks_unfelt_in_a_linear_body_or_what_holds_it() {
+    // Below the surface, where no point of it is in them: a ring in the block, a ball in its base.
+    let ring = Shape::Annulus { outer: 1.0 * MM, inner: 0.6 * MM, half_height: 0.5 * MM };
+    let ball = Shape::Sphere { radius: 0.5 * MM };
+    let base = block().mesh().vertices.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
+    for (shape, height) in [(ring, 0.5 * base), (ball, base - 0.2 * MM)] {
+        let at = |z| vec![Isometry3::translation(0.0, 0.0, z)];
+        let press = along(shape, vec![at(height), at(base - 3.0 * MM)]);
+        let error = linear(&block(), 0.05).solve_path(&press).remove(0).map(|frame| frame.wrench);
+        assert!(error.is_err(), "at {height} m: {error:?}");
     }
 }

@@ -14,7 +14,7 @@ use ruffini_core::{
     deformation::{Law, Moduli, SoftBody},
     geometry::{Shape, Surface},
     objects::{Antipodal, Family, GraspSampler, Object, Rejection, Split, catalogue},
-    scene::ObjectModel,
+    scene::{CATALOGUE, Command, Object as Laid, ObjectModel, Scene, SceneConfig, named},
 };
 
 const SEED: u64 = 0;
@@ -302,4 +302,22 @@ fn what_cannot_be_held_says_why() {
     assert!(message(GraspSampler::default(), Shape::HalfSpace).contains("half-space"));
     let slippery = GraspSampler { friction: 0.0, ..GraspSampler::default() };
     assert!(message(slippery, Shape::Sphere { radius: 0.02 }).contains("friction"));
+}
+
+/// Hulls of flat faces rolled by up to a millimetre from where a slow roll had left them.
+#[test]
+fn what_is_laid_on_the_table_stays_there() {
+    let (config, away) = (SceneConfig::default(), Vector3::new(-0.1, -0.1, 0.1));
+    for name in CATALOGUE {
+        let model = ObjectModel::new(named(name).unwrap()).unwrap();
+        for scale in [0.5, 1.0, 1.2] {
+            let pose = model.rest(scale, 0.05, 0.05, 0.3);
+            let object = Laid { model: &model, scale, mass: 0.1, friction: 1.0, pose };
+            let mut scene = Scene::new(&config, &object, &away, 0.0).unwrap();
+            (0..25).for_each(|_| scene.step(&Command::default()));
+            let now = scene.state().object.pose.translation.vector;
+            let way = (now - pose.translation.vector).norm();
+            assert!(way < 5e-5, "{name}, {scale} of its size: {way} m");
+        }
+    }
 }

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::cache::Stored;
 use crate::{
     Result,
-    contact::SurfacePoint,
+    contact::{Backing, SurfacePoint},
     deformation::{Press, SoftBody},
     fem::{Linearised, held_all_round},
     simd::vectorised,
@@ -35,6 +35,8 @@ pub(super) struct Condensed {
     compliance: Arc<Vec<f64>>,
     /// Points at which contact is felt (C).
     pub(super) surface: Arc<[SurfacePoint]>,
+    /// The faces that are held.
+    pub(super) backing: Arc<Backing>,
     pub(super) facets: Arc<[Facet]>,
 }
 
@@ -84,10 +86,11 @@ impl Condensed {
                 stored.read_or_compute(9 * skin.len() * skin.len(), || condense(&rest, &skin))?
             }
         };
+        let backing = rest.backing(&body, None)?.into();
         let facets = facets(&surface, rest.places()).into();
         let (rank, skin, surface) = (rank.into(), skin.into(), surface.into());
         let (rest, compliance) = (Arc::new(rest), Arc::new(compliance));
-        Ok(Self { body, rest, rank, skin, compliance, surface, facets })
+        Ok(Self { body, rest, rank, skin, compliance, surface, backing, facets })
     }
 
     /// With the contact points that it takes to feel `press`, if some of its shapes are thin.
@@ -96,7 +99,8 @@ impl Condensed {
             return Ok(Arc::clone(self));
         };
         let facets = facets(&surface, self.rest.places()).into();
-        Ok(Arc::new(Self { surface: surface.into(), facets, ..(**self).clone() }))
+        let backing = self.rest.backing(&self.body, Some(press))?.into();
+        Ok(Arc::new(Self { surface: surface.into(), backing, facets, ..(**self).clone() }))
     }
 
     /// Rows of the compliance for a force on a skin node, by its rank (3, 3M).

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactLaw, ContactStep, Touch, backed_off},
+    contact::{ContactLaw, ContactStep, Seen, Touch, backed_off, is_engulfed},
     deformation::{Anchor, Drive, History, Press, Wrench},
     fem::Workspace,
     geometry::Shape,
@@ -59,6 +59,8 @@ pub(super) struct Walk<'a> {
     reach: Reach,
     pub(super) zone: Zone,
     pub(super) state: State,
+    /// What was measured of the backing.
+    seen_backing: Seen,
     /// Wall time of the last frame (s).
     pub(super) seconds: f64,
 }
@@ -118,7 +120,9 @@ impl<'a> Walk<'a> {
         let zone = Zone::new(condensed, vec![false; condensed.facets.len()]);
         scratch.newton.enter(zone.free);
         let reach = Reach::default();
-        let mut walk = Self { condensed, settings, scratch, reach, zone, state, seconds: 0.0 };
+        let seen_backing = Seen::default();
+        let mut walk =
+            Self { condensed, settings, scratch, reach, zone, state, seen_backing, seconds: 0.0 };
         match press.history() {
             Some(history) => walk.recall(press.shapes(), history)?,
             None => walk.approach(press),
@@ -184,6 +188,9 @@ impl<'a> Walk<'a> {
         if self.runs_over(shapes, poses) {
             return Err(missed(self.settings.tolerance));
         }
+        let Settings { law, tolerance, .. } = self.settings;
+        let (way, limits) = ([&self.state.poses[..], poses], [RUN_OVER * law.softness, tolerance]);
+        self.condensed.backing.check(shapes, way, limits, &mut self.seen_backing)?;
         self.cover(shapes, poses);
         loop {
             let state = self.attempt_in_zone(shapes, poses)?;
@@ -191,9 +198,20 @@ impl<'a> Walk<'a> {
             let displacement = &state.field.displacement;
             match self.zone.grown(self.condensed, shapes, poses, displacement, &near) {
                 Some(facets) => self.enter_zone(facets),
+                None if self.engulfs_unfelt(shapes, &state) => {
+                    return Err(missed(self.settings.tolerance));
+                }
                 None => return Ok(state),
             }
         }
+    }
+
+    /// Whether a shape that touches nothing is wholly inside the body.
+    fn engulfs_unfelt(&self, shapes: &[Shape], state: &State) -> bool {
+        let felt = |s: usize| state.touches.iter().any(|touch| touch.shape as usize == s);
+        let (mesh, displacement) = (self.condensed.body.mesh(), &state.field.displacement);
+        let engulfs = |s: usize| is_engulfed(&shapes[s], &state.poses[s], mesh, displacement);
+        (0..shapes.len()).any(|s| !felt(s) && engulfs(s))
     }
 
     /// Whether a shape on a long way to `poses` leaves points behind that it should have taken along.

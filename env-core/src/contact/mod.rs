@@ -5,12 +5,16 @@
 //! [`ContactLaw`] says what a touching point costs: value, gradient and Hessian.
 
 mod approach;
+mod backing;
+mod engulfing;
 mod law;
 mod leap;
 mod near;
 mod touch;
 
 pub use approach::{backed_off, between, clearance};
+pub use backing::Backing;
+pub use engulfing::is_engulfed;
 pub use law::{ContactLaw, Traction};
 pub use leap::leaps_through;
 pub use near::Seen;

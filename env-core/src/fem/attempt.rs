@@ -5,7 +5,6 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::{
     direct::DirectSolver,
     drive::{Run, Solved},
-    engulfing::is_engulfed,
     newton::equilibrium,
     push::Push,
     region::Region,
@@ -13,7 +12,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactStep, Touch},
+    contact::{ContactStep, Touch, is_engulfed},
     deformation::Anchor,
     geometry::Shape,
 };
@@ -65,8 +64,10 @@ impl Run<'_> {
         if (0..shapes.len()).any(|s| !felt(s) && engulfed(s)) {
             return Err(self.missed());
         }
-        self.check_backing(shapes, &state.poses)?;
-        let depth = deepest(&forces.touches);
+        let (way, limits) =
+            ([&self.state.poses[..], &state.poses], [system.deepest(), self.limits.tolerance]);
+        system.backing.check(shapes, way, limits, &mut self.seen_backing)?;
+        let depth = forces.touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
         let most = system.refused();
         if depth > most {
             return Err(Error::Penetrated { depth, most });
@@ -100,24 +101,6 @@ impl Run<'_> {
         let region = if pushed || self.limits.plain { None } else { along(path()) };
         if !everywhere || region.is_some() {
             self.solver = Some(DirectSolver::new(self.system, region));
-        }
-    }
-
-    /// An error if a shape stands in the backing, which gives no way, at `poses`, or ran over some of it on
-    /// its way there.
-    fn check_backing(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<()> {
-        let (system, from) = (self.system, self.state.poses.clone());
-        let places = &system.backing.places;
-        let mut contact =
-            ContactStep::new(shapes, &system.backing.points, from, places.clone(), &[])
-                .knowing(Vec::new(), std::mem::take(&mut self.seen_backing));
-        let missed = contact.runs_over(poses, system.deepest());
-        let (depth, most) = (deepest(&contact.touches(poses, places)), system.deepest());
-        self.seen_backing = contact.into_seen();
-        match (missed, depth > most) {
-            (_, true) => Err(Error::Penetrated { depth, most }),
-            (true, false) => Err(self.missed()),
-            (false, false) => Ok(()),
         }
     }
 
@@ -197,9 +180,4 @@ impl Run<'_> {
         solver.solve(&mut step);
         Some(solver.scatter(&step))
     }
-}
-
-/// Depth of the deepest touch (m), 0 without any.
-fn deepest(touches: &[Touch]) -> f64 {
-    touches.iter().map(|touch| touch.depth).fold(0.0, f64::max)
 }

@@ -17,7 +17,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::SurfacePoint,
+    contact::{Backing, SurfacePoint},
     deformation::{Press, SoftBody},
 };
 
@@ -103,6 +103,17 @@ impl Linearised {
     /// Points of `body`, the one that was linearised, at which contact is felt (C).
     pub(crate) fn surface(&self, body: &SoftBody) -> Vec<SurfacePoint> {
         surface_points(body, &self.nodes, ELEMENT, self.faces.usual, Part::Free)
+    }
+
+    /// The faces by which it is held, with points as close as on the others: as `press` asks for, if one is
+    /// given.
+    pub(crate) fn backing(&self, body: &SoftBody, press: Option<&Press>) -> Result<Backing> {
+        let spacing = match press {
+            Some(press) => self.faces.felt(body.mesh(), press)?,
+            None => self.faces.usual,
+        };
+        let points = surface_points(body, &self.nodes, ELEMENT, spacing, Part::Held);
+        Ok(Backing::new(points, &self.nodes.places))
     }
 
     /// As [`Linearised::surface`], as close as the thinnest shape of `press` asks for; `None` if that is

@@ -26,7 +26,6 @@ mod dense;
 mod direct;
 mod drive;
 mod element;
-mod engulfing;
 #[cfg(test)]
 mod examples;
 mod follower;
@@ -62,13 +61,12 @@ use rayon::prelude::*;
 use crate::geometry::Shape;
 use crate::{
     Error, Result,
-    contact::ContactLaw,
+    contact::{ContactLaw, is_engulfed},
     deformation::{Deformation, DeformationModel, Drive, History, Press, SoftBody},
     geometry::TetMesh,
 };
 
 use drive::Run;
-use engulfing::is_engulfed;
 use system::System;
 
 pub use carry::{Carried, Carrier};

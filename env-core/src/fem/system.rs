@@ -11,12 +11,12 @@ use super::{
     element::{Element, Nodes},
     pattern::Pattern,
     solid::{Layout, Solid, Strain, solid},
-    spacing::{Faces, Spacing, USUAL},
+    spacing::{Faces, USUAL},
     surface::{Part, surface_points},
 };
 use crate::{
     Result,
-    contact::{ContactLaw, ContactStep, SurfacePoint, Touch},
+    contact::{Backing, ContactLaw, ContactStep, SurfacePoint, Touch},
     deformation::{Press, SoftBody},
     geometry::Shape,
 };
@@ -31,6 +31,7 @@ pub(super) struct System {
     whole: Arc<OnceLock<(Arc<Pattern>, Arc<Layout>)>>,
     pub(super) element: Element,
     pub(super) surface: Arc<[SurfacePoint]>,
+    /// The faces that are held, which no shape may enter.
     pub(super) backing: Arc<Backing>,
     faces: Arc<Faces>,
     pub(super) law: ContactLaw,
@@ -38,22 +39,6 @@ pub(super) struct System {
     pub(super) floating: bool,
     /// Least extent of the body along an axis (m).
     thinnest: f64,
-}
-
-/// The faces that are held, which no shape may enter.
-pub(super) struct Backing {
-    /// Points on them, and where these stay (m).
-    pub(super) points: Vec<SurfacePoint>,
-    pub(super) places: Vec<Point3<f64>>,
-}
-
-impl Backing {
-    fn new(body: &SoftBody, nodes: &Nodes, element: Element, spacing: Spacing) -> Arc<Self> {
-        let points = surface_points(body, nodes, element, spacing, Part::Held);
-        let still = vec![Vector3::zeros(); nodes.places.len()];
-        let places = points.iter().map(|point| point.place(&nodes.places, &still)).collect();
-        Arc::new(Self { points, places })
-    }
 }
 
 /// Depth of a touching point past which an answer is refused, in softnesses: what holds a shape there
@@ -109,7 +94,8 @@ impl System {
         let solid = solid(body, &nodes, element).into();
         let faces = Faces::new(body, USUAL);
         let surface = surface_points(body, &nodes, element, faces.usual, Part::Free).into();
-        let backing = Backing::new(body, &nodes, element, faces.usual);
+        let backing = surface_points(body, &nodes, element, faces.usual, Part::Held);
+        let backing = Backing::new(backing, &nodes.places).into();
         let floating = body.fixed().len() < 3;
         let [low, high] = [Vector3::inf, Vector3::sup].map(|edge: fn(&Vector3<f64>, &_) -> _| {
             let places = body.mesh().vertices.iter().map(|place| place.coords);
@@ -129,7 +115,8 @@ impl System {
         if spacing != self.faces.usual {
             let element = self.element;
             system.surface = surface_points(body, &self.nodes, element, spacing, Part::Free).into();
-            system.backing = Backing::new(body, &self.nodes, element, spacing);
+            let backing = surface_points(body, &self.nodes, element, spacing, Part::Held);
+            system.backing = Backing::new(backing, &self.nodes.places).into();
         }
         Ok(system)
     }

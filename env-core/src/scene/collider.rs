@@ -141,9 +141,40 @@ impl ObjectModel {
         let yaw = if x.xy().norm() > 0.1 { x.y.atan2(x.x) } else { 0.0 };
         let tilt = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -yaw) * rotation;
         // A body that stood still keeps its exact orientation, without the solver's rounding.
-        if tilt.angle() < 0.01 { UnitQuaternion::identity() } else { tilt }
+        if tilt.angle() < UPRIGHT { UnitQuaternion::identity() } else { self.laid_flat(tilt) }
+    }
+
+    /// `rotation` with the face that is nearest to the table laid flat on it, where the collider is a hull
+    /// and that face is farther off than rounding: the solver's slow roll may end on an edge. A hull stands
+    /// on the faces that hold their plane's nearest point to its centre of mass.
+    fn laid_flat(&self, rotation: UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+        let Some(hull) = self.collider.as_convex_polyhedron() else { return rotation };
+        let center = self.solid.center.coords * units::UNIT;
+        let corner = |i: u32| {
+            let p = hull.points()[i as usize];
+            Vector3::new(f64::from(p.x), f64::from(p.y), f64::from(p.z))
+        };
+        let (_, triangles) = hull.to_trimesh();
+        let down = rotation.inverse_transform_vector(&-Vector3::z());
+        let normals = triangles.iter().filter_map(|triangle| {
+            let [a, b, c] = triangle.map(corner);
+            let normal = (b - a).cross(&(c - a)).try_normalize(0.0)?;
+            let foot = center - normal * normal.dot(&(center - a));
+            let inside = |p: &Vector3<f64>, q: &Vector3<f64>| {
+                (q - p).cross(&(foot - p)).dot(&normal) > -ROUNDING * (q - p).norm_squared()
+            };
+            (inside(&a, &b) && inside(&b, &c) && inside(&c, &a)).then_some(normal)
+        });
+        let nearest = normals.max_by(|m, n| m.dot(&down).total_cmp(&n.dot(&down)));
+        let turn = nearest.and_then(|n| UnitQuaternion::rotation_between(&n, &down));
+        turn.filter(|turn| turn.angle() > UPRIGHT).map_or(rotation, |turn| rotation * turn)
     }
 }
+
+/// Angle to which the solver's rounding is let go (rad).
+const UPRIGHT: f64 = 0.01;
+/// Part of an edge by which a point beside a triangle counts as within.
+const ROUNDING: f64 = 1e-3;
 
 fn collider(shape: &Shape, surface: &Surface) -> Result<SharedShape> {
     use units::scalar;

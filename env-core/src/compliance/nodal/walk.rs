@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactLaw, backed_off, between, clearance},
+    contact::{ContactLaw, Seen, backed_off, between, clearance, is_engulfed},
     deformation::{Anchor, Drive, History, Press, Wrench},
     fem,
     geometry::Shape,
@@ -23,6 +23,8 @@ use crate::{
 const STRIDE: f64 = 2.5e-4;
 /// Room that nodes are given beyond what they moved before (m).
 const MARGIN: f64 = 1e-4;
+/// How deep a shape may stand unfelt in what holds the body, in softnesses.
+const UNFELT: f64 = 10.0;
 /// Smallest part of a stride that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
 
@@ -175,7 +177,8 @@ impl<'a> Walk<'a> {
         loop {
             let state = self.attempt_within(poses, room, reach)?;
             if state.amplitude <= room {
-                return self.check_between(&state).map(|()| state);
+                let checked = self.check_between(&state).and_then(|()| self.check_unfelt(&state));
+                return checked.map(|()| state);
             }
             room = 2.0 * state.amplitude;
         }
@@ -216,6 +219,26 @@ impl<'a> Walk<'a> {
         let amplitude = patch.amplitude();
         let held = held.into_iter().map(|(held, _)| held).collect();
         Ok(State { poses: poses.to_vec(), held, wrench, amplitude, sweeps })
+    }
+
+    /// An error if a shape that no node feels is in the body, or in what holds it.
+    fn check_unfelt(&self, state: &State) -> Result<()> {
+        let condensed = &self.skin.condensed;
+        for s in 0..self.shapes.len() {
+            if state.held.iter().any(|held| held.shape as usize == s) {
+                continue;
+            }
+            let (shape, pose) = (&self.shapes[s], &state.poses[s]);
+            let way = [&self.state.poses[s], pose].map(std::slice::from_ref);
+            let (one, limits) = (std::slice::from_ref(shape), [UNFELT * self.law.softness, 0.0]);
+            condensed.backing.check(one, way, limits, &mut Seen::default())?;
+            let still = vec![Vector3::zeros(); condensed.rest.places().len()];
+            if is_engulfed(shape, pose, condensed.body.mesh(), &still) {
+                let (residual, tolerance) = (f64::INFINITY, 0.0);
+                return Err(Error::NotConverged { iterations: state.sweeps, residual, tolerance });
+            }
+        }
+        Ok(())
     }
 
     /// An error if a shape stands deep between nodes.

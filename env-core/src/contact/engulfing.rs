@@ -9,7 +9,7 @@ const SEGMENTS: u32 = 16;
 
 /// Whether `shape` at its `pose` lies wholly inside the body of this `mesh`, whose nodes are displaced
 /// (V or more) in m. Nothing engulfs a half-space.
-pub(super) fn is_engulfed(
+pub fn is_engulfed(
     shape: &Shape,
     pose: &Isometry3<f64>,
     mesh: &TetMesh,
@@ -31,12 +31,13 @@ pub(super) fn is_engulfed(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fem::examples::grid;
 
     #[test]
     fn a_body_engulfs_what_is_all_inside_it() {
         // A unit cube on z = 0, pulled up to twice its height.
-        let mesh = grid([3, 3, 3], |p| p / 3.0);
+        let cube = Shape::Cuboid { half_extents: Vector3::repeat(0.5) };
+        let mut mesh = TetMesh::of_shape(&cube, 0.3).unwrap();
+        mesh.vertices.iter_mut().for_each(|p| *p += Vector3::repeat(0.5));
         let stretched: Vec<_> = mesh.vertices.iter().map(|p| Vector3::new(0.0, 0.0, p.z)).collect();
         let ring = Shape::Annulus { outer: 0.3, inner: 0.2, half_height: 0.05 };
         let cup = Shape::Cup { bottom: 0.2, rim: 0.3, half_height: 0.2, wall: 0.01 };
