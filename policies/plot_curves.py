@@ -48,7 +48,7 @@ def read(folder: Path) -> dict[str, Any]:
 
 def draw(runs: list[dict[str, Any]], scripted: dict[str, dict[str, Any]], path: Path) -> None:
     """Success and return against steps, one line a seed, one colour a kind of run."""
-    figure, (above, below) = plt.subplots(1, 2, figsize=(10, 3.6))
+    figure, (above, below) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
     kinds = sorted({run["kind"] for run in runs})
     colours = {kind: f"C{i}" for i, kind in enumerate(kinds)}
     for run in runs:
@@ -65,13 +65,12 @@ def draw(runs: list[dict[str, Any]], scripted: dict[str, dict[str, Any]], path: 
         below.axhline(told["return"], **style)
     above.set(xlabel="million steps", ylabel="success in training (%)", ylim=(-2, 103))
     below.set(xlabel="million steps", ylabel="return in training")
-    above.legend(fontsize=6)
     for axes in (above, below):
         axes.grid(alpha=0.3)
     figure.suptitle(
         f"{runs[0]['env']}, {runs[0]['algorithm'].upper()}; widely dotted: scripted", fontsize=9
     )
-    figure.tight_layout()
+    figure.legend(loc="outside lower center", ncols=min(len(kinds), 3), fontsize=6)
     figure.savefig(path, dpi=150)
 
 
