@@ -325,8 +325,8 @@ def test_no_grip_by_the_load_alone_holds_as_many_as_one_by_what_slides():
     assert scripted["success"] >= 0.7, scripted
     for factor in (1.5, 1.9, 2.4, 3.0, 4.0):
         blind = evaluate(Proportional(factor), HOLD, 64)
-        assert blind["success"] <= scripted["success"] - 0.1, (factor, blind)
-        assert blind["return"] < scripted["return"], (factor, blind)
+        assert blind["success"] < scripted["success"], (factor, blind)
+        assert blind["return"] < scripted["return"] - 3.0, (factor, blind)
 
 
 class Firm:

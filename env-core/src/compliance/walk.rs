@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactLaw, ContactStep, Seen, Touch, backed_off, is_engulfed},
+    contact::{ContactLaw, ContactStep, Touch, backed_off, is_engulfed},
     deformation::{Anchor, Drive, History, Press, Wrench},
     fem::Workspace,
     geometry::Shape,
@@ -59,8 +59,6 @@ pub(super) struct Walk<'a> {
     reach: Reach,
     pub(super) zone: Zone,
     pub(super) state: State,
-    /// What was measured of the backing.
-    seen_backing: Seen,
     /// Wall time of the last frame (s).
     pub(super) seconds: f64,
 }
@@ -120,9 +118,7 @@ impl<'a> Walk<'a> {
         let zone = Zone::new(condensed, vec![false; condensed.facets.len()]);
         scratch.newton.enter(zone.free);
         let reach = Reach::default();
-        let seen_backing = Seen::default();
-        let mut walk =
-            Self { condensed, settings, scratch, reach, zone, state, seen_backing, seconds: 0.0 };
+        let mut walk = Self { condensed, settings, scratch, reach, zone, state, seconds: 0.0 };
         match press.history() {
             Some(history) => walk.recall(press.shapes(), history)?,
             None => walk.approach(press),
@@ -190,7 +186,7 @@ impl<'a> Walk<'a> {
         }
         let Settings { law, tolerance, .. } = self.settings;
         let (way, limits) = ([&self.state.poses[..], poses], [RUN_OVER * law.softness, tolerance]);
-        self.condensed.backing.check(shapes, way, limits, &mut self.seen_backing)?;
+        self.condensed.backing.check(shapes, way, limits)?;
         self.cover(shapes, poses);
         loop {
             let state = self.attempt_in_zone(shapes, poses)?;

@@ -1,47 +1,74 @@
 //! The faces by which a body is held: rigid, and nothing is felt there.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use std::collections::BTreeMap;
 
-use super::{ContactStep, Seen, SurfacePoint};
+use nalgebra::{Isometry3, Point3};
+
+use super::leap::runs_through;
 use crate::{Error, Result, geometry::Shape};
+
+/// Side of the boxes that points are grouped by (m).
+const BOX: f64 = 3.5e-3;
 
 /// Points on the faces that are held.
 pub struct Backing {
-    points: Vec<SurfacePoint>,
-    /// Where they stay (m).
+    groups: Vec<Group>,
+}
+
+/// Points that lie together.
+struct Group {
+    centre: Point3<f64>,
+    /// Distance of the farthest of them from the centre (m).
+    radius: f64,
     places: Vec<Point3<f64>>,
 }
 
 impl Backing {
-    /// These `points` of a body whose nodes are at `rest` (N).
-    pub fn new(points: Vec<SurfacePoint>, rest: &[Point3<f64>]) -> Self {
-        let place = |point: &SurfacePoint| {
-            let at = point.shares.iter().map(|&(node, share)| rest[node as usize].coords * share);
-            Point3::from(at.sum::<Vector3<f64>>())
+    /// With points at these `places` (m), where they stay.
+    pub fn new(places: impl Iterator<Item = Point3<f64>>) -> Self {
+        let mut boxes: BTreeMap<[i64; 3], Vec<Point3<f64>>> = BTreeMap::new();
+        for place in places {
+            let index = [place.x, place.y, place.z].map(|x| (x / BOX).floor() as i64);
+            boxes.entry(index).or_default().push(place);
+        }
+        let group = |places: Vec<Point3<f64>>| {
+            let sum = places.iter().map(|p| p.coords).sum::<nalgebra::Vector3<f64>>();
+            let centre = Point3::from(sum / places.len() as f64);
+            let radius = places.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max);
+            Group { centre, radius, places }
         };
-        let places = points.iter().map(place).collect();
-        Self { points, places }
+        Self { groups: boxes.into_values().map(group).collect() }
     }
 
     /// An error if one of the `shapes` stands in it by more than `most` (m) at its pose `to`, or ran over a
     /// point of it by so much on its way `from` where it was: such a step has not converged to the
-    /// `tolerance` (N) asked for. What is `seen` spares measurements the next time.
+    /// `tolerance` (N) asked for.
     pub fn check(
         &self,
         shapes: &[Shape],
         [from, to]: [&[Isometry3<f64>]; 2],
         [most, tolerance]: [f64; 2],
-        seen: &mut Seen,
     ) -> Result<()> {
-        let (from, places) = (from.to_vec(), self.places.clone());
-        let mut step = ContactStep::new(shapes, &self.points, from, places, &[])
-            .knowing(Vec::new(), std::mem::take(seen));
-        let through = step.runs_over(to, most);
-        let touches = step.touches(to, &self.places);
-        *seen = step.into_seen();
-        let depth = touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
-        if depth > most {
-            return Err(Error::Penetrated { depth, most });
+        let (mut deepest, mut through) = (0f64, false);
+        for (shape, (from, to)) in shapes.iter().zip(from.iter().zip(to)) {
+            let gap = |p: &Point3<f64>| shape.distance(p).value;
+            let way = |p: &Point3<f64>| [from, to].map(|pose| pose.inverse_transform_point(p));
+            let angle = from.rotation.angle_to(&to.rotation);
+            for Group { centre, radius, places } in &self.groups {
+                let [begin, end] = way(centre);
+                if gap(&end) > (1.0 + angle) * radius + (end - begin).norm() {
+                    continue;
+                }
+                for place in places {
+                    let [begin, end] = way(place);
+                    deepest = deepest.max(-gap(&end));
+                    let sunk = gap(&begin).min(0.0);
+                    through |= runs_through(gap, &begin, &end, [most - sunk, 0.0]);
+                }
+            }
+        }
+        if deepest > most {
+            return Err(Error::Penetrated { depth: deepest, most });
         }
         let missed = Error::NotConverged { iterations: 0, residual: f64::INFINITY, tolerance };
         if through { Err(missed) } else { Ok(()) }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use crate::geometry::{Shape, TetMesh};
+use crate::geometry::{Distance, Shape, TetMesh};
 
 /// Segments round a circle of the surface that is looked at.
 const SEGMENTS: u32 = 16;
@@ -15,15 +15,16 @@ pub fn is_engulfed(
     mesh: &TetMesh,
     displacement: &[Vector3<f64>],
 ) -> bool {
-    let Some(surface) = shape.surface(SEGMENTS) else { return false };
+    // One point of the surface, quickly found, rules out nearly all.
+    let Distance { value, normal } = shape.distance(&Point3::origin());
+    let one = pose * Point3::from(-value * normal);
     let moved = || mesh.vertices.iter().zip(displacement).map(|(p, u)| p + u);
-    let mut corners = surface.vertices().iter().map(|corner| pose * corner);
-    let spanned = |corner: &Point3<f64>| {
-        (0..3).all(|i| moved().any(|p| p[i] <= corner[i]) && moved().any(|p| p[i] >= corner[i]))
-    };
-    if !corners.next().is_some_and(|first| spanned(&first)) {
+    let spanned =
+        (0..3).all(|i| moved().any(|p| p[i] <= one[i]) && moved().any(|p| p[i] >= one[i]));
+    if !spanned {
         return false;
     }
+    let Some(surface) = shape.surface(SEGMENTS) else { return false };
     let deformed = TetMesh { vertices: moved().collect(), tets: mesh.tets.clone() };
     surface.vertices().iter().all(|corner| deformed.contains(&(pose * corner)))
 }

@@ -106,7 +106,7 @@ impl ContactStep<'_> {
 /// Whether the straight way from `begin` to `end` lies deeper than the first of two depths somewhere
 /// and ends less deep than the second, by a `gap` that changes no faster than the point moves: it is
 /// followed in steps as long as the gap.
-fn runs_through(
+pub(super) fn runs_through(
     gap: impl Fn(&Point3<f64>) -> f64,
     begin: &Point3<f64>,
     end: &Point3<f64>,

@@ -66,7 +66,7 @@ impl Run<'_> {
         }
         let (way, limits) =
             ([&self.state.poses[..], &state.poses], [system.deepest(), self.limits.tolerance]);
-        system.backing.check(shapes, way, limits, &mut self.seen_backing)?;
+        system.backing.check(shapes, way, limits)?;
         let depth = forces.touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
         let most = system.refused();
         if depth > most {

@@ -31,8 +31,6 @@ pub(super) struct Run<'a> {
     pub(super) limits: Limits,
     /// What the last load step measured.
     pub(super) seen: Seen,
-    /// The same of the backing.
-    pub(super) seen_backing: Seen,
     /// None before the first load step.
     pub(super) solver: Option<DirectSolver>,
     /// Where the shapes go later (frames of S).
@@ -68,7 +66,6 @@ impl<'a> Run<'a> {
             mesh,
             limits,
             seen: Seen::default(),
-            seen_backing: Seen::default(),
             solver: None,
             ahead: Vec::new(),
             state,

@@ -13,7 +13,7 @@ use super::{
     solid::{Solid, Strain, solid},
     spacing::{Faces, USUAL},
     sparse::{Factor, MOST_COLUMNS},
-    surface::{Part, surface_points},
+    surface::{Part, backing, surface_points},
 };
 use crate::{
     Error, Result,
@@ -113,7 +113,7 @@ impl Linearised {
             None => self.faces.usual,
         };
         let points = surface_points(body, &self.nodes, ELEMENT, spacing, Part::Held);
-        Ok(Backing::new(points, &self.nodes.places))
+        Ok(backing(&points, &self.nodes.places))
     }
 
     /// As [`Linearised::surface`], as close as the thinnest shape of `press` asks for; `None` if that is

@@ -16,7 +16,11 @@ use super::{
     patches::{FACES, faces},
     spacing::{Spacing, longest_edge},
 };
-use crate::{contact::SurfacePoint, deformation::SoftBody, geometry::TetMesh};
+use crate::{
+    contact::{Backing, SurfacePoint},
+    deformation::SoftBody,
+    geometry::TetMesh,
+};
 
 /// Faces that meet at an angle of a smaller cosine meet at an edge of the body, not within a curve.
 const CREASE: f64 = 0.8;
@@ -81,6 +85,12 @@ pub(super) fn surface_points(
         }
     }
     points
+}
+
+/// The backing with these `points` of faces that are held, of a body whose nodes are at `rest`.
+pub(super) fn backing(points: &[SurfacePoint], rest: &[Point3<f64>]) -> Backing {
+    let still = vec![Vector3::zeros(); rest.len()];
+    Backing::new(points.iter().map(|point| point.place(rest, &still)))
 }
 
 fn facets(mesh: &TetMesh) -> Vec<Facet> {

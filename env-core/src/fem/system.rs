@@ -12,7 +12,7 @@ use super::{
     pattern::Pattern,
     solid::{Layout, Solid, Strain, solid},
     spacing::{Faces, USUAL},
-    surface::{Part, surface_points},
+    surface::{Part, backing, surface_points},
 };
 use crate::{
     Result,
@@ -94,8 +94,8 @@ impl System {
         let solid = solid(body, &nodes, element).into();
         let faces = Faces::new(body, USUAL);
         let surface = surface_points(body, &nodes, element, faces.usual, Part::Free).into();
-        let backing = surface_points(body, &nodes, element, faces.usual, Part::Held);
-        let backing = Backing::new(backing, &nodes.places).into();
+        let held = surface_points(body, &nodes, element, faces.usual, Part::Held);
+        let backing = backing(&held, &nodes.places).into();
         let floating = body.fixed().len() < 3;
         let [low, high] = [Vector3::inf, Vector3::sup].map(|edge: fn(&Vector3<f64>, &_) -> _| {
             let places = body.mesh().vertices.iter().map(|place| place.coords);
@@ -115,8 +115,8 @@ impl System {
         if spacing != self.faces.usual {
             let element = self.element;
             system.surface = surface_points(body, &self.nodes, element, spacing, Part::Free).into();
-            let backing = surface_points(body, &self.nodes, element, spacing, Part::Held);
-            system.backing = Backing::new(backing, &self.nodes.places).into();
+            let held = surface_points(body, &self.nodes, element, spacing, Part::Held);
+            system.backing = backing(&held, &self.nodes.places).into();
         }
         Ok(system)
     }

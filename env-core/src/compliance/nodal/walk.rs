@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactLaw, Seen, backed_off, between, clearance, is_engulfed},
+    contact::{ContactLaw, backed_off, between, clearance, is_engulfed},
     deformation::{Anchor, Drive, History, Press, Wrench},
     fem,
     geometry::Shape,
@@ -231,7 +231,7 @@ impl<'a> Walk<'a> {
             let (shape, pose) = (&self.shapes[s], &state.poses[s]);
             let way = [&self.state.poses[s], pose].map(std::slice::from_ref);
             let (one, limits) = (std::slice::from_ref(shape), [UNFELT * self.law.softness, 0.0]);
-            condensed.backing.check(one, way, limits, &mut Seen::default())?;
+            condensed.backing.check(one, way, limits)?;
             let still = vec![Vector3::zeros(); condensed.rest.places().len()];
             if is_engulfed(shape, pose, condensed.body.mesh(), &still) {
                 let (residual, tolerance) = (f64::INFINITY, 0.0);
