@@ -67,7 +67,7 @@ impl Condensed {
     }
 
     fn of(body: SoftBody, rest: Linearised, directory: Option<&Path>) -> Result<Self> {
-        let surface = rest.surface(&body);
+        let (surface, backing) = rest.surface(&body);
         if surface.is_empty() {
             return Err(held_all_round(&body));
         }
@@ -86,21 +86,20 @@ impl Condensed {
                 stored.read_or_compute(9 * skin.len() * skin.len(), || condense(&rest, &skin))?
             }
         };
-        let backing = rest.backing(&body, None)?.into();
         let facets = facets(&surface, rest.places()).into();
         let (rank, skin, surface) = (rank.into(), skin.into(), surface.into());
-        let (rest, compliance) = (Arc::new(rest), Arc::new(compliance));
+        let (rest, compliance, backing) = (Arc::new(rest), Arc::new(compliance), Arc::new(backing));
         Ok(Self { body, rest, rank, skin, compliance, surface, backing, facets })
     }
 
     /// With the contact points that it takes to feel `press`, if some of its shapes are thin.
     pub(super) fn suited(self: &Arc<Self>, press: &Press) -> Result<Arc<Self>> {
-        let Some(surface) = self.rest.closer_surface(&self.body, press)? else {
+        let Some((surface, backing)) = self.rest.closer_surface(&self.body, press)? else {
             return Ok(Arc::clone(self));
         };
         let facets = facets(&surface, self.rest.places()).into();
-        let backing = self.rest.backing(&self.body, Some(press))?.into();
-        Ok(Arc::new(Self { surface: surface.into(), backing, facets, ..(**self).clone() }))
+        let (surface, backing) = (surface.into(), backing.into());
+        Ok(Arc::new(Self { surface, backing, facets, ..(**self).clone() }))
     }
 
     /// Rows of the compliance for a force on a skin node, by its rank (3, 3M).

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactLaw, ContactStep, Touch, backed_off, is_engulfed},
+    contact::{ContactLaw, ContactStep, Touch, backed_off, engulfs_unfelt},
     deformation::{Anchor, Drive, History, Press, Wrench},
     fem::Workspace,
     geometry::Shape,
@@ -204,10 +204,9 @@ impl<'a> Walk<'a> {
 
     /// Whether a shape that touches nothing is wholly inside the body.
     fn engulfs_unfelt(&self, shapes: &[Shape], state: &State) -> bool {
-        let felt = |s: usize| state.touches.iter().any(|touch| touch.shape as usize == s);
+        let felt = |s| state.touches.iter().any(|touch| touch.shape == s);
         let (mesh, displacement) = (self.condensed.body.mesh(), &state.field.displacement);
-        let engulfs = |s: usize| is_engulfed(&shapes[s], &state.poses[s], mesh, displacement);
-        (0..shapes.len()).any(|s| !felt(s) && engulfs(s))
+        engulfs_unfelt(shapes, &state.poses, felt, mesh, displacement)
     }
 
     /// Whether a shape on a long way to `poses` leaves points behind that it should have taken along.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::leap::runs_through;
 use crate::{Error, Result, geometry::Shape};
@@ -32,7 +32,7 @@ impl Backing {
             boxes.entry(index).or_default().push(place);
         }
         let group = |places: Vec<Point3<f64>>| {
-            let sum = places.iter().map(|p| p.coords).sum::<nalgebra::Vector3<f64>>();
+            let sum = places.iter().map(|p| p.coords).sum::<Vector3<f64>>();
             let centre = Point3::from(sum / places.len() as f64);
             let radius = places.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max);
             Group { centre, radius, places }

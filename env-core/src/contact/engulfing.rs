@@ -29,6 +29,19 @@ pub fn is_engulfed(
     surface.vertices().iter().all(|corner| deformed.contains(&(pose * corner)))
 }
 
+/// Whether one of the `shapes` at their `poses` that is not `felt`, by its number, is engulfed.
+pub fn engulfs_unfelt(
+    shapes: &[Shape],
+    poses: &[Isometry3<f64>],
+    felt: impl Fn(u32) -> bool,
+    mesh: &TetMesh,
+    displacement: &[Vector3<f64>],
+) -> bool {
+    (0..)
+        .zip(shapes.iter().zip(poses))
+        .any(|(s, (shape, pose))| !felt(s) && is_engulfed(shape, pose, mesh, displacement))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -14,7 +14,7 @@ mod touch;
 
 pub use approach::{backed_off, between, clearance};
 pub use backing::Backing;
-pub use engulfing::is_engulfed;
+pub use engulfing::{engulfs_unfelt, is_engulfed};
 pub use law::{ContactLaw, Traction};
 pub use leap::leaps_through;
 pub use near::Seen;

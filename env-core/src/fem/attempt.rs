@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactStep, Touch, is_engulfed},
+    contact::{ContactStep, Touch, engulfs_unfelt},
     deformation::Anchor,
     geometry::Shape,
 };
@@ -58,10 +58,8 @@ impl Run<'_> {
         if contact.goes_through(&state.poses, &places, system.deepest()) {
             return Err(self.missed());
         }
-        let felt = |s: usize| forces.touches.iter().any(|touch| touch.shape as usize == s);
-        let engulfed =
-            |s: usize| is_engulfed(&shapes[s], &state.poses[s], self.mesh, &state.displacement);
-        if (0..shapes.len()).any(|s| !felt(s) && engulfed(s)) {
+        let felt = |s| forces.touches.iter().any(|touch| touch.shape == s);
+        if engulfs_unfelt(shapes, &state.poses, felt, self.mesh, &state.displacement) {
             return Err(self.missed());
         }
         let (way, limits) =

@@ -13,7 +13,7 @@ use super::{
     solid::{Solid, Strain, solid},
     spacing::{Faces, USUAL},
     sparse::{Factor, MOST_COLUMNS},
-    surface::{Part, backing, surface_points},
+    surface::surface,
 };
 use crate::{
     Error, Result,
@@ -100,20 +100,9 @@ impl Linearised {
         &self.nodes.places
     }
 
-    /// Points of `body`, the one that was linearised, at which contact is felt (C).
-    pub(crate) fn surface(&self, body: &SoftBody) -> Vec<SurfacePoint> {
-        surface_points(body, &self.nodes, ELEMENT, self.faces.usual, Part::Free)
-    }
-
-    /// The faces by which it is held, with points as close as on the others: as `press` asks for, if one is
-    /// given.
-    pub(crate) fn backing(&self, body: &SoftBody, press: Option<&Press>) -> Result<Backing> {
-        let spacing = match press {
-            Some(press) => self.faces.felt(body.mesh(), press)?,
-            None => self.faces.usual,
-        };
-        let points = surface_points(body, &self.nodes, ELEMENT, spacing, Part::Held);
-        Ok(backing(&points, &self.nodes.places))
+    /// Points of `body`, the one that was linearised, at which contact is felt (C), and its backing.
+    pub(crate) fn surface(&self, body: &SoftBody) -> (Vec<SurfacePoint>, Backing) {
+        surface(body, &self.nodes, ELEMENT, self.faces.usual)
     }
 
     /// As [`Linearised::surface`], as close as the thinnest shape of `press` asks for; `None` if that is
@@ -122,9 +111,9 @@ impl Linearised {
         &self,
         body: &SoftBody,
         press: &Press,
-    ) -> Result<Option<Vec<SurfacePoint>>> {
+    ) -> Result<Option<(Vec<SurfacePoint>, Backing)>> {
         let spacing = self.faces.felt(body.mesh(), press)?;
-        let closer = || surface_points(body, &self.nodes, ELEMENT, spacing, Part::Free);
+        let closer = || surface(body, &self.nodes, ELEMENT, spacing);
         Ok((spacing != self.faces.usual).then(closer))
     }
 

@@ -217,7 +217,7 @@ mod tests {
         fem::{
             element::{Element, Nodes},
             examples::grid,
-            surface::{Part, surface_points},
+            surface::surface,
         },
         geometry::{PadMesh, TetMesh},
         sensor::Sensor,
@@ -231,7 +231,7 @@ mod tests {
     /// Contact points of `body`, and of all its faces at the usual spacing, however many they are.
     fn laid_and_wanted(body: &SoftBody) -> (usize, usize) {
         let (nodes, faces) = (Nodes::new(body, Element::P1), Faces::new(body, USUAL));
-        let laid = surface_points(body, &nodes, Element::P1, faces.usual, Part::Free).len();
+        let laid = surface(body, &nodes, Element::P1, faces.usual).0.len();
         let on = |face: &Face| (face.edge / USUAL).ceil().clamp(2.0, 128.0).powi(2) as usize;
         (laid, faces.all.iter().map(on).sum())
     }

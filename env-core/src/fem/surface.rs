@@ -43,23 +43,13 @@ struct Facet {
 /// Nodes with their weights.
 type Weights = Vec<(u32, f64)>;
 
-/// Which faces of a body.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Part {
-    /// Those that can move, where contact is felt.
-    Free,
-    /// Those held all round: its backing.
-    Held,
-}
-
-/// Points of one part of the body's surface.
-pub(super) fn surface_points(
+/// Points of the body's surface at which contact is felt, and its backing: the faces held all round.
+pub(super) fn surface(
     body: &SoftBody,
     nodes: &Nodes,
     element: Element,
     spacing: Spacing,
-    part: Part,
-) -> Vec<SurfacePoint> {
+) -> (Vec<SurfacePoint>, Backing) {
     let mesh = body.mesh();
     let facets = facets(mesh);
     let curvatures = match element {
@@ -70,12 +60,10 @@ pub(super) fn surface_points(
         Element::P2 => vec![(nodes.middle(a, b), 1.0)],
         _ => lifted_middle(mesh, &curvatures, a, b),
     };
-    let mut points = Vec::new();
+    let (mut points, mut held) = (Vec::new(), Vec::new());
     for Facet { ends, tet, area, .. } in facets {
-        let held = ends.iter().all(|&node| nodes.fixed[node as usize]);
-        if held != (part == Part::Held) {
-            continue;
-        }
+        let is_held = ends.iter().all(|&node| nodes.fixed[node as usize]);
+        let points = if is_held { &mut held } else { &mut points };
         let middles = [0, 1, 2].map(|i| middle(ends[i], ends[(i + 1) % 3]));
         let rule = face_rule(spacing.pieces(longest_edge(mesh, ends)));
         for l in &rule {
@@ -84,13 +72,9 @@ pub(super) fn surface_points(
             points.push(SurfacePoint { shares, area: area / rule.len() as f64, young });
         }
     }
-    points
-}
-
-/// The backing with these `points` of faces that are held, of a body whose nodes are at `rest`.
-pub(super) fn backing(points: &[SurfacePoint], rest: &[Point3<f64>]) -> Backing {
-    let still = vec![Vector3::zeros(); rest.len()];
-    Backing::new(points.iter().map(|point| point.place(rest, &still)))
+    let still = vec![Vector3::zeros(); nodes.places.len()];
+    let backing = Backing::new(held.iter().map(|point| point.place(&nodes.places, &still)));
+    (points, backing)
 }
 
 fn facets(mesh: &TetMesh) -> Vec<Facet> {
@@ -240,8 +224,7 @@ mod tests {
         let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
         let nodes = Nodes::new(&body, element);
         let face: BTreeSet<u32> = pad.face.iter().copied().collect();
-        let points =
-            surface_points(&body, &nodes, element, Faces::new(&body, USUAL).usual, Part::Free);
+        let (points, _) = surface(&body, &nodes, element, Faces::new(&body, USUAL).usual);
         let inner = points.iter().filter(|point| {
             point.shares.iter().all(|(node, _)| {
                 let p = nodes.places[*node as usize];

@@ -12,7 +12,7 @@ use super::{
     pattern::Pattern,
     solid::{Layout, Solid, Strain, solid},
     spacing::{Faces, USUAL},
-    surface::{Part, backing, surface_points},
+    surface::surface,
 };
 use crate::{
     Result,
@@ -93,9 +93,8 @@ impl System {
         let nodes = Nodes::new(body, element);
         let solid = solid(body, &nodes, element).into();
         let faces = Faces::new(body, USUAL);
-        let surface = surface_points(body, &nodes, element, faces.usual, Part::Free).into();
-        let held = surface_points(body, &nodes, element, faces.usual, Part::Held);
-        let backing = backing(&held, &nodes.places).into();
+        let (surface, backing) = surface(body, &nodes, element, faces.usual);
+        let (surface, backing) = (surface.into(), backing.into());
         let floating = body.fixed().len() < 3;
         let [low, high] = [Vector3::inf, Vector3::sup].map(|edge: fn(&Vector3<f64>, &_) -> _| {
             let places = body.mesh().vertices.iter().map(|place| place.coords);
@@ -113,10 +112,8 @@ impl System {
         system.law.friction = press.friction().unwrap_or(self.law.friction);
         let spacing = self.faces.felt(body.mesh(), press)?;
         if spacing != self.faces.usual {
-            let element = self.element;
-            system.surface = surface_points(body, &self.nodes, element, spacing, Part::Free).into();
-            let held = surface_points(body, &self.nodes, element, spacing, Part::Held);
-            system.backing = backing(&held, &self.nodes.places).into();
+            let (surface, backing) = surface(body, &self.nodes, self.element, spacing);
+            (system.surface, system.backing) = (surface.into(), backing.into());
         }
         Ok(system)
     }

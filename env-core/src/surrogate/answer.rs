@@ -177,7 +177,7 @@ impl Surrogate {
                 && residual <= UNBALANCED * total
         } else {
             let place = |point: &SurfacePoint| point.place(elements.places(), displacement);
-            let skin = skin.get_or_init(|| elements.surface(body));
+            let skin = skin.get_or_init(|| elements.surface(body).0);
             let places: Vec<_> = skin.iter().map(place).collect();
             clearance(shapes, poses, &places) > -UNFELT
         };
