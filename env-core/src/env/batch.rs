@@ -315,8 +315,10 @@ impl Batch {
     ) -> Result<Vec<T>> {
         let size = self.setup.layout().size();
         self.start_threads()?;
+        // Handing the rows to a single thread would only cost the way there and back.
+        let pool = self.pool.as_ref().filter(|_| self.wanted_threads() > 1);
         let (rows, observation) = (&mut self.rows, &mut self.observation);
-        let Some((_, pool)) = &self.pool else {
+        let Some((_, pool)) = pool else {
             let rows = rows.iter_mut().zip(observation.chunks_mut(size)).enumerate();
             return Ok(rows.map(|(i, (row, observation))| act(i, row, observation)).collect());
         };
@@ -324,9 +326,13 @@ impl Batch {
         Ok(pool.install(|| rows.map(|(i, (row, o))| act(i, row, o)).collect()))
     }
 
+    fn wanted_threads(&self) -> usize {
+        self.threads.min(self.rows.len())
+    }
+
     /// Starts the pool if this process needs one and has none.
     fn start_threads(&mut self) -> Result<()> {
-        let (wanted, process) = (self.threads.min(self.rows.len()), process::id());
+        let (wanted, process) = (self.wanted_threads(), process::id());
         // Models solve on the threads of whichever pool they are called in, the process's by default.
         let needed = wanted > 1 || self.model.is_some() || self.setup.soft(0).is_some();
         if !needed || self.pool.as_ref().is_some_and(|(owner, _)| *owner == process) {
