@@ -29,11 +29,15 @@ use crate::{
 
 /// A trained network on one gel. Copies share what was computed in advance.
 #[derive(Clone)]
-pub struct Surrogate(Arc<Trained>);
+pub struct Surrogate {
+    trained: Arc<Trained>,
+    is_plain: bool,
+}
 
 struct Trained {
     card: Card,
     network: Fast,
+    plain: Corrector,
     graph: PadGraph,
     gel: Gel,
     linear: Linear,
@@ -42,6 +46,12 @@ struct Trained {
     body: SoftBody,
     /// Where finite elements would feel contact on the model mesh, made when first asked for.
     skin: OnceLock<Vec<SurfacePoint>>,
+}
+
+/// By what the network is evaluated, a thread's own.
+enum Evaluation {
+    Fast(Scratch),
+    Plain,
 }
 
 /// Force out of balance past which a press is not told well, relative to the force.
@@ -100,29 +110,41 @@ impl Surrogate {
         let graph = PadGraph::new(&pad)?;
         let network = Fast::new(&plain, &graph, &pad.mesh.tets)?;
         let skin = OnceLock::new();
-        Ok(Self(Arc::new(Trained { card, network, graph, gel, linear, elements, body, skin })))
+        let trained = Trained { card, network, plain, graph, gel, linear, elements, body, skin };
+        Ok(Self { trained: Arc::new(trained), is_plain: false })
+    }
+
+    /// The same network evaluated by Candle's layers, which the fast path is judged by: the same answers
+    /// but for rounding, later.
+    #[must_use]
+    pub fn plain(&self) -> Self {
+        Self { is_plain: true, ..self.clone() }
+    }
+
+    fn evaluation(&self) -> Evaluation {
+        if self.is_plain { Evaluation::Plain } else { Evaluation::Fast(Scratch::default()) }
     }
 
     /// What the weights are.
     pub fn card(&self) -> &Card {
-        &self.0.card
+        &self.trained.card
     }
 
     /// The body whose nodes and tetrahedra the answers refer to.
     pub fn body(&self) -> &SoftBody {
-        &self.0.body
+        &self.trained.body
     }
 
     /// Every frame of `press`, in order; the first that is not solved is an error and the last. A force
     /// is that of the network's own answer.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
-        let scratch = &mut Scratch::default();
+        let (trained, evaluation) = (&self.trained, &mut self.evaluation());
         match press.drive() {
             Drive::Translation { .. } => {
                 let mut frames = Vec::new();
-                for linear in self.0.linear.path(press) {
+                for linear in trained.linear.path(press) {
                     frames.push(
-                        linear.and_then(|linear| self.0.correct(press, &linear, ALL, scratch)),
+                        linear.and_then(|linear| trained.correct(press, &linear, ALL, evaluation)),
                     );
                     if frames.last().is_some_and(Result::is_err) {
                         break;
@@ -131,20 +153,25 @@ impl Surrogate {
                 frames
             }
             Drive::Force { poses, force, direction } => {
-                vec![self.0.push(press, poses, *force, direction, scratch)]
+                vec![trained.push(press, poses, *force, direction, evaluation)]
             }
         }
     }
 
     /// The last frame of `press`; those before it are not corrected.
-    fn last(&self, press: &Press, wanted: Wanted, scratch: &mut Scratch) -> Result<Deformation> {
+    fn last(
+        &self,
+        press: &Press,
+        wanted: Wanted,
+        evaluation: &mut Evaluation,
+    ) -> Result<Deformation> {
         match press.drive() {
             Drive::Translation { .. } => {
-                let linear = self.0.linear.path(press).pop().expect("a press has a frame")?;
-                self.0.correct(press, &linear, wanted, scratch)
+                let linear = self.trained.linear.path(press).pop().expect("a press has a frame")?;
+                self.trained.correct(press, &linear, wanted, evaluation)
             }
             Drive::Force { poses, force, direction } => {
-                self.0.push(press, poses, *force, direction, scratch)
+                self.trained.push(press, poses, *force, direction, evaluation)
             }
         }
     }
@@ -165,7 +192,7 @@ impl Surrogate {
         contact_force: &[Vector3<f64>],
         residual: f64,
     ) -> bool {
-        let Trained { card, gel, elements, body, skin, .. } = &*self.0;
+        let Trained { card, gel, elements, body, skin, .. } = &*self.trained;
         let total = contact_force.iter().sum::<Vector3<f64>>().norm();
         let bearing = bearing_of(contact_force.iter().map(Vector3::norm));
         let deepest = displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
@@ -194,7 +221,7 @@ impl Trained {
         poses: &[Isometry3<f64>],
         force: f64,
         direction: &Unit<Vector3<f64>>,
-        scratch: &mut Scratch,
+        evaluation: &mut Evaluation,
     ) -> Result<Deformation> {
         let (mut asked, mut reached, mut travel) = (force, 0.0, 0.0);
         let [mut low, mut high] = [0.0, f64::INFINITY];
@@ -202,7 +229,7 @@ impl Trained {
         for trial in 0..TRIES {
             let same = press.with_other_force(asked);
             let linear = self.linear.path(&same).swap_remove(0)?;
-            let answer = self.correct(press, &linear, ALL, scratch)?;
+            let answer = self.correct(press, &linear, ALL, evaluation)?;
             reached = answer.wrench.force.dot(direction);
             let way = answer.poses[0].translation.vector - poses[0].translation.vector;
             travel = way.dot(direction);
@@ -231,16 +258,18 @@ impl Trained {
         press: &Press,
         linear: &linear::Answer,
         wanted: Wanted,
-        scratch: &mut Scratch,
+        evaluation: &mut Evaluation,
     ) -> Result<Deformation> {
         let start = Instant::now();
-        let carried = self.linear.carry(linear, wanted.stress);
+        // Candle's layers say stress in any case.
+        let with_stress = wanted.stress || matches!(evaluation, Evaluation::Plain);
+        let carried = self.linear.carry(linear, with_stress);
         let places = &self.body.mesh().vertices;
         let friction = press.friction().unwrap_or(self.gel.friction);
         let gel = Gel { friction, ..self.gel };
         let question = Question::new(&self.graph, &gel, places, press.shapes(), &carried);
         let corrected = if question.amplitude > 0.0 {
-            self.corrected(&question, &carried, wanted.stress, scratch)
+            self.corrected(&question, &carried, with_stress, evaluation)?
         } else {
             carried
         };
@@ -266,9 +295,12 @@ impl Trained {
         question: &Question,
         carried: &Carried,
         with_stress: bool,
-        scratch: &mut Scratch,
-    ) -> Carried {
-        let fields = self.network.forward(question, with_stress, scratch);
+        evaluation: &mut Evaluation,
+    ) -> Result<Carried> {
+        let fields = match evaluation {
+            Evaluation::Fast(scratch) => self.network.forward(question, with_stress, scratch),
+            Evaluation::Plain => self.plain.fields(question, &self.graph)?,
+        };
         let vectors = |numbers: &[f32], unit: f64| {
             let vector = |&v: &[f32; 3]| Vector3::from(v).cast::<f64>() * unit;
             numbers.as_chunks::<3>().0.iter().map(vector).collect::<Vec<_>>()
@@ -276,12 +308,12 @@ impl Trained {
         let mut contact_force = vectors(&fields.forces, self.gel.force());
         contact_force.extend(&carried.contact_force[self.graph.columns..]);
         let shear = self.gel.moduli.shear();
-        Carried {
+        Ok(Carried {
             displacement: vectors(&fields.displacement, self.gel.thickness),
             contact_force,
             von_mises: fields.stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
             poses: carried.poses.clone(),
-        }
+        })
     }
 
     /// Norm of the force out of balance by the model mesh's own elements (N).
@@ -317,8 +349,8 @@ impl DeformationModel for Surrogate {
 
     fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let model = &*self;
-        let answer = |scratch: &mut Scratch, press| model.last(press, wanted, scratch);
-        presses.par_iter().map_init(Scratch::default, answer).collect()
+        let answer = |evaluation: &mut Evaluation, press| model.last(press, wanted, evaluation);
+        presses.par_iter().map_init(|| model.evaluation(), answer).collect()
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {

@@ -17,6 +17,7 @@ use super::{
     features::{FEATURES, Question},
     graph::{EDGE_FEATURES, LAYERS, PadGraph, SCALES},
     layers::{Affine, Mlp, Norm, Round},
+    metrics::Fields,
     ops::{sparse, von_mises},
 };
 
@@ -163,6 +164,18 @@ impl Corrector {
         let (forces, force) = pressed(batch, &says)?;
         let stress = self.stressed(batch, graph, &latent, &displacement)?;
         Ok(Answer { displacement, stress, forces, force })
+    }
+
+    /// What it says of one question.
+    pub(super) fn fields(&self, question: &Question, graph: &PadGraph) -> Result<Fields> {
+        let answer = self.forward(&Batch::new(&[question])?, graph)?;
+        let force: Vec<f32> = answer.force.flatten_all()?.to_vec1()?;
+        Ok(Fields {
+            displacement: answer.displacement.flatten_all()?.to_vec1()?,
+            stress: answer.stress.flatten_all()?.to_vec1()?,
+            forces: answer.forces.flatten_all()?.to_vec1()?,
+            force: [force[0], force[1], force[2]],
+        })
     }
 
     /// Features of the columns after all rounds (B C, H).

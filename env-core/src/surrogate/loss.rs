@@ -88,15 +88,7 @@ impl Network for Corrector {
     }
 
     fn answer(&self, gels: &Gels, sample: &Sample) -> crate::Result<Fields> {
-        let graph = &gels.graphs[sample.graph];
-        let answer = self.forward(&Batch::new(&[&sample.question])?, graph)?;
-        let force: Vec<f32> = answer.force.flatten_all()?.to_vec1()?;
-        Ok(Fields {
-            displacement: answer.displacement.flatten_all()?.to_vec1()?,
-            stress: answer.stress.flatten_all()?.to_vec1()?,
-            forces: answer.forces.flatten_all()?.to_vec1()?,
-            force: [force[0], force[1], force[2]],
-        })
+        Ok(self.fields(&sample.question, &gels.graphs[sample.graph])?)
     }
 }
 

@@ -15,7 +15,7 @@ use super::{
     weights,
 };
 use crate::{
-    deformation::{Moduli, Press},
+    deformation::{DeformationModel, Moduli, Press, Wanted},
     fem::{Fem, Options},
     geometry::Shape,
     sensor::Sensor,
@@ -143,6 +143,27 @@ fn without_contact_it_says_exactly_nothing() {
     assert!(knows(&answer.displacement, &unfelt), "still above the skin");
     let unfelt = [Isometry3::translation(0.0, 0.0, -1.1e-4) * answer.poses[0]];
     assert!(!knows(&answer.displacement, &unfelt), "in the skin, and nothing felt");
+}
+
+#[test]
+fn plainly_evaluated_it_answers_the_same() {
+    let sensor = Sensor::named("gelsight-mini").unwrap();
+    let fast = Surrogate::named("swift", &sensor, GEL, FRICTION).unwrap();
+    let plain = fast.plain().solve_path(&press(6e-4)).swap_remove(0).unwrap();
+    let answer = fast.solve_path(&press(6e-4)).swap_remove(0).unwrap();
+    let near = |found: &[f64], oracle: &[f64]| {
+        let scale = oracle.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+        let far = found.iter().zip(oracle).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
+        assert!(found.len() == oracle.len() && far < 1e-4 * scale, "{far} of {scale}");
+    };
+    let flat = |vectors: &[nalgebra::Vector3<f64>]| -> Vec<f64> {
+        vectors.iter().flat_map(|v| [v.x, v.y, v.z]).collect()
+    };
+    near(&flat(&answer.displacement), &flat(&plain.displacement));
+    near(&flat(&answer.contact_force), &flat(&plain.contact_force));
+    near(&answer.von_mises, &plain.von_mises);
+    let moved = fast.plain().feel(&[press(6e-4)], Wanted::default()).swap_remove(0).unwrap();
+    near(&flat(&answer.displacement), &flat(&moved.displacement));
 }
 
 #[test]

@@ -96,6 +96,13 @@ impl Surrogate {
         Self::of(py, model.map_err(python_error)?)
     }
 
+    /// The same network evaluated by Candle's layers, the oracle of the fast path: the same answers but
+    /// for rounding, later.
+    fn plain(&self, py: Python<'_>) -> Self {
+        let model = locked(&self.model).plain();
+        Self { model: Mutex::new(model), body: self.body.clone_ref(py) }
+    }
+
     /// What the weights are, as JSON: form, training, data, errors on what they never saw.
     #[getter]
     fn card(&self) -> String {
