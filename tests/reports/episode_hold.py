@@ -51,28 +51,3 @@ def hold(thing: str, model: str, nodes: int) -> dict[str, float]:
         for channel in CHANNELS
     }
     return change | {"object": float(np.linalg.norm((last["object"] - first["object"])[:3]))}
-
-
-def holds(models: tuple[str, ...], nodes: int) -> dict[str, dict[str, dict[str, float]]]:
-    """The holds of all things, by model."""
-    return {thing: {model: hold(thing, model, nodes) for model in models} for thing in THINGS}
-
-
-def table(found: dict[str, dict[str, dict[str, float]]]) -> list[str]:
-    """The holds in a table."""
-    rows = [
-        f"| {thing} | {model} | {told['markers']:.1e} | {told['wrench']:.1e} "
-        f"| {1e6 * told['object']:.3f} |"
-        for thing, models in found.items()
-        for model, told in models.items()
-    ]
-    return [
-        "## A hold of 60 s",
-        "",
-        "Without load or shaking: what changed between the first second and the last, of channels "
-        "relative to their size.",
-        "",
-        "| object | model | markers | wrench | object (µm) |",
-        "| --- | --- | --- | --- | --- |",
-        *rows,
-    ]
