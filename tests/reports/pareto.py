@@ -6,7 +6,8 @@
 Judged by finite elements on the finest mesh, never by an answerer's own. The full form also writes
 what `ruffini recommend` reads, py/python/ruffini/answerers.json. Held-out grasps are those of
 ~/.cache/ruffini/grasps-63x10x10, left out where there are none: `ruffini dataset generate` with
-``--grasps 10 --frames 10`` makes them.
+``--grasps 10 --frames 10`` makes them. So are networks of other sizes, which
+`networks.py --runs ~/.cache/ruffini/networks` trains.
 """
 
 from __future__ import annotations

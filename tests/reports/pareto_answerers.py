@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,24 @@ def network(weights: str, made_from: dict[str, float]) -> Answerer:
     return Answerer(make, "network", f'Surrogate("{weights}")', made_from)
 
 
+def by_candle(weights: str) -> Answerer:
+    """A trained network without its fast path."""
+    shipped = network(weights, {})
+    return Answerer(
+        lambda gel: shipped.make(gel).plain(), "other network", f'Surrogate("{weights}").plain()'
+    )
+
+
+def trained(run: str) -> Answerer:
+    """A network of another size."""
+
+    def make(gel: Gel) -> Surrogate:
+        material = {"young": gel.young, "poisson": gel.poisson, "friction": gel.friction}
+        return Surrogate.load(RUNS / run / WEIGHTS, sensor=gel.sensor, **material)
+
+    return Answerer(make, "other network", f'Surrogate.load("{run}/{WEIGHTS}")')
+
+
 def paper(weights: str, made_from: dict[str, float]) -> Answerer:
     """One of the paper's networks, which says no forces."""
 
@@ -126,6 +145,12 @@ SWIFT = {"data": DATA, "training": 2 * 16 * 60.0}
 B = {"data": DATA, "training": 600.0}
 """Of the paper's B: the budget of paper.py."""
 
+RUNS = Path.home() / ".cache/ruffini/networks"
+"""What `networks.py --runs` has trained."""
+WEIGHTS = "weights.safetensors"
+SIZES = {"network, 32 channels": "points32-0", "network, swift, 48 channels": "nodes48-0"}
+"""Runs of other sizes by name."""
+
 ANSWERERS: dict[str, Answerer] = {
     "bonded layer": Answerer(BondedLayer, "closed form", "– (force of a ball)"),
     "compliance, no friction": compliance(2000, rough=False),
@@ -138,6 +163,9 @@ ANSWERERS: dict[str, Answerer] = {
     "compliance, 12 sweeps": compliance(2000, 12),
     "network": network("default", DEFAULT),
     "network, swift": network("swift", SWIFT),
+    "network, by Candle": by_candle("default"),
+    "network, swift, by Candle": by_candle("swift"),
+    **{name: trained(run) for name, run in SIZES.items() if (RUNS / run / WEIGHTS).exists()},
     "paper's B": paper("paper-b", B),
     "fem p1 2000": fem("p1", 2000),
     "fem p1-bar 500": fem("p1-bar", 500),

@@ -8,6 +8,8 @@ from pareto_answerers import ANSWERERS, TEACHER
 
 ERRORS = ("displacement", "stress", "force", "peak")
 JUDGES = ("finest", TEACHER)
+ROUNDING = 1e-4
+"""Relative difference of errors that tells nothing: that of one network evaluated in two ways."""
 
 
 def summary(rows: list[dict]) -> dict:
@@ -64,7 +66,8 @@ def figures(rows: list[dict], name: str) -> dict:
 def front(found: dict, what: str) -> list[str]:
     """Those that none beats both in time and in median error, fastest first.
 
-    Among the answerers of all presses that the teacher solves.
+    Among the answerers of all presses that the teacher solves; slower ones have to be better by
+    more than rounding.
     """
     known = [
         (row["ms"], row["finest"][what]["median"], name)
@@ -73,7 +76,7 @@ def front(found: dict, what: str) -> list[str]:
     ]
     best, names = np.inf, []
     for _, error, name in sorted(known):
-        if error < best:
+        if error < (1 - ROUNDING) * best:
             best = error
             names.append(name)
     return names
@@ -97,7 +100,7 @@ def break_even(report: dict) -> dict:
 
 
 def chosen(report: dict) -> dict:
-    """What `ruffini recommend` reads: errors and time by panel and answerer."""
+    """What `ruffini recommend` reads: errors and time by panel and shipped answerer."""
     return {
         "commit": report["commit"],
         "machine": report["machine"],
@@ -105,7 +108,7 @@ def chosen(report: dict) -> dict:
             panel: {
                 name: {"use": row["use"], "ms": row["ms"], "errors": row["finest"]}
                 for name, row in found.items()
-                if "ms" in row and row["whole"]
+                if "ms" in row and row["whole"] and row["kind"] != "other network"
             }
             for panel, found in report["panels"].items()
         },

@@ -13,6 +13,7 @@ STYLES = {
     "closed form": ("s", "#7f7f7f"),
     "compliance": ("o", "#2b6cb0"),
     "network": ("*", "#c53030"),
+    "other network": ("x", "#c53030"),
     "paper": ("P", "#b7791f"),
     "fem": ("^", "#2f855a"),
 }
