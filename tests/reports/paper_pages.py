@@ -7,6 +7,8 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+from kept import table
+
 NAMES = {"baseline": "Baseline", "a": "A", "b": "B"}
 ALL, ONE = "novel-14", "known-1"
 """Splits: all objects but those of some families, and one object."""
@@ -97,12 +99,6 @@ def row(name: str, judged: dict[str, Any], which: str) -> list[str]:
 def spread(of: dict[str, float]) -> str:
     """Median and 95th percentile in percent."""
     return f"{100 * of['median']:.1f} / {100 * of['p95']:.1f} %"
-
-
-def table(head: list[str], body: list[list[str]]) -> str:
-    """A table of Markdown, numbers to the right."""
-    lines = [head, ["---"] + ["---:"] * (len(head) - 1), *body]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def medians(report: dict[str, Any], part: str) -> dict[str, list[tuple[float, float]]]:

@@ -50,7 +50,7 @@ struct Trained {
 
 /// By what the network is evaluated, a thread's own.
 enum Evaluation {
-    Fast(Scratch),
+    Fast(Box<Scratch>),
     Plain,
 }
 
@@ -122,7 +122,7 @@ impl Surrogate {
     }
 
     fn evaluation(&self) -> Evaluation {
-        if self.is_plain { Evaluation::Plain } else { Evaluation::Fast(Scratch::default()) }
+        if self.is_plain { Evaluation::Plain } else { Evaluation::Fast(Box::default()) }
     }
 
     /// What the weights are.
