@@ -5,9 +5,11 @@ Use::
     python policies/plot_curves.py policies/runs/GraspLift-v0-ppo-*
     python policies/plot_curves.py --name HoldStill-v0-ppo runs/hold-touch-* runs/hold-none-*
 
-Writes ``policies/results/<name>.png``, by default ``<environment>-<algorithm>``, and, beside it,
-the JSON that it shows: each seed's settings and curve, and its success over the fixed evaluation
-seeds under the settings that it was trained with.
+    python policies/plot_curves.py --name HoldStill-v0-ppo      # again, from its JSON
+
+Writes ``policies/results/<name>.json``, by default ``<environment>-<algorithm>``: each seed's
+settings and curve, and its success over the fixed evaluation seeds under the settings that it was
+trained with; and beside it the picture and the page of that.
 """
 
 from __future__ import annotations
@@ -74,18 +76,60 @@ def draw(runs: list[dict[str, Any]], scripted: dict[str, dict[str, Any]], path: 
     figure.savefig(path, dpi=150)
 
 
-def main() -> None:
-    """Reads the runs, evaluates them, draws and writes."""
-    parser = argparse.ArgumentParser(description="Draw learning curves.")
-    parser.add_argument("runs", nargs="+", type=Path, help="folders of runs, one a seed")
-    parser.add_argument("--name", help="of the files that are written")
-    arguments = parser.parse_args()
-    missing = [str(folder) for folder in arguments.runs if not (folder / "run.json").is_file()]
-    if missing:
-        parser.error(f"no run in {', '.join(missing)}")
-    runs = sorted(map(read, arguments.runs), key=lambda run: (run["kind"], run["seed"]))
+def page(document: dict[str, Any], name: str) -> str:
+    """The table of the runs, and what they are made of."""
+    runs = document["runs"]
+    first, head = runs[0], ["what is felt", "seed", "success", "95 % interval", "return", "minutes"]
+    rows = [[seen(run), str(run["seed"]), *told(run["evaluation"])] for run in runs]
+    rows = [[*row, f"{run['minutes']:.0f}"] for row, run in zip(rows, runs, strict=True)]
+    for tactile, scripted in document["scripted"].items():
+        rows.append([f"scripted, {tactile}", "", *told(scripted), ""])
+    lines = [head, ["---", *["---:"] * 5], *rows]
+    builds = sorted({run.get("trained_by", document.get("trained_by", "")) for run in runs})
+    return "\n".join(
+        [
+            f"# {first['env'].split('/')[-1]} by {first['algorithm'].upper()}",
+            "",
+            f"{max(run['curve'][-1]['steps'] for run in runs):,} steps, then "
+            f"{first['evaluation']['episodes']} evaluation seeds without noise. Success, its "
+            "interval (Wilson) and the mean return are of those; minutes are of training, beside "
+            "other work.",
+            "",
+            *("| " + " | ".join(line) + " |" for line in lines),
+            "",
+            f"![learning curves]({name}.png)",
+            "",
+            f"Trained by a build of {', '.join(builds)}, judged at {document['commit']}: ruffini "
+            f"{document['ruffini']}, gymnasium {document['gymnasium']}, Python "
+            f"{document['python']}, {document['cores']} cores ({document['machine']}).",
+            "",
+        ]
+    )
+
+
+def seen(run: dict[str, Any]) -> str:
+    """What an agent is shown, in words."""
+    settings = run["environment"]
+    channels = ", ".join(settings.get("observation", ["as by default"]))
+    return channels if run["tactile"] == "surrogate" else f"{channels}, tactile {run['tactile']}"
+
+
+def told(evaluation: dict[str, Any]) -> list[str]:
+    """Success, its interval and the return."""
+    low, high = evaluation["interval"]
+    success, interval = f"{evaluation['success']:.1%}", f"{low:.1%} to {high:.1%}"
+    return [success, interval, f"{evaluation['return']:.1f}"]
+
+
+def gathered(folders: list[Path]) -> dict[str, Any]:
+    """The runs in the folders, evaluated, and the scripted policy under their settings.
+
+    Raises:
+        ValueError: If they are of several environments.
+    """
+    runs = sorted(map(read, folders), key=lambda run: (run["kind"], run["seed"]))
     if len({run["env"] for run in runs}) > 1:
-        parser.error("expected runs of one environment")
+        raise ValueError("expected runs of one environment")
     # A scripted policy reads the usual observation.
     usual = [{k: v for k, v in run["environment"].items() if k != "observation"} for run in runs]
     settings = {run["tactile"]: chosen for run, chosen in zip(runs, usual, strict=True)}
@@ -94,16 +138,38 @@ def main() -> None:
         tactile: evaluate(load("scripted", env_id), env_id, EPISODES, **chosen)
         for tactile, chosen in settings.items()
     }
-    RESULTS.mkdir(exist_ok=True)
-    name = arguments.name or f"{env_id.split('/')[-1]}-{runs[0]['algorithm']}"
-    draw(runs, scripted, RESULTS / f"{name}.png")
-    document = about_this_run() | {"scripted": scripted, "runs": runs}
-    (RESULTS / f"{name}.json").write_text(json.dumps(document, indent=1) + "\n")
+    success: dict[str, dict[int, float]] = {}
     for run in runs:
-        evaluation = run["evaluation"]
-        print(f"{run['kind']}, seed {run['seed']}: {evaluation['success']:.1%} ", end="")
-        print(f"{evaluation['interval']}, return {evaluation['return']}", end="")
-        print(f" after {run['minutes']} min")
+        success.setdefault(seen(run), {})[run["seed"]] = run["evaluation"]["success"]
+    return about_this_run() | {"success": success, "scripted": scripted, "runs": runs}
+
+
+def main() -> None:
+    """Reads and evaluates the runs, or what was told of them, draws and writes."""
+    parser = argparse.ArgumentParser(description="Draw learning curves.")
+    parser.add_argument("runs", nargs="*", type=Path, help="folders of runs, one a seed")
+    parser.add_argument("--name", help="of the files that are written")
+    arguments = parser.parse_args()
+    missing = [str(folder) for folder in arguments.runs if not (folder / "run.json").is_file()]
+    if missing:
+        parser.error(f"no run in {', '.join(missing)}")
+    if not arguments.runs and not arguments.name:
+        parser.error("expected folders of runs, or the --name of what was drawn before")
+    try:
+        document = gathered(arguments.runs) if arguments.runs else None
+    except ValueError as error:
+        parser.error(str(error))
+    RESULTS.mkdir(exist_ok=True)
+    if document is None:
+        name = arguments.name
+        document = json.loads((RESULTS / f"{name}.json").read_text())
+    else:
+        first = document["runs"][0]
+        name = arguments.name or f"{first['env'].split('/')[-1]}-{first['algorithm']}"
+        (RESULTS / f"{name}.json").write_text(json.dumps(document, indent=1) + "\n")
+    draw(document["runs"], document["scripted"], RESULTS / f"{name}.png")
+    (RESULTS / f"{name}.md").write_text(page(document, name))
+    print(page(document, name))
 
 
 if __name__ == "__main__":

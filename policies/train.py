@@ -31,6 +31,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from tqdm import tqdm
 
+from evaluate import about_this_run
 from params import Params, params
 from ruffini.sb3 import TouchExtractor, fields, make_vec_env
 
@@ -164,6 +165,7 @@ def train(
     folder.mkdir(parents=True, exist_ok=True)
     about = {"env": env_id, "algorithm": algorithm, "seed": seed, "n_envs": n_envs, "steps": steps}
     about |= {"policy": chosen.policy, "environment": chosen.environment}
+    about |= {"trained_by": about_this_run()["commit"]}
     (folder / "run.json").write_text(json.dumps(about | chosen.algorithm, indent=1))
     progress = Progress(folder, steps, curve, every=max(steps // 10, 1))
     try:

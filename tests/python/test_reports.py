@@ -1,6 +1,6 @@
-"""What README quotes of the reports, and that their pages are those of their figures.
+"""What README and the pages beside it quote of reports, and that made pages are of their figures.
 
-A figure in README is followed by a comment that says where it comes from, the report's name and the
+A quoted figure is followed by a comment that says where it comes from, the report's name and the
 way to it in the JSON: ``12.3 ms<!-- pareto: panels / deep / network / ms -->``. It must be that
 number, rounded to as many digits as are written; before a ``%``, a hundred times that.
 """
@@ -17,17 +17,20 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORTS = ROOT / "tests/reports"
-FOLDERS = (REPORTS, ROOT / "tests/reference")
+RESULTS = ROOT / "policies/results"
+FOLDERS = (REPORTS, ROOT / "tests/reference", RESULTS)
+WRITTEN = (ROOT / "README.md", REPORTS / "mechanics.md", REPORTS / "surrogate.md")
+"""Pages that are written by hand."""
 MARK = re.compile(
-    r"(?P<number>-?[\d,]*\.?\d+)(?P<unit> ?[%\w]+)?\**<!-- (?P<report>\w+): (?P<way>.+?) -->"
+    r"(?P<number>-?[\d,]*\.?\d+)(?P<unit> ?[%\w]+)?\**<!-- (?P<report>[\w-]+): (?P<way>.+?) -->"
 )
 PAGES = {
     f"{name}_pages": name
-    for name in ("dataset", "fem", "paper", "pareto", "scene_cost", "stability")
+    for name in ("dataset", "episode", "fem", "paper", "pareto", "scene_cost", "stability")
 }
 PAGES |= {"networks": "networks"}
 """Reports by the module that writes their page."""
-sys.path.append(str(REPORTS))
+sys.path += [str(REPORTS), str(ROOT / "policies")]
 
 
 def value(report: str, way: str) -> float:
@@ -48,9 +51,11 @@ def quoted(mark: re.Match[str]) -> tuple[str, str]:
     return written.replace(",", ""), f"{true:.{len(digits)}f}"
 
 
-def test_every_marked_figure_of_readme_is_that_of_its_report():
-    wrong = []
-    for mark in MARK.finditer((ROOT / "README.md").read_text()):
+@pytest.mark.parametrize("page", WRITTEN, ids=lambda page: page.name)
+def test_every_marked_figure_is_that_of_its_report(page):
+    marks, wrong = list(MARK.finditer(page.read_text())), []
+    assert marks or "<!--" not in page.read_text()
+    for mark in marks:
         written, true = quoted(mark)
         if written != true:
             wrong.append(f"{mark[0]} is {true}")
@@ -74,6 +79,13 @@ def test_a_page_is_that_of_its_figures(module):
     pages, name = importlib.import_module(module), PAGES[module]
     report = json.loads((REPORTS / f"{name}.json").read_text())
     assert pages.markdown(report) == (REPORTS / f"{name}.md").read_text()
+
+
+@pytest.mark.parametrize("page", sorted(RESULTS.glob("*-ppo*.md")), ids=lambda page: page.name)
+def test_a_page_of_agents_is_that_of_their_figures(page):
+    pytest.importorskip("stable_baselines3")
+    curves, name = importlib.import_module("plot_curves"), page.stem
+    assert curves.page(json.loads(page.with_suffix(".json").read_text()), name) == page.read_text()
 
 
 def test_what_is_recommended_from_is_the_report():
