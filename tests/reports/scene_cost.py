@@ -5,7 +5,9 @@
 
 Every row runs in a process of its own. Time is processor time of one thread, over steps in which
 both fingers of every environment touch, that of a stage its share of the clock's; scaling over
-threads is wall time.
+threads, training and peers are wall time. Peers are those of policies/rollout_speed.py; they and
+Stable-Baselines3 are named as missing where they are not installed, and asked for anew by the next
+run.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from kept import KEPT, ROOT, Rows, arguments, folder, header
+from scene_cost_beside import beside
 from scene_cost_pages import markdown, summary
 from scene_cost_plots import figure
 
@@ -29,27 +32,36 @@ from ruffini.envs import GraspLiftVectorEnv
 
 sys.path.append(str(ROOT / "policies"))
 from scripted_grasp import ScriptedGrasp
+from touch_speed import FELT
 
-MADE_OF = ["env-core", "py/src", "tests/reports/scene_cost.py"]
+MADE_OF = [
+    "env-core",
+    "py/src",
+    "py/python/ruffini/sb3.py",
+    "policies/params.py",
+    "policies/rollout_speed.py",
+    "tests/reports/scene_cost.py",
+    "tests/reports/scene_cost_beside.py",
+    "tests/reports/scene_cost_training.py",
+]
 COUNT = 4
 """Environments of a scene."""
-FELT = 0.05
-"""Force from which a pad counts as touching (N)."""
 BASE: list[str] = ["proprio", "object"]
-TOUCH: list[str] = [*BASE, "markers", "stress", "traction", "displacement", "depth", "trust"]
+MARKERS: list[str] = [*BASE, "markers"]
+TOUCH: list[str] = [*MARKERS, "stress", "traction", "slip", "displacement", "depth", "trust"]
 SCENES: dict[str, dict[str, Any]] = {
     "rigid": {"tactile": "none"},
     "rigid, finer step": {
         "tactile": "none",
         "physics": {"time_step": 1e-3, "iterations": 4},
     },
-    "linear, markers": {"tactile": "compliance", "observation": [*BASE, "markers"]},
+    "linear, markers": {"tactile": "compliance", "observation": MARKERS},
     "linear, all channels": {"tactile": "compliance", "observation": TOUCH},
     "network, no channel": {"tactile": "surrogate", "observation": BASE},
-    "network, markers": {"tactile": "surrogate", "observation": [*BASE, "markers"]},
+    "network, markers": {"tactile": "surrogate", "observation": MARKERS},
     "linear, 500 nodes": {
         "tactile": "compliance",
-        "observation": [*BASE, "markers"],
+        "observation": MARKERS,
         "resolution": {"nodes": 500},
     },
     "network, all but displacement": {
@@ -65,11 +77,8 @@ SCENES: dict[str, dict[str, Any]] = {
         "observation": [name for name in TOUCH if name != "depth"],
     },
     "network, all channels": {"tactile": "surrogate", "observation": TOUCH},
-    "fine network, markers": {
-        "tactile": "surrogate-fine",
-        "observation": [*BASE, "markers"],
-    },
-    "fem, markers": {"tactile": "fem", "observation": [*BASE, "markers"]},
+    "fine network, markers": {"tactile": "surrogate-fine", "observation": MARKERS},
+    "fem, markers": {"tactile": "fem", "observation": MARKERS},
 }
 BOTH = ("rigid", "linear, markers", "network, markers", "network, all channels")
 """Scenes with a cuboid, whose flat side touches widely, besides the sphere."""
@@ -147,7 +156,7 @@ def work(quick: bool) -> dict[str, tuple]:
         for count, some in product(counts[:1] if quick else counts, threads):
             if some <= max(count, 1):
                 found[f"scaling {name}, {count:04}, {some}"] = (scaling, name, count, some, MOST)
-    return found
+    return found | beside(quick)
 
 
 def called(item: tuple) -> dict:
@@ -164,7 +173,8 @@ def main() -> None:
     form = "quick" if options.quick else "full"
     known = header(MADE_OF, {"environments": COUNT})
     rows = Rows(KEPT / form / "scene_cost.jsonl", known)
-    missing = [(key, *item) for key, item in work(options.quick).items() if key not in rows]
+    found = {row["key"] for row in rows if "missing" not in row}
+    missing = [(key, *item) for key, item in work(options.quick).items() if key not in found]
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
         for row in pool.imap(called, missing):
             rows.add(row)

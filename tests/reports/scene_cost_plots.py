@@ -11,13 +11,25 @@ import matplotlib.pyplot as plt
 
 
 def figure(report: dict, path: Path) -> None:
-    """Time by stage of every scene, and rates by threads."""
+    """Time by stage of every scene, rates by threads, and time of training."""
+    runs = [
+        ("free" if kind == "free" else name.replace(", ", "\n", 1), row["us"])
+        for name, run in report.get("sb3", {}).items()
+        for kind, row in run.items()
+        if "us" in row
+    ]
     with plt.rc_context({"svg.fonttype": "none", "svg.hashsalt": "scenes", "font.size": 8}):
-        picture, axes = plt.subplots(
-            1, 2, figsize=(12, 5.5), layout="constrained", width_ratios=[2, 1]
+        picture, axes = plt.subplot_mosaic(
+            [["stages", "threads"], ["stages", "training" if runs else "threads"]],
+            figsize=(12, 7.5),
+            layout="constrained",
+            width_ratios=[2, 1],
+            height_ratios=[3, 2],
         )
-        stages(axes[0], report["scenes"])
-        threads(axes[1], report["scaling"])
+        stages(axes["stages"], report["scenes"])
+        threads(axes["threads"], report["scaling"])
+        if runs:
+            training(axes["training"], runs)
         picture.savefig(path, metadata={"Date": None})
         plt.close(picture)
 
@@ -68,4 +80,18 @@ def threads(axis, rows: list[dict]) -> None:
         axis.loglog([r["threads"] for r in line], [r["rate"] for r in line], ".-", label=name)
     axis.set(title="Environments and threads", xlabel="threads", ylabel="steps/s")
     axis.grid(alpha=0.3, which="both")
+    axis.legend(fontsize=7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.14))
+
+
+def training(axis, runs: list) -> None:
+    """A bar a run of PPO: the environment's time, what else collecting takes, and updating."""
+    places, before = range(len(runs)), [0.0] * len(runs)
+    for part in ("environment", "collecting", "updating"):
+        times = [us[part] for _, us in runs]
+        axis.barh(places, times, left=before, label=part)
+        before = [sum(pair) for pair in zip(before, times, strict=True)]
+    axis.set_yticks(places, [name for name, _ in runs])
+    axis.invert_yaxis()
+    axis.set(title="SB3's PPO end to end", xlabel="wall µs in a step of one environment")
+    axis.grid(alpha=0.3, axis="x")
     axis.legend(fontsize=7)
