@@ -85,7 +85,8 @@ def page(document: dict[str, Any], name: str) -> str:
     for tactile, scripted in document["scripted"].items():
         rows.append([f"scripted, {tactile}", "", *told(scripted), ""])
     lines = [head, ["---", *["---:"] * 5], *rows]
-    builds = sorted({run.get("trained_by", document.get("trained_by", "")) for run in runs})
+    told_by = {run.get("trained_by", document.get("trained_by", "")) for run in runs}
+    builds = sorted({build for several in told_by for build in several.split(", ")})
     return "\n".join(
         [
             f"# {first['env'].split('/')[-1]} by {first['algorithm'].upper()}",

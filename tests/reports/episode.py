@@ -20,7 +20,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from episode_hold import THINGS, hold
-from episode_pages import CHANNELS, figure, markdown
+from episode_pages import CHANNELS, figure, markdown, summary
 from kept import KEPT, ROOT, Rows, arguments, folder, header
 
 sys.path.append(str(ROOT / "policies"))
@@ -73,7 +73,7 @@ def main() -> None:
         if key not in rows:
             rows.add({"key": key} | function(*rest))
             print(key, flush=True)
-    out, report = folder(parser, options), known | {"note": options.note, "rows": list(rows)}
+    out, report = folder(parser, options), known | {"note": options.note} | summary(list(rows))
     (out / "episode.json").write_text(json.dumps(report, indent=1) + "\n")
     (out / "episode.md").write_text(markdown(report))
     figure(report, out / "episode.svg")

@@ -15,6 +15,16 @@ import matplotlib.pyplot as plt
 CHANNELS = ("markers", "stress", "traction", "wrench")
 
 
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """The rows, and their median errors by object, model and channel."""
+    found: dict[str, Any] = {}
+    for row in rows:
+        for model, told in row.get("models", {}).items():
+            errors = {what: float(np.median(values)) for what, values in told["errors"].items()}
+            found.setdefault(row["key"].split("/")[1], {})[model] = errors
+    return {"medians": found, "rows": rows}
+
+
 def markdown(report: dict[str, Any]) -> str:
     """The page."""
     sizes = report["sizes"]

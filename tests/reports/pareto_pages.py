@@ -132,7 +132,7 @@ def markdown(report: dict) -> str:
         still(report["no contact"]),
         "## What a network costs before its first answer",
         training(report["break-even"]),
-        made(report) + " Rapier's own soft bodies are not among the answerers.",
+        made(report) + " Rapier's own soft bodies stand [elsewhere](mechanics.md).",
     ]
     return "\n\n".join(parts) + "\n"
 
