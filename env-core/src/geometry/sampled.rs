@@ -5,7 +5,7 @@
 //! more, within a few millimetres of the surface, on one of 3 mm around it, and exactly beyond. At
 //! radius R the distance near the surface is off by at most h²/4R, 4 µm at 15 mm.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use nalgebra::{Point3, Vector3};
 
@@ -49,7 +49,7 @@ impl Shape {
     pub fn sampled(&self) -> Self {
         match self {
             Self::Ellipsoid { .. } | Self::StarShaped(_) | Self::Hollow(_) | Self::Mesh(_) => {
-                Self::Sampled(Sampled(Arc::new(Samples::new(self)), 1.0))
+                Self::Sampled(Sampled(Samples::shared(self), 1.0))
             }
             _ => self.clone(),
         }
@@ -97,7 +97,31 @@ impl PartialEq for Sampled {
     }
 }
 
+/// What was sampled and is in use: the environments of a process share it.
+static IN_USE: Mutex<Vec<Weak<Samples>>> = Mutex::new(Vec::new());
+
 impl Samples {
+    /// Those of `exact` that are in use, or new ones.
+    fn shared(exact: &Shape) -> Arc<Self> {
+        if let Some(samples) = Self::in_use(exact, None) {
+            return samples;
+        }
+        // Without the lock: this takes half a second, and threads that wait may be needed for it.
+        let made = Arc::new(Self::new(exact));
+        Self::in_use(exact, Some(&made)).unwrap_or(made)
+    }
+
+    /// Those of `exact` that are in use; `made` is, from then on, if there were none.
+    fn in_use(exact: &Shape, made: Option<&Arc<Self>>) -> Option<Arc<Self>> {
+        let mut kept = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.retain(|samples| samples.strong_count() > 0);
+        let found = kept.iter().filter_map(Weak::upgrade).find(|samples| samples.exact == *exact);
+        if found.is_none() {
+            kept.extend(made.map(Arc::downgrade));
+        }
+        found
+    }
+
     fn new(exact: &Shape) -> Self {
         let surface = exact.surface(32).expect("what is sampled has a finite surface");
         let (low, high) = surface.bounds();
@@ -209,6 +233,23 @@ mod tests {
         let wave = Wave { amplitude: 0.03, vector: Vector3::new(3.0, 2.0, 1.0), phase: 0.3 };
         let potato = StarShaped::new(Vector3::new(0.02, 0.02, 0.025), vec![wave]);
         [Shape::Ellipsoid { semi_axes }, Shape::StarShaped(potato)]
+    }
+
+    #[test]
+    fn a_solid_is_sampled_once_while_it_is_in_use() {
+        let semi_axes = Vector3::new(0.011, 0.012, 0.013);
+        let (one, other) =
+            (Shape::Ellipsoid { semi_axes }, Shape::Ellipsoid { semi_axes: 1.1 * semi_axes });
+        let samples = |shape: &Shape| match shape.sampled() {
+            Shape::Sampled(Sampled(samples, _)) => samples,
+            shape => panic!("{shape:?} is not sampled"),
+        };
+        let first = samples(&one);
+        assert!(Arc::ptr_eq(&first, &samples(&one)));
+        assert!(!Arc::ptr_eq(&first, &samples(&other)));
+        let gone = Arc::downgrade(&first);
+        drop(first);
+        assert!(gone.upgrade().is_none(), "nobody uses it");
     }
 
     #[test]
