@@ -92,7 +92,11 @@ def figure(report: dict[str, Any], path: Path) -> None:
             for axis, channel in zip(line, CHANNELS, strict=True):
                 for model, told in row["models"].items():
                     errors = [100 * error for error in told["errors"][channel]]
-                    axis.semilogy(told["steps"], errors, label=model)
+                    axis.plot(told["steps"], errors, label=model, lw=1.2)
+                if channel == "wrench":
+                    axis.set_yscale("log")
+                else:
+                    axis.set_ylim(bottom=0)
                 axis.set(title=f"{name}: {channel}", xlabel="control step", ylabel="error (%)")
                 axis.grid(alpha=0.3)
         axes[0][0].legend(fontsize=7)
