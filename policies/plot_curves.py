@@ -85,8 +85,7 @@ def page(document: dict[str, Any], name: str) -> str:
     for tactile, scripted in document["scripted"].items():
         rows.append([f"scripted, {tactile}", "", *told(scripted), ""])
     lines = [head, ["---", *["---:"] * 5], *rows]
-    told_by = {run.get("trained_by", document.get("trained_by", "")) for run in runs}
-    builds = sorted({build for several in told_by for build in several.split(", ")})
+    commits = sorted({commit for run in runs for commit in run["trained_by"]})
     return "\n".join(
         [
             f"# {first['env'].split('/')[-1]} by {first['algorithm'].upper()}",
@@ -100,7 +99,7 @@ def page(document: dict[str, Any], name: str) -> str:
             "",
             f"![learning curves]({name}.png)",
             "",
-            f"Trained by a build of {', '.join(builds)}, judged at {document['commit']}: ruffini "
+            f"Trained at {', '.join(commits)}, judged at {document['commit']}: ruffini "
             f"{document['ruffini']}, gymnasium {document['gymnasium']}, Python "
             f"{document['python']}, {document['cores']} cores ({document['machine']}).",
             "",
@@ -126,7 +125,7 @@ def gathered(folders: list[Path]) -> dict[str, Any]:
     """The runs in the folders, evaluated, and the scripted policy under their settings.
 
     Raises:
-        ValueError: If they are of several environments.
+        ValueError: If they are of several environments, or two are told apart by nothing.
     """
     runs = sorted(map(read, folders), key=lambda run: (run["kind"], run["seed"]))
     if len({run["env"] for run in runs}) > 1:
@@ -141,7 +140,10 @@ def gathered(folders: list[Path]) -> dict[str, Any]:
     }
     success: dict[str, dict[int, float]] = {}
     for run in runs:
-        success.setdefault(seen(run), {})[run["seed"]] = run["evaluation"]["success"]
+        seeds = success.setdefault(seen(run), {})
+        if run["seed"] in seeds:
+            raise ValueError(f"expected one run of seed {run['seed']} that sees {seen(run)}")
+        seeds[run["seed"]] = run["evaluation"]["success"]
     return about_this_run() | {"success": success, "scripted": scripted, "runs": runs}
 
 

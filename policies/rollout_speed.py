@@ -29,6 +29,8 @@ from ruffini.envs import GraspLiftVectorEnv
 from scripted_grasp import ScriptedGrasp
 
 ENV_ID = "ruffini/GraspLift-v0"
+CONTROL_STEP = 0.04
+"""Time that a step of it simulates (s)."""
 
 
 def make(n: int, threads: int, **settings: Any) -> GraspLiftVectorEnv:
@@ -55,7 +57,8 @@ def steps_per_second(n: int, step: Callable[[int], Any], seconds: float) -> floa
 def random_rollout(n: int, threads: int, seconds: float, **settings: Any) -> float:
     """Steps per second under random actions."""
     envs = make(n, threads, **settings)
-    for _ in range(64 // n):  # A shape is prepared when it is first drawn: once, for half a second.
+    # A shape is prepared when it is first drawn, for half a second; 64 draws meet all of them.
+    for _ in range(64 // n):
         envs.reset()
     random = np.random.default_rng(0)
     actions = random.uniform(-1, 1, (16, n, 5)).astype(np.float32)
@@ -158,7 +161,7 @@ class Peer:
     packages: tuple[str, ...]
     """Modules that it needs."""
     control_step: float
-    """Time that a step simulates (s); 0.04 of ruffini."""
+    """Time that a step simulates (s)."""
     measure: Callable[[float], float]
     """Steps per second, measured for so many seconds."""
 

@@ -165,7 +165,8 @@ def train(
     folder.mkdir(parents=True, exist_ok=True)
     about = {"env": env_id, "algorithm": algorithm, "seed": seed, "n_envs": n_envs, "steps": steps}
     about |= {"policy": chosen.policy, "environment": chosen.environment}
-    about |= {"trained_by": about_this_run()["commit"]}
+    before = json.loads((folder / "run.json").read_text()).get("trained_by", []) if resume else []
+    about |= {"trained_by": list(dict.fromkeys([*before, about_this_run()["commit"]]))}
     (folder / "run.json").write_text(json.dumps(about | chosen.algorithm, indent=1))
     progress = Progress(folder, steps, curve, every=max(steps // 10, 1))
     try:

@@ -90,12 +90,9 @@ def episode(name: str, nodes: int) -> dict[str, Any]:
         steps = [i for i in judged if i < len(told["steps"])]
         errors = {
             channel: [miss(told["steps"][i], truth["steps"][i], channel) for i in steps]
-            for channel in CHANNELS
+            for channel in (*CHANNELS, "indentation")
         }
         moved = [apart(told["steps"][i], truth["steps"][i]) for i in steps]
-        errors["indentation"] = [
-            miss(told["steps"][i], truth["steps"][i], "indentation") for i in steps
-        ]
         errors["world"] = [coupling(told["steps"][i]) for i in steps]
         models[model] = {"seconds": told["seconds"], "steps": steps, "errors": errors} | {
             "object_apart": moved,

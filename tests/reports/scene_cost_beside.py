@@ -14,7 +14,7 @@ from typing import Any
 from kept import ROOT
 
 sys.path.append(str(ROOT / "policies"))
-from rollout_speed import PEERS, peer, random_rollout
+from rollout_speed import CONTROL_STEP, PEERS, peer, random_rollout
 
 LIFT, HOLD = "ruffini/GraspLift-v0", "ruffini/HoldStill-v0"
 RUNS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -69,7 +69,7 @@ def ours(name: str, count: int, seconds: float) -> dict:
     """Steps a second by the same kind of rollout as the peers'."""
     envs = f"ruffini GraspLift, {name}, {count} environment{'s' if count > 1 else ''}"
     rate = random_rollout(count, 1, seconds, **OURS[name])
-    return {"envs": envs, "control step": 0.04, "rate": rate}
+    return {"envs": envs, "control step": CONTROL_STEP, "rate": rate}
 
 
 def versions(*packages: str) -> dict:

@@ -28,6 +28,7 @@ from evaluate import SCRIPTED, Policy
 from scripted_hold import ScriptedHold
 
 MADE_OF = ["env-core", "py/src", "tests/reports/soak.py"]
+MADE_OF += [f"policies/scripted_{what}.py" for what in ("fragile", "grasp", "hold", "soft")]
 COUNT = 32
 """Environments of a part; a quick one has a quarter."""
 REPLAYED = 20

@@ -106,7 +106,8 @@ impl Samples {
         if let Some(samples) = Self::in_use(exact, None) {
             return samples;
         }
-        // Without the lock: this takes half a second, and threads that wait may be needed for it.
+        // Without the lock, so that other shapes are sampled meanwhile; of two that sample the same the
+        // first stays.
         let made = Arc::new(Self::new(exact));
         Self::in_use(exact, Some(&made)).unwrap_or(made)
     }

@@ -115,7 +115,7 @@ impl Surrogate {
     }
 
     /// The same network evaluated by Candle's layers, which the fast path is judged by: the same answers
-    /// but for rounding, later.
+    /// but for rounding, more slowly.
     #[must_use]
     pub fn plain(&self) -> Self {
         Self { is_plain: true, ..self.clone() }

@@ -97,7 +97,7 @@ impl Surrogate {
     }
 
     /// The same network evaluated by Candle's layers, the oracle of the fast path: the same answers but
-    /// for rounding, later.
+    /// for rounding, more slowly.
     fn plain(&self, py: Python<'_>) -> Self {
         let model = locked(&self.model).plain();
         Self { model: Mutex::new(model), body: self.body.clone_ref(py) }
