@@ -169,13 +169,7 @@ impl Corrector {
     /// What it says of one question.
     pub(super) fn fields(&self, question: &Question, graph: &PadGraph) -> Result<Fields> {
         let answer = self.forward(&Batch::new(&[question])?, graph)?;
-        let force: Vec<f32> = answer.force.flatten_all()?.to_vec1()?;
-        Ok(Fields {
-            displacement: answer.displacement.flatten_all()?.to_vec1()?,
-            stress: answer.stress.flatten_all()?.to_vec1()?,
-            forces: answer.forces.flatten_all()?.to_vec1()?,
-            force: [force[0], force[1], force[2]],
-        })
+        Fields::of([&answer.displacement, &answer.stress, &answer.forces, &answer.force])
     }
 
     /// Features of the columns after all rounds (B C, H).

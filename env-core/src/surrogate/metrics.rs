@@ -6,6 +6,7 @@
 
 use std::borrow::Borrow;
 
+use candle_core::Tensor;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -27,6 +28,18 @@ pub(super) struct Fields {
     pub(super) stress: Vec<f32>,
     pub(super) forces: Vec<f32>,
     pub(super) force: [f32; 3],
+}
+
+impl Fields {
+    /// What a network says of one press: displacement, stress, forces on nodes and net force.
+    pub(super) fn of(
+        [displacement, stress, forces, force]: [&Tensor; 4],
+    ) -> candle_core::Result<Self> {
+        let flat = |x: &Tensor| x.flatten_all()?.to_vec1();
+        let (displacement, stress, forces, force) =
+            (flat(displacement)?, flat(stress)?, flat(forces)?, flat(force)?);
+        Ok(Self { displacement, stress, forces, force: [force[0], force[1], force[2]] })
+    }
 }
 
 /// Errors of one press.

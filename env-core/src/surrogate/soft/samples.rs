@@ -211,12 +211,6 @@ impl Network for Soft {
     fn answer(&self, objects: &Objects, sample: &Sample) -> Result<Fields> {
         let graph = &objects.graphs[sample.object];
         let answer = self.forward(&sample.question, graph, &signs(0))?;
-        let force: Vec<f32> = answer.force.flatten_all()?.to_vec1()?;
-        Ok(Fields {
-            displacement: answer.displacement.flatten_all()?.to_vec1()?,
-            stress: answer.stress.flatten_all()?.to_vec1()?,
-            forces: answer.forces.flatten_all()?.to_vec1()?,
-            force: [force[0], force[1], force[2]],
-        })
+        Ok(Fields::of([&answer.displacement, &answer.stress, &answer.forces, &answer.force])?)
     }
 }
