@@ -3,7 +3,8 @@
     python tests/reports/networks.py                           the page, from networks.json
     python tests/reports/networks.py --data SET --runs FOLDER  trains first what FOLDER lacks
 
-Trained by `ruffini train`, 20 to 60 core minutes each; a run that was stopped goes on. SET is what
+Trained by `ruffini train`, 10 to 60 core minutes each; a run that was stopped goes on, but for the
+paper's networks, which are trained for `pareto.py` and not on this page. SET is what
 `ruffini dataset generate SET --grasps 10 --frames 10` makes.
 """
 
@@ -20,23 +21,33 @@ import tomllib
 from kept import table
 
 HERE = Path(__file__).resolve().parent
-SMALL = ["--width", "32", "--down", "1", "1", "1", "--up", "1", "1"]
+FEW = ["--down", "1", "1", "1", "--up", "1", "1"]
+SMALL, SMALLEST = (["--width", width, *FEW] for width in ("32", "16"))
 NODES = ["--epochs", "30", "--contact", "nodes"]
 POINTS = ["--epochs", "24"]
 SEEDS = range(3)
 RUNS = (
     {f"default-{seed}": [*POINTS, "--seed", str(seed)] for seed in SEEDS}
-    | {"points32-0": [*POINTS, *SMALL]}
+    | {"points32-0": [*POINTS, *SMALL], "points16-0": [*POINTS, *SMALLEST]}
     | {f"swift-{seed}": [*NODES, *SMALL, "--seed", str(seed)] for seed in SEEDS}
-    | {"nodes48-0": NODES}
+    | {"nodes48-0": NODES, "nodes16-0": [*NODES, *SMALLEST]}
 )
 """Options of `ruffini train` by run."""
+TEN_MINUTES = ["--seconds", "600", "--batch", "1"]
+PAPERS = {
+    "paper-baseline": ["--variant", "baseline", "--width", "16", "--rounds", "4"],
+    "paper-a": ["--variant", "a", "--width", "16", "--rounds", "4"],
+    "paper-b-wide": ["--variant", "b", "--width", "32", "--rounds", "4"],
+    "paper-b-long": ["--variant", "b", "--width", "16", "--rounds", "8"],
+}
+"""The same for the paper's networks."""
 ERRORS = {"displacement": "u", "stress": "σ", "peak": "σ at the peak", "force": "net force"}
 
 
 def train(data: Path, runs: Path) -> None:
     """Trains what has no card yet."""
-    for name, options in RUNS.items():
+    papers = {name: [*options, *TEN_MINUTES] for name, options in PAPERS.items()}
+    for name, options in (RUNS | papers).items():
         if not (runs / name / "card.toml").exists():
             command = [sys.executable, "-m", "ruffini", "train", str(data), str(runs / name)]
             subprocess.run([*command, *options], check=True)

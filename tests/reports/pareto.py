@@ -6,8 +6,9 @@
 Judged by finite elements on the finest mesh, never by an answerer's own. The full form also writes
 what `ruffini recommend` reads, py/python/ruffini/answerers.json. Held-out grasps are those of
 ~/.cache/ruffini/grasps-63x10x10, left out where there are none: `ruffini dataset generate` with
-``--grasps 10 --frames 10`` makes them. So are networks of other sizes, which
-`networks.py --runs ~/.cache/ruffini/networks` trains.
+``--grasps 10 --frames 10`` makes them. So are networks that are not shipped, which
+`networks.py --data SET --runs ~/.cache/ruffini/networks` trains. Batches come last, by the clock:
+all else on the machine must rest.
 """
 
 from __future__ import annotations
@@ -19,8 +20,7 @@ import time
 from functools import lru_cache
 from pathlib import Path
 
-os.environ["RAYON_NUM_THREADS"] = "1"
-
+import pareto_batch
 from kept import HERE, KEPT, ROOT, Rows, arguments, folder, header
 from pareto_answerers import ANSWERERS, TEACHER, Gel, fem
 from pareto_cases import Case, Fields, cases
@@ -120,18 +120,30 @@ def task(work: tuple[bool, int, int, list[str], int, Path]) -> list[dict]:
     return [row(case, name, judges) for name in names]
 
 
+def one_thread() -> None:
+    """Before a process answers."""
+    os.environ["RAYON_NUM_THREADS"] = "1"
+
+
 def run(rows: Rows, form: str, most: int, jobs: int, kept: Path) -> None:
     """Answers every press that is not among the rows."""
     quick = form == "quick"
+    there = [name for name, one in ANSWERERS.items() if one.file is None or one.file.exists()]
+    if lacking := [name for name in ANSWERERS if name not in there]:
+        print(f"left out, not trained: {', '.join(lacking)}", flush=True)
     work = []
     for number, case in enumerate(cases(quick, most)):
-        if names := [name for name in ANSWERERS if key(case, name) not in rows]:
+        if names := [name for name in there if key(case, name) not in rows]:
             work.append((quick, most, number, names, FINEST[form], kept))
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+    with multiprocessing.get_context("spawn").Pool(jobs, one_thread) as pool:
         for found in pool.imap_unordered(task, work):
             for one in found:
                 rows.add(one)
             print(found[0]["key"].rsplit("/", 1)[0], flush=True)
+    for name in there:
+        for found in pareto_batch.missing(rows, name, quick):
+            rows.add(found)
+            print(found["key"], flush=True)
 
 
 def main() -> None:

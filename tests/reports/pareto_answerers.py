@@ -16,6 +16,10 @@ import ruffini
 from ruffini import Compliance, Fem, PaperNetwork, SoftBody, Surrogate
 
 
+RUNS = Path.home() / ".cache/ruffini/networks"
+"""What `networks.py --runs` has trained."""
+
+
 @dataclass(frozen=True)
 class Gel:
     """What the pad is made of, and how rough."""
@@ -44,6 +48,10 @@ class Answerer:
     """How it is asked for in Python."""
     made_from: dict[str, float] = field(default_factory=dict)
     """Core seconds that were spent before the first answer, by what for."""
+    shipped: bool = True
+    """Whether a user would ask it: neither an oracle nor a network of one's own."""
+    file: Path | None = None
+    """Weights that have to be trained first."""
 
 
 def compliance(nodes: int, sweeps: int = 0, rough: bool = True) -> Answerer:
@@ -65,12 +73,13 @@ def at_nodes(nodes: int) -> Answerer:
     )
 
 
-def fem(element: str, nodes: int) -> Answerer:
-    """Finite elements."""
+def fem(element: str, nodes: int, tolerance: float = 1e-7) -> Answerer:
+    """Finite elements, up to a force out of balance (N)."""
+    arguments = f', element="{element}"' + (f", tolerance={tolerance:g}" if tolerance > 1e-7 else "")
     return Answerer(
-        lambda gel: Fem(gel.body(nodes), friction=gel.friction, element=element),
+        lambda gel: Fem(gel.body(nodes), gel.friction, tolerance, element),
         "fem",
-        f'Fem(sensor(…, resolution={nodes}), element="{element}")',
+        f"Fem(sensor(…, resolution={nodes}){arguments})",
     )
 
 
@@ -88,18 +97,25 @@ def by_candle(weights: str) -> Answerer:
     """A trained network without its fast path."""
     shipped = network(weights, {})
     return Answerer(
-        lambda gel: shipped.make(gel).plain(), "other network", f'Surrogate("{weights}").plain()'
+        lambda gel: shipped.make(gel).plain(),
+        "other network",
+        f'Surrogate("{weights}").plain()',
+        shipped=False,
     )
 
 
-def trained(run: str) -> Answerer:
-    """A network of another size."""
+def trained(run: str, of: type[Surrogate | PaperNetwork] = Surrogate) -> Answerer:
+    """A network that is not shipped."""
 
-    def make(gel: Gel) -> Surrogate:
+    file = RUNS / run / "weights.safetensors"
+
+    def make(gel: Gel) -> Surrogate | PaperNetwork:
         material = {"young": gel.young, "poisson": gel.poisson, "friction": gel.friction}
-        return Surrogate.load(RUNS / run / WEIGHTS, sensor=gel.sensor, **material)
+        return of.load(file, sensor=gel.sensor, **material)
 
-    return Answerer(make, "other network", f'Surrogate.load("{run}/{WEIGHTS}")')
+    kind = "other network" if of is Surrogate else "paper"
+    use = f'{of.__name__}.load("{run}/{file.name}")'
+    return Answerer(make, kind, use, shipped=False, file=file)
 
 
 def paper(weights: str, made_from: dict[str, float]) -> Answerer:
@@ -145,11 +161,20 @@ SWIFT = {"data": DATA, "training": 2 * 16 * 60.0}
 B = {"data": DATA, "training": 600.0}
 """Of the paper's B: the budget of paper.py."""
 
-RUNS = Path.home() / ".cache/ruffini/networks"
-"""What `networks.py --runs` has trained."""
-WEIGHTS = "weights.safetensors"
-SIZES = {"network, 32 channels": "points32-0", "network, swift, 48 channels": "nodes48-0"}
-"""Runs of other sizes by name."""
+SIZES = {
+    "network, 32 channels": trained("points32-0"),
+    "network, 16 channels": trained("points16-0"),
+    "network, swift, 48 channels": trained("nodes48-0"),
+    "network, swift, 16 channels": trained("nodes16-0"),
+}
+"""The networks at other sizes."""
+PAPERS = {
+    "paper's Baseline": trained("paper-baseline", PaperNetwork),
+    "paper's A": trained("paper-a", PaperNetwork),
+    "paper's B, 32 channels": trained("paper-b-wide", PaperNetwork),
+    "paper's B, 8 rounds": trained("paper-b-long", PaperNetwork),
+}
+"""The paper's other networks: 16 channels and 4 rounds where no other is said."""
 
 ANSWERERS: dict[str, Answerer] = {
     "bonded layer": Answerer(BondedLayer, "closed form", "– (force of a ball)"),
@@ -165,11 +190,14 @@ ANSWERERS: dict[str, Answerer] = {
     "network, swift": network("swift", SWIFT),
     "network, by Candle": by_candle("default"),
     "network, swift, by Candle": by_candle("swift"),
-    **{name: trained(run) for name, run in SIZES.items() if (RUNS / run / WEIGHTS).exists()},
+    **SIZES,
     "paper's B": paper("paper-b", B),
+    **PAPERS,
     "fem p1 2000": fem("p1", 2000),
     "fem p1-bar 500": fem("p1-bar", 500),
     "fem p1-bar 1000": fem("p1-bar", 1000),
+    "fem p1-bar 2000, 1 mN": fem("p1-bar", 2000, 1e-3),
+    "fem p1-bar 2000, 10 µN": fem("p1-bar", 2000, 1e-5),
     "fem p1-bar 2000": fem("p1-bar", 2000),
     "fem p1-bar 3000": fem("p1-bar", 3000),
     "fem p2 500": fem("p2", 500),

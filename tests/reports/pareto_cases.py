@@ -18,6 +18,8 @@ from ruffini.dataset import Dataset
 
 DATA = Path.home() / ".cache/ruffini/grasps-63x10x10"
 MINI = Gel("gelsight-mini", 3e5, 0.47, 0.8)
+SHAPES = [("ball", size) for size in (4, 2, 3, 6, 8, 10)] + [("block", 4), ("block", 5)]
+"""What is pressed straight down, and its size (mm)."""
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 MODEL_NODES = 1000
 STILL = 1e-9
@@ -49,13 +51,13 @@ def cases(quick: bool, most: int) -> Iterator[Case]:
     if not quick:
         yield from held_out(most)
     half = [1.6e-3, 2.0e-3, 2.4e-3]
-    yield from straight("deep", MINI, [("ball", 4), ("ball", 8), ("block", 5)][few], half)
+    yield from straight("deep", MINI, SHAPES[few], half)
     shallow = [5e-6, 2e-5, 5e-5]
-    yield from straight("tiny", MINI, [("ball", 2), ("ball", 6), ("block", 5)][few], shallow)
+    yield from straight("tiny", MINI, SHAPES[few], shallow)
     usual = [3e-4, 6e-4, 1e-3]
     for name, young, poisson in [] if quick else [("soft", 2e4, 0.45), ("stiff", 5e6, 0.49)]:
         gel = Gel("gelsight-mini", young, poisson, 0.8)
-        yield from straight(name, gel, [("ball", 4), ("ball", 10), ("block", 5)][few], usual)
+        yield from straight(name, gel, SHAPES[few], usual)
     yield from straight("no contact", MINI, [("ball", 6)], [-1e-3, -1e-4])
 
 

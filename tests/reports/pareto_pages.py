@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import numpy as np
+import pareto_batch
 from kept import made, table
 from pareto_answerers import ANSWERERS, TEACHER
 
 ERRORS = ("displacement", "stress", "force", "peak")
 JUDGES = ("finest", TEACHER)
+PANELS = ("held-out", "deep", "tiny", "soft", "stiff")
 ROUNDING = 1e-4
 """Relative difference of errors that tells nothing: that of one network evaluated in two ways."""
 
 
 def summary(rows: list[dict]) -> dict:
     """Errors, time and front by panel, and what the network's training has cost."""
-    panels = list(dict.fromkeys(row["panel"] for row in rows if row["panel"] != "no contact"))
-    order = ["held-out", "deep", "tiny", "soft", "stiff"]
-    panels.sort(key=lambda panel: order.index(panel))
+    asked = {row["answerer"] for row in rows}
+    names = [name for name in ANSWERERS if name in asked]
     report: dict = {"panels": {}}
-    for panel in panels:
-        part = [row for row in rows if row["panel"] == panel]
-        report["panels"][panel] = {name: figures(part, name) for name in ANSWERERS}
+    for panel in PANELS:
+        if part := [row for row in rows if row["panel"] == panel]:
+            report["panels"][panel] = {name: figures(part, name) for name in names}
     still = [row for row in rows if row["panel"] == "no contact" and "finest" in row]
     report["no contact"] = {row["answerer"]: max(row["finest"]["still"]) for row in still}
     report["fronts"] = {
@@ -28,6 +29,7 @@ def summary(rows: list[dict]) -> dict:
         for panel, found in report["panels"].items()
     }
     report["break-even"] = break_even(report)
+    report["batches"] = batches([row for row in rows if row["panel"] == pareto_batch.PANEL])
     return report
 
 
@@ -44,7 +46,8 @@ def figures(rows: list[dict], name: str) -> dict:
     fair = {press(row) for row in rows if row["answerer"] == TEACHER and "failed" not in row}
     mine = [row for row in rows if row["answerer"] == name]
     solved = [row for row in mine if "failed" not in row and press(row) in fair]
-    found: dict = {"kind": ANSWERERS[name].kind, "use": ANSWERERS[name].use}
+    answerer = ANSWERERS[name]
+    found: dict = {"kind": answerer.kind, "use": answerer.use, "shipped": answerer.shipped}
     found["presses"] = len(mine)
     found["failed"] = [row["failed"] for row in mine if "failed" in row]
     found["whole"] = len(solved) == len(fair)
@@ -99,6 +102,20 @@ def break_even(report: dict) -> dict:
     return found
 
 
+def batches(rows: list[dict]) -> dict:
+    """Clock time a press of a batch (ms), by answerer and number of threads."""
+    found: dict = {}
+    for name in ANSWERERS:
+        if mine := [row for row in rows if row["answerer"] == name]:
+            times = {str(row["threads"]): 1e3 * row["seconds"] for row in mine}
+            found[name] = {
+                "ms": times,
+                "presses": mine[0]["presses"],
+                "failed": mine[0]["failed"],
+            }
+    return found
+
+
 def chosen(report: dict) -> dict:
     """What `ruffini recommend` reads: errors and time by panel and shipped answerer."""
     return {
@@ -108,7 +125,7 @@ def chosen(report: dict) -> dict:
             panel: {
                 name: {"use": row["use"], "ms": row["ms"], "errors": row["finest"]}
                 for name, row in found.items()
-                if "ms" in row and row["whole"] and row["kind"] != "other network"
+                if "ms" in row and row["whole"] and row["shipped"]
             }
             for panel, found in report["panels"].items()
         },
@@ -128,6 +145,8 @@ def markdown(report: dict) -> str:
         "taught. Over the presses that the teacher solves; unsolved are counted of all. Time is "
         "CPU time a frame on one thread, median over presses.",
         *(panel(name, found, report) for name, found in report["panels"].items()),
+        "## In batches",
+        in_batches(report["batches"]),
         "## Nothing touches",
         still(report["no contact"]),
         "## What a network costs before its first answer",
@@ -173,6 +192,26 @@ def cell(row: dict, what: str) -> str:
     error, teacher = row["finest"][what], row[TEACHER].get(what)
     text = f"{100 * error['median']:.1f} / {100 * error['95 %']:.1f}"
     return text + (f" ({100 * teacher['median']:.1f})" if teacher else "")
+
+
+def in_batches(found: dict) -> str:
+    """Time a press on one thread and on all, and how well the threads are used."""
+    rows = []
+    for name, one in found.items():
+        (few, slow), (many, fast) = (
+            min(one["ms"].items(), key=lambda item: int(item[0])),
+            max(one["ms"].items(), key=lambda item: int(item[0])),
+        )
+        share = 100 * slow / fast / (int(many) / int(few))
+        failed = str(one["failed"]) if one["failed"] else ""
+        rows.append([name, f"{slow:.3g}", f"{fast:.3g}", f"{share:.0f} %", failed])
+    presses = max(one["presses"] for one in found.values())
+    threads = max(int(threads) for one in found.values() for threads in one["ms"])
+    head = ["answerer", "ms a press, one thread", f"{threads} threads", "of ideal", "unsolved"]
+    return (
+        f"{presses} balls of 3 to 8 mm, pressed 0.6 mm from rest in five frames, by one call; by the "
+        "clock, the quickest repetition.\n\n" + table(head, rows)
+    )
 
 
 def still(found: dict) -> str:
