@@ -70,11 +70,15 @@ const KNOWN: [(&str, &[u8]); 2] = [
     ("swift", include_bytes!("../../assets/weights/swift.safetensors")),
 ];
 
+/// The shipped weights of that name.
+pub(super) fn shipped(name: &str) -> Option<&'static [u8]> {
+    KNOWN.iter().find(|(known, _)| *known == name).map(|(_, bytes)| *bytes)
+}
+
 impl Surrogate {
     /// The shipped weights of that name on a gel of `sensor` with the given material and friction.
     pub fn named(name: &str, sensor: &Sensor, moduli: Moduli, friction: f64) -> Result<Self> {
-        let known = KNOWN.iter().find(|(known, _)| *known == name);
-        let (name, bytes) = known.ok_or_else(|| {
+        let bytes = shipped(name).ok_or_else(|| {
             let names = KNOWN.map(|(name, _)| name).join(", ");
             let expected = if PaperNetwork::names().any(|paper| paper == name) {
                 format!("one of {names}; {name} says no contact forces and is a PaperNetwork")

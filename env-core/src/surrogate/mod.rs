@@ -10,6 +10,8 @@ mod answer;
 mod budget;
 mod corrector;
 mod course;
+#[cfg(test)]
+mod double;
 mod extension;
 mod fast;
 mod features;

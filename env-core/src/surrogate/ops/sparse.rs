@@ -57,7 +57,7 @@ impl Sparse {
     }
 
     #[inline(always)]
-    fn row(&self, row: usize) -> impl Iterator<Item = (usize, f32)> {
+    pub(in super::super) fn row(&self, row: usize) -> impl Iterator<Item = (usize, f32)> {
         let range = self.starts[row] as usize..self.starts[row + 1] as usize;
         let values = self.values[range.clone()].iter();
         self.columns[range].iter().zip(values).map(|(&column, &value)| (column as usize, value))

@@ -1,0 +1,241 @@
+//! What single precision costs: the corrector in double precision, written from its formulas and with
+//! nothing of its operations, beside the fast path. `cargo test precision -- --nocapture` prints it.
+
+use candle_core::Tensor;
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
+
+use super::{
+    corrector::{Corrector, CorrectorConfig},
+    fast::{Fast, Scratch},
+    features::{FEATURES, Gel, Question},
+    graph::{LAYERS, PadGraph, Scale},
+    layers::{Affine, Mlp, Norm, Round},
+    linear::Linear,
+    ops::Sparse,
+    weights::{self, Card},
+};
+use crate::{
+    deformation::{Moduli, Press},
+    geometry::{PadMesh, Shape},
+    sensor::Sensor,
+};
+
+/// Displacement (V, 3), stress (T) and forces on the face (C, 3), in the units of [`Question`].
+type Said = [Vec<f64>; 3];
+
+/// A tensor of one or two dimensions.
+fn matrix(tensor: &Tensor) -> DMatrix<f64> {
+    let (rows, columns) = tensor.dims2().unwrap_or((1, tensor.elem_count()));
+    let numbers: Vec<f32> = tensor.flatten_all().unwrap().to_vec1().unwrap();
+    DMatrix::from_row_iterator(rows, columns, numbers.into_iter().map(f64::from))
+}
+
+fn wide(numbers: &[f32]) -> Vec<f64> {
+    numbers.iter().map(|&x| f64::from(x)).collect()
+}
+
+/// x Wᵀ + b.
+fn affine(layer: &Affine, x: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut y = x * matrix(&layer.weight).transpose();
+    let bias = matrix(&layer.bias);
+    y.row_iter_mut().for_each(|mut row| row += &bias);
+    y
+}
+
+fn relu(x: &DMatrix<f64>) -> DMatrix<f64> {
+    x.map(|x| x.max(0.0))
+}
+
+fn mlp(layers: &Mlp, x: &DMatrix<f64>) -> DMatrix<f64> {
+    affine(&layers.second, &relu(&affine(&layers.first, x)))
+}
+
+fn norm(layer: &Norm, x: &DMatrix<f64>) -> DMatrix<f64> {
+    let (scale, shift) = (matrix(&layer.scale), matrix(&layer.shift));
+    let mut y = x.clone();
+    for mut row in y.row_iter_mut() {
+        let mean = row.mean();
+        let deviation = (row.map(|x| (x - mean).powi(2)).mean() + 1e-5).sqrt();
+        let normal = row.map(|x| (x - mean) / deviation);
+        row.copy_from(&(normal.component_mul(&scale) + &shift));
+    }
+    y
+}
+
+fn sparse(matrix: &Sparse, x: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut y = DMatrix::zeros(matrix.height(), x.ncols());
+    for row in 0..matrix.height() {
+        for (column, value) in matrix.row(row) {
+            let mut sum = y.row_mut(row);
+            sum += x.row(column) * f64::from(value);
+        }
+    }
+    y
+}
+
+/// v + f(n, Σₛ relu(A nₛ + B nᵣ + C eₛᵣ)), n the layer norm of v.
+fn round(round: &Round, v: &DMatrix<f64>, scale: &Scale) -> DMatrix<f64> {
+    let (n, width) = (norm(&round.norm, v), v.ncols());
+    let ends = affine(&round.ends, &n);
+    let edges = affine(&round.edges, &matrix(&scale.features));
+    let mut both = n.resize_horizontally(2 * width, 0.0);
+    for receiver in 0..v.nrows() {
+        let own = ends.view((receiver, width), (1, width));
+        for edge in scale.edges.starts[receiver]..scale.edges.starts[receiver + 1] {
+            let sender = scale.edges.senders[edge as usize] as usize;
+            let sum = ends.view((sender, 0), (1, width)) + own + edges.row(edge as usize);
+            let mut heard = both.view_mut((receiver, width), (1, width));
+            heard += relu(&sum.into_owned().resize_vertically(1, 0.0));
+        }
+    }
+    v + mlp(&round.update, &both)
+}
+
+fn rounds(all: &[Round], v: DMatrix<f64>, scale: &Scale) -> DMatrix<f64> {
+    all.iter().fold(v, |v, one| round(one, &v, scale))
+}
+
+/// √(3/2 dev b : dev b) / J of every tetrahedron for `u` (V, 3) in units of `length`.
+fn von_mises(pad: &PadMesh, length: f64, u: &[f64]) -> Vec<f64> {
+    let place = |node: u32| Vector3::from_column_slice(&u[3 * node as usize..][..3]);
+    let stress = |t: usize| {
+        let [a, b, c, d] = pad.mesh.corners(t);
+        let edges = Matrix3::from_columns(&[b - a, c - a, d - a]) / length;
+        let [a, b, c, d] = pad.mesh.tets[t].map(place);
+        let strain = Matrix3::from_columns(&[b - a, c - a, d - a]);
+        let f = Matrix3::identity() + strain * edges.try_inverse().expect("no flat tetrahedron");
+        let b = f * f.transpose();
+        let deviator = b - Matrix3::from_diagonal_element(b.trace() / 3.0);
+        (1.5 * deviator.norm_squared() + 1e-10).sqrt() / f.determinant().max(0.1)
+    };
+    (0..pad.mesh.tets.len()).map(stress).collect()
+}
+
+/// What `network` says of a question on a pad whose layer is `length` thick (m).
+fn forward(
+    network: &Corrector,
+    question: &Question,
+    graph: &PadGraph,
+    pad: &PadMesh,
+    length: f64,
+) -> Said {
+    let features = DMatrix::from_row_slice(graph.columns, FEATURES, &wide(&question.features));
+    let [first, second, third] = &graph.scales;
+    let [[raise, lower], [raise_more, lower_more]] =
+        [first, second].map(|scale| scale.links.as_ref().expect("a coarser scale"));
+    let fine = rounds(&network.down[0], mlp(&network.encoder, &features), first);
+    let middle = affine(&network.lower[0], &sparse(lower, &fine));
+    let middle = rounds(&network.down[1], middle, second);
+    let coarse = affine(&network.lower[1], &sparse(lower_more, &middle));
+    let mut coarse = rounds(&network.down[2], coarse, third);
+    let mean = DMatrix::from_rows(&[coarse.row_mean()]);
+    let shared = mlp(&network.global, &mean);
+    coarse.row_iter_mut().for_each(|mut row| row += &shared);
+    let middle = middle + affine(&network.raise[1], &sparse(raise_more, &coarse));
+    let middle = rounds(&network.up[1], middle, second);
+    let fine = fine + affine(&network.raise[0], &sparse(raise, &middle));
+    let latent = norm(&network.norm, &rounds(&network.up[0], fine, first));
+
+    let says = mlp(&network.nodes, &latent);
+    let amplitude = f64::from(question.amplitude);
+    let (mut displacement, mut forces) = (wide(&question.displacement), wide(&question.forces));
+    for column in 0..graph.columns {
+        for axis in 0..3 {
+            for layer in 0..LAYERS {
+                displacement[3 * (layer * graph.columns + column) + axis] +=
+                    says[(column, 3 * layer + axis)] * amplitude;
+            }
+            let gate = f64::from(question.gates[column]) * f64::from(question.strongest);
+            forces[3 * column + axis] += says[(column, 3 * LAYERS + axis)] * gate;
+        }
+    }
+    let [before, after] =
+        [&wide(&question.displacement), &displacement].map(|u| von_mises(pad, length, u));
+    let (corner, width) = (affine(&network.corners, &latent), network.strain.bias.elem_count());
+    let stress = (0..graph.tets()).map(|t| {
+        let linear = f64::from(question.stress[t]);
+        let unit = amplitude + f64::from(f32::MIN_POSITIVE);
+        let strains = DMatrix::from_row_slice(1, 3, &[linear, before[t], after[t]]) / unit;
+        let mut hidden = affine(&network.strain, &strains);
+        for &node in &pad.mesh.tets[t] {
+            let (layer, column) = (node as usize / graph.columns, node as usize % graph.columns);
+            hidden += corner.view((column, layer * width), (1, width));
+        }
+        linear + after[t] - before[t] + affine(&network.stress, &relu(&hidden))[(0, 0)] * amplitude
+    });
+    let stress = stress.collect();
+    [displacement, stress, forces]
+}
+
+/// Relative L² distance.
+fn apart(found: &[f32], exact: &[f64]) -> f64 {
+    assert_eq!(found.len(), exact.len());
+    let (found, exact) = (DVector::from_vec(wide(found)), DVector::from_column_slice(exact));
+    (found - &exact).norm() / exact.norm()
+}
+
+/// A pressed ball, block or tip, `depth` (m) deep beside the middle of the face.
+fn presses() -> Vec<(&'static str, f64, Press)> {
+    let sides = Vector3::repeat(0.004);
+    let shapes = [
+        ("ball", Shape::Sphere { radius: 0.004 }, 0.004),
+        ("block", Shape::Cuboid { half_extents: sides }, 0.004),
+        ("tip", Shape::Sphere { radius: 0.001 }, 0.001),
+    ];
+    let depths = [1e-6, 1e-5, 1e-4, 1e-3, 2e-3];
+    let pairs = shapes.iter().flat_map(|shape| depths.map(|depth| (shape, depth)));
+    let press = |((name, shape, reach), depth): (&(&'static str, Shape, f64), f64)| {
+        let pose = Isometry3::translation(1e-3, 0.5e-3, reach - depth);
+        (*name, depth, Press::along(vec![shape.clone()], vec![vec![pose]]).unwrap())
+    };
+    pairs.map(press).collect()
+}
+
+#[test]
+fn precision_single_is_enough() {
+    let sensor = Sensor::named("gelsight-mini").unwrap();
+    let (mut worst, mut told) = ([0.0_f64; 3], 0);
+    for known in ["default", "swift"] {
+        for poisson in [0.0, 0.47, 0.4999] {
+            let moduli = Moduli { young: 3e5, poisson };
+            let gel = Gel { moduli, friction: 0.8, thickness: sensor.outline.thickness };
+            let bytes = super::answer::shipped(known).unwrap();
+            let (tensors, card): (_, Card) = weights::of_kind(known, bytes).unwrap();
+            let parameters = weights::parameters(tensors).unwrap();
+            let config: &CorrectorConfig = &card.network;
+            let network = Corrector::new(config, &parameters.builder()).unwrap();
+            let pad = sensor.pad(card.model_nodes).unwrap();
+            let graph = PadGraph::new(&pad).unwrap();
+            let fast = Fast::new(&network, &graph, &pad.mesh.tets).unwrap();
+            let linear = Linear::new(&sensor, &gel, card.linear_nodes, card.contact, &pad).unwrap();
+            for (name, depth, press) in presses() {
+                let Ok(answer) = linear.path(&press).swap_remove(0) else { continue };
+                let places: &[Point3<f64>] = &pad.mesh.vertices;
+                let carried = linear.carry(&answer, true);
+                let question = Question::new(&graph, &gel, places, press.shapes(), &carried);
+                if question.amplitude == 0.0 {
+                    continue;
+                }
+                let found = fast.forward(&question, true, &mut Scratch::default());
+                let exact = forward(&network, &question, &graph, &pad, gel.thickness);
+                let off = [
+                    apart(&found.displacement, &exact[0]),
+                    apart(&found.stress, &exact[1]),
+                    apart(&found.forces, &exact[2]),
+                ];
+                let [u, stress, forces] = off;
+                println!(
+                    "{known} {poisson} {name} {depth:.0e} m: {u:.1e} {stress:.1e} {forces:.1e}"
+                );
+                worst = std::array::from_fn(|i| worst[i].max(off[i]));
+                told += 1;
+            }
+        }
+    }
+    let [u, stress, forces] = worst;
+    println!(
+        "{told} presses, worst: u {u:.1e}, von Mises stress {stress:.1e}, forces {forces:.1e}"
+    );
+    // Strain of a micrometre in four millimetres has four digits beside the 1 of F = 1 + ∇u.
+    assert!(told > 50 && u < 2e-6 && stress < 2e-3 && forces < 2e-6, "{told}: {worst:?}");
+}
