@@ -184,6 +184,23 @@ fn sweeps_along_a_sheared_path_keep_its_history() {
 }
 
 #[test]
+fn a_wide_sticking_contact_goes_on_where_the_offset_before_finds_no_balance() {
+    let body = pad(Law::NeoHookean);
+    let wide = Shape::Sphere { radius: 20.0 * MM };
+    let path = [0.5, 1.0, 1.4].map(|depth| at(0.0, (depth - 16.0) * MM)).to_vec();
+    let press = along(wide, path);
+    let exact = last(fem(&body, 0.8).solve_path(&press));
+    let model = linear(&body, 0.8);
+    let errors = [0, 1, 3, 12].map(|sweeps| {
+        let model = model.with_options(Options { friction: 0.8, sweeps }).unwrap();
+        relative(&last(model.solve_path(&press)).displacement, &exact.displacement)
+    });
+    println!("error of u after 0, 1, 3, 12 sweeps: {errors:?}");
+    // Sweeps begin at the linear answer there, and a step so long leaves them far to go.
+    assert!(errors[3] < 0.25 * errors[0], "{errors:?}");
+}
+
+#[test]
 fn no_force_without_contact() {
     for sweeps in [0, 4] {
         let model = Compliance::new(block(), Options { friction: 0.5, sweeps }).unwrap();

@@ -122,12 +122,17 @@ impl Solution<'_, '_> {
     fn begin(&mut self, offset: &[Vector3<f64>], guess: Guess) -> Result<Judged> {
         let none = vec![Vector3::zeros(); offset.len()];
         let mut starts = Vec::new();
-        if *offset != none[..] {
-            let settled = self.settle(offset.to_vec(), guess.clone(), 0.0)?;
+        if *offset != none[..]
+            // What the offset fits is the step before: contact may find no balance with it here.
+            && let Ok(settled) = self.settle(offset.to_vec(), guess.clone(), 0.0)
+        {
             starts.extend(self.judge(settled));
         }
-        let settled = self.settle(none, guess, 0.0)?;
-        starts.extend(self.judge(settled));
+        match self.settle(none, guess, 0.0) {
+            Ok(settled) => starts.extend(self.judge(settled)),
+            Err(error) if starts.is_empty() => return Err(error),
+            Err(_) => {}
+        }
         let least = starts.into_iter().min_by(|a, b| a.residual.total_cmp(&b.residual));
         least.ok_or(Error::Inverted)
     }
