@@ -102,7 +102,9 @@ def episode(name: str, nodes: int) -> dict[str, Any]:
 
 
 def play(name: str, model: str, actions: list[Any], nodes: int) -> dict[str, Any]:
-    """An episode, with seconds a touching step; the policy fills `actions` if these are empty."""
+    """An episode, with the median seconds of a touching step; the policy fills `actions` if these
+    are empty.
+    """
     task, thing = EPISODES[name]
     env = gymnasium.make(
         f"ruffini:{task}",
@@ -133,7 +135,7 @@ def play(name: str, model: str, actions: list[Any], nodes: int) -> dict[str, Any
             ended = info.get("press_error") or ("success" if info["is_success"] else "failure")
             break
     env.close()
-    return {"steps": steps, "seconds": float(np.mean(seconds)), "ended": str(ended)}
+    return {"steps": steps, "seconds": float(np.median(seconds)), "ended": str(ended)}
 
 
 def load(step: dict[str, Any]) -> float:

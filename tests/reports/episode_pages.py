@@ -38,8 +38,8 @@ def markdown(report: dict[str, Any]) -> str:
         "undeformed faces at that force. A step is judged where the pads bear more than "
         f"{sizes['least force']} N together. *Model against world* is how far the forces of a "
         "model are from those that move the object in the same step, before they are corrected. "
-        "Time is processor time of a touching step of one environment with all four channels and "
-        "`slip`, and so with stress.",
+        "Time is the median processor time of a touching step of one environment with all four "
+        "channels and `slip`, and so with stress.",
         table(head, [line for row in report["rows"] if "models" in row for line in lines(row)]),
         "![errors along the episode](episode.svg)",
         "## A hold of 60 s",

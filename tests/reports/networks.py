@@ -53,10 +53,11 @@ def train(data: Path, runs: Path) -> None:
             subprocess.run([*command, *options], check=True)
 
 
-def gathered(runs: Path) -> dict[str, Any]:
-    """What the cards of the runs say."""
+def gathered(runs: Path, before: dict[str, Any]) -> dict[str, Any]:
+    """What the cards of the runs say; `before` says what is known of runs that the folder lacks."""
     cards = {name: runs / name / "card.toml" for name in RUNS}
-    return {name: tomllib.loads(f.read_text()) for name, f in cards.items() if f.exists()}
+    found = {name: tomllib.loads(f.read_text()) for name, f in cards.items() if f.exists()}
+    return {name: (before | found)[name] for name in RUNS if name in before | found}
 
 
 def markdown(report: dict[str, Any]) -> str:
@@ -128,9 +129,11 @@ def main() -> None:
     if options.data:
         train(options.data, options.runs)
     file = HERE / "networks.json"
+    report = json.loads(file.read_text())
     if options.runs:
-        file.write_text(json.dumps(gathered(options.runs), indent=1) + "\n")
-    (HERE / "networks.md").write_text(markdown(json.loads(file.read_text())))
+        report = gathered(options.runs, report)
+        file.write_text(json.dumps(report, indent=1) + "\n")
+    (HERE / "networks.md").write_text(markdown(report))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ import numpy as np
 import ruffini
 from ruffini import Compliance, Fem, PaperNetwork, SoftBody, Surrogate
 
-
 RUNS = Path.home() / ".cache/ruffini/networks"
 """What `networks.py --runs` has trained."""
 
@@ -29,6 +28,12 @@ class Gel:
     """Young's modulus (Pa)."""
     poisson: float
     friction: float
+
+    @property
+    def material(self) -> dict[str, Any]:
+        """What a network is told of it."""
+        elastic = {"young": self.young, "poisson": self.poisson}
+        return {"sensor": self.sensor, "friction": self.friction} | elastic
 
     def body(self, nodes: int) -> SoftBody:
         """The pad, meshed with about so many nodes."""
@@ -75,29 +80,28 @@ def at_nodes(nodes: int) -> Answerer:
 
 def fem(element: str, nodes: int, tolerance: float = 1e-7) -> Answerer:
     """Finite elements, up to a force out of balance (N)."""
-    arguments = f', element="{element}"' + (f", tolerance={tolerance:g}" if tolerance > 1e-7 else "")
+    loose = f", tolerance={tolerance:g}" if tolerance > 1e-7 else ""
     return Answerer(
         lambda gel: Fem(gel.body(nodes), gel.friction, tolerance, element),
         "fem",
-        f"Fem(sensor(…, resolution={nodes}){arguments})",
+        f'Fem(sensor(…, resolution={nodes}), element="{element}"{loose})',
     )
 
 
 def network(weights: str, made_from: dict[str, float]) -> Answerer:
     """A trained network that is shipped."""
-
-    def make(gel: Gel) -> Surrogate:
-        material = {"young": gel.young, "poisson": gel.poisson, "friction": gel.friction}
-        return Surrogate(weights, sensor=gel.sensor, **material)
-
-    return Answerer(make, "network", f'Surrogate("{weights}")', made_from)
+    return Answerer(
+        lambda gel: Surrogate(weights, **gel.material),
+        "network",
+        f'Surrogate("{weights}")',
+        made_from,
+    )
 
 
 def by_candle(weights: str) -> Answerer:
     """A trained network without its fast path."""
-    shipped = network(weights, {})
     return Answerer(
-        lambda gel: shipped.make(gel).plain(),
+        lambda gel: Surrogate(weights, **gel.material).plain(),
         "other network",
         f'Surrogate("{weights}").plain()',
         shipped=False,
@@ -108,24 +112,23 @@ def trained(run: str, of: type[Surrogate | PaperNetwork] = Surrogate) -> Answere
     """A network that is not shipped."""
 
     file = RUNS / run / "weights.safetensors"
-
-    def make(gel: Gel) -> Surrogate | PaperNetwork:
-        material = {"young": gel.young, "poisson": gel.poisson, "friction": gel.friction}
-        return of.load(file, sensor=gel.sensor, **material)
-
-    kind = "other network" if of is Surrogate else "paper"
-    use = f'{of.__name__}.load("{run}/{file.name}")'
-    return Answerer(make, kind, use, shipped=False, file=file)
+    return Answerer(
+        lambda gel: of.load(file, **gel.material),
+        "other network" if of is Surrogate else "paper",
+        f'{of.__name__}.load("{run}/{file.name}")',
+        shipped=False,
+        file=file,
+    )
 
 
 def paper(weights: str, made_from: dict[str, float]) -> Answerer:
-    """One of the paper's networks, which says no forces."""
-
-    def make(gel: Gel) -> PaperNetwork:
-        material = {"young": gel.young, "poisson": gel.poisson, "friction": gel.friction}
-        return PaperNetwork(weights, sensor=gel.sensor, **material)
-
-    return Answerer(make, "paper", f'PaperNetwork("{weights}")', made_from)
+    """One of the paper's networks that is shipped; it says no forces."""
+    return Answerer(
+        lambda gel: PaperNetwork(weights, **gel.material),
+        "paper",
+        f'PaperNetwork("{weights}")',
+        made_from,
+    )
 
 
 class BondedLayer:

@@ -225,7 +225,7 @@ def finer(case: dict, model: Fem, last: Deformation) -> dict:
     slow = model.solve_path(press(case, model.body.mesh.vertices, finer=4))[-1]
     if isinstance(slow, PressError):
         return {"finer": slow.kind}
-    return {"finer": apart(last, slow)}
+    return {"finer": apart(last, slow, allowed(case))}
 
 
 def stiffer(case: dict, last: Deformation) -> dict:
@@ -243,7 +243,7 @@ def stiffer(case: dict, last: Deformation) -> dict:
     return {"stiffer": off}
 
 
-def apart(one: Deformation, other: Deformation) -> float:
-    """Relative difference of two forces, 0 if both are nothing."""
+def apart(one: Deformation, other: Deformation, least: float = 1e-6) -> float:
+    """Relative difference of two forces, 0 if neither is above the `least` that is told (N)."""
     most = max(size(one.wrench[:3]), size(other.wrench[:3]))
-    return size(one.wrench[:3] - other.wrench[:3]) / most if most > 1e-6 else 0.0
+    return size(one.wrench[:3] - other.wrench[:3]) / most if most > least else 0.0

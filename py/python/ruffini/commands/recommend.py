@@ -48,7 +48,7 @@ def _recommend(options: argparse.Namespace) -> None:
     name, error, milliseconds, use = fit[0]
     print(f"{name}: {use}")
     print(f"{options.of} off by {100 * error:.1f} % ({share}, {panel})")
-    print(f"{milliseconds:.3g} ms a press, one thread of {report['machine']['cpu']}")
+    print(f"{milliseconds:.3g} ms of one thread a frame, on {report['machine']['cpu']}")
 
 
 def _ranked(
