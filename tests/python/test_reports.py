@@ -1,8 +1,9 @@
 """What README and the pages beside it quote of reports, and that made pages are of their figures.
 
 A quoted figure is followed by a comment that says where it comes from, the report's name and the
-way to it in the JSON: ``12.3 ms<!-- pareto: panels / deep / network / ms -->``. It must be that
-number, rounded to as many digits as are written; before a ``%``, a hundred times that.
+way to it in the JSON: ``12.3 ms<!-- pareto: panels / deep / network / ms -->``, through a list by
+the number of a row or by a name that stands in it. It must be that number, rounded to as many
+digits as are written; before a ``%``, a hundred times that.
 """
 
 from __future__ import annotations
@@ -38,8 +39,14 @@ def value(report: str, way: str) -> float:
     files = [folder / f"{report}.json" for folder in FOLDERS]
     found = json.loads(next(file for file in files if file.exists()).read_text())
     for step in way.split(" / "):
-        found = found[int(step)] if isinstance(found, list) else found[step]
+        found = row(found, step) if isinstance(found, list) else found[step]
     assert isinstance(found, (int, float)), f"{report}: {way} is {found}"
+    return found
+
+
+def row(rows: list[dict], step: str) -> dict:
+    """The row of that number, or the only one that has that name in it."""
+    [found] = [rows[int(step)]] if step.isdigit() else [r for r in rows if step in r.values()]
     return found
 
 
