@@ -102,7 +102,7 @@ def by_candle(weights: str) -> Answerer:
     """A trained network without its fast path."""
     return Answerer(
         lambda gel: Surrogate(weights, **gel.material).plain(),
-        "other network",
+        "oracle",
         f'Surrogate("{weights}").plain()',
         shipped=False,
     )

@@ -10,8 +10,8 @@ from pareto_answerers import ANSWERERS, TEACHER
 ERRORS = ("displacement", "stress", "force", "peak")
 JUDGES = ("finest", TEACHER)
 PANELS = ("held-out", "deep", "tiny", "soft", "stiff")
-ROUNDING = 1e-4
-"""Relative difference of errors that tells nothing: that of one network evaluated in two ways."""
+TIME, ERROR = 0.05, 0.01
+"""Relative differences of times and of errors that tell nothing."""
 
 
 def summary(rows: list[dict]) -> dict:
@@ -67,22 +67,24 @@ def figures(rows: list[dict], name: str) -> dict:
 
 
 def front(found: dict, what: str) -> list[str]:
-    """Those that none beats both in time and in median error, fastest first.
+    """Those that none beats in time and median error, fastest first.
 
-    Among the answerers of all presses that the teacher solves; slower ones have to be better by
-    more than rounding.
+    Among the answerers of all presses that the teacher solves; an oracle only checks another.
     """
     known = [
         (row["ms"], row["finest"][what]["median"], name)
         for name, row in found.items()
-        if what in row["finest"] and row["whole"]
+        if what in row["finest"] and row["whole"] and row["kind"] != "oracle"
     ]
-    best, names = np.inf, []
-    for _, error, name in sorted(known):
-        if error < (1 - ROUNDING) * best:
-            best = error
-            names.append(name)
-    return names
+    return [one[-1] for one in sorted(known) if not any(beats(other, one) for other in known)]
+
+
+def beats(other: tuple, one: tuple) -> bool:
+    """Whether another is better by what tells something, in time or error, and no worse in either."""
+    (ms, error, _), (own_ms, own_error, _) = other, one
+    faster, slower = ms < (1 - TIME) * own_ms, ms > (1 + TIME) * own_ms
+    nearer, farther = error < (1 - ERROR) * own_error, error > (1 + ERROR) * own_error
+    return (faster and not farther) or (nearer and not slower)
 
 
 def break_even(report: dict) -> dict:
