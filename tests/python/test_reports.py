@@ -103,3 +103,23 @@ def test_what_is_recommended_from_is_the_report():
     report = json.loads((REPORTS / "pareto.json").read_text())
     shipped = json.loads((ROOT / "py/python/ruffini/answerers.json").read_text())
     assert pages.chosen(report) == shipped
+
+
+def test_a_front_leaves_out_what_is_measurably_beaten():
+    pages = importlib.import_module("pareto_pages")
+
+    def answers(ms, error, kind="fem", whole=True):
+        return {"ms": ms, "finest": {"force": {"median": error}}, "kind": kind, "whole": whole}
+
+    found = {
+        "slow and near": answers(100, 0.01),
+        "fast and far": answers(1, 0.1),
+        "as fast, to measure": answers(1.04, 0.1004),
+        "as near, but slower": answers(120, 0.01),
+        "as fast, but farther": answers(1, 0.11),
+        "not of all presses": answers(1, 0.001, whole=False),
+        "an oracle": answers(1, 0.001, kind="oracle"),
+        "silent": {"finest": {}},
+    }
+    expected = ["fast and far", "as fast, to measure", "slow and near"]
+    assert pages.front(found, "force") == expected

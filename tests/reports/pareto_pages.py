@@ -80,7 +80,7 @@ def front(found: dict, what: str) -> list[str]:
 
 
 def beats(other: tuple, one: tuple) -> bool:
-    """Whether another is better by what tells something, in time or error, and no worse in either."""
+    """Whether another is measurably better, in time or error, and measurably worse in neither."""
     (ms, error, _), (own_ms, own_error, _) = other, one
     faster, slower = ms < (1 - TIME) * own_ms, ms > (1 + TIME) * own_ms
     nearer, farther = error < (1 - ERROR) * own_error, error > (1 + ERROR) * own_error
