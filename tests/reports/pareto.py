@@ -1,6 +1,6 @@
 """Error against run time of every answerer: makes pareto.json, pareto.md and pareto.svg.
 
-    python tests/reports/pareto.py            two hours of one core; goes on after a stop
+    python tests/reports/pareto.py            an hour of one core; goes on after a stop
     python tests/reports/pareto.py --quick    a few presses, into target/reports/quick
 
 Judged by finite elements on the finest mesh, never by an answerer's own. The full form also writes
@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import os
 import time
 from functools import lru_cache
 from pathlib import Path
@@ -120,11 +119,6 @@ def task(work: tuple[bool, int, int, list[str], int, Path]) -> list[dict]:
     return [row(case, name, judges) for name in names]
 
 
-def one_thread() -> None:
-    """Before a process answers."""
-    os.environ["RAYON_NUM_THREADS"] = "1"
-
-
 def run(rows: Rows, form: str, most: int, jobs: int, kept: Path) -> None:
     """Answers every press that is not among the rows."""
     quick = form == "quick"
@@ -135,7 +129,7 @@ def run(rows: Rows, form: str, most: int, jobs: int, kept: Path) -> None:
     for number, case in enumerate(cases(quick, most)):
         if names := [name for name in there if key(case, name) not in rows]:
             work.append((quick, most, number, names, FINEST[form], kept))
-    with multiprocessing.get_context("spawn").Pool(jobs, one_thread) as pool:
+    with multiprocessing.get_context("spawn").Pool(jobs, pareto_batch.use_threads, (1,)) as pool:
         for found in pool.imap_unordered(task, work):
             for one in found:
                 rows.add(one)

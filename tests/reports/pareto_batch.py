@@ -36,12 +36,12 @@ def missing(rows: Rows, name: str, quick: bool) -> Iterator[dict]:
             work = (name, cores * (1 if quick else EACH), threads)
             # A process of its own: the threads are chosen once in one.
             context = multiprocessing.get_context("spawn")
-            with context.Pool(1, chosen, (threads,)) as pool:
+            with context.Pool(1, use_threads, (threads,)) as pool:
                 yield {"key": key, "panel": PANEL, "answerer": name} | pool.apply(timed, (work,))
 
 
-def chosen(threads: int) -> None:
-    """Before a process answers."""
+def use_threads(threads: int) -> None:
+    """Says how many, in a process that has answered nothing yet."""
     os.environ["RAYON_NUM_THREADS"] = str(threads)
 
 
