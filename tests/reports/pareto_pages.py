@@ -28,6 +28,7 @@ def summary(rows: list[dict]) -> dict:
         panel: {what: front(found, what) for what in ERRORS}
         for panel, found in report["panels"].items()
     }
+    report["known"] = known([row for row in rows if row["panel"] in PANELS])
     report["break-even"] = break_even(report)
     report["batches"] = batches([row for row in rows if row["panel"] == pareto_batch.PANEL])
     return report
@@ -57,12 +58,10 @@ def figures(rows: list[dict], name: str) -> dict:
     for judge in JUDGES:
         errors: dict[str, list[float]] = {}
         for row in solved:
-            for what, values in row.get(judge, {}).items():
-                errors.setdefault(what, []).extend(values)
-        found[judge] = {
-            what: {"median": float(np.median(v)), "95 %": float(np.quantile(v, 0.95))}
-            for what, v in errors.items()
-        }
+            for what in ERRORS:
+                if what in row.get(judge, {}):
+                    errors.setdefault(what, []).extend(row[judge][what])
+        found[judge] = spread(errors)
     return found
 
 
@@ -102,6 +101,35 @@ def break_even(report: dict) -> dict:
         presses = spent / saved if saved > 0 else None
         found[name] = answerer.made_from | {"presses": presses, "saved": saved}
     return found
+
+
+def known(rows: list[dict]) -> dict:
+    """Errors of networks against their teacher where they say that they know, and where not."""
+    found: dict = {}
+    for row in rows:
+        errors = row.get(TEACHER, {})
+        for what in ("displacement", "force"):
+            if "known" not in errors or what not in errors:
+                continue
+            parts = found.setdefault(row["answerer"], {"known": {}, "not known": {}})
+            for knows, error in zip(errors["known"], errors[what], strict=True):
+                part = parts["known" if knows else "not known"]
+                part.setdefault(what, []).append(error)
+    return {
+        name: {
+            part: {"frames": len(errors.get("displacement", []))} | spread(errors)
+            for part, errors in parts.items()
+        }
+        for name, parts in found.items()
+    }
+
+
+def spread(errors: dict[str, list[float]]) -> dict:
+    """Median and 95th percentile of each."""
+    return {
+        what: {"median": float(np.median(values)), "95 %": float(np.quantile(values, 0.95))}
+        for what, values in errors.items()
+    }
 
 
 def batches(rows: list[dict]) -> dict:
@@ -147,6 +175,8 @@ def markdown(report: dict) -> str:
         "taught. Over the presses that the teacher solves; unsolved are counted of all. Time is "
         "CPU time a frame on one thread, median over presses.",
         *(panel(name, found, report) for name, found in report["panels"].items()),
+        "## Whether a network knows",
+        knowing(report["known"]),
         "## In batches",
         in_batches(report["batches"]),
         "## Nothing touches",
@@ -194,6 +224,26 @@ def cell(row: dict, what: str) -> str:
     error, teacher = row["finest"][what], row[TEACHER].get(what)
     text = f"{100 * error['median']:.1f} / {100 * error['95 %']:.1f}"
     return text + (f" ({100 * teacher['median']:.1f})" if teacher else "")
+
+
+def knowing(found: dict) -> str:
+    """Errors of networks by what `knows` says."""
+    rows = []
+    shown = [name for name, one in ANSWERERS.items() if name in found and one.kind != "oracle"]
+    for name in shown:
+        for part, errors in found[name].items():
+            cells = [
+                " / ".join(f"{100 * errors[what][key]:.1f}" for key in ("median", "95 %"))
+                if what in errors
+                else "–"
+                for what in ("displacement", "force")
+            ]
+            rows.append([name, part, str(errors["frames"]), *cells])
+    return (
+        "All panels: errors against the teacher, median / 95th percentile in %, of the frames that "
+        "`knows` says are like what the network learnt from, and of the others.\n\n"
+        + table(["network", "it says", "frames", "u", "force"], rows)
+    )
 
 
 def in_batches(found: dict) -> str:
