@@ -1,6 +1,6 @@
 //! Linear elasticity with contact at the nodes, against contact at the points of every face.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Quaternion, UnitQuaternion, Vector3};
 use ruffini_core::{
     Error,
     compliance::{
@@ -168,14 +168,36 @@ fn a_thin_shape_led_through_the_pad_is_not_unfelt() {
     }
 }
 
-#[test]
-fn a_tip_is_not_led_past_a_wide_face_in_one_stride() {
-    // Two cells of 4 mm: between the nodes a tip comes nearer to none of them than 1.5 mm.
+/// A block of 8 x 8 x 4 mm, a cell high and two wide.
+fn coarse_block(moduli: Moduli, friction: f64) -> Nodal {
     let side = even(-4.0 * MM, 4.0 * MM, 2);
     let mesh = grid(&side, &side, &even(-4.0 * MM, 0.0, 1));
     let base: Vec<u32> = nodes_where(&mesh, |p| p.z < -3.9 * MM);
-    let body = SoftBody::new(mesh, Law::default(), GEL, &base).unwrap();
-    let model = Compliance::new(body, Options { friction: 0.1, sweeps: 0 }).unwrap().at_nodes();
+    let body = SoftBody::new(mesh, Law::default(), moduli, &base).unwrap();
+    Compliance::new(body, Options { friction, sweeps: 0 }).unwrap().at_nodes()
+}
+
+#[test]
+fn a_shape_that_drags_nodes_along_stops_at_what_holds_the_body() {
+    // A large cone, aslant, led from above to below: nodes went with it, 11 mm and more below the
+    // base, and slid off its side at last.
+    let turn = Quaternion::new(0.07754103, 0.30084238, 0.93333569, -0.17990483);
+    let turn = UnitQuaternion::new_normalize(turn);
+    let at = |z: f64| {
+        let place = Vector3::new(0.668, 1.462, z) * MM;
+        vec![Isometry3::from_parts(place.into(), turn)]
+    };
+    let cone = vec![Shape::Cone { radius: 7.755 * MM, half_height: 7.755 * MM }];
+    let stiff = Moduli { young: 3.588e8, poisson: 0.3617 };
+    let press = Press::along(cone, vec![at(5.487), at(-18.0)]).unwrap();
+    let error = coarse_block(stiff, 0.6819).settle(&press).unwrap_err();
+    assert!(matches!(error, Error::Penetrated { .. }), "{error}");
+}
+
+#[test]
+fn a_tip_is_not_led_past_a_wide_face_in_one_stride() {
+    // Two cells of 4 mm: between the nodes a tip comes nearer to none of them than 1.5 mm.
+    let model = coarse_block(GEL, 0.1);
     for x in [-2.0, 1.3, 2.1] {
         let at = |z: f64| vec![Isometry3::translation(x * MM, 1.8 * MM, z * MM)];
         let tip = vec![Shape::Sphere { radius: 0.5 * MM }];

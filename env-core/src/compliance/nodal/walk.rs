@@ -221,17 +221,17 @@ impl<'a> Walk<'a> {
         Ok(State { poses: poses.to_vec(), held, wrench, amplitude, sweeps })
     }
 
-    /// An error if a shape that no node feels is in the body, or in what holds it.
+    /// An error if a shape is in what holds the body, whose nodes it may have dragged along, or in the
+    /// body without a node that feels it.
     fn check_unfelt(&self, state: &State) -> Result<()> {
         let condensed = &self.skin.condensed;
-        for s in 0..self.shapes.len() {
+        let (way, limits) =
+            ([&self.state.poses[..], &state.poses], [UNFELT * self.law.softness, 0.0]);
+        condensed.backing.check(self.shapes, way, limits)?;
+        for (s, (shape, pose)) in self.shapes.iter().zip(&state.poses).enumerate() {
             if state.held.iter().any(|held| held.shape as usize == s) {
                 continue;
             }
-            let (shape, pose) = (&self.shapes[s], &state.poses[s]);
-            let way = [&self.state.poses[s], pose].map(std::slice::from_ref);
-            let (one, limits) = (std::slice::from_ref(shape), [UNFELT * self.law.softness, 0.0]);
-            condensed.backing.check(one, way, limits)?;
             let still = vec![Vector3::zeros(); condensed.rest.places().len()];
             if is_engulfed(shape, pose, condensed.body.mesh(), &still) {
                 let (residual, tolerance) = (f64::INFINITY, 0.0);
