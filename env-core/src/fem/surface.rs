@@ -60,21 +60,33 @@ pub(super) fn surface(
         Element::P2 => vec![(nodes.middle(a, b), 1.0)],
         _ => lifted_middle(mesh, &curvatures, a, b),
     };
-    let (mut points, mut held) = (Vec::new(), Vec::new());
+    let (mut points, mut held, mut rim) = (Vec::new(), Vec::new(), BTreeMap::new());
     for Facet { ends, tet, area, .. } in facets {
         let is_held = ends.iter().all(|&node| nodes.fixed[node as usize]);
-        let points = if is_held { &mut held } else { &mut points };
         let middles = [0, 1, 2].map(|i| middle(ends[i], ends[(i + 1) % 3]));
-        let rule = face_rule(spacing.pieces(longest_edge(mesh, ends)));
-        for l in &rule {
+        let pieces = spacing.pieces(longest_edge(mesh, ends));
+        let rule = face_rule(pieces);
+        let (area, young) = (area / rule.len() as f64, body.moduli()[tet as usize].young);
+        let point = |l: &[f64; 3]| {
             let shares = quadratic_shares(ends, &middles, l);
-            let young = body.moduli()[tet as usize].young;
-            points.push(SurfacePoint { shares, area: area / rule.len() as f64, young });
+            SurfacePoint { shares, area, young }
+        };
+        if !is_held {
+            points.extend(rule.iter().map(point));
+            continue;
+        }
+        held.extend(rule.iter().map(point));
+        for i in 0..3 {
+            let edge = [ends[i], ends[(i + 1) % 3]];
+            // An edge of two held faces is within what is held, not at its rim.
+            if rim.remove(&[edge[1], edge[0]]).is_none() {
+                rim.insert(edge, edge_rule(i, pieces).map(|l| point(&l)).collect::<Vec<_>>());
+            }
         }
     }
     let still = vec![Vector3::zeros(); nodes.places.len()];
-    let backing = Backing::new(held.iter().map(|point| point.place(&nodes.places, &still)));
-    (points, backing)
+    let held = held.iter().chain(rim.values().flatten());
+    (points, Backing::new(held.map(|point| point.place(&nodes.places, &still))))
 }
 
 fn facets(mesh: &TetMesh) -> Vec<Facet> {
@@ -105,6 +117,16 @@ fn face_rule(pieces: u32) -> Vec<[f64; 3]> {
         }
     }
     rule
+}
+
+/// Barycentric coordinates of points on the edge from corner `i` to the next, cut into `pieces`.
+fn edge_rule(i: usize, pieces: u32) -> impl Iterator<Item = [f64; 3]> {
+    (0..=pieces).map(move |k| {
+        let mut l = [0.0; 3];
+        l[(i + 1) % 3] = f64::from(k) / f64::from(pieces);
+        l[i] = 1.0 - l[(i + 1) % 3];
+        l
+    })
 }
 
 /// Weights of a quadratic face at barycentric coordinates `l`: L(2L − 1) of its corners, 4 L L′ of
@@ -211,9 +233,12 @@ mod tests {
         super::spacing::{Faces, USUAL},
         *,
     };
+    use nalgebra::Isometry3;
+
     use crate::{
+        Error,
         deformation::{Law, Moduli},
-        geometry::{PadMesh, PadOutline},
+        geometry::{PadMesh, PadOutline, Shape},
     };
 
     /// Greatest distance of the surface of a pad, bent to z = f(x, y), from that surface, where it
@@ -248,6 +273,26 @@ mod tests {
         assert!(distance(Element::P1Bar, plane) < 1e-16);
         let [flat, lifted] = [Element::P1, Element::P1Bar].map(|e| distance(e, ball));
         assert!(flat > 3e-5 && lifted < 0.3 * flat, "{lifted} m off, flat faces {flat} m");
+    }
+
+    #[test]
+    fn what_holds_a_body_is_looked_at_up_to_its_corners() {
+        let pad = PadMesh::with_nodes(&PadOutline::flat(0.02, 0.02, 0.004), 1000).unwrap();
+        let moduli = Moduli { young: 1e5, poisson: 0.45 };
+        let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
+        let nodes = Nodes::new(&body, Element::P1Bar);
+        let usual = Faces::new(&body, USUAL).usual;
+        let (_, backing) = surface(&body, &nodes, Element::P1Bar, usual);
+        let corner = pad.mesh.vertices[pad.base[0] as usize];
+        let at = [Isometry3::translation(0.0, 0.0, corner.z)];
+        let held = |inner: f64| {
+            let ring = Shape::Annulus { outer: 0.02, inner, half_height: 1e-3 };
+            backing.check(&[ring], [&at, &at], [2e-5, 0.0])
+        };
+        let farthest = corner.x.hypot(corner.y);
+        assert!(held(farthest + 1e-6).is_ok(), "a ring round the body");
+        let error = held(farthest - 5e-5).unwrap_err();
+        assert!(matches!(error, Error::Penetrated { .. }), "a ring in its corners: {error}");
     }
 
     #[test]
