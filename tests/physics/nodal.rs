@@ -181,7 +181,7 @@ fn coarse_block(moduli: Moduli, friction: f64) -> Nodal {
 fn a_shape_that_drags_nodes_along_stops_at_what_holds_the_body() {
     // A large cone, aslant, led from above to below: nodes went with it, 11 mm and more below the
     // base, and slid off its side at last.
-    let turn = Quaternion::new(0.07754103, 0.30084238, 0.93333569, -0.17990483);
+    let turn = Quaternion::new(0.077_541, 0.300_842, 0.933_336, -0.179_905);
     let turn = UnitQuaternion::new_normalize(turn);
     let at = |z: f64| {
         let place = Vector3::new(0.668, 1.462, z) * MM;
