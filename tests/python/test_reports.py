@@ -123,3 +123,9 @@ def test_a_front_leaves_out_what_is_measurably_beaten():
     }
     expected = ["fast and far", "as fast, to measure", "slow and near"]
     assert pages.front(found, "force") == expected
+
+
+def test_every_answerer_is_in_the_picture():
+    answerers, plots = map(importlib.import_module, ("pareto_answerers", "pareto_plots"))
+    drawn = {name for series in plots.SERIES.values() for name in series.members}
+    assert drawn == set(answerers.ANSWERERS)

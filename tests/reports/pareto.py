@@ -19,11 +19,10 @@ import time
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
 import pareto_batch
 from kept import HERE, KEPT, ROOT, Rows, arguments, folder, header
 from pareto_answerers import ANSWERERS, TEACHER, Gel, fem
-from pareto_cases import STILL, Case, Fields, cases
+from pareto_cases import Case, Fields, cases
 from pareto_pages import chosen, markdown, summary
 from pareto_plots import figure
 
@@ -74,10 +73,9 @@ def answered(case: Case, name: str) -> tuple[Fields | None, dict]:
     if isinstance(frames[-1], PressError):
         return None, {"failed": frames[-1].kind}
     fields = Fields.carried(case.gel, made.body.mesh, frames)
-    found = {"seconds": min(seconds), "setup": setup}
     if hasattr(made, "knows"):
-        found["known"] = [made.knows(frame) for frame in frames]
-    return fields, found
+        fields.known = [made.knows(frame) for frame in frames]
+    return fields, {"seconds": min(seconds), "setup": setup}
 
 
 def closed_form(case: Case, layer) -> dict:
@@ -93,14 +91,10 @@ def closed_form(case: Case, layer) -> dict:
 def row(case: Case, name: str, judges: dict[str, Fields]) -> dict:
     """Errors of an answerer at a press against the finest mesh and against the teacher's."""
     fields, found = answered(case, name)
-    knows = found.pop("known", None)
     found |= {"key": key(case, name), "panel": case.panel, "answerer": name}
     for judge, true in judges.items():
         if fields is not None and name != judge:
             found[judge] = fields.errors(true, case.judged)
-            if knows:
-                moved = [f for f in case.judged if np.abs(true.displacement[f]).max() >= STILL]
-                found[judge]["known"] = [float(knows[frame]) for frame in moved]
         elif "normal" in found:
             pairs = zip(found["normal"], -true.force[:, 2], strict=True)
             off = [abs(normal / force - 1) if force > 0 else None for normal, force in pairs]

@@ -1,6 +1,6 @@
 """Who answers presses: the table of the report on error against run time.
 
-An entry of `ANSWERERS` is all that another answerer needs.
+Another answerer needs an entry of `ANSWERERS`, and a place in a series of the picture.
 """
 
 from __future__ import annotations

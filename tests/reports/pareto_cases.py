@@ -106,6 +106,8 @@ class Fields:
 
     def __init__(self, displacement: np.ndarray, stress: np.ndarray, force: np.ndarray):
         self.displacement, self.stress, self.force = displacement, stress, force
+        self.known: list[bool] | None = None
+        """Whether a network says that it knows (F)."""
 
     @classmethod
     def carried(
@@ -154,4 +156,5 @@ class Fields:
             for name, m, t in zip(names, mine, true, strict=True)
             if np.isfinite(m).all()
         }
-        return off | {"peak": float(abs(mine[1].max() / true[1].max() - 1))}
+        off["peak"] = float(abs(mine[1].max() / true[1].max() - 1))
+        return off if self.known is None else off | {"known": float(self.known[frame])}

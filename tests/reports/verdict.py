@@ -164,7 +164,8 @@ def check_depth(case: dict, body: SoftBody, frame: Deformation) -> float:
     """Depth of the shape in the skin where nothing feels it (m); deep ones raise `WrongError`."""
     form, _ = shape(case)
     faces = skin(body)
-    rest, corners = (places[faces] for places in (body.mesh.vertices, moved(body, frame)))
+    vertices = body.mesh.vertices
+    rest, corners = vertices[faces], (vertices + frame.displacement)[faces]
     weights = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]])
     weights = np.vstack([weights / weights.sum(axis=1)[:, None], np.full((1, 3), 1 / 3)])
     points = np.einsum("wc,fcx->fwx", weights, corners)
@@ -182,11 +183,6 @@ def check_depth(case: dict, body: SoftBody, frame: Deformation) -> float:
         deep, edge = depth[face].max(), edges(corners)[face].max()
         raise WrongError(f"a shape {deep:.2e} m inside the skin, faces of {edge:.1e} m")
     return 0.0 if felt else max(float(depth.max()), 0.0)
-
-
-def moved(body: SoftBody, frame: Deformation) -> np.ndarray:
-    """Vertices where they have moved to (V, 3)."""
-    return body.mesh.vertices + frame.displacement
 
 
 def edges(corners: np.ndarray) -> np.ndarray:

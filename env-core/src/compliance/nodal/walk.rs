@@ -177,7 +177,7 @@ impl<'a> Walk<'a> {
         loop {
             let state = self.attempt_within(poses, room, reach)?;
             if state.amplitude <= room {
-                let checked = self.check_between(&state).and_then(|()| self.check_unfelt(&state));
+                let checked = self.check_between(&state).and_then(|()| self.check_inside(&state));
                 return checked.map(|()| state);
             }
             room = 2.0 * state.amplitude;
@@ -223,7 +223,7 @@ impl<'a> Walk<'a> {
 
     /// An error if a shape is in what holds the body, whose nodes it may have dragged along, or in the
     /// body without a node that feels it.
-    fn check_unfelt(&self, state: &State) -> Result<()> {
+    fn check_inside(&self, state: &State) -> Result<()> {
         let condensed = &self.skin.condensed;
         let (way, limits) =
             ([&self.state.poses[..], &state.poses], [UNFELT * self.law.softness, 0.0]);
