@@ -16,12 +16,10 @@ pub(super) struct Extension {
 }
 
 impl Extension {
-    /// That of `nodal`, whose displacement `carry` brings to the mesh.
-    pub(super) fn new(
-        nodal: &Nodal,
-        carry: impl Fn(&[Vector3<f64>]) -> Vec<Vector3<f64>> + Sync,
-    ) -> Self {
-        let answers = nodal.unit_responses(&carry);
+    /// That of `nodal`, whose displacement `carry` brings to the mesh. Made on the calling thread
+    /// alone: a thread of a pool that waited for others could be given a press that waits for this.
+    pub(super) fn new(nodal: &Nodal, carry: impl Fn(&[Vector3<f64>]) -> Vec<Vector3<f64>>) -> Self {
+        let answers = nodal.unit_responses(carry);
         let nodes = answers.first().map_or(0, Vec::len);
         let moved =
             |answer: &Vec<Vector3<f64>>| answer.iter().rposition(|u| *u != Vector3::zeros());

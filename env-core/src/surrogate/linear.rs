@@ -217,20 +217,28 @@ pub(super) fn body(pad: &PadMesh, moduli: Moduli) -> Result<SoftBody> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
     use crate::geometry::Shape;
 
-    #[test]
-    fn stress_by_the_matrix_is_that_of_a_solve_on_the_whole_mesh() {
+    /// A gel with contact at nodes, and a ball pressed into it.
+    fn pressed() -> (Box<Nodes>, Settled) {
         let sensor = Sensor::named("gelsight-mini").unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let gel = Gel { moduli, friction: 0.5, thickness: sensor.outline.thickness };
         let pad = sensor.pad(1000).unwrap();
         let linear = Linear::new(&sensor, &gel, 1000, Contact::Nodes, &pad).unwrap();
-        let Solver::Nodes(nodes) = &linear.solver else { panic!("contact at nodes") };
+        let Solver::Nodes(nodes) = linear.solver else { panic!("contact at nodes") };
         let path = vec![vec![Isometry3::translation(1e-4, 0.0, 8e-3 - 5e-4)]];
         let press = Press::along(vec![Shape::Sphere { radius: 8e-3 }], path).unwrap();
         let settled = nodes.nodal.settle(&press).unwrap();
+        (nodes, settled)
+    }
+
+    #[test]
+    fn stress_by_the_matrix_is_that_of_a_solve_on_the_whole_mesh() {
+        let (nodes, settled) = pressed();
         let found = nodes.von_mises(&settled);
         let solved = nodes.nodal.deformation(settled).unwrap().von_mises;
         let most = solved.iter().copied().fold(0.0, f64::max);
@@ -240,5 +248,30 @@ mod tests {
         // The matrix is rounded to 16 bits, which differences between neighbours feel most, and the fast
         // stress has single precision and a floor of 1e-5 of the shear modulus.
         assert!(error < 3e-4 * most, "{error} Pa of {most} Pa");
+    }
+
+    #[test]
+    fn presses_that_wait_for_the_matrix_do_not_wait_for_ever() {
+        const ROUNDS: usize = 3;
+        let (mut nodes, settled) = pressed();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().unwrap();
+        let (done, is_done) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            for round in 0..ROUNDS {
+                nodes.stress = OnceLock::new();
+                pool.in_place_scope(|scope| {
+                    let ask = |_: &_| drop(nodes.von_mises(&settled));
+                    scope.spawn(ask);
+                    // By now the matrix is being made; had it work for idle threads, its maker could be
+                    // handed one of these while it waits for them.
+                    std::thread::sleep(Duration::from_millis(5));
+                    (0..64).for_each(|_| scope.spawn(ask));
+                });
+                done.send(round).unwrap();
+            }
+        });
+        let rounds = || is_done.recv_timeout(Duration::from_secs(30));
+        let last = std::iter::from_fn(|| rounds().ok()).last();
+        assert_eq!(last, Some(ROUNDS - 1), "rounds without a deadlock");
     }
 }

@@ -64,17 +64,14 @@ impl Nodal {
 
     /// What `carry` makes of the displacement of all nodes (V) in m under a unit force on each contact
     /// node along each axis (3M).
-    pub(crate) fn unit_responses<T: Send>(
-        &self,
-        carry: &(impl Fn(&[Vector3<f64>]) -> T + Sync),
-    ) -> Vec<T> {
+    pub(crate) fn unit_responses<T>(&self, carry: impl Fn(&[Vector3<f64>]) -> T) -> Vec<T> {
         let rest = &self.skin.condensed.rest;
-        let answer = |workspace: &mut _, i: usize| {
+        let mut workspace = rest.workspace();
+        let answer = |i: usize| {
             let force = Vector3::ith(i % 3, 1.0);
-            carry(&rest.displacement(&self.spread(&[((i / 3) as u32, force)]), workspace))
+            carry(&rest.displacement(&self.spread(&[((i / 3) as u32, force)]), &mut workspace))
         };
-        let units = (0..3 * self.skin.places.len()).into_par_iter();
-        units.map_init(|| rest.workspace(), answer).collect()
+        (0..3 * self.skin.places.len()).map(answer).collect()
     }
 
     /// Forces on contact nodes as forces on the nodes of the mesh (V) in N.
