@@ -13,25 +13,35 @@ import numpy as np
 import pytest
 from bodies import BALL, ball_at, gel
 
-from ruffini import Fem, Press
+from ruffini import Compliance, Fem, Press, Surrogate
+
+MODELS = {
+    "fem": lambda: Fem(gel(), friction=0.5),
+    "compliance": lambda: Compliance(gel(), friction=0.5, sweeps=1),
+    "nodes": lambda: Compliance(gel(), friction=0.5, contact="nodes"),
+    "swift": lambda: Surrogate("swift"),
+    "default": lambda: Surrogate("default"),
+}
 
 
-def many() -> bytes:
+def many(name: str = "fem") -> bytes:
     presses = [Press(BALL, [ball_at(0, 1e-4), ball_at(x, 3e-4)]) for x in np.linspace(0, 1e-3, 6)]
-    answers = Fem(gel(), friction=0.5).solve(presses)
+    answers = MODELS[name]().solve(presses)
     return b"".join(a.displacement.tobytes() + a.von_mises.tobytes() for a in answers)
 
 
-def test_any_number_of_threads_gives_the_same_bits(monkeypatch):
-    code = "import sys, test_mechanics_threads as t; sys.stdout.buffer.write(t.many())"
+@pytest.mark.parametrize("name", MODELS)
+def test_any_number_of_threads_gives_the_same_bits(name, monkeypatch):
+    code = f"import sys, test_mechanics_threads as t; sys.stdout.buffer.write(t.many({name!r}))"
     outputs = []
-    for threads in ("1", "3"):
+    for threads in ("1", "3", "8"):
         monkeypatch.setenv("RAYON_NUM_THREADS", threads)
         command = [sys.executable, "-c", code]
-        done = subprocess.run(command, capture_output=True, cwd=Path(__file__).parent)
+        done = subprocess.run(command, capture_output=True, cwd=Path(__file__).parent, timeout=120)
         assert done.returncode == 0, done.stderr.decode()
         outputs.append(done.stdout)
-    assert outputs[0] == outputs[1] == many()
+    assert len(outputs[0]) > 10_000
+    assert outputs[0] == outputs[1] == outputs[2] == many(name)
 
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
