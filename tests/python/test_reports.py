@@ -129,3 +129,36 @@ def test_every_answerer_is_in_the_picture():
     answerers, plots = map(importlib.import_module, ("pareto_answerers", "pareto_plots"))
     drawn = {name for series in plots.SERIES.values() for name in series.members}
     assert drawn == set(answerers.ANSWERERS)
+
+
+def test_what_a_change_may_touch_is_asked_again(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("tomllib", reason="defects are kept in TOML, read from Python 3.11 on")
+    stability = importlib.import_module("stability")
+
+    def asked(*options, build):
+        """The JSON of a run in which that build answers every press with itself."""
+        answer = {"verdict": "solved", "why": "", "seconds": 0.0}
+        about = {"commit": build, "sizes": {}}
+        monkeypatch.setattr(stability, "header", lambda *_: dict(about))
+        monkeypatch.setattr(
+            stability, "answers", lambda _, tasks, *__: ((one, answer) for one in tasks)
+        )
+        out = ["--presses", "60", "--out", str(tmp_path), *options]
+        monkeypatch.setattr(sys, "argv", ["stability.py", *out])
+        stability.main()
+        return json.loads((tmp_path / "stability.json").read_text())["asked by"]
+
+    monkeypatch.setattr(stability, "KEPT", tmp_path)
+    monkeypatch.setattr(stability, "markdown", lambda _: "")
+    monkeypatch.setattr(stability, "figure", lambda *_: None)
+    assert all(builds.keys() == {"one"} for builds in asked(build="one").values())
+    by = asked("--keep", "one", "--again", "swift", "fem:tiny", build="two")
+    assert by["swift"].keys() == {"two"}
+    assert by["compliance"].keys() == by["nodes"].keys() == {"one"}
+    assert by["fem"].keys() == {"one", "two"}
+    for wrong in (["--keep", "two"], ["--keep", "one", "--again", "swoft"]):
+        with pytest.raises(SystemExit):
+            asked(*wrong, build="three")
+    assert "no rows of that build" in capsys.readouterr().err
+    assert asked("--keep", "one", build="three") == by
+    assert asked(build="three")["swift"].keys() == {"three"}

@@ -32,6 +32,7 @@ def summary(rows: list[dict]) -> dict:
     return {
         "presses": len(rows),
         "by answerer": by(rows, lambda row: row["case"]["answerer"]),
+        "asked by": asked_by(rows),
         "why": dict(Counter(reason(row) for row in rows if row["verdict"] == "refused")),
         "axes": {axis: by(presses, within(axis)) for axis in AXES}
         | {name: by(presses, lambda row, n=name: row["case"].get(n)) for name in NAMES},
@@ -54,6 +55,14 @@ def summary(rows: list[dict]) -> dict:
 def reason(row: dict) -> str:
     """Why a press or a scene ended without an answer, and who says so."""
     return f"{row['case']['answerer']}: {row['why']}"
+
+
+def asked_by(rows: list[dict]) -> dict[str, dict[str, int]]:
+    """How many presses each build has answered, by answerer."""
+    found: dict = defaultdict(Counter)
+    for row in rows:
+        found[row["case"]["answerer"]][row["by"]] += 1
+    return {who: dict(found[who].most_common()) for who in sorted(found)}
 
 
 def by(rows: list[dict], name: Callable) -> dict:
@@ -113,7 +122,7 @@ def markdown(report: dict) -> str:
         "## Defects found",
         defects(report["defects"]),
         "## Who answers",
-        counts(report["by answerer"], "answerer"),
+        counts(report["by answerer"], "answerer", builds(report["asked by"])),
         "Named errors: " + named(report["why"]) + ".",
         *wrong(report["wrong"]),
         "## Found another way",
@@ -163,11 +172,23 @@ def defects(found: list[dict]) -> str:
     return table(["defect", "press", "mended"], rows)
 
 
-def counts(by: dict, head: str) -> str:
-    """Verdicts by name."""
+def counts(by: dict, head: str, beside: dict[str, dict[str, str]] | None = None) -> str:
+    """Verdicts by name; `beside` has further columns."""
     kinds = sorted({kind for counted in by.values() for kind in counted}, key=order)
     rows = [[name, *(str(counted.get(kind, 0)) for kind in kinds)] for name, counted in by.items()]
-    return table([head, *kinds], rows)
+    for cells in (beside or {}).values():
+        rows = [[*row, cells[row[0]]] for row in rows]
+    return table([head, *kinds, *(beside or {})], rows)
+
+
+def builds(asked: dict[str, dict[str, int]]) -> dict[str, dict[str, str]]:
+    """The column that says which builds an answerer's presses were asked of, and how many."""
+    return {
+        "asked at commit": {
+            who: next(iter(by)) if len(by) == 1 else ", ".join(f"{c} ({n})" for c, n in by.items())
+            for who, by in asked.items()
+        }
+    }
 
 
 def order(kind: str) -> tuple[int, str]:
