@@ -122,7 +122,7 @@ def markdown(report: dict) -> str:
         "## Defects found",
         defects(report["defects"]),
         "## Who answers",
-        counts(report["by answerer"], "answerer", builds(report["asked by"])),
+        answerers(report["by answerer"], report["asked by"]),
         "Named errors: " + named(report["why"]) + ".",
         *wrong(report["wrong"]),
         "## Found another way",
@@ -172,23 +172,25 @@ def defects(found: list[dict]) -> str:
     return table(["defect", "press", "mended"], rows)
 
 
-def counts(by: dict, head: str, beside: dict[str, dict[str, str]] | None = None) -> str:
-    """Verdicts by name; `beside` has further columns."""
+def counts(by: dict, head: str) -> str:
+    """Verdicts by name."""
+    return table(*counted_rows(by, head))
+
+
+def answerers(by: dict, asked: dict[str, dict[str, int]]) -> str:
+    """Verdicts by answerer, and which builds were asked, with how many presses where several."""
+    head, rows = counted_rows(by, "answerer")
+    for row in rows:
+        some = asked[row[0]]
+        row.append(", ".join(f"{c} ({n})" if len(some) > 1 else c for c, n in some.items()))
+    return table([*head, "asked at commit"], rows)
+
+
+def counted_rows(by: dict, head: str) -> tuple[list[str], list[list[str]]]:
+    """Head and rows of a table of verdicts by name."""
     kinds = sorted({kind for counted in by.values() for kind in counted}, key=order)
     rows = [[name, *(str(counted.get(kind, 0)) for kind in kinds)] for name, counted in by.items()]
-    for cells in (beside or {}).values():
-        rows = [[*row, cells[row[0]]] for row in rows]
-    return table([head, *kinds, *(beside or {})], rows)
-
-
-def builds(asked: dict[str, dict[str, int]]) -> dict[str, dict[str, str]]:
-    """The column that says which builds an answerer's presses were asked of, and how many."""
-    return {
-        "asked at commit": {
-            who: next(iter(by)) if len(by) == 1 else ", ".join(f"{c} ({n})" for c, n in by.items())
-            for who, by in asked.items()
-        }
-    }
+    return [head, *kinds], rows
 
 
 def order(kind: str) -> tuple[int, str]:
