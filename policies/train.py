@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shutil
 import time
 from pathlib import Path
@@ -28,7 +27,9 @@ import torch
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 from tqdm import tqdm
 
 from evaluate import about_this_run
@@ -45,11 +46,14 @@ def run_folder(env_id: str, algorithm: str, seed: int) -> Path:
     return RUNS / f"{env_id.split('/')[-1]}-{algorithm}-{seed}"
 
 
-def make_environment(env_id: str, chosen: Params, seed: int, n_envs: int) -> VecNormalize:
+def make_environment(
+    env_id: str, chosen: Params, seed: int, n_envs: int, threads: int | None = None
+) -> VecNormalize:
     """The environments that an agent trains in; fields of touch are not normalised."""
     obs = "dict" if chosen.policy == "MultiInputPolicy" else "flat"
-    envs = make_vec_env(env_id, n_envs=n_envs, seed=seed, obs=obs, **chosen.environment)
-    monitored = VecMonitor(envs, info_keywords=("is_success",))
+    settings = {"obs": obs, "num_threads": threads} | chosen.environment
+    envs = make_vec_env(env_id, n_envs=n_envs, seed=seed, **settings)
+    monitored = VecMonitor(Timed(envs), info_keywords=("is_success",))
     keys = None
     if isinstance(envs.observation_space, gym.spaces.Dict):
         felt = fields(envs.observation_space)
@@ -58,11 +62,43 @@ def make_environment(env_id: str, chosen: Params, seed: int, n_envs: int) -> Vec
     return VecNormalize(monitored, norm_reward=False, gamma=gamma, norm_obs_keys=keys)
 
 
-class Progress(BaseCallback):
-    """Progress bar, learning curve and checkpoints."""
+class Timed(VecEnvWrapper):
+    """Measures the time that environments take to step (s)."""
 
-    def __init__(self, folder: Path, total: int, curve: list[dict[str, float]], every: int) -> None:
+    spent = 0.0
+
+    def reset(self) -> VecEnvObs:
+        """Passes on."""
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Takes one step and its time."""
+        started = time.monotonic()
+        result = self.venv.step_wait()
+        self.spent += time.monotonic() - started
+        return result
+
+
+class Progress(BaseCallback):
+    """Progress bar, learning curve, checkpoints, and where the time goes.
+
+    The last, in ``times.json``, are seconds of this process: ``environment`` steps,
+    ``collecting`` beside them (the policy acts, observations are scaled, rollouts are stored),
+    ``updating`` the networks.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        total: int,
+        curve: list[dict[str, float]],
+        every: int,
+        environment: Timed,
+    ) -> None:
         super().__init__()
+        self.environment = environment
+        self.collected = 0.0
+        self.begun = 0.0
         self.folder, self.total, self.curve, self.every = folder, total, curve, every
         self.before = curve[-1]["seconds"] if curve else 0.0
         self.started = time.monotonic()
@@ -73,10 +109,14 @@ class Progress(BaseCallback):
         self.bar = tqdm(total=self.total, initial=self.num_timesteps, unit=" steps", smoothing=0.1)
 
     def _on_step(self) -> bool:
-        return self.num_timesteps < self.total
+        return True
+
+    def _on_rollout_start(self) -> None:
+        self.begun = time.monotonic()
 
     def _on_rollout_end(self) -> None:
-        self.bar.update(self.num_timesteps - self.bar.n)
+        self.collected += time.monotonic() - self.begun
+        self.bar.update(min(self.num_timesteps, self.total) - self.bar.n)
         episodes = list(self.model.ep_info_buffer or ())
         # SAC ends a rollout at every step; a point a second is enough.
         seconds = self.before + time.monotonic() - self.started
@@ -92,6 +132,10 @@ class Progress(BaseCallback):
     def _on_training_end(self) -> None:
         self.save()
         self.bar.close()
+        whole, inside = time.monotonic() - self.started, self.environment.spent
+        times = {"environment": inside, "collecting": self.collected - inside}
+        times["updating"] = whole - self.collected
+        (self.folder / "times.json").write_text(json.dumps(times))
 
     def save(self) -> None:
         """Writes a whole new checkpoint beside the old one, then takes its place."""
@@ -114,6 +158,15 @@ class Progress(BaseCallback):
         self.saved = self.num_timesteps
 
 
+def timed(model: BaseAlgorithm) -> Timed:
+    """The wrapper of a model's environments that measures their time."""
+    envs = model.get_env()
+    while not isinstance(envs, Timed):
+        assert isinstance(envs, VecEnvWrapper), "make_environment measures"
+        envs = envs.venv
+    return envs
+
+
 def start(
     env_id: str,
     algorithm: str,
@@ -122,11 +175,15 @@ def start(
     n_envs: int,
     folder: Path,
     resume: bool,
+    threads: int | None,
 ) -> tuple[BaseAlgorithm, list[dict[str, float]]]:
     """A new model, or the last checkpoint's with its learning curve."""
-    envs = make_environment(env_id, chosen, seed, n_envs)
+    envs = make_environment(env_id, chosen, seed, n_envs, threads)
     if not resume:
         arguments: dict[str, Any] = {"seed": seed, "device": "cpu", **chosen.algorithm}
+        if chosen.final_learning_rate is not None:
+            first, last = chosen.algorithm["learning_rate"], chosen.final_learning_rate
+            arguments["learning_rate"] = LinearSchedule(first, last, 1.0)
         if chosen.policy == "MultiInputPolicy":
             touch = {"features_extractor_class": TouchExtractor}
             arguments["policy_kwargs"] = arguments["policy_kwargs"] | touch
@@ -156,19 +213,26 @@ def train(
     n_envs: int | None = None,
     resume: bool = False,
     settings: dict[str, Any] | None = None,
+    threads: int | None = None,
 ) -> BaseAlgorithm:
-    """Trains to `steps` environment steps in all; an interrupt saves and stops early."""
+    """Trains to `steps` environment steps in all; an interrupt saves and stops early.
+
+    The environments step on `threads` threads, one a core by default, and the network learns on
+    one: its layers are too small to share, and sums by several threads would differ in their last
+    bits, so that a seed would not give the same agent on another number of cores.
+    """
     chosen = params(env_id, algorithm).with_settings(settings or {})
     steps, n_envs = steps or chosen.steps, n_envs or chosen.n_envs
-    torch.set_num_threads(max(1, (os.cpu_count() or 2) // 2))
-    model, curve = start(env_id, algorithm, chosen, seed, n_envs, folder, resume)
+    torch.set_num_threads(1)
+    model, curve = start(env_id, algorithm, chosen, seed, n_envs, folder, resume, threads)
     folder.mkdir(parents=True, exist_ok=True)
     about = {"env": env_id, "algorithm": algorithm, "seed": seed, "n_envs": n_envs, "steps": steps}
     about |= {"policy": chosen.policy, "environment": chosen.environment}
+    about |= {"final_learning_rate": chosen.final_learning_rate}
     before = json.loads((folder / "run.json").read_text()).get("trained_by", []) if resume else []
     about |= {"trained_by": list(dict.fromkeys([*before, about_this_run()["commit"]]))}
     (folder / "run.json").write_text(json.dumps(about | chosen.algorithm, indent=1))
-    progress = Progress(folder, steps, curve, every=max(steps // 10, 1))
+    progress = Progress(folder, steps, curve, max(steps // 10, 1), timed(model))
     try:
         left = steps - model.num_timesteps
         model.learn(left, callback=progress, reset_num_timesteps=False)

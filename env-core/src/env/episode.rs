@@ -60,9 +60,9 @@ pub struct Outcome {
     pub reward: f64,
     /// Each term, in [0, 1].
     pub terms: RewardTerms,
-    /// The episode ended before its time.
+    /// The task ended the episode before its time.
     pub terminated: bool,
-    /// The episode ran out of time.
+    /// The episode ran out of time, or could not be computed any further.
     pub truncated: bool,
     /// The task is done.
     pub is_success: bool,
@@ -74,13 +74,14 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// An episode that ended without a reward.
-    pub(super) fn ended(ending: Ending) -> Self {
-        Self { terminated: true, ending: Some(ending), ..Self::default() }
+    /// An episode that could not be computed any further, without a reward. It is truncated: the task
+    /// goes on from there, and what it would still have paid is not 0.
+    pub(super) fn failed(ending: Ending) -> Self {
+        Self { truncated: true, ending: Some(ending), ..Self::default() }
     }
 
     fn press_failed(error: &Error) -> Self {
-        Self { press_error: Some(error.kind()), ..Self::ended(Ending::PressFailed) }
+        Self { press_error: Some(error.kind()), ..Self::failed(Ending::PressFailed) }
     }
 }
 
@@ -90,7 +91,7 @@ impl Episode {
         let config = &setup.config;
         let object = random.random_range(0..setup.models.len());
         let mut uniform = |[low, high]: Range| low + (high - low) * random.random::<f64>();
-        let (mass, friction) = (uniform(config.mass), uniform(config.friction));
+        let (mass, friction) = (uniform(config.mass), config.friction_at(uniform([0.0, 1.0])));
         let (scale, yaw) = (uniform(config.size), uniform(config.yaw));
         let (x, y) = (uniform(config.position), uniform(config.position));
         let start = [config.start, config.start, config.start_height].map(&mut uniform);
@@ -255,7 +256,7 @@ impl Episode {
         action: &[f32; ACTION_SIZE],
         costs: &mut Costs,
     ) -> Motion {
-        let command = command(action, &setup.config, self.grip);
+        let command = command(action, &setup.config, self.scene.yaw(), self.grip);
         let (start, shaking) = (self.time(setup), self.draw.shaking);
         self.grip = command.grip;
         self.steps += 1;
@@ -306,19 +307,20 @@ impl Episode {
         } else if ending != Some(Ending::NonFinite) {
             observation.copy_from_slice(scratch);
         }
-        let terms = if ending.is_none_or(Ending::is_of_the_task) {
+        let failed = ending.is_some_and(|ending| !ending.is_of_the_task());
+        let terms = if failed {
+            RewardTerms::default()
+        } else {
             costs.time(REWARD, || {
                 progress.advance(&moment, config);
                 RewardTerms::of(&moment, &progress, config)
             })
-        } else {
-            RewardTerms::default()
         };
         let outcome = Outcome {
             reward: terms.reward(&config.reward),
             terms,
-            terminated: ending.is_some(),
-            truncated: ending.is_none() && self.steps >= config.max_episode_steps,
+            terminated: ending.is_some() && !failed,
+            truncated: failed || ending.is_none() && self.steps >= config.max_episode_steps,
             is_success: progress.is_success(&moment, config),
             ending,
             press_error: retaken,

@@ -96,6 +96,8 @@ pub struct Gripper {
     pub max_opening: f64,
     /// Largest grip force of one finger (N).
     pub max_force: f64,
+    /// Largest rate at which a commanded grip force is taken up (N/s), unless it changes by factors.
+    pub max_force_rate: f64,
     /// Speed that a free finger reaches under any grip force (m/s).
     pub closing_speed: f64,
     /// Largest speed of the wrist along each axis (m/s).
@@ -120,6 +122,9 @@ impl Default for Gripper {
             finger_mass: 0.1,
             max_opening: 0.08,
             max_force: 40.0,
+            // From rest to the largest force in 0.4 s. A grip that could turn round within a control
+            // step would be undone by the next wrong command, and so by any noise of exploration.
+            max_force_rate: 100.0,
             closing_speed: 0.1,
             max_speed: 0.25,
             max_yaw_rate: 2.0,
@@ -202,6 +207,7 @@ impl SceneConfig {
             ("gripper.finger_mass", g.finger_mass, 0.001, 10.0),
             ("gripper.max_opening", g.max_opening, 0.001, 0.5),
             ("gripper.max_force", g.max_force, 0.01, 200.0),
+            ("gripper.max_force_rate", g.max_force_rate, 0.1, 1e5),
             ("gripper.closing_speed", g.closing_speed, 0.001, 5.0),
             ("gripper.max_speed", g.max_speed, 0.001, 5.0),
             ("gripper.max_yaw_rate", g.max_yaw_rate, 0.0, 50.0),

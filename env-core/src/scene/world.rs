@@ -166,6 +166,11 @@ impl Scene {
         }
     }
 
+    /// Angle by which the wrist is turned about z (rad).
+    pub fn yaw(&self) -> f64 {
+        self.wrist.yaw
+    }
+
     /// Pose of the object in the frame of each pad (m), [`FingerState::object`].
     pub fn object_in_pads(&self) -> [Isometry3<f64>; 2] {
         [0, 1].map(|finger| self.object_in_pad(finger))

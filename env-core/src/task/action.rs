@@ -1,25 +1,32 @@
 //! Actions: five numbers in [−1, 1].
 
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 
 use super::Config;
 use crate::scene::Command;
 
-/// Wrist velocity along x, y, z, yaw rate, grip force.
+/// Wrist velocity along the wrist's x, y, z, yaw rate, grip force.
 pub const ACTION_SIZE: usize = 5;
 
-/// The command that `action` stands for: each component scaled by the gripper's limit, but for a grip
-/// that closes by factors, which changes that of `before` (N). Components outside [−1, 1] count as the
-/// nearer bound.
-pub fn command(action: &[f32; ACTION_SIZE], config: &Config, before: f64) -> Command {
+/// The command that `action` stands for in a wrist turned by `yaw` (rad): each component scaled by the
+/// gripper's limit. The grip force follows that of `before` (N): towards what is wanted as fast as the
+/// gripper can, or by a factor where it closes so. Components outside [−1, 1] count as the nearer bound.
+pub fn command(action: &[f32; ACTION_SIZE], config: &Config, yaw: f64, before: f64) -> Command {
     let gripper = &config.scene.gripper;
-    let [x, y, z, yaw, grip] = action.map(|a| f64::from(a).clamp(-1.0, 1.0));
+    let [x, y, z, yaw_rate, grip] = action.map(|a| f64::from(a).clamp(-1.0, 1.0));
     let time = config.scene.physics.control_period;
     let most = gripper.max_force;
     Command {
-        velocity: Vector3::new(x, y, z) * gripper.max_speed,
-        yaw_rate: yaw * gripper.max_yaw_rate,
-        grip: (config.closing.as_ref())
-            .map_or(grip * most, |c| c.changed(before, grip, time, most)),
+        velocity: Rotation3::from_axis_angle(&Vector3::z_axis(), yaw)
+            * Vector3::new(x, y, z)
+            * gripper.max_speed,
+        yaw_rate: yaw_rate * gripper.max_yaw_rate,
+        grip: match &config.closing {
+            Some(closing) => closing.changed(before, grip, time, most),
+            None => {
+                let change = gripper.max_force_rate * time;
+                before + (grip * most - before).clamp(-change, change)
+            }
+        },
     }
 }

@@ -150,9 +150,10 @@ impl Config {
             Task::HoldStill => {
                 config.scene.gripper.max_force = FIRM_GRIP;
                 config.move_gently();
-                config.friction = [0.3, 1.2];
+                config.mass = [0.02, 0.15];
+                config.friction = [0.2, 1.6];
                 config.closing =
-                    Some(Closing { start_grip: 5.0, least_grip: 0.3, ..Closing::default() });
+                    Some(Closing { start_grip: 5.0, least_grip: 0.2, ..Closing::default() });
                 config.holding = Some(Holding::default());
             }
         }
@@ -181,6 +182,16 @@ impl Config {
     pub fn touch(&self) -> tactile::Config {
         let Self { tactile: choice, sensor, material, resolution, .. } = self.clone();
         tactile::Config { choice, sensor, material, resolution }
+    }
+
+    /// Coulomb coefficient at a share from 0 to 1 of its range: in equal steps, or, where the grip is to
+    /// suit it, in equal ratios, so that no grip suits more of the range than another.
+    pub fn friction_at(&self, share: f64) -> f64 {
+        let [low, high] = self.friction;
+        match self.holding {
+            Some(_) => low * (high / low).powf(share),
+            None => low + (high - low) * share,
+        }
     }
 
     /// Names of the observation's channels: the task's usual ones where nothing else is asked for.
@@ -306,6 +317,7 @@ impl Config {
             self.validate_trials(fragility)?;
         }
         let Some(holding) = &self.holding else { return Ok(()) };
+        ordered("friction", self.friction, 0.01, 10.0)?;
         ordered("load", holding.load, 0.0, 1e3)?;
         ordered("shaking", holding.shaking, 0.0, 1e3)?;
         ordered("shaking_frequency", holding.frequency, 0.0, 0.5 / self.scene.physics.time_step)?;

@@ -56,7 +56,8 @@ impl Ending {
         self as u8 + 1
     }
 
-    /// Whether the task itself ended the episode, and not what computes it: such a step is paid.
+    /// Whether the task itself ended the episode, and not what computes it: such a step is paid, and the
+    /// episode terminated; otherwise it is truncated.
     pub fn is_of_the_task(self) -> bool {
         matches!(self, Self::ObjectLost | Self::StressExceeded | Self::Dropped)
     }

@@ -28,9 +28,9 @@ impl Default for Holding {
         Self {
             load: [0.0, 1.5],
             shaking: [0.3, 1.5],
-            frequency: [0.5, 3.0],
+            frequency: [0.5, 2.0],
             slip_limit: 3e-3,
-            thrift: 2.0,
+            thrift: 2.5,
         }
     }
 }

@@ -34,10 +34,10 @@ impl Task {
     pub fn terms(self) -> &'static [(Term, f64)] {
         match self {
             Self::GraspLift => &[
-                (Term::Reach, 0.2),
-                (Term::Grasp, 0.2),
-                (Term::Lift, 0.3),
-                (Term::Hold, 0.25),
+                (Term::Reach, 0.1),
+                (Term::Grasp, 0.15),
+                (Term::Lift, 0.35),
+                (Term::Hold, 0.35),
                 (Term::Effort, 0.05),
             ],
             Self::GraspFragile => &[(Term::Grasp, 0.2), (Term::Lift, 0.3), (Term::Hold, 0.5)],

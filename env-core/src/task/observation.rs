@@ -161,6 +161,8 @@ fn components(channel: &str, config: &Config) -> Vec<Component> {
     let (gripper, workspace) = (&config.scene.gripper, &config.scene.workspace);
     // Room for rounding to single precision.
     let about = |x: f64| (x + 1e-3 * x.abs().max(1e-3) * x.signum()) as f32;
+    // A turned wrist sees the speeds along two axes of the world along one of its own.
+    let diagonal = std::f64::consts::SQRT_2 * gripper.max_speed;
     let both = |name: &str, n: usize, limit: f64, unit| Component {
         name: name.to_owned(),
         low: vec![about(-limit); n],
@@ -182,7 +184,7 @@ fn components(channel: &str, config: &Config) -> Vec<Component> {
                 unit: "m",
             },
             both("sine and cosine of yaw", 2, 1.0, ""),
-            both("tool centre velocity", 3, gripper.max_speed, "m/s"),
+            both("tool centre velocity, in the wrist's frame", 3, diagonal, "m/s"),
             both("yaw rate", 1, gripper.max_yaw_rate, "rad/s"),
             between("opening", 1, -0.05, gripper.max_opening + 0.05, "m"),
             both("opening rate", 1, 2.0 * FASTEST, "m/s"),
@@ -239,7 +241,7 @@ fn proprio(moment: &Moment, writer: &mut Writer) {
     writer.vector(&wrist.pose.translation.vector);
     writer.push(wrist.yaw.sin());
     writer.push(wrist.yaw.cos());
-    writer.vector(&wrist.velocity);
+    writer.vector(&wrist.pose.rotation.inverse_transform_vector(&wrist.velocity));
     writer.push(wrist.yaw_rate);
     writer.push(moment.state.opening());
     writer.push(fingers[0].velocity + fingers[1].velocity);

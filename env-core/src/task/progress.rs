@@ -8,6 +8,8 @@ use crate::scene::SceneState;
 
 /// Share of the wanted rise that counts as lifted.
 const LIFTED: f64 = 0.95;
+/// Time from the start that a grip is given to settle (s).
+const SETTLING: f64 = 1.0;
 /// Lever at which a turn of the object counts as slip (m).
 const LEVER: f64 = 0.01;
 
@@ -20,7 +22,7 @@ pub struct Progress {
     held: u32,
     /// Whether both pads have ever pressed on it.
     gripped: bool,
-    /// Control steps, and the sum of the grips commanded in them (N).
+    /// Control steps since the grip has had time to settle, and the sum of the grips commanded in them (N).
     grips: (u32, f64),
 }
 
@@ -35,7 +37,9 @@ impl Progress {
         let lifted = moment.rise() >= LIFTED * config.lift_height && moment.both_touch();
         self.held = if lifted { self.held + 1 } else { 0 };
         self.gripped |= moment.both_touch();
-        self.grips = (self.grips.0 + 1, self.grips.1 + moment.grip);
+        if moment.time > SETTLING {
+            self.grips = (self.grips.0 + 1, self.grips.1 + moment.grip);
+        }
     }
 
     /// Whether both pads have ever pressed on the object.
@@ -56,7 +60,7 @@ impl Progress {
         (f64::from(self.held) / wanted).min(1.0)
     }
 
-    /// Mean grip force commanded so far (N).
+    /// Mean grip force commanded since it has had time to settle (N).
     pub fn mean_grip(&self) -> f64 {
         self.grips.1 / f64::from(self.grips.0.max(1))
     }

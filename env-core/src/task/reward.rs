@@ -21,7 +21,8 @@ pub enum Term {
     Lift,
     /// Time for which it has stayed lifted over the wanted time.
     Hold,
-    /// 1 without grip force, 0 at the largest.
+    /// 1 without grip force on the lifted object, 0 at the largest; on the way up as much of it as of
+    /// `lift`, so that it does not pay to keep the hand open.
     Effort,
     /// 1 without stress in the lifted object, 0 at the episode's limit; on the way up as much of it as
     /// of `lift`, so that it does not pay to leave the object alone.
@@ -83,7 +84,10 @@ impl Term {
             }
             Self::Lift => 0.0,
             Self::Hold => progress.held(config),
-            Self::Effort => 1.0 - (moment.grip.abs() / config.scene.gripper.max_force).min(1.0),
+            Self::Effort => {
+                let spared = within(moment.grip.abs(), config.scene.gripper.max_force);
+                spared * Self::Lift.value(moment, progress, config)
+            }
             Self::Gentle => {
                 let limit = moment.draw.stress_limit;
                 let gentle = limit.map_or(1.0, |limit| within(moment.peak_stress, limit));

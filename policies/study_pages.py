@@ -1,0 +1,124 @@
+"""The page and the picture of a study: a table of agents by kind, a curve of every seed.
+
+Aggregates follow Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical
+Precipice" (NeurIPS 2021): the mean of the middle half of the seeds (interquartile mean), with a 95 %
+interval by bootstrap over seeds.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+
+mpl.use("Agg")
+from matplotlib import pyplot as plt
+
+RESAMPLES = 20_000
+NAMES = {
+    "touch": "default observation",
+    "force": "proprio and wrench: forces, no field of touch",
+    "blind": "proprio alone",
+    "rigid": "rigid pads, no touch",
+}
+
+
+def interquartile_mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Means along the last axis of what is left when the lowest and highest quarters are cut."""
+    cut = scores.shape[-1] // 4
+    middle = np.sort(scores, axis=-1)[..., cut : scores.shape[-1] - cut]
+    return np.asarray(middle.mean(axis=-1))
+
+
+def interval(scores: NDArray[np.float64]) -> tuple[float, float]:
+    """95 % interval of the interquartile mean by bootstrap over seeds, the same on every call."""
+    drawn = np.random.default_rng(0).choice(scores, (RESAMPLES, len(scores)))
+    low, high = np.percentile(interquartile_mean(drawn), [2.5, 97.5])
+    return float(low), float(high)
+
+
+def write_pages(rows: list[dict[str, Any]], path: Path) -> None:
+    """Writes ``<path>.md`` and ``<path>.png`` for the rows of one environment."""
+    rows = sorted(rows, key=lambda row: (list(NAMES).index(row["kind"]), row["seed"]))
+    kinds = list(dict.fromkeys(row["kind"] for row in rows))
+    by_kind = {kind: [row for row in rows if row["kind"] == kind] for kind in kinds}
+    path.with_suffix(".md").write_text(page(by_kind, path.name))
+    draw(by_kind, path.with_suffix(".png"))
+
+
+def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
+    """Tables of the kinds and of the seeds, in Markdown."""
+    first = next(iter(by_kind.values()))[0]
+    lines = [
+        f"# {name}: agents by PPO",
+        "",
+        f"Success over {first['episodes']} evaluation seeds without exploration noise, for training "
+        "seeds that no hyper-parameter was tuned on. IQM is the mean of the middle half of the "
+        "seeds, with its 95 % bootstrap interval over seeds. Made by `python policies/study.py`.",
+        "",
+        "| agent sees | seeds | IQM | 95 % interval | median | worst seed | steps | minutes | "
+        "CPU minutes | steps/s |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for kind, rows in by_kind.items():
+        scores = np.array([row["success"] for row in rows])
+        low, high = interval(scores)
+        wall, cpu = (np.median([row[key] for row in rows]) / 60 for key in ("wall", "cpu"))
+        rate = np.median([row["steps_per_second"] for row in rows])
+        lines.append(
+            f"| {NAMES[kind]} | {len(rows)} | {interquartile_mean(scores):.1%} | "
+            f"{low:.1%} to {high:.1%} | {np.median(scores):.1%} | {scores.min():.1%} | "
+            f"{rows[0]['steps']:,} | {wall:.1f} | {cpu:.1f} | {rate:,.0f} |"
+        )
+    lines += ["", f"![learning curves]({name}.png)", "", "Every seed:", ""]
+    lines += ["| agent sees | seed | success | 95 % interval | return | minutes | CPU minutes |"]
+    lines += ["| --- | ---: | ---: | ---: | ---: | ---: | ---: |"]
+    for kind, rows in by_kind.items():
+        for row in rows:
+            low, high = row["interval"]
+            lines.append(
+                f"| {NAMES[kind]} | {row['seed']} | {row['success']:.1%} | {low:.1%} to {high:.1%} "
+                f"| {row['return']:.1f} | {row['wall'] / 60:.1f} | {row['cpu'] / 60:.1f} |"
+            )
+    lines += ["", "Where the time of training goes, medians over seeds:", ""]
+    lines += ["| agent sees | environment | rest of collecting | updating |"]
+    lines += ["| --- | ---: | ---: | ---: |"]
+    for kind, rows in by_kind.items():
+        shares = [np.median([row["shares"][part] for row in rows]) for part in PARTS]
+        lines.append(f"| {NAMES[kind]} | " + " | ".join(f"{share:.0%}" for share in shares) + " |")
+    machines = {machine(row) for rows in by_kind.values() for row in rows}
+    lines += ["", *(f"Trained on {one}." for one in sorted(machines)), ""]
+    return "\n".join(lines)
+
+
+PARTS = ("environment", "collecting", "updating")
+
+
+def machine(row: dict[str, Any]) -> str:
+    """What a run was made on and by."""
+    about = row["about"]
+    return (
+        f"{about['cores']} cores of {about['processor']}, {row['threads']} threads; commit "
+        f"{about['commit']}, Python {about['python']}, gymnasium {about['gymnasium']}"
+    )
+
+
+def draw(by_kind: dict[str, list[dict[str, Any]]], path: Path) -> None:
+    """Success in training against steps, a thin line a seed and the median of each kind."""
+    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
+    for colour, (kind, rows) in enumerate(by_kind.items()):
+        curves = [np.array(row["curve"]) for row in rows]
+        for curve in curves:
+            axes.plot(curve[:, 0], 100 * curve[:, 1], color=f"C{colour}", lw=0.7, alpha=0.6)
+        steps = curves[0][:, 0]
+        middle = np.median([np.interp(steps, c[:, 0], c[:, 1]) for c in curves], axis=0)
+        label = f"{NAMES[kind]}, {len(rows)} seeds"
+        axes.plot(steps, 100 * middle, color=f"C{colour}", lw=2.2, label=label)
+    axes.set(xlabel="environment steps", ylabel="success in training (%)", ylim=(-2, 102))
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
