@@ -111,6 +111,14 @@ def test_every_info_has_its_mask():
             assert "is_success" not in info
 
 
+def test_a_seed_beside_a_mask_leaves_the_other_rows_streams_alone():
+    envs, twin = GraspLiftVectorEnv(2, obs="flat"), GraspLiftVectorEnv(2, obs="flat")
+    for both in (envs, twin):
+        both.reset(seed=0)
+    envs.reset(seed=5, options={"reset_mask": np.array([False, True])})
+    np.testing.assert_array_equal(envs.reset()[0][0], twin.reset()[0][0])
+
+
 def test_common_wrappers_work():
     envs = GraspLiftVectorEnv(4, obs="flat", max_episode_steps=10)
     envs = gym.wrappers.vector.RecordEpisodeStatistics(envs)

@@ -103,13 +103,16 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         """Starts an episode in every row, or in those of ``options["reset_mask"]``.
 
         A seed s gives row i the seed s + i; a sequence gives each row its own, and ``None`` in it
-        leaves that row's random stream as it is.
+        leaves that row's random stream as it is. Rows that the mask leaves out go on untouched,
+        whatever seed stands in their place.
         """
         check_options(options)
         seeds = self._seeds(seed)
+        mask = None if options is None else self._mask(options.get("reset_mask"))
         if isinstance(seed, (int, np.integer)):
             super().reset(seed=int(seed))
-        mask = None if options is None else self._mask(options.get("reset_mask"))
+        if seeds is not None and mask is not None:
+            seeds = [s if chosen else None for s, chosen in zip(seeds, mask, strict=True)]
         observation = self._batch.reset(seeds, mask)
         self._started = True
         return self._spaces.cut(observation), {}
