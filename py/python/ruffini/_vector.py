@@ -89,6 +89,7 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         self.observation_space = batch_space(self._spaces.observation, num_envs)
         self.action_space = batch_space(self._spaces.action, num_envs)
         self._started = False
+        self._ended = np.zeros(num_envs, np.bool_)
 
     def _new_batch(self) -> Batch:
         mode = self.autoreset_mode.value
@@ -115,6 +116,7 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
             seeds = [s if chosen else None for s, chosen in zip(seeds, mask, strict=True)]
         observation = self._batch.reset(seeds, mask)
         self._started = True
+        self._ended[slice(None) if mask is None else mask] = False
         return self._spaces.cut(observation), {}
 
     def _seeds(self, seed: Any) -> list[int | None] | None:
@@ -145,7 +147,11 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         return np.ascontiguousarray(mask)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Takes one control step of 40 ms in every row."""
+        """Takes one control step of 40 ms in every row.
+
+        With ``NextStep``, a row whose episode ended in the step before starts the next one instead:
+        it has a reward of 0 and no info.
+        """
         actions = as_actions(actions, (self.num_envs, ACTION_SIZE))
         observation, reward, terminated, truncated, terms, success, ending, finals, failed = (
             self._batch.step(actions)
@@ -155,6 +161,10 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
             info |= self._press_errors(failed)
         if finals:
             info = self._with_finals(info, finals)
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            if self._ended.any():
+                info = _masked(info, ~self._ended)
+            self._ended = terminated | truncated
         return self._spaces.cut(observation), reward, terminated, truncated, info
 
     def _info(
@@ -225,8 +235,10 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         """
         if not (isinstance(states, (list, tuple)) and all(isinstance(s, bytes) for s in states)):
             raise ValueError(f"state: found {type(states).__name__}, expected a list of bytes")
+        observation = self._batch.load(list(states))
         self._started = True
-        return self._spaces.cut(self._batch.load(list(states)))
+        self._ended = np.array([_has_ended(state, self._spaces.size) for state in states])
+        return self._spaces.cut(observation)
 
     def plan(self, forget: bool = False) -> list[tuple[str, float, float]]:
         """The stages that a step runs, in order, with what they cost.
@@ -275,6 +287,16 @@ def _cores() -> int:
     """Cores that this process may use."""
     affinity: Callable[[int], Any] | None = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+
+
+def _has_ended(state: bytes, size: int) -> bool:
+    """Whether the episode was over in a state of a row whose observation has `size` numbers.
+
+    A state closes with that flag (1 byte), the number of the observation's components (7 bits a
+    byte) and the components (4 bytes each).
+    """
+    length = -(-size.bit_length() // 7)
+    return state[-4 * size - length - 1] == 1
 
 
 def _masked(info: Mapping[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:
