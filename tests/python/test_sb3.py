@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from conftest import actions
 
 pytest.importorskip("stable_baselines3")
 
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import VecMonitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from ruffini.envs import GraspLiftEnv
 from ruffini.sb3 import TouchExtractor, make_vec_env
@@ -41,6 +43,64 @@ def test_a_seed_takes_effect_at_the_next_reset():
     assert not np.array_equal(first, envs.reset())
     envs.seed(5)
     np.testing.assert_array_equal(first, envs.reset())
+
+
+def same_infos(ours: list[dict], theirs: list[dict], where: str) -> None:
+    """Raises unless all rows have the same keys, values and types."""
+    for row, (found, expected) in enumerate(zip(ours, theirs, strict=True)):
+        assert found.keys() == expected.keys(), f"{where}, row {row}"
+        for key, value in expected.items():
+            assert type(found[key]) is type(value), f"{where}, row {row}, {key}"
+            if key == "terminal_observation":
+                np.testing.assert_equal(found[key], value)
+            else:
+                assert found[key] == value, f"{where}, row {row}, {key}"
+
+
+def opening_hands(rows: int, steps: int) -> np.ndarray:
+    """Random actions (steps, rows, 5); the second row opens its hand."""
+    acts = actions(rows, steps)
+    acts[:, 1, 4] = -1
+    return acts
+
+
+@pytest.mark.parametrize("obs", ["dict", "flat"])
+@pytest.mark.parametrize("name", ["GraspLift", "HoldStill"])
+def test_infos_are_those_of_the_dummy_vector_environment(name, obs):
+    env_id = f"ruffini/{name}-v0"
+    settings = {"max_episode_steps": 12, "tactile": "none", "obs": obs}
+    ours = make_vec_env(env_id, 3, seed=7, **settings)
+    theirs = DummyVecEnv([lambda: gym.make(env_id, **settings)] * 3)
+    theirs.seed(7)
+    np.testing.assert_equal(ours.reset(), theirs.reset())
+    ended, truncated, endings = 0, 0, set()
+    for step, action in enumerate(opening_hands(3, 40)):
+        observation, reward, dones, infos = ours.step(action)
+        expected = theirs.step(action)
+        np.testing.assert_equal(observation, expected[0])
+        np.testing.assert_array_equal(reward, expected[1])
+        np.testing.assert_array_equal(dones, expected[2])
+        same_infos(infos, expected[3], f"step {step}")
+        assert ours.reset_infos == theirs.reset_infos
+        ended += dones.sum()
+        truncated += sum(info["TimeLimit.truncated"] for info in infos)
+        endings |= {info.get("ending") for info in infos}
+    assert ended >= 9 and truncated >= 6
+    assert endings == ({None} if name == "GraspLift" else {None, "dropped"})
+
+
+def test_infos_of_episode_ends_alone_are_those_of_every_step_there():
+    settings = {"seed": 7, "max_episode_steps": 12, "tactile": "none"}
+    every = make_vec_env("ruffini/HoldStill-v0", 3, **settings)
+    ends = make_vec_env("ruffini/HoldStill-v0", 3, infos="episode ends", **settings)
+    every.reset()
+    ends.reset()
+    for step, action in enumerate(opening_hands(3, 30)):
+        *_, dones, expected = every.step(action)
+        *_, found = ends.step(action)
+        same_infos(found, [i if d else {} for i, d in zip(expected, dones, strict=True)], f"{step}")
+    with pytest.raises(ValueError, match="infos: found 'never', expected 'every step' or"):
+        make_vec_env(ID, 2, infos="never")
 
 
 def test_attributes_and_methods_honour_indices():
