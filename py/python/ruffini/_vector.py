@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
+from ruffini import _rows
 from ruffini._core import ENDINGS, Batch
 from ruffini._settings import Settings, to_json
 from ruffini._spaces import (
@@ -223,6 +224,10 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
             return None
         return tuple(self._renderer.draw(self._batch, row) for row in range(self.num_envs))
 
+    def picture(self, row: int) -> Frame | None:
+        """The picture (height, width, 3) of one row, or ``None`` without a render mode."""
+        return None if self.render_mode is None else self._renderer.draw(self._batch, row)
+
     def state(self) -> list[bytes]:
         """Every row as bytes: everything that its future depends on."""
         return self._batch.save()
@@ -239,6 +244,10 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         self._started = True
         self._ended = np.array([_has_ended(state, self._spaces.size) for state in states])
         return self._spaces.cut(observation)
+
+    def channels(self) -> list[tuple[str, list[tuple[str, list[float], list[float], str]]]]:
+        """Channels in order, with each component's name, lower bounds, upper bounds and unit."""
+        return self._batch.layout()
 
     def plan(self, forget: bool = False) -> list[tuple[str, float, float]]:
         """The stages that a step runs, in order, with what they cost.
@@ -265,10 +274,16 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         return self._batch.look(row)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """What `name` is or returns, once a row."""
-        value = getattr(self, name)
-        result = value(*args, **kwargs) if callable(value) else value
-        return (result,) * self.num_envs
+        """What `name` is or returns in the single environment that each row equals.
+
+        ``look``, ``state``, ``render``, ``reset``, ``channels`` and ``skin`` are called for each
+        row, ``set_state`` takes one state for all or a list of one each, ``step`` is refused, and
+        any other method is called once for the batch.
+        """
+        rows = range(self.num_envs)
+        if callable(getattr(self, name)):
+            return tuple(_rows.call(self, rows, name, *args, **kwargs))
+        return tuple(_rows.attribute(self, rows, name))
 
     def __getstate__(self) -> dict[str, Any]:
         """Arguments and snapshots; a copy goes on where this one stands."""

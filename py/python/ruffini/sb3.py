@@ -14,6 +14,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
+from ruffini import _rows
 from ruffini._core import TACTILE_CHANNELS
 from ruffini.envs import NativeVectorEnv
 
@@ -117,8 +118,15 @@ class RuffiniVecEnv(VecEnv):
         self.envs.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """The batch's attribute, once for every row asked for."""
-        return [getattr(self.envs, attr_name) for _ in self._rows(indices)]
+        """An attribute of every row asked for.
+
+        Rows have their attributes in common, their spaces those of a single environment. A method
+        of a row comes as one that is called for that row; see :meth:`env_method`.
+
+        Raises:
+            ValueError: If it is a method of the whole batch, and some of the rows are asked for.
+        """
+        return _rows.attribute(self.envs, self._rows(indices), attr_name)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Sets an attribute of the batch, which all rows share.
@@ -126,23 +134,24 @@ class RuffiniVecEnv(VecEnv):
         Raises:
             ValueError: If only some of the rows are asked for.
         """
-        if len(self._rows(indices)) != self.num_envs:
-            raise ValueError("indices: found some of the rows, expected all: they share attributes")
-        setattr(self.envs, attr_name, value)
+        _rows.set_attribute(self.envs, self._rows(indices), attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Calls a method of the batch, and gives each row asked for its share.
+        """Calls a method for the rows asked for and leaves the others alone; what each returns.
 
-        ``look`` and ``state`` are a row's own; any other method is called once for the batch, and
-        every row gets what it returns.
+        ``look``, ``state``, ``render``, ``reset``, ``channels`` and ``skin`` are those of the
+        single environment that a row equals. ``set_state`` takes one state for all rows or a list
+        of one each. ``step`` is refused. Any other method, such as ``plan``, is called once for
+        the batch, and every row gets what it returns.
+
+        Raises:
+            ValueError: If it is ``set_state`` or a method of the whole batch, and only some of
+                the rows are asked for.
         """
         rows = self._rows(indices)
-        if method_name == "look":
-            return [self.envs.look(row) for row in rows]
-        result = getattr(self.envs, method_name)(*method_args, **method_kwargs)
-        return [result[row] if method_name == "state" else result for row in rows]
+        return _rows.call(self.envs, rows, method_name, *method_args, **method_kwargs)
 
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None
@@ -156,7 +165,7 @@ class RuffiniVecEnv(VecEnv):
         return [None] * self.num_envs if frames is None else list(frames)
 
     def _rows(self, indices: int | Iterable[int] | None) -> list[int]:
-        return list(self._get_indices(indices))
+        return _rows.chosen(indices, self.num_envs)
 
 
 def _fill(infos: list[dict[str, Any]], info: dict[str, Any]) -> None:
