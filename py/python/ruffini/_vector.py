@@ -36,7 +36,11 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
     Args:
         num_envs: Number of environments.
         num_threads: Threads to step them on; ``None`` takes one a core, at most one an environment.
-        autoreset_mode: When a row whose episode has ended starts the next one.
+        autoreset_mode: When a row whose episode has ended starts the next one: ``"NextStep"``,
+            ``"SameStep"`` or, by the caller's ``reset_mask``, ``"Disabled"``. TorchRL's
+            ``GymWrapper`` works with ``"Disabled"`` only: with ``"SameStep"`` it cannot read infos
+            that are dicts, as the reward's terms are, and loses the last observation of an episode
+            if that is a dict.
         render_mode: ``None`` or ``"rgb_array"``.
         obs: ``"dict"`` or ``"flat"``.
         width: Width of a picture in pixels.
