@@ -3,10 +3,11 @@
 Use::
 
     python policies/rollout_speed.py --json policies/results/rollout_speed.json
+    python policies/rollout_speed.py --infos --json infos_speed.json
 
 Peers are measured in the same run if they are installed (``gymnasium-robotics`` with a ``mujoco``
 below 3.12, ``envpool``) and named as missing if not. Actions are random; resets count as what they
-cost.
+cost. With ``--infos``, the adapter for Stable-Baselines3 alone: what infos in every step cost.
 """
 
 from __future__ import annotations
@@ -100,6 +101,64 @@ def python_share(seconds: float) -> float:
     return whole / python
 
 
+def processor_microseconds(step: Callable[[int], Any], seconds: float) -> float:
+    """Processor time of a `step` on this thread (µs), whatever else the machine does."""
+    count, start = 0, time.thread_time()
+    while (spent := time.thread_time() - start) < seconds:
+        step(count)
+        count += 1
+    return 1e6 * spent / count
+
+
+def infos_microseconds(n: int, seconds: float) -> dict[str, float]:
+    """Processor times of a step of n rigid environments (µs), medians over turns.
+
+    ``native`` is the native call under random actions; the others are what the adapter for
+    Stable-Baselines3 adds with these infos, over a recorded step in which no episode ends.
+    """
+    from stable_baselines3.common.vec_env import VecEnv
+
+    from ruffini.sb3 import Infos, make_vec_env
+
+    random = np.random.default_rng(0)
+    actions = random.uniform(-1, 1, (16, n, 5)).astype(np.float32)
+
+    def adapter(infos: Infos) -> VecEnv:
+        vec_env = make_vec_env(
+            ENV_ID, n, seed=0, infos=infos, num_threads=1, tactile="none", observation="proprio"
+        )
+        vec_env.reset()
+        step = vec_env.envs._batch.step(actions[0])
+        vec_env.envs._batch = Recorded(step)  # type: ignore[assignment]
+        return vec_env
+
+    batch = make(n, 1, observation="proprio")._batch
+    every, ends = adapter("every step"), adapter("episode ends")
+    steps: dict[str, Callable[[int], Any]] = {
+        "native": lambda i: batch.step(actions[i % 16]),
+        "every step": lambda i: every.step(actions[i % 16]),
+        "episode ends": lambda i: ends.step(actions[i % 16]),
+    }
+    turns: dict[str, list[float]] = {name: [] for name in steps}
+    for _ in range(10):
+        for name, step in steps.items():
+            turns[name].append(processor_microseconds(step, seconds / 10))
+    return {name: round(float(np.median(times)), 1) for name, times in turns.items()}
+
+
+def infos_cost(seconds: float) -> dict[str, Any]:
+    """What infos in every step cost, by the number of environments."""
+    found: dict[str, Any] = {}
+    for n in (64, 256):
+        times = infos_microseconds(n, seconds)
+        more = times["every step"] - times["episode ends"]
+        whole = times["native"] + times["every step"]
+        found[str(n)] = {"microseconds": times, "share_of_a_step": round(more / whole, 4)}
+        print(f"n = {n:5d}: " + ", ".join(f"{name} {time} µs" for name, time in times.items()))
+        print(f"           infos in every step are {more / whole:.1%} of a step")
+    return found
+
+
 def resident_bytes() -> int:
     """Memory of this process that is in use."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
@@ -185,13 +244,24 @@ def peer(name: str, seconds: float) -> float | str:
         return f"failed: {error!r}"
 
 
+def write(file: Path | None, figures: dict[str, Any]) -> None:
+    """Writes figures and what they were measured on to a file, if there is one."""
+    if file:
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(json.dumps(about_this_run() | figures, indent=1) + "\n")
+
+
 def main() -> None:
     """Measures, prints, writes."""
     parser = argparse.ArgumentParser(description="Measure environment steps per second.")
     parser.add_argument("--json", type=Path, help="file to write the figures to")
     parser.add_argument("--quick", action="store_true", help="a tenth of the time, fewer sizes")
+    parser.add_argument("--infos", action="store_true", help="the cost of SB3's infos alone")
     arguments = parser.parse_args()
     seconds, cores = (0.3 if arguments.quick else 3.0), os.cpu_count() or 1
+    if arguments.infos:
+        write(arguments.json, {"infos_rigid_1_thread": infos_cost(seconds)})
+        return
     sizes = [1, 64] if arguments.quick else [1, 16, 64, 256, 1024]
     threads = sorted({t for t in (1, 2, 4, cores) if t <= cores})
     per_environment = round(memory_per_environment())
@@ -214,9 +284,7 @@ def main() -> None:
     for name, value in figures.items():
         if name != "random_actions":
             print(f"{name}: {value}")
-    if arguments.json:
-        arguments.json.parent.mkdir(exist_ok=True)
-        arguments.json.write_text(json.dumps(about_this_run() | figures, indent=1) + "\n")
+    write(arguments.json, figures)
 
 
 if __name__ == "__main__":

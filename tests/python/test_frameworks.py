@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium as gym
 import pytest
 
@@ -46,3 +48,40 @@ def test_torchrl_steps_and_resets_single_and_batch():
     rollout = batch.rollout(12, break_when_any_done=False)
     assert rollout["next", "done"].sum(1).flatten().tolist() == [2, 2, 2]
     assert rollout["markers"].shape == (3, 12, 210)
+
+
+class WithoutInfos(gym.vector.VectorWrapper):
+    """Leaves no info but the last observation of an episode."""
+
+    @property
+    def autoreset_mode(self) -> Any:
+        return self.env.autoreset_mode
+
+    def step(self, actions: Any) -> Any:
+        *rest, info = self.env.step(actions)
+        return *rest, {k: v for k, v in info.items() if k.lstrip("_") == "final_obs"}
+
+
+@pytest.mark.filterwarnings("default")
+def test_torchrl_takes_no_batch_with_dict_infos_or_observations_that_resets_in_the_same_step():
+    envs = pytest.importorskip("torchrl.envs")
+    settings = {"max_episode_steps": 5, "tactile": "none", "observation": "time"}
+    same = {"autoreset_mode": "SameStep"}
+
+    def native(**more: Any) -> Any:
+        return gym.make_vec(ID, num_envs=2, **same, **settings, **more)
+
+    singles = [lambda: gym.make(ID, **settings, obs="flat")] * 2
+    # The terms of the reward are a dict in info: TorchRL reads each info as one tensor.
+    refusals = []
+    for batch in (native(obs="flat"), gym.vector.SyncVectorEnv(singles, **same)):
+        with pytest.raises((AttributeError, TypeError)) as refusal:
+            envs.GymWrapper(batch).rollout(6, break_when_any_done=False)
+        refusals.append((refusal.type, str(refusal.value)))
+    assert refusals[0] == refusals[1], "gymnasium's own batch fails otherwise"
+    # Without infos, it loses the last observation of an episode if that is a dict.
+    ends = {}
+    for obs, key in (("flat", "observation"), ("dict", "time")):
+        batch = envs.GymWrapper(WithoutInfos(native(obs=obs)))
+        ends[obs] = batch.rollout(6, break_when_any_done=False)["next", key][0, 4].item()
+    assert ends == {"flat": pytest.approx(5 * 0.04), "dict": 0.0}

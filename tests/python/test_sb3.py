@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from conftest import actions
 
 pytest.importorskip("stable_baselines3")
 
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import VecMonitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from ruffini.envs import GraspLiftEnv
 from ruffini.sb3 import TouchExtractor, make_vec_env
@@ -43,20 +45,165 @@ def test_a_seed_takes_effect_at_the_next_reset():
     np.testing.assert_array_equal(first, envs.reset())
 
 
-def test_attributes_and_methods_honour_indices():
-    envs = make_vec_env(ID, 3, render_mode="rgb_array", width=64, height=48)
+def same_infos(ours: list[dict], theirs: list[dict], where: str) -> None:
+    """Raises unless all rows have the same keys, values and types."""
+    for row, (found, expected) in enumerate(zip(ours, theirs, strict=True)):
+        assert found.keys() == expected.keys(), f"{where}, row {row}"
+        for key, value in expected.items():
+            assert type(found[key]) is type(value), f"{where}, row {row}, {key}"
+            if key == "terminal_observation":
+                np.testing.assert_equal(found[key], value)
+            else:
+                assert found[key] == value, f"{where}, row {row}, {key}"
+
+
+def opening_hands(rows: int, steps: int) -> np.ndarray:
+    """Random actions (steps, rows, 5); the second row opens its hand."""
+    acts = actions(rows, steps)
+    acts[:, 1, 4] = -1
+    return acts
+
+
+@pytest.mark.parametrize("obs", ["dict", "flat"])
+@pytest.mark.parametrize("name", ["GraspLift", "HoldStill"])
+def test_infos_are_those_of_the_dummy_vector_environment(name, obs):
+    env_id = f"ruffini/{name}-v0"
+    settings = {"max_episode_steps": 12, "tactile": "none", "obs": obs}
+    ours = make_vec_env(env_id, 3, seed=7, **settings)
+    theirs = DummyVecEnv([lambda: gym.make(env_id, **settings)] * 3)
+    theirs.seed(7)
+    np.testing.assert_equal(ours.reset(), theirs.reset())
+    ended, truncated, endings = 0, 0, set()
+    for step, action in enumerate(opening_hands(3, 40)):
+        observation, reward, dones, infos = ours.step(action)
+        expected = theirs.step(action)
+        np.testing.assert_equal(observation, expected[0])
+        np.testing.assert_array_equal(reward, expected[1])
+        np.testing.assert_array_equal(dones, expected[2])
+        same_infos(infos, expected[3], f"step {step}")
+        assert ours.reset_infos == theirs.reset_infos
+        ended += dones.sum()
+        truncated += sum(info["TimeLimit.truncated"] for info in infos)
+        endings |= {info.get("ending") for info in infos}
+    assert ended >= 9 and truncated >= 6
+    assert endings == ({None} if name == "GraspLift" else {None, "dropped"})
+
+
+def test_infos_of_episode_ends_alone_are_those_of_every_step_there():
+    settings = {"seed": 7, "max_episode_steps": 12, "tactile": "none"}
+    every = make_vec_env("ruffini/HoldStill-v0", 3, **settings)
+    ends = make_vec_env("ruffini/HoldStill-v0", 3, infos="episode ends", **settings)
+    every.reset()
+    ends.reset()
+    for step, action in enumerate(opening_hands(3, 30)):
+        *_, dones, expected = every.step(action)
+        *_, found = ends.step(action)
+        same_infos(found, [i if d else {} for i, d in zip(expected, dones, strict=True)], f"{step}")
+    with pytest.raises(ValueError, match="infos: found 'never', expected 'every step' or"):
+        make_vec_env(ID, 2, infos="never")
+
+
+def rows_of(envs) -> list[bytes]:
+    return list(envs.envs.state())
+
+
+def test_reads_of_some_rows_are_those_rows_own():
+    settings = {"render_mode": "rgb_array", "width": 64, "height": 48, "observation": "object"}
+    envs = make_vec_env(ID, 3, seed=0, **settings)
+    singles = DummyVecEnv([lambda: gym.make(ID, **settings)] * 3)
+    singles.seed(0)
     envs.reset()
+    singles.reset()
     assert envs.get_attr("num_envs", [0, 2]) == [3, 3]
     assert envs.env_is_wrapped(Monitor) == [False] * 3
     assert envs.env_is_wrapped(Monitor, 1) == [False]
-    third = envs.envs.look(2)
-    assert envs.env_method("look", indices=[2]) == [third]
-    assert envs.env_method("state", indices=2) == [envs.envs.state()[2]]
-    with pytest.raises(ValueError, match="expected all"):
-        envs.set_attr("label", 1, indices=0)
-    envs.set_attr("label", 1)
-    assert envs.get_attr("label") == [1] * 3
+    for rows in (None, 1, -1, np.int64(2), [2, 0], np.array([1])):
+        asked = [rows] if isinstance(rows, np.integer) else rows
+        for name in ("look", "state", "channels", "skin"):
+            expected = singles.env_method(name, indices=asked)
+            np.testing.assert_equal(envs.env_method(name, indices=rows), expected)
+            np.testing.assert_equal([of() for of in envs.get_attr(name, rows)], expected)
+        pictures = singles.env_method("render", indices=asked)
+        np.testing.assert_array_equal(envs.env_method("render", indices=rows), pictures)
+        for name in ("observation_space", "action_space", "render_mode"):
+            assert envs.get_attr(name, rows) == singles.get_attr(name, asked), (name, rows)
+    assert envs.env_method("look", indices=[]) == []
     assert [image.shape for image in envs.get_images()] == [(48, 64, 3)] * 3
+    # So the batch says without the adapter.
+    assert list(envs.envs.call("look")) == singles.env_method("look")
+    assert envs.envs.call("num_envs") == (3, 3, 3)
+
+
+@pytest.mark.parametrize("obs", ["dict", "flat"])
+def test_a_reset_of_some_rows_leaves_the_others_alone(obs):
+    settings = {"tactile": "none", "obs": obs}
+    envs = make_vec_env(ID, 3, seed=0, **settings)
+    singles = DummyVecEnv([lambda: gym.make(ID, **settings)] * 3)
+    singles.seed(0)
+    envs.reset()
+    singles.reset()
+    acts = actions(3, 20)
+    for seed, action in zip([None, 5], acts, strict=False):
+        envs.step(action)
+        singles.step(action)
+        found = envs.env_method("reset", seed=seed, indices=[2, 0])
+        expected = singles.env_method("reset", seed=seed, indices=[2, 0])
+        for (ours, our_info), (theirs, their_info) in zip(found, expected, strict=True):
+            np.testing.assert_equal(ours, theirs)
+            assert our_info == their_info == {}
+        assert rows_of(envs)[1] == singles.env_method("state")[1]
+    for action in acts:
+        found, expected = envs.step(action), singles.step(action)
+        np.testing.assert_equal(found[0], expected[0])
+
+
+def test_nothing_acts_on_the_whole_batch_when_some_rows_are_asked():
+    envs = make_vec_env(ID, 3, seed=0, tactile="none")
+    envs.reset()
+    before = rows_of(envs)
+    calls = [
+        ("set_state", before[0]),
+        ("set_state", before[:1]),
+        ("plan", True),
+        ("close",),
+        ("call", "look"),
+        ("step", np.zeros(5, np.float32)),
+    ]
+    for name, *arguments in calls:
+        with pytest.raises(ValueError, match=name):
+            envs.env_method(name, *arguments, indices=[1])
+    for name in ("plan", "close", "unwrapped"):
+        with pytest.raises(ValueError, match=f"found 2 of 3 rows, expected all: they share {name}"):
+            envs.get_attr(name, [0, 1])
+    with pytest.raises(ValueError, match="found 1 of 3 rows, expected all: they share label"):
+        envs.set_attr("label", 1, indices=0)
+    with pytest.raises(ValueError, match="step"):
+        envs.env_method("step", np.zeros(5, np.float32))
+    for rows in (3, [-4], [True, False, True], [0.0], ["0"]):
+        with pytest.raises(ValueError, match="expected rows from -3 to 2"):
+            envs.get_attr("num_envs", rows)
+    with pytest.raises(ValueError, match="expected each row once"):
+        envs.set_attr("label", 1, indices=[0, 1, -2])
+    assert rows_of(envs) == before and not envs.has_attr("label")
+
+
+def test_what_all_rows_are_asked_acts_on_all():
+    envs = make_vec_env(ID, 2, seed=0, tactile="none", obs="flat")
+    first = envs.reset()
+    states = rows_of(envs)
+    envs.step(np.zeros((2, 5), np.float32))
+    assert len(envs.env_method("plan")) == 2
+    for put_back in (states, list(reversed(states))):
+        rows = None if put_back is states else [1, 0]
+        found = envs.env_method("set_state", put_back, indices=rows)
+        expected = first if put_back is states else first[::-1]
+        np.testing.assert_array_equal(found, expected)
+        assert rows_of(envs) == states
+    envs.env_method("set_state", states[1])
+    assert rows_of(envs) == [states[1]] * 2
+    envs.set_attr("label", 1)
+    assert envs.get_attr("label") == [1] * 2
+    assert envs.get_attr("label", 1) == [1]
 
 
 def test_ppo_learns_on_dict_observations():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -109,6 +111,94 @@ def test_every_info_has_its_mask():
         if "final_info" in info:
             assert "is_success" in info["final_info"]
             assert "is_success" not in info
+
+
+def same_infos(ours: dict, theirs: dict, where: str) -> None:
+    """Raises unless both vector infos have the same keys, masks, values and types."""
+    assert ours.keys() == theirs.keys(), where
+    for key, value in theirs.items():
+        if isinstance(value, dict):
+            same_infos(ours[key], value, f"{where}, {key}")
+            continue
+        assert ours[key].dtype == value.dtype, f"{where}, {key}"
+        if key == "final_obs":
+            for found, expected in zip(ours[key], value, strict=True):
+                assert (found is None) == (expected is None), f"{where}, {key}"
+                if expected is not None:
+                    np.testing.assert_array_equal(flat(found), flat(expected))
+        else:
+            np.testing.assert_array_equal(ours[key], value, f"{where}, {key}")
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("name", ["GraspLift", "HoldStill"])
+def test_infos_are_those_of_gymnasiums_own_vector_environment(name, mode):
+    env_id = f"ruffini/{name}-v0"
+    settings = {"max_episode_steps": 12, "observation": "proprio", "tactile": "none"}
+    ours = gym.make_vec(env_id, num_envs=ROWS, autoreset_mode=mode, **settings)
+    singles = [lambda: gym.make(env_id, **settings)] * ROWS
+    theirs = gym.vector.SyncVectorEnv(singles, autoreset_mode=mode)
+    acts = actions(ROWS, STEPS)
+    # One row opens its hand: in HoldStill it drops the object.
+    acts[:, 1, 4] = -1
+    ends, keys, resets = [np.zeros(ROWS, bool)], set(), 0
+    for envs in (ours, theirs):
+        assert envs.reset(seed=7)[1] == {}
+    for step, action in enumerate(acts):
+        # A mask resets rows in the middle of their episodes, and a row that has ended.
+        if step == 7 or (ends[-1][0] and resets < 2):
+            resets, some = resets + 1, np.array([True, False, True])
+            found, expected = (
+                envs.reset(seed=11, options={"reset_mask": some.copy()}) for envs in (ours, theirs)
+            )
+            np.testing.assert_array_equal(flat(found[0]), flat(expected[0]))
+        found, expected = ours.step(action), theirs.step(action)
+        np.testing.assert_array_equal(flat(found[0]), flat(expected[0]))
+        for ours_of, theirs_of in zip(found[1:4], expected[1:4], strict=True):
+            np.testing.assert_array_equal(ours_of, theirs_of)
+        same_infos(found[4], expected[4], f"step {step}")
+        ends.append(found[2] | found[3])
+        keys |= found[4].keys() | found[4].get("final_info", {}).keys()
+    assert (np.sum(ends, axis=0) >= 3).all()
+    assert any(some.any() and not some.all() for some in ends), "rows ended together"
+    assert name == "GraspLift" or "ending" in keys
+
+
+LONG = {"observation": "markers", "tactile": "compliance", "resolution": {"nodes": 300}}
+"""An observation of more numbers than 7 bits count."""
+
+
+@pytest.mark.parametrize("obs", [{"observation": "time"}, {"obs": "flat"}, LONG])
+@pytest.mark.parametrize("through", ["state", "pickle"])
+def test_a_batch_put_back_knows_which_rows_start_anew(through, obs):
+    settings = {"max_episode_steps": 4, "tactile": "none", **obs}
+    envs = GraspLiftVectorEnv(2, **settings)
+    envs.reset(seed=0)
+    still = np.zeros((2, 5), np.float32)
+    for _ in range(2):
+        envs.step(still)
+    envs.reset(options={"reset_mask": np.array([False, True])})
+    has_info = []
+    for _ in range(5):
+        if through == "pickle":
+            twin = pickle.loads(pickle.dumps(envs))
+        else:
+            twin = GraspLiftVectorEnv(2, **settings)
+            twin.set_state(envs.state())
+        *_, found = twin.step(still)
+        *_, expected = envs.step(still)
+        same_infos(found, expected, f"after {len(has_info)} steps")
+        has_info.append(found["_is_success"].tolist())
+    # The first row's third step is its last but one; the second row has begun anew.
+    assert has_info == [[True, True]] * 2 + [[False, True]] + [[True, True]] + [[True, False]]
+
+
+def test_a_seed_beside_a_mask_leaves_the_other_rows_streams_alone():
+    envs, twin = GraspLiftVectorEnv(2, obs="flat"), GraspLiftVectorEnv(2, obs="flat")
+    for both in (envs, twin):
+        both.reset(seed=0)
+    envs.reset(seed=5, options={"reset_mask": np.array([False, True])})
+    np.testing.assert_array_equal(envs.reset()[0][0], twin.reset()[0][0])
 
 
 def test_common_wrappers_work():

@@ -40,6 +40,7 @@ class Spaces:
             boxes[channel] = Box(low, high, dtype=np.float32)
             self._slices[channel] = slice(start, start + len(low))
             start += len(low)
+        self.size = start
         self._flat = obs == "flat"
         self.observation: Box | Dict
         if self._flat:

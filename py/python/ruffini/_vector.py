@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
+from ruffini import _rows
 from ruffini._core import ENDINGS, Batch
 from ruffini._settings import Settings, to_json
 from ruffini._spaces import (
@@ -35,7 +36,11 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
     Args:
         num_envs: Number of environments.
         num_threads: Threads to step them on; ``None`` takes one a core, at most one an environment.
-        autoreset_mode: When a row whose episode has ended starts the next one.
+        autoreset_mode: When a row whose episode has ended starts the next one: ``"NextStep"``,
+            ``"SameStep"`` or, by the caller's ``reset_mask``, ``"Disabled"``. TorchRL's
+            ``GymWrapper`` works with ``"Disabled"`` only: with ``"SameStep"`` it cannot read infos
+            that are dicts, as the reward's terms are, and loses the last observation of an episode
+            if that is a dict.
         render_mode: ``None`` or ``"rgb_array"``.
         obs: ``"dict"`` or ``"flat"``.
         width: Width of a picture in pixels.
@@ -89,6 +94,7 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         self.observation_space = batch_space(self._spaces.observation, num_envs)
         self.action_space = batch_space(self._spaces.action, num_envs)
         self._started = False
+        self._ended = np.zeros(num_envs, np.bool_)
 
     def _new_batch(self) -> Batch:
         mode = self.autoreset_mode.value
@@ -103,15 +109,19 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         """Starts an episode in every row, or in those of ``options["reset_mask"]``.
 
         A seed s gives row i the seed s + i; a sequence gives each row its own, and ``None`` in it
-        leaves that row's random stream as it is.
+        leaves that row's random stream as it is. Rows that the mask leaves out go on untouched,
+        whatever seed stands in their place.
         """
         check_options(options)
         seeds = self._seeds(seed)
+        mask = None if options is None else self._mask(options.get("reset_mask"))
         if isinstance(seed, (int, np.integer)):
             super().reset(seed=int(seed))
-        mask = None if options is None else self._mask(options.get("reset_mask"))
+        if seeds is not None and mask is not None:
+            seeds = [s if chosen else None for s, chosen in zip(seeds, mask, strict=True)]
         observation = self._batch.reset(seeds, mask)
         self._started = True
+        self._ended[slice(None) if mask is None else mask] = False
         return self._spaces.cut(observation), {}
 
     def _seeds(self, seed: Any) -> list[int | None] | None:
@@ -142,7 +152,11 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         return np.ascontiguousarray(mask)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Takes one control step of 40 ms in every row."""
+        """Takes one control step of 40 ms in every row.
+
+        With ``NextStep``, a row whose episode ended in the step before starts the next one instead:
+        it has a reward of 0 and no info.
+        """
         actions = as_actions(actions, (self.num_envs, ACTION_SIZE))
         observation, reward, terminated, truncated, terms, success, ending, finals, failed = (
             self._batch.step(actions)
@@ -152,6 +166,10 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
             info |= self._press_errors(failed)
         if finals:
             info = self._with_finals(info, finals)
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            if self._ended.any():
+                info = _masked(info, ~self._ended)
+            self._ended = terminated | truncated
         return self._spaces.cut(observation), reward, terminated, truncated, info
 
     def _info(
@@ -210,6 +228,10 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
             return None
         return tuple(self._renderer.draw(self._batch, row) for row in range(self.num_envs))
 
+    def picture(self, row: int) -> Frame | None:
+        """The picture (height, width, 3) of one row, or ``None`` without a render mode."""
+        return None if self.render_mode is None else self._renderer.draw(self._batch, row)
+
     def state(self) -> list[bytes]:
         """Every row as bytes: everything that its future depends on."""
         return self._batch.save()
@@ -222,8 +244,14 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         """
         if not (isinstance(states, (list, tuple)) and all(isinstance(s, bytes) for s in states)):
             raise ValueError(f"state: found {type(states).__name__}, expected a list of bytes")
+        observation = self._batch.load(list(states))
         self._started = True
-        return self._spaces.cut(self._batch.load(list(states)))
+        self._ended = np.array([_has_ended(state, self._spaces.size) for state in states])
+        return self._spaces.cut(observation)
+
+    def channels(self) -> list[tuple[str, list[tuple[str, list[float], list[float], str]]]]:
+        """Channels in order, with each component's name, lower bounds, upper bounds and unit."""
+        return self._batch.layout()
 
     def plan(self, forget: bool = False) -> list[tuple[str, float, float]]:
         """The stages that a step runs, in order, with what they cost.
@@ -250,10 +278,16 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         return self._batch.look(row)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """What `name` is or returns, once a row."""
-        value = getattr(self, name)
-        result = value(*args, **kwargs) if callable(value) else value
-        return (result,) * self.num_envs
+        """What `name` is or returns in the single environment that each row equals.
+
+        ``look``, ``state``, ``render``, ``reset``, ``channels`` and ``skin`` are called for each
+        row, ``set_state`` takes one state for all or a list of one each, ``step`` is refused, and
+        any other method is called once for the batch.
+        """
+        rows = range(self.num_envs)
+        if callable(getattr(self, name)):
+            return tuple(_rows.call(self, rows, name, *args, **kwargs))
+        return tuple(_rows.attribute(self, rows, name))
 
     def __getstate__(self) -> dict[str, Any]:
         """Arguments and snapshots; a copy goes on where this one stands."""
@@ -272,6 +306,16 @@ def _cores() -> int:
     """Cores that this process may use."""
     affinity: Callable[[int], Any] | None = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+
+
+def _has_ended(state: bytes, size: int) -> bool:
+    """Whether the episode was over in a state of a row whose observation has `size` numbers.
+
+    A state closes with that flag (1 byte), the number of the observation's components (7 bits a
+    byte) and the components (4 bytes each).
+    """
+    length = -(-size.bit_length() // 7)
+    return state[-4 * size - length - 1] == 1
 
 
 def _masked(info: Mapping[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:
