@@ -16,7 +16,7 @@ use pyo3::{
 };
 use ruffini_core::{
     Error,
-    env::{Autoreset, Setup, StepResult},
+    env::{Autoreset, Row, Setup, StepResult},
     scene::CATALOGUE,
     task::{CHANNELS, Config, Ending, TACTILE_CHANNELS, Term},
 };
@@ -191,6 +191,11 @@ impl Batch {
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let observation = self.inner.load(&states).map_err(python_error)?;
         self.rows(py, observation)
+    }
+
+    /// Whether the episode of each row is over, (N); so too before the first reset.
+    fn ended<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        PyArray1::from_iter(py, self.inner.rows().iter().map(Row::needs_reset))
     }
 
     /// What the running episode of a row drew, and where its bodies are, in SI units; `None` before

@@ -246,7 +246,7 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
             raise ValueError(f"state: found {type(states).__name__}, expected a list of bytes")
         observation = self._batch.load(list(states))
         self._started = True
-        self._ended = np.array([_has_ended(state, self._spaces.size) for state in states])
+        self._ended = self._batch.ended()
         return self._spaces.cut(observation)
 
     def channels(self) -> list[tuple[str, list[tuple[str, list[float], list[float], str]]]]:
@@ -306,16 +306,6 @@ def _cores() -> int:
     """Cores that this process may use."""
     affinity: Callable[[int], Any] | None = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
-
-
-def _has_ended(state: bytes, size: int) -> bool:
-    """Whether the episode was over in a state of a row whose observation has `size` numbers.
-
-    A state closes with that flag (1 byte), the number of the observation's components (7 bits a
-    byte) and the components (4 bytes each).
-    """
-    length = -(-size.bit_length() // 7)
-    return state[-4 * size - length - 1] == 1
 
 
 def _masked(info: Mapping[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:
