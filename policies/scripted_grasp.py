@@ -41,17 +41,15 @@ class ScriptedGrasp:
     ) -> tuple[NDArray[np.float32], Any]:
         """Actions (N, 5) for observations (N, ...); the signature is Stable-Baselines3's."""
         proprio, seen = observation["proprio"], observation["object"]
-        sine, cosine = proprio[:, 3], proprio[:, 4]
         forces = proprio[:, 12:14]
         x, y, z = seen[:, 0], seen[:, 1], seen[:, 2]
-        error = np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=1)
         grasped = (forces > FIRM).all(axis=1)
         # A grasped object is below or between the pads; one that merely stands there is not held.
         over = np.hypot(x, y) < NEAR + 0.3 * np.maximum(0.0, 0.03 + z)
         down = np.abs(z) < NEAR
         closing = grasped | (over & (down | (forces > 0.05).any(axis=1)))
         action = np.zeros((len(proprio), 5), np.float32)
-        velocity = GAIN * error / MAX_SPEED
+        velocity = GAIN * seen[:, :3] / MAX_SPEED
         velocity[:, 2] = np.where(over, velocity[:, 2], np.maximum(velocity[:, 2] + 2.0, 0.0))
         action[:, :3] = np.where(closing[:, None], 0.0, velocity)
         action[:, 2] = np.where(grasped, self._lift(seen), action[:, 2])

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-SLIDING = 0.08
+SLIDING = 0.1
 """Share of sliding contact that the policy steers for."""
 
-LOOSER = 0.3
+LOOSER = 0.15
 """How fast the grip falls while nothing slides, of the fastest."""
 
-TIGHTER = 5.0
+TIGHTER = 8.0
 """How fast it grows for what slides beyond, of the fastest for all of the contact."""
 
 

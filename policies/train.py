@@ -28,12 +28,13 @@ from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import LinearSchedule
-from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 from tqdm import tqdm
 
 from evaluate import about_this_run
 from params import Params, params
+from ruffini._core import TACTILE_CHANNELS
 from ruffini.sb3 import TouchExtractor, fields, make_vec_env
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
@@ -47,12 +48,24 @@ def run_folder(env_id: str, algorithm: str, seed: int) -> Path:
 
 
 def make_environment(
-    env_id: str, chosen: Params, seed: int, n_envs: int, threads: int | None = None
+    env_id: str,
+    chosen: Params,
+    seed: int,
+    n_envs: int,
+    threads: int | None = None,
+    without_touch: int = 0,
 ) -> VecNormalize:
-    """The environments that an agent trains in; fields of touch are not normalised."""
+    """The environments that an agent trains in, the first steps with rigid pads if so asked.
+
+    Fields of touch are not normalised.
+    """
     obs = "dict" if chosen.policy == "MultiInputPolicy" else "flat"
     settings = {"obs": obs, "num_threads": threads} | chosen.environment
-    envs = make_vec_env(env_id, n_envs=n_envs, seed=seed, **settings)
+    envs: VecEnv = make_vec_env(env_id, n_envs=n_envs, seed=seed, **settings)
+    if without_touch > 0 and settings.get("tactile") != "none":
+        rigid = settings | {"tactile": "none", "observation": untouched(envs.observation_space)}
+        first = make_vec_env(env_id, n_envs=n_envs, seed=seed, **rigid)
+        envs = FirstWithoutTouch(first, envs, without_touch)
     monitored = VecMonitor(Timed(envs), info_keywords=("is_success",))
     keys = None
     if isinstance(envs.observation_space, gym.spaces.Dict):
@@ -60,6 +73,60 @@ def make_environment(
         keys = [name for name in envs.observation_space if name not in felt]
     gamma = chosen.algorithm["gamma"]
     return VecNormalize(monitored, norm_reward=False, gamma=gamma, norm_obs_keys=keys)
+
+
+def untouched(space: gym.Space[Any]) -> list[str]:
+    """Names of the channels that rigid pads have, too."""
+    assert isinstance(space, gym.spaces.Dict), "with touch, observations are dicts"
+    return [name for name in space if name not in TACTILE_CHANNELS]
+
+
+class FirstWithoutTouch(VecEnvWrapper):
+    """Steps environments with rigid pads for a while, then those that feel.
+
+    The channels of touch are 0 until then. When the pads change, all episodes are truncated.
+
+    Args:
+        rigid: Environments without the channels of touch.
+        feeling: The same with them.
+        steps: Steps with rigid pads, of all environments together.
+    """
+
+    def __init__(self, rigid: VecEnv, feeling: VecEnv, steps: int) -> None:
+        super().__init__(rigid, observation_space=feeling.observation_space)
+        assert isinstance(feeling.observation_space, gym.spaces.Dict), "channels of touch"
+        self.feeling = feeling
+        self.left = steps
+        self.space = feeling.observation_space
+
+    def _with_touch(self, observation: VecEnvObs) -> dict[str, Any]:
+        assert isinstance(observation, dict), "of a space of channels"
+        rows = next(iter(observation.values())).shape[:-1]
+        sizes = {name: (*rows, *(box.shape or ())) for name, box in self.space.items()}
+        return {name: np.zeros(size, np.float32) for name, size in sizes.items()} | observation
+
+    def reset(self) -> VecEnvObs:
+        """Starts an episode in every row."""
+        return self._with_touch(self.venv.reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Takes one step; after the last with rigid pads every row starts anew."""
+        observation, reward, dones, infos = self.venv.step_wait()
+        if self.venv is self.feeling:
+            return observation, reward, dones, infos
+        observation = self._with_touch(observation)
+        for row in np.flatnonzero(dones):
+            last = infos[row]["terminal_observation"]
+            infos[row]["terminal_observation"] = self._with_touch(last)
+        self.left -= self.num_envs
+        if self.left > 0:
+            return observation, reward, dones, infos
+        for row in np.flatnonzero(~dones):
+            last = {name: values[row] for name, values in observation.items()}
+            infos[row] |= {"terminal_observation": last, "TimeLimit.truncated": True}
+        self.venv.close()
+        self.venv = self.feeling
+        return self.venv.reset(), reward, np.ones_like(dones), infos
 
 
 class Timed(VecEnvWrapper):
@@ -178,7 +245,10 @@ def start(
     threads: int | None,
 ) -> tuple[BaseAlgorithm, list[dict[str, float]]]:
     """A new model, or the last checkpoint's with its learning curve."""
-    envs = make_environment(env_id, chosen, seed, n_envs, threads)
+    saved, without_touch = folder / CHECKPOINT, chosen.steps_without_touch
+    if resume:
+        without_touch -= ALGORITHMS[algorithm].load(saved / "model.zip").num_timesteps
+    envs = make_environment(env_id, chosen, seed, n_envs, threads, without_touch)
     if not resume:
         arguments: dict[str, Any] = {"seed": seed, "device": "cpu", **chosen.algorithm}
         if chosen.final_learning_rate is not None:
@@ -188,7 +258,6 @@ def start(
             touch = {"features_extractor_class": TouchExtractor}
             arguments["policy_kwargs"] = arguments["policy_kwargs"] | touch
         return ALGORITHMS[algorithm](chosen.policy, envs, **arguments), []
-    saved = folder / CHECKPOINT
     normalised = VecNormalize.load(str(saved / "normaliser.pkl"), envs.venv)
     # Bounds follow the settings: an agent may go on under harder ones, with the same channels.
     normalised.observation_space = envs.observation_space

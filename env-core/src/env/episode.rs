@@ -60,9 +60,9 @@ pub struct Outcome {
     pub reward: f64,
     /// Each term, in [0, 1].
     pub terms: RewardTerms,
-    /// The task ended the episode before its time.
+    /// The episode ended before its time.
     pub terminated: bool,
-    /// The episode ran out of time, or could not be computed any further.
+    /// The episode ran out of time.
     pub truncated: bool,
     /// The task is done.
     pub is_success: bool,
@@ -74,14 +74,13 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// An episode that could not be computed any further, without a reward. It is truncated: the task
-    /// goes on from there, and what it would still have paid is not 0.
-    pub(super) fn failed(ending: Ending) -> Self {
-        Self { truncated: true, ending: Some(ending), ..Self::default() }
+    /// An episode that ended without a reward.
+    pub(super) fn ended(ending: Ending) -> Self {
+        Self { terminated: true, ending: Some(ending), ..Self::default() }
     }
 
     fn press_failed(error: &Error) -> Self {
-        Self { press_error: Some(error.kind()), ..Self::failed(Ending::PressFailed) }
+        Self { press_error: Some(error.kind()), ..Self::ended(Ending::PressFailed) }
     }
 }
 
@@ -307,20 +306,19 @@ impl Episode {
         } else if ending != Some(Ending::NonFinite) {
             observation.copy_from_slice(scratch);
         }
-        let failed = ending.is_some_and(|ending| !ending.is_of_the_task());
-        let terms = if failed {
-            RewardTerms::default()
-        } else {
+        let terms = if ending.is_none_or(Ending::is_of_the_task) {
             costs.time(REWARD, || {
                 progress.advance(&moment, config);
                 RewardTerms::of(&moment, &progress, config)
             })
+        } else {
+            RewardTerms::default()
         };
         let outcome = Outcome {
             reward: terms.reward(&config.reward),
             terms,
-            terminated: ending.is_some() && !failed,
-            truncated: failed || ending.is_none() && self.steps >= config.max_episode_steps,
+            terminated: ending.is_some(),
+            truncated: ending.is_none() && self.steps >= config.max_episode_steps,
             is_success: progress.is_success(&moment, config),
             ending,
             press_error: retaken,

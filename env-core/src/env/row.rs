@@ -124,7 +124,7 @@ impl Row {
         let mut conclude = |motion| episode.conclude(setup, motion, observation, scratch, costs);
         let outcome = motion
             .and_then(|motion| catch_unwind(AssertUnwindSafe(|| conclude(motion))).ok())
-            .unwrap_or_else(|| Outcome::failed(Ending::EngineError));
+            .unwrap_or_else(|| Outcome::ended(Ending::EngineError));
         episode.over = outcome.terminated || outcome.truncated;
         outcome
     }
@@ -180,7 +180,7 @@ mod tests {
         let outcome = row.conclude(&setup, &mut observation, &mut scratch);
         assert_eq!(outcome.ending, Some(Ending::PressFailed));
         assert_eq!(outcome.press_error, Some("inverted"));
-        assert!(outcome.truncated && !outcome.terminated && row.needs_reset());
+        assert!(outcome.terminated && row.needs_reset());
         assert_eq!(observation, before);
     }
 

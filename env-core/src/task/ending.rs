@@ -56,8 +56,7 @@ impl Ending {
         self as u8 + 1
     }
 
-    /// Whether the task itself ended the episode, and not what computes it: such a step is paid, and the
-    /// episode terminated; otherwise it is truncated.
+    /// Whether the task itself ended the episode, and not what computes it: such a step is paid.
     pub fn is_of_the_task(self) -> bool {
         matches!(self, Self::ObjectLost | Self::StressExceeded | Self::Dropped)
     }

@@ -30,7 +30,7 @@ impl Default for Holding {
             shaking: [0.3, 1.5],
             frequency: [0.5, 2.0],
             slip_limit: 3e-3,
-            thrift: 2.5,
+            thrift: 3.0,
         }
     }
 }

@@ -29,10 +29,11 @@ class GraspLiftEnv(NativeEnv):
     and commands the grip force, 25 times a second.
 
     ## Action
-    ``Box(-1, 1, (5,), float32)``: velocity of the tool centre along x, y, z (times 0.25 m/s), yaw
-    rate (times 2 rad/s), grip force of each finger (times 40 N; positive closes, negative opens).
-    Components outside [-1, 1] count as the nearer bound; one that is not finite is a
-    ``ValueError``.
+    ``Box(-1, 1, (5,), float32)``: velocity of the tool centre along the wrist's x (the direction of
+    grip), y, z (times 0.25 m/s), yaw rate (times 2 rad/s), grip force of each finger (times 40 N;
+    positive closes, negative opens). The grip force follows its command at 100 N/s
+    (``gripper={"max_force_rate": ...}``). Components outside [-1, 1] count as the nearer bound; one
+    that is not finite is a ``ValueError``.
 
     ## Observation
     One-level ``Dict`` of the chosen channels, or with ``obs="flat"`` their concatenation in the
@@ -67,11 +68,11 @@ class GraspLiftEnv(NativeEnv):
 
     | term | weight | 1 where |
     | --- | --- | --- |
-    | ``reach`` | 0.2 | the tool centre is at the object's middle; 1/4 at 10 cm |
-    | ``grasp`` | 0.2 | both pads press with 1 N or more |
-    | ``lift`` | 0.3 | the grasped object has risen by ``lift_height`` |
-    | ``hold`` | 0.25 | it has been up for ``hold_time`` |
-    | ``effort`` | 0.05 | there is no grip force; 0 at the largest |
+    | ``reach`` | 0.1 | the tool centre is at the object's middle; 1/4 at 10 cm |
+    | ``grasp`` | 0.15 | both pads press with 1 N or more |
+    | ``lift`` | 0.35 | the grasped object has risen by ``lift_height`` |
+    | ``hold`` | 0.35 | it has been up for ``hold_time`` |
+    | ``effort`` | 0.05 | it is lifted without grip force; 0 at the largest, linear between |
 
     ## Start
     Object, size, mass, friction, position, yaw and the tool centre are drawn from their ranges by
@@ -83,10 +84,11 @@ class GraspLiftEnv(NativeEnv):
     Terminated, with the reason in ``info["ending"]``, when the object leaves the table
     (``object_lost``), a body's state becomes infinite (``non_finite``) or leaves the declared
     bounds (``out_of_range``), the engine fails (``engine_error``), or the tactile model has no
-    answer (``press_failed``, with the kind of the error in ``info["press_error"]``); the last
-    observation is then the last valid one. Where only the way to a press has no answer, the contact
-    is taken up anew from rest where it ends: the episode goes on, ``info["press_error"]`` names
-    what failed, and what friction remembered is lost.
+    answer (``press_failed``, with the kind of the error in ``info["press_error"]``; mostly of a
+    hand that comes down on the object); the last observation is then the last valid one. Where only
+    the way to a press has no answer, the contact is taken up anew from rest where it ends: the
+    episode goes on, ``info["press_error"]`` names what failed, and what friction remembered is
+    lost.
     ``info["is_success"]`` says whether the object is up and has been for ``hold_time``.
 
     ## Picture
@@ -289,7 +291,7 @@ class HoldStillEnv(NativeEnv):
     World, channels and settings are those of :class:`GraspLiftEnv`, with these differences.
     The object starts between the pads. A downward load and a force that swings along one direction
     come on within half a second and act on its centre of mass until the end. Friction differs by a
-    factor of four and is not told: how little force holds shows in how much of the contact slides.
+    factor of eight and is not told: how little force holds shows in how much of the contact slides.
 
     ## Action
     As of :class:`GraspFragileEnv`: the hand moves up and down at 0.1 m/s at most, and the fifth
@@ -311,13 +313,16 @@ class HoldStillEnv(NativeEnv):
     ## Start
     The hand, at a height drawn from ``start_height``, has gripped the object's middle across its
     narrower side with ``start_grip``, 5 N. Drawn are also load, amplitude, direction and frequency.
+    ``friction``, 0.2 to 1.6, is drawn in equal ratios, so that no grip in proportion to the load
+    suits more of the range than another.
 
     ## End
     Truncated after ``max_episode_steps`` steps, 100 by default. Also terminated, with
     ``info["ending"]`` ``dropped``, when no pad touches the object or it has slipped by 2 cm.
     ``info["is_success"]`` says whether both pads hold it, the slip is within ``slip_limit``, and
-    the mean grip so far is at most ``thrift`` times F / 2 μ, with F the largest of weight, load and
-    shaking together: the least grip that bears F by Coulomb's law, if all of it pulls sideways.
+    the mean grip since the first second is at most ``thrift`` times F / 2 μ, with F the largest of
+    weight, load and shaking together: the least grip that bears F by Coulomb's law, if all of it
+    pulls sideways.
 
     Args:
         render_mode: ``None`` or ``"rgb_array"``.
