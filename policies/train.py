@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shutil
 import time
 from pathlib import Path
@@ -60,7 +61,7 @@ def make_environment(
     Fields of touch are not normalised.
     """
     obs = "dict" if chosen.policy == "MultiInputPolicy" else "flat"
-    settings = {"obs": obs, "num_threads": threads} | chosen.environment
+    settings = {"obs": obs, "num_threads": threads} | chosen.environment | chosen.training
     envs: VecEnv = make_vec_env(env_id, n_envs=n_envs, seed=seed, **settings)
     if without_touch > 0 and settings.get("tactile") != "none":
         rigid = settings | {"tactile": "none", "observation": untouched(envs.observation_space)}
@@ -297,7 +298,9 @@ def train(
     folder.mkdir(parents=True, exist_ok=True)
     about = {"env": env_id, "algorithm": algorithm, "seed": seed, "n_envs": n_envs, "steps": steps}
     about |= {"policy": chosen.policy, "environment": chosen.environment}
+    about |= {"training": chosen.training, "steps_without_touch": chosen.steps_without_touch}
     about |= {"final_learning_rate": chosen.final_learning_rate}
+    about |= {"threads": threads or os.cpu_count()}
     before = json.loads((folder / "run.json").read_text()).get("trained_by", []) if resume else []
     about |= {"trained_by": list(dict.fromkeys([*before, about_this_run()["commit"]]))}
     (folder / "run.json").write_text(json.dumps(about | chosen.algorithm, indent=1))
