@@ -10,42 +10,38 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import platform
 import subprocess
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 import ruffini
+from ruffini.evaluation import FIRST_SEED, Policy, evaluate, line, wilson
 from scripted_fragile import ScriptedFragile
 from scripted_grasp import ScriptedGrasp
 from scripted_hold import ScriptedHold
 from scripted_soft import ScriptedSoft
 
+__all__ = [
+    "FIRST_SEED",
+    "LIFT",
+    "SCRIPTED",
+    "Policy",
+    "RandomPolicy",
+    "TrainedPolicy",
+    "about_this_run",
+    "evaluate",
+    "line",
+    "load",
+    "wilson",
+]
+
 LIFT = "ruffini/GraspLift-v0"
-
-FIRST_SEED = 10_000
-"""Evaluation seeds are this and the following; training seeds stay far below."""
-
-
-class Policy(Protocol):
-    """What acts: Stable-Baselines3's signature."""
-
-    def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (N, 5) for observations of N environments."""
-
 
 SCRIPTED: dict[str, type[Policy]] = {
     LIFT: ScriptedGrasp,
@@ -123,51 +119,6 @@ def load(name: str, env_id: str = LIFT) -> Policy:
     raise ValueError(f"policy: found {name!r}, expected scripted, random or the folder of a run")
 
 
-def wilson(successes: int, n: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson 1927)."""
-    z = 1.96
-    share, spread = successes / n, z * z / n
-    middle = (share + spread / 2) / (1 + spread)
-    half = z * math.sqrt(share * (1 - share) / n + spread / (4 * n)) / (1 + spread)
-    return max(0.0, middle - half), min(1.0, middle + half)
-
-
-def evaluate(policy: Policy, env_id: str, episodes: int, **settings: Any) -> dict[str, Any]:
-    """One episode a seed, all stepped together: success, interval, return, and by object."""
-    envs = gym.make_vec(
-        env_id, num_envs=episodes, autoreset_mode=AutoresetMode.DISABLED, **settings
-    )
-    observation, _ = envs.reset(seed=FIRST_SEED)
-    objects = [envs.look(row)["object"] for row in range(episodes)]  # type: ignore[attr-defined]
-    returns, success = np.zeros(episodes), np.zeros(episodes, bool)
-    ended, state = np.zeros(episodes, bool), None
-    while not ended.all():
-        action, state = policy.predict(observation, state, deterministic=True)
-        observation, reward, terminated, truncated, info = envs.step(action)
-        returns += np.where(ended, 0.0, reward)
-        over = (terminated | truncated) & ~ended
-        success[over] = info["is_success"][over]
-        ended |= over
-        if terminated.any() and not ended.all():
-            # A row that ended early idles in a new episode, which does not count.
-            observation, _ = envs.reset(options={"reset_mask": terminated})
-    low, high = wilson(int(success.sum()), episodes)
-    by_object = {
-        name: [int(success[rows].sum()), len(rows)]
-        for name in sorted(set(objects))
-        for rows in [[row for row, other in enumerate(objects) if other == name]]
-    }
-    return {
-        "env": env_id,
-        "episodes": episodes,
-        "first_seed": FIRST_SEED,
-        "success": float(success.mean()),
-        "interval": [round(low, 4), round(high, 4)],
-        "return": round(float(returns.mean()), 3),
-        "by_object": by_object,
-    }
-
-
 def about_this_run() -> dict[str, Any]:
     """Versions, machine and commit, for the record beside every figure."""
     here = Path(__file__).parent
@@ -184,15 +135,6 @@ def about_this_run() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "commit": commit,
     }
-
-
-def line(name: str, result: dict[str, Any]) -> str:
-    """A result as a line of a table."""
-    low, high = result["interval"]
-    return (
-        f"{name:<24} {result['success']:7.1%}  ({low:.1%} to {high:.1%})"
-        f"   return {result['return']:6.2f}"
-    )
 
 
 def main() -> None:

@@ -1,0 +1,39 @@
+"""`ruffini.evaluation`: success over fixed seeds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ruffini.evaluation import FIRST_SEED, evaluate, line, wilson
+
+LIFT = "ruffini/GraspLift-v0"
+SHORT = {"tactile": "none", "max_episode_steps": 7}
+
+
+class Still:
+    """Rests."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.zeros((len(observation["proprio"]), 5), np.float32), state
+
+
+def test_the_interval_is_wilsons():
+    # The score interval of 9 of 10, for z = 1.96.
+    low, high = wilson(9, 10)
+    assert abs(low - 0.5958) < 1e-4 and abs(high - 0.9821) < 1e-4, (low, high)
+    assert wilson(0, 5)[0] == 0.0 and wilson(5, 5)[1] == 1.0
+
+
+def test_progress_is_told_after_every_step():
+    told = []
+    result = evaluate(Still(), LIFT, 3, progress=lambda *where: told.append(where), **SHORT)
+    assert told == [(0, 3, step) for step in range(1, 7)] + [(3, 3, 7)]
+    assert result["first_seed"] == FIRST_SEED and result["success"] == 0.0
+    assert line("still", result).startswith("still      ")
+
+
+def test_a_seed_has_one_episode_in_whichever_batch():
+    whole = evaluate(Still(), LIFT, 2, first_seed=5, **SHORT)
+    parts = [evaluate(Still(), LIFT, 1, first_seed=5 + row, **SHORT) for row in range(2)]
+    mean = np.mean([part["return"] for part in parts])
+    assert abs(whole["return"] - mean) < 1e-3, (whole["return"], mean)
