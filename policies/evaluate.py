@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import ruffini
+from ruffini import agents
 from ruffini.evaluation import FIRST_SEED, Policy, evaluate, line, wilson
 from scripted_fragile import ScriptedFragile
 from scripted_grasp import ScriptedGrasp
@@ -105,7 +106,7 @@ class TrainedPolicy:
 
 
 def load(name: str, env_id: str = LIFT) -> Policy:
-    """The policy of that name for an environment, or that of a run folder.
+    """The policy of that name for an environment, or that of a run folder or an agent's file.
 
     Raises:
         ValueError: If there is neither.
@@ -114,9 +115,14 @@ def load(name: str, env_id: str = LIFT) -> Policy:
         return SCRIPTED[env_id]()
     if name == "random":
         return RandomPolicy()
+    if name == "agent":
+        return agents.load(env_id)
+    if Path(name).suffix == ".safetensors":
+        return agents.load(name)
     if (Path(name) / "run.json").is_file():
         return TrainedPolicy(Path(name))
-    raise ValueError(f"policy: found {name!r}, expected scripted, random or the folder of a run")
+    expected = "scripted, random, agent, an agent's file or the folder of a run"
+    raise ValueError(f"policy: found {name!r}, expected {expected}")
 
 
 def about_this_run() -> dict[str, Any]:
@@ -153,7 +159,9 @@ def processor() -> str:
 def main() -> None:
     """Parses the command line, evaluates, prints and writes."""
     parser = argparse.ArgumentParser(description="Evaluate a policy over fixed seeds.")
-    parser.add_argument("--policy", required=True, help="scripted, random or a run's folder")
+    parser.add_argument(
+        "--policy", required=True, help="scripted, random, agent, an agent's file or a run's folder"
+    )
     parser.add_argument("--env", default=LIFT, choices=sorted(SCRIPTED), help="environment id")
     parser.add_argument("--episodes", type=int, default=200)
     parser.add_argument(
@@ -167,7 +175,11 @@ def main() -> None:
         policy = load(arguments.policy, arguments.env)
     except ValueError as error:
         parser.error(str(error))
-    trained_with = policy.environment if isinstance(policy, TrainedPolicy) else {}
+    trained_with: dict[str, Any] = {}
+    if isinstance(policy, TrainedPolicy):
+        trained_with = policy.environment
+    elif isinstance(policy, agents.Agent):
+        trained_with = policy.settings
     settings = trained_with | arguments.settings
     result = evaluate(policy, arguments.env, arguments.episodes, **settings)
     print(line(Path(arguments.policy).name, result))

@@ -3,7 +3,9 @@
 
 mod dataset;
 mod error;
+mod gif;
 mod mechanics;
+mod tensors;
 mod training;
 
 use std::sync::Arc;
@@ -266,11 +268,15 @@ mod _core {
     #[pymodule_export]
     use crate::dataset::{dataset_shards, generate_dataset};
     #[pymodule_export]
+    use crate::gif::encode_gif;
+    #[pymodule_export]
     use crate::mechanics::{
         Antipodal, Compliance, Deformation, Fem, Grasp, Grasped, History, Object, PaperAnswer,
         PaperNetwork, Press, Shape, SoftBody, SoftSurrogate, Surrogate, TetMesh, Transfer, objects,
         sensor,
     };
+    #[pymodule_export]
+    use crate::tensors::{read_tensors, write_tensors};
     #[pymodule_export]
     use crate::training::{evaluate_surrogate, train_surrogate};
 

@@ -34,11 +34,14 @@ __all__ = [
     "__version__",
     "dataset_shards",
     "default_settings",
+    "encode_gif",
     "evaluate_surrogate",
     "generate_dataset",
     "objects",
+    "read_tensors",
     "sensor",
     "train_surrogate",
+    "write_tensors",
 ]
 
 __version__: str
@@ -84,6 +87,9 @@ class Batch:
     def render(self, row: int, width: int, height: int) -> NDArray[np.uint8]: ...
 
 def default_settings() -> str: ...
+def encode_gif(frames: Sequence[NDArray[np.uint8]], delay: int) -> bytes: ...
+def read_tensors(data: bytes) -> tuple[dict[str, NDArray[Any]], str]: ...
+def write_tensors(tensors: Mapping[str, NDArray[Any]], card: str) -> bytes: ...
 
 _Array: TypeAlias = NDArray[np.float64]
 _Path: TypeAlias = str | PathLike[str]

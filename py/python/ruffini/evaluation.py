@@ -81,9 +81,9 @@ def evaluate(
         steps += 1
         if progress is not None:
             progress(int(ended.sum()), episodes, steps)
-        if (done := terminated | truncated).any() and not ended.all():
+        if terminated.any() and not ended.all():
             # A row that ended early idles in a new episode, which does not count.
-            observation, _ = envs.reset(options={"reset_mask": done})
+            observation, _ = envs.reset(options={"reset_mask": terminated})
     low, high = wilson(int(success.sum()), episodes)
     by_object = {
         name: [int(success[rows].sum()), len(rows)]

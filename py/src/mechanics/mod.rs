@@ -3,7 +3,7 @@
 //! Shapes: V vertices, T tetrahedra, S rigid shapes, F frames of a path, P points. SI units.
 
 mod answer;
-mod arrays;
+pub(crate) mod arrays;
 mod body;
 mod catalogue;
 mod grasp;

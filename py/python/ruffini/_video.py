@@ -1,0 +1,76 @@
+"""Moving pictures of episodes: GIF by the Rust crate, MP4 by ffmpeg."""
+
+from __future__ import annotations
+
+import importlib
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ruffini._core import encode_gif
+from ruffini._spaces import METADATA, Frame
+
+SIZES = {".gif": (320, 240), ".mp4": (640, 480)}
+"""Width and height of a picture by the kind of video."""
+
+_GIF_STRIDE = 2
+"""Of so many frames a GIF has one, for its size."""
+
+
+def check(path: Path) -> None:
+    """Checks that a video can be written there, before there is one.
+
+    Raises:
+        ValueError: If it is of an unknown kind, what writes it is missing, or the place is.
+    """
+    if path.suffix not in SIZES:
+        raise ValueError(f"video: found {path}, expected a {' or '.join(SIZES)} file")
+    if path.suffix == ".mp4":
+        _ffmpeg()
+    there = path.exists()
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        raise ValueError(f"video: {path}: {error.strerror}") from None
+    if not there:
+        path.unlink()
+
+
+def write(path: Path, frames: Sequence[Frame]) -> None:
+    """Writes `frames`, arrays (height, width, 3) in the environment's time.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
+    rate = METADATA["render_fps"]
+    if path.suffix == ".gif":
+        path.write_bytes(encode_gif(frames[::_GIF_STRIDE], _GIF_STRIDE * 1000 // rate))
+        return
+    height, width, _ = frames[0].shape
+    writer = _ffmpeg().write_frames(path, (width, height), fps=rate)
+    try:
+        writer.send(None)
+        for frame in frames:
+            writer.send(np.ascontiguousarray(frame))
+        writer.close()
+    except RuntimeError as error:
+        raise OSError(f"ffmpeg: {error}") from None
+
+
+def _ffmpeg() -> Any:
+    """The module that runs ffmpeg, if there is one to run."""
+    otherwise = "pip install 'ruffini[video]', or write a .gif"
+    try:
+        module = importlib.import_module("imageio_ffmpeg")
+    except ImportError:
+        raise ValueError(f"video: found no imageio-ffmpeg for .mp4: {otherwise}") from None
+    try:
+        found = shutil.which(module.get_ffmpeg_exe())
+    except RuntimeError:
+        found = None
+    if found is None:
+        raise ValueError(f"video: found no ffmpeg for .mp4: {otherwise}")
+    return module

@@ -1,0 +1,277 @@
+"""Agents out of Stable-Baselines3, and back to go on training; needs the extra ``train``."""
+
+from __future__ import annotations
+
+import json
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.torch_layers import CombinedExtractor, FlattenExtractor
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
+
+from ruffini import __version__
+from ruffini._settings import _plain
+from ruffini.agents._agent import ACTIVATIONS, FORMAT, Agent, Card, Network, Normaliser
+from ruffini.evaluation import Progress, evaluate
+from ruffini.sb3 import TouchExtractor, make_vec_env
+
+_HYPERPARAMETERS = (
+    "n_steps",
+    "batch_size",
+    "n_epochs",
+    "gamma",
+    "gae_lambda",
+    "normalize_advantage",
+    "ent_coef",
+    "vf_coef",
+    "max_grad_norm",
+    "target_kl",
+)
+"""Keyword arguments of PPO that it keeps under their names."""
+
+
+def export(
+    model: PPO,
+    normaliser: VecNormalize | None,
+    path: str | PathLike[str],
+    *,
+    env_id: str,
+    settings: dict[str, Any],
+    seed: int,
+    threads: int,
+    commit: str,
+    episodes: int = 200,
+    progress: Progress | None = None,
+) -> Agent:
+    """Writes a trained model as an agent, with its success as the agent itself shows it.
+
+    The file has policy, value function and normalisation; the optimiser starts anew where training
+    goes on. Schedules are kept as their first values.
+
+    Args:
+        model: The model.
+        normaliser: What normalises its observations.
+        path: The .safetensors file.
+        env_id: Environment that it was trained in.
+        settings: Keyword arguments of that environment, but for ``obs``.
+        seed: Seed of the training run.
+        threads: Threads of the training run.
+        commit: Commit of this library.
+        episodes: How many evaluation seeds are played, for the card.
+        progress: Is told how far they are.
+
+    Raises:
+        ValueError: If the model is not one that an agent can stand for.
+    """
+    policy = _checked(model)
+    flat = not isinstance(model.observation_space, gym.spaces.Dict)
+    settings = json.loads(json.dumps(settings, default=_plain))
+    channels = _channels(env_id, settings)
+    statistics, numbers = _statistics(normaliser, channels)
+    tensors = numbers | {
+        name: parameter.detach().cpu().numpy().copy()
+        for name, parameter in _parameters(policy).items()
+    }
+    schedules = {"learning_rate": model.lr_schedule(1.0), "clip_range": model.clip_range(1.0)}  # type: ignore[operator]
+    hyperparameters = {name: getattr(model, name) for name in _HYPERPARAMETERS}
+    card: Card = {
+        "format": FORMAT,
+        "ruffini": __version__,
+        "commit": commit,
+        "env": env_id,
+        "settings": settings,
+        "channels": channels,
+        "algorithm": "ppo",
+        "policy": "MlpPolicy" if flat else "MultiInputPolicy",
+        "hyperparameters": hyperparameters | schedules | {"n_envs": model.n_envs},
+        "seed": seed,
+        "steps": model.num_timesteps,
+        "threads": threads,
+        "evaluation": {},
+        "network": _network(policy, channels),
+        "normaliser": statistics,
+    }
+    agent = Agent(card, tensors, f"agent {path}")
+    result = evaluate(agent, env_id, episodes, progress=progress, **settings)
+    card["evaluation"] = {name: value for name, value in result.items() if name != "env"}
+    Path(path).write_bytes(agent.to_bytes())
+    return agent
+
+
+def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> PPO:
+    """The agent as a model of Stable-Baselines3, with its normalisation, to go on training.
+
+    Args:
+        agent: The agent.
+        envs: Environments to train in, not normalised; ``None`` makes those of the card. They may
+            have other settings than the agent's, but the same channels.
+        **hyperparameters: Keyword arguments of PPO in place of the card's, and ``n_envs``.
+
+    Raises:
+        ValueError: If the environments' channels are not the agent's.
+    """
+    card = agent.card
+    arguments: dict[str, Any] = {"seed": card["seed"], "device": "cpu"}
+    arguments |= card["hyperparameters"] | hyperparameters
+    n_envs = arguments.pop("n_envs")
+    flat = card["policy"] == "MlpPolicy"
+    if envs is None:
+        # Other episodes than those that it has seen.
+        seed = arguments["seed"] + 1_000_003 + card["steps"]
+        obs = "flat" if flat else "dict"
+        made = make_vec_env(card["env"], n_envs=n_envs, seed=seed, obs=obs, **card["settings"])
+        envs = VecMonitor(made, info_keywords=("is_success",))
+    agent.check(envs.observation_space)
+    normalised = _normalised(agent, envs, arguments["gamma"])
+    network = card["network"]
+    kwargs: dict[str, Any] = {
+        "net_arch": {"pi": network["policy"], "vf": network["value"]},
+        "activation_fn": getattr(torch.nn, network["activation"]),
+    }
+    if network["touch"]:
+        hidden, features = next(iter(network["touch"].values()))
+        kwargs["features_extractor_class"] = TouchExtractor
+        kwargs["features_extractor_kwargs"] = {"hidden": hidden, "features": features}
+    model = PPO(card["policy"], normalised, policy_kwargs=kwargs, **arguments)
+    model.num_timesteps = card["steps"]
+    with torch.no_grad():
+        for name, parameter in _parameters(model.policy).items():
+            parameter.copy_(torch.as_tensor(agent.tensors[name]))
+    return model
+
+
+def _checked(model: Any) -> ActorCriticPolicy:
+    """The policy of a model that an agent can stand for."""
+    if not isinstance(model, PPO):
+        raise ValueError(f"model: found {type(model).__name__}, expected PPO")
+    policy = model.policy
+    extractors = (TouchExtractor, CombinedExtractor, FlattenExtractor)
+    for name, found, sound in (
+        ("use_sde", model.use_sde, not model.use_sde),
+        ("share_features_extractor", False, policy.share_features_extractor),
+        (
+            "features_extractor_class",
+            type(policy.features_extractor).__name__,
+            type(policy.features_extractor) in extractors,
+        ),
+        (
+            "activation_fn",
+            policy.activation_fn.__name__,
+            policy.activation_fn.__name__ in ACTIVATIONS,
+        ),
+    ):
+        if not sound:
+            expected = (
+                f"no gSDE, one extractor of {', '.join(e.__name__ for e in extractors)}, "
+                f"and an activation of {', '.join(ACTIVATIONS)}"
+            )
+            raise ValueError(f"model: {name}: found {found}, expected {expected}")
+    return policy
+
+
+def _channels(env_id: str, settings: dict[str, Any]) -> dict[str, int]:
+    """Channels of an environment in its order, with their sizes."""
+    env = gym.make(env_id, **settings).unwrapped
+    table = env.channels()  # type: ignore[attr-defined]
+    return {name: sum(len(part[1]) for part in parts) for name, parts in table}
+
+
+def _parameters(policy: ActorCriticPolicy) -> dict[str, torch.Tensor]:
+    """What an agent's file has of a policy, by its names there."""
+    named: dict[str, torch.Tensor] = {"log_std": policy.log_std}
+    extractor = policy.features_extractor
+    if isinstance(extractor, TouchExtractor):
+        for name, pad in extractor._pads.items():
+            named[f"touch.{name}.scale"] = extractor.get_buffer(f"scale_{name}")
+            named[f"touch.{name}.strength"] = extractor._strength[name]
+            named |= _layers(f"touch.{name}", pad)
+    named |= _layers("policy", policy.mlp_extractor.policy_net, policy.action_net)
+    return named | _layers("value", policy.mlp_extractor.value_net, policy.value_net)
+
+
+def _layers(name: str, *parts: torch.nn.Module) -> dict[str, torch.Tensor]:
+    named: dict[str, torch.Tensor] = {}
+    for layer, linear in enumerate(_linear(*parts)):
+        named[f"{name}.{layer}.weight"] = linear.weight
+        named[f"{name}.{layer}.bias"] = linear.bias
+    return named
+
+
+def _linear(*parts: torch.nn.Module) -> list[torch.nn.Linear]:
+    inner = (module for part in parts for module in part.modules())
+    return [module for module in inner if isinstance(module, torch.nn.Linear)]
+
+
+def _network(policy: ActorCriticPolicy, channels: dict[str, int]) -> Network:
+    def widths(part: torch.nn.Module) -> list[int]:
+        return [linear.out_features for linear in _linear(part)]
+
+    space, extractor = policy.observation_space, policy.features_extractor
+    felt: Any = extractor._pads if isinstance(extractor, TouchExtractor) else {}
+    return {
+        "order": list(space) if isinstance(space, gym.spaces.Dict) else list(channels),
+        "touch": {name: widths(pad) for name, pad in felt.items()},
+        "policy": widths(policy.mlp_extractor.policy_net),
+        "value": widths(policy.mlp_extractor.value_net),
+        "activation": policy.activation_fn.__name__,
+    }
+
+
+def _statistics(
+    normaliser: VecNormalize | None, channels: dict[str, int]
+) -> tuple[Normaliser, dict[str, NDArray[np.float64]]]:
+    """How observations are normalised, and the means and variances by their names in the file."""
+    saved: Normaliser = {"channels": [], "count": 0.0, "clip": 10.0, "epsilon": 1e-8}
+    numbers: dict[str, NDArray[np.float64]] = {}
+    if normaliser is None or not normaliser.norm_obs:
+        return saved, numbers
+    saved["clip"], saved["epsilon"] = float(normaliser.clip_obs), float(normaliser.epsilon)
+    for names, running in _running(normaliser, channels):
+        ends = np.cumsum([channels[name] for name in names])[:-1]
+        saved["channels"] += names
+        saved["count"] = float(running.count)
+        for part, values in (("mean", running.mean), ("variance", running.var)):
+            for name, share in zip(names, np.split(values, ends), strict=True):
+                numbers[f"normaliser.{name}.{part}"] = np.asarray(share, np.float64)
+    return saved, numbers
+
+
+def _normalised(agent: Agent, envs: VecEnv, gamma: float) -> VecNormalize:
+    """The environments with the agent's normalisation."""
+    saved = agent.card["normaliser"]
+    dictionary = isinstance(envs.observation_space, gym.spaces.Dict)
+    normalised = VecNormalize(
+        envs,
+        norm_obs=bool(saved["channels"]),
+        norm_reward=False,
+        clip_obs=saved["clip"],
+        gamma=gamma,
+        epsilon=saved["epsilon"],
+        norm_obs_keys=saved["channels"] if dictionary else None,
+    )
+    if saved["channels"]:
+        for names, running in _running(normalised, agent.channels):
+            running.mean, running.var = (
+                np.concatenate([agent.tensors[f"normaliser.{name}.{part}"] for name in names])
+                for part in ("mean", "variance")
+            )
+            running.count = saved["count"]
+    return normalised
+
+
+def _running(
+    normaliser: VecNormalize, channels: dict[str, int]
+) -> list[tuple[list[str], RunningMeanStd]]:
+    """The running statistics, each with the channels that it is of: one, or all in a row."""
+    found: Any = normaliser.obs_rms
+    if isinstance(found, dict):
+        return [([name], running) for name, running in found.items()]
+    return [(list(channels), found)]

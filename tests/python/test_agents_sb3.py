@@ -1,0 +1,173 @@
+"""Agents against Stable-Baselines3: the same actions there, in numpy, and back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+
+import torch
+from stable_baselines3 import SAC
+from stable_baselines3.common.torch_layers import CombinedExtractor
+from tiny_agent import BLIND, HOLD, LIFT, TOUCH, exported, trained
+
+from ruffini.agents import Agent, load
+from ruffini.agents.sb3 import export, to_sb3
+from ruffini.sb3 import make_vec_env
+
+MARKERS = TOUCH | {"observation": ["wrench", "markers", "proprio"]}
+KINDS = {
+    "touch": {"env_id": HOLD, "settings": MARKERS},
+    "two fields": {
+        "env_id": LIFT,
+        "settings": TOUCH | {"observation": ["stress", "object", "markers"]},
+    },
+    "as it is": {"env_id": HOLD, "settings": TOUCH, "extractor": CombinedExtractor},
+    "flat": {"env_id": HOLD, "settings": TOUCH, "obs": "flat"},
+    "rigid": {"env_id": LIFT, "settings": BLIND, "obs": "flat"},
+    "relu": {"env_id": LIFT, "settings": BLIND, "activation_fn": torch.nn.ReLU},
+    "elu": {"env_id": LIFT, "settings": BLIND, "activation_fn": torch.nn.ELU},
+}
+ROUNDING = 1e-5
+"""Of single precision through three layers of features of order ten."""
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def trio(request, tmp_path_factory):
+    """A model, its normaliser and its agent, read from the file."""
+    path = tmp_path_factory.mktemp("agents") / "tiny.safetensors"
+    model, normaliser, agent = exported(path, **KINDS[request.param])
+    read = load(path)
+    assert read.card == agent.card
+    return model, normaliser, read
+
+
+def seen(agent, obs, steps=12):
+    """Observations of episodes in which the agent acts with noise; the last ones random."""
+    envs = make_vec_env(agent.env_id, 3, seed=7, obs=obs, **agent.settings)
+    observation = envs.reset()
+    for _ in range(steps):
+        yield observation
+        action, _ = agent.predict(observation, deterministic=False)
+        observation, *_ = envs.step(action)
+    drawn = np.random.default_rng(0)
+    for scale in (1e-3, 1.0, 1e3):
+        yield _random(drawn, observation, scale)
+
+
+def _random(drawn, like, scale):
+    if isinstance(like, dict):
+        return {name: _random(drawn, values, scale) for name, values in like.items()}
+    return (scale * drawn.standard_normal(like.shape)).astype(np.float32)
+
+
+def kind(model):
+    return "dict" if isinstance(model.policy.observation_space.sample(), dict) else "flat"
+
+
+def test_an_agent_acts_as_the_model_does(trio):
+    model, normaliser, agent = trio
+    moved = 0.0
+    for observation in seen(agent, kind(model)):
+        expected, _ = model.predict(normaliser.normalize_obs(observation), deterministic=True)
+        found, _ = agent.predict(observation)
+        assert found.shape == (3, 5) and found.dtype == np.float32
+        assert np.abs(found - expected).max() <= ROUNDING, (found, expected)
+        moved = max(moved, float(np.ptp(found)))
+    assert moved > 1e-3, "actions that do not depend on anything"
+
+
+def test_dict_and_flat_observations_of_one_or_many_give_the_same_actions(trio):
+    _, _, agent = trio
+    for channels in list(seen(agent, "dict"))[:5]:
+        flat = np.concatenate([channels[name] for name in agent.channels], axis=1)
+        action, state = agent.predict(channels, state="kept")
+        assert state == "kept"
+        np.testing.assert_array_equal(agent.predict(flat)[0], action)
+        alone, _ = agent.predict({name: values[1] for name, values in channels.items()})
+        assert alone.shape == (5,)
+        np.testing.assert_allclose(alone, action[1], atol=1e-6)
+        np.testing.assert_array_equal(agent.predict(flat[1])[0], alone)
+
+
+def test_drawn_actions_spread_as_the_models(trio):
+    model, _, agent = trio
+    observation = next(iter(seen(agent, "dict")))
+    agent.seed(3)
+    many = np.array([agent.predict(observation, deterministic=False)[0] for _ in range(500)])
+    agent.seed(3)
+    np.testing.assert_array_equal(agent.predict(observation, deterministic=False)[0], many[0])
+    # Medians and quartiles feel nothing of the clip at 1.
+    mean, _ = agent.predict(observation)
+    middle = np.median(many, axis=0)
+    spread = np.exp(model.policy.log_std.detach().numpy())
+    assert np.abs(middle - mean).max() < 5 * 1.25 * spread.max() / np.sqrt(500)
+    inner = np.abs(mean) < 0.05
+    quartiles = np.ptp(np.quantile(many, (0.25, 0.75), axis=0), axis=0) / 1.349
+    ratio = (quartiles / spread)[inner]
+    assert (np.abs(ratio - 1) < 0.25).all(), ratio
+
+
+def test_a_model_made_from_an_agent_acts_as_the_one_it_was(trio):
+    model, normaliser, agent = trio
+    again = to_sb3(agent)
+    fresh = again.get_vec_normalize_env()
+    for observation in seen(agent, kind(model)):
+        normal, expected = fresh.normalize_obs(observation), normaliser.normalize_obs(observation)
+        tensor, _ = model.policy.obs_to_tensor(expected)
+        np.testing.assert_array_equal(
+            again.predict(normal, deterministic=True)[0],
+            model.predict(expected, deterministic=True)[0],
+        )
+        with torch.no_grad():
+            torch.testing.assert_close(
+                again.policy.predict_values(again.policy.obs_to_tensor(normal)[0]),
+                model.policy.predict_values(tensor),
+                rtol=0,
+                atol=0,
+            )
+
+
+def test_an_agent_goes_on_training(tmp_path):
+    path = tmp_path / "tiny.safetensors"
+    model, normaliser, agent = exported(path, settings=MARKERS)
+    assert agent.card["steps"] == model.num_timesteps == 128
+    again = to_sb3(agent, n_envs=4, learning_rate=1e-4)
+    assert (again.n_envs, again.n_steps, again.learning_rate) == (4, 32, 1e-4)
+    counted = again.get_vec_normalize_env().obs_rms["proprio"].count
+    assert counted == normaliser.obs_rms["proprio"].count
+    again.learn(128, reset_num_timesteps=False)
+    assert again.num_timesteps == 256
+    assert again.get_vec_normalize_env().obs_rms["proprio"].count == counted + 4 * 33
+    envs = make_vec_env(HOLD, 2, seed=0, **(MARKERS | {"load": 0.5}))
+    to_sb3(agent, envs).learn(64)
+    with pytest.raises(ValueError, match=r"found channels .*, expected the environment's: "):
+        to_sb3(agent, make_vec_env(HOLD, 2, **TOUCH))
+
+
+def test_models_that_no_agent_can_stand_for_are_refused(tmp_path):
+    about = {"env_id": LIFT, "settings": BLIND, "seed": 0, "threads": 1, "commit": ""}
+    path = tmp_path / "tiny.safetensors"
+    envs = make_vec_env(LIFT, 2, **BLIND)
+    with pytest.raises(ValueError, match="found SAC, expected PPO"):
+        export(SAC("MultiInputPolicy", envs, buffer_size=10), None, path, **about)
+    model, normaliser = trained(LIFT, BLIND, steps=64, activation_fn=torch.nn.SiLU)
+    with pytest.raises(ValueError, match="activation_fn: found SiLU, expected"):
+        export(model, normaliser, path, **about)
+    model, normaliser = trained(LIFT, BLIND, steps=64, share_features_extractor=False)
+    with pytest.raises(ValueError, match="share_features_extractor: found False"):
+        export(model, normaliser, path, **about)
+    assert not path.exists()
+
+
+def test_a_model_without_a_normaliser_is_an_agent_too(tmp_path):
+    model, _ = trained(LIFT, BLIND, steps=64)
+    about = {"seed": 0, "threads": 1, "commit": "", "episodes": 1}
+    path = tmp_path / "bare.safetensors"
+    export(model, None, path, env_id=LIFT, settings=BLIND, **about)
+    agent = Agent.read(path)
+    for observation in seen(agent, "dict"):
+        expected, _ = model.predict(observation, deterministic=True)
+        assert np.abs(agent.predict(observation)[0] - expected).max() <= ROUNDING
+    assert to_sb3(agent).get_vec_normalize_env().norm_obs is False

@@ -1,0 +1,212 @@
+"""`ruffini demo` in the shell, and the moving pictures that it writes."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from drawn_agent import COARSE, card, drawn, tensors
+
+from ruffini import agents
+from ruffini._core import encode_gif
+from ruffini.agents import Agent
+from ruffini.evaluation import evaluate
+
+GRIP = {"start_grip": 8.0, "load": 0.2, "shaking": 0.1}
+"""So that the pads touch, whatever the agent does."""
+
+
+def demo(*words, env=None):
+    line = [sys.executable, "-m", "ruffini", "demo", *map(str, words)]
+    surroundings = os.environ | (env or {})
+    return subprocess.run(line, capture_output=True, text=True, check=False, env=surroundings)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    """The file of an agent of random numbers."""
+    path = tmp_path_factory.mktemp("demo") / "drawn.safetensors"
+    path.write_bytes(drawn(settings=COARSE | GRIP).to_bytes())
+    return path
+
+
+def test_the_demo_says_what_an_evaluation_says(file):
+    done = demo("HoldStill", "--agent", file, "--episodes", 3, "--seed", 5, "--threads", 1)
+    assert done.returncode == 0, done.stderr
+    head, found, told, verdict = done.stdout.splitlines()
+    assert head == "ruffini/HoldStill-v0: PPO, 1,000 steps, seed 0; 3 episodes from seed 5"
+    result = evaluate(agents.load(file), "ruffini/HoldStill-v0", 3, first_seed=5, **COARSE, **GRIP)
+    assert found.split()[:2] == ["agent", f"{result['success']:.1%}"]
+    assert told.startswith("its card, 200 seeds        90.0%  (85.1% to 93.4%)")
+    assert verdict in ("as its card says", "less than its card says", "more than its card says")
+    # Elsewhere than on a terminal progress is a line a quarter.
+    lines = done.stderr.splitlines()
+    assert [text.split(",")[0] for text in lines] == ["0 %", "25 %", "50 %", "75 %", "100 %"]
+    assert lines[-1] == "100 %, 3 of 3 episodes"
+
+
+def test_the_demo_writes_a_gif_that_shows_the_touch(file, tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    path = tmp_path / "out.gif"
+    words = ("--agent", file, "--episodes", 2, "--video", path)
+    done = demo(*words)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1].startswith(f"{path}: 2 episodes (")
+    with image.open(path) as picture:
+        frames = [np.array(shown(picture, i)) for i in range(picture.n_frames)]
+        assert picture.info["loop"] == 0 and picture.info["duration"] == 80
+    # 12 steps, the start and the pause, every second of them, of at most two episodes.
+    assert frames[0].shape == (240, 320, 3) and len(frames) <= 25
+    corner = frames[3][:80, 240:].reshape(-1, 3)
+    assert len(np.unique(corner, axis=0)) > 20, "nothing of touch in the corner"
+
+
+def shown(picture, index):
+    picture.seek(index)
+    return picture.convert("RGB")
+
+
+def test_the_demo_writes_an_mp4(file, tmp_path):
+    pytest.importorskip("imageio_ffmpeg")
+    path = tmp_path / "out.mp4"
+    done = demo("--agent", file, "--episodes", 2, "--video-episodes", 1, "--video", path)
+    assert done.returncode == 0, done.stderr
+    assert path.read_bytes()[4:8] == b"ftyp"
+
+
+def test_agents_that_come_with_the_package_play():
+    for name in agents.names():
+        done = demo(name, "--episodes", 2)
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["GraspLft"], "task: found 'GraspLft', expected one of GraspFragile, GraspLift, "),
+        (["--agent", "none.safetensors"], "none.safetensors: No such file"),
+        (["--agent", "none"], "or the path of a .safetensors file or one of"),
+        (["GraspLift", "--agent", "FILE"], "found one of ruffini/HoldStill-v0, expected one of ru"),
+        (["--agent", "FILE", "--episodes", "0"], "episodes: found 0, expected at least 1"),
+        (["--agent", "FILE", "--episodes", "two"], "invalid int value: 'two'"),
+        (["--agent", "FILE", "--video-episodes", "0"], "video-episodes: found 0"),
+        (["--agent", "FILE", "--threads", "0"], "threads: found 0"),
+        (["--agent", "FILE", "--seed", "-1"], "seed: found -1"),
+        (["--agent", "FILE", "--video", "out.avi"], "found out.avi, expected a .gif or .mp4 file"),
+        (["--agent", "FILE", "--video", "none/out.gif"], "none/out.gif: No such file"),
+        (["--agent", "FILE", "--video", "FOLDER.gif"], "Is a directory"),
+    ],
+)
+def test_the_demo_names_bad_input(file, tmp_path, words, text):
+    folder = tmp_path / "folder.gif"
+    folder.mkdir()
+    places = {"FILE": str(file), "FOLDER.gif": str(folder)}
+    done = demo(*(places.get(word, word) for word in words))
+    assert (done.returncode, done.stdout) == (2, ""), done.stderr
+    assert text in done.stderr and "Traceback" not in done.stderr
+    assert done.stderr.count("ruffini: ") == 1 or "usage: " in done.stderr
+
+
+def test_a_task_without_an_agent_is_said_to_have_none():
+    for task in {"GraspFragile", "GraspLift", "GraspSoft", "HoldStill"}:
+        if f"{task}-v0" not in agents.names():
+            done = demo(task)
+            assert (done.returncode, done.stdout) == (2, "")
+            assert f"agent: found none of {task}-v0, expected the path" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"settings": COARSE | {"observation": ["proprio", "slip"]}}, "expected the environment's"),
+        ({"settings": COARSE | {"gravity": 3}}, "unexpected keyword argument 'gravity'"),
+        ({"settings": COARSE | {"tactile": "skin"}}, "tactile: "),
+        ({"env": "ruffini/HoldStill-v7"}, "HoldStill"),
+        ({"format": 2}, "found format 2"),
+    ],
+)
+def test_an_agent_of_other_settings_is_refused_before_it_plays(tmp_path, change, text):
+    path = tmp_path / "other.safetensors"
+    agent = Agent(card(), tensors(card()))
+    agent.card.update(change)
+    path.write_bytes(agent.to_bytes())
+    done = demo("--agent", path)
+    assert (done.returncode, done.stdout) == (2, ""), done.stderr
+    assert text in done.stderr and "other.safetensors" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_no_file_is_left_where_the_demo_did_not_play(file, tmp_path):
+    path = tmp_path / "out.gif"
+    assert demo("--agent", file, "--video", path, "--threads", "0").returncode == 2
+    assert not path.exists()
+
+
+def test_an_mp4_without_its_extra_is_refused_before_the_agent_plays(file, tmp_path):
+    (tmp_path / "imageio_ffmpeg.py").write_text("raise ImportError")
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    done = demo("--agent", file, "--video", tmp_path / "out.mp4", env={"PYTHONPATH": path})
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "pip install 'ruffini[video]', or write a .gif" in done.stderr
+
+
+def test_an_mp4_without_ffmpeg_is_refused_before_the_agent_plays(file, tmp_path):
+    if importlib.util.find_spec("imageio_ffmpeg") is None:
+        pytest.skip("needs imageio-ffmpeg")
+    nowhere = {"IMAGEIO_FFMPEG_EXE": str(tmp_path / "none")}
+    done = demo("--agent", file, "--video", tmp_path / "out.mp4", env=nowhere)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "found no ffmpeg" in done.stderr
+
+
+def played(frames, delay=40):
+    image = pytest.importorskip("PIL.Image")
+    with image.open(io.BytesIO(encode_gif(frames, delay))) as picture:
+        assert picture.n_frames == len(frames)
+        return [np.array(shown(picture, i)) for i in range(picture.n_frames)]
+
+
+def test_a_gif_of_few_colours_is_exact():
+    drawn_pixels = np.random.default_rng(0)
+    colours = drawn_pixels.integers(0, 256, (100, 3), dtype=np.uint8)
+    first = colours[drawn_pixels.integers(0, 100, (20, 30))]
+    second = first.copy()
+    second[4:7, 11:29] = colours[drawn_pixels.integers(0, 100, (3, 18))]
+    frames = [first, second, second, first, 255 - first]
+    # A frame like the one before it is still a frame: it takes its time.
+    for found, expected in zip(played(frames), frames, strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_gif_of_many_colours_is_near():
+    y, x = np.mgrid[0:120, 0:160]
+    frames = []
+    for step in range(4):
+        ball = np.hypot(x - 40 - 20 * step, y - 60) < 25
+        ground = np.stack([x, 2 * y, 255 - x], axis=-1)
+        frames.append(np.where(ball[..., None], 200 - ground // 2, ground).astype(np.uint8))
+    for found, expected in zip(played(frames), frames, strict=True):
+        off = np.abs(found.astype(int) - expected).max(axis=-1)
+        # Evenly spread over all colours there are, 256 would be one in each cube of 40 a side.
+        assert off.max() <= 40, off.max()
+
+
+@pytest.mark.parametrize(
+    ("frames", "delay", "text"),
+    [
+        ([], 40, "frames: found none, expected at least one"),
+        ([np.zeros((4, 4, 3), np.uint8)], 45, "delay: found 45 ms, expected 10 to 655350 ms"),
+        ([np.zeros((4, 4, 3), np.uint8)], 0, "delay: found 0 ms"),
+        ([np.zeros((4, 4, 4), np.uint8)], 40, r"frames: found array \(4, 4, 4\), expected array"),
+        ([np.zeros((0, 4, 3), np.uint8)], 40, r"frames: found array \(0, 4, 3\)"),
+        ([np.zeros((4, n, 3), np.uint8) for n in (4, 5)], 40, r"\(4, 5, 3\), expected array"),
+    ],
+)
+def test_frames_that_make_no_gif_are_refused(frames, delay, text):
+    with pytest.raises(ValueError, match=text):
+        encode_gif(frames, delay)
