@@ -33,7 +33,9 @@ ENV_ID = "ruffini/GraspLift-v0"
 
 def least_success() -> float | None:
     """Lower end of the 95 % interval of the worst seed that the study has, if it has any."""
-    return min((row["interval"][0] for row in rows_of(ENV_ID) if row["kind"] == "touch"), default=None)
+    return min(
+        (row["interval"][0] for row in rows_of(ENV_ID) if row["kind"] == "touch"), default=None
+    )
 
 
 def verdict(success: float, bound: float | None) -> tuple[str, int]:

@@ -63,7 +63,9 @@ def rows_of(env_id: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
 
 
-def run(env_id: str, kind: str, seed: int, threads: int, keep: Path | None = None) -> dict[str, Any]:
+def run(
+    env_id: str, kind: str, seed: int, threads: int, keep: Path | None = None
+) -> dict[str, Any]:
     """Trains and evaluates one agent; `keep` is a folder for its training run."""
     settings = KINDS[env_id][kind]
     with tempfile.TemporaryDirectory() as scratch:
