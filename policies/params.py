@@ -56,7 +56,7 @@ PARAMS: dict[tuple[str, str], Params] = {
         steps_without_touch=80 * 2048,
         n_envs=64,
         algorithm={
-            # 2,048 steps a rollout, and much learnt from each: an update costs a third of a rollout.
+            # 2,048 steps a rollout; an update of eight epochs costs a third of one.
             "n_steps": 32,
             "batch_size": 256,
             "n_epochs": 8,

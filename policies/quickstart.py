@@ -13,6 +13,7 @@ length is worse than the worst of the ten training seeds that ``policies/study.p
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 import sys
 import time
@@ -43,8 +44,8 @@ def verdict(success: float, bound: float | None) -> tuple[str, int]:
     if bound is None or success >= bound:
         return "", 0
     return (
-        f"FAILED: {success:.1%} is below {bound:.1%}, the lower bound of the worst training seed on "
-        "record. Try another seed (--seed 1); if it fails, too, run `pytest` and report both lines "
+        f"FAILED: {success:.1%} is below {bound:.1%}, the lower bound of the worst training "
+        "seed on record. Try another seed (--seed 1); if it fails, too, run `pytest` and report both lines "
         "with your processor and the versions of torch and stable-baselines3."
     ), 1
 
@@ -80,7 +81,7 @@ def main() -> int:
         env_id=ENV_ID,
         settings={},
         seed=arguments.seed,
-        threads=normaliser.num_envs,
+        threads=os.cpu_count() or 1,
         commit=str(about_this_run()["commit"]),
         episodes=arguments.episodes,
     )

@@ -4,7 +4,7 @@ Use::
 
     python policies/study.py                                # all that is missing, hours
     python policies/study.py --env ruffini/HoldStill-v0 --kind touch --seeds 100 101
-    python policies/study.py --pages                        # pages and pictures of the rows there are
+    python policies/study.py --pages                        # pages of the rows there are
 
 Hyper-parameters were tuned on seeds 0 to 4; the seeds here, 100 and up, were not looked at before
 they were reported. Rows are lines of JSON in ``policies/results/<environment>.jsonl``: settings,

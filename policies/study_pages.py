@@ -1,8 +1,8 @@
 """The page and the picture of a study: a table of agents by kind, a curve of every seed.
 
 Aggregates follow Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical
-Precipice" (NeurIPS 2021): the mean of the middle half of the seeds (interquartile mean), with a 95 %
-interval by bootstrap over seeds.
+Precipice" (NeurIPS 2021): the mean of the middle half of the seeds (interquartile mean), with a
+95 % interval by bootstrap over seeds.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
     lines = [
         f"# {name}: agents by PPO",
         "",
-        f"Success over {first['episodes']} evaluation seeds without exploration noise, for training "
-        "seeds that no hyper-parameter was tuned on. IQM is the mean of the middle half of the "
+        f"Success over {first['episodes']} evaluation seeds without exploration noise, for "
+        "training seeds that no hyper-parameter was tuned on. IQM is the mean of the middle half of the "
         "seeds, with its 95 % bootstrap interval over seeds. Made by `python policies/study.py`.",
         "",
         "| agent sees | seeds | IQM | 95 % interval | median | worst seed | steps | minutes | "

@@ -9,18 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 
-from ruffini import SimulationError, _video
-from ruffini._spaces import Frame, check_count, check_seed
+from ruffini import video
+from ruffini._spaces import check_count, check_seed
 from ruffini.agents import Agent, environment_id, load
 from ruffini.evaluation import FIRST_SEED, evaluate, line
 
 _TASK = "GraspLift"
 _EPISODES = {"ruffini/GraspSoft-v0": 15}
 """Episodes of a task whose presses are slow."""
-_PAUSE = 12
-"""Frames for which the end of an episode stands."""
 _WIDTH = 30
 """Width of the progress bar."""
 
@@ -69,7 +66,7 @@ def run(options: argparse.Namespace) -> None:
     if options.threads is not None:
         check_count("threads", options.threads)
     if options.video is not None:
-        _video.check(options.video)
+        video.check(options.video)
     limit = _check_environment(agent)
     card, settings = agent.card, agent.settings
     print(
@@ -91,7 +88,7 @@ def run(options: argparse.Namespace) -> None:
     print(_verdict(result["interval"], told["interval"]))
     if options.video is not None:
         count = min(options.video_episodes, options.episodes)
-        print(_film(agent, options.video, range(options.seed, options.seed + count)))
+        print(video.film(agent, options.video, range(options.seed, options.seed + count)))
 
 
 def _agent(task: str | None, path: str | None) -> Agent:
@@ -124,42 +121,6 @@ def _verdict(found: Sequence[float], told: Sequence[float]) -> str:
     if found[1] < told[0]:
         return "less than its card says"
     return "more than its card says" if found[0] > told[1] else "as its card says"
-
-
-def _film(agent: Agent, path: Path, seeds: range) -> str:
-    """Writes the episodes of these seeds as a video; a line about it.
-
-    Raises:
-        SimulationError: If the video cannot be written.
-    """
-    width, height = _video.SIZES[path.suffix]
-    env = gym.make(
-        agent.env_id, render_mode="rgb_array", width=width, height=height, **agent.settings
-    )
-    frames: list[Frame] = []
-    endings = []
-    for seed in seeds:
-        observation, _ = env.reset(seed=seed)
-        frames.append(_picture(env))
-        over = False
-        while not over:
-            action, _ = agent.predict(observation)
-            observation, _, terminated, truncated, info = env.step(action)
-            frames.append(_picture(env))
-            over = terminated or truncated
-        frames += frames[-1:] * _PAUSE
-        endings.append("success" if info["is_success"] else info.get("ending", "failure"))
-    try:
-        _video.write(path, frames)
-    except OSError as error:
-        raise SimulationError(f"video: {path}: {error}") from None
-    size = path.stat().st_size / 1e6
-    return f"{path}: {len(seeds)} episodes ({', '.join(endings)}), {size:.1f} MB"
-
-
-def _picture(env: gym.Env[Any, Any]) -> Frame:
-    picture: Any = env.render()
-    return np.asarray(picture, np.uint8)
 
 
 class _Bar:

@@ -8,16 +8,23 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
+from ruffini import SimulationError
 from ruffini._core import encode_gif
 from ruffini._spaces import METADATA, Frame
+from ruffini.agents import Agent
+
+__all__ = ["SIZES", "check", "film", "write"]
 
 SIZES = {".gif": (320, 240), ".mp4": (640, 480)}
 """Width and height of a picture by the kind of video."""
 
 _GIF_STRIDE = 2
 """Of so many frames a GIF has one, for its size."""
+_PAUSE = 12
+"""Frames for which the end of an episode stands."""
 
 
 def check(path: Path) -> None:
@@ -58,6 +65,42 @@ def write(path: Path, frames: Sequence[Frame]) -> None:
         writer.close()
     except RuntimeError as error:
         raise OSError(f"ffmpeg: {error}") from None
+
+
+def film(agent: Agent, path: Path, seeds: range) -> str:
+    """Writes the agent's episodes of these seeds as a video; a line about it.
+
+    Raises:
+        SimulationError: If the video cannot be written.
+    """
+    width, height = SIZES[path.suffix]
+    env = gym.make(
+        agent.env_id, render_mode="rgb_array", width=width, height=height, **agent.settings
+    )
+    frames: list[Frame] = []
+    endings = []
+    for seed in seeds:
+        observation, _ = env.reset(seed=seed)
+        frames.append(_picture(env))
+        over = False
+        while not over:
+            action, _ = agent.predict(observation)
+            observation, _, terminated, truncated, info = env.step(action)
+            frames.append(_picture(env))
+            over = terminated or truncated
+        frames += frames[-1:] * _PAUSE
+        endings.append("success" if info["is_success"] else info.get("ending", "failure"))
+    try:
+        write(path, frames)
+    except OSError as error:
+        raise SimulationError(f"video: {path}: {error}") from None
+    size = path.stat().st_size / 1e6
+    return f"{path}: {len(seeds)} episodes ({', '.join(endings)}), {size:.1f} MB"
+
+
+def _picture(env: gym.Env[Any, Any]) -> Frame:
+    picture: Any = env.render()
+    return np.asarray(picture, np.uint8)
 
 
 def _ffmpeg() -> Any:
