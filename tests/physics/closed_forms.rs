@@ -113,12 +113,11 @@ fn dimitriadis(chi: f64, poisson: f64) -> f64 {
 fn a_bonded_layer_stiffens_as_dimitriadis_says() {
     let poisson = 0.3;
     // The series is short of its own second order by a seventh (the base's lift feeds back as
-    // f = (1 + k f)^{3/2}): 0.2 % at χ = 0.1, 1.2 % at χ = 0.2.
-    for (chi, tolerance) in [(0.1, 0.01), (0.2, 0.015)] {
-        // Meshes with one core are too stiff by about the same factor.
-        let layer = ball_over_hertz(poisson, 2, 6, [4.0 / chi, 1.0 / chi]) / *BALL_ON_FINE;
-        let series = dimitriadis(chi, poisson);
-        println!("layer, χ {chi}: {layer:.4} of the half-space, Dimitriadis {series:.4}");
-        assert!((layer / series - 1.0).abs() < tolerance, "χ {chi}: {layer}, series {series}");
-    }
+    // f = (1 + k f)^{3/2}): 1.2 % at χ = 0.2.
+    let chi = 0.2;
+    // Meshes with one core are too stiff by about the same factor.
+    let layer = ball_over_hertz(poisson, 2, 6, [4.0 / chi, 1.0 / chi]) / *BALL_ON_FINE;
+    let series = dimitriadis(chi, poisson);
+    println!("layer, χ {chi}: {layer:.4} of the half-space, Dimitriadis {series:.4}");
+    assert!((layer / series - 1.0).abs() < 0.015, "χ {chi}: {layer}, series {series}");
 }

@@ -3,13 +3,13 @@
 use std::{collections::HashSet, f64::consts::PI};
 
 use nalgebra::{Point3, Vector3};
-use parry3d::{
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rapier3d::parry::{
     math::{Pose, Vector},
     query::intersection_test,
     shape::{Cuboid, TriMesh},
 };
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use ruffini_core::{
     deformation::{Law, Moduli, SoftBody},
     geometry::{Shape, Surface},
@@ -244,7 +244,7 @@ fn parry_finds_no_finger_in_an_object_either() {
                     let middle = Point3::new(side * (inner + back), 0.0, 0.5 * (top + low));
                     let pose = Pose::from_parts(at(&(grasp.tool * middle)), {
                         let q = grasp.tool.rotation.coords.map(|x| x as f32);
-                        parry3d::math::Rotation::from_xyzw(q.x, q.y, q.z, q.w)
+                        rapier3d::parry::math::Rotation::from_xyzw(q.x, q.y, q.z, q.w)
                     });
                     let met = intersection_test(&Pose::IDENTITY, &mesh, &pose, &finger).unwrap();
                     assert!(!met.intersecting, "{}: {grasp:?}", object.name);

@@ -22,6 +22,8 @@ OBSERVATIONS: dict[str, dict[str, Any]] = {
     "all flat": {"observation": ruffini.CHANNELS, "obs": "flat"},
     **{channel: {"observation": channel} for channel in ruffini.CHANNELS},
 }
+WHOLE = ["default", "flat", "all", "all flat"]
+"""Choices with every channel among them, for what is slow."""
 NEEDED: dict[str, dict[str, Any]] = {
     # A coarse pad: the shipped network has one size.
     "ruffini/GraspFragile-v0": {"tactile": "compliance", "resolution": {"nodes": 300}},

@@ -104,16 +104,17 @@ def junk(random: np.random.Generator, depth: int = 0):
     return JUNK[random.integers(len(JUNK))]
 
 
-def test_ten_thousand_bad_settings_are_refused_or_make_an_environment():
+@pytest.mark.parametrize("count", [1_000, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_bad_settings_are_refused_or_make_an_environment(count):
     random = np.random.default_rng(0)
     refused = 0
-    for _ in range(10_000):
+    for _ in range(count):
         names = random.choice(NAMES, random.integers(1, 3), replace=False)
         settings = {str(name): junk(random) for name in names}
         # A million rows are allowed, and not what this test is about.
         settings.setdefault("num_envs", 1)
         refused += outcome(GraspLiftVectorEnv, **settings) != "fine"
-    assert refused > 5_000, f"only {refused} refused: the junk is too good"
+    assert refused > count / 2, f"only {refused} refused: the junk is too good"
 
 
 def test_bad_actions_are_refused_and_change_nothing():

@@ -261,7 +261,8 @@ def command(*words):
 def test_the_command_generates_and_inspects(folder, tmp_path):
     config = tmp_path / "tiny.toml"
     gel = "\n".join(f"{name} = {value!r}" for name, value in TINY["gels"][0].items())
-    config.write_text(f"truth_nodes = 400\nmodel_nodes = 200\n[[gels]]\n{gel}\n")
+    sizes = f"truth_nodes = 400\nmodel_nodes = 200\nforce = {TINY['force']}\n"
+    config.write_text(f"{sizes}[[gels]]\n{gel}\n")
     made = tmp_path / "made"
     counts = ["--objects", "2", "--grasps", "1", "--frames", "2", "--threads", "2"]
     done = command("generate", str(made), "--config", str(config), *counts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gymnasium as gym
 import numpy as np
 import pytest
-from conftest import actions, flat
+from conftest import WHOLE, actions, flat
 from gymnasium.utils.env_checker import check_env
 
 from ruffini.envs import GraspLiftEnv
@@ -15,6 +15,7 @@ def test_gymnasium_finds_nothing_to_warn_about(env_id, choice):
     check_env(gym.make(env_id, render_mode="rgb_array", **choice).unwrapped)
 
 
+@pytest.mark.parametrize("choice", WHOLE, indirect=True)
 def test_stable_baselines_finds_nothing_to_warn_about(env_id, choice):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     checker.check_env(gym.make(env_id, **choice))
@@ -25,10 +26,11 @@ def test_the_prefix_form_makes_the_same_environment():
     assert isinstance(env.unwrapped, GraspLiftEnv)
 
 
+@pytest.mark.parametrize("choice", WHOLE, indirect=True)
 def test_observations_stay_in_their_space(env_id, choice):
     env = gym.make(env_id, disable_env_checker=True, **choice)
     observation, _ = env.reset(seed=3)
-    for action in actions(1, 100)[:, 0]:
+    for action in actions(1, 60)[:, 0]:
         assert observation in env.observation_space, observation
         observation, _, terminated, truncated, _ = env.step(action)
         if terminated or truncated:

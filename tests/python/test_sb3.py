@@ -238,7 +238,7 @@ def test_ppo_learns_on_touch():
 
 def test_sac_learns_on_flat_observations():
     envs = make_vec_env(ID, 2, seed=0, max_episode_steps=20, obs="flat")
-    SAC("MlpPolicy", envs, learning_starts=50, buffer_size=1000, batch_size=32).learn(200)
+    SAC("MlpPolicy", envs, learning_starts=20, buffer_size=1000, batch_size=32).learn(60)
 
 
 def test_a_stopped_run_goes_on_from_its_checkpoint(tmp_path):

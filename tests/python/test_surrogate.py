@@ -37,6 +37,7 @@ def swift():
 def data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("data") / "set"
     sizes = {"objects": 6, "grasps": 1, "frames": 2, "truth_nodes": 700, "model_nodes": 700}
+    sizes["force"] = [1.0, 5.0]
     # One of the six to train on, and the one that is novel.
     for shards in ([], ["shards/sphere-1-000.safetensors", "shards/ellipsoid-1-000.safetensors"]):
         ruffini.dataset.generate(folder, threads=2, gels=[GEL], shards=shards, **sizes)

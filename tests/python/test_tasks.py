@@ -296,9 +296,9 @@ def test_a_held_object_is_felt_from_the_first_observation():
 
 @pytest.mark.parametrize(("env_id", "settings"), CASES)
 def test_random_actions_stay_within_the_spaces_and_end_by_name(env_id, settings):
-    envs = gym.make_vec(env_id, num_envs=4, autoreset_mode="SameStep", **settings)
+    envs = gym.make_vec(env_id, num_envs=2, autoreset_mode="SameStep", **settings)
     envs.reset(seed=0)
-    for action in actions(4, 60):
+    for action in actions(2, 40):
         rows, reward, *_, info = envs.step(action)
         assert envs.observation_space.contains(rows)
         assert ((reward >= 0) & (reward <= 1)).all()
@@ -328,7 +328,7 @@ class Proportional:
 def test_no_grip_by_the_load_alone_holds_as_many_as_one_by_what_slides():
     scripted = evaluate(load("scripted", HOLD), HOLD, 64)
     assert scripted["success"] >= 0.7, scripted
-    for factor in (1.5, 1.9, 2.4, 3.0, 4.0):
+    for factor in (1.9, 2.4, 3.0):
         blind = evaluate(Proportional(factor), HOLD, 64)
         assert blind["success"] < scripted["success"], (factor, blind)
         assert blind["return"] < scripted["return"] - 3.0, (factor, blind)
@@ -348,8 +348,8 @@ class Firm:
 
 
 def test_the_scripted_policy_lifts_what_is_fragile_and_no_constant_grip_does():
-    scripted = evaluate(load("scripted", FRAGILE), FRAGILE, 24, **SOFT)
+    scripted = evaluate(load("scripted", FRAGILE), FRAGILE, 12, **SOFT)
     assert scripted["success"] >= 0.9, scripted
-    for force in (1.0, 2.0, 3.0, 4.0, 6.0):
-        constant = evaluate(Firm(force), FRAGILE, 24, **SOFT)
+    for force in (2.0, 3.0, 4.0):
+        constant = evaluate(Firm(force), FRAGILE, 12, **SOFT)
         assert constant["interval"][1] < scripted["success"], (force, constant)

@@ -10,6 +10,8 @@ TINY = {
     "objects": 2,
     "grasps": 1,
     "frames": 2,
+    # Light grips: a grasp that ends at 80 N takes ten times as long.
+    "force": [1.0, 5.0],
     "truth_nodes": 400,
     "model_nodes": 200,
     "gels": [

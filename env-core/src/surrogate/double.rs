@@ -196,7 +196,7 @@ fn precision_single_is_enough() {
     let sensor = Sensor::named("gelsight-mini").unwrap();
     let (mut worst, mut told) = ([0.0_f64; 3], 0);
     for known in ["default", "swift"] {
-        for poisson in [0.0, 0.47, 0.4999] {
+        for poisson in [0.0, 0.4999] {
             let moduli = Moduli { young: 3e5, poisson };
             let gel = Gel { moduli, friction: 0.8, thickness: sensor.outline.thickness };
             let bytes = super::answer::shipped(known).unwrap();
@@ -237,5 +237,5 @@ fn precision_single_is_enough() {
         "{told} presses, worst: u {u:.1e}, von Mises stress {stress:.1e}, forces {forces:.1e}"
     );
     // Strain of a micrometre in four millimetres has four digits beside the 1 of F = 1 + ∇u.
-    assert!(told > 50 && u < 2e-6 && stress < 2e-3 && forces < 2e-6, "{told}: {worst:?}");
+    assert!(told > 30 && u < 2e-6 && stress < 2e-3 && forces < 2e-6, "{told}: {worst:?}");
 }

@@ -1,7 +1,7 @@
 use std::{f64::consts::PI, sync::Arc};
 
 use nalgebra::{Point3, Vector3};
-use parry3d::{
+use rapier3d::parry::{
     math::Vector,
     query::PointQuery,
     shape::{TriMesh, TriMeshFlags},
