@@ -327,11 +327,11 @@ class Proportional:
 
 def test_no_grip_by_the_load_alone_holds_as_many_as_one_by_what_slides():
     scripted = evaluate(load("scripted", HOLD), HOLD, 64)
-    assert scripted["success"] >= 0.7, scripted
-    for factor in (1.9, 2.4, 3.0):
+    assert scripted["success"] >= 0.9, scripted
+    for factor in (1.2, 1.8, 2.6):
         blind = evaluate(Proportional(factor), HOLD, 64)
-        assert blind["success"] < scripted["success"], (factor, blind)
-        assert blind["return"] < scripted["return"] - 3.0, (factor, blind)
+        assert blind["success"] < 0.6, (factor, blind)
+        assert blind["return"] < scripted["return"] - 20.0, (factor, blind)
 
 
 class Firm:
