@@ -45,8 +45,8 @@ def verdict(success: float, bound: float | None) -> tuple[str, int]:
         return "", 0
     return (
         f"FAILED: {success:.1%} is below {bound:.1%}, the lower bound of the worst training "
-        "seed on record. Try another seed (--seed 1); if it fails, too, run `pytest` and report both lines "
-        "with your processor and the versions of torch and stable-baselines3."
+        "seed on record. Try another seed (--seed 1); if it fails, too, report both lines with "
+        "your processor and the versions of torch and stable-baselines3."
     ), 1
 
 
