@@ -1,7 +1,7 @@
 """Error against run time of every answerer: makes pareto.json, pareto.md and pareto.svg.
 
     python tests/reports/pareto.py            an hour of one core; goes on after a stop
-    python tests/reports/pareto.py --quick    a few presses, into target/reports/quick
+    python tests/reports/pareto.py --quick    a few presses and answerers, into target/reports/quick
 
 Judged by finite elements on the finest mesh, never by an answerer's own. The full form also writes
 what `ruffini recommend` reads, py/python/ruffini/answerers.json. Held-out grasps are those of
@@ -21,7 +21,7 @@ from pathlib import Path
 
 import pareto_batch
 from kept import HERE, KEPT, ROOT, Rows, arguments, folder, header
-from pareto_answerers import ANSWERERS, TEACHER, Gel, fem
+from pareto_answerers import ANSWERERS, FEW, TEACHER, Gel, fem
 from pareto_cases import Case, Fields, cases
 from pareto_pages import chosen, markdown, summary
 from pareto_plots import figure
@@ -124,8 +124,10 @@ def task(work: tuple[bool, int, int, list[str], int, Path]) -> list[dict]:
 def run(rows: Rows, form: str, most: int, jobs: int, kept: Path) -> None:
     """Answers every press that is not among the rows."""
     quick = form == "quick"
-    there = [name for name, one in ANSWERERS.items() if one.file is None or one.file.exists()]
-    if lacking := [name for name in ANSWERERS if name not in there]:
+    asked = FEW if quick else list(ANSWERERS)
+    files = {name: ANSWERERS[name].file for name in asked}
+    there = [name for name, file in files.items() if file is None or file.exists()]
+    if lacking := [name for name in asked if name not in there]:
         print(f"left out, not trained: {', '.join(lacking)}", flush=True)
     work = []
     for number, case in enumerate(cases(quick, most)):

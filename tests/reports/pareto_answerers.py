@@ -208,3 +208,6 @@ ANSWERERS: dict[str, Answerer] = {
 }
 TEACHER = "fem p1-bar 2000"
 """What the network learnt from."""
+FEW = ["bonded layer", "compliance 1000", "compliance at nodes", "network, swift"]
+FEW += ["network, swift, by Candle", "paper's B", "fem p1-bar 500", TEACHER]
+"""Who is asked in the quick form: some of every kind that needs no training."""

@@ -94,7 +94,7 @@ def break_even(report: dict) -> dict:
     found = {}
     panel = next(iter(report["panels"].values()))
     for name, answerer in ANSWERERS.items():
-        if not answerer.made_from:
+        if name not in panel or not answerer.made_from:
             continue
         spent = sum(answerer.made_from.values())
         saved = 1e-3 * (panel[TEACHER]["ms"] - panel[name]["ms"])
