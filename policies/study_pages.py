@@ -56,8 +56,9 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
         f"# {name}: agents by PPO",
         "",
         f"Success over {first['episodes']} evaluation seeds without exploration noise, for "
-        "training seeds that no hyper-parameter was tuned on. IQM is the mean of the middle half of "
-        "the seeds, with its 95 % bootstrap interval over seeds. Made by `python policies/study.py`.",
+        "training seeds that no hyper-parameter was tuned on. IQM is the mean of the middle half "
+        "of the seeds, with its 95 % bootstrap interval over seeds. Made by "
+        "`python policies/study.py`.",
         "",
         "| agent sees | seeds | IQM | 95 % interval | median | worst seed | steps | minutes | "
         "CPU minutes | steps/s |",
