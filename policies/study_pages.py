@@ -58,7 +58,8 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
         f"Success over {first['episodes']} evaluation seeds without exploration noise, for "
         "training seeds that no hyper-parameter was tuned on. IQM is the mean of the middle half "
         "of the seeds, with its 95 % bootstrap interval over seeds. Made by "
-        "`python policies/study.py`.",
+        "`python policies/study.py`. Minutes on the clock may be beside other work; CPU minutes "
+        "are the run's own.",
         "",
         "| agent sees | seeds | IQM | 95 % interval | median | worst seed | steps | minutes | "
         "CPU minutes | steps/s |",

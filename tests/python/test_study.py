@@ -1,0 +1,88 @@
+"""Training from many seeds: what is reported of it, and what a run does not depend on."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+
+import torch
+
+import quickstart
+from ruffini.sb3 import make_vec_env
+from study import KINDS, RESULTS, rows_of
+from study_pages import interquartile_mean, interval, page
+from train import CHECKPOINT, FirstWithoutTouch, train, untouched
+
+LIFT = "ruffini/GraspLift-v0"
+COARSE = {"tactile": "compliance", "resolution": {"nodes": 100}}
+
+
+def test_the_interquartile_mean_leaves_the_lowest_and_highest_quarter_out():
+    scores = np.array([0.0, 0.1, 4.0, 5.0, 6.0, 7.0, 90.0, 100.0])
+    assert interquartile_mean(scores) == 5.5
+    low, high = interval(scores)
+    assert (low, high) == interval(scores)
+    assert 0.0 <= low < 5.5 < high <= 100.0
+    assert interval(np.full(5, 0.9)) == (0.9, 0.9)
+
+
+@pytest.mark.parametrize("env_id", KINDS)
+def test_a_page_is_that_of_its_rows(env_id):
+    rows = rows_of(env_id)
+    if not rows:
+        pytest.skip("no agents of it yet")
+    name = env_id.split("/")[-1]
+    kinds = [kind for kind in KINDS[env_id] if any(row["kind"] == kind for row in rows)]
+    by_kind = {
+        kind: sorted((r for r in rows if r["kind"] == kind), key=lambda r: r["seed"])
+        for kind in kinds
+    }
+    assert page(by_kind, name) == (RESULTS / f"{name}.md").read_text()
+    assert len({(row["kind"], row["seed"]) for row in rows}) == len(rows), "a seed twice"
+
+
+def test_an_agent_below_the_worst_seed_on_record_is_a_failure():
+    sentence, status = quickstart.verdict(0.899, 0.90)
+    assert status == 1 and "89.9%" in sentence and "90.0%" in sentence
+    assert quickstart.verdict(0.90, 0.90) == ("", 0)
+    assert quickstart.verdict(0.0, None) == ("", 0)
+    bound = quickstart.least_success()
+    touch = [row["success"] for row in rows_of(LIFT) if row["kind"] == "touch"]
+    assert bound is not None and 0.5 < bound < min(touch)
+
+
+def test_touch_begins_when_the_steps_with_rigid_pads_are_over():
+    feeling = make_vec_env(LIFT, 2, seed=0, **COARSE)
+    settings = {"tactile": "none", "observation": untouched(feeling.observation_space)}
+    envs = FirstWithoutTouch(make_vec_env(LIFT, 2, seed=0, **settings), feeling, 6)
+    first = envs.reset()
+    assert set(first) == {"proprio", "object", "markers"} and not first["markers"].any()
+    still = np.zeros((2, 5), np.float32)
+    for _ in range(2):
+        observation, _, dones, _ = envs.step(still)
+        assert not dones.any() and not observation["markers"].any()
+    observation, _, dones, infos = envs.step(still)
+    assert dones.all() and all(info["TimeLimit.truncated"] for info in infos)
+    assert infos[1]["terminal_observation"]["markers"].shape == (210,)
+    # Rows that feel have started: their first observations are those of a reset.
+    again = make_vec_env(LIFT, 2, seed=0, **COARSE).reset()
+    for name, values in again.items():
+        np.testing.assert_array_equal(observation[name], values)
+    _, _, dones, _ = envs.step(still)
+    assert not dones.any()
+
+
+def test_a_seed_gives_the_same_agent_on_any_number_of_threads(tmp_path: Path):
+    weights = []
+    for threads in (1, 2):
+        model = train(LIFT, "ppo", 3, tmp_path / str(threads), steps=2048, threads=threads)
+        weights.append(torch.cat([p.detach().flatten() for p in model.policy.parameters()]))
+    torch.testing.assert_close(*weights, rtol=0.0, atol=0.0)
+    times = json.loads((tmp_path / "2" / "times.json").read_text())
+    assert set(times) == {"environment", "collecting", "updating"}
+    assert (tmp_path / "2" / CHECKPOINT / "curve.json").is_file()
