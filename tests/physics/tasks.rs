@@ -130,18 +130,20 @@ fn an_object_is_dropped_below_the_coulomb_limit_and_by_name() {
     panic!("held below the limit");
 }
 
-/// The same hold succeeds with twice the least grip or less, and not with more.
+/// The same hold succeeds with three times the least grip or less, and not with more, once the grip has
+/// had a second to settle.
 #[test]
 fn a_hold_by_too_much_force_is_no_success() {
-    for (grip, thrifty) in [(2.3, true), (2.6, false)] {
+    for (grip, thrifty) in [(3.5, true), (3.9, false)] {
         let config = Config { mass: [0.1, 0.1], ..loaded(Choice::None, 1.0, grip) };
         let least = (0.1 * GRAVITY + 1.0) / (2.0 * 0.8);
         let (mut batch, _) = batch(config, 1, Autoreset::Disabled);
         for step in 0..100 {
             let outcome = &batch.step(&gripping(1, |_| 0.0)).unwrap().outcomes[0];
-            assert_eq!(outcome.is_success, thrifty, "{grip} N of {least} N, step {step}");
+            let success = thrifty && step >= 25;
+            assert_eq!(outcome.is_success, success, "{grip} N of {least} N, step {step}");
             let thrift = outcome.terms.get(Term::Thrift);
-            assert!((thrift - (1.0 - grip / (4.0 * least))).abs() < 1e-9, "{thrift}");
+            assert!((thrift - (1.0 - grip / (6.0 * least))).abs() < 1e-9, "{thrift}");
         }
     }
 }

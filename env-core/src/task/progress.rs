@@ -71,6 +71,7 @@ impl Progress {
         match (config.task, &config.holding) {
             (Task::HoldStill, Some(holding)) => {
                 moment.both_touch()
+                    && self.grips.0 > 0
                     && self.slip(moment) <= holding.slip_limit
                     && self.mean_grip() <= moment.thrifty_grip(config)
             }

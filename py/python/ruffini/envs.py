@@ -322,7 +322,7 @@ class HoldStillEnv(NativeEnv):
     ``info["is_success"]`` says whether both pads hold it, the slip is within ``slip_limit``, and
     the mean grip since the first second is at most ``thrift`` times F / 2 μ, with F the largest of
     weight, load and shaking together: the least grip that bears F by Coulomb's law, if all of it
-    pulls sideways.
+    pulls sideways. It is never said in the first second.
 
     Args:
         render_mode: ``None`` or ``"rgb_array"``.
