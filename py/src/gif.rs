@@ -79,8 +79,8 @@ fn changed(before: Option<&[[u8; 3]]>, picture: &[[u8; 3]], width: usize) -> Fra
     let (left, top) = (left.min(right), top.min(bottom));
     let mut rgba = Vec::with_capacity(4 * (right + 1 - left) * (bottom + 1 - top));
     for y in top..=bottom {
-        for i in y * width + left..=y * width + right {
-            let [r, g, b] = picture[i];
+        let first = y * width + left;
+        for (i, &[r, g, b]) in (first..).zip(&picture[first..=y * width + right]) {
             rgba.extend(if differs(i) { [r, g, b, 255] } else { [0; 4] });
         }
     }

@@ -40,6 +40,7 @@ pub(crate) fn read_tensors<'py>(
 
 /// The bytes of a safetensors file with these arrays (float32 or float64) and `card`.
 #[pyfunction]
+#[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
 pub(crate) fn write_tensors<'py>(
     py: Python<'py>,
     tensors: BTreeMap<String, Bound<'py, PyUntypedArray>>,

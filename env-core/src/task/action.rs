@@ -15,18 +15,15 @@ pub fn command(action: &[f32; ACTION_SIZE], config: &Config, yaw: f64, before: f
     let gripper = &config.scene.gripper;
     let [x, y, z, yaw_rate, grip] = action.map(|a| f64::from(a).clamp(-1.0, 1.0));
     let time = config.scene.physics.control_period;
-    let most = gripper.max_force;
+    let (most, change) = (gripper.max_force, gripper.max_force_rate * time);
     Command {
         velocity: Rotation3::from_axis_angle(&Vector3::z_axis(), yaw)
             * Vector3::new(x, y, z)
             * gripper.max_speed,
         yaw_rate: yaw_rate * gripper.max_yaw_rate,
-        grip: match &config.closing {
-            Some(closing) => closing.changed(before, grip, time, most),
-            None => {
-                let change = gripper.max_force_rate * time;
-                before + (grip * most - before).clamp(-change, change)
-            }
-        },
+        grip: (config.closing.as_ref()).map_or_else(
+            || before + (grip * most - before).clamp(-change, change),
+            |closing| closing.changed(before, grip, time, most),
+        ),
     }
 }
