@@ -19,6 +19,7 @@ import json
 import os
 import shutil
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -63,8 +64,10 @@ def make_environment(
     obs = "dict" if chosen.policy == "MultiInputPolicy" else "flat"
     settings = {"obs": obs, "num_threads": threads} | chosen.environment | chosen.training
     envs: VecEnv = make_vec_env(env_id, n_envs=n_envs, seed=seed, **settings)
-    if without_touch > 0 and settings.get("tactile") != "none":
-        rigid = settings | {"tactile": "none", "observation": untouched(envs.observation_space)}
+    # An agent that is shown touch alone learns nothing without.
+    rest = untouched(envs.observation_space)
+    if without_touch > 0 and settings.get("tactile") != "none" and rest:
+        rigid = settings | {"tactile": "none", "observation": rest}
         first = make_vec_env(env_id, n_envs=n_envs, seed=seed, **rigid)
         envs = FirstWithoutTouch(first, envs, without_touch)
     monitored = VecMonitor(Timed(envs), info_keywords=("is_success",))
@@ -78,8 +81,8 @@ def make_environment(
 
 def untouched(space: gym.Space[Any]) -> list[str]:
     """Names of the channels that rigid pads have, too."""
-    assert isinstance(space, gym.spaces.Dict), "with touch, observations are dicts"
-    return [name for name in space if name not in TACTILE_CHANNELS]
+    channels = list(space) if isinstance(space, gym.spaces.Dict) else []
+    return [name for name in channels if name not in TACTILE_CHANNELS]
 
 
 class FirstWithoutTouch(VecEnvWrapper):
@@ -105,6 +108,11 @@ class FirstWithoutTouch(VecEnvWrapper):
         rows = next(iter(observation.values())).shape[:-1]
         sizes = {name: (*rows, *(box.shape or ())) for name, box in self.space.items()}
         return {name: np.zeros(size, np.float32) for name, size in sizes.items()} | observation
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Seeds both."""
+        self.feeling.seed(seed)
+        return self.venv.seed(seed)
 
     def reset(self) -> VecEnvObs:
         """Starts an episode in every row."""
