@@ -251,7 +251,7 @@ def start(
     n_envs: int,
     folder: Path,
     resume: bool,
-    threads: int | None,
+    threads: int | None = None,
 ) -> tuple[BaseAlgorithm, list[dict[str, float]]]:
     """A new model, or the last checkpoint's with its learning curve."""
     saved, without_touch = folder / CHECKPOINT, chosen.steps_without_touch
