@@ -6,8 +6,8 @@ Use::
 
 Prints its success beside those of the scripted and the random policy, and writes the agent and a
 moving picture of it to ``policies/runs/quickstart`` (``--out``). A run of another length than the
-default, or of another environment, is not judged. Exit status: 0, or 1 if an agent of the default
-length is worse than the worst of the ten training seeds that ``policies/study.py`` reports.
+default is not judged. Exit status: 0, or 1 if an agent of the default length is worse than the
+lower bound of the worst training seed on record (``policies/study.py``).
 """
 
 from __future__ import annotations
