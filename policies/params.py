@@ -20,11 +20,14 @@ class Params:
     """Keyword arguments of the environment."""
     training: dict[str, Any] = field(default_factory=dict)
     """Keyword arguments of the environment while it trains, and not when the agent is judged."""
-    steps_without_touch: int = 0
-    """Of the steps, those at the beginning with rigid pads, which cost a tenth: what touch would
-    have told is 0 in them."""
+    stages: tuple[tuple[int, dict[str, Any]], ...] = ()
+    """Stages at the beginning of training: their steps, and keyword arguments of the environment
+    that make it easier or cheaper. Channels that a stage does not have are 0 in it."""
     final_learning_rate: float | None = None
     """Learning rate at the end, to which it falls linearly; constant if not given."""
+    final_log_std: float | None = None
+    """Logarithm of the exploration noise at the end, PPO's: in the last stage its upper bound falls
+    linearly from ``log_std_init`` to this, for agents are judged without noise."""
 
     @property
     def policy(self) -> str:
@@ -51,9 +54,13 @@ CLOSING: dict[str, Any] = {
 
 PARAMS: dict[tuple[str, str], Params] = {
     ("ruffini/GraspLift-v0", "ppo"): Params(
-        # Reaching and lifting are learnt with rigid pads in a minute, then the hand begins to feel.
-        steps=128 * 2048,
-        steps_without_touch=80 * 2048,
+        # Reaching and lifting are learnt with rigid pads in a minute. Before the lift is found,
+        # fear of collisions would keep the hand away. Then the hand begins to feel.
+        steps=144 * 2048,
+        stages=(
+            (64 * 2048, {"tactile": "none", "gripper": {"max_contact_force": 1e6}}),
+            (32 * 2048, {"tactile": "none"}),
+        ),
         n_envs=64,
         algorithm={
             # 2,048 steps a rollout; an update of eight epochs costs a third of one.
@@ -91,7 +98,12 @@ PARAMS: dict[tuple[str, str], Params] = {
     ("ruffini/GraspFragile-v0", "ppo"): Params(steps=200_000, n_envs=32, algorithm=CLOSING),
     # A press of a soft object takes ten times as long as one of a pad: fewer steps still.
     ("ruffini/GraspSoft-v0", "ppo"): Params(steps=50_000, n_envs=32, algorithm=CLOSING),
-    ("ruffini/HoldStill-v0", "ppo"): Params(steps=200_000, n_envs=32, algorithm=CLOSING),
+    ("ruffini/HoldStill-v0", "ppo"): Params(
+        steps=100 * 2048,
+        n_envs=64,
+        algorithm=CLOSING | {"n_steps": 32, "n_epochs": 8, "gamma": 0.98},
+        final_learning_rate=3e-5,
+    ),
 }
 
 

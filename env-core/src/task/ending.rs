@@ -19,6 +19,8 @@ pub enum Ending {
     StressExceeded,
     /// The object slipped out of the hand.
     Dropped,
+    /// The hand ran into the object.
+    Collision,
 }
 
 /// Half of the table's edge (m).
@@ -28,7 +30,7 @@ const OUT_OF_HAND: f64 = 0.02;
 
 impl Ending {
     /// Every ending, in the order of [`Ending::code`].
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::ObjectLost,
         Self::NonFinite,
         Self::OutOfRange,
@@ -36,6 +38,7 @@ impl Ending {
         Self::PressFailed,
         Self::StressExceeded,
         Self::Dropped,
+        Self::Collision,
     ];
 
     /// Name in `info["ending"]`.
@@ -48,6 +51,7 @@ impl Ending {
             Self::PressFailed => "press_failed",
             Self::StressExceeded => "stress_exceeded",
             Self::Dropped => "dropped",
+            Self::Collision => "collision",
         }
     }
 

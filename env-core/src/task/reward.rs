@@ -17,7 +17,8 @@ pub enum Term {
     Grasp,
     /// 1 when both pads touch the object, however lightly.
     Touch,
-    /// Rise of the grasped object over the wanted rise.
+    /// Rise of the grasped object over the wanted rise; 1 up to one and a half of that, 0 again at twice:
+    /// it is to be held there, and not to be carried out of sight.
     Lift,
     /// Time for which it has stayed lifted over the wanted time.
     Hold,
@@ -80,7 +81,8 @@ impl Term {
             }
             Self::Touch => f64::from(u8::from(moment.both_touch())),
             Self::Lift if moment.both_touch() => {
-                (moment.rise() / config.lift_height).clamp(0.0, 1.0)
+                let rise = moment.rise() / config.lift_height;
+                rise.min(2.0 * (2.0 - rise)).clamp(0.0, 1.0)
             }
             Self::Lift => 0.0,
             Self::Hold => progress.held(config),

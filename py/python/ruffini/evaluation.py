@@ -6,6 +6,7 @@ One episode a seed, all of them stepped together; the seeds are `FIRST_SEED` and
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -54,7 +55,7 @@ def evaluate(
     progress: Progress | None = None,
     **settings: Any,
 ) -> dict[str, Any]:
-    """Success, its interval, return, and successes by object.
+    """Success, its interval, return, successes by object, and what ended episodes early.
 
     Args:
         policy: What acts.
@@ -71,12 +72,14 @@ def evaluate(
     objects = [envs.look(row)["object"] for row in range(episodes)]  # type: ignore[attr-defined]
     returns, success = np.zeros(episodes), np.zeros(episodes, bool)
     ended, state, steps = np.zeros(episodes, bool), None, 0
+    endings: Counter[str] = Counter()
     while not ended.all():
         action, state = policy.predict(observation, state, deterministic=True)
         observation, reward, terminated, truncated, info = envs.step(action)
         returns += np.where(ended, 0.0, reward)
         over = (terminated | truncated) & ~ended
         success[over] = info["is_success"][over]
+        endings.update(info["ending"][terminated & over] if "ending" in info else ())
         ended |= over
         steps += 1
         if progress is not None:
@@ -98,6 +101,7 @@ def evaluate(
         "interval": [round(low, 4), round(high, 4)],
         "return": round(float(returns.mean()), 3),
         "by_object": by_object,
+        "endings": dict(sorted(endings.items())),
     }
 
 
