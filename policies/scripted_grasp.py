@@ -22,7 +22,7 @@ GAIN = 8.0
 NEAR = 0.006
 """Horizontal error at which the hand goes down (m)."""
 
-HEIGHT = 0.1
+HEIGHT = 0.11
 """Rise at which the hand stops (m): the task's ``lift_height``, and some more."""
 
 FIRM = 0.5

@@ -180,8 +180,8 @@ class Progress(BaseCallback):
     ``collecting`` beside them (the policy acts, observations are scaled, rollouts are stored),
     ``updating`` the networks.
 
-    With `log_std` the exploration noise is bounded: its logarithm at first, and at the end, to which
-    it falls after `settled` steps.
+    With `log_std` the exploration noise is bounded: its logarithm at first, and at the end, to
+    which it falls after `settled` steps.
     """
 
     def __init__(
@@ -346,7 +346,7 @@ def train(
     log_std = None
     if chosen.final_log_std is not None:
         log_std = (chosen.algorithm["policy_kwargs"]["log_std_init"], chosen.final_log_std)
-    settled = sum(length for length, _ in chosen.stages)
+    settled = chosen.stages[0][0] if chosen.stages else 0
     every = max(steps // 10, 1)
     progress = Progress(folder, steps, curve, every, timed(model), log_std, settled)
     try:

@@ -70,9 +70,9 @@ class GraspLiftEnv(NativeEnv):
     | --- | --- | --- |
     | ``reach`` | 0.1 | the tool centre is at the object's middle; 1/4 at 10 cm |
     | ``grasp`` | 0.15 | both pads press with 1 N or more |
-    | ``lift`` | 0.35 | the grasped object has risen by ``lift_height``; 0 from twice |
-    | ``hold`` | 0.35 | it has been up for ``hold_time`` |
-    | ``effort`` | 0.05 | it is lifted without grip force; 0 at the largest, linear between |
+    | ``lift`` | 0.35 | the grasped object is 1.25 to 1.5 ``lift_height`` up; 0 from twice |
+    | ``hold`` | 0.3 | it has been up for ``hold_time`` |
+    | ``effort`` | 0.1 | it is lifted without grip force; 0 at the largest, linear between |
 
     ## Start
     Object, size, mass, friction, position, yaw and the tool centre are drawn from their ranges by
@@ -145,7 +145,7 @@ class GraspFragileEnv(NativeEnv):
     ## Action
     The hand moves at 0.1 m/s at most; its workspace is a line, and it does not turn. The fifth
     number changes the grip force: that grows, or falls, by ``grip_rate`` times the number a second,
-    relatively (a factor of 1.5 a step at most), between ``least_grip`` and 20 N.
+    relatively (a factor of 1.22 a step at most), between ``least_grip`` and 20 N.
 
     ## Observation
     By default ``proprio``, ``wrench`` and ``share``; where the object is is not told. Two channels
@@ -164,8 +164,8 @@ class GraspFragileEnv(NativeEnv):
 
     | term | weight | 1 where |
     | --- | --- | --- |
-    | ``grasp`` | 0.2 | both pads press with the grip of the trial or more |
-    | ``lift`` | 0.3 | the grasped object has risen by ``lift_height``, 3 cm; 0 from twice |
+    | ``grasp`` | 0.1 | both pads press with the grip of the trial or more |
+    | ``lift`` | 0.4 | the grasped object is 1.25 to 1.5 ``lift_height`` (3 cm) up; 0 from twice |
     | ``hold`` | 0.5 | it has been up for ``hold_time`` |
 
     ## Start
@@ -241,7 +241,7 @@ class GraspSoftEnv(NativeEnv):
     | term | weight | 1 where |
     | --- | --- | --- |
     | ``touch`` | 0.1 | both fingers touch the object |
-    | ``lift`` | 0.3 | the grasped object has risen by ``lift_height``, 3 cm; 0 from twice |
+    | ``lift`` | 0.3 | the grasped object is 1.25 to 1.5 ``lift_height`` (3 cm) up; 0 from twice |
     | ``hold`` | 0.4 | it has been up for ``hold_time`` |
     | ``gentle`` | 0.2 | lifted without stress; 0 where it crushes the object, linear between |
 
