@@ -27,8 +27,8 @@ class Params:
     """Learning rate at the end, to which it falls linearly; constant if not given."""
     final_log_std: float | None = None
     """Logarithm of the exploration noise at the end, PPO's: its upper bound falls linearly
-    from ``log_std_init`` to this, after the first stage if there are any. Agents are judged without
-    noise, and those that never were without get stuck where noise has always helped them on."""
+    from ``log_std_init`` to this, after the first stage if there are any. Agents are judged
+    without noise, and those that never were get stuck where noise has always helped them on."""
 
     @property
     def policy(self) -> str:
@@ -61,13 +61,13 @@ PARAMS: dict[tuple[str, str], Params] = {
         # Reaching, lifting and not to collide are learnt with rigid pads in a minute, the last of
         # them last: before the lift is found, fear of collisions would keep the hand away. Then
         # the hand begins to feel.
-        steps=192 * 2048,
+        steps=152 * 2048,
         stages=(
             (
-                64 * 2048,
+                56 * 2048,
                 RIGID | {"gripper": {"max_contact_force": 1e6}, "start_height": [0.06, 0.12]},
             ),
-            (80 * 2048, RIGID),
+            (24 * 2048, RIGID),
         ),
         n_envs=64,
         algorithm={
@@ -85,7 +85,7 @@ PARAMS: dict[tuple[str, str], Params] = {
         # An object is up after 50 steps; the rest of 100 would be spent holding it.
         training={"max_episode_steps": 75},
         final_learning_rate=3e-5,
-        final_log_std=-3.0,
+        final_log_std=-2.0,
     ),
     ("ruffini/GraspLift-v0", "sac"): Params(
         steps=300_000,
