@@ -69,9 +69,9 @@ class GraspLiftEnv(NativeEnv):
     | term | weight | 1 where |
     | --- | --- | --- |
     | ``reach`` | 0.1 | the tool centre is at the object's middle; 1/4 at 10 cm |
-    | ``grasp`` | 0.15 | both pads press with 1 N or more |
-    | ``lift`` | 0.35 | the grasped object is 1.25 to 1.5 ``lift_height`` up; 0 from twice |
-    | ``hold`` | 0.3 | it has been up for ``hold_time`` |
+    | ``grasp`` | 0.1 | both pads press with 1 N or more |
+    | ``lift`` | 0.5 | the grasped object is 1.25 to 1.5 ``lift_height`` up; 0 from twice |
+    | ``hold`` | 0.2 | it has been up for ``hold_time`` |
     | ``effort`` | 0.1 | it is lifted without grip force; 0 at the largest, linear between |
 
     ## Start
