@@ -185,6 +185,8 @@ def main() -> None:
     print(line(Path(arguments.policy).name, result))
     for name, (good, of) in result["by_object"].items():
         print(f"  {name:<22} {good:4d} of {of}")
+    for name, count in result["endings"].items():
+        print(f"  ended by {name:<13} {count:4d}")
     if arguments.json:
         about = {"policy": Path(arguments.policy).name, "settings": settings}
         document = about | result | about_this_run()

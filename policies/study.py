@@ -96,6 +96,7 @@ def run(
         "interval": judged["interval"],
         "return": judged["return"],
         "by_object": judged["by_object"],
+        "endings": judged["endings"],
         "first_evaluation_seed": FIRST_EVALUATION_SEED,
         "episodes": EPISODES,
         "settings": policy.environment,
