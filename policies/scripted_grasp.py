@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-MAX_SPEED = 0.15
+MAX_SPEED = 0.25
 """Speed of the wrist at action 1 (m/s)."""
 
 GAIN = 8.0
@@ -21,9 +21,6 @@ GAIN = 8.0
 
 NEAR = 0.006
 """Horizontal error at which the hand goes down (m)."""
-
-HEIGHT = 0.11
-"""Rise at which the hand stops (m): the task's ``lift_height``, and some more."""
 
 FIRM = 0.5
 """Normal force on each pad from which the hand lifts (N)."""
@@ -62,8 +59,8 @@ class ScriptedGrasp:
 
     @staticmethod
     def _lift(seen: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Upward speed that brings the object up to what is wanted and stops it there."""
-        lift: NDArray[np.float32] = np.clip(40.0 * (HEIGHT - seen[:, 15]), -0.2, 0.8)
+        """Upward speed that brings the object 10 cm up and stops it there."""
+        lift: NDArray[np.float32] = np.clip(10.0 * (0.10 - seen[:, 15]), -0.2, 0.8)
         return lift
 
     @staticmethod

@@ -179,9 +179,6 @@ class Progress(BaseCallback):
     The last, in ``times.json``, are seconds of this process: ``environment`` steps,
     ``collecting`` beside them (the policy acts, observations are scaled, rollouts are stored),
     ``updating`` the networks.
-
-    With `log_std` the exploration noise is bounded: its logarithm at first, and at the end, to
-    which it falls after `settled` steps.
     """
 
     def __init__(
@@ -191,11 +188,8 @@ class Progress(BaseCallback):
         curve: list[dict[str, float]],
         every: int,
         environment: Timed,
-        log_std: tuple[float, float] | None = None,
-        settled: int = 0,
     ) -> None:
         super().__init__()
-        self.log_std, self.settled = log_std, settled
         self.environment = environment
         self.collected = 0.0
         self.begun = 0.0
@@ -213,12 +207,6 @@ class Progress(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         self.begun = time.monotonic()
-        if self.log_std is not None:
-            first, last = self.log_std
-            share = (self.num_timesteps - self.settled) / max(self.total - self.settled, 1)
-            bound = first + (last - first) * min(max(share, 0.0), 1.0)
-            with torch.no_grad():
-                self.model.policy.get_parameter("log_std").clamp_(max=bound)
 
     def _on_rollout_end(self) -> None:
         self.collected += time.monotonic() - self.begun
@@ -338,17 +326,11 @@ def train(
     about |= {"policy": chosen.policy, "environment": chosen.environment}
     about |= {"training": chosen.training, "stages": chosen.stages}
     about |= {"final_learning_rate": chosen.final_learning_rate}
-    about |= {"final_log_std": chosen.final_log_std}
     about |= {"threads": threads or os.cpu_count()}
     before = json.loads((folder / "run.json").read_text()).get("trained_by", []) if resume else []
     about |= {"trained_by": list(dict.fromkeys([*before, about_this_run()["commit"]]))}
     (folder / "run.json").write_text(json.dumps(about | chosen.algorithm, indent=1))
-    log_std = None
-    if chosen.final_log_std is not None:
-        log_std = (chosen.algorithm["policy_kwargs"]["log_std_init"], chosen.final_log_std)
-    settled = chosen.stages[0][0] if chosen.stages else 0
-    every = max(steps // 10, 1)
-    progress = Progress(folder, steps, curve, every, timed(model), log_std, settled)
+    progress = Progress(folder, steps, curve, max(steps // 10, 1), timed(model))
     try:
         left = steps - model.num_timesteps
         model.learn(left, callback=progress, reset_num_timesteps=False)

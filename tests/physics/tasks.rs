@@ -293,32 +293,3 @@ fn settings_of_another_task_are_refused_by_name() {
         assert!(parts.iter().all(|part| message.contains(part)), "{json}: {message}");
     }
 }
-
-/// A hand that comes down with a finger over the object ends the episode; one that may push harder goes
-/// on, and a grip, however hard, pushes the hand nowhere.
-#[test]
-fn a_hand_that_runs_into_the_object_ends_the_episode_by_name() {
-    // Open above the table, then along y until the finger on +x is over the object, then down.
-    let aside =
-        |step| if step < 8 { [0.0, 1.0, 0.0, 0.0, -1.0] } else { [0.0, 0.0, -1.0, 0.0, -1.0] };
-    let grip = |_| [0.0, 0.0, 0.0, 0.0, 1.0];
-    for tactile in [Choice::None, Choice::Compliance] {
-        let ending = |place: f64, height: f64, most: f64, action: &dyn Fn(usize) -> [f32; 5]| {
-            let mut config = Config {
-                objects: vec![ObjectSpec::Name("cuboid".into())],
-                position: [place; 2],
-                yaw: [0.0; 2],
-                start: [0.0; 2],
-                start_height: [height; 2],
-                ..config(Task::GraspLift, tactile)
-            };
-            config.scene.gripper.max_contact_force = most;
-            let mut batch = batch(config, 1, Autoreset::Disabled).0;
-            (0..30).find_map(|step| batch.step(&action(step)).unwrap().outcomes[0].ending)
-        };
-        let most = Gripper::default().max_contact_force;
-        assert_eq!(ending(0.045, 0.08, most, &aside), Some(Ending::Collision), "{tactile:?}");
-        assert_ne!(ending(0.045, 0.08, 1e6, &aside), Some(Ending::Collision), "{tactile:?}");
-        assert_eq!(ending(0.0, 0.02, most, &grip), None, "{tactile:?}: a grip is no collision");
-    }
-}

@@ -212,7 +212,7 @@ impl Episode {
     fn motion(&mut self, setup: &Setup, state: SceneState, way: &[PosesInPads]) -> Motion {
         let mut motion =
             Motion { state, presses: [None, None], answers: [None, None], retaken: None };
-        if motion.state.failure.is_some() || collided(&motion.state, setup) {
+        if motion.state.failure.is_some() {
             return motion;
         }
         if let Some(object) = setup.soft(self.draw.object) {
@@ -286,9 +286,6 @@ impl Episode {
     ) -> Outcome {
         let config = &setup.config;
         let Motion { state, answers, retaken, .. } = motion;
-        if collided(&state, setup) {
-            return Outcome::ended(Ending::Collision);
-        }
         let felt = match costs.time(CORRECTION, || self.felt(setup, &state, answers)) {
             Ok(felt) => felt,
             Err(error) => return Outcome::press_failed(&error),
@@ -329,11 +326,6 @@ impl Episode {
         self.progress = progress;
         outcome
     }
-}
-
-/// Whether the hand ran into the object; what it would feel then is not asked.
-fn collided(state: &SceneState, setup: &Setup) -> bool {
-    state.peak_force > setup.config.scene.gripper.max_contact_force
 }
 
 /// A disturbance drawn by `uniform` from its ranges, its direction from the sphere.

@@ -108,9 +108,6 @@ pub struct Gripper {
     pub max_acceleration: f64,
     /// Largest yaw acceleration of the wrist (rad/s²).
     pub max_yaw_acceleration: f64,
-    /// Force of the object on the hand (N) past which the arm stops, as a collaborative one does: the
-    /// episode ends. Fingers that press on the object from both sides push the hand nowhere.
-    pub max_contact_force: f64,
     /// Stiffness of the spring that keeps the fingers centred (N/m): without it two force-driven
     /// fingers drift along the grip axis.
     pub centering_stiffness: f64,
@@ -129,11 +126,10 @@ impl Default for Gripper {
             // step would be undone by the next wrong command, and so by any noise of exploration.
             max_force_rate: 100.0,
             closing_speed: 0.1,
-            max_speed: 0.15,
+            max_speed: 0.25,
             max_yaw_rate: 2.0,
             max_acceleration: 5.0,
             max_yaw_acceleration: 40.0,
-            max_contact_force: 30.0,
             centering_stiffness: 2.0e4,
         }
     }
@@ -217,7 +213,6 @@ impl SceneConfig {
             ("gripper.max_yaw_rate", g.max_yaw_rate, 0.0, 50.0),
             ("gripper.max_acceleration", g.max_acceleration, 0.1, 1000.0),
             ("gripper.max_yaw_acceleration", g.max_yaw_acceleration, 0.1, 10_000.0),
-            ("gripper.max_contact_force", g.max_contact_force, 0.1, 1e6),
             ("gripper.centering_stiffness", g.centering_stiffness, 0.0, 1e6),
             ("physics.control_period", p.control_period, 1e-3, 1.0),
             ("physics.time_step", p.time_step, 1e-4, 1.0 / 60.0),

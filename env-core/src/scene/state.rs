@@ -16,9 +16,6 @@ pub struct SceneState {
     pub object: BodyState,
     /// What the table exerts on the object, in the world frame about the object's origin.
     pub table: Wrench,
-    /// Largest force of the object on the hand since the last command began (N): of all parts of both
-    /// fingers together, so that a grip adds nothing.
-    pub peak_force: f64,
     /// Why the scene stopped, if it did; the other fields then hold the last finite state.
     pub failure: Option<Failure>,
 }

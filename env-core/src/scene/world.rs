@@ -44,8 +44,6 @@ pub struct Scene {
     bed: Option<Bed>,
     gravity: f64,
     wrist: Wrist,
-    /// Largest force of the object on the hand since the last command began (N).
-    peak_force: f64,
     failure: Option<Failure>,
 }
 
@@ -89,7 +87,6 @@ impl Scene {
             bed,
             gravity: config.physics.gravity,
             wrist,
-            peak_force: 0.0,
             failure: None,
         })
     }
@@ -107,7 +104,6 @@ impl Scene {
         force: impl Fn(f64) -> Vector3<f64>,
         mut seen: impl FnMut(&Self),
     ) {
-        self.peak_force = 0.0;
         for step in 0..self.config.physics.steps() {
             let force = force(step as f64 * self.config.physics.time_step);
             self.advance_to(self.wrist.toward(command, &self.config), command.grip, force);
@@ -142,7 +138,6 @@ impl Scene {
         self.world.bodies[self.object].add_force(units::vector(&force), false);
         self.world.step();
         self.wrist = wrist;
-        self.peak_force = self.peak_force.max(self.force_on_hand().norm());
         if !self.world.quarantine().is_empty() || !self.is_finite() {
             self.failure = Some(Failure::NonFinite);
         }
@@ -167,25 +162,8 @@ impl Scene {
                 velocity: units::si_vector(object.linvel()),
                 angular_velocity: units::si_angular(object.angvel()),
             },
-            peak_force: self.peak_force,
             failure: self.failure,
         }
-    }
-
-    /// What the object exerted on the hand in the last step (N), in the world.
-    fn force_on_hand(&self) -> Vector3<f64> {
-        let on = |part| {
-            contact::wrench(&self.world, part, self.object_collider, &Point3::origin()).force
-        };
-        let fingers = self.hand.fingers.iter().enumerate().map(|(index, finger)| {
-            let parts = self.world.bodies[finger.body].colliders();
-            let rigid: Vector3<f64> = parts.iter().map(|&part| on(part)).sum();
-            match &self.bed {
-                Some(bed) => rigid + finger.pad_pose(&self.world) * bed.wrench(index).force,
-                None => rigid,
-            }
-        });
-        fingers.sum()
     }
 
     /// Angle by which the wrist is turned about z (rad).

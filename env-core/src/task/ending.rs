@@ -19,8 +19,6 @@ pub enum Ending {
     StressExceeded,
     /// The object slipped out of the hand.
     Dropped,
-    /// The hand ran into the object.
-    Collision,
 }
 
 /// Half of the table's edge (m).
@@ -30,7 +28,7 @@ const OUT_OF_HAND: f64 = 0.02;
 
 impl Ending {
     /// Every ending, in the order of [`Ending::code`].
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 7] = [
         Self::ObjectLost,
         Self::NonFinite,
         Self::OutOfRange,
@@ -38,7 +36,6 @@ impl Ending {
         Self::PressFailed,
         Self::StressExceeded,
         Self::Dropped,
-        Self::Collision,
     ];
 
     /// Name in `info["ending"]`.
@@ -51,7 +48,6 @@ impl Ending {
             Self::PressFailed => "press_failed",
             Self::StressExceeded => "stress_exceeded",
             Self::Dropped => "dropped",
-            Self::Collision => "collision",
         }
     }
 

@@ -17,8 +17,7 @@ pub enum Term {
     Grasp,
     /// 1 when both pads touch the object, however lightly.
     Touch,
-    /// 1 where the grasped object has risen by 1¼ to 1½ of the wanted rise, 0 on the table and from twice of
-    /// it, linear between: to be held where it surely counts as lifted, and not to be carried out of sight.
+    /// Rise of the grasped object over the wanted rise.
     Lift,
     /// Time for which it has stayed lifted over the wanted time.
     Hold,
@@ -81,8 +80,7 @@ impl Term {
             }
             Self::Touch => f64::from(u8::from(moment.both_touch())),
             Self::Lift if moment.both_touch() => {
-                let rise = moment.rise() / config.lift_height;
-                (rise / 1.25).min((2.0 - rise) / 0.5).clamp(0.0, 1.0)
+                (moment.rise() / config.lift_height).clamp(0.0, 1.0)
             }
             Self::Lift => 0.0,
             Self::Hold => progress.held(config),

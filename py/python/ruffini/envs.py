@@ -30,7 +30,7 @@ class GraspLiftEnv(NativeEnv):
 
     ## Action
     ``Box(-1, 1, (5,), float32)``: velocity of the tool centre along the wrist's x (the direction of
-    grip), y, z (times 0.15 m/s), yaw rate (times 2 rad/s), grip force of each finger (times 40 N;
+    grip), y, z (times 0.25 m/s), yaw rate (times 2 rad/s), grip force of each finger (times 40 N;
     positive closes, negative opens). The grip force follows its command at 100 N/s
     (``gripper={"max_force_rate": ...}``). Components outside [-1, 1] count as the nearer bound; one
     that is not finite is a ``ValueError``.
@@ -69,10 +69,10 @@ class GraspLiftEnv(NativeEnv):
     | term | weight | 1 where |
     | --- | --- | --- |
     | ``reach`` | 0.1 | the tool centre is at the object's middle; 1/4 at 10 cm |
-    | ``grasp`` | 0.1 | both pads press with 1 N or more |
-    | ``lift`` | 0.5 | the grasped object is 1.25 to 1.5 ``lift_height`` up; 0 from twice |
-    | ``hold`` | 0.2 | it has been up for ``hold_time`` |
-    | ``effort`` | 0.1 | it is lifted without grip force; 0 at the largest, linear between |
+    | ``grasp`` | 0.15 | both pads press with 1 N or more |
+    | ``lift`` | 0.35 | the grasped object has risen by ``lift_height`` |
+    | ``hold`` | 0.35 | it has been up for ``hold_time`` |
+    | ``effort`` | 0.05 | it is lifted without grip force; 0 at the largest, linear between |
 
     ## Start
     Object, size, mass, friction, position, yaw and the tool centre are drawn from their ranges by
@@ -82,12 +82,11 @@ class GraspLiftEnv(NativeEnv):
     Truncated after ``max_episode_steps`` steps, 100 by default (``gymnasium.make`` leaves that to
     its wrapper, which does not know of :meth:`set_state`); a lift does not end the episode.
     Terminated, with the reason in ``info["ending"]``, when the object leaves the table
-    (``object_lost``), the hand runs into it with more than ``gripper["max_contact_force"]``, 30 N
-    (``collision``: a careful arm stops then; a grip from both sides does not count), a body's state
-    becomes infinite (``non_finite``) or leaves the declared bounds (``out_of_range``), the engine
-    fails (``engine_error``), or the tactile model has no answer (``press_failed``, with the kind of
-    the error in ``info["press_error"]``); the last observation is then the last valid one. Where
-    only the way to a press has no answer, the contact is taken up anew from rest where it ends: the
+    (``object_lost``), a body's state becomes infinite (``non_finite``) or leaves the declared
+    bounds (``out_of_range``), the engine fails (``engine_error``), or the tactile model has no
+    answer (``press_failed``, with the kind of the error in ``info["press_error"]``; mostly of a
+    hand that comes down on the object); the last observation is then the last valid one. Where only
+    the way to a press has no answer, the contact is taken up anew from rest where it ends: the
     episode goes on, ``info["press_error"]`` names what failed, and what friction remembered is
     lost.
     ``info["is_success"]`` says whether the object is up and has been for ``hold_time``.
@@ -145,7 +144,7 @@ class GraspFragileEnv(NativeEnv):
     ## Action
     The hand moves at 0.1 m/s at most; its workspace is a line, and it does not turn. The fifth
     number changes the grip force: that grows, or falls, by ``grip_rate`` times the number a second,
-    relatively (a factor of 1.22 a step at most), between ``least_grip`` and 20 N.
+    relatively (a factor of 1.5 a step at most), between ``least_grip`` and 20 N.
 
     ## Observation
     By default ``proprio``, ``wrench`` and ``share``; where the object is is not told. Two channels
@@ -164,8 +163,8 @@ class GraspFragileEnv(NativeEnv):
 
     | term | weight | 1 where |
     | --- | --- | --- |
-    | ``grasp`` | 0.1 | both pads press with the grip of the trial or more |
-    | ``lift`` | 0.4 | the grasped object is 1.25 to 1.5 ``lift_height`` (3 cm) up; 0 from twice |
+    | ``grasp`` | 0.2 | both pads press with the grip of the trial or more |
+    | ``lift`` | 0.3 | the grasped object has risen by ``lift_height``, 3 cm |
     | ``hold`` | 0.5 | it has been up for ``hold_time`` |
 
     ## Start
@@ -241,7 +240,7 @@ class GraspSoftEnv(NativeEnv):
     | term | weight | 1 where |
     | --- | --- | --- |
     | ``touch`` | 0.1 | both fingers touch the object |
-    | ``lift`` | 0.3 | the grasped object is 1.25 to 1.5 ``lift_height`` (3 cm) up; 0 from twice |
+    | ``lift`` | 0.3 | the grasped object has risen by ``lift_height``, 3 cm |
     | ``hold`` | 0.4 | it has been up for ``hold_time`` |
     | ``gentle`` | 0.2 | lifted without stress; 0 where it crushes the object, linear between |
 
