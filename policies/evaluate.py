@@ -85,7 +85,7 @@ class TrainedPolicy:
         chosen = params(about["env"], about["algorithm"]).with_settings(settings)
         self.environment = chosen.environment
         """Settings that it was trained with."""
-        envs = make_environment(about["env"], chosen, 0, 1, done=chosen.steps)
+        envs = make_environment(about["env"], chosen, 0, 1)
         saved = folder / CHECKPOINT
         self._normaliser = VecNormalize.load(str(saved / "normaliser.pkl"), envs.venv)
         self._model = ALGORITHMS[about["algorithm"]].load(saved / "model.zip", device="cpu")

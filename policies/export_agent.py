@@ -40,7 +40,7 @@ def main() -> None:
         parser.error(f"--threads: {arguments.run} does not say how many it had")
     settings = about["environment"]
     chosen = params(about["env"], about["algorithm"]).with_settings(settings)
-    envs = make_environment(about["env"], chosen, 0, 1, done=chosen.steps)
+    envs = make_environment(about["env"], chosen, 0, 1)
     folder = Path(ruffini.__file__).parent / "agents"
     path = arguments.out or folder / f"{about['env'].split('/')[-1]}.safetensors"
     try:

@@ -20,9 +20,9 @@ class Params:
     """Keyword arguments of the environment."""
     training: dict[str, Any] = field(default_factory=dict)
     """Keyword arguments of the environment while it trains, and not when the agent is judged."""
-    stages: tuple[tuple[int, dict[str, Any]], ...] = ()
-    """Stages at the beginning of training: their steps, and keyword arguments of the environment
-    that make it easier or cheaper. Channels that a stage does not have are 0 in it."""
+    steps_without_touch: int = 0
+    """Of the steps, those at the beginning with rigid pads, which cost a tenth: what touch would
+    have told is 0 in them."""
     final_learning_rate: float | None = None
     """Learning rate at the end, to which it falls linearly; constant if not given."""
 
@@ -49,14 +49,11 @@ CLOSING: dict[str, Any] = {
 }
 """PPO for tasks whose grip changes by factors."""
 
-RIGID: dict[str, Any] = {"tactile": "none"}
-"""A hand that does not feel, which costs a tenth."""
-
 PARAMS: dict[tuple[str, str], Params] = {
     ("ruffini/GraspLift-v0", "ppo"): Params(
         # Reaching and lifting are learnt with rigid pads in a minute, then the hand begins to feel.
         steps=128 * 2048,
-        stages=((80 * 2048, RIGID),),
+        steps_without_touch=80 * 2048,
         n_envs=64,
         algorithm={
             # 2,048 steps a rollout; an update of eight epochs costs a third of one.

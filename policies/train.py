@@ -55,26 +55,21 @@ def make_environment(
     seed: int,
     n_envs: int,
     threads: int | None = None,
-    done: int = 0,
+    without_touch: int = 0,
 ) -> VecNormalize:
-    """The environments that an agent trains in, of which it has `done` so many steps.
+    """The environments that an agent trains in, the first steps with rigid pads if so asked.
 
     Fields of touch are not normalised.
     """
     obs = "dict" if chosen.policy == "MultiInputPolicy" else "flat"
     settings = {"obs": obs, "num_threads": threads} | chosen.environment | chosen.training
     envs: VecEnv = make_vec_env(env_id, n_envs=n_envs, seed=seed, **settings)
-    earlier = []
-    for steps, changes in chosen.stages:
-        easier = merged(settings, changes)
-        if easier.get("tactile") == "none" and isinstance(envs.observation_space, gym.spaces.Dict):
-            easier["observation"] = untouched(envs.observation_space)
-        if done < steps:
-            stage = make_vec_env(env_id, n_envs=n_envs, seed=seed, **easier)
-            earlier.append((steps - done, stage))
-        done = max(0, done - steps)
-    if earlier:
-        envs = Stages(earlier, envs)
+    # An agent that is shown touch alone learns nothing without.
+    rest = untouched(envs.observation_space)
+    if without_touch > 0 and settings.get("tactile") != "none" and rest:
+        rigid = settings | {"tactile": "none", "observation": rest}
+        first = make_vec_env(env_id, n_envs=n_envs, seed=seed, **rigid)
+        envs = FirstWithoutTouch(first, envs, without_touch)
     monitored = VecMonitor(Timed(envs), info_keywords=("is_success",))
     keys = None
     if isinstance(envs.observation_space, gym.spaces.Dict):
@@ -84,76 +79,63 @@ def make_environment(
     return VecNormalize(monitored, norm_reward=False, gamma=gamma, norm_obs_keys=keys)
 
 
-def merged(settings: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Settings with changes; mappings within them are merged, too."""
-    result = settings | changes
-    for name, change in changes.items():
-        if isinstance(change, dict) and isinstance(settings.get(name), dict):
-            result[name] = settings[name] | change
-    return result
-
-
-def untouched(space: gym.spaces.Dict) -> list[str]:
+def untouched(space: gym.Space[Any]) -> list[str]:
     """Names of the channels that rigid pads have, too."""
-    return [name for name in space if name not in TACTILE_CHANNELS]
+    channels = list(space) if isinstance(space, gym.spaces.Dict) else []
+    return [name for name in channels if name not in TACTILE_CHANNELS]
 
 
-class Stages(VecEnvWrapper):
-    """Steps easier environments for a while each, then the last ones.
+class FirstWithoutTouch(VecEnvWrapper):
+    """Steps environments with rigid pads for a while, then those that feel.
 
-    Channels that a stage does not have are 0 in it. When a stage ends, all episodes are truncated.
+    The channels of touch are 0 until then. When the pads change, all episodes are truncated.
 
     Args:
-        earlier: Steps, of all environments together, and environments of each stage but the last.
-        last: The environments of the last stage, whose spaces this has.
+        rigid: Environments without the channels of touch.
+        feeling: The same with them.
+        steps: Steps with rigid pads, of all environments together.
     """
 
-    def __init__(self, earlier: Sequence[tuple[int, VecEnv]], last: VecEnv) -> None:
-        super().__init__(earlier[0][1], observation_space=last.observation_space)
-        self.left = earlier[0][0]
-        self.coming: list[tuple[int, VecEnv]] = [*earlier[1:], (0, last)]
+    def __init__(self, rigid: VecEnv, feeling: VecEnv, steps: int) -> None:
+        super().__init__(rigid, observation_space=feeling.observation_space)
+        assert isinstance(feeling.observation_space, gym.spaces.Dict), "channels of touch"
+        self.feeling = feeling
+        self.left = steps
+        self.space = feeling.observation_space
 
-    def _whole(self, observation: VecEnvObs) -> VecEnvObs:
-        """The observation with zeros for the channels that the stage does not have."""
-        if not isinstance(observation, dict):
-            return observation
-        assert isinstance(self.observation_space, gym.spaces.Dict), "as the observation"
+    def _with_touch(self, observation: VecEnvObs) -> dict[str, Any]:
+        assert isinstance(observation, dict), "of a space of channels"
         rows = next(iter(observation.values())).shape[:-1]
-        boxes = self.observation_space.items()
-        sizes = {name: (*rows, *(box.shape or ())) for name, box in boxes}
+        sizes = {name: (*rows, *(box.shape or ())) for name, box in self.space.items()}
         return {name: np.zeros(size, np.float32) for name, size in sizes.items()} | observation
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seeds all stages."""
-        for _, envs in self.coming:
-            envs.seed(seed)
+        """Seeds both."""
+        self.feeling.seed(seed)
         return self.venv.seed(seed)
 
     def reset(self) -> VecEnvObs:
         """Starts an episode in every row."""
-        return self._whole(self.venv.reset())
+        return self._with_touch(self.venv.reset())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Takes one step; after the last of a stage every row starts anew."""
+        """Takes one step; after the last with rigid pads every row starts anew."""
         observation, reward, dones, infos = self.venv.step_wait()
-        if not self.coming:
+        if self.venv is self.feeling:
             return observation, reward, dones, infos
-        observation = self._whole(observation)
+        observation = self._with_touch(observation)
         for row in np.flatnonzero(dones):
             last = infos[row]["terminal_observation"]
-            infos[row]["terminal_observation"] = self._whole(last)
+            infos[row]["terminal_observation"] = self._with_touch(last)
         self.left -= self.num_envs
         if self.left > 0:
             return observation, reward, dones, infos
         for row in np.flatnonzero(~dones):
-            if isinstance(observation, dict):
-                last = {name: values[row] for name, values in observation.items()}
-            else:
-                last = observation[row]
+            last = {name: values[row] for name, values in observation.items()}
             infos[row] |= {"terminal_observation": last, "TimeLimit.truncated": True}
         self.venv.close()
-        self.left, self.venv = self.coming.pop(0)
-        return self.reset(), reward, np.ones_like(dones), infos
+        self.venv = self.feeling
+        return self.venv.reset(), reward, np.ones_like(dones), infos
 
 
 class Timed(VecEnvWrapper):
@@ -272,10 +254,10 @@ def start(
     threads: int | None = None,
 ) -> tuple[BaseAlgorithm, list[dict[str, float]]]:
     """A new model, or the last checkpoint's with its learning curve."""
-    saved, done = folder / CHECKPOINT, 0
+    saved, without_touch = folder / CHECKPOINT, chosen.steps_without_touch
     if resume:
-        done = ALGORITHMS[algorithm].load(saved / "model.zip").num_timesteps
-    envs = make_environment(env_id, chosen, seed, n_envs, threads, done)
+        without_touch -= ALGORITHMS[algorithm].load(saved / "model.zip").num_timesteps
+    envs = make_environment(env_id, chosen, seed, n_envs, threads, without_touch)
     if not resume:
         arguments: dict[str, Any] = {"seed": seed, "device": "cpu", **chosen.algorithm}
         if chosen.final_learning_rate is not None:
@@ -324,7 +306,7 @@ def train(
     folder.mkdir(parents=True, exist_ok=True)
     about = {"env": env_id, "algorithm": algorithm, "seed": seed, "n_envs": n_envs, "steps": steps}
     about |= {"policy": chosen.policy, "environment": chosen.environment}
-    about |= {"training": chosen.training, "stages": chosen.stages}
+    about |= {"training": chosen.training, "steps_without_touch": chosen.steps_without_touch}
     about |= {"final_learning_rate": chosen.final_learning_rate}
     about |= {"threads": threads or os.cpu_count()}
     before = json.loads((folder / "run.json").read_text()).get("trained_by", []) if resume else []

@@ -37,3 +37,17 @@ def test_a_seed_has_one_episode_in_whichever_batch():
     parts = [evaluate(Still(), LIFT, 1, first_seed=5 + row, **SHORT) for row in range(2)]
     mean = np.mean([part["return"] for part in parts])
     assert abs(whole["return"] - mean) < 1e-3, (whole["return"], mean)
+
+
+def test_every_early_ending_is_counted_once():
+    class LetsGo:
+        """Opens the hand."""
+
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            action = np.zeros((len(observation["proprio"]), 5), np.float32)
+            action[:, 4] = -1.0
+            return action, state
+
+    dropped = evaluate(LetsGo(), "ruffini/HoldStill-v0", 4, tactile="none", friction=0.2, load=1.5)
+    assert dropped["endings"] == {"dropped": 4}
+    assert evaluate(Still(), LIFT, 3, **SHORT)["endings"] == {}

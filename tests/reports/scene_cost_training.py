@@ -98,7 +98,7 @@ def end_to_end(env_id: str, settings: dict[str, Any], free: bool, steps: int | N
     torch.set_num_threads(1)
     chosen = params(env_id, "ppo").with_settings(settings | {"num_threads": 1})
     # What touch costs is asked of pads that feel from the first step.
-    chosen = replace(chosen, stages=(), training={})
+    chosen = replace(chosen, steps_without_touch=0, training={})
     if steps:
         chosen = replace(chosen, algorithm=chosen.algorithm | {"n_steps": steps})
     model, _ = start(env_id, "ppo", chosen, 0, chosen.n_envs, Path(), resume=False)
