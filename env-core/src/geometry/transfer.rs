@@ -4,7 +4,10 @@
 //! interpolated at the other mesh's vertices, stresses are averaged over its tetrahedra, and nodal
 //! forces are handed to the vertices around them, which keeps their resultant.
 
-use std::ops::{AddAssign, Mul};
+use std::{
+    collections::BTreeMap,
+    ops::{AddAssign, Mul},
+};
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -23,8 +26,10 @@ pub struct Transfer {
     sites: Vec<Site>,
     /// Where the source's vertices lie in the target (V).
     homes: Vec<Site>,
-    /// Tetrahedra of the source met by each of the target's, in equal shares (T′).
-    parts: Vec<Vec<u32>>,
+    /// Tetrahedra of the source met by each of the target's, with shares that sum to 1, one after the
+    /// other, and where those of each begin (T′ + 1).
+    parts: Vec<(u32, f64)>,
+    starts: Vec<u32>,
 }
 
 /// Sample points along an edge of a tetrahedron: n (n + 1) (n + 2) / 6 in its volume.
@@ -39,9 +44,12 @@ impl Transfer {
         let [source, target] = [from, to].map(Locator::new);
         let sites = to.vertices.iter().map(|p| source.site(p)).collect::<Result<_>>()?;
         let homes = from.vertices.iter().map(|p| target.site(p)).collect::<Result<_>>()?;
-        let tets_of = |sites: Vec<Site>| sites.into_iter().map(|(tet, _)| tet).collect();
-        let parts = sampled(&source, to).map(|sites| sites.map(tets_of)).collect::<Result<_>>()?;
-        Ok(Self { tets: [from.tets.clone(), to.tets.clone()], sites, homes, parts })
+        let (mut parts, mut starts) = (Vec::new(), vec![0]);
+        for sites in sampled(&source, to) {
+            parts.extend(shares(&sites?));
+            starts.push(parts.len() as u32);
+        }
+        Ok(Self { tets: [from.tets.clone(), to.tets.clone()], sites, homes, parts, starts })
     }
 
     /// Where the target's vertices lie in the source (V′).
@@ -74,15 +82,25 @@ impl Transfer {
     where
         F: Copy + Default + AddAssign + Mul<f64, Output = F>,
     {
-        let mean = |part: &Vec<u32>| {
+        let mean = |ends: &[u32]| {
             let mut sum = F::default();
-            for &tet in part {
-                sum += values[tet as usize];
+            for &(tet, share) in &self.parts[ends[0] as usize..ends[1] as usize] {
+                sum += values[tet as usize] * share;
             }
-            sum * (1.0 / part.len() as f64)
+            sum
         };
-        self.parts.iter().map(mean).collect()
+        self.starts.windows(2).map(mean).collect()
     }
+}
+
+/// The tetrahedra that hold `sites`, each with its share of them.
+fn shares(sites: &[Site]) -> impl Iterator<Item = (u32, f64)> {
+    let mut counts = BTreeMap::<u32, u32>::new();
+    for &(tet, _) in sites {
+        *counts.entry(tet).or_default() += 1;
+    }
+    let all = sites.len() as f64;
+    counts.into_iter().map(move |(tet, count)| (tet, f64::from(count) / all))
 }
 
 /// Where points that stand for equal volumes of each tetrahedron of a mesh `to` lie in the mesh

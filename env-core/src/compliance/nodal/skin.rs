@@ -13,6 +13,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::{
     super::condensed::Condensed,
     between::{Face, widest},
+    walk::Held,
 };
 use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh, responses::Responses};
 
@@ -127,6 +128,15 @@ impl Skin {
             Self { condensed, compliance, own, places, normals, loads, points, groups, faces };
         skin.own = (0..skin.places.len() as u32).map(|node| skin.response(node, node)).collect();
         skin
+    }
+
+    /// Displacement of every contact node (M) in m under the forces on those that are `held`.
+    pub(super) fn displacement(&self, held: &[Held]) -> Vec<Vector3<f64>> {
+        let mut sum = vec![0.0; 3 * self.places.len()];
+        for Held { rank, force, .. } in held {
+            self.compliance.add(*rank, force, 0..sum.len(), &mut sum);
+        }
+        sum.as_chunks::<3>().0.iter().map(|&u| Vector3::from(u).cast()).collect()
     }
 
     /// Displacement of node `at` under unit forces on another (m/N).

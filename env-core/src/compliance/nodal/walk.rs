@@ -1,6 +1,6 @@
 //! A press being followed in load steps.
 
-use std::time::Instant;
+use std::{cell::LazyCell, time::Instant};
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -243,10 +243,8 @@ impl<'a> Walk<'a> {
 
     /// An error if a shape stands deep between nodes.
     fn check_between(&self, state: &State) -> Result<()> {
-        let displaced = |rank: u32| {
-            let moved = |held: &Held| self.skin.response(held.rank, rank) * held.force;
-            state.held.iter().map(moved).sum::<Vector3<f64>>()
-        };
+        let displacement = LazyCell::new(|| self.skin.displacement(&state.held));
+        let displaced = |rank: u32| displacement[rank as usize];
         for (s, (shape, pose)) in (0..).zip(self.shapes.iter().zip(&state.poses)) {
             let felt = state.held.iter().any(|held| held.shape == s);
             for face in self.watched {

@@ -102,12 +102,24 @@ impl Blocks {
     #[inline(always)]
     pub(in super::super) fn stress(&self, u: &[f32], stress: &mut Vec<f32>) {
         stress.clear();
-        for (corners, gradients) in self.corners.iter().zip(&self.gradients) {
-            stress.extend(block(u, corners, gradients));
+        // What is written number by number cannot be read as a vector at once: a batch is gathered
+        // before the first of its blocks is read.
+        let mut gathered = [[[[0.0; LANES]; 3]; 3]; BATCH];
+        let batches = self.corners.chunks(BATCH).zip(self.gradients.chunks(BATCH));
+        for (corners, gradients) in batches {
+            for (corners, edges) in corners.iter().zip(&mut gathered) {
+                gather(u, corners, edges);
+            }
+            for (edges, gradients) in gathered.iter().zip(gradients) {
+                stress.extend(block(edges, gradients));
+            }
         }
         stress.truncate(self.tets);
     }
 }
+
+/// Blocks that are gathered together.
+const BATCH: usize = 8;
 
 #[inline(always)]
 fn lanes(f: impl Fn(usize) -> f32) -> Lanes {
@@ -118,19 +130,30 @@ fn lanes(f: impl Fn(usize) -> f32) -> Lanes {
     lanes
 }
 
+/// Displacement of the last three corners from the first, by corner and axis.
 #[inline(always)]
-fn block(u: &[f32], corners: &[[u32; LANES]; 4], gradients: &[[Lanes; 3]; 3]) -> Lanes {
+fn gather(u: &[f32], corners: &[[u32; LANES]; 4], edges: &mut [[Lanes; 3]; 3]) {
+    for i in 0..LANES {
+        let first = &u[corners[0][i] as usize..][..3];
+        for (c, edge) in edges.iter_mut().enumerate() {
+            let corner = &u[corners[c + 1][i] as usize..][..3];
+            for (axis, edge) in edge.iter_mut().enumerate() {
+                edge[i] = corner[axis] - first[axis];
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn block(edges: &[[Lanes; 3]; 3], gradients: &[[Lanes; 3]; 3]) -> Lanes {
     let mut f = [[[0.0; LANES]; 3]; 3];
     for (r, row) in f.iter_mut().enumerate() {
-        let first = lanes(|i| u[corners[0][i] as usize + r]);
-        let edges: [Lanes; 3] =
-            [1, 2, 3].map(|c| lanes(|i| u[corners[c][i] as usize + r] - first[i]));
         for (c, entry) in row.iter_mut().enumerate() {
             let own = if r == c { 1.0 } else { 0.0 };
             *entry = lanes(|i| {
-                own + edges[0][i] * gradients[0][c][i]
-                    + edges[1][i] * gradients[1][c][i]
-                    + edges[2][i] * gradients[2][c][i]
+                own + edges[0][r][i] * gradients[0][c][i]
+                    + edges[1][r][i] * gradients[1][c][i]
+                    + edges[2][r][i] * gradients[2][c][i]
             });
         }
     }
