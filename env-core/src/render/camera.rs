@@ -47,6 +47,13 @@ pub(super) struct View {
 }
 
 impl Camera {
+    /// The same camera, so much higher that it does not look up to something at `height` (m).
+    #[must_use]
+    pub fn raised_to(&self, height: f64) -> Self {
+        let by = Vector3::z() * (height - self.target.z).max(0.0);
+        Self { eye: self.eye + by, target: self.target + by, ..*self }
+    }
+
     /// The view on a raster of `width` × `height` samples, or an error if the camera has no
     /// direction or no sensible angle.
     pub(super) fn view(&self, width: usize, height: usize) -> Result<View> {
@@ -103,5 +110,21 @@ impl View {
     /// Width of a sample at unit distance (m/m).
     pub(super) fn sample_size(&self) -> f64 {
         2.0 / (self.focal[1] * self.size[1])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_lifted_stays_in_the_picture() {
+        let camera = Camera::default();
+        assert_eq!(camera.raised_to(0.05), camera);
+        for height in [0.1, 0.25, 1.0] {
+            let view = camera.raised_to(height).view(320, 240).unwrap();
+            let [x, y, _, w] = view.clip_from(&Isometry3::identity())(&Point3::new(0.0, 0.0, height));
+            assert!(w > 0.0 && x.abs() < 1e-6 && y.abs() < 1e-6, "{height} m at ({x}, {y})");
+        }
     }
 }

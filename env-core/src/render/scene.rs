@@ -41,7 +41,8 @@ impl SceneRenderer {
         self.renderer.size()
     }
 
-    /// The picture (height, width, 3), sRGB, of a scene with an object of `shape`. With a view of
+    /// The picture (height, width, 3), sRGB, of a scene with an object of `shape`; the camera rises with
+    /// an object that is lifted. With a view of
     /// `touch`, pads have their true form and are coloured by stress, and where one touches, an inset
     /// shows it from the object's side. With a view of a `soft` object, that has its true form and is
     /// coloured by stress.
@@ -67,15 +68,16 @@ impl SceneRenderer {
             let object = Item::new(mesh, state.object.pose, Color::srgb(72, 145, 202));
             items.push(object.with_finish(Finish::Glossy));
         }
+        let camera = self.camera.raised_to(state.object.pose.translation.z);
         let jaws = [0, 1].map(|k| state.fingers[k].position);
         let Some(touch) = touch else {
             items.extend(self.gripper.items(&state.wrist.pose, jaws));
-            return self.renderer.draw(&self.camera, &items);
+            return self.renderer.draw(&camera, &items);
         };
         let pads = TouchedPad::both(touch)?;
         items.extend(self.gripper.rigid_items(&state.wrist.pose, jaws));
         items.extend(pads.iter().zip(&state.fingers).map(|(pad, finger)| pad.item(finger.pad)));
-        let mut picture = self.renderer.draw(&self.camera, &items)?;
+        let mut picture = self.renderer.draw(&camera, &items)?;
         let (width, height) = self.renderer.size();
         if self.inset.is_none() {
             self.inset = Inset::new(width, height)?;
