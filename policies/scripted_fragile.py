@@ -16,7 +16,7 @@ AIM = 0.9
 FIRM = 0.85
 """Stress from which it lifts, of the limit: a looser grip slips, which stresses the pads more."""
 
-GAIN = 3.0
+GAIN = 6.0
 """Action of the grip for a difference of the whole limit."""
 
 SPEED = 0.5

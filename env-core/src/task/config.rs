@@ -81,7 +81,8 @@ impl Default for Config {
             position: [-0.05, 0.05],
             yaw: [-std::f64::consts::PI, std::f64::consts::PI],
             start: [-0.05, 0.05],
-            start_height: [0.08, 0.12],
+            // Room to be over the object before the pads are beside it.
+            start_height: [0.12, 0.16],
             lift_height: 0.08,
             hold_time: 0.5,
             closing: None,
@@ -129,7 +130,7 @@ impl Config {
             Task::GraspLift => {}
             Task::GraspFragile => {
                 config.scene.gripper.max_force = FIRM_GRIP;
-                config.begin_round_the_object(Closing::default());
+                config.begin_round_the_object(Closing { grip_rate: 5.0, ..Closing::default() });
                 config.mass = [0.05, 0.4];
                 config.friction = [0.3, 1.0];
                 config.size = [0.8, 1.2];
@@ -149,6 +150,7 @@ impl Config {
             }
             Task::HoldStill => {
                 config.scene.gripper.max_force = FIRM_GRIP;
+                config.start_height = [0.08, 0.12];
                 config.move_gently();
                 config.mass = [0.02, 0.15];
                 config.friction = [0.2, 1.6];

@@ -35,12 +35,12 @@ impl Task {
         match self {
             Self::GraspLift => &[
                 (Term::Reach, 0.1),
-                (Term::Grasp, 0.15),
-                (Term::Lift, 0.35),
-                (Term::Hold, 0.35),
-                (Term::Effort, 0.05),
+                (Term::Grasp, 0.1),
+                (Term::Lift, 0.5),
+                (Term::Hold, 0.2),
+                (Term::Effort, 0.1),
             ],
-            Self::GraspFragile => &[(Term::Grasp, 0.2), (Term::Lift, 0.3), (Term::Hold, 0.5)],
+            Self::GraspFragile => &[(Term::Grasp, 0.1), (Term::Lift, 0.4), (Term::Hold, 0.5)],
             Self::GraspSoft => {
                 &[(Term::Touch, 0.1), (Term::Lift, 0.3), (Term::Hold, 0.4), (Term::Gentle, 0.2)]
             }

@@ -69,14 +69,14 @@ class GraspLiftEnv(NativeEnv):
     | term | weight | 1 where |
     | --- | --- | --- |
     | ``reach`` | 0.1 | the tool centre is at the object's middle; 1/4 at 10 cm |
-    | ``grasp`` | 0.15 | both pads press with 1 N or more |
-    | ``lift`` | 0.35 | the grasped object has risen by ``lift_height`` |
-    | ``hold`` | 0.35 | it has been up for ``hold_time`` |
-    | ``effort`` | 0.05 | it is lifted without grip force; 0 at the largest, linear between |
+    | ``grasp`` | 0.1 | both pads press with 1 N or more |
+    | ``lift`` | 0.5 | the grasped object has risen by ``lift_height`` |
+    | ``hold`` | 0.2 | it has been up for ``hold_time`` |
+    | ``effort`` | 0.1 | it is lifted without grip force; 0 at the largest, linear between |
 
     ## Start
     Object, size, mass, friction, position, yaw and the tool centre are drawn from their ranges by
-    the environment's seed.
+    the environment's seed; the tool centre is 12 to 16 cm over the table (``start_height``).
 
     ## End
     Truncated after ``max_episode_steps`` steps, 100 by default (``gymnasium.make`` leaves that to
@@ -144,7 +144,7 @@ class GraspFragileEnv(NativeEnv):
     ## Action
     The hand moves at 0.1 m/s at most; its workspace is a line, and it does not turn. The fifth
     number changes the grip force: that grows, or falls, by ``grip_rate`` times the number a second,
-    relatively (a factor of 1.5 a step at most), between ``least_grip`` and 20 N.
+    relatively (a factor of 1.22 a step at most), between ``least_grip`` and 20 N.
 
     ## Observation
     By default ``proprio``, ``wrench`` and ``share``; where the object is is not told. Two channels
@@ -163,8 +163,8 @@ class GraspFragileEnv(NativeEnv):
 
     | term | weight | 1 where |
     | --- | --- | --- |
-    | ``grasp`` | 0.2 | both pads press with the grip of the trial or more |
-    | ``lift`` | 0.3 | the grasped object has risen by ``lift_height``, 3 cm |
+    | ``grasp`` | 0.1 | both pads press with the grip of the trial or more |
+    | ``lift`` | 0.4 | the grasped object has risen by ``lift_height``, 3 cm |
     | ``hold`` | 0.5 | it has been up for ``hold_time`` |
 
     ## Start
@@ -311,7 +311,7 @@ class HoldStillEnv(NativeEnv):
     | ``thrift`` | 0.4 | there is no grip force; 0 at twice the grip that success allows |
 
     ## Start
-    The hand, at a height drawn from ``start_height``, has gripped the object's middle across its
+    The hand, 8 to 12 cm over the table (``start_height``), has gripped the object's middle across its
     narrower side with ``start_grip``, 5 N. Drawn are also load, amplitude, direction and frequency.
     ``friction``, 0.2 to 1.6, is drawn in equal ratios, so that no grip in proportion to the load
     suits more of the range than another.
