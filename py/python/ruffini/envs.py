@@ -311,10 +311,10 @@ class HoldStillEnv(NativeEnv):
     | ``thrift`` | 0.4 | there is no grip force; 0 at twice the grip that success allows |
 
     ## Start
-    The hand, 8 to 12 cm over the table (``start_height``), has gripped the object's middle across its
-    narrower side with ``start_grip``, 5 N. Drawn are also load, amplitude, direction and frequency.
-    ``friction``, 0.2 to 1.6, is drawn in equal ratios, so that no grip in proportion to the load
-    suits more of the range than another.
+    The hand, 8 to 12 cm over the table (``start_height``), has gripped the object's middle across
+    its narrower side with ``start_grip``, 5 N. Drawn are also load, amplitude, direction and
+    frequency. ``friction``, 0.2 to 1.6, is drawn in equal ratios, so that no grip in proportion to
+    the load suits more of the range than another.
 
     ## End
     Truncated after ``max_episode_steps`` steps, 100 by default. Also terminated, with
