@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import subprocess
+import sys
 from concurrent.futures import ProcessPoolExecutor
 
 import gymnasium as gym
@@ -32,6 +34,16 @@ def test_workers_run_after_the_parent_has_stepped(method):
     context = multiprocessing.get_context(method)
     with ProcessPoolExecutor(2, mp_context=context) as pool:
         assert [job.result(timeout=120) for job in [pool.submit(work, 0)] * 2] == [expected] * 2
+
+
+def test_a_fresh_session_knows_the_modules_and_imports_none_before_it_is_asked():
+    code = (
+        "import sys, ruffini; before = 'ruffini.envs' in sys.modules; "
+        "print(before, ruffini.envs.GraspLiftEnv.__name__, 'agents' in dir(ruffini), "
+        "hasattr(ruffini, 'nothing'))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "GraspLiftEnv", "True", "False"]
 
 
 INHERITED = GraspLiftVectorEnv(4, 2, obs="flat")

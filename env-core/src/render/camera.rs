@@ -123,7 +123,8 @@ mod tests {
         assert_eq!(camera.raised_to(0.05), camera);
         for height in [0.1, 0.25, 1.0] {
             let view = camera.raised_to(height).view(320, 240).unwrap();
-            let [x, y, _, w] = view.clip_from(&Isometry3::identity())(&Point3::new(0.0, 0.0, height));
+            let [x, y, _, w] =
+                view.clip_from(&Isometry3::identity())(&Point3::new(0.0, 0.0, height));
             assert!(w > 0.0 && x.abs() < 1e-6 && y.abs() < 1e-6, "{height} m at ({x}, {y})");
         }
     }

@@ -11,6 +11,9 @@ Importing registers the environments; from a worker process use the prefix form,
 ``gymnasium.make("ruffini:ruffini/GraspLift-v0")``.
 """
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from gymnasium.envs.registration import register
 
 from ruffini._core import (
@@ -79,3 +82,26 @@ for _task, _steps in _STEPS.items():
         vector_entry_point=f"ruffini.envs:{_task}VectorEnv",
         max_episode_steps=_steps,
     )
+
+_MODULES = ("agents", "dataset", "envs", "evaluation", "sb3", "surrogate", "video")
+"""Modules that are imported when they are first asked for: environments need none of them."""
+
+if TYPE_CHECKING:
+    from ruffini import agents as agents
+    from ruffini import dataset as dataset
+    from ruffini import envs as envs
+    from ruffini import evaluation as evaluation
+    from ruffini import sb3 as sb3
+    from ruffini import surrogate as surrogate
+    from ruffini import video as video
+else:
+
+    def __getattr__(name: str) -> Any:
+        """A module of the package."""
+        if name in _MODULES:
+            return importlib.import_module(f"ruffini.{name}")
+        raise AttributeError(f"module 'ruffini' has no attribute {name!r}")
+
+    def __dir__() -> list[str]:
+        """Names of the package, its modules included."""
+        return sorted({*globals(), *_MODULES})
