@@ -9,8 +9,6 @@ touch are counted, by processor time, on one thread. A minute. Use::
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import time
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-import ruffini
+from evaluate import about_this_run
 from scripted_grasp import ScriptedGrasp
 
 MODELS = ("none", "surrogate", "surrogate-fine", "compliance")
@@ -35,12 +33,8 @@ RESULT = Path(__file__).parent / "results" / "touch_speed.json"
 def main() -> None:
     """Measures every model with every object, and without one at hand, and writes the result."""
     touching = {model: {name: measure(model, name) for name in OBJECTS} for model in MODELS}
-    here = Path(__file__).parent
-    git = ["git", "-C", str(here), "rev-parse", "--short", "HEAD"]
-    commit = subprocess.check_output(git, text=True).strip()
-    setup = {"commit": commit, "version": ruffini.__version__, "cores": os.cpu_count()}
     still = {model: untouched(model) for model in MODELS}
-    report = {**setup, "touching": touching, "untouched": still}
+    report = {**about_this_run(), "touching": touching, "untouched": still}
     RESULT.write_text(json.dumps(report, indent=1) + "\n")
 
 

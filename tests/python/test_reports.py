@@ -20,8 +20,25 @@ ROOT = Path(__file__).resolve().parents[2]
 REPORTS = ROOT / "tests/reports"
 RESULTS = ROOT / "policies/results"
 FOLDERS = (REPORTS, ROOT / "tests/reference", RESULTS)
-WRITTEN = (ROOT / "README.md", REPORTS / "mechanics.md", REPORTS / "surrogate.md")
-"""Pages that are written by hand."""
+DOCS = ROOT / "py/docs"
+WRITTEN = (REPORTS / "mechanics.md", REPORTS / "surrogate.md", *sorted(DOCS.glob("*.md")))
+"""Pages that are written by hand, with marks."""
+SWIFT = "panels / held-out / network, swift"
+ELEMENTS = "panels / held-out / fem p1-bar 2000"
+README = [
+    ("4.7 %", "displacement", "pareto", f"{SWIFT} / finest / displacement / median"),
+    ("7.1 %", "stress", "pareto", f"{SWIFT} / finest / stress / median"),
+    ("1.5 %", "force", "pareto", f"{SWIFT} / finest / force / median"),
+    ("2.8 ms", "", "pareto", f"{SWIFT} / ms"),
+    ("3.9", "", "pareto", f"{ELEMENTS} / finest / displacement / median"),
+    ("6.9", "", "pareto", f"{ELEMENTS} / finest / stress / median"),
+    ("1.2 %", "", "pareto", f"{ELEMENTS} / finest / force / median"),
+    ("619 ms", "", "pareto", f"{ELEMENTS} / ms"),
+    ("100,000", "extreme presses", "stability", "presses"),
+    ("749", "to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
+    ("1,083", "steps a second", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
+]
+"""Figures of README: as they are written, a word near by, the report and the way to them in it."""
 MARK = re.compile(
     r"(?P<number>-?[\d,]*\.?\d+)(?P<unit> ?[%\w]+)?\**<!-- (?P<report>[\w-]+): (?P<way>.+?) -->"
 )
@@ -62,13 +79,39 @@ def quoted(mark: re.Match[str]) -> tuple[str, str]:
 def test_every_marked_figure_is_that_of_its_report(page):
     text = page.read_text()
     marks, wrong = list(MARK.finditer(text)), []
-    commented = text.count("<!--") - text.count("<!-- tests -->")
-    assert len(marks) == commented, "a mark that is not read"
+    assert len(marks) == text.count("<!--"), "a mark that is not read"
     for mark in marks:
         written, true = quoted(mark)
         if written != true:
             wrong.append(f"{mark[0]} is {true}")
     assert not wrong, wrong
+
+
+@pytest.mark.parametrize(("written", "word", "report", "way"), README)
+def test_every_figure_of_the_readme_is_that_of_its_report(written, word, report, way):
+    text = " ".join((ROOT / "README.md").read_text().split())
+    place = re.search(rf"(?<![\d.,]){re.escape(written)}", text)
+    assert place is not None, "a figure that README has no more"
+    assert word in text[place.start() :][:60]
+    number, _, unit = written.partition(" ")
+    true = value(report, way) * (100 if report == "pareto" and unit != "ms" else 1)
+    digits = len(number.partition(".")[2])
+    assert number.replace(",", "") == f"{true:.{digits}f}"
+
+
+def test_the_readme_is_short_and_hides_nothing():
+    text = (ROOT / "README.md").read_text()
+    assert len(text.encode()) <= 8000
+    assert "<!--" not in text
+
+
+LINK = re.compile(r"\]\((?!https?://|#)([^)#]+)")
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *WRITTEN], ids=lambda page: page.name)
+def test_every_link_leads_somewhere(page):
+    lost = [way for way in LINK.findall(page.read_text()) if not (page.parent / way).exists()]
+    assert not lost, lost
 
 
 def test_a_mark_is_read_with_its_digits_and_its_percent():

@@ -46,6 +46,17 @@ def test_a_page_is_that_of_its_rows(env_id):
     assert len({(row["kind"], row["seed"]) for row in rows}) == len(rows), "a seed twice"
 
 
+@pytest.mark.parametrize("env_id", KINDS)
+def test_the_readme_says_what_the_rows_say(env_id):
+    found = [row["success"] for row in rows_of(env_id) if row["kind"] == "touch"]
+    if not found:
+        pytest.skip("no agents of it yet")
+    median, worst = 100 * np.median(found), 100 * min(found)
+    says = f"[{median:.1f} %, the worst of {len(found)} seeds {worst:.1f} %]"
+    page = f"policies/results/{env_id.split('/')[-1]}.md"
+    assert f"{says}({page})" in (RESULTS.parents[1] / "README.md").read_text()
+
+
 def test_an_agent_below_the_worst_seed_on_record_is_a_failure():
     sentence, status = quickstart.verdict(0.899, 0.90)
     assert status == 1 and "89.9%" in sentence and "90.0%" in sentence

@@ -1,8 +1,11 @@
-"""Pictures: a lemon between two gel pads, a soft strawberry between two plates, an environment.
+"""Pictures: a lemon between two gel pads, a soft strawberry between two plates, environments.
 
-    python tests/reports/scenes.py            # writes grasp.png, soft.png, touch.png beside itself
+    python tests/reports/scenes.py            # writes grasp.png, soft.png, touch.png beside itself,
+                                              # and a picture of each task to py/docs
+    python tests/reports/scenes.py tasks      # those of the tasks alone
 
-The environment's is what `render` gives: HoldStill with touch, a loaded ball in the hand.
+Those of environments are what `render` gives: HoldStill with touch, a loaded ball in the hand;
+every task when its scripted policy has first succeeded.
 The pads are those of a GelSight Mini, which close on a lemon of the catalogue, which is free and
 finds its own pose. The strawberry (E = 50 kPa, nu = 0.45, friction 0.5) is meshed and nothing of it
 is fixed. Both are coloured by von Mises stress.
@@ -10,6 +13,7 @@ is fixed. Both are coloured by von Mises stress.
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import gymnasium
@@ -28,6 +32,15 @@ import ruffini
 from ruffini import Fem, Grasp, Press, PressError, Shape, SoftBody
 
 HERE = Path(__file__).parent
+DOCS = HERE.parents[1] / "py/docs"
+sys.path.append(str(HERE.parents[1] / "policies"))
+from evaluate import SCRIPTED
+
+SEED, AFTER = 3, 25
+"""Of the episodes that are shown, and the steps after which a success counts there."""
+PICTURED = {"ruffini/GraspLift-v0": "cylinder", "ruffini/GraspSoft-v0": "lemon"}
+"""Objects that are shown; any if not given."""
+
 MM, KPA = 1e3, 1e-3
 STRESS = matplotlib.colormaps["magma_r"]
 OBJECT, PLATE = to_rgba("#8fa3b3"), to_rgba("#c9ccd1", 0.45)
@@ -232,7 +245,29 @@ def picture_of_touch():
     print(f"touch: {env.unwrapped.look()}")
 
 
+def pictures_of_tasks():
+    """Writes <task>.png of every task."""
+    for env_id, scripted in SCRIPTED.items():
+        objects = PICTURED.get(env_id)
+        settings = {} if objects is None else {"objects": objects}
+        env = gymnasium.make(env_id, render_mode="rgb_array", width=320, height=240, **settings)
+        policy, state = scripted(), None
+        observation, _ = env.reset(seed=SEED)
+        over, steps, info = False, 0, {"is_success": False}
+        while not (over or (info["is_success"] and steps > AFTER)):
+            rows = {name: values[None] for name, values in observation.items()}
+            action, state = policy.predict(rows, state)
+            observation, _, terminated, truncated, info = env.step(action[0])
+            over, steps = terminated or truncated, steps + 1
+        name = env_id.split("/")[1].removesuffix("-v0")
+        Image.fromarray(env.render()).save(DOCS / f"{name}.png", optimize=True)
+        print(f"{name}: {env.unwrapped.look()}")
+
+
 if __name__ == "__main__":
+    pictures_of_tasks()
+    if sys.argv[1:] == ["tasks"]:
+        sys.exit()
     picture_of_touch()
     picture_of_a_grasp()
     picture_of_a_squeeze()
