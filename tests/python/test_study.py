@@ -13,6 +13,7 @@ pytest.importorskip("stable_baselines3")
 import torch
 
 import quickstart
+from ruffini import agents
 from ruffini.sb3 import make_vec_env
 from study import KINDS, RESULTS, rows_of
 from study_pages import interquartile_mean, interval, page
@@ -55,6 +56,11 @@ def test_the_readme_says_what_the_rows_say(env_id):
     says = f"[{median:.1f} %, the worst of {len(found)} seeds {worst:.1f} %]"
     page = f"policies/results/{env_id.split('/')[-1]}.md"
     assert f"{says}({page})" in (RESULTS.parents[1] / "README.md").read_text()
+
+
+def test_the_readme_says_what_the_quickstart_prints():
+    found = agents.load(LIFT).card["evaluation"]["success"]
+    assert f"({100 * found:.1f} % here)" in (RESULTS.parents[1] / "README.md").read_text()
 
 
 def test_an_agent_below_the_worst_seed_on_record_is_a_failure():

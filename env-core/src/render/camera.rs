@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_lifted_stays_in_the_picture() {
+    fn a_raised_camera_has_what_it_was_raised_to_in_the_middle() {
         let camera = Camera::default();
         assert_eq!(camera.raised_to(0.05), camera);
         for height in [0.1, 0.25, 1.0] {

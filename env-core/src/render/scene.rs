@@ -42,10 +42,9 @@ impl SceneRenderer {
     }
 
     /// The picture (height, width, 3), sRGB, of a scene with an object of `shape`; the camera rises with
-    /// an object that is lifted. With a view of
-    /// `touch`, pads have their true form and are coloured by stress, and where one touches, an inset
-    /// shows it from the object's side. With a view of a `soft` object, that has its true form and is
-    /// coloured by stress.
+    /// an object that is lifted. With a view of `touch`, pads have their true form and are coloured by
+    /// stress, and where one touches, an inset shows it from the object's side. With a view of a `soft`
+    /// object, that has its true form and is coloured by stress.
     pub fn draw(
         &mut self,
         state: &SceneState,
