@@ -6,6 +6,9 @@ use std::sync::LazyLock;
 
 use pulp::{Arch, NullaryFnOnce};
 
+/// Numbers that kernels take at once: as many as the widest vectors hold.
+pub(crate) const LANES: usize = 16;
+
 /// This processor, asked once: a short loop takes less time than the question.
 static ARCH: LazyLock<Arch> = LazyLock::new(Arch::new);
 
@@ -34,10 +37,10 @@ impl<R, F: FnMut() -> R> NullaryFnOnce for Kernel<F> {
 /// Σ `term`(a, b), in an order that a processor can take several steps of at once.
 #[inline(always)]
 pub(crate) fn sum(a: &[f32], b: &[f32], term: impl Fn(f32, f32) -> f32) -> f32 {
-    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<16>(), b.as_chunks::<16>());
-    let mut sums = [0.0; 16];
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let mut sums = [0.0; LANES];
     for (a, b) in a.iter().zip(b) {
-        for i in 0..16 {
+        for i in 0..LANES {
             sums[i] += term(a[i], b[i]);
         }
     }

@@ -11,8 +11,8 @@ use ruffini_core::{
     fem::{Fem, Options},
     geometry::{PadOutline, Shape, Surface},
     scene::{
-        CATALOGUE, Command, Failure, Object, ObjectModel, Pads, Scene, SceneConfig, SoftPads,
-        Wrench,
+        CATALOGUE, Command, Failure, Object, ObjectModel, Pads, Scene, SceneConfig, SceneState,
+        SoftPads, Wrench,
     },
     sensor::{Bristles, Sensor},
     tactile::Choice,
@@ -174,6 +174,42 @@ fn a_minute_of_holding_moves_nothing() {
         let moved = (after.translation.vector - before.translation.vector).norm();
         let turned = after.rotation.angle_to(&before.rotation);
         assert!(moved < 1e-6 && turned < 1e-4, "{mass} kg: {moved} m, {turned} rad");
+    }
+}
+
+/// The table bears an object that stands on it, not pads that close on its sides; and however slowly
+/// they have closed, it then hangs as far below where they took it.
+#[test]
+fn what_stands_on_the_table_does_not_wear_the_hold() {
+    let ellipsoid = Shape::Ellipsoid { semi_axes: Vector3::new(0.02, 0.014, 0.016) };
+    for (model, height) in [(ball(), 0.015), (ObjectModel::new(ellipsoid).unwrap(), 0.016)] {
+        let (mass, grip) = (0.25, 4.5);
+        let mut sunk = Vec::new();
+        for rate in [10.0, 5.0, 2.5] {
+            let pose = Isometry3::translation(0.0, 0.0, height);
+            let object = Object { model: &model, scale: 1.0, mass, friction: 0.6, pose };
+            let mut scene = Scene::new(&soft(), &object, &pose.translation.vector, 0.0).unwrap();
+            hold(&mut scene, 0.3, 1.0);
+            let period = scene.config().physics.control_period;
+            let ramp = (1..).map(|step| 0.3 * (rate * period * f64::from(step)).exp());
+            ramp.take_while(|force| *force < grip)
+                .for_each(|force| hold(&mut scene, force, period));
+            hold(&mut scene, grip, 0.4);
+            let taken = scene.state();
+            for finger in &taken.fingers {
+                let sideways = finger.wrench.force.xy().norm();
+                assert!(sideways < 0.02 * mass * 9.81, "{sideways} N sideways at {rate}/s");
+            }
+            let up = Command { velocity: 0.1 * Vector3::z(), grip, ..Command::default() };
+            (0..25).for_each(|_| scene.step(&up));
+            hold(&mut scene, grip, 0.4);
+            let below = |state: &SceneState| state.object_in_wrist().translation.z;
+            sunk.push(below(&taken) - below(&scene.state()));
+        }
+        println!("{sunk:?} m");
+        for way in &sunk[1..] {
+            assert!((way / sunk[0] - 1.0).abs() < 0.05, "{sunk:?} m");
+        }
     }
 }
 

@@ -236,6 +236,11 @@ impl PadMesh {
         Self::new(&outline, &Grading::central(&outline, coarse))
     }
 
+    /// Height of the apex above the base (m).
+    pub fn thickness(&self) -> f64 {
+        self.base.first().map_or(0.0, |&node| -self.mesh.vertices[node as usize].z)
+    }
+
     /// Layer of `node`: 0 on the face, `cells[2]` on the base.
     pub fn layer(&self, node: u32) -> u32 {
         node / self.face.len() as u32

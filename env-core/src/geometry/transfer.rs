@@ -82,14 +82,19 @@ impl Transfer {
     where
         F: Copy + Default + AddAssign + Mul<f64, Output = F>,
     {
-        let mean = |ends: &[u32]| {
+        let mean = |parts: &[(u32, f64)]| {
             let mut sum = F::default();
-            for &(tet, share) in &self.parts[ends[0] as usize..ends[1] as usize] {
+            for &(tet, share) in parts {
                 sum += values[tet as usize] * share;
             }
             sum
         };
-        self.starts.windows(2).map(mean).collect()
+        self.parts().map(mean).collect()
+    }
+
+    /// Tetrahedra of the source met by each of the target's (T′), with shares that sum to 1.
+    pub(crate) fn parts(&self) -> impl Iterator<Item = &[(u32, f64)]> {
+        self.starts.windows(2).map(|ends| &self.parts[ends[0] as usize..ends[1] as usize])
     }
 }
 

@@ -93,18 +93,24 @@ impl Hand {
 }
 
 impl Hand {
-    /// What moves each finger along its slide under the force `grip` (N), dampers aside.
-    pub(super) fn slides(&self, world: &PhysicsWorld, gripper: &Gripper, grip: f64) -> [Slide; 2] {
-        let travel = self.fingers.map(|finger| units::si(finger.travel(world, self.wrist).0));
-        let common = 0.5 * (travel[0] + travel[1]);
+    /// How each finger moves.
+    pub(super) fn slides(&self, world: &PhysicsWorld) -> [Slide; 2] {
         self.fingers.map(|finger| {
             let body = &world.bodies[finger.body];
             Slide {
                 place: units::si_vector(body.translation()),
                 velocity: units::si_vector(body.linvel()),
-                force: f64::from(finger.side) * grip - gripper.centering_stiffness * common,
             }
         })
+    }
+
+    /// What moves each finger along the wrist's x under the force `grip` (N): that and the centring
+    /// spring, without dampers.
+    pub(super) fn drives(&self, world: &PhysicsWorld, gripper: &Gripper, grip: f64) -> [f64; 2] {
+        let travel = self.fingers.map(|finger| units::si(finger.travel(world, self.wrist).0));
+        let common = 0.5 * (travel[0] + travel[1]);
+        self.fingers
+            .map(|finger| f64::from(finger.side) * grip - gripper.centering_stiffness * common)
     }
 }
 
@@ -113,14 +119,12 @@ pub(super) fn damping(gripper: &Gripper, grip: f64) -> f64 {
     grip.abs().max(LEAST_FORCE) / gripper.closing_speed
 }
 
-/// Motion of a finger, and the force along the wrist's x on it.
+/// Motion of a finger.
 pub(super) struct Slide {
     /// Place in the world (m).
     pub(super) place: Vector3<f64>,
     /// Velocity in the world (m/s).
     pub(super) velocity: Vector3<f64>,
-    /// Grip force and centring spring (N).
-    pub(super) force: f64,
 }
 
 impl Finger {

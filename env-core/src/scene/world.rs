@@ -128,15 +128,19 @@ impl Scene {
         self.world.bodies[self.hand.wrist].set_next_kinematic_position(units::pose(&wrist.pose));
         let gripper = &self.config.gripper;
         self.hand.drive(&mut self.world, gripper, grip);
-        if let Some(bed) = &mut self.bed {
+        let applied = self.bed.as_ref().map(|bed| {
             let (time, gravity) = (self.config.physics.time_step, self.gravity);
             let step = Step { time, gravity, force, wrist: [self.wrist.pose, wrist.pose], grip };
-            bed.apply(&mut self.world, &self.hand, self.object, gripper, &step);
-        } else {
+            bed.apply(&mut self.world, &self.hand, self.object, gripper, &step)
+        });
+        if applied.is_none() {
             self.world.bodies[self.object].reset_forces(false);
         }
         self.world.bodies[self.object].add_force(units::vector(&force), false);
         self.world.step();
+        if let (Some(bed), Some(applied)) = (&mut self.bed, applied) {
+            bed.settle(&self.world, &self.hand, self.object, applied);
+        }
         self.wrist = wrist;
         if !self.world.quarantine().is_empty() || !self.is_finite() {
             self.failure = Some(Failure::NonFinite);

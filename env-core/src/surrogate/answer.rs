@@ -112,7 +112,7 @@ impl Surrogate {
         let body = body(&pad, moduli)?;
         let elements = Linearised::new(&body)?;
         let graph = PadGraph::new(&pad)?;
-        let network = Fast::new(&plain, &graph, &pad.mesh.tets)?;
+        let network = Fast::new(&plain, &graph, &pad)?;
         let skin = OnceLock::new();
         let trained = Trained { card, network, plain, graph, gel, linear, elements, body, skin };
         Ok(Self { trained: Arc::new(trained), is_plain: false })

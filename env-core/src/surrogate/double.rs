@@ -206,7 +206,7 @@ fn precision_single_is_enough() {
             let network = Corrector::new(config, &parameters.builder()).unwrap();
             let pad = sensor.pad(card.model_nodes).unwrap();
             let graph = PadGraph::new(&pad).unwrap();
-            let fast = Fast::new(&network, &graph, &pad.mesh.tets).unwrap();
+            let fast = Fast::new(&network, &graph, &pad).unwrap();
             let linear = Linear::new(&sensor, &gel, card.linear_nodes, card.contact, &pad).unwrap();
             for (name, depth, press) in presses() {
                 let Ok(answer) = linear.path(&press).swap_remove(0) else { continue };

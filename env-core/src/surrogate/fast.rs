@@ -19,9 +19,12 @@ use super::{
     graph::{LAYERS, PadGraph, SCALES},
     layers::{Affine, Mlp, Norm, Round},
     metrics::Fields,
-    ops::{Blocks, Edges, hear, moments},
+    ops::{Edges, PadStress, hear, moments},
 };
-use crate::simd::vectorised;
+use crate::{
+    geometry::PadMesh,
+    simd::{LANES, vectorised},
+};
 
 /// The network on one pad.
 pub(super) struct Fast {
@@ -37,12 +40,10 @@ pub(super) struct Fast {
     strain: Dense,
     stress: Dense,
     graph: PadGraph,
-    blocks: Blocks,
+    /// Of the model mesh.
+    elements: PadStress,
     tets: Vec<[u32; 4]>,
 }
-
-/// Numbers of a tetrahedron's corner that are computed together.
-const LANES: usize = 16;
 
 /// Buffers of a forward pass.
 #[derive(Default)]
@@ -196,8 +197,8 @@ fn relu(values: &mut [f32]) {
 }
 
 impl Fast {
-    /// `network` on `graph`, whose tetrahedra are `tets`.
-    pub(super) fn new(network: &Corrector, graph: &PadGraph, tets: &[[u32; 4]]) -> Result<Self> {
+    /// `network` on the `graph` of `pad`.
+    pub(super) fn new(network: &Corrector, graph: &PadGraph, pad: &PadMesh) -> Result<Self> {
         let rounds = |rounds: &[Round], scale: usize| {
             let scale = &graph.scales[scale];
             let one = |round| FastRound::new(round, &scale.features, &scale.edges);
@@ -222,8 +223,8 @@ impl Fast {
             corners: Dense::new(&widened(&network.corners, LAYERS + 1)?)?,
             strain: Dense::new(&widened(&network.strain, 1)?)?,
             stress: Dense::of(&widest(&network.stress.weight)?, &network.stress.bias)?,
-            blocks: graph.gradients.blocks(),
-            tets: tets.iter().map(|tet| tet.map(place)).collect(),
+            elements: PadStress::new(pad, pad.thickness()),
+            tets: pad.mesh.tets.iter().map(|tet| tet.map(place)).collect(),
             graph: graph.clone(),
         })
     }
@@ -322,11 +323,12 @@ impl Fast {
         let Scratch { latent, corners, stresses: [before, after], .. } = scratch;
         self.corners.forward(latent, corners);
         let mut stress = vec![0.0; self.tets.len()];
+        let arranged = [&question.displacement, u].map(|u| self.elements.arranged(u.as_chunks().0));
         vectorised(
             #[inline(always)]
             || {
-                self.blocks.stress(&question.displacement, before);
-                self.blocks.stress(u, after);
+                self.elements.stress(&arranged[0], before);
+                self.elements.stress(&arranged[1], after);
                 self.heads(question, corners, [before, after], &mut stress);
             },
         );
@@ -345,8 +347,9 @@ impl Fast {
         let lanes = self.strain.outputs() / LANES;
         let (corners, weights) = (corners.as_chunks().0, self.strain.weight.as_chunks().0);
         let (biases, outputs) = (self.strain.bias.as_chunks().0, self.stress.weight.as_chunks().0);
-        for (t, tet) in self.tets.iter().enumerate() {
-            let strains = [question.stress[t] * unit, before[t] * unit, after[t] * unit];
+        for ((t, tet), &place) in self.tets.iter().enumerate().zip(self.elements.places()) {
+            let (before, after) = (before[place as usize], after[place as usize]);
+            let strains = [question.stress[t] * unit, before * unit, after * unit];
             let mut says = [0.0_f32; LANES];
             for k in 0..lanes {
                 let mut hidden: [f32; LANES] = biases[k];
@@ -362,7 +365,7 @@ impl Fast {
                 }
             }
             let says = (says.iter().sum::<f32>() + self.stress.bias[0]) * question.amplitude;
-            stress[t] = question.stress[t] + after[t] - before[t] + says;
+            stress[t] = question.stress[t] + after - before + says;
         }
     }
 }
@@ -451,7 +454,7 @@ mod tests {
             strongest: 0.1,
         };
         let answer = network.forward(&Batch::new(&[&question]).unwrap(), &graph).unwrap();
-        let fast = Fast::new(&network, &graph, &pad.mesh.tets).unwrap();
+        let fast = Fast::new(&network, &graph, &pad).unwrap();
         let found = fast.forward(&question, true, &mut Scratch::default());
         let near = |name: &str, plain: &Tensor, own: &[f32]| {
             let plain: Vec<f32> = plain.flatten_all().unwrap().to_vec1().unwrap();

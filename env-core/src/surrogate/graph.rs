@@ -69,7 +69,7 @@ impl PadGraph {
             return Err(Error::invalid("pad mesh", format!("{layers} layers"), expected));
         }
         let vertices = &pad.mesh.vertices;
-        let thickness = -vertices[vertices.len() - 1].z;
+        let thickness = pad.thickness();
         let faces: Vec<[f64; 3]> =
             pad.face.iter().map(|&i| (vertices[i as usize].coords / thickness).into()).collect();
         let (mut size, mut places) = ([across, along], faces.clone());

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     extension::Extension,
     features::Gel,
-    ops::{Blocks, Gradients},
+    ops::{PadStress, Sparse},
 };
 use crate::{
     Result,
@@ -22,7 +22,7 @@ use crate::{
         nodal::{Nodal, Settled},
     },
     deformation::{Deformation, History, Law, Moduli, Press, SoftBody},
-    geometry::{PadMesh, TetMesh, Transfer},
+    geometry::{PadMesh, Transfer},
     sensor::Sensor,
     simd::vectorised,
 };
@@ -63,16 +63,17 @@ enum Solver {
 struct Nodes {
     nodal: Nodal,
     extension: Extension,
-    /// On the fine mesh, made when stress is first asked for.
+    fine: PadMesh,
+    /// Made when stress is first asked for.
     stress: OnceLock<Stress>,
 }
 
-/// Stress of the fine mesh (T) from forces on the face.
+/// Stress from forces on the face.
 struct Stress {
     extension: Extension,
-    tets: Blocks,
-    /// Shear modulus (Pa).
-    shear: f64,
+    elements: PadStress,
+    /// Of each of the fine mesh's tetrahedra in the model mesh's.
+    shares: Sparse,
 }
 
 /// An answer of the linear model, before it is carried to the model mesh.
@@ -111,8 +112,9 @@ impl Linear {
             Contact::Points => Solver::Points(compliance),
             Contact::Nodes => {
                 let nodal = compliance.at_coarse_nodes(&fine, model)?;
-                let extension = Extension::new(&nodal, |u| transfer.interpolate(u));
-                Solver::Nodes(Box::new(Nodes { nodal, extension, stress: OnceLock::new() }))
+                let extension = Extension::new(&nodal, |u| flat(&transfer.interpolate(u)));
+                let stress = OnceLock::new();
+                Solver::Nodes(Box::new(Nodes { nodal, extension, fine, stress }))
             }
         };
         Ok(Self { solver, transfer })
@@ -136,7 +138,7 @@ impl Linear {
     pub(super) fn carry(&self, answer: &Answer, with_stress: bool) -> Carried {
         match (answer, &self.solver) {
             (Answer::Nodes(settled), Solver::Nodes(nodes)) => {
-                let stress = || self.transfer.average(&nodes.von_mises(settled));
+                let stress = || nodes.von_mises(settled, &self.transfer);
                 let displacement = nodes.extension.displacement(&settled.forces);
                 let displacement = displacement.as_chunks::<3>().0.iter();
                 let displacement: Vec<_> = displacement.map(|&u| Vector3::from(u).cast()).collect();
@@ -167,29 +169,43 @@ impl Linear {
 }
 
 impl Nodes {
-    /// Von Mises stress of the fine mesh (T) in Pa.
-    fn von_mises(&self, settled: &Settled) -> Vec<f64> {
-        let Stress { extension, tets, shear } = self.stress.get_or_init(|| {
-            let body = self.nodal.body();
-            let extension = Extension::new(&self.nodal, <[_]>::to_vec);
-            Stress { extension, tets: blocks(body.mesh()), shear: body.moduli()[0].shear() }
-        });
+    /// Von Mises stress of the model mesh in Pa, the mean of the fine mesh's.
+    fn von_mises(&self, settled: &Settled, transfer: &Transfer) -> Vec<f64> {
+        let stress = self.stress.get_or_init(|| Stress::new(self, transfer));
         if settled.forces.is_empty() {
-            return vec![0.0; self.nodal.body().mesh().tets.len()];
+            return vec![0.0; stress.shares.height()];
         }
-        let displacement = extension.displacement(&settled.forces);
-        let mut stress = Vec::new();
+        let displacement = stress.extension.displacement(&settled.forces);
+        let mut fine = Vec::new();
         vectorised(
             #[inline(always)]
-            || tets.stress(&displacement, &mut stress),
+            || stress.elements.stress(&displacement, &mut fine),
         );
-        stress.iter().map(|&s| shear * f64::from(s)).collect()
+        let shear = self.nodal.body().moduli()[0].shear();
+        let mean = |tet: usize| -> f32 {
+            stress.shares.row(tet).map(|(place, share)| fine[place] * share).sum()
+        };
+        (0..stress.shares.height()).map(|tet| shear * f64::from(mean(tet))).collect()
     }
 }
 
-/// The tetrahedra of `mesh`, lengths in m.
-fn blocks(mesh: &TetMesh) -> Blocks {
-    Gradients::new(mesh, 1.0).blocks()
+impl Stress {
+    fn new(nodes: &Nodes, transfer: &Transfer) -> Self {
+        let elements = PadStress::new(&nodes.fine, 1.0);
+        let extension = Extension::new(&nodes.nodal, |u| {
+            let u: Vec<[f64; 3]> = u.iter().map(|&u| u.into()).collect();
+            elements.arranged(&u)
+        });
+        let share = |&(tet, share): &(u32, f64)| (elements.places()[tet as usize], share as f32);
+        let shares: Vec<_> =
+            transfer.parts().map(|parts| parts.iter().map(share).collect()).collect();
+        let shares = Sparse::new(&shares, elements.count());
+        Self { extension, elements, shares }
+    }
+}
+
+fn flat(u: &[Vector3<f64>]) -> Vec<f64> {
+    u.iter().flat_map(|u| [u.x, u.y, u.z]).collect()
 }
 
 impl Answer {
@@ -239,8 +255,9 @@ mod tests {
     #[test]
     fn stress_by_the_matrix_is_that_of_a_solve_on_the_whole_mesh() {
         let (nodes, settled) = pressed();
-        let found = nodes.von_mises(&settled);
-        let solved = nodes.nodal.deformation(settled).unwrap().von_mises;
+        let same = Transfer::new(&nodes.fine.mesh, &nodes.fine.mesh).unwrap();
+        let found = nodes.von_mises(&settled, &same);
+        let solved = same.average(&nodes.nodal.deformation(settled).unwrap().von_mises);
         let most = solved.iter().copied().fold(0.0, f64::max);
         let pairs = found.iter().zip(&solved);
         let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
@@ -254,13 +271,14 @@ mod tests {
     fn presses_that_wait_for_the_matrix_do_not_wait_for_ever() {
         const ROUNDS: usize = 3;
         let (mut nodes, settled) = pressed();
+        let same = Transfer::new(&nodes.fine.mesh, &nodes.fine.mesh).unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().unwrap();
         let (done, is_done) = std::sync::mpsc::channel();
         std::thread::spawn(move || {
             for round in 0..ROUNDS {
                 nodes.stress = OnceLock::new();
                 pool.in_place_scope(|scope| {
-                    let ask = |_: &_| drop(nodes.von_mises(&settled));
+                    let ask = |_: &_| drop(nodes.von_mises(&settled, &same));
                     scope.spawn(ask);
                     // By now the matrix is being made; had it work for idle threads, its maker could be
                     // handed one of these while it waits for them.

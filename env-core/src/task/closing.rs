@@ -19,7 +19,7 @@ pub struct Closing {
 
 impl Default for Closing {
     fn default() -> Self {
-        Self { start_grip: 0.4, least_grip: 0.4, grip_rate: 10.0 }
+        Self { start_grip: 0.2, least_grip: 0.2, grip_rate: 10.0 }
     }
 }
 

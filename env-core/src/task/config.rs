@@ -130,6 +130,7 @@ impl Config {
             Task::GraspLift => {}
             Task::GraspFragile => {
                 config.scene.gripper.max_force = FIRM_GRIP;
+                // The lightest object is tried with 0.5 N, and must be felt on the way there.
                 config.begin_round_the_object(Closing { grip_rate: 5.0, ..Closing::default() });
                 config.mass = [0.05, 0.4];
                 config.friction = [0.3, 1.0];
@@ -154,8 +155,7 @@ impl Config {
                 config.move_gently();
                 config.mass = [0.02, 0.15];
                 config.friction = [0.2, 1.6];
-                config.closing =
-                    Some(Closing { start_grip: 5.0, least_grip: 0.2, ..Closing::default() });
+                config.closing = Some(Closing { start_grip: 5.0, ..Closing::default() });
                 config.holding = Some(Holding::default());
             }
         }

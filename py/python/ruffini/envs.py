@@ -169,7 +169,7 @@ class GraspFragileEnv(NativeEnv):
 
     ## Start
     The object lies in the middle, its narrower side across, half a millimetre from each pad; the
-    grip force is ``start_grip``, 0.4 N, which is also the least. Objects weigh 50 to 400 g,
+    grip force is ``start_grip``, 0.2 N, which is also the least. Objects weigh 50 to 400 g,
     friction is 0.3 to 1.0, size 0.8 to 1.2. The limit comes from a trial with the same object
     before the start: it hangs in a hand that grips with ``spare`` times the least force that holds
     it, m g / 2 μ; its limit is the highest stress there times a number drawn from ``margin``. So

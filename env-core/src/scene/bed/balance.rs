@@ -113,34 +113,32 @@ impl Contact {
     }
 }
 
-/// What the bed exerts at the end of the step.
-pub(super) struct Balance {
-    /// On object (about its centre of mass) and slides (N, N m).
-    pub(super) forces: Motion,
-    /// Of each finger on the object, about its centre of mass, in axes of the world.
-    pub(super) wrenches: [Wrench; 2],
-}
-
 impl Bodies {
-    /// Solves the balance; `contacts` learn the stretch that they are left with.
-    pub(super) fn balance(&self, contacts: &mut [Contact], friction: f64) -> Balance {
+    /// Forces of the bed on object (about its centre of mass) and slides at the end of the step (N,
+    /// N m), if nothing else is met in it.
+    pub(super) fn balance(&self, contacts: &[Contact], friction: f64) -> Motion {
         let mut motion = self.motion;
-        let mut balance = Balance { forces: Motion::zeros(), wrenches: [Wrench::default(); 2] };
+        let (mut forces, mut stiffness) = self.linearised(contacts, &motion, friction);
         for _ in 0..MOST_STEPS {
-            let (forces, stiffness) = self.linearised(contacts, &motion, friction);
             let step = self.newton_step(&motion, &forces, &stiffness);
-            motion += step;
-            balance = self.exerted(contacts, &motion, friction);
             let expected = forces - stiffness * step * (self.time_step + DAMPING);
-            if size(&(balance.forces - expected)) <= CLOSE * size(&expected) {
+            motion += step;
+            (forces, stiffness) = self.linearised(contacts, &motion, friction);
+            if size(&(forces - expected)) <= CLOSE * size(&expected) {
                 break;
             }
         }
-        balance
+        forces
     }
 
-    /// What the bed exerts at the end of a step with this motion, and the stretch that it leaves.
-    fn exerted(&self, contacts: &mut [Contact], motion: &Motion, friction: f64) -> Balance {
+    /// What each finger exerts on the object (N, N m about its centre of mass, in axes of the world) at
+    /// the end of a step with this `motion`; `contacts` learn the stretch that they are left with.
+    pub(super) fn exerted(
+        &self,
+        contacts: &mut [Contact],
+        motion: &Motion,
+        friction: f64,
+    ) -> [Wrench; 2] {
         let mut wrenches = [Wrench::default(); 2];
         for contact in contacts {
             let answer = contact.answer(self, motion, friction);
@@ -150,8 +148,7 @@ impl Bodies {
             wrench.torque += contact.arm.cross(&force);
             contact.left = answer.stretch;
         }
-        let forces = self.loads_of(0, &wrenches[0]) + self.loads_of(1, &wrenches[1]);
-        Balance { forces, wrenches }
+        wrenches
     }
 
     /// A wrench on the object about its centre of mass as forces on the unknowns: the finger bears

@@ -4,7 +4,10 @@
 //! the object, and stick to it until Coulomb's limit ([`law`], [`touch`]). Their forces are those of
 //! the end of a step ([`balance`]), because explicit ones are unstable for any object that a stiff
 //! gel can hold, and act on the object and on the slides as external forces; the wrist bears the
-//! rest. A model that knows better corrects the bed once per control step ([`correction`]).
+//! rest. They are found before the table has its say, so that pads seem to bear a part of an object
+//! that stands on it. What slips is told by how everything moved in the end: bristles that only seem
+//! to be loaded keep their hold. A model that knows better corrects the bed once per control step
+//! ([`correction`]).
 //!
 //! Known limits: a sharp edge is felt only by the bristles it meets, 2.6 mm apart; the gel does not
 //! move sideways, so neighbours of a touch feel nothing of it except through the law's coupling.
@@ -72,6 +75,19 @@ pub(super) struct Step {
     pub(super) wrist: [Isometry3<f64>; 2],
     /// Grip force (N).
     pub(super) grip: f64,
+}
+
+/// What the bed did before a step, for what comes of it.
+pub(super) struct Applied {
+    contacts: Vec<Contact>,
+    /// Corrections of each finger, on the object about its centre of mass.
+    extra: [Wrench; 2],
+    bodies: Bodies,
+    /// Pads in the world, the object in their frames, and its centre of mass (m).
+    poses: [Isometry3<f64>; 2],
+    seen: [Isometry3<f64>; 2],
+    center: Vector3<f64>,
+    base: Twist,
 }
 
 impl Bed {
@@ -149,21 +165,22 @@ impl Bed {
         touches
     }
 
-    /// Applies the bed's forces of one step to object and fingers.
+    /// Applies the bed's forces of one step to object and fingers. After Rapier has taken it, what
+    /// they come to goes to [`Bed::settle`].
     pub(super) fn apply(
-        &mut self,
+        &self,
         world: &mut PhysicsWorld,
         hand: &Hand,
         object: RigidBodyHandle,
         gripper: &Gripper,
         step: &Step,
-    ) {
+    ) -> Applied {
         let poses = hand.fingers.map(|finger| finger.pad_pose(world));
         let seen = poses.map(|pad| pad.inv_mul(&units::si_pose(world.bodies[object].position())));
         let touches = [0, 1].map(|finger| self.touches(finger, &seen[finger]));
         let center = units::si_vector(world.bodies[object].center_of_mass());
-        let mut bodies = bodies(world, hand, object, gripper, step);
         let base = Twist::of(&step.wrist, step.time);
+        let mut bodies = bodies(world, hand, object, gripper, step, &base);
         let mut contacts = Vec::with_capacity(touches[0].len() + touches[1].len());
         let mut extra = [Wrench::default(); 2];
         for (finger, touches) in touches.into_iter().enumerate() {
@@ -172,23 +189,38 @@ impl Bed {
             for touch in touches {
                 let place = (pose * Point3::from(touch.place)).coords;
                 let (arm, gain) = (place - center, pad.correction.gain);
-                let base = base.at(&place);
-                contacts.push(Contact::new(finger, touch, gain, &pose.rotation, arm, base));
+                let rest = base.at(&place);
+                contacts.push(Contact::new(finger, touch, gain, &pose.rotation, arm, rest));
             }
             if touching {
                 extra[finger] = on_object(&pad.correction.at(-pad.wrench.force.z), pose, &center);
                 bodies.loads += bodies.loads_of(finger, &extra[finger]);
             }
         }
-        let balance = bodies.balance(&mut contacts, self.friction);
-        let mut forces = balance.forces;
+        let mut forces = bodies.balance(&contacts, self.friction);
+        for (finger, extra) in extra.iter().enumerate() {
+            forces += bodies.loads_of(finger, extra);
+        }
+        push(world, hand, object, &bodies.axis, &forces);
+        Applied { contacts, extra, bodies, poses, seen, center, base }
+    }
+
+    /// Takes up how object and fingers have moved in the step.
+    pub(super) fn settle(
+        &mut self,
+        world: &PhysicsWorld,
+        hand: &Hand,
+        object: RigidBodyHandle,
+        applied: Applied,
+    ) {
+        let Applied { mut contacts, extra, bodies, poses, seen, center, base } = applied;
+        let motion = motion(world, hand, object, &bodies.axis, &base);
+        let wrenches = bodies.exerted(&mut contacts, &motion, self.friction);
         for finger in 0..2 {
-            forces += bodies.loads_of(finger, &extra[finger]);
-            let wrench = balance.wrenches[finger] + extra[finger];
+            let wrench = wrenches[finger] + extra[finger];
             self.pads[finger].wrench = on_pad(&wrench, &poses[finger], &center);
         }
         self.stick(&contacts, &poses, &seen);
-        push(world, hand, object, &bodies.axis, &forces);
     }
 
     /// Remembers where the bristles stick; a pad that does not touch forgets everything.
@@ -281,34 +313,45 @@ impl Twist {
     }
 }
 
-/// Everything that moves, from Rapier.
+/// How object and slides move against a wrist that moves as `base`.
+fn motion(
+    world: &PhysicsWorld,
+    hand: &Hand,
+    object: RigidBodyHandle,
+    axis: &Vector3<f64>,
+    base: &Twist,
+) -> Motion {
+    let object = &world.bodies[object];
+    let mut motion = Motion::zeros();
+    motion.fixed_rows_mut::<3>(0).copy_from(&units::si_vector(object.linvel()));
+    motion.fixed_rows_mut::<3>(3).copy_from(&units::si_angular(object.angvel()));
+    for (finger, slide) in hand.slides(world).iter().enumerate() {
+        motion[6 + finger] = axis.dot(&(slide.velocity - base.at(&slide.place)));
+    }
+    motion
+}
+
+/// Everything that moves, from Rapier, on a wrist that moves as `base`.
 fn bodies(
     world: &PhysicsWorld,
     hand: &Hand,
     object: RigidBodyHandle,
     gripper: &Gripper,
     step: &Step,
+    base: &Twist,
 ) -> Bodies {
-    let base = Twist::of(&step.wrist, step.time);
     let axis = step.wrist[0].rotation * Vector3::x();
-    let object = &world.bodies[object];
-    let mass = f64::from(object.mass());
-    let drive = hand.slides(world, gripper, step.grip);
-    let mut motion = Motion::zeros();
-    motion.fixed_rows_mut::<3>(0).copy_from(&units::si_vector(object.linvel()));
-    motion.fixed_rows_mut::<3>(3).copy_from(&units::si_angular(object.angvel()));
+    let mass = f64::from(world.bodies[object].mass());
     let mut loads = Motion::zeros();
     loads.fixed_rows_mut::<3>(0).copy_from(&step.force);
     loads[2] -= mass * step.gravity;
-    for (finger, slide) in drive.iter().enumerate() {
-        motion[6 + finger] = axis.dot(&(slide.velocity - base.at(&slide.place)));
-        loads[6 + finger] = slide.force;
-    }
+    let drives = hand.drives(world, gripper, step.grip);
+    loads.fixed_rows_mut::<2>(6).copy_from_slice(&drives);
     Bodies {
         time_step: step.time,
         mass,
-        inertia: inertia(object.mass_properties()),
-        motion,
+        inertia: inertia(world.bodies[object].mass_properties()),
+        motion: motion(world, hand, object, &axis, base),
         loads,
         axis,
         finger_mass: gripper.finger_mass,

@@ -14,6 +14,7 @@ mod affine;
 mod ends;
 mod layer_norm;
 mod messages;
+mod pad_stress;
 mod sparse;
 mod von_mises;
 
@@ -21,8 +22,9 @@ pub(super) use affine::affine;
 pub(super) use ends::ends;
 pub(super) use layer_norm::{layer_norm, moments};
 pub(super) use messages::{Edges, hear, messages};
+pub(super) use pad_stress::PadStress;
 pub(super) use sparse::{Sparse, sparse};
-pub(super) use von_mises::{Blocks, Gradients, von_mises};
+pub(super) use von_mises::{Gradients, von_mises};
 
 use candle_core::{CpuStorage, Layout, Result, Storage, Tensor, bail};
 

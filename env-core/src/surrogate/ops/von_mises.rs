@@ -13,9 +13,9 @@ use super::{numbers, with_numbers};
 use crate::geometry::TetMesh;
 
 /// Smallest J that stress is computed with: flatter tetrahedra count as this flat.
-const FLATTEST: f32 = 0.1;
+pub(super) const FLATTEST: f32 = 0.1;
 /// Added to the squared stress, so that its root has a derivative everywhere.
-const EPSILON: f32 = 1e-10;
+pub(super) const EPSILON: f32 = 1e-10;
 
 /// Tetrahedra and the gradients of their shape functions.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,7 +23,7 @@ pub(in super::super) struct Gradients {
     nodes: usize,
     tets: Vec<[u32; 4]>,
     /// ∇N of the last three corners; that of the first is minus their sum.
-    slopes: Vec<Matrix3<f32>>,
+    pub(super) slopes: Vec<Matrix3<f32>>,
 }
 
 impl Gradients {
@@ -64,114 +64,6 @@ impl Gradients {
             }
         }
     }
-}
-
-/// Tetrahedra that are computed together.
-const LANES: usize = 16;
-/// A number for each of them.
-type Lanes = [f32; LANES];
-
-/// The same tetrahedra in blocks, their numbers side by side, without derivatives.
-#[derive(Clone, Debug)]
-pub(in super::super) struct Blocks {
-    tets: usize,
-    /// Places of the corners' displacements, by corner.
-    corners: Vec<[[u32; LANES]; 4]>,
-    /// Gradients by row and column.
-    gradients: Vec<[[Lanes; 3]; 3]>,
-}
-
-impl Gradients {
-    pub(in super::super) fn blocks(&self) -> Blocks {
-        let pairs = self.tets.chunks(LANES).zip(self.slopes.chunks(LANES));
-        let (corners, gradients) = pairs
-            .map(|(tets, gradients)| {
-                let lane = |i: usize| i.min(tets.len() - 1);
-                let corner = |c: usize| std::array::from_fn(|i| 3 * tets[lane(i)][c]);
-                let entry = |r, c| std::array::from_fn(|i| gradients[lane(i)][(r, c)]);
-                let rows = |r| std::array::from_fn(|c| entry(r, c));
-                (std::array::from_fn(corner), std::array::from_fn(rows))
-            })
-            .unzip();
-        Blocks { tets: self.tets.len(), corners, gradients }
-    }
-}
-
-impl Blocks {
-    /// As [`Gradients::stress`], into `stress`.
-    #[inline(always)]
-    pub(in super::super) fn stress(&self, u: &[f32], stress: &mut Vec<f32>) {
-        stress.clear();
-        // What is written number by number cannot be read as a vector at once: a batch is gathered
-        // before the first of its blocks is read.
-        let mut gathered = [[[[0.0; LANES]; 3]; 3]; BATCH];
-        let batches = self.corners.chunks(BATCH).zip(self.gradients.chunks(BATCH));
-        for (corners, gradients) in batches {
-            for (corners, edges) in corners.iter().zip(&mut gathered) {
-                gather(u, corners, edges);
-            }
-            for (edges, gradients) in gathered.iter().zip(gradients) {
-                stress.extend(block(edges, gradients));
-            }
-        }
-        stress.truncate(self.tets);
-    }
-}
-
-/// Blocks that are gathered together.
-const BATCH: usize = 8;
-
-#[inline(always)]
-fn lanes(f: impl Fn(usize) -> f32) -> Lanes {
-    let mut lanes = [0.0; LANES];
-    for (i, lane) in lanes.iter_mut().enumerate() {
-        *lane = f(i);
-    }
-    lanes
-}
-
-/// Displacement of the last three corners from the first, by corner and axis.
-#[inline(always)]
-fn gather(u: &[f32], corners: &[[u32; LANES]; 4], edges: &mut [[Lanes; 3]; 3]) {
-    for i in 0..LANES {
-        let first = &u[corners[0][i] as usize..][..3];
-        for (c, edge) in edges.iter_mut().enumerate() {
-            let corner = &u[corners[c + 1][i] as usize..][..3];
-            for (axis, edge) in edge.iter_mut().enumerate() {
-                edge[i] = corner[axis] - first[axis];
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn block(edges: &[[Lanes; 3]; 3], gradients: &[[Lanes; 3]; 3]) -> Lanes {
-    let mut f = [[[0.0; LANES]; 3]; 3];
-    for (r, row) in f.iter_mut().enumerate() {
-        for (c, entry) in row.iter_mut().enumerate() {
-            let own = if r == c { 1.0 } else { 0.0 };
-            *entry = lanes(|i| {
-                own + edges[0][r][i] * gradients[0][c][i]
-                    + edges[1][r][i] * gradients[1][c][i]
-                    + edges[2][r][i] * gradients[2][c][i]
-            });
-        }
-    }
-    let [[a, b, c], [d, e, g], [h, k, l]] = &f;
-    lanes(|i| {
-        let j = a[i] * (e[i] * l[i] - g[i] * k[i]) - b[i] * (d[i] * l[i] - g[i] * h[i])
-            + c[i] * (d[i] * k[i] - e[i] * h[i]);
-        let xx = a[i] * a[i] + b[i] * b[i] + c[i] * c[i];
-        let yy = d[i] * d[i] + e[i] * e[i] + g[i] * g[i];
-        let zz = h[i] * h[i] + k[i] * k[i] + l[i] * l[i];
-        let xy = a[i] * d[i] + b[i] * e[i] + c[i] * g[i];
-        let xz = a[i] * h[i] + b[i] * k[i] + c[i] * l[i];
-        let yz = d[i] * h[i] + e[i] * k[i] + g[i] * l[i];
-        let third = (xx + yy + zz) / 3.0;
-        let diagonal = (xx - third).powi(2) + (yy - third).powi(2) + (zz - third).powi(2);
-        let square = diagonal + 2.0 * (xy * xy + xz * xz + yz * yz);
-        (1.5 * square + EPSILON).sqrt() / j.max(FLATTEST)
-    })
 }
 
 fn deviator(f: &Matrix3<f32>) -> Matrix3<f32> {
