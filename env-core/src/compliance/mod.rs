@@ -38,7 +38,8 @@ use crate::{
 };
 
 use condensed::Condensed;
-use walk::{Scratch, Settings, Walk};
+pub(crate) use walk::Scratch;
+use walk::{Settings, Walk};
 
 /// How a [`Compliance`] computes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -111,6 +112,23 @@ impl Compliance {
     /// residual, and so without the error that a tetrahedron is turned inside out.
     pub fn moved(&self, presses: &[Press]) -> Vec<Result<Moved>> {
         self.each(presses, |walk| Ok(walk.moved()))
+    }
+
+    /// The last frame of `press`; its residual is 0 unless it is wanted.
+    pub(crate) fn last(
+        &self,
+        press: &Press,
+        with_residual: bool,
+        scratch: &mut Scratch,
+    ) -> Result<Deformation> {
+        let condensed = self.condensed.suited(press)?;
+        let walk = Walk::new(&condensed, self.settings_of(press), scratch, press)?;
+        walk.last(press, |walk| if with_residual { walk.report() } else { walk.stressed() })
+    }
+
+    /// Memory for [`Compliance::last`], for one press after the other.
+    pub(crate) fn scratch(&self) -> Scratch {
+        Scratch::new(&self.condensed)
     }
 
     fn every<T>(&self, press: &Press, report: impl Fn(&mut Walk) -> Result<T>) -> Vec<Result<T>> {

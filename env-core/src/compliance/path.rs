@@ -142,25 +142,32 @@ impl Walk<'_> {
         }
     }
 
+    /// The current state, seen from outside, without residual.
+    pub(super) fn stressed(&mut self) -> Result<Deformation> {
+        let start = Instant::now();
+        let answer = self.unstressed();
+        let von_mises = self.condensed.rest.von_mises(&answer.displacement);
+        if !von_mises.iter().all(|stress| stress.is_finite()) {
+            return Err(Error::Inverted);
+        }
+        let seconds = self.seconds + start.elapsed().as_secs_f64();
+        Ok(Deformation { von_mises, seconds, ..answer })
+    }
+
     /// The current state, seen from outside.
     pub(super) fn report(&mut self) -> Result<Deformation> {
         let start = Instant::now();
-        let Moved { contact_force, wrench, history, iterations } = self.moved();
+        let answer = self.unstressed();
         let rest = &self.condensed.rest;
-        let elastic = rest.elastic_force(&history.displacement, &mut self.scratch.workspace);
+        let elastic = rest.elastic_force(&answer.displacement, &mut self.scratch.workspace);
         let mut left = elastic.ok_or(Error::Inverted)?;
-        left.iter_mut().zip(&contact_force).for_each(|(left, force)| *left -= force);
+        left.iter_mut().zip(&answer.contact_force).for_each(|(left, force)| *left -= force);
         rest.release(&mut left);
         Ok(Deformation {
-            displacement: history.displacement.clone(),
-            von_mises: rest.von_mises(&history.displacement),
-            contact_force,
-            wrench,
-            poses: history.poses.clone(),
-            history,
-            iterations,
+            von_mises: rest.von_mises(&answer.displacement),
             residual: norm(&left),
             seconds: self.seconds + start.elapsed().as_secs_f64(),
+            ..answer
         })
     }
 }

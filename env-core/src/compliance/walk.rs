@@ -40,7 +40,7 @@ pub(super) struct Settings {
 }
 
 /// Memory that one thread uses for one press after the other.
-pub(super) struct Scratch {
+pub(crate) struct Scratch {
     pub(super) workspace: Workspace,
     newton: Newton,
 }

@@ -39,7 +39,8 @@ pub(super) fn answers_of_objects(
 ) -> Vec<Answer> {
     let one = |(&row, press): (&usize, &Press)| {
         let mut model = objects[row].ok_or(Error::Panicked)?.model().clone();
-        let solve = || model.solve(std::slice::from_ref(press)).pop();
+        let wanted = Wanted { stress: true, ..Wanted::default() };
+        let solve = || model.feel(std::slice::from_ref(press), wanted).pop();
         catch_unwind(AssertUnwindSafe(solve)).ok().flatten().unwrap_or(Err(Error::Panicked))
     };
     let ask = |rows: &[usize], presses: &[Press]| rows.par_iter().zip(presses).map(one).collect();

@@ -26,7 +26,8 @@ pub(super) trait Solid: Send + Sync {
     /// `layout` says where its parts go.
     fn assemble(&self, strain: &Strain, layout: &Layout, matrix: &mut Matrix, filtered: bool);
 
-    /// Von Mises stress, volume average over each tetrahedron (T) in Pa.
+    /// Von Mises stress, volume average over each tetrahedron (T) in Pa; not a number where one is
+    /// turned inside out.
     fn von_mises(&self, displacement: &[Vector3<f64>]) -> Vec<f64>;
 
     /// Sets of nodes that are coupled.
@@ -120,7 +121,8 @@ impl<const M: usize> Solid for Cells<M> {
         for (cell, material) in self.all.iter().zip(&self.materials) {
             for (k, point) in cell.points.iter().enumerate() {
                 let f = cell.deformation_gradient(k, displacement);
-                sum[point.tet as usize] += point.volume * material.von_mises(&f);
+                let stress = if material.admits(&f) { material.von_mises(&f) } else { f64::NAN };
+                sum[point.tet as usize] += point.volume * stress;
                 volume[point.tet as usize] += point.volume;
             }
         }

@@ -26,9 +26,11 @@ mod parameters;
 mod run;
 mod samples;
 pub mod soft;
+mod stress_head;
 #[cfg(test)]
 mod tests;
 mod train;
+mod trunk;
 mod weights;
 
 pub use answer::Surrogate;

@@ -1,17 +1,26 @@
 //! The network as an answerer of squeezes.
 
-use std::{path::Path, sync::Arc, time::Instant};
+use std::{
+    path::Path,
+    sync::{Arc, Mutex, PoisonError},
+    time::Instant,
+};
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{
-    graph::ObjectGraph, grip::Grip, linear::Linear, network::Soft, question::Question,
+    fast::{Fast, Scratch},
+    graph::ObjectGraph,
+    grip::Grip,
+    linear::Linear,
+    network::Soft,
+    question::Question,
     study::SoftCard,
 };
 use crate::{
-    Error, Result,
-    deformation::{Deformation, DeformationModel, Law, Moduli, Press, SoftBody, Wrench},
+    Error, Result, compliance,
+    deformation::{Deformation, DeformationModel, Law, Moduli, Press, SoftBody, Wanted, Wrench},
     geometry::Shape,
     objects::tets_within,
     surrogate::{features::Gel, weights},
@@ -26,11 +35,19 @@ pub struct SoftSurrogate(Arc<Trained>);
 
 struct Trained {
     card: SoftCard,
-    network: Soft,
+    network: Fast,
     graph: ObjectGraph,
     unit: Gel,
     linear: Linear,
     body: SoftBody,
+    /// Memory of presses that are done: to get it anew for each takes as long as the network.
+    spare: Mutex<Vec<Memory>>,
+}
+
+/// What one press needs at a time.
+struct Memory {
+    linear: compliance::Scratch,
+    network: Scratch,
 }
 
 /// Weights that are known by name.
@@ -66,11 +83,13 @@ impl SoftSurrogate {
         let network = Soft::new(&card.study.network, &parameters.builder())?;
         let mesh = tets_within(shape, card.model_nodes)?;
         let graph = ObjectGraph::new(&mesh);
+        let network = Fast::new(&network, &graph, &mesh)?;
         let unit = Gel { moduli, friction, thickness: graph.length };
         let fine = tets_within(shape, card.linear_nodes)?;
         let linear = Linear::new(fine, &mesh, moduli, friction)?;
         let body = SoftBody::new(mesh, Law::default(), moduli, &[])?;
-        Ok(Self(Arc::new(Trained { card, network, graph, unit, linear, body })))
+        let spare = Mutex::default();
+        Ok(Self(Arc::new(Trained { card, network, graph, unit, linear, body, spare })))
     }
 
     /// What the weights are.
@@ -89,8 +108,9 @@ impl SoftSurrogate {
             Ok(half) => half,
             Err(error) => return vec![Err(error)],
         };
+        let mut scratch = Scratch::default();
         let answers = self.0.linear.path(press).into_iter();
-        answers.map(|linear| self.0.correct(press, &half, linear?)).collect()
+        answers.map(|linear| Ok(self.0.correct(press, &half, linear?, &mut scratch))).collect()
     }
 
     /// Whether an answer with that displacement (V, 3) in m is like what the network has learnt from.
@@ -113,42 +133,52 @@ impl SoftSurrogate {
 }
 
 impl Trained {
+    /// What `work` does with memory that is kept for the next.
+    fn with_memory<T>(&self, work: impl FnOnce(&mut Memory) -> T) -> T {
+        let spare = || self.spare.lock().unwrap_or_else(PoisonError::into_inner);
+        let kept = spare().pop();
+        let new = || Memory { linear: self.linear.scratch(), network: Scratch::default() };
+        let mut memory = kept.unwrap_or_else(new);
+        let done = work(&mut memory);
+        spare().push(memory);
+        done
+    }
+
     /// What the network makes of the linear answer.
     fn correct(
         &self,
         press: &Press,
         half: &Vector3<f64>,
         linear: Deformation,
-    ) -> Result<Deformation> {
+        scratch: &mut Scratch,
+    ) -> Deformation {
         let start = Instant::now();
         let friction = press.friction().unwrap_or(self.unit.friction);
         let unit = Gel { friction, ..self.unit };
         let grip = Grip::of(half, &linear.poses);
         let question = Question::new(&self.graph, &unit, &grip, &linear);
         if question.amplitude == 0.0 {
-            return Ok(linear);
+            return linear;
         }
-        let says = self.network.forward(&question, &self.graph, &Vector3::repeat(1.0))?;
-        let vectors = |field: candle_core::Tensor, unit: f64| -> Result<Vec<Vector3<f64>>> {
-            let numbers: Vec<f32> = field.flatten_all()?.to_vec1()?;
+        let says = self.network.forward(&question, &self.graph, scratch);
+        let vectors = |field: &[f32], unit: f64| -> Vec<Vector3<f64>> {
             let vector = |&v: &[f32; 3]| Vector3::from(v).cast::<f64>() * unit;
-            Ok(numbers.as_chunks::<3>().0.iter().map(vector).collect())
+            field.as_chunks::<3>().0.iter().map(vector).collect()
         };
-        let displacement = vectors(says.displacement, unit.thickness)?;
-        let contact_force = vectors(says.forces, unit.force())?;
-        let stress: Vec<f32> = says.stress.flatten_all()?.to_vec1()?;
+        let displacement = vectors(&says.displacement, unit.thickness);
+        let contact_force = vectors(&says.forces, unit.force());
         let shear = unit.moduli.shear();
         let mut wrench = Wrench::default();
         let places = self.graph.places.iter().zip(&displacement).map(|(p, u)| p + u);
         places.zip(&contact_force).for_each(|(place, f)| add(&mut wrench, &place, f));
-        Ok(Deformation {
+        Deformation {
             displacement,
             contact_force,
-            von_mises: stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
+            von_mises: says.stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
             wrench,
             seconds: linear.seconds + start.elapsed().as_secs_f64(),
             ..linear
-        })
+        }
     }
 }
 
@@ -160,11 +190,18 @@ fn add(wrench: &mut Wrench, place: &Point3<f64>, force: &Vector3<f64>) {
 impl DeformationModel for SoftSurrogate {
     /// Presses are solved in parallel, each on one thread; the frames before the last are not corrected.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
+        self.feel(presses, Wanted { stress: true, residual: true })
+    }
+
+    /// Stress is told in any case.
+    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let model = &*self.0;
         let last = |press: &Press| {
             let half = Grip::half_extents(press)?;
-            let linear = model.linear.path(press).pop().expect("a press has a frame")?;
-            model.correct(press, &half, linear)
+            model.with_memory(|Memory { linear, network }| {
+                let linear = model.linear.last(press, wanted.residual, linear)?;
+                Ok(model.correct(press, &half, linear, network))
+            })
         };
         presses.par_iter().map(last).collect()
     }

@@ -12,13 +12,12 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::{
     geometry::TetMesh,
-    surrogate::ops::{Edges, Gradients, Sparse},
+    surrogate::{
+        graph::SCALES,
+        ops::{Edges, Gradients, Sparse},
+    },
 };
 
-/// Scales.
-pub(super) const SCALES: usize = 3;
-/// The way from sender to receiver, its length.
-pub(super) const EDGE_FEATURES: usize = 4;
 /// Nodes of a scale for each of the next coarser one.
 const COARSER: usize = 5;
 /// Nodes that one of a coarse scale hears.
@@ -52,7 +51,7 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// Features of the edges (E, EDGE_FEATURES), seen in a frame.
+    /// Features of the edges (E, 4), seen in a frame.
     pub(super) fn features(&self, turn: &Matrix3<f64>) -> Vec<f32> {
         let row = |way: &Vector3<f64>| {
             let seen = turn * way;

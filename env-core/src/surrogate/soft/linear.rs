@@ -4,7 +4,7 @@
 
 use crate::{
     Result,
-    compliance::{Compliance, Options},
+    compliance::{Compliance, Options, Scratch},
     deformation::{Deformation, Law, Moduli, Press, SoftBody},
     geometry::{TetMesh, Transfer},
 };
@@ -33,6 +33,22 @@ impl Linear {
     pub(super) fn path(&self, press: &Press) -> Vec<Result<Deformation>> {
         let answers = self.compliance.solve_path(press).into_iter();
         answers.map(|answer| answer.map(|fine| self.carry(fine))).collect()
+    }
+
+    /// The answer at the end of `press`; its residual is 0 unless it is wanted.
+    pub(super) fn last(
+        &self,
+        press: &Press,
+        with_residual: bool,
+        scratch: &mut Scratch,
+    ) -> Result<Deformation> {
+        let fine = self.compliance.last(press, with_residual, scratch)?;
+        Ok(self.carry(fine))
+    }
+
+    /// Memory for [`Linear::last`].
+    pub(super) fn scratch(&self) -> Scratch {
+        self.compliance.scratch()
     }
 
     fn carry(&self, fine: Deformation) -> Deformation {

@@ -7,6 +7,7 @@
 //! only as a graph ([`graph`]): another object is another graph and not another network.
 
 mod answer;
+mod fast;
 mod graph;
 mod grip;
 mod linear;

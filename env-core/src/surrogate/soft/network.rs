@@ -13,10 +13,11 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    graph::{EDGE_FEATURES, ObjectGraph, SCALES},
+    graph::ObjectGraph,
     question::{FEATURES, Question},
 };
 use crate::surrogate::{
+    graph::{EDGE_FEATURES, SCALES},
     layers::{Affine, Mlp, Norm, Round},
     ops::{sparse, von_mises},
 };
@@ -43,20 +44,19 @@ impl Default for SoftConfig {
 
 /// The network.
 pub(super) struct Soft {
-    encoder: Mlp,
-    down: [Vec<Round>; SCALES],
-    up: [Vec<Round>; SCALES - 1],
+    pub(super) encoder: Mlp,
+    pub(super) down: [Vec<Round>; SCALES],
+    pub(super) up: [Vec<Round>; SCALES - 1],
     /// To each coarser scale.
-    lower: [Affine; SCALES - 1],
+    pub(super) lower: [Affine; SCALES - 1],
     /// Back from it.
-    raise: [Affine; SCALES - 1],
-    global: Mlp,
-    norm: Norm,
-    first: Affine,
-    second: Affine,
-    corners: Affine,
-    strain: Affine,
-    stress: Affine,
+    pub(super) raise: [Affine; SCALES - 1],
+    pub(super) global: Mlp,
+    pub(super) norm: Norm,
+    pub(super) nodes: Mlp,
+    pub(super) corners: Affine,
+    pub(super) strain: Affine,
+    pub(super) stress: Affine,
 }
 
 /// What the network says, in the units of [`Question`] and the object's frame.
@@ -92,8 +92,10 @@ impl Soft {
             raise: [link("raise", 0)?, link("raise", 1)?],
             global: Mlp::new([width, width, width], &vb.pp("global"))?,
             norm: Norm::new(width, &vb.pp("norm"))?,
-            first: Affine::new(width, width, &vb.pp("nodes.first"))?,
-            second: Affine::zero(width, 6, &vb.pp("nodes.second"))?,
+            nodes: Mlp {
+                first: Affine::new(width, width, &vb.pp("nodes.first"))?,
+                second: Affine::zero(width, 6, &vb.pp("nodes.second"))?,
+            },
             corners: Affine::new(width, corner, &vb.pp("corners"))?,
             strain: Affine::new(3, corner, &vb.pp("strain"))?,
             stress: Affine::zero(corner, 1, &vb.pp("stress"))?,
@@ -109,7 +111,7 @@ impl Soft {
     ) -> Result<Answer> {
         let nodes = question.gates.len();
         let latent = self.latent(question, graph, signs)?;
-        let says = self.second.forward(&self.first.forward_relu(&latent)?)?;
+        let says = self.nodes.forward(&latent)?;
         // Back from the mirrored frame of the grip: v = Rᵀ S w, of rows w S R.
         let turn = nalgebra::Matrix3::from_diagonal(signs) * question.turn;
         let rows: Vec<f32> = turn.transpose().iter().map(|&x| x as f32).collect();
@@ -188,7 +190,7 @@ impl Soft {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion};
 
     use super::{
@@ -207,7 +209,9 @@ mod tests {
 
     /// A ball of 2 cm squeezed by 1 mm from either side, everything turned by `turn`: its graph, and
     /// what it asks.
-    fn squeezed(turn: &UnitQuaternion<f64>) -> (ObjectGraph, Question) {
+    pub(in super::super) fn squeezed(
+        turn: &UnitQuaternion<f64>,
+    ) -> (TetMesh, ObjectGraph, Question) {
         let mut mesh = tets_within(&Shape::Sphere { radius: 0.02 }, 150).unwrap();
         // No two distances are equal, or coarse scales would depend on rounding.
         for (i, place) in mesh.vertices.iter_mut().enumerate() {
@@ -236,11 +240,11 @@ mod tests {
         let unit = Gel { moduli: MODULI, friction: 0.8, thickness: graph.length };
         let grip = Grip::of(&half, &answer.poses);
         let question = Question::new(&graph, &unit, &grip, &answer);
-        (graph, question)
+        (mesh, graph, question)
     }
 
     /// A network that says something.
-    fn network() -> (Parameters, Soft) {
+    pub(in super::super) fn network() -> (Parameters, Soft) {
         let parameters = Parameters::drawn(3);
         let network = Soft::new(&SoftConfig::default(), &parameters.builder()).unwrap();
         for (name, variable) in parameters.all() {
@@ -251,17 +255,17 @@ mod tests {
         (parameters, network)
     }
 
-    fn still() -> Vector3<f64> {
+    pub(in super::super) fn still() -> Vector3<f64> {
         Vector3::repeat(1.0)
     }
 
-    fn numbers(tensor: &Tensor) -> Vec<f32> {
+    pub(in super::super) fn numbers(tensor: &Tensor) -> Vec<f32> {
         tensor.flatten_all().unwrap().to_vec1().unwrap()
     }
 
     #[test]
     fn every_parameter_receives_a_gradient() {
-        let ((graph, question), (parameters, network)) =
+        let ((_, graph, question), (parameters, network)) =
             (squeezed(&UnitQuaternion::identity()), network());
         let answer = network.forward(&question, &graph, &Vector3::new(-1.0, 1.0, 1.0)).unwrap();
         let sums = [&answer.displacement, &answer.forces, &answer.stress]
@@ -279,7 +283,7 @@ mod tests {
     fn an_answer_turns_with_object_and_grip() {
         let turn = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.0);
         let (_, network) = network();
-        let [(graph, here), (turned, there)] =
+        let [(_, graph, here), (_, turned, there)] =
             [UnitQuaternion::identity(), turn].map(|t| squeezed(&t));
         let here = network.forward(&here, &graph, &still()).unwrap();
         let there = network.forward(&there, &turned, &still()).unwrap();
@@ -299,7 +303,8 @@ mod tests {
 
     #[test]
     fn forces_are_in_balance_and_squeeze_with_what_is_said() {
-        let ((graph, question), (_, network)) = (squeezed(&UnitQuaternion::identity()), network());
+        let ((_, graph, question), (_, network)) =
+            (squeezed(&UnitQuaternion::identity()), network());
         let answer = network.forward(&question, &graph, &still()).unwrap();
         let forces = numbers(&answer.forces);
         let sum = forces

@@ -1,0 +1,306 @@
+//! What the fast paths of all networks have in common: message passing in three scales without Candle.
+//!
+//! The same numbers as Candle's layers, on one thread, in buffers that are kept. What depends on the
+//! weights alone is done once: layers that read the same rows are laid side by side, and where a graph
+//! is always seen in one frame, so are the edge parts of messages. Kernels are compiled for the processor
+//! that runs them.
+//!
+//! Shapes: N nodes of a scale, E directed edges, H latent width.
+
+#![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
+
+use std::sync::Arc;
+
+use candle_core::{Result, Tensor};
+use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul};
+
+use super::{
+    graph::SCALES,
+    layers::{Affine, Mlp, Norm, Round},
+    ops::{Edges, Sparse, hear, moments},
+};
+use crate::simd::vectorised;
+
+/// The layers of a network that leads from features of nodes to their latent rows.
+pub(super) struct Layers<'a> {
+    pub(super) encoder: &'a Mlp,
+    /// Rounds at each scale on the way down, the finest first, and on the way up.
+    pub(super) down: &'a [Vec<Round>; SCALES],
+    pub(super) up: &'a [Vec<Round>; SCALES - 1],
+    /// To each coarser scale, and back.
+    pub(super) lower: &'a [Affine; SCALES - 1],
+    pub(super) raise: &'a [Affine; SCALES - 1],
+    pub(super) global: &'a Mlp,
+    pub(super) norm: &'a Norm,
+}
+
+/// A scale of a graph.
+pub(super) struct Level {
+    pub(super) edges: Arc<Edges>,
+    /// Features of the edges (E, F), if they are always the same.
+    pub(super) features: Option<Tensor>,
+    /// To this scale from the next coarser one, and back; none at the coarsest.
+    pub(super) links: Option<[Arc<Sparse>; 2]>,
+}
+
+/// The layers on one graph.
+pub(super) struct Trunk {
+    encoder: [Dense; 2],
+    down: [Vec<FastRound>; SCALES],
+    up: [Vec<FastRound>; SCALES - 1],
+    lower: [Dense; SCALES - 1],
+    raise: [Dense; SCALES - 1],
+    global: [Dense; 2],
+    norm: [Vec<f32>; 2],
+    links: [[Arc<Sparse>; 2]; SCALES - 1],
+}
+
+/// Buffers of a forward pass.
+#[derive(Default)]
+pub(super) struct Scratch {
+    scales: [Buffers; SCALES],
+    latent: Vec<f32>,
+    spare: [Vec<f32>; 2],
+}
+
+/// Buffers of one scale (N, …).
+#[derive(Default)]
+struct Buffers {
+    v: Vec<f32>,
+    normal: Vec<f32>,
+    /// Sender's and receiver's part of messages, and the update's own part.
+    parts: Vec<f32>,
+    ends: Vec<f32>,
+    edges: Vec<f32>,
+    heard: Vec<f32>,
+    hidden: Vec<f32>,
+}
+
+/// x W + b for row-major W (K, M).
+pub(super) struct Dense {
+    pub(super) weight: Vec<f32>,
+    pub(super) bias: Vec<f32>,
+    inputs: usize,
+}
+
+/// A round of message passing.
+struct FastRound {
+    norm: [Vec<f32>; 2],
+    /// From a normalised row to both ends of messages and to the update.
+    fan: Dense,
+    /// From what is heard to the update.
+    heard: Dense,
+    update: Dense,
+    edges: EdgeParts,
+    graph: Arc<Edges>,
+}
+
+/// What edges add to messages (E, H).
+enum EdgeParts {
+    Known(Vec<f32>),
+    /// From the features of the edges.
+    Of(Dense),
+}
+
+impl Dense {
+    pub(super) fn new(layer: &Affine) -> Result<Self> {
+        Self::of(&layer.weight, &layer.bias)
+    }
+
+    /// From a weight (M, K).
+    pub(super) fn of(weight: &Tensor, bias: &Tensor) -> Result<Self> {
+        let inputs = weight.dim(1)?;
+        let weight = weight.t()?.contiguous()?.flatten_all()?.to_vec1()?;
+        Ok(Self { weight, bias: bias.to_vec1()?, inputs })
+    }
+
+    pub(super) fn pair(mlp: &Mlp) -> Result<[Self; 2]> {
+        Ok([Self::new(&mlp.first)?, Self::new(&mlp.second)?])
+    }
+
+    pub(super) fn outputs(&self) -> usize {
+        self.bias.len()
+    }
+
+    /// `y` (N, M) becomes x W + b.
+    pub(super) fn forward(&self, x: &[f32], y: &mut Vec<f32>) {
+        let rows = x.len() / self.inputs;
+        y.clear();
+        (0..rows).for_each(|_| y.extend_from_slice(&self.bias));
+        self.add(x, y);
+    }
+
+    /// Adds x W to `y` (N, M).
+    fn add(&self, x: &[f32], y: &mut [f32]) {
+        let (rows, outputs) = (x.len() / self.inputs, self.outputs());
+        let x = MatRef::from_row_major_slice(x, rows, self.inputs);
+        let weight = MatRef::from_row_major_slice(&self.weight, self.inputs, outputs);
+        let y = MatMut::from_row_major_slice_mut(y, rows, outputs);
+        matmul(y, Accum::Add, x, weight, 1.0, Par::Seq);
+    }
+}
+
+impl FastRound {
+    fn new(round: &Round, level: &Level) -> Result<Self> {
+        let Round { norm, ends, edges, update } = round;
+        let width = norm.scale.dim(0)?;
+        let first = &update.first;
+        let own = first.weight.narrow(1, 0, width)?;
+        let rest = first.weight.narrow(1, width, width)?;
+        let fan = Tensor::cat(&[&ends.weight, &own], 0)?;
+        let bias = Tensor::cat(&[&ends.bias, &first.bias], 0)?;
+        let none = first.bias.zeros_like()?;
+        Ok(Self {
+            norm: vectors(norm)?,
+            fan: Dense::of(&fan, &bias)?,
+            heard: Dense::of(&rest, &none)?,
+            update: Dense::new(&update.second)?,
+            edges: match &level.features {
+                Some(features) => {
+                    EdgeParts::Known(edges.forward(features)?.flatten_all()?.to_vec1()?)
+                }
+                None => EdgeParts::Of(Dense::new(edges)?),
+            },
+            graph: Arc::clone(&level.edges),
+        })
+    }
+
+    /// A round on `buffers.v`, with the `features` of the edges where they differ from press to press.
+    fn run(&self, features: &[f32], buffers: &mut Buffers) {
+        let width = self.update.outputs();
+        let Buffers { v, normal, parts, ends, edges, heard, hidden } = buffers;
+        normal.clear();
+        normal.extend_from_slice(v);
+        vectorised(
+            #[inline(always)]
+            || normalise(normal, &self.norm),
+        );
+        self.fan.forward(normal, parts);
+        ends.clear();
+        hidden.clear();
+        for row in parts.chunks_exact(3 * width) {
+            ends.extend_from_slice(&row[..2 * width]);
+            hidden.extend_from_slice(&row[2 * width..]);
+        }
+        let edges = match &self.edges {
+            EdgeParts::Known(parts) => parts,
+            EdgeParts::Of(layer) => {
+                layer.forward(features, edges);
+                edges
+            }
+        };
+        heard.clear();
+        heard.resize(v.len(), 0.0);
+        vectorised(
+            #[inline(always)]
+            || hear(&self.graph, ends, edges, width, heard),
+        );
+        self.heard.add(heard, hidden);
+        relu(hidden);
+        self.update.forward(hidden, parts);
+        v.iter_mut().zip(&*parts).for_each(|(v, more)| *v += more);
+    }
+}
+
+fn vectors(norm: &Norm) -> Result<[Vec<f32>; 2]> {
+    Ok([norm.scale.to_vec1()?, norm.shift.to_vec1()?])
+}
+
+#[inline(always)]
+fn normalise(rows: &mut [f32], [scale, shift]: &[Vec<f32>; 2]) {
+    for row in rows.chunks_exact_mut(scale.len()) {
+        let (mean, inverse) = moments(row);
+        for (x, (scale, shift)) in row.iter_mut().zip(scale.iter().zip(shift)) {
+            *x = (*x - mean) * inverse * scale + shift;
+        }
+    }
+}
+
+pub(super) fn relu(values: &mut [f32]) {
+    for x in values {
+        *x = x.max(0.0);
+    }
+}
+
+impl Trunk {
+    /// `layers` on a graph, whose scales are `levels`.
+    pub(super) fn new(layers: &Layers, levels: &[Level; SCALES]) -> Result<Self> {
+        let rounds = |rounds: &[Round], scale: usize| {
+            let one = |round| FastRound::new(round, &levels[scale]);
+            rounds.iter().map(one).collect::<Result<Vec<_>>>()
+        };
+        let Layers { encoder, down, up, lower, raise, global, norm } = layers;
+        Ok(Self {
+            encoder: Dense::pair(encoder)?,
+            down: [rounds(&down[0], 0)?, rounds(&down[1], 1)?, rounds(&down[2], 2)?],
+            up: [rounds(&up[0], 0)?, rounds(&up[1], 1)?],
+            lower: [Dense::new(&lower[0])?, Dense::new(&lower[1])?],
+            raise: [Dense::new(&raise[0])?, Dense::new(&raise[1])?],
+            global: Dense::pair(global)?,
+            norm: vectors(norm)?,
+            links: [0, 1].map(|i| levels[i].links.clone().expect("a coarser scale")),
+        })
+    }
+
+    /// Latent rows (N, H) of the finest scale for the `features` of its nodes; `edges` are those of each
+    /// scale's edges where the graph did not come with them, empty where it did.
+    pub(super) fn latent<'a>(
+        &self,
+        features: &[f32],
+        edges: &[&[f32]; SCALES],
+        scratch: &'a mut Scratch,
+    ) -> &'a [f32] {
+        let Scratch { scales, latent, spare: [spare, other] } = scratch;
+        self.encoder[0].forward(features, spare);
+        relu(spare);
+        self.encoder[1].forward(spare, &mut scales[0].v);
+        for scale in 0..SCALES {
+            if scale > 0 {
+                self.carry(&self.links[scale - 1][1], &scales[scale - 1].v, other);
+                self.lower[scale - 1].forward(other, &mut scales[scale].v);
+            }
+            self.down[scale].iter().for_each(|round| round.run(edges[scale], &mut scales[scale]));
+        }
+        self.share(&mut scales[SCALES - 1].v, spare, other);
+        for scale in (0..SCALES - 1).rev() {
+            self.carry(&self.links[scale][0], &scales[scale + 1].v, other);
+            self.raise[scale].forward(other, spare);
+            scales[scale].v.iter_mut().zip(&*spare).for_each(|(v, more)| *v += more);
+            self.up[scale].iter().for_each(|round| round.run(edges[scale], &mut scales[scale]));
+        }
+        latent.clear();
+        latent.extend_from_slice(&scales[0].v);
+        vectorised(
+            #[inline(always)]
+            || normalise(latent, &self.norm),
+        );
+        latent
+    }
+
+    /// `to` becomes the rows `v` carried to another scale.
+    fn carry(&self, link: &Sparse, v: &[f32], to: &mut Vec<f32>) {
+        let width = self.norm[0].len();
+        to.clear();
+        to.resize(link.height() * width, 0.0);
+        vectorised(
+            #[inline(always)]
+            || link.add_product(v, to, width),
+        );
+    }
+
+    /// Adds to each row of `v` what their mean says.
+    fn share(&self, v: &mut [f32], hidden: &mut Vec<f32>, says: &mut Vec<f32>) {
+        let width = self.norm[0].len();
+        let mut mean = vec![0.0; width];
+        let count = (v.len() / width) as f32;
+        for row in v.chunks_exact(width) {
+            mean.iter_mut().zip(row).for_each(|(mean, x)| *mean += x / count);
+        }
+        self.global[0].forward(&mean, hidden);
+        relu(hidden);
+        self.global[1].forward(hidden, says);
+        for row in v.chunks_exact_mut(width) {
+            row.iter_mut().zip(&*says).for_each(|(x, more)| *x += more);
+        }
+    }
+}
