@@ -15,9 +15,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     features::{FEATURES, Question},
-    graph::{EDGE_FEATURES, LAYERS, PadGraph, SCALES},
-    layers::{Affine, Mlp, Norm, Round},
+    graph::{LAYERS, PadGraph, SCALES},
+    layers::{Affine, Mlp},
     metrics::Fields,
+    multi_scale::MultiScale,
     ops::{sparse, von_mises},
 };
 
@@ -43,15 +44,7 @@ impl Default for CorrectorConfig {
 
 /// The network.
 pub(super) struct Corrector {
-    pub(super) encoder: Mlp,
-    pub(super) down: [Vec<Round>; SCALES],
-    pub(super) up: [Vec<Round>; SCALES - 1],
-    /// To each coarser scale.
-    pub(super) lower: [Affine; SCALES - 1],
-    /// Back from it.
-    pub(super) raise: [Affine; SCALES - 1],
-    pub(super) global: Mlp,
-    pub(super) norm: Norm,
+    pub(super) scales: MultiScale,
     pub(super) nodes: Mlp,
     pub(super) corners: Affine,
     pub(super) strain: Affine,
@@ -125,27 +118,11 @@ impl Batch {
 
 impl Corrector {
     pub(super) fn new(config: &CorrectorConfig, vb: &VarBuilder) -> Result<Self> {
-        let CorrectorConfig { width, corner, .. } = *config;
-        let rounds = |count: usize, vb: VarBuilder| {
-            (0..count)
-                .map(|i| Round::new(width, EDGE_FEATURES, &vb.pp(i)))
-                .collect::<Result<Vec<_>>>()
-        };
-        let link = |name: &str, i: usize| Affine::new(width, width, &vb.pp(name).pp(i));
+        let CorrectorConfig { width, corner, down, up } = *config;
         let zero = |vb: VarBuilder| Affine::zero(width, 3 * LAYERS + 3, &vb);
         let nodes = vb.pp("nodes");
         Ok(Self {
-            encoder: Mlp::new([FEATURES, width, width], &vb.pp("encoder"))?,
-            down: [
-                rounds(config.down[0], vb.pp("down.0"))?,
-                rounds(config.down[1], vb.pp("down.1"))?,
-                rounds(config.down[2], vb.pp("down.2"))?,
-            ],
-            up: [rounds(config.up[0], vb.pp("up.0"))?, rounds(config.up[1], vb.pp("up.1"))?],
-            lower: [link("lower", 0)?, link("lower", 1)?],
-            raise: [link("raise", 0)?, link("raise", 1)?],
-            global: Mlp::new([width, width, width], &vb.pp("global"))?,
-            norm: Norm::new(width, &vb.pp("norm"))?,
+            scales: MultiScale::new([FEATURES, width], down, up, vb)?,
             nodes: Mlp {
                 first: Affine::new(width, width, &nodes.pp("first"))?,
                 second: zero(nodes.pp("second"))?,
@@ -158,7 +135,8 @@ impl Corrector {
 
     /// Corrects the linear answers of `batch`, all on one `graph`.
     pub(super) fn forward(&self, batch: &Batch, graph: &PadGraph) -> Result<Answer> {
-        let latent = self.latent(batch, graph)?;
+        let PadGraph { edges, levels, .. } = graph;
+        let latent = self.scales.latent(&batch.features, edges, levels, batch.presses()?)?;
         let says = self.nodes.forward(&latent)?;
         let displacement = displaced(batch, &says)?;
         let (forces, force) = pressed(batch, &says)?;
@@ -170,31 +148,6 @@ impl Corrector {
     pub(super) fn fields(&self, question: &Question, graph: &PadGraph) -> Result<Fields> {
         let answer = self.forward(&Batch::new(&[question])?, graph)?;
         Fields::of([&answer.displacement, &answer.stress, &answer.forces, &answer.force])
-    }
-
-    /// Features of the columns after all rounds (B C, H).
-    fn latent(&self, batch: &Batch, graph: &PadGraph) -> Result<Tensor> {
-        let rounds = |rounds: &[Round], v: Tensor, scale: usize| {
-            let scale = &graph.scales[scale];
-            rounds.iter().try_fold(v, |v, round| round.forward(&v, &scale.features, &scale.edges))
-        };
-        let links = [0, 1].map(|i| graph.scales[i].links.as_ref().expect("a coarser scale"));
-        let fine = rounds(&self.down[0], self.encoder.forward(&batch.features)?, 0)?;
-        let middle = self.lower[0].forward(&sparse(&fine, &links[0][1])?)?;
-        let middle = rounds(&self.down[1], middle, 1)?;
-        let coarse = self.lower[1].forward(&sparse(&middle, &links[1][1])?)?;
-        let coarse = self.shared(&rounds(&self.down[2], coarse, 2)?, batch.presses()?)?;
-        let raised = self.raise[1].forward(&sparse(&coarse, &links[1][0])?)?;
-        let middle = rounds(&self.up[1], (middle + raised)?, 1)?;
-        let raised = self.raise[0].forward(&sparse(&middle, &links[0][0])?)?;
-        self.norm.forward(&rounds(&self.up[0], (fine + raised)?, 0)?)
-    }
-
-    /// `v` (B N, H) with what a press's mean says added to each of its rows.
-    fn shared(&self, v: &Tensor, presses: usize) -> Result<Tensor> {
-        let by_press = v.reshape((presses, (), v.dim(1)?))?;
-        let global = self.global.forward(&by_press.mean(1)?)?;
-        by_press.broadcast_add(&global.unsqueeze(1)?)?.reshape(v.shape())
     }
 
     fn stressed(

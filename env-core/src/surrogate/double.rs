@@ -8,9 +8,10 @@ use super::{
     corrector::{Corrector, CorrectorConfig},
     fast::{Fast, Scratch},
     features::{FEATURES, Gel, Question},
-    graph::{LAYERS, PadGraph, Scale},
+    graph::{LAYERS, PadGraph},
     layers::{Affine, Mlp, Norm, Round},
     linear::Linear,
+    multi_scale::Level,
     ops::Sparse,
     weights::{self, Card},
 };
@@ -29,6 +30,9 @@ fn matrix(tensor: &Tensor) -> DMatrix<f64> {
     let numbers: Vec<f32> = tensor.flatten_all().unwrap().to_vec1().unwrap();
     DMatrix::from_row_iterator(rows, columns, numbers.into_iter().map(f64::from))
 }
+
+/// A scale of a graph, and the features of its edges.
+type Scale<'a> = (&'a Level, &'a Tensor);
 
 fn wide(numbers: &[f32]) -> Vec<f64> {
     numbers.iter().map(|&x| f64::from(x)).collect()
@@ -74,15 +78,16 @@ fn sparse(matrix: &Sparse, x: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// v + f(n, Σₛ relu(A nₛ + B nᵣ + C eₛᵣ)), n the layer norm of v.
-fn round(round: &Round, v: &DMatrix<f64>, scale: &Scale) -> DMatrix<f64> {
+fn round(round: &Round, v: &DMatrix<f64>, scale: Scale) -> DMatrix<f64> {
+    let (level, features) = scale;
     let (n, width) = (norm(&round.norm, v), v.ncols());
     let ends = affine(&round.ends, &n);
-    let edges = affine(&round.edges, &matrix(&scale.features));
+    let edges = affine(&round.edges, &matrix(features));
     let mut both = n.resize_horizontally(2 * width, 0.0);
     for receiver in 0..v.nrows() {
         let own = ends.view((receiver, width), (1, width));
-        for edge in scale.edges.starts[receiver]..scale.edges.starts[receiver + 1] {
-            let sender = scale.edges.senders[edge as usize] as usize;
+        for edge in level.edges.starts[receiver]..level.edges.starts[receiver + 1] {
+            let sender = level.edges.senders[edge as usize] as usize;
             let sum = ends.view((sender, 0), (1, width)) + own + edges.row(edge as usize);
             let mut heard = both.view_mut((receiver, width), (1, width));
             heard += relu(&sum.into_owned().resize_vertically(1, 0.0));
@@ -91,7 +96,7 @@ fn round(round: &Round, v: &DMatrix<f64>, scale: &Scale) -> DMatrix<f64> {
     v + mlp(&round.update, &both)
 }
 
-fn rounds(all: &[Round], v: DMatrix<f64>, scale: &Scale) -> DMatrix<f64> {
+fn rounds(all: &[Round], v: DMatrix<f64>, scale: Scale) -> DMatrix<f64> {
     all.iter().fold(v, |v, one| round(one, &v, scale))
 }
 
@@ -120,21 +125,23 @@ fn forward(
     length: f64,
 ) -> Said {
     let features = DMatrix::from_row_slice(graph.columns, FEATURES, &wide(&question.features));
-    let [first, second, third] = &graph.scales;
+    let PadGraph { levels, edges, .. } = graph;
+    let [first, second, third] = [0, 1, 2].map(|scale| (&levels[scale], &edges[scale]));
+    let scales = &network.scales;
     let [[raise, lower], [raise_more, lower_more]] =
-        [first, second].map(|scale| scale.links.as_ref().expect("a coarser scale"));
-    let fine = rounds(&network.down[0], mlp(&network.encoder, &features), first);
-    let middle = affine(&network.lower[0], &sparse(lower, &fine));
-    let middle = rounds(&network.down[1], middle, second);
-    let coarse = affine(&network.lower[1], &sparse(lower_more, &middle));
-    let mut coarse = rounds(&network.down[2], coarse, third);
+        [first, second].map(|(level, _)| level.links.as_ref().expect("a coarser scale"));
+    let fine = rounds(&scales.down[0], mlp(&scales.encoder, &features), first);
+    let middle = affine(&scales.lower[0], &sparse(lower, &fine));
+    let middle = rounds(&scales.down[1], middle, second);
+    let coarse = affine(&scales.lower[1], &sparse(lower_more, &middle));
+    let mut coarse = rounds(&scales.down[2], coarse, third);
     let mean = DMatrix::from_rows(&[coarse.row_mean()]);
-    let shared = mlp(&network.global, &mean);
+    let shared = mlp(&scales.global, &mean);
     coarse.row_iter_mut().for_each(|mut row| row += &shared);
-    let middle = middle + affine(&network.raise[1], &sparse(raise_more, &coarse));
-    let middle = rounds(&network.up[1], middle, second);
-    let fine = fine + affine(&network.raise[0], &sparse(raise, &middle));
-    let latent = norm(&network.norm, &rounds(&network.up[0], fine, first));
+    let middle = middle + affine(&scales.raise[1], &sparse(raise_more, &coarse));
+    let middle = rounds(&scales.up[1], middle, second);
+    let fine = fine + affine(&scales.raise[0], &sparse(raise, &middle));
+    let latent = norm(&scales.norm, &rounds(&scales.up[0], fine, first));
 
     let says = mlp(&network.nodes, &latent);
     let amplitude = f64::from(question.amplitude);

@@ -4,18 +4,16 @@
 
 #![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
 
-use std::sync::Arc;
-
 use candle_core::Result;
 
 use super::{
     corrector::Corrector,
     features::{FEATURES, Question},
-    graph::{LAYERS, PadGraph, SCALES, Scale},
+    graph::{LAYERS, PadGraph, SCALES},
     metrics::Fields,
     ops::PadStress,
     stress_head::{StressHead, Stresses},
-    trunk::{self, Dense, Layers, Level, Trunk, relu},
+    trunk::{self, Dense, Trunk, relu},
 };
 use crate::{geometry::PadMesh, simd::vectorised};
 
@@ -41,20 +39,13 @@ pub(super) struct Scratch {
 impl Fast {
     /// `network` on the `graph` of `pad`.
     pub(super) fn new(network: &Corrector, graph: &PadGraph, pad: &PadMesh) -> Result<Self> {
-        let Corrector { encoder, down, up, lower, raise, global, norm, .. } = network;
-        let layers = Layers { encoder, down, up, lower, raise, global, norm };
-        let level = |scale: &Scale| Level {
-            edges: Arc::clone(&scale.edges),
-            features: Some(scale.features.clone()),
-            links: scale.links.clone(),
-        };
         let columns = graph.columns as u32;
         // Nodes in the order column, layer.
         let place = |node: u32| node % columns * (LAYERS as u32 + 1) + node / columns;
         let tets = pad.mesh.tets.iter().map(|tet| tet.map(place)).collect();
         let heads = [&network.corners, &network.strain, &network.stress];
         Ok(Self {
-            trunk: Trunk::new(&layers, &graph.scales.each_ref().map(level))?,
+            trunk: Trunk::new(&network.scales, &graph.levels, Some(&graph.edges))?,
             nodes: Dense::pair(&network.nodes)?,
             stress: StressHead::new(heads, LAYERS + 1, tets)?,
             elements: PadStress::new(pad, pad.thickness()),

@@ -12,7 +12,10 @@ use std::sync::Arc;
 
 use candle_core::{Device, Tensor};
 
-use super::ops::{Edges, Gradients, Sparse};
+use super::{
+    multi_scale::Level,
+    ops::{Edges, Gradients, Sparse},
+};
 use crate::{Error, Result, geometry::PadMesh};
 
 /// Free layers of nodes that the network is made for.
@@ -30,7 +33,9 @@ pub(super) struct PadGraph {
     /// Number of columns.
     pub(super) columns: usize,
     /// From fine to coarse.
-    pub(super) scales: [Scale; SCALES],
+    pub(super) levels: [Level; SCALES],
+    /// Features of the edges of each (E, EDGE_FEATURES).
+    pub(super) edges: [Tensor; SCALES],
     /// Where each column stands: x and y over the half-extents, height of the face, distance to the
     /// nearest side (C, PLACE_FEATURES).
     pub(super) places: Vec<f32>,
@@ -40,16 +45,6 @@ pub(super) struct PadGraph {
     pub(super) corners: Arc<Sparse>,
     /// The pad's symmetries: as it is, mirrored in x, in y, in both.
     pub(super) mirrors: [Mirror; 4],
-}
-
-/// Columns of one fineness.
-#[derive(Clone, Debug)]
-pub(super) struct Scale {
-    pub(super) edges: Arc<Edges>,
-    /// (E, EDGE_FEATURES).
-    pub(super) features: Tensor,
-    /// To this scale from the next coarser one, and back; none at the coarsest.
-    pub(super) links: Option<[Arc<Sparse>; 2]>,
 }
 
 /// A symmetry of the pad: where each column and tetrahedron goes, and the signs of x and y.
@@ -73,7 +68,7 @@ impl PadGraph {
         let faces: Vec<[f64; 3]> =
             pad.face.iter().map(|&i| (vertices[i as usize].coords / thickness).into()).collect();
         let (mut size, mut places) = ([across, along], faces.clone());
-        let mut scale = |scale: usize| -> Result<Scale> {
+        let mut scale = |scale: usize| -> Result<(Level, Tensor)> {
             let coarse = size.map(|n| n.div_ceil(2));
             let links = (scale + 1 < SCALES).then(|| {
                 let up = interpolation(size, coarse);
@@ -87,9 +82,9 @@ impl PadGraph {
             size = coarse;
             let shape = (features.len() / EDGE_FEATURES, EDGE_FEATURES);
             let features = Tensor::from_vec(features, shape, &Device::Cpu)?;
-            Ok(Scale { edges: Arc::new(edges), features, links })
+            Ok((Level { edges: Arc::new(edges), links }, features))
         };
-        let scales = [scale(0)?, scale(1)?, scale(2)?];
+        let [fine, middle, coarse] = [scale(0)?, scale(1)?, scale(2)?];
         let columns = across * along;
         let corner = |&node: &u32| {
             let (layer, column) = (node as usize / columns, node as usize % columns);
@@ -99,7 +94,8 @@ impl PadGraph {
             pad.mesh.tets.iter().map(|tet| tet.iter().map(corner).collect()).collect();
         Ok(Self {
             columns,
-            scales,
+            levels: [fine.0, middle.0, coarse.0],
+            edges: [fine.1, middle.1, coarse.1],
             places: place_features(&faces),
             gradients: Arc::new(Gradients::new(&pad.mesh, thickness)),
             corners: Arc::new(Sparse::new(&corners, vertices.len())),

@@ -20,6 +20,7 @@ mod layers;
 mod linear;
 mod loss;
 mod metrics;
+mod multi_scale;
 mod ops;
 pub mod paper;
 mod parameters;

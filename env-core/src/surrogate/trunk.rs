@@ -17,31 +17,10 @@ use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul};
 use super::{
     graph::SCALES,
     layers::{Affine, Mlp, Norm, Round},
+    multi_scale::{Level, MultiScale},
     ops::{Edges, Sparse, hear, moments},
 };
 use crate::simd::vectorised;
-
-/// The layers of a network that leads from features of nodes to their latent rows.
-pub(super) struct Layers<'a> {
-    pub(super) encoder: &'a Mlp,
-    /// Rounds at each scale on the way down, the finest first, and on the way up.
-    pub(super) down: &'a [Vec<Round>; SCALES],
-    pub(super) up: &'a [Vec<Round>; SCALES - 1],
-    /// To each coarser scale, and back.
-    pub(super) lower: &'a [Affine; SCALES - 1],
-    pub(super) raise: &'a [Affine; SCALES - 1],
-    pub(super) global: &'a Mlp,
-    pub(super) norm: &'a Norm,
-}
-
-/// A scale of a graph.
-pub(super) struct Level {
-    pub(super) edges: Arc<Edges>,
-    /// Features of the edges (E, F), if they are always the same.
-    pub(super) features: Option<Tensor>,
-    /// To this scale from the next coarser one, and back; none at the coarsest.
-    pub(super) links: Option<[Arc<Sparse>; 2]>,
-}
 
 /// The layers on one graph.
 pub(super) struct Trunk {
@@ -141,7 +120,7 @@ impl Dense {
 }
 
 impl FastRound {
-    fn new(round: &Round, level: &Level) -> Result<Self> {
+    fn new(round: &Round, level: &Level, features: Option<&Tensor>) -> Result<Self> {
         let Round { norm, ends, edges, update } = round;
         let width = norm.scale.dim(0)?;
         let first = &update.first;
@@ -155,7 +134,7 @@ impl FastRound {
             fan: Dense::of(&fan, &bias)?,
             heard: Dense::of(&rest, &none)?,
             update: Dense::new(&update.second)?,
-            edges: match &level.features {
+            edges: match features {
                 Some(features) => {
                     EdgeParts::Known(edges.forward(features)?.flatten_all()?.to_vec1()?)
                 }
@@ -223,13 +202,19 @@ pub(super) fn relu(values: &mut [f32]) {
 }
 
 impl Trunk {
-    /// `layers` on a graph, whose scales are `levels`.
-    pub(super) fn new(layers: &Layers, levels: &[Level; SCALES]) -> Result<Self> {
+    /// `layers` on the `levels` of a graph, whose edges have these features (E, F) in every press, or
+    /// others in each.
+    pub(super) fn new(
+        layers: &MultiScale,
+        levels: &[Level; SCALES],
+        edges: Option<&[Tensor; SCALES]>,
+    ) -> Result<Self> {
         let rounds = |rounds: &[Round], scale: usize| {
-            let one = |round| FastRound::new(round, &levels[scale]);
+            let features = edges.map(|edges| &edges[scale]);
+            let one = |round| FastRound::new(round, &levels[scale], features);
             rounds.iter().map(one).collect::<Result<Vec<_>>>()
         };
-        let Layers { encoder, down, up, lower, raise, global, norm } = layers;
+        let MultiScale { encoder, down, up, lower, raise, global, norm } = layers;
         Ok(Self {
             encoder: Dense::pair(encoder)?,
             down: [rounds(&down[0], 0)?, rounds(&down[1], 1)?, rounds(&down[2], 2)?],

@@ -2,22 +2,16 @@
 //!
 //! Plain Candle ([`Soft::forward`]) is the oracle. Shapes as there.
 
-use std::sync::Arc;
-
 use candle_core::Result;
 use nalgebra::Vector3;
 
-use super::{
-    graph::{ObjectGraph, Scale},
-    network::Soft,
-    question::Question,
-};
+use super::{graph::ObjectGraph, network::Soft, question::Question};
 use crate::{
     geometry::TetMesh,
     surrogate::{
         metrics::Fields,
         stress_head::{StressHead, Stresses},
-        trunk::{self, Dense, Layers, Level, Trunk, relu},
+        trunk::{self, Dense, Trunk, relu},
     },
 };
 
@@ -40,17 +34,10 @@ pub(super) struct Scratch {
 impl Fast {
     /// `network` on the `graph` of `mesh`.
     pub(super) fn new(network: &Soft, graph: &ObjectGraph, mesh: &TetMesh) -> Result<Self> {
-        let Soft { encoder, down, up, lower, raise, global, norm, .. } = network;
-        let layers = Layers { encoder, down, up, lower, raise, global, norm };
-        // Edges are seen in the frame of each grip.
-        let level = |scale: &Scale| Level {
-            edges: Arc::clone(&scale.edges),
-            features: None,
-            links: scale.links.clone(),
-        };
         let heads = [&network.corners, &network.strain, &network.stress];
         Ok(Self {
-            trunk: Trunk::new(&layers, &graph.scales.each_ref().map(level))?,
+            // Edges are seen in the frame of each grip.
+            trunk: Trunk::new(&network.scales, &graph.levels, None)?,
             nodes: Dense::pair(&network.nodes)?,
             stress: StressHead::new(heads, 1, mesh.tets.clone())?,
         })
@@ -64,7 +51,7 @@ impl Fast {
         scratch: &mut Scratch,
     ) -> Fields {
         let Scratch { trunk, hidden, says, corners } = scratch;
-        let edges = graph.scales.each_ref().map(|scale| scale.features(&question.turn));
+        let edges = [0, 1, 2].map(|scale| graph.edges(scale, &question.turn));
         let edges = edges.each_ref().map(Vec::as_slice);
         let latent = self.trunk.latent(&question.features, &edges, trunk);
         self.nodes[0].forward(latent, hidden);

@@ -14,6 +14,7 @@ use crate::{
     geometry::TetMesh,
     surrogate::{
         graph::SCALES,
+        multi_scale::Level,
         ops::{Edges, Gradients, Sparse},
     },
 };
@@ -34,31 +35,13 @@ pub(super) struct ObjectGraph {
     /// Outward normals of the surface, of unit length, zero inside (V).
     pub(super) normals: Vec<Vector3<f64>>,
     /// From fine to coarse.
-    pub(super) scales: [Scale; SCALES],
+    pub(super) levels: [Level; SCALES],
+    /// The way along each edge of each (E).
+    ways: [Vec<Vector3<f64>>; SCALES],
     /// Displacement to stress.
     pub(super) gradients: Arc<Gradients>,
     /// Sum over the corners of each tetrahedron (T, V).
     pub(super) corners: Arc<Sparse>,
-}
-
-/// Nodes of one fineness.
-pub(super) struct Scale {
-    pub(super) edges: Arc<Edges>,
-    /// The way along each edge (E).
-    ways: Vec<Vector3<f64>>,
-    /// To this scale from the next coarser one, and back; none at the coarsest.
-    pub(super) links: Option<[Arc<Sparse>; 2]>,
-}
-
-impl Scale {
-    /// Features of the edges (E, 4), seen in a frame.
-    pub(super) fn features(&self, turn: &Matrix3<f64>) -> Vec<f32> {
-        let row = |way: &Vector3<f64>| {
-            let seen = turn * way;
-            [seen.x, seen.y, seen.z, way.norm()].map(|x| x as f32)
-        };
-        self.ways.iter().flat_map(row).collect()
-    }
 }
 
 impl ObjectGraph {
@@ -79,18 +62,31 @@ impl ObjectGraph {
                 places = coarse;
                 [Arc::new(up), Arc::new(down)]
             });
-            Scale { edges: Arc::new(edges), ways, links }
+            (Level { edges: Arc::new(edges), links }, ways)
         };
+        let [fine, middle, coarse] = [scale(0), scale(1), scale(2)];
         let corner = |tet: &[u32; 4]| tet.iter().map(|&node| (node, 1.0)).collect();
         let corners: Vec<Vec<_>> = mesh.tets.iter().map(corner).collect();
         Self {
             length,
-            scales: [scale(0), scale(1), scale(2)],
+            levels: [fine.0, middle.0, coarse.0],
+            ways: [fine.1, middle.1, coarse.1],
             places: mesh.vertices.clone(),
             normals: normals(mesh),
             gradients: Arc::new(Gradients::new(mesh, length)),
             corners: Arc::new(Sparse::new(&corners, count)),
         }
+    }
+}
+
+impl ObjectGraph {
+    /// Features of the edges of a scale (E, 4), seen in a frame.
+    pub(super) fn edges(&self, scale: usize, turn: &Matrix3<f64>) -> Vec<f32> {
+        let row = |way: &Vector3<f64>| {
+            let seen = turn * way;
+            [seen.x, seen.y, seen.z, way.norm()].map(|x| x as f32)
+        };
+        self.ways[scale].iter().flat_map(row).collect()
     }
 }
 

@@ -18,7 +18,8 @@ use super::{
 };
 use crate::surrogate::{
     graph::{EDGE_FEATURES, SCALES},
-    layers::{Affine, Mlp, Norm, Round},
+    layers::{Affine, Mlp},
+    multi_scale::MultiScale,
     ops::{sparse, von_mises},
 };
 
@@ -44,15 +45,7 @@ impl Default for SoftConfig {
 
 /// The network.
 pub(super) struct Soft {
-    pub(super) encoder: Mlp,
-    pub(super) down: [Vec<Round>; SCALES],
-    pub(super) up: [Vec<Round>; SCALES - 1],
-    /// To each coarser scale.
-    pub(super) lower: [Affine; SCALES - 1],
-    /// Back from it.
-    pub(super) raise: [Affine; SCALES - 1],
-    pub(super) global: Mlp,
-    pub(super) norm: Norm,
+    pub(super) scales: MultiScale,
     pub(super) nodes: Mlp,
     pub(super) corners: Affine,
     pub(super) strain: Affine,
@@ -74,24 +67,8 @@ pub(super) struct Answer {
 impl Soft {
     pub(super) fn new(config: &SoftConfig, vb: &VarBuilder) -> Result<Self> {
         let SoftConfig { width, corner, down, up } = *config;
-        let rounds = |count: usize, vb: VarBuilder| {
-            (0..count)
-                .map(|i| Round::new(width, EDGE_FEATURES, &vb.pp(i)))
-                .collect::<Result<Vec<_>>>()
-        };
-        let link = |name: &str, i: usize| Affine::new(width, width, &vb.pp(name).pp(i));
         Ok(Self {
-            encoder: Mlp::new([FEATURES, width, width], &vb.pp("encoder"))?,
-            down: [
-                rounds(down[0], vb.pp("down.0"))?,
-                rounds(down[1], vb.pp("down.1"))?,
-                rounds(down[2], vb.pp("down.2"))?,
-            ],
-            up: [rounds(up[0], vb.pp("up.0"))?, rounds(up[1], vb.pp("up.1"))?],
-            lower: [link("lower", 0)?, link("lower", 1)?],
-            raise: [link("raise", 0)?, link("raise", 1)?],
-            global: Mlp::new([width, width, width], &vb.pp("global"))?,
-            norm: Norm::new(width, &vb.pp("norm"))?,
+            scales: MultiScale::new([FEATURES, width], down, up, vb)?,
             nodes: Mlp {
                 first: Affine::new(width, width, &vb.pp("nodes.first"))?,
                 second: Affine::zero(width, 6, &vb.pp("nodes.second"))?,
@@ -138,33 +115,15 @@ impl Soft {
         signs: &Vector3<f64>,
     ) -> Result<Tensor> {
         let turn = nalgebra::Matrix3::from_diagonal(signs) * question.turn;
-        let edges: Vec<Tensor> = graph
-            .scales
-            .iter()
-            .map(|scale| {
-                let features = scale.features(&turn);
-                let count = features.len() / EDGE_FEATURES;
-                Tensor::from_vec(features, (count, EDGE_FEATURES), &Device::Cpu)
-            })
-            .collect::<Result<_>>()?;
-        let rounds = |rounds: &[Round], v: Tensor, scale: usize| {
-            let graph = &graph.scales[scale].edges;
-            rounds.iter().try_fold(v, |v, round| round.forward(&v, &edges[scale], graph))
+        let edges = |scale: usize| {
+            let features = graph.edges(scale, &turn);
+            let count = features.len() / EDGE_FEATURES;
+            Tensor::from_vec(features, (count, EDGE_FEATURES), &Device::Cpu)
         };
-        let links = [0, 1].map(|i| graph.scales[i].links.as_ref().expect("a coarser scale"));
-        let features = question.mirrored(signs);
+        let edges = [edges(0)?, edges(1)?, edges(2)?];
         let nodes = question.gates.len();
-        let features = Tensor::from_vec(features, (nodes, FEATURES), &Device::Cpu)?;
-        let fine = rounds(&self.down[0], self.encoder.forward(&features)?, 0)?;
-        let middle = self.lower[0].forward(&sparse(&fine, &links[0][1])?)?;
-        let middle = rounds(&self.down[1], middle, 1)?;
-        let coarse = self.lower[1].forward(&sparse(&middle, &links[1][1])?)?;
-        let coarse = rounds(&self.down[2], coarse, 2)?;
-        let coarse = coarse.broadcast_add(&self.global.forward(&coarse.mean_keepdim(0)?)?)?;
-        let raised = self.raise[1].forward(&sparse(&coarse, &links[1][0])?)?;
-        let middle = rounds(&self.up[1], (middle + raised)?, 1)?;
-        let raised = self.raise[0].forward(&sparse(&middle, &links[0][0])?)?;
-        self.norm.forward(&rounds(&self.up[0], (fine + raised)?, 0)?)
+        let features = Tensor::from_vec(question.mirrored(signs), (nodes, FEATURES), &Device::Cpu)?;
+        self.scales.latent(&features, &edges, &graph.levels, 1)
     }
 
     fn stressed(
