@@ -101,7 +101,17 @@ PARAMS: dict[tuple[str, str], Params] = {
         final_learning_rate=3e-5,
     ),
     # A press of a soft object takes ten times as long as one of a pad: fewer steps still.
-    ("ruffini/GraspSoft-v0", "ppo"): Params(steps=50_000, n_envs=32, algorithm=CLOSING),
+    ("ruffini/GraspSoft-v0", "ppo"): Params(
+        steps=30 * 1024,
+        n_envs=32,
+        algorithm=CLOSING
+        | {
+            "n_steps": 32,
+            "gamma": 0.95,
+            "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -0.5},
+        },
+        final_learning_rate=3e-5,
+    ),
     ("ruffini/HoldStill-v0", "ppo"): Params(
         steps=100 * 2048,
         n_envs=64,
