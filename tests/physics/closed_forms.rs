@@ -6,11 +6,11 @@
 
 use std::{f64::consts::PI, sync::LazyLock};
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use ruffini_core::{
     deformation::{Law, Moduli, Press, SoftBody},
     fem::{Element, Fem, Options},
-    geometry::{Shape, TetMesh},
+    geometry::{PadMesh, PadOutline, Shape, TetMesh},
 };
 
 use crate::half_space::half_space;
@@ -120,4 +120,37 @@ fn a_bonded_layer_stiffens_as_dimitriadis_says() {
     let series = dimitriadis(chi, poisson);
     println!("layer, χ {chi}: {layer:.4} of the half-space, Dimitriadis {series:.4}");
     assert!((layer / series - 1.0).abs() < 0.015, "χ {chi}: {layer}, series {series}");
+}
+
+/// Force of a small ball on a bonded pad of 4 mm over that of the series, whose patch is 1/57 of the
+/// thickness.
+fn small_ball_over_series(mesh: TetMesh, bonded: Vec<u32>) -> f64 {
+    let (radius, depth, poisson) = (5e-4f64, 1e-5f64, 0.45);
+    let hertz = 4.0 / 3.0 * plane_strain_modulus(poisson) * radius.sqrt() * depth.powf(1.5);
+    let series = hertz * dimitriadis((radius * depth).sqrt() / 4e-3, poisson);
+    force(Shape::Sphere { radius }, 0.0, radius, depth, poisson, (mesh, bonded)) / series
+}
+
+#[test]
+fn a_small_ball_is_felt_by_a_pad_that_is_fine_under_it() {
+    let outline = PadOutline::flat(0.02525, 0.02075, 0.004);
+    let patch = (5e-4f64 * 1e-5).sqrt();
+    let on_disc = |i: i32| {
+        // Equal areas on a spiral.
+        let (r, angle) = (patch * (f64::from(i) / 60.0).sqrt(), 2.4 * f64::from(i));
+        Point3::new(r * angle.cos(), r * angle.sin(), 0.0)
+    };
+    let points: Vec<_> = (0..=60).map(on_disc).collect();
+    let graded = |nodes| {
+        let pad = outline.graded(&points, nodes).unwrap();
+        small_ball_over_series(pad.mesh, pad.base)
+    };
+    let (coarse, fine) = (graded(1000), graded(2000));
+    let usual = PadMesh::with_nodes(&outline, 2000).unwrap();
+    let usual = small_ball_over_series(usual.mesh, usual.base);
+    println!(
+        "small ball: {coarse:.4}, {fine:.4} of the series; {usual:.4} on as many nodes as usual"
+    );
+    assert!((fine - 1.0).abs() < 0.03, "{fine} of the force on 2,000 nodes, {coarse} on 1,000");
+    assert!((usual - 1.0).abs() > 0.3, "{usual} of the force where the pad is not fine");
 }

@@ -59,6 +59,16 @@ def test_a_sensor_is_its_pad_at_the_resolution_asked_for():
     assert ruffini.sensor("gelsight-mini").law == "neo-hookean"
 
 
+def test_a_pad_is_fine_around_the_points_that_it_is_told():
+    spot = np.array([4e-3, -5e-3, -2e-4])
+    body = ruffini.sensor("gelsight-mini", resolution=1500, around=[spot])
+    vertices = body.mesh.vertices
+    away = np.sort(np.linalg.norm(vertices - spot, axis=1))
+    assert 900 < len(vertices) <= 1500
+    assert away[30] < 2e-4, f"30 nodes within {away[30]} m"
+    assert np.allclose(vertices[body.fixed, 2], -4e-3, atol=1e-12)
+
+
 def test_a_calibration_scales_the_force():
     # At nearly the same Poisson's ratio force goes with Young's modulus: 0.42775 / 0.30, and 5 %
     # more for a ratio of 0.475 in place of 0.47.

@@ -1,10 +1,12 @@
 //! Shapes, surfaces and mesh files.
 
+mod bisection;
 mod cached;
 mod distance;
 #[cfg(test)]
 mod examples;
 mod field_file;
+mod graded_pad;
 mod mesh_file;
 mod pad_mesh;
 mod rigid_fit;
@@ -20,6 +22,7 @@ mod transfer;
 
 pub use distance::Distance;
 pub use field_file::{Field, FieldOn};
+pub use graded_pad::GradedPad;
 pub use mesh_file::read_surface;
 pub use pad_mesh::{Grading, PadMesh, PadOutline, plan_shares};
 pub use rigid_fit::RigidFit;

@@ -1,4 +1,4 @@
-//! Graded tetrahedra for gel pads.
+//! Structured tetrahedral meshes of gel pads with graded spacing.
 //!
 //! Pad frame: x across, y along, z out of the gel; the origin is the apex, the centre of the
 //! undeformed face, and the bonded base is the plane z = −thickness.
@@ -36,7 +36,7 @@ pub struct PadOutline {
     pub rim_radius: f64,
 }
 
-/// How fine a pad is meshed, and where.
+/// Node spacing of a pad mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grading {
     /// Distance between nodes in the contact zone (m).
@@ -47,7 +47,7 @@ pub struct Grading {
     pub growth: f64,
 }
 
-/// A meshed pad: V nodes in layers of equal plan, T tetrahedra in grid cells.
+/// A pad meshed on a structured grid: V nodes in layers of equal plan, T tetrahedra in grid cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PadMesh {
     /// Vertices (V, 3) in the pad frame, face first, layer by layer; tetrahedra six to a grid cell.
@@ -62,8 +62,8 @@ pub struct PadMesh {
     pub cells: [u32; 3],
 }
 
-/// Fewest and most nodes that a pad is meshed with.
-const NODES: std::ops::RangeInclusive<usize> = 100..=200_000;
+/// Fewest and most nodes of a pad mesh.
+pub(super) const NODES: std::ops::RangeInclusive<usize> = 100..=200_000;
 
 impl PadOutline {
     /// A block with a flat face and sharp edges.
@@ -73,7 +73,8 @@ impl PadOutline {
         Self { length, width, thickness, radius_along, radius_across, rim_width, rim_radius }
     }
 
-    /// This outline, if it describes a block that is higher than 0 at its edges.
+    /// Returns this outline if its values are in range and its corners are higher than 5 % of its
+    /// thickness.
     pub fn validated(self) -> Result<Self> {
         let extents =
             [("length", self.length), ("width", self.width), ("thickness", self.thickness)];
@@ -136,13 +137,15 @@ impl Grading {
         Self { spacing, zone: [f64::INFINITY; 3], growth: 0.0 }
     }
 
-    /// Intervals of nodes from 0 to `extent` along axis `axis`: N(extent), rounded up.
+    /// Number of intervals between nodes from 0 to `extent` along axis `axis`: N(extent), rounded
+    /// up.
     fn intervals(&self, axis: usize, extent: f64) -> u32 {
         // An exact multiple must not round up by an ulp.
         (self.nodes_before(axis, extent) - 1e-9).ceil().max(1.0) as u32
     }
 
-    /// N(s) = ∫ ds / h(s), h = spacing + growth · (distance from the zone).
+    /// Number of intervals before `s`: N(s) = ∫ ds / h(s), h = spacing + growth · (distance from
+    /// the zone).
     fn nodes_before(&self, axis: usize, s: f64) -> f64 {
         let fine = s.min(self.zone[axis]);
         let coarse = self.growth * (s - fine) / self.spacing;
@@ -180,7 +183,7 @@ impl Grading {
 }
 
 impl PadMesh {
-    /// Tetrahedra for a pad, finest in its contact zone.
+    /// Meshes a pad, finest in its contact zone.
     pub fn new(outline: &PadOutline, grading: &Grading) -> Result<Self> {
         let outline = outline.validated()?;
         grading.validated()?;
@@ -219,7 +222,7 @@ impl PadMesh {
         })
     }
 
-    /// The finest [`Grading::central`] mesh of at most `nodes` nodes.
+    /// Returns the finest [`Grading::central`] mesh of at most `nodes` nodes.
     pub fn with_nodes(outline: &PadOutline, nodes: usize) -> Result<Self> {
         if !NODES.contains(&nodes) {
             let expected = format!("{} to {}", NODES.start(), NODES.end());
@@ -258,7 +261,7 @@ fn node_count(outline: &PadOutline, grading: &Grading) -> f64 {
     (2.0 * x + 1.0) * (2.0 * y + 1.0) * (z + 1.0)
 }
 
-/// Positions on both sides of 0, from those from 0 on.
+/// Mirrors positions from 0 upwards to both sides of 0.
 fn mirrored(half: &[f64]) -> Vec<f64> {
     half[1..].iter().rev().map(|x| -x).chain(half.iter().copied()).collect()
 }
@@ -266,7 +269,7 @@ fn mirrored(half: &[f64]) -> Vec<f64> {
 /// Kuhn's six tetrahedra for every cell of an nx × ny × nz grid of nodes, x fastest: the paths from
 /// one corner of the cell to the opposite one along its edges. In every second cell along an axis
 /// the paths run the other way, so that neighbours agree on their common diagonal.
-fn kuhn(nx: usize, ny: usize, nz: usize) -> Vec<[u32; 4]> {
+pub(super) fn kuhn(nx: usize, ny: usize, nz: usize) -> Vec<[u32; 4]> {
     const PATHS: [[usize; 3]; 6] =
         [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
     let stride = [1, nx, nx * ny];
@@ -292,9 +295,10 @@ fn kuhn(nx: usize, ny: usize, nz: usize) -> Vec<[u32; 4]> {
 }
 
 impl PadMesh {
-    /// The triangle of the face over (x, y), with barycentric coordinates in plan; none off the face.
+    /// Triangle of the face at (x, y) with barycentric coordinates in plan, or `None` off the face.
     pub fn under(&self, x: f64, y: f64) -> Option<([u32; 3], [f64; 3])> {
-        /// Share by which a point on a common edge may lie outside of both neighbours.
+        /// Barycentric coordinate by which a point on a common edge may lie outside of both
+        /// neighbours.
         const ROUNDING: f64 = 1e-9;
         self.face_triangles.iter().find_map(|corners| {
             let shares = plan_shares(&corners.map(|node| self.mesh.vertices[node as usize]), x, y)?;
@@ -303,7 +307,7 @@ impl PadMesh {
     }
 }
 
-/// Barycentric coordinates of (x, y) in the plan of a triangle; none if that has no area.
+/// Barycentric coordinates of (x, y) in the plan of a triangle, or `None` if that has no area.
 pub fn plan_shares([a, b, c]: &[Point3<f64>; 3], x: f64, y: f64) -> Option<[f64; 3]> {
     let twice = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| {
         (q[0] - p[0]) * (r[1] - p[1]) - (r[0] - p[0]) * (q[1] - p[1])

@@ -326,7 +326,10 @@ class PaperNetwork:
     def knows(self, answer: PaperAnswer) -> bool: ...
 
 def sensor(
-    name: str, calibration: str | None = None, resolution: int | None = None
+    name: str,
+    calibration: str | None = None,
+    resolution: int | None = None,
+    around: ArrayLike | None = None,
 ) -> SoftBody: ...
 
 @final

@@ -10,7 +10,7 @@ use ruffini_core::{
 
 use super::{
     TetMesh,
-    arrays::{indices, numbers, read_only, refused},
+    arrays::{indices, numbers, read_only, refused, rows},
 };
 use crate::error::python_error;
 
@@ -111,26 +111,36 @@ fn young_moduli(young: &Bound<'_, PyAny>, tets: usize) -> PyResult<Vec<f64>> {
 ///     calibration: Name of the material, "tacflex" or "feats" for the GelSight Mini; the first of
 ///         the sensor if not given.
 ///     resolution: About how many nodes (never more), 2,000 if not given.
+///     around: Points (K, 3) in m near which the mesh is fine, its spacing growing with the distance
+///         from the nearest, such as where something will touch; the middle of the face if not given.
 ///
 /// Raises:
 ///     ValueError: If the sensor or the calibration is not known, or the resolution is not 100 to
 ///         200,000.
 #[pyfunction]
-#[pyo3(signature = (name, calibration=None, resolution=None))]
+#[pyo3(signature = (name, calibration=None, resolution=None, around=None))]
 pub(crate) fn sensor(
     py: Python<'_>,
     name: &str,
     calibration: Option<&str>,
     resolution: Option<i64>,
+    around: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<SoftBody> {
     let nodes = resolution.map_or(Ok(RESOLUTION), |nodes| {
         usize::try_from(nodes).map_err(|_| refused("resolution", nodes, "100 nodes or more"))
     })?;
-    let inner = py.detach(|| pad(name, calibration, nodes)).map_err(python_error)?;
+    let around = around.map(|points| rows::<3>("around", points)).transpose()?;
+    let inner = || pad(name, calibration, nodes, around.as_deref());
+    let inner = py.detach(inner).map_err(python_error)?;
     SoftBody::from_core(py, inner)
 }
 
-fn pad(name: &str, calibration: Option<&str>, nodes: usize) -> Result<deformation::SoftBody> {
+fn pad(
+    name: &str,
+    calibration: Option<&str>,
+    nodes: usize,
+    around: Option<&[[f64; 3]]>,
+) -> Result<deformation::SoftBody> {
     let path = std::path::Path::new(name);
     let is_file = path.extension().is_some_and(|extension| extension == "toml");
     let sensor = if is_file { Sensor::read(path)? } else { Sensor::named(name)? };
@@ -139,6 +149,13 @@ fn pad(name: &str, calibration: Option<&str>, nodes: usize) -> Result<deformatio
         None => &sensor.calibrations[0],
     };
     let moduli = Moduli { young: gel.young, poisson: gel.poisson };
-    let pad = sensor.pad(nodes)?;
-    deformation::SoftBody::new(pad.mesh, gel.law.parse::<Law>()?, moduli, &pad.base)
+    let (mesh, base) = if let Some(points) = around {
+        let points: Vec<_> = points.iter().map(|&p| p.into()).collect();
+        let pad = sensor.outline.graded(&points, nodes)?;
+        (pad.mesh, pad.base)
+    } else {
+        let pad = sensor.pad(nodes)?;
+        (pad.mesh, pad.base)
+    };
+    deformation::SoftBody::new(mesh, gel.law.parse::<Law>()?, moduli, &base)
 }

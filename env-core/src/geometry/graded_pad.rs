@@ -1,0 +1,188 @@
+//! Pad meshes that are fine only near given points.
+
+use nalgebra::Point3;
+
+use super::{
+    Grading, PadMesh, PadOutline, TetMesh,
+    bisection::Bisection,
+    pad_mesh::{NODES, kuhn},
+};
+use crate::{Error, Result};
+
+/// An unstructured tetrahedral mesh of a pad.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GradedPad {
+    /// Mesh, with its vertices (V, 3) in the pad frame.
+    pub mesh: TetMesh,
+    /// Nodes bonded to the base.
+    pub base: Vec<u32>,
+}
+
+/// Largest spacing, far from all points (m): wide enough to cost little, narrow enough to resolve
+/// the rim.
+const WIDEST: f64 = 2e-3;
+/// Growth of the spacing per distance.
+const GROWTH: f64 = 0.4;
+/// Most points around which the mesh may be refined.
+const MOST_POINTS: usize = 10_000;
+/// Ratio of two spacings at which the search for the finest one stops.
+const APART: f64 = 1.03;
+
+impl PadOutline {
+    /// Returns the finest mesh of at most `nodes` nodes whose spacing grows with the distance from
+    /// the nearest of `points` (m, in the pad frame).
+    ///
+    /// Kuhn's tetrahedra in cells of at most 2 mm are bisected ([`super::bisection`]) in a block of
+    /// equal size with a flat face, whose columns are then shortened to the height of the pad.
+    pub fn graded(&self, points: &[Point3<f64>], nodes: usize) -> Result<GradedPad> {
+        let outline = self.validated()?;
+        if !(1..=MOST_POINTS).contains(&points.len()) {
+            let expected = format!("1 to {MOST_POINTS} points");
+            return Err(Error::invalid("around", points.len(), expected));
+        }
+        if let Some(point) = points.iter().find(|p| !p.iter().all(|x| x.is_finite())) {
+            return Err(Error::invalid("around", point, "finite places"));
+        }
+        let block = PadOutline::flat(outline.length, outline.width, outline.thickness);
+        let widest = WIDEST.min(0.5 * outline.thickness);
+        let coarse = PadMesh::new(&block, &Grading::uniform(widest))?;
+        let [nx, ny, nz] = coarse.cells.map(|n| n as usize + 1);
+        let least = coarse.mesh.vertices.len();
+        if !(least..=*NODES.end()).contains(&nodes) {
+            let expected = format!("{least} to {} for a pad of this size", NODES.end());
+            return Err(Error::invalid("nodes", nodes, expected));
+        }
+        let points: Vec<_> = points.iter().map(|p| outline.straightened(p)).collect();
+        let away = |p: &Point3<f64>| {
+            let squared = points.iter().map(|q| (p - q).norm_squared());
+            squared.fold(f64::INFINITY, f64::min).sqrt()
+        };
+        let start = Bisection::new(coarse.mesh.vertices, kuhn(nx, ny, nz));
+        let refined = |spacing: f64| {
+            let mut pad = start.clone();
+            pad.refine(|p| spacing + GROWTH * away(p), nodes).then_some(pad)
+        };
+        let (mut fine, mut pad) = (1e-3 * outline.thickness, start.clone());
+        let mut rough = widest;
+        while rough > APART * fine {
+            let middle = (fine * rough).sqrt();
+            match refined(middle) {
+                Some(found) => (rough, pad) = (middle, found),
+                None => fine = middle,
+            }
+        }
+        let base = |p: &Point3<f64>| p.z <= -outline.thickness * (1.0 - 1e-12);
+        let base = (0..).zip(&pad.vertices).filter(|(_, p)| base(p)).map(|(i, _)| i).collect();
+        let vertices = pad.vertices.iter().map(|p| outline.crowned(p)).collect();
+        Ok(GradedPad { mesh: TetMesh::new("pad", vertices, pad.corners().collect())?, base })
+    }
+
+    /// Maps a point of the block of equal size with a flat face to the pad.
+    fn crowned(&self, p: &Point3<f64>) -> Point3<f64> {
+        let share = 1.0 + p.z / self.thickness;
+        let height = self.thickness + self.height(p.x, p.y);
+        Point3::new(p.x, p.y, share * height - self.thickness)
+    }
+
+    /// Maps a point of the pad to that block.
+    fn straightened(&self, p: &Point3<f64>) -> Point3<f64> {
+        let height = self.thickness + self.height(p.x, p.y);
+        let share = (p.z + self.thickness) / height.max(f64::MIN_POSITIVE);
+        Point3::new(p.x, p.y, self.thickness * (share - 1.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The outline of a GelSight Mini.
+    fn mini() -> PadOutline {
+        PadOutline {
+            length: 0.02525,
+            width: 0.02075,
+            thickness: 0.004,
+            radius_along: 0.210,
+            radius_across: 0.133,
+            rim_width: 0.00287,
+            rim_radius: 0.00524,
+        }
+    }
+
+    fn ring() -> Vec<Point3<f64>> {
+        let on = |i: i32| {
+            let angle = f64::from(i) * 0.2;
+            Point3::new(2e-3 + 1e-3 * angle.cos(), 1e-3 * angle.sin(), -4e-5)
+        };
+        (0..31).map(on).collect()
+    }
+
+    #[test]
+    fn it_fills_the_pad_and_keeps_quality_and_budget() {
+        // Even the coarse 2 mm cells resolve the volume that the rim cuts off nearly as well as
+        // fine ones.
+        let whole = PadMesh::with_nodes(&mini(), 20_000).unwrap().mesh.volume();
+        for nodes in [1000, 3000, 10_000] {
+            let pad = mini().graded(&ring(), nodes).unwrap();
+            let count = pad.mesh.vertices.len();
+            assert!(count <= nodes && count > nodes * 3 / 5, "{count} nodes for {nodes}");
+            let (volume, quality) = (pad.mesh.volume(), pad.mesh.quality());
+            assert!((volume / whole - 1.0).abs() < 0.01, "{volume} m³ of {whole} m³");
+            let least = quality.min_dihedral.to_degrees();
+            assert!(least > 20.0, "{nodes} nodes: an angle of {least}°");
+        }
+    }
+
+    /// The surface is closed, which no vertex in the middle of a neighbour's edge allows.
+    #[test]
+    fn neighbours_share_whole_faces() {
+        let pad = mini().graded(&ring(), 3000).unwrap();
+        let [wide, long] = [mini().width, mini().length];
+        let at = |i: u32| pad.mesh.vertices[i as usize];
+        let plan = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|i| at(i).xy());
+            0.5 * (b - a).perp(&(c - a))
+        };
+        let areas: Vec<_> = pad.mesh.boundary().iter().map(plan).collect();
+        for sign in [1.0, -1.0] {
+            let area: f64 = areas.iter().map(|a| (sign * a).max(0.0)).sum();
+            assert!((area / (wide * long) - 1.0).abs() < 1e-9, "{area} m² on one side");
+        }
+    }
+
+    #[test]
+    fn it_is_fine_where_it_is_told_to_be() {
+        let pad = mini().graded(&ring(), 4000).unwrap();
+        let edges = pad.mesh.edges().into_iter().map(|[a, b]| {
+            let [a, b] = [a, b].map(|i| pad.mesh.vertices[i as usize]);
+            (nalgebra::center(&a, &b), (b - a).norm())
+        });
+        let (mut near, mut far) = (f64::INFINITY, f64::INFINITY);
+        for (middle, length) in edges {
+            let away = ring().iter().map(|p| (p - middle).norm()).fold(f64::INFINITY, f64::min);
+            let least = if away < 2e-4 { &mut near } else { &mut far };
+            if !(2e-4..8e-3).contains(&away) {
+                *least = least.min(length);
+            }
+        }
+        assert!(near < 2e-4 && far > 8e-4, "{near} m near, {far} m far");
+    }
+
+    #[test]
+    fn the_base_lies_where_the_frame_says() {
+        let pad = mini().graded(&ring(), 2000).unwrap();
+        let bottom = |i: u32| pad.mesh.vertices[i as usize].z < -mini().thickness + 1e-9;
+        assert!(pad.base.iter().all(|&i| bottom(i)));
+        let count = (0..pad.mesh.vertices.len() as u32).filter(|&i| bottom(i)).count();
+        assert_eq!(pad.base.len(), count);
+    }
+
+    #[test]
+    fn what_cannot_be_is_named() {
+        let message =
+            |points: &[Point3<f64>], nodes| mini().graded(points, nodes).unwrap_err().to_string();
+        assert!(message(&[], 2000).starts_with("around"));
+        assert!(message(&[Point3::new(f64::NAN, 0.0, 0.0)], 2000).contains("finite"));
+        assert!(message(&ring(), 200).starts_with("nodes"));
+    }
+}
