@@ -133,14 +133,6 @@ def test_a_page_is_that_of_its_figures(module):
     assert pages.markdown(report) == (REPORTS / f"{name}.md").read_text()
 
 
-@pytest.mark.parametrize("file", sorted(RESULTS.glob("*-ppo*.json")), ids=lambda file: file.name)
-def test_a_page_of_agents_is_that_of_their_figures(file):
-    pytest.importorskip("stable_baselines3")
-    curves = importlib.import_module("plot_curves")
-    page = curves.page(json.loads(file.read_text()), file.stem)
-    assert page == file.with_suffix(".md").read_text()
-
-
 def test_what_is_recommended_from_is_the_report():
     pages = importlib.import_module("pareto_pages")
     report = json.loads((REPORTS / "pareto.json").read_text())

@@ -15,7 +15,7 @@ import torch
 import quickstart
 from ruffini import agents
 from ruffini.sb3 import make_vec_env
-from study import KINDS, RESULTS, rows_of
+from study import KINDS, RESULTS, number_of_seeds, rows_of
 from study_pages import interquartile_mean, interval, page
 from train import CHECKPOINT, FirstWithoutTouch, train, untouched
 
@@ -54,6 +54,8 @@ def test_the_readme_says_what_the_rows_say(env_id):
         pytest.skip("no agents of it yet")
     median, worst = 100 * np.median(found), 100 * min(found)
     says = f"[{median:.1f} %, the worst of {len(found)} seeds {worst:.1f} %]"
+    if len(found) < 5:
+        says = f"[{len(found)} of {number_of_seeds('touch')} seeds so far: {worst:.1f} %]"
     page = f"policies/results/{env_id.split('/')[-1]}.md"
     assert f"{says}({page})" in (RESULTS.parents[1] / "README.md").read_text()
 
