@@ -13,6 +13,7 @@ import pytest
 import ruffini
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "policies"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "reference"))
 
 IDS = sorted(name for name in gym.registry if name.startswith("ruffini/"))
 OBSERVATIONS: dict[str, dict[str, Any]] = {

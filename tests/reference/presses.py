@@ -1,0 +1,304 @@
+"""Presses whose truth is known with its error, by indenters of families no network was taught.
+
+Use::
+
+    python tests/reference/presses.py --count 200     # those that are missing; hours
+    python tests/reference/presses.py --table         # how well the truth is known
+
+Press n is drawn from n alone: family of the indenter, size of its smallest feature, direction,
+place, gel, friction, depth, and how it moves on once it is down. One that would press with less
+than 0.004 E t² (0.02 N on the GelSight Mini; E Young's modulus, t thickness) is drawn anew. It is
+solved on two meshes of quadratic elements: the first graded towards where the undeformed face lies
+inside the indenter, the second, of more nodes, towards the nodes that the first found in contact.
+The difference between the two is stored beside the second's answer and estimates its error. Fields
+are those on the pad's mesh of 1,000 nodes, on which the networks answer. A stopped run continues
+with the first missing press.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tomllib
+from indenters import FAMILIES, Surface
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import ruffini
+from ruffini import Fem, Press, PressError, Shape, SoftBody
+
+HERE = Path(__file__).resolve().parent / "presses"
+ROOT = Path(__file__).resolve().parents[2]
+SEED = 20261123
+COARSE, FINE = 900, 1500
+"""Nodes of the two meshes, without those in the middle of edges. A ring of 2 mm and a dumbbell of 6 mm,
+1 mm deep, differ by 2 to 5 %, a gear of 1.5 mm at 11 mN by 46 %: more nodes are needed there."""
+MODEL_NODES = 1000
+LEAST_FORCE = 0.004
+"""Force at the full depth, of Young's modulus times thickness squared."""
+SENSOR = "gelsight-mini"
+FRAMES = (0.25, 0.5, 0.75, 1.0, 1.0, 1.0)
+"""Share of the depth in each frame; in the last two it moves sideways, turns and rolls."""
+JUDGED = (1, 3, 5)
+OUTLINE = tomllib.loads((ROOT / f"env-core/assets/sensors/{SENSOR}.toml").read_text())["outline"]
+
+
+@dataclass(frozen=True)
+class Question:
+    """One press, as drawn."""
+
+    number: int
+    family: str
+    feature: float
+    """Smallest feature of the indenter (m)."""
+    young: float
+    poisson: float
+    friction: float
+    depth: float
+    """How far past first touch (m)."""
+    surface: Surface
+    path: list[tuple[NDArray[np.float64], NDArray[np.float64]]]
+    """Places (3,) in m and orientations (4,), xyzw."""
+
+    @classmethod
+    def draw(cls, number: int) -> Question:
+        """The press of that number: the first of its draws that presses hard enough."""
+        for attempt in range(1000):
+            question = cls._draw(number, np.random.default_rng([SEED, number, attempt]))
+            if question is not None and question.presses():
+                return question
+        raise RuntimeError(f"press {number}: no draw presses hard enough")
+
+    @classmethod
+    def _draw(cls, number: int, random: np.random.Generator) -> Question:
+        family = list(FAMILIES)[number % len(FAMILIES)]
+        feature = float(np.exp(random.uniform(np.log(0.5e-3), np.log(10e-3))))
+        surface = FAMILIES[family](feature, random)
+        # One in five gels is as soft as 10 kPa, one in five as stiff as 3 MPa at most.
+        kind = random.integers(5)
+        span = {0: (1e4, 1e5), 1: (1e6, 3e6)}.get(int(kind), (1.5e5, 6e5))
+        young = float(np.exp(random.uniform(*np.log(span))))
+        poisson = float(random.choice([0.3, 0.4, 0.45, 0.47, 0.475, 0.49, 0.499]))
+        friction = float(random.choice([0, 0.2, 0.4, 0.6, 0.8, 1.0, 2.0]))
+        depth = float(np.exp(random.uniform(np.log(5e-6), np.log(2e-3))))
+        turn = Rotation.random(random_state=int(random.integers(2**31)))
+        spot = random.uniform(-1, 1, 2) * (7e-3, 9e-3)
+        aside = random.uniform(-1, 1, 2) * depth
+        twist, roll = np.radians(random.uniform(-10, 10)), np.radians(random.uniform(-8, 8, 2))
+        if depth < 1e-4:
+            twist, roll = 0.1 * twist, 0.1 * roll
+        last = Rotation.from_rotvec([*roll, twist])
+        path = poses(Shape.mesh(*surface), surface[0], turn, spot, depth, aside, last)
+        return cls(number, family, feature, young, poisson, friction, depth, surface, path)
+
+    def body(self, nodes: int, around: NDArray[np.float64] | None = None) -> SoftBody:
+        """The pad of its gel."""
+        pad = ruffini.sensor(SENSOR, resolution=nodes, around=around)
+        return SoftBody(pad.mesh, self.young, self.poisson, "neo-hookean", pad.fixed)
+
+    def presses(self) -> bool:
+        """Whether the force at the full depth, by linear elements, is more than the least."""
+        body = self.body(COARSE, contact_guess(self))
+        down = Press(Shape.mesh(*self.surface), self.path[:4])
+        last = Fem(body, friction=self.friction).solve_path(down)[-1]
+        least = LEAST_FORCE * self.young * OUTLINE["thickness"] ** 2
+        return not isinstance(last, PressError) and bool(np.linalg.norm(last.wrench[:3]) > least)
+
+    def press(self) -> Press:
+        """What is asked."""
+        return Press(Shape.mesh(*self.surface), self.path)
+
+
+def height(x: NDArray, y: NDArray) -> NDArray:
+    """Height of the face over the apex (m), as the sensor's file describes it."""
+
+    def sagitta(p: NDArray, radius: float) -> NDArray:
+        return p**2 / (radius + np.sqrt(np.maximum(radius**2 - p**2, 0)))
+
+    beyond = [
+        np.maximum(np.abs(p) - (OUTLINE[extent] / 2 - OUTLINE["rim_width"]), 0)
+        for p, extent in ((x, "width"), (y, "length"))
+    ]
+    over = np.minimum(np.hypot(*beyond), OUTLINE["rim_width"])
+    crown = sagitta(x, OUTLINE["radius_across"]) + sagitta(y, OUTLINE["radius_along"])
+    return -crown - sagitta(over, OUTLINE["rim_radius"])
+
+
+def face(spacing: float) -> NDArray[np.float64]:
+    """Places on the face, so far apart (P, 3)."""
+    halves = [OUTLINE["width"] / 2, OUTLINE["length"] / 2]
+    line = [np.linspace(-h, h, int(2 * h / spacing)) for h in halves]
+    x, y = (p.reshape(-1) for p in np.meshgrid(*line, indexing="ij"))
+    return np.stack([x, y, height(x, y)], axis=-1)
+
+
+def first_touch(shape: Shape, pose: tuple[NDArray, NDArray], spot: NDArray) -> float:
+    """How far the shape has to be lowered from `pose` to touch the face (m)."""
+    places = np.vstack([face(2e-4), [*spot, height(*spot)]])
+    place, turn = pose[0], Rotation.from_quat(pose[1])
+    near = places
+    low, high = -5e-3, 5e-3
+    for step in range(24):
+        middle = (low + high) / 2
+        inside = turn.inv().apply(near - (place - [0, 0, middle]))
+        distance = shape.distance(inside)[0]
+        low, high = (low, middle) if distance.min() < 0 else (middle, high)
+        if step < 8:
+            near = near[distance < distance.min() + 2 * (high - low) + 1e-4]
+    return low
+
+
+def poses(
+    shape: Shape,
+    vertices: NDArray,
+    turn: Rotation,
+    spot: NDArray,
+    depth: float,
+    aside: NDArray,
+    last: Rotation,
+) -> list[tuple[NDArray, NDArray]]:
+    """Leads the lowest vertex down over `spot`, then by `aside` and `last` about its place."""
+    placed = turn.apply(vertices)
+    lowest = placed[placed[:, 2].argmin()]
+    touch = np.array([*spot, height(*spot)])
+    start = touch - lowest
+    start[2] -= first_touch(shape, (start, turn.as_quat()), spot)
+    path = []
+    for step, share in enumerate(FRAMES):
+        more = max(step - 3, 0) / 2
+        part = Rotation.from_rotvec(more * last.as_rotvec())
+        place = touch + part.apply(start - touch) + [*(more * aside), -share * depth]
+        path.append((place, (part * turn).as_quat()))
+    return path
+
+
+def contact_guess(question: Question) -> NDArray[np.float64]:
+    """Places on the face that the indenter would cover if the gel gave way nowhere else (K, 3)."""
+    places, shape, found = face(1e-4), Shape.mesh(*question.surface), []
+    for place, turn in (question.path[frame] for frame in (3, 5)):
+        inside = Rotation.from_quat(turn).inv().apply(places - place)
+        distance = shape.distance(inside)[0]
+        found.append(places[distance < max(0.0, distance.min() + 0.2 * question.depth)])
+    return thinned(np.vstack(found), 1e-4)
+
+
+def thinned(points: NDArray, apart: float) -> NDArray[np.float64]:
+    """One of the points in each cube of that size."""
+    _, first = np.unique(np.floor(points / apart).astype(int), axis=0, return_index=True)
+    return points[first]
+
+
+def contacts(body: SoftBody, frames: list) -> NDArray[np.float64]:
+    """Nodes at rest that any of the answers bears a force on (K, 3)."""
+    felt = np.zeros(len(body.mesh.vertices), dtype=bool)
+    for frame in frames:
+        felt |= (frame.contact_force != 0).any(axis=1)
+    return body.mesh.vertices[felt]
+
+
+def solve(question: Question) -> dict[str, NDArray]:
+    """The finer mesh's answer, how far the coarser one's is from it, and what they cost.
+
+    Raises:
+        PressError: If one of them does not solve the press.
+    """
+    model = ruffini.sensor(SENSOR, resolution=MODEL_NODES).mesh
+    press, around = question.press(), contact_guess(question)
+    answers, nodes, seconds = [], [], []
+    for most in (COARSE, FINE):
+        body = question.body(most, around)
+        fem = Fem(body, friction=question.friction, element="p2")
+        start = time.process_time()
+        frames = fem.solve_path(press)
+        seconds.append(time.process_time() - start)
+        if isinstance(frames[-1], PressError):
+            raise frames[-1]
+        judged = [frames[frame] for frame in JUDGED]
+        fields = [fem.carry(frame.history, model) for frame in judged]
+        displacement, stress = (np.array(field) for field in zip(*fields, strict=True))
+        answers.append((displacement, stress, np.array([frame.wrench for frame in judged])))
+        nodes.append(len(body.mesh.vertices))
+        around = contacts(body, frames)
+    (displacement, stress, wrench), coarse = answers[1], answers[0]
+    error = [
+        [apart(rough[frame], fine[frame]) for frame in range(len(JUDGED))]
+        for rough, fine in (
+            (coarse[0], displacement),
+            (coarse[1], stress),
+            (coarse[2][:, :3], wrench[:, :3]),
+        )
+    ]
+    force = np.array([frame.contact_force for frame in judged])
+    felt = (force != 0).any(axis=(0, 2))
+    return {
+        "displacement": displacement.astype(np.float32),
+        "von_mises": stress.astype(np.float32),
+        "wrench": wrench,
+        "error": np.array(error),
+        "contact_nodes": body.mesh.vertices[felt].astype(np.float32),
+        "contact_force": force[:, felt].astype(np.float32),
+        "nodes": np.array(nodes),
+        "cpu_seconds": np.array(seconds),
+    }
+
+
+def apart(one: NDArray, other: NDArray) -> float:
+    """Distance of a field from another, relative to that one."""
+    return float(np.linalg.norm(one - other) / max(np.linalg.norm(other), 1e-300))
+
+
+def make(number: int) -> str:
+    """Solves a press and writes its file; returns a line about it."""
+    question = Question.draw(number)
+    about = f"{number:3d} {question.family:9s} {1e3 * question.feature:5.2f} mm"
+    about += f" {1e6 * question.depth:6.0f} µm"
+    try:
+        found = solve(question)
+    except PressError as error:
+        (HERE / f"{number:03d}.txt").write_text(f"{error}\n")
+        return f"{about}: {error}"
+    np.savez_compressed(HERE / f"{number:03d}.npz", **found)
+    force = np.linalg.norm(found["wrench"][-1, :3])
+    off = ", ".join(f"{100 * part.max():.1f} %" for part in found["error"])
+    return f"{about} {force:7.3f} N: {off} apart, {found['cpu_seconds'].sum():.0f} CPU s"
+
+
+def table() -> None:
+    """Prints the differences of the two meshes, u, stress and force, by size of feature."""
+    kept = {int(file.stem): np.load(file)["error"] for file in sorted(HERE.glob("*.npz"))}
+    features = {number: 1e3 * Question.draw(number).feature for number in kept}
+    for low, high in ((0.5, 2), (2, 5), (5, 10), (0.5, 10)):
+        chosen = [e for number, e in kept.items() if low <= features[number] < high]
+        if not chosen:
+            continue
+        errors = 100 * np.concatenate(chosen, axis=1)
+        parts = [f"{np.median(e):.2f} / {np.percentile(e, 95):.2f} %" for e in errors]
+        print(f"{low} to {high} mm, {len(chosen)} presses: {', '.join(parts)} (median / 95 %)")
+    print(f"unsolved: {[int(file.stem) for file in sorted(HERE.glob('*.txt'))]}")
+
+
+def main() -> None:
+    """Solves what has no file yet, or prints how well it is known."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("--count", type=int, default=200, help="presses in all")
+    parser.add_argument("--threads", type=int, default=2, help="presses solved at a time")
+    parser.add_argument("--table", action="store_true", help="solve nothing")
+    arguments = parser.parse_args()
+    if arguments.table:
+        table()
+        return
+    HERE.mkdir(exist_ok=True)
+    done = {int(file.stem) for file in HERE.iterdir() if file.suffix in (".npz", ".txt")}
+    missing = [number for number in range(arguments.count) if number not in done]
+    with ProcessPoolExecutor(arguments.threads) as pool:
+        for line in pool.map(make, missing):
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()
