@@ -36,8 +36,8 @@ HERE = Path(__file__).resolve().parent / "presses"
 ROOT = Path(__file__).resolve().parents[2]
 SEED = 20261123
 COARSE, FINE = 900, 1500
-"""Nodes of the two meshes, without those in the middle of edges. A ring of 2 mm and a dumbbell of 6 mm,
-1 mm deep, differ by 2 to 5 %, a gear of 1.5 mm at 11 mN by 46 %: more nodes are needed there."""
+"""Nodes of the two meshes, without those in the middle of edges. A ring of 2 mm and a dumbbell of
+6 mm, 1 mm deep, differ by 2 to 5 %, a gear of 1.5 mm at 11 mN by 46 %: it needs more nodes."""
 MODEL_NODES = 1000
 LEAST_FORCE = 0.004
 """Force at the full depth, of Young's modulus times thickness squared."""
