@@ -1,22 +1,22 @@
-//! The one error type. A message says what was found and what was expected.
+//! The error type of the crate. Messages state what was found and what was expected.
 
 use thiserror::Error;
 
-/// Result of everything in this crate that can fail.
+/// Result of the fallible functions of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Why something could not be built or computed.
+/// Reason why something could not be built or computed.
 #[non_exhaustive]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum Error {
-    /// A number, name or combination of options that makes no sense.
+    /// A number, name or combination of options that is not accepted.
     #[error("{name}: found {found}, expected {expected}")]
     Invalid {
-        /// The argument, as the user wrote it.
+        /// Name of the argument, as the user wrote it.
         name: String,
-        /// What was given.
+        /// Value given.
         found: String,
-        /// What would have been accepted.
+        /// Values that are accepted.
         expected: String,
     },
     /// Settings that could not be read at all: an unknown name, a wrong type.
@@ -24,13 +24,13 @@ pub enum Error {
     Setting {
         /// Path of the setting.
         name: String,
-        /// What was found and what was expected.
+        /// Message with the value found and the value expected.
         reason: String,
     },
     /// A snapshot that does not fit the environment it is given to.
     #[error("state: {reason}")]
     BadState {
-        /// What is wrong with it.
+        /// Description of the defect.
         reason: String,
     },
     /// A surface or volume mesh that cannot be used.
@@ -38,7 +38,7 @@ pub enum Error {
     BadMesh {
         /// File or shape that the mesh came from.
         name: String,
-        /// What is wrong with it, with numbers.
+        /// Description of the defect, with numbers.
         reason: String,
     },
     /// A file that could not be read or written.
@@ -46,60 +46,61 @@ pub enum Error {
     File {
         /// The path as given.
         path: String,
-        /// What the operating system or the parser said.
+        /// Message of the operating system or the parser.
         reason: String,
     },
-    /// Newton's method stopped before the forces balanced, however small the load step.
+    /// Newton's method did not reach equilibrium, even with the smallest load step.
     #[error(
         "no equilibrium after {iterations} Newton steps: residual {residual:.2e} N, \
          tolerance {tolerance:.2e} N"
     )]
     NotConverged {
-        /// Newton steps taken, all load steps together.
+        /// Newton steps taken, summed over the load steps.
         iterations: usize,
-        /// Norm of the unbalanced force (N).
+        /// Norm of the residual force (N).
         residual: f64,
-        /// Norm that would have been accepted (N).
+        /// Largest norm accepted (N).
         tolerance: f64,
     },
-    /// An answer that turns part of the body inside out.
+    /// A displacement field that inverts a tetrahedron.
     #[error("the answer turns a tetrahedron inside out, expected a press in reach of the model")]
     Inverted,
-    /// A balance of forces in which a shape stands deep inside the body, as when it is led through
-    /// nodes that are held fixed.
+    /// An equilibrium in which a shape penetrates the body deeply, for example because it was moved
+    /// through nodes that are held fixed.
     #[error("a shape stands {depth:.2e} m inside the body, expected {most:.2e} m or less")]
     Penetrated {
         /// Depth of the deepest touching point (m).
         depth: f64,
-        /// Depth that would have been accepted (m).
+        /// Largest depth accepted (m).
         most: f64,
     },
     /// A network that could not be built, read or run.
     #[error("network: {reason}")]
     Network {
-        /// What is wrong with it.
+        /// Description of the defect.
         reason: String,
     },
-    /// A force drive whose shapes never press that hard.
+    /// A force-driven press that does not reach the force asked for.
     #[error("force {force:.3e} N not reached: {reached:.3e} N after {travel:.3e} m")]
     Unreachable {
         /// Force asked for (N).
         force: f64,
-        /// Largest force met (N).
+        /// Largest force reached (N).
         reached: f64,
-        /// How far the shapes moved (m).
+        /// Travel of the shapes (m).
         travel: f64,
     },
-    /// A trial grip that no model answers, so that there is no limit to go by.
+    /// A trial grasp for which the models return no solution, so that no limit can be derived from
+    /// it.
     #[error("the trial grip has no answer, expected one in reach of the model")]
     NoTrial,
-    /// A model that stopped on an internal error.
+    /// An internal error (a panic) in a model.
     #[error("the model stopped on an internal error, expected none: please report it")]
     Panicked,
 }
 
 impl Error {
-    /// An [`Error::Invalid`] from anything printable.
+    /// Returns an [`Error::Invalid`] about any printable value.
     #[allow(clippy::needless_pass_by_value)] // Reads better at the hundred places that call it.
     pub fn invalid(
         name: impl Into<String>,
@@ -109,7 +110,7 @@ impl Error {
         Self::Invalid { name: name.into(), found: found.to_string(), expected: expected.into() }
     }
 
-    /// This error about the argument that the user knows as `name`.
+    /// Returns this error with `name` in place of the argument's name.
     #[must_use]
     pub fn renamed(self, name: &str) -> Self {
         match self {
@@ -120,7 +121,7 @@ impl Error {
         }
     }
 
-    /// This error about a part of the argument `whole`.
+    /// Returns this error with the argument named as a part of `whole`: `whole.name`.
     #[must_use]
     pub fn within(self, whole: &str) -> Self {
         match self {
@@ -131,12 +132,12 @@ impl Error {
         }
     }
 
-    /// An [`Error::File`] from a path and anything printable.
+    /// Returns an [`Error::File`] from a path and any printable reason.
     pub(crate) fn file(path: &std::path::Path, reason: &dyn std::fmt::Display) -> Self {
         Self::File { path: path.display().to_string(), reason: reason.to_string() }
     }
 
-    /// Name of the kind of failure, as Python has it.
+    /// Name of the kind of failure, as used in Python.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Invalid { .. } => "invalid",

@@ -1,7 +1,8 @@
 //! Grasping with soft tactile fingertips: geometry, rigid scene, task and vectorised environment.
 //!
-//! Modules are floors, declared from the ground up: a module imports only from floors above it in
-//! this list. SI units everywhere; only `scene` converts, at its border with Rapier.
+//! Modules are layers, declared from the lowest to the highest: a module imports only from modules
+//! declared before it in this list. SI units everywhere; only `scene` converts, at its interface
+//! with Rapier.
 
 #![forbid(unsafe_code)]
 

@@ -1,10 +1,10 @@
-//! What unit forces on nodes do, in 16 bits a number.
+//! Linear responses to unit forces on nodes, stored with 16 bits per number.
 //!
-//! Sums over such rows wait for memory, so half the bytes is nearly twice the speed. A row is stored in
-//! units of 1/32767 of its largest number, which is the answer of the loaded node itself: what rounding
-//! adds up to under hundreds of forces is some 1e-5 of the sum.
+//! Sums over such rows are limited by memory bandwidth, so half the bytes nearly double the speed.
+//! A row is stored in units of 1/32767 of its largest number, which is the response of the loaded
+//! node itself; under hundreds of forces the rounding adds up to about 1e-5 of the sum.
 
-#![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
+#![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
 use std::ops::Range;
 
@@ -25,7 +25,7 @@ pub(crate) struct Responses {
 const LARGEST: f64 = 32767.0;
 
 impl Responses {
-    /// None yet, of `width` numbers each.
+    /// Returns an empty table for rows of `width` numbers.
     pub(crate) fn new(width: usize) -> Self {
         Self { width, numbers: Vec::new(), units: Vec::new() }
     }
@@ -48,10 +48,10 @@ impl Responses {
         self.width
     }
 
-    /// Adds the part in `columns` of what a `force` on `node` does to `sum`.
+    /// Adds the response to `force` on `node`, restricted to `columns`, to `sum`.
     ///
     /// # Panics
-    /// If `sum` is not as long as that part.
+    /// If `sum` is longer than `columns`.
     pub(crate) fn add(
         &self,
         node: u32,
@@ -69,7 +69,7 @@ impl Responses {
         );
     }
 
-    /// Column `column` of the row of `node` and `axis`.
+    /// Number in `column` of the row of `node` and `axis`.
     pub(crate) fn at(&self, node: u32, axis: usize, column: usize) -> f64 {
         let row = 3 * node as usize + axis;
         f64::from(self.units[row]) * f64::from(self.numbers[row * self.width + column])

@@ -1,8 +1,8 @@
 //! Named tactile sensors: shape, material, markers and camera of their gel pads.
 //!
-//! A sensor is a TOML file in which every figure has its source; `assets/sensors` holds those that
-//! are known by name. Published moduli of one gel differ by a factor of 1.4, so a sensor has
-//! several named calibrations and none is hidden.
+//! A sensor is a TOML file that gives the source of every figure; the sensors in `assets/sensors`
+//! are built in and known by name. Published moduli of one gel differ by a factor of 1.4, so a
+//! sensor has several named calibrations.
 
 use std::{fs, path::Path};
 
@@ -22,13 +22,13 @@ const KNOWN: [(&str, &str); 2] = [
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct Sensor {
-    /// Name to ask for it.
+    /// Name by which it is selected.
     pub name: String,
-    /// What it is, in a sentence.
+    /// Description in one sentence.
     pub description: String,
     /// Undeformed gel pad.
     pub outline: PadOutline,
-    /// What holds for every calibration of the gel.
+    /// Properties common to all calibrations of the gel.
     pub gel: Gel,
     /// Materials fitted to the gel; the first is the default.
     #[serde(rename = "calibration")]
@@ -41,13 +41,13 @@ pub struct Sensor {
     pub camera: Camera,
 }
 
-/// A gel, whatever its calibration.
+/// Properties of a gel that do not depend on its calibration.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct Gel {
     /// Density (kg/m³).
     pub density: f64,
-    /// Who says so.
+    /// Source of the figures.
     pub source: String,
 }
 
@@ -55,7 +55,7 @@ pub struct Gel {
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
-    /// Name to ask for it.
+    /// Name by which it is selected.
     pub name: String,
     /// Young's modulus at small strain (Pa).
     pub young: f64,
@@ -63,27 +63,28 @@ pub struct Calibration {
     pub poisson: f64,
     /// Name of the material law.
     pub law: String,
-    /// Who measured or chose it.
+    /// Source of the calibration.
     pub source: String,
-    /// The gel as a bed of bristles, fitted to its finite elements.
+    /// Elastic foundation fitted to the finite-element model of the gel.
     pub bristles: Bristles,
 }
 
-/// A gel lumped into independent bristles, for any Young's modulus: what `calibrate_bed` prints.
+/// An elastic foundation of independent bristles that represents a gel of any Young's modulus E.
+/// `calibrate_bed` prints these coefficients.
 ///
-/// With the gel's thickness h, Σ = ∫ δ² dA / h⁴ over the depth δ of the undeformed face in an object
-/// and the touched area A, the stored energy is `normal` E h³ Σ^`coupling`, and the stiffness
-/// against sideways motion `shear` E h (A/h²)^`spread`.
+/// With the gel's thickness h, the touched area A and Σ = ∫ δ² dA / h⁴, where δ is the depth of the
+/// undeformed face inside the object, the stored energy is `normal` E h³ Σ^`coupling`, and the
+/// stiffness against sideways motion is `shear` E h (A/h²)^`spread`.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Bristles {
     /// Factor of the stored energy.
     pub normal: f64,
-    /// Its exponent.
+    /// Exponent of Σ in the stored energy.
     pub coupling: f64,
     /// Factor of the sideways stiffness.
     pub shear: f64,
-    /// Its exponent.
+    /// Exponent of A/h² in the sideways stiffness.
     pub spread: f64,
 }
 
@@ -97,7 +98,7 @@ pub struct Friction {
     /// Coefficient while sliding.
     #[serde(rename = "dynamic")]
     pub sliding: f64,
-    /// Who says so.
+    /// Source of the figures.
     pub source: String,
 }
 
@@ -111,7 +112,7 @@ pub struct Markers {
     pub along: u32,
     /// Distance between neighbours (m).
     pub pitch: f64,
-    /// Who says so.
+    /// Source of the figures.
     pub source: String,
 }
 
@@ -123,12 +124,12 @@ pub struct Camera {
     pub pixels: [u32; 2],
     /// Size of a pixel on the face (m).
     pub pixel: f64,
-    /// Who says so.
+    /// Source of the figures.
     pub source: String,
 }
 
 impl Sensor {
-    /// The sensor known by `name`, or an error that lists the known ones.
+    /// Returns the built-in sensor `name`, or an error that lists the built-in ones.
     pub fn named(name: &str) -> Result<Self> {
         let known = KNOWN.iter().find(|(known, _)| *known == name);
         let (name, text) = known.ok_or_else(|| {
@@ -138,12 +139,12 @@ impl Sensor {
         Self::parse(name, text)
     }
 
-    /// The names that [`Sensor::named`] knows.
+    /// Names of the built-in sensors, accepted by [`Sensor::named`].
     pub fn names() -> impl Iterator<Item = &'static str> {
         KNOWN.iter().map(|(name, _)| *name)
     }
 
-    /// The sensor described in a TOML file of the form of `assets/sensors`.
+    /// Reads a sensor from a TOML file in the format of `assets/sensors`.
     pub fn read(path: &Path) -> Result<Self> {
         let shown = path.display().to_string();
         let text = fs::read_to_string(path)
@@ -151,7 +152,7 @@ impl Sensor {
         Self::parse(&shown, &text)
     }
 
-    /// The calibration of that name, or an error that lists those there are.
+    /// Returns the calibration `name`, or an error that lists the available ones.
     pub fn calibration(&self, name: &str) -> Result<&Calibration> {
         self.calibrations.iter().find(|c| c.name == name).ok_or_else(|| {
             let names: Vec<_> = self.calibrations.iter().map(|c| c.name.as_str()).collect();
@@ -160,7 +161,7 @@ impl Sensor {
         })
     }
 
-    /// The pad meshed with at most `nodes` nodes, finest in the middle of the face.
+    /// Returns the pad meshed with at most `nodes` nodes, finest in the middle of the face.
     pub fn pad(&self, nodes: usize) -> Result<PadMesh> {
         PadMesh::with_nodes(&self.outline, nodes)
     }

@@ -1,28 +1,29 @@
-//! Loops compiled for the processor that runs them.
+//! Numeric loops compiled for the widest vector instructions of the processor that runs them.
 
-#![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
+#![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
 use std::sync::LazyLock;
 
 use pulp::{Arch, NullaryFnOnce};
 
-/// Numbers that kernels take at once: as many as the widest vectors hold.
+/// Numbers that a kernel processes at once: as many as the widest vectors hold.
 pub(crate) const LANES: usize = 16;
 
-/// This processor, asked once: a short loop takes less time than the question.
+/// Vector instructions of this processor, detected once: the detection takes longer than a short
+/// loop.
 static ARCH: LazyLock<Arch> = LazyLock::new(Arch::new);
 
-/// Runs `kernel` with the wide vectors of this processor.
+/// Runs `kernel` with the widest vectors of this processor.
 ///
-/// Only what is inlined into it is compiled for them: the closure itself and all that its loops call
+/// Only inlined code is compiled for them: the closure itself and all functions that its loops call
 /// must be `#[inline(always)]`.
 #[inline(always)]
 pub(crate) fn vectorised<R>(kernel: impl FnMut() -> R) -> R {
     ARCH.dispatch(Kernel(kernel))
 }
 
-/// A closure that is called where it stands. Handed over bare, `pulp` would call it by way of
-/// `FnOnce::call_once`, which is compiled apart and for the oldest processor.
+/// A wrapper with which `pulp` inlines a closure. A bare closure would be called by way of
+/// `FnOnce::call_once`, which is compiled separately and for the oldest processor.
 struct Kernel<F>(F);
 
 impl<R, F: FnMut() -> R> NullaryFnOnce for Kernel<F> {
@@ -34,7 +35,7 @@ impl<R, F: FnMut() -> R> NullaryFnOnce for Kernel<F> {
     }
 }
 
-/// Σ `term`(a, b), in an order that a processor can take several steps of at once.
+/// Returns Σ `term`(a, b), as [`LANES`] partial sums that the processor can compute at once.
 #[inline(always)]
 pub(crate) fn sum(a: &[f32], b: &[f32], term: impl Fn(f32, f32) -> f32) -> f32 {
     let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());

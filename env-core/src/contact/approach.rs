@@ -1,4 +1,4 @@
-//! Rigid shapes on their way to a surface.
+//! Motion of rigid shapes towards a surface.
 //!
 //! Shapes: C surface points, S rigid shapes.
 
@@ -7,8 +7,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::SurfacePoint;
 use crate::geometry::Shape;
 
-/// `poses` (S), with each shape that overlaps the surface backed off it along the push it would
-/// give; the surface's points are at `places` (C).
+/// Returns `poses` (S) with each shape that overlaps the surface moved out of it, opposite to the
+/// direction in which it would push the surface. The surface points are at `places` (C).
 pub fn backed_off(
     shapes: &[Shape],
     poses: &[Isometry3<f64>],
@@ -30,7 +30,8 @@ pub fn backed_off(
     apart
 }
 
-/// Depth of the deepest point inside the shape (m), and the sum of depth × area along the normals.
+/// Depth of the deepest point inside the shape (m), and the sum of depth × area along the normals
+/// (m³).
 fn overlap(
     shape: &Shape,
     pose: &Isometry3<f64>,
@@ -48,7 +49,7 @@ fn overlap(
     (deepest, push)
 }
 
-/// Least signed distance of any of `places` to any shape (m).
+/// Smallest signed distance of any of `places` to any shape (m).
 pub fn clearance(shapes: &[Shape], poses: &[Isometry3<f64>], places: &[Point3<f64>]) -> f64 {
     let pairs = shapes.iter().zip(poses);
     let distance = |(shape, pose): (&Shape, &Isometry3<f64>)| {
@@ -58,7 +59,7 @@ pub fn clearance(shapes: &[Shape], poses: &[Isometry3<f64>], places: &[Point3<f6
     pairs.map(distance).fold(f64::INFINITY, f64::min)
 }
 
-/// Poses a fraction `t` of the way between two sets.
+/// Interpolates between two sets of poses at the fraction `t`.
 pub fn between(from: &[Isometry3<f64>], to: &[Isometry3<f64>], t: f64) -> Vec<Isometry3<f64>> {
     if t == 1.0 {
         return to.to_vec();

@@ -1,4 +1,5 @@
-//! The faces by which a body is held: rigid, and nothing is felt there.
+//! Held faces of a body: they are rigid, shapes must not enter them, and contact there exerts no
+//! force.
 
 use std::collections::BTreeMap;
 
@@ -7,24 +8,24 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::leap::runs_through;
 use crate::{Error, Result, geometry::Shape};
 
-/// Side of the boxes that points are grouped by (m).
+/// Side of the cubes in which points are grouped (m).
 const BOX: f64 = 3.5e-3;
 
-/// Points on the faces that are held.
+/// Points on the held faces of a body.
 pub struct Backing {
     groups: Vec<Group>,
 }
 
-/// Points that lie together.
+/// Points in one cube.
 struct Group {
     centre: Point3<f64>,
-    /// Distance of the farthest of them from the centre (m).
+    /// Distance of the farthest point from the centre (m).
     radius: f64,
     places: Vec<Point3<f64>>,
 }
 
 impl Backing {
-    /// With points at these `places` (m), where they stay.
+    /// Groups the fixed points at these `places` (m).
     pub fn new(places: impl Iterator<Item = Point3<f64>>) -> Self {
         let mut boxes: BTreeMap<[i64; 3], Vec<Point3<f64>>> = BTreeMap::new();
         for place in places {
@@ -40,9 +41,9 @@ impl Backing {
         Self { groups: boxes.into_values().map(group).collect() }
     }
 
-    /// An error if one of the `shapes` stands in it by more than `most` (m) at its pose `to`, or ran over a
-    /// point of it by so much on its way `from` where it was: such a step has not converged to the
-    /// `tolerance` (N) asked for.
+    /// Returns an error if one of the `shapes` contains a point deeper than `most` (m) at its pose
+    /// `to`, or moved over one by as much on its way there from its pose `from`. The latter is
+    /// reported as a step that has not converged to the `tolerance` (N).
     pub fn check(
         &self,
         shapes: &[Shape],

@@ -1,21 +1,22 @@
-//! Shapes wholly inside the body: none of its surface is in them, so contact does not feel them.
+//! Shapes wholly inside the body: they contain no surface point, so contact does not detect them.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::geometry::{Distance, Shape, TetMesh};
 
-/// Segments round a circle of the surface that is looked at.
+/// Segments round a circle of the triangulated shape.
 const SEGMENTS: u32 = 16;
 
-/// Whether `shape` at its `pose` lies wholly inside the body of this `mesh`, whose nodes are displaced
-/// (V or more) in m. Nothing engulfs a half-space.
+/// Returns whether `shape` at its `pose` lies wholly inside the body of this `mesh`, whose nodes
+/// are displaced (V or more) in m. A half-space is never inside.
 pub fn is_engulfed(
     shape: &Shape,
     pose: &Isometry3<f64>,
     mesh: &TetMesh,
     displacement: &[Vector3<f64>],
 ) -> bool {
-    // One point of the surface, quickly found, rules out nearly all.
+    // One point of the shape's surface, outside the bounding box of the body, rules out nearly all
+    // cases.
     let Distance { value, normal } = shape.distance(&Point3::origin());
     let one = pose * Point3::from(-value * normal);
     let moved = || mesh.vertices.iter().zip(displacement).map(|(p, u)| p + u);
@@ -29,7 +30,8 @@ pub fn is_engulfed(
     surface.vertices().iter().all(|corner| deformed.contains(&(pose * corner)))
 }
 
-/// Whether one of the `shapes` at their `poses` that is not `felt`, by its number, is engulfed.
+/// Returns whether one of the `shapes` at their `poses` is engulfed. Shapes whose index is `felt`,
+/// because they touch the surface, are skipped.
 pub fn engulfs_unfelt(
     shapes: &[Shape],
     poses: &[Isometry3<f64>],

@@ -1,10 +1,10 @@
 //! Regularised unilateral contact and Coulomb friction at one surface point, per unit of area.
 //!
-//! Pressure p = k δ at depth δ ≥ 0 with k = E/ℓ: a pressure as high as Young's modulus sinks in by
-//! the softness ℓ. Friction is a spring of stiffness h = k/4 to the place where the point sticks,
-//! whose force is cut at μp (Wriggers 2006, ch. 5: return mapping): at most 4μδ of elastic slip.
-//! With the limit c = μp held fixed it has the potential H(s) = h s²/2 for hs ≤ c, else
-//! c s − c²/2h, so friction is a minimisation, too, repeated until c has settled.
+//! The pressure is p = k δ at depth δ ≥ 0 with k = E/ℓ: it equals Young's modulus at a depth of the
+//! softness ℓ. Friction is a spring of stiffness h = k/4 to the place where the point sticks, its
+//! force limited to μp (Wriggers 2006, ch. 5: return mapping), so that elastic slip is at most 4μδ.
+//! With the limit c = μp held fixed, friction has the potential H(s) = h s²/2 for hs ≤ c, else c s
+//! − c²/2h. It is then a minimisation too, repeated until c has converged.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -20,17 +20,17 @@ pub struct ContactLaw {
     pub friction: f64,
 }
 
-/// What the shape does to the body at a touching point, per unit of area.
+/// Traction of the shape on the body at a touching point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Traction {
-    /// Along the shape's normal, pushing the body out (Pa).
+    /// Part along the shape's normal, which pushes the body out (Pa).
     pub normal: Vector3<f64>,
-    /// Friction, tangential (Pa).
+    /// Tangential part, from friction (Pa).
     pub tangential: Vector3<f64>,
 }
 
 impl ContactLaw {
-    /// A law with a `friction` coefficient from 0 to 100 and a `softness` above 0 m.
+    /// Returns a law with a `friction` coefficient from 0 to 100 and a `softness` above 0 m.
     pub fn new(softness: f64, friction: f64) -> Result<Self> {
         if !(softness.is_finite() && softness > 0.0) {
             return Err(Error::invalid("softness", softness, "a finite depth above 0 m"));
@@ -41,32 +41,32 @@ impl ContactLaw {
         Ok(Self { softness, friction })
     }
 
-    /// k (Pa/m).
+    /// Normal stiffness k (Pa/m).
     fn stiffness(&self, point: &SurfacePoint) -> f64 {
         point.young / self.softness
     }
 
-    /// h (Pa/m).
+    /// Stiffness h of a sticking point (Pa/m).
     fn stick_stiffness(&self, point: &SurfacePoint) -> f64 {
         0.25 * self.stiffness(point)
     }
 
-    /// How far a point gives way to a force along the normal, 1/(kA) (m/N).
+    /// Normal compliance of a point, 1/(kA) (m/N).
     pub fn give(&self, point: &SurfacePoint) -> f64 {
         1.0 / (self.stiffness(point) * point.area)
     }
 
-    /// How far a sticking point gives way to a tangential force, 1/(hA) (m/N).
+    /// Tangential compliance of a sticking point, 1/(hA) (m/N).
     pub fn stick_give(&self, point: &SurfacePoint) -> f64 {
         1.0 / (self.stick_stiffness(point) * point.area)
     }
 
-    /// Largest friction c = μp that a touching point bears (Pa).
+    /// Friction limit c = μp of a touching point (Pa).
     pub fn limit(&self, point: &SurfacePoint, touch: &Touch) -> f64 {
         self.friction * self.stiffness(point) * touch.depth
     }
 
-    /// Energy (J/m²) with friction cut at `limit` (Pa).
+    /// Energy (J/m²) with friction limited to `limit` (Pa).
     pub fn energy(&self, point: &SurfacePoint, touch: &Touch, limit: f64) -> f64 {
         let (h, slip) = (self.stick_stiffness(point), touch.slip.norm());
         let friction = if h * slip <= limit {
@@ -77,7 +77,7 @@ impl ContactLaw {
         0.5 * self.stiffness(point) * touch.depth * touch.depth + friction
     }
 
-    /// The traction: minus the gradient of the energy by the point's place.
+    /// Traction: minus the gradient of the energy with respect to the point's position.
     pub fn traction(&self, point: &SurfacePoint, touch: &Touch, limit: f64) -> Traction {
         let (h, slip) = (self.stick_stiffness(point), touch.slip.norm());
         let spring = if h * slip <= limit { h } else { limit / slip };
@@ -87,8 +87,9 @@ impl ContactLaw {
         }
     }
 
-    /// Second derivative of the energy by the point's place (Pa/m), without the curvature of the
-    /// shape: that part is negative where it matters and would only spoil the descent.
+    /// Second derivative of the energy with respect to the point's position (Pa/m), without the
+    /// term of the shape's curvature: where that term matters it is negative and would spoil the
+    /// descent.
     pub fn hessian(&self, point: &SurfacePoint, touch: &Touch, limit: f64) -> Matrix3<f64> {
         let (k, n) = (self.stiffness(point), touch.normal);
         let normal = n * n.transpose();
@@ -104,8 +105,9 @@ impl ContactLaw {
         k * normal + limit / slip * (tangential - along * along.transpose())
     }
 
-    /// What [`ContactLaw::hessian`] leaves out when the limit follows the depth: d of −`tangential`
-    /// by the point's place, μk ŝ ⊗ (−n) where the point slips (Pa/m).
+    /// Term that [`ContactLaw::hessian`] leaves out and that appears when the limit follows the
+    /// depth: the derivative of −`tangential` with respect to the point's position, μk ŝ ⊗ (−n)
+    /// (Pa/m). `None` where the point sticks.
     pub fn limit_coupling(&self, point: &SurfacePoint, touch: &Touch) -> Option<Matrix3<f64>> {
         let (k, slip) = (self.stiffness(point), touch.slip.norm());
         let slips =
@@ -114,7 +116,8 @@ impl ContactLaw {
         slips.then(|| -self.friction * k * along * touch.normal.transpose())
     }
 
-    /// Where the point sticks from here on, relative to where it is: the spring keeps its force.
+    /// New sticking place relative to the point's position (m), such that the spring keeps its
+    /// force.
     pub fn stuck_at(&self, point: &SurfacePoint, touch: &Touch) -> Vector3<f64> {
         let traction = self.traction(point, touch, self.limit(point, touch));
         traction.tangential / self.stick_stiffness(point)
@@ -140,7 +143,7 @@ mod tests {
         Touch { shape: 0, point: 0, place: Point3::from(place), depth, normal, slip }
     }
 
-    /// Stuck, and slipping.
+    /// Position of a sticking point and of a slipping one.
     fn places() -> [Vector3<f64>; 2] {
         [Vector3::new(1e-7, 5e-8, -4e-7), Vector3::new(1e-6, -2e-6, -4e-7)]
     }

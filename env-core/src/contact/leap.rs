@@ -1,4 +1,5 @@
-//! Whether a point and a shape went through each other unfelt: what a step may not do.
+//! Detection of steps in which a point and a shape pass through each other without contact. Such
+//! steps are rejected.
 //!
 //! Shapes: C surface points, S rigid shapes; pairs of them are numbered shape by shape (S × C).
 
@@ -7,14 +8,14 @@ use nalgebra::{Isometry3, Point3};
 use super::{ContactStep, Touch, near::SURE};
 use crate::geometry::Shape;
 
-/// Thickness of a shape under which points are watched that they do not change its sides (m); round
-/// the edges of thicker ones they may slide.
+/// Thickness below which points must not pass through a shape at all (m); round the edges of
+/// thicker ones they may slide.
 const THIN: f64 = 1.2e-3;
 
 impl ContactStep<'_> {
-    /// Whether a point has come out nearer to the far side of the shape than to where it entered: the
-    /// normals there point away from each other. In a one-sided step a point that has just met the
-    /// shape may not even turn round an edge.
+    /// Returns whether a point is nearer to the far side of the shape than to where it entered: the
+    /// normals at the two places point away from each other. In a one-sided step, a point that has
+    /// just met the shape may not even turn round an edge.
     pub fn passed_through(&self, touch: &Touch, poses: &[Isometry3<f64>]) -> bool {
         let (s, c) = (touch.shape as usize, touch.point as usize);
         let shape = &self.shapes[s];
@@ -26,8 +27,8 @@ impl ContactStep<'_> {
         })
     }
 
-    /// Whether a shape, on its way to `poses`, runs over a point by more than `depth` and leaves it
-    /// behind: seen at the end alone, the two have never met.
+    /// Returns whether a shape, on its way to `poses`, passes over a point by more than `depth` and
+    /// leaves it behind, so that the point does not touch at the end of the step.
     pub fn runs_over(&mut self, poses: &[Isometry3<f64>], depth: f64) -> bool {
         let points = self.surface.len();
         poses.iter().enumerate().any(|(s, pose)| {
@@ -49,8 +50,8 @@ impl ContactStep<'_> {
         })
     }
 
-    /// Whether a point went through a shape on its way to `places` (C): through more than `depth` of one of
-    /// shapes that are thin, or to the opposite side.
+    /// Returns whether a point went through a shape on its way to `places` (C): through more than
+    /// `depth` of a shape if one of them is thin, or to the opposite side.
     pub fn goes_through(
         &self,
         poses: &[Isometry3<f64>],
@@ -61,9 +62,9 @@ impl ContactStep<'_> {
         thin && self.leaps(poses, places, depth) || self.changes_sides(poses, places, depth)
     }
 
-    /// Whether a point went through more than `depth` of a shape on its way to `places` (C), where it
-    /// stands outside or touches: it has changed sides unfelt. What was measured by the last
-    /// [`ContactStep::touches`] spares most points the measurement.
+    /// Returns whether a point went through more than `depth` of a shape on its way to `places`
+    /// (C), where it is outside or touches. The distances measured by the last
+    /// [`ContactStep::touches`] save most measurements.
     fn leaps(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
         self.any_way(poses, places, |pair, shape, begin, end| {
             let way = (end - begin).norm();
@@ -74,8 +75,9 @@ impl ContactStep<'_> {
         })
     }
 
-    /// As [`ContactStep::leaps`], but only for points that end opposite to where they began: round the
-    /// edge of a thick shape a point may slide a long way, though not all round.
+    /// Returns [`ContactStep::leaps`] only for points that end on the side opposite to where they
+    /// began: round the edge of a thick shape a point may slide a long way, though not to the far
+    /// side.
     fn changes_sides(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
         self.any_way(poses, places, |_, shape, begin, end| {
             let normal = |p: &Point3<f64>| shape.distance(p).normal;
@@ -85,8 +87,8 @@ impl ContactStep<'_> {
         })
     }
 
-    /// Whether `is_wrong` is true of a pair, its shape, and the ends of the point's way in the frame of
-    /// the shape.
+    /// Returns whether `is_wrong` holds for any pair, given its index, its shape, and the ends of
+    /// the point's path in the frame of the shape.
     fn any_way(
         &self,
         poses: &[Isometry3<f64>],
@@ -103,9 +105,9 @@ impl ContactStep<'_> {
     }
 }
 
-/// Whether the straight way from `begin` to `end` lies deeper than the first of two depths somewhere
-/// and ends less deep than the second, by a `gap` that changes no faster than the point moves: it is
-/// followed in steps as long as the gap.
+/// Returns whether the straight path from `begin` to `end` lies deeper than the first of two depths
+/// somewhere and ends less deep than the second. `gap` must change no faster than the point moves,
+/// so the path is followed in steps as long as the gap.
 pub(super) fn runs_through(
     gap: impl Fn(&Point3<f64>) -> f64,
     begin: &Point3<f64>,
@@ -122,8 +124,8 @@ pub(super) fn runs_through(
     deep && gap(end) > -left
 }
 
-/// Whether the straight way from `begin` to `end`, in the frame of `shape`, leads through more than
-/// `depth` of it to where it is less deep (m).
+/// Returns whether the straight path from `begin` to `end`, in the frame of `shape`, leads more
+/// than `depth` (m) deeper than it begins and ends less than `depth` deep.
 pub fn leaps_through(shape: &Shape, begin: &Point3<f64>, end: &Point3<f64>, depth: f64) -> bool {
     let gap = |p: &Point3<f64>| shape.distance(p).value;
     let sunk = gap(begin).min(0.0);

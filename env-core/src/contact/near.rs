@@ -1,4 +1,5 @@
-//! Which points can touch at all: a distance changes no faster than the point moves.
+//! Selection of the points that can touch at all: a distance changes no faster than the point
+//! moves.
 //!
 //! Shapes: C surface points, N nodes, S rigid shapes; pairs are numbered shape by shape (S × C).
 
@@ -6,16 +7,17 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{ContactStep, SurfacePoint, Touch};
 
-/// Room in which it does not matter how much of it there is (m).
+/// Clearance above which the exact distance of a pair is not needed (m).
 pub(super) const SURE: f64 = 1e-3;
 
-/// Where pairs of shape and point were last measured, and their distances.
+/// Last measured position of every pair of shape and point, in the frame of the shape, and the
+/// distance there (m).
 #[derive(Clone, Debug, Default)]
 pub struct Seen(Vec<(Point3<f64>, f64)>);
 
 impl ContactStep<'_> {
-    /// With the nodes' displacement at the beginning (N) and what an earlier step of the same shapes and
-    /// points has `seen`: both spare measurements.
+    /// Sets the nodes' displacement at the beginning of the step (N) and the distances `seen` in an
+    /// earlier step of the same shapes and points. Both save measurements of distances.
     #[must_use]
     pub fn knowing(mut self, origin: Vec<Vector3<f64>>, seen: Seen) -> Self {
         self.origin = origin;
@@ -25,12 +27,12 @@ impl ContactStep<'_> {
         self
     }
 
-    /// What was measured, for the next step.
+    /// Returns the measured distances, for the next step.
     pub fn into_seen(self) -> Seen {
         Seen(self.seen)
     }
 
-    /// As [`ContactStep::touches`], when the nodes are displaced (N) from their places at rest (N).
+    /// Returns [`ContactStep::touches`] for nodes displaced (N) from their positions at rest (N).
     pub fn touches_displaced(
         &mut self,
         poses: &[Isometry3<f64>],
@@ -44,7 +46,7 @@ impl ContactStep<'_> {
         self.touches_among(&near, poses, &places)
     }
 
-    /// How far a surface point may have gone from its beginning (m).
+    /// Upper bound of the motion of the surface points since the beginning of the step (m).
     fn reach(&self, displacement: &[Vector3<f64>]) -> f64 {
         if self.origin.len() != displacement.len() {
             return f64::INFINITY;
@@ -56,7 +58,7 @@ impl ContactStep<'_> {
         most * moved.fold(0.0, f64::max).sqrt()
     }
 
-    /// Points that may be inside a shape at `poses` after a motion of `reach` (m).
+    /// Points that may be inside a shape at `poses` after a motion of at most `reach` (m).
     pub fn near(&self, poses: &[Isometry3<f64>], reach: f64) -> Vec<u32> {
         let points = self.surface.len();
         let mut near = vec![false; points];
@@ -69,8 +71,8 @@ impl ContactStep<'_> {
         (0u32..).zip(near).filter(|(_, near)| *near).map(|(c, _)| c).collect()
     }
 
-    /// How far the farthest point of the surface goes in the frame of shape `s` on its way to `pose` (m),
-    /// at most.
+    /// Upper bound of the motion of the surface points in the frame of shape `s` as the shape moves
+    /// to `pose` (m).
     fn way(&self, s: usize, pose: &Isometry3<f64>) -> f64 {
         let from = &self.from[s];
         let shift = (pose.translation.vector - from.translation.vector).norm();
@@ -83,7 +85,7 @@ impl ContactStep<'_> {
         shift + angle * far.fold(0.0, f64::max).sqrt()
     }
 
-    /// Which of the `points`, at `places`, are within `margin` (m) of a shape at its pose.
+    /// Returns for each of the `points`, at `places`, whether it is within `margin` (m) of a shape.
     pub fn within(
         &mut self,
         margin: f64,
@@ -113,7 +115,7 @@ mod tests {
 
     #[test]
     fn no_touch_is_missed_by_looking_at_what_is_near() {
-        // A row of points under a ball that comes down and aside while the points give way.
+        // A row of points under a ball that moves down and sideways while the points move down.
         let rest: Vec<_> = (0..60).map(|i| Point3::new(2e-4 * f64::from(i), 0.0, 0.0)).collect();
         let point = |node| SurfacePoint { shares: vec![(node, 1.0)], area: 1e-8, young: 1e5 };
         let (surface, shapes) =

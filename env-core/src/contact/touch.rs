@@ -1,4 +1,4 @@
-//! Which surface points lie inside a shape, how deep, and how far they slipped.
+//! Detection of surface points inside a shape, with their depth and slip.
 //!
 //! Shapes: C surface points, S rigid shapes; pairs of them are numbered shape by shape (S × C).
 
@@ -17,13 +17,13 @@ pub struct Touch {
     pub shape: u32,
     /// Index of the surface point.
     pub point: u32,
-    /// Where the point is (m).
+    /// Position of the point (m).
     pub place: Point3<f64>,
-    /// How deep it is inside (m), above 0.
+    /// Depth inside the shape (m), above 0.
     pub depth: f64,
     /// Outward normal of the shape.
     pub normal: Vector3<f64>,
-    /// Tangential way from where it sticks to where it is (m).
+    /// Tangential displacement from where the point sticks to where it is (m).
     pub slip: Vector3<f64>,
 }
 
@@ -34,24 +34,25 @@ pub struct ContactStep<'a> {
     pub(super) surface: &'a [SurfacePoint],
     /// Poses at the beginning (S).
     pub(super) from: Vec<Isometry3<f64>>,
-    /// Places of the surface points at the beginning (C).
+    /// Positions of the surface points at the beginning (C).
     pub(super) start: Vec<Point3<f64>>,
-    /// Where pairs stick, in the frame of the shape (S × C): known from before, or found when
-    /// the pair first touches.
+    /// Sticking places of the pairs, in the frame of the shape (S × C): from an earlier step, or
+    /// set when the pair first touches.
     pub(super) stuck: Vec<Option<Point3<f64>>>,
-    /// Where each pair was last measured in the frame of the shape, and its distance (S × C).
+    /// Last measured position of each pair in the frame of the shape, and the distance there (S ×
+    /// C).
     pub(super) seen: Vec<(Point3<f64>, f64)>,
-    /// What each pair is apart at the beginning, at least (S × C).
+    /// Lower bound of each pair's distance at the beginning (S × C).
     pub(super) room: Vec<f64>,
-    /// Displacement of the nodes at the beginning, if it is known (N).
+    /// Displacement of the nodes at the beginning (N), empty if unknown.
     pub(super) origin: Vec<Vector3<f64>>,
-    /// Whether points that meet a shape must stay on the side where they do.
+    /// `true` if points that meet a shape must stay on the side where they meet it.
     pub one_sided: bool,
 }
 
 impl<'a> ContactStep<'a> {
-    /// A step that begins with the shapes at `from`, the surface points at `start`, and `anchors`
-    /// holding those that touched.
+    /// Returns a step that begins with the shapes at `from`, the surface points at `start`, and the
+    /// points that touched stuck at `anchors`.
     pub fn new(
         shapes: &'a [Shape],
         surface: &'a [SurfacePoint],
@@ -70,12 +71,12 @@ impl<'a> ContactStep<'a> {
         Self { shapes, surface, from, start, stuck, seen, room, origin, one_sided: false }
     }
 
-    /// Surface points inside the shapes at `poses`, when the points are at `places` (C).
+    /// Finds the surface points inside the shapes at `poses`, with the points at `places` (C).
     pub fn touches(&mut self, poses: &[Isometry3<f64>], places: &[Point3<f64>]) -> Vec<Touch> {
         self.found(poses, &places.iter().enumerate())
     }
 
-    /// As [`ContactStep::touches`], of the `points` alone, which are at `places`.
+    /// Returns [`ContactStep::touches`] for the `points` only, which are at `places`.
     pub fn touches_among(
         &mut self,
         points: &[u32],
@@ -85,7 +86,7 @@ impl<'a> ContactStep<'a> {
         self.found(poses, &points.iter().map(|&c| c as usize).zip(places))
     }
 
-    /// Those of the numbered `points` at their places that are inside the shapes.
+    /// Finds which of the numbered `points`, given with their positions, are inside the shapes.
     fn found<'p>(
         &mut self,
         poses: &[Isometry3<f64>],
@@ -114,7 +115,7 @@ impl<'a> ContactStep<'a> {
     }
 
     /// Distance of point `c` at `local` in the frame of shape `s`, if it is inside. A distance
-    /// changes no faster than the point moves, which spares most points the measurement.
+    /// changes no faster than the point moves, so most points need no measurement.
     fn inside(&mut self, s: usize, c: usize, local: &Point3<f64>) -> Option<Distance> {
         let seen = &mut self.seen[s * self.surface.len() + c];
         if (local - seen.0).norm() < seen.1 {
@@ -125,8 +126,8 @@ impl<'a> ContactStep<'a> {
         (distance.value < 0.0).then_some(distance)
     }
 
-    /// Where the pair sticks in the frame of the shape. A pair that has just met sticks where the
-    /// shape, on its way to `pose`, ran into the point's place at the beginning of the step.
+    /// Sticking place of the pair in the frame of the shape. A new pair sticks where the shape, on
+    /// its way to `pose`, met the point's position at the beginning of the step.
     fn sticks_at(&mut self, s: usize, c: usize, pose: &Isometry3<f64>) -> Point3<f64> {
         let pair = s * self.surface.len() + c;
         *self.stuck[pair].get_or_insert_with(|| {
@@ -137,7 +138,8 @@ impl<'a> ContactStep<'a> {
         })
     }
 
-    /// The touching pairs' anchors after the step: `back` says how far behind its place each sticks.
+    /// Anchors of the touching pairs after the step. `back` gives the vector from a point to where
+    /// it sticks.
     pub fn anchors(
         &self,
         poses: &[Isometry3<f64>],
@@ -153,8 +155,8 @@ impl<'a> ContactStep<'a> {
     }
 }
 
-/// First root of a falling `gap` over [0, 1] by false position; 0 if it begins below zero, 1 if it
-/// never gets there.
+/// First root of a falling `gap` over [0, 1] by false position; 0 if it begins at or below zero, 1
+/// if it does not fall below zero.
 pub fn first_touch(gap: impl Fn(f64) -> f64) -> f64 {
     let (mut open, mut closed) = ((0.0, gap(0.0)), (1.0, gap(1.0)));
     if open.1 <= 0.0 {

@@ -1,4 +1,4 @@
-//! One load step of a press: where it is searched for, from where it starts, and what it leads to.
+//! One load step of a press: its contact region, its initial guess, its solution and its checks.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -17,7 +17,7 @@ use crate::{
     geometry::Shape,
 };
 
-/// A load step and where it leads.
+/// A solved load step that has not been accepted yet.
 pub(super) struct Attempt {
     pub(super) state: State,
     anchors: Vec<Anchor>,
@@ -25,8 +25,9 @@ pub(super) struct Attempt {
 }
 
 impl Run<'_> {
-    /// Where a load step to `poses`, or from there on under `push`, would lead; searched from the
-    /// displacements guessed, or else predicted.
+    /// Attempts one load step to `poses`, or from there on under `push`, and returns the state it
+    /// ends in. The search starts from the displacements `guess`; without them from a prediction,
+    /// or under a push from the present ones.
     pub(super) fn attempt(
         &mut self,
         shapes: &[Shape],
@@ -77,8 +78,8 @@ impl Run<'_> {
         Ok(Attempt { state, anchors, solved: Solved { balance, forces } })
     }
 
-    /// Chooses where contact may be felt on the way to `poses`, with the surface at `places` (C); a push
-    /// may lead anywhere.
+    /// Chooses the region in which contact is evaluated on the way to `poses`, with the surface at
+    /// `places` (C): the whole surface if `pushed`, as the travel is not known.
     fn attend(
         &mut self,
         contact: &mut ContactStep,
@@ -102,7 +103,7 @@ impl Run<'_> {
         }
     }
 
-    /// The error of a load step in which shape and surface miss each other.
+    /// Returns the error of a load step in which a shape and the surface pass through each other.
     fn missed(&self) -> Error {
         let (residual, tolerance) = (f64::INFINITY, self.limits.tolerance);
         Error::NotConverged { iterations: 0, residual, tolerance }
@@ -120,8 +121,8 @@ impl Run<'_> {
         solved
     }
 
-    /// Starts `state` where the path leads: on as in the last load step if the shapes go on as they
-    /// did, else along the path's tangent at the beginning.
+    /// Predicts `state`: by the increment of the last load step if the shapes continue their
+    /// motion, else along the path's tangent at the beginning.
     fn predict(&mut self, shapes: &[Shape], state: &mut State, contact: &mut ContactStep) {
         let step = if self.goes_on(&state.poses) {
             Some(self.increment.clone())
@@ -136,7 +137,7 @@ impl Run<'_> {
         }
     }
 
-    /// Whether the way to `poses` is about the same as that of the last load step.
+    /// Returns whether the motion to `poses` is about the same as that of the last load step.
     fn goes_on(&self, poses: &[Isometry3<f64>]) -> bool {
         let ways = poses.iter().zip(&self.state.poses).zip(&self.before);
         self.before.len() == poses.len()
@@ -150,8 +151,8 @@ impl Run<'_> {
             })
     }
 
-    /// Change of displacement for small motions of the shapes towards `poses`, with all that touches
-    /// taken along; none if nothing touches.
+    /// Change of displacement for small motions of the shapes towards `poses`, with all touching
+    /// points taken along; `None` if nothing touches.
     fn tangent(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Option<Vec<Vector3<f64>>> {
         let (system, now) = (self.system, &self.state);
         let start = system.surface_places(&now.displacement);

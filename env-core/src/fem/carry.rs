@@ -1,7 +1,8 @@
-//! Answers carried to another mesh of the body, as the element knows them.
+//! Transfer of solutions to another mesh of the body, with the interpolation of the element.
 //!
-//! The displacement of a quadratic element bends between its nodes, and its stress varies within it.
-//! Taken as linear and constant, both arrive several per cent wrong on meshes of some thousand nodes.
+//! The displacement of a quadratic element is curved between its nodes, and its stress varies
+//! within it. Transferred as linear and constant, both are wrong by several per cent on meshes of
+//! some thousand nodes.
 
 use std::sync::Arc;
 
@@ -18,39 +19,41 @@ use crate::{
     geometry::{Site, TetMesh, Transfer, samples},
 };
 
-/// The way from the states of a model (N nodes) to the fields on another mesh of its body (V′, T′).
+/// An operator that maps the states of a model (N nodes) to fields on another mesh of its body (V′,
+/// T′).
 pub struct Carrier {
     transfer: Transfer,
     reading: Reading,
 }
 
-/// Fields on the target.
+/// Fields on the target mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Carried {
-    /// Displacement of its vertices (V′) in m.
+    /// Displacement of the vertices (V′) in m.
     pub displacement: Vec<Vector3<f64>>,
-    /// Von Mises stress, volume average over its tetrahedra (T′) in Pa.
+    /// Von Mises stress, volume average over the tetrahedra (T′) in Pa.
     pub von_mises: Vec<f64>,
 }
 
-/// How a state is read between the nodes.
+/// Interpolation of a state between the nodes.
 enum Reading {
     Linear(Arc<dyn Solid>),
     Quadratic(Quadratic),
 }
 
-/// Quadratic elements of the source (T) and the points at which they are read.
+/// Quadratic elements of the source (T) and the points at which they are evaluated.
 struct Quadratic {
     nodes: Vec<[u32; 10]>,
     /// Gradients of the barycentric coordinates (1/m).
     gradients: Vec<[Vector3<f64>; 4]>,
     materials: Vec<Material>,
-    /// In each tetrahedron of the target (T′).
+    /// Sample points in each tetrahedron of the target (T′).
     samples: Vec<Vec<Site>>,
 }
 
 impl Carrier {
-    /// The way from `fem` `to` a mesh; an error if that is not one of the same body.
+    /// Returns the operator from `fem` `to` a mesh, or an error if that is not one of the same
+    /// body.
     pub fn new(fem: &Fem, to: &TetMesh) -> Result<Self> {
         let transfer = Transfer::new(fem.body().mesh(), to)?;
         let reading = match fem.system.element {
@@ -60,7 +63,8 @@ impl Carrier {
         Ok(Self { transfer, reading })
     }
 
-    /// The fields of a state of the model this is made for, given by its nodes' displacements (N).
+    /// Returns the fields of a state of the model that this was made for, given by its nodes'
+    /// displacements (N).
     pub fn fields(&self, nodal: &[Vector3<f64>]) -> Carried {
         let (displacement, von_mises) = match &self.reading {
             Reading::Linear(solid) => {
@@ -76,7 +80,8 @@ impl Carrier {
         Carried { displacement, von_mises }
     }
 
-    /// Forces on the vertices (V) as forces on the target's (V′) of equal sum and torque (N).
+    /// Converts forces on the vertices (V) to forces on the target's (V′) of equal sum and torque
+    /// (N).
     pub fn spread(&self, forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         self.transfer.spread(forces)
     }
@@ -169,7 +174,7 @@ mod tests {
         for (t, stress) in carried.von_mises.iter().enumerate() {
             let middle = target.corners(t).iter().map(|p| p.z).sum::<f64>() / 4.0;
             let exact = 3f64.sqrt() * mu * 2.0 * k * middle;
-            // γ² = 4e-7 is left out, and 35 points stand for the tetrahedron.
+            // γ² = 4e-7 is left out, and 35 points represent the tetrahedron.
             assert!((stress / exact - 1.0).abs() < 1e-5, "{stress} Pa against {exact} Pa");
         }
     }

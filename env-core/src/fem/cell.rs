@@ -27,7 +27,7 @@ impl<const M: usize> Cell<M> {
         f
     }
 
-    /// U of the cell's points: each its own, or that of their mean dilatation.
+    /// Evaluates U at the cell's points: at each one's own dilatation, or at the mean of all.
     pub(super) fn volumetric(&self, material: &Material, states: &mut [PointState]) {
         if !self.averaged {
             for (f, volumetric) in states {
@@ -46,7 +46,8 @@ impl<const M: usize> Cell<M> {
         }
     }
 
-    /// ∂θ/∂u times volume, summed over `points`, for the cell's nodes.
+    /// ∂θ/∂u times volume, summed over `points`, for the cell's nodes, and the volume of the
+    /// points.
     fn dilatation_gradient(
         &self,
         material: &Material,
@@ -64,7 +65,8 @@ impl<const M: usize> Cell<M> {
         (gradient, volume)
     }
 
-    /// Stiffness of the cell: blocks of its nodes, lower triangle by rows, into `dense`.
+    /// Computes the stiffness of the cell into `dense`: blocks of its nodes, lower triangle by
+    /// rows.
     pub(super) fn stiffness(
         &self,
         material: &Material,

@@ -1,9 +1,9 @@
-//! Contact solved on the few nodes that carry it.
+//! Contact solved on the few nodes that it involves.
 //!
 //! Within one Newton step the body is linear, A du = −g − c(u + du) with c the gradient of contact,
-//! friction included, and all that is not linear sits in the nodes (C) near the shapes. On these alone
-//! it reads S v + c(u_C + v) = b, S the stiffness condensed to them: a small dense system, whose own
-//! Newton steps cost next to nothing. The rest of the body follows.
+//! friction included, and all nonlinear terms act on the nodes (C) near the shapes. On these alone
+//! the system reads S v + c(u_C + v) = b, with S the stiffness condensed to them: a small dense
+//! system whose own Newton steps cost very little. The motion of the other nodes follows from it.
 
 use faer::{Col, MatRef};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -19,15 +19,15 @@ use crate::contact::{ContactStep, Touch};
 
 /// Most Newton steps of the small system.
 const STEPS: usize = 20;
-/// Up to the number of all unknowns to this power a dense system is worth its time: solving it a few
-/// times costs less than factorising the sparse one.
+/// Exponent p: for N unknowns in all, a dense system of at most Nᵖ unknowns is used, since solving
+/// it a few times costs less than factorising the sparse one.
 const WORTH: f64 = 0.77;
-/// Part of the residual to which contact is solved on its nodes.
+/// Tolerance of the small system, as a part of the residual.
 const INEXACT: f64 = 1e-4;
 
 impl Search<'_, '_> {
-    /// A step on which contact is solved for exactly and the body by a stiffness that may be an earlier
-    /// step's, if it halves the residual.
+    /// Takes a step in which contact is solved exactly and the body by a stiffness that may be an
+    /// earlier step's, if it halves the residual.
     pub(super) fn condensed_step(
         &mut self,
         state: &mut State,
@@ -58,7 +58,7 @@ impl Search<'_, '_> {
         None
     }
 
-    /// Whether what may touch is little enough for a dense system.
+    /// Returns whether the points that may touch are few enough for a dense system.
     fn is_narrow(&mut self, state: &State) -> bool {
         let Some(region) = self.solver.region() else { return false };
         let places = region.places(self.system, &state.displacement);
@@ -67,9 +67,9 @@ impl Search<'_, '_> {
     }
 }
 
-/// The step (unknowns) to where the linear body and contact balance up to `tolerance` (N), if only
-/// points within `margin` (m) of the shapes come to touch; none if it is not found, or leads through a
-/// shape.
+/// Step (unknowns) to the equilibrium of the linear body with contact up to `tolerance` (N), if
+/// only points within `margin` (m) of the shapes come to touch; `None` if it is not found, or leads
+/// through a shape.
 fn balanced_step(
     system: &System,
     solver: &mut DirectSolver,
@@ -92,7 +92,7 @@ fn balanced_step(
     let start = region.points.iter().copied().zip(places).zip(&near);
     let start = start.filter(|(_, near)| **near).map(|(point, _)| point).unzip();
     let mut small = Small { system, region, start, stiffness, poses: &state.poses, load: lower };
-    // Contact as it is has been counted in g.
+    // The present contact is included in g.
     small.load = corner * &small.load + small.pushed(&forces.touches)?;
     let motion = small.balance(contact, tolerance, corner)?;
     let upper = corner.transpose() * &motion;
@@ -101,26 +101,26 @@ fn balanced_step(
     Some(unknowns)
 }
 
-/// Whether a dense system of `size` is worth its time where there are so many unknowns.
+/// Returns whether a dense system of `size` is used for this number of unknowns in all.
 fn is_worth(size: usize, unknowns: usize) -> bool {
     size as f64 <= (unknowns as f64).powf(WORTH)
 }
 
-/// The system on the nodes that carry what may touch.
+/// The system on the nodes of the points that may touch.
 struct Small<'a> {
     system: &'a System,
     region: &'a Region,
-    /// Surface points that may touch, and their places before the step.
+    /// Surface points that may touch, and their positions before the step.
     start: (Vec<u32>, Vec<Point3<f64>>),
     /// Lower triangle of S.
     stiffness: MatRef<'a, f64>,
     poses: &'a [Isometry3<f64>],
-    /// b (N).
+    /// Right-hand side b (N).
     load: Col<f64>,
 }
 
 impl Small<'_> {
-    /// The motion v of the nodes that balances, by Newton's method; S = `corner` `corner`ᵀ.
+    /// Motion v of the nodes in equilibrium, by Newton's method; S = `corner` `corner`ᵀ.
     fn balance(
         &self,
         contact: &mut ContactStep,
@@ -140,7 +140,7 @@ impl Small<'_> {
         None
     }
 
-    /// What touches when the nodes have moved; none if a point came out on the far side of a shape.
+    /// Touches when the nodes have moved; `None` if a point came out on the far side of a shape.
     fn touches(&self, contact: &mut ContactStep, motion: &Col<f64>) -> Option<Vec<Touch>> {
         let (points, start) = &self.start;
         let moved = |(&c, start): (&u32, &Point3<f64>)| {
@@ -159,7 +159,7 @@ impl Small<'_> {
         self.region.carriers_among_last(self.load.nrows(), point)
     }
 
-    /// c: minus the forces of `touches` on the nodes.
+    /// Gradient c of contact: minus the forces of `touches` on the nodes.
     fn pushed(&self, touches: &[Touch]) -> Option<Col<f64>> {
         let mut sum = Col::zeros(self.load.nrows());
         for touch in touches {
@@ -173,7 +173,7 @@ impl Small<'_> {
         Some(sum)
     }
 
-    /// (S + ∂c)⁻¹ `rest`.
+    /// Newton step (S + ∂c)⁻¹ `rest`.
     fn newton_step(&self, touches: &[Touch], mut rest: Col<f64>) -> Option<Col<f64>> {
         let springs = self.system.springs(touches);
         Dense::new(self.region, self.stiffness, &springs)?.solve(&mut rest);
@@ -182,7 +182,7 @@ impl Small<'_> {
     }
 }
 
-/// The motion of the node whose unknowns begin at `i`.
+/// Motion of the node whose unknowns begin at `i`.
 fn part(motion: &Col<f64>, i: usize) -> Vector3<f64> {
     Vector3::new(motion[i], motion[i + 1], motion[i + 2])
 }

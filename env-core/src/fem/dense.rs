@@ -10,15 +10,16 @@ use super::{region::Region, springs::Spring};
 
 /// A factorised matrix.
 pub(super) enum Dense {
-    /// L Lᵀ.
+    /// Cholesky factors L Lᵀ.
     Symmetric(Llt<f64>),
-    /// P L U.
+    /// Factors P L U.
     General(PartialPivLu<f64>),
 }
 
 impl Dense {
-    /// The `stiffness` of a region's last unknowns (lower triangle) with `springs` at points of it; none
-    /// if that is symmetric and not positive definite, or a point is carried by others.
+    /// Factorises the `stiffness` of a region's last unknowns (lower triangle) with `springs` at
+    /// its points added; `None` if that is symmetric and not positive definite, or if a point also
+    /// depends on other nodes of the region.
     pub(super) fn new(
         region: &Region,
         stiffness: MatRef<'_, f64>,
@@ -55,12 +56,12 @@ impl Dense {
     }
 }
 
-/// Stiffness of points that have their carriers in common.
+/// Summed stiffness of points that are interpolated from the same nodes.
 #[derive(Default)]
 struct Local {
-    /// First unknown of each carrier.
+    /// First unknown of each node.
     carriers: Vec<usize>,
-    /// By columns; three rows and columns to a carrier.
+    /// Entries by columns; three rows and columns to a node.
     values: Vec<f64>,
 }
 
@@ -70,7 +71,7 @@ impl Local {
         Self { carriers, values }
     }
 
-    /// Adds the `stiffness` of a point that is carried with `shares`.
+    /// Adds the `stiffness` of a point that is interpolated with the weights `shares`.
     fn add(&mut self, shares: impl Iterator<Item = f64> + Clone, stiffness: &Matrix3<f64>) {
         let size = 3 * self.carriers.len();
         let columns = [0, 1, 2].map(|l| -> Vec<f64> {
@@ -85,7 +86,7 @@ impl Local {
         }
     }
 
-    /// Adds all of it to `matrix`, perhaps to the lower triangle alone.
+    /// Adds the sum to `matrix`, to its lower triangle alone if `only_lower`.
     fn add_to(&self, matrix: &mut Mat<f64>, only_lower: bool) {
         let size = 3 * self.carriers.len();
         for (j, column) in self.values.chunks(size.max(1)).enumerate() {

@@ -1,8 +1,8 @@
-//! The stiffness matrix of one run, its factor, and what of it a contact region feels.
+//! The stiffness matrix of one run, its factor, and its condensation to a contact region.
 //!
-//! With the unknowns of the region's nodes (C) last, the elastic stiffness is L Lᵀ with
-//! L = [L_I 0; · L_C], and the region alone, the rest following it, has the stiffness
-//! S = L_C L_Cᵀ (the Schur complement).
+//! With the unknowns of the region's nodes (C) last, the elastic stiffness is L Lᵀ with L = [L_I 0;
+//! · L_C]. The stiffness of the region alone, with all other nodes following it, is S = L_C L_Cᵀ
+//! (the Schur complement).
 
 use std::sync::Arc;
 
@@ -28,13 +28,14 @@ pub(super) struct DirectSolver {
     pattern: Arc<Pattern>,
     layout: Arc<Layout>,
     matrix: Matrix,
-    /// Where contact may be felt; none for the whole surface.
+    /// Region in which contact is evaluated; `None` for the whole surface.
     region: Option<Region>,
     /// The elastic stiffness condensed to the region, while the matrix holds its factor.
     condensed: Option<Condensed>,
-    /// Searches to come that do without it, after one in which it led nowhere.
+    /// Number of coming searches that do not use the condensed stiffness, after one in which it
+    /// failed.
     pause: u32,
-    /// How the stiffness was made positive whose factor the matrix holds, and the springs in it.
+    /// Method by which the factorised stiffness was made positive definite, and the springs in it.
     factored: Option<(Stiffness, Vec<Spring>)>,
 }
 
@@ -42,12 +43,12 @@ pub(super) struct DirectSolver {
 pub(super) struct Condensed {
     /// L_C, lower triangular.
     corner: Mat<f64>,
-    /// Lower triangle of S of the unknowns that were asked for last.
+    /// Lower triangle of S for the unknowns requested last.
     stiffness: Mat<f64>,
 }
 
 impl Condensed {
-    /// L_C and the lower triangle of S for at least `size` unknowns, the last ones of the region's.
+    /// L_C and the lower triangle of S for at least the last `size` unknowns of the region.
     pub(super) fn of_last(&mut self, size: usize) -> (MatRef<'_, f64>, MatRef<'_, f64>) {
         let all = self.corner.nrows();
         if self.stiffness.nrows() < size || self.stiffness.nrows() > 2 * size {
@@ -72,7 +73,7 @@ impl Condensed {
 }
 
 impl DirectSolver {
-    /// For contact in `region`, or everywhere.
+    /// Returns a solver for contact in `region`, or everywhere.
     pub(super) fn new(system: &System, region: Option<Region>) -> Self {
         let (pattern, layout) = match &region {
             Some(region) => system.pattern_around(&region.nodes),
@@ -82,7 +83,8 @@ impl DirectSolver {
         Self { pattern, layout, matrix, region, condensed: None, pause: 0, factored: None }
     }
 
-    /// Sees to it that contact may be felt at `touches`.
+    /// Replaces the solver by one for the whole surface if some of `touches` are outside its
+    /// region.
     pub(super) fn make_hold(&mut self, system: &System, touches: &[Touch]) {
         if self.region.as_ref().is_some_and(|region| !region.holds(touches)) {
             *self = Self::new(system, None);
@@ -93,7 +95,7 @@ impl DirectSolver {
         self.region.as_ref()
     }
 
-    /// Whether the elastic stiffness condensed to the region is what was factorised last.
+    /// Returns whether the elastic stiffness condensed to the region is what was factorised last.
     pub(super) fn is_condensed(&self) -> bool {
         self.condensed.is_some()
     }
@@ -103,18 +105,18 @@ impl DirectSolver {
         Some((self.region.as_ref()?, self.condensed.as_mut()?))
     }
 
-    /// Whether the condensed stiffness is worth a try in a new search.
+    /// Counts a new search and returns whether it should try the condensed stiffness.
     pub(super) fn is_willing(&mut self) -> bool {
         self.pause = self.pause.saturating_sub(1);
         self.pause == 0
     }
 
-    /// Notes that the condensed stiffness led nowhere.
+    /// Records that the condensed stiffness failed.
     pub(super) fn set_back(&mut self) {
         self.pause = PAUSE;
     }
 
-    /// Forgets what was factorised last.
+    /// Discards the last factor.
     pub(super) fn forget(&mut self) {
         self.condensed = None;
         self.factored = None;
@@ -136,17 +138,18 @@ impl DirectSolver {
         self.pattern.size()
     }
 
-    /// A nodal vector (N) as unknowns.
+    /// Converts a nodal vector (N) to unknowns.
     pub(super) fn gather(&self, nodal: &[Vector3<f64>]) -> Vec<f64> {
         self.pattern.gather(nodal)
     }
 
-    /// Unknowns as a nodal vector (N), zero where nodes are fixed.
+    /// Converts unknowns to a nodal vector (N), zero where nodes are fixed.
     pub(super) fn scatter(&self, unknowns: &[f64]) -> Vec<Vector3<f64>> {
         self.pattern.scatter(unknowns)
     }
 
-    /// Factorises the stiffness at `forces`, contact included; false if it is not positive definite.
+    /// Factorises the stiffness at `forces`, contact included; returns `false` if it is not
+    /// positive definite.
     pub(super) fn factorise(&mut self, system: &System, forces: &Forces, how: Stiffness) -> bool {
         self.assemble(system, &forces.strain, how);
         let springs = system.held_springs(&forces.touches);
@@ -155,7 +158,8 @@ impl DirectSolver {
         self.factored.is_some()
     }
 
-    /// Adds `springs`, those at once whose points have their carriers in common.
+    /// Adds `springs`, in groups of consecutive ones whose points are interpolated from the same
+    /// nodes.
     fn add(&mut self, system: &System, springs: &[Spring]) {
         let point = |spring: &Spring| &system.surface[spring.point as usize];
         for group in springs.chunk_by(|a, b| point(a).has_carriers_of(point(b))) {
@@ -173,8 +177,8 @@ impl DirectSolver {
         }
     }
 
-    /// Factorises the elastic stiffness at `strain` and condenses it to the region; false if it is not
-    /// positive definite.
+    /// Factorises the elastic stiffness at `strain` and condenses it to the region; returns `false`
+    /// if it is not positive definite.
     pub(super) fn condense(&mut self, system: &System, strain: &Strain) -> bool {
         self.assemble(system, strain, Stiffness::Exact);
         if !self.matrix.factorise(&self.pattern) {
@@ -202,7 +206,7 @@ impl DirectSolver {
         }
     }
 
-    /// Solves for what was factorised last, in place.
+    /// Solves with the last factor, in place.
     pub(super) fn solve(&mut self, right: &mut [f64]) {
         self.matrix.solve(&self.pattern, right);
     }
@@ -218,8 +222,8 @@ impl DirectSolver {
     }
 }
 
-/// Searches without the condensed stiffness after one in which it led nowhere.
+/// Number of searches without the condensed stiffness after one in which it failed.
 const PAUSE: u32 = 4;
-/// Share of the mean diagonal added for a body that nothing holds: of the steps that differ by a
-/// motion of the whole body it takes the shortest.
+/// Share of the mean diagonal added for a body that nothing holds: among the steps that differ by a
+/// motion of the whole body it selects the shortest.
 const PROXIMAL: f64 = 1e-8;

@@ -18,10 +18,11 @@ use crate::{
     geometry::TetMesh,
 };
 
-/// Part of the force already borne, and of the force asked for, by which a push is raised at least.
+/// Least increase of a push in one step, as a share of the force already reached, and its lower
+/// bound as a share of the force asked for.
 const LEAST_GAIN: f64 = 1.0 / 16.0;
 const LEAST_PUSH: f64 = 1e-6;
-/// Shapes pushed this far without a touch will not meet the body (m).
+/// Travel after which pushed shapes that have not touched the body are taken to miss it (m).
 const FARTHEST: f64 = 1.0;
 
 /// One press being solved: workspace and current state.
@@ -29,11 +30,11 @@ pub(super) struct Run<'a> {
     pub(super) system: &'a System,
     pub(super) mesh: &'a TetMesh,
     pub(super) limits: Limits,
-    /// What the last load step measured.
+    /// Distances measured in the last load step.
     pub(super) seen: Seen,
-    /// None before the first load step.
+    /// Solver, `None` before the first load step.
     pub(super) solver: Option<DirectSolver>,
-    /// Where the shapes go later (frames of S).
+    /// Poses of the shapes along the whole path (frames of S).
     pub(super) ahead: Vec<Vec<Isometry3<f64>>>,
     pub(super) state: State,
     pub(super) anchors: Vec<Anchor>,
@@ -41,9 +42,10 @@ pub(super) struct Run<'a> {
     pub(super) held: Vector3<f64>,
     /// Change of displacement in the last load step (N) in m.
     pub(super) increment: Vec<Vector3<f64>>,
-    /// Poses of the shapes before it (S).
+    /// Poses of the shapes before the last load step (S).
     pub(super) before: Vec<Isometry3<f64>>,
-    /// Whether load steps must be short enough to tell the sides of a shape apart.
+    /// `true` if load steps must be short enough that points stay on the side of a shape that they
+    /// meet.
     pub(super) one_sided: bool,
 }
 
@@ -77,7 +79,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Every frame of `press`; the first that fails is the last.
+    /// Solves every frame of `press`; the first that fails is the last.
     pub(super) fn frames(mut self, press: &Press) -> Vec<Result<Deformation>> {
         if let Err(error) = self.start(press) {
             return vec![Err(error)];
@@ -102,7 +104,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Puts body and shapes where the press begins.
+    /// Sets the state of body and shapes in which the press begins.
     fn start(&mut self, press: &Press) -> Result<()> {
         let surface = &self.system.surface;
         let Some(history) = press.history() else {
@@ -127,7 +129,7 @@ impl<'a> Run<'a> {
         Ok(deformation)
     }
 
-    /// Leads the shapes to `poses`.
+    /// Moves the shapes to `poses`.
     fn follow(&mut self, press: &Press, poses: &[Isometry3<f64>]) -> Result<Solved> {
         let (from, mut iterations) = (self.state.poses.clone(), 0);
         let step = |t| self.load_step(press, between(&from, poses, t), None, &mut iterations);
@@ -142,7 +144,7 @@ impl<'a> Run<'a> {
         let reached = if self.anchors.is_empty() { self.meet(press, push) } else { Ok(()) };
         let mut iterations = 0;
         let solved = reached.and_then(|()| {
-            // What is borne at all may be a small part of the force.
+            // The force that can be reached may be a small part of the force asked for.
             let shortest = |done: f64| SHORTEST.min(LEAST_GAIN * done).max(LEAST_PUSH);
             in_steps(shortest, |t| {
                 let push = Push { force: t * push.force, ..*push };
@@ -163,8 +165,8 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// Moves the shapes along the push until the first of them touches. A step as long as the least
-    /// distance cannot pass the body.
+    /// Moves the shapes along the push until the first of them touches. A step as long as the
+    /// smallest distance cannot pass the body.
     fn meet(&mut self, press: &Press, push: &Push) -> Result<()> {
         let places = self.system.surface_places(&self.state.displacement);
         let mut travel = 0.0;
@@ -182,8 +184,8 @@ impl<'a> Run<'a> {
         Err(Error::Unreachable { force: push.force, reached: 0.0, travel })
     }
 
-    /// One load step to `poses`, or from there on under `push`, its Newton steps added to `iterations`. On
-    /// failure nothing else has changed.
+    /// Solves one load step to `poses`, or from there on under `push`, and adds its Newton steps to
+    /// `iterations`. On failure nothing else has changed.
     fn load_step(
         &mut self,
         press: &Press,
@@ -211,7 +213,7 @@ impl<'a> Run<'a> {
         wrench
     }
 
-    /// What the current state is, seen from outside.
+    /// Returns the current state as a [`Deformation`].
     pub(super) fn report(&self, solved: &Solved) -> Deformation {
         let system = self.system;
         let mut contact_force = vec![Vector3::zeros(); self.state.displacement.len()];

@@ -17,17 +17,17 @@ use crate::{
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Element {
-    /// Linear tetrahedron. Far too stiff from ν = 0.45 on: it locks.
+    /// Linear tetrahedron. Far too stiff for ν of 0.45 and above (volumetric locking).
     P1,
     /// Linear tetrahedron whose dilatation is averaged over patches of about six.
     #[default]
     P1Bar,
-    /// Quadratic tetrahedron with straight edges at rest: the reference.
+    /// Quadratic tetrahedron with straight edges at rest, used as the reference.
     P2,
 }
 
 impl Element {
-    /// Every element with the name it has in files and in Python.
+    /// Names of the elements in files and in Python.
     pub const NAMES: [(&str, Self); 3] =
         [("p1", Self::P1), ("p1-bar", Self::P1Bar), ("p2", Self::P2)];
 }
@@ -49,7 +49,8 @@ impl fmt::Display for Element {
     }
 }
 
-/// A point of the rest state at which the energy density is taken; M nodes shape its element.
+/// An integration point of the rest state, at which the energy density is evaluated; its element
+/// has M nodes.
 #[derive(Clone, Debug)]
 pub(super) struct EnergyPoint<const M: usize> {
     /// Tetrahedron it lies in.
@@ -58,7 +59,7 @@ pub(super) struct EnergyPoint<const M: usize> {
     pub(super) local: [u8; M],
     /// Gradients of their shape functions (1/m).
     pub(super) gradients: [Vector3<f64>; M],
-    /// Volume it stands for (m³).
+    /// Volume that it represents (m³).
     pub(super) volume: f64,
 }
 
@@ -68,18 +69,18 @@ pub(super) struct Cell<const M: usize> {
     /// Nodes.
     pub(super) nodes: Vec<u32>,
     pub(super) points: Vec<EnergyPoint<M>>,
-    /// Whether all points share one dilatation.
+    /// `true` if all points share one dilatation.
     pub(super) averaged: bool,
 }
 
 /// Nodes of an element kind on a mesh.
 #[derive(Clone, Debug)]
 pub(super) struct Nodes {
-    /// Places at rest (N).
+    /// Positions at rest (N).
     pub(super) places: Vec<Point3<f64>>,
     /// Ends of the edges whose middles are the nodes from V on, ascending.
     pub(super) edges: Vec<[u32; 2]>,
-    /// Whether the node never moves (N).
+    /// `true` for every node that is held fixed (N).
     pub(super) fixed: Vec<bool>,
 }
 
@@ -179,7 +180,8 @@ pub(super) fn quadratic_cells(mesh: &TetMesh, nodes: &Nodes) -> Vec<Cell<10>> {
     (0..).zip(quadratic_nodes(mesh, nodes)).map(cell).collect()
 }
 
-/// L(2L − 1) at the corners and 4 L L′ at the middles.
+/// Quadratic shape functions at barycentric coordinates `l`: L(2L − 1) at the corners and 4 L L′ at
+/// the middles.
 pub(super) fn quadratic_shares(l: &[f64; 4]) -> [f64; 10] {
     std::array::from_fn(|i| {
         if let 0..4 = i {

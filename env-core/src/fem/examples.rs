@@ -1,11 +1,12 @@
-//! What the tests of this module share: boxes of tetrahedra.
+//! Examples shared by the tests of this module: boxes of tetrahedra.
 
 use nalgebra::Point3;
 
 use crate::geometry::TetMesh;
 
 /// A lattice of unit cubes, `cells` along each axis, each cut into six tetrahedra round a diagonal
-/// (Kuhn), with every vertex put where `place` says. Numbers rise along z, then y, then x.
+/// (Kuhn), with every vertex mapped by `place`. Vertices are numbered along z first, then y, then
+/// x.
 pub(super) fn grid(cells: [u32; 3], place: impl Fn(Point3<f64>) -> Point3<f64>) -> TetMesh {
     let [nx, ny, nz] = cells;
     let at = |[i, j, k]: [u32; 3]| (i * (ny + 1) + j) * (nz + 1) + k;

@@ -1,7 +1,7 @@
-//! How a pad answers small motions of the object that it holds.
+//! Linear response of a pad to small motions of the object that it holds.
 //!
-//! The pad's stiffness at the object is K = C − Bᵀ A⁻¹ B: A that of the pad, C the contact's, B their
-//! coupling, with the limits of friction following the depth.
+//! The pad's stiffness at the object is K = C − Bᵀ A⁻¹ B, with A the stiffness of the pad, C that
+//! of contact and B their coupling. Friction limits follow the depth.
 
 use std::ops::AddAssign;
 
@@ -14,16 +14,17 @@ use super::{
     system::{Forces, Stiffness, System},
 };
 
-/// A pad's answer to small motions of the object: six columns.
+/// Linear response of a pad to small motions of the object, in six components.
 pub(super) struct Follower {
-    /// Change of what the pad does to the object (N/m).
+    /// Derivative of the object's wrench on the pad with respect to the motion (N/m).
     pub(super) stiffness: Matrix6<f64>,
-    /// Change of the pad's unknowns.
+    /// Change of the pad's unknowns for each component of the motion.
     columns: [Vec<f64>; 6],
 }
 
 impl Follower {
-    /// Linearised at `forces`, where the object's contact points move by `motion`.
+    /// Linearises the pad at `forces`. `motion` gives the motion (3, 6) of the object's point at a
+    /// place.
     pub(super) fn new(
         system: &System,
         solver: &mut DirectSolver,
@@ -51,7 +52,7 @@ impl Follower {
         Self { stiffness, columns }
     }
 
-    /// Displacements (N) of the pad's nodes that go with a `step` of the object.
+    /// Change of the displacements (N) of the pad's nodes for a `step` of the object.
     pub(super) fn ahead(&self, solver: &DirectSolver, step: &Vector6<f64>) -> Vec<Vector3<f64>> {
         let mut sum = vec![0.0; solver.size()];
         for (column, &share) in self.columns.iter().zip(step.iter()) {
@@ -61,8 +62,8 @@ impl Follower {
     }
 }
 
-/// The pad's unknowns when the object makes each of six motions, by the factor at hand; none if there is
-/// none that leads there.
+/// Pad's unknowns for each of six motions of the object, computed with the factor at hand; `None`
+/// if there is none or the iteration does not converge.
 fn columns(
     system: &System,
     solver: &mut DirectSolver,
@@ -74,7 +75,7 @@ fn columns(
     columns.iter().all(|(_, converged)| *converged).then(|| columns.map(|(column, _)| column))
 }
 
-/// As [`columns`], each with whether it converged.
+/// Returns the result of [`columns`], each column with `true` if it converged.
 fn columns_of(
     system: &System,
     solver: &mut DirectSolver,

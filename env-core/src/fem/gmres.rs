@@ -1,19 +1,19 @@
 //! Solution of unsymmetric systems close to the identity (Saad and Schultz 1986, GMRES).
 
-/// Products with the matrix at most.
+/// Most products with the matrix.
 const MOST: usize = 15;
-/// Residual at which to stop, relative to the right-hand side.
+/// Residual at which the iteration stops, relative to the right-hand side.
 const RELATIVE: f64 = 1e-3;
 
-/// What was found.
+/// Result of [`gmres`].
 pub(crate) struct Found {
     /// The approximate solution.
     pub(crate) x: Vec<f64>,
-    /// Whether its residual is small enough.
+    /// `true` if its residual is small enough.
     pub(crate) converged: bool,
 }
 
-/// Approximate x with `product`(x) = `right`.
+/// Returns an approximate x with `product`(x) = `right`.
 pub(crate) fn gmres(mut product: impl FnMut(&[f64]) -> Vec<f64>, right: &[f64]) -> Found {
     let size = norm(right);
     if size == 0.0 {
@@ -51,7 +51,7 @@ pub(crate) fn gmres(mut product: impl FnMut(&[f64]) -> Vec<f64>, right: &[f64]) 
     Found { x: combine(&basis, &upper, &projected), converged }
 }
 
-/// Σ yᵢ `basis`ᵢ with `upper` y = `projected`.
+/// Returns Σ yᵢ `basis`ᵢ with `upper` y = `projected`.
 fn combine(basis: &[Vec<f64>], upper: &[Vec<f64>], projected: &[f64]) -> Vec<f64> {
     let mut y = projected[..upper.len()].to_vec();
     for i in (0..y.len()).rev() {

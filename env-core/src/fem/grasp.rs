@@ -1,8 +1,9 @@
-//! A free rigid object between two soft pads: its six degrees of freedom belong to the equilibrium.
+//! A free rigid object between two soft pads: its six degrees of freedom are part of the
+//! equilibrium.
 //!
-//! The pads are solved for a given pose of the object; what they do to it, and the load, must cancel.
-//! That is Newton's method in six unknowns, whose matrix is the sum of the pads' stiffnesses at the object
-//! ([`super::follower`]).
+//! The pads are solved for a given pose of the object; their wrenches on it and the load must
+//! cancel. This is solved by Newton's method in six unknowns, whose matrix is the sum of the pads'
+//! stiffnesses at the object ([`super::follower`]).
 
 use std::time::Instant;
 
@@ -23,43 +24,44 @@ use crate::{
     geometry::Shape,
 };
 
-/// A rigid object that two pads grasp. Everything here is in the world's frame.
+/// A rigid object that two pads grasp. All quantities are in the world's frame.
 #[derive(Clone, Debug)]
 pub struct Grasp {
     /// The object.
     pub object: Shape,
-    /// Pose of the object where the grasp begins.
+    /// Pose of the object at the beginning of the grasp.
     pub start: Isometry3<f64>,
-    /// Poses of the two pads' frames, frame by frame. What touches in the first sticks where it is.
+    /// Poses of the two pads' frames, frame by frame. Points that touch in the first frame stick
+    /// where they are.
     pub path: Vec<[Isometry3<f64>; 2]>,
-    /// What else acts on the object, such as its weight; the torque is about its origin.
+    /// External load on the object, such as its weight; the torque is about its origin.
     pub load: Wrench,
 }
 
 /// One frame of a [`Grasp`].
 #[derive(Clone, Debug)]
 pub struct Grasped {
-    /// The pads' answers, each in its own frame.
+    /// Deformations of the pads, each in its own frame.
     pub pads: [Deformation; 2],
     /// Pose of the object in the world.
     pub object: Isometry3<f64>,
-    /// Force left unbalanced on the object, torque counted over its size (N).
+    /// Norm of the residual force on the object, with the torque divided by its size (N).
     pub residual: f64,
     /// Wall time (s).
     pub seconds: f64,
 }
 
-/// Most changes of the object's pose in one step.
+/// Most Newton steps of the object's pose in one load step.
 const ITERATIONS: usize = 40;
-/// Most halvings of such a change.
+/// Most halvings of such a Newton step.
 const CUTS: usize = 12;
-/// Unbalanced force on the object at which a frame is done, in tolerances of a pad.
+/// Residual force on the object at which a frame has converged, in tolerances of a pad.
 const SLACK: f64 = 10.0;
-/// Stiffnesses below this share of the largest are free motions, such as the spin of a ball.
+/// Share of the largest stiffness below which a motion is free, such as the spin of a ball.
 const FREE: f64 = 1e-9;
 
 impl Grasp {
-    /// Every frame, in order; the first that is not solved is an error and the last.
+    /// Solves every frame, in order; the first that fails is an error and the last.
     pub fn solve(&self, pads: [&Fem; 2]) -> Vec<Result<Grasped>> {
         let Some(first) = self.path.first() else {
             return vec![Err(Error::invalid("path", "no frames", "at least one"))];
@@ -79,14 +81,14 @@ impl Grasp {
     }
 }
 
-/// A grasp being solved frame by frame, for whoever chooses the next frame by the last.
+/// A grasp being solved frame by frame, for callers that choose each frame after the last.
 pub struct Hold<'a> {
     object: [Shape; 1],
     runs: [Run<'a>; 2],
     /// Poses of the pads' frames, and of the object, at the end of the last step.
     pads: [Isometry3<f64>; 2],
     pose: Isometry3<f64>,
-    /// Size of the object (m): what a radian is compared with.
+    /// Size of the object (m), by which torques are divided and rotations multiplied.
     size: f64,
     load: Wrench,
     tolerance: f64,
@@ -101,8 +103,9 @@ struct Trial {
 }
 
 impl<'a> Hold<'a> {
-    /// `object` at `start` between undeformed pads at the poses `first`, under `load`, as in
-    /// [`Grasp`]. What touches there sticks where it is. An error if the object is not a solid.
+    /// Places `object` at `start` between undeformed pads at the poses `first`, under `load`, as in
+    /// [`Grasp`]. Points that touch there stick where they are. Returns an error if the object is
+    /// not a valid solid or is too thin for the contact points.
     pub fn new(
         object: &Shape,
         start: Isometry3<f64>,
@@ -126,13 +129,13 @@ impl<'a> Hold<'a> {
         Ok(Self { object, runs, pads: *first, pose: start, size, load, tolerance })
     }
 
-    /// Sets what else acts on the object, as in [`Grasp::load`], from the next frame on.
+    /// Sets the external load on the object, as in [`Grasp::load`], from the next frame on.
     pub fn bear(&mut self, load: Wrench) {
         self.load = load;
     }
 
-    /// Leads the pads to `pads`, by way of shorter steps where the whole way at once fails. On
-    /// failure they stand where the last step that was solved left them.
+    /// Moves the pads to `pads`, in shorter steps where a single one fails. On failure they stay
+    /// where the last solved step ended.
     pub fn frame(&mut self, pads: &[Isometry3<f64>; 2]) -> Result<Grasped> {
         let (clock, from) = (Instant::now(), self.pads);
         let shortest = if *pads == from { 1.0 } else { SHORTEST };
@@ -149,7 +152,7 @@ impl<'a> Hold<'a> {
         Ok(grasped)
     }
 
-    /// One step to `pads`. On failure nothing has changed.
+    /// Solves one step to `pads`. On failure nothing has changed.
     fn step(&mut self, pads: &[Isometry3<f64>; 2]) -> Result<Grasped> {
         let mut trial = self.trial(pads, self.pose, [None, None])?;
         let mut left = ITERATIONS;
@@ -176,7 +179,7 @@ impl<'a> Hold<'a> {
         Error::NotConverged { iterations: ITERATIONS, residual, tolerance }
     }
 
-    /// The pads solved with the object at `pose`, from displacements guessed or predicted.
+    /// Solves the pads with the object at `pose`, from displacements guessed or predicted.
     fn trial(
         &mut self,
         pads: &[Isometry3<f64>; 2],
@@ -200,7 +203,7 @@ impl<'a> Hold<'a> {
         Ok(Trial { pose, attempts, unbalanced })
     }
 
-    /// The trial after Newton's step from `from`, shortened until less is unbalanced.
+    /// Returns the trial after Newton's step from `from`, shortened until the residual decreases.
     fn closer(&mut self, pads: &[Isometry3<f64>; 2], from: &Trial) -> Result<Trial> {
         let followers = [0, 1].map(|i| self.follower(i, &pads[i], from));
         let stiffness: Matrix6<f64> = followers.iter().map(|follower| follower.stiffness).sum();
@@ -223,7 +226,7 @@ impl<'a> Hold<'a> {
         Err(self.failed(from))
     }
 
-    /// How pad `i` at `pad` answers small motions of the object at `trial`.
+    /// Returns the linear response of pad `i` at `pad` to small motions of the object at `trial`.
     fn follower(&mut self, i: usize, pad: &Isometry3<f64>, trial: &Trial) -> Follower {
         let object = pad.inv_mul(&trial.pose);
         let motion = |place: &Point3<f64>| {
@@ -244,7 +247,8 @@ fn stacked(force: &Vector3<f64>, torque: &Vector3<f64>) -> Vector6<f64> {
     Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z)
 }
 
-/// `pose` shifted by the first half of `step` and turned, about its origin, by the second over `size`.
+/// Returns `pose` shifted by the first half of `step` and turned, about its origin, by the second
+/// half over `size`.
 fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>, size: f64) -> Isometry3<f64> {
     let shift = Vector3::new(step[0], step[1], step[2]);
     let turn = Vector3::new(step[3], step[4], step[5]) / size;
@@ -252,7 +256,7 @@ fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>, size: f64) -> Isometry3<f64
     Isometry3::from_parts(translation, UnitQuaternion::from_scaled_axis(turn) * pose.rotation)
 }
 
-/// Inverse of a matrix, zero where it has no stiffness.
+/// Pseudo-inverse of a stiffness matrix, zero along motions without stiffness.
 fn free_inverse(stiffness: &Matrix6<f64>) -> Matrix6<f64> {
     let svd = stiffness.svd(true, true);
     let least = FREE * svd.singular_values.max();

@@ -1,8 +1,8 @@
-//! A body linearised at rest, for those who need no more than that.
+//! A body linearised at rest.
 //!
-//! The stiffness is that of `p1-bar`; at rest it is the same for all laws. Fixed nodes do not move. A
-//! free body has no inverse of it: each of its nodes is tied to where it rests by a spring so weak that
-//! contact alone decides where the body lies.
+//! The stiffness is that of `p1-bar`; at rest it is the same for all laws. Fixed nodes do not move.
+//! The stiffness of a free body has no inverse: each of its nodes is tied to its position at rest
+//! by a spring so weak that contact alone determines where the body lies.
 
 use faer::dyn_stack::MemBuffer;
 use nalgebra::{Point3, Vector3};
@@ -21,14 +21,14 @@ use crate::{
     deformation::{Press, SoftBody},
 };
 
-/// Element whose stiffness is taken.
+/// Element whose stiffness is used.
 const ELEMENT: Element = Element::P1Bar;
-/// Stiffness of all springs that tie a free body, over Young's modulus times the cube root of its
-/// volume: moved by a hundredth of its size, it is held by 1e-6 of E L².
+/// Total stiffness of the springs that tie a free body, over Young's modulus E times the cube root
+/// L of its volume: moved by a hundredth of its size, it is held by 1e-6 of E L².
 const TIE: f64 = 1e-4;
 
-/// How close contact points of a free body lie (m). Between them and points at the [`USUAL`] distance
-/// the forces on a ball of 40 mm between plates differ by 0.1 %, and the time by a half.
+/// Spacing of the contact points of a free body (m). Compared with the [`USUAL`] spacing, the
+/// forces on a ball of 40 mm between plates differ by 0.1 %, and the time by a half.
 const FREE: f64 = 1e-3;
 
 /// A body with the factor of its stiffness at rest.
@@ -49,7 +49,7 @@ pub(crate) struct Workspace {
 }
 
 impl Linearised {
-    /// Linearises `body`; an error if its fixed nodes leave it free to move as a whole.
+    /// Linearises `body`; returns an error if its fixed nodes leave it free to move as a whole.
     pub(crate) fn new(body: &SoftBody) -> Result<Self> {
         if held(body)
             && let Some(linearised) = Self::tied(body, 0.0)
@@ -61,7 +61,8 @@ impl Linearised {
         Err(Error::invalid("fixed", found, expected))
     }
 
-    /// Linearises a `body` without fixed nodes, tied by weak springs; an error if it has some.
+    /// Linearises a `body` without fixed nodes, tied by weak springs; returns an error if it has
+    /// some.
     pub(crate) fn free(body: &SoftBody) -> Result<Self> {
         let mesh = body.mesh();
         let volume = mesh.volume();
@@ -72,7 +73,8 @@ impl Linearised {
         })
     }
 
-    /// Linearises `body` with a spring of `tie` (N/m) at each node, if that holds it.
+    /// Linearises `body` with a spring of `tie` (N/m) at each node; `None` if its stiffness is then
+    /// not positive definite.
     fn tied(body: &SoftBody, tie: f64) -> Option<Self> {
         let nodes = Nodes::new(body, ELEMENT);
         let solid = solid(body, &nodes, ELEMENT);
@@ -95,18 +97,18 @@ impl Linearised {
         Workspace { buffer: self.pattern.workspace(), strain: Strain::default() }
     }
 
-    /// Places of the nodes at rest (V).
+    /// Positions of the nodes at rest (V).
     pub(crate) fn places(&self) -> &[Point3<f64>] {
         &self.nodes.places
     }
 
-    /// Points of `body`, the one that was linearised, at which contact is felt (C), and its backing.
+    /// Contact points (C) of `body`, which must be the body that was linearised, and its backing.
     pub(crate) fn surface(&self, body: &SoftBody) -> (Vec<SurfacePoint>, Backing) {
         surface(body, &self.nodes, ELEMENT, self.faces.usual)
     }
 
-    /// As [`Linearised::surface`], as close as the thinnest shape of `press` asks for; `None` if that is
-    /// as close as always, and an error if it is too close.
+    /// Returns [`Linearised::surface`] with points as close as the thinnest shape of `press`
+    /// requires, `None` if the usual spacing suffices, or an error if the shape is too thin.
     pub(crate) fn closer_surface(
         &self,
         body: &SoftBody,
@@ -132,8 +134,8 @@ impl Linearised {
         self.pattern.scatter(&unknowns)
     }
 
-    /// Displacement of `nodes` under unit forces on the free nodes `at`, one row of numbers for each
-    /// component of each force (m/N).
+    /// Displacement of `nodes` under unit forces on the free nodes `at`, one row of numbers for
+    /// each component of each force (m/N).
     pub(crate) fn unit_responses(
         &self,
         at: &[u32],
@@ -161,8 +163,8 @@ impl Linearised {
         rows
     }
 
-    /// Force that the nodes exert against `displacement` by the body's own law (V) in N, or `None`
-    /// if an element is inverted.
+    /// Nodal forces (V) in N that balance `displacement` by the body's own law, or `None` if an
+    /// element is inverted.
     pub(crate) fn elastic_force(
         &self,
         displacement: &[Vector3<f64>],
@@ -174,14 +176,15 @@ impl Linearised {
         Some(forces)
     }
 
-    /// Forces (V) in N to which a free body gives way by `displacement` (V): at rest its law is linear,
-    /// so they are those of a small part of it. `None` of a body that is held.
+    /// Nodal forces (V) in N under which a free body is displaced by `displacement` (V). Its law is
+    /// linear at rest, so they are those of a small part of the displacement, scaled up. `None` if
+    /// the body is held.
     pub(crate) fn loads_of_free(
         &self,
         displacement: &[Vector3<f64>],
         workspace: &mut Workspace,
     ) -> Option<Vec<Vector3<f64>>> {
-        /// Part of the displacement: errors of linearity and of rounding are about the same.
+        /// Part of the displacement at which errors of linearity and of rounding are about equal.
         const PART: f64 = 1e-7;
         if self.tie == 0.0 {
             return None;
@@ -191,7 +194,7 @@ impl Linearised {
         Some(forces.iter().map(|force| force / PART).collect())
     }
 
-    /// Sets `forces` (V) on fixed nodes to zero: the base bears them.
+    /// Sets `forces` (V) on fixed nodes to zero, since the base bears them.
     pub(crate) fn release(&self, forces: &mut [Vector3<f64>]) {
         let fixed = forces.iter_mut().zip(&self.nodes.fixed).filter(|(_, fixed)| **fixed);
         fixed.for_each(|(force, _)| *force = Vector3::zeros());
@@ -203,7 +206,7 @@ impl Linearised {
     }
 }
 
-/// Whether the fixed nodes span a plane.
+/// Returns whether the fixed nodes span a plane.
 fn held(body: &SoftBody) -> bool {
     let place = |&node: &u32| body.mesh().vertices[node as usize];
     let mut fixed = body.fixed().iter().map(place);

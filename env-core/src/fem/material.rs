@@ -1,12 +1,13 @@
-//! Hyperelastic materials: energy density and stress at one point; [`super::tangent`] has what follows.
+//! Hyperelastic materials: energy density and stress at one point. Their tangents are in
+//! [`super::tangent`].
 //!
-//! Every law is split into a distortion and a dilatation part,
-//! ψ(F) = w(F) + U(θ(F)), θ = det F (for the linear law θ = tr F − 2), so that an element may hand
-//! U the dilatation averaged over its neighbourhood. U is what grows with λ; the rest stays in w,
-//! which is convex at rest and keeps each element from inverting. With the pressure-like p = U′ the stress is
-//! P = ∂w/∂F + p ∂θ/∂F. The laws and their sources are listed at [`Law`].
+//! Every law is split into a distortion and a dilatation part, ψ(F) = w(F) + U(θ(F)), θ = det F
+//! (for the linear law θ = tr F − 2), so that an element may evaluate U at the dilatation averaged
+//! over its neighbourhood. U holds the terms that grow with λ; the others stay in w, which is
+//! convex at rest and keeps each element from inverting. With the pressure-like p = U′ the stress
+//! is P = ∂w/∂F + p ∂θ/∂F. The laws and their sources are listed at [`Law`].
 //!
-//! All but the linear law are used for J = det F > 0 only.
+//! All laws but the linear one are used for J = det F > 0 only.
 
 use nalgebra::Matrix3;
 
@@ -41,17 +42,17 @@ impl Material {
         if self.law == Law::Linear { f.trace() - 2.0 } else { f.determinant() }
     }
 
-    /// ∂θ/∂F.
+    /// Gradient of the dilatation, ∂θ/∂F.
     pub(super) fn dilatation_gradient(&self, f: &Matrix3<f64>) -> Matrix3<f64> {
         if self.law == Law::Linear { Matrix3::identity() } else { cofactor(f) }
     }
 
-    /// Whether `f` is a deformation that the law describes.
+    /// Returns whether `f` is a deformation gradient that the law describes.
     pub(super) fn admits(&self, f: &Matrix3<f64>) -> bool {
         self.law == Law::Linear || f.determinant() > 0.0
     }
 
-    /// U at the dilatation `theta` (above 0 for the neo-Hookean law).
+    /// Energy U and its derivatives at the dilatation `theta` (above 0 for the neo-Hookean law).
     pub(super) fn volumetric(&self, theta: f64) -> Volumetric {
         let (strain, lambda) = (theta - 1.0, self.lambda);
         match self.law {
@@ -67,7 +68,7 @@ impl Material {
         }
     }
 
-    /// w (Pa).
+    /// Energy density w of distortion (Pa).
     pub(super) fn distortion(&self, f: &Matrix3<f64>) -> f64 {
         match self.law {
             Law::NeoHookean => self.mu * (0.5 * (f.norm_squared() - 3.0) - f.determinant().ln()),
@@ -80,7 +81,7 @@ impl Material {
         }
     }
 
-    /// ∂w/∂F (Pa).
+    /// Stress of distortion, ∂w/∂F (Pa).
     pub(super) fn distortion_stress(&self, f: &Matrix3<f64>) -> Matrix3<f64> {
         match self.law {
             Law::NeoHookean => self.mu * (f - cofactor(f) / f.determinant()),
@@ -97,10 +98,11 @@ impl Material {
 
     /// Von Mises equivalent of the Cauchy stress P Fᵀ / J (Pa).
     pub(super) fn von_mises(&self, f: &Matrix3<f64>) -> f64 {
-        // Parts of the Cauchy stress along the identity are hydrostatic and drop out: the pressure's,
-        // and what cof F = J F⁻ᵀ makes.
+        // Parts of the Cauchy stress along the identity are hydrostatic and drop out: those from
+        // the pressure and from cof F = J F⁻ᵀ.
         let (cauchy, scale) = match self.law {
-            // Scaled last: at rest the deviator of 1 is nothing, that of μ 1 only to rounding.
+            // Scaled last: at rest the deviator of the identity is exactly zero, that of μ times
+            // the identity only to rounding.
             Law::NeoHookean | Law::StableNeoHookean => {
                 (f * f.transpose(), self.mu / f.determinant())
             }
@@ -131,7 +133,7 @@ fn strain(f: &Matrix3<f64>) -> Matrix3<f64> {
     0.5 * (f + f.transpose()) - Matrix3::identity()
 }
 
-/// The rotation nearest to F.
+/// Rotation nearest to F.
 pub(super) fn rotation(f: &Matrix3<f64>) -> Matrix3<f64> {
     let svd = f.svd_unordered(true, true);
     let u = svd.u.expect("asked for");

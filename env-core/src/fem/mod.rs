@@ -1,22 +1,22 @@
-//! Quasi-static finite elements: a soft body in equilibrium with the rigid shapes that press it.
+//! Quasi-static finite elements: equilibrium of a soft body with the rigid shapes pressed into it.
 //!
 //! Large strains, several material laws ([`Law`](crate::deformation::Law)) and elements
 //! ([`Element`]), frictional contact on the faces of the surface ([`crate::contact`]), Newton's
-//! method with a sparse Cholesky factorisation. What bends most is contact, and few nodes carry it:
-//! the body's stiffness is condensed to them, contact is solved for on that small system, and one
-//! factorisation serves for about a frame. Where many nodes carry it, a factor is kept likewise while
-//! contact changes.
+//! method with a sparse Cholesky factorisation. Contact is the most nonlinear part and involves few
+//! nodes: the body's stiffness is condensed to them, contact is solved on that small system, and
+//! one factorisation serves for about a frame. Where contact involves many nodes, a factor is
+//! likewise reused while contact changes.
 //!
-//! Precision. A frame is returned when the norm of the unbalanced force is at most
+//! Precision. A frame is returned when the norm of the residual force is at most
 //! [`Options::tolerance`]; for bodies stiffer than 1 MPa the tolerance grows in proportion. Shapes
-//! sink in by [`Options::softness`] × pressure / Young's modulus, and a sticking point creeps by four
-//! times that × friction. At the default softness this costs 0.3 % of the force at a depth of
-//! 0.5 mm, 0.1 % at 1 mm. An answer in which a point is deeper than 250 softnesses, or than half of
-//! the body's least extent, is an error; so is one with a shape wholly inside the body, or more than
-//! ten softnesses inside the faces that are held: what holds a body is rigid, and bears nothing here.
-//! Contact points lie 0.4 mm apart, for a shape thinner than 0.6 mm ([`Shape::thickness`]) closer, but
-//! not closer than 1/128 of a face's width, nor more than a million in all: a shape that would need
-//! more where it goes is refused.
+//! penetrate by [`Options::softness`] × pressure / Young's modulus, and a sticking point creeps by
+//! four times that × friction. At the default softness this costs 0.3 % of the force at a depth of
+//! 0.5 mm, 0.1 % at 1 mm. A solution in which a point is deeper than 250 softnesses, or than half
+//! of the body's smallest extent, is an error; so is one with a shape wholly inside the body, or
+//! more than ten softnesses inside the held faces, which are rigid and carry no contact force here.
+//! Contact points lie 0.4 mm apart, closer for a shape thinner than 0.6 mm ([`Shape::thickness`]),
+//! but not closer than 1/128 of a face's width, and at most a million in all: a shape that would
+//! need more along its path is refused.
 
 mod attempt;
 mod carry;
@@ -75,16 +75,17 @@ pub(crate) use gmres::{Found, gmres};
 pub use grasp::{Grasp, Grasped, Hold};
 pub(crate) use linearised::{Linearised, Workspace};
 
-/// How a [`Fem`] computes.
+/// Settings of a [`Fem`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     /// Kind of element.
     pub element: Element,
     /// Coefficient of Coulomb friction between body and shapes.
     pub friction: f64,
-    /// Norm of the unbalanced force at which a frame is done, for a body of 1 `MPa` or softer (N).
+    /// Norm of the residual force at which a frame has converged, for a body of 1 `MPa` or softer
+    /// (N).
     pub tolerance: f64,
-    /// How deep a shape sinks in where the pressure equals Young's modulus (m).
+    /// Depth by which a shape penetrates where the pressure equals Young's modulus (m).
     pub softness: f64,
     /// Most Newton steps in one load step. A body that buckles takes many.
     pub iterations: usize,
@@ -111,7 +112,8 @@ pub struct Fem {
 }
 
 impl Fem {
-    /// Discretises `body` and analyses its stiffness matrix; an error if no face of it can move.
+    /// Discretises `body` and analyses its stiffness matrix; returns an error if no face of it can
+    /// move.
     pub fn new(body: SoftBody, options: Options) -> Result<Self> {
         if !(options.tolerance.is_finite() && options.tolerance > 0.0) {
             let expected = "a finite force above 0 N";
@@ -127,8 +129,8 @@ impl Fem {
         Ok(Self { body, system, limits })
     }
 
-    /// Places at rest of the points at which contact is felt (m), numbered as in a history's
-    /// anchors. A press of a shape thinner than 0.6 mm has more of them.
+    /// Positions at rest of the contact points (m), numbered as in a history's anchors. A press of
+    /// a shape thinner than 0.6 mm has more of them.
     pub fn contact_points(&self) -> Vec<Point3<f64>> {
         let still = vec![Vector3::zeros(); self.system.nodes.places.len()];
         self.system.surface_places(&still)
@@ -139,21 +141,21 @@ impl Fem {
         &self.body
     }
 
-    /// Unknowns, and numbers in the factor of the stiffness matrix.
+    /// Number of unknowns, and of entries in the factor of the stiffness matrix.
     pub fn size(&self) -> (usize, usize) {
         let (pattern, _) = self.system.whole_pattern();
         (pattern.size(), pattern.fill())
     }
 
-    /// The fields of an answer with this `history` on another mesh of the body; an error if it is of
-    /// another model or the mesh of another body.
+    /// Returns the fields of a solution with this `history` on another mesh of the body, or an
+    /// error if the history is of another model or the mesh of another body.
     pub fn carry(&self, history: &History, to: &TetMesh) -> Result<Carried> {
-        // A press of something thin has contact points of its own: any number will do.
+        // A press of a thin shape has its own contact points, so their number is not limited here.
         history.check(self.system.nodes.places.len(), usize::MAX)?;
         Ok(Carrier::new(self, to)?.fields(&history.displacement))
     }
 
-    /// Every frame of `press`, in order; the first that is not solved is an error and the last.
+    /// Solves every frame of `press`, in order; the first that fails is an error and the last.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         let system = self.system.suited(&self.body, press);
         let checked = |system| self.check_start(&system, press).map(|()| system);
@@ -163,7 +165,7 @@ impl Fem {
         }
     }
 
-    /// Refuses a push that is lost in the force left unbalanced.
+    /// Refuses a push whose force is not above the tolerance of the residual force.
     fn check_force(&self, press: &Press) -> Result<()> {
         let tolerance = self.limits.tolerance;
         match press.drive() {
@@ -194,14 +196,14 @@ impl Fem {
     }
 }
 
-/// The error of a `body` on which nothing can press.
+/// Returns the error for a `body` whose faces are all held.
 pub(crate) fn held_all_round(body: &SoftBody) -> Error {
     let found = format!("{} of {} nodes", body.fixed().len(), body.mesh().vertices.len());
     Error::invalid("fixed", found, "a face of the surface that is not held all round")
 }
 
 impl DeformationModel for Fem {
-    /// Presses are solved in parallel, each on one thread.
+    /// Solves presses in parallel, each on one thread.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
         let last =
             |press: &Press| self.solve_path(press).pop().expect("a press has a frame or an error");

@@ -1,19 +1,19 @@
 //! Equilibrium by Newton's method with a line search on the energy.
 //!
-//! A step is first tried with contact solved for on its own nodes ([`super::condensed`]). Where that
-//! leads nowhere, or contact is too wide for it, it is tried with the factor of an earlier step, put right
-//! by GMRES for the springs of contact that are missing in it. The rest is for where that leads nowhere
-//! either, and for pushes.
+//! A step is first tried with contact solved on its own nodes ([`super::condensed`]). If that
+//! fails, or contact involves too many nodes, it is tried with the factor of an earlier step,
+//! corrected by GMRES for the contact springs that are missing in it. The other methods are used if
+//! that fails, too, and for pushes.
 //!
-//! The stiffness is used as it is where it is positive definite. Where it is not, its diagonal is
+//! The stiffness is used unchanged where it is positive definite. Where it is not, its diagonal is
 //! raised step by step, and if that is not enough it is filtered element by element, which is safe
 //! but slow near the end (Longva et al. 2023, "Pitfalls of projection"). Friction is a minimisation
-//! only while its limits are held; they are renewed before every step. While points slip, the step
-//! is first tried with the limits' dependence on depth: its matrix is unsymmetric, and is solved by
-//! GMRES with the Cholesky factor as preconditioner.
+//! only while its limits are held fixed; they are renewed before every step. While points slip, the
+//! step is first tried with the limits' dependence on depth: its matrix is unsymmetric, and is
+//! solved by GMRES with the Cholesky factor as preconditioner.
 //!
-//! A press with given force has one more unknown, the travel of the shapes. Vectors of unknowns hold
-//! three numbers for each free node, and then the travel if there is one.
+//! A press with given force has one more unknown, the travel of the shapes. Vectors of unknowns
+//! hold three numbers for each free node, and then the travel if there is one.
 
 use super::{
     direct::DirectSolver,
@@ -27,31 +27,31 @@ use crate::{
     contact::{ContactStep, Touch},
 };
 
-/// When to stop.
+/// Stopping criteria of the search for an equilibrium.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limits {
-    /// Norm of the unbalanced force (N).
+    /// Norm of the residual force (N).
     pub(super) tolerance: f64,
-    /// Newton steps.
+    /// Most Newton steps.
     pub(super) iterations: usize,
-    /// Whether every step is Newton's on the whole body, with a factor of its own: slow, and what the
-    /// quick ways are held against.
+    /// `true` if every step is Newton's on the whole body, with a factor of its own: slow, and the
+    /// reference for the fast methods.
     pub(super) plain: bool,
 }
 
-/// How the search for an equilibrium ended.
+/// Outcome of the search for an equilibrium.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Balance {
     pub(super) iterations: usize,
-    /// Norm of the unbalanced force (N).
+    /// Norm of the residual force (N).
     pub(super) residual: f64,
 }
 
-/// Fraction of the expected fall of energy that a step must bring (Armijo).
+/// Fraction of the expected decrease of energy that a step must achieve (Armijo).
 const ARMIJO: f64 = 1e-4;
-/// Part of the residual that a step by an earlier stiffness must take away to be worth it.
+/// Largest part of the residual that may remain after a step by an earlier stiffness.
 const HALF: f64 = 0.5;
-/// Such steps that cost about as much as a factorisation.
+/// Number of such steps that cost about as much as a factorisation.
 const PATIENCE: f64 = 4.0;
 /// Shortest fraction of a Newton step that is tried.
 const SHORTEST: f64 = 1e-6;
@@ -84,20 +84,20 @@ pub(super) fn equilibrium(
     Err(Error::NotConverged { iterations, residual, tolerance: limits.tolerance })
 }
 
-/// An equilibrium being searched for.
+/// A search for an equilibrium.
 pub(super) struct Search<'a, 'b> {
     pub(super) system: &'a System,
     pub(super) solver: &'a mut DirectSolver,
     pub(super) contact: &'a mut ContactStep<'b>,
     pub(super) push: Option<&'a Push>,
-    /// Whether steps by the condensed stiffness are tried.
+    /// `true` while steps by the condensed stiffness are tried.
     pub(super) willing: bool,
-    /// As in [`Limits`].
+    /// Value of [`Limits::plain`].
     plain: bool,
 }
 
 impl Search<'_, '_> {
-    /// Gradient of the energy by the unknowns (N).
+    /// Gradient of the energy with respect to the unknowns (N).
     pub(super) fn residual(&self, forces: &Forces) -> Vec<f64> {
         let mut residual = self.solver.gather(&forces.gradient);
         if let Some(push) = self.push {
@@ -107,7 +107,7 @@ impl Search<'_, '_> {
         residual
     }
 
-    /// One Newton step from `state`, or `None` if none was found that lowers the energy.
+    /// Takes one Newton step from `state`; `None` if none was found that lowers the energy.
     fn advance(&mut self, state: &mut State, forces: &Forces, tolerance: f64) -> Option<Forces> {
         if let Some(next) = self.condensed_step(state, forces, tolerance) {
             return Some(next);
@@ -136,8 +136,8 @@ impl Search<'_, '_> {
         None
     }
 
-    /// The full step by an earlier step's elastic stiffness with contact as it is, if it halves the
-    /// residual.
+    /// Takes the full step by the elastic stiffness of an earlier step with present contact, if it
+    /// halves the residual.
     fn kept_step(
         &mut self,
         state: &mut State,
@@ -158,8 +158,8 @@ impl Search<'_, '_> {
         self.full_step(state, forces, &found.x, tolerance)
     }
 
-    /// The full step with friction limits that follow the depth, if points slip and it halves the
-    /// residual.
+    /// Takes the full step with friction limits that follow the depth, if points slip and it halves
+    /// the residual.
     fn coupled_step(
         &mut self,
         state: &mut State,
@@ -175,8 +175,8 @@ impl Search<'_, '_> {
         self.full_step(state, forces, &step, tolerance)
     }
 
-    /// The `step` of the stiffness that was factorised last, put right for the springs that are `missing`
-    /// in it.
+    /// Corrects the `step` of the stiffness that was factorised last for the springs that are
+    /// `missing` in it.
     fn with_springs(&mut self, missing: &[Spring], border: Option<&Border>, step: &[f64]) -> Found {
         let product = |x: &[f64]| {
             let mut y = product(self.system, self.solver, missing, x, self.push);
@@ -187,8 +187,8 @@ impl Search<'_, '_> {
         gmres(product, step)
     }
 
-    /// Takes the full `step` if it halves the residual. A factor by which many more such steps would be
-    /// left is forgotten.
+    /// Takes the full `step` if it halves the residual. Discards the factor if convergence at this
+    /// rate would take more steps than a new factor is worth.
     pub(super) fn full_step(
         &mut self,
         state: &mut State,
@@ -210,7 +210,7 @@ impl Search<'_, '_> {
         Some(next)
     }
 
-    /// Backtracks along `step` until the energy has fallen enough for its `slope` (Armijo).
+    /// Backtracks along `step` until the energy has decreased enough for its `slope` (Armijo).
     fn line_search(
         &mut self,
         state: &mut State,
@@ -229,7 +229,8 @@ impl Search<'_, '_> {
             let trial = self.moved(state, step, share);
             if let Some(next) = self.system.forces(&trial, self.contact) {
                 let change = self.energy(&trial, &next, &limits) - energy;
-                // Near the end the fall of energy drowns in rounding, but the force does not.
+                // Near convergence the decrease of energy is lost in rounding, but that of the
+                // force is not.
                 let drowned = -slope < rounding && {
                     norm(&self.residual(&next)) < norm(&self.residual(forces))
                 };
@@ -243,7 +244,7 @@ impl Search<'_, '_> {
         None
     }
 
-    /// `state` after a `share` of a `step`.
+    /// Returns `state` after a `share` of a `step`.
     pub(super) fn moved(&self, state: &State, step: &[f64], share: f64) -> State {
         let mut moved = state.clone();
         let change = self.solver.scatter(step);
@@ -257,7 +258,7 @@ impl Search<'_, '_> {
         moved
     }
 
-    /// Energy with friction cut at `limits`, less the work of the push (J).
+    /// Energy with friction limited to `limits`, less the work of the push (J).
     fn energy(&self, state: &State, forces: &Forces, limits: &FrictionLimits) -> f64 {
         let work = self.push.map_or(0.0, |push| {
             push.force * push.direction.dot(&state.poses[0].translation.vector)
@@ -277,7 +278,7 @@ impl Search<'_, '_> {
     }
 }
 
-/// The friction limit of every pair of shape and surface point while a step is searched (Pa).
+/// Friction limit of every pair of shape and surface point while a step is searched (Pa).
 struct FrictionLimits {
     points: usize,
     of_pair: Vec<f64>,

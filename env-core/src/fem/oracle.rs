@@ -1,5 +1,5 @@
-//! The quick ways to an equilibrium, contact condensed to its nodes and factors kept, against the slow
-//! one: Newton's method on the whole body with a factor for every step.
+//! Comparison of the fast methods, with contact condensed to its nodes and factors reused, with the
+//! slow one: Newton's method on the whole body with a factor for every step.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -14,11 +14,11 @@ use crate::{
 const MM: f64 = 1e-3;
 const GEL: Moduli = Moduli { young: 2e5, poisson: 0.48 };
 const FRICTION: f64 = 0.5;
-/// Relative difference of displacements and forces: either way leaves 1e-7 N unbalanced of some tenths
-/// of a newton, and a frame goes on from the last.
+/// Largest relative difference of displacements and forces: either method leaves a residual of 1e-7
+/// N of some tenths of a newton, and a frame starts from the last.
 const AGREE: f64 = 1e-5;
 
-/// `fem` without its quick ways.
+/// Returns `fem` without its fast methods.
 fn slow(fem: &Fem) -> Fem {
     let mut slow = fem.clone();
     slow.limits.plain = true;
@@ -31,7 +31,7 @@ fn off(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
     (gap / b.iter().map(Vector3::norm_squared).sum::<f64>()).sqrt()
 }
 
-/// Compares all frames of the two ways; the last frame.
+/// Compares all frames of the two methods and returns the last frame.
 fn compare(
     name: &str,
     fem: &Fem,
@@ -59,8 +59,9 @@ fn compare(
     quick.pop().unwrap()
 }
 
-/// Poses of a shape whose lowest point is `reach` under its origin: pressed in by `depth` in four frames,
-/// moved aside by 0.6 mm in four, rolled on by 0.15 rad in three, twisted by 0.1 rad in two.
+/// Poses of a shape whose lowest point is `reach` under its origin: pressed in by `depth` in four
+/// frames, moved aside by 0.6 mm in four, rolled on by 0.15 rad in three, twisted by 0.1 rad in
+/// two.
 fn press_shear_roll_twist(reach: f64, depth: f64, top: f64) -> Vec<Vec<Isometry3<f64>>> {
     let at = |x: f64, y: f64, depth: f64, turn: Vector3<f64>| {
         let place = Translation3::new(x, y, top + reach - depth);
@@ -188,8 +189,8 @@ fn a_crooked_box_in_a_grasp_is_answered_alike() {
         }
         let turn = quick.object.rotation.angle_to(&slow.object.rotation);
         let way = (quick.object.translation.vector - slow.object.translation.vector).norm();
-        // Either way leaves 1e-6 N unbalanced on the object, which the pads hold by 100 N/m or more, on
-        // an arm of 3 mm or less.
+        // Either method leaves a residual of 1e-6 N on the object, which the pads hold by 100 N/m
+        // or more, on an arm of 3 mm or less.
         assert!(turn < 3e-6 && way < 1e-8, "frame {i}: off by {turn:.1e} rad and {way:.1e} m");
     }
     let differ =

@@ -6,7 +6,7 @@
 
 use nalgebra::Point3;
 
-/// Sets this small are not divided.
+/// Size of the largest set that is not divided.
 const LEAF: usize = 12;
 
 /// `nodes` in elimination order. `neighbours[node]` lists the nodes coupled to it.

@@ -1,10 +1,10 @@
-//! Patches of tetrahedra that share one dilatation: the cure of volumetric locking in `p1-bar`.
+//! Patches of tetrahedra that share one dilatation, which avoids volumetric locking in `p1-bar`.
 //!
-//! A linear tetrahedron keeps its own volume, and a nearly incompressible mesh of them has more
-//! volumes to keep than ways to move. Averaging J over disjoint patches (de Souza Neto, Pires and
-//! Owen 2005, "F-bar-based linear triangles and tetrahedra") leaves about one volume a node. Here a
-//! patch is the ring of tetrahedra around an edge, longest edges first: in a hexahedral cell cut
-//! into six tetrahedra that is the cell.
+//! In a nearly incompressible mesh every linear tetrahedron must keep its volume, and these are
+//! more constraints than the nodes have degrees of freedom. Averaging J over disjoint patches (de
+//! Souza Neto, Pires and Owen 2005, "F-bar-based linear triangles and tetrahedra") leaves about one
+//! constraint per node. Here a patch is the ring of tetrahedra around an edge, longest edges first:
+//! in a hexahedral cell cut into six tetrahedra that is the cell.
 
 use std::collections::BTreeMap;
 
@@ -46,7 +46,8 @@ pub(super) fn patches(mesh: &TetMesh, moduli: &[Moduli]) -> Vec<Vec<u32>> {
     patches
 }
 
-/// Rings of tetrahedra around edges, longest edge first; ties go by place, not by number.
+/// Rings of tetrahedra around edges, longest edge first; ties are resolved by position, not by
+/// number.
 fn rings_by_length(mesh: &TetMesh) -> Vec<Vec<u32>> {
     let key = |&[a, b]: &[u32; 2]| {
         let [a, b] = [a, b].map(|n| mesh.vertices[n as usize]);
@@ -59,8 +60,8 @@ fn rings_by_length(mesh: &TetMesh) -> Vec<Vec<u32>> {
     rings.into_iter().map(|(_, ring)| ring).collect()
 }
 
-/// Every tetrahedron left over joins the smallest patch it shares a face with; of equal ones the first,
-/// as patches are in an order that the nodes' numbers do not change.
+/// Adds every remaining tetrahedron to the smallest patch it shares a face with, and to the first
+/// of equal ones: the order of patches does not depend on the nodes' numbers.
 fn adopt_rest(
     mesh: &TetMesh,
     moduli: &[Moduli],
@@ -88,7 +89,7 @@ fn adopt_rest(
     patches.extend((0..mesh.tets.len()).filter(|&t| patch_of[t].is_none()).map(|t| vec![t as u32]));
 }
 
-/// For each tetrahedron those that share a face with it.
+/// For each tetrahedron, those that share a face with it.
 fn face_neighbours(mesh: &TetMesh) -> Vec<Vec<u32>> {
     let mut beside = vec![Vec::new(); mesh.tets.len()];
     for owners in faces(mesh).values() {

@@ -1,7 +1,8 @@
-//! Which nodes of a mesh are coupled, and in what order they are eliminated.
+//! Sparsity pattern of the stiffness matrix: the coupled nodes of a mesh and the order of their
+//! elimination.
 //!
-//! Unknowns are numbered in elimination order, three to a node, so a matrix consists of 3 × 3 blocks,
-//! of which those on and above the diagonal are stored, by columns of numbers.
+//! Unknowns are numbered in elimination order, three to a node, so a matrix consists of 3 × 3
+//! blocks. Those on and above the diagonal are stored, column by column of numbers.
 
 use faer::{
     Side,
@@ -20,16 +21,16 @@ use nalgebra::{Point3, Vector3};
 
 use super::ordering::nested_dissection;
 
-/// Place of a node that is held fixed, in the order of elimination.
+/// Value that marks a fixed node, which has no place in the order of elimination.
 pub(super) const FIXED: u32 = u32::MAX;
 
-/// Where the couplings of a mesh lie in the matrix; computed once per mesh.
+/// Positions of the couplings of a mesh in the matrix.
 pub(super) struct Pattern {
     /// Place of each node in the order of elimination, or [`FIXED`] (N).
     pub(super) place: Vec<u32>,
     /// First block of each free node's column of blocks.
     first_block: Vec<u32>,
-    /// Place of each block's row.
+    /// Place of the node of each block's row.
     block_row: Vec<u32>,
     /// First entry of each column of numbers.
     pub(super) column: Vec<u32>,
@@ -40,16 +41,16 @@ pub(super) struct Pattern {
     pub(super) last: usize,
 }
 
-/// Where the coupling of two nodes lies among the values of a matrix.
+/// Position of the coupling of two nodes among the values of a matrix.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slot {
     /// First entry.
     pub(super) first: u32,
     /// Entries of the first column above the block on the diagonal.
     pub(super) above: u32,
-    /// Whether it is on the diagonal, of whose block only the upper triangle exists.
+    /// `true` for a block on the diagonal, of which only the upper triangle is stored.
     pub(super) diagonal: bool,
-    /// Whether it is the second node that is eliminated later.
+    /// `true` if the second node is eliminated later.
     pub(super) turned: bool,
 }
 
@@ -61,7 +62,8 @@ impl Pattern {
         Self::ending_in(&[], places, fixed, cells)
     }
 
-    /// As [`Pattern::new`], with the free nodes `last` all coupled and eliminated last.
+    /// Returns [`Pattern::new`] with the free nodes `last` all coupled with each other and
+    /// eliminated last.
     pub(super) fn ending_in(
         last: &[u32],
         places: &[Point3<f64>],
@@ -87,7 +89,8 @@ impl Pattern {
         if dissected.fill() <= least_degree.fill() { dissected } else { least_degree }
     }
 
-    /// The pattern with the free nodes eliminated in `order`, the unknowns `last` of it as a block.
+    /// Returns the pattern with the free nodes eliminated in `order`, whose last `last` unknowns
+    /// form a block.
     fn ordered(order: &[u32], neighbours: &[Vec<u32>], last: usize) -> Self {
         let mut place = vec![FIXED; neighbours.len()];
         for (i, &node) in order.iter().enumerate() {
@@ -109,8 +112,8 @@ impl Pattern {
         self.symbolic.len_val()
     }
 
-    /// Where two coupled nodes' derivative of the force on `a` by the displacement of `b` goes;
-    /// nowhere if one of them is fixed.
+    /// Position of the derivative of the force on `a` with respect to the displacement of `b`, for
+    /// two coupled nodes; `None` if one of them is fixed.
     pub(super) fn slot(&self, a: u32, b: u32) -> Option<Slot> {
         let [a, b] = [a, b].map(|node| self.place[node as usize]);
         if a == FIXED || b == FIXED {
@@ -124,12 +127,12 @@ impl Pattern {
         Some(Slot { first: self.column[3 * high] + 3 * rank, above, diagonal, turned })
     }
 
-    /// Blocks of the node at place `high` with itself and earlier ones.
+    /// Number of blocks of the node at place `high` with itself and earlier ones.
     fn blocks(&self, high: usize) -> usize {
         (self.first_block[high + 1] - self.first_block[high]) as usize
     }
 
-    /// A nodal vector (N) as unknowns.
+    /// Converts a nodal vector (N) to unknowns.
     pub(super) fn gather(&self, nodal: &[Vector3<f64>]) -> Vec<f64> {
         let mut unknowns = vec![0.0; self.size()];
         for (value, &place) in nodal.iter().zip(&self.place).filter(|&(_, &place)| place != FIXED) {
@@ -138,7 +141,7 @@ impl Pattern {
         unknowns
     }
 
-    /// Unknowns as a nodal vector (N), zero where nodes are fixed.
+    /// Converts unknowns to a nodal vector (N), zero where nodes are fixed.
     pub(super) fn scatter(&self, unknowns: &[f64]) -> Vec<Vector3<f64>> {
         let at = |&place: &u32| match place {
             FIXED => Vector3::zeros(),

@@ -18,18 +18,18 @@ pub(super) struct Push {
     pub(super) force: f64,
 }
 
-/// The travel's row and column of the stiffness matrix, eliminated.
+/// Row and column of the travel in the stiffness matrix, with the other unknowns eliminated.
 pub(super) struct Border {
     /// Coupling of the travel with the other unknowns.
     column: Vec<f64>,
-    /// The matrix's solution for `column`.
+    /// Inverse of the stiffness matrix times `column`.
     lifted: Vec<f64>,
-    /// Stiffness of the travel when the body follows.
+    /// Stiffness of the travel with the body free to follow (Schur complement).
     schur: f64,
 }
 
 impl Search<'_, '_> {
-    /// The border of the stiffness that was factorised last, if there is a push.
+    /// Computes the border of the stiffness that was factorised last, if there is a push.
     pub(super) fn border(&mut self) -> Option<Border> {
         let mut unit = vec![0.0; self.solver.size() + 1];
         *unit.last_mut()? = 1.0;
@@ -42,13 +42,13 @@ impl Search<'_, '_> {
         Some(Border { column, lifted, schur })
     }
 
-    /// Multiplies by the inverse of the stiffness matrix.
+    /// Multiplies `right` by the inverse of the stiffness matrix, in place.
     pub(super) fn solve(&mut self, border: Option<&Border>, right: &mut Vec<f64>) {
         let last = if border.is_some() { right.pop() } else { None };
         self.solver.solve(right);
         if let (Some(border), Some(last)) = (border, last) {
             let pull = last - dot(&border.column, right);
-            // Shapes that have lost touch have no stiffness, and go as far as they may.
+            // Shapes that no longer touch have no stiffness and move by the longest travel.
             let travel = if border.schur > 0.0 { pull / border.schur } else { pull.signum() };
             let travel = travel.clamp(-LONGEST_TRAVEL, LONGEST_TRAVEL);
             right.iter_mut().zip(&border.lifted).for_each(|(x, lift)| *x -= lift * travel);

@@ -1,4 +1,4 @@
-//! The part of the surface on which contact may be felt in a load step.
+//! The part of the surface on which contact is evaluated in a load step.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -8,28 +8,30 @@ use crate::{
     geometry::Shape,
 };
 
-/// Distance within which a point of the surface may come to touch (m).
+/// Distance to a shape within which a surface point may come to touch it (m).
 pub(super) const NEAR: f64 = 2e-4;
-/// Distance within which it is counted in while others are (m).
+/// Distance to a shape within which surface points belong to a new region (m). It exceeds [`NEAR`],
+/// so that the region can be used for several steps.
 const WIDE: f64 = 4e-4;
 /// Most nodes of a region: its condensed stiffness is a dense matrix.
 const MOST_NODES: usize = 500;
 
-/// Surface points that may touch, and the free nodes that carry them.
+/// Surface points that may touch, and the free nodes that they are interpolated from.
 pub(super) struct Region {
-    /// Whether a surface point belongs to it (C).
+    /// `true` for every surface point that belongs to the region (C).
     member: Vec<bool>,
     /// Its surface points, ascending.
     pub(super) points: Vec<u32>,
     /// Its nodes, in the order of elimination.
     pub(super) nodes: Vec<u32>,
-    /// Carriers of its points as ranks among its nodes, with their shares; fixed nodes are left out.
+    /// Nodes of each of its points, as ranks among the region's nodes, with their weights; fixed
+    /// nodes are left out.
     pub(super) shares: Vec<Vec<(u32, f64)>>,
 }
 
 impl Region {
-    /// The points `near` (C) enough and their carriers, those of the nearest points last; none if these
-    /// are too many.
+    /// Returns the region of the points that are `near` (C) enough, in which the nodes of the
+    /// nearest points come last; `None` if these are too many nodes.
     fn new(system: &System, near: &[f64]) -> Option<Self> {
         let surface = &system.surface;
         let member: Vec<bool> = near.iter().map(|&distance| distance < WIDE).collect();
@@ -59,8 +61,8 @@ impl Region {
         Some(Self { member, points, nodes, shares })
     }
 
-    /// Around shapes that go through all of `path`, or else to its first poses alone, with the
-    /// surface at `places` (C); none if that is too much of the surface.
+    /// Returns the region around shapes that move through all of `path`, or else only to its first
+    /// poses, with the surface at `places` (C); `None` if even that has too many nodes.
     pub(super) fn along(
         system: &System,
         shapes: &[Shape],
@@ -71,7 +73,8 @@ impl Region {
         near(path).or_else(|| near(&path[..1]))
     }
 
-    /// Whether no point outside comes near the shapes at `poses`, with the surface at `places` (C).
+    /// Returns whether no point outside the region comes near the shapes at `poses`, with the
+    /// surface at `places` (C).
     pub(super) fn suits(
         &self,
         contact: &mut ContactStep,
@@ -84,8 +87,9 @@ impl Region {
         !contact.within(NEAR, &outside, poses, &places).contains(&true)
     }
 
-    /// First unknown of each node that carries a surface point, counted among the `last` unknowns of the
-    /// region, and its share; none for a point that others carry, too.
+    /// First unknown of each node that surface point `point` is interpolated from, counted among
+    /// the `last` unknowns of the region, and its weight; `None` if the point also depends on other
+    /// nodes of the region.
     pub(super) fn carriers_among_last(
         &self,
         last: usize,
@@ -98,19 +102,19 @@ impl Region {
         held.then(|| shares.iter().map(place))
     }
 
-    /// Whether all `touches` are of its points.
+    /// Returns whether all `touches` are at points of the region.
     pub(super) fn holds(&self, touches: &[Touch]) -> bool {
         touches.iter().all(|touch| self.member[touch.point as usize])
     }
 
-    /// Number of its nodes, the last ones, that carry the points chosen by `is_near`.
+    /// Number of the region's last nodes that include all nodes of the points chosen by `is_near`.
     pub(super) fn carriers(&self, is_near: &[bool]) -> usize {
         let near = self.shares.iter().zip(is_near).filter(|(_, near)| **near);
         let first = near.flat_map(|(shares, _)| shares).map(|&(rank, _)| rank as usize).min();
         self.nodes.len() - first.unwrap_or(self.nodes.len())
     }
 
-    /// Places of its points when the nodes are displaced.
+    /// Positions of the region's points when the nodes are displaced.
     pub(super) fn places(
         &self,
         system: &System,
@@ -122,8 +126,9 @@ impl Region {
     }
 }
 
-/// How near a shape comes to `places` (C) on its `path` (m), where that is less than `margin`. A distance
-/// changes no faster than the point moves, which spares most of the measurements.
+/// Smallest distance of a shape to each of `places` (C) on its `path` (m), where that is less than
+/// `margin`. A distance changes no faster than the point moves, which saves most of the
+/// measurements.
 fn near(
     shapes: &[Shape],
     path: &[Vec<Isometry3<f64>>],

@@ -13,8 +13,8 @@ use crate::deformation::SoftBody;
 
 /// An elastic body in one discretisation. Nodal arrays have N entries.
 pub(super) trait Solid: Send + Sync {
-    /// Elastic energy (J), its gradient added to `gradient` (N), or `None` if an element is
-    /// inverted. What the stiffness needs is kept in `strain`.
+    /// Returns the elastic energy (J) and adds its gradient to `gradient` (N), or returns `None` if
+    /// an element is inverted. Stores in `strain` the state that the stiffness is computed from.
     fn evaluate(
         &self,
         displacement: &[Vector3<f64>],
@@ -22,22 +22,21 @@ pub(super) trait Solid: Send + Sync {
         gradient: &mut [Vector3<f64>],
     ) -> Option<f64>;
 
-    /// Adds ∂²E/∂u² at the last evaluated `strain`; `filtered` makes each element's part positive.
-    /// `layout` says where its parts go.
+    /// Adds ∂²E/∂u² at the last evaluated `strain` to `matrix`, at the positions in `layout`;
+    /// `filtered` makes each element's part positive.
     fn assemble(&self, strain: &Strain, layout: &Layout, matrix: &mut Matrix, filtered: bool);
 
-    /// Von Mises stress, volume average over each tetrahedron (T) in Pa; not a number where one is
-    /// turned inside out.
+    /// Von Mises stress, volume average over each tetrahedron (T) in Pa; NaN for an inverted one.
     fn von_mises(&self, displacement: &[Vector3<f64>]) -> Vec<f64>;
 
     /// Sets of nodes that are coupled.
     fn couplings(&self) -> Vec<&[u32]>;
 
-    /// Where the parts of the stiffness lie in `pattern`.
+    /// Positions of the parts of the stiffness in `pattern`.
     fn layout(&self, pattern: &Pattern) -> Layout;
 }
 
-/// For each pair (i, j), j ≤ i, of each cell's nodes: where their coupling goes, if both are free.
+/// Position of the coupling of each pair (i, j), j ≤ i, of each cell's nodes, if both are free.
 pub(super) type Layout = Vec<Option<Slot>>;
 
 /// State of the energy points, in the order of the cells.
@@ -46,7 +45,7 @@ pub(super) struct Strain {
     points: Vec<PointState>,
 }
 
-/// The body that `element` makes of `body`.
+/// Discretises `body` by elements of the kind `element`.
 pub(super) fn solid(body: &SoftBody, nodes: &Nodes, element: Element) -> Box<dyn Solid> {
     let mesh = body.mesh();
     match element {
@@ -204,7 +203,7 @@ mod tests {
         let (nodes, solid, _) = setup(law, element, &[]);
         let mut forces = vec![Vector3::zeros(); nodes.places.len()];
         solid.evaluate(&displaced(&nodes, f), &mut Strain::default(), &mut forces).unwrap();
-        // The side's nodes and the opposite side's carry all that crosses the middle.
+        // The nodes of two opposite sides carry the whole force across the middle.
         let moment: Matrix3<f64> =
             nodes.places.iter().zip(&forces).map(|(x, f)| f * x.coords.transpose()).sum();
         moment / 0.002f64.powi(3)
@@ -296,7 +295,8 @@ mod tests {
                 (at(-step), at(0.0), at(step));
             let slope: f64 = forces.iter().zip(&way).map(|(f, du)| f.dot(du)).sum();
             let difference = (high - low) / (2.0 * step);
-            // The step changes strains by 1e-5: truncation 1e-10, rounding 1e-16/1e-5, some decades spare.
+            // The step changes strains by 1e-5: truncation 1e-10, rounding 1e-16/1e-5, some decades
+            // spare.
             let error = (difference / slope - 1.0).abs();
             assert!(error < 1e-7, "{law} {element}: {difference} J against {slope} J");
             let change: Vec<_> = high_forces.iter().zip(&low_forces).map(|(h, l)| h - l).collect();

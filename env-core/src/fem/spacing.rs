@@ -1,9 +1,10 @@
-//! How close contact points lie on the faces of a body, and which shapes are felt between them.
+//! Spacing of the contact points on the faces of a body, and the thinnest shapes that they detect.
 //!
-//! Points lie 0.4 mm apart, or farther where that was asked for, or as close as the thinnest shape
-//! asks for. A wide face has fewer: its edges are cut into 128 pieces at most, into less while the
-//! points of all faces are more than [`MOST_POINTS`]. So the points are those of body and shapes alone, wherever the shapes go, and
-//! histories can number them. A press is refused if a shape comes near a face that is too wide for it.
+//! Points lie 0.4 mm apart, or farther where that is configured, or as close as the thinnest shape
+//! requires. A wide face has fewer: its edges are cut into at most 128 pieces, and into fewer if
+//! all faces together would have more than [`MOST_POINTS`]. The points thus depend on the body and
+//! the shapes only, not on the path of the shapes, so that histories can number them. A press is
+//! refused if a shape comes near a face whose points are too far apart for it.
 
 use std::cell::LazyCell;
 
@@ -15,18 +16,18 @@ use crate::{
     geometry::{Shape, TetMesh},
 };
 
-/// Contact points lie about this close (m), so that a tip of half a millimetre is not missed.
+/// Usual distance of contact points (m), at which a tip of half a millimetre is not missed.
 pub(super) const USUAL: f64 = 4e-4;
-/// Pieces into which a face's edges are cut: at least and at most.
+/// Fewest and most pieces into which a face's edges are cut.
 const PIECES: [u32; 2] = [2, 128];
-/// Points of all faces past which the widest have fewer; a cube of 80 mm has so many. They take half a
-/// gigabyte.
+/// Most points of all faces together; beyond it the widest faces have fewer. A cube of 80 mm has so
+/// many, and they take half a gigabyte.
 const MOST_POINTS: u64 = 1 << 20;
-/// Spacings that a wall must be thick, so that it cannot pass between the points: an equilateral
-/// triangle's centroid is 0.58 of its side from the corners, on either side of a wall.
+/// Least thickness of a wall, in spacings, at which it cannot pass between the points: an
+/// equilateral triangle's centroid is 0.58 of its side from the corners, on either side of a wall.
 const THINNEST: f64 = 1.5;
 
-/// How close contact points lie.
+/// Spacing of the contact points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Spacing {
     /// Distance of contact points (m).
@@ -36,12 +37,12 @@ pub(super) struct Spacing {
 }
 
 impl Spacing {
-    /// Pieces into which the edges of a face are cut whose longest is `edge` (m).
+    /// Number of pieces into which the edges of a face are cut whose longest is `edge` (m).
     pub(super) fn pieces(&self, edge: f64) -> u32 {
         ((edge / self.length).ceil() as u32).clamp(PIECES[0], self.most)
     }
 
-    /// Thinnest wall that is felt on a face of longest edge `edge` (m).
+    /// Thickness of the thinnest wall detected on a face of longest edge `edge` (m).
     fn thinnest(&self, edge: f64) -> f64 {
         THINNEST * edge / f64::from(self.most)
     }
@@ -54,18 +55,18 @@ struct Face {
     ends: [u32; 3],
 }
 
-/// Faces of a body that can touch something: all that are not held all round.
+/// Faces of a body that can touch something: all whose nodes are not all fixed.
 pub(super) struct Faces {
-    /// The widest first.
+    /// Faces, the widest first.
     all: Vec<Face>,
     /// The spacing for shapes that are not thin.
     pub(super) usual: Spacing,
-    /// Whether the body stays where it is.
+    /// `true` if the fixed nodes hold the body in place.
     held: bool,
 }
 
 impl Faces {
-    /// Those of `body`, with points `usual` (m) apart for shapes that are not thin.
+    /// Collects the faces of `body`, with points `usual` (m) apart for shapes that are not thin.
     pub(super) fn new(body: &SoftBody, usual: f64) -> Self {
         let mesh = body.mesh();
         let mut fixed = vec![false; mesh.vertices.len()];
@@ -79,8 +80,9 @@ impl Faces {
         Self { all: faces, usual, held }
     }
 
-    /// The spacing at which the shapes of a `press` of `mesh` are felt; an error if one of them is too
-    /// thin for a face near its way. A body that is not held may turn any face there.
+    /// Returns the spacing at which the shapes of a `press` of `mesh` are detected, or an error if
+    /// one of them is too thin for a face near its path. On a body that is not held, every face
+    /// counts as near.
     pub(super) fn felt(&self, mesh: &TetMesh, press: &Press) -> Result<Spacing> {
         let thinnest = press.shapes().iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
         let spacing = match thinnest / THINNEST {
@@ -105,7 +107,7 @@ impl Faces {
         Ok(spacing)
     }
 
-    /// An error unless `shape` is felt anywhere at the usual spacing.
+    /// Returns an error unless `shape` is detected anywhere on the body at the usual spacing.
     pub(super) fn check_felt(&self, shape: &Shape) -> Result<()> {
         let widest = self.all.first().map_or(0.0, |face| face.edge);
         let thinnest = self.usual.thinnest(widest).max(THINNEST * self.usual.length);
@@ -113,7 +115,7 @@ impl Faces {
     }
 }
 
-/// Points `length` (m) apart, but on wide faces if there are too many.
+/// Returns a spacing of `length` (m), with fewer points on wide faces if there are too many.
 fn spacing(length: f64, faces: &[Face]) -> Spacing {
     let [least, most] = PIECES;
     let spacing = |most: u32| Spacing { length, most };
@@ -124,18 +126,18 @@ fn spacing(length: f64, faces: &[Face]) -> Spacing {
     falling.find(|spacing| points(spacing) <= MOST_POINTS).unwrap_or(spacing(least))
 }
 
-/// Where a shape goes in a press.
+/// Path of a shape in a press.
 struct Way<'a> {
     shape: &'a Shape,
-    /// Poses that it is led through.
+    /// Poses along the path.
     poses: Vec<Isometry3<f64>>,
-    /// How far round it the body's faces may be moved (m): as far as it measures across, for a deeper
-    /// shape is inside the body.
+    /// Distance to the shape within which a face counts as near (m), since the press moves the
+    /// faces: the size of the shape, as a shape that is deeper is inside the body.
     margin: f64,
 }
 
 impl<'a> Way<'a> {
-    /// The way of shape `i` of `press` over a body of these `vertices` (V).
+    /// Returns the path of shape `i` of `press` over a body of these `vertices` (V).
     fn new(i: usize, press: &'a Press, vertices: &[Point3<f64>]) -> Self {
         let shape = &press.shapes()[i];
         let margin = shape.surface(16).map_or(0.0, |surface| surface.size());
@@ -154,8 +156,8 @@ impl<'a> Way<'a> {
         Self { shape, poses, margin }
     }
 
-    /// Whether it leads the shape near a face with these `corners`, parts of which are looked at alone
-    /// until they are no larger than the margin.
+    /// Returns whether the path leads the shape near a face with these `corners`. The face is
+    /// divided into parts until they are no larger than the margin.
     fn passes(&self, corners: &[Point3<f64>; 3]) -> bool {
         let [a, b, c] = *corners;
         let centre = Point3::from((a.coords + b.coords + c.coords) / 3.0);
@@ -173,8 +175,9 @@ impl<'a> Way<'a> {
         begins.zip(&self.poses).any(|(from, to)| self.passes_between(from, to, centre, radius))
     }
 
-    /// Whether the shape comes within the margin of a ball from one pose to another: as far as they are
-    /// apart it may go at once, and at least by the margin.
+    /// Returns whether the shape comes within the margin of a ball between two poses. Along the
+    /// motion it is measured in steps as long as its distance from the ball, which is at least the
+    /// margin.
     fn passes_between(
         &self,
         from: &Isometry3<f64>,
@@ -228,7 +231,8 @@ mod tests {
         SoftBody::new(mesh.clone(), Law::default(), moduli, fixed).unwrap()
     }
 
-    /// Contact points of `body`, and of all its faces at the usual spacing, however many they are.
+    /// Number of contact points of `body`, and number that all its faces would have at the usual
+    /// spacing without the limit on the sum.
     fn laid_and_wanted(body: &SoftBody) -> (usize, usize) {
         let (nodes, faces) = (Nodes::new(body, Element::P1), Faces::new(body, USUAL));
         let laid = surface(body, &nodes, Element::P1, faces.usual).0.len();

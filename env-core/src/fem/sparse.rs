@@ -24,7 +24,7 @@ pub(super) struct Matrix {
 pub(super) const MOST_COLUMNS: usize = 8;
 
 impl Pattern {
-    /// Values of the matrix, all zero.
+    /// Returns a matrix of this pattern with zero values.
     pub(super) fn matrix(&self) -> Matrix {
         let needs = StackReq::any_of(&[
             self.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Spec::default()),
@@ -60,7 +60,7 @@ impl Matrix {
         self.values.fill(0.0);
     }
 
-    /// Adds `value` in `slot`.
+    /// Adds `value` to the block at `slot`.
     pub(super) fn add(&mut self, slot: Slot, value: &Matrix3<f64>) {
         let mut top = slot.first as usize;
         for i in 0..3 {
@@ -85,7 +85,7 @@ impl Matrix {
         ends.iter().map(|&end| self.values[end as usize - 1]).sum::<f64>() / ends.len() as f64
     }
 
-    /// Factorises the values; false if they are not positive definite.
+    /// Factorises the values; returns `false` if they are not positive definite.
     pub(super) fn factorise(&mut self, pattern: &Pattern) -> bool {
         let size = pattern.size();
         let rows =
@@ -121,7 +121,7 @@ impl Matrix {
         factor.l_transpose_solve_with_conj(Conj::No, right, Par::Seq, scratch);
     }
 
-    /// The part of L that belongs to the unknowns that come last, after [`Matrix::factorise`].
+    /// Part of L that belongs to the last unknowns of the pattern, after [`Matrix::factorise`].
     pub(super) fn corner(&self, pattern: &Pattern) -> Mat<f64> {
         let mut corner = Mat::zeros(pattern.last, pattern.last);
         let first = pattern.size() - pattern.last;
@@ -143,7 +143,7 @@ impl Matrix {
         corner
     }
 
-    /// The factor alone, after [`Matrix::factorise`].
+    /// Returns the factor alone, after [`Matrix::factorise`].
     pub(super) fn into_factor(self) -> Factor {
         Factor { values: self.factor }
     }

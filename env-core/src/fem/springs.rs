@@ -7,18 +7,18 @@ use nalgebra::{Matrix3, Vector3};
 use super::{direct::DirectSolver, push::Push, system::System};
 use crate::contact::Touch;
 
-/// What holds a surface point to a shape.
+/// Linearised contact of a surface point with a shape.
 #[derive(Clone)]
 pub(super) struct Spring {
     /// Index of the point.
     pub(super) point: u32,
-    /// Derivative of minus the force on the point by its place (N/m).
+    /// Derivative of minus the force on the point with respect to its position (N/m).
     pub(super) stiffness: Matrix3<f64>,
     pub(super) symmetric: bool,
 }
 
 impl System {
-    /// `touches` as springs, their limits of friction following the depth.
+    /// Returns `touches` as springs whose friction limits follow the depth.
     pub(super) fn springs(&self, touches: &[Touch]) -> Vec<Spring> {
         let spring = |touch: &Touch| {
             let point = &self.surface[touch.point as usize];
@@ -30,7 +30,7 @@ impl System {
         touches.iter().map(spring).collect()
     }
 
-    /// `touches` as springs whose limits of friction are held.
+    /// Returns `touches` as springs whose friction limits are held fixed.
     pub(super) fn held_springs(&self, touches: &[Touch]) -> Vec<Spring> {
         let spring = |touch: &Touch| {
             let stiffness = self.contact_stiffness(touch);
@@ -39,8 +39,8 @@ impl System {
         touches.iter().map(spring).collect()
     }
 
-    /// Forces on the nodes (N) in N with which springs resist when the points of each move by the way
-    /// beside it (m).
+    /// Forces on the nodes (N) in N with which springs resist displacements of their points (m),
+    /// one given with each spring.
     pub(super) fn resistance<'s>(
         &self,
         springs: impl Iterator<Item = (&'s Spring, Vector3<f64>)>,
@@ -54,7 +54,7 @@ impl System {
     }
 }
 
-/// The springs that are missing in `others` to make them `springs`.
+/// Springs that must be added to `others` to obtain `springs`.
 pub(super) fn missing(springs: &[Spring], others: &[Spring]) -> Vec<Spring> {
     let mut of_point = BTreeMap::<u32, Matrix3<f64>>::new();
     for (springs, sign) in [(springs, 1.0), (others, -1.0)] {
@@ -66,8 +66,8 @@ pub(super) fn missing(springs: &[Spring], others: &[Spring]) -> Vec<Spring> {
     some.map(|(point, stiffness)| Spring { point, stiffness, symmetric: false }).collect()
 }
 
-/// What `springs` put up against a motion of the nodes by `unknowns`, and of the shapes along `push` if
-/// the last unknown is their travel; as unknowns (N).
+/// Forces of resistance of `springs` to a motion of the nodes by `unknowns`, and of the shapes
+/// along `push` if the last unknown is their travel; as unknowns (N).
 pub(super) fn product(
     system: &System,
     solver: &DirectSolver,

@@ -1,13 +1,14 @@
-//! Ways cut into steps where they cannot be taken at once.
+//! Adaptive subdivision of load steps.
 
 use crate::{Error, Result};
 
-/// Smallest part of a way that is tried as a step of its own.
+/// Smallest part of a load step that is tried on its own.
 pub(super) const SHORTEST: f64 = 1.0 / 256.0;
 
-/// Goes all the way from 0 to 1 by `step`, which leads to the part of it that it is given: half as far
-/// where it does not converge or ends too deep, twice as far after one that does not. What the last step
-/// returns; the error of a step that is `shortest`, for what is behind, if that fails, too.
+/// Advances from 0 to 1 by calls of `step`, each given the part to reach. The stride is halved
+/// after a call that does not converge or ends too deep, and doubled after one that succeeds.
+/// Returns the result of the last call, or the error of a failed call once the stride is below
+/// `shortest` of the part done.
 pub(super) fn in_steps<T>(
     shortest: impl Fn(f64) -> f64,
     mut step: impl FnMut(f64) -> Result<T>,
@@ -33,7 +34,7 @@ pub(super) fn in_steps<T>(
 mod tests {
     use super::*;
 
-    /// Where steps of at most `longest` led that refuse to go beyond `end`.
+    /// Parts reached by steps of at most `longest` that fail beyond `end`.
     fn taken(longest: f64, end: f64) -> (Vec<f64>, Result<()>) {
         let mut taken = vec![0.0];
         let refused = Error::Penetrated { depth: 1.0, most: 0.5 };

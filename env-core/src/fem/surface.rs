@@ -1,11 +1,12 @@
-//! The surface on which a discretised body feels contact.
+//! Contact surface of a discretised body.
 //!
-//! Linear faces are flat, and between two nodes on a ball of radius R such a face cuts off a cap of
-//! height h²/8R: pressing it out of the ball drives the nodes deeper, which a coarse mesh feels as a
-//! force a quarter too high. The surface of `p1-bar` is therefore quadratic over every face, like
-//! that of `p2`, with the middle of an edge e lifted by −⅛ eᵀ𝐇e off its chord: 𝐇 is the second
-//! derivative of the surface at the edge's ends, fitted to the neighbours there. All this is a set
-//! of constant weights of the nodes, so forces and stiffness stay those of an energy.
+//! Linear faces are flat. Between two nodes at a distance h on a ball of radius R such a face cuts
+//! off a cap of height h²/8R; contact moves this cap out of the ball and drives the nodes deeper,
+//! so that on a coarse mesh the force is a quarter too high. The surface of `p1-bar` is therefore
+//! quadratic over every face, like that of `p2`, with the middle of an edge e lifted by −⅛ eᵀ𝐇e off
+//! its chord: 𝐇 is the second derivative of the surface at the edge's ends, fitted to the
+//! neighbours there. The middles are constant weighted sums of the nodes, so that forces and
+//! stiffness remain derivatives of an energy.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -22,10 +23,11 @@ use crate::{
     geometry::TetMesh,
 };
 
-/// Faces that meet at an angle of a smaller cosine meet at an edge of the body, not within a curve.
+/// Cosine of the angle between a face and the mean normal at its node below which the node lies on
+/// an edge of the body, not within a curved surface.
 const CREASE: f64 = 0.8;
 
-/// Sum of the sizes of the weights in eᵀ𝐇e, 4 on a regular lattice, past which a fit is not trusted.
+/// Sum of the absolute weights in eᵀ𝐇e, 4 on a regular lattice, above which a fit is discarded.
 const WILD: f64 = 32.0;
 
 /// A face of the body's boundary.
@@ -43,7 +45,8 @@ struct Facet {
 /// Nodes with their weights.
 type Weights = Vec<(u32, f64)>;
 
-/// Points of the body's surface at which contact is felt, and its backing: the faces held all round.
+/// Returns the contact points of the body's surface, and its backing: the faces whose nodes are all
+/// fixed.
 pub(super) fn surface(
     body: &SoftBody,
     nodes: &Nodes,
@@ -78,7 +81,7 @@ pub(super) fn surface(
         held.extend(rule.iter().map(point));
         for i in 0..3 {
             let edge = [ends[i], ends[(i + 1) % 3]];
-            // An edge of two held faces is within what is held, not at its rim.
+            // An edge of two held faces lies within the held surface, not at its rim.
             if rim.remove(&[edge[1], edge[0]]).is_none() {
                 rim.insert(edge, edge_rule(i, pieces).map(|l| point(&l)).collect::<Vec<_>>());
             }
@@ -150,12 +153,13 @@ struct Curvature {
     ring: Vec<u32>,
     /// Tangents.
     frame: [Vector3<f64>; 2],
-    /// H₁₁, H₁₂ and H₂₂ (3) of a field from its differences to the neighbours' (R) in 1/m².
+    /// Matrix (3, R) in 1/m² that gives H₁₁, H₁₂ and H₂₂ of a field from its differences to the R
+    /// neighbours.
     fit: DMatrix<f64>,
 }
 
 impl Curvature {
-    /// Weights whose sum with the nodes' places is eᵀ𝐇e along `edge` (m).
+    /// Weights of the nodes' positions in eᵀ𝐇e along `edge` (m).
     fn along(&self, edge: &Vector3<f64>) -> Weights {
         let [x, y] = self.frame.map(|t| t.dot(edge));
         let weight = |i: usize| {
@@ -186,7 +190,8 @@ fn curvatures(mesh: &TetMesh, facets: &[Facet]) -> BTreeMap<u32, Curvature> {
     around.into_iter().filter_map(smooth).collect()
 }
 
-/// Fits g·ξ + ½ ξᵀ𝐇ξ to the differences of a field at `ring` from `node`, nearer ones first.
+/// Fits g·ξ + ½ ξᵀ𝐇ξ to the differences of a field at `ring` from `node`, with more weight on
+/// nearer ones.
 fn curvature(
     places: &[Point3<f64>],
     node: u32,
@@ -213,7 +218,7 @@ fn curvature(
 }
 
 /// Weights of the middle of an edge, ½(a + b) − ⅛ eᵀ𝐇e with the mean 𝐇 of its smooth ends. An end
-/// whose neighbours lie too unevenly to know of bends as long as the edge is left out.
+/// whose neighbours are too uneven for a reliable fit is left out.
 fn lifted_middle(mesh: &TetMesh, curvatures: &BTreeMap<u32, Curvature>, a: u32, b: u32) -> Weights {
     let edge = mesh.vertices[b as usize] - mesh.vertices[a as usize];
     let mut weights = vec![(a, 0.5), (b, 0.5)];
@@ -241,8 +246,8 @@ mod tests {
         geometry::{PadMesh, PadOutline, Shape},
     };
 
-    /// Greatest distance of the surface of a pad, bent to z = f(x, y), from that surface, where it
-    /// is at least two cells from the rim.
+    /// Largest distance between the contact surface of a pad bent to z = f(x, y) and the exact
+    /// surface, at least two cells from the rim.
     fn distance(element: Element, f: impl Fn(f64, f64) -> f64) -> f64 {
         let pad = PadMesh::with_nodes(&PadOutline::flat(0.02, 0.02, 0.004), 1000).unwrap();
         let moduli = Moduli { young: 1e5, poisson: 0.45 };

@@ -21,28 +21,28 @@ use crate::{
     geometry::Shape,
 };
 
-/// A body, discretised and analysed once; shared by all presses. Copies differ in their friction and
-/// their contact points.
+/// A body, discretised and analysed once; shared by all presses. Copies differ in their friction
+/// and their contact points.
 #[derive(Clone)]
 pub(super) struct System {
     pub(super) nodes: Arc<Nodes>,
     pub(super) solid: Arc<dyn Solid>,
-    /// The pattern with contact anywhere, once it was asked for.
+    /// The pattern with contact anywhere, computed on first use.
     whole: Arc<OnceLock<(Arc<Pattern>, Arc<Layout>)>>,
     pub(super) element: Element,
     pub(super) surface: Arc<[SurfacePoint]>,
-    /// The faces that are held, which no shape may enter.
+    /// The held faces, which no shape may enter.
     pub(super) backing: Arc<Backing>,
     faces: Arc<Faces>,
     pub(super) law: ContactLaw,
-    /// Whether the body can move as a whole.
+    /// `true` if the body can move as a whole.
     pub(super) floating: bool,
     /// Least extent of the body along an axis (m).
     thinnest: f64,
 }
 
-/// Depth of a touching point past which an answer is refused, in softnesses: what holds a shape there
-/// is a pressure of as many Young's moduli.
+/// Depth of a touching point above which a solution is refused, in softnesses: the contact pressure
+/// there is as many times Young's modulus.
 const DEEPEST: f64 = 250.0;
 
 /// Displacement of the body and poses of the shapes.
@@ -54,20 +54,21 @@ pub(super) struct State {
     pub(super) poses: Vec<Isometry3<f64>>,
 }
 
-/// How the stiffness matrix is made positive definite.
+/// Method by which the stiffness matrix is made positive definite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Stiffness {
-    /// Not at all.
+    /// Unchanged.
     Exact,
-    /// By raising the diagonal by this share of its mean.
+    /// Diagonal raised by this share of its mean.
     Shifted(f64),
-    /// Element by element.
+    /// Filtered element by element.
     Filtered,
 }
 
 impl Stiffness {
-    /// From the most faithful to the safest. Raising the diagonal little by little keeps more of the
-    /// curvature than the filter, which creeps where a body is close to buckling.
+    /// All methods, from the most accurate to the safest. Raising the diagonal little by little
+    /// keeps more of the curvature than the filter, which converges slowly where a body is close to
+    /// buckling.
     pub(super) const SAFER: [Self; 5] = [
         Self::Exact,
         Self::Shifted(1e-3),
@@ -81,7 +82,8 @@ impl Stiffness {
 pub(super) struct Forces {
     /// Elastic energy (J).
     pub(super) elastic: f64,
-    /// Gradient of elastic energy less contact forces, by node (N); zero in equilibrium where free.
+    /// Gradient of the elastic energy less contact forces, by node (N); in equilibrium zero at free
+    /// nodes.
     pub(super) gradient: Vec<Vector3<f64>>,
     /// Elastic strain, for the stiffness.
     pub(super) strain: Strain,
@@ -105,8 +107,8 @@ impl System {
         Self { nodes, solid, whole, element, surface, backing, faces, law, floating, thinnest }
     }
 
-    /// The system of the same `body` that feels `press`: with its friction, and with contact points
-    /// as close as its thinnest shape asks for; an error if that is too close.
+    /// Returns the system of the same `body` for `press`: with its friction, and with contact
+    /// points as close as its thinnest shape requires. Returns an error if that shape is too thin.
     pub(super) fn suited(&self, body: &SoftBody, press: &Press) -> Result<Self> {
         let mut system = self.clone();
         system.law.friction = press.friction().unwrap_or(self.law.friction);
@@ -118,12 +120,12 @@ impl System {
         Ok(system)
     }
 
-    /// An error unless `shape` is felt at the contact points as they are.
+    /// Returns an error unless `shape` is detected by the contact points as they are.
     pub(super) fn check_felt(&self, shape: &Shape) -> Result<()> {
         self.faces.check_felt(shape)
     }
 
-    /// Places of the surface points (C).
+    /// Positions of the surface points (C).
     pub(super) fn surface_places(&self, displacement: &[Vector3<f64>]) -> Vec<Point3<f64>> {
         let place = |point: &SurfacePoint| point.place(&self.nodes.places, displacement);
         self.surface.iter().map(place).collect()
@@ -149,14 +151,14 @@ impl System {
         Some(Forces { elastic, gradient, strain, touches })
     }
 
-    /// Depth that no touching point keeps in equilibrium, at pressures below ten times Young's
-    /// modulus (m); nor does a shape go deeper into the backing.
+    /// Depth at which the contact pressure is ten times Young's modulus (m): deeper points are
+    /// checked for having passed through a shape, and no shape may go deeper into the backing.
     pub(super) fn deepest(&self) -> f64 {
         10.0 * self.law.softness
     }
 
-    /// Depth of a touching point past which an answer is refused (m), at most half of the body: from there
-    /// a shape might go on to the other side.
+    /// Depth of a touching point above which a solution is refused (m), at most half of the body's
+    /// smallest extent: from there a shape might go on to the other side.
     pub(super) fn refused(&self) -> f64 {
         (DEEPEST * self.law.softness).min(0.5 * self.thinnest)
     }
@@ -168,7 +170,7 @@ impl System {
         (traction.normal + traction.tangential) * point.area
     }
 
-    /// Energy of contact with friction cut at the `limit` of each touch (J).
+    /// Energy of contact with friction limited to the `limit` of each touch (J).
     pub(super) fn contact_energy(&self, touches: &[Touch], limit: impl Fn(&Touch) -> f64) -> f64 {
         let energy = |touch: &Touch| {
             let point = &self.surface[touch.point as usize];
@@ -205,7 +207,7 @@ impl System {
     }
 }
 
-/// Sets of nodes that carry a surface point together.
+/// Sets of nodes that surface points are interpolated from.
 fn stencils(surface: &[SurfacePoint]) -> BTreeSet<Vec<u32>> {
     let nodes = |point: &SurfacePoint| point.shares.iter().map(|&(node, _)| node).collect();
     surface.iter().map(nodes).collect()

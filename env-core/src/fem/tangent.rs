@@ -1,7 +1,8 @@
-//! Tangents of the hyperelastic laws: how stress changes with strain at one point.
+//! Tangents of the hyperelastic laws: derivatives of the stress with respect to the strain at one
+//! point.
 //!
-//! ∂P/∂F = ∂²w/∂F² + p ∂²θ/∂F² + U″ ∂θ/∂F ⊗ ∂θ/∂F, in the terms of [`super::material`]. The last part
-//! is left to the elements, which may average θ.
+//! ∂P/∂F = ∂²w/∂F² + p ∂²θ/∂F² + U″ ∂θ/∂F ⊗ ∂θ/∂F, in the terms of [`super::material`]. The last
+//! part is left to the elements, which may average θ.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
@@ -16,7 +17,7 @@ type Tangent9 = SMatrix<f64, 9, 9>;
 pub(super) enum Tangent {
     /// μ 1 + a C⊗C − b C⊗ᵗC, with C = cof F and (C⊗ᵗC)ᵢₖⱼₗ = Cᵢₗ Cⱼₖ.
     Cofactor { mu: f64, a: f64, b: f64, cofactor: Matrix3<f64> },
-    /// Any other.
+    /// Any other tangent.
     Full(Box<Tangent9>),
 }
 
@@ -41,8 +42,8 @@ impl Material {
 }
 
 impl Tangent {
-    /// Second derivative of the energy density by the displacements of two nodes whose shape
-    /// functions have the gradients `g` and `h` (Pa/m²).
+    /// Second derivative of the energy density with respect to the displacements of two nodes whose
+    /// shape functions have the gradients `g` and `h` (Pa/m²).
     pub(super) fn block(&self, g: &Vector3<f64>, h: &Vector3<f64>) -> Matrix3<f64> {
         match self {
             Self::Cofactor { mu, a, b, cofactor } => {
@@ -62,7 +63,7 @@ impl Tangent {
         }
     }
 
-    /// As a matrix over the entries of F.
+    /// Returns the tangent as a matrix over the entries of F.
     pub(super) fn full(&self) -> Tangent9 {
         match self {
             Self::Cofactor { .. } => {
@@ -79,8 +80,8 @@ impl Tangent {
         }
     }
 
-    /// The nearest form that is positive along every direction: eigenvalues by absolute value
-    /// (Chen et al. 2024, arXiv 2406.05928).
+    /// Returns the tangent with its eigenvalues replaced by their absolute values, so that it is
+    /// positive along every direction (Chen et al. 2024, arXiv 2406.05928).
     pub(super) fn filtered(&self) -> Self {
         let full = self.full();
         let eigen = (0.5 * (full + full.transpose())).symmetric_eigen();

@@ -138,7 +138,8 @@ fn slope(field: impl Fn(&Point3<f64>) -> Vector3<f64>, x: &Point3<f64>) -> Matri
     Matrix3::from_columns(&[column(0), column(1), column(2)])
 }
 
-/// An equilibrium without body forces: u = (3 − 4ν) β e_z − z ∇β (Papkovich and Neuber), β harmonic.
+/// An equilibrium without body forces: u = (3 − 4ν) β e_z − z ∇β (Papkovich and Neuber), β
+/// harmonic.
 fn papkovich_neuber(x: &Point3<f64>, poisson: f64) -> Vector3<f64> {
     let (growth, [sy, sz], [cy, cz]) =
         ((2f64.sqrt() * x.x).exp(), [x.y.sin(), x.z.sin()], [x.y.cos(), x.z.cos()]);
@@ -241,7 +242,7 @@ fn the_support_bears_what_the_contact_brings() {
         }
         let size = frame.wrench.force.norm();
         let (force, torque) = (support + frame.wrench.force, moment + frame.wrench.torque);
-        // 1e-7 N is left unbalanced as a norm over some hundred nodes, on arms of 4 mm.
+        // The residual force has a norm of 1e-7 N over some hundred nodes, on arms of 4 mm.
         assert!(
             size > 0.05 && force.norm() < 1e-6,
             "{element}: {} N left of {size} N",

@@ -2,12 +2,12 @@
 
 use std::sync::{Arc, OnceLock};
 
-/// A derived value. It never tells two shapes apart: all are equal.
+/// A derived value. All values compare equal, so that they do not affect the equality of shapes.
 #[derive(Clone)]
 pub(super) struct Cached<T>(OnceLock<Arc<T>>);
 
 impl<T> Cached<T> {
-    /// The value, from `compute` if nobody asked before.
+    /// Returns the value, from `compute` on the first call.
     pub(super) fn get_or_init(&self, compute: impl FnOnce() -> T) -> &T {
         self.0.get_or_init(|| Arc::new(compute()))
     }

@@ -1,4 +1,5 @@
-//! What the tests of this module share: one solid of every kind, and points spread over a box.
+//! Examples shared by the tests of this module: one solid of every kind, and points spread over a
+//! box.
 
 use nalgebra::{Point3, Vector3};
 

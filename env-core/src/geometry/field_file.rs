@@ -1,4 +1,4 @@
-//! Tetrahedral meshes with fields to files: .vtu for `ParaView` and .npz for numpy.
+//! Export of tetrahedral meshes with fields: .vtu for `ParaView` and .npz for numpy.
 //!
 //! .vtu: VTK's XML unstructured grid; every array is base64 of its byte count (`UInt64`) and its
 //! little-endian values. .npz: a zip archive, nothing compressed, of .npy arrays in format 1.0:
@@ -9,7 +9,7 @@ use std::{fs, path::Path};
 use super::TetMesh;
 use crate::{Error, Result};
 
-/// What a field has one value, or one vector, for.
+/// Mesh entities that a field has one value each for.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum FieldOn {
     /// Every vertex.
@@ -21,11 +21,11 @@ pub enum FieldOn {
 /// A named quantity over a mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field<'a> {
-    /// Letters, digits, spaces and underscores.
+    /// Name, made of letters, digits, spaces and underscores.
     pub name: &'a str,
-    /// What it is given for.
+    /// Mesh entities that the values belong to.
     pub on: FieldOn,
-    /// Numbers to a value: 1 for a scalar, 3 for a vector.
+    /// Numbers per value: 1 for a scalar, 3 for a vector.
     pub components: usize,
     /// The numbers, value after value.
     pub values: &'a [f64],
@@ -128,7 +128,7 @@ fn element(name: &str, inside: &str) -> String {
 fn array(name: &str, kind: &str, components: usize, data: &[u8]) -> String {
     let length = (data.len() as u64).to_le_bytes();
     let text = base64(&[&length, data].concat());
-    // Some readers take an explicit 1 for vectors of one component.
+    // Some readers interpret an explicit 1 as vectors of one component.
     let vector = match components {
         1 => String::new(),
         n => format!(" NumberOfComponents=\"{n}\""),

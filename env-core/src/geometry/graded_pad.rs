@@ -21,7 +21,7 @@ pub struct GradedPad {
 /// Largest spacing, far from all points (m): wide enough to cost little, narrow enough to resolve
 /// the rim.
 const WIDEST: f64 = 2e-3;
-/// Growth of the spacing per distance.
+/// Growth of the spacing per distance from the nearest point.
 const GROWTH: f64 = 0.4;
 /// Most points around which the mesh may be refined.
 const MOST_POINTS: usize = 10_000;
@@ -133,7 +133,7 @@ mod tests {
         }
     }
 
-    /// The surface is closed, which no vertex in the middle of a neighbour's edge allows.
+    /// The surface is closed: no vertex lies in the middle of a neighbour's edge.
     #[test]
     fn neighbours_share_whole_faces() {
         let pad = mini().graded(&ring(), 3000).unwrap();

@@ -7,7 +7,8 @@ use nalgebra::Point3;
 use super::Surface;
 use crate::{Error, Result};
 
-/// A watertight surface from an .obj or .stl file (ASCII or binary), `scale` metres to a unit.
+/// Reads a watertight surface from an .obj or .stl file (ASCII or binary), with `scale` metres to a
+/// unit of the file.
 pub fn read_surface(path: &Path, scale: f64) -> Result<Surface> {
     if !(scale.is_finite() && scale > 0.0) {
         return Err(Error::invalid("scale", scale, "a finite number of metres above 0"));

@@ -1,8 +1,8 @@
-//! The rigid motion nearest to a deformation.
+//! The rigid motion nearest to a deformation, in the sense of least squares.
 //!
 //! Minimises Σ ‖R pᵢ + t − qᵢ‖² over rotations R and shifts t: R = V diag(1, 1, ±1) Uᵀ from the
-//! singular values of Σ (pᵢ − p̄)(qᵢ − q̄)ᵀ = U S Vᵀ, the sign so that R does not mirror (Arun, Huang
-//! and Blostein 1987, with Umeyama's sign of 1991).
+//! singular values of Σ (pᵢ − p̄)(qᵢ − q̄)ᵀ = U S Vᵀ, the sign so that R does not mirror (Arun,
+//! Huang and Blostein 1987, with Umeyama's sign of 1991).
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -11,18 +11,19 @@ use crate::{Error, Result};
 /// A rigid motion fitted to points that moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RigidFit {
-    /// From where the points were to where they are.
+    /// Motion from the first positions of the points to the second.
     pub motion: Isometry3<f64>,
-    /// Root mean square of the distances that it leaves (m).
+    /// Root mean square of the distances that remain after the motion (m).
     pub residual: f64,
 }
 
-/// Second singular value over the first below which points lie on a line.
+/// Ratio of the second to the first singular value below which points lie on a line.
 const LINE: f64 = 1e-12;
 
 impl RigidFit {
-    /// The motion nearest to that of points at `from` (N) to `to` (N). An error if there are not as
-    /// many of both, or all lie on one line, about which any turn would do.
+    /// Fits a rigid motion to that of points from `from` (N) to `to` (N). Returns an error if the
+    /// numbers of points differ, or if all points lie on one line, about which the rotation would
+    /// be arbitrary.
     pub fn new(from: &[Point3<f64>], to: &[Point3<f64>]) -> Result<Self> {
         if from.len() != to.len() {
             return Err(Error::invalid("points", to.len(), format!("{} of them", from.len())));

@@ -1,9 +1,9 @@
-//! A solid known by its distances on two grids, fast enough to be asked a thousand times in a control
+//! Solids with distances tabulated on two grids, fast enough for a thousand queries in a control
 //! step.
 //!
-//! Distances are interpolated linearly: on a grid of 0.5 mm, or 1/80 of the solid's size where that is
-//! more, within a few millimetres of the surface, on one of 3 mm around it, and exactly beyond. At
-//! radius R the distance near the surface is off by at most h²/4R, 4 µm at 15 mm.
+//! Distances are interpolated linearly: within a few millimetres of the surface on a grid of 0.5
+//! mm, or 1/80 of the solid's size where that is more; around it on a grid of 3 mm; beyond, they
+//! are exact. At radius R the distance near the surface is off by at most h²/4R, 4 µm at 15 mm.
 
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
@@ -11,7 +11,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::{Distance, Shape, Surface};
 
-/// A solid, `scale` times as large as one that was sampled.
+/// A sampled solid and the scale by which it is enlarged.
 #[derive(Clone)]
 pub struct Sampled(Arc<Samples>, f64);
 
@@ -32,19 +32,19 @@ struct Grid {
 /// Least distance between the nodes of the fine grid (m), and the most cells along an edge of it.
 const FINEST: f64 = 5e-4;
 const MOST_CELLS: f64 = 80.0;
-/// How far from the surface the fine grid is exact (m).
+/// Distance from the surface up to which the nodes of the fine grid are exact (m).
 const BAND: f64 = 3e-3;
-/// Fine cells in an edge of the blocks that are tried first.
+/// Nodes along an edge of the blocks in which the fine grid is filled.
 const BLOCK: usize = 4;
-/// Least distance between the nodes of the coarse grid and how far it reaches beyond the solid (m).
+/// Least distance between the nodes of the coarse grid, and its margin beyond the solid (m).
 const COARSE: f64 = 3e-3;
 const REACH: f64 = 12e-3;
 
 impl Shape {
-    /// The same solid with distances that are quick to find: sampled once on grids if it is one whose
-    /// exact distance takes an iteration or a search, itself if it is of a closed form.
+    /// Returns the same solid with distances that are quick to evaluate: sampled on grids if its
+    /// exact distance takes an iteration or a search, unchanged if it has a closed form.
     ///
-    /// All but [`Shape::distance`] stays exact.
+    /// Everything except [`Shape::distance`] stays exact.
     #[must_use]
     pub fn sampled(&self) -> Self {
         match self {
@@ -62,7 +62,7 @@ impl Sampled {
         &self.0.exact
     }
 
-    /// How many times larger than that this one is.
+    /// Scale relative to the solid that was sampled.
     pub fn scale(&self) -> f64 {
         self.1
     }
@@ -97,22 +97,23 @@ impl PartialEq for Sampled {
     }
 }
 
-/// What was sampled and is in use: the environments of a process share it.
+/// Samples in use, shared by the environments of a process.
 static IN_USE: Mutex<Vec<Weak<Samples>>> = Mutex::new(Vec::new());
 
 impl Samples {
-    /// Those of `exact` that are in use, or new ones.
+    /// Returns the samples of `exact` that are in use, or new ones.
     fn shared(exact: &Shape) -> Arc<Self> {
         if let Some(samples) = Self::in_use(exact, None) {
             return samples;
         }
-        // Without the lock, so that other shapes are sampled meanwhile; of two that sample the same the
-        // first stays.
+        // The lock is not held meanwhile, so that other shapes can be sampled. If the same shape is
+        // sampled twice at once, the first result is kept.
         let made = Arc::new(Self::new(exact));
         Self::in_use(exact, Some(&made)).unwrap_or(made)
     }
 
-    /// Those of `exact` that are in use; `made` is, from then on, if there were none.
+    /// Returns the samples of `exact` that are in use. If there are none, registers `made` and
+    /// returns `None`.
     fn in_use(exact: &Shape, made: Option<&Arc<Self>>) -> Option<Arc<Self>> {
         let mut kept = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
         kept.retain(|samples| samples.strong_count() > 0);
@@ -144,7 +145,8 @@ impl Samples {
 }
 
 impl Grid {
-    /// A grid over a box and a `margin` (m) around it, whole blocks of cells, its values zero.
+    /// Returns a grid of whole blocks of cells over a box and a `margin` (m) around it, with zero
+    /// values.
     fn around(low: Point3<f64>, high: Point3<f64>, margin: f64, spacing: f64) -> Self {
         let low = low.coords.add_scalar(-margin);
         let counts = (high.coords - low)
@@ -154,7 +156,7 @@ impl Grid {
         Self { low, spacing, counts, values: vec![0.0; counts.iter().product()] }
     }
 
-    /// Fills every node.
+    /// Fills every node with the exact distance.
     fn sample(&mut self, shape: &Shape) {
         let [nx, ny, _] = self.counts;
         for index in 0..self.values.len() {
@@ -163,8 +165,8 @@ impl Grid {
         }
     }
 
-    /// Fills the nodes block by block: exactly near the surface, elsewhere with the distance of the
-    /// block's middle.
+    /// Fills the nodes block by block: with exact distances near the surface, elsewhere with the
+    /// distance at the block's middle.
     fn sample_band(&mut self, shape: &Shape) {
         let distance = |at: Vector3<f64>| shape.distance(&Point3::from(at)).value;
         let half = 0.5 * (BLOCK - 1) as f64;
@@ -193,7 +195,7 @@ impl Grid {
         i + self.counts[0] * (j + self.counts[1] * k)
     }
 
-    /// Interpolated distance at a place, or none outside the grid.
+    /// Interpolated distance at a place, or `None` outside the grid.
     fn at(&self, place: &Vector3<f64>) -> Option<Distance> {
         let (cell, fraction) = self.cell(place)?;
         let first = self.index(cell);
@@ -214,7 +216,7 @@ impl Grid {
         Some(Distance { value: mix(low, high, z), normal })
     }
 
-    /// The cell that holds a place, and where in it.
+    /// Cell that contains a place, and the relative position in it.
     fn cell(&self, place: &Vector3<f64>) -> Option<([usize; 3], Vector3<f64>)> {
         let at = (place - self.low) / self.spacing;
         let cell = at.map(f64::floor);
@@ -228,7 +230,8 @@ mod tests {
     use super::*;
     use crate::geometry::{StarShaped, Wave};
 
-    /// Solids whose sharpest radius is 10 mm: near an edge no grid is right.
+    /// Solids whose smallest radius of curvature is 10 mm: near a sharp edge interpolation is
+    /// inaccurate.
     fn smooth() -> [Shape; 2] {
         let semi_axes = Vector3::new(0.016, 0.02, 0.025);
         let wave = Wave { amplitude: 0.03, vector: Vector3::new(3.0, 2.0, 1.0), phase: 0.3 };
@@ -263,7 +266,7 @@ mod tests {
                     let place = vertex + depth * normal;
                     let (exact, found) = (exact.distance(&place), sampled.distance(&place));
                     let error = (found.value - exact.value).abs();
-                    // h²/4R on cells of 0.75 mm, 12 mm less the depth of 1.5 mm.
+                    // h²/4R with h = 0.75 mm and R = 12 mm less the depth of 1.5 mm.
                     assert!(error < 1.5e-5, "{shape:?} at {depth} m: off by {error:.1e} m");
                     let turned = found.normal.angle(&exact.normal);
                     assert!(turned < 0.1, "{shape:?} at {depth} m: normal off by {turned:.3} rad");
@@ -282,7 +285,7 @@ mod tests {
                     let place = vertex + away * normal;
                     let (exact, found) = (shape.distance(&place), sampled.distance(&place));
                     let error = (found.value - exact.value).abs();
-                    // h²/4R on cells of 3 mm, 14 mm.
+                    // h²/4R with h = 3 mm and R = 14 mm.
                     assert!(error < 1.8e-4, "{shape:?}, {away} m away: off by {error:.1e} m");
                     let turned = found.normal.angle(&exact.normal);
                     assert!(turned < 0.15, "{shape:?}, {away} m away: off by {turned:.3} rad");

@@ -1,7 +1,7 @@
-//! Closed solids that a finger can touch, as exact parameters rather than triangles.
+//! Closed solids described by exact parameters rather than triangles.
 //!
-//! Every shape has its own frame: the origin at its middle, z along its axis of symmetry. The
-//! triangles that a picture or a rigid-body engine needs are derived in [`Shape::surface`].
+//! Every shape has its own frame: the origin at its middle, z along its axis of symmetry. Triangles
+//! for rendering and for the rigid-body engine are derived by [`Shape::surface`].
 
 use std::{
     f64::consts::{PI, TAU},
@@ -90,17 +90,17 @@ pub enum Shape {
     HalfSpace,
     /// Solid inside a watertight surface.
     Mesh(Arc<Surface>),
-    /// One of these by its distances on a grid: see [`Shape::sampled`].
+    /// One of the other solids with its distances tabulated on grids: see [`Shape::sampled`].
     Sampled(Sampled),
 }
 
-/// Longest allowed dimension of a shape (m): a hand-scale simulator.
+/// Longest allowed dimension of a shape (m), for objects of hand scale.
 const LARGEST: f64 = 1.0;
 /// Shortest allowed dimension (m).
 const SMALLEST: f64 = 1e-5;
 
 impl Shape {
-    /// This shape, if its parameters describe a solid of hand scale.
+    /// Returns this shape if its parameters describe a solid of hand scale.
     pub fn validated(self) -> Result<Self> {
         match &self {
             Self::Sphere { radius } => length("radius", *radius)?,
@@ -135,7 +135,7 @@ impl Shape {
             Self::StarShaped(star) => star.validate()?,
             Self::Hollow(hollow) => hollow.validate()?,
             Self::HalfSpace => {}
-            // A surface is checked when it is made; only its size is left.
+            // A surface is checked when it is made, except for its size.
             Self::Mesh(surface) => length("mesh size", surface.size())?,
             Self::Sampled(sampled) => {
                 sampled.exact().scaled(sampled.scale()).validated()?;
@@ -144,7 +144,7 @@ impl Shape {
         Ok(self)
     }
 
-    /// The same solid, `factor` times as large.
+    /// Returns the same solid, `factor` times as large.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
         let mut shape = self.clone();
@@ -177,7 +177,8 @@ impl Shape {
         shape
     }
 
-    /// Watertight triangles, with about `segments` edges round a circle, or `None` for a half-space.
+    /// Watertight triangles, with about `segments` edges round a circle, or `None` for a
+    /// half-space.
     pub fn surface(&self, segments: u32) -> Option<Surface> {
         let segments = segments.max(8);
         // A flat faces +x, as a prism's does.

@@ -31,7 +31,8 @@ pub struct Wave {
     pub phase: f64,
 }
 
-/// A bump of a [`StarShaped`] solid, or a dimple: the bell of von Mises and Fisher.
+/// A bump or a dimple of a [`StarShaped`] solid, with the profile of a von Mises–Fisher
+/// distribution.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bump {
     /// Relative height b, negative for a dimple.
@@ -42,10 +43,11 @@ pub struct Bump {
     pub concentration: f64,
 }
 
-/// Largest concentration: facets of 80 to the circle still resolve the bump.
+/// Largest concentration of a bump that facets of 80 to the circle still resolve.
 const SHARPEST: f64 = 60.0;
 
-/// A function over the unit sphere with its derivatives over free vectors.
+/// Value of a function over the unit sphere, with its gradient and Hessian over unconstrained
+/// vectors.
 #[derive(Default)]
 pub(super) struct Modulation {
     pub(super) value: f64,
@@ -54,7 +56,7 @@ pub(super) struct Modulation {
 }
 
 impl Modulation {
-    /// Adds a function of `vector`·d with these first three derivatives, from the value on.
+    /// Adds a function of `vector`·d, given by its value and its first and second derivatives.
     fn add(&mut self, vector: &Vector3<f64>, [value, first, second]: [f64; 3]) {
         self.value += value;
         self.gradient += first * vector;
@@ -75,12 +77,14 @@ impl Bump {
 }
 
 impl StarShaped {
-    /// The solid of an ellipsoid's semi-axes (m) and waves whose amplitudes add up to less than 0.5.
+    /// Returns an ellipsoid of these semi-axes (m) with waves whose amplitudes add up to less than
+    /// 0.5.
     pub fn new(semi_axes: Vector3<f64>, waves: Vec<Wave>) -> Self {
         Self { semi_axes, waves, bumps: Vec::new(), facets: Cached::default() }
     }
 
-    /// The same solid with these bumps in place of its own; their amplitudes count with the waves'.
+    /// Returns the same solid with its bumps replaced by these. Their amplitudes count towards the
+    /// sum together with the waves'.
     #[must_use]
     pub fn with_bumps(self, bumps: Vec<Bump>) -> Self {
         Self { bumps, facets: Cached::default(), ..self }
@@ -107,7 +111,7 @@ impl StarShaped {
         ellipsoid * (1.0 + self.relative_height(direction))
     }
 
-    /// What waves and bumps add to the relative radius along the unit vector `direction`.
+    /// Relative increase of the radius by waves and bumps along the unit vector `direction`.
     pub(super) fn relative_height(&self, direction: &Vector3<f64>) -> f64 {
         self.waves.iter().map(|wave| wave.value(direction)).sum::<f64>()
             + self.bumps.iter().map(|bump| bump.value(direction)).sum::<f64>()
@@ -156,7 +160,7 @@ impl StarShaped {
     }
 }
 
-/// A star-shaped solid round a cavity of the same form and middle: a hollow fruit.
+/// A star-shaped solid with a concentric cavity of the same form, such as a hollow fruit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hollow {
     solid: StarShaped,
@@ -164,7 +168,8 @@ pub struct Hollow {
 }
 
 impl Hollow {
-    /// `solid` without its copy `cavity` times as large, 0 to 1 exclusive.
+    /// Returns `solid` minus a copy of it scaled by `cavity`, which is between 0 and 1, both
+    /// excluded.
     pub fn new(solid: StarShaped, cavity: f64) -> Self {
         Self { solid, cavity }
     }

@@ -1,13 +1,13 @@
-//! Tetrahedra for any solid with a distance: isosurface stuffing (Labelle and Shewchuk,
+//! Tetrahedra for any solid with a signed distance: isosurface stuffing (Labelle and Shewchuk,
 //! "Isosurface stuffing: fast tetrahedral meshes with good dihedral angles", SIGGRAPH 2007).
 //!
 //! The solid is laid over a body-centred cubic lattice of congruent tetrahedra: two long edges of
 //! one spacing, along the axes, and four short ones of √3/2. Where the surface cuts an edge close
 //! to a lattice point, that point is moved onto the cut; every lattice tetrahedron is then replaced
 //! by its part inside. All vertices of the boundary lie on the surface. Dihedral angles stay
-//! between 10.7° and 164.8° (proven there for smooth solids; 16° to 150° in our tests, 9.9° once on
-//! the sharp rim of a cup). Sharp edges are cut off within about half a spacing, and walls thinner
-//! than a spacing may be lost.
+//! between 10.7° and 164.8° (proven in the paper for smooth solids; 16° to 150° in the tests, 9.9°
+//! once on the sharp rim of a cup). Sharp edges are cut off within about half a spacing, and walls
+//! thinner than a spacing may be lost.
 
 use std::collections::HashMap;
 
@@ -16,16 +16,17 @@ use nalgebra::{Point3, Vector3};
 use super::{Shape, TetMesh};
 use crate::{Error, Result};
 
-/// How far along a long and a short edge a cut pulls its end onto itself (section 3.2 there).
+/// Relative distance along a long and a short edge within which a cut pulls the lattice point onto
+/// itself (section 3.2 of the paper).
 const PULL: [f64; 2] = [0.24999, 0.41189];
-/// Most lattice points that a solid's box is filled with.
+/// Most lattice points in a solid's bounding box.
 const MOST_POINTS: f64 = 2e6;
 
 /// Lattice coordinates in half spacings: all even or all odd.
 type Site = [i32; 3];
 
 impl TetMesh {
-    /// The solid inside `shape` with edges of about `spacing` (m).
+    /// Meshes the solid inside `shape` with edges of about `spacing` (m).
     pub fn of_shape(shape: &Shape, spacing: f64) -> Result<Self> {
         if !(spacing.is_finite() && spacing > 0.0) {
             return Err(Error::invalid("spacing", format!("{spacing} m"), "a length above 0"));
@@ -121,8 +122,8 @@ impl Lattice<'_> {
         }
     }
 
-    /// Where the surface cuts the edge between points on both sides of it: the share of the edge
-    /// from `a` and the point, by the Illinois variant of the false-position method.
+    /// Intersection of the surface with the edge between points on both sides of it: the share of
+    /// the edge from `a`, and the position, by the Illinois variant of the false-position method.
     fn cut(&self, a: &LatticePoint, b: &LatticePoint) -> (f64, Point3<f64>) {
         let at = |t: f64| a.position + t * (b.position - a.position);
         let (mut low, mut high) = ((0.0, a.distance), (1.0, b.distance));
@@ -145,7 +146,7 @@ impl Lattice<'_> {
     }
 }
 
-/// The 14 edges of a lattice point: the step to their other end and how far they pull.
+/// The 14 edges of a lattice point: the step to the other end, and the limit of [`PULL`].
 fn neighbours() -> Vec<(Site, f64)> {
     let signs = [-1, 1];
     let long = (0..3).flat_map(|axis| {
@@ -181,13 +182,13 @@ fn lattice_tets(cubes: [i32; 3]) -> impl Iterator<Item = [Site; 4]> {
         })
 }
 
-/// The mesh as it grows.
+/// The mesh under construction.
 struct Filling<'a> {
     lattice: &'a Lattice<'a>,
     vertices: Vec<Point3<f64>>,
     tets: Vec<[u32; 4]>,
-    /// Decides between the diagonals of a four-sided face: the one from its first vertex is taken.
-    /// Cuts of short edges come first: of the orders tried it gives the best angles.
+    /// Rank that decides between the diagonals of a four-sided face: the one from its first vertex
+    /// is taken. Cuts of short edges come first: of the orders tried this gives the best angles.
     rank: Vec<(u8, Site)>,
     of_site: HashMap<Site, u32>,
     of_edge: HashMap<[Site; 2], u32>,
@@ -273,8 +274,8 @@ impl<'a> Filling<'a> {
     }
 
     /// Splits a prism between two triangles with matching corners. Diagonals from the first vertex
-    /// of every side never close a circle (Dompierre et al., "How to subdivide pyramids, prisms
-    /// and hexahedra into tetrahedra", 1999).
+    /// of every side never form a cycle (Dompierre et al., "How to subdivide pyramids, prisms and
+    /// hexahedra into tetrahedra", 1999).
     fn prism(&mut self, [p, q]: [[u32; 3]; 2]) {
         let first = self.first([p[0], p[1], p[2], q[0], q[1], q[2]]);
         let (p, q) = if first < 3 { (p, q) } else { (q, p) };

@@ -29,14 +29,14 @@ pub struct MassProperties {
     pub inertia: Matrix3<f64>,
 }
 
-/// Most triangles that a surface may have: a rigid-body engine and a picture slow down past it.
+/// Most triangles of a surface: with more, the rigid-body engine and the renderer become slow.
 const MOST_TRIANGLES: usize = 100_000;
 
 impl Surface {
-    /// A surface from its parts, or an error that names the first defect found: an index out of
-    /// range, a non-finite vertex, an open or inconsistently oriented edge, no volume.
+    /// Returns a surface of these parts, or an error that names the first defect found: an index
+    /// out of range, a non-finite vertex, an open or inconsistently oriented edge, no volume.
     ///
-    /// Coincident vertices are merged; a surface oriented inwards as a whole is turned round.
+    /// Coincident vertices are merged; a surface oriented inwards as a whole is reversed.
     pub fn new(name: &str, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<Self> {
         let bad = |reason: String| Error::BadMesh { name: name.to_owned(), reason };
         if triangles.is_empty() || triangles.len() > MOST_TRIANGLES {
@@ -70,7 +70,7 @@ impl Surface {
         Ok(surface)
     }
 
-    /// A surface that needs no check.
+    /// Returns a surface of parts that are known to be valid.
     fn from_parts(vertices: Vec<Point3<f64>>, triangles: Vec<[u32; 3]>) -> Self {
         Self { vertices, triangles, tree: Cached::default() }
     }
@@ -95,7 +95,7 @@ impl Surface {
         &self.triangles
     }
 
-    /// Lower and upper corner of the box along the axes that holds the surface (m).
+    /// Lower and upper corner of the axis-aligned bounding box (m).
     pub fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
         let first = self.vertices[0];
         self.vertices.iter().fold((first, first), |(low, high), v| (low.inf(v), high.sup(v)))
@@ -138,7 +138,7 @@ impl Surface {
         Self::from_parts(vertices, self.triangles.clone())
     }
 
-    /// The surface of the solid inside without the one inside `cavity`, which lies within.
+    /// Returns the surface of the solid inside minus the solid inside `cavity`, which lies within.
     pub(super) fn without(&self, cavity: &Self) -> Self {
         let first = self.vertices.len() as u32;
         let vertices = [&self.vertices[..], &cavity.vertices].concat();
@@ -207,7 +207,7 @@ impl Surface {
         Self::from_parts(vertices, triangles)
     }
 
-    /// A directed edge that is used twice, or whose reverse is not used.
+    /// Returns a directed edge that is used twice, or whose reverse is not used.
     fn unmatched_edge(&self) -> Option<(u32, u32)> {
         let mut count: HashMap<(u32, u32), i32> = HashMap::new();
         for &[a, b, c] in &self.triangles {

@@ -1,9 +1,9 @@
-//! Tetrahedral meshes from files: Isaac Gym's .tet text and gmsh's ASCII .msh, 2.2 and 4.1.
+//! Import of tetrahedral meshes: Isaac Gym's .tet text and gmsh's ASCII .msh, 2.2 and 4.1.
 //!
 //! .tet: a line `v x y z` for every vertex and `t a b c d`, counted from 0, for every tetrahedron.
 //! .msh: the sections `$MeshFormat`, `$Nodes` and `$Elements` of the gmsh manual, chapter "Gmsh
-//! file formats"; elements other than tetrahedra are passed over, of ten-node ones the corners are
-//! taken.
+//! file formats". Elements other than tetrahedra are skipped; of ten-node tetrahedra only the
+//! corners are read.
 
 use std::{collections::HashMap, fs, iter::Enumerate, path::Path, str::FromStr, str::Lines};
 
@@ -16,11 +16,11 @@ use crate::{Error, Result};
 const LARGEST: u64 = 1 << 30;
 
 type Parts = (Vec<Point3<f64>>, Vec<[u32; 4]>);
-/// What is wrong, with the line where it is.
+/// Parsed value, or a description of the defect with its line.
 type Parsed<T> = std::result::Result<T, String>;
 
 impl TetMesh {
-    /// A mesh from a .tet or .msh file, `scale` metres to a unit of the file.
+    /// Reads a mesh from a .tet or .msh file, with `scale` metres to a unit of the file.
     ///
     /// Vertices that no tetrahedron uses are left out.
     pub fn read(path: &Path, scale: f64) -> Result<Self> {
@@ -46,7 +46,8 @@ impl TetMesh {
     }
 }
 
-/// Keeps the vertices that are used. Indices out of range stay so, for the check to name.
+/// Keeps the used vertices and scales them. Indices out of range stay so, for the later check to
+/// report.
 fn without_unused(vertices: &[Point3<f64>], mut tets: Vec<[u32; 4]>, scale: f64) -> Parts {
     let mut renumbered = vec![u32::MAX; vertices.len()];
     for &i in tets.iter().flatten() {
@@ -116,7 +117,7 @@ fn parse_msh(text: &str) -> Parsed<Parts> {
     Ok((vertices, tets))
 }
 
-/// Number 2 or 4 for an ASCII file of version 2.2 or 4.1.
+/// Major version 2 or 4 of an ASCII file of version 2.2 or 4.1.
 fn read_version(line: &Line) -> Parsed<u32> {
     let mut words = line.text.split_whitespace();
     match (words.next(), words.next()) {
@@ -127,7 +128,7 @@ fn read_version(line: &Line) -> Parsed<u32> {
     }
 }
 
-/// Corners of the tetrahedral element types of gmsh: with 4 and with 10 nodes.
+/// Returns whether `kind` is a tetrahedral element type of gmsh, with 4 or with 10 nodes.
 fn is_tetrahedron(kind: usize) -> bool {
     kind == 4 || kind == 11
 }
@@ -254,7 +255,7 @@ impl Line<'_> {
 
     fn words<T: FromStr>(&self, expected: &str) -> Parsed<Vec<T>> {
         let parse = |word: &str| word.parse().map_err(|_| self.wrong(word, expected));
-        // No record has more; a longer line is damage and must not fill the memory.
+        // No valid record has more words; a damaged line must not fill the memory.
         self.text.split_whitespace().take(256).map(parse).collect()
     }
 
@@ -262,7 +263,7 @@ impl Line<'_> {
         self.words(expected)?.try_into().map_err(|_| self.wrong(self.text, expected))
     }
 
-    /// Notes that the file's node `number` is vertex `index`.
+    /// Records that the file's node `number` is vertex `index`.
     fn insert(&self, number: u64, numbers: &mut HashMap<u64, u32>, index: usize) -> Parsed<()> {
         match numbers.insert(number, index as u32) {
             Some(_) => Err(self.wrong(&format!("node {number} again"), "every number once")),

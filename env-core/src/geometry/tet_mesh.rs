@@ -1,4 +1,4 @@
-//! Tetrahedral volume meshes: what makes one usable, and what is derived from it.
+//! Tetrahedral volume meshes: their validation, and quantities derived from them.
 
 use std::collections::{BTreeSet, HashMap};
 
@@ -9,7 +9,7 @@ use crate::{Error, Result};
 
 /// A tetrahedral mesh: V vertices, T tetrahedra.
 ///
-/// [`TetMesh::new`] checks what every user of a mesh relies on.
+/// [`TetMesh::new`] checks the properties that all users of a mesh rely on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TetMesh {
     /// Vertices (V, 3) in m.
@@ -29,7 +29,7 @@ pub struct MeshQuality {
     pub min_radius_ratio: f64,
 }
 
-/// For every vertex a list of something numbered, in rising order.
+/// For every vertex, the indices of the items that belong to it, in rising order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Incidence {
     starts: Vec<u32>,
@@ -37,30 +37,31 @@ pub struct Incidence {
 }
 
 impl Incidence {
-    /// What belongs to `vertex`.
+    /// Items that belong to `vertex`.
     pub fn of(&self, vertex: u32) -> &[u32] {
         let [from, to] = [vertex, vertex + 1].map(|i| self.starts[i as usize] as usize);
         &self.items[from..to]
     }
 }
 
-/// Most vertices and tetrahedra of a mesh: far past what can be solved, near enough to stop a
-/// damaged file before it eats the memory.
+/// Most vertices and most tetrahedra of a mesh: far more than can be solved, and few enough that a
+/// damaged file does not exhaust the memory.
 pub(super) const MOST_PARTS: usize = 4_000_000;
-/// Volume (of the longest edge cubed) below which a tetrahedron is flat. A regular one has 0.118.
+/// Volume over the longest edge cubed below which a tetrahedron is flat. A regular one has 0.118.
 const FLAT: f64 = 1e-10;
 
 /// Corners of the face opposite to each corner, counter-clockwise seen from outside.
 const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
-/// Corners of the edges; the edge without a corner of edge e is edge 5 − e.
+/// Corners of the edges; edge 5 − e is opposite to edge e.
 const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
 impl TetMesh {
-    /// A mesh from its parts, or an error that names the first defect found: an index out of range,
-    /// a non-finite or unused vertex, a flat tetrahedron, overlap or a gap in connection.
+    /// Returns a mesh of these parts, or an error that names the first defect found: an index out
+    /// of range, a non-finite or unused vertex, a flat tetrahedron, an overlap, or parts that are
+    /// not connected.
     ///
-    /// The order of a tetrahedron's corners is put right; one that is folded over its neighbour is
-    /// an error.
+    /// Tetrahedra of negative volume are reoriented; one that is folded over its neighbour is an
+    /// error.
     pub fn new(name: &str, vertices: Vec<Point3<f64>>, tets: Vec<[u32; 4]>) -> Result<Self> {
         let mut mesh = Self { vertices, tets };
         let checked = mesh.check_parts().and_then(|()| {
@@ -87,7 +88,7 @@ impl TetMesh {
         (0..self.tets.len()).map(|t| self.tet_volume(t)).sum()
     }
 
-    /// Whether `point` (m) lies in a tetrahedron.
+    /// Returns whether `point` (m) lies in a tetrahedron.
     pub fn contains(&self, point: &Point3<f64>) -> bool {
         (0..self.tets.len()).any(|t| {
             let corners = self.corners(t);
@@ -120,7 +121,7 @@ impl TetMesh {
         self.faces().filter(|&face| uses[&sorted(face)] == 1).collect()
     }
 
-    /// The boundary as a watertight surface of its own vertices.
+    /// Returns the boundary as a watertight surface with its own vertices.
     pub fn surface(&self) -> Result<Surface> {
         let (mut vertices, mut number) = (Vec::new(), HashMap::new());
         let mut place = |i: u32| {
@@ -140,7 +141,7 @@ impl TetMesh {
         unique.into_iter().collect()
     }
 
-    /// The tetrahedra that each vertex is a corner of.
+    /// For every vertex, the tetrahedra that it is a corner of.
     pub fn tets_of_vertices(&self) -> Incidence {
         let mut starts = vec![0; self.vertices.len() + 1];
         for &v in self.tets.iter().flatten() {
@@ -164,7 +165,7 @@ impl TetMesh {
     pub fn dihedrals(&self, t: usize) -> [f64; 6] {
         let p = self.corners(t);
         let normals = FACES.map(|f| (p[f[1]] - p[f[0]]).cross(&(p[f[2]] - p[f[0]])).normalize());
-        // At an edge meet the faces opposite to the corners of the other edge.
+        // The two faces at an edge are those opposite to the corners of the opposite edge.
         std::array::from_fn(|e| {
             let [k, l] = EDGES[5 - e];
             std::f64::consts::PI - normals[k].angle(&normals[l])
@@ -245,7 +246,8 @@ impl TetMesh {
         Ok(())
     }
 
-    /// Every face has at most one tetrahedron on each side, and all are reached through faces.
+    /// Checks that every face has at most one tetrahedron on each side, and that all tetrahedra are
+    /// connected through faces.
     fn check_faces(&self) -> std::result::Result<(), String> {
         let mut owner: HashMap<[u32; 3], usize> = HashMap::with_capacity(4 * self.tets.len());
         let mut group: Vec<usize> = (0..self.tets.len()).collect();

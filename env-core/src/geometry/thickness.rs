@@ -1,20 +1,22 @@
-//! How thin a shape is: what decides how closely a surface must be watched to feel it.
+//! Wall thickness of a shape, which determines how densely contact points must cover a surface to
+//! detect the shape.
 
 use std::f64::consts::PI;
 
 use super::Shape;
 
 impl Shape {
-    /// Thickness of the thinnest wall (m): a ball of this diameter fits anywhere in the solid but for
-    /// its edges and points. Infinite for a half-space, and where it is not known: star-shaped solids
-    /// and meshes are not measured.
+    /// Thickness of the thinnest wall (m): a ball of this diameter fits anywhere in the solid
+    /// except at its edges and corners. Infinite for a half-space, and for star-shaped solids and
+    /// meshes, whose thickness is not computed.
     pub fn thickness(&self) -> f64 {
         match self {
             Self::Sphere { radius } | Self::Capsule { radius, .. } => 2.0 * radius,
             Self::Cuboid { half_extents: v } | Self::Ellipsoid { semi_axes: v } => 2.0 * v.min(),
             Self::Cylinder { radius, half_height } => 2.0 * radius.min(*half_height),
             Self::Cone { radius, half_height } => {
-                // The ball within: its radius is area over half the girth of the triangle cut through.
+                // Inscribed ball: its radius is area over half the perimeter of the triangular
+                // section through the axis.
                 let side = radius.hypot(2.0 * half_height);
                 4.0 * radius * half_height / (radius + side)
             }
@@ -23,7 +25,7 @@ impl Shape {
             }
             Self::Annulus { outer, inner, half_height } => (outer - inner).min(2.0 * half_height),
             Self::Cup { bottom, rim, half_height, wall } => {
-                // The wall's thickness is measured level, and it leans.
+                // `wall` is the horizontal thickness of an inclined wall.
                 let lean = (rim - bottom).atan2(2.0 * half_height);
                 wall * lean.cos()
             }

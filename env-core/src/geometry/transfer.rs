@@ -1,8 +1,8 @@
-//! Fields carried from one mesh of a body to another.
+//! Transfer of fields from one mesh of a body to another.
 //!
-//! A truth is solved on a finer mesh than the one on which fast answerers live. Displacements are
+//! Reference solutions are computed on a finer mesh than that of the fast models. Displacements are
 //! interpolated at the other mesh's vertices, stresses are averaged over its tetrahedra, and nodal
-//! forces are handed to the vertices around them, which keeps their resultant.
+//! forces are distributed to the vertices around them, which keeps their resultant.
 
 use std::{
     collections::BTreeMap,
@@ -17,17 +17,17 @@ use crate::{Error, Result};
 /// A point in a tetrahedron: its number and the barycentric coordinates.
 pub(crate) type Site = (u32, [f64; 4]);
 
-/// How fields on one mesh (V vertices, T tetrahedra) become fields on another (V′, T′).
+/// An operator that maps fields on one mesh (V vertices, T tetrahedra) to another (V′, T′).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Transfer {
     /// Tetrahedra of the source and the target.
     tets: [Vec<[u32; 4]>; 2],
-    /// Where the target's vertices lie in the source (V′).
+    /// Positions of the target's vertices in the source (V′).
     sites: Vec<Site>,
-    /// Where the source's vertices lie in the target (V).
+    /// Positions of the source's vertices in the target (V).
     homes: Vec<Site>,
-    /// Tetrahedra of the source met by each of the target's, with shares that sum to 1, one after the
-    /// other, and where those of each begin (T′ + 1).
+    /// Source tetrahedra that overlap each target tetrahedron, with shares that sum to 1, in one
+    /// list; `starts` holds the index at which each target's entries begin (T′ + 1).
     parts: Vec<(u32, f64)>,
     starts: Vec<u32>,
 }
@@ -38,8 +38,8 @@ const SAMPLES: u32 = 5;
 const NEAR: f64 = -1.0;
 
 impl Transfer {
-    /// A transfer `from` a mesh `to` another of the same body, or an error if a vertex of one lies
-    /// far off the other.
+    /// Returns the transfer `from` a mesh `to` another of the same body, or an error if a vertex of
+    /// one lies far off the other.
     pub fn new(from: &TetMesh, to: &TetMesh) -> Result<Self> {
         let [source, target] = [from, to].map(Locator::new);
         let sites = to.vertices.iter().map(|p| source.site(p)).collect::<Result<_>>()?;
@@ -52,12 +52,12 @@ impl Transfer {
         Ok(Self { tets: [from.tets.clone(), to.tets.clone()], sites, homes, parts, starts })
     }
 
-    /// Where the target's vertices lie in the source (V′).
+    /// Positions of the target's vertices in the source (V′).
     pub(crate) fn sites(&self) -> &[Site] {
         &self.sites
     }
 
-    /// A nodal field (V) interpolated at the target's vertices (V′).
+    /// Interpolates a nodal field (V) at the target's vertices (V′).
     pub fn interpolate(&self, nodal: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let at = |&(tet, l): &Site| {
             let corners = self.tets[0][tet as usize];
@@ -66,7 +66,7 @@ impl Transfer {
         self.sites.iter().map(at).collect()
     }
 
-    /// Nodal forces (V) as nodal forces of the target (V′) of equal force and torque.
+    /// Converts nodal forces (V) to nodal forces of the target (V′) with the same force and torque.
     pub fn spread(&self, forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut spread = vec![Vector3::zeros(); self.sites.len()];
         for ((tet, l), force) in self.homes.iter().zip(forces) {
@@ -77,7 +77,7 @@ impl Transfer {
         spread
     }
 
-    /// A field on tetrahedra (T) averaged over those of the target (T′).
+    /// Averages a field on tetrahedra (T) over those of the target (T′).
     pub fn average<F>(&self, values: &[F]) -> Vec<F>
     where
         F: Copy + Default + AddAssign + Mul<f64, Output = F>,
@@ -92,13 +92,13 @@ impl Transfer {
         self.parts().map(mean).collect()
     }
 
-    /// Tetrahedra of the source met by each of the target's (T′), with shares that sum to 1.
+    /// Source tetrahedra that overlap each target tetrahedron (T′), with shares that sum to 1.
     pub(crate) fn parts(&self) -> impl Iterator<Item = &[(u32, f64)]> {
         self.starts.windows(2).map(|ends| &self.parts[ends[0] as usize..ends[1] as usize])
     }
 }
 
-/// The tetrahedra that hold `sites`, each with its share of them.
+/// Tetrahedra that contain `sites`, each with the share of the sites in it.
 fn shares(sites: &[Site]) -> impl Iterator<Item = (u32, f64)> {
     let mut counts = BTreeMap::<u32, u32>::new();
     for &(tet, _) in sites {
@@ -108,8 +108,8 @@ fn shares(sites: &[Site]) -> impl Iterator<Item = (u32, f64)> {
     counts.into_iter().map(move |(tet, count)| (tet, f64::from(count) / all))
 }
 
-/// Where points that stand for equal volumes of each tetrahedron of a mesh `to` lie in the mesh
-/// `from` of the same body (T′).
+/// Positions in the mesh `from` of sample points that represent equal volumes of each tetrahedron
+/// of a mesh `to` of the same body (T′).
 pub(crate) fn samples(from: &TetMesh, to: &TetMesh) -> Result<Vec<Vec<Site>>> {
     sampled(&Locator::new(from), to).collect()
 }
@@ -119,7 +119,7 @@ fn sampled(source: &Locator, to: &TetMesh) -> impl Iterator<Item = Result<Vec<Si
     (0..to.tets.len()).map(sites)
 }
 
-/// Points that stand for equal volumes of a tetrahedron.
+/// Sample points that represent equal volumes of a tetrahedron.
 fn points(corners: &[Point3<f64>; 4]) -> Vec<Point3<f64>> {
     let mut points = Vec::new();
     for i in 0..SAMPLES {
@@ -135,10 +135,11 @@ fn points(corners: &[Point3<f64>; 4]) -> Vec<Point3<f64>> {
     points
 }
 
-/// Finds the tetrahedron at a point by a grid of boxes.
+/// A grid of boxes that finds the tetrahedron at a point.
 struct Locator<'a> {
     mesh: &'a TetMesh,
-    /// From a place to its barycentric coordinates b, c and d, and the place of corner a (T).
+    /// Inverse of the matrix of edges from corner a, which gives the barycentric coordinates b, c
+    /// and d of a place, and the position of corner a (T).
     inverse: Vec<(Matrix3<f64>, Point3<f64>)>,
     low: Point3<f64>,
     /// Side of a box (m).
@@ -184,7 +185,7 @@ impl<'a> Locator<'a> {
         locator
     }
 
-    /// The box around a point, or the nearest one.
+    /// Box that contains a point, or the nearest one.
     fn cell(&self, point: &Point3<f64>) -> [usize; 3] {
         let along = |a: usize| ((point[a] - self.low[a]) / self.side).max(0.0) as usize;
         std::array::from_fn(|a| along(a).min(self.counts[a] - 1))
@@ -194,7 +195,7 @@ impl<'a> Locator<'a> {
         (x * self.counts[1] + y) * self.counts[2] + z
     }
 
-    /// The tetrahedron that holds the point, or of those near it the one it is least far out of.
+    /// Tetrahedron that contains the point, or the one nearby that it is least far outside of.
     fn site(&self, point: &Point3<f64>) -> Result<Site> {
         let near = self.boxes[self.number(self.cell(point))].iter().map(|&t| self.inside(t, point));
         let least = |site: &Site| site.1.into_iter().fold(f64::INFINITY, f64::min);

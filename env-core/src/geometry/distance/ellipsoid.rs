@@ -1,16 +1,18 @@
 //! Distance to an ellipsoid.
 //!
-//! The nearest point x to p satisfies p − x = t ∇(Σ xᵢ²/eᵢ²)/2, so xᵢ = eᵢ² pᵢ / (t + eᵢ²) and t
-//! is the largest root of s(t) = ‖(eᵢ pᵢ / (t + eᵢ²))ᵢ‖ = 1 (Eberly, "Distance from a point to an
-//! ellipse, an ellipsoid, or a hyperellipsoid", 2013). We solve 1/s(t) = 1, nearly linear in t, as
-//! Moré and Sorensen (1983) do for the trust-region step: Newton from the left is monotone.
+//! The nearest point x to p satisfies p − x = t ∇(Σ xᵢ²/eᵢ²)/2, so xᵢ = eᵢ² pᵢ / (t + eᵢ²) and t is
+//! the largest root of s(t) = ‖(eᵢ pᵢ / (t + eᵢ²))ᵢ‖ = 1 (Eberly, "Distance from a point to an
+//! ellipse, an ellipsoid, or a hyperellipsoid", 2013). The equation solved is 1/s(t) = 1, nearly
+//! linear in t, as in the trust-region step of Moré and Sorensen (1983): Newton's method from the
+//! left is monotone.
 
 use nalgebra::Vector3;
 
 use super::Distance;
 
-/// Relative size below which a coordinate counts as this much: keeps p off the planes of symmetry,
-/// where the root can merge with a pole, and moves the answer by no more than rounding does.
+/// Smallest coordinate relative to its semi-axis; smaller ones are raised to it. This keeps p off
+/// the planes of symmetry, where the root can merge with a pole, and changes the result by no more
+/// than rounding.
 const OFF_SYMMETRY: f64 = 1e-15;
 /// Newton steps; 3 to 6 are usual, more only next to the focal ellipse.
 const MOST_STEPS: usize = 100;

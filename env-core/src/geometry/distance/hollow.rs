@@ -1,5 +1,5 @@
-//! Distance to a solid round a cavity: the one of its two surfaces that is nearer, seen from
-//! within; the cavity's is the solid's own at another scale.
+//! Distance to a solid with a cavity: the larger of the signed distances to the outer solid and to
+//! the outside of the cavity. The distance to the cavity is that of the solid at another scale.
 
 use nalgebra::{Point3, Vector3};
 
@@ -14,13 +14,13 @@ impl Hollow {
         if outer.value > inner.value { outer } else { inner }
     }
 
-    /// [`crate::geometry::Shape::ray_gap`].
+    /// Returns [`crate::geometry::Shape::ray_gap`] of this solid.
     pub(super) fn ray_gap(&self, origin: &Point3<f64>, direction: &Vector3<f64>) -> Option<f64> {
         let scale = self.cavity();
         let to_cavity = |along: &Vector3<f64>| {
             self.solid().ray_gap(&(origin / scale), along).map(|gap| scale * gap)
         };
-        // Into the solid from outside, out of the cavity from within it.
+        // Outside the outer surface, the ray enters the solid through it.
         let entered = self.solid().ray_gap(origin, direction)?;
         if entered >= 0.0 {
             return Some(entered);

@@ -1,9 +1,10 @@
 //! Signed distance from a point to a shape, its gradient, and the gap along a ray.
 //!
-//! Points, normals and rays are in the shape's own frame ([`Shape`]). Every solid of a closed form
-//! answers exactly; ellipsoids and star-shaped solids by a Newton iteration to rounding; meshes by
-//! the nearest of their triangles, exact in f64; what is sampled by interpolation. On the medial axis, where the gradient does not
-//! exist, the normal is that of one of the nearest surface points.
+//! Points, normals and rays are in the shape's own frame ([`Shape`]). Distances are exact for
+//! solids with a closed form; converged to rounding by a Newton iteration for ellipsoids and
+//! star-shaped solids; those of the nearest triangle, exact in f64, for meshes; and interpolated
+//! for sampled solids. On the medial axis, where the gradient does not exist, the normal is that of
+//! one of the nearest surface points.
 
 mod ellipsoid;
 mod hollow;
@@ -17,7 +18,7 @@ use nalgebra::{Point3, Vector3};
 use super::Shape;
 pub(super) use triangles::TriangleTree;
 
-/// Where a point stands to a shape.
+/// Signed distance from a point to a shape, with its gradient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Distance {
     /// Distance to the surface (m), negative inside.
@@ -27,8 +28,9 @@ pub struct Distance {
 }
 
 impl Distance {
-    /// From the vector `offset` that leads from a sharp edge or corner to the point, on the side
-    /// that `outward` says; the direction `outward` itself where the point lies on the edge.
+    /// Returns the distance given by the vector `offset` from a sharp edge or corner to the point.
+    /// It is positive on the side that `outward` points to; on the edge itself the normal is along
+    /// `outward`.
     fn from_edge(offset: &Vector3<f64>, outward: &Vector3<f64>) -> Self {
         let sign = if offset.dot(outward) < 0.0 { -1.0 } else { 1.0 };
         let (length, normal) = length_and_direction(offset, outward);

@@ -1,4 +1,4 @@
-//! The gap along a ray, from the pieces of a line that lie in a solid.
+//! Distance to a solid along a ray, from the pieces of the line that lie in the solid.
 
 use std::f64::consts::TAU;
 
@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector2, Vector3};
 
 use crate::geometry::{Shape, StarShaped, Surface};
 
-/// From where to where a line lies in a solid (m along the line).
+/// Start and end of a piece of a line in a solid (m along the line).
 type Chord = [f64; 2];
 
 const WHOLE: Chord = [f64::NEG_INFINITY, f64::INFINITY];
@@ -22,8 +22,9 @@ impl Shape {
     /// Distance (m) from `origin` along the unit vector `direction` to where the ray enters the
     /// solid, or `None` if it never does.
     ///
-    /// From inside the answer is negative: minus the way back along the ray to where it came in.
-    /// `None` from inside only for a half-space that the ray cannot have come into.
+    /// From inside the result is negative: minus the distance back along the ray to where it
+    /// entered. From inside, `None` is returned only for a half-space that the ray cannot have
+    /// entered.
     pub fn ray_gap(&self, origin: &Point3<f64>, direction: &Vector3<f64>) -> Option<f64> {
         let line = Line { origin: origin.coords, direction: *direction };
         let (pieces, hole) = match self {
@@ -45,7 +46,7 @@ impl Shape {
 }
 
 impl Surface {
-    /// [`Shape::ray_gap`] of the solid inside.
+    /// Returns [`Shape::ray_gap`] of the solid inside.
     pub(super) fn ray_gap(&self, origin: &Point3<f64>, direction: &Vector3<f64>) -> Option<f64> {
         match self.tree().first_hit(origin, direction)? {
             (gap, true) => Some(gap),
@@ -55,9 +56,10 @@ impl Surface {
 }
 
 impl StarShaped {
-    /// [`Shape::ray_gap`]: the facets' answer carried to the smooth surface by Newton's method.
+    /// Returns [`Shape::ray_gap`]: the distance to the facets, corrected to the smooth surface by
+    /// Newton's method.
     ///
-    /// A ray that grazes the surface within the facets' sag may be taken for a miss.
+    /// A ray that grazes the surface within the facets' sag may be reported as a miss.
     pub(super) fn ray_gap(&self, origin: &Point3<f64>, direction: &Vector3<f64>) -> Option<f64> {
         let start = self.facets().ray_gap(origin, direction)?;
         let size = self.semi_axes().max();
@@ -80,7 +82,7 @@ impl StarShaped {
 }
 
 impl Line {
-    /// The piece inside a convex solid.
+    /// Piece of the line inside a convex solid.
     fn in_convex(&self, solid: &Shape) -> Option<Chord> {
         match solid {
             Shape::Sphere { radius } => self.in_ball(*radius),
@@ -111,17 +113,17 @@ impl Line {
         }
     }
 
-    /// The line seen from (0, 0, `z`).
+    /// The line relative to the point (0, 0, `z`).
     fn moved(&self, z: f64) -> Self {
         Self { origin: self.origin - z * Vector3::z(), ..*self }
     }
 
-    /// Where `normal`·x ≤ `offset`.
+    /// Piece of the line with `normal`·x ≤ `offset`.
     fn under(&self, normal: &Vector3<f64>, offset: f64) -> Option<Chord> {
         linear(normal.dot(&self.direction), normal.dot(&self.origin) - offset)
     }
 
-    /// Where low ≤ xᵢ ≤ high.
+    /// Piece of the line with low ≤ xᵢ ≤ high.
     fn in_slab(&self, i: usize, [low, high]: [f64; 2]) -> Option<Chord> {
         let axis = Vector3::ith(i, 1.0);
         both(self.under(&axis, high)?, self.under(&-axis, -low)?)
@@ -132,7 +134,7 @@ impl Line {
         roots(self.direction.norm_squared(), self.origin.dot(&self.direction), c)
     }
 
-    /// Inside the endless cylinder about z.
+    /// Piece of the line inside the infinite cylinder about z.
     fn in_round(&self, radius: f64) -> Option<Chord> {
         let [o, d] = [self.origin.xy(), self.direction.xy()];
         let c = o.norm_squared() - radius * radius;
@@ -155,7 +157,8 @@ impl Line {
         })
     }
 
-    /// Inside the solid between two discs about z, at heights `z` and of radii `r`.
+    /// Piece of the line inside the frustum between two discs about z, at heights `z` and of radii
+    /// `r`.
     fn in_frustum(&self, z: [f64; 2], r: [f64; 2]) -> Option<Chord> {
         let slab = self.in_slab(2, z)?;
         let slope = (r[1] - r[0]) / (z[1] - z[0]);
@@ -171,8 +174,8 @@ impl Line {
         if a == 0.0 {
             return both(linear(2.0 * b, c)?, slab);
         }
-        // Steeper than the cone's side, the line is inside beyond a root; on one side lies the
-        // mirrored cone past the apex, which the slab does not reach.
+        // A line steeper than the cone's side is inside beyond a root; beyond the other root lies
+        // the mirrored cone past the apex, which the slab does not reach.
         let beyond = match roots(a, b, c) {
             Some([low, high]) if growth < 0.0 => [f64::NEG_INFINITY, low.min(high)],
             Some([low, high]) => [low.max(high), f64::INFINITY],
@@ -183,7 +186,7 @@ impl Line {
     }
 }
 
-/// Where a s + b ≤ 0.
+/// Interval of s with a s + b ≤ 0.
 fn linear(a: f64, b: f64) -> Option<Chord> {
     if a == 0.0 {
         return (b <= 0.0).then_some(WHOLE);
@@ -214,7 +217,7 @@ fn hull(a: Chord, b: Chord) -> Chord {
     [a[0].min(b[0]), a[1].max(b[1])]
 }
 
-/// What is left of `chord` on both sides of `hole`.
+/// Parts of `chord` on both sides of `hole`.
 fn without(chord: Chord, hole: Option<Chord>) -> [Chord; 2] {
     let [start, end] = chord;
     match hole {

@@ -100,8 +100,8 @@ pub(super) fn revolved(p: &Vector3<f64>, profile: &[[f64; 2]]) -> Distance {
     Distance::from_edge(&lift(at - corner), &lift(n + other))
 }
 
-/// Distance to the part of an infinite prism between −`half_height` and `half_height`, from that
-/// to its side.
+/// Distance to the part of an infinite prism between −`half_height` and `half_height`, from the
+/// distance `side` to its lateral surface and the normal `outward` there.
 fn extruded(side: f64, outward: Vector3<f64>, z: f64, half_height: f64) -> Distance {
     let cap = z.abs() - half_height;
     let up = Vector3::z() * 1f64.copysign(z);

@@ -1,13 +1,13 @@
 //! Distance to a star-shaped solid.
 //!
-//! The surface is F(x) = √(xᵀAx) − 1 − S(x/|x|) = 0 with A = diag(1/eᵢ²) and S the sum of waves
-//! and bumps. The nearest facet of a triangulation gives the start; Newton's method on the surface then
-//! finds the nearest point of the smooth surface itself. The tangential Hessian of ½|x − p|² there
-//! is I + λ ∇²F with λ = (p − x)·∇F / |∇F|².
+//! The surface is F(x) = √(xᵀAx) − 1 − S(x/|x|) = 0 with A = diag(1/eᵢ²) and S the sum of waves and
+//! bumps. The search starts from the nearest facet of a triangulation; Newton's method on the
+//! surface then finds the nearest point of the smooth surface. The tangential Hessian of ½|x − p|²
+//! there is I + λ ∇²F with λ = (p − x)·∇F / |∇F|².
 //!
 //! Accuracy: to rounding wherever the nearest point is unique by more than twice the facets' sag
-//! (0.1 % of the radius for smooth blobs); nearer than that to the medial axis the answer may be
-//! the other of two almost equal minima, and the distance is off by at most that sag.
+//! (0.1 % of the radius for smooth blobs). Closer to the medial axis the result may be the other of
+//! two almost equal minima, and the distance is off by at most that sag.
 
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, Point3, Vector3};
 
@@ -39,7 +39,7 @@ impl StarShaped {
         Distance { value, normal }
     }
 
-    /// The triangulation that searches start from, built on first use.
+    /// Triangulation from which searches start, built on first use.
     pub(super) fn facets(&self) -> &Surface {
         self.facets.get_or_init(|| Surface::radial(SEGMENTS, |d| self.radius(d)))
     }
@@ -73,7 +73,7 @@ impl StarShaped {
         tangents * inverse.map_or(gradient, |inverse| inverse * gradient)
     }
 
-    /// The surface point that `step`, halved until it does not lead away from `p`, ends at.
+    /// Surface point at the end of `step`, which is halved until it does not lead away from `p`.
     fn shortened(&self, x: &Vector3<f64>, step: &Vector3<f64>, p: &Vector3<f64>) -> Vector3<f64> {
         let before = (p - x).norm_squared();
         let mut share = 1.0;
@@ -94,7 +94,8 @@ impl StarShaped {
         let weights = self.semi_axes().map(|e| 1.0 / (e * e));
         let (weighted, root) =
             (x.component_mul(&weights), x.component_div(self.semi_axes()).norm());
-        // Gradient and Hessian of S over free vectors, then through x ↦ x/|x|.
+        // Gradient and Hessian of S over unconstrained vectors, then by the chain rule through x ↦
+        // x/|x|.
         let Modulation { gradient: g, hessian: h, .. } = self.modulation(&d);
         let across = Matrix3::identity() - d * d.transpose();
         let tangent = across * g;

@@ -195,10 +195,11 @@ fn rays_end_where_marching_by_the_distance_ends() {
             };
             let gap = shape.ray_gap(&p, &direction);
             let agree = match (gap, marched) {
-                // A march stops 1e-9 m off the surface, which a slanted ray meets a little later.
+                // Sphere tracing stops 1e-9 m off the surface, which a slanted ray meets a little
+                // later.
                 (Some(a), Some(b)) => (a - b).abs() < 2e-6,
                 (None, None) => true,
-                // A graze: nowhere deeper than the facets' sag, 0.1 % of the radius.
+                // A grazing ray, nowhere deeper than the facets' sag, 0.1 % of the radius.
                 (None, Some(_)) => {
                     let along = (0..5000).map(|i| p + 2e-5 * f64::from(i) * direction);
                     let depth = along.map(|x| -shape.distance(&x).value).fold(0.0, f64::max);
@@ -211,7 +212,8 @@ fn rays_end_where_marching_by_the_distance_ends() {
     }
 }
 
-/// Distance to the surface by steps of the distance itself, or `None` if it recedes for good.
+/// Distance to the surface along a ray by sphere tracing, in steps of the distance itself, or
+/// `None` if that grows for good.
 fn march(shape: &Shape, p: &Point3<f64>, direction: &Vector3<f64>) -> Option<f64> {
     let mut along = 0.0;
     while along < 1000.0 {

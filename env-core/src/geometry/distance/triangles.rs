@@ -1,4 +1,4 @@
-//! Nearest point of a triangle surface, by a tree of bounding boxes.
+//! Nearest point on a triangle surface, found with a tree of bounding boxes.
 //!
 //! The sign comes from the angle-weighted normal of the nearest face, edge or vertex (Bærentzen and
 //! Aanæs, "Signed distance computation using the angle weighted pseudonormal", 2005): correct at
@@ -96,7 +96,8 @@ impl TriangleTree {
         }
     }
 
-    /// The nearest triangle, the vector from its nearest point to `p`, and where that point lies.
+    /// Nearest triangle, vector from its nearest point to `p`, and the feature on which that point
+    /// lies.
     fn nearest(&self, p: &Vector3<f64>) -> (usize, Vector3<f64>, Feature) {
         let mut best = (0, Vector3::zeros(), Feature::Face);
         let mut squared = f64::INFINITY;
@@ -129,7 +130,8 @@ impl TriangleTree {
         best
     }
 
-    /// Where a ray first meets the surface: the distance along it (m), and whether it enters there.
+    /// First intersection of a ray with the surface: the distance along the ray (m), and `true` if
+    /// the ray enters there.
     pub(super) fn first_hit(
         &self,
         origin: &Point3<f64>,
@@ -173,7 +175,8 @@ impl Node {
         outside.norm_squared()
     }
 
-    /// Whether a ray of finite or infinite `inverse` direction meets the box before `farthest`.
+    /// Returns whether a ray meets the box before `farthest`. `inverse` holds the reciprocals of
+    /// its direction, which may be infinite.
     fn is_met(&self, origin: &Vector3<f64>, inverse: &Vector3<f64>, farthest: f64) -> bool {
         let (mut enter, mut leave) = (0f64, farthest);
         for i in 0..3 {
@@ -188,7 +191,8 @@ impl Node {
 }
 
 impl Triangle {
-    /// The vector from the nearest point of the triangle to `p`, and where that point lies.
+    /// Vector from the nearest point of the triangle to `p`, and the feature on which that point
+    /// lies.
     fn nearest(&self, p: &Vector3<f64>) -> (Vector3<f64>, Feature) {
         let [u, v] = &self.sides;
         let q = p - self.origin;
@@ -223,8 +227,8 @@ impl Triangle {
         best
     }
 
-    /// Distance (m) at which a ray passes through the triangle, edges included (Möller and Trumbore,
-    /// 1997).
+    /// Distance (m) at which a ray passes through the triangle, edges included (Möller and
+    /// Trumbore, 1997).
     fn hit(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<f64> {
         let [u, v] = &self.sides;
         let across = direction.cross(v);
@@ -237,14 +241,16 @@ impl Triangle {
         let turned = q.cross(u);
         let c = direction.dot(&turned) / determinant;
         let s = v.dot(&turned) / determinant;
-        // An edge hit falls to one side or the other by rounding; a ray must not slip between.
+        // Rounding may put a hit on an edge outside of both triangles; the slack keeps such a ray
+        // from slipping through.
         let slack = -1e-12;
         (b >= slack && c >= slack && 1.0 - b - c >= slack && s >= 0.0).then_some(s)
     }
 }
 
-/// Builds the node over `order` and everything below it; `start` is the place of `order` in the
-/// whole. Triangles are halved along the longest side of the box of their centres.
+/// Builds the node over the triangles `order` and its descendants; `start` is the index of the
+/// first of them in the whole order. Triangles are halved along the longest side of the box of
+/// their centres.
 fn build(
     nodes: &mut Vec<Node>,
     boxes: &[(Vector3<f64>, Vector3<f64>)],
@@ -274,7 +280,8 @@ fn build(
     nodes[index].count = 0;
 }
 
-/// Normals of every face, the sum of both faces' at every edge, weighted by angle at every corner.
+/// Normals of every triangle's face, edges (sum of both faces' normals) and corners (sum weighted
+/// by angle).
 fn normals(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<Normals> {
     let mut at_edge: HashMap<(u32, u32), Vector3<f64>> = HashMap::new();
     let mut at_vertex = vec![Vector3::zeros(); vertices.len()];
