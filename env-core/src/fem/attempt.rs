@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
     direct::DirectSolver,
-    drive::{Run, Solved},
+    drive::{PressSolver, Solved},
     newton::equilibrium,
     push::Push,
     region::Region,
@@ -18,13 +18,13 @@ use crate::{
 };
 
 /// A solved load step that has not been accepted yet.
-pub(super) struct Attempt {
+pub(super) struct LoadStep {
     pub(super) state: State,
     anchors: Vec<Anchor>,
     pub(super) solved: Solved,
 }
 
-impl Run<'_> {
+impl PressSolver<'_> {
     /// Attempts one load step to `poses`, or from there on under `push`, and returns the state it
     /// ends in. The search starts from the displacements `guess`; without them from a prediction,
     /// or under a push from the present ones.
@@ -34,7 +34,7 @@ impl Run<'_> {
         poses: Vec<Isometry3<f64>>,
         push: Option<&Push>,
         guess: Option<Vec<Vector3<f64>>>,
-    ) -> Result<Attempt> {
+    ) -> Result<LoadStep> {
         let system = self.system;
         let start = system.surface_places(&self.state.displacement);
         let from = self.state.poses.clone();
@@ -75,7 +75,7 @@ impl Run<'_> {
             |touch: &Touch| system.law.stuck_at(&system.surface[touch.point as usize], touch);
         let anchors = contact.anchors(&state.poses, &forces.touches, back);
         self.seen = contact.into_seen();
-        Ok(Attempt { state, anchors, solved: Solved { balance, forces } })
+        Ok(LoadStep { state, anchors, solved: Solved { balance, forces } })
     }
 
     /// Chooses the region in which contact is evaluated on the way to `poses`, with the surface at
@@ -110,8 +110,8 @@ impl Run<'_> {
     }
 
     /// Makes an attempt the current state.
-    pub(super) fn accept(&mut self, attempt: Attempt) -> Solved {
-        let Attempt { state, anchors, solved } = attempt;
+    pub(super) fn accept(&mut self, attempt: LoadStep) -> Solved {
+        let LoadStep { state, anchors, solved } = attempt;
         self.anchors = anchors;
         let moved = state.displacement.iter().zip(&self.state.displacement);
         self.increment = moved.map(|(after, before)| after - before).collect();

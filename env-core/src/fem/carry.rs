@@ -23,7 +23,7 @@ use crate::{
 /// T′).
 pub struct Carrier {
     transfer: Transfer,
-    reading: Reading,
+    reading: Interpolation,
 }
 
 /// Fields on the target mesh.
@@ -36,7 +36,7 @@ pub struct Carried {
 }
 
 /// Interpolation of a state between the nodes.
-enum Reading {
+enum Interpolation {
     Linear(Arc<dyn Solid>),
     Quadratic(Quadratic),
 }
@@ -57,8 +57,8 @@ impl Carrier {
     pub fn new(fem: &Fem, to: &TetMesh) -> Result<Self> {
         let transfer = Transfer::new(fem.body().mesh(), to)?;
         let reading = match fem.system.element {
-            Element::P2 => Reading::Quadratic(Quadratic::new(fem, to)?),
-            Element::P1 | Element::P1Bar => Reading::Linear(fem.system.solid.clone()),
+            Element::P2 => Interpolation::Quadratic(Quadratic::new(fem, to)?),
+            Element::P1 | Element::P1Bar => Interpolation::Linear(fem.system.solid.clone()),
         };
         Ok(Self { transfer, reading })
     }
@@ -67,10 +67,10 @@ impl Carrier {
     /// displacements (N).
     pub fn fields(&self, nodal: &[Vector3<f64>]) -> Carried {
         let (displacement, von_mises) = match &self.reading {
-            Reading::Linear(solid) => {
+            Interpolation::Linear(solid) => {
                 (self.transfer.interpolate(nodal), self.transfer.average(&solid.von_mises(nodal)))
             }
-            Reading::Quadratic(elements) => {
+            Interpolation::Quadratic(elements) => {
                 let place = |site| elements.displacement(nodal, site);
                 let mean = |sites: &Vec<Site>| elements.mean(nodal, sites);
                 let displacement = self.transfer.sites().iter().map(place).collect();

@@ -9,7 +9,7 @@ use faer::{Col, MatRef};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
-    dense::Dense,
+    dense::DenseFactor,
     direct::DirectSolver,
     newton::{Search, norm},
     region::{NEAR, Region},
@@ -91,7 +91,8 @@ fn balanced_step(
     let lower = Col::from_fn(corner.nrows(), |i| unknowns[first + i]);
     let start = region.points.iter().copied().zip(places).zip(&near);
     let start = start.filter(|(_, near)| **near).map(|(point, _)| point).unzip();
-    let mut small = Small { system, region, start, stiffness, poses: &state.poses, load: lower };
+    let mut small =
+        CondensedSystem { system, region, start, stiffness, poses: &state.poses, load: lower };
     // The present contact is included in g.
     small.load = corner * &small.load + small.pushed(&forces.touches)?;
     let motion = small.balance(contact, tolerance, corner)?;
@@ -107,7 +108,7 @@ fn is_worth(size: usize, unknowns: usize) -> bool {
 }
 
 /// The system on the nodes of the points that may touch.
-struct Small<'a> {
+struct CondensedSystem<'a> {
     system: &'a System,
     region: &'a Region,
     /// Surface points that may touch, and their positions before the step.
@@ -119,7 +120,7 @@ struct Small<'a> {
     load: Col<f64>,
 }
 
-impl Small<'_> {
+impl CondensedSystem<'_> {
     /// Motion v of the nodes in equilibrium, by Newton's method; S = `corner` `corner`ᵀ.
     fn balance(
         &self,
@@ -176,7 +177,7 @@ impl Small<'_> {
     /// Newton step (S + ∂c)⁻¹ `rest`.
     fn newton_step(&self, touches: &[Touch], mut rest: Col<f64>) -> Option<Col<f64>> {
         let springs = self.system.springs(touches);
-        Dense::new(self.region, self.stiffness, &springs)?.solve(&mut rest);
+        DenseFactor::new(self.region, self.stiffness, &springs)?.solve(&mut rest);
         let finite = rest.iter().all(|x| x.is_finite());
         finite.then_some(rest)
     }

@@ -9,14 +9,14 @@ use nalgebra::Matrix3;
 use super::{region::Region, springs::Spring};
 
 /// A factorised matrix.
-pub(super) enum Dense {
+pub(super) enum DenseFactor {
     /// Cholesky factors L Lᵀ.
     Symmetric(Llt<f64>),
     /// Factors P L U.
     General(PartialPivLu<f64>),
 }
 
-impl Dense {
+impl DenseFactor {
     /// Factorises the `stiffness` of a region's last unknowns (lower triangle) with `springs` at
     /// its points added; `None` if that is symmetric and not positive definite, or if a point also
     /// depends on other nodes of the region.

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::{
     direct::DirectSolver,
-    newton::{Balance, Limits},
+    newton::{NewtonOutcome, StoppingCriteria},
     push::Push,
     stride::{SHORTEST, in_steps},
     system::{Forces, State, System},
@@ -26,10 +26,10 @@ const LEAST_PUSH: f64 = 1e-6;
 const FARTHEST: f64 = 1.0;
 
 /// One press being solved: workspace and current state.
-pub(super) struct Run<'a> {
+pub(super) struct PressSolver<'a> {
     pub(super) system: &'a System,
     pub(super) mesh: &'a TetMesh,
-    pub(super) limits: Limits,
+    pub(super) limits: StoppingCriteria,
     /// Distances measured in the last load step.
     pub(super) seen: Seen,
     /// Solver, `None` before the first load step.
@@ -51,12 +51,12 @@ pub(super) struct Run<'a> {
 
 /// A converged load step.
 pub(super) struct Solved {
-    pub(super) balance: Balance,
+    pub(super) balance: NewtonOutcome,
     pub(super) forces: Forces,
 }
 
-impl<'a> Run<'a> {
-    pub(super) fn new(system: &'a System, mesh: &'a TetMesh, limits: Limits) -> Self {
+impl<'a> PressSolver<'a> {
+    pub(super) fn new(system: &'a System, mesh: &'a TetMesh, limits: StoppingCriteria) -> Self {
         let displacement = vec![Vector3::zeros(); system.nodes.places.len()];
         let held = Vector3::zeros();
         let increment = displacement.clone();

@@ -15,14 +15,14 @@ use super::{
 };
 
 /// Linear response of a pad to small motions of the object, in six components.
-pub(super) struct Follower {
+pub(super) struct PadResponse {
     /// Derivative of the object's wrench on the pad with respect to the motion (N/m).
     pub(super) stiffness: Matrix6<f64>,
     /// Change of the pad's unknowns for each component of the motion.
     columns: [Vec<f64>; 6],
 }
 
-impl Follower {
+impl PadResponse {
     /// Linearises the pad at `forces`. `motion` gives the motion (3, 6) of the object's point at a
     /// place.
     pub(super) fn new(

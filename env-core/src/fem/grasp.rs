@@ -13,9 +13,9 @@ use nalgebra::{
 
 use super::{
     Fem,
-    attempt::Attempt,
-    drive::Run,
-    follower::Follower,
+    attempt::LoadStep,
+    drive::PressSolver,
+    follower::PadResponse,
     stride::{SHORTEST, in_steps},
 };
 use crate::{
@@ -84,7 +84,7 @@ impl Grasp {
 /// A grasp being solved frame by frame, for callers that choose each frame after the last.
 pub struct Hold<'a> {
     object: [Shape; 1],
-    runs: [Run<'a>; 2],
+    runs: [PressSolver<'a>; 2],
     /// Poses of the pads' frames, and of the object, at the end of the last step.
     pads: [Isometry3<f64>; 2],
     pose: Isometry3<f64>,
@@ -97,7 +97,7 @@ pub struct Hold<'a> {
 /// The pads solved for one pose of the object.
 struct Trial {
     pose: Isometry3<f64>,
-    attempts: [Attempt; 2],
+    attempts: [LoadStep; 2],
     /// Minus the force and the torque over size on the object (N).
     unbalanced: Vector6<f64>,
 }
@@ -120,7 +120,7 @@ impl<'a> Hold<'a> {
         let size = object[0].surface(16).map_or(0.01, |surface| surface.size());
         let runs = [0, 1].map(|i| {
             let fem = pads[i];
-            let mut run = Run::new(&fem.system, fem.body.mesh(), fem.limits);
+            let mut run = PressSolver::new(&fem.system, fem.body.mesh(), fem.limits);
             run.state.poses = vec![first[i].inv_mul(&start)];
             run
         });
@@ -227,7 +227,7 @@ impl<'a> Hold<'a> {
     }
 
     /// Returns the linear response of pad `i` at `pad` to small motions of the object at `trial`.
-    fn follower(&mut self, i: usize, pad: &Isometry3<f64>, trial: &Trial) -> Follower {
+    fn follower(&mut self, i: usize, pad: &Isometry3<f64>, trial: &Trial) -> PadResponse {
         let object = pad.inv_mul(&trial.pose);
         let motion = |place: &Point3<f64>| {
             let arm = (place.coords - object.translation.vector) / self.size;
@@ -239,7 +239,7 @@ impl<'a> Hold<'a> {
         };
         let run = &mut self.runs[i];
         let solver = run.solver.as_mut().expect("the trial made it");
-        Follower::new(run.system, solver, &trial.attempts[i].solved.forces, motion)
+        PadResponse::new(run.system, solver, &trial.attempts[i].solved.forces, motion)
     }
 }
 

@@ -66,7 +66,7 @@ use crate::{
     geometry::TetMesh,
 };
 
-use drive::Run;
+use drive::PressSolver;
 use system::System;
 
 pub use carry::{Carried, Carrier};
@@ -108,7 +108,7 @@ impl Default for Options {
 pub struct Fem {
     body: SoftBody,
     system: Arc<System>,
-    limits: newton::Limits,
+    limits: newton::StoppingCriteria,
 }
 
 impl Fem {
@@ -125,7 +125,8 @@ impl Fem {
             return Err(held_all_round(&body));
         }
         let tolerance = options.tolerance * (body.stiffest() / 1e6).max(1.0);
-        let limits = newton::Limits { tolerance, iterations: options.iterations, plain: false };
+        let limits =
+            newton::StoppingCriteria { tolerance, iterations: options.iterations, plain: false };
         Ok(Self { body, system, limits })
     }
 
@@ -160,7 +161,7 @@ impl Fem {
         let system = self.system.suited(&self.body, press);
         let checked = |system| self.check_start(&system, press).map(|()| system);
         match self.check_force(press).and(system).and_then(checked) {
-            Ok(system) => Run::new(&system, self.body.mesh(), self.limits).frames(press),
+            Ok(system) => PressSolver::new(&system, self.body.mesh(), self.limits).frames(press),
             Err(error) => vec![Err(error)],
         }
     }

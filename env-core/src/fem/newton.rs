@@ -29,7 +29,7 @@ use crate::{
 
 /// Stopping criteria of the search for an equilibrium.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Limits {
+pub(super) struct StoppingCriteria {
     /// Norm of the residual force (N).
     pub(super) tolerance: f64,
     /// Most Newton steps.
@@ -41,7 +41,7 @@ pub(super) struct Limits {
 
 /// Outcome of the search for an equilibrium.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Balance {
+pub(super) struct NewtonOutcome {
     pub(super) iterations: usize,
     /// Norm of the residual force (N).
     pub(super) residual: f64,
@@ -63,8 +63,8 @@ pub(super) fn equilibrium(
     state: &mut State,
     contact: &mut ContactStep,
     push: Option<&Push>,
-    limits: &Limits,
-) -> Result<(Balance, Forces)> {
+    limits: &StoppingCriteria,
+) -> Result<(NewtonOutcome, Forces)> {
     let willing = !limits.plain && solver.is_willing();
     let mut search = Search { system, solver, contact, push, willing, plain: limits.plain };
     let mut iterations = 0;
@@ -73,7 +73,7 @@ pub(super) fn equilibrium(
     while let Some(forces) = found {
         residual = norm(&search.residual(&forces));
         if residual <= limits.tolerance {
-            return Ok((Balance { iterations, residual }, forces));
+            return Ok((NewtonOutcome { iterations, residual }, forces));
         }
         if iterations == limits.iterations {
             break;
@@ -92,7 +92,7 @@ pub(super) struct Search<'a, 'b> {
     pub(super) push: Option<&'a Push>,
     /// `true` while steps by the condensed stiffness are tried.
     pub(super) willing: bool,
-    /// Value of [`Limits::plain`].
+    /// Value of [`StoppingCriteria::plain`].
     plain: bool,
 }
 

@@ -95,7 +95,7 @@ impl Faces {
             mesh.vertices[node as usize] + moved
         };
         for (i, shape) in press.shapes().iter().enumerate() {
-            let way = LazyCell::new(|| Way::new(i, press, &mesh.vertices));
+            let way = LazyCell::new(|| ShapePath::new(i, press, &mesh.vertices));
             let near = |face: &&Face| !self.held || way.passes(&face.ends.map(place));
             let thickness = shape.thickness();
             let mut too_wide =
@@ -127,7 +127,7 @@ fn spacing(length: f64, faces: &[Face]) -> Spacing {
 }
 
 /// Path of a shape in a press.
-struct Way<'a> {
+struct ShapePath<'a> {
     shape: &'a Shape,
     /// Poses along the path.
     poses: Vec<Isometry3<f64>>,
@@ -136,7 +136,7 @@ struct Way<'a> {
     margin: f64,
 }
 
-impl<'a> Way<'a> {
+impl<'a> ShapePath<'a> {
     /// Returns the path of shape `i` of `press` over a body of these `vertices` (V).
     fn new(i: usize, press: &'a Press, vertices: &[Point3<f64>]) -> Self {
         let shape = &press.shapes()[i];

@@ -15,14 +15,14 @@ use nalgebra::Point3;
 #[derive(Clone)]
 pub(super) struct Bisection {
     pub(super) vertices: Vec<Point3<f64>>,
-    tets: Vec<Tagged>,
+    tets: Vec<TaggedTet>,
     /// Middle vertices of the edges that have been cut, by the edge's ends in rising order.
     middles: HashMap<[u32; 2], u32>,
 }
 
 /// A tetrahedron whose next cut is in the middle between corners 0 and `tag`.
 #[derive(Clone, Copy)]
-struct Tagged {
+struct TaggedTet {
     corners: [u32; 4],
     tag: u8,
 }
@@ -31,7 +31,7 @@ impl Bisection {
     /// Starts from Kuhn's `tets`, each a path along the axes from one corner of its cell to the
     /// opposite one.
     pub(super) fn new(vertices: Vec<Point3<f64>>, tets: Vec<[u32; 4]>) -> Self {
-        let tets = tets.into_iter().map(|corners| Tagged { corners, tag: 3 }).collect();
+        let tets = tets.into_iter().map(|corners| TaggedTet { corners, tag: 3 }).collect();
         Self { vertices, tets, middles: HashMap::new() }
     }
 
@@ -81,7 +81,7 @@ impl Bisection {
     }
 
     fn cut(&mut self, t: usize) {
-        let Tagged { corners, tag } = self.tets[t];
+        let TaggedTet { corners, tag } = self.tets[t];
         let k = usize::from(tag);
         let [first, last] = [corners[0], corners[k]];
         let middle = *self.middles.entry(edge(first, last)).or_insert_with(|| {
@@ -94,8 +94,8 @@ impl Bisection {
         upper.copy_within(1..=k, 0);
         upper[k] = middle;
         let tag = if tag > 1 { tag - 1 } else { 3 };
-        self.tets[t] = Tagged { corners: lower, tag };
-        self.tets.push(Tagged { corners: upper, tag });
+        self.tets[t] = TaggedTet { corners: lower, tag };
+        self.tets.push(TaggedTet { corners: upper, tag });
     }
 }
 
