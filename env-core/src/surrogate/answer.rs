@@ -11,10 +11,10 @@ use rayon::prelude::*;
 
 use super::{
     corrector::Corrector,
-    fast::{Fast, Scratch},
-    features::{Gel, Question},
+    fast::{PadBuffers, PadInference},
+    features::{Gel, PadInput},
     graph::PadGraph,
-    linear::{self, Carried, Linear, body},
+    linear::{self, Carried, LinearBaseline, body},
     paper::PaperNetwork,
     weights::{self, Card, bearing_of},
 };
@@ -36,11 +36,11 @@ pub struct Surrogate {
 
 struct Trained {
     card: Card,
-    network: Fast,
+    network: PadInference,
     plain: Corrector,
     graph: PadGraph,
     gel: Gel,
-    linear: Linear,
+    linear: LinearBaseline,
     /// The model mesh's elements, which judge an answer.
     elements: Linearised,
     body: SoftBody,
@@ -50,7 +50,7 @@ struct Trained {
 
 /// By what the network is evaluated, a thread's own.
 enum Evaluation {
-    Fast(Box<Scratch>),
+    Fast(Box<PadBuffers>),
     Plain,
 }
 
@@ -108,11 +108,11 @@ impl Surrogate {
         let plain = Corrector::new(&card.network, &parameters.builder())?;
         let gel = Gel { moduli, friction, thickness: sensor.outline.thickness };
         let pad = sensor.pad(card.model_nodes)?;
-        let linear = Linear::new(sensor, &gel, card.linear_nodes, card.contact, &pad)?;
+        let linear = LinearBaseline::new(sensor, &gel, card.linear_nodes, card.contact, &pad)?;
         let body = body(&pad, moduli)?;
         let elements = Linearised::new(&body)?;
         let graph = PadGraph::new(&pad)?;
-        let network = Fast::new(&plain, &graph, &pad)?;
+        let network = PadInference::new(&plain, &graph, &pad)?;
         let skin = OnceLock::new();
         let trained = Trained { card, network, plain, graph, gel, linear, elements, body, skin };
         Ok(Self { trained: Arc::new(trained), is_plain: false })
@@ -260,7 +260,7 @@ impl Trained {
     fn correct(
         &self,
         press: &Press,
-        linear: &linear::Answer,
+        linear: &linear::LinearAnswer,
         wanted: Wanted,
         evaluation: &mut Evaluation,
     ) -> Result<Deformation> {
@@ -271,7 +271,7 @@ impl Trained {
         let places = &self.body.mesh().vertices;
         let friction = press.friction().unwrap_or(self.gel.friction);
         let gel = Gel { friction, ..self.gel };
-        let question = Question::new(&self.graph, &gel, places, press.shapes(), &carried);
+        let question = PadInput::new(&self.graph, &gel, places, press.shapes(), &carried);
         let corrected = if question.amplitude > 0.0 {
             self.corrected(&question, &carried, with_stress, evaluation)?
         } else {
@@ -296,7 +296,7 @@ impl Trained {
 
     fn corrected(
         &self,
-        question: &Question,
+        question: &PadInput,
         carried: &Carried,
         with_stress: bool,
         evaluation: &mut Evaluation,

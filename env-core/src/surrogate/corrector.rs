@@ -14,9 +14,9 @@ use candle_nn::VarBuilder;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    features::{FEATURES, Question},
+    features::{FEATURES, PadInput},
     graph::{LAYERS, PadGraph, SCALES},
-    layers::{Affine, Mlp},
+    layers::{Linear, Mlp},
     metrics::Fields,
     multi_scale::MultiScale,
     ops::{sparse, von_mises},
@@ -46,9 +46,9 @@ impl Default for CorrectorConfig {
 pub(super) struct Corrector {
     pub(super) scales: MultiScale,
     pub(super) nodes: Mlp,
-    pub(super) corners: Affine,
-    pub(super) strain: Affine,
-    pub(super) stress: Affine,
+    pub(super) corners: Linear,
+    pub(super) strain: Linear,
+    pub(super) stress: Linear,
 }
 
 /// Presses on one graph as tensors.
@@ -70,8 +70,8 @@ pub(super) struct Batch {
     strongest: Tensor,
 }
 
-/// What the network says of a batch, in the units of [`Question`].
-pub(super) struct Answer {
+/// What the network says of a batch, in the units of [`PadInput`].
+pub(super) struct CorrectorOutput {
     /// (B V, 3).
     pub(super) displacement: Tensor,
     /// Von Mises (B, T).
@@ -83,13 +83,13 @@ pub(super) struct Answer {
 }
 
 impl Batch {
-    pub(super) fn new(questions: &[&Question]) -> Result<Self> {
+    pub(super) fn new(questions: &[&PadInput]) -> Result<Self> {
         let (count, device) = (questions.len(), &Device::Cpu);
         let columns = questions[0].gates.len();
-        let all = |field: fn(&Question) -> &[f32]| -> Vec<f32> {
+        let all = |field: fn(&PadInput) -> &[f32]| -> Vec<f32> {
             questions.iter().flat_map(|q| field(q)).copied().collect()
         };
-        let single = |field: fn(&Question) -> f32| {
+        let single = |field: fn(&PadInput) -> f32| {
             let values: Vec<f32> = questions.iter().map(|q| field(q)).collect();
             Tensor::from_vec(values, (count, 1, 1), device)
         };
@@ -119,33 +119,33 @@ impl Batch {
 impl Corrector {
     pub(super) fn new(config: &CorrectorConfig, vb: &VarBuilder) -> Result<Self> {
         let CorrectorConfig { width, corner, down, up } = *config;
-        let zero = |vb: VarBuilder| Affine::zero(width, 3 * LAYERS + 3, &vb);
+        let zero = |vb: VarBuilder| Linear::zero(width, 3 * LAYERS + 3, &vb);
         let nodes = vb.pp("nodes");
         Ok(Self {
             scales: MultiScale::new([FEATURES, width], down, up, vb)?,
             nodes: Mlp {
-                first: Affine::new(width, width, &nodes.pp("first"))?,
+                first: Linear::new(width, width, &nodes.pp("first"))?,
                 second: zero(nodes.pp("second"))?,
             },
-            corners: Affine::new(width, (LAYERS + 1) * corner, &vb.pp("corners"))?,
-            strain: Affine::new(3, corner, &vb.pp("strain"))?,
-            stress: Affine::zero(corner, 1, &vb.pp("stress"))?,
+            corners: Linear::new(width, (LAYERS + 1) * corner, &vb.pp("corners"))?,
+            strain: Linear::new(3, corner, &vb.pp("strain"))?,
+            stress: Linear::zero(corner, 1, &vb.pp("stress"))?,
         })
     }
 
     /// Corrects the linear answers of `batch`, all on one `graph`.
-    pub(super) fn forward(&self, batch: &Batch, graph: &PadGraph) -> Result<Answer> {
+    pub(super) fn forward(&self, batch: &Batch, graph: &PadGraph) -> Result<CorrectorOutput> {
         let PadGraph { edges, levels, .. } = graph;
         let latent = self.scales.latent(&batch.features, edges, levels, batch.presses()?)?;
         let says = self.nodes.forward(&latent)?;
         let displacement = displaced(batch, &says)?;
         let (forces, force) = pressed(batch, &says)?;
         let stress = self.stressed(batch, graph, &latent, &displacement)?;
-        Ok(Answer { displacement, stress, forces, force })
+        Ok(CorrectorOutput { displacement, stress, forces, force })
     }
 
     /// What it says of one question.
-    pub(super) fn fields(&self, question: &Question, graph: &PadGraph) -> Result<Fields> {
+    pub(super) fn fields(&self, question: &PadInput, graph: &PadGraph) -> Result<Fields> {
         let answer = self.forward(&Batch::new(&[question])?, graph)?;
         Fields::of([&answer.displacement, &answer.stress, &answer.forces, &answer.force])
     }

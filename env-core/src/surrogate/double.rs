@@ -6,11 +6,11 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
     corrector::{Corrector, CorrectorConfig},
-    fast::{Fast, Scratch},
-    features::{FEATURES, Gel, Question},
+    fast::{PadBuffers, PadInference},
+    features::{FEATURES, Gel, PadInput},
     graph::{LAYERS, PadGraph},
-    layers::{Affine, Mlp, Norm, Round},
-    linear::Linear,
+    layers::{LayerNorm, Linear, Mlp, Round},
+    linear::LinearBaseline,
     multi_scale::Level,
     ops::Sparse,
     weights::{self, Card},
@@ -21,7 +21,7 @@ use crate::{
     sensor::Sensor,
 };
 
-/// Displacement (V, 3), stress (T) and forces on the face (C, 3), in the units of [`Question`].
+/// Displacement (V, 3), stress (T) and forces on the face (C, 3), in the units of [`PadInput`].
 type Said = [Vec<f64>; 3];
 
 /// A tensor of one or two dimensions.
@@ -39,7 +39,7 @@ fn wide(numbers: &[f32]) -> Vec<f64> {
 }
 
 /// x Wᵀ + b.
-fn affine(layer: &Affine, x: &DMatrix<f64>) -> DMatrix<f64> {
+fn affine(layer: &Linear, x: &DMatrix<f64>) -> DMatrix<f64> {
     let mut y = x * matrix(&layer.weight).transpose();
     let bias = matrix(&layer.bias);
     y.row_iter_mut().for_each(|mut row| row += &bias);
@@ -54,7 +54,7 @@ fn mlp(layers: &Mlp, x: &DMatrix<f64>) -> DMatrix<f64> {
     affine(&layers.second, &relu(&affine(&layers.first, x)))
 }
 
-fn norm(layer: &Norm, x: &DMatrix<f64>) -> DMatrix<f64> {
+fn norm(layer: &LayerNorm, x: &DMatrix<f64>) -> DMatrix<f64> {
     let (scale, shift) = (matrix(&layer.scale), matrix(&layer.shift));
     let mut y = x.clone();
     for mut row in y.row_iter_mut() {
@@ -119,7 +119,7 @@ fn von_mises(pad: &PadMesh, length: f64, u: &[f64]) -> Vec<f64> {
 /// What `network` says of a question on a pad whose layer is `length` thick (m).
 fn forward(
     network: &Corrector,
-    question: &Question,
+    question: &PadInput,
     graph: &PadGraph,
     pad: &PadMesh,
     length: f64,
@@ -213,17 +213,18 @@ fn precision_single_is_enough() {
             let network = Corrector::new(config, &parameters.builder()).unwrap();
             let pad = sensor.pad(card.model_nodes).unwrap();
             let graph = PadGraph::new(&pad).unwrap();
-            let fast = Fast::new(&network, &graph, &pad).unwrap();
-            let linear = Linear::new(&sensor, &gel, card.linear_nodes, card.contact, &pad).unwrap();
+            let fast = PadInference::new(&network, &graph, &pad).unwrap();
+            let linear =
+                LinearBaseline::new(&sensor, &gel, card.linear_nodes, card.contact, &pad).unwrap();
             for (name, depth, press) in presses() {
                 let Ok(answer) = linear.path(&press).swap_remove(0) else { continue };
                 let places: &[Point3<f64>] = &pad.mesh.vertices;
                 let carried = linear.carry(&answer, true);
-                let question = Question::new(&graph, &gel, places, press.shapes(), &carried);
+                let question = PadInput::new(&graph, &gel, places, press.shapes(), &carried);
                 if question.amplitude == 0.0 {
                     continue;
                 }
-                let found = fast.forward(&question, true, &mut Scratch::default());
+                let found = fast.forward(&question, true, &mut PadBuffers::default());
                 let exact = forward(&network, &question, &graph, &pad, gel.thickness);
                 let off = [
                     apart(&found.displacement, &exact[0]),

@@ -8,7 +8,7 @@ use candle_core::Result;
 
 use super::{
     corrector::Corrector,
-    features::{FEATURES, Question},
+    features::{FEATURES, PadInput},
     graph::{LAYERS, PadGraph, SCALES},
     metrics::Fields,
     ops::PadStress,
@@ -18,7 +18,7 @@ use super::{
 use crate::{geometry::PadMesh, simd::vectorised};
 
 /// The network on one pad.
-pub(super) struct Fast {
+pub(super) struct PadInference {
     trunk: Trunk,
     nodes: [Dense; 2],
     stress: StressHead,
@@ -28,15 +28,15 @@ pub(super) struct Fast {
 
 /// Buffers of a forward pass.
 #[derive(Default)]
-pub(super) struct Scratch {
-    trunk: trunk::Scratch,
+pub(super) struct PadBuffers {
+    trunk: trunk::TrunkBuffers,
     hidden: Vec<f32>,
     says: Vec<f32>,
     corners: Vec<f32>,
     stress: Vec<f32>,
 }
 
-impl Fast {
+impl PadInference {
     /// `network` on the `graph` of `pad`.
     pub(super) fn new(network: &Corrector, graph: &PadGraph, pad: &PadMesh) -> Result<Self> {
         let columns = graph.columns as u32;
@@ -56,12 +56,12 @@ impl Fast {
     /// The corrected answer to `question`; stress is left empty unless `with_stress`.
     pub(super) fn forward(
         &self,
-        question: &Question,
+        question: &PadInput,
         with_stress: bool,
-        scratch: &mut Scratch,
+        scratch: &mut PadBuffers,
     ) -> Fields {
         debug_assert_eq!(question.features.len(), self.columns * FEATURES);
-        let Scratch { trunk, hidden, says, corners, stress } = scratch;
+        let PadBuffers { trunk, hidden, says, corners, stress } = scratch;
         let latent = self.trunk.latent(&question.features, &[&[]; SCALES], trunk);
         self.nodes[0].forward(latent, hidden);
         relu(hidden);
@@ -93,7 +93,7 @@ impl Fast {
         self.elements.places().iter().map(|&place| stress[place as usize]).collect()
     }
 
-    fn displaced(&self, question: &Question, says: &[f32]) -> Vec<f32> {
+    fn displaced(&self, question: &PadInput, says: &[f32]) -> Vec<f32> {
         let mut displacement = question.displacement.clone();
         let columns = self.columns;
         for (column, says) in says.chunks_exact(3 * LAYERS + 3).enumerate() {
@@ -106,7 +106,7 @@ impl Fast {
     }
 }
 
-fn pressed(question: &Question, says: &[f32]) -> (Vec<f32>, [f32; 3]) {
+fn pressed(question: &PadInput, says: &[f32]) -> (Vec<f32>, [f32; 3]) {
     let mut forces = question.forces.clone();
     let mut sum = question.other_force;
     let columns = forces.as_chunks_mut::<3>().0.iter_mut().zip(&question.gates);
@@ -157,7 +157,7 @@ mod tests {
             variable.set(&values).unwrap();
         }
         let nodes = pad.mesh.vertices.len();
-        let question = Question {
+        let question = PadInput {
             features: numbers(graph.columns * FEATURES, 1.0),
             displacement: numbers(3 * nodes, 0.02),
             stress: numbers(graph.tets(), 0.1),
@@ -168,8 +168,8 @@ mod tests {
             strongest: 0.1,
         };
         let answer = network.forward(&Batch::new(&[&question]).unwrap(), &graph).unwrap();
-        let fast = Fast::new(&network, &graph, &pad).unwrap();
-        let found = fast.forward(&question, true, &mut Scratch::default());
+        let fast = PadInference::new(&network, &graph, &pad).unwrap();
+        let found = fast.forward(&question, true, &mut PadBuffers::default());
         let near = |name: &str, plain: &Tensor, own: &[f32]| {
             let plain: Vec<f32> = plain.flatten_all().unwrap().to_vec1().unwrap();
             let scale = plain.iter().fold(0.0_f32, |most, x| most.max(x.abs()));

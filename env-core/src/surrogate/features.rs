@@ -25,7 +25,7 @@ const GLOBALS: usize = 4;
 
 /// A press with its linear answer.
 #[derive(Clone, Debug)]
-pub(super) struct Question {
+pub(super) struct PadInput {
     /// (C, FEATURES).
     pub(super) features: Vec<f32>,
     /// The linear answer (V, 3).
@@ -76,7 +76,7 @@ impl Gel {
 /// Distance from the displaced face at which contact is no longer corrected.
 const REACH: f64 = 0.125;
 
-impl Question {
+impl PadInput {
     /// What `linear`, the answer to a press of `shapes`, asks of the network.
     pub(super) fn new(
         graph: &PadGraph,

@@ -10,21 +10,21 @@ use candle_nn::{Init, VarBuilder};
 use super::ops::{Edges, affine, layer_norm, messages};
 
 /// x Wᵀ + b, or its positive part.
-pub(super) struct Affine {
+pub(super) struct Linear {
     /// (M, K).
     pub(super) weight: Tensor,
     /// (M).
     pub(super) bias: Tensor,
 }
 
-impl Affine {
+impl Linear {
     /// From `inputs` to `outputs` numbers.
     pub(super) fn new(inputs: usize, outputs: usize, vb: &VarBuilder) -> Result<Self> {
         let bound = 1.0 / (inputs as f64).sqrt();
         Self::with(inputs, outputs, vb, Init::Uniform { lo: -bound, up: bound })
     }
 
-    /// As [`Affine::new`], but all zero to begin with.
+    /// As [`Linear::new`], but all zero to begin with.
     pub(super) fn zero(inputs: usize, outputs: usize, vb: &VarBuilder) -> Result<Self> {
         Self::with(inputs, outputs, vb, Init::Const(0.0))
     }
@@ -40,19 +40,19 @@ impl Affine {
         affine(x, &self.weight, &self.bias, false)
     }
 
-    /// As [`Affine::forward`], its positive part.
+    /// As [`Linear::forward`], its positive part.
     pub(super) fn forward_relu(&self, x: &Tensor) -> Result<Tensor> {
         affine(x, &self.weight, &self.bias, true)
     }
 }
 
 /// Layer norm.
-pub(super) struct Norm {
+pub(super) struct LayerNorm {
     pub(super) scale: Tensor,
     pub(super) shift: Tensor,
 }
 
-impl Norm {
+impl LayerNorm {
     /// For rows of `width` numbers.
     pub(super) fn new(width: usize, vb: &VarBuilder) -> Result<Self> {
         let scale = vb.get_with_hints(width, "scale", Init::Const(1.0))?;
@@ -68,15 +68,15 @@ impl Norm {
 
 /// Two affine layers with a relu between them.
 pub(super) struct Mlp {
-    pub(super) first: Affine,
-    pub(super) second: Affine,
+    pub(super) first: Linear,
+    pub(super) second: Linear,
 }
 
 impl Mlp {
     /// From `inputs` over `hidden` to `outputs` numbers.
     pub(super) fn new([inputs, hidden, outputs]: [usize; 3], vb: &VarBuilder) -> Result<Self> {
-        let first = Affine::new(inputs, hidden, &vb.pp("first"))?;
-        Ok(Self { first, second: Affine::new(hidden, outputs, &vb.pp("second"))? })
+        let first = Linear::new(inputs, hidden, &vb.pp("first"))?;
+        Ok(Self { first, second: Linear::new(hidden, outputs, &vb.pp("second"))? })
     }
 
     /// (N, inputs) to (N, outputs).
@@ -88,9 +88,9 @@ impl Mlp {
 /// A round of message passing on a graph with fixed edge features:
 /// v ← v + f(n, Σₛ relu(A nₛ + B nᵣ + C eₛᵣ)), n the layer norm of v and f two affine layers.
 pub(super) struct Round {
-    pub(super) norm: Norm,
-    pub(super) ends: Affine,
-    pub(super) edges: Affine,
+    pub(super) norm: LayerNorm,
+    pub(super) ends: Linear,
+    pub(super) edges: Linear,
     pub(super) update: Mlp,
 }
 
@@ -98,9 +98,9 @@ impl Round {
     /// Of latent width `width`, on edges of `features` numbers.
     pub(super) fn new(width: usize, features: usize, vb: &VarBuilder) -> Result<Self> {
         Ok(Self {
-            norm: Norm::new(width, &vb.pp("norm"))?,
-            ends: Affine::new(width, 2 * width, &vb.pp("ends"))?,
-            edges: Affine::new(features, width, &vb.pp("edges"))?,
+            norm: LayerNorm::new(width, &vb.pp("norm"))?,
+            ends: Linear::new(width, 2 * width, &vb.pp("ends"))?,
+            edges: Linear::new(features, width, &vb.pp("edges"))?,
             update: Mlp::new([2 * width, width, width], &vb.pp("update"))?,
         })
     }

@@ -49,7 +49,7 @@ impl Contact {
 }
 
 /// A gel's linear model.
-pub(super) struct Linear {
+pub(super) struct LinearBaseline {
     solver: Solver,
     transfer: Transfer,
 }
@@ -77,7 +77,7 @@ struct Stress {
 }
 
 /// An answer of the linear model, before it is carried to the model mesh.
-pub(super) enum Answer {
+pub(super) enum LinearAnswer {
     Points(Box<Deformation>),
     Nodes(Settled),
 }
@@ -95,7 +95,7 @@ pub(super) struct Carried {
     pub(super) poses: Vec<Isometry3<f64>>,
 }
 
-impl Linear {
+impl LinearBaseline {
     /// That of a gel on a mesh of `nodes` nodes, answering on `model`.
     pub(super) fn new(
         sensor: &Sensor,
@@ -121,23 +121,23 @@ impl Linear {
     }
 
     /// The answers along `press`, until one fails.
-    pub(super) fn path(&self, press: &Press) -> Vec<Result<Answer>> {
+    pub(super) fn path(&self, press: &Press) -> Vec<Result<LinearAnswer>> {
         match &self.solver {
             Solver::Points(compliance) => {
                 let answers = compliance.solve_path(press).into_iter();
-                answers.map(|answer| Ok(Answer::Points(Box::new(answer?)))).collect()
+                answers.map(|answer| Ok(LinearAnswer::Points(Box::new(answer?)))).collect()
             }
             Solver::Nodes(nodes) => {
                 let answers = nodes.nodal.settled_path(press).into_iter();
-                answers.map(|settled| Ok(Answer::Nodes(settled?))).collect()
+                answers.map(|settled| Ok(LinearAnswer::Nodes(settled?))).collect()
             }
         }
     }
 
     /// An answer on the model mesh; its stress is left empty unless `with_stress`.
-    pub(super) fn carry(&self, answer: &Answer, with_stress: bool) -> Carried {
+    pub(super) fn carry(&self, answer: &LinearAnswer, with_stress: bool) -> Carried {
         match (answer, &self.solver) {
-            (Answer::Nodes(settled), Solver::Nodes(nodes)) => {
+            (LinearAnswer::Nodes(settled), Solver::Nodes(nodes)) => {
                 let stress = || nodes.von_mises(settled, &self.transfer);
                 let displacement = nodes.extension.displacement(&settled.forces);
                 let displacement = displacement.as_chunks::<3>().0.iter();
@@ -154,7 +154,7 @@ impl Linear {
                     poses: settled.history.poses.clone(),
                 }
             }
-            (Answer::Points(fine), _) => {
+            (LinearAnswer::Points(fine), _) => {
                 let stress = || self.transfer.average(&fine.von_mises);
                 Carried {
                     displacement: self.transfer.interpolate(&fine.displacement),
@@ -163,7 +163,9 @@ impl Linear {
                     poses: fine.poses.clone(),
                 }
             }
-            (Answer::Nodes(_), Solver::Points(_)) => unreachable!("answers come from this model"),
+            (LinearAnswer::Nodes(_), Solver::Points(_)) => {
+                unreachable!("answers come from this model")
+            }
         }
     }
 }
@@ -208,7 +210,7 @@ fn flat(u: &[Vector3<f64>]) -> Vec<f64> {
     u.iter().flat_map(|u| [u.x, u.y, u.z]).collect()
 }
 
-impl Answer {
+impl LinearAnswer {
     /// What the contact remembers.
     pub(super) fn history(&self) -> &History {
         match self {
@@ -244,7 +246,7 @@ mod tests {
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let gel = Gel { moduli, friction: 0.5, thickness: sensor.outline.thickness };
         let pad = sensor.pad(1000).unwrap();
-        let linear = Linear::new(&sensor, &gel, 1000, Contact::Nodes, &pad).unwrap();
+        let linear = LinearBaseline::new(&sensor, &gel, 1000, Contact::Nodes, &pad).unwrap();
         let Solver::Nodes(nodes) = linear.solver else { panic!("contact at nodes") };
         let path = vec![vec![Isometry3::translation(1e-4, 0.0, 8e-3 - 5e-4)]];
         let press = Press::along(vec![Shape::Sphere { radius: 8e-3 }], path).unwrap();

@@ -7,8 +7,8 @@ use candle_core::{Device, Result, Tensor};
 use candle_nn::VarBuilder;
 
 use super::{
-    corrector::{Answer, Batch, Corrector, CorrectorConfig},
-    features::{Gel, Question, Truth},
+    corrector::{Batch, Corrector, CorrectorConfig, CorrectorOutput},
+    features::{Gel, PadInput, Truth},
     graph::PadGraph,
     metrics::Fields,
     samples::{Gels, Sample},
@@ -44,7 +44,7 @@ impl Parts {
 
 /// The errors of each press of `answer` against `truths`: of displacement, stress, forces on nodes
 /// and net force, (B) each.
-pub(super) fn errors(answer: &Answer, truths: &[&Truth]) -> Result<[Tensor; 4]> {
+pub(super) fn errors(answer: &CorrectorOutput, truths: &[&Truth]) -> Result<[Tensor; 4]> {
     let all = |field: fn(&Truth) -> &[f32]| {
         let values: Vec<f32> = truths.iter().flat_map(|truth| field(truth)).copied().collect();
         Tensor::from_vec(values, (truths.len(), field(truths[0]).len()), &Device::Cpu)
@@ -100,7 +100,7 @@ pub(super) fn parts(
     mirror: usize,
 ) -> Result<Parts> {
     let mirror = &graph.mirrors[mirror];
-    let questions: Vec<Question> = samples.iter().map(|s| s.question.mirrored(mirror)).collect();
+    let questions: Vec<PadInput> = samples.iter().map(|s| s.question.mirrored(mirror)).collect();
     let truths: Vec<Truth> = samples.iter().map(|s| s.truth.mirrored(mirror)).collect();
     let batch = Batch::new(&questions.iter().collect::<Vec<_>>())?;
     let answer = network.forward(&batch, graph)?;

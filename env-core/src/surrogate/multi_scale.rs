@@ -12,7 +12,7 @@ use candle_nn::VarBuilder;
 
 use super::{
     graph::{EDGE_FEATURES, SCALES},
-    layers::{Affine, Mlp, Norm, Round},
+    layers::{LayerNorm, Linear, Mlp, Round},
     ops::{Edges, Sparse, sparse},
 };
 
@@ -24,11 +24,11 @@ pub(super) struct MultiScale {
     /// Rounds at each scale but the coarsest on the way up.
     pub(super) up: [Vec<Round>; SCALES - 1],
     /// To each coarser scale.
-    pub(super) lower: [Affine; SCALES - 1],
+    pub(super) lower: [Linear; SCALES - 1],
     /// Back from it.
-    pub(super) raise: [Affine; SCALES - 1],
+    pub(super) raise: [Linear; SCALES - 1],
     pub(super) global: Mlp,
-    pub(super) norm: Norm,
+    pub(super) norm: LayerNorm,
 }
 
 /// Nodes of one fineness.
@@ -52,7 +52,7 @@ impl MultiScale {
                 .map(|i| Round::new(width, EDGE_FEATURES, &vb.pp(i)))
                 .collect::<Result<Vec<_>>>()
         };
-        let link = |name: &str, i: usize| Affine::new(width, width, &vb.pp(name).pp(i));
+        let link = |name: &str, i: usize| Linear::new(width, width, &vb.pp(name).pp(i));
         Ok(Self {
             encoder: Mlp::new([features, width, width], &vb.pp("encoder"))?,
             down: [
@@ -64,7 +64,7 @@ impl MultiScale {
             lower: [link("lower", 0)?, link("lower", 1)?],
             raise: [link("raise", 0)?, link("raise", 1)?],
             global: Mlp::new([width, width, width], &vb.pp("global"))?,
-            norm: Norm::new(width, &vb.pp("norm"))?,
+            norm: LayerNorm::new(width, &vb.pp("norm"))?,
         })
     }
 

@@ -13,9 +13,9 @@ use rayon::prelude::*;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
 use super::{
-    features::{Gel, Question, Truth},
+    features::{Gel, PadInput, Truth},
     graph::PadGraph,
-    linear::{Carried, Contact, Linear},
+    linear::{Carried, Contact, LinearBaseline},
 };
 use crate::{
     Error, Result,
@@ -33,7 +33,7 @@ pub(super) struct Sample {
     pub(super) gel: usize,
     /// Name of its grasp.
     pub(super) grasp: String,
-    pub(super) question: Question,
+    pub(super) question: PadInput,
     pub(super) truth: Truth,
 }
 
@@ -51,7 +51,7 @@ pub(super) struct Pad {
     pub(super) graph: usize,
     pub(super) gel: Gel,
     mesh: PadMesh,
-    linear: Linear,
+    linear: LinearBaseline,
 }
 
 /// Linear answers of a shard, frame by frame, one list for each pad.
@@ -72,7 +72,7 @@ impl Gels {
             let thickness = sensor.outline.thickness;
             let gel = Gel { moduli, friction: gel.friction, thickness };
             let mesh = meshes[graph].clone();
-            let linear = Linear::new(&sensor, &gel, nodes, contact, &mesh)?;
+            let linear = LinearBaseline::new(&sensor, &gel, nodes, contact, &mesh)?;
             Ok(Pad { graph, gel, mesh, linear })
         };
         let pads = config.gels.par_iter().map(pad).collect::<Result<_>>()?;
@@ -159,7 +159,7 @@ impl Gels {
             graph: pad.graph,
             gel: frames.gel,
             grasp: frames.grasp.clone(),
-            question: Question::new(graph, gel, places, std::slice::from_ref(shape), linear),
+            question: PadInput::new(graph, gel, places, std::slice::from_ref(shape), linear),
             truth: Truth::new(frames, frame, graph.columns, gel),
         }
     }

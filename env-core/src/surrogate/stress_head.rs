@@ -6,7 +6,7 @@
 
 use candle_core::{Result, Tensor};
 
-use super::{layers::Affine, trunk::Dense};
+use super::{layers::Linear, trunk::Dense};
 use crate::simd::{LANES, vectorised};
 
 /// How far the stress of tetrahedra is from that of the corrected displacement.
@@ -31,7 +31,7 @@ pub(super) struct Stresses<'a> {
 impl StressHead {
     /// From latent rows, each for `groups` corners, to one number for each of the `tets`.
     pub(super) fn new(
-        [corners, strain, stress]: [&Affine; 3],
+        [corners, strain, stress]: [&Linear; 3],
         groups: usize,
         tets: Vec<[u32; 4]>,
     ) -> Result<Self> {
@@ -102,11 +102,11 @@ fn widest(weight: &Tensor) -> Result<Tensor> {
 }
 
 /// `layer` with each of `groups` of its outputs filled up with zeros to a multiple of [`LANES`].
-fn widened(layer: &Affine, groups: usize) -> Result<Affine> {
+fn widened(layer: &Linear, groups: usize) -> Result<Linear> {
     let (outputs, inputs) = layer.weight.dims2()?;
     let width = outputs / groups;
     let more = width.next_multiple_of(LANES) - width;
     let weight = layer.weight.reshape((groups, width, inputs))?.pad_with_zeros(1, 0, more)?;
     let bias = layer.bias.reshape((groups, width))?.pad_with_zeros(1, 0, more)?;
-    Ok(Affine { weight: weight.flatten(0, 1)?, bias: bias.flatten_all()? })
+    Ok(Linear { weight: weight.flatten(0, 1)?, bias: bias.flatten_all()? })
 }

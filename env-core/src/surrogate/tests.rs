@@ -6,9 +6,9 @@ use super::{
     Surrogate, adam,
     budget::{Budget, Pace},
     corrector::{Corrector, CorrectorConfig},
-    features::{Gel, Question, Truth, flat},
+    features::{Gel, PadInput, Truth, flat},
     graph::PadGraph,
-    linear::{Contact, Linear, body},
+    linear::{Contact, LinearBaseline, body},
     loss::parts,
     samples::{Gels, Sample},
     train::{Trainer, Training},
@@ -40,7 +40,7 @@ fn samples(depths: &[f64]) -> (PadGraph, Vec<Sample>) {
     let pad = sensor.pad(1000).unwrap();
     let graph = PadGraph::new(&pad).unwrap();
     let gel = Gel { moduli: GEL, friction: FRICTION, thickness: sensor.outline.thickness };
-    let linear = Linear::new(&sensor, &gel, 1000, Contact::Points, &pad).unwrap();
+    let linear = LinearBaseline::new(&sensor, &gel, 1000, Contact::Points, &pad).unwrap();
     let options = Options { friction: FRICTION, ..Options::default() };
     let elements = Fem::new(body(&pad, GEL).unwrap(), options).unwrap();
     let sample = |&depth: &f64| {
@@ -54,7 +54,7 @@ fn samples(depths: &[f64]) -> (PadGraph, Vec<Sample>) {
             graph: 0,
             gel: 0,
             grasp: "ball/000".to_owned(),
-            question: Question::new(&graph, &gel, places, shapes, &linear.carry(&answer, true)),
+            question: PadInput::new(&graph, &gel, places, shapes, &linear.carry(&answer, true)),
             truth: Truth {
                 displacement: flat(&truth.displacement, gel.thickness),
                 stress: truth.von_mises.iter().map(|s| (s / GEL.shear()) as f32).collect(),

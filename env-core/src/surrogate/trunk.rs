@@ -16,7 +16,7 @@ use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul};
 
 use super::{
     graph::SCALES,
-    layers::{Affine, Mlp, Norm, Round},
+    layers::{LayerNorm, Linear, Mlp, Round},
     multi_scale::{Level, MultiScale},
     ops::{Edges, Sparse, hear, moments},
 };
@@ -36,15 +36,15 @@ pub(super) struct Trunk {
 
 /// Buffers of a forward pass.
 #[derive(Default)]
-pub(super) struct Scratch {
-    scales: [Buffers; SCALES],
+pub(super) struct TrunkBuffers {
+    scales: [ScaleBuffers; SCALES],
     latent: Vec<f32>,
     spare: [Vec<f32>; 2],
 }
 
 /// Buffers of one scale (N, …).
 #[derive(Default)]
-struct Buffers {
+struct ScaleBuffers {
     v: Vec<f32>,
     normal: Vec<f32>,
     /// Sender's and receiver's part of messages, and the update's own part.
@@ -82,7 +82,7 @@ enum EdgeParts {
 }
 
 impl Dense {
-    pub(super) fn new(layer: &Affine) -> Result<Self> {
+    pub(super) fn new(layer: &Linear) -> Result<Self> {
         Self::of(&layer.weight, &layer.bias)
     }
 
@@ -145,9 +145,9 @@ impl FastRound {
     }
 
     /// A round on `buffers.v`, with the `features` of the edges where they differ from press to press.
-    fn run(&self, features: &[f32], buffers: &mut Buffers) {
+    fn run(&self, features: &[f32], buffers: &mut ScaleBuffers) {
         let width = self.update.outputs();
-        let Buffers { v, normal, parts, ends, edges, heard, hidden } = buffers;
+        let ScaleBuffers { v, normal, parts, ends, edges, heard, hidden } = buffers;
         normal.clear();
         normal.extend_from_slice(v);
         vectorised(
@@ -181,7 +181,7 @@ impl FastRound {
     }
 }
 
-fn vectors(norm: &Norm) -> Result<[Vec<f32>; 2]> {
+fn vectors(norm: &LayerNorm) -> Result<[Vec<f32>; 2]> {
     Ok([norm.scale.to_vec1()?, norm.shift.to_vec1()?])
 }
 
@@ -233,9 +233,9 @@ impl Trunk {
         &self,
         features: &[f32],
         edges: &[&[f32]; SCALES],
-        scratch: &'a mut Scratch,
+        scratch: &'a mut TrunkBuffers,
     ) -> &'a [f32] {
-        let Scratch { scales, latent, spare: [spare, other] } = scratch;
+        let TrunkBuffers { scales, latent, spare: [spare, other] } = scratch;
         self.encoder[0].forward(features, spare);
         relu(spare);
         self.encoder[1].forward(spare, &mut scales[0].v);

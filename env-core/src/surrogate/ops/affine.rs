@@ -5,7 +5,7 @@ use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul};
 
 use super::{numbers, with_numbers};
 
-struct Affine {
+struct LinearOp {
     relu: bool,
 }
 
@@ -16,7 +16,7 @@ pub(in super::super) fn affine(
     bias: &Tensor,
     relu: bool,
 ) -> Result<Tensor> {
-    x.contiguous()?.apply_op3(weight, bias, Affine { relu })
+    x.contiguous()?.apply_op3(weight, bias, LinearOp { relu })
 }
 
 /// c = a b, or c += a b, of row-major matrices (m, k) and (k, n).
@@ -34,7 +34,7 @@ fn matrix_mut(numbers: &mut [f32], rows: usize, columns: usize) -> MatMut<'_, f3
     MatMut::from_row_major_slice_mut(numbers, rows, columns)
 }
 
-impl CustomOp3 for Affine {
+impl CustomOp3 for LinearOp {
     fn name(&self) -> &'static str {
         "affine"
     }

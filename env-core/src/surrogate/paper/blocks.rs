@@ -7,7 +7,7 @@ use candle_nn::{Init, VarBuilder};
 
 use super::{config::PaperConfig, scene::Links};
 use crate::surrogate::{
-    layers::{Affine, Norm},
+    layers::{LayerNorm, Linear},
     ops::{Sparse, affine, ends, sparse},
 };
 
@@ -42,24 +42,24 @@ impl Split {
 /// What follows the first layer of a perceptron of two hidden layers: relu, the second layer, relu,
 /// the third, and a layer norm if there is one.
 pub(super) struct Tail {
-    second: Affine,
-    third: Affine,
-    norm: Option<Norm>,
+    second: Linear,
+    third: Linear,
+    norm: Option<LayerNorm>,
 }
 
 impl Tail {
     fn new(width: usize, outputs: usize, norm: bool, vb: &VarBuilder) -> Result<Self> {
-        let second = Affine::new(width, width, &vb.pp("second"))?;
-        let third = Affine::new(width, outputs, &vb.pp("third"))?;
+        let second = Linear::new(width, width, &vb.pp("second"))?;
+        let third = Linear::new(width, outputs, &vb.pp("third"))?;
         Self::of(second, third, norm, vb)
     }
 
-    fn of(second: Affine, third: Affine, norm: bool, vb: &VarBuilder) -> Result<Self> {
+    fn of(second: Linear, third: Linear, norm: bool, vb: &VarBuilder) -> Result<Self> {
         let outputs = third.bias.dims1()?;
         Ok(Self {
             second,
             third,
-            norm: norm.then(|| Norm::new(outputs, &vb.pp("norm"))).transpose()?,
+            norm: norm.then(|| LayerNorm::new(outputs, &vb.pp("norm"))).transpose()?,
         })
     }
 
@@ -72,7 +72,7 @@ impl Tail {
 
 /// A perceptron of two hidden layers: encoder or decoder.
 pub(super) struct Perceptron {
-    first: Affine,
+    first: Linear,
     tail: Tail,
 }
 
@@ -83,16 +83,16 @@ impl Perceptron {
         norm: bool,
         vb: &VarBuilder,
     ) -> Result<Self> {
-        let first = Affine::new(inputs, width, &vb.pp("first"))?;
+        let first = Linear::new(inputs, width, &vb.pp("first"))?;
         Ok(Self { first, tail: Tail::new(width, width, norm, vb)? })
     }
 
     /// Says nothing to begin with: a random field on every node is worse than none, and light presses
     /// would be all noise.
     pub(super) fn decoder(width: usize, outputs: usize, vb: &VarBuilder) -> Result<Self> {
-        let first = Affine::new(width, width, &vb.pp("first"))?;
-        let second = Affine::new(width, width, &vb.pp("second"))?;
-        let third = Affine::zero(width, outputs, &vb.pp("third"))?;
+        let first = Linear::new(width, width, &vb.pp("first"))?;
+        let second = Linear::new(width, width, &vb.pp("second"))?;
+        let third = Linear::zero(width, outputs, &vb.pp("third"))?;
         Ok(Self { first, tail: Tail::of(second, third, false, vb)? })
     }
 

@@ -58,7 +58,7 @@ pub(super) struct Latent {
 }
 
 /// What a network says, in units of thickness and shear modulus.
-pub(super) struct Answer {
+pub(super) struct PaperOutput {
     /// Of the gel (V, 3); bonded nodes stay.
     pub(super) displacement: Tensor,
     /// Of the object since it touched (O, 3).
@@ -95,7 +95,7 @@ impl Paper {
     }
 
     /// The answer on `scene`.
-    pub(super) fn forward(&self, scene: &Scene) -> Result<Answer> {
+    pub(super) fn forward(&self, scene: &Scene) -> Result<PaperOutput> {
         let mut latent = self.encode(scene)?;
         for round in 0..self.rounds {
             latent = self.blocks[round % self.blocks.len()].forward(&latent, scene)?;
@@ -120,7 +120,7 @@ impl Paper {
         })
     }
 
-    fn decode(&self, latent: &Latent, scene: &Scene) -> Result<Answer> {
+    fn decode(&self, latent: &Latent, scene: &Scene) -> Result<PaperOutput> {
         let gel = scene.free.dim(0)?;
         let moved = (self.displacement.forward(&latent.nodes)? * DISPLACEMENT)?;
         let stress = match &latent.tets {
@@ -135,7 +135,7 @@ impl Paper {
             }
             _ => None,
         };
-        Ok(Answer {
+        Ok(PaperOutput {
             displacement: moved.narrow(0, 0, gel)?.broadcast_mul(&scene.free)?,
             object: moved.narrow(0, gel, moved.dim(0)? - gel)?,
             stress: (stress.flatten_all()? * STRESS)?,

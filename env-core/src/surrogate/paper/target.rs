@@ -10,7 +10,7 @@ use super::{
     bodies::{Bodies, Pad},
     card::PaperCard,
     config::{Input, PaperConfig},
-    network::{Answer, DISPLACEMENT, Paper, STRESS},
+    network::{DISPLACEMENT, Paper, PaperOutput, STRESS},
     patch::Patch,
     rigid::{self, STILL},
     samples::Sample,
@@ -56,14 +56,19 @@ impl Told {
     }
 
     /// The answer to a sample seen in a mirror.
-    pub(super) fn says(&self, bodies: &Bodies, sample: &Sample, mirror: usize) -> Result<Answer> {
+    pub(super) fn says(
+        &self,
+        bodies: &Bodies,
+        sample: &Sample,
+        mirror: usize,
+    ) -> Result<PaperOutput> {
         let pad = &bodies.pads[sample.gel];
         let scene = Scene::new(pad, &sample.patch, sample.push(self.input), mirror)?;
         Ok(self.network.forward(&scene)?)
     }
 
     /// The answer to `push` by the surface in `patch`.
-    pub(super) fn answer_to(&self, pad: &Pad, patch: &Patch, push: Push) -> Result<Answer> {
+    pub(super) fn answer_to(&self, pad: &Pad, patch: &Patch, push: Push) -> Result<PaperOutput> {
         Ok(self.network.forward(&Scene::new(pad, patch, push, 0)?)?)
     }
 
@@ -170,7 +175,7 @@ impl Network for Told {
 }
 
 /// The fields that are judged; contact forces are not said.
-pub(super) fn fields(answer: &Answer) -> Result<Fields> {
+pub(super) fn fields(answer: &PaperOutput) -> Result<Fields> {
     Ok(Fields {
         displacement: answer.displacement.flatten_all()?.to_vec1()?,
         stress: answer.stress.to_vec1()?,
@@ -181,7 +186,7 @@ pub(super) fn fields(answer: &Answer) -> Result<Fields> {
 
 /// How far a network's rigid motion of the gel is from the best fit: angle (rad), and distance in
 /// units of thickness.
-pub(super) fn rigid_apart(answer: &Answer, sample: &Sample) -> Result<Option<[f64; 2]>> {
+pub(super) fn rigid_apart(answer: &PaperOutput, sample: &Sample) -> Result<Option<[f64; 2]>> {
     let found = answer.rigid.as_ref().map(Tensor::to_vec1::<f32>).transpose()?;
     Ok(found.map(|found| rigid::apart(&found, &sample.rigid)))
 }

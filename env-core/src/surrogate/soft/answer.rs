@@ -10,12 +10,12 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{
-    fast::{Fast, Scratch},
+    fast::{ObjectBuffers, ObjectInference},
     graph::ObjectGraph,
     grip::Grip,
-    linear::Linear,
+    linear::LinearBaseline,
     network::Soft,
-    question::Question,
+    question::ObjectInput,
     study::SoftCard,
 };
 use crate::{
@@ -35,10 +35,10 @@ pub struct SoftSurrogate(Arc<Trained>);
 
 struct Trained {
     card: SoftCard,
-    network: Fast,
+    network: ObjectInference,
     graph: ObjectGraph,
     unit: Gel,
-    linear: Linear,
+    linear: LinearBaseline,
     body: SoftBody,
     /// Memory of presses that are done: to get it anew for each takes as long as the network.
     spare: Mutex<Vec<Memory>>,
@@ -47,7 +47,7 @@ struct Trained {
 /// What one press needs at a time.
 struct Memory {
     linear: compliance::Scratch,
-    network: Scratch,
+    network: ObjectBuffers,
 }
 
 /// Weights that are known by name.
@@ -83,10 +83,10 @@ impl SoftSurrogate {
         let network = Soft::new(&card.study.network, &parameters.builder())?;
         let mesh = tets_within(shape, card.model_nodes)?;
         let graph = ObjectGraph::new(&mesh);
-        let network = Fast::new(&network, &graph, &mesh)?;
+        let network = ObjectInference::new(&network, &graph, &mesh)?;
         let unit = Gel { moduli, friction, thickness: graph.length };
         let fine = tets_within(shape, card.linear_nodes)?;
-        let linear = Linear::new(fine, &mesh, moduli, friction)?;
+        let linear = LinearBaseline::new(fine, &mesh, moduli, friction)?;
         let body = SoftBody::new(mesh, Law::default(), moduli, &[])?;
         let spare = Mutex::default();
         Ok(Self(Arc::new(Trained { card, network, graph, unit, linear, body, spare })))
@@ -108,7 +108,7 @@ impl SoftSurrogate {
             Ok(half) => half,
             Err(error) => return vec![Err(error)],
         };
-        let mut scratch = Scratch::default();
+        let mut scratch = ObjectBuffers::default();
         let answers = self.0.linear.path(press).into_iter();
         answers.map(|linear| Ok(self.0.correct(press, &half, linear?, &mut scratch))).collect()
     }
@@ -137,7 +137,7 @@ impl Trained {
     fn with_memory<T>(&self, work: impl FnOnce(&mut Memory) -> T) -> T {
         let spare = || self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         let kept = spare().pop();
-        let new = || Memory { linear: self.linear.scratch(), network: Scratch::default() };
+        let new = || Memory { linear: self.linear.scratch(), network: ObjectBuffers::default() };
         let mut memory = kept.unwrap_or_else(new);
         let done = work(&mut memory);
         spare().push(memory);
@@ -150,13 +150,13 @@ impl Trained {
         press: &Press,
         half: &Vector3<f64>,
         linear: Deformation,
-        scratch: &mut Scratch,
+        scratch: &mut ObjectBuffers,
     ) -> Deformation {
         let start = Instant::now();
         let friction = press.friction().unwrap_or(self.unit.friction);
         let unit = Gel { friction, ..self.unit };
         let grip = Grip::of(half, &linear.poses);
-        let question = Question::new(&self.graph, &unit, &grip, &linear);
+        let question = ObjectInput::new(&self.graph, &unit, &grip, &linear);
         if question.amplitude == 0.0 {
             return linear;
         }

@@ -5,7 +5,7 @@
 use candle_core::Result;
 use nalgebra::Vector3;
 
-use super::{graph::ObjectGraph, network::Soft, question::Question};
+use super::{graph::ObjectGraph, network::Soft, question::ObjectInput};
 use crate::{
     geometry::TetMesh,
     surrogate::{
@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// The network on one object.
-pub(super) struct Fast {
+pub(super) struct ObjectInference {
     trunk: Trunk,
     nodes: [Dense; 2],
     stress: StressHead,
@@ -24,14 +24,14 @@ pub(super) struct Fast {
 
 /// Buffers of a forward pass.
 #[derive(Default)]
-pub(super) struct Scratch {
-    trunk: trunk::Scratch,
+pub(super) struct ObjectBuffers {
+    trunk: trunk::TrunkBuffers,
     hidden: Vec<f32>,
     says: Vec<f32>,
     corners: Vec<f32>,
 }
 
-impl Fast {
+impl ObjectInference {
     /// `network` on the `graph` of `mesh`.
     pub(super) fn new(network: &Soft, graph: &ObjectGraph, mesh: &TetMesh) -> Result<Self> {
         let heads = [&network.corners, &network.strain, &network.stress];
@@ -46,11 +46,11 @@ impl Fast {
     /// The corrected answer to `question`.
     pub(super) fn forward(
         &self,
-        question: &Question,
+        question: &ObjectInput,
         graph: &ObjectGraph,
-        scratch: &mut Scratch,
+        scratch: &mut ObjectBuffers,
     ) -> Fields {
-        let Scratch { trunk, hidden, says, corners } = scratch;
+        let ObjectBuffers { trunk, hidden, says, corners } = scratch;
         let edges = [0, 1, 2].map(|scale| graph.edges(scale, &question.turn));
         let edges = edges.each_ref().map(Vec::as_slice);
         let latent = self.trunk.latent(&question.features, &edges, trunk);
@@ -80,7 +80,7 @@ impl Fast {
 
 /// A vector at each node that starts with number `first` of its six in `says`, in the object's frame.
 fn said<'a>(
-    question: &Question,
+    question: &ObjectInput,
     says: &'a [f32],
     first: usize,
 ) -> impl Iterator<Item = [f32; 3]> + 'a {
@@ -91,7 +91,7 @@ fn said<'a>(
     })
 }
 
-fn displaced(question: &Question, says: &[f32]) -> Vec<f32> {
+fn displaced(question: &ObjectInput, says: &[f32]) -> Vec<f32> {
     let mut displacement = question.displacement.clone();
     let nodes = displacement.as_chunks_mut::<3>().0.iter_mut();
     for (node, added) in nodes.zip(said(question, says, 0)) {
@@ -101,7 +101,7 @@ fn displaced(question: &Question, says: &[f32]) -> Vec<f32> {
 }
 
 /// Forces on the nodes, in balance.
-fn pressed(question: &Question, says: &[f32]) -> Vec<f32> {
+fn pressed(question: &ObjectInput, says: &[f32]) -> Vec<f32> {
     let mut forces = question.forces.clone();
     let mut sum = [0.0; 3];
     let nodes = forces.as_chunks_mut::<3>().0.iter_mut().zip(&question.gates);
@@ -133,8 +133,8 @@ mod tests {
             let turn = UnitQuaternion::from_euler_angles(turn[0], turn[1], turn[2]);
             let (mesh, graph, question) = squeezed(&turn);
             let plain = network.forward(&question, &graph, &still()).unwrap();
-            let fast = Fast::new(&network, &graph, &mesh).unwrap();
-            let found = fast.forward(&question, &graph, &mut Scratch::default());
+            let fast = ObjectInference::new(&network, &graph, &mesh).unwrap();
+            let found = fast.forward(&question, &graph, &mut ObjectBuffers::default());
             for (name, plain, own) in [
                 ("displacement", &plain.displacement, &found.displacement[..]),
                 ("stress", &plain.stress, &found.stress),

@@ -10,12 +10,12 @@ use crate::{
 };
 
 /// A soft object's linear model.
-pub(super) struct Linear {
+pub(super) struct LinearBaseline {
     compliance: Compliance,
     transfer: Transfer,
 }
 
-impl Linear {
+impl LinearBaseline {
     /// On the mesh `fine`, answering on `model`.
     pub(super) fn new(
         fine: TetMesh,
@@ -46,7 +46,7 @@ impl Linear {
         Ok(self.carry(fine))
     }
 
-    /// Memory for [`Linear::last`].
+    /// Memory for [`LinearBaseline::last`].
     pub(super) fn scratch(&self) -> Scratch {
         self.compliance.scratch()
     }

@@ -14,11 +14,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     graph::ObjectGraph,
-    question::{FEATURES, Question},
+    question::{FEATURES, ObjectInput},
 };
 use crate::surrogate::{
     graph::{EDGE_FEATURES, SCALES},
-    layers::{Affine, Mlp},
+    layers::{Linear, Mlp},
     multi_scale::MultiScale,
     ops::{sparse, von_mises},
 };
@@ -47,13 +47,13 @@ impl Default for SoftConfig {
 pub(super) struct Soft {
     pub(super) scales: MultiScale,
     pub(super) nodes: Mlp,
-    pub(super) corners: Affine,
-    pub(super) strain: Affine,
-    pub(super) stress: Affine,
+    pub(super) corners: Linear,
+    pub(super) strain: Linear,
+    pub(super) stress: Linear,
 }
 
-/// What the network says, in the units of [`Question`] and the object's frame.
-pub(super) struct Answer {
+/// What the network says, in the units of [`ObjectInput`] and the object's frame.
+pub(super) struct ObjectOutput {
     /// (V, 3).
     pub(super) displacement: Tensor,
     /// Von Mises (1, T).
@@ -70,22 +70,22 @@ impl Soft {
         Ok(Self {
             scales: MultiScale::new([FEATURES, width], down, up, vb)?,
             nodes: Mlp {
-                first: Affine::new(width, width, &vb.pp("nodes.first"))?,
-                second: Affine::zero(width, 6, &vb.pp("nodes.second"))?,
+                first: Linear::new(width, width, &vb.pp("nodes.first"))?,
+                second: Linear::zero(width, 6, &vb.pp("nodes.second"))?,
             },
-            corners: Affine::new(width, corner, &vb.pp("corners"))?,
-            strain: Affine::new(3, corner, &vb.pp("strain"))?,
-            stress: Affine::zero(corner, 1, &vb.pp("stress"))?,
+            corners: Linear::new(width, corner, &vb.pp("corners"))?,
+            strain: Linear::new(3, corner, &vb.pp("strain"))?,
+            stress: Linear::zero(corner, 1, &vb.pp("stress"))?,
         })
     }
 
     /// Corrects the linear answer in `question`, seen in a mirror of the given `signs`.
     pub(super) fn forward(
         &self,
-        question: &Question,
+        question: &ObjectInput,
         graph: &ObjectGraph,
         signs: &Vector3<f64>,
-    ) -> Result<Answer> {
+    ) -> Result<ObjectOutput> {
         let nodes = question.gates.len();
         let latent = self.latent(question, graph, signs)?;
         let says = self.nodes.forward(&latent)?;
@@ -104,13 +104,13 @@ impl Soft {
         let forces = (forces - column(&question.bearing)?.matmul(&unbalanced)?)?;
         let force = forces.broadcast_mul(&column(&question.shares)?)?.sum_keepdim(0)?;
         let stress = self.stressed(question, graph, &latent, [&before, &displacement])?;
-        Ok(Answer { displacement, stress, forces, force })
+        Ok(ObjectOutput { displacement, stress, forces, force })
     }
 
     /// Features of the nodes after all rounds (V, H).
     fn latent(
         &self,
-        question: &Question,
+        question: &ObjectInput,
         graph: &ObjectGraph,
         signs: &Vector3<f64>,
     ) -> Result<Tensor> {
@@ -128,7 +128,7 @@ impl Soft {
 
     fn stressed(
         &self,
-        question: &Question,
+        question: &ObjectInput,
         graph: &ObjectGraph,
         latent: &Tensor,
         displacement: [&Tensor; 2],
@@ -170,7 +170,7 @@ pub(super) mod tests {
     /// what it asks.
     pub(in super::super) fn squeezed(
         turn: &UnitQuaternion<f64>,
-    ) -> (TetMesh, ObjectGraph, Question) {
+    ) -> (TetMesh, ObjectGraph, ObjectInput) {
         let mut mesh = tets_within(&Shape::Sphere { radius: 0.02 }, 150).unwrap();
         // No two distances are equal, or coarse scales would depend on rounding.
         for (i, place) in mesh.vertices.iter_mut().enumerate() {
@@ -198,7 +198,7 @@ pub(super) mod tests {
         let graph = ObjectGraph::new(&mesh);
         let unit = Gel { moduli: MODULI, friction: 0.8, thickness: graph.length };
         let grip = Grip::of(&half, &answer.poses);
-        let question = Question::new(&graph, &unit, &grip, &answer);
+        let question = ObjectInput::new(&graph, &unit, &grip, &answer);
         (mesh, graph, question)
     }
 

@@ -24,7 +24,7 @@ const GLOBALS: usize = 4;
 const REACH: f64 = 0.12;
 
 /// A squeeze with its linear answer.
-pub(super) struct Question {
+pub(super) struct ObjectInput {
     /// From the object's frame to the grip's.
     pub(super) turn: Matrix3<f64>,
     /// Vectors are in the grip's frame (V, FEATURES).
@@ -48,7 +48,7 @@ pub(super) struct Question {
     pub(super) strongest: f32,
 }
 
-impl Question {
+impl ObjectInput {
     /// What the `linear` answer to a squeeze by `grip` asks of the network. `unit.thickness` is L.
     pub(super) fn new(graph: &ObjectGraph, unit: &Gel, grip: &Grip, linear: &Deformation) -> Self {
         let length = graph.length;

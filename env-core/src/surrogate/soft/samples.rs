@@ -12,9 +12,9 @@ use nalgebra::{Isometry3, Vector3};
 use super::{
     graph::ObjectGraph,
     grip::Grip,
-    linear::Linear,
+    linear::LinearBaseline,
     network::{Soft, SoftConfig},
-    question::Question,
+    question::ObjectInput,
 };
 use crate::{
     Result,
@@ -42,7 +42,7 @@ pub(super) struct Sample {
     pub(super) part: Part,
     /// Units: the object's material and size, and the friction.
     pub(super) unit: Gel,
-    pub(super) question: Question,
+    pub(super) question: ObjectInput,
     /// The linear answer's time (s).
     pub(super) seconds: f64,
     pub(super) truth: Truth,
@@ -92,7 +92,12 @@ impl Objects {
                 let moduli = Moduli { young: gel.young, poisson: gel.poisson };
                 if let Entry::Vacant(vacant) = models.entry(frames.gel) {
                     let fine = object.tets_within(data.config().truth_nodes)?;
-                    vacant.insert(Linear::new(fine, &meshes[&object.name], moduli, gel.friction)?);
+                    vacant.insert(LinearBaseline::new(
+                        fine,
+                        &meshes[&object.name],
+                        moduli,
+                        gel.friction,
+                    )?);
                 }
                 let unit = Gel { moduli, friction: gel.friction, thickness: graph.length };
                 let outline = Sensor::named(&gel.sensor)?.outline;
@@ -102,7 +107,7 @@ impl Objects {
                 let part = part(object.split, &frames.grasp);
                 samples.extend(answers.iter().enumerate().map(|(i, answer)| {
                     let grip = Grip::of(&half, &answer.poses);
-                    let question = Question::new(graph, &unit, &grip, answer);
+                    let question = ObjectInput::new(graph, &unit, &grip, answer);
                     let truth = truth(frames, i, &question.shares, &unit);
                     let (grasp, seconds) = (frames.grasp.clone(), answer.seconds);
                     Sample { object: number, grasp, part, unit, question, seconds, truth }
@@ -129,7 +134,7 @@ fn part(split: Split, grasp: &str) -> Part {
 
 /// The linear model's answers to a grasp, until one fails.
 fn answers(
-    model: &Linear,
+    model: &LinearBaseline,
     frames: &SqueezeFrames,
     half: &Vector3<f64>,
 ) -> Result<Vec<Deformation>> {
