@@ -46,7 +46,7 @@ pub(super) struct PadInput {
 
 /// What finite elements say of a press.
 #[derive(Clone, Debug)]
-pub(super) struct Truth {
+pub(super) struct Target {
     /// (V, 3).
     pub(super) displacement: Vec<f32>,
     /// Von Mises (T).
@@ -146,7 +146,7 @@ impl PadInput {
     }
 }
 
-impl Truth {
+impl Target {
     /// The same truth in a mirror.
     pub(super) fn mirrored(&self, mirror: &Mirror) -> Self {
         Self {

@@ -8,7 +8,7 @@ use candle_nn::VarBuilder;
 
 use super::{
     corrector::{Batch, Corrector, CorrectorConfig, CorrectorOutput},
-    features::{Gel, PadInput, Truth},
+    features::{Gel, PadInput, Target},
     graph::PadGraph,
     metrics::Fields,
     samples::{Gels, Sample},
@@ -44,8 +44,8 @@ impl Parts {
 
 /// The errors of each press of `answer` against `truths`: of displacement, stress, forces on nodes
 /// and net force, (B) each.
-pub(super) fn errors(answer: &CorrectorOutput, truths: &[&Truth]) -> Result<[Tensor; 4]> {
-    let all = |field: fn(&Truth) -> &[f32]| {
+pub(super) fn errors(answer: &CorrectorOutput, truths: &[&Target]) -> Result<[Tensor; 4]> {
+    let all = |field: fn(&Target) -> &[f32]| {
         let values: Vec<f32> = truths.iter().flat_map(|truth| field(truth)).copied().collect();
         Tensor::from_vec(values, (truths.len(), field(truths[0]).len()), &Device::Cpu)
     };
@@ -77,7 +77,7 @@ impl Network for Corrector {
         sample.graph
     }
 
-    fn truth<'a>(gels: &'a Gels, sample: &'a Sample) -> (&'a Truth, &'a Gel) {
+    fn truth<'a>(gels: &'a Gels, sample: &'a Sample) -> (&'a Target, &'a Gel) {
         (&sample.truth, &gels.pads[sample.gel].gel)
     }
 
@@ -101,7 +101,7 @@ pub(super) fn parts(
 ) -> Result<Parts> {
     let mirror = &graph.mirrors[mirror];
     let questions: Vec<PadInput> = samples.iter().map(|s| s.question.mirrored(mirror)).collect();
-    let truths: Vec<Truth> = samples.iter().map(|s| s.truth.mirrored(mirror)).collect();
+    let truths: Vec<Target> = samples.iter().map(|s| s.truth.mirrored(mirror)).collect();
     let batch = Batch::new(&questions.iter().collect::<Vec<_>>())?;
     let answer = network.forward(&batch, graph)?;
     let [a, b, c, d] = errors(&answer, &truths.iter().collect::<Vec<_>>())?;

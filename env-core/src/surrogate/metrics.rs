@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    features::{Gel, Truth},
+    features::{Gel, Target},
     samples::{Gels, Sample},
     train::Network,
 };
@@ -22,7 +22,7 @@ const STILL: f64 = 1e-6;
 /// Share of the peak stress from which a tetrahedron belongs to the stressed set.
 const STRESSED: f64 = 0.05;
 
-/// Fields of an answer in the units of [`Truth`]; not a number where the answerer does not say.
+/// Fields of an answer in the units of [`Target`]; not a number where the answerer does not say.
 pub(super) struct Fields {
     pub(super) displacement: Vec<f32>,
     pub(super) stress: Vec<f32>,
@@ -105,7 +105,7 @@ pub struct Summary {
 
 impl PressErrors {
     /// Of `found` against `truth`, with units of length (m), stress (Pa) and `[…]`.
-    pub(super) fn of(found: &Fields, truth: &Truth, length: f64, stress: f64) -> Self {
+    pub(super) fn of(found: &Fields, truth: &Target, length: f64, stress: f64) -> Self {
         let nodes = (truth.displacement.len() / 3) as f64;
         let size = norm(&truth.displacement) * length;
         let peak =
@@ -222,7 +222,7 @@ pub(super) fn judge<N: Network>(
 }
 
 /// Errors of `fields` against the truth on a gel.
-pub(super) fn errors(fields: &Fields, truth: &Truth, gel: &Gel) -> PressErrors {
+pub(super) fn errors(fields: &Fields, truth: &Target, gel: &Gel) -> PressErrors {
     PressErrors::of(fields, truth, gel.thickness, gel.moduli.shear())
 }
 
@@ -232,7 +232,7 @@ mod tests {
 
     #[test]
     fn errors_are_the_ratios_of_norms() {
-        let truth = Truth {
+        let truth = Target {
             displacement: vec![3e-3, 0.0, 4e-3],
             stress: vec![1.0, 0.5, 0.01],
             forces: vec![0.0, 0.0, 2.0],
@@ -253,7 +253,7 @@ mod tests {
         near(errors.force, 0.5);
         near(errors.nodal_force, 0.5);
         assert!(!errors.still);
-        let still = Truth { displacement: vec![1e-9; 3], ..truth };
+        let still = Target { displacement: vec![1e-9; 3], ..truth };
         assert!(PressErrors::of(&found, &still, 2.0, 10.0).still);
     }
 }

@@ -9,7 +9,7 @@ mod adam;
 mod answer;
 mod budget;
 mod corrector;
-mod course;
+mod training_run;
 #[cfg(test)]
 mod double;
 mod extension;
@@ -36,9 +36,9 @@ mod weights;
 
 pub use answer::Surrogate;
 pub use corrector::CorrectorConfig;
-pub use course::Progress;
 pub use linear::Contact;
 pub use metrics::{PressErrors, Spread, Summary};
 pub use run::{Evaluated, evaluate, train};
 pub use train::{Epoch, Training};
+pub use training_run::Progress;
 pub use weights::{Card, Data, Usual};

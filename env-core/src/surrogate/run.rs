@@ -7,11 +7,11 @@ use sha2::{Digest, Sha256};
 use super::{
     budget::{Budget, Pace},
     corrector::Corrector,
-    course::{Course, Progress, Watch, trainable},
     metrics::{PressErrors, Summary, judge, judge_linear},
     paper::{self, PaperCard},
     samples::{Gels, Sample},
     train::Training,
+    training_run::{Progress, TrainingRun, Watch, trainable},
     weights::{self, Card, Data, Kind, Usual},
 };
 use crate::{
@@ -47,14 +47,19 @@ pub fn train(
     trainable(&training.split, &samples)?;
     let fingerprint = fingerprint(&dataset, &split);
     let pace = Pace::new(Budget::Epochs(training.epochs), &|| 0.0);
-    let mut course =
-        Course::<Corrector>::resumed(training.clone(), training, fingerprint.clone(), pace, out)?;
+    let mut run = TrainingRun::<Corrector>::resumed(
+        training.clone(),
+        training,
+        fingerprint.clone(),
+        pace,
+        out,
+    )?;
     if !watch(&Progress::Samples { train: samples.len(), lost })
-        || !course.run(&gels, &samples, &validation, watch)?
+        || !run.run(&gels, &samples, &validation, watch)?
     {
         return Ok(None);
     }
-    let (network, vectors) = course.chosen()?;
+    let (network, vectors) = run.chosen()?;
     let config = dataset.config();
     let amplitudes = samples.iter().map(|sample| f64::from(sample.question.amplitude));
     let card = Card {
@@ -74,7 +79,7 @@ pub fn train(
         test: Summary::of(&judge(&network, &gels, &test)?),
         linear: Summary::of(&judge_linear(&gels, &test)),
     };
-    course.finish(&vectors, &card)?;
+    run.finish(&vectors, &card)?;
     Ok(Some(card))
 }
 

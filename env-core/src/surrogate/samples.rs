@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
 use super::{
-    features::{Gel, PadInput, Truth},
+    features::{Gel, PadInput, Target},
     graph::PadGraph,
     linear::{Carried, Contact, LinearBaseline},
 };
@@ -34,7 +34,7 @@ pub(super) struct Sample {
     /// Name of its grasp.
     pub(super) grasp: String,
     pub(super) question: PadInput,
-    pub(super) truth: Truth,
+    pub(super) truth: Target,
 }
 
 /// The gels of a dataset with their linear models, and the graphs of their sensors.
@@ -160,12 +160,12 @@ impl Gels {
             gel: frames.gel,
             grasp: frames.grasp.clone(),
             question: PadInput::new(graph, gel, places, std::slice::from_ref(shape), linear),
-            truth: Truth::new(frames, frame, graph.columns, gel),
+            truth: Target::new(frames, frame, graph.columns, gel),
         }
     }
 }
 
-impl Truth {
+impl Target {
     /// What finite elements say of a frame on a pad of `columns` columns.
     pub(super) fn new(frames: &PadFrames, frame: usize, columns: usize, gel: &Gel) -> Self {
         let part = |field: &[f32], unit: f64| -> Vec<f32> {

@@ -6,7 +6,7 @@ use super::{
     Surrogate, adam,
     budget::{Budget, Pace},
     corrector::{Corrector, CorrectorConfig},
-    features::{Gel, PadInput, Truth, flat},
+    features::{Gel, PadInput, Target, flat},
     graph::PadGraph,
     linear::{Contact, LinearBaseline, body},
     loss::parts,
@@ -55,7 +55,7 @@ fn samples(depths: &[f64]) -> (PadGraph, Vec<Sample>) {
             gel: 0,
             grasp: "ball/000".to_owned(),
             question: PadInput::new(&graph, &gel, places, shapes, &linear.carry(&answer, true)),
-            truth: Truth {
+            truth: Target {
                 displacement: flat(&truth.displacement, gel.thickness),
                 stress: truth.von_mises.iter().map(|s| (s / GEL.shear()) as f32).collect(),
                 forces,

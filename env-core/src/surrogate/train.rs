@@ -13,7 +13,7 @@ use super::{
     adam::{self, Adam},
     budget::Budget,
     corrector::CorrectorConfig,
-    features::{Gel, Truth},
+    features::{Gel, Target},
     linear::Contact,
     metrics::Fields,
     parameters::Parameters,
@@ -36,13 +36,13 @@ pub(super) trait Network: Sized + Sync {
     fn graph(sample: &Self::Sample) -> usize;
 
     /// What a sample's answer should be, in the units of its gel.
-    fn truth<'a>(ground: &'a Self::Ground, sample: &'a Self::Sample) -> (&'a Truth, &'a Gel);
+    fn truth<'a>(ground: &'a Self::Ground, sample: &'a Self::Sample) -> (&'a Target, &'a Gel);
 
     /// What training makes small, on samples of one graph seen in one of its mirrors.
     fn loss(&self, ground: &Self::Ground, samples: &[&Self::Sample], mirror: usize)
     -> Result<Loss>;
 
-    /// The answer to a sample's question, in the units of [`Truth`].
+    /// The answer to a sample's question, in the units of [`Target`].
     fn answer(&self, ground: &Self::Ground, sample: &Self::Sample) -> Result<Fields>;
 }
 

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
     corrector::CorrectorConfig,
-    features::{self, Truth},
+    features::{self, Target},
     linear::Contact,
     metrics::{Summary, quantiles},
     parameters::Parameters,
@@ -88,7 +88,7 @@ pub struct Usual {
 
 impl Usual {
     /// Of what finite elements say of the presses to train on.
-    pub(super) fn of<'a>(truths: impl Iterator<Item = &'a Truth>) -> Self {
+    pub(super) fn of<'a>(truths: impl Iterator<Item = &'a Target>) -> Self {
         let norms = |field: &[f32]| -> Vec<f64> {
             let norm = |v: &[f32; 3]| Vector3::from(*v).cast::<f64>().norm();
             field.as_chunks().0.iter().map(norm).collect()

@@ -13,9 +13,9 @@ use crate::{
     dataset::Dataset,
     surrogate::{
         Evaluated, PressErrors, Progress, Spread, Summary,
-        course::Watch,
         metrics::{errors, judge, relative},
         train::Network,
+        training_run::Watch,
     },
 };
 

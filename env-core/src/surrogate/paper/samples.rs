@@ -16,8 +16,8 @@ use crate::{
     dataset::{Dataset, PadFrames},
     objects::Object,
     surrogate::{
-        course::{self, Watch},
-        features::{Gel, Truth},
+        features::{Gel, Target},
+        training_run::{self, Watch},
     },
 };
 
@@ -31,7 +31,7 @@ pub(super) struct Sample {
     pub(super) patch: Arc<Patch>,
     /// How the object has moved since, in the pad's frame.
     pub(super) moved: Isometry3<f64>,
-    pub(super) truth: Truth,
+    pub(super) truth: Target,
     /// Best-fit rigid motion of the gel, in units of its thickness.
     pub(super) rigid: [f32; MOTION],
 }
@@ -53,7 +53,9 @@ impl Bodies {
                 own.flat_map(|frames| self.frames(object, frames, density)).collect()
             }))
         };
-        let Some(shards) = course::shards(dataset.shards(), shard, watch)? else { return Ok(None) };
+        let Some(shards) = training_run::shards(dataset.shards(), shard, watch)? else {
+            return Ok(None);
+        };
         let mut samples = std::array::from_fn(|_| Vec::new());
         for shard in shards {
             samples.iter_mut().zip(shard).for_each(|(all, own): (&mut Vec<_>, _)| all.extend(own));
@@ -67,7 +69,7 @@ impl Bodies {
         let surface = object.surface(density.segments());
         let patch = Arc::new(Patch::new(&surface, &touch, graph.half, density));
         let one = |(i, pose): (usize, &Isometry3<f64>)| {
-            let truth = Truth::new(frames, i, graph.columns, gel);
+            let truth = Target::new(frames, i, graph.columns, gel);
             Sample {
                 gel: frames.gel,
                 grasp: frames.grasp.clone(),
@@ -83,7 +85,7 @@ impl Bodies {
 
 impl Pad {
     /// The best-fit rigid motion of a displacement, lengths in units of the thickness.
-    fn rigid(&self, truth: &Truth) -> [f32; MOTION] {
+    fn rigid(&self, truth: &Target) -> [f32; MOTION] {
         let Gel { thickness, .. } = self.gel;
         let places: Vec<_> = self.graph.places.iter().map(|p| p.coords / thickness).collect();
         let moved = truth.displacement.as_chunks::<3>().0.iter();
@@ -153,7 +155,7 @@ pub(super) mod tests {
                 .flat_map(|v| [v.x, v.y, v.z])
                 .collect(),
         };
-        let truth = Truth::new(&frames, 0, graph.columns, &gel);
+        let truth = Target::new(&frames, 0, graph.columns, &gel);
         let touch = graph.touch(&ball, pose);
         let surface = ball.surface(Density::Coarse.segments()).unwrap();
         let patch = Arc::new(Patch::new(&surface, &touch, graph.half, Density::Coarse));

@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     card::PaperCard,
-    course::{Frames, PaperRun, counts},
     judge::{Judged, judge_paper, thinned},
     parts::Parts,
     patch::Density,
+    run::{Frames, PaperRun, counts},
     target::Told,
 };
 use crate::{
@@ -21,10 +21,10 @@ use crate::{
         Contact, Progress, Spread, Summary, Training,
         budget::{Budget, Pace},
         corrector::{Corrector, CorrectorConfig},
-        course::trainable,
         metrics::{judge, judge_linear},
         samples::Gels,
         train::{Network, Trainer, positive, seeded, within},
+        training_run::trainable,
         weights,
     },
 };

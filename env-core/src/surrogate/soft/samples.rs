@@ -24,11 +24,11 @@ use crate::{
     objects::Split,
     sensor::Sensor,
     surrogate::{
-        course::{self, Watch},
-        features::{Gel, Truth},
+        features::{Gel, Target},
         loss::relative,
         metrics::Fields,
         train::{Loss, Network},
+        training_run::{self, Watch},
     },
 };
 
@@ -45,7 +45,7 @@ pub(super) struct Sample {
     pub(super) question: ObjectInput,
     /// The linear answer's time (s).
     pub(super) seconds: f64,
-    pub(super) truth: Truth,
+    pub(super) truth: Target,
 }
 
 /// What a grasp is for: of ten grasps of an object of a known family the last is judged and the one
@@ -115,7 +115,9 @@ impl Objects {
             }
             Ok((samples, lost))
         };
-        let Some(shards) = course::shards(data.shards(), shard, watch)? else { return Ok(None) };
+        let Some(shards) = training_run::shards(data.shards(), shard, watch)? else {
+            return Ok(None);
+        };
         let lost = shards.iter().map(|(_, lost)| lost).sum();
         let samples = shards.into_iter().flat_map(|(samples, _)| samples).collect();
         Ok(Some((Self { graphs, lost }, samples)))
@@ -147,14 +149,14 @@ fn answers(
 }
 
 /// What finite elements say of a frame.
-fn truth(frames: &SqueezeFrames, frame: usize, shares: &[f32], unit: &Gel) -> Truth {
+fn truth(frames: &SqueezeFrames, frame: usize, shares: &[f32], unit: &Gel) -> Target {
     let part = |field: &[f32], unit: f64| -> Vec<f32> {
         let size = field.len() / frames.fingers[0].len();
         field[frame * size..][..size].iter().map(|x| x / unit as f32).collect()
     };
     let forces = part(&frames.contact_force, unit.force());
     let force = squeezing(&forces, shares);
-    Truth {
+    Target {
         displacement: part(&frames.displacement, unit.thickness),
         stress: part(&frames.von_mises, unit.moduli.shear()),
         forces,
@@ -186,7 +188,7 @@ impl Network for Soft {
         0
     }
 
-    fn truth<'a>(_objects: &'a Objects, sample: &'a Sample) -> (&'a Truth, &'a Gel) {
+    fn truth<'a>(_objects: &'a Objects, sample: &'a Sample) -> (&'a Target, &'a Gel) {
         (&sample.truth, &sample.unit)
     }
 

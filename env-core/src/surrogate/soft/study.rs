@@ -15,10 +15,10 @@ use crate::{
     surrogate::{
         Progress, Spread, Summary, Training,
         budget::{Budget, Pace},
-        course::{Course, Watch},
         metrics::{Fields, errors, judge},
         run::hex,
         train::{positive, scaled, seeded, within},
+        training_run::{TrainingRun, Watch},
         weights::{Data, Kind},
     },
 };
@@ -149,20 +149,21 @@ impl SoftStudy {
             ..Training::<SoftConfig>::default()
         };
         let pace = Pace::new(Budget::of(study.epochs, study.seconds)?, clock);
-        let mut course = Course::<Soft>::resumed(training, &study, fingerprint.clone(), pace, out)?;
+        let mut run =
+            TrainingRun::<Soft>::resumed(training, &study, fingerprint.clone(), pace, out)?;
         if !watch(&Progress::Samples { train: train.len(), lost: objects.lost })
-            || !course.run(&objects, &train, &spare, watch)?
+            || !run.run(&objects, &train, &spare, watch)?
         {
             return Ok(None);
         }
-        let (network, vectors) = course.chosen()?;
+        let (network, vectors) = run.chosen()?;
         let amplitude = train.iter().map(|s| f64::from(s.question.amplitude)).fold(0.0, f64::max);
         let card = SoftCard {
             variant: "soft".to_owned(),
             study,
             model_nodes: dataset.config().model_nodes,
             linear_nodes: dataset.config().truth_nodes,
-            steps: course.trainer.adam.steps,
+            steps: run.trainer.adam.steps,
             lost: [objects.lost, objects.lost + count],
             data: Data {
                 train: counts(&train),
@@ -173,7 +174,7 @@ impl SoftStudy {
             known: judged(&network, &objects, &known)?,
             novel: judged(&network, &objects, &novel)?,
         };
-        course.finish(&vectors, &card)?;
+        run.finish(&vectors, &card)?;
         Ok(Some(card))
     }
 }

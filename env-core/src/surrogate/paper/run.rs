@@ -24,8 +24,8 @@ use crate::{
     surrogate::{
         Progress,
         budget::Pace,
-        course::{Course, Watch, trainable},
         run::fingerprint,
+        training_run::{TrainingRun, Watch, trainable},
         weights::Data,
     },
 };
@@ -127,16 +127,16 @@ impl PaperRun {
         trainable(&study.split, train)?;
         let print = fingerprint(&dataset, dataset.split(&study.split)?);
         let (training, pace) = (study.training(network), Pace::new(study.budget()?, clock));
-        let mut course = Course::<Told>::resumed(training, &(self, &study), print, pace, out)?;
+        let mut run = TrainingRun::<Told>::resumed(training, &(self, &study), print, pace, out)?;
         if !watch(&Progress::Samples { train: train.len(), lost: 0 })
-            || !course.run(bodies, train, &[], watch)?
+            || !run.run(bodies, train, &[], watch)?
         {
             return Ok(None);
         }
-        let (told, vectors) = course.chosen()?;
+        let (told, vectors) = run.chosen()?;
         let Some(judged) = frames.judged(&told, clock, watch)? else { return Ok(None) };
         let card = self.card(&study, &dataset, &frames, judged, trained_by)?;
-        course.finish(&vectors, &card)?;
+        run.finish(&vectors, &card)?;
         Ok(Some(card))
     }
 

@@ -97,7 +97,7 @@ const MOST: usize = weights::MOST as usize / 16;
 
 /// A training whose files are in a folder. One that ends by epochs leaves a checkpoint after each and
 /// goes on from it to the bit; one that ends by time leaves none.
-pub(super) struct Course<'a, N: Network> {
+pub(super) struct TrainingRun<'a, N: Network> {
     pub(super) trainer: Trainer<N>,
     out: &'a Path,
     pace: Pace<'a>,
@@ -106,7 +106,7 @@ pub(super) struct Course<'a, N: Network> {
     best: Option<f64>,
 }
 
-impl<'a, N: Network> Course<'a, N> {
+impl<'a, N: Network> TrainingRun<'a, N> {
     /// The one whose checkpoint is in `out`, or a new one if there is none.
     ///
     /// Errors: a checkpoint on other data than those of fingerprint `data`, or with other `settings`.
@@ -120,8 +120,8 @@ impl<'a, N: Network> Course<'a, N> {
         fs::create_dir_all(out).map_err(|error| Error::file(out, &error))?;
         let settings = serde_json::to_string(settings).expect("plain data");
         let trainer = Trainer::new(training)?;
-        let mut course = Self { trainer, out, pace, settings, data, best: None };
-        let numbers = course.trainer.parameters.count();
+        let mut run = Self { trainer, out, pace, settings, data, best: None };
+        let numbers = run.trainer.parameters.count();
         if numbers > MOST {
             return Err(Error::invalid(
                 "network",
@@ -131,17 +131,17 @@ impl<'a, N: Network> Course<'a, N> {
         }
         let path = out.join(LAST);
         if !path.exists() {
-            return Ok(course);
+            return Ok(run);
         }
         let (vectors, found) = checkpoint(&path)?;
-        if found.settings != course.settings || found.data != course.data {
+        if found.settings != run.settings || found.data != run.data {
             let reason =
                 "a run on other data or with other settings, expected this one's checkpoint";
             return Err(Error::file(&path, &reason));
         }
-        course.trainer.restore(&vectors, found.epoch, found.steps)?;
-        course.best = found.best;
-        Ok(course)
+        run.trainer.restore(&vectors, found.epoch, found.steps)?;
+        run.best = found.best;
+        Ok(run)
     }
 
     /// Trains until the budget is spent, choosing by `validation`; false if `watch` stops it.
