@@ -1,13 +1,13 @@
 //! Balance of contact and elastic forces on the condensed surface.
 //!
-//! The surface gives way by u = u₀ + C f to forces f on its nodes, and the shapes push back with
-//! f = t(u), the contact law integrated over the surface points. Newton's method on f − t(u₀ + C f)
-//! solves (1 + C H) δu = C (t − f) on the nodes that touch, H = −∂t/∂u, so the shapes' distance and
-//! normal are taken anew where the surface has moved to, and Coulomb's cone is met by return mapping
-//! at every point (Wriggers 2006, ch. 9). Where the full step fails to halve the imbalance, the
-//! energy is searched along it with the friction limits held.
+//! Under forces f on its nodes the surface is displaced by u = u₀ + C f. The shapes exert f = t(u),
+//! the contact law integrated over the surface points. Newton's method on f − t(u₀ + C f) solves
+//! (1 + C H) δu = C (t − f) on the touching nodes, with H = −∂t/∂u. Distances and normals of the
+//! shapes are evaluated on the displaced surface in every step, and Coulomb's cone is enforced by
+//! return mapping at every point (Wriggers 2006, ch. 9). Where the full step does not halve the
+//! residual force, a line search on the energy follows, with the friction limits held fixed.
 //!
-//! Arrays are those of a [`Zone`]: m free nodes.
+//! Shapes: m free nodes of a [`Zone`].
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
@@ -28,44 +28,45 @@ pub(super) struct Contact<'a> {
     pub(super) newton: &'a mut Newton,
 }
 
-/// Forces on the nodes and what comes of them.
+/// Nodal forces tried by Newton's method, and the state of the surface under them.
 pub(super) struct Trial {
-    /// Forces that the surface gives way to (m) in N.
+    /// Applied nodal forces (m) in N.
     pub(super) forces: Vec<Vector3<f64>>,
-    /// Displacement of all nodes of the zone (m).
+    /// Displacement of all nodes of the zone in m.
     pub(super) displacement: Vec<Vector3<f64>>,
     pub(super) touches: Vec<Touch>,
-    /// What the contact exerts beyond `forces` (m) in N.
+    /// Residual force: contact force minus `forces` (m) in N.
     pub(super) excess: Vec<Vector3<f64>>,
     /// Norm of `excess` (N).
     imbalance: f64,
 }
 
-/// What is known of the balance before it is sought.
+/// Initial guess for the balance.
 #[derive(Clone, Default)]
 pub(super) struct Guess {
-    /// Forces on the free nodes in a balance before (m) in N.
+    /// Forces on the free nodes in an earlier balance (m) in N.
     pub(super) forces: Vec<Vector3<f64>>,
-    /// The touches in that balance.
+    /// Touches in that balance.
     pub(super) touches: Vec<Touch>,
-    /// How far the shape has moved since against each of these points (m).
+    /// Motion of the shape since then relative to each of these points, in m.
     pub(super) motion: Vec<Vector3<f64>>,
 }
 
-/// A change of forces and what it does to the displacement of the free nodes.
+/// Change of the forces, with the change of displacement of the free nodes that it causes.
 pub(super) struct Step {
     forces: Vec<Vector3<f64>>,
     pub(super) displacement: Vec<Vector3<f64>>,
 }
 
-/// Most Newton steps.
+/// Greatest number of Newton steps.
 const MOST: usize = 40;
-/// Imbalance accepted, relative to the forces.
+/// Accepted residual force, relative to the forces.
 const RELATIVE: f64 = 1e-5;
 
 impl Contact<'_> {
-    /// Forces in balance near those of the `guess` when the body by itself is displaced by `offset`
-    /// (m), and the Newton steps taken. `tolerance` (N) is the least imbalance asked for.
+    /// Finds forces in balance near those of the `guess`, and returns them with the number of
+    /// Newton steps taken. `offset` (m) is the displacement without forces. A residual of
+    /// `tolerance` (N) or less is always accepted.
     pub(super) fn settle(
         &mut self,
         offset: &[Vector3<f64>],
@@ -88,7 +89,8 @@ impl Contact<'_> {
         Err(not_converged(MOST, at.imbalance))
     }
 
-    /// Where Newton's method starts.
+    /// Returns the first state of Newton's method: the `guess` advanced by one linear step. `None`
+    /// if a point is then on the far side of a shape.
     fn begin(&mut self, offset: &[Vector3<f64>], guess: Guess) -> Option<Trial> {
         let Guess { mut forces, mut touches, motion } = guess;
         let mut excess = vec![Vector3::zeros(); self.zone.free];
@@ -111,7 +113,8 @@ impl Contact<'_> {
         self.trial(forces, displacement)
     }
 
-    /// The surface under `forces`, displaced by `offset` without them (m).
+    /// Displacement of the surface under `forces` (m); `offset` (m) is the displacement without
+    /// them.
     fn displaced(&mut self, offset: &[Vector3<f64>], forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut displacement = offset.to_vec();
         for (u, du) in displacement.iter_mut().zip(self.respond(forces)) {
@@ -120,8 +123,8 @@ impl Contact<'_> {
         displacement
     }
 
-    /// Contact on the surface displaced by `displacement`, or `None` if a point came out on the far
-    /// side of a shape.
+    /// Finds the touches on the surface displaced by `displacement`; `None` if a point is on the
+    /// far side of a shape.
     pub(super) fn touches(&mut self, displacement: &[Vector3<f64>]) -> Option<Vec<Touch>> {
         let zone = self.zone;
         let place = |point: &SurfacePoint| point.place(&zone.places, displacement);
@@ -175,7 +178,7 @@ impl Contact<'_> {
         Some(Trial { forces, displacement, touches, excess, imbalance })
     }
 
-    /// After a `share` of `step`.
+    /// Returns the state after a `share` of `step`.
     pub(super) fn moved(&mut self, at: &Trial, step: &Step, share: f64) -> Option<Trial> {
         let add = |to: &[Vector3<f64>], change: &[Vector3<f64>]| {
             let mut sum = to.to_vec();
@@ -186,7 +189,7 @@ impl Contact<'_> {
         self.trial(forces, add(&at.displacement, &step.displacement))
     }
 
-    /// One Newton step, or `None` if none was found.
+    /// Returns the state after one Newton step, or `None` if no acceptable step was found.
     fn advance(&mut self, offset: &[Vector3<f64>], at: &Trial) -> Option<Trial> {
         let slips = at.touches.iter().any(|touch| self.coupling(touch).is_some());
         for coupled in [true, false] {
@@ -213,7 +216,7 @@ impl Contact<'_> {
         Some(self.law.limit_coupling(point, touch)? * point.area)
     }
 
-    /// Stiffness of a touch (N/m); `coupled` lets the friction limit follow the depth.
+    /// Stiffness of a touch (N/m); if `coupled`, the friction limit follows the depth.
     fn hessian(&self, touch: &Touch, coupled: bool) -> Matrix3<f64> {
         let point = &self.zone.surface[touch.point as usize];
         let hessian = self.law.hessian(point, touch, self.law.limit(point, touch)) * point.area;
@@ -221,7 +224,7 @@ impl Contact<'_> {
         coupling.map_or(hessian, |coupling| hessian + coupling)
     }
 
-    /// Free nodes that carry a touching point, with their shares.
+    /// Free nodes that a touching point is interpolated from, with their weights.
     fn carriers(&self, touch: &Touch) -> impl Iterator<Item = (usize, f64)> + Clone {
         let zone = self.zone;
         let shares = zone.surface[touch.point as usize].shares.iter();
@@ -229,7 +232,7 @@ impl Contact<'_> {
         shares.filter(|&(node, _)| node < zone.free)
     }
 
-    /// Newton's step of the forces for what the contact exerts in `excess` of them.
+    /// Newton step of the forces for the residual force `excess`.
     fn newton_forces(
         &mut self,
         touches: &[Touch],
@@ -249,8 +252,8 @@ impl Contact<'_> {
     }
 }
 
-/// Those at least half as deep as the deepest: nearer to where a round shape will touch than all of
-/// them, and free of those that an edge would push aside.
+/// Keeps the touches at least half as deep as the deepest. They lie close to where a round shape
+/// will touch, and an edge pushes none of them sideways.
 fn deepest(mut touches: Vec<Touch>) -> Vec<Touch> {
     let deepest = touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
     touches.retain(|touch| touch.depth >= 0.5 * deepest);

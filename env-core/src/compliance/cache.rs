@@ -1,9 +1,10 @@
-//! Condensed bodies on disk.
+//! Storage of condensed bodies on disk.
 //!
-//! One file a body, named after the SHA-256 of its mesh, moduli, fixed nodes and the version of this
-//! format. It holds that key, the SHA-256 of the numbers, and the numbers (little-endian f64). A file
-//! that is missing, of another length or damaged is computed anew; it is written beside its place
-//! and then moved there, so that no reader sees half of it.
+//! Each body has one file, named after the SHA-256 of its mesh, moduli, fixed nodes and the version
+//! of this format. The file holds that hash, the SHA-256 of the numbers, and the numbers
+//! (little-endian f64). If it is missing, damaged or of another length, the numbers are computed
+//! and stored. A file is written under a temporary name and then renamed, so that no reader sees an
+//! incomplete one.
 
 use std::{
     fs,
@@ -15,12 +16,12 @@ use sha2::{Digest, Sha256};
 
 use crate::{Error, Result, deformation::SoftBody};
 
-/// Changes when the numbers do: format, element or stiffness.
+/// Version of the stored numbers; it changes with the format, the element or the stiffness.
 const VERSION: &str = "ruffini compliance 1: p1-bar at rest";
 
 type Hash = [u8; 32];
 
-/// The place of one body's compliance in a directory.
+/// File of one body's compliance in a directory.
 pub(super) struct Stored {
     key: Hash,
     path: PathBuf,
@@ -34,7 +35,7 @@ impl Stored {
         Self { key, path: directory.join(format!("compliance-{name:016x}.bin")) }
     }
 
-    /// The stored `count` numbers, or those of `compute`, which are then stored.
+    /// Returns the `count` stored numbers, or those of `compute`, which it then stores.
     pub(super) fn read_or_compute(
         &self,
         count: usize,
@@ -65,7 +66,7 @@ impl Stored {
         let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
         let directory = self.path.parent().unwrap_or(Path::new("."));
         fs::create_dir_all(directory)?;
-        // Writers may be several: each has a file of its own until it is complete.
+        // Several processes may write at once: each has a file of its own until it is complete.
         let unfinished = self.path.with_extension(format!("{}.part", std::process::id()));
         let mut file = fs::File::create(&unfinished)?;
         file.write_all(&self.key)?;

@@ -1,9 +1,10 @@
-//! A body condensed to its skin, once.
+//! Condensation of a body to its skin, done once.
 //!
 //! The compliance C is the displacement of every skin node under a unit force on every other: the
-//! inverse of the stiffness K at rest, between skin nodes only. It is symmetric.
+//! inverse of the stiffness K at rest, restricted to skin nodes. It is symmetric.
 //!
-//! Shapes: V nodes, M skin nodes (free nodes that carry a surface point), C surface points.
+//! Shapes: V nodes, M skin nodes (free nodes that a surface point is interpolated from), C surface
+//! points.
 
 use std::{path::Path, sync::Arc};
 
@@ -19,10 +20,10 @@ use crate::{
     simd::vectorised,
 };
 
-/// Not a skin node.
+/// Rank of a node that is not a skin node.
 pub(super) const INSIDE: u32 = u32::MAX;
 
-/// What all presses of a body share. Copies differ in their contact points.
+/// Data shared by all presses of a body. Copies may differ in their contact points.
 #[derive(Clone)]
 pub(super) struct Condensed {
     pub(super) body: SoftBody,
@@ -31,29 +32,29 @@ pub(super) struct Condensed {
     pub(super) rank: Arc<[u32]>,
     /// The skin nodes (M).
     pub(super) skin: Arc<[u32]>,
-    /// Three rows of numbers for each skin node (3M, 3M) in m/N.
+    /// Compliance C, three rows for each skin node (3M, 3M) in m/N.
     compliance: Arc<Vec<f64>>,
-    /// Points at which contact is felt (C).
+    /// Points at which contact is evaluated (C).
     pub(super) surface: Arc<[SurfacePoint]>,
-    /// The faces that are held.
+    /// Points on the held faces, which shapes must not enter.
     pub(super) backing: Arc<Backing>,
     pub(super) facets: Arc<[Facet]>,
 }
 
-/// A face of the surface at rest.
+/// Face of the surface at rest.
 pub(super) struct Facet {
     pub(super) centre: Point3<f64>,
     /// Distance of its farthest surface point from the centre (m).
     pub(super) radius: f64,
-    /// Largest sum of the absolute shares of one of its points: at least 1.
+    /// Largest sum of the absolute weights of one of its points; at least 1.
     pub(super) gain: f64,
     pub(super) nodes: Vec<u32>,
-    /// Its surface points.
+    /// Indices of its surface points.
     pub(super) points: std::ops::Range<u32>,
 }
 
 impl Condensed {
-    /// Condenses `body`; with a `directory` the result is read from there if it was stored before,
+    /// Condenses `body`. With a `directory`, the result is read from there if it was stored before,
     /// and stored there if not.
     pub(super) fn new(body: SoftBody, directory: Option<&Path>) -> Result<Self> {
         let rest = Linearised::new(&body)?;
@@ -92,7 +93,8 @@ impl Condensed {
         Ok(Self { body, rest, rank, skin, compliance, surface, backing, facets })
     }
 
-    /// With the contact points that it takes to feel `press`, if some of its shapes are thin.
+    /// Returns the body with contact points as close together as the thin shapes of `press`
+    /// require.
     pub(super) fn suited(self: &Arc<Self>, press: &Press) -> Result<Arc<Self>> {
         let Some((surface, backing)) = self.rest.closer_surface(&self.body, press)? else {
             return Ok(Arc::clone(self));
@@ -102,24 +104,24 @@ impl Condensed {
         Ok(Arc::new(Self { surface, backing, facets, ..(**self).clone() }))
     }
 
-    /// Rows of the compliance for a force on a skin node, by its rank (3, 3M).
+    /// Rows of the compliance for a force on the skin node of this rank (3, 3M).
     pub(super) fn rows(&self, rank: u32) -> &[f64] {
         let size = 9 * self.skin.len();
         &self.compliance[rank as usize * size..][..size]
     }
 
-    /// Three rows of numbers for each skin node (3M, 3M) in m/N.
+    /// Compliance C, three rows for each skin node (3M, 3M) in m/N.
     pub(super) fn compliance(&self) -> &[f64] {
         &self.compliance
     }
 
-    /// Rank of a node among the skin nodes, if it is one.
+    /// Rank of a node among the skin nodes; `None` if it is not one.
     pub(super) fn rank_of(&self, node: u32) -> Option<usize> {
         let rank = self.rank[node as usize];
         (rank != INSIDE).then_some(rank as usize)
     }
 
-    /// Displacement of the skin under `forces` on some of its `nodes`, zero at all others (V) in m.
+    /// Displacement (V) in m under `forces` on `nodes`, known on the skin and zero elsewhere.
     pub(super) fn response(&self, nodes: &[u32], forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut sum = vec![0.0; 3 * self.skin.len()];
         for (&node, force) in nodes.iter().zip(forces).filter(|(_, f)| **f != Vector3::zeros()) {
@@ -133,7 +135,8 @@ impl Condensed {
     }
 }
 
-/// Adds to `sum` what a `force` does whose components have these three `rows` of the compliance.
+/// Adds to `sum` the displacement under a `force`; `rows` are the rows of the compliance for its
+/// three components.
 pub(super) fn add_rows(sum: &mut [f64], rows: &[f64], force: &[f64; 3]) {
     let (x, rest) = rows.split_at(sum.len());
     let (y, z) = rest.split_at(sum.len());
@@ -151,7 +154,7 @@ fn carriers(point: &SurfacePoint) -> impl Iterator<Item = u32> {
     point.shares.iter().map(|&(node, _)| node)
 }
 
-/// Skin nodes solved for in one piece of work.
+/// Number of skin nodes solved for in one task.
 const BATCH: usize = 8;
 
 fn condense(rest: &Linearised, skin: &[u32]) -> Vec<f64> {
@@ -167,7 +170,7 @@ fn condense(rest: &Linearised, skin: &[u32]) -> Vec<f64> {
     compliance
 }
 
-/// Runs of surface points that the same nodes carry.
+/// Groups consecutive surface points that are interpolated from the same nodes.
 fn facets(surface: &[SurfacePoint], places: &[Point3<f64>]) -> Vec<Facet> {
     let mut facets = Vec::new();
     let (mut first, still) = (0, vec![Vector3::zeros(); places.len()]);

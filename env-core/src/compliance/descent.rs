@@ -1,17 +1,18 @@
-//! Search along a Newton step by the energy of body and contact.
+//! Line search along a Newton step on the energy of body and contact.
 
 use nalgebra::Vector3;
 
 use super::balance::{Contact, Step, Trial, dot};
 use crate::contact::Touch;
 
-/// Fraction of the expected fall of energy that a step must bring (Armijo).
+/// Smallest accepted decrease of the energy, as a fraction of the predicted one (Armijo).
 const ARMIJO: f64 = 1e-4;
-/// Shortest fraction of a Newton step that is tried.
+/// Smallest fraction of a Newton step that is tried.
 const SHORTEST: f64 = 1e-3;
 
 impl Contact<'_> {
-    /// Backtracks along `step` until the energy has fallen enough for its slope (Armijo).
+    /// Halves `step` until the energy decreases enough for its slope (Armijo); `None` if it never
+    /// does.
     pub(super) fn line_search(
         &mut self,
         offset: &[Vector3<f64>],
@@ -38,7 +39,7 @@ impl Contact<'_> {
         None
     }
 
-    /// Energy of body and contact with friction cut at `limits` (J).
+    /// Energy of body and contact with friction limited to `limits` (J).
     fn energy(&self, offset: &[Vector3<f64>], at: &Trial, limits: &[f64]) -> f64 {
         let give = at.displacement.iter().zip(offset).map(|(u, u0)| u - u0);
         let elastic: f64 = at.forces.iter().zip(give).map(|(f, u)| 0.5 * f.dot(&u)).sum();
@@ -50,7 +51,7 @@ impl Contact<'_> {
         elastic + at.touches.iter().map(contact).sum::<f64>()
     }
 
-    /// The friction limit of every pair of shape and point; 0 for those that do not touch (Pa).
+    /// Friction limit of every pair of shape and point (Pa); 0 for pairs that do not touch.
     fn friction_limits(&self, touches: &[Touch]) -> Vec<f64> {
         let mut limits = vec![0.0; self.poses.len() * self.zone.surface.len()];
         for touch in touches {

@@ -1,25 +1,25 @@
 //! Acceleration of a fixed-point iteration x ← x + r(x) (Anderson 1965; Walker and Ni 2011).
 //!
-//! Of the combinations of the last iterates whose r, taken as linear, is least, the next iterate is
-//! the one reached from there by the plain step.
+//! The combination of the last iterates with the smallest r, taken as linear, is computed; a plain
+//! step from there leads to the next iterate.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-/// The last iterates.
+/// Record of the last iterates.
 pub(super) struct Mixing {
-    /// Earlier iterates remembered at most.
+    /// Greatest number of earlier iterates kept.
     depth: usize,
     /// Iterates with their r, oldest first.
     iterates: Vec<[Vec<Vector3<f64>>; 2]>,
 }
 
 impl Mixing {
-    /// Of iterates to come with `depth` earlier ones.
+    /// Returns an empty record that keeps `depth` iterates before the last.
     pub(super) fn new(depth: usize) -> Self {
         Self { depth, iterates: Vec::new() }
     }
 
-    /// Remembers that the iterate `x` has the plain step `r`.
+    /// Adds the iterate `x` with its plain step `r`.
     pub(super) fn record(&mut self, x: &[Vector3<f64>], r: &[Vector3<f64>]) {
         if self.iterates.len() > self.depth {
             self.iterates.remove(0);
@@ -27,7 +27,7 @@ impl Mixing {
         self.iterates.push([x.to_vec(), r.to_vec()]);
     }
 
-    /// The next iterate by the [`Mixing::shares`], if at least one was recorded.
+    /// Next iterate for these [`Mixing::shares`]; empty if none was recorded.
     pub(super) fn next(&self, shares: &[f64]) -> Vec<Vector3<f64>> {
         let Some(([x, r], before)) = self.iterates.split_last() else { return Vec::new() };
         let mut next: Vec<_> = x.iter().zip(r).map(|(x, r)| x + r).collect();
@@ -40,7 +40,7 @@ impl Mixing {
         next
     }
 
-    /// Shares γ of the earlier iterates, oldest first, that make ‖r + Σ γᵢ (rᵢ − r)‖ least.
+    /// Shares γ of the earlier iterates, oldest first, that minimise ‖r + Σ γᵢ (rᵢ − r)‖.
     pub(super) fn shares(&self) -> Vec<f64> {
         let Some(([_, r], before)) = self.iterates.split_last() else { return Vec::new() };
         let change = |[_, other]: &[Vec<Vector3<f64>>; 2]| -> Vec<Vector3<f64>> {

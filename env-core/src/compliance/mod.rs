@@ -1,12 +1,12 @@
-//! Linear elasticity of a body, condensed once to its surface: the second answerer.
+//! Linear elasticity of a body, condensed once to its surface.
 //!
-//! The stiffness is that of the finite elements at rest ([`crate::fem`], `p1-bar`), so the body
-//! answers contact by a dense compliance matrix between the nodes of its surface; the contact itself
-//! is the same as there: the same surface points, law and history ([`crate::contact`]), and a press
-//! may go on where either model ended. What is lost is large strain. [`Options::sweeps`] buys it
-//! back: each is a step of modified Newton with the stiffness at rest and the true forces of the
-//! body's own law, taken only where it lowers the unbalanced force, which
-//! [`Deformation::residual`](crate::deformation::Deformation) states.
+//! The stiffness is that of the finite elements at rest ([`crate::fem`], `p1-bar`), reduced to a
+//! dense compliance matrix between the nodes of the surface. Contact has the same surface points,
+//! law and history as there ([`crate::contact`]), and a press may continue from a history of either
+//! model. Large strain is neglected. [`Options::sweeps`] corrects for it: each sweep is a step of
+//! modified Newton with the stiffness at rest and the forces of the body's own law. It is accepted
+//! only if it lowers the residual force, which
+//! [`Deformation::residual`](crate::deformation::Deformation) reports.
 //!
 //! A body is held by fixed nodes, or is free ([`Compliance::free`]) and held by contact alone.
 
@@ -41,19 +41,20 @@ use condensed::Condensed;
 pub(crate) use walk::Scratch;
 use walk::{Settings, Walk};
 
-/// How a [`Compliance`] computes.
+/// Settings of a [`Compliance`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Options {
     /// Coefficient of Coulomb friction between body and shapes.
     pub friction: f64,
-    /// Most corrections of a load step by the true residual, 0 to 12; none is linear elasticity.
+    /// Greatest number of corrections of a load step by the forces of the body's own law, 0 to 12;
+    /// with 0 the body is linearly elastic.
     pub sweeps: usize,
 }
 
-/// Most sweeps that may be asked for.
+/// Greatest number of sweeps allowed.
 const MOST_SWEEPS: usize = 12;
 
-/// The compliance model of one soft body. Copies share what was computed in advance.
+/// Compliance model of one soft body. Copies share the precomputed data.
 #[derive(Clone)]
 pub struct Compliance {
     condensed: Arc<Condensed>,
@@ -61,22 +62,22 @@ pub struct Compliance {
 }
 
 impl Compliance {
-    /// Condenses `body`, whose fixed nodes must hold it.
+    /// Condenses `body`; returns an error if its fixed nodes do not hold it.
     pub fn new(body: SoftBody, options: Options) -> Result<Self> {
         Self::condensed(body, options, None)
     }
 
-    /// Condenses a `body` without fixed nodes, which has no compliance of its own as a whole: springs at
-    /// its nodes, a ten-thousandth as stiff as it is, tie it to where it rests and bear what the contact
-    /// forces leave unbalanced. It has fewer contact points than finite elements, so neither goes on from
+    /// Condenses a `body` without fixed nodes. Springs at its nodes, a ten-thousandth as stiff as
+    /// the body, tie it to its rest position and bear the contact forces that are not balanced. The
+    /// model has fewer contact points than the finite-element model, so neither can continue from
     /// the other's history.
     pub fn free(body: SoftBody, options: Options) -> Result<Self> {
         let settings = settings(&body, options)?;
         Ok(Self { condensed: Arc::new(Condensed::free(body)?), settings })
     }
 
-    /// As [`Compliance::new`], reading the compliance from a file in `directory`, or writing it there
-    /// if it is missing, damaged or of another body.
+    /// Returns [`Compliance::new`] with the compliance read from a file in `directory`; the file is
+    /// written if it is missing, damaged or of another body.
     pub fn cached(body: SoftBody, options: Options, directory: &Path) -> Result<Self> {
         Self::condensed(body, options, Some(directory))
     }
@@ -86,7 +87,7 @@ impl Compliance {
         Ok(Self { condensed: Arc::new(Condensed::new(body, directory)?), settings })
     }
 
-    /// The same body with other options.
+    /// Returns a model of the same body with other options.
     pub fn with_options(&self, options: Options) -> Result<Self> {
         let settings = settings(self.body(), options)?;
         Ok(Self { condensed: Arc::clone(&self.condensed), settings })
@@ -97,24 +98,24 @@ impl Compliance {
         &self.condensed.body
     }
 
-    /// Every frame of `press`, in order; the first that is not solved is an error and the last.
+    /// Solves every frame of `press`, in order; the first that fails is an error and the last.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         self.every(press, whole)
     }
 
-    /// Force and torque in every frame of `press`, as in [`Compliance::solve_path`], but without
-    /// the fields, and so without the error that a tetrahedron is turned inside out.
+    /// Force and torque in every frame of `press`, as in [`Compliance::solve_path`] but without the
+    /// fields. Inverted tetrahedra are therefore not reported as an error.
     pub fn wrenches(&self, press: &Press) -> Vec<Result<Wrench>> {
         self.every(press, |walk| Ok(walk.state.wrench))
     }
 
-    /// Where each of `presses` ends, as in [`DeformationModel::solve`], but without stress and
-    /// residual, and so without the error that a tetrahedron is turned inside out.
+    /// Solves the last frame of each of `presses`, like [`DeformationModel::solve`] but without
+    /// stress and residual. Inverted tetrahedra are therefore not reported as an error.
     pub fn moved(&self, presses: &[Press]) -> Vec<Result<Moved>> {
         self.each(presses, |walk| Ok(walk.moved()))
     }
 
-    /// The last frame of `press`; its residual is 0 unless it is wanted.
+    /// Solves the last frame of `press`; its residual is 0 unless `with_residual`.
     pub(crate) fn last(
         &self,
         press: &Press,
@@ -126,7 +127,7 @@ impl Compliance {
         walk.last(press, |walk| if with_residual { walk.report() } else { walk.stressed() })
     }
 
-    /// Memory for [`Compliance::last`], for one press after the other.
+    /// Working memory for [`Compliance::last`], reused for successive presses.
     pub(crate) fn scratch(&self) -> Scratch {
         Scratch::new(&self.condensed)
     }
@@ -150,7 +151,8 @@ impl Compliance {
         settings
     }
 
-    /// What `report` says of the end of each press. Presses are solved in parallel, each on one thread.
+    /// Solves each press to its end and returns the result of `report` there. Presses are solved in
+    /// parallel, each on one thread.
     fn each<T: Send>(
         &self,
         presses: &[Press],
@@ -165,14 +167,14 @@ impl Compliance {
     }
 }
 
-/// A pressed body without stress and residual, which cost more than what is here.
+/// Solution of a press without stress and residual, which cost more than the rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Moved {
     /// Contact force on the nodes (V, 3) in N.
     pub contact_force: Vec<Vector3<f64>>,
     /// Resultant of all contact on the soft body.
     pub wrench: Wrench,
-    /// Displacement of the nodes, poses, and what the contact remembers.
+    /// Displacement of the nodes, poses and contact history.
     pub history: History,
     /// Newton steps taken since the last frame.
     pub iterations: usize,

@@ -1,10 +1,10 @@
-//! The linear system of a Newton step, (1 + H C) δf = what the contact exerts beyond f.
+//! Linear system of a Newton step: (1 + H C) δf = residual force, the contact force minus f.
 //!
-//! GMRES multiplies by C between the nodes that touch and by H = −∂t/∂u at the touching points. It is
-//! preconditioned by the factors of an earlier such system, which are made anew only where they no
-//! longer help: the touches of a step that goes on are nearly those before.
+//! GMRES multiplies by C between the nodes that touch and by H = −∂t/∂u at the touching points. It
+//! is preconditioned by the factors of an earlier system, recomputed only when GMRES no longer
+//! converges with them: the touches change little from one step to the next.
 //!
-//! Arrays are those of a [`Zone`], m free nodes; A of them are active.
+//! Shapes: m free nodes of a [`Zone`], A of them active.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -21,10 +21,10 @@ use crate::{
 /// A touching point with its stiffness (N/m).
 pub(super) type Touching<'a> = (&'a SurfacePoint, Matrix3<f64>);
 
-/// Not an active node.
+/// Rank of a node that is not active.
 const INACTIVE: u32 = u32::MAX;
 
-/// The systems of one zone.
+/// Linear systems of one zone.
 #[derive(Default)]
 pub(super) struct Newton {
     /// Rank of each free node among the active, or [`INACTIVE`] (m).
@@ -33,13 +33,13 @@ pub(super) struct Newton {
     active: Vec<u32>,
     /// Three rows of the compliance for each active node (3A, 3m) in m/N.
     rows: Vec<f64>,
-    /// Those between the active nodes (3A, 3A).
+    /// Compliance between the active nodes (3A, 3A) in m/N.
     between: Vec<f64>,
     preconditioner: Preconditioner,
 }
 
 impl Newton {
-    /// Forgets all, for a zone with `free` free nodes.
+    /// Discards all data and prepares for a zone with `free` free nodes.
     pub(super) fn enter(&mut self, free: usize) {
         self.rank.clear();
         self.rank.resize(free, INACTIVE);
@@ -68,7 +68,7 @@ impl Newton {
         moved.as_chunks::<3>().0.iter().map(|&u| Vector3::from(u)).collect()
     }
 
-    /// δf for the `excess` (m) in N, or `None` if there is no finite one.
+    /// Solves for δf with the residual force `excess` (m) in N; `None` if the result is not finite.
     pub(super) fn solve(
         &mut self,
         condensed: &Condensed,
@@ -100,7 +100,7 @@ impl Newton {
         x.iter().all(|x| x.is_finite()).then_some(forces)
     }
 
-    /// The solution (3A) so far as the present preconditioner leads to it, if there is one.
+    /// Approximate solution (3A) with the present preconditioner; `None` if there is none.
     fn iterate(&self, stiffness: &Stiffness, right: &[f64]) -> Option<Found> {
         if self.preconditioner.is_empty() {
             return None;
@@ -122,7 +122,7 @@ impl Newton {
         Some(found)
     }
 
-    /// Gathers the compliance between the active nodes, if more are active than it was gathered for.
+    /// Gathers the compliance between the active nodes, if nodes became active since the last call.
     fn gather_between(&mut self) {
         let size = 3 * self.active.len();
         if self.between.len() == size * size {
@@ -135,7 +135,7 @@ impl Newton {
         }
     }
 
-    /// Gathers the rows of `nodes` that have none.
+    /// Marks `nodes` as active and gathers the rows of those that were not.
     fn activate(&mut self, condensed: &Condensed, zone: &Zone, nodes: impl Iterator<Item = usize>) {
         for node in nodes {
             if self.rank[node] != INACTIVE {
@@ -152,17 +152,18 @@ impl Newton {
     }
 }
 
-/// The stiffness of all touching points.
+/// Stiffness of all touching points.
 struct Stiffness<'a> {
     touching: &'a [Touching<'a>],
-    /// Ranks and shares of the free nodes that carry a point, point after point.
+    /// Ranks and weights of the free nodes that each point is interpolated from, point after point.
     shares: Vec<(u32, f64)>,
-    /// Number of them for each point.
+    /// Number of these nodes for each point.
     counts: Vec<usize>,
 }
 
 impl<'a> Stiffness<'a> {
-    /// With the free nodes' `rank` (m).
+    /// Returns the stiffness of the `touching` points; `rank` (m) is the rank of each free node
+    /// among the active.
     fn new(touching: &'a [Touching<'a>], rank: &[u32]) -> Self {
         let (mut shares, mut counts) = (Vec::new(), Vec::new());
         for (point, _) in touching {
@@ -175,7 +176,7 @@ impl<'a> Stiffness<'a> {
         Self { touching, shares, counts }
     }
 
-    /// Adds H `moved` to `forces` (3A).
+    /// Adds H × `moved` to `forces` (3A).
     fn add_relief(&self, moved: &[f64], forces: &mut [f64]) {
         let (moved, forces) = (moved.as_chunks::<3>().0, forces.as_chunks_mut::<3>().0);
         let mut rest = &self.shares[..];

@@ -1,4 +1,4 @@
-//! Frames of a press, one after the other.
+//! Solution of a press, frame by frame.
 
 use std::time::Instant;
 
@@ -17,14 +17,15 @@ use crate::{
     geometry::Shape,
 };
 
-/// Smallest part of a frame, or of an [`EDGE_STRIDE`], that is tried as a load step of its own.
+/// Smallest part of a frame, or of an [`EDGE_STRIDE`], that is tried as a load step.
 const SHORTEST_STRIDE: f64 = 1.0 / 64.0;
-/// Farthest that a shape with edges sinks in within one load step (m): a point of the surface that is
-/// nearer to the wrong face of an edge would be pushed out there.
+/// Greatest depth by which a shape with edges sinks in within one load step (m). In longer steps a
+/// surface point may come nearer to the wrong face of an edge and be pushed out there.
 pub(super) const EDGE_STRIDE: f64 = 2.5e-4;
 
 impl Walk<'_> {
-    /// What `report` says of every frame of `press`; the first that fails is the last.
+    /// Solves every frame of `press` and returns the results of `report`; the first that fails is
+    /// the last.
     pub(super) fn every<T>(
         mut self,
         press: &Press,
@@ -40,7 +41,7 @@ impl Walk<'_> {
         frames
     }
 
-    /// What `report` says of the last frame of `press`.
+    /// Solves all frames of `press` and returns the result of `report` for the last.
     pub(super) fn last<T>(
         mut self,
         press: &Press,
@@ -50,7 +51,7 @@ impl Walk<'_> {
         report(&mut self)
     }
 
-    /// Goes on to a frame.
+    /// Solves the next `frame`.
     fn enter(&mut self, press: &Press, frame: usize) -> Result<()> {
         let start = Instant::now();
         match press.drive() {
@@ -64,8 +65,8 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Leads the shapes to `poses`, by way of poses between where the whole way at once fails or
-    /// would take an edge too far.
+    /// Moves the shapes to `poses`, through intermediate poses where a single step fails or would
+    /// move an edge too far.
     fn follow(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<()> {
         let from = self.state.poses.clone();
         self.cover(shapes, poses);
@@ -97,7 +98,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// How far shapes with edges move, as seen in the middle of the zone (m).
+    /// Greatest motion of a shape with edges, measured at the middle of the zone (m).
     fn motion(&self, shapes: &[Shape], from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
         let count = self.zone.places.len().max(1) as f64;
         let middle =
@@ -109,7 +110,7 @@ impl Walk<'_> {
         moved.fold(0.0, f64::max)
     }
 
-    /// The current state without stress and residual.
+    /// Current state without stress and residual.
     pub(super) fn moved(&mut self) -> Moved {
         let state = &self.state;
         let displacement = state.field.complete(&self.condensed.rest, &mut self.scratch.workspace);
@@ -126,7 +127,7 @@ impl Walk<'_> {
         }
     }
 
-    /// The current state, seen from outside, without stress and residual.
+    /// Current state as a [`Deformation`] without stress and residual.
     pub(super) fn unstressed(&mut self) -> Deformation {
         let Moved { contact_force, wrench, history, iterations } = self.moved();
         Deformation {
@@ -142,7 +143,7 @@ impl Walk<'_> {
         }
     }
 
-    /// The current state, seen from outside, without residual.
+    /// Current state as a [`Deformation`] without residual.
     pub(super) fn stressed(&mut self) -> Result<Deformation> {
         let start = Instant::now();
         let answer = self.unstressed();
@@ -154,7 +155,7 @@ impl Walk<'_> {
         Ok(Deformation { von_mises, seconds, ..answer })
     }
 
-    /// The current state, seen from outside.
+    /// Current state as a [`Deformation`].
     pub(super) fn report(&mut self) -> Result<Deformation> {
         let start = Instant::now();
         let answer = self.unstressed();

@@ -1,9 +1,9 @@
-//! Factors of 1 + H C for some touches, in single precision.
+//! Preconditioner: LU factors of 1 + H C for an earlier set of touches, in single precision.
 //!
-//! They only have to lead GMRES the right way, and single precision halves their memory and doubles
-//! the speed. The matrix is kept transposed, by columns: 1 + C Hᵀ.
+//! Approximate factors suffice for GMRES; single precision halves their memory and doubles the
+//! speed. The matrix is stored transposed, by columns: 1 + C Hᵀ.
 
-#![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
+#![allow(clippy::inline_always)] // Only inlined functions are compiled for the CPU at hand.
 
 use faer::{
     MatMut, Par, Spec,
@@ -14,10 +14,11 @@ use faer::{
 use super::newton::Touching;
 use crate::simd::{sum, vectorised};
 
-/// The factors, for the nodes that were active when they were made: the first A of those active now.
+/// LU factors for the nodes that were active at the time of factorisation, which are the first A of
+/// all active nodes.
 #[derive(Default)]
 pub(super) struct Preconditioner {
-    /// Factors of the transposed matrix, by columns (3A, 3A).
+    /// LU factors of the transposed matrix, by columns (3A, 3A).
     factors: Vec<f32>,
     /// H by rows (3A, 3A) in N/m.
     stiffness: Vec<f32>,
@@ -25,7 +26,7 @@ pub(super) struct Preconditioner {
     compliance: Vec<f32>,
     /// Row of the matrix that each pivot was taken from (3A).
     pivots: Vec<usize>,
-    /// The inverse of that order (3A).
+    /// Inverse of that permutation (3A).
     back: Vec<usize>,
 }
 
@@ -38,8 +39,8 @@ impl Preconditioner {
         self.pivots.is_empty()
     }
 
-    /// Makes the factors for nodes of these ranks (m), with the compliance `between` those that are
-    /// active (3A, 3A) in m/N.
+    /// Computes the factors for nodes of these ranks (m), with the compliance `between` the active
+    /// nodes (3A, 3A) in m/N.
     pub(super) fn factorise(&mut self, rank: &[u32], between: &[f64], touching: &[Touching]) {
         let size = between.len().isqrt();
         self.compliance.clear();
@@ -72,8 +73,8 @@ impl Preconditioner {
         );
     }
 
-    /// Replaces `x`, of the nodes active now, by the solution for it; nodes that became active later
-    /// keep theirs.
+    /// Replaces `x`, given on all active nodes, by the solution for it; nodes activated after the
+    /// factorisation keep their values.
     pub(super) fn apply(&self, x: &mut [f64]) {
         let size = self.pivots.len();
         let mut right: Vec<f32> = x[..size].iter().map(|&x| x as f32).collect();
@@ -136,8 +137,8 @@ fn add_block(matrix: &mut [f32], size: usize, block: &[f32], ranks: &[Option<u32
     }
 }
 
-/// Stiffness between the carriers of points that have them in common: nine matrices by rows, one for
-/// each pair of components.
+/// Stiffness between the nodes that all points of a `run` are interpolated from: nine matrices by
+/// rows, one for each pair of components.
 fn local_stiffness(run: &[Touching]) -> Vec<f32> {
     let count = run[0].0.shares.len();
     let mut local = vec![0.0; 9 * count * count];

@@ -1,4 +1,4 @@
-//! Force control: how far the shapes must travel to press with a given force.
+//! Force control: motion of the shapes until they press with a given force.
 
 use nalgebra::{Isometry3, Unit, Vector3};
 
@@ -8,40 +8,40 @@ use super::{
 };
 use crate::{Error, Result, contact::clearance, deformation::Wrench, geometry::Shape};
 
-/// Shapes pushed this far without a touch will not meet the body (m).
+/// Travel without a touch after which the search is given up (m).
 const FARTHEST: f64 = 1.0;
-/// Least travel that is tried (m).
+/// Shortest stride that is tried (m).
 const SHORTEST_STRIDE: f64 = 1e-9;
-/// Distance of a body that is as good as touched (m).
+/// Distance to the body that counts as touching (m).
 const NEAR: f64 = 2e-6;
-/// Error of the force that is accepted, relative, where it is not below what balance is found to.
+/// Accepted relative error of the force, unless the tolerance of the residual force is larger.
 const RELATIVE: f64 = 1e-6;
-/// Most load steps.
+/// Greatest number of load steps to bracket the force, and again to narrow the bracket.
 const MOST: usize = 200;
 
-/// A body with shapes that can be tried at other poses.
+/// Body whose shapes can be moved by load steps.
 pub(super) trait Driven {
-    /// Body and shapes in balance.
+    /// State of body and shapes in balance.
     type State;
 
     /// Poses of the shapes (S).
     fn poses(&mut self) -> &mut [Isometry3<f64>];
-    /// Least distance of the shapes to the body (m).
+    /// Smallest distance of the shapes to the body (m).
     fn clearance(&self) -> f64;
-    /// Where one load step to `poses` leads.
+    /// Attempts one load step to `poses` and returns the state it ends in.
     fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<Self::State>;
-    /// The present state.
+    /// Present state.
     fn state(&mut self) -> &mut Self::State;
-    /// Force that a state may leave out of balance (N).
+    /// Norm of the residual force allowed in a state (N).
     fn tolerance(&self) -> f64;
-    /// What the shapes exert in a state.
+    /// Wrench of the shapes on the body in a state.
     fn wrench(state: &Self::State) -> &Wrench;
-    /// Steps that were taken to a state.
+    /// Number of iterations taken to reach a state.
     fn iterations(state: &mut Self::State) -> &mut usize;
 }
 
-/// Moves the shapes along `direction` until they press with `force` (N): by strides to where
-/// they press harder, then by the Illinois form of false position within the last stride.
+/// Moves the shapes along `direction` until they press with `force` (N): in strides until they
+/// press harder, then by the Illinois variant of false position within the last stride.
 pub(super) fn push<D: Driven>(
     body: &mut D,
     force: f64,
@@ -59,9 +59,9 @@ pub(super) fn push<D: Driven>(
     Ok(())
 }
 
-/// Moves the shapes along `direction` until the first of them is near, at most by `farthest` (m);
-/// whether one is. A step as long as the least distance cannot pass the body, nor touch it: the force
-/// there is what the state says, nothing.
+/// Moves the shapes along `direction`, by about `farthest` (m) at most, until one is within
+/// [`NEAR`] of the body, and returns whether one is. Each step is as long as the smallest distance,
+/// so no shape touches or passes the body, and the force remains that of the state: zero.
 fn meet<D: Driven>(body: &mut D, direction: &Vector3<f64>, farthest: f64) -> bool {
     let mut travel = 0.0;
     while travel < farthest {
@@ -77,7 +77,7 @@ fn meet<D: Driven>(body: &mut D, direction: &Vector3<f64>, farthest: f64) -> boo
     false
 }
 
-/// A walk with the shapes that it leads.
+/// Load stepping with the shapes that it moves.
 pub(super) struct Led<'a, 'b> {
     pub(super) walk: &'a mut Walk<'b>,
     pub(super) shapes: &'a [Shape],
@@ -119,8 +119,9 @@ impl Driven for Led<'_, '_> {
 }
 
 struct Push {
-    /// Force asked for, and its error that is accepted (N).
+    /// Force asked for (N).
     force: f64,
+    /// Accepted error of the force (N).
     accepted: f64,
     direction: Unit<Vector3<f64>>,
     iterations: usize,
@@ -136,7 +137,7 @@ impl Push {
         (along - self.force).abs() <= self.accepted
     }
 
-    /// Where the shapes press after `travel` from the present state.
+    /// Attempts a load step by `travel` (m) and returns the state it ends in.
     fn attempt<D: Driven>(&mut self, body: &mut D, travel: f64) -> Result<D::State> {
         let ahead = |pose: &Isometry3<f64>| {
             let mut pose = *pose;
@@ -149,11 +150,12 @@ impl Push {
         Ok(state)
     }
 
-    /// Strides until the force is met; `None` if it never is.
+    /// Moves the shapes in strides until the force is met or passed, and then finds it within the
+    /// last stride; `None` if it is never met.
     fn reach<D: Driven>(&mut self, body: &mut D) -> Option<()> {
         let mut stride = EDGE_STRIDE;
         for _ in 0..MOST {
-            // A history may begin with a force that is too great: then the way is back.
+            // A history may begin with too large a force: then the shapes move back.
             let back = self.along::<D>(body.state()) > self.force;
             let signed = if back { -stride } else { stride };
             match self.attempt(body, signed) {
@@ -177,7 +179,8 @@ impl Push {
         None
     }
 
-    /// Finds the force between the present state and a `far` travel at which it is `there`.
+    /// Finds the force between the present state and a travel of `far` (m), where it is `there`
+    /// (N); `None` if that fails.
     fn narrow<D: Driven>(&mut self, body: &mut D, far: f64, there: f64) -> Option<()> {
         let here = self.along::<D>(body.state());
         let (mut low, mut high) = ((0.0, here - self.force), (far, there - self.force));
@@ -190,7 +193,7 @@ impl Push {
                 return Some(());
             }
             let rest = along - self.force;
-            // Illinois: an end that stays counts half, so that both ends close in.
+            // Illinois variant: the value at an end that stays is halved, so that both ends move.
             if (rest > 0.0) == (high.1 > 0.0) {
                 high = (travel, rest);
                 low.1 *= 0.5;

@@ -1,4 +1,4 @@
-//! Which facets the shapes may touch.
+//! Selection of the facets that the shapes may touch.
 //!
 //! Shapes: F facets, S rigid shapes, V nodes.
 
@@ -7,14 +7,14 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::condensed::{Condensed, Facet};
 use crate::geometry::Shape;
 
-/// A ball round the points of a displaced facet.
+/// Ball round the points of a displaced facet.
 #[derive(Clone, Copy)]
 pub(super) struct Bound {
     centre: Point3<f64>,
     radius: f64,
 }
 
-/// Bounds of all facets when the nodes are displaced (V) in m.
+/// Bounds of all facets with the nodes displaced (V) in m.
 pub(super) fn bounds(condensed: &Condensed, displacement: &[Vector3<f64>]) -> Vec<Bound> {
     let bound = |facet: &Facet| {
         let moved = || facet.nodes.iter().map(|&node| displacement[node as usize]);
@@ -25,15 +25,16 @@ pub(super) fn bounds(condensed: &Condensed, displacement: &[Vector3<f64>]) -> Ve
     condensed.facets.iter().map(bound).collect()
 }
 
-/// Distances of the facets as far as they were measured.
+/// Distances of the facets from the shapes, measured only where needed.
 #[derive(Default)]
 pub(super) struct Reach {
-    /// Where each centre was last measured in the frame of the shape, and its distance (S × F).
+    /// Last measured position of each centre in the frame of the shape, and its distance (S × F) in
+    /// m.
     seen: Vec<(Point3<f64>, f64)>,
 }
 
 impl Reach {
-    /// Facets that some shape may touch or that come within `margin` (m) of one.
+    /// Returns for each facet whether a shape may touch it or come within `margin` (m) of it.
     pub(super) fn reached(
         &mut self,
         shapes: &[Shape],
@@ -55,8 +56,9 @@ impl Reach {
     }
 }
 
-/// Whether a `point` in the frame of `shape` is nearer than `reach`. A distance changes no faster than
-/// the point moves, so it need not be measured where the one that was `seen` decides.
+/// Returns whether a `point` in the frame of `shape` is nearer than `reach`. A distance changes no
+/// faster than the point moves, so it is measured only where the last measurement `seen` does not
+/// decide.
 fn is_nearer(shape: &Shape, seen: &mut (Point3<f64>, f64), point: Point3<f64>, reach: f64) -> bool {
     let moved = (point - seen.0).norm();
     if seen.1 - moved >= reach {

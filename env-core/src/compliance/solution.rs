@@ -1,12 +1,13 @@
-//! One load step: the linear answer, then sweeps that correct it by the true forces.
+//! One load step: the linear solution, then sweeps that correct it by the forces of the body's own
+//! law.
 //!
 //! A sweep is a step of modified Newton: the body's own law gives the elastic force g(u), the
-//! stiffness at rest K carries what is out of balance, and contact is settled anew with the offset
-//! u₀ = u − K⁻¹ g(u) in place of none. That is a fixed-point iteration on u₀, and it is accelerated
-//! ([`Mixing`]). A sweep is taken only if it lowers the unbalanced force; after one that did not, the
-//! plain step is tried at half its length, then at a quarter.
+//! stiffness at rest K relates the residual force to a displacement, and contact is solved again
+//! with the offset u₀ = u − K⁻¹ g(u) instead of zero. This is a fixed-point iteration on u₀,
+//! accelerated by [`Mixing`]. A sweep is accepted only if it lowers the residual force; after a
+//! rejected one, the plain step is tried at half its length, then at a quarter.
 //!
-//! Arrays have V entries.
+//! Shapes: V nodes of the mesh, m free nodes of the zone.
 
 use nalgebra::Vector3;
 
@@ -21,26 +22,26 @@ use crate::{
     fem::{Linearised, Workspace},
 };
 
-/// Shortest share of a plain step that is tried.
+/// Smallest share of a plain step that is tried.
 const SHORTEST: f64 = 0.25;
-/// Sweeps that are mixed with the last.
+/// Number of earlier sweeps mixed with the last.
 const REMEMBERED: usize = 5;
-/// Imbalance left in the contact of a sweep, relative to the unbalanced force before it.
+/// Residual allowed in the contact of a sweep, relative to the residual force before it.
 const INEXACT: f64 = 1e-3;
 
-/// Displacement of the body: its own offset and the linear response to loads.
+/// Displacement of the body: an offset plus the linear response to loads.
 #[derive(Clone)]
 pub(super) struct Field {
-    /// Displacement (m), known on the skin; inside the body where sweeps were asked for.
+    /// Displacement (V) in m, known on the skin; inside the body only if sweeps were asked for.
     pub(super) displacement: Vec<Vector3<f64>>,
-    /// Its part that is not the response to the loads (m).
+    /// Part of the displacement that is not the response to the loads (V) in m.
     pub(super) offset: Vec<Vector3<f64>>,
-    /// Forces that the body gives way to (N).
+    /// Applied nodal forces (V) in N.
     pub(super) loads: Vec<Vector3<f64>>,
 }
 
 impl Field {
-    /// The displacement of all nodes (m).
+    /// Displacement of all nodes (V) in m.
     pub(super) fn complete(&self, rest: &Linearised, space: &mut Workspace) -> Vec<Vector3<f64>> {
         let mut displacement = rest.displacement(&self.loads, space);
         displacement.iter_mut().zip(&self.offset).for_each(|(u, u0)| *u += u0);
@@ -48,36 +49,36 @@ impl Field {
     }
 }
 
-/// The search for a load step's solution.
+/// Search for the solution of a load step.
 pub(super) struct Solution<'a, 'b> {
     pub(super) condensed: &'a Condensed,
     pub(super) workspace: &'a mut Workspace,
     pub(super) contact: &'a mut Contact<'b>,
-    /// Norm of the unbalanced force that needs no further work (N).
+    /// Norm of the residual force at which the search ends (N).
     pub(super) tolerance: f64,
-    /// Newton steps of the contact and sweeps so far.
+    /// Newton steps of the contact and sweeps taken so far.
     pub(super) iterations: usize,
 }
 
-/// A field whose contact has settled.
+/// Field with its contact in balance.
 struct Settled {
     field: Field,
-    /// Forces on the free nodes of the zone (m).
+    /// Forces on the free nodes of the zone (m) in N.
     forces: Vec<Vector3<f64>>,
     touches: Vec<Touch>,
 }
 
-/// A settled field and how far its true forces are out of balance.
+/// Settled field with its residual force.
 struct Judged {
     settled: Settled,
-    /// What a plain sweep adds to the offset: K⁻¹ of the unbalanced force (m).
+    /// Change of the offset in a plain sweep: K⁻¹ × residual force (V) in m.
     step: Vec<Vector3<f64>>,
-    /// Norm of the unbalanced force (N).
+    /// Norm of the residual force (N).
     residual: f64,
 }
 
 impl Solution<'_, '_> {
-    /// The solution near the `guess` after at most `sweeps`, begun with `offset`.
+    /// Finds the solution near the `guess` with at most `sweeps` sweeps, starting from `offset`.
     pub(super) fn find(
         &mut self,
         offset: &[Vector3<f64>],
@@ -118,12 +119,13 @@ impl Solution<'_, '_> {
         Ok(best.settled)
     }
 
-    /// The linear answer with `offset` or without, whichever leaves less out of balance.
+    /// Solves contact with `offset` and without, and returns the result with the smaller residual
+    /// force.
     fn begin(&mut self, offset: &[Vector3<f64>], guess: Guess) -> Result<Judged> {
         let none = vec![Vector3::zeros(); offset.len()];
         let mut starts = Vec::new();
         if *offset != none[..]
-            // What the offset fits is the step before: contact may find no balance with it here.
+            // The offset belongs to the previous step: contact may find no balance with it here.
             && let Ok(settled) = self.settle(offset.to_vec(), guess.clone(), 0.0)
         {
             starts.extend(self.judge(settled));
@@ -137,7 +139,7 @@ impl Solution<'_, '_> {
         least.ok_or(Error::Inverted)
     }
 
-    /// What `settled` makes expect when its offset becomes `next`.
+    /// Initial guess for the contact when the offset of `settled` becomes `next`.
     fn guess(&self, settled: &Settled, next: &[Vector3<f64>]) -> Guess {
         let zone = self.contact.zone;
         let change: Vec<_> = settled.field.offset.iter().zip(next).map(|(a, b)| a - b).collect();
@@ -150,7 +152,8 @@ impl Solution<'_, '_> {
         }
     }
 
-    /// Lets the contact settle with `offset`, near the `guess`, until `imbalance` (N) is left.
+    /// Solves contact with `offset`, near the `guess`, until its residual is `imbalance` (N) or a
+    /// tenth of the tolerance, whichever is larger.
     fn settle(
         &mut self,
         offset: Vec<Vector3<f64>>,
@@ -168,7 +171,8 @@ impl Solution<'_, '_> {
         Ok(Settled { field, forces: trial.forces, touches: trial.touches })
     }
 
-    /// Completes the displacement and compares the forces; `None` if an element is inverted.
+    /// Completes the displacement and computes the residual force; `None` if an element is
+    /// inverted.
     fn judge(&mut self, mut settled: Settled) -> Option<Judged> {
         let (rest, zone) = (&self.condensed.rest, self.contact.zone);
         settled.field.displacement = settled.field.complete(rest, self.workspace);

@@ -1,4 +1,4 @@
-//! A press being walked: where body and shapes are, and load steps from there.
+//! Load stepping of a press: the state of body and shapes, and steps from it.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -18,28 +18,28 @@ use crate::{
     geometry::Shape,
 };
 
-/// Facets this close to a shape are made part of the zone (m).
+/// Distance to a shape within which facets are added to the zone (m).
 const MARGIN: f64 = 1e-4;
-/// Way of a shape in one load step past which it may have run through what it ought to press (m), as
-/// a thinner one may have after half its thickness.
+/// Motion of a shape in one load step beyond which it may run over points that it should press (m).
+/// For a thin shape it is half the thickness, if that is less.
 const LONG: f64 = 5e-4;
-/// How deep a point must have been in such a shape to have been run over, in softnesses.
+/// Depth that a point must have reached in a shape to count as run over, in softnesses.
 const RUN_OVER: f64 = 10.0;
 
-/// How far the loads of a linear answer are from the forces of its contact at most, relative.
+/// Greatest relative difference between the loads of a linear solution and its contact forces.
 const LINEAR: f64 = 1e-3;
 
-/// How a walk computes.
+/// Settings of a [`Walk`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Settings {
     pub(super) law: ContactLaw,
-    /// Corrections by the true residual.
+    /// Greatest number of corrections by the forces of the body's own law.
     pub(super) sweeps: usize,
-    /// Norm of the unbalanced force that needs no further work (N).
+    /// Norm of the residual force at which a step has converged (N).
     pub(super) tolerance: f64,
 }
 
-/// Memory that one thread uses for one press after the other.
+/// Working memory of one thread, reused for successive presses.
 pub(crate) struct Scratch {
     pub(super) workspace: Workspace,
     newton: Newton,
@@ -51,7 +51,7 @@ impl Scratch {
     }
 }
 
-/// One press being answered.
+/// A press during load stepping.
 pub(super) struct Walk<'a> {
     pub(super) condensed: &'a Condensed,
     pub(super) settings: Settings,
@@ -63,7 +63,7 @@ pub(super) struct Walk<'a> {
     pub(super) seconds: f64,
 }
 
-/// Body and shapes in balance.
+/// State of body and shapes in balance.
 pub(super) struct State {
     pub(super) poses: Vec<Isometry3<f64>>,
     pub(super) field: Field,
@@ -71,7 +71,7 @@ pub(super) struct State {
     bounds: Vec<Bound>,
     /// Force of the shapes on the nodes (V) in N.
     pub(super) contact_force: Vec<Vector3<f64>>,
-    /// Touches, by points of the mesh.
+    /// Touches, numbered by the surface points of the whole body.
     touches: Vec<Touch>,
     pub(super) anchors: Vec<Anchor>,
     pub(super) wrench: Wrench,
@@ -79,7 +79,7 @@ pub(super) struct State {
 }
 
 impl State {
-    /// What it makes expect when the shapes move on to `poses`.
+    /// Initial guess for a step in which the shapes move to `poses`.
     fn guess(&self, zone: &Zone, poses: &[Isometry3<f64>]) -> Guess {
         let mut forces = zone.pick(&self.field.loads);
         forces.truncate(zone.free);
@@ -93,7 +93,7 @@ impl State {
 }
 
 impl<'a> Walk<'a> {
-    /// A walk that begins where `press` does.
+    /// Begins load stepping where `press` begins.
     pub(super) fn new(
         condensed: &'a Condensed,
         settings: Settings,
@@ -126,7 +126,7 @@ impl<'a> Walk<'a> {
         Ok(walk)
     }
 
-    /// Puts the shapes beside the resting body.
+    /// Places the shapes beside the body at rest.
     fn approach(&mut self, press: &Press) {
         let first = match press.drive() {
             Drive::Translation { path } => &path[0],
@@ -137,7 +137,7 @@ impl<'a> Walk<'a> {
         self.state.poses = backed_off(press.shapes(), first, &self.zone.surface, &places);
     }
 
-    /// Goes back to where another press ended.
+    /// Restores the state of a `history`; returns an error if it is of another model.
     fn recall(&mut self, shapes: &[Shape], history: &History) -> Result<()> {
         let rest = &self.condensed.rest;
         history.check(rest.places().len(), self.condensed.surface.len())?;
@@ -166,9 +166,9 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// Forces to which the body gives way by `displacement` (V): those of the contact there. A free body
-    /// does so by some hundredth of a millimetre under what little they are out of balance, so its are
-    /// taken from the displacement, if that is a linear answer.
+    /// Nodal forces that cause `displacement` (V) in N: the contact forces there. Since a small
+    /// residual force displaces a free body by about a hundredth of a millimetre, its nodal forces
+    /// are computed from the displacement, if that is a linear solution.
     fn loads(&mut self, displacement: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let contact = &self.state.contact_force;
         let workspace = &mut self.scratch.workspace;
@@ -179,7 +179,7 @@ impl<'a> Walk<'a> {
         if norm(&apart) < LINEAR * norm(contact) { loads } else { contact.clone() }
     }
 
-    /// Where one load step to `poses` leads.
+    /// Attempts one load step to `poses` and returns the state it ends in.
     pub(super) fn attempt(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<State> {
         if self.runs_over(shapes, poses) {
             return Err(missed(self.settings.tolerance));
@@ -202,14 +202,15 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Whether a shape that touches nothing is wholly inside the body.
+    /// Returns whether a shape that touches nothing is wholly inside the body.
     fn engulfs_unfelt(&self, shapes: &[Shape], state: &State) -> bool {
         let felt = |s| state.touches.iter().any(|touch| touch.shape == s);
         let (mesh, displacement) = (self.condensed.body.mesh(), &state.field.displacement);
         engulfs_unfelt(shapes, &state.poses, felt, mesh, displacement)
     }
 
-    /// Whether a shape on a long way to `poses` leaves points behind that it should have taken along.
+    /// Returns whether a shape that moves far to `poses` passes over points that it should have
+    /// pressed.
     fn runs_over(&self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> bool {
         let from = &self.state.poses;
         let way = |(from, to): (&Isometry3<f64>, &Isometry3<f64>)| {
@@ -226,7 +227,7 @@ impl<'a> Walk<'a> {
             .runs_over(poses, RUN_OVER * self.settings.law.softness)
     }
 
-    /// As [`Walk::attempt`], blind to what lies outside the zone.
+    /// Attempts the step of [`Walk::attempt`] with contact in the present zone only.
     fn attempt_in_zone(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<State> {
         let start = self.zone_places();
         let anchors = self.zone.anchors_in(&self.state.anchors);
@@ -262,7 +263,7 @@ impl<'a> Walk<'a> {
         Ok(State { poses, field, bounds, contact_force, touches, anchors, wrench, iterations })
     }
 
-    /// Makes the zone hold all that the shapes at `poses` may touch.
+    /// Replaces the zone, if needed, by one with all facets that the shapes at `poses` may touch.
     pub(super) fn cover(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) {
         let bounds = &self.state.bounds;
         if !self.zone.covers(&self.reach.reached(shapes, poses, bounds, 0.0)) {
@@ -276,18 +277,18 @@ impl<'a> Walk<'a> {
         self.scratch.newton.enter(self.zone.free);
     }
 
-    /// Places of the zone's surface points.
+    /// Positions of the zone's surface points.
     pub(super) fn zone_places(&self) -> Vec<Point3<f64>> {
         places(&self.zone, &self.zone.pick(&self.state.field.displacement))
     }
 }
 
-/// The error of a load step in which shape and surface miss each other.
+/// Error of a load step in which a shape and the surface pass each other without contact.
 fn missed(tolerance: f64) -> Error {
     Error::NotConverged { iterations: 0, residual: f64::INFINITY, tolerance }
 }
 
-/// Places of the zone's surface points when its nodes are displaced (m).
+/// Positions of the zone's surface points with its nodes displaced (m).
 fn places(zone: &Zone, displacement: &[Vector3<f64>]) -> Vec<Point3<f64>> {
     zone.surface.iter().map(|point| point.place(&zone.places, displacement)).collect()
 }

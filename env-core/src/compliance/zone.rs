@@ -1,4 +1,4 @@
-//! The part of the surface that one load step can touch, with its part of the compliance.
+//! Part of the surface that one load step can touch, with its part of the compliance.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -9,21 +9,21 @@ use crate::{
     geometry::Shape,
 };
 
-/// Facets near the shapes. Nodes and points are numbered anew: m free nodes, then fixed ones.
+/// Facets near the shapes. Nodes and points are renumbered: m free nodes, then fixed ones.
 pub(super) struct Zone {
-    /// Whether each facet belongs to it.
+    /// `true` for the facets that belong to the zone.
     facets: Vec<bool>,
-    /// Number of each point among all, ascending.
+    /// Index of each point among all surface points, ascending.
     points: Vec<u32>,
-    /// The points, carried by nodes of the zone.
+    /// The points, interpolated from nodes of the zone.
     pub(super) surface: Vec<SurfacePoint>,
-    /// The mesh's number of each node.
+    /// Index of each node in the mesh.
     pub(super) nodes: Vec<u32>,
     /// Number of free nodes, m.
     pub(super) free: usize,
-    /// Places of the nodes at rest.
+    /// Positions of the nodes at rest.
     pub(super) places: Vec<Point3<f64>>,
-    /// Ranks of the free nodes among the skin's (m).
+    /// Ranks of the free nodes among the skin nodes (m).
     pub(super) ranks: Vec<u32>,
 }
 
@@ -55,8 +55,8 @@ impl Zone {
         }
     }
 
-    /// The facets of the zone and those `near` the shapes, if one of these is touched and lacking in
-    /// the zone when the nodes are displaced (V).
+    /// Facets of the zone and those `near` the shapes, if one of the latter is touched but not in
+    /// the zone when the nodes are displaced (V); else `None`.
     pub(super) fn grown(
         &self,
         condensed: &Condensed,
@@ -84,12 +84,13 @@ impl Zone {
         self.facets.iter().zip(facets).all(|(has, needed)| *has || !needed)
     }
 
-    /// A field on the mesh's nodes (V), on the nodes of the zone.
+    /// Restricts a field on the mesh's nodes (V) to the nodes of the zone.
     pub(super) fn pick(&self, nodal: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         self.nodes.iter().map(|&node| nodal[node as usize]).collect()
     }
 
-    /// A field on the nodes of the zone, on all `count` of the mesh; zero elsewhere.
+    /// Extends a field on the nodes of the zone to all `count` nodes of the mesh, with zero
+    /// elsewhere.
     pub(super) fn spread(&self, local: &[Vector3<f64>], count: usize) -> Vec<Vector3<f64>> {
         let mut nodal = vec![Vector3::zeros(); count];
         for (&node, value) in self.nodes.iter().zip(local) {
@@ -98,7 +99,7 @@ impl Zone {
         nodal
     }
 
-    /// Those of the mesh's `anchors` that lie in the zone.
+    /// The `anchors` of the body that lie in the zone, numbered by its points.
     pub(super) fn anchors_in(&self, anchors: &[Anchor]) -> Vec<Anchor> {
         let inside = |anchor: &Anchor| {
             let point = self.points.binary_search(&anchor.point).ok()? as u32;
@@ -107,7 +108,7 @@ impl Zone {
         anchors.iter().filter_map(inside).collect()
     }
 
-    /// The zone's `anchors` as the mesh's.
+    /// The zone's `anchors`, numbered by the surface points of the whole body.
     pub(super) fn anchors_out(&self, mut anchors: Vec<Anchor>) -> Vec<Anchor> {
         for anchor in &mut anchors {
             anchor.point = self.points[anchor.point as usize];
@@ -115,7 +116,7 @@ impl Zone {
         anchors
     }
 
-    /// Those of the mesh's `touches` that lie in the zone.
+    /// The `touches` of the body that lie in the zone, numbered by its points.
     pub(super) fn touches_in(&self, touches: &[Touch]) -> Vec<Touch> {
         let inside = |touch: &Touch| {
             let point = self.points.binary_search(&touch.point).ok()? as u32;
@@ -124,7 +125,7 @@ impl Zone {
         touches.iter().filter_map(inside).collect()
     }
 
-    /// The zone's `touches` as the mesh's.
+    /// The zone's `touches`, numbered by the surface points of the whole body.
     pub(super) fn touches_out(&self, mut touches: Vec<Touch>) -> Vec<Touch> {
         for touch in &mut touches {
             touch.point = self.points[touch.point as usize];

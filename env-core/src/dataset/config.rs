@@ -1,4 +1,4 @@
-//! What a dataset is made of.
+//! Configuration of a dataset.
 
 use std::path::Path;
 
@@ -13,84 +13,86 @@ use crate::{
     sensor::Sensor,
 };
 
-/// Everything that decides the bytes of a dataset.
+/// Settings that determine the bytes of a dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// What objects, grasps and perturbations are drawn from.
+    /// Seed of objects, grasps and perturbations.
     pub seed: u64,
-    /// What is soft.
+    /// Soft side of the grasps.
     pub scenario: Scenario,
-    /// How many objects: of the 63 rigid ones, evenly over the catalogue; or of all 64, those named
-    /// `first` before the others.
+    /// Number of objects. For soft pads, they are taken evenly from the 63 rigid ones of the
+    /// catalogue; for soft objects, from all 64, those in `first` before the others.
     pub objects: usize,
     /// Names of the soft objects that come first; if empty, those of [`SOFT`].
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub first: Vec<String>,
-    /// Grasps of each object.
+    /// Number of grasps of each object.
     pub grasps: usize,
-    /// Frames of growing force in each grasp.
+    /// Number of frames of growing force in each grasp.
     pub frames: usize,
-    /// Nodes of the mesh whose fields are stored.
+    /// Number of nodes of the mesh on which fields are stored.
     pub model_nodes: usize,
-    /// Nodes of the mesh that is solved.
+    /// Number of nodes of the mesh on which grasps are solved.
     pub truth_nodes: usize,
-    /// Element that is solved.
+    /// Name of the element used to solve them.
     pub truth_element: String,
-    /// Least and greatest force at which a grasp ends (N).
+    /// Smallest and greatest force at which a grasp ends (N).
     pub force: [f64; 2],
-    /// Closing of each pad at which a grasp ends, whatever its force, over its thickness; or of each
-    /// finger, over half the object's width there.
+    /// Closing at which a grasp ends, whatever its force: of each pad, over its thickness, or of
+    /// each finger, over half the object's width there.
     pub depth: f64,
-    /// Greatest shift of the pads against each other along their faces, over their closing.
+    /// Greatest shift of the pads relative to each other along their faces, over their closing.
     pub shear: f64,
-    /// Greatest turn of the pads against each other about their normals, over their closing (rad/m).
+    /// Greatest rotation of the pads relative to each other about their normals, over their closing
+    /// (rad/m).
     pub twist: f64,
-    /// Density of rigid objects (kg/m³), whose weight acts along the fingers, away from the wrist; 0
-    /// leaves weight out.
+    /// Density of rigid objects (kg/m³), whose weight acts along the fingers, away from the wrist;
+    /// 0 omits the weight.
     #[serde(skip_serializing_if = "is_zero")]
     pub density: f64,
-    /// Materials of what is soft, and the pads or fingers, drawn for each grasp by their shares.
+    /// Materials of the soft side, each with its pads or fingers, drawn for each grasp by their
+    /// shares.
     pub gels: Vec<Gel>,
 }
 
-/// Which side of a grasp is soft.
+/// Soft side of a grasp.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Scenario {
-    /// Two soft pads, between which a rigid object settles.
+    /// Two soft pads on a rigid object that comes to equilibrium between them.
     #[default]
     Pads,
     /// A soft object between two rigid fingers with the pads' outlines.
     Soft,
 }
 
-/// The first soft objects: solids of six kinds, the strawberry among them. The paper's ablation has
-/// six objects and does not name the others.
+/// Soft objects that come first: solids of six kinds, the strawberry among them. The paper's
+/// ablation has six objects and does not name the others.
 pub const SOFT: [&str; 6] =
     ["strawberry-1", "lemon-1", "eggplant-1", "sphere-1", "cylinder-1", "cuboid-1"];
 
-/// A soft material and what it is met with.
+/// Soft material, with its friction and the sensor whose pads are used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gel {
-    /// Name of the sensor whose pads, or fingers with the outline of whose pads, it takes.
+    /// Name of the sensor whose pads are used, or whose pad outline the fingers have.
     pub sensor: String,
     /// Young's modulus at small strain (Pa).
     pub young: f64,
     /// Poisson's ratio.
     pub poisson: f64,
-    /// Coefficient of friction.
+    /// Coefficient of friction between soft and rigid side.
     pub friction: f64,
-    /// How often it is drawn, relative to the others.
+    /// Frequency with which it is drawn, relative to the others.
     pub share: f64,
 }
 
 impl Default for Config {
-    /// The paper's 63 objects × 100 grasps × 50 frames. Three grasps of four are made with the two
-    /// published calibrations of the `GelSight` Mini, the others with softer and stiffer gels and
-    /// with a second sensor. 80 N is what a strong gripper of this size exerts; below 20 N, one grasp
-    /// of twenty-five gets past a third of the gel.
+    /// The paper's 63 objects × 100 grasps × 50 frames. Three of four grasps use the two published
+    /// calibrations of the `GelSight` Mini, the others softer and stiffer gels and a second sensor.
+    /// 80 N is the force of a strong gripper of this size; below 20 N, one grasp in twenty-five
+    /// compresses the gel by more than a third.
     fn default() -> Self {
         let gel = |sensor: &str, young, poisson, friction, share| Gel {
             sensor: sensor.to_owned(),
@@ -125,12 +127,12 @@ impl Default for Config {
     }
 }
 
-#[allow(clippy::trivially_copy_pass_by_ref)] // As serde asks.
+#[allow(clippy::trivially_copy_pass_by_ref)] // Signature required by serde.
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }
 
-/// The rigid objects of the catalogue.
+/// Number of rigid objects in the catalogue.
 const RIGID: usize = 63;
 
 impl Scenario {
@@ -143,14 +145,14 @@ impl Scenario {
 }
 
 impl Config {
-    /// The configuration in a TOML file; what it leaves out is the default.
+    /// Reads the configuration from a TOML file; missing settings take their defaults.
     pub fn read(path: &Path) -> Result<Self> {
         let file = |reason: String| Error::File { path: path.display().to_string(), reason };
         let text = std::fs::read_to_string(path).map_err(|error| file(error.to_string()))?;
         toml::from_str::<Self>(&text).map_err(|error| file(error.to_string()))?.validated()
     }
 
-    /// The objects of a dataset, in order.
+    /// Objects of the dataset, in order.
     pub(super) fn objects(&self) -> Vec<Object> {
         let mut all = catalogue(self.seed);
         match self.scenario {
@@ -170,7 +172,7 @@ impl Config {
         }
     }
 
-    /// This configuration, if a dataset can be made of it.
+    /// Returns this configuration, or an error if no dataset can be made from it.
     pub fn validated(self) -> Result<Self> {
         let counts = [
             ("objects", self.objects, self.scenario.objects()),
@@ -190,7 +192,7 @@ impl Config {
         if !(self.depth > 0.0 && self.depth <= 0.6) {
             return Err(Error::invalid("depth", self.depth, "0 to 0.6 of the thickness"));
         }
-        // Osmium is the densest; an object that is soft is solved without its weight.
+        // Osmium is the densest element; soft objects are solved without their weight.
         let densest = if self.scenario == Scenario::Pads { 22_600.0 } else { 0.0 };
         let settings = [
             ("shear", self.shear, 1.0),
@@ -211,7 +213,8 @@ impl Config {
         Ok(self)
     }
 
-    /// An error if a name that should come first is of no object, or of none that can be soft.
+    /// Returns an error if a name in `first` is not that of an object, or if the scenario has no
+    /// soft objects.
     fn know_names(&self) -> Result<()> {
         let known = match self.scenario {
             Scenario::Pads => Vec::new(),
@@ -224,7 +227,7 @@ impl Config {
     }
 }
 
-/// What a gel's grasps are solved on and stored on.
+/// Sensor, finite-element model and storage mesh of the pads of one gel.
 pub(super) struct Pads {
     pub(super) sensor: Sensor,
     pub(super) truth: Fem,
@@ -232,7 +235,7 @@ pub(super) struct Pads {
 }
 
 impl Gel {
-    /// The pads with the meshes of `config`.
+    /// Builds the pads with the meshes of `config`.
     pub(super) fn pads(&self, config: &Config) -> Result<Pads> {
         let sensor = Sensor::named(&self.sensor)?;
         let PadMesh { mesh, base, .. } = sensor.pad(config.truth_nodes)?;
@@ -240,7 +243,7 @@ impl Gel {
         Ok(Pads { truth, model: sensor.pad(config.model_nodes)?, sensor })
     }
 
-    /// An object of this material, free.
+    /// Builds a free object of this material.
     pub(super) fn object(&self, mesh: TetMesh, config: &Config) -> Result<Fem> {
         self.body(mesh, &[], config)
     }

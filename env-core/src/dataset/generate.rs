@@ -1,4 +1,4 @@
-//! Solves all grasps of a configuration, in parallel, and resumes where it was stopped.
+//! Parallel solution of all grasps of a configuration, resumable after an interruption.
 
 use std::{
     fs,
@@ -25,14 +25,14 @@ use super::{
 };
 use crate::{Error, Result, objects::Object};
 
-/// How far a generation has come.
+/// Progress of a generation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Progress {
-    /// Grasps that are done, those of an earlier run included.
+    /// Grasps that are done, including those of earlier runs.
     pub done: usize,
-    /// Grasps to do.
+    /// Total number of grasps.
     pub all: usize,
-    /// Grasps gone through in this run, those that ended early included.
+    /// Grasps processed in this run, including those that ended early.
     pub solved: usize,
     /// Frames solved in this run.
     pub frames: usize,
@@ -40,39 +40,40 @@ pub struct Progress {
     pub unsolved: usize,
     /// Wall time of this run (s).
     pub seconds: f64,
-    /// About the size of the whole dataset (bytes).
+    /// Approximate size of the whole dataset (bytes).
     pub bytes: u64,
 }
 
-/// What keeps a gripper from a grasp of an object, if anything does.
+/// Function that returns the reason why a gripper cannot reach a grasp of an object, if there is
+/// one.
 pub type Obstacle<'a> = dyn Fn(&Object, &Plan) -> Result<Option<String>> + Sync + 'a;
 
-/// Which part of a dataset is made, and how.
+/// Options of a run.
 #[derive(Clone, Copy, Default)]
 pub struct Orders<'a> {
     /// Commit of this library, for the manifest.
     pub commit: &'a str,
-    /// Asked of every grasp before it is solved: one that is kept from is listed as unsolved. The
-    /// gripper itself lies on a higher floor.
+    /// Check of every grasp before it is solved; one that cannot be reached is listed as unsolved.
+    /// The model of the gripper is supplied by the caller.
     pub obstacle: Option<&'a Obstacle<'a>>,
-    /// Threads to solve on; 0 is one a core.
+    /// Number of threads; 0 uses one per core.
     pub threads: usize,
-    /// Shards to make, by [`shards`]'s names; `None` makes all, and the manifest.
+    /// Shards to make, by their names from [`shards`]; `None` makes all, and the manifest.
     pub only: Option<&'a [String]>,
 }
 
-/// Names of the shards that make up the dataset of `config`.
+/// Names of the shards of the dataset of `config`.
 pub fn shards(config: &Config) -> Result<Vec<String>> {
     let plans = plans(&config.clone().validated()?)?;
     Ok(jobs(&plans).into_iter().map(|job| job.file).collect())
 }
 
-/// Makes the dataset of `config` in `folder`, or what is missing of it.
+/// Generates the dataset of `config` in `folder`, or the missing part of it.
 ///
-/// `watch` is called before the first grasp and after each; false stops, and the next call goes on.
-/// Returns the manifest, or `None` if stopped or if only some shards were ordered. Errors: a
-/// configuration that makes no sense, a folder that holds another dataset, a shard that is not part
-/// of it, a disk that is full.
+/// `watch` is called before the first grasp and after each; if it returns `false` the run stops,
+/// and the next call continues it. Returns the manifest, or `None` if stopped or if only some
+/// shards were asked for. Returns an error for an invalid configuration, a folder that holds
+/// another dataset, a shard that is not part of it, or a full disk.
 pub fn generate(
     config: &Config,
     folder: &Path,
@@ -114,7 +115,7 @@ pub fn generate(
     let manifest = summary(&config, orders, &plans, &jobs, folder)?;
     let text = serde_json::to_string_pretty(&manifest).expect("plain data");
     write_whole(&folder.join("manifest.json"), text.as_bytes())?;
-    // A kill may have left parts of shards that had just been packed.
+    // A run that was killed may have left parts of shards that it had just packed.
     let parts = folder.join("parts");
     fs::remove_dir_all(&parts).map_err(file_error(&parts))?;
     Ok(Some(manifest))
@@ -129,7 +130,7 @@ fn choose<'a>(jobs: &'a [Job<'a>], only: Option<&[String]>) -> Result<Vec<&'a Jo
     names.iter().map(find).collect()
 }
 
-/// What `config.json` holds: whose folder it is.
+/// Contents of `config.json`, which identifies the dataset in a folder.
 #[derive(Serialize)]
 struct Claim<'a> {
     format: u32,
@@ -137,7 +138,7 @@ struct Claim<'a> {
     config: &'a Config,
 }
 
-/// Makes the folder and writes the configuration into it, or checks that it is the one there.
+/// Creates the folder and writes the configuration into it, or checks that it holds the same one.
 fn claim(config: &Config, folder: &Path) -> Result<()> {
     for name in ["shards", "parts", "meshes"] {
         let path = folder.join(name);
@@ -163,7 +164,7 @@ fn file_error(path: &Path) -> impl Fn(std::io::Error) -> Error {
     move |error| Error::File { path: path.clone(), reason: error.to_string() }
 }
 
-/// A run on the grasps that are missing.
+/// Run over the missing grasps.
 struct Work<'a> {
     config: &'a Config,
     setup: &'a Setup,
@@ -176,7 +177,8 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
-    /// Solves a grasp and keeps it, unless stopped; the last one of a shard packs it.
+    /// Solves a grasp and stores it, unless stopped; after the last one of a shard, packs the
+    /// shard.
     fn solve(&self, task: &Task) -> Result<()> {
         if self.stopped.load(Ordering::Relaxed) {
             return Ok(());
@@ -194,7 +196,7 @@ impl Work<'_> {
         self.pack_if_complete(task.job)
     }
 
-    /// Packs a shard if all of its parts are there and nobody else does.
+    /// Packs a shard if all of its parts exist and no other thread packs it.
     fn pack_if_complete(&self, job: &Job) -> Result<()> {
         let complete = job.missing.load(Ordering::Acquire) == 0;
         if complete && !job.packed.swap(true, Ordering::AcqRel) {
@@ -216,7 +218,7 @@ impl Work<'_> {
     }
 }
 
-/// Reads back every shard.
+/// Reads back every shard and returns the manifest.
 fn summary(
     config: &Config,
     orders: &Orders,

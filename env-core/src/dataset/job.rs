@@ -1,4 +1,4 @@
-//! Shards to be filled, and the grasps that are missing in them.
+//! Shards to be filled, and the grasps missing from them.
 
 use std::{
     fs,
@@ -13,30 +13,30 @@ use super::{
 };
 use crate::{Result, objects::Object};
 
-/// Grasps in a shard.
+/// Number of grasps in a shard.
 const SHARD: usize = 10;
 
-/// A shard to be filled.
+/// Shard to be filled.
 pub(super) struct Job<'a> {
     /// Path within the dataset.
     pub(super) file: String,
     pub(super) object: &'a Object,
     pub(super) plans: &'a [Plan],
-    /// Grasps that are not kept yet, of a shard that is not packed.
+    /// Number of grasps not stored yet, for a shard that is not packed.
     pub(super) missing: AtomicUsize,
-    /// Whether it is being packed, or is already.
+    /// `true` if it is packed or being packed.
     pub(super) packed: AtomicBool,
 }
 
-/// A grasp to be solved and kept.
+/// Grasp to be solved and stored.
 pub(super) struct Task<'a> {
     pub(super) job: &'a Job<'a>,
     pub(super) plan: &'a Plan,
-    /// Where it is kept until its shard is complete, within the dataset.
+    /// Path within the dataset where it is stored until its shard is complete.
     pub(super) part: String,
 }
 
-/// The shards of all objects, in order.
+/// Shards of all objects, in order.
 pub(super) fn jobs(plans: &[(Object, Vec<Plan>)]) -> Vec<Job<'_>> {
     let mut jobs = Vec::new();
     for (object, plans) in plans {
@@ -49,13 +49,13 @@ pub(super) fn jobs(plans: &[(Object, Vec<Plan>)]) -> Vec<Job<'_>> {
     jobs
 }
 
-/// Whether a shard or part is there and readable.
+/// Returns whether a shard or part exists and is readable.
 pub(super) fn is_whole(path: &Path) -> bool {
     read(path).is_ok_and(|bytes| entries::<serde::de::IgnoredAny>(path, &bytes).is_ok())
 }
 
 impl Job<'_> {
-    /// The grasps that are not kept in `folder` yet; their number is remembered.
+    /// Grasps not stored in `folder` yet; also records their number.
     pub(super) fn missing(&self, folder: &Path) -> Vec<Task<'_>> {
         let tasks = self.plans.iter().map(|plan| Task { job: self, plan, part: part(plan) });
         let missing: Vec<_> = tasks.filter(|task| !is_whole(&folder.join(&task.part))).collect();
@@ -63,7 +63,7 @@ impl Job<'_> {
         missing
     }
 
-    /// Makes the shard of its parts and removes these.
+    /// Writes the shard from its parts and removes them.
     pub(super) fn pack(&self, folder: &Path) -> Result<()> {
         let mut shard = Shard { tensors: Vec::new(), entries: Vec::new() };
         for plan in self.plans {
@@ -73,7 +73,7 @@ impl Job<'_> {
         }
         write_whole(&folder.join(&self.file), &shard.to_bytes())?;
         for plan in self.plans {
-            // One that stays is removed when the dataset is finished.
+            // A part that cannot be removed here is removed when the dataset is finished.
             let _ = fs::remove_file(folder.join(part(plan)));
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! What a finished dataset holds: shards with their hashes, unsolved grasps, splits.
+//! Contents of a finished dataset: shards with their hashes, unsolved grasps, splits.
 
 use std::collections::BTreeMap;
 
@@ -7,88 +7,89 @@ use serde::{Deserialize, Serialize};
 use super::config::Config;
 use crate::objects::{self, Object};
 
-/// Version of the files of a dataset. 1 (which did not say so) kept anchors as two places in 64 bits
-/// each, 2 keeps the number of the contact point and a place in 32 bits.
+/// Version of the files of a dataset. Version 1 (not stated in its files) stores anchors as two
+/// positions in 64 bits each; version 2 stores the index of the contact point and one position in
+/// 32 bits.
 pub const FORMAT: u32 = 2;
 
-/// A finished dataset.
+/// Description of a finished dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// What its files look like: [`FORMAT`].
+    /// Version of its files: [`FORMAT`].
     pub format: u32,
     /// Version of this library.
     pub version: String,
-    /// Commit it was built from, or empty.
+    /// Commit that the library was built from, or empty.
     pub commit: String,
-    /// What it was made of.
+    /// Configuration of the dataset.
     pub config: Config,
-    /// Whether a gripper was led to every grasp before it was solved.
+    /// `true` if every grasp was checked to be reachable by a gripper before it was solved.
     #[serde(default)]
     pub approached: bool,
     /// Shards in the order of the catalogue.
     pub shards: Vec<Shard>,
-    /// Grasps that ended early, with the frames solved before.
+    /// Grasps that ended early, with the number of frames solved before.
     pub unsolved: Vec<Unsolved>,
-    /// Objects with fewer antipodal grasps than were asked for, and how many they have.
+    /// Objects with fewer antipodal grasps than asked for, with their number of grasps.
     pub short: BTreeMap<String, usize>,
     /// Names of grasps by split.
     pub splits: BTreeMap<String, Split>,
 }
 
-/// A file of grasps of one object.
+/// File of grasps of one object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Shard {
     /// Path within the dataset.
     pub file: String,
     /// SHA-256 of the file.
     pub sha256: String,
-    /// Its size.
+    /// Size of the file (bytes).
     pub bytes: u64,
     /// Grasps with at least one frame.
     pub grasps: Vec<Solved>,
 }
 
-/// A grasp in a shard.
+/// Grasp in a shard.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Solved {
-    /// Object and number.
+    /// Name of the object and number of the grasp.
     pub name: String,
-    /// Number of the gel in the configuration.
+    /// Index of the gel in the configuration.
     pub gel: usize,
-    /// Frames.
+    /// Number of frames.
     pub frames: usize,
 }
 
-/// A grasp that ended with an error.
+/// Grasp that ended with an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Unsolved {
-    /// Object and number.
+    /// Name of the object and number of the grasp.
     pub name: String,
-    /// Frames solved before.
+    /// Number of frames solved before.
     pub frames: usize,
-    /// What ended it.
+    /// Message of the error.
     pub error: String,
 }
 
-/// Grasps to learn from, to choose by, and to be judged on.
+/// Grasps for training, validation and test.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Split {
-    /// Learn from these.
+    /// Grasps for training.
     pub train: Vec<String>,
-    /// Choose by these.
+    /// Grasps for model selection.
     pub validation: Vec<String>,
-    /// Judge on these.
+    /// Grasps for the test.
     pub test: Vec<String>,
 }
 
-/// Families left out of `novel-12`: each has one member, and the two are the farthest from all that
-/// is known. The paper does not say which two of its fourteen it leaves out.
+/// Families left out of `novel-12`: each has one member, and the two differ most from all known
+/// families. The paper does not state which two of its fourteen it leaves out.
 const FARTHEST: [objects::Family; 2] = [objects::Family::HollowLemon, objects::Family::Cucumber];
 
-/// The splits of grasps given by object in the order of the catalogue, `planned` of each: `known-1`,
-/// `known-10` and `known-63` judge on held-out grasps of known objects (of ten grasps the last, and
-/// the one before it to choose by; of fewer likewise), `novel-14` and `novel-12` on objects of
-/// families that were never seen.
+/// Splits of `grasps`, which are given by object in the order of the catalogue, `planned` of each.
+/// `known-1`, `known-10` and `known-63` test on held-out grasps of known objects: of ten grasps the
+/// last is for the test and the one before it for validation; of fewer likewise. `novel-14` and
+/// `novel-12` test on objects of families that do not occur in training.
 pub(super) fn splits(grasps: &[(Object, Vec<String>)], planned: usize) -> BTreeMap<String, Split> {
     let last = planned.min(10);
     let of = |chosen: &[&(Object, Vec<String>)]| {

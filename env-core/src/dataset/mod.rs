@@ -1,13 +1,13 @@
-//! Grasps of known and novel objects by two soft pads, solved by finite elements: what networks
-//! learn from and every answerer is judged by.
+//! Grasps of known and novel objects by two soft pads, solved by finite elements: training data for
+//! the networks and reference for all models.
 //!
-//! A grasp closes two pads on a rigid object that settles between them, frame by frame with growing
-//! force ([`ramp`]), with or without its weight ([`weight`]); or two rigid fingers squeeze a soft
-//! object ([`squeeze`]). It is solved on a finer mesh than the one its fields are stored on: the truth
-//! mesh and the model mesh of [`Config`]. Grasps are stored in shards (safetensors), ten of an
-//! object each, which a [`Manifest`] lists with their hashes, failures and splits. The same
-//! configuration gives the same bytes, whatever the number of threads and however often it was
-//! interrupted: every solved grasp is kept in a file of its own until its shard is packed.
+//! A grasp closes two pads on a rigid object that comes to equilibrium between them, frame by frame
+//! with growing force ([`ramp`]), with or without its weight ([`weight`]); or two rigid fingers
+//! squeeze a soft object ([`squeeze`]). Grasps are solved on a finer mesh than the one on which
+//! their fields are stored: the truth mesh and the model mesh of [`Config`]. Grasps are stored in
+//! shards (safetensors), ten of one object each, which a [`Manifest`] lists with their hashes,
+//! failures and splits. The same configuration gives the same bytes for any number of threads and
+//! interruptions: every solved grasp is stored in a file of its own until its shard is packed.
 
 mod config;
 mod generate;

@@ -1,4 +1,4 @@
-//! Which grasps a dataset holds, drawn from its seed.
+//! Grasps of a dataset, drawn from its seed.
 
 use std::f64::consts::TAU;
 
@@ -13,31 +13,33 @@ use crate::{
     objects::{Antipodal, GraspSampler, Object},
 };
 
-/// One grasp that is to be solved.
+/// Grasp to be solved.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// Name of the object and number of the grasp: `cup-2/007`.
     pub name: String,
     /// Name of the object.
     pub object: String,
-    /// Which of the configuration's gels.
+    /// Index of the gel in the configuration.
     pub gel: usize,
     /// Pose of the tool in the object's frame: x from the first pad to the second.
     pub tool: Isometry3<f64>,
-    /// Distance of the contacts (m).
+    /// Distance between the contacts (m).
     pub width: f64,
     /// Margin of force closure, 0 to 1.
     pub quality: f64,
-    /// Force at which it ends (N).
+    /// Force at which the grasp ends (N).
     pub force: f64,
-    /// Shift of the second pad against the first along their faces (x, y of the second), over the
-    /// closing of each.
+    /// Shift of the second pad relative to the first along their faces (x, y of the second), over
+    /// the closing of each.
     pub shear: [f64; 2],
-    /// Turn of the second pad against the first about their normals, over the closing (rad/m).
+    /// Rotation of the second pad relative to the first about their normals, over the closing
+    /// (rad/m).
     pub twist: f64,
 }
 
-/// The objects of `config`, each with its grasps in order. An object may have fewer than asked for.
+/// Objects of `config`, each with its grasps in order. An object may have fewer grasps than asked
+/// for.
 pub fn plans(config: &Config) -> Result<Vec<(Object, Vec<Plan>)>> {
     let objects = config.objects().into_iter();
     objects.map(|object| of_object(config, &object).map(|plans| (object, plans))).collect()
@@ -68,7 +70,7 @@ fn draw(config: &Config, object: &Object, number: usize, grasp: &Antipodal) -> P
     }
 }
 
-/// The gel at `point`, from 0 to 1, of their shares laid end to end.
+/// Index of the gel at `point`, from 0 to 1, on the line of their shares laid end to end.
 fn choose(config: &Config, point: f64) -> usize {
     let all: f64 = config.gels.iter().map(|gel| gel.share).sum();
     let mut rest = point * all;

@@ -1,9 +1,10 @@
-//! One grasp, solved frame by frame while its force grows.
+//! Solution of one grasp, frame by frame with growing force.
 //!
-//! The four phases of a grasp: the object is loaded into its frame, the pads are put on either side
+//! A grasp has four phases: the object is placed in its frame, the pads are placed on either side
 //! of it, each closes until it touches, and then both close together until the force is reached.
-//! How far the next frame closes is told by the last: force grows with about the 1.9th power of
-//! depth (a measured `GelSight` Mini). Frames in which nothing is held yet are not kept.
+//! The closing of the next frame is extrapolated from the last: force grows with about the 1.9th
+//! power of depth (measured on a `GelSight` Mini). Frames in which the object is not held yet are
+//! discarded.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -16,47 +17,50 @@ use crate::{
     objects::Hand,
 };
 
-/// How far a grasp goes and in how many frames.
+/// Limits of a grasp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Ramp {
-    /// Frames.
+    /// Greatest number of frames.
     pub(super) frames: usize,
-    /// Closing of each pad at which it ends, whatever its force (m).
+    /// Closing of each pad at which the grasp ends, whatever its force (m).
     pub(super) depth: f64,
 }
 
-/// A solved frame of a grasp.
+/// Solved frame of a grasp.
 #[derive(Clone, Debug)]
 pub(super) struct Frame {
-    /// Closing of each pad since it touched (m).
+    /// Closing of each pad since first touch (m).
     pub(super) closing: f64,
-    /// Force with which the pads are pressed together (N).
+    /// Force with which the pads are pressed together, the mean of both (N).
     pub(super) force: f64,
-    /// Poses of the pads in the object's frame of the start.
+    /// Poses of the pads in the object's initial frame.
     pub(super) pads: [Isometry3<f64>; 2],
-    /// Weight of the object that the pads bear (N, N m about its origin), in that frame.
+    /// Weight of the object that the pads bear (N, N m about its origin), in the object's initial
+    /// frame.
     pub(super) load: Wrench,
-    /// The equilibrium.
+    /// Equilibrium of pads and object.
     pub(super) grasped: Grasped,
 }
 
-/// Exponent of force by depth that strides are chosen with.
+/// Exponent of force over depth by which strides are chosen.
 const EXPONENT: f64 = 1.9;
-/// Force above which an object is held (N): a free one may lie against a pad with none.
+/// Force above which an object counts as held (N): a free one may lie against a pad without force.
 const HELD: f64 = 1e-4;
 /// Closing of the first frame and shortest stride, over the depth.
 const STRIDES: [f64; 2] = [0.03, 0.001];
-/// Longest stride, over the depth, where many frames lead there; few share it out with some to spare.
+/// Longest stride, over the depth, for a grasp of many frames. With few frames it is longer, see
+/// [`SPARE`].
 const LONGEST: f64 = 0.1;
-/// How often the longest strides of all frames go through the depth, at least.
+/// Smallest number of times that the longest strides of all frames together cover the depth.
 const SPARE: f64 = 1.5;
-/// Pads start this far open (m).
+/// Initial distance of each pad from its contact (m).
 const OPEN: f64 = 0.005;
 /// Distance at which a pad counts as touching (m).
 const TOUCH: f64 = 1e-7;
 
 impl Ramp {
-    /// The frames of `plan`, and the error that ended it before its force, depth or last frame.
+    /// Solves the frames of `plan`; returns them with the error that ended the grasp before its
+    /// force, depth or last frame.
     pub(super) fn solve(
         &self,
         plan: &Plan,
@@ -88,8 +92,8 @@ impl Ramp {
         })
     }
 
-    /// What `close` gives, and its force, for closings that grow until `target` (N) is reached; and
-    /// the error that ended it before.
+    /// Calls `close` with growing closings until the force it returns reaches `target` (N). Returns
+    /// the frames that it gave, and the error that ended the grasp early.
     pub(super) fn climb<F>(
         &self,
         target: f64,
@@ -115,7 +119,7 @@ impl Ramp {
         (frames, error)
     }
 
-    /// How much farther to close from `closing` at `force` for a force of `wanted` (N).
+    /// Further closing (m) from `closing` at `force` to reach a force of `wanted` (N).
     fn stride(&self, closing: f64, force: f64, wanted: f64) -> f64 {
         let longest = LONGEST.max(SPARE / self.frames as f64);
         let [first, shortest, longest] =
@@ -137,8 +141,8 @@ impl Frame {
 }
 
 impl Plan {
-    /// Poses of the pads that have closed by `closing` (m) each since they were `touching`: the
-    /// first goes straight, the second shears and twists.
+    /// Poses of the pads after each has closed by `closing` (m) from its pose in `touching`: the
+    /// first moves straight, the second also shears and twists.
     pub(super) fn closed(
         &self,
         touching: &[Isometry3<f64>; 2],
@@ -152,8 +156,8 @@ impl Plan {
     }
 }
 
-/// Poses of the pads or fingers in the object's frame, each closed by the `gap` (m) that is left at
-/// its pose until it touches.
+/// Poses of the pads or fingers in the object's frame at first touch. `gap` gives the distance (m)
+/// to the object at a pose.
 pub(super) fn touching(
     plan: &Plan,
     gap: impl Fn(&Isometry3<f64>) -> f64,
@@ -181,7 +185,8 @@ pub(super) fn touching(
 mod tests {
     use super::*;
 
-    /// Closings and forces of a grasp that stiffens as 40 N at half a thickness of 4 mm.
+    /// Closings and forces of a grasp whose force grows to 40 N at 2 mm, half of a thickness of 4
+    /// mm.
     fn climbed(frames: usize, target: f64) -> Vec<(f64, f64)> {
         let close = |closing: f64| {
             let force = 40.0 * (closing / 0.002).powf(EXPONENT);

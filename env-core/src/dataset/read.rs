@@ -1,4 +1,4 @@
-//! A dataset read back, finished or not.
+//! Reading of a dataset, finished or not.
 
 use std::{
     collections::BTreeMap,
@@ -21,24 +21,24 @@ use crate::{
     objects::{Object, catalogue},
 };
 
-/// A folder of solved grasps.
+/// Folder of solved grasps.
 pub struct Dataset {
     folder: PathBuf,
     config: Config,
     objects: Vec<Object>,
-    /// Shards by object, in the order of the catalogue.
+    /// Object index and path of each shard, in the order of the catalogue.
     shards: Vec<(usize, PathBuf)>,
     splits: BTreeMap<String, Split>,
 }
 
-/// One pad of a grasp, frame by frame. F frames, V nodes, T tetrahedra of the model mesh.
+/// One pad of a grasp, frame by frame: F frames, V nodes and T tetrahedra of the model mesh.
 #[derive(Clone, Debug)]
 pub struct PadFrames {
     /// Name of the grasp.
     pub grasp: String,
-    /// Which of the configuration's gels.
+    /// Index of the gel in the configuration.
     pub gel: usize,
-    /// Pose of the object in the pad's frame where they touched.
+    /// Pose of the object in the pad's frame at first touch.
     pub start: Isometry3<f64>,
     /// Poses of the object in the pad's frame (F).
     pub poses: Vec<Isometry3<f64>>,
@@ -53,13 +53,13 @@ pub struct PadFrames {
 }
 
 impl Dataset {
-    /// The dataset in `folder`. Splits are those of its manifest, or, so that one still being made can
-    /// be looked at, of the shards that are there.
+    /// Opens the dataset in `folder`. Splits are those of its manifest; for an unfinished dataset
+    /// they are derived from the shards that exist.
     pub fn open(folder: &Path) -> Result<Self> {
         Self::of(folder, Scenario::Pads)
     }
 
-    /// As [`Dataset::open`], of grasps of a `scenario`.
+    /// Opens a dataset as [`Dataset::open`] does; returns an error if it is of another `scenario`.
     pub(super) fn of(folder: &Path, scenario: Scenario) -> Result<Self> {
         let path = folder.join("config.json");
         let text = fs::read_to_string(&path).map_err(|error| Error::file(&path, &error))?;
@@ -100,17 +100,17 @@ impl Dataset {
         Ok(Self { folder: folder.to_owned(), config, objects, shards, splits })
     }
 
-    /// What it is made of.
+    /// Configuration of the dataset.
     pub fn config(&self) -> &Config {
         &self.config
     }
 
-    /// Where it lies.
+    /// Folder of the dataset.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// The split of that name, or an error that lists those there are.
+    /// Split called `name`, or an error that lists the existing ones.
     pub fn split(&self, name: &str) -> Result<&Split> {
         self.splits.get(name).ok_or_else(|| {
             let names: Vec<_> = self.splits.keys().map(String::as_str).collect();
@@ -129,7 +129,7 @@ impl Dataset {
         stem.to_string_lossy().into_owned()
     }
 
-    /// The object and all pads of all grasps in shard `index`.
+    /// Reads the object and all pads of all grasps in shard `index`.
     pub fn read(&self, index: usize) -> Result<(&Object, Vec<PadFrames>)> {
         let (object, pads) = self.solved(index, |file, entry| {
             [0, 1].into_iter().map(|side| pad(file, entry, side)).collect::<Found<Vec<_>>>()
@@ -137,7 +137,7 @@ impl Dataset {
         Ok((object, pads.into_iter().flatten().collect()))
     }
 
-    /// The object of shard `index`, and what `frames` makes of each of its grasps.
+    /// Reads the object of shard `index`, and applies `frames` to each of its grasps.
     pub(super) fn solved<T>(
         &self,
         index: usize,
@@ -152,14 +152,14 @@ impl Dataset {
     }
 }
 
-/// The configuration in `config.json`, which says the files' format besides.
+/// Configuration in `config.json`, which also contains the version of the files.
 fn claimed(text: &str) -> serde_json::Result<Config> {
     let mut claim: serde_json::Map<_, _> = serde_json::from_str(text)?;
     claim.remove("format");
     serde_json::from_value(claim.into())
 }
 
-/// The splits in the manifest of a finished dataset.
+/// Splits in the manifest of a finished dataset; `None` if there is no manifest.
 fn finished(manifest: &Path) -> Result<Option<BTreeMap<String, Split>>> {
     #[derive(Deserialize)]
     struct Said {
@@ -172,12 +172,12 @@ fn finished(manifest: &Path) -> Result<Option<BTreeMap<String, Split>>> {
 
 pub(super) type Found<T> = std::result::Result<T, SafeTensorError>;
 
-/// The 32-bit numbers of a tensor.
+/// 32-bit numbers of a tensor.
 pub(super) fn single(file: &SafeTensors, name: &str) -> Found<Vec<f32>> {
     Ok(file.tensor(name)?.data().as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
 }
 
-/// The 64-bit numbers of a tensor.
+/// 64-bit numbers of a tensor.
 pub(super) fn double(file: &SafeTensors, name: &str) -> Found<Vec<f64>> {
     Ok(file.tensor(name)?.data().as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect())
 }
@@ -191,7 +191,7 @@ fn pad(file: &SafeTensors, entry: &Entry, side: usize) -> Found<PadFrames> {
     let closing = file.tensor(&format!("{number}.closing"))?.data().as_chunks().0[0];
     let closed = entry.plan.closed(&[Isometry3::identity(); 2], f64::from_le_bytes(closing));
     Ok(PadFrames {
-        // The object was still at its start, the origin of the poses of pads.
+        // The object is then at its initial pose, in whose frame the poses of pads are given.
         start: closed[side] * placed[0].inverse(),
         grasp: entry.plan.name.clone(),
         gel: entry.plan.gel,

@@ -1,9 +1,9 @@
 //! Solved grasps as named tensors.
 //!
 //! F frames, V nodes and T tetrahedra of the model mesh, A anchors of all frames, P contact points
-//! of the truth; 32-bit floats for fields and anchors, 64-bit ones for poses (position, then
-//! quaternion x, y, z, w) and forces. Tensors of grasp `007` begin with `007.`, those of its pads go
-//! on with `first.` or `second.`.
+//! of the truth mesh. Fields and anchors are 32-bit floats; poses (position, then quaternion x, y,
+//! z, w), resultant forces and torques are 64-bit floats. Names of the tensors of grasp `007` begin
+//! with `007.`, followed by `first.` or `second.` for those of its pads.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -20,30 +20,30 @@ use crate::{
     geometry::TetMesh,
 };
 
-/// What a shard says of a grasp besides its tensors.
+/// Metadata of a grasp in a shard.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Entry {
-    /// What was to be solved.
+    /// Grasp to be solved.
     pub(super) plan: Plan,
-    /// Frames that were.
+    /// Number of frames solved.
     pub(super) frames: usize,
-    /// What ended it early.
+    /// Error that ended it early.
     pub(super) error: Option<String>,
 }
 
-/// Grasps of one object, on their way to a file.
+/// Grasps of one object, ready to be written to a file.
 pub(super) type Shard = Tensors<Entry>;
 
 /// Tensors by name.
 pub(super) type Named = Vec<(String, Tensor)>;
 
 impl Shard {
-    /// A grasp that is not tried, and why.
+    /// Returns a grasp that is not tried, with the `reason`.
     pub(super) fn unreached(plan: &Plan, reason: String) -> Self {
         Self::of_grasp(Entry { plan: plan.clone(), frames: 0, error: Some(reason) }, Vec::new())
     }
 
-    /// One grasp, whose `tensors` get its number in front of their names.
+    /// Returns one grasp; its number is put in front of the names of its `tensors`.
     pub(super) fn of_grasp(entry: Entry, tensors: Named) -> Self {
         let number = entry.plan.name.rsplit('/').next().unwrap_or_default();
         let tensors = tensors.into_iter().map(|(name, t)| (format!("{number}.{name}"), t));
@@ -51,7 +51,7 @@ impl Shard {
     }
 }
 
-/// The tensors of a grasp by two pads; fields are carried from the truth mesh to the model mesh.
+/// Tensors of a grasp by two pads; fields are carried from the truth mesh to the model mesh.
 pub(super) fn of_pads(frames: &[Frame], carrier: &Carrier) -> Named {
     let count = frames.len();
     let number = |field: fn(&Frame) -> f64| Tensor::double(frames.iter().map(field), &[count]);
@@ -100,7 +100,7 @@ pub(super) fn of_bodies(frames: &[&Deformation], carrier: &Carrier) -> Vec<(&'st
     ]
 }
 
-/// Force and torque (F, 6).
+/// Forces and torques (F, 6).
 pub(super) fn wrenches<'a>(all: impl ExactSizeIterator<Item = &'a Wrench>) -> Tensor {
     let count = all.len();
     Tensor::double(all.flat_map(|w| flat(&[w.force, w.torque])), &[count, 6])
@@ -121,14 +121,15 @@ pub(super) fn pose(pose: &Isometry3<f64>) -> [f64; 7] {
 }
 
 impl Pads {
-    /// The file of its meshes, see [`mesh_file`].
+    /// File of the pads' model mesh, see [`mesh_file`].
     pub(super) fn mesh_file(&self) -> Vec<u8> {
         mesh_file(&self.model.mesh, &self.model.base, &self.truth.contact_points())
     }
 }
 
-/// A model mesh as bytes: `vertices` (V, 3) in m, `tets` (T, 4), `fixed` nodes; and the places of
-/// the truth's `contact_points` (P, 3), which anchors number.
+/// Serialises a model mesh: `vertices` (V, 3) in m, `tets` (T, 4) and `fixed` nodes, with the
+/// positions of the `contact_points` of the truth mesh (P, 3), to which the indices of anchors
+/// refer.
 pub(super) fn mesh_file(mesh: &TetMesh, fixed: &[u32], points: &[Point3<f64>]) -> Vec<u8> {
     let corners = mesh.tets.iter().flatten().map(|&i| i as usize);
     let vertices = mesh.vertices.iter().flat_map(place);

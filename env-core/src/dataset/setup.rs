@@ -1,4 +1,4 @@
-//! What all grasps of a dataset share: bodies, meshes, and the way between them.
+//! Data shared by all grasps of a dataset: bodies, meshes, and the transfer of fields between them.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -15,24 +15,24 @@ use super::{
 };
 use crate::{Result, fem::Carrier, geometry::TetMesh, objects::Object, sensor::Sensor};
 
-/// What is soft.
+/// Bodies and meshes of the soft side.
 pub(super) enum Setup {
-    /// The pads of every gel.
+    /// Pads of every gel.
     Pads(Vec<(Pads, Carrier)>),
-    /// The objects by name.
+    /// Soft objects by name.
     Soft(BTreeMap<String, Meshes>),
 }
 
-/// A soft object.
+/// Meshes of a soft object.
 pub(super) struct Meshes {
     truth: TetMesh,
     model: TetMesh,
-    /// Contact points of the truth.
+    /// Number of contact points of the truth mesh.
     points: usize,
 }
 
 impl Setup {
-    /// Meshes what is soft and writes the model meshes into `folder`, where they are missing.
+    /// Meshes the soft bodies and writes the model meshes into `folder`, where they are missing.
     pub(super) fn new(config: &Config, objects: &[&Object], folder: &Path) -> Result<Self> {
         let keep = |name: &str, bytes: &dyn Fn() -> Vec<u8>| {
             let path = folder.join(format!("meshes/{name}.safetensors"));
@@ -60,7 +60,7 @@ impl Setup {
         })
     }
 
-    /// The grasp of `object` that `plan` says, as a shard of its own.
+    /// Solves the grasp `plan` of `object` and returns it as a shard of its own.
     pub(super) fn solve(&self, config: &Config, object: &Object, plan: &Plan) -> Result<Shard> {
         let ramp = |length: f64| Ramp { frames: config.frames, depth: config.depth * length };
         let (frames, tensors, error) = match self {
@@ -91,8 +91,8 @@ impl Setup {
         Ok(Shard::of_grasp(Entry { plan: plan.clone(), frames, error }, tensors))
     }
 
-    /// About the bytes of a frame: fields, and the anchors of the tenth of the contact points that
-    /// touch on average.
+    /// Approximate size of a frame in bytes: fields, and the anchors of the contact points that
+    /// touch, a tenth of them on average.
     pub(super) fn bytes_a_frame(&self) -> u64 {
         let body = |mesh: &TetMesh, points: usize| {
             24 * mesh.vertices.len() + 4 * mesh.tets.len() + 20 * (points / 10) + 200

@@ -1,8 +1,7 @@
-//! A soft object squeezed by two rigid fingers: nothing of it is held but by their friction.
+//! Soft object squeezed by two rigid fingers and held by their friction alone.
 //!
 //! The fingers are boxes with the outline of a sensor's pad. They close as the pads do on a rigid
-//! object ([`super::ramp`]); the object is a free body whose shape and place belong to the
-//! equilibrium.
+//! object ([`super::ramp`]). The object is a free body; its shape and pose result from equilibrium.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -19,32 +18,33 @@ use crate::{
     geometry::{PadOutline, RigidFit, Shape},
 };
 
-/// A solved frame of a squeeze. Poses are in the object's frame of the start.
+/// Solved frame of a squeeze. Poses are in the object's initial frame.
 pub(super) struct Squeezed {
-    /// Closing of each finger since it touched (m).
+    /// Closing of each finger since first touch (m).
     closing: f64,
     /// Mean force of the fingers along their normals (N).
     force: f64,
-    /// Poses of the fingers' frames, the middle of their faces at the origin, z into the object.
+    /// Poses of the fingers' frames: origin at the middle of the face, z into the object.
     fingers: [Isometry3<f64>; 2],
-    /// What the object does to each finger, in the finger's frame.
+    /// Wrench of the object on each finger, in the finger's frame.
     wrenches: [Wrench; 2],
-    /// The rigid motion nearest to the object's.
+    /// Rigid motion closest to the object's.
     motion: RigidFit,
     body: Deformation,
 }
 
-/// Two fingers about to squeeze.
+/// Squeeze to be solved.
 pub(super) struct Squeeze<'a> {
-    /// The object.
+    /// Finite-element model of the object.
     pub(super) object: &'a Fem,
-    /// What the fingers' faces are like; they are flat.
+    /// Outline of the fingers' faces, which are flat.
     pub(super) outline: PadOutline,
     pub(super) ramp: Ramp,
 }
 
 impl Squeeze<'_> {
-    /// The frames of `plan`, and the error that ended it before its force, depth or last frame.
+    /// Solves the frames of `plan`; returns them with the error that ended the squeeze before its
+    /// force, depth or last frame.
     pub(super) fn solve(&self, plan: &Plan) -> (Vec<Squeezed>, Option<Error>) {
         let (finger, points) = (self.finger(), self.object.contact_points());
         let gap = |face: &Isometry3<f64>| {
@@ -102,8 +102,8 @@ impl Squeeze<'_> {
     }
 }
 
-/// What the object does to each finger: every node's contact force goes to the finger that is
-/// nearer to it. Nodes that touch both would lie within an element of either.
+/// Wrench of the object on each finger. Every node's contact force is assigned to the nearer
+/// finger: a node could touch both only if it were within an element of either.
 fn shares(
     faces: &[Isometry3<f64>; 2],
     places: &[Point3<f64>],
@@ -120,8 +120,8 @@ fn shares(
     wrenches
 }
 
-/// The tensors of a squeeze; those of the object go on with `body.`, those of the fingers with
-/// `first.` or `second.`.
+/// Tensors of a squeeze. Names of those of the object begin with `body.`, of those of the fingers
+/// with `first.` or `second.`.
 pub(super) fn of_squeeze(frames: &[Squeezed], carrier: &Carrier) -> Named {
     let count = frames.len();
     let number = |field: fn(&Squeezed) -> f64| Tensor::double(frames.iter().map(field), &[count]);

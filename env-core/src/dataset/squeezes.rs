@@ -1,4 +1,4 @@
-//! Squeezes of soft objects read back, finished or not.
+//! Reading of squeezes of soft objects, finished or not.
 
 use std::{fs, path::Path};
 
@@ -13,20 +13,20 @@ use super::{
 };
 use crate::{Error, Result, geometry::TetMesh, objects::Object};
 
-/// A folder of solved squeezes.
+/// Folder of solved squeezes.
 pub struct Squeezes(Dataset);
 
-/// A soft object between two rigid fingers, frame by frame. F frames, V nodes, T tetrahedra of the
+/// Soft object between two rigid fingers, frame by frame: F frames, V nodes and T tetrahedra of the
 /// model mesh.
 #[derive(Clone, Debug)]
 pub struct SqueezeFrames {
     /// Name of the grasp.
     pub grasp: String,
-    /// Which of the configuration's gels.
+    /// Index of the gel in the configuration.
     pub gel: usize,
-    /// Poses of each finger's face in the object's frame at the start, z into the object (F).
+    /// Poses of each finger's face in the object's initial frame, z into the object (F).
     pub fingers: [Vec<Isometry3<f64>>; 2],
-    /// What the object does to each finger, in the finger's frame: force and torque (F, 6) in N and
+    /// Wrench of the object on each finger, in the finger's frame: force and torque (F, 6) in N and
     /// N m.
     pub wrenches: [Vec<f64>; 2],
     /// Displacement (F, V, 3) in m.
@@ -38,17 +38,17 @@ pub struct SqueezeFrames {
 }
 
 impl Squeezes {
-    /// The dataset in `folder`, as [`Dataset::open`].
+    /// Opens the dataset in `folder`, as [`Dataset::open`] does.
     pub fn open(folder: &Path) -> Result<Self> {
         Dataset::of(folder, Scenario::Soft).map(Self)
     }
 
-    /// What it is made of.
+    /// Configuration of the dataset.
     pub fn config(&self) -> &Config {
         self.0.config()
     }
 
-    /// The split of that name, or an error that lists those there are.
+    /// Split called `name`, or an error that lists the existing ones.
     pub fn split(&self, name: &str) -> Result<&Split> {
         self.0.split(name)
     }
@@ -58,7 +58,7 @@ impl Squeezes {
         self.0.shards()
     }
 
-    /// The model mesh of an object.
+    /// Reads the model mesh of an object.
     pub fn mesh(&self, object: &str) -> Result<TetMesh> {
         let path = self.0.folder().join(format!("meshes/{object}.safetensors"));
         let bad = |error: &dyn std::fmt::Display| Error::file(&path, &error);
@@ -72,7 +72,7 @@ impl Squeezes {
         TetMesh::new(object, vertices, corners.as_chunks::<4>().0.to_vec())
     }
 
-    /// The object and the grasps in shard `index`.
+    /// Reads the object and the grasps in shard `index`.
     pub fn read(&self, index: usize) -> Result<(&Object, Vec<SqueezeFrames>)> {
         self.0.solved(index, squeeze)
     }

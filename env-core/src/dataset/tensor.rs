@@ -1,4 +1,4 @@
-//! Named numbers in safetensors files that are there whole or not at all.
+//! Named tensors in safetensors files, which are written completely or not at all.
 
 use std::{collections::HashMap, fs, path::Path};
 
@@ -7,7 +7,7 @@ use serde::{Serialize, de::DeserializeOwned};
 
 use crate::{Error, Result};
 
-/// Numbers with a shape.
+/// Numbers with their type and shape.
 pub(super) struct Tensor {
     dtype: Dtype,
     shape: Vec<usize>,
@@ -15,7 +15,7 @@ pub(super) struct Tensor {
 }
 
 impl Tensor {
-    /// Numbers kept with 32 bits.
+    /// Returns a tensor of 32-bit floats.
     pub(super) fn single(values: impl IntoIterator<Item = f64>, shape: &[usize]) -> Self {
         let bytes = values.into_iter().flat_map(|value| (value as f32).to_le_bytes()).collect();
         Self { dtype: Dtype::F32, shape: shape.to_vec(), bytes }
@@ -32,17 +32,18 @@ impl Tensor {
     }
 }
 
-/// A file's tensors by name, and what is said of each part of it.
+/// Tensors of a file by name, and metadata of each part of it.
 pub(super) struct Tensors<Entry> {
     pub(super) tensors: Vec<(String, Tensor)>,
     pub(super) entries: Vec<Entry>,
 }
 
-/// Key of the entries in a file's metadata: there is one key, so its bytes have one order.
+/// Key of the entries in a file's metadata. It is the only key, so that the order of the bytes is
+/// fixed.
 const ENTRIES: &str = "grasps";
 
 impl<Entry: Serialize + DeserializeOwned> Tensors<Entry> {
-    /// What a file holds, or an error if it is missing or damaged.
+    /// Reads a file; returns an error if it is missing or damaged.
     pub(super) fn read(path: &Path) -> Result<Self> {
         let bytes = read(path)?;
         let bad = |reason: String| Error::File { path: path.display().to_string(), reason };
@@ -55,7 +56,7 @@ impl<Entry: Serialize + DeserializeOwned> Tensors<Entry> {
         Ok(Self { tensors, entries: entries(path, &bytes)? })
     }
 
-    /// The bytes of a file of these, whatever their order.
+    /// Serialises the tensors; the bytes do not depend on their order.
     pub(super) fn to_bytes(&self) -> Vec<u8> {
         let views = self.tensors.iter().map(|(name, tensor)| {
             let view = TensorView::new(tensor.dtype, tensor.shape.clone(), &tensor.bytes);
@@ -67,7 +68,7 @@ impl<Entry: Serialize + DeserializeOwned> Tensors<Entry> {
     }
 }
 
-/// The entries in a file's bytes, or an error if it is damaged.
+/// Reads the entries in a file's bytes; returns an error if the file is damaged.
 pub(super) fn entries<Entry: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<Vec<Entry>> {
     let bad = |reason: String| Error::File { path: path.display().to_string(), reason };
     SafeTensors::deserialize(bytes).map_err(|error| bad(error.to_string()))?;
@@ -77,7 +78,7 @@ pub(super) fn entries<Entry: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Res
     serde_json::from_str(text).map_err(|error| bad(error.to_string()))
 }
 
-/// The bytes of a file.
+/// Reads the bytes of a file.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|error| Error::File {
         path: path.display().to_string(),
@@ -85,7 +86,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
     })
 }
 
-/// Writes a file so that it is there whole or not at all, whenever the process is killed.
+/// Writes a file completely or not at all, even if the process is killed.
 pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     let failed = |error: std::io::Error| Error::File {
         path: path.display().to_string(),

@@ -1,17 +1,18 @@
-//! The weight of a grasped object, which its pads take over from a table as they grip.
+//! Weight of a grasped object, which the pads take over from a table as they grip.
 //!
-//! Gravity acts along the fingers, away from the wrist. Two pads pressed with N hold up 2 μ N at most,
-//! and less where the centre of mass lies beside the line between them, as it turns the object about
-//! that line. They bear half of that or all of the weight; the table bears the rest.
+//! Gravity acts along the fingers, away from the wrist. Two pads pressed with N hold at most 2 μ N,
+//! and less where the centre of mass lies beside the line between them, because its weight turns
+//! the object about that line. The pads bear half of that limit, or the whole weight if it is less;
+//! the table bears the rest.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::config::Gel;
 use crate::{deformation::Wrench, objects::Object};
 
-/// What pulls at an object.
+/// Weight of an object held by two pads.
 pub(super) struct Weight {
-    /// Weight (N), in the object's frame of the start.
+    /// Weight (N), in the object's initial frame.
     force: Vector3<f64>,
     /// Centre of mass in the object's frame.
     center: Point3<f64>,
@@ -23,13 +24,14 @@ pub(super) struct Weight {
 
 /// Standard gravity (m/s²).
 const GRAVITY: f64 = 9.806_65;
-/// Share of what friction can hold that is asked of it.
+/// Share of the friction limit that the pads bear.
 const SHARE: f64 = 0.5;
-/// Lever (m) at which the torque of weight tells as much as the weight: the size of a contact.
+/// Lever arm (m) at which the torque of the weight counts as much as the weight: the size of a
+/// contact.
 const PATCH: f64 = 0.003;
 
 impl Weight {
-    /// Of an `object` of `density` (kg/m³), held at `tool` by pads of `gel`.
+    /// Returns the weight of an `object` of `density` (kg/m³), held at `tool` by pads of `gel`.
     pub(super) fn new(object: &Object, density: f64, tool: &Isometry3<f64>, gel: &Gel) -> Self {
         let solid = object.mass_properties(1.0);
         let force = tool * Vector3::new(0.0, 0.0, -density * solid.mass * GRAVITY);
@@ -37,8 +39,8 @@ impl Weight {
         Self { force, center: solid.center, lever: seen.y.hypot(seen.z), friction: gel.friction }
     }
 
-    /// What pads pressed with `grip` (N) bear of it: force (N) and torque (N m) about the origin of the
-    /// object at `pose`.
+    /// Part of the weight that pads pressed with `grip` (N) bear: force (N) and torque (N m) about
+    /// the origin of the object at `pose`.
     pub(super) fn borne(&self, grip: f64, pose: &Isometry3<f64>) -> Wrench {
         let limit = 2.0 * SHARE * self.friction * grip / (1.0 + self.lever / PATCH);
         let force = self.force.cap_magnitude(limit);

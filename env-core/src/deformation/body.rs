@@ -1,4 +1,4 @@
-//! What is pressed: a meshed elastic solid, part of it bonded to a rigid base.
+//! Soft body: a meshed elastic solid, part of it bonded to a rigid base.
 
 use std::{fmt, str::FromStr, sync::Arc};
 
@@ -24,7 +24,7 @@ pub enum Law {
 }
 
 impl Law {
-    /// Every law with the name it has in files and in Python.
+    /// All laws with their names in files and in Python.
     pub const NAMES: [(&str, Self); 4] = [
         ("neo-hookean", Self::NeoHookean),
         ("stable-neo-hookean", Self::StableNeoHookean),
@@ -83,10 +83,11 @@ impl Moduli {
     }
 }
 
-/// Past this ratio λ/μ exceeds 10⁶ and double precision no longer resolves the shear stress.
+/// Largest Poisson's ratio: above it λ/μ exceeds 10⁶ and double precision no longer resolves the
+/// shear stress.
 const LARGEST_POISSON: f64 = 0.499_999_5;
 
-/// An elastic solid in its own frame, meshed, with the nodes of its base held where they are.
+/// Meshed elastic solid in its own frame, with the nodes of its base held fixed.
 #[derive(Clone, Debug)]
 pub struct SoftBody {
     mesh: Arc<TetMesh>,
@@ -96,13 +97,14 @@ pub struct SoftBody {
 }
 
 impl SoftBody {
-    /// A solid of one material. `fixed` lists nodes that never move; empty is a free body.
+    /// Returns a solid of one material. `fixed` lists nodes that never move; without any the body
+    /// is free.
     pub fn new(mesh: TetMesh, law: Law, moduli: Moduli, fixed: &[u32]) -> Result<Self> {
         let count = mesh.tets.len();
         Self::graded(mesh, law, vec![moduli; count], fixed)
     }
 
-    /// A solid with its own `moduli` in every tetrahedron (T).
+    /// Returns a solid with its own `moduli` in every tetrahedron (T).
     pub fn graded(mesh: TetMesh, law: Law, moduli: Vec<Moduli>, fixed: &[u32]) -> Result<Self> {
         check_mesh(&mesh)?;
         if moduli.len() != mesh.tets.len() {
@@ -175,7 +177,7 @@ fn check_mesh(mesh: &TetMesh) -> Result<()> {
     Ok(())
 }
 
-/// Least volume of a tetrahedron over its longest edge cubed; a regular one has 0.118.
+/// Smallest volume of a tetrahedron over its longest edge cubed; a regular one has 0.118.
 const FLATTEST: f64 = 1e-9;
 
 fn volume([a, b, c, d]: &[Point3<f64>; 4]) -> f64 {
@@ -187,7 +189,7 @@ fn longest_edge(corners: &[Point3<f64>; 4]) -> f64 {
     edges.fold(0.0, f64::max)
 }
 
-/// Number of sets of vertices that no tetrahedron joins.
+/// Number of connected parts of the mesh, counting unused vertices.
 fn parts(mesh: &TetMesh) -> usize {
     let mut leader: Vec<usize> = (0..mesh.vertices.len()).collect();
     for tet in &mesh.tets {

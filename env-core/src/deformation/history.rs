@@ -1,39 +1,40 @@
-//! What a pressed body remembers, and how that is kept as bytes.
+//! State in which a press ends, and its serialisation.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::{Error, Result};
 
-/// Where a press ended: the next press of the same body and shapes may start there.
+/// State in which a press ended; the next press of the same body and shapes may start from it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct History {
-    /// Displacement of the nodes of the model that wrote this (m); the mesh's nodes come first.
+    /// Displacement of the nodes of the model that wrote it (m); the mesh's nodes come first.
     pub displacement: Vec<Vector3<f64>>,
     /// Poses of the shapes (S).
     pub poses: Vec<Isometry3<f64>>,
-    /// Where touching contact points stick.
+    /// Sticking places of the touching contact points.
     pub anchors: Vec<Anchor>,
-    /// Forces at the anchors (N), by a model that begins with them; else none.
+    /// Forces at the anchors (N), if the model that wrote it starts from them; else empty.
     pub forces: Vec<Vector3<f64>>,
 }
 
-/// A contact point that touches a shape, and the place on the shape where friction holds it.
+/// Contact point that touches a shape, and the place on the shape where friction holds it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Anchor {
     /// Index of the shape.
     pub shape: u32,
-    /// Index of the contact point among the model's.
+    /// Index of the contact point among those of the model.
     pub point: u32,
     /// Place in the frame of the shape (m).
     pub place: Point3<f64>,
 }
 
-/// What the bytes of a history begin with; its last letter counts versions.
+/// First bytes of a serialised history; the last character counts versions.
 const MARK: [u8; 8] = *b"history2";
 
 impl History {
-    /// An error if this was not written by a model of `nodes` nodes and `points` contact points.
+    /// Returns an error if the history was not written by a model of `nodes` nodes and `points`
+    /// contact points.
     pub fn check(&self, nodes: usize, points: usize) -> Result<()> {
         if self.displacement.len() != nodes {
             let expected = format!("displacements of this model's {nodes} nodes");
@@ -50,13 +51,13 @@ impl History {
         Ok(())
     }
 
-    /// The history as bytes (postcard), exact to the bit.
+    /// Serialises the history (postcard), exact to the bit.
     pub fn to_bytes(&self) -> Vec<u8> {
         let body = postcard::to_stdvec(self).expect("lists of numbers are what postcard writes");
         [&MARK[..], &body].concat()
     }
 
-    /// The history that [`History::to_bytes`] wrote; other bytes are an error.
+    /// Restores a history from the result of [`History::to_bytes`]; other bytes are an error.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
         let bad = |found: String| Error::invalid("history", found, "bytes of a saved history");
         let Some(body) = bytes.strip_prefix(&MARK) else {

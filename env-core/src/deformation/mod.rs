@@ -1,7 +1,8 @@
-//! The question that every soft-body model answers, and the answer.
+//! Input and output of the soft-body models.
 //!
-//! A [`SoftBody`] is pressed by rigid shapes: a [`Press`]. The answer is a [`Deformation`]. Whoever
-//! can answer implements [`DeformationModel`]. Everything is in the frame of the soft body, SI units.
+//! A [`SoftBody`] is pressed by rigid shapes, as described by a [`Press`]; the result is a
+//! [`Deformation`]. Models implement [`DeformationModel`]. Everything is in the frame of the soft
+//! body, in SI units.
 //!
 //! Shapes: V nodes of the mesh, T tetrahedra, S rigid shapes, F frames of a path.
 

@@ -1,4 +1,4 @@
-//! How a soft body is pressed, and what comes out.
+//! Presses of a soft body, and their solutions.
 
 use nalgebra::{Isometry3, Unit, Vector3};
 
@@ -17,21 +17,21 @@ pub struct Press {
     friction: Option<f64>,
 }
 
-/// What moves the shapes. Poses are those of the shapes in the frame of the soft body.
+/// Motion of the shapes. Poses are those of the shapes in the frame of the soft body.
 #[derive(Clone, Debug)]
 pub enum Drive {
-    /// Poses are given.
+    /// Motion through given poses.
     Translation {
         /// Poses of the shapes frame by frame (F, S).
         path: Vec<Vec<Isometry3<f64>>>,
     },
-    /// The shapes move together along a line until they press with a given force.
+    /// Motion of all shapes together along a line until they press with a given force.
     Force {
-        /// Poses of the shapes where the line begins (S).
+        /// Poses of the shapes at the beginning of the line (S).
         poses: Vec<Isometry3<f64>>,
         /// Force of the shapes on the soft body along `direction` (N).
         force: f64,
-        /// Direction of motion, and of the force's counted component.
+        /// Direction of the motion and of the force component that counts.
         direction: Unit<Vector3<f64>>,
     },
 }
@@ -45,7 +45,7 @@ pub struct Wrench {
     pub torque: Vector3<f64>,
 }
 
-/// A soft body in equilibrium with what presses it.
+/// Equilibrium of a soft body with the shapes that press it.
 #[derive(Clone, Debug)]
 pub struct Deformation {
     /// Displacement of the nodes (V, 3) in m.
@@ -58,42 +58,43 @@ pub struct Deformation {
     pub wrench: Wrench,
     /// Poses of the shapes (S).
     pub poses: Vec<Isometry3<f64>>,
-    /// What the contact remembers.
+    /// History from which a later press may continue.
     pub history: History,
     /// Newton steps taken since the last frame.
     pub iterations: usize,
-    /// Norm of the force left unbalanced (N).
+    /// Norm of the residual force (N).
     pub residual: f64,
     /// Wall time (s).
     pub seconds: f64,
 }
 
-/// Parts of an answer that cost extra.
+/// Parts of a solution that cost extra.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
-    /// Von Mises stress; a model may leave it empty if it is not wanted.
+    /// `true` for the von Mises stress; otherwise a model may leave it empty.
     pub stress: bool,
-    /// The force left unbalanced; a model may leave it 0 if it is not wanted.
+    /// `true` for the norm of the residual force; otherwise a model may leave it 0.
     pub residual: bool,
 }
 
-/// Answers presses of one soft body.
+/// Model that solves presses of one soft body.
 pub trait DeformationModel: Send {
-    /// One answer per press, in order: where it ends. An unsolved press is an error in its slot.
+    /// Solves each press and returns its last frame, in order. A press that fails is an error in
+    /// its place.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>>;
 
-    /// As [`DeformationModel::solve`], sparing what is not `wanted`.
+    /// Performs [`DeformationModel::solve`] and may omit the parts that are not `wanted`.
     fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let _ = wanted;
         self.solve(presses)
     }
 
-    /// Every frame of `press`, in order; the first that is not solved is an error and the last.
+    /// Solves every frame of `press`, in order; the first that fails is an error and the last.
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>>;
 }
 
 impl Drive {
-    /// Poses of the shapes where the press begins (S), history aside.
+    /// Poses of the shapes at the beginning of the press (S), without regard to a history.
     pub fn first(&self) -> &[Isometry3<f64>] {
         match self {
             Self::Translation { path } => &path[0],
@@ -103,7 +104,7 @@ impl Drive {
 }
 
 impl Press {
-    /// `shapes` led through the poses of `path` (F, S).
+    /// Returns a press that moves `shapes` through the poses of `path` (F, S).
     pub fn along(shapes: Vec<Shape>, path: Vec<Vec<Isometry3<f64>>>) -> Result<Self> {
         if path.is_empty() {
             return Err(Error::invalid("path", "no frames", "at least one"));
@@ -112,7 +113,8 @@ impl Press {
         Self::new(shapes, Drive::Translation { path })
     }
 
-    /// `shapes` moved from `poses` along `direction` until they press with `force` (N).
+    /// Returns a press that moves `shapes` from `poses` along `direction` until they press with
+    /// `force` (N).
     pub fn with_force(
         shapes: Vec<Shape>,
         poses: Vec<Isometry3<f64>>,
@@ -129,7 +131,7 @@ impl Press {
         Self::new(shapes, Drive::Force { poses, force, direction })
     }
 
-    /// This press, starting where another ended.
+    /// Returns this press with the final state of another as its start.
     pub fn after(mut self, history: History) -> Result<Self> {
         check_poses(self.shapes.len(), &history.poses)?;
         if let Some(anchor) = history.anchors.iter().find(|a| a.shape as usize >= self.shapes.len())
@@ -147,7 +149,8 @@ impl Press {
         Ok(self)
     }
 
-    /// The last frame of this press alone, from rest; none if that is all that it asks.
+    /// Returns a press from rest with only the last frame of this one; `None` if this one is such a
+    /// press or is driven by a force.
     pub fn its_end(&self) -> Option<Self> {
         let Drive::Translation { path } = &self.drive else { return None };
         if self.history.is_none() && path.len() < 2 {
@@ -157,7 +160,7 @@ impl Press {
         Some(Self { drive, history: None, ..self.clone() })
     }
 
-    /// This press with another force (N) in place of its own, if a force drives it.
+    /// Returns this press with another force (N) in place of its own, if a force drives it.
     pub(crate) fn with_other_force(&self, other: f64) -> Self {
         let mut press = self.clone();
         if let Drive::Force { force, .. } = &mut press.drive {
@@ -166,7 +169,7 @@ impl Press {
         press
     }
 
-    /// This press with its own coefficient of friction, 0 to 100, in place of the model's.
+    /// Returns this press with its own coefficient of friction, 0 to 100, in place of the model's.
     pub fn with_friction(mut self, friction: f64) -> Result<Self> {
         if !(0.0..=MOST_FRICTION).contains(&friction) {
             let expected = format!("a coefficient from 0 to {MOST_FRICTION}");
@@ -189,17 +192,17 @@ impl Press {
         &self.shapes
     }
 
-    /// What moves them.
+    /// Motion of the shapes.
     pub fn drive(&self) -> &Drive {
         &self.drive
     }
 
-    /// Where the press starts, if not from rest.
+    /// State from which the press starts; `None` for a start from rest.
     pub fn history(&self) -> Option<&History> {
         self.history.as_ref()
     }
 
-    /// Coefficient of Coulomb friction, if not the model's.
+    /// Coefficient of Coulomb friction; `None` for that of the model.
     pub fn friction(&self) -> Option<f64> {
         self.friction
     }

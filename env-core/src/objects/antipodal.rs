@@ -1,10 +1,10 @@
-//! Antipodal grasps: two contacts whose line lies in both friction cones.
+//! Antipodal grasps: two contacts whose connecting line lies in both friction cones.
 //!
-//! Two opposite contacts with friction resist any force, and soft fingers any torque besides, if
+//! Two opposite contacts with friction resist any force, and soft fingers any torque as well, if
 //! and only if the line between them lies strictly inside both cones (Nguyen, "Constructing
-//! force-closure grasps", 1988). A point is drawn evenly from the surface, a ray leaves it along
-//! the inward normal, and the approach is any direction across. The same seed gives the same grasps
-//! on one platform; on another, the last bits of sines may differ.
+//! force-closure grasps", 1988). The first contact is drawn uniformly from the surface, the second
+//! lies on the ray along the inward normal there, and the approach direction is random. The same
+//! seed gives the same grasps on one platform; on another, the last bits of sines may differ.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +16,7 @@ use crate::{
     geometry::{Shape, Surface},
 };
 
-/// A grasp between two opposite contacts, in the object's frame.
+/// Grasp between two opposite contacts, in the object's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Antipodal {
     /// Pose of the tool frame: the origin midway between the contacts, x from the first to the
@@ -24,66 +24,68 @@ pub struct Antipodal {
     pub tool: Isometry3<f64>,
     /// Distance between the contacts (m).
     pub width: f64,
-    /// Angle between x and the outward normal at the second contact (rad); at the first it is 0.
+    /// Angle between x and the outward normal at the second contact (rad); at the first, x is the
+    /// inward normal.
     pub angle: f64,
-    /// Force-closure margin 1 − tan(angle)/μ: 1 at the middle of the cone, 0 on its side.
+    /// Force-closure margin 1 − tan(angle)/μ: 1 on the axis of the cone, 0 on its surface.
     pub quality: f64,
-    /// Distance of the line between the contacts from the centre of mass (m): what weight turns by.
+    /// Distance of the line between the contacts from the centre of mass (m): the lever arm of the
+    /// weight.
     pub lever: f64,
 }
 
 impl Antipodal {
-    /// Poses of the pads' frames in the object's, that of the first contact first, with the apexes
-    /// `apart` (m).
+    /// Poses of the pads' frames in the object's frame, that of the first contact first, with the
+    /// apexes `apart` (m).
     pub fn pads(&self, apart: f64) -> [Isometry3<f64>; 2] {
         Hand::pads(&self.tool, apart)
     }
 }
 
-/// Why a drawn grasp was not taken, in the order of the checks.
+/// Reasons to reject a drawn grasp, in the order of the checks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Rejection {
-    /// The open pads, with their clearance, are not far enough apart.
+    /// The grasp, with the clearance of both pads, is wider than the gripper opens.
     TooWide,
     /// The line between the contacts lies outside the second friction cone.
     OutsideCone,
-    /// Part of the object stands higher than the palm.
+    /// Part of the object reaches above the palm.
     Palm,
     /// The hand reaches below the table.
     Table,
-    /// The object stands too deep in the gel beside the contacts.
+    /// The object reaches too deep into the gel beside the contacts.
     Face,
-    /// A finger meets the object on its way.
+    /// A finger collides with the object on its path.
     Finger,
 }
 
-/// What was drawn.
+/// Result of a sampling.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sampling {
-    /// Grasps taken, in the order they were drawn.
+    /// Accepted grasps, in the order they were drawn.
     pub grasps: Vec<Antipodal>,
-    /// How many were not, and why.
+    /// Number of rejected grasps by reason.
     pub rejected: BTreeMap<Rejection, usize>,
 }
 
-/// Draws antipodal grasps.
+/// Sampler of antipodal grasps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GraspSampler {
     /// The gripper.
     pub hand: Hand,
     /// Coulomb coefficient μ between pads and object.
     pub friction: f64,
-    /// Free way of each pad before it touches (m).
+    /// Free travel of each pad before it touches (m).
     pub clearance: f64,
-    /// How far the object may stand in the gel beside the contacts when the apexes touch (m).
+    /// Greatest depth of the object in the gel beside the contacts when the apexes touch (m).
     pub intrusion: f64,
     /// Height of a table's top along z of the object's frame (m), if it lies on one.
     pub table: Option<f64>,
 }
 
 impl Default for GraspSampler {
-    /// Half of the GelSight Mini's friction at rest, for a margin; 5 mm free each side; half of the
-    /// gel's thickness; no table.
+    /// Half of the `GelSight` Mini's friction at rest, as a margin; 5 mm of clearance on each side;
+    /// an intrusion of half the gel's thickness; no table.
     fn default() -> Self {
         let hand = Hand::default();
         let intrusion = 0.5 * hand.pad.thickness;
@@ -91,17 +93,17 @@ impl Default for GraspSampler {
     }
 }
 
-/// Draws for each grasp that is wanted.
+/// Number of draws for each grasp asked for.
 const ATTEMPTS: usize = 200;
-/// Edges round a circle of the surface that points are drawn from.
+/// Edges round a circle of the triangulated surface from which points are drawn.
 const SEGMENTS: u32 = 64;
-/// Depth under the surface at which a ray through the solid starts (m): deeper than facets sag,
-/// less than any wall is thick.
+/// Depth under the surface at which a ray through the solid starts (m): more than facets deviate
+/// from the surface, less than the thickness of any wall.
 const DEPTH: f64 = 5e-4;
 
 impl GraspSampler {
-    /// Up to `count` grasps of `shape`; fewer if 200 draws for each do not yield them. An error if
-    /// the shape has no finite surface or a setting makes no sense.
+    /// Draws up to `count` grasps of `shape`; fewer if 200 draws for each do not yield them.
+    /// Returns an error if the shape has no finite surface or a setting is invalid.
     pub fn sample(&self, shape: &Shape, count: usize, seed: u64) -> Result<Sampling> {
         self.check()?;
         let target = Target::new(shape)?;
@@ -156,7 +158,7 @@ impl GraspSampler {
         Ok(Antipodal { tool, width, angle, quality, lever })
     }
 
-    /// The first reason why the hand does not get to `tool`, if any.
+    /// Returns as an error the first reason why the hand cannot reach `tool`, if there is one.
     fn reachable(
         &self,
         target: &Target,
@@ -182,12 +184,12 @@ impl GraspSampler {
     }
 }
 
-/// A solid made ready for drawing points of its surface.
+/// Solid prepared for drawing points of its surface.
 struct Target<'a> {
     shape: &'a Shape,
     surface: Surface,
     center: Point3<f64>,
-    /// Area of all triangles up to each (m²).
+    /// Total area of the triangles up to each (m²).
     areas: Vec<f64>,
 }
 
@@ -207,21 +209,21 @@ impl<'a> Target<'a> {
         Ok(Self { shape, surface, center, areas })
     }
 
-    /// A point of the exact surface and the outward normal there.
+    /// Draws a point of the exact surface and returns it with the outward normal there.
     fn point(&self, draw: &mut Draw) -> (Point3<f64>, Vector3<f64>) {
         let area = draw.uniform(0.0, self.areas[self.areas.len() - 1]);
         let triangle = self.areas.partition_point(|&sum| sum <= area);
         let [a, b, c] =
             self.surface.triangles()[triangle].map(|i| self.surface.vertices()[i as usize]);
-        // The square root makes points even over the triangle.
+        // The square root makes the distribution uniform over the triangle.
         let (root, share) = (draw.uniform(0.0, 1.0).sqrt(), draw.uniform(0.0, 1.0));
         let drawn = a + root * ((b - a) + share * (c - b));
         let distance = self.shape.distance(&drawn);
         (drawn - distance.value * distance.normal, distance.normal)
     }
 
-    /// Way through the solid (m) from its surface point `from` along `axis`: to where the ray first
-    /// leaves it or to where it last does, which differ for a cup.
+    /// Length through the solid (m) from its surface point `from` along `axis`, chosen at random:
+    /// to where the ray first leaves the solid or to where it last does. The two differ for a cup.
     fn through(&self, from: &Point3<f64>, axis: &Vector3<f64>, draw: &mut Draw) -> f64 {
         let far = 3.0 * self.surface.size();
         let last = self.shape.ray_gap(&(from + far * axis), &-axis).map_or(0.0, |gap| far - gap);
@@ -240,7 +242,7 @@ impl<'a> Target<'a> {
     }
 }
 
-/// The tool frame at `middle` with x along `axis` and z as near to `towards` as it can be.
+/// Tool frame at `middle` with x along `axis` and z as close to `towards` as possible.
 fn tool(middle: &Point3<f64>, axis: &Vector3<f64>, towards: &Unit<Vector3<f64>>) -> Isometry3<f64> {
     let y = towards.cross(axis).try_normalize(1e-9).unwrap_or_else(|| {
         let aside = Vector3::ith(axis.iamin(), 1.0);

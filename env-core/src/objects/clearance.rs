@@ -1,9 +1,9 @@
-//! Whether a parallel gripper reaches a grasp without touching the object elsewhere.
+//! Check that a parallel gripper reaches a grasp without touching the object elsewhere.
 //!
 //! Tool frame: the origin midway between the apexes of the pads, x from one to the other, z to the
-//! wrist. The hand comes down along −z with its pads apart, then they close along x. What it sweeps
-//! is made of boxes; that one is free of the solid is proven by distances at the middles of its
-//! parts, since no distance changes faster than the place it is taken at.
+//! wrist. The hand moves along −z with its pads apart, then they close along x. The swept volume
+//! consists of boxes. A box is shown to be free of the solid by distances at the centres of its
+//! parts, since a distance changes no faster than the point at which it is measured moves.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, Vector3};
 
@@ -12,16 +12,16 @@ use crate::{
     sensor::Sensor,
 };
 
-/// A parallel gripper, as far as it can collide.
+/// Dimensions of a parallel gripper that matter for collisions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hand {
-    /// The undeformed pads, their y along the fingers.
+    /// Undeformed pads, with y along the fingers.
     pub pad: PadOutline,
     /// Largest distance between the apexes of the pads (m).
     pub opening: f64,
     /// Extent of a finger behind its pad (m).
     pub finger_depth: f64,
-    /// Height of the palm over the middle of the pads (m).
+    /// Height of the palm above the middle of the pads (m).
     pub palm: f64,
 }
 
@@ -33,17 +33,17 @@ impl Default for Hand {
     }
 }
 
-/// A box in the tool frame, by its lower and upper corner (m).
+/// Box in the tool frame, by its lower and upper corner (m).
 type Aabb = [Vector3<f64>; 2];
 
-/// Parts of a box with edges below this (m) that cannot be told free count as met.
+/// Edge length below which a part of a box that is not shown to be free counts as occupied (m).
 const RESOLUTION: f64 = 2.5e-4;
-/// Points of a pad's face across and along that are followed to the object.
+/// Numbers of points across and along a pad's face from which the gap to the object is measured.
 const FACE_POINTS: [u32; 2] = [9, 11];
 
 impl Hand {
-    /// Poses of the two pads' frames, that of −x first, in the frame of `tool`'s pose, with their
-    /// apexes `apart` (m).
+    /// Poses of the two pads' frames, that at −x first, in the frame in which the pose `tool` is
+    /// given, with their apexes `apart` (m).
     pub fn pads(tool: &Isometry3<f64>, apart: f64) -> [Isometry3<f64>; 2] {
         [1.0, -1.0].map(|side| {
             let axes = [side * Vector3::y(), Vector3::z(), side * Vector3::x()];
@@ -53,8 +53,9 @@ impl Hand {
         })
     }
 
-    /// How far the object would stand in a pad's gel (m) beside the apexes when these just touch it
-    /// `width` apart, at points all over the faces; the pads close from `clearance` (m) each.
+    /// Greatest depth of the object in a pad's gel (m) beside the apexes when these just touch it
+    /// `width` apart, at points distributed over the faces. The pads close from `clearance` (m)
+    /// each.
     pub(super) fn intrusion(
         &self,
         shape: &Shape,
@@ -70,7 +71,7 @@ impl Hand {
         clearance - gaps.fold(f64::INFINITY, f64::min)
     }
 
-    /// Points all over a pad's face, in its frame (m).
+    /// Points distributed over a pad's face, in its frame (m).
     fn face(&self) -> impl Iterator<Item = Point3<f64>> {
         let even = |i: u32, n: u32, extent: f64| extent * (f64::from(i) / f64::from(n - 1) - 0.5);
         let [across, along] = FACE_POINTS;
@@ -81,8 +82,8 @@ impl Hand {
         })
     }
 
-    /// Whether the fingers stay off the object while the hand comes down over all of it below `top`
-    /// (m, tool frame) and the pads close from `clearance` (m) each to `width` (m).
+    /// Returns whether the fingers stay clear of the object while the hand moves down past all of
+    /// it below `top` (m, tool frame) and the pads close from `clearance` (m) each to `width` (m).
     pub(super) fn fingers_are_free(
         &self,
         shape: &Shape,
@@ -102,7 +103,8 @@ impl Hand {
             .all(|swept| is_free(shape, tool, &swept) && is_free(shape, tool, &mirrored(swept)))
     }
 
-    /// Lowest point of the hand along z of the frame of `tool`'s pose (m), pads `apart` (m).
+    /// Lowest z of the hand in the frame in which the pose `tool` is given (m), with the pads
+    /// `apart` (m).
     pub(super) fn lowest(&self, tool: &Isometry3<f64>, apart: f64) -> f64 {
         let half = Vector3::new(
             0.5 * apart + self.pad.thickness + self.finger_depth,
@@ -119,7 +121,7 @@ fn mirrored([low, high]: Aabb) -> Aabb {
     [Vector3::new(-high.x, low.y, low.z), Vector3::new(-low.x, high.y, high.z)]
 }
 
-/// Whether no point of the box lies in the solid, to [`RESOLUTION`].
+/// Returns whether no point of the box lies in the solid, within [`RESOLUTION`].
 fn is_free(shape: &Shape, tool: &Isometry3<f64>, &[low, high]: &Aabb) -> bool {
     let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
     let distance = shape.distance(&(tool * Point3::from(middle))).value;

@@ -1,4 +1,4 @@
-//! Kinds of objects, how many there are of each, and their sizes.
+//! Kinds of objects, the number of each, and their sizes.
 
 use std::fmt;
 
@@ -7,12 +7,12 @@ use nalgebra::Vector3;
 use super::{draw::Draw, fruit};
 use crate::geometry::{Hollow, Shape};
 
-/// What an object is for.
+/// Use of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Split {
-    /// Known to whoever learns.
+    /// For training.
     Train,
-    /// Kept for the test; no family is in both.
+    /// For the test; no family is used for both.
     Novel,
     /// For the ablation on soft objects only.
     Soft,
@@ -28,14 +28,14 @@ impl fmt::Display for Split {
     }
 }
 
-/// A kind of object.
+/// Kind of object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-#[allow(missing_docs)] // The names say it; what is particular is documented.
+#[allow(missing_docs)] // The names suffice, with the exceptions documented.
 pub enum Family {
     Prism,
     Annulus,
     Cuboid,
-    /// An open vessel that widens towards the rim.
+    /// Open vessel that widens towards the rim.
     Cup,
     Cylinder,
     Eggplant,
@@ -43,10 +43,10 @@ pub enum Family {
     Sphere,
     Lemon,
     Tomato,
-    /// A lemon's rind round a closed cavity.
+    /// Lemon's rind round a closed cavity.
     HollowLemon,
     Ellipsoid,
-    /// An open vessel that narrows towards the rim: the paper's other cups.
+    /// Open vessel that narrows towards the rim, for the paper's other cups.
     Jar,
     Cucumber,
     Apple,
@@ -59,7 +59,7 @@ use Family::{
 };
 
 impl Family {
-    /// Every family, in the order of the catalogue.
+    /// All families, in the order of the catalogue.
     pub const ALL: [Self; 16] = [
         Prism,
         Annulus,
@@ -93,7 +93,7 @@ impl Family {
         }
     }
 
-    /// What its members are for.
+    /// Use of its members.
     pub fn split(self) -> Split {
         match self {
             Prism | Annulus | Cuboid | Cup | Cylinder | Eggplant | Potato | Sphere | Lemon => {
@@ -104,7 +104,7 @@ impl Family {
         }
     }
 
-    /// The solid of member `index`. The first length drawn is spread over the members.
+    /// Solid of member `index`. The first length drawn is spread over the members.
     pub(super) fn shape(self, index: u32, seed: u64) -> Shape {
         let draw = &mut Draw::new(seed, index, self.count());
         match self {
@@ -170,14 +170,14 @@ impl fmt::Display for Family {
     }
 }
 
-/// A ring of at least 4 mm between hole and side.
+/// Ring with at least 4 mm between hole and side.
 fn annulus(draw: &mut Draw) -> Shape {
     let outer = draw.spread(0.014, 0.027);
     let inner = draw.uniform(0.35, 0.7) * outer;
     Shape::Annulus { outer, inner, half_height: draw.uniform(0.006, 0.018) }
 }
 
-/// A vessel whose rim is so many times as wide as its bottom.
+/// Vessel whose rim is `low` to `high` times as wide as its bottom.
 fn cup(draw: &mut Draw, [low, high]: [f64; 2]) -> Shape {
     let bottom = draw.spread(0.015, 0.020);
     Shape::Cup {

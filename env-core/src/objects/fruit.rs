@@ -33,7 +33,7 @@ pub(super) fn tomato(draw: &mut Draw) -> StarShaped {
     let width = draw.spread(0.022, 0.026);
     let height = draw.uniform(0.74, 0.84) * width;
     let rib = draw.uniform(0.006, 0.010);
-    // Three waves at 60° make six lobes, which a wave number of 7 makes deepest.
+    // Three waves at 60° make six lobes, which are deepest at a wave number of 7.
     let across = 0.75f64.sqrt();
     let ribs = [[1.0, 0.0], [0.5, across], [-0.5, across]]
         .map(|[x, y]| (rib, [7.0 * x, 7.0 * y, 0.0], 0.0));
@@ -64,7 +64,7 @@ pub(super) fn cucumber(draw: &mut Draw) -> StarShaped {
         .with_bumps(vec![stem(-0.2, 20.0), tip(-0.2, 20.0)])
 }
 
-/// A bent pear with a stump of its stem.
+/// A bent pear with a short piece of its stem.
 pub(super) fn eggplant(draw: &mut Draw) -> StarShaped {
     let width = draw.spread(0.017, 0.020);
     let [one, other] = bent(draw.uniform(0.03, 0.04));
@@ -85,7 +85,8 @@ fn wider_up(amplitude: f64) -> Modulation {
     (amplitude, [0.0, 0.0, 1.6], -FRAC_PI_2)
 }
 
-/// 2 `amplitude` sin(1.5 x) cos(2.4 z), as two waves: out at +x in the middle, at −x towards the ends.
+/// 2 `amplitude` sin(1.5 x) cos(2.4 z), as two waves: out at +x in the middle, at −x towards the
+/// ends.
 fn bent(amplitude: f64) -> [Modulation; 2] {
     [2.4, -2.4].map(|z| (amplitude, [1.5, 0.0, z], -FRAC_PI_2))
 }

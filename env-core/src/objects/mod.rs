@@ -1,9 +1,9 @@
-//! The objects of the dataset, and where a parallel gripper can hold them.
+//! Objects of the dataset, and grasps of them by a parallel gripper.
 //!
-//! Families and counts are those of the paper's experiment: 49 objects to train on, 14 novel ones,
-//! and one soft fruit besides. Every object is drawn from its own seed by arithmetic that IEEE 754
-//! rounds exactly, so its parameters are the same bits on every platform. All are of hand size: some
-//! way of holding them is at most 60 mm wide.
+//! Families and counts are those of the paper's experiment: 49 objects for training, 14 novel ones,
+//! and one soft fruit in addition. Every object is drawn from its own seed by arithmetic that IEEE
+//! 754 rounds exactly, so its parameters are the same bits on every platform. All are of hand size:
+//! each can be held at some width of at most 60 mm.
 
 mod antipodal;
 mod clearance;
@@ -28,27 +28,28 @@ use crate::{
 pub struct Object {
     /// Family and number, such as `cup-2`.
     pub name: String,
-    /// What kind of thing it is.
+    /// Kind of object.
     pub family: Family,
-    /// What it is for.
+    /// Use of the object.
     pub split: Split,
-    /// What its parameters were drawn from.
+    /// Seed of its parameters.
     pub seed: u64,
-    /// The exact solid, z along its axis of symmetry if it has one.
+    /// Exact solid, z along its axis of symmetry if it has one.
     pub shape: Shape,
 }
 
-/// Edges round a circle for mass properties: polygons of 128 sides miss 0.04 % of a disc.
+/// Edges round a circle for mass properties: a polygon of 128 sides has 0.04 % less area than the
+/// disc.
 const SEGMENTS: u32 = 128;
 
 impl Object {
-    /// Member `index` (from 0) of a family.
+    /// Returns member `index` (from 0) of a family.
     pub fn new(family: Family, index: u32, seed: u64) -> Self {
         let name = format!("{family}-{}", index + 1);
         Self { name, family, split: family.split(), seed, shape: family.shape(index, seed) }
     }
 
-    /// Watertight triangles with about `segments` edges round a circle.
+    /// Watertight triangulation with about `segments` edges round a circle.
     pub fn surface(&self, segments: u32) -> Surface {
         self.shape.surface(segments).expect("no family has a half-space")
     }
@@ -58,19 +59,19 @@ impl Object {
         self.surface(SEGMENTS).mass_properties(density)
     }
 
-    /// Tetrahedra with edges of about `spacing` (m); errors as for [`TetMesh::of_shape`].
+    /// Tetrahedral mesh with edges of about `spacing` (m); errors as for [`TetMesh::of_shape`].
     pub fn tets(&self, spacing: f64) -> Result<TetMesh> {
         TetMesh::of_shape(&self.shape, spacing)
     }
 
-    /// The finest tetrahedra of at most `nodes` nodes, or about so; errors as for
+    /// Tetrahedral mesh of at most `nodes` nodes, about as fine as that allows; errors as for
     /// [`TetMesh::of_shape`].
     pub fn tets_within(&self, nodes: usize) -> Result<TetMesh> {
         tets_within(&self.shape, nodes)
     }
 }
 
-/// As [`Object::tets_within`], of any solid.
+/// Returns [`Object::tets_within`] for any solid.
 pub fn tets_within(shape: &Shape, nodes: usize) -> Result<TetMesh> {
     // A body-centred lattice has two points in a cube of the spacing.
     let surface = shape.surface(SEGMENTS);
@@ -86,7 +87,7 @@ pub fn tets_within(shape: &Shape, nodes: usize) -> Result<TetMesh> {
     }
 }
 
-/// All 64 objects: those to train on, the novel ones, the soft one.
+/// All 64 objects: first those for training, then the novel ones, last the soft one.
 pub fn catalogue(seed: u64) -> Vec<Object> {
     let members = Family::ALL.iter().flat_map(|&f| (0..f.count()).map(move |index| (f, index)));
     let mut random = ChaCha8Rng::seed_from_u64(seed);

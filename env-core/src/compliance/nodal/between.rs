@@ -1,36 +1,40 @@
-//! Places between the contact nodes, where a thin shape would stand unfelt.
+//! Detection of thin shapes that penetrate between the contact nodes.
 //!
-//! No place of a triangle is farther than 1/√3 of its longest side from a corner, about, so a shape
-//! that is twice as thick is felt by one of its nodes before it is through. Thinner ones are watched
-//! at a lattice of places in the triangle.
+//! The distance from a position in a triangle to the nearest corner is at most about 1/√3 of the
+//! longest side, so a shape twice as thick touches a node before it is through. For thinner shapes,
+//! the depth is measured on a lattice of positions in the triangle.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::geometry::Shape;
 
-/// Thickness of a shape, in longest sides of a triangle, from which it need not be watched there.
+/// Thickness of a shape, relative to the longest side of a triangle, above which the triangle is
+/// not checked.
 const THICK: f64 = 1.16;
-/// Greatest depth that a shape which no node feels may stand between nodes, in thicknesses, and in all (m).
+/// Greatest depth between nodes of a shape that touches no node: relative to its thickness, and
+/// absolute (m). The smaller of the two applies.
 const UNFELT: (f64, f64) = (0.125, 2.5e-4);
-/// Greatest depth of a shape that some node feels, in thicknesses: a load step of half a thickness at most
-/// cannot lead from there to as near its other side, and the lattice sees it if anything is deeper.
+/// Greatest depth of a shape that touches some node, relative to its thickness. A load step of at
+/// most half a thickness cannot lead from that depth to nearer than a quarter of the thickness to
+/// the shape's other side, and the lattice shows any larger depth.
 const FELT: f64 = 0.25;
-/// Distance of the places that are watched, in thicknesses, and most of them along a side.
+/// Spacing of the lattice, relative to the thickness, and greatest number of intervals along a
+/// side.
 const SPACING: (f64, u32) = (0.5, 64);
 
-/// A triangle of contact nodes.
+/// Triangle of contact nodes.
 pub(super) struct Face {
     corners: [u32; 3],
     places: [Point3<f64>; 3],
     longest: f64,
 }
 
-/// A shape where it is.
+/// Shape at its pose.
 #[derive(Clone, Copy)]
 pub(super) struct Standing<'a> {
     pub(super) shape: &'a Shape,
     pub(super) pose: &'a Isometry3<f64>,
-    /// Whether it presses on some node.
+    /// `true` if it presses on a node.
     pub(super) felt: bool,
 }
 
@@ -42,13 +46,13 @@ impl Face {
         Self { corners, places, longest }
     }
 
-    /// Distance from the nearest corner within which all its places lie (m).
+    /// Radius of the balls round the corners that together contain the triangle (m).
     pub(super) fn reach(&self) -> f64 {
         0.5 * THICK * self.longest
     }
 
-    /// How much deeper `standing` is than it may be in the face, whose corners are `displaced` by
-    /// `most` at most (m): the depth, and what is allowed.
+    /// Depth of `standing` in the face and the depth allowed (m), if the former is larger. The
+    /// corners are `displaced` by at most `most` (m).
     pub(super) fn penetrated(
         &self,
         standing: Standing,
@@ -72,19 +76,20 @@ impl Face {
     }
 }
 
-/// The faces at whose nodes alone `shapes` could be missed, of `faces` sorted by [`widest`].
+/// Leading part of `faces`, sorted by [`widest`]: those that one of `shapes` could penetrate
+/// without touching a node.
 pub(super) fn watched<'a>(faces: &'a [Face], shapes: &[Shape]) -> &'a [Face] {
     let thinnest = shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
     &faces[..faces.partition_point(|face| thinnest < THICK * face.longest)]
 }
 
-/// Puts the widest faces first.
+/// Sorts faces by their longest side, in descending order.
 pub(super) fn widest(mut faces: Vec<Face>) -> Vec<Face> {
     faces.sort_by(|a, b| b.longest.total_cmp(&a.longest));
     faces
 }
 
-/// Barycentric coordinates of the corners of equal triangles, `pieces` along a side.
+/// Barycentric coordinates of lattice points with `pieces` intervals along each side.
 fn lattice(pieces: u32) -> impl Iterator<Item = [f64; 3]> {
     let share = move |i: u32| f64::from(i) / f64::from(pieces);
     let row = move |i| (0..=pieces - i).map(move |j| [share(i), share(j), share(pieces - i - j)]);

@@ -1,13 +1,15 @@
-//! Contact at the nodes: the same linear elasticity, answered in a fraction of the time.
+//! Compliance model with contact at the nodes: the same linear elasticity in a fraction of the
+//! time.
 //!
-//! [`Compliance`] feels contact at many points of every face and solves for the forces by Newton's
-//! method. Here every node of the skin stands for the area around it and touches the shape nearest
-//! to it, and the forces are found by projected Gauss–Seidel sweeps (Jourdan, Alart and Jean 1998):
-//! three numbers of one node at a time, Coulomb's cone included. Nothing is factorised, so nothing
-//! fails where a contact is large, and a press that goes on from the forces before takes a few
-//! sweeps. What is lost is the contact between the nodes: where cells have the side h, a ball of
-//! radius R is felt up to h²/4R late, 0.08 mm for 4 mm on cells of 1.15 mm. A shape thinner than the
-//! cells is an error where it stands deeper between nodes than an eighth of its thickness.
+//! [`Compliance`] evaluates contact at many points of every face and solves for the forces by
+//! Newton's method. Here every contact node represents the area around it and touches the nearest
+//! shape. The forces are found by projected Gauss–Seidel sweeps (Jourdan, Alart and Jean 1998), the
+//! three components of one node at a time, with Coulomb's cone. Nothing is factorised, so no
+//! factorisation fails where a contact is large, and a press that continues from earlier forces
+//! takes few sweeps. Contact between the nodes is not seen: on cells of side h, a ball of radius R
+//! is detected up to h²/4R late, 0.08 mm for 4 mm on cells of 1.15 mm. For shapes thinner than the
+//! cells, the depth between nodes is limited: to an eighth of the thickness where the shape touches
+//! no node, else to a quarter. A larger depth is an error.
 //!
 //! Shapes: M contact nodes, V nodes, S rigid shapes.
 
@@ -33,22 +35,21 @@ use crate::{
 use skin::Skin;
 use walk::{Scratch, Walk};
 
-/// The compliance model of one soft body with contact at its nodes. Copies share what was computed in
-/// advance.
+/// Compliance model of one soft body with contact at its nodes. Copies share the precomputed data.
 #[derive(Clone)]
 pub struct Nodal {
     skin: Arc<Skin>,
     law: ContactLaw,
 }
 
-/// Where a press ends, without fields.
+/// Solution of a press without fields.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settled {
-    /// Contact nodes that touch, and the forces on them (N).
+    /// Touching contact nodes with the forces on them (N).
     pub forces: Vec<(u32, Vector3<f64>)>,
     /// Resultant of all contact on the soft body.
     pub wrench: Wrench,
-    /// What the contact remembers.
+    /// History from which a later press may continue.
     pub history: History,
     /// Sweeps since the last frame.
     pub iterations: usize,
@@ -62,7 +63,7 @@ impl Nodal {
         &self.skin.condensed.body
     }
 
-    /// What `carry` makes of the displacement of all nodes (V) in m under a unit force on each contact
+    /// Applies `carry` to the displacement of all nodes (V) in m under a unit force on each contact
     /// node along each axis (3M).
     pub(crate) fn unit_responses<T>(&self, carry: impl Fn(&[Vector3<f64>]) -> T) -> Vec<T> {
         let rest = &self.skin.condensed.rest;
@@ -74,7 +75,7 @@ impl Nodal {
         (0..3 * self.skin.places.len()).map(answer).collect()
     }
 
-    /// Forces on contact nodes as forces on the nodes of the mesh (V) in N.
+    /// Distributes forces on contact nodes to the nodes of the mesh (V) in N.
     fn spread(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
         let condensed = &self.skin.condensed;
         let mut all = vec![Vector3::zeros(); condensed.rest.places().len()];
@@ -86,7 +87,7 @@ impl Nodal {
         all
     }
 
-    /// Every frame of `press`, in order; the first that is not solved is an error and the last.
+    /// Solves every frame of `press`, in order; the first that fails is an error and the last.
     pub fn settled_path(&self, press: &Press) -> Vec<Result<Settled>> {
         let mut scratch = Scratch::default();
         match Walk::new(&self.skin, self.law_of(press), press, &mut scratch) {
@@ -95,12 +96,13 @@ impl Nodal {
         }
     }
 
-    /// Where `press` ends.
+    /// Solves `press` and returns its last frame.
     pub fn settle(&self, press: &Press) -> Result<Settled> {
         self.settled_path(press).pop().expect("a press has a frame")
     }
 
-    /// The fields of an answer, solved for on the whole mesh.
+    /// Computes the fields of a solution on the whole mesh; returns an error if an element is
+    /// inverted.
     pub fn deformation(&self, settled: Settled) -> Result<Deformation> {
         let rest = &self.skin.condensed.rest;
         let contact_force = self.spread(&settled.forces);
@@ -123,20 +125,22 @@ impl Nodal {
         })
     }
 
-    /// The law with the friction of `press`.
+    /// Contact law with the friction of `press`.
     fn law_of(&self, press: &Press) -> ContactLaw {
         ContactLaw { friction: press.friction().unwrap_or(self.law.friction), ..self.law }
     }
 }
 
 impl Compliance {
-    /// The same body and friction with contact at the nodes, without sweeps of nonlinearity.
+    /// Returns a model of the same body and friction with contact at the nodes, without correction
+    /// sweeps for nonlinearity.
     pub fn at_nodes(&self) -> Nodal {
         let skin = Skin::new(Arc::clone(&self.condensed));
         Nodal { skin: Arc::new(skin), law: self.settings.law }
     }
 
-    /// As [`Compliance::at_nodes`] of the pad mesh `fine`, at the nodes of the face of a coarser one.
+    /// Returns [`Compliance::at_nodes`] with contact at the face nodes of a `coarse` mesh of the
+    /// pad whose mesh is `fine`.
     pub fn at_coarse_nodes(&self, fine: &PadMesh, coarse: &PadMesh) -> Result<Nodal> {
         let skin = Skin::coarse(Arc::clone(&self.condensed), fine, coarse)?;
         Ok(Nodal { skin: Arc::new(skin), law: self.settings.law })
@@ -144,7 +148,7 @@ impl Compliance {
 }
 
 impl DeformationModel for Nodal {
-    /// Presses are solved in parallel, each on one thread.
+    /// Solves presses in parallel, each on one thread.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
         let model = &*self;
         let last = |press| model.solve_path(press).pop().expect("a press has a frame");

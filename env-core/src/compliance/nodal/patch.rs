@@ -1,9 +1,10 @@
-//! The nodes near the shapes in one load step, and the sweeps over their forces.
+//! Nodes near the shapes in one load step, and Gauss–Seidel sweeps over their forces.
 //!
-//! A node that the shapes touch is pushed to where its target says: on the shape's tangent plane, and
-//! there to where friction holds it. With C its own compliance, K the stiffness of the contact law
-//! and r how far it is from its target beyond what K allows, (C + K⁻¹) δf = r; the force is then cut
-//! to Coulomb's cone, with the direction of sliding by the proximal form of Alart and Curnier (1991).
+//! A touching node is pushed to its target: on the shape's tangent plane, at the place where
+//! friction holds it. With C the node's own compliance, K the stiffness of the contact law and r
+//! the vector to the target less K⁻¹ f, the change of force follows from (C + K⁻¹) δf = r. The
+//! force is then projected on Coulomb's cone, with the direction of sliding by the proximal form of
+//! Alart and Curnier (1991).
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
@@ -14,16 +15,17 @@ use crate::{
     responses::Responses,
 };
 
-/// How deep a node must have been in a shape to have gone through it, in softnesses.
+/// Depth that a node must have reached in a shape to count as having passed through it, in
+/// softnesses.
 const RUN_OVER: f64 = 10.0;
-/// Cosine between the normals out of body and shape, which look at each other where they touch, from
-/// which the shape is on the wrong side of the skin.
+/// Cosine between the outward normals of body and shape above which the shape is on the wrong side
+/// of the skin. Where body and shape touch, these normals oppose each other.
 const FOLDED: f64 = 0.5;
-/// Nodes by which two runs are apart at most if they are treated as one: long runs are worth the nodes
-/// between.
+/// Number of nodes between two runs below which they are merged: fewer, longer runs are faster in
+/// spite of the additional nodes.
 const BRIDGE: usize = 16;
 
-/// The shapes on their way within one load step.
+/// Motion of the shapes in one load step.
 pub(super) struct Move<'a> {
     pub(super) shapes: &'a [Shape],
     pub(super) from: &'a [Isometry3<f64>],
@@ -36,41 +38,43 @@ pub(super) struct Patch<'a> {
     law: &'a ContactLaw,
     way: Move<'a>,
     pub(super) members: Vec<Member>,
-    /// Ranks of the nodes whose displacement is kept, as ranges that hold all members.
+    /// Ranges of ranks that contain all members; the displacement is computed there.
     pub(super) runs: Vec<[usize; 2]>,
-    /// Displacement of the skin (3M) in m, valid in the runs.
+    /// Displacement of the skin (3M) in m, valid only in the runs.
     pub(super) displacement: &'a mut Vec<f32>,
 }
 
+/// Node of a patch.
 pub(super) struct Member {
     rank: u32,
     pub(super) force: Vector3<f64>,
-    /// Place at the beginning of the step (m).
+    /// Position at the beginning of the step (m).
     start: Point3<f64>,
-    /// Shape that it sticks to and where, in the shape's frame.
+    /// Shape that it sticks to, and the place in the shape's frame.
     stuck: Option<(u32, Point3<f64>)>,
-    /// Where it was last measured, and the distance (m).
+    /// Last measured position, and the distance there (m).
     seen: (Point3<f64>, f64),
-    /// What a touching node is pushed to.
+    /// Target of a touching node.
     pub(super) target: Option<Target>,
 }
 
-/// Where a touching node belongs.
+/// Position to which a touching node is pushed.
 #[derive(Clone, Copy)]
 pub(super) struct Target {
     normal: Vector3<f64>,
-    /// Displacement that the target asks for (m).
+    /// Displacement of the node at the target (m).
     displacement: Vector3<f64>,
-    /// K⁻¹ (m/N).
+    /// Compliance of the contact K⁻¹ (m/N).
     give: Matrix3<f64>,
-    /// C + K⁻¹ and its inverse.
+    /// C + K⁻¹ (m/N).
     compliance: Matrix3<f64>,
+    /// Inverse of `compliance` (N/m).
     stiffness: Matrix3<f64>,
 }
 
 impl<'a> Patch<'a> {
-    /// The nodes of `groups` that come within `reach` (m) of a shape where they stand at the beginning
-    /// of the step, and those that are `held`.
+    /// Collects the nodes of `groups` that, at their positions at the beginning of the step, are
+    /// within `reach` (m) of a shape at the end of the step, and those that are `held`.
     pub(super) fn new(
         skin: &'a Skin,
         law: &'a ContactLaw,
@@ -115,7 +119,8 @@ impl<'a> Patch<'a> {
         Self { skin, law, way, members, runs, displacement }
     }
 
-    /// Measures the shapes' distances where the nodes now are; whether any node touches.
+    /// Measures the nodes' distances from the shapes and sets the targets; returns whether a node
+    /// touches.
     pub(super) fn measure(&mut self) -> bool {
         let mut touches = false;
         for i in 0..self.members.len() {
@@ -137,7 +142,7 @@ impl<'a> Patch<'a> {
         touches
     }
 
-    /// Where a touching member belongs.
+    /// Target of the touching member `i`.
     fn target(&mut self, i: usize, shape: u32, distance: &Distance, place: &Point3<f64>) -> Target {
         let pose = &self.way.to[shape as usize];
         let member = &mut self.members[i];
@@ -158,8 +163,8 @@ impl<'a> Patch<'a> {
         Target { normal, displacement, give, compliance, stiffness }
     }
 
-    /// One sweep over the touching nodes, `back` to front or not: the largest change of a force, and the
-    /// strongest force (N).
+    /// Performs one sweep over the touching nodes, in reverse order if `back`. Returns the largest
+    /// change of a force and the largest force (N).
     pub(super) fn sweep(&mut self, back: bool) -> (f64, f64) {
         let Self { skin, law, members, runs, displacement, .. } = self;
         let (mut change, mut strongest) = (0f64, 0f64);
@@ -183,7 +188,7 @@ impl<'a> Patch<'a> {
         (change, strongest)
     }
 
-    /// Whether a node has changed sides of a shape in this step.
+    /// Returns whether a node passed through a shape in this step.
     pub(super) fn leaps(&self) -> bool {
         let depth = RUN_OVER * self.law.softness;
         self.members.iter().any(|member| {
@@ -197,7 +202,7 @@ impl<'a> Patch<'a> {
         })
     }
 
-    /// Whether a shape presses a node from within the body: the skin has been folded round it.
+    /// Returns whether a shape presses a node from inside the body: the skin is folded round it.
     pub(super) fn folds(&self) -> bool {
         let pressed = self.members.iter().filter(|member| member.force != Vector3::zeros());
         pressed.filter_map(|member| Some((member.rank, member.target?.normal))).any(
@@ -211,7 +216,7 @@ impl<'a> Patch<'a> {
         self.members.iter().map(moved).fold(0.0, f64::max)
     }
 
-    /// The nodes that touch, and where.
+    /// Touching nodes with their positions.
     pub(super) fn held(&self) -> Vec<(Held, Point3<f64>)> {
         let touching = self.members.iter().filter(|member| member.force != Vector3::zeros());
         let held = |member: &Member| {
@@ -230,7 +235,7 @@ impl<'a> Patch<'a> {
 }
 
 impl Target {
-    /// The force on a node that had `old`, when it is `off` its target (m).
+    /// New force on a node with the force `old` and the vector `off` to its target (m).
     fn force(&self, old: &Vector3<f64>, off: &Vector3<f64>, friction: f64) -> Vector3<f64> {
         let n = &self.normal;
         let trial = old + self.stiffness * off;
@@ -253,7 +258,7 @@ impl Target {
 }
 
 impl Move<'_> {
-    /// Where a point is seen from each shape that goes from `start` to `place` in this step.
+    /// Shapes, with the ends of a point's path from `start` to `place` in the frame of each.
     fn ends(
         &self,
         start: &Point3<f64>,
@@ -265,7 +270,7 @@ impl Move<'_> {
         })
     }
 
-    /// Where a point that rests at `start` meets a shape on its way, in the shape's frame.
+    /// Place, in the shape's frame, where the moving shape meets a point at rest at `start`.
     fn touch(&self, shape: u32, start: &Point3<f64>) -> Point3<f64> {
         let s = shape as usize;
         let (from, to) = (&self.from[s], &self.to[s]);
@@ -274,7 +279,7 @@ impl Move<'_> {
     }
 }
 
-/// Ranges that hold all of the ascending `ranks`.
+/// Ranges that contain all of the ascending `ranks`.
 fn runs(ranks: impl Iterator<Item = u32>) -> Vec<[usize; 2]> {
     let mut runs: Vec<[usize; 2]> = Vec::new();
     for rank in ranks.map(|rank| rank as usize) {
@@ -286,13 +291,13 @@ fn runs(ranks: impl Iterator<Item = u32>) -> Vec<[usize; 2]> {
     runs
 }
 
-/// K⁻¹ of a node (m/N).
+/// Compliance K⁻¹ of the contact at a node (m/N).
 fn give(law: &ContactLaw, point: &SurfacePoint, normal: &Vector3<f64>) -> Matrix3<f64> {
     let across = normal * normal.transpose();
     across * law.give(point) + (Matrix3::identity() - across) * law.stick_give(point)
 }
 
-/// The nearest shape, and the distance with its normal in the frame of the body.
+/// Index of the nearest shape, and the distance with its normal in the frame of the body.
 fn nearest(shapes: &[Shape], poses: &[Isometry3<f64>], place: &Point3<f64>) -> (u32, Distance) {
     let measure = |(s, (shape, pose)): (usize, (&Shape, &Isometry3<f64>))| {
         let found = shape.distance(&pose.inverse_transform_point(place));
@@ -307,7 +312,7 @@ fn displaced(displacement: &[f32], rank: u32) -> Vector3<f64> {
     Vector3::new(f64::from(u[0]), f64::from(u[1]), f64::from(u[2]))
 }
 
-/// Adds to the displacement in the runs what a `force` on the node of that `rank` does.
+/// Adds to the displacement in the runs the response to a `force` on the node of that `rank`.
 fn give_way(
     displacement: &mut [f32],
     compliance: &Responses,

@@ -1,33 +1,35 @@
-//! Sweeps until the forces are in balance with where the shapes are.
+//! Sweeps until the forces are in balance with the shapes at their poses.
 //!
-//! Sweeps there and back converge slowly where many nodes touch: what is wrong in the end varies little
-//! from node to node. Such pairs of sweeps are mixed with the ones before ([`Mixing`]), displacements
-//! with the same shares as the forces that cause them, so nothing is solved for anew.
+//! Forward and backward sweeps converge slowly where many nodes touch, because the remaining error
+//! varies little from node to node. Pairs of sweeps are therefore mixed with earlier ones
+//! ([`Mixing`]). Displacements are mixed with the same shares as the forces that cause them, so no
+//! response is recomputed.
 
 use nalgebra::Vector3;
 
 use super::{super::mixing::Mixing, patch::Patch};
 use crate::{Error, Result};
 
-/// Sweeps between measurements of the shapes' distances: two pairs.
+/// Number of sweeps between measurements of the distances: two pairs.
 const SWEEPS: usize = 4;
-/// Most measurements.
+/// Greatest number of measurements.
 const MOST: usize = 60;
-/// Change of a force by one sweep that is accepted, relative to the strongest.
+/// Accepted change of a force in one sweep, relative to the largest force.
 const RELATIVE: f64 = 5e-4;
-/// Force that counts as none (N).
+/// Change of a force that counts as none (N).
 const NONE: f64 = 1e-9;
-/// Earlier pairs that are mixed with the last: two take half of the sweeps away under a wide block, and
-/// more no more.
+/// Number of earlier pairs mixed with the last. Two halve the number of sweeps under a wide block;
+/// more bring no further gain.
 const MIXED: usize = 2;
 
 impl Patch<'_> {
-    /// Brings the forces into balance; the sweeps taken.
+    /// Brings the forces into balance and returns the number of sweeps taken.
     pub(super) fn settle(&mut self) -> Result<usize> {
         self.settle_to(RELATIVE, MIXED)
     }
 
-    /// As [`Patch::settle`], up to changes `relative` to the strongest force, mixing with so many pairs.
+    /// Performs [`Patch::settle`] until no force changes by more than `relative` × the largest
+    /// force, mixing with `mixed` earlier pairs.
     fn settle_to(&mut self, relative: f64, mixed: usize) -> Result<usize> {
         let (mut sweeps, mut change, mut strongest) = (0, 0.0, 0.0);
         let mut past = Past::new(mixed);
@@ -58,7 +60,8 @@ impl Patch<'_> {
         Err(Error::NotConverged { iterations: sweeps, residual: change, tolerance })
     }
 
-    /// Mixes the pair of sweeps that led here from the forces `before` with those of the `past`.
+    /// Mixes the last pair of sweeps, which began with the forces `before`, with those of the
+    /// `past`.
     fn mix(&mut self, past: &mut Past, before: &[Vector3<f64>]) {
         let step: Vec<_> = self.forces().iter().zip(before).map(|(f, b)| f - b).collect();
         let touching = self.members.iter().map(|member| member.target.is_some()).collect();
@@ -78,14 +81,14 @@ impl Patch<'_> {
     }
 }
 
-/// The last pairs of sweeps over the same touching nodes.
+/// Record of the last pairs of sweeps over the same touching nodes.
 struct Past {
     depth: usize,
     touching: Vec<bool>,
     mixing: Mixing,
-    /// Displacement of the runs after each.
+    /// Displacement of the runs after each pair.
     ends: Vec<Vec<f32>>,
-    /// Square of the last one's change of the forces (N²).
+    /// Squared norm of the change of the forces in the last pair (N²).
     change: f64,
 }
 
@@ -95,9 +98,10 @@ impl Past {
         Self { depth, touching, mixing, ends, change: f64::INFINITY }
     }
 
-    /// Forces and displacements after a pair of sweeps over the `touching` nodes that changed forces
-    /// `before` by `step` and ended at `here`, mixed with the pairs before it. These are forgotten where
-    /// other nodes touched in them, or if the pair changed more than the last.
+    /// Mixes a pair of sweeps with the pairs before it and returns forces and displacements. The
+    /// pair went over the `touching` nodes, changed the forces `before` by `step` and ended with
+    /// the displacements `here`. Earlier pairs are discarded if other nodes touched in them or if
+    /// the change of the forces has grown.
     fn mixed(
         &mut self,
         touching: Vec<bool>,
@@ -141,8 +145,8 @@ mod tests {
         geometry::{PadMesh, PadOutline, Shape},
     };
 
-    /// Forces under a block of 12 mm pressed by 0.2 mm and sheared by `aside` (m), and the sweeps that
-    /// took.
+    /// Forces under a block of 12 mm pressed by 0.2 mm and sheared by `aside` (m), and the number
+    /// of sweeps taken.
     fn under_a_block(relative: f64, mixed: usize, aside: f64) -> (Vec<Vector3<f64>>, usize) {
         let pad = PadMesh::with_nodes(&PadOutline::flat(0.02, 0.02, 0.004), 900).unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };

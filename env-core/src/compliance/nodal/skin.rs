@@ -1,8 +1,9 @@
-//! The contact nodes of a body, with the compliance between them.
+//! Contact nodes of a body, with the compliance between them.
 //!
-//! They are the body's own skin nodes, or the nodes of the face of a coarser mesh of the same pad: then a
-//! force is spread over the fine nodes as a traction that falls off linearly to the neighbours, and
-//! displacement is interpolated, so that the elasticity stays that of the fine mesh.
+//! They are the body's own skin nodes, or the face nodes of a coarser mesh of the same pad. In the
+//! latter case a force is spread over the fine nodes as a traction that falls off linearly to the
+//! neighbours, and displacement is interpolated, so that the elasticity remains that of the fine
+//! mesh.
 //!
 //! Shapes: M contact nodes, N skin nodes of the body.
 
@@ -17,17 +18,17 @@ use super::{
 };
 use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh, responses::Responses};
 
-/// What all presses of a body share.
+/// Data shared by all presses of a body.
 pub(super) struct Skin {
     pub(super) condensed: Arc<Condensed>,
     /// Displacement of all contact nodes under unit forces on each (3M, 3M) in m/N.
     pub(super) compliance: Responses,
-    /// Compliance of each node to itself (M) in m/N.
+    /// Displacement of each node under unit forces on itself (M) in m/N.
     pub(super) own: Vec<Matrix3<f64>>,
     pub(super) places: Vec<Point3<f64>>,
-    /// Unit normals out of the body at rest (M), zero where there is none.
+    /// Outward unit normals at rest (M), zero where there is none.
     pub(super) normals: Vec<Vector3<f64>>,
-    /// The body's skin nodes that bear a force on each (M).
+    /// Skin nodes of the body that bear a force on each contact node (M).
     pub(super) loads: Vec<Shares>,
     /// Each node as a surface point (M).
     pub(super) points: Vec<SurfacePoint>,
@@ -36,7 +37,7 @@ pub(super) struct Skin {
     pub(super) faces: Vec<Face>,
 }
 
-/// Nodes that lie together.
+/// Contact nodes that lie close together.
 pub(super) struct Group {
     pub(super) centre: Point3<f64>,
     /// Distance of the farthest of them from the centre (m).
@@ -44,14 +45,14 @@ pub(super) struct Group {
     pub(super) ranks: Vec<u32>,
 }
 
-/// Skin nodes of a body, by rank, with shares that sum to 1.
+/// Skin nodes of a body, by rank, with weights that sum to 1.
 pub(super) type Shares = Vec<(u32, f64)>;
 
-/// Side of the boxes that nodes are grouped by (m).
+/// Side of the boxes in which nodes are grouped (m).
 const BOX: f64 = 3.5e-3;
 
 impl Skin {
-    /// The skin nodes of the body themselves.
+    /// Takes the skin nodes of the body as contact nodes.
     pub(super) fn new(condensed: Arc<Condensed>) -> Self {
         let place = |&node: &u32| condensed.rest.places()[node as usize];
         let places: Vec<_> = condensed.skin.iter().map(place).collect();
@@ -67,8 +68,8 @@ impl Skin {
         Self::of(condensed, compliance, places, loads, &areas, faces)
     }
 
-    /// The nodes of the face of a `coarse` mesh of the pad that `condensed` is, whose mesh is `fine`; an
-    /// error if the faces do not cover each other.
+    /// Takes the face nodes of a `coarse` mesh of a pad as contact nodes; `fine` is the mesh of the
+    /// `condensed` pad. Returns an error if the faces do not cover each other.
     pub(super) fn coarse(
         condensed: Arc<Condensed>,
         fine: &PadMesh,
@@ -130,7 +131,7 @@ impl Skin {
         skin
     }
 
-    /// Displacement of every contact node (M) in m under the forces on those that are `held`.
+    /// Displacement of every contact node (M) in m under the forces on the `held` nodes.
     pub(super) fn displacement(&self, held: &[Held]) -> Vec<Vector3<f64>> {
         let mut sum = vec![0.0; 3 * self.places.len()];
         for Held { rank, force, .. } in held {
@@ -139,13 +140,13 @@ impl Skin {
         sum.as_chunks::<3>().0.iter().map(|&u| Vector3::from(u).cast()).collect()
     }
 
-    /// Displacement of node `at` under unit forces on another (m/N).
+    /// Displacement of node `at` under unit forces on node `loaded` (m/N).
     pub(super) fn response(&self, loaded: u32, at: u32) -> Matrix3<f64> {
         Matrix3::from_fn(|i, j| self.compliance.at(loaded, j, 3 * at as usize + i))
     }
 }
 
-/// Area that each skin node stands for (N) in m².
+/// Area that each skin node represents (N) in m².
 fn areas(condensed: &Condensed) -> Vec<f64> {
     let mut areas = vec![0.0; condensed.skin.len()];
     for point in condensed.surface.iter() {
@@ -158,7 +159,7 @@ fn areas(condensed: &Condensed) -> Vec<f64> {
     areas
 }
 
-/// Mean normals of the `faces` at each of `places`, by their areas.
+/// Mean normals of the `faces` at each of `places`, weighted by area.
 fn normals(places: &[Point3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
     let mut normals = vec![Vector3::<f64>::zeros(); places.len()];
     for corners in faces {
@@ -171,7 +172,8 @@ fn normals(places: &[Point3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
     normals.iter().map(|sum| sum.try_normalize(0.0).unwrap_or_default()).collect()
 }
 
-/// Displacement seen by each of `sights` under unit forces on each of `loads` (3M, 3M) in m/N.
+/// Displacement interpolated at each of `sights` under unit forces on each of `loads` (3M, 3M) in
+/// m/N.
 fn condensed_between(condensed: &Condensed, loads: &[Shares], sights: &[Shares]) -> Responses {
     let size = 3 * condensed.skin.len();
     let mut compliance = Responses::new(3 * sights.len());
@@ -191,7 +193,7 @@ fn condensed_between(condensed: &Condensed, loads: &[Shares], sights: &[Shares])
     compliance
 }
 
-/// The nodes that stand for some area, by the boxes that they lie in.
+/// Groups the nodes that represent some area by the boxes in which they lie.
 fn groups(places: &[Point3<f64>], areas: &[f64]) -> Vec<Group> {
     let mut boxes = BTreeMap::<[i64; 3], Vec<u32>>::new();
     for (rank, place) in places.iter().enumerate().filter(|(rank, _)| areas[*rank] > 0.0) {

@@ -1,4 +1,4 @@
-//! A press being followed in load steps.
+//! Load stepping of a press with contact at the nodes.
 
 use std::{cell::LazyCell, time::Instant};
 
@@ -19,36 +19,36 @@ use crate::{
     geometry::Shape,
 };
 
-/// Farthest that a shape moves in one load step (m), or half its thickness if that is less.
+/// Greatest motion of a shape in one load step (m), or half its thickness if that is less.
 const STRIDE: f64 = 2.5e-4;
-/// Room that nodes are given beyond what they moved before (m).
+/// Allowance added to the motion of the shapes when the nodes near them are selected (m).
 const MARGIN: f64 = 1e-4;
-/// How deep a shape may stand unfelt in what holds the body, in softnesses.
+/// Depth by which a shape may enter the held faces, in softnesses.
 const UNFELT: f64 = 10.0;
 /// Smallest part of a stride that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
 
-/// Memory that one thread uses for one press after the other.
+/// Working memory of one thread, reused for successive presses.
 #[derive(Default)]
 pub(super) struct Scratch {
     displacement: Vec<f32>,
 }
 
-/// A node that touches.
+/// Touching node.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Held {
     pub(super) rank: u32,
     pub(super) shape: u32,
-    /// Where friction holds it, in the frame of the shape.
+    /// Place where friction holds it, in the frame of the shape.
     pub(super) stuck: Point3<f64>,
-    /// Force of the shape on it (N).
+    /// Force of the shape on the node (N).
     pub(super) force: Vector3<f64>,
 }
 
-/// Body and shapes in balance.
+/// State of body and shapes in balance.
 pub(super) struct State {
     pub(super) poses: Vec<Isometry3<f64>>,
-    /// By rank.
+    /// Touching nodes, ascending by rank.
     held: Vec<Held>,
     pub(super) wrench: Wrench,
     /// Largest displacement of a node near the shapes (m).
@@ -56,21 +56,21 @@ pub(super) struct State {
     pub(super) sweeps: usize,
 }
 
-/// One press being answered.
+/// A press during load stepping.
 pub(super) struct Walk<'a> {
     skin: &'a Skin,
     law: ContactLaw,
     shapes: &'a [Shape],
-    /// Faces between whose nodes a shape could stand unfelt.
+    /// Faces that a shape could penetrate without touching a node.
     watched: &'a [Face],
-    /// Farthest that a shape moves in one load step (m).
+    /// Greatest motion of a shape in one load step (m).
     stride: f64,
     scratch: &'a mut Scratch,
     pub(super) state: State,
 }
 
 impl<'a> Walk<'a> {
-    /// A walk that begins where `press` does.
+    /// Begins load stepping where `press` begins.
     pub(super) fn new(
         skin: &'a Skin,
         law: ContactLaw,
@@ -94,7 +94,7 @@ impl<'a> Walk<'a> {
         Ok(Self { skin, law, shapes, watched, stride, scratch, state })
     }
 
-    /// Every frame of `press`; the first that fails is the last.
+    /// Solves every frame of `press`; the first that fails is the last.
     pub(super) fn every(mut self, press: &Press) -> Vec<Result<Settled>> {
         let frames = match press.drive() {
             Drive::Translation { path } => path.len(),
@@ -116,7 +116,7 @@ impl<'a> Walk<'a> {
         answers
     }
 
-    /// Leads the shapes to `poses` in strides.
+    /// Moves the shapes to `poses` in strides.
     fn follow(&mut self, poses: &[Isometry3<f64>]) -> Result<()> {
         let from = self.state.poses.clone();
         let motion = from.iter().zip(poses).map(|(a, b)| self.motion(a, b)).fold(0.0, f64::max);
@@ -144,7 +144,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// How far a shape moves as seen in the middle of the skin, at most (m).
+    /// Greatest motion of a shape between two poses, measured at the groups of the skin (m).
     fn motion(&self, from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
         let moved = |group: &Group| {
             (to * from.inverse_transform_point(&group.centre) - group.centre).norm()
@@ -152,8 +152,8 @@ impl<'a> Walk<'a> {
         self.skin.groups.iter().map(moved).fold(0.0, f64::max)
     }
 
-    /// A way that the shapes can certainly go without a touch of nodes, or of the faces between where
-    /// these are watched, `enough` at most (m); 0 if they touch.
+    /// Distance, at most `enough` (m), by which the shapes can move without touching a node or a
+    /// checked face; 0 if they touch.
     fn gap(&self, enough: f64) -> f64 {
         let mut gap = enough;
         let between = self.watched.first().map_or(0.0, Face::reach);
@@ -169,7 +169,7 @@ impl<'a> Walk<'a> {
         gap.max(0.0)
     }
 
-    /// Where one load step to `poses` leads.
+    /// Attempts one load step to `poses` and returns the state it ends in.
     pub(super) fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<State> {
         let motion = self.state.poses.iter().zip(poses).map(|(a, b)| self.motion(a, b));
         let reach = motion.fold(0.0, f64::max) + MARGIN;
@@ -184,7 +184,8 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// As [`Walk::attempt`] if no node moves farther than `room` (m) in all and `reach` (m) now.
+    /// Performs [`Walk::attempt`] on the assumption that no node is displaced by more than `room`
+    /// (m) in total and by more than `reach` (m) in this step.
     fn attempt_within(&mut self, poses: &[Isometry3<f64>], room: f64, reach: f64) -> Result<State> {
         let shapes = self.shapes;
         let near = |group: &Group| {
@@ -221,8 +222,8 @@ impl<'a> Walk<'a> {
         Ok(State { poses: poses.to_vec(), held, wrench, amplitude, sweeps })
     }
 
-    /// An error if a shape is in what holds the body, whose nodes it may have dragged along, or in the
-    /// body without a node that feels it.
+    /// Returns an error if a shape is inside the held faces or has passed over them, or is inside
+    /// the body without touching a node.
     fn check_inside(&self, state: &State) -> Result<()> {
         let condensed = &self.skin.condensed;
         let (way, limits) =
@@ -241,7 +242,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// An error if a shape stands deep between nodes.
+    /// Returns an error if a shape penetrates too deeply between nodes.
     fn check_between(&self, state: &State) -> Result<()> {
         let displacement = LazyCell::new(|| self.skin.displacement(&state.held));
         let displaced = |rank: u32| displacement[rank as usize];
@@ -258,7 +259,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// The current state, seen from outside.
+    /// Current state as a [`Settled`].
     fn settled(&self, seconds: f64) -> Settled {
         let State { poses, held, wrench, sweeps, .. } = &self.state;
         let anchor =
@@ -313,7 +314,7 @@ impl Driven for Walk<'_> {
     }
 }
 
-/// The state that a history remembers.
+/// Restores the state of a `history`; returns an error if it is of another model.
 fn recalled(skin: &Skin, history: &History) -> Result<State> {
     history.check(0, skin.places.len())?;
     if history.forces.len() != history.anchors.len() {
@@ -329,7 +330,8 @@ fn recalled(skin: &Skin, history: &History) -> Result<State> {
     let mut held: Vec<_> = history.anchors.iter().zip(&history.forces).map(held).collect();
     held.sort_unstable_by_key(|held| held.rank);
     held.dedup_by_key(|held| held.rank);
-    // A node that touches stands where it sticks, but for the give of the contact law.
+    // A touching node is at the place where it sticks, apart from the compliance of the contact
+    // law.
     let (mut amplitude, mut wrench) = (0f64, Wrench::default());
     for Held { rank, shape, stuck, force } in &held {
         let place = history.poses[*shape as usize] * stuck;
