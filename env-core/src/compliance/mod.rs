@@ -22,7 +22,7 @@ mod preconditioner;
 mod push;
 mod reach;
 mod solution;
-mod walk;
+mod load_stepping;
 mod zone;
 
 use std::{path::Path, sync::Arc};
@@ -38,8 +38,8 @@ use crate::{
 };
 
 use condensed::Condensed;
-pub(crate) use walk::Scratch;
-use walk::{Settings, Walk};
+pub(crate) use load_stepping::Scratch;
+use load_stepping::{LoadStepping, Settings};
 
 /// Settings of a [`Compliance`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -123,7 +123,7 @@ impl Compliance {
         scratch: &mut Scratch,
     ) -> Result<Deformation> {
         let condensed = self.condensed.suited(press)?;
-        let walk = Walk::new(&condensed, self.settings_of(press), scratch, press)?;
+        let walk = LoadStepping::new(&condensed, self.settings_of(press), scratch, press)?;
         walk.last(press, |walk| if with_residual { walk.report() } else { walk.stressed() })
     }
 
@@ -132,13 +132,17 @@ impl Compliance {
         Scratch::new(&self.condensed)
     }
 
-    fn every<T>(&self, press: &Press, report: impl Fn(&mut Walk) -> Result<T>) -> Vec<Result<T>> {
+    fn every<T>(
+        &self,
+        press: &Press,
+        report: impl Fn(&mut LoadStepping) -> Result<T>,
+    ) -> Vec<Result<T>> {
         let mut scratch = Scratch::new(&self.condensed);
         let condensed = match self.condensed.suited(press) {
             Ok(condensed) => condensed,
             Err(error) => return vec![Err(error)],
         };
-        match Walk::new(&condensed, self.settings_of(press), &mut scratch, press) {
+        match LoadStepping::new(&condensed, self.settings_of(press), &mut scratch, press) {
             Ok(walk) => walk.every(press, report),
             Err(error) => vec![Err(error)],
         }
@@ -156,12 +160,13 @@ impl Compliance {
     fn each<T: Send>(
         &self,
         presses: &[Press],
-        report: impl Fn(&mut Walk) -> Result<T> + Sync,
+        report: impl Fn(&mut LoadStepping) -> Result<T> + Sync,
     ) -> Vec<Result<T>> {
         let scratch = || Scratch::new(&self.condensed);
         let answer = |scratch: &mut Scratch, press: &Press| {
             let condensed = self.condensed.suited(press)?;
-            Walk::new(&condensed, self.settings_of(press), scratch, press)?.last(press, &report)
+            LoadStepping::new(&condensed, self.settings_of(press), scratch, press)?
+                .last(press, &report)
         };
         presses.par_iter().map_init(scratch, answer).collect()
     }
@@ -198,7 +203,7 @@ impl DeformationModel for Compliance {
     }
 }
 
-fn whole(walk: &mut Walk) -> Result<Deformation> {
+fn whole(walk: &mut LoadStepping) -> Result<Deformation> {
     walk.report()
 }
 

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     contact::SurfacePoint,
-    fem::{Found, gmres},
+    fem::{GmresSolution, gmres},
 };
 
 /// A touching point with its stiffness (N/m).
@@ -101,7 +101,7 @@ impl Newton {
     }
 
     /// Approximate solution (3A) with the present preconditioner; `None` if there is none.
-    fn iterate(&self, stiffness: &Stiffness, right: &[f64]) -> Option<Found> {
+    fn iterate(&self, stiffness: &Stiffness, right: &[f64]) -> Option<GmresSolution> {
         if self.preconditioner.is_empty() {
             return None;
         }

@@ -7,8 +7,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::{
     Moved,
     balance::norm,
-    push::{Led, push},
-    walk::Walk,
+    load_stepping::LoadStepping,
+    push::{DrivenPress, push},
 };
 use crate::{
     Error, Result,
@@ -23,7 +23,7 @@ const SHORTEST_STRIDE: f64 = 1.0 / 64.0;
 /// surface point may come nearer to the wrong face of an edge and be pushed out there.
 pub(super) const EDGE_STRIDE: f64 = 2.5e-4;
 
-impl Walk<'_> {
+impl LoadStepping<'_> {
     /// Solves every frame of `press` and returns the results of `report`; the first that fails is
     /// the last.
     pub(super) fn every<T>(
@@ -57,7 +57,7 @@ impl Walk<'_> {
         match press.drive() {
             Drive::Translation { path } => self.follow(press.shapes(), &path[frame])?,
             Drive::Force { force, direction, .. } => {
-                let mut led = Led { walk: self, shapes: press.shapes() };
+                let mut led = DrivenPress { walk: self, shapes: press.shapes() };
                 push(&mut led, *force, direction)?;
             }
         }

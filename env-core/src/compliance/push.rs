@@ -3,8 +3,8 @@
 use nalgebra::{Isometry3, Unit, Vector3};
 
 use super::{
+    load_stepping::{LoadStepping, State},
     path::EDGE_STRIDE,
-    walk::{State, Walk},
 };
 use crate::{Error, Result, contact::clearance, deformation::Wrench, geometry::Shape};
 
@@ -20,7 +20,7 @@ const RELATIVE: f64 = 1e-6;
 const MOST: usize = 200;
 
 /// Body whose shapes can be moved by load steps.
-pub(super) trait Driven {
+pub(super) trait ForceControlled {
     /// State of body and shapes in balance.
     type State;
 
@@ -42,7 +42,7 @@ pub(super) trait Driven {
 
 /// Moves the shapes along `direction` until they press with `force` (N): in strides until they
 /// press harder, then by the Illinois variant of false position within the last stride.
-pub(super) fn push<D: Driven>(
+pub(super) fn push<D: ForceControlled>(
     body: &mut D,
     force: f64,
     direction: &Unit<Vector3<f64>>,
@@ -62,7 +62,7 @@ pub(super) fn push<D: Driven>(
 /// Moves the shapes along `direction`, by about `farthest` (m) at most, until one is within
 /// [`NEAR`] of the body, and returns whether one is. Each step is as long as the smallest distance,
 /// so no shape touches or passes the body, and the force remains that of the state: zero.
-fn meet<D: Driven>(body: &mut D, direction: &Vector3<f64>, farthest: f64) -> bool {
+fn meet<D: ForceControlled>(body: &mut D, direction: &Vector3<f64>, farthest: f64) -> bool {
     let mut travel = 0.0;
     while travel < farthest {
         let gap = body.clearance();
@@ -78,12 +78,12 @@ fn meet<D: Driven>(body: &mut D, direction: &Vector3<f64>, farthest: f64) -> boo
 }
 
 /// Load stepping with the shapes that it moves.
-pub(super) struct Led<'a, 'b> {
-    pub(super) walk: &'a mut Walk<'b>,
+pub(super) struct DrivenPress<'a, 'b> {
+    pub(super) walk: &'a mut LoadStepping<'b>,
     pub(super) shapes: &'a [Shape],
 }
 
-impl Driven for Led<'_, '_> {
+impl ForceControlled for DrivenPress<'_, '_> {
     type State = State;
 
     fn poses(&mut self) -> &mut [Isometry3<f64>] {
@@ -91,7 +91,7 @@ impl Driven for Led<'_, '_> {
     }
 
     fn clearance(&self) -> f64 {
-        let Walk { condensed, state, .. } = &*self.walk;
+        let LoadStepping { condensed, state, .. } = &*self.walk;
         let (rest, displacement) = (condensed.rest.places(), &state.field.displacement);
         let places = condensed.surface.iter().map(|point| point.place(rest, displacement));
         clearance(self.shapes, &state.poses, &places.collect::<Vec<_>>())
@@ -129,7 +129,7 @@ struct Push {
 
 impl Push {
     /// Force of a state along the direction (N).
-    fn along<D: Driven>(&self, state: &D::State) -> f64 {
+    fn along<D: ForceControlled>(&self, state: &D::State) -> f64 {
         D::wrench(state).force.dot(&self.direction)
     }
 
@@ -138,7 +138,7 @@ impl Push {
     }
 
     /// Attempts a load step by `travel` (m) and returns the state it ends in.
-    fn attempt<D: Driven>(&mut self, body: &mut D, travel: f64) -> Result<D::State> {
+    fn attempt<D: ForceControlled>(&mut self, body: &mut D, travel: f64) -> Result<D::State> {
         let ahead = |pose: &Isometry3<f64>| {
             let mut pose = *pose;
             pose.translation.vector += *self.direction * travel;
@@ -152,7 +152,7 @@ impl Push {
 
     /// Moves the shapes in strides until the force is met or passed, and then finds it within the
     /// last stride; `None` if it is never met.
-    fn reach<D: Driven>(&mut self, body: &mut D) -> Option<()> {
+    fn reach<D: ForceControlled>(&mut self, body: &mut D) -> Option<()> {
         let mut stride = EDGE_STRIDE;
         for _ in 0..MOST {
             // A history may begin with too large a force: then the shapes move back.
@@ -181,7 +181,7 @@ impl Push {
 
     /// Finds the force between the present state and a travel of `far` (m), where it is `there`
     /// (N); `None` if that fails.
-    fn narrow<D: Driven>(&mut self, body: &mut D, far: f64, there: f64) -> Option<()> {
+    fn narrow<D: ForceControlled>(&mut self, body: &mut D, far: f64, there: f64) -> Option<()> {
         let here = self.along::<D>(body.state());
         let (mut low, mut high) = ((0.0, here - self.force), (far, there - self.force));
         for _ in 0..MOST {

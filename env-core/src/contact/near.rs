@@ -13,13 +13,13 @@ pub(super) const SURE: f64 = 1e-3;
 /// Last measured position of every pair of shape and point, in the frame of the shape, and the
 /// distance there (m).
 #[derive(Clone, Debug, Default)]
-pub struct Seen(Vec<(Point3<f64>, f64)>);
+pub struct DistanceCache(Vec<(Point3<f64>, f64)>);
 
 impl ContactStep<'_> {
     /// Sets the nodes' displacement at the beginning of the step (N) and the distances `seen` in an
     /// earlier step of the same shapes and points. Both save measurements of distances.
     #[must_use]
-    pub fn knowing(mut self, origin: Vec<Vector3<f64>>, seen: Seen) -> Self {
+    pub fn knowing(mut self, origin: Vec<Vector3<f64>>, seen: DistanceCache) -> Self {
         self.origin = origin;
         if seen.0.len() == self.seen.len() {
             self.seen = seen.0;
@@ -28,8 +28,8 @@ impl ContactStep<'_> {
     }
 
     /// Returns the measured distances, for the next step.
-    pub fn into_seen(self) -> Seen {
-        Seen(self.seen)
+    pub fn into_seen(self) -> DistanceCache {
+        DistanceCache(self.seen)
     }
 
     /// Returns [`ContactStep::touches`] for nodes displaced (N) from their positions at rest (N).
@@ -124,7 +124,7 @@ mod tests {
         let bent = |t: f64| -> Vec<_> {
             rest.iter().map(|p| Vector3::z() * (-1e-4 * t * (500.0 * p.x).sin().abs())).collect()
         };
-        let (mut seen, mut most) = (Seen::default(), 0);
+        let (mut seen, mut most) = (DistanceCache::default(), 0);
         for i in 0..20 {
             let [from, to] = [f64::from(i), f64::from(i + 1)].map(|t| 0.05 * t);
             let places =

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{Seen, backed_off, between, clearance},
+    contact::{DistanceCache, backed_off, between, clearance},
     deformation::{Anchor, Deformation, Drive, History, Press, Wrench},
     geometry::TetMesh,
 };
@@ -31,7 +31,7 @@ pub(super) struct PressSolver<'a> {
     pub(super) mesh: &'a TetMesh,
     pub(super) limits: StoppingCriteria,
     /// Distances measured in the last load step.
-    pub(super) seen: Seen,
+    pub(super) seen: DistanceCache,
     /// Solver, `None` before the first load step.
     pub(super) solver: Option<DirectSolver>,
     /// Poses of the shapes along the whole path (frames of S).
@@ -67,7 +67,7 @@ impl<'a> PressSolver<'a> {
             system,
             mesh,
             limits,
-            seen: Seen::default(),
+            seen: DistanceCache::default(),
             solver: None,
             ahead: Vec::new(),
             state,

@@ -6,7 +6,7 @@ const MOST: usize = 15;
 const RELATIVE: f64 = 1e-3;
 
 /// Result of [`gmres`].
-pub(crate) struct Found {
+pub(crate) struct GmresSolution {
     /// The approximate solution.
     pub(crate) x: Vec<f64>,
     /// `true` if its residual is small enough.
@@ -14,10 +14,10 @@ pub(crate) struct Found {
 }
 
 /// Returns an approximate x with `product`(x) = `right`.
-pub(crate) fn gmres(mut product: impl FnMut(&[f64]) -> Vec<f64>, right: &[f64]) -> Found {
+pub(crate) fn gmres(mut product: impl FnMut(&[f64]) -> Vec<f64>, right: &[f64]) -> GmresSolution {
     let size = norm(right);
     if size == 0.0 {
-        return Found { x: right.to_vec(), converged: true };
+        return GmresSolution { x: right.to_vec(), converged: true };
     }
     let mut basis = vec![scaled(right, 1.0 / size)];
     // Columns of the triangular factor, the rotations that made it, and the rotated right side.
@@ -48,7 +48,7 @@ pub(crate) fn gmres(mut product: impl FnMut(&[f64]) -> Vec<f64>, right: &[f64]) 
         converged = projected[last + 1].abs() <= RELATIVE * size || rest == 0.0;
         basis.push(scaled(&next, 1.0 / rest));
     }
-    Found { x: combine(&basis, &upper, &projected), converged }
+    GmresSolution { x: combine(&basis, &upper, &projected), converged }
 }
 
 /// Returns Σ yᵢ `basis`ᵢ with `upper` y = `projected`.

@@ -71,7 +71,7 @@ use system::System;
 
 pub use carry::{Carried, Carrier};
 pub use element::Element;
-pub(crate) use gmres::{Found, gmres};
+pub(crate) use gmres::{GmresSolution, gmres};
 pub use grasp::{Grasp, Grasped, Hold};
 pub(crate) use linearised::{Linearised, Workspace};
 

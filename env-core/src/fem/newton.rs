@@ -17,7 +17,7 @@
 
 use super::{
     direct::DirectSolver,
-    gmres::{Found, gmres},
+    gmres::{GmresSolution, gmres},
     push::{Border, Push},
     springs::{Spring, missing, product},
     system::{Forces, State, Stiffness, System},
@@ -177,7 +177,12 @@ impl Search<'_, '_> {
 
     /// Corrects the `step` of the stiffness that was factorised last for the springs that are
     /// `missing` in it.
-    fn with_springs(&mut self, missing: &[Spring], border: Option<&Border>, step: &[f64]) -> Found {
+    fn with_springs(
+        &mut self,
+        missing: &[Spring],
+        border: Option<&Border>,
+        step: &[f64],
+    ) -> GmresSolution {
         let product = |x: &[f64]| {
             let mut y = product(self.system, self.solver, missing, x, self.push);
             self.solve(border, &mut y);

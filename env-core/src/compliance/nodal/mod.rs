@@ -17,7 +17,7 @@ mod between;
 mod patch;
 mod settle;
 mod skin;
-mod walk;
+mod load_stepping;
 
 use std::sync::Arc;
 
@@ -32,8 +32,8 @@ use crate::{
     geometry::PadMesh,
 };
 
+use load_stepping::{NodalLoadStepping, Scratch};
 use skin::Skin;
-use walk::{Scratch, Walk};
 
 /// Compliance model of one soft body with contact at its nodes. Copies share the precomputed data.
 #[derive(Clone)]
@@ -90,7 +90,7 @@ impl Nodal {
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
     pub fn settled_path(&self, press: &Press) -> Vec<Result<Settled>> {
         let mut scratch = Scratch::default();
-        match Walk::new(&self.skin, self.law_of(press), press, &mut scratch) {
+        match NodalLoadStepping::new(&self.skin, self.law_of(press), press, &mut scratch) {
             Ok(walk) => walk.every(press),
             Err(error) => vec![Err(error)],
         }

@@ -8,7 +8,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
-use super::{skin::Skin, walk::Held};
+use super::{load_stepping::Held, skin::Skin};
 use crate::{
     contact::{ContactLaw, SurfacePoint, first_touch, leaps_through},
     geometry::{Distance, Shape},

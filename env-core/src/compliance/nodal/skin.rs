@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::{
     super::condensed::Condensed,
     between::{Face, widest},
-    walk::Held,
+    load_stepping::Held,
 };
 use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh, responses::Responses};
 

@@ -5,7 +5,7 @@ use std::{cell::LazyCell, time::Instant};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
-    super::push::{Driven, push},
+    super::push::{ForceControlled, push},
     Settled,
     between::{Face, Standing, watched},
     patch::{Move, Patch},
@@ -57,7 +57,7 @@ pub(super) struct State {
 }
 
 /// A press during load stepping.
-pub(super) struct Walk<'a> {
+pub(super) struct NodalLoadStepping<'a> {
     skin: &'a Skin,
     law: ContactLaw,
     shapes: &'a [Shape],
@@ -69,7 +69,7 @@ pub(super) struct Walk<'a> {
     pub(super) state: State,
 }
 
-impl<'a> Walk<'a> {
+impl<'a> NodalLoadStepping<'a> {
     /// Begins load stepping where `press` begins.
     pub(super) fn new(
         skin: &'a Skin,
@@ -184,7 +184,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Performs [`Walk::attempt`] on the assumption that no node is displaced by more than `room`
+    /// Performs [`NodalLoadStepping::attempt`] on the assumption that no node is displaced by more than `room`
     /// (m) in total and by more than `reach` (m) in this step.
     fn attempt_within(&mut self, poses: &[Isometry3<f64>], room: f64, reach: f64) -> Result<State> {
         let shapes = self.shapes;
@@ -279,7 +279,7 @@ impl<'a> Walk<'a> {
     }
 }
 
-impl Driven for Walk<'_> {
+impl ForceControlled for NodalLoadStepping<'_> {
     type State = State;
 
     fn poses(&mut self) -> &mut [Isometry3<f64>] {

@@ -29,7 +29,7 @@ const RUN_OVER: f64 = 10.0;
 /// Greatest relative difference between the loads of a linear solution and its contact forces.
 const LINEAR: f64 = 1e-3;
 
-/// Settings of a [`Walk`].
+/// Settings of a [`LoadStepping`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Settings {
     pub(super) law: ContactLaw,
@@ -52,7 +52,7 @@ impl Scratch {
 }
 
 /// A press during load stepping.
-pub(super) struct Walk<'a> {
+pub(super) struct LoadStepping<'a> {
     pub(super) condensed: &'a Condensed,
     pub(super) settings: Settings,
     pub(super) scratch: &'a mut Scratch,
@@ -92,7 +92,7 @@ impl State {
     }
 }
 
-impl<'a> Walk<'a> {
+impl<'a> LoadStepping<'a> {
     /// Begins load stepping where `press` begins.
     pub(super) fn new(
         condensed: &'a Condensed,
@@ -227,7 +227,7 @@ impl<'a> Walk<'a> {
             .runs_over(poses, RUN_OVER * self.settings.law.softness)
     }
 
-    /// Attempts the step of [`Walk::attempt`] with contact in the present zone only.
+    /// Attempts the step of [`LoadStepping::attempt`] with contact in the present zone only.
     fn attempt_in_zone(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<State> {
         let start = self.zone_places();
         let anchors = self.zone.anchors_in(&self.state.anchors);
