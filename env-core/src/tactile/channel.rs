@@ -1,8 +1,9 @@
-//! The channels of touch: one table of shapes, units and bounds, and one reader each.
+//! Tactile channels: a table of their shapes, units and bounds, and the evaluation of each.
 //!
-//! Vectors are in the frame of the pad. Without contact every entry is exactly 0, but for the depth
-//! map, which shows the resting face. Bounds: no node moves by more than four times the pad's thickness,
-//! and no stress exceeds 25 times Young's modulus, some ten times what tears a silicone gel.
+//! Vectors are in the frame of the pad. Without contact every entry is exactly 0, except in the
+//! depth map, which shows the resting face. Bounds: displacement up to four times the pad's
+//! thickness, and stress up to 25 times Young's modulus, about ten times the stress that tears a
+//! silicone gel.
 
 use nalgebra::Vector3;
 
@@ -13,7 +14,7 @@ use super::{
 };
 use crate::deformation::{Deformation, Wanted};
 
-/// What can be asked about a pressed finger.
+/// Quantity that a tactile finger reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Channel {
     /// Displacement of the markers.
@@ -32,34 +33,34 @@ pub enum Channel {
     Slip,
     /// Height of the face over the camera's view.
     Depth,
-    /// How far the answer is to be trusted.
+    /// Measures of the solution's reliability.
     Trust,
 }
 
-/// A part of a channel: entries of one unit within the same bounds.
+/// Group of entries of a channel with the same unit and bounds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spec {
-    /// What the entries are.
+    /// Name of the quantity.
     pub name: &'static str,
-    /// Their shape, the last axis fastest.
+    /// Shape of the array, the last axis fastest.
     pub shape: Vec<usize>,
-    /// Lower bound of each.
+    /// Lower bound of each entry.
     pub low: f64,
-    /// Upper bound of each.
+    /// Upper bound of each entry.
     pub high: f64,
     /// SI unit.
     pub unit: &'static str,
 }
 
-/// Most displacement, in thicknesses: an edge that hooks the gel drags a place by more than one, and the
-/// episodes of clumsy grasps ended there.
+/// Bound of the displacement, in pad thicknesses. An edge of an object that catches the gel drags
+/// it by more than one thickness; with a bound of one, clumsy grasps would end their episodes.
 const MOST_MOTION: f64 = 4.0;
-/// Most stress, in Young's moduli.
+/// Bound of the stress, in Young's moduli.
 const MOST_STRESS: f64 = 25.0;
-/// Most force (N), torque (N m) and unbalanced force (N).
+/// Bound of force (N), torque (N m) and unbalanced force (N).
 const MOST_FORCE: f64 = 5000.0;
-/// Displacement past which an answer is out of range, in thicknesses: the forces to which gels were
-/// calibrated were measured down to 2 mm in a gel of 4 mm (FEATS).
+/// Displacement above which a solution counts as out of range, in pad thicknesses: the forces used
+/// to calibrate gels were measured up to an indentation of 2 mm in a gel of 4 mm (FEATS).
 const CALIBRATED: f64 = 0.5;
 
 impl Channel {
@@ -76,7 +77,7 @@ impl Channel {
         Self::Trust,
     ];
 
-    /// Its name in the settings.
+    /// Name in the settings.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Markers => "markers",
@@ -91,12 +92,12 @@ impl Channel {
         }
     }
 
-    /// The channel of that name.
+    /// Returns the channel called `name`.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|channel| channel.name() == name)
     }
 
-    /// What must be known of an answer for this channel.
+    /// Optional parts of a solution that this channel needs.
     pub const fn wants(self) -> Wanted {
         Wanted {
             stress: matches!(self, Self::Stress | Self::TetStress),
@@ -104,7 +105,7 @@ impl Channel {
         }
     }
 
-    /// The table: what the channel of one finger consists of.
+    /// Components of this channel for one finger.
     pub fn specs(self, skin: &Skin) -> Vec<Spec> {
         let map = |counts: [u32; 2]| vec![counts[1] as usize, counts[0] as usize];
         let vectors = |counts: [u32; 2]| [map(counts), vec![3]].concat();
@@ -155,12 +156,12 @@ impl Channel {
         }
     }
 
-    /// Number of entries of one finger.
+    /// Number of entries for one finger.
     pub fn size(self, skin: &Skin) -> usize {
         self.specs(skin).iter().map(|spec| spec.shape.iter().product::<usize>()).sum()
     }
 
-    /// The entries for one finger, `felt` being none without contact.
+    /// Entries for one finger; `felt` is `None` without contact.
     pub fn read(self, skin: &Skin, felt: Option<&Felt>) -> Vec<f64> {
         let Some(felt) = felt else {
             return if self == Self::Depth { skin.rest_depth.clone() } else { self.zeros(skin) };
@@ -204,7 +205,8 @@ fn stress(skin: &Skin, felt: &Deformation) -> Vec<f64> {
     skin.stress.iter().map(at).collect()
 }
 
-/// Unbalanced force (N), its share of all nodal forces, and whether the press is out of range.
+/// Unbalanced force (N), its share of the sum of unbalanced and contact force, and 1 if the press
+/// is out of range.
 fn trust(skin: &Skin, felt: &Deformation) -> [f64; 3] {
     let contact = felt.contact_force.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
     let all = felt.residual + contact;

@@ -1,4 +1,4 @@
-//! Settings of the sense of touch, as they come from Python.
+//! Settings of touch, as they come from Python.
 
 use std::path::Path;
 
@@ -12,12 +12,12 @@ use crate::{
     sensor::{Calibration, Sensor},
 };
 
-/// Which model answers presses.
+/// Model that solves presses.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Choice {
-    /// None: the fingers are rigid and feel no more than their wrench.
+    /// None: the fingers are rigid, and only their wrenches are known.
     None,
     /// Linear elasticity ([`crate::compliance`]).
     Compliance,
@@ -31,13 +31,13 @@ pub enum Choice {
     SurrogateFine,
 }
 
-/// What a gel is made of.
+/// Material of a gel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Material {
-    /// The sensor's calibration of that name.
+    /// Calibration of the sensor with this name.
     Calibration(String),
-    /// A neo-Hookean solid.
+    /// Neo-Hookean solid.
     Moduli {
         /// Young's modulus (Pa).
         young: f64,
@@ -47,7 +47,7 @@ pub enum Material {
 }
 
 impl<'de> Deserialize<'de> for Material {
-    /// By hand, because serde's untagged enums cannot say what was wrong.
+    /// Written by hand because the errors of serde's untagged enums do not name the wrong value.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
         #[derive(Deserialize)]
         #[serde(deny_unknown_fields)]
@@ -69,11 +69,11 @@ impl<'de> Deserialize<'de> for Material {
     }
 }
 
-/// How finely the pad is computed and seen.
+/// Resolution of the pad's mesh and of its channels.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Resolution {
-    /// Most nodes of the pad's mesh.
+    /// Greatest number of nodes of the pad's mesh.
     pub nodes: usize,
     /// Markers across and along, over the area that the sensor's printed grid takes up.
     pub markers: [u32; 2],
@@ -89,16 +89,16 @@ impl Default for Resolution {
     }
 }
 
-/// Everything about touch that can be set.
+/// Settings of touch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
-    /// Who answers.
+    /// Model that solves presses.
     pub choice: Choice,
     /// Name of the sensor, or the path of its .toml file.
     pub sensor: String,
-    /// What its gel is made of; the sensor's first calibration if not given.
+    /// Material of its gel; the sensor's first calibration if not given.
     pub material: Option<Material>,
-    /// How finely.
+    /// Resolution of mesh and channels.
     pub resolution: Resolution,
 }
 
@@ -110,14 +110,14 @@ impl Default for Config {
 }
 
 impl Config {
-    /// The sensor, or an error if it is not known.
+    /// Loads the sensor; returns an error if it is not known.
     pub fn sensor(&self) -> Result<Sensor> {
         let path = Path::new(&self.sensor);
         let is_file = path.extension().is_some_and(|extension| extension == "toml");
         if is_file { Sensor::read(path) } else { Sensor::named(&self.sensor) }
     }
 
-    /// The calibration of `sensor` that is closest to what is set: the named one or the first.
+    /// Calibration of `sensor`: the named one, or the first if none is named.
     pub fn calibration<'s>(&self, sensor: &'s Sensor) -> Result<&'s Calibration> {
         match &self.material {
             Some(Material::Calibration(name)) => {
@@ -136,7 +136,7 @@ impl Config {
         Ok((gel.law.parse()?, Moduli { young: gel.young, poisson: gel.poisson }))
     }
 
-    /// The meshed pad of `sensor`, and the soft body that it is.
+    /// Meshed pad of `sensor`, and its soft body.
     pub fn pad(&self, sensor: &Sensor) -> Result<(PadMesh, SoftBody)> {
         let (law, moduli) = self.material(sensor)?;
         let pad =
@@ -146,7 +146,7 @@ impl Config {
         Ok((pad, body))
     }
 
-    /// An error that names the first setting out of its range.
+    /// Returns an error that names the first setting out of its range.
     pub fn validate(&self) -> Result<()> {
         let Resolution { nodes, markers, grid, depth } = &self.resolution;
         if !(100..=MOST_NODES).contains(nodes) {
@@ -167,5 +167,5 @@ impl Config {
     }
 }
 
-/// Most nodes of a pad that an environment steps with.
+/// Greatest number of nodes of a pad's mesh in an environment.
 const MOST_NODES: usize = 20_000;

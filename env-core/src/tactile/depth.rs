@@ -1,13 +1,15 @@
-//! The height map of the face, deformed or at rest.
+//! Height map of the face, deformed or at rest.
 //!
-//! Heights are those of the mesh's face above each pixel, the uppermost where it folds over.
+//! The height at a pixel is that of the mesh's face above it, the uppermost where the face folds
+//! over.
 
 use nalgebra::{Point3, Vector3};
 
 use super::skin::{Grid, Skin};
 use crate::geometry::plan_shares;
 
-/// Heights in the view (D) in m, with the nodes displaced (V) or at rest.
+/// Heights of the face at the pixels (D) in m, with the nodes displaced by `displacement` (V), or
+/// at rest.
 pub(super) fn heights(skin: &Skin, displacement: Option<&[Vector3<f64>]>) -> Vec<f64> {
     let mut heights = vec![-skin.thickness; (skin.view.counts[0] * skin.view.counts[1]) as usize];
     for corners in &skin.triangles {
@@ -20,7 +22,7 @@ pub(super) fn heights(skin: &Skin, displacement: Option<&[Vector3<f64>]>) -> Vec
     heights
 }
 
-/// Lifts every pixel under `triangle` up to it.
+/// Raises the height of every pixel under `triangle` to at least that of the triangle.
 fn raise(heights: &mut [f64], view: &Grid, triangle: &[Point3<f64>; 3]) {
     let [columns, rows] = [0, 1].map(|axis| pixels(view, axis, triangle));
     for j in rows {

@@ -1,4 +1,4 @@
-//! A finger that remembers its contact.
+//! Contact state of a finger between control steps.
 
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
@@ -10,33 +10,34 @@ use crate::{
     geometry::Shape,
 };
 
-/// What a finger knows of the object that it may touch: everything is in the frame of its pad.
+/// Contact state of a finger, in the frame of its pad.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Finger {
-    /// Where the object was.
+    /// Last pose of the object.
     last: Isometry3<f64>,
-    /// What the contact remembers, while there is one.
+    /// History of the contact, while there is one.
     history: Option<History>,
 }
 
 impl Finger {
-    /// A finger without contact, the object being at `pose`.
+    /// Creates a finger without contact; the object is at `pose`.
     pub fn new(pose: Isometry3<f64>) -> Self {
         Self { last: pose, history: None }
     }
 
-    /// Where the object was.
+    /// Last pose of the object.
     pub fn last(&self) -> &Isometry3<f64> {
         &self.last
     }
 
-    /// Whether the last press touched.
+    /// Returns whether the last press made contact.
     pub fn touches(&self) -> bool {
         self.history.is_some()
     }
 
-    /// The press that leads the object from where it was through `path`, which has a pose or more;
-    /// none if the object cannot touch the pad where it ends. The answer goes to [`Finger::keep`].
+    /// Creates the press that moves the object from its last pose through `path`, which has one
+    /// pose or more; returns `None` if the object cannot touch the pad at the end of the path. The
+    /// solution goes to [`Finger::keep`].
     pub fn press(
         &mut self,
         skin: &Skin,
@@ -59,7 +60,7 @@ impl Finger {
         }
     }
 
-    /// Takes what became of the last press; whether it still touches.
+    /// Stores the solution of the last press and returns whether it makes contact.
     pub fn keep(&mut self, answer: &Deformation) -> bool {
         let touches = answer.contact_force.iter().any(|force| force.iter().any(|&x| x != 0.0));
         self.history = touches.then(|| answer.history.clone());

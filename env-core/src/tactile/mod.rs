@@ -1,10 +1,11 @@
-//! What a pressed fingertip feels: the pad of a sensor, a model that answers its presses, and the
-//! channels that an answer becomes.
+//! Touch: the pad of a sensor, the model that solves its presses, and the channels computed from a
+//! solution.
 //!
-//! A [`Finger`] keeps the contact's history and makes a [`Press`](crate::deformation::Press) of what
-//! the rigid world did; a [`Model`] answers all presses at once; a [`Channel`] is a pure function of
-//! the [`Deformation`](crate::deformation::Deformation) that came back, or of none. Everything is in
-//! the frame of the pad: x across, y along, z out of the gel, the origin at its apex.
+//! A [`Finger`] keeps the contact's history and turns the motion of the rigid bodies into a
+//! [`Press`](crate::deformation::Press); a [`Model`] solves all presses at once; a [`Channel`] is a
+//! pure function of the resulting [`Deformation`](crate::deformation::Deformation), or of its
+//! absence. Everything is in the frame of the pad: x across, y along, z out of the gel, the origin
+//! at its apex.
 
 mod channel;
 mod config;

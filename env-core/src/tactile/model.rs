@@ -1,4 +1,4 @@
-//! Who answers the presses, built once for all environments with the same settings.
+//! Models that solve presses, built once for all environments with the same settings.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -15,7 +15,7 @@ use crate::{
     surrogate::Surrogate,
 };
 
-/// A model of a pad. Copies share what was computed in advance.
+/// Model of a pad. Copies share the precomputed data.
 #[non_exhaustive]
 #[derive(Clone)]
 pub enum Model {
@@ -23,11 +23,11 @@ pub enum Model {
     Compliance(Compliance),
     /// Finite elements.
     Fem(Fem),
-    /// A network that corrects the linear answer.
+    /// Network that corrects the linear solution.
     Surrogate(Surrogate),
 }
 
-/// Everything fixed about the sense of touch: the surface of the pads and the model of their gel.
+/// Surface of the pads and model of their gel.
 #[derive(Clone)]
 pub struct Touch {
     skin: Arc<Skin>,
@@ -40,19 +40,20 @@ impl std::fmt::Debug for Touch {
     }
 }
 
-/// What was built last, most recent first.
+/// Most recently built instances, newest first.
 static BUILT: Mutex<Vec<(Config, Touch)>> = Mutex::new(Vec::new());
-/// How many are kept.
+/// Greatest number of instances kept.
 const KEPT: usize = 4;
 
 impl Touch {
-    /// What `config` describes, or none for rigid fingers. What this process built lately is shared.
+    /// Builds the instance that `config` describes, or returns a recently built one with the same
+    /// settings; `None` for rigid fingers.
     pub fn new(config: &Config) -> Result<Option<Self>> {
         config.validate()?;
         if config.choice == Choice::None {
             return Ok(None);
         }
-        // Sensor files may change.
+        // A sensor file may have changed, so an instance built from one is not reused.
         let is_file = config.sensor.contains('.');
         let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, touch)) = built.iter().find(|(known, _)| known == config && !is_file) {
@@ -72,14 +73,15 @@ impl Touch {
         &self.skin
     }
 
-    /// The model, to be copied by whoever solves with it.
+    /// Model of the gel. Solving needs a mutable model, so callers clone it.
     pub fn model(&self) -> &Model {
         &self.model
     }
 }
 
 impl Model {
-    /// The chosen model of the gel of `sensor`, and the pad and body that it answers on.
+    /// Builds the chosen model of the gel of `sensor`, with its pad and soft body; `None` for rigid
+    /// fingers.
     fn new(config: &Config, sensor: &Sensor) -> Result<Option<(Self, PadMesh, SoftBody)>> {
         let (pad, body) = config.pad(sensor)?;
         let on = body.clone();
@@ -96,7 +98,7 @@ impl Model {
         Ok(Some((model, pad, body)))
     }
 
-    /// Its name in the settings.
+    /// Name in the settings.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Compliance(_) => "compliance",
@@ -132,7 +134,7 @@ impl DeformationModel for Model {
     }
 }
 
-/// The shipped network of that name on the gel of `sensor`.
+/// Loads the shipped network `name` for the gel of `sensor`.
 fn trained(name: &str, config: &Config, sensor: &Sensor) -> Result<Surrogate> {
     let (law, moduli) = config.material(sensor)?;
     if law != Law::NeoHookean {
@@ -149,8 +151,8 @@ fn trained(name: &str, config: &Config, sensor: &Sensor) -> Result<Surrogate> {
     Ok(model)
 }
 
-/// What `build` returns, run on a thread that is gone afterwards: a process that has started rayon's
-/// threads cannot be forked.
+/// Runs `build` on a thread that ends afterwards and returns its result: a process in which rayon's
+/// threads have started cannot be forked.
 fn alone<T: Send>(build: impl FnOnce() -> Result<T> + Send) -> Result<T> {
     let pool = ThreadPoolBuilder::new().num_threads(1).build();
     pool.map_err(|error| Error::invalid("threads", error, "a thread to start"))?.install(build)

@@ -1,4 +1,4 @@
-//! A soft object between rigid fingers: what presses it, and what becomes of it.
+//! Soft object between two rigid fingers: its presses and its deformation.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -12,40 +12,40 @@ use crate::{
     surrogate::soft::SoftSurrogate,
 };
 
-/// Markers on the surface of a soft object.
+/// Number of markers on the surface of a soft object.
 pub const MARKERS: usize = 16;
-/// Young's modulus that models are built with (Pa). Displacements do not depend on it; stresses and
-/// forces are proportional to it.
+/// Young's modulus of the built models (Pa). Displacements do not depend on it; stresses and forces
+/// are proportional to it.
 const YOUNG: f64 = 1e5;
 
-/// A soft object's model.
+/// Model of a soft object.
 #[derive(Clone)]
 pub struct SoftObject {
     surrogate: SoftSurrogate,
     /// Nodes that carry markers, far from each other on the surface.
     markers: Arc<[u32]>,
     shell: Arc<Shell>,
-    /// Half-extents of a finger's box, which presses with its side at +z (m).
+    /// Half-extents of a finger's box (m), whose +z side presses.
     finger: Vector3<f64>,
 }
 
-/// What a squeeze does to the object.
+/// Deformation of a squeezed object.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Squeezed {
-    /// How far each marker is from where it would be if the object had moved rigidly, in the object's
-    /// frame (m).
+    /// Displacement of each marker relative to the best-fitting rigid motion of the object, in the
+    /// object's frame (m).
     pub markers: Vec<Vector3<f64>>,
-    /// Root mean square of that over all nodes (m).
+    /// Root mean square of the same displacement over all nodes (m).
     pub deviation: f64,
     /// Largest von Mises stress of a tetrahedron (Pa).
     pub peak: f64,
-    /// Mean of the stress by volume (Pa).
+    /// Volume mean of the von Mises stress (Pa).
     pub mean: f64,
     /// Normal force of the object on each finger (N).
     pub forces: [f64; 2],
 }
 
-/// What a model is built of.
+/// Parameters that determine a model.
 #[derive(PartialEq)]
 struct Parts {
     shape: Shape,
@@ -53,9 +53,9 @@ struct Parts {
     poisson: f64,
 }
 
-/// What was built last, most recent first.
+/// Most recently built instances, newest first.
 static BUILT: Mutex<Vec<(Parts, SoftObject)>> = Mutex::new(Vec::new());
-/// How many are kept.
+/// Greatest number of instances kept.
 const KEPT: usize = 16;
 
 impl std::fmt::Debug for SoftObject {
@@ -65,8 +65,8 @@ impl std::fmt::Debug for SoftObject {
 }
 
 impl SoftObject {
-    /// The shipped network on an object of `shape` between fingers of half-extents `finger` (m). What
-    /// this process built lately is shared.
+    /// Loads the shipped network for an object of `shape` between fingers of half-extents `finger`
+    /// (m), or returns a recently built instance.
     pub fn new(shape: &Shape, finger: Vector3<f64>, poisson: f64) -> Result<Self> {
         let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
         let parts = Parts { shape: shape.clone(), finger, poisson };
@@ -83,12 +83,13 @@ impl SoftObject {
         Ok(object)
     }
 
-    /// The model, to be copied by whoever solves with it.
+    /// Model of the object. Solving needs a mutable model, so callers clone it.
     pub fn model(&self) -> &SoftSurrogate {
         &self.surrogate
     }
 
-    /// The press by fingers whose faces are at `faces` in the object's frame, z towards the object.
+    /// Creates the press by fingers whose faces are at `faces` in the object's frame, z towards the
+    /// object.
     pub fn press(
         &self,
         faces: &[Isometry3<f64>; 2],
@@ -102,7 +103,7 @@ impl SoftObject {
         history.map_or(Ok(press.clone()), |history| press.after(history))
     }
 
-    /// What an answer comes to for an object of Young's modulus `young` (Pa); `None` if nothing presses.
+    /// Evaluates a solution for an object of Young's modulus `young` (Pa); `None` without contact.
     pub fn squeezed(&self, answer: &Deformation, young: f64) -> Result<Option<Squeezed>> {
         if answer.contact_force.iter().all(|force| *force == Vector3::zeros()) {
             return Ok(None);
@@ -126,12 +127,12 @@ impl SoftObject {
         }))
     }
 
-    /// Its surface, for a picture.
+    /// Surface of the object, for rendering.
     pub fn shell(&self) -> &Shell {
         &self.shell
     }
 
-    /// A stress over Young's modulus as answers have it (Pa).
+    /// Stress of a built model (Pa) that is `share` of Young's modulus.
     pub fn stress(&self, share: f64) -> f64 {
         share * YOUNG
     }
@@ -153,7 +154,7 @@ fn shell(mesh: &TetMesh) -> Shell {
     Shell::new(&mesh.vertices, &mesh.boundary(), &shares)
 }
 
-/// Nodes of the surface, each as far as can be from those before it.
+/// Nodes of the surface, each as far as possible from those before it.
 fn spread_out(body: &SoftBody) -> Arc<[u32]> {
     let places = &body.mesh().vertices;
     let mut surface: Vec<u32> = body.mesh().boundary().into_iter().flatten().collect();
@@ -175,7 +176,7 @@ fn spread_out(body: &SoftBody) -> Arc<[u32]> {
 }
 
 impl Squeezed {
-    /// The markers seen in a frame turned by `turn` (m).
+    /// Displacements of the markers rotated by `turn` (m).
     pub fn seen(&self, turn: &Matrix3<f64>) -> Vec<Vector3<f64>> {
         self.markers.iter().map(|marker| turn * marker).collect()
     }

@@ -1,4 +1,4 @@
-//! The outside of a pad, for a picture.
+//! Outer surface of a soft body, for rendering.
 //!
 //! Shapes: B nodes of the boundary, in the order of the mesh.
 
@@ -6,10 +6,10 @@ use nalgebra::Point3;
 
 use crate::deformation::Deformation;
 
-/// The whole surface of a pad at rest, base and sides included.
+/// Whole surface of a pad or soft object at rest, base and sides of a pad included.
 #[derive(Debug)]
 pub struct Shell {
-    /// Nodes of the mesh (B).
+    /// Indices of the boundary nodes in the mesh (B).
     nodes: Vec<u32>,
     places: Vec<Point3<f64>>,
     triangles: Vec<[u32; 3]>,
@@ -18,8 +18,8 @@ pub struct Shell {
 }
 
 impl Shell {
-    /// Of the triangles of a `boundary` between `places` of a mesh, whose nodes have `shares` in its
-    /// tetrahedra.
+    /// Creates the surface from the triangles of a mesh's `boundary`, the `places` of its nodes,
+    /// and for each node the tetrahedra around it with their weights (`shares`).
     pub(super) fn new(
         places: &[Point3<f64>],
         boundary: &[[u32; 3]],
@@ -45,14 +45,15 @@ impl Shell {
         &self.triangles
     }
 
-    /// Where the nodes are (B) in m, at rest where nothing is `felt`.
+    /// Positions of the nodes (B) in m, at rest if `felt` is `None`.
     pub fn places(&self, felt: Option<&Deformation>) -> Vec<Point3<f64>> {
         let Some(felt) = felt else { return self.places.clone() };
         let nodes = self.nodes.iter().zip(&self.places);
         nodes.map(|(&node, place)| place + felt.displacement[node as usize]).collect()
     }
 
-    /// Von Mises stress at the nodes (B) in Pa, the mean of the tetrahedra around each.
+    /// Von Mises stress at the nodes (B) in Pa, the mean of the tetrahedra around each; 0 if `felt`
+    /// is `None`.
     pub fn stress(&self, felt: Option<&Deformation>) -> Vec<f64> {
         let Some(felt) = felt else { return vec![0.0; self.nodes.len()] };
         let mean = |shares: &Vec<(u32, f64)>| {

@@ -1,4 +1,4 @@
-//! A pad's surface with the weights that carry fields of its mesh to markers and maps.
+//! Surface of a pad, with the weights that interpolate fields of its mesh to markers and maps.
 //!
 //! Shapes: V nodes of the mesh, T tetrahedra, S free surface nodes, M markers, G cells of the grid,
 //! D pixels of the depth map. Grids run across (x) fastest, from the corner of least x and y.
@@ -15,26 +15,26 @@ use crate::{
     sensor::Sensor,
 };
 
-/// A place on the face: the corners of its triangle and their shares, which sum to 1.
+/// Point on the face: the corners of its triangle and their weights, which sum to 1.
 type Site = ([u32; 3], [f64; 3]);
 
-/// What one finger feels: the answer to a press of an object.
+/// Contact of one finger: the solution of a press by an object.
 #[derive(Clone, Copy, Debug)]
 pub struct Felt<'a> {
-    /// What became of the pad, with the object's pose.
+    /// Deformation of the pad, with the object's pose.
     pub answer: &'a Deformation,
     /// The object.
     pub object: &'a Shape,
-    /// Coulomb coefficient between the two.
+    /// Coulomb coefficient between pad and object.
     pub friction: f64,
 }
 
-/// What both fingers feel: the surface that they share, and an answer where one touches.
+/// Contact of both fingers: the surface that they share, and a solution for each that touches.
 #[derive(Clone, Copy, Debug)]
 pub struct Feeling<'a> {
     /// Surface of the pads.
     pub skin: &'a Skin,
-    /// The finger on −x and the one on +x; none without contact.
+    /// Contact of the finger on −x and of the one on +x; `None` without contact.
     pub fingers: [Option<Felt<'a>>; 2],
 }
 
@@ -50,7 +50,7 @@ pub fn peak_stress<'a>(answers: impl Iterator<Item = &'a Deformation>) -> f64 {
     answers.flat_map(|answer| &answer.von_mises).copied().fold(0.0, f64::max)
 }
 
-/// The surface of a pad at rest, made ready once.
+/// Surface of a pad at rest, with precomputed interpolation weights.
 #[derive(Debug)]
 pub struct Skin {
     /// Nodes of the mesh at rest (V).
@@ -65,25 +65,25 @@ pub struct Skin {
     pub(super) triangles: Vec<[u32; 3]>,
     /// Nodes of the surface that are free to move (S), ascending.
     pub(super) free: Vec<u32>,
-    /// Nodes of the whole surface, each with a distance within which a point of the surface is
-    /// nearer to it than to any other (m).
+    /// Nodes of the whole surface, each with an upper bound of its distance from the surface points
+    /// to which it is the nearest node (m).
     reach: Vec<(u32, f64)>,
-    /// Distance of the farthest point of the surface from the apex (m), or a bit more.
+    /// Upper bound of the distance of the surface from the apex (m).
     radius: f64,
-    /// The whole surface, for a picture.
+    /// Whole surface, for rendering.
     shell: Shell,
     /// Markers (M).
     pub(super) markers: Vec<Site>,
-    /// Tetrahedra that share in the stress of each cell (G), with weights that sum to 1.
+    /// Tetrahedra that contribute to the stress of each cell (G), with weights that sum to 1.
     pub(super) stress: Vec<Vec<(u32, f64)>>,
     pub(super) grid: Grid,
     pub(super) view: Grid,
-    /// Heights of the resting face in the view (D) in m.
+    /// Heights of the resting face at the pixels (D) in m.
     pub(super) rest_depth: Vec<f64>,
     pub(super) resolution: Resolution,
 }
 
-/// Cells of a centred rectangle.
+/// Regular grid of cells on a centred rectangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Grid {
     /// Cells across and along.
@@ -93,7 +93,7 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// `counts` cells that fill a rectangle of `extent` (m).
+    /// Divides a centred rectangle of `extent` (m) into `counts` cells.
     fn filling(extent: [f64; 2], counts: [u32; 2]) -> Self {
         Self { counts, cell: [0, 1].map(|axis| extent[axis] / f64::from(counts[axis])) }
     }
@@ -111,8 +111,8 @@ impl Grid {
 }
 
 impl Skin {
-    /// The surface of `pad`, which `body` is, seen as by `sensor`; an error if its markers or its
-    /// view reach beyond the face.
+    /// Prepares the surface of `pad`, whose soft body is `body`, with the markers and the camera of
+    /// `sensor`; returns an error if markers, cells or pixels lie beyond the face.
     pub fn new(
         pad: &PadMesh,
         body: &SoftBody,
@@ -174,17 +174,17 @@ impl Skin {
         self.moduli.young
     }
 
-    /// The whole surface, for a picture.
+    /// Whole surface, for rendering.
     pub fn shell(&self) -> &Shell {
         &self.shell
     }
 
-    /// Nodes of the surface at rest that the displacement channel lists (S) in m.
+    /// Rest positions of the surface nodes that the displacement channel lists (S) in m.
     pub fn surface(&self) -> Vec<Point3<f64>> {
         self.free.iter().map(|&node| self.places[node as usize]).collect()
     }
 
-    /// Markers at rest (M) in m.
+    /// Rest positions of the markers (M) in m.
     pub fn markers(&self) -> Vec<Point3<f64>> {
         let at = |(corners, shares): &Site| {
             let sum = |i: usize| self.places[corners[i] as usize].coords * shares[i];
@@ -198,7 +198,7 @@ impl Skin {
         self.grid.centres().collect()
     }
 
-    /// Area of such a cell (m²).
+    /// Area of a cell of the stress and traction maps (m²).
     pub fn cell_area(&self) -> f64 {
         self.grid.cell[0] * self.grid.cell[1]
     }
@@ -208,8 +208,8 @@ impl Skin {
         self.view.centres().collect()
     }
 
-    /// Whether a solid might reach into the resting pad, `distance` being how far a point is from
-    /// it (m). Never wrongly false.
+    /// Returns whether a solid may overlap the resting pad; `distance` returns the distance of a
+    /// point from the solid (m). Conservative: `false` is never wrong.
     pub(super) fn may_touch(&self, distance: impl Fn(&Point3<f64>) -> f64) -> bool {
         distance(&Point3::origin()) <= self.radius
             && self
@@ -226,7 +226,7 @@ fn view(sensor: &Sensor) -> [f64; 2] {
     [0, 1].map(|axis| f64::min(seen(axis), outline[axis]))
 }
 
-/// `counts` points evenly over a centred rectangle of `extent` (m), its edges included.
+/// `counts` evenly spaced points on a centred rectangle of `extent` (m), its edges included.
 fn lattice(extent: [f64; 2], counts: [u32; 2]) -> impl Iterator<Item = [f64; 2]> {
     let along = move |axis: usize, i: u32| {
         let intervals = f64::from(counts[axis].max(2) - 1);
@@ -236,9 +236,10 @@ fn lattice(extent: [f64; 2], counts: [u32; 2]) -> impl Iterator<Item = [f64; 2]>
     (0..counts[1]).flat_map(move |j| (0..counts[0]).map(move |i| [along(0, i), along(1, j)]))
 }
 
-/// Nodes of the `boundary`, ascending, with the distance to the farthest point of a triangle that
-/// may be nearest to them: a circumradius is at most 1/√3 of the longest edge unless the triangle
-/// is obtuse, and then half of that edge is far enough.
+/// Nodes of the `boundary`, ascending, each with an upper bound of its distance from the surface
+/// points to which it is the nearest node (m). The bound is 1/√3 of the longest edge around the
+/// node: the circumradius of a triangle that is not obtuse is at most that, and in an obtuse
+/// triangle half of the longest edge is enough.
 fn reach(places: &[Point3<f64>], boundary: &[[u32; 3]]) -> Vec<(u32, f64)> {
     let mut reach = BTreeMap::new();
     for triangle in boundary {
@@ -252,7 +253,7 @@ fn reach(places: &[Point3<f64>], boundary: &[[u32; 3]]) -> Vec<(u32, f64)> {
     reach.into_iter().collect()
 }
 
-/// For each node the tetrahedra around it, with their shares of the volume (V).
+/// Tetrahedra around each node, with their shares of the volume (V).
 fn nodal_shares(pad: &PadMesh) -> Vec<Vec<(u32, f64)>> {
     let around = pad.mesh.tets_of_vertices();
     let of = |node: usize| {
@@ -264,7 +265,8 @@ fn nodal_shares(pad: &PadMesh) -> Vec<Vec<(u32, f64)>> {
     (0..pad.mesh.vertices.len()).map(of).collect()
 }
 
-/// Shares of the tetrahedra in a field on them at `site`, by way of its mean at the nodes.
+/// Weights of the tetrahedra in the value at a site of a field given on them: the field is averaged
+/// at the nodes, then interpolated.
 fn spread((corners, weights): &Site, shares: &[Vec<(u32, f64)>]) -> Vec<(u32, f64)> {
     let mut sum = BTreeMap::new();
     for (&node, weight) in corners.iter().zip(weights) {

@@ -1,17 +1,18 @@
-//! How much of a contact slides.
+//! Sliding share of a contact.
 //!
-//! A grip gives way from the rim of its contact inwards: while the middle still sticks, the skin already
-//! slides where friction is used up. Optical fingertips see that in the unevenness of their markers'
-//! motion (Hu et al., arXiv:2303.00935, on a GelSight Mini); here it is read from the nodal forces.
+//! Slip begins at the rim of the contact and spreads inwards: while the middle still sticks, the
+//! skin slides where the friction limit is reached. Optical fingertips detect this in the
+//! non-uniform motion of their markers (Hu et al., arXiv:2303.00935, on a GelSight Mini); here it
+//! is computed from the nodal forces.
 
 use super::skin::Skin;
 use crate::{deformation::Deformation, geometry::Shape};
 
-/// Share of what friction can bear from which a node counts as sliding.
+/// Fraction of the friction limit from which a node counts as sliding.
 const USED_UP: f64 = 0.98;
 
-/// Share of the normal force on the skin that is borne where friction is used up, 0 without any. The
-/// `object` is at the answer's pose.
+/// Share of the normal force that sliding nodes carry, 0 without contact. The `object` is at the
+/// pose of the solution.
 pub(super) fn share(skin: &Skin, answer: &Deformation, object: &Shape, friction: f64) -> f64 {
     let Some(pose) = answer.poses.first() else { return 0.0 };
     let (mut sliding, mut all) = (0.0, 0.0);

@@ -1,15 +1,15 @@
-//! The map of contact traction.
+//! Map of the contact traction.
 //!
-//! Each node's force is shared among the four nearest cells by bilinear weights at the place to which
-//! the node has moved, extrapolated past the outermost centres. So the map's sum is the contact force
-//! and its moment in the plane of the map is that of the nodal forces, whatever the grid.
+//! Each nodal force is distributed over the four nearest cells by bilinear weights at the displaced
+//! node, extrapolated beyond the outermost centres. The sum of the map is therefore the contact
+//! force, and its moment in the plane of the map is that of the nodal forces, whatever the grid.
 
 use nalgebra::Vector3;
 
 use super::skin::{Grid, Skin};
 use crate::deformation::Deformation;
 
-/// Force of what presses per area of the grid, by cell (G, 3) in Pa.
+/// Contact force on the pad per area of each cell (G, 3) in Pa.
 pub(super) fn map(skin: &Skin, felt: &Deformation) -> Vec<Vector3<f64>> {
     let grid = &skin.grid;
     let mut map = vec![Vector3::zeros(); (grid.counts[0] * grid.counts[1]) as usize];
@@ -26,7 +26,7 @@ pub(super) fn map(skin: &Skin, felt: &Deformation) -> Vec<Vector3<f64>> {
     map
 }
 
-/// Two neighbouring cells along `axis` and their shares of what is at `place` (m).
+/// Two neighbouring cells along `axis`, with their shares of a force at `place` (m).
 fn weights(grid: &Grid, axis: usize, place: f64) -> [(u32, f64); 2] {
     let count = grid.counts[axis];
     if count == 1 {

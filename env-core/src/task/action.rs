@@ -5,12 +5,14 @@ use nalgebra::{Rotation3, Vector3};
 use super::Config;
 use crate::scene::Command;
 
-/// Wrist velocity along the wrist's x, y, z, yaw rate, grip force.
+/// Number of components of an action: wrist velocity along the wrist's x, y and z, yaw rate, grip
+/// force.
 pub const ACTION_SIZE: usize = 5;
 
-/// The command that `action` stands for in a wrist turned by `yaw` (rad): each component scaled by the
-/// gripper's limit. The grip force follows that of `before` (N): towards what is wanted as fast as the
-/// gripper can, or by a factor where it closes so. Components outside [−1, 1] count as the nearer bound.
+/// Converts `action` to a command for a wrist turned by `yaw` (rad): each component is scaled by
+/// the gripper's limit. The grip force starts from `before` (N) and moves towards its target at the
+/// gripper's greatest rate, or changes by a factor if [`Config::closing`] is set. Components
+/// outside [−1, 1] count as the nearer bound.
 pub fn command(action: &[f32; ACTION_SIZE], config: &Config, yaw: f64, before: f64) -> Command {
     let gripper = &config.scene.gripper;
     let [x, y, z, yaw_rate, grip] = action.map(|a| f64::from(a).clamp(-1.0, 1.0));

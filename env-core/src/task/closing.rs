@@ -1,11 +1,11 @@
-//! Hands whose grip changes by factors.
+//! Grip force that an action changes by a factor.
 //!
-//! Where too much force ends an episode, or too little, a grip that is commanded outright is wrong before
-//! anything is learnt of it; one that grows or falls is felt on the way.
+//! In tasks that end at too high or too low a force, a grip force that is set directly goes wrong
+//! before the agent has sensed the contact; a force that changes gradually is sensed on the way.
 
 use serde::{Deserialize, Serialize};
 
-/// Settings of a grip that changes slowly.
+/// Settings of a grip force that changes by factors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Closing {
@@ -24,7 +24,8 @@ impl Default for Closing {
 }
 
 impl Closing {
-    /// Grip force (N) after `action`, from −1 to 1, has changed that of `before` for `time` (s).
+    /// Grip force (N) after `action`, from −1 to 1, has changed the force `before` (N) for `time`
+    /// (s), at most `most` (N).
     pub fn changed(&self, before: f64, action: f64, time: f64, most: f64) -> f64 {
         (before * (self.grip_rate * action * time).exp()).clamp(self.least_grip, most)
     }

@@ -13,15 +13,15 @@ use crate::{
 /// Lower and upper end of a uniform draw.
 pub type Range = [f64; 2];
 
-/// Everything that defines an environment. Unknown names are errors.
+/// Settings of an environment. Unknown names are errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// What is to be done.
+    /// Task of the agent.
     pub task: Task,
     /// Gripper, workspace and solver.
     pub scene: SceneConfig,
-    /// Objects to draw from, each as likely as the next.
+    /// Objects to draw from, with equal probability.
     pub objects: Vec<ObjectSpec>,
     /// Mass (kg).
     pub mass: Range,
@@ -29,11 +29,11 @@ pub struct Config {
     pub friction: Range,
     /// Size relative to the named object.
     pub size: Range,
-    /// Where the object lies: x and y, each in this range (m).
+    /// Position of the object: x and y, each in this range (m).
     pub position: Range,
-    /// How the object is turned about z (rad).
+    /// Yaw of the object about z (rad).
     pub yaw: Range,
-    /// Where the tool centre starts: x and y, each in this range (m).
+    /// Start position of the tool centre: x and y, each in this range (m).
     pub start: Range,
     /// Height at which the tool centre starts (m).
     pub start_height: Range,
@@ -41,32 +41,32 @@ pub struct Config {
     pub lift_height: f64,
     /// Time for which the lifted object must stay held (s).
     pub hold_time: f64,
-    /// Start of the grip, where it changes by factors: of all tasks but GraspLift.
+    /// Grip force that changes by factors: in all tasks but GraspLift.
     pub closing: Option<Closing>,
-    /// Limit of a fragile grasp: of GraspFragile, and of no other task.
+    /// Stress limit of a fragile grasp: in GraspFragile only.
     pub fragility: Option<Fragility>,
-    /// What disturbs a held object: of HoldStill, and of no other task.
+    /// Disturbance of a held object: in HoldStill only.
     pub holding: Option<Holding>,
-    /// Material of soft objects: of GraspSoft, and of no other task.
+    /// Material of soft objects: in GraspSoft only.
     pub softness: Option<Softness>,
     /// Control steps after which an episode is truncated.
     pub max_episode_steps: u32,
-    /// Which model answers what the fingers feel.
+    /// Model that computes touch.
     pub tactile: Choice,
     /// Name of the sensor on both fingers, or the path of its .toml file.
     pub sensor: String,
-    /// What its gel is made of: a calibration's name, or numbers; its first calibration if none.
+    /// Material of its gel: the name of a calibration, or moduli; the first calibration if `None`.
     pub material: Option<Material>,
-    /// How finely touch is computed and seen.
+    /// Resolution of the pads' mesh and of the channels.
     pub resolution: Resolution,
-    /// Names of the observation's channels; see [`Config::channels`] for what holds if none.
+    /// Names of the observation's channels; see [`Config::channels`] for the default.
     pub observation: Option<Vec<String>>,
     /// Weights of the reward's terms.
     pub reward: Weights,
 }
 
 impl Default for Config {
-    /// GraspLift.
+    /// Default settings of GraspLift.
     fn default() -> Self {
         let objects =
             ["sphere", "cuboid", "cylinder", "prism", "annulus", "ellipsoid", "cup", "potato"];
@@ -81,7 +81,7 @@ impl Default for Config {
             position: [-0.05, 0.05],
             yaw: [-std::f64::consts::PI, std::f64::consts::PI],
             start: [-0.05, 0.05],
-            // Room to be over the object before the pads are beside it.
+            // High enough for the hand to be over the object before the pads are beside it.
             start_height: [0.12, 0.16],
             lift_height: 0.08,
             hold_time: 0.5,
@@ -100,16 +100,17 @@ impl Default for Config {
     }
 }
 
-/// Largest grip force of the tasks in which little force counts (N).
+/// Largest grip force of the tasks other than GraspLift, unless they need more (N).
 const LIGHT_GRIP: f64 = 10.0;
-/// The same where the heaviest and smoothest objects are held with spare force (N).
+/// Largest grip force of GraspFragile and HoldStill, which holds their heaviest and smoothest
+/// objects with a margin (N).
 const FIRM_GRIP: f64 = 20.0;
-/// Centring stiffness of fingers that close gently (N/m): the usual one drives a finger under 1 N to
-/// several times its closing speed.
+/// Centring stiffness of fingers that close gently (N/m): with the default stiffness, the spring
+/// drives a finger with a grip force below 1 N at several times its closing speed.
 const LIGHT_CENTERING: f64 = 1e3;
 
 impl Config {
-    /// The usual settings of `task`.
+    /// Default settings of `task`.
     pub fn of(task: Task) -> Self {
         let mut config = Self { task, reward: Weights::of(task), ..Self::default() };
         if task == Task::GraspLift {
@@ -118,11 +119,12 @@ impl Config {
         config.scene.gripper.max_force = LIGHT_GRIP;
         let objects = match task {
             Task::GraspLift => &[][..],
-            // Nothing that meets a pad with an edge or with a face.
+            // Only objects that meet the pads with neither an edge nor a flat face.
             Task::GraspFragile => &["sphere", "cylinder", "ellipsoid"],
-            // Nothing that a rigid face meets with a face or an edge first.
+            // Only objects that rigid faces touch first with neither a flat face nor an edge.
             Task::GraspSoft => &["sphere", "ellipsoid", "potato", "lemon"],
-            // Nothing that turns between two points either, which rigid pads cannot prevent.
+            // Also no objects that turn about the line between two contact points, which rigid pads
+            // cannot prevent.
             Task::HoldStill => &["sphere", "cuboid", "cylinder", "prism"],
         };
         config.objects = objects.iter().map(|&name| ObjectSpec::Name(name.into())).collect();
@@ -130,7 +132,8 @@ impl Config {
             Task::GraspLift => {}
             Task::GraspFragile => {
                 config.scene.gripper.max_force = FIRM_GRIP;
-                // The lightest object is tried with 0.5 N, and must be felt on the way there.
+                // The trial grip of the lightest object is 0.5 N; the force must grow slowly enough
+                // to sense the contact before that.
                 config.begin_round_the_object(Closing { grip_rate: 5.0, ..Closing::default() });
                 config.mass = [0.05, 0.4];
                 config.friction = [0.3, 1.0];
@@ -162,7 +165,8 @@ impl Config {
         config
     }
 
-    /// A hand round an object in the middle, which moves up and down only, gently, and lifts a little.
+    /// Starts the hand around an object in the middle, restricts it to gentle vertical motion, and
+    /// sets a small lift height.
     fn begin_round_the_object(&mut self, closing: Closing) {
         self.closing = Some(closing);
         (self.lift_height, self.max_episode_steps) = (0.03, 60);
@@ -170,7 +174,7 @@ impl Config {
         self.move_gently();
     }
 
-    /// A hand that moves up and down only, so gently that it hardly shakes what it holds.
+    /// Restricts the hand to vertical motion, so gentle that it hardly shakes a held object.
     fn move_gently(&mut self) {
         let SceneConfig { gripper, workspace, .. } = &mut self.scene;
         (gripper.max_speed, gripper.max_acceleration, gripper.max_yaw_rate) = (0.1, 1.0, 0.0);
@@ -180,14 +184,14 @@ impl Config {
         (self.position, self.start) = ([0.0; 2], [0.0; 2]);
     }
 
-    /// What is set about touch.
+    /// Settings of touch.
     pub fn touch(&self) -> tactile::Config {
         let Self { tactile: choice, sensor, material, resolution, .. } = self.clone();
         tactile::Config { choice, sensor, material, resolution }
     }
 
-    /// Coulomb coefficient at a share from 0 to 1 of its range: in equal steps, or, where the grip is to
-    /// suit it, in equal ratios, so that no grip suits more of the range than another.
+    /// Coulomb coefficient at `share` (0 to 1) of its range: in equal steps, or, in HoldStill, in
+    /// equal ratios, so that no grip force suits more of the range than another.
     pub fn friction_at(&self, share: f64) -> f64 {
         let [low, high] = self.friction;
         match self.holding {
@@ -196,7 +200,7 @@ impl Config {
         }
     }
 
-    /// Names of the observation's channels: the task's usual ones where nothing else is asked for.
+    /// Names of the observation's channels: those that are set, or the default ones of the task.
     pub fn channels(&self) -> Vec<&str> {
         match &self.observation {
             Some(names) => names.iter().map(String::as_str).collect(),
@@ -204,13 +208,14 @@ impl Config {
         }
     }
 
-    /// Whether the pads are soft and feel: not those of rigid fingers, nor where the object gives way.
+    /// Returns whether the pads are soft and tactile: not with rigid fingers, nor if the object is
+    /// the soft part.
     pub fn pads_feel(&self) -> bool {
         self.tactile != Choice::None && self.softness.is_none()
     }
 
-    /// These settings with the sensor's pads on the fingers, soft if these are to feel; an error if
-    /// other pads were asked for.
+    /// Returns these settings with the sensor's pad dimensions on the fingers, and with soft pads
+    /// if they are tactile; returns an error if tactile fingers are to have other pad dimensions.
     pub fn with_sensor(mut self) -> Result<Self> {
         let (touch, usual) = (self.touch(), Gripper::default());
         let sensor = touch.sensor()?;
@@ -250,7 +255,7 @@ impl Config {
         Ok(self)
     }
 
-    /// An error that names the first setting out of its range.
+    /// Returns an error that names the first setting out of its range.
     pub fn validate(&self) -> Result<()> {
         self.scene.validate()?;
         let workspace = &self.scene.workspace;
@@ -281,7 +286,7 @@ impl Config {
         self.reward.validate(self.task)
     }
 
-    /// An error that names the first setting that the task lacks, or has no use for.
+    /// Returns an error that names the first setting that the task lacks or does not have.
     fn validate_task(&self) -> Result<()> {
         let (task, tactile) = (self.task, self.tactile);
         if task == Task::GraspFragile && tactile == Choice::None {
@@ -327,7 +332,7 @@ impl Config {
         ordered("thrift", [holding.thrift; 2], 1.0, 100.0)
     }
 
-    /// The objects ready for the scene, checked at both ends of their ranges.
+    /// Models of the objects, checked at both ends of the ranges of mass and size.
     pub fn models(&self) -> Result<Vec<ObjectModel>> {
         let models: Vec<_> = self.objects.iter().map(ObjectSpec::model).collect::<Result<_>>()?;
         for (spec, model) in self.objects.iter().zip(&models) {
@@ -341,7 +346,8 @@ impl Config {
         Ok(models)
     }
 
-    /// Some side of the object must pass between the open pads; of a held one, a horizontal side.
+    /// Returns an error unless the object fits between the open pads: across its narrowest side in
+    /// GraspLift, across a horizontal side in the other tasks.
     fn fits(&self, spec: &ObjectSpec, model: &ObjectModel) -> Result<()> {
         let (low, high) = model.surface().bounds();
         let narrow = match self.task {
@@ -359,15 +365,16 @@ impl Config {
     }
 }
 
-/// Thickness of fingers that a soft object gives way to (m): three quarters of it is how deep they may
-/// stand in the undeformed object.
+/// Thickness of the fingers in GraspSoft (m): they may overlap the undeformed object by three
+/// quarters of it.
 const DEEP: f64 = 0.012;
-/// Radius of a middling soft object (m).
+/// Typical radius of a soft object (m).
 const MIDDLING: f64 = 0.018;
-/// Room that is left under the pads where the workspace is not set (m).
+/// Gap between pads and table at the bottom of the default workspace (m).
 const CLEARANCE: f64 = 1e-3;
 
-/// An error if a setting of the `owners` is missing in one of them or given elsewhere.
+/// Returns an error if a setting that belongs to the tasks `owners` is missing in one of them or
+/// given in another task.
 fn belongs<T: Serialize>(name: &str, value: Option<&T>, task: Task, owners: &[Task]) -> Result<()> {
     match value {
         None if owners.contains(&task) => {

@@ -1,8 +1,8 @@
-//! Why an episode ends before its time.
+//! Reasons for which an episode terminates.
 
 use super::{Config, Moment, Progress, Task};
 
-/// Why an episode ended before its time.
+/// Reason for which an episode terminated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Ending {
     /// The object left the table or the workspace.
@@ -13,7 +13,7 @@ pub enum Ending {
     OutOfRange,
     /// The rigid-body engine stopped on an internal error.
     EngineError,
-    /// No model's answer to what presses a finger.
+    /// The press of a finger or of a soft object could not be solved.
     PressFailed,
     /// The stress in a pad, or in a soft object, exceeded the episode's limit.
     StressExceeded,
@@ -23,7 +23,7 @@ pub enum Ending {
 
 /// Half of the table's edge (m).
 const TABLE: f64 = 0.25;
-/// Slip after which an object is no longer held (m): most of a pad.
+/// Slip above which an object counts as dropped (m): most of a pad's extent.
 const OUT_OF_HAND: f64 = 0.02;
 
 impl Ending {
@@ -51,17 +51,18 @@ impl Ending {
         }
     }
 
-    /// Number from 1; 0 stands for none.
+    /// Number from 1; 0 stands for no ending.
     pub fn code(self) -> u8 {
         self as u8 + 1
     }
 
-    /// Whether the task itself ended the episode, and not what computes it: such a step is paid.
+    /// Returns whether a rule of the task ended the episode, and not a failed computation; only
+    /// then does the last step earn a reward.
     pub fn is_of_the_task(self) -> bool {
         matches!(self, Self::ObjectLost | Self::StressExceeded | Self::Dropped)
     }
 
-    /// Whether and why `moment` ends the episode.
+    /// Returns the reason for which `moment` ends the episode, if it does.
     pub fn of(moment: &Moment, progress: &Progress, config: &Config) -> Option<Self> {
         let state = moment.state;
         if state.failure.is_some() {

@@ -1,26 +1,26 @@
-//! Fragile grasps: what force the limit allows.
+//! Fragile grasps: the trial grip that sets the stress limit.
 
 use serde::{Deserialize, Serialize};
 
 use super::{Config, Range};
 use crate::{Error, Result};
 
-/// Settings of a grasp that must not be too hard.
+/// Settings of a grasp with a stress limit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Fragility {
-    /// Grip force of the trial over the least that holds the object.
+    /// Grip force of the trial, relative to the least that holds the object.
     pub spare: f64,
-    /// The limit over the stress of the trial.
+    /// Stress limit relative to the peak stress of the trial.
     pub margin: Range,
 }
 
-/// The grip whose stress sets an episode's limit.
+/// Trial grip whose stress sets the limit of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
     /// Grip force (N).
     pub grip: f64,
-    /// The limit over the stress of this grip.
+    /// Stress limit relative to the peak stress of this grip.
     pub margin: f64,
 }
 
@@ -30,13 +30,14 @@ impl Default for Fragility {
     }
 }
 
-/// Least grip force with which two pads bear `force` (N) by `friction`, by Coulomb's law (N).
+/// Least grip force with which two pads hold against a tangential `force` (N) by Coulomb's law, in
+/// N.
 pub fn least_grip(force: f64, friction: f64) -> f64 {
     0.5 * force / friction
 }
 
 impl Config {
-    /// An error if some object would have to be tried with more force than the gripper has.
+    /// Returns an error if the trial grip of some object would exceed the force of the gripper.
     pub(super) fn validate_trials(&self, fragility: &Fragility) -> Result<()> {
         let heaviest = self.mass[1] * self.scene.physics.gravity;
         let hardest = fragility.spare * least_grip(heaviest, self.friction[0]);

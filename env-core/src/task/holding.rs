@@ -1,4 +1,4 @@
-//! Holding still: the force that acts on a held object, and how much grip it is worth.
+//! HoldStill: the disturbance of a held object, and the limits of slip and grip force.
 
 use std::f64::consts::TAU;
 
@@ -11,7 +11,7 @@ use super::Range;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Holding {
-    /// Downward force beside the object's weight (N).
+    /// Downward force in addition to the object's weight (N).
     pub load: Range,
     /// Amplitude of the shaking force (N).
     pub shaking: Range,
@@ -19,7 +19,8 @@ pub struct Holding {
     pub frequency: Range,
     /// Largest slip of an object that counts as held still (m).
     pub slip_limit: f64,
-    /// Largest mean grip that counts as little, over the least that holds ([`Shaking::largest`]).
+    /// Largest mean grip force of a success, relative to the least that holds against the largest
+    /// force ([`Shaking::largest`]).
     pub thrift: f64,
 }
 
@@ -35,10 +36,10 @@ impl Default for Holding {
     }
 }
 
-/// Time in which load and shaking come on (s).
+/// Time over which load and shaking grow to their full size (s).
 const ONSET: f64 = 0.5;
 
-/// The force of one episode on its object: a load, and a sine along one direction.
+/// Disturbing force of an episode on its object: a load, and a sine along one direction.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Shaking {
     /// Downward force (N).
@@ -50,14 +51,14 @@ pub struct Shaking {
 }
 
 impl Shaking {
-    /// The force at `time` since the start of the episode (N), in the world.
+    /// Force at `time` since the start of the episode (N), in the world.
     pub fn force(&self, time: f64) -> Vector3<f64> {
         let swing = (TAU * self.frequency * time).sin();
         let force = swing * Vector3::from(self.amplitude) - self.load * Vector3::z();
         (time / ONSET).clamp(0.0, 1.0) * force
     }
 
-    /// Largest force of this, together with a `weight` (N), while it acts in full (N).
+    /// Largest magnitude of this force together with a `weight` (N), after its onset, in N.
     pub fn largest(&self, weight: f64) -> f64 {
         let (mean, swing) = (-(self.load + weight) * Vector3::z(), Vector3::from(self.amplitude));
         (mean + swing).norm().max((mean - swing).norm())

@@ -1,4 +1,4 @@
-//! Settings as JSON: what is given, over the usual settings of the task that it names.
+//! Settings from JSON: the given values replace the default settings of the named task.
 
 use serde::{Deserialize, de::DeserializeOwned};
 use serde_json::Value;
@@ -7,8 +7,8 @@ use super::{Config, Task};
 use crate::{Error, Result};
 
 impl Config {
-    /// The usual settings of a task but for those that `json` gives, mappings name by name; an error
-    /// names the setting, what was found and what was expected.
+    /// Reads settings: the values in `json` replace the default settings of its task, mappings
+    /// entry by entry. An error names the setting, the value found and the value expected.
     pub fn from_json(json: &str) -> Result<Self> {
         #[derive(Deserialize)]
         struct Chosen {
@@ -38,7 +38,7 @@ fn unreadable(path: &str, error: &serde_json::Error) -> Error {
     Error::Setting { name, reason }
 }
 
-/// Puts what is `given` over `settings`.
+/// Merges `given` into `settings`, mappings entry by entry.
 fn overlay(settings: &mut Value, given: Value) {
     match (settings, given) {
         (Value::Object(settings), Value::Object(given)) => {

@@ -1,10 +1,10 @@
-//! What can be asked of an agent, and what sets each task apart.
+//! Tasks, and their names, reward terms and channels.
 
 use serde::{Deserialize, Serialize};
 
 use super::Term;
 
-/// A task.
+/// Task of the agent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Task {
@@ -20,7 +20,7 @@ pub enum Task {
 }
 
 impl Task {
-    /// Its name, as in the environment's id.
+    /// Name, as in the environment's id.
     pub fn name(self) -> &'static str {
         match self {
             Self::GraspLift => "GraspLift",
@@ -30,7 +30,7 @@ impl Task {
         }
     }
 
-    /// The reward's terms in order, with their usual weights.
+    /// Terms of the reward in order, with their default weights.
     pub fn terms(self) -> &'static [(Term, f64)] {
         match self {
             Self::GraspLift => &[
@@ -57,7 +57,7 @@ impl Task {
         }
     }
 
-    /// Channels of the observation where nothing else is asked for, with fingers that feel or do not.
+    /// Default channels of the observation; `feels` is `true` for tactile fingers.
     pub fn usual_channels(self, feels: bool) -> &'static [&'static str] {
         match (self, feels) {
             (Self::GraspLift, false) => &["proprio", "object"],

@@ -1,4 +1,4 @@
-//! What the agent sees, does and is paid for: pure functions of the rigid world's state.
+//! Action, observation and reward of the tasks: pure functions of the state of the simulation.
 
 mod action;
 mod closing;
@@ -32,7 +32,7 @@ use crate::{
     tactile::{Feeling, Squeezed},
 };
 
-/// What an episode drew at its reset.
+/// Quantities drawn at the reset of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Draw {
     /// Index into the configured objects.
@@ -47,32 +47,33 @@ pub struct Draw {
     pub half_extents: [f64; 3],
     /// Height of the object's frame when it rests on the table (m).
     pub rest_height: f64,
-    /// Stress in the pads, or in a soft object, that ends the episode (Pa), where there is such a limit.
+    /// Stress in the pads, or in a soft object, above which the episode ends (Pa), if there is a
+    /// limit.
     pub stress_limit: Option<f64>,
-    /// Where the limit comes from, if it comes from a trial grip.
+    /// Trial grip that sets the limit, if one does.
     pub trial: Option<Trial>,
     /// Young's modulus of a soft object (Pa).
     pub young: Option<f64>,
-    /// What shakes the object, where something does.
+    /// Disturbing force on the object, if there is one.
     pub shaking: Option<Shaking>,
 }
 
-/// Everything that observation and reward are functions of.
+/// State of an episode from which observation and reward are computed.
 #[derive(Clone, Copy, Debug)]
 pub struct Moment<'a> {
-    /// The rigid world.
+    /// State of the rigid bodies.
     pub state: &'a SceneState,
-    /// The episode's object.
+    /// Quantities drawn at the reset.
     pub draw: &'a Draw,
-    /// Grip force that was commanded (N).
+    /// Commanded grip force (N).
     pub grip: f64,
     /// Time since the start of the episode (s).
     pub time: f64,
-    /// What the fingers feel, if they do.
+    /// Contact of the fingers, if they are tactile.
     pub feeling: Option<Feeling<'a>>,
-    /// What a soft object feels, if it is squeezed.
+    /// Deformation of a soft object, if it is squeezed.
     pub squeezed: Option<&'a Squeezed>,
-    /// Highest von Mises stress in the pads, or in a soft object (Pa), where the task asks for it; 0
+    /// Highest von Mises stress in the pads, or in a soft object (Pa), if the task needs it; 0
     /// without contact.
     pub peak_stress: f64,
 }
@@ -83,14 +84,14 @@ impl Moment<'_> {
         self.state.object.pose.translation.z - self.draw.rest_height
     }
 
-    /// Highest stress over what the episode allows; 0 where it allows any.
+    /// Highest stress relative to the limit of the episode; 0 without a limit.
     pub fn share_of_limit(&self) -> f64 {
         self.draw.stress_limit.map_or(0.0, |limit| self.peak_stress / limit)
     }
 
-    /// Mean grip up to which a held object counts as held by little force (N): so much more than the least
-    /// that bears, by Coulomb's law, the largest of weight, load and shaking. Any force where nothing
-    /// shakes.
+    /// Largest mean grip force of a success (N): [`Holding::thrift`] times the least that holds, by
+    /// Coulomb's law, against the largest sum of weight, load and shaking. Infinite without
+    /// shaking.
     pub fn thrifty_grip(&self, config: &Config) -> f64 {
         let weight = self.draw.mass * config.scene.physics.gravity;
         let largest = self.draw.shaking.map(|shaking| shaking.largest(weight));
@@ -99,12 +100,12 @@ impl Moment<'_> {
             .map_or(f64::INFINITY, |(thrift, force)| thrift * least_grip(force, self.draw.friction))
     }
 
-    /// Whether both pads press on the object.
+    /// Returns whether both pads press on the object.
     pub fn both_touch(&self) -> bool {
         self.state.fingers.iter().all(|finger| finger.normal_force() > 0.0)
     }
 
-    /// Whether a pad presses on the object.
+    /// Returns whether a pad presses on the object.
     pub fn any_touches(&self) -> bool {
         self.state.fingers.iter().any(|finger| finger.normal_force() > 0.0)
     }

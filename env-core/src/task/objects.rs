@@ -1,4 +1,4 @@
-//! Objects as a user names them.
+//! Objects as settings specify them.
 
 use std::{fmt, path::Path, sync::Arc};
 
@@ -11,25 +11,25 @@ use crate::{
     scene::{ObjectModel, named},
 };
 
-/// A name of the catalogue, a mesh file, or a shape with its lengths (m).
+/// Object in the settings: a name of the catalogue, a mesh file, or a shape with its lengths (m).
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum ObjectSpec {
     /// Name in the catalogue, or path of an .obj or .stl file in metres.
     Name(String),
-    /// A mesh file with its unit.
+    /// Mesh file with its unit.
     Mesh(MeshSpec),
-    /// A shape with its lengths.
+    /// Shape with its lengths.
     Shape(ShapeSpec),
 }
 
-/// A mesh file with its unit.
+/// Mesh file with its unit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshSpec {
     /// Path of an .obj or .stl file.
     pub mesh: String,
-    /// Metres to a unit of the file.
+    /// Unit of the file (m).
     #[serde(default = "one")]
     pub scale: f64,
 }
@@ -38,7 +38,7 @@ fn one() -> f64 {
     1.0
 }
 
-/// A shape with its lengths (m), told apart by `"shape"`.
+/// Shape with its lengths (m); the entry `"shape"` names its kind.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "shape", rename_all = "kebab-case", deny_unknown_fields)]
 #[allow(missing_docs)] // The fields are those of `geometry::Shape`.
@@ -79,7 +79,7 @@ impl From<&ShapeSpec> for Shape {
 }
 
 impl ObjectSpec {
-    /// The object ready for the scene.
+    /// Builds the model of the object for the scene.
     pub fn model(&self) -> Result<ObjectModel> {
         ObjectModel::new(match self {
             Self::Name(name) if is_mesh_file(name) => mesh(name, 1.0)?,
@@ -110,7 +110,7 @@ impl fmt::Display for ObjectSpec {
 }
 
 impl<'de> Deserialize<'de> for ObjectSpec {
-    /// By hand, because serde's untagged enums cannot say what was wrong.
+    /// Written by hand because the errors of serde's untagged enums do not name the wrong value.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
         let value = Value::deserialize(deserializer)?;
         let parsed = match &value {

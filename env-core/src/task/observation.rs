@@ -1,5 +1,5 @@
-//! The observation: named channels, each a row of the one table that spaces, documentation and
-//! checks come from.
+//! Observation: named channels, defined in one table from which spaces, documentation and checks
+//! are derived.
 
 use nalgebra::Vector3;
 
@@ -12,7 +12,8 @@ use crate::{
 
 /// Names of the channels that every environment has, in the order of the table.
 pub const CHANNELS: [&str; 5] = ["proprio", "object", "wrench", "properties", "time"];
-/// Names of the channels of fingers that feel; with these, "wrench" is what the pads feel, too.
+/// Names of the channels of tactile fingers. With these, "wrench" comes from the tactile model,
+/// too.
 pub const TACTILE_CHANNELS: [&str; 8] = [
     Channel::Markers.name(),
     Channel::Displacement.name(),
@@ -24,20 +25,20 @@ pub const TACTILE_CHANNELS: [&str; 8] = [
     Channel::Trust.name(),
 ];
 
-/// Some neighbouring entries of a channel that share bounds and unit.
+/// Consecutive entries of a channel that belong to one quantity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Component {
-    /// What they are.
+    /// Name of the quantity.
     pub name: String,
-    /// Lower bounds, one an entry.
+    /// Lower bounds, one per entry.
     pub low: Vec<f32>,
-    /// Upper bounds, one an entry.
+    /// Upper bounds, one per entry.
     pub high: Vec<f32>,
     /// SI unit.
     pub unit: &'static str,
 }
 
-/// The chosen channels and where they lie in a row of observations.
+/// Chosen channels and their positions in a row of observations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
     channels: Vec<(&'static str, Vec<Component>)>,
@@ -46,8 +47,8 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// The layout of the configured channels, the fingers' having `skin` if they feel; an unknown,
-    /// repeated or missing name is an error.
+    /// Layout of the configured channels, for tactile fingers of surface `skin` if given; returns
+    /// an error if a name is unknown, repeated or missing.
     pub fn new(config: &Config, skin: Option<&Skin>) -> Result<Self> {
         let named = |name| {
             let felt = skin.zip(Channel::named(name));
@@ -60,7 +61,7 @@ impl Layout {
         Ok(Self { channels, low, high })
     }
 
-    /// Names of the configured channels; an unknown, repeated or missing one is an error.
+    /// Names of the configured channels; returns an error if one is unknown, repeated or missing.
     pub(super) fn check(config: &Config) -> Result<Vec<&'static str>> {
         let tactile = if config.pads_feel() { &TACTILE_CHANNELS } else { &[][..] };
         let known = [&CHANNELS, config.task.channels(), tactile].concat();
@@ -99,7 +100,7 @@ impl Layout {
         }
     }
 
-    /// Writes the channel of that number to the beginning of `row`; what is left of it.
+    /// Writes channel number `channel` to the beginning of `row` and returns the rest of `row`.
     pub fn write_channel<'r>(
         &self,
         channel: usize,
@@ -133,13 +134,13 @@ impl Layout {
         rest
     }
 
-    /// Whether every entry is within its declared bounds (and so finite).
+    /// Returns whether every entry is within its declared bounds (and so finite).
     pub fn holds(&self, row: &[f32]) -> bool {
         row.iter().zip(&self.low).zip(&self.high).all(|((x, low), high)| low <= x && x <= high)
     }
 }
 
-/// What a channel of both fingers consists of.
+/// Components of a tactile channel for both fingers.
 fn of_fingers(channel: Channel, skin: &Skin) -> Vec<Component> {
     let component = |side: &str, spec: &Spec| {
         let count = spec.shape.iter().product();
@@ -156,12 +157,12 @@ fn of_fingers(channel: Channel, skin: &Skin) -> Vec<Component> {
     of("−x").chain(of("+x")).collect()
 }
 
-/// The table: what each channel of the rigid world consists of.
+/// Components of each channel that is not tactile.
 fn components(channel: &str, config: &Config) -> Vec<Component> {
     let (gripper, workspace) = (&config.scene.gripper, &config.scene.workspace);
-    // Room for rounding to single precision.
+    // Margin for rounding to single precision.
     let about = |x: f64| (x + 1e-3 * x.abs().max(1e-3) * x.signum()) as f32;
-    // A turned wrist sees the speeds along two axes of the world along one of its own.
+    // The velocities along two axes of the world can add up along one axis of a turned wrist.
     let diagonal = std::f64::consts::SQRT_2 * gripper.max_speed;
     let both = |name: &str, n: usize, limit: f64, unit| Component {
         name: name.to_owned(),
@@ -231,9 +232,9 @@ fn components(channel: &str, config: &Config) -> Vec<Component> {
     }
 }
 
-/// Speed that no body exceeds (m/s): the scene's cap, with room for rounding.
+/// Bound of every speed (m/s): the scene's limit, with a margin for rounding.
 const FASTEST: f64 = 21.0;
-/// Force past which an impact counts as out of range (N, N m).
+/// Bound of contact forces (N) and torques (N m), above which an impact counts as out of range.
 const STRONGEST: f64 = 5000.0;
 
 fn proprio(moment: &Moment, writer: &mut Writer) {
@@ -282,7 +283,7 @@ fn properties(moment: &Moment, writer: &mut Writer) {
     writer.vector(&moment.draw.half_extents.into());
 }
 
-/// Fills a row from the left.
+/// Writer that fills a row from the left.
 struct Writer<'a> {
     row: &'a mut [f32],
     at: usize,

@@ -1,4 +1,4 @@
-//! The reward: a weighted mean of named terms, each in [0, 1].
+//! Reward: a weighted mean of named terms, each in [0, 1].
 
 use std::collections::BTreeMap;
 
@@ -7,35 +7,36 @@ use serde::{Deserialize, Serialize};
 use super::{Config, Moment, Progress, Task};
 use crate::{Error, Result};
 
-/// A term of the reward. What 1 and 0 stand for is said at each.
+/// Term of the reward. Each variant states where the term is 1 and where it is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Term {
-    /// 1 at the object's middle, 1/4 at 10 cm from it.
+    /// 1 with the tool centre at the object's middle, 1/4 at 10 cm from it.
     Reach,
-    /// 1 when both pads press with 1 N or more, or with the grip of the trial that set the limit.
+    /// 1 when both pads press with 1 N or more, or with the trial grip if one sets the stress
+    /// limit.
     Grasp,
     /// 1 when both pads touch the object, however lightly.
     Touch,
-    /// Rise of the grasped object over the wanted rise.
+    /// Rise of the grasped object relative to the lift height.
     Lift,
-    /// Time for which it has stayed lifted over the wanted time.
+    /// Time for which the object has stayed lifted, relative to the hold time.
     Hold,
-    /// 1 without grip force on the lifted object, 0 at the largest; on the way up as much of it as of
-    /// `lift`, so that it does not pay to keep the hand open.
+    /// 1 without grip force, 0 at the largest; multiplied by `lift`, so that keeping the hand open
+    /// earns nothing.
     Effort,
-    /// 1 without stress in the lifted object, 0 at the episode's limit; on the way up as much of it as
-    /// of `lift`, so that it does not pay to leave the object alone.
+    /// 1 without stress in the object, 0 at the episode's limit; multiplied by `lift`, so that
+    /// leaving the object alone earns nothing.
     Gentle,
-    /// 1 without grip force, 0 at twice what counts as little for this object, linear between.
+    /// 1 without grip force, 0 at twice [`Moment::thrifty_grip`], linear between.
     Thrift,
-    /// 1 where the object was in the hand at the start, 0 at the largest slip that counts as still.
+    /// 1 with the object where it was in the hand at the start, 0 at the slip limit.
     Still,
 }
 
-/// Normal force of a firm pad (N).
+/// Normal force of a firmly pressing pad (N).
 const FIRM: f64 = 1.0;
-/// Distance over which reaching matters (m); tanh of 10 cm over it is 3/4.
+/// Length scale of `reach` (m); tanh of 10 cm over it is 3/4.
 const NEAR: f64 = 0.103;
 
 impl Term {
@@ -52,7 +53,7 @@ impl Term {
         Self::Still,
     ];
 
-    /// Its name in settings and `info`.
+    /// Name in settings and `info`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Reach => "reach",
@@ -67,7 +68,7 @@ impl Term {
         }
     }
 
-    /// Its value at `moment`.
+    /// Value at `moment`.
     fn value(self, moment: &Moment, progress: &Progress, config: &Config) -> f64 {
         match self {
             Self::Reach => {
@@ -107,12 +108,12 @@ fn within(value: f64, limit: f64) -> f64 {
     (1.0 - value / limit).clamp(0.0, 1.0)
 }
 
-/// The terms of one step, each in [0, 1]; those that the task does not pay for are 0.
+/// Values of the terms in one step, each in [0, 1]; those that the task does not use are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RewardTerms([f64; Term::ALL.len()]);
 
 impl RewardTerms {
-    /// The terms at `moment`.
+    /// Evaluates the terms at `moment`.
     pub fn of(moment: &Moment, progress: &Progress, config: &Config) -> Self {
         let mut terms = Self::default();
         for &(term, _) in config.task.terms() {
@@ -121,12 +122,12 @@ impl RewardTerms {
         terms
     }
 
-    /// The value of one term.
+    /// Value of one term.
     pub fn get(&self, term: Term) -> f64 {
         self.0[term as usize]
     }
 
-    /// The terms of `task`, in its order.
+    /// Values of the terms of `task`, in its order.
     pub fn values(&self, task: Task) -> impl Iterator<Item = f64> + '_ {
         task.terms().iter().map(|&(term, _)| self.get(term))
     }
@@ -139,18 +140,19 @@ impl RewardTerms {
     }
 }
 
-/// Relative weights of the terms; a term without one weighs nothing.
+/// Relative weights of the terms; a term without one has weight 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Weights(BTreeMap<Term, f64>);
 
 impl Weights {
-    /// The usual weights of `task`.
+    /// Default weights of `task`.
     pub fn of(task: Task) -> Self {
         Self(task.terms().iter().copied().collect())
     }
 
-    /// Weights are finite and not negative, one is above zero, and all are of terms of `task`.
+    /// Returns an error unless the weights are finite and not negative, one is above zero, and all
+    /// belong to terms of `task`.
     pub(super) fn validate(&self, task: Task) -> Result<()> {
         let terms = || task.terms().iter().map(|&(term, _)| term);
         if let Some(other) = self.0.keys().find(|&&term| terms().all(|own| own != term)) {

@@ -1,4 +1,4 @@
-//! Soft objects: what they are made of, and what they bear.
+//! Soft objects: their material and their stress limit.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +12,7 @@ pub struct Softness {
     pub young: Range,
     /// Poisson's ratio.
     pub poisson: f64,
-    /// Von Mises stress over Young's modulus at which an object is crushed.
+    /// Von Mises stress, relative to Young's modulus, at which an object is crushed.
     pub crush: f64,
 }
 
