@@ -1,4 +1,4 @@
-//! Datasets of solved grasps, made for Python.
+//! Python functions that generate datasets of solved grasps.
 
 use std::{
     panic::resume_unwind,
@@ -17,21 +17,21 @@ use ruffini_core::{
 
 use crate::error::python_error;
 
-/// How long a signal may wait to be seen.
+/// Interval between checks for signals.
 const POLL: Duration = Duration::from_millis(20);
 
-/// Names of the shards of a dataset; the configuration as in `generate_dataset`.
+/// Names of the shards of a dataset; the configuration is as in `generate_dataset`.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
 pub(crate) fn dataset_shards(config: Option<PathBuf>, overrides: &str) -> PyResult<Vec<String>> {
     shards(&configuration(config, overrides)?).map_err(python_error)
 }
 
-/// Makes a dataset in `folder`, or what is missing of it, or of the shards `only`; whether it is
-/// finished.
+/// Generates a dataset in `folder`, or its missing part, restricted to the shards `only` if given;
+/// returns whether the dataset is finished.
 ///
-/// The configuration is that of the TOML file `config`, or the default, with the JSON object
-/// `overrides` laid over it. `watch` is called from another thread.
+/// The configuration is that of the TOML file `config`, or the default, with the values of the JSON
+/// object `overrides` in place of its own. `watch` is called from another thread.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value, clippy::too_many_arguments)] // As Python passes them.
 pub(crate) fn generate_dataset(
@@ -58,7 +58,7 @@ pub(crate) fn generate_dataset(
     let orders = Orders { commit, obstacle: Some(&obstacle), threads, only: only.as_deref() };
     let manifest = thread::scope(|scope| {
         let worker = scope.spawn(|| generate(&config, &folder, &orders, &go_on));
-        // Python hears signals in its main thread only, which is this one.
+        // Python handles signals in its main thread only, which is this one.
         loop {
             let finished = worker.is_finished();
             py.check_signals().unwrap_or_else(raise);
@@ -73,7 +73,7 @@ pub(crate) fn generate_dataset(
     raised.map_or(Ok(finished), Err)
 }
 
-/// What keeps the gripper of the scene from a grasp.
+/// Describes what keeps the gripper of the scene from a grasp, if anything does.
 fn obstacle(object: &Object, plan: &Plan) -> ruffini_core::Result<Option<String>> {
     let model = ObjectModel::new(object.shape.clone())?;
     let approach = Approach::new(model, GraspSampler::default().clearance);

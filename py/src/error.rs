@@ -1,4 +1,4 @@
-//! Errors of the Rust crate as Python's exceptions, with the same text.
+//! Conversion of the Rust crate's errors to Python exceptions with the same text.
 
 use pyo3::{
     exceptions::{PyRuntimeError, PyValueError},
@@ -24,7 +24,7 @@ pyo3::create_exception!(
      the force asked for) or \"invalid\" (a history of another body). The text has the figures."
 );
 
-/// Bad arguments are a `ValueError`, the rest a `SimulationError`.
+/// Converts an error: bad arguments become a `ValueError`, all others a `SimulationError`.
 #[allow(clippy::needless_pass_by_value)] // For `map_err`.
 pub(crate) fn python_error(error: Error) -> PyErr {
     match error {
@@ -37,7 +37,7 @@ pub(crate) fn python_error(error: Error) -> PyErr {
     }
 }
 
-/// The `PressError` that stands in the slot of an unsolved press.
+/// Creates the `PressError` that takes the place of an unsolved press in the list of solutions.
 pub(crate) fn press_error<'py>(py: Python<'py>, error: &Error) -> PyResult<Bound<'py, PyAny>> {
     let value = PressError::new_err(error.to_string()).into_value(py).into_bound(py);
     value.setattr("kind", error.kind())?;

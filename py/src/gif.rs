@@ -1,8 +1,8 @@
-//! Moving pictures as GIF (CompuServe 1990). Each frame holds the rectangle that changed, and in it
-//! only the pixels that did: the others are transparent and stay.
+//! Animations as GIF (CompuServe 1990). Each frame holds the rectangle that changed, in which
+//! unchanged pixels are transparent.
 //!
-//! A frame has a palette of its own of at most 256 colours, exact if they are no more, else by
-//! Dekker's Kohonen network (Network 5, 1994).
+//! Each frame has its own palette: exact for up to 256 colours, otherwise chosen by Dekker's
+//! Kohonen network (Network 5, 1994).
 
 use gif::{Encoder, EncodingError, Frame, Repeat};
 use numpy::{PyReadonlyArray3, PyUntypedArrayMethods};
@@ -10,11 +10,12 @@ use pyo3::{exceptions::PyRuntimeError, prelude::*, types::PyBytes};
 
 use crate::mechanics::arrays::{Shown, refused};
 
-/// Effort of the choice of colours, from 1 (best) to 30; 10 is the crate's own choice.
+/// Speed of the choice of colours, from 1 (best colours) to 30 (fastest); 10 is the default of the
+/// `gif` crate.
 const SPEED: i32 = 10;
 
-/// The bytes of a GIF that repeats `frames`, arrays (H, W, 3) of one shape, each shown for `delay`
-/// (ms).
+/// Encodes `frames`, arrays (H, W, 3) of one shape, as a GIF that shows each for `delay` (ms) and
+/// repeats.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
 pub(crate) fn encode_gif<'py>(
@@ -67,7 +68,8 @@ fn encode(
     Ok(bytes)
 }
 
-/// The rectangle of `picture` that differs from the one `before`, transparent where it does not.
+/// Smallest rectangle of `picture` that holds all pixels that differ from `before`; its other
+/// pixels are transparent.
 fn changed(before: Option<&[[u8; 3]]>, picture: &[[u8; 3]], width: usize) -> Frame<'static> {
     let differs = |i: usize| before.is_none_or(|before| before[i] != picture[i]);
     let places = (0..picture.len()).filter(|&i| differs(i)).map(|i| (i % width, i / width));
@@ -75,7 +77,7 @@ fn changed(before: Option<&[[u8; 3]]>, picture: &[[u8; 3]], width: usize) -> Fra
     let (left, right, top, bottom) = places.fold(none, |(left, right, top, bottom), (x, y)| {
         (left.min(x), right.max(x), top.min(y), bottom.max(y))
     });
-    // Where nothing moved, one transparent pixel keeps the time.
+    // If nothing changed, a frame of one transparent pixel keeps the timing.
     let (left, top) = (left.min(right), top.min(bottom));
     let mut rgba = Vec::with_capacity(4 * (right + 1 - left) * (bottom + 1 - top));
     for y in top..=bottom {

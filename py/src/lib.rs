@@ -1,5 +1,5 @@
-//! `ruffini._core`: the Rust crate as Python sees it. Numbers cross as numpy arrays, settings as
-//! JSON, snapshots as bytes.
+//! `ruffini._core`: Python bindings of the Rust crate. Numbers are passed as numpy arrays, settings
+//! as JSON, snapshots as bytes.
 
 mod dataset;
 mod error;
@@ -25,15 +25,15 @@ use ruffini_core::{
 
 use error::{PressError, SimulationError, python_error};
 
-/// N environments stepped together.
+/// Batch of N environments that are stepped together.
 #[pyclass(module = "ruffini._core")]
 struct Batch {
     inner: ruffini_core::env::Batch,
 }
 
 /// Observations (N, D), rewards (N), terminated (N), truncated (N), reward terms (N, K), success
-/// (N), codes of the endings (N), the rows that have started anew with their last observation, and
-/// the rows in which a press was not answered with the kind of the error.
+/// (N), codes of the endings (N), the rows that were reset with the last observation of the ended
+/// episode, and the rows with a failed press with the kind of its error.
 type Step<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray1<f64>>,
@@ -141,13 +141,13 @@ impl Batch {
         ))
     }
 
-    /// Stages of a step: name, runs and microseconds in a step of one environment.
+    /// Stages of a step: name, mean number of runs and mean time (µs) in a step of one environment.
     fn plan(&mut self, forget: bool) -> Vec<(String, f64, f64)> {
         let plan = self.inner.plan(forget).into_iter();
         plan.map(|stage| (stage.name, stage.runs, stage.microseconds)).collect()
     }
 
-    /// Places at rest that the tactile channels refer to; `None` for rigid fingers.
+    /// Rest positions (m) that the tactile channels refer to; `None` for rigid fingers.
     fn skin<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
         let Some(touch) = self.inner.setup().touch() else { return Ok(None) };
         let (skin, dict) = (touch.skin(), PyDict::new(py));
@@ -167,7 +167,7 @@ impl Batch {
         Ok(Some(dict))
     }
 
-    /// A picture (height, width, 3) of one row's scene.
+    /// Renders the scene of one row as a picture (height, width, 3).
     fn render<'py>(
         &mut self,
         py: Python<'py>,
@@ -180,12 +180,12 @@ impl Batch {
         PyArray1::from_vec(py, picture).reshape([height, width, 3])
     }
 
-    /// Every row as bytes.
+    /// Snapshots of all rows as bytes.
     fn save<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyBytes>> {
         self.inner.save().iter().map(|state| PyBytes::new(py, state)).collect()
     }
 
-    /// Puts every row back to what `save` saved.
+    /// Restores all rows from snapshots made by `save` and returns their observations.
     fn load<'py>(
         &mut self,
         py: Python<'py>,
@@ -195,13 +195,13 @@ impl Batch {
         self.rows(py, observation)
     }
 
-    /// Whether the episode of each row is over, (N); so too before the first reset.
+    /// Booleans (N,), true where the episode of a row is over or has not begun.
     fn ended<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         PyArray1::from_iter(py, self.inner.rows().iter().map(Row::needs_reset))
     }
 
-    /// What the running episode of a row drew, and where its bodies are, in SI units; `None` before
-    /// the first reset.
+    /// Quantities drawn for the episode of a row and poses of its bodies, in SI units; `None`
+    /// before the first reset.
     fn look<'py>(&self, py: Python<'py>, row: usize) -> PyResult<Option<Bound<'py, PyDict>>> {
         let rows = self.inner.rows();
         let found = rows.get(row).ok_or_else(|| {
@@ -254,13 +254,13 @@ impl Batch {
     }
 }
 
-/// The settings that hold where none are given, as JSON.
+/// Default settings as JSON.
 #[pyfunction]
 fn default_settings() -> String {
     serde_json::to_string(&Config::default()).expect("default settings are plain numbers and names")
 }
 
-/// The whole Python surface of the crate.
+/// Compiled part of the `ruffini` package.
 #[pymodule]
 mod _core {
     #[pymodule_export]

@@ -1,4 +1,4 @@
-//! Named arrays and a text in the bytes of a safetensors file.
+//! Named arrays and a text, the card, as the bytes of a safetensors file.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -12,10 +12,12 @@ use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
 
 use crate::mechanics::arrays::refused;
 
-/// Key of the text in the file's metadata: there is one key, so the bytes have one order.
+/// Key of the card in the file's metadata. It is the only key, so that the bytes do not depend on
+/// the order of keys.
 const CARD: &str = "card";
 
-/// The arrays (float32 or float64) in the bytes of a safetensors file by name, and its card.
+/// Reads the arrays (float32 or float64) by name, and the card, from the bytes of a safetensors
+/// file.
 #[pyfunction]
 pub(crate) fn read_tensors<'py>(
     py: Python<'py>,
@@ -38,7 +40,7 @@ pub(crate) fn read_tensors<'py>(
     Ok((arrays, card))
 }
 
-/// The bytes of a safetensors file with these arrays (float32 or float64) and `card`.
+/// Bytes of a safetensors file with these arrays (float32 or float64) and `card`.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
 pub(crate) fn write_tensors<'py>(

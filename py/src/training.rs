@@ -1,4 +1,4 @@
-//! Training and judging of surrogates, for Python.
+//! Python functions that train and evaluate surrogates.
 
 use std::{
     path::{Path, PathBuf},
@@ -19,12 +19,13 @@ use serde_json::{Value, json};
 
 use crate::error::python_error;
 
-/// Trains a network on the dataset in `data` into the folder `out`; the card as JSON, or `None` if
-/// stopped.
+/// Trains a network on the dataset in `data` and writes it to the folder `out`; returns its card as
+/// JSON, or `None` if stopped.
 ///
-/// `settings` is a JSON object laid over the default training of that variant. `clock` tells the time
-/// that a budget of seconds is spent by. `watch` is called with the name of a stage and a JSON value;
-/// false stops. Both are called in this thread, where signals are heard.
+/// `settings` is a JSON object of values that replace the defaults of that variant. `clock` returns
+/// the time (s) by which a budget of seconds is measured. `watch` is called with the name of a
+/// stage and a JSON value, and stops the training if it returns false. Both are called in this
+/// thread, in which signals are checked.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value, clippy::too_many_arguments)] // As they come from Python.
 pub(crate) fn train_surrogate(
@@ -54,7 +55,7 @@ pub(crate) fn train_surrogate(
                 None => Ok(true),
             }
         });
-        // What the clock raised stops the training too.
+        // An exception raised by the clock stops the training, too.
         answer.map_err(heard).unwrap_or_default()
             && raised.lock().unwrap_or_else(PoisonError::into_inner).is_none()
     };
@@ -65,7 +66,7 @@ pub(crate) fn train_surrogate(
     card.map_err(python_error)
 }
 
-/// What is to be trained.
+/// Requested training run.
 enum Asked {
     Corrector(Training),
     Paper(PaperRun, Study),
@@ -89,7 +90,8 @@ impl Asked {
         }
     }
 
-    /// `network` and `density` say what is trained, and the other settings how.
+    /// Reads the settings of one of the paper's networks: `network` and `density` define the
+    /// network, the others its training.
     fn paper(variant: &str, mut settings: Value) -> PyResult<Self> {
         let mut run = json!({"network": {}});
         if let Some(settings) = settings.as_object_mut() {
@@ -110,7 +112,7 @@ impl Asked {
         Ok(Self::Paper(run, serde_json::from_value(settings).map_err(bad)?))
     }
 
-    /// The card as JSON.
+    /// Trains the network and returns its card as JSON, or `None` if stopped.
     fn train(
         &self,
         data: &Path,
@@ -139,8 +141,9 @@ fn bad(error: serde_json::Error) -> PyErr {
     PyValueError::new_err(format!("training: {error}"))
 }
 
-/// Errors on the test part of a split: for each frame the grasp's name, and as JSON the errors of the
-/// network, null for what it does not say, and those of the linear answer that it corrects, if it does.
+/// Errors on the test part of a split: for each frame the grasp's name and, as JSON, the errors of
+/// the network, null for quantities that it does not output, and those of the linear solution that
+/// it corrects, if it corrects one.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
 pub(crate) fn evaluate_surrogate(
@@ -157,7 +160,7 @@ pub(crate) fn evaluate_surrogate(
     Ok(found.into_iter().map(one).collect())
 }
 
-/// What Python is told of a stage; nothing of single steps.
+/// Name and JSON value of a stage for Python; `None` for single steps.
 fn message(progress: &Progress) -> Option<(&'static str, String)> {
     match progress {
         Progress::Step => None,

@@ -365,7 +365,7 @@ impl Config {
     }
 }
 
-/// Thickness of the fingers in GraspSoft (m): they may overlap the undeformed object by three
+/// Thickness of the fingers in GraspSoft (m): they may overlap the undeformed object by up to three
 /// quarters of it.
 const DEEP: f64 = 0.012;
 /// Typical radius of a soft object (m).

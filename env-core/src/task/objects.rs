@@ -29,7 +29,7 @@ pub enum ObjectSpec {
 pub struct MeshSpec {
     /// Path of an .obj or .stl file.
     pub mesh: String,
-    /// Unit of the file (m).
+    /// Length of the file's unit (m).
     #[serde(default = "one")]
     pub scale: f64,
 }

@@ -1,11 +1,10 @@
 """Grasping with soft tactile fingertips: vectorised Gymnasium environments, soft-body mechanics.
 
-A soft body (`SoftBody`, or the gel pad of a `sensor`) is pressed by rigid shapes (`Shape`,
-`Press`); a model answers with a `Deformation`: `Fem`, finite elements, `Compliance`, fast and
-linear, or `Surrogate`, a network that corrects the linear answer. `PaperNetwork` is a network that
-is shown no linear answer, and says no forces. Two pads hold one of the
-`objects` in a `Grasp`. Lengths are in m, forces in N, stresses in Pa. In the shell,
-`ruffini press` does one press.
+Rigid shapes press a soft body (`SoftBody`, or the gel pad of a `sensor`): a `Press` of a `Shape`. A
+model returns the `Deformation`: `Fem`, finite elements, `Compliance`, fast and linear, or
+`Surrogate`, a network that corrects the linear solution. `PaperNetwork` is a network that uses no
+linear solution and outputs no forces. Two pads hold one of the `objects` in a `Grasp`. Lengths are
+in m, forces in N, stresses in Pa. In the shell, `ruffini press` solves one press.
 
 Importing registers the environments; from a worker process use the prefix form,
 ``gymnasium.make("ruffini:ruffini/GraspLift-v0")``.
@@ -84,7 +83,7 @@ for _task, _steps in _STEPS.items():
     )
 
 _MODULES = ("agents", "dataset", "envs", "evaluation", "sb3", "surrogate", "video")
-"""Modules that are imported when they are first asked for: environments need none of them."""
+"""Modules that are imported at first use: environments need none of them."""
 
 if TYPE_CHECKING:
     from ruffini import agents as agents
@@ -97,7 +96,7 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name: str) -> Any:
-        """A module of the package."""
+        """Import a module of the package."""
         if name in _MODULES:
             return importlib.import_module(f"ruffini.{name}")
         raise AttributeError(f"module 'ruffini' has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""``python -m ruffini``: the command without its script."""
+"""``python -m ruffini``: the ``ruffini`` command without its script."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""How depth, force, shear and stress of a dataset are distributed, drawn by family of objects."""
+"""Distributions of depth, force, shear and stress in a dataset, by family of objects."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ QUANTITIES = {
     "shear": "tangential over normal force",
     "stress": "peak von Mises stress (kPa)",
 }
-"""What is drawn of every frame; the last two are the larger of both sides'."""
+"""Labels of the plotted quantities; shear and stress are the larger of both sides'."""
 
 
 def by_family(data: Dataset) -> dict[str, _Columns]:
-    """The `QUANTITIES` of all frames (F,), by family in the order of the catalogue."""
+    """`QUANTITIES` of all frames (F,), by family in the order of the catalogue."""
     parts: dict[str, list[_Columns]] = defaultdict(list)
     for name in data.grasps:
         parts[family(name)].append(_of_grasp(data, name))
@@ -43,7 +43,7 @@ def family(grasp: str) -> str:
 
 
 def reasons(data: Dataset) -> Counter[str]:
-    """How many grasps ended early, by their error without its figures."""
+    """Number of grasps that ended early, by their error message without its numbers."""
     unsolved = data.manifest["unsolved"]
     return Counter(re.sub(r"\d+(\.\d+)?(e[-+]?\d+)?", "#", grasp["error"]) for grasp in unsolved)
 
@@ -61,20 +61,20 @@ def _of_grasp(data: Dataset, name: str) -> _Columns:
 
 
 def _thickness(data: Dataset, name: str) -> float:
-    """Of a pad, or half the width of a soft object where it is grasped (m)."""
+    """Thickness of a pad, or half the width of a soft object where it is grasped (m)."""
     if data.soft:
         return 0.5 * float(data.plan(name)["width"])
     return float(np.ptp(data.mesh(name).vertices[:, 2]))
 
 
 def _shear(wrench: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Tangential over normal force (F,) of wrenches (F, 6); 0 where nothing presses."""
+    """Ratio of tangential to normal force (F,) of wrenches (F, 6); 0 without contact."""
     tangential, normal = np.hypot(wrench[:, 0], wrench[:, 1]), np.abs(wrench[:, 2])
     return np.divide(tangential, normal, out=np.zeros_like(normal), where=normal > 0)
 
 
 def draw(data: Dataset, path: str | PathLike[str]) -> None:
-    """Draws the quantities by family, and the reasons of unsolved grasps, to a .png or .svg file.
+    """Draw the quantities by family, and the reasons of unsolved grasps, to a .png or .svg file.
 
     Raises:
         ValueError: If the file has another ending.
@@ -99,7 +99,7 @@ def draw(data: Dataset, path: str | PathLike[str]) -> None:
 
 
 def _boxes(axes: Any, values: dict[str, NDArray[np.float64]], label: str) -> None:
-    """Quartiles, and the 1st to the 99th per cent, family under family."""
+    """Draw box plots with whiskers at the 1st and 99th percentile, one family below another."""
     labels = [f"{name} ({len(of)})" for name, of in values.items()]
     axes.boxplot(
         list(values.values()),

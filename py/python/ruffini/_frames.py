@@ -1,4 +1,4 @@
-"""What a dataset holds of one frame.
+"""Data of one frame of a dataset.
 
 V vertices and T tetrahedra of the mesh that fields are stored on; SI units. A pose is a position
 and a quaternion (x, y, z, w), 7 numbers.
@@ -22,26 +22,26 @@ _NOWHERE = np.array([0.0, 0, 0, 0, 0, 0, 1])
 
 @dataclass(frozen=True)
 class Body:
-    """A soft body in one frame, in the frame in which its mesh is given."""
+    """A soft body in one frame, in the coordinate frame of its mesh."""
 
     displacement: NDArray[np.float32]
     """Displacement of the vertices (V, 3) (m)."""
     von_mises: NDArray[np.float32]
     """Von Mises stress in the tetrahedra (T,) (Pa)."""
     contact_force: NDArray[np.float32]
-    """Forces of what is rigid on the vertices (V, 3) (N)."""
+    """Contact forces on the vertices (V, 3) (N)."""
     residual: float
-    """Force out of balance in the body (N)."""
+    """Norm of the residual force in the body (N)."""
     iterations: int
-    """Newton steps taken, all load steps together."""
+    """Newton steps taken, over all load steps."""
     anchors: NDArray[np.float32]
-    """Where friction holds the skin (A, 2, 3): a point of the undeformed body in its frame, and the
-    place that it sticks to in the frame of what is rigid (m)."""
+    """Points that stick by friction (A, 2, 3): the point of the undeformed body in its frame, and
+    the point to which it sticks in the frame of the rigid shape (m)."""
 
     def write(
         self, path: str | PathLike[str], mesh: TetMesh, pose: NDArray[np.float64] = _NOWHERE
     ) -> None:
-        """Writes the mesh and the fields at a pose (7,) to a .vtu or .npz file.
+        """Write the mesh and the fields at a pose (7,) to a .vtu or .npz file.
 
         Raises:
             ValueError: If the file has another ending or cannot be written.
@@ -68,7 +68,7 @@ class Pad(Body):
 
 @dataclass(frozen=True)
 class Finger:
-    """One rigid finger in one frame: a box whose face looks along z."""
+    """One rigid finger in one frame: a box whose face has its normal along z."""
 
     wrench: NDArray[np.float64]
     """Force (N) and torque (N m) of the object on the finger (6,), in the frame of the finger."""
@@ -85,27 +85,28 @@ class Frame:
     number: int
     """Number of the frame in the grasp, from 0."""
     gel: int
-    """Number of the gel, see `Dataset.mesh`."""
+    """Number of the gel; see `Dataset.mesh`."""
     force: float
     """Force with which the pads are pressed together (N)."""
     closing: float
     """Closing of each pad since it touched (m)."""
     residual: float
-    """Force on the object out of balance (N)."""
+    """Residual force on the object (N)."""
     object: NDArray[np.float64]
-    """Pose of the object against that of its start (7,)."""
+    """Pose of the object relative to its start (7,)."""
     load: NDArray[np.float64]
-    """Weight of the object that the pads bear: force (N) and torque about its origin (N m) (6,)."""
+    """Weight of the object: force (N) and torque about its origin (N m) (6,)."""
     pads: tuple[Pad, Pad]
     """The two pads."""
 
     def imbalance(self) -> dict[str, float]:
-        """How far the frame is from balance.
+        """Imbalance of forces and torques in the frame.
 
         Returns:
-            ``contact``: what the contact forces on the vertices of a pad add up to, less the force
-            of its wrench, the larger of the two pads' (N). ``force`` and ``torque`` of both pads
-            and the weight on the object, which is free and at rest (N, N m about its origin).
+            ``contact``: magnitude of the sum of a pad's nodal contact forces minus the force of its
+            wrench, the larger of both pads (N). ``force`` and ``torque``: magnitudes of the
+            resultants of both pads and the weight on the object, which is free and at rest, so that
+            they should be zero (N, N m about its origin).
         """
         sums = [pad.contact_force.sum(axis=0, dtype=np.float64) for pad in self.pads]
         off = [total - pad.wrench[:3] for total, pad in zip(sums, self.pads, strict=True)]
@@ -113,7 +114,7 @@ class Frame:
         return {"contact": float(max(map(np.linalg.norm, off)))} | left
 
     def write(self, path: str | PathLike[str], mesh: TetMesh) -> list[Path]:
-        """Writes each pad with its fields, placed about the object's start, to a file of its own.
+        """Write each pad with its fields, placed around the object's start, to a file of its own.
 
         Returns:
             The files: ``a-first.vtu`` and ``a-second.vtu`` for the path ``a.vtu``.
@@ -143,21 +144,22 @@ class SoftFrame:
     closing: float
     """Closing of each finger since it touched (m)."""
     motion: NDArray[np.float64]
-    """Rigid motion nearest to that of the object's nodes (7,), by singular values."""
+    """Rigid motion that best fits that of the object's nodes (7,), by singular values."""
     deviation: float
-    """Root mean square of the nodes' distances from that motion (m)."""
+    """Root mean square distance of the nodes from that rigid motion (m)."""
     body: Body
-    """The object, in its frame of the start."""
+    """The object, in its frame at the start."""
     fingers: tuple[Finger, Finger]
     """The two fingers."""
 
     def imbalance(self) -> dict[str, float]:
-        """How far the frame is from balance.
+        """Imbalance of forces and torques in the frame.
 
         Returns:
-            ``contact``: what the contact forces on the vertices add up to with the fingers'
-            wrenches (N). ``force`` and ``torque`` of the fingers on the object, which is free and
-            at rest (N, N m about its origin).
+            ``contact``: magnitude of the sum of the nodal contact forces and the forces on the
+            fingers (N). ``force`` and ``torque``: magnitudes of the resultants of the fingers on
+            the object, which is free and at rest, so that they should be zero (N, N m about its
+            origin).
         """
         total = self.body.contact_force.sum(axis=0, dtype=np.float64)
         fingers = sum(_turned(finger.pose, finger.wrench[None, :3])[0] for finger in self.fingers)
@@ -165,7 +167,7 @@ class SoftFrame:
         return {"contact": contact} | _left(self.fingers, np.zeros(3), np.zeros(6))
 
     def write(self, path: str | PathLike[str], mesh: TetMesh) -> list[Path]:
-        """Writes the object with its fields to a .vtu or .npz file.
+        """Write the object with its fields to a .vtu or .npz file.
 
         Returns:
             The file.
@@ -182,8 +184,8 @@ def _left(
     place: NDArray[np.float64],
     load: NDArray[np.float64],
 ) -> _Left:
-    """Force and torque about a `place` (3,) that a load leaves on both sides' wrenches."""
-    # Wrenches are of the object on the sides, the load is on the object.
+    """Unbalanced force and torque about a `place` (3,) from both sides' wrenches and a load."""
+    # The wrenches act on the sides, the load acts on the object.
     force, torque = -load.reshape(2, 3)
     for side in sides:
         own, turning = _turned(side.pose, side.wrench.reshape(2, 3))
@@ -193,7 +195,7 @@ def _left(
 
 
 def _turned(pose: NDArray[np.float64], vectors: NDArray[Any]) -> NDArray[np.float64]:
-    """Vectors (N, 3) in the frame at `pose`, as seen from outside."""
+    """Rotate vectors (N, 3) from the frame at `pose` to the outer frame."""
     axis, real = pose[3:6], pose[6]
     across = np.cross(axis, vectors)
     turned: NDArray[np.float64] = vectors + 2 * (real * across + np.cross(axis, across))

@@ -1,7 +1,7 @@
-"""Rows of a batch, asked as the single environments that they equal.
+"""Access to the rows of a batch as to the single environments that they equal.
 
-What a row has of its own is asked of it or done to it alone. What the rows have in common is given
-to each that asks. A call that would take in rows which nobody asked for is a ``ValueError``.
+What belongs to one row is read or changed for that row alone; what all rows share is returned for
+each requested row. A call that would also affect rows that were not requested is a ``ValueError``.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _SINGLE = {
     "observation_space": "single_observation_space",
     "action_space": "single_action_space",
 }
-"""Attributes that a row has under another name in the batch."""
+"""Attributes of a row that have another name in the batch."""
 
 
 def chosen(indices: int | Iterable[int] | None, count: int) -> list[int]:
-    """Rows that `indices` names among `count`, the last one as -1 too, or all for ``None``.
+    """Rows among `count` that `indices` selects, counted from the end if negative; ``None``: all.
 
     Raises:
         ValueError: If there is no such row, or one is named twice.
@@ -44,10 +44,10 @@ def chosen(indices: int | Iterable[int] | None, count: int) -> list[int]:
 
 
 def attribute(envs: NativeVectorEnv, rows: Sequence[int], name: str) -> list[Any]:
-    """An attribute of each of `rows`; of a method, what calls it for that row.
+    """An attribute of each of `rows`; for a method, a function that calls it for that row.
 
     Raises:
-        ValueError: If it is the batch or one of its methods, and only some of the rows are asked.
+        ValueError: If it is the batch or one of its methods, and `rows` are not all rows.
     """
     value = getattr(envs, _SINGLE.get(name, name))
     if name in _METHODS:
@@ -58,10 +58,10 @@ def attribute(envs: NativeVectorEnv, rows: Sequence[int], name: str) -> list[Any
 
 
 def set_attribute(envs: NativeVectorEnv, rows: Sequence[int], name: str, value: Any) -> None:
-    """Sets an attribute, which the rows have in common.
+    """Set an attribute, which all rows share.
 
     Raises:
-        ValueError: If only some of the rows are asked.
+        ValueError: If `rows` are not all rows.
     """
     _expect_all(envs, rows, name)
     setattr(envs, _SINGLE.get(name, name), value)
@@ -70,12 +70,12 @@ def set_attribute(envs: NativeVectorEnv, rows: Sequence[int], name: str, value: 
 def call(
     envs: NativeVectorEnv, rows: Sequence[int], name: str, *args: Any, **kwargs: Any
 ) -> list[Any]:
-    """Answers of a method called for each of `rows`, with the same arguments.
+    """Call a method for each of `rows`, with the same arguments; return the results.
 
-    A method that is not a row's is called once for the batch, and each row gets what it returns.
+    A method of the whole batch is called once, and its result is returned for each row.
 
     Raises:
-        ValueError: If it is a method of the whole batch, and only some of the rows are asked.
+        ValueError: If it is a method of the whole batch, and `rows` are not all rows.
     """
     if not rows:
         return []
@@ -107,9 +107,9 @@ def _state(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
 
 
 def _set_state(envs: NativeVectorEnv, rows: Sequence[int], state: Any) -> list[Any]:
-    """One state for all rows, or a list of one each.
+    """Set one state for all rows, or a list with one for each.
 
-    Only all rows can be put back: the batch forgets the costs of every row's stages with it.
+    Only all rows together can be restored: the batch resets the time measurements of all rows.
     """
     _expect_all(envs, rows, "set_state, which starts the plan of every row anew")
     states = [state] * len(rows) if isinstance(state, bytes) else state
@@ -126,7 +126,7 @@ def _reset(
     seed: int | None = None,
     options: dict[str, Any] | None = None,
 ) -> list[Any]:
-    """Every row gets that very seed."""
+    """Reset `rows`, each with the same seed."""
     check_options(options)
     mask = np.zeros(envs.num_envs, np.bool_)
     mask[list(rows)] = True
@@ -161,11 +161,11 @@ _METHODS: dict[str, Callable[..., list[Any]]] = {
     "channels": _channels,
     "skin": _skin,
 }
-"""Methods of a single environment as a row answers them."""
+"""Methods of a single environment, as called for rows."""
 
 
 def _row_of(observation: Any, row: int) -> Any:
-    """The observation of one row, its own."""
+    """Copy of the observation of one row."""
     if isinstance(observation, dict):
         return {name: values[row].copy() for name, values in observation.items()}
     return observation[row].copy()

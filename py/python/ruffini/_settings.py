@@ -1,4 +1,4 @@
-"""Keyword arguments of the environments, and their way into Rust as JSON."""
+"""Keyword arguments of the environments, and their conversion to JSON for Rust."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Literal, TypedDict
 import numpy as np
 
 Range = float | tuple[float, float]
-"""Both ends of a uniform draw, or the one value."""
+"""Both ends of a uniform draw, or a single value."""
 
 _PARTS = {
     "start_grip": "closing",
@@ -27,9 +27,9 @@ _PARTS = {
     "poisson": "softness",
     "crush": "softness",
 }
-"""Settings that only some tasks have, with the part of the settings in Rust that holds them."""
+"""Settings of only some tasks, with the part of the settings in Rust to which they belong."""
 _RENAMED = {"shaking_frequency": "frequency"}
-"""Names that are others in Rust."""
+"""Settings that have another name in Rust."""
 _RANGES = (
     "mass",
     "friction",
@@ -48,7 +48,7 @@ _SCENE = ("gripper", "workspace", "physics")
 
 
 class Settings(TypedDict, total=False):
-    """What can be set; see :mod:`ruffini.envs` for meaning and defaults, and for what is whose."""
+    """Settings of all tasks; :mod:`ruffini.envs` documents meanings, defaults and tasks."""
 
     objects: str | Sequence[str | Mapping[str, Any]]
     mass: Range
@@ -86,7 +86,7 @@ class Settings(TypedDict, total=False):
 
 
 def to_json(settings: Mapping[str, Any], task: str) -> str:
-    """The settings of a task as the JSON that Rust reads.
+    """Convert the settings of a task to the JSON that Rust reads.
 
     Raises:
         TypeError: If a setting is unknown.
@@ -120,7 +120,7 @@ def to_json(settings: Mapping[str, Any], task: str) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Numpy's numbers and arrays, paths and other sequences as JSON knows them."""
+    """Convert numpy's numbers and arrays, paths and other sequences to types that JSON has."""
     if isinstance(value, (np.generic, np.ndarray)):
         return value.tolist()
     if hasattr(value, "__fspath__"):

@@ -1,4 +1,4 @@
-"""The single environment over the native batch."""
+"""Single environment on top of the native batch."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ruffini._spaces import (
 
 
 class NativeEnv(gym.Env[Observation, NDArray[np.float32]]):
-    """One environment over the native batch; a subclass names its task.
+    """One environment on top of the native batch; a subclass sets its task.
 
     Args:
         render_mode: ``None`` or ``"rgb_array"``.
@@ -68,7 +68,7 @@ class NativeEnv(gym.Env[Observation, NDArray[np.float32]]):
         return Batch(to_json(self._settings, self.TASK), 1, 1, AutoresetMode.DISABLED.value)
 
     def _leave_time_limit(self) -> None:
-        """Leaves the limit to the wrapper of ``gymnasium.make``, which alone knows it."""
+        """Leave the time limit to the wrapper of ``gymnasium.make``, the only place that has it."""
         if self.spec is not None and "max_episode_steps" not in self._settings:
             self._settings["max_episode_steps"] = NO_LIMIT
             self._batch = self._new_batch()
@@ -79,7 +79,7 @@ class NativeEnv(gym.Env[Observation, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode; a seed restarts the random stream."""
+        """Start an episode; a seed restarts the random stream."""
         check_options(options)
         if seed is not None:
             check_seed(seed)
@@ -95,7 +95,7 @@ class NativeEnv(gym.Env[Observation, NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Takes one control step of 40 ms."""
+        """Take one control step of 40 ms."""
         actions = as_actions(action, (ACTION_SIZE,))[None]
         observation, reward, terminated, truncated, terms, success, ending, _, failed = (
             self._batch.step(actions)
@@ -117,17 +117,17 @@ class NativeEnv(gym.Env[Observation, NDArray[np.float32]]):
         )
 
     def render(self) -> Frame | None:
-        """A picture (height, width, 3) of the scene, or ``None`` without a render mode."""
+        """Picture (height, width, 3) of the scene, or ``None`` without a render mode."""
         if self.render_mode is None:
             return None
         return self._renderer.draw(self._batch, 0)
 
     def state(self) -> bytes:
-        """The environment as bytes: everything that its future depends on."""
+        """Snapshot as bytes of everything on which the environment's future depends."""
         return self._batch.save()[0]
 
     def set_state(self, state: bytes) -> Observation:
-        """Puts the environment back to a :meth:`state`; its observation then.
+        """Restore a snapshot made by :meth:`state`; return the observation.
 
         Raises:
             ValueError: If the bytes are damaged or come from an environment with other settings.
@@ -139,35 +139,35 @@ class NativeEnv(gym.Env[Observation, NDArray[np.float32]]):
         return self._spaces.cut(self._batch.load([state])[0])
 
     def channels(self) -> list[tuple[str, list[tuple[str, list[float], list[float], str]]]]:
-        """Channels in order, with each component's name, lower bounds, upper bounds and unit."""
+        """Channels in order, with name, lower bounds, upper bounds and unit of each component."""
         return self._batch.layout()
 
     def plan(self, forget: bool = False) -> list[tuple[str, float, float]]:
-        """The stages that a step runs, in order, with what they cost.
+        """Stages of a step in order, with their mean cost.
 
-        Each has its name, how often it runs in a step of one environment, and its time in such a
-        step (µs): means since the environment was made or put back to a state, or since the last
-        call with `forget`. Stages: ``scene`` (Rapier), ``press`` (contact found, presses made),
-        ``model`` (all presses of a batch in one call), ``correction`` (the rigid world told of the
-        answers), ``peak stress`` (of GraspFragile), each channel, ``reward``.
+        Each has a name, its number of runs and its time (µs) in a step of one environment: means
+        since the environment was created or restored, or since the last call with `forget`. Stages:
+        ``scene`` (Rapier), ``press`` (contact detection, creation of presses), ``model`` (all
+        presses of a batch in one call), ``correction`` (feedback of the solutions to the rigid
+        bodies), ``peak stress`` (of GraspFragile), each channel, ``reward``.
         """
         return self._batch.plan(forget)
 
     def skin(self) -> dict[str, NDArray[np.float64]] | None:
-        """Places at rest in the frame of a pad (m) that the tactile channels refer to.
+        """Rest positions, in the frame of a pad (m), to which the tactile channels refer.
 
-        ``markers`` (M, 3), ``surface`` (S, 3) the nodes of ``displacement``, ``grid`` (G, 2) the
-        cells of ``stress`` and ``traction``, ``depth`` (D, 2) its pixels; ``None`` for rigid
+        ``markers`` (M, 3), ``surface`` (S, 3): the nodes of ``displacement``, ``grid`` (G, 2): the
+        cells of ``stress`` and ``traction``, ``depth`` (D, 2): its pixels; ``None`` for rigid
         fingers.
         """
         return self._batch.skin()
 
     def look(self) -> dict[str, Any] | None:
-        """What the episode drew and where the bodies are (SI), or ``None`` before a reset."""
+        """Drawn quantities and poses of the bodies (SI), or ``None`` before a reset."""
         return self._batch.look(0)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Arguments and snapshot; a copy goes on where this one stands."""
+        """Arguments and snapshot; a copy continues from the present state."""
         mine = {k: v for k, v in self.__dict__.items() if k not in ("_batch", "_spaces")}
         return mine | {"_snapshot": self._batch.save()}
 

@@ -1,4 +1,4 @@
-"""What single and vectorised environments share: spaces, pictures, checks of what comes in."""
+"""Spaces, rendering and input checks of single and vectorised environments."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ruffini._core import Batch
 
 Observation = NDArray[np.float32] | dict[str, NDArray[np.float32]]
-"""A flat vector, or one vector a channel."""
+"""A flat vector, or one vector per channel."""
 
 Frame = NDArray[np.uint8]
 """A picture (height, width, 3)."""
@@ -25,7 +25,7 @@ METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 25}
 
 
 class Spaces:
-    """Spaces of one environment, and observations cut out of the batch's matrix."""
+    """Spaces of one environment, and extraction of observations from the batch's matrix."""
 
     def __init__(self, batch: Batch, obs: str) -> None:
         if obs not in ("dict", "flat"):
@@ -51,14 +51,14 @@ class Spaces:
             self.observation = Dict(boxes)  # type: ignore[arg-type]
 
     def cut(self, values: NDArray[np.float32]) -> Observation:
-        """The observation in `values`, whose last axis is all channels in a row."""
+        """Observation from `values`, whose last axis holds all channels in a row."""
         if self._flat:
             return values
         return {name: values[..., part].copy() for name, part in self._slices.items()}
 
 
 class Renderer:
-    """Size of a picture, checked once."""
+    """Renderer of pictures of one size."""
 
     def __init__(self, mode: str | None, width: int, height: int) -> None:
         if mode is not None and mode not in METADATA["render_modes"]:
@@ -73,7 +73,7 @@ class Renderer:
 
 
 def check_count(name: str, count: Any) -> None:
-    """A ``ValueError`` unless `count` is a whole number of environments or threads."""
+    """Raise a ``ValueError`` unless `count` is a valid number of environments or threads."""
     whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
     if not (whole and 1 <= count <= MOST_ENVIRONMENTS):
         expected = f"a whole number from 1 to {MOST_ENVIRONMENTS}"
@@ -81,20 +81,20 @@ def check_count(name: str, count: Any) -> None:
 
 
 def check_seed(seed: Any) -> None:
-    """A ``ValueError`` unless `seed` is a whole number that leaves room for a seed a row."""
+    """Raise a ``ValueError`` unless `seed` is a whole number with room for a seed per row."""
     whole = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
     if not (whole and 0 <= seed < 2**63):
         raise ValueError(f"seed: found {seed!r}, expected a whole number from 0 below 2**63")
 
 
 def check_options(options: Any) -> None:
-    """A ``ValueError`` unless `options` is a mapping or ``None``."""
+    """Raise a ``ValueError`` unless `options` is a mapping or ``None``."""
     if options is not None and not isinstance(options, Mapping):
         raise ValueError(f"options: found {options!r}, expected a mapping or None")
 
 
 def as_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """`actions` as floats of that shape, or a ``ValueError`` that says what they were."""
+    """Convert `actions` to floats of that shape, or raise a ``ValueError`` that shows them."""
     try:
         given = np.asarray(actions)
         if given.dtype.kind not in "fiub":

@@ -1,4 +1,4 @@
-"""The vector environment over the native batch."""
+"""Vector environment on top of the native batch."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from ruffini._spaces import (
 
 
 class NativeVectorEnv(VectorEnv[Any, Any, Any]):
-    """Many environments of one task stepped together by one native call; a subclass names it.
+    """Many environments of one task stepped together by one native call; a subclass sets the task.
 
     Row i of a batch seeded with s equals the single environment seeded with s + i, bit for bit.
 
     Args:
         num_envs: Number of environments.
-        num_threads: Threads to step them on; ``None`` takes one a core, at most one an environment.
+        num_threads: Number of threads; ``None`` takes one per core, at most one per environment.
         autoreset_mode: When a row whose episode has ended starts the next one: ``"NextStep"``,
-            ``"SameStep"`` or, by the caller's ``reset_mask``, ``"Disabled"``. TorchRL's
+            ``"SameStep"``, or ``"Disabled"`` if the caller resets it by ``reset_mask``. TorchRL's
             ``GymWrapper`` works with ``"Disabled"`` only: with ``"SameStep"`` it cannot read infos
-            that are dicts, as the reward's terms are, and loses the last observation of an episode
-            if that is a dict.
+            that are dicts, such as the reward's terms, and loses the last observation of an
+            episode if that is a dict.
         render_mode: ``None`` or ``"rgb_array"``.
         obs: ``"dict"`` or ``"flat"``.
         width: Width of a picture in pixels.
@@ -106,11 +106,11 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
-        """Starts an episode in every row, or in those of ``options["reset_mask"]``.
+        """Start an episode in every row, or in those of ``options["reset_mask"]``.
 
         A seed s gives row i the seed s + i; a sequence gives each row its own, and ``None`` in it
-        leaves that row's random stream as it is. Rows that the mask leaves out go on untouched,
-        whatever seed stands in their place.
+        leaves that row's random stream as it is. Rows that the mask excludes are not changed, even
+        if a seed is given for them.
         """
         check_options(options)
         seeds = self._seeds(seed)
@@ -152,10 +152,10 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         return np.ascontiguousarray(mask)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Takes one control step of 40 ms in every row.
+        """Take one control step of 40 ms in every row.
 
-        With ``NextStep``, a row whose episode ended in the step before starts the next one instead:
-        it has a reward of 0 and no info.
+        With ``NextStep``, a row whose episode ended in the previous step starts the next episode
+        instead: it has a reward of 0 and no info.
         """
         actions = as_actions(actions, (self.num_envs, ACTION_SIZE))
         observation, reward, terminated, truncated, terms, success, ending, finals, failed = (
@@ -206,7 +206,7 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
     def _with_finals(
         self, info: dict[str, Any], finals: list[tuple[int, NDArray[np.float32]]]
     ) -> dict[str, Any]:
-        """Moves what rows that have started anew ended with into ``final_obs``/``final_info``."""
+        """Move the last observations and infos of reset rows to ``final_obs``/``final_info``."""
         rows = np.array([row for row, _ in finals])
         done = np.zeros(self.num_envs, np.bool_)
         done[rows] = True
@@ -223,21 +223,21 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         }
 
     def render(self) -> tuple[Frame, ...] | None:
-        """One picture (height, width, 3) a row, or ``None`` without a render mode."""
+        """One picture (height, width, 3) per row, or ``None`` without a render mode."""
         if self.render_mode is None:
             return None
         return tuple(self._renderer.draw(self._batch, row) for row in range(self.num_envs))
 
     def picture(self, row: int) -> Frame | None:
-        """The picture (height, width, 3) of one row, or ``None`` without a render mode."""
+        """Picture (height, width, 3) of one row, or ``None`` without a render mode."""
         return None if self.render_mode is None else self._renderer.draw(self._batch, row)
 
     def state(self) -> list[bytes]:
-        """Every row as bytes: everything that its future depends on."""
+        """Snapshot of each row as bytes of everything on which its future depends."""
         return self._batch.save()
 
     def set_state(self, states: Sequence[bytes]) -> Any:
-        """Puts every row back to its :meth:`state`; the observations then.
+        """Restore every row from a snapshot made by :meth:`state`; return the observations.
 
         Raises:
             ValueError: If the bytes are damaged or come from an environment with other settings.
@@ -250,39 +250,39 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         return self._spaces.cut(observation)
 
     def channels(self) -> list[tuple[str, list[tuple[str, list[float], list[float], str]]]]:
-        """Channels in order, with each component's name, lower bounds, upper bounds and unit."""
+        """Channels in order, with name, lower bounds, upper bounds and unit of each component."""
         return self._batch.layout()
 
     def plan(self, forget: bool = False) -> list[tuple[str, float, float]]:
-        """The stages that a step runs, in order, with what they cost.
+        """Stages of a step in order, with their mean cost.
 
-        Each has its name, how often it runs in a step of one environment, and its time in such a
-        step (µs): means since the environment was made or put back to a state, or since the last
-        call with `forget`. Stages: ``scene`` (Rapier), ``press`` (contact found, presses made),
-        ``model`` (all presses of a batch in one call), ``correction`` (the rigid world told of the
-        answers), ``peak stress`` (of GraspFragile), each channel, ``reward``.
+        Each has a name, its number of runs and its time (µs) in a step of one environment: means
+        since the environment was created or restored, or since the last call with `forget`. Stages:
+        ``scene`` (Rapier), ``press`` (contact detection, creation of presses), ``model`` (all
+        presses of a batch in one call), ``correction`` (feedback of the solutions to the rigid
+        bodies), ``peak stress`` (of GraspFragile), each channel, ``reward``.
         """
         return self._batch.plan(forget)
 
     def skin(self) -> dict[str, NDArray[np.float64]] | None:
-        """Places at rest in the frame of a pad (m) that the tactile channels refer to.
+        """Rest positions, in the frame of a pad (m), to which the tactile channels refer.
 
-        ``markers`` (M, 3), ``surface`` (S, 3) the nodes of ``displacement``, ``grid`` (G, 2) the
-        cells of ``stress`` and ``traction``, ``depth`` (D, 2) its pixels; ``None`` for rigid
+        ``markers`` (M, 3), ``surface`` (S, 3): the nodes of ``displacement``, ``grid`` (G, 2): the
+        cells of ``stress`` and ``traction``, ``depth`` (D, 2): its pixels; ``None`` for rigid
         fingers.
         """
         return self._batch.skin()
 
     def look(self, row: int = 0) -> dict[str, Any] | None:
-        """What a row's episode drew and where its bodies are (SI)."""
+        """Drawn quantities of a row's episode and poses of its bodies (SI)."""
         return self._batch.look(row)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """What `name` is or returns in the single environment that each row equals.
+        """Value of attribute `name`, or result of method `name`, for each row.
 
         ``look``, ``state``, ``render``, ``reset``, ``channels`` and ``skin`` are called for each
-        row, ``set_state`` takes one state for all or a list of one each, ``step`` is refused, and
-        any other method is called once for the batch.
+        row, ``set_state`` takes one state for all rows or a list with one for each, ``step`` raises
+        an error, and any other method is called once for the batch.
         """
         rows = range(self.num_envs)
         if callable(getattr(self, name)):
@@ -290,7 +290,7 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         return tuple(_rows.attribute(self, rows, name))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Arguments and snapshots; a copy goes on where this one stands."""
+        """Arguments and snapshots; a copy continues from the present state."""
         mine = {k: v for k, v in self.__dict__.items() if k not in ("_batch", "_spaces")}
         return mine | {"_snapshot": self._batch.save()}
 
@@ -303,13 +303,13 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
 
 
 def _cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     affinity: Callable[[int], Any] | None = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
 
 
 def _masked(info: Mapping[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:
-    """The entries of a vector info that belong to `rows`, without keys that none of them has."""
+    """Entries of a vector info that belong to `rows`, without keys that none of them has."""
     kept: dict[str, Any] = {}
     for key, value in info.items():
         if key.startswith("_"):

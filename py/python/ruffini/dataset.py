@@ -1,4 +1,4 @@
-"""Datasets of solved grasps: made, opened, read frame by frame.
+"""Datasets of solved grasps: generation, and reading frame by frame.
 
 V vertices and T tetrahedra of the mesh that fields are stored on; SI units. A pose is a position
 and a quaternion (x, y, z, w), 7 numbers. Reading needs ``pip install "ruffini[data]"``.
@@ -38,17 +38,17 @@ __all__ = [
 ]
 
 FORMATS = (1, 2)
-"""Versions of a dataset's files that can be read; 2 is written."""
+"""Readable versions of a dataset's files; version 2 is written."""
 _SIDES = ("first", "second")
 _OF_A_PAD = ("wrench", "press", "pose")
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a generation has come."""
+    """Progress of a generation."""
 
     done: int
-    """Grasps that are done, those of earlier calls included."""
+    """Grasps done, those of earlier calls included."""
     all: int
     """Grasps to do."""
     frames: int
@@ -71,25 +71,26 @@ def generate(
     watch: Callable[[Progress], bool] | None = None,
     **settings: Any,
 ) -> Dataset | None:
-    """Makes a dataset, or what is missing of it; ``None`` if it is not finished.
+    """Generate a dataset, or the missing part of one; return ``None`` if it is not finished.
 
-    Killed at any moment it loses the grasps being solved; the next call goes on from there.
+    If the process is killed, only the grasps being solved are lost; the next call continues.
 
     Args:
-        folder: Where it is made; one with another dataset is refused.
-        config: A TOML file; what it leaves out is the default.
-        threads: Threads to solve on; ``None`` takes one a core.
-        commit: Commit of this library, kept in the manifest.
-        shards: Makes these only, of those that `shards` names, and no manifest: a part of the work
-            for one of several processes. A first call with none makes the folder, a last one
-            without this argument the manifest.
-        watch: Called from another thread before the first grasp and after each; false stops. A
-            stop, Ctrl-C included, waits for the grasps being solved.
+        folder: Folder of the dataset; one that holds another dataset is an error.
+        config: A TOML file; values that it does not set have their defaults.
+        threads: Threads to solve on; ``None`` takes one per core.
+        commit: Commit of this library, recorded in the manifest.
+        shards: Names of the shards to generate, from function `shards`, as the part of one of
+            several processes; no manifest is written. A first call with an empty list creates the
+            folder, a last call without this argument writes the manifest.
+        watch: Called from another thread before the first grasp and after each; stops the
+            generation if it returns false. A stop, Ctrl-C included, waits for the grasps being
+            solved.
         settings: Settings that replace those of the file: ``objects=2, grasps=1``.
 
     Raises:
-        ValueError: If a setting makes no sense, a shard is not part of the dataset, or the folder
-            holds another dataset or cannot be written.
+        ValueError: If a setting is invalid, a shard is not part of the dataset, or the folder holds
+            another dataset or cannot be written.
     """
     if threads is not None and threads < 1:
         raise ValueError(f"threads: found {threads}, expected 1 or more")
@@ -103,21 +104,21 @@ def generate(
 
 
 def shards(config: str | PathLike[str] | None = None, **settings: Any) -> list[str]:
-    """Names of the shards of the dataset that `generate` makes of the same arguments.
+    """Names of the shards of the dataset that `generate` makes with the same arguments.
 
     Raises:
-        ValueError: If a setting makes no sense.
+        ValueError: If a setting is invalid.
     """
     return dataset_shards(config, json.dumps(settings))
 
 
 class Dataset:
-    """A finished dataset: a sequence of frames, those of a grasp one after the other.
+    """A finished dataset: a sequence of frames, grasp by grasp.
 
     Attributes:
         path: Its folder.
-        manifest: What it was made of, its shards, unsolved grasps and objects with few grasps.
-        splits: Names of grasps to "train", for "validation" and to "test" with, by split.
+        manifest: Configuration, shards, unsolved grasps and objects with few grasps.
+        splits: Names of the grasps for "train", "validation" and "test", by split.
         soft: Whether the objects are soft and the fingers rigid, so that frames are `SoftFrame`.
         grasps: Names of the grasps with at least one frame, in the order of their frames.
     """
@@ -167,7 +168,7 @@ class Dataset:
         return range(self._starts[number], self._starts[number + 1])
 
     def gel(self, grasp: str) -> int:
-        """Number of a grasp's gel.
+        """Number of the gel of a grasp.
 
         Raises:
             KeyError: If there is no such grasp.
@@ -190,7 +191,7 @@ class Dataset:
         return column
 
     def export(self, index: int, path: str | PathLike[str]) -> list[Path]:
-        """Writes a frame's fields on their meshes, see `Frame.write`.
+        """Write a frame's fields on their meshes; see `Frame.write`.
 
         Raises:
             IndexError: If there is no such frame.
@@ -200,7 +201,7 @@ class Dataset:
         return frame.write(path, self.mesh(frame.grasp))
 
     def plot(self, path: str | PathLike[str]) -> None:
-        """Draws how depth, force, shear and stress are distributed to a .png or .svg file.
+        """Plot the distributions of depth, force, shear and stress to a .png or .svg file.
 
         Raises:
             ValueError: If the file has another ending.
@@ -208,7 +209,7 @@ class Dataset:
         _distributions.draw(self, path)
 
     def mesh(self, grasp: str | int) -> TetMesh:
-        """The mesh that a grasp's fields are stored on; for pads, a gel's number will do.
+        """Mesh on which a grasp's fields are stored; for pads, a gel's number selects it, too.
 
         Raises:
             KeyError: If there is no such grasp.
@@ -218,7 +219,7 @@ class Dataset:
         return TetMesh(tensors.get_tensor("vertices"), tensors.get_tensor("tets"))
 
     def plan(self, grasp: str) -> dict[str, Any]:
-        """What was drawn for a grasp: ``tool``, ``width``, ``force``, ``shear``, ``twist``, ...
+        """Drawn parameters of a grasp: ``tool``, ``width``, ``force``, ``shear``, ``twist``, ...
 
         Raises:
             KeyError: If there is no such grasp.
@@ -229,7 +230,7 @@ class Dataset:
         return dict(plan)
 
     def verify(self) -> None:
-        """Compares every shard with its hash in the manifest.
+        """Compare every shard with its hash in the manifest.
 
         Raises:
             ValueError: If one is missing or damaged.
@@ -251,7 +252,7 @@ class Dataset:
         return safe_open(self.path / file, framework="numpy")
 
     def _mesh(self, grasp: str | int) -> Any:
-        """The file of a grasp's, or a gel's, mesh."""
+        """Open the file of a grasp's, or a gel's, mesh."""
         if self.soft:
             return self._tensors(
                 f"meshes/{self.grasps[self._numbers[str(grasp)]].split('/')[0]}.safetensors"
@@ -305,7 +306,7 @@ class Dataset:
 
 
 def open(path: str | PathLike[str]) -> Dataset:
-    """The finished dataset in a folder.
+    """Open the finished dataset in a folder.
 
     Raises:
         ValueError: If there is none.
@@ -314,7 +315,7 @@ def open(path: str | PathLike[str]) -> Dataset:
 
 
 def _number(grasp: str) -> str:
-    """What the tensors of a grasp begin with."""
+    """Prefix of the names of a grasp's tensors."""
     return grasp.rsplit("/", 1)[1]
 
 

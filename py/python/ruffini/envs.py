@@ -1,4 +1,4 @@
-"""The environments: each task's specification is its docstring."""
+"""Environments; the docstring of each class is the specification of its task."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class GraspLiftEnv(NativeEnv):
     """Grasp an object of unknown shape, mass and friction with two fingers, and lift it.
 
     A parallel-jaw gripper hangs over a table on which one object rests. The agent moves the wrist
-    and commands the grip force, 25 times a second.
+    and commands the grip force, 25 times per second.
 
     ## Action
     ``Box(-1, 1, (5,), float32)``: velocity of the tool centre along the wrist's x (the direction of
@@ -37,7 +37,7 @@ class GraspLiftEnv(NativeEnv):
 
     ## Observation
     One-level ``Dict`` of the chosen channels, or with ``obs="flat"`` their concatenation in the
-    order chosen. ``env.unwrapped.channels()`` is the table of components, bounds and units.
+    chosen order. ``env.unwrapped.channels()`` lists their components, bounds and units.
 
     | channel | size | content |
     | --- | --- | --- |
@@ -48,9 +48,10 @@ class GraspLiftEnv(NativeEnv):
     | ``time`` | 1 | time since the start of the episode (s) |
 
     By default ``proprio``, ``object`` and ``markers``. Unless ``tactile="none"`` makes the pads
-    rigid, there are also these, of the pad on −x and then of the one on +x, in the pad's frame (x
-    across, y along the finger, z out of the gel), flat; `resolution` sets the sizes.
-    Without contact each is exactly 0, but for ``depth``. ``wrench`` is then what the model says.
+    rigid, there are also the following channels, first of the pad on −x, then of the one on +x, in
+    the pad's frame (x across, y along the finger, z out of the gel), flat; `resolution` sets their
+    sizes. Without contact each is exactly 0, except ``depth``. With soft pads, ``wrench`` comes
+    from the tactile model.
 
     | channel | size of each pad | content |
     | --- | --- | --- |
@@ -59,7 +60,7 @@ class GraspLiftEnv(NativeEnv):
     | ``stress`` | 12 x 10 | von Mises stress under the face (Pa) |
     | ``tet_stress`` | T | von Mises stress in each tetrahedron (Pa) |
     | ``traction`` | 12 x 10 x 3 | contact force per area (Pa): shear in x and y, normal in z |
-    | ``slip`` | 1 | share of the normal force borne where friction is used up and the skin slides |
+    | ``slip`` | 1 | share of the normal force carried by skin that slides |
     | ``depth`` | 32 x 24 | height of the face over the camera's view (m) |
     | ``trust`` | 3 | unbalanced force (N), its share, 1 if deeper than gels are calibrated |
 
@@ -79,23 +80,23 @@ class GraspLiftEnv(NativeEnv):
     the environment's seed; the tool centre is 12 to 16 cm over the table (``start_height``).
 
     ## End
-    Truncated after ``max_episode_steps`` steps, 100 by default (``gymnasium.make`` leaves that to
-    its wrapper, which does not know of :meth:`set_state`); a lift does not end the episode.
+    Truncated after ``max_episode_steps`` steps, 100 by default (with ``gymnasium.make`` its wrapper
+    counts the steps, and :meth:`set_state` does not restore the count); a lift does not end the
+    episode.
     Terminated, with the reason in ``info["ending"]``, when the object leaves the table
     (``object_lost``), a body's state becomes infinite (``non_finite``) or leaves the declared
-    bounds (``out_of_range``), the engine fails (``engine_error``), or the tactile model has no
-    answer (``press_failed``, with the kind of the error in ``info["press_error"]``; mostly of a
-    hand that comes down on the object); the last observation is then the last valid one. Where only
-    the way to a press has no answer, the contact is taken up anew from rest where it ends: the
-    episode goes on, ``info["press_error"]`` names what failed, and what friction remembered is
-    lost.
-    ``info["is_success"]`` says whether the object is up and has been for ``hold_time``.
+    bounds (``out_of_range``), the engine fails (``engine_error``), or the tactile model cannot
+    solve a press (``press_failed``, with the kind of the error in ``info["press_error"]``; mostly
+    when the hand comes down on the object); the last observation is then the last valid one. If a
+    press fails along its path but can be solved at the end of the path from rest, the episode
+    continues without the history of friction, and ``info["press_error"]`` has the kind of the
+    error. ``info["is_success"]`` is true while the object is lifted and has been for ``hold_time``.
 
     ## Picture
     With a `tactile` model, pads have their deformed shape and are coloured by von Mises stress.
-    While one touches, the upper right corner shows it as the object sees it, beside the scale: from
-    0 to 0.3 of Young's modulus, or to the limit of :class:`GraspFragileEnv`. Stress for the picture
-    is computed when a picture is asked for.
+    While a pad touches, the upper right corner shows its face, seen from the object, beside the
+    colour scale: from 0 to 0.3 of Young's modulus, or to the limit of :class:`GraspFragileEnv`.
+    Stress for the picture is computed only when a picture is rendered.
 
     Args:
         render_mode: ``None`` or ``"rgb_array"``.
@@ -136,34 +137,34 @@ class GraspFragileEnv(NativeEnv):
     """Find out by touch how hard to grip an object: enough to lift it, too little to break it.
 
     World, channels and settings are those of :class:`GraspLiftEnv`, with these differences. The
-    fingers stand round the object, the hand moves up and down only, and mass and friction are such
-    that the least force that holds differs by more than twenty times. An object bears a little more
-    stress in the pads than a safe grip of it makes, however heavy, smooth and curved it is: which
-    force is enough and not too much shows in nothing but touch.
+    fingers start around the object, the hand moves up and down only, and mass and friction vary
+    such that the least force that holds an object varies by more than a factor of twenty. The limit
+    of the stress in the pads is a little above that of a safe grip of the object at hand, whatever
+    its mass, friction and curvature: only touch tells which force is enough and not too much.
 
     ## Action
     The hand moves at 0.1 m/s at most; its workspace is a line, and it does not turn. The fifth
-    number changes the grip force: that grows, or falls, by ``grip_rate`` times the number a second,
-    relatively (a factor of 1.22 a step at most), between ``least_grip`` and 20 N.
+    number changes the grip force at a relative rate of ``grip_rate`` times the number per second (a
+    factor of 1.22 per step at most), between ``least_grip`` and 20 N.
 
     ## Observation
-    By default ``proprio``, ``wrench`` and ``share``; where the object is is not told. Two channels
-    are only here:
+    By default ``proprio``, ``wrench`` and ``share``; the position of the object is not included.
+    Two channels exist in this task only:
 
     | channel | size | content |
     | --- | --- | --- |
-    | ``share`` | 1 | highest von Mises stress in any tetrahedron of both pads, of the limit |
-    | ``limit`` | 1 | what this episode allows that stress to be (Pa) |
+    | ``share`` | 1 | highest von Mises stress in any tetrahedron of both pads, over the limit |
+    | ``limit`` | 1 | limit of that stress in this episode (Pa) |
 
-    An agent that is to feel its way has ``share``, or ``stress`` with ``limit``; one without touch
-    has neither.
+    An agent with touch uses ``share``, or ``stress`` with ``limit``; one without touch uses
+    neither.
 
     ## Reward
     Weighted mean of three terms in [0, 1], each in ``info["reward_terms"]``:
 
     | term | weight | 1 where |
     | --- | --- | --- |
-    | ``grasp`` | 0.1 | both pads press with the grip of the trial or more |
+    | ``grasp`` | 0.1 | both pads press with the trial grip (see Start) or more |
     | ``lift`` | 0.4 | the grasped object has risen by ``lift_height``, 3 cm |
     | ``hold`` | 0.5 | it has been up for ``hold_time`` |
 
@@ -172,14 +173,14 @@ class GraspFragileEnv(NativeEnv):
     grip force is ``start_grip``, 0.2 N, which is also the least. Objects weigh 50 to 400 g,
     friction is 0.3 to 1.0, size 0.8 to 1.2. The limit comes from a trial with the same object
     before the start: it hangs in a hand that grips with ``spare`` times the least force that holds
-    it, m g / 2 μ; its limit is the highest stress there times a number drawn from ``margin``. So
-    every limit can be kept, and none allows just any grip.
+    it, m g / 2 μ; the limit is the highest stress in that trial times a number drawn from
+    ``margin``. Every limit can therefore be kept, and none allows an arbitrary grip.
 
     ## End
     Truncated after ``max_episode_steps`` steps, 60 by default. Also terminated, with
     ``info["ending"]`` ``stress_exceeded`` after the first step that ends with more stress than the
-    limit, ``dropped`` when no pad touches the object any more, and ``press_failed`` by the first
-    step where the trial had no answer (``no-trial``).
+    limit, ``dropped`` when no pad touches the object any more, and ``press_failed`` in the first
+    step if the trial could not be solved (``no-trial``).
 
     Args:
         render_mode: ``None`` or ``"rgb_array"``.
@@ -188,7 +189,7 @@ class GraspFragileEnv(NativeEnv):
         height: Height of a picture in pixels.
         **settings: As for :class:`GraspLiftEnv`, and ``start_grip`` and ``least_grip`` (N),
             ``grip_rate`` (1/s), ``spare``, and ``margin``, a range or a number.
-            ``tactile="none"`` is an error; ``yaw``, ``start`` and ``start_height`` change nothing.
+            ``tactile="none"`` is an error; ``yaw``, ``start`` and ``start_height`` have no effect.
 
     Raises:
         TypeError: If a setting is unknown.
@@ -211,28 +212,28 @@ class GraspSoftEnv(NativeEnv):
     """Lift a soft object of unknown stiffness with two rigid fingers, deforming it little.
 
     World and settings are those of :class:`GraspLiftEnv`, with these differences. The fingers are
-    rigid and flat, and stand round the object, which gives way; the hand moves up and down only.
-    Once both fingers touch it, a graph network (:class:`ruffini.SoftSurrogate`) answers with its
-    deformation and stress after every step, and the force with which it resists is corrected
-    towards that answer. The network knows no weight and no table: what friction bears is left to
-    the bed of bristles between fingers and object.
+    rigid and flat, and start around the object, which is soft; the hand moves up and down only.
+    While both fingers touch the object, a graph network (:class:`ruffini.SoftSurrogate`) computes
+    its deformation and stress after every step, and the contact force of the simulation is
+    corrected towards that of the network. The network includes neither weight nor table: friction
+    is computed by the elastic foundation of bristles between fingers and object.
 
     ## Action
     As of :class:`GraspFragileEnv`: the hand moves at 0.1 m/s at most, and the fifth number changes
-    the grip force by a factor of 1.5 a step at most, between ``least_grip`` and 10 N.
+    the grip force by a factor of 1.5 per step at most, between ``least_grip`` and 10 N.
 
     ## Observation
-    By default ``proprio``, ``wrench`` and ``squeeze``; where the object is is not told, nor how
-    stiff it is: that shows in how force and opening go together, and in ``squeeze``. Two channels
-    are only here; without contact of both fingers they are exactly 0:
+    By default ``proprio``, ``wrench`` and ``squeeze``; position and stiffness of the object are not
+    included: the stiffness shows in the relation of force and opening, and in ``squeeze``. Two
+    channels exist in this task only; without contact of both fingers they are exactly 0:
 
     | channel | size | content |
     | --- | --- | --- |
     | ``squeeze`` | 3 | root mean square deformation (m), highest and mean von Mises stress (Pa) |
     | ``deformation`` | 16 x 3 | displacement of markers on the object in the wrist's frame (m) |
 
-    Both are without the rigid motion nearest to the object's. The tactile channels of soft pads are
-    not here.
+    Both exclude the best-fitting rigid motion of the object. There are no tactile channels of soft
+    pads.
 
     ## Reward
     Weighted mean of four terms in [0, 1], each in ``info["reward_terms"]``:
@@ -253,11 +254,12 @@ class GraspSoftEnv(NativeEnv):
     Truncated after ``max_episode_steps`` steps, 60 by default. Also terminated, with
     ``info["ending"]`` ``stress_exceeded`` after the first step that ends with more stress somewhere
     in the object than ``crush`` times Young's modulus: it is crushed; and ``dropped`` when no
-    finger touches it any more. A squeeze without an answer ends the episode as ``press_failed``.
+    finger touches it any more. A squeeze that the network cannot solve ends the episode as
+    ``press_failed``.
 
     ## Picture
-    The object has its deformed shape and is coloured by von Mises stress, from 0 to where it is
-    crushed.
+    The object has its deformed shape and is coloured by von Mises stress, from 0 to the stress that
+    crushes it.
 
     Args:
         render_mode: ``None`` or ``"rgb_array"``.
@@ -267,10 +269,11 @@ class GraspSoftEnv(NativeEnv):
         **settings: As for :class:`GraspLiftEnv`, and ``young`` (Pa), a range or a number,
             ``poisson``, ``crush`` (stress over Young's modulus), ``start_grip`` and
             ``least_grip`` (N), and ``grip_rate`` (1/s). ``tactile`` is ``"surrogate"`` and ``size``
-            1; anything else is an error. ``yaw``, ``start`` and ``start_height`` change nothing.
+            1; anything else is an error. ``yaw``, ``start`` and ``start_height`` have no effect.
 
     Raises:
-        ValueError: If a setting is unknown, of the wrong type or out of range.
+        TypeError: If a setting is unknown.
+        ValueError: If one is of the wrong type or out of range.
     """
 
     TASK = "grasp-soft"
@@ -289,21 +292,22 @@ class HoldStillEnv(NativeEnv):
     """Keep a held object from slipping under load and shaking, with the least force.
 
     World, channels and settings are those of :class:`GraspLiftEnv`, with these differences.
-    The object starts between the pads. A downward load and a force that swings along one direction
-    come on within half a second and act on its centre of mass until the end. Friction differs by a
-    factor of eight and is not told: how little force holds shows in how much of the contact slides.
+    The object starts between the pads. A downward load and a force that oscillates along one
+    direction grow to full size within half a second and act on its centre of mass until the end.
+    Friction varies by a factor of eight and is not observed: the least force that holds shows in
+    the share of the contact that slides.
 
     ## Action
     As of :class:`GraspFragileEnv`: the hand moves up and down at 0.1 m/s at most, and the fifth
-    number changes the grip by a factor of 1.5 a step at most, between ``least_grip`` and 20 N.
+    number changes the grip by a factor of 1.5 per step at most, between ``least_grip`` and 20 N.
 
     ## Observation
-    By default what the hand feels, not where the object is: ``proprio``, ``wrench``, ``slip``;
-    rigid pads do not have the last. Mass, friction, load and shaking are not told.
+    By default ``proprio``, ``wrench`` and ``slip``, the last not with rigid pads; position, mass
+    and friction of the object, load and shaking are not included.
 
     ## Reward
-    Weighted mean of two terms in [0, 1], each in ``info["reward_terms"]``. Slip is how far the
-    object has moved in the hand since the start, its turn (rad) counted as 1 cm:
+    Weighted mean of two terms in [0, 1], each in ``info["reward_terms"]``. Slip is the distance
+    that the object has moved in the hand since the start, plus 1 cm per radian of its rotation:
 
     | term | weight | 1 where |
     | --- | --- | --- |
@@ -312,17 +316,17 @@ class HoldStillEnv(NativeEnv):
 
     ## Start
     The hand, 8 to 12 cm over the table (``start_height``), has gripped the object's middle across
-    its narrower side with ``start_grip``, 5 N. Drawn are also load, amplitude, direction and
-    frequency. ``friction``, 0.2 to 1.6, is drawn in equal ratios, so that no grip in proportion to
-    the load suits more of the range than another.
+    its narrower side with ``start_grip``, 5 N. Load, and amplitude, direction and frequency of the
+    shaking are also drawn. ``friction``, 0.2 to 1.6, is drawn log-uniformly, so that no grip in
+    proportion to the load suits more of the range than another.
 
     ## End
     Truncated after ``max_episode_steps`` steps, 100 by default. Also terminated, with
     ``info["ending"]`` ``dropped``, when no pad touches the object or it has slipped by 2 cm.
-    ``info["is_success"]`` says whether both pads hold it, the slip is within ``slip_limit``, and
-    the mean grip since the first second is at most ``thrift`` times F / 2 μ, with F the largest of
-    weight, load and shaking together: the least grip that bears F by Coulomb's law, if all of it
-    pulls sideways. It is never said in the first second.
+    ``info["is_success"]`` is true if both pads press on the object, the slip is within
+    ``slip_limit``, and the mean grip since the first second is at most ``thrift`` times F / 2 μ,
+    the least grip that holds, by Coulomb's law, against a tangential force F; F is the largest
+    resultant of weight, load and shaking. It is never true in the first second.
 
     Args:
         render_mode: ``None`` or ``"rgb_array"``.
@@ -332,7 +336,7 @@ class HoldStillEnv(NativeEnv):
         **settings: As for :class:`GraspLiftEnv`, and ``start_grip`` and ``least_grip`` (N),
             ``grip_rate`` (1/s), ``slip_limit`` (m), ``thrift``, and ``load`` (N), ``shaking``
             (amplitude, N), ``shaking_frequency`` (Hz), each a range or a number. ``yaw`` and
-            ``start`` change nothing.
+            ``start`` have no effect.
 
     Raises:
         TypeError: If a setting is unknown.

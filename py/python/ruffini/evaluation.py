@@ -1,6 +1,6 @@
-"""Success of a policy over fixed seeds, with its interval.
+"""Success rate of a policy over fixed seeds, with its confidence interval.
 
-One episode a seed, all of them stepped together; the seeds are `FIRST_SEED` and the following.
+There is one episode per seed, all stepped together; seeds count up from `FIRST_SEED`.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 __all__ = ["FIRST_SEED", "Policy", "Progress", "evaluate", "line", "wilson"]
 
 FIRST_SEED = 10_000
-"""Evaluation seeds are this and the following; training seeds stay far below."""
+"""First of the consecutive evaluation seeds; training seeds are far below."""
 
 Progress = Callable[[int, int, int], None]
-"""Called after every step with the episodes finished, of how many, and the steps taken."""
+"""Called after every step with the episodes finished, all episodes, and the steps taken."""
 
 
 class Policy(Protocol):
-    """What acts: Stable-Baselines3's signature."""
+    """Policy with Stable-Baselines3's signature."""
 
     def predict(
         self,
@@ -38,7 +38,7 @@ class Policy(Protocol):
 
 
 def wilson(successes: int, n: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson 1927)."""
+    """Compute the 95 % confidence interval of a proportion (Wilson 1927)."""
     z = 1.96
     share, spread = successes / n, z * z / n
     middle = (share + spread / 2) / (1 + spread)
@@ -55,14 +55,14 @@ def evaluate(
     progress: Progress | None = None,
     **settings: Any,
 ) -> dict[str, Any]:
-    """Success, its interval, return, successes by object, and what ended episodes early.
+    """Success rate, its interval, return, successes by object, and reasons of early endings.
 
     Args:
-        policy: What acts.
-        env_id: Environment.
-        episodes: Number of episodes, one a seed.
-        first_seed: Seed of the first.
-        progress: Is told how far it is.
+        policy: Policy.
+        env_id: Id of the environment.
+        episodes: Number of episodes, one per seed.
+        first_seed: Seed of the first episode.
+        progress: Callback after every step; see `Progress`.
         **settings: As for ``gymnasium.make_vec``.
     """
     envs = gym.make_vec(
@@ -85,7 +85,7 @@ def evaluate(
         if progress is not None:
             progress(int(ended.sum()), episodes, steps)
         if terminated.any() and not ended.all():
-            # A row that ended early idles in a new episode, which does not count.
+            # A row that has terminated starts another episode, which is not counted.
             observation, _ = envs.reset(options={"reset_mask": terminated})
     low, high = wilson(int(success.sum()), episodes)
     by_object = {
@@ -106,7 +106,7 @@ def evaluate(
 
 
 def line(name: str, result: dict[str, Any]) -> str:
-    """A result as a line of a table."""
+    """Format a result as a line of a table."""
     low, high = result["interval"]
     return (
         f"{name:<24} {result['success']:7.1%}  ({low:.1%} to {high:.1%})"

@@ -1,4 +1,4 @@
-"""For Stable-Baselines3: its vector environment over the native batch, and an encoder of touch."""
+"""Vector environment and encoder of touch for Stable-Baselines3."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ruffini._core import TACTILE_CHANNELS
 from ruffini.envs import NativeVectorEnv
 
 Infos = Literal["every step", "episode ends"]
-"""When a row's info is filled."""
+"""Steps in which a row's info is filled."""
 
 
 def make_vec_env(
@@ -29,17 +29,16 @@ def make_vec_env(
     infos: Infos = "every step",
     **kwargs: Any,
 ) -> RuffiniVecEnv:
-    """A vector environment for Stable-Baselines3.
+    """Create a vector environment for Stable-Baselines3.
 
     Args:
         env_id: A registered id, such as ``"ruffini/GraspLift-v0"``.
         n_envs: Number of environments.
         seed: Seed of the first one; each next one has the next seed.
         infos: ``"every step"`` fills every row's info in every step, as ``DummyVecEnv`` does;
-            ``"episode ends"`` fills that of rows whose episode has ended and leaves the others
-            empty, which Stable-Baselines3's algorithms and ``VecMonitor`` are content with. It
-            saves about 1 µs a row and step, below 1 % of a step of rigid environments
-            (``policies/rollout_speed.py --infos``).
+            ``"episode ends"`` fills only those of rows whose episode has ended, which is enough
+            for Stable-Baselines3's algorithms and ``VecMonitor``. It saves about 1 µs per row and
+            step, below 1 % of a step of rigid environments (``policies/rollout_speed.py --infos``).
         **kwargs: As for ``gymnasium.make_vec``, ``max_episode_steps`` included.
 
     Raises:
@@ -58,15 +57,15 @@ def make_vec_env(
 class RuffiniVecEnv(VecEnv):
     """Adapter from the batch to Stable-Baselines3.
 
-    A row's info has ``TimeLimit.truncated``, ``is_success``, ``reward_terms``, where there is one
-    ``ending`` or ``press_error``, and ``terminal_observation`` when its episode has ended.
+    A row's info has ``TimeLimit.truncated``, ``is_success``, ``reward_terms``, ``ending`` and
+    ``press_error`` if there is one, and ``terminal_observation`` when its episode has ended.
 
     Args:
         envs: The batch, in SAME_STEP mode.
         infos: As for :func:`make_vec_env`.
 
     Raises:
-        ValueError: If the batch is in another mode or there are no such infos.
+        ValueError: If the batch is in another mode or `infos` is not valid.
     """
 
     def __init__(self, envs: NativeVectorEnv, infos: Infos = "every step") -> None:
@@ -83,7 +82,7 @@ class RuffiniVecEnv(VecEnv):
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
 
     def reset(self) -> VecEnvObs:
-        """Starts an episode in every row, with the seeds given since the last reset."""
+        """Start an episode in every row, with the seeds given since the last reset."""
         seeds = self._seeds if any(seed is not None for seed in self._seeds) else None
         observation: VecEnvObs
         observation, _ = self.envs.reset(seed=seeds)
@@ -93,11 +92,11 @@ class RuffiniVecEnv(VecEnv):
         return observation
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Keeps the actions for :meth:`step_wait`."""
+        """Keep the actions for :meth:`step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Takes one step; rows whose episode ended have already started the next."""
+        """Take one step; rows whose episode ended have already started the next."""
         observation, reward, terminated, truncated, info = self.envs.step(self._actions)
         dones = terminated | truncated
         every_step = self._infos == "every step"
@@ -114,41 +113,41 @@ class RuffiniVecEnv(VecEnv):
         return observation, reward.astype(np.float32), dones, infos
 
     def close(self) -> None:
-        """Frees the environments."""
+        """Free the environments."""
         self.envs.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of every row asked for.
+        """An attribute of every requested row.
 
-        Rows have their attributes in common, their spaces those of a single environment. A method
-        of a row comes as one that is called for that row; see :meth:`env_method`.
+        Rows share their attributes; their spaces are those of a single environment. For a method
+        of a row, a function that calls it for that row is returned; see :meth:`env_method`.
 
         Raises:
-            ValueError: If it is a method of the whole batch, and some of the rows are asked for.
+            ValueError: If it is a method of the whole batch, and only some rows are requested.
         """
         return _rows.attribute(self.envs, self._rows(indices), attr_name)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Sets an attribute of the batch, which all rows share.
+        """Set an attribute of the batch, which all rows share.
 
         Raises:
-            ValueError: If only some of the rows are asked for.
+            ValueError: If only some rows are requested.
         """
         _rows.set_attribute(self.envs, self._rows(indices), attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Calls a method for the rows asked for and leaves the others alone; what each returns.
+        """Call a method for the requested rows, without effect on the others; return the results.
 
         ``look``, ``state``, ``render``, ``reset``, ``channels`` and ``skin`` are those of the
         single environment that a row equals. ``set_state`` takes one state for all rows or a list
-        of one each. ``step`` is refused. Any other method, such as ``plan``, is called once for
-        the batch, and every row gets what it returns.
+        with one for each. ``step`` raises an error. Any other method, such as ``plan``, is called
+        once for the batch, and its result is returned for every row.
 
         Raises:
-            ValueError: If it is ``set_state`` or a method of the whole batch, and only some of
-                the rows are asked for.
+            ValueError: If it is ``set_state`` or a method of the whole batch, and only some rows
+                are requested.
         """
         rows = self._rows(indices)
         return _rows.call(self.envs, rows, method_name, *method_args, **method_kwargs)
@@ -156,11 +155,11 @@ class RuffiniVecEnv(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None
     ) -> list[bool]:
-        """No row is wrapped: the batch is native."""
+        """Return False for every row: rows of the native batch are not wrapped."""
         return [False for _ in self._rows(indices)]
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """One picture (height, width, 3) a row."""
+        """One picture (height, width, 3) per row."""
         frames = self.envs.render()
         return [None] * self.num_envs if frames is None else list(frames)
 
@@ -169,7 +168,7 @@ class RuffiniVecEnv(VecEnv):
 
 
 def _fill(infos: list[dict[str, Any]], info: dict[str, Any]) -> None:
-    """Writes what a vector info says of each row into that row's own."""
+    """Copy the entries of a vector info to the infos of the rows."""
     if "is_success" not in info:
         return
     names = [name for name in info["reward_terms"] if not name.startswith("_")]
@@ -192,14 +191,14 @@ TYPICAL = {
     "tet_stress": 100.0,
     "traction": 100.0,
 }
-"""Bound of a channel over what a firm grip makes of it."""
+"""Ratio of a channel's bound to its typical value under a firm grip."""
 
 WEAK = 0.1
-"""Strength of the features of touch at the beginning of training."""
+"""Scale of the features of touch at the beginning of training."""
 
 
 def fields(space: gym.spaces.Dict) -> list[str]:
-    """Names of the channels of touch that are fields: more than one number a pad."""
+    """Names of the tactile channels that are fields: more than one number per pad."""
     sizes = {name: int(np.prod(box.shape or ())) for name, box in space.items()}
     return [name for name, size in sizes.items() if name in TACTILE_CHANNELS and size > 2]
 
@@ -207,13 +206,14 @@ def fields(space: gym.spaces.Dict) -> list[str]:
 class TouchExtractor(BaseFeaturesExtractor):
     """Features of dict observations for ``MultiInputPolicy``.
 
-    Each field of touch (:func:`fields`) goes pad by pad through a small network of its own, which
-    both pads share; all others are taken as they are. About 9,000 weights for the default markers.
+    Each field of touch (:func:`fields`) has a small network of its own, which is applied to each
+    of the two pads; all other channels are passed through. The default markers take about 9,000
+    weights.
 
     Touch is scaled by its bounds. Leave it out of ``VecNormalize`` (``norm_obs_keys``): it is 0
-    until something touches, and running statistics of that make the first touches enormous.
-    Features begin weak and grow as they are learnt, so that the first touches change little of what
-    the policy does without.
+    without contact, so that running statistics would scale the first contacts to huge values. A
+    learnt factor on the features starts small, so that contact at first hardly changes the actions
+    of the policy.
 
     Args:
         observation_space: Space of the observations, a ``Dict`` of vectors.

@@ -1,6 +1,6 @@
-"""Training and judging of surrogates, the networks that answer as finite elements do.
+"""Training and evaluation of surrogates, networks that approximate finite element solutions.
 
-They are trained on a dataset of solved grasps (`ruffini.dataset`) and answer presses as
+They are trained on a dataset of solved grasps (`ruffini.dataset`) and solve presses as
 `ruffini.Surrogate`, `ruffini.PaperNetwork` or `ruffini.SoftSurrogate`.
 """
 
@@ -15,13 +15,14 @@ from typing import Any
 from ruffini._core import evaluate_surrogate, train_surrogate
 
 Watch = Callable[[str, dict[str, Any]], bool]
-"""Called with a stage and what is known of it; false stops.
+"""Called with the name of a stage and its values; stops the training if it returns false.
 
-``shard``: ``done`` of ``all`` shards read. ``samples``: frames to ``train`` on, and ``lost`` ones
-that the linear model did not answer. ``epoch``: its number, ``steps``, mean relative ``errors`` on
-its batches (of displacement and stress; then of nodal forces and net force, or, of the paper's
-networks, which count light presses less, of the object's motion and of the rigid motion, 0 where
-they are not said), ``seconds``, a summary of the ``validation`` part or None, seconds ``left``.
+``shard``: ``done`` of ``all`` shards read. ``samples``: number of frames to ``train`` on, and of
+``lost`` ones that the linear model could not solve. ``epoch``: its number, ``steps``, mean relative
+``errors`` on its batches, ``seconds``, a summary of the ``validation`` part or None, seconds
+``left``. The errors are those of displacement and stress, then of nodal forces and net force, or,
+for the paper's networks, which give light presses less weight, of the object's motion and the rigid
+motion (0 if the network does not output it).
 """
 
 
@@ -34,45 +35,46 @@ def train(
     watch: Watch | None = None,
     **settings: Any,
 ) -> dict[str, Any] | None:
-    """Trains a network, or goes on with one; its card, or ``None`` if it was stopped.
+    """Train a network, or continue a stopped run; return its card, or ``None`` if stopped.
 
-    Writes into `out`: ``last.safetensors`` after every epoch, from which the same call goes on to
-    the bit; ``best.safetensors`` where there are grasps to choose by; at the end
-    ``weights.safetensors`` and its ``card.toml``.
+    Writes to `out`: ``last.safetensors`` after every epoch, from which the same call continues bit
+    for bit; ``best.safetensors`` if there are validation grasps; at the end ``weights.safetensors``
+    and its ``card.toml``.
 
     ========== ========================== ================================ ======================
     variant    network                    loaded by                        dataset
     ========== ========================== ================================ ======================
-    corrector  of the linear answer       `ruffini.Surrogate.load`         grasps by soft pads
-    baseline,  of the paper, which is     `ruffini.PaperNetwork.load`, if  grasps by soft pads
-    a, b       shown no linear answer     it is told poses
-    soft       of the linear answer of a  `ruffini.SoftSurrogate`          grasps of soft objects
-               free soft object
+    corrector  corrects the linear        `ruffini.Surrogate.load`         grasps by soft pads
+               solution
+    baseline,  of the paper, uses no      `ruffini.PaperNetwork.load`, if  grasps by soft pads
+    a, b       linear solution            its input is a translation
+    soft       corrects the linear        `ruffini.SoftSurrogate`          grasps of soft objects
+               solution of a free object
     ========== ========================== ================================ ======================
 
     Args:
         data: A dataset, finished or not.
         out: Folder of the run.
-        variant: What is trained.
-        commit: Commit of this library, kept in the card.
+        variant: Kind of network; see the table.
+        commit: Commit of this library, recorded in the card.
         watch: See `Watch`.
-        settings: ``seed``, ``epochs``, ``batch``, ``rate`` and ``network``, the network's sizes; of
-            the variants besides
+        settings: ``seed``, ``epochs``, ``batch``, ``rate`` and ``network``, the network's sizes.
+            Further settings of the variants:
 
             - corrector: ``split``, ``warmup``, ``clip``, ``linear_nodes``, ``contact`` (of the
-              linear answer: ``"points"``, or ``"nodes"`` for speed); the network's ``width``,
+              linear solution: ``"points"``, or ``"nodes"`` for speed); the network's ``width``,
               ``down``, ``up``, ``corner``.
-            - baseline, a, b: ``split``, ``seconds``, ``every`` (one in so many frames is judged),
-              ``density`` (of nodes on the objects' surfaces: ``"coarse"`` or ``"dense"``); the
-              network's ``input`` (``"translation"``, or ``"force"``: then the object's motion is
-              learnt too), ``width``, ``rounds``, ``shared``, ``norm``.
+            - baseline, a, b: ``split``, ``seconds``, ``every`` (one in so many frames is
+              evaluated), ``density`` (of nodes on the objects' surfaces: ``"coarse"`` or
+              ``"dense"``); the network's ``input`` (``"translation"``, or ``"force"``, with which
+              the object's motion is learnt, too), ``width``, ``rounds``, ``shared``, ``norm``.
             - soft: ``seconds``; the network's ``width``, ``down``, ``up``, ``corner``.
 
-            ``seconds`` of processor time take the place of ``epochs``; such a run leaves no
-            checkpoint, and does not come out the same again.
+            ``seconds`` of processor time replace ``epochs``; such a run leaves no checkpoint and
+            is not reproducible.
 
     Raises:
-        ValueError: If a setting makes no sense or is not the variant's, the dataset cannot be read
+        ValueError: If a setting is invalid or not one of the variant, the dataset cannot be read,
             or `out` holds another run.
         SimulationError: If a gradient is not finite.
     """
@@ -88,14 +90,14 @@ def train(
 def evaluate(
     weights: str | PathLike[str], data: str | PathLike[str], split: str
 ) -> list[dict[str, Any]]:
-    """Errors of a corrector, or of one of the paper's networks, on a split's test part.
+    """Errors of a corrector, or of one of the paper's networks, on the test part of a split.
 
     Returns:
-        For each frame ``grasp``, ``surrogate`` and ``linear`` (the answer that is corrected; None
-        for the paper's networks, which correct none); the errors are relative ones of
-        ``displacement``, ``stress``, ``stressed`` (above 5 % of the peak), ``peak``,
-        ``nodal_force``, ``force``, None for what a network does not say, and ``displacement_mae``
-        (m) and ``stress_mae`` (Pa).
+        For each frame ``grasp``, and the errors of the ``surrogate`` and of the ``linear`` solution
+        that it corrects (None for the paper's networks, which correct none). Errors are relative
+        ones of ``displacement``, ``stress``, ``stressed`` (stress above 5 % of the peak), ``peak``,
+        ``nodal_force`` and ``force``, None for quantities that a network does not output, and the
+        absolute ``displacement_mae`` (m) and ``stress_mae`` (Pa).
 
     Raises:
         ValueError: If the weights, the dataset or the split cannot be read.

@@ -1,4 +1,4 @@
-"""Moving pictures of episodes: GIF by the Rust crate, MP4 by ffmpeg."""
+"""Videos of episodes: GIF by the Rust crate, MP4 by ffmpeg."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from ruffini.agents import Agent
 __all__ = ["SIZES", "check", "film", "write"]
 
 SIZES = {".gif": (320, 240), ".mp4": (640, 480)}
-"""Width and height of a picture by the kind of video."""
+"""Width and height of a picture (pixels) by the suffix of the video."""
 
 _GIF_STRIDE = 2
-"""Of so many frames a GIF has one, for its size."""
+"""A GIF has one of every so many frames, to limit its size."""
 _PAUSE = 12
-"""Frames for which the end of an episode stands."""
+"""Number of frames for which the end of an episode is shown."""
 
 
 def check(path: Path) -> None:
-    """Checks that a video can be written there, before there is one.
+    """Check in advance that a video can be written to `path`.
 
     Raises:
-        ValueError: If it is of an unknown kind, what writes it is missing, or the place is.
+        ValueError: If the suffix is unknown, ffmpeg is missing, or the path cannot be written.
     """
     if path.suffix not in SIZES:
         raise ValueError(f"video: found {path}, expected a {' or '.join(SIZES)} file")
@@ -47,7 +47,7 @@ def check(path: Path) -> None:
 
 
 def write(path: Path, frames: Sequence[Frame]) -> None:
-    """Writes `frames`, arrays (height, width, 3) in the environment's time.
+    """Write `frames`, arrays (height, width, 3), at the frame rate of the environment.
 
     Raises:
         OSError: If the file cannot be written.
@@ -68,7 +68,7 @@ def write(path: Path, frames: Sequence[Frame]) -> None:
 
 
 def film(agent: Agent, path: Path, seeds: range) -> str:
-    """Writes the agent's episodes of these seeds as a video; a line about it.
+    """Write the agent's episodes of these seeds as a video; return a line that describes it.
 
     Raises:
         SimulationError: If the video cannot be written.
@@ -104,7 +104,7 @@ def _picture(env: gym.Env[Any, Any]) -> Frame:
 
 
 def _ffmpeg() -> Any:
-    """The module that runs ffmpeg, if there is one to run."""
+    """Import the module that runs ffmpeg; raise a ``ValueError`` if module or ffmpeg is missing."""
     otherwise = "pip install 'ruffini[video]', or write a .gif"
     try:
         module = importlib.import_module("imageio_ffmpeg")

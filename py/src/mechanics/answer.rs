@@ -1,4 +1,4 @@
-//! Deformations as Python sees them.
+//! Python classes of deformations and histories.
 
 use nalgebra::Isometry3;
 use numpy::{PyArray1, PyArray2};
@@ -12,7 +12,7 @@ use ruffini_core::{deformation, geometry::Shape};
 use super::arrays::array_of_vectors;
 use crate::error::python_error;
 
-/// A soft body in equilibrium with what presses it, in the frame of the body.
+/// Equilibrium of a soft body with the shapes that press it, in the frame of the body.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Deformation {
     /// Displacement of the nodes (V, 3) in m.
@@ -27,28 +27,29 @@ pub(crate) struct Deformation {
     /// Force (N) and torque about the origin (N m) of all contact on the body (6,).
     #[pyo3(get)]
     wrench: Py<PyArray1<f64>>,
-    /// Where the shapes are, in the form that `Press` takes: a pose (position (3,), quaternion (4,)
-    /// xyzw) if one shape was given by itself, else a list with one for each shape.
+    /// Poses of the shapes, in the form that `Press` takes: one pose (position (3,), quaternion
+    /// (4,) xyzw) if a single shape was given without a list, else a list with one for each shape.
     #[pyo3(get)]
     pose: Py<PyAny>,
-    /// What another press needs to start here.
+    /// State from which another press can continue.
     #[pyo3(get)]
     pub(super) history: Py<History>,
     /// Newton steps since the last frame.
     #[pyo3(get)]
     iterations: usize,
-    /// Norm of the force left unbalanced (N).
+    /// Norm of the residual force (N).
     #[pyo3(get)]
     pub(super) residual: f64,
     /// Wall time (s).
     #[pyo3(get)]
     seconds: f64,
-    /// What pressed, for [`Surrogate::knows`](super::surrogate::Surrogate).
+    /// Shapes that pressed, for [`Surrogate::knows`](super::surrogate::Surrogate).
     pub(super) shapes: Vec<Shape>,
 }
 
 impl Deformation {
-    /// `shapes` have pressed; `single` gives the pose of the only one by itself.
+    /// Converts the solution of a press by `shapes`; with `single`, the pose of the only shape is
+    /// not put in a list.
     pub(super) fn of(
         py: Python<'_>,
         answer: deformation::Deformation,
@@ -100,13 +101,13 @@ impl Deformation {
     }
 }
 
-/// Where a press ended: displacement of the nodes, poses of the shapes, places where they stick.
+/// State at the end of a press: displacement of the nodes, poses of the shapes, points that stick.
 ///
-/// Given to another `Press` of the same body, model and shapes, which then goes on from there. It
-/// can be pickled and is the same on every machine.
+/// Another `Press` of the same body, model and shapes continues from it. It can be pickled and is
+/// the same on every machine.
 ///
 /// Args:
-///     state: What `bytes(history)` gave.
+///     state: Bytes from `bytes(history)`.
 ///
 /// Raises:
 ///     ValueError: If the bytes are not those of a history.

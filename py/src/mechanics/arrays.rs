@@ -1,5 +1,5 @@
-//! Numbers between Python and Rust: anything that numpy makes an array of comes in, checked; numpy
-//! arrays of float64 and uint32 go out.
+//! Conversion of numbers between Python and Rust. Inputs are anything that numpy converts to an
+//! array, and are checked; outputs are numpy arrays of float64 and uint32.
 
 use std::fmt::Display;
 
@@ -13,7 +13,7 @@ use ruffini_core::Error;
 
 use crate::error::python_error;
 
-/// A `ValueError` that says what was found and what was expected.
+/// `ValueError` that states what was found and what was expected.
 pub(crate) fn refused(name: &str, found: impl Display, expected: impl Into<String>) -> PyErr {
     python_error(Error::invalid(name, found, expected))
 }
@@ -68,9 +68,9 @@ pub(crate) fn index_rows<const N: usize>(
     Ok(unsigned(name, values)?.as_chunks().0.to_vec())
 }
 
-/// A list of indices.
+/// List of indices, from an array (…,).
 pub(crate) fn indices(name: &str, found: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {
-    // An empty list is one of floats to numpy.
+    // numpy converts an empty list to an array of floats.
     if found.len().is_ok_and(|length| length == 0) {
         return Ok(Vec::new());
     }
@@ -89,7 +89,8 @@ fn unsigned(name: &str, values: Vec<i64>) -> PyResult<Vec<u32>> {
     values.into_iter().map(convert).collect()
 }
 
-/// An array whose kind of numbers is among `kinds` (numpy's letters), as values of T.
+/// Values of an array as `T`, and its shape; an error if its kind of numbers is not among `kinds`
+/// (numpy's letters).
 fn array<T: Element + Copy>(
     name: &str,
     found: &Bound<'_, PyAny>,
@@ -109,7 +110,7 @@ fn array<T: Element + Copy>(
     Ok((typed.as_array().iter().copied().collect(), untyped.shape().to_vec()))
 }
 
-/// A shape as numpy writes it: `array (3, 2)`.
+/// Array shape as in error messages: `array (3, 2)`.
 pub(crate) struct Shown<'a>(pub(crate) &'a [usize]);
 
 impl Display for Shown<'_> {
@@ -125,7 +126,7 @@ impl Display for Shown<'_> {
     }
 }
 
-/// An array (…, N) of its rows.
+/// Array (…, N) of the given rows.
 pub(crate) fn array_of_rows<T: Element + Copy, const N: usize>(
     py: Python<'_>,
     rows: impl ExactSizeIterator<Item = [T; N]>,
@@ -135,7 +136,7 @@ pub(crate) fn array_of_rows<T: Element + Copy, const N: usize>(
     PyArray2::from_owned_array(py, values.expect("every row has N values"))
 }
 
-/// An array (…, 3) of vectors.
+/// Array (…, 3) of vectors.
 pub(crate) fn array_of_vectors<'py>(
     py: Python<'py>,
     vectors: &[Vector3<f64>],
@@ -143,13 +144,13 @@ pub(crate) fn array_of_vectors<'py>(
     array_of_rows(py, vectors.iter().map(|&v| v.into()))
 }
 
-/// The array, closed to writing: what it shows would not follow.
+/// Makes the array read-only: it is a copy, so changes to it would have no effect on the original.
 pub(crate) fn read_only<T>(array: Bound<'_, T>) -> PyResult<Py<T>> {
     array.as_any().call_method1("setflags", (false,))?;
     Ok(array.unbind())
 }
 
-/// The rows of an array (V, 3).
+/// Rows of an array (V, 3) as vectors.
 pub(super) fn vectors(array: &Bound<'_, PyArray2<f64>>) -> PyResult<Vec<Vector3<f64>>> {
     let numbers: Vec<f64> = array.try_readonly()?.as_array().iter().copied().collect();
     Ok(numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect())

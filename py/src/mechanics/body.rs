@@ -14,10 +14,10 @@ use super::{
 };
 use crate::error::python_error;
 
-/// Nodes of a sensor's pad where the caller does not say.
+/// Default number of nodes of a sensor's pad.
 const RESOLUTION: usize = 2000;
 
-/// An elastic solid in its own frame, meshed, with the nodes of its base held where they are.
+/// Meshed elastic solid in its own frame, with some nodes held fixed.
 ///
 /// Args:
 ///     mesh: The undeformed solid.
@@ -29,10 +29,10 @@ const RESOLUTION: usize = 2000;
 ///         "stable-neo-hookean" mu/2 (I1 - 3) - mu (J - 1) + (lambda + mu)/2 (J - 1)^2;
 ///         "corotated" mu |F - R|^2 + lambda/2 (J - 1)^2, R the rotation nearest to F;
 ///         "linear" mu e:e + lambda/2 (tr e)^2, e = sym(F - 1): small strains and rotations only.
-///     fixed: Nodes that never move, counted from 0; none is a free body.
+///     fixed: Nodes that never move, counted from 0; the body is free if there are none.
 ///
 /// Raises:
-///     ValueError: If a modulus, the law or a node is none of those.
+///     ValueError: If a modulus, the law or a node is not valid.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct SoftBody {
     pub(super) inner: deformation::SoftBody,
@@ -79,7 +79,7 @@ impl SoftBody {
 }
 
 impl SoftBody {
-    /// A body made in Rust.
+    /// Wraps a body of the Rust crate.
     pub(super) fn from_core(py: Python<'_>, inner: deformation::SoftBody) -> PyResult<Self> {
         Self::of(Bound::new(py, TetMesh::of(py, inner.mesh().clone())?)?, inner)
     }
@@ -101,18 +101,18 @@ fn young_moduli(young: &Bound<'_, PyAny>, tets: usize) -> PyResult<Vec<f64>> {
     }
 }
 
-/// The gel pad of a tactile sensor as a soft body bonded to its base.
+/// Gel pad of a tactile sensor as a soft body bonded to its base.
 ///
 /// Frame of the pad: z out of the gel, x across, y along; the origin is the apex, the centre of the
 /// undeformed face.
 ///
 /// Args:
-///     name: "gelsight-mini", "digit", or the path of a .toml file in the form of those.
+///     name: "gelsight-mini", "digit", or the path of a .toml file of the same form.
 ///     calibration: Name of the material, "tacflex" or "feats" for the GelSight Mini; the first of
 ///         the sensor if not given.
-///     resolution: About how many nodes (never more), 2,000 if not given.
-///     around: Points (K, 3) in m near which the mesh is fine, its spacing growing with the distance
-///         from the nearest, such as where something will touch; the middle of the face if not given.
+///     resolution: Approximate number of nodes, which is never exceeded; 2,000 if not given.
+///     around: Points (K, 3) in m near which the mesh is fine, such as expected contacts; its
+///         spacing grows with the distance from the nearest. The middle of the face if not given.
 ///
 /// Raises:
 ///     ValueError: If the sensor or the calibration is not known, or the resolution is not 100 to

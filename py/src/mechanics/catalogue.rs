@@ -1,4 +1,4 @@
-//! The objects of the dataset, and where a gripper can hold them.
+//! Objects of the dataset, and grasps of them.
 
 use std::ops::RangeInclusive;
 
@@ -14,18 +14,18 @@ use crate::error::python_error;
 
 /// Position (3,) and quaternion (4,).
 type Pose<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
-/// Places (V, 3) and corners of triangles (F, 3).
+/// Vertices (V, 3) and corners of triangles (F, 3).
 type Triangles<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<u32>>);
 
-/// Most edges round a circle that a surface is asked for: a ball has then 20,000 triangles.
+/// Greatest number of edges round a circle of a surface: a ball then has 20,000 triangles.
 const MOST_SEGMENTS: i64 = 200;
-/// Most grasps of one object that are drawn at once.
+/// Greatest number of grasps of one object that are drawn at once.
 const MOST_GRASPS: i64 = 10_000;
 
-/// The 64 objects of the catalogue: 49 to train on, 14 novel ones and a soft one.
+/// The 64 objects of the catalogue: 49 for training, 14 novel ones and a soft one.
 ///
 /// Args:
-///     seed: What the sizes are drawn from; the same seed gives the same objects on every machine.
+///     seed: Seed of the sizes; the same seed gives the same objects on every machine.
 #[pyfunction]
 #[pyo3(signature = (seed=None), text_signature = "(seed=0)")]
 pub(crate) fn objects(seed: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<Object>> {
@@ -33,7 +33,7 @@ pub(crate) fn objects(seed: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<Object>> 
     Ok(ruffini_core::objects::catalogue(seed).into_iter().map(|inner| Object { inner }).collect())
 }
 
-/// An object of the catalogue: a solid of hand size in its own frame, z along its axis if it has one.
+/// Object of the catalogue: a solid of hand size in its own frame, z along its axis if it has one.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Object {
     inner: ruffini_core::objects::Object,
@@ -53,31 +53,32 @@ impl Object {
         self.inner.family.to_string()
     }
 
-    /// What it is for: "train", "novel" or "soft".
+    /// Set to which the object belongs: "train", "novel" or "soft".
     #[getter]
     fn split(&self) -> String {
         self.inner.split.to_string()
     }
 
-    /// What its sizes were drawn from.
+    /// Seed of the object's sizes.
     #[getter]
     fn seed(&self) -> u64 {
         self.inner.seed
     }
 
-    /// The exact solid.
+    /// Exact shape of the object.
     #[getter]
     fn shape(&self) -> Shape {
         Shape { inner: self.inner.shape.clone() }
     }
 
-    /// Watertight triangles.
+    /// Meshes the surface with watertight triangles.
     ///
     /// Args:
-    ///     segments: Edges round a circle, about; 8 to 200.
+    ///     segments: Approximate number of edges round a circle, 8 to 200.
     ///
     /// Returns:
-    ///     Vertices (V, 3) in m and corners of the triangles (F, 3), counter-clockwise from outside.
+    ///     Vertices (V, 3) in m and corners of the triangles (F, 3), counter-clockwise seen from
+    ///     outside.
     ///
     /// Raises:
     ///     ValueError: If the number of segments is out of range.
@@ -89,10 +90,10 @@ impl Object {
         Ok((vertices, array_of_rows(py, surface.triangles().iter().copied())))
     }
 
-    /// Tetrahedra of the solid.
+    /// Meshes the solid with tetrahedra.
     ///
     /// Args:
-    ///     spacing: Length of an edge (m), about.
+    ///     spacing: Approximate length of an edge (m).
     ///
     /// Raises:
     ///     ValueError: If the spacing does not suit the size of the object.
@@ -101,12 +102,12 @@ impl Object {
         TetMesh::of(py, mesh)
     }
 
-    /// Grasps that hold the object between two opposite contacts, and that the hand gets to.
+    /// Draws grasps that hold the object between two opposite contacts and that the hand can reach.
     ///
     /// Args:
-    ///     count: How many are wanted, up to 10,000; there are fewer if 200 draws for each do not
+    ///     count: Number of grasps, up to 10,000; fewer are returned if 200 draws for each do not
     ///         yield them.
-    ///     seed: What they are drawn from.
+    ///     seed: Seed of the draws.
     ///     friction: Coulomb coefficient between pads and object, above 0 and up to 10.
     ///
     /// Raises:
@@ -131,7 +132,7 @@ impl Object {
     }
 }
 
-/// A grasp between two opposite contacts, in the frame of the object.
+/// Grasp between two opposite contacts, in the frame of the object.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Antipodal {
     inner: ruffini_core::objects::Antipodal,
@@ -140,7 +141,7 @@ pub(crate) struct Antipodal {
 #[pymethods]
 impl Antipodal {
     /// Pose of the tool in the frame of the object, (position (3,) in m, quaternion (4,) xyzw): its
-    /// origin midway between the contacts, x from the first to the second, z to the wrist.
+    /// origin midway between the contacts, x from the first to the second, z towards the wrist.
     #[getter]
     fn tool<'py>(&self, py: Python<'py>) -> Pose<'py> {
         answer::pose(py, &self.inner.tool)
@@ -158,14 +159,14 @@ impl Antipodal {
         self.inner.angle
     }
 
-    /// Margin of force closure: 1 at the middle of the cone of friction, 0 on its side.
+    /// Margin of force closure: 1 in the middle of the friction cone, 0 on its surface.
     #[getter]
     fn quality(&self) -> f64 {
         self.inner.quality
     }
 
-    /// Poses of the frames of the two pads in the frame of the object, that of the first contact
-    /// first, with the apexes `apart` (m).
+    /// Poses of the two pads in the frame of the object, the pad at the first contact first, with
+    /// the apexes `apart` (m).
     fn pads<'py>(&self, py: Python<'py>, apart: f64) -> PyResult<(Pose<'py>, Pose<'py>)> {
         if !apart.is_finite() {
             return Err(refused("apart", apart, "a finite length (m)"));
@@ -180,12 +181,12 @@ impl Antipodal {
     }
 }
 
-/// A seed.
+/// Extracts a seed.
 fn whole(found: &Bound<'_, PyAny>) -> PyResult<u64> {
     found.extract().map_err(|_| refused("seed", found, "a whole number from 0 below 2**64"))
 }
 
-/// `value`, if it is in `range`.
+/// Returns `value` if it is in `range`, else an error.
 fn ranged(name: &str, value: i64, range: RangeInclusive<i64>) -> PyResult<u32> {
     let expected = format!("{} to {}", range.start(), range.end());
     let within = u32::try_from(value).ok().filter(|_| range.contains(&value));

@@ -13,22 +13,22 @@ use crate::error::press_error;
 
 const PAIR: &str = "poses of two pads, each (position (3,), quaternion xyzw (4,))";
 
-/// A free rigid object that two soft pads close on; its pose is solved for.
+/// Grasp of a free rigid object by two soft pads; the pose of the object is solved for.
 ///
 /// Poses are (position (3,) in m, unit quaternion (4,) as x, y, z, w) in the frame of the world.
-/// Nothing but the pads and the load holds the object, so in the first frame the pads must touch it
-/// if there is a load.
+/// Only the pads and the load act on the object, so with a load the pads must touch it in the first
+/// frame.
 ///
 /// Args:
 ///     object: The object.
-///     path: Poses of the frames of the left and the right pad, a pair for each of F frames. What
-///         touches in the first sticks where it is.
+///     path: Poses of the left and the right pad, a pair for each of F frames. Points in contact in
+///         the first frame stick where they are.
 ///     start: Pose of the object where the grasp begins; the origin of the world if not given.
-///     load: What else acts on the object, such as its weight (6,): force (N) and torque about the
-///         origin of the object (N m), in the frame of the world; nothing if not given.
+///     load: Further load on the object (6,), such as its weight: force (N) and torque about the
+///         origin of the object (N m), in the frame of the world; zero if not given.
 ///
 /// Raises:
-///     ValueError: If there is no frame, or a pose or the load is none.
+///     ValueError: If there is no frame, or a pose or the load is not valid.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Grasp {
     inner: fem::Grasp,
@@ -54,7 +54,7 @@ impl Grasp {
         Ok(Self { inner: fem::Grasp { object, start, path, load } })
     }
 
-    /// Every frame, in order, on one thread; other Python threads run meanwhile.
+    /// Solves every frame, in order, on one thread; other Python threads run meanwhile.
     ///
     /// Args:
     ///     pads: The models of the left and the right pad, which may be the same.
@@ -86,7 +86,7 @@ pub(crate) struct Grasped {
     pads: (Py<Deformation>, Py<Deformation>),
     /// Pose of the object in the world: position (3,) in m, quaternion (4,) xyzw.
     object: Py<PyAny>,
-    /// Force left unbalanced on the object, torque counted over its size (N).
+    /// Residual force on the object (N); torque counts divided by the object's size.
     residual: f64,
     /// Wall time (s).
     seconds: f64,
@@ -100,7 +100,7 @@ impl Grasped {
     }
 }
 
-/// A frame, or the error in its place.
+/// Converts a frame, or the error in its place.
 fn slot(py: Python<'_>, frame: Result<fem::Grasped>) -> PyResult<Bound<'_, PyAny>> {
     let fem::Grasped { pads: [left, right], object, residual, seconds } = match frame {
         Ok(grasped) => grasped,

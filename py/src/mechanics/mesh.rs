@@ -12,17 +12,17 @@ use super::{
 };
 use crate::error::python_error;
 
-/// A tetrahedral mesh of V vertices and T tetrahedra.
+/// Tetrahedral mesh of V vertices and T tetrahedra.
 ///
-/// Two corners of a tetrahedron of negative volume are swapped.
+/// If a tetrahedron has a negative volume, two of its corners are swapped.
 ///
 /// Args:
-///     vertices: Places (V, 3) in m.
+///     vertices: Positions (V, 3) in m.
 ///     tets: Corners (T, 4), counted from 0.
 ///
 /// Raises:
-///     ValueError: If a vertex is not finite or unused, an index too large, a tetrahedron flat, or
-///         if tetrahedra overlap or do not hang together.
+///     ValueError: If a vertex is unused or not finite, an index is too large, a tetrahedron is
+///         flat, or tetrahedra overlap or are not connected.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct TetMesh {
     pub(super) inner: geometry::TetMesh,
@@ -43,11 +43,11 @@ impl TetMesh {
         Self::of(py, geometry::TetMesh::new("from arrays", vertices, tets).map_err(python_error)?)
     }
 
-    /// The mesh in a file: .tet (Isaac Gym's text form) or .msh (gmsh, ASCII, 2.2 and 4.1).
+    /// Reads the mesh in a file: .tet (Isaac Gym's text form) or .msh (gmsh, ASCII, 2.2 and 4.1).
     ///
     /// Args:
     ///     path: The file. Vertices that no tetrahedron uses are left out.
-    ///     scale: Metres to a unit of the file.
+    ///     scale: Length of the file's unit (m).
     ///
     /// Raises:
     ///     ValueError: If the file cannot be read or its mesh cannot be used.
@@ -59,11 +59,11 @@ impl TetMesh {
         Self::of(py, read.map_err(python_error)?)
     }
 
-    /// The solid inside a shape, in the frame of the shape, by isosurface stuffing.
+    /// Meshes the solid inside a shape, in the frame of the shape, by isosurface stuffing.
     ///
     /// Args:
     ///     shape: A solid of finite size. Its sharp edges are cut off within half a spacing.
-    ///     spacing: Length of an edge (m), about.
+    ///     spacing: Approximate length of an edge (m).
     ///
     /// Raises:
     ///     ValueError: If the shape is a half-space or the spacing does not suit its size.
@@ -76,10 +76,10 @@ impl TetMesh {
     /// Writes the mesh with fields to a .vtu file (ParaView) or a .npz file (numpy).
     ///
     /// Args:
-    ///     path: The file; one that is there is replaced.
+    ///     path: The file; an existing one is replaced.
     ///     fields: Finite numbers by name: an array (V,) or (V, ...) on the vertices, or (T,) or
     ///         (T, ...) on the tetrahedra; on the vertices where V = T. Names have letters, digits,
-    ///         spaces and underscores. What follows the first axis is written as one.
+    ///         spaces and underscores. Axes after the first are merged into one.
     ///
     /// Raises:
     ///     ValueError: If a field does not fit the mesh or the file cannot be written.
@@ -112,7 +112,7 @@ impl TetMesh {
         Ok(Self { vertices: read_only(vertices)?, tets: read_only(tets)?, inner: mesh })
     }
 
-    /// What a field of that array shape is given for, and numbers to a value.
+    /// Elements to which a field of that array shape belongs, and its number of components.
     fn place(&self, name: &str, shape: &[usize]) -> PyResult<(FieldOn, usize)> {
         let (vertices, tets) = (self.inner.vertices.len(), self.inner.tets.len());
         let on = match shape.first() {

@@ -1,4 +1,4 @@
-//! Soft bodies and rigid shapes in Python: what is pressed, how, by whom it is answered.
+//! Python classes of soft bodies, rigid shapes, presses and the models that solve them.
 //!
 //! Shapes: V vertices, T tetrahedra, S rigid shapes, F frames of a path, P points. SI units.
 

@@ -1,4 +1,4 @@
-//! Models that answer presses.
+//! Models that solve presses.
 
 use std::{
     path::PathBuf,
@@ -22,25 +22,26 @@ use crate::error::{press_error, python_error};
 /// Displacement (V, 3) and stress (T,) of a mesh.
 type Fields<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
 
-/// Quasi-static finite elements: a soft body in equilibrium with the rigid shapes that press it.
+/// Quasi-static finite element model of a soft body that rigid shapes press.
 ///
 /// Large strains, contact on the faces of the surface with Coulomb friction, Newton's method with a
-/// sparse Cholesky factorisation. Shapes sink in by 2 µm x pressure / Young's modulus.
+/// sparse Cholesky factorisation. Contact is compliant: shapes penetrate by 2 µm x pressure /
+/// Young's modulus.
 ///
 /// Args:
-///     body: What is pressed.
+///     body: Soft body that is pressed.
 ///     friction: Coefficient of friction between body and shapes, 0 to 100.
-///     tolerance: Norm of the unbalanced force at which a frame is done (N); for a body stiffer than
-///         1 MPa it grows in proportion.
+///     tolerance: Norm of the residual force at which a frame has converged (N); for a body stiffer
+///         than 1 MPa it grows in proportion.
 ///     element: "p1" (linear tetrahedra; they lock from a Poisson's ratio of 0.45 on), "p1-bar"
 ///         (linear, with the dilatation averaged over patches) or "p2" (quadratic: the reference).
 ///
 /// Raises:
-///     ValueError: If an option is none of those.
+///     ValueError: If an option is not valid.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Fem {
     model: Mutex<fem::Fem>,
-    /// What is pressed.
+    /// Soft body that is pressed.
     #[pyo3(get)]
     body: Py<SoftBody>,
 }
@@ -63,16 +64,17 @@ impl Fem {
         Ok(Self { model: Mutex::new(model), body })
     }
 
-    /// Where each press ends.
+    /// Solves each press and returns its last frame.
     ///
-    /// Presses are solved in parallel, each on one thread, with the same answer for any number of
-    /// threads; RAYON_NUM_THREADS sets it. Other Python threads run meanwhile.
+    /// Presses are solved in parallel, each on one thread; the result does not depend on the number
+    /// of threads, which RAYON_NUM_THREADS sets. Other Python threads run meanwhile.
     ///
     /// Args:
     ///     presses: A list of Press, or one.
     ///
     /// Returns:
-    ///     A list with a Deformation for each press, or the PressError that says why there is none.
+    ///     A list with a Deformation for each press, or a PressError with the reason if it is not
+    ///     solved.
     fn solve<'py>(
         &self,
         py: Python<'py>,
@@ -81,25 +83,25 @@ impl Fem {
         solve(py, &self.model, presses)
     }
 
-    /// Every frame of one press, in order.
+    /// Solves every frame of one press, in order.
     ///
     /// Returns:
-    ///     A list with a Deformation for each frame of the path, or one for a press with a force. It
-    ///     ends early with a PressError at the first frame that is not solved.
+    ///     A list with a Deformation for each frame of the path, or one for a press with a force.
+    ///     It ends early with a PressError at the first frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
         solve_path(py, &self.model, press)
     }
 
-    /// The fields of an answer on another mesh of the body (V' vertices, T' tetrahedra), as exactly
-    /// as the element knows them: a quadratic one bends between its nodes.
+    /// Evaluates the fields of a solution on another mesh of the body (V' vertices, T' tetrahedra),
+    /// with the full interpolation of the element: a quadratic one is curved between its nodes.
     ///
     /// Args:
-    ///     history: The history of an answer of this model.
-    ///     target: The undeformed mesh that they are carried to.
+    ///     history: History of a solution of this model.
+    ///     target: Undeformed mesh on which the fields are evaluated.
     ///
     /// Returns:
-    ///     Displacement of its vertices (V', 3) in m, and the volume average of the von Mises stress
-    ///     over its tetrahedra (T',) in Pa.
+    ///     Displacement of its vertices (V', 3) in m, and the volume average of the von Mises
+    ///     stress over its tetrahedra (T',) in Pa.
     ///
     /// Raises:
     ///     ValueError: If the history is of another model, or the mesh of another body.
@@ -117,38 +119,40 @@ impl Fem {
 }
 
 impl Fem {
-    /// The model, for a solution that needs it beside another.
+    /// Copy of the model, for a solution that needs two models at once.
     pub(super) fn copy(&self) -> fem::Fem {
         locked(&self.model).clone()
     }
 }
 
-/// Linear elasticity of a bonded body, condensed once to its surface: fast where strains are small.
+/// Linear elastic model of a bonded body, condensed once to its surface: fast, for small strains.
 ///
-/// Contact is the same as in Fem, with the stiffness of "p1-bar" at rest; a history of either goes on
-/// in the other. What is lost is large strain; each sweep, a modified Newton step towards the true
-/// forces, buys some of it back, and the residual of the answer says how much is missing.
+/// Contact is the same as in Fem, with the stiffness of "p1-bar" at rest, and a history of one
+/// model can be continued in the other. Large strain is neglected; each sweep, a modified Newton
+/// step towards the nonlinear forces, recovers part of it, and the residual of the solution
+/// measures the rest.
 ///
 /// Args:
-///     body: What is pressed; its fixed nodes must hold it.
+///     body: Soft body that is pressed; its fixed nodes must prevent rigid motion.
 ///     friction: Coefficient of friction between body and shapes, 0 to 100.
-///     sweeps: Most corrections of a load step, 0 to 12.
-///     cache: Folder that keeps what is computed in advance, by a hash of the body.
-///     contact: "points": felt at many points of every face, as in Fem, and solved by Newton's method.
-///         "nodes": at the nodes of the surface, solved by projected Gauss-Seidel; ten to fifty times
-///         faster, coarse where few nodes touch, without sweeps, and with histories of its own.
+///     sweeps: Greatest number of corrections of a load step, 0 to 12.
+///     cache: Folder in which precomputed data are kept, by a hash of the body.
+///     contact: "points": evaluated at many points of every face, as in Fem, and solved by
+///         Newton's method. "nodes": evaluated at the nodes of the surface, solved by projected
+///         Gauss-Seidel; ten to fifty times faster, coarse where few nodes touch, without sweeps,
+///         and with histories that only this option can continue.
 ///
 /// Raises:
-///     ValueError: If an option is none of those, or the body is free.
+///     ValueError: If an option is not valid, or the body is free.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Compliance {
     model: Mutex<Linear>,
-    /// What is pressed.
+    /// Soft body that is pressed.
     #[pyo3(get)]
     body: Py<SoftBody>,
 }
 
-/// Linear elasticity with contact at points or at nodes.
+/// Linear elastic model with contact at points or at nodes.
 enum Linear {
     Points(compliance::Compliance),
     Nodes(compliance::nodal::Nodal),
@@ -205,13 +209,14 @@ impl Compliance {
         Ok(Self { model: Mutex::new(model.map_err(python_error)?), body })
     }
 
-    /// Where each press ends, as Fem.solve.
+    /// Solves each press and returns its last frame, as Fem.solve.
     ///
     /// Args:
     ///     presses: A list of Press, or one.
     ///
     /// Returns:
-    ///     A list with a Deformation for each press, or the PressError that says why there is none.
+    ///     A list with a Deformation for each press, or a PressError with the reason if it is not
+    ///     solved.
     fn solve<'py>(
         &self,
         py: Python<'py>,
@@ -220,7 +225,7 @@ impl Compliance {
         solve(py, &self.model, presses)
     }
 
-    /// Every frame of one press, in order, as Fem.solve_path.
+    /// Solves every frame of one press, in order, as Fem.solve_path.
     ///
     /// Returns:
     ///     A list with a Deformation for each frame. It ends early with a PressError at the first
@@ -230,7 +235,7 @@ impl Compliance {
     }
 }
 
-/// What `model` answers to `presses`, one or a list.
+/// Solves `presses`, one or a list, by `model`.
 pub(super) fn solve<'py, M: DeformationModel>(
     py: Python<'py>,
     model: &Mutex<M>,
@@ -240,7 +245,8 @@ pub(super) fn solve<'py, M: DeformationModel>(
     let questions: Vec<_> = presses.iter().map(|press| press.get().inner.clone()).collect();
     let pool = pool()?;
     let answers = py.detach(|| {
-        // Locked here: a thread of the pool that waits could take the work of another caller.
+        // Locked before the pool is entered: a thread of the pool that waits for the lock could
+        // take up the work of another caller.
         let model = &mut *locked(model);
         pool.install(|| model.solve(&questions))
     });
@@ -248,7 +254,7 @@ pub(super) fn solve<'py, M: DeformationModel>(
     slots.map(|(found, press)| answer(py, found, press.get())).collect()
 }
 
-/// What `model` answers to every frame of `press`.
+/// Solves every frame of `press` by `model`.
 fn solve_path<'py, M: DeformationModel>(
     py: Python<'py>,
     model: &Mutex<M>,
@@ -258,12 +264,12 @@ fn solve_path<'py, M: DeformationModel>(
     frames.into_iter().map(|frame| answer(py, frame, press)).collect()
 }
 
-/// The model, even after a panic: no model keeps anything between presses.
+/// Locks the model, even after a panic: models keep no state between presses.
 pub(super) fn locked<M>(model: &Mutex<M>) -> MutexGuard<'_, M> {
     model.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A deformation under `press`, or the error in its place.
+/// Converts the solution of `press`, or the error in its place.
 pub(super) fn answer<'py>(
     py: Python<'py>,
     found: Result<deformation::Deformation>,

@@ -1,4 +1,4 @@
-//! One of the paper's networks as an answerer, and its answer.
+//! The paper's networks as models of presses, and their solutions.
 
 use std::path::PathBuf;
 
@@ -16,29 +16,30 @@ use super::{
 };
 use crate::error::{press_error, python_error};
 
-/// What one of the paper's networks says of a press, in the frame of the body.
+/// Solution of a press by one of the paper's networks, in the frame of the body.
 ///
-/// It says nothing of contact forces, so there is no wrench, history or residual.
+/// The networks do not output contact forces, so there is no wrench, history or residual.
 #[pyclass(frozen, get_all, module = "ruffini")]
 pub(crate) struct PaperAnswer {
     /// Displacement of the nodes (V, 3) in m.
     displacement: Py<PyArray2<f64>>,
     /// Von Mises equivalent of the Cauchy stress in the tetrahedra (T,) in Pa.
     von_mises: Py<PyArray1<f64>>,
-    /// Best-fit rigid motion of the gel, p -> R p + t: position t (3,) and quaternion (4,) xyzw; None
-    /// from a network that does not say.
+    /// Best-fit rigid motion of the gel, p -> R p + t: position t (3,) and quaternion (4,) xyzw;
+    /// None from a network that does not output it.
     rigid: Py<PyAny>,
-    /// Where the shape is: position (3,) and quaternion (4,) xyzw.
+    /// Pose of the shape: position (3,) and quaternion (4,) xyzw.
     pose: Py<PyAny>,
     /// Wall time (s).
     seconds: f64,
 }
 
-/// A graph network as in the paper: told the object's surface and how far it has moved since it touched.
+/// Graph network as in the paper, whose inputs are the object's surface and its motion since touch.
 ///
-/// Unlike Surrogate it is shown no linear answer, needs none, and knows one shape led along a path from
-/// rest; it says displacement, stress and the gel's rigid motion, but no contact forces. It is far less
-/// exact than Surrogate: see `card`. Where the shape does not touch, nothing moves.
+/// Unlike Surrogate it uses no linear solution, and it accepts only one shape that moves along a
+/// path from rest. It outputs displacement, stress and the gel's rigid motion, but no contact
+/// forces. It is far less accurate than Surrogate: see `card`. Without contact, all displacements
+/// are zero.
 ///
 /// Args:
 ///     weights: Name of shipped weights.
@@ -53,7 +54,7 @@ pub(crate) struct PaperAnswer {
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct PaperNetwork {
     model: paper::PaperNetwork,
-    /// The mesh, with its material, that answers refer to.
+    /// Body, with mesh and material, to which solutions refer.
     #[pyo3(get)]
     body: Py<SoftBody>,
 }
@@ -80,15 +81,15 @@ impl PaperNetwork {
         Self::of(py, model)
     }
 
-    /// A network of one's own, from the weights that the example `paper` wrote.
+    /// Loads a network of one's own, from weights written by the example `paper`.
     ///
     /// Args:
     ///     path: The .safetensors file.
     ///     sensor, calibration, young, poisson, friction: As for PaperNetwork.
     ///
     /// Raises:
-    ///     ValueError: If the file is missing, damaged, of another kind of network, or of one that is
-    ///         told forces.
+    ///     ValueError: If the file is missing, damaged, of another kind of network, or of one whose
+    ///         input is a force.
     #[staticmethod]
     #[pyo3(signature = (path, sensor="gelsight-mini", calibration=None, young=None, poisson=None,
         friction=None))]
@@ -110,20 +111,20 @@ impl PaperNetwork {
         Self::of(py, model)
     }
 
-    /// What the weights are, as JSON: form, training, data, errors on what they never saw.
+    /// Description of the weights as JSON: form, training, data, errors on unseen data.
     #[getter]
     fn card(&self) -> String {
         serde_json::to_string(self.model.card()).expect("plain data")
     }
 
-    /// Where each press ends.
+    /// Solves each press and returns its last frame.
     ///
     /// Args:
     ///     presses: A list of Press, or one.
     ///
     /// Returns:
-    ///     A list with a PaperAnswer for each press, or the PressError that says why there is none: a
-    ///     press with a force or a history, several shapes, a shape without a finite surface.
+    ///     A list with a PaperAnswer for each press, or a PressError if the network does not accept
+    ///     it: a press with a force or a history, several shapes, a shape without a finite surface.
     fn solve<'py>(
         &self,
         py: Python<'py>,
@@ -136,18 +137,18 @@ impl PaperNetwork {
         answers.into_iter().map(|found| answer(py, found)).collect()
     }
 
-    /// Every frame of one press, in order.
+    /// Solves every frame of one press, in order.
     ///
     /// Returns:
-    ///     A list with a PaperAnswer for each frame. It ends early with a PressError at the first frame
-    ///     that is not answered.
+    ///     A list with a PaperAnswer for each frame. It ends early with a PressError at the first
+    ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let frames = py.detach(|| self.model.solve_path(&press.inner));
         frames.into_iter().map(|frame| answer(py, frame)).collect()
     }
 
-    /// Whether an answer of this network lies within what it was trained on: displacement, Poisson's
-    /// ratio, friction.
+    /// Returns whether displacement, Poisson's ratio and friction of a solution of this network lie
+    /// within its training data.
     fn knows(&self, py: Python<'_>, answer: &PaperAnswer) -> PyResult<bool> {
         Ok(self.model.knows(&vectors(answer.displacement.bind(py))?))
     }
@@ -161,7 +162,7 @@ impl PaperNetwork {
     }
 }
 
-/// An answer, or the error in its place.
+/// Converts a solution, or the error in its place.
 fn answer(py: Python<'_>, found: Result<paper::PaperAnswer>) -> PyResult<Bound<'_, PyAny>> {
     match found {
         Ok(found) => {

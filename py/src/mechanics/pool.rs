@@ -1,4 +1,4 @@
-//! The threads that solve presses.
+//! Thread pool that solves presses.
 
 use std::{
     mem, process,
@@ -10,13 +10,13 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::arrays::refused;
 
-/// The pool and the process that started it: a forked child has none of its threads.
+/// Pool, with the id of the process that started it: a forked child has none of its threads.
 static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
 
-/// The pool of this process, started at the first call with as many threads as there are cores, or
-/// as `RAYON_NUM_THREADS` says.
+/// Pool of this process, started at the first call with one thread per core, or as many as
+/// `RAYON_NUM_THREADS` sets.
 pub(super) fn pool() -> PyResult<Arc<ThreadPool>> {
-    // Nothing panics while the lock is held half-way.
+    // A panic elsewhere cannot leave the value half-written, so a poisoned lock is usable.
     let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
     match &*pool {
         Some((owner, pool)) if *owner == process::id() => Ok(pool.clone()),
@@ -24,7 +24,8 @@ pub(super) fn pool() -> PyResult<Arc<ThreadPool>> {
             let started = ThreadPoolBuilder::new().build();
             let started = started.map_err(|error| refused("threads", error, "threads to start"))?;
             let started = Arc::new(started);
-            // The parent's pool cannot be dropped here: its threads are not there to be joined.
+            // A forked child cannot drop the parent's pool: its threads do not exist here and
+            // cannot be joined.
             mem::forget(pool.replace((process::id(), started.clone())));
             Ok(started)
         }

@@ -1,4 +1,4 @@
-//! Presses: rigid shapes and what moves them.
+//! Presses: rigid shapes and their motion.
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use pyo3::{PyClass, prelude::*};
@@ -12,30 +12,30 @@ use crate::error::python_error;
 
 const POSE: &str = "(position (3,), quaternion xyzw (4,))";
 
-/// Rigid shapes pressed into one soft body: led along a path, or pushed with a force.
+/// Press of rigid shapes into one soft body: along a path, or up to a force.
 ///
 /// A pose is (position (3,) in m, unit quaternion (4,) as x, y, z, w): that of a shape in the frame
-/// of the body. A frame has one pose for each shape, in a list; for a single shape the pose itself
-/// will do.
+/// of the body. A frame is a list with one pose for each shape; for a single shape it may be the
+/// pose itself.
 ///
 /// Args:
 ///     shapes: One Shape, or a list of S.
-///     path: A list of frames that the shapes are led through, the first from wherever they do not
-///         touch yet; with `force` the one frame where the push begins, as `pose` is.
-///     pose: Where the push begins.
+///     path: A list of frames through which the shapes move; the first is approached from a place
+///         without contact. With `force`, the one frame where the push begins, as `pose`.
+///     pose: Frame where the push begins.
 ///     force: Force of the shapes on the body along `direction` (N), at which the push ends. The
-///         shapes keep their places to each other.
+///         shapes keep their positions relative to each other.
 ///     direction: Direction of the push (3,), of any length.
-///     history: Where another press of the same body, model and shapes ended; this one starts there
-///         and not from rest.
+///     history: History of another press of the same body, model and shapes, from whose end this
+///         one continues; it starts from rest if not given.
 ///
 /// Raises:
-///     ValueError: If a frame does not fit the shapes, a number is not finite, or a path and a force
-///         are given together.
+///     ValueError: If a frame does not fit the shapes, a number is not finite, or a path and a
+///         force are given together.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Press {
     pub(super) inner: deformation::Press,
-    /// Whether one shape was given by itself: its pose then comes back by itself.
+    /// `true` if a single shape was given without a list; its pose is then returned without a list.
     pub(super) single: bool,
 }
 
@@ -76,7 +76,7 @@ impl Press {
     }
 }
 
-/// The items of a list, or the one that was given in its place (and then `true`).
+/// Items of a list and `false`, or a single item given in place of a list and `true`.
 pub(super) fn one_or_many<'py, T: PyClass>(
     name: &str,
     kind: &str,
@@ -102,7 +102,7 @@ fn frames(path: &Bound<'_, PyAny>) -> PyResult<Vec<Vec<Isometry3<f64>>>> {
     frames.enumerate().map(|(i, found)| frame(&format!("path[{i}]"), &found?)).collect()
 }
 
-/// Poses (S) of one frame: a list of them, or one by itself.
+/// Poses (S) of one frame: a list of them, or a single one without a list.
 fn frame(name: &str, found: &Bound<'_, PyAny>) -> PyResult<Vec<Isometry3<f64>>> {
     if is_pose(found) {
         return Ok(vec![pose(name, found)?]);
@@ -112,7 +112,8 @@ fn frame(name: &str, found: &Bound<'_, PyAny>) -> PyResult<Vec<Isometry3<f64>>> 
     poses.enumerate().map(|(i, found)| pose(&format!("{name}[{i}]"), &found?)).collect()
 }
 
-/// Whether the first item of the first item is a number and not a position.
+/// Returns whether `found` is a pose and not a list of poses: the first item of its first item is
+/// then a number.
 fn is_pose(found: &Bound<'_, PyAny>) -> bool {
     let position = found.get_item(0).and_then(|position| position.get_item(0));
     position.is_ok_and(|x| x.extract::<f64>().is_ok())
@@ -134,5 +135,5 @@ pub(super) fn pose(name: &str, found: &Bound<'_, PyAny>) -> PyResult<Isometry3<f
     Ok(Isometry3::from_parts(Translation3::from(position), rotation))
 }
 
-/// How far the length of a unit quaternion in single precision may be from 1.
+/// Largest deviation of a quaternion's length from 1, which allows for single precision.
 const ROUNDING: f64 = 1e-6;

@@ -13,10 +13,10 @@ use crate::error::python_error;
 /// Values (P) and normals (P, 3).
 type Distances<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
 
-/// A rigid solid in its own frame: the origin at its middle, z along its axis of symmetry.
+/// Rigid solid in its own frame: the origin at its middle, z along its axis of symmetry.
 ///
-/// Made by one of its static methods. Lengths are in m, from 1e-5 to 1; what describes no solid is
-/// a ValueError.
+/// Create it with one of its static methods. Lengths are in m, from 1e-5 to 1; dimensions that
+/// describe no solid raise a ValueError.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Shape {
     pub(super) inner: geometry::Shape,
@@ -24,13 +24,13 @@ pub(crate) struct Shape {
 
 #[pymethods]
 impl Shape {
-    /// Ball of a radius.
+    /// Ball of a given radius.
     #[staticmethod]
     fn sphere(radius: f64) -> PyResult<Self> {
         Self::of(geometry::Shape::Sphere { radius })
     }
 
-    /// Box with edges along the axes, of half their lengths (3,).
+    /// Box with edges along the axes, of the half-lengths (3,).
     #[staticmethod]
     fn cuboid(half_extents: &Bound<'_, PyAny>) -> PyResult<Self> {
         let half_extents = vector("half_extents", half_extents)?.into();
@@ -49,13 +49,13 @@ impl Shape {
         Self::of(geometry::Shape::Capsule { radius, half_height })
     }
 
-    /// Cone about z, apex up, of the radius of its base.
+    /// Cone about z, apex up; the radius is that of its base.
     #[staticmethod]
     fn cone(radius: f64, half_height: f64) -> PyResult<Self> {
         Self::of(geometry::Shape::Cone { radius, half_height })
     }
 
-    /// Right prism over a regular polygon of 3 or more sides, a flat one facing +x; the radius is
+    /// Right prism over a regular polygon of 3 or more sides, with a side facing +x; the radius is
     /// that of the polygon's corners.
     #[staticmethod]
     fn prism(sides: i64, radius: f64, half_height: f64) -> PyResult<Self> {
@@ -63,7 +63,7 @@ impl Shape {
         Self::of(geometry::Shape::Prism { sides, radius, half_height })
     }
 
-    /// Cylinder about z with a concentric hole, of its outer radius and that of the hole.
+    /// Cylinder about z with a concentric hole, of the radii `outer` and `inner`.
     #[staticmethod]
     fn annulus(outer: f64, inner: f64, half_height: f64) -> PyResult<Self> {
         Self::of(geometry::Shape::Annulus { outer, inner, half_height })
@@ -75,8 +75,8 @@ impl Shape {
         Self::of(geometry::Shape::Ellipsoid { semi_axes: vector("semi_axes", semi_axes)?.into() })
     }
 
-    /// Open vessel about z: a conical wall on a flat bottom, both of one thickness, of its outer
-    /// radii at the bottom and at the rim.
+    /// Open vessel about z: a conical wall on a flat bottom, both of thickness `wall`; `bottom` and
+    /// `rim` are outer radii.
     #[staticmethod]
     fn cup(bottom: f64, rim: f64, half_height: f64, wall: f64) -> PyResult<Self> {
         Self::of(geometry::Shape::Cup { bottom, rim, half_height, wall })
@@ -85,7 +85,7 @@ impl Shape {
     /// Lumpy ellipsoid, r(d) = r0(d) (1 + sum a cos(k . d + phi)) along the unit vector d.
     ///
     /// Args:
-    ///     semi_axes: Those of the ellipsoid (3,), whose radius is r0.
+    ///     semi_axes: Semi-axes (3,) of the ellipsoid, whose radius along d is r0(d).
     ///     waves: Relative amplitude a, vector k (3,) and phase phi (rad) of each wave; the
     ///         amplitudes add up to less than 0.5.
     #[staticmethod]
@@ -101,7 +101,7 @@ impl Shape {
         Self::of(geometry::Shape::StarShaped(StarShaped::new(axes, waves)))
     }
 
-    /// Solid under the plane z = 0.
+    /// Half-space under the plane z = 0.
     #[staticmethod]
     fn half_space() -> Self {
         Self { inner: geometry::Shape::HalfSpace }
@@ -110,7 +110,7 @@ impl Shape {
     /// Solid inside a watertight surface of triangles.
     ///
     /// Args:
-    ///     vertices: Places (V, 3) in m; those that coincide are merged.
+    ///     vertices: Positions (V, 3) in m; those that coincide are merged.
     ///     faces: Corners of the triangles (F, 3), all counter-clockwise seen from outside or all
     ///         clockwise.
     #[staticmethod]
@@ -122,7 +122,7 @@ impl Shape {
         Self::of(geometry::Shape::Mesh(Arc::new(surface)))
     }
 
-    /// Solid inside the watertight surface of an .obj or .stl file, `scale` metres to a unit.
+    /// Solid inside the watertight surface of an .obj or .stl file, whose unit is `scale` (m) long.
     #[staticmethod]
     #[pyo3(signature = (path, scale=1.0))]
     #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
@@ -134,7 +134,7 @@ impl Shape {
     /// Signed distances of points to the surface, and their gradients.
     ///
     /// Args:
-    ///     points: Places (P, 3) in the frame of the shape, in m.
+    ///     points: Positions (P, 3) in the frame of the shape, in m.
     ///
     /// Returns:
     ///     Distances (P,) in m, negative inside, and outward unit normals (P, 3) at the nearest

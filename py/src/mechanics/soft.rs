@@ -1,4 +1,4 @@
-//! The trained network for soft objects as an answerer.
+//! Trained network for soft objects as a model of presses.
 
 use std::{path::PathBuf, sync::Mutex};
 
@@ -12,14 +12,13 @@ use super::{
 };
 use crate::error::python_error;
 
-/// A graph network for a soft object between two rigid fingers: what finite elements add to linear
-/// elasticity.
+/// Graph network that corrects a linear solution of a soft object between two rigid fingers.
 ///
-/// The free object's linear answer, with friction, is computed first; the network corrects it on the
-/// mesh of `body`. Another object is another graph and not another network. Without contact the answer
-/// is exactly zero.
+/// The linear solution of the free object, with friction, is computed first; the network corrects
+/// it on the mesh of `body`. The same network serves all objects. Without contact the solution is
+/// exactly zero.
 ///
-/// A press is of two equal cuboids, ``Press([box, box], poses)``: the fingers, whose sides at +z face
+/// A press has two equal cuboids, ``Press([box, box], poses)``: the fingers, whose sides at +z face
 /// the object, in the object's frame.
 ///
 /// Args:
@@ -30,12 +29,12 @@ use crate::error::python_error;
 ///     weights: "soft", the shipped weights, or the path of a .safetensors file.
 ///
 /// Raises:
-///     ValueError: If the weights are not known or damaged, a number is out of its range, or the shape
-///         has no mesh.
+///     ValueError: If the weights are not known or damaged, a number is out of its range, or the
+///         shape has no mesh.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct SoftSurrogate {
     model: Mutex<soft::SoftSurrogate>,
-    /// The object's mesh, with its material, that answers refer to.
+    /// Object's body, with mesh and material, to which solutions refer.
     #[pyo3(get)]
     body: Py<SoftBody>,
 }
@@ -66,20 +65,20 @@ impl SoftSurrogate {
         Ok(Self { model: Mutex::new(model), body: Py::new(py, body)? })
     }
 
-    /// What the weights are, as JSON: form, training, data, errors on what they never saw.
+    /// Description of the weights as JSON: form, training, data, errors on unseen data.
     #[getter]
     fn card(&self) -> String {
         serde_json::to_string(locked(&self.model).card()).expect("plain data")
     }
 
-    /// Where each press ends, as Fem.solve.
+    /// Solves each press and returns its last frame, as Fem.solve.
     ///
     /// Args:
     ///     presses: A list of Press, or one.
     ///
     /// Returns:
-    ///     A list with a Deformation for each press, or the PressError that says why there is none.
-    ///     `residual` is that of the linear answer.
+    ///     A list with a Deformation for each press, or a PressError with the reason if it is not
+    ///     solved. `residual` is that of the linear solution.
     fn solve<'py>(
         &self,
         py: Python<'py>,
@@ -88,7 +87,7 @@ impl SoftSurrogate {
         solve(py, &self.model, presses)
     }
 
-    /// Every frame of one press, in order, as Fem.solve_path.
+    /// Solves every frame of one press, in order, as Fem.solve_path.
     ///
     /// Returns:
     ///     A list with a Deformation for each frame. It ends early with a PressError at the first
@@ -98,8 +97,8 @@ impl SoftSurrogate {
         frames.into_iter().map(|frame| answer(py, frame, press)).collect()
     }
 
-    /// Whether an answer of this network lies within what it was trained on: displacement, Poisson's
-    /// ratio, friction.
+    /// Returns whether displacement, Poisson's ratio and friction of a solution of this network lie
+    /// within its training data.
     fn knows(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
         Ok(locked(&self.model).knows(&vectors(answer.displacement.bind(py))?))
     }

@@ -1,4 +1,4 @@
-//! The trained network as an answerer.
+//! Trained network for pads as a model of presses.
 
 use std::{
     path::{Path, PathBuf},
@@ -15,10 +15,11 @@ use super::{
 };
 use crate::error::python_error;
 
-/// A graph network that corrects the linear answer: as fine finite elements, at a fraction of the time.
+/// Graph network that corrects a linear solution, to approximate fine finite elements in less time.
 ///
-/// Linear elasticity, condensed on a mesh as fine as the network's teacher, answers first; the network
-/// adds what large strain does, on the coarser mesh of `body`. Without contact it adds nothing, exactly.
+/// The linear elastic solution is computed first, condensed on a mesh as fine as that of the
+/// training data; the network adds the effect of large strain, on the coarser mesh of `body`.
+/// Without contact the correction is exactly zero.
 ///
 /// Args:
 ///     weights: Name of shipped weights: "default" for accuracy, "swift" for speed.
@@ -29,16 +30,16 @@ use crate::error::python_error;
 ///     friction: Coefficient of friction; the sensor's at rest if not given.
 ///
 /// Raises:
-///     ValueError: If a name is not known, or the sensor's pad is not one for the network.
+///     ValueError: If a name is not known, or the network does not fit the sensor's pad.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Surrogate {
     model: Mutex<surrogate::Surrogate>,
-    /// The mesh, with its material, that answers refer to.
+    /// Body, with mesh and material, to which solutions refer.
     #[pyo3(get)]
     body: Py<SoftBody>,
 }
 
-/// What a network is put on.
+/// Gel to which a network is applied.
 pub(super) struct Gel {
     pub(super) sensor: Sensor,
     pub(super) moduli: Moduli,
@@ -67,7 +68,7 @@ impl Surrogate {
         Self::of(py, model.map_err(python_error)?)
     }
 
-    /// A network of one's own, from the weights that `ruffini train` wrote.
+    /// Loads a network of one's own, from weights written by `ruffini train`.
     ///
     /// Args:
     ///     path: The .safetensors file.
@@ -96,28 +97,28 @@ impl Surrogate {
         Self::of(py, model.map_err(python_error)?)
     }
 
-    /// The same network evaluated by Candle's layers, the oracle of the fast path: the same answers but
-    /// for rounding, more slowly.
+    /// Same network evaluated by Candle's layers, the reference for the fast implementation:
+    /// slower, with the same solutions up to rounding.
     fn plain(&self, py: Python<'_>) -> Self {
         let model = locked(&self.model).plain();
         Self { model: Mutex::new(model), body: self.body.clone_ref(py) }
     }
 
-    /// What the weights are, as JSON: form, training, data, errors on what they never saw.
+    /// Description of the weights as JSON: form, training, data, errors on unseen data.
     #[getter]
     fn card(&self) -> String {
         serde_json::to_string(locked(&self.model).card()).expect("plain data")
     }
 
-    /// Where each press ends, as Fem.solve.
+    /// Solves each press and returns its last frame, as Fem.solve.
     ///
     /// Args:
     ///     presses: A list of Press, or one.
     ///
     /// Returns:
-    ///     A list with a Deformation for each press, or the PressError that says why there is none.
-    ///     `residual` is the force out of balance by the elements of `body`'s own coarse mesh, which
-    ///     even the truth does not balance.
+    ///     A list with a Deformation for each press, or a PressError with the reason if it is not
+    ///     solved. `residual` is the residual force with the elements of `body`'s own coarse mesh;
+    ///     it is not zero even for the exact solution.
     fn solve<'py>(
         &self,
         py: Python<'py>,
@@ -126,7 +127,7 @@ impl Surrogate {
         solve(py, &self.model, presses)
     }
 
-    /// Every frame of one press, in order, as Fem.solve_path.
+    /// Solves every frame of one press, in order, as Fem.solve_path.
     ///
     /// Returns:
     ///     A list with a Deformation for each frame. It ends early with a PressError at the first
@@ -136,12 +137,13 @@ impl Surrogate {
         frames.into_iter().map(|frame| answer(py, frame, press)).collect()
     }
 
-    /// Whether an answer of this network is like what it was trained on.
+    /// Returns whether a solution of this network is like its training data.
     ///
-    /// That is: Poisson's ratio and friction are within the data's; displacement, net force and the number
-    /// of nodes that bear it are like most of the data's, as the card's `usual` says; and at most half as
-    /// much is out of balance. Where nothing is felt: if the skin does not reach into what presses, as it
-    /// may between the nodes of "swift". What is lighter or touches fewer nodes may be right, too.
+    /// Poisson's ratio and friction must lie within those of the data, displacement, net force and
+    /// number of force-bearing nodes within the bounds of most of the data (`usual` in the card),
+    /// and the residual may be at most half of the net force. Without contact force, the skin must
+    /// not overlap a shape, which may happen unnoticed between the nodes of "swift". A solution
+    /// with a smaller force or fewer nodes than usual may still be accurate.
     fn knows(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
         let moved = vectors(answer.displacement.bind(py))?;
         let forces = vectors(answer.contact_force.bind(py))?;

@@ -1,4 +1,4 @@
-//! Fields carried between meshes of one body.
+//! Transfer of fields between meshes of one body.
 
 use nalgebra::Vector3;
 use numpy::{PyArray1, PyArray2};
@@ -11,12 +11,12 @@ use super::{
 };
 use crate::error::python_error;
 
-/// How fields on one mesh (V vertices, T tetrahedra) become fields on another of the same body
-/// (V', T').
+/// Transfer of fields from one mesh (V vertices, T tetrahedra) to another of the same body (V',
+/// T').
 ///
 /// Args:
-///     source: The undeformed mesh that fields come from.
-///     target: The undeformed mesh that they are carried to.
+///     source: Undeformed mesh from which fields are transferred.
+///     target: Undeformed mesh to which fields are transferred.
 ///
 /// Raises:
 ///     ValueError: If a vertex of one mesh lies far off the other.
@@ -36,7 +36,7 @@ impl Transfer {
         Ok(Self { inner, vertices: from.vertices.len(), tets: from.tets.len() })
     }
 
-    /// A nodal field at the vertices of the target, by linear interpolation.
+    /// Interpolates a nodal field linearly at the vertices of the target.
     ///
     /// Args:
     ///     nodal: Vectors (V, 3).
@@ -52,7 +52,7 @@ impl Transfer {
         Ok(array_of_vectors(py, &self.inner.interpolate(&nodal)))
     }
 
-    /// Nodal forces handed to the vertices of the target around them.
+    /// Distributes nodal forces to the surrounding vertices of the target.
     ///
     /// Args:
     ///     forces: Forces (V, 3).
@@ -68,7 +68,7 @@ impl Transfer {
         Ok(array_of_vectors(py, &self.inner.spread(&forces)))
     }
 
-    /// A field on tetrahedra averaged over those of the target, by 35 points in each.
+    /// Averages a field on tetrahedra over those of the target, with 35 points in each.
     ///
     /// Args:
     ///     per_tet: Values (T,).
@@ -90,7 +90,7 @@ impl Transfer {
 }
 
 impl Transfer {
-    /// One vector for each vertex of the source.
+    /// Extracts one vector for each vertex of the source.
     fn nodal(&self, name: &str, found: &Bound<'_, PyAny>) -> PyResult<Vec<Vector3<f64>>> {
         let vectors = rows::<3>(name, found)?;
         if vectors.len() != self.vertices {

@@ -1,8 +1,8 @@
-"""Trained agents, one a task: `load` one, and it acts without torch.
+"""Trained agents, one per task: `load` returns one, which acts without torch.
 
 ``ruffini.agents.load("GraspLift").predict(observation)`` has Stable-Baselines3's signature;
-``ruffini demo`` plays one. `ruffini.agents.sb3` writes agents, and gives them back to
-Stable-Baselines3 to go on training.
+``ruffini demo`` plays one. `ruffini.agents.sb3` writes agents, and converts them to models of
+Stable-Baselines3 to continue their training.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ def names() -> list[str]:
 
 
 def load(name: str | PathLike[str]) -> Agent:
-    """The agent of a task, or that in a .safetensors file.
+    """Load the agent of a task, or the one in a .safetensors file.
 
     Args:
-        name: A task as `environment_id` takes it, or the path of a file.
+        name: A task, in a form that `environment_id` accepts, or the path of a file.
 
     Raises:
-        ValueError: If there is no such agent, or the file does not hold one that can be read.
+        ValueError: If there is no such agent, or the file does not hold a readable one.
     """
     if Path(name).suffix == SUFFIX:
         return Agent.read(name)
@@ -48,14 +48,14 @@ def load(name: str | PathLike[str]) -> Agent:
 
 
 def environment_id(task: str) -> str:
-    """The environment's id for ``GraspLift``, ``grasp-lift``, ``GraspLift-v0`` or the id itself.
+    """Id of an environment from ``GraspLift``, ``grasp-lift``, ``GraspLift-v0`` or the id itself.
 
     Raises:
         ValueError: If there is no such task.
     """
     ids = sorted(name for name in gym.registry if name.startswith("ruffini/"))
     tasks = [name.removeprefix("ruffini/").split("-v")[0] for name in ids]
-    # The newest version of a task has its bare name.
+    # A name without version stands for the newest version of the task.
     known = {_key(t): name for t, name in zip(tasks, ids, strict=True)}
     known |= {_key(name): name for name in ids}
     key = _key(task)
@@ -68,6 +68,6 @@ def environment_id(task: str) -> str:
 
 
 def _key(task: str) -> str:
-    """The letters and digits of a task's name."""
+    """Letters and digits of a task's name, in lower case."""
     bare = task.lower().removeprefix("ruffini:").removeprefix("ruffini/")
     return bare.replace("-", "").replace("_", "")

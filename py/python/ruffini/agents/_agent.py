@@ -1,9 +1,9 @@
-"""A trained policy as its file has it, and what it does, in numpy.
+"""Trained policy read from its file, and its evaluation in numpy.
 
-Each channel that was normalised in training is so here, as ``VecNormalize`` does:
-x' = clip((x − mean) / √(variance + ε)). A field of touch goes pad by pad through the network of
-`ruffini.sb3.TouchExtractor`. All features together go through a perceptron, whose last layer says
-the mean of the action. Its file is safetensors, with a `Card` as JSON in the metadata.
+Each channel that was normalised in training is normalised here, as by ``VecNormalize``:
+x' = clip((x − mean) / √(variance + ε)). A field of touch passes, pad by pad, through the network of
+`ruffini.sb3.TouchExtractor`. All features together are the input of a perceptron, whose last layer
+outputs the mean of the action. The file is safetensors, with a `Card` as JSON in the metadata.
 
 Shapes: N environments, C numbers of a channel, H width of a layer, F features, A = 5 numbers of an
 action.
@@ -42,37 +42,37 @@ class Network(TypedDict):
     order: list[str]
     """Channels in the order in which the policy reads them."""
     touch: dict[str, list[int]]
-    """Channels that are fields of touch, with the widths of the layers of their network."""
+    """Channels that are fields of touch, with the layer widths of their networks."""
     policy: list[int]
     """Widths of the policy's hidden layers."""
     value: list[int]
     """Widths of the value function's hidden layers."""
     activation: str
-    """Between those layers: a key of `ACTIVATIONS`."""
+    """Activation between those layers: a key of `ACTIVATIONS`."""
 
 
 class Normaliser(TypedDict):
-    """How observations are normalised."""
+    """Normalisation of the observations."""
 
     channels: list[str]
-    """The channels that are."""
+    """Channels that are normalised."""
     count: float
-    """Number of observations that the statistics are of."""
+    """Number of observations in the statistics."""
     clip: float
-    """Bound of what is normalised."""
+    """Bound of the normalised values."""
     epsilon: float
-    """Added to the variance."""
+    """Constant added to the variance."""
 
 
 class Card(TypedDict):
-    """What an agent is, and how good."""
+    """Description of an agent and its success."""
 
     format: int
     """`FORMAT` of the file."""
     ruffini: str
     """Version of ruffini that wrote it."""
     commit: str
-    """Commit that it was trained by."""
+    """Commit with which it was trained."""
     env: str
     """Id of its environment."""
     settings: dict[str, Any]
@@ -93,7 +93,7 @@ class Card(TypedDict):
     evaluation: dict[str, Any]
     """``success``, its 95 % ``interval``, ``return``, over ``episodes`` seeds from ``first_seed``.
 
-    What :func:`ruffini.evaluation.evaluate` says of the agent.
+    Result of :func:`ruffini.evaluation.evaluate` for the agent.
     """
     network: Network
     normaliser: Normaliser
@@ -111,12 +111,12 @@ class Agent:
     """A trained policy with its card; `ruffini.agents.load` makes one.
 
     Args:
-        card: What it is.
-        tensors: Its numbers by name, as `shapes` says.
-        name: How errors call it.
+        card: Description of the agent.
+        tensors: Arrays by name, with the shapes that `shapes` returns.
+        name: Name of the agent in error messages.
 
     Raises:
-        ValueError: If the card is of another format or not whole, or the tensors do not fit it.
+        ValueError: If the card has another format or is incomplete, or the tensors do not fit it.
     """
 
     def __init__(
@@ -129,10 +129,10 @@ class Agent:
 
     @classmethod
     def read(cls, path: str | PathLike[str]) -> Agent:
-        """The agent in a file.
+        """Read the agent in a file.
 
         Raises:
-            ValueError: If there is none that can be read.
+            ValueError: If there is no readable one.
         """
         try:
             data = Path(path).read_bytes()
@@ -146,7 +146,7 @@ class Agent:
         return cls(card, tensors, f"agent {path}")
 
     def to_bytes(self) -> bytes:
-        """The bytes of its file."""
+        """Bytes of the agent's file."""
         return write_tensors(self.tensors, json.dumps(self.card))
 
     @property
@@ -165,10 +165,10 @@ class Agent:
         return dict(self.card["channels"])
 
     def check(self, space: gym.Space[Any]) -> None:
-        """Checks that observations of `space` are what the agent was trained on.
+        """Check that observations of `space` are those on which the agent was trained.
 
         Raises:
-            ValueError: If their channels or sizes are others.
+            ValueError: If their channels or sizes differ.
         """
         if isinstance(space, gym.spaces.Dict):
             expected = {name: int(np.prod(box.shape or ())) for name, box in space.items()}
@@ -184,7 +184,7 @@ class Agent:
             )
 
     def seed(self, seed: int | None) -> None:
-        """Restarts the random stream of predictions that are not deterministic."""
+        """Restart the random stream of predictions that are not deterministic."""
         self._random = np.random.default_rng(seed)
 
     def predict(
@@ -197,11 +197,12 @@ class Agent:
         """Actions (N, 5) for observations of N environments, or (5,) for those of one.
 
         Args:
-            observation: A mapping of channels (N, C) or (C,), or all in a row in the environment's
-                order, as with ``obs="flat"``.
-            state: Given back as it is.
-            episode_start: Nothing depends on it.
-            deterministic: If false, actions are drawn as they were in training.
+            observation: A mapping of channels (N, C) or (C,), or all channels in a row in the
+                environment's order, as with ``obs="flat"``.
+            state: Returned unchanged.
+            episode_start: Not used.
+            deterministic: If false, actions are drawn from the policy's distribution, as in
+                training.
 
         Raises:
             ValueError: If a channel is missing or of another size.
@@ -220,7 +221,7 @@ class Agent:
         return sum(self.card["channels"].values())
 
     def _cut(self, observation: Any) -> dict[str, Floats]:
-        """The channels of an observation, checked."""
+        """Split an observation into its channels, and check them."""
         sizes = self.card["channels"]
         if isinstance(observation, Mapping):
             missing = [name for name in sizes if name not in observation]
@@ -254,7 +255,7 @@ class Agent:
         return np.concatenate(parts, axis=1)
 
     def _normal(self, name: str, values: Floats) -> Floats:
-        """A channel (N, C) as ``VecNormalize`` hands it on."""
+        """Normalise a channel (N, C) as ``VecNormalize`` does."""
         normaliser = self.card["normaliser"]
         mean = self.tensors[f"normaliser.{name}.mean"]
         variance = self.tensors[f"normaliser.{name}.variance"]
@@ -270,7 +271,7 @@ class Agent:
         return strong.reshape(len(values), -1)
 
     def _layers(self, name: str, values: Floats, activation: str) -> Floats:
-        """A perceptron's output, without an activation after its last layer."""
+        """Output of a perceptron, without an activation after its last layer."""
         layer = 0
         while f"{name}.{layer}.weight" in self.tensors:
             if layer > 0:
@@ -282,9 +283,9 @@ class Agent:
 
 
 def shapes(card: Card) -> dict[str, tuple[int, ...]]:
-    """The tensors of an agent's file by name, with their shapes.
+    """Names and shapes of the tensors of an agent's file.
 
-    ``normaliser.*`` are float64, as ``VecNormalize`` has them; the rest is float32.
+    ``normaliser.*`` are float64, as in ``VecNormalize``; the others are float32.
     """
     network, found = card["network"], dict[str, tuple[int, ...]]()
     for name in card["normaliser"]["channels"]:
@@ -313,7 +314,7 @@ def _perceptron(name: str, widths: list[int]) -> dict[str, tuple[int, ...]]:
 
 
 def _check_card(card: Any, name: str) -> None:
-    """A ``ValueError`` unless `card` is whole and of our format."""
+    """Raise a ``ValueError`` unless `card` is complete and of format `FORMAT`."""
     if not isinstance(card, dict) or not isinstance(card.get("format"), int):
         raise ValueError(f"{name}: found no card, expected that of an agent of format {FORMAT}")
     if card["format"] != FORMAT:
@@ -327,7 +328,7 @@ def _check_card(card: Any, name: str) -> None:
 
 
 def _check_tensors(card: Card, tensors: dict[str, NDArray[Any]], name: str) -> None:
-    """A ``ValueError`` unless `tensors` are those of the card, and finite."""
+    """Raise a ``ValueError`` unless `tensors` are those of the card, and finite."""
     try:
         expected = shapes(card)
         known = card["network"]["activation"] in ACTIVATIONS

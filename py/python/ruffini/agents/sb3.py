@@ -1,4 +1,4 @@
-"""Agents out of Stable-Baselines3, and back to go on training; needs the extra ``train``."""
+"""Conversion of agents from and to Stable-Baselines3; needs the extra ``train``."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _HYPERPARAMETERS = (
     "max_grad_norm",
     "target_kl",
 )
-"""Keyword arguments of PPO that it keeps under their names."""
+"""Keyword arguments of PPO that the model has as attributes of the same name."""
 
 
 def export(
@@ -51,25 +51,25 @@ def export(
     episodes: int = 200,
     progress: Progress | None = None,
 ) -> Agent:
-    """Writes a trained model as an agent, with its success as the agent itself shows it.
+    """Write a trained model as an agent, with the success rate of the exported agent.
 
-    The file has policy, value function and normalisation; the optimiser starts anew where training
-    goes on. Schedules are kept as their first values.
+    The file holds policy, value function and normalisation, but not the state of the optimiser. Of
+    schedules, it holds the initial values.
 
     Args:
         model: The model.
-        normaliser: What normalises its observations.
+        normaliser: Normalisation of its observations.
         path: The .safetensors file.
-        env_id: Environment that it was trained in.
+        env_id: Id of the environment in which it was trained.
         settings: Keyword arguments of that environment, but for ``obs``.
         seed: Seed of the training run.
         threads: Threads of the training run.
         commit: Commit of this library.
-        episodes: How many evaluation seeds are played, for the card.
-        progress: Is told how far they are.
+        episodes: Number of evaluation episodes, for the card.
+        progress: Callback after every step; see `Progress`.
 
     Raises:
-        ValueError: If the model is not one that an agent can stand for.
+        ValueError: If the model cannot be represented as an agent.
     """
     policy = _checked(model)
     flat = not isinstance(model.observation_space, gym.spaces.Dict)
@@ -107,16 +107,16 @@ def export(
 
 
 def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> PPO:
-    """The agent as a model of Stable-Baselines3, with its normalisation, to go on training.
+    """Convert the agent to a model of Stable-Baselines3, with its normalisation, for training.
 
     Args:
         agent: The agent.
-        envs: Environments to train in, not normalised; ``None`` makes those of the card. They may
-            have other settings than the agent's, but the same channels.
+        envs: Environments to train in, not normalised; ``None`` creates those of the card. Their
+            settings may differ from the agent's, but not their channels.
         **hyperparameters: Keyword arguments of PPO in place of the card's, and ``n_envs``.
 
     Raises:
-        ValueError: If the environments' channels are not the agent's.
+        ValueError: If the channels of the environments are not those of the agent.
     """
     card = agent.card
     arguments: dict[str, Any] = {"seed": card["seed"], "device": "cpu"}
@@ -124,7 +124,7 @@ def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> 
     n_envs = arguments.pop("n_envs")
     flat = card["policy"] == "MlpPolicy"
     if envs is None:
-        # Other episodes than those that it has seen.
+        # A seed whose episodes were not used in training.
         seed = arguments["seed"] + 1_000_003 + card["steps"]
         obs = "flat" if flat else "dict"
         made = make_vec_env(card["env"], n_envs=n_envs, seed=seed, obs=obs, **card["settings"])
@@ -149,7 +149,7 @@ def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> 
 
 
 def _checked(model: Any) -> ActorCriticPolicy:
-    """The policy of a model that an agent can stand for."""
+    """Policy of a model, checked to be one that an agent can represent."""
     if not isinstance(model, PPO):
         raise ValueError(f"model: found {type(model).__name__}, expected PPO")
     policy = model.policy
@@ -185,7 +185,7 @@ def _channels(env_id: str, settings: dict[str, Any]) -> dict[str, int]:
 
 
 def _parameters(policy: ActorCriticPolicy) -> dict[str, torch.Tensor]:
-    """What an agent's file has of a policy, by its names there."""
+    """Parameters of a policy by their names in an agent's file."""
     named: dict[str, torch.Tensor] = {"log_std": policy.log_std}
     extractor = policy.features_extractor
     if isinstance(extractor, TouchExtractor):
@@ -228,7 +228,7 @@ def _network(policy: ActorCriticPolicy, channels: dict[str, int]) -> Network:
 def _statistics(
     normaliser: VecNormalize | None, channels: dict[str, int]
 ) -> tuple[Normaliser, dict[str, NDArray[np.float64]]]:
-    """How observations are normalised, and the means and variances by their names in the file."""
+    """Normalisation of observations, and means and variances by their names in the file."""
     saved: Normaliser = {"channels": [], "count": 0.0, "clip": 10.0, "epsilon": 1e-8}
     numbers: dict[str, NDArray[np.float64]] = {}
     if normaliser is None or not normaliser.norm_obs:
@@ -270,7 +270,7 @@ def _normalised(agent: Agent, envs: VecEnv, gamma: float) -> VecNormalize:
 def _running(
     normaliser: VecNormalize, channels: dict[str, int]
 ) -> list[tuple[list[str], RunningMeanStd]]:
-    """The running statistics, each with the channels that it is of: one, or all in a row."""
+    """Running statistics, each with its channels: a single one, or all in a row."""
     found: Any = normaliser.obs_rms
     if isinstance(found, dict):
         return [([name], running) for name, running in found.items()]

@@ -1,6 +1,6 @@
-"""The ``ruffini`` command: one module to a subcommand.
+"""The ``ruffini`` command: one module per subcommand.
 
-Exit status: 0, 1 for a computation that failed, 2 for bad input, 130 if interrupted.
+Exit status: 0, 1 for a failed computation, 2 for bad input, 130 if interrupted.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _COMMANDS = (demo, dataset, train, evaluate, press, recommend)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command line, or `arguments`, and returns the exit status."""
+    """Run the command with `arguments`, or those of the process; return the exit status."""
     parser = argparse.ArgumentParser(prog="ruffini", description="Soft tactile fingertips.")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(metavar="command", required=True)

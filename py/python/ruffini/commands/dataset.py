@@ -1,4 +1,4 @@
-"""``ruffini dataset``: datasets of solved grasps, made and looked into."""
+"""``ruffini dataset``: generation and inspection of datasets of solved grasps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SETTINGS = {
 
 
 def add_to(commands: Any) -> None:
-    """Adds the subcommand to the parser's."""
+    """Add the subcommand to the parser."""
     parser: argparse.ArgumentParser = commands.add_parser(
         "dataset", help="make or look into a dataset of solved grasps"
     )
@@ -73,7 +73,7 @@ def _generate(options: argparse.Namespace) -> None:
 
 
 class _Line:
-    """The line that says how far a generation has come."""
+    """Callback that prints the progress of a generation on one line."""
 
     def __init__(self, folder: str):
         self._folder = folder
@@ -110,7 +110,7 @@ class _Line:
 
 
 def _held_out(grasps: int) -> str:
-    """What few grasps of each object leave empty in the splits."""
+    """Note on the parts of the splits that are empty with few grasps per object."""
     if grasps >= 3:
         return ""
     parts = "no validation part" if grasps == 2 else "no validation part, no test on known objects"
@@ -135,7 +135,7 @@ def _inspect(options: argparse.Namespace) -> None:
 
 
 def _balance(found: dataset.Dataset) -> None:
-    """The worst of all frames' imbalances, and where it is."""
+    """Print the largest imbalances of all frames, and in which frames they occur."""
     units = {"contact": "N", "force": "N", "torque": "N m"}
     worst = dict.fromkeys(units, (-1.0, ""))
     for frame in found:

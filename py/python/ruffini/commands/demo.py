@@ -1,4 +1,4 @@
-"""``ruffini demo``: the agent of a task at play."""
+"""``ruffini demo``: play the agent of a task."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ruffini.evaluation import FIRST_SEED, evaluate, line
 
 _TASK = "GraspLift"
 _EPISODES = {"ruffini/GraspSoft-v0": 15}
-"""Episodes of a task whose presses are slow."""
+"""Default number of episodes of tasks whose presses are slow."""
 _WIDTH = 30
 """Width of the progress bar."""
 
 
 def add_to(commands: Any) -> None:
-    """Adds the subcommand to the parser's."""
+    """Add the subcommand to the parser."""
     parser: argparse.ArgumentParser = commands.add_parser(
         "demo",
         help="watch the agent of a task",
@@ -49,10 +49,10 @@ def add_to(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Plays, and prints the success.
+    """Play the agent and print its success rate.
 
     Raises:
-        ValueError: If an option makes no sense, or the agent is not one of that environment.
+        ValueError: If an option is invalid, or the agent is for another environment.
         SimulationError: If the video cannot be made.
     """
     agent = _agent(options.task, options.agent)
@@ -92,7 +92,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _agent(task: str | None, path: str | None) -> Agent:
-    """The agent in a file, or that of a task; if both are given, they have to fit."""
+    """Load the agent in a file, or that of a task; if both are given, they must match."""
     if path is None:
         return load(environment_id(_TASK if task is None else task))
     agent = load(path)
@@ -104,7 +104,7 @@ def _agent(task: str | None, path: str | None) -> Agent:
 
 
 def _check_environment(agent: Agent) -> int:
-    """Most steps of an episode, if the environment is such as the agent was trained in."""
+    """Check that agent and environment match; return the step limit of an episode."""
     try:
         envs = gym.make_vec(agent.env_id, **agent.settings)
     except (gym.error.Error, TypeError, ValueError) as error:
@@ -117,14 +117,14 @@ def _check_environment(agent: Agent) -> int:
 
 
 def _verdict(found: Sequence[float], told: Sequence[float]) -> str:
-    """Whether two intervals of a success have something in common."""
+    """Text that compares two confidence intervals of a success rate."""
     if found[1] < told[0]:
         return "less than its card says"
     return "more than its card says" if found[0] > told[1] else "as its card says"
 
 
 class _Bar:
-    """A progress bar on a terminal; elsewhere a line a quarter."""
+    """Progress bar on a terminal; elsewhere one line per quarter."""
 
     def __init__(self, limit: int) -> None:
         self._limit, self._shown = limit, ""

@@ -1,4 +1,4 @@
-"""``ruffini evaluate``: errors of a surrogate on presses that it never saw."""
+"""``ruffini evaluate``: errors of a surrogate on unseen presses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ruffini import surrogate
 
 
 def add_to(commands: Any) -> None:
-    """Adds the subcommand to the parser's."""
+    """Add the subcommand to the parser."""
     parser: argparse.ArgumentParser = commands.add_parser(
         "evaluate",
         help="errors of a surrogate on a dataset",
@@ -48,6 +48,6 @@ def _evaluate(options: argparse.Namespace) -> None:
 
 
 def _median(values: list[float | None]) -> str:
-    """In percent; a dash for what is not said."""
+    """Format the median in percent; a dash if there are no values."""
     ordered = sorted(value for value in values if value is not None)
     return f"{100 * ordered[len(ordered) // 2]:.2f}" if ordered else "-"

@@ -12,13 +12,13 @@ from ruffini import Deformation, Fem, History, Press, PressError, Shape, sensor
 from ruffini.commands import shapes
 
 _STRIDE = 1e-4
-"""Longest way between two frames (m): friction follows the path."""
+"""Longest step between two frames (m): friction depends on the path."""
 _UPSIDE_DOWN = (1.0, 0.0, 0.0, 0.0)
 """Orientation of the shape: its z points into the gel."""
 
 
 def add_to(commands: Any) -> None:
-    """Adds the subcommand to the parser's."""
+    """Add the subcommand to the parser."""
     parser: argparse.ArgumentParser = commands.add_parser(
         "press",
         help="press one shape into the gel of a sensor",
@@ -42,10 +42,10 @@ def add_to(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Solves the press, writes its fields and prints its figures.
+    """Solve the press, write its fields and print a summary.
 
     Raises:
-        ValueError: If an option makes no sense.
+        ValueError: If an option is invalid.
         PressError: If the press is not solved.
     """
     body = sensor(options.sensor, options.calibration, options.resolution)
@@ -73,10 +73,11 @@ def run(options: argparse.Namespace) -> None:
 def touching_height(shape: Shape, vertices: NDArray[np.float64]) -> float:
     """Height of the shape's origin at which it first touches `vertices` (V, 3) from above (m).
 
-    It comes down along z by its least distance at a time, which cannot lead past a vertex.
+    The shape is lowered along z in steps of its smallest distance to a vertex, which cannot pass
+    any vertex.
 
     Raises:
-        ValueError: If it passes beside them.
+        ValueError: If it passes beside all of them.
     """
     height, lowest = 3.0, vertices[:, 2].min() - 3.0
     while height > lowest:
@@ -88,7 +89,7 @@ def touching_height(shape: Shape, vertices: NDArray[np.float64]) -> float:
 
 
 def _ways(name: str, whole: float, least: float) -> NDArray[np.float64]:
-    """Parts of the way `whole` (m), all of one length, up to its end."""
+    """Distances (m) that divide `whole` (m) into equal steps of at most `_STRIDE`."""
     if not least < whole <= 1.0:
         raise ValueError(f"{name}: found {whole} m, expected more than {least} m, at most 1 m")
     count = int(np.ceil(abs(whole) / _STRIDE - 1e-9))
@@ -98,13 +99,13 @@ def _ways(name: str, whole: float, least: float) -> NDArray[np.float64]:
 def _follow(
     fem: Fem, shape: Shape, positions: NDArray[np.float64], history: History | None = None
 ) -> list[Deformation]:
-    """Frames with the shape at `positions` (F, 3)."""
+    """Solve frames with the shape at `positions` (F, 3)."""
     path = [(position, _UPSIDE_DOWN) for position in positions]
     return _solved(fem.solve_path(Press(shape, path, history=history)))
 
 
 def _solved(frames: list[Deformation | PressError]) -> list[Deformation]:
-    """The frames, if all are solved; else the error is raised."""
+    """Return the frames if all are solved, else raise the error."""
     for frame in frames:
         if isinstance(frame, PressError):
             raise frame

@@ -1,4 +1,4 @@
-"""``ruffini recommend``: the fastest answerer that is as accurate as is asked for."""
+"""``ruffini recommend``: the fastest model within a given error."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from importlib import resources
 from typing import Any
 
 _FILE = "answerers.json"
-"""Written by tests/reports/pareto.py."""
+"""File of measured errors and times, written by tests/reports/pareto.py."""
 
 
 def add_to(commands: Any) -> None:
-    """Adds the subcommand to the parser's."""
+    """Add the subcommand to the parser."""
     parser: argparse.ArgumentParser = commands.add_parser(
         "recommend",
         help="the fastest answerer within an error",
@@ -54,7 +54,7 @@ def _recommend(options: argparse.Namespace) -> None:
 def _ranked(
     found: dict[str, dict[str, Any]], what: str, share: str
 ) -> list[tuple[str, float, float, str]]:
-    """Name, error, time (ms) and use of all answerers that know of `what`, fastest first."""
+    """Name, error, time (ms) and use of all models with an error of `what`, fastest first."""
     known = {what for row in found.values() for what in row["errors"]}
     if what not in known:
         raise ValueError(f"of: found {what}, expected one of {', '.join(sorted(known))}")
@@ -67,7 +67,7 @@ def _ranked(
 
 
 def _error(text: str) -> float:
-    """A share from ``3%`` or ``0.03``."""
+    """Parse a fraction such as ``3%`` or ``0.03``."""
     try:
         share = float(text.rstrip("% ")) / (100 if "%" in text else 1)
     except ValueError:

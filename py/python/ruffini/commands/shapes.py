@@ -1,4 +1,4 @@
-"""Shapes as they are written on the command line: ``sphere:0.004``, ``part.stl``."""
+"""Shapes on the command line: ``sphere:0.004``, ``part.stl``."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _FORMS: dict[str, tuple[Callable[..., Shape], str]] = {
 }
 
 FORMS = ", ".join(f"{name}:{lengths}".rstrip(":") for name, (_, lengths) in _FORMS.items())
-"""What a shape may be written as, lengths in m."""
+"""Forms in which a shape can be written, lengths in m."""
 
 
 def shape(text: str) -> Shape:
-    """The shape that `text` names, or that the .obj or .stl file (in m) there holds.
+    """Parse a shape from `text`: a name with lengths, or the path of an .obj or .stl file (in m).
 
     Raises:
         ValueError: If it is neither.

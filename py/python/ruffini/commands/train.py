@@ -1,4 +1,4 @@
-"""``ruffini train``: a surrogate trained on a dataset."""
+"""``ruffini train``: train a surrogate on a dataset."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ _PARTS = {
     **dict.fromkeys(("baseline", "a", "b"), ("u", "stress", "object's motion", "rigid motion")),
     "soft": ("u", "stress", "nodal forces", "force"),
 }
-"""What the four errors of an epoch are."""
+"""Names of the four errors of an epoch."""
 
 
 def add_to(commands: Any) -> None:
-    """Adds the subcommand to the parser's."""
+    """Add the subcommand to the parser."""
     parser: argparse.ArgumentParser = commands.add_parser(
         "train",
         help="train a surrogate on a dataset",
@@ -112,7 +112,7 @@ def _teller(parts: tuple[str, ...]) -> Callable[[str, dict[str, Any]], bool]:
 
 
 def _answerers(card: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The errors in a card by who answers what."""
+    """Errors in a card by model and part of the data."""
     if card["variant"] == "corrector":
         return {"surrogate": card["test"], "linear": card["linear"]}
     if card["variant"] == "soft":
@@ -122,7 +122,7 @@ def _answerers(card: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def summary(answerers: dict[str, dict[str, Any]]) -> str:
-    """A table of errors, a column to each answerer."""
+    """Format a table of errors, one column per model."""
     rows = [f"{'':<18}" + "".join(f"{who:>18}" for who in answerers) + "   median / 95 %"]
     for part in ("displacement", "stress", "stressed", "peak", "nodal_force", "force"):
         cells = [
