@@ -1,6 +1,6 @@
-//! Time of a press of a ball into a gel pad by linear compliance, with the finite elements beside it.
+//! Time of a press of a ball into a gel pad by linear compliance, compared with finite elements.
 //!
-//! Goal: 0.5 ms a press on about 1,000 nodes, one thread, no sweeps.
+//! Goal: 0.5 ms per press on about 1,000 nodes, on one thread, without sweeps.
 
 #![allow(missing_docs)] // criterion's macros expand to undocumented functions
 
@@ -36,7 +36,7 @@ fn pressed(depth: f64) -> Press {
     Press::along(ball(), vec![at(0.0, depth)]).expect("a path of finite poses")
 }
 
-/// The next 50 µm of a ball that is 0.5 mm deep, as a control step of an environment asks for it.
+/// Press that moves a ball 0.5 mm deep by another 50 µm, as in a control step of an environment.
 fn moved_on(history: History) -> Press {
     let next = Press::along(ball(), vec![at(0.03 * MM, 0.54 * MM)]);
     next.and_then(|press| press.after(history)).expect("the same shapes")
@@ -83,7 +83,7 @@ fn presses(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Shapes turned so that their lowest part touches, with the height of their origin above it (m).
+/// Shapes turned so that their lowest part touches, with the pose of first touch.
 fn objects() -> Vec<(&'static str, Shape, Isometry3<f64>)> {
     let about_y = |angle: f64| Isometry3::rotation(Vector3::y() * angle);
     let cylinder = Shape::Cylinder { radius: 10.0 * MM, half_height: 30.0 * MM };
@@ -104,8 +104,8 @@ fn objects() -> Vec<(&'static str, Shape, Isometry3<f64>)> {
     solids.into_iter().map(on_top).collect()
 }
 
-/// A control step of 0.1 mm from a press of 0.5 mm, on, aside and round, the first touch, and ten
-/// frames from there, by object.
+/// Times a control step of 0.1 mm after a press of 0.5 mm (deeper, sideways, and a rotation), the
+/// first touch, and ten frames from there, for each object.
 fn steps(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("step");
     group.sample_size(20);

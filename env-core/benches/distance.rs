@@ -1,4 +1,4 @@
-//! Nanoseconds per signed-distance and per ray query, every kind of shape.
+//! Time of a signed-distance query and of a ray query, for each kind of shape.
 
 use std::{hint::black_box, sync::Arc};
 
@@ -30,7 +30,7 @@ fn shapes() -> Vec<(&'static str, Shape)> {
     ]
 }
 
-/// Points within 3 mm of the surface: where a finger asks.
+/// Points within 3 mm of the surface, where fingers evaluate distances.
 fn points(shape: &Shape) -> Vec<Point3<f64>> {
     let spread = |i: u32, step: f64| 0.08 * ((f64::from(i) * step).fract() - 0.5);
     (0..40_000)

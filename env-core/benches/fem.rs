@@ -1,7 +1,8 @@
-//! Time of a converged frame on the path of a ball into a gel pad, and of a whole grasp, one thread.
+//! Time of a converged frame on the path of a ball into a gel pad, and of a whole grasp, on one
+//! thread.
 //!
-//! Goals: 25 ms a frame on about 1,000 nodes, 150 ms on 3,000, 1 s on 10,000; 5 s a grasp of 50 frames
-//! on 900.
+//! Goals: 25 ms per frame on about 1,000 nodes, 150 ms on 3,000, 1 s on 10,000; 5 s per grasp of 50
+//! frames on 900.
 
 #![allow(missing_docs)] // criterion's macros expand to undocumented functions
 
@@ -37,7 +38,8 @@ fn frames(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Poses of two pads that face each other along x, `gap` between their bases, `aside` along z.
+/// Poses of two pads that face each other along x, with `gap` (m) between their bases and shifted
+/// by `aside` (m) along z.
 fn facing(gap: f64, aside: f64) -> [Isometry3<f64>; 2] {
     [1.0, -1.0].map(|side| {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), side * FRAC_PI_2);
@@ -45,7 +47,8 @@ fn facing(gap: f64, aside: f64) -> [Isometry3<f64>; 2] {
     })
 }
 
-/// Closed by 1.36 mm in 35 frames and moved aside by 0.45 mm in 15, on the GelSight Mini.
+/// Times grasps by two pads of the GelSight Mini, closed by 1.36 mm in 35 frames and then moved
+/// sideways by 0.45 mm in 15.
 fn grasps(criterion: &mut Criterion) {
     let sensor = Sensor::named("gelsight-mini").expect("the sensor is known");
     let gel = &sensor.calibrations[0];

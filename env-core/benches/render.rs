@@ -1,4 +1,4 @@
-//! Frames a second at 640 × 480 on one core, with and without antialiasing.
+//! Time of a frame at 640 × 480 on one core, with and without antialiasing.
 
 use std::hint::black_box;
 

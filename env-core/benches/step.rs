@@ -1,5 +1,5 @@
-//! Environment steps per second on one thread, rigid and with touch, and what soft pads cost in a grasp:
-//! `cargo bench --bench step`.
+//! Environment steps per second on one thread, rigid and tactile, and the cost of soft pads in a
+//! grasp: `cargo bench --bench step`.
 
 use std::{hint::black_box, sync::Arc};
 
@@ -28,7 +28,8 @@ fn started(config: Config) -> Batch {
     batch
 }
 
-/// Actions (N, 5) that wander through the workspace and open and close, the same on every run.
+/// Actions (N, 5) that move the hand through the workspace and open and close it, the same in every
+/// run.
 fn actions(step: usize) -> Vec<f32> {
     let phase = |i: usize| (0.61 * i as f32 + 0.13 * step as f32).sin();
     (0..5 * ROWS).map(phase).collect()
@@ -53,8 +54,8 @@ fn steps(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// A control step of 40 ms in which both fingers hold an object of 100 g with 5 N and its state is
-/// read; soft pads are corrected besides.
+/// Times a control step of 40 ms in which both fingers hold an object of 100 g with 5 N and its
+/// state is read; soft pads are also corrected.
 fn grasps(criterion: &mut Criterion) {
     let sensor = Sensor::named("gelsight-mini").expect("a known sensor");
     let soft = SoftPads::new(&sensor, &sensor.calibrations[0]);
@@ -86,7 +87,7 @@ fn grasps(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Environment steps in which both fingers hold an object with 20 N and observe the markers.
+/// Times environment steps in which both fingers hold an object with 20 N and observe the markers.
 fn touches(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("touch");
     group.throughput(Throughput::Elements(ROWS as u64));

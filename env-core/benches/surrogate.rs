@@ -1,9 +1,10 @@
-//! Time of a held object's next micrometre on a gel pad: by the networks, the linear answers that they
-//! correct, and finite elements as fine as their teacher; each without stress and residual, and whole.
+//! Time of a further motion of a held object by 1 µm on a gel pad: by the networks, by the linear
+//! model that they correct, and by finite elements as fine as those that produced the training
+//! data; each without stress and residual, and complete.
 //!
-//! Goal: 1 ms a press on one thread, everything included. The matrix products of the networks are timed
-//! by themselves, beside one that is large enough for the highest rate (Gelem/s are GFLOP/s): the goal is
-//! 60 % of it.
+//! Goal: 1 ms per press on one thread, everything included. The matrix products of the networks are
+//! also timed alone, beside one that is large enough for the highest rate (Gelem/s are GFLOP/s);
+//! the goal is 60 % of that rate.
 
 #![allow(missing_docs)] // criterion's macros expand to undocumented functions
 
@@ -26,7 +27,7 @@ const FRICTION: f64 = 0.8;
 const STRESSED: Wanted = Wanted { stress: true, residual: false };
 const WHOLE: Wanted = Wanted { stress: true, residual: true };
 
-/// A shape, how far it reaches below its origin, and how deep it is held (m).
+/// Name, shape, its extent below its origin (m), and the depth at which it is held (m).
 struct Held(&'static str, Shape, f64, f64);
 
 fn held() -> [Held; 3] {
@@ -46,7 +47,7 @@ impl Held {
         Press::along(vec![shape.clone()], path.iter().map(pose).collect()).expect("finite poses")
     }
 
-    /// Onwards by a micrometre down and across from where `model` holds it.
+    /// Press that moves the shape by 1 µm down and 1 µm sideways from where `model` holds it.
     fn onwards(&self, model: &impl DeformationModel) -> Press {
         let depth = self.3;
         let steps = 1 + (depth / (0.2 * MM)) as usize;
@@ -96,13 +97,13 @@ fn presses(criterion: &mut Criterion) {
     }
 }
 
-/// A product of a matrix of so many rows and columns with one of so many columns.
+/// Matrix product, as rows and columns of the left factor, and columns of the right one.
 type Product = [usize; 3];
 
-/// Numbers that a network is told of a column of nodes.
+/// Number of input features of a column of nodes.
 const FEATURES: usize = 26;
 
-/// The matrix products of `network` for a press on a pad of `cells`, as the fast path takes them.
+/// Matrix products of `network` in a press on a pad of `cells`, as on the fast path.
 fn products(network: &CorrectorConfig, cells: [u32; 3]) -> Vec<Product> {
     let (w, mut size) = (network.width, [cells[0] + 1, cells[1] + 1]);
     let mut rows = Vec::new();
@@ -110,7 +111,8 @@ fn products(network: &CorrectorConfig, cells: [u32; 3]) -> Vec<Product> {
         rows.push((size[0] * size[1]) as usize);
         size = size.map(|n| n.div_ceil(2));
     }
-    // Encoder, nodes' heads, corners of tetrahedra; then rounds by scale, and links between scales.
+    // Encoder, heads of the nodes, corners of tetrahedra; then rounds on each scale, and links
+    // between scales.
     let mut found = vec![[rows[0], FEATURES, w], [rows[0], w, w], [rows[0], w, w]];
     found.extend([[rows[0], w, 12], [rows[0], w, network.corner]]);
     let rounds = network.down.iter().zip(&rows).chain(network.up.iter().zip(&rows));

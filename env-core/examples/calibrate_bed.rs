@@ -1,9 +1,9 @@
 //! Fits the bristles of soft pads to finite elements: `calibrate_bed [SENSOR [NODES]]`.
 //!
-//! Every calibration of the sensor is pressed by balls, cylinders and blocks, 0.1 to 1 mm deep, with a
-//! friction coefficient of 1, and moved aside by 0.05 mm. The four numbers of `bristles` are
-//! those with the least squared logarithmic error of all forces; the errors are printed, and the
-//! line for `assets/sensors`.
+//! The pad of every calibration of the sensor is pressed by balls, cylinders and blocks, 0.1 to 1
+//! mm deep, with a friction coefficient of 1, and sheared by a sideways motion of 0.05 mm. The four
+//! numbers of `bristles` minimise the squared logarithmic error of all forces. The errors are
+//! printed, followed by the line for `assets/sensors`.
 
 use std::{env, f64::consts::FRAC_PI_2, process::ExitCode};
 
@@ -20,20 +20,20 @@ use ruffini_core::{
 const MM: f64 = 1e-3;
 const FRICTION: f64 = 1.0;
 const DEPTHS: [f64; 6] = [0.1, 0.2, 0.3, 0.5, 0.7, 1.0];
-/// Depths at which the indenter is moved aside, and how far (mm).
+/// Depths at which the indenter is moved sideways (`SHEARED`), and the distance (`ASIDE`), in mm.
 const SHEARED: [f64; 2] = [0.3, 1.0];
 const ASIDE: f64 = 0.05;
 
-/// What presses, and how it is turned.
+/// Indenter and its orientation.
 struct Indenter {
     name: &'static str,
     object: ObjectModel,
     turn: UnitQuaternion<f64>,
-    /// From its frame's origin down to its lowest point (m).
+    /// Distance from the origin of its frame down to its lowest point (m).
     reach: f64,
 }
 
-/// Forces at every depth, and sideways after every motion aside (N).
+/// Normal force at every depth, and tangential force after every sideways motion (N).
 struct Curve {
     normal: Vec<f64>,
     sideways: Vec<f64>,
@@ -99,7 +99,7 @@ fn indenters() -> Result<Vec<Indenter>> {
 }
 
 impl Indenter {
-    /// Down to `depth` (mm) by the depths before, then aside.
+    /// Poses that lead down to `depth` (mm) through the smaller depths, then sideways.
     fn path(&self, depth: f64) -> Vec<Isometry3<f64>> {
         let at = |x: f64, depth: f64| {
             let place = Vector3::new(x * MM, 0.0, self.reach - depth * MM);
@@ -109,7 +109,8 @@ impl Indenter {
         down.chain([at(ASIDE, depth)]).collect()
     }
 
-    /// The curve of a model that answers paths with forces on the pad (N).
+    /// Computes the curve of a model; `answer` returns its force on the pad (N) in each pose of a
+    /// path.
     fn curve(
         &self,
         answer: impl Fn(&[Isometry3<f64>]) -> Result<Vec<Vector3<f64>>>,
@@ -148,8 +149,8 @@ fn of_bed(pads: &SoftPads, indenter: &Indenter) -> Curve {
     curve.expect("a bed always answers")
 }
 
-/// Sum of squared logarithmic errors. At 0.1 mm ten micrometres, nothing to a grasp, are a fifth of
-/// the force, so forces there count a third.
+/// Sum of squared logarithmic errors. The normal force at 0.1 mm counts a third: there a depth
+/// error of 10 µm, irrelevant to a grasp, changes the force by a fifth.
 fn misfit(bed: &Curve, truth: &Curve) -> f64 {
     let error = |(a, b): (&f64, &f64)| (a.max(1e-9) / b).ln().powi(2);
     let normal = bed.normal.iter().zip(&truth.normal).map(error).enumerate();
@@ -157,7 +158,7 @@ fn misfit(bed: &Curve, truth: &Curve) -> f64 {
     normal.map(|(i, e)| if i == 0 { e / 3.0 } else { e }).sum::<f64>() + sideways.sum::<f64>()
 }
 
-/// The bristles of least misfit, found by pattern search.
+/// Finds the bristles of least misfit by pattern search.
 fn fit(indenters: &[Indenter], truth: &[Curve], start: SoftPads) -> SoftPads {
     let with = |x: &[f64; 4]| {
         let [normal, coupling, shear, spread] = *x;
@@ -172,7 +173,7 @@ fn fit(indenters: &[Indenter], truth: &[Curve], start: SoftPads) -> SoftPads {
     let (mut least, mut step) = (loss(&best), 0.1);
     while step > 5e-4 {
         let mut improved = false;
-        // A step of a factor goes with one of its exponent: the valley of the misfit lies so.
+        // Factor and exponent are also changed together, along the narrow valley of the misfit.
         for way in [[1.0, 0.0], [0.0, 1.0], [1.0, 0.4], [1.0, -0.4]] {
             for (pair, sign) in [(0, 1.0), (0, -1.0), (2, 1.0), (2, -1.0)] {
                 let mut next = best;

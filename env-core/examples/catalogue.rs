@@ -1,7 +1,7 @@
-//! A picture of all objects: `cargo run --release --example catalogue -- catalogue.png`.
+//! Draws a picture of all objects: `cargo run --release --example catalogue -- catalogue.png`.
 //!
-//! One tile each, in the order of the catalogue from the upper left and all at one scale; the
-//! families' names and members are printed row by row.
+//! Each object has one tile, in the order of the catalogue from the upper left and all at one
+//! scale; the objects' names are printed row by row.
 
 use std::{error::Error, fs::File, io::BufWriter};
 
@@ -61,7 +61,7 @@ fn draw(renderer: &mut Renderer, object: &Object) -> Result<Vec<u8>, ruffini_cor
     )
 }
 
-/// The object on the table, long ones lying down.
+/// Pose of the object on the table; long ones lie.
 fn standing(object: &Object) -> Isometry3<f64> {
     let lying = matches!(
         object.family,

@@ -1,9 +1,9 @@
-//! Trains one of the paper's networks, or the corrector, within a budget of processor time and writes
-//! its errors, and the weights of one of the paper's networks, into a folder.
+//! Trains one of the paper's networks, or the corrector, within a budget of processor time. Writes
+//! its errors into a folder, and for one of the paper's networks also the weights.
 //!
-//! `paper DATA OUT RUN [STUDY]`: RUN is JSON such as `{"paper": {"network": {"variant": "b", "input":
-//! "force"}, "density": "coarse"}}` or `{"corrector": {}}`, STUDY such as `{"seconds": 1500, "seed": 1}`.
-//! One thread. Linux, whose /proc tells the time.
+//! `paper DATA OUT RUN [STUDY]`: RUN is JSON such as `{"paper": {"network": {"variant": "b",
+//! "input": "force"}, "density": "coarse"}}` or `{"corrector": {}}`, STUDY such as `{"seconds":
+//! 1500, "seed": 1}`. Uses one thread. Runs on Linux only, as processor time is read from /proc.
 
 mod common;
 

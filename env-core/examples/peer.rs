@@ -1,8 +1,9 @@
-//! Our half of `tests/reference/peer.py`: the pad's mesh, and the time of a frame on it.
+//! Counterpart of `tests/reference/peer.py` in this library: the pad's mesh, and the time of a
+//! frame on it.
 //!
-//! `peer mesh FILE.npz` writes the mesh; `peer speed` prints as JSON, for every element without
-//! and with friction, the least mean seconds a frame of two runs on one thread and the force at the
-//! end (N).
+//! `peer mesh FILE.npz` writes the mesh. `peer speed` prints as JSON, for every element without and
+//! with friction, the mean time of a frame (s), the smaller of two runs on one thread, and the
+//! force at the end (N).
 
 #[path = "../../tests/physics/bodies.rs"]
 mod bodies;
@@ -16,7 +17,7 @@ use ruffini_core::{
 };
 use serde_json::{Map, Value, json};
 
-/// Cells of the pad: 1,020 vertices.
+/// Numbers of cells of the pad, which give 1,020 vertices.
 const CELLS: [usize; 3] = [14, 16, 3];
 
 fn main() -> ExitCode {
@@ -44,7 +45,8 @@ fn speed() -> Result<Value> {
     Ok(Value::Object(times))
 }
 
-/// Pressed in only without friction, moved aside, too, with it.
+/// Time and final force of one configuration. Without friction the ball is only pressed in; with
+/// friction it is also moved sideways.
 fn timed(options: Options) -> Result<Value> {
     let fem = Fem::new(gel_pad(CELLS), options)?;
     let count = if options.friction == 0.0 { 10 } else { 20 };

@@ -1,9 +1,10 @@
-//! Rapier's own soft bodies beside our finite elements: a ball that is pushed into a gel pad.
+//! Compares Rapier's own soft bodies with the finite elements of this library: a ball is pushed
+//! into a gel pad.
 //!
-//! `cargo run --release --features rapier-fem --example rapier_pad [OUT.json]`, two minutes. The pad has
-//! the same mesh, material and law (stable neo-Hookean tetrahedra) in both, and no friction. Rapier moves
-//! a ball by a force until it rests; ours is led to the depth at which it rests, and says what force that
-//! takes. One thread.
+//! `cargo run --release --features rapier-fem --example rapier_pad [OUT.json]` takes two minutes.
+//! The pad has the same mesh, material and law (stable neo-Hookean tetrahedra) in both, and there
+//! is no friction. Rapier moves a ball by a force until it rests; this library moves the ball to
+//! the depth of that rest and computes the force. Uses one thread.
 
 #[path = "../../tests/physics/bodies.rs"]
 #[allow(dead_code)]
@@ -24,31 +25,31 @@ use ruffini_core::{
 };
 use serde_json::{Value, json};
 
-/// Rapier is given millimetres, kilograms and seconds: it is tuned for bodies of a few units. A force is
-/// then in mN, a stress in kPa.
+/// Length unit for Rapier (m). Rapier is given millimetres, kilograms and seconds, as it is tuned
+/// for bodies of a few units; a force is then in mN, a stress in kPa.
 const MM: f64 = 1e-3;
 const RADIUS: f64 = 4.0;
 const DENSITY: f32 = 1e-6;
-/// Cells of the pad: 1,020 vertices.
+/// Numbers of cells of the pad, which give 1,020 vertices.
 const CELLS: [usize; 3] = [14, 16, 3];
 /// Force on the ball (N).
 const FORCE: f64 = 0.5;
-/// Rapier's solver of a body, and how much stiffer than its contacts of rigid bodies those of soft ones
-/// are; 4 is its default.
+/// Rapier's solvers of the soft body, each with the stiffness of its contacts relative to those of
+/// rigid bodies (default 4).
 const ASKED: [(&str, SoftBodySolver, f32); 4] = [
     ("fem", SoftBodySolver::Fem, 4.0),
     ("fem", SoftBodySolver::Fem, 40.0),
     ("fem", SoftBodySolver::Fem, 400.0),
     ("constraints", SoftBodySolver::Constraints, 40.0),
 ];
-/// Length of a frame of ours (m).
+/// Length of a load step of the finite elements (m).
 const FRAME: f64 = 1e-4;
-/// A step of Rapier (s), most of them, and the speed below which the ball rests (mm/s).
+/// Time step of Rapier (s), largest number of steps, and speed below which the ball rests (mm/s).
 const STEP: f32 = 1.0 / 500.0;
 const STEPS: usize = 3000;
 const RESTS: f32 = 1e-2;
 
-/// Where Rapier's ball rests.
+/// State in which Rapier's ball rests.
 struct Rest {
     depth: f64,
     displacement: Vec<Vector3<f64>>,
@@ -79,7 +80,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The ball pushed onto Rapier's pad.
+/// Pushes the ball onto Rapier's pad.
 fn rested(body: &SoftBody, solver: SoftBodySolver, stiffening: f32) -> Rest {
     let start = Instant::now();
     let mut world = PhysicsWorld::new();
@@ -137,7 +138,7 @@ fn rested(body: &SoftBody, solver: SoftBodySolver, stiffening: f32) -> Rest {
     Rest { depth, displacement: displacement.collect(), steps, seconds, speed }
 }
 
-/// Ours led to where Rapier's ball rests.
+/// Moves the ball of the finite elements to the depth at which Rapier's ball rests, and compares.
 fn compared(body: &SoftBody, rest: &Rest) -> Result<Value, Box<dyn Error>> {
     let options = Options { element: Element::P1, friction: 0.0, ..Options::default() };
     let fem = Fem::new(body.clone(), options)?;

@@ -1,4 +1,5 @@
-//! What training programs share. Linux, whose /proc tells the time.
+//! Functions shared by the training programs. Runs on Linux only, as processor time is read from
+//! /proc.
 
 use std::{error::Error, fs, process::Command};
 

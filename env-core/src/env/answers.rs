@@ -1,4 +1,4 @@
-//! The one call in which a model answers all presses.
+//! Solves the presses of all rows in one call to a model.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -10,16 +10,16 @@ use crate::{
     tactile::{Model, SoftObject},
 };
 
-/// What became of a press.
+/// Result of a press.
 pub(super) struct Answer {
     pub(super) found: Result<Deformation>,
-    /// Kind of the error ([`Error::kind`]) with which the way there failed, if `found` is what the shape
-    /// meets at its end when put there from rest: what the contact remembered is lost.
+    /// Kind of the error ([`Error::kind`]) of the whole press, if `found` is the solution of its
+    /// last pose from rest instead; the history of the contact is then lost.
     pub(super) retaken: Option<&'static str>,
 }
 
-/// What `model` answers to `presses`, as far as it is `wanted`, on the threads of `pool` or where it is
-/// called. A panic in one press is that one's error.
+/// Solves `presses` by `model`, with the optional parts `wanted`, on the threads of `pool` or of
+/// the caller. A panic in one press becomes the error of that press.
 pub(super) fn answers(
     model: &mut Model,
     presses: &[Press],
@@ -30,8 +30,8 @@ pub(super) fn answers(
     within(pool, || retaken(presses, ask))
 }
 
-/// What each of the soft `objects` answers to its press, as [`answers`]; a row without its object is an
-/// error.
+/// Solves each press by the model of its soft object, like [`answers`]. A press without an object
+/// is an error.
 pub(super) fn answers_of_objects(
     objects: &[Option<&SoftObject>],
     presses: &[Press],
@@ -54,8 +54,8 @@ fn within<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Send) -
     }
 }
 
-/// What `ask` says of the numbered presses; those that fail on their way are asked again from where they
-/// end.
+/// Solves the presses by `ask`, which receives their indices with them. A press that fails is
+/// solved again from rest with only its last pose ([`Press::its_end`]).
 fn retaken(
     presses: &[Press],
     mut ask: impl FnMut(&[usize], &[Press]) -> Vec<Result<Deformation>>,
@@ -108,7 +108,7 @@ mod tests {
         let radius = 8e-3;
         let at = |depth: f64| vec![Isometry3::translation(0.0, 0.0, radius - depth)];
         let press = Press::along(vec![Shape::Sphere { radius }], vec![at(3e-4)]).unwrap();
-        // A history that is no body's.
+        // A history that fits no body.
         let displacement = vec![Vector3::zeros(); 3];
         let poses = at(-1e-3);
         let history = History { displacement, poses, anchors: Vec::new(), forces: Vec::new() };

@@ -1,4 +1,4 @@
-//! Many rows stepped together, on the threads of this process.
+//! Batch of rows that are stepped together on the threads of this process.
 
 use std::{mem, process, sync::Arc};
 
@@ -19,54 +19,55 @@ use crate::{
     task::ACTION_SIZE,
 };
 
-/// When a row whose episode has ended starts the next one.
+/// Time at which a row whose episode has ended starts the next one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Autoreset {
-    /// On the next step, which ignores its action.
+    /// On the next step, whose action is ignored.
     NextStep,
-    /// In the same step; the last observation is kept apart.
+    /// In the same step; the last observation of the old episode is returned separately.
     SameStep,
     /// Never: the caller resets rows by mask.
     Disabled,
 }
 
-/// Stress of the darkest colour in a picture, in Young's moduli, where no limit is set: that of a
-/// small ball pressed with some 8 N.
+/// Von Mises stress of the darkest colour in a picture, relative to Young's modulus, if the episode
+/// has no stress limit: that of a small ball pressed with about 8 N.
 const DARKEST: f64 = 0.3;
 
-/// N rows with shared settings.
+/// Batch of N rows with shared settings.
 pub struct Batch {
     setup: Arc<Setup>,
     rows: Vec<Row>,
-    /// Answers what presses the fingers, unless they are rigid.
+    /// Model that solves the presses of the fingers; `None` if they are rigid.
     model: Option<tactile::Model>,
-    /// Time spent for all rows at once.
+    /// Time spent on all rows together.
     costs: Costs,
     autoreset: Autoreset,
     threads: usize,
-    /// The pool and the process that started it: a forked child has none of its threads.
+    /// Thread pool and the id of the process that started it: a forked child has none of its
+    /// threads.
     pool: Option<(u32, ThreadPool)>,
-    /// The latest observation (N, D).
+    /// Latest observations (N, D).
     observation: Vec<f32>,
-    /// Shared by all rows, and there only once a picture was asked for.
+    /// Renderer of all rows, created with the first picture.
     renderer: Option<SceneRenderer>,
 }
 
-/// What a step of the whole batch came to.
+/// Result of a step of the whole batch.
 #[derive(Clone, Debug, Default)]
 pub struct StepResult {
     /// Observations (N, D).
     pub observation: Vec<f32>,
-    /// One outcome a row.
+    /// Outcome of each row.
     pub outcomes: Vec<Outcome>,
-    /// Rows that ended in this step and have already started anew (same-step autoreset), with the
-    /// observation (D) that their episode ended with.
+    /// Rows whose episode ended in this step and that have already started the next one (same-step
+    /// autoreset), with the last observation (D) of the ended episode.
     pub finals: Vec<(usize, Vec<f32>)>,
 }
 
 impl Batch {
-    /// A batch of `rows` rows that steps on up to `threads` threads. No thread starts before the
-    /// first step that needs one.
+    /// Creates a batch of `rows` rows that uses up to `threads` threads. No thread starts before
+    /// the first step that needs one.
     pub fn new(
         setup: Arc<Setup>,
         rows: usize,
@@ -105,7 +106,7 @@ impl Batch {
         &self.rows
     }
 
-    /// Restarts the random stream of every row that has a seed.
+    /// Restarts the random stream of each row that has a seed.
     pub fn seed(&mut self, seeds: &[Option<u64>]) -> Result<()> {
         self.expect_length("seed", seeds.len(), "one seed a row")?;
         for (row, seed) in self.rows.iter_mut().zip(seeds) {
@@ -116,7 +117,8 @@ impl Batch {
         Ok(())
     }
 
-    /// Starts a new episode in the rows that `mask` names, or in all; all observations (N, D).
+    /// Starts a new episode in the rows that `mask` selects, or in all, and returns all
+    /// observations (N, D).
     pub fn reset(&mut self, mask: Option<&[bool]>) -> Result<Vec<f32>> {
         if let Some(mask) = mask {
             self.expect_length("reset_mask", mask.len(), "one flag a row")?;
@@ -135,7 +137,7 @@ impl Batch {
         Ok(self.observation.clone())
     }
 
-    /// Takes one step in every row; `actions` is (N, 5).
+    /// Takes one step in each row; `actions` is (N, 5).
     pub fn step(&mut self, actions: &[f32]) -> Result<StepResult> {
         let (actions, rest) = actions.as_chunks::<ACTION_SIZE>();
         if !rest.is_empty() {
@@ -171,7 +173,7 @@ impl Batch {
         Ok(StepResult { observation: self.observation.clone(), ..result })
     }
 
-    /// Has the presses of all rows answered in one call.
+    /// Solves the presses of all rows in one call.
     fn feel(&mut self) {
         let soft = self.setup.soft(0).is_some();
         if self.model.is_none() && !soft {
@@ -200,8 +202,8 @@ impl Batch {
         }
     }
 
-    /// The stages that a step of this batch runs, with their mean times since the beginning, since
-    /// the last [`Batch::load`] or since the last time that `forget` was set.
+    /// Stages of a step of this batch, with their mean times since the start, the last
+    /// [`Batch::load`] or the last call with `forget`.
     pub fn plan(&mut self, forget: bool) -> Vec<Stage> {
         let mut costs = self.costs.clone();
         self.rows.iter().for_each(|row| costs.include(row.costs()));
@@ -216,7 +218,7 @@ impl Batch {
         self.rows.iter_mut().for_each(Row::forget_costs);
     }
 
-    /// A picture (height, width, 3), sRGB, of one row's scene.
+    /// Draws the scene of one row as an sRGB picture (height, width, 3).
     pub fn render(&mut self, row: usize, width: usize, height: usize) -> Result<Vec<u8>> {
         let state = self.rows.get(row).and_then(Row::state);
         let Some((state, draw)) = state else {
@@ -245,8 +247,8 @@ impl Batch {
         picture
     }
 
-    /// What the fingers of a row feel, answered anew for a picture; none where nothing touches or there
-    /// is no answer. The row goes on as if it had not been asked.
+    /// Solves the current contact of a row's fingers again, for a picture; `None` where nothing
+    /// touches or the solution fails. The state of the row does not change.
     fn felt_by(&mut self, row: usize) -> Result<PerFinger<Deformation>> {
         self.start_threads()?;
         let mut felt = [None, None];
@@ -268,15 +270,15 @@ impl Batch {
         Ok(felt)
     }
 
-    /// Every row as bytes.
+    /// Saves each row as bytes.
     pub fn save(&self) -> Vec<Vec<u8>> {
         let size = self.setup.layout().size();
         let rows = self.rows.iter().zip(self.observation.chunks(size));
         rows.map(|(row, observation)| snapshot::save(row, observation, &self.setup)).collect()
     }
 
-    /// Puts every row back to what [`Batch::save`] saved; on an error nothing changes. All
-    /// observations (N, D).
+    /// Restores each row from the result of [`Batch::save`] and returns all observations (N, D). On
+    /// an error nothing changes.
     pub fn load(&mut self, states: &[impl AsRef<[u8]>]) -> Result<Vec<f32>> {
         self.expect_length("state", states.len(), "one snapshot a row")?;
         let (mut rows, mut observation) = (Vec::new(), Vec::new());
@@ -308,14 +310,15 @@ impl Batch {
         Err(Error::invalid("step", found, "a reset before it"))
     }
 
-    /// What `act` returns for each row, its index and its observation (D).
+    /// Calls `act` with the index, the row and the observation (D) of each row, and returns the
+    /// results.
     fn each<T: Send>(
         &mut self,
         act: impl Fn(usize, &mut Row, &mut [f32]) -> T + Sync,
     ) -> Result<Vec<T>> {
         let size = self.setup.layout().size();
         self.start_threads()?;
-        // Handing the rows to a single thread would only cost the way there and back.
+        // With a single thread, the transfer to it would only cost time.
         let pool = self.pool.as_ref().filter(|_| self.wanted_threads() > 1);
         let (rows, observation) = (&mut self.rows, &mut self.observation);
         let Some((_, pool)) = pool else {
@@ -330,15 +333,16 @@ impl Batch {
         self.threads.min(self.rows.len())
     }
 
-    /// Starts the pool if this process needs one and has none.
+    /// Starts the thread pool if it is needed and this process has none.
     fn start_threads(&mut self) -> Result<()> {
         let (wanted, process) = (self.wanted_threads(), process::id());
-        // Models solve on the threads of whichever pool they are called in, the process's by default.
+        // Models run in parallel on the pool from which they are called, by default the global one.
         let needed = wanted > 1 || self.model.is_some() || self.setup.soft(0).is_some();
         if !needed || self.pool.as_ref().is_some_and(|(owner, _)| *owner == process) {
             return Ok(());
         }
-        // The parent's pool cannot be dropped here: its threads are not there to be joined.
+        // The pool of a parent process cannot be dropped here: its threads do not exist in this
+        // process and cannot be joined.
         mem::forget(self.pool.take());
         let pool = ThreadPoolBuilder::new().num_threads(wanted).build();
         let pool =
@@ -348,16 +352,16 @@ impl Batch {
     }
 }
 
-/// What a row did in the first phase of a step.
+/// Action of a row in the first phase of a step.
 #[derive(Clone, Copy)]
 enum Begun {
-    /// Started a new episode.
+    /// It started a new episode.
     Reset,
-    /// Moved its rigid world.
+    /// It moved its rigid bodies.
     Step,
 }
 
-/// One row's share of the first phase of a step.
+/// Runs the first phase of a step for one row.
 fn begin_step(
     setup: &Setup,
     autoreset: Autoreset,
@@ -372,8 +376,8 @@ fn begin_step(
     Ok(Begun::Step)
 }
 
-/// One row's share of the last phase of a step: its outcome, and its last observation (D) if it has
-/// started anew.
+/// Runs the last phase of a step for one row. Returns the outcome, and the last observation (D) of
+/// the ended episode if the row has started a new one.
 fn end_step(
     setup: &Setup,
     autoreset: Autoreset,

@@ -1,4 +1,4 @@
-//! One episode: how it starts, what a step does to it, and what ends it.
+//! One episode: its start, its steps and its end.
 
 use std::f64::consts::TAU;
 
@@ -28,12 +28,12 @@ use crate::{
     },
 };
 
-/// An episode that has begun.
+/// Running episode.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Episode {
     scene: Scene,
     draw: Draw,
-    /// The object in its drawn size, once a finger has asked for it.
+    /// Object in its drawn size, set when it is first needed.
     #[serde(skip)]
     object: Option<Shape>,
     fingers: [Finger; 2],
@@ -44,37 +44,37 @@ pub(super) struct Episode {
     pub(super) over: bool,
 }
 
-/// Where a reset or a step has led the rigid world.
+/// State of the rigid bodies after a reset or step, with the presses that follow from it.
 pub(super) struct Motion {
     state: SceneState,
     pub(super) presses: PerFinger<Press>,
     pub(super) answers: PerFinger<Result<Deformation>>,
-    /// Kind of the error with which the way of an answered press failed.
+    /// Kind of the error of a press of which only the last pose was solved, from rest.
     pub(super) retaken: Option<&'static str>,
 }
 
-/// What a step came to, beside its observation.
+/// Result of a step, besides its observation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Outcome {
     /// Weighted mean of the terms, in [0, 1].
     pub reward: f64,
     /// Each term, in [0, 1].
     pub terms: RewardTerms,
-    /// The episode ended before its time.
+    /// `true` if the episode ended before its time limit.
     pub terminated: bool,
-    /// The episode ran out of time.
+    /// `true` if the episode reached its time limit.
     pub truncated: bool,
-    /// The task is done.
+    /// `true` if the task is done.
     pub is_success: bool,
-    /// Why the episode ended before its time.
+    /// Reason for which the episode terminated.
     pub ending: Option<Ending>,
-    /// Kind of the error ([`Error::kind`]) where a press was not answered. The episode goes on if the
-    /// contact could be taken up anew from rest, where it ended.
+    /// Kind of the error ([`Error::kind`]) of a press that could not be solved. The episode
+    /// continues if its last pose could be solved from rest.
     pub press_error: Option<&'static str>,
 }
 
 impl Outcome {
-    /// An episode that ended without a reward.
+    /// Outcome of an episode that ended without a reward.
     pub(super) fn ended(ending: Ending) -> Self {
         Self { terminated: true, ending: Some(ending), ..Self::default() }
     }
@@ -85,7 +85,7 @@ impl Outcome {
 }
 
 impl Episode {
-    /// A new episode, its numbers drawn from `random`, and where it starts.
+    /// Creates an episode with parameters drawn from `random`, and its first motion.
     pub(super) fn start(setup: &Setup, random: &mut ChaCha8Rng) -> Result<(Self, Motion)> {
         let config = &setup.config;
         let object = random.random_range(0..setup.models.len());
@@ -132,9 +132,10 @@ impl Episode {
         Ok((episode, motion))
     }
 
-    /// Ends a reset: writes the observation of `motion`, where the episode starts. A press without an
-    /// answer leaves the fingers without touch until the first step; a fragile grasp, which starts
-    /// without, takes its limit from the answers, and without one its first step ends it.
+    /// Ends a reset and writes the observation of the initial state in `motion`. If a press cannot
+    /// be solved, the fingers report no contact until the first step. A fragile grasp starts
+    /// without contact: the presses are those of its trial grip, whose solutions set the stress
+    /// limit, and without a limit the first step ends the episode.
     pub(super) fn open(&mut self, setup: &Setup, motion: Motion, observation: &mut [f32]) {
         let Motion { state, answers, .. } = motion;
         let (felt, squeezed) = if let Some(trial) = &self.draw.trial {
@@ -146,8 +147,8 @@ impl Episode {
         setup.layout.write(&self.moment(&state, setup, &felt, squeezed.as_ref()), observation);
     }
 
-    /// Gives an episode that was read from bytes its object back; an error if the settings have no
-    /// such object.
+    /// Attaches the object to a deserialised episode. Returns an error if the settings have no such
+    /// object.
     pub(super) fn attach(&mut self, setup: &Setup) -> Result<()> {
         let (index, count) = (self.draw.object, setup.models.len());
         let model = setup.models.get(index).ok_or_else(|| Error::BadState {
@@ -157,12 +158,12 @@ impl Episode {
         Ok(())
     }
 
-    /// The rigid world and the episode's draw.
+    /// State of the rigid bodies and the parameters of the episode.
     pub(super) fn state(&self) -> (SceneState, Draw) {
         (self.scene.state(), self.draw)
     }
 
-    /// The model of the object, if it is soft.
+    /// Model of the object, if it is soft.
     pub(super) fn soft<'a>(&self, setup: &'a Setup) -> Option<&'a SoftObject> {
         setup.soft(self.draw.object)
     }
@@ -189,7 +190,9 @@ impl Episode {
         Moment { state, draw, grip, time, feeling, squeezed, peak_stress }
     }
 
-    /// What became of the presses, by which the scene's bed is corrected; or the first error.
+    /// Stores the solutions of the presses and corrects the contact forces of the scene with them.
+    /// Returns the contacts of the fingers and the deformation of a soft object, or the first
+    /// error.
     fn felt(
         &mut self,
         setup: &Setup,
@@ -208,7 +211,7 @@ impl Episode {
         Ok(([None, None], squeezed))
     }
 
-    /// What the fingers ask of the world in `state`, after the object has moved along `way`.
+    /// Creates the presses of the fingers in `state`, after the object has moved along `way`.
     fn motion(&mut self, setup: &Setup, state: SceneState, way: &[PosesInPads]) -> Motion {
         let mut motion =
             Motion { state, presses: [None, None], answers: [None, None], retaken: None };
@@ -233,7 +236,8 @@ impl Episode {
         motion
     }
 
-    /// The presses that tell once more what the fingers feel now; the fingers do not know of them.
+    /// Returns presses that reproduce the current contact. The state of the fingers does not
+    /// change.
     pub(super) fn touch_again(&self, setup: &Setup) -> Result<PerFinger<Press>> {
         let state = self.scene.state();
         if state.failure.is_some() {
@@ -248,7 +252,7 @@ impl Episode {
         presses(&mut self.fingers.clone(), &way, &object, &self.draw, setup)
     }
 
-    /// Moves the rigid world on by one control period.
+    /// Moves the rigid bodies through one control period.
     pub(super) fn advance(
         &mut self,
         setup: &Setup,
@@ -274,8 +278,8 @@ impl Episode {
         costs.time(PRESS, || self.motion(setup, state, way.poses()))
     }
 
-    /// Ends the step that led to `motion`; `observation` holds the previous one on entry, which stands
-    /// where the new one would leave its declared range.
+    /// Ends the step that led to `motion`. `observation` holds the previous observation on entry
+    /// and keeps it if the new one has an entry outside its declared range.
     pub(super) fn conclude(
         &mut self,
         setup: &Setup,
@@ -328,7 +332,7 @@ impl Episode {
     }
 }
 
-/// A disturbance drawn by `uniform` from its ranges, its direction from the sphere.
+/// Draws a disturbance with `uniform` from its ranges; its direction is uniform on the sphere.
 fn shaking(holding: &Holding, mut uniform: impl FnMut(Range) -> f64) -> Shaking {
     let (load, frequency) = (uniform(holding.load), uniform(holding.frequency));
     let amplitude = uniform(holding.shaking);
@@ -338,7 +342,7 @@ fn shaking(holding: &Holding, mut uniform: impl FnMut(Range) -> f64) -> Shaking 
     Shaking { load, amplitude: direction.map(|x| amplitude * x), frequency }
 }
 
-/// Writes the observation of `moment` into `row`, the time of each channel counted.
+/// Writes the observation of `moment` into `row` and records the time of each channel.
 fn observe(setup: &Setup, moment: &Moment, row: &mut [f32], costs: &mut Costs) {
     let mut rest = row;
     for channel in 0..setup.layout.channels().len() {

@@ -1,8 +1,9 @@
-//! Environments: one row is one episode after another; a batch is many rows stepped together.
+//! Environments: a row runs one episode after another; a batch steps many rows together.
 //!
-//! Rows share nothing but their settings, so a row's numbers depend on its seed and actions alone:
-//! not on the other rows, their number, or the number of threads. A step has three phases: every row
-//! moves its rigid world, one call answers the presses of all fingers, every row observes.
+//! Rows share only their settings, so the results of a row depend on its seed and actions alone:
+//! not on the other rows, their number, or the number of threads. A step has three phases: each row
+//! moves its rigid bodies, one call solves the presses of all fingers, and each row writes its
+//! observation.
 
 mod answers;
 mod batch;
@@ -32,21 +33,21 @@ use crate::{
     task::{Config, Layout},
 };
 
-/// Settings made ready once for all rows.
+/// Validated settings with the models built from them, shared by all rows.
 #[derive(Debug)]
 pub struct Setup {
     config: Config,
     layout: Layout,
     models: Vec<ObjectModel>,
     touch: Option<Touch>,
-    /// Models of the objects, where these are soft.
+    /// Models of the objects if they are soft; else empty.
     soft: Vec<SoftObject>,
-    /// Identifies the settings in snapshots.
+    /// Hash that identifies the settings in snapshots.
     fingerprint: [u8; 8],
 }
 
 impl Setup {
-    /// Ready settings, or the first thing wrong with them.
+    /// Validates the settings and builds their models; returns the first error found.
     pub fn new(config: Config) -> Result<Self> {
         let config = config.with_sensor()?;
         config.validate()?;
@@ -63,7 +64,7 @@ impl Setup {
         &self.config
     }
 
-    /// Where each channel lies in an observation.
+    /// Position of each channel in an observation.
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
@@ -73,7 +74,8 @@ impl Setup {
         &self.models
     }
 
-    /// The shape of an object as fingers feel it: networks are wrong by more than a sampled one is.
+    /// Shape of an object for contact with the fingers. Networks get the sampled shape, whose error
+    /// is smaller than theirs.
     fn felt_shape(&self, object: usize) -> &Shape {
         let model = &self.models[object];
         match self.config.tactile {
@@ -82,7 +84,7 @@ impl Setup {
         }
     }
 
-    /// What must be known of each answer for the observation and the task.
+    /// Optional parts of a solution that the observation or the task needs.
     pub fn wanted(&self) -> Wanted {
         let channels = self.layout.channels().iter().filter_map(|(name, _)| Channel::named(name));
         let task = Wanted { stress: self.config.fragility.is_some(), residual: false };
@@ -92,18 +94,18 @@ impl Setup {
         })
     }
 
-    /// The model of object `index`, if the objects are soft.
+    /// Model of object `index`, if the objects are soft.
     pub fn soft(&self, index: usize) -> Option<&SoftObject> {
         self.soft.get(index)
     }
 
-    /// What the fingers feel with, unless they are rigid.
+    /// Tactile model of the fingers; `None` if they are rigid.
     pub fn touch(&self) -> Option<&Touch> {
         self.touch.as_ref()
     }
 }
 
-/// Models of the configured objects, or none if they are rigid.
+/// Builds the models of the configured objects; empty if the objects are rigid.
 fn soft_objects(config: &Config, models: &[ObjectModel]) -> Result<Vec<SoftObject>> {
     let Some(softness) = &config.softness else { return Ok(Vec::new()) };
     let gripper = &config.scene.gripper;

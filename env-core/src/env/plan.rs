@@ -1,49 +1,49 @@
-//! The stages that a configured environment runs in every step, and what each costs.
+//! Stages of a step in a configured environment, and their computing time.
 
 use std::time::Instant;
 
 use super::Setup;
 
-/// One stage of a step.
+/// Stage of a step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stage {
-    /// What it does.
+    /// Name of the stage.
     pub name: String,
-    /// How often it ran in a step of one environment, on average.
+    /// Mean number of runs in a step of one environment.
     pub runs: f64,
-    /// Its time in a step of one environment (µs), on average.
+    /// Mean time in a step of one environment (µs).
     pub microseconds: f64,
 }
 
-/// Rapier's part of a step.
+/// Index of the stage that steps the rigid bodies with Rapier.
 pub(super) const SCENE: usize = 0;
-/// Finding contact and making presses.
+/// Index of the stage that detects contact and creates presses.
 pub(super) const PRESS: usize = 1;
-/// Answering presses.
+/// Index of the stage that solves presses.
 pub(super) const MODEL: usize = 2;
-/// Handing the answers back to the rigid world.
+/// Index of the stage that corrects the contact forces of the rigid bodies with the solutions.
 pub(super) const CORRECTION: usize = 3;
-/// Terms of the reward.
+/// Index of the stage that computes the reward.
 pub(super) const REWARD: usize = 4;
-/// Finding the highest stress in the pads.
+/// Index of the stage that finds the highest stress in the pads.
 pub(super) const PEAK: usize = 5;
-/// The first channel of the observation; the others follow.
+/// Index of the first channel of the observation; the other channels follow.
 pub(super) const CHANNEL: usize = 6;
 
-/// Time spent so far, by stage.
+/// Time spent so far in each stage.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Costs {
-    /// Runs and nanoseconds of each stage.
+    /// Number of runs and time (ns) of each stage.
     stages: Vec<(u64, u64)>,
 }
 
 impl Costs {
-    /// What `work` returns, its time counted as one run of `stage`.
+    /// Runs `work`, records its time as one run of `stage`, and returns its result.
     pub(super) fn time<T>(&mut self, stage: usize, work: impl FnOnce() -> T) -> T {
         self.time_all(stage, 1, work)
     }
 
-    /// What `work` returns, its time counted as several `runs` of `stage`.
+    /// Runs `work`, records its time as `runs` runs of `stage`, and returns its result.
     pub(super) fn time_all<T>(&mut self, stage: usize, runs: u64, work: impl FnOnce() -> T) -> T {
         let start = Instant::now();
         let result = work();
@@ -64,14 +64,14 @@ impl Costs {
         self.stages.get(stage).copied().unwrap_or_default()
     }
 
-    /// Adds what `other` counted.
+    /// Adds the runs and times of `other`.
     pub(super) fn include(&mut self, other: &Self) {
         for (stage, &(runs, time)) in other.stages.iter().enumerate() {
             self.add(stage, runs, time);
         }
     }
 
-    /// The stages that `setup` runs, in order, with their means over the steps counted.
+    /// Stages that `setup` runs, in order, with their means over the recorded steps.
     pub(super) fn plan(&self, setup: &Setup) -> Vec<Stage> {
         let steps = self.of(SCENE).0.max(1) as f64;
         let stage = |stage: usize, name: String| {

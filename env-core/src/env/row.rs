@@ -1,4 +1,4 @@
-//! One environment: reset, step, and what ended it.
+//! One environment: reset, step and end of its episodes.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -21,12 +21,12 @@ use crate::{
     task::{ACTION_SIZE, Draw, Ending},
 };
 
-/// One environment and the random stream that its resets draw from.
+/// One environment and the random stream of its resets.
 #[derive(Serialize, Deserialize)]
 pub struct Row {
     random: ChaCha8Rng,
     episode: Option<Episode>,
-    /// A reset or step that has begun and waits for its presses to be answered.
+    /// Reset or step whose presses have not been solved yet.
     #[serde(skip)]
     motion: Option<Motion>,
     #[serde(skip)]
@@ -34,7 +34,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// A row that has not been reset yet.
+    /// Creates a row that has not been reset yet.
     pub fn new(seed: u64) -> Self {
         Self {
             random: ChaCha8Rng::seed_from_u64(seed),
@@ -49,7 +49,7 @@ impl Row {
         self.random = ChaCha8Rng::seed_from_u64(seed);
     }
 
-    /// Starts a new episode; [`Row::open`] ends the reset.
+    /// Begins a reset, which [`Row::open`] ends.
     pub(super) fn reset(&mut self, setup: &Setup) -> Result<()> {
         let (episode, motion) = Episode::start(setup, &mut self.random)?;
         (self.episode, self.motion) = (Some(episode), Some(motion));
@@ -63,44 +63,46 @@ impl Row {
         }
     }
 
-    /// Whether the row has never been reset.
+    /// Returns whether the row has never been reset.
     pub fn is_new(&self) -> bool {
         self.episode.is_none()
     }
 
-    /// Whether the row must be reset before it can be stepped.
+    /// Returns whether the row must be reset before it can be stepped.
     pub fn needs_reset(&self) -> bool {
         self.episode.as_ref().is_none_or(|episode| episode.over)
     }
 
-    /// Moves the rigid world on by one control period; [`Row::conclude`] ends the step.
+    /// Moves the rigid bodies through one control period; [`Row::conclude`] ends the step.
     ///
     /// # Panics
     /// If [`Row::needs_reset`].
     pub(super) fn advance(&mut self, setup: &Setup, action: &[f32; ACTION_SIZE]) {
         let episode = self.episode.as_mut().expect("callers reset a row before they step it");
         let costs = &mut self.costs;
-        // Rapier asserts its own invariants: a broken one ends this episode and no other.
+        // Rapier panics if one of its internal assertions fails; this then ends only the episode of
+        // this row.
         let advance = || episode.advance(setup, action, costs);
         self.motion = catch_unwind(AssertUnwindSafe(advance)).ok();
     }
 
-    /// Takes the presses that the step waits for.
+    /// Takes the presses of the reset or step that has begun.
     pub(super) fn ask(&mut self) -> PerFinger<Press> {
         self.motion.as_mut().map(|motion| std::mem::take(&mut motion.presses)).unwrap_or_default()
     }
 
-    /// The presses that tell once more what the fingers feel now; none before the first reset.
+    /// Returns presses that reproduce the current contact of the fingers; none before the first
+    /// reset.
     pub(super) fn touch_again(&self, setup: &Setup) -> Result<PerFinger<Press>> {
         self.episode.as_ref().map_or(Ok([None, None]), |episode| episode.touch_again(setup))
     }
 
-    /// The model of this episode's object, if it is soft.
+    /// Model of this episode's object, if it is soft.
     pub(super) fn soft<'a>(&self, setup: &'a Setup) -> Option<&'a SoftObject> {
         self.episode.as_ref().and_then(|episode| episode.soft(setup))
     }
 
-    /// Gives a finger its answer.
+    /// Stores the solution of a finger's press.
     pub(super) fn answer(&mut self, finger: usize, answer: Answer) {
         if let Some(motion) = &mut self.motion {
             motion.answers[finger] = Some(answer.found);
@@ -108,8 +110,9 @@ impl Row {
         }
     }
 
-    /// Ends the step that [`Row::advance`] began and writes the observation. `observation` holds the
-    /// previous one on entry, which stands where the new one would leave its declared range.
+    /// Ends the step that [`Row::advance`] began and writes the observation. `observation` holds
+    /// the previous observation on entry and keeps it if the new one has an entry outside its
+    /// declared range.
     ///
     /// # Panics
     /// If [`Row::needs_reset`].
@@ -129,23 +132,23 @@ impl Row {
         outcome
     }
 
-    /// Gives a row that was read from bytes the object of its episode back; an error if the settings
+    /// Attaches the object of the episode to a deserialised row. Returns an error if the settings
     /// have no such object.
     pub(super) fn attach(&mut self, setup: &Setup) -> Result<()> {
         self.episode.as_mut().map_or(Ok(()), |episode| episode.attach(setup))
     }
 
-    /// Time spent in this row's steps.
+    /// Time spent in the steps of this row.
     pub(super) fn costs(&self) -> &Costs {
         &self.costs
     }
 
-    /// Forgets the time spent.
+    /// Resets the time spent to zero.
     pub(super) fn forget_costs(&mut self) {
         self.costs = Costs::default();
     }
 
-    /// The rigid world and the episode's draw, for a picture or a look inside.
+    /// State of the rigid bodies and parameters of the episode; `None` before the first reset.
     pub fn state(&self) -> Option<(SceneState, Draw)> {
         self.episode.as_ref().map(Episode::state)
     }
@@ -160,7 +163,7 @@ mod tests {
         task::Config,
     };
 
-    /// A row that feels, once reset, and its observation.
+    /// A tactile row after a reset, and its observation.
     fn row() -> (Setup, Row, Vec<f32>) {
         let resolution = Resolution { nodes: 100, ..Resolution::default() };
         let config = Config { tactile: Choice::Compliance, resolution, ..Config::default() };

@@ -1,4 +1,5 @@
-//! Rows as bytes: a mark, a version, the settings' fingerprint, a checksum and the row itself.
+//! Rows as bytes: a mark with the version, the fingerprint of the settings, a checksum and the row
+//! itself.
 
 use sha2::{Digest, Sha256};
 
@@ -8,7 +9,8 @@ use crate::{Error, Result, task::Config};
 const MARK: [u8; 8] = *b"ruffini1";
 const HEADER: usize = 24;
 
-/// First bytes of the SHA-256 of the settings without the time limit, which leaves the bodies alone.
+/// First bytes of the SHA-256 of the settings without the time limit, which does not change the
+/// state of the bodies.
 pub(super) fn fingerprint(config: &Config) -> [u8; 8] {
     let config = Config { max_episode_steps: 0, ..config.clone() };
     digest(&serde_json::to_vec(&config).expect("settings came from JSON or validated values"))
@@ -19,15 +21,15 @@ fn digest(bytes: &[u8]) -> [u8; 8] {
     std::array::from_fn(|i| hash[i])
 }
 
-/// A row and its latest observation (D) as bytes: everything that its future depends on.
+/// Serialises a row and its latest observation (D): everything on which its future depends.
 pub(super) fn save(row: &Row, observation: &[f32], setup: &Setup) -> Vec<u8> {
     let body = postcard::to_stdvec(&(row, observation));
     let body = body.expect("a row holds nothing that postcard refuses");
     [&MARK[..], &setup.fingerprint, &digest(&body), &body].concat()
 }
 
-/// The row and observation that [`save`] saved; bytes of other settings, or damaged ones, are an
-/// error.
+/// Restores the row and observation from the result of [`save`]. Returns an error for bytes from
+/// other settings or damaged bytes.
 pub(super) fn load(bytes: &[u8], setup: &Setup) -> Result<(Row, Vec<f32>)> {
     let bad = |reason: String| Error::BadState { reason };
     let Some((header, body)) = bytes.split_at_checked(HEADER) else {

@@ -1,4 +1,5 @@
-//! How the fingers' closing on a soft object becomes a press, and its answer what the object feels.
+//! Conversion of the fingers' motion to a press of a soft object, and of its solution to the state
+//! of the object.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,15 +10,15 @@ use crate::{
     tactile::{SoftObject, Squeezed},
 };
 
-/// What the contact of an object with both fingers remembers.
+/// State of the contact of a soft object with both fingers.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Squeeze {
     history: Option<History>,
 }
 
 impl Squeeze {
-    /// The press of both fingers; none unless both touch, and then all is forgotten. The answer goes
-    /// to [`Squeeze::keep`].
+    /// Creates the press of both fingers. Returns `None` and discards the history unless both
+    /// touch. The solution goes to [`Squeeze::keep`].
     pub(super) fn press(
         &mut self,
         object: &SoftObject,
@@ -32,7 +33,8 @@ impl Squeeze {
         object.press(&faces, friction, history).map(Some)
     }
 
-    /// Takes what became of the last press, of an object of Young's modulus `young` (Pa).
+    /// Stores the solution of the last press, and evaluates it for Young's modulus `young` (Pa) of
+    /// the object.
     pub(super) fn keep(
         &mut self,
         object: &SoftObject,
@@ -45,8 +47,9 @@ impl Squeeze {
     }
 }
 
-/// Corrects the bed between fingers and object towards what the object felt: the model is of an object
-/// in balance and without weight, so it says how hard the fingers press and not what friction bears.
+/// Corrects the elastic foundation between fingers and object towards the normal forces of the
+/// solution. Its model of the object is in equilibrium and without weight, so it gives the normal
+/// forces of the fingers but not the friction that carries the weight.
 pub(super) fn correct(scene: &mut Scene, squeezed: Option<&Squeezed>) {
     for finger in 0..2 {
         let force = squeezed.map_or(0.0, |squeezed| squeezed.forces[finger]);

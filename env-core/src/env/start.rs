@@ -1,4 +1,5 @@
-//! How episodes start: over an object on the table, about to touch it, or holding it.
+//! Initial state of an episode: the hand above an object on the table, about to touch it, or
+//! holding it.
 
 use nalgebra::Vector3;
 
@@ -11,7 +12,7 @@ use crate::{
     scene::{Object, Pads, Scene, SceneConfig},
 };
 
-/// A scene, the grip force in it (N), and the way on which the object came there.
+/// Scene, grip force (N), and the trajectory of the object that led to the scene.
 pub(super) struct Start {
     pub(super) scene: Scene,
     pub(super) grip: f64,
@@ -19,8 +20,9 @@ pub(super) struct Start {
 }
 
 impl Start {
-    /// The start of an episode with an `object` as it rests on the table, soft if it has a modulus of
-    /// `young` (Pa); the hand at `place` (m), unless the task puts it round the object.
+    /// Creates the initial state for an `object` that rests on the table, soft if it has a Young's
+    /// modulus `young` (Pa). The hand is at `place` (m), unless the task places it around the
+    /// object.
     pub(super) fn new(
         setup: &Setup,
         object: &Object,
@@ -42,8 +44,8 @@ impl Start {
         }
     }
 
-    /// A hand, at `place` (m), that has gripped the object with `grip` (N) in the air; the poses of its way
-    /// are `coarseness` (m) apart.
+    /// Creates a hand at `place` (m) that has gripped the object with `grip` (N) in the air. The
+    /// poses of its trajectory are `coarseness` (m) apart.
     pub(super) fn holding(
         config: &SceneConfig,
         object: &Object,
@@ -71,7 +73,8 @@ impl Start {
     }
 }
 
-/// A hand about to touch an object where it rests, its narrower side across.
+/// Creates a hand about to touch an object where it rests, with its narrower side between the
+/// fingers.
 fn around(config: &SceneConfig, object: &Object) -> Result<Scene> {
     let place = object.pose.translation.vector;
     let object = Object { pose: object.model.in_hand(object.scale, &place), ..object.clone() };

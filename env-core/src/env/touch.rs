@@ -1,4 +1,5 @@
-//! How the rigid world's motion becomes presses, and answers become what a row feels.
+//! Conversion of the object's motion to presses of the fingers, and of their solutions to contact
+//! forces.
 
 use super::{Setup, way::PosesInPads};
 use crate::{
@@ -10,11 +11,12 @@ use crate::{
     task::Draw,
 };
 
-/// What one row's fingers ask or are told: for each a press, or an answer, where it touches.
+/// Value for each finger of a row, such as a press or its solution; `None` where the finger does
+/// not touch.
 pub(super) type PerFinger<T> = [Option<T>; 2];
 
-/// The presses that `fingers` ask to be answered after the object has moved along `way`, its poses in
-/// the frame of each pad.
+/// Creates the presses of `fingers` after the object has moved along `way`, its poses in the frame
+/// of each pad.
 pub(super) fn presses(
     fingers: &mut [Finger; 2],
     way: &[PosesInPads],
@@ -31,7 +33,8 @@ pub(super) fn presses(
     Ok(presses)
 }
 
-/// Corrects the pads of `scene`, in `state`, towards what the fingers felt there.
+/// Corrects the pads of `scene`, whose state is `state`, towards the wrenches of the solutions
+/// `felt`.
 pub(super) fn correct(scene: &mut Scene, state: &SceneState, felt: &PerFinger<Deformation>) {
     for (finger, felt) in felt.iter().enumerate() {
         if felt.is_some() || state.fingers[finger].touches() {
@@ -41,7 +44,8 @@ pub(super) fn correct(scene: &mut Scene, state: &SceneState, felt: &PerFinger<De
     }
 }
 
-/// Hands each finger its answer; the answers of those that still touch, or the first error.
+/// Stores each finger's solution. Returns the solutions of the fingers that still touch, or the
+/// first error.
 pub(super) fn keep(
     fingers: &mut [Finger; 2],
     answers: PerFinger<Result<Deformation>>,

@@ -1,4 +1,5 @@
-//! The limit of a fragile grasp: the stress of a trial grip, by the model that the fingers feel with.
+//! Stress limit of a fragile grasp: the peak stress of a trial grip, computed with the tactile
+//! model of the fingers.
 
 use nalgebra::Vector3;
 
@@ -15,10 +16,10 @@ use crate::{
     task::{Draw, Trial},
 };
 
-/// Motion past a pad from which a pose on the way into the trial is kept (m).
+/// Motion relative to a pad after which another pose of the trial's trajectory is kept (m).
 const COARSE: f64 = 2e-4;
 
-/// The presses of a hand that holds the `object` in the air with `grip` (N).
+/// Creates the presses of a hand that holds the `object` in the air with `grip` (N).
 pub(super) fn trial(
     setup: &Setup,
     object: &Object,
@@ -32,8 +33,9 @@ pub(super) fn trial(
     presses(&mut way.start().map(Finger::new), way.poses(), &shape, draw, setup)
 }
 
-/// The limit (Pa) by the `answers` to a trial. There no model has corrected the pads, which press with
-/// another force than the grip's: stress is taken to go as the root of the force.
+/// Computes the stress limit (Pa) from the solutions `answers` of a trial. During the trial no
+/// model corrects the pads, so the normal force differs from the grip force; the stress is assumed
+/// to be proportional to the square root of the force.
 pub(super) fn limit(trial: &Trial, answers: PerFinger<Result<Deformation>>) -> Result<f64> {
     let [left, right] = answers.map(|answer| answer.unwrap_or(Err(Error::NoTrial)));
     let (left, right) = (left?, right?);

@@ -1,4 +1,4 @@
-//! The way of an object past the pads, as coarse as what they remember of it allows.
+//! Trajectory of the object relative to the pads, thinned to the poses that matter to the contact.
 
 use nalgebra::Isometry3;
 
@@ -7,16 +7,18 @@ use crate::tactile::Finger;
 /// Pose of the object in the frame of each pad (m).
 pub(super) type PosesInPads = [Isometry3<f64>; 2];
 
-/// Motion past a pad from which a pose within a control step is kept (m): a straight line might lead
-/// through the gel where the object itself went round it. The end of the step is kept in any case.
+/// Motion relative to a pad after which another pose within a control step is kept (m). The path
+/// between poses further apart could pass through the gel where the object moves around it. The
+/// pose at the end of the step is always kept.
 pub(super) const COARSE: f64 = 1e-3;
-/// The same on the way into the hand, all of which friction remembers (m). Against all poses markers are
-/// off by 0.3 % in the median of 32 starts of HoldStill, and by 1.4 % at most; 5 and 49 % with 0.1 mm.
+/// The same spacing (m) while the hand closes on the object before an episode starts; friction
+/// depends on this whole trajectory. Compared with keeping all poses, the markers differ by 0.3 %
+/// in the median of 32 starts of HoldStill and by at most 1.4 %; with 0.1 mm, by 5 % and 49 %.
 pub(super) const FINE: f64 = 1e-5;
-/// Distance from a pad's middle at which a turn counts as motion (m): its corners are 13 mm away.
+/// Lever arm that converts a rotation to a motion (m): the edge of a pad is 13 mm from its centre.
 const ARM: f64 = 0.013;
 
-/// Poses by which the fingers are led, oldest first.
+/// Poses of the object from one press to the next, oldest first.
 pub(super) struct Way {
     coarseness: f64,
     start: PosesInPads,
@@ -25,24 +27,25 @@ pub(super) struct Way {
 }
 
 impl Way {
-    /// A way that begins at `start`, which is not part of it, of poses that are `coarseness` (m) apart.
+    /// Creates a trajectory that begins at `start`, which is not one of its poses. Further poses
+    /// are kept if they are more than `coarseness` (m) apart.
     pub(super) fn from(start: PosesInPads, coarseness: f64) -> Self {
         Self { coarseness, start, last: start, poses: Vec::new() }
     }
 
-    /// A way that goes on from where `fingers` last saw the object.
+    /// Creates a trajectory that begins at the object's pose in the last press of `fingers`.
     pub(super) fn after(fingers: &[Finger; 2]) -> Self {
         Self::from(fingers.each_ref().map(|finger| *finger.last()), COARSE)
     }
 
-    /// The object has come to `poses`, which are kept if it is far from the last that were.
+    /// Adds `poses` if they are more than the spacing away from the last ones kept.
     pub(super) fn go_on(&mut self, poses: PosesInPads) {
         if self.last.iter().zip(&poses).any(|(from, to)| motion(from, to) > self.coarseness) {
             self.arrive(poses);
         }
     }
 
-    /// The object has come to the end of its way, `poses`, which are kept.
+    /// Adds `poses`, the end of the trajectory.
     pub(super) fn arrive(&mut self, poses: PosesInPads) {
         if self.poses.is_empty() || self.last != poses {
             self.last = poses;
@@ -50,18 +53,18 @@ impl Way {
         }
     }
 
-    /// Where it began.
+    /// Poses at the beginning, before the first of [`Way::poses`].
     pub(super) fn start(&self) -> PosesInPads {
         self.start
     }
 
-    /// What was kept.
+    /// Poses kept.
     pub(super) fn poses(&self) -> &[PosesInPads] {
         &self.poses
     }
 }
 
-/// How far the object moves past a pad, about (m).
+/// Approximate motion of the object relative to a pad (m).
 fn motion(from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
     let step = to * from.inverse();
     step.translation.vector.norm() + ARM * step.rotation.angle()
@@ -75,7 +78,7 @@ mod tests {
 
     use super::*;
 
-    /// Places on an object's way round a pad, `turn` (rad) after its beginning.
+    /// Poses of an object that circles a pad, `turn` (rad) after the beginning.
     fn rolled(turn: f64) -> PosesInPads {
         let pose =
             Isometry3::rotation(Vector3::x() * turn) * Isometry3::translation(0.0, 0.0, 0.02);
@@ -88,7 +91,7 @@ mod tests {
         (1..100).for_each(|i| long.go_on(rolled(0.01 * PI * f64::from(i))));
         long.arrive(rolled(PI));
         let ends: Vec<_> = [long.start()].iter().chain(long.poses()).copied().collect();
-        // A way of 41 mm in steps of 0.41 mm, of which every third is kept.
+        // A path of 41 mm in steps of 0.41 mm, of which every third pose is kept.
         assert_eq!(ends.len(), 35);
         assert!(ends.windows(2).all(|ends| motion(&ends[0][0], &ends[1][0]) < 2.0 * COARSE));
         let mut short = Way::from(rolled(0.0), COARSE);

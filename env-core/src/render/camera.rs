@@ -1,29 +1,29 @@
-//! Where a picture is taken from, and the projection that follows.
+//! Camera of a picture, and its projection.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use crate::{Error, Result};
 
-/// Nearest distance along the view axis that is drawn (m).
+/// Smallest distance along the view axis that is drawn (m).
 const NEAR: f64 = 0.01;
-/// Farthest distance from the eye that is drawn (m).
+/// Largest distance from the eye that is drawn (m).
 pub(super) const FAR: f64 = 20.0;
 
-/// A pinhole camera in the world frame.
+/// Pinhole camera in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Position of the pinhole (m).
     pub eye: Point3<f64>,
     /// Point at the middle of the picture (m).
     pub target: Point3<f64>,
-    /// Direction that appears upright.
+    /// Direction that points up in the picture.
     pub up: Vector3<f64>,
     /// Angle between the top and the bottom of the picture (rad).
     pub vertical_fov: f64,
 }
 
 impl Default for Camera {
-    /// A view from the front left on a gripper that works near the origin.
+    /// View from the front left on a gripper that works near the origin.
     fn default() -> Self {
         Self {
             eye: Point3::new(0.30, -0.42, 0.28),
@@ -34,7 +34,7 @@ impl Default for Camera {
     }
 }
 
-/// A camera with a raster behind it.
+/// Camera with the raster onto which it projects.
 #[derive(Clone, Debug)]
 pub(super) struct View {
     pub(super) eye: Point3<f64>,
@@ -47,15 +47,15 @@ pub(super) struct View {
 }
 
 impl Camera {
-    /// The same camera, so much higher that it does not look up to something at `height` (m).
+    /// Returns this camera raised so that it does not look up to a point at `height` (m).
     #[must_use]
     pub fn raised_to(&self, height: f64) -> Self {
         let by = Vector3::z() * (height - self.target.z).max(0.0);
         Self { eye: self.eye + by, target: self.target + by, ..*self }
     }
 
-    /// The view on a raster of `width` × `height` samples, or an error if the camera has no
-    /// direction or no sensible angle.
+    /// Returns the view on a raster of `width` × `height` samples, or an error if the viewing
+    /// direction or the angle is invalid.
     pub(super) fn view(&self, width: usize, height: usize) -> Result<View> {
         let fov = self.vertical_fov;
         if !(fov > 0.01 && fov < 3.0) {
@@ -86,8 +86,8 @@ fn direction(v: Vector3<f64>) -> Option<Vector3<f64>> {
 }
 
 impl View {
-    /// The map from the frame at `pose` to clip space: x, y, z, w with w the distance along the
-    /// view axis (m).
+    /// Map from the frame at `pose` to clip space: x, y, z, w with w the distance along the view
+    /// axis (m).
     pub(super) fn clip_from(&self, pose: &Isometry3<f64>) -> impl Fn(&Point3<f64>) -> [f32; 4] {
         let rotation = self.rotation * pose.rotation.to_rotation_matrix().matrix();
         let shift = self.rotation * (pose.translation.vector - self.eye.coords);

@@ -1,17 +1,17 @@
-//! What a parallel-jaw gripper and a table look like.
+//! Meshes of a parallel-jaw gripper and a table, for pictures.
 //!
-//! The tool frame has its origin midway between the pad faces, z up to the wrist, and the fingers
-//! close along x. A finger's own frame has its origin in the middle of its pad's face, the finger
-//! on the side of +x; the finger opposite is the same one turned half round about z.
+//! The tool frame has its origin midway between the pad faces, with z towards the wrist; the
+//! fingers close along x. A finger's own frame has its origin at the centre of its pad's face, and
+//! the finger extends towards +x; the opposite finger is the same one turned by 180° about z.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{Color, Finish, Item, RenderMesh};
 use crate::geometry::Surface;
 
-/// Half of the pad's outline: thickness, width, length (m).
+/// Half-extents of the pad: thickness, width, length (m).
 const PAD: [f64; 3] = [0.002, 0.010_375, 0.012_625];
-/// How much lower the rim of a pad's face is than its middle (m).
+/// Height of the centre of a pad's face above its rim (m).
 const DOME: f64 = 0.0007;
 
 /// Meshes of a parallel-jaw gripper of 80 mm stroke.
@@ -61,8 +61,8 @@ impl Default for GripperParts {
 }
 
 impl GripperParts {
-    /// The eight items of a gripper with its tool frame at `tool`, the pad faces at x =
-    /// −`jaws[0]` and x = `jaws[1]` (m).
+    /// Eight items of a gripper with its tool frame at `tool` and its pad faces at x = −`jaws[0]`
+    /// and x = `jaws[1]` (m).
     pub fn items(&self, tool: &Isometry3<f64>, jaws: [f64; 2]) -> Vec<Item<'_>> {
         let mut items = self.rigid_items(tool, jaws);
         let color = Color::srgb(240, 122, 72);
@@ -70,7 +70,7 @@ impl GripperParts {
         items
     }
 
-    /// The items of such a gripper without its two pads.
+    /// Items of [`GripperParts::items`] without the two pads.
     pub fn rigid_items(&self, tool: &Isometry3<f64>, jaws: [f64; 2]) -> Vec<Item<'_>> {
         let shell = Color::srgb(212, 215, 220);
         let dark = Color::srgb(62, 68, 77);
@@ -89,7 +89,8 @@ impl GripperParts {
     }
 }
 
-/// Frames of the finger at −x and of the one at +x, with their pad faces `jaws` (m) off the middle.
+/// Frames of the finger at −x and of the one at +x, with their pad faces at distances `jaws` (m)
+/// from the middle.
 fn finger_frames(tool: &Isometry3<f64>, jaws: [f64; 2]) -> [Isometry3<f64>; 2] {
     let half_turn = Vector3::z() * std::f64::consts::PI;
     [
@@ -98,13 +99,13 @@ fn finger_frames(tool: &Isometry3<f64>, jaws: [f64; 2]) -> [Isometry3<f64>; 2] {
     ]
 }
 
-/// A table of 0.5 × 0.5 m and 12 mm, its top at z = 0.
+/// Creates a table of 0.5 × 0.5 m, 12 mm thick, with its top at z = 0.
 pub fn table() -> RenderMesh {
     let half = Vector3::new(0.25, 0.25, 0.006);
     joined(&[Block { center: Vector3::z() * -0.006, half, corner: 0.012, bevel: 0.0015 }])
 }
 
-/// A box with rounded upright edges and bevelled rims.
+/// Box with rounded upright edges and bevelled rims.
 struct Block {
     center: Vector3<f64>,
     half: Vector3<f64>,
@@ -115,7 +116,7 @@ struct Block {
 }
 
 impl Block {
-    /// Outline circles from bottom to top, each as (inset (m), height (m)).
+    /// Outlines from bottom to top, each as (inset (m), height (m)).
     fn rings(&self) -> Vec<[f64; 2]> {
         let arc = |side: f64| {
             quarter(3).into_iter().map(move |[cos, sin]| {
@@ -125,7 +126,7 @@ impl Block {
         arc(-1.0).rev().chain(arc(1.0)).collect()
     }
 
-    /// The outline at `inset` (m), counter-clockwise from the side of +x.
+    /// Outline at `inset` (m), counter-clockwise from the side of +x.
     fn outline(&self, inset: f64) -> Vec<[f64; 2]> {
         let radius = self.corner - inset;
         let (x, y) = (self.half.x - self.corner, self.half.y - self.corner);
@@ -151,7 +152,7 @@ impl Block {
     }
 }
 
-/// The closed surface over outlines of equal length, from bottom to top. Points may coincide.
+/// Closed surface over outlines of equal length, from bottom to top. Points may coincide.
 fn lofted(outlines: &[Vec<Point3<f64>>]) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     let around = outlines[0].len() as u32;
     let top = around * (outlines.len() as u32 - 1);
@@ -168,7 +169,7 @@ fn lofted(outlines: &[Vec<Point3<f64>>]) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     (outlines.concat(), triangles)
 }
 
-/// Cosine and sine from 0 to a right angle, exact at both ends.
+/// Cosines and sines from 0 to a right angle, exact at both ends.
 fn quarter(steps: u32) -> Vec<[f64; 2]> {
     let mut points: Vec<[f64; 2]> = (0..=steps)
         .map(|i| (std::f64::consts::FRAC_PI_2 * f64::from(i) / f64::from(steps)).sin_cos())
@@ -189,10 +190,11 @@ fn joined(blocks: &[Block]) -> RenderMesh {
     mesh(&vertices, &triangles)
 }
 
-/// The pad: a bevelled block whose face is a shallow dome with its top at x = 0.
+/// Creates the pad: a bevelled block whose face is a shallow dome with its top at x = 0.
 fn pad() -> RenderMesh {
     let [thickness, width, length] = PAD;
-    // Upright along x while it is made; the dome adds what the block lacks in thickness.
+    // Built upright, its face towards +z, and turned at the end; the dome adds the thickness that
+    // the block lacks.
     let half = Vector3::new(length, width, thickness - 0.5 * DOME);
     let block = Block { center: Vector3::zeros(), half, corner: 0.002, bevel: 0.0008 };
     let mut outlines = block.outlines();

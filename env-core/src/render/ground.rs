@@ -1,4 +1,4 @@
-//! Contact occlusion: how much of the sky a body close above the ground hides from it.
+//! Contact occlusion: the share of the sky that a body close above the ground hides from it.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -6,12 +6,12 @@ use super::{camera::FAR, mesh::RenderMesh, raster::Raster};
 
 /// Texels along each side of the map.
 const SIZE: usize = 128;
-/// Height above which a body hides nothing (m).
+/// Height above which a body does not occlude the ground (m).
 const REACH: f32 = 0.05;
-/// Half width of the two box averages that soften the map (texels).
+/// Half width of the box average that is applied twice to smooth the map (texels).
 const SOFTNESS: usize = 2;
 
-/// Occlusion in [0, 1] over a square of the ground, bodies seen from below.
+/// Occlusion in [0, 1] on a square of the ground, from the bodies as seen from below.
 pub(super) struct ContactMap {
     raster: Raster,
     occlusion: Vec<f32>,
@@ -32,8 +32,8 @@ impl ContactMap {
         }
     }
 
-    /// Forgets every body and looks at the square of half width `half_width` (m) about `center` on
-    /// the ground at height `level` (m).
+    /// Clears the map and sets its square, of half width `half_width` (m) about `center` on the
+    /// ground at height `level` (m).
     pub(super) fn begin(&mut self, center: Point3<f64>, half_width: f64, level: f64) {
         self.raster.clear();
         (self.center, self.half_width, self.level) = (center, half_width, level as f32);
@@ -63,7 +63,7 @@ impl ContactMap {
         }
     }
 
-    /// Closes the map: it answers after this.
+    /// Completes the map, which can then be queried.
     pub(super) fn finish(&mut self) {
         for (occlusion, depth) in self.occlusion.iter_mut().zip(&self.raster.depth) {
             let height = -depth - self.level;

@@ -1,10 +1,10 @@
-//! A surface made ready for drawing: corner normals that keep edges crisp and curves smooth.
+//! Surface prepared for drawing: corner normals that keep edges crisp and curves smooth.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::{Error, Result, geometry::Surface};
 
-/// Faces that meet at a smaller angle than this look like one curved surface (rad).
+/// Angle between two faces below which they are shaded as one curved surface (rad).
 const CREASE: f64 = 0.55;
 
 /// Vertices, triangles and the normal at every corner of every triangle, in the body's frame (m).
@@ -14,19 +14,19 @@ pub struct RenderMesh {
     pub(super) triangles: Vec<[u32; 3]>,
     /// Unit normals at the corners of each triangle.
     pub(super) normals: Vec<[Vector3<f32>; 3]>,
-    /// Ball that holds the vertices.
+    /// Bounding sphere of the vertices.
     pub(super) center: Point3<f64>,
     pub(super) radius: f64,
 }
 
 impl RenderMesh {
-    /// The mesh of a surface.
+    /// Creates the mesh of a surface.
     pub fn new(surface: &Surface) -> Self {
         Self::from_parts(surface.vertices().to_vec(), surface.triangles().to_vec())
     }
 
-    /// The same triangles over moved vertices (m), as of a soft body that has been pressed, or an
-    /// error if there are more or fewer of them, or one is not finite.
+    /// Returns the same triangles over moved vertices (m), for example of a deformed soft body.
+    /// Returns an error if their number differs or one is not finite.
     pub fn moved(&self, vertices: &[Point3<f64>]) -> Result<Self> {
         let expected = self.vertices.len();
         if vertices.len() != expected {
@@ -39,7 +39,7 @@ impl RenderMesh {
         Ok(Self::from_parts(vertices.to_vec(), self.triangles.clone()))
     }
 
-    /// Number of vertices, and so of vertex colours.
+    /// Number of vertices, and therefore of vertex colours.
     pub fn vertex_count(&self) -> usize {
         self.vertices.len()
     }
@@ -55,8 +55,8 @@ impl RenderMesh {
     }
 }
 
-/// At each corner, the sum of the area vectors of the triangles round its vertex that meet its own
-/// triangle at less than the crease angle.
+/// Normal at each corner: the sum of the area vectors of those triangles around its vertex that
+/// meet its own triangle at less than the crease angle.
 ///
 /// Weighting by area keeps a large flat face flat beside a narrow bevel.
 fn corner_normals(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<[Vector3<f32>; 3]> {
@@ -80,12 +80,12 @@ fn corner_normals(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<[Vect
     triangles.iter().enumerate().map(|(t, vertices)| vertices.map(|v| corner(t, v))).collect()
 }
 
-/// The direction of `v`, or up for a triangle without area.
+/// Unit vector along `v`, or along z for a triangle without area.
 fn unit(v: &Vector3<f64>) -> Vector3<f64> {
     v.try_normalize(f64::MIN_POSITIVE).unwrap_or_else(Vector3::z)
 }
 
-/// The triangles round each vertex, as ranges (V + 1) into one list.
+/// Triangles around each vertex, as ranges (V + 1) into one list.
 fn triangles_around(vertices: usize, triangles: &[[u32; 3]]) -> (Vec<usize>, Vec<u32>) {
     let mut first = vec![0; vertices + 1];
     for &v in triangles.iter().flatten() {
@@ -120,7 +120,8 @@ mod tests {
             for (&v, normal) in corners.iter().zip(normals) {
                 let exact = sphere.vertices[v as usize].coords.normalize();
                 let error = normal.cast::<f64>().angle(&exact);
-                // Half of the angle that an edge spans bounds what facets can say.
+                // Normals interpolated over flat facets deviate by up to half of the angle that an
+                // edge spans.
                 assert!(error < 0.08, "{error} rad off the radius");
             }
         }

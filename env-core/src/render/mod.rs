@@ -1,12 +1,12 @@
-//! A lit picture of rigid and soft bodies, headless, on one processor core.
+//! Software rendering of rigid and soft bodies, without a display, on one processor core.
 //!
 //! A frame is drawn in two steps. The rasteriser of `retrofire-core` (clipping and scan conversion)
-//! fills a *visibility buffer*: for every sample the nearest facet and its depth. Then each pixel is
-//! shaded once per facet that it sees, in linear light: a hemisphere of ambient light, a key light
-//! with a shadow map, a fill light, a highlight; and contact occlusion on the ground. Averaging the
-//! samples of a pixel gives the antialiasing, and the sRGB curve comes last.
+//! fills a *visibility buffer*: for every sample the nearest facet and its depth. Then each pixel
+//! is shaded once per facet visible in it, in linear light: a hemisphere of ambient light, a key
+//! light with a shadow map, a fill light, a highlight, and contact occlusion on the ground. The
+//! samples of a pixel are averaged for antialiasing, and the sRGB curve is applied last.
 //!
-//! The same items give the same bytes.
+//! Equal items give equal bytes.
 
 mod camera;
 mod gripper;

@@ -1,4 +1,4 @@
-//! Triangles to samples: the nearest facet, and its depth, at every sample of a raster.
+//! Rasterisation of triangles: the nearest facet, and its depth, at every sample of a raster.
 //!
 //! `retrofire-core` clips a triangle against the view frustum and turns it into spans of samples.
 //! Depth and barycentric coordinates come from the planes of the unclipped triangle (Olano and
@@ -15,10 +15,10 @@ use retrofire_core::{
     },
 };
 
-/// What no facet covers.
+/// Facet number of a sample that no facet covers.
 pub(super) const NOTHING: u32 = u32::MAX;
 
-/// A function that is affine on the raster: value at (x, y) is a x + b y + c.
+/// Affine function on the raster: its value at (x, y) is a x + b y + c.
 pub(super) type Plane = [f32; 3];
 
 /// Value of `plane` at the sample position (x, y).
@@ -26,7 +26,7 @@ pub(super) fn at(plane: &Plane, x: f32, y: f32) -> f32 {
     plane[0] * x + plane[1] * y + plane[2]
 }
 
-/// A triangle that faces the viewer.
+/// Triangle that faces the viewer.
 pub(super) struct Triangle {
     /// Corners in clip space: x, y, z, w.
     corners: [[f32; 4]; 3],
@@ -37,7 +37,7 @@ pub(super) struct Triangle {
 }
 
 impl Triangle {
-    /// Whether it covers the sample position (x, y), or misses it by rounding only.
+    /// Returns whether the triangle covers the sample position (x, y), with a margin for rounding.
     fn covers(&self, x: f32, y: f32) -> bool {
         let weights = self.planes.map(|plane| at(&plane, x, y));
         let least = -1e-4 * weights.iter().sum::<f32>();
@@ -45,7 +45,7 @@ impl Triangle {
     }
 }
 
-/// A raster that keeps, for every sample, the facet of greatest depth value.
+/// Raster that keeps, for every sample, the facet of greatest depth value.
 pub(super) struct Raster {
     pub(super) width: usize,
     pub(super) height: usize,
@@ -72,8 +72,8 @@ impl Raster {
         self.facet.fill(NOTHING);
     }
 
-    /// The triangle with these corners in clip space and these depth values over w, or `None` if it
-    /// is seen from behind, edge-on, or reaches beyond the range of numbers.
+    /// Prepares the triangle with these corners in clip space and with depth values `depths`/w.
+    /// Returns `None` if it is seen from behind or edge-on, or if its planes are not finite.
     pub(super) fn triangle(&self, corners: [[f32; 4]; 3], depths: [f32; 3]) -> Option<Triangle> {
         let (half_width, half_height) = (0.5 * self.width as f64, 0.5 * self.height as f64);
         let [a, b, c] = corners.map(|[x, y, _, w]| {
@@ -92,7 +92,7 @@ impl Raster {
         finite.then_some(Triangle { corners, planes, depth })
     }
 
-    /// Enters `triangle` as number `facet` at every sample where it is the nearest so far.
+    /// Draws `triangle` as number `facet` at every sample where it is the nearest so far.
     pub(super) fn fill(&mut self, triangle: &Triangle, facet: u32) {
         let vertices = triangle.corners.map(|c| ClipVert::new(vertex(Vector::new(c), ())));
         match view_frustum::status(&vertices) {
@@ -129,8 +129,8 @@ impl Raster {
         if span.y >= self.height || start > end {
             return;
         }
-        // The ends of a span are summed up line by line; rounding may lose the sample next to them
-        // for both of the triangles that share an edge.
+        // The ends of a span are summed up line by line; by rounding, both triangles at a shared
+        // edge may miss the sample next to it.
         let y = span.y as f32 + 0.5;
         start -= usize::from(start > 0 && triangle.covers(start as f32 - 0.5, y));
         end += usize::from(end < self.width && triangle.covers(end as f32 + 0.5, y));

@@ -1,4 +1,5 @@
-//! The drawing of a frame: facets into the visibility buffer, maps for shadow, pixels out.
+//! Drawing of a frame: facets to the visibility buffer, then shadow maps, then the shading of
+//! pixels.
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
@@ -12,28 +13,28 @@ use super::{
 };
 use crate::{Error, Result};
 
-/// One body in a picture.
+/// Body in a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Item<'a> {
-    /// Its triangles, in its own frame.
+    /// Triangles, in the body's frame.
     pub mesh: &'a RenderMesh,
-    /// From its own frame to the world (m).
+    /// Pose of the body's frame in the world (m).
     pub pose: Isometry3<f64>,
-    /// Colour where `vertex_colors` says nothing.
+    /// Colour of the body if `vertex_colors` is `None`.
     pub color: Color,
-    /// How it answers light.
+    /// Reflection properties.
     pub finish: Finish,
-    /// A colour for every vertex of the mesh, blended over the triangles.
+    /// Colour of every vertex of the mesh, interpolated over the triangles.
     pub vertex_colors: Option<&'a [Color]>,
 }
 
 impl<'a> Item<'a> {
-    /// A satin body of one colour.
+    /// Creates a satin body of one colour.
     pub fn new(mesh: &'a RenderMesh, pose: Isometry3<f64>, color: Color) -> Self {
         Self { mesh, pose, color, finish: Finish::Satin, vertex_colors: None }
     }
 
-    /// The same body with another finish.
+    /// Returns the same body with another finish.
     #[must_use]
     pub fn with_finish(self, finish: Finish) -> Self {
         Self { finish, ..self }
@@ -44,7 +45,7 @@ impl<'a> Item<'a> {
     }
 }
 
-/// Draws pictures of one size; its buffers are kept from frame to frame.
+/// Renderer of pictures of one size; its buffers are kept from frame to frame.
 pub struct Renderer {
     width: usize,
     height: usize,
@@ -59,33 +60,35 @@ pub struct Renderer {
     projected: Vec<[f32; 4]>,
 }
 
-/// A triangle that faces the eye.
+/// Triangle that faces the eye.
 struct Facet {
-    /// Planes of λ/w for its corners.
+    /// Planes of λ/w for the corners.
     planes: [Plane; 3],
     item: u32,
     triangle: u32,
 }
 
-/// What a pixel's shading needs besides its facet.
+/// Data for the shading of pixels that all facets share.
 struct Frame<'a> {
     items: &'a [Item<'a>],
     rotations: Vec<Matrix3<f32>>,
     eye: Vector3<f32>,
-    /// The ray through sample position (x, y) is `ray[0] x + ray[1] y + ray[2]`.
+    /// Coefficients of the view ray: through sample position (x, y) it is `ray[0] x + ray[1] y +
+    /// ray[2]`.
     ray: [Vector3<f32>; 3],
     /// Width of a pixel at unit distance (m/m).
     pixel: f32,
 }
 
 impl Renderer {
-    /// A renderer of antialiased pictures (2 × 2 samples a pixel).
+    /// Creates a renderer of antialiased pictures (2 × 2 samples per pixel).
     pub fn new(width: usize, height: usize) -> Result<Self> {
         Self::with_samples(width, height, 2)
     }
 
-    /// A renderer with `samples` × `samples` samples a pixel, or an error if the picture is not
-    /// 16 to 4096 pixels wide and high, or `samples` is not 1 to 4. It holds 8 bytes a sample.
+    /// Creates a renderer with `samples` × `samples` samples per pixel. Returns an error if the
+    /// picture is not 16 to 4096 pixels wide and high, or `samples` is not 1 to 4. It holds 8 bytes
+    /// per sample.
     pub fn with_samples(width: usize, height: usize, samples: usize) -> Result<Self> {
         for (name, pixels) in [("width", width), ("height", height)] {
             if !(16..=4096).contains(&pixels) {
@@ -114,17 +117,17 @@ impl Renderer {
         (self.width, self.height)
     }
 
-    /// A picture as sRGB bytes (height, width, 3); errors as for [`Renderer::draw_into`].
+    /// Draws a picture as sRGB bytes (height, width, 3); errors as for [`Renderer::draw_into`].
     pub fn draw(&mut self, camera: &Camera, items: &[Item]) -> Result<Vec<u8>> {
         let mut picture = vec![0; self.width * self.height * 3];
         self.draw_into(camera, items, &mut picture)?;
         Ok(picture)
     }
 
-    /// Fills `picture`, sRGB bytes (height, width, 3), or returns an error if it has another size,
-    /// the camera has no direction, a pose is not finite, or vertex colours are too few or many.
+    /// Fills `picture`, sRGB bytes (height, width, 3). Returns an error if it has another size, the
+    /// camera has no direction, a pose is not finite, or the number of vertex colours is wrong.
     ///
-    /// What lies behind the camera or farther away than 20 m is left out.
+    /// Bodies behind the camera or farther away than 20 m are left out.
     pub fn draw_into(&mut self, camera: &Camera, items: &[Item], picture: &mut [u8]) -> Result<()> {
         let expected = self.width * self.height * 3;
         if picture.len() != expected {
@@ -158,7 +161,7 @@ impl Renderer {
             self.projected.extend(item.mesh.vertices.iter().map(view.clip_from(&item.pose)));
             for (triangle, vertices) in item.mesh.triangles.iter().enumerate() {
                 let corners = vertices.map(|i| self.projected[i as usize]);
-                // One over w is the nearness; the barycentric coordinates add up to one.
+                // 1/w is the depth value, since the barycentric coordinates add up to one.
                 let Some(seen) = self.raster.triangle(corners, [1.0; 3]) else { continue };
                 self.raster.fill(&seen, self.facets.len() as u32);
                 let (item, triangle) = (index as u32, triangle as u32);
@@ -188,7 +191,7 @@ impl Renderer {
         self.contact.finish();
     }
 
-    /// The bytes of one pixel: the average over its samples, each facet shaded once.
+    /// Bytes of one pixel: the average over its samples, each facet shaded once.
     fn pixel(
         &self,
         frame: &Frame,
@@ -225,7 +228,7 @@ impl Renderer {
                 NOTHING => *behind,
                 _ => self.light(frame, id, left + dx / count, top + dy / count),
             };
-            // What is brighter than white counts as white, or highlights would have jagged edges.
+            // Light above white counts as white; otherwise highlights would have jagged edges.
             sum += light.map(|x| x.min(1.0)) * count;
         }
         self.gamma.bytes(&(sum / (n * n) as f32))

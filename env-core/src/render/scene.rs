@@ -1,4 +1,4 @@
-//! The picture of a scene: gripper, object and table, and what the pads feel.
+//! Pictures of a scene: gripper, object and table, and the deformation of the pads or the object.
 
 use nalgebra::Isometry3;
 
@@ -8,23 +8,23 @@ use super::{
 };
 use crate::{Error, Result, geometry::Shape, scene::SceneState};
 
-/// Edges round a circle in a picture.
+/// Number of edges that approximate a circle.
 const SEGMENTS: u32 = 64;
 
-/// Draws scenes at one size, keeping what does not change between frames.
+/// Renderer of scenes at one picture size; keeps the data that do not change between frames.
 pub struct SceneRenderer {
     renderer: Renderer,
     camera: Camera,
     gripper: GripperParts,
     table: RenderMesh,
-    /// The object drawn last, with its shape: most frames show it again.
+    /// Object drawn last, with its shape: most frames show it again.
     object: Option<(Shape, RenderMesh)>,
-    /// There once a picture has shown touch and has room for it.
+    /// Inset, created when a picture first shows touch and has room for it.
     inset: Option<Inset>,
 }
 
 impl SceneRenderer {
-    /// A renderer of pictures of `width` × `height` pixels.
+    /// Creates a renderer of pictures of `width` × `height` pixels.
     pub fn new(width: usize, height: usize) -> Result<Self> {
         Ok(Self {
             renderer: Renderer::new(width, height)?,
@@ -41,10 +41,10 @@ impl SceneRenderer {
         self.renderer.size()
     }
 
-    /// The picture (height, width, 3), sRGB, of a scene with an object of `shape`; the camera rises with
-    /// an object that is lifted. With a view of `touch`, pads have their true form and are coloured by
-    /// stress, and where one touches, an inset shows it from the object's side. With a view of a `soft`
-    /// object, that has its true form and is coloured by stress.
+    /// Draws a scene with an object of `shape` as an sRGB picture (height, width, 3). The camera
+    /// rises with an object that is lifted. With `touch`, the pads are drawn deformed and coloured
+    /// by stress, and an inset shows the more stressed pad from the object's side. With `soft`, the
+    /// object is drawn deformed and coloured by stress.
     pub fn draw(
         &mut self,
         state: &SceneState,

@@ -1,15 +1,15 @@
-//! The colour that a point of a surface sends to the eye, in linear light.
+//! Shading: the light that a point of a surface sends to the eye, in linear light.
 //!
-//! Ambient light from a hemisphere, a warm key light (the one that casts shadows), a cool fill
-//! light without shadow, both with a Lambert and a Blinn–Phong term.
+//! The lights are ambient light from a hemisphere, a warm key light, which casts shadows, and a
+//! cool fill light without shadow. Key and fill light have a Lambert and a Blinn–Phong term.
 
 use nalgebra::Vector3;
 
-/// A colour in linear light, each channel in [0, 1].
+/// Colour in linear light, each channel in [0, 1].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Color(pub [f32; 3]);
 
-/// How a surface answers light.
+/// Reflection properties of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Finish {
     /// No highlight.
@@ -20,7 +20,7 @@ pub enum Finish {
     Glossy,
     /// Highlight in the colour of the surface, little else.
     Metal,
-    /// A floor or table top: matte, with grid lines on its upper side; it takes shadows and casts
+    /// Floor or table top: matte, with grid lines on its upper side; it receives shadows and casts
     /// none.
     Ground {
         /// Distance between grid lines (m).
@@ -33,19 +33,19 @@ pub(super) const KEY: [f64; 3] = [-0.30, -0.85, 1.0];
 const KEY_LIGHT: [f32; 3] = [0.95, 0.92, 0.86];
 const FILL: [f32; 3] = [0.86, 0.05, 0.50];
 const FILL_LIGHT: [f32; 3] = [0.17, 0.19, 0.23];
-/// Light from above and from below.
+/// Ambient light from above (`SKY`) and from below (`FLOOR`).
 const SKY: [f32; 3] = [0.30, 0.32, 0.35];
 const FLOOR: [f32; 3] = [0.15, 0.14, 0.13];
-/// The background at the top and at the bottom of a picture.
+/// Background colours at the top and at the bottom of a picture (sRGB).
 const BACKGROUND: [[u8; 3]; 2] = [[222, 228, 234], [246, 247, 248]];
 /// Half width of a grid line (m).
 const LINE: f32 = 0.000_45;
-/// How much darker than the ground a grid line is, and every fifth of them.
+/// Relative darkening of the ground on a grid line (`LIGHT`) and on every fifth one (`HEAVY`).
 const LIGHT: f32 = 0.10;
 const HEAVY: f32 = 0.26;
 
 impl Color {
-    /// The colour that a screen shows for these sRGB bytes.
+    /// Converts sRGB bytes to linear light.
     pub fn srgb(red: u8, green: u8, blue: u8) -> Self {
         Self([red, green, blue].map(|byte| {
             let v = f32::from(byte) / 255.0;
@@ -53,7 +53,7 @@ impl Color {
         }))
     }
 
-    /// The sRGB bytes that show this colour on a screen.
+    /// Converts the colour to sRGB bytes.
     pub(super) fn bytes(self) -> [u8; 3] {
         self.0.map(encode)
     }
@@ -63,7 +63,7 @@ impl Color {
     }
 }
 
-/// From linear light to sRGB bytes.
+/// Table that converts linear light to sRGB bytes.
 pub(super) struct Gamma(Box<[u8; 4096]>);
 
 impl Gamma {
@@ -84,15 +84,15 @@ fn encode(v: f32) -> u8 {
     (255.0 * v + 0.5) as u8
 }
 
-/// The background at `height` of the picture, 0 at the top and 1 at the bottom.
+/// Background at `height` of the picture, 0 at the top and 1 at the bottom.
 pub(super) fn background(height: f32) -> Vector3<f32> {
     let [top, bottom] = BACKGROUND.map(|[r, g, b]| Color::srgb(r, g, b).vector());
     top.lerp(&bottom, height)
 }
 
-/// A point of a surface as the eye sees it.
+/// Visible point of a surface.
 pub(super) struct Seen {
-    /// Place in the world (m).
+    /// Position in the world (m).
     pub(super) position: Vector3<f32>,
     /// Unit normal.
     pub(super) normal: Vector3<f32>,
@@ -102,11 +102,11 @@ pub(super) struct Seen {
     pub(super) pixel: f32,
     pub(super) color: Color,
     pub(super) finish: Finish,
-    /// Share of the ambient light that something close by hides.
+    /// Share of the ambient light that bodies close by block.
     pub(super) occlusion: f32,
 }
 
-/// The lights, their directions normalised.
+/// Lights, with unit directions.
 pub(super) struct Lights {
     key: Vector3<f32>,
     fill: Vector3<f32>,
@@ -118,12 +118,12 @@ impl Lights {
         Self { key, fill: Vector3::from(FILL).normalize() }
     }
 
-    /// Whether `normal` turns towards the key light.
+    /// Returns whether a surface with `normal` faces the key light.
     pub(super) fn key_reaches(&self, normal: &Vector3<f32>) -> bool {
         normal.dot(&self.key) > 0.0
     }
 
-    /// Light from `seen` to the eye, with the share `lit` of the key light arriving.
+    /// Light from `seen` to the eye, if the share `lit` of the key light reaches it.
     pub(super) fn shade(&self, seen: &Seen, lit: f32) -> Vector3<f32> {
         let albedo = match seen.finish {
             Finish::Ground { spacing } => ground_color(seen, spacing as f32),
@@ -163,13 +163,14 @@ fn highlight(seen: &Seen, direction: &Vector3<f32>, doublings: u32) -> f32 {
     lobe
 }
 
-/// Without the library call that rounding is on processors of the baseline.
+/// Rounds to the nearest integer, faster than `f32::round`, which is a library call on baseline
+/// processors.
 fn nearest_integer(x: f32) -> i32 {
     (x + 0.5f32.copysign(x)) as i32
 }
 
-/// The ground's colour: a shade darker on the lines of the grid, each as wide as what a pixel can
-/// show of it.
+/// Colour of the ground, darker on the lines of the grid. The edges of the lines are blurred over
+/// the width of a pixel.
 fn ground_color(seen: &Seen, spacing: f32) -> Vector3<f32> {
     let color = seen.color.vector();
     if seen.normal.z < 0.9 {

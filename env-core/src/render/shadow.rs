@@ -1,4 +1,5 @@
-//! Shadows of the key light: a depth map seen from the light, and the share of it that arrives.
+//! Shadow map of the key light: a depth map seen from the light, and the share of the light that
+//! reaches a point.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
@@ -6,13 +7,14 @@ use super::{camera::FAR, mesh::RenderMesh, raster::Raster};
 
 /// Texels along each side of the map.
 const SIZE: usize = 1024;
-/// Texels along each side of a tile, in which one number bounds the depth.
+/// Texels along each side of a tile, for which one upper bound of the depth is kept.
 const TILE: usize = 16;
 const TILES: usize = SIZE / TILE;
-/// Half of the width over which a shadow's edge is smoothed (texels).
+/// Half of the width over which the edge of a shadow is smoothed (texels).
 const SOFTNESS: usize = 3;
 
-/// Height towards the light of whatever the light meets first, over a square that faces it.
+/// Depth map on a square that faces the light: height along the direction to the light of the first
+/// surface that the light meets.
 pub(super) struct ShadowMap {
     raster: Raster,
     /// Greatest height in each tile and its eight neighbours (m).
@@ -21,11 +23,11 @@ pub(super) struct ShadowMap {
     rotation: Matrix3<f64>,
     center: Point3<f64>,
     half_width: f64,
-    /// World to column, row and height towards the light (m).
+    /// Map from the world to column, row and height towards the light (m).
     to_texels: Matrix3<f32>,
     shift: Vector3<f32>,
-    /// How far off its surface a point is looked up that the light only grazes (m): the width over
-    /// which smoothing would make the surface shade itself.
+    /// Offset along the normal at which a point is looked up in grazing light (m): the width over
+    /// which the smoothing would make a surface shade itself.
     lift: f32,
 }
 
@@ -46,21 +48,21 @@ impl ShadowMap {
         }
     }
 
-    /// Forgets every caster and looks at the square of half width `half_width` (m) about `center`.
+    /// Clears the map and sets its square, of half width `half_width` (m) about `center`.
     pub(super) fn begin(&mut self, center: Point3<f64>, half_width: f64) {
         self.raster.clear();
         (self.center, self.half_width) = (center, half_width);
         let texels = 0.5 * SIZE as f64 / half_width;
         let scale = Vector3::new(texels, -texels, 1.0);
         let to_texels = Matrix3::from_diagonal(&scale) * self.rotation;
-        // The middle of the first texel is at 0.
+        // The centre of the first texel is at 0.
         let middle = Vector3::new(0.5 * SIZE as f64 - 0.5, 0.5 * SIZE as f64 - 0.5, 0.0);
         self.shift = (middle - to_texels * center.coords).cast();
         self.to_texels = to_texels.cast();
         self.lift = ((SOFTNESS as f64 + 1.0) / texels) as f32;
     }
 
-    /// Adds what `mesh` at `pose` keeps from the light.
+    /// Adds the body `mesh` at `pose`.
     pub(super) fn cast(
         &mut self,
         mesh: &RenderMesh,
@@ -84,7 +86,7 @@ impl ShadowMap {
         }
     }
 
-    /// Closes the map: it answers after this.
+    /// Completes the map, which can then be queried.
     pub(super) fn finish(&mut self) {
         self.highest.fill(f32::NEG_INFINITY);
         for (row, band) in self.raster.depth.chunks_exact(SIZE * TILE).enumerate() {
@@ -114,8 +116,8 @@ impl ShadowMap {
         self.smoothed(column - SOFTNESS, row - SOFTNESS, fraction, height)
     }
 
-    /// Share of a square of 2 `SOFTNESS` + 1 texels that is not above `height`, when it begins at
-    /// `fraction` of the texel (`left`, `top`).
+    /// Share of the texels that are not above `height`, in a square of 2 `SOFTNESS` + 1 texels that
+    /// begins at `fraction` of the texel (`left`, `top`).
     fn smoothed(&self, left: usize, top: usize, fraction: [f32; 2], height: f32) -> f32 {
         const COUNT: usize = 2 * SOFTNESS + 2;
         let [across, down] = fraction.map(|fraction| {
@@ -134,7 +136,7 @@ impl ShadowMap {
     }
 }
 
-/// Greatest of the depths in tile `column` of a band of `TILE` rows.
+/// Greatest depth in tile `column` of a band of `TILE` rows.
 fn highest_in_tile(band: &[f32], column: usize) -> f32 {
     let mut highest = [f32::NEG_INFINITY; TILE];
     for row in band.chunks_exact(SIZE) {
@@ -145,7 +147,7 @@ fn highest_in_tile(band: &[f32], column: usize) -> f32 {
     highest.into_iter().fold(f32::NEG_INFINITY, f32::max)
 }
 
-/// Lifts a tile and its eight neighbours to at least `height`.
+/// Raises a tile and its eight neighbours to at least `height`.
 fn raise_around(tiles: &mut [f32], column: usize, row: usize, height: f32) {
     let columns = column.saturating_sub(1)..(column + 2).min(TILES);
     for row in row.saturating_sub(1)..(row + 2).min(TILES) {

@@ -1,33 +1,34 @@
-//! Pads that feel: their deformed shape, coloured by stress, in the scene and from the object's side.
+//! Drawing of deformed pads and soft objects, coloured by stress, in the scene and from the
+//! object's side.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{Camera, Color, Finish, Item, RenderMesh, Renderer};
 use crate::{Error, Result, deformation::Deformation, geometry::Surface, tactile::Shell};
 
-/// What the picture shows of touch.
+/// Contact state of the pads to be drawn.
 #[derive(Clone, Copy, Debug)]
 pub struct TouchView<'a> {
-    /// Outside of the pads.
+    /// Surface of the pads.
     pub shell: &'a Shell,
-    /// What became of the pad on −x and of the one on +x; none without contact.
+    /// Solutions of the pad on −x and of the one on +x; `None` without contact.
     pub fingers: [Option<&'a Deformation>; 2],
     /// Von Mises stress of the darkest colour (Pa).
     pub darkest: f64,
 }
 
-/// What the picture shows of a soft object.
+/// State of a soft object to be drawn.
 #[derive(Clone, Copy, Debug)]
 pub struct SoftView<'a> {
-    /// Its outside.
+    /// Surface of the object.
     pub shell: &'a Shell,
-    /// What became of it; none without contact.
+    /// Solution of the object; `None` without contact.
     pub felt: Option<&'a Deformation>,
     /// Von Mises stress of the darkest colour (Pa).
     pub darkest: f64,
 }
 
-/// Colours from no stress to the most, sRGB, evenly spaced: light to dark, as in the reports.
+/// Colours (sRGB) from no stress to the highest, evenly spaced: light to dark, as in the reports.
 const COLORS: [[u8; 3]; 6] = [
     [252, 243, 205],
     [254, 191, 132],
@@ -37,7 +38,7 @@ const COLORS: [[u8; 3]; 6] = [
     [38, 12, 62],
 ];
 
-/// The colour of a stress, `share` of that of the darkest.
+/// Colour of a stress, given as a `share` of the stress of the darkest colour.
 fn color(share: f64) -> Color {
     let last = COLORS.len() - 1;
     let place = share.clamp(0.0, 1.0) * last as f64;
@@ -50,7 +51,7 @@ fn color(share: f64) -> Color {
     Color::srgb(mixed(0), mixed(1), mixed(2))
 }
 
-/// A pad, or a soft object, as it is in the moment of the picture, in its own frame.
+/// Deformed pad or soft object to be drawn, in its own frame.
 pub(super) struct TouchedPad {
     mesh: RenderMesh,
     colors: Vec<Color>,
@@ -59,7 +60,7 @@ pub(super) struct TouchedPad {
 }
 
 impl TouchedPad {
-    /// Both pads of `view`.
+    /// Creates both pads of `view`.
     pub(super) fn both(view: &TouchView) -> Result<[Self; 2]> {
         let rest = Surface::new("pad", &view.shell.places(None), view.shell.triangles())?;
         let rest = RenderMesh::new(&rest);
@@ -74,7 +75,7 @@ impl TouchedPad {
         Ok([pad(view.fingers[0])?, pad(view.fingers[1])?])
     }
 
-    /// The object of `view`.
+    /// Creates the object of `view`.
     pub(super) fn object(view: &SoftView) -> Result<Self> {
         let SoftView { shell, felt, darkest } = *view;
         let rest = Surface::new("object", &shell.places(None), shell.triangles())?;
@@ -86,30 +87,33 @@ impl TouchedPad {
         })
     }
 
-    /// The pad with its frame at `pose`.
+    /// Item of the body with its frame at `pose`.
     pub(super) fn item(&self, pose: Isometry3<f64>) -> Item<'_> {
         let item = Item::new(&self.mesh, pose, color(0.0)).with_finish(Finish::Matte);
         Item { vertex_colors: Some(&self.colors), ..item }
     }
 }
 
-/// Pixels between the inset and the picture's edge, and width of its frame.
+/// Distance between the inset and the picture's edge (`MARGIN`), and width of its frame (`FRAME`),
+/// in pixels.
 const MARGIN: usize = 6;
 const FRAME: usize = 2;
-/// Share of the picture's height that the inset takes up, and of the inset's width its colour bar.
+/// Size of the inset relative to the shorter side of the picture (`SHARE`), and width of the colour
+/// bar relative to the inset (`BAR`).
 const SHARE: f64 = 0.36;
 const BAR: f64 = 0.06;
-/// Smallest picture in which there is an inset (pixels).
+/// Smallest width and height of a picture with an inset (pixels).
 const SMALLEST: usize = 96;
 
-/// The second view: the more stressed pad, seen from the object, beside the scale of colours.
+/// Second view: the more stressed pad, seen from the object, beside the colour scale.
 pub(super) struct Inset {
     renderer: Renderer,
     camera: Camera,
 }
 
 impl Inset {
-    /// For pictures of `width` × `height` pixels, if they have room for it.
+    /// Creates the inset for pictures of `width` × `height` pixels; `None` if they are too small
+    /// for it.
     pub(super) fn new(width: usize, height: usize) -> Result<Option<Self>> {
         if width.min(height) < SMALLEST {
             return Ok(None);
@@ -124,8 +128,8 @@ impl Inset {
         Ok(Some(Self { renderer: Renderer::new(side, side)?, camera }))
     }
 
-    /// Draws the inset into the upper right corner of `picture`, which is `width` pixels wide, if a pad
-    /// feels something.
+    /// Draws the inset into the upper right corner of `picture`, which is `width` pixels wide, if a
+    /// pad is under stress.
     pub(super) fn draw(
         &mut self,
         pads: &[TouchedPad; 2],
@@ -154,7 +158,8 @@ impl Inset {
     }
 }
 
-/// The scale along the right edge of a square picture: no stress at the bottom, the darkest on top.
+/// Paints the colour scale along the right edge of a square picture: no stress at the bottom, the
+/// darkest colour at the top.
 fn paint_bar(picture: &mut [u8], side: usize) {
     let width = ((BAR * side as f64) as usize).max(2);
     for y in 0..side {

@@ -1,11 +1,11 @@
-//! Adam (Kingma and Ba 2015) with decoupled weight decay (Loshchilov and Hutter 2019), its state kept
-//! where it can be saved.
+//! Adam (Kingma and Ba 2015) with decoupled weight decay (Loshchilov and Hutter 2019), with a state
+//! that can be saved.
 
 use std::collections::BTreeMap;
 
 use candle_core::{Result, Tensor, Var, backprop::GradStore};
 
-/// The optimiser's memory.
+/// State of the optimiser.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Adam {
     /// Steps taken.
@@ -16,13 +16,13 @@ pub(super) struct Adam {
 
 const BETAS: [f64; 2] = [0.9, 0.99];
 const EPSILON: f64 = 1e-8;
-/// Share of a weight that a step at rate 1 takes away; biases and norms keep theirs.
+/// Share of a weight that decays in a step at learning rate 1; biases and norm layers do not decay.
 const DECAY: f64 = 1e-2;
 
 /// Gradients by variable.
 pub(super) type Gradients = BTreeMap<String, Vec<f32>>;
 
-/// Gradients of `variables`; zero where a variable took no part.
+/// Gradients of `variables`; zero where the loss does not depend on a variable.
 pub(super) fn gradients(variables: &[(String, Var)], store: &GradStore) -> Result<Gradients> {
     let gradient = |(name, variable): &(String, Var)| {
         let values = match store.get(variable) {
@@ -34,7 +34,7 @@ pub(super) fn gradients(variables: &[(String, Var)], store: &GradStore) -> Resul
     variables.iter().map(gradient).collect()
 }
 
-/// The mean of several gradients, cut to a norm of at most `most`; and the norm before.
+/// Mean of several gradients, scaled down to a norm of at most `most`, and its norm before that.
 pub(super) fn mean(all: &[Gradients], most: f64) -> (Gradients, f64) {
     let mut sum = all[0].clone();
     for other in &all[1..] {
@@ -50,7 +50,7 @@ pub(super) fn mean(all: &[Gradients], most: f64) -> (Gradients, f64) {
 }
 
 impl Adam {
-    /// A step of `variables` against `gradients` at learning rate `rate`.
+    /// Performs one step of `variables` against `gradients` at learning rate `rate`.
     pub(super) fn step(
         &mut self,
         variables: &[(String, Var)],

@@ -1,4 +1,4 @@
-//! The network as an answerer of presses.
+//! Trained network as a model of presses.
 
 use std::{
     path::Path,
@@ -27,7 +27,7 @@ use crate::{
     sensor::Sensor,
 };
 
-/// A trained network on one gel. Copies share what was computed in advance.
+/// A trained network on one gel. Copies share the precomputed data.
 #[derive(Clone)]
 pub struct Surrogate {
     trained: Arc<Trained>,
@@ -41,42 +41,43 @@ struct Trained {
     graph: PadGraph,
     gel: Gel,
     linear: LinearBaseline,
-    /// The model mesh's elements, which judge an answer.
+    /// Elements of the model mesh, for the residual force of an answer.
     elements: Linearised,
     body: SoftBody,
-    /// Where finite elements would feel contact on the model mesh, made when first asked for.
+    /// Contact points of finite elements on the model mesh, computed on first use.
     skin: OnceLock<Vec<SurfacePoint>>,
 }
 
-/// By what the network is evaluated, a thread's own.
+/// Implementation that evaluates the network, with the buffers of one thread.
 enum Evaluation {
     Fast(Box<PadBuffers>),
     Plain,
 }
 
-/// Force out of balance past which a press is not told well, relative to the force.
+/// Largest residual force of a trusted answer, relative to the net contact force.
 const UNBALANCED: f64 = 0.5;
-/// Depth of a shape in the skin that is not felt past which "nothing touches" is not known (m): as far
-/// as a contact gives where the pressure is Young's modulus.
+/// Penetration of a contact point beyond which an answer without contact force is not trusted (m):
+/// the penetration that finite elements allow where the pressure equals Young's modulus.
 const UNFELT: f64 = 2e-6;
-/// Everything.
+/// All optional parts of an answer.
 const ALL: Wanted = Wanted { stress: true, residual: true };
-/// Trials of a force drive, and how near to the force is near enough.
+/// Largest number of trials in a force-driven press, and relative tolerance of the force.
 const TRIES: usize = 16;
 const FORCE: f64 = 1e-3;
-/// Weights that are known by name.
+/// Shipped weights by name.
 const KNOWN: [(&str, &[u8]); 2] = [
     ("default", include_bytes!("../../assets/weights/default.safetensors")),
     ("swift", include_bytes!("../../assets/weights/swift.safetensors")),
 ];
 
-/// The shipped weights of that name.
+/// Returns the shipped weights of that name.
 pub(super) fn shipped(name: &str) -> Option<&'static [u8]> {
     KNOWN.iter().find(|(known, _)| *known == name).map(|(_, bytes)| *bytes)
 }
 
 impl Surrogate {
-    /// The shipped weights of that name on a gel of `sensor` with the given material and friction.
+    /// Loads the shipped weights of that name for a gel of `sensor` with the given material and
+    /// friction.
     pub fn named(name: &str, sensor: &Sensor, moduli: Moduli, friction: f64) -> Result<Self> {
         let bytes = shipped(name).ok_or_else(|| {
             let names = KNOWN.map(|(name, _)| name).join(", ");
@@ -90,7 +91,7 @@ impl Surrogate {
         Self::from_bytes(name, bytes, sensor, moduli, friction)
     }
 
-    /// As [`Surrogate::named`], with the weights in a file.
+    /// Performs [`Surrogate::named`] with the weights in a file.
     pub fn load(path: &Path, sensor: &Sensor, moduli: Moduli, friction: f64) -> Result<Self> {
         let bytes = weights::read(path)?;
         Self::from_bytes(&path.display().to_string(), &bytes, sensor, moduli, friction)
@@ -118,8 +119,8 @@ impl Surrogate {
         Ok(Self { trained: Arc::new(trained), is_plain: false })
     }
 
-    /// The same network evaluated by Candle's layers, which the fast path is judged by: the same answers
-    /// but for rounding, more slowly.
+    /// Returns the same network evaluated by Candle's layers, the reference for the fast path.
+    /// Answers differ by rounding only, and take longer.
     #[must_use]
     pub fn plain(&self) -> Self {
         Self { is_plain: true, ..self.clone() }
@@ -129,18 +130,18 @@ impl Surrogate {
         if self.is_plain { Evaluation::Plain } else { Evaluation::Fast(Box::default()) }
     }
 
-    /// What the weights are.
+    /// Description of the weights.
     pub fn card(&self) -> &Card {
         &self.trained.card
     }
 
-    /// The body whose nodes and tetrahedra the answers refer to.
+    /// Body whose nodes and tetrahedra the answers refer to.
     pub fn body(&self) -> &SoftBody {
         &self.trained.body
     }
 
-    /// Every frame of `press`, in order; the first that is not solved is an error and the last. A force
-    /// is that of the network's own answer.
+    /// Solves every frame of `press`, in order; the first that fails is an error and the last. In a
+    /// force-driven press the corrected answer has the required force.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         let (trained, evaluation) = (&self.trained, &mut self.evaluation());
         match press.drive() {
@@ -162,7 +163,7 @@ impl Surrogate {
         }
     }
 
-    /// The last frame of `press`; those before it are not corrected.
+    /// Solves `press` and returns its last frame; earlier frames are not corrected by the network.
     fn last(
         &self,
         press: &Press,
@@ -180,12 +181,14 @@ impl Surrogate {
         }
     }
 
-    /// Whether an answer is like what the network has learnt from: displacement (V) in m with `shapes` at
-    /// `poses` (S), contact force (V) in N, and residual (N), 0 if it was not asked for.
+    /// Returns whether an answer lies within the range of the training data: displacement (V) in m
+    /// with `shapes` at `poses` (S), contact force (V) in N and norm of the residual force (N), 0
+    /// if it was not computed.
     ///
-    /// That is: Poisson's ratio and friction within the data's; amplitude, net force and number of nodes
-    /// that bear it as [`Usual`] says of the data; and at most half as much out of balance. Where nothing
-    /// is felt: if no point of the skin at which finite elements would feel it lies in a shape.
+    /// Poisson's ratio, friction and largest displacement must lie within those of the data. If
+    /// there is contact force, the amplitude, the net force and the number of nodes that bear it
+    /// must lie within [`Usual`], and the residual must be at most half the net force. Otherwise no
+    /// contact point of finite elements may penetrate a shape.
     ///
     /// [`Usual`]: super::Usual
     pub fn knows(
@@ -217,8 +220,8 @@ impl Surrogate {
 }
 
 impl Trained {
-    /// The answer to a force drive: the linear model is asked for that force which the network makes
-    /// the wanted one of.
+    /// Solves a force-driven press: searches for the force on the linear model at which the
+    /// corrected answer has the required force.
     fn push(
         &self,
         press: &Press,
@@ -247,7 +250,8 @@ impl Trained {
             last = Some([asked, reached]);
             let factor = by_slope.filter(|factor| *factor > 0.0).unwrap_or(by_share);
             asked *= factor.clamp(0.5, 2.0);
-            // Where a node more makes a leap, slopes alone would go to and fro.
+            // The force jumps when another node comes into contact, and secant steps would
+            // oscillate there: bisect.
             let closed = low < high && high.is_finite();
             if low < high && !(low..high).contains(&asked) || closed && trial >= TRIES / 2 {
                 asked = (low * high).sqrt();
@@ -256,7 +260,7 @@ impl Trained {
         Err(Error::Unreachable { force, reached, travel })
     }
 
-    /// What the network makes of the linear answer.
+    /// Corrects the linear answer with the network.
     fn correct(
         &self,
         press: &Press,
@@ -265,7 +269,7 @@ impl Trained {
         evaluation: &mut Evaluation,
     ) -> Result<Deformation> {
         let start = Instant::now();
-        // Candle's layers say stress in any case.
+        // Candle's layers always compute the stress.
         let with_stress = wanted.stress || matches!(evaluation, Evaluation::Plain);
         let carried = self.linear.carry(linear, with_stress);
         let places = &self.body.mesh().vertices;
@@ -320,7 +324,7 @@ impl Trained {
         })
     }
 
-    /// Norm of the force out of balance by the model mesh's own elements (N).
+    /// Norm of the residual force by the elements of the model mesh (N).
     fn residual(&self, displacement: &[Vector3<f64>], contact: &[Vector3<f64>]) -> Result<f64> {
         let mut workspace = self.elements.workspace();
         let elastic = self.elements.elastic_force(displacement, &mut workspace);
@@ -346,7 +350,7 @@ fn wrench(
 }
 
 impl DeformationModel for Surrogate {
-    /// Presses are solved in parallel, each on one thread.
+    /// Solves the presses in parallel, each on one thread.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
         self.feel(presses, ALL)
     }

@@ -1,21 +1,21 @@
-//! When a training ends, and how much of it is over.
+//! Budget of a training run in epochs or time, and the share of it that is spent.
 
 use std::cell::Cell;
 
 use super::train::{positive, within};
 use crate::{Error, Result};
 
-/// When a training ends.
+/// Condition that ends a training run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Budget {
-    /// After so many epochs.
+    /// Number of epochs.
     Epochs(usize),
-    /// After so much time (s).
+    /// Duration (s).
     Seconds(f64),
 }
 
 impl Budget {
-    /// Of settings that name one of the two.
+    /// Returns the budget from settings that must give exactly one of the two.
     pub(super) fn of(epochs: Option<usize>, seconds: Option<f64>) -> Result<Self> {
         match (epochs, seconds) {
             (Some(epochs), None) => {
@@ -30,7 +30,7 @@ impl Budget {
     }
 }
 
-/// How much of a budget is spent, by a clock (s) that epochs do not look at.
+/// Spent share of a budget, by a clock (s) that matters only if the budget is a duration.
 pub(super) struct Pace<'a> {
     budget: Budget,
     clock: &'a dyn Fn() -> f64,
@@ -38,7 +38,7 @@ pub(super) struct Pace<'a> {
 }
 
 impl<'a> Pace<'a> {
-    /// Time begins to be spent.
+    /// Starts the time of a budget.
     pub(super) fn new(budget: Budget, clock: &'a dyn Fn() -> f64) -> Self {
         Self { budget, clock, start: clock().into() }
     }
@@ -48,7 +48,7 @@ impl<'a> Pace<'a> {
         (self.clock)() - self.start.get()
     }
 
-    /// What `aside` says, its time not counted.
+    /// Runs `aside` without counting its time, and returns its result.
     pub(super) fn pause<T>(&self, aside: impl FnOnce() -> T) -> T {
         let begun = (self.clock)();
         let said = aside();
@@ -56,7 +56,7 @@ impl<'a> Pace<'a> {
         said
     }
 
-    /// Share of the training that is over after `epoch` epochs.
+    /// Share of the training run that is over after `epoch` epochs.
     pub(super) fn over(&self, epoch: usize) -> f64 {
         match self.budget {
             Budget::Epochs(all) => epoch as f64 / all as f64,
@@ -64,8 +64,8 @@ impl<'a> Pace<'a> {
         }
     }
 
-    /// The share that the next step belongs to, after `steps` steps in epochs of `batches` steps, or
-    /// `None` if the budget is spent.
+    /// Returns the share of the training run at the next step, after `steps` steps in epochs of
+    /// `batches` steps, or `None` if the budget is spent.
     pub(super) fn share(&self, steps: u64, batches: usize) -> Option<f64> {
         match self.budget {
             Budget::Epochs(all) => {
@@ -75,7 +75,7 @@ impl<'a> Pace<'a> {
         }
     }
 
-    /// Whether the same budget ends at the same step again.
+    /// Returns whether the same budget always ends after the same number of steps.
     pub(super) fn repeats(&self) -> bool {
         matches!(self.budget, Budget::Epochs(_))
     }

@@ -1,13 +1,13 @@
-//! The default network: what finite elements add to the linear answer.
+//! The default network: the difference between finite elements and the linear answer.
 //!
 //! A graph network on the pad's columns (MeshGraphNets, Pfaff et al. 2021, in three scales as in
-//! MultiScale MeshGraphNets, Fortunato et al. 2022). It is shown the answer of `compliance`, linear
-//! elasticity with friction, and says by how much each node is displaced farther, each touching
-//! node pressed harder, and how far the stress of each tetrahedron is from that of the corrected
-//! displacement. Without contact it says nothing, exactly.
+//! MultiScale MeshGraphNets, Fortunato et al. 2022). Its input is the answer of `compliance`,
+//! linear elasticity with friction. Its outputs are corrections: of the displacement of each node,
+//! of the force on each touching node, and, for each tetrahedron, of the stress that the corrected
+//! displacement implies. Without contact all corrections are exactly zero.
 //!
-//! Shapes: B presses in a batch, C columns, K free layers, V = C (K + 1) nodes, T tetrahedra, H latent
-//! width, W width of a corner.
+//! Shapes: B presses in a batch, C columns, K free layers, V = C (K + 1) nodes, T tetrahedra, H
+//! latent width, W width of a corner.
 
 use candle_core::{DType, Device, Result, Tensor};
 use candle_nn::VarBuilder;
@@ -32,7 +32,7 @@ pub struct CorrectorConfig {
     pub down: [usize; SCALES],
     /// Rounds at each scale but the coarsest on the way up.
     pub up: [usize; SCALES - 1],
-    /// Width W of a tetrahedron's corner.
+    /// Width W of the hidden features of a tetrahedron's corner.
     pub corner: usize,
 }
 
@@ -53,32 +53,32 @@ pub(super) struct Corrector {
 
 /// Presses on one graph as tensors.
 pub(super) struct Batch {
-    /// (B C, FEATURES).
+    /// Features of the columns (B C, FEATURES).
     features: Tensor,
-    /// (B V, 3).
+    /// Linear displacement (B V, 3).
     displacement: Tensor,
-    /// (B, T).
+    /// Linear von Mises stress (B, T).
     stress: Tensor,
-    /// (B, C, 3).
+    /// Linear contact forces on the face (B, C, 3).
     forces: Tensor,
-    /// (B, 3).
+    /// Linear contact force on all other nodes (B, 3).
     other_force: Tensor,
-    /// (B, C, 1).
+    /// Factors on the corrections of contact forces (B, C, 1).
     gates: Tensor,
-    /// (B, 1, 1).
+    /// Largest displacement of a node (B, 1, 1).
     amplitude: Tensor,
     strongest: Tensor,
 }
 
-/// What the network says of a batch, in the units of [`PadInput`].
+/// Corrected answers of a batch, in the units of [`PadInput`].
 pub(super) struct CorrectorOutput {
-    /// (B V, 3).
+    /// Displacement (B V, 3).
     pub(super) displacement: Tensor,
-    /// Von Mises (B, T).
+    /// Von Mises stress (B, T).
     pub(super) stress: Tensor,
-    /// On the face (B, C, 3).
+    /// Contact forces on the face (B, C, 3).
     pub(super) forces: Tensor,
-    /// Of all contact (B, 3).
+    /// Net contact force (B, 3).
     pub(super) force: Tensor,
 }
 
@@ -144,7 +144,7 @@ impl Corrector {
         Ok(CorrectorOutput { displacement, stress, forces, force })
     }
 
-    /// What it says of one question.
+    /// Corrects the linear answer of one press.
     pub(super) fn fields(&self, question: &PadInput, graph: &PadGraph) -> Result<Fields> {
         let answer = self.forward(&Batch::new(&[question])?, graph)?;
         Fields::of([&answer.displacement, &answer.stress, &answer.forces, &answer.force])
@@ -174,7 +174,7 @@ impl Corrector {
     }
 }
 
-/// The displacement of all nodes (B V, 3).
+/// Corrected displacement of all nodes (B V, 3).
 fn displaced(batch: &Batch, says: &Tensor) -> Result<Tensor> {
     let presses = batch.presses()?;
     let layers = says.narrow(1, 0, 3 * LAYERS)?.reshape((presses, (), LAYERS, 3))?;
@@ -186,7 +186,7 @@ fn displaced(batch: &Batch, says: &Tensor) -> Result<Tensor> {
     &batch.displacement + added
 }
 
-/// The forces on the face (B, C, 3), and of all contact (B, 3).
+/// Corrected contact forces on the face (B, C, 3), and net contact force (B, 3).
 fn pressed(batch: &Batch, says: &Tensor) -> Result<(Tensor, Tensor)> {
     let added = says.narrow(1, 3 * LAYERS, 3)?.reshape(batch.forces.shape())?;
     let added = added.broadcast_mul(&batch.gates)?.broadcast_mul(&batch.strongest)?;

@@ -1,5 +1,6 @@
-//! What single precision costs: the corrector in double precision, written from its formulas and with
-//! nothing of its operations, beside the fast path. `cargo test precision -- --nocapture` prints it.
+//! Rounding error of single precision: the corrector in double precision, written from its formulas
+//! without any of its operations, compared with the fast path.
+//! `cargo test precision -- --nocapture` prints the errors.
 
 use candle_core::Tensor;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
@@ -24,7 +25,7 @@ use crate::{
 /// Displacement (V, 3), stress (T) and forces on the face (C, 3), in the units of [`PadInput`].
 type Said = [Vec<f64>; 3];
 
-/// A tensor of one or two dimensions.
+/// Converts a tensor of one or two dimensions.
 fn matrix(tensor: &Tensor) -> DMatrix<f64> {
     let (rows, columns) = tensor.dims2().unwrap_or((1, tensor.elem_count()));
     let numbers: Vec<f32> = tensor.flatten_all().unwrap().to_vec1().unwrap();
@@ -100,7 +101,7 @@ fn rounds(all: &[Round], v: DMatrix<f64>, scale: Scale) -> DMatrix<f64> {
     all.iter().fold(v, |v, one| round(one, &v, scale))
 }
 
-/// √(3/2 dev b : dev b) / J of every tetrahedron for `u` (V, 3) in units of `length`.
+/// Returns √(3/2 dev b : dev b) / J of every tetrahedron for `u` (V, 3) in units of `length`.
 fn von_mises(pad: &PadMesh, length: f64, u: &[f64]) -> Vec<f64> {
     let place = |node: u32| Vector3::from_column_slice(&u[3 * node as usize..][..3]);
     let stress = |t: usize| {
@@ -116,7 +117,7 @@ fn von_mises(pad: &PadMesh, length: f64, u: &[f64]) -> Vec<f64> {
     (0..pad.mesh.tets.len()).map(stress).collect()
 }
 
-/// What `network` says of a question on a pad whose layer is `length` thick (m).
+/// Evaluates `network` for an input on a pad whose layer is `length` thick (m).
 fn forward(
     network: &Corrector,
     question: &PadInput,
@@ -181,7 +182,7 @@ fn apart(found: &[f32], exact: &[f64]) -> f64 {
     (found - &exact).norm() / exact.norm()
 }
 
-/// A pressed ball, block or tip, `depth` (m) deep beside the middle of the face.
+/// Presses of a ball, block or tip, each with its depth (m), beside the middle of the face.
 fn presses() -> Vec<(&'static str, f64, Press)> {
     let sides = Vector3::repeat(0.004);
     let shapes = [
@@ -244,6 +245,7 @@ fn precision_single_is_enough() {
     println!(
         "{told} presses, worst: u {u:.1e}, von Mises stress {stress:.1e}, forces {forces:.1e}"
     );
-    // Strain of a micrometre in four millimetres has four digits beside the 1 of F = 1 + ∇u.
+    // At a micrometre of displacement in four millimetres, strain keeps only four digits next to
+    // the 1 in F = 1 + ∇u.
     assert!(told > 30 && u < 2e-6 && stress < 2e-3 && forces < 2e-6, "{told}: {worst:?}");
 }

@@ -1,6 +1,8 @@
-//! From forces on the nodes of a pad's face to the displacement of a whole mesh: a dense matrix, made once.
+//! Dense matrix from forces on the nodes of a pad's face to the displacement of a whole mesh,
+//! computed once.
 //!
-//! Shapes: C nodes of the face, D numbers of a displacement, the last of which may always be zero.
+//! Shapes: C nodes of the face, D numbers of a displacement, of which trailing ones may always be
+//! zero.
 
 use nalgebra::Vector3;
 
@@ -8,16 +10,17 @@ use crate::{compliance::nodal::Nodal, responses::Responses};
 
 /// The matrix.
 pub(super) struct Extension {
-    /// Displacement under a unit force along each axis on each node of the face (3C, D) in m/N, without
-    /// zeros at the end.
+    /// Displacement under a unit force along each axis on each node of the face (3C, D) in m/N,
+    /// without trailing numbers that are always zero.
     columns: Responses,
-    /// D.
+    /// Number of components of a displacement D.
     size: usize,
 }
 
 impl Extension {
-    /// That of `nodal`, whose displacement `carry` brings to the mesh. Made on the calling thread
-    /// alone: a thread of a pool that waited for others could be given a press that waits for this.
+    /// Computes the matrix of `nodal`, whose displacement `carry` converts to the numbers of the
+    /// target mesh (D). Runs on the calling thread alone: a pool thread that waited for others
+    /// could be given a press that waits for this matrix.
     pub(super) fn new(nodal: &Nodal, carry: impl Fn(&[Vector3<f64>]) -> Vec<f64>) -> Self {
         let answers = nodal.unit_responses(carry);
         let size = answers.first().map_or(0, Vec::len);

@@ -1,8 +1,9 @@
-//! The corrector without Candle: the same numbers, on one thread, in buffers that are kept.
+//! The corrector without Candle: the same results on one thread, in reused buffers.
 //!
-//! Plain Candle ([`Corrector::forward`]) is the oracle. Shapes as in the corrector, with one press.
+//! Plain Candle ([`Corrector::forward`]) is the reference. Shapes as in the corrector, with one
+//! press.
 
-#![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
+#![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
 use candle_core::Result;
 
@@ -37,10 +38,10 @@ pub(super) struct PadBuffers {
 }
 
 impl PadInference {
-    /// `network` on the `graph` of `pad`.
+    /// Prepares `network` for the `graph` of `pad`.
     pub(super) fn new(network: &Corrector, graph: &PadGraph, pad: &PadMesh) -> Result<Self> {
         let columns = graph.columns as u32;
-        // Nodes in the order column, layer.
+        // Nodes ordered by column, then layer.
         let place = |node: u32| node % columns * (LAYERS as u32 + 1) + node / columns;
         let tets = pad.mesh.tets.iter().map(|tet| tet.map(place)).collect();
         let heads = [&network.corners, &network.strain, &network.stress];
@@ -53,7 +54,7 @@ impl PadInference {
         })
     }
 
-    /// The corrected answer to `question`; stress is left empty unless `with_stress`.
+    /// Corrects the linear answer in `question`; stress is left empty unless `with_stress`.
     pub(super) fn forward(
         &self,
         question: &PadInput,
@@ -83,7 +84,7 @@ impl PadInference {
         Fields { displacement, stress, forces, force }
     }
 
-    /// Stress of the tetrahedra (T) by the displacement `u` (V, 3); `stress` is a buffer.
+    /// Stress of the tetrahedra (T) under the displacement `u` (V, 3); `stress` is a buffer.
     fn moved(&self, u: &[f32], stress: &mut Vec<f32>) -> Vec<f32> {
         let arranged = self.elements.arranged(u.as_chunks().0);
         vectorised(
@@ -134,10 +135,10 @@ mod tests {
     };
     use crate::sensor::Sensor;
 
-    /// A question of random numbers about a pad, and a network whose every weight is random.
+    /// Compares both paths for random inputs and random weights.
     #[test]
     fn it_says_what_candle_says() {
-        // Corners that fill lanes and such that do not.
+        // Corner widths that are a multiple of the vector width, and not.
         [16, 20].into_iter().for_each(compare);
     }
 

@@ -1,9 +1,9 @@
-//! A press as the network sees it, and the truth it is to find, as plain numbers without units.
+//! Input and target of the network for a press, as dimensionless numbers.
 //!
 //! Lengths are in units of the pad's thickness L, stresses of the shear modulus μ, forces of E L².
 //! Young's modulus drops out: displacements do not depend on it and stresses are proportional to
-//! it. What the network says is multiplied by the press's own amplitude, so without contact it is
-//! exactly nothing.
+//! it. The network's outputs are multiplied by the amplitude of the press, those for forces by its
+//! largest nodal force, so without contact they are exactly zero.
 //!
 //! Shapes: C columns, V nodes, T tetrahedra.
 
@@ -16,19 +16,21 @@ use crate::{
     geometry::{Distance, Shape},
 };
 
-/// Numbers for each column: displacement of its layers, contact force, how far the object is at rest,
-/// after displacement in units of the amplitude and of the thickness, its normal, where the column
-/// stands, and what holds for the press as a whole.
+/// Number of features of a column: displacement of its layers, contact force, distance from the
+/// undisplaced column to the object, distance from the displaced column in units of the amplitude
+/// and of the thickness, normal of the object, position of the column, and features of the press
+/// as a whole.
 pub(super) const FEATURES: usize = 3 * LAYERS + 3 + 3 + 3 + PLACE_FEATURES + GLOBALS;
-/// Numbers that hold for the press: amplitude, compressibility, friction, force over amplitude.
+/// Number of features of the press as a whole: amplitude, compressibility, friction, force over
+/// amplitude.
 const GLOBALS: usize = 4;
 
 /// A press with its linear answer.
 #[derive(Clone, Debug)]
 pub(super) struct PadInput {
-    /// (C, FEATURES).
+    /// Features of the columns (C, FEATURES).
     pub(super) features: Vec<f32>,
-    /// The linear answer (V, 3).
+    /// Displacement of the linear answer (V, 3).
     pub(super) displacement: Vec<f32>,
     /// Its von Mises stress (T).
     pub(super) stress: Vec<f32>,
@@ -36,7 +38,8 @@ pub(super) struct PadInput {
     pub(super) forces: Vec<f32>,
     /// Its contact force on all other nodes.
     pub(super) other_force: [f32; 3],
-    /// How far contact may be corrected: 1 where the object is, 0 where it is far (C).
+    /// Factor on the correction of the contact force (C): 1 where the object touches, falling to 0
+    /// where it is far.
     pub(super) gates: Vec<f32>,
     /// Largest displacement of a node.
     pub(super) amplitude: f32,
@@ -44,25 +47,25 @@ pub(super) struct PadInput {
     pub(super) strongest: f32,
 }
 
-/// What finite elements say of a press.
+/// Finite-element solution of a press.
 #[derive(Clone, Debug)]
 pub(super) struct Target {
-    /// (V, 3).
+    /// Displacement (V, 3).
     pub(super) displacement: Vec<f32>,
-    /// Von Mises (T).
+    /// Von Mises stress (T).
     pub(super) stress: Vec<f32>,
-    /// On the face (C, 3).
+    /// Contact forces on the face (C, 3).
     pub(super) forces: Vec<f32>,
-    /// Of all contact.
+    /// Net contact force.
     pub(super) force: [f32; 3],
 }
 
-/// Units and what else must be known of a pad.
+/// Material, friction and thickness of a pad, which define its units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Gel {
     pub(super) moduli: Moduli,
     pub(super) friction: f64,
-    /// L (m).
+    /// Thickness L (m).
     pub(super) thickness: f64,
 }
 
@@ -73,11 +76,12 @@ impl Gel {
     }
 }
 
-/// Distance from the displaced face at which contact is no longer corrected.
+/// Distance of the object from the displaced face beyond which contact forces are not corrected, in
+/// units of L.
 const REACH: f64 = 0.125;
 
 impl PadInput {
-    /// What `linear`, the answer to a press of `shapes`, asks of the network.
+    /// Returns the network's input for `linear`, the linear answer to a press of `shapes`.
     pub(super) fn new(
         graph: &PadGraph,
         gel: &Gel,
@@ -129,7 +133,7 @@ impl PadInput {
         }
     }
 
-    /// The same press in a mirror.
+    /// Returns the same press seen in a mirror.
     pub(super) fn mirrored(&self, mirror: &Mirror) -> Self {
         let Self { other_force, amplitude, strongest, .. } = *self;
         let signs = feature_signs(mirror.signs);
@@ -147,7 +151,7 @@ impl PadInput {
 }
 
 impl Target {
-    /// The same truth in a mirror.
+    /// Returns the same solution seen in a mirror.
     pub(super) fn mirrored(&self, mirror: &Mirror) -> Self {
         Self {
             displacement: moved(&self.displacement, &mirror.columns, &mirror.signs),
@@ -170,8 +174,8 @@ fn feature_signs([x, y, z]: [f32; 3]) -> [f32; FEATURES] {
     all
 }
 
-/// Rows of a field, each taken from its image in the mirror; a field of several layers of columns is
-/// moved layer by layer. A mirror is its own inverse.
+/// Returns the rows of a field, each taken from its image in the mirror; a field of several layers
+/// of columns is mirrored layer by layer. A mirror is its own inverse.
 fn moved(field: &[f32], images: &[u32], signs: &[f32]) -> Vec<f32> {
     let (width, layer) = (signs.len(), signs.len() * images.len());
     let rows = field.chunks_exact(layer).flat_map(|layer| {
@@ -185,7 +189,7 @@ pub(super) fn flat(vectors: &[Vector3<f64>], unit: f64) -> Vec<f32> {
     vectors.iter().flat_map(|v| [v.x, v.y, v.z].map(|x| (x / unit) as f32)).collect()
 }
 
-/// Distance to the nearest shape, its normal in the pad's frame.
+/// Distance to the nearest shape, with its normal in the pad's frame.
 fn nearest(shapes: &[Shape], linear: &Carried, place: &Point3<f64>) -> Distance {
     let far = Distance { value: f64::INFINITY, normal: Vector3::z() };
     shapes.iter().zip(&linear.poses).fold(far, |nearest, (shape, pose)| {

@@ -1,9 +1,9 @@
 //! A pad as a graph: columns of nodes, three scales, tetrahedra.
 //!
-//! A pad's nodes lie in layers of equal plan (`PadMesh`), so each node of the face stands for the
-//! column under it. Columns are joined to their eight neighbours in the grid; coarser scales have
-//! half as many columns a side, joined to the finer one by bilinear interpolation. Lengths are in
-//! units of the pad's thickness.
+//! A pad's nodes lie in layers with the same layout (`PadMesh`), so each node of the face
+//! represents the column under it. Columns are joined to their eight neighbours in the grid;
+//! coarser scales have half as many columns a side and are linked to the finer one by bilinear
+//! interpolation. Lengths are in units of the pad's thickness.
 //!
 //! Shapes: C columns, K free layers of nodes and a fixed one, V = C (K + 1) nodes, T tetrahedra, E
 //! directed edges of a scale.
@@ -18,36 +18,37 @@ use super::{
 };
 use crate::{Error, Result, geometry::PadMesh};
 
-/// Free layers of nodes that the network is made for.
+/// Number of free layers of nodes that the network requires.
 pub(super) const LAYERS: usize = 3;
-/// Scales.
+/// Number of scales.
 pub(super) const SCALES: usize = 3;
-/// Numbers that describe an edge: the way from sender to receiver, its length.
+/// Number of features of an edge: vector from sender to receiver, and its length.
 pub(super) const EDGE_FEATURES: usize = 4;
-/// Numbers that describe a column at rest.
+/// Number of features of a column at rest.
 pub(super) const PLACE_FEATURES: usize = 4;
 
-/// What all presses of one pad mesh share.
+/// Data shared by all presses on one pad mesh.
 #[derive(Clone, Debug)]
 pub(super) struct PadGraph {
     /// Number of columns.
     pub(super) columns: usize,
-    /// From fine to coarse.
+    /// Scales from fine to coarse.
     pub(super) levels: [Level; SCALES],
-    /// Features of the edges of each (E, EDGE_FEATURES).
+    /// Features of the edges of each scale (E, EDGE_FEATURES).
     pub(super) edges: [Tensor; SCALES],
-    /// Where each column stands: x and y over the half-extents, height of the face, distance to the
+    /// Position of each column: x and y over the half-extents, height of the face, distance to the
     /// nearest side (C, PLACE_FEATURES).
     pub(super) places: Vec<f32>,
-    /// Displacement to stress.
+    /// Operator from displacement to stress.
     pub(super) gradients: Arc<Gradients>,
-    /// Sum over the corners of each tetrahedron, of nodes in the order column, layer (T, V).
+    /// Matrix that sums over the corners of each tetrahedron (T, V); its columns are ordered by
+    /// column of nodes, then layer.
     pub(super) corners: Arc<Sparse>,
-    /// The pad's symmetries: as it is, mirrored in x, in y, in both.
+    /// Symmetries of the pad: identity, mirrored in x, in y, in both.
     pub(super) mirrors: [Mirror; 4],
 }
 
-/// A symmetry of the pad: where each column and tetrahedron goes, and the signs of x and y.
+/// A symmetry of the pad: image of each column and tetrahedron, and signs of the axes.
 #[derive(Clone, Debug)]
 pub(super) struct Mirror {
     pub(super) columns: Vec<u32>,
@@ -56,7 +57,7 @@ pub(super) struct Mirror {
 }
 
 impl PadGraph {
-    /// The graph of a pad mesh of `LAYERS` free layers.
+    /// Builds the graph of a pad mesh of `LAYERS` free layers; other meshes are an error.
     pub(super) fn new(pad: &PadMesh) -> Result<Self> {
         let [across, along, layers] = pad.cells.map(|cells| cells as usize + 1);
         if layers != LAYERS + 1 {
@@ -110,7 +111,7 @@ impl PadGraph {
     }
 }
 
-/// Bilinear interpolation from a `coarse` grid over the same area, x fastest.
+/// Matrix of bilinear interpolation from a `coarse` grid over the same area, x fastest.
 fn interpolation(fine: [usize; 2], coarse: [usize; 2]) -> Sparse {
     let along = |axis: usize, i: usize| {
         let place = (i * (coarse[axis] - 1)) as f32 / (fine[axis] - 1).max(1) as f32;
@@ -128,7 +129,7 @@ fn interpolation(fine: [usize; 2], coarse: [usize; 2]) -> Sparse {
     Sparse::new(&rows, coarse[0] * coarse[1])
 }
 
-/// Edges between each column and the eight around it.
+/// Edges between each column and the eight around it, with their features.
 fn neighbours(size: [usize; 2], places: &[[f64; 3]]) -> (Edges, Vec<f32>) {
     let (mut senders, mut starts, mut features) = (Vec::new(), vec![0], Vec::new());
     for (receiver, place) in places.iter().enumerate() {

@@ -11,20 +11,20 @@ use super::ops::{Edges, affine, layer_norm, messages};
 
 /// x Wᵀ + b, or its positive part.
 pub(super) struct Linear {
-    /// (M, K).
+    /// Weight (M, K).
     pub(super) weight: Tensor,
-    /// (M).
+    /// Bias (M).
     pub(super) bias: Tensor,
 }
 
 impl Linear {
-    /// From `inputs` to `outputs` numbers.
+    /// Creates a layer from `inputs` to `outputs` numbers, with random weights.
     pub(super) fn new(inputs: usize, outputs: usize, vb: &VarBuilder) -> Result<Self> {
         let bound = 1.0 / (inputs as f64).sqrt();
         Self::with(inputs, outputs, vb, Init::Uniform { lo: -bound, up: bound })
     }
 
-    /// As [`Linear::new`], but all zero to begin with.
+    /// Creates a layer as [`Linear::new`] does, with zero weights.
     pub(super) fn zero(inputs: usize, outputs: usize, vb: &VarBuilder) -> Result<Self> {
         Self::with(inputs, outputs, vb, Init::Const(0.0))
     }
@@ -35,12 +35,12 @@ impl Linear {
         Ok(Self { weight, bias })
     }
 
-    /// (N, K) to (N, M).
+    /// Maps (N, K) to (N, M).
     pub(super) fn forward(&self, x: &Tensor) -> Result<Tensor> {
         affine(x, &self.weight, &self.bias, false)
     }
 
-    /// As [`Linear::forward`], its positive part.
+    /// Positive part of [`Linear::forward`].
     pub(super) fn forward_relu(&self, x: &Tensor) -> Result<Tensor> {
         affine(x, &self.weight, &self.bias, true)
     }
@@ -53,33 +53,33 @@ pub(super) struct LayerNorm {
 }
 
 impl LayerNorm {
-    /// For rows of `width` numbers.
+    /// Creates a layer for rows of `width` numbers.
     pub(super) fn new(width: usize, vb: &VarBuilder) -> Result<Self> {
         let scale = vb.get_with_hints(width, "scale", Init::Const(1.0))?;
         let shift = vb.get_with_hints(width, "shift", Init::Const(0.0))?;
         Ok(Self { scale, shift })
     }
 
-    /// (N, H) to (N, H).
+    /// Maps (N, H) to (N, H).
     pub(super) fn forward(&self, x: &Tensor) -> Result<Tensor> {
         layer_norm(x, &self.scale, &self.shift)
     }
 }
 
-/// Two affine layers with a relu between them.
+/// Two affine layers with a ReLU between them.
 pub(super) struct Mlp {
     pub(super) first: Linear,
     pub(super) second: Linear,
 }
 
 impl Mlp {
-    /// From `inputs` over `hidden` to `outputs` numbers.
+    /// Creates layers from `inputs` over `hidden` to `outputs` numbers.
     pub(super) fn new([inputs, hidden, outputs]: [usize; 3], vb: &VarBuilder) -> Result<Self> {
         let first = Linear::new(inputs, hidden, &vb.pp("first"))?;
         Ok(Self { first, second: Linear::new(hidden, outputs, &vb.pp("second"))? })
     }
 
-    /// (N, inputs) to (N, outputs).
+    /// Maps (N, inputs) to (N, outputs).
     pub(super) fn forward(&self, x: &Tensor) -> Result<Tensor> {
         self.second.forward(&self.first.forward_relu(x)?)
     }
@@ -95,7 +95,7 @@ pub(super) struct Round {
 }
 
 impl Round {
-    /// Of latent width `width`, on edges of `features` numbers.
+    /// Creates a round of latent width `width` on edges with `features` numbers each.
     pub(super) fn new(width: usize, features: usize, vb: &VarBuilder) -> Result<Self> {
         Ok(Self {
             norm: LayerNorm::new(width, &vb.pp("norm"))?,
@@ -105,7 +105,7 @@ impl Round {
         })
     }
 
-    /// (B V, H) to (B V, H), along `graph` with `features` (E, F) on its edges.
+    /// Maps (B V, H) to (B V, H), along `graph` with `features` (E, F) on its edges.
     pub(super) fn forward(
         &self,
         v: &Tensor,

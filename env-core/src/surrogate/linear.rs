@@ -1,9 +1,10 @@
 //! The linear answer that the network corrects, on the model mesh.
 //!
-//! Linear elasticity can be condensed in advance on any mesh, so what a coarse mesh would miss need not
-//! be learnt: the body is condensed on a mesh as fine as the truth's. Contact is felt either at that
-//! mesh's many surface points ([`Contact::Points`]), or at the nodes of the model mesh's face
-//! ([`Contact::Nodes`]), which is an order of magnitude faster and leaves more to be learnt.
+//! Linear elasticity can be condensed in advance on any mesh. The body is condensed on a mesh as
+//! fine as that of the reference solutions, so the network need not learn what a coarse mesh would
+//! miss. Contact is evaluated either at that mesh's many surface points ([`Contact::Points`]), or
+//! at the nodes of the model mesh's face ([`Contact::Nodes`]), which is an order of magnitude
+//! faster and leaves more to be learnt.
 
 use std::sync::OnceLock;
 
@@ -27,19 +28,19 @@ use crate::{
     simd::vectorised,
 };
 
-/// Where the linear model feels contact.
+/// Points at which the linear model evaluates contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Contact {
-    /// At the surface points of its own mesh, as finite elements do.
+    /// Surface points of its own mesh, as in finite elements.
     #[default]
     Points,
-    /// At the nodes of the model mesh's face.
+    /// Nodes of the model mesh's face.
     Nodes,
 }
 
 impl Contact {
-    /// Its name in the settings.
+    /// Name in the settings.
     pub(super) const fn name(self) -> &'static str {
         match self {
             Self::Points => "points",
@@ -48,7 +49,7 @@ impl Contact {
     }
 }
 
-/// A gel's linear model.
+/// Linear model of a gel.
 pub(super) struct LinearBaseline {
     solver: Solver,
     transfer: Transfer,
@@ -59,24 +60,24 @@ enum Solver {
     Nodes(Box<Nodes>),
 }
 
-/// Contact at nodes, and what its forces do to the meshes.
+/// Contact at nodes, and the response of the meshes to its forces.
 struct Nodes {
     nodal: Nodal,
     extension: Extension,
     fine: PadMesh,
-    /// Made when stress is first asked for.
+    /// Operator for stress, computed on first use.
     stress: OnceLock<Stress>,
 }
 
-/// Stress from forces on the face.
+/// Operator from forces on the face to stress.
 struct Stress {
     extension: Extension,
     elements: PadStress,
-    /// Of each of the fine mesh's tetrahedra in the model mesh's.
+    /// Shares of the fine mesh's tetrahedra in each tetrahedron of the model mesh.
     shares: Sparse,
 }
 
-/// An answer of the linear model, before it is carried to the model mesh.
+/// An answer of the linear model, before it is transferred to the model mesh.
 pub(super) enum LinearAnswer {
     Points(Box<Deformation>),
     Nodes(Settled),
@@ -85,18 +86,18 @@ pub(super) enum LinearAnswer {
 /// A linear answer on the model mesh. V nodes, T tetrahedra, S shapes.
 #[derive(Clone, Debug)]
 pub(super) struct Carried {
-    /// (V) in m.
+    /// Displacement (V) in m.
     pub(super) displacement: Vec<Vector3<f64>>,
-    /// (V) in N.
+    /// Contact force (V) in N.
     pub(super) contact_force: Vec<Vector3<f64>>,
-    /// (T) in Pa, or empty.
+    /// Von Mises stress (T) in Pa, or empty.
     pub(super) von_mises: Vec<f64>,
-    /// (S).
+    /// Poses of the shapes (S).
     pub(super) poses: Vec<Isometry3<f64>>,
 }
 
 impl LinearBaseline {
-    /// That of a gel on a mesh of `nodes` nodes, answering on `model`.
+    /// Builds the model of a gel on a mesh of at most `nodes` nodes, with answers on `model`.
     pub(super) fn new(
         sensor: &Sensor,
         gel: &Gel,
@@ -120,7 +121,7 @@ impl LinearBaseline {
         Ok(Self { solver, transfer })
     }
 
-    /// The answers along `press`, until one fails.
+    /// Solves the frames of `press`, in order; the first that fails is an error and the last.
     pub(super) fn path(&self, press: &Press) -> Vec<Result<LinearAnswer>> {
         match &self.solver {
             Solver::Points(compliance) => {
@@ -134,7 +135,7 @@ impl LinearBaseline {
         }
     }
 
-    /// An answer on the model mesh; its stress is left empty unless `with_stress`.
+    /// Transfers an answer to the model mesh; its stress is left empty unless `with_stress`.
     pub(super) fn carry(&self, answer: &LinearAnswer, with_stress: bool) -> Carried {
         match (answer, &self.solver) {
             (LinearAnswer::Nodes(settled), Solver::Nodes(nodes)) => {
@@ -142,7 +143,7 @@ impl LinearBaseline {
                 let displacement = nodes.extension.displacement(&settled.forces);
                 let displacement = displacement.as_chunks::<3>().0.iter();
                 let displacement: Vec<_> = displacement.map(|&u| Vector3::from(u).cast()).collect();
-                // The nodes of the face come first.
+                // Nodes of the face come first.
                 let mut contact_force = vec![Vector3::zeros(); displacement.len()];
                 for (node, force) in &settled.forces {
                     contact_force[*node as usize] = *force;
@@ -171,7 +172,7 @@ impl LinearBaseline {
 }
 
 impl Nodes {
-    /// Von Mises stress of the model mesh in Pa, the mean of the fine mesh's.
+    /// Von Mises stress of the model mesh in Pa, averaged from the fine mesh.
     fn von_mises(&self, settled: &Settled, transfer: &Transfer) -> Vec<f64> {
         let stress = self.stress.get_or_init(|| Stress::new(self, transfer));
         if settled.forces.is_empty() {
@@ -211,7 +212,7 @@ fn flat(u: &[Vector3<f64>]) -> Vec<f64> {
 }
 
 impl LinearAnswer {
-    /// What the contact remembers.
+    /// History of the contact.
     pub(super) fn history(&self) -> &History {
         match self {
             Self::Points(fine) => &fine.history,
@@ -219,7 +220,7 @@ impl LinearAnswer {
         }
     }
 
-    /// Steps of the solver, and its wall time (s).
+    /// Number of solver iterations, and wall time (s).
     pub(super) fn effort(&self) -> (usize, f64) {
         match self {
             Self::Points(fine) => (fine.iterations, fine.seconds),
@@ -228,7 +229,7 @@ impl LinearAnswer {
     }
 }
 
-/// A pad mesh of a gel.
+/// Creates the soft body of a pad mesh.
 pub(super) fn body(pad: &PadMesh, moduli: Moduli) -> Result<SoftBody> {
     SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base)
 }
@@ -240,7 +241,7 @@ mod tests {
     use super::*;
     use crate::geometry::Shape;
 
-    /// A gel with contact at nodes, and a ball pressed into it.
+    /// Creates a gel with contact at nodes, and solves a press of a ball into it.
     fn pressed() -> (Box<Nodes>, Settled) {
         let sensor = Sensor::named("gelsight-mini").unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
@@ -264,8 +265,8 @@ mod tests {
         let pairs = found.iter().zip(&solved);
         let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(found.len() == solved.len() && most > 1e3, "{most} Pa");
-        // The matrix is rounded to 16 bits, which differences between neighbours feel most, and the fast
-        // stress has single precision and a floor of 1e-5 of the shear modulus.
+        // The matrix is rounded to 16 bits, which affects differences between neighbours most, and
+        // the fast stress has single precision and a floor of 1e-5 of the shear modulus.
         assert!(error < 3e-4 * most, "{error} Pa of {most} Pa");
     }
 
@@ -282,8 +283,8 @@ mod tests {
                 pool.in_place_scope(|scope| {
                     let ask = |_: &_| drop(nodes.von_mises(&settled, &same));
                     scope.spawn(ask);
-                    // By now the matrix is being made; had it work for idle threads, its maker could be
-                    // handed one of these while it waits for them.
+                    // The matrix is being computed here. If that used the pool, its thread could be
+                    // handed one of these tasks while it waits for others, and would deadlock.
                     std::thread::sleep(Duration::from_millis(5));
                     (0..64).for_each(|_| scope.spawn(ask));
                 });

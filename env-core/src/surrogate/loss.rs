@@ -1,7 +1,7 @@
-//! What training makes small, and what is reported.
+//! Training loss of the corrector.
 //!
-//! Each part is a relative error of a press, ‖x̂ − x‖ / ‖x‖, averaged over the batch: every press counts
-//! the same, however hard it presses.
+//! Each part is a relative error of a press, ‖x̂ − x‖ / ‖x‖, averaged over the batch: every press
+//! has the same weight, regardless of its force.
 
 use candle_core::{Device, Result, Tensor};
 use candle_nn::VarBuilder;
@@ -15,16 +15,16 @@ use super::{
     train::{Loss, Network},
 };
 
-/// Weight of displacement, stress, forces on nodes and net force in the loss.
+/// Weights of displacement, stress, nodal forces and net force in the loss.
 const WEIGHTS: [f64; 4] = [1.0, 1.0, 0.3, 1.0];
-/// Added to the squares of norms, so that their roots have derivatives.
+/// Added to the squares of norms, so that their roots are differentiable.
 const EPSILON: f64 = 1e-16;
 
 /// Mean relative errors of displacement, stress, nodal forces and net force, each a scalar.
 pub(super) struct Parts(pub(super) [Tensor; 4]);
 
 impl Parts {
-    /// Their weighted sum.
+    /// Weighted sum of the parts.
     pub(super) fn total(&self) -> Result<Tensor> {
         let mut sum = (&self.0[0] * WEIGHTS[0])?;
         for (part, weight) in self.0.iter().zip(WEIGHTS).skip(1) {
@@ -42,8 +42,8 @@ impl Parts {
     }
 }
 
-/// The errors of each press of `answer` against `truths`: of displacement, stress, forces on nodes
-/// and net force, (B) each.
+/// Errors of each press of `answer` against `truths`: displacement, stress, nodal forces and net
+/// force, (B) each.
 pub(super) fn errors(answer: &CorrectorOutput, truths: &[&Target]) -> Result<[Tensor; 4]> {
     let all = |field: fn(&Target) -> &[f32]| {
         let values: Vec<f32> = truths.iter().flat_map(|truth| field(truth)).copied().collect();
@@ -58,7 +58,7 @@ pub(super) fn errors(answer: &CorrectorOutput, truths: &[&Target]) -> Result<[Te
     ])
 }
 
-/// ‖x − truth‖ / ‖truth‖ of each row.
+/// Returns ‖x − truth‖ / ‖truth‖ of each row.
 pub(super) fn relative(x: &Tensor, truth: &Tensor) -> Result<Tensor> {
     let norm = |x: Tensor| (x.sqr()?.sum(1)? + EPSILON)?.sqrt();
     norm((x - truth)?)? / norm(truth.clone())?
@@ -92,7 +92,7 @@ impl Network for Corrector {
     }
 }
 
-/// The errors of a network on `samples`, all of one graph, seen in one of its mirrors.
+/// Mean errors of a network on `samples`, all of one graph, seen in one of its mirrors.
 pub(super) fn parts(
     network: &Corrector,
     samples: &[&Sample],

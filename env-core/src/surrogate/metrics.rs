@@ -1,8 +1,9 @@
-//! Errors of an answerer against the truth, press by press and as they are reported.
+//! Errors of a model against finite elements, for each press and summarised.
 //!
 //! Relative errors are ‖x̂ − x‖ / ‖x‖ over all nodes or tetrahedra of a press; medians and 95th
-//! percentiles are over presses. Presses whose true displacement is below 1 µm (root mean square) are
-//! counted apart, for they have no relative error worth the name. Nothing is clipped or left out.
+//! percentiles are over presses. Presses whose true displacement is below 1 µm (root mean square)
+//! are left out of them and counted apart, since their relative errors are meaningless; they count
+//! in mean absolute errors. Nothing is clipped.
 
 use std::borrow::Borrow;
 
@@ -19,10 +20,10 @@ use crate::Result;
 
 /// Root mean square displacement below which a press is counted apart (m).
 const STILL: f64 = 1e-6;
-/// Share of the peak stress from which a tetrahedron belongs to the stressed set.
+/// Share of the peak stress above which a tetrahedron belongs to the stressed set.
 const STRESSED: f64 = 0.05;
 
-/// Fields of an answer in the units of [`Target`]; not a number where the answerer does not say.
+/// Fields of an answer in the units of [`Target`]; NaN where the model does not output a field.
 pub(super) struct Fields {
     pub(super) displacement: Vec<f32>,
     pub(super) stress: Vec<f32>,
@@ -31,7 +32,7 @@ pub(super) struct Fields {
 }
 
 impl Fields {
-    /// What a network says of one press: displacement, stress, forces on nodes and net force.
+    /// Converts a network's output for one press: displacement, stress, nodal forces and net force.
     pub(super) fn of(
         [displacement, stress, forces, force]: [&Tensor; 4],
     ) -> candle_core::Result<Self> {
@@ -47,7 +48,7 @@ impl Fields {
 pub struct PressErrors {
     /// Largest true displacement over the pad's thickness.
     pub amplitude: f64,
-    /// Whether it hardly moves.
+    /// True if the displacement is below 1 µm (root mean square).
     pub still: bool,
     /// Mean absolute error of displacement, by component (m).
     pub displacement_mae: f64,
@@ -59,29 +60,29 @@ pub struct PressErrors {
     pub stress: f64,
     /// Relative error of stress in the tetrahedra above 5 % of the peak.
     pub stressed: f64,
-    /// Relative error of stress in the tetrahedron of the true peak, signed.
+    /// Signed relative error of stress in the tetrahedron with the largest true stress.
     pub peak: f64,
     /// Relative error of the contact forces on the nodes of the face.
     pub nodal_force: f64,
-    /// Relative error of the net force's vector.
+    /// Relative error of the net force vector.
     pub force: f64,
 }
 
 /// Median and 95th percentile.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
-    /// Half of the presses are below it.
+    /// Median over presses.
     pub median: f64,
-    /// One in twenty is above it.
+    /// 95th percentile over presses.
     pub p95: f64,
 }
 
-/// Errors over presses.
+/// Errors summarised over presses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// Presses that move.
+    /// Number of presses with a displacement of 1 µm or more (root mean square).
     pub presses: usize,
-    /// Presses that hardly do, counted apart.
+    /// Number of other presses, which count only in mean absolute errors.
     pub still: usize,
     /// Mean absolute error of displacement (m).
     pub displacement_mae: f64,
@@ -93,18 +94,19 @@ pub struct Summary {
     pub stress: Spread,
     /// Relative error of stress in the stressed set.
     pub stressed: Spread,
-    /// Relative error at the peak, without its sign.
+    /// Absolute relative error of stress at the true peak.
     pub peak: Spread,
-    /// Relative error of the forces on nodes; none if the answerer says no forces.
+    /// Relative error of the nodal forces; `None` if the model outputs no forces.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub nodal_force: Option<Spread>,
-    /// Relative error of the net force; none if the answerer says no forces.
+    /// Relative error of the net force; `None` if the model outputs no forces.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force: Option<Spread>,
 }
 
 impl PressErrors {
-    /// Of `found` against `truth`, with units of length (m), stress (Pa) and `[…]`.
+    /// Computes the errors of `found` against `truth`, with the units of length (m) and stress
+    /// (Pa).
     pub(super) fn of(found: &Fields, truth: &Target, length: f64, stress: f64) -> Self {
         let nodes = (truth.displacement.len() / 3) as f64;
         let size = norm(&truth.displacement) * length;
@@ -133,7 +135,7 @@ impl PressErrors {
 }
 
 impl Spread {
-    /// Of single values.
+    /// Summarises single values.
     pub(super) fn of(values: Vec<f64>) -> Self {
         let [median, p95] = quantiles(values, [0.5, 0.95]);
         Self { median, p95 }
@@ -141,7 +143,7 @@ impl Spread {
 }
 
 impl Summary {
-    /// Of single presses.
+    /// Summarises single presses.
     pub fn of(presses: &[PressErrors]) -> Self {
         let moving: Vec<_> = presses.iter().filter(|errors| !errors.still).collect();
         let spread = |field: fn(&PressErrors) -> f64| {
@@ -168,7 +170,7 @@ impl Summary {
     }
 }
 
-/// The values below which those shares of `values` lie, 0 where there are none.
+/// Quantiles of `values` at the given shares, 0 if there are no values.
 pub(super) fn quantiles<const N: usize>(mut values: Vec<f64>, shares: [f64; N]) -> [f64; N] {
     values.sort_by(f64::total_cmp);
     let last = values.len().saturating_sub(1) as f64;
@@ -189,7 +191,7 @@ fn mean_difference(found: &[f32], truth: &[f32]) -> f64 {
     sum / truth.len() as f64
 }
 
-/// Errors of the linear answers of `samples`.
+/// Errors of the linear answers to `samples`.
 pub(super) fn judge_linear(gels: &Gels, samples: &[Sample]) -> Vec<PressErrors> {
     let one = |sample: &Sample| {
         let question = &sample.question;
@@ -221,7 +223,7 @@ pub(super) fn judge<N: Network>(
     samples.par_iter().map(|sample| one(sample.borrow())).collect()
 }
 
-/// Errors of `fields` against the truth on a gel.
+/// Errors of `fields` against the true solution on a gel.
 pub(super) fn errors(fields: &Fields, truth: &Target, gel: &Gel) -> PressErrors {
     PressErrors::of(fields, truth, gel.thickness, gel.moduli.shear())
 }

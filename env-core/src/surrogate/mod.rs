@@ -1,9 +1,10 @@
-//! The surrogate: a graph network in Candle that answers presses as finely meshed finite elements do.
+//! The surrogate: a graph network in Candle that approximates finite elements on a fine mesh.
 //!
-//! What linear elasticity can say is computed and not learnt: `compliance`, condensed on a mesh as fine
-//! as the truth's, answers first, and the network corrects its answer on the coarser model mesh
-//! ([`Surrogate`]). It learns from a dataset ([`train`]) and is judged on grasps, objects and families
-//! that it never saw ([`evaluate`], [`Summary`]).
+//! The linear part of the response is computed, not learnt: `compliance`, condensed on a mesh as
+//! fine as that of the reference solutions, answers first, and the network corrects its answer on
+//! the coarser model mesh ([`Surrogate`]). The network is trained on a dataset ([`train`]) and
+//! evaluated on grasps, objects and families of objects outside the training data ([`evaluate`],
+//! [`Summary`]).
 
 mod adam;
 mod answer;

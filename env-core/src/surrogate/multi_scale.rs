@@ -1,7 +1,8 @@
-//! Message passing in three scales: from features of nodes to their latent rows, by Candle's layers.
+//! Message passing in three scales, from features of nodes to their latent rows, by Candle's
+//! layers.
 //!
-//! MeshGraphNets (Pfaff et al. 2021) on scales as in Fortunato et al. (2022). Networks train on these
-//! layers; [`Trunk`](super::trunk::Trunk) says the same numbers faster.
+//! MeshGraphNets (Pfaff et al. 2021) on scales as in Fortunato et al. (2022). Networks train on
+//! these layers; [`Trunk`](super::trunk::Trunk) computes the same results faster.
 //!
 //! Shapes: B presses in a batch, N nodes, E edges, H latent width.
 
@@ -16,31 +17,33 @@ use super::{
     ops::{Edges, Sparse, sparse},
 };
 
-/// The layers.
+/// Layers of the network.
 pub(super) struct MultiScale {
     pub(super) encoder: Mlp,
     /// Rounds at each scale on the way down, the finest first.
     pub(super) down: [Vec<Round>; SCALES],
     /// Rounds at each scale but the coarsest on the way up.
     pub(super) up: [Vec<Round>; SCALES - 1],
-    /// To each coarser scale.
+    /// Layers to each coarser scale.
     pub(super) lower: [Linear; SCALES - 1],
-    /// Back from it.
+    /// Layers back from each coarser scale.
     pub(super) raise: [Linear; SCALES - 1],
     pub(super) global: Mlp,
     pub(super) norm: LayerNorm,
 }
 
-/// Nodes of one fineness.
+/// One scale of a graph.
 #[derive(Clone, Debug)]
 pub(super) struct Level {
     pub(super) edges: Arc<Edges>,
-    /// To this scale from the next coarser one, and back; none at the coarsest.
+    /// Interpolation from the next coarser scale to this one, and pooling back; `None` at the
+    /// coarsest.
     pub(super) links: Option<[Arc<Sparse>; 2]>,
 }
 
 impl MultiScale {
-    /// From `features` to `width` numbers a node, with as many rounds as asked for.
+    /// Creates layers from `features` to `width` numbers per node, with `down` and `up` rounds at
+    /// each scale.
     pub(super) fn new(
         [features, width]: [usize; 2],
         down: [usize; SCALES],
@@ -68,8 +71,8 @@ impl MultiScale {
         })
     }
 
-    /// Latent rows (B N, H) of the finest of `levels` for the `features` of its nodes (B N, F), with those
-    /// of the `edges` of each level (E, `EDGE_FEATURES`).
+    /// Latent rows (B N, H) of the finest of `levels` for the `features` of its nodes (B N, F),
+    /// with the features `edges` of the edges of each level (E, `EDGE_FEATURES`).
     pub(super) fn latent(
         &self,
         features: &Tensor,
@@ -93,7 +96,7 @@ impl MultiScale {
         self.norm.forward(&rounds(&self.up[0], (fine + raised)?, 0)?)
     }
 
-    /// `v` (B N, H) with what a press's mean says added to each of its rows.
+    /// Adds to each row of `v` (B N, H) a function of the mean row of its press.
     fn shared(&self, v: &Tensor, presses: usize) -> Result<Tensor> {
         let by_press = v.reshape((presses, (), v.dim(1)?))?;
         let global = self.global.forward(&by_press.mean(1)?)?;

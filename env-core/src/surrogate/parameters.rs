@@ -1,4 +1,4 @@
-//! What a network learns, by name.
+//! Trainable parameters of a network, by name.
 
 use std::{
     collections::BTreeMap,
@@ -10,41 +10,41 @@ use candle_nn::{Init, VarBuilder, init::NormalOrUniform, var_builder::SimpleBack
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Variables by name: drawn from a seed as a network asks for them, or read from a file.
+/// Variables by name: initialised from a seed when a network asks for them, or read from a file.
 #[derive(Clone)]
 pub(super) struct Parameters(Arc<Mutex<Store>>);
 
 struct Store {
     variables: BTreeMap<String, Var>,
-    /// Source of new variables; none if all are given.
+    /// Random generator for new variables; `None` if all are given.
     random: Option<ChaCha8Rng>,
 }
 
 impl Parameters {
-    /// Variables that will be drawn from `seed`.
+    /// Creates an empty set whose variables are initialised from `seed` on demand.
     pub(super) fn drawn(seed: u64) -> Self {
         let random = Some(ChaCha8Rng::seed_from_u64(seed));
         Self(Arc::new(Mutex::new(Store { variables: BTreeMap::new(), random })))
     }
 
-    /// The given variables and no others.
+    /// Creates a set of the given variables and no others.
     pub(super) fn given(tensors: impl IntoIterator<Item = (String, Tensor)>) -> Result<Self> {
         let variable = |(name, tensor): (String, Tensor)| Ok((name, Var::from_tensor(&tensor)?));
         let variables = tensors.into_iter().map(variable).collect::<Result<_>>()?;
         Ok(Self(Arc::new(Mutex::new(Store { variables, random: None }))))
     }
 
-    /// Where a network asks for its variables.
+    /// Builder from which a network takes its variables.
     pub(super) fn builder(&self) -> VarBuilder<'static> {
         VarBuilder::from_backend(Box::new(self.clone()), DType::F32, Device::Cpu)
     }
 
-    /// All variables with their names, by name.
+    /// All variables with their names, sorted by name.
     pub(super) fn all(&self) -> Vec<(String, Var)> {
         self.store().variables.iter().map(|(name, var)| (name.clone(), var.clone())).collect()
     }
 
-    /// How many numbers they are.
+    /// Total number of parameters.
     pub(super) fn count(&self) -> usize {
         self.store().variables.values().map(|variable| variable.elem_count()).sum()
     }
@@ -88,7 +88,8 @@ impl SimpleBackend for Parameters {
     }
 }
 
-/// Numbers as `init` says; normal ones too are drawn uniformly, with the same deviation.
+/// Draws initial values according to `init`; normal distributions are replaced by uniform ones with
+/// the same deviation.
 fn draw(shape: &Shape, init: Init, random: &mut ChaCha8Rng) -> Vec<f32> {
     let (low, high) = match init {
         Init::Const(value) => (value, value),

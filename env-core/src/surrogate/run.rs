@@ -1,4 +1,4 @@
-//! Training and judging of the corrector.
+//! Training and evaluation of the corrector.
 
 use std::{fmt::Write as _, path::Path};
 
@@ -19,9 +19,9 @@ use crate::{
     dataset::{Dataset, Split},
 };
 
-/// Trains on the dataset in `data` and writes checkpoints, weights and their card into `out`; goes on
-/// from the last checkpoint there. `watch` hears every step; false stops. Returns the card, or `None` if
-/// stopped.
+/// Trains on the dataset in `data` and writes checkpoints, weights and their card into `out`;
+/// resumes from the last checkpoint there. `watch` is called at every step and stops the run by
+/// returning false. Returns the card, or `None` if stopped.
 ///
 /// Errors: a dataset that cannot be read, a split without frames, a checkpoint of another run, a
 /// gradient that is not finite.
@@ -83,7 +83,7 @@ pub fn train(
     Ok(Some(card))
 }
 
-/// Grasps and frames.
+/// Numbers of grasps and frames.
 fn counts(samples: &[Sample]) -> [usize; 2] {
     let mut grasps: Vec<&str> = samples.iter().map(|sample| sample.grasp.as_str()).collect();
     grasps.sort_unstable();
@@ -91,13 +91,13 @@ fn counts(samples: &[Sample]) -> [usize; 2] {
     [grasps.len(), samples.len()]
 }
 
-/// SHA-256 of what a dataset is made of and of the grasps of a split.
+/// SHA-256 of a dataset's configuration and of the grasps of a split.
 pub(super) fn fingerprint(dataset: &Dataset, split: &Split) -> String {
     let text = serde_json::to_string(&(dataset.config(), split)).expect("plain data");
     hex(&Sha256::digest(text))
 }
 
-/// Bytes as two digits each.
+/// Hexadecimal text of `bytes`.
 pub(super) fn hex(bytes: &[u8]) -> String {
     bytes.iter().fold(String::new(), |mut text, byte| {
         let _ = write!(text, "{byte:02x}");
@@ -105,20 +105,21 @@ pub(super) fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Errors on a press of a network, and of the linear answer that it corrects, if it does.
+/// Errors of a network on a press, and of the linear answer that it corrects, if any.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluated {
     /// Name of the grasp.
     pub grasp: String,
-    /// The network's; not a number for what it does not say.
+    /// Errors of the network; NaN for fields that it does not output.
     pub network: PressErrors,
-    /// The linear answer's.
+    /// Errors of the linear answer.
     pub linear: Option<PressErrors>,
 }
 
-/// Errors of a corrector, or of one of the paper's networks, on the test part of a split, press by press.
+/// Computes the errors of a corrector, or of one of the paper's networks, on each press of the test
+/// part of a split.
 ///
-/// Errors: other weights, a dataset or a split that cannot be read.
+/// Errors: weights of another kind, a dataset or a split that cannot be read.
 pub fn evaluate(weights: &Path, data: &Path, split: &str) -> Result<Vec<Evaluated>> {
     let (name, bytes) = (weights.display().to_string(), weights::read(weights)?);
     let dataset = Dataset::open(data)?;

@@ -1,6 +1,7 @@
 //! Training samples from a dataset: each solved frame of each pad with its linear answer.
 //!
-//! Linear answers are kept beside the dataset, a file for each shard, and made where they are missing.
+//! Linear answers are stored in the dataset's folder, a file for each shard, and computed where
+//! they are missing.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -25,11 +26,11 @@ use crate::{
     sensor::Sensor,
 };
 
-/// A solved frame.
+/// A solved frame with its linear answer.
 pub(super) struct Sample {
-    /// Which of the graphs it lies on.
+    /// Index of its graph.
     pub(super) graph: usize,
-    /// Which of the gels.
+    /// Index of its gel.
     pub(super) gel: usize,
     /// Name of its grasp.
     pub(super) grasp: String,
@@ -37,11 +38,11 @@ pub(super) struct Sample {
     pub(super) truth: Target,
 }
 
-/// The gels of a dataset with their linear models, and the graphs of their sensors.
+/// Gels of a dataset with their linear models, and graphs of their sensors.
 pub(super) struct Gels {
     pub(super) graphs: Vec<PadGraph>,
     pub(super) pads: Vec<Pad>,
-    /// Nodes of the mesh of the linear models, and where they feel contact.
+    /// Largest number of nodes of the linear models' mesh, and the kind of their contact points.
     nodes: usize,
     contact: Contact,
 }
@@ -54,11 +55,11 @@ pub(super) struct Pad {
     linear: LinearBaseline,
 }
 
-/// Linear answers of a shard, frame by frame, one list for each pad.
+/// Linear answers of a shard, frame by frame, one list per pad.
 type Answers = Vec<Vec<Carried>>;
 
 impl Gels {
-    /// Those of `config`, with linear models of `nodes` nodes.
+    /// Prepares the gels of `config`, with linear models of at most `nodes` nodes.
     pub(super) fn new(config: &Config, nodes: usize, contact: Contact) -> Result<Self> {
         let mut sensors: Vec<&str> = config.gels.iter().map(|gel| gel.sensor.as_str()).collect();
         sensors.sort_unstable();
@@ -80,14 +81,15 @@ impl Gels {
         Ok(Self { graphs, pads, nodes, contact })
     }
 
-    /// Graphs alone, for samples that are made elsewhere.
+    /// Holds graphs alone, for samples that are made elsewhere.
     #[cfg(test)]
     pub(super) fn of(graphs: Vec<PadGraph>) -> Self {
         Self { graphs, pads: Vec::new(), nodes: 0, contact: Contact::Points }
     }
 
-    /// Every frame of `dataset` whose grasp is in one of `parts`, for each part, and how many the linear
-    /// model did not answer. `watch` is told of each shard; if it says no, what is there is returned.
+    /// Returns every frame of `dataset` whose grasp is in one of `parts`, for each part, and the
+    /// number of frames that the linear model failed to solve. `watch` is called after each shard;
+    /// if it returns false, the samples so far are returned.
     pub(super) fn samples<const N: usize>(
         &self,
         dataset: &Dataset,
@@ -119,7 +121,7 @@ impl Gels {
         Ok((samples, lost))
     }
 
-    /// The linear answers of a shard, read or made.
+    /// Reads the linear answers of a shard, or computes and stores them.
     fn answers(
         &self,
         dataset: &Dataset,
@@ -147,7 +149,8 @@ impl Gels {
         };
         let answers: Answers = pads.par_iter().map(path_of).collect::<Result<_>>()?;
         write(&path, &answers)?;
-        // What was read back must be what is trained on, also in the run that made it.
+        // Files have single precision: the run that computes them must train on the same numbers as
+        // later ones.
         read(&path, pads).ok_or_else(|| Error::file(&path, &"not what was written"))
     }
 
@@ -166,7 +169,7 @@ impl Gels {
 }
 
 impl Target {
-    /// What finite elements say of a frame on a pad of `columns` columns.
+    /// Extracts a frame of a finite-element solution on a pad of `columns` columns.
     pub(super) fn new(frames: &PadFrames, frame: usize, columns: usize, gel: &Gel) -> Self {
         let part = |field: &[f32], unit: f64| -> Vec<f32> {
             let (size, unit) = (field.len() / frames.poses.len(), unit as f32);
@@ -184,7 +187,7 @@ impl Target {
     }
 }
 
-/// Writes answers so that they are there whole or not at all.
+/// Writes answers atomically: a file is complete or absent.
 fn write(path: &Path, answers: &Answers) -> Result<()> {
     let vectors = |field: &[Vector3<f64>]| -> Vec<f64> {
         field.iter().flat_map(|v| [v.x, v.y, v.z]).collect()
@@ -214,7 +217,7 @@ fn write(path: &Path, answers: &Answers) -> Result<()> {
 /// A frame's fields and the pose of its shape.
 type Row<'a> = (((&'a [f64], &'a [f64]), &'a [f64]), &'a Isometry3<f64>);
 
-/// The answers in a file to the presses of `pads`, if it is whole.
+/// Reads the answers to the presses of `pads` from a file, or returns `None` if it is not valid.
 fn read(path: &Path, pads: &[PadFrames]) -> Option<Answers> {
     let bytes = fs::read(path).ok()?;
     let file = SafeTensors::deserialize(&bytes).ok()?;

@@ -1,15 +1,15 @@
-//! The head that says the stress of tetrahedra, without Candle.
+//! Output layers for the stress of tetrahedra, without Candle.
 //!
-//! Shapes: T tetrahedra, G corners that a latent row speaks for, W width of a corner.
+//! Shapes: T tetrahedra, G corners per latent row, W width of a corner.
 
-#![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
+#![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
 use candle_core::{Result, Tensor};
 
 use super::{layers::Linear, trunk::Dense};
 use crate::simd::{LANES, vectorised};
 
-/// How far the stress of tetrahedra is from that of the corrected displacement.
+/// Layers that correct the stress that the corrected displacement implies.
 pub(super) struct StressHead {
     corners: Dense,
     strain: Dense,
@@ -20,16 +20,17 @@ pub(super) struct StressHead {
 
 /// Stresses of one answer before they are corrected (T).
 pub(super) struct Stresses<'a> {
-    /// The linear answer's.
+    /// Stress of the linear answer.
     pub(super) linear: &'a [f32],
-    /// By the displacement before and after its correction.
+    /// Stress that the displacement implies before and after its correction.
     pub(super) moved: [&'a [f32]; 2],
     /// Largest displacement of a node.
     pub(super) amplitude: f32,
 }
 
 impl StressHead {
-    /// From latent rows, each for `groups` corners, to one number for each of the `tets`.
+    /// Prepares layers from latent rows, each for `groups` corners, to one number for each of the
+    /// `tets`.
     pub(super) fn new(
         [corners, strain, stress]: [&Linear; 3],
         groups: usize,
@@ -43,7 +44,7 @@ impl StressHead {
         })
     }
 
-    /// The corrected stress (T) by the `latent` rows; `corners` is a buffer.
+    /// Corrected stress (T) from the `latent` rows; `corners` is a buffer.
     pub(super) fn forward(
         &self,
         latent: &[f32],
@@ -95,13 +96,13 @@ fn add(sum: &mut [f32; LANES], x: &[f32; LANES], by: f32) {
     }
 }
 
-/// A weight (M, K) with columns of zeros up to a multiple of [`LANES`].
+/// Pads a weight (M, K) with columns of zeros to a multiple of [`LANES`].
 fn widest(weight: &Tensor) -> Result<Tensor> {
     let inputs = weight.dim(1)?;
     weight.pad_with_zeros(1, 0, inputs.next_multiple_of(LANES) - inputs)
 }
 
-/// `layer` with each of `groups` of its outputs filled up with zeros to a multiple of [`LANES`].
+/// Pads each of `groups` of the outputs of `layer` with zeros to a multiple of [`LANES`].
 fn widened(layer: &Linear, groups: usize) -> Result<Linear> {
     let (outputs, inputs) = layer.weight.dims2()?;
     let width = outputs / groups;

@@ -1,4 +1,5 @@
-//! Training as a whole, on presses of a ball solved by finite elements on the model mesh itself.
+//! Training from end to end, on presses of a ball solved by finite elements on the model mesh
+//! itself.
 
 use nalgebra::Isometry3;
 
@@ -24,13 +25,13 @@ use crate::{
 const GEL: Moduli = Moduli { young: 3e5, poisson: 0.47 };
 const FRICTION: f64 = 0.8;
 
-/// A ball at `depth` (m) in the middle of a face, or above it.
+/// Press of a ball to `depth` (m) near the middle of a face, above it if negative.
 fn press(depth: f64) -> Press {
     let pose = Isometry3::translation(1e-3, 0.5e-3, 0.004 - depth);
     Press::along(vec![Shape::Sphere { radius: 0.004 }], vec![vec![pose]]).unwrap()
 }
 
-/// Gels without linear models, for samples made by hand.
+/// Returns gels without linear models, for samples made by hand.
 fn gels(graph: PadGraph) -> Gels {
     Gels::of(vec![graph])
 }
@@ -72,7 +73,7 @@ fn small() -> Training {
     Training { network, epochs: 2, batch: 4, ..Training::default() }
 }
 
-/// An epoch's steps of a training that is to have `epochs` epochs.
+/// Returns the steps of an epoch in a training run of `epochs` epochs.
 fn steps(epochs: usize) -> impl FnMut(&Trainer<Corrector>, usize) -> crate::Result<Option<f64>> {
     let pace = Pace::new(Budget::Epochs(epochs), &|| 0.0);
     move |trainer, batches| Ok(pace.share(trainer.adam.steps, batches))
@@ -82,7 +83,8 @@ fn steps(epochs: usize) -> impl FnMut(&Trainer<Corrector>, usize) -> crate::Resu
 fn every_parameter_gets_a_gradient() {
     let (graph, samples) = samples(&[8e-4]);
     let mut trainer = Trainer::<Corrector>::new(small()).unwrap();
-    // Last layers begin at zero and hide what is behind them until they have moved.
+    // Output layers start at zero and block the gradients of the layers before them until they have
+    // moved.
     for _ in 0..2 {
         trainer.epoch(&gels(graph.clone()), &samples, &mut steps(2)).unwrap().unwrap();
     }
@@ -176,7 +178,7 @@ fn stress_is_in_proportion_to_youngs_modulus() {
     };
     let (soft, stiff) = (answer(GEL), answer(stiff));
     let ratio = stiff.wrench.force.z / soft.wrench.force.z;
-    // The contact solver's own tolerance is a force, the same for both.
+    // The contact solver's tolerance is an absolute force, the same for both.
     assert!((ratio / 2.0 - 1.0).abs() < 1e-3, "{ratio} for 2");
     let (high, low) = (stiff.von_mises[100], soft.von_mises[100]);
     assert!((high / low / 2.0 - 1.0).abs() < 5e-3, "{high} Pa for twice {low} Pa");
@@ -209,7 +211,7 @@ fn damaged_weights_are_named() {
     let good: &[u8] = include_bytes!("../../assets/weights/default.safetensors");
     assert!(message(b"").contains("weights.safetensors"));
     assert!(message(&good[..good.len() - 4]).contains("weights.safetensors"));
-    // A header that promises more bytes than there are allocates nothing.
+    // A header that announces more bytes than there are allocates nothing.
     assert!(message(&[&u64::MAX.to_le_bytes()[..], b"{}"].concat()).contains("weights"));
     let (mut vectors, card): (_, weights::Card) = weights::from_bytes("default", good).unwrap();
     let (_, values) = vectors.values_mut().next().unwrap();
@@ -224,7 +226,7 @@ fn damaged_weights_are_named() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// A network without training corrects nothing.
+/// Checks that an untrained network corrects nothing.
 #[test]
 fn an_untrained_network_is_the_linear_answer_but_for_the_strain() {
     let (graph, samples) = samples(&[8e-4]);

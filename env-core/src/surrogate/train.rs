@@ -1,4 +1,5 @@
-//! Training: batches over threads, a rate that falls with a cosine, checkpoints that resume exactly.
+//! Training: batches over threads, a cosine schedule of the learning rate, checkpoints that resume
+//! exactly.
 
 use std::{f64::consts::PI, time::Instant};
 
@@ -21,62 +22,62 @@ use super::{
 };
 use crate::{Error, Result};
 
-/// A network that can be trained and judged.
+/// A network that can be trained and evaluated.
 pub(super) trait Network: Sized + Sync {
-    /// Its sizes.
+    /// Sizes of the network.
     type Config: Clone + Send;
-    /// A press and its truth.
+    /// A press and its true solution.
     type Sample: Sync;
-    /// What samples share.
+    /// Data shared by all samples.
     type Ground: Sync;
 
     fn new(config: &Self::Config, vb: &VarBuilder) -> candle_core::Result<Self>;
 
-    /// The graph that a sample lies on; those of one graph are computed together.
+    /// Index of a sample's graph; samples on one graph are computed together.
     fn graph(sample: &Self::Sample) -> usize;
 
-    /// What a sample's answer should be, in the units of its gel.
+    /// True solution of a sample, in the units of its gel.
     fn truth<'a>(ground: &'a Self::Ground, sample: &'a Self::Sample) -> (&'a Target, &'a Gel);
 
-    /// What training makes small, on samples of one graph seen in one of its mirrors.
+    /// Loss on samples of one graph seen in one of its mirrors.
     fn loss(&self, ground: &Self::Ground, samples: &[&Self::Sample], mirror: usize)
     -> Result<Loss>;
 
-    /// The answer to a sample's question, in the units of [`Target`].
+    /// Answer to a sample, in the units of [`Target`].
     fn answer(&self, ground: &Self::Ground, sample: &Self::Sample) -> Result<Fields>;
 }
 
-/// What training makes small.
+/// Loss on a batch.
 pub(super) struct Loss {
-    /// A scalar to go down.
+    /// Scalar that training minimises.
     pub(super) total: Tensor,
     /// Mean errors of its parts.
     pub(super) parts: [f32; 4],
 }
 
-/// How a network of sizes `C` is trained.
+/// Training configuration of a network with sizes `C`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Training<C = CorrectorConfig> {
-    /// What weights and batches are drawn from.
+    /// Seed of weights and batches.
     pub seed: u64,
     /// Split of the dataset to train on.
     pub split: String,
-    /// Times that every sample is seen.
+    /// Number of epochs, in each of which every sample is used once.
     pub epochs: usize,
-    /// Presses in a gradient.
+    /// Number of presses per step.
     pub batch: usize,
     /// Highest learning rate.
     pub rate: f64,
-    /// Share of the steps over which the rate rises.
+    /// Share of the run over which the learning rate rises.
     pub warmup: f64,
-    /// Largest norm of a gradient.
+    /// Norm to which longer gradients are scaled down.
     pub clip: f64,
-    /// Nodes of the mesh of the linear model, at most.
+    /// Largest number of nodes of the linear model's mesh.
     pub linear_nodes: usize,
-    /// Where the linear model feels contact.
+    /// Points at which the linear model evaluates contact.
     pub contact: Contact,
-    /// Whether presses are also seen in the pad's mirrors.
+    /// True if presses are also seen in the pad's mirrors.
     pub mirrors: bool,
     /// Sizes of the network.
     pub network: C,
@@ -101,7 +102,7 @@ impl<C: Default> Default for Training<C> {
 }
 
 impl Training {
-    /// This training, if a network can be trained so.
+    /// Returns this configuration, or an error if a value is out of range.
     pub fn validated(self) -> Result<Self> {
         let CorrectorConfig { width, corner, down, up } = self.network;
         positive("rate", self.rate)?;
@@ -114,7 +115,7 @@ impl Training {
     }
 }
 
-/// Whether a setting is a number above 0.
+/// Returns an error unless a setting is a finite number above 0.
 pub(super) fn positive(name: &'static str, value: f64) -> Result<()> {
     if value > 0.0 && value.is_finite() {
         return Ok(());
@@ -122,7 +123,7 @@ pub(super) fn positive(name: &'static str, value: f64) -> Result<()> {
     Err(Error::invalid(name, value, "a number above 0"))
 }
 
-/// Whether a setting is between two others, both included.
+/// Returns an error unless a setting lies between two bounds, both included.
 pub(super) fn within(name: &'static str, count: usize, [least, most]: [usize; 2]) -> Result<()> {
     if (least..=most).contains(&count) {
         return Ok(());
@@ -130,7 +131,7 @@ pub(super) fn within(name: &'static str, count: usize, [least, most]: [usize; 2]
     Err(Error::invalid(name, count, format!("{least} to {most}")))
 }
 
-/// Whether a card can tell a seed: TOML has no larger numbers.
+/// Returns an error if a seed is larger than the largest integer of TOML, the format of cards.
 pub(super) fn seeded(seed: u64) -> Result<()> {
     if i64::try_from(seed).is_ok() {
         return Ok(());
@@ -138,7 +139,7 @@ pub(super) fn seeded(seed: u64) -> Result<()> {
     Err(Error::invalid("seed", seed, format!("at most {}", i64::MAX)))
 }
 
-/// Whether a network of several scales can have such sizes.
+/// Returns an error if the sizes of a network of several scales are out of range.
 pub(super) fn scaled(width: usize, corner: usize, rounds: &[&[usize]]) -> Result<()> {
     within("width", width, [4, 512])?;
     within("corner", corner, [1, 256])?;
@@ -146,24 +147,24 @@ pub(super) fn scaled(width: usize, corner: usize, rounds: &[&[usize]]) -> Result
 }
 
 impl<C> Training<C> {
-    /// Learning rate when a share `done` of the training is.
+    /// Learning rate after a share `done` of the training run.
     fn rate(&self, done: f64) -> f64 {
         let rise = (done / self.warmup.max(1e-9)).min(1.0);
         self.rate * rise * (0.01 + 0.495 * (1.0 + (PI * done).cos()))
     }
 }
 
-/// An epoch of training.
+/// Results of an epoch of training.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Epoch {
-    /// Epochs so far.
+    /// Number of epochs so far.
     pub epoch: usize,
-    /// Steps so far.
+    /// Number of steps so far.
     pub steps: u64,
-    /// Mean relative errors on the batches; the corrector's are those of displacement, stress, nodal
+    /// Mean relative errors on the batches; for the corrector, of displacement, stress, nodal
     /// forces and net force.
     pub errors: [f32; 4],
-    /// Wall time of it (s).
+    /// Wall time of the epoch (s).
     pub seconds: f64,
 }
 
@@ -176,11 +177,11 @@ pub(super) struct Trainer<N: Network> {
     pub(super) epoch: usize,
 }
 
-/// What the names of first and second moments begin with.
+/// Prefixes of the names of first and second moments.
 const MOMENTS: [&str; 2] = ["moment-1", "moment-2"];
-/// Sample numbers on one graph and the mirror they are seen in, which one thread computes.
+/// Indices of samples on one graph, which one thread computes, and the index of their mirror.
 type Piece = (Vec<usize>, usize);
-/// Samples in a piece, at most.
+/// Largest number of samples in a piece.
 const PIECE: usize = 4;
 
 impl<N: Network> Trainer<N> {
@@ -190,7 +191,7 @@ impl<N: Network> Trainer<N> {
         Ok(Self { training, parameters, network, adam: Adam::default(), epoch: 0 })
     }
 
-    /// Weights and the optimiser's moments, by name.
+    /// Weights and moments of the optimiser, by name.
     pub(super) fn vectors(&self) -> Result<Vectors> {
         let mut all = self.parameters.vectors()?;
         for (name, moments) in &self.adam.moments {
@@ -201,7 +202,8 @@ impl<N: Network> Trainer<N> {
         Ok(all)
     }
 
-    /// Goes back to what [`Trainer::vectors`] gave after `epoch` epochs and `steps` steps.
+    /// Restores the state that [`Trainer::vectors`] returned after `epoch` epochs and `steps`
+    /// steps.
     pub(super) fn restore(&mut self, vectors: &Vectors, epoch: usize, steps: u64) -> Result<()> {
         let missing =
             |name: &str| Error::Network { reason: format!("{name}: not in the checkpoint") };
@@ -217,7 +219,7 @@ impl<N: Network> Trainer<N> {
         Ok(())
     }
 
-    /// Batches of one epoch.
+    /// Draws the batches of one epoch.
     fn batches(&self, samples: &[N::Sample]) -> Vec<Vec<Piece>> {
         let mut random = ChaCha8Rng::seed_from_u64(self.training.seed);
         random.set_stream(1 + self.epoch as u64);
@@ -237,9 +239,9 @@ impl<N: Network> Trainer<N> {
         pieces.chunks((self.training.batch / PIECE).max(1)).map(<[_]>::to_vec).collect()
     }
 
-    /// One epoch over `samples`, or `None` if `share` says none: asked before each step, with the number
-    /// of steps in the epoch, for the share of the training that is done. The weights are then somewhere
-    /// within the epoch.
+    /// Trains for one epoch over `samples`, or returns `None` once `share` does, with the weights
+    /// of an unfinished epoch. `share` is called before each step with the number of steps in the
+    /// epoch, and returns the share of the training run that is over.
     pub(super) fn epoch(
         &mut self,
         ground: &N::Ground,
@@ -258,7 +260,7 @@ impl<N: Network> Trainer<N> {
         Ok(Some(Epoch { epoch: self.epoch, steps: self.adam.steps, errors, seconds }))
     }
 
-    /// A step at learning rate `rate`; the mean errors before it.
+    /// Performs a step at learning rate `rate` and returns the mean errors before it.
     fn step(
         &mut self,
         ground: &N::Ground,

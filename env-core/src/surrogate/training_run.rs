@@ -1,4 +1,4 @@
-//! A training in a folder: epochs, checkpoints, the network that is chosen, its weights and card.
+//! A training run in a folder: epochs, checkpoints, choice of the best network, weights and card.
 
 use std::{fs, path::Path, time::Instant};
 
@@ -13,40 +13,40 @@ use super::{
 };
 use crate::{Error, Result, dataset::write_whole};
 
-/// What a training has come to.
+/// Progress of a training run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress {
-    /// Shards of the dataset have been read, linear answers made where they are needed and missing.
+    /// Shards of the dataset have been read, and missing linear answers computed.
     Shard {
-        /// Shards so far.
+        /// Number of shards read so far.
         done: usize,
-        /// Shards of the dataset.
+        /// Number of shards in the dataset.
         all: usize,
     },
-    /// The samples are there: those to train on, and those that a linear model did not answer.
+    /// All samples have been read.
     Samples {
-        /// Frames to train on.
+        /// Number of frames to train on.
         train: usize,
-        /// Frames without a linear answer that is needed.
+        /// Number of frames left out because the linear model failed to solve them.
         lost: usize,
     },
-    /// A step of training begins, or a press is judged.
+    /// A step of training, or the evaluation of a press, is about to begin.
     Step,
-    /// An epoch is over.
+    /// An epoch has ended.
     Epoch {
-        /// Errors on its batches.
+        /// Results of the epoch.
         epoch: Epoch,
-        /// Errors on the frames to choose by, if there are any.
+        /// Errors on the validation frames, if there are any.
         validation: Option<Summary>,
-        /// Wall time until the end at this pace (s).
+        /// Estimated wall time until the end (s).
         left: f64,
     },
 }
 
-/// Told of every step of a training; false stops.
+/// Callback at every step of a training run; stops the run by returning false.
 pub(super) type Watch<'a> = &'a mut dyn FnMut(&Progress) -> bool;
 
-/// What a checkpoint says beside its tensors.
+/// Metadata of a checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Checkpoint {
     /// Settings as JSON.
@@ -58,8 +58,8 @@ struct Checkpoint {
     best: Option<f64>,
 }
 
-/// What `read` makes of each of `all` shards, as many at once as there are threads; `None` if `watch`
-/// says no after one of those.
+/// Applies `read` to each of `all` shards, in parallel on all threads; returns `None` if `watch`
+/// stops it.
 pub(super) fn shards<T: Send>(
     all: usize,
     read: impl Fn(usize) -> Result<T> + Sync,
@@ -77,7 +77,7 @@ pub(super) fn shards<T: Send>(
     Ok(Some(found))
 }
 
-/// Whether a split has frames to train on.
+/// Returns an error if a split has no frames to train on.
 pub(super) fn trainable<S>(split: &str, samples: &[S]) -> Result<()> {
     if samples.is_empty() {
         let found = format!("{split} with no frames to train on");
@@ -86,17 +86,17 @@ pub(super) fn trainable<S>(split: &str, samples: &[S]) -> Result<()> {
     Ok(())
 }
 
-/// Names of the files in a training's folder.
+/// Names of the files in the folder of a training run.
 const LAST: &str = "last.safetensors";
 const BEST: &str = "best.safetensors";
 const WEIGHTS: &str = "weights.safetensors";
 const CARD: &str = "card.toml";
-/// Numbers that a network may learn: with two moments each, its checkpoint must not be too large to
-/// be read.
+/// Largest number of parameters of a network, so that a checkpoint, with two moments for each,
+/// stays below the size limit for reading.
 const MOST: usize = weights::MOST as usize / 16;
 
-/// A training whose files are in a folder. One that ends by epochs leaves a checkpoint after each and
-/// goes on from it to the bit; one that ends by time leaves none.
+/// A training run whose files are in a folder. A run of a given number of epochs writes a
+/// checkpoint after each and resumes from it bit for bit; a run of a given duration writes none.
 pub(super) struct TrainingRun<'a, N: Network> {
     pub(super) trainer: Trainer<N>,
     out: &'a Path,
@@ -107,9 +107,10 @@ pub(super) struct TrainingRun<'a, N: Network> {
 }
 
 impl<'a, N: Network> TrainingRun<'a, N> {
-    /// The one whose checkpoint is in `out`, or a new one if there is none.
+    /// Resumes the run whose checkpoint is in `out`, or creates a new one if there is none.
     ///
-    /// Errors: a checkpoint on other data than those of fingerprint `data`, or with other `settings`.
+    /// Errors: a checkpoint on other data than those of fingerprint `data`, or with other
+    /// `settings`.
     pub(super) fn resumed(
         training: Training<N::Config>,
         settings: &impl Serialize,
@@ -144,7 +145,8 @@ impl<'a, N: Network> TrainingRun<'a, N> {
         Ok(run)
     }
 
-    /// Trains until the budget is spent, choosing by `validation`; false if `watch` stops it.
+    /// Trains until the budget is spent and records the best epoch by `validation`; returns false
+    /// if `watch` stops it.
     pub(super) fn run(
         &mut self,
         ground: &N::Ground,
@@ -210,7 +212,7 @@ impl<'a, N: Network> TrainingRun<'a, N> {
         }
     }
 
-    /// The network of the best epoch by validation, or of the last where there was none, and its
+    /// Network of the best epoch by validation, or of the last if there was no validation, with its
     /// weights.
     pub(super) fn chosen(&self) -> Result<(N, Vectors)> {
         let vectors = match self.best {

@@ -1,13 +1,13 @@
-//! What the fast paths of all networks have in common: message passing in three scales without Candle.
+//! Message passing in three scales without Candle, for the fast paths of all networks.
 //!
-//! The same numbers as Candle's layers, on one thread, in buffers that are kept. What depends on the
-//! weights alone is done once: layers that read the same rows are laid side by side, and where a graph
-//! is always seen in one frame, so are the edge parts of messages. Kernels are compiled for the processor
-//! that runs them.
+//! The results are those of Candle's layers, on one thread, in reused buffers. Everything that
+//! depends on the weights alone is computed once: layers with the same input rows are concatenated,
+//! and the edge parts of messages are precomputed for graphs with the same edge features in every
+//! press. Kernels are compiled for the processor that runs them.
 //!
 //! Shapes: N nodes of a scale, E directed edges, H latent width.
 
-#![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
+#![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
 use std::sync::Arc;
 
@@ -22,7 +22,7 @@ use super::{
 };
 use crate::simd::vectorised;
 
-/// The layers on one graph.
+/// Layers of the network on one graph.
 pub(super) struct Trunk {
     encoder: [Dense; 2],
     down: [Vec<FastRound>; SCALES],
@@ -47,7 +47,7 @@ pub(super) struct TrunkBuffers {
 struct ScaleBuffers {
     v: Vec<f32>,
     normal: Vec<f32>,
-    /// Sender's and receiver's part of messages, and the update's own part.
+    /// Sender's and receiver's part of messages, and the node's own part of the update.
     parts: Vec<f32>,
     ends: Vec<f32>,
     edges: Vec<f32>,
@@ -65,19 +65,19 @@ pub(super) struct Dense {
 /// A round of message passing.
 struct FastRound {
     norm: [Vec<f32>; 2],
-    /// From a normalised row to both ends of messages and to the update.
+    /// Layer from a normalised row to both ends of messages and to the update.
     fan: Dense,
-    /// From what is heard to the update.
+    /// Layer from the summed messages to the update.
     heard: Dense,
     update: Dense,
     edges: EdgeParts,
     graph: Arc<Edges>,
 }
 
-/// What edges add to messages (E, H).
+/// Edge parts of messages (E, H).
 enum EdgeParts {
     Known(Vec<f32>),
-    /// From the features of the edges.
+    /// Layer that computes them from the features of the edges.
     Of(Dense),
 }
 
@@ -86,7 +86,7 @@ impl Dense {
         Self::of(&layer.weight, &layer.bias)
     }
 
-    /// From a weight (M, K).
+    /// Creates a layer from a weight (M, K).
     pub(super) fn of(weight: &Tensor, bias: &Tensor) -> Result<Self> {
         let inputs = weight.dim(1)?;
         let weight = weight.t()?.contiguous()?.flatten_all()?.to_vec1()?;
@@ -101,7 +101,7 @@ impl Dense {
         self.bias.len()
     }
 
-    /// `y` (N, M) becomes x W + b.
+    /// Sets `y` (N, M) to x W + b.
     pub(super) fn forward(&self, x: &[f32], y: &mut Vec<f32>) {
         let rows = x.len() / self.inputs;
         y.clear();
@@ -144,7 +144,8 @@ impl FastRound {
         })
     }
 
-    /// A round on `buffers.v`, with the `features` of the edges where they differ from press to press.
+    /// Performs a round on `buffers.v`, with the `features` of the edges if they differ from press
+    /// to press.
     fn run(&self, features: &[f32], buffers: &mut ScaleBuffers) {
         let width = self.update.outputs();
         let ScaleBuffers { v, normal, parts, ends, edges, heard, hidden } = buffers;
@@ -202,8 +203,8 @@ pub(super) fn relu(values: &mut [f32]) {
 }
 
 impl Trunk {
-    /// `layers` on the `levels` of a graph, whose edges have these features (E, F) in every press, or
-    /// others in each.
+    /// Prepares `layers` for the `levels` of a graph. `edges` are the features of its edges (E, F)
+    /// if they are the same in every press.
     pub(super) fn new(
         layers: &MultiScale,
         levels: &[Level; SCALES],
@@ -227,8 +228,8 @@ impl Trunk {
         })
     }
 
-    /// Latent rows (N, H) of the finest scale for the `features` of its nodes; `edges` are those of each
-    /// scale's edges where the graph did not come with them, empty where it did.
+    /// Latent rows (N, H) of the finest scale for the `features` of its nodes. `edges` are the
+    /// features of each scale's edges, empty if they were given at construction.
     pub(super) fn latent<'a>(
         &self,
         features: &[f32],
@@ -262,7 +263,7 @@ impl Trunk {
         latent
     }
 
-    /// `to` becomes the rows `v` carried to another scale.
+    /// Sets `to` to the rows `v` transferred to another scale.
     fn carry(&self, link: &Sparse, v: &[f32], to: &mut Vec<f32>) {
         let width = self.norm[0].len();
         to.clear();
@@ -273,7 +274,7 @@ impl Trunk {
         );
     }
 
-    /// Adds to each row of `v` what their mean says.
+    /// Adds to each row of `v` a function of their mean.
     fn share(&self, v: &mut [f32], hidden: &mut Vec<f32>, says: &mut Vec<f32>) {
         let width = self.norm[0].len();
         let mut mean = vec![0.0; width];

@@ -1,8 +1,8 @@
-//! Weights as a file, with a card that says what they are.
+//! Files of weights, each with a card that describes them.
 //!
-//! A file is safetensors; the card is JSON in its metadata. Nothing is allocated on the word of a
-//! file: it is read only up to a size that no network of ours has, and its tensors must have the
-//! shapes that the card's network asks for.
+//! A file is safetensors; the card is JSON in its metadata. Files are not trusted: only files up to
+//! a size above that of any network here are read, and tensors must have the shapes that the card's
+//! network requires.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -24,26 +24,26 @@ use crate::{
     dataset::{Config, Gel},
 };
 
-/// What a network is, what it learnt from and how well.
+/// Description of a network, its training data and its errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Card {
-    /// Form of the network.
+    /// Kind of network.
     pub variant: String,
     /// Sizes of the network.
     pub network: CorrectorConfig,
-    /// Nodes of the model mesh, at most.
+    /// Largest number of nodes of the model mesh.
     pub model_nodes: usize,
-    /// Nodes of the mesh of the linear model, at most.
+    /// Largest number of nodes of the linear model's mesh.
     pub linear_nodes: usize,
-    /// Where the linear model feels contact.
+    /// Points at which the linear model evaluates contact.
     #[serde(default)]
     pub contact: Contact,
-    /// How it was trained.
+    /// Training configuration.
     pub training: Training,
-    /// What it was trained on.
+    /// Training data.
     pub data: Data,
-    /// What most of that is like.
+    /// Bounds of most of the training data.
     pub usual: Usual,
     /// Errors on the split's test part.
     pub test: Summary,
@@ -51,19 +51,19 @@ pub struct Card {
     pub linear: Summary,
 }
 
-/// What a network was trained on.
+/// Summary of the data that a network was trained on.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Data {
     /// SHA-256 of the dataset's configuration and the split's grasps.
     pub fingerprint: String,
-    /// Commit that trained.
+    /// Commit of the code that trained it.
     pub trained_by: String,
-    /// Grasps, and frames of their pads, trained on and tested on.
+    /// Numbers of grasps and of frames of their pads in the training part.
     pub train: [usize; 2],
-    /// As `train`.
+    /// Numbers of grasps and of frames of their pads in the test part.
     pub test: [usize; 2],
-    /// Sensors.
+    /// Names of the sensors.
     pub sensors: Vec<String>,
     /// Largest displacement over the pad's thickness.
     pub amplitude: f64,
@@ -73,21 +73,21 @@ pub struct Data {
     pub friction: [f64; 2],
 }
 
-/// Bounds of most presses that a network was trained on: one in twenty is lighter or touches fewer nodes,
-/// one in a hundred is deeper or stronger.
+/// Bounds of most presses that a network was trained on: lower bounds are 5th percentiles, upper
+/// bounds 99th percentiles.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Usual {
     /// Least and largest displacement over the pad's thickness.
     pub amplitude: [f64; 2],
-    /// Largest net force, in units of E L², L the thickness.
+    /// Largest net force, in units of E L² with the thickness L.
     pub force: f64,
-    /// Fewest nodes that bear the force, each counted by its share: (Σ f)² / Σ f².
+    /// Least effective number of nodes that bear the force, (Σ f)² / Σ f².
     pub bearing: f64,
 }
 
 impl Usual {
-    /// Of what finite elements say of the presses to train on.
+    /// Computes the bounds of the finite-element solutions to train on.
     pub(super) fn of<'a>(truths: impl Iterator<Item = &'a Target>) -> Self {
         let norms = |field: &[f32]| -> Vec<f64> {
             let norm = |v: &[f32; 3]| Vector3::from(*v).cast::<f64>().norm();
@@ -106,8 +106,8 @@ impl Usual {
     }
 }
 
-/// Number of nodes that bear forces of those norms, each counted by its share, (Σ f)² / Σ f²: n that
-/// bear the same count as n, 0 where there is no force.
+/// Effective number of nodes that bear forces of the given norms, (Σ f)² / Σ f²: n for n equal
+/// forces, 0 without force.
 pub(super) fn bearing_of(norms: impl Iterator<Item = f64>) -> f64 {
     let add = |[sum, squares]: [f64; 2], norm: f64| [sum + norm, squares + norm * norm];
     let [sum, squares] = norms.fold([0.0; 2], add);
@@ -115,7 +115,7 @@ pub(super) fn bearing_of(norms: impl Iterator<Item = f64>) -> f64 {
 }
 
 impl Data {
-    /// What a dataset's configuration says of it.
+    /// Fills in the entries that a dataset's configuration determines.
     pub(super) fn of(config: &Config, fingerprint: String, trained_by: &str) -> Self {
         let range = |field: fn(&Gel) -> f64| {
             let values = config.gels.iter().map(field);
@@ -134,7 +134,7 @@ impl Data {
         }
     }
 
-    /// Whether a displacement (V, 3) in m on `gel` is like these data.
+    /// Returns whether a displacement (V, 3) in m on `gel` lies within the range of these data.
     pub(super) fn covers(&self, gel: &features::Gel, displacement: &[Vector3<f64>]) -> bool {
         let within = |x: f64, [low, high]: [f64; 2]| (low..=high).contains(&x);
         let deepest = displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
@@ -144,9 +144,9 @@ impl Data {
     }
 }
 
-/// A card that says of which form its network is.
+/// A card with the kind of its network.
 pub(super) trait Kind: DeserializeOwned {
-    /// What its `variant` may be.
+    /// Permitted values of its `variant`.
     const VARIANTS: &'static [&'static str];
 }
 
@@ -154,7 +154,7 @@ impl Kind for Card {
     const VARIANTS: &'static [&'static str] = &["corrector"];
 }
 
-/// What is read of a card of any kind.
+/// Part that all kinds of cards have in common.
 #[derive(Deserialize)]
 struct Form {
     variant: String,
@@ -165,10 +165,10 @@ pub(super) type Vectors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 
 /// Largest file that is read (bytes).
 pub(super) const MOST: u64 = 64 << 20;
-/// Key of what a file says of itself.
+/// Metadata key of the card.
 const KEY: &str = "card";
 
-/// The bytes of named vectors with `card`.
+/// Serialises named tensors with `card`.
 pub(super) fn to_bytes(tensors: &Vectors, card: &impl Serialize) -> Vec<u8> {
     let fields: BTreeMap<&str, (&[usize], Vec<u8>)> = tensors
         .iter()
@@ -186,7 +186,8 @@ pub(super) fn to_bytes(tensors: &Vectors, card: &impl Serialize) -> Vec<u8> {
     safetensors::serialize(views, Some(metadata)).expect("valid tensors")
 }
 
-/// The form of the weights in `bytes`, or why `name` holds none of those `expected`.
+/// Returns the kind of the weights in `bytes`, or an error that names `name` if it is none of those
+/// `expected`.
 pub(super) fn variant(name: &str, bytes: &[u8], expected: &[&str]) -> Result<String> {
     let (_, Form { variant }) = from_bytes(name, bytes)?;
     if expected.contains(&&*variant) {
@@ -196,13 +197,14 @@ pub(super) fn variant(name: &str, bytes: &[u8], expected: &[&str]) -> Result<Str
     Err(Error::File { path: name.to_owned(), reason })
 }
 
-/// The tensors and the card in `bytes`, or why `name` holds no weights of that kind.
+/// Returns the tensors and the card in `bytes`, or an error that names `name` if they are of
+/// another kind.
 pub(super) fn of_kind<C: Kind>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
     variant(name, bytes, C::VARIANTS)?;
     from_bytes(name, bytes)
 }
 
-/// The tensors and the card in `bytes`, or why `name` is not such a file.
+/// Returns the tensors and the card in `bytes`, or an error that names `name` if they are invalid.
 pub(super) fn from_bytes<C: DeserializeOwned>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
     let bad = |reason: String| Error::File { path: name.to_owned(), reason };
     let file = SafeTensors::deserialize(bytes).map_err(|error| bad(error.to_string()))?;
@@ -225,7 +227,7 @@ pub(super) fn from_bytes<C: DeserializeOwned>(name: &str, bytes: &[u8]) -> Resul
     Ok((tensors, card))
 }
 
-/// Reads a file that is not larger than any of ours.
+/// Reads a file, or returns an error if it is larger than [`MOST`].
 pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
     let bad = |reason: String| Error::File { path: path.display().to_string(), reason };
     let size = fs::metadata(path).map_err(|error| bad(error.to_string()))?.len();
@@ -235,7 +237,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|error| bad(error.to_string()))
 }
 
-/// The variables among `tensors`.
+/// Creates the variables of `tensors`.
 pub(super) fn parameters(tensors: Vectors) -> Result<Parameters> {
     let tensor = |(name, (shape, values)): (String, (Vec<usize>, Vec<f32>))| {
         Ok((name, Tensor::from_vec(values, shape, &Device::Cpu)?))
@@ -245,7 +247,7 @@ pub(super) fn parameters(tensors: Vectors) -> Result<Parameters> {
 }
 
 impl Parameters {
-    /// All variables as vectors.
+    /// Returns shapes and values of all variables.
     pub(super) fn vectors(&self) -> Result<Vectors> {
         let vector = |(name, variable): (String, candle_core::Var)| {
             let values = variable.flatten_all()?.to_vec1()?;

@@ -12,7 +12,7 @@ fn cube(half: f64) -> RenderMesh {
     RenderMesh::new(&Shape::Cuboid { half_extents: Vector3::repeat(half) }.surface(8).unwrap())
 }
 
-/// Looks along +y at the origin from 1 m; the picture is 2 tan(0.25) m high there.
+/// Camera that looks along +y at the origin from 1 m; the picture is 2 tan(0.25) m high there.
 fn camera() -> Camera {
     Camera {
         eye: Point3::new(0.0, -1.0, 0.0),
@@ -44,7 +44,7 @@ fn a_cube_covers_its_projection() {
     let (mesh, half) = (cube(0.1), 0.1);
     let picture = draw(&[Item::new(&mesh, Isometry3::identity(), red())]);
     let pixels = count(&picture, 0, 1);
-    // Of the cube only the near face shows, 0.9 m away.
+    // Only the near face of the cube is visible, 0.9 m away.
     let side = SIZE as f64 * half / ((1.0 - half) * 0.25f64.tan());
     let error = (pixels as f64).sqrt() - side;
     assert!(error.abs() < 1.0, "{pixels} pixels against a square of side {side}");

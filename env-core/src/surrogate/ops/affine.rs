@@ -9,7 +9,8 @@ struct LinearOp {
     relu: bool,
 }
 
-/// x Wᵀ + b for `x` (N, K), `weight` (M, K) and `bias` (M): (N, M); its positive part if `relu`.
+/// Returns x Wᵀ + b (N, M) for `x` (N, K), `weight` (M, K) and `bias` (M), or its positive part if
+/// `relu`.
 pub(in super::super) fn affine(
     x: &Tensor,
     weight: &Tensor,
@@ -19,13 +20,13 @@ pub(in super::super) fn affine(
     x.contiguous()?.apply_op3(weight, bias, LinearOp { relu })
 }
 
-/// c = a b, or c += a b, of row-major matrices (m, k) and (k, n).
+/// Computes c = a b, or c += a b if `add`, for matrices (m, k) and (k, n).
 pub(in super::super) fn product(c: MatMut<f32>, a: MatRef<f32>, b: MatRef<f32>, add: bool) {
     let into = if add { Accum::Add } else { Accum::Replace };
     matmul(c, into, a, b, 1.0, Par::Seq);
 }
 
-/// A row-major matrix.
+/// Views numbers as a row-major matrix.
 fn matrix(numbers: &[f32], rows: usize, columns: usize) -> MatRef<'_, f32> {
     MatRef::from_row_major_slice(numbers, rows, columns)
 }

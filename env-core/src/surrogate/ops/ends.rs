@@ -1,7 +1,7 @@
-//! What a layer makes of an edge and its two ends: relu(eₛᵣ + aₛ + bᵣ).
+//! Combination of an edge with its two ends: relu(eₛᵣ + aₛ + bᵣ).
 //!
-//! A linear layer on the concatenation (e, vₛ, vᵣ) is a sum of three linear layers, of which those of
-//! the ends are computed once a node and gathered here.
+//! A linear layer on the concatenation (e, vₛ, vᵣ) is a sum of three linear layers. Those of the
+//! ends are computed once per node and gathered here.
 
 use std::sync::Arc;
 
@@ -11,8 +11,8 @@ use super::{Edges, numbers, with_numbers};
 
 struct Ends(Arc<Edges>);
 
-/// relu(e + a + b) (E, H) of `edges` (E, H), `senders` (V, H) at the sender and `receivers` (V, H) at
-/// the receiver of each edge.
+/// Returns relu(e + a + b) (E, H) of `edges` (E, H), `senders` (V, H) at the sender and `receivers`
+/// (V, H) at the receiver of each edge.
 pub(in super::super) fn ends(
     edges: &Tensor,
     senders: &Tensor,
@@ -98,7 +98,7 @@ mod tests {
 
     use super::{super::tests::*, *};
 
-    /// 0 hears 1 and 2, 1 hears nobody, 2 hears 0.
+    /// Graph in which 0 receives from 1 and 2, 1 from none, 2 from 0.
     fn graph() -> Arc<Edges> {
         Arc::new(Edges { senders: vec![1, 2, 0], starts: vec![0, 2, 2, 3] })
     }

@@ -1,5 +1,5 @@
-//! Layer norm (Ba, Kiros and Hinton 2016): each row shifted and scaled to mean 0 and variance 1, then
-//! scaled and shifted by what was learnt.
+//! Layer norm (Ba, Kiros and Hinton 2016): each row shifted and scaled to mean 0 and variance 1,
+//! then scaled and shifted by learnt parameters.
 //!
 //! The variance is the mean of squared deviations, in a second pass: the mean of squares minus the
 //! square of the mean has no digits left when the mean is large.
@@ -9,12 +9,12 @@ use candle_core::{CpuStorage, CustomOp3, Layout, Result, Shape, Tensor};
 use super::{numbers, with_numbers};
 use crate::simd::sum;
 
-/// Added to the variance.
+/// Added to the variance, which keeps its root away from zero.
 const EPSILON: f32 = 1e-5;
 
 struct LayerNorm;
 
-/// The rows of `x` (N, H) normalised, times `scale` (H), plus `shift` (H).
+/// Normalises the rows of `x` (N, H), multiplies by `scale` (H) and adds `shift` (H).
 pub(in super::super) fn layer_norm(x: &Tensor, scale: &Tensor, shift: &Tensor) -> Result<Tensor> {
     x.contiguous()?.apply_op3(scale, shift, LayerNorm)
 }
@@ -77,7 +77,7 @@ impl CustomOp3 for LayerNorm {
     }
 }
 
-/// One row backwards: with x̂ the normalised row and g its gradient times the scale,
+/// Adds the derivatives of one row: with x̂ the normalised row and g its gradient times the scale,
 /// dx = (g − mean g − x̂ mean(g x̂)) / σ.
 fn back(
     x: &[f32],
@@ -127,7 +127,7 @@ mod tests {
         let (x, scale, shift) = (random(&[6, 8], 1), random(&[8], 2), random(&[8], 3));
         let far = (x.as_tensor() + 1024.0).unwrap();
         let (near, far) = (layer_norm(&x, &scale, &shift), layer_norm(&far, &scale, &shift));
-        // 1,024 leaves 2⁻¹⁴ of rounding in x, some 1e-4 of its deviation.
+        // At 1,024, x has a rounding error of 2⁻¹⁴, some 1e-4 of its deviation.
         assert!(largest_difference(&near.unwrap(), &far.unwrap()) < 1e-3);
     }
 

@@ -1,8 +1,8 @@
-//! Sums of messages: what every node hears from its neighbours.
+//! Sums of messages over the neighbours of every node.
 //!
-//! mᵣ = Σₛ relu(aₛ + bᵣ + eₛᵣ): a message of one hidden layer, its parts for sender, receiver and edge
-//! computed where they live. A second linear layer of the message goes behind the sum, where it is
-//! the same function and costs once a node.
+//! mᵣ = Σₛ relu(aₛ + bᵣ + eₛᵣ): a message of one hidden layer, whose parts for sender, receiver and
+//! edge are computed at the nodes and edges. A second linear layer of the message is applied after
+//! the sum, which is the same function and costs one product per node.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use super::{numbers, with_numbers};
 pub(in super::super) struct Edges {
     /// Sender of each edge (E).
     pub(in super::super) senders: Vec<u32>,
-    /// Where the edges of each receiver begin, and the end (V + 1).
+    /// Index of the first edge of each receiver, and the number of edges (V + 1).
     pub(in super::super) starts: Vec<u32>,
 }
 
@@ -35,8 +35,8 @@ impl Edges {
 
 struct Messages(Arc<Edges>);
 
-/// The summed messages (B V, H) of `nodes` (B V, 2 H), each row the sender's part and then the
-/// receiver's, along edges with the part `edges` (E, H), the same for all presses.
+/// Returns the summed messages (B V, H) of `nodes` (B V, 2 H), whose rows hold the sender's part
+/// and then the receiver's, along edges with the part `edges` (E, H), the same for all presses.
 pub(in super::super) fn messages(
     nodes: &Tensor,
     edges: &Tensor,
@@ -154,7 +154,7 @@ mod tests {
 
     use super::{super::tests::*, *};
 
-    /// 0 hears 1 and 2, 1 hears nobody, 2 hears 0.
+    /// Graph in which 0 receives from 1 and 2, 1 from none, 2 from 0.
     fn graph() -> Arc<Edges> {
         Arc::new(Edges { senders: vec![1, 2, 0], starts: vec![0, 2, 2, 3] })
     }

@@ -1,14 +1,14 @@
-//! The operations that the networks are made of, with their derivatives, for 32-bit floats on a CPU.
+//! Operations of the networks, with their derivatives, for 32-bit floats on a CPU.
 //!
-//! Candle's own kernels stay the oracle: every operation has a test against the same formula in plain
-//! Candle, and its derivative one against finite differences. What is gained: no copy of node
-//! features on edges, no read of the machine's description at every product, a layer norm that
-//! passes its gradient on and sums in two passes, and one thread for one graph.
+//! Candle's own kernels are the reference: every operation is tested against the same formula in
+//! plain Candle, and its derivative against finite differences. The advantages over Candle: no copy
+//! of node features on edges, no query of the processor's properties at every product, a layer norm
+//! that passes its gradient on and sums in two passes, and one thread for one graph.
 //!
-//! Shapes: B presses in a batch, V nodes, E edges, T tetrahedra, H latent width. Rows of a batch lie
-//! one press after the other.
+//! Shapes: B presses in a batch, V nodes, E edges, T tetrahedra, H latent width. Rows of a batch
+//! are stored press after press.
 
-#![allow(clippy::inline_always)] // What is not inlined is not compiled for the processor.
+#![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
 mod affine;
 mod ends;
@@ -28,7 +28,7 @@ pub(super) use von_mises::{Gradients, von_mises};
 
 use candle_core::{CpuStorage, Layout, Result, Storage, Tensor, bail};
 
-/// The numbers of a contiguous tensor on the CPU.
+/// Numbers of a contiguous tensor on the CPU.
 fn numbers<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
     let Some((from, to)) = layout.contiguous_offsets() else {
         bail!("expected a contiguous tensor, found strides {:?}", layout.stride());
@@ -57,7 +57,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// Numbers between −1 and 1 in the given shape.
+    /// Random numbers between −1 and 1 in the given shape.
     pub(super) fn random(shape: &[usize], seed: u64) -> Var {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let count = shape.iter().product();

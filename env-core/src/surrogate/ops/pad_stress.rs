@@ -1,43 +1,43 @@
 //! Von Mises stress of a pad's tetrahedra, many at a time and without derivatives.
 //!
-//! Kuhn's six tetrahedra turn round from cell to cell ([`PadMesh`]), so in every second cell of a row
-//! those of one kind have their corners at the same distances from each other. Where nodes of even and
-//! odd number along x and y are put apart, such corners lie side by side and are read as vectors:
-//! nothing is gathered.
+//! Kuhn's six tetrahedra are mirrored from cell to cell ([`PadMesh`]), so in every second cell of a
+//! row tetrahedra of one kind have corners at the same offsets from the cell. If nodes of even and
+//! odd index along x and y are stored apart, such corners are contiguous in memory and are read as
+//! vectors, without gathering.
 
 use super::von_mises::{EPSILON, FLATTEST, Gradients};
 use crate::{geometry::PadMesh, simd::LANES};
 
-/// A number for each of some tetrahedra that are computed together.
+/// One number for each of the tetrahedra that are computed together.
 type Lanes = [f32; LANES];
 
-/// The tetrahedra of a pad in runs of one kind.
+/// Tetrahedra of a pad in runs of one kind.
 #[derive(Clone, Debug)]
 pub(in super::super) struct PadStress {
-    /// From one component of a node's displacement to the next.
+    /// Offset from one component of a node's displacement to the next.
     stride: usize,
-    /// Where the first component of each node's displacement is (V).
+    /// Index of the first component of each node's displacement (V).
     nodes: Vec<u32>,
-    /// Numbers of a displacement.
+    /// Length of an arranged displacement.
     size: usize,
     runs: Vec<Run>,
-    /// Gradients of the shape functions of the last three corners, by row and column, of each block of
-    /// each run.
+    /// Gradients of the shape functions of the last three corners, by row and column, for each
+    /// block of each run.
     gradients: Vec<[[Lanes; 3]; 3]>,
-    /// Where the stress of each tetrahedron is (T).
+    /// Index of the stress of each tetrahedron in the output (T).
     places: Vec<u32>,
 }
 
 /// Tetrahedra of one kind in every second cell of a layer.
 #[derive(Clone, Copy, Debug)]
 struct Run {
-    /// Where the corners of the first are.
+    /// Index of the first component of each corner of the first tetrahedron.
     corners: [u32; 4],
     blocks: u32,
 }
 
 impl PadStress {
-    /// Those of `pad`, with lengths in units of `length` (m).
+    /// Prepares the tetrahedra of `pad`, with lengths in units of `length` (m).
     pub(in super::super) fn new(pad: &PadMesh, length: f64) -> Self {
         let [nx, ny, nz] = pad.cells.map(|cells| cells as usize);
         let half = [nx / 2 + 1, ny / 2 + 1];
@@ -84,7 +84,8 @@ impl PadStress {
         Self { stride, nodes, size, runs, gradients, places }
     }
 
-    /// Displacements of the nodes (V) in the order in which [`PadStress::stress`] reads them.
+    /// Returns the displacements of the nodes (V) in the order in which [`PadStress::stress`] reads
+    /// them.
     pub(in super::super) fn arranged<T: Copy + Default>(&self, u: &[[T; 3]]) -> Vec<T> {
         let mut arranged = vec![T::default(); self.size];
         for (&at, u) in self.nodes.iter().zip(u) {
@@ -95,17 +96,17 @@ impl PadStress {
         arranged
     }
 
-    /// Numbers that [`PadStress::stress`] gives.
+    /// Number of values that [`PadStress::stress`] writes.
     pub(in super::super) fn count(&self) -> usize {
         LANES * self.gradients.len()
     }
 
-    /// Where the stress of each tetrahedron is (T).
+    /// Index of the stress of each tetrahedron in the output of [`PadStress::stress`] (T).
     pub(in super::super) fn places(&self) -> &[u32] {
         &self.places
     }
 
-    /// As [`Gradients::stress`], into `stress`, at [`PadStress::places`].
+    /// Writes the result of [`Gradients::stress`] to `stress`, at [`PadStress::places`].
     #[inline(always)]
     pub(in super::super) fn stress(&self, arranged: &[f32], stress: &mut Vec<f32>) {
         stress.clear();
@@ -135,7 +136,7 @@ fn lanes(f: impl Fn(usize) -> f32) -> Lanes {
     lanes
 }
 
-/// Stress over μ by displacements of the corners, by corner and axis.
+/// Stress over μ for the displacements of the corners, by corner and axis.
 #[inline(always)]
 fn von_mises([first, u @ ..]: &[[&Lanes; 3]; 4], gradients: &[[Lanes; 3]; 3]) -> Lanes {
     let mut f = [[[0.0; LANES]; 3]; 3];
@@ -177,7 +178,7 @@ mod tests {
     #[test]
     fn every_tetrahedron_has_the_stress_that_it_has_alone() {
         let outline = PadOutline { radius_along: 0.2, ..PadOutline::flat(0.02525, 0.02075, 0.004) };
-        // A cell or two a side, rows that fill lanes and such that do not.
+        // Grids of one or two cells a side, rows that are a multiple of the vector width, and not.
         for spacing in [0.02, 0.004, 0.0021, 0.0007, 0.0004] {
             let pad = PadMesh::new(&outline, &Grading::uniform(spacing)).unwrap();
             let mut random = ChaCha8Rng::seed_from_u64(3);

@@ -6,21 +6,21 @@ use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor};
 
 use super::{numbers, with_numbers};
 
-/// A sparse matrix by rows.
+/// A sparse matrix stored by rows.
 #[derive(Clone, Debug, PartialEq)]
 pub(in super::super) struct Sparse {
     /// Columns of the entries, row after row.
     columns: Vec<u32>,
-    /// Entries.
+    /// Values of the entries.
     values: Vec<f32>,
-    /// Where each row begins, and the end.
+    /// Index of the first entry of each row, and the number of entries.
     starts: Vec<u32>,
     /// Number of columns.
     width: usize,
 }
 
 impl Sparse {
-    /// The matrix of `width` columns with the given (column, value) entries in its rows.
+    /// Creates the matrix of `width` columns with the given (column, value) entries in its rows.
     pub(in super::super) fn new(rows: &[Vec<(u32, f32)>], width: usize) -> Self {
         let entries = rows.iter().flatten();
         let ends = rows.iter().scan(0, |end, row| {
@@ -39,7 +39,7 @@ impl Sparse {
         self.starts.len() - 1
     }
 
-    /// Its transpose with every row scaled to a sum of 1.
+    /// Returns the transpose with every row scaled to a sum of 1.
     pub(in super::super) fn pooling(&self) -> Self {
         let mut rows = vec![Vec::new(); self.width];
         for row in 0..self.height() {
@@ -87,7 +87,7 @@ impl Sparse {
 
 struct Product(Arc<Sparse>);
 
-/// The product of `matrix` (R, C) with every press of `x` (B C, H): (B R, H).
+/// Returns the product of `matrix` (R, C) with every press of `x` (B C, H): (B R, H).
 pub(in super::super) fn sparse(x: &Tensor, matrix: &Arc<Sparse>) -> Result<Tensor> {
     x.contiguous()?.apply_op1(Product(Arc::clone(matrix)))
 }

@@ -1,8 +1,8 @@
 //! Von Mises stress of a neo-Hookean solid from its displacement.
 //!
-//! With F = 1 + Σ uₐ ⊗ ∇Nₐ in a linear tetrahedron, J = det F and b = F Fᵀ, the deviator of the Cauchy
-//! stress is μ/J dev b (Bonet and Wood 2008, eq. 6.29), so σ/μ = √(3/2 dev b : dev b) / J. The
-//! volumetric part of the law does not enter, and with it no Poisson's ratio.
+//! With F = 1 + Σ uₐ ⊗ ∇Nₐ in a linear tetrahedron, J = det F and b = F Fᵀ, the deviator of the
+//! Cauchy stress is μ/J dev b (Bonet and Wood 2008, eq. 6.29), so σ/μ = √(3/2 dev b : dev b) / J.
+//! The volumetric part of the law does not enter, and neither does Poisson's ratio.
 
 use std::sync::Arc;
 
@@ -12,9 +12,9 @@ use nalgebra::{Matrix3, Vector3};
 use super::{numbers, with_numbers};
 use crate::geometry::TetMesh;
 
-/// Smallest J that stress is computed with: flatter tetrahedra count as this flat.
+/// Least J in the denominator of the stress; smaller values are replaced by it.
 pub(super) const FLATTEST: f32 = 0.1;
-/// Added to the squared stress, so that its root has a derivative everywhere.
+/// Added to the squared stress, so that its root is differentiable everywhere.
 pub(super) const EPSILON: f32 = 1e-10;
 
 /// Tetrahedra and the gradients of their shape functions.
@@ -27,7 +27,7 @@ pub(in super::super) struct Gradients {
 }
 
 impl Gradients {
-    /// Those of `mesh`, with lengths in units of `length` (m).
+    /// Computes the gradients of `mesh`, with lengths in units of `length` (m).
     pub(in super::super) fn new(mesh: &TetMesh, length: f64) -> Self {
         let slopes = (0..mesh.tets.len()).map(|t| {
             let [a, b, c, d] = mesh.corners(t);
@@ -37,21 +37,21 @@ impl Gradients {
         Self { nodes: mesh.vertices.len(), tets: mesh.tets.clone(), slopes: slopes.collect() }
     }
 
-    /// Deformation gradients' rows of edges and the stress over μ of tetrahedron `t`.
+    /// Deformation gradient F of tetrahedron `t` for the displacement `u` (V, 3).
     fn strain(&self, t: usize, u: &[f32]) -> Matrix3<f32> {
         let [a, b, c, d] =
             self.tets[t].map(|node| Vector3::from_column_slice(&u[3 * node as usize..][..3]));
         Matrix3::identity() + Matrix3::from_columns(&[b - a, c - a, d - a]) * self.slopes[t]
     }
 
-    /// Stress over μ (T) for the displacement `u` (V, 3) in units of the length.
+    /// Writes the stress over μ (T) for the displacement `u` (V, 3) in units of the length.
     pub(in super::super) fn stress(&self, u: &[f32], stress: &mut [f32]) {
         for (t, stress) in stress.iter_mut().enumerate() {
             *stress = value(&self.strain(t, u));
         }
     }
 
-    /// Adds to `du` (V, 3) what the `gradient` (T) by stress is by displacement.
+    /// Adds to `du` (V, 3) the derivative by displacement, given the `gradient` (T) by stress.
     fn back(&self, u: &[f32], gradient: &[f32], du: &mut [f32]) {
         for (t, gradient) in gradient.iter().enumerate() {
             let by_edges = slope(&self.strain(t, u)) * self.slopes[t].transpose() * *gradient;
@@ -71,12 +71,13 @@ fn deviator(f: &Matrix3<f32>) -> Matrix3<f32> {
     b - Matrix3::from_diagonal_element(b.trace() / 3.0)
 }
 
-/// Stress over μ.
+/// Von Mises stress over μ for the deformation gradient `f`.
 fn value(f: &Matrix3<f32>) -> f32 {
     (1.5 * deviator(f).norm_squared() + EPSILON).sqrt() / f.determinant().max(FLATTEST)
 }
 
-/// Its derivative by F: 3 dev(b) F / (J² σ) − σ F⁻ᵀ, where J is not limited.
+/// Derivative of [`value`] by F: 3 dev(b) F / (J² σ) − σ F⁻ᵀ; the second term is zero where J is
+/// below [`FLATTEST`].
 fn slope(f: &Matrix3<f32>) -> Matrix3<f32> {
     let (j, stress) = (f.determinant(), value(f));
     let shape = deviator(f) * f * (3.0 / (j.max(FLATTEST).powi(2) * stress));
