@@ -23,15 +23,11 @@ from numpy.typing import NDArray
 import ruffini
 from ruffini import agents
 from ruffini.evaluation import FIRST_SEED, Policy, evaluate, line, wilson
-from scripted_fragile import ScriptedFragile
-from scripted_grasp import ScriptedGrasp
-from scripted_hold import ScriptedHold
-from scripted_soft import ScriptedSoft
+from ruffini.policies import RandomPolicy, scripted
 
 __all__ = [
     "FIRST_SEED",
     "LIFT",
-    "SCRIPTED",
     "Policy",
     "RandomPolicy",
     "TrainedPolicy",
@@ -43,32 +39,6 @@ __all__ = [
 ]
 
 LIFT = "ruffini/GraspLift-v0"
-
-SCRIPTED: dict[str, type[Policy]] = {
-    LIFT: ScriptedGrasp,
-    "ruffini/GraspFragile-v0": ScriptedFragile,
-    "ruffini/GraspSoft-v0": ScriptedSoft,
-    "ruffini/HoldStill-v0": ScriptedHold,
-}
-"""The scripted policy of each environment."""
-
-
-class RandomPolicy:
-    """Uniform actions, the same on every run."""
-
-    def __init__(self) -> None:
-        self._random = np.random.default_rng(0)
-
-    def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (N, 5) for observations of N environments."""
-        rows = len(next(iter(observation.values())))
-        return self._random.uniform(-1, 1, (rows, 5)).astype(np.float32), state
 
 
 class TrainedPolicy:
@@ -111,8 +81,8 @@ def load(name: str, env_id: str = LIFT) -> Policy:
     Raises:
         ValueError: If there is neither.
     """
-    if name == "scripted" and env_id in SCRIPTED:
-        return SCRIPTED[env_id]()
+    if name == "scripted":
+        return scripted(env_id)
     if name == "random":
         return RandomPolicy()
     if name == "agent":
@@ -162,7 +132,7 @@ def main() -> None:
     parser.add_argument(
         "--policy", required=True, help="scripted, random, agent, an agent's file or a run's folder"
     )
-    parser.add_argument("--env", default=LIFT, choices=sorted(SCRIPTED), help="environment id")
+    parser.add_argument("--env", default=LIFT, help="environment id")
     parser.add_argument("--episodes", type=int, default=200)
     parser.add_argument(
         "--settings", type=json.loads, default={}, help="the environment's, as JSON"

@@ -27,7 +27,7 @@ import numpy as np
 
 from evaluate import about_this_run
 from ruffini.envs import GraspLiftVectorEnv
-from scripted_grasp import ScriptedGrasp
+from ruffini.policies import scripted
 
 ENV_ID = "ruffini/GraspLift-v0"
 CONTROL_STEP = 0.04
@@ -68,7 +68,7 @@ def random_rollout(n: int, threads: int, seconds: float, **settings: Any) -> flo
 
 def scripted_rollout(n: int, threads: int, seconds: float) -> float:
     """Steps per second while grasping, lifting and holding; the policy's own time is left out."""
-    envs, policy = make(n, threads), ScriptedGrasp()
+    envs, policy = make(n, threads), scripted("ruffini/GraspLift-v0")
     observation, _ = envs.reset(seed=0)
     spent, count = 0.0, 0
     while spent < seconds:

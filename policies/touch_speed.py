@@ -17,7 +17,7 @@ import gymnasium
 import numpy as np
 
 from evaluate import about_this_run
-from scripted_grasp import ScriptedGrasp
+from ruffini.policies import scripted
 
 MODELS = ("none", "surrogate", "surrogate-fine", "compliance")
 OBJECTS = ("sphere", "cuboid", "cylinder")
@@ -46,7 +46,7 @@ def environments(model: str, name: str) -> Any:
 
 def measure(model: str, name: str) -> dict[str, Any]:
     """Steps a second with all pads touching, and how the episodes ended."""
-    envs, policy = environments(model, name), ScriptedGrasp()
+    envs, policy = environments(model, name), scripted("ruffini/GraspLift-v0")
     observation, _ = envs.reset(seed=0)
     seconds, counted, episodes, lifted = 0.0, 0, 0, 0
     for _ in range(RIGID_STEPS if model == "none" else STEPS):

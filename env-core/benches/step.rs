@@ -10,7 +10,7 @@ use ruffini_core::{
     scene::{CATALOGUE, Command, Object, ObjectModel, Scene, SceneConfig, SoftPads, Wrench, named},
     sensor::Sensor,
     tactile::Choice,
-    task::{Closing, Config, Holding, ObjectSpec, Task},
+    task::{Config, ObjectSpec, Task},
 };
 
 const ROWS: usize = 16;
@@ -92,13 +92,12 @@ fn touches(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("touch");
     group.throughput(Throughput::Elements(ROWS as u64));
     for name in ["sphere", "cuboid", "cylinder", "prism", "potato"] {
-        let mut config = Config::of(Task::HoldStill);
+        let mut config = Config::of(&Task::named("HoldStill").expect("a known task"));
         config.objects = vec![ObjectSpec::Name(name.into())];
         config.tactile = Choice::Surrogate;
         config.scene.gripper.max_force = 40.0;
         config.observation = Some(["proprio", "wrench", "markers"].map(String::from).into());
-        config.closing = Some(Closing { start_grip: 20.0, ..Closing::default() });
-        config.holding = Some(Holding::default());
+        config.set("start_grip", &20.0.into()).expect("a setting of HoldStill");
         let mut batch = started(config);
         let hold = [0.0; 5].repeat(ROWS);
         group.bench_function(name, |bencher| {

@@ -20,7 +20,7 @@ use ruffini_core::{
     Error,
     env::{Autoreset, Row, Setup, StepResult},
     scene::CATALOGUE,
-    task::{CHANNELS, Config, Ending, TACTILE_CHANNELS, Term},
+    task::{Config, Ending, StateChannel, TACTILE_CHANNELS, Task},
 };
 
 use error::{PressError, SimulationError, python_error};
@@ -84,7 +84,7 @@ impl Batch {
     /// Names of the reward's terms, in order.
     fn reward_terms(&self) -> Vec<&'static str> {
         let terms = self.inner.setup().config().task.terms();
-        terms.iter().map(|(term, _)| term.name()).collect()
+        terms.iter().map(|term| term.name).collect()
     }
 
     /// Starts episodes in the rows of `mask`, or in all, after reseeding the rows that have a seed.
@@ -126,8 +126,9 @@ impl Batch {
         };
         let failed = outcomes.iter().enumerate();
         let failed = failed.filter_map(|(i, o)| o.press_error.map(|kind| (i, kind))).collect();
-        let task = self.inner.setup().config().task;
-        let terms = PyArray1::from_iter(py, outcomes.iter().flat_map(|o| o.terms.values(task)));
+        let task = &self.inner.setup().config().task;
+        let terms = outcomes.iter().flat_map(|o| o.terms.values(task)).copied();
+        let terms = PyArray1::from_iter(py, terms);
         Ok((
             self.rows(py, observation)?,
             PyArray1::from_iter(py, outcomes.iter().map(|o| o.reward)),
@@ -207,25 +208,25 @@ impl Batch {
         let found = rows.get(row).ok_or_else(|| {
             python_error(Error::invalid("row", row, format!("less than {}", rows.len())))
         })?;
-        let Some((state, draw)) = found.state() else { return Ok(None) };
+        let Some((state, episode)) = found.state() else { return Ok(None) };
         let objects = &self.inner.setup().config().objects;
         let pose = &state.object.pose;
         let dict = PyDict::new(py);
-        dict.set_item("object", objects[draw.object].to_string())?;
-        dict.set_item("size", draw.scale)?;
-        dict.set_item("mass", draw.mass)?;
-        dict.set_item("friction", draw.friction)?;
-        if let Some(young) = draw.young {
+        dict.set_item("object", objects[episode.object].to_string())?;
+        dict.set_item("size", episode.scale)?;
+        dict.set_item("mass", episode.mass)?;
+        dict.set_item("friction", episode.friction)?;
+        if let Some(young) = episode.young {
             dict.set_item("young", young)?;
         }
-        if let Some(limit) = draw.stress_limit {
+        if let Some(limit) = episode.stress_limit {
             dict.set_item("stress_limit", limit)?;
         }
-        if let Some(trial) = draw.trial {
+        if let Some(trial) = episode.trial {
             dict.set_item("trial_grip", trial.grip)?;
             dict.set_item("margin", trial.margin)?;
         }
-        if let Some(shaking) = draw.shaking {
+        if let Some(shaking) = episode.shaking {
             dict.set_item("load", shaking.load)?;
             dict.set_item("shaking", shaking.amplitude)?;
             dict.set_item("shaking_frequency", shaking.frequency)?;
@@ -254,17 +255,30 @@ impl Batch {
     }
 }
 
-/// Default settings as JSON.
+/// Description of tasks, channels and settings as JSON.
 #[pyfunction]
-fn default_settings() -> String {
-    serde_json::to_string(&Config::default()).expect("default settings are plain numbers and names")
+fn schema() -> String {
+    ruffini_core::task::schema().to_string()
+}
+
+/// Names of the terms of all rewards.
+fn reward_terms() -> Vec<&'static str> {
+    let mut names = Vec::new();
+    for task in Task::all() {
+        for term in task.terms() {
+            if !names.contains(&term.name) {
+                names.push(term.name);
+            }
+        }
+    }
+    names
 }
 
 /// Compiled part of the `ruffini` package.
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use super::{Batch, PressError, SimulationError, default_settings};
+    use super::{Batch, PressError, SimulationError, schema};
     #[pymodule_export]
     use crate::dataset::{dataset_shards, generate_dataset};
     #[pymodule_export]
@@ -281,16 +295,16 @@ mod _core {
     use crate::training::{evaluate_surrogate, train_surrogate};
 
     use super::{
-        Bound, CATALOGUE, CHANNELS, Ending, PyModule, PyModuleMethods, PyResult, TACTILE_CHANNELS,
-        Term,
+        Bound, CATALOGUE, Ending, PyModule, PyModuleMethods, PyResult, StateChannel,
+        TACTILE_CHANNELS, reward_terms,
     };
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("OBJECTS", CATALOGUE.to_vec())?;
-        module.add("CHANNELS", CHANNELS.to_vec())?;
+        module.add("CHANNELS", StateChannel::SHARED.map(StateChannel::name).to_vec())?;
         module.add("TACTILE_CHANNELS", TACTILE_CHANNELS.to_vec())?;
-        module.add("REWARD_TERMS", Term::ALL.map(Term::name).to_vec())?;
+        module.add("REWARD_TERMS", reward_terms())?;
         module.add("ENDINGS", Ending::ALL.map(Ending::name).to_vec())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }

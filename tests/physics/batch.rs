@@ -5,7 +5,7 @@ use std::sync::Arc;
 use ruffini_core::{
     Error,
     env::{Autoreset, Batch, Setup},
-    task::{CHANNELS, Config, Ending, Range},
+    task::{Config, Ending, Range, StateChannel},
 };
 
 fn batch(config: Config, rows: usize, threads: usize, autoreset: Autoreset) -> Batch {
@@ -24,7 +24,10 @@ fn actions(rows: usize, step: usize) -> Vec<f32> {
 }
 
 fn all_channels() -> Config {
-    Config { observation: Some(CHANNELS.map(String::from).into()), ..Config::default() }
+    Config {
+        observation: Some(StateChannel::SHARED.map(|channel| channel.name().into()).into()),
+        ..Config::default()
+    }
 }
 
 #[test]

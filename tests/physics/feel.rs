@@ -5,7 +5,7 @@ use std::sync::Arc;
 use ruffini_core::{
     env::{Autoreset, Batch, Setup, StepResult},
     tactile::{Choice, Resolution},
-    task::{CHANNELS, Config, Ending, ObjectSpec, ShapeSpec, TACTILE_CHANNELS},
+    task::{Config, Ending, ObjectSpec, ShapeSpec, StateChannel, TACTILE_CHANNELS},
 };
 
 fn coarse(nodes: usize) -> Resolution {
@@ -24,7 +24,9 @@ fn config(object: &str) -> Config {
         tactile: Choice::Compliance,
         resolution: coarse(150),
         observation: Some(
-            [&CHANNELS[..], &TACTILE_CHANNELS].concat().into_iter().map(String::from).collect(),
+            (StateChannel::SHARED.map(StateChannel::name).iter().chain(&TACTILE_CHANNELS))
+                .map(ToString::to_string)
+                .collect(),
         ),
         ..Config::default()
     }

@@ -7,34 +7,38 @@ use ruffini_core::{
     env::{Autoreset, Batch, Setup, StepResult},
     scene::{Command, Gripper, Object, ObjectModel, Scene, SceneConfig, named},
     tactile::{Choice, Resolution},
-    task::{CHANNELS, Closing, Config, Ending, Holding, ObjectSpec, TACTILE_CHANNELS, Task, Term},
+    task::{Config, Ending, ObjectSpec, StateChannel, TACTILE_CHANNELS, Task},
 };
 
 const GRAVITY: f64 = 9.81;
 
 /// The usual settings of a task with a coarse pad, for speed, and every channel.
-fn config(task: Task, tactile: Choice) -> Config {
+fn config(task: &str, tactile: Choice) -> Config {
+    let task = Task::named(task).unwrap();
     let felt = if tactile == Choice::None { &[][..] } else { &TACTILE_CHANNELS };
-    let channels = [&CHANNELS, task.channels(), felt].concat();
+    let own = StateChannel::SHARED.iter().chain(task.channels()).map(|channel| channel.name());
+    let channels = own.chain(felt.iter().copied());
     Config {
         tactile,
         resolution: Resolution { nodes: 150, ..Resolution::default() },
-        observation: Some(channels.into_iter().map(String::from).collect()),
-        ..Config::of(task)
+        observation: Some(channels.map(String::from).collect()),
+        ..Config::of(&task)
     }
+}
+
+/// `config` with other values of its numeric settings.
+fn with(mut config: Config, settings: &[(&str, f64)]) -> Config {
+    for (name, value) in settings {
+        config.set(name, &(*value).into()).unwrap();
+    }
+    config
 }
 
 /// A sphere in the hand that a steady load pulls at.
 fn loaded(tactile: Choice, load: f64, grip: f64) -> Config {
-    let holding = Holding { load: [load, load], shaking: [0.0, 0.0], ..Holding::default() };
-    let usual = config(Task::HoldStill, tactile);
-    Config {
-        objects: vec![ObjectSpec::Name("sphere".into())],
-        friction: [0.8, 0.8],
-        closing: usual.closing.clone().map(|closing| Closing { start_grip: grip, ..closing }),
-        holding: Some(holding),
-        ..usual
-    }
+    let objects = vec![ObjectSpec::Name("sphere".into())];
+    let settings = [("friction", 0.8), ("start_grip", grip), ("load", load), ("shaking", 0.0)];
+    with(Config { objects, ..config("HoldStill", tactile) }, &settings)
 }
 
 fn batch(config: Config, rows: usize, autoreset: Autoreset) -> (Batch, Vec<f32>) {
@@ -73,7 +77,7 @@ fn channel<'a>(batch: &Batch, observation: &'a [f32], row: usize, name: &str) ->
 #[test]
 fn an_episode_of_holding_starts_with_the_object_at_rest_between_the_pads() {
     for tactile in [Choice::None, Choice::Compliance] {
-        let (batch, observation) = batch(config(Task::HoldStill, tactile), 12, Autoreset::Disabled);
+        let (batch, observation) = batch(config("HoldStill", tactile), 12, Autoreset::Disabled);
         for (i, row) in batch.rows().iter().enumerate() {
             let (state, draw) = row.state().unwrap();
             for finger in &state.fingers {
@@ -113,13 +117,13 @@ fn an_object_is_dropped_below_the_coulomb_limit_and_by_name() {
     let config = Config { mass: [0.1, 0.1], ..loaded(Choice::None, 1.0, 8.0) };
     let limit = (0.1 * GRAVITY + 1.0) / (2.0 * 0.8);
     let changes = [1.3f64, 0.7].map(|share| (share * limit / 8.0).ln());
-    let most = config.closing.as_ref().unwrap().grip_rate * 0.04;
+    let most = config.task.gradual_grip().unwrap().rate * 0.04;
     let (mut batch, _) = batch(config, 2, Autoreset::Disabled);
     for step in 0..100 {
         // As fast as it may, and then no more.
         let action = |row: usize| ((changes[row] / most) as f32 + step as f32).clamp(-1.0, 0.0);
         let StepResult { outcomes, .. } = batch.step(&gripping(2, action)).unwrap();
-        let still = outcomes[0].terms.get(Term::Still);
+        let still = outcomes[0].terms.get(&batch.setup().config().task, "still");
         assert!(outcomes[0].ending.is_none() && still > 0.9, "still {still} above the limit");
         if outcomes[1].terminated {
             assert_eq!(outcomes[1].ending, Some(Ending::Dropped));
@@ -134,16 +138,17 @@ fn an_object_is_dropped_below_the_coulomb_limit_and_by_name() {
 /// had a second to settle.
 #[test]
 fn a_hold_by_too_much_force_is_no_success() {
-    for (grip, thrifty) in [(3.5, true), (3.9, false)] {
+    let task = Task::named("HoldStill").unwrap();
+    for (grip, light) in [(3.5, true), (3.9, false)] {
         let config = Config { mass: [0.1, 0.1], ..loaded(Choice::None, 1.0, grip) };
         let least = (0.1 * GRAVITY + 1.0) / (2.0 * 0.8);
         let (mut batch, _) = batch(config, 1, Autoreset::Disabled);
         for step in 0..100 {
             let outcome = &batch.step(&gripping(1, |_| 0.0)).unwrap().outcomes[0];
-            let success = thrifty && step >= 25;
+            let success = light && step >= 25;
             assert_eq!(outcome.is_success, success, "{grip} N of {least} N, step {step}");
-            let thrift = outcome.terms.get(Term::Thrift);
-            assert!((thrift - (1.0 - grip / (6.0 * least))).abs() < 1e-9, "{thrift}");
+            let economy = outcome.terms.get(&task, "grip_economy");
+            assert!((economy - (1.0 - grip / (6.0 * least))).abs() < 1e-9, "{economy}");
         }
     }
 }
@@ -151,7 +156,7 @@ fn a_hold_by_too_much_force_is_no_success() {
 /// The fingers close at about the speed that the settings give, so that a touch is no blow.
 #[test]
 fn gentle_fingers_close_at_their_speed() {
-    let gripper = Config::of(Task::GraspFragile).scene.gripper;
+    let gripper = Config::of(&Task::named("GraspFragile").unwrap()).scene.gripper;
     for force in [1.0, 2.0, 5.0, 10.0] {
         let speed = closing_speed(&gripper, force);
         let error = (speed / gripper.closing_speed - 1.0).abs();
@@ -174,9 +179,9 @@ fn closing_speed(gripper: &Gripper, force: f64) -> f64 {
 #[test]
 fn the_first_step_past_the_limit_ends_a_fragile_grasp() {
     let (mut batch, observation) =
-        batch(config(Task::GraspFragile, Choice::Compliance), 4, Autoreset::Disabled);
+        batch(config("GraspFragile", Choice::Compliance), 4, Autoreset::Disabled);
     let limits: Vec<f32> =
-        (0..4).map(|row| channel(&batch, &observation, row, "limit")[0]).collect();
+        (0..4).map(|row| channel(&batch, &observation, row, "stress_limit")[0]).collect();
     assert!(limits.windows(2).all(|pair| pair[0] != pair[1]), "{limits:?} Pa");
     let (mut ended, mut felt) = ([false; 4], 0);
     while ended != [true; 4] {
@@ -187,7 +192,7 @@ fn the_first_step_past_the_limit_ends_a_fragile_grasp() {
             let outcome = &outcomes[row];
             let stress = channel(&batch, &observation, row, "tet_stress");
             let peak = stress.iter().copied().fold(0.0, f32::max);
-            let share = channel(&batch, &observation, row, "share")[0];
+            let share = channel(&batch, &observation, row, "stress_ratio")[0];
             assert!((share - peak / limits[row]).abs() < 1e-6 * share, "{share} of the limit");
             let exceeded = outcome.ending == Some(Ending::StressExceeded);
             assert_eq!(exceeded, peak > limits[row], "{peak} of {} Pa", limits[row]);
@@ -209,12 +214,11 @@ fn every_limit_can_be_kept() {
 }
 
 fn keep_limits(grip_rate: f64) {
-    let usual = config(Task::GraspFragile, Choice::Compliance);
-    let closing = Closing { grip_rate, ..usual.closing.clone().unwrap() };
-    let config = Config { closing: Some(closing.clone()), ..usual };
+    let config = with(config("GraspFragile", Choice::Compliance), &[("grip_rate", grip_rate)]);
+    let start = config.task.gradual_grip().unwrap().start;
     let (mut batch, _) = batch(config, 8, Autoreset::Disabled);
     let draws: Vec<_> = batch.rows().iter().map(|row| row.state().unwrap().1).collect();
-    let mut grips = [closing.start_grip; 8];
+    let mut grips = [start; 8];
     for step in 0..60 {
         let mut actions = Vec::new();
         for (grip, draw) in grips.iter_mut().zip(&draws) {
@@ -229,7 +233,7 @@ fn keep_limits(grip_rate: f64) {
             assert!(!outcome.terminated, "step {step}, row {row}: {outcome:?}");
             if step == 59 {
                 assert!(outcome.is_success, "row {row}: {outcome:?}");
-                let share = channel(&batch, &observation, row, "share")[0];
+                let share = channel(&batch, &observation, row, "stress_ratio")[0];
                 let found = f64::from(share) * draw.trial.unwrap().margin;
                 // Pads press up to 20 % off the grip in a trial, and stress goes as a power of the
                 // force between 1/3 and 1, not as its root: 1.2^0.5 at most.
@@ -241,13 +245,14 @@ fn keep_limits(grip_rate: f64) {
 
 #[test]
 fn rewards_are_means_of_terms_in_the_unit_interval() {
-    for task in [Task::GraspLift, Task::GraspFragile, Task::HoldStill] {
-        let (mut batch, _) = batch(config(task, Choice::Compliance), 3, Autoreset::NextStep);
+    for name in ["GraspLift", "GraspFragile", "HoldStill"] {
+        let task = Task::named(name).unwrap();
+        let (mut batch, _) = batch(config(name, Choice::Compliance), 3, Autoreset::NextStep);
         for step in 0..40 {
             let wild = |i: usize| (0.7 * (i % 5) as f32 + 0.37 * i as f32 + step as f32).sin();
             let actions: Vec<_> = (0..15).map(wild).collect();
             for outcome in batch.step(&actions).unwrap().outcomes {
-                let terms: Vec<_> = outcome.terms.values(task).collect();
+                let terms = outcome.terms.values(&task);
                 assert_eq!(terms.len(), task.terms().len());
                 let sound = terms.iter().chain([&outcome.reward]).all(|x| (0.0..=1.0).contains(x));
                 assert!(sound, "{task:?}: {outcome:?}");
@@ -260,9 +265,9 @@ fn rewards_are_means_of_terms_in_the_unit_interval() {
 #[test]
 fn gripped_objects_restart_and_replay_to_the_byte() {
     for (task, tactile) in [
-        (Task::HoldStill, Choice::None),
-        (Task::HoldStill, Choice::Compliance),
-        (Task::GraspFragile, Choice::Compliance),
+        ("HoldStill", Choice::None),
+        ("HoldStill", Choice::Compliance),
+        ("GraspFragile", Choice::Compliance),
     ] {
         let config = config(task, tactile);
         let (mut used, _) = batch(config.clone(), 2, Autoreset::SameStep);
@@ -285,16 +290,27 @@ fn gripped_objects_restart_and_replay_to_the_byte() {
 fn settings_of_another_task_are_refused_by_name() {
     let message = |json: &str| Config::from_json(json).unwrap_err().to_string();
     for (json, parts) in [
-        (r#"{"task": "grasp-fragile", "tactile": "none"}"#, ["tactile: found none", "surrogate"]),
-        (r#"{"fragility": {"spare": 2}}"#, ["fragility", "GraspLift has no such setting"]),
-        (r#"{"task": "grasp-fragile", "fragility": {"spare": 9}}"#, ["spare: found 9", "20 N"]),
-        (r#"{"holding": {"load": [0, 1]}}"#, ["holding", "GraspLift has no such setting"]),
-        (r#"{"task": "hold-still", "holding": {"load": [2, 1]}}"#, ["load", "rising range"]),
-        (r#"{"task": "hold-still", "closing": {"start_grip": 21}}"#, ["start_grip", "21"]),
-        (r#"{"task": "hold-still", "holding": {"thrift": 0.5}}"#, ["thrift", "0.5"]),
-        (r#"{"task": "hold-still", "reward": {"lift": 1}}"#, ["lift", "still, thrift"]),
-        (r#"{"task": "hold-still", "observation": ["limit"]}"#, ["limit", "one or more of"]),
-        (r#"{"task": "juggle"}"#, ["task", "expected one of `grasp-lift`"]),
+        (r#"{"task": "GraspFragile", "tactile": "none"}"#, ["tactile: found none", "surrogate"]),
+        (r#"{"safety_factor": 2}"#, ["safety_factor", "GraspLift has no such setting"]),
+        (r#"{"task": "GraspFragile", "safety_factor": 9}"#, ["safety_factor: found 9", "20 N"]),
+        (r#"{"load": [0, 1]}"#, ["load", "GraspLift has no such setting"]),
+        (r#"{"task": "HoldStill", "load": [2, 1]}"#, ["load", "rising range"]),
+        (r#"{"task": "HoldStill", "load": "heavy"}"#, ["load: found \"heavy\"", "two numbers"]),
+        (r#"{"task": "HoldStill", "start_grip": 21}"#, ["start_grip", "21"]),
+        (r#"{"task": "HoldStill", "max_grip_ratio": 0.5}"#, ["max_grip_ratio", "0.5"]),
+        (r#"{"task": "HoldStill", "shaking_frequency": 126}"#, ["shaking_frequency", "0 to 125"]),
+        (
+            r#"{"task": "HoldStill", "reward_weights": {"lift": 1}}"#,
+            ["lift", "still, grip_economy"],
+        ),
+        (
+            r#"{"task": "HoldStill", "observation": "stress_limit"}"#,
+            ["stress_limit", "one or more"],
+        ),
+        (r#"{"gripper": {"max_force": "big"}}"#, ["gripper.max_force", "invalid type"]),
+        (r#"{"gripper": {"colour": 1}}"#, ["gripper", "colour"]),
+        (r#"{"colour": 1}"#, ["settings: found colour", "one of mass"]),
+        (r#"{"task": "juggle"}"#, ["task", "expected one of GraspLift"]),
     ] {
         let message = message(json);
         assert!(parts.iter().all(|part| message.contains(part)), "{json}: {message}");

@@ -12,7 +12,7 @@ from conftest import actions, flat
 
 import ruffini
 from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
-from scripted_grasp import ScriptedGrasp
+from ruffini.policies import scripted
 
 
 def follow(envs, acts) -> list[bytes]:
@@ -23,7 +23,7 @@ def held(objects: str) -> GraspLiftVectorEnv:
     """Two environments whose object is in the hand."""
     envs = GraspLiftVectorEnv(2, objects=objects)
     observation, _ = envs.reset(seed=1)
-    policy = ScriptedGrasp()
+    policy = scripted("ruffini/GraspLift-v0")
     for _ in range(55):
         observation, *_ = envs.step(policy.predict(observation)[0])
     return envs

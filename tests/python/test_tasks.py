@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from typing import Any
+from typing import Any, get_type_hints
 
 import gymnasium as gym
 import numpy as np
@@ -12,6 +12,9 @@ from conftest import IDS, MODES, NEEDED, actions, flat
 
 import ruffini.envs
 from evaluate import evaluate, load
+from ruffini._schema import SETTINGS, TASKS
+from ruffini._settings import Range, Settings
+from ruffini.policies import part
 
 FRAGILE, HOLD = "ruffini/GraspFragile-v0", "ruffini/HoldStill-v0"
 SOFT: dict[str, Any] = NEEDED[FRAGILE]
@@ -35,8 +38,43 @@ def test_every_id_is_made_by_all_three_forms_and_says_what_it_is(env_id):
     assert type(gym.make(env_id, **settings).unwrapped) is single
     assert type(gym.make(f"ruffini:{env_id}", **settings).unwrapped) is single
     assert type(gym.make_vec(env_id, num_envs=2, **settings)) is vector
-    for heading in ("Action", "Observation", "Reward", "Start", "End"):
+    for heading in ("Action", "Observation", "Reward", "Start", "End", "Settings"):
         assert f"## {heading}" in single.__doc__
+    assert "{" + "terms}" not in single.__doc__
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_docstring_has_every_term_channel_and_setting_with_its_default(task):
+    described, text = TASKS[task], getattr(ruffini.envs, f"{task}Env").__doc__
+    for term in described["terms"]:
+        assert f"| ``{term['name']}`` | {term['weight']} |" in text
+    for channel in described["channels"]:
+        assert f"| ``{channel['name']}`` |" in text
+    usual = {setting["name"]: setting["default"] for setting in TASKS["GraspLift"]["settings"]}
+    for setting in described["settings"]:
+        if task == "GraspLift" or usual.get(setting["name"]) != setting["default"]:
+            assert f"| ``{setting['name']}`` |" in text
+
+
+def test_type_checkers_know_the_settings_that_rust_has():
+    types = get_type_hints(Settings)
+    assert set(types) == set(SETTINGS)
+    kinds = {each["name"]: each["kind"] for task in TASKS.values() for each in task["settings"]}
+    for name, kind in kinds.items():
+        assert types[name] == (Range if kind == "range" else float), name
+
+
+def test_parts_of_observations_go_by_name():
+    env = gym.make("ruffini/GraspLift-v0", tactile="none").unwrapped
+    observation, _ = env.reset(seed=0)
+    for channel, components in env.channels():
+        if channel == "properties":
+            continue
+        found = [part(observation, channel, name) for name, *_ in components]
+        joined = np.concatenate([np.atleast_1d(values) for values in found])
+        np.testing.assert_array_equal(joined, observation[channel])
+    with pytest.raises(KeyError, match="colour"):
+        part(observation, "proprio", "colour")
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -92,12 +130,12 @@ def test_a_reset_forgets_and_a_copy_goes_on(env_id, settings):
 
 def test_too_much_stress_ends_the_episode_by_name_and_the_limit_is_drawn():
     # Of touch, only the limit asks for stress.
-    env = gym.make(FRAGILE, **SOFT, observation=["proprio", "limit"]).unwrapped
+    env = gym.make(FRAGILE, **SOFT, observation=["proprio", "stress_limit"]).unwrapped
     limits = set()
     for seed in range(3):
         observation, _ = env.reset(seed=seed)
         limit = env.look()["stress_limit"]
-        assert observation["limit"][0] == np.float32(limit)
+        assert observation["stress_limit"][0] == np.float32(limit)
         limits.add(limit)
         for _ in range(60):
             _, _, terminated, _, info = env.step(np.array([0, 0, 0, 0, 1], np.float32))
@@ -125,13 +163,13 @@ def test_a_fragile_grip_changes_by_its_rate_and_a_hand_that_lets_go_has_dropped(
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"spare": 10.0}, "spare: found 10, a grip of .* N on the heaviest object, expected 20 N"),
-        ({"spare": 0.5}, "spare: found 0.5, expected a rising range within 1 to 100"),
+        ({"safety_factor": 10.0}, "safety_factor: found 10, a grip of .* N on .*, expected 20 N"),
+        ({"safety_factor": 0.5}, "safety_factor: found 0.5, expected .* within 1 to 100"),
         ({"margin": (2.0, 1.0)}, "margin: found"),
         ({"start_grip": 21.0}, "start_grip: found 21"),
         ({"grip_rate": 0.0}, "grip_rate: found 0"),
-        ({"friction": 0.0}, "spare: found"),
-        ({"slip_limit": 1e-3}, "holding"),
+        ({"friction": 0.0}, "safety_factor: found"),
+        ({"slip_limit": 1e-3}, "slip_limit: found .*: GraspFragile has no such setting"),
     ],
 )
 def test_settings_that_no_fragile_grasp_has_are_refused(settings, message):
@@ -219,7 +257,7 @@ def test_gentleness_is_paid_for_while_lifting_alone():
         ({"young": 0.0}, "young: found 0, expected a rising range"),
         ({"crush": 2.0}, "crush: found 2, expected"),
         ({"observation": "markers"}, "observation: found markers"),
-        ({"load": 1.0}, "holding"),
+        ({"load": 1.0}, "load: found .*: GraspSoft has no such setting"),
     ],
 )
 def test_settings_that_no_soft_object_has_are_refused(settings, message):
@@ -251,7 +289,7 @@ def test_a_fragile_grasp_needs_touch():
         (
             FRAGILE,
             SOFT,
-            ["proprio", "wrench", "share"],
+            ["proprio", "wrench", "stress_ratio"],
             ["grasp", "lift", "hold"],
         ),
         (
@@ -260,8 +298,8 @@ def test_a_fragile_grasp_needs_touch():
             ["proprio", "wrench", "squeeze"],
             ["touch", "lift", "hold", "gentle"],
         ),
-        (HOLD, SOFT, ["proprio", "wrench", "slip"], ["still", "thrift"]),
-        (HOLD, {"tactile": "none"}, ["proprio", "wrench"], ["still", "thrift"]),
+        (HOLD, SOFT, ["proprio", "wrench", "slip"], ["still", "grip_economy"]),
+        (HOLD, {"tactile": "none"}, ["proprio", "wrench"], ["still", "grip_economy"]),
     ],
 )
 def test_the_plan_shows_what_the_task_asks_for(env_id, settings, channels, terms):

@@ -24,10 +24,10 @@ from episode_pages import CHANNELS, figure, markdown, summary
 from kept import KEPT, ROOT, Rows, arguments, folder, header
 
 sys.path.append(str(ROOT / "policies"))
-from evaluate import SCRIPTED
+from ruffini.policies import scripted
 
 MADE_OF = ["env-core", "py/src", "tests/reports/episode.py", "tests/reports/episode_hold.py"]
-MADE_OF += ["policies/scripted_grasp.py", "policies/scripted_hold.py"]
+MADE_OF += ["py/python/ruffini/policies"]
 """What the figures come from, under the root."""
 MODELS = ("surrogate", "surrogate-fine", "compliance")
 LIFT, HOLD = "ruffini/GraspLift-v0", "ruffini/HoldStill-v0"
@@ -115,7 +115,7 @@ def play(name: str, model: str, actions: list[Any], nodes: int) -> dict[str, Any
         disable_env_checker=True,
     )
     observation, _ = env.reset(seed=3)
-    policy, follow = SCRIPTED[task](), list(actions)
+    policy, follow = scripted(task), list(actions)
     steps, seconds, ended = [], [], "the last step"
     for i in range(len(follow) or STEPS):
         batch = {key: value[None] for key, value in observation.items()}

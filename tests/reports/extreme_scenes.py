@@ -19,7 +19,8 @@ import ruffini
 from ruffini.envs import GraspLiftVectorEnv
 
 sys.path.append(str(ROOT / "policies"))
-from scripted_grasp import ScriptedGrasp
+from ruffini.evaluation import Policy
+from ruffini.policies import scripted
 
 STEPS = (1 / 60, 1 / 100, 1 / 250, 1 / 500, 1 / 1000)
 TACTILE = ("none", "compliance", "surrogate")
@@ -70,7 +71,7 @@ def played(case: dict, steps: int) -> dict:
     """A scene's steps: how its episodes ended, and how far an untouched object moved (m)."""
     envs = scene(case)
     observation, _ = envs.reset(seed=case["seed"])
-    random, policy = np.random.default_rng(case["seed"]), ScriptedGrasp()
+    random, policy = np.random.default_rng(case["seed"]), scripted("ruffini/GraspLift-v0")
     start, endings, touched = place(envs), [], False
     for _ in range(steps):
         action = act(case["actions"], random, policy, observation)
@@ -118,7 +119,7 @@ def place(envs: GraspLiftVectorEnv) -> np.ndarray:
     return np.array(seen["object_position"])
 
 
-def act(kind: str, random: np.random.Generator, policy: ScriptedGrasp, observation) -> np.ndarray:
+def act(kind: str, random: np.random.Generator, policy: Policy, observation) -> np.ndarray:
     """The next action (1, 5)."""
     if kind == "scripted":
         return policy.predict(observation)[0]

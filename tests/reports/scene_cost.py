@@ -31,7 +31,7 @@ from scene_cost_plots import figure
 from ruffini.envs import GraspLiftVectorEnv
 
 sys.path.append(str(ROOT / "policies"))
-from scripted_grasp import ScriptedGrasp
+from ruffini.policies import scripted
 from touch_speed import FELT
 
 MADE_OF = [
@@ -40,7 +40,7 @@ MADE_OF = [
     "py/python/ruffini/sb3.py",
     "policies/params.py",
     "policies/rollout_speed.py",
-    "policies/scripted_grasp.py",
+    "py/python/ruffini/policies/grasp_lift.py",
     "policies/touch_speed.py",
     "policies/train.py",
     "tests/reports/scene_cost.py",
@@ -98,7 +98,7 @@ def cost(name: str, thing: str, steps: int) -> dict:
     before = resident()
     settings = SCENES[name] | {"objects": [thing]}
     envs = GraspLiftVectorEnv(COUNT, num_threads=1, **settings)
-    policy = ScriptedGrasp()
+    policy = scripted("ruffini/GraspLift-v0")
     observation, _ = envs.reset(seed=0)
     for _ in range(8):
         observation, *_ = envs.step(policy.predict(observation)[0])
@@ -136,7 +136,7 @@ def resident() -> float:
 def scaling(name: str, count: int, threads: int, steps: int) -> dict:
     """Steps a second of wall time under the scripted policy: reach, grasp, lift."""
     envs = GraspLiftVectorEnv(count, num_threads=threads, objects=["sphere"], **SCENES[name])
-    policy = ScriptedGrasp()
+    policy = scripted("ruffini/GraspLift-v0")
     observation, _ = envs.reset(seed=0)
     done, spent = 0, 0.0
     for _ in range(steps):

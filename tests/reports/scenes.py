@@ -34,7 +34,8 @@ from ruffini import Fem, Grasp, Press, PressError, Shape, SoftBody
 HERE = Path(__file__).parent
 DOCS = HERE.parents[1] / "py/docs"
 sys.path.append(str(HERE.parents[1] / "policies"))
-from evaluate import SCRIPTED
+from ruffini._schema import TASKS
+from ruffini.policies import scripted
 
 SEED, AFTER = 3, 25
 """Of the episodes that are shown, and the steps after which a success counts there."""
@@ -247,11 +248,11 @@ def picture_of_touch():
 
 def pictures_of_tasks():
     """Writes <task>.png of every task."""
-    for env_id, scripted in SCRIPTED.items():
+    for env_id in (f"ruffini/{task}-v0" for task in TASKS):
         objects = PICTURED.get(env_id)
         settings = {} if objects is None else {"objects": objects}
         env = gymnasium.make(env_id, render_mode="rgb_array", width=320, height=240, **settings)
-        policy, state = scripted(), None
+        policy, state = scripted(env_id), None
         observation, _ = env.reset(seed=SEED)
         over, steps, info = False, 0, {"is_success": False}
         while not (over or (info["is_success"] and steps > AFTER)):

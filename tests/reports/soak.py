@@ -12,23 +12,20 @@ taken and played twice, bit for bit.
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections import Counter
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from kept import KEPT, ROOT, Rows, arguments, folder, header, made, table
+from kept import KEPT, Rows, arguments, folder, header, made, table
 from numpy.typing import NDArray
 from scene_cost import resident
 
-sys.path.append(str(ROOT / "policies"))
-from evaluate import SCRIPTED, Policy
-from scripted_hold import ScriptedHold
+from ruffini.evaluation import Policy
+from ruffini.policies import part, scripted
 
-MADE_OF = ["env-core", "py/src", "tests/reports/soak.py"]
-MADE_OF += [f"policies/scripted_{what}.py" for what in ("fragile", "grasp", "hold", "soft")]
+MADE_OF = ["env-core", "py/src", "tests/reports/soak.py", "py/python/ruffini/policies"]
 COUNT = 32
 """Environments of a part; a quick one has a quarter."""
 REPLAYED = 20
@@ -86,16 +83,17 @@ def soaked(name: str, steps: int, count: int) -> dict[str, Any]:
     task, _, settings = PARTS[name]
     envs = gym.make_vec(f"ruffini/{task}-v0", num_envs=count, **settings)
     observation, _ = envs.reset(seed=0)
-    script = SCRIPTED[f"ruffini/{task}-v0"]
-    needs_touch = script is ScriptedHold and "slip" not in observation
-    act = Clumsy(Still() if needs_touch else script(), count, seed=len(name))
+    needs_touch = task == "HoldStill" and "slip" not in observation
+    policy = Still() if needs_touch else scripted(f"ruffini/{task}-v0")
+    act = Clumsy(policy, count, seed=len(name))
     endings, errors, touched = Counter(), Counter(), 0
     episodes, warm, before, begun = 0, steps // 10, 0.0, time.perf_counter()
     for taken in range(0, steps, count):
         if taken <= warm < taken + count:
             before = resident()
         observation, ended, info = stepped(envs, act(observation), name)
-        touched += int((observation["proprio"][:, 12:14] > 0).any(axis=1).sum())
+        forces = part(observation, "proprio", "normal force of each pad")
+        touched += int((forces > 0).any(axis=1).sum())
         episodes += int(ended.sum())
         endings.update(kind for kind in info.get("ending", []) if kind)
         errors.update(kind for kind in info.get("press_error", []) if kind)

@@ -231,7 +231,7 @@ impl Batch {
             fingers: felt.each_ref().map(Option::as_ref),
             darkest: draw.stress_limit.unwrap_or(DARKEST * touch.skin().young()),
         });
-        let crush = setup.config().softness.as_ref().map_or(1.0, |softness| softness.crush);
+        let crush = setup.config().task.soft_material().map_or(1.0, |material| material.crush);
         let soft = setup.soft(draw.object).map(|object| SoftView {
             shell: object.shell(),
             felt: felt[0].as_ref(),

@@ -1,7 +1,5 @@
 //! One episode: its start, its steps and its end.
 
-use std::f64::consts::TAU;
-
 use nalgebra::Vector3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -23,8 +21,8 @@ use crate::{
     scene::{Object, Scene, SceneState},
     tactile::{Feeling, Felt, Finger, SoftObject, Squeezed},
     task::{
-        ACTION_SIZE, Draw, Ending, Fragility, Holding, Moment, Progress, Range, RewardTerms,
-        Shaking, Trial, command, least_grip,
+        ACTION_SIZE, Ending, EpisodeParameters, Progress, Range, RewardTerms, StepState, TrialGrip,
+        command,
     },
 };
 
@@ -32,7 +30,7 @@ use crate::{
 #[derive(Serialize, Deserialize)]
 pub(super) struct Episode {
     scene: Scene,
-    draw: Draw,
+    parameters: EpisodeParameters,
     /// Object in its drawn size, set when it is first needed.
     #[serde(skip)]
     object: Option<Shape>,
@@ -90,14 +88,15 @@ impl Episode {
         let config = &setup.config;
         let object = random.random_range(0..setup.models.len());
         let mut uniform = |[low, high]: Range| low + (high - low) * random.random::<f64>();
-        let (mass, friction) = (uniform(config.mass), config.friction_at(uniform([0.0, 1.0])));
+        let mass = uniform(config.mass);
+        let friction = config.task.friction(config.friction, uniform([0.0, 1.0]));
         let (scale, yaw) = (uniform(config.size), uniform(config.yaw));
         let (x, y) = (uniform(config.position), uniform(config.position));
         let start = [config.start, config.start, config.start_height].map(&mut uniform);
         let model = &setup.models[object];
         let pose = model.rest(scale, x, y, yaw);
         let (low, high) = model.surface().bounds();
-        let draw = Draw {
+        let mut parameters = EpisodeParameters {
             object,
             scale,
             mass,
@@ -106,27 +105,21 @@ impl Episode {
             rest_height: pose.translation.z,
             stress_limit: None,
             trial: None,
-            young: config.softness.as_ref().map(|softness| uniform(softness.young)),
-            shaking: config.holding.as_ref().map(|holding| shaking(holding, &mut uniform)),
+            young: None,
+            shaking: None,
         };
-        let stress_limit =
-            config.softness.as_ref().zip(draw.young).map(|(s, young)| s.crush * young);
-        let weight = mass * config.scene.physics.gravity;
-        let tried = |f: &Fragility| Trial {
-            grip: f.spare * least_grip(weight, friction),
-            margin: uniform(f.margin),
-        };
-        let draw = Draw { stress_limit, trial: config.fragility.as_ref().map(tried), ..draw };
+        config.task.draw(config, &mut parameters, &mut uniform);
         let object = Object { model, scale, mass, friction, pose };
         let Start { scene, grip, way } =
-            Start::new(setup, &object, &Vector3::from(start), draw.young)?;
-        let presses = draw.trial.map(|t| trial(setup, &object, &draw, t.grip)).transpose()?;
+            Start::new(setup, &object, &Vector3::from(start), parameters.young)?;
+        let tried = |t: TrialGrip| trial(setup, &object, &parameters, t.grip);
+        let presses = parameters.trial.map(tried).transpose()?;
         let state = scene.state();
         let fingers = way.start().map(Finger::new);
         let (object, progress) = (None, Progress::new(&state));
         let (squeeze, steps, over) = (Squeeze::default(), 0, false);
         let mut episode =
-            Self { scene, draw, object, fingers, squeeze, grip, steps, progress, over };
+            Self { scene, parameters, object, fingers, squeeze, grip, steps, progress, over };
         let mut motion = episode.motion(setup, state, way.poses());
         motion.presses = presses.unwrap_or(motion.presses);
         Ok((episode, motion))
@@ -138,19 +131,19 @@ impl Episode {
     /// limit, and without a limit the first step ends the episode.
     pub(super) fn open(&mut self, setup: &Setup, motion: Motion, observation: &mut [f32]) {
         let Motion { state, answers, .. } = motion;
-        let (felt, squeezed) = if let Some(trial) = &self.draw.trial {
-            self.draw.stress_limit = limit(trial, answers).ok();
+        let (felt, squeezed) = if let Some(trial) = &self.parameters.trial {
+            self.parameters.stress_limit = limit(trial, answers).ok();
             Default::default()
         } else {
             self.felt(setup, &state, answers).unwrap_or_default()
         };
-        setup.layout.write(&self.moment(&state, setup, &felt, squeezed.as_ref()), observation);
+        setup.layout.write(&self.step_state(&state, setup, &felt, squeezed.as_ref()), observation);
     }
 
     /// Attaches the object to a deserialised episode. Returns an error if the settings have no such
     /// object.
     pub(super) fn attach(&mut self, setup: &Setup) -> Result<()> {
-        let (index, count) = (self.draw.object, setup.models.len());
+        let (index, count) = (self.parameters.object, setup.models.len());
         let model = setup.models.get(index).ok_or_else(|| Error::BadState {
             reason: format!("object {index} of {count} in these settings"),
         })?;
@@ -159,35 +152,35 @@ impl Episode {
     }
 
     /// State of the rigid bodies and the parameters of the episode.
-    pub(super) fn state(&self) -> (SceneState, Draw) {
-        (self.scene.state(), self.draw)
+    pub(super) fn state(&self) -> (SceneState, EpisodeParameters) {
+        (self.scene.state(), self.parameters)
     }
 
     /// Model of the object, if it is soft.
     pub(super) fn soft<'a>(&self, setup: &'a Setup) -> Option<&'a SoftObject> {
-        setup.soft(self.draw.object)
+        setup.soft(self.parameters.object)
     }
 
     fn time(&self, setup: &Setup) -> f64 {
         f64::from(self.steps) * setup.config.scene.physics.control_period
     }
 
-    fn moment<'a>(
+    fn step_state<'a>(
         &'a self,
         state: &'a SceneState,
         setup: &'a Setup,
         felt: &'a PerFinger<Deformation>,
         squeezed: Option<&'a Squeezed>,
-    ) -> Moment<'a> {
-        let friction = self.draw.friction;
+    ) -> StepState<'a> {
+        let friction = self.parameters.friction;
         let fingers = felt.each_ref().map(|felt| {
             let (answer, object) = felt.as_ref().zip(self.object.as_ref())?;
             Some(Felt { answer, object, friction })
         });
         let feeling = setup.touch().map(|touch| Feeling { skin: touch.skin(), fingers });
-        let (time, draw, grip) = (self.time(setup), &self.draw, self.grip);
+        let (time, episode, grip) = (self.time(setup), &self.parameters, self.grip);
         let peak_stress = squeezed.map_or(0.0, |squeezed| squeezed.peak);
-        Moment { state, draw, grip, time, feeling, squeezed, peak_stress }
+        StepState { state, episode, grip, time, feeling, squeezed, peak_stress }
     }
 
     /// Stores the solutions of the presses and corrects the contact forces of the scene with them.
@@ -199,13 +192,13 @@ impl Episode {
         state: &SceneState,
         mut answers: PerFinger<Result<Deformation>>,
     ) -> Result<(PerFinger<Deformation>, Option<Squeezed>)> {
-        let Some(object) = setup.soft(self.draw.object) else {
+        let Some(object) = setup.soft(self.parameters.object) else {
             let felt = keep(&mut self.fingers, answers)?;
             correct(&mut self.scene, state, &felt);
             return Ok((felt, None));
         };
         let answer = answers[0].take().transpose()?;
-        let young = self.draw.young.unwrap_or_default();
+        let young = self.parameters.young.unwrap_or_default();
         let squeezed = self.squeeze.keep(object, answer.as_ref(), young)?;
         squeeze::correct(&mut self.scene, squeezed.as_ref());
         Ok(([None, None], squeezed))
@@ -218,17 +211,17 @@ impl Episode {
         if motion.state.failure.is_some() {
             return motion;
         }
-        if let Some(object) = setup.soft(self.draw.object) {
-            match self.squeeze.press(object, &motion.state, self.draw.friction).transpose() {
+        if let Some(object) = setup.soft(self.parameters.object) {
+            match self.squeeze.press(object, &motion.state, self.parameters.friction).transpose() {
                 Some(Ok(press)) => motion.presses[0] = Some(press),
                 Some(Err(error)) => motion.answers[0] = Some(Err(error)),
                 None => {}
             }
         } else if setup.touch().is_some() {
-            let draw = &self.draw;
-            let scaled = || setup.felt_shape(draw.object).scaled(draw.scale);
+            let parameters = &self.parameters;
+            let scaled = || setup.felt_shape(parameters.object).scaled(parameters.scale);
             let object = self.object.get_or_insert_with(scaled);
-            match presses(&mut self.fingers, way, object, draw, setup) {
+            match presses(&mut self.fingers, way, object, parameters, setup) {
                 Ok(presses) => motion.presses = presses,
                 Err(error) => motion.answers[0] = Some(Err(error)),
             }
@@ -243,13 +236,13 @@ impl Episode {
         if state.failure.is_some() {
             return Ok([None, None]);
         }
-        if let Some(object) = setup.soft(self.draw.object) {
-            let press = self.squeeze.clone().press(object, &state, self.draw.friction)?;
+        if let Some(object) = setup.soft(self.parameters.object) {
+            let press = self.squeeze.clone().press(object, &state, self.parameters.friction)?;
             return Ok([press, None]);
         }
-        let object = setup.felt_shape(self.draw.object).scaled(self.draw.scale);
+        let object = setup.felt_shape(self.parameters.object).scaled(self.parameters.scale);
         let way = [self.scene.object_in_pads()];
-        presses(&mut self.fingers.clone(), &way, &object, &self.draw, setup)
+        presses(&mut self.fingers.clone(), &way, &object, &self.parameters, setup)
     }
 
     /// Moves the rigid bodies through one control period.
@@ -260,7 +253,7 @@ impl Episode {
         costs: &mut Costs,
     ) -> Motion {
         let command = command(action, &setup.config, self.scene.yaw(), self.grip);
-        let (start, shaking) = (self.time(setup), self.draw.shaking);
+        let (start, shaking) = (self.time(setup), self.parameters.shaking);
         self.grip = command.grip;
         self.steps += 1;
         let mut way = Way::after(&self.fingers);
@@ -296,15 +289,15 @@ impl Episode {
         };
         let (felt, squeezed) = felt;
         let mut progress = self.progress;
-        let mut moment = self.moment(&state, setup, &felt, squeezed.as_ref());
-        if self.draw.trial.is_some() && self.draw.stress_limit.is_none() {
+        let mut step = self.step_state(&state, setup, &felt, squeezed.as_ref());
+        if self.parameters.trial.is_some() && self.parameters.stress_limit.is_none() {
             return Outcome::press_failed(&Error::NoTrial);
         }
-        if let (Some(_), Some(feeling)) = (self.draw.stress_limit, &moment.feeling) {
-            moment.peak_stress = costs.time(PEAK, || feeling.peak_stress());
+        if let (Some(_), Some(feeling)) = (self.parameters.stress_limit, &step.feeling) {
+            step.peak_stress = costs.time(PEAK, || feeling.peak_stress());
         }
-        observe(setup, &moment, scratch, costs);
-        let mut ending = Ending::of(&moment, &progress, config);
+        observe(setup, &step, scratch, costs);
+        let mut ending = Ending::of(&step, &progress, config);
         if !setup.layout.holds(scratch) {
             ending = ending.or(Some(Ending::OutOfRange));
         } else if ending != Some(Ending::NonFinite) {
@@ -312,8 +305,8 @@ impl Episode {
         }
         let terms = if ending.is_none_or(Ending::is_of_the_task) {
             costs.time(REWARD, || {
-                progress.advance(&moment, config);
-                RewardTerms::of(&moment, &progress, config)
+                progress.advance(&step, config);
+                RewardTerms::of(&step, &progress, config)
             })
         } else {
             RewardTerms::default()
@@ -323,7 +316,7 @@ impl Episode {
             terms,
             terminated: ending.is_some(),
             truncated: ending.is_none() && self.steps >= config.max_episode_steps,
-            is_success: progress.is_success(&moment, config),
+            is_success: config.task.is_success(&step, &progress, config),
             ending,
             press_error: retaken,
         };
@@ -332,21 +325,11 @@ impl Episode {
     }
 }
 
-/// Draws a disturbance with `uniform` from its ranges; its direction is uniform on the sphere.
-fn shaking(holding: &Holding, mut uniform: impl FnMut(Range) -> f64) -> Shaking {
-    let (load, frequency) = (uniform(holding.load), uniform(holding.frequency));
-    let amplitude = uniform(holding.shaking);
-    let (height, angle) = (uniform([-1.0, 1.0]), uniform([0.0, TAU]));
-    let radius = (1.0 - height * height).max(0.0).sqrt();
-    let direction = [radius * angle.cos(), radius * angle.sin(), height];
-    Shaking { load, amplitude: direction.map(|x| amplitude * x), frequency }
-}
-
-/// Writes the observation of `moment` into `row` and records the time of each channel.
-fn observe(setup: &Setup, moment: &Moment, row: &mut [f32], costs: &mut Costs) {
+/// Writes the observation of `step` into `row` and records the time of each channel.
+fn observe(setup: &Setup, step: &StepState, row: &mut [f32], costs: &mut Costs) {
     let mut rest = row;
     for channel in 0..setup.layout.channels().len() {
         let here = rest;
-        rest = costs.time(CHANNEL + channel, || setup.layout.write_channel(channel, moment, here));
+        rest = costs.time(CHANNEL + channel, || setup.layout.write_channel(channel, step, here));
     }
 }

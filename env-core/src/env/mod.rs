@@ -87,7 +87,7 @@ impl Setup {
     /// Optional parts of a solution that the observation or the task needs.
     pub fn wanted(&self) -> Wanted {
         let channels = self.layout.channels().iter().filter_map(|(name, _)| Channel::named(name));
-        let task = Wanted { stress: self.config.fragility.is_some(), residual: false };
+        let task = Wanted { stress: self.config.task.limits_pad_stress(), residual: false };
         channels.map(Channel::wants).fold(task, |all, more| Wanted {
             stress: all.stress || more.stress,
             residual: all.residual || more.residual,
@@ -107,10 +107,10 @@ impl Setup {
 
 /// Builds the models of the configured objects; empty if the objects are rigid.
 fn soft_objects(config: &Config, models: &[ObjectModel]) -> Result<Vec<SoftObject>> {
-    let Some(softness) = &config.softness else { return Ok(Vec::new()) };
+    let Some(material) = config.task.soft_material() else { return Ok(Vec::new()) };
     let gripper = &config.scene.gripper;
     let extents = Vector3::new(gripper.pad_width, gripper.pad_length, gripper.pad_thickness);
     let object =
-        |model: &ObjectModel| SoftObject::new(model.shape(), 0.5 * extents, softness.poisson);
+        |model: &ObjectModel| SoftObject::new(model.shape(), 0.5 * extents, material.poisson);
     models.iter().map(object).collect()
 }

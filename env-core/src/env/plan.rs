@@ -89,7 +89,7 @@ impl Costs {
             plan.push(stage(MODEL, "model soft".into()));
             plan.push(stage(CORRECTION, "correction".into()));
         }
-        if setup.config().fragility.is_some() {
+        if setup.config().task.limits_pad_stress() {
             plan.push(stage(PEAK, "peak stress".into()));
         }
         let channels = setup.layout().channels().iter().enumerate();

@@ -18,7 +18,7 @@ use crate::{
     deformation::Press,
     scene::SceneState,
     tactile::SoftObject,
-    task::{ACTION_SIZE, Draw, Ending},
+    task::{ACTION_SIZE, Ending, EpisodeParameters},
 };
 
 /// One environment and the random stream of its resets.
@@ -149,7 +149,7 @@ impl Row {
     }
 
     /// State of the rigid bodies and parameters of the episode; `None` before the first reset.
-    pub fn state(&self) -> Option<(SceneState, Draw)> {
+    pub fn state(&self) -> Option<(SceneState, EpisodeParameters)> {
         self.episode.as_ref().map(Episode::state)
     }
 }

@@ -10,6 +10,7 @@ use super::{
 use crate::{
     Result,
     scene::{Object, Pads, Scene, SceneConfig},
+    task,
 };
 
 /// Scene, grip force (N), and the trajectory of the object that led to the scene.
@@ -33,14 +34,14 @@ impl Start {
         if let (Some(young), Pads::Soft(pads)) = (young, &mut config.pads) {
             pads.young = young;
         }
-        match (&setup.config.closing, &setup.config.holding) {
-            (None, _) => Ok(Self::at_once(Scene::new(&config, object, place, 0.0)?, 0.0)),
-            (Some(closing), None) => {
-                Ok(Self::at_once(around(&config, object)?, closing.start_grip))
+        let task = &setup.config.task;
+        let grip = task.gradual_grip().map_or(0.0, |grip| grip.start);
+        match task.start() {
+            task::Start::OverTable => {
+                Ok(Self::at_once(Scene::new(&config, object, place, 0.0)?, grip))
             }
-            (Some(closing), Some(_)) => {
-                Self::holding(&config, object, place, closing.start_grip, FINE)
-            }
+            task::Start::AroundObject => Ok(Self::at_once(around(&config, object)?, grip)),
+            task::Start::InHand => Self::holding(&config, object, place, grip, FINE),
         }
     }
 

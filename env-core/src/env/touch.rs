@@ -8,7 +8,7 @@ use crate::{
     geometry::Shape,
     scene::{Scene, SceneState, Wrench},
     tactile::Finger,
-    task::Draw,
+    task::EpisodeParameters,
 };
 
 /// Value for each finger of a row, such as a press or its solution; `None` where the finger does
@@ -21,14 +21,14 @@ pub(super) fn presses(
     fingers: &mut [Finger; 2],
     way: &[PosesInPads],
     object: &Shape,
-    draw: &Draw,
+    parameters: &EpisodeParameters,
     setup: &Setup,
 ) -> Result<PerFinger<Press>> {
     let Some(touch) = setup.touch() else { return Ok([None, None]) };
     let mut presses = [None, None];
     for (i, (press, finger)) in presses.iter_mut().zip(fingers).enumerate() {
         let path: Vec<_> = way.iter().map(|poses| poses[i]).collect();
-        *press = finger.press(touch.skin(), object, &path, draw.friction)?;
+        *press = finger.press(touch.skin(), object, &path, parameters.friction)?;
     }
     Ok(presses)
 }

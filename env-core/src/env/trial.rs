@@ -13,7 +13,7 @@ use crate::{
     deformation::{Deformation, Press},
     scene::Object,
     tactile::{Finger, peak_stress},
-    task::{Draw, Trial},
+    task::{EpisodeParameters, TrialGrip},
 };
 
 /// Motion relative to a pad after which another pose of the trial's trajectory is kept (m).
@@ -23,20 +23,20 @@ const COARSE: f64 = 2e-4;
 pub(super) fn trial(
     setup: &Setup,
     object: &Object,
-    draw: &Draw,
+    parameters: &EpisodeParameters,
     grip: f64,
 ) -> Result<PerFinger<Press>> {
     let config = &setup.config.scene;
     let [low, high] = [config.workspace.low, config.workspace.high].map(Vector3::from);
     let Start { way, .. } = Start::holding(config, object, &(0.5 * (low + high)), grip, COARSE)?;
-    let shape = setup.felt_shape(draw.object).scaled(draw.scale);
-    presses(&mut way.start().map(Finger::new), way.poses(), &shape, draw, setup)
+    let shape = setup.felt_shape(parameters.object).scaled(parameters.scale);
+    presses(&mut way.start().map(Finger::new), way.poses(), &shape, parameters, setup)
 }
 
 /// Computes the stress limit (Pa) from the solutions `answers` of a trial. During the trial no
 /// model corrects the pads, so the normal force differs from the grip force; the stress is assumed
 /// to be proportional to the square root of the force.
-pub(super) fn limit(trial: &Trial, answers: PerFinger<Result<Deformation>>) -> Result<f64> {
+pub(super) fn limit(trial: &TrialGrip, answers: PerFinger<Result<Deformation>>) -> Result<f64> {
     let [left, right] = answers.map(|answer| answer.unwrap_or(Err(Error::NoTrial)));
     let (left, right) = (left?, right?);
     let force = -0.5 * (left.wrench.force.z + right.wrench.force.z);

@@ -11,7 +11,7 @@ pub const ACTION_SIZE: usize = 5;
 
 /// Converts `action` to a command for a wrist turned by `yaw` (rad): each component is scaled by
 /// the gripper's limit. The grip force starts from `before` (N) and moves towards its target at the
-/// gripper's greatest rate, or changes by a factor if [`Config::closing`] is set. Components
+/// gripper's greatest rate, or changes by a factor if the task has a [`super::GradualGrip`]. Components
 /// outside [−1, 1] count as the nearer bound.
 pub fn command(action: &[f32; ACTION_SIZE], config: &Config, yaw: f64, before: f64) -> Command {
     let gripper = &config.scene.gripper;
@@ -23,9 +23,9 @@ pub fn command(action: &[f32; ACTION_SIZE], config: &Config, yaw: f64, before: f
             * Vector3::new(x, y, z)
             * gripper.max_speed,
         yaw_rate: yaw_rate * gripper.max_yaw_rate,
-        grip: (config.closing.as_ref()).map_or_else(
+        grip: config.task.gradual_grip().map_or_else(
             || before + (grip * most - before).clamp(-change, change),
-            |closing| closing.changed(before, grip, time, most),
+            |gradual| gradual.changed(before, grip, time, most),
         ),
     }
 }

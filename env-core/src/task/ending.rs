@@ -1,6 +1,6 @@
 //! Reasons for which an episode terminates.
 
-use super::{Config, Moment, Progress, Task};
+use super::{Config, Progress, StepState};
 
 /// Reason for which an episode terminated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -23,8 +23,6 @@ pub enum Ending {
 
 /// Half of the table's edge (m).
 const TABLE: f64 = 0.25;
-/// Slip above which an object counts as dropped (m): most of a pad's extent.
-const OUT_OF_HAND: f64 = 0.02;
 
 impl Ending {
     /// Every ending, in the order of [`Ending::code`].
@@ -62,28 +60,18 @@ impl Ending {
         matches!(self, Self::ObjectLost | Self::StressExceeded | Self::Dropped)
     }
 
-    /// Returns the reason for which `moment` ends the episode, if it does.
-    pub fn of(moment: &Moment, progress: &Progress, config: &Config) -> Option<Self> {
-        let state = moment.state;
-        if state.failure.is_some() {
+    /// Returns the reason for which `step` ends the episode, if it does.
+    pub fn of(step: &StepState, progress: &Progress, config: &Config) -> Option<Self> {
+        if step.state.failure.is_some() {
             return Some(Self::NonFinite);
         }
-        let p = state.object.pose.translation.vector;
+        let p = step.state.object.pose.translation.vector;
         if p.z < -0.05 || p.z > 1.0 || p.xy().amax() > TABLE {
             return Some(Self::ObjectLost);
         }
-        let exceeded = moment.draw.stress_limit.is_some_and(|limit| moment.peak_stress > limit);
-        let dropped = match config.task {
-            Task::HoldStill => !moment.any_touches() || progress.slip(moment) > OUT_OF_HAND,
-            Task::GraspFragile | Task::GraspSoft => progress.gripped() && !moment.any_touches(),
-            Task::GraspLift => false,
-        };
-        if exceeded {
-            Some(Self::StressExceeded)
-        } else if dropped {
-            Some(Self::Dropped)
-        } else {
-            None
+        if step.episode.stress_limit.is_some_and(|limit| step.peak_stress > limit) {
+            return Some(Self::StressExceeded);
         }
+        config.task.ending(step, progress)
     }
 }

@@ -1,40 +1,195 @@
-//! Action, observation and reward of the tasks: pure functions of the state of the simulation.
+//! Tasks: what an action means, what is observed and rewarded, and when an episode ends; pure
+//! functions of the state of the simulation.
+//!
+//! A task is one file that implements [`Rules`] and stands in the list of [`Task`].
 
 mod action;
-mod closing;
 mod config;
 mod ending;
-mod fragility;
-mod holding;
-mod json;
-mod kind;
+mod grasp_fragile;
+mod grasp_lift;
+mod grasp_soft;
+mod grip;
+mod hold_still;
 mod objects;
 mod observation;
 mod progress;
+mod read;
 mod reward;
-mod softness;
+mod schema;
+mod setting;
 
 pub use action::{ACTION_SIZE, command};
-pub use closing::Closing;
-pub use config::{Config, Range};
+pub use config::Config;
 pub use ending::Ending;
-pub use fragility::{Fragility, Trial, least_grip};
-pub use holding::{Holding, Shaking};
-pub use kind::Task;
+pub use grasp_fragile::GraspFragile;
+pub use grasp_lift::GraspLift;
+pub use grasp_soft::{GraspSoft, SoftMaterial};
+pub use grip::GradualGrip;
+pub use hold_still::{HoldStill, Shaking};
 pub use objects::{ObjectSpec, ShapeSpec};
-pub use observation::{CHANNELS, Component, Layout, TACTILE_CHANNELS};
+pub use observation::{Component, Layout, StateChannel, TACTILE_CHANNELS};
 pub use progress::Progress;
-pub use reward::{RewardTerms, Term, Weights};
-pub use softness::Softness;
+pub use reward::{RewardTerm, RewardTerms, Weights};
+pub use schema::schema;
+pub use setting::{Range, Setting, Slot};
+
+use std::ops::{Deref, DerefMut};
+
+use serde::{Deserialize, Serialize};
 
 use crate::{
+    Result,
     scene::SceneState,
     tactile::{Feeling, Squeezed},
 };
 
+/// Rules of a task, and its settings. A method that is not written leaves a task as GraspLift is.
+pub trait Rules {
+    /// Name, as in the environment's id.
+    fn name(&self) -> &'static str;
+
+    /// Specification in Markdown, the docstring of the environment. Lines `{channels}`, `{terms}` and
+    /// `{settings}` stand for the tables of the task's channels, reward terms and settings.
+    fn doc(&self) -> &'static str;
+
+    /// Terms of the reward.
+    fn terms(&self) -> &'static [RewardTerm];
+
+    /// Channels that only this task has.
+    fn channels(&self) -> &'static [StateChannel] {
+        &[]
+    }
+
+    /// Names of the default channels; `tactile` is `true` for tactile fingers.
+    fn usual_channels(&self, tactile: bool) -> &'static [&'static str];
+
+    /// Settings that only this task, or only some tasks have.
+    fn settings(&mut self) -> Vec<Setting<'_>> {
+        Vec::new()
+    }
+
+    /// Changes the settings that all tasks have to the defaults of this one.
+    fn adapt(&self, _config: &mut Config) {}
+
+    /// Returns an error unless the settings fit together; each is within its own bounds.
+    fn validate(&self, _config: &Config) -> Result<()> {
+        Ok(())
+    }
+
+    /// Place of hand and object at the start of an episode.
+    fn start(&self) -> Start {
+        Start::OverTable
+    }
+
+    /// Settings of a grip force that the action changes by a factor; `None` where it sets the force.
+    fn gradual_grip(&self) -> Option<&GradualGrip> {
+        None
+    }
+
+    /// Material of the object if it is soft; the fingers are then rigid.
+    fn soft_material(&self) -> Option<&SoftMaterial> {
+        None
+    }
+
+    /// Returns whether the stress in the pads ends an episode.
+    fn limits_pad_stress(&self) -> bool {
+        false
+    }
+
+    /// Coulomb coefficient at `share` (0 to 1) of its range.
+    fn friction(&self, [low, high]: Range, share: f64) -> f64 {
+        low + (high - low) * share
+    }
+
+    /// Adds to the parameters of an `episode` what this task draws with `uniform`.
+    fn draw(
+        &self,
+        _config: &Config,
+        _episode: &mut EpisodeParameters,
+        _uniform: &mut dyn FnMut(Range) -> f64,
+    ) {
+    }
+
+    /// Reason for which a rule of this task alone ends the episode in `step`.
+    fn ending(&self, _step: &StepState, _progress: &Progress) -> Option<Ending> {
+        None
+    }
+
+    /// Returns whether the task is done in `step`: by default, with the object lifted for the hold
+    /// time.
+    fn is_success(&self, _step: &StepState, progress: &Progress, config: &Config) -> bool {
+        progress.held(config) >= 1.0
+    }
+}
+
+/// Place of hand and object at the start of an episode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Start {
+    /// The object lies on the table, the hand is over it.
+    OverTable,
+    /// The open fingers are around the object where it lies, about to touch it.
+    AroundObject,
+    /// The hand has gripped the object in the air.
+    InHand,
+}
+
+/// Defines [`Task`] from the list of its kinds.
+macro_rules! tasks {
+    ($first:ident, $($other:ident),*) => {
+        /// A task with its settings.
+        #[derive(Clone, Debug, PartialEq, Serialize)]
+        #[allow(missing_docs)] // Each variant holds the rules of the same name.
+        pub enum Task {
+            $first($first),
+            $($other($other)),*
+        }
+
+        impl Task {
+            /// All tasks with their default settings; the first is the default task.
+            pub fn all() -> Vec<Self> {
+                vec![Self::$first($first::default()), $(Self::$other($other::default())),*]
+            }
+        }
+
+        impl Deref for Task {
+            type Target = dyn Rules;
+
+            fn deref(&self) -> &Self::Target {
+                match self {
+                    Self::$first(rules) => rules,
+                    $(Self::$other(rules) => rules),*
+                }
+            }
+        }
+
+        impl DerefMut for Task {
+            fn deref_mut(&mut self) -> &mut Self::Target {
+                match self {
+                    Self::$first(rules) => rules,
+                    $(Self::$other(rules) => rules),*
+                }
+            }
+        }
+    };
+}
+
+tasks!(GraspLift, GraspFragile, GraspSoft, HoldStill);
+
+impl Task {
+    /// The task called `name`, with its default settings.
+    pub fn named(name: &str) -> Result<Self> {
+        let all = Self::all();
+        let known: Vec<_> = all.iter().map(|task| task.name()).collect();
+        let expected = format!("one of {}", known.join(", "));
+        let found = all.into_iter().find(|task| task.name() == name);
+        found.ok_or_else(|| crate::Error::invalid("task", name, expected))
+    }
+}
+
 /// Quantities drawn at the reset of an episode.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Draw {
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EpisodeParameters {
     /// Index into the configured objects.
     pub object: usize,
     /// Size relative to the configured object.
@@ -51,20 +206,35 @@ pub struct Draw {
     /// limit.
     pub stress_limit: Option<f64>,
     /// Trial grip that sets the limit, if one does.
-    pub trial: Option<Trial>,
+    pub trial: Option<TrialGrip>,
     /// Young's modulus of a soft object (Pa).
     pub young: Option<f64>,
     /// Disturbing force on the object, if there is one.
     pub shaking: Option<Shaking>,
 }
 
-/// State of an episode from which observation and reward are computed.
+/// Trial grip whose stress sets the limit of an episode.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrialGrip {
+    /// Grip force (N).
+    pub grip: f64,
+    /// Stress limit relative to the peak stress of this grip.
+    pub margin: f64,
+}
+
+/// Least grip force with which two pads hold against a tangential `force` (N) by Coulomb's law, in
+/// N.
+pub fn least_grip(force: f64, friction: f64) -> f64 {
+    0.5 * force / friction
+}
+
+/// State of an episode after a step, from which observation and reward are computed.
 #[derive(Clone, Copy, Debug)]
-pub struct Moment<'a> {
+pub struct StepState<'a> {
     /// State of the rigid bodies.
     pub state: &'a SceneState,
     /// Quantities drawn at the reset.
-    pub draw: &'a Draw,
+    pub episode: &'a EpisodeParameters,
     /// Commanded grip force (N).
     pub grip: f64,
     /// Time since the start of the episode (s).
@@ -78,26 +248,15 @@ pub struct Moment<'a> {
     pub peak_stress: f64,
 }
 
-impl Moment<'_> {
+impl StepState<'_> {
     /// Rise of the object over its rest on the table (m).
     pub fn rise(&self) -> f64 {
-        self.state.object.pose.translation.z - self.draw.rest_height
+        self.state.object.pose.translation.z - self.episode.rest_height
     }
 
     /// Highest stress relative to the limit of the episode; 0 without a limit.
-    pub fn share_of_limit(&self) -> f64 {
-        self.draw.stress_limit.map_or(0.0, |limit| self.peak_stress / limit)
-    }
-
-    /// Largest mean grip force of a success (N): [`Holding::thrift`] times the least that holds, by
-    /// Coulomb's law, against the largest sum of weight, load and shaking. Infinite without
-    /// shaking.
-    pub fn thrifty_grip(&self, config: &Config) -> f64 {
-        let weight = self.draw.mass * config.scene.physics.gravity;
-        let largest = self.draw.shaking.map(|shaking| shaking.largest(weight));
-        let spared = config.holding.as_ref().map(|holding| holding.thrift).zip(largest);
-        spared
-            .map_or(f64::INFINITY, |(thrift, force)| thrift * least_grip(force, self.draw.friction))
+    pub fn stress_ratio(&self) -> f64 {
+        self.episode.stress_limit.map_or(0.0, |limit| self.peak_stress / limit)
     }
 
     /// Returns whether both pads press on the object.

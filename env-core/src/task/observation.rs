@@ -3,15 +3,97 @@
 
 use nalgebra::Vector3;
 
-use super::{Config, Moment};
+use super::{Config, StepState};
 use crate::{
     Error, Result,
     scene::Wrench,
     tactile::{Channel, MARKERS, Skin, Spec},
 };
 
-/// Names of the channels that every environment has, in the order of the table.
-pub const CHANNELS: [&str; 5] = ["proprio", "object", "wrench", "properties", "time"];
+/// Channel that is computed from the state of the rigid bodies, the task, or a soft object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StateChannel {
+    /// State and command of the gripper.
+    Proprio,
+    /// Pose and velocity of the object.
+    Object,
+    /// Force and torque on each pad.
+    Wrench,
+    /// Mass, friction and size of the object.
+    Properties,
+    /// Time since the start of the episode.
+    Time,
+    /// Highest stress in the pads relative to the episode's limit.
+    StressRatio,
+    /// The limit of that stress.
+    StressLimit,
+    /// Deformation and stress of a soft object in three numbers.
+    Squeeze,
+    /// Displacement of markers on a soft object.
+    Deformation,
+}
+
+impl StateChannel {
+    /// Channels that every environment has, in their order.
+    pub const SHARED: [Self; 5] =
+        [Self::Proprio, Self::Object, Self::Wrench, Self::Properties, Self::Time];
+
+    /// Name in the settings.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Proprio => "proprio",
+            Self::Object => "object",
+            Self::Wrench => "wrench",
+            Self::Properties => "properties",
+            Self::Time => "time",
+            Self::StressRatio => "stress_ratio",
+            Self::StressLimit => "stress_limit",
+            Self::Squeeze => "squeeze",
+            Self::Deformation => "deformation",
+        }
+    }
+
+    /// Content, as a phrase.
+    pub const fn doc(self) -> &'static str {
+        match self {
+            Self::Proprio => {
+                "tool centre, yaw, their rates, opening and rate, grip command, pad forces"
+            }
+            Self::Object => "pose and velocity of the object in the wrist's frame, rise",
+            Self::Wrench => "force and torque on each pad in the pad's frame",
+            Self::Properties => "mass, friction, half of the bounding box",
+            Self::Time => "time since the start of the episode (s)",
+            Self::StressRatio => {
+                "highest von Mises stress in any tetrahedron of both pads, over the limit"
+            }
+            Self::StressLimit => "limit of that stress in this episode (Pa)",
+            Self::Squeeze => {
+                "root mean square deformation (m), highest and mean von Mises stress (Pa)"
+            }
+            Self::Deformation => {
+                "displacement of 16 markers on the object in the wrist's frame (m)"
+            }
+        }
+    }
+}
+
+/// Source of a channel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Source {
+    State(StateChannel),
+    /// Both tactile fingers.
+    Fingers(Channel),
+}
+
+impl Source {
+    fn name(self) -> &'static str {
+        match self {
+            Self::State(channel) => channel.name(),
+            Self::Fingers(channel) => channel.name(),
+        }
+    }
+}
+
 /// Names of the channels of tactile fingers. With these, "wrench" comes from the tactile model,
 /// too.
 pub const TACTILE_CHANNELS: [&str; 8] = [
@@ -41,6 +123,7 @@ pub struct Component {
 /// Chosen channels and their positions in a row of observations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
+    sources: Vec<Source>,
     channels: Vec<(&'static str, Vec<Component>)>,
     low: Vec<f32>,
     high: Vec<f32>,
@@ -50,36 +133,59 @@ impl Layout {
     /// Layout of the configured channels, for tactile fingers of surface `skin` if given; returns
     /// an error if a name is unknown, repeated or missing.
     pub fn new(config: &Config, skin: Option<&Skin>) -> Result<Self> {
-        let named = |name| {
-            let felt = skin.zip(Channel::named(name));
-            (name, felt.map_or_else(|| components(name, config), |(s, c)| of_fingers(c, s)))
+        // The wrench of tactile fingers comes from their model.
+        let tactile = |source: Source| match (source, skin) {
+            (Source::State(channel), Some(_)) => {
+                Channel::named(channel.name()).map_or(source, Source::Fingers)
+            }
+            _ => source,
         };
-        let channels: Vec<_> = Self::check(config)?.into_iter().map(named).collect();
+        let sources: Vec<_> = Self::sources(config)?.into_iter().map(tactile).collect();
+        let channel = |&source: &Source| match (source, skin) {
+            (Source::Fingers(channel), Some(skin)) => (source.name(), of_fingers(channel, skin)),
+            (Source::Fingers(_), None) => (source.name(), Vec::new()),
+            (Source::State(channel), _) => (source.name(), components(channel, config)),
+        };
+        let channels: Vec<_> = sources.iter().map(channel).collect();
         let all = || channels.iter().flat_map(|(_, components)| components);
         let low = all().flat_map(|c| c.low.clone()).collect();
         let high = all().flat_map(|c| c.high.clone()).collect();
-        Ok(Self { channels, low, high })
+        Ok(Self { sources, channels, low, high })
     }
 
-    /// Names of the configured channels; returns an error if one is unknown, repeated or missing.
-    pub(super) fn check(config: &Config) -> Result<Vec<&'static str>> {
-        let tactile = if config.pads_feel() { &TACTILE_CHANNELS } else { &[][..] };
-        let known = [&CHANNELS, config.task.channels(), tactile].concat();
+    /// Sources of the configured channels; returns an error if a name is unknown, repeated or
+    /// missing.
+    fn sources(config: &Config) -> Result<Vec<Source>> {
+        let own = config.task.channels();
+        let mut known: Vec<_> =
+            StateChannel::SHARED.iter().chain(own).map(|&channel| Source::State(channel)).collect();
+        if config.pads_feel() {
+            known.extend(
+                TACTILE_CHANNELS.into_iter().filter_map(Channel::named).map(Source::Fingers),
+            );
+        }
         let invalid = |found: &str| {
             let hint =
                 if TACTILE_CHANNELS.contains(&found) { "; set tactile for more" } else { "" };
+            let known: Vec<_> = known.iter().map(|source| source.name()).collect();
             let expected = format!("one or more of {}, each once{hint}", known.join(", "));
             Error::invalid("observation", found, expected)
         };
-        let mut names = Vec::new();
+        let mut sources = Vec::new();
         for name in config.channels() {
-            let name = *known.iter().find(|c| **c == name).ok_or_else(|| invalid(name))?;
-            if names.contains(&name) {
+            let source = known.iter().find(|source| source.name() == name);
+            let source = *source.ok_or_else(|| invalid(name))?;
+            if sources.contains(&source) {
                 return Err(invalid(&format!("{name} twice")));
             }
-            names.push(name);
+            sources.push(source);
         }
-        if names.is_empty() { Err(invalid("no channel")) } else { Ok(names) }
+        if sources.is_empty() { Err(invalid("no channel")) } else { Ok(sources) }
+    }
+
+    /// Returns an error if the name of a configured channel is unknown, repeated or missing.
+    pub(super) fn check(config: &Config) -> Result<()> {
+        Self::sources(config).map(|_| ())
     }
 
     /// Channels with their components, in order.
@@ -92,11 +198,11 @@ impl Layout {
         self.low.len()
     }
 
-    /// Writes the observation of `moment` into `row`.
-    pub fn write(&self, moment: &Moment, row: &mut [f32]) {
+    /// Writes the observation of `step` into `row`.
+    pub fn write(&self, step: &StepState, row: &mut [f32]) {
         let mut rest = row;
         for channel in 0..self.channels.len() {
-            rest = self.write_channel(channel, moment, rest);
+            rest = self.write_channel(channel, step, rest);
         }
     }
 
@@ -104,31 +210,23 @@ impl Layout {
     pub fn write_channel<'r>(
         &self,
         channel: usize,
-        moment: &Moment,
+        step: &StepState,
         row: &'r mut [f32],
     ) -> &'r mut [f32] {
         let (name, components) = &self.channels[channel];
         let size = components.iter().map(|component| component.low.len()).sum();
         let (here, rest) = row.split_at_mut(size);
         let mut writer = Writer { row: here, at: 0 };
-        match (*name, moment.feeling.zip(Channel::named(name))) {
-            (_, Some((feeling, channel))) => {
+        match self.sources[channel] {
+            Source::Fingers(channel) => {
+                let feeling = step.feeling.expect("tactile channels are of tactile fingers");
                 for felt in feeling.fingers {
-                    channel
-                        .read(feeling.skin, felt.as_ref())
-                        .into_iter()
-                        .for_each(|x| writer.push(x));
+                    for x in channel.read(feeling.skin, felt.as_ref()) {
+                        writer.push(x);
+                    }
                 }
             }
-            ("proprio", _) => proprio(moment, &mut writer),
-            ("object", _) => object(moment, &mut writer),
-            ("wrench", _) => moment.state.fingers.iter().for_each(|f| writer.wrench(&f.wrench)),
-            ("properties", _) => properties(moment, &mut writer),
-            ("squeeze", _) => squeeze(moment, &mut writer),
-            ("deformation", _) => deformation(moment, &mut writer),
-            ("share", _) => writer.push(moment.share_of_limit()),
-            ("limit", _) => writer.push(moment.draw.stress_limit.unwrap_or_default()),
-            _ => writer.push(moment.time),
+            Source::State(channel) => writer.channel(channel, step),
         }
         debug_assert_eq!(writer.at, size, "{name} writes what the table declares");
         rest
@@ -157,8 +255,8 @@ fn of_fingers(channel: Channel, skin: &Skin) -> Vec<Component> {
     of("−x").chain(of("+x")).collect()
 }
 
-/// Components of each channel that is not tactile.
-fn components(channel: &str, config: &Config) -> Vec<Component> {
+/// Components of a channel that is not tactile.
+pub(super) fn components(channel: StateChannel, config: &Config) -> Vec<Component> {
     let (gripper, workspace) = (&config.scene.gripper, &config.scene.workspace);
     // Margin for rounding to single precision.
     let about = |x: f64| (x + 1e-3 * x.abs().max(1e-3) * x.signum()) as f32;
@@ -177,7 +275,7 @@ fn components(channel: &str, config: &Config) -> Vec<Component> {
         unit,
     };
     match channel {
-        "proprio" => vec![
+        StateChannel::Proprio => vec![
             Component {
                 name: "tool centre position".to_owned(),
                 low: workspace.low.map(|x| (x - 1e-4) as f32).into(),
@@ -192,43 +290,45 @@ fn components(channel: &str, config: &Config) -> Vec<Component> {
             both("grip force command", 1, gripper.max_force, "N"),
             both("normal force of each pad", 2, STRONGEST, "N"),
         ],
-        "object" => vec![
+        StateChannel::Object => vec![
             both("position from the tool centre, in the wrist's frame", 3, 2.0, "m"),
             both("first two columns of the rotation in the wrist's frame", 6, 1.0, ""),
             both("velocity, in the wrist's frame", 3, FASTEST, "m/s"),
             both("angular velocity, in the wrist's frame", 3, 2000.0, "rad/s"),
             both("rise over the table", 1, 2.0, "m"),
         ],
-        "wrench" => vec![
+        StateChannel::Wrench => vec![
             both("force on the −x pad, in its frame", 3, STRONGEST, "N"),
             both("torque on the −x pad about its face's centre", 3, STRONGEST, "N m"),
             both("force on the +x pad, in its frame", 3, STRONGEST, "N"),
             both("torque on the +x pad about its face's centre", 3, STRONGEST, "N m"),
         ],
-        "properties" => vec![
+        StateChannel::Properties => vec![
             between("mass", 1, 0.0, 1001.0, "kg"),
             between("friction coefficient", 1, 0.0, 10.01, ""),
             between("half of the bounding box's edges", 3, 0.0, 10.0, "m"),
         ],
-        "squeeze" => vec![
+        StateChannel::Squeeze => vec![
             between("root mean square deformation of the object", 1, 0.0, 0.1, "m"),
             between("highest and mean von Mises stress in the object", 2, 0.0, 1e9, "Pa"),
         ],
-        "deformation" => {
+        StateChannel::Deformation => {
             vec![both(
-                "how the object's markers are displaced, in the wrist's frame",
+                "displacement of the object's markers, in the wrist's frame",
                 3 * MARKERS,
                 0.1,
                 "m",
             )]
         }
-        "share" => {
-            vec![between("highest stress in the pads, of the episode's limit", 1, 0.0, 1e4, "")]
+        StateChannel::StressRatio => {
+            vec![between("highest stress in the pads over the episode's limit", 1, 0.0, 1e4, "")]
         }
-        "limit" => {
+        StateChannel::StressLimit => {
             vec![between("stress in the pads that ends the episode", 1, 0.0, 1e10, "Pa")]
         }
-        _ => vec![between("time since the start of the episode", 1, 0.0, 1.1e6, "s")],
+        StateChannel::Time => {
+            vec![between("time since the start of the episode", 1, 0.0, 1.1e6, "s")]
+        }
     }
 }
 
@@ -237,52 +337,6 @@ const FASTEST: f64 = 21.0;
 /// Bound of contact forces (N) and torques (N m), above which an impact counts as out of range.
 const STRONGEST: f64 = 5000.0;
 
-fn proprio(moment: &Moment, writer: &mut Writer) {
-    let (wrist, fingers) = (&moment.state.wrist, &moment.state.fingers);
-    writer.vector(&wrist.pose.translation.vector);
-    writer.push(wrist.yaw.sin());
-    writer.push(wrist.yaw.cos());
-    writer.vector(&wrist.pose.rotation.inverse_transform_vector(&wrist.velocity));
-    writer.push(wrist.yaw_rate);
-    writer.push(moment.state.opening());
-    writer.push(fingers[0].velocity + fingers[1].velocity);
-    writer.push(moment.grip);
-    // Adding zero turns the −0 of an idle pad into 0.
-    for finger in fingers {
-        writer.push(finger.normal_force() + 0.0);
-    }
-}
-
-fn object(moment: &Moment, writer: &mut Writer) {
-    let (state, wrist) = (moment.state, &moment.state.wrist.pose.rotation);
-    let seen = state.object_in_wrist();
-    writer.vector(&seen.translation.vector);
-    writer.vector(&(seen.rotation * Vector3::x()));
-    writer.vector(&(seen.rotation * Vector3::y()));
-    writer.vector(&wrist.inverse_transform_vector(&state.object.velocity));
-    writer.vector(&wrist.inverse_transform_vector(&state.object.angular_velocity));
-    writer.push(moment.rise());
-}
-
-fn squeeze(moment: &Moment, writer: &mut Writer) {
-    let numbers = moment.squeezed.map(|s| [s.deviation, s.peak, s.mean]);
-    numbers.unwrap_or_default().into_iter().for_each(|x| writer.push(x));
-}
-
-fn deformation(moment: &Moment, writer: &mut Writer) {
-    let turn = moment.state.object_in_wrist().rotation.to_rotation_matrix().into_inner();
-    let seen = moment.squeezed.map_or_else(Vec::new, |squeezed| squeezed.seen(&turn));
-    for i in 0..MARKERS {
-        writer.vector(&seen.get(i).copied().unwrap_or_default());
-    }
-}
-
-fn properties(moment: &Moment, writer: &mut Writer) {
-    writer.push(moment.draw.mass);
-    writer.push(moment.draw.friction);
-    writer.vector(&moment.draw.half_extents.into());
-}
-
 /// Writer that fills a row from the left.
 struct Writer<'a> {
     row: &'a mut [f32],
@@ -290,6 +344,64 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
+    fn channel(&mut self, channel: StateChannel, step: &StepState) {
+        match channel {
+            StateChannel::Proprio => self.proprio(step),
+            StateChannel::Object => self.object(step),
+            StateChannel::Wrench => step.state.fingers.iter().for_each(|f| self.wrench(&f.wrench)),
+            StateChannel::Properties => {
+                self.push(step.episode.mass);
+                self.push(step.episode.friction);
+                self.vector(&step.episode.half_extents.into());
+            }
+            StateChannel::Time => self.push(step.time),
+            StateChannel::StressRatio => self.push(step.stress_ratio()),
+            StateChannel::StressLimit => self.push(step.episode.stress_limit.unwrap_or_default()),
+            StateChannel::Squeeze => {
+                let numbers = step.squeezed.map(|s| [s.deviation, s.peak, s.mean]);
+                for x in numbers.unwrap_or_default() {
+                    self.push(x);
+                }
+            }
+            StateChannel::Deformation => self.deformation(step),
+        }
+    }
+
+    fn proprio(&mut self, step: &StepState) {
+        let (wrist, fingers) = (&step.state.wrist, &step.state.fingers);
+        self.vector(&wrist.pose.translation.vector);
+        self.push(wrist.yaw.sin());
+        self.push(wrist.yaw.cos());
+        self.vector(&wrist.pose.rotation.inverse_transform_vector(&wrist.velocity));
+        self.push(wrist.yaw_rate);
+        self.push(step.state.opening());
+        self.push(fingers[0].velocity + fingers[1].velocity);
+        self.push(step.grip);
+        // Adding zero turns the −0 of an idle pad into 0.
+        for finger in fingers {
+            self.push(finger.normal_force() + 0.0);
+        }
+    }
+
+    fn object(&mut self, step: &StepState) {
+        let (state, wrist) = (step.state, &step.state.wrist.pose.rotation);
+        let object = state.object_in_wrist();
+        self.vector(&object.translation.vector);
+        self.vector(&(object.rotation * Vector3::x()));
+        self.vector(&(object.rotation * Vector3::y()));
+        self.vector(&wrist.inverse_transform_vector(&state.object.velocity));
+        self.vector(&wrist.inverse_transform_vector(&state.object.angular_velocity));
+        self.push(step.rise());
+    }
+
+    fn deformation(&mut self, step: &StepState) {
+        let turn = step.state.object_in_wrist().rotation.to_rotation_matrix().into_inner();
+        let markers = step.squeezed.map_or_else(Vec::new, |squeezed| squeezed.seen(&turn));
+        for i in 0..MARKERS {
+            self.vector(&markers.get(i).copied().unwrap_or_default());
+        }
+    }
+
     fn push(&mut self, x: f64) {
         self.row[self.at] = x as f32;
         self.at += 1;

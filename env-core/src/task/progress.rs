@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-use super::{Config, Moment, Task};
+use super::{Config, StepState};
 use crate::scene::SceneState;
 
 /// Fraction of the lift height from which an object counts as lifted.
@@ -34,12 +34,12 @@ impl Progress {
     }
 
     /// Records one more step.
-    pub fn advance(&mut self, moment: &Moment, config: &Config) {
-        let lifted = moment.rise() >= LIFTED * config.lift_height && moment.both_touch();
+    pub fn advance(&mut self, step: &StepState, config: &Config) {
+        let lifted = step.rise() >= LIFTED * config.lift_height && step.both_touch();
         self.held = if lifted { self.held + 1 } else { 0 };
-        self.gripped |= moment.both_touch();
-        if moment.time > SETTLING {
-            self.grips = (self.grips.0 + 1, self.grips.1 + moment.grip);
+        self.gripped |= step.both_touch();
+        if step.time > SETTLING {
+            self.grips = (self.grips.0 + 1, self.grips.1 + step.grip);
         }
     }
 
@@ -50,8 +50,8 @@ impl Progress {
 
     /// Distance that the object has moved in the hand since the start (m); a rotation counts with a
     /// lever arm of 1 cm.
-    pub fn slip(&self, moment: &Moment) -> f64 {
-        let now = moment.state.object_in_wrist();
+    pub fn slip(&self, step: &StepState) -> f64 {
+        let now = step.state.object_in_wrist();
         let moved = now.translation.vector - self.start.translation.vector;
         moved.norm() + LEVER * now.rotation.angle_to(&self.start.rotation)
     }
@@ -62,22 +62,9 @@ impl Progress {
         (f64::from(self.held) / wanted).min(1.0)
     }
 
-    /// Mean grip force commanded after the settling time (N).
-    pub fn mean_grip(&self) -> f64 {
-        self.grips.1 / f64::from(self.grips.0.max(1))
-    }
-
-    /// Returns whether the task is done: the object lifted for the hold time, or, in HoldStill,
-    /// still in its place in the hand and held with little force.
-    pub fn is_success(&self, moment: &Moment, config: &Config) -> bool {
-        match (config.task, &config.holding) {
-            (Task::HoldStill, Some(holding)) => {
-                moment.both_touch()
-                    && self.grips.0 > 0
-                    && self.slip(moment) <= holding.slip_limit
-                    && self.mean_grip() <= moment.thrifty_grip(config)
-            }
-            _ => self.held(config) >= 1.0,
-        }
+    /// Mean grip force commanded after the settling time (N); `None` before.
+    pub fn mean_grip(&self) -> Option<f64> {
+        let (steps, sum) = self.grips;
+        (steps > 0).then(|| sum / f64::from(steps))
     }
 }

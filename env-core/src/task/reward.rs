@@ -2,36 +2,31 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
-use super::{Config, Moment, Progress, Task};
+use super::{Config, Progress, StepState, Task};
 use crate::{Error, Result};
 
-/// Term of the reward. Each variant states where the term is 1 and where it is 0.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Term {
-    /// 1 with the tool centre at the object's middle, 1/4 at 10 cm from it.
-    Reach,
-    /// 1 when both pads press with 1 N or more, or with the trial grip if one sets the stress
-    /// limit.
-    Grasp,
-    /// 1 when both pads touch the object, however lightly.
-    Touch,
-    /// Rise of the grasped object relative to the lift height.
-    Lift,
-    /// Time for which the object has stayed lifted, relative to the hold time.
-    Hold,
-    /// 1 without grip force, 0 at the largest; multiplied by `lift`, so that keeping the hand open
-    /// earns nothing.
-    Effort,
-    /// 1 without stress in the object, 0 at the episode's limit; multiplied by `lift`, so that
-    /// leaving the object alone earns nothing.
-    Gentle,
-    /// 1 without grip force, 0 at twice [`Moment::thrifty_grip`], linear between.
-    Thrift,
-    /// 1 with the object where it was in the hand at the start, 0 at the slip limit.
-    Still,
+/// Value of a term in [0, 1].
+type Value = fn(&StepState, &Progress, &Config) -> f64;
+
+/// Term of a task's reward.
+#[derive(Clone, Copy, Debug)]
+pub struct RewardTerm {
+    /// Name in settings and `info`.
+    pub name: &'static str,
+    /// Default weight.
+    pub weight: f64,
+    /// State in which the term is 1, and where it is 0.
+    pub doc: &'static str,
+    value: Value,
+}
+
+impl RewardTerm {
+    /// A term of this `name` and default `weight`.
+    pub const fn new(name: &'static str, weight: f64, value: Value, doc: &'static str) -> Self {
+        Self { name, weight, doc, value }
+    }
 }
 
 /// Normal force of a firmly pressing pad (N).
@@ -39,132 +34,126 @@ const FIRM: f64 = 1.0;
 /// Length scale of `reach` (m); tanh of 10 cm over it is 3/4.
 const NEAR: f64 = 0.103;
 
-impl Term {
-    /// All terms.
-    pub const ALL: [Self; 9] = [
-        Self::Reach,
-        Self::Grasp,
-        Self::Touch,
-        Self::Lift,
-        Self::Hold,
-        Self::Effort,
-        Self::Gentle,
-        Self::Thrift,
-        Self::Still,
-    ];
-
-    /// Name in settings and `info`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Reach => "reach",
-            Self::Grasp => "grasp",
-            Self::Touch => "touch",
-            Self::Lift => "lift",
-            Self::Hold => "hold",
-            Self::Effort => "effort",
-            Self::Gentle => "gentle",
-            Self::Thrift => "thrift",
-            Self::Still => "still",
-        }
-    }
-
-    /// Value at `moment`.
-    fn value(self, moment: &Moment, progress: &Progress, config: &Config) -> f64 {
-        match self {
-            Self::Reach => {
-                1.0 - (moment.state.object_in_wrist().translation.vector.norm() / NEAR).tanh()
-            }
-            Self::Grasp => {
-                let [a, b] = [0, 1].map(|k| moment.state.fingers[k].normal_force());
-                let firm = moment.draw.trial.map_or(FIRM, |trial| trial.grip);
-                (a.min(b) / firm).clamp(0.0, 1.0)
-            }
-            Self::Touch => f64::from(u8::from(moment.both_touch())),
-            Self::Lift if moment.both_touch() => {
-                (moment.rise() / config.lift_height).clamp(0.0, 1.0)
-            }
-            Self::Lift => 0.0,
-            Self::Hold => progress.held(config),
-            Self::Effort => {
-                let spared = within(moment.grip.abs(), config.scene.gripper.max_force);
-                spared * Self::Lift.value(moment, progress, config)
-            }
-            Self::Gentle => {
-                let limit = moment.draw.stress_limit;
-                let gentle = limit.map_or(1.0, |limit| within(moment.peak_stress, limit));
-                gentle * Self::Lift.value(moment, progress, config)
-            }
-            Self::Thrift => within(moment.grip, 2.0 * moment.thrifty_grip(config)),
-            Self::Still => {
-                let limit = config.holding.as_ref().map(|holding| holding.slip_limit);
-                limit.map_or(1.0, |limit| within(progress.slip(moment), limit))
-            }
-        }
-    }
+/// 1 with the tool centre at the object's middle, 1/4 at 10 cm from it.
+pub(super) fn reach(step: &StepState, _: &Progress, _: &Config) -> f64 {
+    1.0 - (step.state.object_in_wrist().translation.vector.norm() / NEAR).tanh()
 }
 
-/// 1 at zero, 0 at `limit` and past it.
-fn within(value: f64, limit: f64) -> f64 {
+/// 1 when both pads press with 1 N or more, or with the trial grip if one sets the stress limit.
+pub(super) fn grasp(step: &StepState, _: &Progress, _: &Config) -> f64 {
+    let [a, b] = [0, 1].map(|k| step.state.fingers[k].normal_force());
+    let firm = step.episode.trial.map_or(FIRM, |trial| trial.grip);
+    (a.min(b) / firm).clamp(0.0, 1.0)
+}
+
+/// 1 when both pads touch the object, however lightly.
+pub(super) fn touch(step: &StepState, _: &Progress, _: &Config) -> f64 {
+    f64::from(u8::from(step.both_touch()))
+}
+
+/// Rise of the grasped object relative to the lift height.
+pub(super) fn lift(step: &StepState, _: &Progress, config: &Config) -> f64 {
+    if step.both_touch() { (step.rise() / config.lift_height).clamp(0.0, 1.0) } else { 0.0 }
+}
+
+/// Time for which the object has stayed lifted, relative to the hold time.
+pub(super) fn hold(_: &StepState, progress: &Progress, config: &Config) -> f64 {
+    progress.held(config)
+}
+
+/// 1 without grip force, 0 at the largest; multiplied by `lift`, so that keeping the hand open
+/// earns nothing.
+pub(super) fn effort(step: &StepState, progress: &Progress, config: &Config) -> f64 {
+    falling(step.grip.abs(), config.scene.gripper.max_force) * lift(step, progress, config)
+}
+
+/// 1 without stress, 0 at the episode's limit; multiplied by `lift`, so that leaving the object
+/// alone earns nothing.
+pub(super) fn gentle(step: &StepState, progress: &Progress, config: &Config) -> f64 {
+    let limit = step.episode.stress_limit;
+    let gentle = limit.map_or(1.0, |limit| falling(step.peak_stress, limit));
+    gentle * lift(step, progress, config)
+}
+
+/// 1 at zero, 0 at `limit` and past it, linear between.
+pub(super) fn falling(value: f64, limit: f64) -> f64 {
     (1.0 - value / limit).clamp(0.0, 1.0)
 }
 
-/// Values of the terms in one step, each in [0, 1]; those that the task does not use are 0.
+/// Largest number of terms of a task.
+const MOST: usize = 8;
+
+/// Values of a task's terms in one step, in its order, each in [0, 1].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct RewardTerms([f64; Term::ALL.len()]);
+pub struct RewardTerms([f64; MOST]);
 
 impl RewardTerms {
-    /// Evaluates the terms at `moment`.
-    pub fn of(moment: &Moment, progress: &Progress, config: &Config) -> Self {
-        let mut terms = Self::default();
-        for &(term, _) in config.task.terms() {
-            terms.0[term as usize] = term.value(moment, progress, config);
+    /// Evaluates the terms at `step`.
+    pub fn of(step: &StepState, progress: &Progress, config: &Config) -> Self {
+        let mut values = Self::default();
+        for (value, term) in values.0.iter_mut().zip(config.task.terms()) {
+            *value = (term.value)(step, progress, config);
         }
-        terms
+        values
     }
 
-    /// Value of one term.
-    pub fn get(&self, term: Term) -> f64 {
-        self.0[term as usize]
+    /// Value of the term of `task` called `name`.
+    ///
+    /// # Panics
+    /// If `task` has no such term.
+    pub fn get(&self, task: &Task, name: &str) -> f64 {
+        let place = task.terms().iter().position(|term| term.name == name);
+        self.0[place.expect("a term of the task")]
     }
 
     /// Values of the terms of `task`, in its order.
-    pub fn values(&self, task: Task) -> impl Iterator<Item = f64> + '_ {
-        task.terms().iter().map(|&(term, _)| self.get(term))
+    pub fn values(&self, task: &Task) -> &[f64] {
+        &self.0[..task.terms().len()]
     }
 
     /// Weighted mean of the terms.
     pub fn reward(&self, weights: &Weights) -> f64 {
-        let weights = &weights.0;
-        let sum: f64 = weights.iter().map(|(&term, weight)| self.get(term) * weight).sum();
-        sum / weights.values().sum::<f64>()
+        let sum: f64 = self.0.iter().zip(&weights.0).map(|(value, weight)| value * weight).sum();
+        sum / weights.0.iter().sum::<f64>()
     }
 }
 
-/// Relative weights of the terms; a term without one has weight 0.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Relative weights of a task's terms, in its order.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
-pub struct Weights(BTreeMap<Term, f64>);
+pub struct Weights(Vec<f64>);
+
+/// Name of the weights in the settings.
+const NAME: &str = "reward_weights";
 
 impl Weights {
     /// Default weights of `task`.
-    pub fn of(task: Task) -> Self {
-        Self(task.terms().iter().copied().collect())
+    pub fn of(task: &Task) -> Self {
+        let terms = task.terms();
+        assert!(terms.len() <= MOST, "{} has more than {MOST} terms", task.name());
+        Self(terms.iter().map(|term| term.weight).collect())
     }
 
-    /// Returns an error unless the weights are finite and not negative, one is above zero, and all
-    /// belong to terms of `task`.
-    pub(super) fn validate(&self, task: Task) -> Result<()> {
-        let terms = || task.terms().iter().map(|&(term, _)| term);
-        if let Some(other) = self.0.keys().find(|&&term| terms().all(|own| own != term)) {
-            let own = terms().map(Term::name).collect::<Vec<_>>().join(", ");
-            let expected = format!("terms of {}: {own}", task.name());
-            return Err(Error::invalid("reward", other.name(), expected));
+    /// Replaces the weights that are `given` by name; returns an error unless all belong to terms of
+    /// `task`.
+    pub(super) fn set(&mut self, given: &BTreeMap<String, f64>, task: &Task) -> Result<()> {
+        for (name, &weight) in given {
+            let Some(place) = task.terms().iter().position(|term| term.name == name) else {
+                let own: Vec<_> = task.terms().iter().map(|term| term.name).collect();
+                let expected = format!("terms of {}: {}", task.name(), own.join(", "));
+                return Err(Error::invalid(NAME, name, expected));
+            };
+            self.0[place] = weight;
         }
-        let sound = self.0.values().all(|w| (0.0..=1e6).contains(w));
-        if sound && self.0.values().sum::<f64>() > 0.0 {
+        Ok(())
+    }
+
+    /// Returns an error unless the weights are finite and not negative, and one is above zero.
+    pub(super) fn validate(&self) -> Result<()> {
+        let sound = self.0.iter().all(|weight| (0.0..=1e6).contains(weight));
+        if sound && self.0.iter().sum::<f64>() > 0.0 {
             return Ok(());
         }
-        let found = format!("{:?}", self.0.values().collect::<Vec<_>>());
-        Err(Error::invalid("reward", found, "weights of 0 to 1e6, not all 0"))
+        Err(Error::invalid(NAME, format!("{:?}", self.0), "weights of 0 to 1e6, not all 0"))
     }
 }

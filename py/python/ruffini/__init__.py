@@ -43,6 +43,7 @@ from ruffini._core import (
     objects,
     sensor,
 )
+from ruffini._schema import TASKS
 
 __all__ = [
     "CHANNELS",
@@ -73,16 +74,15 @@ __all__ = [
     "sensor",
 ]
 
-_STEPS = {"GraspLift": 100, "GraspFragile": 60, "GraspSoft": 60, "HoldStill": 100}
-for _task, _steps in _STEPS.items():
+for _name, _task in TASKS.items():
     register(
-        id=f"ruffini/{_task}-v0",
-        entry_point=f"ruffini.envs:{_task}Env",
-        vector_entry_point=f"ruffini.envs:{_task}VectorEnv",
-        max_episode_steps=_steps,
+        id=f"ruffini/{_name}-v0",
+        entry_point=f"ruffini.envs:{_name}Env",
+        vector_entry_point=f"ruffini.envs:{_name}VectorEnv",
+        max_episode_steps=_task["max_episode_steps"],
     )
 
-_MODULES = ("agents", "dataset", "envs", "evaluation", "sb3", "surrogate", "video")
+_MODULES = ("agents", "dataset", "envs", "evaluation", "policies", "sb3", "surrogate", "video")
 """Modules that are imported at first use: environments need none of them."""
 
 if TYPE_CHECKING:
@@ -90,6 +90,7 @@ if TYPE_CHECKING:
     from ruffini import dataset as dataset
     from ruffini import envs as envs
     from ruffini import evaluation as evaluation
+    from ruffini import policies as policies
     from ruffini import sb3 as sb3
     from ruffini import surrogate as surrogate
     from ruffini import video as video

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -10,23 +10,22 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
-from ruffini._core import ENDINGS, Batch
-from ruffini._settings import Settings, to_json
+from ruffini._core import ENDINGS
+from ruffini._native import Native
+from ruffini._settings import Settings
 from ruffini._spaces import (
     ACTION_SIZE,
     METADATA,
     NO_LIMIT,
     Frame,
     Observation,
-    Renderer,
-    Spaces,
     as_actions,
     check_options,
     check_seed,
 )
 
 
-class NativeEnv(gym.Env[Observation, NDArray[np.float32]]):
+class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
     """One environment on top of the native batch; a subclass sets its task.
 
     Args:
@@ -41,9 +40,6 @@ class NativeEnv(gym.Env[Observation, NDArray[np.float32]]):
         ValueError: If one is of the wrong type or out of range.
     """
 
-    TASK: ClassVar[str]
-    """Name of the task in the settings."""
-
     metadata = METADATA
 
     def __init__(
@@ -54,18 +50,12 @@ class NativeEnv(gym.Env[Observation, NDArray[np.float32]]):
         height: int = 480,
         **settings: Unpack[Settings],
     ) -> None:
-        self._obs = obs
-        self._settings: dict[str, Any] = dict(settings)
-        self._renderer = Renderer(render_mode, width, height)
+        self._rows = self._threads = 1
+        self._autoreset = AutoresetMode.DISABLED.value
+        self._make(render_mode, obs, width, height, dict(settings))
         self.render_mode = render_mode
-        self._batch = self._new_batch()
-        self._spaces = Spaces(self._batch, obs)
-        self._terms = self._batch.reward_terms()
         self.observation_space: gym.spaces.Space[Any] = self._spaces.observation
         self.action_space = self._spaces.action
-
-    def _new_batch(self) -> Batch:
-        return Batch(to_json(self._settings, self.TASK), 1, 1, AutoresetMode.DISABLED.value)
 
     def _leave_time_limit(self) -> None:
         """Leave the time limit to the wrapper of ``gymnasium.make``, the only place that has it."""
@@ -137,43 +127,3 @@ class NativeEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._leave_time_limit()
         self._started = True
         return self._spaces.cut(self._batch.load([state])[0])
-
-    def channels(self) -> list[tuple[str, list[tuple[str, list[float], list[float], str]]]]:
-        """Channels in order, with name, lower bounds, upper bounds and unit of each component."""
-        return self._batch.layout()
-
-    def plan(self, forget: bool = False) -> list[tuple[str, float, float]]:
-        """Stages of a step in order, with their mean cost.
-
-        Each has a name, its number of runs and its time (µs) in a step of one environment: means
-        since the environment was created or restored, or since the last call with `forget`. Stages:
-        ``scene`` (Rapier), ``press`` (contact detection, creation of presses), ``model`` (all
-        presses of a batch in one call), ``correction`` (feedback of the solutions to the rigid
-        bodies), ``peak stress`` (of GraspFragile), each channel, ``reward``.
-        """
-        return self._batch.plan(forget)
-
-    def skin(self) -> dict[str, NDArray[np.float64]] | None:
-        """Rest positions, in the frame of a pad (m), to which the tactile channels refer.
-
-        ``markers`` (M, 3), ``surface`` (S, 3): the nodes of ``displacement``, ``grid`` (G, 2): the
-        cells of ``stress`` and ``traction``, ``depth`` (D, 2): its pixels; ``None`` for rigid
-        fingers.
-        """
-        return self._batch.skin()
-
-    def look(self) -> dict[str, Any] | None:
-        """Drawn quantities and poses of the bodies (SI), or ``None`` before a reset."""
-        return self._batch.look(0)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Arguments and snapshot; a copy continues from the present state."""
-        mine = {k: v for k, v in self.__dict__.items() if k not in ("_batch", "_spaces")}
-        return mine | {"_snapshot": self._batch.save()}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        snapshot = state.pop("_snapshot")
-        self.__dict__.update(state)
-        self._batch = self._new_batch()
-        self._batch.load(snapshot)
-        self._spaces = Spaces(self._batch, self._obs)

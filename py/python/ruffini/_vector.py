@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from typing_extensions import Unpack
 
 from ruffini import _rows
-from ruffini._core import ENDINGS, Batch
-from ruffini._settings import Settings, to_json
+from ruffini._core import ENDINGS
+from ruffini._native import Native
+from ruffini._settings import Settings
 from ruffini._spaces import (
     ACTION_SIZE,
     METADATA,
     Frame,
-    Renderer,
-    Spaces,
     as_actions,
     check_count,
     check_options,
@@ -28,7 +27,7 @@ from ruffini._spaces import (
 )
 
 
-class NativeVectorEnv(VectorEnv[Any, Any, Any]):
+class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
     """Many environments of one task stepped together by one native call; a subclass sets the task.
 
     Row i of a batch seeded with s equals the single environment seeded with s + i, bit for bit.
@@ -52,10 +51,14 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         ValueError: If one is of the wrong type or out of range.
     """
 
-    TASK: ClassVar[str]
-    """Name of the task in the settings."""
-
     metadata = METADATA
+
+    @staticmethod
+    def _docstring(task: str) -> str:
+        return (
+            f"Many :class:`{task}Env` stepped together by one native call.\n\n    Row i of a batch "
+            "seeded with s equals the single environment seeded with s + i, bit for bit.\n    "
+        )
 
     def __init__(
         self,
@@ -81,24 +84,16 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         self.num_envs = num_envs
         self.autoreset_mode = mode
         self.metadata = {**METADATA, "autoreset_mode": mode}
-        self._renderer = Renderer(render_mode, width, height)
-        self.render_mode = render_mode
-        self._obs = obs
-        self._settings: dict[str, Any] = dict(settings)
+        self._rows, self._autoreset = num_envs, mode.value
         self._threads = num_threads or min(_cores(), num_envs)
-        self._batch = self._new_batch()
-        self._spaces = Spaces(self._batch, obs)
-        self._terms = self._batch.reward_terms()
+        self._make(render_mode, obs, width, height, dict(settings))
+        self.render_mode = render_mode
         self.single_observation_space = self._spaces.observation
         self.single_action_space = self._spaces.action
         self.observation_space = batch_space(self._spaces.observation, num_envs)
         self.action_space = batch_space(self._spaces.action, num_envs)
         self._started = False
         self._ended = np.zeros(num_envs, np.bool_)
-
-    def _new_batch(self) -> Batch:
-        mode = self.autoreset_mode.value
-        return Batch(to_json(self._settings, self.TASK), self.num_envs, self._threads, mode)
 
     def reset(
         self,
@@ -249,34 +244,6 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         self._ended = self._batch.ended()
         return self._spaces.cut(observation)
 
-    def channels(self) -> list[tuple[str, list[tuple[str, list[float], list[float], str]]]]:
-        """Channels in order, with name, lower bounds, upper bounds and unit of each component."""
-        return self._batch.layout()
-
-    def plan(self, forget: bool = False) -> list[tuple[str, float, float]]:
-        """Stages of a step in order, with their mean cost.
-
-        Each has a name, its number of runs and its time (µs) in a step of one environment: means
-        since the environment was created or restored, or since the last call with `forget`. Stages:
-        ``scene`` (Rapier), ``press`` (contact detection, creation of presses), ``model`` (all
-        presses of a batch in one call), ``correction`` (feedback of the solutions to the rigid
-        bodies), ``peak stress`` (of GraspFragile), each channel, ``reward``.
-        """
-        return self._batch.plan(forget)
-
-    def skin(self) -> dict[str, NDArray[np.float64]] | None:
-        """Rest positions, in the frame of a pad (m), to which the tactile channels refer.
-
-        ``markers`` (M, 3), ``surface`` (S, 3): the nodes of ``displacement``, ``grid`` (G, 2): the
-        cells of ``stress`` and ``traction``, ``depth`` (D, 2): its pixels; ``None`` for rigid
-        fingers.
-        """
-        return self._batch.skin()
-
-    def look(self, row: int = 0) -> dict[str, Any] | None:
-        """Drawn quantities of a row's episode and poses of its bodies (SI)."""
-        return self._batch.look(row)
-
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Value of attribute `name`, or result of method `name`, for each row.
 
@@ -288,18 +255,6 @@ class NativeVectorEnv(VectorEnv[Any, Any, Any]):
         if callable(getattr(self, name)):
             return tuple(_rows.call(self, rows, name, *args, **kwargs))
         return tuple(_rows.attribute(self, rows, name))
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Arguments and snapshots; a copy continues from the present state."""
-        mine = {k: v for k, v in self.__dict__.items() if k not in ("_batch", "_spaces")}
-        return mine | {"_snapshot": self._batch.save()}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        snapshot = state.pop("_snapshot")
-        self.__dict__.update(state)
-        self._batch = self._new_batch()
-        self._batch.load(snapshot)
-        self._spaces = Spaces(self._batch, self._obs)
 
 
 def _cores() -> int:

@@ -18,7 +18,7 @@ from stable_baselines3.common.torch_layers import CombinedExtractor, FlattenExtr
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 
 from ruffini import __version__
-from ruffini._settings import _plain
+from ruffini._settings import plain
 from ruffini.agents._agent import ACTIVATIONS, FORMAT, Agent, Card, Network, Normaliser
 from ruffini.evaluation import Progress, evaluate
 from ruffini.sb3 import TouchExtractor, make_vec_env
@@ -73,7 +73,7 @@ def export(
     """
     policy = _checked(model)
     flat = not isinstance(model.observation_space, gym.spaces.Dict)
-    settings = json.loads(json.dumps(settings, default=_plain))
+    settings = json.loads(json.dumps(settings, default=plain))
     channels = _channels(env_id, settings)
     statistics, numbers = _statistics(normaliser, channels)
     tensors = numbers | {

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ruffini.policies._parts import part
+
 MAX_SPEED = 0.25
 """Speed of the wrist at action 1 (m/s)."""
 
@@ -29,7 +31,7 @@ GRIP = 0.5
 """Grip force command while closing, of the gripper's largest."""
 
 
-class ScriptedGrasp:
+class Scripted:
     """Acts on a batch of dict observations, one row an environment."""
 
     def predict(
@@ -40,34 +42,37 @@ class ScriptedGrasp:
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
         """Actions (N, 5) for observations (N, ...); the signature is Stable-Baselines3's."""
-        proprio, seen = observation["proprio"], observation["object"]
-        forces = proprio[:, 12:14]
-        x, y, z = seen[:, 0], seen[:, 1], seen[:, 2]
+        forces = part(observation, "proprio", "normal force of each pad")
+        place = part(observation, "object", "position from the tool centre, in the wrist's frame")
+        x, y, z = place.T
         grasped = (forces > FIRM).all(axis=1)
         # A grasped object is below or between the pads; one that merely stands there is not held.
         over = np.hypot(x, y) < NEAR + 0.3 * np.maximum(0.0, 0.03 + z)
         down = np.abs(z) < NEAR
         closing = grasped | (over & (down | (forces > 0.05).any(axis=1)))
-        action = np.zeros((len(proprio), 5), np.float32)
-        velocity = GAIN * seen[:, :3] / MAX_SPEED
+        action = np.zeros((len(place), 5), np.float32)
+        velocity = GAIN * place / MAX_SPEED
         velocity[:, 2] = np.where(over, velocity[:, 2], np.maximum(velocity[:, 2] + 2.0, 0.0))
         action[:, :3] = np.where(closing[:, None], 0.0, velocity)
-        action[:, 2] = np.where(grasped, self._lift(seen), action[:, 2])
-        action[:, 3] = np.where(closing, 0.0, self._yaw_rate(seen))
+        action[:, 2] = np.where(grasped, _lift(observation), action[:, 2])
+        action[:, 3] = np.where(closing, 0.0, _yaw_rate(observation))
         action[:, 4] = np.where(closing, GRIP, -GRIP)
         return np.clip(action, -1.0, 1.0), state
 
-    @staticmethod
-    def _lift(seen: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Upward speed that brings the object 10 cm up and stops it there."""
-        lift: NDArray[np.float32] = np.clip(10.0 * (0.10 - seen[:, 15]), -0.2, 0.8)
-        return lift
 
-    @staticmethod
-    def _yaw_rate(seen: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Turns the jaws square to the object's nearer horizontal axis."""
-        angle = np.arctan2(seen[:, 4], seen[:, 3])
-        quarter = 0.5 * np.pi
-        square = angle - quarter * np.round(angle / quarter)
-        rate: NDArray[np.float32] = np.clip(2.0 * square, -1.0, 1.0)
-        return rate
+def _lift(observation: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:
+    """Upward speed that brings the object 10 cm up and stops it there."""
+    rise = part(observation, "object", "rise over the table")
+    lift: NDArray[np.float32] = np.clip(10.0 * (0.10 - rise), -0.2, 0.8)
+    return lift
+
+
+def _yaw_rate(observation: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:
+    """Yaw rate that turns the jaws square to the object's nearer horizontal axis."""
+    name = "first two columns of the rotation in the wrist's frame"
+    axis = part(observation, "object", name)
+    angle = np.arctan2(axis[:, 1], axis[:, 0])
+    quarter = 0.5 * np.pi
+    square = angle - quarter * np.round(angle / quarter)
+    rate: NDArray[np.float32] = np.clip(2.0 * square, -1.0, 1.0)
+    return rate

@@ -1,6 +1,6 @@
-"""A scripted policy for GraspFragile: grip until the felt stress is near the limit, then lift.
+"""A scripted policy for GraspFragile: grip until the measured stress is near the limit, then lift.
 
-It reads only ``proprio`` and ``share`` of the default observation.
+It reads only ``proprio`` and ``stress_ratio`` of the default observation.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ruffini.policies._parts import part
 
 AIM = 0.9
 """Stress that is aimed at, of the limit."""
@@ -32,7 +34,7 @@ BRAKING = 40.0
 """Action for a metre that is left to rise."""
 
 
-class ScriptedFragile:
+class Scripted:
     """Acts on a batch of dict observations, one row an environment."""
 
     def predict(
@@ -46,8 +48,8 @@ class ScriptedFragile:
 
         The state is the steps (N) since each lift began, and the hand's first heights (N) in m.
         """
-        stress = observation["share"][:, 0]
-        height = observation["proprio"][:, 2]
+        stress = observation["stress_ratio"][:, 0]
+        height = part(observation, "proprio", "tool centre position")[:, 2]
         steps, first = (np.zeros(len(height)), height) if state is None else state
         steps = steps + ((stress > FIRM) | (steps > 0))
         action = np.zeros((len(height), 5), np.float32)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scripted_fragile import BRAKING, RAMP, RISE, SPEED
+from ruffini.policies._parts import part
+from ruffini.policies.grasp_fragile import BRAKING, RAMP, RISE, SPEED
 
 ENOUGH = 0.6
 """Grip force that holds the heaviest object at the least friction (N)."""
@@ -22,7 +23,7 @@ FACTOR = 0.4
 """Logarithm of the factor by which an action of 1 changes the grip force."""
 
 
-class ScriptedSoft:
+class Scripted:
     """Acts on a batch of dict observations, one row an environment."""
 
     def predict(
@@ -36,10 +37,12 @@ class ScriptedSoft:
 
         The state is the steps (N) since each lift began, and the hand's first heights (N) in m.
         """
-        proprio = observation["proprio"]
-        height, grip, forces = proprio[:, 2], proprio[:, 11], proprio[:, 12:14]
+        height = part(observation, "proprio", "tool centre position")[:, 2]
+        grip = part(observation, "proprio", "grip force command")
+        forces = part(observation, "proprio", "normal force of each pad")
         steps, first = (np.zeros(len(height)), height) if state is None else state
-        held = (observation["squeeze"][:, 0] > 0) & (forces > PRESSED * ENOUGH).all(axis=1)
+        deformation = part(observation, "squeeze", "root mean square deformation of the object")
+        held = (deformation > 0) & (forces > PRESSED * ENOUGH).all(axis=1)
         steps = steps + (held | (steps > 0))
         action = np.zeros((len(height), 5), np.float32)
         left = BRAKING * (first + RISE - height)

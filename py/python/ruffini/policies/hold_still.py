@@ -21,7 +21,7 @@ TIGHTER = 8.0
 """How fast it grows for what slides beyond, of the fastest for all of the contact."""
 
 
-class ScriptedHold:
+class Scripted:
     """Acts on a batch of dict observations, one row an environment."""
 
     def predict(

@@ -1,0 +1,153 @@
+//! Settings from JSON: the given values replace the default settings of the named task.
+
+use std::collections::BTreeMap;
+
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::{Map, Value};
+
+use super::{Config, Task};
+use crate::{Error, Result};
+
+/// Names of the settings that are no numbers, with a phrase on each.
+pub(super) const OTHERS: [(&str, &str); 11] = [
+    (
+        "objects",
+        "objects to draw from: names, mesh files, ``{\"mesh\": path, \"scale\": metres}``, or \
+         ``{\"shape\": \"sphere\", \"radius\": 0.02}`` and the like",
+    ),
+    ("max_episode_steps", "control steps after which an episode is truncated"),
+    (
+        "tactile",
+        "model that computes touch: ``\"surrogate\"``, a network; ``\"surrogate-fine\"``, a slower \
+         one; ``\"compliance\"``, linear elasticity; ``\"fem\"``, finite elements; or ``\"none\"``",
+    ),
+    ("sensor", "``\"gelsight-mini\"``, ``\"digit\"`` or a .toml file"),
+    ("material", "name of a calibration of the sensor, or ``{\"young\": Pa, \"poisson\": ratio}``"),
+    (
+        "resolution",
+        "``{\"nodes\": 1000, \"markers\": (5, 7), \"grid\": (10, 12), \"depth\": (24, 32)}``, the \
+         pairs across and along",
+    ),
+    ("observation", "names of the channels"),
+    ("reward_weights", "mapping of weights of the reward's terms"),
+    ("gripper", "mapping of the gripper's dimensions and limits"),
+    ("workspace", "mapping of the corners ``low`` and ``high`` of the tool centre's box (m)"),
+    ("physics", "mapping of time step, control period, iterations and gravity"),
+];
+
+impl Config {
+    /// Reads settings: the values in `json` replace the default settings of its task, mappings
+    /// entry by entry. An error names the setting, the value found and the value expected.
+    pub fn from_json(json: &str) -> Result<Self> {
+        let given: Value =
+            serde_json::from_str(json).map_err(|error| unreadable("settings", ".", &error))?;
+        let mut given: BTreeMap<String, Value> = read("settings", &given)?;
+        let task = match given.remove("task") {
+            Some(Value::String(name)) => Task::named(&name)?,
+            Some(other) => return Err(Error::invalid("task", other, "the name of a task")),
+            None => Task::all().swap_remove(0),
+        };
+        let mut config = Self::of(&task);
+        for (name, value) in &given {
+            config.set(name, value)?;
+        }
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// Replaces the setting called `name`, or the given entries of a mapping, without a check of
+    /// its range.
+    pub fn set(&mut self, name: &str, value: &Value) -> Result<()> {
+        if let Some(mut setting) = self.settings().into_iter().find(|own| own.name == name) {
+            return setting.set(value);
+        }
+        match name {
+            "objects" => self.objects = read(name, &listed(value))?,
+            "max_episode_steps" => self.max_episode_steps = read(name, value)?,
+            "tactile" => self.tactile = read(name, value)?,
+            "sensor" => self.sensor = read(name, value)?,
+            "material" => self.material = read(name, value)?,
+            "resolution" => self.resolution = overlaid(name, &self.resolution, value)?,
+            "observation" => self.observation = read(name, &listed(value))?,
+            "reward_weights" => self.reward.set(&read(name, value)?, &self.task)?,
+            "gripper" => self.scene.gripper = overlaid(name, &self.scene.gripper, value)?,
+            "workspace" => self.scene.workspace = overlaid(name, &self.scene.workspace, value)?,
+            "physics" => self.scene.physics = overlaid(name, &self.scene.physics, value)?,
+            _ => return Err(self.unknown(name, value)),
+        }
+        Ok(())
+    }
+
+    /// The error of a setting that the task does not have.
+    fn unknown(&self, name: &str, value: &Value) -> Error {
+        let owned = |mut task: Task| task.settings().iter().any(|setting| setting.name == name);
+        if Task::all().into_iter().any(owned) {
+            let expected = format!("nothing: {} has no such setting", self.task.name());
+            return Error::invalid(name, value, expected);
+        }
+        let mut config = self.clone();
+        let mut known: Vec<_> = config.settings().iter().map(|setting| setting.name).collect();
+        known.extend(OTHERS.map(|(name, _)| name));
+        Error::invalid("settings", name, format!("one of {}", known.join(", ")))
+    }
+}
+
+/// `value`, or a list of it if it is one name.
+fn listed(value: &Value) -> Value {
+    if value.is_string() { Value::Array(vec![value.clone()]) } else { value.clone() }
+}
+
+/// `usual` with the entries that are `given`.
+fn overlaid<T: Serialize + DeserializeOwned>(name: &str, usual: &T, given: &Value) -> Result<T> {
+    let usual = serde_json::to_value(usual).expect("settings are plain numbers and names");
+    let Value::Object(mut entries) = usual else { unreachable!("a struct is a mapping") };
+    let given: Map<String, Value> = read(name, given)?;
+    entries.extend(given);
+    read(name, &Value::Object(entries))
+}
+
+/// Converts the setting called `name`; an error has the path within it.
+fn read<T: DeserializeOwned>(name: &str, value: &Value) -> Result<T> {
+    serde_path_to_error::deserialize(value)
+        .map_err(|error| unreadable(name, &error.path().to_string(), error.inner()))
+}
+
+fn unreadable(name: &str, path: &str, error: &serde_json::Error) -> Error {
+    let name = match path {
+        "." => name.to_owned(),
+        _ if path.starts_with('[') => format!("{name}{path}"),
+        _ => format!("{name}.{path}"),
+    };
+    let reason = error.to_string();
+    let reason = reason.split(" at line ").next().unwrap_or_default().to_owned();
+    Error::Setting { name, reason }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_given_is_as_usual_for_the_task() {
+        for task in Task::all() {
+            let config = Config::from_json(&format!(r#"{{"task": "{}"}}"#, task.name())).unwrap();
+            assert_eq!(config, Config::of(&task));
+        }
+        let json =
+            r#"{"task": "HoldStill", "load": [1, 2], "reward_weights": {"grip_economy": 0}}"#;
+        let config = Config::from_json(json).unwrap();
+        let mut usual = Config::of(&Task::named("HoldStill").unwrap());
+        assert_ne!((&config.task, &config.reward), (&usual.task, &usual.reward));
+        usual.set("load", &serde_json::json!([1.0, 2.0])).unwrap();
+        assert_eq!((&config.task, &config.scene), (&usual.task, &usual.scene));
+    }
+
+    #[test]
+    fn every_setting_that_is_documented_can_be_set() {
+        for (name, _) in OTHERS {
+            let mut config = Config::default();
+            let error = config.set(name, &Value::Bool(true)).unwrap_err().to_string();
+            assert!(error.starts_with(name), "{name}: {error}");
+        }
+    }
+}

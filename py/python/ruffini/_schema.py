@@ -1,0 +1,92 @@
+"""What Rust says of tasks, channels and settings, and the docstrings that are made of it."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections.abc import Iterable
+from typing import Any
+
+from ruffini import _core
+
+SCHEMA: dict[str, Any] = json.loads(_core.schema())
+"""Description of all tasks; ``tasks``, ``settings`` that all have, ``channels``, ``endings``."""
+
+TASKS: dict[str, dict[str, Any]] = {task["name"]: task for task in SCHEMA["tasks"]}
+"""Description of each task by its name."""
+
+SHARED: dict[str, dict[str, Any]] = {each["name"]: each for each in SCHEMA["settings"]}
+"""Settings that all tasks have."""
+
+_OWN = (each["name"] for task in TASKS.values() for each in task["settings"])
+SETTINGS: list[str] = list(dict.fromkeys([*SHARED, *_OWN]))
+"""Names of the settings of all tasks."""
+
+_ARGUMENTS = """Args:
+    render_mode: ``None`` or ``"rgb_array"``.
+    obs: ``"dict"`` or ``"flat"``.
+    width: Width of a picture in pixels.
+    height: Height of a picture in pixels.
+    **settings: Those above.
+
+Raises:
+    TypeError: If a setting is unknown.
+    ValueError: If one is of the wrong type or out of range.
+"""
+
+
+def docstring(task: dict[str, Any]) -> str:
+    """Docstring of a task's environment: its specification, with tables, and the arguments."""
+    tables = {
+        "{channels}": _channels(task["channels"] or SCHEMA["channels"]),
+        "{terms}": _terms(task["terms"]),
+        "{settings}": _settings(task),
+    }
+    text: str = task["doc"]
+    for mark, table in tables.items():
+        text = text.replace(mark, table)
+    return textwrap.indent(f"{text}\n\n{_ARGUMENTS}", "    ").strip() + "\n    "
+
+
+def _table(*rows: Iterable[str]) -> str:
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    return "\n".join([lines[0], "|" + " --- |" * lines[0].count(" | ") + " --- |", *lines[1:]])
+
+
+def _channels(channels: list[dict[str, Any]]) -> str:
+    def size(channel: dict[str, Any]) -> str:
+        return str(sum(part["size"] for part in channel["components"]))
+
+    rows = ([f"``{each['name']}``", size(each), each["doc"]] for each in channels)
+    return _table(["channel", "size", "content"], *rows)
+
+
+def _terms(terms: list[dict[str, Any]]) -> str:
+    rows = ([f"``{each['name']}``", str(each["weight"]), each["doc"]] for each in terms)
+    name = f'Weighted mean of {len(terms)} terms in [0, 1], each in ``info["reward_terms"]``:'
+    return f"{name}\n\n{_table(['term', 'weight', '1 where'], *rows)}"
+
+
+def _settings(task: dict[str, Any]) -> str:
+    """Table of the settings; of another than the first task, of those that differ from its own."""
+    first = next(iter(TASKS.values()))
+    usual = {each["name"]: each["default"] for each in first["settings"]}
+    rows = [
+        [f"``{each['name']}``", _value(each), each["doc"]]
+        for each in task["settings"]
+        if task is first or usual.get(each["name"]) != each["default"]
+    ]
+    if task is first:
+        rows += [
+            [f"``{each['name']}``", "", each["doc"]]
+            for each in SHARED.values()
+            if each["kind"] == "other"
+        ]
+    return _table(["setting", "default", "meaning"], *rows)
+
+
+def _value(setting: dict[str, Any]) -> str:
+    """Default value of a numeric setting with its unit."""
+    default = setting["default"]
+    ends = sorted(set(default)) if setting["kind"] == "range" else [default]
+    return f"{' to '.join(f'{end:.3g}' for end in ends)} {setting['unit']}".strip()

@@ -1,0 +1,57 @@
+"""Policies that are written down, not learnt: a scripted one for each task, and a random one.
+
+A policy has the ``predict`` of Stable-Baselines3 and acts on dict observations of N environments::
+
+    policy, state = ruffini.policies.scripted("ruffini/GraspLift-v0"), None
+    action, state = policy.predict(observation, state)
+
+The scripted policy of a task is the module of the task's name, with a class ``Scripted``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ruffini._schema import TASKS
+from ruffini.evaluation import Policy
+from ruffini.policies._parts import part
+
+__all__ = ["RandomPolicy", "part", "scripted"]
+
+
+class RandomPolicy:
+    """Uniform actions, the same on every run."""
+
+    def __init__(self, seed: int = 0) -> None:
+        self._random = np.random.default_rng(seed)
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], Any]:
+        """Actions (N, 5) for observations of N environments."""
+        rows = len(next(iter(observation.values())))
+        return self._random.uniform(-1, 1, (rows, 5)).astype(np.float32), state
+
+
+def scripted(env_id: str) -> Policy:
+    """The scripted policy of an environment.
+
+    Raises:
+        ValueError: If there is no such environment.
+    """
+    name = env_id.split("/")[-1].split("-v")[0]
+    if name not in TASKS:
+        known = ", ".join(f"ruffini/{task}-v0" for task in TASKS)
+        raise ValueError(f"env_id: found {env_id!r}, expected one of {known}")
+    module = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
+    policy: Policy = importlib.import_module(f"ruffini.policies.{module}").Scripted()
+    return policy
