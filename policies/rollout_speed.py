@@ -4,10 +4,12 @@ Use::
 
     python policies/rollout_speed.py --json policies/results/rollout_speed.json
     python policies/rollout_speed.py --infos --json infos_speed.json
+    python policies/rollout_speed.py --custom --json custom_speed.json
 
 Peers are measured in the same run if they are installed (``gymnasium-robotics`` with a ``mujoco``
 below 3.12, ``envpool``) and named as missing if not. Actions are random; resets count as what they
-cost. With ``--infos``, the adapter for Stable-Baselines3 alone: what infos in every step cost.
+cost. With ``--infos``, the adapter for Stable-Baselines3 alone: what infos in every step cost; with
+``--custom``, what rules in Python cost, those of GraspLift written once more.
 """
 
 from __future__ import annotations
@@ -19,13 +21,16 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 
 from evaluate import about_this_run
+from ruffini import custom
 from ruffini.envs import GraspLiftVectorEnv
 from ruffini.policies import scripted
 
@@ -41,6 +46,62 @@ def make(n: int, threads: int, **settings: Any) -> GraspLiftVectorEnv:
     assert isinstance(envs, GraspLiftVectorEnv)
     envs.reset(seed=0)
     return envs
+
+
+class LiftInPython(custom.Task):
+    """GraspLift's reward in Python; pays what the native one pays, to single precision."""
+
+    terms = {"reach": 0.1, "grasp": 0.1, "lift": 0.5, "hold": 0.2, "effort": 0.1}
+    reads = ["object"]
+
+    def start(self, state: custom.State, rows: NDArray[np.intp]) -> None:
+        """Restart the count of steps in which the object has been lifted."""
+        if not hasattr(self, "lifted"):
+            self.lifted = np.zeros(len(state.action))
+        self.lifted[rows] = 0
+
+    def reward(self, state: custom.State) -> dict[str, NDArray[Any]]:
+        """The five terms."""
+        forces = state.part("proprio", "normal force of each pad").min(axis=1)
+        place = state.part("object", "position from the tool centre, in the wrist's frame")
+        rise = state.part("object", "rise over the table")
+        lift = np.where(forces > 0, np.clip(rise / 0.08, 0, 1), 0)
+        self.lifted = np.where((rise >= 0.95 * 0.08) & (forces > 0), self.lifted + 1, 0)
+        grip = np.abs(state.part("proprio", "grip force command"))
+        return {
+            "reach": 1 - np.tanh(np.linalg.norm(place, axis=1) / 0.103),
+            "grasp": np.clip(forces, 0, 1),
+            "lift": lift,
+            "hold": np.minimum(self.lifted / 13, 1),
+            "effort": np.clip(1 - grip / 40, 0, 1) * lift,
+        }
+
+
+def _stepped(envs: Any, actions: NDArray[np.float32], i: int) -> None:
+    envs.step(actions[i % len(actions)])
+
+
+def custom_cost(seconds: float) -> dict[str, dict[str, float]]:
+    """Steps per second (n = 64, one thread) with rules in Rust and in Python, taken in turn."""
+    random = np.random.default_rng(0)
+    actions = random.uniform(-1, 1, (16, 64, 5)).astype(np.float32)
+    figures: dict[str, dict[str, float]] = {}
+    for name, settings in (("rigid", {"tactile": "none"}), ("touch", {})):
+        envs: dict[str, Any] = {
+            "native": gym.make_vec(ENV_ID, num_envs=64, num_threads=1, **settings),
+            "python": custom.CustomVectorEnv(LiftInPython, 64, num_threads=1, **settings),
+        }
+        rates: dict[str, list[float]] = {"native": [], "python": []}
+        for _ in range(5):
+            for kind, each in envs.items():
+                each.reset(seed=0)
+                step = partial(_stepped, each, actions)
+                rate = steps_per_second(64, step, seconds)
+                rates[kind].append(rate)
+        of = {kind: round(float(np.median(each)), 1) for kind, each in rates.items()}
+        figures[name] = of | {"ratio": round(of["python"] / of["native"], 3)}
+        print(f"{name}: {figures[name]}")
+    return figures
 
 
 def steps_per_second(n: int, step: Callable[[int], Any], seconds: float) -> float:
@@ -257,8 +318,12 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="file to write the figures to")
     parser.add_argument("--quick", action="store_true", help="a tenth of the time, fewer sizes")
     parser.add_argument("--infos", action="store_true", help="the cost of SB3's infos alone")
+    parser.add_argument("--custom", action="store_true", help="the cost of rules in Python alone")
     arguments = parser.parse_args()
     seconds, cores = (0.3 if arguments.quick else 3.0), os.cpu_count() or 1
+    if arguments.custom:
+        write(arguments.json, {"custom_n64_1_thread": custom_cost(seconds)})
+        return
     if arguments.infos:
         write(arguments.json, {"infos_rigid_1_thread": infos_cost(seconds)})
         return

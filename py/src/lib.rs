@@ -18,7 +18,7 @@ use pyo3::{
 };
 use ruffini_core::{
     Error,
-    env::{Autoreset, Row, Setup, StepResult},
+    env::{Autoreset, Row, Setup, StartQuantity, StepResult},
     scene::CATALOGUE,
     task::{Config, Ending, StateChannel, TACTILE_CHANNELS, Task},
 };
@@ -140,6 +140,17 @@ impl Batch {
             finals.into_iter().map(|(i, last)| (i, PyArray1::from_vec(py, last))).collect(),
             failed,
         ))
+    }
+
+    /// Sets a quantity of the start of all further episodes (N,); NaN has it drawn.
+    fn give(&mut self, name: &str, values: PyReadonlyArray1<'_, f64>) -> PyResult<()> {
+        let quantity = StartQuantity::named(name).map_err(python_error)?;
+        self.inner.give(quantity, &values.as_array().to_vec()).map_err(python_error)
+    }
+
+    /// Ends the episodes of the rows of `mask`.
+    fn end(&mut self, mask: PyReadonlyArray1<'_, bool>) -> PyResult<()> {
+        self.inner.end(&mask.as_array().to_vec()).map_err(python_error)
     }
 
     /// Stages of a step: name, mean number of runs and mean time (µs) in a step of one environment.

@@ -160,16 +160,16 @@ def test_random_steps_never_yield_what_is_not_a_number():
     objects = ["sphere", "cuboid", "annulus", "cup"]
     settings = everything(objects=objects, position=0.01, start=0.01, yaw=(-3.0, 3.0))
     settings |= {"gripper": {"max_force": 10.0}, "resolution": {"nodes": 150}}
-    envs = GraspLiftVectorEnv(20, autoreset_mode=mode, **settings)
+    envs = GraspLiftVectorEnv(8, autoreset_mode=mode, **settings)
     envs.reset(seed=0)
     touched = 0
-    for action in actions(20, 100):
+    for action in actions(8, 60):
         action[:, :2] *= 0.2
         rows, reward, *_, info = envs.step(action)
         assert envs.observation_space.contains(rows) and np.isfinite(reward).all()
         touched += int((np.abs(rows["wrench"]).max(axis=1) > 0).sum())
         assert all(e is None or e in ENDINGS for e in info.get("ending", []))
-    assert touched > 100, f"touched in {touched} of 2,000 steps"
+    assert touched > 24, f"touched in {touched} of 480 steps"
 
 
 def test_a_press_without_an_answer_ends_its_episode_by_name():

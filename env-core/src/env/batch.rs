@@ -5,7 +5,7 @@ use std::{mem, process, sync::Arc};
 use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
 
 use super::{
-    Outcome, Row, Setup, Stage,
+    Outcome, Row, Setup, Stage, StartQuantity,
     answers::{answers, answers_of_objects},
     plan::{Costs, MODEL},
     snapshot,
@@ -171,6 +171,23 @@ impl Batch {
             self.each(|_, row, observation| row.open(&setup, observation))?;
         }
         Ok(StepResult { observation: self.observation.clone(), ..result })
+    }
+
+    /// Sets a quantity of the start of all further episodes of each row, `values` (N); where a value
+    /// is not a number, the quantity is drawn. Returns an error if one is out of its setting's range.
+    pub fn give(&mut self, quantity: StartQuantity, values: &[f64]) -> Result<()> {
+        self.expect_length("start", values.len(), "one value a row")?;
+        let setup = self.setup.clone();
+        let mut rows = self.rows.iter_mut().zip(values);
+        rows.try_for_each(|(row, &value)| row.give(quantity, value, &setup))
+    }
+
+    /// Ends the episodes of the rows in `mask` by a rule that is not the task's: they are reset as
+    /// those of rows that the task has ended.
+    pub fn end(&mut self, mask: &[bool]) -> Result<()> {
+        self.expect_length("mask", mask.len(), "one flag a row")?;
+        self.rows.iter_mut().zip(mask).filter(|(_, over)| **over).for_each(|(row, _)| row.end());
+        Ok(())
     }
 
     /// Solves the presses of all rows in one call.

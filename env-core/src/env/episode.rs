@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Setup,
+    given::{GivenStart, StartQuantity},
     plan::{CHANNEL, CORRECTION, Costs, PEAK, PRESS, REWARD, SCENE},
     squeeze::{self, Squeeze},
     start::Start,
@@ -83,16 +84,29 @@ impl Outcome {
 }
 
 impl Episode {
-    /// Creates an episode with parameters drawn from `random`, and its first motion.
-    pub(super) fn start(setup: &Setup, random: &mut ChaCha8Rng) -> Result<(Self, Motion)> {
+    /// Creates an episode with parameters that are `given` or else drawn from `random`, and its first
+    /// motion.
+    pub(super) fn start(
+        setup: &Setup,
+        random: &mut ChaCha8Rng,
+        given: &GivenStart,
+    ) -> Result<(Self, Motion)> {
         let config = &setup.config;
         let object = random.random_range(0..setup.models.len());
+        let object = given.or(StartQuantity::Object, object as f64) as usize;
         let mut uniform = |[low, high]: Range| low + (high - low) * random.random::<f64>();
-        let mass = uniform(config.mass);
+        let mass = given.or(StartQuantity::Mass, uniform(config.mass));
         let friction = config.task.friction(config.friction, uniform([0.0, 1.0]));
-        let (scale, yaw) = (uniform(config.size), uniform(config.yaw));
-        let (x, y) = (uniform(config.position), uniform(config.position));
-        let start = [config.start, config.start, config.start_height].map(&mut uniform);
+        let friction = given.or(StartQuantity::Friction, friction);
+        let scale = given.or(StartQuantity::Size, uniform(config.size));
+        let yaw = given.or(StartQuantity::Yaw, uniform(config.yaw));
+        let x = given.or(StartQuantity::X, uniform(config.position));
+        let y = given.or(StartQuantity::Y, uniform(config.position));
+        let start = [
+            given.or(StartQuantity::StartX, uniform(config.start)),
+            given.or(StartQuantity::StartY, uniform(config.start)),
+            given.or(StartQuantity::StartHeight, uniform(config.start_height)),
+        ];
         let model = &setup.models[object];
         let pose = model.rest(scale, x, y, yaw);
         let (low, high) = model.surface().bounds();

@@ -8,6 +8,7 @@
 mod answers;
 mod batch;
 mod episode;
+mod given;
 mod plan;
 mod row;
 mod snapshot;
@@ -19,6 +20,7 @@ mod way;
 
 pub use batch::{Autoreset, Batch, StepResult};
 pub use episode::Outcome;
+pub use given::StartQuantity;
 pub use plan::Stage;
 pub use row::Row;
 

@@ -10,6 +10,7 @@ use super::{
     Outcome, Setup,
     answers::Answer,
     episode::{Episode, Motion},
+    given::{GivenStart, StartQuantity},
     plan::Costs,
     touch::PerFinger,
 };
@@ -31,6 +32,8 @@ pub struct Row {
     motion: Option<Motion>,
     #[serde(skip)]
     costs: Costs,
+    #[serde(skip)]
+    given: GivenStart,
 }
 
 impl Row {
@@ -41,6 +44,7 @@ impl Row {
             episode: None,
             motion: None,
             costs: Costs::default(),
+            given: GivenStart::default(),
         }
     }
 
@@ -51,7 +55,7 @@ impl Row {
 
     /// Begins a reset, which [`Row::open`] ends.
     pub(super) fn reset(&mut self, setup: &Setup) -> Result<()> {
-        let (episode, motion) = Episode::start(setup, &mut self.random)?;
+        let (episode, motion) = Episode::start(setup, &mut self.random, &self.given)?;
         (self.episode, self.motion) = (Some(episode), Some(motion));
         Ok(())
     }
@@ -71,6 +75,23 @@ impl Row {
     /// Returns whether the row must be reset before it can be stepped.
     pub fn needs_reset(&self) -> bool {
         self.episode.as_ref().is_none_or(|episode| episode.over)
+    }
+
+    /// Sets a quantity of the start of all further episodes; with NaN it is drawn again.
+    pub(super) fn give(
+        &mut self,
+        quantity: StartQuantity,
+        value: f64,
+        setup: &Setup,
+    ) -> Result<()> {
+        self.given.set(quantity, value, setup)
+    }
+
+    /// Ends the episode.
+    pub(super) fn end(&mut self) {
+        if let Some(episode) = &mut self.episode {
+            episode.over = true;
+        }
     }
 
     /// Moves the rigid bodies through one control period; [`Row::conclude`] ends the step.

@@ -82,11 +82,22 @@ for _name, _task in TASKS.items():
         max_episode_steps=_task["max_episode_steps"],
     )
 
-_MODULES = ("agents", "dataset", "envs", "evaluation", "policies", "sb3", "surrogate", "video")
+_MODULES = (
+    "agents",
+    "custom",
+    "dataset",
+    "envs",
+    "evaluation",
+    "policies",
+    "sb3",
+    "surrogate",
+    "video",
+)
 """Modules that are imported at first use: environments need none of them."""
 
 if TYPE_CHECKING:
     from ruffini import agents as agents
+    from ruffini import custom as custom
     from ruffini import dataset as dataset
     from ruffini import envs as envs
     from ruffini import evaluation as evaluation

@@ -2,15 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ruffini._core import Batch
+from ruffini._core import ENDINGS, Batch
 from ruffini._schema import TASKS, docstring
 from ruffini._settings import to_json
 from ruffini._spaces import Renderer, Spaces
+
+
+@dataclass
+class StepArrays:
+    """What a step of N environments came to, as arrays."""
+
+    observation: NDArray[np.float32]
+    """Observations (N, D), of rows that have already restarted those of the next episode."""
+    reward: NDArray[np.float64]
+    """Rewards (N,)."""
+    terminated: NDArray[np.bool_]
+    """Rows (N,) whose episode ended by a rule or a failure."""
+    truncated: NDArray[np.bool_]
+    """Rows (N,) whose episode ran out of time."""
+    terms: NDArray[np.float64]
+    """Terms of the reward (N, K)."""
+    success: NDArray[np.bool_]
+    """Rows (N,) in which the task is done."""
+    ending: NDArray[np.uint8]
+    """Reason of the end (N,): 0, or a place in the names of endings, counted from 1."""
+    finals: list[tuple[int, NDArray[np.float32]]]
+    """Rows that have already restarted, with the last observation of their episode."""
+    failed: list[tuple[int, str]]
+    """Rows with a failed press, with the kind of its error."""
 
 
 class Native:
@@ -23,6 +48,7 @@ class Native:
     _spaces: Spaces
     _renderer: Renderer
     _terms: list[str]
+    _endings: list[str]
     _rows: int
     _threads: int
     _autoreset: str
@@ -48,10 +74,21 @@ class Native:
         self._batch = self._new_batch()
         self._spaces = Spaces(self._batch, obs)
         self._terms = self._batch.reward_terms()
+        self._endings = ENDINGS
 
     def _new_batch(self) -> Batch:
         settings = to_json(self._settings, self.TASK)
         return Batch(settings, self._rows, self._threads, self._autoreset)
+
+    def _begin(
+        self, seeds: list[int | None] | None, mask: NDArray[np.bool_] | None
+    ) -> NDArray[np.float32]:
+        """Start episodes in the rows of a mask, or in all; return all observations."""
+        return self._batch.reset(seeds, mask)
+
+    def _advance(self, actions: NDArray[np.float32]) -> StepArrays:
+        """Take one step in all rows."""
+        return StepArrays(*self._batch.step(actions))
 
     def channels(self) -> list[tuple[str, list[tuple[str, list[float], list[float], str]]]]:
         """Channels in order, with name, lower bounds, upper bounds and unit of each component."""

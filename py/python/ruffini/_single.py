@@ -10,7 +10,6 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
-from ruffini._core import ENDINGS
 from ruffini._native import Native
 from ruffini._settings import Settings
 from ruffini._spaces import (
@@ -78,7 +77,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         seeds: list[int | None] | None = None
         if seed is not None or not self._started:
             seeds = [int(self.np_random.integers(2**63) if seed is None else seed)]
-        observation = self._batch.reset(seeds, None)
+        observation = self._begin(seeds, None)
         self._started = True
         return self._spaces.cut(observation[0]), {}
 
@@ -87,22 +86,20 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take one control step of 40 ms."""
         actions = as_actions(action, (ACTION_SIZE,))[None]
-        observation, reward, terminated, truncated, terms, success, ending, _, failed = (
-            self._batch.step(actions)
-        )
+        step = self._advance(actions)
         info: dict[str, Any] = {
-            "reward_terms": dict(zip(self._terms, terms[0].tolist(), strict=True)),
-            "is_success": bool(success[0]),
+            "reward_terms": dict(zip(self._terms, step.terms[0].tolist(), strict=True)),
+            "is_success": bool(step.success[0]),
         }
-        if ending[0]:
-            info["ending"] = ENDINGS[ending[0] - 1]
-        for _, kind in failed:
+        if step.ending[0]:
+            info["ending"] = self._endings[step.ending[0] - 1]
+        for _, kind in step.failed:
             info["press_error"] = kind
         return (
-            self._spaces.cut(observation[0]),
-            float(reward[0]),
-            bool(terminated[0]),
-            bool(truncated[0]),
+            self._spaces.cut(step.observation[0]),
+            float(step.reward[0]),
+            bool(step.terminated[0]),
+            bool(step.truncated[0]),
             info,
         )
 

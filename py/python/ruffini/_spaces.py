@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,9 +25,12 @@ METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 25}
 
 
 class Spaces:
-    """Spaces of one environment, and extraction of observations from the batch's matrix."""
+    """Spaces of one environment, and extraction of observations from the batch's matrix.
 
-    def __init__(self, batch: Batch, obs: str) -> None:
+    `observed` names the channels that the agent sees, the first of the batch's; all by default.
+    """
+
+    def __init__(self, batch: Batch, obs: str, observed: Sequence[str] | None = None) -> None:
         if obs not in ("dict", "flat"):
             raise ValueError(f"obs: found {obs!r}, expected 'dict' or 'flat'")
         self.action = Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
@@ -37,10 +40,13 @@ class Spaces:
         for channel, components in batch.layout():
             low = np.concatenate([np.array(c[1], np.float32) for c in components])
             high = np.concatenate([np.array(c[2], np.float32) for c in components])
-            boxes[channel] = Box(low, high, dtype=np.float32)
-            self._slices[channel] = slice(start, start + len(low))
+            if observed is None or channel in observed:
+                boxes[channel] = Box(low, high, dtype=np.float32)
+                self._slices[channel] = slice(start, start + len(low))
             start += len(low)
-        self.size = start
+        # Channels that are not observed come last.
+        self.size = sum(box.shape[0] for box in boxes.values())
+        self._all = self.size == start
         self._flat = obs == "flat"
         self.observation: Box | Dict
         if self._flat:
@@ -53,7 +59,7 @@ class Spaces:
     def cut(self, values: NDArray[np.float32]) -> Observation:
         """Observation from `values`, whose last axis holds all channels in a row."""
         if self._flat:
-            return values
+            return values if self._all else values[..., : self.size].copy()
         return {name: values[..., part].copy() for name, part in self._slices.items()}
 
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from typing_extensions import Unpack
 
 from ruffini import _rows
-from ruffini._core import ENDINGS
 from ruffini._native import Native
 from ruffini._settings import Settings
 from ruffini._spaces import (
@@ -114,7 +113,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
             super().reset(seed=int(seed))
         if seeds is not None and mask is not None:
             seeds = [s if chosen else None for s, chosen in zip(seeds, mask, strict=True)]
-        observation = self._batch.reset(seeds, mask)
+        observation = self._begin(seeds, mask)
         self._started = True
         self._ended[slice(None) if mask is None else mask] = False
         return self._spaces.cut(observation), {}
@@ -153,19 +152,18 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         instead: it has a reward of 0 and no info.
         """
         actions = as_actions(actions, (self.num_envs, ACTION_SIZE))
-        observation, reward, terminated, truncated, terms, success, ending, finals, failed = (
-            self._batch.step(actions)
-        )
-        info = self._info(terms, success, ending)
-        if failed:
-            info |= self._press_errors(failed)
-        if finals:
-            info = self._with_finals(info, finals)
+        step = self._advance(actions)
+        terminated, truncated = step.terminated, step.truncated
+        info = self._info(step.terms, step.success, step.ending)
+        if step.failed:
+            info |= self._press_errors(step.failed)
+        if step.finals:
+            info = self._with_finals(info, step.finals)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             if self._ended.any():
                 info = _masked(info, ~self._ended)
             self._ended = terminated | truncated
-        return self._spaces.cut(observation), reward, terminated, truncated, info
+        return self._spaces.cut(step.observation), step.reward, terminated, truncated, info
 
     def _info(
         self, terms: NDArray[Any], success: NDArray[np.bool_], ending: NDArray[np.uint8]
@@ -185,7 +183,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         if ending.any():
             names = np.full(self.num_envs, None, dtype=object)
             for row in np.flatnonzero(ending):
-                names[row] = ENDINGS[ending[row] - 1]
+                names[row] = self._endings[ending[row] - 1]
             info["ending"], info["_ending"] = names, ending != 0
         return info
 

@@ -1,0 +1,411 @@
+"""Tasks of one's own: reward, endings and success in Python, on the physics of a built-in task.
+
+A task is a class whose methods compute arrays over N environments at once. The same class makes a
+single environment (N = 1), a vector environment, and one for Stable-Baselines3::
+
+    class Snug(ruffini.custom.Task):
+        base = "GraspLift"
+        terms = {"lift": 0.8, "snug": 0.2}
+
+        def reward(self, state):
+            force = state.part("proprio", "normal force of each pad").min(axis=1)
+            return {"lift": state.base_terms["lift"], "snug": np.exp(-((force - 3.0) ** 2))}
+
+    ruffini.custom.register("me/Snug-v0", Snug)
+    env = gymnasium.make("me/Snug-v0", objects="cup")
+    envs = gymnasium.make_vec("me/Snug-v0", num_envs=64)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from ruffini._core import ENDINGS
+from ruffini._native import Native, StepArrays
+from ruffini._schema import TASKS
+from ruffini._single import NativeEnv
+from ruffini._spaces import Observation, Spaces
+from ruffini._vector import NativeVectorEnv
+from ruffini.policies._parts import part
+
+__all__ = ["CustomEnv", "CustomVectorEnv", "Draws", "State", "Task", "register"]
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class State:
+    """State of N environments after a step, or at the start of episodes."""
+
+    channels: dict[str, NDArray[np.float32]]
+    """Observed channels and those that the task reads, each (N, ...)."""
+    action: NDArray[np.float32]
+    """Actions (N, 5) of the step; zeros at the start."""
+    base_terms: dict[str, Floats]
+    """Terms of the built-in task's reward, each (N,)."""
+    base_success: Bools
+    """Rows (N,) in which the built-in task is done."""
+
+    def part(self, channel: str, component: str) -> NDArray[np.float32]:
+        """One component (N, ...) of a channel, by its name in ``env.unwrapped.channels()``.
+
+        Raises:
+            KeyError: If there is none, or the task neither observes nor reads the channel.
+        """
+        return part(self.channels, channel, component)
+
+
+class Draws:
+    """Random numbers for some rows, each from the row's own stream, which its seed restarts."""
+
+    def __init__(self, streams: Sequence[np.random.Generator]) -> None:
+        self._streams = streams
+
+    def __len__(self) -> int:
+        """Number of rows that are drawn for."""
+        return len(self._streams)
+
+    def uniform(self, low: float = 0.0, high: float = 1.0) -> Floats:
+        """One number (n,) for each row, uniform in a range."""
+        return np.array([stream.uniform(low, high) for stream in self._streams])
+
+    def normal(self, mean: float = 0.0, deviation: float = 1.0) -> Floats:
+        """One number (n,) for each row, normally distributed."""
+        return np.array([stream.normal(mean, deviation) for stream in self._streams])
+
+    def choice(self, values: Sequence[float]) -> Floats:
+        """One of `values` (n,) for each row, with equal probability."""
+        return np.array([stream.choice(values) for stream in self._streams], np.float64)
+
+
+class Task:
+    """Reward, endings and success of an environment; one instance serves one environment.
+
+    Physics, actions, start and channels are those of `base`, whose endings hold as well.
+    """
+
+    base: ClassVar[str] = "GraspLift"
+    """Built-in task: ``GraspLift``, ``GraspFragile``, ``GraspSoft`` or ``HoldStill``."""
+
+    settings: ClassVar[Mapping[str, Any]] = {}
+    """Other defaults of the base's settings."""
+
+    terms: ClassVar[Mapping[str, float]] = {}
+    """Names of the reward's terms with their weights: the reward is the sum of weight times
+    term."""
+
+    reads: ClassVar[Sequence[str]] = ()
+    """Channels that the rules read and the agent need not observe, such as ``properties``."""
+
+    endings: ClassVar[Sequence[str]] = ()
+    """Names of the endings that :meth:`ending` may return."""
+
+    def draw(self, random: Draws) -> Mapping[str, Floats]:
+        """Quantities of the start of the next episodes; those left out are drawn as usual.
+
+        ``object`` (index into the settings' ``objects``), ``mass`` (kg), ``friction``, ``size``,
+        ``yaw`` (rad), ``x``, ``y``, ``start_x``, ``start_y`` and ``start_height`` (m), each (n,)
+        for the n rows that `random` draws for, within the range that the settings have.
+        """
+        return {}
+
+    def start(self, state: State, rows: NDArray[np.intp]) -> None:
+        """Take note of the rows whose episode begins with `state`; whatever is kept, is kept here.
+
+        Args:
+            state: State of all N environments; only `rows` begin.
+            rows: Indices of the rows that begin.
+        """
+
+    def reward(self, state: State) -> Mapping[str, Any]:
+        """Each of the `terms` as numbers (N,)."""
+        raise NotImplementedError(f"{type(self).__name__} has no reward")
+
+    def ending(self, state: State) -> Mapping[str, Any]:
+        """Rows (N,) whose episode ends, by the name of the ending; none by default."""
+        return {}
+
+    def is_success(self, state: State) -> Any:
+        """Rows (N,) in which the task is done; by default, those in which the base's is."""
+        return state.base_success
+
+
+class _Custom(Native):
+    """Native batch whose reward, endings and success a :class:`Task` computes."""
+
+    _task: Task
+    _fresh: Bools
+    """Rows that native restarts in the next step."""
+    _drawn: Bools
+    """Rows whose next episode has its start."""
+
+    def __init__(self, task: type[Task], *args: Any, **settings: Any) -> None:
+        if not (isinstance(task, type) and issubclass(task, Task)):
+            raise ValueError(f"task: found {task!r}, expected a subclass of ruffini.custom.Task")
+        if task.base not in TASKS:
+            known = ", ".join(TASKS)
+            raise ValueError(f"{task.__name__}.base: found {task.base!r}, expected one of {known}")
+        _checked_weights(task)
+        if "reward_weights" in settings:
+            raise ValueError(f"reward_weights: {task.__name__} has its weights in `terms`")
+        self._task = task()
+        # Native is given the name of the base; the attribute of the class is its own.
+        self.TASK = task.base  # type: ignore[misc]
+        super().__init__(*args, **{**task.settings, **settings})
+
+    def _make(
+        self, render_mode: str | None, obs: str, width: int, height: int, settings: dict[str, Any]
+    ) -> None:
+        super()._make(render_mode, obs, width, height, settings)
+        observed = [name for name, _ in self._batch.layout()]
+        read = [name for name in self._task.reads if name not in observed]
+        if read:
+            settings["observation"] = [*observed, *read]
+            self._batch = self._new_batch()
+        self._observed = observed
+        self._make_spaces()
+        self._base_terms = self._batch.reward_terms()
+        self._terms = list(self._task.terms)
+        self._endings = [*ENDINGS, *self._task.endings]
+        self._fresh = np.ones(self._rows, np.bool_)
+        self._streams = [np.random.default_rng(row) for row in range(self._rows)]
+        self._given: dict[str, Floats] = {}
+        self._drawn = np.zeros(self._rows, np.bool_)
+
+    def _make_spaces(self) -> None:
+        """Spaces of what the agent observes, and the layout of all that is computed."""
+        self._spaces = Spaces(self._batch, self._obs, self._observed)
+        self._whole = Spaces(self._batch, "dict")
+
+    def _begin(self, seeds: list[int | None] | None, mask: Bools | None) -> NDArray[np.float32]:
+        rows = np.ones(self._rows, np.bool_) if mask is None else mask
+        for row, seed in enumerate(seeds or ()):
+            if seed is not None:
+                self._streams[row] = np.random.default_rng(seed)
+                self._drawn[row] = False
+        self._draw(rows)
+        observation = super()._begin(seeds, mask)
+        self._start(observation, rows)
+        return observation
+
+    def _draw(self, rows: Bools) -> None:
+        """Give the native batch the start of the next episodes of `rows`, where it has none yet.
+
+        Raises:
+            ValueError: If a quantity is unknown, of another shape, or out of its range.
+        """
+        chosen = np.flatnonzero(rows & ~self._drawn)
+        if type(self._task).draw is Task.draw or not len(chosen):
+            return
+        drawn = self._task.draw(Draws([self._streams[row] for row in chosen]))
+        for name, values in drawn.items():
+            column = np.asarray(values)
+            if column.shape != chosen.shape or column.dtype.kind not in "fiu":
+                found = f"{column.dtype} of shape {column.shape}"
+                raise ValueError(f"draw {name}: found {found}, expected numbers {chosen.shape}")
+            given = self._given.setdefault(name, np.full(self._rows, np.nan))
+            given[chosen] = column
+            if np.isnan(given[chosen]).any():
+                raise ValueError(f"draw {name}: found {column}, expected finite numbers")
+        self._drawn[chosen] = True
+        self._give()
+
+    def _give(self) -> None:
+        for name, values in self._given.items():
+            self._batch.give(name, values)
+
+    def _start(self, observation: NDArray[np.float32], rows: Bools) -> None:
+        count = len(self._base_terms)
+        nothing = np.zeros((self._rows, count)), np.zeros(self._rows, np.bool_)
+        state = self._state(observation, np.zeros((self._rows, 5), np.float32), *nothing)
+        self._task.start(state, np.flatnonzero(rows))
+        self._fresh = self._fresh & ~rows
+        self._drawn &= ~rows
+        if self._autoreset == "SameStep":
+            # Native restarts rows within a step, when it is too late to draw.
+            self._draw(rows)
+
+    def _state(
+        self,
+        observation: NDArray[np.float32],
+        action: NDArray[np.float32],
+        terms: Floats,
+        success: Bools,
+    ) -> State:
+        channels = self._whole.cut(observation)
+        assert isinstance(channels, dict)
+        named = dict(zip(self._base_terms, terms.T, strict=True))
+        return State(channels, action, named, success)
+
+    def _advance(self, actions: NDArray[np.float32]) -> StepArrays:
+        # Rows that native restarts in this step: their action is ignored and nothing is paid.
+        restarted = self._fresh
+        self._draw(restarted)
+        step = super()._advance(actions)
+        whole = step.observation
+        if step.finals:
+            whole = whole.copy()
+            for row, last in step.finals:
+                whole[row] = last
+        state = self._state(whole, actions, step.terms, step.success)
+        step.terms = self._judged_terms(state)
+        step.success = self._booleans("is_success", self._task.is_success(state)) & ~restarted
+        ended = self._ended_by_task(state, step, restarted)
+        step.terms[restarted] = 0.0
+        weights = np.array([self._task.terms[name] for name in self._terms])
+        failed = (step.ending > 0) & ~np.isin(step.ending, _rules(self._endings))
+        step.terms[failed] = 0.0
+        step.reward = step.terms @ weights
+        self._restart(step, whole, ended, restarted)
+        return step
+
+    def _ended_by_task(self, state: State, step: StepArrays, restarted: Bools) -> Bools:
+        """Rows that the task alone ends; marks them as terminated with the ending's name."""
+        ended = np.zeros(self._rows, np.bool_)
+        for name, rows in self._task.ending(state).items():
+            if name not in self._task.endings:
+                known = ", ".join(self._task.endings) or "none: `endings` lists no name"
+                raise ValueError(f"ending: found {name!r}, expected one of {known}")
+            new = self._booleans(name, rows) & ~restarted & ~step.terminated & ~ended
+            step.ending[new] = self._endings.index(name) + 1
+            ended |= new
+        step.terminated = step.terminated | ended
+        already = step.truncated & ended
+        step.truncated = step.truncated & ~ended
+        return ended & ~already
+
+    def _restart(
+        self, step: StepArrays, whole: NDArray[np.float32], ended: Bools, restarted: Bools
+    ) -> None:
+        """Have the rows restarted that the task has ended, as the autoreset mode says."""
+        over = step.terminated | step.truncated
+        begun = restarted.copy()
+        if self._autoreset == "SameStep":
+            if ended.any():
+                step.finals += [(int(row), whole[row].copy()) for row in np.flatnonzero(ended)]
+                step.finals.sort(key=lambda final: final[0])
+                step.observation = self._batch.reset(None, ended)
+            begun |= over
+        elif ended.any():
+            self._batch.end(ended)
+        if begun.any():
+            self._start(step.observation, begun)
+        self._fresh = over if self._autoreset == "NextStep" else np.zeros(self._rows, np.bool_)
+
+    def _judged_terms(self, state: State) -> Floats:
+        """Terms (N, K) of the task's reward.
+
+        Raises:
+            ValueError: If a term is missing, unknown, of another shape, or not finite.
+        """
+        given = self._task.reward(state)
+        if not isinstance(given, Mapping) or set(given) != set(self._terms):
+            names = list(given) if isinstance(given, Mapping) else type(given).__name__
+            raise ValueError(f"reward: found {names}, expected the terms {self._terms}")
+        terms = np.empty((self._rows, len(self._terms)))
+        for k, name in enumerate(self._terms):
+            column = np.asarray(given[name])
+            if column.shape != (self._rows,) or column.dtype.kind not in "fiub":
+                found = f"{column.dtype} of shape {column.shape}"
+                raise ValueError(f"reward {name}: found {found}, expected numbers ({self._rows},)")
+            terms[:, k] = column
+        wrong = np.argwhere(~np.isfinite(terms))
+        if len(wrong):
+            row, k = wrong[0]
+            name, value = self._terms[k], terms[row, k]
+            raise ValueError(f"reward {name}: found {value} in row {row}, expected finite numbers")
+        return terms
+
+    def _booleans(self, name: str, rows: Any) -> Bools:
+        mask = np.asarray(rows)
+        if mask.shape != (self._rows,) or mask.dtype != np.bool_:
+            found = f"{mask.dtype} of shape {mask.shape}"
+            raise ValueError(f"{name}: found {found}, expected booleans ({self._rows},)")
+        return mask
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = super().__getstate__()
+        del state["_whole"]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(state)
+        self._make_spaces()
+        self._give()
+
+    def _refuse_memory(self) -> None:
+        if type(self._task).start is not Task.start:
+            name = type(self._task).__name__
+            raise ValueError(f"state: {name} keeps something of its own, which no snapshot has")
+
+
+class CustomEnv(_Custom, NativeEnv):
+    """One environment of a :class:`Task`; arguments as of the base's environment.
+
+    Raises:
+        TypeError: If a setting is unknown.
+        ValueError: If `task` is no task, or a setting is of the wrong type or out of range.
+    """
+
+    def set_state(self, state: bytes) -> Observation:
+        """As of the base's environment; an error if the task keeps something of its own."""
+        self._refuse_memory()
+        return super().set_state(state)
+
+
+class CustomVectorEnv(_Custom, NativeVectorEnv):
+    """Many environments of a :class:`Task` stepped together; arguments as of the base's.
+
+    Raises:
+        TypeError: If a setting is unknown.
+        ValueError: If `task` is no task, or a setting is of the wrong type or out of range.
+    """
+
+    def set_state(self, states: Sequence[bytes]) -> Any:
+        """As of the base's environments; an error if the task keeps something of its own."""
+        self._refuse_memory()
+        return super().set_state(states)
+
+
+def register(env_id: str, task: type[Task], max_episode_steps: int | None = None) -> None:
+    """Register a task with Gymnasium, for ``make``, ``make_vec`` and Stable-Baselines3.
+
+    Args:
+        env_id: Id, such as ``"me/Snug-v0"``.
+        task: The class.
+        max_episode_steps: Steps after which an episode is truncated; the base's if not given.
+
+    Raises:
+        ValueError: If `task` is no task.
+    """
+    _checked_weights(task)
+    steps = task.settings.get("max_episode_steps", TASKS[task.base]["max_episode_steps"])
+    gym.register(
+        id=env_id,
+        entry_point=CustomEnv,  # type: ignore[arg-type]
+        vector_entry_point=CustomVectorEnv,  # type: ignore[arg-type]
+        max_episode_steps=max_episode_steps or steps,
+        kwargs={"task": task},
+    )
+
+
+def _checked_weights(task: type[Task]) -> None:
+    """Raise a ``ValueError`` unless the task has terms with finite weights."""
+    name = getattr(task, "__name__", repr(task))
+    weights = getattr(task, "terms", None)
+    sound = isinstance(weights, Mapping) and np.isfinite(list(weights.values())).all()
+    if not (weights and sound):
+        raise ValueError(f"{name}.terms: found {weights!r}, expected names with finite weights")
+
+
+def _rules(endings: list[str]) -> list[int]:
+    """Codes of the endings by rules of a task, not by failures: only these are paid."""
+    failures = ("non_finite", "out_of_range", "engine_error", "press_failed")
+    return [code for code, name in enumerate(endings, 1) if name not in failures]

@@ -1,0 +1,205 @@
+"""Tasks of one's own: the same rules for one environment and for many, against native ones."""
+
+from __future__ import annotations
+
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from conftest import MODES, actions
+from gymnasium.utils.env_checker import check_env
+
+import ruffini
+from rollout_speed import LiftInPython
+from ruffini.custom import CustomEnv, CustomVectorEnv, Task, register
+
+RIGID = {"tactile": "none", "observation": "proprio"}
+TOOL = "tool centre position"
+
+
+class Lift(LiftInPython):
+    """GraspLift's reward, written in Python from what is observed."""
+
+    settings = RIGID
+
+
+class Low(Task):
+    """Pays for a low hand, ends below a height, and begins where it has drawn."""
+
+    settings = RIGID
+    terms = {"low": 2.0}
+    endings = ["down"]
+
+    def draw(self, random):
+        return {"start_height": random.uniform(0.12, 0.16), "object": random.choice([0, 2])}
+
+    def reward(self, state):
+        return {"low": 1 - state.part("proprio", TOOL)[:, 2]}
+
+    def ending(self, state):
+        return {"down": state.part("proprio", TOOL)[:, 2] < 0.1}
+
+    def is_success(self, state):
+        return state.part("proprio", TOOL)[:, 2] < 0.11
+
+
+def lifting(envs, steps: int):
+    """Scripted and random actions in turn, from what a native twin observes."""
+    policy = ruffini.policies.scripted("ruffini/GraspLift-v0")
+    for step, noise in zip(range(steps), actions(envs.num_envs, steps), strict=True):
+        action, _ = policy.predict(envs.seen)
+        yield action if step % 4 else np.clip(action + 0.3 * noise, -1, 1)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_rules_in_python_pay_what_the_native_ones_pay(mode):
+    about = {"autoreset_mode": mode, "max_episode_steps": 70}
+    native = gym.make_vec("ruffini/GraspLift-v0", num_envs=3, tactile="none", **about)
+    own = CustomVectorEnv(Lift, 3, **about)
+    native.seen, _ = native.reset(seed=0)
+    observation, _ = own.reset(seed=0)
+    assert list(observation) == ["proprio"] == list(own.single_observation_space.keys())
+    paid = 0.0
+    for action in lifting(native, 69 if mode == "Disabled" else 80):
+        native.seen, reward, terminated, truncated, info = native.step(action)
+        seen, mine, ended, cut, told = own.step(action)
+        np.testing.assert_array_equal(seen["proprio"], native.seen["proprio"])
+        np.testing.assert_allclose(mine, reward, atol=2e-6)
+        np.testing.assert_array_equal(ended, terminated)
+        np.testing.assert_array_equal(cut, truncated)
+        paid += mine.sum()
+        assert info.keys() == told.keys()
+        for row in np.flatnonzero(info.get("_final_obs", ())):
+            last, mine = info["final_obs"][row], told["final_obs"][row]
+            np.testing.assert_array_equal(last["proprio"], mine["proprio"])
+            assert list(mine) == ["proprio"]
+    assert paid > 60, f"{paid}: nothing was lifted"
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_row_equals_the_single_environment(mode):
+    rows, steps = 3, 40
+    envs = CustomVectorEnv(Low, rows, autoreset_mode=mode, objects=["sphere", "cup", "cuboid"])
+    singles = [CustomEnv(Low, objects=["sphere", "cup", "cuboid"]) for _ in range(rows)]
+    first, _ = envs.reset(seed=5)
+    over = np.zeros(rows, bool)
+    for row, env in enumerate(singles):
+        observation, _ = env.reset(seed=5 + row)
+        np.testing.assert_array_equal(observation["proprio"], first["proprio"][row])
+        assert env.look()["object"] == envs.look(row)["object"] != "cup"
+    ended = 0
+    down = np.tile(np.array([0, 0, -0.5, 0, 0], np.float32), (rows, 1))
+    down[1] *= 0.7
+    for _ in range(steps):
+        if mode == "Disabled" and over.any():
+            envs.reset(options={"reset_mask": over.copy()})
+            for row in np.flatnonzero(over):
+                singles[row].reset()
+            over[:] = False
+        seen, reward, terminated, _, info = envs.step(down)
+        for row, env in enumerate(singles):
+            if over[row]:
+                observation, _ = env.reset()
+                over[row] = False
+                assert reward[row] == 0 and not terminated[row]
+            else:
+                observation, alone, end, _, told = env.step(down[row])
+                assert (alone, end) == (reward[row], terminated[row])
+                last = info["final_info"] if mode == "SameStep" and end else info
+                assert told["is_success"] == last["is_success"][row]
+                assert told.get("ending") == ("down" if end else None)
+                ended += end
+                if end:
+                    assert last["ending"][row] == "down"
+                    if mode == "SameStep":
+                        observation, _ = env.reset()
+                    else:
+                        over[row] = True
+            np.testing.assert_array_equal(observation["proprio"], seen["proprio"][row])
+    assert ended > 5
+
+
+def test_a_registered_task_is_made_by_gymnasium_and_stable_baselines3():
+    register("test/Low-v0", Low, max_episode_steps=30)
+    try:
+        env = gym.make("test/Low-v0")
+        assert isinstance(env.unwrapped, CustomEnv)
+        check_env(env.unwrapped, skip_render_check=True)
+        envs = gym.make_vec("test/Low-v0", num_envs=2, obs="flat")
+        assert isinstance(envs, CustomVectorEnv)
+        assert envs.single_observation_space.shape == (14,)
+        sb3 = pytest.importorskip("ruffini.sb3")
+        wrapped = sb3.make_vec_env("test/Low-v0", n_envs=2, seed=0)
+        wrapped.reset()
+        for _ in range(31):
+            *_, dones, infos = wrapped.step(np.zeros((2, 5), np.float32))
+        assert infos[0]["reward_terms"].keys() == {"low"} or dones.all()
+    finally:
+        gym.registry.pop("test/Low-v0")
+
+
+def test_a_copy_goes_on_as_the_original():
+    envs = CustomVectorEnv(Low, 2, autoreset_mode="SameStep")
+    envs.reset(seed=1)
+    down = np.tile(np.array([0, 0, -0.6, 0, 0], np.float32), (2, 1))
+    envs.step(down)
+    twin = pickle.loads(pickle.dumps(envs))
+    for _ in range(30):
+        one, two = envs.step(down), twin.step(down)
+        np.testing.assert_array_equal(one[0]["proprio"], two[0]["proprio"])
+        np.testing.assert_array_equal(one[1], two[1])
+
+
+def case(**members):
+    """A task that is wrong in some way."""
+    return type("Wrong", (Low,), members)
+
+
+@pytest.mark.parametrize(
+    ("task", "message"),
+    [
+        (case(terms={}), r"Wrong.terms: found \{\}, expected names with finite weights"),
+        (case(terms={"low": np.nan}), "Wrong.terms: found .*nan"),
+        (case(base="Juggle"), "Wrong.base: found 'Juggle', expected one of GraspLift"),
+        (case(reads=["colour"]), "observation: found colour, expected one or more of"),
+        (case(reward=lambda self, state: {"high": 1}), r"reward: found \['high'\], expected .*low"),
+        (case(reward=lambda self, state: {"low": 1.0}), r"reward low: found float64 of shape \(\)"),
+        (case(reward=lambda self, state: {"low": np.full(2, np.nan)}), "low: found nan in row 0"),
+        (
+            case(ending=lambda self, state: {"up": [True] * 2}),
+            "ending: found 'up', expected",
+        ),
+        (case(ending=lambda self, state: {"down": [1, 0]}), r"down: found int64 of shape \(2,\)"),
+        (case(is_success=lambda self, state: True), r"is_success: found bool of shape \(\)"),
+        (
+            case(draw=lambda self, random: {"mass": np.full(2, 9.0)}),
+            "mass: found 9, expected",
+        ),
+        (case(draw=lambda self, random: {"mass": 0.1}), r"draw mass: found float64 of shape \(\)"),
+        (case(draw=lambda self, random: {"mass": np.full(2, np.nan)}), "draw mass: found .*nan"),
+        (case(draw=lambda self, random: {"smell": np.ones(2)}), "start: found smell, expected one"),
+        (case(draw=lambda self, random: {"object": np.full(2, 0.5)}), "start object: found 0.5"),
+    ],
+)
+def test_wrong_rules_say_what_was_found_and_expected(task, message):
+    def step() -> None:
+        envs = CustomVectorEnv(task, 2)
+        envs.reset(seed=0)
+        envs.step(np.zeros((2, 5), np.float32))
+
+    with pytest.raises(ValueError, match=message):
+        step()
+
+
+def test_what_is_no_task_is_refused():
+    with pytest.raises(ValueError, match="task: found 3, expected a subclass"):
+        CustomEnv(3)
+    with pytest.raises(ValueError, match="Low has its weights in `terms`"):
+        CustomEnv(Low, reward_weights={"low": 1})
+    with pytest.raises(TypeError, match="unexpected keyword argument 'colour'"):
+        CustomEnv(Low, colour=1)
+    env = CustomEnv(Lift)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="state: Lift keeps something of its own"):
+        env.set_state(env.state())
