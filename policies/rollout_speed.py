@@ -23,7 +23,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -51,8 +51,14 @@ def make(n: int, threads: int, **settings: Any) -> GraspLiftVectorEnv:
 class LiftInPython(custom.Task):
     """GraspLift's reward in Python; pays what the native one pays, to single precision."""
 
-    terms = {"reach": 0.1, "grasp": 0.1, "lift": 0.5, "hold": 0.2, "effort": 0.1}
-    reads = ["object"]
+    terms: ClassVar[dict[str, float]] = {
+        "reach": 0.1,
+        "grasp": 0.1,
+        "lift": 0.5,
+        "hold": 0.2,
+        "effort": 0.1,
+    }
+    reads = ("object",)
 
     def start(self, state: custom.State, rows: NDArray[np.intp]) -> None:
         """Restart the count of steps in which the object has been lifted."""
@@ -86,7 +92,8 @@ def custom_cost(seconds: float) -> dict[str, dict[str, float]]:
     random = np.random.default_rng(0)
     actions = random.uniform(-1, 1, (16, 64, 5)).astype(np.float32)
     figures: dict[str, dict[str, float]] = {}
-    for name, settings in (("rigid", {"tactile": "none"}), ("touch", {})):
+    scenes: dict[str, dict[str, Any]] = {"rigid": {"tactile": "none"}, "touch": {}}
+    for name, settings in scenes.items():
         envs: dict[str, Any] = {
             "native": gym.make_vec(ENV_ID, num_envs=64, num_threads=1, **settings),
             "python": custom.CustomVectorEnv(LiftInPython, 64, num_threads=1, **settings),
