@@ -95,7 +95,7 @@ def main() -> int:
     print(line(f"agent ({minutes:.1f} min)", judged))
     for name in ("scripted", "random"):
         print(line(name, evaluate(load(name), ENV_ID, arguments.episodes)))
-    print(film(agent, folder / "lift.gif", range(10_000, 10_003)))
+    print(film(agent, agent.env_id, folder / "lift.gif", range(10_000, 10_003), **agent.settings))
     if arguments.steps != usual:
         print(f"a run of other than {usual:,} steps is not judged")
         return 0

@@ -14,7 +14,7 @@ import numpy as np
 from ruffini import SimulationError
 from ruffini._core import encode_gif
 from ruffini._spaces import METADATA, Frame
-from ruffini.agents import Agent
+from ruffini.evaluation import Policy
 
 __all__ = ["SIZES", "check", "film", "write"]
 
@@ -67,25 +67,23 @@ def write(path: Path, frames: Sequence[Frame]) -> None:
         raise OSError(f"ffmpeg: {error}") from None
 
 
-def film(agent: Agent, path: Path, seeds: range) -> str:
-    """Write the agent's episodes of these seeds as a video; return a line that describes it.
+def film(policy: Policy, env_id: str, path: Path, seeds: range, **settings: Any) -> str:
+    """Write a policy's episodes of these seeds as a video; return a line that describes it.
 
     Raises:
         SimulationError: If the video cannot be written.
     """
     width, height = SIZES[path.suffix]
-    env = gym.make(
-        agent.env_id, render_mode="rgb_array", width=width, height=height, **agent.settings
-    )
+    env = gym.make(env_id, render_mode="rgb_array", width=width, height=height, **settings)
     frames: list[Frame] = []
     endings = []
     for seed in seeds:
         observation, _ = env.reset(seed=seed)
         frames.append(_picture(env))
-        over = False
+        over, state = False, None
         while not over:
-            action, _ = agent.predict(observation)
-            observation, _, terminated, truncated, info = env.step(action)
+            action, state = policy.predict(_row(observation), state, deterministic=True)
+            observation, _, terminated, truncated, info = env.step(action[0])
             frames.append(_picture(env))
             over = terminated or truncated
         frames += frames[-1:] * _PAUSE
@@ -96,6 +94,13 @@ def film(agent: Agent, path: Path, seeds: range) -> str:
         raise SimulationError(f"video: {path}: {error}") from None
     size = path.stat().st_size / 1e6
     return f"{path}: {len(seeds)} episodes ({', '.join(endings)}), {size:.1f} MB"
+
+
+def _row(observation: Any) -> Any:
+    """Batch of one observation."""
+    if isinstance(observation, dict):
+        return {name: values[None] for name, values in observation.items()}
+    return observation[None]
 
 
 def _picture(env: gym.Env[Any, Any]) -> Frame:

@@ -1,4 +1,4 @@
-"""`ruffini demo` in the shell, and the moving pictures that it writes."""
+"""`ruffini play` in the shell, and the moving pictures that it writes."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ GRIP = {"start_grip": 8.0, "load": 0.2, "shaking": 0.1}
 """So that the pads touch, whatever the agent does."""
 
 
-def demo(*words, env=None):
-    line = [sys.executable, "-m", "ruffini", "demo", *map(str, words)]
+def play(*words, env=None):
+    line = [sys.executable, "-m", "ruffini", "play", *map(str, words)]
     surroundings = os.environ | (env or {})
     return subprocess.run(line, capture_output=True, text=True, check=False, env=surroundings)
 
@@ -30,13 +30,13 @@ def demo(*words, env=None):
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):
     """The file of an agent of random numbers."""
-    path = tmp_path_factory.mktemp("demo") / "drawn.safetensors"
+    path = tmp_path_factory.mktemp("play") / "drawn.safetensors"
     path.write_bytes(drawn(settings=COARSE | GRIP).to_bytes())
     return path
 
 
-def test_the_demo_says_what_an_evaluation_says(file):
-    done = demo("HoldStill", "--agent", file, "--episodes", 3, "--seed", 5, "--threads", 1)
+def test_it_says_what_an_evaluation_says(file):
+    done = play("HoldStill", "--policy", file, "--episodes", 3, "--seed", 5, "--threads", 1)
     assert done.returncode == 0, done.stderr
     head, found, told, verdict = done.stdout.splitlines()
     assert head == "ruffini/HoldStill-v0: PPO, 1,000 steps, seed 0; 3 episodes from seed 5"
@@ -50,11 +50,29 @@ def test_the_demo_says_what_an_evaluation_says(file):
     assert lines[-1] == "100 %, 3 of 3 episodes"
 
 
-def test_the_demo_writes_a_gif_that_shows_the_touch(file, tmp_path):
+@pytest.mark.parametrize(("policy", "least", "most"), [("scripted", 0.8, 1.0), ("random", 0, 0.2)])
+def test_it_plays_policies_that_are_not_learnt(policy, least, most, tmp_path):
+    path = tmp_path / "out.gif"
+    done = play("GraspLift", "--policy", policy, "--episodes", 6, "--threads", 1, "--video", path)
+    assert done.returncode == 0, done.stderr
+    head, found, film = done.stdout.splitlines()
+    assert head == f"ruffini/GraspLift-v0: {policy} policy; 6 episodes from seed 10000"
+    name, success, *_ = found.split()
+    assert name == policy and least <= float(success.rstrip("%")) / 100 <= most
+    assert film.startswith(f"{path}: 3 episodes (") and path.stat().st_size > 10_000
+
+
+def test_demo_is_another_name_of_it():
+    line = [sys.executable, "-m", "ruffini", "demo", "--help"]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "--policy" in done.stdout
+
+
+def test_it_writes_a_gif_that_shows_the_touch(file, tmp_path):
     image = pytest.importorskip("PIL.Image")
     path = tmp_path / "out.gif"
-    words = ("--agent", file, "--episodes", 2, "--video", path)
-    done = demo(*words)
+    words = ("--policy", file, "--episodes", 2, "--video", path)
+    done = play(*words)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1].startswith(f"{path}: 2 episodes (")
     with image.open(path) as picture:
@@ -71,17 +89,17 @@ def shown(picture, index):
     return picture.convert("RGB")
 
 
-def test_the_demo_writes_an_mp4(file, tmp_path):
+def test_it_writes_an_mp4(file, tmp_path):
     pytest.importorskip("imageio_ffmpeg")
     path = tmp_path / "out.mp4"
-    done = demo("--agent", file, "--episodes", 2, "--video-episodes", 1, "--video", path)
+    done = play("--policy", file, "--episodes", 2, "--video-episodes", 1, "--video", path)
     assert done.returncode == 0, done.stderr
     assert path.read_bytes()[4:8] == b"ftyp"
 
 
 def test_agents_that_come_with_the_package_play():
     for name in agents.names():
-        done = demo(name, "--episodes", 2)
+        done = play(name, "--episodes", 2)
         assert done.returncode == 0, done.stderr
 
 
@@ -89,24 +107,35 @@ def test_agents_that_come_with_the_package_play():
     ("words", "text"),
     [
         (["GraspLft"], "task: found 'GraspLft', expected one of GraspFragile, GraspLift, "),
-        (["--agent", "none.safetensors"], "none.safetensors: No such file"),
-        (["--agent", "none"], "or the path of a .safetensors file or one of"),
-        (["GraspLift", "--agent", "FILE"], "found one of ruffini/HoldStill-v0, expected one of ru"),
-        (["--agent", "FILE", "--episodes", "0"], "episodes: found 0, expected at least 1"),
-        (["--agent", "FILE", "--episodes", "two"], "invalid int value: 'two'"),
-        (["--agent", "FILE", "--video-episodes", "0"], "video-episodes: found 0"),
-        (["--agent", "FILE", "--threads", "0"], "threads: found 0"),
-        (["--agent", "FILE", "--seed", "-1"], "seed: found -1"),
-        (["--agent", "FILE", "--video", "out.avi"], "found out.avi, expected a .gif or .mp4 file"),
-        (["--agent", "FILE", "--video", "none/out.gif"], "none/out.gif: No such file"),
-        (["--agent", "FILE", "--video", "FOLDER.gif"], "Is a directory"),
+        (["--policy", "none.safetensors"], "none.safetensors: No such file"),
+        (
+            ["--policy", "none"],
+            "policy: found none, expected trained, scripted, random",
+        ),
+        (
+            ["Juggle", "--policy", "random"],
+            "task: found 'Juggle', expected one of Grasp",
+        ),
+        (["Juggle", "--policy", "scripted"], "task: found 'Juggle', expected one of Grasp"),
+        (
+            ["GraspLift", "--policy", "FILE"],
+            "found one of ruffini/HoldStill-v0, expected one",
+        ),
+        (["--policy", "FILE", "--episodes", "0"], "episodes: found 0, expected at least 1"),
+        (["--policy", "FILE", "--episodes", "two"], "invalid int value: 'two'"),
+        (["--policy", "FILE", "--video-episodes", "0"], "video-episodes: found 0"),
+        (["--policy", "FILE", "--threads", "0"], "threads: found 0"),
+        (["--policy", "FILE", "--seed", "-1"], "seed: found -1"),
+        (["--policy", "FILE", "--video", "out.avi"], "found out.avi, expected a .gif or .mp4 file"),
+        (["--policy", "FILE", "--video", "none/out.gif"], "none/out.gif: No such file"),
+        (["--policy", "FILE", "--video", "FOLDER.gif"], "Is a directory"),
     ],
 )
-def test_the_demo_names_bad_input(file, tmp_path, words, text):
+def test_it_names_bad_input(file, tmp_path, words, text):
     folder = tmp_path / "folder.gif"
     folder.mkdir()
     places = {"FILE": str(file), "FOLDER.gif": str(folder)}
-    done = demo(*(places.get(word, word) for word in words))
+    done = play(*(places.get(word, word) for word in words))
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
     assert text in done.stderr and "Traceback" not in done.stderr
     assert done.stderr.count("ruffini: ") == 1 or "usage: " in done.stderr
@@ -115,7 +144,7 @@ def test_the_demo_names_bad_input(file, tmp_path, words, text):
 def test_a_task_without_an_agent_is_said_to_have_none():
     for task in {"GraspFragile", "GraspLift", "GraspSoft", "HoldStill"}:
         if f"{task}-v0" not in agents.names():
-            done = demo(task)
+            done = play(task)
             assert (done.returncode, done.stdout) == (2, "")
             assert f"agent: found none of {task}-v0, expected the path" in done.stderr
 
@@ -135,7 +164,7 @@ def test_an_agent_of_other_settings_is_refused_before_it_plays(tmp_path, change,
     agent = Agent(card(), tensors(card()))
     agent.card.update(change)
     path.write_bytes(agent.to_bytes())
-    done = demo("--agent", path)
+    done = play("--policy", path)
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
     assert text in done.stderr and "other.safetensors" in done.stderr
     assert len(done.stderr.splitlines()) == 1
@@ -143,14 +172,14 @@ def test_an_agent_of_other_settings_is_refused_before_it_plays(tmp_path, change,
 
 def test_no_file_is_left_where_the_demo_did_not_play(file, tmp_path):
     path = tmp_path / "out.gif"
-    assert demo("--agent", file, "--video", path, "--threads", "0").returncode == 2
+    assert play("--policy", file, "--video", path, "--threads", "0").returncode == 2
     assert not path.exists()
 
 
 def test_an_mp4_without_its_extra_is_refused_before_the_agent_plays(file, tmp_path):
     (tmp_path / "imageio_ffmpeg.py").write_text("raise ImportError")
     path = os.pathsep.join([str(tmp_path), *sys.path])
-    done = demo("--agent", file, "--video", tmp_path / "out.mp4", env={"PYTHONPATH": path})
+    done = play("--policy", file, "--video", tmp_path / "out.mp4", env={"PYTHONPATH": path})
     assert (done.returncode, done.stdout) == (2, "")
     assert "pip install 'ruffini[video]', or write a .gif" in done.stderr
 
@@ -159,7 +188,7 @@ def test_an_mp4_without_ffmpeg_is_refused_before_the_agent_plays(file, tmp_path)
     if importlib.util.find_spec("imageio_ffmpeg") is None:
         pytest.skip("needs imageio-ffmpeg")
     nowhere = {"IMAGEIO_FFMPEG_EXE": str(tmp_path / "none")}
-    done = demo("--agent", file, "--video", tmp_path / "out.mp4", env=nowhere)
+    done = play("--policy", file, "--video", tmp_path / "out.mp4", env=nowhere)
     assert (done.returncode, done.stdout) == (2, "")
     assert "found no ffmpeg" in done.stderr
 

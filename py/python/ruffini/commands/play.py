@@ -1,4 +1,4 @@
-"""``ruffini demo``: play the agent of a task."""
+"""``ruffini play``: watch a trained, scripted or random policy and count its successes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ import gymnasium as gym
 from ruffini import video
 from ruffini._spaces import check_count, check_seed
 from ruffini.agents import Agent, environment_id, load
-from ruffini.evaluation import FIRST_SEED, evaluate, line
+from ruffini.evaluation import FIRST_SEED, Policy, evaluate, line
+from ruffini.policies import RandomPolicy, scripted
 
 _TASK = "GraspLift"
 _EPISODES = {"ruffini/GraspSoft-v0": 15}
@@ -25,15 +26,20 @@ _WIDTH = 30
 def add_to(commands: Any) -> None:
     """Add the subcommand to the parser."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "demo",
-        help="watch the agent of a task",
-        description="Plays the trained agent of a task on evaluation seeds and compares its "
-        "success with what its card says.",
+        "play",
+        aliases=["demo"],
+        help="watch a policy at a task: the trained agent, a scripted or a random one",
+        description="Plays a policy on evaluation seeds and prints its success rate; that of a "
+        "trained agent is compared with what its card says.",
     )
     parser.add_argument(
         "task", nargs="?", help=f"GraspLift, grasp-lift or an id; {_TASK} if not given"
     )
-    parser.add_argument("--agent", help=".safetensors file of another agent than the task's own")
+    parser.add_argument(
+        "--policy",
+        default="trained",
+        help="trained (the task's own agent), scripted, random, or an agent's .safetensors file",
+    )
     parser.add_argument(
         "--episodes", type=int, help="episodes, one a seed; 50 if not given, of GraspSoft 15"
     )
@@ -49,15 +55,15 @@ def add_to(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Play the agent and print its success rate.
+    """Play the policy and print its success rate.
 
     Raises:
         ValueError: If an option is invalid, or the agent is for another environment.
         SimulationError: If the video cannot be made.
     """
-    agent = _agent(options.task, options.agent)
+    env_id, policy = _policy(options.task, options.policy)
     if options.episodes is None:
-        options.episodes = _EPISODES.get(agent.env_id, 50)
+        options.episodes = _EPISODES.get(env_id, 50)
     for name in ("episodes", "video_episodes"):
         if getattr(options, name) < 1:
             found, flag = getattr(options, name), name.replace("_", "-")
@@ -67,53 +73,63 @@ def run(options: argparse.Namespace) -> None:
         check_count("threads", options.threads)
     if options.video is not None:
         video.check(options.video)
-    limit = _check_environment(agent)
-    card, settings = agent.card, agent.settings
-    print(
-        f"{agent.env_id}: {card['algorithm'].upper()}, {card['steps']:,} steps, "
-        f"seed {card['seed']}; {options.episodes} episodes from seed {options.seed}"
-    )
+    agent = policy if isinstance(policy, Agent) else None
+    settings = {} if agent is None else agent.settings
+    about = f"{options.policy} policy"
+    if agent is not None:
+        _check_environment(agent)
+        card = agent.card
+        about = f"{card['algorithm'].upper()}, {card['steps']:,} steps, seed {card['seed']}"
+    print(f"{env_id}: {about}; {options.episodes} episodes from seed {options.seed}")
+    limit = settings.get("max_episode_steps", gym.spec(env_id).max_episode_steps or 0)
     result = evaluate(
-        agent,
-        agent.env_id,
+        policy,
+        env_id,
         options.episodes,
         first_seed=options.seed,
         progress=_Bar(limit),
         num_threads=options.threads,
         **settings,
     )
-    told = card["evaluation"]
-    print(line("agent", result))
-    print(line(f"its card, {told['episodes']} seeds", told))
-    print(_verdict(result["interval"], told["interval"]))
+    print(line("agent" if agent is not None else options.policy, result))
+    if agent is not None:
+        told = agent.card["evaluation"]
+        print(line(f"its card, {told['episodes']} seeds", told))
+        print(_verdict(result["interval"], told["interval"]))
     if options.video is not None:
         count = min(options.video_episodes, options.episodes)
-        print(video.film(agent, options.video, range(options.seed, options.seed + count)))
+        seeds = range(options.seed, options.seed + count)
+        print(video.film(policy, env_id, options.video, seeds, **settings))
 
 
-def _agent(task: str | None, path: str | None) -> Agent:
-    """Load the agent in a file, or that of a task; if both are given, they must match."""
-    if path is None:
-        return load(environment_id(_TASK if task is None else task))
-    agent = load(path)
+def _policy(task: str | None, name: str) -> tuple[str, Policy]:
+    """Id of the environment, and the policy that the name or file stands for."""
+    if name in ("trained", "scripted", "random"):
+        env_id = environment_id(_TASK if task is None else task)
+        if name == "random":
+            return env_id, RandomPolicy()
+        return env_id, load(env_id) if name == "trained" else scripted(env_id)
+    if Path(name).suffix != ".safetensors":
+        expected = "trained, scripted, random or an agent's .safetensors file"
+        if (Path(name) / "run.json").is_file():
+            expected += ": export the run first (policies/export_agent.py)"
+        raise ValueError(f"policy: found {name}, expected {expected}")
+    agent = load(name)
     if task is not None and environment_id(task) != agent.env_id:
         raise ValueError(
             f"{agent.name}: found one of {agent.env_id}, expected one of {environment_id(task)}"
         )
-    return agent
+    return agent.env_id, agent
 
 
-def _check_environment(agent: Agent) -> int:
-    """Check that agent and environment match; return the step limit of an episode."""
+def _check_environment(agent: Agent) -> None:
+    """Check that agent and environment match."""
     try:
         envs = gym.make_vec(agent.env_id, **agent.settings)
     except (gym.error.Error, TypeError, ValueError) as error:
         raise ValueError(f"{agent.name}: {error}") from None
     agent.check(envs.single_observation_space)
     envs.close()
-    limit = gym.spec(agent.env_id).max_episode_steps
-    assert limit is not None, "every task has a limit"
-    return int(agent.settings.get("max_episode_steps", limit))
 
 
 def _verdict(found: Sequence[float], told: Sequence[float]) -> str:
