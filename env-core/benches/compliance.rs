@@ -54,9 +54,11 @@ fn presses(criterion: &mut Criterion) {
         let nodes = body.mesh().vertices.len();
         let options = fem::Options { friction: FRICTION, ..fem::Options::default() };
         let mut fem = Fem::new(body.clone(), options).expect("the options are valid");
-        let linear = Compliance::new(body, Options { friction: FRICTION, sweeps: 0 })
-            .expect("the pad is bonded");
-        let mut begun = linear.clone().solve(&[pressed(0.5 * MM)]);
+        let mut models = [0, 4].map(|sweeps| {
+            let options = Options { friction: FRICTION, sweeps };
+            (sweeps, Compliance::new(body.clone(), options).expect("the pad is bonded"))
+        });
+        let mut begun = models[0].1.solve(&[pressed(0.5 * MM)]);
         let history = begun.remove(0).expect("a shallow press").history;
         let questions = [
             ("0.5 mm", pressed(0.5 * MM)),
@@ -67,10 +69,7 @@ fn presses(criterion: &mut Criterion) {
         ];
         for (name, press) in questions {
             let id = |who: &str| BenchmarkId::new(format!("{nodes} nodes, {name}"), who);
-            group.bench_function(id("wrench"), |b| b.iter(|| black_box(linear.wrenches(&press))));
-            for sweeps in [0, 4] {
-                let options = Options { friction: FRICTION, sweeps };
-                let mut model = linear.with_options(options).expect("the options are valid");
+            for (sweeps, model) in &mut models {
                 let presses = [press.clone()];
                 group.bench_function(id(&format!("{sweeps} sweeps")), |bencher| {
                     bencher.iter(|| black_box(model.solve(&presses)));
@@ -127,9 +126,7 @@ fn steps(criterion: &mut Criterion) {
         ];
         for (question, press) in questions {
             let id = |who: &str| BenchmarkId::new(format!("{object}, {question}"), who);
-            group.bench_function(id("wrench"), |b| b.iter(|| black_box(model.wrenches(&press))));
             let presses = [press];
-            group.bench_function(id("moved"), |b| b.iter(|| black_box(model.moved(&presses))));
             group.bench_function(id("whole"), |b| b.iter(|| black_box(model.solve(&presses))));
         }
     }

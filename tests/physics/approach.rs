@@ -11,7 +11,8 @@ use ruffini_core::{
     scene::{Approach, ObjectModel, Obstacle},
 };
 
-/// What keeps the gripper from an object's first `count` grasps, those that nothing does left out.
+/// Obstacles that keep the gripper from an object's first `count` grasps; reachable ones are left
+/// out.
 fn obstacles(object: &Object, count: usize) -> Vec<(String, Obstacle)> {
     let sampler = GraspSampler::default();
     let model = ObjectModel::new(object.shape.clone()).unwrap();
@@ -47,8 +48,8 @@ fn an_object_in_the_way_of_the_hand_is_met() {
 
 #[test]
 fn a_finger_meets_what_is_wider_above_the_pads() {
-    // Point down, its edge 30 mm above the grasp: 4.5 mm wider there than at the upper ends of the
-    // pads, behind which the fingers stand back by 4 mm.
+    // The cone points down with its rim 30 mm above the grasp: there it is 4.5 mm wider than at the
+    // upper ends of the pads, behind which the fingers stand back by 4 mm.
     let cone = ObjectModel::new(Shape::Cone { radius: 0.02, half_height: 0.0385 }).unwrap();
     let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
     let tool = Isometry3::from_parts(Translation3::new(0.0, 0.0, -0.0085), turn);

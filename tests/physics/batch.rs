@@ -98,8 +98,8 @@ fn reset_forgets_what_was_before() {
     assert_eq!(a.observation, b.observation);
 }
 
-/// Wild actions for many episodes of extreme objects: every number stays within its declared
-/// bounds, and an early end has a name.
+/// Random extreme actions for many episodes of extreme objects: every number stays within its
+/// declared bounds, and an early end has a reason.
 #[test]
 fn observations_stay_within_their_bounds() {
     let extremes: [(Range, Range, Range); 3] = [

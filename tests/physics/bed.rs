@@ -1,4 +1,4 @@
-//! Soft pads: an implicit bed of bristles between the fingers and the object.
+//! Soft pads: the implicit elastic foundation of bristles between the fingers and the object.
 
 use std::sync::Arc;
 
@@ -36,7 +36,7 @@ pub(crate) fn ball() -> ObjectModel {
     ObjectModel::new(Shape::Sphere { radius: 0.015 }).unwrap()
 }
 
-/// `model` gripped in weightlessness for a second at the height of 0.1 m.
+/// Scene in which `model` has been gripped in weightlessness for a second at the height of 0.1 m.
 pub(crate) fn gripped(config: &SceneConfig, model: &ObjectModel, mass: f64, grip: f64) -> Scene {
     let pose = Isometry3::translation(0.0, 0.0, 0.1);
     let object = Object { model, scale: 1.0, mass, friction: 0.8, pose };
@@ -46,7 +46,7 @@ pub(crate) fn gripped(config: &SceneConfig, model: &ObjectModel, mass: f64, grip
     scene
 }
 
-/// Holds on for a time (s).
+/// Keeps gripping for a time (s).
 pub(crate) fn hold(scene: &mut Scene, grip: f64, time: f64) {
     let period = scene.config().physics.control_period;
     for _ in 0..(time / period).round() as usize {
@@ -60,8 +60,8 @@ fn soft_pads_hold_what_must_hold_and_drop_what_must_drop() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Two balls that are one body: the one to be gripped is at the origin, the centre of mass `offset`
-/// (m) along y from there.
+/// Two balls as one body: the gripped one is at the origin, the centre of mass `offset` (m) along y
+/// from there.
 fn dumbbell(offset: f64) -> ObjectModel {
     let [large, small] = [0.015, 0.010].map(|r| Shape::Sphere { radius: r }.surface(48).unwrap());
     let volume = |surface: &Surface| surface.mass_properties(1.0).mass;
@@ -93,8 +93,8 @@ fn a_ball_held_off_its_centre_of_mass_hardly_turns() {
     }
 }
 
-/// Force (N) and touched area (m²) of the law under a ball of radius `r` (m) at `depth` (m), on a
-/// grid far finer than the bed.
+/// Force (N) and contact area (m²) of the force law under a ball of radius `r` (m) at `depth` (m),
+/// on a grid far finer than the elastic foundation.
 fn law(pads: &SoftPads, r: f64, depth: f64) -> (f64, f64) {
     let PadOutline { width, length, thickness: h, .. } = pads.outline;
     let Bristles { normal, coupling: q, .. } = pads.bristles;
@@ -107,7 +107,7 @@ fn law(pads: &SoftPads, r: f64, depth: f64) -> (f64, f64) {
         let place = Vector3::new(x, y, pads.outline.height(x, y) - (r - depth));
         let d = (r - place.norm()).max(0.0);
         squares += d * d * cell;
-        // The part along the pad's normal.
+        // The component along the pad's normal.
         depths += d * cell * -place.z / place.norm();
         area += if d > 0.0 { cell } else { 0.0 };
     }
@@ -125,7 +125,7 @@ fn the_ball_sinks_in_as_deep_as_the_law_says() {
         for finger in scene.state().fingers {
             let depth = 0.015 - finger.object.translation.z;
             let force = law(&pads, 0.015, depth).0;
-            // Force goes as the depth's second power: 10 % of force are 5 % of depth.
+            // The force is proportional to the square of the depth: 10 % of force are 5 % of depth.
             let error = (force / grip).sqrt() - 1.0;
             let depth_mm = depth / MM;
             assert!(error.abs() < 0.05, "{young} Pa, {grip} N: {depth_mm} mm, off by {error:.3}");
@@ -177,8 +177,9 @@ fn a_minute_of_holding_moves_nothing() {
     }
 }
 
-/// The table bears an object that stands on it, not pads that close on its sides; and however slowly
-/// they have closed, it then hangs as far below where they took it.
+/// The table bears an object that stands on it, and pads that close on its sides do not. After a
+/// lift the object hangs equally far below its first position in the hand, however slowly the pads
+/// have closed.
 #[test]
 fn what_stands_on_the_table_does_not_wear_the_hold() {
     let ellipsoid = Shape::Ellipsoid { semi_axes: Vector3::new(0.02, 0.014, 0.016) };
@@ -275,7 +276,7 @@ fn random_actions_on_every_object_stay_finite_and_replay_from_a_snapshot() {
         if step == 150 {
             second.load(&first.save()).unwrap();
         }
-        // Down and closing more often than not, so that the fingers meet the object.
+        // Biased downwards and towards closing, so that the fingers meet the object.
         let bias = [0.0, 0.0, -0.2, 0.0, 0.3];
         let actions: Vec<f32> =
             (0..60).map(|i| random.random_range(-1.0..1.0) + bias[i % 5]).collect();
@@ -354,8 +355,8 @@ fn pads_that_do_not_fit_are_refused() {
     assert!(error.starts_with("pads.young"), "{error}");
 }
 
-/// Where the scene says the object is, seen from the pad's mesh: a node of the face and the object's
-/// nearest surface are as far apart as the indentation.
+/// The object's pose in the scene and the pad's mesh agree: the greatest depth of the mesh's face
+/// nodes inside the object equals the indentation.
 #[test]
 fn the_pose_in_the_pads_frame_is_that_of_its_mesh() {
     let model = ObjectModel::new(Shape::Cuboid { half_extents: [0.012, 0.015, 0.02].into() });
@@ -378,8 +379,8 @@ fn the_pose_in_the_pads_frame_is_that_of_its_mesh() {
     }
 }
 
-/// The bed was fitted to the finite elements of `calibrate_bed`; on another mesh it is as far off as
-/// that prints, a quarter at most at depths from 0.3 mm on.
+/// The elastic foundation was fitted to the finite elements of `calibrate_bed`. On another mesh its
+/// error is the one that `calibrate_bed` prints, a quarter at most at depths from 0.3 mm on.
 #[test]
 fn the_fitted_bed_presses_like_the_finite_elements() {
     let sensor = Sensor::named("gelsight-mini").unwrap();

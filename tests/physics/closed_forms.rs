@@ -16,15 +16,16 @@ use ruffini_core::{
 use crate::half_space::half_space;
 
 const YOUNG: f64 = 2e5;
-/// Width and depth of a block that passes for a half-space, in patch radii: the base, at a depth d,
-/// adds about a / d to the force.
+/// Width and depth, in contact radii, of a block that approximates a half-space: the base, at a
+/// depth d, adds about a / d to the force.
 const FAR: [f64; 2] = [1000.0; 2];
 
 fn plane_strain_modulus(poisson: f64) -> f64 {
     YOUNG / (1.0 - poisson * poisson)
 }
 
-/// Force of `shape`, lowered by `depth` from where its end, `reach` below its origin, touches (N).
+/// Force of `shape` (N), lowered by `depth` from first contact of its end, `reach` below its
+/// origin.
 fn force(
     shape: Shape,
     turn: f64,
@@ -35,7 +36,8 @@ fn force(
 ) -> f64 {
     let (mesh, bonded) = block;
     let body = SoftBody::new(mesh, Law::Linear, Moduli { young: YOUNG, poisson }, &bonded).unwrap();
-    // Contact gives by less than 1e-4 of the depth; forces balance to 2e-5 of their sum, about E a δ.
+    // Contact compliance is less than 1e-4 of the depth; forces balance to 2e-5 of their sum, about
+    // E a δ.
     let options = Options {
         element: Element::P2,
         softness: 1e-3 * depth,
@@ -48,7 +50,7 @@ fn force(
     -frame.unwrap().wrench.force.z
 }
 
-/// Force of a ball whose ideal patch is that of `half_space`'s core, over Hertz's.
+/// Force of a ball over Hertz's. Its contact radius by Hertz is that of `half_space`'s core patch.
 fn ball_over_hertz(poisson: f64, n: usize, shells: usize, size: [f64; 2]) -> f64 {
     let patch = 1e-4f64;
     let (radius, depth) = (50.0 * patch, patch / 50.0);
@@ -57,8 +59,9 @@ fn ball_over_hertz(poisson: f64, n: usize, shells: usize, size: [f64; 2]) -> f64
     force(Shape::Sphere { radius }, 0.0, radius, depth, poisson, block) / hertz
 }
 
-/// Force of a flat end over 2 E* a δ. It has as many sides as the mesh has round the patch, and a is
-/// the radius of the disc of its area. It is large, for then contact is felt at many points of a face.
+/// Force of a flat punch over 2 E* a δ. It has as many sides as the mesh has round the patch, and a
+/// is the radius of the disc of its area. It is large because contact is then evaluated at many
+/// points of a face.
 fn punch_over_exact(poisson: f64, n: usize) -> f64 {
     let (radius, half_height, depth) = (0.02, 0.1, 2e-5);
     let sector = PI / (4 * n) as f64;
@@ -69,7 +72,8 @@ fn punch_over_exact(poisson: f64, n: usize) -> f64 {
     force(punch, 0.5 * sector, half_height, depth, poisson, block) / exact
 }
 
-/// The limit of values on meshes of sizes `coarse` and `fine` whose error falls with the power `order`.
+/// Extrapolated limit of values on meshes of sizes `coarse` and `fine` whose error decreases with
+/// the power `order`.
 fn extrapolated(coarse: (f64, f64), fine: (f64, f64), order: f64) -> f64 {
     fine.1 - (coarse.1 - fine.1) / ((coarse.0 / fine.0).powf(order) - 1.0)
 }
@@ -79,7 +83,7 @@ static BALL_ON_FINE: LazyLock<f64> = LazyLock::new(|| ball_over_hertz(0.3, 2, 8,
 
 #[test]
 fn a_ball_presses_as_hertz_says() {
-    // Displacements like r^{3/2} at the rim allow an energy of third order.
+    // Displacements proportional to r^{3/2} at the rim allow an energy error of third order.
     let (coarse, fine) = (ball_over_hertz(0.3, 1, 4, FAR), *BALL_ON_FINE);
     let limit = extrapolated((1.0, coarse), (0.5, fine), 3.0);
     println!("ball: {coarse:.4}, {fine:.4}, extrapolated {limit:.4} of Hertz's force");
@@ -88,14 +92,15 @@ fn a_ball_presses_as_hertz_says() {
 
 #[test]
 fn a_flat_end_presses_as_its_closed_form_says() {
-    // Displacements like √r at the rim, on rings that narrow like its square: second order.
+    // Displacements proportional to √r at the rim, on rings at distances r = s² with even s: second
+    // order.
     let [coarse, fine] = [2, 3].map(|n| punch_over_exact(0.3, n));
     let limit = extrapolated((1.0 / 2.0, coarse), (1.0 / 3.0, fine), 2.0);
     println!("punch: {coarse:.4}, {fine:.4}, extrapolated {limit:.4} of 2 E* a δ");
     assert!((limit - 1.0).abs() < 0.01, "{coarse}, {fine}, extrapolated {limit} of 2 E* a δ");
 }
 
-/// The base's part in the force: α₀ of Dimitriadis et al. (2002), bonded.
+/// Coefficient of the base's effect on the force: α₀ of Dimitriadis et al. (2002), bonded.
 fn base_effect(poisson: f64) -> f64 {
     -(1.2876 - 1.4678 * poisson + 1.3442 * poisson * poisson) / (1.0 - poisson)
 }
@@ -112,18 +117,18 @@ fn dimitriadis(chi: f64, poisson: f64) -> f64 {
 #[test]
 fn a_bonded_layer_stiffens_as_dimitriadis_says() {
     let poisson = 0.3;
-    // The series is short of its own second order by a seventh (the base's lift feeds back as
-    // f = (1 + k f)^{3/2}): 1.2 % at χ = 0.2.
+    // At χ = 0.2 the series lacks 1.2 %, a seventh of its second-order term (the lift of the base
+    // feeds back as f = (1 + k f)^{3/2}).
     let chi = 0.2;
-    // Meshes with one core are too stiff by about the same factor.
+    // Meshes with the same core are too stiff by about the same factor.
     let layer = ball_over_hertz(poisson, 2, 6, [4.0 / chi, 1.0 / chi]) / *BALL_ON_FINE;
     let series = dimitriadis(chi, poisson);
     println!("layer, χ {chi}: {layer:.4} of the half-space, Dimitriadis {series:.4}");
     assert!((layer / series - 1.0).abs() < 0.015, "χ {chi}: {layer}, series {series}");
 }
 
-/// Force of a small ball on a bonded pad of 4 mm over that of the series, whose patch is 1/57 of the
-/// thickness.
+/// Force of a small ball on a bonded pad of 4 mm over that of the series; the contact radius is
+/// 1/57 of the thickness.
 fn small_ball_over_series(mesh: TetMesh, bonded: Vec<u32>) -> f64 {
     let (radius, depth, poisson) = (5e-4f64, 1e-5f64, 0.45);
     let hertz = 4.0 / 3.0 * plane_strain_modulus(poisson) * radius.sqrt() * depth.powf(1.5);
@@ -136,7 +141,7 @@ fn a_small_ball_is_felt_by_a_pad_that_is_fine_under_it() {
     let outline = PadOutline::flat(0.02525, 0.02075, 0.004);
     let patch = (5e-4f64 * 1e-5).sqrt();
     let on_disc = |i: i32| {
-        // Equal areas on a spiral.
+        // Points of equal area on a spiral.
         let (r, angle) = (patch * (f64::from(i) / 60.0).sqrt(), 2.4 * f64::from(i));
         Point3::new(r * angle.cos(), r * angle.sin(), 0.0)
     };

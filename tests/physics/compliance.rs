@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use ruffini_core::{
     Error, Result,
     compliance::{Compliance, Options},
-    deformation::{Deformation, DeformationModel, Law, Moduli, Press, SoftBody},
+    deformation::{Deformation, DeformationModel, Law, Moduli, Press, SoftBody, Wanted},
     fem::{self, Fem},
     geometry::{Shape, TetMesh},
 };
@@ -90,7 +90,7 @@ fn relative(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
 fn finite_elements_of_the_linear_law_give_the_same_answer() {
     let body = pad(Law::Linear);
     let down = |depth: f64| vec![at(0.0, 0.5 * depth), at(0.0, depth)];
-    // Over an edge there may be several equilibria; frames of 0.05 mm leave no choice.
+    // At an edge there may be several equilibria; frames of 0.05 mm single one out.
     let sheared: Vec<_> = (1..=8)
         .map(|i| at(0.0, 0.05 * MM * f64::from(i)))
         .chain((1..=8).map(|i| at(0.025 * MM * f64::from(i), 0.4 * MM)))
@@ -105,7 +105,7 @@ fn finite_elements_of_the_linear_law_give_the_same_answer() {
         let exact = last(fem(&body, friction).solve_path(&press));
         let found = last(linear(&body, friction).solve_path(&press));
         let error = relative(&found.displacement, &exact.displacement);
-        // Both solve the same equations; the contact is left with 1e-5 of its force.
+        // Both solve the same equations; the contact iteration leaves 1e-5 of its force.
         assert!(error < 1e-4, "{shape:?} μ {friction}: displacements differ by {error:.1e}");
         let stress: f64 = found.von_mises.iter().zip(&exact.von_mises).map(|(a, b)| a - b).sum();
         let error = stress / exact.von_mises.iter().sum::<f64>();
@@ -150,12 +150,12 @@ fn what_linear_elasticity_misses_grows_with_the_depth() {
 #[test]
 fn sweeps_lower_the_residual_down_to_the_answer_of_finite_elements() {
     let body = pad(Law::NeoHookean);
-    let model = linear(&body, 0.5);
     let press = along(ball(), vec![at(0.0, 0.5 * MM)]);
     let exact = last(fem(&body, 0.5).solve_path(&press));
     let swept: Vec<_> = (0..=12)
         .map(|sweeps| {
-            let model = model.with_options(Options { friction: 0.5, sweeps }).unwrap();
+            let options = Options { friction: 0.5, sweeps };
+            let model = Compliance::new(body.clone(), options).unwrap();
             let found = last(model.solve_path(&press));
             (found.residual, relative(&found.displacement, &exact.displacement))
         })
@@ -165,7 +165,7 @@ fn sweeps_lower_the_residual_down_to_the_answer_of_finite_elements() {
     assert!(falls, "residuals rise: {swept:?}");
     let [none, four, twelve] = [0, 4, 12].map(|sweeps| swept[sweeps].1);
     assert!(four < 0.05 * none, "after 4 sweeps off by {four:.1e}, without by {none:.1e}");
-    // Finite elements leave 1e-7 N out of balance, of about 0.5 N.
+    // The residual of the finite elements is 1e-7 N, with forces of about 0.5 N.
     assert!(twelve < 1e-5, "after 12 sweeps off by {twelve:.1e}");
 }
 
@@ -179,7 +179,8 @@ fn sweeps_along_a_sheared_path_keep_its_history() {
     let options = Options { friction: 0.5, sweeps: 12 };
     let found = last(Compliance::new(body, options).unwrap().solve_path(&press));
     let error = relative(&found.displacement, &exact.displacement);
-    // The residual of every frame is below 1e-5 of the force, and history adds them up.
+    // The residual of every frame is below 1e-5 of the force, and the errors accumulate in the
+    // history.
     assert!(error < 1e-4, "displacements differ by {error:.1e}");
 }
 
@@ -190,13 +191,12 @@ fn a_wide_sticking_contact_goes_on_where_the_offset_before_finds_no_balance() {
     let path = [0.5, 1.0, 1.4].map(|depth| at(0.0, (depth - 16.0) * MM)).to_vec();
     let press = along(wide, path);
     let exact = last(fem(&body, 0.8).solve_path(&press));
-    let model = linear(&body, 0.8);
     let errors = [0, 1, 3, 12].map(|sweeps| {
-        let model = model.with_options(Options { friction: 0.8, sweeps }).unwrap();
+        let model = Compliance::new(body.clone(), Options { friction: 0.8, sweeps }).unwrap();
         relative(&last(model.solve_path(&press)).displacement, &exact.displacement)
     });
     println!("error of u after 0, 1, 3, 12 sweeps: {errors:?}");
-    // Sweeps begin at the linear answer there, and a step so long leaves them far to go.
+    // Sweeps start from the linear solution there; after so long a step they do not converge fully.
     assert!(errors[3] < 0.25 * errors[0], "{errors:?}");
 }
 
@@ -230,11 +230,8 @@ fn nodal_forces_add_up_to_the_wrench() {
         let nodes = body.mesh().vertices.iter().zip(&frame.displacement).zip(&frame.contact_force);
         let torque: Vector3<f64> = nodes.map(|((x, u), f)| (x.coords + u).cross(f)).sum();
         let error = (torque - frame.wrench.torque).norm() / frame.wrench.torque.norm();
-        // The displacement at the nodes is solved for anew, to rounding.
+        // The displacement at the nodes comes from another solve, equal to rounding.
         assert!(error < 1e-8, "torques differ by {error:.1e}");
-        let wrenches = model.wrenches(&press);
-        assert_eq!(wrenches.len(), 2);
-        assert_eq!(wrenches[1].as_ref().unwrap(), &frame.wrench);
     }
 }
 
@@ -244,15 +241,15 @@ fn friction_sticks_below_and_slips_at_its_limit() {
     let model = linear(&block(), friction);
     let mut path = vec![plate_at(0.0, -0.2 * MM)];
     path.extend((1..=2).map(|i| plate_at(0.02 * MM * f64::from(i), -0.2 * MM)));
-    // The first long slide turns the slip of all points one way, the second keeps it there.
+    // The first long slide aligns the slip of all points, the second keeps the direction.
     path.extend([plate_at(2.0 * MM, -0.2 * MM), plate_at(4.0 * MM, -0.2 * MM)]);
     let frames = frames(model.solve_path(&along(Shape::HalfSpace, path)));
     let ratio = |frame: &Deformation| frame.wrench.force.x / -frame.wrench.force.z;
     let [small, twice, slid] = [1, 2, 4].map(|i| ratio(&frames[i]));
     assert!(small > 0.0 && twice < friction, "{small}, {twice}");
-    // While it sticks the block is a spring, softened by the rim that slips first.
+    // While sticking, the block acts as a spring, softened by the rim that slips first.
     assert!((twice / small - 2.0).abs() < 0.2, "{small}, then {twice}");
-    // Slipping friction is μ times pressure at every point; contact has settled to 1e-5.
+    // Friction of slipping points is μ times pressure; the contact has converged to 1e-5.
     assert!((slid / friction - 1.0).abs() < 1e-3, "{slid} against {friction}");
 }
 
@@ -264,7 +261,7 @@ fn the_way_does_not_matter_without_friction() {
         vec![at(0.0, 0.3 * MM), at(0.5 * MM, 0.6 * MM), at(0.0, 0.8 * MM), at(0.0, 0.4 * MM)];
     let round = last(model.solve_path(&along(ball(), detour)));
     let error = relative(&round.displacement, &direct.displacement);
-    // The contact is left with 1e-5 of its force.
+    // The contact iteration leaves 1e-5 of its force.
     assert!(error < 1e-4, "displacements differ by {error:.1e}");
 }
 
@@ -279,7 +276,7 @@ fn a_press_goes_on_where_another_ended() {
     let whole = [path.to_vec(), vec![at(0.2 * MM, 0.5 * MM)]].concat();
     let whole = last(model.solve_path(&along(ball(), whole)));
     let begun = along(ball(), path.to_vec());
-    // Finite elements of the linear law write the same history.
+    // The finite elements of the linear law produce the same history.
     for begun in [model.solve_path(&begun), fem(&body, 0.5).solve_path(&begun)] {
         let found = last(model.solve_path(&rest(last(begun))));
         let error = relative(&found.displacement, &whole.displacement);
@@ -297,7 +294,7 @@ fn a_swept_press_goes_on_where_finite_elements_ended() {
     let options = Options { friction: 0.5, sweeps: 12 };
     let found = last(Compliance::new(body, options).unwrap().solve_path(&press));
     let error = relative(&found.displacement, &exact.displacement);
-    // What the sweeps leave out of balance is below 1e-5 of the force.
+    // The residual of the sweeps is below 1e-5 of the force.
     assert!(error < 1e-4, "displacements differ by {error:.1e}");
 }
 
@@ -324,12 +321,12 @@ fn asking_for_less_changes_nothing_that_is_answered() {
     let mut model = linear(&block(), 0.4);
     let path = vec![at(0.0, 0.2 * MM), at(0.05 * MM, 0.3 * MM)];
     let presses = [ball(), cuboid()].map(|shape| along(shape, path.clone()));
-    // One thread uses its memory again for the second press.
+    // A single thread reuses its memory for the second press.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let whole = frames(pool.install(|| model.solve(&presses)));
-    let moved = pool.install(|| model.moved(&presses));
+    let moved = frames(pool.install(|| model.feel(&presses, Wanted::default())));
     for (whole, moved) in whole.iter().zip(moved) {
-        let moved = moved.unwrap();
+        assert!(moved.von_mises.is_empty());
         assert_eq!(moved.history, whole.history);
         assert_eq!(moved.contact_force, whole.contact_force);
         assert_eq!((moved.wrench, moved.iterations), (whole.wrench, whole.iterations));
@@ -351,7 +348,7 @@ fn a_turned_scene_turns_the_answer() {
     });
     let turned: Vec<_> = here.displacement.iter().map(|u| turn.rotation * u).collect();
     let error = relative(&there.displacement, &turned);
-    // Patches of equal rank may be formed in another order, and contact settles to 1e-5.
+    // Patches of equal rank may be formed in another order, and contact converges to 1e-5.
     assert!(error < 1e-4, "displacements differ by {error:.1e}");
 }
 
@@ -364,9 +361,7 @@ fn a_given_force_is_met_by_the_travel_that_causes_it() {
         let pushed = last(model.solve_path(&press));
         let force = -pushed.wrench.force.z;
         assert!((force - 0.3).abs() < 1e-6, "{shape:?}: {force} N, not 0.3 N");
-        let wrench = model.wrenches(&press).pop().unwrap().unwrap();
-        assert_eq!(wrench, pushed.wrench);
-        // From there on to less force and back to none.
+        // The press continues to less force.
         let less = Press::with_force(vec![shape.clone()], at(0.0, 0.0), 0.1, -Vector3::z());
         let less = last(model.solve_path(&less.unwrap().after(pushed.history).unwrap()));
         let force = -less.wrench.force.z;
@@ -385,7 +380,7 @@ fn a_force_of_a_few_micronewtons_is_met() {
             let points = last(model.solve_path(&push())).wrench.force;
             let nodes = model.at_nodes().settle(&push()).unwrap().wrench.force;
             for found in [points, nodes] {
-                // What a frame may leave out of balance.
+                // The largest residual of a frame.
                 assert!((-found.z - force).abs() <= 1e-7, "{found} N against {force} N");
             }
         }
@@ -397,7 +392,7 @@ fn a_push_that_misses_the_body_is_named() {
     let model = linear(&block(), 0.0);
     let press = Press::with_force(vec![ball()], at(0.0, -MM), 1.0, Vector3::z()).unwrap();
     let error = model.solve_path(&press).pop().unwrap().unwrap_err();
-    // Followed for a metre, in strides that grow with the distance.
+    // The push is followed for a metre, in steps that grow with the distance.
     let Error::Unreachable { reached: 0.0, travel, .. } = error else { panic!("{error}") };
     assert!((1.0..2.1).contains(&travel), "{travel} m");
 }
@@ -471,7 +466,7 @@ fn bodies_and_options_that_make_no_sense_are_refused() {
     assert!(error.to_string().contains("history"), "{error}");
 }
 
-/// A folder of its own that is gone when the test ends.
+/// Temporary folder that is deleted at the end of the test.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -514,7 +509,7 @@ fn a_stored_compliance_answers_the_same_and_a_damaged_one_is_computed_anew() {
         assert_eq!(answer(), computed);
         assert_eq!(fs::read(file).unwrap(), sound);
     }
-    // Numbers whose own hash is right, of another body: the key tells.
+    // An intact file of another body is detected by its key.
     let softer = bonded(block_mesh(), Law::NeoHookean, Moduli { young: 1e5, ..GEL });
     drop(Compliance::cached(softer, Options::default(), &folder.0).unwrap());
     let other = folder.files().into_iter().find(|path| path != file).unwrap();
@@ -534,7 +529,7 @@ fn a_folder_that_cannot_be_written_is_named() {
 
 #[test]
 fn a_shape_led_through_the_body_is_not_unfelt() {
-    // From just over the block to under it, in one frame.
+    // Moved from just above the block to below it in one frame.
     for radius in [2.0 * MM, 20.0 * MM] {
         let at = |z| vec![Isometry3::translation(0.3 * MM, 0.2 * MM, z)];
         let path = vec![at(radius + 0.1 * MM), at(-5.0 * MM - radius)];
@@ -547,7 +542,7 @@ fn a_shape_led_through_the_body_is_not_unfelt() {
 
 #[test]
 fn a_thin_wall_led_through_the_body_is_not_unfelt() {
-    // Rings with walls of 0.3 to 0.7 mm, led from over the block to under it at several places.
+    // Rings with walls of 0.3 to 0.7 mm, moved from above the block to below it at several places.
     for wall in [0.3, 0.5, 0.7] {
         let outer = 2.5 * wall * MM;
         let ring = Shape::Annulus { outer, inner: outer - wall * MM, half_height: 0.5 * outer };
@@ -567,7 +562,8 @@ fn a_thin_wall_led_through_the_body_is_not_unfelt() {
 
 #[test]
 fn nothing_begins_or_sinks_unfelt_in_a_linear_body_or_what_holds_it() {
-    // Below the surface, where no point of it is in them: a ring in the block, a ball in its base.
+    // Shapes that start below the surface without containing a surface point: a ring in the block,
+    // a ball in its base.
     let ring = Shape::Annulus { outer: 1.0 * MM, inner: 0.6 * MM, half_height: 0.5 * MM };
     let ball = Shape::Sphere { radius: 0.5 * MM };
     let base = block().mesh().vertices.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);

@@ -13,19 +13,20 @@ use crate::bed::{ball, gripped, hold, soft};
 
 const RADIUS: f64 = 0.015;
 
-/// A gel other than the bed's under a ball: a power law in depth, a linear spring sideways from where
-/// the ball first touched, Coulomb's limit, both at the deepest point of the touch.
+/// Gel under a ball with a force law unlike that of the elastic foundation: a power law in depth,
+/// and a linear spring sideways from the place of first contact up to Coulomb's limit. Both act at
+/// the deepest point of the contact.
 #[derive(Clone, Copy)]
 struct Gel {
     /// Force at 1 mm (N).
     force: f64,
     exponent: f64,
-    /// N/m.
+    /// Sideways stiffness (N/m).
     shear: f64,
 }
 
 impl Gel {
-    /// Force and torque on the pad under a ball at `pose` that touched at `touched` (m).
+    /// Force and torque on the pad under a ball at `pose` whose first contact was at `touched` (m).
     fn wrench(&self, pose: &Isometry3<f64>, touched: &Vector3<f64>) -> Wrench {
         let depth = RADIUS - pose.translation.z;
         if depth <= 0.0 {
@@ -44,7 +45,7 @@ impl Gel {
     }
 }
 
-/// One finger's view of a gel: where the ball first touched.
+/// A gel with the place of first contact of the ball for each finger.
 struct Feel {
     gel: Gel,
     touched: [Option<Vector3<f64>>; 2],
@@ -55,7 +56,7 @@ impl Feel {
         Self { gel, touched: [None; 2] }
     }
 
-    /// What the gel of a finger answers to the scene.
+    /// Wrench of a finger's gel in the present state of the scene.
     fn wrench(&mut self, scene: &Scene, finger: usize) -> Wrench {
         let state = &scene.state().fingers[finger];
         if !state.touches() {
@@ -67,7 +68,7 @@ impl Feel {
         self.gel.wrench(&state.object, touched)
     }
 
-    /// A control step, then the correction.
+    /// Takes a control step, then corrects both fingers.
     fn step(&mut self, scene: &mut Scene, command: &Command) {
         scene.step(command);
         for finger in 0..2 {
@@ -77,7 +78,8 @@ impl Feel {
     }
 }
 
-/// Softer and stiffer than the bed, whose ball of 15 mm bears 10 N at 1 mm.
+/// Gels softer and stiffer than the elastic foundation, which bears 10 N under a ball of 15 mm at 1
+/// mm.
 fn gels() -> Vec<Gel> {
     let mut gels = Vec::new();
     for force in [6.0, 10.0, 14.0] {
@@ -88,7 +90,7 @@ fn gels() -> Vec<Gel> {
     gels
 }
 
-/// |model − scene| over the grip force, the worse finger.
+/// |model − scene| over the grip force, of the worse finger.
 fn defect(scene: &Scene, feel: &mut Feel, grip: f64) -> f64 {
     let of = |finger: usize, feel: &mut Feel| {
         let found = scene.state().fingers[finger].wrench.force;
@@ -213,7 +215,7 @@ fn nonsense_from_a_model_is_bounded() {
     }
 }
 
-/// The gel itself as condensed finite elements, its contact history included.
+/// The gel as condensed finite elements, with its contact history.
 struct Condensed {
     model: Compliance,
     histories: [Option<History>; 2],
@@ -229,7 +231,7 @@ impl Condensed {
         Self { model, histories: [None, None] }
     }
 
-    /// Wrench on the pad of a finger where the scene is.
+    /// Wrench on the pad of a finger in the present state of the scene.
     fn wrench(&mut self, scene: &Scene, finger: usize) -> Wrench {
         let pose = scene.state().fingers[finger].object;
         let ball = Shape::Sphere { radius: RADIUS };

@@ -1,4 +1,5 @@
-//! Stiff, nearly incompressible, sharp, deep, rough and badly meshed: solved, or refused by name.
+//! Extreme presses (stiff, nearly incompressible, sharp, deep, rough, badly meshed) are solved or
+//! refused with a specific error.
 
 use std::f64::consts::{FRAC_PI_4, PI, SQRT_2};
 
@@ -29,7 +30,7 @@ fn plate() -> Vec<Shape> {
     vec![Shape::HalfSpace]
 }
 
-/// A body on its base, its moduli given by height.
+/// A body held at its base, with moduli that depend on the height.
 fn layered(mesh: TetMesh, moduli: impl Fn(f64) -> Moduli, options: Options) -> Fem {
     let moduli = mesh.tets.iter().map(|tet| {
         let height = |&node: &u32| 0.25 * mesh.vertices[node as usize].z;
@@ -48,7 +49,7 @@ fn the_answer_is_the_same_from_a_thousand_to_a_thousand_million_pascals() {
     for young in [1e3, 1e9] {
         let frame = press(young);
         let force = pressing(&frame) / young * 2e5;
-        // 1e-7 N may be left at 1 kPa, where the force is 5 mN.
+        // The residual may be 1e-7 N; at 1 kPa the force is 5 mN.
         let error = (force / pressing(&reference) - 1.0).abs();
         assert!(error < 1e-4, "{young} Pa: scaled force off by {error:.1e}");
         let error = relative(&frame.displacement, &reference.displacement);
@@ -58,7 +59,7 @@ fn the_answer_is_the_same_from_a_thousand_to_a_thousand_million_pascals() {
 
 #[test]
 fn small_bodies_are_too_soft_by_what_the_contact_gives() {
-    // The softness of 2 µm does not shrink with the body: README says by how much it is felt.
+    // The contact softness of 2 µm does not scale with the body.
     let moduli = Moduli { poisson: 0.45, ..GEL };
     let force = |scale: f64| {
         let mut mesh = block_mesh(3);
@@ -77,7 +78,7 @@ fn small_bodies_are_too_soft_by_what_the_contact_gives() {
 
 #[test]
 fn a_layer_a_million_times_stiffer_is_rigid() {
-    // A soft layer under a stiff one gives way as if a rigid plate were glued to it.
+    // A soft layer under a stiff one deforms as if a rigid plate were glued to it.
     let soft = Moduli { young: 1e3, poisson: 0.45 };
     let side = even(-4.0 * MM, 4.0 * MM, 8);
     let two = grid(&side, &side, &even(-4.0 * MM, 0.0, 8));
@@ -87,7 +88,7 @@ fn a_layer_a_million_times_stiffer_is_rigid() {
     let both = last(&layered(two, stiff_above, options), plate(), vec![plate_at(0.0, -0.2 * MM)]);
     let alone = last(&layered(one, |_| soft, options), plate(), vec![plate_at(0.0, -2.2 * MM)]);
     let [both, alone] = [both, alone].map(|frame| pressing(&frame));
-    // The plate's contact gives a little at the rim; the glue does not.
+    // The plate's contact yields a little at the rim, unlike the glue.
     assert!((both / alone - 1.0).abs() < 5e-3, "{both} N against {alone} N");
 }
 
@@ -103,14 +104,16 @@ fn a_block_is_squeezed_to_thirty_percent_of_its_height() {
             for frames in [Element::P1Bar, Element::P2].map(squeeze) {
                 let last = frames.last().unwrap();
                 assert!(last.residual <= 1e-7, "ν {poisson} μ {friction}: {} N", last.residual);
-                // Coarse blocks buckle on the way without friction, but stay far above 10 N.
+                // Without friction, coarse blocks buckle during the press, but the force stays far
+                // above 10 N.
                 assert!(pressing(last) > 10.0, "ν {poisson} μ {friction}: {} N", pressing(last));
             }
         }
     }
 }
 
-/// A long box on its edge, a cone on its point, a small tip, each with how far it reaches below its origin.
+/// A long box on its edge, a cone on its point and a small tip, each with its extent below its
+/// origin.
 fn sharp() -> [(Shape, UnitQuaternion<f64>, f64); 3] {
     let about_x = |angle| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle);
     [
@@ -140,7 +143,7 @@ fn an_edge_a_point_and_a_small_tip_go_in_by_a_millimetre_at_once() {
             };
             let (once, slowly) = (in_steps(1), in_steps(10));
             assert!(slowly > 0.1, "{element} {shape:?}: {slowly} N");
-            // Which side of an edge or a point the nearest contact point ends on may differ.
+            // The nearest contact point may end on either side of an edge or a point.
             let error = (once / slowly - 1.0).abs();
             assert!(error < 0.03, "{element} {shape:?}: {once} N at once, {slowly} N slowly");
         }
@@ -152,7 +155,7 @@ fn a_shape_that_begins_inside_the_body_is_refused() {
     let fem = block(GEL, 2, rough(0.0));
     let tip = vec![Shape::Sphere { radius: 0.5 * MM }];
     let inside = vec![Isometry3::translation(0.0, 0.0, -2.0 * MM)];
-    // A ring's middle is not in it.
+    // The ring does not contain its own centre.
     let ring = vec![Shape::Annulus { outer: 1.5 * MM, inner: 0.9 * MM, half_height: 0.7 * MM }];
     for shape in [tip, ring] {
         let press = Press::along(shape, vec![inside.clone()]).unwrap();
@@ -185,7 +188,8 @@ fn a_tip_is_felt_on_faces_eight_millimetres_wide() {
 
 #[test]
 fn a_wall_a_tenth_of_a_millimetre_thick_is_felt_wherever_it_stands() {
-    // Its edge presses on a ring of about one force a length, whatever contact points lie under it.
+    // The force on the ring's edge is about constant per length, whatever contact points lie under
+    // it.
     let wall = 0.1 * MM;
     let ring = vec![Shape::Annulus { outer: 1.5 * MM, inner: 1.5 * MM - wall, half_height: MM }];
     let fem = block(GEL, 4, rough(0.0));
@@ -196,7 +200,7 @@ fn a_wall_a_tenth_of_a_millimetre_thick_is_felt_wherever_it_stands() {
     let forces = [0.0, 0.05, 0.1, 0.15].map(force);
     let (least, most) =
         forces.iter().fold((f64::INFINITY, 0f64), |(low, high), &f| (low.min(f), high.max(f)));
-    // Beside it the mesh, of cells of a millimetre, is stiffer here and softer there.
+    // The stiffness of the mesh around the edge, of cells of a millimetre, varies with the place.
     assert!(least > 0.8 * most, "{forces:?} N");
 }
 
@@ -210,8 +214,8 @@ fn a_wall_too_thin_to_be_felt_is_refused() {
 
 #[test]
 fn a_thin_wall_is_refused_only_where_it_comes_near_a_wide_face() {
-    // Cells of 4 mm, and behind them some of 100 mm, cut into 128 pieces at most: too wide for a ring
-    // with a wall of 0.5 mm.
+    // Cells of 4 mm, and beside them some of 100 mm, divided into 128 pieces at most: too coarse
+    // for a ring with a wall of 0.5 mm.
     let mut long = even(-12.0 * MM, 12.0 * MM, 6);
     long.push(112.0 * MM);
     let mesh = grid(&long, &even(-8.0 * MM, 8.0 * MM, 4), &even(-4.0 * MM, 0.0, 1));
@@ -260,7 +264,7 @@ fn a_thin_wall_is_refused_only_where_it_comes_near_a_wide_face() {
     }
 }
 
-/// Where a ring ends that stood `x` aside of the middle of `body`.
+/// History of a ring that stood `x` aside of the middle of `body`.
 fn moved_by(x: f64, body: &SoftBody) -> History {
     History {
         displacement: vec![Vector3::zeros(); body.mesh().vertices.len()],
@@ -278,14 +282,14 @@ fn friction_up_to_five_stiffens() {
     assert!(forces.windows(2).all(|pair| pair[1] > pair[0]), "{forces:?} N");
 }
 
-/// The block of 3 cells with columns of cells `width` wide amidst them, four across.
+/// The block of 3 cells with columns of cells of width `width` in the middle, four across.
 fn with_needles(width: f64) -> TetMesh {
     let mut side = even(-4.0 * MM, 4.0 * MM, 6);
     side.splice(3..=3, even(-width, width, 4));
     grid(&side, &side, &even(-4.0 * MM, 0.0, 3))
 }
 
-/// The block of 3 cells with a vertex in every tetrahedron, at a fraction `height` over a face.
+/// The block of 3 cells with a vertex in every tetrahedron, at a relative `height` over a face.
 fn with_slivers(height: f64) -> TetMesh {
     let mesh = block_mesh(3);
     let (mut vertices, mut tets) = (mesh.vertices.clone(), Vec::new());
@@ -300,8 +304,8 @@ fn with_slivers(height: f64) -> TetMesh {
 
 #[test]
 fn needles_and_slivers_do_no_harm() {
-    // Needles 1 µm thick and 1.3 mm long; slivers flat to a hundred-thousandth. Beside needles the
-    // faces of p1-bar stay flat like those of p1, which on this mesh is a quarter stiffer.
+    // Needles 1 µm thick and 1.3 mm long; slivers with a relative height of 1e-5. Beside needles
+    // the faces of p1-bar stay flat like those of p1, which is a quarter stiffer on this mesh.
     let moduli = Moduli { poisson: 0.3, ..GEL };
     for (element, tolerance) in [(Element::P1, 1e-3), (Element::P1Bar, 0.25), (Element::P2, 2e-3)] {
         let options = Options { element, ..rough(0.5) };
@@ -311,7 +315,7 @@ fn needles_and_slivers_do_no_harm() {
         };
         let plain = force(block_mesh(3));
         for other in [with_needles(2e-6), with_slivers(1e-5)].map(force) {
-            // Thin elements add little room to move.
+            // Thin elements add few effective degrees of freedom.
             let error = (other / plain - 1.0).abs();
             assert!(error < tolerance, "{element}: {other} N against {plain} N");
         }
@@ -325,14 +329,14 @@ fn pushed(fem: &Fem, shape: Shape, pose: Vec<Isometry3<f64>>, force: f64) -> Res
 
 #[test]
 fn a_hundred_newtons_are_borne() {
-    // Eight times Young's modulus on the block's face.
+    // The pressure is eight times Young's modulus on the block's face.
     for friction in [0.0, 0.5] {
         let frame =
             pushed(&block(GEL, 3, rough(friction)), Shape::HalfSpace, plate_at(0.0, 0.0), 100.0);
         let force = pressing(&frame.unwrap());
         assert!((force - 100.0).abs() < 1e-6, "μ {friction}: {force} N");
     }
-    // A ball squeezes the gel aside, and stands on what holds it before it is pushed so hard.
+    // A ball displaces the gel and reaches the base before the force is so large.
     let large = || vec![Isometry3::translation(0.0, 0.0, 20.0 * MM)];
     let ball = |force| {
         pushed(&block(GEL, 3, rough(0.0)), Shape::Sphere { radius: 20.0 * MM }, large(), force)
@@ -348,7 +352,7 @@ fn a_hundred_newtons_are_borne() {
 #[test]
 fn a_force_that_is_never_met_is_named() {
     let pad = block(GEL, 2, rough(0.2));
-    // The ball of 4 mm is through the frictionless block of 4 mm before it presses that hard.
+    // The ball of 4 mm passes the frictionless block of 4 mm before the force is so large.
     let through = pushed(&block(GEL, 3, rough(0.0)), ball()[0].clone(), ball_at(0.0, 0.0), 100.0);
     let too_much = pushed(&pad, ball()[0].clone(), ball_at(0.0, 0.0), 1e5);
     let start = ball_at(0.0, 0.1 * MM);
@@ -360,7 +364,7 @@ fn a_force_that_is_never_met_is_named() {
     }
 }
 
-/// Work of a ball on a block along a closed path, and the largest on the way (J).
+/// Work of a ball on a block along a closed path, and its maximum along the path (J).
 fn round_trip(fem: &Fem) -> (f64, f64) {
     const STEPS: u32 = 16;
     let corners = [[0.0, 0.0], [0.0, 0.4], [0.3, 0.4], [0.3, 0.2], [0.0, 0.2], [0.0, 0.0]];
@@ -386,7 +390,8 @@ fn no_energy_is_won_round_a_closed_path() {
     for element in [Element::P1Bar, Element::P2] {
         let work = |friction| round_trip(&block(GEL, 3, Options { element, ..rough(friction) }));
         let (lost, most) = work(0.0);
-        // The trapezium rule in 16 steps a side; half as many leave two to four times as much.
+        // Error of the trapezium rule in 16 steps a side; half as many give two to four times as
+        // much.
         assert!(lost.abs() < 2e-3 * most, "{element}: {lost:.2e} J of {most:.2e} J");
         for friction in [0.2, 0.5] {
             let (lost, most) = work(friction);
@@ -414,8 +419,8 @@ fn one_two_and_four_threads_give_the_same_bits() {
 
 #[test]
 fn a_ball_in_a_wall_by_most_of_its_width_is_not_let_go_on_the_other_side() {
-    // Press 1186 of the stability report: led down on the wall's edge and on past its foot at once. The
-    // ball stood 0.48 mm deep in the wall of 0.6 mm, and then below it without a force.
+    // Press 1186 of the stability report: moved down onto the wall's edge and past its foot in one
+    // frame. The ball was 0.48 mm deep in the wall of 0.6 mm, and ended below it without a force.
     let wall = grid(
         &even(-0.3 * MM, 0.3 * MM, 2),
         &even(-4.0 * MM, 4.0 * MM, 6),
@@ -433,9 +438,9 @@ fn a_ball_in_a_wall_by_most_of_its_width_is_not_let_go_on_the_other_side() {
 
 #[test]
 fn nothing_goes_through_what_holds_the_body() {
-    // Presses 2671 and 3503 of the stability report, a cup that sank into a pad between its contact points
-    // and a tip that turned a linear film inside out, and a ball that began in the base: all stood below
-    // the body at the end, unfelt.
+    // Presses 2671 and 3503 of the stability report (a cup that sank into a pad between its contact
+    // points and a tip that inverted a linear film), and a ball that started in the base. All ended
+    // below the body without a force.
     let below = |fem: &Fem, shape: Shape, begin: Isometry3<f64>, way: f64| {
         let end = Translation3::new(0.0, 0.0, -way) * begin;
         let press = Press::along(vec![shape], vec![vec![begin], vec![end]]).unwrap();

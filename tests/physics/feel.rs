@@ -1,4 +1,4 @@
-//! Environments whose fingers feel: presses of the whole batch, endings, snapshots, costs.
+//! Environments with tactile sensing: presses of the whole batch, endings, snapshots, costs.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ fn coarse(nodes: usize) -> Resolution {
     Resolution { nodes, ..Resolution::default() }
 }
 
-/// The hand right over an object that it can hold; a coarse pad, for speed.
+/// Configuration with the hand right above an object that it can hold, and a coarse pad for speed.
 fn config(object: &str) -> Config {
     Config {
         objects: vec![ObjectSpec::Name(object.into())],
@@ -40,7 +40,8 @@ fn batch(config: Config, rows: usize, threads: usize, autoreset: Autoreset) -> B
     batch
 }
 
-/// Actions (N, 5) that go down to the object, close with `grip` and lift; each row a bit later.
+/// Actions (N, 5) that move down to the object, close with `grip` and lift; each row starts a
+/// little later.
 fn grasp(rows: usize, step: usize, grip: f32) -> Vec<f32> {
     let action = |row: usize| match step.saturating_sub(row % 3) {
         0..7 => [0.0, 0.0, -0.9, 0.0, -0.2],
@@ -50,7 +51,7 @@ fn grasp(rows: usize, step: usize, grip: f32) -> Vec<f32> {
     (0..rows).flat_map(action).collect()
 }
 
-/// The part of a row's observation that is one channel.
+/// Part of a row's observation that belongs to one channel.
 fn channel<'a>(batch: &Batch, result: &'a StepResult, row: usize, name: &str) -> &'a [f32] {
     let layout = batch.setup().layout();
     let mut start = row * layout.size();
@@ -163,7 +164,7 @@ fn a_press_without_an_answer_ends_its_episode_only() {
         let mut again = vec![false; 3];
         for (row, outcome) in result.outcomes.iter().enumerate() {
             let failed = outcome.ending == Some(Ending::PressFailed);
-            // Where the contact was taken up anew, the error is told and the episode goes on.
+            // After a restart of the contact the error is reported and the episode goes on.
             assert!(outcome.press_error.is_some() || !failed);
             ended[row] |= failed;
             again[row] = outcome.terminated;

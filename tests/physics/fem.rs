@@ -90,7 +90,7 @@ fn nodal_forces_add_up_to_the_wrench() {
 
 #[test]
 fn a_rough_plate_squeezes_a_block_without_locking() {
-    // Held above and below, the block can only swell at its sides.
+    // Held above and below, the block can only expand at its sides.
     let squeeze = |element, poisson, cells| {
         let moduli = Moduli { young: 2e5, poisson };
         let fem = block(moduli, cells, Options { element, ..rough(5.0) });
@@ -101,7 +101,7 @@ fn a_rough_plate_squeezes_a_block_without_locking() {
         let reference = squeeze(Element::P2, poisson, 3);
         let averaged = squeeze(Element::P1Bar, poisson, 6) / reference - 1.0;
         println!("ν {poisson}: p1-bar off by {:.1} % of {reference} N", 100.0 * averaged);
-        // Both meshes have the same nodes, and linear ones converge one order more slowly.
+        // Both meshes have the same nodes, and linear elements converge one order more slowly.
         assert!(averaged.abs() < 0.02, "ν {poisson}: off by {averaged:.3} of {reference} N");
     }
     let locked = squeeze(Element::P1, 0.4999, 6) / squeeze(Element::P2, 0.4999, 3);
@@ -119,9 +119,9 @@ fn friction_sticks_below_and_slips_at_its_limit() {
     let ratio = |frame: &Deformation| frame.wrench.force.x / -frame.wrench.force.z;
     let [small, twice, slid] = [1, 2, 5].map(|i| ratio(&frames[i]));
     assert!(small > 0.0 && twice < friction, "{small}, {twice}");
-    // While it sticks the block is a spring, softened by the rim that slips first.
+    // While sticking, the block acts as a spring, softened by the rim that slips first.
     assert!((twice / small - 2.0).abs() < 0.2, "{small}, then {twice}");
-    // Slipping friction is μ times pressure at every point.
+    // Friction of slipping points is μ times pressure.
     assert!((slid / friction - 1.0).abs() < 1e-3, "{slid} against {friction}");
 }
 
@@ -137,7 +137,7 @@ fn the_way_does_not_matter_without_friction() {
     ];
     let round = last(&fem, ball(), detour);
     let error = relative(&round.displacement, &direct.displacement);
-    // Both frames leave 1e-7 N unbalanced, of about 0.3 N.
+    // The residual of both frames is 1e-7 N, with forces of about 0.3 N.
     assert!(error < 1e-6, "displacements differ by {error:.1e}");
 }
 
@@ -156,7 +156,8 @@ fn a_turned_scene_turns_the_answer() {
     });
     let turned: Vec<_> = here.displacement.iter().map(|u| turn.rotation * u).collect();
     let error = relative(&there.displacement, &turned);
-    // Both frames leave 1e-7 N unbalanced, of about 0.4 N, and friction adds up over two frames.
+    // The residual of both frames is 1e-7 N, with forces of about 0.4 N, and errors of friction add
+    // up over two frames.
     assert!(error < 1e-5, "displacements differ by {error:.1e}");
 }
 
@@ -218,7 +219,8 @@ fn a_press_goes_on_where_another_ended() {
     let press = Press::along(ball(), path[2..].to_vec()).unwrap().after(first.history).unwrap();
     let rest = fem.solve_path(&press).pop().unwrap().unwrap();
     let error = relative(&rest.displacement, &whole.displacement);
-    // They start the last frame differently, and both leave 1e-7 N unbalanced, of about 0.4 N.
+    // They start the last frame from different states; the residual of both is 1e-7 N, with forces
+    // of about 0.4 N.
     assert!(error < 1e-6, "displacements differ by {error:.1e}");
 }
 
@@ -245,11 +247,12 @@ fn a_given_force_is_met_by_the_travel_that_causes_it() {
         let force = -pushed.wrench.force.z;
         assert!((force - 0.3).abs() < 1e-6, "{force} N, not 0.3 N");
         let led = last(&fem, ball(), vec![pushed.poses.clone()]);
-        // Friction sticks where the ball first touches, and both find that along their own way.
+        // Friction sticks at the place of first contact, which the two presses determine
+        // differently.
         let error = led.wrench.force.z / pushed.wrench.force.z - 1.0;
         assert!(error.abs() < 2e-3, "μ {friction}: led there it presses {error:.1e} more");
         if friction == 0.0 {
-            // The push was solved on the whole body, the led ball on the nodes that it may touch.
+            // The push was solved on the whole body, the moved ball on the nodes that it may touch.
             let off = relative(&led.displacement, &pushed.displacement);
             assert!(off < 1e-6, "what is condensed is off by {off:.1e}");
         }
@@ -273,7 +276,7 @@ fn a_push_within_the_tolerance_is_refused() {
 fn a_body_with_no_face_to_press_is_refused() {
     let mesh = block_mesh(2);
     let all: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
-    // All, and all on the surface.
+    // All nodes, and all surface nodes.
     let outer: Vec<u32> = mesh.boundary().concat();
     for held in [all, outer] {
         let body = SoftBody::new(mesh.clone(), Law::NeoHookean, GEL, &held).unwrap();
@@ -290,14 +293,15 @@ fn a_push_that_misses_the_body_is_named() {
     let fem = block(GEL, 2, rough(0.0));
     let press = Press::with_force(ball(), ball_at(0.0, -MM), 1.0, Vector3::z()).unwrap();
     let error = fem.solve_path(&press).pop().unwrap().unwrap_err();
-    // It is followed for a metre, in strides that grow with the distance.
+    // The push is followed for a metre, in steps that grow with the distance.
     let Error::Unreachable { reached: 0.0, travel, .. } = error else { panic!("{error}") };
     assert!((1.0..2.1).contains(&travel), "{travel} m");
 }
 
 #[test]
 fn what_a_body_bears_of_a_force_that_is_too_much_is_told() {
-    // Through the block it goes at some newtons; asked for 1e5, as for ten, it says how far it came.
+    // The ball passes the block at some newtons; the error reports how far it came, even if 1e5 N
+    // were requested.
     let fem = block(GEL, 2, rough(0.2));
     let borne = |force: f64| {
         let press = Press::with_force(ball(), ball_at(0.0, -MM), force, -Vector3::z()).unwrap();
@@ -308,9 +312,9 @@ fn what_a_body_bears_of_a_force_that_is_too_much_is_told() {
     };
     let [(much, deep), (more, deeper)] = [1e3, 1e5].map(borne);
     assert!(much > 1.0 && more > 1.0, "{much} N of 1e3 N, {more} N of 1e5 N");
-    // Found to within a sixteenth, which the shape goes in by about as much less.
+    // Load steps are at least a sixteenth of the reached force, which limits its accuracy.
     assert!((more / much - 1.0).abs() < 0.2, "{much} N of 1e3 N, {more} N of 1e5 N");
-    // Over the gap and into the block, at most until the ball is under its face.
+    // Travel through the gap and into the block, at most until the ball is below its face.
     for travel in [deep, deeper] {
         assert!((MM..9.0 * MM).contains(&travel), "{travel} m");
     }
@@ -344,7 +348,7 @@ fn a_free_block_is_held_between_two_plates() {
     let bottom = Isometry3::translation(0.0, 0.0, -4.0 * MM);
     let top = plate_at(0.0, -0.2 * MM)[0];
     let frame = last(&fem, vec![Shape::HalfSpace, Shape::HalfSpace], vec![vec![bottom, top]]);
-    // The block is at rest: what the plates do cancels, to the tolerance.
+    // The block is at rest: the forces of the plates cancel to the tolerance.
     let net = frame.wrench.force.norm();
     assert!(net < 1e-7, "{net} N");
     let side = nodes_where(fem.body().mesh(), |p: &Point3<f64>| p.x > 3.9 * MM);
@@ -389,7 +393,7 @@ fn a_ball_between_two_pads_finds_the_middle_and_carries_its_load() {
     let path: Vec<_> = (0..6).map(|i| facing(8.1 * MM - 0.2 * MM * f64::from(i))).collect();
     let weight = Wrench { force: Vector3::new(0.0, 0.0, -0.02), torque: Vector3::zeros() };
     for (load, start) in [(Wrench::default(), 0.03 * MM), (weight, 0.0)] {
-        // The pads first touch in the second frame, so a load is there only once they hold.
+        // The pads first touch in the second frame; a load can only be carried once they hold.
         let closing = Grasp {
             object: ball()[0].clone(),
             start: Isometry3::translation(start, 0.0, 0.0),
@@ -416,7 +420,7 @@ fn a_ball_between_two_pads_finds_the_middle_and_carries_its_load() {
 
 #[test]
 fn a_tip_finer_than_the_mesh_is_felt() {
-    // Faces of 1.3 mm and a ball of half a millimetre between their nodes.
+    // The faces are 1.3 mm wide, and a ball of half a millimetre is between their nodes.
     let fem = block(GEL, 3, rough(0.0));
     let pose = vec![Isometry3::translation(0.4 * MM, 0.3 * MM, 0.4 * MM)];
     let tip = last(&fem, vec![Shape::Sphere { radius: 0.5 * MM }], vec![pose]);

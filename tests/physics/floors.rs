@@ -1,4 +1,4 @@
-//! `lib.rs` declares modules from the ground up; none may import a later one.
+//! Order of modules: `lib.rs` declares them from the lowest layer up; none may import a later one.
 
 use std::{
     fs,
@@ -22,7 +22,7 @@ fn no_module_imports_a_higher_floor() {
     }
 }
 
-/// Whether `text` names `module` right after `crate::`, alone or first in a brace's list.
+/// Returns whether `text` names `module` right after `crate::`, alone or first in a brace's list.
 fn imports(text: &str, module: &str) -> bool {
     text.match_indices("crate::").any(|(at, prefix)| {
         let rest = &text[at + prefix.len()..];

@@ -9,7 +9,7 @@ use ruffini_core::{
     scene::{Command, Object, ObjectModel, Scene, SceneConfig, SceneState, named},
 };
 
-/// One grasp.
+/// Parameters of one grasp.
 #[derive(Clone)]
 pub(crate) struct Trial {
     pub(crate) config: SceneConfig,
@@ -33,7 +33,7 @@ impl Default for Trial {
     }
 }
 
-/// What came of it, or why the scene refused.
+/// Result of a grasp.
 #[derive(Debug, Default)]
 pub(crate) struct Outcome {
     pub(crate) failed: bool,
@@ -92,7 +92,7 @@ pub(crate) fn run(model: &ObjectModel, trial: &Trial) -> Result<Outcome> {
     let (mut forces, mut before) = (Vec::new(), scene.state());
     for i in 1..=(end / dt).round() as usize {
         let t = i as f64 * dt;
-        // Weightless until gripped, so that the matrix is about holding and not about balancing.
+        // Weightless until gripped, so that the test is of holding and not of balancing.
         let gripped = t > SETTLE + CLOSE - 0.1;
         scene.set_gravity(if gripped { trial.config.physics.gravity } else { 0.0 });
         scene.advance(&wrist(trial, t, z), if t > SETTLE { trial.grip } else { -1.0 });
@@ -146,7 +146,7 @@ fn imbalance(trial: &Trial, before: &SceneState, state: &SceneState, dt: f64) ->
 
 /// The nine shapes, about 30 mm wide.
 pub(crate) fn shapes() -> Vec<(&'static str, ObjectModel)> {
-    // Waisted, so that its triangles collide and not its hull.
+    // The peanut has a waist, so that its triangles collide and not its hull.
     let peanut = Shape::StarShaped(StarShaped::new(
         Vector3::new(0.018, 0.018, 0.024),
         vec![Wave { amplitude: -0.25, vector: Vector3::z() * 3.0, phase: 0.0 }],
@@ -166,7 +166,7 @@ pub(crate) fn shapes() -> Vec<(&'static str, ObjectModel)> {
     shapes.map(|(name, shape)| (name, ObjectModel::new(shape).unwrap())).into()
 }
 
-/// What went wrong in the 63 grasps of the matrix.
+/// Runs the 63 grasps of the matrix and describes those that went wrong.
 pub(crate) fn matrix(config: &SceneConfig) -> Vec<String> {
     let (mut held, mut dropped, mut wrong) = (0, 0, Vec::new());
     for (name, model) in shapes() {
@@ -174,7 +174,7 @@ pub(crate) fn matrix(config: &SceneConfig) -> Vec<String> {
             [0.02, 0.1, 0.5].into_iter().flat_map(|m| [1.0, 5.0, 20.0].map(|g| (m, g)))
         {
             let trial = Trial { config: config.clone(), mass, grip, ..Trial::default() };
-            // Shaking needs up to 16 m/s² of friction; a third of reserve keeps clear of the limit.
+            // Shaking needs up to 16 m/s² of friction; a third of reserve stays clear of the limit.
             let friction = 2.0 * trial.friction * grip;
             let (must_hold, must_drop) =
                 (friction > 1.5 * 16.0 * mass, friction < 0.8 * 9.81 * mass);
@@ -206,7 +206,7 @@ fn what_must_hold_holds_and_what_must_drop_drops() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Fall within 1 s of an object gripped in weightlessness, once gravity acts (m).
+/// Fall distance (m) in 1 s under gravity of an object gripped in weightlessness.
 fn fall(model: &ObjectModel, mass: f64, grip: f64, friction: f64) -> f64 {
     let config = SceneConfig::default();
     let pose = Isometry3::translation(0.0, 0.0, 0.1);
@@ -221,12 +221,12 @@ fn fall(model: &ObjectModel, mass: f64, grip: f64, friction: f64) -> f64 {
     0.1 - scene.state().object.pose.translation.z
 }
 
-/// Two pads carry m g from μ* = m g / 2 F on. Only faces that the pads meet squarely: a tapered or
-/// lumpy body has another limit.
+/// Two pads carry m g above the friction coefficient μ* = m g / 2 F. This holds only for faces that
+/// lie flat on the pads: tapered or lumpy bodies have another limit.
 ///
-/// The block of 0.5 kg is the exception. Friction frozen across the slip direction while closing
-/// fades only as slip goes on, and on four-point patches under bodies much heavier than a finger it
-/// takes between 10 and 12 % of the limit.
+/// The block of 0.5 kg is an exception. Friction that was locked in across the slip direction
+/// during closing decays only with slip. In four-point contacts under bodies much heavier than a
+/// finger it takes between 10 and 12 % of the limit.
 #[test]
 fn an_object_slips_within_six_percent_of_the_coulomb_limit() {
     let square = ["sphere", "cuboid", "cylinder", "32-gon", "octagon", "annulus"];
@@ -275,7 +275,7 @@ fn extremes_stay_finite_and_right() {
     }
     let mut wrong = Vec::new();
     for (name, model, trial) in &cases {
-        // Rapier keeps forces true up to 20 000 m/s² of grip over mass.
+        // Rapier's forces are accurate up to a ratio of grip force to mass of 20 000 m/s².
         let o = match run(model, trial) {
             Ok(o) => o,
             Err(error) => {
@@ -315,7 +315,7 @@ fn what_nobody_touches_stays_where_it_stands() {
             scene.state().object.pose.translation.vector
         };
         let way = (at(10) - at(250)).norm();
-        // A hundredth of a millimetre in 10 s; a cup with a floor in one piece goes 5 mm.
+        // At most 0.01 mm in 10 s; a cup with a floor in one piece moves by 5 mm.
         assert!(way < 1e-5, "{name} went {:.3} mm in 10 s", 1e3 * way);
     }
 }

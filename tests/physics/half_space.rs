@@ -1,4 +1,4 @@
-//! Meshes of a block so large that it passes for a half-space or a layer, fine where it is pressed.
+//! Meshes of a block large enough to approximate a half-space or a layer, fine where it is pressed.
 
 use std::{
     collections::BTreeMap,
@@ -30,13 +30,13 @@ pub(crate) fn half_space(
     extrude(&core, shells, &(Vector3::new(width, width, depth) / CORE))
 }
 
-/// Places the ticks of [−2, 2] ever closer towards ±1, where the pressure under a punch has its pole.
+/// Moves the ticks of [−2, 2] towards ±1, where the pressure under a punch is singular.
 fn towards_rim(t: f64) -> f64 {
     let off = t.abs() - 1.0;
     t.signum() * (1.0 + off.signum() * off * off)
 }
 
-/// Turns squares about the z axis into circles (Shirley and Chiu 1997).
+/// Maps squares about the z axis to circles (Shirley and Chiu 1997).
 fn in_rings(p: &Point3<f64>) -> Point3<f64> {
     let radius = p.x.abs().max(p.y.abs());
     if radius == 0.0 {
@@ -50,8 +50,8 @@ fn in_rings(p: &Point3<f64>) -> Point3<f64> {
     Point3::new(radius * angle.cos(), radius * angle.sin(), p.z)
 }
 
-/// Grows `shells` from the buried faces of `core` until they are `size` times as large, and returns
-/// the outermost nodes, too. Steps are even in r^(−1/3), which spreads the error of u ~ 1/r.
+/// Adds `shells` around the buried faces of `core`, up to `size` times its size, and returns the
+/// outermost nodes, too. Steps are even in r^(−1/3), which distributes the error of u ~ 1/r evenly.
 fn extrude(core: &TetMesh, shells: usize, size: &Vector3<f64>) -> (TetMesh, Vec<u32>) {
     let buried = |face: &[u32; 3]| face.iter().any(|&n| core.vertices[n as usize].z < 0.0);
     let faces: Vec<_> = core.boundary().into_iter().filter(buried).collect();
@@ -69,7 +69,7 @@ fn extrude(core: &TetMesh, shells: usize, size: &Vector3<f64>) -> (TetMesh, Vec<
             |&n: &u32| Point3::from(core.vertices[n as usize].coords.component_mul(&growth));
         vertices.extend(skin.iter().map(grown));
         for face in &faces {
-            // Prisms are cut by rising number, so that neighbours agree.
+            // Prisms are divided by increasing node number, so that neighbours match.
             let mut corners = *face;
             corners.sort_unstable();
             let [a, b, c] = corners.map(|n| node(n, k - 1));

@@ -31,7 +31,7 @@ fn nodal(friction: f64) -> Nodal {
     linear(&pad(600), friction).at_nodes()
 }
 
-/// A ball whose lowest point is at (x, z) mm, off the nodes.
+/// Pose of a ball whose lowest point is at (x, z) mm, beside the nodes.
 fn ball(radius: f64, x: f64, z: f64) -> Vec<Isometry3<f64>> {
     vec![Isometry3::translation((x + 0.2) * MM, 0.3 * MM, z * MM + radius)]
 }
@@ -40,7 +40,7 @@ fn press(radius: f64, path: Vec<Vec<Isometry3<f64>>>) -> Press {
     Press::along(vec![Shape::Sphere { radius }], path).unwrap()
 }
 
-/// Straight down by `depth` mm.
+/// Press straight down by `depth` mm.
 fn down(radius: f64, depth: f64) -> Press {
     press(radius, vec![ball(radius, 0.0, 0.1), ball(radius, 0.0, -depth)])
 }
@@ -55,7 +55,7 @@ fn large_contacts_weigh_as_at_points() {
     let points = linear(&fine, FRICTION);
     let models = [points.at_nodes(), points.at_coarse_nodes(&fine, &coarse).unwrap()];
     for (radius, depth) in [(0.03, 0.9), (0.012, 1.2)] {
-        let exact = points.wrenches(&down(radius, depth)).pop().unwrap().unwrap().force;
+        let exact = points.solve_path(&down(radius, depth)).pop().unwrap().unwrap().wrench.force;
         for (model, bound) in models.iter().zip([0.06, 0.06]) {
             let found = model.settle(&down(radius, depth)).unwrap().wrench.force;
             let error = (found - exact).norm() / exact.norm();
@@ -80,13 +80,13 @@ fn no_node_is_left_inside_and_none_is_pulled() {
         }
         touching += 1;
         let normal = away.normalize();
-        // The ball pushes the pad away from its centre.
+        // The ball pushes the pad away from the ball's centre.
         let push = force.dot(&normal);
         let along = (force - normal * push).norm();
         assert!(push > 0.0 && along <= FRICTION * push * 1.001, "{force} N at {place}");
     }
     assert!(touching > 10, "{touching} nodes touch");
-    // Softness 2 µm at a pressure of Young's modulus; the pressure is below it.
+    // The softness is 2 µm at a pressure of Young's modulus; the pressure is below that.
     assert!(deepest < 2e-6, "a node is {deepest:.1e} m inside");
 }
 
@@ -108,7 +108,7 @@ fn a_ball_that_is_dragged_slides_at_the_limit() {
     let (model, radius) = (nodal(friction), 0.012);
     let way = (0..12).map(|i| ball(radius, 0.15 * f64::from(i), if i == 0 { 0.1 } else { -0.6 }));
     let force = model.settle(&press(radius, way.collect())).unwrap().wrench.force;
-    // Normals lean with the ball's curvature, and the limit with them.
+    // The ball's curvature inclines the normals, and with them the friction limit.
     let ratio = force.x / -force.z;
     assert!((ratio / friction - 1.0).abs() < 0.15, "{ratio} of the normal force");
     let smooth = nodal(0.0).settle(&down(radius, 0.6)).unwrap().wrench.force;
@@ -179,8 +179,8 @@ fn coarse_block(moduli: Moduli, friction: f64) -> Nodal {
 
 #[test]
 fn a_shape_that_drags_nodes_along_stops_at_what_holds_the_body() {
-    // A large cone, aslant, led from above to below: nodes went with it, 11 mm and more below the
-    // base, and slid off its side at last.
+    // A large inclined cone, moved from above to below: nodes moved along, 11 mm and more below the
+    // base, and finally slid off its side.
     let turn = Quaternion::new(0.077_541, 0.300_842, 0.933_336, -0.179_905);
     let turn = UnitQuaternion::new_normalize(turn);
     let at = |z: f64| {
@@ -196,7 +196,7 @@ fn a_shape_that_drags_nodes_along_stops_at_what_holds_the_body() {
 
 #[test]
 fn a_tip_is_not_led_past_a_wide_face_in_one_stride() {
-    // Two cells of 4 mm: between the nodes a tip comes nearer to none of them than 1.5 mm.
+    // With two cells of 4 mm, a tip between the nodes is at least 1.5 mm away from all of them.
     let model = coarse_block(GEL, 0.1);
     for x in [-2.0, 1.3, 2.1] {
         let at = |z: f64| vec![Isometry3::translation(x * MM, 1.8 * MM, z * MM)];
@@ -228,7 +228,7 @@ fn a_tip_between_nodes_is_refused_and_one_on_a_node_is_felt() {
 
 #[test]
 fn a_ball_that_the_skin_folds_round_is_refused() {
-    // On its way to below the pad, with little friction, nodes slide all round it.
+    // While it moves to below the pad, with little friction, nodes slide all round it.
     let (model, radius) = (linear(&pad(300), 0.03).at_nodes(), 2.2161e-3);
     let at = |z: f64| vec![Isometry3::translation(-1.84112e-3, 6.51621e-3, z)];
     let error = model.settle(&press(radius, vec![at(2.1461e-3), at(-7.49425e-3)])).unwrap_err();

@@ -42,7 +42,7 @@ fn an_object_follows_from_its_family_number_and_seed() {
     for (a, b) in objects.iter().zip(catalogue(SEED + 1)) {
         assert_ne!(a.shape, b.shape, "{} of two seeds", a.name);
     }
-    // The same bits wherever this runs.
+    // Bitwise the same on every machine.
     let ball = objects.iter().find(|o| o.family == Family::Sphere).unwrap();
     assert_eq!(ball.shape, Shape::Sphere { radius: 0.012_367_865_860_671_248 });
 }
@@ -67,7 +67,7 @@ fn surfaces_are_watertight_and_their_volumes_converge_at_second_order() {
             }
             let rate = (first / second).log2();
             println!("{} {rate} {}", object.name, first / fine);
-            // Where 20 facets go round a pointed end, the limit is not quite reached.
+            // With 20 facets round a pointed end, the limit is not quite reached.
             assert!((rate - 2.0).abs() < 0.3, "{}: rate {rate}", object.name);
         }
     }
@@ -79,7 +79,7 @@ fn mass_properties_are_those_of_the_closed_forms() {
     for object in catalogue(SEED) {
         let Some((volume, moments)) = closed_form(&object.shape) else { continue };
         let found = object.mass_properties(1000.0);
-        // 128 sides miss 0.04 % of a disc and 0.08 % of its second moment; balls, somewhat more.
+        // 128 sides lack 0.04 % of a disc and 0.08 % of its second moment; of balls, somewhat more.
         let faceted = !matches!(object.shape, Shape::Cuboid { .. } | Shape::Prism { .. });
         let bound = if faceted { 2e-3 } else { 1e-12 };
         let close = |what: &str, found: f64, exact: f64| {
@@ -142,7 +142,7 @@ fn distances_have_the_sign_of_the_solid_and_a_gradient_of_one() {
         for _ in 0..count {
             let p = Point3::from(Vector3::from_fn(|_, _| random.random_range(-reach..reach)));
             let found = shape.distance(&p);
-            // Facets of 160 to the circle sag by at most 0.1 mm under the sharpest of these curves.
+            // Facets of 160 to the circle lie at most 0.1 mm inside the sharpest of these curves.
             let gap = found.value - fine.distance(&p).value;
             assert!(gap.abs() < 1e-4, "{} at {p}: {gap} m off its facets", object.name);
             let h = 1e-6;
@@ -156,7 +156,8 @@ fn distances_have_the_sign_of_the_solid_and_a_gradient_of_one() {
             }
             let slope = Vector3::from(around.map(|[a, b]| (a.value - b.value) / (2.0 * h)));
             let error = (slope - found.normal).norm();
-            // Curvature changes over millimetres: (h / 1 mm)² and rounding of 1e-16 m over h.
+            // Error bound: curvature changes over millimetres, (h / 1 mm)², and rounding is 1e-16 m
+            // over h.
             assert!(error < 1e-5, "{} at {p}: gradient {slope}", object.name);
             smooth += 1;
         }
@@ -167,16 +168,17 @@ fn distances_have_the_sign_of_the_solid_and_a_gradient_of_one() {
 #[test]
 fn tetrahedra_fill_every_object_as_one_sound_body() {
     for object in catalogue(SEED) {
-        // Walls are 3 mm thick or more; what is smooth and solid needs less.
+        // Walls are 3 mm thick or more; smooth solids need a less fine mesh.
         let smooth = matches!(object.shape, Shape::StarShaped(_));
         let spacing = if smooth { 0.0035 } else { 0.0025 };
         let mesh = object.tets(spacing).unwrap();
         let quality = mesh.quality();
         let [least, most] = [quality.min_dihedral, quality.max_dihedral].map(f64::to_degrees);
-        // The bounds that isosurface stuffing has for smooth solids (Labelle and Shewchuk 2007).
+        // Bounds of isosurface stuffing for smooth solids (Labelle and Shewchuk 2007).
         assert!(least > 10.7 && most < 164.8, "{}: {least}° to {most}°", object.name);
         let (found, exact) = (mesh.volume(), object.mass_properties(1.0).mass);
-        // A right edge is cut off by half a spacing: 0.8 mm², four times in a ring of 50 mm².
+        // A right-angled edge is cut off by half a spacing: 0.8 mm², four times in a ring section
+        // of 50 mm².
         let error = found / exact - 1.0;
         assert!(error.abs() < 0.06, "{}: {found} m³ for {exact} m³", object.name);
         let moduli = Moduli { young: 1e5, poisson: 0.45 };
@@ -184,7 +186,7 @@ fn tetrahedra_fill_every_object_as_one_sound_body() {
     }
 }
 
-/// Grasps of an object, as the dataset draws them.
+/// Grasps of an object, sampled as in the dataset.
 fn grasps(object: &Object, count: usize) -> Vec<Antipodal> {
     GraspSampler::default().sample(&object.shape, count, object.seed).unwrap().grasps
 }
@@ -207,7 +209,8 @@ fn both_apexes_touch_the_object_inside_their_friction_cones() {
         for grasp in grasps(&object, 20) {
             let angles = grasp.pads(grasp.width).map(|pad| {
                 let touched = object.shape.distance(&(pad * Point3::origin()));
-                // Newton stops at 1e-12 of the radius; the angle of an axis from 1 − 1e-16 is 1e-8.
+                // Newton's method stops at 1e-12 of the radius; the angle of an axis from 1 − 1e-16
+                // is 1e-8.
                 assert!(touched.value.abs() < 1e-9, "{}: {} m", object.name, touched.value);
                 touched.normal.angle(&-(pad * Vector3::z()))
             });
@@ -219,7 +222,7 @@ fn both_apexes_touch_the_object_inside_their_friction_cones() {
     }
 }
 
-/// Parry's tolerances are absolute: decimetres, as in the scene.
+/// Decimetre (m): Parry's tolerances are absolute and suit that unit, as in the scene.
 const UNIT: f64 = 0.1;
 
 #[test]
@@ -236,7 +239,7 @@ fn parry_finds_no_finger_in_an_object_either() {
             let base = 0.5 * grasp.width + pad.thickness;
             let back = open + pad.thickness + hand.finger_depth;
             let low = -0.5 * pad.length;
-            // Coming down with open pads, and standing there closed.
+            // Descending with open pads, and closed at the grasp.
             for [inner, top] in [[open, 0.15], [base, hand.palm]] {
                 let half = Vector3::new(back - inner, pad.width, top - low) * (0.5 / UNIT);
                 let finger = Cuboid::new(parry(&half));
@@ -304,7 +307,8 @@ fn what_cannot_be_held_says_why() {
     assert!(message(slippery, Shape::Sphere { radius: 0.02 }).contains("friction"));
 }
 
-/// Hulls of flat faces rolled by up to a millimetre from where a slow roll had left them.
+/// Objects stay where `ObjectModel::rest` places them. Hulls of flat faces roll by up to a
+/// millimetre from the pose of the solver's slow roll alone.
 #[test]
 fn what_is_laid_on_the_table_stays_there() {
     let (config, away) = (SceneConfig::default(), Vector3::new(-0.1, -0.1, 0.1));

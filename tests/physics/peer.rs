@@ -1,6 +1,7 @@
-//! Someone else's solver: the same pad, ball, material and contact law in scikit-fem.
+//! Comparison with an independent solver: the same pad, ball, material and contact law in
+//! scikit-fem.
 //!
-//! The numbers come from `tests/reference/peer.py`, which says what they are.
+//! The numbers come from `tests/reference/peer.py`, which describes them.
 
 use nalgebra::Vector3;
 use ruffini_core::{
@@ -11,7 +12,7 @@ use serde::Deserialize;
 
 use crate::bodies::{gel_pad, press_and_shear};
 
-/// Last frames of the peer for one element.
+/// Last frames of the reference for one element.
 #[derive(Deserialize)]
 struct Answers {
     press: Answer,
@@ -47,7 +48,7 @@ fn distances(body: &SoftBody, ours: &Deformation, theirs: &Answer) -> [f64; 3] {
     let volume = |t: usize| mesh.tet_volume(t);
     assert_eq!(theirs.displacement.len(), 3 * mesh.vertices.len());
     assert_eq!(theirs.von_mises.len(), mesh.tets.len());
-    // A vertex stands for a quarter of its tetrahedra.
+    // A vertex represents a quarter of its tetrahedra.
     let mut share = vec![0.0; mesh.vertices.len()];
     for (t, tet) in mesh.tets.iter().enumerate() {
         for &node in tet {
@@ -80,7 +81,7 @@ fn compare(element: Element, friction: f64, frame: usize, theirs: &Answer) {
         theirs.force.as_slice(),
     );
     println!("{report}");
-    // What codes of other people agree to among themselves on one mesh.
+    // Agreement of independent codes among themselves on one mesh.
     assert!(displacement < 0.02 && von_mises < 0.02 && force < 0.01, "{report}");
 }
 

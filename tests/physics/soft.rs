@@ -1,4 +1,4 @@
-//! Soft objects between rigid fingers: the linear answer and the network against finite elements.
+//! Soft objects between rigid fingers: the linear model and the network against finite elements.
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use ruffini_core::{
@@ -22,7 +22,7 @@ fn half_extents() -> Vector3<f64> {
     Vector3::new(0.0104, 0.0126, 0.002)
 }
 
-/// Poses of two fingers' boxes, each `depth` (m) closer than where the ball touches.
+/// Poses of two fingers' boxes, each `depth` (m) past first contact with the ball.
 fn closed(depth: f64) -> Vec<Isometry3<f64>> {
     let flip = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     let away = RADIUS - depth + half_extents().z;
@@ -44,7 +44,7 @@ fn network(moduli: Moduli) -> SoftSurrogate {
     SoftSurrogate::named("soft", &ball(), moduli, FRICTION).unwrap()
 }
 
-/// Force of the first finger along its normal (N): that of the nodes on its side.
+/// Force of the first finger along its normal (N): the sum over the nodes on its side.
 fn force(answer: &Deformation, places: &[nalgebra::Point3<f64>]) -> f64 {
     let nodes = places.iter().zip(&answer.contact_force);
     nodes.filter(|(place, _)| place.z < 0.0).map(|(_, force)| force.z).sum()
@@ -67,7 +67,7 @@ fn a_free_body_answers_small_squeezes_as_finite_elements_do() {
         .map(|mut answers| answers.pop().unwrap().unwrap());
     let places = &body.mesh().vertices;
     let [f, g] = [&found, &truth].map(|answer| force(answer, places));
-    // 2 % of the ball's radius: what large strain adds is of that order.
+    // The depth is 2 % of the ball's radius; the effect of large strain is of that order.
     assert!((f / g - 1.0).abs() < 0.03, "{f} N against {g} N");
     let error = relative(&found.displacement, &truth.displacement);
     assert!(error < 0.05, "displacement is off by {error}");
@@ -101,7 +101,7 @@ fn the_fingers_forces_are_action_and_reaction() {
     for answer in network.solve_path(&squeeze(&[5e-4, 1.5e-3])) {
         let [a, b] = network.of_fingers(&half_extents(), &answer.unwrap());
         let (size, left) = (a.force.norm(), (a.force + b.force).norm());
-        // Single precision over some hundred nodes.
+        // Rounding of single precision over some hundred nodes.
         assert!(size > 0.1 && left < 1e-4 * size, "{left} N of {size} N are left");
         assert!(a.force.z > 0.0 && b.force.z < 0.0);
     }
@@ -135,7 +135,7 @@ fn the_network_answers_a_ball_that_it_never_saw_as_finite_elements_do() {
     let force_of = |answer, places: &[_]| force(answer, places);
     let f = force_of(&found, &network.body().mesh().vertices);
     let g = force_of(&truth, &places);
-    // Three times the median error on objects that it never saw.
+    // Three times the median error on objects outside the training data.
     let bound = 3.0 * network.card().novel.network.force.unwrap().median;
     assert!((f / g - 1.0).abs() < bound, "{f} N against {g} N, bound {bound}");
 }

@@ -1,4 +1,5 @@
-//! What a fingertip feels: each channel against its definition, and a finger's memory.
+//! Tactile signals of a fingertip: each channel against its definition, and a finger's contact
+//! history.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use ruffini_core::{
@@ -19,7 +20,7 @@ struct Tip {
     skin: Skin,
 }
 
-/// A fingertip of a known sensor.
+/// Builds a fingertip of a named sensor.
 fn tip(name: &str, resolution: Resolution) -> Tip {
     let config = Config { sensor: name.into(), resolution, ..Config::default() };
     let sensor = config.sensor().unwrap();
@@ -36,7 +37,7 @@ fn linear(body: &SoftBody) -> Compliance {
     Compliance::new(body.clone(), compliance::Options::default()).unwrap()
 }
 
-/// A ball of 5 mm over (x, y), sunk in by `depth` (m).
+/// Pose of a ball of 5 mm above (x, y), sunk in by `depth` (m).
 fn ball_at(x: f64, y: f64, depth: f64) -> Isometry3<f64> {
     Isometry3::translation(x, y, 5.0 * MM - depth)
 }
@@ -47,19 +48,19 @@ fn ball() -> Shape {
     BALL
 }
 
-/// What a finger feels by an `answer` to the ball.
+/// Input of the tactile channels for an `answer` to the ball.
 fn of_ball(answer: &Deformation) -> Felt<'_> {
     Felt { answer, object: &BALL, friction: FRICTION }
 }
 
-/// A ball pressed in off the middle and dragged aside.
+/// Press of a ball beside the middle, then dragged aside.
 fn dragged() -> Press {
     let path = [(0.4, 0.0), (0.4, 0.4), (0.4, 0.8), (0.6, 0.8), (0.9, 0.8)];
     let frames = path.map(|(x, depth)| vec![ball_at(x * MM, -1.3 * MM, depth * MM)]);
     Press::along(vec![ball()], frames.into()).unwrap().with_friction(FRICTION).unwrap()
 }
 
-/// A deformation that is `u` at rest place x, and nothing else.
+/// Deformation with only displacements, `u` at rest position x.
 fn displaced(body: &SoftBody, u: impl Fn(&Point3<f64>) -> Vector3<f64>) -> Deformation {
     let displacement: Vec<_> = body.mesh().vertices.iter().map(u).collect();
     Deformation {
@@ -132,7 +133,8 @@ fn traction_integrates_to_the_wrench() {
         let lever = 10.0 * MM;
         let error = (torque - felt.wrench.torque.z).abs() / (size * lever);
         assert!(error < 1e-6, "{grid:?}: torque about z off by {error:.1e}");
-        // Torques across are those of the normal traction and of the shear at the deformed heights.
+        // Torques about x and y are those of the normal traction and of the shear at the deformed
+        // heights.
         let places = tip.body.mesh().vertices.iter().zip(&felt.displacement);
         let shear: Vector3<f64> = places
             .zip(&felt.contact_force)
@@ -157,7 +159,7 @@ fn the_depth_of_a_resting_pad_is_its_geometry() {
             (a.z.max(b.z) > -2.0 * MM && view(&a) && view(&b)).then(|| (a - b).xy().norm())
         });
         let longest = longest.fold(0.0, f64::max);
-        // A chord lies under its arc by l²/8r; here along both sides of a cell.
+        // A chord lies below its arc by l²/8r; here along both sides of a cell.
         let [across, along, rim] =
             [outline.radius_across, outline.radius_along, outline.rim_radius];
         let crown = longest * longest / 8.0 * (1.0 / across + 1.0 / along);
@@ -197,8 +199,8 @@ fn the_depth_under_a_ball_is_the_ball() {
     let depth = 0.8 * MM;
     let press = Press::along(vec![ball()], vec![vec![ball_at(0.0, 0.0, depth)]]).unwrap();
     let felt = linear(&tip.body).solve(&[press]).remove(0).unwrap();
-    // A facet is a chord of the ball, which contact lets in by 2 µm for each Young's modulus of
-    // pressure: five of them at most under single points of so smooth a ball.
+    // A facet is a chord of the ball. The contact lets the ball in by 2 µm per Young's modulus of
+    // pressure: at most five of them under single points of so smooth a ball.
     let middle = |p: &Point3<f64>| p.coords.norm() < 2.0 * MM;
     let edges = tip
         .body
@@ -262,9 +264,10 @@ fn the_stress_map_averages_the_tetrahedra() {
     }
 }
 
-/// A contact begins to slide at its rim. On a half-space a sphere that bears the share q of what friction
-/// can bear has the share (1 - (1 - q)^(2/3))^(3/2) of its normal force where it slides (Cattaneo, Mindlin).
-/// Nodal forces mix what points with other normals bear: not all nodes of a sliding ball are at the limit.
+/// A contact begins to slide at its rim. On a half-space, a sphere with the fraction q of the
+/// largest friction force slides over the fraction (1 - (1 - q)^(2/3))^(3/2) of its normal force
+/// (Cattaneo, Mindlin). A node combines the forces of points with different normals, so not all
+/// nodes of a sliding ball are at the limit.
 #[test]
 fn the_share_that_slides_grows_as_the_contact_gives_way() {
     let tip = tip("gelsight-mini", Resolution { nodes: 3000, ..Resolution::default() });
@@ -318,7 +321,7 @@ fn a_touch_between_nodes_is_not_missed() {
     for i in 0..400 {
         let (x, y) = (f64::from(i % 20) - 9.5, f64::from(i / 20) - 9.5);
         let (x, y) = (0.7 * x * MM, 0.9 * y * MM);
-        // Half way in, whatever the chord of the mesh.
+        // The pin's centre is on the face, so it is half inside, however the mesh cuts the curve.
         let pose = Isometry3::translation(x, y, tip.sensor.outline.height(x, y));
         let mut finger = Finger::new(Isometry3::translation(x, y, 20.0 * MM));
         let press = finger.press(&tip.skin, &pin, &[pose], FRICTION).unwrap();
@@ -326,7 +329,7 @@ fn a_touch_between_nodes_is_not_missed() {
     }
 }
 
-/// What the finger feels at each depth of a ball that goes down, aside and up.
+/// Deformations of the finger at each pose of a ball that goes down, aside and up.
 fn episode(tip: &Tip, model: &mut Compliance, finger: &mut Finger) -> Vec<Option<Deformation>> {
     let path = [(0.0, -1.0), (0.0, 0.3), (0.0, 0.6), (0.2, 0.6), (0.2, -0.5), (0.2, 0.4)];
     let step = |(x, depth): (f64, f64)| {
@@ -349,7 +352,7 @@ fn a_finger_remembers_its_contact_and_forgets_it_when_it_is_lost() {
     let shear = felt[3].as_ref().unwrap().wrench.force;
     assert!(shear.x > 0.1 * shear.z.abs(), "dragged by {shear:?} N");
     let fresh = felt[5].as_ref().unwrap().wrench.force;
-    // A touch from straight above, as if it were the first.
+    // The touch is from straight above, as if it were the first.
     assert!(fresh.x.abs() < 0.02 * fresh.z.abs(), "{fresh:?} N");
 }
 
@@ -379,8 +382,8 @@ fn a_press_may_bring_its_own_friction() {
     .unwrap();
     let own = plain.clone().with_friction(FRICTION).unwrap();
     let options = compliance::Options { friction: FRICTION, sweeps: 0 };
-    let theirs =
-        linear(&tip.body).with_options(options).unwrap().solve(std::slice::from_ref(&plain));
+    let mut model = Compliance::new(tip.body.clone(), options).unwrap();
+    let theirs = model.solve(std::slice::from_ref(&plain));
     let ours = linear(&tip.body).solve(std::slice::from_ref(&own));
     assert_eq!(ours[0].as_ref().unwrap().displacement, theirs[0].as_ref().unwrap().displacement);
     let fem = |friction: f64| {

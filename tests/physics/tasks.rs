@@ -1,4 +1,4 @@
-//! The tasks: what a held object bears, what a limit ends, and that each restarts clean.
+//! The tasks: the load on a held object, endings at limits, and clean restarts.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use ruffini_core::{
 
 const GRAVITY: f64 = 9.81;
 
-/// The usual settings of a task with a coarse pad, for speed, and every channel.
+/// Default settings of a task with every channel, and a coarse pad for speed.
 fn config(task: &str, tactile: Choice) -> Config {
     let task = Task::named(task).unwrap();
     let felt = if tactile == Choice::None { &[][..] } else { &TACTILE_CHANNELS };
@@ -34,7 +34,7 @@ fn with(mut config: Config, settings: &[(&str, f64)]) -> Config {
     config
 }
 
-/// A sphere in the hand that a steady load pulls at.
+/// Configuration of a sphere in the hand with a constant `load`.
 fn loaded(tactile: Choice, load: f64, grip: f64) -> Config {
     let objects = vec![ObjectSpec::Name("sphere".into())];
     let settings = [("friction", 0.8), ("start_grip", grip), ("load", load), ("shaking", 0.0)];
@@ -49,7 +49,7 @@ fn batch(config: Config, rows: usize, autoreset: Autoreset) -> (Batch, Vec<f32>)
     (batch, observation)
 }
 
-/// Actions (N, 5) of a hand at rest whose grip changes as `grip` says.
+/// Actions (N, 5) of a hand at rest, with the grip component from `grip`.
 fn gripping(rows: usize, grip: impl Fn(usize) -> f32) -> Vec<f32> {
     (0..rows).flat_map(|row| [0.0, 0.0, 0.0, 0.0, grip(row)]).collect()
 }
@@ -60,7 +60,7 @@ fn held_by(batch: &Batch) -> Vector3<f64> {
     -state.fingers.iter().map(|f| f.pad.rotation * f.wrench.force).sum::<Vector3<f64>>()
 }
 
-/// The part of a row's observation that is one channel.
+/// Part of a row's observation that belongs to one channel.
 fn channel<'a>(batch: &Batch, observation: &'a [f32], row: usize, name: &str) -> &'a [f32] {
     let layout = batch.setup().layout();
     let mut start = row * layout.size();
@@ -120,7 +120,7 @@ fn an_object_is_dropped_below_the_coulomb_limit_and_by_name() {
     let most = config.task.gradual_grip().unwrap().rate * 0.04;
     let (mut batch, _) = batch(config, 2, Autoreset::Disabled);
     for step in 0..100 {
-        // As fast as it may, and then no more.
+        // The grip changes at the largest rate until it has its target value.
         let action = |row: usize| ((changes[row] / most) as f32 + step as f32).clamp(-1.0, 0.0);
         let StepResult { outcomes, .. } = batch.step(&gripping(2, action)).unwrap();
         let still = outcomes[0].terms.get(&batch.setup().config().task, "still");
@@ -134,8 +134,8 @@ fn an_object_is_dropped_below_the_coulomb_limit_and_by_name() {
     panic!("held below the limit");
 }
 
-/// The same hold succeeds with three times the least grip or less, and not with more, once the grip has
-/// had a second to settle.
+/// The same hold succeeds with up to three times the least grip force and not with more, once the
+/// grip has settled for a second.
 #[test]
 fn a_hold_by_too_much_force_is_no_success() {
     let task = Task::named("HoldStill").unwrap();
@@ -153,7 +153,7 @@ fn a_hold_by_too_much_force_is_no_success() {
     }
 }
 
-/// The fingers close at about the speed that the settings give, so that a touch is no blow.
+/// The fingers close at about the speed in the settings, so that first contact is gentle.
 #[test]
 fn gentle_fingers_close_at_their_speed() {
     let gripper = Config::of(&Task::named("GraspFragile").unwrap()).scene.gripper;
@@ -164,7 +164,7 @@ fn gentle_fingers_close_at_their_speed() {
     }
 }
 
-/// Speed of each finger that closes on nothing with `force` (N), after 0.3 s.
+/// Mean speed of the fingers (m/s), closing without an object under `force` (N), after 0.3 s.
 fn closing_speed(gripper: &Gripper, force: f64) -> f64 {
     let config = SceneConfig { gripper: gripper.clone(), ..SceneConfig::default() };
     let model = ObjectModel::new(named("sphere").unwrap()).unwrap();
@@ -206,8 +206,8 @@ fn the_first_step_past_the_limit_ends_a_fragile_grasp() {
     assert!(felt > 4, "{felt} steps with stress within the limit");
 }
 
-/// The grip of the trial lifts every object, with the stress that the trial said it would have, taken
-/// quickly or slowly.
+/// The trial's grip lifts every object with the stress found in the trial, whether applied quickly
+/// or slowly.
 #[test]
 fn every_limit_can_be_kept() {
     [10.0, 5.0].into_iter().for_each(keep_limits);
@@ -235,8 +235,9 @@ fn keep_limits(grip_rate: f64) {
                 assert!(outcome.is_success, "row {row}: {outcome:?}");
                 let share = channel(&batch, &observation, row, "stress_ratio")[0];
                 let found = f64::from(share) * draw.trial.unwrap().margin;
-                // Pads press up to 20 % off the grip in a trial, and stress goes as a power of the
-                // force between 1/3 and 1, not as its root: 1.2^0.5 at most.
+                // In a trial the pad forces deviate by up to 20 % from the grip, and stress is
+                // proportional to a power of the force between 1/3 and 1, not to its root: 1.2^0.5
+                // at most.
                 assert!((found - 1.0).abs() < 0.1, "row {row}: {found} of the trial's stress");
             }
         }
@@ -261,7 +262,7 @@ fn rewards_are_means_of_terms_in_the_unit_interval() {
     }
 }
 
-/// Bytes after a reset do not depend on what was before it; a snapshot in mid-shake replays.
+/// The saved state after a reset does not depend on the history; a snapshot during shaking replays.
 #[test]
 fn gripped_objects_restart_and_replay_to_the_byte() {
     for (task, tactile) in [

@@ -27,13 +27,12 @@ mod zone;
 
 use std::{path::Path, sync::Arc};
 
-use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::{
     Error, Result,
     contact::ContactLaw,
-    deformation::{Deformation, DeformationModel, History, Press, SoftBody, Wanted, Wrench},
+    deformation::{Deformation, DeformationModel, Press, SoftBody, Wanted},
     fem,
 };
 
@@ -87,12 +86,6 @@ impl Compliance {
         Ok(Self { condensed: Arc::new(Condensed::new(body, directory)?), settings })
     }
 
-    /// Returns a model of the same body with other options.
-    pub fn with_options(&self, options: Options) -> Result<Self> {
-        let settings = settings(self.body(), options)?;
-        Ok(Self { condensed: Arc::clone(&self.condensed), settings })
-    }
-
     /// The body.
     pub fn body(&self) -> &SoftBody {
         &self.condensed.body
@@ -100,19 +93,15 @@ impl Compliance {
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
-        self.every(press, whole)
-    }
-
-    /// Force and torque in every frame of `press`, as in [`Compliance::solve_path`] but without the
-    /// fields. Inverted tetrahedra are therefore not reported as an error.
-    pub fn wrenches(&self, press: &Press) -> Vec<Result<Wrench>> {
-        self.every(press, |walk| Ok(walk.state.wrench))
-    }
-
-    /// Solves the last frame of each of `presses`, like [`DeformationModel::solve`] but without
-    /// stress and residual. Inverted tetrahedra are therefore not reported as an error.
-    pub fn moved(&self, presses: &[Press]) -> Vec<Result<Moved>> {
-        self.each(presses, |walk| Ok(walk.moved()))
+        let mut scratch = Scratch::new(&self.condensed);
+        let condensed = match self.condensed.suited(press) {
+            Ok(condensed) => condensed,
+            Err(error) => return vec![Err(error)],
+        };
+        match LoadStepping::new(&condensed, self.settings_of(press), &mut scratch, press) {
+            Ok(walk) => walk.every(press, whole),
+            Err(error) => vec![Err(error)],
+        }
     }
 
     /// Solves the last frame of `press`; its residual is 0 unless `with_residual`.
@@ -130,22 +119,6 @@ impl Compliance {
     /// Working memory for [`Compliance::last`], reused for successive presses.
     pub(crate) fn scratch(&self) -> Scratch {
         Scratch::new(&self.condensed)
-    }
-
-    fn every<T>(
-        &self,
-        press: &Press,
-        report: impl Fn(&mut LoadStepping) -> Result<T>,
-    ) -> Vec<Result<T>> {
-        let mut scratch = Scratch::new(&self.condensed);
-        let condensed = match self.condensed.suited(press) {
-            Ok(condensed) => condensed,
-            Err(error) => return vec![Err(error)],
-        };
-        match LoadStepping::new(&condensed, self.settings_of(press), &mut scratch, press) {
-            Ok(walk) => walk.every(press, report),
-            Err(error) => vec![Err(error)],
-        }
     }
 
     /// Settings with the friction of `press`.
@@ -170,19 +143,6 @@ impl Compliance {
         };
         presses.par_iter().map_init(scratch, answer).collect()
     }
-}
-
-/// Solution of a press without stress and residual, which cost more than the rest.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Moved {
-    /// Contact force on the nodes (V, 3) in N.
-    pub contact_force: Vec<Vector3<f64>>,
-    /// Resultant of all contact on the soft body.
-    pub wrench: Wrench,
-    /// Displacement of the nodes, poses and contact history.
-    pub history: History,
-    /// Newton steps taken since the last frame.
-    pub iterations: usize,
 }
 
 impl DeformationModel for Compliance {

@@ -5,7 +5,6 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
-    Moved,
     balance::norm,
     load_stepping::LoadStepping,
     push::{DrivenPress, push},
@@ -110,34 +109,25 @@ impl LoadStepping<'_> {
         moved.fold(0.0, f64::max)
     }
 
-    /// Current state without stress and residual.
-    pub(super) fn moved(&mut self) -> Moved {
+    /// Current state as a [`Deformation`] without stress and residual, which cost more than the
+    /// rest.
+    pub(super) fn unstressed(&mut self) -> Deformation {
         let state = &self.state;
         let displacement = state.field.complete(&self.condensed.rest, &mut self.scratch.workspace);
-        Moved {
-            contact_force: state.contact_force.clone(),
-            wrench: state.wrench,
-            history: History {
-                displacement,
-                poses: state.poses.clone(),
-                anchors: state.anchors.clone(),
-                forces: Vec::new(),
-            },
-            iterations: state.iterations,
-        }
-    }
-
-    /// Current state as a [`Deformation`] without stress and residual.
-    pub(super) fn unstressed(&mut self) -> Deformation {
-        let Moved { contact_force, wrench, history, iterations } = self.moved();
+        let history = History {
+            displacement,
+            poses: state.poses.clone(),
+            anchors: state.anchors.clone(),
+            forces: Vec::new(),
+        };
         Deformation {
             displacement: history.displacement.clone(),
             von_mises: Vec::new(),
-            contact_force,
-            wrench,
+            contact_force: state.contact_force.clone(),
+            wrench: state.wrench,
             poses: history.poses.clone(),
             history,
-            iterations,
+            iterations: state.iterations,
             residual: 0.0,
             seconds: self.seconds,
         }

@@ -1,9 +1,9 @@
-//! Whether the gripper gets to a sampled grasp without touching the object on its way.
+//! Check that the gripper reaches a sampled grasp without touching the object on its way.
 //!
-//! The grasps of a dataset are sampled by distances ([`crate::objects::GraspSampler`]); here the hand
-//! is driven to one in Rapier. The object floats, free and weightless, so whatever touches it moves
-//! it: the hand comes down along its fingers, as far open as the sampler says, then closes until both
-//! pads touch.
+//! The grasps of a dataset are sampled by distances ([`crate::objects::GraspSampler`]); here Rapier
+//! moves the hand to one. The object floats without gravity, so any contact moves it. The hand
+//! descends along its fingers, opened as far as the sampler requires, then closes until both pads
+//! touch.
 
 use std::fmt;
 
@@ -12,14 +12,14 @@ use nalgebra::{Isometry3, Vector3};
 use super::{Object, ObjectModel, Physics, Scene, SceneConfig, Workspace, gripper::FINGER_TOP};
 use crate::Result;
 
-/// What keeps the hand from a grasp.
+/// Reason why the hand does not reach a grasp.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Obstacle {
-    /// The object was met while the hand came down.
+    /// The hand touched the object on its way down.
     Coming,
-    /// The object was met by a finger while the pads closed.
+    /// A finger touched the object before the pads did while they closed.
     Closing,
-    /// The pads closed, and not both of them touched.
+    /// The pads closed and did not both touch the object.
     Missed,
 }
 
@@ -33,28 +33,30 @@ impl fmt::Display for Obstacle {
     }
 }
 
-/// A hand that is led to grasps of one object.
+/// Check of grasps of one object by a simulated hand.
 #[derive(Clone, Debug)]
 pub struct Approach {
     model: ObjectModel,
     config: SceneConfig,
-    /// Free way of each pad before it touches (m).
+    /// Clearance of each pad before it touches (m).
     clearance: f64,
 }
 
-/// Height of a grasp over the table (m): farther than hand and object reach.
+/// Height of a grasp above the table (m), more than the reach of hand and object.
 const HEIGHT: f64 = 0.5;
-/// Speed of the hand (m/s): 1 mm a step.
+/// Speed of the hand (m/s): 1 mm per step.
 const SPEED: f64 = 0.25;
-/// Shift of the object that tells that it was touched (m). Single precision resolves 3e-8 m there.
+/// Displacement of the object above which it counts as touched (m). Single precision resolves 3e-8
+/// m there.
 const TOUCHED: f64 = 1e-6;
 /// Grip force while closing (N).
 const GRIP: f64 = 2.0;
-/// Time after which closing pads have met what lies between them, over that of their free way.
+/// Longest closing time, relative to the time in which a pad covers its clearance.
 const PATIENCE: f64 = 4.0;
 
 impl Approach {
-    /// To `model`, with pads that stand `clearance` (m) off the contacts until they close.
+    /// Creates a check of grasps of `model`, with pads that stand `clearance` (m) off the contacts
+    /// until they close.
     pub fn new(model: ObjectModel, clearance: f64) -> Self {
         let config = SceneConfig {
             physics: Physics { gravity: 0.0, ..Physics::default() },
@@ -64,9 +66,9 @@ impl Approach {
         Self { model, config, clearance }
     }
 
-    /// What keeps the hand from the grasp whose tool frame, x from pad to pad and z to the wrist, is
-    /// at `tool` in the object's frame, with contacts `width` (m) apart. An error if the hand cannot
-    /// open so wide.
+    /// Returns the reason why the hand does not reach a grasp, or `None` if it does. The grasp's
+    /// tool frame, with x from pad to pad and z towards the wrist, is at `tool` in the object's
+    /// frame; its contacts are `width` (m) apart. An error if the hand cannot open so wide.
     pub fn obstacle(&self, tool: &Isometry3<f64>, width: f64) -> Result<Option<Obstacle>> {
         let mut config = self.config.clone();
         config.gripper.max_opening = width + 2.0 * self.clearance;
@@ -90,7 +92,7 @@ impl Approach {
             }
         }
         let steps = PATIENCE * self.clearance / (config.gripper.closing_speed * dt);
-        // A pad that has touched pushes the object ahead and may lose it for a moment.
+        // A pad that has touched pushes the object and may lose contact for a moment.
         let mut touched = [false; 2];
         for _ in 0..steps.ceil() as u32 {
             scene.advance(&goal, GRIP);

@@ -1,4 +1,4 @@
-//! Objects by name, at a size that fits the default gripper.
+//! Named objects of a size that fits the default gripper.
 
 use nalgebra::Vector3;
 
@@ -7,7 +7,7 @@ use crate::{
     geometry::{Shape, StarShaped, Wave},
 };
 
-/// Every name that [`named`] knows.
+/// Names that [`named`] accepts.
 pub const CATALOGUE: [&str; 11] = [
     "sphere",
     "cuboid",
@@ -22,7 +22,7 @@ pub const CATALOGUE: [&str; 11] = [
     "eggplant",
 ];
 
-/// The catalogue's shape of that name.
+/// Returns the shape of the catalogue with the given name; an unknown name is an error.
 pub fn named(name: &str) -> Result<Shape> {
     Ok(match name {
         "sphere" => Shape::Sphere { radius: 0.018 },

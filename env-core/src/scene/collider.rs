@@ -1,4 +1,4 @@
-//! Shapes as Rapier colliders, with the mass properties of the exact surface and the pose in which
+//! Rapier colliders of shapes, with the mass properties of the exact surface and the pose in which
 //! the solid rests on a table.
 
 use std::{f64::consts::FRAC_PI_2, sync::OnceLock};
@@ -15,24 +15,26 @@ use crate::{
     geometry::{self, Shape, Surface},
 };
 
-/// Flats round a circle. A flat of 16 touches a pad over 0.39 radii, about the patch of a soft pad;
-/// with finer ones the wall of a cup touches along a line and pivots.
+/// Number of flat faces round a circle. With 16, a face is 0.39 radii wide, about the contact width
+/// of a soft pad; with more, the wall of a cup touches along a line and pivots.
 const SEGMENTS: u32 = 16;
-/// Most triangles of a non-convex mesh; past it one contact query costs more than a whole step.
+/// Largest number of triangles of a non-convex mesh; with more, one contact query costs more than a
+/// whole step.
 const MOST_TRIANGLES: usize = 20_000;
 
-/// A shape made ready for Rapier once, to be placed in any number of scenes.
+/// A shape prepared for Rapier once, to be placed in any number of scenes.
 #[derive(Clone)]
 pub struct ObjectModel {
     shape: Shape,
     surface: Surface,
     collider: SharedShape,
-    /// From the collider's frame to the shape's: Rapier's cylinder and cone stand along y.
+    /// Rotation from the collider's frame to the shape's: Rapier's cylinder and cone have y as
+    /// axis.
     upright: UnitQuaternion<f64>,
-    /// Of the solid at density 1.
+    /// Mass properties of the solid at density 1.
     solid: geometry::MassProperties,
     resting: UnitQuaternion<f64>,
-    /// The shape with quick distances: made on first use, and shared by copies made after.
+    /// The shape with fast distance evaluation, created on first use; later clones share it.
     sampled: OnceLock<Shape>,
 }
 
@@ -43,8 +45,8 @@ impl std::fmt::Debug for ObjectModel {
 }
 
 impl ObjectModel {
-    /// A model of `shape`; a shape without a finite surface, or with too many triangles, is an
-    /// error.
+    /// Creates the model of `shape`; a shape without a finite surface, or with too many triangles,
+    /// is an error.
     pub fn new(shape: Shape) -> Result<Self> {
         let shape = shape.validated()?;
         let surface = shape.surface(SEGMENTS).ok_or_else(|| {
@@ -65,30 +67,30 @@ impl ObjectModel {
         Ok(model)
     }
 
-    /// The exact shape.
+    /// Exact shape of the object.
     pub fn shape(&self) -> &Shape {
         &self.shape
     }
 
-    /// Its triangles, for a picture.
+    /// Triangles of its surface, for rendering.
     pub fn surface(&self) -> &Surface {
         &self.surface
     }
 
-    /// The shape with distances that are quick to find, see [`Shape::sampled`].
+    /// The shape with fast distance evaluation, see [`Shape::sampled`].
     pub fn sampled(&self) -> &Shape {
         self.sampled.get_or_init(|| self.shape.sampled())
     }
 
-    /// Radius about the frame's origin that holds the object (m).
+    /// Radius of a sphere about the frame's origin that contains the object (m).
     pub(super) fn radius(&self) -> f64 {
         let farthest = self.surface.vertices().iter().map(|v| v.coords.norm());
-        // The polygons of the surface may cut what is round.
+        // The triangles of a round surface may lie inside it.
         1.02 * farthest.fold(0.0, f64::max)
     }
 
-    /// The pose in which the object, `scale` times as large, rests on the table at `x`, `y` (m),
-    /// turned by `yaw` (rad).
+    /// Pose in which the object, scaled by `scale`, rests on the table at `x`, `y` (m), turned by
+    /// `yaw` (rad).
     pub fn rest(&self, scale: f64, x: f64, y: f64, yaw: f64) -> Isometry3<f64> {
         let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw) * self.resting;
         let z = -scale * self.lowest(&rotation);
@@ -101,7 +103,7 @@ impl ObjectModel {
         heights.fold(f64::INFINITY, f64::min)
     }
 
-    /// The collider, `scale` times as large, without mass of its own.
+    /// Collider scaled by `scale`, without mass of its own.
     pub(super) fn scaled(&self, scale: f64) -> Result<ColliderBuilder> {
         let shape = if scale == 1.0 {
             self.collider.clone()
@@ -114,7 +116,7 @@ impl ObjectModel {
         Ok(ColliderBuilder::new(shape).position(pose).density(0.0))
     }
 
-    /// Mass properties of a body of `mass` (kg), `scale` times as large, in Rapier's units.
+    /// Mass properties of a body of `mass` (kg) scaled by `scale`, in Rapier's units.
     pub(super) fn mass_properties(&self, mass: f64, scale: f64) -> MassProperties {
         let inertia = self.solid.inertia * (mass / self.solid.mass * (scale * units::UNIT).powi(2));
         let column = |i: usize| {
@@ -125,9 +127,10 @@ impl ObjectModel {
         MassProperties::with_inertia_matrix(center, mass as f32, inertia)
     }
 
-    /// Orientation in which the solid comes to rest when laid down as its frame stands.
+    /// Orientation in which the solid comes to rest when released with its frame upright.
     fn settle(&self) -> UnitQuaternion<f64> {
-        /// Time in which a rocking body of hand size comes to rest under the damping of `settle`.
+        /// Steps in which a rocking body of hand size comes to rest under the damping of
+        /// `Scene::settle`.
         const STEPS: usize = 750;
         let pose = self.rest(1.0, 0.0, 0.0, 0.0);
         let object = Object { model: self, scale: 1.0, mass: 0.1, friction: 1.0, pose };
@@ -136,17 +139,18 @@ impl ObjectModel {
             return self.resting;
         };
         let rotation = scene.settle(STEPS);
-        // Turn back about z, so that "yaw 0" keeps its meaning.
+        // Turn back about z, so that a yaw of 0 keeps its meaning.
         let x = rotation * Vector3::x();
         let yaw = if x.xy().norm() > 0.1 { x.y.atan2(x.x) } else { 0.0 };
         let tilt = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -yaw) * rotation;
-        // A body that stood still keeps its exact orientation, without the solver's rounding.
+        // A body that did not move keeps its exact orientation, without the solver's rounding.
         if tilt.angle() < UPRIGHT { UnitQuaternion::identity() } else { self.laid_flat(tilt) }
     }
 
-    /// `rotation` with the face that is nearest to the table laid flat on it, where the collider is a hull
-    /// and that face is farther off than rounding: the solver's slow roll may end on an edge. A hull stands
-    /// on the faces that hold their plane's nearest point to its centre of mass.
+    /// Returns `rotation`, turned so that the hull's face nearest to the table lies flat on it,
+    /// because the solver's slow roll may end on an edge. Returns it unchanged if the collider is
+    /// not a hull or the face is off by rounding only. A hull stands only on faces that contain the
+    /// projection of the centre of mass onto their plane.
     fn laid_flat(&self, rotation: UnitQuaternion<f64>) -> UnitQuaternion<f64> {
         let Some(hull) = self.collider.as_convex_polyhedron() else { return rotation };
         let center = self.solid.center.coords * units::UNIT;
@@ -171,9 +175,10 @@ impl ObjectModel {
     }
 }
 
-/// Angle to which the solver's rounding is let go (rad).
+/// Largest angle that is attributed to the solver's rounding (rad).
 const UPRIGHT: f64 = 0.01;
-/// Part of an edge by which a point beside a triangle counts as within.
+/// Distance from a triangle's edge, relative to its length, within which a point outside counts as
+/// inside.
 const ROUNDING: f64 = 1e-3;
 
 fn collider(shape: &Shape, surface: &Surface) -> Result<SharedShape> {
@@ -207,11 +212,11 @@ fn collider(shape: &Shape, surface: &Surface) -> Result<SharedShape> {
     })
 }
 
-/// Share of its volume that a hull may add to a solid: as much as 1.6 % of radius adds to a ball, for
-/// a sixth of the time that triangles take.
+/// Largest relative volume that a hull may add to a solid; 1.6 % of radius add as much to a ball. A
+/// hull takes a sixth of the time of triangles.
 const HULL_EXCESS: f64 = 0.05;
 
-/// The hull of a nearly convex surface, the triangles of any other.
+/// Convex hull of a nearly convex surface, triangles of any other.
 fn hull_or_triangles(surface: &Surface) -> Result<SharedShape> {
     let hull = hull(&surface_points(surface))?;
     let volume = surface.mass_properties(1.0).mass * units::UNIT.powi(3);
@@ -242,7 +247,7 @@ fn triangles(surface: &Surface) -> Result<SharedShape> {
         .map_err(|e| bad(e.to_string()))
 }
 
-/// A ring as convex wedges between an outer and an inner radius, each given at two heights (m).
+/// Ring as convex wedges between an outer and an inner radius, each given at two heights (m).
 fn wedges(outer: [f64; 2], inner: [f64; 2], z: [f64; 2]) -> Result<Vec<(Pose, SharedShape)>> {
     let wedge = |i: u32| {
         let points: Vec<_> = [0, 1]
@@ -255,8 +260,8 @@ fn wedges(outer: [f64; 2], inner: [f64; 2], z: [f64; 2]) -> Result<Vec<(Pose, Sh
     (0..SEGMENTS).map(wedge).collect()
 }
 
-/// A disc as convex sectors of radii given at two heights (m). In one piece its many corners, of which
-/// the solver takes now these, now those, let it creep over the table.
+/// Disc as four convex sectors with radii given at two heights (m). A disc in one piece creeps over
+/// the table, because the solver uses changing subsets of its many corners.
 fn sectors(radius: [f64; 2], z: [f64; 2]) -> Result<Vec<(Pose, SharedShape)>> {
     const EACH: u32 = SEGMENTS / 4;
     let sector = |part: u32| {
@@ -272,7 +277,8 @@ fn sectors(radius: [f64; 2], z: [f64; 2]) -> Result<Vec<(Pose, SharedShape)>> {
 
 /// Corner `i` of the polygon of radius `r` at height `z`, in Rapier's units.
 fn corner(i: u32, r: f64, z: f64) -> Vector {
-    // A flat faces the grip axis: between rigid pads, a round wall touches along it only.
+    // A flat face is centred on x, the grip axis of an unturned hand, so that rigid pads meet a
+    // face and not an edge.
     let angle = std::f64::consts::TAU * (f64::from(i) - 0.5) / f64::from(SEGMENTS);
     units::vector(&Vector3::new(r * angle.cos(), r * angle.sin(), z))
 }

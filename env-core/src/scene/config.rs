@@ -1,4 +1,4 @@
-//! What a scene is made of, in SI, with the reason for every default.
+//! Settings of a scene in SI, with the reason for every default.
 
 use std::f64::consts::TAU;
 
@@ -13,17 +13,17 @@ use crate::{
     sensor::{Bristles, Calibration, Sensor},
 };
 
-/// Everything about a scene except its object.
+/// Settings of a scene, except its object.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SceneConfig {
     /// The hand.
     pub gripper: Gripper,
-    /// Where the tool centre may go.
+    /// Allowed positions of the tool centre.
     pub workspace: Workspace,
-    /// How Rapier integrates.
+    /// Time step and solver settings of Rapier.
     pub physics: Physics,
-    /// What touches the object.
+    /// Pads of the fingers.
     pub pads: Pads,
 }
 
@@ -31,14 +31,14 @@ pub struct SceneConfig {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Pads {
-    /// Boxes in Rapier's rigid contact: fast, and blind.
+    /// Boxes in Rapier's rigid contact: fast, without tactile sensing.
     #[default]
     Rigid,
-    /// Gel that gives way.
+    /// Pads with compliant contact.
     Soft(SoftPads),
 }
 
-/// Gel pads as a bed of bristles.
+/// Gel pads, modelled as an elastic foundation of bristles.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SoftPads {
@@ -46,20 +46,21 @@ pub struct SoftPads {
     pub outline: PadOutline,
     /// Young's modulus (Pa).
     pub young: f64,
-    /// How the gel answers.
+    /// Coefficients of the elastic foundation.
     pub bristles: Bristles,
 }
 
 impl SoftPads {
-    /// The pads of a `sensor` whose gel is as `calibration` says.
+    /// Pads of a `sensor` whose gel has the properties of `calibration`.
     pub fn new(sensor: &Sensor, calibration: &Calibration) -> Self {
         let Calibration { young, bristles, .. } = *calibration;
         Self { outline: sensor.outline, young, bristles }
     }
 
-    /// Rigid flat pads of a gripper on a soft object of the given moduli: the bed presses as that ball
-    /// of `radius` (m) does on a flat side by Hertz and Mindlin (Johnson 1985, ch. 4 and 7). The ball's
-    /// tangential stiffness 8 G* a is put on the area π 2Rδ in which it overlaps the undeformed face.
+    /// Rigid flat pads of `gripper` on a soft object with `moduli`, whose compliance the elastic
+    /// foundation represents. Its forces are those of an elastic ball of `radius` (m) on a rigid
+    /// plane by Hertz and Mindlin (Johnson 1985, ch. 4 and 7). The tangential stiffness 8 G* a of
+    /// the ball is distributed over the area π 2Rδ of its overlap with the undeformed face.
     pub fn on_elastic(gripper: &Gripper, moduli: Moduli, radius: f64) -> Self {
         let outline = PadOutline {
             length: gripper.pad_length,
@@ -72,7 +73,8 @@ impl SoftPads {
         };
         let (young, poisson) = (moduli.young, moduli.poisson);
         let coupling = 5.0 / 6.0;
-        // Hertz's energy 8/15 E* √R δ^(5/2) over the bed's E h³ (2πRδ³/3h⁴)^(5/6), which R alone enters.
+        // Hertz's energy 8/15 E* √R δ^(5/2) over the foundation's E h³ (2πRδ³/3h⁴)^(5/6),
+        // independent of δ.
         let normal = 8.0 / 15.0 / (1.0 - poisson * poisson) / (TAU / 3.0).powf(coupling)
             * (outline.thickness / radius).cbrt();
         let shear = 8.0 * moduli.shear() / (2.0 - poisson) / young / TAU.sqrt();
@@ -96,9 +98,10 @@ pub struct Gripper {
     pub max_opening: f64,
     /// Largest grip force of one finger (N).
     pub max_force: f64,
-    /// Largest rate at which a commanded grip force is taken up (N/s), unless it changes by factors.
+    /// Largest rate of change of the grip force (N/s), in tasks whose grip does not change by
+    /// factors.
     pub max_force_rate: f64,
-    /// Speed that a free finger reaches under any grip force (m/s).
+    /// Speed of a free finger under any grip force (m/s).
     pub closing_speed: f64,
     /// Largest speed of the wrist along each axis (m/s).
     pub max_speed: f64,
@@ -108,7 +111,7 @@ pub struct Gripper {
     pub max_acceleration: f64,
     /// Largest yaw acceleration of the wrist (rad/s²).
     pub max_yaw_acceleration: f64,
-    /// Stiffness of the spring that keeps the fingers centred (N/m): without it two force-driven
+    /// Stiffness of the spring that keeps the fingers centred (N/m); without it, two force-driven
     /// fingers drift along the grip axis.
     pub centering_stiffness: f64,
 }
@@ -122,8 +125,8 @@ impl Default for Gripper {
             finger_mass: 0.1,
             max_opening: 0.08,
             max_force: 40.0,
-            // From rest to the largest force in 0.4 s. A grip that could turn round within a control
-            // step would be undone by the next wrong command, and so by any noise of exploration.
+            // From zero to the largest force in 0.4 s. If the grip could reverse within one control
+            // step, the next wrong action would undo it, and so would any exploration noise.
             max_force_rate: 100.0,
             closing_speed: 0.1,
             max_speed: 0.25,
@@ -155,11 +158,11 @@ impl Default for Workspace {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Physics {
-    /// Time that one command is held (s).
+    /// Duration of one command (s).
     pub control_period: f64,
     /// Duration of one Rapier step (s); a whole number of them fills the control period.
     pub time_step: f64,
-    /// Solver iterations of a step. Rapier's iterations are substeps, of 1.05 ms at most.
+    /// Solver iterations per step. Rapier takes each as a substep, which may last 1.05 ms at most.
     pub iterations: usize,
     /// Gravity along −z (m/s²).
     pub gravity: f64,
@@ -174,7 +177,7 @@ impl Default for Physics {
 /// The free object of one episode.
 #[derive(Clone, Debug)]
 pub struct Object<'a> {
-    /// Its shape, ready for Rapier.
+    /// Shape, prepared for Rapier.
     pub model: &'a ObjectModel,
     /// Size relative to the model.
     pub scale: f64,
@@ -182,12 +185,12 @@ pub struct Object<'a> {
     pub mass: f64,
     /// Coulomb coefficient against pads and table.
     pub friction: f64,
-    /// Where it starts: pose of the shape's frame (m).
+    /// Initial pose of the shape's frame (m).
     pub pose: Isometry3<f64>,
 }
 
 impl SceneConfig {
-    /// These settings with soft pads, and a gripper whose pads have their extents.
+    /// Returns the settings with soft pads, and a gripper whose pads have the same extents.
     #[must_use]
     pub fn with_pads(mut self, pads: SoftPads) -> Self {
         self.gripper.pad_width = pads.outline.width;
@@ -197,7 +200,7 @@ impl SceneConfig {
         self
     }
 
-    /// An error that names the first setting out of its range.
+    /// Checks all settings; the error names the first one out of its range.
     pub fn validate(&self) -> Result<()> {
         let (g, p) = (&self.gripper, &self.physics);
         let settings = [
@@ -258,7 +261,7 @@ impl SoftPads {
 }
 
 impl Physics {
-    /// Rapier steps in one control period.
+    /// Number of Rapier steps in one control period.
     pub fn steps(&self) -> usize {
         (self.control_period / self.time_step).round() as usize
     }
@@ -284,22 +287,23 @@ impl Workspace {
         Ok(())
     }
 
-    /// The nearest point inside (m).
+    /// Returns the nearest point inside (m).
     pub fn clamp(&self, point: &Vector3<f64>) -> Vector3<f64> {
         point.sup(&Vector3::from(self.low)).inf(&Vector3::from(self.high))
     }
 }
 
-/// Longest substep (s), a hundred-and-twentieth in eight. With 1 ms an untouched object of the catalogue
-/// rolls by 1 mm at most until it rests; with 2 ms by 17 mm, with 1/60 s by 42 mm, and held ones creep.
+/// Longest substep (s), which admits steps of 1/120 s in eight. With 1 ms an untouched object of
+/// the catalogue rolls by 1 mm at most until it rests; with 2 ms by 17 mm, with 1/60 s by 42 mm,
+/// and held ones creep.
 const LONGEST_SUBSTEP: f64 = 1.05e-3;
 
-/// Largest grip force over object mass (m/s²) at which contact forces are right. Past it Rapier's
-/// iterations no longer converge: forces come out low, then the object is ejected.
+/// Largest grip force over object mass (m/s²) at which contact forces are accurate. Above it
+/// Rapier's iterations no longer converge: forces are too low, then the object is ejected.
 const MOST_ACCELERATION: f64 = 2e4;
 
 impl Object<'_> {
-    /// An error that names the first property out of its range.
+    /// Checks all properties; the error names the first one out of its range.
     pub fn validate(&self, gripper: &Gripper) -> Result<()> {
         let lightest = gripper.max_force / MOST_ACCELERATION;
         within("object scale", self.scale, 0.05, 20.0)?;

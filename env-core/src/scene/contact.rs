@@ -1,8 +1,8 @@
-//! Contact wrenches from what Rapier's solver applied in the last step.
+//! Contact wrenches from the impulses that Rapier's solver applied in the last step.
 //!
-//! Only solver contacts count: a pair's manifolds also carry points that are no longer solved, with
-//! their last impulse. A contact's impulse is p = p_n d + p₁ t₁ + p₂ t₂ on the first body, with
-//! d = −normal, t₁ Rapier's orthonormal vector of d and t₂ = d × t₁.
+//! Only solver contacts count: the manifolds of a pair also contain points that are no longer
+//! solved but still hold their last impulse. A contact's impulse is p = p_n d + p₁ t₁ + p₂ t₂ on
+//! the first body, with d = −normal, t₁ Rapier's orthonormal vector of d and t₂ = d × t₁.
 
 use nalgebra::{Isometry3, Point3};
 use rapier3d::{
@@ -12,8 +12,7 @@ use rapier3d::{
 
 use super::{Wrench, units};
 
-/// What everything else exerts on `collider` through its contact with `other`, in the world frame
-/// about `origin` (m).
+/// Wrench of `other` on `collider` through their contact, in the world frame about `origin` (m).
 pub(super) fn wrench(
     world: &PhysicsWorld,
     collider: ColliderHandle,
@@ -43,7 +42,7 @@ pub(super) fn wrench(
 }
 
 impl Wrench {
-    /// The same wrench with its components along the axes of `frame`, about the same point.
+    /// Returns the wrench in the axes of `frame`, about the same point.
     pub(super) fn seen_from(&self, frame: &Isometry3<f64>) -> Self {
         let turn = |v| frame.rotation.inverse_transform_vector(v);
         Self { force: turn(&self.force), torque: turn(&self.torque) }

@@ -14,11 +14,12 @@ use super::{Gripper, Pads, units};
 
 /// Extent of the finger body behind its pad, along the grip axis (m).
 pub(super) const FINGER_DEPTH: f64 = 0.010;
-/// Height of the finger body's top over the tool centre (m).
+/// Height of the finger body's top above the tool centre (m).
 pub(super) const FINGER_TOP: f64 = 0.070;
-/// Share of a soft pad's thickness, at its base, that is rigid: gel does not get thinner than that.
+/// Rigid fraction of a soft pad's thickness, at its base; the gel is not compressed further.
 const CORE: f64 = 0.25;
-/// Damping force is reckoned from at least this grip force (N), so that an idle finger holds still.
+/// Lower bound of the grip force in the damping of a finger (N), so that an idle finger stays
+/// still.
 const LEAST_FORCE: f64 = 1.0;
 
 /// Collision groups: the table, the object, the hand.
@@ -26,17 +27,17 @@ pub(super) const TABLE: Group = Group::GROUP_1;
 pub(super) const OBJECT: Group = Group::GROUP_2;
 pub(super) const HAND: Group = Group::GROUP_3;
 
-/// Handles of one finger.
+/// Rapier handles of one finger.
 #[derive(Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Finger {
     pub(super) body: RigidBodyHandle,
     pub(super) pad: ColliderHandle,
     joint: ImpulseJointHandle,
-    /// Direction in which the finger closes along the wrist's x: +1 for the one on −x.
+    /// Direction in which the finger closes along the wrist's x: +1 for the finger on −x.
     side: f32,
 }
 
-/// Handles of the hand.
+/// Rapier handles of the hand.
 #[derive(Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Hand {
     pub(super) wrist: RigidBodyHandle,
@@ -62,7 +63,7 @@ impl Hand {
         Self { wrist, fingers }
     }
 
-    /// Puts the pads' faces `opening` (m) apart about the wrist at `pose`.
+    /// Moves the pads' faces `opening` (m) apart about the wrist at `pose`.
     pub(super) fn open_to(&self, world: &mut PhysicsWorld, pose: &Isometry3<f64>, opening: f64) {
         for finger in &self.fingers {
             let offset = Translation3::new(-0.5 * f64::from(finger.side) * opening, 0.0, 0.0);
@@ -73,11 +74,12 @@ impl Hand {
     /// Drives each finger with the force `grip` (N), closing if positive.
     ///
     /// The force is applied to the finger; the joint's motor adds damping, which sets the speed of
-    /// a free finger, and a spring on the fingers' common position.
+    /// a free finger, and a spring on the common displacement of the fingers.
     pub(super) fn drive(&self, world: &mut PhysicsWorld, gripper: &Gripper, grip: f64) {
         let [(x0, v0), (x1, v1)] = self.fingers.map(|finger| finger.travel(world, self.wrist));
         let (gap, rate) = (0.5 * (x1 - x0), 0.5 * (v1 - v0));
-        // Where a centred finger will be at the end of the step: aiming at where it is would brake it.
+        // Position of a centred finger at the end of the step; with the present one as target, the
+        // spring would brake it.
         let target = gap + rate * world.integration_parameters.dt;
         let axis = world.bodies[self.wrist].rotation() * Vector::X;
         let stiffness = gripper.centering_stiffness as f32;
@@ -93,7 +95,7 @@ impl Hand {
 }
 
 impl Hand {
-    /// How each finger moves.
+    /// Motion of each finger.
     pub(super) fn slides(&self, world: &PhysicsWorld) -> [Slide; 2] {
         self.fingers.map(|finger| {
             let body = &world.bodies[finger.body];
@@ -104,8 +106,8 @@ impl Hand {
         })
     }
 
-    /// What moves each finger along the wrist's x under the force `grip` (N): that and the centring
-    /// spring, without dampers.
+    /// Force on each finger along the wrist's x (N) from `grip` (N) and the centring spring,
+    /// without dampers.
     pub(super) fn drives(&self, world: &PhysicsWorld, gripper: &Gripper, grip: f64) -> [f64; 2] {
         let travel = self.fingers.map(|finger| units::si(finger.travel(world, self.wrist).0));
         let common = 0.5 * (travel[0] + travel[1]);
@@ -121,15 +123,15 @@ pub(super) fn damping(gripper: &Gripper, grip: f64) -> f64 {
 
 /// Motion of a finger.
 pub(super) struct Slide {
-    /// Place in the world (m).
+    /// Position in the world (m).
     pub(super) place: Vector3<f64>,
     /// Velocity in the world (m/s).
     pub(super) velocity: Vector3<f64>,
 }
 
 impl Finger {
-    /// The finger's frame is the wrist's, moved to the centre of the pad's face: no lever between
-    /// grip force and guide.
+    /// Inserts a finger. Its frame is the wrist's, moved to the centre of the pad's face, so that
+    /// the grip force has no lever arm about the guide.
     fn insert(
         world: &mut PhysicsWorld,
         gripper: &Gripper,
@@ -188,14 +190,14 @@ impl Finger {
     /// Pose of the pad's frame (m): see [`super::FingerState`].
     pub(super) fn pad_pose(&self, world: &PhysicsWorld) -> Isometry3<f64> {
         let face = units::si_pose(world.bodies[self.body].position());
-        // z along ±x of the wrist, y along its z.
+        // The pad's z is ±x of the wrist, its y the wrist's z.
         let about_z = f64::from(self.side) * FRAC_PI_2;
         face * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), about_z)
             * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2)
     }
 }
 
-/// The share `core` of a pad's thickness, at its base.
+/// Collider of the fraction `core` of a pad's thickness, at its base.
 fn pad_box(gripper: &Gripper, core: f64, side: f64) -> ColliderBuilder {
     let (thickness, soft) = (core * gripper.pad_thickness, (1.0 - core) * gripper.pad_thickness);
     let half = 0.5 * Vector3::new(thickness, gripper.pad_width, gripper.pad_length);
@@ -211,7 +213,7 @@ fn body_box(gripper: &Gripper, side: f64) -> ColliderBuilder {
         .translation(units::vector(&Vector3::new(x, 0.0, f64::midpoint(low, high))))
 }
 
-/// A part of the hand that touches the object only. Its friction is left to the object.
+/// Configures a part of the hand to collide with the object only. Friction is the object's.
 fn touching(collider: ColliderBuilder) -> ColliderBuilder {
     let groups = InteractionGroups::new(HAND, OBJECT, InteractionTestMode::And);
     collider.density(0.0).friction(f32::MAX).collision_groups(groups)

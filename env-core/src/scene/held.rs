@@ -1,4 +1,4 @@
-//! A scene that begins with the object in the hand.
+//! Scenes that begin with the object in the hand.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -7,19 +7,19 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use super::{Command, Object, ObjectModel, Scene, SceneConfig, SceneState};
 use crate::{Error, Result};
 
-/// Control periods in which fingers must meet any object that fits between them.
+/// Control periods within which the fingers reach any object that fits between them.
 const MOST_PERIODS: usize = 50;
-/// Share of the grip force at which a pad counts as pressing.
+/// Fraction of the grip force at which a pad counts as pressing.
 const FIRM: f64 = 0.9;
 /// Control periods after which a gripped object hangs at rest.
 const REST: usize = 8;
 
-/// Room between each pad and the object that it is about to grip (m).
+/// Clearance between each pad and the object before it is gripped (m).
 const GAP: f64 = 5e-4;
 
 impl Scene {
-    /// A scene whose hand, at `tool_center` (m), is about to touch the object, which stands across it as
-    /// [`ObjectModel::in_hand`] turns it.
+    /// Creates a scene with the pads of the hand, at `tool_center` (m), just clear of the object,
+    /// which must have the orientation of [`ObjectModel::in_hand`].
     pub fn around(
         config: &SceneConfig,
         object: &Object,
@@ -31,12 +31,13 @@ impl Scene {
         Ok(scene)
     }
 
-    /// A scene whose hand, at `tool_center` (m), has gripped the object with `grip` (N); an error if
-    /// the hand closes on nothing.
+    /// Creates a scene whose hand, at `tool_center` (m), has gripped the object with `grip` (N); an
+    /// error if the hand closes on nothing.
     ///
-    /// The object is met where [`Object::pose`] puts it, in weightlessness. That ends with the grip,
-    /// and the object has come to rest in the hand if `grip` holds it. `seen` is shown the scene with
-    /// the hand about to touch and after each time step: what the pads remember comes from there.
+    /// The object starts at [`Object::pose`] without gravity. Once both pads press, gravity acts
+    /// and the object comes to rest in the hand if `grip` holds it. `seen` is called with the scene
+    /// before the first touch and after each time step, so that the caller can record the contact
+    /// history of the pads.
     pub fn holding(
         config: &SceneConfig,
         object: &Object,
@@ -69,8 +70,8 @@ impl Scene {
 }
 
 impl ObjectModel {
-    /// The pose that brings the frame of the object, `scale` times as large, to `place` (m), standing
-    /// as it rests on a table and with its narrower side along x.
+    /// Pose that brings the frame of the object, scaled by `scale`, to `place` (m), oriented as it
+    /// rests on a table and with its narrower side along x.
     pub fn in_hand(&self, scale: f64, place: &Vector3<f64>) -> Isometry3<f64> {
         let rest = self.rest(scale, 0.0, 0.0, 0.0).rotation;
         let [across, along] = self.extents(&rest);
@@ -79,7 +80,7 @@ impl ObjectModel {
         Isometry3::from_parts(Translation3::from(*place), turn * rest)
     }
 
-    /// Extent along x of the object in [`ObjectModel::in_hand`] (m).
+    /// Extent along x of the object in the pose of [`ObjectModel::in_hand`] (m).
     pub fn width_in_hand(&self, scale: f64) -> f64 {
         scale * self.extents(&self.in_hand(scale, &Vector3::zeros()).rotation)[0]
     }

@@ -1,13 +1,14 @@
-//! The rigid world: a parallel-jaw gripper, a table and one free object, moved by Rapier.
+//! The rigid world: a parallel-jaw gripper, a table and one free object, simulated by Rapier.
 //!
-//! The wrist is kinematic with its origin at the tool centre; two force-limited fingers slide along
-//! its x axis and are held centred by a common-mode spring. Pads, and the finger bodies behind
-//! them, touch only the object. Contact is rigid with Coulomb friction, but for soft pads
-//! ([`Pads::Soft`]), whose faces are a bed of bristles on a rigid core.
+//! The wrist is kinematic with its origin at the tool centre. Two force-limited fingers slide along
+//! its x axis; a spring on their common displacement keeps them centred. The pads and the finger
+//! bodies behind them collide with the object only. Contact is rigid with Coulomb friction, except
+//! for soft pads ([`Pads::Soft`]), whose faces are an elastic foundation of bristles on a rigid
+//! core.
 //!
-//! Rapier works here in decimetres, because parry's tolerances are absolute and suit that scale;
+//! Rapier computes in decimetres, because parry's tolerances are absolute and suit that scale;
 //! everything that enters or leaves this module is SI. The solver's settings are those of
-//! [`Physics`]; each names what it is for.
+//! [`Physics`].
 
 mod approach;
 mod bed;

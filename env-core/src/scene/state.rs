@@ -1,11 +1,11 @@
-//! What can be known about the rigid world after a step, in SI and without a Rapier type.
+//! State of the rigid world after a step, in SI and without Rapier types.
 
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::deformation;
 
-/// Everything that a task, a sensor or a picture reads.
+/// State of a scene: everything that tasks, sensors and rendering read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneState {
     /// The wrist.
@@ -14,9 +14,9 @@ pub struct SceneState {
     pub fingers: [FingerState; 2],
     /// The free object.
     pub object: BodyState,
-    /// What the table exerts on the object, in the world frame about the object's origin.
+    /// Wrench of the table on the object, in the world frame about the object's origin.
     pub table: Wrench,
-    /// Why the scene stopped, if it did; the other fields then hold the last finite state.
+    /// Reason why the scene stopped, if it did; the other fields then hold the last finite state.
     pub failure: Option<Failure>,
 }
 
@@ -45,22 +45,23 @@ pub struct FingerState {
     pub velocity: f64,
     /// Pose of the pad's frame in the world (m).
     pub pad: Isometry3<f64>,
-    /// What the object exerts on the pad, in the pad's frame about its origin.
+    /// Wrench of the object on the pad, in the pad's frame about its origin.
     pub wrench: Wrench,
-    /// Pose of the object's frame in the pad's (m), which is that of [`crate::geometry::PadMesh`].
+    /// Pose of the object's frame in the pad's frame (m), which is that of
+    /// [`crate::geometry::PadMesh`].
     pub object: Isometry3<f64>,
-    /// Greatest depth at which the undeformed face of a soft pad stands in the object (m), 0 without
-    /// a touch and for a rigid pad.
+    /// Greatest depth of the undeformed face of a soft pad inside the object (m), 0 without contact
+    /// and for a rigid pad.
     pub indentation: f64,
 }
 
 impl FingerState {
-    /// Force with which object and pad press on each other (N), along the pad's normal.
+    /// Normal force between object and pad (N), positive in compression.
     pub fn normal_force(&self) -> f64 {
         -self.wrench.force.z
     }
 
-    /// Whether object and pad exerted a force on each other in the last step.
+    /// Returns whether object and pad exerted a force on each other in the last step.
     pub fn touches(&self) -> bool {
         self.wrench != Wrench::default()
     }
@@ -100,12 +101,12 @@ impl std::ops::Add for Wrench {
     }
 }
 
-/// Why a scene can no longer be stepped.
+/// Reason why a scene can no longer be stepped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Failure {
-    /// A pose or velocity became infinite or not a number; Rapier froze the body.
+    /// A pose or velocity became infinite or not a number, and Rapier froze the body.
     NonFinite,
-    /// A scene with soft pads that was read from bytes was not given its object back:
+    /// A scene with soft pads was read from bytes and not given its object by
     /// [`super::Scene::attach`].
     Detached,
 }
@@ -116,7 +117,7 @@ impl SceneState {
         self.fingers[0].position + self.fingers[1].position
     }
 
-    /// Position of the object's frame relative to the tool centre, in the wrist's frame (m).
+    /// Pose of the object's frame in the wrist's frame, whose origin is the tool centre (m).
     pub fn object_in_wrist(&self) -> Isometry3<f64> {
         self.wrist.pose.inv_mul(&self.object.pose)
     }

@@ -1,4 +1,4 @@
-//! One scene: built, stepped, read, saved.
+//! The scene: construction, time stepping, state and corrections.
 
 use std::f64::consts::{PI, TAU};
 
@@ -20,12 +20,12 @@ use super::{
 };
 use crate::Result;
 
-/// What the hand is told for one control period.
+/// Command to the hand for one control period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
-    /// Wanted velocity of the tool centre in the world (m/s).
+    /// Target velocity of the tool centre in the world (m/s).
     pub velocity: Vector3<f64>,
-    /// Wanted yaw rate (rad/s).
+    /// Target yaw rate (rad/s).
     pub yaw_rate: f64,
     /// Grip force of each finger (N), closing if positive.
     pub grip: f64,
@@ -40,7 +40,7 @@ pub struct Scene {
     object: RigidBodyHandle,
     object_collider: ColliderHandle,
     table: ColliderHandle,
-    /// Of soft pads.
+    /// Elastic foundations of soft pads.
     bed: Option<Bed>,
     gravity: f64,
     wrist: Wrist,
@@ -57,7 +57,7 @@ struct Wrist {
 }
 
 impl Scene {
-    /// A scene with the open hand at `tool_center` (m) and `yaw` (rad).
+    /// Creates a scene with the open hand at `tool_center` (m) and `yaw` (rad).
     pub fn new(
         config: &SceneConfig,
         object: &Object,
@@ -91,13 +91,14 @@ impl Scene {
         })
     }
 
-    /// Holds `command` for one control period. A scene that has failed stays as it is.
+    /// Applies `command` for one control period. A scene that has failed stays as it is.
     pub fn step(&mut self, command: &Command) {
         self.step_under(command, |_| Vector3::zeros(), |_| ());
     }
 
-    /// [`Scene::step`] while a `force` (N), which depends on the time since its beginning (s), acts on
-    /// the object's centre of mass. `seen` is shown the scene after each time step.
+    /// Steps as [`Scene::step`] does while a `force` (N), a function of the time since the
+    /// beginning of the step (s), acts on the object's centre of mass. `seen` is called with the
+    /// scene after each time step.
     pub fn step_under(
         &mut self,
         command: &Command,
@@ -111,7 +112,7 @@ impl Scene {
         }
     }
 
-    /// One Rapier step in which the wrist moves to `target` (m) under a grip force (N).
+    /// Takes one Rapier step in which the wrist moves to `target` (m) under a grip force (N).
     pub fn advance(&mut self, target: &Isometry3<f64>, grip: f64) {
         let wrist = self.wrist.moved_to(target, self.config.physics.time_step);
         self.advance_to(wrist, grip, Vector3::zeros());
@@ -147,7 +148,7 @@ impl Scene {
         }
     }
 
-    /// What can be known about the scene.
+    /// Current state of the scene.
     pub fn state(&self) -> SceneState {
         let object = &self.world.bodies[self.object];
         let pose = units::si_pose(object.position());
@@ -170,12 +171,12 @@ impl Scene {
         }
     }
 
-    /// Angle by which the wrist is turned about z (rad).
+    /// Rotation of the wrist about z (rad).
     pub fn yaw(&self) -> f64 {
         self.wrist.yaw
     }
 
-    /// Pose of the object in the frame of each pad (m), [`FingerState::object`].
+    /// Poses of the object in the frames of the pads (m), see [`FingerState::object`].
     pub fn object_in_pads(&self) -> [Isometry3<f64>; 2] {
         [0, 1].map(|finger| self.object_in_pad(finger))
     }
@@ -200,13 +201,13 @@ impl Scene {
         FingerState { position, velocity, pad, wrench, object, indentation }
     }
 
-    /// Corrects a soft pad towards `model`: the wrench on pad `finger`, in its frame about its origin
-    /// (N, N m), that a better model of the gel finds at the object's present pose,
-    /// [`FingerState::object`].
+    /// Corrects the elastic foundation of a soft pad towards `model`: the wrench on pad `finger`,
+    /// in its frame about its origin (N, N m), that a more accurate model of the gel computes at
+    /// the object's present pose, [`FingerState::object`].
     ///
-    /// To be called once per control step and finger. The bed then presses as the model does, within
-    /// limits: a factor of 4 on the normal force, half of the normal force sideways, 3 mm of lever.
-    /// A rigid pad is left as it is.
+    /// To be called once per control step and finger. The foundation then exerts the wrench of the
+    /// model, within limits: a factor of 4 on the normal force, half of the normal force sideways,
+    /// 3 mm of lever. Rigid pads are unaffected.
     pub fn correct(&mut self, finger: usize, model: &Wrench) {
         let pose = self.object_in_pad(finger);
         if let Some(bed) = &mut self.bed {
@@ -214,8 +215,8 @@ impl Scene {
         }
     }
 
-    /// As [`Scene::correct`], of the normal force alone, which the model wants to be `force` (N): for a
-    /// model that knows no weight, so that friction stays the bed's.
+    /// Corrects only the normal force of a soft pad, towards `force` (N); see [`Scene::correct`].
+    /// Suits a model without the object's weight: friction stays that of the elastic foundation.
     pub fn correct_pressing(&mut self, finger: usize, force: f64) {
         let pose = self.object_in_pad(finger);
         if let Some(bed) = &mut self.bed {
@@ -223,8 +224,8 @@ impl Scene {
         }
     }
 
-    /// Gives a scene that was read from bytes its object back, which bytes do not hold. Without it a
-    /// scene with soft pads fails when stepped.
+    /// Attaches the object to a scene that was read from bytes, which do not contain it. Without it
+    /// a scene with soft pads fails when stepped.
     pub fn attach(&mut self, model: &ObjectModel) {
         if let (Some(bed), Pads::Soft(pads)) = (&mut self.bed, &self.config.pads) {
             bed.attach(pads, model);
@@ -236,26 +237,19 @@ impl Scene {
         &self.config
     }
 
-    /// Sets the velocity of the object (m/s, rad/s), as a disturbance.
-    pub fn push_object(&mut self, velocity: &Vector3<f64>, angular_velocity: &Vector3<f64>) {
-        let body = &mut self.world.bodies[self.object];
-        body.set_linvel(units::vector(velocity), true);
-        let w = angular_velocity;
-        body.set_angvel(Vector::new(w.x as f32, w.y as f32, w.z as f32), true);
-    }
-
     /// Sets gravity along −z (m/s²).
     pub fn set_gravity(&mut self, gravity: f64) {
         self.gravity = gravity;
         self.world.gravity = Vector::new(0.0, 0.0, -units::scalar(gravity));
     }
 
-    /// Puts the pads' faces `opening` (m) apart, at rest.
+    /// Moves the pads' faces `opening` (m) apart, at rest.
     pub(super) fn open_to(&mut self, opening: f64) {
         self.hand.open_to(&mut self.world, &self.wrist.pose, opening);
     }
 
-    /// Lets the object come to rest under strong damping with the hand away; its orientation then.
+    /// Lets the object come to rest under strong damping with the hand away, and returns its
+    /// orientation.
     pub(super) fn settle(&mut self, steps: usize) -> UnitQuaternion<f64> {
         let body = &mut self.world.bodies[self.object];
         body.set_angular_damping(3.0);
@@ -282,8 +276,8 @@ impl Wrist {
         Self { pose, yaw, velocity: Vector3::zeros(), yaw_rate: 0.0 }
     }
 
-    /// The wrist one time step on, its acceleration limited, braking in time for the workspace's
-    /// walls.
+    /// Returns the wrist after one time step, with limited acceleration, braking in time for the
+    /// limits of the workspace.
     fn toward(&self, command: &Command, config: &SceneConfig) -> Self {
         let (gripper, dt) = (&config.gripper, config.physics.time_step);
         let position = self.pose.translation.vector;
@@ -306,7 +300,7 @@ impl Wrist {
         Self { pose: wrist_pose(&position, yaw), yaw, velocity, yaw_rate }
     }
 
-    /// The wrist after a move to `target` within `dt` (s).
+    /// Returns the wrist after a move to `target` within `dt` (s).
     fn moved_to(&self, target: &Isometry3<f64>, dt: f64) -> Self {
         let turn = target.rotation * self.pose.rotation.inverse();
         Self {
@@ -327,22 +321,23 @@ fn wrist_pose(position: &Vector3<f64>, yaw: f64) -> Isometry3<f64> {
 fn integration_parameters(config: &SceneConfig) -> IntegrationParameters {
     let physics = &config.physics;
     let substep = physics.time_step / physics.iterations as f64;
-    // As stiff as a substep resolves, and overdamped: softer contact lets held objects creep.
+    // As stiff as a substep can resolve, and overdamped: softer contact lets held objects creep.
     let softness = SpringCoefficients::new((0.5 / substep) as f32, 5.0);
-    // On the table, hulls of flat faces chatter on contact as stiff as that, and wander by a millimetre in
-    // ten seconds; on softer contact than this a thin plate falls over.
+    // On the table, hulls of flat faces chatter on contact of that stiffness and wander by a
+    // millimetre in ten seconds; on contact softer than this a thin plate falls over.
     let of_the_table = SpringCoefficients::new((0.15 / substep) as f32, 5.0);
     IntegrationParameters {
         dt: physics.time_step as f32,
         num_solver_iterations: physics.iterations,
         contact_softness: softness,
         static_contact_softness: of_the_table,
-        // Recycled contacts go stale within centimetres, which is the size of everything here.
+        // Recycled contacts become inaccurate within centimetres, the size of everything here.
         contact_recycling: false,
         friction_model: FrictionModel::Coulomb,
-        // Tolerances follow this length (2 cm).
+        // Tolerances are relative to this length (2 cm).
         length_unit: units::scalar(0.02),
-        // With Rapier's default of 3, grams between kilograms of force are ejected.
+        // With Rapier's default of 3, an object of grams gripped by the weight of kilograms is
+        // ejected.
         normalized_max_corrective_velocity: 100.0,
         // 20 m/s, so that every velocity has a bound.
         normalized_max_linear_velocity: 1000.0,
@@ -351,7 +346,8 @@ fn integration_parameters(config: &SceneConfig) -> IntegrationParameters {
     }
 }
 
-/// The table, whose edges end the episode and not its contact: of a plane Rapier knows the normal exactly.
+/// Collider of the table: an infinite plane, for which Rapier has the exact normal. The table's
+/// edges end the episode but not the contact.
 fn table() -> ColliderBuilder {
     ColliderBuilder::halfspace(Unit::new_unchecked(Vector::Z))
         .friction(f32::MAX)

@@ -1,39 +1,42 @@
-//! The bed's forces at the end of a step: backward Euler in 8 unknowns.
+//! Forces of the elastic foundation at the end of a step: backward Euler in 8 unknowns.
 //!
-//! Unknown are the velocities v of the object (6) and of the two slides at the end of the step; the
-//! balance is M (v − v₀) = h f(v), solved by Newton's method. Contact geometry is that of the
-//! beginning, so a bristle's depth and stretch are linear in v. A slipping bristle enters with its
-//! secant stiffness, which makes its part a fixed-point iteration that does not overshoot.
+//! The unknowns are the velocities v of the object (6) and of the two slides at the end of the
+//! step; Newton's method solves M (v − v₀) = h f(v). The contact geometry is that at the beginning
+//! of the step, so depth and stretch of a bristle are linear in v. A slipping bristle contributes
+//! its secant stiffness, which makes its part a fixed-point iteration that does not overshoot.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::touch::{Touch, cut};
 use crate::scene::Wrench;
 
-/// Velocity of the object's centre of mass, angular velocity, speeds of the slides along the wrist's x.
+/// Velocity of the object's centre of mass, its angular velocity, and speeds of the slides along
+/// the wrist's x.
 pub(super) type Motion = SVector<f64, 8>;
 type Stiffness = SMatrix<f64, 8, 8>;
 
-/// Time by which the gel's damping force lags its elastic one (s); stiffness-proportional.
+/// Damping of the gel over its stiffness (s).
 const DAMPING: f64 = 2e-3;
-/// Newton stops where the forces differ by less than this from the linearised ones, relative.
+/// Relative difference between forces and their linearised prediction below which Newton's method
+/// stops.
 const CLOSE: f64 = 1e-6;
-/// Lever at which torques count as forces (m).
+/// Length by which torques are divided for comparison with forces (m).
 const LEVER: f64 = 0.02;
-/// Most Newton steps; two are usual.
+/// Largest number of Newton steps; two are usual.
 const MOST_STEPS: usize = 8;
 
-/// Everything that moves, beside the bed.
+/// Moving bodies with their velocities and loads, without the elastic foundation.
 pub(super) struct Bodies {
     pub(super) time_step: f64,
     /// Mass (kg) and inertia about the centre of mass along the world's axes (kg m²) of the object.
     pub(super) mass: f64,
     pub(super) inertia: Matrix3<f64>,
-    /// At the beginning of the step.
+    /// Velocities at the beginning of the step.
     pub(super) motion: Motion,
-    /// All forces that do not depend on the motion (N, N m): weight, drive, corrections.
+    /// Forces that do not depend on the motion (N, N m): weight, external force, drive,
+    /// corrections.
     pub(super) loads: Motion,
-    /// Direction in which slides move.
+    /// Direction of motion of the slides.
     pub(super) axis: Vector3<f64>,
     pub(super) finger_mass: f64,
     /// Damping (N s/m) of each slide, and stiffness (N/m) of the spring on their common position.
@@ -41,29 +44,29 @@ pub(super) struct Bodies {
     pub(super) centering: f64,
 }
 
-/// A touch with its lever, in axes of the world.
+/// A touch with its lever arm, in world axes.
 pub(super) struct Contact {
     pub(super) finger: usize,
     pub(super) touch: Touch,
-    /// From the object's centre of mass (m).
+    /// Position relative to the object's centre of mass (m).
     arm: Vector3<f64>,
     normal: Vector3<f64>,
     stretch: Vector3<f64>,
-    /// Stretch at the end of the step, as far as the bristle does not slip (m).
+    /// Stretch at the beginning of the step less the slip in it (m).
     left: Vector3<f64>,
-    /// Velocity of the pad there, slides at rest (m/s).
+    /// Velocity of the pad at the bristle if the slides were at rest (m/s).
     base: Vector3<f64>,
     /// Factor on the normal force.
     gain: f64,
 }
 
-/// Force of one bristle on the object and how it changes with the object's motion.
+/// Force of one bristle on the object and its stiffness.
 struct Answer {
     normal: Vector3<f64>,
     sideways: Vector3<f64>,
-    /// −∂force/∂motion along the normal and across (N/m).
+    /// −∂force/∂displacement along the normal and across it (N/m).
     stiffness: [f64; 2],
-    /// Stretch that the bristle ends with (m).
+    /// Stretch at the beginning of the step less the slip in it (m).
     stretch: Vector3<f64>,
 }
 
@@ -80,7 +83,7 @@ impl Contact {
         Self { finger, touch, arm, normal, stretch, left: stretch, base, gain }
     }
 
-    /// Velocity of the object against the pad (m/s).
+    /// Velocity of the object relative to the pad (m/s).
     fn velocity(&self, bodies: &Bodies, motion: &Motion) -> Vector3<f64> {
         let (linear, angular) = (motion.fixed_rows::<3>(0), motion.fixed_rows::<3>(3));
         let spin = Vector3::from(angular).cross(&self.arm);
@@ -114,8 +117,8 @@ impl Contact {
 }
 
 impl Bodies {
-    /// Forces of the bed on object (about its centre of mass) and slides at the end of the step (N,
-    /// N m), if nothing else is met in it.
+    /// Forces of the foundation on object (torque about its centre of mass) and slides at the end
+    /// of the step (N, N m), if these meet no other contact in it.
     pub(super) fn balance(&self, contacts: &[Contact], friction: f64) -> Motion {
         let mut motion = self.motion;
         let (mut forces, mut stiffness) = self.linearised(contacts, &motion, friction);
@@ -131,8 +134,8 @@ impl Bodies {
         forces
     }
 
-    /// What each finger exerts on the object (N, N m about its centre of mass, in axes of the world) at
-    /// the end of a step with this `motion`; `contacts` learn the stretch that they are left with.
+    /// Wrench of each finger on the object (N, N m about its centre of mass, in world axes) at the
+    /// end of a step with this `motion`. Stores the remaining stretch in `contacts`.
     pub(super) fn exerted(
         &self,
         contacts: &mut [Contact],
@@ -151,8 +154,8 @@ impl Bodies {
         wrenches
     }
 
-    /// A wrench on the object about its centre of mass as forces on the unknowns: the finger bears
-    /// its reaction.
+    /// Converts a wrench of `finger` on the object about its centre of mass to forces on the
+    /// unknowns; the finger bears the reaction.
     pub(super) fn loads_of(&self, finger: usize, wrench: &Wrench) -> Motion {
         let mut forces = Motion::zeros();
         forces.fixed_rows_mut::<3>(0).copy_from(&wrench.force);
@@ -161,7 +164,7 @@ impl Bodies {
         forces
     }
 
-    /// Forces of the bed and their stiffness −∂f/∂x.
+    /// Forces of the foundation on the unknowns and their stiffness −∂f/∂x.
     fn linearised(
         &self,
         contacts: &[Contact],
@@ -212,13 +215,13 @@ impl Bodies {
     }
 }
 
-/// Size of forces on the unknowns (N), torques at a lever of `LEVER`.
+/// Magnitude of forces on the unknowns (N), with torques divided by `LEVER`.
 fn size(forces: &Motion) -> f64 {
     let turning = forces.fixed_rows::<3>(3).norm() / LEVER;
     forces.fixed_rows::<3>(0).norm().max(turning).max(forces[6].abs()).max(forces[7].abs())
 }
 
-/// Sums over the touches of one finger that its stiffness is made of.
+/// Sums over the touches of one finger from which its stiffness is assembled.
 #[derive(Default)]
 struct Sums {
     /// Σ c, Σ c r, Σ c r rᵀ of the stiffness c across the normals.
@@ -240,7 +243,7 @@ impl Sums {
         self.normal.ger(along - across, &lever, &lever, 1.0);
     }
 
-    /// Adds Σ Jᵀ K J, J = (1, −[r]×, −axis).
+    /// Adds Σ Jᵀ K J with J = (1, −[r]×, −axis) to `stiffness`.
     fn spread(&self, axis: &Vector3<f64>, finger: usize, stiffness: &mut Stiffness) {
         let mut object = self.normal;
         let skew = self.first.cross_matrix();
@@ -252,7 +255,7 @@ impl Sums {
         b -= skew;
         let mut d = object.fixed_view_mut::<3, 3>(3, 3);
         d += Matrix3::identity() * self.second.trace() - self.second;
-        // The slide moves against the object along the axis.
+        // The motion of the slide along the axis is subtracted from that of the object.
         let column = -(object.fixed_view::<6, 3>(0, 0) * axis);
         let diagonal = -column.fixed_rows::<3>(0).dot(axis);
         let mut block = stiffness.fixed_view_mut::<6, 6>(0, 0);
@@ -267,7 +270,7 @@ impl Sums {
 }
 
 impl Contact {
-    /// Stretch that the bristle is left with (m), in the pad's frame.
+    /// Stretch at the beginning of the step less the slip in it (m), in the pad's frame.
     pub(super) fn stretch_left(&self, turn: &UnitQuaternion<f64>) -> Vector3<f64> {
         turn.inverse_transform_vector(&self.left)
     }

@@ -1,27 +1,29 @@
-//! Defect correction: the bed made to press as a better model of the gel does.
+//! Defect correction of the elastic foundation towards a more accurate model of the gel.
 //!
-//! The model's wrench at a pose of the object is compared with the bed's at the same pose. The
-//! normal force is corrected by a factor, which keeps the bed's steep law and vanishes with the
-//! touch; what is left, friction and torque, by a constant wrench. Where the pose stays, bed and
-//! correction converge to the model: the factor as (1 − 0.6 μ/β)ᵏ with the exponents μ of the
-//! model's and β of the bed's force law, the rest as (1 − 0.4 K_model/K_bed)ᵏ, which is stable up to a
-//! model five times as stiff as the bed.
+//! The wrench of the model at a pose of the object is compared with that of the foundation at the
+//! same pose. The normal force is corrected by a factor, which keeps the foundation's steep force
+//! law and vanishes with the contact; the remainder, friction and torque, by a constant wrench. At
+//! a constant pose, foundation and correction converge to the model in k corrections: the factor as
+//! (1 − 0.6 μ/β)ᵏ with the exponents μ of the model's and β of the foundation's force law, the
+//! remainder as (1 − 0.4 K_model/K_bed)ᵏ, which is stable up to a model five times as stiff as the
+//! foundation.
 
 use serde::{Deserialize, Serialize};
 
 use super::touch::cut;
 use crate::scene::Wrench;
 
-/// Share of a difference that one correction takes up: of the normal force, and of the rest.
+/// Exponent of one correction of the factor on the normal force.
 const PRESSING: f64 = 0.6;
+/// Fraction of the remaining difference that one correction removes.
 const REST: f64 = 0.4;
-/// Least and greatest factor on the normal force.
+/// Range of the factor on the normal force.
 const GAIN: std::ops::RangeInclusive<f64> = 0.25..=4.0;
-/// Largest sideways force of a correction, of the normal force.
+/// Largest sideways force of a correction over the normal force.
 const SIDEWAYS: f64 = 0.5;
 /// Largest torque of a correction over the normal force (m).
 const LEVER: f64 = 3e-3;
-/// Normal force below which there is nothing to correct (N).
+/// Normal force below which no correction is made (N).
 const FAINTEST: f64 = 1e-3;
 
 /// Correction of one finger.
@@ -29,7 +31,7 @@ const FAINTEST: f64 = 1e-3;
 pub(super) struct Correction {
     /// Factor on the normal force.
     pub(super) gain: f64,
-    /// On the pad, in its frame about its origin, where the bed presses with `force`.
+    /// Wrench on the pad, in its frame about its origin, at a normal force of `force`.
     extra: Wrench,
     /// Normal force at which `extra` was found (N).
     force: f64,
@@ -42,8 +44,8 @@ impl Default for Correction {
 }
 
 impl Correction {
-    /// Takes up the difference between the `model`'s wrench and that of the bed, which `bed` gives at
-    /// any gain. Without a touch of both there is no correction.
+    /// Corrects towards the wrench of `model`; `bed` returns the foundation's wrench for any gain.
+    /// Resets the correction unless both have contact.
     pub(super) fn toward(&mut self, model: &Wrench, bed: impl Fn(f64) -> Wrench) {
         if !self.press(-model.force.z, &bed) {
             return;
@@ -55,15 +57,15 @@ impl Correction {
             force: now.force + REST * (model.force - bed.force - now.force),
             torque: now.torque + REST * (model.torque - bed.torque - now.torque),
         };
-        // The factor alone answers for the normal force.
+        // The normal force is corrected by the factor alone.
         extra.force.z = 0.0;
         extra.force = cut(&extra.force, SIDEWAYS * self.force);
         extra.torque = cut(&extra.torque, LEVER * self.force);
         self.extra = extra;
     }
 
-    /// As [`Correction::toward`], of the normal force alone: the model wants it to be `wanted` (N).
-    /// Whether both touch.
+    /// Corrects only the normal force, towards `wanted` (N); see [`Correction::toward`]. Returns
+    /// whether both have contact.
     pub(super) fn press(&mut self, wanted: f64, bed: impl Fn(f64) -> Wrench) -> bool {
         let found = -bed(self.gain).force.z;
         if !(wanted > FAINTEST && found > FAINTEST) {
@@ -75,7 +77,8 @@ impl Correction {
         true
     }
 
-    /// The constant part where the bed presses with `force` (N): it fades with the touch.
+    /// Constant part of the correction, reduced in proportion where the normal force `force` (N) is
+    /// below that at which it was found.
     pub(super) fn at(&self, force: f64) -> Wrench {
         if self.force <= 0.0 {
             return Wrench::default();

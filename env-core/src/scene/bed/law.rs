@@ -1,20 +1,21 @@
-//! What a bristle answers: the force law of a gel on rigid ground, lumped into a bed.
+//! Force law of the elastic foundation, which represents a gel on a rigid base.
 //!
-//! The bed stores U = E h³ k Σ^q with Σ = ∫ δ² dA / h⁴, δ the depth at which the undeformed face
-//! stands in the object, h the gel's thickness. The pressure is −∂U/∂δ: 2 q k E Σ^(q−1) δ/h. With
-//! q = 1 this is Winkler's foundation; q < 1 lets a large touch be softer than its parts, as a
-//! half-space is, q > 1 stiffer, as a thin incompressible layer is. For a sphere of radius R the
-//! force goes as R^q δ^(3q−1). Sideways, the touched area A resists with the stiffness
-//! t E h (A/h²)^s, shared out by area.
+//! The foundation stores the energy U = E h³ k Σ^q with Σ = ∫ δ² dA / h⁴, where δ is the depth of
+//! the undeformed face inside the object and h the gel's thickness. The pressure is ∂U/∂δ per area:
+//! 2 q k E Σ^(q−1) δ/h. With q = 1 this is Winkler's foundation. With q < 1 a large contact is
+//! softer than the sum of its parts, as on a half-space; with q > 1 it is stiffer, as on a thin
+//! incompressible layer. For a sphere of radius R the force is proportional to R^q δ^(3q−1).
+//! Sideways, the contact area A has the stiffness t E h (A/h²)^s, distributed by area. [`Bristles`]
+//! holds k, q, t and s as `normal`, `coupling`, `shear` and `spread`.
 
 use serde::{Deserialize, Serialize};
 
 use crate::{scene::SoftPads, sensor::Bristles};
 
-/// Least Σ and A/h², so that a touch at a point has a finite stiffness.
+/// Lower bound of Σ and A/h², so that a point contact has a finite stiffness.
 const FAINTEST: f64 = 1e-9;
 
-/// The law of one pad.
+/// Force law of one pad.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Law {
     /// Young's modulus (Pa).
@@ -24,17 +25,17 @@ pub(super) struct Law {
     pub(super) bristles: Bristles,
 }
 
-/// How deep a bristle's cell stands in the object.
+/// Depth of a bristle's cell inside the object, distributed evenly over `middle` ± `spread`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Depth {
     /// Depth at the bristle (m), negative outside.
     pub(super) middle: f64,
-    /// Half of the range over which the depth varies within the cell (m).
+    /// Half the range of the depth within the cell (m).
     pub(super) spread: f64,
 }
 
 impl Depth {
-    /// Share of the cell that touches.
+    /// Fraction of the cell in contact.
     pub(super) fn cover(&self) -> f64 {
         if self.spread <= 0.0 {
             return f64::from(u8::from(self.middle > 0.0));
@@ -42,7 +43,7 @@ impl Depth {
         (0.5 * (1.0 + self.middle / self.spread)).clamp(0.0, 1.0)
     }
 
-    /// Mean of the depth over the cell, 0 where it does not touch (m).
+    /// Mean depth over the cell, 0 where it does not touch (m).
     pub(super) fn mean(&self) -> f64 {
         if self.middle <= -self.spread {
             0.0
@@ -53,7 +54,7 @@ impl Depth {
         }
     }
 
-    /// Mean of its square (m²).
+    /// Mean squared depth (m²).
     pub(super) fn mean_square(&self) -> f64 {
         if self.middle <= -self.spread {
             0.0
@@ -64,7 +65,7 @@ impl Depth {
         }
     }
 
-    /// The same cell, the object moved into it by `way` (m).
+    /// Returns the depth after the object has moved into the cell by `way` (m).
     pub(super) fn moved(&self, way: f64) -> Self {
         Self { middle: self.middle + way, ..*self }
     }
@@ -76,14 +77,14 @@ impl Law {
         Self { young, thickness: outline.thickness, bristles }
     }
 
-    /// Pressure over mean depth (Pa/m) where ∫ δ² dA is `squares` (m⁴).
+    /// Pressure per mean depth (Pa/m) for ∫ δ² dA = `squares` (m⁴).
     pub(super) fn foundation(&self, squares: f64) -> f64 {
         let Bristles { normal, coupling: q, .. } = self.bristles;
         let sum = (squares / self.thickness.powi(4)).max(FAINTEST);
         2.0 * q * normal * self.young / self.thickness * sum.powf(q - 1.0)
     }
 
-    /// Traction over sideways motion (Pa/m) of a touched `area` (m²).
+    /// Traction per sideways motion (Pa/m) of a contact `area` (m²).
     pub(super) fn shear_foundation(&self, area: f64) -> f64 {
         let Bristles { shear, spread, .. } = self.bristles;
         let size = (area / (self.thickness * self.thickness)).max(FAINTEST);

@@ -1,16 +1,20 @@
-//! Soft pads: an implicit bed of bristles in place of Rapier's rigid contact.
+//! Soft pads: an elastic foundation of bristles with implicit time integration, in place of
+//! Rapier's rigid contact.
 //!
-//! The face of each pad carries bristles that press along the object's normal where they stand in
-//! the object, and stick to it until Coulomb's limit ([`law`], [`touch`]). Their forces are those of
-//! the end of a step ([`balance`]), because explicit ones are unstable for any object that a stiff
-//! gel can hold, and act on the object and on the slides as external forces; the wrist bears the
-//! rest. They are found before the table has its say, so that pads seem to bear a part of an object
-//! that stands on it. What slips is told by how everything moved in the end: bristles that only seem
-//! to be loaded keep their hold. A model that knows better corrects the bed once per control step
-//! ([`correction`]).
+//! The face of each pad carries bristles. A bristle inside the object presses along the object's
+//! normal and sticks to the object up to Coulomb's limit ([`law`], [`touch`]). The bristle forces
+//! are those at the end of a time step ([`balance`]), because forces from its beginning are
+//! unstable for any object that a stiff gel can hold. They act on the object and on the finger
+//! slides as external forces; the wrist bears the other components.
 //!
-//! Known limits: a sharp edge is felt only by the bristles it meets, 2.6 mm apart; the gel does not
-//! move sideways, so neighbours of a touch feel nothing of it except through the law's coupling.
+//! The forces are computed before Rapier solves the contact with the table, so they include a part
+//! of the weight of an object that stands on it. Slip is therefore determined from the actual
+//! motion in the step: bristles that are loaded only in the prediction keep their anchors. A more
+//! accurate model corrects the foundation once per control step ([`correction`]).
+//!
+//! Known limits: a sharp edge is sensed only by the bristles that it meets, 2.6 mm apart; the gel
+//! does not move sideways, so bristles beside a contact are unaffected by it except through the
+//! coupling of the law.
 
 mod balance;
 mod correction;
@@ -32,7 +36,7 @@ use correction::Correction;
 use law::Law;
 use touch::{Anchor, Face, Obstacle, Touch};
 
-/// The soft pads of a scene.
+/// Elastic foundations of both pads of a scene.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Bed {
     law: Law,
@@ -41,7 +45,7 @@ pub(super) struct Bed {
     /// Size of the object relative to its model.
     scale: f64,
     pads: [Pad; 2],
-    /// What is derived from settings and object: not part of a saved scene.
+    /// Data derived from settings and object, not part of a saved scene.
     #[serde(skip)]
     surroundings: Option<Surroundings>,
 }
@@ -51,47 +55,49 @@ pub(super) struct Bed {
 struct Pad {
     anchors: Vec<Option<Anchor>>,
     correction: Correction,
-    /// On the pad, in its frame about its origin, in the last step.
+    /// Wrench on the pad, in its frame about its origin, in the last step.
     wrench: Wrench,
 }
 
 struct Surroundings {
     face: Face,
-    /// The object at its size.
+    /// The object in its actual size.
     shape: Shape,
-    /// Radius about the object's frame that holds all of it (m).
+    /// Radius of a sphere about the origin of the object's frame that contains the object (m).
     radius: f64,
 }
 
-/// What the bed must know of the step that Rapier is about to take.
+/// Inputs of the elastic foundation for one Rapier step.
 pub(super) struct Step {
     /// Duration (s).
     pub(super) time: f64,
     /// Gravity along −z (m/s²).
     pub(super) gravity: f64,
-    /// What else acts on the object's centre of mass (N).
+    /// External force on the object's centre of mass (N).
     pub(super) force: Vector3<f64>,
-    /// Wrist at the beginning and at the end (m).
+    /// Wrist poses at the beginning and at the end of the step (m).
     pub(super) wrist: [Isometry3<f64>; 2],
     /// Grip force (N).
     pub(super) grip: f64,
 }
 
-/// What the bed did before a step, for what comes of it.
+/// Contacts and state at the beginning of a step, for [`Bed::settle`] after it.
 pub(super) struct Applied {
     contacts: Vec<Contact>,
-    /// Corrections of each finger, on the object about its centre of mass.
+    /// Correction wrenches of the fingers on the object, about its centre of mass.
     extra: [Wrench; 2],
     bodies: Bodies,
-    /// Pads in the world, the object in their frames, and its centre of mass (m).
+    /// Poses of the pads in the world (m).
     poses: [Isometry3<f64>; 2],
+    /// Poses of the object in the frames of the pads (m).
     seen: [Isometry3<f64>; 2],
+    /// Centre of mass of the object (m).
     center: Vector3<f64>,
     base: Twist,
 }
 
 impl Bed {
-    /// A bed on the pads of a new scene.
+    /// Creates the elastic foundations of a new scene.
     pub(super) fn new(pads: &SoftPads, object: &Object) -> Self {
         let face = Face::new(&pads.outline);
         let pad = Pad {
@@ -111,40 +117,40 @@ impl Bed {
         bed
     }
 
-    /// Gives a bed that was read from bytes what bytes do not hold.
+    /// Restores the data that a saved scene does not contain.
     pub(super) fn attach(&mut self, pads: &SoftPads, model: &ObjectModel) {
         let radius = self.scale * model.radius();
         let (face, shape) = (Face::new(&pads.outline), model.sampled().scaled(self.scale));
         self.surroundings = Some(Surroundings { face, shape, radius });
     }
 
-    /// Whether the bed knows its object.
+    /// Returns whether an object is attached.
     pub(super) fn is_attached(&self) -> bool {
         self.surroundings.is_some()
     }
 
-    /// What the object exerted on a pad in the last step, in the pad's frame about its origin.
+    /// Wrench of the object on a pad in the last step, in the pad's frame about its origin.
     pub(super) fn wrench(&self, finger: usize) -> Wrench {
         self.pads[finger].wrench
     }
 
-    /// Corrects a finger towards the wrench on its pad of a better model at this pose of the object in
-    /// the pad's frame.
+    /// Corrects a finger towards the wrench `model` on its pad, computed by a more accurate model
+    /// at `pose` of the object in the pad's frame.
     pub(super) fn correct(&mut self, finger: usize, pose: &Isometry3<f64>, model: &Wrench) {
         let touches = self.touches(finger, pose);
         let friction = self.friction;
         self.pads[finger].correction.toward(model, |gain| at_rest(&touches, gain, friction));
     }
 
-    /// As [`Bed::correct`], of the normal force alone, which the model wants to be `force` (N).
+    /// Corrects only the normal force of a finger, towards `force` (N); see [`Bed::correct`].
     pub(super) fn correct_pressing(&mut self, finger: usize, pose: &Isometry3<f64>, force: f64) {
         let touches = self.touches(finger, pose);
         let friction = self.friction;
         self.pads[finger].correction.press(force, |gain| at_rest(&touches, gain, friction));
     }
 
-    /// Greatest depth at which the undeformed face stands in an object at `pose` in the pad's frame
-    /// (m), 0 outside.
+    /// Greatest depth of the undeformed face inside an object at `pose` in the pad's frame (m), 0
+    /// outside.
     pub(super) fn indentation(&self, finger: usize, pose: &Isometry3<f64>) -> f64 {
         match &self.surroundings {
             Some(surroundings) => {
@@ -165,8 +171,8 @@ impl Bed {
         touches
     }
 
-    /// Applies the bed's forces of one step to object and fingers. After Rapier has taken it, what
-    /// they come to goes to [`Bed::settle`].
+    /// Applies the foundation's forces of one step to object and fingers. The result goes to
+    /// [`Bed::settle`] after Rapier has taken the step.
     pub(super) fn apply(
         &self,
         world: &mut PhysicsWorld,
@@ -205,7 +211,7 @@ impl Bed {
         Applied { contacts, extra, bodies, poses, seen, center, base }
     }
 
-    /// Takes up how object and fingers have moved in the step.
+    /// Updates wrenches and anchors from the motion of object and fingers in the step.
     pub(super) fn settle(
         &mut self,
         world: &PhysicsWorld,
@@ -223,7 +229,8 @@ impl Bed {
         self.stick(&contacts, &poses, &seen);
     }
 
-    /// Remembers where the bristles stick; a pad that does not touch forgets everything.
+    /// Stores the anchors of the bristles; a pad without contact loses its anchors and its
+    /// correction.
     fn stick(
         &mut self,
         contacts: &[Contact],
@@ -248,13 +255,13 @@ impl Bed {
 }
 
 impl Surroundings {
-    /// The object at `pose` in a pad's frame.
+    /// Returns the object at `pose` in a pad's frame.
     fn obstacle(&self, pose: &Isometry3<f64>) -> Obstacle<'_> {
         Obstacle::new(&self.shape, self.radius, pose)
     }
 }
 
-/// What standing touches exert on their pad, in its frame about its origin.
+/// Wrench of touches at rest on their pad, in its frame about its origin.
 fn at_rest(touches: &[Touch], gain: f64, friction: f64) -> Wrench {
     let mut sum = Wrench::default();
     for touch in touches {
@@ -266,8 +273,9 @@ fn at_rest(touches: &[Touch], gain: f64, friction: f64) -> Wrench {
 }
 
 impl SoftPads {
-    /// Force and torque on one pad, in its frame about its origin (N, N m), of an `object` that is led
-    /// slowly through `path`, poses in the pad's frame: the bed alone, without a gripper.
+    /// Wrenches on one pad, in its frame about its origin (N, N m), of an `object` that moves
+    /// slowly through `path`, poses in the pad's frame. Uses the elastic foundation alone, without
+    /// a gripper.
     pub fn wrenches(
         &self,
         object: &ObjectModel,
@@ -293,7 +301,7 @@ impl SoftPads {
     }
 }
 
-/// Velocity of the wrist as a rigid motion.
+/// Velocity of the wrist as a rigid motion: of its origin, and angular.
 struct Twist {
     origin: Vector3<f64>,
     linear: Vector3<f64>,
@@ -313,7 +321,8 @@ impl Twist {
     }
 }
 
-/// How object and slides move against a wrist that moves as `base`.
+/// Velocities of object and slides; those of the slides are relative to a wrist that moves as
+/// `base`.
 fn motion(
     world: &PhysicsWorld,
     hand: &Hand,
@@ -331,7 +340,7 @@ fn motion(
     motion
 }
 
-/// Everything that moves, from Rapier, on a wrist that moves as `base`.
+/// Reads the bodies from Rapier, on a wrist that moves as `base`.
 fn bodies(
     world: &PhysicsWorld,
     hand: &Hand,
@@ -368,8 +377,8 @@ fn inertia(properties: &rapier3d::prelude::RigidBodyMassProps) -> Matrix3<f64> {
     inverse.try_inverse().unwrap_or_else(Matrix3::zeros)
 }
 
-/// A wrench on a pad, in its frame about its origin, as one on the object, in axes of the world
-/// about its centre of mass.
+/// Converts a wrench on a pad, in its frame about its origin, to the opposite wrench on the object,
+/// in world axes about its centre of mass.
 fn on_object(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wrench {
     let turn = |v: &Vector3<f64>| -(pad.rotation * v);
     let force = turn(&wrench.force);
@@ -377,14 +386,14 @@ fn on_object(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wr
     Wrench { force, torque: turn(&wrench.torque) + arm.cross(&force) }
 }
 
-/// The inverse of [`on_object`].
+/// Computes the inverse of [`on_object`].
 fn on_pad(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wrench {
     let turn = |v: Vector3<f64>| -pad.rotation.inverse_transform_vector(&v);
     let arm = pad.translation.vector - center;
     Wrench { force: turn(wrench.force), torque: turn(wrench.torque - arm.cross(&wrench.force)) }
 }
 
-/// Adds forces and torques on the unknowns to Rapier's bodies.
+/// Applies forces and torques on the unknowns to Rapier's bodies.
 fn push(
     world: &mut PhysicsWorld,
     hand: &Hand,

@@ -1,4 +1,4 @@
-//! Where the face of a pad stands in the object.
+//! Contact of the face of a pad with the object, evaluated at bristles.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
@@ -6,61 +6,61 @@ use serde::{Deserialize, Serialize};
 use super::law::{Depth, Law};
 use crate::geometry::{PadOutline, Shape};
 
-/// Bristles across and along a pad.
+/// Number of bristles across and along a pad.
 const COUNTS: [usize; 2] = [8, 10];
 
-/// A bristle's place on the undeformed face, in the pad's frame.
+/// A bristle's position on the undeformed face, in the pad's frame.
 struct Root {
     place: Vector3<f64>,
-    /// The face's own directions, one cell long (m).
+    /// Edges of the bristle's cell along the face (m).
     edges: [Vector3<f64>; 2],
 }
 
-/// The face of a pad as bristles.
+/// Face of a pad, divided into one cell per bristle.
 pub(super) struct Face {
     roots: Vec<Root>,
-    /// Area of the plan that a bristle stands for (m²).
+    /// Area of a cell in plan view (m²).
     area: f64,
     outline: PadOutline,
 }
 
-/// The object as a pad's frame sees it.
+/// The object in a pad's frame.
 pub(super) struct Obstacle<'a> {
     shape: &'a Shape,
-    /// Radius about its frame's origin that holds all of it (m).
+    /// Radius of a sphere about the origin of the object's frame that contains the object (m).
     radius: f64,
     pose: Isometry3<f64>,
-    /// The rotation of the pose.
+    /// Rotation matrix of the pose.
     turn: Matrix3<f64>,
 }
 
-/// A bristle that sticks to the object.
+/// Anchor of a bristle that sticks to the object.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Anchor {
-    /// Where, in the object's frame (m).
+    /// Position in the object's frame (m).
     place: Point3<f64>,
-    /// Share of its cell that sticks.
+    /// Fraction of its cell that sticks.
     cover: f64,
 }
 
-/// A bristle that touches, in the pad's frame.
+/// A bristle in contact, in the pad's frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Touch {
     pub(super) bristle: usize,
     /// Root of the bristle on the undeformed face (m).
     root: Vector3<f64>,
-    /// Where the object's surface meets it (m).
+    /// Point at which the bristle meets the object's surface (m).
     pub(super) place: Vector3<f64>,
     /// Outward normal of the object.
     pub(super) normal: Vector3<f64>,
     pub(super) depth: Depth,
-    /// Share of the cell that sticks.
+    /// Fraction of the cell that sticks.
     cover: f64,
-    /// Force over mean depth (N/m).
+    /// Normal force per mean depth (N/m).
     pub(super) stiffness: f64,
     /// Sideways stiffness (N/m).
     pub(super) shear: f64,
-    /// Sideways motion of the object since the bristle stuck, as far as it did not slip (m).
+    /// Sideways motion of the object since the bristle stuck, less its slip (m).
     pub(super) stretch: Vector3<f64>,
 }
 
@@ -89,7 +89,7 @@ impl Face {
         self.roots.len()
     }
 
-    /// The bristles that touch `obstacle`, stuck where `anchors` say.
+    /// Replaces `touches` by the bristles in contact with `obstacle`, held at their `anchors`.
     pub(super) fn touches(
         &self,
         obstacle: &Obstacle,
@@ -126,10 +126,11 @@ impl Face {
         self.stiffen(touches, law);
     }
 
-    /// Greatest depth at which the face stands in `obstacle` (m), 0 outside: climbed to from the deepest
-    /// of `touches`.
+    /// Greatest depth of the face inside `obstacle` (m), 0 outside, by a pattern search from the
+    /// deepest of `touches`.
     pub(super) fn indentation(&self, obstacle: &Obstacle, touches: &[Touch]) -> f64 {
-        /// Halvings of a cell: to 0.04 mm, on which a ball of 1 mm rises by 1 µm.
+        /// Halvings of a cell, to 0.04 mm; within that distance the height of a ball of 1 mm varies
+        /// by 1 µm.
         const HALVINGS: i32 = 6;
         let deepest = touches.iter().max_by(|a, b| a.depth.middle.total_cmp(&b.depth.middle));
         let Some(deepest) = deepest else { return 0.0 };
@@ -153,17 +154,17 @@ impl Face {
         most.max(0.0)
     }
 
-    /// Whether any bristle could touch.
+    /// Returns whether any bristle could touch `obstacle`.
     fn is_near(&self, obstacle: &Obstacle) -> bool {
         let last = self.roots[self.roots.len() - 1].place.norm() + self.outline.thickness;
         obstacle.pose.translation.vector.norm() < obstacle.radius + last
             && obstacle.distance(&Vector3::zeros()).0 < last
     }
 
-    /// Normal of the object and depth of the cell round a bristle, if it touches.
+    /// Normal of the object and depth of the cell of a bristle, if it touches.
     fn meet(&self, root: &Root, obstacle: &Obstacle) -> Option<(Vector3<f64>, Depth)> {
-        /// Steepest slope that counts as a face turned to the pad: past it the bristle stands beside
-        /// an edge and is pushed back along itself.
+        /// Largest z of the object's normal at which the surface counts as facing the pad. Above it
+        /// the bristle is beside an edge and is pushed straight into the gel.
         const STEEPEST: f64 = -0.5;
         let reach = 0.5 * root.edges[0].norm().max(root.edges[1].norm());
         let offset = root.place - obstacle.pose.translation.vector;
@@ -187,8 +188,9 @@ impl Face {
         (middle > 0.0).then_some((-Vector3::z(), Depth { middle, spread: 0.0 }))
     }
 
-    /// Way down into the gel from a place inside the object to its surface that faces the pad (m), at
-    /// least `start`: through a thin wall the nearest surface is the wrong one.
+    /// Distance from a place inside the object, straight into the gel, to the object's surface that
+    /// faces the pad (m), at least `start`. In a thin wall the nearest surface may be the wrong
+    /// one.
     fn way_out(&self, place: &Vector3<f64>, obstacle: &Obstacle, start: f64) -> f64 {
         const SHORTEST: f64 = 2e-5;
         let mut way = start;
@@ -202,10 +204,11 @@ impl Face {
         self.outline.thickness
     }
 
-    /// Lowers the depths from those of the bristles to the means of their cells: by (κ₁a² + κ₂b²)/24 where
-    /// the object curves away from the face by κ along the cells' edges a and b.
+    /// Converts depths at the bristles to means over their cells: lowers them by (κ₁a² + κ₂b²)/24,
+    /// where κ₁ and κ₂ are the curvatures of the object away from the face along the cells' edges a
+    /// and b.
     fn round(&self, touches: &mut [Touch]) {
-        /// Sharpest curvature that a cell can feel (1/m).
+        /// Largest curvature that cells resolve (1/m).
         const SHARPEST: f64 = 250.0;
         let lowered = [0, 1].map(|axis| {
             let (mut weight, mut first, mut slope) = (0.0, 0.0, 0.0);
@@ -224,7 +227,7 @@ impl Face {
             if spread <= 1e-6 * weight * weight {
                 return 0.0;
             }
-            // κ times the edge squared, by regression of the slope over the touch.
+            // κ times the squared edge, by linear regression of the slope over the contact.
             let cell = self.roots[0].edges[axis][axis];
             let curved = (weight * mixed - first * slope) / spread;
             curved.clamp(0.0, SHARPEST * cell * cell) / 24.0
@@ -234,7 +237,7 @@ impl Face {
         }
     }
 
-    /// Gives every touch its share of the bed's stiffness.
+    /// Sets the stiffness of each touch to its share of the foundation's.
     fn stiffen(&self, touches: &mut [Touch], law: &Law) {
         let (squares, covered) = touches.iter().fold((0.0, 0.0), |(squares, covered), touch| {
             let depth = &touch.depth;
@@ -249,13 +252,14 @@ impl Face {
 }
 
 impl<'a> Obstacle<'a> {
-    /// A `shape` at `pose`, within a `radius` (m) about its frame's origin.
+    /// Creates an obstacle from `shape` at `pose`, contained in a sphere of `radius` (m) about its
+    /// frame's origin.
     pub(super) fn new(shape: &'a Shape, radius: f64, pose: &Isometry3<f64>) -> Self {
         let turn = *pose.rotation.to_rotation_matrix().matrix();
         Self { shape, radius, pose: *pose, turn }
     }
 
-    /// Signed distance (m) and outward normal at a place of the pad's frame.
+    /// Signed distance (m) and outward normal at a `place` in the pad's frame.
     fn distance(&self, place: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let seen = self.turn.tr_mul(&(place - self.pose.translation.vector));
         let found = self.shape.distance(&Point3::from(seen));
@@ -264,8 +268,9 @@ impl<'a> Obstacle<'a> {
 }
 
 impl Touch {
-    /// Stretches the bristle to where it stuck. What touched since bears no force yet. A share that
-    /// has come off by less than `SLACK` still counts, so that a tremor does not wear the bristle out.
+    /// Sets the stretch from `anchor`. The part of the cell that has come into contact since is
+    /// unstretched. Sticking area that has lost contact counts up to the fraction `SLACK` of the
+    /// contact, so that vibration does not release the bristle.
     fn hold(&mut self, anchor: &Anchor, pose: &Isometry3<f64>) {
         const SLACK: f64 = 0.1;
         let way = (pose * anchor.place).coords - self.root;
@@ -274,14 +279,14 @@ impl Touch {
         self.stretch = along * f64::min(1.0, anchor.cover / self.cover);
     }
 
-    /// Where the bristle sticks if it is stretched by `stretch` (m).
+    /// Anchor of the bristle at a stretch of `stretch` (m) and `pose` of the object.
     pub(super) fn anchor(&self, stretch: &Vector3<f64>, pose: &Isometry3<f64>) -> Anchor {
         let place = pose.inverse_transform_point(&Point3::from(self.root + stretch));
         Anchor { place, cover: self.cover }
     }
 
-    /// Force on the object (N) in the pad's frame if it stood still here, with a `gain` on its normal
-    /// part; and the stretch that does not slip (m).
+    /// Force on the object (N) in the pad's frame if it were at rest here, with a factor `gain` on
+    /// its normal part, and the stretch that remains after slip (m).
     pub(super) fn at_rest(&self, gain: f64, friction: f64) -> (Vector3<f64>, Vector3<f64>) {
         let normal = gain * self.stiffness * self.depth.mean();
         let sideways = cut(&(-self.shear * self.stretch), friction * normal);
@@ -289,7 +294,7 @@ impl Touch {
     }
 }
 
-/// `force`, shortened to `limit` if it is longer.
+/// Returns `force`, shortened to `limit` if it is longer.
 pub(super) fn cut(force: &Vector3<f64>, limit: f64) -> Vector3<f64> {
     let size = force.norm();
     if size > limit { force * (limit / size) } else { *force }
