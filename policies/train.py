@@ -36,7 +36,7 @@ from tqdm import tqdm
 
 from evaluate import about_this_run
 from params import Params, params
-from ruffini._core import TACTILE_CHANNELS
+from ruffini._schema import TACTILE_CHANNELS
 from ruffini.sb3 import TouchExtractor, fields, make_vec_env
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}

@@ -20,7 +20,7 @@ use ruffini_core::{
     Error,
     env::{Autoreset, Row, Setup, StartQuantity, StepResult},
     scene::CATALOGUE,
-    task::{Config, Ending, StateChannel, TACTILE_CHANNELS, Task},
+    task::{Config, Ending},
 };
 
 use error::{PressError, SimulationError, python_error};
@@ -272,19 +272,6 @@ fn schema() -> String {
     ruffini_core::task::schema().to_string()
 }
 
-/// Names of the terms of all rewards.
-fn reward_terms() -> Vec<&'static str> {
-    let mut names = Vec::new();
-    for task in Task::all() {
-        for term in task.terms() {
-            if !names.contains(&term.name) {
-                names.push(term.name);
-            }
-        }
-    }
-    names
-}
-
 /// Compiled part of the `ruffini` package.
 #[pymodule]
 mod _core {
@@ -305,18 +292,11 @@ mod _core {
     #[pymodule_export]
     use crate::training::{evaluate_surrogate, train_surrogate};
 
-    use super::{
-        Bound, CATALOGUE, Ending, PyModule, PyModuleMethods, PyResult, StateChannel,
-        TACTILE_CHANNELS, reward_terms,
-    };
+    use super::{Bound, CATALOGUE, PyModule, PyModuleMethods, PyResult};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("OBJECTS", CATALOGUE.to_vec())?;
-        module.add("CHANNELS", StateChannel::SHARED.map(StateChannel::name).to_vec())?;
-        module.add("TACTILE_CHANNELS", TACTILE_CHANNELS.to_vec())?;
-        module.add("REWARD_TERMS", reward_terms())?;
-        module.add("ENDINGS", Ending::ALL.map(Ending::name).to_vec())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

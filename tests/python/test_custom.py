@@ -132,9 +132,10 @@ def test_a_registered_task_is_made_by_gymnasium_and_stable_baselines3():
         sb3 = pytest.importorskip("ruffini.sb3")
         wrapped = sb3.make_vec_env("test/Low-v0", n_envs=2, seed=0)
         wrapped.reset()
-        for _ in range(31):
+        for step in range(1, 32):
             *_, dones, infos = wrapped.step(np.zeros((2, 5), np.float32))
-        assert infos[0]["reward_terms"].keys() == {"low"} or dones.all()
+            assert all(info["reward_terms"].keys() == {"low"} for info in infos)
+            assert dones.all() == dones.any() == (step == 30)
     finally:
         gym.registry.pop("test/Low-v0")
 
@@ -193,8 +194,11 @@ def test_wrong_rules_say_what_was_found_and_expected(task, message):
 
 
 def test_what_is_no_task_is_refused():
-    with pytest.raises(ValueError, match="task: found 3, expected a subclass"):
-        CustomEnv(3)
+    for make in (CustomEnv, lambda task: register("test/No-v0", task)):
+        with pytest.raises(ValueError, match="task: found 3, expected a subclass"):
+            make(3)
+        with pytest.raises(ValueError, match="Wrong.base: found 'Juggle'"):
+            make(case(base="Juggle"))
     with pytest.raises(ValueError, match="Low has its weights in `terms`"):
         CustomEnv(Low, reward_weights={"low": 1})
     with pytest.raises(TypeError, match="unexpected keyword argument 'colour'"):

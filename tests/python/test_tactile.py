@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import ruffini
-from ruffini._core import ENDINGS
+from ruffini._schema import ENDINGS
 from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 
 COARSE = {"nodes": 300}

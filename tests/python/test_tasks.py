@@ -12,7 +12,7 @@ from conftest import IDS, MODES, NEEDED, actions, flat
 
 import ruffini.envs
 from evaluate import evaluate, load
-from ruffini._schema import SETTINGS, TASKS
+from ruffini._schema import ENDINGS, SETTINGS, TASKS
 from ruffini._settings import Range, Settings
 from ruffini.policies import part
 
@@ -340,7 +340,7 @@ def test_random_actions_stay_within_the_spaces_and_end_by_name(env_id, settings)
         rows, reward, *_, info = envs.step(action)
         assert envs.observation_space.contains(rows)
         assert ((reward >= 0) & (reward <= 1)).all()
-        assert all(e is None or e in ruffini._core.ENDINGS for e in info.get("ending", []))
+        assert all(e is None or e in ENDINGS for e in info.get("ending", []))
 
 
 def towards(force: Any, observation: dict[str, np.ndarray]) -> np.ndarray:

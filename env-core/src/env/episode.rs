@@ -10,7 +10,7 @@ use super::{
     given::{GivenStart, StartQuantity},
     plan::{CHANNEL, CORRECTION, Costs, PEAK, PRESS, REWARD, SCENE},
     squeeze::{self, Squeeze},
-    start::Start,
+    start::InitialState,
     touch::{PerFinger, correct, keep, presses},
     trial::{limit, trial},
     way::{PosesInPads, Way},
@@ -124,8 +124,8 @@ impl Episode {
         };
         config.task.draw(config, &mut parameters, &mut uniform);
         let object = Object { model, scale, mass, friction, pose };
-        let Start { scene, grip, way } =
-            Start::new(setup, &object, &Vector3::from(start), parameters.young)?;
+        let InitialState { scene, grip, way } =
+            InitialState::new(setup, &object, &Vector3::from(start), parameters.young)?;
         let tried = |t: TrialGrip| trial(setup, &object, &parameters, t.grip);
         let presses = parameters.trial.map(tried).transpose()?;
         let state = scene.state();

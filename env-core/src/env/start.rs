@@ -10,17 +10,17 @@ use super::{
 use crate::{
     Result,
     scene::{Object, Pads, Scene, SceneConfig},
-    task,
+    task::Start,
 };
 
 /// Scene, grip force (N), and the trajectory of the object that led to the scene.
-pub(super) struct Start {
+pub(super) struct InitialState {
     pub(super) scene: Scene,
     pub(super) grip: f64,
     pub(super) way: Way,
 }
 
-impl Start {
+impl InitialState {
     /// Creates the initial state for an `object` that rests on the table, soft if it has a Young's
     /// modulus `young` (Pa). The hand is at `place` (m), unless the task places it around the
     /// object.
@@ -37,11 +37,9 @@ impl Start {
         let task = &setup.config.task;
         let grip = task.gradual_grip().map_or(0.0, |grip| grip.start);
         match task.start() {
-            task::Start::OverTable => {
-                Ok(Self::at_once(Scene::new(&config, object, place, 0.0)?, grip))
-            }
-            task::Start::AroundObject => Ok(Self::at_once(around(&config, object)?, grip)),
-            task::Start::InHand => Self::holding(&config, object, place, grip, FINE),
+            Start::OverTable => Ok(Self::at_once(Scene::new(&config, object, place, 0.0)?, grip)),
+            Start::AroundObject => Ok(Self::at_once(around(&config, object)?, grip)),
+            Start::InHand => Self::holding(&config, object, place, grip, FINE),
         }
     }
 

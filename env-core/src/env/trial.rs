@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 
 use super::{
     Setup,
-    start::Start,
+    start::InitialState,
     touch::{PerFinger, presses},
 };
 use crate::{
@@ -28,7 +28,8 @@ pub(super) fn trial(
 ) -> Result<PerFinger<Press>> {
     let config = &setup.config.scene;
     let [low, high] = [config.workspace.low, config.workspace.high].map(Vector3::from);
-    let Start { way, .. } = Start::holding(config, object, &(0.5 * (low + high)), grip, COARSE)?;
+    let InitialState { way, .. } =
+        InitialState::holding(config, object, &(0.5 * (low + high)), grip, COARSE)?;
     let shape = setup.felt_shape(parameters.object).scaled(parameters.scale);
     presses(&mut way.start().map(Finger::new), way.poses(), &shape, parameters, setup)
 }

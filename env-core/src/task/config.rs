@@ -56,7 +56,7 @@ pub struct Config {
 impl Default for Config {
     /// Default settings of the first task.
     fn default() -> Self {
-        Self::of(&Task::all()[0])
+        Self::of(&Task::default())
     }
 }
 

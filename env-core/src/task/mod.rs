@@ -176,6 +176,12 @@ macro_rules! tasks {
 
 tasks!(GraspLift, GraspFragile, GraspSoft, HoldStill);
 
+impl Default for Task {
+    fn default() -> Self {
+        Self::all().swap_remove(0)
+    }
+}
+
 impl Task {
     /// The task called `name`, with its default settings.
     pub fn named(name: &str) -> Result<Self> {

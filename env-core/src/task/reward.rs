@@ -7,8 +7,8 @@ use serde::Serialize;
 use super::{Config, Progress, StepState, Task};
 use crate::{Error, Result};
 
-/// Value of a term in [0, 1].
-type Value = fn(&StepState, &Progress, &Config) -> f64;
+/// Computes a term, in [0, 1].
+type Evaluate = fn(&StepState, &Progress, &Config) -> f64;
 
 /// Term of a task's reward.
 #[derive(Clone, Copy, Debug)]
@@ -19,12 +19,12 @@ pub struct RewardTerm {
     pub weight: f64,
     /// State in which the term is 1, and where it is 0.
     pub doc: &'static str,
-    value: Value,
+    value: Evaluate,
 }
 
 impl RewardTerm {
     /// A term of this `name` and default `weight`.
-    pub const fn new(name: &'static str, weight: f64, value: Value, doc: &'static str) -> Self {
+    pub const fn new(name: &'static str, weight: f64, value: Evaluate, doc: &'static str) -> Self {
         Self { name, weight, doc, value }
     }
 }

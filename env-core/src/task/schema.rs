@@ -22,7 +22,7 @@ pub fn schema() -> Value {
         "settings": shared,
         "channels": channels,
         "tactile_channels": TACTILE_CHANNELS,
-        "endings": Ending::ALL.map(Ending::name),
+        "endings": Ending::ALL.map(|e| json!({"name": e.name(), "is_rule": e.is_of_the_task()})),
     })
 }
 

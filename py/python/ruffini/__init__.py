@@ -16,10 +16,7 @@ from typing import TYPE_CHECKING, Any
 from gymnasium.envs.registration import register
 
 from ruffini._core import (
-    CHANNELS,
     OBJECTS,
-    REWARD_TERMS,
-    TACTILE_CHANNELS,
     Antipodal,
     Compliance,
     Deformation,
@@ -43,7 +40,7 @@ from ruffini._core import (
     objects,
     sensor,
 )
-from ruffini._schema import TASKS
+from ruffini._schema import CHANNELS, REWARD_TERMS, TACTILE_CHANNELS, TASKS
 
 __all__ = [
     "CHANNELS",

@@ -6,11 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
-    "CHANNELS",
-    "ENDINGS",
     "OBJECTS",
-    "REWARD_TERMS",
-    "TACTILE_CHANNELS",
     "Antipodal",
     "Batch",
     "Compliance",
@@ -46,10 +42,6 @@ __all__ = [
 
 __version__: str
 OBJECTS: list[str]
-CHANNELS: list[str]
-TACTILE_CHANNELS: list[str]
-REWARD_TERMS: list[str]
-ENDINGS: list[str]
 
 class SimulationError(RuntimeError): ...
 

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ruffini._core import ENDINGS, Batch
-from ruffini._schema import TASKS, docstring
+from ruffini._core import Batch
+from ruffini._schema import ENDINGS, TASKS, specification
 from ruffini._settings import to_json
 from ruffini._spaces import Renderer, Spaces
 
@@ -47,6 +47,8 @@ class Native:
     _batch: Batch
     _spaces: Spaces
     _renderer: Renderer
+    _observed: list[str] | None = None
+    """Channels that the agent sees, the first of the batch's; ``None``: all."""
     _terms: list[str]
     _endings: list[str]
     _rows: int
@@ -54,15 +56,17 @@ class Native:
     _autoreset: str
 
     def __init_subclass__(cls, *, task: str | None = None, **kwargs: Any) -> None:
-        """Make a subclass the environment of a task, with the task's docstring."""
+        """Make a subclass the environment of a task: its specification, its parent's arguments."""
         super().__init_subclass__(**kwargs)
         if task is not None:
             cls.TASK = task
-            cls.__doc__ = cls._docstring(task)
+            _, *arguments = (cls.__bases__[0].__doc__ or "").partition("Args:")
+            cls.__doc__ = f"{cls._about(task)}\n\n    {''.join(arguments)}"
 
-    @staticmethod
-    def _docstring(task: str) -> str:
-        return docstring(TASKS[task])
+    @classmethod
+    def _about(cls, task: str) -> str:
+        """Docstring of the environment of a task, without its arguments."""
+        return specification(TASKS[task])
 
     def _make(
         self, render_mode: str | None, obs: str, width: int, height: int, settings: dict[str, Any]
@@ -72,9 +76,12 @@ class Native:
         self._settings = settings
         self._renderer = Renderer(render_mode, width, height)
         self._batch = self._new_batch()
-        self._spaces = Spaces(self._batch, obs)
+        self._make_spaces()
         self._terms = self._batch.reward_terms()
         self._endings = ENDINGS
+
+    def _make_spaces(self) -> None:
+        self._spaces = Spaces(self._batch, self._obs, self._observed)
 
     def _new_batch(self) -> Batch:
         settings = to_json(self._settings, self.TASK)
@@ -128,4 +135,4 @@ class Native:
         self.__dict__.update(state)
         self._batch = self._new_batch()
         self._batch.load(snapshot)
-        self._spaces = Spaces(self._batch, self._obs)
+        self._make_spaces()

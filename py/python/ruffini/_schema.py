@@ -12,8 +12,24 @@ from ruffini import _core
 SCHEMA: dict[str, Any] = json.loads(_core.schema())
 """Description of all tasks; ``tasks``, ``settings`` that all have, ``channels``, ``endings``."""
 
+CHANNELS: list[str] = [channel["name"] for channel in SCHEMA["channels"]]
+"""Names of the channels that every environment has."""
+
+TACTILE_CHANNELS: list[str] = SCHEMA["tactile_channels"]
+"""Names of the channels of tactile fingers."""
+
+ENDINGS: list[str] = [ending["name"] for ending in SCHEMA["endings"]]
+"""Names of the endings; native gives the place in this list, counted from 1."""
+
+RULES: list[str] = [ending["name"] for ending in SCHEMA["endings"] if ending["is_rule"]]
+"""Names of the endings by a rule of the task; the others are failures, which earn no reward."""
+
 TASKS: dict[str, dict[str, Any]] = {task["name"]: task for task in SCHEMA["tasks"]}
 """Description of each task by its name."""
+
+_TERMS = (term["name"] for task in TASKS.values() for term in task["terms"])
+REWARD_TERMS: list[str] = list(dict.fromkeys(_TERMS))
+"""Names of the terms of all rewards."""
 
 SHARED: dict[str, dict[str, Any]] = {each["name"]: each for each in SCHEMA["settings"]}
 """Settings that all tasks have."""
@@ -22,21 +38,9 @@ _OWN = (each["name"] for task in TASKS.values() for each in task["settings"])
 SETTINGS: list[str] = list(dict.fromkeys([*SHARED, *_OWN]))
 """Names of the settings of all tasks."""
 
-_ARGUMENTS = """Args:
-    render_mode: ``None`` or ``"rgb_array"``.
-    obs: ``"dict"`` or ``"flat"``.
-    width: Width of a picture in pixels.
-    height: Height of a picture in pixels.
-    **settings: Those above.
 
-Raises:
-    TypeError: If a setting is unknown.
-    ValueError: If one is of the wrong type or out of range.
-"""
-
-
-def docstring(task: dict[str, Any]) -> str:
-    """Docstring of a task's environment: its specification, with tables, and the arguments."""
+def specification(task: dict[str, Any]) -> str:
+    """Specification of a task with its tables, indented as a docstring is."""
     tables = {
         "{channels}": _channels(task["channels"] or SCHEMA["channels"]),
         "{terms}": _terms(task["terms"]),
@@ -45,7 +49,7 @@ def docstring(task: dict[str, Any]) -> str:
     text: str = task["doc"]
     for mark, table in tables.items():
         text = text.replace(mark, table)
-    return textwrap.indent(f"{text}\n\n{_ARGUMENTS}", "    ").strip() + "\n    "
+    return textwrap.indent(text, "    ").strip()
 
 
 def _table(*rows: Iterable[str]) -> str:

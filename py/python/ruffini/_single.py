@@ -32,7 +32,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         obs: ``"dict"`` or ``"flat"``.
         width: Width of a picture in pixels.
         height: Height of a picture in pixels.
-        **settings: As the subclass documents them.
+        **settings: As the specification lists them.
 
     Raises:
         TypeError: If a setting is unknown.

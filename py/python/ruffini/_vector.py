@@ -52,11 +52,11 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
 
     metadata = METADATA
 
-    @staticmethod
-    def _docstring(task: str) -> str:
+    @classmethod
+    def _about(cls, task: str) -> str:
         return (
             f"Many :class:`{task}Env` stepped together by one native call.\n\n    Row i of a batch "
-            "seeded with s equals the single environment seeded with s + i, bit for bit.\n    "
+            "seeded with s equals the single environment seeded with s + i, bit for bit."
         )
 
     def __init__(

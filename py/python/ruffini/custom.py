@@ -26,9 +26,8 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from ruffini._core import ENDINGS
 from ruffini._native import Native, StepArrays
-from ruffini._schema import TASKS
+from ruffini._schema import ENDINGS, RULES, TASKS
 from ruffini._single import NativeEnv
 from ruffini._spaces import Observation, Spaces
 from ruffini._vector import NativeVectorEnv
@@ -147,12 +146,7 @@ class _Custom(Native):
     """Rows whose next episode has its start."""
 
     def __init__(self, task: type[Task], *args: Any, **settings: Any) -> None:
-        if not (isinstance(task, type) and issubclass(task, Task)):
-            raise ValueError(f"task: found {task!r}, expected a subclass of ruffini.custom.Task")
-        if task.base not in TASKS:
-            known = ", ".join(TASKS)
-            raise ValueError(f"{task.__name__}.base: found {task.base!r}, expected one of {known}")
-        _checked_weights(task)
+        _check(task)
         if "reward_weights" in settings:
             raise ValueError(f"reward_weights: {task.__name__} has its weights in `terms`")
         self._task = task()
@@ -174,6 +168,8 @@ class _Custom(Native):
         self._base_terms = self._batch.reward_terms()
         self._terms = list(self._task.terms)
         self._endings = [*ENDINGS, *self._task.endings]
+        self._failures = [code for code, name in enumerate(ENDINGS, 1) if name not in RULES]
+        self._weights = np.array([self._task.terms[name] for name in self._terms])
         self._fresh = np.ones(self._rows, np.bool_)
         self._streams = [np.random.default_rng(row) for row in range(self._rows)]
         self._given: dict[str, Floats] = {}
@@ -181,7 +177,7 @@ class _Custom(Native):
 
     def _make_spaces(self) -> None:
         """Spaces of what the agent observes, and the layout of all that is computed."""
-        self._spaces = Spaces(self._batch, self._obs, self._observed)
+        super()._make_spaces()
         self._whole = Spaces(self._batch, "dict")
 
     def _begin(self, seeds: list[int | None] | None, mask: Bools | None) -> NDArray[np.float32]:
@@ -259,10 +255,8 @@ class _Custom(Native):
         step.success = self._booleans("is_success", self._task.is_success(state)) & ~restarted
         ended = self._ended_by_task(state, step, restarted)
         step.terms[restarted] = 0.0
-        weights = np.array([self._task.terms[name] for name in self._terms])
-        failed = (step.ending > 0) & ~np.isin(step.ending, _rules(self._endings))
-        step.terms[failed] = 0.0
-        step.reward = step.terms @ weights
+        step.terms[np.isin(step.ending, self._failures)] = 0.0
+        step.reward = step.terms @ self._weights
         self._restart(step, whole, ended, restarted)
         return step
 
@@ -337,7 +331,6 @@ class _Custom(Native):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         super().__setstate__(state)
-        self._make_spaces()
         self._give()
 
     def _refuse_memory(self) -> None:
@@ -385,7 +378,7 @@ def register(env_id: str, task: type[Task], max_episode_steps: int | None = None
     Raises:
         ValueError: If `task` is no task.
     """
-    _checked_weights(task)
+    _check(task)
     steps = task.settings.get("max_episode_steps", TASKS[task.base]["max_episode_steps"])
     gym.register(
         id=env_id,
@@ -396,16 +389,14 @@ def register(env_id: str, task: type[Task], max_episode_steps: int | None = None
     )
 
 
-def _checked_weights(task: type[Task]) -> None:
-    """Raise a ``ValueError`` unless the task has terms with finite weights."""
-    name = getattr(task, "__name__", repr(task))
-    weights = getattr(task, "terms", None)
+def _check(task: Any) -> None:
+    """Raise a ``ValueError`` unless `task` is a task of a known base and has terms with weights."""
+    if not (isinstance(task, type) and issubclass(task, Task)):
+        raise ValueError(f"task: found {task!r}, expected a subclass of ruffini.custom.Task")
+    name, weights = task.__name__, task.terms
+    if task.base not in TASKS:
+        known = ", ".join(TASKS)
+        raise ValueError(f"{name}.base: found {task.base!r}, expected one of {known}")
     sound = isinstance(weights, Mapping) and np.isfinite(list(weights.values())).all()
     if not (weights and sound):
         raise ValueError(f"{name}.terms: found {weights!r}, expected names with finite weights")
-
-
-def _rules(endings: list[str]) -> list[int]:
-    """Codes of the endings by rules of a task, not by failures: only these are paid."""
-    failures = ("non_finite", "out_of_range", "engine_error", "press_failed")
-    return [code for code, name in enumerate(endings, 1) if name not in failures]

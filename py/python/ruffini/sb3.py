@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from ruffini import _rows
-from ruffini._core import TACTILE_CHANNELS
+from ruffini._schema import TACTILE_CHANNELS
 from ruffini.envs import NativeVectorEnv
 
 Infos = Literal["every step", "episode ends"]

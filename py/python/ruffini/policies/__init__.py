@@ -5,13 +5,14 @@ A policy has the ``predict`` of Stable-Baselines3 and acts on dict observations 
     policy, state = ruffini.policies.scripted("ruffini/GraspLift-v0"), None
     action, state = policy.predict(observation, state)
 
-The scripted policy of a task is the module of the task's name, with a class ``Scripted``.
+The scripted policy of a task is the function ``act`` of the module of the task's name.
 """
 
 from __future__ import annotations
 
 import importlib
 import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,14 +22,14 @@ from ruffini._schema import TASKS
 from ruffini.evaluation import Policy
 from ruffini.policies._parts import part
 
-__all__ = ["RandomPolicy", "part", "scripted"]
+__all__ = ["RandomPolicy", "ScriptedPolicy", "part", "scripted"]
 
 
-class RandomPolicy:
-    """Uniform actions, the same on every run."""
+class ScriptedPolicy:
+    """Policy of a function of observations and state."""
 
-    def __init__(self, seed: int = 0) -> None:
-        self._random = np.random.default_rng(seed)
+    def __init__(self, act: Callable[[Any, Any], tuple[NDArray[np.float32], Any]]) -> None:
+        self._act = act
 
     def predict(
         self,
@@ -37,9 +38,21 @@ class RandomPolicy:
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (N, 5) for observations of N environments."""
-        rows = len(next(iter(observation.values())))
-        return self._random.uniform(-1, 1, (rows, 5)).astype(np.float32), state
+        """Actions (N, 5) for observations of N environments, and a state for the next call."""
+        return self._act(observation, state)
+
+
+class RandomPolicy(ScriptedPolicy):
+    """Uniform actions, the same on every run."""
+
+    def __init__(self, seed: int = 0) -> None:
+        random = np.random.default_rng(seed)
+
+        def act(observation: Any, state: Any) -> tuple[NDArray[np.float32], Any]:
+            rows = len(next(iter(observation.values())))
+            return random.uniform(-1, 1, (rows, 5)).astype(np.float32), state
+
+        super().__init__(act)
 
 
 def scripted(env_id: str) -> Policy:
@@ -53,5 +66,4 @@ def scripted(env_id: str) -> Policy:
         known = ", ".join(f"ruffini/{task}-v0" for task in TASKS)
         raise ValueError(f"env_id: found {env_id!r}, expected one of {known}")
     module = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
-    policy: Policy = importlib.import_module(f"ruffini.policies.{module}").Scripted()
-    return policy
+    return ScriptedPolicy(importlib.import_module(f"ruffini.policies.{module}").act)

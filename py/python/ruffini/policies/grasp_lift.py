@@ -31,33 +31,24 @@ GRIP = 0.5
 """Grip force command while closing, of the gripper's largest."""
 
 
-class Scripted:
-    """Acts on a batch of dict observations, one row an environment."""
-
-    def predict(
-        self,
-        observation: dict[str, NDArray[np.float32]],
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (N, 5) for observations (N, ...); the signature is Stable-Baselines3's."""
-        forces = part(observation, "proprio", "normal force of each pad")
-        place = part(observation, "object", "position from the tool centre, in the wrist's frame")
-        x, y, z = place.T
-        grasped = (forces > FIRM).all(axis=1)
-        # A grasped object is below or between the pads; one that merely stands there is not held.
-        over = np.hypot(x, y) < NEAR + 0.3 * np.maximum(0.0, 0.03 + z)
-        down = np.abs(z) < NEAR
-        closing = grasped | (over & (down | (forces > 0.05).any(axis=1)))
-        action = np.zeros((len(place), 5), np.float32)
-        velocity = GAIN * place / MAX_SPEED
-        velocity[:, 2] = np.where(over, velocity[:, 2], np.maximum(velocity[:, 2] + 2.0, 0.0))
-        action[:, :3] = np.where(closing[:, None], 0.0, velocity)
-        action[:, 2] = np.where(grasped, _lift(observation), action[:, 2])
-        action[:, 3] = np.where(closing, 0.0, _yaw_rate(observation))
-        action[:, 4] = np.where(closing, GRIP, -GRIP)
-        return np.clip(action, -1.0, 1.0), state
+def act(observation: dict[str, NDArray[np.float32]], state: Any) -> tuple[NDArray[np.float32], Any]:
+    """Actions (N, 5) for observations (N, ...); `state` is passed through."""
+    forces = part(observation, "proprio", "normal force of each pad")
+    place = part(observation, "object", "position from the tool centre, in the wrist's frame")
+    x, y, z = place.T
+    grasped = (forces > FIRM).all(axis=1)
+    # A grasped object is below or between the pads; one that merely stands there is not held.
+    over = np.hypot(x, y) < NEAR + 0.3 * np.maximum(0.0, 0.03 + z)
+    down = np.abs(z) < NEAR
+    closing = grasped | (over & (down | (forces > 0.05).any(axis=1)))
+    action = np.zeros((len(place), 5), np.float32)
+    velocity = GAIN * place / MAX_SPEED
+    velocity[:, 2] = np.where(over, velocity[:, 2], np.maximum(velocity[:, 2] + 2.0, 0.0))
+    action[:, :3] = np.where(closing[:, None], 0.0, velocity)
+    action[:, 2] = np.where(grasped, _lift(observation), action[:, 2])
+    action[:, 3] = np.where(closing, 0.0, _yaw_rate(observation))
+    action[:, 4] = np.where(closing, GRIP, -GRIP)
+    return np.clip(action, -1.0, 1.0), state
 
 
 def _lift(observation: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:

@@ -21,18 +21,9 @@ TIGHTER = 8.0
 """How fast it grows for what slides beyond, of the fastest for all of the contact."""
 
 
-class Scripted:
-    """Acts on a batch of dict observations, one row an environment."""
-
-    def predict(
-        self,
-        observation: dict[str, NDArray[np.float32]],
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (N, 5) for observations (N, ...); `state` is passed through."""
-        over = observation["slip"].max(axis=1) - SLIDING
-        action = np.zeros((len(over), 5), np.float32)
-        action[:, 4] = np.where(over > 0, np.minimum(TIGHTER * over, 1.0), LOOSER * over / SLIDING)
-        return action, state
+def act(observation: dict[str, NDArray[np.float32]], state: Any) -> tuple[NDArray[np.float32], Any]:
+    """Actions (N, 5) for observations (N, ...); `state` is passed through."""
+    over = observation["slip"].max(axis=1) - SLIDING
+    action = np.zeros((len(over), 5), np.float32)
+    action[:, 4] = np.where(over > 0, np.minimum(TIGHTER * over, 1.0), LOOSER * over / SLIDING)
+    return action, state
