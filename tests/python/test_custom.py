@@ -120,6 +120,25 @@ def test_a_row_equals_the_single_environment(mode):
     assert ended > 5
 
 
+@pytest.mark.parametrize("mode", MODES)
+def test_a_quantity_that_is_left_out_is_drawn_as_usual(mode):
+    class Once(Low):
+        """Gives the mass of each row's first episode alone."""
+
+        def draw(self, random):
+            self.calls = getattr(self, "calls", 0) + 1
+            return {"mass": np.full(len(random), 0.05)} if self.calls == 1 else {}
+
+    envs = CustomVectorEnv(Once, 2, autoreset_mode=mode)
+    envs.reset(seed=0)
+    assert [envs.look(row)["mass"] for row in range(2)] == [0.05, 0.05]
+    envs.reset(seed=1)
+    usual = gym.make_vec("ruffini/GraspLift-v0", num_envs=2, tactile="none")
+    usual.reset(seed=1)
+    masses = [[e.look(row)["mass"] for row in range(2)] for e in (envs, usual)]
+    assert masses[0] == masses[1], masses
+
+
 def test_a_registered_task_is_made_by_gymnasium_and_stable_baselines3():
     register("test/Low-v0", Low, max_episode_steps=30)
     try:
@@ -177,6 +196,8 @@ def case(**members):
             case(draw=lambda self, random: {"mass": np.full(2, 9.0)}),
             "mass: found 9, expected",
         ),
+        (case(draw=lambda self, random: [0.1, 0.2]), "draw: found list, expected numbers by name"),
+        (case(ending=lambda self, state: [True, False]), "ending: found list, expected booleans"),
         (case(draw=lambda self, random: {"mass": 0.1}), r"draw mass: found float64 of shape \(\)"),
         (case(draw=lambda self, random: {"mass": np.full(2, np.nan)}), "draw mass: found .*nan"),
         (case(draw=lambda self, random: {"smell": np.ones(2)}), "start: found smell, expected one"),
@@ -197,7 +218,7 @@ def test_what_is_no_task_is_refused():
     for make in (CustomEnv, lambda task: register("test/No-v0", task)):
         with pytest.raises(ValueError, match="task: found 3, expected a subclass"):
             make(3)
-        with pytest.raises(ValueError, match="Wrong.base: found 'Juggle'"):
+        with pytest.raises(ValueError, match=r"Wrong\.base: found 'Juggle'"):
             make(case(base="Juggle"))
     with pytest.raises(ValueError, match="Low has its weights in `terms`"):
         CustomEnv(Low, reward_weights={"low": 1})
@@ -205,5 +226,5 @@ def test_what_is_no_task_is_refused():
         CustomEnv(Low, colour=1)
     env = CustomEnv(Lift)
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="state: Lift keeps something of its own"):
+    with pytest.raises(ValueError, match="state: Lift keeps numbers of its own"):
         env.set_state(env.state())

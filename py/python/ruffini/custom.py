@@ -201,17 +201,21 @@ class _Custom(Native):
         if type(self._task).draw is Task.draw or not len(chosen):
             return
         drawn = self._task.draw(Draws([self._streams[row] for row in chosen]))
+        if not isinstance(drawn, Mapping):
+            raise ValueError(f"draw: found {type(drawn).__name__}, expected numbers by name")
+        # What is left out this time is drawn by native again.
+        for given in self._given.values():
+            given[chosen] = np.nan
         for name, values in drawn.items():
             column = np.asarray(values)
             if column.shape != chosen.shape or column.dtype.kind not in "fiu":
                 found = f"{column.dtype} of shape {column.shape}"
                 raise ValueError(f"draw {name}: found {found}, expected numbers {chosen.shape}")
-            given = self._given.setdefault(name, np.full(self._rows, np.nan))
-            given[chosen] = column
-            if np.isnan(given[chosen]).any():
+            if not np.isfinite(column).all():
                 raise ValueError(f"draw {name}: found {column}, expected finite numbers")
-        self._drawn[chosen] = True
+            self._given.setdefault(name, np.full(self._rows, np.nan))[chosen] = column
         self._give()
+        self._drawn[chosen] = True
 
     def _give(self) -> None:
         for name, values in self._given.items():
@@ -263,7 +267,10 @@ class _Custom(Native):
     def _ended_by_task(self, state: State, step: StepArrays, restarted: Bools) -> Bools:
         """Rows that the task alone ends; marks them as terminated with the ending's name."""
         ended = np.zeros(self._rows, np.bool_)
-        for name, rows in self._task.ending(state).items():
+        endings = self._task.ending(state)
+        if not isinstance(endings, Mapping):
+            raise ValueError(f"ending: found {type(endings).__name__}, expected booleans by name")
+        for name, rows in endings.items():
             if name not in self._task.endings:
                 known = ", ".join(self._task.endings) or "none: `endings` lists no name"
                 raise ValueError(f"ending: found {name!r}, expected one of {known}")
@@ -333,10 +340,12 @@ class _Custom(Native):
         super().__setstate__(state)
         self._give()
 
-    def _refuse_memory(self) -> None:
-        if type(self._task).start is not Task.start:
-            name = type(self._task).__name__
-            raise ValueError(f"state: {name} keeps something of its own, which no snapshot has")
+    def _check_snapshots(self) -> None:
+        task = type(self._task)
+        if task.start is not Task.start or task.draw is not Task.draw:
+            raise ValueError(
+                f"state: {task.__name__} keeps numbers of its own, which no snapshot has"
+            )
 
 
 class CustomEnv(_Custom, NativeEnv):
@@ -348,8 +357,8 @@ class CustomEnv(_Custom, NativeEnv):
     """
 
     def set_state(self, state: bytes) -> Observation:
-        """As of the base's environment; an error if the task keeps something of its own."""
-        self._refuse_memory()
+        """As of the base's environment; an error if the task has ``start`` or ``draw``."""
+        self._check_snapshots()
         return super().set_state(state)
 
 
@@ -362,8 +371,8 @@ class CustomVectorEnv(_Custom, NativeVectorEnv):
     """
 
     def set_state(self, states: Sequence[bytes]) -> Any:
-        """As of the base's environments; an error if the task keeps something of its own."""
-        self._refuse_memory()
+        """As of the base's environments; an error if the task has ``start`` or ``draw``."""
+        self._check_snapshots()
         return super().set_state(states)
 
 
