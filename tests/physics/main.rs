@@ -13,6 +13,7 @@ mod fem;
 mod floors;
 mod grasp;
 mod half_space;
+mod insertion;
 mod nodal;
 mod objects;
 mod peer;

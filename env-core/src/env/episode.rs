@@ -121,11 +121,12 @@ impl Episode {
             trial: None,
             young: None,
             shaking: None,
+            insertion: None,
         };
         config.task.draw(config, &mut parameters, &mut uniform);
         let object = Object { model, scale, mass, friction, pose };
         let InitialState { scene, grip, way } =
-            InitialState::new(setup, &object, &Vector3::from(start), parameters.young)?;
+            InitialState::new(setup, &object, &Vector3::from(start), &parameters)?;
         let tried = |t: TrialGrip| trial(setup, &object, &parameters, t.grip);
         let presses = parameters.trial.map(tried).transpose()?;
         let state = scene.state();

@@ -1,7 +1,7 @@
 //! Initial state of an episode: the hand above an object on the table, about to touch it, or
 //! holding it.
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 use super::{
     Setup,
@@ -10,7 +10,7 @@ use super::{
 use crate::{
     Result,
     scene::{Object, Pads, Scene, SceneConfig},
-    task::Start,
+    task::{EpisodeParameters, Start},
 };
 
 /// Scene, grip force (N), and the trajectory of the object that led to the scene.
@@ -21,30 +21,47 @@ pub(super) struct InitialState {
 }
 
 impl InitialState {
-    /// Creates the initial state for an `object` that rests on the table, soft if it has a Young's
-    /// modulus `young` (Pa). The hand is at `place` (m), unless the task places it around the
-    /// object.
+    /// Creates the initial state for an `object` that rests on the table, unless the task places it
+    /// in the hand. The hand is at `place` (m), unless the task places it around the object.
     pub(super) fn new(
         setup: &Setup,
         object: &Object,
         place: &Vector3<f64>,
-        young: Option<f64>,
+        parameters: &EpisodeParameters,
     ) -> Result<Self> {
         let mut config = setup.config.scene.clone();
-        if let (Some(young), Pads::Soft(pads)) = (young, &mut config.pads) {
+        if let (Some(young), Pads::Soft(pads)) = (parameters.young, &mut config.pads) {
             pads.young = young;
         }
         let task = &setup.config.task;
+        config.fixture = task.fixture(&object.model.shape().scaled(object.scale), parameters)?;
         let grip = task.gradual_grip().map_or(0.0, |grip| grip.start);
         match task.start() {
             Start::OverTable => Ok(Self::at_once(Scene::new(&config, object, place, 0.0)?, grip)),
             Start::AroundObject => Ok(Self::at_once(around(&config, object)?, grip)),
-            Start::InHand => Self::holding(&config, object, place, grip, FINE),
+            Start::InHand => {
+                let (place, mut pose) = Self::in_hand(&config, object, place);
+                let offset = task.offset_in_hand(parameters);
+                pose.translation.vector += offset.translation.vector;
+                pose.rotation = offset.rotation * pose.rotation;
+                Self::holding(&config, &Object { pose, ..object.clone() }, &place, grip, FINE)
+            }
         }
     }
 
-    /// Creates a hand at `place` (m) that has gripped the object with `grip` (N) in the air. The
-    /// poses of its trajectory are `coarseness` (m) apart.
+    /// The nearest place to `place` (m) within reach of the hand, and the object's pose between its
+    /// pads there.
+    pub(super) fn in_hand(
+        config: &SceneConfig,
+        object: &Object,
+        place: &Vector3<f64>,
+    ) -> (Vector3<f64>, Isometry3<f64>) {
+        let place = config.workspace.clamp(place);
+        (place, object.model.in_hand(object.scale, &place))
+    }
+
+    /// Creates a hand at `place` (m) that has gripped the object where it is with `grip` (N) in the
+    /// air. The poses of its trajectory are `coarseness` (m) apart.
     pub(super) fn holding(
         config: &SceneConfig,
         object: &Object,
@@ -52,14 +69,12 @@ impl InitialState {
         grip: f64,
         coarseness: f64,
     ) -> Result<Self> {
-        let place = config.workspace.clamp(place);
-        let object = Object { pose: object.model.in_hand(object.scale, &place), ..object.clone() };
         let mut way = None::<Way>;
         let seen = |scene: &Scene| match &mut way {
             Some(way) => way.go_on(scene.object_in_pads()),
             None => way = Some(Way::from(scene.object_in_pads(), coarseness)),
         };
-        let scene = Scene::holding(config, &object, &place, grip, seen)?;
+        let scene = Scene::holding(config, object, place, grip, seen)?;
         let mut way = way.unwrap_or_else(|| Way::from(scene.object_in_pads(), coarseness));
         way.arrive(scene.object_in_pads());
         Ok(Self { scene, grip, way })

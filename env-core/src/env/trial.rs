@@ -28,8 +28,9 @@ pub(super) fn trial(
 ) -> Result<PerFinger<Press>> {
     let config = &setup.config.scene;
     let [low, high] = [config.workspace.low, config.workspace.high].map(Vector3::from);
-    let InitialState { way, .. } =
-        InitialState::holding(config, object, &(0.5 * (low + high)), grip, COARSE)?;
+    let (place, pose) = InitialState::in_hand(config, object, &(0.5 * (low + high)));
+    let object = Object { pose, ..object.clone() };
+    let InitialState { way, .. } = InitialState::holding(config, &object, &place, grip, COARSE)?;
     let shape = setup.felt_shape(parameters.object).scaled(parameters.scale);
     presses(&mut way.start().map(Finger::new), way.poses(), &shape, parameters, setup)
 }

@@ -8,7 +8,7 @@ use crate::{
 };
 
 /// Names that [`named`] accepts.
-pub const CATALOGUE: [&str; 11] = [
+pub const CATALOGUE: [&str; 14] = [
     "sphere",
     "cuboid",
     "cylinder",
@@ -20,6 +20,9 @@ pub const CATALOGUE: [&str; 11] = [
     "lemon",
     "apple",
     "eggplant",
+    "square-peg",
+    "round-peg",
+    "hexagonal-peg",
 ];
 
 /// Returns the shape of the catalogue with the given name; an unknown name is an error.
@@ -39,6 +42,12 @@ pub fn named(name: &str) -> Result<Shape> {
         "lemon" => star([0.017, 0.017, 0.022], &[(0.08, [0.0, 0.0, 6.0], 0.0)]),
         "apple" => star([0.020, 0.020, 0.019], &[(-0.12, [0.0, 0.0, 2.4], -0.6)]),
         "eggplant" => star([0.030, 0.016, 0.016], &[(0.14, [1.6, 0.0, 0.0], 0.8)]),
+        // 12 mm between opposite sides.
+        "square-peg" => Shape::Cuboid { half_extents: Vector3::new(0.006, 0.006, 0.030) },
+        "round-peg" => Shape::Cylinder { radius: 0.006, half_height: 0.030 },
+        "hexagonal-peg" => {
+            Shape::Prism { sides: 6, radius: 0.012 / f64::sqrt(3.0), half_height: 0.030 }
+        }
         _ => return Err(Error::invalid("object", format!("{name:?}"), known())),
     })
 }

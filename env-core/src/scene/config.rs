@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::ObjectModel;
+use super::{Fixture, ObjectModel};
 use crate::{
     Error, Result,
     deformation::Moduli,
@@ -25,6 +25,9 @@ pub struct SceneConfig {
     pub physics: Physics,
     /// Pads of the fingers.
     pub pads: Pads,
+    /// Block with a hole on the table, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fixture: Option<Fixture>,
 }
 
 /// The pads of the fingers.

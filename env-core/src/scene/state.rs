@@ -16,6 +16,8 @@ pub struct SceneState {
     pub object: BodyState,
     /// Wrench of the table on the object, in the world frame about the object's origin.
     pub table: Wrench,
+    /// Wrench of the fixture on the object, likewise; 0 without a fixture.
+    pub fixture: Wrench,
     /// Reason why the scene stopped, if it did; the other fields then hold the last finite state.
     pub failure: Option<Failure>,
 }

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     BodyState, Failure, FingerState, Object, ObjectModel, Pads, SceneConfig, SceneState, Wrench,
     WristState,
-    bed::{Bed, Step},
+    bed::{Bed, Step, Stop, stops},
     contact,
     gripper::{HAND, Hand, OBJECT, TABLE},
     units,
@@ -40,6 +40,8 @@ pub struct Scene {
     object: RigidBodyHandle,
     object_collider: ColliderHandle,
     table: ColliderHandle,
+    /// Parts of the fixture, if there is one and the pads are rigid.
+    fixture: Vec<ColliderHandle>,
     /// Elastic foundations of soft pads.
     bed: Option<Bed>,
     gravity: f64,
@@ -71,6 +73,9 @@ impl Scene {
         world.integration_parameters = integration_parameters(config);
         let wrist = Wrist::at(config.workspace.clamp(tool_center), yaw);
         let table = world.colliders.insert(table());
+        // Contact with soft pads and contact with a fixture have to be solved together.
+        let fixture = config.fixture.as_ref().filter(|_| matches!(config.pads, Pads::Rigid));
+        let fixture = fixture.map(|fixture| fixture.insert(&mut world)).unwrap_or_default();
         let bed = match &config.pads {
             Pads::Rigid => None,
             Pads::Soft(pads) => Some(Bed::new(pads, object)),
@@ -84,6 +89,7 @@ impl Scene {
             object,
             object_collider,
             table,
+            fixture,
             bed,
             gravity: config.physics.gravity,
             wrist,
@@ -127,12 +133,13 @@ impl Scene {
             return;
         }
         self.world.bodies[self.hand.wrist].set_next_kinematic_position(units::pose(&wrist.pose));
+        let stops = if self.bed.is_some() { self.stops() } else { Vec::new() };
         let gripper = &self.config.gripper;
         self.hand.drive(&mut self.world, gripper, grip);
-        let applied = self.bed.as_ref().map(|bed| {
+        let applied = self.bed.as_mut().map(|bed| {
             let (time, gravity) = (self.config.physics.time_step, self.gravity);
             let step = Step { time, gravity, force, wrist: [self.wrist.pose, wrist.pose], grip };
-            bed.apply(&mut self.world, &self.hand, self.object, gripper, &step)
+            bed.apply(&mut self.world, &self.hand, self.object, gripper, &step, &stops)
         });
         if applied.is_none() {
             self.world.bodies[self.object].reset_forces(false);
@@ -161,7 +168,13 @@ impl Scene {
                 yaw_rate: self.wrist.yaw_rate,
             },
             fingers: [0, 1].map(|finger| self.finger_state(finger, &pose)),
-            table: contact::wrench(&self.world, self.object_collider, self.table, &origin),
+            table: self.wrench_of(&[self.table], &origin),
+            fixture: match &self.bed {
+                Some(bed) => {
+                    moved(&bed.fixture(), &units::si_vector(object.center_of_mass()), &origin)
+                }
+                None => self.wrench_of(&self.fixture, &origin),
+            },
             object: BodyState {
                 pose,
                 velocity: units::si_vector(object.linvel()),
@@ -169,6 +182,19 @@ impl Scene {
             },
             failure: self.failure,
         }
+    }
+
+    /// Wrench of `others` on the object about `origin` (m).
+    fn wrench_of(&self, others: &[ColliderHandle], origin: &Point3<f64>) -> Wrench {
+        let of = |&other| contact::wrench(&self.world, self.object_collider, other, origin);
+        others.iter().map(of).fold(Wrench::default(), |sum, wrench| sum + wrench)
+    }
+
+    /// Points at which the fixture is next to the object.
+    fn stops(&self) -> Vec<Stop> {
+        let Some(fixture) = &self.config.fixture else { return Vec::new() };
+        let center = units::si_vector(self.world.bodies[self.object].center_of_mass());
+        stops(fixture, &self.world.colliders[self.object_collider], &center)
     }
 
     /// Rotation of the wrist about z (rad).
@@ -317,6 +343,12 @@ fn wrist_pose(position: &Vector3<f64>, yaw: f64) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(*position), rotation)
 }
 
+/// Returns a wrench about `from` (m) as one about `to`.
+fn moved(wrench: &Wrench, from: &Vector3<f64>, to: &Point3<f64>) -> Wrench {
+    let arm = from - to.coords;
+    Wrench { force: wrench.force, torque: wrench.torque + arm.cross(&wrench.force) }
+}
+
 /// Rapier's settings for stiff, frictional contact of hand-sized objects.
 fn integration_parameters(config: &SceneConfig) -> IntegrationParameters {
     let physics = &config.physics;
@@ -324,13 +356,14 @@ fn integration_parameters(config: &SceneConfig) -> IntegrationParameters {
     // As stiff as a substep can resolve, and overdamped: softer contact lets held objects creep.
     let softness = SpringCoefficients::new((0.5 / substep) as f32, 5.0);
     // On the table, hulls of flat faces chatter on contact of that stiffness and wander by a
-    // millimetre in ten seconds; on contact softer than this a thin plate falls over.
+    // millimetre in ten seconds; on contact softer than this a thin plate falls over. A held peg
+    // cannot chatter, and pressed with 10 N it would sink into such contact by a clearance.
     let of_the_table = SpringCoefficients::new((0.15 / substep) as f32, 5.0);
     IntegrationParameters {
         dt: physics.time_step as f32,
         num_solver_iterations: physics.iterations,
         contact_softness: softness,
-        static_contact_softness: of_the_table,
+        static_contact_softness: if config.fixture.is_some() { softness } else { of_the_table },
         // Recycled contacts become inaccurate within centimetres, the size of everything here.
         contact_recycling: false,
         friction_model: FrictionModel::Coulomb,

@@ -19,6 +19,13 @@ pub enum Ending {
     StressExceeded,
     /// The object slipped out of the hand.
     Dropped,
+    /// A peg was pressed too hard against a fixture, beside its hole.
+    Overloaded,
+    /// A peg was pressed too hard in its hole, where other forces would let it slide on.
+    Jammed,
+    /// A peg was pressed too hard in its hole, so near the mouth that two contacts can hold it by
+    /// friction alone.
+    Wedged,
 }
 
 /// Half of the table's edge (m).
@@ -26,7 +33,7 @@ const TABLE: f64 = 0.25;
 
 impl Ending {
     /// Every ending, in the order of [`Ending::code`].
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 10] = [
         Self::ObjectLost,
         Self::NonFinite,
         Self::OutOfRange,
@@ -34,6 +41,9 @@ impl Ending {
         Self::PressFailed,
         Self::StressExceeded,
         Self::Dropped,
+        Self::Overloaded,
+        Self::Jammed,
+        Self::Wedged,
     ];
 
     /// Name in `info["ending"]`.
@@ -46,6 +56,9 @@ impl Ending {
             Self::PressFailed => "press_failed",
             Self::StressExceeded => "stress_exceeded",
             Self::Dropped => "dropped",
+            Self::Overloaded => "overloaded",
+            Self::Jammed => "jammed",
+            Self::Wedged => "wedged",
         }
     }
 
@@ -57,7 +70,15 @@ impl Ending {
     /// Returns whether a rule of the task ended the episode, and not a failed computation; only
     /// then does the last step earn a reward.
     pub fn is_of_the_task(self) -> bool {
-        matches!(self, Self::ObjectLost | Self::StressExceeded | Self::Dropped)
+        match self {
+            Self::NonFinite | Self::OutOfRange | Self::EngineError | Self::PressFailed => false,
+            Self::ObjectLost
+            | Self::StressExceeded
+            | Self::Dropped
+            | Self::Overloaded
+            | Self::Jammed
+            | Self::Wedged => true,
+        }
     }
 
     /// Returns the reason for which `step` ends the episode, if it does.

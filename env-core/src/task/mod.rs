@@ -11,6 +11,7 @@ mod grasp_lift;
 mod grasp_soft;
 mod grip;
 mod hold_still;
+mod insert_peg;
 mod objects;
 mod observation;
 mod progress;
@@ -27,6 +28,7 @@ pub use grasp_lift::GraspLift;
 pub use grasp_soft::{GraspSoft, SoftMaterial};
 pub use grip::GradualGrip;
 pub use hold_still::{HoldStill, Shaking};
+pub use insert_peg::{InsertPeg, Insertion};
 pub use objects::{ObjectSpec, ShapeSpec};
 pub use observation::{Component, Layout, StateChannel, TACTILE_CHANNELS};
 pub use progress::Progress;
@@ -36,11 +38,13 @@ pub use setting::{Range, Setting, Slot};
 
 use std::ops::{Deref, DerefMut};
 
+use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use crate::{
     Result,
-    scene::SceneState,
+    geometry::Shape,
+    scene::{Fixture, SceneState},
     tactile::{Feeling, Squeezed},
 };
 
@@ -111,6 +115,16 @@ pub trait Rules {
     ) {
     }
 
+    /// Fixture on the table for an object of this shape and size, if the task has one.
+    fn fixture(&self, _object: &Shape, _episode: &EpisodeParameters) -> Result<Option<Fixture>> {
+        Ok(None)
+    }
+
+    /// Displacement in the hand of an object that starts there (m), in the wrist's frame.
+    fn offset_in_hand(&self, _episode: &EpisodeParameters) -> Isometry3<f64> {
+        Isometry3::identity()
+    }
+
     /// Reason for which a rule of this task alone ends the episode in `step`.
     fn ending(&self, _step: &StepState, _progress: &Progress) -> Option<Ending> {
         None
@@ -174,7 +188,7 @@ macro_rules! tasks {
     };
 }
 
-tasks!(GraspLift, GraspFragile, GraspSoft, HoldStill);
+tasks!(GraspLift, GraspFragile, GraspSoft, HoldStill, InsertPeg);
 
 impl Default for Task {
     fn default() -> Self {
@@ -217,6 +231,8 @@ pub struct EpisodeParameters {
     pub young: Option<f64>,
     /// Disturbing force on the object, if there is one.
     pub shaking: Option<Shaking>,
+    /// Hole, and place of the peg in the hand, if the object is a peg.
+    pub insertion: Option<Insertion>,
 }
 
 /// Trial grip whose stress sets the limit of an episode.

@@ -81,7 +81,12 @@ impl From<&ShapeSpec> for Shape {
 impl ObjectSpec {
     /// Builds the model of the object for the scene.
     pub fn model(&self) -> Result<ObjectModel> {
-        ObjectModel::new(match self {
+        ObjectModel::new(self.shape()?)
+    }
+
+    /// The shape of the object.
+    pub fn shape(&self) -> Result<Shape> {
+        Ok(match self {
             Self::Name(name) if is_mesh_file(name) => mesh(name, 1.0)?,
             Self::Name(name) => named(name)?,
             Self::Mesh(spec) => mesh(&spec.mesh, spec.scale)?,

@@ -31,6 +31,8 @@ pub enum StateChannel {
     Squeeze,
     /// Displacement of markers on a soft object.
     Deformation,
+    /// Place of a peg relative to its hole, and the force between them.
+    Insertion,
 }
 
 impl StateChannel {
@@ -50,6 +52,7 @@ impl StateChannel {
             Self::StressLimit => "stress_limit",
             Self::Squeeze => "squeeze",
             Self::Deformation => "deformation",
+            Self::Insertion => "insertion",
         }
     }
 
@@ -72,6 +75,10 @@ impl StateChannel {
             }
             Self::Deformation => {
                 "displacement of 16 markers on the object in the wrist's frame (m)"
+            }
+            Self::Insertion => {
+                "place of the peg's tip in the hole's frame, yaw of the hand from the hole's, \
+                 force of the fixture"
             }
         }
     }
@@ -326,6 +333,11 @@ pub(super) fn components(channel: StateChannel, config: &Config) -> Vec<Componen
         StateChannel::StressLimit => {
             vec![between("stress in the pads that ends the episode", 1, 0.0, 1e10, "Pa")]
         }
+        StateChannel::Insertion => vec![
+            both("middle of the peg's tip from the hole's mouth, in the hole's frame", 3, 2.0, "m"),
+            both("yaw of the hand from the hole's", 1, std::f64::consts::PI, "rad"),
+            both("force of the fixture on the peg, in the hole's frame", 3, STRONGEST, "N"),
+        ],
         StateChannel::Time => {
             vec![between("time since the start of the episode", 1, 0.0, 1.1e6, "s")]
         }
@@ -364,6 +376,7 @@ impl Writer<'_> {
                 }
             }
             StateChannel::Deformation => self.deformation(step),
+            StateChannel::Insertion => self.insertion(step),
         }
     }
 
@@ -400,6 +413,16 @@ impl Writer<'_> {
         for i in 0..MARKERS {
             self.vector(&markers.get(i).copied().unwrap_or_default());
         }
+    }
+
+    fn insertion(&mut self, step: &StepState) {
+        let Some(insertion) = &step.episode.insertion else {
+            return (0..7).for_each(|_| self.push(0.0));
+        };
+        self.vector(&insertion.tip(step));
+        self.push(insertion.yaw(step));
+        let turn = insertion.mouth().rotation.inverse();
+        self.vector(&(turn * step.state.fixture.force));
     }
 
     fn push(&mut self, x: f64) {

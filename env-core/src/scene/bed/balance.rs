@@ -1,13 +1,17 @@
 //! Forces of the elastic foundation at the end of a step: backward Euler in 8 unknowns.
 //!
 //! The unknowns are the velocities v of the object (6) and of the two slides at the end of the
-//! step; Newton's method solves M (v − v₀) = h f(v). The contact geometry is that at the beginning
+//! step; Newton's method solves M (v − v₀) = h f(v), in each step together with the rigid contact
+//! with a fixture ([`super::stops`]). The contact geometry is that at the beginning
 //! of the step, so depth and stretch of a bristle are linear in v. A slipping bristle contributes
 //! its secant stiffness, which makes its part a fixed-point iteration that does not overshoot.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::touch::{Touch, cut};
+use super::{
+    stops::{Stop, StopContacts},
+    touch::{Touch, cut},
+};
 use crate::scene::Wrench;
 
 /// Velocity of the object's centre of mass, its angular velocity, and speeds of the slides along
@@ -118,12 +122,18 @@ impl Contact {
 
 impl Bodies {
     /// Forces of the foundation on object (torque about its centre of mass) and slides at the end
-    /// of the step (N, N m), if these meet no other contact in it.
-    pub(super) fn balance(&self, contacts: &[Contact], friction: f64) -> Motion {
-        let mut motion = self.motion;
+    /// of the step (N, N m), and mean forces of `stops` in the step, if these meet no other contact
+    /// in it.
+    pub(super) fn balance(
+        &self,
+        contacts: &[Contact],
+        stops: &[Stop],
+        friction: f64,
+    ) -> (Motion, Motion) {
+        let (mut motion, mut stopped) = (self.motion, StopContacts::new(stops));
         let (mut forces, mut stiffness) = self.linearised(contacts, &motion, friction);
         for _ in 0..MOST_STEPS {
-            let step = self.newton_step(&motion, &forces, &stiffness);
+            let step = self.newton_step(&motion, &forces, &stiffness, friction, &mut stopped);
             let expected = forces - stiffness * step * (self.time_step + DAMPING);
             motion += step;
             (forces, stiffness) = self.linearised(contacts, &motion, friction);
@@ -131,7 +141,7 @@ impl Bodies {
                 break;
             }
         }
-        forces
+        (forces, stopped.sum() / self.time_step)
     }
 
     /// Wrench of each finger on the object (N, N m about its centre of mass, in world axes) at the
@@ -187,7 +197,15 @@ impl Bodies {
         (forces, stiffness)
     }
 
-    fn newton_step(&self, motion: &Motion, bed: &Motion, stiffness: &Stiffness) -> Motion {
+    /// Change of `motion` in a Newton step, with the impulses of the stops that belong to it.
+    fn newton_step(
+        &self,
+        motion: &Motion,
+        bed: &Motion,
+        stiffness: &Stiffness,
+        friction: f64,
+        stopped: &mut StopContacts,
+    ) -> Motion {
         let h = self.time_step;
         let mut matrix = stiffness * (h * (h + DAMPING));
         for i in 0..3 {
@@ -211,7 +229,13 @@ impl Bodies {
         momentum[6] = self.finger_mass * change[6];
         momentum[7] = self.finger_mass * change[7];
         let rest = forces * h - momentum;
-        matrix.cholesky().map_or_else(Motion::zeros, |factor| factor.solve(&rest))
+        let Some(factor) = matrix.cholesky() else { return Motion::zeros() };
+        let mut step = factor.solve(&rest);
+        if !stopped.is_empty() {
+            stopped.solve(&(motion + step), h, friction, |impulse| factor.solve(impulse));
+            step += factor.solve(&stopped.sum());
+        }
+        step
     }
 }
 

@@ -7,8 +7,9 @@
 //! unstable for any object that a stiff gel can hold. They act on the object and on the finger
 //! slides as external forces; the wrist bears the other components.
 //!
-//! The forces are computed before Rapier solves the contact with the table, so they include a part
-//! of the weight of an object that stands on it. Slip is therefore determined from the actual
+//! The rigid contact of the object with a fixture is solved with them ([`stops`]). That with the
+//! table is Rapier's and comes after, so the forces include a part of the weight of an object that
+//! stands on it. Slip is therefore determined from the actual
 //! motion in the step: bristles that are loaded only in the prediction keep their anchors. A more
 //! accurate model corrects the foundation once per control step ([`correction`]).
 //!
@@ -19,6 +20,7 @@
 mod balance;
 mod correction;
 mod law;
+mod stops;
 mod touch;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
@@ -34,6 +36,7 @@ use crate::geometry::Shape;
 use balance::{Bodies, Contact, Motion};
 use correction::Correction;
 use law::Law;
+pub(super) use stops::{Stop, stops};
 use touch::{Anchor, Face, Obstacle, Touch};
 
 /// Elastic foundations of both pads of a scene.
@@ -45,6 +48,8 @@ pub(super) struct Bed {
     /// Size of the object relative to its model.
     scale: f64,
     pads: [Pad; 2],
+    /// Wrench of the fixture on the object in the last step, about its centre of mass.
+    fixture: Wrench,
     /// Data derived from settings and object, not part of a saved scene.
     #[serde(skip)]
     surroundings: Option<Surroundings>,
@@ -111,6 +116,7 @@ impl Bed {
             friction,
             scale,
             pads: [pad.clone(), pad],
+            fixture: Wrench::default(),
             surroundings: None,
         };
         bed.attach(pads, object.model);
@@ -132,6 +138,11 @@ impl Bed {
     /// Wrench of the object on a pad in the last step, in the pad's frame about its origin.
     pub(super) fn wrench(&self, finger: usize) -> Wrench {
         self.pads[finger].wrench
+    }
+
+    /// Wrench of the fixture on the object in the last step, in the world about the centre of mass.
+    pub(super) fn fixture(&self) -> Wrench {
+        self.fixture
     }
 
     /// Corrects a finger towards the wrench `model` on its pad, computed by a more accurate model
@@ -174,12 +185,13 @@ impl Bed {
     /// Applies the foundation's forces of one step to object and fingers. The result goes to
     /// [`Bed::settle`] after Rapier has taken the step.
     pub(super) fn apply(
-        &self,
+        &mut self,
         world: &mut PhysicsWorld,
         hand: &Hand,
         object: RigidBodyHandle,
         gripper: &Gripper,
         step: &Step,
+        stops: &[Stop],
     ) -> Applied {
         let poses = hand.fingers.map(|finger| finger.pad_pose(world));
         let seen = poses.map(|pad| pad.inv_mul(&units::si_pose(world.bodies[object].position())));
@@ -203,7 +215,9 @@ impl Bed {
                 bodies.loads += bodies.loads_of(finger, &extra[finger]);
             }
         }
-        let mut forces = bodies.balance(&contacts, self.friction);
+        let (mut forces, stopped) = bodies.balance(&contacts, stops, self.friction);
+        self.fixture = wrench_of(&stopped);
+        forces += stopped;
         for (finger, extra) in extra.iter().enumerate() {
             forces += bodies.loads_of(finger, extra);
         }
@@ -299,6 +313,11 @@ impl SoftPads {
         };
         path.iter().map(frame).collect()
     }
+}
+
+/// Part of forces on the unknowns that acts on the object.
+fn wrench_of(forces: &Motion) -> Wrench {
+    Wrench { force: forces.fixed_rows::<3>(0).into(), torque: forces.fixed_rows::<3>(3).into() }
 }
 
 /// Velocity of the wrist as a rigid motion: of its origin, and angular.

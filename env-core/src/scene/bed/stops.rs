@@ -1,0 +1,173 @@
+//! Rigid contact of the object with a fixture, in the same step as the elastic foundation.
+//!
+//! The foundation is so stiff that a contact force which it does not know of would make its next
+//! step err by many times that force. So the two are solved together: the impulses λ of the contact
+//! points satisfy, at the end of a step, 0 ≤ λₙ ⊥ g + h vₙ ≥ 0 with the gap g, and Coulomb's law, with
+//! the velocities that follow from them and from the foundation (Jean 1999, "The non-smooth contact
+//! dynamics method"). They are found by projected Gauss–Seidel sweeps.
+
+use nalgebra::{Matrix3, Point3, SMatrix, Vector3};
+use rapier3d::{
+    parry::query::{ContactManifold, DefaultQueryDispatcher, PersistentQueryDispatcher},
+    prelude::{Collider, Cuboid},
+};
+
+use super::balance::Motion;
+use crate::scene::{Fixture, units};
+
+/// Distance below which a point takes part (m): twice what a peg moves in a Rapier step.
+const NEAR: f64 = 2e-4;
+/// Share of an overlap that is removed in one step.
+const RECOVERY: f64 = 0.3;
+/// Compliance of a contact point (m/N), which decides how points share a load.
+const COMPLIANCE: f64 = 1e-8;
+/// Cosine above which a normal counts as along an axis of a box.
+const ALONG: f64 = 0.5;
+/// Most sweeps, and relative change of the impulses at which they end.
+const SWEEPS: usize = 400;
+const CLOSE: f64 = 1e-7;
+
+/// Point of the object next to the fixture.
+#[derive(Clone, Debug)]
+pub(in crate::scene) struct Stop {
+    /// Position relative to the object's centre of mass, in the axes of the world (m).
+    arm: Vector3<f64>,
+    /// Normal towards the object, and two directions across it, as columns.
+    frame: Matrix3<f64>,
+    /// Distance along the normal (m), negative inside.
+    gap: f64,
+}
+
+/// Points at which `object` is next to `fixture`, relative to its centre of mass `center` (m).
+pub(in crate::scene) fn stops(
+    fixture: &Fixture,
+    object: &Collider,
+    center: &Vector3<f64>,
+) -> Vec<Stop> {
+    let (mut stops, mut manifolds) = (Vec::new(), Vec::<ContactManifold<(), ()>>::new());
+    let pose = units::si_pose(object.position());
+    for (part, half) in fixture.boxes() {
+        let seen = units::pose(&part.inv_mul(&pose));
+        let solid = Cuboid::new(units::vector(&half));
+        manifolds.clear();
+        let found = DefaultQueryDispatcher.contact_manifolds(
+            &seen,
+            &solid,
+            object.shape(),
+            units::scalar(NEAR),
+            &mut manifolds,
+            &mut None,
+        );
+        if found.is_err() {
+            continue;
+        }
+        for manifold in &manifolds {
+            let normal = units::si_angular(manifold.local_n1);
+            // Faces behind the walls and between neighbours are inside the block.
+            if normal.x > ALONG || normal.y.abs() > ALONG {
+                continue;
+            }
+            let normal = part.rotation * normal;
+            for point in manifold.points.iter().filter(|p| units::si(p.dist) < NEAR) {
+                let place = part * Point3::from(units::si_vector(point.local_p1));
+                stops.push(Stop::new(place.coords - center, normal, units::si(point.dist)));
+            }
+        }
+    }
+    stops
+}
+
+impl Stop {
+    fn new(arm: Vector3<f64>, normal: Vector3<f64>, gap: f64) -> Self {
+        let normal = normal.normalize();
+        let least = normal.iamin();
+        let first = normal.cross(&Vector3::ith(least, 1.0)).normalize();
+        let frame = Matrix3::from_columns(&[normal, first, normal.cross(&first)]);
+        Self { arm, frame, gap }
+    }
+
+    /// Derivative of the velocity along the frame with respect to the motion.
+    fn jacobian(&self) -> SMatrix<f64, 3, 8> {
+        let mut rows = SMatrix::<f64, 3, 8>::zeros();
+        for (i, direction) in self.frame.column_iter().enumerate() {
+            rows.fixed_view_mut::<1, 3>(i, 0).copy_from(&direction.transpose());
+            let turn = self.arm.cross(&direction.into_owned());
+            rows.fixed_view_mut::<1, 3>(i, 3).copy_from(&turn.transpose());
+        }
+        rows
+    }
+}
+
+/// Contact points with their impulses, kept between the Newton steps of one time step.
+pub(super) struct StopContacts {
+    points: Vec<(SMatrix<f64, 3, 8>, f64)>,
+    impulses: Vec<Vector3<f64>>,
+}
+
+impl StopContacts {
+    pub(super) fn new(stops: &[Stop]) -> Self {
+        let points = stops.iter().map(|stop| (stop.jacobian(), stop.gap)).collect();
+        Self { points, impulses: vec![Vector3::zeros(); stops.len()] }
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// Sum of the impulses on the unknowns (N s, N m s).
+    pub(super) fn sum(&self) -> Motion {
+        let pairs = self.points.iter().zip(&self.impulses);
+        pairs.map(|((rows, _), impulse)| rows.tr_mul(impulse)).sum()
+    }
+
+    /// Finds the impulses with which the velocities, `free` without them, obey the contact law after
+    /// a step of `time` (s); an impulse p changes the velocities by `inverse` (p).
+    pub(super) fn solve(
+        &mut self,
+        free: &Motion,
+        time: f64,
+        friction: f64,
+        inverse: impl Fn(&Motion) -> Motion,
+    ) {
+        let reach: Vec<SMatrix<f64, 8, 3>> = self
+            .points
+            .iter()
+            .map(|(rows, _)| {
+                let column = |i: usize| inverse(&rows.row(i).transpose());
+                SMatrix::from_columns(&[column(0), column(1), column(2)])
+            })
+            .collect();
+        let mut motion = free + inverse(&self.sum());
+        let soft = COMPLIANCE / (time * time);
+        for _ in 0..SWEEPS {
+            let (mut change, mut largest) = (0.0_f64, 0.0_f64);
+            for (i, (rows, gap)) in self.points.iter().enumerate() {
+                let own = rows * reach[i];
+                let impulse = self.impulses[i];
+                let velocity = rows * motion;
+                let bias = if *gap > 0.0 { gap / time } else { RECOVERY * gap / time };
+                let along = -(velocity.x + bias + soft * impulse.x) / (own[(0, 0)] + soft);
+                let pressing = (impulse.x + along).max(0.0);
+                // The greater of the two compliances across keeps the sweeps from overshooting.
+                let across = 0.5 * (own[(1, 1)] + own[(2, 2)])
+                    + (0.25 * (own[(1, 1)] - own[(2, 2)]).powi(2) + own[(1, 2)].powi(2)).sqrt();
+                let moved = rows.fixed_rows::<2>(1)
+                    * (motion + reach[i].column(0) * (pressing - impulse.x));
+                let mut sideways = impulse.fixed_rows::<2>(1) - moved / (across + soft);
+                let limit = friction * pressing;
+                if sideways.norm() > limit {
+                    sideways *= limit / sideways.norm();
+                }
+                let next = Vector3::new(pressing, sideways.x, sideways.y);
+                let step = next - impulse;
+                motion += reach[i] * step;
+                self.impulses[i] = next;
+                change = change.max(step.norm());
+                largest = largest.max(next.norm());
+            }
+            if change <= CLOSE * largest {
+                break;
+            }
+        }
+    }
+}
