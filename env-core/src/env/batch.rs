@@ -259,7 +259,9 @@ impl Batch {
             Some(renderer) if renderer.size() == (width, height) => renderer,
             _ => SceneRenderer::new(width, height)?,
         };
-        let picture = renderer.draw(&state, &shape, touch.as_ref(), soft.as_ref());
+        let fixture = setup.config().task.fixture(&shape, &draw)?;
+        let (touch, soft) = (touch.as_ref(), soft.as_ref());
+        let picture = renderer.draw(&state, &shape, fixture.as_ref(), touch, soft);
         self.renderer = Some(renderer);
         picture
     }

@@ -1,7 +1,7 @@
 //! Initial state of an episode: the hand above an object on the table, about to touch it, or
 //! holding it.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::{
     Setup,
@@ -40,10 +40,9 @@ impl InitialState {
             Start::OverTable => Ok(Self::at_once(Scene::new(&config, object, place, 0.0)?, grip)),
             Start::AroundObject => Ok(Self::at_once(around(&config, object)?, grip)),
             Start::InHand => {
-                let (place, mut pose) = Self::in_hand(&config, object, place);
-                let offset = task.offset_in_hand(parameters);
-                pose.translation.vector += offset.translation.vector;
-                pose.rotation = offset.rotation * pose.rotation;
+                let (place, usual) = Self::in_hand(&config, object, place);
+                let given = task.pose_in_hand(parameters);
+                let pose = given.map_or(usual, |pose| Translation3::from(place) * pose);
                 Self::holding(&config, &Object { pose, ..object.clone() }, &place, grip, FINE)
             }
         }

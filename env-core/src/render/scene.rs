@@ -6,7 +6,11 @@ use super::{
     Camera, Color, Finish, GripperParts, Item, RenderMesh, Renderer, SoftView, TouchView, table,
     touch::{Inset, TouchedPad},
 };
-use crate::{Error, Result, geometry::Shape, scene::SceneState};
+use crate::{
+    Error, Result,
+    geometry::Shape,
+    scene::{Fixture, SceneState},
+};
 
 /// Number of edges that approximate a circle.
 const SEGMENTS: u32 = 64;
@@ -41,14 +45,15 @@ impl SceneRenderer {
         self.renderer.size()
     }
 
-    /// Draws a scene with an object of `shape` as an sRGB picture (height, width, 3). The camera
-    /// rises with an object that is lifted. With `touch`, the pads are drawn deformed and coloured
+    /// Draws a scene with an object of `shape` as an sRGB picture (height, width, 3), with a `fixture`
+    /// on the table if there is one. The camera rises with an object that is lifted. With `touch`, the pads are drawn deformed and coloured
     /// by stress, and an inset shows the more stressed pad from the object's side. With `soft`, the
     /// object is drawn deformed and coloured by stress.
     pub fn draw(
         &mut self,
         state: &SceneState,
         shape: &Shape,
+        fixture: Option<&Fixture>,
         touch: Option<&TouchView>,
         soft: Option<&SoftView>,
     ) -> Result<Vec<u8>> {
@@ -60,6 +65,10 @@ impl SceneRenderer {
         }
         let table = Item::new(&self.table, Isometry3::identity(), Color::srgb(214, 211, 205));
         let mut items = vec![table.with_finish(Finish::Ground { spacing: 0.025 })];
+        let blocks = fixture.map(blocks).transpose()?.unwrap_or_default();
+        items.extend(blocks.iter().map(|(pose, mesh)| {
+            Item::new(mesh, *pose, Color::srgb(150, 156, 164)).with_finish(Finish::Metal)
+        }));
         let soft = soft.map(TouchedPad::object).transpose()?;
         if let Some(soft) = &soft {
             items.push(soft.item(state.object.pose));
@@ -86,4 +95,14 @@ impl SceneRenderer {
         }
         Ok(picture)
     }
+}
+
+/// Boxes of a fixture with their poses.
+fn blocks(fixture: &Fixture) -> Result<Vec<(Isometry3<f64>, RenderMesh)>> {
+    let block = |(pose, half_extents)| {
+        let surface = Shape::Cuboid { half_extents }.surface(SEGMENTS);
+        let surface = surface.ok_or_else(|| Error::invalid("fixture", half_extents, "a box"))?;
+        Ok((pose, RenderMesh::new(&surface)))
+    };
+    fixture.boxes().into_iter().map(block).collect()
 }

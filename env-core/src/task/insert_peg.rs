@@ -224,8 +224,8 @@ impl Rules for InsertPeg {
         Ok(Some(fixture))
     }
 
-    fn offset_in_hand(&self, episode: &EpisodeParameters) -> Isometry3<f64> {
-        episode.insertion.map_or_else(Isometry3::identity, |insertion| {
+    fn pose_in_hand(&self, episode: &EpisodeParameters) -> Option<Isometry3<f64>> {
+        episode.insertion.map(|insertion| {
             let [across, along] = insertion.offset;
             let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), insertion.tilt);
             Isometry3::from_parts(Translation3::new(0.0, across, along), turn)

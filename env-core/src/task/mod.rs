@@ -120,9 +120,10 @@ pub trait Rules {
         Ok(None)
     }
 
-    /// Displacement in the hand of an object that starts there (m), in the wrist's frame.
-    fn offset_in_hand(&self, _episode: &EpisodeParameters) -> Isometry3<f64> {
-        Isometry3::identity()
+    /// Pose in the wrist's frame (m) of an object that starts in the hand; `None` for its frame
+    /// between the pads, oriented as it rests on the table, with its narrower side across.
+    fn pose_in_hand(&self, _episode: &EpisodeParameters) -> Option<Isometry3<f64>> {
+        None
     }
 
     /// Reason for which a rule of this task alone ends the episode in `step`.

@@ -41,6 +41,13 @@ class Settings(TypedDict, total=False):
     shaking_frequency: Range
     slip_limit: float
     max_grip_ratio: float
+    clearance: Range
+    hole_error: Range
+    hole_yaw_error: Range
+    peg_offset: Range
+    peg_tilt: Range
+    insert_depth: float
+    force_limit: float
     young: Range
     poisson: float
     crush: float

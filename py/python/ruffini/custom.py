@@ -91,7 +91,7 @@ class Task:
     """
 
     base: ClassVar[str] = "GraspLift"
-    """Built-in task: ``GraspLift``, ``GraspFragile``, ``GraspSoft`` or ``HoldStill``."""
+    """Built-in task, such as ``GraspLift``."""
 
     settings: ClassVar[Mapping[str, Any]] = {}
     """Other defaults of the base's settings."""

@@ -20,6 +20,8 @@ __all__ = [
     "GraspSoftVectorEnv",
     "HoldStillEnv",
     "HoldStillVectorEnv",
+    "InsertPegEnv",
+    "InsertPegVectorEnv",
     "NativeEnv",
     "NativeVectorEnv",
     "Observation",
@@ -48,3 +50,9 @@ class HoldStillEnv(NativeEnv, task="HoldStill"): ...
 
 
 class HoldStillVectorEnv(NativeVectorEnv, task="HoldStill"): ...
+
+
+class InsertPegEnv(NativeEnv, task="InsertPeg"): ...
+
+
+class InsertPegVectorEnv(NativeVectorEnv, task="InsertPeg"): ...

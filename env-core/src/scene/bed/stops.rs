@@ -6,6 +6,8 @@
 //! the velocities that follow from them and from the foundation (Jean 1999, "The non-smooth contact
 //! dynamics method"). They are found by projected Gauss–Seidel sweeps.
 
+use std::f64::consts::TAU;
+
 use nalgebra::{Matrix3, Point3, SMatrix, Vector3};
 use rapier3d::{
     parry::query::{ContactManifold, DefaultQueryDispatcher, PersistentQueryDispatcher},
@@ -24,8 +26,13 @@ const COMPLIANCE: f64 = 1e-8;
 /// Cosine above which a normal counts as along an axis of a box.
 const ALONG: f64 = 0.5;
 /// Most sweeps, and relative change of the impulses at which they end.
-const SWEEPS: usize = 400;
-const CLOSE: f64 = 1e-7;
+const SWEEPS: usize = 100;
+const CLOSE: f64 = 1e-4;
+/// Directions in which the outermost points of one face are kept; the others bear nothing that these
+/// cannot.
+const DIRECTIONS: usize = 8;
+/// Cosine between normals of one face.
+const PARALLEL: f64 = 0.9999;
 
 /// Point of the object next to the fixture.
 #[derive(Clone, Debug)]
@@ -74,10 +81,50 @@ pub(in crate::scene) fn stops(
             }
         }
     }
-    stops
+    outermost(stops)
+}
+
+/// The outermost of the points that have one normal.
+fn outermost(stops: Vec<Stop>) -> Vec<Stop> {
+    let mut faces: Vec<Vec<Stop>> = Vec::new();
+    for stop in stops {
+        let same = |face: &&mut Vec<Stop>| face[0].normal().dot(&stop.normal()) > PARALLEL;
+        match faces.iter_mut().find(same) {
+            Some(face) => face.push(stop),
+            None => faces.push(vec![stop]),
+        }
+    }
+    let mut kept = Vec::new();
+    for face in &mut faces {
+        if face.len() > DIRECTIONS {
+            let frame = face[0].frame;
+            let mut chosen: Vec<usize> = (0..DIRECTIONS)
+                .map(|k| {
+                    let angle = TAU * k as f64 / DIRECTIONS as f64;
+                    let way = frame * Vector3::new(0.0, angle.cos(), angle.sin());
+                    let reach = |i: &usize| face[*i].arm.dot(&way);
+                    let all = 0..face.len();
+                    all.max_by(|a, b| reach(a).total_cmp(&reach(b))).unwrap_or_default()
+                })
+                .collect();
+            // The deepest is not always one of them.
+            let gap = |i: &usize| face[*i].gap;
+            chosen.extend((0..face.len()).min_by(|a, b| gap(a).total_cmp(&gap(b))));
+            chosen.sort_unstable();
+            chosen.dedup();
+            kept.extend(chosen.into_iter().map(|i| face[i].clone()));
+        } else {
+            kept.append(face);
+        }
+    }
+    kept
 }
 
 impl Stop {
+    fn normal(&self) -> Vector3<f64> {
+        self.frame.column(0).into_owned()
+    }
+
     fn new(arm: Vector3<f64>, normal: Vector3<f64>, gap: f64) -> Self {
         let normal = normal.normalize();
         let least = normal.iamin();
