@@ -113,6 +113,17 @@ PARAMS: dict[tuple[str, str], Params] = {
         },
         final_learning_rate=3e-5,
     ),
+    ("ruffini/InsertPeg-v0", "ppo"): Params(
+        steps=150 * 2048,
+        n_envs=64,
+        algorithm=CLOSING
+        | {
+            "n_epochs": 8,
+            "gamma": 0.98,
+            "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -1.0},
+        },
+        final_learning_rate=3e-5,
+    ),
 }
 
 

@@ -1,9 +1,11 @@
-"""A scripted policy for InsertPeg: press the peg on the block, search in a spiral, follow the hole.
+"""A scripted policy for InsertPeg: press the peg on the block, feel where the hole is, follow it.
 
-It reads ``proprio`` and ``wrench`` of the default observation. Where the normal force acts on the
-pads tells how far the peg is off the middle of the hand; the hole is searched around where it is
-said to be while the peg presses lightly; once it drops, the hand gives way to what the hole's walls
-push it with.
+It reads ``proprio`` and ``wrench`` of the default observation. A peg that is partly over its hole
+rests on what is left of the block under it, so the middle of the force is on the side away from the
+hole. Along the pads' faces that is hidden by how the peg is tilted in the hand, so the hand steers
+by it from pad to pad and sweeps along the faces; how far the peg is off the middle of the hand there
+shows in where the pads bear it. Once the peg drops, the hand moves in small circles and gives way to
+what the hole's walls push it with.
 """
 
 from __future__ import annotations
@@ -33,14 +35,17 @@ STIFFNESS = 8e3
 DROP = 7e-4
 """How far the hand sinks when the peg has found the hole (m)."""
 
-PITCH = 0.9e-3
-"""Distance between two turns of the spiral (m)."""
+PACE = 0.014
+"""Speed of the sweep (m/s)."""
 
-PACE = 0.018
-"""Speed along the spiral (m/s)."""
+WIDEST = 4.8e-3
+"""How far the sweep goes to both sides (m)."""
 
-WIDEST = 4.5e-3
-"""Radius at which the spiral begins again (m)."""
+STEER = 150.0
+"""Action for a metre that the force is off the peg's middle."""
+
+TIP = 0.03
+"""Distance of the peg's tip from the middle of the hand (m)."""
 
 PUSH = 6.0
 """Upward force that is kept while inserting (N)."""
@@ -55,36 +60,40 @@ TURN = 0.8
 """Angle of that circle in a step (rad)."""
 
 
-def forces(observation: dict[str, Any]) -> tuple[NDArray, NDArray, NDArray]:
-    """Force of the peg on the hand in the wrist's frame (N, 3), its torque about the wrist's z (N),
-    and how far the peg is along y (N), in m."""
-    left, right = (part(observation, "wrench", f"force on the {s}x pad, in its frame") for s in "−+")
-    about = "torque on the {}x pad about its face's centre"
-    turns = [part(observation, "wrench", about.format(side)) for side in "−+"]
-    # Of the pad on −x, the axes x, y, z are the wrist's y, z, x; of the other −y, z, −x.
-    force = np.stack(
-        [left[:, 2] - right[:, 2], left[:, 0] - right[:, 0], left[:, 1] + right[:, 1]], axis=1
-    )
-    turn = turns[0][:, 1] + turns[1][:, 1]
-    firm = np.minimum(left[:, 2], right[:, 2]) < -1.0
-    places = [-t[:, 1] / np.where(firm, f[:, 2], 1.0) for t, f in zip(turns, (left, right))]
-    return force, turn, np.where(firm, 0.5 * (places[0] - places[1]), 0.0)
+def felt(observation: dict[str, Any]) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Force of the peg on the hand (N, 3) and its torque about the tool centre (N, 3), in the wrist's
+    frame; the torque that turns both pads alike about the wrist's z (N); and how far the peg is
+    along y (N), in m."""
+    forces, turns, arms = [], [], []
+    for side, sign in (("−", 1.0), ("+", -1.0)):
+        force = part(observation, "wrench", f"force on the {side}x pad, in its frame")
+        turn = part(observation, "wrench", f"torque on the {side}x pad about its face's centre")
+        # Of the pad on −x, the axes x, y, z are the wrist's y, z, x; of the other −y, z, −x.
+        forces.append(np.stack([sign * force[:, 2], sign * force[:, 0], force[:, 1]], axis=1))
+        turns.append(np.stack([sign * turn[:, 2], sign * turn[:, 0], turn[:, 1]], axis=1))
+        arm = np.zeros_like(force)
+        arm[:, 0] = -0.5 * sign * part(observation, "proprio", "opening")
+        arms.append(arm)
+    torque = sum(turn + np.cross(arm, f) for turn, arm, f in zip(turns, arms, forces, strict=True))
+    pressing = np.maximum([-forces[0][:, 0], forces[1][:, 0]], 1.0)
+    aside = 0.5 * (turns[0][:, 2] / pressing[0] - turns[1][:, 2] / pressing[1])
+    return forces[0] + forces[1], torque, turns[0][:, 2] + turns[1][:, 2], aside
 
 
 def act(observation: dict[str, NDArray[np.float32]], state: Any) -> tuple[NDArray[np.float32], Any]:
     """Actions (N, 5) for observations (N, ...), and a state for the next call.
 
-    The state has, of each environment: the height at which the peg touched (m), the angle along the
-    spiral or circle (rad), whether the peg is in, and the middle of the spiral or circle (2) in m.
+    The state has, of each environment: the height at which the peg touched (m), the phase of sweep
+    or circle, whether the peg is in, and the middle of the sweep or circle (2) in m.
     """
     place = part(observation, "proprio", "tool centre position")
-    force, turn, aside = forces(observation)
+    force, torque, turn, aside = felt(observation)
     count = len(place)
     if state is None:
         # Where the peg's middle is over the place that the hole is said to be at.
         middle = np.stack([np.zeros(count), -aside], axis=1)
         state = (np.full(count, np.nan), np.zeros(count), np.zeros(count, bool), middle)
-    touched, angle, inside, middle = state
+    touched, phase, inside, middle = state
     up = force[:, 2]
     touched = np.where(np.isnan(touched) & (up > TOUCH), place[:, 2], touched)
     searching = ~np.isnan(touched) & ~inside
@@ -92,15 +101,17 @@ def act(observation: dict[str, NDArray[np.float32]], state: Any) -> tuple[NDArra
     inside = inside | found
     middle = np.where(found[:, None], place[:, :2], middle)
     middle = middle + np.where(inside[:, None], YIELD * force[:, :2], 0.0)
+    phase = np.where(found, 0.0, phase + np.where(inside, TURN, searching * PACE * PERIOD / WIDEST))
 
-    # Archimedes' spiral at constant speed, then circles.
-    radius = np.where(inside, WIGGLE, PITCH * angle / (2 * np.pi))
-    angle = angle + np.where(searching, PACE * PERIOD / np.maximum(radius, PITCH), 0.0)
-    angle = np.where(inside, angle + TURN, np.where(radius > WIDEST, 0.0, angle))
-    goal = middle + radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    # From the middle to one side, to the other, and back, in four phases; then circles.
+    sweep = WIDEST * (1.0 - abs((phase - 1.0) % 4.0 - 2.0))
+    steer = -STEER * (-TIP * force[:, 0] - torque[:, 1]) / np.maximum(up, TOUCH)
+    goal = middle + WIGGLE * np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    goal[:, 1] = np.where(inside, goal[:, 1], middle[:, 1] - sweep)
     action = np.zeros((count, 5), np.float32)
     action[:, :2] = (goal - place[:, :2]) / (SPEED * PERIOD)
+    action[:, 0] = np.where(searching, np.clip(steer, -0.5, 0.5), action[:, 0])
     wanted = np.where(inside, PUSH, np.where(searching, PRESS, 2 * TOUCH))
     action[:, 2] = np.clip((up - wanted) / (STIFFNESS * SPEED * PERIOD), -0.6, 0.6)
     action[:, 3] = np.where(inside, 10.0 * turn, 0.0)
-    return np.clip(action, -1.0, 1.0), (touched, angle, inside, middle)
+    return np.clip(action, -1.0, 1.0), (touched, phase, inside, middle)
