@@ -1,11 +1,11 @@
 """A scripted policy for InsertPeg: press the peg on the block, feel where the hole is, follow it.
 
 It reads ``proprio`` and ``wrench`` of the default observation. A peg that is partly over its hole
-rests on what is left of the block under it, so the middle of the force is on the side away from the
-hole. Along the pads' faces that is hidden by how the peg is tilted in the hand, so the hand steers
-by it from pad to pad and sweeps along the faces; how far the peg is off the middle of the hand there
-shows in where the pads bear it. Once the peg drops, the hand moves in small circles and gives way to
-what the hole's walls push it with.
+rests on what is left of the block under it, so the middle of the force is on the side away from
+the hole. Along the pads' faces that is hidden by how the peg is tilted in the hand, so the hand
+steers by it from pad to pad and sweeps along the faces; how far the peg is off the middle of the
+hand there shows in where the pads bear it. Once the peg drops, the hand moves in small circles and
+gives way to what the hole's walls push it with.
 """
 
 from __future__ import annotations
@@ -60,12 +60,17 @@ TURN = 0.8
 """Angle of that circle in a step (rad)."""
 
 
-def felt(observation: dict[str, Any]) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Force of the peg on the hand (N, 3) and its torque about the tool centre (N, 3), in the wrist's
-    frame; the torque that turns both pads alike about the wrist's z (N); and how far the peg is
-    along y (N), in m."""
+Floats = NDArray[np.floating[Any]]
+
+
+def felt(observation: dict[str, Any]) -> tuple[Floats, Floats, Floats, Floats]:
+    """What the pads say of the peg in the hand, in the wrist's frame.
+
+    Its force on the hand (N, 3), its torque about the tool centre (N, 3), the torque that turns
+    both pads alike about z (N), and how far the peg is along y (N), in m.
+    """
     forces, turns, arms = [], [], []
-    for side, sign in (("−", 1.0), ("+", -1.0)):
+    for side, sign in (("\N{MINUS SIGN}", 1.0), ("+", -1.0)):
         force = part(observation, "wrench", f"force on the {side}x pad, in its frame")
         turn = part(observation, "wrench", f"torque on the {side}x pad about its face's centre")
         # Of the pad on −x, the axes x, y, z are the wrist's y, z, x; of the other −y, z, −x.
