@@ -26,7 +26,6 @@ pub struct SceneConfig {
     /// Pads of the fingers.
     pub pads: Pads,
     /// Block with a hole on the table, if there is one.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub fixture: Option<Fixture>,
 }
 

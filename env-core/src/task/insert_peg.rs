@@ -21,8 +21,10 @@ const HEIGHT: f64 = 0.02;
 const MARGIN: f64 = 0.025;
 /// Slip above which a peg counts as dropped (m).
 const OUT_OF_HAND: f64 = 0.02;
-/// Distance of the tip from the hole's mouth at which `reach` is 0 (m).
+/// Height of the tip over the block at which `reach` is 0 (m).
 const FAR: f64 = 0.01;
+/// Distance of the tip from the hole's axis at which `align` is 1/e (m).
+const BESIDE: f64 = 2e-3;
 /// Depth from which a peg counts as inside the hole (m): more than one that is tilted on the rim
 /// reaches.
 const INSIDE: f64 = 1e-3;
@@ -74,14 +76,20 @@ impl Rules for InsertPeg {
     }
 
     fn terms(&self) -> &'static [RewardTerm] {
-        const TERMS: [RewardTerm; 3] = [
+        const TERMS: [RewardTerm; 4] = [
             RewardTerm::new(
                 "reach",
-                0.2,
+                0.1,
                 reach,
-                "the peg's tip is in the hole's mouth or deeper; 0 at 1 cm, linear between",
+                "the peg's tip is on the block or deeper; 0 at 1 cm over it, linear between",
             ),
-            RewardTerm::new("insert", 0.7, insert, "it is in by ``insert_depth``"),
+            RewardTerm::new(
+                "align",
+                0.3,
+                align,
+                "the middle of the tip is on the hole's axis; falls to 1/e at 2 mm from it",
+            ),
+            RewardTerm::new("insert", 0.5, insert, "it is in by ``insert_depth``"),
             RewardTerm::new(
                 "gentle",
                 0.1,
@@ -322,14 +330,16 @@ fn settings(config: &Config) -> &InsertPeg {
     }
 }
 
-/// 1 with the tip in the hole's mouth or below it, 0 at `FAR`.
+/// 1 with the tip on the block or below, 0 at `FAR` over it.
 fn reach(step: &StepState, _: &Progress, _: &Config) -> f64 {
-    step.episode.insertion.map_or(0.0, |insertion| {
-        let tip = insertion.tip(step);
-        let inside = insertion.depth(step) > 0.0;
-        let away = if inside { tip.xy().norm() } else { tip.norm() };
-        reward::falling(away, FAR)
-    })
+    let tip = step.episode.insertion.map_or(FAR, |insertion| insertion.tip(step).z);
+    reward::falling(tip.max(0.0), FAR)
+}
+
+/// 1 with the tip on the hole's axis, exponential in the distance from it.
+fn align(step: &StepState, _: &Progress, _: &Config) -> f64 {
+    let aside = step.episode.insertion.map(|insertion| insertion.tip(step).xy().norm());
+    aside.map_or(0.0, |aside| (-aside / BESIDE).exp())
 }
 
 /// Depth of the held peg in the hole relative to the depth of success.

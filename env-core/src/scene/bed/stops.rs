@@ -10,7 +10,10 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Point3, SMatrix, Vector3};
 use rapier3d::{
-    parry::query::{ContactManifold, DefaultQueryDispatcher, PersistentQueryDispatcher},
+    parry::{
+        bounding_volume::BoundingVolume,
+        query::{ContactManifold, DefaultQueryDispatcher, PersistentQueryDispatcher},
+    },
     prelude::{Collider, Cuboid},
 };
 
@@ -26,8 +29,8 @@ const COMPLIANCE: f64 = 1e-8;
 /// Cosine above which a normal counts as along an axis of a box.
 const ALONG: f64 = 0.5;
 /// Most sweeps, and relative change of the impulses at which they end.
-const SWEEPS: usize = 100;
-const CLOSE: f64 = 1e-4;
+const SWEEPS: usize = 60;
+const CLOSE: f64 = 1e-3;
 /// Directions in which the outermost points of one face are kept; the others bear nothing that these
 /// cannot.
 const DIRECTIONS: usize = 8;
@@ -56,6 +59,10 @@ pub(in crate::scene) fn stops(
     for (part, half) in fixture.boxes() {
         let seen = units::pose(&part.inv_mul(&pose));
         let solid = Cuboid::new(units::vector(&half));
+        let reach = object.shape().compute_aabb(&seen).loosened(units::scalar(NEAR));
+        if !solid.local_aabb().intersects(&reach) {
+            continue;
+        }
         manifolds.clear();
         let found = DefaultQueryDispatcher.contact_manifolds(
             &seen,
