@@ -46,7 +46,7 @@ def test_a_task_has_many_spellings():
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("GraspLft", "expected one of GraspFragile, GraspLift, GraspSoft, HoldStill (nearest: Gr"),
+        ("GraspLft", "(nearest: GraspLift-v0)"),
         ("GraspLift-v9", "task: found 'GraspLift-v9'"),
         ("", "task: found ''"),
         ("none.safetensors", "none.safetensors: No such file"),

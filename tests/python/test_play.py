@@ -14,6 +14,7 @@ from drawn_agent import COARSE, card, drawn, tensors
 
 from ruffini import agents
 from ruffini._core import encode_gif
+from ruffini._schema import TASKS
 from ruffini.agents import Agent
 from ruffini.evaluation import evaluate
 
@@ -142,11 +143,12 @@ def test_it_names_bad_input(file, tmp_path, words, text):
 
 
 def test_a_task_without_an_agent_is_said_to_have_none():
-    for task in {"GraspFragile", "GraspLift", "GraspSoft", "HoldStill"}:
+    for task in TASKS:
         if f"{task}-v0" not in agents.names():
             done = play(task)
             assert (done.returncode, done.stdout) == (2, "")
             assert f"agent: found none of {task}-v0, expected the path" in done.stderr
+            assert "--policy scripted" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,12 @@ def _policy(task: str | None, name: str) -> tuple[str, Policy]:
         env_id = environment_id(_TASK if task is None else task)
         if name == "random":
             return env_id, RandomPolicy()
-        return env_id, load(env_id) if name == "trained" else scripted(env_id)
+        if name == "scripted":
+            return env_id, scripted(env_id)
+        try:
+            return env_id, load(env_id)
+        except ValueError as error:
+            raise ValueError(f"{error}; --policy scripted plays without one") from None
     if Path(name).suffix != ".safetensors":
         expected = "trained, scripted, random or an agent's .safetensors file"
         if (Path(name) / "run.json").is_file():
