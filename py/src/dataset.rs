@@ -10,7 +10,7 @@ use std::{
 
 use pyo3::{exceptions::PyValueError, prelude::*};
 use ruffini_core::{
-    dataset::{Config, Orders, Plan, Progress, generate, shards},
+    dataset::{Config, GenerationProgress, Orders, Plan, generate, shards},
     objects::{GraspSampler, Object},
     scene::{Approach, ObjectModel},
 };
@@ -47,7 +47,7 @@ pub(crate) fn generate_dataset(
     let config = configuration(config, overrides)?;
     let raised = Mutex::new(None);
     let raise = |error| *raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
-    let go_on = |progress: &Progress| {
+    let go_on = |progress: &GenerationProgress| {
         let has_raised = raised.lock().unwrap_or_else(PoisonError::into_inner).is_some();
         !has_raised
             && ask(&watch, progress).unwrap_or_else(|error| {
@@ -92,8 +92,8 @@ fn configuration(file: Option<PathBuf>, overrides: &str) -> PyResult<Config> {
     config.validated().map_err(python_error)
 }
 
-fn ask(watch: &Py<PyAny>, progress: &Progress) -> PyResult<bool> {
-    let Progress { done, all, frames, unsolved, seconds, bytes, .. } = *progress;
+fn ask(watch: &Py<PyAny>, progress: &GenerationProgress) -> PyResult<bool> {
+    let GenerationProgress { done, all, frames, unsolved, seconds, bytes, .. } = *progress;
     Python::attach(|py| {
         watch.call1(py, (done, all, frames, unsolved, seconds, bytes))?.is_truthy(py)
     })

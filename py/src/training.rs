@@ -9,7 +9,7 @@ use pyo3::{exceptions::PyValueError, prelude::*};
 use ruffini_core::{
     Error,
     surrogate::{
-        Evaluated, PressErrors, Progress, Training, evaluate,
+        Evaluated, PressErrors, Training, TrainingProgress, evaluate,
         paper::{PaperRun, Study},
         soft::SoftStudy,
         train,
@@ -47,7 +47,7 @@ pub(crate) fn train_surrogate(
         let now = Python::attach(|py| clock.call0(py)?.extract::<f64>(py));
         now.map_err(heard).unwrap_or_default()
     };
-    let mut go_on = |progress: &Progress| {
+    let mut go_on = |progress: &TrainingProgress| {
         let answer = Python::attach(|py| {
             py.check_signals()?;
             match message(progress) {
@@ -119,7 +119,7 @@ impl Asked {
         out: &Path,
         commit: &str,
         clock: &dyn Fn() -> f64,
-        watch: &mut dyn FnMut(&Progress) -> bool,
+        watch: &mut dyn FnMut(&TrainingProgress) -> bool,
     ) -> ruffini_core::Result<Option<String>> {
         let card = match self {
             Self::Corrector(training) => {
@@ -161,16 +161,16 @@ pub(crate) fn evaluate_surrogate(
 }
 
 /// Name and JSON value of a stage for Python; `None` for single steps.
-fn message(progress: &Progress) -> Option<(&'static str, String)> {
+fn message(progress: &TrainingProgress) -> Option<(&'static str, String)> {
     match progress {
-        Progress::Step => None,
-        Progress::Shard { done, all } => {
+        TrainingProgress::Step => None,
+        TrainingProgress::Shard { done, all } => {
             Some(("shard", serde_json::json!({"done": done, "all": all}).to_string()))
         }
-        Progress::Samples { train, lost } => {
+        TrainingProgress::Samples { train, lost } => {
             Some(("samples", serde_json::json!({"train": train, "lost": lost}).to_string()))
         }
-        Progress::Epoch { epoch, validation, left } => {
+        TrainingProgress::Epoch { epoch, validation, left } => {
             let value = serde_json::json!({
                 "epoch": epoch.epoch, "steps": epoch.steps, "errors": epoch.errors,
                 "seconds": epoch.seconds, "validation": validation, "left": left,

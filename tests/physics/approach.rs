@@ -8,12 +8,12 @@ use ruffini_core::{
     dataset::{Config, Orders, Plan, Unsolved, generate},
     geometry::Shape,
     objects::{GraspSampler, Object, catalogue},
-    scene::{Approach, ObjectModel, Obstacle},
+    scene::{Approach, ApproachFailure, ObjectModel},
 };
 
 /// Obstacles that keep the gripper from an object's first `count` grasps; reachable ones are left
 /// out.
-fn obstacles(object: &Object, count: usize) -> Vec<(String, Obstacle)> {
+fn obstacles(object: &Object, count: usize) -> Vec<(String, ApproachFailure)> {
     let sampler = GraspSampler::default();
     let model = ObjectModel::new(object.shape.clone()).unwrap();
     let approach = Approach::new(model, sampler.clearance);
@@ -33,7 +33,7 @@ fn the_gripper_gets_to_the_grasps_that_distances_allow() {
 }
 
 /// A grasp of a cube with edges of 40 mm at `tool`, contacts `width` (m) apart.
-fn cube(tool: Isometry3<f64>, width: f64) -> Option<Obstacle> {
+fn cube(tool: Isometry3<f64>, width: f64) -> Option<ApproachFailure> {
     let shape = Shape::Cuboid { half_extents: Vector3::repeat(0.02) };
     Approach::new(ObjectModel::new(shape).unwrap(), 0.005).obstacle(&tool, width).unwrap()
 }
@@ -42,8 +42,8 @@ fn cube(tool: Isometry3<f64>, width: f64) -> Option<Obstacle> {
 fn an_object_in_the_way_of_the_hand_is_met() {
     let middle = Isometry3::identity();
     assert_eq!(cube(middle, 0.04), None);
-    assert_eq!(cube(Isometry3::translation(0.012, 0.0, 0.0), 0.03), Some(Obstacle::Coming));
-    assert_eq!(cube(Isometry3::translation(0.0, 0.05, 0.0), 0.04), Some(Obstacle::Missed));
+    assert_eq!(cube(Isometry3::translation(0.012, 0.0, 0.0), 0.03), Some(ApproachFailure::Coming));
+    assert_eq!(cube(Isometry3::translation(0.0, 0.05, 0.0), 0.04), Some(ApproachFailure::Missed));
 }
 
 #[test]
@@ -54,7 +54,7 @@ fn a_finger_meets_what_is_wider_above_the_pads() {
     let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
     let tool = Isometry3::from_parts(Translation3::new(0.0, 0.0, -0.0085), turn);
     let found = Approach::new(cone, 0.005).obstacle(&tool, 0.031).unwrap();
-    assert_eq!(found, Some(Obstacle::Closing));
+    assert_eq!(found, Some(ApproachFailure::Closing));
 }
 
 #[test]
@@ -71,7 +71,7 @@ fn a_grasp_that_the_gripper_does_not_get_to_is_listed_and_not_solved() {
         ..Config::default()
     };
     let first = |_: &Object, plan: &Plan| {
-        Ok(plan.name.ends_with("/000").then(|| Obstacle::Coming.to_string()))
+        Ok(plan.name.ends_with("/000").then(|| ApproachFailure::Coming.to_string()))
     };
     let orders = Orders { obstacle: Some(&first), ..Orders::default() };
     let manifest = generate(&config, &folder, &orders, &|_| true).unwrap().unwrap();

@@ -9,7 +9,7 @@ use ruffini_core::{
     sensor::Sensor,
 };
 
-use crate::bed::{ball, gripped, hold, soft};
+use crate::foundation::{ball, gripped, hold, soft};
 
 const RADIUS: f64 = 0.015;
 

@@ -2,7 +2,7 @@
 
 mod approach;
 mod batch;
-mod bed;
+mod foundation;
 mod bodies;
 mod closed_forms;
 mod compliance;

@@ -154,7 +154,7 @@ def miss(told: dict[str, Any], truth: dict[str, Any], channel: str) -> float:
 def coupling(step: dict[str, Any]) -> float:
     """Difference of the forces that the model and the rigid world give the pads, relative to them.
 
-    The bed of the world presses first and is then corrected: this is what is left to correct.
+    The elastic foundation presses first and is then corrected: this is what is left to correct.
     """
     told, world = (np.r_[wrench[:3], wrench[6:9]] for wrench in (step["wrench"], step["pads"]))
     return float(np.linalg.norm(told - world) / np.linalg.norm(world))

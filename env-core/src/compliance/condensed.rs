@@ -38,11 +38,11 @@ pub(super) struct Condensed {
     pub(super) surface: Arc<[SurfacePoint]>,
     /// Points on the held faces, which shapes must not enter.
     pub(super) backing: Arc<Backing>,
-    pub(super) facets: Arc<[Facet]>,
+    pub(super) facets: Arc<[SkinFacet]>,
 }
 
 /// Face of the surface at rest.
-pub(super) struct Facet {
+pub(super) struct SkinFacet {
     pub(super) centre: Point3<f64>,
     /// Distance of its farthest surface point from the centre (m).
     pub(super) radius: f64,
@@ -171,7 +171,7 @@ fn condense(rest: &Linearised, skin: &[u32]) -> Vec<f64> {
 }
 
 /// Groups consecutive surface points that are interpolated from the same nodes.
-fn facets(surface: &[SurfacePoint], places: &[Point3<f64>]) -> Vec<Facet> {
+fn facets(surface: &[SurfacePoint], places: &[Point3<f64>]) -> Vec<SkinFacet> {
     let mut facets = Vec::new();
     let (mut first, still) = (0, vec![Vector3::zeros(); places.len()]);
     for run in surface.chunk_by(|a, b| carriers(a).eq(carriers(b))) {
@@ -181,7 +181,7 @@ fn facets(surface: &[SurfacePoint], places: &[Point3<f64>]) -> Vec<Facet> {
         let away = |point: &SurfacePoint| (place(point) - centre).norm();
         let gain = |point: &SurfacePoint| point.shares.iter().map(|(_, s)| s.abs()).sum::<f64>();
         let last = first + run.len() as u32;
-        facets.push(Facet {
+        facets.push(SkinFacet {
             centre,
             radius: run.iter().map(away).fold(0.0, f64::max),
             gain: run.iter().map(gain).fold(1.0, f64::max),

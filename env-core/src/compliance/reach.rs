@@ -4,7 +4,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::condensed::{Condensed, Facet};
+use super::condensed::{Condensed, SkinFacet};
 use crate::geometry::Shape;
 
 /// Ball round the points of a displaced facet.
@@ -16,7 +16,7 @@ pub(super) struct Bound {
 
 /// Bounds of all facets with the nodes displaced (V) in m.
 pub(super) fn bounds(condensed: &Condensed, displacement: &[Vector3<f64>]) -> Vec<Bound> {
-    let bound = |facet: &Facet| {
+    let bound = |facet: &SkinFacet| {
         let moved = || facet.nodes.iter().map(|&node| displacement[node as usize]);
         let mean = moved().sum::<Vector3<f64>>() / facet.nodes.len() as f64;
         let spread = moved().map(|u| (u - mean).norm_squared()).fold(0.0, f64::max).sqrt();

@@ -53,7 +53,7 @@ pub struct Config {
     pub density: f64,
     /// Materials of the soft side, each with its pads or fingers, drawn for each grasp by their
     /// shares.
-    pub gels: Vec<Gel>,
+    pub gels: Vec<GelConfig>,
 }
 
 /// Soft side of a grasp.
@@ -75,7 +75,7 @@ pub const SOFT: [&str; 6] =
 /// Soft material, with its friction and the sensor whose pads are used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Gel {
+pub struct GelConfig {
     /// Name of the sensor whose pads are used, or whose pad outline the fingers have.
     pub sensor: String,
     /// Young's modulus at small strain (Pa).
@@ -94,7 +94,7 @@ impl Default for Config {
     /// 80 N is the force of a strong gripper of this size; below 20 N, one grasp in twenty-five
     /// compresses the gel by more than a third.
     fn default() -> Self {
-        let gel = |sensor: &str, young, poisson, friction, share| Gel {
+        let gel = |sensor: &str, young, poisson, friction, share| GelConfig {
             sensor: sensor.to_owned(),
             young,
             poisson,
@@ -234,7 +234,7 @@ pub(super) struct Pads {
     pub(super) model: PadMesh,
 }
 
-impl Gel {
+impl GelConfig {
     /// Builds the pads with the meshes of `config`.
     pub(super) fn pads(&self, config: &Config) -> Result<Pads> {
         let sensor = Sensor::named(&self.sensor)?;

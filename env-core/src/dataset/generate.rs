@@ -27,7 +27,7 @@ use crate::{Error, Result, objects::Object};
 
 /// Progress of a generation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Progress {
+pub struct GenerationProgress {
     /// Grasps that are done, including those of earlier runs.
     pub done: usize,
     /// Total number of grasps.
@@ -78,7 +78,7 @@ pub fn generate(
     config: &Config,
     folder: &Path,
     orders: &Orders,
-    watch: &(dyn Fn(&Progress) -> bool + Sync),
+    watch: &(dyn Fn(&GenerationProgress) -> bool + Sync),
 ) -> Result<Option<Manifest>> {
     let config = config.clone().validated()?;
     claim(&config, folder)?;
@@ -96,7 +96,8 @@ pub fn generate(
     let count = |jobs: &[&Job]| jobs.iter().map(|job| job.plans.len()).sum::<usize>();
     let all = count(&packed) + count(&open);
     let bytes = all as u64 * config.frames as u64 * setup.bytes_a_frame();
-    let progress = Progress { done: all - tasks.len(), all, bytes, ..Progress::default() };
+    let progress =
+        GenerationProgress { done: all - tasks.len(), all, bytes, ..GenerationProgress::default() };
     let work = Work {
         config: &config,
         setup: &setup,
@@ -170,9 +171,9 @@ struct Work<'a> {
     setup: &'a Setup,
     folder: &'a Path,
     obstacle: Option<&'a Obstacle<'a>>,
-    watch: &'a (dyn Fn(&Progress) -> bool + Sync),
+    watch: &'a (dyn Fn(&GenerationProgress) -> bool + Sync),
     clock: Instant,
-    progress: Mutex<Progress>,
+    progress: Mutex<GenerationProgress>,
     stopped: AtomicBool,
 }
 

@@ -23,8 +23,8 @@ mod squeezes;
 mod tensor;
 mod weight;
 
-pub use config::{Config, Gel, SOFT, Scenario};
-pub use generate::{Obstacle, Orders, Progress, generate, shards};
+pub use config::{Config, GelConfig, SOFT, Scenario};
+pub use generate::{GenerationProgress, Obstacle, Orders, generate, shards};
 pub use manifest::{FORMAT, Manifest, Shard, Solved, Split, Unsolved};
 pub use plan::{Plan, plans};
 pub use read::{Dataset, PadFrames};

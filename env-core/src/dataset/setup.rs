@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::Path};
 use rayon::prelude::*;
 
 use super::{
-    config::{Config, Gel, Pads, Scenario},
+    config::{Config, GelConfig, Pads, Scenario},
     plan::Plan,
     ramp::Ramp,
     record::{Entry, Shard, mesh_file, of_pads, wrenches},
@@ -38,7 +38,7 @@ impl Setup {
             let path = folder.join(format!("meshes/{name}.safetensors"));
             if path.is_file() { Ok(()) } else { write_whole(&path, &bytes()) }
         };
-        let pads = |(number, gel): (usize, &Gel)| {
+        let pads = |(number, gel): (usize, &GelConfig)| {
             let pads = gel.pads(config)?;
             let carrier = Carrier::new(&pads.truth, &pads.model.mesh)?;
             keep(&number.to_string(), &|| pads.mesh_file())?;

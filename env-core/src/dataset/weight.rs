@@ -7,7 +7,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::config::Gel;
+use super::config::GelConfig;
 use crate::{deformation::Wrench, objects::Object};
 
 /// Weight of an object held by two pads.
@@ -32,7 +32,12 @@ const PATCH: f64 = 0.003;
 
 impl Weight {
     /// Returns the weight of an `object` of `density` (kg/m³), held at `tool` by pads of `gel`.
-    pub(super) fn new(object: &Object, density: f64, tool: &Isometry3<f64>, gel: &Gel) -> Self {
+    pub(super) fn new(
+        object: &Object,
+        density: f64,
+        tool: &Isometry3<f64>,
+        gel: &GelConfig,
+    ) -> Self {
         let solid = object.mass_properties(1.0);
         let force = tool * Vector3::new(0.0, 0.0, -density * solid.mass * GRAVITY);
         let seen = tool.inverse_transform_point(&solid.center);

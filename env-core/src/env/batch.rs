@@ -7,7 +7,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
 use super::{
     Outcome, Row, Setup, Stage, StartQuantity,
     answers::{answers, answers_of_objects},
-    plan::{Costs, MODEL},
+    plan::{MODEL, StageTimes},
     snapshot,
     touch::PerFinger,
 };
@@ -41,7 +41,7 @@ pub struct Batch {
     /// Model that solves the presses of the fingers; `None` if they are rigid.
     model: Option<tactile::Model>,
     /// Time spent on all rows together.
-    costs: Costs,
+    costs: StageTimes,
     autoreset: Autoreset,
     threads: usize,
     /// Thread pool and the id of the process that started it: a forked child has none of its
@@ -87,7 +87,7 @@ impl Batch {
             setup,
             rows,
             model,
-            costs: Costs::default(),
+            costs: StageTimes::default(),
             autoreset,
             threads,
             pool: None,
@@ -231,7 +231,7 @@ impl Batch {
     }
 
     fn forget_costs(&mut self) {
-        self.costs = Costs::default();
+        self.costs = StageTimes::default();
         self.rows.iter_mut().for_each(Row::forget_costs);
     }
 

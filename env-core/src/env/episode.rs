@@ -8,12 +8,12 @@ use serde::{Deserialize, Serialize};
 use super::{
     Setup,
     given::{GivenStart, StartQuantity},
-    plan::{CHANNEL, CORRECTION, Costs, PEAK, PRESS, REWARD, SCENE},
-    squeeze::{self, Squeeze},
+    plan::{CHANNEL, CORRECTION, PEAK, PRESS, REWARD, SCENE, StageTimes},
+    squeeze::{self, SoftObjectContact},
     start::InitialState,
     touch::{PerFinger, correct, keep, presses},
+    trajectory::{PosesInPads, Trajectory},
     trial::{limit, trial},
-    way::{PosesInPads, Way},
 };
 use crate::{
     Error, Result,
@@ -36,7 +36,7 @@ pub(super) struct Episode {
     #[serde(skip)]
     object: Option<Shape>,
     fingers: [Finger; 2],
-    squeeze: Squeeze,
+    squeeze: SoftObjectContact,
     grip: f64,
     steps: u32,
     progress: Progress,
@@ -44,7 +44,7 @@ pub(super) struct Episode {
 }
 
 /// State of the rigid bodies after a reset or step, with the presses that follow from it.
-pub(super) struct Motion {
+pub(super) struct PendingStep {
     state: SceneState,
     pub(super) presses: PerFinger<Press>,
     pub(super) answers: PerFinger<Result<Deformation>>,
@@ -90,7 +90,7 @@ impl Episode {
         setup: &Setup,
         random: &mut ChaCha8Rng,
         given: &GivenStart,
-    ) -> Result<(Self, Motion)> {
+    ) -> Result<(Self, PendingStep)> {
         let config = &setup.config;
         let object = random.random_range(0..setup.models.len());
         let object = given.or(StartQuantity::Object, object as f64) as usize;
@@ -132,7 +132,7 @@ impl Episode {
         let state = scene.state();
         let fingers = way.start().map(Finger::new);
         let (object, progress) = (None, Progress::new(&state));
-        let (squeeze, steps, over) = (Squeeze::default(), 0, false);
+        let (squeeze, steps, over) = (SoftObjectContact::default(), 0, false);
         let mut episode =
             Self { scene, parameters, object, fingers, squeeze, grip, steps, progress, over };
         let mut motion = episode.motion(setup, state, way.poses());
@@ -144,8 +144,8 @@ impl Episode {
     /// be solved, the fingers report no contact until the first step. A fragile grasp starts
     /// without contact: the presses are those of its trial grip, whose solutions set the stress
     /// limit, and without a limit the first step ends the episode.
-    pub(super) fn open(&mut self, setup: &Setup, motion: Motion, observation: &mut [f32]) {
-        let Motion { state, answers, .. } = motion;
+    pub(super) fn open(&mut self, setup: &Setup, motion: PendingStep, observation: &mut [f32]) {
+        let PendingStep { state, answers, .. } = motion;
         let (felt, squeezed) = if let Some(trial) = &self.parameters.trial {
             self.parameters.stress_limit = limit(trial, answers).ok();
             Default::default()
@@ -220,9 +220,9 @@ impl Episode {
     }
 
     /// Creates the presses of the fingers in `state`, after the object has moved along `way`.
-    fn motion(&mut self, setup: &Setup, state: SceneState, way: &[PosesInPads]) -> Motion {
+    fn motion(&mut self, setup: &Setup, state: SceneState, way: &[PosesInPads]) -> PendingStep {
         let mut motion =
-            Motion { state, presses: [None, None], answers: [None, None], retaken: None };
+            PendingStep { state, presses: [None, None], answers: [None, None], retaken: None };
         if motion.state.failure.is_some() {
             return motion;
         }
@@ -265,13 +265,13 @@ impl Episode {
         &mut self,
         setup: &Setup,
         action: &[f32; ACTION_SIZE],
-        costs: &mut Costs,
-    ) -> Motion {
+        costs: &mut StageTimes,
+    ) -> PendingStep {
         let command = command(action, &setup.config, self.scene.yaw(), self.grip);
         let (start, shaking) = (self.time(setup), self.parameters.shaking);
         self.grip = command.grip;
         self.steps += 1;
-        let mut way = Way::after(&self.fingers);
+        let mut way = Trajectory::after(&self.fingers);
         let feels = setup.touch().is_some();
         let state = costs.time(SCENE, || {
             let force = |time| shaking.map_or_else(Vector3::zeros, |s| s.force(start + time));
@@ -291,13 +291,13 @@ impl Episode {
     pub(super) fn conclude(
         &mut self,
         setup: &Setup,
-        motion: Motion,
+        motion: PendingStep,
         observation: &mut [f32],
         scratch: &mut [f32],
-        costs: &mut Costs,
+        costs: &mut StageTimes,
     ) -> Outcome {
         let config = &setup.config;
-        let Motion { state, answers, retaken, .. } = motion;
+        let PendingStep { state, answers, retaken, .. } = motion;
         let felt = match costs.time(CORRECTION, || self.felt(setup, &state, answers)) {
             Ok(felt) => felt,
             Err(error) => return Outcome::press_failed(&error),
@@ -341,7 +341,7 @@ impl Episode {
 }
 
 /// Writes the observation of `step` into `row` and records the time of each channel.
-fn observe(setup: &Setup, step: &StepState, row: &mut [f32], costs: &mut Costs) {
+fn observe(setup: &Setup, step: &StepState, row: &mut [f32], costs: &mut StageTimes) {
     let mut rest = row;
     for channel in 0..setup.layout.channels().len() {
         let here = rest;

@@ -16,7 +16,7 @@ mod squeeze;
 mod start;
 mod touch;
 mod trial;
-mod way;
+mod trajectory;
 
 pub use batch::{Autoreset, Batch, StepResult};
 pub use episode::Outcome;

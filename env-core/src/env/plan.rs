@@ -32,12 +32,12 @@ pub(super) const CHANNEL: usize = 6;
 
 /// Time spent so far in each stage.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Costs {
+pub(super) struct StageTimes {
     /// Number of runs and time (ns) of each stage.
     stages: Vec<(u64, u64)>,
 }
 
-impl Costs {
+impl StageTimes {
     /// Runs `work`, records its time as one run of `stage`, and returns its result.
     pub(super) fn time<T>(&mut self, stage: usize, work: impl FnOnce() -> T) -> T {
         self.time_all(stage, 1, work)

@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 use super::{
     Outcome, Setup,
     answers::Answer,
-    episode::{Episode, Motion},
+    episode::{Episode, PendingStep},
     given::{GivenStart, StartQuantity},
-    plan::Costs,
+    plan::StageTimes,
     touch::PerFinger,
 };
 use crate::{
@@ -29,9 +29,9 @@ pub struct Row {
     episode: Option<Episode>,
     /// Reset or step whose presses have not been solved yet.
     #[serde(skip)]
-    motion: Option<Motion>,
+    motion: Option<PendingStep>,
     #[serde(skip)]
-    costs: Costs,
+    costs: StageTimes,
     #[serde(skip)]
     given: GivenStart,
 }
@@ -43,7 +43,7 @@ impl Row {
             random: ChaCha8Rng::seed_from_u64(seed),
             episode: None,
             motion: None,
-            costs: Costs::default(),
+            costs: StageTimes::default(),
             given: GivenStart::default(),
         }
     }
@@ -160,13 +160,13 @@ impl Row {
     }
 
     /// Time spent in the steps of this row.
-    pub(super) fn costs(&self) -> &Costs {
+    pub(super) fn costs(&self) -> &StageTimes {
         &self.costs
     }
 
     /// Resets the time spent to zero.
     pub(super) fn forget_costs(&mut self) {
-        self.costs = Costs::default();
+        self.costs = StageTimes::default();
     }
 
     /// State of the rigid bodies and parameters of the episode; `None` before the first reset.

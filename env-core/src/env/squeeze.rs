@@ -12,13 +12,13 @@ use crate::{
 
 /// State of the contact of a soft object with both fingers.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(super) struct Squeeze {
+pub(super) struct SoftObjectContact {
     history: Option<History>,
 }
 
-impl Squeeze {
+impl SoftObjectContact {
     /// Creates the press of both fingers. Returns `None` and discards the history unless both
-    /// touch. The solution goes to [`Squeeze::keep`].
+    /// touch. The solution goes to [`SoftObjectContact::keep`].
     pub(super) fn press(
         &mut self,
         object: &SoftObject,

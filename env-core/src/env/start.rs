@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::{
     Setup,
-    way::{FINE, Way},
+    trajectory::{FINE, Trajectory},
 };
 use crate::{
     Result,
@@ -17,7 +17,7 @@ use crate::{
 pub(super) struct InitialState {
     pub(super) scene: Scene,
     pub(super) grip: f64,
-    pub(super) way: Way,
+    pub(super) way: Trajectory,
 }
 
 impl InitialState {
@@ -68,19 +68,19 @@ impl InitialState {
         grip: f64,
         coarseness: f64,
     ) -> Result<Self> {
-        let mut way = None::<Way>;
+        let mut way = None::<Trajectory>;
         let seen = |scene: &Scene| match &mut way {
             Some(way) => way.go_on(scene.object_in_pads()),
-            None => way = Some(Way::from(scene.object_in_pads(), coarseness)),
+            None => way = Some(Trajectory::from(scene.object_in_pads(), coarseness)),
         };
         let scene = Scene::holding(config, object, place, grip, seen)?;
-        let mut way = way.unwrap_or_else(|| Way::from(scene.object_in_pads(), coarseness));
+        let mut way = way.unwrap_or_else(|| Trajectory::from(scene.object_in_pads(), coarseness));
         way.arrive(scene.object_in_pads());
         Ok(Self { scene, grip, way })
     }
 
     fn at_once(scene: Scene, grip: f64) -> Self {
-        let mut way = Way::from(scene.object_in_pads(), FINE);
+        let mut way = Trajectory::from(scene.object_in_pads(), FINE);
         way.arrive(scene.object_in_pads());
         Self { scene, grip, way }
     }

@@ -1,7 +1,7 @@
 //! Conversion of the object's motion to presses of the fingers, and of their solutions to contact
 //! forces.
 
-use super::{Setup, way::PosesInPads};
+use super::{Setup, trajectory::PosesInPads};
 use crate::{
     Result,
     deformation::{Deformation, Press},

@@ -6,9 +6,9 @@ use super::{
     direct::DirectSolver,
     drive::{PressSolver, Solved},
     newton::equilibrium,
-    push::Push,
+    push::ForceControl,
     region::Region,
-    system::{State, Stiffness},
+    system::{Configuration, Stiffness},
 };
 use crate::{
     Error, Result,
@@ -19,7 +19,7 @@ use crate::{
 
 /// A solved load step that has not been accepted yet.
 pub(super) struct LoadStep {
-    pub(super) state: State,
+    pub(super) state: Configuration,
     anchors: Vec<Anchor>,
     pub(super) solved: Solved,
 }
@@ -32,7 +32,7 @@ impl PressSolver<'_> {
         &mut self,
         shapes: &[Shape],
         poses: Vec<Isometry3<f64>>,
-        push: Option<&Push>,
+        push: Option<&ForceControl>,
         guess: Option<Vec<Vector3<f64>>>,
     ) -> Result<LoadStep> {
         let system = self.system;
@@ -46,7 +46,7 @@ impl PressSolver<'_> {
             return Err(self.missed());
         }
         self.attend(&mut contact, shapes, &poses, push.is_some(), &places);
-        let mut state = State { displacement: self.state.displacement.clone(), poses };
+        let mut state = Configuration { displacement: self.state.displacement.clone(), poses };
         match guess {
             Some(guess) => state.displacement = guess,
             None if push.is_none() => self.predict(shapes, &mut state, &mut contact),
@@ -123,7 +123,7 @@ impl PressSolver<'_> {
 
     /// Predicts `state`: by the increment of the last load step if the shapes continue their
     /// motion, else along the path's tangent at the beginning.
-    fn predict(&mut self, shapes: &[Shape], state: &mut State, contact: &mut ContactStep) {
+    fn predict(&mut self, shapes: &[Shape], state: &mut Configuration, contact: &mut ContactStep) {
         let step = if self.goes_on(&state.poses) {
             Some(self.increment.clone())
         } else {
@@ -131,7 +131,7 @@ impl PressSolver<'_> {
         };
         let Some(step) = step else { return };
         let ahead = self.state.displacement.iter().zip(&step).map(|(u, du)| u + du).collect();
-        let ahead = State { displacement: ahead, poses: state.poses.clone() };
+        let ahead = Configuration { displacement: ahead, poses: state.poses.clone() };
         if self.system.forces(&ahead, contact).is_some() {
             *state = ahead;
         }

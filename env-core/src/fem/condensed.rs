@@ -13,7 +13,7 @@ use super::{
     direct::DirectSolver,
     newton::{Search, norm},
     region::{NEAR, Region},
-    system::{Forces, State, System},
+    system::{Configuration, Forces, System},
 };
 use crate::contact::{ContactStep, Touch};
 
@@ -30,7 +30,7 @@ impl Search<'_, '_> {
     /// earlier step's, if it halves the residual.
     pub(super) fn condensed_step(
         &mut self,
-        state: &mut State,
+        state: &mut Configuration,
         forces: &Forces,
         tolerance: f64,
     ) -> Option<Forces> {
@@ -59,7 +59,7 @@ impl Search<'_, '_> {
     }
 
     /// Returns whether the points that may touch are few enough for a dense system.
-    fn is_narrow(&mut self, state: &State) -> bool {
+    fn is_narrow(&mut self, state: &Configuration) -> bool {
         let Some(region) = self.solver.region() else { return false };
         let places = region.places(self.system, &state.displacement);
         let near = self.contact.within(NEAR, &region.points, &state.poses, &places);
@@ -74,7 +74,7 @@ fn balanced_step(
     system: &System,
     solver: &mut DirectSolver,
     contact: &mut ContactStep,
-    (state, forces): (&State, &Forces),
+    (state, forces): (&Configuration, &Forces),
     [margin, tolerance]: [f64; 2],
 ) -> Option<Vec<f64>> {
     let mut unknowns: Vec<f64> = solver.gather(&forces.gradient).iter().map(|r| -r).collect();

@@ -7,9 +7,9 @@ use nalgebra::{Isometry3, Vector3};
 use super::{
     direct::DirectSolver,
     newton::{NewtonOutcome, StoppingCriteria},
-    push::Push,
+    push::ForceControl,
     stride::{SHORTEST, in_steps},
-    system::{Forces, State, System},
+    system::{Configuration, Forces, System},
 };
 use crate::{
     Error, Result,
@@ -36,7 +36,7 @@ pub(super) struct PressSolver<'a> {
     pub(super) solver: Option<DirectSolver>,
     /// Poses of the shapes along the whole path (frames of S).
     pub(super) ahead: Vec<Vec<Isometry3<f64>>>,
-    pub(super) state: State,
+    pub(super) state: Configuration,
     pub(super) anchors: Vec<Anchor>,
     /// Force on the body in the last load step (N).
     pub(super) held: Vector3<f64>,
@@ -60,7 +60,7 @@ impl<'a> PressSolver<'a> {
         let displacement = vec![Vector3::zeros(); system.nodes.places.len()];
         let held = Vector3::zeros();
         let increment = displacement.clone();
-        let state = State { displacement, poses: Vec::new() };
+        let state = Configuration { displacement, poses: Vec::new() };
         let (anchors, before) = (Vec::new(), Vec::new());
         let one_sided = false;
         Self {
@@ -98,7 +98,7 @@ impl<'a> PressSolver<'a> {
                 frames
             }
             Drive::Force { force, direction, .. } => {
-                let push = Push { direction: **direction, force: *force };
+                let push = ForceControl { direction: **direction, force: *force };
                 vec![self.frame(|run| run.push(press, &push))]
             }
         }
@@ -139,7 +139,7 @@ impl<'a> PressSolver<'a> {
     }
 
     /// Pushes the shapes until they press with the force of `push`.
-    fn push(&mut self, press: &Press, push: &Push) -> Result<Solved> {
+    fn push(&mut self, press: &Press, push: &ForceControl) -> Result<Solved> {
         let begin = self.state.poses[0].translation.vector;
         let reached = if self.anchors.is_empty() { self.meet(press, push) } else { Ok(()) };
         let mut iterations = 0;
@@ -147,7 +147,7 @@ impl<'a> PressSolver<'a> {
             // The force that can be reached may be a small part of the force asked for.
             let shortest = |done: f64| SHORTEST.min(LEAST_GAIN * done).max(LEAST_PUSH);
             in_steps(shortest, |t| {
-                let push = Push { force: t * push.force, ..*push };
+                let push = ForceControl { force: t * push.force, ..*push };
                 self.load_step(press, self.state.poses.clone(), Some(&push), &mut iterations)
             })
         });
@@ -167,7 +167,7 @@ impl<'a> PressSolver<'a> {
 
     /// Moves the shapes along the push until the first of them touches. A step as long as the
     /// smallest distance cannot pass the body.
-    fn meet(&mut self, press: &Press, push: &Push) -> Result<()> {
+    fn meet(&mut self, press: &Press, push: &ForceControl) -> Result<()> {
         let places = self.system.surface_places(&self.state.displacement);
         let mut travel = 0.0;
         while travel < FARTHEST {
@@ -190,7 +190,7 @@ impl<'a> PressSolver<'a> {
         &mut self,
         press: &Press,
         poses: Vec<Isometry3<f64>>,
-        push: Option<&Push>,
+        push: Option<&ForceControl>,
         iterations: &mut usize,
     ) -> Result<Solved> {
         let attempt = self.attempt(press.shapes(), poses, push, None);

@@ -18,9 +18,9 @@
 use super::{
     direct::DirectSolver,
     gmres::{GmresSolution, gmres},
-    push::{Border, Push},
+    push::{Border, ForceControl},
     springs::{Spring, missing, product},
-    system::{Forces, State, Stiffness, System},
+    system::{Configuration, Forces, Stiffness, System},
 };
 use crate::{
     Error, Result,
@@ -60,9 +60,9 @@ const SHORTEST: f64 = 1e-6;
 pub(super) fn equilibrium(
     system: &System,
     solver: &mut DirectSolver,
-    state: &mut State,
+    state: &mut Configuration,
     contact: &mut ContactStep,
-    push: Option<&Push>,
+    push: Option<&ForceControl>,
     limits: &StoppingCriteria,
 ) -> Result<(NewtonOutcome, Forces)> {
     let willing = !limits.plain && solver.is_willing();
@@ -89,7 +89,7 @@ pub(super) struct Search<'a, 'b> {
     pub(super) system: &'a System,
     pub(super) solver: &'a mut DirectSolver,
     pub(super) contact: &'a mut ContactStep<'b>,
-    pub(super) push: Option<&'a Push>,
+    pub(super) push: Option<&'a ForceControl>,
     /// `true` while steps by the condensed stiffness are tried.
     pub(super) willing: bool,
     /// Value of [`StoppingCriteria::plain`].
@@ -108,7 +108,12 @@ impl Search<'_, '_> {
     }
 
     /// Takes one Newton step from `state`; `None` if none was found that lowers the energy.
-    fn advance(&mut self, state: &mut State, forces: &Forces, tolerance: f64) -> Option<Forces> {
+    fn advance(
+        &mut self,
+        state: &mut Configuration,
+        forces: &Forces,
+        tolerance: f64,
+    ) -> Option<Forces> {
         if let Some(next) = self.condensed_step(state, forces, tolerance) {
             return Some(next);
         }
@@ -140,7 +145,7 @@ impl Search<'_, '_> {
     /// halves the residual.
     fn kept_step(
         &mut self,
-        state: &mut State,
+        state: &mut Configuration,
         forces: &Forces,
         springs: &[Spring],
         tolerance: f64,
@@ -162,7 +167,7 @@ impl Search<'_, '_> {
     /// the residual.
     fn coupled_step(
         &mut self,
-        state: &mut State,
+        state: &mut Configuration,
         forces: &Forces,
         missing: &[Spring],
         (border, step): (Option<&Border>, &[f64]),
@@ -196,7 +201,7 @@ impl Search<'_, '_> {
     /// rate would take more steps than a new factor is worth.
     pub(super) fn full_step(
         &mut self,
-        state: &mut State,
+        state: &mut Configuration,
         forces: &Forces,
         step: &[f64],
         tolerance: f64,
@@ -218,7 +223,7 @@ impl Search<'_, '_> {
     /// Backtracks along `step` until the energy has decreased enough for its `slope` (Armijo).
     fn line_search(
         &mut self,
-        state: &mut State,
+        state: &mut Configuration,
         forces: &Forces,
         step: &[f64],
         slope: f64,
@@ -250,7 +255,7 @@ impl Search<'_, '_> {
     }
 
     /// Returns `state` after a `share` of a `step`.
-    pub(super) fn moved(&self, state: &State, step: &[f64], share: f64) -> State {
+    pub(super) fn moved(&self, state: &Configuration, step: &[f64], share: f64) -> Configuration {
         let mut moved = state.clone();
         let change = self.solver.scatter(step);
         for (u, du) in moved.displacement.iter_mut().zip(&change) {
@@ -264,7 +269,7 @@ impl Search<'_, '_> {
     }
 
     /// Energy with friction limited to `limits`, less the work of the push (J).
-    fn energy(&self, state: &State, forces: &Forces, limits: &FrictionLimits) -> f64 {
+    fn energy(&self, state: &Configuration, forces: &Forces, limits: &FrictionLimits) -> f64 {
         let work = self.push.map_or(0.0, |push| {
             push.force * push.direction.dot(&state.poses[0].translation.vector)
         });

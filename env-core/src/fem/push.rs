@@ -12,7 +12,7 @@ const LONGEST_TRAVEL: f64 = 5e-4;
 
 /// A constant force with which the shapes are pushed.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Push {
+pub(super) struct ForceControl {
     pub(super) direction: Vector3<f64>,
     /// Force along `direction` (N).
     pub(super) force: f64,

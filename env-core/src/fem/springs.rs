@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{direct::DirectSolver, push::Push, system::System};
+use super::{direct::DirectSolver, push::ForceControl, system::System};
 use crate::contact::Touch;
 
 /// Linearised contact of a surface point with a shape.
@@ -73,7 +73,7 @@ pub(super) fn product(
     solver: &DirectSolver,
     springs: &[Spring],
     unknowns: &[f64],
-    push: Option<&Push>,
+    push: Option<&ForceControl>,
 ) -> Vec<f64> {
     let moved = solver.scatter(unknowns);
     let travel = push.map_or(Vector3::zeros(), |p| p.direction * unknowns[unknowns.len() - 1]);

@@ -31,7 +31,7 @@ const CREASE: f64 = 0.8;
 const WILD: f64 = 32.0;
 
 /// A face of the body's boundary.
-struct Facet {
+struct FreeFacet {
     /// Nodes, counter-clockwise from outside.
     ends: [u32; 3],
     /// Its tetrahedron.
@@ -64,7 +64,7 @@ pub(super) fn surface(
         _ => lifted_middle(mesh, &curvatures, a, b),
     };
     let (mut points, mut held, mut rim) = (Vec::new(), Vec::new(), BTreeMap::new());
-    for Facet { ends, tet, area, .. } in facets {
+    for FreeFacet { ends, tet, area, .. } in facets {
         let is_held = ends.iter().all(|&node| nodes.fixed[node as usize]);
         let middles = [0, 1, 2].map(|i| middle(ends[i], ends[(i + 1) % 3]));
         let pieces = spacing.pieces(longest_edge(mesh, ends));
@@ -92,13 +92,13 @@ pub(super) fn surface(
     (points, Backing::new(held.map(|point| point.place(&nodes.places, &still))))
 }
 
-fn facets(mesh: &TetMesh) -> Vec<Facet> {
+fn facets(mesh: &TetMesh) -> Vec<FreeFacet> {
     let outer = faces(mesh).into_values().filter(|owners| owners.len() == 1);
     let facet = |(tet, face): (u32, usize)| {
         let ends = FACES[face].map(|corner| mesh.tets[tet as usize][corner]);
         let [a, b, c] = ends.map(|node| mesh.vertices[node as usize]);
         let twice = (b - a).cross(&(c - a));
-        Facet { ends, tet, normal: twice.normalize(), area: 0.5 * twice.norm() }
+        FreeFacet { ends, tet, normal: twice.normalize(), area: 0.5 * twice.norm() }
     };
     outer.map(|owners| facet(owners[0])).collect()
 }
@@ -174,12 +174,12 @@ impl Curvature {
 }
 
 /// Curvatures by node, where the surface is smooth.
-fn curvatures(mesh: &TetMesh, facets: &[Facet]) -> BTreeMap<u32, Curvature> {
-    let mut around: BTreeMap<u32, Vec<&Facet>> = BTreeMap::new();
+fn curvatures(mesh: &TetMesh, facets: &[FreeFacet]) -> BTreeMap<u32, Curvature> {
+    let mut around: BTreeMap<u32, Vec<&FreeFacet>> = BTreeMap::new();
     for facet in facets {
         facet.ends.iter().for_each(|&node| around.entry(node).or_default().push(facet));
     }
-    let smooth = |(node, facets): (u32, Vec<&Facet>)| {
+    let smooth = |(node, facets): (u32, Vec<&FreeFacet>)| {
         let normal: Vector3<f64> = facets.iter().map(|f| f.normal * f.area).sum();
         let normal = normal.try_normalize(0.0)?;
         let flat = facets.iter().all(|f| f.normal.dot(&normal) > CREASE);

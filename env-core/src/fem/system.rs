@@ -47,7 +47,7 @@ const DEEPEST: f64 = 250.0;
 
 /// Displacement of the body and poses of the shapes.
 #[derive(Clone, Debug)]
-pub(super) struct State {
+pub(super) struct Configuration {
     /// Displacement of the nodes (N) in m.
     pub(super) displacement: Vec<Vector3<f64>>,
     /// Poses of the shapes (S).
@@ -133,7 +133,7 @@ impl System {
 
     /// Energy and forces, or `None` if an element is inverted or a point came out on the far side
     /// of a shape.
-    pub(super) fn forces(&self, state: &State, step: &mut ContactStep) -> Option<Forces> {
+    pub(super) fn forces(&self, state: &Configuration, step: &mut ContactStep) -> Option<Forces> {
         let mut gradient = vec![Vector3::zeros(); self.nodes.places.len()];
         let mut strain = Strain::default();
         let elastic = self.solid.evaluate(&state.displacement, &mut strain, &mut gradient)?;

@@ -106,7 +106,7 @@ impl GraspSampler {
     /// Returns an error if the shape has no finite surface or a setting is invalid.
     pub fn sample(&self, shape: &Shape, count: usize, seed: u64) -> Result<Sampling> {
         self.check()?;
-        let target = Target::new(shape)?;
+        let target = Goal::new(shape)?;
         let mut draw = Draw::new(seed, 0, 1);
         let mut sampling = Sampling { grasps: Vec::new(), rejected: BTreeMap::new() };
         for _ in 0..ATTEMPTS * count {
@@ -135,11 +135,7 @@ impl GraspSampler {
         Ok(())
     }
 
-    fn attempt(
-        &self,
-        target: &Target,
-        draw: &mut Draw,
-    ) -> std::result::Result<Antipodal, Rejection> {
+    fn attempt(&self, target: &Goal, draw: &mut Draw) -> std::result::Result<Antipodal, Rejection> {
         let (first, normal) = target.point(draw);
         let axis = -normal;
         let width = target.through(&first, &axis, draw);
@@ -161,7 +157,7 @@ impl GraspSampler {
     /// Returns as an error the first reason why the hand cannot reach `tool`, if there is one.
     fn reachable(
         &self,
-        target: &Target,
+        target: &Goal,
         tool: &Isometry3<f64>,
         width: f64,
     ) -> std::result::Result<(), Rejection> {
@@ -185,7 +181,7 @@ impl GraspSampler {
 }
 
 /// Solid prepared for drawing points of its surface.
-struct Target<'a> {
+struct Goal<'a> {
     shape: &'a Shape,
     surface: Surface,
     center: Point3<f64>,
@@ -193,7 +189,7 @@ struct Target<'a> {
     areas: Vec<f64>,
 }
 
-impl<'a> Target<'a> {
+impl<'a> Goal<'a> {
     fn new(shape: &'a Shape) -> Result<Self> {
         let surface = shape.surface(SEGMENTS).ok_or_else(|| {
             Error::invalid("shape", "a half-space", "a solid of finite size to hold")

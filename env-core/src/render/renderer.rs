@@ -52,7 +52,7 @@ pub struct Renderer {
     /// Samples along each side of a pixel.
     samples: usize,
     raster: Raster,
-    facets: Vec<Facet>,
+    facets: Vec<RasterFacet>,
     shadow: ShadowMap,
     contact: ContactMap,
     lights: Lights,
@@ -61,7 +61,7 @@ pub struct Renderer {
 }
 
 /// Triangle that faces the eye.
-struct Facet {
+struct RasterFacet {
     /// Planes of λ/w for the corners.
     planes: [Plane; 3],
     item: u32,
@@ -165,7 +165,7 @@ impl Renderer {
                 let Some(seen) = self.raster.triangle(corners, [1.0; 3]) else { continue };
                 self.raster.fill(&seen, self.facets.len() as u32);
                 let (item, triangle) = (index as u32, triangle as u32);
-                let facet = Facet { planes: seen.planes, item, triangle };
+                let facet = RasterFacet { planes: seen.planes, item, triangle };
                 self.facets.push(facet);
             }
         }

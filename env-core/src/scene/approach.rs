@@ -14,7 +14,7 @@ use crate::Result;
 
 /// Reason why the hand does not reach a grasp.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Obstacle {
+pub enum ApproachFailure {
     /// The hand touched the object on its way down.
     Coming,
     /// A finger touched the object before the pads did while they closed.
@@ -23,7 +23,7 @@ pub enum Obstacle {
     Missed,
 }
 
-impl fmt::Display for Obstacle {
+impl fmt::Display for ApproachFailure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Coming => "the hand meets the object on its way to the grasp",
@@ -69,7 +69,7 @@ impl Approach {
     /// Returns the reason why the hand does not reach a grasp, or `None` if it does. The grasp's
     /// tool frame, with x from pad to pad and z towards the wrist, is at `tool` in the object's
     /// frame; its contacts are `width` (m) apart. An error if the hand cannot open so wide.
-    pub fn obstacle(&self, tool: &Isometry3<f64>, width: f64) -> Result<Option<Obstacle>> {
+    pub fn obstacle(&self, tool: &Isometry3<f64>, width: f64) -> Result<Option<ApproachFailure>> {
         let mut config = self.config.clone();
         config.gripper.max_opening = width + 2.0 * self.clearance;
         let goal = Isometry3::translation(0.0, 0.0, HEIGHT);
@@ -88,7 +88,7 @@ impl Approach {
             let left = way * (1.0 - f64::from(step) / steps);
             scene.advance(&(goal * Isometry3::translation(0.0, 0.0, left)), -GRIP);
             if moved(&scene) {
-                return Ok(Some(Obstacle::Coming));
+                return Ok(Some(ApproachFailure::Coming));
             }
         }
         let steps = PATIENCE * self.clearance / (config.gripper.closing_speed * dt);
@@ -100,10 +100,10 @@ impl Approach {
             touched = [0, 1].map(|i| touched[i] || fingers[i].touches());
             match touched {
                 [true, true] => return Ok(None),
-                [false, false] if moved(&scene) => return Ok(Some(Obstacle::Closing)),
+                [false, false] if moved(&scene) => return Ok(Some(ApproachFailure::Closing)),
                 _ => {}
             }
         }
-        Ok(Some(Obstacle::Missed))
+        Ok(Some(ApproachFailure::Missed))
     }
 }

@@ -11,7 +11,7 @@
 //! [`Physics`].
 
 mod approach;
-mod bed;
+mod foundation;
 mod catalogue;
 mod collider;
 mod config;
@@ -23,7 +23,7 @@ mod state;
 mod units;
 mod world;
 
-pub use approach::{Approach, Obstacle};
+pub use approach::{Approach, ApproachFailure};
 pub use catalogue::{CATALOGUE, named};
 pub use collider::ObjectModel;
 pub use config::{Gripper, Object, Pads, Physics, SceneConfig, SoftPads, Workspace};

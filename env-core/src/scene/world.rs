@@ -12,9 +12,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     BodyState, Failure, FingerState, Object, ObjectModel, Pads, SceneConfig, SceneState, Wrench,
-    WristState,
-    bed::{Bed, Step, Stop, stops},
-    contact,
+    WristState, contact,
+    foundation::{FixtureContact, FoundationStep, Foundations, stops},
     gripper::{HAND, Hand, OBJECT, TABLE},
     units,
 };
@@ -43,7 +42,7 @@ pub struct Scene {
     /// Parts of the fixture, if there is one and the pads are rigid.
     fixture: Vec<ColliderHandle>,
     /// Elastic foundations of soft pads.
-    bed: Option<Bed>,
+    foundation: Option<Foundations>,
     gravity: f64,
     wrist: Wrist,
     failure: Option<Failure>,
@@ -76,9 +75,9 @@ impl Scene {
         // Contact with soft pads and contact with a fixture have to be solved together.
         let fixture = config.fixture.as_ref().filter(|_| matches!(config.pads, Pads::Rigid));
         let fixture = fixture.map(|fixture| fixture.insert(&mut world)).unwrap_or_default();
-        let bed = match &config.pads {
+        let foundation = match &config.pads {
             Pads::Rigid => None,
-            Pads::Soft(pads) => Some(Bed::new(pads, object)),
+            Pads::Soft(pads) => Some(Foundations::new(pads, object)),
         };
         let (object, object_collider) = insert_object(&mut world, object)?;
         let hand = Hand::insert(&mut world, &config.gripper, &config.pads, &wrist.pose);
@@ -90,7 +89,7 @@ impl Scene {
             object_collider,
             table,
             fixture,
-            bed,
+            foundation,
             gravity: config.physics.gravity,
             wrist,
             failure: None,
@@ -128,26 +127,27 @@ impl Scene {
         if self.failure.is_some() {
             return;
         }
-        if self.bed.as_ref().is_some_and(|bed| !bed.is_attached()) {
+        if self.foundation.as_ref().is_some_and(|foundation| !foundation.is_attached()) {
             self.failure = Some(Failure::Detached);
             return;
         }
         self.world.bodies[self.hand.wrist].set_next_kinematic_position(units::pose(&wrist.pose));
-        let stops = if self.bed.is_some() { self.stops() } else { Vec::new() };
+        let stops = if self.foundation.is_some() { self.stops() } else { Vec::new() };
         let gripper = &self.config.gripper;
         self.hand.drive(&mut self.world, gripper, grip);
-        let applied = self.bed.as_mut().map(|bed| {
+        let applied = self.foundation.as_mut().map(|foundation| {
             let (time, gravity) = (self.config.physics.time_step, self.gravity);
-            let step = Step { time, gravity, force, wrist: [self.wrist.pose, wrist.pose], grip };
-            bed.apply(&mut self.world, &self.hand, self.object, gripper, &step, &stops)
+            let step =
+                FoundationStep { time, gravity, force, wrist: [self.wrist.pose, wrist.pose], grip };
+            foundation.apply(&mut self.world, &self.hand, self.object, gripper, &step, &stops)
         });
         if applied.is_none() {
             self.world.bodies[self.object].reset_forces(false);
         }
         self.world.bodies[self.object].add_force(units::vector(&force), false);
         self.world.step();
-        if let (Some(bed), Some(applied)) = (&mut self.bed, applied) {
-            bed.settle(&self.world, &self.hand, self.object, applied);
+        if let (Some(foundation), Some(applied)) = (&mut self.foundation, applied) {
+            foundation.settle(&self.world, &self.hand, self.object, applied);
         }
         self.wrist = wrist;
         if !self.world.quarantine().is_empty() || !self.is_finite() {
@@ -169,10 +169,12 @@ impl Scene {
             },
             fingers: [0, 1].map(|finger| self.finger_state(finger, &pose)),
             table: self.wrench_of(&[self.table], &origin),
-            fixture: match &self.bed {
-                Some(bed) => {
-                    moved(&bed.fixture(), &units::si_vector(object.center_of_mass()), &origin)
-                }
+            fixture: match &self.foundation {
+                Some(foundation) => moved(
+                    &foundation.fixture(),
+                    &units::si_vector(object.center_of_mass()),
+                    &origin,
+                ),
                 None => self.wrench_of(&self.fixture, &origin),
             },
             object: BodyState {
@@ -191,7 +193,7 @@ impl Scene {
     }
 
     /// Points at which the fixture is next to the object.
-    fn stops(&self) -> Vec<Stop> {
+    fn stops(&self) -> Vec<FixtureContact> {
         let Some(fixture) = &self.config.fixture else { return Vec::new() };
         let center = units::si_vector(self.world.bodies[self.object].center_of_mass());
         stops(fixture, &self.world.colliders[self.object_collider], &center)
@@ -220,8 +222,10 @@ impl Scene {
         let wrench = contact::wrench(&self.world, finger.pad, self.object_collider, &center);
         let wrench = wrench.seen_from(&pad);
         let object = pad.inv_mul(object);
-        let (wrench, indentation) = match &self.bed {
-            Some(bed) => (wrench + bed.wrench(index), bed.indentation(index, &object)),
+        let (wrench, indentation) = match &self.foundation {
+            Some(foundation) => {
+                (wrench + foundation.wrench(index), foundation.indentation(index, &object))
+            }
             None => (wrench, 0.0),
         };
         FingerState { position, velocity, pad, wrench, object, indentation }
@@ -236,8 +240,8 @@ impl Scene {
     /// 3 mm of lever. Rigid pads are unaffected.
     pub fn correct(&mut self, finger: usize, model: &Wrench) {
         let pose = self.object_in_pad(finger);
-        if let Some(bed) = &mut self.bed {
-            bed.correct(finger, &pose, model);
+        if let Some(foundation) = &mut self.foundation {
+            foundation.correct(finger, &pose, model);
         }
     }
 
@@ -245,16 +249,16 @@ impl Scene {
     /// Suits a model without the object's weight: friction stays that of the elastic foundation.
     pub fn correct_pressing(&mut self, finger: usize, force: f64) {
         let pose = self.object_in_pad(finger);
-        if let Some(bed) = &mut self.bed {
-            bed.correct_pressing(finger, &pose, force);
+        if let Some(foundation) = &mut self.foundation {
+            foundation.correct_pressing(finger, &pose, force);
         }
     }
 
     /// Attaches the object to a scene that was read from bytes, which do not contain it. Without it
     /// a scene with soft pads fails when stepped.
     pub fn attach(&mut self, model: &ObjectModel) {
-        if let (Some(bed), Pads::Soft(pads)) = (&mut self.bed, &self.config.pads) {
-            bed.attach(pads, model);
+        if let (Some(foundation), Pads::Soft(pads)) = (&mut self.foundation, &self.config.pads) {
+            foundation.attach(pads, model);
         }
     }
 

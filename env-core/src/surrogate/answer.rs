@@ -12,9 +12,9 @@ use rayon::prelude::*;
 use super::{
     corrector::Corrector,
     fast::{PadBuffers, PadInference},
-    features::{Gel, PadInput},
+    features::{PadInput, PadMaterial},
     graph::PadGraph,
-    linear::{self, Carried, LinearBaseline, body},
+    linear::{self, LinearBaseline, LinearFields, body},
     paper::PaperNetwork,
     weights::{self, Card, bearing_of},
 };
@@ -30,16 +30,16 @@ use crate::{
 /// A trained network on one gel. Copies share the precomputed data.
 #[derive(Clone)]
 pub struct Surrogate {
-    trained: Arc<Trained>,
+    trained: Arc<PadModel>,
     is_plain: bool,
 }
 
-struct Trained {
+struct PadModel {
     card: Card,
     network: PadInference,
     plain: Corrector,
     graph: PadGraph,
-    gel: Gel,
+    gel: PadMaterial,
     linear: LinearBaseline,
     /// Elements of the model mesh, for the residual force of an answer.
     elements: Linearised,
@@ -107,7 +107,7 @@ impl Surrogate {
         let (tensors, card): (_, Card) = weights::of_kind(name, bytes)?;
         let parameters = weights::parameters(tensors)?;
         let plain = Corrector::new(&card.network, &parameters.builder())?;
-        let gel = Gel { moduli, friction, thickness: sensor.outline.thickness };
+        let gel = PadMaterial { moduli, friction, thickness: sensor.outline.thickness };
         let pad = sensor.pad(card.model_nodes)?;
         let linear = LinearBaseline::new(sensor, &gel, card.linear_nodes, card.contact, &pad)?;
         let body = body(&pad, moduli)?;
@@ -115,7 +115,7 @@ impl Surrogate {
         let graph = PadGraph::new(&pad)?;
         let network = PadInference::new(&plain, &graph, &pad)?;
         let skin = OnceLock::new();
-        let trained = Trained { card, network, plain, graph, gel, linear, elements, body, skin };
+        let trained = PadModel { card, network, plain, graph, gel, linear, elements, body, skin };
         Ok(Self { trained: Arc::new(trained), is_plain: false })
     }
 
@@ -187,10 +187,10 @@ impl Surrogate {
     ///
     /// Poisson's ratio, friction and largest displacement must lie within those of the data. If
     /// there is contact force, the amplitude, the net force and the number of nodes that bear it
-    /// must lie within [`Usual`], and the residual must be at most half the net force. Otherwise no
+    /// must lie within [`TrainingBounds`], and the residual must be at most half the net force. Otherwise no
     /// contact point of finite elements may penetrate a shape.
     ///
-    /// [`Usual`]: super::Usual
+    /// [`TrainingBounds`]: super::TrainingBounds
     pub fn knows(
         &self,
         shapes: &[Shape],
@@ -199,7 +199,7 @@ impl Surrogate {
         contact_force: &[Vector3<f64>],
         residual: f64,
     ) -> bool {
-        let Trained { card, gel, elements, body, skin, .. } = &*self.trained;
+        let PadModel { card, gel, elements, body, skin, .. } = &*self.trained;
         let total = contact_force.iter().sum::<Vector3<f64>>().norm();
         let bearing = bearing_of(contact_force.iter().map(Vector3::norm));
         let deepest = displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
@@ -219,7 +219,7 @@ impl Surrogate {
     }
 }
 
-impl Trained {
+impl PadModel {
     /// Solves a force-driven press: searches for the force on the linear model at which the
     /// corrected answer has the required force.
     fn push(
@@ -274,14 +274,14 @@ impl Trained {
         let carried = self.linear.carry(linear, with_stress);
         let places = &self.body.mesh().vertices;
         let friction = press.friction().unwrap_or(self.gel.friction);
-        let gel = Gel { friction, ..self.gel };
+        let gel = PadMaterial { friction, ..self.gel };
         let question = PadInput::new(&self.graph, &gel, places, press.shapes(), &carried);
         let corrected = if question.amplitude > 0.0 {
             self.corrected(&question, &carried, with_stress, evaluation)?
         } else {
             carried
         };
-        let Carried { displacement, contact_force, von_mises, poses } = corrected;
+        let LinearFields { displacement, contact_force, von_mises, poses } = corrected;
         let residual =
             if wanted.residual { self.residual(&displacement, &contact_force)? } else { 0.0 };
         let (iterations, seconds) = linear.effort();
@@ -301,10 +301,10 @@ impl Trained {
     fn corrected(
         &self,
         question: &PadInput,
-        carried: &Carried,
+        carried: &LinearFields,
         with_stress: bool,
         evaluation: &mut Evaluation,
-    ) -> Result<Carried> {
+    ) -> Result<LinearFields> {
         let fields = match evaluation {
             Evaluation::Fast(scratch) => self.network.forward(question, with_stress, scratch),
             Evaluation::Plain => self.plain.fields(question, &self.graph)?,
@@ -316,7 +316,7 @@ impl Trained {
         let mut contact_force = vectors(&fields.forces, self.gel.force());
         contact_force.extend(&carried.contact_force[self.graph.columns..]);
         let shear = self.gel.moduli.shear();
-        Ok(Carried {
+        Ok(LinearFields {
             displacement: vectors(&fields.displacement, self.gel.thickness),
             contact_force,
             von_mises: fields.stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),

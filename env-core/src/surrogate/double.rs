@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
 use super::{
     corrector::{Corrector, CorrectorConfig},
     fast::{PadBuffers, PadInference},
-    features::{FEATURES, Gel, PadInput},
+    features::{FEATURES, PadInput, PadMaterial},
     graph::{LAYERS, PadGraph},
     layers::{LayerNorm, Linear, Mlp, Round},
     linear::LinearBaseline,
@@ -206,7 +206,7 @@ fn precision_single_is_enough() {
     for known in ["default", "swift"] {
         for poisson in [0.0, 0.4999] {
             let moduli = Moduli { young: 3e5, poisson };
-            let gel = Gel { moduli, friction: 0.8, thickness: sensor.outline.thickness };
+            let gel = PadMaterial { moduli, friction: 0.8, thickness: sensor.outline.thickness };
             let bytes = super::answer::shipped(known).unwrap();
             let (tensors, card): (_, Card) = weights::of_kind(known, bytes).unwrap();
             let parameters = weights::parameters(tensors).unwrap();

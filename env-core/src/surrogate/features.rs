@@ -10,7 +10,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::graph::{LAYERS, Mirror, PLACE_FEATURES, PadGraph};
-use super::linear::Carried;
+use super::linear::LinearFields;
 use crate::{
     deformation::Moduli,
     geometry::{Distance, Shape},
@@ -62,14 +62,14 @@ pub(super) struct Target {
 
 /// Material, friction and thickness of a pad, which define its units.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Gel {
+pub(super) struct PadMaterial {
     pub(super) moduli: Moduli,
     pub(super) friction: f64,
     /// Thickness L (m).
     pub(super) thickness: f64,
 }
 
-impl Gel {
+impl PadMaterial {
     /// Unit of force (N).
     pub(super) fn force(&self) -> f64 {
         self.moduli.young * self.thickness * self.thickness
@@ -84,10 +84,10 @@ impl PadInput {
     /// Returns the network's input for `linear`, the linear answer to a press of `shapes`.
     pub(super) fn new(
         graph: &PadGraph,
-        gel: &Gel,
+        gel: &PadMaterial,
         places: &[Point3<f64>],
         shapes: &[Shape],
-        linear: &Carried,
+        linear: &LinearFields,
     ) -> Self {
         let (length, columns) = (gel.thickness, graph.columns);
         let amplitude = linear.displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
@@ -190,7 +190,7 @@ pub(super) fn flat(vectors: &[Vector3<f64>], unit: f64) -> Vec<f32> {
 }
 
 /// Distance to the nearest shape, with its normal in the pad's frame.
-fn nearest(shapes: &[Shape], linear: &Carried, place: &Point3<f64>) -> Distance {
+fn nearest(shapes: &[Shape], linear: &LinearFields, place: &Point3<f64>) -> Distance {
     let far = Distance { value: f64::INFINITY, normal: Vector3::z() };
     shapes.iter().zip(&linear.poses).fold(far, |nearest, (shape, pose)| {
         let found = shape.distance(&pose.inverse_transform_point(place));

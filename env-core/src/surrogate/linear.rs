@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     extension::Extension,
-    features::Gel,
+    features::PadMaterial,
     ops::{PadStress, Sparse},
 };
 use crate::{
@@ -85,7 +85,7 @@ pub(super) enum LinearAnswer {
 
 /// A linear answer on the model mesh. V nodes, T tetrahedra, S shapes.
 #[derive(Clone, Debug)]
-pub(super) struct Carried {
+pub(super) struct LinearFields {
     /// Displacement (V) in m.
     pub(super) displacement: Vec<Vector3<f64>>,
     /// Contact force (V) in N.
@@ -100,7 +100,7 @@ impl LinearBaseline {
     /// Builds the model of a gel on a mesh of at most `nodes` nodes, with answers on `model`.
     pub(super) fn new(
         sensor: &Sensor,
-        gel: &Gel,
+        gel: &PadMaterial,
         nodes: usize,
         contact: Contact,
         model: &PadMesh,
@@ -136,7 +136,7 @@ impl LinearBaseline {
     }
 
     /// Transfers an answer to the model mesh; its stress is left empty unless `with_stress`.
-    pub(super) fn carry(&self, answer: &LinearAnswer, with_stress: bool) -> Carried {
+    pub(super) fn carry(&self, answer: &LinearAnswer, with_stress: bool) -> LinearFields {
         match (answer, &self.solver) {
             (LinearAnswer::Nodes(settled), Solver::Nodes(nodes)) => {
                 let stress = || nodes.von_mises(settled, &self.transfer);
@@ -148,7 +148,7 @@ impl LinearBaseline {
                 for (node, force) in &settled.forces {
                     contact_force[*node as usize] = *force;
                 }
-                Carried {
+                LinearFields {
                     displacement,
                     contact_force,
                     von_mises: if with_stress { stress() } else { Vec::new() },
@@ -157,7 +157,7 @@ impl LinearBaseline {
             }
             (LinearAnswer::Points(fine), _) => {
                 let stress = || self.transfer.average(&fine.von_mises);
-                Carried {
+                LinearFields {
                     displacement: self.transfer.interpolate(&fine.displacement),
                     contact_force: self.transfer.spread(&fine.contact_force),
                     von_mises: if with_stress { stress() } else { Vec::new() },
@@ -245,7 +245,7 @@ mod tests {
     fn pressed() -> (Box<Nodes>, Settled) {
         let sensor = Sensor::named("gelsight-mini").unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
-        let gel = Gel { moduli, friction: 0.5, thickness: sensor.outline.thickness };
+        let gel = PadMaterial { moduli, friction: 0.5, thickness: sensor.outline.thickness };
         let pad = sensor.pad(1000).unwrap();
         let linear = LinearBaseline::new(&sensor, &gel, 1000, Contact::Nodes, &pad).unwrap();
         let Solver::Nodes(nodes) = linear.solver else { panic!("contact at nodes") };

@@ -8,7 +8,7 @@ use candle_nn::VarBuilder;
 
 use super::{
     corrector::{Batch, Corrector, CorrectorConfig, CorrectorOutput},
-    features::{Gel, PadInput, Target},
+    features::{PadInput, PadMaterial, Target},
     graph::PadGraph,
     metrics::Fields,
     samples::{Gels, Sample},
@@ -77,7 +77,7 @@ impl Network for Corrector {
         sample.graph
     }
 
-    fn truth<'a>(gels: &'a Gels, sample: &'a Sample) -> (&'a Target, &'a Gel) {
+    fn truth<'a>(gels: &'a Gels, sample: &'a Sample) -> (&'a Target, &'a PadMaterial) {
         (&sample.truth, &gels.pads[sample.gel].gel)
     }
 

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    features::{Gel, Target},
+    features::{PadMaterial, Target},
     samples::{Gels, Sample},
     train::Network,
 };
@@ -224,7 +224,7 @@ pub(super) fn judge<N: Network>(
 }
 
 /// Errors of `fields` against the true solution on a gel.
-pub(super) fn errors(fields: &Fields, truth: &Target, gel: &Gel) -> PressErrors {
+pub(super) fn errors(fields: &Fields, truth: &Target, gel: &PadMaterial) -> PressErrors {
     PressErrors::of(fields, truth, gel.thickness, gel.moduli.shear())
 }
 

@@ -41,5 +41,5 @@ pub use linear::Contact;
 pub use metrics::{PressErrors, Spread, Summary};
 pub use run::{Evaluated, evaluate, train};
 pub use train::{Epoch, Training};
-pub use training_run::Progress;
-pub use weights::{Card, Data, Usual};
+pub use training_run::TrainingProgress;
+pub use weights::{Card, Data, TrainingBounds};

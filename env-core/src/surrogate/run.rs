@@ -11,8 +11,8 @@ use super::{
     paper::{self, PaperCard},
     samples::{Gels, Sample},
     train::Training,
-    training_run::{Progress, TrainingRun, Watch, trainable},
-    weights::{self, Card, Data, Kind, Usual},
+    training_run::{TrainingProgress, TrainingRun, Watch, trainable},
+    weights::{self, Card, Data, Kind, TrainingBounds},
 };
 use crate::{
     Result,
@@ -38,7 +38,7 @@ pub fn train(
     let parts = [&split.train[..], &split.validation, &split.test];
     let mut go_on = true;
     let ([samples, validation, test], lost) = gels.samples(&dataset, parts, &mut |done, all| {
-        go_on = watch(&Progress::Shard { done, all });
+        go_on = watch(&TrainingProgress::Shard { done, all });
         go_on
     })?;
     if !go_on {
@@ -54,7 +54,7 @@ pub fn train(
         pace,
         out,
     )?;
-    if !watch(&Progress::Samples { train: samples.len(), lost })
+    if !watch(&TrainingProgress::Samples { train: samples.len(), lost })
         || !run.run(&gels, &samples, &validation, watch)?
     {
         return Ok(None);
@@ -75,7 +75,7 @@ pub fn train(
             amplitude: amplitudes.fold(0.0, f64::max),
             ..Data::of(config, fingerprint, trained_by)
         },
-        usual: Usual::of(samples.iter().map(|sample| &sample.truth)),
+        usual: TrainingBounds::of(samples.iter().map(|sample| &sample.truth)),
         test: Summary::of(&judge(&network, &gels, &test)?),
         linear: Summary::of(&judge_linear(&gels, &test)),
     };

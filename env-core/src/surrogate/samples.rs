@@ -14,9 +14,9 @@ use rayon::prelude::*;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
 use super::{
-    features::{Gel, PadInput, Target},
+    features::{PadInput, PadMaterial, Target},
     graph::PadGraph,
-    linear::{Carried, Contact, LinearBaseline},
+    linear::{Contact, LinearBaseline, LinearFields},
 };
 use crate::{
     Error, Result,
@@ -50,13 +50,13 @@ pub(super) struct Gels {
 /// A gel of a dataset.
 pub(super) struct Pad {
     pub(super) graph: usize,
-    pub(super) gel: Gel,
+    pub(super) gel: PadMaterial,
     mesh: PadMesh,
     linear: LinearBaseline,
 }
 
 /// Linear answers of a shard, frame by frame, one list per pad.
-type Answers = Vec<Vec<Carried>>;
+type Answers = Vec<Vec<LinearFields>>;
 
 impl Gels {
     /// Prepares the gels of `config`, with linear models of at most `nodes` nodes.
@@ -66,12 +66,12 @@ impl Gels {
         sensors.dedup();
         let meshes = sensors.iter().map(|name| Sensor::named(name)?.pad(config.model_nodes));
         let meshes = meshes.collect::<Result<Vec<_>>>()?;
-        let pad = |gel: &crate::dataset::Gel| {
+        let pad = |gel: &crate::dataset::GelConfig| {
             let sensor = Sensor::named(&gel.sensor)?;
             let graph = sensors.iter().position(|name| *name == gel.sensor).unwrap_or_default();
             let moduli = Moduli { young: gel.young, poisson: gel.poisson };
             let thickness = sensor.outline.thickness;
-            let gel = Gel { moduli, friction: gel.friction, thickness };
+            let gel = PadMaterial { moduli, friction: gel.friction, thickness };
             let mesh = meshes[graph].clone();
             let linear = LinearBaseline::new(&sensor, &gel, nodes, contact, &mesh)?;
             Ok(Pad { graph, gel, mesh, linear })
@@ -139,7 +139,7 @@ impl Gels {
         if let Some(stored) = read(&path, pads) {
             return Ok(stored);
         }
-        let path_of = |frames: &PadFrames| -> Result<Vec<Carried>> {
+        let path_of = |frames: &PadFrames| -> Result<Vec<LinearFields>> {
             let linear = &self.pads[frames.gel].linear;
             let poses = std::iter::once(&frames.start).chain(&frames.poses);
             let poses = poses.map(|&pose| vec![pose]).collect();
@@ -154,7 +154,13 @@ impl Gels {
         read(&path, pads).ok_or_else(|| Error::file(&path, &"not what was written"))
     }
 
-    fn sample(&self, frames: &PadFrames, frame: usize, shape: &Shape, linear: &Carried) -> Sample {
+    fn sample(
+        &self,
+        frames: &PadFrames,
+        frame: usize,
+        shape: &Shape,
+        linear: &LinearFields,
+    ) -> Sample {
         let pad = &self.pads[frames.gel];
         let (graph, gel) = (&self.graphs[pad.graph], &pad.gel);
         let places: &[Point3<f64>] = &pad.mesh.mesh.vertices;
@@ -170,7 +176,7 @@ impl Gels {
 
 impl Target {
     /// Extracts a frame of a finite-element solution on a pad of `columns` columns.
-    pub(super) fn new(frames: &PadFrames, frame: usize, columns: usize, gel: &Gel) -> Self {
+    pub(super) fn new(frames: &PadFrames, frame: usize, columns: usize, gel: &PadMaterial) -> Self {
         let part = |field: &[f32], unit: f64| -> Vec<f32> {
             let (size, unit) = (field.len() / frames.poses.len(), unit as f32);
             field[frame * size..][..size].iter().map(|x| x / unit).collect()
@@ -194,7 +200,7 @@ fn write(path: &Path, answers: &Answers) -> Result<()> {
     };
     let mut fields: Vec<(String, Vec<u8>)> = Vec::new();
     for (pad, answers) in answers.iter().enumerate() {
-        let mut put = |name: &str, of: &dyn Fn(&Carried) -> Vec<f64>| {
+        let mut put = |name: &str, of: &dyn Fn(&LinearFields) -> Vec<f64>| {
             let numbers = answers.iter().flat_map(of);
             let bytes = numbers.flat_map(|x| (x as f32).to_le_bytes()).collect();
             fields.push((format!("{pad}.{name}"), bytes));
@@ -236,7 +242,7 @@ fn read(path: &Path, pads: &[PadFrames]) -> Option<Answers> {
         let (displacement, force) = (field("displacement")?, field("contact_force")?);
         let stress = field("von_mises")?;
         let each = displacement.chunks(nodes).zip(force.chunks(nodes)).zip(stress.chunks(tets));
-        let frame = |(((u, f), s), pose): Row| Carried {
+        let frame = |(((u, f), s), pose): Row| LinearFields {
             displacement: vectors(u),
             contact_force: vectors(f),
             von_mises: s.to_vec(),

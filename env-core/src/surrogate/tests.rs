@@ -7,7 +7,7 @@ use super::{
     Surrogate, adam,
     budget::{Budget, Pace},
     corrector::{Corrector, CorrectorConfig},
-    features::{Gel, PadInput, Target, flat},
+    features::{PadInput, PadMaterial, Target, flat},
     graph::PadGraph,
     linear::{Contact, LinearBaseline, body},
     loss::parts,
@@ -40,7 +40,7 @@ fn samples(depths: &[f64]) -> (PadGraph, Vec<Sample>) {
     let sensor = Sensor::named("gelsight-mini").unwrap();
     let pad = sensor.pad(1000).unwrap();
     let graph = PadGraph::new(&pad).unwrap();
-    let gel = Gel { moduli: GEL, friction: FRICTION, thickness: sensor.outline.thickness };
+    let gel = PadMaterial { moduli: GEL, friction: FRICTION, thickness: sensor.outline.thickness };
     let linear = LinearBaseline::new(&sensor, &gel, 1000, Contact::Points, &pad).unwrap();
     let options = Options { friction: FRICTION, ..Options::default() };
     let elements = Fem::new(body(&pad, GEL).unwrap(), options).unwrap();

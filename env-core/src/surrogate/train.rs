@@ -14,7 +14,7 @@ use super::{
     adam::{self, Adam},
     budget::Budget,
     corrector::CorrectorConfig,
-    features::{Gel, Target},
+    features::{PadMaterial, Target},
     linear::Contact,
     metrics::Fields,
     parameters::Parameters,
@@ -37,7 +37,10 @@ pub(super) trait Network: Sized + Sync {
     fn graph(sample: &Self::Sample) -> usize;
 
     /// True solution of a sample, in the units of its gel.
-    fn truth<'a>(ground: &'a Self::Ground, sample: &'a Self::Sample) -> (&'a Target, &'a Gel);
+    fn truth<'a>(
+        ground: &'a Self::Ground,
+        sample: &'a Self::Sample,
+    ) -> (&'a Target, &'a PadMaterial);
 
     /// Loss on samples of one graph seen in one of its mirrors.
     fn loss(&self, ground: &Self::Ground, samples: &[&Self::Sample], mirror: usize)

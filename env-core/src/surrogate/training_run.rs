@@ -15,7 +15,7 @@ use crate::{Error, Result, dataset::write_whole};
 
 /// Progress of a training run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Progress {
+pub enum TrainingProgress {
     /// Shards of the dataset have been read, and missing linear answers computed.
     Shard {
         /// Number of shards read so far.
@@ -44,7 +44,7 @@ pub enum Progress {
 }
 
 /// Callback at every step of a training run; stops the run by returning false.
-pub(super) type Watch<'a> = &'a mut dyn FnMut(&Progress) -> bool;
+pub(super) type Watch<'a> = &'a mut dyn FnMut(&TrainingProgress) -> bool;
 
 /// Metadata of a checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,7 +70,7 @@ pub(super) fn shards<T: Send>(
         let last = (first + some).min(all);
         let part: Vec<T> = (first..last).into_par_iter().map(&read).collect::<Result<_>>()?;
         found.extend(part);
-        if !watch(&Progress::Shard { done: last, all }) {
+        if !watch(&TrainingProgress::Shard { done: last, all }) {
             return Ok(None);
         }
     }
@@ -172,7 +172,7 @@ impl<'a, N: Network> TrainingRun<'a, N> {
         let (start, before) = (Instant::now(), self.pace.over(self.trainer.epoch));
         let (pace, mut stopped) = (&self.pace, false);
         let share = &mut |trainer: &Trainer<N>, batches: usize| {
-            stopped = !watch(&Progress::Step);
+            stopped = !watch(&TrainingProgress::Step);
             Ok(if stopped { None } else { pace.share(trainer.adam.steps, batches) })
         };
         let Some(epoch) = self.trainer.epoch(ground, samples, share)? else {
@@ -189,7 +189,7 @@ impl<'a, N: Network> TrainingRun<'a, N> {
         }
         let over = self.pace.over(self.trainer.epoch);
         let left = start.elapsed().as_secs_f64() * (1.0 - over).max(0.0) / (over - before);
-        Ok(watch(&Progress::Epoch { epoch, validation: validated, left }))
+        Ok(watch(&TrainingProgress::Epoch { epoch, validation: validated, left }))
     }
 
     fn keep_if_best(&mut self, found: &Summary) -> Result<()> {

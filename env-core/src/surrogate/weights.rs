@@ -21,7 +21,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    dataset::{Config, Gel},
+    dataset::{Config, GelConfig},
 };
 
 /// Description of a network, its training data and its errors.
@@ -44,7 +44,7 @@ pub struct Card {
     /// Training data.
     pub data: Data,
     /// Bounds of most of the training data.
-    pub usual: Usual,
+    pub usual: TrainingBounds,
     /// Errors on the split's test part.
     pub test: Summary,
     /// Errors of the linear answer on the same presses.
@@ -77,7 +77,7 @@ pub struct Data {
 /// bounds 99th percentiles.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Usual {
+pub struct TrainingBounds {
     /// Least and largest displacement over the pad's thickness.
     pub amplitude: [f64; 2],
     /// Largest net force, in units of E L² with the thickness L.
@@ -86,7 +86,7 @@ pub struct Usual {
     pub bearing: f64,
 }
 
-impl Usual {
+impl TrainingBounds {
     /// Computes the bounds of the finite-element solutions to train on.
     pub(super) fn of<'a>(truths: impl Iterator<Item = &'a Target>) -> Self {
         let norms = |field: &[f32]| -> Vec<f64> {
@@ -117,7 +117,7 @@ pub(super) fn bearing_of(norms: impl Iterator<Item = f64>) -> f64 {
 impl Data {
     /// Fills in the entries that a dataset's configuration determines.
     pub(super) fn of(config: &Config, fingerprint: String, trained_by: &str) -> Self {
-        let range = |field: fn(&Gel) -> f64| {
+        let range = |field: fn(&GelConfig) -> f64| {
             let values = config.gels.iter().map(field);
             [values.clone().fold(f64::INFINITY, f64::min), values.fold(0.0, f64::max)]
         };
@@ -135,7 +135,11 @@ impl Data {
     }
 
     /// Returns whether a displacement (V, 3) in m on `gel` lies within the range of these data.
-    pub(super) fn covers(&self, gel: &features::Gel, displacement: &[Vector3<f64>]) -> bool {
+    pub(super) fn covers(
+        &self,
+        gel: &features::PadMaterial,
+        displacement: &[Vector3<f64>],
+    ) -> bool {
         let within = |x: f64, [low, high]: [f64; 2]| (low..=high).contains(&x);
         let deepest = displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
         deepest <= self.amplitude * gel.thickness

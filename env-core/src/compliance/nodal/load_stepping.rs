@@ -46,7 +46,7 @@ pub(super) struct Held {
 }
 
 /// State of body and shapes in balance.
-pub(super) struct State {
+pub(super) struct NodalState {
     pub(super) poses: Vec<Isometry3<f64>>,
     /// Touching nodes, ascending by rank.
     held: Vec<Held>,
@@ -66,7 +66,7 @@ pub(super) struct NodalLoadStepping<'a> {
     /// Greatest motion of a shape in one load step (m).
     stride: f64,
     scratch: &'a mut Scratch,
-    pub(super) state: State,
+    pub(super) state: NodalState,
 }
 
 impl<'a> NodalLoadStepping<'a> {
@@ -80,7 +80,7 @@ impl<'a> NodalLoadStepping<'a> {
         let shapes = press.shapes();
         let state = match press.history() {
             Some(history) => recalled(skin, history)?,
-            None => State {
+            None => NodalState {
                 poses: backed_off(shapes, press.drive().first(), &skin.points, &skin.places),
                 held: Vec::new(),
                 wrench: Wrench::default(),
@@ -170,7 +170,7 @@ impl<'a> NodalLoadStepping<'a> {
     }
 
     /// Attempts one load step to `poses` and returns the state it ends in.
-    pub(super) fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<State> {
+    pub(super) fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<NodalState> {
         let motion = self.state.poses.iter().zip(poses).map(|(a, b)| self.motion(a, b));
         let reach = motion.fold(0.0, f64::max) + MARGIN;
         let mut room = self.state.amplitude + reach;
@@ -186,7 +186,12 @@ impl<'a> NodalLoadStepping<'a> {
 
     /// Performs [`NodalLoadStepping::attempt`] on the assumption that no node is displaced by more than `room`
     /// (m) in total and by more than `reach` (m) in this step.
-    fn attempt_within(&mut self, poses: &[Isometry3<f64>], room: f64, reach: f64) -> Result<State> {
+    fn attempt_within(
+        &mut self,
+        poses: &[Isometry3<f64>],
+        room: f64,
+        reach: f64,
+    ) -> Result<NodalState> {
         let shapes = self.shapes;
         let near = |group: &Group| {
             shapes.iter().zip(poses).any(|(shape, pose)| {
@@ -219,12 +224,12 @@ impl<'a> NodalLoadStepping<'a> {
         }
         let amplitude = patch.amplitude();
         let held = held.into_iter().map(|(held, _)| held).collect();
-        Ok(State { poses: poses.to_vec(), held, wrench, amplitude, sweeps })
+        Ok(NodalState { poses: poses.to_vec(), held, wrench, amplitude, sweeps })
     }
 
     /// Returns an error if a shape is inside the held faces or has passed over them, or is inside
     /// the body without touching a node.
-    fn check_inside(&self, state: &State) -> Result<()> {
+    fn check_inside(&self, state: &NodalState) -> Result<()> {
         let condensed = &self.skin.condensed;
         let (way, limits) =
             ([&self.state.poses[..], &state.poses], [UNFELT * self.law.softness, 0.0]);
@@ -243,7 +248,7 @@ impl<'a> NodalLoadStepping<'a> {
     }
 
     /// Returns an error if a shape penetrates too deeply between nodes.
-    fn check_between(&self, state: &State) -> Result<()> {
+    fn check_between(&self, state: &NodalState) -> Result<()> {
         let displacement = LazyCell::new(|| self.skin.displacement(&state.held));
         let displaced = |rank: u32| displacement[rank as usize];
         for (s, (shape, pose)) in (0..).zip(self.shapes.iter().zip(&state.poses)) {
@@ -261,7 +266,7 @@ impl<'a> NodalLoadStepping<'a> {
 
     /// Current state as a [`Settled`].
     fn settled(&self, seconds: f64) -> Settled {
-        let State { poses, held, wrench, sweeps, .. } = &self.state;
+        let NodalState { poses, held, wrench, sweeps, .. } = &self.state;
         let anchor =
             |held: &Held| Anchor { shape: held.shape, point: held.rank, place: held.stuck };
         Settled {
@@ -280,7 +285,7 @@ impl<'a> NodalLoadStepping<'a> {
 }
 
 impl ForceControlled for NodalLoadStepping<'_> {
-    type State = State;
+    type State = NodalState;
 
     fn poses(&mut self) -> &mut [Isometry3<f64>] {
         &mut self.state.poses
@@ -293,11 +298,11 @@ impl ForceControlled for NodalLoadStepping<'_> {
         clearance(self.shapes, &self.state.poses, &self.skin.places)
     }
 
-    fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<State> {
+    fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<NodalState> {
         self.attempt(poses)
     }
 
-    fn state(&mut self) -> &mut State {
+    fn state(&mut self) -> &mut NodalState {
         &mut self.state
     }
 
@@ -305,17 +310,17 @@ impl ForceControlled for NodalLoadStepping<'_> {
         fem::Options::default().tolerance
     }
 
-    fn wrench(state: &State) -> &Wrench {
+    fn wrench(state: &NodalState) -> &Wrench {
         &state.wrench
     }
 
-    fn iterations(state: &mut State) -> &mut usize {
+    fn iterations(state: &mut NodalState) -> &mut usize {
         &mut state.sweeps
     }
 }
 
 /// Restores the state of a `history`; returns an error if it is of another model.
-fn recalled(skin: &Skin, history: &History) -> Result<State> {
+fn recalled(skin: &Skin, history: &History) -> Result<NodalState> {
     history.check(0, skin.places.len())?;
     if history.forces.len() != history.anchors.len() {
         let expected = format!("the forces at its {} anchors", history.anchors.len());
@@ -339,5 +344,5 @@ fn recalled(skin: &Skin, history: &History) -> Result<State> {
         wrench.force += force;
         wrench.torque += place.coords.cross(force);
     }
-    Ok(State { poses: history.poses.clone(), amplitude, held, wrench, sweeps: 0 })
+    Ok(NodalState { poses: history.poses.clone(), amplitude, held, wrench, sweeps: 0 })
 }

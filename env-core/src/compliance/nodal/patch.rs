@@ -55,12 +55,12 @@ pub(super) struct Member {
     /// Last measured position, and the distance there (m).
     seen: (Point3<f64>, f64),
     /// Target of a touching node.
-    pub(super) target: Option<Target>,
+    pub(super) target: Option<NodeTarget>,
 }
 
 /// Position to which a touching node is pushed.
 #[derive(Clone, Copy)]
-pub(super) struct Target {
+pub(super) struct NodeTarget {
     normal: Vector3<f64>,
     /// Displacement of the node at the target (m).
     displacement: Vector3<f64>,
@@ -143,7 +143,13 @@ impl<'a> Patch<'a> {
     }
 
     /// Target of the touching member `i`.
-    fn target(&mut self, i: usize, shape: u32, distance: &Distance, place: &Point3<f64>) -> Target {
+    fn target(
+        &mut self,
+        i: usize,
+        shape: u32,
+        distance: &Distance,
+        place: &Point3<f64>,
+    ) -> NodeTarget {
         let pose = &self.way.to[shape as usize];
         let member = &mut self.members[i];
         let stuck = member.stuck.filter(|(held_by, _)| *held_by == shape);
@@ -160,7 +166,7 @@ impl<'a> Patch<'a> {
         let compliance = self.skin.own[rank] + give;
         let stiffness = compliance.try_inverse().unwrap_or_else(Matrix3::zeros);
         let displacement = aim - self.skin.places[rank];
-        Target { normal, displacement, give, compliance, stiffness }
+        NodeTarget { normal, displacement, give, compliance, stiffness }
     }
 
     /// Performs one sweep over the touching nodes, in reverse order if `back`. Returns the largest
@@ -234,7 +240,7 @@ impl<'a> Patch<'a> {
     }
 }
 
-impl Target {
+impl NodeTarget {
     /// New force on a node with the force `old` and the vector `off` to its target (m).
     fn force(&self, old: &Vector3<f64>, off: &Vector3<f64>, friction: f64) -> Vector3<f64> {
         let n = &self.normal;

@@ -18,14 +18,14 @@ use crate::{
     deformation::{Drive, Moduli, Press, SoftBody},
     geometry::Shape,
     sensor::Sensor,
-    surrogate::{features::Gel, linear::body, weights},
+    surrogate::{features::PadMaterial, linear::body, weights},
 };
 
 /// A trained network of the paper's on one gel. Copies share what was computed in advance.
 #[derive(Clone)]
-pub struct PaperNetwork(Arc<Trained>);
+pub struct PaperNetwork(Arc<PaperModel>);
 
-struct Trained {
+struct PaperModel {
     card: PaperCard,
     network: Told,
     pad: Pad,
@@ -92,9 +92,9 @@ impl PaperNetwork {
         }
         let mesh = sensor.pad(card.model_nodes)?;
         let body = body(&mesh, moduli)?;
-        let gel = Gel { moduli, friction, thickness: sensor.outline.thickness };
+        let gel = PadMaterial { moduli, friction, thickness: sensor.outline.thickness };
         let pad = Pad { gel, graph: Arc::new(Graph::new(&mesh)) };
-        Ok(Self(Arc::new(Trained { card, network, pad, body })))
+        Ok(Self(Arc::new(PaperModel { card, network, pad, body })))
     }
 
     /// What the weights are.
@@ -150,7 +150,7 @@ struct Asked<'a> {
     touch: Option<(Isometry3<f64>, Patch)>,
 }
 
-impl Trained {
+impl PaperModel {
     /// What is asked, and the poses of the shape frame by frame.
     fn asked<'a>(&self, press: &'a Press) -> Result<(Asked<'a>, Vec<Isometry3<f64>>)> {
         let [shape] = press.shapes() else {

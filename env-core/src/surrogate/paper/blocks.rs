@@ -13,14 +13,14 @@ use crate::surrogate::{
 
 /// W (x₁, …, xₖ) + b for a concatenation of parts that are all H wide, computed part by part:
 /// W₁ x₁ + … + Wₖ xₖ + b.
-pub(super) struct Split {
+pub(super) struct EdgeLinear {
     /// (H, K H).
     pub(super) weight: Tensor,
     /// (H).
     pub(super) bias: Tensor,
 }
 
-impl Split {
+impl EdgeLinear {
     fn new(parts: usize, width: usize, vb: &VarBuilder) -> Result<Self> {
         let bound = 1.0 / ((parts * width) as f64).sqrt();
         let init = Init::Uniform { lo: -bound, up: bound };
@@ -104,14 +104,14 @@ impl Perceptron {
 
 /// f(x₁, …, xₖ) of a round: a perceptron on parts that are all H wide.
 pub(super) struct Update {
-    pub(super) first: Split,
+    pub(super) first: EdgeLinear,
     pub(super) tail: Tail,
 }
 
 impl Update {
     pub(super) fn new(parts: usize, config: &PaperConfig, vb: &VarBuilder) -> Result<Self> {
         let width = config.width;
-        let first = Split::new(parts, width, &vb.pp("first"))?;
+        let first = EdgeLinear::new(parts, width, &vb.pp("first"))?;
         Ok(Self { first, tail: Tail::new(width, width, config.norm, vb)? })
     }
 

@@ -9,7 +9,7 @@ use crate::{
     deformation::Moduli,
     geometry::{PadMesh, Shape},
     sensor::Sensor,
-    surrogate::{features::Gel, ops::Sparse},
+    surrogate::{features::PadMaterial, ops::Sparse},
 };
 
 /// The gels of a dataset.
@@ -19,7 +19,7 @@ pub(super) struct Bodies {
 
 /// A gel.
 pub(super) struct Pad {
-    pub(super) gel: Gel,
+    pub(super) gel: PadMaterial,
     pub(super) graph: Arc<Graph>,
 }
 
@@ -47,12 +47,12 @@ const STEPS: usize = 100;
 impl Bodies {
     /// Those of `config`.
     pub(super) fn new(config: &dataset::Config) -> Result<Self> {
-        let pad = |gel: &dataset::Gel| {
+        let pad = |gel: &dataset::GelConfig| {
             let sensor = Sensor::named(&gel.sensor)?;
             let moduli = Moduli { young: gel.young, poisson: gel.poisson };
             let thickness = sensor.outline.thickness;
             let graph = Arc::new(Graph::new(&sensor.pad(config.model_nodes)?));
-            Ok(Pad { gel: Gel { moduli, friction: gel.friction, thickness }, graph })
+            Ok(Pad { gel: PadMaterial { moduli, friction: gel.friction, thickness }, graph })
         };
         Ok(Self { pads: config.gels.iter().map(pad).collect::<Result<_>>()? })
     }

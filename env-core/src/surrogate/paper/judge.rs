@@ -12,7 +12,7 @@ use crate::{
     Result,
     dataset::Dataset,
     surrogate::{
-        Evaluated, PressErrors, Progress, Spread, Summary,
+        Evaluated, PressErrors, Spread, Summary, TrainingProgress,
         metrics::{errors, judge, relative},
         train::Network,
         training_run::Watch,
@@ -63,7 +63,7 @@ pub(super) fn judge_paper(
     let (mut presses, mut seconds) = (Vec::new(), 0.0);
     let (mut rigid, mut truth, mut object) = (Vec::new(), Vec::new(), Vec::new());
     for sample in test {
-        if !watch(&Progress::Step) {
+        if !watch(&TrainingProgress::Step) {
             return Ok(None);
         }
         let start = clock();

@@ -22,7 +22,7 @@ use crate::{
     Result,
     dataset::Dataset,
     surrogate::{
-        Progress,
+        TrainingProgress,
         budget::Pace,
         run::fingerprint,
         training_run::{TrainingRun, Watch, trainable},
@@ -128,7 +128,7 @@ impl PaperRun {
         let print = fingerprint(&dataset, dataset.split(&study.split)?);
         let (training, pace) = (study.training(network), Pace::new(study.budget()?, clock));
         let mut run = TrainingRun::<Told>::resumed(training, &(self, &study), print, pace, out)?;
-        if !watch(&Progress::Samples { train: train.len(), lost: 0 })
+        if !watch(&TrainingProgress::Samples { train: train.len(), lost: 0 })
             || !run.run(bodies, train, &[], watch)?
         {
             return Ok(None);

@@ -16,7 +16,7 @@ use crate::{
     dataset::{Dataset, PadFrames},
     objects::Object,
     surrogate::{
-        features::{Gel, Target},
+        features::{PadMaterial, Target},
         training_run::{self, Watch},
     },
 };
@@ -86,7 +86,7 @@ impl Bodies {
 impl Pad {
     /// The best-fit rigid motion of a displacement, lengths in units of the thickness.
     fn rigid(&self, truth: &Target) -> [f32; MOTION] {
-        let Gel { thickness, .. } = self.gel;
+        let PadMaterial { thickness, .. } = self.gel;
         let places: Vec<_> = self.graph.places.iter().map(|p| p.coords / thickness).collect();
         let moved = truth.displacement.as_chunks::<3>().0.iter();
         let moved: Vec<_> = moved.map(|u| Vector3::from(*u).cast::<f64>()).collect();
@@ -131,7 +131,7 @@ pub(super) mod tests {
     pub(in super::super) fn pressed_ball() -> (Bodies, Sample) {
         let sensor = Sensor::named("gelsight-mini").unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
-        let gel = Gel { moduli, friction: 0.8, thickness: sensor.outline.thickness };
+        let gel = PadMaterial { moduli, friction: 0.8, thickness: sensor.outline.thickness };
         let mesh = sensor.pad(200).unwrap();
         let graph = Arc::new(super::super::bodies::Graph::new(&mesh));
         let ball = Shape::Sphere { radius: 8e-3 };

@@ -18,7 +18,7 @@ use crate::{
     Result,
     dataset::Dataset,
     surrogate::{
-        Contact, Progress, Spread, Summary, Training,
+        Contact, Spread, Summary, Training, TrainingProgress,
         budget::{Budget, Pace},
         corrector::{Corrector, CorrectorConfig},
         metrics::{judge, judge_linear},
@@ -122,7 +122,7 @@ const POINTS: f64 = 12.0;
 const FRAMES: usize = 40;
 
 /// A trained network, its learning curve, and what training took (s).
-struct Trained<N: Network> {
+struct FinishedTraining<N: Network> {
     trainer: Trainer<N>,
     curve: Vec<Point>,
     seconds: [f64; 2],
@@ -189,7 +189,7 @@ impl Study {
         trained_by: &str,
         clock: &dyn Fn() -> f64,
     ) -> Result<(Report, Weights)> {
-        let watch = &mut |_: &Progress| true;
+        let watch = &mut |_: &TrainingProgress| true;
         let frames = Frames::read(dataset, paper.density, self, watch)?.expect("nobody says no");
         let Frames { bodies, train, tests } = &frames;
         let network = paper.network.validated()?;
@@ -251,7 +251,7 @@ impl Study {
         samples: &[N::Sample],
         tests: &[(&str, Vec<N::Sample>)],
         clock: &dyn Fn() -> f64,
-    ) -> Result<Trained<N>>
+    ) -> Result<FinishedTraining<N>>
     where
         N::Config: Default,
     {
@@ -271,13 +271,13 @@ impl Study {
         };
         while trainer.epoch(ground, samples, &mut share)?.is_some() {}
         let seconds = [pace.elapsed(), wall.elapsed().as_secs_f64()];
-        Ok(Trained { trainer, curve, seconds })
+        Ok(FinishedTraining { trainer, curve, seconds })
     }
 
     fn report<N: Network>(
         &self,
         run: &Run,
-        Trained { trainer, curve, seconds }: &Trained<N>,
+        FinishedTraining { trainer, curve, seconds }: &FinishedTraining<N>,
         counts: BTreeMap<String, [usize; 2]>,
         errors: BTreeMap<String, BTreeMap<String, Judged>>,
     ) -> Report {

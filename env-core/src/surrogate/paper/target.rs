@@ -19,7 +19,7 @@ use super::{
 use crate::{
     Error, Result,
     surrogate::{
-        features::{Gel, Target},
+        features::{PadMaterial, Target},
         loss::relative,
         metrics::Fields,
         train::{Loss, Network},
@@ -150,7 +150,7 @@ impl Network for Told {
         0
     }
 
-    fn truth<'a>(bodies: &'a Bodies, sample: &'a Sample) -> (&'a Target, &'a Gel) {
+    fn truth<'a>(bodies: &'a Bodies, sample: &'a Sample) -> (&'a Target, &'a PadMaterial) {
         (&sample.truth, &bodies.pads[sample.gel].gel)
     }
 

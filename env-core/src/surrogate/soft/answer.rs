@@ -23,7 +23,7 @@ use crate::{
     deformation::{Deformation, DeformationModel, Law, Moduli, Press, SoftBody, Wanted, Wrench},
     geometry::Shape,
     objects::tets_within,
-    surrogate::{features::Gel, weights},
+    surrogate::{features::PadMaterial, weights},
 };
 
 /// A trained network on one soft object. Copies share what was computed in advance.
@@ -31,13 +31,13 @@ use crate::{
 /// A press is of two equal cuboids, the fingers, whose sides at +z face the object; poses, fields and
 /// wrenches are in the object's frame.
 #[derive(Clone)]
-pub struct SoftSurrogate(Arc<Trained>);
+pub struct SoftSurrogate(Arc<ObjectNetwork>);
 
-struct Trained {
+struct ObjectNetwork {
     card: SoftCard,
     network: ObjectInference,
     graph: ObjectGraph,
-    unit: Gel,
+    unit: PadMaterial,
     linear: LinearBaseline,
     body: SoftBody,
     /// Memory of presses that are done: to get it anew for each takes as long as the network.
@@ -84,12 +84,12 @@ impl SoftSurrogate {
         let mesh = tets_within(shape, card.model_nodes)?;
         let graph = ObjectGraph::new(&mesh);
         let network = ObjectInference::new(&network, &graph, &mesh)?;
-        let unit = Gel { moduli, friction, thickness: graph.length };
+        let unit = PadMaterial { moduli, friction, thickness: graph.length };
         let fine = tets_within(shape, card.linear_nodes)?;
         let linear = LinearBaseline::new(fine, &mesh, moduli, friction)?;
         let body = SoftBody::new(mesh, Law::default(), moduli, &[])?;
         let spare = Mutex::default();
-        Ok(Self(Arc::new(Trained { card, network, graph, unit, linear, body, spare })))
+        Ok(Self(Arc::new(ObjectNetwork { card, network, graph, unit, linear, body, spare })))
     }
 
     /// What the weights are.
@@ -132,7 +132,7 @@ impl SoftSurrogate {
     }
 }
 
-impl Trained {
+impl ObjectNetwork {
     /// What `work` does with memory that is kept for the next.
     fn with_memory<T>(&self, work: impl FnOnce(&mut Memory) -> T) -> T {
         let spare = || self.spare.lock().unwrap_or_else(PoisonError::into_inner);
@@ -154,7 +154,7 @@ impl Trained {
     ) -> Deformation {
         let start = Instant::now();
         let friction = press.friction().unwrap_or(self.unit.friction);
-        let unit = Gel { friction, ..self.unit };
+        let unit = PadMaterial { friction, ..self.unit };
         let grip = Grip::of(half, &linear.poses);
         let question = ObjectInput::new(&self.graph, &unit, &grip, &linear);
         if question.amplitude == 0.0 {

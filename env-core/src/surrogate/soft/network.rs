@@ -161,7 +161,7 @@ pub(super) mod tests {
         deformation::{Deformation, Law, Moduli, Press, SoftBody},
         geometry::{Shape, TetMesh},
         objects::tets_within,
-        surrogate::{features::Gel, parameters::Parameters},
+        surrogate::{features::PadMaterial, parameters::Parameters},
     };
 
     const MODULI: Moduli = Moduli { young: 1e5, poisson: 0.45 };
@@ -196,7 +196,7 @@ pub(super) mod tests {
         let turned = |p: &Point3<f64>| turn * p;
         mesh = TetMesh { vertices: mesh.vertices.iter().map(turned).collect(), ..mesh };
         let graph = ObjectGraph::new(&mesh);
-        let unit = Gel { moduli: MODULI, friction: 0.8, thickness: graph.length };
+        let unit = PadMaterial { moduli: MODULI, friction: 0.8, thickness: graph.length };
         let grip = Grip::of(&half, &answer.poses);
         let question = ObjectInput::new(&graph, &unit, &grip, &answer);
         (mesh, graph, question)

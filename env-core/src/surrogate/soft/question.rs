@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::{graph::ObjectGraph, grip::Grip};
 use crate::{
     deformation::Deformation,
-    surrogate::features::{Gel, flat},
+    surrogate::features::{PadMaterial, flat},
 };
 
 /// Numbers for each node: displacement, contact force, place and normal, whether it is on the surface,
@@ -50,7 +50,12 @@ pub(super) struct ObjectInput {
 
 impl ObjectInput {
     /// What the `linear` answer to a squeeze by `grip` asks of the network. `unit.thickness` is L.
-    pub(super) fn new(graph: &ObjectGraph, unit: &Gel, grip: &Grip, linear: &Deformation) -> Self {
+    pub(super) fn new(
+        graph: &ObjectGraph,
+        unit: &PadMaterial,
+        grip: &Grip,
+        linear: &Deformation,
+    ) -> Self {
         let length = graph.length;
         let largest = |field: &[Vector3<f64>]| field.iter().map(Vector3::norm).fold(0.0, f64::max);
         let (amplitude, strongest) =

@@ -24,7 +24,7 @@ use crate::{
     objects::Split,
     sensor::Sensor,
     surrogate::{
-        features::{Gel, Target},
+        features::{PadMaterial, Target},
         loss::relative,
         metrics::Fields,
         train::{Loss, Network},
@@ -41,7 +41,7 @@ pub(super) struct Sample {
     /// What it is for.
     pub(super) part: Part,
     /// Units: the object's material and size, and the friction.
-    pub(super) unit: Gel,
+    pub(super) unit: PadMaterial,
     pub(super) question: ObjectInput,
     /// The linear answer's time (s).
     pub(super) seconds: f64,
@@ -99,7 +99,7 @@ impl Objects {
                         gel.friction,
                     )?);
                 }
-                let unit = Gel { moduli, friction: gel.friction, thickness: graph.length };
+                let unit = PadMaterial { moduli, friction: gel.friction, thickness: graph.length };
                 let outline = Sensor::named(&gel.sensor)?.outline;
                 let half = 0.5 * Vector3::new(outline.width, outline.length, outline.thickness);
                 let answers = answers(&models[&frames.gel], frames, &half)?;
@@ -149,7 +149,7 @@ fn answers(
 }
 
 /// What finite elements say of a frame.
-fn truth(frames: &SqueezeFrames, frame: usize, shares: &[f32], unit: &Gel) -> Target {
+fn truth(frames: &SqueezeFrames, frame: usize, shares: &[f32], unit: &PadMaterial) -> Target {
     let part = |field: &[f32], unit: f64| -> Vec<f32> {
         let size = field.len() / frames.fingers[0].len();
         field[frame * size..][..size].iter().map(|x| x / unit as f32).collect()
@@ -188,7 +188,7 @@ impl Network for Soft {
         0
     }
 
-    fn truth<'a>(_objects: &'a Objects, sample: &'a Sample) -> (&'a Target, &'a Gel) {
+    fn truth<'a>(_objects: &'a Objects, sample: &'a Sample) -> (&'a Target, &'a PadMaterial) {
         (&sample.truth, &sample.unit)
     }
 

@@ -13,7 +13,7 @@ use crate::{
     Error, Result,
     dataset::Squeezes,
     surrogate::{
-        Progress, Spread, Summary, Training,
+        Spread, Summary, Training, TrainingProgress,
         budget::{Budget, Pace},
         metrics::{Fields, errors, judge},
         run::hex,
@@ -151,7 +151,7 @@ impl SoftStudy {
         let pace = Pace::new(Budget::of(study.epochs, study.seconds)?, clock);
         let mut run =
             TrainingRun::<Soft>::resumed(training, &study, fingerprint.clone(), pace, out)?;
-        if !watch(&Progress::Samples { train: train.len(), lost: objects.lost })
+        if !watch(&TrainingProgress::Samples { train: train.len(), lost: objects.lost })
             || !run.run(&objects, &train, &spare, watch)?
         {
             return Ok(None);

@@ -41,6 +41,9 @@ PACE = 0.014
 WIDEST = 4.8e-3
 """How far the sweep goes to both sides (m)."""
 
+SWING = 0.8
+"""Yaw rate with which the peg is turned to and fro while inserting, as action."""
+
 STEER = 150.0
 """Action for a metre that the force is off the peg's middle."""
 
@@ -118,5 +121,5 @@ def act(observation: dict[str, NDArray[np.float32]], state: Any) -> tuple[NDArra
     action[:, 0] = np.where(searching, np.clip(steer, -0.5, 0.5), action[:, 0])
     wanted = np.where(inside, PUSH, np.where(searching, PRESS, 2 * TOUCH))
     action[:, 2] = np.clip((up - wanted) / (STIFFNESS * SPEED * PERIOD), -0.6, 0.6)
-    action[:, 3] = np.where(inside, 10.0 * turn, 0.0)
+    action[:, 3] = np.where(inside, 10.0 * turn + SWING * np.sin(0.4 * phase), 0.0)
     return np.clip(action, -1.0, 1.0), (touched, phase, inside, middle)

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Matrix3, Point3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::law::{Depth, Law};
+use super::law::{Depth, FoundationLaw};
 use crate::geometry::{PadOutline, Shape};
 
 /// Number of bristles across and along a pad.
@@ -17,7 +17,7 @@ struct Root {
 }
 
 /// Face of a pad, divided into one cell per bristle.
-pub(super) struct Face {
+pub(super) struct BristleFace {
     roots: Vec<Root>,
     /// Area of a cell in plan view (m²).
     area: f64,
@@ -25,7 +25,7 @@ pub(super) struct Face {
 }
 
 /// The object in a pad's frame.
-pub(super) struct Obstacle<'a> {
+pub(super) struct PlacedObject<'a> {
     shape: &'a Shape,
     /// Radius of a sphere about the origin of the object's frame that contains the object (m).
     radius: f64,
@@ -36,7 +36,7 @@ pub(super) struct Obstacle<'a> {
 
 /// Anchor of a bristle that sticks to the object.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Anchor {
+pub(super) struct BristleAnchor {
     /// Position in the object's frame (m).
     place: Point3<f64>,
     /// Fraction of its cell that sticks.
@@ -45,7 +45,7 @@ pub(super) struct Anchor {
 
 /// A bristle in contact, in the pad's frame.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Touch {
+pub(super) struct BristleContact {
     pub(super) bristle: usize,
     /// Root of the bristle on the undeformed face (m).
     root: Vector3<f64>,
@@ -64,7 +64,7 @@ pub(super) struct Touch {
     pub(super) stretch: Vector3<f64>,
 }
 
-impl Face {
+impl BristleFace {
     pub(super) fn new(outline: &PadOutline) -> Self {
         let [across, along] = COUNTS;
         let cell = [outline.width / across as f64, outline.length / along as f64];
@@ -92,17 +92,17 @@ impl Face {
     /// Replaces `touches` by the bristles in contact with `obstacle`, held at their `anchors`.
     pub(super) fn touches(
         &self,
-        obstacle: &Obstacle,
-        law: &Law,
-        anchors: &[Option<Anchor>],
-        touches: &mut Vec<Touch>,
+        obstacle: &PlacedObject,
+        law: &FoundationLaw,
+        anchors: &[Option<BristleAnchor>],
+        touches: &mut Vec<BristleContact>,
     ) {
         touches.clear();
         if !self.is_near(obstacle) {
             return;
         }
         for (bristle, root) in self.roots.iter().enumerate() {
-            touches.extend(self.meet(root, obstacle).map(|(normal, depth)| Touch {
+            touches.extend(self.meet(root, obstacle).map(|(normal, depth)| BristleContact {
                 bristle,
                 root: root.place,
                 place: root.place,
@@ -128,7 +128,7 @@ impl Face {
 
     /// Greatest depth of the face inside `obstacle` (m), 0 outside, by a pattern search from the
     /// deepest of `touches`.
-    pub(super) fn indentation(&self, obstacle: &Obstacle, touches: &[Touch]) -> f64 {
+    pub(super) fn indentation(&self, obstacle: &PlacedObject, touches: &[BristleContact]) -> f64 {
         /// Halvings of a cell, to 0.04 mm; within that distance the height of a ball of 1 mm varies
         /// by 1 µm.
         const HALVINGS: i32 = 6;
@@ -155,14 +155,14 @@ impl Face {
     }
 
     /// Returns whether any bristle could touch `obstacle`.
-    fn is_near(&self, obstacle: &Obstacle) -> bool {
+    fn is_near(&self, obstacle: &PlacedObject) -> bool {
         let last = self.roots[self.roots.len() - 1].place.norm() + self.outline.thickness;
         obstacle.pose.translation.vector.norm() < obstacle.radius + last
             && obstacle.distance(&Vector3::zeros()).0 < last
     }
 
     /// Normal of the object and depth of the cell of a bristle, if it touches.
-    fn meet(&self, root: &Root, obstacle: &Obstacle) -> Option<(Vector3<f64>, Depth)> {
+    fn meet(&self, root: &Root, obstacle: &PlacedObject) -> Option<(Vector3<f64>, Depth)> {
         /// Largest z of the object's normal at which the surface counts as facing the pad. Above it
         /// the bristle is beside an edge and is pushed straight into the gel.
         const STEEPEST: f64 = -0.5;
@@ -191,7 +191,7 @@ impl Face {
     /// Distance from a place inside the object, straight into the gel, to the object's surface that
     /// faces the pad (m), at least `start`. In a thin wall the nearest surface may be the wrong
     /// one.
-    fn way_out(&self, place: &Vector3<f64>, obstacle: &Obstacle, start: f64) -> f64 {
+    fn way_out(&self, place: &Vector3<f64>, obstacle: &PlacedObject, start: f64) -> f64 {
         const SHORTEST: f64 = 2e-5;
         let mut way = start;
         while way < self.outline.thickness {
@@ -207,7 +207,7 @@ impl Face {
     /// Converts depths at the bristles to means over their cells: lowers them by (κ₁a² + κ₂b²)/24,
     /// where κ₁ and κ₂ are the curvatures of the object away from the face along the cells' edges a
     /// and b.
-    fn round(&self, touches: &mut [Touch]) {
+    fn round(&self, touches: &mut [BristleContact]) {
         /// Largest curvature that cells resolve (1/m).
         const SHARPEST: f64 = 250.0;
         let lowered = [0, 1].map(|axis| {
@@ -238,7 +238,7 @@ impl Face {
     }
 
     /// Sets the stiffness of each touch to its share of the foundation's.
-    fn stiffen(&self, touches: &mut [Touch], law: &Law) {
+    fn stiffen(&self, touches: &mut [BristleContact], law: &FoundationLaw) {
         let (squares, covered) = touches.iter().fold((0.0, 0.0), |(squares, covered), touch| {
             let depth = &touch.depth;
             (squares + self.area * depth.mean_square(), covered + self.area * depth.cover())
@@ -251,7 +251,7 @@ impl Face {
     }
 }
 
-impl<'a> Obstacle<'a> {
+impl<'a> PlacedObject<'a> {
     /// Creates an obstacle from `shape` at `pose`, contained in a sphere of `radius` (m) about its
     /// frame's origin.
     pub(super) fn new(shape: &'a Shape, radius: f64, pose: &Isometry3<f64>) -> Self {
@@ -267,11 +267,11 @@ impl<'a> Obstacle<'a> {
     }
 }
 
-impl Touch {
+impl BristleContact {
     /// Sets the stretch from `anchor`. The part of the cell that has come into contact since is
     /// unstretched. Sticking area that has lost contact counts up to the fraction `SLACK` of the
     /// contact, so that vibration does not release the bristle.
-    fn hold(&mut self, anchor: &Anchor, pose: &Isometry3<f64>) {
+    fn hold(&mut self, anchor: &BristleAnchor, pose: &Isometry3<f64>) {
         const SLACK: f64 = 0.1;
         let way = (pose * anchor.place).coords - self.root;
         let along = way - self.normal * self.normal.dot(&way);
@@ -280,9 +280,9 @@ impl Touch {
     }
 
     /// Anchor of the bristle at a stretch of `stretch` (m) and `pose` of the object.
-    pub(super) fn anchor(&self, stretch: &Vector3<f64>, pose: &Isometry3<f64>) -> Anchor {
+    pub(super) fn anchor(&self, stretch: &Vector3<f64>, pose: &Isometry3<f64>) -> BristleAnchor {
         let place = pose.inverse_transform_point(&Point3::from(self.root + stretch));
-        Anchor { place, cover: self.cover }
+        BristleAnchor { place, cover: self.cover }
     }
 
     /// Force on the object (N) in the pad's frame if it were at rest here, with a factor `gain` on

@@ -33,21 +33,21 @@ use super::{
     units,
 };
 use crate::geometry::Shape;
-use balance::{Bodies, Contact, Motion};
+use balance::{Bodies, LoadedBristle, Velocities};
 use correction::Correction;
-use law::Law;
-pub(super) use stops::{Stop, stops};
-use touch::{Anchor, Face, Obstacle, Touch};
+use law::FoundationLaw;
+pub(super) use stops::{FixtureContact, stops};
+use touch::{BristleAnchor, BristleContact, BristleFace, PlacedObject};
 
 /// Elastic foundations of both pads of a scene.
 #[derive(Serialize, Deserialize)]
-pub(super) struct Bed {
-    law: Law,
+pub(super) struct Foundations {
+    law: FoundationLaw,
     /// Coulomb coefficient between pads and object.
     friction: f64,
     /// Size of the object relative to its model.
     scale: f64,
-    pads: [Pad; 2],
+    pads: [PadFoundation; 2],
     /// Wrench of the fixture on the object in the last step, about its centre of mass.
     fixture: Wrench,
     /// Data derived from settings and object, not part of a saved scene.
@@ -57,15 +57,15 @@ pub(super) struct Bed {
 
 /// State of one pad.
 #[derive(Clone, Serialize, Deserialize)]
-struct Pad {
-    anchors: Vec<Option<Anchor>>,
+struct PadFoundation {
+    anchors: Vec<Option<BristleAnchor>>,
     correction: Correction,
     /// Wrench on the pad, in its frame about its origin, in the last step.
     wrench: Wrench,
 }
 
 struct Surroundings {
-    face: Face,
+    face: BristleFace,
     /// The object in its actual size.
     shape: Shape,
     /// Radius of a sphere about the origin of the object's frame that contains the object (m).
@@ -73,7 +73,7 @@ struct Surroundings {
 }
 
 /// Inputs of the elastic foundation for one Rapier step.
-pub(super) struct Step {
+pub(super) struct FoundationStep {
     /// Duration (s).
     pub(super) time: f64,
     /// Gravity along −z (m/s²).
@@ -86,9 +86,9 @@ pub(super) struct Step {
     pub(super) grip: f64,
 }
 
-/// Contacts and state at the beginning of a step, for [`Bed::settle`] after it.
+/// Contacts and state at the beginning of a step, for [`Foundations::settle`] after it.
 pub(super) struct Applied {
-    contacts: Vec<Contact>,
+    contacts: Vec<LoadedBristle>,
     /// Correction wrenches of the fingers on the object, about its centre of mass.
     extra: [Wrench; 2],
     bodies: Bodies,
@@ -101,32 +101,32 @@ pub(super) struct Applied {
     base: Twist,
 }
 
-impl Bed {
+impl Foundations {
     /// Creates the elastic foundations of a new scene.
     pub(super) fn new(pads: &SoftPads, object: &Object) -> Self {
-        let face = Face::new(&pads.outline);
-        let pad = Pad {
+        let face = BristleFace::new(&pads.outline);
+        let pad = PadFoundation {
             anchors: vec![None; face.count()],
             correction: Correction::default(),
             wrench: Wrench::default(),
         };
         let (friction, scale) = (object.friction, object.scale);
-        let mut bed = Self {
-            law: Law::new(pads),
+        let mut foundation = Self {
+            law: FoundationLaw::new(pads),
             friction,
             scale,
             pads: [pad.clone(), pad],
             fixture: Wrench::default(),
             surroundings: None,
         };
-        bed.attach(pads, object.model);
-        bed
+        foundation.attach(pads, object.model);
+        foundation
     }
 
     /// Restores the data that a saved scene does not contain.
     pub(super) fn attach(&mut self, pads: &SoftPads, model: &ObjectModel) {
         let radius = self.scale * model.radius();
-        let (face, shape) = (Face::new(&pads.outline), model.sampled().scaled(self.scale));
+        let (face, shape) = (BristleFace::new(&pads.outline), model.sampled().scaled(self.scale));
         self.surroundings = Some(Surroundings { face, shape, radius });
     }
 
@@ -153,7 +153,7 @@ impl Bed {
         self.pads[finger].correction.toward(model, |gain| at_rest(&touches, gain, friction));
     }
 
-    /// Corrects only the normal force of a finger, towards `force` (N); see [`Bed::correct`].
+    /// Corrects only the normal force of a finger, towards `force` (N); see [`Foundations::correct`].
     pub(super) fn correct_pressing(&mut self, finger: usize, pose: &Isometry3<f64>, force: f64) {
         let touches = self.touches(finger, pose);
         let friction = self.friction;
@@ -172,7 +172,7 @@ impl Bed {
         }
     }
 
-    fn touches(&self, finger: usize, pose: &Isometry3<f64>) -> Vec<Touch> {
+    fn touches(&self, finger: usize, pose: &Isometry3<f64>) -> Vec<BristleContact> {
         let mut touches = Vec::new();
         if let Some(surroundings) = &self.surroundings {
             let obstacle = surroundings.obstacle(pose);
@@ -183,15 +183,15 @@ impl Bed {
     }
 
     /// Applies the foundation's forces of one step to object and fingers. The result goes to
-    /// [`Bed::settle`] after Rapier has taken the step.
+    /// [`Foundations::settle`] after Rapier has taken the step.
     pub(super) fn apply(
         &mut self,
         world: &mut PhysicsWorld,
         hand: &Hand,
         object: RigidBodyHandle,
         gripper: &Gripper,
-        step: &Step,
-        stops: &[Stop],
+        step: &FoundationStep,
+        stops: &[FixtureContact],
     ) -> Applied {
         let poses = hand.fingers.map(|finger| finger.pad_pose(world));
         let seen = poses.map(|pad| pad.inv_mul(&units::si_pose(world.bodies[object].position())));
@@ -208,7 +208,7 @@ impl Bed {
                 let place = (pose * Point3::from(touch.place)).coords;
                 let (arm, gain) = (place - center, pad.correction.gain);
                 let rest = base.at(&place);
-                contacts.push(Contact::new(finger, touch, gain, &pose.rotation, arm, rest));
+                contacts.push(LoadedBristle::new(finger, touch, gain, &pose.rotation, arm, rest));
             }
             if touching {
                 extra[finger] = on_object(&pad.correction.at(-pad.wrench.force.z), pose, &center);
@@ -247,7 +247,7 @@ impl Bed {
     /// correction.
     fn stick(
         &mut self,
-        contacts: &[Contact],
+        contacts: &[LoadedBristle],
         poses: &[Isometry3<f64>; 2],
         seen: &[Isometry3<f64>; 2],
     ) {
@@ -270,13 +270,13 @@ impl Bed {
 
 impl Surroundings {
     /// Returns the object at `pose` in a pad's frame.
-    fn obstacle(&self, pose: &Isometry3<f64>) -> Obstacle<'_> {
-        Obstacle::new(&self.shape, self.radius, pose)
+    fn obstacle(&self, pose: &Isometry3<f64>) -> PlacedObject<'_> {
+        PlacedObject::new(&self.shape, self.radius, pose)
     }
 }
 
 /// Wrench of touches at rest on their pad, in its frame about its origin.
-fn at_rest(touches: &[Touch], gain: f64, friction: f64) -> Wrench {
+fn at_rest(touches: &[BristleContact], gain: f64, friction: f64) -> Wrench {
     let mut sum = Wrench::default();
     for touch in touches {
         let force = -touch.at_rest(gain, friction).0;
@@ -296,8 +296,8 @@ impl SoftPads {
         friction: f64,
         path: &[Isometry3<f64>],
     ) -> Vec<Wrench> {
-        let law = Law::new(self);
-        let (face, radius) = (Face::new(&self.outline), object.radius());
+        let law = FoundationLaw::new(self);
+        let (face, radius) = (BristleFace::new(&self.outline), object.radius());
         let surroundings = Surroundings { face, shape: object.sampled().clone(), radius };
         let mut anchors = vec![None; surroundings.face.count()];
         let mut touches = Vec::new();
@@ -316,7 +316,7 @@ impl SoftPads {
 }
 
 /// Part of forces on the unknowns that acts on the object.
-fn wrench_of(forces: &Motion) -> Wrench {
+fn wrench_of(forces: &Velocities) -> Wrench {
     Wrench { force: forces.fixed_rows::<3>(0).into(), torque: forces.fixed_rows::<3>(3).into() }
 }
 
@@ -348,9 +348,9 @@ fn motion(
     object: RigidBodyHandle,
     axis: &Vector3<f64>,
     base: &Twist,
-) -> Motion {
+) -> Velocities {
     let object = &world.bodies[object];
-    let mut motion = Motion::zeros();
+    let mut motion = Velocities::zeros();
     motion.fixed_rows_mut::<3>(0).copy_from(&units::si_vector(object.linvel()));
     motion.fixed_rows_mut::<3>(3).copy_from(&units::si_angular(object.angvel()));
     for (finger, slide) in hand.slides(world).iter().enumerate() {
@@ -365,12 +365,12 @@ fn bodies(
     hand: &Hand,
     object: RigidBodyHandle,
     gripper: &Gripper,
-    step: &Step,
+    step: &FoundationStep,
     base: &Twist,
 ) -> Bodies {
     let axis = step.wrist[0].rotation * Vector3::x();
     let mass = f64::from(world.bodies[object].mass());
-    let mut loads = Motion::zeros();
+    let mut loads = Velocities::zeros();
     loads.fixed_rows_mut::<3>(0).copy_from(&step.force);
     loads[2] -= mass * step.gravity;
     let drives = hand.drives(world, gripper, step.grip);
@@ -418,7 +418,7 @@ fn push(
     hand: &Hand,
     object: RigidBodyHandle,
     axis: &Vector3<f64>,
-    forces: &Motion,
+    forces: &Velocities,
 ) {
     let body = &mut world.bodies[object];
     body.reset_forces(false);

@@ -17,7 +17,7 @@ use rapier3d::{
     prelude::{Collider, Cuboid},
 };
 
-use super::balance::Motion;
+use super::balance::Velocities;
 use crate::scene::{Fixture, units};
 
 /// Distance below which a point takes part (m): twice what a peg moves in a Rapier step.
@@ -39,7 +39,7 @@ const PARALLEL: f64 = 0.9999;
 
 /// Point of the object next to the fixture.
 #[derive(Clone, Debug)]
-pub(in crate::scene) struct Stop {
+pub(in crate::scene) struct FixtureContact {
     /// Position relative to the object's centre of mass, in the axes of the world (m).
     arm: Vector3<f64>,
     /// Normal towards the object, and two directions across it, as columns.
@@ -53,7 +53,7 @@ pub(in crate::scene) fn stops(
     fixture: &Fixture,
     object: &Collider,
     center: &Vector3<f64>,
-) -> Vec<Stop> {
+) -> Vec<FixtureContact> {
     let (mut stops, mut manifolds) = (Vec::new(), Vec::<ContactManifold<(), ()>>::new());
     let pose = units::si_pose(object.position());
     for (part, half) in fixture.boxes() {
@@ -84,7 +84,11 @@ pub(in crate::scene) fn stops(
             let normal = part.rotation * normal;
             for point in manifold.points.iter().filter(|p| units::si(p.dist) < NEAR) {
                 let place = part * Point3::from(units::si_vector(point.local_p1));
-                stops.push(Stop::new(place.coords - center, normal, units::si(point.dist)));
+                stops.push(FixtureContact::new(
+                    place.coords - center,
+                    normal,
+                    units::si(point.dist),
+                ));
             }
         }
     }
@@ -92,10 +96,11 @@ pub(in crate::scene) fn stops(
 }
 
 /// The outermost of the points that have one normal.
-fn outermost(stops: Vec<Stop>) -> Vec<Stop> {
-    let mut faces: Vec<Vec<Stop>> = Vec::new();
+fn outermost(stops: Vec<FixtureContact>) -> Vec<FixtureContact> {
+    let mut faces: Vec<Vec<FixtureContact>> = Vec::new();
     for stop in stops {
-        let same = |face: &&mut Vec<Stop>| face[0].normal().dot(&stop.normal()) > PARALLEL;
+        let same =
+            |face: &&mut Vec<FixtureContact>| face[0].normal().dot(&stop.normal()) > PARALLEL;
         match faces.iter_mut().find(same) {
             Some(face) => face.push(stop),
             None => faces.push(vec![stop]),
@@ -127,7 +132,7 @@ fn outermost(stops: Vec<Stop>) -> Vec<Stop> {
     kept
 }
 
-impl Stop {
+impl FixtureContact {
     fn normal(&self) -> Vector3<f64> {
         self.frame.column(0).into_owned()
     }
@@ -153,13 +158,13 @@ impl Stop {
 }
 
 /// Contact points with their impulses, kept between the Newton steps of one time step.
-pub(super) struct StopContacts {
+pub(super) struct FixtureImpulses {
     points: Vec<(SMatrix<f64, 3, 8>, f64)>,
     impulses: Vec<Vector3<f64>>,
 }
 
-impl StopContacts {
-    pub(super) fn new(stops: &[Stop]) -> Self {
+impl FixtureImpulses {
+    pub(super) fn new(stops: &[FixtureContact]) -> Self {
         let points = stops.iter().map(|stop| (stop.jacobian(), stop.gap)).collect();
         Self { points, impulses: vec![Vector3::zeros(); stops.len()] }
     }
@@ -169,7 +174,7 @@ impl StopContacts {
     }
 
     /// Sum of the impulses on the unknowns (N s, N m s).
-    pub(super) fn sum(&self) -> Motion {
+    pub(super) fn sum(&self) -> Velocities {
         let pairs = self.points.iter().zip(&self.impulses);
         pairs.map(|((rows, _), impulse)| rows.tr_mul(impulse)).sum()
     }
@@ -178,10 +183,10 @@ impl StopContacts {
     /// a step of `time` (s); an impulse p changes the velocities by `inverse` (p).
     pub(super) fn solve(
         &mut self,
-        free: &Motion,
+        free: &Velocities,
         time: f64,
         friction: f64,
-        inverse: impl Fn(&Motion) -> Motion,
+        inverse: impl Fn(&Velocities) -> Velocities,
     ) {
         let reach: Vec<SMatrix<f64, 8, 3>> = self
             .points

@@ -394,13 +394,13 @@ fn the_fitted_bed_presses_like_the_finite_elements() {
     let press = Press::along(vec![ball().shape().clone()], path.map(|pose| vec![pose]).into());
     let frames = fem.solve_path(&press.unwrap());
     let down: Vec<_> = (1..=10).map(|i| at(0.0, 0.1 * f64::from(i))).chain([path[3]]).collect();
-    let bed = gel().wrenches(&ball(), 1.0, &down);
+    let foundation = gel().wrenches(&ball(), 1.0, &down);
     for (frame, i) in frames.iter().zip([2, 5, 9, 10]) {
-        let (exact, found) = (frame.as_ref().unwrap().wrench.force, bed[i].force);
+        let (exact, found) = (frame.as_ref().unwrap().wrench.force, foundation[i].force);
         let error = found.z / exact.z - 1.0;
         assert!(error.abs() < 0.27, "{} N against {} N: {error:.2}", found.z, exact.z);
     }
-    let (exact, found) = (frames[3].as_ref().unwrap().wrench.force.x, bed[10].force.x);
+    let (exact, found) = (frames[3].as_ref().unwrap().wrench.force.x, foundation[10].force.x);
     let error = found / exact - 1.0;
     assert!(error.abs() < 0.25, "sideways {found} N against {exact} N: {error:.2}");
 }

@@ -9,14 +9,14 @@
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::{
-    stops::{Stop, StopContacts},
-    touch::{Touch, cut},
+    stops::{FixtureContact, FixtureImpulses},
+    touch::{BristleContact, cut},
 };
 use crate::scene::Wrench;
 
 /// Velocity of the object's centre of mass, its angular velocity, and speeds of the slides along
 /// the wrist's x.
-pub(super) type Motion = SVector<f64, 8>;
+pub(super) type Velocities = SVector<f64, 8>;
 type Stiffness = SMatrix<f64, 8, 8>;
 
 /// Damping of the gel over its stiffness (s).
@@ -36,10 +36,10 @@ pub(super) struct Bodies {
     pub(super) mass: f64,
     pub(super) inertia: Matrix3<f64>,
     /// Velocities at the beginning of the step.
-    pub(super) motion: Motion,
+    pub(super) motion: Velocities,
     /// Forces that do not depend on the motion (N, N m): weight, external force, drive,
     /// corrections.
-    pub(super) loads: Motion,
+    pub(super) loads: Velocities,
     /// Direction of motion of the slides.
     pub(super) axis: Vector3<f64>,
     pub(super) finger_mass: f64,
@@ -49,9 +49,9 @@ pub(super) struct Bodies {
 }
 
 /// A touch with its lever arm, in world axes.
-pub(super) struct Contact {
+pub(super) struct LoadedBristle {
     pub(super) finger: usize,
-    pub(super) touch: Touch,
+    pub(super) touch: BristleContact,
     /// Position relative to the object's centre of mass (m).
     arm: Vector3<f64>,
     normal: Vector3<f64>,
@@ -65,7 +65,7 @@ pub(super) struct Contact {
 }
 
 /// Force of one bristle on the object and its stiffness.
-struct Answer {
+struct BristleForce {
     normal: Vector3<f64>,
     sideways: Vector3<f64>,
     /// −∂force/∂displacement along the normal and across it (N/m).
@@ -74,10 +74,10 @@ struct Answer {
     stretch: Vector3<f64>,
 }
 
-impl Contact {
+impl LoadedBristle {
     pub(super) fn new(
         finger: usize,
-        touch: Touch,
+        touch: BristleContact,
         gain: f64,
         turn: &UnitQuaternion<f64>,
         arm: Vector3<f64>,
@@ -88,13 +88,13 @@ impl Contact {
     }
 
     /// Velocity of the object relative to the pad (m/s).
-    fn velocity(&self, bodies: &Bodies, motion: &Motion) -> Vector3<f64> {
+    fn velocity(&self, bodies: &Bodies, motion: &Velocities) -> Vector3<f64> {
         let (linear, angular) = (motion.fixed_rows::<3>(0), motion.fixed_rows::<3>(3));
         let spin = Vector3::from(angular).cross(&self.arm);
         linear + spin - self.base - bodies.axis * motion[6 + self.finger]
     }
 
-    fn answer(&self, bodies: &Bodies, motion: &Motion, friction: f64) -> Answer {
+    fn answer(&self, bodies: &Bodies, motion: &Velocities, friction: f64) -> BristleForce {
         let velocity = self.velocity(bodies, motion);
         let approach = velocity.dot(&self.normal);
         let (touch, h) = (&self.touch, bodies.time_step);
@@ -107,7 +107,7 @@ impl Contact {
         let sideways = cut(&trial, friction * pressing);
         let held = if sideways == trial { 1.0 } else { sideways.norm() / trial.norm() };
         let along = if pressing > 0.0 { stiffness * depth.cover() } else { 0.0 };
-        Answer {
+        BristleForce {
             normal: -pressing * self.normal,
             sideways,
             stiffness: [along, held * touch.shear],
@@ -126,11 +126,11 @@ impl Bodies {
     /// in it.
     pub(super) fn balance(
         &self,
-        contacts: &[Contact],
-        stops: &[Stop],
+        contacts: &[LoadedBristle],
+        stops: &[FixtureContact],
         friction: f64,
-    ) -> (Motion, Motion) {
-        let (mut motion, mut stopped) = (self.motion, StopContacts::new(stops));
+    ) -> (Velocities, Velocities) {
+        let (mut motion, mut stopped) = (self.motion, FixtureImpulses::new(stops));
         let (mut forces, mut stiffness) = self.linearised(contacts, &motion, friction);
         for _ in 0..MOST_STEPS {
             let step = self.newton_step(&motion, &forces, &stiffness, friction, &mut stopped);
@@ -148,8 +148,8 @@ impl Bodies {
     /// end of a step with this `motion`. Stores the remaining stretch in `contacts`.
     pub(super) fn exerted(
         &self,
-        contacts: &mut [Contact],
-        motion: &Motion,
+        contacts: &mut [LoadedBristle],
+        motion: &Velocities,
         friction: f64,
     ) -> [Wrench; 2] {
         let mut wrenches = [Wrench::default(); 2];
@@ -166,8 +166,8 @@ impl Bodies {
 
     /// Converts a wrench of `finger` on the object about its centre of mass to forces on the
     /// unknowns; the finger bears the reaction.
-    pub(super) fn loads_of(&self, finger: usize, wrench: &Wrench) -> Motion {
-        let mut forces = Motion::zeros();
+    pub(super) fn loads_of(&self, finger: usize, wrench: &Wrench) -> Velocities {
+        let mut forces = Velocities::zeros();
         forces.fixed_rows_mut::<3>(0).copy_from(&wrench.force);
         forces.fixed_rows_mut::<3>(3).copy_from(&wrench.torque);
         forces[6 + finger] = -self.axis.dot(&wrench.force);
@@ -177,11 +177,11 @@ impl Bodies {
     /// Forces of the foundation on the unknowns and their stiffness −∂f/∂x.
     fn linearised(
         &self,
-        contacts: &[Contact],
-        motion: &Motion,
+        contacts: &[LoadedBristle],
+        motion: &Velocities,
         friction: f64,
-    ) -> (Motion, Stiffness) {
-        let (mut forces, mut stiffness) = (Motion::zeros(), Stiffness::zeros());
+    ) -> (Velocities, Stiffness) {
+        let (mut forces, mut stiffness) = (Velocities::zeros(), Stiffness::zeros());
         for finger in 0..2 {
             let (mut wrench, mut sums) = (Wrench::default(), Sums::default());
             for contact in contacts.iter().filter(|contact| contact.finger == finger) {
@@ -200,12 +200,12 @@ impl Bodies {
     /// Change of `motion` in a Newton step, with the impulses of the stops that belong to it.
     fn newton_step(
         &self,
-        motion: &Motion,
-        bed: &Motion,
+        motion: &Velocities,
+        foundation: &Velocities,
         stiffness: &Stiffness,
         friction: f64,
-        stopped: &mut StopContacts,
-    ) -> Motion {
+        stopped: &mut FixtureImpulses,
+    ) -> Velocities {
         let h = self.time_step;
         let mut matrix = stiffness * (h * (h + DAMPING));
         for i in 0..3 {
@@ -213,7 +213,7 @@ impl Bodies {
         }
         let mut turning = matrix.fixed_view_mut::<3, 3>(3, 3);
         turning += self.inertia;
-        let mut forces = self.loads + bed;
+        let mut forces = self.loads + foundation;
         let common = 0.5 * self.centering * (h * (motion[6] + motion[7]));
         for i in [6, 7] {
             forces[i] -= self.slide_damping * motion[i] + common;
@@ -229,7 +229,7 @@ impl Bodies {
         momentum[6] = self.finger_mass * change[6];
         momentum[7] = self.finger_mass * change[7];
         let rest = forces * h - momentum;
-        let Some(factor) = matrix.cholesky() else { return Motion::zeros() };
+        let Some(factor) = matrix.cholesky() else { return Velocities::zeros() };
         let mut step = factor.solve(&rest);
         if !stopped.is_empty() {
             stopped.solve(&(motion + step), h, friction, |impulse| factor.solve(impulse));
@@ -240,7 +240,7 @@ impl Bodies {
 }
 
 /// Magnitude of forces on the unknowns (N), with torques divided by `LEVER`.
-fn size(forces: &Motion) -> f64 {
+fn size(forces: &Velocities) -> f64 {
     let turning = forces.fixed_rows::<3>(3).norm() / LEVER;
     forces.fixed_rows::<3>(0).norm().max(turning).max(forces[6].abs()).max(forces[7].abs())
 }
@@ -257,7 +257,7 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, contact: &Contact, [along, across]: [f64; 2]) {
+    fn add(&mut self, contact: &LoadedBristle, [along, across]: [f64; 2]) {
         let (arm, n) = (&contact.arm, &contact.normal);
         self.across += across;
         self.first += across * arm;
@@ -293,7 +293,7 @@ impl Sums {
     }
 }
 
-impl Contact {
+impl LoadedBristle {
     /// Stretch at the beginning of the step less the slip in it (m), in the pad's frame.
     pub(super) fn stretch_left(&self, turn: &UnitQuaternion<f64>) -> Vector3<f64> {
         turn.inverse_transform_vector(&self.left)

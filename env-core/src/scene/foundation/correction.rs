@@ -44,18 +44,18 @@ impl Default for Correction {
 }
 
 impl Correction {
-    /// Corrects towards the wrench of `model`; `bed` returns the foundation's wrench for any gain.
+    /// Corrects towards the wrench of `model`; `foundation` returns the foundation's wrench for any gain.
     /// Resets the correction unless both have contact.
-    pub(super) fn toward(&mut self, model: &Wrench, bed: impl Fn(f64) -> Wrench) {
-        if !self.press(-model.force.z, &bed) {
+    pub(super) fn toward(&mut self, model: &Wrench, foundation: impl Fn(f64) -> Wrench) {
+        if !self.press(-model.force.z, &foundation) {
             return;
         }
-        let bed = bed(self.gain);
-        let now = self.at(-bed.force.z);
-        self.force = -bed.force.z;
+        let foundation = foundation(self.gain);
+        let now = self.at(-foundation.force.z);
+        self.force = -foundation.force.z;
         let mut extra = Wrench {
-            force: now.force + REST * (model.force - bed.force - now.force),
-            torque: now.torque + REST * (model.torque - bed.torque - now.torque),
+            force: now.force + REST * (model.force - foundation.force - now.force),
+            torque: now.torque + REST * (model.torque - foundation.torque - now.torque),
         };
         // The normal force is corrected by the factor alone.
         extra.force.z = 0.0;
@@ -66,8 +66,8 @@ impl Correction {
 
     /// Corrects only the normal force, towards `wanted` (N); see [`Correction::toward`]. Returns
     /// whether both have contact.
-    pub(super) fn press(&mut self, wanted: f64, bed: impl Fn(f64) -> Wrench) -> bool {
-        let found = -bed(self.gain).force.z;
+    pub(super) fn press(&mut self, wanted: f64, foundation: impl Fn(f64) -> Wrench) -> bool {
+        let found = -foundation(self.gain).force.z;
         if !(wanted > FAINTEST && found > FAINTEST) {
             *self = Self::default();
             return false;

@@ -19,14 +19,14 @@ pub(super) const FINE: f64 = 1e-5;
 const ARM: f64 = 0.013;
 
 /// Poses of the object from one press to the next, oldest first.
-pub(super) struct Way {
+pub(super) struct Trajectory {
     coarseness: f64,
     start: PosesInPads,
     last: PosesInPads,
     poses: Vec<PosesInPads>,
 }
 
-impl Way {
+impl Trajectory {
     /// Creates a trajectory that begins at `start`, which is not one of its poses. Further poses
     /// are kept if they are more than `coarseness` (m) apart.
     pub(super) fn from(start: PosesInPads, coarseness: f64) -> Self {
@@ -53,7 +53,7 @@ impl Way {
         }
     }
 
-    /// Poses at the beginning, before the first of [`Way::poses`].
+    /// Poses at the beginning, before the first of [`Trajectory::poses`].
     pub(super) fn start(&self) -> PosesInPads {
         self.start
     }
@@ -87,14 +87,14 @@ mod tests {
 
     #[test]
     fn a_long_way_is_kept_in_short_pieces_and_a_short_one_as_its_end() {
-        let mut long = Way::from(rolled(0.0), COARSE);
+        let mut long = Trajectory::from(rolled(0.0), COARSE);
         (1..100).for_each(|i| long.go_on(rolled(0.01 * PI * f64::from(i))));
         long.arrive(rolled(PI));
         let ends: Vec<_> = [long.start()].iter().chain(long.poses()).copied().collect();
         // A path of 41 mm in steps of 0.41 mm, of which every third pose is kept.
         assert_eq!(ends.len(), 35);
         assert!(ends.windows(2).all(|ends| motion(&ends[0][0], &ends[1][0]) < 2.0 * COARSE));
-        let mut short = Way::from(rolled(0.0), COARSE);
+        let mut short = Trajectory::from(rolled(0.0), COARSE);
         (1..10).for_each(|i| short.go_on(rolled(1e-3 * f64::from(i))));
         short.arrive(rolled(1e-2));
         assert_eq!(short.poses(), [rolled(1e-2)]);
@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn what_stands_still_has_one_pose() {
-        let mut still = Way::from(rolled(0.0), 0.0);
+        let mut still = Trajectory::from(rolled(0.0), 0.0);
         still.go_on(rolled(0.0));
         still.arrive(rolled(0.0));
         assert_eq!(still.poses(), [rolled(0.0)]);

@@ -17,7 +17,7 @@ const FAINTEST: f64 = 1e-9;
 
 /// Force law of one pad.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Law {
+pub(super) struct FoundationLaw {
     /// Young's modulus (Pa).
     pub(super) young: f64,
     /// Thickness of the gel (m).
@@ -71,7 +71,7 @@ impl Depth {
     }
 }
 
-impl Law {
+impl FoundationLaw {
     pub(super) fn new(pads: &SoftPads) -> Self {
         let SoftPads { outline, young, bristles } = *pads;
         Self { young, thickness: outline.thickness, bristles }
