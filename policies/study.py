@@ -47,6 +47,11 @@ KINDS: dict[str, dict[str, dict[str, Any]]] = {
         "force": {"observation": ["proprio", "wrench"]},
         "blind": {"observation": ["proprio"]},
     },
+    "ruffini/InsertPeg-v0": {
+        "touch": {},
+        "force": {"observation": ["proprio", "wrench"]},
+        "blind": {"observation": ["proprio"]},
+    },
 }
 """Settings of each environment's agents: with the default observation, with forces alone, with
 neither, and with rigid pads."""

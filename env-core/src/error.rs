@@ -136,24 +136,38 @@ impl Error {
     pub(crate) fn file(path: &std::path::Path, reason: &dyn std::fmt::Display) -> Self {
         Self::File { path: path.display().to_string(), reason: reason.to_string() }
     }
+}
 
-    /// Name of the kind of failure, as used in Python.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Self::Invalid { .. } => "invalid",
-            Self::Setting { .. } => "setting",
-            Self::BadState { .. } => "bad-state",
-            Self::BadMesh { .. } => "bad-mesh",
-            Self::File { .. } => "file",
-            Self::NotConverged { .. } => "not-converged",
-            Self::Inverted => "inverted",
-            Self::Penetrated { .. } => "penetrated",
-            Self::Network { .. } => "network",
-            Self::Unreachable { .. } => "unreachable",
-            Self::NoTrial => "no-trial",
-            Self::Panicked => "panicked",
+/// Defines the names of all kinds of [`Error`].
+macro_rules! kinds {
+    ($($kind:ident: $name:literal),* $(,)?) => {
+        impl Error {
+            /// Names of all kinds of failure, as used in Python.
+            pub const KINDS: &[&'static str] = &[$($name),*];
+
+            /// Name of the kind of failure, one of [`Error::KINDS`].
+            pub fn kind(&self) -> &'static str {
+                match self {
+                    $(Self::$kind { .. } => $name),*
+                }
+            }
         }
-    }
+    };
+}
+
+kinds! {
+    Invalid: "invalid",
+    Setting: "setting",
+    BadState: "bad-state",
+    BadMesh: "bad-mesh",
+    File: "file",
+    NotConverged: "not-converged",
+    Inverted: "inverted",
+    Penetrated: "penetrated",
+    Network: "network",
+    Unreachable: "unreachable",
+    NoTrial: "no-trial",
+    Panicked: "panicked",
 }
 
 impl From<candle_core::Error> for Error {

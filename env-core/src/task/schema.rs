@@ -7,8 +7,10 @@ use super::{
     Component, Config, Ending, Setting, StateChannel, TACTILE_CHANNELS, Task,
     observation::components, read::OTHERS,
 };
+use crate::Error;
 
-/// The description as JSON: `tasks`, `settings` that all of them have, `channels` and `endings`.
+/// The description as JSON: `tasks`, `settings` that all of them have, `channels`, `endings`, and
+/// kinds of `press_errors`.
 pub fn schema() -> Value {
     let mut usual = Config::default();
     let own = usual.task.settings().len();
@@ -22,6 +24,7 @@ pub fn schema() -> Value {
         "settings": shared,
         "channels": channels,
         "tactile_channels": TACTILE_CHANNELS,
+        "press_errors": Error::KINDS,
         "endings": Ending::ALL.map(|e| json!({"name": e.name(), "is_rule": e.is_of_the_task()})),
     })
 }

@@ -46,7 +46,20 @@ OBJECTS: list[str]
 class SimulationError(RuntimeError): ...
 
 class PressError(SimulationError):
-    kind: Literal["not-converged", "penetrated", "inverted", "unreachable", "invalid"]
+    kind: Literal[
+        "invalid",
+        "setting",
+        "bad-state",
+        "bad-mesh",
+        "file",
+        "not-converged",
+        "inverted",
+        "penetrated",
+        "network",
+        "unreachable",
+        "no-trial",
+        "panicked",
+    ]
 
 _Floats: TypeAlias = NDArray[np.float32]
 _Bools: TypeAlias = NDArray[np.bool_]
