@@ -2,7 +2,6 @@
 
 mod approach;
 mod batch;
-mod foundation;
 mod bodies;
 mod closed_forms;
 mod compliance;
@@ -11,6 +10,7 @@ mod extremes;
 mod feel;
 mod fem;
 mod floors;
+mod foundation;
 mod grasp;
 mod half_space;
 mod insertion;

@@ -15,8 +15,8 @@ mod snapshot;
 mod squeeze;
 mod start;
 mod touch;
-mod trial;
 mod trajectory;
+mod trial;
 
 pub use batch::{Autoreset, Batch, StepResult};
 pub use episode::Outcome;

@@ -4,19 +4,19 @@
 //! its x axis; a spring on their common displacement keeps them centred. The pads and the finger
 //! bodies behind them collide with the object only. Contact is rigid with Coulomb friction, except
 //! for soft pads ([`Pads::Soft`]), whose faces are an elastic foundation of bristles on a rigid
-//! core.
+//! core. A [`Fixture`] is a block with a hole that stands on the table.
 //!
 //! Rapier computes in decimetres, because parry's tolerances are absolute and suit that scale;
 //! everything that enters or leaves this module is SI. The solver's settings are those of
 //! [`Physics`].
 
 mod approach;
-mod foundation;
 mod catalogue;
 mod collider;
 mod config;
 mod contact;
 mod fixture;
+mod foundation;
 mod gripper;
 mod held;
 mod state;
