@@ -44,7 +44,8 @@ impl Default for Correction {
 }
 
 impl Correction {
-    /// Corrects towards the wrench of `model`; `foundation` returns the foundation's wrench for any gain.
+    /// Corrects towards the wrench of `model`; `foundation` returns the foundation's wrench for any
+    /// gain.
     /// Resets the correction unless both have contact.
     pub(super) fn toward(&mut self, model: &Wrench, foundation: impl Fn(f64) -> Wrench) {
         if !self.press(-model.force.z, &foundation) {
