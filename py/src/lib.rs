@@ -283,9 +283,9 @@ mod _core {
     use crate::gif::encode_gif;
     #[pymodule_export]
     use crate::mechanics::{
-        Antipodal, Compliance, Deformation, Fem, Grasp, Grasped, History, Object, PaperAnswer,
-        PaperNetwork, Press, Shape, SoftBody, SoftSurrogate, Surrogate, TetMesh, Transfer, objects,
-        sensor,
+        Antipodal, Compliance, Deformation, Fem, Grasp, Grasped, History, LinearPad, Object,
+        PaperAnswer, PaperNetwork, Press, Shape, SoftBody, SoftSurrogate, Surrogate, TetMesh,
+        Transfer, objects, sensor,
     };
     #[pymodule_export]
     use crate::tensors::{read_tensors, write_tensors};

@@ -81,8 +81,8 @@ impl Setup {
     fn felt_shape(&self, object: usize) -> &Shape {
         let model = &self.models[object];
         match self.config.tactile {
-            Choice::Surrogate | Choice::SurrogateFine => model.sampled(),
-            Choice::None | Choice::Compliance | Choice::Fem => model.shape(),
+            Choice::Surrogate | Choice::SurrogateFine | Choice::Compliance => model.sampled(),
+            Choice::None | Choice::Fem => model.shape(),
         }
     }
 

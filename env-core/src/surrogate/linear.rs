@@ -20,9 +20,9 @@ use crate::{
     Result,
     compliance::{
         Compliance, Options,
-        nodal::{Nodal, Settled},
+        nodal::{LayeredPad, Nodal, Settled},
     },
-    deformation::{Deformation, History, Law, Moduli, Press, SoftBody},
+    deformation::{Deformation, History, Law, Moduli, Press, SoftBody, Wrench},
     geometry::{PadMesh, Transfer},
     sensor::Sensor,
     simd::vectorised,
@@ -37,6 +37,8 @@ pub enum Contact {
     Points,
     /// Nodes of the model mesh's face.
     Nodes,
+    /// Cells of a regular grid, of a size that follows the contact.
+    Cells,
 }
 
 impl Contact {
@@ -45,6 +47,7 @@ impl Contact {
         match self {
             Self::Points => "points",
             Self::Nodes => "nodes",
+            Self::Cells => "cells",
         }
     }
 }
@@ -58,6 +61,8 @@ pub(super) struct LinearBaseline {
 enum Solver {
     Points(Compliance),
     Nodes(Box<Nodes>),
+    /// Contact on cells; their forces are spread over the nodes of the face.
+    Cells(Box<(LayeredPad, Nodes)>),
 }
 
 /// Contact at nodes, and the response of the meshes to its forces.
@@ -111,11 +116,20 @@ impl LinearBaseline {
         let compliance = Compliance::new(body(&fine, gel.moduli)?, options)?;
         let solver = match contact {
             Contact::Points => Solver::Points(compliance),
-            Contact::Nodes => {
+            Contact::Nodes | Contact::Cells => {
                 let nodal = compliance.at_coarse_nodes(&fine, model)?;
                 let extension = Extension::new(&nodal, |u| flat(&transfer.interpolate(u)));
-                let stress = OnceLock::new();
-                Solver::Nodes(Box::new(Nodes { nodal, extension, fine, stress }))
+                let layered = match contact {
+                    Contact::Cells => {
+                        Some(LayeredPad::new(&compliance, &sensor.outline, &fine, model)?)
+                    }
+                    _ => None,
+                };
+                let nodes = Nodes { nodal, extension, fine, stress: OnceLock::new() };
+                match layered {
+                    Some(layered) => Solver::Cells(Box::new((layered, nodes))),
+                    None => Solver::Nodes(Box::new(nodes)),
+                }
             }
         };
         Ok(Self { solver, transfer })
@@ -132,6 +146,10 @@ impl LinearBaseline {
                 let answers = nodes.nodal.settled_path(press).into_iter();
                 answers.map(|settled| Ok(LinearAnswer::Nodes(settled?))).collect()
             }
+            Solver::Cells(both) => {
+                let answers = both.0.settled_path(press).into_iter();
+                answers.map(|settled| Ok(LinearAnswer::Nodes(settled?))).collect()
+            }
         }
     }
 
@@ -139,21 +157,14 @@ impl LinearBaseline {
     pub(super) fn carry(&self, answer: &LinearAnswer, with_stress: bool) -> LinearFields {
         match (answer, &self.solver) {
             (LinearAnswer::Nodes(settled), Solver::Nodes(nodes)) => {
-                let stress = || nodes.von_mises(settled, &self.transfer);
-                let displacement = nodes.extension.displacement(&settled.forces);
-                let displacement = displacement.as_chunks::<3>().0.iter();
-                let displacement: Vec<_> = displacement.map(|&u| Vector3::from(u).cast()).collect();
-                // Nodes of the face come first.
-                let mut contact_force = vec![Vector3::zeros(); displacement.len()];
-                for (node, force) in &settled.forces {
-                    contact_force[*node as usize] = *force;
-                }
-                LinearFields {
-                    displacement,
-                    contact_force,
-                    von_mises: if with_stress { stress() } else { Vec::new() },
-                    poses: settled.history.poses.clone(),
-                }
+                self.at_nodes(nodes, settled, &settled.forces, with_stress)
+            }
+            (LinearAnswer::Nodes(settled), Solver::Cells(both)) => {
+                let (layered, nodes) = &**both;
+                let forces = layered.forces(settled);
+                let mut fields = self.at_nodes(nodes, settled, &forces, with_stress);
+                layered.refine(settled, &forces, &mut fields.displacement);
+                fields
             }
             (LinearAnswer::Points(fine), _) => {
                 let stress = || self.transfer.average(&fine.von_mises);
@@ -171,14 +182,41 @@ impl LinearBaseline {
     }
 }
 
+impl LinearBaseline {
+    /// Fields under `forces` (N) on nodes of the face, which come first among all.
+    fn at_nodes(
+        &self,
+        nodes: &Nodes,
+        settled: &Settled,
+        forces: &[(u32, Vector3<f64>)],
+        with_stress: bool,
+    ) -> LinearFields {
+        let displacement = nodes.extension.displacement(forces);
+        let displacement = displacement.as_chunks::<3>().0.iter();
+        let displacement: Vec<_> = displacement.map(|&u| Vector3::from(u).cast()).collect();
+        let mut contact_force = vec![Vector3::zeros(); displacement.len()];
+        for (node, force) in forces {
+            contact_force[*node as usize] = *force;
+        }
+        let stress = || nodes.von_mises(forces, &self.transfer);
+        LinearFields {
+            displacement,
+            contact_force,
+            von_mises: if with_stress { stress() } else { Vec::new() },
+            poses: settled.history.poses.clone(),
+        }
+    }
+}
+
 impl Nodes {
-    /// Von Mises stress of the model mesh in Pa, averaged from the fine mesh.
-    fn von_mises(&self, settled: &Settled, transfer: &Transfer) -> Vec<f64> {
+    /// Von Mises stress of the model mesh under `forces` (N) on its face in Pa, averaged from the
+    /// fine mesh.
+    fn von_mises(&self, forces: &[(u32, Vector3<f64>)], transfer: &Transfer) -> Vec<f64> {
         let stress = self.stress.get_or_init(|| Stress::new(self, transfer));
-        if settled.forces.is_empty() {
+        if forces.is_empty() {
             return vec![0.0; stress.shares.height()];
         }
-        let displacement = stress.extension.displacement(&settled.forces);
+        let displacement = stress.extension.displacement(forces);
         let mut fine = Vec::new();
         vectorised(
             #[inline(always)]
@@ -217,6 +255,14 @@ impl LinearAnswer {
         match self {
             Self::Points(fine) => &fine.history,
             Self::Nodes(settled) => &settled.history,
+        }
+    }
+
+    /// Resultant of all contact.
+    pub(super) fn wrench(&self) -> Wrench {
+        match self {
+            Self::Points(fine) => fine.wrench,
+            Self::Nodes(settled) => settled.wrench,
         }
     }
 
@@ -259,7 +305,7 @@ mod tests {
     fn stress_by_the_matrix_is_that_of_a_solve_on_the_whole_mesh() {
         let (nodes, settled) = pressed();
         let same = Transfer::new(&nodes.fine.mesh, &nodes.fine.mesh).unwrap();
-        let found = nodes.von_mises(&settled, &same);
+        let found = nodes.von_mises(&settled.forces, &same);
         let solved = same.average(&nodes.nodal.deformation(settled).unwrap().von_mises);
         let most = solved.iter().copied().fold(0.0, f64::max);
         let pairs = found.iter().zip(&solved);
@@ -281,7 +327,7 @@ mod tests {
             for round in 0..ROUNDS {
                 nodes.stress = OnceLock::new();
                 pool.in_place_scope(|scope| {
-                    let ask = |_: &_| drop(nodes.von_mises(&settled, &same));
+                    let ask = |_: &_| drop(nodes.von_mises(&settled.forces, &same));
                     scope.spawn(ask);
                     // The matrix is being computed here. If that used the pool, its thread could be
                     // handed one of these tasks while it waits for others, and would deadlock.

@@ -132,7 +132,7 @@ impl Gels {
         let shard = dataset.name(index);
         let kind = match self.contact {
             Contact::Points => String::new(),
-            Contact::Nodes => format!("{}-", self.contact.name()),
+            Contact::Nodes | Contact::Cells => format!("{}-", self.contact.name()),
         };
         let name = format!("linear/{kind}{}-{shard}.safetensors", self.nodes);
         let path = dataset.folder().join(name);

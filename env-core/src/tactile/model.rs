@@ -7,12 +7,11 @@ use rayon::ThreadPoolBuilder;
 use super::{Choice, Config, Skin};
 use crate::{
     Error, Result,
-    compliance::{self, Compliance},
     deformation::{Deformation, DeformationModel, Law, Press, SoftBody, Wanted},
     fem::{self, Fem},
     geometry::PadMesh,
     sensor::Sensor,
-    surrogate::Surrogate,
+    surrogate::{LinearPad, Surrogate},
 };
 
 /// Model of a pad. Copies share the precomputed data.
@@ -20,7 +19,7 @@ use crate::{
 #[derive(Clone)]
 pub enum Model {
     /// Linear elasticity.
-    Compliance(Compliance),
+    Linear(LinearPad),
     /// Finite elements.
     Fem(Fem),
     /// Network that corrects the linear solution.
@@ -88,8 +87,9 @@ impl Model {
         let model = match config.choice {
             Choice::None => return Ok(None),
             Choice::Compliance => {
-                let options = compliance::Options::default();
-                Self::Compliance(alone(move || Compliance::new(on, options))?)
+                let (_, moduli) = config.material(sensor)?;
+                let (friction, nodes) = (sensor.friction.at_rest, config.resolution.nodes);
+                Self::Linear(alone(|| LinearPad::new(sensor, moduli, friction, nodes))?)
             }
             Choice::Fem => Self::Fem(Fem::new(on, fem::Options::default())?),
             Choice::Surrogate => Self::Surrogate(trained("swift", config, sensor)?),
@@ -101,7 +101,7 @@ impl Model {
     /// Name in the settings.
     pub fn name(&self) -> &'static str {
         match self {
-            Self::Compliance(_) => "compliance",
+            Self::Linear(_) => "compliance",
             Self::Fem(_) => "fem",
             Self::Surrogate(_) => "surrogate",
         }
@@ -111,7 +111,7 @@ impl Model {
 impl DeformationModel for Model {
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
         match self {
-            Self::Compliance(model) => model.solve(presses),
+            Self::Linear(model) => model.solve(presses),
             Self::Fem(model) => model.solve(presses),
             Self::Surrogate(model) => model.solve(presses),
         }
@@ -119,7 +119,7 @@ impl DeformationModel for Model {
 
     fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         match self {
-            Self::Compliance(model) => model.feel(presses, wanted),
+            Self::Linear(model) => model.feel(presses, wanted),
             Self::Fem(model) => model.feel(presses, wanted),
             Self::Surrogate(model) => model.feel(presses, wanted),
         }
@@ -127,7 +127,7 @@ impl DeformationModel for Model {
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         match self {
-            Self::Compliance(model) => model.solve_path(press),
+            Self::Linear(model) => model.solve_path(press),
             Self::Fem(model) => model.solve_path(press),
             Self::Surrogate(model) => model.solve_path(press),
         }

@@ -15,6 +15,7 @@ __all__ = [
     "Grasp",
     "Grasped",
     "History",
+    "LinearPad",
     "Object",
     "PaperAnswer",
     "PaperNetwork",
@@ -239,6 +240,22 @@ class Compliance:
         cache: str | PathLike[str] | None = None,
         contact: str = "points",
     ) -> Compliance: ...
+    @property
+    def body(self) -> SoftBody: ...
+    def solve(self, presses: Press | Sequence[Press]) -> list[Deformation | PressError]: ...
+    def solve_path(self, press: Press) -> list[Deformation | PressError]: ...
+
+@final
+class LinearPad:
+    def __new__(
+        cls,
+        sensor: str = "gelsight-mini",
+        calibration: str | None = None,
+        young: float | None = None,
+        poisson: float | None = None,
+        friction: float | None = None,
+        resolution: int = 1000,
+    ) -> LinearPad: ...
     @property
     def body(self) -> SoftBody: ...
     def solve(self, presses: Press | Sequence[Press]) -> list[Deformation | PressError]: ...

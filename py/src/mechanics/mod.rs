@@ -27,5 +27,5 @@ pub(crate) use paper::{PaperAnswer, PaperNetwork};
 pub(crate) use press::Press;
 pub(crate) use shape::Shape;
 pub(crate) use soft::SoftSurrogate;
-pub(crate) use surrogate::Surrogate;
+pub(crate) use surrogate::{LinearPad, Surrogate};
 pub(crate) use transfer::Transfer;

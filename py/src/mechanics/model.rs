@@ -255,7 +255,7 @@ pub(super) fn solve<'py, M: DeformationModel>(
 }
 
 /// Solves every frame of `press` by `model`.
-fn solve_path<'py, M: DeformationModel>(
+pub(super) fn solve_path<'py, M: DeformationModel>(
     py: Python<'py>,
     model: &Mutex<M>,
     press: &Press,

@@ -11,7 +11,7 @@ use ruffini_core::{Result, deformation::Moduli, sensor::Sensor, surrogate};
 use super::{
     Deformation, Press, SoftBody,
     arrays::vectors,
-    model::{answer, locked, solve},
+    model::{answer, locked, solve, solve_path},
 };
 use crate::error::python_error;
 
@@ -37,6 +37,82 @@ pub(crate) struct Surrogate {
     /// Body, with mesh and material, to which solutions refer.
     #[pyo3(get)]
     body: Py<SoftBody>,
+}
+
+/// Linear elastic model of a sensor's pad that resolves small contacts, in about a millisecond.
+///
+/// Contact is solved on one of four grids of cells, of 1.3 to 0.16 mm, chosen by the size of the
+/// contact, between which the gel responds as a bonded elastic layer; the influence of the pad's
+/// sides is that of finite elements. Displacement and stress are those of these elements under the
+/// same forces, on the mesh of `body`. Large strain is neglected. Features smaller than the finest
+/// cells are not felt.
+///
+/// Args:
+///     sensor: Name of a sensor, or the path of its .toml file.
+///     calibration: Name of the material; the first of the sensor if not given.
+///     young: Young's modulus (Pa), in place of the calibration's.
+///     poisson: Poisson's ratio, in place of the calibration's.
+///     friction: Coefficient of friction; the sensor's at rest if not given.
+///     resolution: Most nodes of the mesh of `body`.
+///
+/// Raises:
+///     ValueError: If a name is not known, or a number is out of range.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct LinearPad {
+    model: Mutex<surrogate::LinearPad>,
+    /// Body, with mesh and material, to which solutions refer.
+    #[pyo3(get)]
+    body: Py<SoftBody>,
+}
+
+#[pymethods]
+impl LinearPad {
+    #[new]
+    #[pyo3(signature = (sensor="gelsight-mini", calibration=None, young=None, poisson=None,
+        friction=None, resolution=1000))]
+    fn new(
+        py: Python<'_>,
+        sensor: &str,
+        calibration: Option<&str>,
+        young: Option<f64>,
+        poisson: Option<f64>,
+        friction: Option<f64>,
+        resolution: usize,
+    ) -> PyResult<Self> {
+        let model = py.detach(|| {
+            let Gel { sensor, moduli, friction } =
+                Gel::new(sensor, calibration, [young, poisson, friction])?;
+            surrogate::LinearPad::new(&sensor, moduli, friction, resolution)
+        });
+        let model = model.map_err(python_error)?;
+        let body = SoftBody::from_core(py, model.body().clone())?;
+        Ok(Self { model: Mutex::new(model), body: Py::new(py, body)? })
+    }
+
+    /// Solves each press and returns its last frame, as Fem.solve.
+    ///
+    /// Args:
+    ///     presses: A list of Press, or one.
+    ///
+    /// Returns:
+    ///     A list with a Deformation for each press, or a PressError with the reason if it is not
+    ///     solved.
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        presses: &Bound<'py, PyAny>,
+    ) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        solve(py, &self.model, presses)
+    }
+
+    /// Solves every frame of one press, in order, as Fem.solve_path.
+    ///
+    /// Returns:
+    ///     A list with a Deformation for each frame. It ends early with a PressError at the first
+    ///     frame that is not solved.
+    fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        solve_path(py, &self.model, press)
+    }
 }
 
 /// Gel to which a network is applied.

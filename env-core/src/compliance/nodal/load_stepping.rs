@@ -1,6 +1,6 @@
 //! Load stepping of a press with contact at the nodes.
 
-use std::{cell::LazyCell, time::Instant};
+use std::{cell::LazyCell, collections::BTreeMap, time::Instant};
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -25,13 +25,19 @@ const STRIDE: f64 = 2.5e-4;
 const MARGIN: f64 = 1e-4;
 /// Depth by which a shape may enter the held faces, in softnesses.
 const UNFELT: f64 = 10.0;
+/// Most cells that touch on a level unless it is the coarsest, and number below which a finer level
+/// is taken. Cells of the next level are quarters.
+const MOST: usize = 96;
+const FEW: usize = 12;
 /// Smallest part of a stride that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
 
 /// Working memory of one thread, reused for successive presses.
 #[derive(Default)]
 pub(super) struct Scratch {
-    displacement: Vec<f32>,
+    pub(super) displacement: Vec<f32>,
+    pub(super) rows: Vec<f32>,
+    pub(super) known: Vec<Option<usize>>,
 }
 
 /// Touching node.
@@ -48,6 +54,8 @@ pub(super) struct Held {
 /// State of body and shapes in balance.
 pub(super) struct NodalState {
     pub(super) poses: Vec<Isometry3<f64>>,
+    /// Index of the skin whose nodes touch.
+    level: usize,
     /// Touching nodes, ascending by rank.
     held: Vec<Held>,
     pub(super) wrench: Wrench,
@@ -58,7 +66,9 @@ pub(super) struct NodalState {
 
 /// A press during load stepping.
 pub(super) struct NodalLoadStepping<'a> {
-    skin: &'a Skin,
+    /// Contact nodes of the body; if there are several sets, each is a grid of cells half as long as
+    /// those before.
+    levels: &'a [Skin],
     law: ContactLaw,
     shapes: &'a [Shape],
     /// Faces that a shape could penetrate without touching a node.
@@ -72,15 +82,17 @@ pub(super) struct NodalLoadStepping<'a> {
 impl<'a> NodalLoadStepping<'a> {
     /// Begins load stepping where `press` begins.
     pub(super) fn new(
-        skin: &'a Skin,
+        levels: &'a [Skin],
         law: ContactLaw,
         press: &'a Press,
         scratch: &'a mut Scratch,
     ) -> Result<Self> {
         let shapes = press.shapes();
+        let skin = &levels[0];
         let state = match press.history() {
-            Some(history) => recalled(skin, history)?,
+            Some(history) => recalled(levels, history)?,
             None => NodalState {
+                level: levels.len() - 1,
                 poses: backed_off(shapes, press.drive().first(), &skin.points, &skin.places),
                 held: Vec::new(),
                 wrench: Wrench::default(),
@@ -91,7 +103,7 @@ impl<'a> NodalLoadStepping<'a> {
         let watched = watched(&skin.faces, shapes);
         let thickness = shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
         let stride = f64::min(STRIDE, 0.5 * thickness);
-        Ok(Self { skin, law, shapes, watched, stride, scratch, state })
+        Ok(Self { levels, law, shapes, watched, stride, scratch, state })
     }
 
     /// Solves every frame of `press`; the first that fails is the last.
@@ -149,7 +161,7 @@ impl<'a> NodalLoadStepping<'a> {
         let moved = |group: &Group| {
             (to * from.inverse_transform_point(&group.centre) - group.centre).norm()
         };
-        self.skin.groups.iter().map(moved).fold(0.0, f64::max)
+        self.levels[0].groups.iter().map(moved).fold(0.0, f64::max)
     }
 
     /// Distance, at most `enough` (m), by which the shapes can move without touching a node or a
@@ -157,7 +169,7 @@ impl<'a> NodalLoadStepping<'a> {
     fn gap(&self, enough: f64) -> f64 {
         let mut gap = enough;
         let between = self.watched.first().map_or(0.0, Face::reach);
-        for group in &self.skin.groups {
+        for group in &self.levels[0].groups {
             for (shape, pose) in self.shapes.iter().zip(&self.state.poses) {
                 if gap <= 0.0 {
                     return 0.0;
@@ -169,41 +181,141 @@ impl<'a> NodalLoadStepping<'a> {
         gap.max(0.0)
     }
 
-    /// Attempts one load step to `poses` and returns the state it ends in.
+    /// Attempts one load step to `poses` and returns the state it ends in. On a body with several
+    /// levels, the step is taken on the finest on which at most [`MOST`] cells touch, unless fewer
+    /// than [`FEW`] touch on a coarser one that the last step ended on.
     pub(super) fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<NodalState> {
         let motion = self.state.poses.iter().zip(poses).map(|(a, b)| self.motion(a, b));
         let reach = motion.fold(0.0, f64::max) + MARGIN;
+        let finest = self.levels.len() - 1;
+        let lowest = self.coarsest();
+        let (mut level, mut held) = (self.state.level, self.state.held.clone());
+        if held.is_empty() {
+            level = finest;
+        }
+        while level < lowest {
+            held = self.finer(level, &held);
+            level += 1;
+        }
+        let mut was_finer = false;
+        loop {
+            let found = self.attempt_on(level, &held, poses, reach, level > lowest);
+            match found {
+                Ok(Some(state)) if state.held.len() >= FEW || level == finest || was_finer => {
+                    return Ok(state);
+                }
+                Ok(Some(_)) => {
+                    held = self.finer(level, &held);
+                    level += 1;
+                }
+                Err(Error::NotConverged { residual, .. })
+                    if level > lowest && residual.is_finite() =>
+                {
+                    was_finer = true;
+                    held = self.coarser(level, &held);
+                    level -= 1;
+                }
+                Err(error) => return Err(error),
+                Ok(None) => {
+                    was_finer = true;
+                    held = self.coarser(level, &held);
+                    level -= 1;
+                }
+            }
+        }
+    }
+
+    /// Coarsest level whose cells no shape can pass between.
+    fn coarsest(&self) -> usize {
+        let thinnest = self.shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
+        let is_fine = |skin: &Skin| skin.grid().is_none_or(|grid| 2.0 * grid.half_diagonal() < thinnest);
+        self.levels.iter().position(is_fine).unwrap_or(self.levels.len() - 1)
+    }
+
+    /// The cells that are `held` on a level as those of the next finer one.
+    fn finer(&self, level: usize, held: &[Held]) -> Vec<Held> {
+        let (skin, next) = (&self.levels[level], &self.levels[level + 1]);
+        let Some(grid) = skin.grid() else { return Vec::new() };
+        let quarters = |held: &Held| {
+            let pose = self.state.poses[held.shape as usize];
+            let offset = pose * held.stuck - skin.place(held.rank);
+            let Held { shape, force, .. } = *held;
+            grid.children(held.rank).map(|rank| Held {
+                rank,
+                shape,
+                stuck: pose.inverse_transform_point(&(next.place(rank) + offset)),
+                force: force * 0.25,
+            })
+        };
+        let mut all: Vec<_> = held.iter().flat_map(quarters).collect();
+        all.sort_unstable_by_key(|held| held.rank);
+        all
+    }
+
+    /// The cells that are `held` on a level as those of the next coarser one.
+    fn coarser(&self, level: usize, held: &[Held]) -> Vec<Held> {
+        let (skin, next) = (&self.levels[level], &self.levels[level - 1]);
+        let Some(grid) = skin.grid() else { return Vec::new() };
+        // Force, its norm and the offset weighted by it; the first shape stands for all.
+        let mut sums = BTreeMap::<u32, (u32, Vector3<f64>, f64, Vector3<f64>)>::new();
+        for Held { rank, shape, stuck, force } in held {
+            let offset = self.state.poses[*shape as usize] * stuck - skin.place(*rank);
+            let zero = (*shape, Vector3::zeros(), 0.0, Vector3::zeros());
+            let sum = sums.entry(grid.parent(*rank)).or_insert(zero);
+            if sum.0 == *shape {
+                sum.1 += force;
+                sum.2 += force.norm();
+                sum.3 += offset * force.norm();
+            }
+        }
+        let one = |(rank, (shape, force, weight, offsets)): (u32, (u32, Vector3<f64>, f64, _))| {
+            let place = next.place(rank) + offsets / weight.max(f64::MIN_POSITIVE);
+            let stuck = self.state.poses[shape as usize].inverse_transform_point(&place);
+            Held { rank, shape, stuck, force }
+        };
+        sums.into_iter().map(one).collect()
+    }
+
+    /// Performs [`NodalLoadStepping::attempt`] on one level from the nodes `held` there; `None` if
+    /// it is `limited` and too many of its nodes touch.
+    fn attempt_on(
+        &mut self,
+        level: usize,
+        held: &[Held],
+        poses: &[Isometry3<f64>],
+        reach: f64,
+        limited: bool,
+    ) -> Result<Option<NodalState>> {
         let mut room = self.state.amplitude + reach;
         loop {
-            let state = self.attempt_within(poses, room, reach)?;
+            let state = self.attempt_within((level, held), poses, [room, reach], limited)?;
+            let Some(state) = state else { return Ok(None) };
             if state.amplitude <= room {
+                if limited && state.held.len() > MOST {
+                    return Ok(None);
+                }
                 let checked = self.check_between(&state).and_then(|()| self.check_inside(&state));
-                return checked.map(|()| state);
+                return checked.map(|()| Some(state));
             }
             room = 2.0 * state.amplitude;
         }
     }
 
-    /// Performs [`NodalLoadStepping::attempt`] on the assumption that no node is displaced by more than `room`
-    /// (m) in total and by more than `reach` (m) in this step.
+    /// Performs [`NodalLoadStepping::attempt_on`] on the assumption that no node is displaced by
+    /// more than `room` (m) in total and by more than `reach` (m) in this step.
     fn attempt_within(
         &mut self,
+        (level, held): (usize, &[Held]),
         poses: &[Isometry3<f64>],
-        room: f64,
-        reach: f64,
-    ) -> Result<NodalState> {
-        let shapes = self.shapes;
-        let near = |group: &Group| {
-            shapes.iter().zip(poses).any(|(shape, pose)| {
-                let centre = pose.inverse_transform_point(&group.centre);
-                shape.distance(&centre).value < group.radius + room
-            })
-        };
-        let groups: Vec<bool> = self.skin.groups.iter().map(near).collect();
-        let (from, held) = (&self.state.poses, &self.state.held);
+        [room, reach]: [f64; 2],
+        limited: bool,
+    ) -> Result<Option<NodalState>> {
+        let (shapes, skin) = (self.shapes, &self.levels[level]);
+        let from = &self.state.poses;
         let way = Move { shapes, from, to: poses };
-        let displacement = &mut self.scratch.displacement;
-        let mut patch = Patch::new(self.skin, &self.law, way, &groups, reach, held, displacement);
+        let most = if limited { 2 * MOST } else { usize::MAX };
+        let patch = Patch::new(skin, &self.law, way, [room, reach], most, held, self.scratch);
+        let Some(mut patch) = patch else { return Ok(None) };
         let sweeps = patch.settle()?;
         if patch.leaps() {
             let (residual, tolerance) = (f64::INFINITY, 0.0);
@@ -224,13 +336,13 @@ impl<'a> NodalLoadStepping<'a> {
         }
         let amplitude = patch.amplitude();
         let held = held.into_iter().map(|(held, _)| held).collect();
-        Ok(NodalState { poses: poses.to_vec(), held, wrench, amplitude, sweeps })
+        Ok(Some(NodalState { poses: poses.to_vec(), level, held, wrench, amplitude, sweeps }))
     }
 
     /// Returns an error if a shape is inside the held faces or has passed over them, or is inside
     /// the body without touching a node.
     fn check_inside(&self, state: &NodalState) -> Result<()> {
-        let condensed = &self.skin.condensed;
+        let condensed = &self.levels[0].condensed;
         let (way, limits) =
             ([&self.state.poses[..], &state.poses], [UNFELT * self.law.softness, 0.0]);
         condensed.backing.check(self.shapes, way, limits)?;
@@ -249,7 +361,7 @@ impl<'a> NodalLoadStepping<'a> {
 
     /// Returns an error if a shape penetrates too deeply between nodes.
     fn check_between(&self, state: &NodalState) -> Result<()> {
-        let displacement = LazyCell::new(|| self.skin.displacement(&state.held));
+        let displacement = LazyCell::new(|| self.levels[state.level].displacement(&state.held));
         let displaced = |rank: u32| displacement[rank as usize];
         for (s, (shape, pose)) in (0..).zip(self.shapes.iter().zip(&state.poses)) {
             let felt = state.held.iter().any(|held| held.shape == s);
@@ -266,10 +378,12 @@ impl<'a> NodalLoadStepping<'a> {
 
     /// Current state as a [`Settled`].
     fn settled(&self, seconds: f64) -> Settled {
-        let NodalState { poses, held, wrench, sweeps, .. } = &self.state;
+        let NodalState { poses, level, held, wrench, sweeps, .. } = &self.state;
+        let first = self.levels[..*level].iter().map(|skin| skin.len() as u32).sum::<u32>();
         let anchor =
-            |held: &Held| Anchor { shape: held.shape, point: held.rank, place: held.stuck };
+            |held: &Held| Anchor { shape: held.shape, point: first + held.rank, place: held.stuck };
         Settled {
+            level: *level,
             forces: held.iter().map(|held| (held.rank, held.force)).collect(),
             wrench: *wrench,
             history: History {
@@ -295,7 +409,11 @@ impl ForceControlled for NodalLoadStepping<'_> {
         if !self.state.held.is_empty() {
             return -f64::MIN_POSITIVE;
         }
-        clearance(self.shapes, &self.state.poses, &self.skin.places)
+        let (shapes, poses) = (self.shapes, &self.state.poses);
+        match self.levels[self.levels.len() - 1].grid() {
+            Some(finest) => finest.clearance(shapes, poses),
+            None => clearance(shapes, poses, &self.levels[0].places),
+        }
     }
 
     fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<NodalState> {
@@ -320,14 +438,30 @@ impl ForceControlled for NodalLoadStepping<'_> {
 }
 
 /// Restores the state of a `history`; returns an error if it is of another model.
-fn recalled(skin: &Skin, history: &History) -> Result<NodalState> {
-    history.check(0, skin.places.len())?;
+fn recalled(levels: &[Skin], history: &History) -> Result<NodalState> {
+    history.check(0, levels.iter().map(Skin::len).sum())?;
     if history.forces.len() != history.anchors.len() {
         let expected = format!("the forces at its {} anchors", history.anchors.len());
         return Err(Error::invalid("history", history.forces.len(), expected));
     }
+    // Points are counted through all levels; those of a history are of one.
+    let (mut level, mut first) = (levels.len() - 1, 0);
+    if let Some(anchor) = history.anchors.first() {
+        level = 0;
+        while anchor.point >= first + levels[level].len() as u32 {
+            first += levels[level].len() as u32;
+            level += 1;
+        }
+    }
+    let skin = &levels[level];
+    let of_level = |anchor: &Anchor| {
+        (first..first + skin.len() as u32).contains(&anchor.point)
+    };
+    if !history.anchors.iter().all(of_level) {
+        return Err(Error::invalid("history", "anchors on several levels", "anchors on one"));
+    }
     let held = |(anchor, force): (&Anchor, &Vector3<f64>)| Held {
-        rank: anchor.point,
+        rank: anchor.point - first,
         shape: anchor.shape,
         stuck: anchor.place,
         force: *force,
@@ -340,9 +474,9 @@ fn recalled(skin: &Skin, history: &History) -> Result<NodalState> {
     let (mut amplitude, mut wrench) = (0f64, Wrench::default());
     for Held { rank, shape, stuck, force } in &held {
         let place = history.poses[*shape as usize] * stuck;
-        amplitude = amplitude.max((place - skin.places[*rank as usize]).norm());
+        amplitude = amplitude.max((place - skin.place(*rank)).norm());
         wrench.force += force;
         wrench.torque += place.coords.cross(force);
     }
-    Ok(NodalState { poses: history.poses.clone(), amplitude, held, wrench, sweeps: 0 })
+    Ok(NodalState { poses: history.poses.clone(), level, amplitude, held, wrench, sweeps: 0 })
 }

@@ -14,6 +14,9 @@
 //! Shapes: M contact nodes, V nodes, S rigid shapes.
 
 mod between;
+mod grid;
+mod kernel;
+mod layered;
 mod patch;
 mod settle;
 mod skin;
@@ -32,6 +35,7 @@ use crate::{
     geometry::PadMesh,
 };
 
+pub use layered::LayeredPad;
 use load_stepping::{NodalLoadStepping, Scratch};
 use skin::Skin;
 
@@ -45,6 +49,8 @@ pub struct Nodal {
 /// Solution of a press without fields.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settled {
+    /// Index of the set of contact nodes, if the model has several.
+    pub level: usize,
     /// Touching contact nodes with the forces on them (N).
     pub forces: Vec<(u32, Vector3<f64>)>,
     /// Resultant of all contact on the soft body.
@@ -90,7 +96,7 @@ impl Nodal {
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
     pub fn settled_path(&self, press: &Press) -> Vec<Result<Settled>> {
         let mut scratch = Scratch::default();
-        match NodalLoadStepping::new(&self.skin, self.law_of(press), press, &mut scratch) {
+        match NodalLoadStepping::new(std::slice::from_ref(&*self.skin), self.law_of(press), press, &mut scratch) {
             Ok(walk) => walk.every(press),
             Err(error) => vec![Err(error)],
         }

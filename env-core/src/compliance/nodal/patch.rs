@@ -8,11 +8,15 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
-use super::{load_stepping::Held, skin::Skin};
+use super::{
+    load_stepping::{Held, Scratch},
+    skin::{Group, NodeCompliance, Skin},
+};
 use crate::{
     contact::{ContactLaw, SurfacePoint, first_touch, leaps_through},
     geometry::{Distance, Shape},
     responses::Responses,
+    simd::vectorised,
 };
 
 /// Depth that a node must have reached in a shape to count as having passed through it, in
@@ -26,6 +30,7 @@ const FOLDED: f64 = 0.5;
 const BRIDGE: usize = 16;
 
 /// Motion of the shapes in one load step.
+#[derive(Clone, Copy)]
 pub(super) struct Move<'a> {
     pub(super) shapes: &'a [Shape],
     pub(super) from: &'a [Isometry3<f64>],
@@ -38,15 +43,22 @@ pub(super) struct Patch<'a> {
     law: &'a ContactLaw,
     way: Move<'a>,
     pub(super) members: Vec<Member>,
-    /// Ranges of ranks that contain all members; the displacement is computed there.
+    /// Ranges of slots that contain all members; the displacement is computed there.
     pub(super) runs: Vec<[usize; 2]>,
-    /// Displacement of the skin (3M) in m, valid only in the runs.
+    /// Displacement by slot in m, valid only in the runs.
     pub(super) displacement: &'a mut Vec<f32>,
+    /// Displacement of all N members under unit forces on some (3, 3N each) in m/N; only on a grid,
+    /// where slots are members.
+    rows: &'a mut Vec<f32>,
+    /// Place in `rows` of each member (N), if it is known.
+    known: &'a mut Vec<Option<usize>>,
 }
 
 /// Node of a patch.
 pub(super) struct Member {
     rank: u32,
+    /// Place of its displacement among those of the patch: its rank, or on a grid its number.
+    slot: u32,
     pub(super) force: Vector3<f64>,
     /// Position at the beginning of the step (m).
     start: Point3<f64>,
@@ -73,40 +85,60 @@ pub(super) struct NodeTarget {
 }
 
 impl<'a> Patch<'a> {
-    /// Collects the nodes of `groups` that, at their positions at the beginning of the step, are
-    /// within `reach` (m) of a shape at the end of the step, and those that are `held`.
+    /// Collects the nodes that, at their positions at the beginning of the step, are within `reach`
+    /// (m) of a shape at the end of the step, and those that are `held`; no node may be displaced by
+    /// more than `room` − `reach`. `None` if more than `most` cells of a grid lie inside shapes.
     pub(super) fn new(
         skin: &'a Skin,
         law: &'a ContactLaw,
         way: Move<'a>,
-        groups: &[bool],
-        reach: f64,
+        [room, reach]: [f64; 2],
+        most: usize,
         held: &[Held],
-        displacement: &'a mut Vec<f32>,
-    ) -> Self {
-        let near = skin.groups.iter().zip(groups).filter(|(_, near)| **near);
-        let mut ranks: Vec<u32> = near.flat_map(|(group, _)| group.ranks.iter().copied()).collect();
-        ranks.extend(held.iter().map(|held| held.rank));
-        ranks.sort_unstable();
-        ranks.dedup();
-        let runs = runs(ranks.iter().copied());
-        displacement.resize(3 * skin.places.len(), 0.0);
-        for &[first, last] in &runs {
-            displacement[3 * first..3 * last].fill(0.0);
-        }
-        for held in held {
-            give_way(displacement, &skin.compliance, held.rank, &held.force, &runs);
-        }
+        scratch: &'a mut Scratch,
+    ) -> Option<Self> {
+        let Scratch { displacement, rows, known } = scratch;
+        let (ranks, moved): (Vec<u32>, Vec<Vector3<f64>>) = match &skin.compliance {
+            NodeCompliance::Matrix(compliance) => {
+                let near = skin.groups.iter().filter(|group| is_near(way, group, room));
+                let near = near.flat_map(|group| group.ranks.iter().copied());
+                let mut ranks: Vec<u32> = near.chain(held.iter().map(|held| held.rank)).collect();
+                ranks.sort_unstable();
+                ranks.dedup();
+                let runs = runs(ranks.iter().copied());
+                displacement.resize(3 * skin.places.len(), 0.0);
+                for &[first, last] in &runs {
+                    displacement[3 * first..3 * last].fill(0.0);
+                }
+                for held in held {
+                    give_way(displacement, compliance, held.rank, &held.force, &runs);
+                }
+                let moved = ranks.iter().map(|&rank| displaced(displacement, rank)).collect();
+                (ranks, moved)
+            }
+            NodeCompliance::Grid(grid) => {
+                let forces: Vec<_> = held.iter().map(|held| (held.rank, held.force)).collect();
+                let mut near = grid.near((way.shapes, way.to), &forces, [room, reach], most)?;
+                let mut field = grid.field(&forces);
+                for held in held {
+                    if let Err(place) = near.binary_search_by_key(&held.rank, |(rank, _)| *rank) {
+                        near.insert(place, (held.rank, field(held.rank)));
+                    }
+                }
+                near.into_iter().unzip()
+            }
+        };
         let mut held = held.iter().peekable();
-        let member = |&rank: &u32| {
+        let member = |(&rank, moved): (&u32, &Vector3<f64>)| {
             let known = held.next_if(|held| held.rank == rank);
-            let start = skin.places[rank as usize] + displaced(displacement, rank);
+            let start = skin.place(rank) + moved;
             let distance = match known {
                 Some(_) => 0.0,
                 None => nearest(way.shapes, way.to, &start).1.value,
             };
             (distance < reach).then(|| Member {
                 rank,
+                slot: rank,
                 force: known.map(|held| held.force).unwrap_or_default(),
                 start,
                 stuck: known.map(|held| (held.shape, held.stuck)),
@@ -114,9 +146,20 @@ impl<'a> Patch<'a> {
                 target: None,
             })
         };
-        let members: Vec<_> = ranks.iter().filter_map(member).collect();
-        let runs = self::runs(members.iter().map(|member| member.rank));
-        Self { skin, law, way, members, runs, displacement }
+        let mut members: Vec<_> = ranks.iter().zip(&moved).filter_map(member).collect();
+        if skin.grid().is_some() {
+            displacement.clear();
+            for (slot, member) in (0..).zip(&mut members) {
+                member.slot = slot;
+                let moved = member.start - skin.place(member.rank);
+                displacement.extend(moved.iter().map(|u| *u as f32));
+            }
+            rows.clear();
+            known.clear();
+            known.resize(members.len(), None);
+        }
+        let runs = self::runs(members.iter().map(|member| member.slot));
+        Some(Self { skin, law, way, members, runs, displacement, rows, known })
     }
 
     /// Measures the nodes' distances from the shapes and sets the targets; returns whether a node
@@ -124,9 +167,9 @@ impl<'a> Patch<'a> {
     pub(super) fn measure(&mut self) -> bool {
         let mut touches = false;
         for i in 0..self.members.len() {
-            let Member { rank, force, seen, .. } = self.members[i];
-            let moved = displaced(self.displacement, rank);
-            let place = self.skin.places[rank as usize] + moved;
+            let Member { rank, slot, force, seen, .. } = self.members[i];
+            let moved = displaced(self.displacement, slot);
+            let place = self.skin.place(rank) + moved;
             let loose = force == Vector3::zeros();
             if loose && (place - seen.0).norm() < seen.1 {
                 self.members[i].target = None;
@@ -160,38 +203,62 @@ impl<'a> Patch<'a> {
         let surface = place - normal * distance.value;
         let stuck = pose * stuck;
         let aim = stuck - normal * normal.dot(&(stuck - surface));
-        let rank = member.rank as usize;
-        let point = &self.skin.points[rank];
-        let give = give(self.law, point, &normal);
-        let compliance = self.skin.own[rank] + give;
+        let rank = member.rank;
+        let give = give(self.law, self.skin.point(rank), &normal);
+        let compliance = self.skin.own(rank) + give;
         let stiffness = compliance.try_inverse().unwrap_or_else(Matrix3::zeros);
-        let displacement = aim - self.skin.places[rank];
+        let displacement = aim - self.skin.place(rank);
         NodeTarget { normal, displacement, give, compliance, stiffness }
     }
 
     /// Performs one sweep over the touching nodes, in reverse order if `back`. Returns the largest
     /// change of a force and the largest force (N).
     pub(super) fn sweep(&mut self, back: bool) -> (f64, f64) {
-        let Self { skin, law, members, runs, displacement, .. } = self;
         let (mut change, mut strongest) = (0f64, 0f64);
-        let count = members.len();
+        let count = self.members.len();
         for i in 0..count {
-            let member = &mut members[if back { count - 1 - i } else { i }];
+            let i = if back { count - 1 - i } else { i };
+            let member = &mut self.members[i];
             let Some(target) = &member.target else { continue };
             let off = target.displacement
-                - displaced(displacement, member.rank)
+                - displaced(self.displacement, member.slot)
                 - target.give * member.force;
-            let force = target.force(&member.force, &off, law.friction);
+            let force = target.force(&member.force, &off, self.law.friction);
             let step = force - member.force;
             member.force = force;
             let size = step.norm();
             strongest = strongest.max(force.norm());
             if size > 0.0 {
                 change = change.max(size);
-                give_way(displacement, &skin.compliance, member.rank, &step, runs);
+                self.give_way(i, &step);
             }
         }
         (change, strongest)
+    }
+
+    /// Adds to the displacement the response to a `force` on member `i`.
+    fn give_way(&mut self, i: usize, force: &Vector3<f64>) {
+        let rank = self.members[i].rank;
+        match &self.skin.compliance {
+            NodeCompliance::Matrix(compliance) => {
+                give_way(self.displacement, compliance, rank, force, &self.runs);
+            }
+            NodeCompliance::Grid(grid) => {
+                let width = 3 * self.members.len();
+                let first = *self.known[i].get_or_insert_with(|| {
+                    let ranks: Vec<u32> = self.members.iter().map(|member| member.rank).collect();
+                    let first = self.rows.len();
+                    grid.append_responses(rank, &ranks, self.rows);
+                    first
+                });
+                let rows = &self.rows[first..first + 3 * width];
+                let force: [f32; 3] = force.cast::<f32>().into();
+                vectorised(
+                    #[inline(always)]
+                    || add_rows(self.displacement, rows, force),
+                );
+            }
+        }
     }
 
     /// Returns whether a node passed through a shape in this step.
@@ -199,7 +266,7 @@ impl<'a> Patch<'a> {
         let depth = RUN_OVER * self.law.softness;
         self.members.iter().any(|member| {
             let place =
-                self.skin.places[member.rank as usize] + displaced(self.displacement, member.rank);
+                self.skin.place(member.rank) + displaced(self.displacement, member.slot);
             let near = member.seen.1 - (place - member.seen.0).norm();
             self.way.ends(&member.start, &place).any(|(shape, [begin, end])| {
                 let way = (end - begin).norm();
@@ -212,13 +279,13 @@ impl<'a> Patch<'a> {
     pub(super) fn folds(&self) -> bool {
         let pressed = self.members.iter().filter(|member| member.force != Vector3::zeros());
         pressed.filter_map(|member| Some((member.rank, member.target?.normal))).any(
-            |(rank, out_of_shape)| out_of_shape.dot(&self.skin.normals[rank as usize]) > FOLDED,
+            |(rank, out_of_shape)| out_of_shape.dot(&self.skin.normal(rank)) > FOLDED,
         )
     }
 
     /// Largest displacement of a member (m).
     pub(super) fn amplitude(&self) -> f64 {
-        let moved = |member: &Member| displaced(self.displacement, member.rank).norm();
+        let moved = |member: &Member| displaced(self.displacement, member.slot).norm();
         self.members.iter().map(moved).fold(0.0, f64::max)
     }
 
@@ -226,13 +293,12 @@ impl<'a> Patch<'a> {
     pub(super) fn held(&self) -> Vec<(Held, Point3<f64>)> {
         let touching = self.members.iter().filter(|member| member.force != Vector3::zeros());
         let held = |member: &Member| {
-            let rank = member.rank as usize;
-            let place = self.skin.places[rank] + displaced(self.displacement, member.rank);
+            let place = self.skin.place(member.rank) + displaced(self.displacement, member.slot);
             let target = member.target.expect("what has a force has been measured");
             let (shape, _) = member.stuck.expect("what touches sticks somewhere");
             let normal = target.normal;
             let along = member.force - normal * normal.dot(&member.force);
-            let stretch = self.law.stick_give(&self.skin.points[rank]) * along;
+            let stretch = self.law.stick_give(self.skin.point(member.rank)) * along;
             let stuck = self.way.to[shape as usize].inverse_transform_point(&(place + stretch));
             (Held { rank: member.rank, shape, stuck, force: member.force }, place)
         };
@@ -285,6 +351,15 @@ impl Move<'_> {
     }
 }
 
+#[inline(always)]
+fn add_rows(sum: &mut [f32], rows: &[f32], force: [f32; 3]) {
+    let (x, rest) = rows.split_at(sum.len());
+    let (y, z) = rest.split_at(sum.len());
+    for (((u, x), y), z) in sum.iter_mut().zip(x).zip(y).zip(z) {
+        *u += force[0] * x + force[1] * y + force[2] * z;
+    }
+}
+
 /// Ranges that contain all of the ascending `ranks`.
 fn runs(ranks: impl Iterator<Item = u32>) -> Vec<[usize; 2]> {
     let mut runs: Vec<[usize; 2]> = Vec::new();
@@ -303,8 +378,16 @@ fn give(law: &ContactLaw, point: &SurfacePoint, normal: &Vector3<f64>) -> Matrix
     across * law.give(point) + (Matrix3::identity() - across) * law.stick_give(point)
 }
 
+/// Returns whether a node of `group`, displaced by less than `room` (m), may be near a shape.
+fn is_near(way: Move, group: &Group, room: f64) -> bool {
+    way.shapes.iter().zip(way.to).any(|(shape, pose)| {
+        let centre = pose.inverse_transform_point(&group.centre);
+        shape.distance(&centre).value < group.radius + room
+    })
+}
+
 /// Index of the nearest shape, and the distance with its normal in the frame of the body.
-fn nearest(shapes: &[Shape], poses: &[Isometry3<f64>], place: &Point3<f64>) -> (u32, Distance) {
+pub(super) fn nearest(shapes: &[Shape], poses: &[Isometry3<f64>], place: &Point3<f64>) -> (u32, Distance) {
     let measure = |(s, (shape, pose)): (usize, (&Shape, &Isometry3<f64>))| {
         let found = shape.distance(&pose.inverse_transform_point(place));
         (s as u32, Distance { value: found.value, normal: pose.rotation * found.normal })

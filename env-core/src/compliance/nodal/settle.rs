@@ -139,7 +139,7 @@ mod tests {
     use crate::{
         compliance::{
             Compliance, Options,
-            nodal::{patch::Move, skin::Skin},
+            nodal::{load_stepping::Scratch, patch::Move, skin::Skin},
         },
         deformation::{Moduli, SoftBody},
         geometry::{PadMesh, PadOutline, Shape},
@@ -157,10 +157,11 @@ mod tests {
         let [from, to] =
             [(0.0, 6e-3), (aside, 5.8e-3)].map(|(x, z)| [Isometry3::translation(x, 3e-4, z)]);
         let way = Move { shapes: &shapes, from: &from, to: &to };
-        let near = vec![true; skin.groups.len()];
-        let mut displacement = Vec::new();
+        let mut scratch = Scratch::default();
         let law = &model.settings.law;
-        let mut patch = Patch::new(&skin, law, way, &near, 1e-3, &[], &mut displacement);
+        let reach = [f64::INFINITY, 1e-3];
+        let patch = Patch::new(&skin, law, way, reach, usize::MAX, &[], &mut scratch);
+        let mut patch = patch.unwrap();
         let sweeps = patch.settle_to(relative, mixed).unwrap();
         (patch.forces(), sweeps)
     }

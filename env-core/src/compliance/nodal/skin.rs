@@ -14,6 +14,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::{
     super::condensed::Condensed,
     between::{Face, widest},
+    grid::Grid,
     load_stepping::Held,
 };
 use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh, responses::Responses};
@@ -21,13 +22,12 @@ use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh, responses::
 /// Data shared by all presses of a body.
 pub(super) struct Skin {
     pub(super) condensed: Arc<Condensed>,
-    /// Displacement of all contact nodes under unit forces on each (3M, 3M) in m/N.
-    pub(super) compliance: Responses,
+    pub(super) compliance: NodeCompliance,
     /// Displacement of each node under unit forces on itself (M) in m/N.
-    pub(super) own: Vec<Matrix3<f64>>,
+    own: Vec<Matrix3<f64>>,
     pub(super) places: Vec<Point3<f64>>,
     /// Outward unit normals at rest (M), zero where there is none.
-    pub(super) normals: Vec<Vector3<f64>>,
+    normals: Vec<Vector3<f64>>,
     /// Skin nodes of the body that bear a force on each contact node (M).
     pub(super) loads: Vec<Shares>,
     /// Each node as a surface point (M).
@@ -35,6 +35,14 @@ pub(super) struct Skin {
     pub(super) groups: Vec<Group>,
     /// Triangles of contact nodes, the widest first.
     pub(super) faces: Vec<Face>,
+}
+
+/// Displacement of contact nodes under unit forces on each other (m/N).
+pub(super) enum NodeCompliance {
+    /// Of all nodes under unit forces on each (3M, 3M).
+    Matrix(Responses),
+    /// Between the cells of a grid, which are the nodes.
+    Grid(Grid),
 }
 
 /// Contact nodes that lie close together.
@@ -75,25 +83,8 @@ impl Skin {
         fine: &PadMesh,
         coarse: &PadMesh,
     ) -> Result<Self> {
-        let off = |place: &Point3<f64>| Error::invalid("pad", place, "meshes of one pad");
+        let (loads, borne) = tents(&condensed, fine, coarse)?;
         let rank = |node: u32| condensed.rank_of(node).map(|rank| rank as u32);
-        let areas = areas(&condensed);
-        let mut loads: Vec<Shares> = vec![Vec::new(); coarse.face.len()];
-        for &node in &fine.face {
-            let place = &condensed.rest.places()[node as usize];
-            let (corners, shares) = coarse.under(place.x, place.y).ok_or_else(|| off(place))?;
-            let rank = rank(node).ok_or_else(|| off(place))?;
-            for (corner, share) in corners.iter().zip(shares).filter(|(_, share)| *share > 0.0) {
-                loads[*corner as usize].push((rank, share * areas[rank as usize]));
-            }
-        }
-        let area = |loads: &Shares| loads.iter().map(|(_, area)| area).sum::<f64>();
-        let borne: Vec<f64> = loads.iter().map(area).collect();
-        for (loads, area) in loads.iter_mut().zip(&borne) {
-            for (_, share) in loads {
-                *share /= area;
-            }
-        }
         let places: Vec<_> =
             coarse.face.iter().map(|&node| coarse.mesh.vertices[node as usize]).collect();
         let sight = |place: &Point3<f64>| -> Result<Shares> {
@@ -121,33 +112,121 @@ impl Skin {
             SurfacePoint { shares, area, young }
         };
         let points = (0..).zip(areas).map(point).collect();
-        let groups = groups(&places, areas);
+        let groups = groups(&places, areas, BOX);
         let normals = normals(&places, &faces);
         let faces = widest(faces.into_iter().map(|face| Face::new(face, &places)).collect());
-        let own = Vec::new();
-        let mut skin =
-            Self { condensed, compliance, own, places, normals, loads, points, groups, faces };
-        skin.own = (0..skin.places.len() as u32).map(|node| skin.response(node, node)).collect();
-        skin
+        let own = |node| {
+            Matrix3::from_fn(|i, j| compliance.at(node, j, 3 * node as usize + i))
+        };
+        let own = (0..places.len() as u32).map(own).collect();
+        let compliance = NodeCompliance::Matrix(compliance);
+        Self { condensed, compliance, own, places, normals, loads, points, groups, faces }
+    }
+
+    /// Takes the cells of a `grid` on the face of a pad as contact nodes. Only those of the first
+    /// grid are grouped, and no faces are watched for shapes between them.
+    pub(super) fn of_grid(condensed: Arc<Condensed>, grid: Grid, is_first: bool) -> Self {
+        let young = condensed.body.moduli().iter().map(|moduli| moduli.young).fold(0.0, f64::max);
+        let point = SurfacePoint { shares: vec![(0, 1.0)], area: grid.area(), young };
+        let (mut places, mut points, mut grouped) = (Vec::new(), vec![point.clone()], Vec::new());
+        if is_first {
+            places = (0..grid.len() as u32).map(|rank| grid.place(rank)).collect();
+            let of_cell = |node| SurfacePoint { shares: vec![(node, 1.0)], ..point.clone() };
+            points = (0..places.len() as u32).map(of_cell).collect();
+            grouped = groups(&places, &vec![1.0; places.len()], BOX);
+            grouped.iter_mut().for_each(|group| group.radius += grid.half_diagonal());
+        }
+        let compliance = NodeCompliance::Grid(grid);
+        let (loads, faces, own, normals) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { condensed, compliance, own, places, normals, loads, points, groups: grouped, faces }
+    }
+
+    /// Number of contact nodes M.
+    pub(super) fn len(&self) -> usize {
+        self.grid().map_or(self.places.len(), Grid::len)
+    }
+
+    /// Position of a node at rest.
+    pub(super) fn place(&self, rank: u32) -> Point3<f64> {
+        self.grid().map_or_else(|| self.places[rank as usize], |grid| grid.place(rank))
+    }
+
+    /// Outward unit normal of a node at rest, zero where there is none.
+    pub(super) fn normal(&self, rank: u32) -> Vector3<f64> {
+        self.grid().map_or_else(|| self.normals[rank as usize], |grid| grid.normal(rank))
+    }
+
+    /// Displacement of a node under unit forces on itself (m/N).
+    pub(super) fn own(&self, rank: u32) -> Matrix3<f64> {
+        self.grid().map_or_else(|| self.own[rank as usize], |grid| grid.own(rank))
+    }
+
+    /// The node as a surface point; on a grid, where they differ by their place only, any.
+    pub(super) fn point(&self, rank: u32) -> &SurfacePoint {
+        if self.grid().is_some() { &self.points[0] } else { &self.points[rank as usize] }
+    }
+
+    /// The grid, if its cells are the nodes.
+    pub(super) fn grid(&self) -> Option<&Grid> {
+        match &self.compliance {
+            NodeCompliance::Matrix(_) => None,
+            NodeCompliance::Grid(grid) => Some(grid),
+        }
     }
 
     /// Displacement of every contact node (M) in m under the forces on the `held` nodes.
     pub(super) fn displacement(&self, held: &[Held]) -> Vec<Vector3<f64>> {
-        let mut sum = vec![0.0; 3 * self.places.len()];
-        for Held { rank, force, .. } in held {
-            self.compliance.add(*rank, force, 0..sum.len(), &mut sum);
+        match &self.compliance {
+            NodeCompliance::Matrix(compliance) => {
+                let mut sum = vec![0.0; 3 * self.places.len()];
+                for Held { rank, force, .. } in held {
+                    compliance.add(*rank, force, 0..sum.len(), &mut sum);
+                }
+                sum.as_chunks::<3>().0.iter().map(|&u| Vector3::from(u).cast()).collect()
+            }
+            NodeCompliance::Grid(grid) => {
+                let forces: Vec<_> = held.iter().map(|held| (held.rank, held.force)).collect();
+                let field = grid.field(&forces);
+                (0..grid.len() as u32).map(field).collect()
+            }
         }
-        sum.as_chunks::<3>().0.iter().map(|&u| Vector3::from(u).cast()).collect()
-    }
-
-    /// Displacement of node `at` under unit forces on node `loaded` (m/N).
-    pub(super) fn response(&self, loaded: u32, at: u32) -> Matrix3<f64> {
-        Matrix3::from_fn(|i, j| self.compliance.at(loaded, j, 3 * at as usize + i))
     }
 }
 
+fn off(place: &Point3<f64>) -> Error {
+    Error::invalid("pad", place, "meshes of one pad")
+}
+
+/// Skin nodes of the body that bear a force on each face node of a `coarse` mesh of the pad, and
+/// the area that each of these represents (m²); `fine` is the mesh of the `condensed` pad. Returns
+/// an error if the faces do not cover each other.
+pub(super) fn tents(
+    condensed: &Condensed,
+    fine: &PadMesh,
+    coarse: &PadMesh,
+) -> Result<(Vec<Shares>, Vec<f64>)> {
+    let areas = areas(condensed);
+    let mut loads: Vec<Shares> = vec![Vec::new(); coarse.face.len()];
+    for &node in &fine.face {
+        let place = &condensed.rest.places()[node as usize];
+        let (corners, shares) = coarse.under(place.x, place.y).ok_or_else(|| off(place))?;
+        let rank = condensed.rank_of(node).ok_or_else(|| off(place))? as u32;
+        for (corner, share) in corners.iter().zip(shares).filter(|(_, share)| *share > 0.0) {
+            loads[*corner as usize].push((rank, share * areas[rank as usize]));
+        }
+    }
+    let area = |loads: &Shares| loads.iter().map(|(_, area)| area).sum::<f64>();
+    let borne: Vec<f64> = loads.iter().map(area).collect();
+    for (loads, area) in loads.iter_mut().zip(&borne) {
+        for (_, share) in loads {
+            *share /= area;
+        }
+    }
+    Ok((loads, borne))
+}
+
 /// Area that each skin node represents (N) in m².
-fn areas(condensed: &Condensed) -> Vec<f64> {
+pub(super) fn areas(condensed: &Condensed) -> Vec<f64> {
     let mut areas = vec![0.0; condensed.skin.len()];
     for point in condensed.surface.iter() {
         for &(node, share) in &point.shares {
@@ -174,7 +253,7 @@ fn normals(places: &[Point3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
 
 /// Displacement interpolated at each of `sights` under unit forces on each of `loads` (3M, 3M) in
 /// m/N.
-fn condensed_between(condensed: &Condensed, loads: &[Shares], sights: &[Shares]) -> Responses {
+pub(super) fn condensed_between(condensed: &Condensed, loads: &[Shares], sights: &[Shares]) -> Responses {
     let size = 3 * condensed.skin.len();
     let mut compliance = Responses::new(3 * sights.len());
     let mut row = vec![0.0; size];
@@ -193,11 +272,11 @@ fn condensed_between(condensed: &Condensed, loads: &[Shares], sights: &[Shares])
     compliance
 }
 
-/// Groups the nodes that represent some area by the boxes in which they lie.
-fn groups(places: &[Point3<f64>], areas: &[f64]) -> Vec<Group> {
+/// Groups the nodes that represent some area by the boxes, of this `side` (m), in which they lie.
+fn groups(places: &[Point3<f64>], areas: &[f64], side: f64) -> Vec<Group> {
     let mut boxes = BTreeMap::<[i64; 3], Vec<u32>>::new();
     for (rank, place) in places.iter().enumerate().filter(|(rank, _)| areas[*rank] > 0.0) {
-        let key = <[f64; 3]>::from(place.coords).map(|x| (x / BOX).floor() as i64);
+        let key = <[f64; 3]>::from(place.coords).map(|x| (x / side).floor() as i64);
         boxes.entry(key).or_default().push(rank as u32);
     }
     let group = |ranks: Vec<u32>| {

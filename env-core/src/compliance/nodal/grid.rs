@@ -1,0 +1,444 @@
+//! Regular grids of contact cells on the face of a pad, each with cells half as long as the one
+//! before.
+//!
+//! The pad is a bonded elastic layer ([`LayerKernel`]) but near its sides. What these and the rim
+//! change is smooth, and is taken from finite elements: [`Edges`] is the difference of both
+//! compliances between tractions that fall off linearly around the cells of the first grid, and is
+//! interpolated between their centres. Far from the sides it would be the error of the elements, and
+//! is left out.
+//!
+//! Shapes: M cells of a grid, N of them, C cells of the first grid.
+
+use std::{collections::BTreeMap, sync::Arc};
+
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+
+use super::{
+    kernel::LayerKernel,
+    patch::nearest,
+    skin::{Shares, areas, condensed_between},
+};
+use crate::{
+    Result,
+    compliance::condensed::Condensed,
+    deformation::Moduli,
+    geometry::{PadMesh, PadOutline, Shape},
+};
+
+/// Cells of the first grid are grouped in squares of this many along each axis.
+pub(super) const ROOT: u32 = 4;
+/// Level from which cells are looked for where they have moved to, and not where they are at rest.
+const MOVED: u32 = 2;
+
+/// Number of cells about equally near to a shape that are not divided further: it is wider than
+/// they are.
+const MANY: usize = 2000;
+
+/// Distances from the sides, in thicknesses, within which all and beyond which nothing of the
+/// elements' difference from the layer is due to the sides.
+const SIDES: [f64; 2] = [0.5, 1.25];
+
+/// What the grids of a pad share.
+pub(super) struct Cells {
+    outline: PadOutline,
+    /// Cells of the first grid along x and y, multiples of [`ROOT`], and their sides (m).
+    count: [u32; 2],
+    sides: [f64; 2],
+    pub(super) kernel: LayerKernel,
+    /// Compliance of the pad less that of the layer.
+    edges: Option<Edges>,
+}
+
+/// One grid. Cells are counted row after row along y.
+#[derive(Clone)]
+pub(super) struct Grid {
+    cells: Arc<Cells>,
+    level: u32,
+}
+
+/// Compliance of a pad less that of a layer, between tractions around the cells of the first grid.
+struct Edges {
+    /// Rows (C, 3, 3C) in m/N.
+    entries: Vec<f32>,
+}
+
+impl Cells {
+    /// Covers the face of a pad with a first grid of `count` cells and finer ones, `levels` in all.
+    /// The influence of the edges is that of the elements `condensed` on a `fine` mesh.
+    pub(super) fn new(
+        outline: &PadOutline,
+        count: [u32; 2],
+        levels: usize,
+        condensed: &Condensed,
+        fine: &PadMesh,
+    ) -> Result<Arc<Self>> {
+        let moduli: Moduli = condensed.body.moduli()[0];
+        let sides =
+            [outline.width / f64::from(count[0]), outline.length / f64::from(count[1])];
+        let kernel = LayerKernel::new(sides, levels, outline.thickness, moduli);
+        let outline = *outline;
+        let layer = Arc::new(Self { outline, count, sides, kernel, edges: None });
+        let edges = Some(Edges::new(condensed, fine, &Grid::new(&layer, 1))?);
+        let kernel = LayerKernel::new(sides, levels, outline.thickness, moduli);
+        Ok(Arc::new(Self { outline, count, sides, kernel, edges }))
+    }
+
+    /// Cells of the first grid between whose centres a point of the plan lies, with weights that sum
+    /// to 1; the outermost hold to the edge.
+    fn around(&self, x: f64, y: f64) -> [(u32, f64); 4] {
+        let along = |axis: usize, p: f64, extent: f64| {
+            let most = f64::from(self.count[axis] - 1);
+            let place = ((p + 0.5 * extent) / self.sides[axis] - 0.5).clamp(0.0, most);
+            let low = place.floor().min(most - 1.0);
+            (low as u32, place - low)
+        };
+        let (i, by_x) = along(0, x, self.outline.width);
+        let (j, by_y) = along(1, y, self.outline.length);
+        let cell = |a: u32, b: u32| (i + a) * self.count[1] + j + b;
+        [
+            (cell(0, 0), (1.0 - by_x) * (1.0 - by_y)),
+            (cell(0, 1), (1.0 - by_x) * by_y),
+            (cell(1, 0), by_x * (1.0 - by_y)),
+            (cell(1, 1), by_x * by_y),
+        ]
+    }
+
+    /// Share of the elements' difference from the layer that is due to the sides at (x, y): 1 near
+    /// them, 0 far from them.
+    pub(super) fn share_of_sides(&self, x: f64, y: f64) -> f64 {
+        let room = |p: f64, extent: f64| 0.5 * extent - p.abs();
+        let inwards = room(x, self.outline.width).min(room(y, self.outline.length));
+        let [near, far] = SIDES.map(|thicknesses| thicknesses * self.outline.thickness);
+        let share = ((far - inwards) / (far - near)).clamp(0.0, 1.0);
+        share * share * (3.0 - 2.0 * share)
+    }
+
+    /// Point of the face over (x, y).
+    fn on_face(&self, x: f64, y: f64) -> Point3<f64> {
+        Point3::new(x, y, self.outline.height(x, y))
+    }
+}
+
+impl Grid {
+    /// The grid of that `level`, 0 for the first.
+    pub(super) fn new(cells: &Arc<Cells>, level: u32) -> Self {
+        Self { cells: Arc::clone(cells), level }
+    }
+
+    fn count(&self) -> [u32; 2] {
+        self.cells.count.map(|count| count << self.level)
+    }
+
+    /// Number of cells M.
+    pub(super) fn len(&self) -> usize {
+        let [nx, ny] = self.count();
+        (nx * ny) as usize
+    }
+
+    /// Sides of a cell in plan (m).
+    fn sides(&self) -> [f64; 2] {
+        self.cells.sides.map(|side| side / f64::from(1u32 << self.level))
+    }
+
+    /// Area of a cell in plan (m²).
+    pub(super) fn area(&self) -> f64 {
+        self.sides().iter().product()
+    }
+
+    /// Half of a cell's diagonal, and a fifth more for slopes (m).
+    pub(super) fn half_diagonal(&self) -> f64 {
+        let [x, y] = self.sides();
+        0.6 * x.hypot(y)
+    }
+
+    fn cell(&self, rank: u32) -> [i32; 2] {
+        let rows = self.count()[1];
+        [(rank / rows) as i32, (rank % rows) as i32]
+    }
+
+    /// Centre of a cell on the face at rest.
+    pub(super) fn place(&self, rank: u32) -> Point3<f64> {
+        let ([i, j], [a, b]) = (self.cell(rank), self.sides());
+        let outline = &self.cells.outline;
+        self.cells.on_face(
+            (f64::from(i) + 0.5) * a - 0.5 * outline.width,
+            (f64::from(j) + 0.5) * b - 0.5 * outline.length,
+        )
+    }
+
+    /// Outward unit normal of the face at rest at the centre of a cell.
+    pub(super) fn normal(&self, rank: u32) -> Vector3<f64> {
+        const STEP: f64 = 1e-6;
+        let (at, height) = (self.place(rank), |x, y| self.cells.outline.height(x, y));
+        let dx = height(at.x + STEP, at.y) - height(at.x - STEP, at.y);
+        let dy = height(at.x, at.y + STEP) - height(at.x, at.y - STEP);
+        Vector3::new(-dx, -dy, 2.0 * STEP).normalize()
+    }
+
+    /// Cell of the grid before that this cell is a quarter of.
+    pub(super) fn parent(&self, rank: u32) -> u32 {
+        let [i, j] = self.cell(rank);
+        (i as u32 / 2) * (self.count()[1] / 2) + j as u32 / 2
+    }
+
+    /// Quarters of a cell in the next grid.
+    pub(super) fn children(&self, rank: u32) -> [u32; 4] {
+        let [i, j] = self.cell(rank).map(|i| 2 * i as u32);
+        [[0, 0], [0, 1], [1, 0], [1, 1]].map(|[a, b]| (i + a) * 2 * self.count()[1] + j + b)
+    }
+
+    /// Displacement of cell `at` under unit forces on cell `loaded`, by the layer alone (m/N).
+    fn by_layer(&self, loaded: u32, at: u32) -> Matrix3<f32> {
+        let (to, from) = (self.cell(at), self.cell(loaded));
+        self.cells.kernel.at(self.level as usize, [to[0] - from[0], to[1] - from[1]])
+    }
+
+    /// Displacement of a point of the plan under unit forces on a cell, by the layer alone (m/N).
+    pub(super) fn at_point(&self, loaded: u32, point: &Point3<f64>) -> Matrix3<f32> {
+        let (centre, sides) = (self.place(loaded), self.sides());
+        let away = [(point.x - centre.x) / sides[0], (point.y - centre.y) / sides[1]];
+        self.cells.kernel.between(self.level as usize, away.map(|cells| cells as f32))
+    }
+
+    /// What all grids of the pad share.
+    pub(super) fn cells(&self) -> &Cells {
+        &self.cells
+    }
+
+    fn around(&self, rank: u32) -> [(u32, f64); 4] {
+        let place = self.place(rank);
+        self.cells.around(place.x, place.y)
+    }
+
+    /// Displacement of a cell under unit forces on itself (m/N).
+    pub(super) fn own(&self, rank: u32) -> Matrix3<f64> {
+        let mut sum = self.by_layer(rank, rank).cast::<f64>();
+        if let Some(edges) = &self.cells.edges {
+            let around = self.around(rank);
+            for (from, by) in around {
+                for (to, share) in around {
+                    sum += edges.block(self.cells.count, from, to).cast::<f64>() * (by * share);
+                }
+            }
+        }
+        sum
+    }
+
+    /// Appends to `rows` (3, 3N) the displacement of the cells `at` (N) under unit forces on cell
+    /// `loaded` (m/N).
+    pub(super) fn append_responses(&self, loaded: u32, at: &[u32], rows: &mut Vec<f32>) {
+        let (first, width) = (rows.len(), 3 * at.len());
+        rows.resize(first + 3 * width, 0.0);
+        // Displacement around the cells of the first grid under unit forces on the cell, as needed.
+        let mut known: Vec<(u32, Matrix3<f32>)> = Vec::new();
+        let from = self.around(loaded);
+        for (k, &rank) in at.iter().enumerate() {
+            let mut block = self.by_layer(loaded, rank);
+            if let Some(edges) = &self.cells.edges {
+                for (to, share) in self.around(rank) {
+                    let found = known.iter().rev().find(|(other, _)| *other == to);
+                    let response = if let Some((_, response)) = found {
+                        *response
+                    } else {
+                        let part = |(from, by): (u32, f64)| {
+                            edges.block(self.cells.count, from, to) * by as f32
+                        };
+                        let response: Matrix3<f32> = from.into_iter().map(part).sum();
+                        known.push((to, response));
+                        response
+                    };
+                    block += response * share as f32;
+                }
+            }
+            for axis in 0..3 {
+                let to = first + axis * width + 3 * k;
+                rows[to..to + 3].copy_from_slice(block.column(axis).as_slice());
+            }
+        }
+    }
+
+    /// Displacement (m) of cells under forces (N) on some.
+    pub(super) fn field<'a>(
+        &'a self,
+        forces: &'a [(u32, Vector3<f64>)],
+    ) -> impl FnMut(u32) -> Vector3<f64> + 'a {
+        let mut coarse = BTreeMap::<u32, Vector3<f64>>::new();
+        for (rank, force) in forces {
+            for (cell, share) in self.around(*rank) {
+                *coarse.entry(cell).or_default() += force * share;
+            }
+        }
+        let single: Vec<_> = forces.iter().map(|(cell, f)| (*cell, f.cast::<f32>())).collect();
+        let mut known = BTreeMap::<u32, Vector3<f64>>::new();
+        move |rank| {
+            let near = single.iter().map(|(loaded, force)| self.by_layer(*loaded, rank) * force);
+            let mut sum = near.sum::<Vector3<f32>>().cast::<f64>();
+            if let Some(edges) = &self.cells.edges
+                && !single.is_empty()
+            {
+                for (to, share) in self.around(rank) {
+                    let u = known.entry(to).or_insert_with(|| {
+                        let part = |(from, force): (&u32, &Vector3<f64>)| {
+                            edges.block(self.cells.count, *from, to).cast::<f64>() * force
+                        };
+                        coarse.iter().map(part).sum()
+                    });
+                    sum += *u * share;
+                }
+            }
+            sum
+        }
+    }
+
+    /// Cells that, displaced under `forces` (N), are within `reach` (m) of one of `shapes` at
+    /// `poses`, with their displacement (m), ascending; `None` if more than `most` lie inside.
+    /// No cell may be displaced by more than `room` − `reach`.
+    pub(super) fn near(
+        &self,
+        (shapes, poses): (&[Shape], &[Isometry3<f64>]),
+        forces: &[(u32, Vector3<f64>)],
+        [room, reach]: [f64; 2],
+        most: usize,
+    ) -> Option<Vec<(u32, Vector3<f64>)>> {
+        let mut field = self.field(forces);
+        let (mut found, mut inside) = (Vec::new(), 0);
+        // Squares still to be searched: cells along a side in units of this grid, and first cell.
+        let root = ROOT << self.level;
+        let [nx, ny] = self.count().map(|count| count / root);
+        let mut open: Vec<(u32, [u32; 2])> =
+            (0..nx * ny).map(|k| (root, [k / ny * root, k % ny * root])).collect();
+        let rows = self.count()[1];
+        let sides = self.sides();
+        let outline = &self.cells.outline;
+        while let Some((size, [i, j])) = open.pop() {
+            let half = 0.5 * f64::from(size);
+            let centre = self.cells.on_face(
+                (f64::from(i) + half) * sides[0] - 0.5 * outline.width,
+                (f64::from(j) + half) * sides[1] - 0.5 * outline.length,
+            );
+            let around = f64::from(size) * self.half_diagonal();
+            let rank = (i + size / 2) * rows + j + size / 2;
+            if size == 1 {
+                let moved = field(rank);
+                let gap = nearest(shapes, poses, &(centre + moved)).1.value;
+                if gap < reach {
+                    found.push((rank, moved));
+                    inside += usize::from(gap < 0.0);
+                    if inside > most {
+                        return None;
+                    }
+                }
+                continue;
+            }
+            let is_small = size << MOVED <= 1 << self.level;
+            let near = if is_small && !forces.is_empty() {
+                let gap = nearest(shapes, poses, &(centre + field(rank))).1.value;
+                gap < 1.5 * around + reach
+            } else {
+                nearest(shapes, poses, &centre).1.value < around + room
+            };
+            if near {
+                let half = size / 2;
+                open.extend(
+                    [[0, 0], [0, 1], [1, 0], [1, 1]]
+                        .map(|[a, b]| (half, [i + a * half, j + b * half])),
+                );
+            }
+        }
+        found.sort_unstable_by_key(|(rank, _)| *rank);
+        Some(found)
+    }
+
+    /// Smallest distance of `shapes` at `poses` from a cell at rest (m).
+    pub(super) fn clearance(&self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> f64 {
+        let first = Self::new(&self.cells, 0);
+        let gap = |grid: &Self, rank: u32| nearest(shapes, poses, &grid.place(rank)).1.value;
+        let mut open: Vec<_> = (0..first.len() as u32).map(|rank| (gap(&first, rank), rank)).collect();
+        let mut grid = first;
+        loop {
+            let nearest = open.iter().map(|(gap, _)| *gap).fold(f64::INFINITY, f64::min);
+            if grid.level == self.level || open.len() > MANY {
+                return nearest;
+            }
+            // A cell's own points are nearer than its centre by half of its diagonal at most.
+            let reach = nearest + 2.0 * grid.half_diagonal();
+            let next = Self::new(&self.cells, grid.level + 1);
+            let quarters = open.iter().filter(|(gap, _)| *gap < reach);
+            open = quarters
+                .flat_map(|(_, rank)| grid.children(*rank))
+                .map(|rank| (gap(&next, rank), rank))
+                .collect();
+            grid = next;
+        }
+    }
+}
+
+impl Edges {
+    /// Subtracts the compliance of the layer, from a `grid` of cells smaller than the first, from
+    /// that of the elements `condensed` on a `fine` mesh.
+    fn new(condensed: &Condensed, fine: &PadMesh, grid: &Grid) -> Result<Self> {
+        let cells = &grid.cells;
+        let size = (cells.count[0] * cells.count[1]) as usize;
+        let areas = areas(condensed);
+        let normalised = |mut loads: Vec<Shares>| {
+            for loads in &mut loads {
+                let sum: f64 = loads.iter().map(|(_, share)| share).sum();
+                loads.iter_mut().for_each(|(_, share)| *share /= sum);
+            }
+            loads
+        };
+        let mut loads: Vec<Shares> = vec![Vec::new(); size];
+        for &node in &fine.face {
+            let place = &condensed.rest.places()[node as usize];
+            let Some(rank) = condensed.rank_of(node) else { continue };
+            for (cell, share) in cells.around(place.x, place.y) {
+                if share > 1e-9 {
+                    loads[cell as usize].push((rank as u32, share * areas[rank]));
+                }
+            }
+        }
+        let loads = normalised(loads);
+        let elements = condensed_between(condensed, &loads, &loads);
+        let mut tents: Vec<Shares> = vec![Vec::new(); size];
+        for rank in 0..grid.len() as u32 {
+            for (cell, share) in grid.around(rank) {
+                if share > 1e-9 {
+                    tents[cell as usize].push((rank, share));
+                }
+            }
+        }
+        let tents = normalised(tents);
+        let first = Grid::new(cells, 0);
+        let share_of_sides = |cell: usize| {
+            let place = first.place(cell as u32);
+            cells.share_of_sides(place.x, place.y)
+        };
+        let mut entries = vec![0.0; 9 * size * size];
+        for (node, loaded) in tents.iter().enumerate() {
+            let under = |at: u32| -> Matrix3<f64> {
+                let part = |&(cell, share): &(u32, f64)| grid.by_layer(cell, at).cast() * share;
+                loaded.iter().map(part).sum()
+            };
+            let moved: Vec<_> = (0..grid.len() as u32).map(under).collect();
+            for (at, seen) in tents.iter().enumerate() {
+                let part = |&(cell, share): &(u32, f64)| moved[cell as usize] * share;
+                let layer: Matrix3<f64> = seen.iter().map(part).sum();
+                let share = f64::max(share_of_sides(node), share_of_sides(at));
+                for (axis, i) in (0..3).flat_map(|axis| (0..3).map(move |i| (axis, i))) {
+                    let found = elements.at(node as u32, axis, 3 * at + i);
+                    entries[(3 * node + axis) * 3 * size + 3 * at + i] =
+                        (share * (found - layer[(i, axis)])) as f32;
+                }
+            }
+        }
+        Ok(Self { entries })
+    }
+
+    /// Displacement around cell `at` under unit forces around cell `loaded` (m/N).
+    #[inline]
+    fn block(&self, [nx, ny]: [u32; 2], loaded: u32, at: u32) -> Matrix3<f32> {
+        let width = 3 * (nx * ny) as usize;
+        let first = 3 * loaded as usize * width + 3 * at as usize;
+        Matrix3::from_fn(|i, j| self.entries[first + j * width + i])
+    }
+}

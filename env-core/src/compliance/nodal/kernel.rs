@@ -1,0 +1,336 @@
+//! Compliance of a bonded elastic layer, between square-like cells on its face and at depth.
+//!
+//! A layer of thickness t, infinite in plan and bonded to a rigid base, is displaced at its face by
+//! u(x) = ∫ G(x − ξ) p(ξ) dξ under a traction p. With κ = k t for the wave number k, shear modulus μ
+//! and D(κ) = (3−4ν) cosh 2κ + 2κ² + 5 − 12ν + 8ν², the transform of G has the parts
+//!
+//! - normal (1−ν)/(μk) · ((3−4ν) sinh 2κ − 2κ)/D,
+//! - along the wave (1−ν)/(μk) · ((3−4ν) sinh 2κ + 2κ)/D,
+//! - across it tanh κ/(μk),
+//! - coupling of the first two 1/(μk) · ((1−2ν)(3−4ν)(1 − cosh 2κ)/2 + κ²)/D,
+//!
+//! which follow from Navier's equations in plane strain with zero displacement at the base. For
+//! large κ they are those of a half-space. G is the half-space's, which is integrated over a cell in
+//! closed form (Johnson 1985, Contact Mechanics, ch. 3: Boussinesq's and Cerruti's solutions), plus
+//! a smooth rest, the Hankel transform of the difference. Below the face the solution is the
+//! exponential of the same equations as a system of first order in depth.
+
+use nalgebra::{Matrix2, Matrix3, Matrix4};
+
+use crate::deformation::Moduli;
+
+/// Mean displacement of cells under unit forces spread over others (m/N), for grids of which each
+/// has cells half as long as the one before.
+pub(super) struct LayerKernel {
+    levels: Vec<Table>,
+}
+
+/// Displacements by the distance of two cells.
+struct Table {
+    /// Largest distance along x and y plus 1.
+    count: [usize; 2],
+    /// Entries xx, yy, zz, xy, xz and yz for distances of 0 or more; two unused numbers fill up.
+    entries: Vec<[f32; 8]>,
+}
+
+/// Displacement of a plane parallel to the face under forces on points of the face (m/N).
+pub(super) struct PlaneKernel {
+    radial: Radial,
+    thickness: f64,
+    /// 1/(E t) (m/N).
+    scale: f64,
+}
+
+/// Distance beyond which the layer does not move, in thicknesses.
+const REACH: f64 = 4.0;
+/// Distance in cells up to which cells smaller than the first level's have entries of their own;
+/// farther away, the larger cells' are interpolated.
+const OWN: usize = 24;
+/// Largest wave number, in 1/t over the depth in t, and its largest value at the face.
+const WAVES: (f64, f64) = (14.0, 40.0);
+/// Wave numbers are this far apart, in 1/t.
+const WAVE: f64 = 0.025;
+/// Intervals in radius over one thickness.
+const RADII: usize = 40;
+
+impl LayerKernel {
+    /// Tabulates the kernel for `levels` grids, the first with cells of `sides` (m), on a layer of
+    /// `thickness` (m).
+    pub(super) fn new(sides: [f64; 2], levels: usize, thickness: f64, moduli: Moduli) -> Self {
+        let rest = Radial::new(WAVES.0, |k| difference(k, moduli.poisson));
+        let table = |level: usize| {
+            let sides = sides.map(|side| side / f64::from(1u32 << level));
+            let all = sides.map(|side| (REACH * thickness / side).ceil() as usize + 1);
+            let count = if level == 0 { all } else { all.map(|count| count.min(OWN + 2)) };
+            Table::new(sides, count, thickness, moduli, &rest)
+        };
+        Self { levels: (0..levels).map(table).collect() }
+    }
+
+    /// Displacement of a cell of a `level` under unit forces on the cell from which it is `away`, in
+    /// cells along x and y (m/N).
+    #[inline]
+    pub(super) fn at(&self, level: usize, away: [i32; 2]) -> Matrix3<f32> {
+        match self.levels[level].at(away) {
+            Some(entry) => entry,
+            None if level == 0 => Matrix3::zeros(),
+            None => self.between(level - 1, away.map(|cells| 0.5 * cells as f32)),
+        }
+    }
+
+    /// The same for a distance that is not a whole number of cells, interpolated.
+    pub(super) fn between(&self, level: usize, away: [f32; 2]) -> Matrix3<f32> {
+        let low = away.map(f32::floor);
+        let share = [away[0] - low[0], away[1] - low[1]];
+        let mut sum = Matrix3::zeros();
+        for (i, by_x) in [1.0 - share[0], share[0]].into_iter().enumerate() {
+            for (j, by_y) in [1.0 - share[1], share[1]].into_iter().enumerate() {
+                if by_x * by_y > 0.0 {
+                    let at = [low[0] as i32 + i as i32, low[1] as i32 + j as i32];
+                    sum += self.at(level, at) * (by_x * by_y);
+                }
+            }
+        }
+        sum
+    }
+}
+
+impl Table {
+    fn new(
+        sides: [f64; 2],
+        count: [usize; 2],
+        thickness: f64,
+        moduli: Moduli,
+        rest: &Radial,
+    ) -> Self {
+        let scale = 1.0 / (moduli.young * thickness);
+        let sides = sides.map(|side| side / thickness);
+        let cell = |i: usize, j: usize| {
+            let at = [i as f64 * sides[0], j as f64 * sides[1]];
+            let near = half_space_cell(at, sides, moduli.poisson) + rest.cell(at, sides);
+            let m = (near * scale).cast::<f32>();
+            [m[(0, 0)], m[(1, 1)], m[(2, 2)], m[(0, 1)], m[(0, 2)], m[(1, 2)], 0.0, 0.0]
+        };
+        let rows = (0..count[0]).flat_map(|i| (0..count[1]).map(move |j| (i, j)));
+        Self { count, entries: rows.map(|(i, j)| cell(i, j)).collect() }
+    }
+
+    #[inline]
+    fn at(&self, away: [i32; 2]) -> Option<Matrix3<f32>> {
+        let [i, j] = away.map(|cells| cells.unsigned_abs() as usize);
+        if i >= self.count[0] || j >= self.count[1] {
+            return None;
+        }
+        let [sx, sy] = away.map(|cells| if cells < 0 { -1.0 } else { 1.0 });
+        let [xx, yy, zz, xy, xz, yz, ..] = self.entries[i * self.count[1] + j];
+        let (xy, xz, yz) = (sx * sy * xy, sx * xz, sy * yz);
+        Some(Matrix3::new(xx, xy, xz, xy, yy, yz, -xz, -yz, zz))
+    }
+}
+
+impl PlaneKernel {
+    /// Tabulates the displacement of the plane `depth` (m) below the face of a layer of `thickness`
+    /// (m).
+    pub(super) fn new(depth: f64, thickness: f64, moduli: Moduli) -> Self {
+        let depth = depth / thickness;
+        let most = f64::min(WAVES.0 / depth, WAVES.1);
+        let radial = Radial::new(most, |k| below(k, depth, moduli.poisson));
+        Self { radial, thickness, scale: 1.0 / (moduli.young * thickness) }
+    }
+
+    /// Displacement at a horizontal distance (m) from a unit force on the face (m/N).
+    pub(super) fn at(&self, x: f64, y: f64) -> Matrix3<f64> {
+        self.radial.at(x / self.thickness, y / self.thickness) * self.scale
+    }
+}
+
+/// Displacement, times E, of a half-space's face averaged over a cell of `sides` centred at `at`
+/// under a unit force spread evenly over an equal cell at the origin.
+fn half_space_cell(at: [f64; 2], sides: [f64; 2], poisson: f64) -> Matrix3<f64> {
+    let away = (at[0] / sides[0]).hypot(at[1] / sides[1]);
+    let points: &[(f64, f64)] = match away {
+        x if x < 2.5 => &GAUSS_4,
+        x if x < 6.0 => &GAUSS_2,
+        _ => &[(0.0, 1.0)],
+    };
+    let mut mean = Matrix3::zeros();
+    for (x, by_x) in points {
+        for (y, by_y) in points {
+            let at = [at[0] + x * sides[0], at[1] + y * sides[1]];
+            mean += half_space(at, sides, poisson) * (by_x * by_y);
+        }
+    }
+    mean
+}
+
+/// Points and weights of Gauss's rule on (−½, ½).
+const GAUSS_2: [(f64, f64); 2] = [(-0.288_675_134_594_812_9, 0.5), (0.288_675_134_594_812_9, 0.5)];
+const GAUSS_4: [(f64, f64); 4] = [
+    (-0.430_568_155_797_026_3, 0.173_927_422_568_726_93),
+    (-0.169_990_521_792_428_13, 0.326_072_577_431_273_07),
+    (0.169_990_521_792_428_13, 0.326_072_577_431_273_07),
+    (0.430_568_155_797_026_3, 0.173_927_422_568_726_93),
+];
+
+/// Displacement, times E, of the point `at` on a half-space's face under a unit force spread evenly
+/// over a cell of `sides` at the origin.
+fn half_space(at: [f64; 2], sides: [f64; 2], nu: f64) -> Matrix3<f64> {
+    // Integrals over the cell of x²/r³, y²/r³, xy/r³, x/r² and y/r², by their values at its corners.
+    let (mut xx, mut yy, mut xy, mut x1, mut y1) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for (sign_x, x) in [(1.0, at[0] + 0.5 * sides[0]), (-1.0, at[0] - 0.5 * sides[0])] {
+        for (sign_y, y) in [(1.0, at[1] + 0.5 * sides[1]), (-1.0, at[1] - 0.5 * sides[1])] {
+            let (sign, r) = (sign_x * sign_y, x.hypot(y));
+            // b ln(a + r) without the part that cancels between the corners.
+            let along = |a: f64, b: f64| if b == 0.0 { 0.0 } else { b * (a / b.abs()).asinh() };
+            xx += sign * along(x, y);
+            yy += sign * along(y, x);
+            xy -= sign * r;
+            let log = |b: f64| if r > 0.0 { b * r.ln() } else { 0.0 };
+            let turn = |a: f64, b: f64| if a == 0.0 { 0.0 } else { a * (b / a).atan() };
+            x1 += sign * (log(y) + turn(x, y));
+            y1 += sign * (log(x) + turn(y, x));
+        }
+    }
+    let mu = 0.5 / (1.0 + nu);
+    let even = 1.0 / (2.0 * std::f64::consts::PI * mu * sides[0] * sides[1]);
+    let odd = 0.5 * (1.0 - 2.0 * nu) * even;
+    let all = xx + yy;
+    Matrix3::new(
+        even * ((1.0 - nu) * all + nu * xx),
+        even * nu * xy,
+        odd * x1,
+        even * nu * xy,
+        even * ((1.0 - nu) * all + nu * yy),
+        odd * y1,
+        -odd * x1,
+        -odd * y1,
+        even * (1.0 - nu) * all,
+    )
+}
+
+/// Response of a layer of E and t of 1 to a plane wave of traction: displacement along the wave
+/// under traction along it, across under across, normal under normal, along under normal, normal
+/// under along.
+type Wave = [f64; 5];
+
+/// Displacement by distance, the Hankel transforms of a response to waves.
+struct Radial {
+    /// Isotropic part in the plane, deviatoric part, normal part, and the parts that couple the
+    /// plane with the normal, at radii of multiples of 1/[`RADII`].
+    by_radius: Vec<Wave>,
+}
+
+impl Radial {
+    /// Transforms the `response` to wave numbers up to `most`, by Simpson's rule.
+    fn new(most: f64, response: impl Fn(f64) -> Wave) -> Self {
+        let count = 2 * (0.5 * most / WAVE).ceil() as usize;
+        let step = most / count as f64;
+        let wave = |i: usize| {
+            let k = f64::max(i as f64 * step, 1e-6);
+            let weight = if i % count == 0 { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
+            (k, response(k).map(|g| g * k * weight * step / 3.0))
+        };
+        let waves: Vec<_> = (0..=count).map(wave).collect();
+        let pi = std::f64::consts::PI;
+        let at = |r: usize| {
+            let r = r as f64 / RADII as f64;
+            let mut sum = Wave::default();
+            for &(k, [along, across, normal, out, back]) in &waves {
+                let (j0, j1) = (libm::j0(k * r), libm::j1(k * r));
+                let j2 = if r == 0.0 { 0.0 } else { 2.0 * j1 / (k * r) - j0 };
+                sum[0] += 0.25 / pi * (along + across) * j0;
+                sum[1] -= 0.5 / pi * (along - across) * j2;
+                sum[2] += 0.5 / pi * normal * j0;
+                sum[3] -= 0.5 / pi * out * j1;
+                sum[4] += 0.5 / pi * back * j1;
+            }
+            sum
+        };
+        Self { by_radius: (0..(REACH * 1.6) as usize * RADII).map(at).collect() }
+    }
+
+    /// Mean over a cell at `at`, of `sides`, under a unit force spread over a cell at the origin.
+    fn cell(&self, at: [f64; 2], sides: [f64; 2]) -> Matrix3<f64> {
+        // The distance between points of two cells has the variance side²/6 along each side.
+        let [x, y] = sides.map(|side| side / 6.0_f64.sqrt());
+        let ends = [[x, y], [x, -y], [-x, y], [-x, -y]];
+        ends.iter().map(|[x, y]| self.at(at[0] + x, at[1] + y)).sum::<Matrix3<f64>>() * 0.25
+    }
+
+    fn at(&self, x: f64, y: f64) -> Matrix3<f64> {
+        let r = x.hypot(y);
+        let place = r * RADII as f64;
+        let Some([low, high]) = self.by_radius.get(place as usize..).and_then(<[_]>::first_chunk)
+        else {
+            return Matrix3::zeros();
+        };
+        let share = place.fract();
+        let [mean, deviator, normal, out, back] =
+            std::array::from_fn(|i| low[i] + share * (high[i] - low[i]));
+        let (x, y, half) = if r > 0.0 { (x / r, y / r, 0.5) } else { (0.0, 0.0, 0.0) };
+        Matrix3::new(
+            mean + deviator * (x * x - half),
+            deviator * x * y,
+            out * x,
+            deviator * x * y,
+            mean + deviator * (y * y - half),
+            out * y,
+            back * x,
+            back * y,
+            normal,
+        )
+    }
+}
+
+/// Response of the layer's face less that of a half-space's.
+fn difference(k: f64, nu: f64) -> Wave {
+    let mu = 0.5 / (1.0 + nu);
+    let four = 3.0 - 4.0 * nu;
+    // Numerators and denominator times 2 exp(−2k).
+    let (once, twice) = ((-2.0 * k).exp(), (-4.0 * k).exp());
+    let (sinh, cosh) = (1.0 - twice, 1.0 + twice);
+    let below = four * cosh + 2.0 * once * (2.0 * k * k + 5.0 - 12.0 * nu + 8.0 * nu * nu);
+    let ratio = |sign: f64| (four * sinh + 4.0 * sign * k * once) / below;
+    let coupling = 0.5 * (1.0 - 2.0 * nu) * four * (2.0 * once - cosh) + 2.0 * k * k * once;
+    let coupling = coupling / below + 0.5 * (1.0 - 2.0 * nu);
+    let across = (1.0 - once) / (1.0 + once);
+    [
+        (1.0 - nu) * (ratio(1.0) - 1.0),
+        across - 1.0,
+        (1.0 - nu) * (ratio(-1.0) - 1.0),
+        coupling,
+        coupling,
+    ]
+    .map(|g| g / (mu * k))
+}
+
+/// Response of the plane at `depth` below the face.
+fn below(k: f64, depth: f64, nu: f64) -> Wave {
+    let (mu, lambda) = (0.5 / (1.0 + nu), nu / ((1.0 + nu) * (1.0 - 2.0 * nu)));
+    // Displacements i U along the wave and W, and tractions i T and S, all times exp(ikx), change
+    // with height as y' = k M y. At the base U and W are zero.
+    let stiff = lambda + 2.0 * mu;
+    #[rustfmt::skip]
+    let m = Matrix4::new(
+        0.0, -1.0, 1.0 / mu, 0.0,
+        lambda / stiff, 0.0, 0.0, 1.0 / stiff,
+        stiff - lambda * lambda / stiff, 0.0, 0.0, -lambda / stiff,
+        0.0, 0.0, 1.0, 0.0,
+    );
+    let (here, face) = (exponential(&m, k * (1.0 - depth)), exponential(&m, k));
+    let moved: Matrix2<f64> = here.fixed_view::<2, 2>(0, 2).into();
+    let pulled: Matrix2<f64> = face.fixed_view::<2, 2>(2, 2).into();
+    let g = pulled.try_inverse().map_or_else(Matrix2::zeros, |inverse| moved * inverse);
+    let across = (-k * depth).exp() * (1.0 - (-2.0 * k * (1.0 - depth)).exp())
+        / (1.0 + (-2.0 * k).exp());
+    [g[(0, 0)], across / mu, g[(1, 1)], g[(0, 1)], g[(1, 0)]].map(|g| g / k)
+}
+
+/// exp(`m` x) for a matrix with (m² − 1)² = 0.
+fn exponential(m: &Matrix4<f64>, x: f64) -> Matrix4<f64> {
+    let (sinh, cosh) = (x.sinh(), x.cosh());
+    let two = 0.5 * x * sinh;
+    let three = 0.5 * (x * cosh - sinh);
+    let square = m * m;
+    Matrix4::identity() * (cosh - two) + m * (sinh - three) + square * two + square * m * three
+}

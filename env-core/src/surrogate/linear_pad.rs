@@ -1,0 +1,80 @@
+//! Linear elasticity of a pad, with contact resolved as finely as it needs, as a model of presses.
+
+use std::{sync::Arc, time::Instant};
+
+use rayon::prelude::*;
+
+use super::{
+    features::PadMaterial,
+    linear::{Contact, LinearAnswer, LinearBaseline, LinearFields, body},
+};
+use crate::{
+    Result,
+    deformation::{Deformation, DeformationModel, Moduli, Press, SoftBody, Wanted},
+    sensor::Sensor,
+};
+
+/// Linear elastic model of a sensor's pad. Copies share the precomputed data.
+#[derive(Clone)]
+pub struct LinearPad {
+    linear: Arc<LinearBaseline>,
+    body: Arc<SoftBody>,
+}
+
+/// Nodes of the finite elements from which the influence of the pad's sides is taken.
+const ELEMENTS: usize = 2000;
+
+impl LinearPad {
+    /// Builds the model of the gel of `sensor`, with answers on a mesh of at most `nodes` nodes.
+    pub fn new(sensor: &Sensor, moduli: Moduli, friction: f64, nodes: usize) -> Result<Self> {
+        let pad = sensor.pad(nodes)?;
+        let gel = PadMaterial { moduli, friction, thickness: sensor.outline.thickness };
+        let linear = LinearBaseline::new(sensor, &gel, ELEMENTS, Contact::Cells, &pad)?;
+        Ok(Self { linear: Arc::new(linear), body: Arc::new(body(&pad, moduli)?) })
+    }
+
+    /// Body whose nodes and tetrahedra the answers refer to.
+    pub fn body(&self) -> &SoftBody {
+        &self.body
+    }
+
+    fn fields(&self, answer: &LinearAnswer, wanted: Wanted) -> Deformation {
+        let start = Instant::now();
+        let LinearFields { displacement, contact_force, von_mises, poses } =
+            self.linear.carry(answer, wanted.stress);
+        let (iterations, seconds) = answer.effort();
+        Deformation {
+            displacement,
+            von_mises,
+            contact_force,
+            wrench: answer.wrench(),
+            poses,
+            history: answer.history().clone(),
+            iterations,
+            residual: 0.0,
+            seconds: seconds + start.elapsed().as_secs_f64(),
+        }
+    }
+}
+
+impl DeformationModel for LinearPad {
+    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
+        self.feel(presses, Wanted { stress: true, residual: false })
+    }
+
+    /// Solves the presses in parallel, each on one thread. The residual force, which linear
+    /// elasticity does not have, is 0.
+    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+        let last = |press| {
+            let answer = self.linear.path(press).pop().expect("a press has a frame")?;
+            Ok(self.fields(&answer, wanted))
+        };
+        presses.par_iter().map(last).collect()
+    }
+
+    fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
+        let wanted = Wanted { stress: true, residual: false };
+        let answers = self.linear.path(press).into_iter();
+        answers.map(|answer| Ok(self.fields(&answer?, wanted))).collect()
+    }
+}
