@@ -73,8 +73,12 @@ pub(crate) fn generate_dataset(
     raised.map_or(Ok(finished), Err)
 }
 
-/// Describes what keeps the gripper of the scene from a grasp, if anything does.
+/// Describes what keeps the gripper of the scene from a grasp, if anything does; indenters are held
+/// by none.
 fn obstacle(object: &Object, plan: &Plan) -> ruffini_core::Result<Option<String>> {
+    if plan.indentation.is_some() {
+        return Ok(None);
+    }
     let model = ObjectModel::new(object.shape.clone())?;
     let approach = Approach::new(model, GraspSampler::default().clearance);
     Ok(approach.obstacle(&plan.tool, plan.width)?.map(|obstacle| obstacle.to_string()))

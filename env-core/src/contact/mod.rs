@@ -18,7 +18,7 @@ pub use engulfing::{engulfs_unfelt, is_engulfed};
 pub use law::{ContactLaw, Traction};
 pub use leap::leaps_through;
 pub use near::DistanceCache;
-pub use touch::{ContactStep, Touch, first_touch};
+pub use touch::{Bend, ContactStep, Touch, first_touch};
 
 use nalgebra::{Point3, Vector3};
 

@@ -2,7 +2,7 @@
 //!
 //! Shapes: C surface points, S rigid shapes; pairs of them are numbered shape by shape (S × C).
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::SurfacePoint;
 use crate::{
@@ -26,6 +26,20 @@ pub struct Touch {
     /// Tangential displacement from where the point sticks to where it is (m).
     pub slip: Vector3<f64>,
 }
+
+/// Curvature of a shape at a touching point.
+#[derive(Clone, Debug)]
+pub struct Bend {
+    /// Derivative of the normal with respect to the point's position, ∂n/∂x (1/m); symmetric.
+    pub turn: Matrix3<f64>,
+    /// Part along the normal of the way from the sticking place to the point (m).
+    pub lift: f64,
+}
+
+/// Distance over which the turn of a normal is measured (m).
+const SHORT: f64 = 1e-8;
+/// Largest turn of a normal over that distance; more is an edge.
+const SMOOTH: f64 = 1e-3;
 
 /// Contact within one load step: the shapes move from one set of poses to another.
 #[derive(Clone, Debug)]
@@ -136,6 +150,20 @@ impl<'a> ContactStep<'a> {
             let gap = |t: f64| shape.distance(&seen_from(t)).value;
             seen_from(first_touch(gap))
         })
+    }
+
+    /// Curvature of the shape at a `touch`; none beside an edge.
+    pub fn bend(&self, touch: &Touch, poses: &[Isometry3<f64>]) -> Bend {
+        let (shape, pose) = (touch.shape as usize, &poses[touch.shape as usize]);
+        let normal = |place: &Point3<f64>| {
+            pose.rotation * self.shapes[shape].distance(&pose.inverse_transform_point(place)).normal
+        };
+        let column = |k| normal(&(touch.place + Vector3::ith(k, SHORT))) - touch.normal;
+        let turn = Matrix3::from_columns(&[column(0), column(1), column(2)]);
+        let turn = if turn.norm() < SMOOTH { turn / SHORT } else { Matrix3::zeros() };
+        let stuck = self.stuck[shape * self.surface.len() + touch.point as usize];
+        let way = stuck.map_or(touch.slip, |stuck| touch.place - pose * stuck);
+        Bend { turn: 0.5 * (turn + turn.transpose()), lift: touch.normal.dot(&way) }
     }
 
     /// Anchors of the touching pairs after the step. `back` gives the vector from a point to where

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -9,7 +10,7 @@ use crate::{
     deformation::{Law, Moduli, SoftBody},
     fem::{Element, Fem, Options},
     geometry::{PadMesh, TetMesh},
-    objects::{Object, catalogue},
+    objects::{Object, catalogue, indenters},
     sensor::Sensor,
 };
 
@@ -22,7 +23,8 @@ pub struct Config {
     /// Soft side of the grasps.
     pub scenario: Scenario,
     /// Number of objects. For soft pads, they are taken evenly from the 63 rigid ones of the
-    /// catalogue; for soft objects, from all 64, those in `first` before the others.
+    /// catalogue; for soft objects, from all 64, those in `first` before the others. Indenters are
+    /// drawn one by one.
     pub objects: usize,
     /// Names of the soft objects that come first; if empty, those of [`SOFT`].
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -65,6 +67,8 @@ pub enum Scenario {
     Pads,
     /// A soft object between two rigid fingers with the pads' outlines.
     Soft,
+    /// One soft pad under an indenter of any size that moves through given poses.
+    Presses,
 }
 
 /// Soft objects that come first: solids of six kinds, the strawberry among them. The paper's
@@ -134,12 +138,15 @@ fn is_zero(value: &f64) -> bool {
 
 /// Number of rigid objects in the catalogue.
 const RIGID: usize = 63;
+/// Most indenters.
+const INDENTERS: usize = 100_000;
 
 impl Scenario {
     fn objects(self) -> usize {
         match self {
             Self::Pads => RIGID,
             Self::Soft => RIGID + 1,
+            Self::Presses => INDENTERS,
         }
     }
 }
@@ -154,9 +161,12 @@ impl Config {
 
     /// Objects of the dataset, in order.
     pub(super) fn objects(&self) -> Vec<Object> {
+        if self.scenario == Scenario::Presses {
+            return indenters(self.seed, self.objects);
+        }
         let mut all = catalogue(self.seed);
         match self.scenario {
-            Scenario::Pads => {
+            Scenario::Pads | Scenario::Presses => {
                 (0..self.objects).map(|i| all[i * RIGID / self.objects].clone()).collect()
             }
             Scenario::Soft => {
@@ -217,7 +227,7 @@ impl Config {
     /// soft objects.
     fn know_names(&self) -> Result<()> {
         let known = match self.scenario {
-            Scenario::Pads => Vec::new(),
+            Scenario::Pads | Scenario::Presses => Vec::new(),
             Scenario::Soft => catalogue(self.seed).into_iter().map(|o| o.name).collect(),
         };
         match self.first.iter().find(|name| !known.contains(name)) {
@@ -241,6 +251,17 @@ impl GelConfig {
         let PadMesh { mesh, base, .. } = sensor.pad(config.truth_nodes)?;
         let truth = self.body(mesh, &base, config)?;
         Ok(Pads { truth, model: sensor.pad(config.model_nodes)?, sensor })
+    }
+
+    /// Builds the finite elements of the `sensor`'s pad on a mesh graded towards `points`.
+    pub(super) fn graded(
+        &self,
+        sensor: &Sensor,
+        points: &[Point3<f64>],
+        config: &Config,
+    ) -> Result<Fem> {
+        let pad = sensor.outline.graded(points, config.truth_nodes)?;
+        self.body(pad.mesh, &pad.base, config)
     }
 
     /// Builds a free object of this material.

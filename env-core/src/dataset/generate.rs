@@ -257,7 +257,7 @@ fn summary(
         config: config.clone(),
         approached: orders.obstacle.is_some(),
         short: short.map(|(object, plans)| (object.name.clone(), plans.len())).collect(),
-        splits: splits(&by_object, config.grasps),
+        splits: splits(config, &by_object),
         shards,
         unsolved,
     })

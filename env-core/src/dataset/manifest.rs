@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::config::Config;
+use super::config::{Config, Scenario};
 use crate::objects::{self, Object};
 
 /// Version of the files of a dataset. Version 1 (not stated in its files) stores anchors as two
@@ -90,7 +90,33 @@ const FARTHEST: [objects::Family; 2] = [objects::Family::HollowLemon, objects::F
 /// `known-1`, `known-10` and `known-63` test on held-out grasps of known objects: of ten grasps the
 /// last is for the test and the one before it for validation; of fewer likewise. `novel-14` and
 /// `novel-12` test on objects of families that do not occur in training.
-pub(super) fn splits(grasps: &[(Object, Vec<String>)], planned: usize) -> BTreeMap<String, Split> {
+///
+/// Of indenters, every twentieth is for the test of the only split, `presses`, and the one before it
+/// for validation.
+pub(super) fn splits(
+    config: &Config,
+    grasps: &[(Object, Vec<String>)],
+) -> BTreeMap<String, Split> {
+    match config.scenario {
+        Scenario::Pads | Scenario::Soft => of_grasps(grasps, config.grasps),
+        Scenario::Presses => [("presses".to_owned(), of_presses(grasps))].into(),
+    }
+}
+
+fn of_presses(presses: &[(Object, Vec<String>)]) -> Split {
+    let mut split = Split::default();
+    for (object, names) in presses {
+        let number: usize = object.name.rsplit('-').next().and_then(|n| n.parse().ok()).unwrap_or(0);
+        match number % 20 {
+            19 => split.test.extend(names.clone()),
+            18 => split.validation.extend(names.clone()),
+            _ => split.train.extend(names.clone()),
+        }
+    }
+    split
+}
+
+fn of_grasps(grasps: &[(Object, Vec<String>)], planned: usize) -> BTreeMap<String, Split> {
     let last = planned.min(10);
     let of = |chosen: &[&(Object, Vec<String>)]| {
         let mut split = Split::default();
@@ -144,7 +170,7 @@ mod tests {
 
     #[test]
     fn no_grasp_is_in_two_parts_of_a_split() {
-        for (name, Split { train, validation, test }) in splits(&grasps(20), 20) {
+        for (name, Split { train, validation, test }) in of_grasps(&grasps(20), 20) {
             let all: Vec<_> = [&train, &validation, &test].into_iter().flatten().collect();
             let distinct: BTreeSet<_> = all.iter().collect();
             assert_eq!(all.len(), distinct.len(), "{name} repeats a grasp");
@@ -155,7 +181,7 @@ mod tests {
     #[test]
     fn three_grasps_of_an_object_make_every_part_of_a_split() {
         for planned in 1..30 {
-            for (name, Split { train, validation, test }) in splits(&grasps(planned), planned) {
+            for (name, Split { train, validation, test }) in of_grasps(&grasps(planned), planned) {
                 let least = if name.starts_with("novel") { 1 } else { 2 };
                 let found = [train, validation, test].map(|part| !part.is_empty());
                 let expected = [true, planned > 2, planned >= least];
@@ -168,7 +194,7 @@ mod tests {
     fn a_grasp_that_is_missing_moves_no_other_to_another_part() {
         let (all, mut fewer) = (grasps(10), grasps(10));
         fewer[0].1.remove(3);
-        let (all, fewer) = (splits(&all, 10), splits(&fewer, 10));
+        let (all, fewer) = (of_grasps(&all, 10), of_grasps(&fewer, 10));
         for (name, mut split) in all {
             split.train.retain(|grasp| *grasp != "prism-1/003");
             assert_eq!(split, fewer[&name], "{name}");
@@ -182,7 +208,7 @@ mod tests {
             let object = grasp.split('/').next().unwrap();
             grasps.iter().find(|(o, _)| o.name == object).unwrap().0.family
         };
-        let splits = splits(&grasps, 20);
+        let splits = of_grasps(&grasps, 20);
         for (name, objects) in [("novel-14", 14), ("novel-12", 12)] {
             let Split { train, validation, test } = &splits[name];
             let seen: BTreeSet<_> = train.iter().chain(validation).map(family).collect();

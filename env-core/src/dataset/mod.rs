@@ -3,7 +3,8 @@
 //!
 //! A grasp closes two pads on a rigid object that comes to equilibrium between them, frame by frame
 //! with growing force ([`ramp`]), with or without its weight ([`weight`]); or two rigid fingers
-//! squeeze a soft object ([`squeeze`]). Grasps are solved on a finer mesh than the one on which
+//! squeeze a soft object ([`squeeze`]); or an indenter moves through given poses into one pad
+//! ([`indentation`]). Grasps are solved on a finer mesh than the one on which
 //! their fields are stored: the truth mesh and the model mesh of [`Config`]. Grasps are stored in
 //! shards (safetensors), ten of one object each, which a [`Manifest`] lists with their hashes,
 //! failures and splits. The same configuration gives the same bytes for any number of threads and
@@ -11,6 +12,7 @@
 
 mod config;
 mod generate;
+mod indentation;
 mod job;
 mod manifest;
 mod plan;
@@ -24,6 +26,7 @@ mod tensor;
 mod weight;
 
 pub use config::{Config, GelConfig, SOFT, Scenario};
+pub use indentation::Indentation;
 pub use generate::{GenerationProgress, Obstacle, Orders, generate, shards};
 pub use manifest::{FORMAT, Manifest, Shard, Solved, Split, Unsolved};
 pub use plan::{Plan, plans};

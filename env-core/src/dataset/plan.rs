@@ -7,7 +7,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::config::Config;
+use super::{
+    config::{Config, Scenario},
+    indentation::{Indentation, indentations},
+};
 use crate::{
     Result,
     objects::{Antipodal, GraspSampler, Object},
@@ -36,13 +39,20 @@ pub struct Plan {
     /// Rotation of the second pad relative to the first about their normals, over the closing
     /// (rad/m).
     pub twist: f64,
+    /// Motion of an indenter, in place of a grasp.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub indentation: Option<Indentation>,
 }
 
 /// Objects of `config`, each with its grasps in order. An object may have fewer grasps than asked
 /// for.
 pub fn plans(config: &Config) -> Result<Vec<(Object, Vec<Plan>)>> {
     let objects = config.objects().into_iter();
-    objects.map(|object| of_object(config, &object).map(|plans| (object, plans))).collect()
+    let of_object = |object: &Object| match config.scenario {
+        Scenario::Presses => Ok(indentations(config, object)),
+        Scenario::Pads | Scenario::Soft => of_object(config, object),
+    };
+    objects.map(|object| of_object(&object).map(|plans| (object, plans))).collect()
 }
 
 fn of_object(config: &Config, object: &Object) -> Result<Vec<Plan>> {
@@ -67,11 +77,12 @@ fn draw(config: &Config, object: &Object, number: usize, grasp: &Antipodal) -> P
         force: low * (high / low).powf(uniform()),
         shear: [size * angle.cos(), size * angle.sin()],
         twist: config.twist * (2.0 * uniform() - 1.0),
+        indentation: None,
     }
 }
 
 /// Index of the gel at `point`, from 0 to 1, on the line of their shares laid end to end.
-fn choose(config: &Config, point: f64) -> usize {
+pub(super) fn choose(config: &Config, point: f64) -> usize {
     let all: f64 = config.gels.iter().map(|gel| gel.share).sum();
     let mut rest = point * all;
     let over = |share: f64| {

@@ -38,6 +38,8 @@ pub struct PadFrames {
     pub grasp: String,
     /// Index of the gel in the configuration.
     pub gel: usize,
+    /// Coefficient of friction, if it is not that of the gel.
+    pub friction: Option<f64>,
     /// Pose of the object in the pad's frame at first touch.
     pub start: Isometry3<f64>,
     /// Poses of the object in the pad's frame (F).
@@ -56,22 +58,27 @@ impl Dataset {
     /// Opens the dataset in `folder`. Splits are those of its manifest; for an unfinished dataset
     /// they are derived from the shards that exist.
     pub fn open(folder: &Path) -> Result<Self> {
-        Self::of(folder, Scenario::Pads)
+        Self::of(folder, &[Scenario::Pads, Scenario::Presses])
     }
 
-    /// Opens a dataset as [`Dataset::open`] does; returns an error if it is of another `scenario`.
-    pub(super) fn of(folder: &Path, scenario: Scenario) -> Result<Self> {
+    /// Opens a dataset as [`Dataset::open`] does; returns an error if it is of none of
+    /// these `scenarios`.
+    pub(super) fn of(folder: &Path, scenarios: &[Scenario]) -> Result<Self> {
         let path = folder.join("config.json");
         let text = fs::read_to_string(&path).map_err(|error| Error::file(&path, &error))?;
         let config = claimed(&text).map_err(|error| Error::file(&path, &error))?;
-        if config.scenario != scenario {
-            let [found, expected] = [config.scenario, scenario].map(|scenario| match scenario {
+        if !scenarios.contains(&config.scenario) {
+            let [found, expected] = [config.scenario, scenarios[0]].map(|scenario| match scenario {
                 Scenario::Pads => "grasps by soft pads",
                 Scenario::Soft => "soft objects",
+                Scenario::Presses => "presses of indenters",
             });
             return Err(Error::file(&path, &format!("{found}, expected {expected}")));
         }
-        let objects = catalogue(config.seed);
+        let objects = match config.scenario {
+            Scenario::Pads | Scenario::Soft => catalogue(config.seed),
+            Scenario::Presses => config.objects(),
+        };
         let mut shards = Vec::new();
         let mut grasps = Vec::new();
         for (number, object) in objects.iter().enumerate() {
@@ -95,7 +102,7 @@ impl Dataset {
         }
         let splits = match finished(&folder.join("manifest.json"))? {
             Some(splits) => splits,
-            None => splits(&grasps, config.grasps),
+            None => splits(&config, &grasps),
         };
         Ok(Self { folder: folder.to_owned(), config, objects, shards, splits })
     }
@@ -132,7 +139,8 @@ impl Dataset {
     /// Reads the object and all pads of all grasps in shard `index`.
     pub fn read(&self, index: usize) -> Result<(&Object, Vec<PadFrames>)> {
         let (object, pads) = self.solved(index, |file, entry| {
-            [0, 1].into_iter().map(|side| pad(file, entry, side)).collect::<Found<Vec<_>>>()
+            let sides = if entry.plan.indentation.is_some() { 1 } else { 2 };
+            (0..sides).map(|side| pad(file, entry, side)).collect::<Found<Vec<_>>>()
         })?;
         Ok((object, pads.into_iter().flatten().collect()))
     }
@@ -187,15 +195,23 @@ fn pad(file: &SafeTensors, entry: &Entry, side: usize) -> Found<PadFrames> {
     let name = ["first", "second"][side];
     let single = |what: &str| single(file, &format!("{number}.{name}.{what}"));
     let double = |what: &str| double(file, &format!("{number}.{name}.{what}"));
-    let placed = double("pose")?.as_chunks::<7>().0.iter().map(pose).collect::<Vec<_>>();
-    let closing = file.tensor(&format!("{number}.closing"))?.data().as_chunks().0[0];
-    let closed = entry.plan.closed(&[Isometry3::identity(); 2], f64::from_le_bytes(closing));
-    Ok(PadFrames {
+    let poses = |what: &str| -> Found<Vec<_>> {
+        Ok(double(what)?.as_chunks::<7>().0.iter().map(pose).collect())
+    };
+    let start = if entry.plan.indentation.is_some() {
+        poses("start")?[0]
+    } else {
+        let closing = file.tensor(&format!("{number}.closing"))?.data().as_chunks().0[0];
+        let closed = entry.plan.closed(&[Isometry3::identity(); 2], f64::from_le_bytes(closing));
         // The object is then at its initial pose, in whose frame the poses of pads are given.
-        start: closed[side] * placed[0].inverse(),
+        closed[side] * poses("pose")?[0].inverse()
+    };
+    Ok(PadFrames {
+        start,
+        friction: entry.plan.indentation.as_ref().map(|press| press.friction),
         grasp: entry.plan.name.clone(),
         gel: entry.plan.gel,
-        poses: double("press")?.as_chunks::<7>().0.iter().map(pose).collect(),
+        poses: poses("press")?,
         displacement: single("displacement")?,
         contact_force: single("contact_force")?,
         von_mises: single("von_mises")?,

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::{
     config::{Config, GelConfig, Pads, Scenario},
+    indentation,
     plan::Plan,
     ramp::Ramp,
     record::{Entry, Shard, mesh_file, of_pads, wrenches},
@@ -13,7 +14,13 @@ use super::{
     tensor::write_whole,
     weight::Weight,
 };
-use crate::{Result, fem::Carrier, geometry::TetMesh, objects::Object, sensor::Sensor};
+use crate::{
+    Result,
+    fem::Carrier,
+    geometry::{PadMesh, TetMesh},
+    objects::Object,
+    sensor::Sensor,
+};
 
 /// Bodies and meshes of the soft side.
 pub(super) enum Setup {
@@ -21,6 +28,8 @@ pub(super) enum Setup {
     Pads(Vec<(Pads, Carrier)>),
     /// Soft objects by name.
     Soft(BTreeMap<String, Meshes>),
+    /// Sensor of every gel, and the mesh on which fields are stored.
+    Presses(Vec<(Sensor, PadMesh)>),
 }
 
 /// Meshes of a soft object.
@@ -56,6 +65,14 @@ impl Setup {
             Scenario::Pads => {
                 Self::Pads(config.gels.par_iter().enumerate().map(pads).collect::<Result<_>>()?)
             }
+            Scenario::Presses => {
+                let pad = |gel: &GelConfig| {
+                    let sensor = Sensor::named(&gel.sensor)?;
+                    let model = sensor.pad(config.model_nodes)?;
+                    Ok((sensor, model))
+                };
+                Self::Presses(config.gels.iter().map(pad).collect::<Result<_>>()?)
+            }
             Scenario::Soft => Self::Soft(objects.par_iter().map(soft).collect::<Result<_>>()?),
         })
     }
@@ -76,6 +93,10 @@ impl Setup {
                     tensors.push(("load".to_owned(), wrenches(frames.iter().map(|f| &f.load))));
                 }
                 (frames.len(), tensors, error)
+            }
+            Self::Presses(gels) => {
+                let (sensor, model) = &gels[plan.gel];
+                indentation::solve(config, &object.shape, plan, sensor, model)
             }
             Self::Soft(objects) => {
                 let (meshes, gel) = (&objects[&object.name], &config.gels[plan.gel]);
@@ -102,6 +123,7 @@ impl Setup {
                 let (Pads { model, truth, .. }, _) = &gels[0];
                 2 * body(&model.mesh, truth.contact_points().len())
             }
+            Self::Presses(gels) => body(&gels[0].1.mesh, 0),
             Self::Soft(objects) => {
                 let sizes = objects.values().map(|meshes| body(&meshes.model, meshes.points));
                 sizes.sum::<usize>() / objects.len()

@@ -40,7 +40,7 @@ pub struct SqueezeFrames {
 impl Squeezes {
     /// Opens the dataset in `folder`, as [`Dataset::open`] does.
     pub fn open(folder: &Path) -> Result<Self> {
-        Dataset::of(folder, Scenario::Soft).map(Self)
+        Dataset::of(folder, &[Scenario::Soft]).map(Self)
     }
 
     /// Configuration of the dataset.

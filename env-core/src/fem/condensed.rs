@@ -4,8 +4,11 @@
 //! friction included, and all nonlinear terms act on the nodes (C) near the shapes. On these alone
 //! the system reads S v + c(u_C + v) = b, with S the stiffness condensed to them: a small dense
 //! system whose own Newton steps cost very little. The motion of the other nodes follows from it.
+//!
+//! Where A is not positive definite alone, it is condensed with the springs K of present contact
+//! held in it, and S = S′ − K.
 
-use faer::{Col, MatRef};
+use faer::{Col, MatRef, Scale};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
@@ -13,12 +16,15 @@ use super::{
     direct::DirectSolver,
     newton::{Search, norm},
     region::{NEAR, Region},
+    springs::Spring,
     system::{Configuration, Forces, System},
 };
 use crate::contact::{ContactStep, Touch};
 
 /// Most Newton steps of the small system.
-const STEPS: usize = 20;
+const STEPS: usize = 30;
+/// Shares of such a step that are tried; the last is taken even if the residual rises.
+const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
 /// Exponent p: for N unknowns in all, a dense system of at most Nᵖ unknowns is used, since solving
 /// it a few times costs less than factorising the sparse one.
 const WORTH: f64 = 0.77;
@@ -27,7 +33,7 @@ const INEXACT: f64 = 1e-4;
 
 impl Search<'_, '_> {
     /// Takes a step in which contact is solved exactly and the body by a stiffness that may be an
-    /// earlier step's, if it halves the residual.
+    /// earlier step's, if it halves the residual; by the present stiffness, even if it does not.
     pub(super) fn condensed_step(
         &mut self,
         state: &mut Configuration,
@@ -35,27 +41,45 @@ impl Search<'_, '_> {
         tolerance: f64,
     ) -> Option<Forces> {
         let holds = self.solver.region().is_some_and(|region| region.holds(&forces.touches));
-        if self.push.is_some() || !holds || !self.willing || !self.is_narrow(state) {
+        if self.push.is_some() || self.plain || !holds || !self.is_narrow(state) {
             return None;
         }
-        let before = norm(&self.residual(forces));
-        let limit = f64::max(0.1 * tolerance, INEXACT * before);
-        let fresh = !self.solver.is_condensed();
-        for (margin, anew) in [(NEAR, fresh), (f64::INFINITY, false), (f64::INFINITY, !fresh)] {
-            if anew && !self.solver.condense(self.system, &forces.strain) {
-                break;
-            }
-            let contact = &mut *self.contact;
-            let step =
-                balanced_step(self.system, self.solver, contact, (state, forces), [margin, limit]);
-            let next = step.and_then(|step| self.full_step(state, forces, &step, tolerance));
-            if next.is_some() {
-                return next;
+        if self.solver.is_condensed() {
+            let next = self.balanced_steps(state, forces, tolerance);
+            if next.is_ok() {
+                return next.ok();
             }
         }
-        self.willing = false;
-        self.solver.set_back();
-        None
+        if !self.solver.condense(self.system, forces) {
+            return None;
+        }
+        match self.balanced_steps(state, forces, tolerance) {
+            Ok(next) => Some(next),
+            Err(step) => self.bold_step(state, &step?),
+        }
+    }
+
+    /// Takes the full step to the equilibrium of the linear body, first with contact near the
+    /// shapes alone, then in the whole region, if it halves the residual. Returns the last step
+    /// found if it does not.
+    fn balanced_steps(
+        &mut self,
+        state: &mut Configuration,
+        forces: &Forces,
+        tolerance: f64,
+    ) -> Result<Forces, Option<Vec<f64>>> {
+        let limit = f64::max(0.1 * tolerance, INEXACT * norm(&self.residual(forces)));
+        let mut last = None;
+        for margin in [NEAR, f64::INFINITY] {
+            let (contact, now) = (&mut *self.contact, (&*state, forces));
+            let step = balanced_step(self.system, self.solver, contact, now, [margin, limit]);
+            let Some(step) = step else { continue };
+            if let Some(next) = self.full_step(state, forces, &step, tolerance) {
+                return Ok(next);
+            }
+            last = Some(step);
+        }
+        Err(last)
     }
 
     /// Returns whether the points that may touch are few enough for a dense system.
@@ -86,13 +110,20 @@ fn balanced_step(
     if !is_worth(count, unknowns.len()) {
         return None;
     }
-    let (corner, stiffness) = condensed.of_last(count);
+    let (corner, stiffness, held) = condensed.of_last(count);
     let first = unknowns.len() - corner.nrows();
     let lower = Col::from_fn(corner.nrows(), |i| unknowns[first + i]);
     let start = region.points.iter().copied().zip(places).zip(&near);
     let start = start.filter(|(_, near)| **near).map(|(point, _)| point).unzip();
-    let mut small =
-        CondensedSystem { system, region, start, stiffness, poses: &state.poses, load: lower };
+    let mut small = CondensedSystem {
+        system,
+        region,
+        start,
+        stiffness,
+        held,
+        poses: &state.poses,
+        load: lower,
+    };
     // The present contact is included in g.
     small.load = corner * &small.load + small.pushed(&forces.touches)?;
     let motion = small.balance(contact, tolerance, corner)?;
@@ -113,15 +144,18 @@ struct CondensedSystem<'a> {
     region: &'a Region,
     /// Surface points that may touch, and their positions before the step.
     start: (Vec<u32>, Vec<Point3<f64>>),
-    /// Lower triangle of S.
+    /// Lower triangle of S′.
     stiffness: MatRef<'a, f64>,
+    /// Springs held in it.
+    held: &'a [Spring],
     poses: &'a [Isometry3<f64>],
     /// Right-hand side b (N).
     load: Col<f64>,
 }
 
 impl CondensedSystem<'_> {
-    /// Motion v of the nodes in equilibrium, by Newton's method; S = `corner` `corner`ᵀ.
+    /// Motion v of the nodes in equilibrium, by Newton's method with backtracking on the residual
+    /// force; S′ = `corner` `corner`ᵀ.
     fn balance(
         &self,
         contact: &mut ContactStep,
@@ -129,16 +163,40 @@ impl CondensedSystem<'_> {
         corner: MatRef<'_, f64>,
     ) -> Option<Col<f64>> {
         let mut motion = Col::zeros(self.load.nrows());
+        let (mut touches, mut rest) = self.residual(contact, corner, &motion)?;
         for _ in 0..STEPS {
-            let touches = self.touches(contact, &motion)?;
-            let stiff = corner * (corner.transpose() * &motion);
-            let rest = &self.load - stiff - self.pushed(&touches)?;
-            if rest.norm_l2() <= tolerance {
+            let size = rest.norm_l2();
+            if size <= tolerance {
                 return Some(motion);
             }
-            motion += self.newton_step(&touches, rest)?;
+            let step = self.newton_step(contact, &touches, rest)?;
+            let tried = SHARES.iter().find_map(|&share| {
+                let moved = &motion + &step * Scale(share);
+                let (touches, rest) = self.residual(contact, corner, &moved)?;
+                let falls = rest.norm_l2() < size || Some(&share) == SHARES.last();
+                falls.then_some((moved, touches, rest))
+            });
+            (motion, touches, rest) = tried?;
         }
         None
+    }
+
+    /// Touches when the nodes have moved, and the residual force; S′ = `corner` `corner`ᵀ.
+    fn residual(
+        &self,
+        contact: &mut ContactStep,
+        corner: MatRef<'_, f64>,
+        motion: &Col<f64>,
+    ) -> Option<(Vec<Touch>, Col<f64>)> {
+        let touches = self.touches(contact, motion)?;
+        let mut rest = &self.load - corner * (corner.transpose() * motion);
+        rest -= self.pushed(&touches)?;
+        for spring in self.held {
+            let carriers = self.carriers(spring.point)?;
+            let way: Vector3<f64> = carriers.clone().map(|(i, s)| part(motion, i) * s).sum();
+            add(&mut rest, &(spring.stiffness * way), carriers);
+        }
+        Some((touches, rest))
     }
 
     /// Touches when the nodes have moved; `None` if a point came out on the far side of a shape.
@@ -165,21 +223,32 @@ impl CondensedSystem<'_> {
         let mut sum = Col::zeros(self.load.nrows());
         for touch in touches {
             let force = self.system.contact_force(touch);
-            for (i, share) in self.carriers(touch.point)? {
-                for k in 0..3 {
-                    sum[i + k] -= force[k] * share;
-                }
-            }
+            add(&mut sum, &-force, self.carriers(touch.point)?);
         }
         Some(sum)
     }
 
-    /// Newton step (S + ∂c)⁻¹ `rest`.
-    fn newton_step(&self, touches: &[Touch], mut rest: Col<f64>) -> Option<Col<f64>> {
-        let springs = self.system.springs(touches);
+    /// Newton step (S′ − K + ∂c)⁻¹ `rest`.
+    fn newton_step(
+        &self,
+        contact: &ContactStep,
+        touches: &[Touch],
+        mut rest: Col<f64>,
+    ) -> Option<Col<f64>> {
+        let mut springs = self.system.curved_springs(touches, contact, self.poses);
+        springs.extend(self.held.iter().map(Spring::opposite));
         DenseFactor::new(self.region, self.stiffness, &springs)?.solve(&mut rest);
         let finite = rest.iter().all(|x| x.is_finite());
         finite.then_some(rest)
+    }
+}
+
+/// Adds `force` on a point to those on its carriers.
+fn add(forces: &mut Col<f64>, force: &Vector3<f64>, carriers: impl Iterator<Item = (usize, f64)>) {
+    for (i, share) in carriers {
+        for k in 0..3 {
+            forces[i + k] += force[k] * share;
+        }
     }
 }
 

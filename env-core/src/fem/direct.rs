@@ -32,9 +32,8 @@ pub(super) struct DirectSolver {
     region: Option<Region>,
     /// The elastic stiffness condensed to the region, while the matrix holds its factor.
     condensed: Option<Condensed>,
-    /// Number of coming searches that do not use the condensed stiffness, after one in which it
-    /// failed.
-    pause: u32,
+    /// `true` once the elastic stiffness alone was not positive definite.
+    braced: bool,
     /// Method by which the factorised stiffness was made positive definite, and the springs in it.
     factored: Option<(Stiffness, Vec<Spring>)>,
 }
@@ -45,14 +44,17 @@ pub(super) struct Condensed {
     corner: Mat<f64>,
     /// Lower triangle of S for the unknowns requested last.
     stiffness: Mat<f64>,
+    /// Springs in it.
+    springs: Vec<Spring>,
 }
 
 impl Condensed {
-    /// L_C and the lower triangle of S for at least the last `size` unknowns of the region.
-    pub(super) fn of_last(&mut self, size: usize) -> (MatRef<'_, f64>, MatRef<'_, f64>) {
+    /// L_C and the lower triangle of S for at least the last `size` unknowns of the region, and the
+    /// springs in them.
+    pub(super) fn of_last(&mut self, size: usize) -> (MatRef<'_, f64>, MatRef<'_, f64>, &[Spring]) {
         let all = self.corner.nrows();
         if self.stiffness.nrows() < size || self.stiffness.nrows() > 2 * size {
-            let size = all.min(size + size / 8);
+            let size = all.min(size + 3 * (size / 24));
             let corner = self.corner.submatrix(all - size, all - size, size, size);
             self.stiffness = Mat::zeros(size, size);
             matmul(
@@ -68,7 +70,8 @@ impl Condensed {
             );
         }
         let size = self.stiffness.nrows();
-        (self.corner.submatrix(all - size, all - size, size, size), self.stiffness.as_ref())
+        let corner = self.corner.submatrix(all - size, all - size, size, size);
+        (corner, self.stiffness.as_ref(), &self.springs)
     }
 }
 
@@ -80,7 +83,7 @@ impl DirectSolver {
             None => system.whole_pattern(),
         };
         let matrix = pattern.matrix();
-        Self { pattern, layout, matrix, region, condensed: None, pause: 0, factored: None }
+        Self { pattern, layout, matrix, region, condensed: None, braced: false, factored: None }
     }
 
     /// Replaces the solver by one for the whole surface if some of `touches` are outside its
@@ -103,17 +106,6 @@ impl DirectSolver {
     /// The region, and the elastic stiffness condensed to it.
     pub(super) fn condensed(&mut self) -> Option<(&Region, &mut Condensed)> {
         Some((self.region.as_ref()?, self.condensed.as_mut()?))
-    }
-
-    /// Counts a new search and returns whether it should try the condensed stiffness.
-    pub(super) fn is_willing(&mut self) -> bool {
-        self.pause = self.pause.saturating_sub(1);
-        self.pause == 0
-    }
-
-    /// Records that the condensed stiffness failed.
-    pub(super) fn set_back(&mut self) {
-        self.pause = PAUSE;
     }
 
     /// Discards the last factor.
@@ -177,15 +169,24 @@ impl DirectSolver {
         }
     }
 
-    /// Factorises the elastic stiffness at `strain` and condenses it to the region; returns `false`
-    /// if it is not positive definite.
-    pub(super) fn condense(&mut self, system: &System, strain: &Strain) -> bool {
-        self.assemble(system, strain, Stiffness::Exact);
-        if !self.matrix.factorise(&self.pattern) {
-            return false;
+    /// Factorises the elastic stiffness at `forces` and condenses it to the region. Once it is not
+    /// positive definite alone, the springs of contact are added; returns `false` if that does not
+    /// help.
+    pub(super) fn condense(&mut self, system: &System, forces: &Forces) -> bool {
+        if !self.braced {
+            self.assemble(system, &forces.strain, Stiffness::Exact);
+            self.braced = !self.matrix.factorise(&self.pattern);
         }
+        let springs = if self.braced {
+            if !self.factorise(system, forces, Stiffness::Exact) {
+                return false;
+            }
+            self.springs().to_vec()
+        } else {
+            Vec::new()
+        };
         let corner = self.matrix.corner(&self.pattern);
-        self.condensed = Some(Condensed { corner, stiffness: Mat::new() });
+        self.condensed = Some(Condensed { corner, stiffness: Mat::new(), springs });
         true
     }
 
@@ -222,8 +223,25 @@ impl DirectSolver {
     }
 }
 
-/// Number of searches without the condensed stiffness after one in which it failed.
-const PAUSE: u32 = 4;
 /// Share of the mean diagonal added for a body that nothing holds: among the steps that differ by a
 /// motion of the whole body it selects the shortest.
 const PROXIMAL: f64 = 1e-8;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_nodes_are_condensed() {
+        for nodes in 1..40 {
+            let corner = Mat::identity(120, 120);
+            let mut condensed = Condensed { corner, stiffness: Mat::new(), springs: Vec::new() };
+            let (_, stiffness, _) = condensed.of_last(3 * nodes);
+            let size = stiffness.nrows();
+            assert!(
+                size >= 3 * nodes && size.is_multiple_of(3),
+                "{size} unknowns of {nodes} nodes"
+            );
+        }
+    }
+}

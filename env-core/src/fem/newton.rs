@@ -1,7 +1,7 @@
 //! Equilibrium by Newton's method with a line search on the energy.
 //!
-//! A step is first tried with contact solved on its own nodes ([`super::condensed`]). If that
-//! fails, or contact involves too many nodes, it is tried with the factor of an earlier step,
+//! A step is first tried with contact solved on its own nodes ([`super::condensed`]). It may raise
+//! the residual for a few steps, as energy is not what friction minimises. If that fails, or contact involves too many nodes, it is tried with the factor of an earlier step,
 //! corrected by GMRES for the contact springs that are missing in it. The other methods are used if
 //! that fails, too, and for pushes.
 //!
@@ -51,6 +51,11 @@ pub(super) struct NewtonOutcome {
 const ARMIJO: f64 = 1e-4;
 /// Largest part of the residual that may remain after a step by an earlier stiffness.
 const HALF: f64 = 0.5;
+/// Largest ratio of the residual to the lowest one after a step that does not halve it.
+const RISE: f64 = 4.0;
+/// Number of steps in a row that do not halve the lowest residual, above which the energy has to
+/// decrease.
+const DETOUR: u32 = 5;
 /// Number of such steps that cost about as much as a factorisation.
 const PATIENCE: f64 = 4.0;
 /// Shortest fraction of a Newton step that is tried.
@@ -65,13 +70,15 @@ pub(super) fn equilibrium(
     push: Option<&ForceControl>,
     limits: &StoppingCriteria,
 ) -> Result<(NewtonOutcome, Forces)> {
-    let willing = !limits.plain && solver.is_willing();
-    let mut search = Search { system, solver, contact, push, willing, plain: limits.plain };
+    let plain = limits.plain;
+    let mut search =
+        Search { system, solver, contact, push, plain, lowest: f64::INFINITY, above: 0 };
     let mut iterations = 0;
     let mut residual = f64::INFINITY;
     let mut found = system.forces(state, search.contact);
     while let Some(forces) = found {
         residual = norm(&search.residual(&forces));
+        search.compare(residual);
         if residual <= limits.tolerance {
             return Ok((NewtonOutcome { iterations, residual }, forces));
         }
@@ -90,10 +97,12 @@ pub(super) struct Search<'a, 'b> {
     pub(super) solver: &'a mut DirectSolver,
     pub(super) contact: &'a mut ContactStep<'b>,
     pub(super) push: Option<&'a ForceControl>,
-    /// `true` while steps by the condensed stiffness are tried.
-    pub(super) willing: bool,
     /// Value of [`StoppingCriteria::plain`].
-    plain: bool,
+    pub(super) plain: bool,
+    /// Residual (N) that later ones are compared with.
+    lowest: f64,
+    /// Number of steps taken since it was last halved.
+    above: u32,
 }
 
 impl Search<'_, '_> {
@@ -107,6 +116,15 @@ impl Search<'_, '_> {
         residual
     }
 
+    /// Compares a `residual` (N) with the lowest.
+    fn compare(&mut self, residual: f64) {
+        if residual <= HALF * self.lowest {
+            (self.lowest, self.above) = (residual, 0);
+        } else {
+            self.above += 1;
+        }
+    }
+
     /// Takes one Newton step from `state`; `None` if none was found that lowers the energy.
     fn advance(
         &mut self,
@@ -117,8 +135,9 @@ impl Search<'_, '_> {
         if let Some(next) = self.condensed_step(state, forces, tolerance) {
             return Some(next);
         }
+        (self.lowest, self.above) = (f64::INFINITY, 0);
         self.solver.make_hold(self.system, &forces.touches);
-        let springs = self.system.springs(&forces.touches);
+        let springs = self.system.curved_springs(&forces.touches, self.contact, &state.poses);
         if let Some(next) = self.kept_step(state, forces, &springs, tolerance) {
             return Some(next);
         }
@@ -216,6 +235,21 @@ impl Search<'_, '_> {
         if after > tolerance && far {
             self.solver.forget();
         }
+        *state = trial;
+        Some(next)
+    }
+
+    /// Takes the full `step` by a stiffness of the present state, unless the residual rises far above
+    /// the lowest or has not been halved for long. Where the body is bent much, it rises first and
+    /// then falls the faster.
+    pub(super) fn bold_step(&mut self, state: &mut Configuration, step: &[f64]) -> Option<Forces> {
+        let trial = self.moved(state, step, 1.0);
+        let next = self.system.forces(&trial, self.contact)?;
+        let after = norm(&self.residual(&next));
+        if after > RISE * self.lowest || self.above >= DETOUR {
+            return None;
+        }
+        self.solver.forget();
         *state = trial;
         Some(next)
     }

@@ -120,6 +120,28 @@ fn a_ball_that_slides_rolls_and_twists_on_a_pad_is_answered_alike() {
 }
 
 #[test]
+fn a_cone_and_an_edge_moved_sideways_on_quadratic_elements_are_answered_alike() {
+    let outline = Sensor::named("gelsight-mini").unwrap().outline;
+    let pad = outline.graded(&[Point3::new(0.0, 0.0, 4.0 * MM)], 500).unwrap();
+    let top = pad.mesh.vertices.iter().map(|p| p.z).fold(f64::MIN, f64::max);
+    let body = SoftBody::new(pad.mesh, Law::NeoHookean, GEL, &pad.base).unwrap();
+    let fem = Fem::new(body, Options { element: Element::P2, ..rough() }).unwrap();
+    let cone = Shape::Cone { radius: 3.0 * MM, half_height: 2.0 * MM };
+    let cube = Shape::Cuboid { half_extents: Vector3::repeat(2.0 * MM) };
+    let [over, aslant] = [1.0, 0.25].map(|turns| Vector3::x() * (turns * std::f64::consts::PI));
+    for (name, shape, reach, turn) in
+        [("cone", cone, 2.0 * MM, over), ("edge", cube, 8f64.sqrt() * MM, aslant)]
+    {
+        let mut path = press_shear_roll_twist(reach, 0.4 * MM, top);
+        let turn = UnitQuaternion::from_scaled_axis(turn);
+        path.iter_mut().for_each(|poses| poses[0].rotation *= turn);
+        let last = compare(name, &fem, vec![shape], path);
+        let [pressed, dragged] = [-last.wrench.force.z, last.wrench.force.xy().norm()];
+        assert!(dragged > 0.3 * FRICTION * pressed, "{dragged} N of friction at {pressed} N");
+    }
+}
+
+#[test]
 fn a_plate_that_covers_the_whole_face_is_answered_alike() {
     let plate = Shape::Cuboid { half_extents: Vector3::new(6.0, 6.0, 2.0) * MM };
     let path = press_shear_roll_twist(2.0 * MM, 0.4 * MM, 0.0);

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Vector3};
 
 use super::{direct::DirectSolver, push::ForceControl, system::System};
-use crate::contact::Touch;
+use crate::contact::{ContactStep, Touch};
 
 /// Linearised contact of a surface point with a shape.
 #[derive(Clone)]
@@ -15,6 +15,13 @@ pub(super) struct Spring {
     /// Derivative of minus the force on the point with respect to its position (N/m).
     pub(super) stiffness: Matrix3<f64>,
     pub(super) symmetric: bool,
+}
+
+impl Spring {
+    /// The spring that cancels this one.
+    pub(super) fn opposite(&self) -> Self {
+        Self { point: self.point, stiffness: -self.stiffness, symmetric: false }
+    }
 }
 
 impl System {
@@ -28,6 +35,23 @@ impl System {
             Spring { point: touch.point, stiffness, symmetric }
         };
         touches.iter().map(spring).collect()
+    }
+
+    /// Returns [`System::springs`] with the curvature of the shapes, which are at `poses`, where
+    /// points slip.
+    pub(super) fn curved_springs(
+        &self,
+        touches: &[Touch],
+        contact: &ContactStep,
+        poses: &[Isometry3<f64>],
+    ) -> Vec<Spring> {
+        let mut springs = self.springs(touches);
+        let slipping = springs.iter_mut().zip(touches).filter(|(spring, _)| !spring.symmetric);
+        for (spring, touch) in slipping {
+            let (point, bend) = (&self.surface[touch.point as usize], contact.bend(touch, poses));
+            spring.stiffness += self.law.curvature_term(point, touch, &bend) * point.area;
+        }
+        springs
     }
 
     /// Returns `touches` as springs whose friction limits are held fixed.

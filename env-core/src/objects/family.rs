@@ -51,15 +51,19 @@ pub enum Family {
     Cucumber,
     Apple,
     Strawberry,
+    /// Cylinder with round ends; none in the catalogue.
+    Capsule,
+    /// Cone; none in the catalogue.
+    Cone,
 }
 
 use Family::{
-    Annulus, Apple, Cuboid, Cucumber, Cup, Cylinder, Eggplant, Ellipsoid, HollowLemon, Jar, Lemon,
-    Potato, Prism, Sphere, Strawberry, Tomato,
+    Annulus, Apple, Capsule, Cone, Cuboid, Cucumber, Cup, Cylinder, Eggplant, Ellipsoid,
+    HollowLemon, Jar, Lemon, Potato, Prism, Sphere, Strawberry, Tomato,
 };
 
 impl Family {
-    /// All families, in the order of the catalogue.
+    /// All families of the catalogue, in its order.
     pub const ALL: [Self; 16] = [
         Prism,
         Annulus,
@@ -90,15 +94,15 @@ impl Family {
             Cup | Potato | Jar | Apple => 3,
             Tomato => 2,
             Eggplant | Lemon | HollowLemon | Cucumber | Strawberry => 1,
+            Capsule | Cone => 0,
         }
     }
 
     /// Use of its members.
     pub fn split(self) -> Split {
         match self {
-            Prism | Annulus | Cuboid | Cup | Cylinder | Eggplant | Potato | Sphere | Lemon => {
-                Split::Train
-            }
+            Prism | Annulus | Cuboid | Cup | Cylinder | Eggplant | Potato | Sphere | Lemon
+            | Capsule | Cone => Split::Train,
             Tomato | HollowLemon | Ellipsoid | Jar | Cucumber | Apple => Split::Novel,
             Strawberry => Split::Soft,
         }
@@ -106,7 +110,10 @@ impl Family {
 
     /// Solid of member `index`. The first length drawn is spread over the members.
     pub(super) fn shape(self, index: u32, seed: u64) -> Shape {
-        let draw = &mut Draw::new(seed, index, self.count());
+        self.drawn(&mut Draw::new(seed, index, self.count()), index)
+    }
+
+    fn drawn(self, draw: &mut Draw, index: u32) -> Shape {
         match self {
             Prism => Shape::Prism {
                 sides: 3 + index % 7,
@@ -143,7 +150,20 @@ impl Family {
             Cucumber => Shape::StarShaped(fruit::cucumber(draw)),
             Apple => Shape::StarShaped(fruit::apple(draw)),
             Strawberry => Shape::StarShaped(fruit::strawberry(draw)),
+            Capsule => Shape::Capsule {
+                radius: draw.spread(0.010, 0.026),
+                half_height: draw.uniform(0.004, 0.030),
+            },
+            Cone => Shape::Cone {
+                radius: draw.spread(0.012, 0.026),
+                half_height: draw.uniform(0.004, 0.024),
+            },
         }
+    }
+
+    /// Solid of this family of hand size, `index` of any number, drawn from `seed`.
+    pub(super) fn indenter(self, index: u32, seed: u64) -> Shape {
+        self.drawn(&mut Draw::new(seed, 0, 1), index)
     }
 }
 
@@ -166,6 +186,8 @@ impl fmt::Display for Family {
             Cucumber => "cucumber",
             Apple => "apple",
             Strawberry => "strawberry",
+            Capsule => "capsule",
+            Cone => "cone",
         })
     }
 }

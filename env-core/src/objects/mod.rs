@@ -15,7 +15,7 @@ pub use antipodal::{Antipodal, GraspSampler, Rejection, Sampling};
 pub use clearance::Hand;
 pub use family::{Family, Split};
 
-use rand::{Rng, SeedableRng};
+use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::{
@@ -92,4 +92,37 @@ pub fn catalogue(seed: u64) -> Vec<Object> {
     let members = Family::ALL.iter().flat_map(|&f| (0..f.count()).map(move |index| (f, index)));
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     members.map(|(family, index)| Object::new(family, index, random.next_u64())).collect()
+}
+
+/// Families of [`indenters`]: those of the catalogue for training, and two more.
+const INDENTERS: [Family; 11] = [
+    Family::Prism,
+    Family::Sphere,
+    Family::Cuboid,
+    Family::Cylinder,
+    Family::Cone,
+    Family::Annulus,
+    Family::Capsule,
+    Family::Potato,
+    Family::Cup,
+    Family::Lemon,
+    Family::Eggplant,
+];
+/// Factors by which solids of hand size are scaled to indenters, from features of 0.3 mm on.
+const SCALES: [f64; 2] = [0.02, 1.2];
+
+/// Returns `count` solids of the families for training, the scale of each drawn so that its
+/// logarithm is uniform: features of 0.3 to 40 mm.
+pub fn indenters(seed: u64, count: usize) -> Vec<Object> {
+    let one = |number: usize| {
+        let family = INDENTERS[number % INDENTERS.len()];
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(number as u64);
+        let (index, seed) = (random.next_u32() % 64, random.next_u64());
+        let [low, high] = SCALES;
+        let scale = low * (high / low).powf(random.random::<f64>());
+        let shape = family.indenter(index, seed).scaled(scale);
+        Object { name: format!("{family}-{number:05}"), family, split: Split::Train, seed, shape }
+    };
+    (0..count).map(one).collect()
 }

@@ -1,0 +1,254 @@
+//! An indenter of any size that moves through given poses into one pad.
+//!
+//! It touches with a drawn orientation at a drawn place, goes down in steps to a drawn depth, and in
+//! two of five presses moves on sideways, twists and rolls, with the friction coefficient of the
+//! press. Finite elements are solved on a mesh graded towards the part of the face that the indenter
+//! would cover if the gel gave way nowhere else.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    config::Config,
+    plan::{Plan, choose},
+    record::{Named, of_bodies, pose, wrenches},
+    tensor::Tensor,
+};
+use crate::{
+    Error, Result,
+    deformation::{Deformation, Press},
+    fem::Carrier,
+    geometry::{PadMesh, PadOutline, Shape},
+    objects::Object,
+    sensor::Sensor,
+};
+
+/// Motion of an indenter, as drawn.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Indentation {
+    /// Coefficient of friction.
+    pub friction: f64,
+    /// Orientation in which it touches.
+    pub turn: UnitQuaternion<f64>,
+    /// Place of its centre in plan, over the half extents of the pad.
+    pub spot: [f64; 2],
+    /// Depth (m).
+    pub depth: f64,
+    /// Sideways motion over the depth, and rotation about the place of touch (rad), after it is
+    /// down.
+    pub onward: Option<([f64; 2], Vector3<f64>)>,
+}
+
+/// Parts of the depth at which frames are taken.
+const DOWN: [f64; 4] = [0.15, 0.4, 0.7, 1.0];
+/// Parts of the onward motion at which frames are taken; the last goes back.
+const ONWARD: [f64; 3] = [0.5, 1.0, 0.4];
+/// Least depth (m), and the greatest over the thickness of the indenter.
+const DEPTHS: (f64, f64) = (2e-5, 0.6);
+/// Coefficients of friction, each as frequent as the others.
+const FRICTIONS: [f64; 8] = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.0, 2.0];
+/// Distance between the places at which the face is searched for the indenter (m), coarse and fine.
+const APART: [f64; 2] = [4e-4, 1e-4];
+/// Greatest force, in units of E t² with the thickness t: 80 N on a GelSight Mini.
+const STRONGEST: f64 = 17.0;
+
+/// Draws the presses of an indenter.
+pub(super) fn indentations(config: &Config, object: &Object) -> Vec<Plan> {
+    (0..config.grasps).map(|number| draw(config, object, number)).collect()
+}
+
+fn draw(config: &Config, object: &Object, number: usize) -> Plan {
+    let mut random = ChaCha8Rng::seed_from_u64(object.seed);
+    random.set_stream(1 + number as u64);
+    let mut uniform = || random.random::<f64>();
+    // Half of them rest on a side or an end, up to a few degrees; the others stand anyhow.
+    let turn = if uniform() < 0.5 {
+        let quarter = |turns: f64| 0.25 * TAU * turns.floor();
+        let side = UnitQuaternion::from_euler_angles(quarter(4.0 * uniform()), quarter(4.0 * uniform()), 0.0);
+        let tilt = Vector3::new(uniform() - 0.5, uniform() - 0.5, 0.0) * 0.2 * uniform();
+        UnitQuaternion::from_scaled_axis(tilt)
+            * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), TAU * uniform())
+            * side
+    } else {
+        let mut between = || 2.0 * uniform() - 1.0;
+        let four = std::array::from_fn(|_| between() + between() + between());
+        UnitQuaternion::new_normalize(nalgebra::Quaternion::from(four))
+    };
+    let gel = choose(config, uniform());
+    let thickness = Sensor::named(&config.gels[gel].sensor).map_or(4e-3, |s| s.outline.thickness);
+    let deepest = (config.depth * thickness).min(DEPTHS.1 * object.shape.thickness());
+    let depth = DEPTHS.0 * f64::max(deepest / DEPTHS.0, 1.0).powf(uniform().sqrt());
+    let friction = FRICTIONS[(FRICTIONS.len() as f64 * uniform()) as usize];
+    let spot = [uniform(), uniform()].map(|u| 1.9 * u - 0.95);
+    let goes_on = uniform() < 0.4;
+    let angle = |u: f64, most: f64| f64::min(depth / 5e-4, 1.0) * most * (2.0 * u - 1.0);
+    let aside = [uniform(), uniform()].map(|u| 2.0 * u - 1.0);
+    let rotation =
+        Vector3::new(angle(uniform(), 0.14), angle(uniform(), 0.14), angle(uniform(), 0.18));
+    let onward = goes_on.then_some((aside, rotation));
+    Plan {
+        name: format!("{}/{number:03}", object.name),
+        object: object.name.clone(),
+        gel,
+        tool: Isometry3::identity(),
+        width: 0.0,
+        quality: 0.0,
+        force: 0.0,
+        shear: [0.0; 2],
+        twist: 0.0,
+        indentation: Some(Indentation { friction, turn, spot, depth, onward }),
+    }
+}
+
+/// Solves the press `plan`; returns the number of its frames, their tensors and the error that ended
+/// it early.
+pub(super) fn solve(
+    config: &Config,
+    shape: &Shape,
+    plan: &Plan,
+    sensor: &Sensor,
+    model: &PadMesh,
+) -> (usize, Named, Option<Error>) {
+    let drawn = plan.indentation.as_ref().expect("a press of an indenter");
+    let gel = &config.gels[plan.gel];
+    let solve = || -> Result<(Vec<Deformation>, Named, Option<Error>)> {
+        let shape = shape.clone().validated()?;
+        let (start, path) = drawn.path(&shape, &sensor.outline);
+        let points = covered(&shape, &path, &sensor.outline, drawn.depth);
+        let fem = gel.graded(sensor, &points, config)?;
+        let carrier = Carrier::new(&fem, &model.mesh)?;
+        let press = Press::along(vec![shape], path.iter().map(|pose| vec![*pose]).collect())?;
+        let press = press.with_friction(drawn.friction)?;
+        let (mut frames, mut error) = (Vec::new(), None);
+        for frame in fem.solve_path(&press) {
+            match frame {
+                Ok(frame) => frames.push(frame),
+                Err(found) => error = Some(found),
+            }
+        }
+        let unit = gel.young * sensor.outline.thickness.powi(2);
+        let held = |f: &Deformation| {
+            let force = f.wrench.force.norm() / unit;
+            force > 0.0 && force < STRONGEST
+        };
+        let first = frames.iter().position(held).unwrap_or(frames.len());
+        let frames: Vec<_> = frames.into_iter().skip(first).take_while(held).collect();
+        let all: Vec<_> = frames.iter().collect();
+        let mut own = of_bodies(&all, &carrier);
+        let count = frames.len();
+        let poses = frames.iter().flat_map(|f| pose(&f.poses[0]));
+        own.push(("press", Tensor::double(poses, &[count, 7])));
+        own.push(("start", Tensor::double(pose(&start), &[7])));
+        own.push(("wrench", wrenches(frames.iter().map(|f| &f.wrench))));
+        let named = own.into_iter().map(|(what, tensor)| (format!("first.{what}"), tensor));
+        Ok((frames, named.collect(), error))
+    };
+    match solve() {
+        Ok((frames, tensors, error)) => {
+            let loose = || Error::invalid("press", "no force", "contact along the path");
+            let error = error.or_else(|| frames.is_empty().then(loose));
+            (frames.len(), if frames.is_empty() { Vec::new() } else { tensors }, error)
+        }
+        Err(error) => (0, Vec::new(), Some(error)),
+    }
+}
+
+impl Indentation {
+    /// Pose at first touch, and those of the frames.
+    fn path(&self, shape: &Shape, outline: &PadOutline) -> (Isometry3<f64>, Vec<Isometry3<f64>>) {
+        let [x, y] = [0.5 * self.spot[0] * outline.width, 0.5 * self.spot[1] * outline.length];
+        let at = |z: f64| Isometry3::from_parts(Translation3::new(x, y, z), self.turn);
+        let mut places = face(outline, APART[0]);
+        let gap = |places: &[Point3<f64>], z: f64| {
+            let pose = at(z);
+            let gaps = places.iter().map(|p| shape.distance(&pose.inverse_transform_point(p)).value);
+            gaps.fold(f64::INFINITY, f64::min)
+        };
+        // The smallest gap is never more than the way that is left.
+        let lower = |places: &[Point3<f64>], mut z: f64| {
+            for _ in 0..500 {
+                let gap = gap(places, z);
+                if gap < 1e-7 {
+                    break;
+                }
+                z -= gap;
+            }
+            z
+        };
+        let z = lower(&places, 0.2);
+        let pose = at(z + APART[0]);
+        let near = |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value;
+        places.retain(|p| near(p) < 4.0 * APART[0]);
+        let around: Vec<_> = places.iter().flat_map(|p| finer(outline, p)).collect();
+        let touch = at(lower(&around, z + APART[0]));
+        let down = |part: f64| Translation3::new(0.0, 0.0, -part * self.depth) * touch;
+        let mut path: Vec<_> = DOWN.iter().map(|part| down(*part)).collect();
+        if let Some(([x, y], rotation)) = self.onward {
+            let bottom = down(1.0);
+            // It turns about the place where it touched first.
+            let pose = touch;
+            let near = |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value;
+            let pivot = around.iter().min_by(|a, b| near(a).total_cmp(&near(b)));
+            let pivot = pivot.map_or(bottom.translation.vector, |p| p.coords);
+            path.extend(ONWARD.iter().map(|part| {
+                let turn = UnitQuaternion::from_scaled_axis(rotation * *part);
+                let moved = Vector3::new(x, y, 0.0) * (self.depth * part);
+                Translation3::from(moved + pivot)
+                    * turn
+                    * Translation3::from(-pivot)
+                    * bottom
+            }));
+        }
+        (touch, path)
+    }
+}
+
+/// Places on the face, `apart` (m) from each other.
+fn face(outline: &PadOutline, apart: f64) -> Vec<Point3<f64>> {
+    let line = |extent: f64| {
+        let count = (extent / apart).ceil() as usize;
+        (0..=count).map(move |i| (i as f64 / count as f64 - 0.5) * extent)
+    };
+    let place = |x: f64, y: f64| Point3::new(x, y, outline.height(x, y));
+    line(outline.width).flat_map(|x| line(outline.length).map(move |y| place(x, y))).collect()
+}
+
+/// Places on the face around one of those that are [`APART`].
+fn finer(outline: &PadOutline, place: &Point3<f64>) -> Vec<Point3<f64>> {
+    let count = (APART[0] / APART[1]).ceil() as i32;
+    let (x, y) = (place.x, place.y);
+    let step = |i: i32| f64::from(i) * APART[1];
+    let all = (-count / 2..=count / 2)
+        .flat_map(|i| (-count / 2..=count / 2).map(move |j| (x + step(i), y + step(j))));
+    let within = |(x, y): &(f64, f64)| {
+        x.abs() <= 0.5 * outline.width && y.abs() <= 0.5 * outline.length
+    };
+    all.filter(within).map(|(x, y)| Point3::new(x, y, outline.height(x, y))).collect()
+}
+
+/// Places on the face that the indenter covers at the deepest and the last of its poses, and those
+/// beside them.
+fn covered(
+    shape: &Shape,
+    path: &[Isometry3<f64>],
+    outline: &PadOutline,
+    depth: f64,
+) -> Vec<Point3<f64>> {
+    let last = path.len() - 1;
+    let ends = [path[DOWN.len() - 1], path[last.min(DOWN.len() + 1)]];
+    let gap = |p: &Point3<f64>| {
+        let gaps = ends.iter().map(|pose| shape.distance(&pose.inverse_transform_point(p)).value);
+        gaps.fold(f64::INFINITY, f64::min)
+    };
+    let coarse = face(outline, APART[0]).into_iter().filter(|p| gap(p) < APART[0]);
+    let mut fine: Vec<_> = coarse.flat_map(|p| finer(outline, &p)).collect();
+    let least = fine.iter().map(gap).fold(f64::INFINITY, f64::min);
+    fine.retain(|p| gap(p) < f64::max(0.0, least + 0.2 * depth));
+    // Wide contact needs fewer.
+    let every = fine.len().div_ceil(4000).max(1);
+    fine.into_iter().step_by(every).collect()
+}
