@@ -5,6 +5,7 @@ use std::path::Path;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
+use super::indentation;
 use crate::{
     Error, Result,
     deformation::{Law, Moduli, SoftBody},
@@ -180,6 +181,11 @@ impl Config {
                 all
             }
         }
+    }
+
+    /// Least and greatest coefficient of friction, if they are drawn for each press.
+    pub fn frictions(&self) -> Option<[f64; 2]> {
+        (self.scenario == Scenario::Presses).then_some(indentation::FRICTION)
     }
 
     /// Returns this configuration, or an error if no dataset can be made from it.

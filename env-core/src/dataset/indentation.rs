@@ -51,6 +51,8 @@ const ONWARD: [f64; 3] = [0.5, 1.0, 0.4];
 const DEPTHS: (f64, f64) = (2e-5, 0.6);
 /// Coefficients of friction, each as frequent as the others.
 const FRICTIONS: [f64; 8] = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.0, 2.0];
+/// The least and the greatest of them.
+pub(super) const FRICTION: [f64; 2] = [0.0, 2.0];
 /// Distance between the places at which the face is searched for the indenter (m), coarse and fine.
 const APART: [f64; 2] = [4e-4, 1e-4];
 /// Greatest force, in units of E t² with the thickness t: 80 N on a GelSight Mini.

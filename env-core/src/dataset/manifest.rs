@@ -91,8 +91,8 @@ const FARTHEST: [objects::Family; 2] = [objects::Family::HollowLemon, objects::F
 /// last is for the test and the one before it for validation; of fewer likewise. `novel-14` and
 /// `novel-12` test on objects of families that do not occur in training.
 ///
-/// Of indenters, every twentieth is for the test of the only split, `presses`, and the one before it
-/// for validation.
+/// Of indenters, every tenth is for the test of the only split, `presses`, and the one before it for
+/// validation.
 pub(super) fn splits(
     config: &Config,
     grasps: &[(Object, Vec<String>)],
@@ -107,9 +107,9 @@ fn of_presses(presses: &[(Object, Vec<String>)]) -> Split {
     let mut split = Split::default();
     for (object, names) in presses {
         let number: usize = object.name.rsplit('-').next().and_then(|n| n.parse().ok()).unwrap_or(0);
-        match number % 20 {
-            19 => split.test.extend(names.clone()),
-            18 => split.validation.extend(names.clone()),
+        match number % 10 {
+            9 => split.test.extend(names.clone()),
+            8 => split.validation.extend(names.clone()),
             _ => split.train.extend(names.clone()),
         }
     }

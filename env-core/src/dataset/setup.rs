@@ -66,12 +66,14 @@ impl Setup {
                 Self::Pads(config.gels.par_iter().enumerate().map(pads).collect::<Result<_>>()?)
             }
             Scenario::Presses => {
-                let pad = |gel: &GelConfig| {
+                let pad = |(number, gel): (usize, &GelConfig)| {
                     let sensor = Sensor::named(&gel.sensor)?;
                     let model = sensor.pad(config.model_nodes)?;
+                    let file = || mesh_file(&model.mesh, &model.base, &[]);
+                    keep(&number.to_string(), &file)?;
                     Ok((sensor, model))
                 };
-                Self::Presses(config.gels.iter().map(pad).collect::<Result<_>>()?)
+                Self::Presses(config.gels.iter().enumerate().map(pad).collect::<Result<_>>()?)
             }
             Scenario::Soft => Self::Soft(objects.par_iter().map(soft).collect::<Result<_>>()?),
         })

@@ -281,7 +281,7 @@ impl PadModel {
         } else {
             carried
         };
-        let LinearFields { displacement, contact_force, von_mises, poses } = corrected;
+        let LinearFields { displacement, contact_force, von_mises, poses, .. } = corrected;
         let residual =
             if wanted.residual { self.residual(&displacement, &contact_force)? } else { 0.0 };
         let (iterations, seconds) = linear.effort();
@@ -321,6 +321,7 @@ impl PadModel {
             contact_force,
             von_mises: fields.stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
             poses: carried.poses.clone(),
+            cells: None,
         })
     }
 

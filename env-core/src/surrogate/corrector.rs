@@ -14,7 +14,7 @@ use candle_nn::VarBuilder;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    features::{FEATURES, PadInput},
+    features::{self, PadInput},
     graph::{LAYERS, PadGraph, SCALES},
     layers::{Linear, Mlp},
     metrics::Fields,
@@ -34,11 +34,14 @@ pub struct CorrectorConfig {
     pub up: [usize; SCALES - 1],
     /// Width W of the hidden features of a tetrahedron's corner.
     pub corner: usize,
+    /// `true` if its input has the features of contact on cells.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub cells: bool,
 }
 
 impl Default for CorrectorConfig {
     fn default() -> Self {
-        Self { width: 48, down: [1, 1, 2], up: [2, 1], corner: 16 }
+        Self { width: 48, down: [1, 1, 2], up: [2, 1], corner: 16, cells: false }
     }
 }
 
@@ -53,7 +56,7 @@ pub(super) struct Corrector {
 
 /// Presses on one graph as tensors.
 pub(super) struct Batch {
-    /// Features of the columns (B C, FEATURES).
+    /// Features of the columns (B C, F).
     features: Tensor,
     /// Linear displacement (B V, 3).
     displacement: Tensor,
@@ -95,8 +98,9 @@ impl Batch {
         };
         let displacement = all(|q| &q.displacement);
         let nodes = displacement.len() / 3;
+        let width = questions[0].features.len() / columns;
         Ok(Self {
-            features: Tensor::from_vec(all(|q| &q.features), (count * columns, FEATURES), device)?,
+            features: Tensor::from_vec(all(|q| &q.features), (count * columns, width), device)?,
             displacement: Tensor::from_vec(displacement, (nodes, 3), device)?,
             stress: Tensor::from_vec(
                 all(|q| &q.stress),
@@ -118,11 +122,11 @@ impl Batch {
 
 impl Corrector {
     pub(super) fn new(config: &CorrectorConfig, vb: &VarBuilder) -> Result<Self> {
-        let CorrectorConfig { width, corner, down, up } = *config;
+        let CorrectorConfig { width, corner, down, up, cells } = *config;
         let zero = |vb: VarBuilder| Linear::zero(width, 3 * LAYERS + 3, &vb);
         let nodes = vb.pp("nodes");
         Ok(Self {
-            scales: MultiScale::new([FEATURES, width], down, up, vb)?,
+            scales: MultiScale::new([features::width(cells), width], down, up, vb)?,
             nodes: Mlp {
                 first: Linear::new(width, width, &nodes.pp("first"))?,
                 second: zero(nodes.pp("second"))?,

@@ -9,7 +9,7 @@ use candle_core::Result;
 
 use super::{
     corrector::Corrector,
-    features::{FEATURES, PadInput},
+    features::PadInput,
     graph::{LAYERS, PadGraph, SCALES},
     metrics::Fields,
     ops::PadStress,
@@ -61,7 +61,6 @@ impl PadInference {
         with_stress: bool,
         scratch: &mut PadBuffers,
     ) -> Fields {
-        debug_assert_eq!(question.features.len(), self.columns * FEATURES);
         let PadBuffers { trunk, hidden, says, corners, stress } = scratch;
         let latent = self.trunk.latent(&question.features, &[&[]; SCALES], trunk);
         self.nodes[0].forward(latent, hidden);
@@ -129,6 +128,7 @@ mod tests {
     use super::{
         super::{
             corrector::{Batch, CorrectorConfig},
+            features::FEATURES,
             parameters::Parameters,
         },
         *,

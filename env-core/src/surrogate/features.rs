@@ -10,8 +10,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::graph::{LAYERS, Mirror, PLACE_FEATURES, PadGraph};
-use super::linear::LinearFields;
+use super::linear::{CellContact, LinearFields};
 use crate::{
+    compliance::nodal::NodeContact,
     deformation::Moduli,
     geometry::{Distance, Shape},
 };
@@ -24,11 +25,20 @@ pub(super) const FEATURES: usize = 3 * LAYERS + 3 + 3 + 3 + PLACE_FEATURES + GLO
 /// Number of features of the press as a whole: amplitude, compressibility, friction, force over
 /// amplitude.
 const GLOBALS: usize = 4;
+/// Number of features of a column where contact is evaluated on cells: touched area, pressure over
+/// Young's modulus, slope of the object against the face, spread of its normals, its mean normal;
+/// and of the press as a whole: the means of pressure, slope and spread, size of a cell, number of
+/// cells.
+const CELLS: usize = 7 + 5;
+/// Number of features of a column, with or without those of cells.
+pub(super) const fn width(cells: bool) -> usize {
+    if cells { FEATURES + CELLS } else { FEATURES }
+}
 
 /// A press with its linear answer.
 #[derive(Clone, Debug)]
 pub(super) struct PadInput {
-    /// Features of the columns (C, FEATURES).
+    /// Features of the columns (C, [`width`]).
     pub(super) features: Vec<f32>,
     /// Displacement of the linear answer (V, 3).
     pub(super) displacement: Vec<f32>,
@@ -100,7 +110,8 @@ impl PadInput {
             gel.friction,
             (total.norm() * length / (gel.force() * amplitude.max(f64::MIN_POSITIVE))).ln_1p(),
         ];
-        let mut features = Vec::with_capacity(columns * FEATURES);
+        let touched = linear.cells.as_ref().map(|cells| cell_features(cells, gel, columns));
+        let mut features = Vec::with_capacity(columns * width(touched.is_some()));
         let mut gates = Vec::with_capacity(columns);
         for (column, &rest) in places[..columns].iter().enumerate() {
             let moved = rest + linear.displacement[column];
@@ -119,7 +130,14 @@ impl PadInput {
             features.extend(numbers.map(|x| x as f32));
             features.extend(&graph.places[column * PLACE_FEATURES..][..PLACE_FEATURES]);
             features.extend(globals.map(|x| x as f32));
-            gates.push((1.0 - gap / (REACH * length)).clamp(0.0, 1.0) as f32);
+            let gate = (1.0 - gap / (REACH * length)).clamp(0.0, 1.0) as f32;
+            let mut bears = false;
+            if let Some((of_columns, of_press)) = &touched {
+                let own = &of_columns[column];
+                bears = own[0] > 0.0;
+                features.extend(own.iter().chain(of_press));
+            }
+            gates.push(if bears { 1.0 } else { gate });
         }
         Self {
             features,
@@ -136,7 +154,7 @@ impl PadInput {
     /// Returns the same press seen in a mirror.
     pub(super) fn mirrored(&self, mirror: &Mirror) -> Self {
         let Self { other_force, amplitude, strongest, .. } = *self;
-        let signs = feature_signs(mirror.signs);
+        let signs = feature_signs(mirror.signs, self.features.len() / self.gates.len());
         Self {
             features: moved(&self.features, &mirror.columns, &signs),
             displacement: moved(&self.displacement, &mirror.columns, &mirror.signs),
@@ -162,15 +180,53 @@ impl Target {
     }
 }
 
-/// Sign of each feature in a mirror of the given `signs`.
-fn feature_signs([x, y, z]: [f32; 3]) -> [f32; FEATURES] {
-    let mut all = [1.0; FEATURES];
+/// Features of the columns and of the press that [`CELLS`] lists.
+fn cell_features(
+    cells: &CellContact,
+    gel: &PadMaterial,
+    columns: usize,
+) -> (Vec<[f32; 7]>, [f32; 5]) {
+    let (young, length) = (gel.moduli.young, gel.thickness);
+    let mut of_columns = vec![[0.0; 7]; columns];
+    let (mut all, mut area) = (NodeContact::default(), 0.0);
+    let mut pressures = 0.0;
+    let means = |c: &NodeContact| {
+        let unit = c.borne.max(f64::MIN_POSITIVE);
+        let normal = c.normal / unit;
+        [(c.slope / unit).ln_1p(), 1.0 - normal.norm(), normal.x, normal.y, normal.z]
+    };
+    for (node, contact) in &cells.nodes {
+        let pressure = contact.borne / (young * contact.area.max(f64::MIN_POSITIVE));
+        let [slope, spread, x, y, z] = means(contact);
+        let touched = 8.0 * contact.area / (length * length);
+        let own = [touched, (4.0 * pressure).ln_1p(), slope, 4.0 * spread, x, y, z];
+        of_columns[*node as usize] = own.map(|x| x as f32);
+        all.borne += contact.borne;
+        all.normal += contact.normal;
+        all.slope += contact.slope;
+        area += contact.area;
+        pressures += pressure * contact.borne;
+    }
+    let pressure = pressures / all.borne.max(f64::MIN_POSITIVE);
+    let [slope, spread, ..] = means(&all);
+    let count = area / (cells.spacing * cells.spacing);
+    let size = (cells.spacing / length).ln() + 2.5;
+    let of_press = [(4.0 * pressure).ln_1p(), slope, 4.0 * spread, 0.5 * size, 0.25 * count.ln_1p()];
+    (of_columns, of_press.map(|x| x as f32))
+}
+
+/// Sign of each of `count` features in a mirror of the given `signs`.
+fn feature_signs([x, y, z]: [f32; 3], count: usize) -> Vec<f32> {
+    let mut all = vec![1.0; count];
     let distances = 3 * (LAYERS + 1);
     for vector in (0..=LAYERS).map(|k| 3 * k).chain([distances + 3]) {
         all[vector..vector + 3].copy_from_slice(&[x, y, z]);
     }
     let place = distances + 6;
     all[place..place + 2].copy_from_slice(&[x, y]);
+    if count > FEATURES {
+        all[FEATURES + 4..FEATURES + 7].copy_from_slice(&[x, y, z]);
+    }
     all
 }
 

@@ -20,7 +20,7 @@ use crate::{
     Result,
     compliance::{
         Compliance, Options,
-        nodal::{LayeredPad, Nodal, Settled},
+        nodal::{LayeredPad, Nodal, NodeContact, Settled},
     },
     deformation::{Deformation, History, Law, Moduli, Press, SoftBody, Wrench},
     geometry::{PadMesh, Transfer},
@@ -99,6 +99,17 @@ pub(super) struct LinearFields {
     pub(super) von_mises: Vec<f64>,
     /// Poses of the shapes (S).
     pub(super) poses: Vec<Isometry3<f64>>,
+    /// Contact on cells, if it was evaluated there.
+    pub(super) cells: Option<CellContact>,
+}
+
+/// Contact on cells as the nodes of the face see it.
+#[derive(Clone, Debug)]
+pub(super) struct CellContact {
+    /// Nodes that bear some, ascending.
+    pub(super) nodes: Vec<(u32, NodeContact)>,
+    /// Side of a cell (m).
+    pub(super) spacing: f64,
 }
 
 impl LinearBaseline {
@@ -161,9 +172,12 @@ impl LinearBaseline {
             }
             (LinearAnswer::Nodes(settled), Solver::Cells(both)) => {
                 let (layered, nodes) = &**both;
-                let forces = layered.forces(settled);
+                let contacts = layered.contacts(settled);
+                let forces: Vec<_> = contacts.iter().map(|(node, c)| (*node, c.force)).collect();
                 let mut fields = self.at_nodes(nodes, settled, &forces, with_stress);
                 layered.refine(settled, &forces, &mut fields.displacement);
+                let spacing = layered.spacing(settled);
+                fields.cells = Some(CellContact { nodes: contacts, spacing });
                 fields
             }
             (LinearAnswer::Points(fine), _) => {
@@ -173,6 +187,7 @@ impl LinearBaseline {
                     contact_force: self.transfer.spread(&fine.contact_force),
                     von_mises: if with_stress { stress() } else { Vec::new() },
                     poses: fine.poses.clone(),
+                    cells: None,
                 }
             }
             (LinearAnswer::Nodes(_), Solver::Points(_)) => {
@@ -204,6 +219,7 @@ impl LinearBaseline {
             contact_force,
             von_mises: if with_stress { stress() } else { Vec::new() },
             poses: settled.history.poses.clone(),
+            cells: None,
         }
     }
 }

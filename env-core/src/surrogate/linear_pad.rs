@@ -40,7 +40,7 @@ impl LinearPad {
 
     fn fields(&self, answer: &LinearAnswer, wanted: Wanted) -> Deformation {
         let start = Instant::now();
-        let LinearFields { displacement, contact_force, von_mises, poses } =
+        let LinearFields { displacement, contact_force, von_mises, poses, .. } =
             self.linear.carry(answer, wanted.stress);
         let (iterations, seconds) = answer.effort();
         Deformation {

@@ -129,6 +129,11 @@ impl Gels {
         shape: &Shape,
         pads: &[PadFrames],
     ) -> Result<Answers> {
+        let path_of = |frames: &PadFrames| self.linear_path(frames, shape);
+        if self.contact == Contact::Cells {
+            // Quick, and files would not keep the contact of cells.
+            return pads.par_iter().map(path_of).collect();
+        }
         let shard = dataset.name(index);
         let kind = match self.contact {
             Contact::Points => String::new(),
@@ -139,19 +144,24 @@ impl Gels {
         if let Some(stored) = read(&path, pads) {
             return Ok(stored);
         }
-        let path_of = |frames: &PadFrames| -> Result<Vec<LinearFields>> {
-            let linear = &self.pads[frames.gel].linear;
-            let poses = std::iter::once(&frames.start).chain(&frames.poses);
-            let poses = poses.map(|&pose| vec![pose]).collect();
-            let press = Press::along(vec![shape.clone()], poses)?;
-            let answers = linear.path(&press).into_iter().map_while(Result::ok).skip(1);
-            Ok(answers.map(|answer| linear.carry(&answer, true)).collect())
-        };
         let answers: Answers = pads.par_iter().map(path_of).collect::<Result<_>>()?;
         write(&path, &answers)?;
         // Files have single precision: the run that computes them must train on the same numbers as
         // later ones.
         read(&path, pads).ok_or_else(|| Error::file(&path, &"not what was written"))
+    }
+
+    /// Computes the linear answers to the frames of a press, up to the first that fails.
+    fn linear_path(&self, frames: &PadFrames, shape: &Shape) -> Result<Vec<LinearFields>> {
+        let linear = &self.pads[frames.gel].linear;
+        let poses = std::iter::once(&frames.start).chain(&frames.poses);
+        let poses = poses.map(|&pose| vec![pose]).collect();
+        let mut press = Press::along(vec![shape.clone()], poses)?;
+        if let Some(friction) = frames.friction {
+            press = press.with_friction(friction)?;
+        }
+        let answers = linear.path(&press).into_iter().map_while(Result::ok).skip(1);
+        Ok(answers.map(|answer| linear.carry(&answer, true)).collect())
     }
 
     fn sample(
@@ -162,7 +172,9 @@ impl Gels {
         linear: &LinearFields,
     ) -> Sample {
         let pad = &self.pads[frames.gel];
-        let (graph, gel) = (&self.graphs[pad.graph], &pad.gel);
+        let graph = &self.graphs[pad.graph];
+        let friction = frames.friction.unwrap_or(pad.gel.friction);
+        let gel = &PadMaterial { friction, ..pad.gel };
         let places: &[Point3<f64>] = &pad.mesh.mesh.vertices;
         Sample {
             graph: pad.graph,
@@ -247,6 +259,7 @@ fn read(path: &Path, pads: &[PadFrames]) -> Option<Answers> {
             contact_force: vectors(f),
             von_mises: s.to_vec(),
             poses: vec![*pose],
+            cells: None,
         };
         Some(each.zip(&frames.poses).map(frame).collect())
     };

@@ -106,8 +106,9 @@ impl<C: Default> Default for Training<C> {
 
 impl Training {
     /// Returns this configuration, or an error if a value is out of range.
-    pub fn validated(self) -> Result<Self> {
-        let CorrectorConfig { width, corner, down, up } = self.network;
+    pub fn validated(mut self) -> Result<Self> {
+        self.network.cells = self.contact == Contact::Cells;
+        let CorrectorConfig { width, corner, down, up, .. } = self.network;
         positive("rate", self.rate)?;
         positive("clip", self.clip)?;
         seeded(self.seed)?;

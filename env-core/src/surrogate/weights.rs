@@ -129,7 +129,7 @@ impl Data {
             trained_by: trained_by.to_owned(),
             sensors,
             poisson: range(|gel| gel.poisson),
-            friction: range(|gel| gel.friction),
+            friction: config.frictions().unwrap_or_else(|| range(|gel| gel.friction)),
             ..Self::default()
         }
     }

@@ -130,6 +130,34 @@ class Frame:
 
 
 @dataclass(frozen=True)
+class PressFrame:
+    """One solved frame of an indenter's press."""
+
+    grasp: str
+    """Name of the press: indenter and number."""
+    number: int
+    """Number of the frame in the press, from 0."""
+    gel: int
+    """Number of the gel; see `Dataset.mesh`."""
+    pad: Pad
+    """The pad. Its anchors are on a mesh of the press's own and are left out."""
+
+    def imbalance(self) -> dict[str, float]:
+        """Magnitude of the sum of the nodal contact forces minus the force of the wrench (N)."""
+        total = self.pad.contact_force.sum(axis=0, dtype=np.float64)
+        return {"contact": float(np.linalg.norm(total - self.pad.wrench[:3]))}
+
+    def write(self, path: str | PathLike[str], mesh: TetMesh) -> list[Path]:
+        """Write the pad with its fields to a file.
+
+        Raises:
+            ValueError: If the file is no .vtu or .npz or cannot be written.
+        """
+        self.pad.write(path, mesh)
+        return [Path(path)]
+
+
+@dataclass(frozen=True)
 class SoftFrame:
     """One solved frame of a soft object's squeeze."""
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ruffini import _distributions
 from ruffini._core import TetMesh, dataset_shards, generate_dataset
-from ruffini._frames import Body, Finger, Frame, Pad, SoftFrame
+from ruffini._frames import Body, Finger, Frame, Pad, PressFrame, SoftFrame
 
 __all__ = [
     "Body",
@@ -30,6 +30,7 @@ __all__ = [
     "Finger",
     "Frame",
     "Pad",
+    "PressFrame",
     "Progress",
     "SoftFrame",
     "generate",
@@ -120,6 +121,7 @@ class Dataset:
         manifest: Configuration, shards, unsolved grasps and objects with few grasps.
         splits: Names of the grasps for "train", "validation" and "test", by split.
         soft: Whether the objects are soft and the fingers rigid, so that frames are `SoftFrame`.
+        presses: Whether one pad is pressed by indenters, so that frames are `PressFrame`.
         grasps: Names of the grasps with at least one frame, in the order of their frames.
     """
 
@@ -127,12 +129,14 @@ class Dataset:
     manifest: dict[str, Any]
     splits: dict[str, dict[str, list[str]]]
     soft: bool
+    presses: bool
     grasps: list[str]
 
     def __init__(self, path: str | PathLike[str]):
         self.path = Path(path)
         self.manifest = _manifest(self.path)
-        self.soft = self.manifest["config"].get("scenario") == "soft"
+        scenario = self.manifest["config"].get("scenario")
+        self.soft, self.presses = scenario == "soft", scenario == "presses"
         self.splits = self.manifest["splits"]
         shards = self.manifest["shards"]
         self._grasps = [(shard["file"], grasp) for shard in shards for grasp in shard["grasps"]]
@@ -145,14 +149,14 @@ class Dataset:
     def __len__(self) -> int:
         return self._starts[-1]
 
-    def __getitem__(self, index: int) -> Frame | SoftFrame:
+    def __getitem__(self, index: int) -> Frame | SoftFrame | PressFrame:
         place = index + len(self) if index < 0 else index
         if not 0 <= place < len(self):
             raise IndexError(f"frame: found {index}, expected less than {len(self)}")
         number = bisect_right(self._starts, place) - 1
         return self._frame(*self._grasps[number], place - self._starts[number])
 
-    def __iter__(self) -> Iterator[Frame | SoftFrame]:
+    def __iter__(self) -> Iterator[Frame | SoftFrame | PressFrame]:
         return (self[index] for index in range(len(self)))
 
     def __reduce__(self) -> tuple[type[Dataset], tuple[Path]]:
@@ -264,7 +268,9 @@ class Dataset:
         folder = "gels" if self.manifest["format"] == 1 else "meshes"
         return self._tensors(f"{folder}/{gel}.safetensors")
 
-    def _frame(self, file: str, grasp: dict[str, Any], number: int) -> Frame | SoftFrame:
+    def _frame(
+        self, file: str, grasp: dict[str, Any], number: int
+    ) -> Frame | SoftFrame | PressFrame:
         tensors, name = self._tensors(file), grasp["name"]
 
         def row(field: str) -> Any:
@@ -277,12 +283,20 @@ class Dataset:
                 "residual": float(row(f"{part}.residual")),
                 "iterations": int(row(f"{part}.iterations")),
             }
-            return {**arrays, **report, "anchors": self._anchors(name, part, number)}
+            if self.presses:
+                anchors = np.empty((0, 2, 3), dtype=np.float32)
+            else:
+                anchors = self._anchors(name, part, number)
+            return {**arrays, **report, "anchors": anchors}
 
         def rigid(part: str, *fields: str) -> dict[str, Any]:
             return {field: row(f"{part}.{field}") for field in fields}
 
         common: dict[str, Any] = {"grasp": name, "number": number, "gel": grasp["gel"]}
+        if self.presses:
+            pose = np.array([0.0, 0, 0, 0, 0, 0, 1])
+            pad = Pad(**body("first"), **rigid("first", "wrench", "press"), pose=pose)
+            return PressFrame(**common, pad=pad)
         common |= {field: float(row(field)) for field in ("force", "closing")}
         if self.soft:
             first, second = (Finger(**rigid(side, "wrench", "pose")) for side in _SIDES)

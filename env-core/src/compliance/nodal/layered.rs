@@ -5,7 +5,7 @@
 //! regular grids of cells ([`Grid`]), each twice as fine as the one before, chosen in every load
 //! step by the number of cells that touch.
 
-use std::sync::Arc;
+use std::{collections::BTreeMap, sync::Arc};
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -36,6 +36,21 @@ pub struct LayeredPad {
     levels: Arc<Vec<Skin>>,
     law: ContactLaw,
     model: Arc<ModelFace>,
+}
+
+/// Contact of the cells around a node.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NodeContact {
+    /// Force (N).
+    pub force: Vector3<f64>,
+    /// Sum of the norms of the cells' forces (N).
+    pub borne: f64,
+    /// Area of the touching cells (m²).
+    pub area: f64,
+    /// Outward normal of the shapes, weighted by the cells' forces (N).
+    pub normal: Vector3<f64>,
+    /// Square of the shapes' slope against the face, weighted by the cells' forces (N).
+    pub slope: f64,
 }
 
 /// The mesh on which fields are asked for: layers of nodes of one plan. C nodes a layer.
@@ -92,17 +107,31 @@ impl LayeredPad {
         }
     }
 
-    /// Forces of a solution distributed to the face nodes of the model mesh (N), ascending.
-    pub fn forces(&self, settled: &Settled) -> Vec<(u32, Vector3<f64>)> {
+    /// Contact of a solution distributed to the face nodes of the model mesh that bear some of it,
+    /// ascending.
+    pub fn contacts(&self, settled: &Settled) -> Vec<(u32, NodeContact)> {
         let grid = self.grid(settled);
-        let mut sum = std::collections::BTreeMap::<u32, Vector3<f64>>::new();
-        for (rank, force) in &settled.forces {
+        let mut sum = BTreeMap::<u32, NodeContact>::new();
+        for ((rank, force), normal) in settled.forces.iter().zip(&settled.normals) {
             let (corners, shares) = self.model.under(&grid.place(*rank));
+            let size = force.norm();
+            // Slope of the shape against the face, up to that of a wall of 84°.
+            let slope = normal.xy().norm_squared() / normal.z.powi(2).max(1e-2);
             for (corner, share) in corners.into_iter().zip(shares).filter(|(_, s)| *s > 0.0) {
-                *sum.entry(corner).or_default() += force * share;
+                let contact = sum.entry(corner).or_default();
+                contact.force += force * share;
+                contact.borne += size * share;
+                contact.area += grid.area() * share;
+                contact.normal += normal * (size * share);
+                contact.slope += slope * (size * share);
             }
         }
         sum.into_iter().collect()
+    }
+
+    /// Side of the cells on which a solution was found (m).
+    pub fn spacing(&self, settled: &Settled) -> f64 {
+        self.grid(settled).area().sqrt()
     }
 
     /// Replaces the displacement of nodes (m) near the contact, which elements give for tractions

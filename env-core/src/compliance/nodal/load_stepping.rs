@@ -49,6 +49,8 @@ pub(super) struct Held {
     pub(super) stuck: Point3<f64>,
     /// Force of the shape on the node (N).
     pub(super) force: Vector3<f64>,
+    /// Outward normal of the shape there; zero if it has not been measured yet.
+    pub(super) normal: Vector3<f64>,
 }
 
 /// State of body and shapes in balance.
@@ -239,12 +241,13 @@ impl<'a> NodalLoadStepping<'a> {
         let quarters = |held: &Held| {
             let pose = self.state.poses[held.shape as usize];
             let offset = pose * held.stuck - skin.place(held.rank);
-            let Held { shape, force, .. } = *held;
+            let Held { shape, force, normal, .. } = *held;
             grid.children(held.rank).map(|rank| Held {
                 rank,
                 shape,
                 stuck: pose.inverse_transform_point(&(next.place(rank) + offset)),
                 force: force * 0.25,
+                normal,
             })
         };
         let mut all: Vec<_> = held.iter().flat_map(quarters).collect();
@@ -258,7 +261,7 @@ impl<'a> NodalLoadStepping<'a> {
         let Some(grid) = skin.grid() else { return Vec::new() };
         // Force, its norm and the offset weighted by it; the first shape stands for all.
         let mut sums = BTreeMap::<u32, (u32, Vector3<f64>, f64, Vector3<f64>)>::new();
-        for Held { rank, shape, stuck, force } in held {
+        for Held { rank, shape, stuck, force, .. } in held {
             let offset = self.state.poses[*shape as usize] * stuck - skin.place(*rank);
             let zero = (*shape, Vector3::zeros(), 0.0, Vector3::zeros());
             let sum = sums.entry(grid.parent(*rank)).or_insert(zero);
@@ -271,7 +274,7 @@ impl<'a> NodalLoadStepping<'a> {
         let one = |(rank, (shape, force, weight, offsets)): (u32, (u32, Vector3<f64>, f64, _))| {
             let place = next.place(rank) + offsets / weight.max(f64::MIN_POSITIVE);
             let stuck = self.state.poses[shape as usize].inverse_transform_point(&place);
-            Held { rank, shape, stuck, force }
+            Held { rank, shape, stuck, force, normal: Vector3::zeros() }
         };
         sums.into_iter().map(one).collect()
     }
@@ -385,6 +388,7 @@ impl<'a> NodalLoadStepping<'a> {
         Settled {
             level: *level,
             forces: held.iter().map(|held| (held.rank, held.force)).collect(),
+            normals: held.iter().map(|held| held.normal).collect(),
             wrench: *wrench,
             history: History {
                 displacement: Vec::new(),
@@ -465,6 +469,7 @@ fn recalled(levels: &[Skin], history: &History) -> Result<NodalState> {
         shape: anchor.shape,
         stuck: anchor.place,
         force: *force,
+        normal: Vector3::zeros(),
     };
     let mut held: Vec<_> = history.anchors.iter().zip(&history.forces).map(held).collect();
     held.sort_unstable_by_key(|held| held.rank);
@@ -472,7 +477,7 @@ fn recalled(levels: &[Skin], history: &History) -> Result<NodalState> {
     // A touching node is at the place where it sticks, apart from the compliance of the contact
     // law.
     let (mut amplitude, mut wrench) = (0f64, Wrench::default());
-    for Held { rank, shape, stuck, force } in &held {
+    for Held { rank, shape, stuck, force, .. } in &held {
         let place = history.poses[*shape as usize] * stuck;
         amplitude = amplitude.max((place - skin.place(*rank)).norm());
         wrench.force += force;

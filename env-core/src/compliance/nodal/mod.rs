@@ -35,7 +35,7 @@ use crate::{
     geometry::PadMesh,
 };
 
-pub use layered::LayeredPad;
+pub use layered::{LayeredPad, NodeContact};
 use load_stepping::{NodalLoadStepping, Scratch};
 use skin::Skin;
 
@@ -53,6 +53,8 @@ pub struct Settled {
     pub level: usize,
     /// Touching contact nodes with the forces on them (N).
     pub forces: Vec<(u32, Vector3<f64>)>,
+    /// Outward normal of the shape at each of them.
+    pub normals: Vec<Vector3<f64>>,
     /// Resultant of all contact on the soft body.
     pub wrench: Wrench,
     /// History from which a later press may continue.

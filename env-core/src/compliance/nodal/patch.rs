@@ -300,7 +300,8 @@ impl<'a> Patch<'a> {
             let along = member.force - normal * normal.dot(&member.force);
             let stretch = self.law.stick_give(self.skin.point(member.rank)) * along;
             let stuck = self.way.to[shape as usize].inverse_transform_point(&(place + stretch));
-            (Held { rank: member.rank, shape, stuck, force: member.force }, place)
+            let Member { rank, force, .. } = *member;
+            (Held { rank, shape, stuck, force, normal }, place)
         };
         touching.map(held).collect()
     }

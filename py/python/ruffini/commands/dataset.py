@@ -38,9 +38,9 @@ def add_to(commands: Any) -> None:
         maker.add_argument(f"--{name}", type=int, help=f"{text}; as configured if not given")
     maker.add_argument(
         "--scenario",
-        choices=("pads", "soft"),
-        help="soft pads on rigid objects, or soft objects between rigid fingers; as configured if "
-        "not given",
+        choices=("pads", "soft", "presses"),
+        help="soft pads on rigid objects, soft objects between rigid fingers, or indenters of any "
+        "size on one pad; as configured if not given",
     )
     maker.add_argument("--threads", type=int, help="threads; one a core if not given")
     maker.add_argument("--commit", default="", help="commit of ruffini, for the manifest")
@@ -97,7 +97,8 @@ class _Line:
             flush=True,
         )
         claim = Path(self._folder, "config.json").read_text()
-        if note := _held_out(json.loads(claim)["grasps"]):
+        config = json.loads(claim)
+        if config["scenario"] != "presses" and (note := _held_out(config["grasps"])):
             print(note, file=sys.stderr, flush=True)
 
     @staticmethod
@@ -137,12 +138,13 @@ def _inspect(options: argparse.Namespace) -> None:
 def _balance(found: dataset.Dataset) -> None:
     """Print the largest imbalances of all frames, and in which frames they occur."""
     units = {"contact": "N", "force": "N", "torque": "N m"}
-    worst = dict.fromkeys(units, (-1.0, ""))
+    worst: dict[str, tuple[float, str]] = {}
     for frame in found:
         for name, value in frame.imbalance().items():
-            worst[name] = max(worst[name], (value, f"{frame.grasp} frame {frame.number}"))
-    for (name, unit), (value, place) in zip(units.items(), worst.values(), strict=True):
-        print(f"{name:<12} at most {value:.1e} {unit} out of balance, {place}")
+            found_here = (value, f"{frame.grasp} frame {frame.number}")
+            worst[name] = max(worst.get(name, found_here), found_here)
+    for name, (value, place) in worst.items():
+        print(f"{name:<12} at most {value:.1e} {units[name]} out of balance, {place}")
 
 
 def _export(options: argparse.Namespace) -> None:
