@@ -70,7 +70,11 @@ fn draw(config: &Config, object: &Object, number: usize) -> Plan {
     // Half of them rest on a side or an end, up to a few degrees; the others stand anyhow.
     let turn = if uniform() < 0.5 {
         let quarter = |turns: f64| 0.25 * TAU * turns.floor();
-        let side = UnitQuaternion::from_euler_angles(quarter(4.0 * uniform()), quarter(4.0 * uniform()), 0.0);
+        let side = UnitQuaternion::from_euler_angles(
+            quarter(4.0 * uniform()),
+            quarter(4.0 * uniform()),
+            0.0,
+        );
         let tilt = Vector3::new(uniform() - 0.5, uniform() - 0.5, 0.0) * 0.2 * uniform();
         UnitQuaternion::from_scaled_axis(tilt)
             * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), TAU * uniform())
@@ -167,7 +171,8 @@ impl Indentation {
         let mut places = face(outline, APART[0]);
         let gap = |places: &[Point3<f64>], z: f64| {
             let pose = at(z);
-            let gaps = places.iter().map(|p| shape.distance(&pose.inverse_transform_point(p)).value);
+            let gaps =
+                places.iter().map(|p| shape.distance(&pose.inverse_transform_point(p)).value);
             gaps.fold(f64::INFINITY, f64::min)
         };
         // The smallest gap is never more than the way that is left.
@@ -199,10 +204,7 @@ impl Indentation {
             path.extend(ONWARD.iter().map(|part| {
                 let turn = UnitQuaternion::from_scaled_axis(rotation * *part);
                 let moved = Vector3::new(x, y, 0.0) * (self.depth * part);
-                Translation3::from(moved + pivot)
-                    * turn
-                    * Translation3::from(-pivot)
-                    * bottom
+                Translation3::from(moved + pivot) * turn * Translation3::from(-pivot) * bottom
             }));
         }
         (touch, path)
@@ -226,9 +228,8 @@ fn finer(outline: &PadOutline, place: &Point3<f64>) -> Vec<Point3<f64>> {
     let step = |i: i32| f64::from(i) * APART[1];
     let all = (-count / 2..=count / 2)
         .flat_map(|i| (-count / 2..=count / 2).map(move |j| (x + step(i), y + step(j))));
-    let within = |(x, y): &(f64, f64)| {
-        x.abs() <= 0.5 * outline.width && y.abs() <= 0.5 * outline.length
-    };
+    let within =
+        |(x, y): &(f64, f64)| x.abs() <= 0.5 * outline.width && y.abs() <= 0.5 * outline.length;
     all.filter(within).map(|(x, y)| Point3::new(x, y, outline.height(x, y))).collect()
 }
 

@@ -93,10 +93,7 @@ const FARTHEST: [objects::Family; 2] = [objects::Family::HollowLemon, objects::F
 ///
 /// Of indenters, every tenth is for the test of the only split, `presses`, and the one before it for
 /// validation.
-pub(super) fn splits(
-    config: &Config,
-    grasps: &[(Object, Vec<String>)],
-) -> BTreeMap<String, Split> {
+pub(super) fn splits(config: &Config, grasps: &[(Object, Vec<String>)]) -> BTreeMap<String, Split> {
     match config.scenario {
         Scenario::Pads | Scenario::Soft => of_grasps(grasps, config.grasps),
         Scenario::Presses => [("presses".to_owned(), of_presses(grasps))].into(),
@@ -106,7 +103,8 @@ pub(super) fn splits(
 fn of_presses(presses: &[(Object, Vec<String>)]) -> Split {
     let mut split = Split::default();
     for (object, names) in presses {
-        let number: usize = object.name.rsplit('-').next().and_then(|n| n.parse().ok()).unwrap_or(0);
+        let number: usize =
+            object.name.rsplit('-').next().and_then(|n| n.parse().ok()).unwrap_or(0);
         match number % 10 {
             9 => split.test.extend(names.clone()),
             8 => split.validation.extend(names.clone()),

@@ -26,8 +26,8 @@ mod tensor;
 mod weight;
 
 pub use config::{Config, GelConfig, SOFT, Scenario};
-pub use indentation::Indentation;
 pub use generate::{GenerationProgress, Obstacle, Orders, generate, shards};
+pub use indentation::Indentation;
 pub use manifest::{FORMAT, Manifest, Shard, Solved, Split, Unsolved};
 pub use plan::{Plan, plans};
 pub use read::{Dataset, PadFrames};

@@ -68,11 +68,12 @@ impl Dataset {
         let text = fs::read_to_string(&path).map_err(|error| Error::file(&path, &error))?;
         let config = claimed(&text).map_err(|error| Error::file(&path, &error))?;
         if !scenarios.contains(&config.scenario) {
-            let [found, expected] = [config.scenario, scenarios[0]].map(|scenario| match scenario {
-                Scenario::Pads => "grasps by soft pads",
-                Scenario::Soft => "soft objects",
-                Scenario::Presses => "presses of indenters",
-            });
+            let [found, expected] =
+                [config.scenario, scenarios[0]].map(|scenario| match scenario {
+                    Scenario::Pads => "grasps by soft pads",
+                    Scenario::Soft => "soft objects",
+                    Scenario::Presses => "presses of indenters",
+                });
             return Err(Error::file(&path, &format!("{found}, expected {expected}")));
         }
         let objects = match config.scenario {

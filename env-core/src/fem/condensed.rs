@@ -23,7 +23,8 @@ use crate::contact::{ContactStep, Touch};
 
 /// Most Newton steps of the small system.
 const STEPS: usize = 30;
-/// Shares of such a step that are tried; the last is taken even if the residual rises.
+/// Shares of such a step that are tried with friction; the last is taken even if the residual rises.
+/// Without friction whole steps converge, and shorter ones may end on the wrong side of an edge.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
 /// Exponent p: for N unknowns in all, a dense system of at most Nᵖ unknowns is used, since solving
 /// it a few times costs less than factorising the sparse one.
@@ -55,7 +56,7 @@ impl Search<'_, '_> {
         }
         match self.balanced_steps(state, forces, tolerance) {
             Ok(next) => Some(next),
-            Err(step) => self.bold_step(state, &step?),
+            Err(step) => self.bold_step(state, forces, &step?),
         }
     }
 
@@ -164,16 +165,17 @@ impl CondensedSystem<'_> {
     ) -> Option<Col<f64>> {
         let mut motion = Col::zeros(self.load.nrows());
         let (mut touches, mut rest) = self.residual(contact, corner, &motion)?;
+        let shares = if self.system.law.friction > 0.0 { &SHARES[..] } else { &SHARES[..1] };
         for _ in 0..STEPS {
             let size = rest.norm_l2();
             if size <= tolerance {
                 return Some(motion);
             }
             let step = self.newton_step(contact, &touches, rest)?;
-            let tried = SHARES.iter().find_map(|&share| {
+            let tried = shares.iter().find_map(|&share| {
                 let moved = &motion + &step * Scale(share);
                 let (touches, rest) = self.residual(contact, corner, &moved)?;
-                let falls = rest.norm_l2() < size || Some(&share) == SHARES.last();
+                let falls = rest.norm_l2() < size || Some(&share) == shares.last();
                 falls.then_some((moved, touches, rest))
             });
             (motion, touches, rest) = tried?;

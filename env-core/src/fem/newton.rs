@@ -1,9 +1,9 @@
 //! Equilibrium by Newton's method with a line search on the energy.
 //!
-//! A step is first tried with contact solved on its own nodes ([`super::condensed`]). It may raise
-//! the residual for a few steps, as energy is not what friction minimises. If that fails, or contact involves too many nodes, it is tried with the factor of an earlier step,
-//! corrected by GMRES for the contact springs that are missing in it. The other methods are used if
-//! that fails, too, and for pushes.
+//! A step is first tried with contact solved on its own nodes ([`super::condensed`]); it may raise
+//! the residual for a few steps, but not the energy. If that fails, or contact involves too many
+//! nodes, it is tried with the factor of an earlier step, corrected by GMRES for the contact springs
+//! that are missing in it. The other methods are used if that fails, too, and for pushes.
 //!
 //! The stiffness is used unchanged where it is positive definite. Where it is not, its diagonal is
 //! raised step by step, and if that is not enough it is filtered element by element, which is safe
@@ -239,14 +239,23 @@ impl Search<'_, '_> {
         Some(next)
     }
 
-    /// Takes the full `step` by a stiffness of the present state, unless the residual rises far above
-    /// the lowest or has not been halved for long. Where the body is bent much, it rises first and
-    /// then falls the faster.
-    pub(super) fn bold_step(&mut self, state: &mut Configuration, step: &[f64]) -> Option<Forces> {
+    /// Takes the full `step` by a stiffness of the present state, unless the energy rises, or the
+    /// residual rises far above the lowest or has not been halved for long. Where the body is bent
+    /// much, the residual rises first and then falls the faster.
+    pub(super) fn bold_step(
+        &mut self,
+        state: &mut Configuration,
+        forces: &Forces,
+        step: &[f64],
+    ) -> Option<Forces> {
         let trial = self.moved(state, step, 1.0);
         let next = self.system.forces(&trial, self.contact)?;
         let after = norm(&self.residual(&next));
         if after > RISE * self.lowest || self.above >= DETOUR {
+            return None;
+        }
+        let limits = self.friction_limits(&forces.touches);
+        if self.energy(&trial, &next, &limits) > self.energy(state, forces, &limits) {
             return None;
         }
         self.solver.forget();

@@ -122,17 +122,19 @@ fn a_ball_that_slides_rolls_and_twists_on_a_pad_is_answered_alike() {
 #[test]
 fn a_cone_and_an_edge_moved_sideways_on_quadratic_elements_are_answered_alike() {
     let outline = Sensor::named("gelsight-mini").unwrap().outline;
-    let pad = outline.graded(&[Point3::new(0.0, 0.0, 4.0 * MM)], 500).unwrap();
+    let pad = outline.graded(&[Point3::origin()], 600).unwrap();
     let top = pad.mesh.vertices.iter().map(|p| p.z).fold(f64::MIN, f64::max);
     let body = SoftBody::new(pad.mesh, Law::NeoHookean, GEL, &pad.base).unwrap();
     let fem = Fem::new(body, Options { element: Element::P2, ..rough() }).unwrap();
-    let cone = Shape::Cone { radius: 3.0 * MM, half_height: 2.0 * MM };
+    let cone = Shape::Cone { radius: 6.0 * MM, half_height: 2.0 * MM };
     let cube = Shape::Cuboid { half_extents: Vector3::repeat(2.0 * MM) };
     let [over, aslant] = [1.0, 0.25].map(|turns| Vector3::x() * (turns * std::f64::consts::PI));
-    for (name, shape, reach, turn) in
-        [("cone", cone, 2.0 * MM, over), ("edge", cube, 8f64.sqrt() * MM, aslant)]
+    // The first depths are too small for contact points as far apart as these. Only few of them lie
+    // under the cone, and as it rolls on one comes off: there are two equilibria.
+    for (name, shape, reach, turn, frames) in
+        [("cone", cone, 2.0 * MM, over, 2..9), ("edge", cube, 8f64.sqrt() * MM, aslant, 2..13)]
     {
-        let mut path = press_shear_roll_twist(reach, 0.4 * MM, top);
+        let mut path = press_shear_roll_twist(reach, 0.4 * MM, top)[frames].to_vec();
         let turn = UnitQuaternion::from_scaled_axis(turn);
         path.iter_mut().for_each(|poses| poses[0].rotation *= turn);
         let last = compare(name, &fem, vec![shape], path);

@@ -211,7 +211,8 @@ fn cell_features(
     let [slope, spread, ..] = means(&all);
     let count = area / (cells.spacing * cells.spacing);
     let size = (cells.spacing / length).ln() + 2.5;
-    let of_press = [(4.0 * pressure).ln_1p(), slope, 4.0 * spread, 0.5 * size, 0.25 * count.ln_1p()];
+    let of_press =
+        [(4.0 * pressure).ln_1p(), slope, 4.0 * spread, 0.5 * size, 0.25 * count.ln_1p()];
     (of_columns, of_press.map(|x| x as f32))
 }
 

@@ -73,8 +73,7 @@ impl Cells {
         fine: &PadMesh,
     ) -> Result<Arc<Self>> {
         let moduli: Moduli = condensed.body.moduli()[0];
-        let sides =
-            [outline.width / f64::from(count[0]), outline.length / f64::from(count[1])];
+        let sides = [outline.width / f64::from(count[0]), outline.length / f64::from(count[1])];
         let kernel = LayerKernel::new(sides, levels, outline.thickness, moduli);
         let outline = *outline;
         let layer = Arc::new(Self { outline, count, sides, kernel, edges: None });
@@ -353,7 +352,8 @@ impl Grid {
     pub(super) fn clearance(&self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> f64 {
         let first = Self::new(&self.cells, 0);
         let gap = |grid: &Self, rank: u32| nearest(shapes, poses, &grid.place(rank)).1.value;
-        let mut open: Vec<_> = (0..first.len() as u32).map(|rank| (gap(&first, rank), rank)).collect();
+        let mut open: Vec<_> =
+            (0..first.len() as u32).map(|rank| (gap(&first, rank), rank)).collect();
         let mut grid = first;
         loop {
             let nearest = open.iter().map(|(gap, _)| *gap).fold(f64::INFINITY, f64::min);

@@ -321,8 +321,8 @@ fn below(k: f64, depth: f64, nu: f64) -> Wave {
     let moved: Matrix2<f64> = here.fixed_view::<2, 2>(0, 2).into();
     let pulled: Matrix2<f64> = face.fixed_view::<2, 2>(2, 2).into();
     let g = pulled.try_inverse().map_or_else(Matrix2::zeros, |inverse| moved * inverse);
-    let across = (-k * depth).exp() * (1.0 - (-2.0 * k * (1.0 - depth)).exp())
-        / (1.0 + (-2.0 * k).exp());
+    let across =
+        (-k * depth).exp() * (1.0 - (-2.0 * k * (1.0 - depth)).exp()) / (1.0 + (-2.0 * k).exp());
     [g[(0, 0)], across / mu, g[(1, 1)], g[(0, 1)], g[(1, 0)]].map(|g| g / k)
 }
 

@@ -82,7 +82,8 @@ impl LayeredPad {
         let along = |extent: f64| ROOT * (extent / (FIRST * f64::from(ROOT))).ceil() as u32;
         let count = [along(outline.width), along(outline.length)];
         let cells = Cells::new(outline, count, LEVELS as usize, condensed, fine)?;
-        let level = |level| Skin::of_grid(Arc::clone(condensed), Grid::new(&cells, level), level == 0);
+        let level =
+            |level| Skin::of_grid(Arc::clone(condensed), Grid::new(&cells, level), level == 0);
         let levels: Vec<_> = (0..LEVELS).map(level).collect();
         let moduli = condensed.body.moduli()[0];
         // Layers are equally deep, as a part of the height, in all columns.
@@ -164,14 +165,14 @@ impl LayeredPad {
                 let around = forces.iter().map(|(other, force)| row[*other] * force);
                 (displacement - around.sum::<Vector3<f32>>().cast::<f64>()) * share
             };
-            let on_face = cells.iter().map(|(cell, _, force)| {
-                grid.at_point(*cell, place).cast::<f64>() * *force
-            });
+            let on_face = cells
+                .iter()
+                .map(|(cell, _, force)| grid.at_point(*cell, place).cast::<f64>() * *force);
             displacement[node] = on_face.sum::<Vector3<f64>>() + sides(0, displacement[node]);
             for (layer, plane) in (1..).zip(&model.below) {
-                let at_depth = cells.iter().map(|(_, from, force)| {
-                    plane.at(place.x - from.x, place.y - from.y) * *force
-                });
+                let at_depth = cells
+                    .iter()
+                    .map(|(_, from, force)| plane.at(place.x - from.x, place.y - from.y) * *force);
                 let moved = &mut displacement[layer * count + node];
                 *moved = at_depth.sum::<Vector3<f64>>() + sides(layer, *moved);
             }
@@ -203,9 +204,9 @@ impl ModelFace {
         for (t, corners) in face.triangles.iter().enumerate() {
             let ends = [0, 1].map(|axis| {
                 let along = corners.map(|node| face.nodes[node as usize][axis]);
-                let (low, high) = along.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |e, p| {
-                    (e.0.min(*p), e.1.max(*p))
-                });
+                let (low, high) = along
+                    .iter()
+                    .fold((f64::INFINITY, f64::NEG_INFINITY), |e, p| (e.0.min(*p), e.1.max(*p)));
                 [face.square(axis, low), face.square(axis, high)]
             });
             for i in ends[0][0]..=ends[0][1] {
@@ -220,7 +221,8 @@ impl ModelFace {
 
     fn square(&self, axis: usize, p: f64) -> usize {
         let extent = -2.0 * self.corner[axis];
-        ((p - self.corner[axis]) / extent * SQUARES as f64).clamp(0.0, SQUARES as f64 - 1.0) as usize
+        ((p - self.corner[axis]) / extent * SQUARES as f64).clamp(0.0, SQUARES as f64 - 1.0)
+            as usize
     }
 
     /// Face nodes around a point, with weights that sum to 1.
@@ -254,7 +256,10 @@ impl ModelFace {
                 let sum: f64 = cells.iter().map(|(_, _, share)| share).sum();
                 cells.iter().map(part).sum::<Matrix3<f32>>() / sum as f32
             };
-            self.nodes.iter().flat_map(|at| tents.iter().map(move |cells| under(at, cells))).collect()
+            self.nodes
+                .iter()
+                .flat_map(|at| tents.iter().map(move |cells| under(at, cells)))
+                .collect()
         };
         std::iter::once(None).chain(self.below.iter().map(Some)).map(layer).collect()
     }

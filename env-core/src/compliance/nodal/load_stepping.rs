@@ -230,7 +230,8 @@ impl<'a> NodalLoadStepping<'a> {
     /// Coarsest level whose cells no shape can pass between.
     fn coarsest(&self) -> usize {
         let thinnest = self.shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
-        let is_fine = |skin: &Skin| skin.grid().is_none_or(|grid| 2.0 * grid.half_diagonal() < thinnest);
+        let is_fine =
+            |skin: &Skin| skin.grid().is_none_or(|grid| 2.0 * grid.half_diagonal() < thinnest);
         self.levels.iter().position(is_fine).unwrap_or(self.levels.len() - 1)
     }
 
@@ -458,9 +459,7 @@ fn recalled(levels: &[Skin], history: &History) -> Result<NodalState> {
         }
     }
     let skin = &levels[level];
-    let of_level = |anchor: &Anchor| {
-        (first..first + skin.len() as u32).contains(&anchor.point)
-    };
+    let of_level = |anchor: &Anchor| (first..first + skin.len() as u32).contains(&anchor.point);
     if !history.anchors.iter().all(of_level) {
         return Err(Error::invalid("history", "anchors on several levels", "anchors on one"));
     }

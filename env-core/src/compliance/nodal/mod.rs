@@ -98,7 +98,12 @@ impl Nodal {
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
     pub fn settled_path(&self, press: &Press) -> Vec<Result<Settled>> {
         let mut scratch = Scratch::default();
-        match NodalLoadStepping::new(std::slice::from_ref(&*self.skin), self.law_of(press), press, &mut scratch) {
+        match NodalLoadStepping::new(
+            std::slice::from_ref(&*self.skin),
+            self.law_of(press),
+            press,
+            &mut scratch,
+        ) {
             Ok(walk) => walk.every(press),
             Err(error) => vec![Err(error)],
         }

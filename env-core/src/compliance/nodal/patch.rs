@@ -265,8 +265,7 @@ impl<'a> Patch<'a> {
     pub(super) fn leaps(&self) -> bool {
         let depth = RUN_OVER * self.law.softness;
         self.members.iter().any(|member| {
-            let place =
-                self.skin.place(member.rank) + displaced(self.displacement, member.slot);
+            let place = self.skin.place(member.rank) + displaced(self.displacement, member.slot);
             let near = member.seen.1 - (place - member.seen.0).norm();
             self.way.ends(&member.start, &place).any(|(shape, [begin, end])| {
                 let way = (end - begin).norm();
@@ -278,9 +277,9 @@ impl<'a> Patch<'a> {
     /// Returns whether a shape presses a node from inside the body: the skin is folded round it.
     pub(super) fn folds(&self) -> bool {
         let pressed = self.members.iter().filter(|member| member.force != Vector3::zeros());
-        pressed.filter_map(|member| Some((member.rank, member.target?.normal))).any(
-            |(rank, out_of_shape)| out_of_shape.dot(&self.skin.normal(rank)) > FOLDED,
-        )
+        pressed
+            .filter_map(|member| Some((member.rank, member.target?.normal)))
+            .any(|(rank, out_of_shape)| out_of_shape.dot(&self.skin.normal(rank)) > FOLDED)
     }
 
     /// Largest displacement of a member (m).
@@ -388,7 +387,11 @@ fn is_near(way: Move, group: &Group, room: f64) -> bool {
 }
 
 /// Index of the nearest shape, and the distance with its normal in the frame of the body.
-pub(super) fn nearest(shapes: &[Shape], poses: &[Isometry3<f64>], place: &Point3<f64>) -> (u32, Distance) {
+pub(super) fn nearest(
+    shapes: &[Shape],
+    poses: &[Isometry3<f64>],
+    place: &Point3<f64>,
+) -> (u32, Distance) {
     let measure = |(s, (shape, pose)): (usize, (&Shape, &Isometry3<f64>))| {
         let found = shape.distance(&pose.inverse_transform_point(place));
         (s as u32, Distance { value: found.value, normal: pose.rotation * found.normal })

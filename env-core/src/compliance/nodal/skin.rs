@@ -115,9 +115,7 @@ impl Skin {
         let groups = groups(&places, areas, BOX);
         let normals = normals(&places, &faces);
         let faces = widest(faces.into_iter().map(|face| Face::new(face, &places)).collect());
-        let own = |node| {
-            Matrix3::from_fn(|i, j| compliance.at(node, j, 3 * node as usize + i))
-        };
+        let own = |node| Matrix3::from_fn(|i, j| compliance.at(node, j, 3 * node as usize + i));
         let own = (0..places.len() as u32).map(own).collect();
         let compliance = NodeCompliance::Matrix(compliance);
         Self { condensed, compliance, own, places, normals, loads, points, groups, faces }
@@ -253,7 +251,11 @@ fn normals(places: &[Point3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
 
 /// Displacement interpolated at each of `sights` under unit forces on each of `loads` (3M, 3M) in
 /// m/N.
-pub(super) fn condensed_between(condensed: &Condensed, loads: &[Shares], sights: &[Shares]) -> Responses {
+pub(super) fn condensed_between(
+    condensed: &Condensed,
+    loads: &[Shares],
+    sights: &[Shares],
+) -> Responses {
     let size = 3 * condensed.skin.len();
     let mut compliance = Responses::new(3 * sights.len());
     let mut row = vec![0.0; size];
