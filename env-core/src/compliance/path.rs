@@ -130,6 +130,7 @@ impl LoadStepping<'_> {
             iterations: state.iterations,
             residual: 0.0,
             seconds: self.seconds,
+            predicted_error: None,
         }
     }
 

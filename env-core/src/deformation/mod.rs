@@ -12,4 +12,4 @@ mod press;
 
 pub use body::{Law, Moduli, SoftBody};
 pub use history::{Anchor, History};
-pub use press::{Deformation, DeformationModel, Drive, Press, Wanted, Wrench};
+pub use press::{Deformation, DeformationModel, Drive, PredictedError, Press, Wanted, Wrench};

@@ -66,6 +66,19 @@ pub struct Deformation {
     pub residual: f64,
     /// Wall time (s).
     pub seconds: f64,
+    /// Bounds of the relative errors that the model expects, if it predicts its own.
+    pub predicted_error: Option<PredictedError>,
+}
+
+/// Relative errors against fine finite elements that 19 of 20 answers stay below.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PredictedError {
+    /// Of the displacement, ‖û − u‖ / ‖u‖ over all nodes.
+    pub displacement: f64,
+    /// Of the von Mises stress, over all tetrahedra.
+    pub stress: f64,
+    /// Of the net force.
+    pub force: f64,
 }
 
 /// Parts of a solution that cost extra.

@@ -246,6 +246,7 @@ impl<'a> PressSolver<'a> {
             iterations: solved.balance.iterations,
             residual: solved.balance.residual,
             seconds: 0.0,
+            predicted_error: None,
         }
     }
 }

@@ -16,12 +16,16 @@ use super::{
     graph::PadGraph,
     linear::{self, LinearBaseline, LinearFields, body},
     paper::PaperNetwork,
+    predicted::{self, ErrorModel},
     weights::{self, Card, bearing_of},
 };
 use crate::{
     Error, Result,
     contact::{SurfacePoint, clearance},
-    deformation::{Deformation, DeformationModel, Drive, Moduli, Press, SoftBody, Wanted, Wrench},
+    deformation::{
+        Deformation, DeformationModel, Drive, Moduli, PredictedError, Press, SoftBody, Wanted,
+        Wrench,
+    },
     fem::Linearised,
     geometry::Shape,
     sensor::Sensor,
@@ -276,10 +280,10 @@ impl PadModel {
         let friction = press.friction().unwrap_or(self.gel.friction);
         let gel = PadMaterial { friction, ..self.gel };
         let question = PadInput::new(&self.graph, &gel, places, press.shapes(), &carried);
-        let corrected = if question.amplitude > 0.0 {
+        let (corrected, predicted_error) = if question.amplitude > 0.0 {
             self.corrected(&question, &carried, with_stress, evaluation)?
         } else {
-            carried
+            (carried, None)
         };
         let LinearFields { displacement, contact_force, von_mises, poses, .. } = corrected;
         let residual =
@@ -295,6 +299,7 @@ impl PadModel {
             iterations,
             residual,
             seconds: seconds + start.elapsed().as_secs_f64(),
+            predicted_error,
         })
     }
 
@@ -304,7 +309,7 @@ impl PadModel {
         carried: &LinearFields,
         with_stress: bool,
         evaluation: &mut Evaluation,
-    ) -> Result<LinearFields> {
+    ) -> Result<(LinearFields, Option<PredictedError>)> {
         let fields = match evaluation {
             Evaluation::Fast(scratch) => self.network.forward(question, with_stress, scratch),
             Evaluation::Plain => self.plain.fields(question, &self.graph)?,
@@ -316,13 +321,16 @@ impl PadModel {
         let mut contact_force = vectors(&fields.forces, self.gel.force());
         contact_force.extend(&carried.contact_force[self.graph.columns..]);
         let shear = self.gel.moduli.shear();
-        Ok(LinearFields {
+        let predict = |model: &ErrorModel| model.predict(&predicted::terms(question, &fields));
+        let predicted_error = self.card.predicted.as_ref().map(predict);
+        let corrected = LinearFields {
             displacement: vectors(&fields.displacement, self.gel.thickness),
             contact_force,
             von_mises: fields.stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
             poses: carried.poses.clone(),
             cells: None,
-        })
+        };
+        Ok((corrected, predicted_error))
     }
 
     /// Norm of the residual force by the elements of the model mesh (N).

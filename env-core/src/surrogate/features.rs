@@ -151,6 +151,22 @@ impl PadInput {
         }
     }
 
+    /// Features of the press as a whole of contact on cells: means of pressure, slope and spread,
+    /// size and number of the cells; 0 where contact is evaluated elsewhere.
+    pub(super) fn of_press(&self) -> [f64; 5] {
+        match self.features.get(width(true) - 5..width(true)) {
+            Some(found) if self.features.len() == self.gates.len() * width(true) => {
+                std::array::from_fn(|i| f64::from(found[i]))
+            }
+            _ => [0.0; 5],
+        }
+    }
+
+    /// Coefficient of friction.
+    pub(super) fn friction(&self) -> f64 {
+        f64::from(self.features[FEATURES - 2])
+    }
+
     /// Returns the same press seen in a mirror.
     pub(super) fn mirrored(&self, mirror: &Mirror) -> Self {
         let Self { other_force, amplitude, strongest, .. } = *self;

@@ -53,6 +53,7 @@ impl LinearPad {
             iterations,
             residual: 0.0,
             seconds: seconds + start.elapsed().as_secs_f64(),
+            predicted_error: None,
         }
     }
 }

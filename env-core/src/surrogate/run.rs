@@ -2,15 +2,17 @@
 
 use std::{fmt::Write as _, path::Path};
 
+use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 use super::{
     budget::{Budget, Pace},
     corrector::Corrector,
-    metrics::{PressErrors, Summary, judge, judge_linear},
+    metrics::{self, PressErrors, Summary, judge, judge_linear},
     paper::{self, PaperCard},
+    predicted::{self, ErrorModel},
     samples::{Gels, Sample},
-    train::Training,
+    train::{Network, Training},
     training_run::{TrainingProgress, TrainingRun, Watch, trainable},
     weights::{self, Card, Data, Kind, TrainingBounds},
 };
@@ -75,12 +77,25 @@ pub fn train(
             amplitude: amplitudes.fold(0.0, f64::max),
             ..Data::of(config, fingerprint, trained_by)
         },
+        predicted: error_model(&network, &gels, &validation)?,
         usual: TrainingBounds::of(samples.iter().map(|sample| &sample.truth)),
         test: Summary::of(&judge(&network, &gels, &test)?),
         linear: Summary::of(&judge_linear(&gels, &test)),
     };
     run.finish(&vectors, &card)?;
     Ok(Some(card))
+}
+
+/// Fits the prediction of errors to the answers of `network` to `samples`.
+fn error_model(network: &Corrector, gels: &Gels, samples: &[Sample]) -> Result<Option<ErrorModel>> {
+    let one = |sample: &Sample| {
+        let fields = network.answer(gels, sample)?;
+        let PressErrors { displacement, stress, force, .. } =
+            metrics::errors(&fields, &sample.truth, &gels.pads[sample.gel].gel);
+        Ok((predicted::terms(&sample.question, &fields), [displacement, stress, force]))
+    };
+    let answers = samples.par_iter().map(one).collect::<Result<Vec<_>>>()?;
+    Ok(ErrorModel::fit(&answers))
 }
 
 /// Numbers of grasps and frames.

@@ -17,6 +17,7 @@ use super::{
     linear::Contact,
     metrics::{Summary, quantiles},
     parameters::Parameters,
+    predicted::ErrorModel,
     train::Training,
 };
 use crate::{
@@ -45,6 +46,9 @@ pub struct Card {
     pub data: Data,
     /// Bounds of most of the training data.
     pub usual: TrainingBounds,
+    /// Prediction of an answer's own errors, fitted to the split's validation part.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub predicted: Option<ErrorModel>,
     /// Errors on the split's test part.
     pub test: Summary,
     /// Errors of the linear answer on the same presses.

@@ -43,6 +43,10 @@ pub(crate) struct Deformation {
     /// Wall time (s).
     #[pyo3(get)]
     seconds: f64,
+    /// Relative errors against fine finite elements that 19 of 20 answers like this one stay below:
+    /// displacement, stress and net force; None for models that do not predict their errors.
+    #[pyo3(get)]
+    predicted_error: Option<(f64, f64, f64)>,
     /// Shapes that pressed, for [`Surrogate::knows`](super::surrogate::Surrogate).
     pub(super) shapes: Vec<Shape>,
 }
@@ -61,6 +65,7 @@ impl Deformation {
             [one] if single => pose(py, one).into_py_any(py)?,
             all => all.iter().map(|one| pose(py, one)).collect::<Vec<_>>().into_py_any(py)?,
         };
+        let error = answer.predicted_error;
         Ok(Self {
             displacement: array_of_vectors(py, &answer.displacement).unbind(),
             contact_force: array_of_vectors(py, &answer.contact_force).unbind(),
@@ -71,6 +76,7 @@ impl Deformation {
             iterations: answer.iterations,
             residual: answer.residual,
             seconds: answer.seconds,
+            predicted_error: error.map(|e| (e.displacement, e.stress, e.force)),
             shapes,
         })
     }

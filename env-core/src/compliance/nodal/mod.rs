@@ -135,6 +135,7 @@ impl Nodal {
             iterations: settled.iterations,
             residual: left.iter().map(Vector3::norm_squared).sum::<f64>().sqrt(),
             seconds: settled.seconds,
+            predicted_error: None,
         })
     }
 
