@@ -255,7 +255,7 @@ impl GelConfig {
     pub(super) fn pads(&self, config: &Config) -> Result<Pads> {
         let sensor = Sensor::named(&self.sensor)?;
         let PadMesh { mesh, base, .. } = sensor.pad(config.truth_nodes)?;
-        let truth = self.body(mesh, &base, config)?;
+        let truth = self.body(mesh, &base, config, Options::default().iterations)?;
         Ok(Pads { truth, model: sensor.pad(config.model_nodes)?, sensor })
     }
 
@@ -267,18 +267,25 @@ impl GelConfig {
         config: &Config,
     ) -> Result<Fem> {
         let pad = sensor.outline.graded(points, config.truth_nodes)?;
-        self.body(pad.mesh, &pad.base, config)
+        self.body(pad.mesh, &pad.base, config, indentation::STEPS)
     }
 
     /// Builds a free object of this material.
     pub(super) fn object(&self, mesh: TetMesh, config: &Config) -> Result<Fem> {
-        self.body(mesh, &[], config)
+        self.body(mesh, &[], config, Options::default().iterations)
     }
 
-    fn body(&self, mesh: TetMesh, fixed: &[u32], config: &Config) -> Result<Fem> {
+    fn body(
+        &self,
+        mesh: TetMesh,
+        fixed: &[u32],
+        config: &Config,
+        iterations: usize,
+    ) -> Result<Fem> {
         let moduli = Moduli { young: self.young, poisson: self.poisson };
         let body = SoftBody::new(mesh, Law::default(), moduli, fixed)?;
         let element = config.truth_element.parse()?;
-        Fem::new(body, Options { element, friction: self.friction, ..Options::default() })
+        let friction = self.friction;
+        Fem::new(body, Options { element, friction, iterations, ..Options::default() })
     }
 }
