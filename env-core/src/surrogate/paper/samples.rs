@@ -143,6 +143,7 @@ pub(super) mod tests {
         let flat =
             |v: &[Vector3<f64>]| v.iter().flat_map(|v| [v.x, v.y, v.z]).map(|x| x as f32).collect();
         let frames = PadFrames {
+            friction: None,
             start: Isometry3::identity(),
             grasp: "ball/0".into(),
             gel: 0,

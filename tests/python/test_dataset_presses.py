@@ -1,0 +1,102 @@
+"""Indenters of any size on one pad: data, and a network that feels contact on cells."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from ruffini import Press, PressError, Shape, Surrogate, dataset
+from ruffini.commands import main
+
+pytest.importorskip("safetensors")
+
+GEL = {"sensor": "gelsight-mini", "young": 3e5, "poisson": 0.47, "friction": 1.0, "share": 1.0}
+PRESSES = {
+    "scenario": "presses",
+    "objects": 10,
+    "grasps": 1,
+    "frames": 7,
+    "model_nodes": 700,
+    "truth_nodes": 700,
+    "truth_element": "p1-bar",
+    "depth": 0.1,
+    "gels": [GEL],
+}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    data = dataset.generate(tmp_path_factory.mktemp("data") / "presses", threads=2, **PRESSES)
+    assert data is not None
+    return data
+
+
+def test_every_frame_can_be_read_and_its_forces_add_up(data):
+    assert data.presses and len(data.grasps) >= 8, data.manifest["unsolved"]
+    sizes = set()
+    for frame in data:
+        mesh = data.mesh(frame.grasp)
+        assert frame.pad.displacement.shape == frame.pad.contact_force.shape == mesh.vertices.shape
+        assert frame.pad.von_mises.shape == (len(mesh.tets),)
+        pressed = np.abs(frame.pad.contact_force).sum()
+        assert pressed > 0 and frame.imbalance()["contact"] < 1e-6 * pressed + 2e-7
+        assert frame.pad.wrench[2] < 0, "contact pulls"
+        sizes.add(frame.grasp.split("-")[0])
+    assert len(sizes) >= 8, "families"
+
+
+def test_a_press_moves_as_it_was_drawn(data):
+    for grasp in data.grasps:
+        plan = data.plan(grasp)["indentation"]
+        heights = [data[i].pad.press[2] for i in data.frames(grasp)]
+        assert len(heights) <= (7 if plan["onward"] else 4)
+        assert (np.diff(heights[:4]) < 0).all(), "it goes down"
+        assert 0 <= plan["friction"] <= 2 and 0 < plan["depth"] <= 0.1 * 4e-3
+
+
+def test_the_same_configuration_gives_the_same_bytes(data, tmp_path):
+    again = dataset.generate(tmp_path / "again", threads=1, **{**PRESSES, "objects": 2})
+    assert again is not None
+    for shard in again.manifest["shards"]:
+        [same] = [s for s in data.manifest["shards"] if s["file"] == shard["file"]]
+        assert same["sha256"] == shard["sha256"]
+
+
+def test_splits_are_by_indenter(data):
+    split = data.splits["presses"]
+    parts = [{name.split("/")[0] for name in split[part]} for part in split]
+    assert len(set.union(*parts)) == sum(map(len, parts))
+    numbers = {part: {int(n.split("/")[0][-5:]) % 10 for n in split[part]} for part in split}
+    assert numbers["test"] <= {9} and numbers["validation"] <= {8}
+
+
+def test_a_network_learns_from_it_feels_small_balls_and_predicts_its_errors(data, tmp_path, capsys):
+    out = str(tmp_path / "run")
+    options = ["--split", "presses", "--contact", "cells", "--epochs", "2", "--width", "8"]
+    assert main(["train", str(data.path), out, *options, "--linear-nodes", "700"]) == 0
+    assert "frames to train on" in capsys.readouterr().err
+    network = Surrogate.load(f"{out}/weights.safetensors", friction=0.5)
+    card = json.loads(network.card)
+    assert card["contact"] == "cells" and card["data"]["friction"] == [0.0, 2.0]
+    ball = Press(Shape.sphere(5e-4), [([7e-4, 5e-4, 5e-4 - d], (0, 0, 0, 1)) for d in (2e-5, 5e-5)])
+    found = network.solve(ball)[0]
+    assert not isinstance(found, PressError)
+    # Between the nodes, which are 1.5 mm apart: contact at nodes does not feel it.
+    assert found.wrench[2] < 0
+    assert len(found.predicted_error) == 3 and all(e > 0 for e in found.predicted_error)
+    plain = network.plain().solve(ball)[0]
+    assert (
+        np.abs(plain.displacement - found.displacement).max()
+        < 1e-4 * np.abs(plain.displacement).max()
+    )
+    far = network.solve(Press(Shape.sphere(5e-4), [([0, 0, 2e-3], (0, 0, 0, 1))]))[0]
+    assert far.predicted_error is None and not far.displacement.any()
+
+
+def test_wrong_settings_are_named(tmp_path):
+    with pytest.raises(ValueError, match="objects: found 100001"):
+        dataset.generate(tmp_path / "many", **{**PRESSES, "objects": 100_001})
+    found = dataset.generate(tmp_path / "few", **{**PRESSES, "objects": 1, "truth_nodes": 100})
+    assert found is not None and "nodes: found 100" in found.manifest["unsolved"][0]["error"]
