@@ -255,7 +255,7 @@ impl GelConfig {
     pub(super) fn pads(&self, config: &Config) -> Result<Pads> {
         let sensor = Sensor::named(&self.sensor)?;
         let PadMesh { mesh, base, .. } = sensor.pad(config.truth_nodes)?;
-        let truth = self.body(mesh, &base, config, Options::default().iterations)?;
+        let truth = self.body(mesh, &base, config, Options::default())?;
         Ok(Pads { truth, model: sensor.pad(config.model_nodes)?, sensor })
     }
 
@@ -267,25 +267,21 @@ impl GelConfig {
         config: &Config,
     ) -> Result<Fem> {
         let pad = sensor.outline.graded(points, config.truth_nodes)?;
-        self.body(pad.mesh, &pad.base, config, indentation::STEPS)
+        let [iterations, patience] = [indentation::STEPS, indentation::PATIENCE];
+        let limits = Options { iterations, patience, ..Options::default() };
+        self.body(pad.mesh, &pad.base, config, limits)
     }
 
     /// Builds a free object of this material.
     pub(super) fn object(&self, mesh: TetMesh, config: &Config) -> Result<Fem> {
-        self.body(mesh, &[], config, Options::default().iterations)
+        self.body(mesh, &[], config, Options::default())
     }
 
-    fn body(
-        &self,
-        mesh: TetMesh,
-        fixed: &[u32],
-        config: &Config,
-        iterations: usize,
-    ) -> Result<Fem> {
+    fn body(&self, mesh: TetMesh, fixed: &[u32], config: &Config, limits: Options) -> Result<Fem> {
         let moduli = Moduli { young: self.young, poisson: self.poisson };
         let body = SoftBody::new(mesh, Law::default(), moduli, fixed)?;
         let element = config.truth_element.parse()?;
         let friction = self.friction;
-        Fem::new(body, Options { element, friction, iterations, ..Options::default() })
+        Fem::new(body, Options { element, friction, ..limits })
     }
 }

@@ -1,6 +1,6 @@
 //! Presses frame by frame: load steps, their subdivision, and force control.
 
-use std::time::Instant;
+use std::{cell::Cell, time::Instant};
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -131,10 +131,17 @@ impl<'a> PressSolver<'a> {
 
     /// Moves the shapes to `poses`.
     fn follow(&mut self, press: &Press, poses: &[Isometry3<f64>]) -> Result<Solved> {
-        let (from, mut iterations) = (self.state.poses.clone(), 0);
-        let step = |t| self.load_step(press, between(&from, poses, t), None, &mut iterations);
-        let mut solved = in_steps(|_| SHORTEST, step)?;
-        solved.balance.iterations = iterations;
+        let (from, iterations) = (self.state.poses.clone(), Cell::new(0));
+        let patience = self.limits.patience;
+        let step = |t| {
+            let mut taken = iterations.get();
+            let solved = self.load_step(press, between(&from, poses, t), None, &mut taken);
+            iterations.set(taken);
+            solved
+        };
+        let shortest = |_| if iterations.get() < patience { SHORTEST } else { 1.0 };
+        let mut solved = in_steps(shortest, step)?;
+        solved.balance.iterations = iterations.get();
         Ok(solved)
     }
 

@@ -89,6 +89,8 @@ pub struct Options {
     pub softness: f64,
     /// Most Newton steps in one load step. A body that buckles takes many.
     pub iterations: usize,
+    /// Newton steps in all load steps of a frame after which no load step that fails is subdivided.
+    pub patience: usize,
 }
 
 impl Default for Options {
@@ -99,6 +101,7 @@ impl Default for Options {
             tolerance: 1e-7,
             softness: 2e-6,
             iterations: 60,
+            patience: usize::MAX,
         }
     }
 }
@@ -125,8 +128,8 @@ impl Fem {
             return Err(held_all_round(&body));
         }
         let tolerance = options.tolerance * (body.stiffest() / 1e6).max(1.0);
-        let limits =
-            newton::StoppingCriteria { tolerance, iterations: options.iterations, plain: false };
+        let Options { iterations, patience, .. } = options;
+        let limits = newton::StoppingCriteria { tolerance, iterations, patience, plain: false };
         Ok(Self { body, system, limits })
     }
 
