@@ -50,6 +50,9 @@ pub struct Config {
     /// Greatest rotation of the pads relative to each other about their normals, over their closing
     /// (rad/m).
     pub twist: f64,
+    /// Least and greatest factor by which solids of hand size are scaled to indenters.
+    #[serde(skip_serializing_if = "is_usual")]
+    pub scale: [f64; 2],
     /// Density of rigid objects (kg/m³), whose weight acts along the fingers, away from the wrist;
     /// 0 omits the weight.
     #[serde(skip_serializing_if = "is_zero")]
@@ -120,6 +123,7 @@ impl Default for Config {
             depth: 0.5,
             shear: 0.4,
             twist: 60.0,
+            scale: SCALE,
             density: 0.0,
             gels: vec![
                 gel("gelsight-mini", 0.30e6, 0.47, 1.0, 5.0),
@@ -135,6 +139,13 @@ impl Default for Config {
 #[allow(clippy::trivially_copy_pass_by_ref)] // Signature required by serde.
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
+}
+
+/// Usual factors of scale of indenters: features of 0.3 to 40 mm.
+const SCALE: [f64; 2] = [0.02, 1.2];
+
+fn is_usual(scale: &[f64; 2]) -> bool {
+    *scale == SCALE
 }
 
 /// Number of rigid objects in the catalogue.
@@ -163,7 +174,7 @@ impl Config {
     /// Objects of the dataset, in order.
     pub(super) fn objects(&self) -> Vec<Object> {
         if self.scenario == Scenario::Presses {
-            return indenters(self.seed, self.objects);
+            return indenters(self.seed, self.objects, self.scale);
         }
         let mut all = catalogue(self.seed);
         match self.scenario {
@@ -207,6 +218,11 @@ impl Config {
         }
         if !(self.depth > 0.0 && self.depth <= 0.6) {
             return Err(Error::invalid("depth", self.depth, "0 to 0.6 of the thickness"));
+        }
+        let [least, most] = self.scale;
+        if !(least >= 0.01 && most >= least && most <= 2.0) {
+            let found = format!("{least} to {most}");
+            return Err(Error::invalid("scale", found, "a range from 0.01 to 2"));
         }
         // Osmium is the densest element; soft objects are solved without their weight.
         let densest = if self.scenario == Scenario::Pads { 22_600.0 } else { 0.0 };

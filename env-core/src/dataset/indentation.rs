@@ -57,7 +57,7 @@ pub(super) const FRICTION: [f64; 2] = [0.0, 2.0];
 const APART: [f64; 2] = [4e-4, 1e-4];
 /// Newton steps in a load step, and in a frame, after which a press ends unsolved.
 pub(super) const STEPS: usize = 25;
-pub(super) const PATIENCE: usize = 60;
+pub(super) const PATIENCE: usize = 40;
 /// Greatest force, in units of E t² with the thickness t: 80 N on a GelSight Mini.
 const STRONGEST: f64 = 17.0;
 

@@ -108,18 +108,15 @@ const INDENTERS: [Family; 11] = [
     Family::Lemon,
     Family::Eggplant,
 ];
-/// Factors by which solids of hand size are scaled to indenters, from features of 0.3 mm on.
-const SCALES: [f64; 2] = [0.02, 1.2];
 
-/// Returns `count` solids of the families for training, the scale of each drawn so that its
-/// logarithm is uniform: features of 0.3 to 40 mm.
-pub fn indenters(seed: u64, count: usize) -> Vec<Object> {
+/// Returns `count` solids of the families for training, scaled from hand size by factors from `low`
+/// to `high` whose logarithm is uniform: 0.02 gives features of 0.3 mm.
+pub fn indenters(seed: u64, count: usize, [low, high]: [f64; 2]) -> Vec<Object> {
     let one = |number: usize| {
         let family = INDENTERS[number % INDENTERS.len()];
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(number as u64);
         let (index, seed) = (random.next_u32() % 64, random.next_u64());
-        let [low, high] = SCALES;
         let scale = low * (high / low).powf(random.random::<f64>());
         let shape = family.indenter(index, seed).scaled(scale);
         Object { name: format!("{family}-{number:05}"), family, split: Split::Train, seed, shape }
