@@ -96,7 +96,7 @@ def test_a_network_learns_from_it_feels_small_balls_and_predicts_its_errors(data
 
 
 def test_wrong_settings_are_named(tmp_path):
-    with pytest.raises(ValueError, match="scale: found 0.5 to 0.1"):
+    with pytest.raises(ValueError, match=r"scale: found 0\.5 to 0\.1"):
         dataset.generate(tmp_path / "scale", **{**PRESSES, "scale": [0.5, 0.1]})
     with pytest.raises(ValueError, match="objects: found 100001"):
         dataset.generate(tmp_path / "many", **{**PRESSES, "objects": 100_001})
