@@ -18,10 +18,13 @@ pub(super) struct Extension {
 }
 
 impl Extension {
-    /// Computes the matrix of `nodal`, whose displacement `carry` converts to the numbers of the
-    /// target mesh (D). Runs on the calling thread alone: a pool thread that waited for others
+    /// Computes the matrix of `nodal`, whose displacement under a unit force on a node along an axis
+    /// `carry` converts to the numbers of the target mesh (D). Runs on the calling thread alone: a pool thread that waited for others
     /// could be given a press that waits for this matrix.
-    pub(super) fn new(nodal: &Nodal, carry: impl Fn(&[Vector3<f64>]) -> Vec<f64>) -> Self {
+    pub(super) fn new(
+        nodal: &Nodal,
+        carry: impl Fn(&[Vector3<f64>], [usize; 2]) -> Vec<f64>,
+    ) -> Self {
         let answers = nodal.unit_responses(carry);
         let size = answers.first().map_or(0, Vec::len);
         let moved = |answer: &Vec<f64>| answer.iter().rposition(|u| *u != 0.0);

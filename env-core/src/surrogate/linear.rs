@@ -129,13 +129,19 @@ impl LinearBaseline {
             Contact::Points => Solver::Points(compliance),
             Contact::Nodes | Contact::Cells => {
                 let nodal = compliance.at_coarse_nodes(&fine, model)?;
-                let extension = Extension::new(&nodal, |u| flat(&transfer.interpolate(u)));
                 let layered = match contact {
                     Contact::Cells => {
                         Some(LayeredPad::new(&compliance, &sensor.outline, &fine, model)?)
                     }
                     _ => None,
                 };
+                let extension = Extension::new(&nodal, |u, force| {
+                    let mut moved = transfer.interpolate(u);
+                    if let Some(layered) = &layered {
+                        layered.replace(force, &mut moved);
+                    }
+                    flat(&moved)
+                });
                 let nodes = Nodes { nodal, extension, fine, stress: OnceLock::new() };
                 match layered {
                     Some(layered) => Solver::Cells(Box::new((layered, nodes))),
@@ -175,7 +181,7 @@ impl LinearBaseline {
                 let contacts = layered.contacts(settled);
                 let forces: Vec<_> = contacts.iter().map(|(node, c)| (*node, c.force)).collect();
                 let mut fields = self.at_nodes(nodes, settled, &forces, with_stress);
-                layered.refine(settled, &forces, &mut fields.displacement);
+                layered.refine(settled, &mut fields.displacement);
                 let spacing = layered.spacing(settled);
                 fields.cells = Some(CellContact { nodes: contacts, spacing });
                 fields
@@ -249,7 +255,7 @@ impl Nodes {
 impl Stress {
     fn new(nodes: &Nodes, transfer: &Transfer) -> Self {
         let elements = PadStress::new(&nodes.fine, 1.0);
-        let extension = Extension::new(&nodes.nodal, |u| {
+        let extension = Extension::new(&nodes.nodal, |u, _| {
             let u: Vec<[f64; 3]> = u.iter().map(|&u| u.into()).collect();
             elements.arranged(&u)
         });

@@ -9,12 +9,14 @@
 //!
 //! Shapes: M cells of a grid, N of them, C cells of the first grid.
 
+#![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
+
 use std::{collections::BTreeMap, sync::Arc};
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
-    kernel::LayerKernel,
+    kernel::{Columns, LayerKernel, Table, matrix},
     patch::nearest,
     skin::{Shares, areas, condensed_between},
 };
@@ -27,8 +29,11 @@ use crate::{
 
 /// Cells of the first grid are grouped in squares of this many along each axis.
 pub(super) const ROOT: u32 = 4;
-/// Level from which cells are looked for where they have moved to, and not where they are at rest.
+/// Level from which squares of four cells are looked for where they have moved to, and not where
+/// they are at rest.
 const MOVED: u32 = 2;
+/// Greatest difference of the displacements of neighbouring cells, relative to half of a diagonal.
+const BENT: f64 = 1.0;
 
 /// Number of cells about equally near to a shape that are not divided further: it is wider than
 /// they are.
@@ -44,7 +49,9 @@ pub(super) struct Cells {
     /// Cells of the first grid along x and y, multiples of [`ROOT`], and their sides (m).
     count: [u32; 2],
     sides: [f64; 2],
-    pub(super) kernel: LayerKernel,
+    kernel: Arc<LayerKernel>,
+    /// Height of the face over the centres of the cells of each grid (m).
+    heights: Arc<Vec<Vec<f64>>>,
     /// Compliance of the pad less that of the layer.
     edges: Option<Edges>,
 }
@@ -57,9 +64,11 @@ pub(super) struct Grid {
 }
 
 /// Compliance of a pad less that of a layer, between tractions around the cells of the first grid.
-struct Edges {
-    /// Rows (C, 3, 3C) in m/N.
-    entries: Vec<f32>,
+pub(super) struct Edges {
+    /// Displacement around each cell under unit forces around each (C, C) in m/N.
+    entries: Vec<Columns>,
+    /// Number of cells C.
+    size: usize,
 }
 
 impl Cells {
@@ -73,13 +82,24 @@ impl Cells {
         fine: &PadMesh,
     ) -> Result<Arc<Self>> {
         let moduli: Moduli = condensed.body.moduli()[0];
-        let sides = [outline.width / f64::from(count[0]), outline.length / f64::from(count[1])];
-        let kernel = LayerKernel::new(sides, levels, outline.thickness, moduli);
+        let sides =
+            [outline.width / f64::from(count[0]), outline.length / f64::from(count[1])];
+        let kernel = Arc::new(LayerKernel::new(sides, levels, outline.thickness, moduli));
         let outline = *outline;
-        let layer = Arc::new(Self { outline, count, sides, kernel, edges: None });
-        let edges = Some(Edges::new(condensed, fine, &Grid::new(&layer, 1))?);
-        let kernel = LayerKernel::new(sides, levels, outline.thickness, moduli);
-        Ok(Arc::new(Self { outline, count, sides, kernel, edges }))
+        let heights = |level: u32| -> Vec<f64> {
+            let [nx, ny] = count.map(|count| count << level);
+            let middle = |i: u32, n: u32, extent: f64| ((f64::from(i) + 0.5) / f64::from(n) - 0.5) * extent;
+            let places = (0..nx).flat_map(|i| (0..ny).map(move |j| (i, j)));
+            let height = |(i, j)| {
+                outline.height(middle(i, nx, outline.width), middle(j, ny, outline.length))
+            };
+            places.map(height).collect()
+        };
+        let heights = Arc::new((0..levels as u32).map(heights).collect());
+        let mut all = Self { outline, count, sides, kernel, heights, edges: None };
+        let layer = Arc::new(Self { kernel: Arc::clone(&all.kernel), heights: Arc::clone(&all.heights), ..all });
+        all.edges = Some(Edges::new(condensed, fine, &Grid::new(&layer, 1))?);
+        Ok(Arc::new(all))
     }
 
     /// Cells of the first grid between whose centres a point of the plan lies, with weights that sum
@@ -150,7 +170,8 @@ impl Grid {
         0.6 * x.hypot(y)
     }
 
-    fn cell(&self, rank: u32) -> [i32; 2] {
+    /// Place of a cell along x and y.
+    pub(super) fn cell(&self, rank: u32) -> [i32; 2] {
         let rows = self.count()[1];
         [(rank / rows) as i32, (rank % rows) as i32]
     }
@@ -159,9 +180,10 @@ impl Grid {
     pub(super) fn place(&self, rank: u32) -> Point3<f64> {
         let ([i, j], [a, b]) = (self.cell(rank), self.sides());
         let outline = &self.cells.outline;
-        self.cells.on_face(
+        Point3::new(
             (f64::from(i) + 0.5) * a - 0.5 * outline.width,
             (f64::from(j) + 0.5) * b - 0.5 * outline.length,
+            self.cells.heights[self.level as usize][rank as usize],
         )
     }
 
@@ -186,17 +208,21 @@ impl Grid {
         [[0, 0], [0, 1], [1, 0], [1, 1]].map(|[a, b]| (i + a) * 2 * self.count()[1] + j + b)
     }
 
-    /// Displacement of cell `at` under unit forces on cell `loaded`, by the layer alone (m/N).
-    fn by_layer(&self, loaded: u32, at: u32) -> Matrix3<f32> {
-        let (to, from) = (self.cell(at), self.cell(loaded));
-        self.cells.kernel.at(self.level as usize, [to[0] - from[0], to[1] - from[1]])
+    /// Displacement of cells by the layer alone.
+    pub(super) fn layer(&self) -> &Table {
+        self.cells.kernel.level(self.level as usize)
+    }
+
+    /// What the sides add to it, between [`Grid::around`] the cells.
+    pub(super) fn edges(&self) -> Option<&Edges> {
+        self.cells.edges.as_ref()
     }
 
     /// Displacement of a point of the plan under unit forces on a cell, by the layer alone (m/N).
     pub(super) fn at_point(&self, loaded: u32, point: &Point3<f64>) -> Matrix3<f32> {
         let (centre, sides) = (self.place(loaded), self.sides());
         let away = [(point.x - centre.x) / sides[0], (point.y - centre.y) / sides[1]];
-        self.cells.kernel.between(self.level as usize, away.map(|cells| cells as f32))
+        self.layer().between(away.map(|cells| cells as f32))
     }
 
     /// What all grids of the pad share.
@@ -204,85 +230,36 @@ impl Grid {
         &self.cells
     }
 
-    fn around(&self, rank: u32) -> [(u32, f64); 4] {
+    /// Cells of the first grid around a cell, with weights that sum to 1.
+    pub(super) fn around(&self, rank: u32) -> [(u32, f64); 4] {
         let place = self.place(rank);
         self.cells.around(place.x, place.y)
-    }
-
-    /// Displacement of a cell under unit forces on itself (m/N).
-    pub(super) fn own(&self, rank: u32) -> Matrix3<f64> {
-        let mut sum = self.by_layer(rank, rank).cast::<f64>();
-        if let Some(edges) = &self.cells.edges {
-            let around = self.around(rank);
-            for (from, by) in around {
-                for (to, share) in around {
-                    sum += edges.block(self.cells.count, from, to).cast::<f64>() * (by * share);
-                }
-            }
-        }
-        sum
-    }
-
-    /// Appends to `rows` (3, 3N) the displacement of the cells `at` (N) under unit forces on cell
-    /// `loaded` (m/N).
-    pub(super) fn append_responses(&self, loaded: u32, at: &[u32], rows: &mut Vec<f32>) {
-        let (first, width) = (rows.len(), 3 * at.len());
-        rows.resize(first + 3 * width, 0.0);
-        // Displacement around the cells of the first grid under unit forces on the cell, as needed.
-        let mut known: Vec<(u32, Matrix3<f32>)> = Vec::new();
-        let from = self.around(loaded);
-        for (k, &rank) in at.iter().enumerate() {
-            let mut block = self.by_layer(loaded, rank);
-            if let Some(edges) = &self.cells.edges {
-                for (to, share) in self.around(rank) {
-                    let found = known.iter().rev().find(|(other, _)| *other == to);
-                    let response = if let Some((_, response)) = found {
-                        *response
-                    } else {
-                        let part = |(from, by): (u32, f64)| {
-                            edges.block(self.cells.count, from, to) * by as f32
-                        };
-                        let response: Matrix3<f32> = from.into_iter().map(part).sum();
-                        known.push((to, response));
-                        response
-                    };
-                    block += response * share as f32;
-                }
-            }
-            for axis in 0..3 {
-                let to = first + axis * width + 3 * k;
-                rows[to..to + 3].copy_from_slice(block.column(axis).as_slice());
-            }
-        }
     }
 
     /// Displacement (m) of cells under forces (N) on some.
     pub(super) fn field<'a>(
         &'a self,
-        forces: &'a [(u32, Vector3<f64>)],
+        forces: &[(u32, Vector3<f64>)],
     ) -> impl FnMut(u32) -> Vector3<f64> + 'a {
-        let mut coarse = BTreeMap::<u32, Vector3<f64>>::new();
+        let mut coarse = BTreeMap::<u32, Vector3<f32>>::new();
         for (rank, force) in forces {
             for (cell, share) in self.around(*rank) {
-                *coarse.entry(cell).or_default() += force * share;
+                *coarse.entry(cell).or_default() += (force * share).cast::<f32>();
             }
         }
-        let single: Vec<_> = forces.iter().map(|(cell, f)| (*cell, f.cast::<f32>())).collect();
-        let mut known = BTreeMap::<u32, Vector3<f64>>::new();
+        let loaded: Vec<_> =
+            forces.iter().map(|(rank, f)| (self.cell(*rank), f.cast::<f32>().into())).collect();
+        let [nx, ny] = self.cells.count;
+        let mut known: Vec<Option<Vector3<f64>>> = vec![None; (nx * ny) as usize];
         move |rank| {
-            let near = single.iter().map(|(loaded, force)| self.by_layer(*loaded, rank) * force);
-            let mut sum = near.sum::<Vector3<f32>>().cast::<f64>();
+            let mut sum = Vector3::<f32>::from(self.layer().sum(self.cell(rank), &loaded)).cast::<f64>();
             if let Some(edges) = &self.cells.edges
-                && !single.is_empty()
+                && !loaded.is_empty()
             {
                 for (to, share) in self.around(rank) {
-                    let u = known.entry(to).or_insert_with(|| {
-                        let part = |(from, force): (&u32, &Vector3<f64>)| {
-                            edges.block(self.cells.count, *from, to).cast::<f64>() * force
-                        };
-                        coarse.iter().map(part).sum()
-                    });
-                    sum += *u * share;
+                    let part = |(from, f): (&u32, &Vector3<f32>)| matrix(edges.block(*from, to)) * f;
+                    let sum_of_parts = || coarse.iter().map(part).sum::<Vector3<f32>>().cast();
+                    sum += *known[to as usize].get_or_insert_with(sum_of_parts) * share;
                 }
             }
             sum
@@ -290,61 +267,59 @@ impl Grid {
     }
 
     /// Cells that, displaced under `forces` (N), are within `reach` (m) of one of `shapes` at
-    /// `poses`, with their displacement (m), ascending; `None` if more than `most` lie inside.
-    /// No cell may be displaced by more than `room` − `reach`.
+    /// `poses`, with some that are not; `None` if about `most` are found to lie inside. No cell may
+    /// be displaced by more than `room` − `reach`.
     pub(super) fn near(
         &self,
         (shapes, poses): (&[Shape], &[Isometry3<f64>]),
         forces: &[(u32, Vector3<f64>)],
         [room, reach]: [f64; 2],
         most: usize,
-    ) -> Option<Vec<(u32, Vector3<f64>)>> {
+    ) -> Option<Vec<u32>> {
         let mut field = self.field(forces);
         let (mut found, mut inside) = (Vec::new(), 0);
-        // Squares still to be searched: cells along a side in units of this grid, and first cell.
+        // Squares still to be searched: cells along a side in units of this grid, first cell, and
+        // displacement if it is known.
         let root = ROOT << self.level;
         let [nx, ny] = self.count().map(|count| count / root);
-        let mut open: Vec<(u32, [u32; 2])> =
-            (0..nx * ny).map(|k| (root, [k / ny * root, k % ny * root])).collect();
+        let mut open: Vec<(u32, [u32; 2], Option<Vector3<f64>>)> =
+            (0..nx * ny).map(|k| (root, [k / ny * root, k % ny * root], None)).collect();
         let rows = self.count()[1];
         let sides = self.sides();
         let outline = &self.cells.outline;
-        while let Some((size, [i, j])) = open.pop() {
-            let half = 0.5 * f64::from(size);
-            let centre = self.cells.on_face(
-                (f64::from(i) + half) * sides[0] - 0.5 * outline.width,
-                (f64::from(j) + half) * sides[1] - 0.5 * outline.length,
-            );
-            let around = f64::from(size) * self.half_diagonal();
+        while let Some((size, [i, j], moved)) = open.pop() {
             let rank = (i + size / 2) * rows + j + size / 2;
             if size == 1 {
-                let moved = field(rank);
-                let gap = nearest(shapes, poses, &(centre + moved)).1.value;
-                if gap < reach {
-                    found.push((rank, moved));
-                    inside += usize::from(gap < 0.0);
+                let place = self.place(rank) + moved.unwrap_or_default();
+                let gap = nearest(shapes, poses, &place).1.value;
+                let enough = if moved.is_some() { reach + BENT * self.half_diagonal() } else { room };
+                if gap < enough {
+                    found.push(rank);
+                    inside += usize::from(moved.is_some() && gap < 0.0);
                     if inside > most {
                         return None;
                     }
                 }
                 continue;
             }
-            let is_small = size << MOVED <= 1 << self.level;
-            let near = if is_small && !forces.is_empty() {
-                let gap = nearest(shapes, poses, &(centre + field(rank))).1.value;
-                gap < 1.5 * around + reach
-            } else {
-                nearest(shapes, poses, &centre).1.value < around + room
-            };
-            if near {
+            let half = 0.5 * f64::from(size);
+            let centre = self.cells.on_face(
+                (f64::from(i) + half) * sides[0] - 0.5 * outline.width,
+                (f64::from(j) + half) * sides[1] - 0.5 * outline.length,
+            );
+            let around = f64::from(size) * self.half_diagonal();
+            let is_small = size << MOVED <= 2 << self.level;
+            let moved = (is_small && !forces.is_empty()).then(|| field(rank));
+            let gap = nearest(shapes, poses, &(centre + moved.unwrap_or_default())).1.value;
+            let enough = if moved.is_some() { 1.5 * around + reach } else { around + room };
+            if gap < enough {
                 let half = size / 2;
                 open.extend(
                     [[0, 0], [0, 1], [1, 0], [1, 1]]
-                        .map(|[a, b]| (half, [i + a * half, j + b * half])),
+                        .map(|[a, b]| (half, [i + a * half, j + b * half], moved)),
                 );
             }
         }
-        found.sort_unstable_by_key(|(rank, _)| *rank);
         Some(found)
     }
 
@@ -352,8 +327,7 @@ impl Grid {
     pub(super) fn clearance(&self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> f64 {
         let first = Self::new(&self.cells, 0);
         let gap = |grid: &Self, rank: u32| nearest(shapes, poses, &grid.place(rank)).1.value;
-        let mut open: Vec<_> =
-            (0..first.len() as u32).map(|rank| (gap(&first, rank), rank)).collect();
+        let mut open: Vec<_> = (0..first.len() as u32).map(|rank| (gap(&first, rank), rank)).collect();
         let mut grid = first;
         loop {
             let nearest = open.iter().map(|(gap, _)| *gap).fold(f64::INFINITY, f64::min);
@@ -413,10 +387,14 @@ impl Edges {
             let place = first.place(cell as u32);
             cells.share_of_sides(place.x, place.y)
         };
-        let mut entries = vec![0.0; 9 * size * size];
+        let by_layer = |loaded: u32, at: u32| {
+            let (to, from) = (grid.cell(at), grid.cell(loaded));
+            matrix(&grid.layer().at([to[0] - from[0], to[1] - from[1]]))
+        };
+        let mut entries = vec![Columns::default(); size * size];
         for (node, loaded) in tents.iter().enumerate() {
             let under = |at: u32| -> Matrix3<f64> {
-                let part = |&(cell, share): &(u32, f64)| grid.by_layer(cell, at).cast() * share;
+                let part = |&(cell, share): &(u32, f64)| by_layer(cell, at).cast() * share;
                 loaded.iter().map(part).sum()
             };
             let moved: Vec<_> = (0..grid.len() as u32).map(under).collect();
@@ -426,19 +404,17 @@ impl Edges {
                 let share = f64::max(share_of_sides(node), share_of_sides(at));
                 for (axis, i) in (0..3).flat_map(|axis| (0..3).map(move |i| (axis, i))) {
                     let found = elements.at(node as u32, axis, 3 * at + i);
-                    entries[(3 * node + axis) * 3 * size + 3 * at + i] =
+                    entries[node * size + at][4 * axis + i] =
                         (share * (found - layer[(i, axis)])) as f32;
                 }
             }
         }
-        Ok(Self { entries })
+        Ok(Self { entries, size })
     }
 
     /// Displacement around cell `at` under unit forces around cell `loaded` (m/N).
-    #[inline]
-    fn block(&self, [nx, ny]: [u32; 2], loaded: u32, at: u32) -> Matrix3<f32> {
-        let width = 3 * (nx * ny) as usize;
-        let first = 3 * loaded as usize * width + 3 * at as usize;
-        Matrix3::from_fn(|i, j| self.entries[first + j * width + i])
+    #[inline(always)]
+    pub(super) fn block(&self, loaded: u32, at: u32) -> &Columns {
+        &self.entries[loaded as usize * self.size + at as usize]
     }
 }

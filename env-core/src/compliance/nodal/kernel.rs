@@ -15,9 +15,11 @@
 //! a smooth rest, the Hankel transform of the difference. Below the face the solution is the
 //! exponential of the same equations as a system of first order in depth.
 
+#![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
+
 use nalgebra::{Matrix2, Matrix3, Matrix4};
 
-use crate::deformation::Moduli;
+use crate::{deformation::Moduli, simd::vectorised};
 
 /// Mean displacement of cells under unit forces spread over others (m/N), for grids of which each
 /// has cells half as long as the one before.
@@ -26,12 +28,16 @@ pub(super) struct LayerKernel {
 }
 
 /// Displacements by the distance of two cells.
-struct Table {
-    /// Largest distance along x and y plus 1.
+pub(super) struct Table {
+    /// Largest distance along x and y plus 1. The displacement is zero at the largest.
     count: [usize; 2],
     /// Entries xx, yy, zz, xy, xz and yz for distances of 0 or more; two unused numbers fill up.
     entries: Vec<[f32; 8]>,
 }
+
+/// Displacement under unit forces along each axis (m/N): three columns of three numbers and one
+/// that is not used.
+pub(super) type Columns = [f32; 12];
 
 /// Displacement of a plane parallel to the face under forces on points of the face (m/N).
 pub(super) struct PlaneKernel {
@@ -58,28 +64,79 @@ impl LayerKernel {
     /// `thickness` (m).
     pub(super) fn new(sides: [f64; 2], levels: usize, thickness: f64, moduli: Moduli) -> Self {
         let rest = Radial::new(WAVES.0, |k| difference(k, moduli.poisson));
-        let table = |level: usize| {
+        let count = sides.map(|side| (REACH * thickness / side).ceil() as usize + 1);
+        let mut all: Vec<Table> = Vec::with_capacity(levels);
+        for level in 0..levels {
             let sides = sides.map(|side| side / f64::from(1u32 << level));
-            let all = sides.map(|side| (REACH * thickness / side).ceil() as usize + 1);
-            let count = if level == 0 { all } else { all.map(|count| count.min(OWN + 2)) };
-            Table::new(sides, count, thickness, moduli, &rest)
-        };
-        Self { levels: (0..levels).map(table).collect() }
-    }
-
-    /// Displacement of a cell of a `level` under unit forces on the cell from which it is `away`, in
-    /// cells along x and y (m/N).
-    #[inline]
-    pub(super) fn at(&self, level: usize, away: [i32; 2]) -> Matrix3<f32> {
-        match self.levels[level].at(away) {
-            Some(entry) => entry,
-            None if level == 0 => Matrix3::zeros(),
-            None => self.between(level - 1, away.map(|cells| 0.5 * cells as f32)),
+            let table = Table::new(count.map(|count| count << level), all.last(), |at| {
+                let sides = sides.map(|side| side / thickness);
+                let at = [at[0] as f64 * sides[0], at[1] as f64 * sides[1]];
+                let near = half_space_cell(at, sides, moduli.poisson) + rest.cell(at, sides);
+                near * (1.0 / (moduli.young * thickness))
+            });
+            all.push(table);
         }
+        Self { levels: all }
     }
 
-    /// The same for a distance that is not a whole number of cells, interpolated.
-    pub(super) fn between(&self, level: usize, away: [f32; 2]) -> Matrix3<f32> {
+    /// Displacements of cells of a `level`.
+    pub(super) fn level(&self, level: usize) -> &Table {
+        &self.levels[level]
+    }
+}
+
+impl Table {
+    /// Tabulates the displacement `under` unit forces at distances less than `count`, as it is or,
+    /// far away, between those of the cells twice as long.
+    fn new(
+        count: [usize; 2],
+        longer: Option<&Self>,
+        under: impl Fn([usize; 2]) -> Matrix3<f64>,
+    ) -> Self {
+        let entry = |m: &Matrix3<f32>| {
+            [m[(0, 0)], m[(1, 1)], m[(2, 2)], m[(0, 1)], m[(0, 2)], m[(1, 2)], 0.0, 0.0]
+        };
+        let at = |i: usize, j: usize| match longer {
+            _ if i == count[0] || j == count[1] => [0.0; 8],
+            Some(longer) if i.max(j) > OWN + 1 => entry(&longer.between([i, j].map(|i| 0.5 * i as f32))),
+            _ => entry(&under([i, j]).cast()),
+        };
+        let rows = (0..=count[0]).flat_map(|i| (0..=count[1]).map(move |j| (i, j)));
+        let entries = rows.map(|(i, j)| at(i, j)).collect();
+        Self { count: count.map(|count| count + 1), entries }
+    }
+
+    /// Displacement of a cell under unit forces on the cell from which it is `away`, in cells along
+    /// x and y (m/N).
+    #[inline(always)]
+    pub(super) fn at(&self, away: [i32; 2]) -> Columns {
+        let place = |axis: usize| usize::min(away[axis].unsigned_abs() as usize, self.count[axis] - 1);
+        let [sx, sy] = away.map(|cells| if cells < 0 { -1.0 } else { 1.0 });
+        let [xx, yy, zz, xy, xz, yz, ..] = self.entries[place(0) * self.count[1] + place(1)];
+        let (xy, xz, yz) = (sx * sy * xy, sx * xz, sy * yz);
+        [xx, xy, -xz, 0.0, xy, yy, -yz, 0.0, xz, yz, zz, 0.0]
+    }
+
+    /// Displacement (m) of the cell `at` under forces (N) on the cells `loaded`.
+    pub(super) fn sum(&self, at: [i32; 2], loaded: &[([i32; 2], [f32; 3])]) -> [f32; 3] {
+        let mut sum = [0.0; 4];
+        vectorised(
+            #[inline(always)]
+            || {
+                for (from, force) in loaded {
+                    let columns = self.at([at[0] - from[0], at[1] - from[1]]);
+                    for i in 0..4 {
+                        let [x, y, z] = [columns[i], columns[4 + i], columns[8 + i]];
+                        sum[i] += force[0] * x + force[1] * y + force[2] * z;
+                    }
+                }
+            },
+        );
+        [sum[0], sum[1], sum[2]]
+    }
+
+    /// [`Table::at`] as a matrix for a distance that is not a whole number of cells, interpolated.
+    pub(super) fn between(&self, away: [f32; 2]) -> Matrix3<f32> {
         let low = away.map(f32::floor);
         let share = [away[0] - low[0], away[1] - low[1]];
         let mut sum = Matrix3::zeros();
@@ -87,7 +144,7 @@ impl LayerKernel {
             for (j, by_y) in [1.0 - share[1], share[1]].into_iter().enumerate() {
                 if by_x * by_y > 0.0 {
                     let at = [low[0] as i32 + i as i32, low[1] as i32 + j as i32];
-                    sum += self.at(level, at) * (by_x * by_y);
+                    sum += matrix(&self.at(at)) * (by_x * by_y);
                 }
             }
         }
@@ -95,37 +152,9 @@ impl LayerKernel {
     }
 }
 
-impl Table {
-    fn new(
-        sides: [f64; 2],
-        count: [usize; 2],
-        thickness: f64,
-        moduli: Moduli,
-        rest: &Radial,
-    ) -> Self {
-        let scale = 1.0 / (moduli.young * thickness);
-        let sides = sides.map(|side| side / thickness);
-        let cell = |i: usize, j: usize| {
-            let at = [i as f64 * sides[0], j as f64 * sides[1]];
-            let near = half_space_cell(at, sides, moduli.poisson) + rest.cell(at, sides);
-            let m = (near * scale).cast::<f32>();
-            [m[(0, 0)], m[(1, 1)], m[(2, 2)], m[(0, 1)], m[(0, 2)], m[(1, 2)], 0.0, 0.0]
-        };
-        let rows = (0..count[0]).flat_map(|i| (0..count[1]).map(move |j| (i, j)));
-        Self { count, entries: rows.map(|(i, j)| cell(i, j)).collect() }
-    }
-
-    #[inline]
-    fn at(&self, away: [i32; 2]) -> Option<Matrix3<f32>> {
-        let [i, j] = away.map(|cells| cells.unsigned_abs() as usize);
-        if i >= self.count[0] || j >= self.count[1] {
-            return None;
-        }
-        let [sx, sy] = away.map(|cells| if cells < 0 { -1.0 } else { 1.0 });
-        let [xx, yy, zz, xy, xz, yz, ..] = self.entries[i * self.count[1] + j];
-        let (xy, xz, yz) = (sx * sy * xy, sx * xz, sy * yz);
-        Some(Matrix3::new(xx, xy, xz, xy, yy, yz, -xz, -yz, zz))
-    }
+/// The matrix of some columns.
+pub(super) fn matrix(columns: &Columns) -> Matrix3<f32> {
+    Matrix3::from_fn(|i, axis| columns[4 * axis + i])
 }
 
 impl PlaneKernel {
@@ -258,7 +287,7 @@ impl Radial {
     }
 
     fn at(&self, x: f64, y: f64) -> Matrix3<f64> {
-        let r = x.hypot(y);
+        let r = (x * x + y * y).sqrt();
         let place = r * RADII as f64;
         let Some([low, high]) = self.by_radius.get(place as usize..).and_then(<[_]>::first_chunk)
         else {
@@ -333,4 +362,28 @@ fn exponential(m: &Matrix4<f64>, x: f64) -> Matrix4<f64> {
     let three = 0.5 * (x * cosh - sinh);
     let square = m * m;
     Matrix4::identity() * (cosh - two) + m * (sinh - three) + square * two + square * m * three
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distant_small_cells_move_as_larger_ones_do() {
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let (sides, thickness) = ([1.2e-3, 1.3e-3], 4e-3);
+        let kernel = LayerKernel::new(sides, 5, thickness, moduli);
+        let rest = Radial::new(WAVES.0, |k| difference(k, moduli.poisson));
+        for (level, away) in [(3, [30, 3]), (3, [-4, 60]), (4, [50, -40]), (4, [-100, -100])] {
+            let sides = sides.map(|side| side / thickness / f64::from(1u32 << level));
+            let at = [0, 1].map(|axis| sides[axis] * f64::from(away[axis]));
+            let near = half_space_cell(at, sides, moduli.poisson) + rest.cell(at, sides);
+            let right = near * (1.0 / (moduli.young * thickness));
+            let found = matrix(&kernel.level(level).at(away)).cast::<f64>();
+            let error = (found - right).norm() / right.norm();
+            assert!(error < 5e-3, "{away:?} cells away on level {level}: {error:.1e}");
+        }
+        let far = kernel.level(2).at([100, 0]);
+        assert!(far == Columns::default(), "{far:?}");
+    }
 }

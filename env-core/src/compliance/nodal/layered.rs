@@ -27,8 +27,11 @@ use crate::{
 /// Longest side of the cells of the first grid (m), and number of grids.
 const FIRST: f64 = 1.33e-3;
 const LEVELS: u32 = 6;
-/// Distance in plan from the contact within which displacements are corrected (m).
-const NEAR: f64 = 4e-3;
+/// Distance in plan of a cell from the nodes that see it as a cell, and not as tractions around face
+/// nodes, in spacings of the nodes.
+const NEAR: f64 = 2.5;
+/// Number of levels whose many cells' changes of the nodes' displacement are computed in advance.
+const KEPT: usize = 2;
 
 /// Compliance model of a pad with contact on grids of cells. Copies share the precomputed data.
 #[derive(Clone)]
@@ -36,7 +39,12 @@ pub struct LayeredPad {
     levels: Arc<Vec<Skin>>,
     law: ContactLaw,
     model: Arc<ModelFace>,
+    /// [`ModelFace::changes`] by each cell of the first levels.
+    changes: Arc<Vec<Vec<Vec<Change>>>>,
 }
+
+/// Node, and change of its displacement by a unit force along each axis on a cell (m/N).
+type Change = (u32, Matrix3<f32>);
 
 /// Contact of the cells around a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -60,6 +68,8 @@ struct ModelFace {
     triangles: Vec<[u32; 3]>,
     /// Triangles that a square of the plan may touch, row after row along y.
     squares: Vec<Vec<u32>>,
+    /// Nodes of the face within [`NEAR`] of each square.
+    near: Vec<Vec<u32>>,
     /// Lowest corner of the squares (m).
     corner: [f64; 2],
     /// Free layers below the face.
@@ -82,8 +92,7 @@ impl LayeredPad {
         let along = |extent: f64| ROOT * (extent / (FIRST * f64::from(ROOT))).ceil() as u32;
         let count = [along(outline.width), along(outline.length)];
         let cells = Cells::new(outline, count, LEVELS as usize, condensed, fine)?;
-        let level =
-            |level| Skin::of_grid(Arc::clone(condensed), Grid::new(&cells, level), level == 0);
+        let level = |level| Skin::of_grid(Arc::clone(condensed), Grid::new(&cells, level), level == 0);
         let levels: Vec<_> = (0..LEVELS).map(level).collect();
         let moduli = condensed.body.moduli()[0];
         // Layers are equally deep, as a part of the height, in all columns.
@@ -94,7 +103,12 @@ impl LayeredPad {
             |layer| PlaneKernel::new(outline.thickness * part(layer), outline.thickness, moduli);
         let below = (1..layers).map(plane).collect();
         let model = Arc::new(ModelFace::new(model, below, &Grid::new(&cells, 1)));
-        Ok(Self { levels: Arc::new(levels), law: compliance.settings.law, model })
+        let changes = levels.iter().take(KEPT).map(|skin| {
+            let grid = skin.grid().expect("levels are grids");
+            (0..grid.len() as u32).map(|cell| model.changes(grid, cell)).collect()
+        });
+        let changes = Arc::new(changes.collect());
+        Ok(Self { levels: Arc::new(levels), law: compliance.settings.law, model, changes })
     }
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
@@ -135,46 +149,36 @@ impl LayeredPad {
         self.grid(settled).area().sqrt()
     }
 
-    /// Replaces the displacement of nodes (m) near the contact, which elements give for tractions
-    /// `forces` around the face nodes, by that of the layer under the forces on cells, and keeps the
-    /// influence of the sides.
-    pub fn refine(
-        &self,
-        settled: &Settled,
-        forces: &[(u32, Vector3<f64>)],
-        displacement: &mut [Vector3<f64>],
-    ) {
-        let (grid, model) = (self.grid(settled), &self.model);
+    /// Replaces the displacement of the model mesh's nodes (m), which elements give for a unit force
+    /// along `axis` around node `loaded` of the face, by that of the layer, and keeps the influence
+    /// of the sides.
+    pub fn replace(&self, [loaded, axis]: [usize; 2], displacement: &mut [Vector3<f64>]) {
+        let (grid, model) = (&self.levels[0].grid().expect("levels are grids"), &self.model);
         let count = model.nodes.len();
-        let cells: Vec<_> =
-            settled.forces.iter().map(|(cell, f)| (*cell, grid.place(*cell), f)).collect();
-        let forces: Vec<_> = forces.iter().map(|(n, f)| (*n as usize, f.cast::<f32>())).collect();
-        for (node, place) in model.nodes.iter().enumerate() {
-            let is_near = |(other, _): &(usize, _)| {
-                (model.nodes[*other] - place).xy().norm_squared() < NEAR * NEAR
-            };
-            if !forces.iter().any(is_near) {
-                continue;
-            }
-            let share = grid.cells().share_of_sides(place.x, place.y);
-            let sides = |layer: usize, displacement: Vector3<f64>| {
-                if share == 0.0 {
-                    return Vector3::zeros();
-                }
-                let row = &model.between[layer][node * count..];
-                let around = forces.iter().map(|(other, force)| row[*other] * force);
-                (displacement - around.sum::<Vector3<f32>>().cast::<f64>()) * share
-            };
-            let on_face = cells
-                .iter()
-                .map(|(cell, _, force)| grid.at_point(*cell, place).cast::<f64>() * *force);
-            displacement[node] = on_face.sum::<Vector3<f64>>() + sides(0, displacement[node]);
-            for (layer, plane) in (1..).zip(&model.below) {
-                let at_depth = cells
-                    .iter()
-                    .map(|(_, from, force)| plane.at(place.x - from.x, place.y - from.y) * *force);
+        for (layer, between) in model.between.iter().enumerate() {
+            for (node, place) in model.nodes.iter().enumerate() {
+                let share = grid.cells().share_of_sides(place.x, place.y);
+                let by_layer = between[node * count + loaded].column(axis).into_owned().cast::<f64>();
                 let moved = &mut displacement[layer * count + node];
-                *moved = at_depth.sum::<Vector3<f64>>() + sides(layer, *moved);
+                *moved = by_layer + (*moved - by_layer) * share;
+            }
+        }
+    }
+
+    /// Adds to the displacement of nodes (m) near the contact under tractions around the face nodes
+    /// what the forces on cells change.
+    pub fn refine(&self, settled: &Settled, displacement: &mut [Vector3<f64>]) {
+        let grid = self.grid(settled);
+        for (cell, force) in &settled.forces {
+            let force = force.cast::<f32>();
+            let mut add = |changes: &[Change]| {
+                for (node, change) in changes {
+                    displacement[*node as usize] += (change * force).cast::<f64>();
+                }
+            };
+            match self.changes.get(settled.level) {
+                Some(by_cell) => add(&by_cell[*cell as usize]),
+                None => add(&self.model.changes(grid, *cell)),
             }
         }
     }
@@ -196,6 +200,7 @@ impl ModelFace {
         let mut face = Self {
             triangles: model.face_triangles.clone(),
             squares: vec![Vec::new(); SQUARES * SQUARES],
+            near: Vec::new(),
             corner,
             between: Vec::new(),
             below,
@@ -204,9 +209,9 @@ impl ModelFace {
         for (t, corners) in face.triangles.iter().enumerate() {
             let ends = [0, 1].map(|axis| {
                 let along = corners.map(|node| face.nodes[node as usize][axis]);
-                let (low, high) = along
-                    .iter()
-                    .fold((f64::INFINITY, f64::NEG_INFINITY), |e, p| (e.0.min(*p), e.1.max(*p)));
+                let (low, high) = along.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |e, p| {
+                    (e.0.min(*p), e.1.max(*p))
+                });
                 [face.square(axis, low), face.square(axis, high)]
             });
             for i in ends[0][0]..=ends[0][1] {
@@ -215,14 +220,48 @@ impl ModelFace {
                 }
             }
         }
+        face.near = face.nodes_near_squares();
         face.between = face.between(grid);
         face
     }
 
+    fn nodes_near_squares(&self) -> Vec<Vec<u32>> {
+        // Area of the triangles at each node (m²), and their number.
+        let mut around = vec![(0.0, 0.0); self.nodes.len()];
+        for corners in &self.triangles {
+            let [a, b, c] = corners.map(|node| self.nodes[node as usize].coords);
+            for &node in corners {
+                let (area, number) = &mut around[node as usize];
+                *area += 0.5 * (b - a).xy().perp(&(c - a).xy()).abs();
+                *number += 1.0;
+            }
+        }
+        let reach: Vec<_> =
+            around.iter().map(|(area, number)| NEAR * f64::sqrt(2.0 * area / number)).collect();
+        let sides = self.corner.map(|low| -2.0 * low / SQUARES as f64);
+        let near = |square: usize| {
+            let centre = Point3::new(
+                self.corner[0] + sides[0] * ((square / SQUARES) as f64 + 0.5),
+                self.corner[1] + sides[1] * ((square % SQUARES) as f64 + 0.5),
+                0.0,
+            );
+            let is_near = |&node: &u32| {
+                let (place, reach) = (&self.nodes[node as usize], reach[node as usize]);
+                (place - centre).xy().norm_squared() < reach * reach
+            };
+            (0..self.nodes.len() as u32).filter(is_near).collect()
+        };
+        (0..SQUARES * SQUARES).map(near).collect()
+    }
+
+    /// Nodes of the face that see a cell around a point as such.
+    fn near(&self, point: &Point3<f64>) -> &[u32] {
+        &self.near[self.square(0, point.x) * SQUARES + self.square(1, point.y)]
+    }
+
     fn square(&self, axis: usize, p: f64) -> usize {
         let extent = -2.0 * self.corner[axis];
-        ((p - self.corner[axis]) / extent * SQUARES as f64).clamp(0.0, SQUARES as f64 - 1.0)
-            as usize
+        ((p - self.corner[axis]) / extent * SQUARES as f64).clamp(0.0, SQUARES as f64 - 1.0) as usize
     }
 
     /// Face nodes around a point, with weights that sum to 1.
@@ -236,6 +275,28 @@ impl ModelFace {
         let least = |shares: &[f64; 3]| shares.iter().copied().fold(f64::INFINITY, f64::min);
         let best = candidates.max_by(|(_, a), (_, b)| least(a).total_cmp(&least(b)));
         best.expect("the mesh covers the face")
+    }
+
+    /// Change of the displacement of nodes near a `cell` of a grid if forces are spread over it, and
+    /// not as tractions around the nodes of the face.
+    fn changes(&self, grid: &Grid, cell: u32) -> Vec<Change> {
+        let count = self.nodes.len();
+        let from = grid.place(cell);
+        let (corners, shares) = self.under(&from);
+        let change = |(layer, &node): (usize, &u32)| {
+            let at = &self.nodes[node as usize];
+            let by_cell = match layer.checked_sub(1) {
+                None => grid.at_point(cell, at),
+                Some(below) => self.below[below].at(at.x - from.x, at.y - from.y).cast(),
+            };
+            let row = &self.between[layer][node as usize * count..];
+            let part = |(corner, share)| row[corner as usize] * share as f32;
+            let by_tents: Matrix3<f32> = corners.into_iter().zip(shares).map(part).sum();
+            ((layer * count) as u32 + node, by_cell - by_tents)
+        };
+        let near = self.near(&from);
+        let layers = 0..self.between.len();
+        layers.flat_map(|layer| near.iter().map(move |node| (layer, node))).map(change).collect()
     }
 
     fn between(&self, grid: &Grid) -> Vec<Vec<Matrix3<f32>>> {
@@ -256,11 +317,78 @@ impl ModelFace {
                 let sum: f64 = cells.iter().map(|(_, _, share)| share).sum();
                 cells.iter().map(part).sum::<Matrix3<f32>>() / sum as f32
             };
-            self.nodes
-                .iter()
-                .flat_map(|at| tents.iter().map(move |cells| under(at, cells)))
-                .collect()
+            self.nodes.iter().flat_map(|at| tents.iter().map(move |cells| under(at, cells))).collect()
         };
         std::iter::once(None).chain(self.below.iter().map(Some)).map(layer).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Isometry3;
+
+    use super::*;
+    use crate::{
+        compliance::Options,
+        deformation::{Law, Moduli, SoftBody},
+        geometry::Shape,
+        sensor::Sensor,
+    };
+
+    #[test]
+    fn refined_displacement_is_that_under_all_cells() {
+        let sensor = Sensor::named("gelsight-mini").unwrap();
+        let pad = sensor.pad(1000).unwrap();
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
+        let options = Options { friction: 0.5, sweeps: 0 };
+        let compliance = Compliance::new(body, options).unwrap();
+        let layered = LayeredPad::new(&compliance, &sensor.outline, &pad, &pad).unwrap();
+        // At one side and in the middle, by small and large balls.
+        for (radius, x) in [(1.5e-3, 0.0), (8e-3, 0.0), (3e-3, 7e-3)] {
+            let pose = Isometry3::translation(x, 2e-3, radius - 5e-4);
+            let press = Press::along(vec![Shape::Sphere { radius }], vec![vec![pose]]).unwrap();
+            let settled = layered.settled_path(&press).pop().unwrap().unwrap();
+            let forces: Vec<_> =
+                layered.contacts(&settled).iter().map(|(node, c)| (*node as usize, c.force)).collect();
+            assert!(forces.len() > 3, "{} nodes bear some", forces.len());
+            // What elements give is kept to the share of the sides by both; it is taken as zero.
+            let (model, grid) = (&layered.model, layered.grid(&settled));
+            let count = model.nodes.len();
+            let mut found = vec![Vector3::zeros(); model.between.len() * count];
+            for (node, force) in &forces {
+                for axis in 0..3 {
+                    let mut unit = vec![Vector3::zeros(); found.len()];
+                    layered.replace([*node, axis], &mut unit);
+                    found.iter_mut().zip(unit).for_each(|(sum, u)| *sum += u * force[axis]);
+                }
+            }
+            layered.refine(&settled, &mut found);
+            let (mut error, mut most, mut squares) = (0f64, 0f64, [0.0; 2]);
+            for (k, found) in found.iter().enumerate() {
+                let (layer, node) = (k / count, k % count);
+                let at = &model.nodes[node];
+                let by_cell = |(cell, force): &(u32, Vector3<f64>)| {
+                    let from = grid.place(*cell);
+                    match layer {
+                        0 => grid.at_point(*cell, at).cast::<f64>() * force,
+                        _ => model.below[layer - 1].at(at.x - from.x, at.y - from.y) * force,
+                    }
+                };
+                let by_tents = |(other, force): &(usize, Vector3<f64>)| {
+                    model.between[layer][node * count + other].cast::<f64>() * force
+                };
+                let cells: Vector3<f64> = settled.forces.iter().map(by_cell).sum();
+                let tents: Vector3<f64> = forces.iter().map(by_tents).sum();
+                let right = cells - tents * grid.cells().share_of_sides(at.x, at.y);
+                error = error.max((found - right).norm());
+                most = most.max(right.norm());
+                squares[0] += (found - right).norm_squared();
+                squares[1] += right.norm_squared();
+            }
+            let mean = (squares[0] / squares[1]).sqrt();
+            assert!(error < 1e-2 * most, "{error} m of {most} m under a ball of {radius} m");
+            assert!(mean < 5e-3, "{mean} under a ball of {radius} m");
+        }
     }
 }

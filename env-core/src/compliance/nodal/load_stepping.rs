@@ -10,6 +10,7 @@ use super::{
     between::{Face, Standing, watched},
     patch::{Move, Patch},
     skin::{Group, Skin},
+    spots::Spots,
 };
 use crate::{
     Error, Result,
@@ -36,8 +37,7 @@ const SHORTEST: f64 = 1.0 / 64.0;
 #[derive(Default)]
 pub(super) struct Scratch {
     pub(super) displacement: Vec<f32>,
-    pub(super) rows: Vec<f32>,
-    pub(super) known: Vec<Option<usize>>,
+    pub(super) spots: Spots,
 }
 
 /// Touching node.

@@ -20,6 +20,7 @@ mod layered;
 mod patch;
 mod settle;
 mod skin;
+mod spots;
 mod load_stepping;
 
 use std::sync::Arc;
@@ -72,13 +73,17 @@ impl Nodal {
     }
 
     /// Applies `carry` to the displacement of all nodes (V) in m under a unit force on each contact
-    /// node along each axis (3M).
-    pub(crate) fn unit_responses<T>(&self, carry: impl Fn(&[Vector3<f64>]) -> T) -> Vec<T> {
+    /// node along each axis (3M), and to that node and axis.
+    pub(crate) fn unit_responses<T>(
+        &self,
+        carry: impl Fn(&[Vector3<f64>], [usize; 2]) -> T,
+    ) -> Vec<T> {
         let rest = &self.skin.condensed.rest;
         let mut workspace = rest.workspace();
         let answer = |i: usize| {
-            let force = Vector3::ith(i % 3, 1.0);
-            carry(&rest.displacement(&self.spread(&[((i / 3) as u32, force)]), &mut workspace))
+            let [node, axis] = [i / 3, i % 3];
+            let loads = self.spread(&[(node as u32, Vector3::ith(axis, 1.0))]);
+            carry(&rest.displacement(&loads, &mut workspace), [node, axis])
         };
         (0..3 * self.skin.places.len()).map(answer).collect()
     }

@@ -11,12 +11,12 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use super::{
     load_stepping::{Held, Scratch},
     skin::{Group, NodeCompliance, Skin},
+    spots::Spots,
 };
 use crate::{
     contact::{ContactLaw, SurfacePoint, first_touch, leaps_through},
     geometry::{Distance, Shape},
     responses::Responses,
-    simd::vectorised,
 };
 
 /// Depth that a node must have reached in a shape to count as having passed through it, in
@@ -47,18 +47,18 @@ pub(super) struct Patch<'a> {
     pub(super) runs: Vec<[usize; 2]>,
     /// Displacement by slot in m, valid only in the runs.
     pub(super) displacement: &'a mut Vec<f32>,
-    /// Displacement of all N members under unit forces on some (3, 3N each) in m/N; only on a grid,
-    /// where slots are members.
-    rows: &'a mut Vec<f32>,
-    /// Place in `rows` of each member (N), if it is known.
-    known: &'a mut Vec<Option<usize>>,
+    /// Cells by slot, on a grid.
+    spots: &'a mut Spots,
 }
 
 /// Node of a patch.
 pub(super) struct Member {
     rank: u32,
-    /// Place of its displacement among those of the patch: its rank, or on a grid its number.
+    /// Place of its displacement among those of the patch: its rank, or on a grid the number of its
+    /// cell.
     slot: u32,
+    /// Position at rest (m).
+    rest: Point3<f64>,
     pub(super) force: Vector3<f64>,
     /// Position at the beginning of the step (m).
     start: Point3<f64>,
@@ -97,14 +97,22 @@ impl<'a> Patch<'a> {
         held: &[Held],
         scratch: &'a mut Scratch,
     ) -> Option<Self> {
-        let Scratch { displacement, rows, known } = scratch;
-        let (ranks, moved): (Vec<u32>, Vec<Vector3<f64>>) = match &skin.compliance {
-            NodeCompliance::Matrix(compliance) => {
+        let Scratch { displacement, spots } = scratch;
+        let forces: Vec<_> = held.iter().map(|held| (held.rank, held.force)).collect();
+        let mut ranks: Vec<u32> = match &skin.compliance {
+            NodeCompliance::Matrix(_) => {
                 let near = skin.groups.iter().filter(|group| is_near(way, group, room));
-                let near = near.flat_map(|group| group.ranks.iter().copied());
-                let mut ranks: Vec<u32> = near.chain(held.iter().map(|held| held.rank)).collect();
-                ranks.sort_unstable();
-                ranks.dedup();
+                near.flat_map(|group| group.ranks.iter().copied()).collect()
+            }
+            NodeCompliance::Grid(grid) => {
+                grid.near((way.shapes, way.to), &forces, [room, reach], most)?
+            }
+        };
+        ranks.extend(held.iter().map(|held| held.rank));
+        ranks.sort_unstable();
+        ranks.dedup();
+        let moved: Vec<Vector3<f64>> = match &skin.compliance {
+            NodeCompliance::Matrix(compliance) => {
                 let runs = runs(ranks.iter().copied());
                 displacement.resize(3 * skin.places.len(), 0.0);
                 for &[first, last] in &runs {
@@ -113,25 +121,15 @@ impl<'a> Patch<'a> {
                 for held in held {
                     give_way(displacement, compliance, held.rank, &held.force, &runs);
                 }
-                let moved = ranks.iter().map(|&rank| displaced(displacement, rank)).collect();
-                (ranks, moved)
+                ranks.iter().map(|&rank| displaced(displacement, rank)).collect()
             }
-            NodeCompliance::Grid(grid) => {
-                let forces: Vec<_> = held.iter().map(|held| (held.rank, held.force)).collect();
-                let mut near = grid.near((way.shapes, way.to), &forces, [room, reach], most)?;
-                let mut field = grid.field(&forces);
-                for held in held {
-                    if let Err(place) = near.binary_search_by_key(&held.rank, |(rank, _)| *rank) {
-                        near.insert(place, (held.rank, field(held.rank)));
-                    }
-                }
-                near.into_iter().unzip()
-            }
+            NodeCompliance::Grid(grid) => ranks.iter().copied().map(grid.field(&forces)).collect(),
         };
         let mut held = held.iter().peekable();
         let member = |(&rank, moved): (&u32, &Vector3<f64>)| {
             let known = held.next_if(|held| held.rank == rank);
-            let start = skin.place(rank) + moved;
+            let rest = skin.place(rank);
+            let start = rest + moved;
             let distance = match known {
                 Some(_) => 0.0,
                 None => nearest(way.shapes, way.to, &start).1.value,
@@ -139,6 +137,7 @@ impl<'a> Patch<'a> {
             (distance < reach).then(|| Member {
                 rank,
                 slot: rank,
+                rest,
                 force: known.map(|held| held.force).unwrap_or_default(),
                 start,
                 stuck: known.map(|held| (held.shape, held.stuck)),
@@ -147,19 +146,19 @@ impl<'a> Patch<'a> {
             })
         };
         let mut members: Vec<_> = ranks.iter().zip(&moved).filter_map(member).collect();
-        if skin.grid().is_some() {
+        if let Some(grid) = skin.grid() {
+            if members.iter().filter(|member| member.seen.1 <= 0.0).count() > most {
+                return None;
+            }
             displacement.clear();
             for (slot, member) in (0..).zip(&mut members) {
                 member.slot = slot;
-                let moved = member.start - skin.place(member.rank);
-                displacement.extend(moved.iter().map(|u| *u as f32));
+                displacement.extend((member.start - member.rest).iter().map(|u| *u as f32));
             }
-            rows.clear();
-            known.clear();
-            known.resize(members.len(), None);
+            spots.renew(grid, members.iter().map(|member| member.rank));
         }
         let runs = self::runs(members.iter().map(|member| member.slot));
-        Some(Self { skin, law, way, members, runs, displacement, rows, known })
+        Some(Self { skin, law, way, members, runs, displacement, spots })
     }
 
     /// Measures the nodes' distances from the shapes and sets the targets; returns whether a node
@@ -167,9 +166,8 @@ impl<'a> Patch<'a> {
     pub(super) fn measure(&mut self) -> bool {
         let mut touches = false;
         for i in 0..self.members.len() {
-            let Member { rank, slot, force, seen, .. } = self.members[i];
-            let moved = displaced(self.displacement, slot);
-            let place = self.skin.place(rank) + moved;
+            let Member { force, seen, .. } = self.members[i];
+            let place = self.place(&self.members[i]);
             let loose = force == Vector3::zeros();
             if loose && (place - seen.0).norm() < seen.1 {
                 self.members[i].target = None;
@@ -203,12 +201,35 @@ impl<'a> Patch<'a> {
         let surface = place - normal * distance.value;
         let stuck = pose * stuck;
         let aim = stuck - normal * normal.dot(&(stuck - surface));
-        let rank = member.rank;
-        let give = give(self.law, self.skin.point(rank), &normal);
-        let compliance = self.skin.own(rank) + give;
+        let give = give(self.law, self.skin.point(member.rank), &normal);
+        let own = match self.skin.grid() {
+            Some(grid) => self.spots.own(grid, member.slot as usize),
+            None => self.skin.own(member.rank),
+        };
+        let compliance = own + give;
         let stiffness = compliance.try_inverse().unwrap_or_else(Matrix3::zeros);
-        let displacement = aim - self.skin.place(rank);
+        let displacement = aim - member.rest;
         NodeTarget { normal, displacement, give, compliance, stiffness }
+    }
+
+    /// Returns whether one sweep over the touching nodes would change no force by more than
+    /// `relative` × the largest force.
+    pub(super) fn is_still(&self, relative: f64) -> bool {
+        let (mut change, mut strongest) = (0f64, 0f64);
+        for member in &self.members {
+            let Some(target) = &member.target else { continue };
+            let force = self.pushed(member, target);
+            change = change.max((force - member.force).norm());
+            strongest = strongest.max(force.norm());
+        }
+        change <= relative * strongest
+    }
+
+    /// New force on a touching member, pushed to its `target`.
+    fn pushed(&self, member: &Member, target: &NodeTarget) -> Vector3<f64> {
+        let moved = displaced(self.displacement, member.slot);
+        let off = target.displacement - moved - target.give * member.force;
+        target.force(&member.force, &off, self.law.friction)
     }
 
     /// Performs one sweep over the touching nodes, in reverse order if `back`. Returns the largest
@@ -218,14 +239,11 @@ impl<'a> Patch<'a> {
         let count = self.members.len();
         for i in 0..count {
             let i = if back { count - 1 - i } else { i };
-            let member = &mut self.members[i];
+            let member = &self.members[i];
             let Some(target) = &member.target else { continue };
-            let off = target.displacement
-                - displaced(self.displacement, member.slot)
-                - target.give * member.force;
-            let force = target.force(&member.force, &off, self.law.friction);
+            let force = self.pushed(member, target);
             let step = force - member.force;
-            member.force = force;
+            self.members[i].force = force;
             let size = step.norm();
             strongest = strongest.max(force.norm());
             if size > 0.0 {
@@ -238,34 +256,31 @@ impl<'a> Patch<'a> {
 
     /// Adds to the displacement the response to a `force` on member `i`.
     fn give_way(&mut self, i: usize, force: &Vector3<f64>) {
-        let rank = self.members[i].rank;
+        let Member { rank, slot, .. } = self.members[i];
         match &self.skin.compliance {
             NodeCompliance::Matrix(compliance) => {
                 give_way(self.displacement, compliance, rank, force, &self.runs);
             }
             NodeCompliance::Grid(grid) => {
-                let width = 3 * self.members.len();
-                let first = *self.known[i].get_or_insert_with(|| {
-                    let ranks: Vec<u32> = self.members.iter().map(|member| member.rank).collect();
-                    let first = self.rows.len();
-                    grid.append_responses(rank, &ranks, self.rows);
-                    first
-                });
-                let rows = &self.rows[first..first + 3 * width];
-                let force: [f32; 3] = force.cast::<f32>().into();
-                vectorised(
-                    #[inline(always)]
-                    || add_rows(self.displacement, rows, force),
-                );
+                self.spots.give_way(grid, slot as usize, force, self.displacement);
             }
         }
+    }
+
+    /// Position of a member (m).
+    fn place(&self, member: &Member) -> Point3<f64> {
+        member.rest + displaced(self.displacement, member.slot)
     }
 
     /// Returns whether a node passed through a shape in this step.
     pub(super) fn leaps(&self) -> bool {
         let depth = RUN_OVER * self.law.softness;
         self.members.iter().any(|member| {
+<<<<<<< HEAD
             let place = self.skin.place(member.rank) + displaced(self.displacement, member.slot);
+=======
+            let place = self.place(member);
+>>>>>>> b49815d (Contact on cells: one table of responses a level, displacement refined near cells only, forces of a history left if they still hold)
             let near = member.seen.1 - (place - member.seen.0).norm();
             self.way.ends(&member.start, &place).any(|(shape, [begin, end])| {
                 let way = (end - begin).norm();
@@ -292,7 +307,7 @@ impl<'a> Patch<'a> {
     pub(super) fn held(&self) -> Vec<(Held, Point3<f64>)> {
         let touching = self.members.iter().filter(|member| member.force != Vector3::zeros());
         let held = |member: &Member| {
-            let place = self.skin.place(member.rank) + displaced(self.displacement, member.slot);
+            let place = self.place(member);
             let target = member.target.expect("what has a force has been measured");
             let (shape, _) = member.stuck.expect("what touches sticks somewhere");
             let normal = target.normal;
@@ -348,15 +363,6 @@ impl Move<'_> {
         let (from, to) = (&self.from[s], &self.to[s]);
         let seen_from = |t: f64| from.lerp_slerp(to, t).inverse_transform_point(start);
         seen_from(first_touch(|t| self.shapes[s].distance(&seen_from(t)).value))
-    }
-}
-
-#[inline(always)]
-fn add_rows(sum: &mut [f32], rows: &[f32], force: [f32; 3]) {
-    let (x, rest) = rows.split_at(sum.len());
-    let (y, z) = rest.split_at(sum.len());
-    for (((u, x), y), z) in sum.iter_mut().zip(x).zip(y).zip(z) {
-        *u += force[0] * x + force[1] * y + force[2] * z;
     }
 }
 

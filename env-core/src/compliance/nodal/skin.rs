@@ -23,7 +23,7 @@ use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh, responses::
 pub(super) struct Skin {
     pub(super) condensed: Arc<Condensed>,
     pub(super) compliance: NodeCompliance,
-    /// Displacement of each node under unit forces on itself (M) in m/N.
+    /// Displacement of each node under unit forces on itself (M) in m/N; empty for a grid.
     own: Vec<Matrix3<f64>>,
     pub(super) places: Vec<Point3<f64>>,
     /// Outward unit normals at rest (M), zero where there is none.
@@ -154,9 +154,9 @@ impl Skin {
         self.grid().map_or_else(|| self.normals[rank as usize], |grid| grid.normal(rank))
     }
 
-    /// Displacement of a node under unit forces on itself (m/N).
+    /// Displacement of a node under unit forces on itself, if it is no cell of a grid (m/N).
     pub(super) fn own(&self, rank: u32) -> Matrix3<f64> {
-        self.grid().map_or_else(|| self.own[rank as usize], |grid| grid.own(rank))
+        self.own[rank as usize]
     }
 
     /// The node as a surface point; on a grid, where they differ by their place only, any.
