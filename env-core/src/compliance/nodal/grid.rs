@@ -67,8 +67,8 @@ pub(super) struct Grid {
 pub(super) struct Edges {
     /// Displacement around each cell under unit forces around each (C, C) in m/N.
     entries: Vec<Columns>,
-    /// Number of cells C.
-    size: usize,
+    /// Whether the sides matter to forces on each cell, or to its displacement (C).
+    is_near: Vec<bool>,
 }
 
 impl Cells {
@@ -257,8 +257,10 @@ impl Grid {
                 && !loaded.is_empty()
             {
                 for (to, share) in self.around(rank) {
-                    let part = |(from, f): (&u32, &Vector3<f32>)| matrix(edges.block(*from, to)) * f;
-                    let sum_of_parts = || coarse.iter().map(part).sum::<Vector3<f32>>().cast();
+                    let part = |(from, f): (&u32, &Vector3<f32>)| {
+                        Some(matrix(edges.block(*from, to)?) * f)
+                    };
+                    let sum_of_parts = || coarse.iter().filter_map(part).sum::<Vector3<f32>>().cast();
                     sum += *known[to as usize].get_or_insert_with(sum_of_parts) * share;
                 }
             }
@@ -292,10 +294,15 @@ impl Grid {
             if size == 1 {
                 let place = self.place(rank) + moved.unwrap_or_default();
                 let gap = nearest(shapes, poses, &place).1.value;
-                let enough = if moved.is_some() { reach + BENT * self.half_diagonal() } else { room };
+                let enough = match moved {
+                    _ if forces.is_empty() => reach,
+                    Some(_) => reach + BENT * self.half_diagonal(),
+                    None => room,
+                };
                 if gap < enough {
                     found.push(rank);
-                    inside += usize::from(moved.is_some() && gap < 0.0);
+                    let is_placed = moved.is_some() || forces.is_empty();
+                    inside += usize::from(is_placed && gap < 0.0);
                     if inside > most {
                         return None;
                     }
@@ -409,12 +416,15 @@ impl Edges {
                 }
             }
         }
-        Ok(Self { entries, size })
+        let is_near = (0..size).map(|cell| share_of_sides(cell) > 0.0).collect();
+        Ok(Self { entries, is_near })
     }
 
-    /// Displacement around cell `at` under unit forces around cell `loaded` (m/N).
+    /// Displacement around cell `at` under unit forces around cell `loaded` (m/N), if it is not zero.
     #[inline(always)]
-    pub(super) fn block(&self, loaded: u32, at: u32) -> &Columns {
-        &self.entries[loaded as usize * self.size + at as usize]
+    pub(super) fn block(&self, loaded: u32, at: u32) -> Option<&Columns> {
+        let [loaded, at] = [loaded as usize, at as usize];
+        let is_near = self.is_near[loaded] || self.is_near[at];
+        is_near.then(|| &self.entries[loaded * self.is_near.len() + at])
     }
 }

@@ -31,8 +31,8 @@ pub(super) struct LayerKernel {
 pub(super) struct Table {
     /// Largest distance along x and y plus 1. The displacement is zero at the largest.
     count: [usize; 2],
-    /// Entries xx, yy, zz, xy, xz and yz for distances of 0 or more; two unused numbers fill up.
-    entries: Vec<[f32; 8]>,
+    /// Displacements for distances of 0 or more. The signs of x and y turn with those of a distance.
+    entries: Vec<Columns>,
 }
 
 /// Displacement under unit forces along each axis (m/N): three columns of three numbers and one
@@ -94,10 +94,10 @@ impl Table {
         under: impl Fn([usize; 2]) -> Matrix3<f64>,
     ) -> Self {
         let entry = |m: &Matrix3<f32>| {
-            [m[(0, 0)], m[(1, 1)], m[(2, 2)], m[(0, 1)], m[(0, 2)], m[(1, 2)], 0.0, 0.0]
+            std::array::from_fn(|k| if k % 4 < 3 { m[(k % 4, k / 4)] } else { 0.0 })
         };
         let at = |i: usize, j: usize| match longer {
-            _ if i == count[0] || j == count[1] => [0.0; 8],
+            _ if i == count[0] || j == count[1] => Columns::default(),
             Some(longer) if i.max(j) > OWN + 1 => entry(&longer.between([i, j].map(|i| 0.5 * i as f32))),
             _ => entry(&under([i, j]).cast()),
         };
@@ -110,11 +110,22 @@ impl Table {
     /// x and y (m/N).
     #[inline(always)]
     pub(super) fn at(&self, away: [i32; 2]) -> Columns {
+        let (entry, signs) = self.entry(away);
+        let mut turned = [0.0; 12];
+        for axis in 0..3 {
+            for i in 0..4 {
+                turned[4 * axis + i] = entry[4 * axis + i] * (signs[axis] * signs[i]);
+            }
+        }
+        turned
+    }
+
+    /// Displacement at the same distance along x and y without their signs, and these.
+    #[inline(always)]
+    fn entry(&self, away: [i32; 2]) -> (&Columns, [f32; 4]) {
         let place = |axis: usize| usize::min(away[axis].unsigned_abs() as usize, self.count[axis] - 1);
-        let [sx, sy] = away.map(|cells| if cells < 0 { -1.0 } else { 1.0 });
-        let [xx, yy, zz, xy, xz, yz, ..] = self.entries[place(0) * self.count[1] + place(1)];
-        let (xy, xz, yz) = (sx * sy * xy, sx * xz, sy * yz);
-        [xx, xy, -xz, 0.0, xy, yy, -yz, 0.0, xz, yz, zz, 0.0]
+        let [x, y] = away.map(|cells| if cells < 0 { -1.0 } else { 1.0 });
+        (&self.entries[place(0) * self.count[1] + place(1)], [x, y, 1.0, 1.0])
     }
 
     /// Displacement (m) of the cell `at` under forces (N) on the cells `loaded`.
@@ -124,10 +135,11 @@ impl Table {
             #[inline(always)]
             || {
                 for (from, force) in loaded {
-                    let columns = self.at([at[0] - from[0], at[1] - from[1]]);
+                    let (entry, signs) = self.entry([at[0] - from[0], at[1] - from[1]]);
+                    let [x, y, z] = [force[0] * signs[0], force[1] * signs[1], force[2]];
                     for i in 0..4 {
-                        let [x, y, z] = [columns[i], columns[4 + i], columns[8 + i]];
-                        sum[i] += force[0] * x + force[1] * y + force[2] * z;
+                        let moved = x * entry[i] + y * entry[4 + i] + z * entry[8 + i];
+                        sum[i] += signs[i] * moved;
                     }
                 }
             },

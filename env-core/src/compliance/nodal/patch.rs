@@ -145,7 +145,8 @@ impl<'a> Patch<'a> {
                 target: None,
             })
         };
-        let mut members: Vec<_> = ranks.iter().zip(&moved).filter_map(member).collect();
+        let mut members = Vec::with_capacity(ranks.len());
+        members.extend(ranks.iter().zip(&moved).filter_map(member));
         if let Some(grid) = skin.grid() {
             if members.iter().filter(|member| member.seen.1 <= 0.0).count() > most {
                 return None;
