@@ -82,13 +82,13 @@ impl Cells {
         fine: &PadMesh,
     ) -> Result<Arc<Self>> {
         let moduli: Moduli = condensed.body.moduli()[0];
-        let sides =
-            [outline.width / f64::from(count[0]), outline.length / f64::from(count[1])];
+        let sides = [outline.width / f64::from(count[0]), outline.length / f64::from(count[1])];
         let kernel = Arc::new(LayerKernel::new(sides, levels, outline.thickness, moduli));
         let outline = *outline;
         let heights = |level: u32| -> Vec<f64> {
             let [nx, ny] = count.map(|count| count << level);
-            let middle = |i: u32, n: u32, extent: f64| ((f64::from(i) + 0.5) / f64::from(n) - 0.5) * extent;
+            let middle =
+                |i: u32, n: u32, extent: f64| ((f64::from(i) + 0.5) / f64::from(n) - 0.5) * extent;
             let places = (0..nx).flat_map(|i| (0..ny).map(move |j| (i, j)));
             let height = |(i, j)| {
                 outline.height(middle(i, nx, outline.width), middle(j, ny, outline.length))
@@ -97,7 +97,11 @@ impl Cells {
         };
         let heights = Arc::new((0..levels as u32).map(heights).collect());
         let mut all = Self { outline, count, sides, kernel, heights, edges: None };
-        let layer = Arc::new(Self { kernel: Arc::clone(&all.kernel), heights: Arc::clone(&all.heights), ..all });
+        let layer = Arc::new(Self {
+            kernel: Arc::clone(&all.kernel),
+            heights: Arc::clone(&all.heights),
+            ..all
+        });
         all.edges = Some(Edges::new(condensed, fine, &Grid::new(&layer, 1))?);
         Ok(Arc::new(all))
     }
@@ -252,7 +256,8 @@ impl Grid {
         let [nx, ny] = self.cells.count;
         let mut known: Vec<Option<Vector3<f64>>> = vec![None; (nx * ny) as usize];
         move |rank| {
-            let mut sum = Vector3::<f32>::from(self.layer().sum(self.cell(rank), &loaded)).cast::<f64>();
+            let mut sum =
+                Vector3::<f32>::from(self.layer().sum(self.cell(rank), &loaded)).cast::<f64>();
             if let Some(edges) = &self.cells.edges
                 && !loaded.is_empty()
             {
@@ -260,7 +265,8 @@ impl Grid {
                     let part = |(from, f): (&u32, &Vector3<f32>)| {
                         Some(matrix(edges.block(*from, to)?) * f)
                     };
-                    let sum_of_parts = || coarse.iter().filter_map(part).sum::<Vector3<f32>>().cast();
+                    let sum_of_parts =
+                        || coarse.iter().filter_map(part).sum::<Vector3<f32>>().cast();
                     sum += *known[to as usize].get_or_insert_with(sum_of_parts) * share;
                 }
             }
@@ -334,7 +340,8 @@ impl Grid {
     pub(super) fn clearance(&self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> f64 {
         let first = Self::new(&self.cells, 0);
         let gap = |grid: &Self, rank: u32| nearest(shapes, poses, &grid.place(rank)).1.value;
-        let mut open: Vec<_> = (0..first.len() as u32).map(|rank| (gap(&first, rank), rank)).collect();
+        let mut open: Vec<_> =
+            (0..first.len() as u32).map(|rank| (gap(&first, rank), rank)).collect();
         let mut grid = first;
         loop {
             let nearest = open.iter().map(|(gap, _)| *gap).fold(f64::INFINITY, f64::min);

@@ -98,7 +98,9 @@ impl Table {
         };
         let at = |i: usize, j: usize| match longer {
             _ if i == count[0] || j == count[1] => Columns::default(),
-            Some(longer) if i.max(j) > OWN + 1 => entry(&longer.between([i, j].map(|i| 0.5 * i as f32))),
+            Some(longer) if i.max(j) > OWN + 1 => {
+                entry(&longer.between([i, j].map(|i| 0.5 * i as f32)))
+            }
             _ => entry(&under([i, j]).cast()),
         };
         let rows = (0..=count[0]).flat_map(|i| (0..=count[1]).map(move |j| (i, j)));
@@ -123,7 +125,8 @@ impl Table {
     /// Displacement at the same distance along x and y without their signs, and these.
     #[inline(always)]
     fn entry(&self, away: [i32; 2]) -> (&Columns, [f32; 4]) {
-        let place = |axis: usize| usize::min(away[axis].unsigned_abs() as usize, self.count[axis] - 1);
+        let place =
+            |axis: usize| usize::min(away[axis].unsigned_abs() as usize, self.count[axis] - 1);
         let [x, y] = away.map(|cells| if cells < 0 { -1.0 } else { 1.0 });
         (&self.entries[place(0) * self.count[1] + place(1)], [x, y, 1.0, 1.0])
     }

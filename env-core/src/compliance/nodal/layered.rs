@@ -98,7 +98,8 @@ impl LayeredPad {
         let along = |extent: f64| ROOT * (extent / (FIRST * f64::from(ROOT))).ceil() as u32;
         let count = [along(outline.width), along(outline.length)];
         let cells = Cells::new(outline, count, LEVELS as usize, condensed, fine)?;
-        let level = |level| Skin::of_grid(Arc::clone(condensed), Grid::new(&cells, level), level == 0);
+        let level =
+            |level| Skin::of_grid(Arc::clone(condensed), Grid::new(&cells, level), level == 0);
         let levels: Vec<_> = (0..LEVELS).map(level).collect();
         let moduli = condensed.body.moduli()[0];
         // Layers are equally deep, as a part of the height, in all columns.
@@ -166,7 +167,8 @@ impl LayeredPad {
         for (layer, between) in model.between.iter().enumerate() {
             for (node, place) in model.nodes.iter().enumerate() {
                 let share = grid.cells().share_of_sides(place.x, place.y);
-                let by_layer = between[node * count + loaded].column(axis).into_owned().cast::<f64>();
+                let by_layer =
+                    between[node * count + loaded].column(axis).into_owned().cast::<f64>();
                 let moved = &mut displacement[layer * count + node];
                 *moved = by_layer + (*moved - by_layer) * share;
             }
@@ -217,9 +219,9 @@ impl ModelFace {
         for (t, corners) in face.triangles.iter().enumerate() {
             let ends = [0, 1].map(|axis| {
                 let along = corners.map(|node| face.nodes[node as usize][axis]);
-                let (low, high) = along.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |e, p| {
-                    (e.0.min(*p), e.1.max(*p))
-                });
+                let (low, high) = along
+                    .iter()
+                    .fold((f64::INFINITY, f64::NEG_INFINITY), |e, p| (e.0.min(*p), e.1.max(*p)));
                 [face.square(axis, low), face.square(axis, high)]
             });
             for i in ends[0][0]..=ends[0][1] {
@@ -269,7 +271,8 @@ impl ModelFace {
 
     fn square(&self, axis: usize, p: f64) -> usize {
         let extent = -2.0 * self.corner[axis];
-        ((p - self.corner[axis]) / extent * SQUARES as f64).clamp(0.0, SQUARES as f64 - 1.0) as usize
+        ((p - self.corner[axis]) / extent * SQUARES as f64).clamp(0.0, SQUARES as f64 - 1.0)
+            as usize
     }
 
     /// Face nodes around a point, with weights that sum to 1.
@@ -325,7 +328,10 @@ impl ModelFace {
                 let sum: f64 = cells.iter().map(|(_, _, share)| share).sum();
                 cells.iter().map(part).sum::<Matrix3<f32>>() / sum as f32
             };
-            self.nodes.iter().flat_map(|at| tents.iter().map(move |cells| under(at, cells))).collect()
+            self.nodes
+                .iter()
+                .flat_map(|at| tents.iter().map(move |cells| under(at, cells)))
+                .collect()
         };
         std::iter::once(None).chain(self.below.iter().map(Some)).map(layer).collect()
     }
@@ -357,8 +363,11 @@ mod tests {
             let pose = Isometry3::translation(x, 2e-3, radius - 5e-4);
             let press = Press::along(vec![Shape::Sphere { radius }], vec![vec![pose]]).unwrap();
             let settled = layered.settled_path(&press).pop().unwrap().unwrap();
-            let forces: Vec<_> =
-                layered.contacts(&settled).iter().map(|(node, c)| (*node as usize, c.force)).collect();
+            let forces: Vec<_> = layered
+                .contacts(&settled)
+                .iter()
+                .map(|(node, c)| (*node as usize, c.force))
+                .collect();
             assert!(forces.len() > 3, "{} nodes bear some", forces.len());
             // What elements give is kept to the share of the sides by both; it is taken as zero.
             let (model, grid) = (&layered.model, layered.grid(&settled));

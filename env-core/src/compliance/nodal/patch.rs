@@ -277,11 +277,7 @@ impl<'a> Patch<'a> {
     pub(super) fn leaps(&self) -> bool {
         let depth = RUN_OVER * self.law.softness;
         self.members.iter().any(|member| {
-<<<<<<< HEAD
-            let place = self.skin.place(member.rank) + displaced(self.displacement, member.slot);
-=======
             let place = self.place(member);
->>>>>>> b49815d (Contact on cells: one table of responses a level, displacement refined near cells only, forces of a history left if they still hold)
             let near = member.seen.1 - (place - member.seen.0).norm();
             self.way.ends(&member.start, &place).any(|(shape, [begin, end])| {
                 let way = (end - begin).norm();
