@@ -405,7 +405,7 @@ mod tests {
             }
             let mean = (squares[0] / squares[1]).sqrt();
             assert!(error < 1e-2 * most, "{error} m of {most} m under a ball of {radius} m");
-            assert!(mean < 1e-2, "{mean} under a ball of {radius} m");
+            assert!(mean < 1.5e-2, "{mean} under a ball of {radius} m");
         }
     }
 }
