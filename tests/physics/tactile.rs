@@ -72,6 +72,7 @@ fn displaced(body: &SoftBody, u: impl Fn(&Point3<f64>) -> Vector3<f64>) -> Defor
         iterations: 0,
         residual: 0.0,
         seconds: 0.0,
+        predicted_error: None,
         displacement,
     }
 }
