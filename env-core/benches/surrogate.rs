@@ -130,7 +130,8 @@ fn flops(products: &[Product]) -> u64 {
 fn dense(criterion: &mut Criterion) {
     let sensor = Sensor::named("gelsight-mini").expect("a known sensor");
     let cells = sensor.pad(1000).expect("a mesh of that size").cells;
-    let swift = CorrectorConfig { width: 32, down: [1, 1, 1], up: [1, 1], corner: 16 };
+    let swift =
+        CorrectorConfig { width: 32, down: [1, 1, 1], up: [1, 1], ..CorrectorConfig::default() };
     let mut group = criterion.benchmark_group("dense");
     for (name, products) in [
         ("a product of 1024", vec![[1024; 3]]),

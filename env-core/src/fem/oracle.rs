@@ -136,7 +136,9 @@ fn a_cone_and_an_edge_moved_sideways_on_quadratic_elements_are_answered_alike() 
     {
         let mut path = press_shear_roll_twist(reach, 0.4 * MM, top)[frames].to_vec();
         let turn = UnitQuaternion::from_scaled_axis(turn);
-        path.iter_mut().for_each(|poses| poses[0].rotation *= turn);
+        for poses in &mut path {
+            poses[0].rotation *= turn;
+        }
         let last = compare(name, &fem, vec![shape], path);
         let [pressed, dragged] = [-last.wrench.force.z, last.wrench.force.xy().norm()];
         assert!(dragged > 0.3 * FRICTION * pressed, "{dragged} N of friction at {pressed} N");

@@ -69,9 +69,10 @@ const ALL: Wanted = Wanted { stress: true, residual: true };
 const TRIES: usize = 16;
 const FORCE: f64 = 1e-3;
 /// Shipped weights by name.
-const KNOWN: [(&str, &[u8]); 2] = [
+const KNOWN: [(&str, &[u8]); 3] = [
     ("default", include_bytes!("../../assets/weights/default.safetensors")),
     ("swift", include_bytes!("../../assets/weights/swift.safetensors")),
+    ("cells", include_bytes!("../../assets/weights/cells.safetensors")),
 ];
 
 /// Returns the shipped weights of that name.

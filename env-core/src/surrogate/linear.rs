@@ -85,7 +85,7 @@ struct Stress {
 /// An answer of the linear model, before it is transferred to the model mesh.
 pub(super) enum LinearAnswer {
     Points(Box<Deformation>),
-    Nodes(Settled),
+    Nodes(Box<Settled>),
 }
 
 /// A linear answer on the model mesh. V nodes, T tetrahedra, S shapes.
@@ -161,11 +161,11 @@ impl LinearBaseline {
             }
             Solver::Nodes(nodes) => {
                 let answers = nodes.nodal.settled_path(press).into_iter();
-                answers.map(|settled| Ok(LinearAnswer::Nodes(settled?))).collect()
+                answers.map(|settled| Ok(LinearAnswer::Nodes(Box::new(settled?)))).collect()
             }
             Solver::Cells(both) => {
                 let answers = both.0.settled_path(press).into_iter();
-                answers.map(|settled| Ok(LinearAnswer::Nodes(settled?))).collect()
+                answers.map(|settled| Ok(LinearAnswer::Nodes(Box::new(settled?)))).collect()
             }
         }
     }

@@ -22,7 +22,8 @@ use crate::error::python_error;
 /// Without contact the correction is exactly zero.
 ///
 /// Args:
-///     weights: Name of shipped weights: "default" for accuracy, "swift" for speed.
+///     weights: Name of shipped weights: "default" for accuracy on objects of hand size, "swift" for
+///         speed, "cells" for indenters with features of some millimetres or less.
 ///     sensor: Name of a sensor, or the path of its .toml file.
 ///     calibration: Name of the material; the first of the sensor if not given.
 ///     young: Young's modulus (Pa), in place of the calibration's.
@@ -39,9 +40,9 @@ pub(crate) struct Surrogate {
     body: Py<SoftBody>,
 }
 
-/// Linear elastic model of a sensor's pad that resolves small contacts, in about a millisecond.
+/// Linear elastic model of a sensor's pad that resolves small contacts.
 ///
-/// Contact is solved on one of four grids of cells, of 1.3 to 0.16 mm, chosen by the size of the
+/// Contact is solved on one of six grids of cells, of 1.3 to 0.04 mm, chosen by the size of the
 /// contact, between which the gel responds as a bonded elastic layer; the influence of the pad's
 /// sides is that of finite elements. Displacement and stress are those of these elements under the
 /// same forces, on the mesh of `body`. Large strain is neglected. Features smaller than the finest

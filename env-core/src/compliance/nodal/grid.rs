@@ -21,7 +21,6 @@ use super::{
     skin::{Shares, areas, condensed_between},
 };
 use crate::{
-    Result,
     compliance::condensed::Condensed,
     deformation::Moduli,
     geometry::{PadMesh, PadOutline, Shape},
@@ -80,7 +79,7 @@ impl Cells {
         levels: usize,
         condensed: &Condensed,
         fine: &PadMesh,
-    ) -> Result<Arc<Self>> {
+    ) -> Arc<Self> {
         let moduli: Moduli = condensed.body.moduli()[0];
         let sides = [outline.width / f64::from(count[0]), outline.length / f64::from(count[1])];
         let kernel = Arc::new(LayerKernel::new(sides, levels, outline.thickness, moduli));
@@ -102,8 +101,8 @@ impl Cells {
             heights: Arc::clone(&all.heights),
             ..all
         });
-        all.edges = Some(Edges::new(condensed, fine, &Grid::new(&layer, 1))?);
-        Ok(Arc::new(all))
+        all.edges = Some(Edges::new(condensed, fine, &Grid::new(&layer, 1)));
+        Arc::new(all)
     }
 
     /// Cells of the first grid between whose centres a point of the plan lies, with weights that sum
@@ -177,7 +176,7 @@ impl Grid {
     /// Place of a cell along x and y.
     pub(super) fn cell(&self, rank: u32) -> [i32; 2] {
         let rows = self.count()[1];
-        [(rank / rows) as i32, (rank % rows) as i32]
+        [rank / rows, rank % rows].map(u32::cast_signed)
     }
 
     /// Centre of a cell on the face at rest.
@@ -364,14 +363,16 @@ impl Grid {
 impl Edges {
     /// Subtracts the compliance of the layer, from a `grid` of cells smaller than the first, from
     /// that of the elements `condensed` on a `fine` mesh.
-    fn new(condensed: &Condensed, fine: &PadMesh, grid: &Grid) -> Result<Self> {
+    fn new(condensed: &Condensed, fine: &PadMesh, grid: &Grid) -> Self {
         let cells = &grid.cells;
         let size = (cells.count[0] * cells.count[1]) as usize;
         let areas = areas(condensed);
         let normalised = |mut loads: Vec<Shares>| {
             for loads in &mut loads {
                 let sum: f64 = loads.iter().map(|(_, share)| share).sum();
-                loads.iter_mut().for_each(|(_, share)| *share /= sum);
+                for (_, share) in loads.iter_mut() {
+                    *share /= sum;
+                }
             }
             loads
         };
@@ -424,7 +425,7 @@ impl Edges {
             }
         }
         let is_near = (0..size).map(|cell| share_of_sides(cell) > 0.0).collect();
-        Ok(Self { entries, is_near })
+        Self { entries, is_near }
     }
 
     /// Displacement around cell `at` under unit forces around cell `loaded` (m/N), if it is not zero.

@@ -155,10 +155,10 @@ impl Table {
         let low = away.map(f32::floor);
         let share = [away[0] - low[0], away[1] - low[1]];
         let mut sum = Matrix3::zeros();
-        for (i, by_x) in [1.0 - share[0], share[0]].into_iter().enumerate() {
-            for (j, by_y) in [1.0 - share[1], share[1]].into_iter().enumerate() {
+        for (i, by_x) in [(0, 1.0 - share[0]), (1, share[0])] {
+            for (j, by_y) in [(0, 1.0 - share[1]), (1, share[1])] {
                 if by_x * by_y > 0.0 {
-                    let at = [low[0] as i32 + i as i32, low[1] as i32 + j as i32];
+                    let at = [low[0] as i32 + i, low[1] as i32 + j];
                     sum += matrix(&self.at(at)) * (by_x * by_y);
                 }
             }
@@ -271,7 +271,7 @@ impl Radial {
         let step = most / count as f64;
         let wave = |i: usize| {
             let k = f64::max(i as f64 * step, 1e-6);
-            let weight = if i % count == 0 { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
+            let weight = if i.is_multiple_of(count) { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
             (k, response(k).map(|g| g * k * weight * step / 3.0))
         };
         let waves: Vec<_> = (0..=count).map(wave).collect();

@@ -97,7 +97,7 @@ impl LayeredPad {
         let condensed = &compliance.condensed;
         let along = |extent: f64| ROOT * (extent / (FIRST * f64::from(ROOT))).ceil() as u32;
         let count = [along(outline.width), along(outline.length)];
-        let cells = Cells::new(outline, count, LEVELS as usize, condensed, fine)?;
+        let cells = Cells::new(outline, count, LEVELS as usize, condensed, fine);
         let level =
             |level| Skin::of_grid(Arc::clone(condensed), Grid::new(&cells, level), level == 0);
         let levels: Vec<_> = (0..LEVELS).map(level).collect();

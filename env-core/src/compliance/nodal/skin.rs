@@ -132,7 +132,9 @@ impl Skin {
             let of_cell = |node| SurfacePoint { shares: vec![(node, 1.0)], ..point.clone() };
             points = (0..places.len() as u32).map(of_cell).collect();
             grouped = groups(&places, &vec![1.0; places.len()], BOX);
-            grouped.iter_mut().for_each(|group| group.radius += grid.half_diagonal());
+            for group in &mut grouped {
+                group.radius += grid.half_diagonal();
+            }
         }
         let compliance = NodeCompliance::Grid(grid);
         let (loads, faces, own, normals) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
