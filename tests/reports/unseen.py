@@ -47,6 +47,8 @@ GROUPS: dict[str, Any] = {
     "depth over 0.8 mm": lambda row: row["depth"] > 8e-4,
     "truth known to 5 %": lambda row: row["truth"] and max(row["truth"]) <= 0.05,
 }
+SIZES = (0.5, 1, 2, 5, 10)
+"""Features that are marked (mm)."""
 KNOWN = 0.10
 """Predicted error up to which an answer counts as known."""
 
@@ -267,8 +269,11 @@ def draw(rows: list[dict[str, Any]], file: Path) -> None:
             y = [100 * row["errors"][name][i] for row in told]
             axis.loglog(x, y, "o", ms=3, color=color, label=name, alpha=0.7)
         axis.set(title=part, xlabel="smallest feature (mm)", ylabel="relative error (%)")
+        axis.set_xticks(SIZES, [f"{size:g}" for size in SIZES])
+        axis.minorticks_off()
         axis.grid(alpha=0.3)
-    axes[0].legend()
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(MODELS))
     both = [
         (p, e)
         for row in rows
