@@ -163,6 +163,19 @@ impl Linearised {
         rows
     }
 
+    /// Norm of the residual force under a displacement of the nodes (m) and `contact` forces on them
+    /// (N); `None` if an element is inverted.
+    pub(crate) fn residual(
+        &self,
+        displacement: &[Vector3<f64>],
+        contact: &[Vector3<f64>],
+    ) -> Option<f64> {
+        let mut left = self.elastic_force(displacement, &mut self.workspace())?;
+        left.iter_mut().zip(contact).for_each(|(left, force)| *left -= force);
+        self.release(&mut left);
+        Some(left.iter().map(Vector3::norm_squared).sum::<f64>().sqrt())
+    }
+
     /// Nodal forces (V) in N that balance `displacement` by the body's own law, or `None` if an
     /// element is inverted.
     pub(crate) fn elastic_force(

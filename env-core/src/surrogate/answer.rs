@@ -336,12 +336,7 @@ impl PadModel {
 
     /// Norm of the residual force by the elements of the model mesh (N).
     fn residual(&self, displacement: &[Vector3<f64>], contact: &[Vector3<f64>]) -> Result<f64> {
-        let mut workspace = self.elements.workspace();
-        let elastic = self.elements.elastic_force(displacement, &mut workspace);
-        let mut left = elastic.ok_or(Error::Inverted)?;
-        left.iter_mut().zip(contact).for_each(|(left, force)| *left -= force);
-        self.elements.release(&mut left);
-        Ok(left.iter().map(Vector3::norm_squared).sum::<f64>().sqrt())
+        self.elements.residual(displacement, contact).ok_or(Error::Inverted)
     }
 }
 

@@ -9,8 +9,9 @@ use super::{
     linear::{Contact, LinearAnswer, LinearBaseline, LinearFields, body},
 };
 use crate::{
-    Result,
+    Error, Result,
     deformation::{Deformation, DeformationModel, Moduli, Press, SoftBody, Wanted},
+    fem::Linearised,
     sensor::Sensor,
 };
 
@@ -19,6 +20,8 @@ use crate::{
 pub struct LinearPad {
     linear: Arc<LinearBaseline>,
     body: Arc<SoftBody>,
+    /// Elements of the mesh of `body`, for the residual force of an answer.
+    elements: Arc<Linearised>,
 }
 
 /// Nodes of the finite elements from which the influence of the pad's sides is taken.
@@ -30,7 +33,9 @@ impl LinearPad {
         let pad = sensor.pad(nodes)?;
         let gel = PadMaterial { moduli, friction, thickness: sensor.outline.thickness };
         let linear = LinearBaseline::new(sensor, &gel, ELEMENTS, Contact::Cells, &pad)?;
-        Ok(Self { linear: Arc::new(linear), body: Arc::new(body(&pad, moduli)?) })
+        let body = body(&pad, moduli)?;
+        let elements = Arc::new(Linearised::new(&body)?);
+        Ok(Self { linear: Arc::new(linear), body: Arc::new(body), elements })
     }
 
     /// Body whose nodes and tetrahedra the answers refer to.
@@ -38,12 +43,18 @@ impl LinearPad {
         &self.body
     }
 
-    fn fields(&self, answer: &LinearAnswer, wanted: Wanted) -> Deformation {
+    fn fields(&self, answer: &LinearAnswer, wanted: Wanted) -> Result<Deformation> {
         let start = Instant::now();
         let LinearFields { displacement, contact_force, von_mises, poses, .. } =
             self.linear.carry(answer, wanted.stress);
+        let residual = if wanted.residual {
+            let residual = self.elements.residual(&displacement, &contact_force);
+            residual.ok_or(Error::Inverted)?
+        } else {
+            0.0
+        };
         let (iterations, seconds) = answer.effort();
-        Deformation {
+        Ok(Deformation {
             displacement,
             von_mises,
             contact_force,
@@ -51,10 +62,10 @@ impl LinearPad {
             poses,
             history: answer.history().clone(),
             iterations,
-            residual: 0.0,
+            residual,
             seconds: seconds + start.elapsed().as_secs_f64(),
             predicted_error: None,
-        }
+        })
     }
 }
 
@@ -63,12 +74,12 @@ impl DeformationModel for LinearPad {
         self.feel(presses, Wanted { stress: true, residual: false })
     }
 
-    /// Solves the presses in parallel, each on one thread. The residual force, which linear
-    /// elasticity does not have, is 0.
+    /// Solves the presses in parallel, each on one thread. The residual force is that of hyperelastic
+    /// elements on the mesh of the body.
     fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let last = |press| {
             let answer = self.linear.path(press).pop().expect("a press has a frame")?;
-            Ok(self.fields(&answer, wanted))
+            self.fields(&answer, wanted)
         };
         presses.par_iter().map(last).collect()
     }
@@ -76,6 +87,6 @@ impl DeformationModel for LinearPad {
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         let wanted = Wanted { stress: true, residual: false };
         let answers = self.linear.path(press).into_iter();
-        answers.map(|answer| Ok(self.fields(&answer?, wanted))).collect()
+        answers.map(|answer| self.fields(&answer?, wanted)).collect()
     }
 }

@@ -213,19 +213,6 @@ impl<'a> Patch<'a> {
         NodeTarget { normal, displacement, give, compliance, stiffness }
     }
 
-    /// Returns whether one sweep over the touching nodes would change no force by more than
-    /// `relative` × the largest force.
-    pub(super) fn is_still(&self, relative: f64) -> bool {
-        let (mut change, mut strongest) = (0f64, 0f64);
-        for member in &self.members {
-            let Some(target) = &member.target else { continue };
-            let force = self.pushed(member, target);
-            change = change.max((force - member.force).norm());
-            strongest = strongest.max(force.norm());
-        }
-        change <= relative * strongest
-    }
-
     /// New force on a touching member, pushed to its `target`.
     fn pushed(&self, member: &Member, target: &NodeTarget) -> Vector3<f64> {
         let moved = displaced(self.displacement, member.slot);

@@ -16,8 +16,6 @@ const SWEEPS: usize = 4;
 const MOST: usize = 60;
 /// Accepted change of a force in one sweep, relative to the largest force.
 const RELATIVE: f64 = 5e-4;
-/// Part of that change up to which forces of a history are left as they are.
-const STILL: f64 = 0.2;
 /// Change of a force that counts as none (N).
 const NONE: f64 = 1e-9;
 /// Number of earlier pairs mixed with the last. Two halve the number of sweeps under a wide block;
@@ -35,8 +33,8 @@ impl Patch<'_> {
     fn settle_to(&mut self, relative: f64, mixed: usize) -> Result<usize> {
         let (mut sweeps, mut change, mut strongest) = (0, 0.0, 0.0);
         let mut past = Past::new(mixed);
-        for round in 0..MOST {
-            if !self.measure() || round == 0 && self.is_still(STILL * relative) {
+        for _ in 0..MOST {
+            if !self.measure() {
                 return Ok(sweeps);
             }
             let mut before = Vec::new();
