@@ -386,8 +386,8 @@ class Firm:
 
 
 def test_the_scripted_policy_lifts_what_is_fragile_and_no_constant_grip_does():
-    scripted = evaluate(load("scripted", FRAGILE), FRAGILE, 12, **SOFT)
+    scripted = evaluate(load("scripted", FRAGILE), FRAGILE, 40)
     assert scripted["success"] >= 0.9, scripted
     for force in (2.0, 3.0, 4.0):
-        constant = evaluate(Firm(force), FRAGILE, 12, **SOFT)
+        constant = evaluate(Firm(force), FRAGILE, 40)
         assert constant["interval"][1] < scripted["success"], (force, constant)
