@@ -18,11 +18,11 @@ pub struct GradedPad {
     pub base: Vec<u32>,
 }
 
-/// Largest spacing, far from all points (m): wide enough to cost little, narrow enough to resolve
-/// the rim.
-const WIDEST: f64 = 2e-3;
+/// Largest spacing, far from all points, absolute (m) and relative to the thickness, the smaller of
+/// which applies: wide enough to cost little, narrow enough to resolve the rim.
+const WIDEST: (f64, f64) = (3e-3, 0.75);
 /// Growth of the spacing per distance from the nearest point.
-const GROWTH: f64 = 0.4;
+const GROWTH: f64 = 0.5;
 /// Most points around which the mesh may be refined.
 const MOST_POINTS: usize = 10_000;
 /// Ratio of two spacings at which the search for the finest one stops.
@@ -32,7 +32,7 @@ impl PadOutline {
     /// Returns the finest mesh of at most `nodes` nodes whose spacing grows with the distance from
     /// the nearest of `points` (m, in the pad frame).
     ///
-    /// Kuhn's tetrahedra in cells of at most 2 mm are bisected ([`super::bisection`]) in a block of
+    /// Kuhn's tetrahedra in cells of at most 3 mm are bisected ([`super::bisection`]) in a block of
     /// equal size with a flat face, whose columns are then shortened to the height of the pad.
     pub fn graded(&self, points: &[Point3<f64>], nodes: usize) -> Result<GradedPad> {
         let outline = self.validated()?;
@@ -44,7 +44,7 @@ impl PadOutline {
             return Err(Error::invalid("around", point, "finite places"));
         }
         let block = PadOutline::flat(outline.length, outline.width, outline.thickness);
-        let widest = WIDEST.min(0.5 * outline.thickness);
+        let widest = WIDEST.0.min(WIDEST.1 * outline.thickness);
         let coarse = PadMesh::new(&block, &Grading::uniform(widest))?;
         let [nx, ny, nz] = coarse.cells.map(|n| n as usize + 1);
         let least = coarse.mesh.vertices.len();
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn it_fills_the_pad_and_keeps_quality_and_budget() {
-        // Even the coarse 2 mm cells resolve the volume that the rim cuts off nearly as well as
+        // Even the coarse cells resolve the volume that the rim cuts off nearly as well as
         // fine ones.
         let whole = PadMesh::with_nodes(&mini(), 20_000).unwrap().mesh.volume();
         for nodes in [1000, 3000, 10_000] {
