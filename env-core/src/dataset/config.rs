@@ -275,14 +275,16 @@ impl GelConfig {
         Ok(Pads { truth, model: sensor.pad(config.model_nodes)?, sensor })
     }
 
-    /// Builds the finite elements of the `sensor`'s pad on a mesh graded towards `points`.
+    /// Builds the finite elements of the `sensor`'s pad on a mesh graded towards `points`, with no
+    /// spacing less than `finest` (m).
     pub(super) fn graded(
         &self,
         sensor: &Sensor,
+        finest: f64,
         points: &[Point3<f64>],
         config: &Config,
     ) -> Result<Fem> {
-        let pad = sensor.outline.graded(points, config.truth_nodes)?;
+        let pad = sensor.outline.graded_to(finest, points, config.truth_nodes)?;
         let [iterations, patience] = [indentation::STEPS, indentation::PATIENCE];
         let limits = Options { iterations, patience, ..Options::default() };
         self.body(pad.mesh, &pad.base, config, limits)

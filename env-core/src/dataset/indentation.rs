@@ -55,6 +55,8 @@ const FRICTIONS: [f64; 8] = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.0, 2.0];
 pub(super) const FRICTION: [f64; 2] = [0.0, 2.0];
 /// Distance between the places at which the face is searched for the indenter (m), coarse and fine.
 const APART: [f64; 2] = [4e-4, 1e-4];
+/// Distances between nodes across a square of the area that the indenter covers, at most.
+const ACROSS: f64 = 8.0;
 /// Newton steps in a load step, and in a frame, after which a press ends unsolved.
 pub(super) const STEPS: usize = 25;
 pub(super) const PATIENCE: usize = 40;
@@ -127,8 +129,8 @@ pub(super) fn solve(
     let solve = || -> Result<(Vec<Deformation>, Named, Option<Error>)> {
         let shape = shape.clone().validated()?;
         let (start, path) = drawn.path(&shape, &sensor.outline);
-        let points = covered(&shape, &path, &sensor.outline, drawn.depth);
-        let fem = gel.graded(sensor, &points, config)?;
+        let (area, points) = covered(&shape, &path, &sensor.outline, drawn.depth);
+        let fem = gel.graded(sensor, area.sqrt() / ACROSS, &points, config)?;
         let carrier = Carrier::new(&fem, &model.mesh)?;
         let (mut frames, mut error) = (Vec::<Deformation>::new(), None);
         for pose in &path {
@@ -242,14 +244,14 @@ fn finer(outline: &PadOutline, place: &Point3<f64>) -> Vec<Point3<f64>> {
     all.filter(within).map(|(x, y)| Point3::new(x, y, outline.height(x, y))).collect()
 }
 
-/// Places on the face that the indenter covers at the deepest and the last of its poses, and those
-/// beside them.
+/// Area (m²) that the indenter covers at the deepest and the last of its poses, and places on the
+/// face there and beside it.
 fn covered(
     shape: &Shape,
     path: &[Isometry3<f64>],
     outline: &PadOutline,
     depth: f64,
-) -> Vec<Point3<f64>> {
+) -> (f64, Vec<Point3<f64>>) {
     let last = path.len() - 1;
     let ends = [path[DOWN.len() - 1], path[last.min(DOWN.len() + 1)]];
     let gap = |p: &Point3<f64>| {
@@ -260,7 +262,11 @@ fn covered(
     let mut fine: Vec<_> = coarse.flat_map(|p| finer(outline, &p)).collect();
     let least = fine.iter().map(gap).fold(f64::INFINITY, f64::min);
     fine.retain(|p| gap(p) < f64::max(0.0, least + 0.2 * depth));
+    let to_bits = |p: &Point3<f64>| [p.x, p.y].map(|x| (x / APART[1]).round() as i64);
+    fine.sort_unstable_by_key(to_bits);
+    fine.dedup_by_key(|p| to_bits(p));
+    let area = fine.len() as f64 * APART[1].powi(2);
     // Wide contact needs fewer.
     let every = fine.len().div_ceil(4000).max(1);
-    fine.into_iter().step_by(every).collect()
+    (area, fine.into_iter().step_by(every).collect())
 }

@@ -35,6 +35,16 @@ impl PadOutline {
     /// Kuhn's tetrahedra in cells of at most 3 mm are bisected ([`super::bisection`]) in a block of
     /// equal size with a flat face, whose columns are then shortened to the height of the pad.
     pub fn graded(&self, points: &[Point3<f64>], nodes: usize) -> Result<GradedPad> {
+        self.graded_to(0.0, points, nodes)
+    }
+
+    /// Performs [`PadOutline::graded`] with no spacing less than `finest` (m).
+    pub fn graded_to(
+        &self,
+        finest: f64,
+        points: &[Point3<f64>],
+        nodes: usize,
+    ) -> Result<GradedPad> {
         let outline = self.validated()?;
         if !(1..=MOST_POINTS).contains(&points.len()) {
             let expected = format!("1 to {MOST_POINTS} points");
@@ -62,7 +72,7 @@ impl PadOutline {
             let mut pad = start.clone();
             pad.refine(|p| spacing + GROWTH * away(p), nodes).then_some(pad)
         };
-        let (mut fine, mut pad) = (1e-3 * outline.thickness, start.clone());
+        let (mut fine, mut pad) = (f64::max(1e-3 * outline.thickness, finest), start.clone());
         let mut rough = widest;
         while rough > APART * fine {
             let middle = (fine * rough).sqrt();

@@ -123,7 +123,7 @@ impl Batch {
 impl Corrector {
     pub(super) fn new(config: &CorrectorConfig, vb: &VarBuilder) -> Result<Self> {
         let CorrectorConfig { width, corner, down, up, cells } = *config;
-        let zero = |vb: VarBuilder| Linear::zero(width, 3 * LAYERS + 3, &vb);
+        let zero = |vb: VarBuilder| Linear::zero(width, outputs(cells), &vb);
         let nodes = vb.pp("nodes");
         Ok(Self {
             scales: MultiScale::new([features::width(cells), width], down, up, vb)?,
@@ -178,23 +178,40 @@ impl Corrector {
     }
 }
 
+/// Number of outputs of a column: additions to the displacement of its layers and to its contact
+/// force, and with contact on cells the factors by which those of the linear answer grow.
+pub(super) const fn outputs(cells: bool) -> usize {
+    if cells { 4 * LAYERS + 4 } else { 3 * LAYERS + 3 }
+}
+
 /// Corrected displacement of all nodes (B V, 3).
 fn displaced(batch: &Batch, says: &Tensor) -> Result<Tensor> {
     let presses = batch.presses()?;
-    let layers = says.narrow(1, 0, 3 * LAYERS)?.reshape((presses, (), LAYERS, 3))?;
-    let layers = layers.transpose(1, 2)?.contiguous()?;
-    let columns = layers.dim(2)?;
-    let base = Tensor::zeros((presses, 1, columns, 3), DType::F32, &Device::Cpu)?;
-    let added = Tensor::cat(&[&layers, &base], 1)?.reshape((presses, (), 3))?;
-    let added = added.broadcast_mul(&batch.amplitude)?.reshape(batch.displacement.shape())?;
-    &batch.displacement + added
+    // A number or a vector of each node: zeros on the base.
+    let on_nodes = |first: usize, width: usize| {
+        let layers = says.narrow(1, first, width * LAYERS)?;
+        let layers = layers.reshape((presses, (), LAYERS, width))?.transpose(1, 2)?.contiguous()?;
+        let base = Tensor::zeros((presses, 1, layers.dim(2)?, width), DType::F32, &Device::Cpu)?;
+        Tensor::cat(&[&layers, &base], 1)?.reshape((presses, (), width))
+    };
+    let added = on_nodes(0, 3)?.broadcast_mul(&batch.amplitude)?;
+    let displacement = (&batch.displacement + added.reshape(batch.displacement.shape())?)?;
+    if says.dim(1)? < outputs(true) {
+        return Ok(displacement);
+    }
+    let growth = on_nodes(3 * LAYERS + 3, 1)?.reshape(((), 1))?;
+    displacement + batch.displacement.broadcast_mul(&growth)?
 }
 
 /// Corrected contact forces on the face (B, C, 3), and net contact force (B, 3).
 fn pressed(batch: &Batch, says: &Tensor) -> Result<(Tensor, Tensor)> {
     let added = says.narrow(1, 3 * LAYERS, 3)?.reshape(batch.forces.shape())?;
     let added = added.broadcast_mul(&batch.gates)?.broadcast_mul(&batch.strongest)?;
-    let forces = (&batch.forces + added)?;
+    let mut forces = (&batch.forces + added)?;
+    if says.dim(1)? == outputs(true) {
+        let growth = says.narrow(1, outputs(true) - 1, 1)?.reshape(batch.gates.shape())?;
+        forces = (forces + batch.forces.broadcast_mul(&growth)?)?;
+    }
     let force = (forces.sum(1)? + &batch.other_force)?;
     Ok((forces, force))
 }
