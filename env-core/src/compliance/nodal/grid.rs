@@ -11,7 +11,7 @@
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
-use std::{collections::BTreeMap, sync::Arc};
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
@@ -24,6 +24,8 @@ use crate::{
     compliance::condensed::Condensed,
     deformation::Moduli,
     geometry::{PadMesh, PadOutline, Shape},
+    responses::Responses,
+    simd::vectorised,
 };
 
 /// Cells of the first grid are grouped in squares of this many along each axis.
@@ -228,6 +230,29 @@ impl Grid {
         self.layer().between(away.map(|cells| cells as f32))
     }
 
+    /// Displacement of the cells under unit forces on each of them, if this is the first grid.
+    pub(super) fn responses(&self) -> Responses {
+        let count = self.len() as u32;
+        let mut all = Responses::new(3 * count as usize);
+        for loaded in 0..count {
+            let from = self.cell(loaded);
+            let response = |at: u32| {
+                let to = self.cell(at);
+                let mut sum = self.layer().at([to[0] - from[0], to[1] - from[1]]);
+                if let Some(block) = self.edges().and_then(|edges| edges.block(loaded, at)) {
+                    sum.iter_mut().zip(block).for_each(|(sum, c)| *sum += c);
+                }
+                sum
+            };
+            let columns: Vec<_> = (0..count).map(response).collect();
+            for axis in 0..3 {
+                let part = |columns: &Columns| [0, 1, 2].map(|i| f64::from(columns[4 * axis + i]));
+                all.push(columns.iter().flat_map(part));
+            }
+        }
+        all
+    }
+
     /// What all grids of the pad share.
     pub(super) fn cells(&self) -> &Cells {
         &self.cells
@@ -244,15 +269,17 @@ impl Grid {
         &'a self,
         forces: &[(u32, Vector3<f64>)],
     ) -> impl FnMut(u32) -> Vector3<f64> + 'a {
-        let mut coarse = BTreeMap::<u32, Vector3<f32>>::new();
+        let [nx, ny] = self.cells.count;
+        let mut around = vec![Vector3::<f32>::zeros(); (nx * ny) as usize];
         for (rank, force) in forces {
             for (cell, share) in self.around(*rank) {
-                *coarse.entry(cell).or_default() += (force * share).cast::<f32>();
+                around[cell as usize] += (force * share).cast::<f32>();
             }
         }
+        let around = (0..).zip(around).filter(|(_, force)| *force != Vector3::zeros());
+        let coarse: Vec<(u32, [f32; 3])> = around.map(|(cell, f)| (cell, f.into())).collect();
         let loaded: Vec<_> =
             forces.iter().map(|(rank, f)| (self.cell(*rank), f.cast::<f32>().into())).collect();
-        let [nx, ny] = self.cells.count;
         let mut known: Vec<Option<Vector3<f64>>> = vec![None; (nx * ny) as usize];
         move |rank| {
             let mut sum =
@@ -261,12 +288,8 @@ impl Grid {
                 && !loaded.is_empty()
             {
                 for (to, share) in self.around(rank) {
-                    let part = |(from, f): (&u32, &Vector3<f32>)| {
-                        Some(matrix(edges.block(*from, to)?) * f)
-                    };
-                    let sum_of_parts =
-                        || coarse.iter().filter_map(part).sum::<Vector3<f32>>().cast();
-                    sum += *known[to as usize].get_or_insert_with(sum_of_parts) * share;
+                    let by_edges = || Vector3::from(edges.sum(to, &coarse)).cast();
+                    sum += *known[to as usize].get_or_insert_with(by_edges) * share;
                 }
             }
             sum
@@ -426,6 +449,23 @@ impl Edges {
         }
         let is_near = (0..size).map(|cell| share_of_sides(cell) > 0.0).collect();
         Self { entries, is_near }
+    }
+
+    /// Displacement (m) around cell `at` under forces (N) around the cells `loaded`.
+    fn sum(&self, at: u32, loaded: &[(u32, [f32; 3])]) -> [f32; 3] {
+        let mut sum = [0.0; 4];
+        vectorised(
+            #[inline(always)]
+            || {
+                for (from, [x, y, z]) in loaded {
+                    let Some(block) = self.block(*from, at) else { continue };
+                    for i in 0..4 {
+                        sum[i] += x * block[i] + y * block[4 + i] + z * block[8 + i];
+                    }
+                }
+            },
+        );
+        [sum[0], sum[1], sum[2]]
     }
 
     /// Displacement around cell `at` under unit forces around cell `loaded` (m/N), if it is not zero.

@@ -33,6 +33,9 @@ pub(super) struct Table {
     count: [usize; 2],
     /// Displacements for distances of 0 or more. The signs of x and y turn with those of a distance.
     entries: Vec<Columns>,
+    /// Displacements for distances up to [`NEAR`] with their signs, and for a strip more along y: by
+    /// distance along x, axis of the force and distance along y.
+    near: Vec<f32>,
 }
 
 /// Displacement under unit forces along each axis (m/N): three columns of three numbers and one
@@ -52,6 +55,10 @@ const REACH: f64 = 4.0;
 /// Distance in cells up to which cells smaller than the first level's have entries of their own;
 /// farther away, the larger cells' are interpolated.
 const OWN: usize = 24;
+/// Number of cells along y in a strip.
+pub(super) const STRIP: usize = 8;
+/// Distance in cells along each axis of strips that are read as they lie in memory.
+const NEAR: usize = 31;
 /// Largest wave number, in 1/t over the depth in t, and its largest value at the face.
 const WAVES: (f64, f64) = (14.0, 40.0);
 /// Wave numbers are this far apart, in 1/t.
@@ -105,7 +112,29 @@ impl Table {
         };
         let rows = (0..=count[0]).flat_map(|i| (0..=count[1]).map(move |j| (i, j)));
         let entries = rows.map(|(i, j)| at(i, j)).collect();
-        Self { count: count.map(|count| count + 1), entries }
+        let mut all = Self { count: count.map(|count| count + 1), entries, near: Vec::new() };
+        let near = NEAR as i32;
+        for (x, axis) in (-near..=near).flat_map(|x| [0, 1, 2].map(|axis| (x, axis))) {
+            for y in -near..near + STRIP as i32 {
+                let columns = all.at([x, y]);
+                all.near.extend_from_slice(&columns[4 * axis..][..3]);
+            }
+        }
+        all
+    }
+
+    /// Displacements of a strip whose first cell is `away` from the loaded one under unit forces
+    /// along each axis (m/N), if it is near.
+    #[inline(always)]
+    pub(super) fn strip(&self, away: [i32; 2]) -> Option<[&[f32; 3 * STRIP]; 3]> {
+        const WIDTH: usize = 3 * (2 * NEAR + STRIP);
+        let [x, y] = away.map(|cells| (cells + NEAR as i32) as usize);
+        if x > 2 * NEAR || y > 2 * NEAR {
+            return None;
+        }
+        let rows = &self.near[3 * WIDTH * x..][..3 * WIDTH];
+        let axis = |axis| rows[axis * WIDTH + 3 * y..].first_chunk();
+        Some([axis(0)?, axis(1)?, axis(2)?])
     }
 
     /// Displacement of a cell under unit forces on the cell from which it is `away`, in cells along
