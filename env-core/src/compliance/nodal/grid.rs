@@ -66,10 +66,44 @@ pub(super) struct Grid {
 
 /// Compliance of a pad less that of a layer, between tractions around the cells of the first grid.
 pub(super) struct Edges {
-    /// Displacement around each cell under unit forces around each (C, C) in m/N.
-    entries: Vec<Columns>,
+    /// Displacement around all cells under unit forces around each along each axis (3C, 3C) in m/N.
+    entries: Vec<f32>,
     /// Whether the sides matter to forces on each cell, or to its displacement (C).
     is_near: Vec<bool>,
+    /// Cells along y.
+    rows: u32,
+}
+
+/// Cells of the first grid in a rectangle, counted row after row along y: first cell along x and y,
+/// and numbers of them.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Around {
+    first: [u32; 2],
+    count: [u32; 2],
+}
+
+impl Around {
+    /// The smallest that contains some cells, given by their places along x and y.
+    pub(super) fn of(cells: impl Iterator<Item = [u32; 2]>) -> Self {
+        let none = ([u32::MAX; 2], [0; 2]);
+        let (first, end) = cells.fold(none, |(first, end), cell| {
+            let wider = |axis: usize| (first[axis].min(cell[axis]), end[axis].max(cell[axis] + 1));
+            let [x, y] = [wider(0), wider(1)];
+            ([x.0, y.0], [x.1, y.1])
+        });
+        let count = [0, 1].map(|axis| end[axis].saturating_sub(first[axis]));
+        Self { first, count }
+    }
+
+    /// Number of cells.
+    pub(super) fn len(&self) -> usize {
+        (self.count[0] * self.count[1]) as usize
+    }
+
+    /// Number of the cell at a place along x and y.
+    pub(super) fn number(&self, cell: [u32; 2]) -> u32 {
+        (cell[0] - self.first[0]) * self.count[1] + cell[1] - self.first[1]
+    }
 }
 
 impl Cells {
@@ -258,6 +292,12 @@ impl Grid {
         &self.cells
     }
 
+    /// Place along x and y of a cell of the first grid.
+    pub(super) fn first_cell(&self, rank: u32) -> [u32; 2] {
+        let rows = self.cells.count[1];
+        [rank / rows, rank % rows]
+    }
+
     /// Cells of the first grid around a cell, with weights that sum to 1.
     pub(super) fn around(&self, rank: u32) -> [(u32, f64); 4] {
         let place = self.place(rank);
@@ -429,7 +469,7 @@ impl Edges {
             let (to, from) = (grid.cell(at), grid.cell(loaded));
             matrix(&grid.layer().at([to[0] - from[0], to[1] - from[1]]))
         };
-        let mut entries = vec![Columns::default(); size * size];
+        let mut entries = vec![0.0; 9 * size * size];
         for (node, loaded) in tents.iter().enumerate() {
             let under = |at: u32| -> Matrix3<f64> {
                 let part = |&(cell, share): &(u32, f64)| by_layer(cell, at).cast() * share;
@@ -442,13 +482,13 @@ impl Edges {
                 let share = f64::max(share_of_sides(node), share_of_sides(at));
                 for (axis, i) in (0..3).flat_map(|axis| (0..3).map(move |i| (axis, i))) {
                     let found = elements.at(node as u32, axis, 3 * at + i);
-                    entries[node * size + at][4 * axis + i] =
+                    entries[3 * size * (3 * node + axis) + 3 * at + i] =
                         (share * (found - layer[(i, axis)])) as f32;
                 }
             }
         }
         let is_near = (0..size).map(|cell| share_of_sides(cell) > 0.0).collect();
-        Self { entries, is_near }
+        Self { entries, is_near, rows: cells.count[1] }
     }
 
     /// Displacement (m) around cell `at` under forces (N) around the cells `loaded`.
@@ -457,10 +497,10 @@ impl Edges {
         vectorised(
             #[inline(always)]
             || {
-                for (from, [x, y, z]) in loaded {
+                for (from, force) in loaded {
                     let Some(block) = self.block(*from, at) else { continue };
                     for i in 0..4 {
-                        sum[i] += x * block[i] + y * block[4 + i] + z * block[8 + i];
+                        sum[i] += force[0] * block[i] + force[1] * block[4 + i] + force[2] * block[8 + i];
                     }
                 }
             },
@@ -468,11 +508,53 @@ impl Edges {
         [sum[0], sum[1], sum[2]]
     }
 
+    /// Adds to `rows` the displacement of the T cells that are `around` under unit forces along each
+    /// axis (3, 3T), shared among the cells `loaded`. Returns whether it is not zero.
+    pub(super) fn add_rows(
+        &self,
+        loaded: [(u32, f32); 4],
+        around: &Around,
+        rows: &mut [f32],
+    ) -> bool {
+        let Around { first, count } = *around;
+        let (size, width) = (3 * self.is_near.len(), 3 * count[1] as usize);
+        let places = (first[0]..first[0] + count[0]).map(|x| x * self.rows + first[1]);
+        let is_near = |first: u32, count: u32| {
+            self.is_near[first as usize..][..count as usize].iter().any(|near| *near)
+        };
+        let matters = loaded.iter().any(|(from, _)| is_near(*from, 1))
+            || places.clone().any(|place| is_near(place, count[1]));
+        if !matters {
+            return false;
+        }
+        vectorised(
+            #[inline(always)]
+            || {
+                for (from, by) in loaded {
+                    let mut rows = rows.chunks_exact_mut(width);
+                    for axis in 0..3 {
+                        let row = &self.entries[size * (3 * from as usize + axis)..][..size];
+                        for place in places.clone() {
+                            let part = &row[3 * place as usize..][..width];
+                            let sum = rows.next().expect("a row for each axis and place");
+                            sum.iter_mut().zip(part).for_each(|(sum, c)| *sum += by * c);
+                        }
+                    }
+                }
+            },
+        );
+        true
+    }
+
     /// Displacement around cell `at` under unit forces around cell `loaded` (m/N), if it is not zero.
     #[inline(always)]
-    pub(super) fn block(&self, loaded: u32, at: u32) -> Option<&Columns> {
-        let [loaded, at] = [loaded as usize, at as usize];
+    pub(super) fn block(&self, loaded: u32, at: u32) -> Option<Columns> {
+        let ([loaded, at], size) = ([loaded as usize, at as usize], 3 * self.is_near.len());
         let is_near = self.is_near[loaded] || self.is_near[at];
-        is_near.then(|| &self.entries[loaded * self.is_near.len() + at])
+        is_near.then(|| {
+            let part = |axis| &self.entries[size * (3 * loaded + axis) + 3 * at..][..3];
+            let [x, y, z] = [part(0), part(1), part(2)];
+            [x[0], x[1], x[2], 0.0, y[0], y[1], y[2], 0.0, z[0], z[1], z[2], 0.0]
+        })
     }
 }

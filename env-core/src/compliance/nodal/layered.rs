@@ -5,6 +5,8 @@
 //! regular grids of cells ([`Grid`]), each twice as fine as the one before, chosen in every load
 //! step by the number of cells that touch.
 
+#![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
+
 use std::{cell::RefCell, collections::BTreeMap, sync::Arc};
 
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -22,6 +24,7 @@ use crate::{
     contact::ContactLaw,
     deformation::Press,
     geometry::{PadMesh, PadOutline, plan_shares},
+    simd::vectorised,
 };
 
 /// Longest side of the cells of the first grid (m), and number of grids.
@@ -46,11 +49,18 @@ pub struct LayeredPad {
     law: ContactLaw,
     model: Arc<ModelFace>,
     /// [`ModelFace::changes`] by each cell of the first levels.
-    changes: Arc<Vec<Vec<Vec<Change>>>>,
+    changes: Arc<Vec<Vec<Rounded>>>,
 }
 
-/// Node, and change of its displacement by a unit force along each axis on a cell (m/N).
-type Change = (u32, Matrix3<f32>);
+/// Change of the displacement of a node by a unit force along each axis on a cell: three numbers
+/// and one that is not used.
+type Change<T> = [[T; 4]; 3];
+
+/// Changes by a cell, in a unit (m/N).
+struct Rounded {
+    unit: f32,
+    changes: Vec<Change<i16>>,
+}
 
 /// Contact of the cells around a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -112,7 +122,7 @@ impl LayeredPad {
         let model = Arc::new(ModelFace::new(model, below, &Grid::new(&cells, 1)));
         let changes = levels.iter().take(KEPT).map(|skin| {
             let grid = skin.grid().expect("levels are grids");
-            (0..grid.len() as u32).map(|cell| model.changes(grid, cell)).collect()
+            (0..grid.len() as u32).map(|cell| Rounded::new(&model.changes(grid, cell))).collect()
         });
         let changes = Arc::new(changes.collect());
         Ok(Self { levels: Arc::new(levels), law: compliance.settings.law, model, changes })
@@ -178,23 +188,65 @@ impl LayeredPad {
     /// Adds to the displacement of nodes (m) near the contact under tractions around the face nodes
     /// what the forces on cells change.
     pub fn refine(&self, settled: &Settled, displacement: &mut [Vector3<f64>]) {
-        let grid = self.grid(settled);
+        let (grid, model) = (self.grid(settled), &self.model);
+        let mut sum = vec![[0f32; 4]; displacement.len()];
         for (cell, force) in &settled.forces {
-            let force = force.cast::<f32>();
-            let mut add = |changes: &[Change]| {
-                for (node, change) in changes {
-                    displacement[*node as usize] += (change * force).cast::<f64>();
-                }
-            };
+            let force: [f32; 3] = force.cast::<f32>().into();
+            let near = model.near(&grid.place(*cell));
             match self.changes.get(settled.level) {
-                Some(by_cell) => add(&by_cell[*cell as usize]),
-                None => add(&self.model.changes(grid, *cell)),
+                Some(by_cell) => {
+                    let Rounded { unit, changes } = &by_cell[*cell as usize];
+                    let force = force.map(|f| f * unit);
+                    vectorised(
+                        #[inline(always)]
+                        || add(&mut sum, model.nodes.len(), near, changes, force, f32::from),
+                    );
+                }
+                None => {
+                    let changes = model.changes(grid, *cell);
+                    add(&mut sum, model.nodes.len(), near, &changes, force, |x| x);
+                }
             }
+        }
+        for (u, [x, y, z, _]) in displacement.iter_mut().zip(sum) {
+            *u += Vector3::new(x, y, z).cast::<f64>();
         }
     }
 
     fn grid(&self, settled: &Settled) -> &Grid {
         self.levels[settled.level].grid().expect("levels are grids")
+    }
+}
+
+impl Rounded {
+    fn new(changes: &[Change<f32>]) -> Self {
+        let largest = changes.as_flattened().as_flattened().iter().fold(0f32, |m, x| m.max(x.abs()));
+        let unit = largest / f32::from(i16::MAX);
+        let round = |x: f32| (x / unit.max(f32::MIN_POSITIVE)).round() as i16;
+        let changes = changes.iter().map(|change| change.map(|column| column.map(round)));
+        Self { unit, changes: changes.collect() }
+    }
+}
+
+/// Adds to the displacement of layers of `count` nodes the `changes` of those that are `near`, by
+/// layer, under a `force`.
+#[inline(always)]
+fn add<T: Copy>(
+    displacement: &mut [[f32; 4]],
+    count: usize,
+    near: &[u32],
+    changes: &[Change<T>],
+    force: [f32; 3],
+    number: impl Fn(T) -> f32,
+) {
+    let layers = displacement.chunks_exact_mut(count);
+    for (layer, changes) in layers.zip(changes.chunks_exact(near.len())) {
+        for (node, [x, y, z]) in near.iter().zip(changes) {
+            let sum = &mut layer[*node as usize];
+            for i in 0..4 {
+                sum[i] += force[0] * number(x[i]) + force[1] * number(y[i]) + force[2] * number(z[i]);
+            }
+        }
     }
 }
 
@@ -288,9 +340,9 @@ impl ModelFace {
         best.expect("the mesh covers the face")
     }
 
-    /// Change of the displacement of nodes near a `cell` of a grid if forces are spread over it, and
-    /// not as tractions around the nodes of the face.
-    fn changes(&self, grid: &Grid, cell: u32) -> Vec<Change> {
+    /// Change of the displacement of the nodes near a `cell` of a grid, by layer, if forces are spread
+    /// over it, and not as tractions around the nodes of the face (m/N).
+    fn changes(&self, grid: &Grid, cell: u32) -> Vec<Change<f32>> {
         let count = self.nodes.len();
         let from = grid.place(cell);
         let (corners, shares) = self.under(&from);
@@ -303,7 +355,8 @@ impl ModelFace {
             let row = &self.between[layer][node as usize * count..];
             let part = |(corner, share)| row[corner as usize] * share as f32;
             let by_tents: Matrix3<f32> = corners.into_iter().zip(shares).map(part).sum();
-            ((layer * count) as u32 + node, by_cell - by_tents)
+            let change: [[f32; 3]; 3] = (by_cell - by_tents).into();
+            change.map(|[x, y, z]| [x, y, z, 0.0])
         };
         let near = self.near(&from);
         let layers = 0..self.between.len();

@@ -193,7 +193,11 @@ impl<'a> NodalLoadStepping<'a> {
         let lowest = self.coarsest();
         let (mut level, mut held) = (self.state.level, self.state.held.clone());
         if held.is_empty() {
-            level = finest;
+            let Some(first) = self.first_touch(lowest, poses) else {
+                let state = self.untouched(poses);
+                return self.check_inside(&state).map(|()| state);
+            };
+            level = first;
         }
         while level < lowest {
             held = self.finer(level, &held);
@@ -224,6 +228,33 @@ impl<'a> NodalLoadStepping<'a> {
                     level -= 1;
                 }
             }
+        }
+    }
+
+    /// Finest level from `lowest` on of which not many cells at rest are inside shapes at `poses`;
+    /// `None` if no cells of any level are.
+    fn first_touch(&self, lowest: usize, poses: &[Isometry3<f64>]) -> Option<usize> {
+        let mut found = None;
+        for level in lowest..self.levels.len() {
+            let Some(grid) = self.levels[level].grid() else { return Some(level) };
+            match grid.near((self.shapes, poses), &[], [0.0; 2], 2 * MOST) {
+                None => return Some(found.unwrap_or(level)),
+                Some(inside) if inside.is_empty() => {}
+                Some(_) => found = Some(level),
+            }
+        }
+        found
+    }
+
+    /// State with the shapes at `poses` if none touches.
+    fn untouched(&self, poses: &[Isometry3<f64>]) -> NodalState {
+        NodalState {
+            poses: poses.to_vec(),
+            level: self.levels.len() - 1,
+            held: Vec::new(),
+            wrench: Wrench::default(),
+            amplitude: 0.0,
+            sweeps: 0,
         }
     }
 

@@ -13,8 +13,8 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::{
-    grid::Grid,
-    kernel::{Columns, STRIP, Table, matrix},
+    grid::{Around, Grid},
+    kernel::{STRIP, Table, matrix},
 };
 use crate::simd::vectorised;
 
@@ -32,19 +32,17 @@ pub(super) struct Spots {
     passive: Vec<u32>,
     /// Force on each cell of which the passive strips know (N).
     told: Vec<Vector3<f64>>,
-    /// Cells of the first grid around each cell, by number among `coarse`, with weights (N).
+    /// Cells of the first grid around each cell, with weights: by rank, and by number among those of
+    /// the rectangle that contains all (N).
     around: Vec<[(u32, f32); 4]>,
-    /// Cells of the first grid around some cell (T), and the number of each such cell.
-    coarse: Vec<u32>,
-    numbers: Vec<u32>,
+    numbers: Vec<[u32; 4]>,
+    coarse: Around,
     /// Displacement around the first grid's cells under unit forces on some cells (3, 3T each) in
     /// m/N, by the sides.
     rows: Vec<f32>,
     /// Whether each cell's rows are known, and their place in `rows` if they are not zero (N).
     known: Vec<Option<Option<usize>>>,
 }
-
-const NONE: u32 = u32::MAX;
 
 impl Spots {
     /// Takes the cells of `ranks` (N) of a grid, ascending, for those before. All strips are active
@@ -55,14 +53,11 @@ impl Spots {
         ranks: impl Iterator<Item = u32>,
         displacement: &mut Vec<f32>,
     ) {
-        for &cell in &self.coarse {
-            self.numbers[cell as usize] = NONE;
-        }
         self.cells.clear();
         self.places.clear();
         self.strips.clear();
         self.around.clear();
-        self.coarse.clear();
+        self.numbers.clear();
         self.rows.clear();
         for rank in ranks {
             let cell = grid.cell(rank);
@@ -73,18 +68,12 @@ impl Spots {
             }
             let last = self.strips.len() - 1;
             self.places.push((STRIP * last) as u32 + (cell[1] - self.strips[last][1]) as u32);
-            self.around.push(grid.around(rank).map(|(cell, share)| {
-                if self.numbers.len() <= cell as usize {
-                    self.numbers.resize(cell as usize + 1, NONE);
-                }
-                let number = &mut self.numbers[cell as usize];
-                if *number == NONE {
-                    *number = self.coarse.len() as u32;
-                    self.coarse.push(cell);
-                }
-                (*number, share as f32)
-            }));
+            self.around.push(grid.around(rank).map(|(cell, share)| (cell, share as f32)));
         }
+        let place = |(cell, _): (u32, f32)| grid.first_cell(cell);
+        self.coarse = Around::of(self.around.iter().flatten().map(|&part| place(part)));
+        let number = |part| self.coarse.number(place(part));
+        self.numbers.extend(self.around.iter().map(|around| around.map(number)));
         self.told.clear();
         self.told.resize(self.cells.len(), Vector3::zeros());
         self.known.clear();
@@ -122,7 +111,7 @@ impl Spots {
     pub(super) fn moved(&self, cell: usize, displacement: &[f32]) -> Vector3<f64> {
         let at = |place: usize| <[f32; 3]>::try_from(&displacement[3 * place..][..3]).unwrap();
         let mut sum = at(self.places[cell] as usize);
-        for (number, share) in self.around[cell] {
+        for (number, (_, share)) in self.parts(cell) {
             let by_sides = at(STRIP * self.strips.len() + number as usize);
             for i in 0..3 {
                 sum[i] += share * by_sides[i];
@@ -181,12 +170,17 @@ impl Spots {
         let mut sum = matrix(&grid.layer().at([0, 0]));
         if let Some(first) = self.row(grid, cell) {
             let size = 3 * self.coarse.len();
-            for (number, share) in self.around[cell] {
+            for (number, (_, share)) in self.parts(cell) {
                 let at = |i, axis| self.rows[first + axis * size + 3 * number as usize + i];
                 sum += Matrix3::from_fn(at) * share;
             }
         }
         sum.cast()
+    }
+
+    /// Cells of the first grid around a cell: number, rank and weight.
+    fn parts(&self, cell: usize) -> impl Iterator<Item = (u32, (u32, f32))> {
+        self.numbers[cell].into_iter().zip(self.around[cell])
     }
 
     /// Place in `rows` of the responses to forces on cell `loaded`, which are computed if they are
@@ -195,29 +189,16 @@ impl Spots {
         if let Some(known) = self.known[loaded] {
             return known;
         }
-        let from = self.around[loaded].map(|(number, by)| (self.coarse[number as usize], by));
+        let first = self.rows.len();
         let row = grid.edges().and_then(|edges| {
-            let (first, size) = (self.rows.len(), 3 * self.coarse.len());
-            self.rows.resize(first + 3 * size, 0.0);
-            let rows = &mut self.rows[first..];
-            for (k, &to) in self.coarse.iter().enumerate() {
-                let mut sum = Columns::default();
-                for (from, by) in from {
-                    if let Some(block) = edges.block(from, to) {
-                        sum.iter_mut().zip(block).for_each(|(sum, c)| *sum += by * c);
-                    }
-                }
-                for axis in 0..3 {
-                    rows[axis * size + 3 * k..][..3].copy_from_slice(&sum[4 * axis..][..3]);
-                }
-            }
-            // Far from the sides they do not matter.
-            let is_zero = rows.iter().all(|c| *c == 0.0);
-            if is_zero {
-                self.rows.truncate(first);
-            }
-            (!is_zero).then_some(first)
+            self.rows.resize(first + 9 * self.coarse.len(), 0.0);
+            let matters =
+                edges.add_rows(self.around[loaded], &self.coarse, &mut self.rows[first..]);
+            matters.then_some(first)
         });
+        if row.is_none() {
+            self.rows.truncate(first);
+        }
         self.known[loaded] = Some(row);
         row
     }
@@ -310,7 +291,7 @@ mod tests {
                 let mut sum = layer.cast::<f64>();
                 for (from, by) in grid.around(loaded) {
                     for (to, share) in grid.around(at) {
-                        let block = edges.block(from, to).map_or_else(Matrix3::zeros, matrix);
+                        let block = edges.block(from, to).as_ref().map_or_else(Matrix3::zeros, matrix);
                         sum += block.cast::<f64>() * (by * share);
                     }
                 }
