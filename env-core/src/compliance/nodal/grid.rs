@@ -203,6 +203,11 @@ impl Grid {
         self.sides().iter().product()
     }
 
+    /// Longest side of a cell in plan (m).
+    pub(super) fn longest_side(&self) -> f64 {
+        self.sides().into_iter().fold(0.0, f64::max)
+    }
+
     /// Half of a cell's diagonal, and a fifth more for slopes (m).
     pub(super) fn half_diagonal(&self) -> f64 {
         let [x, y] = self.sides();

@@ -7,7 +7,7 @@
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
-use std::{cell::RefCell, collections::BTreeMap, sync::Arc};
+use std::{cell::RefCell, sync::Arc};
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -33,7 +33,7 @@ const LEVELS: u32 = 6;
 /// Distance in plan of a cell from the nodes that see it as a cell, and not as tractions around face
 /// nodes, in spacings of the nodes.
 const NEAR: f64 = 3.5;
-/// Number of levels whose many cells' changes of the nodes' displacement are computed in advance.
+/// Number of levels of whose many cells some is known in advance.
 const KEPT: usize = 2;
 
 thread_local! {
@@ -48,18 +48,21 @@ pub struct LayeredPad {
     levels: Arc<Vec<Skin>>,
     law: ContactLaw,
     model: Arc<ModelFace>,
-    /// [`ModelFace::changes`] by each cell of the first levels.
-    changes: Arc<Vec<Vec<Rounded>>>,
+    /// Of each cell of the first levels.
+    known: Arc<Vec<Vec<Known>>>,
 }
 
 /// Change of the displacement of a node by a unit force along each axis on a cell: three numbers
 /// and one that is not used.
 type Change<T> = [[T; 4]; 3];
 
-/// Changes by a cell, in a unit (m/N).
-struct Rounded {
-    unit: f32,
+/// What is known of a cell in advance.
+struct Known {
+    /// [`ModelFace::under`] it.
+    under: ([u32; 3], [f64; 3]),
+    /// Changes by a unit force on it, and their unit (m/N).
     changes: Vec<Change<i16>>,
+    unit: f32,
 }
 
 /// Contact of the cells around a node.
@@ -120,12 +123,12 @@ impl LayeredPad {
             |layer| PlaneKernel::new(outline.thickness * part(layer), outline.thickness, moduli);
         let below = (1..layers).map(plane).collect();
         let model = Arc::new(ModelFace::new(model, below, &Grid::new(&cells, 1)));
-        let changes = levels.iter().take(KEPT).map(|skin| {
+        let known = levels.iter().take(KEPT).map(|skin| {
             let grid = skin.grid().expect("levels are grids");
-            (0..grid.len() as u32).map(|cell| Rounded::new(&model.changes(grid, cell))).collect()
+            (0..grid.len() as u32).map(|cell| Known::new(&model, grid, cell)).collect()
         });
-        let changes = Arc::new(changes.collect());
-        Ok(Self { levels: Arc::new(levels), law: compliance.settings.law, model, changes })
+        let known = Arc::new(known.collect());
+        Ok(Self { levels: Arc::new(levels), law: compliance.settings.law, model, known })
     }
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
@@ -145,14 +148,19 @@ impl LayeredPad {
     /// ascending.
     pub fn contacts(&self, settled: &Settled) -> Vec<(u32, NodeContact)> {
         let grid = self.grid(settled);
-        let mut sum = BTreeMap::<u32, NodeContact>::new();
+        let mut sum = vec![NodeContact::default(); self.model.nodes.len()];
+        let mut bears = vec![false; sum.len()];
         for ((rank, force), normal) in settled.forces.iter().zip(&settled.normals) {
-            let (corners, shares) = self.model.under(&grid.place(*rank));
+            let (corners, shares) = match self.known.get(settled.level) {
+                Some(by_cell) => by_cell[*rank as usize].under,
+                None => self.model.under(&grid.place(*rank)),
+            };
             let size = force.norm();
             // Slope of the shape against the face, up to that of a wall of 84°.
             let slope = normal.xy().norm_squared() / normal.z.powi(2).max(1e-2);
             for (corner, share) in corners.into_iter().zip(shares).filter(|(_, s)| *s > 0.0) {
-                let contact = sum.entry(corner).or_default();
+                bears[corner as usize] = true;
+                let contact = &mut sum[corner as usize];
                 contact.force += force * share;
                 contact.borne += size * share;
                 contact.area += grid.area() * share;
@@ -160,7 +168,7 @@ impl LayeredPad {
                 contact.slope += slope * (size * share);
             }
         }
-        sum.into_iter().collect()
+        (0..).zip(sum).zip(bears).filter_map(|(contact, bears)| bears.then_some(contact)).collect()
     }
 
     /// Side of the cells on which a solution was found (m).
@@ -193,9 +201,9 @@ impl LayeredPad {
         for (cell, force) in &settled.forces {
             let force: [f32; 3] = force.cast::<f32>().into();
             let near = model.near(&grid.place(*cell));
-            match self.changes.get(settled.level) {
+            match self.known.get(settled.level) {
                 Some(by_cell) => {
-                    let Rounded { unit, changes } = &by_cell[*cell as usize];
+                    let Known { unit, changes, .. } = &by_cell[*cell as usize];
                     let force = force.map(|f| f * unit);
                     vectorised(
                         #[inline(always)]
@@ -218,13 +226,14 @@ impl LayeredPad {
     }
 }
 
-impl Rounded {
-    fn new(changes: &[Change<f32>]) -> Self {
+impl Known {
+    fn new(model: &ModelFace, grid: &Grid, cell: u32) -> Self {
+        let changes = model.changes(grid, cell);
         let largest = changes.as_flattened().as_flattened().iter().fold(0f32, |m, x| m.max(x.abs()));
         let unit = largest / f32::from(i16::MAX);
         let round = |x: f32| (x / unit.max(f32::MIN_POSITIVE)).round() as i16;
         let changes = changes.iter().map(|change| change.map(|column| column.map(round)));
-        Self { unit, changes: changes.collect() }
+        Self { under: model.under(&grid.place(cell)), changes: changes.collect(), unit }
     }
 }
 

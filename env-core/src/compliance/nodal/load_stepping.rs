@@ -8,7 +8,8 @@ use super::{
     super::push::{ForceControlled, push},
     Settled,
     between::{Face, Standing, watched},
-    patch::{Move, Patch},
+    grid::Grid,
+    patch::{Move, Patch, nearest},
     skin::{Group, Skin},
     spots::Spots,
 };
@@ -30,6 +31,12 @@ const UNFELT: f64 = 10.0;
 /// is taken. Cells of the next level are quarters.
 const MOST: usize = 96;
 const FEW: usize = 12;
+/// Most cells of a level that are searched for a first touch.
+const WIDE: usize = 24_000;
+/// Shortest wall, in sides of a cell, and its smallest thickness, between which cells cannot lie. A
+/// strip at up to 45° to the rows of cells that is thicker than a side has a cell in every row that
+/// crosses it, and is crossed by one if it is 2.7 times as long. Slopes take a fifth.
+const WALL: [f64; 2] = [4.0, 1.2];
 /// Smallest part of a stride that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
 
@@ -231,16 +238,25 @@ impl<'a> NodalLoadStepping<'a> {
         }
     }
 
-    /// Finest level from `lowest` on of which not many cells at rest are inside shapes at `poses`;
-    /// `None` if no cells of any level are.
+    /// Finest level from `lowest` on of which some, but not many cells at rest are inside shapes at
+    /// `poses`; `None` if none of any level are. Levels of which more than [`WIDE`] cells may be
+    /// inside are not looked at: the shape is wider than their cells.
     fn first_touch(&self, lowest: usize, poses: &[Isometry3<f64>]) -> Option<usize> {
+        let mut open: Vec<u32> = (0..self.levels[lowest].len() as u32).collect();
         let mut found = None;
         for level in lowest..self.levels.len() {
             let Some(grid) = self.levels[level].grid() else { return Some(level) };
-            match grid.near((self.shapes, poses), &[], [0.0; 2], 2 * MOST) {
-                None => return Some(found.unwrap_or(level)),
-                Some(inside) if inside.is_empty() => {}
-                Some(_) => found = Some(level),
+            let gap = |rank: &u32| nearest(self.shapes, poses, &grid.place(*rank)).1.value;
+            let gaps: Vec<_> = open.iter().map(gap).collect();
+            match gaps.iter().filter(|gap| **gap < 0.0).count() {
+                0 => {}
+                inside if inside > 2 * MOST => return Some(found.unwrap_or(level)),
+                _ => found = Some(level),
+            }
+            let near = open.iter().zip(&gaps).filter(|(_, gap)| **gap < grid.half_diagonal());
+            open = near.flat_map(|(rank, _)| grid.children(*rank)).collect();
+            if open.len() > WIDE {
+                break;
             }
         }
         found
@@ -260,9 +276,15 @@ impl<'a> NodalLoadStepping<'a> {
 
     /// Coarsest level whose cells no shape can pass between.
     fn coarsest(&self) -> usize {
-        let thinnest = self.shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
-        let is_fine =
-            |skin: &Skin| skin.grid().is_none_or(|grid| 2.0 * grid.half_diagonal() < thinnest);
+        let is_felt = |grid: &Grid, shape: &Shape| {
+            let (thickness, side) = (shape.thickness(), grid.longest_side());
+            2.0 * grid.half_diagonal() < thickness
+                || (shape.breadth() > WALL[0] * side && thickness > WALL[1] * side)
+        };
+        let is_fine = |skin: &Skin| {
+            let all_are_felt = |grid| self.shapes.iter().all(|shape| is_felt(grid, shape));
+            skin.grid().is_none_or(all_are_felt)
+        };
         self.levels.iter().position(is_fine).unwrap_or(self.levels.len() - 1)
     }
 
