@@ -292,6 +292,14 @@ impl Grid {
         all
     }
 
+    /// Displacement of a point of the plan at some distance (m) from a cell under a `force` (N) on
+    /// it, by the layer alone (m).
+    #[inline(always)]
+    pub(super) fn under(&self, away: [f64; 2], force: [f32; 3]) -> [f32; 3] {
+        let sides = self.sides();
+        self.layer().under([0, 1].map(|axis| (away[axis] / sides[axis]) as f32), force)
+    }
+
     /// What all grids of the pad share.
     pub(super) fn cells(&self) -> &Cells {
         &self.cells
@@ -313,7 +321,7 @@ impl Grid {
     pub(super) fn field<'a>(
         &'a self,
         forces: &[(u32, Vector3<f64>)],
-    ) -> impl FnMut(u32) -> Vector3<f64> + 'a {
+    ) -> impl Fn(u32) -> Vector3<f64> + 'a {
         let [nx, ny] = self.cells.count;
         let mut around = vec![Vector3::<f32>::zeros(); (nx * ny) as usize];
         for (rank, force) in forces {
@@ -321,20 +329,18 @@ impl Grid {
                 around[cell as usize] += (force * share).cast::<f32>();
             }
         }
-        let around = (0..).zip(around).filter(|(_, force)| *force != Vector3::zeros());
-        let coarse: Vec<(u32, [f32; 3])> = around.map(|(cell, f)| (cell, f.into())).collect();
+        let by_edges = self.edges().map(|edges| edges.field(&around));
         let loaded: Vec<_> =
             forces.iter().map(|(rank, f)| (self.cell(*rank), f.cast::<f32>().into())).collect();
-        let mut known: Vec<Option<Vector3<f64>>> = vec![None; (nx * ny) as usize];
         move |rank| {
             let mut sum =
                 Vector3::<f32>::from(self.layer().sum(self.cell(rank), &loaded)).cast::<f64>();
-            if let Some(edges) = &self.cells.edges
+            if let Some(by_edges) = &by_edges
                 && !loaded.is_empty()
             {
                 for (to, share) in self.around(rank) {
-                    let by_edges = || Vector3::from(edges.sum(to, &coarse)).cast();
-                    sum += *known[to as usize].get_or_insert_with(by_edges) * share;
+                    let by_edges: [f32; 3] = std::array::from_fn(|i| by_edges[3 * to as usize + i]);
+                    sum += Vector3::from(by_edges).cast::<f64>() * share;
                 }
             }
             sum
@@ -351,7 +357,7 @@ impl Grid {
         [room, reach]: [f64; 2],
         most: usize,
     ) -> Option<Vec<u32>> {
-        let mut field = self.field(forces);
+        let field = self.field(forces);
         let (mut found, mut inside) = (Vec::new(), 0);
         // Squares still to be searched: cells along a side in units of this grid, first cell, and
         // displacement if it is known.
@@ -496,21 +502,22 @@ impl Edges {
         Self { entries, is_near, rows: cells.count[1] }
     }
 
-    /// Displacement (m) around cell `at` under forces (N) around the cells `loaded`.
-    fn sum(&self, at: u32, loaded: &[(u32, [f32; 3])]) -> [f32; 3] {
-        let mut sum = [0.0; 4];
+    /// Displacement around all cells (3C) in m under forces around each (C) in N.
+    fn field(&self, forces: &[Vector3<f32>]) -> Vec<f32> {
+        let size = 3 * self.is_near.len();
+        let mut sum = vec![0.0; size];
+        let forces = forces.iter().flat_map(|force| <[f32; 3]>::from(*force));
         vectorised(
             #[inline(always)]
             || {
-                for (from, force) in loaded {
-                    let Some(block) = self.block(*from, at) else { continue };
-                    for i in 0..4 {
-                        sum[i] += force[0] * block[i] + force[1] * block[4 + i] + force[2] * block[8 + i];
+                for (force, row) in forces.clone().zip(self.entries.chunks_exact(size)) {
+                    if force != 0.0 {
+                        sum.iter_mut().zip(row).for_each(|(sum, c)| *sum += force * c);
                     }
                 }
             },
         );
-        [sum[0], sum[1], sum[2]]
+        sum
     }
 
     /// Adds to `rows` the displacement of the T cells that are `around` under unit forces along each

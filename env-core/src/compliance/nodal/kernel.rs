@@ -196,6 +196,28 @@ impl Table {
     }
 }
 
+impl Table {
+    /// Displacement (m) under a `force` (N) at a distance that is not a whole number of cells,
+    /// interpolated.
+    #[inline(always)]
+    pub(super) fn under(&self, away: [f32; 2], force: [f32; 3]) -> [f32; 3] {
+        let low = away.map(f32::floor);
+        let share = [away[0] - low[0], away[1] - low[1]];
+        let mut sum = [0.0; 4];
+        for (i, by_x) in [(0, 1.0 - share[0]), (1, share[0])] {
+            for (j, by_y) in [(0, 1.0 - share[1]), (1, share[1])] {
+                let (entry, signs) = self.entry([low[0] as i32 + i, low[1] as i32 + j]);
+                let f: [f32; 3] = std::array::from_fn(|axis| force[axis] * signs[axis]);
+                for k in 0..4 {
+                    let moved = f[0] * entry[k] + f[1] * entry[4 + k] + f[2] * entry[8 + k];
+                    sum[k] += by_x * by_y * signs[k] * moved;
+                }
+            }
+        }
+        [sum[0], sum[1], sum[2]]
+    }
+}
+
 /// The matrix of some columns.
 pub(super) fn matrix(columns: &Columns) -> Matrix3<f32> {
     Matrix3::from_fn(|i, axis| columns[4 * axis + i])
@@ -214,6 +236,21 @@ impl PlaneKernel {
     /// Displacement at a horizontal distance (m) from a unit force on the face (m/N).
     pub(super) fn at(&self, x: f64, y: f64) -> Matrix3<f64> {
         self.radial.at(x / self.thickness, y / self.thickness) * self.scale
+    }
+
+    /// Displacement at a horizontal distance (m) from a `force` (N) on the face (m).
+    #[inline(always)]
+    pub(super) fn under(&self, [x, y]: [f64; 2], force: [f32; 3]) -> [f32; 3] {
+        let Some((parts, [x, y, half])) =
+            self.radial.parts(x / self.thickness, y / self.thickness)
+        else {
+            return [0.0; 3];
+        };
+        let [mean, deviator, normal, out, back] = parts;
+        let [fx, fy, fz] = force.map(|f| f64::from(f) * self.scale);
+        let along = x * fx + y * fy;
+        let (even, away) = (mean - deviator * half, deviator * along + out * fz);
+        [even * fx + away * x, even * fy + away * y, back * along + normal * fz].map(|u| u as f32)
     }
 }
 
@@ -330,17 +367,20 @@ impl Radial {
         ends.iter().map(|[x, y]| self.at(at[0] + x, at[1] + y)).sum::<Matrix3<f64>>() * 0.25
     }
 
-    fn at(&self, x: f64, y: f64) -> Matrix3<f64> {
+    /// Parts at the distance of (x, y), its direction, and half of the square of this vector.
+    #[inline(always)]
+    fn parts(&self, x: f64, y: f64) -> Option<(Wave, [f64; 3])> {
         let r = (x * x + y * y).sqrt();
         let place = r * RADII as f64;
-        let Some([low, high]) = self.by_radius.get(place as usize..).and_then(<[_]>::first_chunk)
-        else {
-            return Matrix3::zeros();
-        };
+        let [low, high] = self.by_radius.get(place as usize..)?.first_chunk()?;
         let share = place.fract();
-        let [mean, deviator, normal, out, back] =
-            std::array::from_fn(|i| low[i] + share * (high[i] - low[i]));
-        let (x, y, half) = if r > 0.0 { (x / r, y / r, 0.5) } else { (0.0, 0.0, 0.0) };
+        let parts = std::array::from_fn(|i| low[i] + share * (high[i] - low[i]));
+        Some((parts, if r > 0.0 { [x / r, y / r, 0.5] } else { [0.0; 3] }))
+    }
+
+    fn at(&self, x: f64, y: f64) -> Matrix3<f64> {
+        let Some((parts, [x, y, half])) = self.parts(x, y) else { return Matrix3::zeros() };
+        let [mean, deviator, normal, out, back] = parts;
         Matrix3::new(
             mean + deviator * (x * x - half),
             deviator * x * y,

@@ -53,15 +53,15 @@ pub struct LayeredPad {
 }
 
 /// Change of the displacement of a node by a unit force along each axis on a cell: three numbers
-/// and one that is not used.
-type Change<T> = [[T; 4]; 3];
+/// in some unit and one that is not used.
+type Change = [[i16; 4]; 3];
 
 /// What is known of a cell in advance.
 struct Known {
     /// [`ModelFace::under`] it.
     under: ([u32; 3], [f64; 3]),
     /// Changes by a unit force on it, and their unit (m/N).
-    changes: Vec<Change<i16>>,
+    changes: Vec<Change>,
     unit: f32,
 }
 
@@ -94,7 +94,7 @@ struct ModelFace {
     /// Free layers below the face.
     below: Vec<PlaneKernel>,
     /// Displacement of the nodes of each free layer under unit forces around each face node, by the
-    /// elastic layer alone (C, C) in m/N.
+    /// elastic layer alone, by the latter first (C, C) in m/N.
     between: Vec<Vec<Matrix3<f32>>>,
 }
 
@@ -186,7 +186,7 @@ impl LayeredPad {
             for (node, place) in model.nodes.iter().enumerate() {
                 let share = grid.cells().share_of_sides(place.x, place.y);
                 let by_layer =
-                    between[node * count + loaded].column(axis).into_owned().cast::<f64>();
+                    between[loaded * count + node].column(axis).into_owned().cast::<f64>();
                 let moved = &mut displacement[layer * count + node];
                 *moved = by_layer + (*moved - by_layer) * share;
             }
@@ -207,12 +207,18 @@ impl LayeredPad {
                     let force = force.map(|f| f * unit);
                     vectorised(
                         #[inline(always)]
-                        || add(&mut sum, model.nodes.len(), near, changes, force, f32::from),
+                        || add(&mut sum, model.nodes.len(), near, changes, force),
                     );
                 }
                 None => {
-                    let changes = model.changes(grid, *cell);
-                    add(&mut sum, model.nodes.len(), near, &changes, force, |x| x);
+                    let changes = model.changes(grid, *cell, force);
+                    let layers = sum.chunks_exact_mut(model.nodes.len());
+                    for (layer, changes) in layers.zip(changes.chunks_exact(near.len())) {
+                        for (node, change) in near.iter().zip(changes) {
+                            let sum = &mut layer[*node as usize];
+                            (0..3).for_each(|i| sum[i] += change[i]);
+                        }
+                    }
                 }
             }
         }
@@ -228,11 +234,16 @@ impl LayeredPad {
 
 impl Known {
     fn new(model: &ModelFace, grid: &Grid, cell: u32) -> Self {
-        let changes = model.changes(grid, cell);
-        let largest = changes.as_flattened().as_flattened().iter().fold(0f32, |m, x| m.max(x.abs()));
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let [x, y, z] = axes.map(|force| model.changes(grid, cell, force));
+        let all = [&x, &y, &z].map(|changes| changes.as_flattened());
+        let largest = all.into_iter().flatten().fold(0f32, |most, u| most.max(u.abs()));
         let unit = largest / f32::from(i16::MAX);
-        let round = |x: f32| (x / unit.max(f32::MIN_POSITIVE)).round() as i16;
-        let changes = changes.iter().map(|change| change.map(|column| column.map(round)));
+        let round = |u: [f32; 3]| {
+            let [x, y, z] = u.map(|u| (u / unit.max(f32::MIN_POSITIVE)).round() as i16);
+            [x, y, z, 0]
+        };
+        let changes = x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z].map(round));
         Self { under: model.under(&grid.place(cell)), changes: changes.collect(), unit }
     }
 }
@@ -240,20 +251,21 @@ impl Known {
 /// Adds to the displacement of layers of `count` nodes the `changes` of those that are `near`, by
 /// layer, under a `force`.
 #[inline(always)]
-fn add<T: Copy>(
+fn add(
     displacement: &mut [[f32; 4]],
     count: usize,
     near: &[u32],
-    changes: &[Change<T>],
+    changes: &[Change],
     force: [f32; 3],
-    number: impl Fn(T) -> f32,
 ) {
     let layers = displacement.chunks_exact_mut(count);
     for (layer, changes) in layers.zip(changes.chunks_exact(near.len())) {
         for (node, [x, y, z]) in near.iter().zip(changes) {
             let sum = &mut layer[*node as usize];
             for i in 0..4 {
-                sum[i] += force[0] * number(x[i]) + force[1] * number(y[i]) + force[2] * number(z[i]);
+                sum[i] += force[0] * f32::from(x[i])
+                    + force[1] * f32::from(y[i])
+                    + force[2] * f32::from(z[i]);
             }
         }
     }
@@ -349,27 +361,42 @@ impl ModelFace {
         best.expect("the mesh covers the face")
     }
 
-    /// Change of the displacement of the nodes near a `cell` of a grid, by layer, if forces are spread
-    /// over it, and not as tractions around the nodes of the face (m/N).
-    fn changes(&self, grid: &Grid, cell: u32) -> Vec<Change<f32>> {
+    /// Change of the displacement of the nodes near a `cell` of a grid, by layer, if a `force` (N) is
+    /// spread over it, and not as tractions around the nodes of the face (m).
+    fn changes(&self, grid: &Grid, cell: u32, force: [f32; 3]) -> Vec<[f32; 3]> {
         let count = self.nodes.len();
         let from = grid.place(cell);
         let (corners, shares) = self.under(&from);
-        let change = |(layer, &node): (usize, &u32)| {
-            let at = &self.nodes[node as usize];
-            let by_cell = match layer.checked_sub(1) {
-                None => grid.at_point(cell, at),
-                Some(below) => self.below[below].at(at.x - from.x, at.y - from.y).cast(),
-            };
-            let row = &self.between[layer][node as usize * count..];
-            let part = |(corner, share)| row[corner as usize] * share as f32;
-            let by_tents: Matrix3<f32> = corners.into_iter().zip(shares).map(part).sum();
-            let change: [[f32; 3]; 3] = (by_cell - by_tents).into();
-            change.map(|[x, y, z]| [x, y, z, 0.0])
-        };
+        let borne = shares.map(|share| force.map(|f| f * share as f32));
         let near = self.near(&from);
-        let layers = 0..self.between.len();
-        layers.flat_map(|layer| near.iter().map(move |node| (layer, node))).map(change).collect()
+        let mut changes = vec![[0.0; 3]; self.between.len() * near.len()];
+        let away = |node: u32| {
+            let at = &self.nodes[node as usize];
+            [at.x - from.x, at.y - from.y]
+        };
+        let layers = changes.chunks_exact_mut(near.len());
+        for ((layer, between), changes) in self.between.iter().enumerate().zip(layers) {
+            let rows = corners.map(|corner| &between[corner as usize * count..][..count]);
+            vectorised(
+                #[inline(always)]
+                || {
+                    for (&node, change) in near.iter().zip(&mut *changes) {
+                        *change = match layer.checked_sub(1) {
+                            None => grid.under(away(node), force),
+                            Some(below) => self.below[below].under(away(node), force),
+                        };
+                        for (row, [x, y, z]) in rows.iter().zip(borne) {
+                            let columns = &row[node as usize].data.0;
+                            for i in 0..3 {
+                                change[i] -=
+                                    x * columns[0][i] + y * columns[1][i] + z * columns[2][i];
+                            }
+                        }
+                    }
+                },
+            );
+        }
+        changes
     }
 
     fn between(&self, grid: &Grid) -> Vec<Vec<Matrix3<f32>>> {
@@ -390,10 +417,7 @@ impl ModelFace {
                 let sum: f64 = cells.iter().map(|(_, _, share)| share).sum();
                 cells.iter().map(part).sum::<Matrix3<f32>>() / sum as f32
             };
-            self.nodes
-                .iter()
-                .flat_map(|at| tents.iter().map(move |cells| under(at, cells)))
-                .collect()
+            tents.iter().flat_map(|cells| self.nodes.iter().map(move |at| under(at, cells))).collect()
         };
         std::iter::once(None).chain(self.below.iter().map(Some)).map(layer).collect()
     }
@@ -455,7 +479,7 @@ mod tests {
                     }
                 };
                 let by_tents = |(other, force): &(usize, Vector3<f64>)| {
-                    model.between[layer][node * count + other].cast::<f64>() * force
+                    model.between[layer][other * count + node].cast::<f64>() * force
                 };
                 let cells: Vector3<f64> = settled.forces.iter().map(by_cell).sum();
                 let tents: Vector3<f64> = forces.iter().map(by_tents).sum();

@@ -298,7 +298,7 @@ mod tests {
                 sum
             };
             let by_rank: Vec<_> = forces.iter().map(|(k, force)| (ranks[*k], *force)).collect();
-            let mut field = grid.field(&by_rank);
+            let field = grid.field(&by_rank);
             let most = displacement.iter().fold(0f32, |most, u| most.max(u.abs()));
             for (k, &rank) in ranks.iter().enumerate() {
                 let sum = by_rank.iter().map(|(from, force)| response(*from, rank) * force);
