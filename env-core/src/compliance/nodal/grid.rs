@@ -184,7 +184,8 @@ impl Grid {
     }
 
     fn count(&self) -> [u32; 2] {
-        self.cells.count.map(|count| count << self.level)
+        let [nx, ny] = self.cells.count;
+        [nx << self.level, ny << self.level]
     }
 
     /// Number of cells M.
@@ -194,8 +195,10 @@ impl Grid {
     }
 
     /// Sides of a cell in plan (m).
+    #[inline(always)]
     fn sides(&self) -> [f64; 2] {
-        self.cells.sides.map(|side| side / f64::from(1u32 << self.level))
+        let ([x, y], parts) = (self.cells.sides, f64::from(1u32 << self.level));
+        [x / parts, y / parts]
     }
 
     /// Area of a cell in plan (m²).
@@ -217,7 +220,7 @@ impl Grid {
     /// Place of a cell along x and y.
     pub(super) fn cell(&self, rank: u32) -> [i32; 2] {
         let rows = self.count()[1];
-        [rank / rows, rank % rows].map(u32::cast_signed)
+        [(rank / rows).cast_signed(), (rank % rows).cast_signed()]
     }
 
     /// Centre of a cell on the face at rest.
@@ -297,7 +300,7 @@ impl Grid {
     #[inline(always)]
     pub(super) fn under(&self, away: [f64; 2], force: [f32; 3]) -> [f32; 3] {
         let sides = self.sides();
-        self.layer().under([0, 1].map(|axis| (away[axis] / sides[axis]) as f32), force)
+        self.layer().under([(away[0] / sides[0]) as f32, (away[1] / sides[1]) as f32], force)
     }
 
     /// What all grids of the pad share.
@@ -400,10 +403,9 @@ impl Grid {
             let enough = if moved.is_some() { 1.5 * around + reach } else { around + room };
             if gap < enough {
                 let half = size / 2;
-                open.extend(
-                    [[0, 0], [0, 1], [1, 0], [1, 1]]
-                        .map(|[a, b]| (half, [i + a * half, j + b * half], moved)),
-                );
+                for (i, j) in [(i, j), (i, j + half), (i + half, j), (i + half, j + half)] {
+                    open.push((half, [i, j], moved));
+                }
             }
         }
         Some(found)

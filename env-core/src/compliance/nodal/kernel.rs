@@ -128,7 +128,8 @@ impl Table {
     #[inline(always)]
     pub(super) fn strip(&self, away: [i32; 2]) -> Option<[&[f32; 3 * STRIP]; 3]> {
         const WIDTH: usize = 3 * (2 * NEAR + STRIP);
-        let [x, y] = away.map(|cells| (cells + NEAR as i32) as usize);
+        let place = |axis: usize| (away[axis] + NEAR as i32) as usize;
+        let [x, y] = [place(0), place(1)];
         if x > 2 * NEAR || y > 2 * NEAR {
             return None;
         }
@@ -156,8 +157,8 @@ impl Table {
     fn entry(&self, away: [i32; 2]) -> (&Columns, [f32; 4]) {
         let place =
             |axis: usize| usize::min(away[axis].unsigned_abs() as usize, self.count[axis] - 1);
-        let [x, y] = away.map(|cells| if cells < 0 { -1.0 } else { 1.0 });
-        (&self.entries[place(0) * self.count[1] + place(1)], [x, y, 1.0, 1.0])
+        let sign = |axis: usize| if away[axis] < 0 { -1.0 } else { 1.0 };
+        (&self.entries[place(0) * self.count[1] + place(1)], [sign(0), sign(1), 1.0, 1.0])
     }
 
     /// Displacement (m) of the cell `at` under forces (N) on the cells `loaded`.
@@ -201,13 +202,13 @@ impl Table {
     /// interpolated.
     #[inline(always)]
     pub(super) fn under(&self, away: [f32; 2], force: [f32; 3]) -> [f32; 3] {
-        let low = away.map(f32::floor);
+        let low = [away[0].floor(), away[1].floor()];
         let share = [away[0] - low[0], away[1] - low[1]];
         let mut sum = [0.0; 4];
         for (i, by_x) in [(0, 1.0 - share[0]), (1, share[0])] {
             for (j, by_y) in [(0, 1.0 - share[1]), (1, share[1])] {
                 let (entry, signs) = self.entry([low[0] as i32 + i, low[1] as i32 + j]);
-                let f: [f32; 3] = std::array::from_fn(|axis| force[axis] * signs[axis]);
+                let f = [force[0] * signs[0], force[1] * signs[1], force[2]];
                 for k in 0..4 {
                     let moved = f[0] * entry[k] + f[1] * entry[4 + k] + f[2] * entry[8 + k];
                     sum[k] += by_x * by_y * signs[k] * moved;
@@ -241,16 +242,17 @@ impl PlaneKernel {
     /// Displacement at a horizontal distance (m) from a `force` (N) on the face (m).
     #[inline(always)]
     pub(super) fn under(&self, [x, y]: [f64; 2], force: [f32; 3]) -> [f32; 3] {
-        let Some((parts, [x, y, half])) =
-            self.radial.parts(x / self.thickness, y / self.thickness)
+        let Some((parts, [x, y, half])) = self.radial.parts(x / self.thickness, y / self.thickness)
         else {
             return [0.0; 3];
         };
         let [mean, deviator, normal, out, back] = parts;
-        let [fx, fy, fz] = force.map(|f| f64::from(f) * self.scale);
+        let f = |axis: usize| f64::from(force[axis]) * self.scale;
+        let [fx, fy, fz] = [f(0), f(1), f(2)];
         let along = x * fx + y * fy;
         let (even, away) = (mean - deviator * half, deviator * along + out * fz);
-        [even * fx + away * x, even * fy + away * y, back * along + normal * fz].map(|u| u as f32)
+        let (ux, uy, uz) = (even * fx + away * x, even * fy + away * y, back * along + normal * fz);
+        [ux as f32, uy as f32, uz as f32]
     }
 }
 
@@ -374,7 +376,10 @@ impl Radial {
         let place = r * RADII as f64;
         let [low, high] = self.by_radius.get(place as usize..)?.first_chunk()?;
         let share = place.fract();
-        let parts = std::array::from_fn(|i| low[i] + share * (high[i] - low[i]));
+        let mut parts = *low;
+        for i in 0..parts.len() {
+            parts[i] += share * (high[i] - low[i]);
+        }
         Some((parts, if r > 0.0 { [x / r, y / r, 0.5] } else { [0.0; 3] }))
     }
 

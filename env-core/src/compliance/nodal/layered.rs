@@ -385,11 +385,12 @@ impl ModelFace {
                             None => grid.under(away(node), force),
                             Some(below) => self.below[below].under(away(node), force),
                         };
-                        for (row, [x, y, z]) in rows.iter().zip(borne) {
+                        for (row, f) in rows.iter().zip(&borne) {
                             let columns = &row[node as usize].data.0;
                             for i in 0..3 {
-                                change[i] -=
-                                    x * columns[0][i] + y * columns[1][i] + z * columns[2][i];
+                                change[i] -= f[0] * columns[0][i]
+                                    + f[1] * columns[1][i]
+                                    + f[2] * columns[2][i];
                             }
                         }
                     }
@@ -417,7 +418,10 @@ impl ModelFace {
                 let sum: f64 = cells.iter().map(|(_, _, share)| share).sum();
                 cells.iter().map(part).sum::<Matrix3<f32>>() / sum as f32
             };
-            tents.iter().flat_map(|cells| self.nodes.iter().map(move |at| under(at, cells))).collect()
+            tents
+                .iter()
+                .flat_map(|cells| self.nodes.iter().map(move |at| under(at, cells)))
+                .collect()
         };
         std::iter::once(None).chain(self.below.iter().map(Some)).map(layer).collect()
     }

@@ -98,7 +98,9 @@ impl Spots {
         let mut runs: Vec<[usize; 2]> = Vec::new();
         let sides = self.strips.len() * STRIP;
         let active = self.active.iter().map(|&strip| strip as usize * STRIP);
-        for run in active.map(|first| [first, first + STRIP]).chain([[sides, sides + self.coarse.len()]]) {
+        for run in
+            active.map(|first| [first, first + STRIP]).chain([[sides, sides + self.coarse.len()]])
+        {
             match runs.last_mut() {
                 Some([_, end]) if *end == run[0] => *end = run[1],
                 _ => runs.push(run),
@@ -291,12 +293,22 @@ mod tests {
                 let mut sum = layer.cast::<f64>();
                 for (from, by) in grid.around(loaded) {
                     for (to, share) in grid.around(at) {
-                        let block = edges.block(from, to).as_ref().map_or_else(Matrix3::zeros, matrix);
+                        let block =
+                            edges.block(from, to).as_ref().map_or_else(Matrix3::zeros, matrix);
                         sum += block.cast::<f64>() * (by * share);
                     }
                 }
                 sum
             };
+            if level == 0 {
+                let dense = grid.responses();
+                for (&from, &to) in ranks.iter().zip(ranks.iter().rev()) {
+                    let at = |i, axis| dense.at(from, axis, 3 * to as usize + i);
+                    let (found, right) = (Matrix3::from_fn(at), response(from, to));
+                    let most = response(from, from).norm();
+                    assert!((found - right).norm() < 1e-4 * most, "{found} instead of {right}");
+                }
+            }
             let by_rank: Vec<_> = forces.iter().map(|(k, force)| (ranks[*k], *force)).collect();
             let field = grid.field(&by_rank);
             let most = displacement.iter().fold(0f32, |most, u| most.max(u.abs()));
