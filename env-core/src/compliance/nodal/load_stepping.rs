@@ -33,10 +33,13 @@ const MOST: usize = 96;
 const FEW: usize = 12;
 /// Most cells of a level that are searched for a first touch.
 const WIDE: usize = 24_000;
-/// Shortest wall, in sides of a cell, and its smallest thickness, between which cells cannot lie. A
-/// strip at up to 45° to the rows of cells that is thicker than a side has a cell in every row that
-/// crosses it, and is crossed by one if it is 2.7 times as long. Slopes take a fifth.
+/// Breadth and thickness of a wall, in sides of a cell, above which cells feel it as such. A strip at
+/// up to 45° to the rows of cells that is thicker than a side has a cell in every row that crosses
+/// it, and is crossed by one if it is 2.7 times as long. Slopes take a fifth.
 const WALL: [f64; 2] = [4.0, 1.2];
+/// Number of touching cells that the edge of a wall does not reach, three of them wide, across a pad
+/// and back.
+const BROAD: usize = 256;
 /// Smallest part of a stride that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
 
@@ -192,12 +195,20 @@ impl<'a> NodalLoadStepping<'a> {
 
     /// Attempts one load step to `poses` and returns the state it ends in. On a body with several
     /// levels, the step is taken on the finest on which at most [`MOST`] cells touch, unless fewer
-    /// than [`FEW`] touch on a coarser one that the last step ended on.
+    /// than [`FEW`] touch on a coarser one that the last step ended on. Levels whose cells are about
+    /// as wide as the thinnest wall are taken if more than [`BROAD`] touch on the level after them:
+    /// the wall then touches by its side.
     pub(super) fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<NodalState> {
         let motion = self.state.poses.iter().zip(poses).map(|(a, b)| self.motion(a, b));
         let reach = motion.fold(0.0, f64::max) + MARGIN;
         let finest = self.levels.len() - 1;
-        let lowest = self.coarsest();
+        let [broadest, lowest] = [true, false].map(|as_walls| self.coarsest(as_walls));
+        let most = |level: usize| match level {
+            _ if level > lowest => Some(MOST),
+            _ if level > broadest => Some(BROAD),
+            _ => None,
+        };
+        let few = |level: usize| if level < lowest { BROAD / 8 } else { FEW };
         let (mut level, mut held) = (self.state.level, self.state.held.clone());
         if held.is_empty() {
             let Some(first) = self.first_touch(lowest, poses) else {
@@ -206,15 +217,17 @@ impl<'a> NodalLoadStepping<'a> {
             };
             level = first;
         }
-        while level < lowest {
+        while level < broadest {
             held = self.finer(level, &held);
             level += 1;
         }
         let mut was_finer = false;
         loop {
-            let found = self.attempt_on(level, &held, poses, reach, level > lowest);
+            let found = self.attempt_on(level, &held, poses, reach, most(level));
             match found {
-                Ok(Some(state)) if state.held.len() >= FEW || level == finest || was_finer => {
+                Ok(Some(state))
+                    if state.held.len() >= few(level) || level == finest || was_finer =>
+                {
                     return Ok(state);
                 }
                 Ok(Some(_)) => {
@@ -274,12 +287,13 @@ impl<'a> NodalLoadStepping<'a> {
         }
     }
 
-    /// Coarsest level whose cells no shape can pass between.
-    fn coarsest(&self) -> usize {
+    /// Coarsest level whose cells no shape can pass between: no ball as thick as the shapes, or no
+    /// strip of a wall if they are taken `as_walls`.
+    fn coarsest(&self, as_walls: bool) -> usize {
         let is_felt = |grid: &Grid, shape: &Shape| {
             let (thickness, side) = (shape.thickness(), grid.longest_side());
             2.0 * grid.half_diagonal() < thickness
-                || (shape.breadth() > WALL[0] * side && thickness > WALL[1] * side)
+                || (as_walls && shape.breadth() > WALL[0] * side && thickness > WALL[1] * side)
         };
         let is_fine = |skin: &Skin| {
             let all_are_felt = |grid| self.shapes.iter().all(|shape| is_felt(grid, shape));
@@ -334,21 +348,21 @@ impl<'a> NodalLoadStepping<'a> {
     }
 
     /// Performs [`NodalLoadStepping::attempt`] on one level from the nodes `held` there; `None` if
-    /// it is `limited` and too many of its nodes touch.
+    /// more than `most` of its nodes touch.
     fn attempt_on(
         &mut self,
         level: usize,
         held: &[Held],
         poses: &[Isometry3<f64>],
         reach: f64,
-        limited: bool,
+        most: Option<usize>,
     ) -> Result<Option<NodalState>> {
         let mut room = self.state.amplitude + reach;
         loop {
-            let state = self.attempt_within((level, held), poses, [room, reach], limited)?;
+            let state = self.attempt_within((level, held), poses, [room, reach], most)?;
             let Some(state) = state else { return Ok(None) };
             if state.amplitude <= room {
-                if limited && state.held.len() > MOST {
+                if most.is_some_and(|most| state.held.len() > most) {
                     return Ok(None);
                 }
                 let checked = self.check_between(&state).and_then(|()| self.check_inside(&state));
@@ -365,12 +379,12 @@ impl<'a> NodalLoadStepping<'a> {
         (level, held): (usize, &[Held]),
         poses: &[Isometry3<f64>],
         [room, reach]: [f64; 2],
-        limited: bool,
+        most: Option<usize>,
     ) -> Result<Option<NodalState>> {
         let (shapes, skin) = (self.shapes, &self.levels[level]);
         let from = &self.state.poses;
         let way = Move { shapes, from, to: poses };
-        let most = if limited { 2 * MOST } else { usize::MAX };
+        let most = most.map_or(usize::MAX, |most| 2 * most);
         let patch = Patch::new(skin, &self.law, way, [room, reach], most, held, self.scratch);
         let Some(mut patch) = patch else { return Ok(None) };
         let sweeps = patch.settle()?;
