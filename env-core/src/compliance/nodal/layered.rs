@@ -429,7 +429,9 @@ impl ModelFace {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Isometry3;
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
     use super::*;
     use crate::{
@@ -439,15 +441,66 @@ mod tests {
         sensor::Sensor,
     };
 
-    #[test]
-    fn refined_displacement_is_that_under_all_cells() {
+    fn layered() -> LayeredPad {
         let sensor = Sensor::named("gelsight-mini").unwrap();
         let pad = sensor.pad(1000).unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
         let options = Options { friction: 0.5, sweeps: 0 };
         let compliance = Compliance::new(body, options).unwrap();
-        let layered = LayeredPad::new(&compliance, &sensor.outline, &pad, &pad).unwrap();
+        LayeredPad::new(&compliance, &sensor.outline, &pad, &pad).unwrap()
+    }
+
+    #[test]
+    fn walls_are_felt_by_cells_as_wide_only_from_their_side() {
+        let layered = layered();
+        let cup = Shape::Cup { bottom: 0.018, rim: 0.0181, half_height: 0.022, wall: 2e-3 };
+        let under = |turn: f64, [x, height]: [f64; 2]| {
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), turn);
+            let at = |depth: f64| {
+                vec![Isometry3::from_parts(Translation3::new(x, 0.0, height - depth), turn)]
+            };
+            let path = [2e-4, 4e-4, 6e-4, 8e-4].map(at).to_vec();
+            let press = Press::along(vec![cup.clone()], path).unwrap();
+            layered.settled_path(&press).pop().unwrap().unwrap()
+        };
+        let (side, rim) = (under(-FRAC_PI_2, [0.0, 0.018]), under(PI, [-0.017, 0.022]));
+        assert!(
+            side.level == 0 && side.forces.len() > 64,
+            "{} on {}",
+            side.forces.len(),
+            side.level
+        );
+        assert!(rim.level == 1 && rim.forces.len() > 96, "{} on {}", rim.forces.len(), rim.level);
+    }
+
+    #[test]
+    fn a_first_touch_is_found_on_cells_as_large_as_it_allows() {
+        let layered = layered();
+        let touch = |shape: Shape, height: f64| {
+            let path = vec![vec![Isometry3::translation(0.0, 0.0, height)]];
+            let press = Press::along(vec![shape], path).unwrap();
+            layered.settled_path(&press).pop().unwrap().unwrap()
+        };
+        let radius = 1e-3;
+        let ball = |depth: f64| touch(Shape::Sphere { radius }, radius - depth);
+        assert!(ball(-1e-5).forces.is_empty());
+        let little = ball(1e-5);
+        assert!(little.level == 5 && !little.forces.is_empty(), "on level {}", little.level);
+        let block = Shape::Cuboid { half_extents: Vector3::repeat(1.5e-2) };
+        assert!(touch(block.clone(), 1.5e-2 + 1e-5).forces.is_empty());
+        let wide = touch(block, 1.5e-2 - 3e-4);
+        assert!(
+            wide.level == 0 && wide.forces.len() > 96,
+            "{} on {}",
+            wide.forces.len(),
+            wide.level
+        );
+    }
+
+    #[test]
+    fn refined_displacement_is_that_under_all_cells() {
+        let layered = layered();
         // At one side and in the middle, by small and large balls.
         for (radius, x) in [(1.5e-3, 0.0), (8e-3, 0.0), (3e-3, 7e-3)] {
             let pose = Isometry3::translation(x, 2e-3, radius - 5e-4);
