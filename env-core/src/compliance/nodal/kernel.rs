@@ -58,7 +58,7 @@ const OWN: usize = 24;
 /// Number of cells along y in a strip.
 pub(super) const STRIP: usize = 8;
 /// Distance in cells along each axis of strips that are read as they lie in memory.
-const NEAR: usize = 31;
+const NEAR: i32 = 31;
 /// Largest wave number, in 1/t over the depth in t, and its largest value at the face.
 const WAVES: (f64, f64) = (14.0, 40.0);
 /// Wave numbers are this far apart, in 1/t.
@@ -113,9 +113,8 @@ impl Table {
         let rows = (0..=count[0]).flat_map(|i| (0..=count[1]).map(move |j| (i, j)));
         let entries = rows.map(|(i, j)| at(i, j)).collect();
         let mut all = Self { count: count.map(|count| count + 1), entries, near: Vec::new() };
-        let near = NEAR as i32;
-        for (x, axis) in (-near..=near).flat_map(|x| [0, 1, 2].map(|axis| (x, axis))) {
-            for y in -near..near + STRIP as i32 {
+        for (x, axis) in (-NEAR..=NEAR).flat_map(|x| [0, 1, 2].map(|axis| (x, axis))) {
+            for y in (-NEAR..).take(2 * NEAR as usize + STRIP) {
                 let columns = all.at([x, y]);
                 all.near.extend_from_slice(&columns[4 * axis..][..3]);
             }
@@ -127,10 +126,10 @@ impl Table {
     /// along each axis (m/N), if it is near.
     #[inline(always)]
     pub(super) fn strip(&self, away: [i32; 2]) -> Option<[&[f32; 3 * STRIP]; 3]> {
-        const WIDTH: usize = 3 * (2 * NEAR + STRIP);
-        let place = |axis: usize| (away[axis] + NEAR as i32) as usize;
+        const WIDTH: usize = 3 * (2 * NEAR as usize + STRIP);
+        let place = |axis: usize| (away[axis] + NEAR) as usize;
         let [x, y] = [place(0), place(1)];
-        if x > 2 * NEAR || y > 2 * NEAR {
+        if x.max(y) > 2 * NEAR as usize {
             return None;
         }
         let rows = &self.near[3 * WIDTH * x..][..3 * WIDTH];

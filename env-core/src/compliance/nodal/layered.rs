@@ -201,23 +201,20 @@ impl LayeredPad {
         for (cell, force) in &settled.forces {
             let force: [f32; 3] = force.cast::<f32>().into();
             let near = model.near(&grid.place(*cell));
-            match self.known.get(settled.level) {
-                Some(by_cell) => {
-                    let Known { unit, changes, .. } = &by_cell[*cell as usize];
-                    let force = force.map(|f| f * unit);
-                    vectorised(
-                        #[inline(always)]
-                        || add(&mut sum, model.nodes.len(), near, changes, force),
-                    );
-                }
-                None => {
-                    let changes = model.changes(grid, *cell, force);
-                    let layers = sum.chunks_exact_mut(model.nodes.len());
-                    for (layer, changes) in layers.zip(changes.chunks_exact(near.len())) {
-                        for (node, change) in near.iter().zip(changes) {
-                            let sum = &mut layer[*node as usize];
-                            (0..3).for_each(|i| sum[i] += change[i]);
-                        }
+            if let Some(by_cell) = self.known.get(settled.level) {
+                let Known { unit, changes, .. } = &by_cell[*cell as usize];
+                let force = force.map(|f| f * unit);
+                vectorised(
+                    #[inline(always)]
+                    || add(&mut sum, model.nodes.len(), near, changes, force),
+                );
+            } else {
+                let changes = model.changes(grid, *cell, force);
+                let layers = sum.chunks_exact_mut(model.nodes.len());
+                for (layer, changes) in layers.zip(changes.chunks_exact(near.len())) {
+                    for (node, change) in near.iter().zip(changes) {
+                        let sum = &mut layer[*node as usize];
+                        (0..3).for_each(|i| sum[i] += change[i]);
                     }
                 }
             }

@@ -40,8 +40,8 @@ pub(super) struct Spots {
     /// Displacement around the first grid's cells under unit forces on some cells (3, 3T each) in
     /// m/N, by the sides.
     rows: Vec<f32>,
-    /// Whether each cell's rows are known, and their place in `rows` if they are not zero (N).
-    known: Vec<Option<Option<usize>>>,
+    /// First and end in `rows` of each cell's, if they are known; the same if they are zero (N).
+    known: Vec<Option<[usize; 2]>>,
 }
 
 impl Spots {
@@ -63,7 +63,7 @@ impl Spots {
             let cell = grid.cell(rank);
             self.cells.push(cell);
             match self.strips.last() {
-                Some(strip) if strip[0] == cell[0] && cell[1] < strip[1] + STRIP as i32 => {}
+                Some(strip) if strip[0] == cell[0] && ((cell[1] - strip[1]) as usize) < STRIP => {}
                 _ => self.strips.push(cell),
             }
             let last = self.strips.len() - 1;
@@ -131,7 +131,7 @@ impl Spots {
         force: &Vector3<f64>,
         displacement: &mut [f32],
     ) {
-        let row = self.row(grid, loaded);
+        let [first, end] = self.rows(grid, loaded);
         let (by_layer, by_sides) = displacement.split_at_mut(3 * STRIP * self.strips.len());
         let by_layer = by_layer.as_chunks_mut().0;
         let (force, from) = (force.cast::<f32>().into(), self.cells[loaded]);
@@ -139,8 +139,8 @@ impl Spots {
             #[inline(always)]
             || {
                 add_strips(by_layer, (&self.active, &self.strips), grid.layer(), from, force);
-                if let Some(first) = row {
-                    add_rows(by_sides, &self.rows[first..first + 9 * self.coarse.len()], force);
+                if first < end {
+                    add_rows(by_sides, &self.rows[first..end], force);
                 }
             },
         );
@@ -170,7 +170,8 @@ impl Spots {
     /// Displacement of a cell under unit forces on itself (m/N).
     pub(super) fn own(&mut self, grid: &Grid, cell: usize) -> Matrix3<f64> {
         let mut sum = matrix(&grid.layer().at([0, 0]));
-        if let Some(first) = self.row(grid, cell) {
+        let [first, end] = self.rows(grid, cell);
+        if first < end {
             let size = 3 * self.coarse.len();
             for (number, (_, share)) in self.parts(cell) {
                 let at = |i, axis| self.rows[first + axis * size + 3 * number as usize + i];
@@ -185,24 +186,22 @@ impl Spots {
         self.numbers[cell].into_iter().zip(self.around[cell])
     }
 
-    /// Place in `rows` of the responses to forces on cell `loaded`, which are computed if they are
-    /// not known; `None` if they are zero.
-    fn row(&mut self, grid: &Grid, loaded: usize) -> Option<usize> {
+    /// First and end in `rows` of the responses to forces on cell `loaded`, which are computed if they
+    /// are not known; the same if they are zero.
+    fn rows(&mut self, grid: &Grid, loaded: usize) -> [usize; 2] {
         if let Some(known) = self.known[loaded] {
             return known;
         }
         let first = self.rows.len();
-        let row = grid.edges().and_then(|edges| {
+        if let Some(edges) = grid.edges() {
             self.rows.resize(first + 9 * self.coarse.len(), 0.0);
-            let matters =
-                edges.add_rows(self.around[loaded], &self.coarse, &mut self.rows[first..]);
-            matters.then_some(first)
-        });
-        if row.is_none() {
-            self.rows.truncate(first);
+            if !edges.add_rows(self.around[loaded], &self.coarse, &mut self.rows[first..]) {
+                self.rows.truncate(first);
+            }
         }
-        self.known[loaded] = Some(row);
-        row
+        let rows = [first, self.rows.len()];
+        self.known[loaded] = Some(rows);
+        rows
     }
 }
 
