@@ -36,6 +36,20 @@ impl Shape {
             Self::StarShaped(_) | Self::HalfSpace | Self::Mesh(_) => f64::INFINITY,
         }
     }
+
+    /// Smallest extent of the walls along themselves (m); that of the thickness for solids that are
+    /// not walls all over.
+    pub fn breadth(&self) -> f64 {
+        match self {
+            Self::Cuboid { half_extents: v } => {
+                let mut extents = [v.x, v.y, v.z];
+                extents.sort_unstable_by(f64::total_cmp);
+                2.0 * extents[1]
+            }
+            Self::Cup { bottom, half_height, .. } => 2.0 * bottom.min(*half_height),
+            _ => self.thickness(),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -43,6 +57,14 @@ mod tests {
     use nalgebra::{Point3, Vector3};
 
     use super::*;
+
+    #[test]
+    fn walls_are_as_broad_as_they_are_small() {
+        let plate = Shape::Cuboid { half_extents: Vector3::new(8e-3, 1e-3, 4e-3) };
+        let cup = Shape::Cup { bottom: 5e-3, rim: 6e-3, half_height: 9e-3, wall: 1e-3 };
+        assert!((plate.breadth() - 8e-3).abs() < 1e-12 && (cup.breadth() - 1e-2).abs() < 1e-12);
+        assert!((Shape::Sphere { radius: 1e-3 }.breadth() - 2e-3).abs() < 1e-12);
+    }
 
     #[test]
     fn a_ball_of_the_thickness_just_fits() {

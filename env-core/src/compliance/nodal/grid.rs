@@ -11,7 +11,7 @@
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
-use std::{collections::BTreeMap, sync::Arc};
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
@@ -24,6 +24,8 @@ use crate::{
     compliance::condensed::Condensed,
     deformation::Moduli,
     geometry::{PadMesh, PadOutline, Shape},
+    responses::Responses,
+    simd::vectorised,
 };
 
 /// Cells of the first grid are grouped in squares of this many along each axis.
@@ -64,10 +66,44 @@ pub(super) struct Grid {
 
 /// Compliance of a pad less that of a layer, between tractions around the cells of the first grid.
 pub(super) struct Edges {
-    /// Displacement around each cell under unit forces around each (C, C) in m/N.
-    entries: Vec<Columns>,
+    /// Displacement around all cells under unit forces around each along each axis (3C, 3C) in m/N.
+    entries: Vec<f32>,
     /// Whether the sides matter to forces on each cell, or to its displacement (C).
     is_near: Vec<bool>,
+    /// Cells along y.
+    rows: u32,
+}
+
+/// Cells of the first grid in a rectangle, counted row after row along y: first cell along x and y,
+/// and numbers of them.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Around {
+    first: [u32; 2],
+    count: [u32; 2],
+}
+
+impl Around {
+    /// The smallest that contains some cells, given by their places along x and y.
+    pub(super) fn of(cells: impl Iterator<Item = [u32; 2]>) -> Self {
+        let none = ([u32::MAX; 2], [0; 2]);
+        let (first, end) = cells.fold(none, |(first, end), cell| {
+            let wider = |axis: usize| (first[axis].min(cell[axis]), end[axis].max(cell[axis] + 1));
+            let [x, y] = [wider(0), wider(1)];
+            ([x.0, y.0], [x.1, y.1])
+        });
+        let count = [0, 1].map(|axis| end[axis].saturating_sub(first[axis]));
+        Self { first, count }
+    }
+
+    /// Number of cells.
+    pub(super) fn len(&self) -> usize {
+        (self.count[0] * self.count[1]) as usize
+    }
+
+    /// Number of the cell at a place along x and y.
+    pub(super) fn number(&self, cell: [u32; 2]) -> u32 {
+        (cell[0] - self.first[0]) * self.count[1] + cell[1] - self.first[1]
+    }
 }
 
 impl Cells {
@@ -148,7 +184,8 @@ impl Grid {
     }
 
     fn count(&self) -> [u32; 2] {
-        self.cells.count.map(|count| count << self.level)
+        let [nx, ny] = self.cells.count;
+        [nx << self.level, ny << self.level]
     }
 
     /// Number of cells M.
@@ -158,13 +195,20 @@ impl Grid {
     }
 
     /// Sides of a cell in plan (m).
+    #[inline(always)]
     fn sides(&self) -> [f64; 2] {
-        self.cells.sides.map(|side| side / f64::from(1u32 << self.level))
+        let ([x, y], parts) = (self.cells.sides, f64::from(1u32 << self.level));
+        [x / parts, y / parts]
     }
 
     /// Area of a cell in plan (m²).
     pub(super) fn area(&self) -> f64 {
         self.sides().iter().product()
+    }
+
+    /// Longest side of a cell in plan (m).
+    pub(super) fn longest_side(&self) -> f64 {
+        self.sides().into_iter().fold(0.0, f64::max)
     }
 
     /// Half of a cell's diagonal, and a fifth more for slopes (m).
@@ -176,7 +220,7 @@ impl Grid {
     /// Place of a cell along x and y.
     pub(super) fn cell(&self, rank: u32) -> [i32; 2] {
         let rows = self.count()[1];
-        [rank / rows, rank % rows].map(u32::cast_signed)
+        [(rank / rows).cast_signed(), (rank % rows).cast_signed()]
     }
 
     /// Centre of a cell on the face at rest.
@@ -228,9 +272,46 @@ impl Grid {
         self.layer().between(away.map(|cells| cells as f32))
     }
 
+    /// Displacement of the cells under unit forces on each of them, if this is the first grid.
+    pub(super) fn responses(&self) -> Responses {
+        let count = self.len() as u32;
+        let mut all = Responses::new(3 * count as usize);
+        for loaded in 0..count {
+            let from = self.cell(loaded);
+            let response = |at: u32| {
+                let to = self.cell(at);
+                let mut sum = self.layer().at([to[0] - from[0], to[1] - from[1]]);
+                if let Some(block) = self.edges().and_then(|edges| edges.block(loaded, at)) {
+                    sum.iter_mut().zip(block).for_each(|(sum, c)| *sum += c);
+                }
+                sum
+            };
+            let columns: Vec<_> = (0..count).map(response).collect();
+            for axis in 0..3 {
+                let part = |columns: &Columns| [0, 1, 2].map(|i| f64::from(columns[4 * axis + i]));
+                all.push(columns.iter().flat_map(part));
+            }
+        }
+        all
+    }
+
+    /// Displacement of a point of the plan at some distance (m) from a cell under a `force` (N) on
+    /// it, by the layer alone (m).
+    #[inline(always)]
+    pub(super) fn under(&self, away: [f64; 2], force: [f32; 3]) -> [f32; 3] {
+        let sides = self.sides();
+        self.layer().under([(away[0] / sides[0]) as f32, (away[1] / sides[1]) as f32], force)
+    }
+
     /// What all grids of the pad share.
     pub(super) fn cells(&self) -> &Cells {
         &self.cells
+    }
+
+    /// Place along x and y of a cell of the first grid.
+    pub(super) fn first_cell(&self, rank: u32) -> [u32; 2] {
+        let rows = self.cells.count[1];
+        [rank / rows, rank % rows]
     }
 
     /// Cells of the first grid around a cell, with weights that sum to 1.
@@ -243,30 +324,26 @@ impl Grid {
     pub(super) fn field<'a>(
         &'a self,
         forces: &[(u32, Vector3<f64>)],
-    ) -> impl FnMut(u32) -> Vector3<f64> + 'a {
-        let mut coarse = BTreeMap::<u32, Vector3<f32>>::new();
+    ) -> impl Fn(u32) -> Vector3<f64> + 'a {
+        let [nx, ny] = self.cells.count;
+        let mut around = vec![Vector3::<f32>::zeros(); (nx * ny) as usize];
         for (rank, force) in forces {
             for (cell, share) in self.around(*rank) {
-                *coarse.entry(cell).or_default() += (force * share).cast::<f32>();
+                around[cell as usize] += (force * share).cast::<f32>();
             }
         }
+        let by_edges = self.edges().map(|edges| edges.field(&around));
         let loaded: Vec<_> =
             forces.iter().map(|(rank, f)| (self.cell(*rank), f.cast::<f32>().into())).collect();
-        let [nx, ny] = self.cells.count;
-        let mut known: Vec<Option<Vector3<f64>>> = vec![None; (nx * ny) as usize];
         move |rank| {
             let mut sum =
                 Vector3::<f32>::from(self.layer().sum(self.cell(rank), &loaded)).cast::<f64>();
-            if let Some(edges) = &self.cells.edges
+            if let Some(by_edges) = &by_edges
                 && !loaded.is_empty()
             {
                 for (to, share) in self.around(rank) {
-                    let part = |(from, f): (&u32, &Vector3<f32>)| {
-                        Some(matrix(edges.block(*from, to)?) * f)
-                    };
-                    let sum_of_parts =
-                        || coarse.iter().filter_map(part).sum::<Vector3<f32>>().cast();
-                    sum += *known[to as usize].get_or_insert_with(sum_of_parts) * share;
+                    let by_edges: [f32; 3] = std::array::from_fn(|i| by_edges[3 * to as usize + i]);
+                    sum += Vector3::from(by_edges).cast::<f64>() * share;
                 }
             }
             sum
@@ -283,7 +360,7 @@ impl Grid {
         [room, reach]: [f64; 2],
         most: usize,
     ) -> Option<Vec<u32>> {
-        let mut field = self.field(forces);
+        let field = self.field(forces);
         let (mut found, mut inside) = (Vec::new(), 0);
         // Squares still to be searched: cells along a side in units of this grid, first cell, and
         // displacement if it is known.
@@ -326,10 +403,9 @@ impl Grid {
             let enough = if moved.is_some() { 1.5 * around + reach } else { around + room };
             if gap < enough {
                 let half = size / 2;
-                open.extend(
-                    [[0, 0], [0, 1], [1, 0], [1, 1]]
-                        .map(|[a, b]| (half, [i + a * half, j + b * half], moved)),
-                );
+                for (i, j) in [(i, j), (i, j + half), (i + half, j), (i + half, j + half)] {
+                    open.push((half, [i, j], moved));
+                }
             }
         }
         Some(found)
@@ -406,7 +482,7 @@ impl Edges {
             let (to, from) = (grid.cell(at), grid.cell(loaded));
             matrix(&grid.layer().at([to[0] - from[0], to[1] - from[1]]))
         };
-        let mut entries = vec![Columns::default(); size * size];
+        let mut entries = vec![0.0; 9 * size * size];
         for (node, loaded) in tents.iter().enumerate() {
             let under = |at: u32| -> Matrix3<f64> {
                 let part = |&(cell, share): &(u32, f64)| by_layer(cell, at).cast() * share;
@@ -419,20 +495,80 @@ impl Edges {
                 let share = f64::max(share_of_sides(node), share_of_sides(at));
                 for (axis, i) in (0..3).flat_map(|axis| (0..3).map(move |i| (axis, i))) {
                     let found = elements.at(node as u32, axis, 3 * at + i);
-                    entries[node * size + at][4 * axis + i] =
+                    entries[3 * size * (3 * node + axis) + 3 * at + i] =
                         (share * (found - layer[(i, axis)])) as f32;
                 }
             }
         }
         let is_near = (0..size).map(|cell| share_of_sides(cell) > 0.0).collect();
-        Self { entries, is_near }
+        Self { entries, is_near, rows: cells.count[1] }
+    }
+
+    /// Displacement around all cells (3C) in m under forces around each (C) in N.
+    fn field(&self, forces: &[Vector3<f32>]) -> Vec<f32> {
+        let size = 3 * self.is_near.len();
+        let mut sum = vec![0.0; size];
+        let forces = forces.iter().flat_map(|force| <[f32; 3]>::from(*force));
+        vectorised(
+            #[inline(always)]
+            || {
+                for (force, row) in forces.clone().zip(self.entries.chunks_exact(size)) {
+                    if force != 0.0 {
+                        sum.iter_mut().zip(row).for_each(|(sum, c)| *sum += force * c);
+                    }
+                }
+            },
+        );
+        sum
+    }
+
+    /// Adds to `rows` the displacement of the T cells that are `around` under unit forces along each
+    /// axis (3, 3T), shared among the cells `loaded`. Returns whether it is not zero.
+    pub(super) fn add_rows(
+        &self,
+        loaded: [(u32, f32); 4],
+        around: &Around,
+        rows: &mut [f32],
+    ) -> bool {
+        let Around { first, count } = *around;
+        let (size, width) = (3 * self.is_near.len(), 3 * count[1] as usize);
+        let places = (first[0]..first[0] + count[0]).map(|x| x * self.rows + first[1]);
+        let is_near = |first: u32, count: u32| {
+            self.is_near[first as usize..][..count as usize].iter().any(|near| *near)
+        };
+        let matters = loaded.iter().any(|(from, _)| is_near(*from, 1))
+            || places.clone().any(|place| is_near(place, count[1]));
+        if !matters {
+            return false;
+        }
+        vectorised(
+            #[inline(always)]
+            || {
+                for (from, by) in loaded {
+                    let mut rows = rows.chunks_exact_mut(width);
+                    for axis in 0..3 {
+                        let row = &self.entries[size * (3 * from as usize + axis)..][..size];
+                        for place in places.clone() {
+                            let part = &row[3 * place as usize..][..width];
+                            let sum = rows.next().expect("a row for each axis and place");
+                            sum.iter_mut().zip(part).for_each(|(sum, c)| *sum += by * c);
+                        }
+                    }
+                }
+            },
+        );
+        true
     }
 
     /// Displacement around cell `at` under unit forces around cell `loaded` (m/N), if it is not zero.
     #[inline(always)]
-    pub(super) fn block(&self, loaded: u32, at: u32) -> Option<&Columns> {
-        let [loaded, at] = [loaded as usize, at as usize];
+    pub(super) fn block(&self, loaded: u32, at: u32) -> Option<Columns> {
+        let ([loaded, at], size) = ([loaded as usize, at as usize], 3 * self.is_near.len());
         let is_near = self.is_near[loaded] || self.is_near[at];
-        is_near.then(|| &self.entries[loaded * self.is_near.len() + at])
+        is_near.then(|| {
+            let part = |axis| &self.entries[size * (3 * loaded + axis) + 3 * at..][..3];
+            let [x, y, z] = [part(0), part(1), part(2)];
+            [x[0], x[1], x[2], 0.0, y[0], y[1], y[2], 0.0, z[0], z[1], z[2], 0.0]
+        })
     }
 }

@@ -33,6 +33,9 @@ pub(super) struct Table {
     count: [usize; 2],
     /// Displacements for distances of 0 or more. The signs of x and y turn with those of a distance.
     entries: Vec<Columns>,
+    /// Displacements for distances up to [`NEAR`] with their signs, and for a strip more along y: by
+    /// distance along x, axis of the force and distance along y.
+    near: Vec<f32>,
 }
 
 /// Displacement under unit forces along each axis (m/N): three columns of three numbers and one
@@ -52,6 +55,10 @@ const REACH: f64 = 4.0;
 /// Distance in cells up to which cells smaller than the first level's have entries of their own;
 /// farther away, the larger cells' are interpolated.
 const OWN: usize = 24;
+/// Number of cells along y in a strip.
+pub(super) const STRIP: usize = 8;
+/// Distance in cells along each axis of strips that are read as they lie in memory.
+const NEAR: i32 = 31;
 /// Largest wave number, in 1/t over the depth in t, and its largest value at the face.
 const WAVES: (f64, f64) = (14.0, 40.0);
 /// Wave numbers are this far apart, in 1/t.
@@ -105,7 +112,29 @@ impl Table {
         };
         let rows = (0..=count[0]).flat_map(|i| (0..=count[1]).map(move |j| (i, j)));
         let entries = rows.map(|(i, j)| at(i, j)).collect();
-        Self { count: count.map(|count| count + 1), entries }
+        let mut all = Self { count: count.map(|count| count + 1), entries, near: Vec::new() };
+        for (x, axis) in (-NEAR..=NEAR).flat_map(|x| [0, 1, 2].map(|axis| (x, axis))) {
+            for y in (-NEAR..).take(2 * NEAR as usize + STRIP) {
+                let columns = all.at([x, y]);
+                all.near.extend_from_slice(&columns[4 * axis..][..3]);
+            }
+        }
+        all
+    }
+
+    /// Displacements of a strip whose first cell is `away` from the loaded one under unit forces
+    /// along each axis (m/N), if it is near.
+    #[inline(always)]
+    pub(super) fn strip(&self, away: [i32; 2]) -> Option<[&[f32; 3 * STRIP]; 3]> {
+        const WIDTH: usize = 3 * (2 * NEAR as usize + STRIP);
+        let place = |axis: usize| (away[axis] + NEAR) as usize;
+        let [x, y] = [place(0), place(1)];
+        if x.max(y) > 2 * NEAR as usize {
+            return None;
+        }
+        let rows = &self.near[3 * WIDTH * x..][..3 * WIDTH];
+        let axis = |axis| rows[axis * WIDTH + 3 * y..].first_chunk();
+        Some([axis(0)?, axis(1)?, axis(2)?])
     }
 
     /// Displacement of a cell under unit forces on the cell from which it is `away`, in cells along
@@ -127,8 +156,8 @@ impl Table {
     fn entry(&self, away: [i32; 2]) -> (&Columns, [f32; 4]) {
         let place =
             |axis: usize| usize::min(away[axis].unsigned_abs() as usize, self.count[axis] - 1);
-        let [x, y] = away.map(|cells| if cells < 0 { -1.0 } else { 1.0 });
-        (&self.entries[place(0) * self.count[1] + place(1)], [x, y, 1.0, 1.0])
+        let sign = |axis: usize| if away[axis] < 0 { -1.0 } else { 1.0 };
+        (&self.entries[place(0) * self.count[1] + place(1)], [sign(0), sign(1), 1.0, 1.0])
     }
 
     /// Displacement (m) of the cell `at` under forces (N) on the cells `loaded`.
@@ -167,6 +196,28 @@ impl Table {
     }
 }
 
+impl Table {
+    /// Displacement (m) under a `force` (N) at a distance that is not a whole number of cells,
+    /// interpolated.
+    #[inline(always)]
+    pub(super) fn under(&self, away: [f32; 2], force: [f32; 3]) -> [f32; 3] {
+        let low = [away[0].floor(), away[1].floor()];
+        let share = [away[0] - low[0], away[1] - low[1]];
+        let mut sum = [0.0; 4];
+        for (i, by_x) in [(0, 1.0 - share[0]), (1, share[0])] {
+            for (j, by_y) in [(0, 1.0 - share[1]), (1, share[1])] {
+                let (entry, signs) = self.entry([low[0] as i32 + i, low[1] as i32 + j]);
+                let f = [force[0] * signs[0], force[1] * signs[1], force[2]];
+                for k in 0..4 {
+                    let moved = f[0] * entry[k] + f[1] * entry[4 + k] + f[2] * entry[8 + k];
+                    sum[k] += by_x * by_y * signs[k] * moved;
+                }
+            }
+        }
+        [sum[0], sum[1], sum[2]]
+    }
+}
+
 /// The matrix of some columns.
 pub(super) fn matrix(columns: &Columns) -> Matrix3<f32> {
     Matrix3::from_fn(|i, axis| columns[4 * axis + i])
@@ -185,6 +236,22 @@ impl PlaneKernel {
     /// Displacement at a horizontal distance (m) from a unit force on the face (m/N).
     pub(super) fn at(&self, x: f64, y: f64) -> Matrix3<f64> {
         self.radial.at(x / self.thickness, y / self.thickness) * self.scale
+    }
+
+    /// Displacement at a horizontal distance (m) from a `force` (N) on the face (m).
+    #[inline(always)]
+    pub(super) fn under(&self, [x, y]: [f64; 2], force: [f32; 3]) -> [f32; 3] {
+        let Some((parts, [x, y, half])) = self.radial.parts(x / self.thickness, y / self.thickness)
+        else {
+            return [0.0; 3];
+        };
+        let [mean, deviator, normal, out, back] = parts;
+        let f = |axis: usize| f64::from(force[axis]) * self.scale;
+        let [fx, fy, fz] = [f(0), f(1), f(2)];
+        let along = x * fx + y * fy;
+        let (even, away) = (mean - deviator * half, deviator * along + out * fz);
+        let (ux, uy, uz) = (even * fx + away * x, even * fy + away * y, back * along + normal * fz);
+        [ux as f32, uy as f32, uz as f32]
     }
 }
 
@@ -301,17 +368,23 @@ impl Radial {
         ends.iter().map(|[x, y]| self.at(at[0] + x, at[1] + y)).sum::<Matrix3<f64>>() * 0.25
     }
 
-    fn at(&self, x: f64, y: f64) -> Matrix3<f64> {
+    /// Parts at the distance of (x, y), its direction, and half of the square of this vector.
+    #[inline(always)]
+    fn parts(&self, x: f64, y: f64) -> Option<(Wave, [f64; 3])> {
         let r = (x * x + y * y).sqrt();
         let place = r * RADII as f64;
-        let Some([low, high]) = self.by_radius.get(place as usize..).and_then(<[_]>::first_chunk)
-        else {
-            return Matrix3::zeros();
-        };
+        let [low, high] = self.by_radius.get(place as usize..)?.first_chunk()?;
         let share = place.fract();
-        let [mean, deviator, normal, out, back] =
-            std::array::from_fn(|i| low[i] + share * (high[i] - low[i]));
-        let (x, y, half) = if r > 0.0 { (x / r, y / r, 0.5) } else { (0.0, 0.0, 0.0) };
+        let mut parts = *low;
+        for i in 0..parts.len() {
+            parts[i] += share * (high[i] - low[i]);
+        }
+        Some((parts, if r > 0.0 { [x / r, y / r, 0.5] } else { [0.0; 3] }))
+    }
+
+    fn at(&self, x: f64, y: f64) -> Matrix3<f64> {
+        let Some((parts, [x, y, half])) = self.parts(x, y) else { return Matrix3::zeros() };
+        let [mean, deviator, normal, out, back] = parts;
         Matrix3::new(
             mean + deviator * (x * x - half),
             deviator * x * y,

@@ -5,7 +5,9 @@
 //! regular grids of cells ([`Grid`]), each twice as fine as the one before, chosen in every load
 //! step by the number of cells that touch.
 
-use std::{cell::RefCell, collections::BTreeMap, sync::Arc};
+#![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
+
+use std::{cell::RefCell, sync::Arc};
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -22,6 +24,7 @@ use crate::{
     contact::ContactLaw,
     deformation::Press,
     geometry::{PadMesh, PadOutline, plan_shares},
+    simd::vectorised,
 };
 
 /// Longest side of the cells of the first grid (m), and number of grids.
@@ -30,7 +33,7 @@ const LEVELS: u32 = 6;
 /// Distance in plan of a cell from the nodes that see it as a cell, and not as tractions around face
 /// nodes, in spacings of the nodes.
 const NEAR: f64 = 3.5;
-/// Number of levels whose many cells' changes of the nodes' displacement are computed in advance.
+/// Number of levels of whose many cells some is known in advance.
 const KEPT: usize = 2;
 
 thread_local! {
@@ -45,12 +48,22 @@ pub struct LayeredPad {
     levels: Arc<Vec<Skin>>,
     law: ContactLaw,
     model: Arc<ModelFace>,
-    /// [`ModelFace::changes`] by each cell of the first levels.
-    changes: Arc<Vec<Vec<Vec<Change>>>>,
+    /// Of each cell of the first levels.
+    known: Arc<Vec<Vec<Known>>>,
 }
 
-/// Node, and change of its displacement by a unit force along each axis on a cell (m/N).
-type Change = (u32, Matrix3<f32>);
+/// Change of the displacement of a node by a unit force along each axis on a cell: three numbers
+/// in some unit and one that is not used.
+type Change = [[i16; 4]; 3];
+
+/// What is known of a cell in advance.
+struct Known {
+    /// [`ModelFace::under`] it.
+    under: ([u32; 3], [f64; 3]),
+    /// Changes by a unit force on it, and their unit (m/N).
+    changes: Vec<Change>,
+    unit: f32,
+}
 
 /// Contact of the cells around a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -81,7 +94,7 @@ struct ModelFace {
     /// Free layers below the face.
     below: Vec<PlaneKernel>,
     /// Displacement of the nodes of each free layer under unit forces around each face node, by the
-    /// elastic layer alone (C, C) in m/N.
+    /// elastic layer alone, by the latter first (C, C) in m/N.
     between: Vec<Vec<Matrix3<f32>>>,
 }
 
@@ -110,12 +123,12 @@ impl LayeredPad {
             |layer| PlaneKernel::new(outline.thickness * part(layer), outline.thickness, moduli);
         let below = (1..layers).map(plane).collect();
         let model = Arc::new(ModelFace::new(model, below, &Grid::new(&cells, 1)));
-        let changes = levels.iter().take(KEPT).map(|skin| {
+        let known = levels.iter().take(KEPT).map(|skin| {
             let grid = skin.grid().expect("levels are grids");
-            (0..grid.len() as u32).map(|cell| model.changes(grid, cell)).collect()
+            (0..grid.len() as u32).map(|cell| Known::new(&model, grid, cell)).collect()
         });
-        let changes = Arc::new(changes.collect());
-        Ok(Self { levels: Arc::new(levels), law: compliance.settings.law, model, changes })
+        let known = Arc::new(known.collect());
+        Ok(Self { levels: Arc::new(levels), law: compliance.settings.law, model, known })
     }
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
@@ -135,14 +148,19 @@ impl LayeredPad {
     /// ascending.
     pub fn contacts(&self, settled: &Settled) -> Vec<(u32, NodeContact)> {
         let grid = self.grid(settled);
-        let mut sum = BTreeMap::<u32, NodeContact>::new();
+        let mut sum = vec![NodeContact::default(); self.model.nodes.len()];
+        let mut bears = vec![false; sum.len()];
         for ((rank, force), normal) in settled.forces.iter().zip(&settled.normals) {
-            let (corners, shares) = self.model.under(&grid.place(*rank));
+            let (corners, shares) = match self.known.get(settled.level) {
+                Some(by_cell) => by_cell[*rank as usize].under,
+                None => self.model.under(&grid.place(*rank)),
+            };
             let size = force.norm();
             // Slope of the shape against the face, up to that of a wall of 84°.
             let slope = normal.xy().norm_squared() / normal.z.powi(2).max(1e-2);
             for (corner, share) in corners.into_iter().zip(shares).filter(|(_, s)| *s > 0.0) {
-                let contact = sum.entry(corner).or_default();
+                bears[corner as usize] = true;
+                let contact = &mut sum[corner as usize];
                 contact.force += force * share;
                 contact.borne += size * share;
                 contact.area += grid.area() * share;
@@ -150,7 +168,7 @@ impl LayeredPad {
                 contact.slope += slope * (size * share);
             }
         }
-        sum.into_iter().collect()
+        (0..).zip(sum).zip(bears).filter_map(|(contact, bears)| bears.then_some(contact)).collect()
     }
 
     /// Side of the cells on which a solution was found (m).
@@ -168,7 +186,7 @@ impl LayeredPad {
             for (node, place) in model.nodes.iter().enumerate() {
                 let share = grid.cells().share_of_sides(place.x, place.y);
                 let by_layer =
-                    between[node * count + loaded].column(axis).into_owned().cast::<f64>();
+                    between[loaded * count + node].column(axis).into_owned().cast::<f64>();
                 let moved = &mut displacement[layer * count + node];
                 *moved = by_layer + (*moved - by_layer) * share;
             }
@@ -178,23 +196,75 @@ impl LayeredPad {
     /// Adds to the displacement of nodes (m) near the contact under tractions around the face nodes
     /// what the forces on cells change.
     pub fn refine(&self, settled: &Settled, displacement: &mut [Vector3<f64>]) {
-        let grid = self.grid(settled);
+        let (grid, model) = (self.grid(settled), &self.model);
+        let mut sum = vec![[0f32; 4]; displacement.len()];
         for (cell, force) in &settled.forces {
-            let force = force.cast::<f32>();
-            let mut add = |changes: &[Change]| {
-                for (node, change) in changes {
-                    displacement[*node as usize] += (change * force).cast::<f64>();
+            let force: [f32; 3] = force.cast::<f32>().into();
+            let near = model.near(&grid.place(*cell));
+            if let Some(by_cell) = self.known.get(settled.level) {
+                let Known { unit, changes, .. } = &by_cell[*cell as usize];
+                let force = force.map(|f| f * unit);
+                vectorised(
+                    #[inline(always)]
+                    || add(&mut sum, model.nodes.len(), near, changes, force),
+                );
+            } else {
+                let changes = model.changes(grid, *cell, force);
+                let layers = sum.chunks_exact_mut(model.nodes.len());
+                for (layer, changes) in layers.zip(changes.chunks_exact(near.len())) {
+                    for (node, change) in near.iter().zip(changes) {
+                        let sum = &mut layer[*node as usize];
+                        (0..3).for_each(|i| sum[i] += change[i]);
+                    }
                 }
-            };
-            match self.changes.get(settled.level) {
-                Some(by_cell) => add(&by_cell[*cell as usize]),
-                None => add(&self.model.changes(grid, *cell)),
             }
+        }
+        for (u, [x, y, z, _]) in displacement.iter_mut().zip(sum) {
+            *u += Vector3::new(x, y, z).cast::<f64>();
         }
     }
 
     fn grid(&self, settled: &Settled) -> &Grid {
         self.levels[settled.level].grid().expect("levels are grids")
+    }
+}
+
+impl Known {
+    fn new(model: &ModelFace, grid: &Grid, cell: u32) -> Self {
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let [x, y, z] = axes.map(|force| model.changes(grid, cell, force));
+        let all = [&x, &y, &z].map(|changes| changes.as_flattened());
+        let largest = all.into_iter().flatten().fold(0f32, |most, u| most.max(u.abs()));
+        let unit = largest / f32::from(i16::MAX);
+        let round = |u: [f32; 3]| {
+            let [x, y, z] = u.map(|u| (u / unit.max(f32::MIN_POSITIVE)).round() as i16);
+            [x, y, z, 0]
+        };
+        let changes = x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z].map(round));
+        Self { under: model.under(&grid.place(cell)), changes: changes.collect(), unit }
+    }
+}
+
+/// Adds to the displacement of layers of `count` nodes the `changes` of those that are `near`, by
+/// layer, under a `force`.
+#[inline(always)]
+fn add(
+    displacement: &mut [[f32; 4]],
+    count: usize,
+    near: &[u32],
+    changes: &[Change],
+    force: [f32; 3],
+) {
+    let layers = displacement.chunks_exact_mut(count);
+    for (layer, changes) in layers.zip(changes.chunks_exact(near.len())) {
+        for (node, [x, y, z]) in near.iter().zip(changes) {
+            let sum = &mut layer[*node as usize];
+            for i in 0..4 {
+                sum[i] += force[0] * f32::from(x[i])
+                    + force[1] * f32::from(y[i])
+                    + force[2] * f32::from(z[i]);
+            }
+        }
     }
 }
 
@@ -288,26 +358,43 @@ impl ModelFace {
         best.expect("the mesh covers the face")
     }
 
-    /// Change of the displacement of nodes near a `cell` of a grid if forces are spread over it, and
-    /// not as tractions around the nodes of the face.
-    fn changes(&self, grid: &Grid, cell: u32) -> Vec<Change> {
+    /// Change of the displacement of the nodes near a `cell` of a grid, by layer, if a `force` (N) is
+    /// spread over it, and not as tractions around the nodes of the face (m).
+    fn changes(&self, grid: &Grid, cell: u32, force: [f32; 3]) -> Vec<[f32; 3]> {
         let count = self.nodes.len();
         let from = grid.place(cell);
         let (corners, shares) = self.under(&from);
-        let change = |(layer, &node): (usize, &u32)| {
-            let at = &self.nodes[node as usize];
-            let by_cell = match layer.checked_sub(1) {
-                None => grid.at_point(cell, at),
-                Some(below) => self.below[below].at(at.x - from.x, at.y - from.y).cast(),
-            };
-            let row = &self.between[layer][node as usize * count..];
-            let part = |(corner, share)| row[corner as usize] * share as f32;
-            let by_tents: Matrix3<f32> = corners.into_iter().zip(shares).map(part).sum();
-            ((layer * count) as u32 + node, by_cell - by_tents)
-        };
+        let borne = shares.map(|share| force.map(|f| f * share as f32));
         let near = self.near(&from);
-        let layers = 0..self.between.len();
-        layers.flat_map(|layer| near.iter().map(move |node| (layer, node))).map(change).collect()
+        let mut changes = vec![[0.0; 3]; self.between.len() * near.len()];
+        let away = |node: u32| {
+            let at = &self.nodes[node as usize];
+            [at.x - from.x, at.y - from.y]
+        };
+        let layers = changes.chunks_exact_mut(near.len());
+        for ((layer, between), changes) in self.between.iter().enumerate().zip(layers) {
+            let rows = corners.map(|corner| &between[corner as usize * count..][..count]);
+            vectorised(
+                #[inline(always)]
+                || {
+                    for (&node, change) in near.iter().zip(&mut *changes) {
+                        *change = match layer.checked_sub(1) {
+                            None => grid.under(away(node), force),
+                            Some(below) => self.below[below].under(away(node), force),
+                        };
+                        for (row, f) in rows.iter().zip(&borne) {
+                            let columns = &row[node as usize].data.0;
+                            for i in 0..3 {
+                                change[i] -= f[0] * columns[0][i]
+                                    + f[1] * columns[1][i]
+                                    + f[2] * columns[2][i];
+                            }
+                        }
+                    }
+                },
+            );
+        }
+        changes
     }
 
     fn between(&self, grid: &Grid) -> Vec<Vec<Matrix3<f32>>> {
@@ -328,9 +415,9 @@ impl ModelFace {
                 let sum: f64 = cells.iter().map(|(_, _, share)| share).sum();
                 cells.iter().map(part).sum::<Matrix3<f32>>() / sum as f32
             };
-            self.nodes
+            tents
                 .iter()
-                .flat_map(|at| tents.iter().map(move |cells| under(at, cells)))
+                .flat_map(|cells| self.nodes.iter().map(move |at| under(at, cells)))
                 .collect()
         };
         std::iter::once(None).chain(self.below.iter().map(Some)).map(layer).collect()
@@ -339,7 +426,9 @@ impl ModelFace {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Isometry3;
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
     use super::*;
     use crate::{
@@ -349,15 +438,66 @@ mod tests {
         sensor::Sensor,
     };
 
-    #[test]
-    fn refined_displacement_is_that_under_all_cells() {
+    fn layered() -> LayeredPad {
         let sensor = Sensor::named("gelsight-mini").unwrap();
         let pad = sensor.pad(1000).unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
         let options = Options { friction: 0.5, sweeps: 0 };
         let compliance = Compliance::new(body, options).unwrap();
-        let layered = LayeredPad::new(&compliance, &sensor.outline, &pad, &pad).unwrap();
+        LayeredPad::new(&compliance, &sensor.outline, &pad, &pad).unwrap()
+    }
+
+    #[test]
+    fn walls_are_felt_by_cells_as_wide_only_from_their_side() {
+        let layered = layered();
+        let cup = Shape::Cup { bottom: 0.018, rim: 0.0181, half_height: 0.022, wall: 2e-3 };
+        let under = |turn: f64, [x, height]: [f64; 2]| {
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), turn);
+            let at = |depth: f64| {
+                vec![Isometry3::from_parts(Translation3::new(x, 0.0, height - depth), turn)]
+            };
+            let path = [2e-4, 4e-4, 6e-4, 8e-4].map(at).to_vec();
+            let press = Press::along(vec![cup.clone()], path).unwrap();
+            layered.settled_path(&press).pop().unwrap().unwrap()
+        };
+        let (side, rim) = (under(-FRAC_PI_2, [0.0, 0.018]), under(PI, [-0.017, 0.022]));
+        assert!(
+            side.level == 0 && side.forces.len() > 64,
+            "{} on {}",
+            side.forces.len(),
+            side.level
+        );
+        assert!(rim.level == 1 && rim.forces.len() > 96, "{} on {}", rim.forces.len(), rim.level);
+    }
+
+    #[test]
+    fn a_first_touch_is_found_on_cells_as_large_as_it_allows() {
+        let layered = layered();
+        let touch = |shape: Shape, height: f64| {
+            let path = vec![vec![Isometry3::translation(0.0, 0.0, height)]];
+            let press = Press::along(vec![shape], path).unwrap();
+            layered.settled_path(&press).pop().unwrap().unwrap()
+        };
+        let radius = 1e-3;
+        let ball = |depth: f64| touch(Shape::Sphere { radius }, radius - depth);
+        assert!(ball(-1e-5).forces.is_empty());
+        let little = ball(1e-5);
+        assert!(little.level == 5 && !little.forces.is_empty(), "on level {}", little.level);
+        let block = Shape::Cuboid { half_extents: Vector3::repeat(1.5e-2) };
+        assert!(touch(block.clone(), 1.5e-2 + 1e-5).forces.is_empty());
+        let wide = touch(block, 1.5e-2 - 3e-4);
+        assert!(
+            wide.level == 0 && wide.forces.len() > 96,
+            "{} on {}",
+            wide.forces.len(),
+            wide.level
+        );
+    }
+
+    #[test]
+    fn refined_displacement_is_that_under_all_cells() {
+        let layered = layered();
         // At one side and in the middle, by small and large balls.
         for (radius, x) in [(1.5e-3, 0.0), (8e-3, 0.0), (3e-3, 7e-3)] {
             let pose = Isometry3::translation(x, 2e-3, radius - 5e-4);
@@ -393,7 +533,7 @@ mod tests {
                     }
                 };
                 let by_tents = |(other, force): &(usize, Vector3<f64>)| {
-                    model.between[layer][node * count + other].cast::<f64>() * force
+                    model.between[layer][other * count + node].cast::<f64>() * force
                 };
                 let cells: Vector3<f64> = settled.forces.iter().map(by_cell).sum();
                 let tents: Vector3<f64> = forces.iter().map(by_tents).sum();

@@ -8,7 +8,8 @@ use super::{
     super::push::{ForceControlled, push},
     Settled,
     between::{Face, Standing, watched},
-    patch::{Move, Patch},
+    grid::Grid,
+    patch::{Move, Patch, nearest},
     skin::{Group, Skin},
     spots::Spots,
 };
@@ -30,6 +31,15 @@ const UNFELT: f64 = 10.0;
 /// is taken. Cells of the next level are quarters.
 const MOST: usize = 96;
 const FEW: usize = 12;
+/// Most cells of a level that are searched for a first touch.
+const WIDE: usize = 24_000;
+/// Breadth and thickness of a wall, in sides of a cell, above which cells feel it as such. A strip at
+/// up to 45° to the rows of cells that is thicker than a side has a cell in every row that crosses
+/// it, and is crossed by one if it is 2.7 times as long. Slopes take a fifth.
+const WALL: [f64; 2] = [4.0, 1.2];
+/// Number of touching cells that the edge of a wall does not reach, three of them wide, across a pad
+/// and back.
+const BROAD: usize = 256;
 /// Smallest part of a stride that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
 
@@ -185,25 +195,39 @@ impl<'a> NodalLoadStepping<'a> {
 
     /// Attempts one load step to `poses` and returns the state it ends in. On a body with several
     /// levels, the step is taken on the finest on which at most [`MOST`] cells touch, unless fewer
-    /// than [`FEW`] touch on a coarser one that the last step ended on.
+    /// than [`FEW`] touch on a coarser one that the last step ended on. Levels whose cells are about
+    /// as wide as the thinnest wall are taken if more than [`BROAD`] touch on the level after them:
+    /// the wall then touches by its side.
     pub(super) fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<NodalState> {
         let motion = self.state.poses.iter().zip(poses).map(|(a, b)| self.motion(a, b));
         let reach = motion.fold(0.0, f64::max) + MARGIN;
         let finest = self.levels.len() - 1;
-        let lowest = self.coarsest();
+        let [broadest, lowest] = [true, false].map(|as_walls| self.coarsest(as_walls));
+        let most = |level: usize| match level {
+            _ if level > lowest => Some(MOST),
+            _ if level > broadest => Some(BROAD),
+            _ => None,
+        };
+        let few = |level: usize| if level < lowest { BROAD / 8 } else { FEW };
         let (mut level, mut held) = (self.state.level, self.state.held.clone());
         if held.is_empty() {
-            level = finest;
+            let Some(first) = self.first_touch(lowest, poses) else {
+                let state = self.untouched(poses);
+                return self.check_inside(&state).map(|()| state);
+            };
+            level = first;
         }
-        while level < lowest {
+        while level < broadest {
             held = self.finer(level, &held);
             level += 1;
         }
         let mut was_finer = false;
         loop {
-            let found = self.attempt_on(level, &held, poses, reach, level > lowest);
+            let found = self.attempt_on(level, &held, poses, reach, most(level));
             match found {
-                Ok(Some(state)) if state.held.len() >= FEW || level == finest || was_finer => {
+                Ok(Some(state))
+                    if state.held.len() >= few(level) || level == finest || was_finer =>
+                {
                     return Ok(state);
                 }
                 Ok(Some(_)) => {
@@ -227,11 +251,54 @@ impl<'a> NodalLoadStepping<'a> {
         }
     }
 
-    /// Coarsest level whose cells no shape can pass between.
-    fn coarsest(&self) -> usize {
-        let thinnest = self.shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
-        let is_fine =
-            |skin: &Skin| skin.grid().is_none_or(|grid| 2.0 * grid.half_diagonal() < thinnest);
+    /// Finest level from `lowest` on of which some, but not many cells at rest are inside shapes at
+    /// `poses`; `None` if none of any level are. Levels of which more than [`WIDE`] cells may be
+    /// inside are not looked at: the shape is wider than their cells.
+    fn first_touch(&self, lowest: usize, poses: &[Isometry3<f64>]) -> Option<usize> {
+        let mut open: Vec<u32> = (0..self.levels[lowest].len() as u32).collect();
+        let mut found = None;
+        for level in lowest..self.levels.len() {
+            let Some(grid) = self.levels[level].grid() else { return Some(level) };
+            let gap = |rank: &u32| nearest(self.shapes, poses, &grid.place(*rank)).1.value;
+            let gaps: Vec<_> = open.iter().map(gap).collect();
+            match gaps.iter().filter(|gap| **gap < 0.0).count() {
+                0 => {}
+                inside if inside > 2 * MOST => return Some(found.unwrap_or(level)),
+                _ => found = Some(level),
+            }
+            let near = open.iter().zip(&gaps).filter(|(_, gap)| **gap < grid.half_diagonal());
+            open = near.flat_map(|(rank, _)| grid.children(*rank)).collect();
+            if open.len() > WIDE {
+                break;
+            }
+        }
+        found
+    }
+
+    /// State with the shapes at `poses` if none touches.
+    fn untouched(&self, poses: &[Isometry3<f64>]) -> NodalState {
+        NodalState {
+            poses: poses.to_vec(),
+            level: self.levels.len() - 1,
+            held: Vec::new(),
+            wrench: Wrench::default(),
+            amplitude: 0.0,
+            sweeps: 0,
+        }
+    }
+
+    /// Coarsest level whose cells no shape can pass between: no ball as thick as the shapes, or no
+    /// strip of a wall if they are taken `as_walls`.
+    fn coarsest(&self, as_walls: bool) -> usize {
+        let is_felt = |grid: &Grid, shape: &Shape| {
+            let (thickness, side) = (shape.thickness(), grid.longest_side());
+            2.0 * grid.half_diagonal() < thickness
+                || (as_walls && shape.breadth() > WALL[0] * side && thickness > WALL[1] * side)
+        };
+        let is_fine = |skin: &Skin| {
+            let all_are_felt = |grid| self.shapes.iter().all(|shape| is_felt(grid, shape));
+            skin.grid().is_none_or(all_are_felt)
+        };
         self.levels.iter().position(is_fine).unwrap_or(self.levels.len() - 1)
     }
 
@@ -281,21 +348,21 @@ impl<'a> NodalLoadStepping<'a> {
     }
 
     /// Performs [`NodalLoadStepping::attempt`] on one level from the nodes `held` there; `None` if
-    /// it is `limited` and too many of its nodes touch.
+    /// more than `most` of its nodes touch.
     fn attempt_on(
         &mut self,
         level: usize,
         held: &[Held],
         poses: &[Isometry3<f64>],
         reach: f64,
-        limited: bool,
+        most: Option<usize>,
     ) -> Result<Option<NodalState>> {
         let mut room = self.state.amplitude + reach;
         loop {
-            let state = self.attempt_within((level, held), poses, [room, reach], limited)?;
+            let state = self.attempt_within((level, held), poses, [room, reach], most)?;
             let Some(state) = state else { return Ok(None) };
             if state.amplitude <= room {
-                if limited && state.held.len() > MOST {
+                if most.is_some_and(|most| state.held.len() > most) {
                     return Ok(None);
                 }
                 let checked = self.check_between(&state).and_then(|()| self.check_inside(&state));
@@ -312,12 +379,12 @@ impl<'a> NodalLoadStepping<'a> {
         (level, held): (usize, &[Held]),
         poses: &[Isometry3<f64>],
         [room, reach]: [f64; 2],
-        limited: bool,
+        most: Option<usize>,
     ) -> Result<Option<NodalState>> {
         let (shapes, skin) = (self.shapes, &self.levels[level]);
         let from = &self.state.poses;
         let way = Move { shapes, from, to: poses };
-        let most = if limited { 2 * MOST } else { usize::MAX };
+        let most = most.map_or(usize::MAX, |most| 2 * most);
         let patch = Patch::new(skin, &self.law, way, [room, reach], most, held, self.scratch);
         let Some(mut patch) = patch else { return Ok(None) };
         let sweeps = patch.settle()?;

@@ -43,20 +43,19 @@ pub(super) struct Patch<'a> {
     law: &'a ContactLaw,
     way: Move<'a>,
     pub(super) members: Vec<Member>,
-    /// Ranges of slots that contain all members; the displacement is computed there.
+    /// Ranges of the displacement, in threes, that follow the forces in sweeps.
     pub(super) runs: Vec<[usize; 2]>,
-    /// Displacement by slot in m, valid only in the runs.
+    /// Displacement in m: by rank and valid only in the runs, or on a grid that of the spots.
     pub(super) displacement: &'a mut Vec<f32>,
-    /// Cells by slot, on a grid.
+    /// Cells on a grid.
     spots: &'a mut Spots,
 }
 
 /// Node of a patch.
 pub(super) struct Member {
     rank: u32,
-    /// Place of its displacement among those of the patch: its rank, or on a grid the number of its
-    /// cell.
-    slot: u32,
+    /// Number of its cell among the spots, on a grid.
+    spot: u32,
     /// Position at rest (m).
     rest: Point3<f64>,
     pub(super) force: Vector3<f64>,
@@ -100,7 +99,7 @@ impl<'a> Patch<'a> {
         let Scratch { displacement, spots } = scratch;
         let forces: Vec<_> = held.iter().map(|held| (held.rank, held.force)).collect();
         let mut ranks: Vec<u32> = match &skin.compliance {
-            NodeCompliance::Matrix(_) => {
+            NodeCompliance::Matrix(..) => {
                 let near = skin.groups.iter().filter(|group| is_near(way, group, room));
                 near.flat_map(|group| group.ranks.iter().copied()).collect()
             }
@@ -112,7 +111,7 @@ impl<'a> Patch<'a> {
         ranks.sort_unstable();
         ranks.dedup();
         let moved: Vec<Vector3<f64>> = match &skin.compliance {
-            NodeCompliance::Matrix(compliance) => {
+            NodeCompliance::Matrix(compliance, _) => {
                 let runs = runs(ranks.iter().copied());
                 displacement.resize(3 * skin.places.len(), 0.0);
                 for &[first, last] in &runs {
@@ -123,10 +122,18 @@ impl<'a> Patch<'a> {
                 }
                 ranks.iter().map(|&rank| displaced(displacement, rank)).collect()
             }
-            NodeCompliance::Grid(grid) => ranks.iter().copied().map(grid.field(&forces)).collect(),
+            NodeCompliance::Grid(grid) => {
+                spots.renew(grid, ranks.iter().copied(), displacement);
+                for Held { rank, force, .. } in held {
+                    let spot = ranks.binary_search(rank).expect("held cells are among all");
+                    spots.give_way(grid, spot, force, displacement);
+                    spots.tell(grid, spot, force, displacement);
+                }
+                (0..ranks.len()).map(|spot| spots.moved(spot, displacement)).collect()
+            }
         };
         let mut held = held.iter().peekable();
-        let member = |(&rank, moved): (&u32, &Vector3<f64>)| {
+        let member = |((spot, &rank), moved): ((u32, &u32), &Vector3<f64>)| {
             let known = held.next_if(|held| held.rank == rank);
             let rest = skin.place(rank);
             let start = rest + moved;
@@ -136,7 +143,7 @@ impl<'a> Patch<'a> {
             };
             (distance < reach).then(|| Member {
                 rank,
-                slot: rank,
+                spot,
                 rest,
                 force: known.map(|held| held.force).unwrap_or_default(),
                 start,
@@ -146,25 +153,30 @@ impl<'a> Patch<'a> {
             })
         };
         let mut members = Vec::with_capacity(ranks.len());
-        members.extend(ranks.iter().zip(&moved).filter_map(member));
-        if let Some(grid) = skin.grid() {
-            if members.iter().filter(|member| member.seen.1 <= 0.0).count() > most {
-                return None;
-            }
-            displacement.clear();
-            for (slot, member) in (0..).zip(&mut members) {
-                member.slot = slot;
-                displacement.extend((member.start - member.rest).iter().map(|u| *u as f32));
-            }
-            spots.renew(grid, members.iter().map(|member| member.rank));
+        members.extend((0..).zip(&ranks).zip(&moved).filter_map(member));
+        let is_grid = matches!(skin.compliance, NodeCompliance::Grid(_));
+        if is_grid && members.iter().filter(|member| member.seen.1 <= 0.0).count() > most {
+            return None;
         }
-        let runs = self::runs(members.iter().map(|member| member.slot));
+        // On a grid, they are those of the touching cells.
+        let ranks = if is_grid { &[] } else { &members[..] }.iter().map(|member| member.rank);
+        let runs = self::runs(ranks);
         Some(Self { skin, law, way, members, runs, displacement, spots })
+    }
+
+    /// Brings the displacement of all members up to date.
+    pub(super) fn catch_up(&mut self) {
+        if let NodeCompliance::Grid(grid) = &self.skin.compliance {
+            for member in self.members.iter().filter(|member| member.stuck.is_some()) {
+                self.spots.tell(grid, member.spot as usize, &member.force, self.displacement);
+            }
+        }
     }
 
     /// Measures the nodes' distances from the shapes and sets the targets; returns whether a node
     /// touches.
     pub(super) fn measure(&mut self) -> bool {
+        self.catch_up();
         let mut touches = false;
         for i in 0..self.members.len() {
             let Member { force, seen, .. } = self.members[i];
@@ -180,6 +192,10 @@ impl<'a> Patch<'a> {
                 touches = true;
                 self.target(i, shape, &distance, &place)
             });
+        }
+        if matches!(self.skin.compliance, NodeCompliance::Grid(_)) {
+            let touching = self.members.iter().filter(|member| member.target.is_some());
+            self.runs = self.spots.activate(touching.map(|member| member.spot));
         }
         touches
     }
@@ -203,9 +219,9 @@ impl<'a> Patch<'a> {
         let stuck = pose * stuck;
         let aim = stuck - normal * normal.dot(&(stuck - surface));
         let give = give(self.law, self.skin.point(member.rank), &normal);
-        let own = match self.skin.grid() {
-            Some(grid) => self.spots.own(grid, member.slot as usize),
-            None => self.skin.own(member.rank),
+        let own = match &self.skin.compliance {
+            NodeCompliance::Grid(grid) => self.spots.own(grid, member.spot as usize),
+            NodeCompliance::Matrix(..) => self.skin.own(member.rank),
         };
         let compliance = own + give;
         let stiffness = compliance.try_inverse().unwrap_or_else(Matrix3::zeros);
@@ -215,7 +231,7 @@ impl<'a> Patch<'a> {
 
     /// New force on a touching member, pushed to its `target`.
     fn pushed(&self, member: &Member, target: &NodeTarget) -> Vector3<f64> {
-        let moved = displaced(self.displacement, member.slot);
+        let moved = self.moved(member);
         let off = target.displacement - moved - target.give * member.force;
         target.force(&member.force, &off, self.law.friction)
     }
@@ -244,20 +260,28 @@ impl<'a> Patch<'a> {
 
     /// Adds to the displacement the response to a `force` on member `i`.
     fn give_way(&mut self, i: usize, force: &Vector3<f64>) {
-        let Member { rank, slot, .. } = self.members[i];
+        let Member { rank, spot, .. } = self.members[i];
         match &self.skin.compliance {
-            NodeCompliance::Matrix(compliance) => {
+            NodeCompliance::Matrix(compliance, _) => {
                 give_way(self.displacement, compliance, rank, force, &self.runs);
             }
             NodeCompliance::Grid(grid) => {
-                self.spots.give_way(grid, slot as usize, force, self.displacement);
+                self.spots.give_way(grid, spot as usize, force, self.displacement);
             }
+        }
+    }
+
+    /// Displacement of a member (m).
+    fn moved(&self, member: &Member) -> Vector3<f64> {
+        match &self.skin.compliance {
+            NodeCompliance::Matrix(..) => displaced(self.displacement, member.rank),
+            NodeCompliance::Grid(_) => self.spots.moved(member.spot as usize, self.displacement),
         }
     }
 
     /// Position of a member (m).
     fn place(&self, member: &Member) -> Point3<f64> {
-        member.rest + displaced(self.displacement, member.slot)
+        member.rest + self.moved(member)
     }
 
     /// Returns whether a node passed through a shape in this step.
@@ -283,8 +307,7 @@ impl<'a> Patch<'a> {
 
     /// Largest displacement of a member (m).
     pub(super) fn amplitude(&self) -> f64 {
-        let moved = |member: &Member| displaced(self.displacement, member.slot).norm();
-        self.members.iter().map(moved).fold(0.0, f64::max)
+        self.members.iter().map(|member| self.moved(member).norm()).fold(0.0, f64::max)
     }
 
     /// Touching nodes with their positions.

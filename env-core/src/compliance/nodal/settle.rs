@@ -25,7 +25,9 @@ const MIXED: usize = 2;
 impl Patch<'_> {
     /// Brings the forces into balance and returns the number of sweeps taken.
     pub(super) fn settle(&mut self) -> Result<usize> {
-        self.settle_to(RELATIVE, MIXED)
+        let sweeps = self.settle_to(RELATIVE, MIXED)?;
+        self.catch_up();
+        Ok(sweeps)
     }
 
     /// Performs [`Patch::settle`] until no force changes by more than `relative` × the largest

@@ -39,8 +39,8 @@ pub(super) struct Skin {
 
 /// Displacement of contact nodes under unit forces on each other (m/N).
 pub(super) enum NodeCompliance {
-    /// Of all nodes under unit forces on each (3M, 3M).
-    Matrix(Responses),
+    /// Of all nodes under unit forces on each (3M, 3M), and the grid, if its cells are the nodes.
+    Matrix(Responses, Option<Grid>),
     /// Between the cells of a grid, which are the nodes.
     Grid(Grid),
 }
@@ -115,18 +115,18 @@ impl Skin {
         let groups = groups(&places, areas, BOX);
         let normals = normals(&places, &faces);
         let faces = widest(faces.into_iter().map(|face| Face::new(face, &places)).collect());
-        let own = |node| Matrix3::from_fn(|i, j| compliance.at(node, j, 3 * node as usize + i));
-        let own = (0..places.len() as u32).map(own).collect();
-        let compliance = NodeCompliance::Matrix(compliance);
+        let own = own(&compliance);
+        let compliance = NodeCompliance::Matrix(compliance, None);
         Self { condensed, compliance, own, places, normals, loads, points, groups, faces }
     }
 
     /// Takes the cells of a `grid` on the face of a pad as contact nodes. Only those of the first
-    /// grid are grouped, and no faces are watched for shapes between them.
+    /// grid are grouped and have a matrix, and no faces are watched for shapes between them.
     pub(super) fn of_grid(condensed: Arc<Condensed>, grid: Grid, is_first: bool) -> Self {
         let young = condensed.body.moduli().iter().map(|moduli| moduli.young).fold(0.0, f64::max);
         let point = SurfacePoint { shares: vec![(0, 1.0)], area: grid.area(), young };
         let (mut places, mut points, mut grouped) = (Vec::new(), vec![point.clone()], Vec::new());
+        let mut own = Vec::new();
         if is_first {
             places = (0..grid.len() as u32).map(|rank| grid.place(rank)).collect();
             let of_cell = |node| SurfacePoint { shares: vec![(node, 1.0)], ..point.clone() };
@@ -136,8 +136,14 @@ impl Skin {
                 group.radius += grid.half_diagonal();
             }
         }
-        let compliance = NodeCompliance::Grid(grid);
-        let (loads, faces, own, normals) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let compliance = if is_first {
+            let responses = grid.responses();
+            own = self::own(&responses);
+            NodeCompliance::Matrix(responses, Some(grid))
+        } else {
+            NodeCompliance::Grid(grid)
+        };
+        let (loads, faces, normals) = (Vec::new(), Vec::new(), Vec::new());
         Self { condensed, compliance, own, places, normals, loads, points, groups: grouped, faces }
     }
 
@@ -156,7 +162,7 @@ impl Skin {
         self.grid().map_or_else(|| self.normals[rank as usize], |grid| grid.normal(rank))
     }
 
-    /// Displacement of a node under unit forces on itself, if it is no cell of a grid (m/N).
+    /// Displacement of a node under unit forces on itself, if there is a matrix (m/N).
     pub(super) fn own(&self, rank: u32) -> Matrix3<f64> {
         self.own[rank as usize]
     }
@@ -169,7 +175,7 @@ impl Skin {
     /// The grid, if its cells are the nodes.
     pub(super) fn grid(&self) -> Option<&Grid> {
         match &self.compliance {
-            NodeCompliance::Matrix(_) => None,
+            NodeCompliance::Matrix(_, grid) => grid.as_ref(),
             NodeCompliance::Grid(grid) => Some(grid),
         }
     }
@@ -177,7 +183,7 @@ impl Skin {
     /// Displacement of every contact node (M) in m under the forces on the `held` nodes.
     pub(super) fn displacement(&self, held: &[Held]) -> Vec<Vector3<f64>> {
         match &self.compliance {
-            NodeCompliance::Matrix(compliance) => {
+            NodeCompliance::Matrix(compliance, _) => {
                 let mut sum = vec![0.0; 3 * self.places.len()];
                 for Held { rank, force, .. } in held {
                     compliance.add(*rank, force, 0..sum.len(), &mut sum);
@@ -191,6 +197,12 @@ impl Skin {
             }
         }
     }
+}
+
+/// Displacement of each node (M) under unit forces on itself (m/N).
+fn own(compliance: &Responses) -> Vec<Matrix3<f64>> {
+    let own = |node| Matrix3::from_fn(|i, j| compliance.at(node, j, 3 * node as usize + i));
+    (0..compliance.width() as u32 / 3).map(own).collect()
 }
 
 fn off(place: &Point3<f64>) -> Error {

@@ -1,14 +1,20 @@
-//! Cells of a grid that shapes may touch in one load step, and their responses to forces on some.
+//! Cells of a grid that shapes may touch in one load step, and their displacement under forces on
+//! some.
 //!
-//! Shapes: N cells, T cells of the first grid around them.
+//! Displacement is kept as two parts: that of the layer by strips of cells, for which the kernel is
+//! read as it lies in memory, and that of the sides around the cells of the first grid. In sweeps
+//! only the strips with touching cells are active; the others are brought up to date between them.
+//!
+//! Shapes: N cells, B strips, T cells of the first grid around them. A displacement consists of those
+//! of all cells of the strips and of the first grid's ([`STRIP`] B + T, 3) in m.
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::{
-    grid::Grid,
-    kernel::{Columns, Table, matrix},
+    grid::{Around, Grid},
+    kernel::{STRIP, Table, matrix},
 };
 use crate::simd::vectorised;
 
@@ -17,46 +23,107 @@ use crate::simd::vectorised;
 pub(super) struct Spots {
     /// Places in the grid along x and y (N).
     cells: Vec<[i32; 2]>,
-    /// Cells of the first grid around each cell, by number among `coarse`, with weights (N).
+    /// Place of each cell among those of the strips (N).
+    places: Vec<u32>,
+    /// First cell of each strip (B).
+    strips: Vec<[i32; 2]>,
+    /// Strips that follow every force, and those that do not.
+    active: Vec<u32>,
+    passive: Vec<u32>,
+    /// Force on each cell of which the passive strips know (N).
+    told: Vec<Vector3<f64>>,
+    /// Cells of the first grid around each cell, with weights: by rank, and by number among those of
+    /// the rectangle that contains all (N).
     around: Vec<[(u32, f32); 4]>,
-    /// Cells of the first grid around some cell (T).
-    coarse: Vec<u32>,
-    /// Displacement of all cells under unit forces on some (3, 3N each) in m/N.
+    numbers: Vec<[u32; 4]>,
+    coarse: Around,
+    /// Displacement around the first grid's cells under unit forces on some cells (3, 3T each) in
+    /// m/N, by the sides.
     rows: Vec<f32>,
-    /// Place in `rows` of each cell (N), if it is known.
-    known: Vec<Option<usize>>,
-    /// Displacement around the first grid's cells under unit forces on a cell (T), if it is not zero.
-    by_edges: Vec<Columns>,
+    /// First and end in `rows` of each cell's, if they are known; the same if they are zero (N).
+    known: Vec<Option<[usize; 2]>>,
 }
 
 impl Spots {
-    /// Takes the cells of `ranks` (N) of a grid for those before.
-    pub(super) fn renew(&mut self, grid: &Grid, ranks: impl Iterator<Item = u32>) {
-        const NONE: u32 = u32::MAX;
+    /// Takes the cells of `ranks` (N) of a grid, ascending, for those before. All strips are active
+    /// and the displacement is zero.
+    pub(super) fn renew(
+        &mut self,
+        grid: &Grid,
+        ranks: impl Iterator<Item = u32>,
+        displacement: &mut Vec<f32>,
+    ) {
         self.cells.clear();
-        self.rows.clear();
-        self.known.clear();
-        self.coarse.clear();
+        self.places.clear();
+        self.strips.clear();
         self.around.clear();
-        let mut numbers: Vec<u32> = Vec::new();
+        self.numbers.clear();
+        self.rows.clear();
         for rank in ranks {
-            self.cells.push(grid.cell(rank));
-            self.known.push(None);
-            self.around.push(grid.around(rank).map(|(cell, share)| {
-                if numbers.len() <= cell as usize {
-                    numbers.resize(cell as usize + 1, NONE);
-                }
-                let number = &mut numbers[cell as usize];
-                if *number == NONE {
-                    *number = self.coarse.len() as u32;
-                    self.coarse.push(cell);
-                }
-                (*number, share as f32)
-            }));
+            let cell = grid.cell(rank);
+            self.cells.push(cell);
+            match self.strips.last() {
+                Some(strip) if strip[0] == cell[0] && ((cell[1] - strip[1]) as usize) < STRIP => {}
+                _ => self.strips.push(cell),
+            }
+            let last = self.strips.len() - 1;
+            self.places.push((STRIP * last) as u32 + (cell[1] - self.strips[last][1]) as u32);
+            self.around.push(grid.around(rank).map(|(cell, share)| (cell, share as f32)));
         }
+        let place = |(cell, _): (u32, f32)| grid.first_cell(cell);
+        self.coarse = Around::of(self.around.iter().flatten().map(|&part| place(part)));
+        let number = |part| self.coarse.number(place(part));
+        self.numbers.extend(self.around.iter().map(|around| around.map(number)));
+        self.told.clear();
+        self.told.resize(self.cells.len(), Vector3::zeros());
+        self.known.clear();
+        self.known.resize(self.cells.len(), None);
+        self.passive.clear();
+        self.active.clear();
+        self.active.extend(0..self.strips.len() as u32);
+        displacement.clear();
+        displacement.resize(3 * (STRIP * self.strips.len() + self.coarse.len()), 0.0);
     }
 
-    /// Adds to the displacement of all cells (3N) in m the response to a `force` (N) on cell `loaded`.
+    /// Makes the strips of the `touching` cells active and the others passive. The latter know of
+    /// all forces. Returns the ranges of a displacement that follow every force.
+    pub(super) fn activate(&mut self, touching: impl Iterator<Item = u32>) -> Vec<[usize; 2]> {
+        self.active.clear();
+        self.active.extend(touching.map(|cell| self.places[cell as usize] / STRIP as u32));
+        self.active.dedup();
+        self.passive.clear();
+        let mut next = self.active.iter().peekable();
+        let is_passive = |strip: &u32| next.next_if_eq(&strip).is_none();
+        self.passive.extend((0..self.strips.len() as u32).filter(is_passive));
+        let mut runs: Vec<[usize; 2]> = Vec::new();
+        let sides = self.strips.len() * STRIP;
+        let active = self.active.iter().map(|&strip| strip as usize * STRIP);
+        for run in
+            active.map(|first| [first, first + STRIP]).chain([[sides, sides + self.coarse.len()]])
+        {
+            match runs.last_mut() {
+                Some([_, end]) if *end == run[0] => *end = run[1],
+                _ => runs.push(run),
+            }
+        }
+        runs
+    }
+
+    /// Displacement of a cell (m).
+    pub(super) fn moved(&self, cell: usize, displacement: &[f32]) -> Vector3<f64> {
+        let at = |place: usize| <[f32; 3]>::try_from(&displacement[3 * place..][..3]).unwrap();
+        let mut sum = at(self.places[cell] as usize);
+        for (number, (_, share)) in self.parts(cell) {
+            let by_sides = at(STRIP * self.strips.len() + number as usize);
+            for i in 0..3 {
+                sum[i] += share * by_sides[i];
+            }
+        }
+        Vector3::from(sum).cast()
+    }
+
+    /// Adds to the displacement of the active strips, and around the first grid's cells, the
+    /// response to a `force` (N) on cell `loaded`.
     pub(super) fn give_way(
         &mut self,
         grid: &Grid,
@@ -64,92 +131,105 @@ impl Spots {
         force: &Vector3<f64>,
         displacement: &mut [f32],
     ) {
-        let first = self.row(grid, loaded);
-        let rows = &self.rows[first..first + 9 * self.cells.len()];
-        let force: [f32; 3] = force.cast::<f32>().into();
+        let [first, end] = self.rows(grid, loaded);
+        let (by_layer, by_sides) = displacement.split_at_mut(3 * STRIP * self.strips.len());
+        let by_layer = by_layer.as_chunks_mut().0;
+        let (force, from) = (force.cast::<f32>().into(), self.cells[loaded]);
         vectorised(
             #[inline(always)]
-            || add_rows(displacement, rows, force),
+            || {
+                add_strips(by_layer, (&self.active, &self.strips), grid.layer(), from, force);
+                if first < end {
+                    add_rows(by_sides, &self.rows[first..end], force);
+                }
+            },
+        );
+    }
+
+    /// Tells the passive strips that the force on a cell is `force` (N).
+    pub(super) fn tell(
+        &mut self,
+        grid: &Grid,
+        cell: usize,
+        force: &Vector3<f64>,
+        displacement: &mut [f32],
+    ) {
+        let news = force - self.told[cell];
+        if news == Vector3::zeros() {
+            return;
+        }
+        self.told[cell] = *force;
+        let by_layer = displacement[..3 * STRIP * self.strips.len()].as_chunks_mut().0;
+        let (force, from) = (news.cast::<f32>().into(), self.cells[cell]);
+        vectorised(
+            #[inline(always)]
+            || add_strips(by_layer, (&self.passive, &self.strips), grid.layer(), from, force),
         );
     }
 
     /// Displacement of a cell under unit forces on itself (m/N).
-    pub(super) fn own(&self, grid: &Grid, cell: usize) -> Matrix3<f64> {
-        let mut sum = grid.layer().at([0, 0]);
-        if let Some(edges) = grid.edges() {
-            let around = self.around[cell].map(|(number, by)| (self.coarse[number as usize], by));
-            for (from, by) in around {
-                for (to, share) in around {
-                    if let Some(block) = edges.block(from, to) {
-                        sum.iter_mut().zip(block).for_each(|(sum, c)| *sum += by * share * c);
-                    }
-                }
+    pub(super) fn own(&mut self, grid: &Grid, cell: usize) -> Matrix3<f64> {
+        let mut sum = matrix(&grid.layer().at([0, 0]));
+        let [first, end] = self.rows(grid, cell);
+        if first < end {
+            let size = 3 * self.coarse.len();
+            for (number, (_, share)) in self.parts(cell) {
+                let at = |i, axis| self.rows[first + axis * size + 3 * number as usize + i];
+                sum += Matrix3::from_fn(at) * share;
             }
         }
-        matrix(&sum).cast()
+        sum.cast()
     }
 
-    /// Place in `rows` of the responses to forces on cell `loaded`, which are computed if they are
-    /// not known.
-    fn row(&mut self, grid: &Grid, loaded: usize) -> usize {
-        if let Some(first) = self.known[loaded] {
-            return first;
+    /// Cells of the first grid around a cell: number, rank and weight.
+    fn parts(&self, cell: usize) -> impl Iterator<Item = (u32, (u32, f32))> {
+        self.numbers[cell].into_iter().zip(self.around[cell])
+    }
+
+    /// First and end in `rows` of the responses to forces on cell `loaded`, which are computed if they
+    /// are not known; the same if they are zero.
+    fn rows(&mut self, grid: &Grid, loaded: usize) -> [usize; 2] {
+        if let Some(known) = self.known[loaded] {
+            return known;
         }
-        let Self { cells, around, coarse, rows, known, by_edges } = self;
-        by_edges.clear();
+        let first = self.rows.len();
         if let Some(edges) = grid.edges() {
-            let from = around[loaded].map(|(number, by)| (coarse[number as usize], by));
-            by_edges.extend(coarse.iter().map(|&to| {
-                let mut sum = Columns::default();
-                for (from, by) in from {
-                    if let Some(block) = edges.block(from, to) {
-                        sum.iter_mut().zip(block).for_each(|(sum, c)| *sum += by * c);
-                    }
-                }
-                sum
-            }));
-            // Far from the sides the edges do not matter.
-            if by_edges.iter().flatten().all(|c| *c == 0.0) {
-                by_edges.clear();
+            self.rows.resize(first + 9 * self.coarse.len(), 0.0);
+            if !edges.add_rows(self.around[loaded], &self.coarse, &mut self.rows[first..]) {
+                self.rows.truncate(first);
             }
         }
-        let first = rows.len();
-        rows.resize(first + 9 * cells.len(), 0.0);
-        let (layer, from) = (grid.layer(), cells[loaded]);
-        vectorised(
-            #[inline(always)]
-            || fill(&mut rows[first..], layer, from, cells, around, by_edges),
-        );
-        known[loaded] = Some(first);
-        first
+        let rows = [first, self.rows.len()];
+        self.known[loaded] = Some(rows);
+        rows
     }
 }
 
-/// Fills `rows` (3, 3N) with the displacement of `cells` (N) under unit forces on cell `from`.
+/// Adds to the displacement `sum` of those of the `strips` that are `chosen` the layer's response to
+/// a `force` (N) on the cell `from`.
 #[inline(always)]
-fn fill(
-    rows: &mut [f32],
+fn add_strips(
+    sum: &mut [[f32; 3 * STRIP]],
+    (chosen, strips): (&[u32], &[[i32; 2]]),
     layer: &Table,
     from: [i32; 2],
-    cells: &[[i32; 2]],
-    around: &[[(u32, f32); 4]],
-    by_edges: &[Columns],
+    force: [f32; 3],
 ) {
-    let (x, rest) = rows.split_at_mut(3 * cells.len());
-    let (y, z) = rest.split_at_mut(3 * cells.len());
-    let (x, y, z) = (x.as_chunks_mut::<3>().0, y.as_chunks_mut::<3>().0, z.as_chunks_mut::<3>().0);
-    for ((((cell, around), x), y), z) in cells.iter().zip(around).zip(x).zip(y).zip(z) {
-        let mut columns = layer.at([cell[0] - from[0], cell[1] - from[1]]);
-        if !by_edges.is_empty() {
-            for (to, share) in around {
-                let response = &by_edges[*to as usize];
-                for i in 0..columns.len() {
-                    columns[i] += share * response[i];
+    for &strip in chosen {
+        let (sum, at) = (&mut sum[strip as usize], strips[strip as usize]);
+        let away = [at[0] - from[0], at[1] - from[1]];
+        if let Some([x, y, z]) = layer.strip(away) {
+            for i in 0..sum.len() {
+                sum[i] += force[0] * x[i] + force[1] * y[i] + force[2] * z[i];
+            }
+        } else {
+            for (k, sum) in (0..).zip(sum.as_chunks_mut::<3>().0) {
+                let columns = layer.at([away[0], away[1] + k]);
+                for i in 0..3 {
+                    sum[i] += (0..3).map(|axis| force[axis] * columns[4 * axis + i]).sum::<f32>();
                 }
             }
         }
-        let [x0, x1, x2, _, y0, y1, y2, _, z0, z1, z2, _] = columns;
-        (*x, *y, *z) = ([x0, x1, x2], [y0, y1, y2], [z0, z1, z2]);
     }
 }
 
@@ -190,10 +270,20 @@ mod tests {
                 .map(|k| (k, Vector3::new(0.3, -0.2 + 0.1 * k as f64, -1.0)))
                 .collect();
             let mut spots = Spots::default();
-            spots.renew(&grid, ranks.iter().copied());
-            let mut displacement = vec![0.0; 3 * ranks.len()];
-            for (k, force) in &forces {
+            let mut displacement = Vec::new();
+            spots.renew(&grid, ranks.iter().copied(), &mut displacement);
+            // Half of the forces when all strips are active, the rest when few are.
+            let (early, late) = forces.split_at(forces.len() / 2);
+            for (k, force) in early {
                 spots.give_way(&grid, *k, force, &mut displacement);
+                spots.tell(&grid, *k, force, &mut displacement);
+            }
+            spots.activate((0..ranks.len() as u32).step_by(7));
+            for (k, force) in late {
+                spots.give_way(&grid, *k, force, &mut displacement);
+            }
+            for (k, force) in &forces {
+                spots.tell(&grid, *k, force, &mut displacement);
             }
             let response = |loaded: u32, at: u32| -> Matrix3<f64> {
                 let (from, to) = (grid.cell(loaded), grid.cell(at));
@@ -202,19 +292,29 @@ mod tests {
                 let mut sum = layer.cast::<f64>();
                 for (from, by) in grid.around(loaded) {
                     for (to, share) in grid.around(at) {
-                        let block = edges.block(from, to).map_or_else(Matrix3::zeros, matrix);
+                        let block =
+                            edges.block(from, to).as_ref().map_or_else(Matrix3::zeros, matrix);
                         sum += block.cast::<f64>() * (by * share);
                     }
                 }
                 sum
             };
+            if level == 0 {
+                let dense = grid.responses();
+                for (&from, &to) in ranks.iter().zip(ranks.iter().rev()) {
+                    let at = |i, axis| dense.at(from, axis, 3 * to as usize + i);
+                    let (found, right) = (Matrix3::from_fn(at), response(from, to));
+                    let most = response(from, from).norm();
+                    assert!((found - right).norm() < 1e-4 * most, "{found} instead of {right}");
+                }
+            }
             let by_rank: Vec<_> = forces.iter().map(|(k, force)| (ranks[*k], *force)).collect();
-            let mut field = grid.field(&by_rank);
+            let field = grid.field(&by_rank);
             let most = displacement.iter().fold(0f32, |most, u| most.max(u.abs()));
-            for (&rank, found) in ranks.iter().zip(displacement.as_chunks::<3>().0) {
+            for (k, &rank) in ranks.iter().enumerate() {
                 let sum = by_rank.iter().map(|(from, force)| response(*from, rank) * force);
                 let right: Vector3<f64> = sum.sum();
-                let found = Vector3::from(*found).cast::<f64>();
+                let found = spots.moved(k, &displacement);
                 let error = (found - right).norm().max((field(rank) - right).norm());
                 assert!(error < 1e-5 * f64::from(most), "{error} m of {most} m on level {level}");
             }
