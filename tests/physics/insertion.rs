@@ -94,7 +94,7 @@ fn a_tilted_peg_meets_the_rim_at_the_depth_of_two_point_contact() {
     assert!(worst < 2e-5, "{worst} m");
 }
 
-/// How far a peg that is `depth` (m) in its hole sinks under its weight and a force `aside` (N) at
+/// Distance by which a peg that is `depth` (m) in its hole sinks under its weight and a force `aside` (N) at
 /// its middle, within a second (m).
 fn sinks(config: &SceneConfig, friction: f64, depth: f64, load: f64, aside: f64) -> f64 {
     let model = ObjectModel::new(square()).unwrap();

@@ -44,7 +44,7 @@ const MANY: usize = 2000;
 /// elements' difference from the layer is due to the sides.
 const SIDES: [f64; 2] = [0.5, 1.25];
 
-/// What the grids of a pad share.
+/// Data shared by the grids of a pad.
 pub(super) struct Cells {
     outline: PadOutline,
     /// Cells of the first grid along x and y, multiples of [`ROOT`], and their sides (m).
@@ -68,7 +68,7 @@ pub(super) struct Grid {
 pub(super) struct Edges {
     /// Displacement around all cells under unit forces around each along each axis (3C, 3C) in m/N.
     entries: Vec<f32>,
-    /// Whether the sides matter to forces on each cell, or to its displacement (C).
+    /// `true` for cells near the sides, where forces on them or their displacement are changed (C).
     is_near: Vec<bool>,
     /// Cells along y.
     rows: u32,
@@ -260,7 +260,7 @@ impl Grid {
         self.cells.kernel.level(self.level as usize)
     }
 
-    /// What the sides add to it, between [`Grid::around`] the cells.
+    /// Change of it by the sides, between [`Grid::around`] the cells.
     pub(super) fn edges(&self) -> Option<&Edges> {
         self.cells.edges.as_ref()
     }
@@ -303,7 +303,7 @@ impl Grid {
         self.layer().under([(away[0] / sides[0]) as f32, (away[1] / sides[1]) as f32], force)
     }
 
-    /// What all grids of the pad share.
+    /// Data shared by all grids of the pad.
     pub(super) fn cells(&self) -> &Cells {
         &self.cells
     }

@@ -32,7 +32,7 @@ struct PaperModel {
     body: SoftBody,
 }
 
-/// What one of the paper's networks says of a press. It says nothing of contact forces.
+/// Answer of one of the paper's networks to a press, without contact forces.
 #[derive(Clone, Debug)]
 pub struct PaperAnswer {
     /// Displacement of the nodes (V, 3) in m.
@@ -69,7 +69,7 @@ impl PaperNetwork {
         Self::from_bytes(name, bytes, sensor, moduli, friction)
     }
 
-    /// As [`PaperNetwork::named`], with the weights in a file.
+    /// Performs [`PaperNetwork::named`] with the weights in a file.
     pub fn load(path: &Path, sensor: &Sensor, moduli: Moduli, friction: f64) -> Result<Self> {
         let bytes = weights::read(path)?;
         Self::from_bytes(&path.display().to_string(), &bytes, sensor, moduli, friction)
@@ -97,7 +97,7 @@ impl PaperNetwork {
         Ok(Self(Arc::new(PaperModel { card, network, pad, body })))
     }
 
-    /// What the weights are.
+    /// Description of the weights.
     pub fn card(&self) -> &PaperCard {
         &self.0.card
     }
@@ -107,7 +107,7 @@ impl PaperNetwork {
         &self.0.body
     }
 
-    /// Where each press ends. Presses are answered in parallel, each on one thread.
+    /// Solves the presses in parallel, each on one thread, and returns their last frames.
     pub fn solve(&self, presses: &[Press]) -> Vec<Result<PaperAnswer>> {
         let last = |press: &Press| {
             let (asked, path) = self.0.asked(press)?;
@@ -134,24 +134,24 @@ impl PaperNetwork {
         answers
     }
 
-    /// Whether an answer with that displacement (V, 3) in m, on this gel, is like what the network has
-    /// learnt from.
+    /// Returns whether an answer with that displacement (V, 3) in m, on this gel, lies within the range
+    /// of the training data.
     pub fn knows(&self, displacement: &[Vector3<f64>]) -> bool {
         self.0.card.data.covers(&self.0.pad.gel, displacement)
     }
 }
 
-/// A press as a network is asked it.
+/// Input of a network for a press.
 struct Asked<'a> {
     shape: &'a Shape,
     pad: Pad,
-    /// Where the shape first touched, along the pad's axis, and its surface there; none if it never
-    /// touches.
+    /// Pose of the shape at first touch, along the pad's axis, and its surface there; `None` if it
+    /// never touches.
     touch: Option<(Isometry3<f64>, Patch)>,
 }
 
 impl PaperModel {
-    /// What is asked, and the poses of the shape frame by frame.
+    /// Returns the network's input, and the poses of the shape frame by frame.
     fn asked<'a>(&self, press: &'a Press) -> Result<(Asked<'a>, Vec<Isometry3<f64>>)> {
         let [shape] = press.shapes() else {
             return Err(Error::invalid("shapes", press.shapes().len(), "one"));
@@ -215,7 +215,7 @@ fn isometry(numbers: &[f32], length: f64) -> Isometry3<f64> {
 }
 
 impl Graph {
-    /// Whether `shape` at `pose` reaches under the face.
+    /// Returns whether `shape` at `pose` reaches under the face.
     fn touches(&self, shape: &Shape, pose: &Isometry3<f64>) -> bool {
         let inside = |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value < 0.0;
         self.places[..self.columns].iter().any(inside)

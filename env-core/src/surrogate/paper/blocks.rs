@@ -39,7 +39,7 @@ impl EdgeLinear {
     }
 }
 
-/// What follows the first layer of a perceptron of two hidden layers: relu, the second layer, relu,
+/// Layers after the first of a perceptron of two hidden layers: relu, the second layer, relu,
 /// the third, and a layer norm if there is one.
 pub(super) struct Tail {
     second: Linear,

@@ -23,7 +23,7 @@ pub(super) struct Pad {
     pub(super) graph: Arc<Graph>,
 }
 
-/// What all presses of a pad mesh share.
+/// Data shared by all presses of a pad mesh.
 pub(super) struct Graph {
     /// Nodes at rest (V) in m.
     pub(super) places: Vec<Point3<f64>>,
@@ -39,7 +39,7 @@ pub(super) struct Graph {
     pub(super) half: [f64; 2],
 }
 
-/// How deep nothing may be at first touch (m).
+/// Largest depth at first touch (m).
 const TOUCH: f64 = 1e-6;
 /// Steps to get there, each as long as what is left.
 const STEPS: usize = 100;

@@ -1,11 +1,11 @@
-//! What the weights of one of the paper's networks say of themselves.
+//! Card of the weights of one of the paper's networks.
 
 use serde::{Deserialize, Serialize};
 
 use super::{config::PaperConfig, judge::Judged, patch::Density, study::Study};
 use crate::surrogate::weights::{Data, Kind};
 
-/// What a network is, what it learnt from and how well.
+/// Description of a network, its training data and its errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PaperCard {
@@ -17,9 +17,9 @@ pub struct PaperCard {
     pub density: Density,
     /// Nodes of the model mesh, at most.
     pub model_nodes: usize,
-    /// How it was trained.
+    /// Training configuration.
     pub study: Study,
-    /// What it was trained on; tested on objects that it never saw.
+    /// Training data; the test part has objects outside of it.
     pub data: Data,
     /// Errors on unseen grasps of known objects.
     pub known: Judged,

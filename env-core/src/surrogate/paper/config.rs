@@ -17,7 +17,7 @@ pub enum Variant {
 }
 
 impl Variant {
-    /// What weights of this form are called.
+    /// Name of weights of this form.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Baseline => "paper-baseline",
@@ -27,7 +27,7 @@ impl Variant {
     }
 }
 
-/// What is known of a press.
+/// Known quantity of a press.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Input {
@@ -44,15 +44,15 @@ pub enum Input {
 pub struct PaperConfig {
     /// Which network.
     pub variant: Variant,
-    /// What it is told.
+    /// Known quantity that is its input.
     pub input: Input,
     /// Latent width H.
     pub width: usize,
     /// Rounds of message passing.
     pub rounds: usize,
-    /// Whether all rounds have the same weights.
+    /// `true` if all rounds have the same weights.
     pub shared: bool,
-    /// Whether layer norms end the perceptrons of encoders and rounds.
+    /// `true` if layer norms end the perceptrons of encoders and rounds.
     pub norm: bool,
 }
 

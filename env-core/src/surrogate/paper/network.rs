@@ -15,8 +15,8 @@ use super::{
 };
 use crate::surrogate::ops::{Sparse, sparse};
 
-/// What decoders say is in these units of thickness, and of the shear modulus: the root mean square of
-/// a middling press is about 1.
+/// Units of the decoders' outputs, in thicknesses and in shear moduli: the root mean square of a
+/// typical press is about 1.
 pub(super) const DISPLACEMENT: f64 = 0.01;
 pub(super) const STRESS: f64 = 0.05;
 
@@ -43,7 +43,7 @@ struct Block {
     whole: Option<Update>,
 }
 
-/// What the rounds pass on.
+/// Latent features that the rounds pass on.
 pub(super) struct Latent {
     /// (N, H).
     pub(super) nodes: Tensor,
@@ -57,7 +57,7 @@ pub(super) struct Latent {
     pub(super) whole: Option<Tensor>,
 }
 
-/// What a network says, in units of thickness and shear modulus.
+/// Output of a network, in units of thickness and shear modulus.
 pub(super) struct PaperOutput {
     /// Of the gel (V, 3); bonded nodes stay.
     pub(super) displacement: Tensor,
@@ -89,7 +89,7 @@ impl Paper {
         })
     }
 
-    /// Whether it is variant B.
+    /// Returns whether it is variant B.
     pub(super) fn says_motion(&self) -> bool {
         self.rigid.is_some()
     }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::Surface;
 
-/// How densely an object's surface has nodes.
+/// Density of the nodes on an object's surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Density {
@@ -118,7 +118,7 @@ impl Patch {
     }
 }
 
-/// Whether the bounds of a triangle and those of `reach` are apart.
+/// Returns whether the bounds of a triangle and those of `reach` are apart.
 fn misses(corners: &[Vector3<f64>; 3], reach: &Vector3<f64>) -> bool {
     let [a, b, c] = corners;
     let (low, high) = (a.inf(b).inf(c), a.sup(b).sup(c));

@@ -140,7 +140,7 @@ impl PaperRun {
         Ok(Some(card))
     }
 
-    /// What weights trained on `frames` say of themselves.
+    /// Card of weights trained on `frames`.
     pub(super) fn card(
         &self,
         study: &Study,

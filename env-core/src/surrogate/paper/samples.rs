@@ -29,7 +29,7 @@ pub(super) struct Sample {
     pub(super) grasp: String,
     /// The object's surface when it first touched.
     pub(super) patch: Arc<Patch>,
-    /// How the object has moved since, in the pad's frame.
+    /// Motion of the object since then, in the pad's frame.
     pub(super) moved: Isometry3<f64>,
     pub(super) truth: Target,
     /// Best-fit rigid motion of the gel, in units of its thickness.

@@ -21,7 +21,7 @@ use crate::{
 pub(super) const NODE_FEATURES: usize = 3 + 3 + 3 + 3 + 2;
 /// The way from sender to receiver, its length.
 pub(super) const MESH_FEATURES: usize = 4;
-/// As for a mesh edge, and the force over the number of edges.
+/// Number of features of a contact edge: those of a mesh edge, and the force over the number of edges.
 pub(super) const CONTACT_FEATURES: usize = 5;
 
 /// Farthest that a contact edge reaches (m), as in `DefGraspNets`.
@@ -29,15 +29,15 @@ const RADIUS: f64 = 5e-3;
 /// Object nodes that a node of the face is joined to at most, the nearest; all within the radius
 /// would be dozens.
 const NEAREST: usize = 4;
-/// How far a middling press moves the object, in units of thickness.
+/// Distance by which a typical press moves the object, in units of thickness.
 const MIDDLING: f64 = 0.05;
 /// Force over the number of edges is about 1 in units of E L² over this many edges.
 const SHARES: f64 = 1000.0;
 
-/// What is known of an object that is pressed in.
+/// Known quantity of an object that is pressed in.
 #[derive(Clone, Copy)]
 pub(super) enum Push {
-    /// How it has moved since it touched, in the pad's frame.
+    /// Its motion since it touched, in the pad's frame.
     Moved(Isometry3<f64>),
     /// The normal force, in units of E L².
     Force(f64),

@@ -29,7 +29,7 @@ use crate::{
     },
 };
 
-/// What is trained.
+/// Network to train.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Run {
@@ -45,7 +45,7 @@ pub enum Run {
 pub struct Study {
     /// Split of the dataset; the last grasp of each object to train on is judged on instead.
     pub split: String,
-    /// What weights and batches are drawn from.
+    /// Seed of weights and batches.
     pub seed: u64,
     /// Times that every press is seen; ten if neither this nor `seconds` is given.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -87,10 +87,10 @@ pub struct Point {
     pub errors: BTreeMap<String, [Spread; 2]>,
 }
 
-/// What a run came to.
+/// Results of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// What was trained.
+    /// Trained network.
     pub run: Run,
     /// On which data and budget.
     pub study: Study,
@@ -100,7 +100,7 @@ pub struct Report {
     pub parameters: usize,
     /// Gradient steps.
     pub steps: u64,
-    /// What training took by the study's clock, and by the wall (s).
+    /// Duration of training by the study's clock, and by the wall (s).
     pub seconds: [f64; 2],
     /// Errors on the way.
     pub curve: Vec<Point>,
@@ -111,7 +111,7 @@ pub struct Report {
 /// The weights of one of the paper's networks.
 #[derive(Clone, Debug)]
 pub struct Weights {
-    /// What they are.
+    /// Description of the weights.
     pub card: PaperCard,
     /// The file, the card in it.
     pub bytes: Vec<u8>,
@@ -149,7 +149,7 @@ impl Study {
         Budget::of(self.epochs, self.seconds)
     }
 
-    /// How a network of that size is trained.
+    /// Training configuration of a network of that size.
     pub(super) fn training<C: Default>(&self, network: C) -> Training<C> {
         Training {
             seed: self.seed,

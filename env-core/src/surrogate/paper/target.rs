@@ -1,4 +1,4 @@
-//! What the paper's networks are trained towards: the corrector's relative errors of displacement and
+//! Loss of the paper's networks: the corrector's relative errors of displacement and
 //! stress, and besides those of the object's motion, where only the force is told, and of the rigid
 //! motion, where it is said. Light presses count less than with the corrector.
 
@@ -72,7 +72,7 @@ impl Told {
         Ok(self.network.forward(&Scene::new(pad, patch, push, 0)?)?)
     }
 
-    /// Whether it says a rigid motion.
+    /// Returns whether it outputs a rigid motion.
     pub(super) fn says_motion(&self) -> bool {
         self.network.says_motion()
     }
@@ -112,7 +112,7 @@ impl Told {
     }
 }
 
-/// How much the relative error of a field counts: 1 where its root mean square is that of a middling
+/// Weight of the relative error of a field: 1 where its root mean square is that of a middling
 /// press, in proportion to its size where it is far below a tenth of that. First touches, of which the
 /// surface's nodes say little, would else be most of the loss.
 fn weight(truth: &[f32], middling: f64) -> f64 {
@@ -121,7 +121,7 @@ fn weight(truth: &[f32], middling: f64) -> f64 {
     size / size.hypot(LIGHT * middling)
 }
 
-/// How the object's nodes have moved since it touched (O, 3), in units of thickness.
+/// Motion of the object's nodes since it touched (O, 3), in units of thickness.
 pub(super) fn motion(bodies: &Bodies, sample: &Sample) -> Vec<f32> {
     let length = bodies.pads[sample.gel].gel.thickness;
     let moved = sample.patch.places.iter().map(|p| (sample.moved * Point3::from(*p)).coords - p);
@@ -184,7 +184,7 @@ pub(super) fn fields(answer: &PaperOutput) -> Result<Fields> {
     })
 }
 
-/// How far a network's rigid motion of the gel is from the best fit: angle (rad), and distance in
+/// Distance of a network's rigid motion of the gel from the best fit: angle (rad), and distance in
 /// units of thickness.
 pub(super) fn rigid_apart(answer: &PaperOutput, sample: &Sample) -> Result<Option<[f64; 2]>> {
     let found = answer.rigid.as_ref().map(Tensor::to_vec1::<f32>).transpose()?;

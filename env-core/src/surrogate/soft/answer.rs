@@ -44,7 +44,7 @@ struct ObjectNetwork {
     spare: Mutex<Vec<Memory>>,
 }
 
-/// What one press needs at a time.
+/// Working memory of one press.
 struct Memory {
     linear: compliance::Scratch,
     network: ObjectBuffers,
@@ -65,7 +65,7 @@ impl SoftSurrogate {
         Self::from_bytes(name, bytes, shape, moduli, friction)
     }
 
-    /// As [`SoftSurrogate::named`], with the weights in a file.
+    /// Performs [`SoftSurrogate::named`] with the weights in a file.
     pub fn load(path: &Path, shape: &Shape, moduli: Moduli, friction: f64) -> Result<Self> {
         let bytes = weights::read(path)?;
         Self::from_bytes(&path.display().to_string(), &bytes, shape, moduli, friction)
@@ -92,7 +92,7 @@ impl SoftSurrogate {
         Ok(Self(Arc::new(ObjectNetwork { card, network, graph, unit, linear, body, spare })))
     }
 
-    /// What the weights are.
+    /// Description of the weights.
     pub fn card(&self) -> &SoftCard {
         &self.0.card
     }
@@ -113,13 +113,13 @@ impl SoftSurrogate {
         answers.map(|linear| Ok(self.0.correct(press, &half, linear?, &mut scratch))).collect()
     }
 
-    /// Whether an answer with that displacement (V, 3) in m is like what the network has learnt from.
+    /// Returns whether an answer with that displacement (V, 3) in m lies within the range of the
+    /// training data.
     pub fn knows(&self, displacement: &[Vector3<f64>]) -> bool {
         self.0.card.data.covers(&self.0.unit, displacement)
     }
 
-    /// What each of two fingers of these half-extents (m) exerts on the object in an answer to their
-    /// press, in the object's frame about its origin.
+    /// Wrenches of two fingers of these half-extents (m) on the object in an answer to their press, in the object's frame about its origin.
     pub fn of_fingers(&self, half_extents: &Vector3<f64>, answer: &Deformation) -> [Wrench; 2] {
         let grip = Grip::of(half_extents, &answer.poses);
         let mut wrenches = [Wrench::default(); 2];
@@ -133,7 +133,7 @@ impl SoftSurrogate {
 }
 
 impl ObjectNetwork {
-    /// What `work` does with memory that is kept for the next.
+    /// Performs `work` with memory that is kept for the next.
     fn with_memory<T>(&self, work: impl FnOnce(&mut Memory) -> T) -> T {
         let spare = || self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         let kept = spare().pop();
@@ -144,7 +144,7 @@ impl ObjectNetwork {
         done
     }
 
-    /// What the network makes of the linear answer.
+    /// Corrects the linear answer with the network.
     fn correct(
         &self,
         press: &Press,

@@ -26,7 +26,7 @@ const HEARD: usize = 12;
 /// Coarse nodes that a fine one is joined to.
 const JOINED: usize = 4;
 
-/// What all presses of one object share.
+/// Data shared by all presses of one object.
 pub(super) struct ObjectGraph {
     /// Unit of length (m).
     pub(super) length: f64,

@@ -1,6 +1,6 @@
 //! Soft objects between two rigid fingers: the paper's first scenario.
 //!
-//! As with pads, what linear elasticity can say is computed: the free object, condensed to its skin
+//! The linear part of the response is computed, as with pads: the free object, condensed to its skin
 //! ([`crate::compliance::Compliance::free`]), settles between the fingers with friction. A graph
 //! network on the object's own mesh corrects that answer ([`network`]). It sees everything in the
 //! frame of the grip ([`grip`]), in units of the object's size and stiffness, and was shown the mesh

@@ -1,4 +1,4 @@
-//! What finite elements add to the linear answer of a squeezed object.
+//! Network for the difference between finite elements and the linear answer of a squeezed object.
 //!
 //! A graph network in three scales (MeshGraphNets, Pfaff et al. 2021; scales as in Fortunato et al.
 //! 2022) on the object's mesh. It says by how much each node is displaced farther and each node of the
@@ -52,7 +52,7 @@ pub(super) struct Soft {
     pub(super) stress: Linear,
 }
 
-/// What the network says, in the units of [`ObjectInput`] and the object's frame.
+/// Output of the network, in the units of [`ObjectInput`] and the object's frame.
 pub(super) struct ObjectOutput {
     /// (V, 3).
     pub(super) displacement: Tensor,

@@ -40,7 +40,7 @@ pub(super) struct ObjectInput {
     pub(super) shares: Vec<f32>,
     /// Share of each node in all contact force: what is left unbalanced is taken from it (V).
     pub(super) bearing: Vec<f32>,
-    /// How far contact may be corrected: 1 at a face, 0 far from both and inside (V).
+    /// Factor on the correction of contact: 1 at a face, 0 far from both and inside (V).
     pub(super) gates: Vec<f32>,
     /// Largest displacement of a node.
     pub(super) amplitude: f32,
@@ -49,7 +49,7 @@ pub(super) struct ObjectInput {
 }
 
 impl ObjectInput {
-    /// What the `linear` answer to a squeeze by `grip` asks of the network. `unit.thickness` is L.
+    /// Returns the network's input for the `linear` answer to a squeeze by `grip`. `unit.thickness` is L.
     pub(super) fn new(
         graph: &ObjectGraph,
         unit: &PadMaterial,

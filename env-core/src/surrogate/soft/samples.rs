@@ -38,7 +38,7 @@ pub(super) struct Sample {
     pub(super) object: usize,
     /// Name of its grasp.
     pub(super) grasp: String,
-    /// What it is for.
+    /// Part of the data to which it belongs.
     pub(super) part: Part,
     /// Units: the object's material and size, and the friction.
     pub(super) unit: PadMaterial,
@@ -48,7 +48,7 @@ pub(super) struct Sample {
     pub(super) truth: Target,
 }
 
-/// What a grasp is for: of ten grasps of an object of a known family the last is judged and the one
+/// Part of the data to which a grasp belongs: of ten grasps of an object of a known family the last is judged and the one
 /// before it is left for choosing by; all of a novel one are judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Part {
@@ -148,7 +148,7 @@ fn answers(
     Ok(model.path(&press).into_iter().map_while(Result::ok).collect())
 }
 
-/// What finite elements say of a frame.
+/// Finite elements' solution of a frame.
 fn truth(frames: &SqueezeFrames, frame: usize, shares: &[f32], unit: &PadMaterial) -> Target {
     let part = |field: &[f32], unit: f64| -> Vec<f32> {
         let size = field.len() / frames.fingers[0].len();

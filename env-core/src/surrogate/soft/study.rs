@@ -23,11 +23,11 @@ use crate::{
     },
 };
 
-/// How a network is trained.
+/// Training configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SoftStudy {
-    /// What weights and batches are drawn from.
+    /// Seed of weights and batches.
     pub seed: u64,
     /// Times that every squeeze is seen; forty if neither this nor `seconds` is given.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -68,13 +68,13 @@ pub struct SoftErrors {
     pub linear_seconds: Spread,
 }
 
-/// What a network is, what it learnt from and how well.
+/// Description of a network, its training data and its errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SoftCard {
     /// Form of the network: soft.
     pub variant: String,
-    /// How it was trained, and its sizes.
+    /// Training configuration, and sizes of the network.
     pub study: SoftStudy,
     /// Nodes of the model mesh, at most.
     pub model_nodes: usize,
@@ -84,7 +84,7 @@ pub struct SoftCard {
     pub steps: u64,
     /// Frames that the linear model did not answer, and all.
     pub lost: [usize; 2],
-    /// What it was trained on; tested on objects of other families.
+    /// Training data; the test part has objects of other families.
     pub data: Data,
     /// Errors on unseen grasps of known objects.
     pub known: SoftErrors,
