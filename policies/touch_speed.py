@@ -1,13 +1,15 @@
 """Environment steps a second while both fingers touch, by model of touch and object.
 
 The scripted policy grasps, lifts and holds in four environments; only steps in which all eight pads
-touch are counted, by processor time, on one thread. A minute. Use::
+touch are counted, by processor time, on one thread. Some minutes. Use::
 
-    python policies/touch_speed.py
+    python policies/touch_speed.py                 # writes policies/results/touch_speed.json
+    python policies/touch_speed.py --out FILE
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import time
 from pathlib import Path
@@ -20,7 +22,7 @@ from evaluate import about_this_run
 from ruffini.policies import scripted
 
 MODELS = ("none", "surrogate", "surrogate-fine", "compliance")
-OBJECTS = ("sphere", "cuboid", "cylinder")
+OBJECTS = ("sphere", "cuboid", "cylinder", "cup")
 COUNT = 4
 STEPS = 100
 RIGID_STEPS = 2000
@@ -32,10 +34,13 @@ RESULT = Path(__file__).parent / "results" / "touch_speed.json"
 
 def main() -> None:
     """Measures every model with every object, and without one at hand, and writes the result."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("--out", type=Path, default=RESULT, help="the JSON file")
+    out = parser.parse_args().out
     touching = {model: {name: measure(model, name) for name in OBJECTS} for model in MODELS}
     still = {model: untouched(model) for model in MODELS}
     report = {**about_this_run(), "touching": touching, "untouched": still}
-    RESULT.write_text(json.dumps(report, indent=1) + "\n")
+    out.write_text(json.dumps(report, indent=1) + "\n")
 
 
 def environments(model: str, name: str) -> Any:

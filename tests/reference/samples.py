@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import subprocess
 from pathlib import Path
@@ -14,6 +15,7 @@ SAMPLES = ("grasps", "squeezes")
 
 def main() -> None:
     """Replaces the folders; the commit in their manifests is the last one."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     last = ["git", "rev-parse", "--short", "HEAD"]
     commit = subprocess.check_output(last, cwd=HERE, text=True).strip()
     for name in SAMPLES:

@@ -13,6 +13,7 @@ is fixed. Both are coloured by von Mises stress.
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 
@@ -265,10 +266,17 @@ def pictures_of_tasks():
         print(f"{name}: {env.unwrapped.look()}")
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Draws what is asked for."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("which", nargs="?", choices=["tasks"], help="all if not given")
+    which = parser.parse_args().which
     pictures_of_tasks()
-    if sys.argv[1:] == ["tasks"]:
-        sys.exit()
-    picture_of_touch()
-    picture_of_a_grasp()
-    picture_of_a_squeeze()
+    if which is None:
+        picture_of_touch()
+        picture_of_a_grasp()
+        picture_of_a_squeeze()
+
+
+if __name__ == "__main__":
+    main()

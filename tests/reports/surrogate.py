@@ -6,6 +6,7 @@ elements on the mesh of the network's teacher; one thread (set RAYON_NUM_THREADS
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
@@ -30,6 +31,9 @@ NETWORKS = {"surrogate": "default", "swift": "swift"}
 
 def main() -> None:
     """Presses every shape to every depth by network, linear answer and finite elements."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".json"))
+    out = parser.parse_args().out
     networks = {who: ruffini.Surrogate(name, friction=FRICTION) for who, name in NETWORKS.items()}
     card = json.loads(networks["surrogate"].card)
     fine = ruffini.sensor("gelsight-mini", resolution=card["linear_nodes"])
@@ -46,7 +50,7 @@ def main() -> None:
     commit = subprocess.check_output(["git", "rev-parse", "--short", "HEAD"], text=True).strip()
     machine = {"cores": os.cpu_count(), "machine": platform.processor() or platform.machine()}
     report = {"commit": commit, **machine, "friction": FRICTION, "rows": rows}
-    Path(__file__).with_suffix(".json").write_text(json.dumps(report, indent=1) + "\n")
+    out.write_text(json.dumps(report, indent=1) + "\n")
 
 
 def row(
