@@ -26,7 +26,7 @@ SHAPES = {
     "block 10 mm": (Shape.cuboid((5e-3, 5e-3, 5e-3)), 5e-3),
 }
 DEPTHS = (4e-4, 1e-3, 2e-3)
-NETWORKS = {"surrogate": "default", "swift": "swift"}
+NETWORKS = {"surrogate": "default", "swift": "swift", "cells": "cells"}
 
 
 def main() -> None:
