@@ -262,9 +262,9 @@ fn covered(
     let mut fine: Vec<_> = coarse.flat_map(|p| finer(outline, &p)).collect();
     let least = fine.iter().map(gap).fold(f64::INFINITY, f64::min);
     fine.retain(|p| gap(p) < f64::max(0.0, least + 0.2 * depth));
-    let to_bits = |p: &Point3<f64>| [p.x, p.y].map(|x| (x / APART[1]).round() as i64);
-    fine.sort_unstable_by_key(to_bits);
-    fine.dedup_by_key(|p| to_bits(p));
+    let square = |p: &Point3<f64>| [p.x, p.y].map(|x| (x / APART[1]).round() as i64);
+    fine.sort_unstable_by_key(square);
+    fine.dedup_by_key(|p| square(p));
     let area = fine.len() as f64 * APART[1].powi(2);
     // Wide contact needs fewer.
     let every = fine.len().div_ceil(4000).max(1);

@@ -179,6 +179,21 @@ mod tests {
     }
 
     #[test]
+    fn it_is_no_finer_than_it_is_told_to_be() {
+        let shortest = |pad: &GradedPad| {
+            let at = |i: u32| pad.mesh.vertices[i as usize];
+            let edges = pad.mesh.edges().into_iter().map(|[a, b]| (at(b) - at(a)).norm());
+            edges.fold(f64::INFINITY, f64::min)
+        };
+        let [free, bound] = [0.0, 1e-3].map(|finest| mini().graded_to(finest, &ring(), 4000));
+        let [free, bound] = [free.unwrap(), bound.unwrap()];
+        assert!(bound.mesh.vertices.len() < free.mesh.vertices.len() / 2);
+        // Bisection halves edges that are longer than the spacing.
+        let [free, bound] = [&free, &bound].map(shortest);
+        assert!(bound > 0.4e-3 && free < 0.4e-3, "{bound} m bound, {free} m free");
+    }
+
+    #[test]
     fn the_base_lies_where_the_frame_says() {
         let pad = mini().graded(&ring(), 2000).unwrap();
         let bottom = |i: u32| pad.mesh.vertices[i as usize].z < -mini().thickness + 1e-9;

@@ -122,3 +122,19 @@ fn weight(truth: &Target) -> f32 {
     let moved = (3.0 * squares / truth.displacement.len().max(1) as f64).sqrt();
     (moved / (moved + HARDLY_MOVED)) as f32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_hardly_moves_the_gel_counts_less() {
+        let moved = |by: f64| {
+            let displacement = [by as f32, 0.0, 0.0].repeat(5);
+            Target { displacement, stress: Vec::new(), forces: Vec::new(), force: [0.0; 3] }
+        };
+        let [hardly, half, much] =
+            [0.01, 1.0, 100.0].map(|times| weight(&moved(times * HARDLY_MOVED)));
+        assert!(hardly < 0.011 && (half - 0.5).abs() < 1e-6 && much > 0.98);
+    }
+}
