@@ -58,6 +58,7 @@ NAMES = [
     "yaw",
     "start",
     "start_height",
+    "gel_stiffness",
     "lift_height",
     "hold_time",
     "max_episode_steps",

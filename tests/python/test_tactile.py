@@ -17,14 +17,14 @@ from ruffini._schema import ENDINGS
 from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 
 COARSE = {"nodes": 300}
+COMPLIANT: dict[str, Any] = {"tactile": "compliance", "resolution": COARSE}
 FELT = ["markers", "displacement", "stress", "tet_stress", "traction", "wrench", "slip", "trust"]
 OVER_OBJECT: dict[str, Any] = {
     "objects": "sphere",
     "position": 0.0,
     "start": 0.0,
     "start_height": 0.08,
-    "tactile": "compliance",
-    "resolution": COARSE,
+    **COMPLIANT,
 }
 
 
@@ -170,6 +170,47 @@ def test_random_steps_never_yield_what_is_not_a_number():
         touched += int((np.abs(rows["wrench"]).max(axis=1) > 0).sum())
         assert all(e is None or e in ENDINGS for e in info.get("ending", []))
     assert touched > 24, f"touched in {touched} of 480 steps"
+
+
+@pytest.mark.parametrize("tactile", ["compliance", "fem", "surrogate"])
+def test_a_stiffer_gel_is_that_of_a_stiffer_material(tactile):
+    # HoldStill begins with the object in the hand.
+    settings: dict[str, Any] = {"observation": ["markers", "stress", "wrench"], "tactile": tactile}
+    if tactile != "surrogate":
+        settings["resolution"] = COARSE
+    rows = []
+    for gel in (
+        {"material": {"young": 3e5, "poisson": 0.47}, "gel_stiffness": 2.0},
+        {"material": {"young": 6e5, "poisson": 0.47}},
+        {"material": {"young": 3e5, "poisson": 0.47}},
+    ):
+        env = gym.make("ruffini/HoldStill-v0", **settings, **gel)
+        seen = [env.reset(seed=3)[0]]
+        seen += [env.step(np.zeros(5, np.float32))[0] for _ in range(4)]
+        rows.append({name: np.array([one[name] for one in seen]) for name in seen[0]})
+    scaled, stiff, soft = rows
+    for name, values in stiff.items():
+        assert values.any(), name
+        # Solvers stop at a residual in newtons, so the last digits differ.
+        np.testing.assert_allclose(scaled[name], values, rtol=0.0, atol=2e-3 * abs(values).max())
+    assert abs(soft["markers"]).max() > 1.2 * abs(stiff["markers"]).max()
+
+
+def test_the_stiffness_of_the_gel_is_drawn_or_given_and_changes_no_other_draw():
+    def stresses(**settings: Any) -> np.ndarray:
+        make = {"num_envs": 4, "observation": ["properties", "stress_ratio"], **COMPLIANT, **settings}
+        env = gym.make_vec("ruffini/GraspFragile-v0", obs="flat", **make)
+        first, _ = env.reset(seed=0)
+        seen = [env.step(np.full((4, 5), 0.2, np.float32))[0] for _ in range(3)]
+        return np.concatenate([first[:, :5], *(one[:, 5:] for one in seen)], axis=1)
+
+    usual, drawn = stresses(), stresses(gel_stiffness=(0.5, 2.0))
+    np.testing.assert_array_equal(usual[:, :5], drawn[:, :5])
+    assert not np.array_equal(usual, drawn)
+    np.testing.assert_array_equal(drawn, stresses(gel_stiffness=(0.5, 2.0)))
+    for task, settings in [("GraspLift", {"tactile": "none"}), ("GraspSoft", {})]:
+        with pytest.raises(ValueError, match="gel_stiffness: .*1 where no pad is soft"):
+            gym.make(f"ruffini/{task}-v0", gel_stiffness=1.5, **settings)
 
 
 def test_a_press_without_an_answer_ends_its_episode_by_name():

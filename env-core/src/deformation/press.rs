@@ -70,6 +70,20 @@ pub struct Deformation {
     pub predicted_error: Option<PredictedError>,
 }
 
+impl Deformation {
+    /// Solution for a body whose Young's modulus is `stiffness` times this one's: displacements are
+    /// the same, stresses and forces are in proportion to it. The history stays this body's.
+    #[must_use]
+    pub fn stiffened(mut self, stiffness: f64) -> Self {
+        self.von_mises.iter_mut().for_each(|stress| *stress *= stiffness);
+        self.contact_force.iter_mut().for_each(|force| *force *= stiffness);
+        self.wrench.force *= stiffness;
+        self.wrench.torque *= stiffness;
+        self.residual *= stiffness;
+        self
+    }
+}
+
 /// Relative errors against fine finite elements that 19 of 20 answers stay below.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PredictedError {

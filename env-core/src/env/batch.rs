@@ -284,7 +284,8 @@ impl Batch {
         for (felt, press) in felt.iter_mut().zip(self.rows[row].touch_again(&self.setup)?) {
             let pool = self.pool.as_ref().map(|(_, pool)| pool);
             let answers = answers(&mut model, press.as_slice(), wanted, pool);
-            *felt = answers.into_iter().find_map(|answer| answer.found.ok());
+            let found = answers.into_iter().find_map(|answer| answer.found.ok());
+            *felt = found.map(|felt| felt.stiffened(self.rows[row].gel_stiffness()));
         }
         Ok(felt)
     }

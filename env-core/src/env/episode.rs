@@ -11,7 +11,7 @@ use super::{
     plan::{CHANNEL, CORRECTION, PEAK, PRESS, REWARD, SCENE, StageTimes},
     squeeze::{self, SoftObjectContact},
     start::InitialState,
-    touch::{PerFinger, correct, keep, presses},
+    touch::{PerFinger, correct, keep, presses, stiffened},
     trajectory::{PosesInPads, Trajectory},
     trial::{limit, trial},
 };
@@ -120,10 +120,15 @@ impl Episode {
             stress_limit: None,
             trial: None,
             young: None,
+            gel_stiffness: 1.0,
             shaking: None,
             insertion: None,
         };
         config.task.draw(config, &mut parameters, &mut uniform);
+        // Without a range nothing is drawn, so other quantities are as they were.
+        let [low, high] = config.gel_stiffness;
+        let drawn = if low < high { uniform([low, high]) } else { low };
+        parameters.gel_stiffness = given.or(StartQuantity::GelStiffness, drawn);
         let object = Object { model, scale, mass, friction, pose };
         let InitialState { scene, grip, way } =
             InitialState::new(setup, &object, &Vector3::from(start), &parameters)?;
@@ -147,7 +152,8 @@ impl Episode {
     pub(super) fn open(&mut self, setup: &Setup, motion: PendingStep, observation: &mut [f32]) {
         let PendingStep { state, answers, .. } = motion;
         let (felt, squeezed) = if let Some(trial) = &self.parameters.trial {
-            self.parameters.stress_limit = limit(trial, answers).ok();
+            let stiffness = self.parameters.gel_stiffness;
+            self.parameters.stress_limit = limit(trial, stiffened(answers, stiffness)).ok();
             Default::default()
         } else {
             self.felt(setup, &state, answers).unwrap_or_default()
@@ -169,6 +175,11 @@ impl Episode {
     /// State of the rigid bodies and the parameters of the episode.
     pub(super) fn state(&self) -> (SceneState, EpisodeParameters) {
         (self.scene.state(), self.parameters)
+    }
+
+    /// Quantities drawn at the reset.
+    pub(super) fn parameters(&self) -> &EpisodeParameters {
+        &self.parameters
     }
 
     /// Model of the object, if it is soft.
@@ -208,6 +219,7 @@ impl Episode {
         mut answers: PerFinger<Result<Deformation>>,
     ) -> Result<(PerFinger<Deformation>, Option<Squeezed>)> {
         let Some(object) = setup.soft(self.parameters.object) else {
+            let answers = stiffened(answers, self.parameters.gel_stiffness);
             let felt = keep(&mut self.fingers, answers)?;
             correct(&mut self.scene, state, &felt);
             return Ok((felt, None));

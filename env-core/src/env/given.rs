@@ -26,11 +26,13 @@ pub enum StartQuantity {
     StartY,
     /// Height of the tool centre (m).
     StartHeight,
+    /// Young's modulus of the gel relative to that of its material.
+    GelStiffness,
 }
 
 impl StartQuantity {
     /// All quantities with their names.
-    pub const NAMED: [(&'static str, Self); 10] = [
+    pub const NAMED: [(&'static str, Self); 11] = [
         ("object", Self::Object),
         ("mass", Self::Mass),
         ("friction", Self::Friction),
@@ -41,6 +43,7 @@ impl StartQuantity {
         ("start_x", Self::StartX),
         ("start_y", Self::StartY),
         ("start_height", Self::StartHeight),
+        ("gel_stiffness", Self::GelStiffness),
     ];
 
     /// Returns the quantity called `name`, or an error that lists all names.
@@ -64,6 +67,7 @@ impl StartQuantity {
             Self::X | Self::Y => config.position,
             Self::StartX | Self::StartY => config.start,
             Self::StartHeight => config.start_height,
+            Self::GelStiffness => config.gel_stiffness,
         }
     }
 }

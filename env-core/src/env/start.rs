@@ -29,10 +29,7 @@ impl InitialState {
         place: &Vector3<f64>,
         parameters: &EpisodeParameters,
     ) -> Result<Self> {
-        let mut config = setup.config.scene.clone();
-        if let (Some(young), Pads::Soft(pads)) = (parameters.young, &mut config.pads) {
-            pads.young = young;
-        }
+        let mut config = scene_of(setup, parameters);
         let task = &setup.config.task;
         config.fixture = task.fixture(&object.model.shape().scaled(object.scale), parameters)?;
         let grip = task.gradual_grip().map_or(0.0, |grip| grip.start);
@@ -84,6 +81,16 @@ impl InitialState {
         way.arrive(scene.object_in_pads());
         Self { scene, grip, way }
     }
+}
+
+/// Configuration of the scene of an episode with these parameters: that of the settings, with pads
+/// as stiff as what is soft in this episode.
+pub(super) fn scene_of(setup: &Setup, parameters: &EpisodeParameters) -> SceneConfig {
+    let mut config = setup.config.scene.clone();
+    if let Pads::Soft(pads) = &mut config.pads {
+        pads.young = parameters.young.unwrap_or(pads.young * parameters.gel_stiffness);
+    }
+    config
 }
 
 /// Creates a hand about to touch an object where it rests, with its narrower side between the

@@ -44,6 +44,15 @@ pub(super) fn correct(scene: &mut Scene, state: &SceneState, felt: &PerFinger<De
     }
 }
 
+/// Solutions for gels whose Young's modulus is `stiffness` times that of the model: displacements
+/// are the same, stresses and forces are in proportion to it.
+pub(super) fn stiffened(
+    answers: PerFinger<Result<Deformation>>,
+    stiffness: f64,
+) -> PerFinger<Result<Deformation>> {
+    answers.map(|answer| Some(answer?.map(|felt| felt.stiffened(stiffness))))
+}
+
 /// Stores each finger's solution. Returns the solutions of the fingers that still touch, or the
 /// first error.
 pub(super) fn keep(

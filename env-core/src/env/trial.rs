@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 
 use super::{
     Setup,
-    start::InitialState,
+    start::{InitialState, scene_of},
     touch::{PerFinger, presses},
 };
 use crate::{
@@ -26,7 +26,7 @@ pub(super) fn trial(
     parameters: &EpisodeParameters,
     grip: f64,
 ) -> Result<PerFinger<Press>> {
-    let config = &setup.config.scene;
+    let config = &scene_of(setup, parameters);
     let [low, high] = [config.workspace.low, config.workspace.high].map(Vector3::from);
     let (place, pose) = InitialState::in_hand(config, object, &(0.5 * (low + high)));
     let object = Object { pose, ..object.clone() };

@@ -45,6 +45,8 @@ pub struct Config {
     pub sensor: String,
     /// Material of its gel: the name of a calibration, or moduli; the first calibration if `None`.
     pub material: Option<Material>,
+    /// Young's modulus of the gel relative to that of its material.
+    pub gel_stiffness: Range,
     /// Resolution of the pads' mesh and of the channels.
     pub resolution: Resolution,
     /// Names of the observation's channels; see [`Config::channels`] for the default.
@@ -94,6 +96,7 @@ impl Config {
             tactile: touch.choice,
             sensor: touch.sensor,
             material: touch.material,
+            gel_stiffness: AS_CALIBRATED,
             resolution: touch.resolution,
             observation: None,
         };
@@ -188,7 +191,8 @@ impl Config {
 
     /// The numeric settings: those that all tasks have, then those of the task.
     pub fn settings(&mut self) -> Vec<Setting<'_>> {
-        let Self { mass, friction, size, position, yaw, start, start_height, .. } = self;
+        let Self { mass, friction, size, position, yaw, start, start_height, gel_stiffness, .. } =
+            self;
         let mut settings = vec![
             Setting::range("mass", mass, [1e-6, 1e3], "kg", "mass of the object"),
             Setting::range(
@@ -217,6 +221,13 @@ impl Config {
                 "s",
                 "time for which the lifted object must stay held",
             ),
+            Setting::range(
+                "gel_stiffness",
+                gel_stiffness,
+                [0.1, 10.0],
+                "",
+                "Young's modulus of the gel relative to that of its material",
+            ),
         ];
         settings.extend(self.task.settings());
         settings
@@ -244,6 +255,10 @@ impl Config {
             return Err(Error::invalid("objects", self.objects.len(), "1 to 1000 objects"));
         }
         self.touch().validate()?;
+        if self.gel_stiffness != AS_CALIBRATED && !self.pads_feel() {
+            let found = format!("{:?}", self.gel_stiffness);
+            return Err(Error::invalid("gel_stiffness", found, "1 where no pad is soft"));
+        }
         if let Some(grip) = self.task.gradual_grip() {
             grip.validate(self.scene.gripper.max_force)?;
         }
@@ -283,6 +298,8 @@ impl Config {
     }
 }
 
+/// Stiffness of a gel that is the material's own.
+const AS_CALIBRATED: Range = [1.0, 1.0];
 /// Typical radius of a soft object (m).
 const MIDDLING: f64 = 0.018;
 /// Bounds of every place (m): the scene's limits of a workspace.

@@ -230,6 +230,8 @@ pub struct EpisodeParameters {
     pub trial: Option<TrialGrip>,
     /// Young's modulus of a soft object (Pa).
     pub young: Option<f64>,
+    /// Young's modulus of the pads' gel relative to that of its material.
+    pub gel_stiffness: f64,
     /// Disturbing force on the object, if there is one.
     pub shaking: Option<Shaking>,
     /// Hole, and place of the peg in the hand, if the object is a peg.

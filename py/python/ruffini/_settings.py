@@ -29,6 +29,7 @@ class Settings(TypedDict, total=False):
     yaw: Range
     start: Range
     start_height: Range
+    gel_stiffness: Range
     lift_height: float
     hold_time: float
     grip_rate: float
