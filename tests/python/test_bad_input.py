@@ -63,6 +63,7 @@ NAMES = [
     "hold_time",
     "max_episode_steps",
     "observation",
+    "sensor_errors",
     "reward_weights",
     "gripper",
     "workspace",

@@ -213,6 +213,41 @@ def test_the_stiffness_of_the_gel_is_drawn_or_given_and_changes_no_other_draw():
             gym.make(f"ruffini/{task}-v0", gel_stiffness=1.5, **settings)
 
 
+def test_sensor_errors_change_what_is_seen_and_nothing_else():
+    errors = {"markers": {"noise": 1e-5, "gain": (0.8, 1.2), "dead": 0.1, "delay": 1}}
+    settings = {**COMPLIANT, "observation": ["proprio", "markers"]}
+
+    def rollout(count: int, **more: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        env = gym.make_vec("ruffini/HoldStill-v0", num_envs=count, **settings, **more)
+        seen, rewards = [env.reset(seed=[5 + i for i in range(count)])[0]], []
+        for _ in range(6):
+            observation, reward, *_ = env.step(np.zeros((count, 5), np.float32))
+            seen.append(observation)
+            rewards.append(reward)
+        proprio, markers = (np.array([o[name] for o in seen]) for name in ("proprio", "markers"))
+        return proprio, markers, np.array(rewards)
+
+    (proprio, true, rewards) = rollout(3)
+    faulty = rollout(3, sensor_errors=errors)
+    np.testing.assert_array_equal(faulty[0], proprio)
+    np.testing.assert_array_equal(faulty[2], rewards)
+    seen = faulty[1].reshape(7, 3, 2, 35, 3)
+    true = true.reshape(7, 3, 2, 35, 3)
+    dead = (seen == 0).all(axis=(0, 4))
+    assert 0.02 < dead.mean() < 0.25
+    for row in range(3):
+        for pad in range(2):
+            alive = ~dead[row, pad]
+            reported, late = seen[1:, row, pad, alive], true[:-1, row, pad, alive]
+            gain = (reported * late).sum() / (late * late).sum()
+            assert 0.78 < gain < 1.22
+            assert 0.9e-5 < (reported - gain * late).std() < 1.1e-5
+    # Rows are as alone, and a seed brings the same errors again.
+    np.testing.assert_array_equal(rollout(1, sensor_errors=errors)[1][:, 0], faulty[1][:, 0])
+    env = gym.make("ruffini/HoldStill-v0", sensor_errors=errors, **settings)
+    np.testing.assert_array_equal(env.reset(seed=5)[0]["markers"], faulty[1][0, 0])
+
+
 def test_a_press_without_an_answer_ends_its_episode_by_name():
     # The full grip drives the edges of a thin ring between the nodes of the pads.
     shape = {"shape": "annulus", "outer": 0.02, "inner": 0.0195, "half_height": 0.01}

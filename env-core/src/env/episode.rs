@@ -22,8 +22,8 @@ use crate::{
     scene::{Object, Scene, SceneState},
     tactile::{Feeling, Felt, Finger, SoftObject, Squeezed},
     task::{
-        ACTION_SIZE, Ending, EpisodeParameters, Progress, Range, RewardTerms, StepState, TrialGrip,
-        command,
+        ACTION_SIZE, Ending, EpisodeParameters, FaultySensors, Progress, Range, RewardTerms,
+        StepState, TrialGrip, command,
     },
 };
 
@@ -40,6 +40,8 @@ pub(super) struct Episode {
     grip: f64,
     steps: u32,
     progress: Progress,
+    /// Sensors with errors, if the settings have any.
+    sensors: Option<FaultySensors>,
     pub(super) over: bool,
 }
 
@@ -137,9 +139,21 @@ impl Episode {
         let state = scene.state();
         let fingers = way.start().map(Finger::new);
         let (object, progress) = (None, Progress::new(&state));
-        let (squeeze, steps, over) = (SoftObjectContact::default(), 0, false);
-        let mut episode =
-            Self { scene, parameters, object, fingers, squeeze, grip, steps, progress, over };
+        let squeeze = SoftObjectContact::default();
+        let sensors = FaultySensors::draw(&config.sensor_errors, &setup.layout, random);
+        let (steps, over) = (0, false);
+        let mut episode = Self {
+            scene,
+            parameters,
+            object,
+            fingers,
+            squeeze,
+            grip,
+            steps,
+            progress,
+            sensors,
+            over,
+        };
         let mut motion = episode.motion(setup, state, way.poses());
         motion.presses = presses.unwrap_or(motion.presses);
         Ok((episode, motion))
@@ -159,6 +173,9 @@ impl Episode {
             self.felt(setup, &state, answers).unwrap_or_default()
         };
         setup.layout.write(&self.step_state(&state, setup, &felt, squeezed.as_ref()), observation);
+        if let Some(sensors) = &mut self.sensors {
+            sensors.report(&setup.layout, observation);
+        }
     }
 
     /// Attaches the object to a deserialised episode. Returns an error if the settings have no such
@@ -325,11 +342,11 @@ impl Episode {
         }
         observe(setup, &step, scratch, costs);
         let mut ending = Ending::of(&step, &progress, config);
-        if !setup.layout.holds(scratch) {
+        let holds = setup.layout.holds(scratch);
+        if !holds {
             ending = ending.or(Some(Ending::OutOfRange));
-        } else if ending != Some(Ending::NonFinite) {
-            observation.copy_from_slice(scratch);
         }
+        let is_seen = holds && ending != Some(Ending::NonFinite);
         let terms = if ending.is_none_or(Ending::is_of_the_task) {
             costs.time(REWARD, || {
                 progress.advance(&step, config);
@@ -348,6 +365,12 @@ impl Episode {
             press_error: retaken,
         };
         self.progress = progress;
+        if is_seen {
+            observation.copy_from_slice(scratch);
+            if let Some(sensors) = &mut self.sensors {
+                sensors.report(&setup.layout, observation);
+            }
+        }
         outcome
     }
 }

@@ -97,6 +97,11 @@ impl Channel {
         Self::ALL.into_iter().find(|channel| channel.name() == name)
     }
 
+    /// Number of entries of a point: 3 where it has a vector, otherwise 1.
+    pub const fn point(self) -> usize {
+        if matches!(self, Self::Markers | Self::Displacement | Self::Traction) { 3 } else { 1 }
+    }
+
     /// Optional parts of a solution that this channel needs.
     pub const fn wants(self) -> Wanted {
         Wanted {

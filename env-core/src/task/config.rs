@@ -2,7 +2,10 @@
 
 use serde::Serialize;
 
-use super::{Layout, ObjectSpec, Range, Setting, Start, Task, Weights, setting::rising};
+use super::{
+    Layout, ObjectSpec, Range, SensorErrors, Setting, Start, Task, Weights, sensor_errors,
+    setting::rising,
+};
 use crate::{
     Error, Result,
     deformation::Moduli,
@@ -49,6 +52,8 @@ pub struct Config {
     pub gel_stiffness: Range,
     /// Resolution of the pads' mesh and of the channels.
     pub resolution: Resolution,
+    /// Errors of sensors, by the name of their channel.
+    pub sensor_errors: SensorErrors,
     /// Names of the observation's channels; see [`Config::channels`] for the default.
     pub observation: Option<Vec<String>>,
     /// Weights of the reward's terms.
@@ -98,6 +103,7 @@ impl Config {
             material: touch.material,
             gel_stiffness: AS_CALIBRATED,
             resolution: touch.resolution,
+            sensor_errors: SensorErrors::new(),
             observation: None,
         };
         config.choose_objects(&objects);
@@ -191,8 +197,9 @@ impl Config {
 
     /// The numeric settings: those that all tasks have, then those of the task.
     pub fn settings(&mut self) -> Vec<Setting<'_>> {
-        let Self { mass, friction, size, position, yaw, start, start_height, gel_stiffness, .. } =
-            self;
+        let Self {
+            mass, friction, size, position, yaw, start, start_height, gel_stiffness, ..
+        } = self;
         let mut settings = vec![
             Setting::range("mass", mass, [1e-6, 1e3], "kg", "mass of the object"),
             Setting::range(
@@ -264,6 +271,7 @@ impl Config {
         }
         self.task.validate(self)?;
         Layout::check(self)?;
+        sensor_errors::validate(&self.sensor_errors, &self.channels())?;
         self.reward.validate()
     }
 

@@ -18,6 +18,7 @@ mod progress;
 mod read;
 mod reward;
 mod schema;
+mod sensor_errors;
 mod setting;
 
 pub use action::{ACTION_SIZE, command};
@@ -34,6 +35,7 @@ pub use observation::{Component, Layout, StateChannel, TACTILE_CHANNELS};
 pub use progress::Progress;
 pub use reward::{RewardTerm, RewardTerms, Weights};
 pub use schema::schema;
+pub use sensor_errors::{FaultySensors, SensorError, SensorErrors};
 pub use setting::{Range, Setting, Slot};
 
 use std::ops::{Deref, DerefMut};

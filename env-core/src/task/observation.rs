@@ -127,6 +127,21 @@ pub struct Component {
     pub unit: &'static str,
 }
 
+/// Place of a channel in an observation.
+#[derive(Clone, Copy, Debug)]
+pub struct Span {
+    /// Name of the channel.
+    pub name: &'static str,
+    /// Place of its first entry.
+    pub first: usize,
+    /// Number of its entries.
+    pub size: usize,
+    /// Number of entries of a point, such as 3 for the motion of a marker.
+    pub point: usize,
+    /// Number of sensors: 2 if each pad has its own, which come one after the other.
+    pub sides: usize,
+}
+
 /// Chosen channels and their positions in a row of observations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
@@ -198,6 +213,27 @@ impl Layout {
     /// Channels with their components, in order.
     pub fn channels(&self) -> &[(&'static str, Vec<Component>)] {
         &self.channels
+    }
+
+    /// Place of each channel, in order.
+    pub fn spans(&self) -> impl Iterator<Item = Span> {
+        let mut next = 0;
+        self.sources.iter().zip(&self.channels).map(move |(source, (name, components))| {
+            let size = components.iter().map(|component| component.low.len()).sum();
+            let first = next;
+            next += size;
+            let by_pad = matches!(source, Source::Fingers(_) | Source::State(StateChannel::Wrench));
+            let point = match source {
+                Source::Fingers(channel) => channel.point(),
+                Source::State(_) => 1,
+            };
+            Span { name, first, size, point, sides: if by_pad { 2 } else { 1 } }
+        })
+    }
+
+    /// Lower and upper bounds of all entries.
+    pub fn bounds(&self) -> [&[f32]; 2] {
+        [&self.low, &self.high]
     }
 
     /// Number of entries of one observation.

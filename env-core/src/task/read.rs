@@ -9,7 +9,7 @@ use super::{Config, Task};
 use crate::{Error, Result};
 
 /// Names of the settings that are no numbers, with a phrase on each.
-pub(super) const OTHERS: [(&str, &str); 11] = [
+pub(super) const OTHERS: [(&str, &str); 12] = [
     (
         "objects",
         "objects to draw from: names, mesh files, ``{\"mesh\": path, \"scale\": metres}``, or \
@@ -29,6 +29,12 @@ pub(super) const OTHERS: [(&str, &str); 11] = [
          pairs across and along",
     ),
     ("observation", "names of the channels"),
+    (
+        "sensor_errors",
+        "errors of observed channels, as in ``{\"markers\": {\"noise\": 2e-5, \"gain\": (0.9, 1.1), \
+         \"offset\": 1e-5, \"dead\": 0.02, \"delay\": 1}}``: deviation of noise in each step, factor \
+         and deviation of an offset drawn at each reset, share of dead points, steps of delay",
+    ),
     ("reward_weights", "mapping of weights of the reward's terms"),
     ("gripper", "mapping of the gripper's dimensions and limits"),
     ("workspace", "mapping of the corners ``low`` and ``high`` of the tool centre's box (m)"),
@@ -69,6 +75,7 @@ impl Config {
             "material" => self.material = read(name, value)?,
             "resolution" => self.resolution = overlaid(name, &self.resolution, value)?,
             "observation" => self.observation = read(name, &listed(value))?,
+            "sensor_errors" => self.sensor_errors = read(name, value)?,
             "reward_weights" => self.reward.set(&read(name, value)?, &self.task)?,
             "gripper" => self.scene.gripper = overlaid(name, &self.scene.gripper, value)?,
             "workspace" => self.scene.workspace = overlaid(name, &self.scene.workspace, value)?,

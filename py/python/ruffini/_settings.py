@@ -58,6 +58,7 @@ class Settings(TypedDict, total=False):
     material: str | Mapping[str, float]
     resolution: Mapping[str, int | Sequence[int]]
     observation: str | Sequence[str]
+    sensor_errors: Mapping[str, Mapping[str, float | Sequence[float]]]
     reward_weights: Mapping[str, float]
     gripper: Mapping[str, float]
     workspace: Mapping[str, Sequence[float]]

@@ -1,0 +1,256 @@
+//! Errors of sensors: noise, gain, offset, dead points and delay of observed channels.
+//!
+//! They change what is observed and nothing else: rewards and endings are those of the true values.
+//! A value x of a channel is seen as g x + b + n, with a gain g and an offset b that are drawn at the
+//! reset and noise n that is drawn in each step, cut to the channel's bounds as a sensor saturates.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
+use serde_json::Value;
+
+use super::{Layout, Range, setting::rising};
+use crate::{Error, Result};
+
+/// Errors of one channel; by default it has none.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SensorError {
+    /// Standard deviation of white noise, in the unit of each entry.
+    pub noise: f64,
+    /// Factor on the values, drawn at each reset for each pad.
+    #[serde(deserialize_with = "range")]
+    pub gain: Range,
+    /// Standard deviation of what is added to an entry throughout an episode.
+    pub offset: f64,
+    /// Probability that a point, such as a marker, reads zero throughout an episode.
+    pub dead: f64,
+    /// Control steps by which the values are late.
+    pub delay: usize,
+}
+
+impl Default for SensorError {
+    fn default() -> Self {
+        Self { noise: 0.0, gain: [1.0; 2], offset: 0.0, dead: 0.0, delay: 0 }
+    }
+}
+
+/// Errors by the name of the channel.
+pub type SensorErrors = BTreeMap<String, SensorError>;
+
+/// Largest delay (control steps).
+const LATEST: usize = 25;
+/// Largest standard deviation, in the unit of the channel.
+const LARGEST: f64 = 1e9;
+
+/// Reads a number or the two ends of a range.
+fn range<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Range, D::Error> {
+    let value = Value::deserialize(deserializer)?;
+    let two = value.as_array().filter(|ends| ends.len() == 2);
+    let ends = two.and_then(|ends| Some([ends[0].as_f64()?, ends[1].as_f64()?]));
+    ends.or_else(|| value.as_f64().map(|x| [x; 2]))
+        .ok_or_else(|| D::Error::custom(format!("found {value}, expected a number or a range")))
+}
+
+/// Returns an error that names the first value out of its range, or a channel that is not among the
+/// `observed` ones.
+pub(super) fn validate(errors: &SensorErrors, observed: &[&str]) -> Result<()> {
+    for (channel, error) in errors {
+        if !observed.contains(&channel.as_str()) {
+            let expected = format!("one of the observed channels {}", observed.join(", "));
+            return Err(Error::invalid("sensor_errors", channel, expected));
+        }
+        let SensorError { noise, gain, offset, dead, delay } = *error;
+        for (what, range, bounds) in [
+            ("noise", [noise; 2], [0.0, LARGEST]),
+            ("gain", gain, [0.0, 100.0]),
+            ("offset", [offset; 2], [0.0, LARGEST]),
+            ("dead", [dead; 2], [0.0, 1.0]),
+            ("delay", [delay as f64; 2], [0.0, LATEST as f64]),
+        ] {
+            rising(&format!("sensor_errors.{channel}.{what}"), range, bounds)?;
+        }
+    }
+    Ok(())
+}
+
+/// Sensors of one episode, with the errors that were drawn for them.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct FaultySensors {
+    random: ChaCha8Rng,
+    channels: Vec<FaultyChannel>,
+}
+
+/// One channel with errors.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct FaultyChannel {
+    /// Place of its first entry in an observation.
+    first: usize,
+    noise: f64,
+    /// Factor on each entry, 0 where a point is dead.
+    gains: Vec<f32>,
+    offsets: Vec<f32>,
+    delay: usize,
+    /// True values of the latest steps, the oldest first.
+    past: VecDeque<Vec<f32>>,
+}
+
+impl FaultySensors {
+    /// Draws the errors of an episode; `None` if no channel has any.
+    pub fn draw(errors: &SensorErrors, layout: &Layout, random: &mut impl Rng) -> Option<Self> {
+        if errors.is_empty() {
+            return None;
+        }
+        let mut random = ChaCha8Rng::seed_from_u64(random.next_u64());
+        let channels = layout.spans().filter_map(|span| {
+            let SensorError { noise, gain: [low, high], offset, dead, delay } =
+                *errors.get(span.name)?;
+            let side = span.size.div_ceil(span.sides);
+            let (mut gains, mut offsets) = (Vec::new(), Vec::new());
+            let mut gain = 1.0;
+            for entry in 0..span.size {
+                if entry % side == 0 {
+                    gain = low + (high - low) * random.random::<f64>();
+                }
+                if entry % span.point == 0 && random.random::<f64>() < dead {
+                    gains.extend(vec![0.0; span.point]);
+                    offsets.extend(vec![0.0; span.point]);
+                }
+                if gains.len() == entry {
+                    gains.push(gain as f32);
+                    offsets.push((offset * random.sample::<f64, _>(StandardNormal)) as f32);
+                }
+            }
+            let past = VecDeque::new();
+            Some(FaultyChannel { first: span.first, noise, gains, offsets, delay, past })
+        });
+        let channels = channels.collect();
+        Some(Self { random, channels })
+    }
+
+    /// Replaces the true values of a step in `row` by what the sensors report.
+    pub fn report(&mut self, layout: &Layout, row: &mut [f32]) {
+        for channel in &mut self.channels {
+            let FaultyChannel { first, noise, gains, offsets, delay, past } = channel;
+            let here = *first..*first + gains.len();
+            let values = &mut row[here.clone()];
+            if *delay > 0 {
+                past.push_back(values.to_vec());
+                values.copy_from_slice(&past[0]);
+                if past.len() > *delay {
+                    past.pop_front();
+                }
+            }
+            let [low, high] = layout.bounds().map(|bounds| &bounds[here.clone()]);
+            for (i, x) in values.iter_mut().enumerate() {
+                let is_dead = gains[i] == 0.0 && offsets[i] == 0.0;
+                let noise = match *noise {
+                    deviation if deviation > 0.0 && !is_dead => {
+                        deviation * self.random.sample::<f64, _>(StandardNormal)
+                    }
+                    _ => 0.0,
+                };
+                let reported = *x * gains[i] + offsets[i] + noise as f32;
+                *x = if is_dead { 0.0 } else { reported }.clamp(low[i], high[i]);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::task::Config;
+
+    /// Sensors of the channels that `json` names, on rigid fingers, and a row of true values.
+    fn sensors(json: &str) -> (FaultySensors, Layout, Vec<f32>) {
+        let observation = r#""observation": ["proprio", "wrench", "time"], "tactile": "none""#;
+        let json = format!(r#"{{{observation}, "sensor_errors": {json}}}"#);
+        let config = Config::from_json(&json).unwrap();
+        let layout = Layout::new(&config, None).unwrap();
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let sensors = FaultySensors::draw(&config.sensor_errors, &layout, &mut random).unwrap();
+        let row = (0..layout.size()).map(|i| 0.01 * i as f32).collect();
+        (sensors, layout, row)
+    }
+
+    /// The wrench of both pads in `row`, after the 13 numbers of the gripper.
+    fn wrench(row: &[f32]) -> &[f32] {
+        &row[13..25]
+    }
+
+    #[test]
+    fn only_what_is_named_is_reported_wrong_and_each_pad_has_its_gain() {
+        let (mut sensors, layout, row) = sensors(r#"{"wrench": {"gain": [0.5, 2]}}"#);
+        let mut seen = row.clone();
+        sensors.report(&layout, &mut seen);
+        assert_eq!((&seen[..13], &seen[25..]), (&row[..13], &row[25..]));
+        let ratios: Vec<f32> = wrench(&seen).iter().zip(wrench(&row)).map(|(a, b)| a / b).collect();
+        assert!(ratios[..6].iter().all(|r| (r / ratios[0] - 1.0).abs() < 1e-5));
+        assert!(ratios[6..].iter().all(|r| (r / ratios[6] - 1.0).abs() < 1e-5));
+        assert!((ratios[0] / ratios[6] - 1.0).abs() > 0.01);
+    }
+
+    #[test]
+    fn noise_has_its_deviation_and_an_offset_stays() {
+        let (mut sensors, layout, row) =
+            sensors(r#"{"wrench": {"noise": 0.1, "offset": 5}, "time": {"noise": 2.0}}"#);
+        let steps: Vec<Vec<f32>> = (0..2000)
+            .map(|_| {
+                let mut seen = row.clone();
+                sensors.report(&layout, &mut seen);
+                seen
+            })
+            .collect();
+        let (mut squares, mut offsets) = (0.0, Vec::new());
+        for i in 13..25 {
+            let mean = steps.iter().map(|s| f64::from(s[i] - row[i])).sum::<f64>() / 2000.0;
+            squares += steps.iter().map(|s| (f64::from(s[i] - row[i]) - mean).powi(2)).sum::<f64>();
+            offsets.push(mean);
+        }
+        let deviation = (squares / (12.0 * 2000.0)).sqrt();
+        assert!((deviation / 0.1 - 1.0).abs() < 0.03, "{deviation}");
+        let spread = (offsets.iter().map(|x| x * x).sum::<f64>() / 12.0).sqrt();
+        assert!((2.0..9.0).contains(&spread), "{spread}");
+        // Time is never negative: a sensor saturates.
+        assert!(steps.iter().all(|step| step[25] >= 0.0));
+    }
+
+    #[test]
+    fn what_is_late_was_true_before_and_what_is_dead_is_nothing() {
+        let (mut sensors, layout, row) =
+            sensors(r#"{"time": {"delay": 2}, "wrench": {"dead": 1}}"#);
+        let seen: Vec<f32> = (0..6)
+            .map(|step| {
+                let mut row = row.clone();
+                row[25] = step as f32;
+                sensors.report(&layout, &mut row);
+                assert!(wrench(&row).iter().all(|x| *x == 0.0));
+                row[25]
+            })
+            .collect();
+        assert_eq!(seen, [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]);
+    }
+
+    #[test]
+    fn bad_settings_are_named() {
+        for (errors, expected) in [
+            (r#"{"smell": {}}"#, "sensor_errors: found smell, expected one of the observed"),
+            (r#"{"wrench": {"noise": -1}}"#, "sensor_errors.wrench.noise: found -1"),
+            (r#"{"wrench": {"gain": [2, 1]}}"#, "sensor_errors.wrench.gain: found [2.0, 1.0]"),
+            (r#"{"wrench": {"gain": "big"}}"#, "sensor_errors.wrench.gain"),
+            (r#"{"wrench": {"dead": 1.5}}"#, "sensor_errors.wrench.dead: found 1.5"),
+            (r#"{"wrench": {"delay": 26}}"#, "sensor_errors.wrench.delay: found 26"),
+            (r#"{"wrench": {"drift": 1}}"#, "unknown field `drift`"),
+        ] {
+            let json = format!(
+                r#"{{"observation": ["wrench"], "tactile": "none", "sensor_errors": {errors}}}"#
+            );
+            let message = Config::from_json(&json).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}
