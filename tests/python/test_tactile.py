@@ -104,8 +104,18 @@ def test_a_seed_gives_the_same_touch_again():
         np.testing.assert_array_equal(ours, theirs)
 
 
-def test_a_snapshot_in_mid_grasp_replays_bit_for_bit():
-    env = GraspLiftEnv(**everything())
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {
+            "gel_stiffness": (0.5, 2.0),
+            "sensor_errors": {"markers": {"noise": 1e-5, "offset": 1e-5, "delay": 2}},
+        },
+    ],
+)
+def test_a_snapshot_in_mid_grasp_replays_bit_for_bit(settings):
+    env = GraspLiftEnv(**everything(**settings))
     env.reset(seed=2)
     for step in range(14):
         env.step(grasping(step))
