@@ -177,9 +177,20 @@ mod tests {
         (sensors, layout, row)
     }
 
-    /// The wrench of both pads in `row`, after the 13 numbers of the gripper.
+    /// Places of the wrenches of both pads, after the 14 numbers of the gripper, and of the time.
+    const WRENCH: std::ops::Range<usize> = 14..26;
+    const TIME: usize = 26;
+
     fn wrench(row: &[f32]) -> &[f32] {
-        &row[13..25]
+        &row[WRENCH]
+    }
+
+    #[test]
+    fn spans_are_where_channels_are_written() {
+        let (_, layout, row) = sensors(r#"{"time": {}}"#);
+        let spans: Vec<_> = layout.spans().map(|s| (s.name, s.first, s.size, s.sides)).collect();
+        assert_eq!(spans, [("proprio", 0, 14, 1), ("wrench", 14, 12, 2), ("time", TIME, 1, 1)]);
+        assert_eq!(row.len(), TIME + 1);
     }
 
     #[test]
@@ -187,7 +198,7 @@ mod tests {
         let (mut sensors, layout, row) = sensors(r#"{"wrench": {"gain": [0.5, 2]}}"#);
         let mut seen = row.clone();
         sensors.report(&layout, &mut seen);
-        assert_eq!((&seen[..13], &seen[25..]), (&row[..13], &row[25..]));
+        assert_eq!((&seen[..WRENCH.start], seen[TIME]), (&row[..WRENCH.start], row[TIME]));
         let ratios: Vec<f32> = wrench(&seen).iter().zip(wrench(&row)).map(|(a, b)| a / b).collect();
         assert!(ratios[..6].iter().all(|r| (r / ratios[0] - 1.0).abs() < 1e-5));
         assert!(ratios[6..].iter().all(|r| (r / ratios[6] - 1.0).abs() < 1e-5));
@@ -206,7 +217,7 @@ mod tests {
             })
             .collect();
         let (mut squares, mut offsets) = (0.0, Vec::new());
-        for i in 13..25 {
+        for i in WRENCH {
             let mean = steps.iter().map(|s| f64::from(s[i] - row[i])).sum::<f64>() / 2000.0;
             squares += steps.iter().map(|s| (f64::from(s[i] - row[i]) - mean).powi(2)).sum::<f64>();
             offsets.push(mean);
@@ -216,7 +227,7 @@ mod tests {
         let spread = (offsets.iter().map(|x| x * x).sum::<f64>() / 12.0).sqrt();
         assert!((2.0..9.0).contains(&spread), "{spread}");
         // Time is never negative: a sensor saturates.
-        assert!(steps.iter().all(|step| step[25] >= 0.0));
+        assert!(steps.iter().all(|step| step[TIME] >= 0.0));
     }
 
     #[test]
@@ -226,10 +237,10 @@ mod tests {
         let seen: Vec<f32> = (0..6)
             .map(|step| {
                 let mut row = row.clone();
-                row[25] = step as f32;
+                row[TIME] = step as f32;
                 sensors.report(&layout, &mut row);
                 assert!(wrench(&row).iter().all(|x| *x == 0.0));
-                row[25]
+                row[TIME]
             })
             .collect();
         assert_eq!(seen, [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]);
