@@ -208,8 +208,8 @@ def test_a_stiffer_gel_is_that_of_a_stiffer_material(tactile):
 
 def test_the_stiffness_of_the_gel_is_drawn_or_given_and_changes_no_other_draw():
     def stresses(**settings: Any) -> np.ndarray:
-        make = {"num_envs": 4, "observation": ["properties", "stress_ratio"], **COMPLIANT, **settings}
-        env = gym.make_vec("ruffini/GraspFragile-v0", obs="flat", **make)
+        make = {"observation": ["properties", "stress_ratio"], **COMPLIANT, **settings}
+        env = gym.make_vec("ruffini/GraspFragile-v0", num_envs=4, obs="flat", **make)
         first, _ = env.reset(seed=0)
         seen = [env.step(np.full((4, 5), 0.2, np.float32))[0] for _ in range(3)]
         return np.concatenate([first[:, :5], *(one[:, 5:] for one in seen)], axis=1)
@@ -219,7 +219,7 @@ def test_the_stiffness_of_the_gel_is_drawn_or_given_and_changes_no_other_draw():
     assert not np.array_equal(usual, drawn)
     np.testing.assert_array_equal(drawn, stresses(gel_stiffness=(0.5, 2.0)))
     for task, settings in [("GraspLift", {"tactile": "none"}), ("GraspSoft", {})]:
-        with pytest.raises(ValueError, match="gel_stiffness: .*1 where no pad is soft"):
+        with pytest.raises(ValueError, match=r"gel_stiffness: .*1 where no pad is soft"):
             gym.make(f"ruffini/{task}-v0", gel_stiffness=1.5, **settings)
 
 
