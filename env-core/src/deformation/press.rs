@@ -75,6 +75,9 @@ impl Deformation {
     /// the same, stresses and forces are in proportion to it. The history stays this body's.
     #[must_use]
     pub fn stiffened(mut self, stiffness: f64) -> Self {
+        if stiffness == 1.0 {
+            return self;
+        }
         self.von_mises.iter_mut().for_each(|stress| *stress *= stiffness);
         self.contact_force.iter_mut().for_each(|force| *force *= stiffness);
         self.wrench.force *= stiffness;

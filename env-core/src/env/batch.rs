@@ -242,7 +242,7 @@ impl Batch {
             return Err(Error::invalid("render", format!("row {row}"), "a row that was reset"));
         };
         let setup = self.setup.clone();
-        let felt = self.felt_by(row)?;
+        let felt = self.felt_by(row)?.map(|felt| Some(felt?.stiffened(draw.gel_stiffness)));
         let touch = setup.touch().map(|touch| TouchView {
             shell: touch.skin().shell(),
             fingers: felt.each_ref().map(Option::as_ref),
@@ -284,8 +284,7 @@ impl Batch {
         for (felt, press) in felt.iter_mut().zip(self.rows[row].touch_again(&self.setup)?) {
             let pool = self.pool.as_ref().map(|(_, pool)| pool);
             let answers = answers(&mut model, press.as_slice(), wanted, pool);
-            let found = answers.into_iter().find_map(|answer| answer.found.ok());
-            *felt = found.map(|felt| felt.stiffened(self.rows[row].gel_stiffness()));
+            *felt = answers.into_iter().find_map(|answer| answer.found.ok());
         }
         Ok(felt)
     }

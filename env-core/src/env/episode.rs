@@ -127,10 +127,16 @@ impl Episode {
             insertion: None,
         };
         config.task.draw(config, &mut parameters, &mut uniform);
-        // Without a range nothing is drawn, so other quantities are as they were.
+        // The gel and the sensors have streams of their own, so they change no other draw.
+        let stream = |number: u64| {
+            let mut own = random.clone();
+            own.set_stream(number);
+            own
+        };
         let [low, high] = config.gel_stiffness;
-        let drawn = if low < high { uniform([low, high]) } else { low };
+        let drawn = low + (high - low) * stream(1).random::<f64>();
         parameters.gel_stiffness = given.or(StartQuantity::GelStiffness, drawn);
+        let sensors = FaultySensors::draw(&config.sensor_errors, &setup.layout, stream(2));
         let object = Object { model, scale, mass, friction, pose };
         let InitialState { scene, grip, way } =
             InitialState::new(setup, &object, &Vector3::from(start), &parameters)?;
@@ -140,7 +146,6 @@ impl Episode {
         let fingers = way.start().map(Finger::new);
         let (object, progress) = (None, Progress::new(&state));
         let squeeze = SoftObjectContact::default();
-        let sensors = FaultySensors::draw(&config.sensor_errors, &setup.layout, random);
         let (steps, over) = (0, false);
         let mut episode = Self {
             scene,
@@ -192,11 +197,6 @@ impl Episode {
     /// State of the rigid bodies and the parameters of the episode.
     pub(super) fn state(&self) -> (SceneState, EpisodeParameters) {
         (self.scene.state(), self.parameters)
-    }
-
-    /// Quantities drawn at the reset.
-    pub(super) fn parameters(&self) -> &EpisodeParameters {
-        &self.parameters
     }
 
     /// Model of the object, if it is soft.

@@ -118,11 +118,6 @@ impl Row {
         self.episode.as_ref().map_or(Ok([None, None]), |episode| episode.touch_again(setup))
     }
 
-    /// Young's modulus of the gel in this episode, relative to that of its material.
-    pub(super) fn gel_stiffness(&self) -> f64 {
-        self.episode.as_ref().map_or(1.0, |episode| episode.parameters().gel_stiffness)
-    }
-
     /// Model of this episode's object, if it is soft.
     pub(super) fn soft<'a>(&self, setup: &'a Setup) -> Option<&'a SoftObject> {
         self.episode.as_ref().and_then(|episode| episode.soft(setup))

@@ -6,13 +6,16 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use rand::{Rng, RngExt, SeedableRng};
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 use serde_json::Value;
 
-use super::{Layout, Range, setting::rising};
+use super::{
+    Layout, Range,
+    setting::{RANGE, range_of, rising},
+};
 use crate::{Error, Result};
 
 /// Errors of one channel; by default it has none.
@@ -49,10 +52,7 @@ const LARGEST: f64 = 1e9;
 /// Reads a number or the two ends of a range.
 fn range<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Range, D::Error> {
     let value = Value::deserialize(deserializer)?;
-    let two = value.as_array().filter(|ends| ends.len() == 2);
-    let ends = two.and_then(|ends| Some([ends[0].as_f64()?, ends[1].as_f64()?]));
-    ends.or_else(|| value.as_f64().map(|x| [x; 2]))
-        .ok_or_else(|| D::Error::custom(format!("found {value}, expected a number or a range")))
+    range_of(&value).ok_or_else(|| D::Error::custom(format!("found {value}, expected {RANGE}")))
 }
 
 /// Returns an error that names the first value out of its range, or a channel that is not among the
@@ -90,42 +90,37 @@ struct FaultyChannel {
     /// Place of its first entry in an observation.
     first: usize,
     noise: f64,
-    /// Factor on each entry, 0 where a point is dead.
-    gains: Vec<f32>,
-    offsets: Vec<f32>,
+    /// Factor and offset of each entry; `None` where its point is dead.
+    entries: Vec<Option<[f32; 2]>>,
     delay: usize,
     /// True values of the latest steps, the oldest first.
     past: VecDeque<Vec<f32>>,
 }
 
 impl FaultySensors {
-    /// Draws the errors of an episode; `None` if no channel has any.
-    pub fn draw(errors: &SensorErrors, layout: &Layout, random: &mut impl Rng) -> Option<Self> {
+    /// Draws the errors of an episode from `random`, which goes on to draw the noise; `None` if no
+    /// channel has any.
+    pub fn draw(errors: &SensorErrors, layout: &Layout, mut random: ChaCha8Rng) -> Option<Self> {
         if errors.is_empty() {
             return None;
         }
-        let mut random = ChaCha8Rng::seed_from_u64(random.next_u64());
         let channels = layout.spans().filter_map(|span| {
             let SensorError { noise, gain: [low, high], offset, dead, delay } =
                 *errors.get(span.name)?;
             let side = span.size.div_ceil(span.sides);
-            let (mut gains, mut offsets) = (Vec::new(), Vec::new());
-            let mut gain = 1.0;
-            for entry in 0..span.size {
+            let (mut gain, mut is_dead) = (1.0, false);
+            let entries = (0..span.size).map(|entry| {
                 if entry % side == 0 {
                     gain = low + (high - low) * random.random::<f64>();
                 }
-                if entry % span.point == 0 && random.random::<f64>() < dead {
-                    gains.extend(vec![0.0; span.point]);
-                    offsets.extend(vec![0.0; span.point]);
+                if entry % span.point == 0 {
+                    is_dead = random.random::<f64>() < dead;
                 }
-                if gains.len() == entry {
-                    gains.push(gain as f32);
-                    offsets.push((offset * random.sample::<f64, _>(StandardNormal)) as f32);
-                }
-            }
-            let past = VecDeque::new();
-            Some(FaultyChannel { first: span.first, noise, gains, offsets, delay, past })
+                let offset = offset * random.sample::<f64, _>(StandardNormal);
+                (!is_dead).then_some([gain as f32, offset as f32])
+            });
+            let entries = entries.collect();
+            Some(FaultyChannel { first: span.first, noise, entries, delay, past: VecDeque::new() })
         });
         let channels = channels.collect();
         Some(Self { random, channels })
@@ -134,8 +129,8 @@ impl FaultySensors {
     /// Replaces the true values of a step in `row` by what the sensors report.
     pub fn report(&mut self, layout: &Layout, row: &mut [f32]) {
         for channel in &mut self.channels {
-            let FaultyChannel { first, noise, gains, offsets, delay, past } = channel;
-            let here = *first..*first + gains.len();
+            let FaultyChannel { first, noise, entries, delay, past } = channel;
+            let here = *first..*first + entries.len();
             let values = &mut row[here.clone()];
             if *delay > 0 {
                 past.push_back(values.to_vec());
@@ -146,15 +141,9 @@ impl FaultySensors {
             }
             let [low, high] = layout.bounds().map(|bounds| &bounds[here.clone()]);
             for (i, x) in values.iter_mut().enumerate() {
-                let is_dead = gains[i] == 0.0 && offsets[i] == 0.0;
-                let noise = match *noise {
-                    deviation if deviation > 0.0 && !is_dead => {
-                        deviation * self.random.sample::<f64, _>(StandardNormal)
-                    }
-                    _ => 0.0,
-                };
-                let reported = *x * gains[i] + offsets[i] + noise as f32;
-                *x = if is_dead { 0.0 } else { reported }.clamp(low[i], high[i]);
+                let noise = *noise * self.random.sample::<f64, _>(StandardNormal);
+                let reported = entries[i].map(|[gain, offset]| *x * gain + offset + noise as f32);
+                *x = reported.unwrap_or_default().clamp(low[i], high[i]);
             }
         }
     }
@@ -162,6 +151,8 @@ impl FaultySensors {
 
 #[cfg(test)]
 mod tests {
+    use rand::SeedableRng;
+
     use super::*;
     use crate::task::Config;
 
@@ -171,8 +162,8 @@ mod tests {
         let json = format!(r#"{{{observation}, "sensor_errors": {json}}}"#);
         let config = Config::from_json(&json).unwrap();
         let layout = Layout::new(&config, None).unwrap();
-        let mut random = ChaCha8Rng::seed_from_u64(3);
-        let sensors = FaultySensors::draw(&config.sensor_errors, &layout, &mut random).unwrap();
+        let random = ChaCha8Rng::seed_from_u64(3);
+        let sensors = FaultySensors::draw(&config.sensor_errors, &layout, random).unwrap();
         let row = (0..layout.size()).map(|i| 0.01 * i as f32).collect();
         (sensors, layout, row)
     }

@@ -57,19 +57,14 @@ impl<'a> Setting<'a> {
 
     /// Sets the value from JSON: a number, or for a range also its two ends.
     pub fn set(&mut self, value: &Value) -> Result<()> {
-        let pair = || match value.as_array()?.as_slice() {
-            [low, high] => Some([low.as_f64()?, high.as_f64()?]),
-            _ => None,
-        };
         match &mut self.value {
             Slot::Number(number) => {
                 let given = value.as_f64();
                 **number = given.ok_or_else(|| Error::invalid(self.name, value, "a number"))?;
             }
             Slot::Range(range) => {
-                let given = value.as_f64().map(|x| [x, x]).or_else(pair);
-                let expected = "a number or a range of two numbers";
-                **range = given.ok_or_else(|| Error::invalid(self.name, value, expected))?;
+                let given = range_of(value);
+                **range = given.ok_or_else(|| Error::invalid(self.name, value, RANGE))?;
             }
         }
         Ok(())
@@ -98,6 +93,18 @@ impl<'a> Setting<'a> {
         let kind = if is_range { "range" } else { "number" };
         let Self { name, bounds, unit, doc, .. } = self;
         json!({"name": name, "kind": kind, "default": default, "bounds": bounds, "unit": unit, "doc": doc})
+    }
+}
+
+/// What [`range_of`] reads.
+pub(super) const RANGE: &str = "a number or a range of two numbers";
+
+/// Reads a number, which stands for both ends, or the two ends of a range.
+pub(super) fn range_of(value: &Value) -> Option<Range> {
+    match value.as_array().map(Vec::as_slice) {
+        Some([low, high]) => Some([low.as_f64()?, high.as_f64()?]),
+        Some(_) => None,
+        None => value.as_f64().map(|x| [x, x]),
     }
 }
 
