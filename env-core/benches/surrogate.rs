@@ -1,8 +1,7 @@
-//! Time of a further motion of a held object by 1 µm on a gel pad: by the networks, by the linear
-//! model that they correct, and by finite elements as fine as those that produced the training
-//! data; each without stress and residual, and complete.
+//! Time of a further motion of a held object by 1 µm on a gel pad: by the network and by the linear
+//! model that it corrects, each without stress and residual, and complete, and by finite elements.
 //!
-//! Goal: 1 ms per press on one thread, everything included. The matrix products of the networks are
+//! Goal: 1 ms per press on one thread, everything included. The matrix products of the network are
 //! also timed alone, beside one that is large enough for the highest rate (Gelem/s are GFLOP/s);
 //! the goal is 60 % of that rate.
 
@@ -14,18 +13,21 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul};
 use nalgebra::{Isometry3, Vector3};
 use ruffini_core::{
-    compliance::{self, Compliance},
     deformation::{DeformationModel, Law, Moduli, Press, SoftBody, Wanted},
     fem::{self, Fem},
     geometry::Shape,
     sensor::Sensor,
-    surrogate::{CorrectorConfig, Surrogate},
+    surrogate::{CorrectorConfig, LinearPad, Surrogate},
 };
 
 const MM: f64 = 1e-3;
 const FRICTION: f64 = 0.8;
-const STRESSED: Wanted = Wanted { stress: true, residual: false };
-const WHOLE: Wanted = Wanted { stress: true, residual: true };
+/// Parts of an answer, by name.
+const WANTED: [(&str, Wanted); 3] = [
+    ("moved", Wanted { stress: false, residual: false }),
+    ("stressed", Wanted { stress: true, residual: false }),
+    ("whole", Wanted { stress: true, residual: true }),
+];
 
 /// Name, shape, its extent below its origin (m), and the depth at which it is held (m).
 struct Held(&'static str, Shape, f64, f64);
@@ -62,35 +64,26 @@ fn presses(criterion: &mut Criterion) {
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     let sensor = Sensor::named("gelsight-mini").expect("a known sensor");
     let moduli = Moduli { young: 3e5, poisson: 0.47 };
-    let network =
-        |name| Surrogate::named(name, &sensor, moduli, FRICTION).expect("shipped weights");
-    let [mut fine, mut swift] = ["default", "swift"].map(network);
-    let pad = sensor.pad(fine.card().linear_nodes).expect("a mesh of that size");
-    let face = sensor.pad(swift.card().model_nodes).expect("a mesh of that size");
-    let body =
-        SoftBody::new(pad.mesh.clone(), Law::NeoHookean, moduli, &pad.base).expect("a sound mesh");
-    let options = compliance::Options { friction: FRICTION, sweeps: 0 };
-    let mut points = Compliance::new(body.clone(), options).expect("a bonded pad");
-    let nodes = points.at_coarse_nodes(&pad, &face).expect("meshes of one pad");
+    let mut network = Surrogate::new(&sensor, moduli, FRICTION).expect("shipped weights");
+    let nodes = network.card().model_nodes;
+    let mut linear = LinearPad::new(&sensor, moduli, FRICTION, nodes).expect("a known sensor");
+    let pad = sensor.pad(network.card().linear_nodes).expect("a mesh of that size");
+    let body = SoftBody::new(pad.mesh, Law::NeoHookean, moduli, &pad.base).expect("a sound mesh");
     let options = fem::Options { friction: FRICTION, ..fem::Options::default() };
     let elements = Fem::new(body, options).expect("valid options");
     for held in held() {
         let mut group = criterion.benchmark_group(held.0);
         group.sample_size(20);
-        for (name, model) in [("surrogate", &mut fine), ("swift", &mut swift)] {
-            let press = held.onwards(model);
-            for (what, wanted) in
-                [("moved", Wanted::default()), ("stressed", STRESSED), ("whole", WHOLE)]
-            {
-                let mut feel = || one.install(|| model.feel(slice::from_ref(&press), wanted));
-                group.bench_function(format!("{name} {what}"), |b| b.iter(|| black_box(feel())));
-            }
+        let press = held.onwards(&network);
+        for (what, wanted) in WANTED {
+            let mut feel = || one.install(|| network.feel(slice::from_ref(&press), wanted));
+            group.bench_function(format!("surrogate {what}"), |b| b.iter(|| black_box(feel())));
         }
-        let press = held.onwards(&points);
-        let mut feel = || one.install(|| points.feel(slice::from_ref(&press), Wanted::default()));
-        group.bench_function("points moved", |b| b.iter(|| black_box(feel())));
-        let press = held.onwards(&nodes);
-        group.bench_function("nodes moved", |b| b.iter(|| black_box(nodes.settle(&press))));
+        let press = held.onwards(&linear);
+        for (what, wanted) in WANTED {
+            let mut feel = || one.install(|| linear.feel(slice::from_ref(&press), wanted));
+            group.bench_function(format!("linear {what}"), |b| b.iter(|| black_box(feel())));
+        }
         let press = held.onwards(&elements);
         group.bench_function("fem whole", |b| b.iter(|| black_box(elements.solve_path(&press))));
         group.finish();
@@ -100,8 +93,10 @@ fn presses(criterion: &mut Criterion) {
 /// Matrix product, as rows and columns of the left factor, and columns of the right one.
 type Product = [usize; 3];
 
-/// Number of input features of a column of nodes.
-const FEATURES: usize = 26;
+/// Numbers of input features and of outputs of a column of nodes, and of its nodes.
+const FEATURES: usize = 38;
+const OUTPUTS: usize = 16;
+const NODES: usize = 4;
 
 /// Matrix products of `network` in a press on a pad of `cells`, as on the fast path.
 fn products(network: &CorrectorConfig, cells: [u32; 3]) -> Vec<Product> {
@@ -114,7 +109,7 @@ fn products(network: &CorrectorConfig, cells: [u32; 3]) -> Vec<Product> {
     // Encoder, heads of the nodes, corners of tetrahedra; then rounds on each scale, and links
     // between scales.
     let mut found = vec![[rows[0], FEATURES, w], [rows[0], w, w], [rows[0], w, w]];
-    found.extend([[rows[0], w, 12], [rows[0], w, network.corner]]);
+    found.extend([[rows[0], w, OUTPUTS], [rows[0], w, NODES * network.corner]]);
     let rounds = network.down.iter().zip(&rows).chain(network.up.iter().zip(&rows));
     for (&rounds, &rows) in rounds {
         found.extend([[rows, w, 3 * w], [rows, w, w], [rows, w, w]].repeat(rounds));
@@ -130,12 +125,9 @@ fn flops(products: &[Product]) -> u64 {
 fn dense(criterion: &mut Criterion) {
     let sensor = Sensor::named("gelsight-mini").expect("a known sensor");
     let cells = sensor.pad(1000).expect("a mesh of that size").cells;
-    let swift =
-        CorrectorConfig { width: 32, down: [1, 1, 1], up: [1, 1], ..CorrectorConfig::default() };
     let mut group = criterion.benchmark_group("dense");
     for (name, products) in [
         ("a product of 1024", vec![[1024; 3]]),
-        ("swift", products(&swift, cells)),
         ("surrogate", products(&CorrectorConfig::default(), cells)),
     ] {
         let most = |size: fn(&Product) -> usize| products.iter().map(size).max().unwrap_or(0);

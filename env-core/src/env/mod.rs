@@ -81,7 +81,7 @@ impl Setup {
     fn felt_shape(&self, object: usize) -> &Shape {
         let model = &self.models[object];
         match self.config.tactile {
-            Choice::Surrogate | Choice::SurrogateFine | Choice::Compliance => model.sampled(),
+            Choice::Surrogate | Choice::Compliance => model.sampled(),
             Choice::None | Choice::Fem => model.shape(),
         }
     }

@@ -14,13 +14,13 @@ use super::{
     fast::{PadBuffers, PadInference},
     features::{PadInput, PadMaterial},
     graph::PadGraph,
-    linear::{self, LinearBaseline, LinearFields, body},
-    paper::PaperNetwork,
+    linear::{LinearBaseline, LinearFields, PadFields, body},
     predicted::{self, ErrorModel},
     weights::{self, Card, bearing_of},
 };
 use crate::{
     Error, Result,
+    compliance::nodal::Settled,
     contact::{SurfacePoint, clearance},
     deformation::{
         Deformation, DeformationModel, Drive, Moduli, PredictedError, Press, SoftBody, Wanted,
@@ -68,35 +68,16 @@ const ALL: Wanted = Wanted { stress: true, residual: true };
 /// Largest number of trials in a force-driven press, and relative tolerance of the force.
 const TRIES: usize = 16;
 const FORCE: f64 = 1e-3;
-/// Shipped weights by name.
-const KNOWN: [(&str, &[u8]); 3] = [
-    ("default", include_bytes!("../../assets/weights/default.safetensors")),
-    ("swift", include_bytes!("../../assets/weights/swift.safetensors")),
-    ("cells", include_bytes!("../../assets/weights/cells.safetensors")),
-];
-
-/// Returns the shipped weights of that name.
-pub(super) fn shipped(name: &str) -> Option<&'static [u8]> {
-    KNOWN.iter().find(|(known, _)| *known == name).map(|(_, bytes)| *bytes)
-}
+/// Shipped weights.
+pub(super) const SHIPPED: &[u8] = include_bytes!("../../assets/weights/pads.safetensors");
 
 impl Surrogate {
-    /// Loads the shipped weights of that name for a gel of `sensor` with the given material and
-    /// friction.
-    pub fn named(name: &str, sensor: &Sensor, moduli: Moduli, friction: f64) -> Result<Self> {
-        let bytes = shipped(name).ok_or_else(|| {
-            let names = KNOWN.map(|(name, _)| name).join(", ");
-            let expected = if PaperNetwork::names().any(|paper| paper == name) {
-                format!("one of {names}; {name} says no contact forces and is a PaperNetwork")
-            } else {
-                format!("one of {names}, or a file's path")
-            };
-            Error::invalid("surrogate", name, expected)
-        })?;
-        Self::from_bytes(name, bytes, sensor, moduli, friction)
+    /// Loads the shipped network for a gel of `sensor` with the given material and friction.
+    pub fn new(sensor: &Sensor, moduli: Moduli, friction: f64) -> Result<Self> {
+        Self::from_bytes("pads", SHIPPED, sensor, moduli, friction)
     }
 
-    /// Performs [`Surrogate::named`] with the weights in a file.
+    /// Performs [`Surrogate::new`] with the weights in a file.
     pub fn load(path: &Path, sensor: &Sensor, moduli: Moduli, friction: f64) -> Result<Self> {
         let bytes = weights::read(path)?;
         Self::from_bytes(&path.display().to_string(), &bytes, sensor, moduli, friction)
@@ -114,7 +95,7 @@ impl Surrogate {
         let plain = Corrector::new(&card.network, &parameters.builder())?;
         let gel = PadMaterial { moduli, friction, thickness: sensor.outline.thickness };
         let pad = sensor.pad(card.model_nodes)?;
-        let linear = LinearBaseline::new(sensor, &gel, card.linear_nodes, card.contact, &pad)?;
+        let linear = LinearBaseline::new(sensor, &gel, card.linear_nodes, &pad)?;
         let body = body(&pad, moduli)?;
         let elements = Linearised::new(&body)?;
         let graph = PadGraph::new(&pad)?;
@@ -154,7 +135,7 @@ impl Surrogate {
                 let mut frames = Vec::new();
                 for linear in trained.linear.path(press) {
                     frames.push(
-                        linear.and_then(|linear| trained.correct(press, &linear, ALL, evaluation)),
+                        linear.and_then(|linear| trained.correct(press, linear, ALL, evaluation)),
                     );
                     if frames.last().is_some_and(Result::is_err) {
                         break;
@@ -178,7 +159,7 @@ impl Surrogate {
         match press.drive() {
             Drive::Translation { .. } => {
                 let linear = self.trained.linear.path(press).pop().expect("a press has a frame")?;
-                self.trained.correct(press, &linear, wanted, evaluation)
+                self.trained.correct(press, linear, wanted, evaluation)
             }
             Drive::Force { poses, force, direction } => {
                 self.trained.push(press, poses, *force, direction, evaluation)
@@ -241,7 +222,7 @@ impl PadModel {
         for trial in 0..TRIES {
             let same = press.with_other_force(asked);
             let linear = self.linear.path(&same).swap_remove(0)?;
-            let answer = self.correct(press, &linear, ALL, evaluation)?;
+            let answer = self.correct(press, linear, ALL, evaluation)?;
             reached = answer.wrench.force.dot(direction);
             let way = answer.poses[0].translation.vector - poses[0].translation.vector;
             travel = way.dot(direction);
@@ -269,34 +250,35 @@ impl PadModel {
     fn correct(
         &self,
         press: &Press,
-        linear: &linear::LinearAnswer,
+        settled: Settled,
         wanted: Wanted,
         evaluation: &mut Evaluation,
     ) -> Result<Deformation> {
         let start = Instant::now();
         // Candle's layers always compute the stress.
         let with_stress = wanted.stress || matches!(evaluation, Evaluation::Plain);
-        let carried = self.linear.carry(linear, with_stress);
+        let linear = self.linear.carry(&settled, with_stress);
         let places = &self.body.mesh().vertices;
         let friction = press.friction().unwrap_or(self.gel.friction);
         let gel = PadMaterial { friction, ..self.gel };
-        let question = PadInput::new(&self.graph, &gel, places, press.shapes(), &carried);
+        let question = PadInput::new(&self.graph, &gel, places, press.shapes(), &linear);
+        let LinearFields { fields: linear, .. } = linear;
         let (corrected, predicted_error) = if question.amplitude > 0.0 {
-            self.corrected(&question, &carried, with_stress, evaluation)?
+            self.corrected(&question, linear, with_stress, evaluation)?
         } else {
-            (carried, None)
+            (linear, None)
         };
-        let LinearFields { displacement, contact_force, von_mises, poses, .. } = corrected;
+        let PadFields { displacement, contact_force, von_mises, poses } = corrected;
         let residual =
             if wanted.residual { self.residual(&displacement, &contact_force)? } else { 0.0 };
-        let (iterations, seconds) = linear.effort();
+        let Settled { history, iterations, seconds, .. } = settled;
         Ok(Deformation {
             wrench: wrench(places, &displacement, &contact_force),
             displacement,
             von_mises,
             contact_force,
             poses,
-            history: linear.history().clone(),
+            history,
             iterations,
             residual,
             seconds: seconds + start.elapsed().as_secs_f64(),
@@ -307,10 +289,10 @@ impl PadModel {
     fn corrected(
         &self,
         question: &PadInput,
-        carried: &LinearFields,
+        linear: PadFields,
         with_stress: bool,
         evaluation: &mut Evaluation,
-    ) -> Result<(LinearFields, Option<PredictedError>)> {
+    ) -> Result<(PadFields, Option<PredictedError>)> {
         let fields = match evaluation {
             Evaluation::Fast(scratch) => self.network.forward(question, with_stress, scratch),
             Evaluation::Plain => self.plain.fields(question, &self.graph)?,
@@ -320,16 +302,15 @@ impl PadModel {
             numbers.as_chunks::<3>().0.iter().map(vector).collect::<Vec<_>>()
         };
         let mut contact_force = vectors(&fields.forces, self.gel.force());
-        contact_force.extend(&carried.contact_force[self.graph.columns..]);
+        contact_force.extend(&linear.contact_force[self.graph.columns..]);
         let shear = self.gel.moduli.shear();
         let predict = |model: &ErrorModel| model.predict(&predicted::terms(question, &fields));
         let predicted_error = self.card.predicted.as_ref().map(predict);
-        let corrected = LinearFields {
+        let corrected = PadFields {
             displacement: vectors(&fields.displacement, self.gel.thickness),
             contact_force,
             von_mises: fields.stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
-            poses: carried.poses.clone(),
-            cells: None,
+            poses: linear.poses,
         };
         Ok((corrected, predicted_error))
     }

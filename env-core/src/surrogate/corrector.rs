@@ -1,10 +1,10 @@
-//! The default network: the difference between finite elements and the linear answer.
+//! The network of pads: the difference between finite elements and the linear answer.
 //!
 //! A graph network on the pad's columns (MeshGraphNets, Pfaff et al. 2021, in three scales as in
-//! MultiScale MeshGraphNets, Fortunato et al. 2022). Its input is the answer of `compliance`,
-//! linear elasticity with friction. Its outputs are corrections: of the displacement of each node,
-//! of the force on each touching node, and, for each tetrahedron, of the stress that the corrected
-//! displacement implies. Without contact all corrections are exactly zero.
+//! MultiScale MeshGraphNets, Fortunato et al. 2022). Its input is the answer of linear elasticity
+//! with friction. Its outputs are corrections: of the displacement of each node, of the force on each
+//! touching node, and, for each tetrahedron, of the stress that the corrected displacement implies.
+//! Without contact all corrections are exactly zero.
 //!
 //! Shapes: B presses in a batch, C columns, K free layers, V = C (K + 1) nodes, T tetrahedra, H
 //! latent width, W width of a corner.
@@ -14,7 +14,7 @@ use candle_nn::VarBuilder;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    features::{self, PadInput},
+    features::{FEATURES, PadInput},
     graph::{LAYERS, PadGraph, SCALES},
     layers::{Linear, Mlp},
     metrics::Fields,
@@ -34,14 +34,11 @@ pub struct CorrectorConfig {
     pub up: [usize; SCALES - 1],
     /// Width W of the hidden features of a tetrahedron's corner.
     pub corner: usize,
-    /// `true` if its input has the features of contact on cells.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub cells: bool,
 }
 
 impl Default for CorrectorConfig {
     fn default() -> Self {
-        Self { width: 48, down: [1, 1, 2], up: [2, 1], corner: 16, cells: false }
+        Self { width: 32, down: [1, 1, 1], up: [1, 1], corner: 16 }
     }
 }
 
@@ -122,11 +119,11 @@ impl Batch {
 
 impl Corrector {
     pub(super) fn new(config: &CorrectorConfig, vb: &VarBuilder) -> Result<Self> {
-        let CorrectorConfig { width, corner, down, up, cells } = *config;
-        let zero = |vb: VarBuilder| Linear::zero(width, outputs(cells), &vb);
+        let CorrectorConfig { width, corner, down, up } = *config;
+        let zero = |vb: VarBuilder| Linear::zero(width, OUTPUTS, &vb);
         let nodes = vb.pp("nodes");
         Ok(Self {
-            scales: MultiScale::new([features::width(cells), width], down, up, vb)?,
+            scales: MultiScale::new([FEATURES, width], down, up, vb)?,
             nodes: Mlp {
                 first: Linear::new(width, width, &nodes.pp("first"))?,
                 second: zero(nodes.pp("second"))?,
@@ -179,10 +176,8 @@ impl Corrector {
 }
 
 /// Number of outputs of a column: additions to the displacement of its layers and to its contact
-/// force, and with contact on cells the factors by which those of the linear answer grow.
-pub(super) const fn outputs(cells: bool) -> usize {
-    if cells { 4 * LAYERS + 4 } else { 3 * LAYERS + 3 }
-}
+/// force, and factors by which those of the linear answer grow.
+pub(super) const OUTPUTS: usize = 4 * LAYERS + 4;
 
 /// Corrected displacement of all nodes (B V, 3).
 fn displaced(batch: &Batch, says: &Tensor) -> Result<Tensor> {
@@ -196,9 +191,6 @@ fn displaced(batch: &Batch, says: &Tensor) -> Result<Tensor> {
     };
     let added = on_nodes(0, 3)?.broadcast_mul(&batch.amplitude)?;
     let displacement = (&batch.displacement + added.reshape(batch.displacement.shape())?)?;
-    if says.dim(1)? < outputs(true) {
-        return Ok(displacement);
-    }
     let growth = on_nodes(3 * LAYERS + 3, 1)?.reshape(((), 1))?;
     displacement + batch.displacement.broadcast_mul(&growth)?
 }
@@ -207,11 +199,8 @@ fn displaced(batch: &Batch, says: &Tensor) -> Result<Tensor> {
 fn pressed(batch: &Batch, says: &Tensor) -> Result<(Tensor, Tensor)> {
     let added = says.narrow(1, 3 * LAYERS, 3)?.reshape(batch.forces.shape())?;
     let added = added.broadcast_mul(&batch.gates)?.broadcast_mul(&batch.strongest)?;
-    let mut forces = (&batch.forces + added)?;
-    if says.dim(1)? == outputs(true) {
-        let growth = says.narrow(1, outputs(true) - 1, 1)?.reshape(batch.gates.shape())?;
-        forces = (forces + batch.forces.broadcast_mul(&growth)?)?;
-    }
+    let growth = says.narrow(1, OUTPUTS - 1, 1)?.reshape(batch.gates.shape())?;
+    let forces = ((&batch.forces + added)? + batch.forces.broadcast_mul(&growth)?)?;
     let force = (forces.sum(1)? + &batch.other_force)?;
     Ok((forces, force))
 }

@@ -6,7 +6,8 @@ use candle_core::Tensor;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
-    corrector::{Corrector, CorrectorConfig},
+    answer::SHIPPED,
+    corrector::Corrector,
     fast::{PadBuffers, PadInference},
     features::{FEATURES, PadInput, PadMaterial},
     graph::{LAYERS, PadGraph},
@@ -148,13 +149,15 @@ fn forward(
     let amplitude = f64::from(question.amplitude);
     let (mut displacement, mut forces) = (wide(&question.displacement), wide(&question.forces));
     for column in 0..graph.columns {
+        let growth = |i: usize| 1.0 + says[(column, 3 * LAYERS + 3 + i)];
         for axis in 0..3 {
             for layer in 0..LAYERS {
-                displacement[3 * (layer * graph.columns + column) + axis] +=
-                    says[(column, 3 * layer + axis)] * amplitude;
+                let u = &mut displacement[3 * (layer * graph.columns + column) + axis];
+                *u = *u * growth(layer) + says[(column, 3 * layer + axis)] * amplitude;
             }
             let gate = f64::from(question.gates[column]) * f64::from(question.strongest);
-            forces[3 * column + axis] += says[(column, 3 * LAYERS + axis)] * gate;
+            let force = &mut forces[3 * column + axis];
+            *force = *force * growth(LAYERS) + says[(column, 3 * LAYERS + axis)] * gate;
         }
     }
     let [before, after] =
@@ -203,42 +206,35 @@ fn presses() -> Vec<(&'static str, f64, Press)> {
 fn precision_single_is_enough() {
     let sensor = Sensor::named("gelsight-mini").unwrap();
     let (mut worst, mut told) = ([0.0_f64; 3], 0);
-    for known in ["default", "swift"] {
-        for poisson in [0.0, 0.4999] {
-            let moduli = Moduli { young: 3e5, poisson };
-            let gel = PadMaterial { moduli, friction: 0.8, thickness: sensor.outline.thickness };
-            let bytes = super::answer::shipped(known).unwrap();
-            let (tensors, card): (_, Card) = weights::of_kind(known, bytes).unwrap();
-            let parameters = weights::parameters(tensors).unwrap();
-            let config: &CorrectorConfig = &card.network;
-            let network = Corrector::new(config, &parameters.builder()).unwrap();
-            let pad = sensor.pad(card.model_nodes).unwrap();
-            let graph = PadGraph::new(&pad).unwrap();
-            let fast = PadInference::new(&network, &graph, &pad).unwrap();
-            let linear =
-                LinearBaseline::new(&sensor, &gel, card.linear_nodes, card.contact, &pad).unwrap();
-            for (name, depth, press) in presses() {
-                let Ok(answer) = linear.path(&press).swap_remove(0) else { continue };
-                let places: &[Point3<f64>] = &pad.mesh.vertices;
-                let carried = linear.carry(&answer, true);
-                let question = PadInput::new(&graph, &gel, places, press.shapes(), &carried);
-                if question.amplitude == 0.0 {
-                    continue;
-                }
-                let found = fast.forward(&question, true, &mut PadBuffers::default());
-                let exact = forward(&network, &question, &graph, &pad, gel.thickness);
-                let off = [
-                    apart(&found.displacement, &exact[0]),
-                    apart(&found.stress, &exact[1]),
-                    apart(&found.forces, &exact[2]),
-                ];
-                let [u, stress, forces] = off;
-                println!(
-                    "{known} {poisson} {name} {depth:.0e} m: {u:.1e} {stress:.1e} {forces:.1e}"
-                );
-                worst = std::array::from_fn(|i| worst[i].max(off[i]));
-                told += 1;
+    let (tensors, card): (_, Card) = weights::of_kind("pads", SHIPPED).unwrap();
+    let parameters = weights::parameters(tensors).unwrap();
+    let network = Corrector::new(&card.network, &parameters.builder()).unwrap();
+    let pad = sensor.pad(card.model_nodes).unwrap();
+    let graph = PadGraph::new(&pad).unwrap();
+    let fast = PadInference::new(&network, &graph, &pad).unwrap();
+    for poisson in [0.0, 0.4999] {
+        let moduli = Moduli { young: 3e5, poisson };
+        let gel = PadMaterial { moduli, friction: 0.8, thickness: sensor.outline.thickness };
+        let linear = LinearBaseline::new(&sensor, &gel, card.linear_nodes, &pad).unwrap();
+        for (name, depth, press) in presses() {
+            let Ok(answer) = linear.path(&press).swap_remove(0) else { continue };
+            let places: &[Point3<f64>] = &pad.mesh.vertices;
+            let carried = linear.carry(&answer, true);
+            let question = PadInput::new(&graph, &gel, places, press.shapes(), &carried);
+            if question.amplitude == 0.0 {
+                continue;
             }
+            let found = fast.forward(&question, true, &mut PadBuffers::default());
+            let exact = forward(&network, &question, &graph, &pad, gel.thickness);
+            let off = [
+                apart(&found.displacement, &exact[0]),
+                apart(&found.stress, &exact[1]),
+                apart(&found.forces, &exact[2]),
+            ];
+            let [u, stress, forces] = off;
+            println!("{poisson} {name} {depth:.0e} m: {u:.1e} {stress:.1e} {forces:.1e}");
+            worst = std::array::from_fn(|i| worst[i].max(off[i]));
+            told += 1;
         }
     }
     let [u, stress, forces] = worst;
@@ -247,5 +243,5 @@ fn precision_single_is_enough() {
     );
     // At a micrometre of displacement in four millimetres, strain keeps only four digits next to
     // the 1 in F = 1 + ∇u.
-    assert!(told > 30 && u < 2e-6 && stress < 2e-3 && forces < 2e-6, "{told}: {worst:?}");
+    assert!(told > 20 && u < 2e-6 && stress < 2e-3 && forces < 2e-6, "{told}: {worst:?}");
 }

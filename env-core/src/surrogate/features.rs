@@ -10,7 +10,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::graph::{LAYERS, Mirror, PLACE_FEATURES, PadGraph};
-use super::linear::{CellContact, LinearFields};
+use super::linear::{CellContact, LinearFields, PadFields};
 use crate::{
     compliance::nodal::NodeContact,
     deformation::Moduli,
@@ -19,26 +19,25 @@ use crate::{
 
 /// Number of features of a column: displacement of its layers, contact force, distance from the
 /// undisplaced column to the object, distance from the displaced column in units of the amplitude
-/// and of the thickness, normal of the object, position of the column, and features of the press
-/// as a whole.
-pub(super) const FEATURES: usize = 3 * LAYERS + 3 + 3 + 3 + PLACE_FEATURES + GLOBALS;
+/// and of the thickness, normal of the object, position of the column, features of the press as a
+/// whole, and of its contact on cells.
+pub(super) const FEATURES: usize = CELLS + COLUMN_CELLS + PRESS_CELLS;
+/// Number of features before those of contact on cells.
+const CELLS: usize = 3 * LAYERS + 3 + 3 + 3 + PLACE_FEATURES + GLOBALS;
 /// Number of features of the press as a whole: amplitude, compressibility, friction, force over
 /// amplitude.
 const GLOBALS: usize = 4;
-/// Number of features of a column where contact is evaluated on cells: touched area, pressure over
-/// Young's modulus, slope of the object against the face, spread of its normals, its mean normal;
-/// and of the press as a whole: the means of pressure, slope and spread, size of a cell, number of
-/// cells.
-const CELLS: usize = 7 + 5;
-/// Number of features of a column, with or without those of cells.
-pub(super) const fn width(cells: bool) -> usize {
-    if cells { FEATURES + CELLS } else { FEATURES }
-}
+/// Number of features of a column's contact on cells: touched area, pressure over Young's modulus,
+/// slope of the object against the face, spread of its normals, its mean normal.
+const COLUMN_CELLS: usize = 7;
+/// Number of features of all contact on cells: the means of pressure, slope and spread, size of a
+/// cell, number of cells.
+const PRESS_CELLS: usize = 5;
 
 /// A press with its linear answer.
 #[derive(Clone, Debug)]
 pub(super) struct PadInput {
-    /// Features of the columns (C, [`width`]).
+    /// Features of the columns (C, [`FEATURES`]).
     pub(super) features: Vec<f32>,
     /// Displacement of the linear answer (V, 3).
     pub(super) displacement: Vec<f32>,
@@ -99,6 +98,7 @@ impl PadInput {
         shapes: &[Shape],
         linear: &LinearFields,
     ) -> Self {
+        let LinearFields { fields: linear, cells } = linear;
         let (length, columns) = (gel.thickness, graph.columns);
         let amplitude = linear.displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
         let strongest = linear.contact_force.iter().map(Vector3::norm).fold(0.0, f64::max);
@@ -110,8 +110,8 @@ impl PadInput {
             gel.friction,
             (total.norm() * length / (gel.force() * amplitude.max(f64::MIN_POSITIVE))).ln_1p(),
         ];
-        let touched = linear.cells.as_ref().map(|cells| cell_features(cells, gel, columns));
-        let mut features = Vec::with_capacity(columns * width(touched.is_some()));
+        let (of_columns, of_press) = cell_features(cells, gel, columns);
+        let mut features = Vec::with_capacity(columns * FEATURES);
         let mut gates = Vec::with_capacity(columns);
         for (column, &rest) in places[..columns].iter().enumerate() {
             let moved = rest + linear.displacement[column];
@@ -130,14 +130,10 @@ impl PadInput {
             features.extend(numbers.map(|x| x as f32));
             features.extend(&graph.places[column * PLACE_FEATURES..][..PLACE_FEATURES]);
             features.extend(globals.map(|x| x as f32));
+            let of_column = &of_columns[column];
+            features.extend(of_column.iter().chain(&of_press));
             let gate = (1.0 - gap / (REACH * length)).clamp(0.0, 1.0) as f32;
-            let mut bears = false;
-            if let Some((of_columns, of_press)) = &touched {
-                let own = &of_columns[column];
-                bears = own[0] > 0.0;
-                features.extend(own.iter().chain(of_press));
-            }
-            gates.push(if bears { 1.0 } else { gate });
+            gates.push(if of_column[0] > 0.0 { 1.0 } else { gate });
         }
         Self {
             features,
@@ -151,26 +147,21 @@ impl PadInput {
         }
     }
 
-    /// Features of the press as a whole of contact on cells: means of pressure, slope and spread,
-    /// size and number of the cells; 0 where contact is evaluated elsewhere.
-    pub(super) fn of_press(&self) -> [f64; 5] {
-        match self.features.get(width(true) - 5..width(true)) {
-            Some(found) if self.features.len() == self.gates.len() * width(true) => {
-                std::array::from_fn(|i| f64::from(found[i]))
-            }
-            _ => [0.0; 5],
-        }
+    /// Features of all contact on cells: means of pressure, slope and spread, size and number of the
+    /// cells.
+    pub(super) fn of_press(&self) -> [f64; PRESS_CELLS] {
+        std::array::from_fn(|i| f64::from(self.features[CELLS + COLUMN_CELLS + i]))
     }
 
     /// Coefficient of friction.
     pub(super) fn friction(&self) -> f64 {
-        f64::from(self.features[FEATURES - 2])
+        f64::from(self.features[CELLS - 2])
     }
 
     /// Returns the same press seen in a mirror.
     pub(super) fn mirrored(&self, mirror: &Mirror) -> Self {
         let Self { other_force, amplitude, strongest, .. } = *self;
-        let signs = feature_signs(mirror.signs, self.features.len() / self.gates.len());
+        let signs = feature_signs(mirror.signs);
         Self {
             features: moved(&self.features, &mirror.columns, &signs),
             displacement: moved(&self.displacement, &mirror.columns, &mirror.signs),
@@ -196,14 +187,14 @@ impl Target {
     }
 }
 
-/// Features of the columns and of the press that [`CELLS`] lists.
+/// Features of the contact of each column on cells, and of all of it.
 fn cell_features(
     cells: &CellContact,
     gel: &PadMaterial,
     columns: usize,
-) -> (Vec<[f32; 7]>, [f32; 5]) {
+) -> (Vec<[f32; COLUMN_CELLS]>, [f32; PRESS_CELLS]) {
     let (young, length) = (gel.moduli.young, gel.thickness);
-    let mut of_columns = vec![[0.0; 7]; columns];
+    let mut of_columns = vec![[0.0; COLUMN_CELLS]; columns];
     let (mut all, mut area) = (NodeContact::default(), 0.0);
     let mut pressures = 0.0;
     let means = |c: &NodeContact| {
@@ -232,18 +223,16 @@ fn cell_features(
     (of_columns, of_press.map(|x| x as f32))
 }
 
-/// Sign of each of `count` features in a mirror of the given `signs`.
-fn feature_signs([x, y, z]: [f32; 3], count: usize) -> Vec<f32> {
-    let mut all = vec![1.0; count];
+/// Sign of each feature in a mirror of the given `signs`.
+fn feature_signs([x, y, z]: [f32; 3]) -> [f32; FEATURES] {
+    let mut all = [1.0; FEATURES];
     let distances = 3 * (LAYERS + 1);
     for vector in (0..=LAYERS).map(|k| 3 * k).chain([distances + 3]) {
         all[vector..vector + 3].copy_from_slice(&[x, y, z]);
     }
     let place = distances + 6;
     all[place..place + 2].copy_from_slice(&[x, y]);
-    if count > FEATURES {
-        all[FEATURES + 4..FEATURES + 7].copy_from_slice(&[x, y, z]);
-    }
+    all[CELLS + 4..CELLS + 7].copy_from_slice(&[x, y, z]);
     all
 }
 
@@ -263,7 +252,7 @@ pub(super) fn flat(vectors: &[Vector3<f64>], unit: f64) -> Vec<f32> {
 }
 
 /// Distance to the nearest shape, with its normal in the pad's frame.
-fn nearest(shapes: &[Shape], linear: &LinearFields, place: &Point3<f64>) -> Distance {
+fn nearest(shapes: &[Shape], linear: &PadFields, place: &Point3<f64>) -> Distance {
     let far = Distance { value: f64::INFINITY, normal: Vector3::z() };
     shapes.iter().zip(&linear.poses).fold(far, |nearest, (shape, pose)| {
         let found = shape.distance(&pose.inverse_transform_point(place));

@@ -6,10 +6,11 @@ use rayon::prelude::*;
 
 use super::{
     features::PadMaterial,
-    linear::{Contact, LinearAnswer, LinearBaseline, LinearFields, body},
+    linear::{LinearBaseline, PadFields, body},
 };
 use crate::{
     Error, Result,
+    compliance::nodal::Settled,
     deformation::{Deformation, DeformationModel, Moduli, Press, SoftBody, Wanted},
     fem::Linearised,
     sensor::Sensor,
@@ -32,7 +33,7 @@ impl LinearPad {
     pub fn new(sensor: &Sensor, moduli: Moduli, friction: f64, nodes: usize) -> Result<Self> {
         let pad = sensor.pad(nodes)?;
         let gel = PadMaterial { moduli, friction, thickness: sensor.outline.thickness };
-        let linear = LinearBaseline::new(sensor, &gel, ELEMENTS, Contact::Cells, &pad)?;
+        let linear = LinearBaseline::new(sensor, &gel, ELEMENTS, &pad)?;
         let body = body(&pad, moduli)?;
         let elements = Arc::new(Linearised::new(&body)?);
         Ok(Self { linear: Arc::new(linear), body: Arc::new(body), elements })
@@ -43,24 +44,24 @@ impl LinearPad {
         &self.body
     }
 
-    fn fields(&self, answer: &LinearAnswer, wanted: Wanted) -> Result<Deformation> {
+    fn fields(&self, settled: Settled, wanted: Wanted) -> Result<Deformation> {
         let start = Instant::now();
-        let LinearFields { displacement, contact_force, von_mises, poses, .. } =
-            self.linear.carry(answer, wanted.stress);
+        let PadFields { displacement, contact_force, von_mises, poses } =
+            self.linear.carry(&settled, wanted.stress).fields;
         let residual = if wanted.residual {
             let residual = self.elements.residual(&displacement, &contact_force);
             residual.ok_or(Error::Inverted)?
         } else {
             0.0
         };
-        let (iterations, seconds) = answer.effort();
+        let Settled { wrench, history, iterations, seconds, .. } = settled;
         Ok(Deformation {
             displacement,
             von_mises,
             contact_force,
-            wrench: answer.wrench(),
+            wrench,
             poses,
-            history: answer.history().clone(),
+            history,
             iterations,
             residual,
             seconds: seconds + start.elapsed().as_secs_f64(),
@@ -79,7 +80,7 @@ impl DeformationModel for LinearPad {
     fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let last = |press| {
             let answer = self.linear.path(press).pop().expect("a press has a frame")?;
-            self.fields(&answer, wanted)
+            self.fields(answer, wanted)
         };
         presses.par_iter().map(last).collect()
     }
@@ -87,6 +88,6 @@ impl DeformationModel for LinearPad {
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         let wanted = Wanted { stress: true, residual: false };
         let answers = self.linear.path(press).into_iter();
-        answers.map(|answer| self.fields(&answer?, wanted)).collect()
+        answers.map(|answer| self.fields(answer?, wanted)).collect()
     }
 }

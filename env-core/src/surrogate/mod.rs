@@ -1,8 +1,8 @@
 //! The surrogate: a graph network in Candle that approximates finite elements on a fine mesh.
 //!
-//! The linear part of the response is computed, not learnt: `compliance`, condensed on a mesh as
-//! fine as that of the reference solutions, answers first, and the network corrects its answer on
-//! the coarser model mesh ([`Surrogate`]). The network is trained on a dataset ([`train`]) and
+//! The linear part of the response is computed, not learnt: linear elasticity with contact on cells
+//! answers first ([`LinearPad`]), and the network corrects its answer on the model mesh
+//! ([`Surrogate`]). The network is trained on a dataset ([`train`]) and
 //! evaluated on grasps, objects and families of objects outside the training data ([`evaluate`],
 //! [`Summary`]).
 
@@ -39,7 +39,6 @@ mod weights;
 
 pub use answer::Surrogate;
 pub use corrector::CorrectorConfig;
-pub use linear::Contact;
 pub use linear_pad::LinearPad;
 pub use metrics::{PressErrors, Spread, Summary};
 pub use predicted::ErrorModel;

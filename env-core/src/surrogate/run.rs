@@ -35,7 +35,7 @@ pub fn train(
     watch: Watch,
 ) -> Result<Option<Card>> {
     let dataset = Dataset::open(data)?;
-    let gels = Gels::new(dataset.config(), training.linear_nodes, training.contact)?;
+    let gels = Gels::new(dataset.config(), training.linear_nodes)?;
     let split = dataset.split(&training.split)?.clone();
     let parts = [&split.train[..], &split.validation, &split.test];
     let mut go_on = true;
@@ -69,7 +69,6 @@ pub fn train(
         network: training.network,
         model_nodes: config.model_nodes,
         linear_nodes: training.linear_nodes,
-        contact: training.contact,
         training: training.clone(),
         data: Data {
             train: counts(&samples),
@@ -153,7 +152,7 @@ fn corrector(
 ) -> Result<Vec<Evaluated>> {
     let (vectors, card): (_, Card) = weights::of_kind(name, bytes)?;
     let network = Corrector::new(&card.network, &weights::parameters(vectors)?.builder())?;
-    let gels = Gels::new(dataset.config(), card.linear_nodes, card.contact)?;
+    let gels = Gels::new(dataset.config(), card.linear_nodes)?;
     let ([samples], _) = gels.samples(dataset, [names], &mut |_, _| true)?;
     let found = judge(&network, &gels, &samples)?.into_iter().zip(judge_linear(&gels, &samples));
     let one = |(sample, (network, linear)): (Sample, _)| Evaluated {

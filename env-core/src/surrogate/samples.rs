@@ -1,26 +1,18 @@
 //! Training samples from a dataset: each solved frame of each pad with its linear answer.
-//!
-//! Linear answers are stored in the dataset's folder, a file for each shard, and computed where
-//! they are missing.
 
-use std::{
-    collections::{HashMap, HashSet},
-    fs,
-    path::Path,
-};
+use std::collections::HashSet;
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::Point3;
 use rayon::prelude::*;
-use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
 use super::{
     features::{PadInput, PadMaterial, Target},
     graph::PadGraph,
-    linear::{Contact, LinearBaseline, LinearFields},
+    linear::{LinearBaseline, LinearFields},
 };
 use crate::{
-    Error, Result,
-    dataset::{Config, Dataset, PadFrames, write_whole},
+    Result,
+    dataset::{Config, Dataset, PadFrames},
     deformation::{Moduli, Press},
     geometry::{PadMesh, Shape},
     sensor::Sensor,
@@ -42,9 +34,6 @@ pub(super) struct Sample {
 pub(super) struct Gels {
     pub(super) graphs: Vec<PadGraph>,
     pub(super) pads: Vec<Pad>,
-    /// Largest number of nodes of the linear models' mesh, and the kind of their contact points.
-    nodes: usize,
-    contact: Contact,
 }
 
 /// A gel of a dataset.
@@ -55,12 +44,9 @@ pub(super) struct Pad {
     linear: LinearBaseline,
 }
 
-/// Linear answers of a shard, frame by frame, one list per pad.
-type Answers = Vec<Vec<LinearFields>>;
-
 impl Gels {
     /// Prepares the gels of `config`, with linear models of at most `nodes` nodes.
-    pub(super) fn new(config: &Config, nodes: usize, contact: Contact) -> Result<Self> {
+    pub(super) fn new(config: &Config, nodes: usize) -> Result<Self> {
         let mut sensors: Vec<&str> = config.gels.iter().map(|gel| gel.sensor.as_str()).collect();
         sensors.sort_unstable();
         sensors.dedup();
@@ -73,18 +59,18 @@ impl Gels {
             let thickness = sensor.outline.thickness;
             let gel = PadMaterial { moduli, friction: gel.friction, thickness };
             let mesh = meshes[graph].clone();
-            let linear = LinearBaseline::new(&sensor, &gel, nodes, contact, &mesh)?;
+            let linear = LinearBaseline::new(&sensor, &gel, nodes, &mesh)?;
             Ok(Pad { graph, gel, mesh, linear })
         };
         let pads = config.gels.par_iter().map(pad).collect::<Result<_>>()?;
         let graphs = meshes.iter().map(PadGraph::new).collect::<Result<_>>()?;
-        Ok(Self { graphs, pads, nodes, contact })
+        Ok(Self { graphs, pads })
     }
 
     /// Holds graphs alone, for samples that are made elsewhere.
     #[cfg(test)]
     pub(super) fn of(graphs: Vec<PadGraph>) -> Self {
-        Self { graphs, pads: Vec::new(), nodes: 0, contact: Contact::Points }
+        Self { graphs, pads: Vec::new() }
     }
 
     /// Returns every frame of `dataset` whose grasp is in one of `parts`, for each part, and the
@@ -103,7 +89,8 @@ impl Gels {
             let wanted = |frames: &PadFrames| parts.iter().any(|p| p.contains(&*frames.grasp));
             if pads.iter().any(wanted) {
                 let shape = object.shape.clone().validated()?;
-                let answers = self.answers(dataset, index, &shape, &pads)?;
+                let answers = pads.par_iter().map(|frames| self.linear_path(frames, &shape));
+                let answers = answers.collect::<Result<Vec<_>>>()?;
                 for (frames, answers) in pads.iter().zip(&answers) {
                     for (part, samples) in parts.iter().zip(&mut samples) {
                         if part.contains(&*frames.grasp) {
@@ -119,36 +106,6 @@ impl Gels {
             }
         }
         Ok((samples, lost))
-    }
-
-    /// Reads the linear answers of a shard, or computes and stores them.
-    fn answers(
-        &self,
-        dataset: &Dataset,
-        index: usize,
-        shape: &Shape,
-        pads: &[PadFrames],
-    ) -> Result<Answers> {
-        let path_of = |frames: &PadFrames| self.linear_path(frames, shape);
-        if self.contact == Contact::Cells {
-            // Quick, and files would not keep the contact of cells.
-            return pads.par_iter().map(path_of).collect();
-        }
-        let shard = dataset.name(index);
-        let kind = match self.contact {
-            Contact::Points => String::new(),
-            Contact::Nodes | Contact::Cells => format!("{}-", self.contact.name()),
-        };
-        let name = format!("linear/{kind}{}-{shard}.safetensors", self.nodes);
-        let path = dataset.folder().join(name);
-        if let Some(stored) = read(&path, pads) {
-            return Ok(stored);
-        }
-        let answers: Answers = pads.par_iter().map(path_of).collect::<Result<_>>()?;
-        write(&path, &answers)?;
-        // Files have single precision: the run that computes them must train on the same numbers as
-        // later ones.
-        read(&path, pads).ok_or_else(|| Error::file(&path, &"not what was written"))
     }
 
     /// Computes the linear answers to the frames of a press, up to the first that fails.
@@ -203,65 +160,4 @@ impl Target {
             force: std::array::from_fn(|i| (wrench[i] / gel.force()) as f32),
         }
     }
-}
-
-/// Writes answers atomically: a file is complete or absent.
-fn write(path: &Path, answers: &Answers) -> Result<()> {
-    let vectors = |field: &[Vector3<f64>]| -> Vec<f64> {
-        field.iter().flat_map(|v| [v.x, v.y, v.z]).collect()
-    };
-    let mut fields: Vec<(String, Vec<u8>)> = Vec::new();
-    for (pad, answers) in answers.iter().enumerate() {
-        let mut put = |name: &str, of: &dyn Fn(&LinearFields) -> Vec<f64>| {
-            let numbers = answers.iter().flat_map(of);
-            let bytes = numbers.flat_map(|x| (x as f32).to_le_bytes()).collect();
-            fields.push((format!("{pad}.{name}"), bytes));
-        };
-        put("displacement", &|answer| vectors(&answer.displacement));
-        put("contact_force", &|answer| vectors(&answer.contact_force));
-        put("von_mises", &|answer| answer.von_mises.clone());
-    }
-    let views = fields.iter().map(|(name, bytes)| {
-        let view = TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes);
-        (name, view.expect("as many bytes as the shape says"))
-    });
-    let bytes =
-        safetensors::serialize(views.collect::<HashMap<_, _>>(), None).expect("valid tensors");
-    let folder = path.parent().unwrap_or(path);
-    fs::create_dir_all(folder).map_err(|error| Error::file(folder, &error))?;
-    write_whole(path, &bytes)
-}
-
-/// A frame's fields and the pose of its shape.
-type Row<'a> = (((&'a [f64], &'a [f64]), &'a [f64]), &'a Isometry3<f64>);
-
-/// Reads the answers to the presses of `pads` from a file, or returns `None` if it is not valid.
-fn read(path: &Path, pads: &[PadFrames]) -> Option<Answers> {
-    let bytes = fs::read(path).ok()?;
-    let file = SafeTensors::deserialize(&bytes).ok()?;
-    let pad = |(number, frames): (usize, &PadFrames)| {
-        let (nodes, tets) = (
-            frames.displacement.len() / frames.poses.len(),
-            frames.von_mises.len() / frames.poses.len(),
-        );
-        let field = |name: &str| -> Option<Vec<f64>> {
-            let tensor = file.tensor(&format!("{number}.{name}")).ok()?;
-            let numbers = tensor.data().as_chunks().0.iter();
-            Some(numbers.map(|bytes| f64::from(f32::from_le_bytes(*bytes))).collect())
-        };
-        let vectors =
-            |numbers: &[f64]| numbers.as_chunks::<3>().0.iter().map(|&v| v.into()).collect();
-        let (displacement, force) = (field("displacement")?, field("contact_force")?);
-        let stress = field("von_mises")?;
-        let each = displacement.chunks(nodes).zip(force.chunks(nodes)).zip(stress.chunks(tets));
-        let frame = |(((u, f), s), pose): Row| LinearFields {
-            displacement: vectors(u),
-            contact_force: vectors(f),
-            von_mises: s.to_vec(),
-            poses: vec![*pose],
-            cells: None,
-        };
-        Some(each.zip(&frames.poses).map(frame).collect())
-    };
-    pads.iter().enumerate().map(pad).collect()
 }

@@ -5,11 +5,12 @@ use nalgebra::Isometry3;
 
 use super::{
     Surrogate, adam,
+    answer::SHIPPED,
     budget::{Budget, Pace},
     corrector::{Corrector, CorrectorConfig},
     features::{PadInput, PadMaterial, Target, flat},
     graph::PadGraph,
-    linear::{Contact, LinearBaseline, body},
+    linear::{LinearBaseline, body},
     loss::parts,
     samples::{Gels, Sample},
     train::{Trainer, Training},
@@ -41,7 +42,7 @@ fn samples(depths: &[f64]) -> (PadGraph, Vec<Sample>) {
     let pad = sensor.pad(1000).unwrap();
     let graph = PadGraph::new(&pad).unwrap();
     let gel = PadMaterial { moduli: GEL, friction: FRICTION, thickness: sensor.outline.thickness };
-    let linear = LinearBaseline::new(&sensor, &gel, 1000, Contact::Points, &pad).unwrap();
+    let linear = LinearBaseline::new(&sensor, &gel, 1000, &pad).unwrap();
     let options = Options { friction: FRICTION, ..Options::default() };
     let elements = Fem::new(body(&pad, GEL).unwrap(), options).unwrap();
     let sample = |&depth: &f64| {
@@ -131,7 +132,7 @@ fn a_resumed_training_is_the_same_to_the_bit() {
 #[test]
 fn without_contact_it_says_exactly_nothing() {
     let sensor = Sensor::named("gelsight-mini").unwrap();
-    let network = Surrogate::named("default", &sensor, GEL, FRICTION).unwrap();
+    let network = Surrogate::new(&sensor, GEL, FRICTION).unwrap();
     let answer = network.solve_path(&press(-1e-4)).swap_remove(0).unwrap();
     assert!(answer.displacement.iter().chain(&answer.contact_force).all(|v| v.norm() == 0.0));
     assert_eq!(answer.wrench.force.norm(), 0.0);
@@ -150,7 +151,7 @@ fn without_contact_it_says_exactly_nothing() {
 #[test]
 fn plainly_evaluated_it_answers_the_same() {
     let sensor = Sensor::named("gelsight-mini").unwrap();
-    let fast = Surrogate::named("swift", &sensor, GEL, FRICTION).unwrap();
+    let fast = Surrogate::new(&sensor, GEL, FRICTION).unwrap();
     let plain = fast.plain().solve_path(&press(6e-4)).swap_remove(0).unwrap();
     let answer = fast.solve_path(&press(6e-4)).swap_remove(0).unwrap();
     let near = |found: &[f64], oracle: &[f64]| {
@@ -173,7 +174,7 @@ fn stress_is_in_proportion_to_youngs_modulus() {
     let sensor = Sensor::named("gelsight-mini").unwrap();
     let stiff = Moduli { young: 2.0 * GEL.young, ..GEL };
     let answer = |moduli| {
-        let network = Surrogate::named("default", &sensor, moduli, FRICTION).unwrap();
+        let network = Surrogate::new(&sensor, moduli, FRICTION).unwrap();
         network.solve_path(&press(6e-4)).swap_remove(0).unwrap()
     };
     let (soft, stiff) = (answer(GEL), answer(stiff));
@@ -187,7 +188,7 @@ fn stress_is_in_proportion_to_youngs_modulus() {
 #[test]
 fn a_force_is_that_of_the_answer() {
     let sensor = Sensor::named("gelsight-mini").unwrap();
-    let network = Surrogate::named("default", &sensor, GEL, FRICTION).unwrap();
+    let network = Surrogate::new(&sensor, GEL, FRICTION).unwrap();
     let down = -nalgebra::Vector3::z();
     let start = vec![Isometry3::translation(0.0, 0.0, 0.0045)];
     let ball = vec![Shape::Sphere { radius: 0.004 }];
@@ -208,19 +209,19 @@ fn damaged_weights_are_named() {
         let loaded = Surrogate::load(&path, &sensor, GEL, FRICTION);
         loaded.map(|_| ()).unwrap_err().to_string()
     };
-    let good: &[u8] = include_bytes!("../../assets/weights/default.safetensors");
+    let good = SHIPPED;
     assert!(message(b"").contains("weights.safetensors"));
     assert!(message(&good[..good.len() - 4]).contains("weights.safetensors"));
     // A header that announces more bytes than there are allocates nothing.
     assert!(message(&[&u64::MAX.to_le_bytes()[..], b"{}"].concat()).contains("weights"));
-    let (mut vectors, card): (_, weights::Card) = weights::from_bytes("default", good).unwrap();
+    let (mut vectors, card): (_, weights::Card) = weights::from_bytes("pads", good).unwrap();
     let (_, values) = vectors.values_mut().next().unwrap();
     values[0] = f32::NAN;
     assert!(message(&weights::to_bytes(&vectors, &card)).contains("expected finite numbers"));
-    let (mut vectors, card): (_, weights::Card) = weights::from_bytes("default", good).unwrap();
+    let (mut vectors, card): (_, weights::Card) = weights::from_bytes("pads", good).unwrap();
     vectors.remove("corners.weight");
     assert!(message(&weights::to_bytes(&vectors, &card)).contains("corners.weight: missing"));
-    let (vectors, mut card): (_, weights::Card) = weights::from_bytes("default", good).unwrap();
+    let (vectors, mut card): (_, weights::Card) = weights::from_bytes("pads", good).unwrap();
     card.network.width += 1;
     assert!(message(&weights::to_bytes(&vectors, &card)).contains("expected"));
     std::fs::remove_dir_all(&folder).unwrap();

@@ -15,7 +15,6 @@ use super::{
     budget::Budget,
     corrector::CorrectorConfig,
     features::{PadMaterial, Target},
-    linear::Contact,
     metrics::Fields,
     parameters::Parameters,
     weights::Vectors,
@@ -78,8 +77,6 @@ pub struct Training<C = CorrectorConfig> {
     pub clip: f64,
     /// Largest number of nodes of the linear model's mesh.
     pub linear_nodes: usize,
-    /// Points at which the linear model evaluates contact.
-    pub contact: Contact,
     /// True if presses are also seen in the pad's mirrors.
     pub mirrors: bool,
     /// Sizes of the network.
@@ -91,13 +88,12 @@ impl<C: Default> Default for Training<C> {
         Self {
             seed: 0,
             split: "novel-14".to_owned(),
-            epochs: 40,
+            epochs: 80,
             batch: 16,
             rate: 2e-3,
             warmup: 0.05,
             clip: 1.0,
             linear_nodes: 2000,
-            contact: Contact::default(),
             mirrors: true,
             network: C::default(),
         }
@@ -106,9 +102,8 @@ impl<C: Default> Default for Training<C> {
 
 impl Training {
     /// Returns this configuration, or an error if a value is out of range.
-    pub fn validated(mut self) -> Result<Self> {
-        self.network.cells = self.contact == Contact::Cells;
-        let CorrectorConfig { width, corner, down, up, .. } = self.network;
+    pub fn validated(self) -> Result<Self> {
+        let CorrectorConfig { width, corner, down, up } = self.network;
         positive("rate", self.rate)?;
         positive("clip", self.clip)?;
         seeded(self.seed)?;

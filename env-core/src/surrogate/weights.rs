@@ -14,7 +14,6 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use super::{
     corrector::CorrectorConfig,
     features::{self, Target},
-    linear::Contact,
     metrics::{Summary, quantiles},
     parameters::Parameters,
     predicted::ErrorModel,
@@ -37,9 +36,6 @@ pub struct Card {
     pub model_nodes: usize,
     /// Largest number of nodes of the linear model's mesh.
     pub linear_nodes: usize,
-    /// Points at which the linear model evaluates contact.
-    #[serde(default)]
-    pub contact: Contact,
     /// Training configuration.
     pub training: Training,
     /// Training data.

@@ -23,12 +23,9 @@ pub enum Choice {
     Compliance,
     /// Finite elements ([`crate::fem`]).
     Fem,
-    /// The shipped network made for speed, `swift` ([`crate::surrogate`]).
+    /// Network that corrects the linear solution ([`crate::surrogate`]).
     #[default]
     Surrogate,
-    /// The shipped network made for accuracy, `default`.
-    #[serde(rename = "surrogate-fine")]
-    SurrogateFine,
 }
 
 /// Material of a gel.

@@ -92,8 +92,7 @@ impl Model {
                 Self::Linear(alone(|| LinearPad::new(sensor, moduli, friction, nodes))?)
             }
             Choice::Fem => Self::Fem(Fem::new(on, fem::Options::default())?),
-            Choice::Surrogate => Self::Surrogate(trained("swift", config, sensor)?),
-            Choice::SurrogateFine => Self::Surrogate(trained("default", config, sensor)?),
+            Choice::Surrogate => Self::Surrogate(trained(config, sensor)?),
         };
         Ok(Some((model, pad, body)))
     }
@@ -134,15 +133,15 @@ impl DeformationModel for Model {
     }
 }
 
-/// Loads the shipped network `name` for the gel of `sensor`.
-fn trained(name: &str, config: &Config, sensor: &Sensor) -> Result<Surrogate> {
+/// Loads the shipped network for the gel of `sensor`.
+fn trained(config: &Config, sensor: &Sensor) -> Result<Surrogate> {
     let (law, moduli) = config.material(sensor)?;
     if law != Law::NeoHookean {
         let expected = "a neo-hookean gel for the surrogate";
         return Err(Error::invalid("material", law, expected));
     }
     let friction = sensor.friction.at_rest;
-    let model = alone(|| Surrogate::named(name, sensor, moduli, friction))?;
+    let model = alone(|| Surrogate::new(sensor, moduli, friction))?;
     let nodes = model.card().model_nodes;
     if nodes != config.resolution.nodes {
         let expected = format!("{nodes}, those of the surrogate");

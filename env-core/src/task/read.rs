@@ -18,8 +18,8 @@ pub(super) const OTHERS: [(&str, &str); 12] = [
     ("max_episode_steps", "control steps after which an episode is truncated"),
     (
         "tactile",
-        "model that computes touch: ``\"surrogate\"``, a network; ``\"surrogate-fine\"``, a slower \
-         one; ``\"compliance\"``, linear elasticity; ``\"fem\"``, finite elements; or ``\"none\"``",
+        "model that computes touch: ``\"surrogate\"``, a network; ``\"compliance\"``, linear \
+         elasticity; ``\"fem\"``, finite elements; or ``\"none\"``",
     ),
     ("sensor", "``\"gelsight-mini\"``, ``\"digit\"`` or a .toml file"),
     ("material", "name of a calibration of the sensor, or ``{\"young\": Pa, \"poisson\": ratio}``"),

@@ -17,13 +17,11 @@ use crate::error::python_error;
 
 /// Graph network that corrects a linear solution, to approximate fine finite elements in less time.
 ///
-/// The linear elastic solution is computed first, condensed on a mesh as fine as that of the
-/// training data; the network adds the effect of large strain, on the coarser mesh of `body`.
-/// Without contact the correction is exactly zero.
+/// The linear elastic solution is computed first, as by LinearPad, with contact on cells of 1.3 to
+/// 0.04 mm; the network adds the effect of large strain, on the mesh of `body`. It was trained on
+/// indenters of 0.5 to 40 mm. Without contact the correction is exactly zero.
 ///
 /// Args:
-///     weights: Name of shipped weights: "default" for accuracy on objects of hand size, "swift" for
-///         speed, "cells" for indenters with features of some millimetres or less.
 ///     sensor: Name of a sensor, or the path of its .toml file.
 ///     calibration: Name of the material; the first of the sensor if not given.
 ///     young: Young's modulus (Pa), in place of the calibration's.
@@ -126,11 +124,10 @@ pub(super) struct Gel {
 #[pymethods]
 impl Surrogate {
     #[new]
-    #[pyo3(signature = (weights="default", sensor="gelsight-mini", calibration=None, young=None,
-        poisson=None, friction=None))]
+    #[pyo3(signature = (sensor="gelsight-mini", calibration=None, young=None, poisson=None,
+        friction=None))]
     fn new(
         py: Python<'_>,
-        weights: &str,
         sensor: &str,
         calibration: Option<&str>,
         young: Option<f64>,
@@ -140,7 +137,7 @@ impl Surrogate {
         let model = py.detach(|| {
             let Gel { sensor, moduli, friction } =
                 Gel::new(sensor, calibration, [young, poisson, friction])?;
-            surrogate::Surrogate::named(weights, &sensor, moduli, friction)
+            surrogate::Surrogate::new(&sensor, moduli, friction)
         });
         Self::of(py, model.map_err(python_error)?)
     }
@@ -219,8 +216,8 @@ impl Surrogate {
     /// Poisson's ratio and friction must lie within those of the data, displacement, net force and
     /// number of force-bearing nodes within the bounds of most of the data (`usual` in the card),
     /// and the residual may be at most half of the net force. Without contact force, the skin must
-    /// not overlap a shape, which may happen unnoticed between the nodes of "swift". A solution
-    /// with a smaller force or fewer nodes than usual may still be accurate.
+    /// not overlap a shape. A solution with a smaller force or fewer nodes than usual may still be
+    /// accurate.
     fn knows(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
         let moved = vectors(answer.displacement.bind(py))?;
         let forces = vectors(answer.contact_force.bind(py))?;

@@ -279,7 +279,7 @@ mod tests {
         for cut in [0, 7, 100, SHIPPED.len() / 2, SHIPPED.len() - 1] {
             says(&SHIPPED[..cut], "mine");
         }
-        let corrector = include_bytes!("../../../assets/weights/default.safetensors");
+        let corrector = include_bytes!("../../../assets/weights/pads.safetensors");
         says(corrector, "weights of corrector, expected paper-baseline");
         let (mut tensors, card) = weights::of_kind::<PaperCard>("mine", SHIPPED).unwrap();
         let told = |change: &dyn Fn(&mut PaperCard), what: &str| {

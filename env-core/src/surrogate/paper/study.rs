@@ -18,7 +18,7 @@ use crate::{
     Result,
     dataset::Dataset,
     surrogate::{
-        Contact, Spread, Summary, Training, TrainingProgress,
+        Spread, Summary, Training, TrainingProgress,
         budget::{Budget, Pace},
         corrector::{Corrector, CorrectorConfig},
         metrics::{judge, judge_linear},
@@ -222,7 +222,7 @@ impl Study {
     ) -> Result<Report> {
         let parts = Parts::of(dataset.split(&self.split)?);
         let linear_nodes = Training::<CorrectorConfig>::default().linear_nodes;
-        let gels = Gels::new(dataset.config(), linear_nodes, Contact::Points)?;
+        let gels = Gels::new(dataset.config(), linear_nodes)?;
         let all = [&parts.train[..], &parts.known, &parts.novel];
         let ([samples, known, novel], _) = gels.samples(dataset, all, &mut |_, _| true)?;
         let [known, novel] = [known, novel].map(|part| thinned(part, self.every));
