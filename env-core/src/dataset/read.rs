@@ -131,12 +131,6 @@ impl Dataset {
         self.shards.len()
     }
 
-    /// Name of shard `index`.
-    pub fn name(&self, index: usize) -> String {
-        let stem = self.shards[index].1.file_stem().unwrap_or_default();
-        stem.to_string_lossy().into_owned()
-    }
-
     /// Reads the object and all pads of all grasps in shard `index`.
     pub fn read(&self, index: usize) -> Result<(&Object, Vec<PadFrames>)> {
         let (object, pads) = self.solved(index, |file, entry| {
