@@ -15,7 +15,7 @@ use super::{
     features::{PadInput, PadMaterial},
     graph::PadGraph,
     linear::{LinearBaseline, LinearFields, PadFields, body},
-    predicted::{self, ErrorModel},
+    predicted::ErrorModel,
     weights::{self, Card, bearing_of},
 };
 use crate::{
@@ -286,6 +286,8 @@ impl PadModel {
         })
     }
 
+    /// Answer of the network, where it is predicted to be better than the linear one, with its
+    /// predicted errors.
     fn corrected(
         &self,
         question: &PadInput,
@@ -293,10 +295,12 @@ impl PadModel {
         with_stress: bool,
         evaluation: &mut Evaluation,
     ) -> Result<(PadFields, Option<PredictedError>)> {
-        let fields = match evaluation {
+        let mut fields = match evaluation {
             Evaluation::Fast(scratch) => self.network.forward(question, with_stress, scratch),
             Evaluation::Plain => self.plain.fields(question, &self.graph)?,
         };
+        let blend = |model: &ErrorModel| model.blended(question, &mut fields);
+        let predicted_error = self.card.predicted.as_ref().map(blend);
         let vectors = |numbers: &[f32], unit: f64| {
             let vector = |&v: &[f32; 3]| Vector3::from(v).cast::<f64>() * unit;
             numbers.as_chunks::<3>().0.iter().map(vector).collect::<Vec<_>>()
@@ -304,8 +308,6 @@ impl PadModel {
         let mut contact_force = vectors(&fields.forces, self.gel.force());
         contact_force.extend(&linear.contact_force[self.graph.columns..]);
         let shear = self.gel.moduli.shear();
-        let predict = |model: &ErrorModel| model.predict(&predicted::terms(question, &fields));
-        let predicted_error = self.card.predicted.as_ref().map(predict);
         let corrected = PadFields {
             displacement: vectors(&fields.displacement, self.gel.thickness),
             contact_force,

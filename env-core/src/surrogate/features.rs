@@ -153,6 +153,15 @@ impl PadInput {
         std::array::from_fn(|i| f64::from(self.features[CELLS + COLUMN_CELLS + i]))
     }
 
+    /// Net contact force of the linear answer.
+    pub(super) fn force(&self) -> [f32; 3] {
+        self.forces
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .fold(self.other_force, |sum, force| std::array::from_fn(|i| sum[i] + force[i]))
+    }
+
     /// Coefficient of friction.
     pub(super) fn friction(&self) -> f64 {
         f64::from(self.features[CELLS - 2])

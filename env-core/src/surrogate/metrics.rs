@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    features::{PadMaterial, Target},
+    features::{PadInput, PadMaterial, Target},
     samples::{Gels, Sample},
     train::Network,
 };
@@ -40,6 +40,12 @@ impl Fields {
         let (displacement, stress, forces, force) =
             (flat(displacement)?, flat(stress)?, flat(forces)?, flat(force)?);
         Ok(Self { displacement, stress, forces, force: [force[0], force[1], force[2]] })
+    }
+
+    /// The linear answer in `input`.
+    pub(super) fn linear(input: &PadInput) -> Self {
+        let PadInput { displacement, stress, forces, .. } = input.clone();
+        Self { displacement, stress, forces, force: input.force() }
     }
 }
 
@@ -194,18 +200,7 @@ fn mean_difference(found: &[f32], truth: &[f32]) -> f64 {
 /// Errors of the linear answers to `samples`.
 pub(super) fn judge_linear(gels: &Gels, samples: &[Sample]) -> Vec<PressErrors> {
     let one = |sample: &Sample| {
-        let question = &sample.question;
-        let [x, y, z] =
-            question.forces.as_chunks::<3>().0.iter().fold(question.other_force, |sum, force| {
-                std::array::from_fn(|i| sum[i] + force[i])
-            });
-        let fields = Fields {
-            displacement: question.displacement.clone(),
-            stress: question.stress.clone(),
-            forces: question.forces.clone(),
-            force: [x, y, z],
-        };
-        errors(&fields, &sample.truth, &gels.pads[sample.gel].gel)
+        errors(&Fields::linear(&sample.question), &sample.truth, &gels.pads[sample.gel].gel)
     };
     samples.iter().map(one).collect()
 }

@@ -8,9 +8,9 @@ use sha2::{Digest, Sha256};
 use super::{
     budget::{Budget, Pace},
     corrector::Corrector,
-    metrics::{self, PressErrors, Summary, judge, judge_linear},
+    metrics::{Fields, PressErrors, Summary, errors, judge_linear},
     paper::{self, PaperCard},
-    predicted::{self, ErrorModel},
+    predicted::{self, ErrorModel, JudgedAnswer},
     samples::{Gels, Sample},
     train::{Network, Training},
     training_run::{TrainingProgress, TrainingRun, Watch, trainable},
@@ -64,6 +64,8 @@ pub fn train(
     let (network, vectors) = run.chosen()?;
     let config = dataset.config();
     let amplitudes = samples.iter().map(|sample| f64::from(sample.question.amplitude));
+    let predicted = error_model(&network, &gels, &validation)?;
+    let found = judge_blended(&network, predicted.as_ref(), &gels, &test)?;
     let card = Card {
         variant: "corrector".to_owned(),
         network: training.network,
@@ -76,9 +78,9 @@ pub fn train(
             amplitude: amplitudes.fold(0.0, f64::max),
             ..Data::of(config, fingerprint, trained_by)
         },
-        predicted: error_model(&network, &gels, &validation)?,
+        predicted,
         usual: TrainingBounds::of(samples.iter().map(|sample| &sample.truth)),
-        test: Summary::of(&judge(&network, &gels, &test)?),
+        test: Summary::of(&found),
         linear: Summary::of(&judge_linear(&gels, &test)),
     };
     run.finish(&vectors, &card)?;
@@ -89,12 +91,36 @@ pub fn train(
 fn error_model(network: &Corrector, gels: &Gels, samples: &[Sample]) -> Result<Option<ErrorModel>> {
     let one = |sample: &Sample| {
         let fields = network.answer(gels, sample)?;
-        let PressErrors { displacement, stress, force, .. } =
-            metrics::errors(&fields, &sample.truth, &gels.pads[sample.gel].gel);
-        Ok((predicted::terms(&sample.question, &fields), [displacement, stress, force]))
+        let judged = |fields: &Fields| {
+            let found = errors(fields, &sample.truth, &gels.pads[sample.gel].gel);
+            [found.displacement, found.stress, found.force]
+        };
+        Ok(JudgedAnswer {
+            terms: predicted::terms(&sample.question, &fields),
+            network: judged(&fields),
+            linear: judged(&Fields::linear(&sample.question)),
+        })
     };
     let answers = samples.par_iter().map(one).collect::<Result<Vec<_>>>()?;
     Ok(ErrorModel::fit(&answers))
+}
+
+/// Errors of the answers of `network` to `samples`, blended with the linear answers by `model`, as
+/// [`super::Surrogate`] gives them.
+fn judge_blended(
+    network: &Corrector,
+    model: Option<&ErrorModel>,
+    gels: &Gels,
+    samples: &[Sample],
+) -> Result<Vec<PressErrors>> {
+    let one = |sample: &Sample| {
+        let mut fields = network.answer(gels, sample)?;
+        if let Some(model) = model {
+            model.blended(&sample.question, &mut fields);
+        }
+        Ok(errors(&fields, &sample.truth, &gels.pads[sample.gel].gel))
+    };
+    samples.par_iter().map(one).collect()
 }
 
 /// Numbers of grasps and frames.
@@ -154,7 +180,8 @@ fn corrector(
     let network = Corrector::new(&card.network, &weights::parameters(vectors)?.builder())?;
     let gels = Gels::new(dataset.config(), card.linear_nodes)?;
     let ([samples], _) = gels.samples(dataset, [names], &mut |_, _| true)?;
-    let found = judge(&network, &gels, &samples)?.into_iter().zip(judge_linear(&gels, &samples));
+    let found = judge_blended(&network, card.predicted.as_ref(), &gels, &samples)?;
+    let found = found.into_iter().zip(judge_linear(&gels, &samples));
     let one = |(sample, (network, linear)): (Sample, _)| Evaluated {
         grasp: sample.grasp,
         network,
