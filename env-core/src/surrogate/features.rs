@@ -111,12 +111,16 @@ impl PadInput {
             (total.norm() * length / (gel.force() * amplitude.max(f64::MIN_POSITIVE))).ln_1p(),
         ];
         let (of_columns, of_press) = cell_features(cells, gel, columns);
+        let margin = 2.0 * shapes.iter().map(Shape::distance_error).fold(0.0, f64::max);
         let mut features = Vec::with_capacity(columns * FEATURES);
         let mut gates = Vec::with_capacity(columns);
         for (column, &rest) in places[..columns].iter().enumerate() {
-            let moved = rest + linear.displacement[column];
-            let before = nearest(shapes, linear, &rest).value;
-            let Distance { value: gap, normal } = nearest(shapes, linear, &moved);
+            let way = linear.displacement[column];
+            let Distance { value: gap, normal } = nearest(shapes, linear, &(rest + way));
+            // A distance changes by no more than the way: that of the undisplaced column need not be
+            // computed where its feature is 1 in any case.
+            let is_far = gap - way.norm() >= 0.5 * length + margin;
+            let before = if is_far { 0.5 * length } else { nearest(shapes, linear, &rest).value };
             let layers = (0..LAYERS).map(|k| linear.displacement[k * columns + column]);
             let force = linear.contact_force[column] / strongest.max(f64::MIN_POSITIVE);
             let moved = layers.map(|u| u / amplitude.max(f64::MIN_POSITIVE));
@@ -271,4 +275,59 @@ fn nearest(shapes: &[Shape], linear: &PadFields, place: &Point3<f64>) -> Distanc
             nearest
         }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::slice;
+
+    use nalgebra::Isometry3;
+
+    use super::*;
+    use crate::{
+        geometry::{StarShaped, Wave},
+        sensor::Sensor,
+    };
+
+    /// Place of the distance from the undisplaced column among its features.
+    const BEFORE: usize = 3 * LAYERS + 3;
+
+    /// A displacement of up to a millimetre without contact, with a shape at `pose`.
+    fn displaced(nodes: usize, pose: Isometry3<f64>) -> LinearFields {
+        let direction = |i: f64| Vector3::new(i.sin(), (2.0 * i).cos(), (3.0 * i).sin());
+        let displacement = (0..nodes).map(|i| 6e-4 * direction(i as f64)).collect();
+        let contact_force = vec![Vector3::zeros(); nodes];
+        let fields =
+            PadFields { displacement, contact_force, von_mises: Vec::new(), poses: vec![pose] };
+        LinearFields { fields, cells: CellContact { nodes: Vec::new(), spacing: 1e-3 } }
+    }
+
+    #[test]
+    fn distances_of_far_columns_are_those_of_a_query_to_the_bit() {
+        let sensor = Sensor::named("gelsight-mini").unwrap();
+        let pad = sensor.pad(1000).unwrap();
+        let (graph, places) = (PadGraph::new(&pad).unwrap(), &pad.mesh.vertices);
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let gel = PadMaterial { moduli, friction: 0.5, thickness: sensor.outline.thickness };
+        let semi_axes = Vector3::new(4e-3, 5e-3, 8e-3);
+        let wave = Wave { amplitude: 0.03, vector: Vector3::new(3.0, 2.0, 1.0), phase: 0.3 };
+        let shapes = [
+            Shape::Sphere { radius: 4e-3 },
+            Shape::Cuboid { half_extents: semi_axes },
+            Shape::Ellipsoid { semi_axes }.sampled().scaled(1.2),
+            Shape::StarShaped(StarShaped::new(semi_axes, vec![wave])).sampled(),
+        ];
+        let heights = [3e-3, 6e-3, 1e-2, 1.5e-2, 2.5e-2];
+        for (shape, height) in shapes.iter().flat_map(|shape| heights.map(|h| (shape, h))) {
+            let turned = Vector3::new(0.3, 0.2, 0.1);
+            let pose = Isometry3::new(Vector3::new(5e-3, -4e-3, height), turned);
+            let linear = displaced(places.len(), pose);
+            let found = PadInput::new(&graph, &gel, places, slice::from_ref(shape), &linear);
+            for (row, place) in found.features.chunks_exact(FEATURES).zip(places) {
+                let before = nearest(slice::from_ref(shape), &linear.fields, place).value;
+                let exact = (2.0 * before / gel.thickness).clamp(-1.0, 1.0) as f32;
+                assert_eq!(row[BEFORE].to_bits(), exact.to_bits(), "{shape:?} at {height} m");
+            }
+        }
+    }
 }

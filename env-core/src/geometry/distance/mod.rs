@@ -75,6 +75,16 @@ impl Shape {
             Self::Sampled(sampled) => sampled.distance(point),
         }
     }
+
+    /// Bound of the error of [`Shape::distance`] (m): 0 if it is exact to rounding, infinite if it
+    /// has none.
+    pub fn distance_error(&self) -> f64 {
+        match self {
+            Self::StarShaped(_) | Self::Hollow(_) => f64::INFINITY,
+            Self::Sampled(sampled) => sampled.distance_error(),
+            _ => 0.0,
+        }
+    }
 }
 
 #[cfg(test)]
