@@ -261,10 +261,10 @@ impl PadModel {
         let places = &self.body.mesh().vertices;
         let friction = press.friction().unwrap_or(self.gel.friction);
         let gel = PadMaterial { friction, ..self.gel };
-        let question = PadInput::new(&self.graph, &gel, places, press.shapes(), &linear);
+        let input = PadInput::new(&self.graph, &gel, places, press.shapes(), &linear);
         let LinearFields { fields: linear, .. } = linear;
-        let (corrected, predicted_error) = if question.amplitude > 0.0 {
-            self.corrected(&question, linear, with_stress, evaluation)?
+        let (corrected, predicted_error) = if input.amplitude > 0.0 {
+            self.corrected(&input, linear, with_stress, evaluation)?
         } else {
             (linear, None)
         };
@@ -290,16 +290,16 @@ impl PadModel {
     /// predicted errors.
     fn corrected(
         &self,
-        question: &PadInput,
+        input: &PadInput,
         linear: PadFields,
         with_stress: bool,
         evaluation: &mut Evaluation,
     ) -> Result<(PadFields, Option<PredictedError>)> {
         let mut fields = match evaluation {
-            Evaluation::Fast(scratch) => self.network.forward(question, with_stress, scratch),
-            Evaluation::Plain => self.plain.fields(question, &self.graph)?,
+            Evaluation::Fast(scratch) => self.network.forward(input, with_stress, scratch),
+            Evaluation::Plain => self.plain.fields(input, &self.graph)?,
         };
-        let blend = |model: &ErrorModel| model.blended(question, &mut fields);
+        let blend = |model: &ErrorModel| model.blended(input, &mut fields);
         let predicted_error = self.card.predicted.as_ref().map(blend);
         let vectors = |numbers: &[f32], unit: f64| {
             let vector = |&v: &[f32; 3]| Vector3::from(v).cast::<f64>() * unit;

@@ -51,9 +51,9 @@ impl<'a> Pace<'a> {
     /// Runs `aside` without counting its time, and returns its result.
     pub(super) fn pause<T>(&self, aside: impl FnOnce() -> T) -> T {
         let begun = (self.clock)();
-        let said = aside();
+        let result = aside();
         self.start.set(self.start.get() + (self.clock)() - begun);
-        said
+        result
     }
 
     /// Share of the training run that is over after `epoch` epochs.

@@ -83,32 +83,28 @@ pub(super) struct CorrectorOutput {
 }
 
 impl Batch {
-    pub(super) fn new(questions: &[&PadInput]) -> Result<Self> {
-        let (count, device) = (questions.len(), &Device::Cpu);
-        let columns = questions[0].gates.len();
+    pub(super) fn new(inputs: &[&PadInput]) -> Result<Self> {
+        let (count, device) = (inputs.len(), &Device::Cpu);
+        let columns = inputs[0].gates.len();
         let all = |field: fn(&PadInput) -> &[f32]| -> Vec<f32> {
-            questions.iter().flat_map(|q| field(q)).copied().collect()
+            inputs.iter().flat_map(|input| field(input)).copied().collect()
         };
         let single = |field: fn(&PadInput) -> f32| {
-            let values: Vec<f32> = questions.iter().map(|q| field(q)).collect();
+            let values: Vec<f32> = inputs.iter().map(|input| field(input)).collect();
             Tensor::from_vec(values, (count, 1, 1), device)
         };
-        let displacement = all(|q| &q.displacement);
+        let displacement = all(|x| &x.displacement);
         let nodes = displacement.len() / 3;
-        let width = questions[0].features.len() / columns;
+        let width = inputs[0].features.len() / columns;
         Ok(Self {
-            features: Tensor::from_vec(all(|q| &q.features), (count * columns, width), device)?,
+            features: Tensor::from_vec(all(|x| &x.features), (count * columns, width), device)?,
             displacement: Tensor::from_vec(displacement, (nodes, 3), device)?,
-            stress: Tensor::from_vec(
-                all(|q| &q.stress),
-                (count, questions[0].stress.len()),
-                device,
-            )?,
-            forces: Tensor::from_vec(all(|q| &q.forces), (count, columns, 3), device)?,
-            other_force: Tensor::from_vec(all(|q| &q.other_force), (count, 3), device)?,
-            gates: Tensor::from_vec(all(|q| &q.gates), (count, columns, 1), device)?,
-            amplitude: single(|q| q.amplitude)?,
-            strongest: single(|q| q.strongest)?,
+            stress: Tensor::from_vec(all(|x| &x.stress), (count, inputs[0].stress.len()), device)?,
+            forces: Tensor::from_vec(all(|x| &x.forces), (count, columns, 3), device)?,
+            other_force: Tensor::from_vec(all(|x| &x.other_force), (count, 3), device)?,
+            gates: Tensor::from_vec(all(|x| &x.gates), (count, columns, 1), device)?,
+            amplitude: single(|x| x.amplitude)?,
+            strongest: single(|x| x.strongest)?,
         })
     }
 
@@ -138,16 +134,16 @@ impl Corrector {
     pub(super) fn forward(&self, batch: &Batch, graph: &PadGraph) -> Result<CorrectorOutput> {
         let PadGraph { edges, levels, .. } = graph;
         let latent = self.scales.latent(&batch.features, edges, levels, batch.presses()?)?;
-        let says = self.nodes.forward(&latent)?;
-        let displacement = displaced(batch, &says)?;
-        let (forces, force) = pressed(batch, &says)?;
+        let output = self.nodes.forward(&latent)?;
+        let displacement = displaced(batch, &output)?;
+        let (forces, force) = pressed(batch, &output)?;
         let stress = self.stressed(batch, graph, &latent, &displacement)?;
         Ok(CorrectorOutput { displacement, stress, forces, force })
     }
 
     /// Corrects the linear answer of one press.
-    pub(super) fn fields(&self, question: &PadInput, graph: &PadGraph) -> Result<Fields> {
-        let answer = self.forward(&Batch::new(&[question])?, graph)?;
+    pub(super) fn fields(&self, input: &PadInput, graph: &PadGraph) -> Result<Fields> {
+        let answer = self.forward(&Batch::new(&[input])?, graph)?;
         Fields::of([&answer.displacement, &answer.stress, &answer.forces, &answer.force])
     }
 
@@ -169,9 +165,9 @@ impl Corrector {
         let corner = corner.reshape((presses * graph.columns * (LAYERS + 1), ()))?;
         let corners = sparse(&corner, &graph.corners)?;
         let strain = self.strain.forward(&Tensor::cat(&strains, 1)?)?;
-        let says = self.stress.forward(&(corners + strain)?.relu()?)?;
-        let says = says.reshape((presses, graph.tets()))?.broadcast_mul(&amplitude)?;
-        (&batch.stress + (after - before)?)? + says
+        let added = self.stress.forward(&(corners + strain)?.relu()?)?;
+        let added = added.reshape((presses, graph.tets()))?.broadcast_mul(&amplitude)?;
+        (&batch.stress + (after - before)?)? + added
     }
 }
 
@@ -180,11 +176,11 @@ impl Corrector {
 pub(super) const OUTPUTS: usize = 4 * LAYERS + 4;
 
 /// Corrected displacement of all nodes (B V, 3).
-fn displaced(batch: &Batch, says: &Tensor) -> Result<Tensor> {
+fn displaced(batch: &Batch, output: &Tensor) -> Result<Tensor> {
     let presses = batch.presses()?;
     // A number or a vector of each node: zeros on the base.
     let on_nodes = |first: usize, width: usize| {
-        let layers = says.narrow(1, first, width * LAYERS)?;
+        let layers = output.narrow(1, first, width * LAYERS)?;
         let layers = layers.reshape((presses, (), LAYERS, width))?.transpose(1, 2)?.contiguous()?;
         let base = Tensor::zeros((presses, 1, layers.dim(2)?, width), DType::F32, &Device::Cpu)?;
         Tensor::cat(&[&layers, &base], 1)?.reshape((presses, (), width))
@@ -196,10 +192,10 @@ fn displaced(batch: &Batch, says: &Tensor) -> Result<Tensor> {
 }
 
 /// Corrected contact forces on the face (B, C, 3), and net contact force (B, 3).
-fn pressed(batch: &Batch, says: &Tensor) -> Result<(Tensor, Tensor)> {
-    let added = says.narrow(1, 3 * LAYERS, 3)?.reshape(batch.forces.shape())?;
+fn pressed(batch: &Batch, output: &Tensor) -> Result<(Tensor, Tensor)> {
+    let added = output.narrow(1, 3 * LAYERS, 3)?.reshape(batch.forces.shape())?;
     let added = added.broadcast_mul(&batch.gates)?.broadcast_mul(&batch.strongest)?;
-    let growth = says.narrow(1, OUTPUTS - 1, 1)?.reshape(batch.gates.shape())?;
+    let growth = output.narrow(1, OUTPUTS - 1, 1)?.reshape(batch.gates.shape())?;
     let forces = ((&batch.forces + added)? + batch.forces.broadcast_mul(&growth)?)?;
     let force = (forces.sum(1)? + &batch.other_force)?;
     Ok((forces, force))

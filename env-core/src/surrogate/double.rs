@@ -24,7 +24,7 @@ use crate::{
 };
 
 /// Displacement (V, 3), stress (T) and forces on the face (C, 3), in the units of [`PadInput`].
-type Said = [Vec<f64>; 3];
+type Output = [Vec<f64>; 3];
 
 /// Converts a tensor of one or two dimensions.
 fn matrix(tensor: &Tensor) -> DMatrix<f64> {
@@ -121,12 +121,12 @@ fn von_mises(pad: &PadMesh, length: f64, u: &[f64]) -> Vec<f64> {
 /// Evaluates `network` for an input on a pad whose layer is `length` thick (m).
 fn forward(
     network: &Corrector,
-    question: &PadInput,
+    input: &PadInput,
     graph: &PadGraph,
     pad: &PadMesh,
     length: f64,
-) -> Said {
-    let features = DMatrix::from_row_slice(graph.columns, FEATURES, &wide(&question.features));
+) -> Output {
+    let features = DMatrix::from_row_slice(graph.columns, FEATURES, &wide(&input.features));
     let PadGraph { levels, edges, .. } = graph;
     let [first, second, third] = [0, 1, 2].map(|scale| (&levels[scale], &edges[scale]));
     let scales = &network.scales;
@@ -145,26 +145,26 @@ fn forward(
     let fine = fine + affine(&scales.raise[0], &sparse(raise, &middle));
     let latent = norm(&scales.norm, &rounds(&scales.up[0], fine, first));
 
-    let says = mlp(&network.nodes, &latent);
-    let amplitude = f64::from(question.amplitude);
-    let (mut displacement, mut forces) = (wide(&question.displacement), wide(&question.forces));
+    let output = mlp(&network.nodes, &latent);
+    let amplitude = f64::from(input.amplitude);
+    let (mut displacement, mut forces) = (wide(&input.displacement), wide(&input.forces));
     for column in 0..graph.columns {
-        let growth = |i: usize| 1.0 + says[(column, 3 * LAYERS + 3 + i)];
+        let growth = |i: usize| 1.0 + output[(column, 3 * LAYERS + 3 + i)];
         for axis in 0..3 {
             for layer in 0..LAYERS {
                 let u = &mut displacement[3 * (layer * graph.columns + column) + axis];
-                *u = *u * growth(layer) + says[(column, 3 * layer + axis)] * amplitude;
+                *u = *u * growth(layer) + output[(column, 3 * layer + axis)] * amplitude;
             }
-            let gate = f64::from(question.gates[column]) * f64::from(question.strongest);
+            let gate = f64::from(input.gates[column]) * f64::from(input.strongest);
             let force = &mut forces[3 * column + axis];
-            *force = *force * growth(LAYERS) + says[(column, 3 * LAYERS + axis)] * gate;
+            *force = *force * growth(LAYERS) + output[(column, 3 * LAYERS + axis)] * gate;
         }
     }
     let [before, after] =
-        [&wide(&question.displacement), &displacement].map(|u| von_mises(pad, length, u));
+        [&wide(&input.displacement), &displacement].map(|u| von_mises(pad, length, u));
     let (corner, width) = (affine(&network.corners, &latent), network.strain.bias.elem_count());
     let stress = (0..graph.tets()).map(|t| {
-        let linear = f64::from(question.stress[t]);
+        let linear = f64::from(input.stress[t]);
         let unit = amplitude + f64::from(f32::MIN_POSITIVE);
         let strains = DMatrix::from_row_slice(1, 3, &[linear, before[t], after[t]]) / unit;
         let mut hidden = affine(&network.strain, &strains);
@@ -220,12 +220,12 @@ fn precision_single_is_enough() {
             let Ok(answer) = linear.path(&press).swap_remove(0) else { continue };
             let places: &[Point3<f64>] = &pad.mesh.vertices;
             let carried = linear.carry(&answer, true);
-            let question = PadInput::new(&graph, &gel, places, press.shapes(), &carried);
-            if question.amplitude == 0.0 {
+            let input = PadInput::new(&graph, &gel, places, press.shapes(), &carried);
+            if input.amplitude == 0.0 {
                 continue;
             }
-            let found = fast.forward(&question, true, &mut PadBuffers::default());
-            let exact = forward(&network, &question, &graph, &pad, gel.thickness);
+            let found = fast.forward(&input, true, &mut PadBuffers::default());
+            let exact = forward(&network, &input, &graph, &pad, gel.thickness);
             let off = [
                 apart(&found.displacement, &exact[0]),
                 apart(&found.stress, &exact[1]),

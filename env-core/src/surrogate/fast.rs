@@ -32,7 +32,7 @@ pub(super) struct PadInference {
 pub(super) struct PadBuffers {
     trunk: trunk::TrunkBuffers,
     hidden: Vec<f32>,
-    says: Vec<f32>,
+    output: Vec<f32>,
     corners: Vec<f32>,
     stress: Vec<f32>,
 }
@@ -54,27 +54,27 @@ impl PadInference {
         })
     }
 
-    /// Corrects the linear answer in `question`; stress is left empty unless `with_stress`.
+    /// Corrects the linear answer in `input`; stress is left empty unless `with_stress`.
     pub(super) fn forward(
         &self,
-        question: &PadInput,
+        input: &PadInput,
         with_stress: bool,
         scratch: &mut PadBuffers,
     ) -> Fields {
-        let PadBuffers { trunk, hidden, says, corners, stress } = scratch;
-        let latent = self.trunk.latent(&question.features, &[&[]; SCALES], trunk);
+        let PadBuffers { trunk, hidden, output, corners, stress } = scratch;
+        let latent = self.trunk.latent(&input.features, &[&[]; SCALES], trunk);
         self.nodes[0].forward(latent, hidden);
         relu(hidden);
-        self.nodes[1].forward(hidden, says);
-        let displacement = self.displaced(question, says);
-        let (forces, force) = pressed(question, says);
+        self.nodes[1].forward(hidden, output);
+        let displacement = self.displaced(input, output);
+        let (forces, force) = pressed(input, output);
         let stress = if with_stress {
             let [before, after] =
-                [&question.displacement, &displacement].map(|u| self.moved(u, stress));
+                [&input.displacement, &displacement].map(|u| self.moved(u, stress));
             let stresses = Stresses {
-                linear: &question.stress,
+                linear: &input.stress,
                 moved: [&before, &after],
-                amplitude: question.amplitude,
+                amplitude: input.amplitude,
             };
             self.stress.forward(latent, &stresses, corners)
         } else {
@@ -93,16 +93,16 @@ impl PadInference {
         self.elements.places().iter().map(|&place| stress[place as usize]).collect()
     }
 
-    fn displaced(&self, question: &PadInput, says: &[f32]) -> Vec<f32> {
-        let mut displacement = question.displacement.clone();
+    fn displaced(&self, input: &PadInput, output: &[f32]) -> Vec<f32> {
+        let mut displacement = input.displacement.clone();
         let columns = self.columns;
-        for (column, says) in says.as_chunks::<OUTPUTS>().0.iter().enumerate() {
-            let (added, growth) = says.split_at(3 * LAYERS + 3);
+        for (column, output) in output.as_chunks::<OUTPUTS>().0.iter().enumerate() {
+            let (added, growth) = output.split_at(3 * LAYERS + 3);
             for (layer, added) in added[..3 * LAYERS].as_chunks::<3>().0.iter().enumerate() {
                 let growth = 1.0 + growth[layer];
                 let node = &mut displacement[3 * (layer * columns + column)..][..3];
                 for (u, x) in node.iter_mut().zip(added) {
-                    *u = *u * growth + question.amplitude * x;
+                    *u = *u * growth + input.amplitude * x;
                 }
             }
         }
@@ -110,14 +110,14 @@ impl PadInference {
     }
 }
 
-fn pressed(question: &PadInput, says: &[f32]) -> (Vec<f32>, [f32; 3]) {
-    let mut forces = question.forces.clone();
-    let mut sum = question.other_force;
-    let columns = forces.as_chunks_mut::<3>().0.iter_mut().zip(&question.gates);
-    for ((force, gate), says) in columns.zip(says.as_chunks::<OUTPUTS>().0) {
-        let growth = 1.0 + says[OUTPUTS - 1];
+fn pressed(input: &PadInput, output: &[f32]) -> (Vec<f32>, [f32; 3]) {
+    let mut forces = input.forces.clone();
+    let mut sum = input.other_force;
+    let columns = forces.as_chunks_mut::<3>().0.iter_mut().zip(&input.gates);
+    for ((force, gate), output) in columns.zip(output.as_chunks::<OUTPUTS>().0) {
+        let growth = 1.0 + output[OUTPUTS - 1];
         for i in 0..3 {
-            force[i] = force[i] * growth + says[3 * LAYERS + i] * gate * question.strongest;
+            force[i] = force[i] * growth + output[3 * LAYERS + i] * gate * input.strongest;
             sum[i] += force[i];
         }
     }
@@ -142,7 +142,7 @@ mod tests {
 
     /// Compares both paths for random inputs and random weights.
     #[test]
-    fn it_says_what_candle_says() {
+    fn its_answers_are_those_of_candle() {
         // Corner widths that are a multiple of the vector width, and not.
         [16, 20].into_iter().for_each(compare);
     }
@@ -163,7 +163,7 @@ mod tests {
             variable.set(&values).unwrap();
         }
         let nodes = pad.mesh.vertices.len();
-        let question = PadInput {
+        let input = PadInput {
             features: numbers(graph.columns * FEATURES, 1.0),
             displacement: numbers(3 * nodes, 0.02),
             stress: numbers(graph.tets(), 0.1),
@@ -173,9 +173,9 @@ mod tests {
             amplitude: 0.1,
             strongest: 0.1,
         };
-        let answer = network.forward(&Batch::new(&[&question]).unwrap(), &graph).unwrap();
+        let answer = network.forward(&Batch::new(&[&input]).unwrap(), &graph).unwrap();
         let fast = PadInference::new(&network, &graph, &pad).unwrap();
-        let found = fast.forward(&question, true, &mut PadBuffers::default());
+        let found = fast.forward(&input, true, &mut PadBuffers::default());
         let near = |name: &str, plain: &Tensor, own: &[f32]| {
             let plain: Vec<f32> = plain.flatten_all().unwrap().to_vec1().unwrap();
             let scale = plain.iter().fold(0.0_f32, |most, x| most.max(x.abs()));

@@ -46,14 +46,14 @@ impl Parts {
     }
 }
 
-/// Errors of each press of `answer` against `truths`: displacement, stress, nodal forces and net
+/// Errors of each press of `answer` against `targets`: displacement, stress, nodal forces and net
 /// force, (B) each.
-pub(super) fn errors(answer: &CorrectorOutput, truths: &[&Target]) -> Result<[Tensor; 4]> {
+pub(super) fn errors(answer: &CorrectorOutput, targets: &[&Target]) -> Result<[Tensor; 4]> {
     let all = |field: fn(&Target) -> &[f32]| {
-        let values: Vec<f32> = truths.iter().flat_map(|truth| field(truth)).copied().collect();
-        Tensor::from_vec(values, (truths.len(), field(truths[0]).len()), &Device::Cpu)
+        let values: Vec<f32> = targets.iter().flat_map(|target| field(target)).copied().collect();
+        Tensor::from_vec(values, (targets.len(), field(targets[0]).len()), &Device::Cpu)
     };
-    let by_press = |x: &Tensor| x.reshape((truths.len(), ()));
+    let by_press = |x: &Tensor| x.reshape((targets.len(), ()));
     Ok([
         relative(&by_press(&answer.displacement)?, &all(|t| &t.displacement)?)?,
         relative(&answer.stress, &all(|t| &t.stress)?)?,
@@ -62,10 +62,10 @@ pub(super) fn errors(answer: &CorrectorOutput, truths: &[&Target]) -> Result<[Te
     ])
 }
 
-/// Returns ‖x − truth‖ / ‖truth‖ of each row.
-pub(super) fn relative(x: &Tensor, truth: &Tensor) -> Result<Tensor> {
+/// Returns ‖x − target‖ / ‖target‖ of each row.
+pub(super) fn relative(x: &Tensor, target: &Tensor) -> Result<Tensor> {
     let norm = |x: Tensor| (x.sqr()?.sum(1)? + EPSILON)?.sqrt();
-    norm((x - truth)?)? / norm(truth.clone())?
+    norm((x - target)?)? / norm(target.clone())?
 }
 
 impl Network for Corrector {
@@ -81,8 +81,8 @@ impl Network for Corrector {
         sample.graph
     }
 
-    fn truth<'a>(gels: &'a Gels, sample: &'a Sample) -> (&'a Target, &'a PadMaterial) {
-        (&sample.truth, &gels.pads[sample.gel].gel)
+    fn target<'a>(gels: &'a Gels, sample: &'a Sample) -> (&'a Target, &'a PadMaterial) {
+        (&sample.target, &gels.pads[sample.gel].gel)
     }
 
     fn loss(&self, gels: &Gels, samples: &[&Sample], mirror: usize) -> crate::Result<Loss> {
@@ -92,7 +92,7 @@ impl Network for Corrector {
     }
 
     fn answer(&self, gels: &Gels, sample: &Sample) -> crate::Result<Fields> {
-        Ok(self.fields(&sample.question, &gels.graphs[sample.graph])?)
+        Ok(self.fields(&sample.input, &gels.graphs[sample.graph])?)
     }
 }
 
@@ -104,22 +104,22 @@ pub(super) fn parts(
     mirror: usize,
 ) -> Result<Parts> {
     let mirror = &graph.mirrors[mirror];
-    let questions: Vec<PadInput> = samples.iter().map(|s| s.question.mirrored(mirror)).collect();
-    let truths: Vec<Target> = samples.iter().map(|s| s.truth.mirrored(mirror)).collect();
-    let batch = Batch::new(&questions.iter().collect::<Vec<_>>())?;
+    let inputs: Vec<PadInput> = samples.iter().map(|s| s.input.mirrored(mirror)).collect();
+    let targets: Vec<Target> = samples.iter().map(|s| s.target.mirrored(mirror)).collect();
+    let batch = Batch::new(&inputs.iter().collect::<Vec<_>>())?;
     let answer = network.forward(&batch, graph)?;
-    let weights: Vec<f32> = truths.iter().map(weight).collect();
-    let weights = Tensor::from_vec(weights, truths.len(), &Device::Cpu)?;
+    let weights: Vec<f32> = targets.iter().map(weight).collect();
+    let weights = Tensor::from_vec(weights, targets.len(), &Device::Cpu)?;
     let mean = |errors: &Tensor| (errors * &weights)?.mean_all();
-    let [a, b, c, d] = errors(&answer, &truths.iter().collect::<Vec<_>>())?;
+    let [a, b, c, d] = errors(&answer, &targets.iter().collect::<Vec<_>>())?;
     Ok(Parts([mean(&a)?, mean(&b)?, mean(&c)?, mean(&d)?]))
 }
 
 /// Weight of a press: 1 where it moves the gel much, in proportion to the displacement where it
 /// hardly does.
-fn weight(truth: &Target) -> f32 {
-    let squares: f64 = truth.displacement.iter().map(|u| f64::from(*u).powi(2)).sum();
-    let moved = (3.0 * squares / truth.displacement.len().max(1) as f64).sqrt();
+fn weight(target: &Target) -> f32 {
+    let squares: f64 = target.displacement.iter().map(|u| f64::from(*u).powi(2)).sum();
+    let moved = (3.0 * squares / target.displacement.len().max(1) as f64).sqrt();
     (moved / (moved + HARDLY_MOVED)) as f32
 }
 

@@ -111,31 +111,31 @@ pub struct Summary {
 }
 
 impl PressErrors {
-    /// Computes the errors of `found` against `truth`, with the units of length (m) and stress
+    /// Computes the errors of `found` against `target`, with the units of length (m) and stress
     /// (Pa).
-    pub(super) fn of(found: &Fields, truth: &Target, length: f64, stress: f64) -> Self {
-        let nodes = (truth.displacement.len() / 3) as f64;
-        let size = norm(&truth.displacement) * length;
+    pub(super) fn of(found: &Fields, target: &Target, length: f64, stress: f64) -> Self {
+        let nodes = (target.displacement.len() / 3) as f64;
+        let size = norm(&target.displacement) * length;
         let peak =
-            (0..truth.stress.len()).max_by(|&a, &b| truth.stress[a].total_cmp(&truth.stress[b]));
+            (0..target.stress.len()).max_by(|&a, &b| target.stress[a].total_cmp(&target.stress[b]));
         let peak = peak.unwrap_or_default();
-        let high = f64::from(truth.stress[peak]);
-        let stressed: Vec<usize> = (0..truth.stress.len())
-            .filter(|&t| f64::from(truth.stress[t]) > STRESSED * high)
+        let high = f64::from(target.stress[peak]);
+        let stressed: Vec<usize> = (0..target.stress.len())
+            .filter(|&t| f64::from(target.stress[t]) > STRESSED * high)
             .collect();
         let pick = |field: &[f32]| -> Vec<f32> { stressed.iter().map(|&t| field[t]).collect() };
-        let amplitude = truth.displacement.as_chunks::<3>().0.iter().map(|u| norm(u));
+        let amplitude = target.displacement.as_chunks::<3>().0.iter().map(|u| norm(u));
         Self {
             amplitude: amplitude.fold(0.0, f64::max),
             still: size < STILL * nodes.sqrt(),
-            displacement_mae: length * mean_difference(&found.displacement, &truth.displacement),
-            displacement: relative(&found.displacement, &truth.displacement),
-            stress_mae: stress * mean_difference(&found.stress, &truth.stress),
-            stress: relative(&found.stress, &truth.stress),
-            stressed: relative(&pick(&found.stress), &pick(&truth.stress)),
+            displacement_mae: length * mean_difference(&found.displacement, &target.displacement),
+            displacement: relative(&found.displacement, &target.displacement),
+            stress_mae: stress * mean_difference(&found.stress, &target.stress),
+            stress: relative(&found.stress, &target.stress),
+            stressed: relative(&pick(&found.stress), &pick(&target.stress)),
             peak: f64::from(found.stress[peak]) / high - 1.0,
-            nodal_force: relative(&found.forces, &truth.forces),
-            force: relative(&found.force, &truth.force),
+            nodal_force: relative(&found.forces, &target.forces),
+            force: relative(&found.force, &target.force),
         }
     }
 }
@@ -155,7 +155,7 @@ impl Summary {
         let spread = |field: fn(&PressErrors) -> f64| {
             Spread::of(moving.iter().map(|errors| field(errors).abs()).collect())
         };
-        let said = |field: fn(&PressErrors) -> f64| {
+        let output = |field: fn(&PressErrors) -> f64| {
             moving.iter().all(|errors| field(errors).is_finite()).then(|| spread(field))
         };
         let mean = |field: fn(&PressErrors) -> f64| {
@@ -170,8 +170,8 @@ impl Summary {
             stress: spread(|e| e.stress),
             stressed: spread(|e| e.stressed),
             peak: spread(|e| e.peak),
-            nodal_force: said(|e| e.nodal_force),
-            force: said(|e| e.force),
+            nodal_force: output(|e| e.nodal_force),
+            force: output(|e| e.force),
         }
     }
 }
@@ -187,20 +187,20 @@ fn norm(field: &[f32]) -> f64 {
     field.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt()
 }
 
-pub(super) fn relative(found: &[f32], truth: &[f32]) -> f64 {
-    let difference: Vec<f32> = found.iter().zip(truth).map(|(a, b)| a - b).collect();
-    norm(&difference) / norm(truth).max(f64::MIN_POSITIVE)
+pub(super) fn relative(found: &[f32], target: &[f32]) -> f64 {
+    let difference: Vec<f32> = found.iter().zip(target).map(|(a, b)| a - b).collect();
+    norm(&difference) / norm(target).max(f64::MIN_POSITIVE)
 }
 
-fn mean_difference(found: &[f32], truth: &[f32]) -> f64 {
-    let sum: f64 = found.iter().zip(truth).map(|(a, b)| f64::from((a - b).abs())).sum();
-    sum / truth.len() as f64
+fn mean_difference(found: &[f32], target: &[f32]) -> f64 {
+    let sum: f64 = found.iter().zip(target).map(|(a, b)| f64::from((a - b).abs())).sum();
+    sum / target.len() as f64
 }
 
 /// Errors of the linear answers to `samples`.
 pub(super) fn judge_linear(gels: &Gels, samples: &[Sample]) -> Vec<PressErrors> {
     let one = |sample: &Sample| {
-        errors(&Fields::linear(&sample.question), &sample.truth, &gels.pads[sample.gel].gel)
+        errors(&Fields::linear(&sample.input), &sample.target, &gels.pads[sample.gel].gel)
     };
     samples.iter().map(one).collect()
 }
@@ -212,15 +212,15 @@ pub(super) fn judge<N: Network>(
     samples: &[impl Borrow<N::Sample> + Sync],
 ) -> Result<Vec<PressErrors>> {
     let one = |sample: &N::Sample| {
-        let (truth, gel) = N::truth(ground, sample);
-        Ok(errors(&network.answer(ground, sample)?, truth, gel))
+        let (target, gel) = N::target(ground, sample);
+        Ok(errors(&network.answer(ground, sample)?, target, gel))
     };
     samples.par_iter().map(|sample| one(sample.borrow())).collect()
 }
 
 /// Errors of `fields` against the true solution on a gel.
-pub(super) fn errors(fields: &Fields, truth: &Target, gel: &PadMaterial) -> PressErrors {
-    PressErrors::of(fields, truth, gel.thickness, gel.moduli.shear())
+pub(super) fn errors(fields: &Fields, target: &Target, gel: &PadMaterial) -> PressErrors {
+    PressErrors::of(fields, target, gel.thickness, gel.moduli.shear())
 }
 
 #[cfg(test)]
@@ -229,7 +229,7 @@ mod tests {
 
     #[test]
     fn errors_are_the_ratios_of_norms() {
-        let truth = Target {
+        let target = Target {
             displacement: vec![3e-3, 0.0, 4e-3],
             stress: vec![1.0, 0.5, 0.01],
             forces: vec![0.0, 0.0, 2.0],
@@ -241,7 +241,7 @@ mod tests {
             forces: vec![0.0, 1.0, 2.0],
             force: [0.0, 0.0, 1.0],
         };
-        let errors = PressErrors::of(&found, &truth, 2.0, 10.0);
+        let errors = PressErrors::of(&found, &target, 2.0, 10.0);
         let near = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-5, "{a} for {b}");
         near(errors.displacement, 0.2);
         near(errors.displacement_mae, 2.0 * 1e-3 / 3.0);
@@ -250,7 +250,7 @@ mod tests {
         near(errors.force, 0.5);
         near(errors.nodal_force, 0.5);
         assert!(!errors.still);
-        let still = Target { displacement: vec![1e-9; 3], ..truth };
+        let still = Target { displacement: vec![1e-9; 3], ..target };
         assert!(PressErrors::of(&found, &still, 2.0, 10.0).still);
     }
 }

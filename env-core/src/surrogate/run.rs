@@ -63,7 +63,7 @@ pub fn train(
     }
     let (network, vectors) = run.chosen()?;
     let config = dataset.config();
-    let amplitudes = samples.iter().map(|sample| f64::from(sample.question.amplitude));
+    let amplitudes = samples.iter().map(|sample| f64::from(sample.input.amplitude));
     let predicted = error_model(&network, &gels, &validation)?;
     let found = judge_blended(&network, predicted.as_ref(), &gels, &test)?;
     let card = Card {
@@ -79,7 +79,7 @@ pub fn train(
             ..Data::of(config, fingerprint, trained_by)
         },
         predicted,
-        usual: TrainingBounds::of(samples.iter().map(|sample| &sample.truth)),
+        usual: TrainingBounds::of(samples.iter().map(|sample| &sample.target)),
         test: Summary::of(&found),
         linear: Summary::of(&judge_linear(&gels, &test)),
     };
@@ -92,13 +92,13 @@ fn error_model(network: &Corrector, gels: &Gels, samples: &[Sample]) -> Result<O
     let one = |sample: &Sample| {
         let fields = network.answer(gels, sample)?;
         let judged = |fields: &Fields| {
-            let found = errors(fields, &sample.truth, &gels.pads[sample.gel].gel);
+            let found = errors(fields, &sample.target, &gels.pads[sample.gel].gel);
             [found.displacement, found.stress, found.force]
         };
         Ok(JudgedAnswer {
-            terms: predicted::terms(&sample.question, &fields),
+            terms: predicted::terms(&sample.input, &fields),
             network: judged(&fields),
-            linear: judged(&Fields::linear(&sample.question)),
+            linear: judged(&Fields::linear(&sample.input)),
         })
     };
     let answers = samples.par_iter().map(one).collect::<Result<Vec<_>>>()?;
@@ -116,9 +116,9 @@ fn judge_blended(
     let one = |sample: &Sample| {
         let mut fields = network.answer(gels, sample)?;
         if let Some(model) = model {
-            model.blended(&sample.question, &mut fields);
+            model.blended(&sample.input, &mut fields);
         }
-        Ok(errors(&fields, &sample.truth, &gels.pads[sample.gel].gel))
+        Ok(errors(&fields, &sample.target, &gels.pads[sample.gel].gel))
     };
     samples.par_iter().map(one).collect()
 }

@@ -26,8 +26,8 @@ pub(super) struct Sample {
     pub(super) gel: usize,
     /// Name of its grasp.
     pub(super) grasp: String,
-    pub(super) question: PadInput,
-    pub(super) truth: Target,
+    pub(super) input: PadInput,
+    pub(super) target: Target,
 }
 
 /// Gels of a dataset with their linear models, and graphs of their sensors.
@@ -137,8 +137,8 @@ impl Gels {
             graph: pad.graph,
             gel: frames.gel,
             grasp: frames.grasp.clone(),
-            question: PadInput::new(graph, gel, places, std::slice::from_ref(shape), linear),
-            truth: Target::new(frames, frame, graph.columns, gel),
+            input: PadInput::new(graph, gel, places, std::slice::from_ref(shape), linear),
+            target: Target::new(frames, frame, graph.columns, gel),
         }
     }
 }

@@ -55,13 +55,13 @@ impl StressHead {
         let mut stress = vec![0.0; self.tets.len()];
         vectorised(
             #[inline(always)]
-            || self.say(corners, stresses, &mut stress),
+            || self.evaluate(corners, stresses, &mut stress),
         );
         stress
     }
 
     #[inline(always)]
-    fn say(&self, corners: &[f32], stresses: &Stresses, stress: &mut [f32]) {
+    fn evaluate(&self, corners: &[f32], stresses: &Stresses, stress: &mut [f32]) {
         let Stresses { linear, moved: [before, after], amplitude } = *stresses;
         let unit = (amplitude + f32::MIN_POSITIVE).recip();
         let lanes = self.strain.outputs() / LANES;
@@ -69,7 +69,7 @@ impl StressHead {
         let (biases, outputs) = (self.strain.bias.as_chunks().0, self.stress.weight.as_chunks().0);
         for (t, tet) in self.tets.iter().enumerate() {
             let strains = [linear[t] * unit, before[t] * unit, after[t] * unit];
-            let mut says = [0.0_f32; LANES];
+            let mut sums = [0.0_f32; LANES];
             for k in 0..lanes {
                 let mut hidden: [f32; LANES] = biases[k];
                 for (s, strain) in strains.iter().enumerate() {
@@ -80,11 +80,11 @@ impl StressHead {
                 }
                 let output: &[f32; LANES] = &outputs[k];
                 for i in 0..LANES {
-                    says[i] += hidden[i].max(0.0) * output[i];
+                    sums[i] += hidden[i].max(0.0) * output[i];
                 }
             }
-            let says = (says.iter().sum::<f32>() + self.stress.bias[0]) * amplitude;
-            stress[t] = linear[t] + after[t] - before[t] + says;
+            let added = (sums.iter().sum::<f32>() + self.stress.bias[0]) * amplitude;
+            stress[t] = linear[t] + after[t] - before[t] + added;
         }
     }
 }

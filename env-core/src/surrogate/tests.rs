@@ -48,20 +48,20 @@ fn samples(depths: &[f64]) -> (PadGraph, Vec<Sample>) {
     let sample = |&depth: &f64| {
         let press = press(depth);
         let answer = linear.path(&press).swap_remove(0).unwrap();
-        let truth = elements.solve_path(&press).swap_remove(0).unwrap();
+        let target = elements.solve_path(&press).swap_remove(0).unwrap();
         let (places, shapes) = (&pad.mesh.vertices, press.shapes());
-        let mut forces = flat(&truth.contact_force, gel.force());
+        let mut forces = flat(&target.contact_force, gel.force());
         forces.truncate(3 * graph.columns);
         Sample {
             graph: 0,
             gel: 0,
             grasp: "ball/000".to_owned(),
-            question: PadInput::new(&graph, &gel, places, shapes, &linear.carry(&answer, true)),
-            truth: Target {
-                displacement: flat(&truth.displacement, gel.thickness),
-                stress: truth.von_mises.iter().map(|s| (s / GEL.shear()) as f32).collect(),
+            input: PadInput::new(&graph, &gel, places, shapes, &linear.carry(&answer, true)),
+            target: Target {
+                displacement: flat(&target.displacement, gel.thickness),
+                stress: target.von_mises.iter().map(|s| (s / GEL.shear()) as f32).collect(),
                 forces,
-                force: (truth.wrench.force / gel.force()).map(|x| x as f32).into(),
+                force: (target.wrench.force / gel.force()).map(|x| x as f32).into(),
             },
         }
     };
@@ -130,7 +130,7 @@ fn a_resumed_training_is_the_same_to_the_bit() {
 }
 
 #[test]
-fn without_contact_it_says_exactly_nothing() {
+fn without_contact_the_answer_is_exactly_zero() {
     let sensor = Sensor::named("gelsight-mini").unwrap();
     let network = Surrogate::new(&sensor, GEL, FRICTION).unwrap();
     let answer = network.solve_path(&press(-1e-4)).swap_remove(0).unwrap();
@@ -235,11 +235,11 @@ fn an_untrained_network_is_the_linear_answer_but_for_the_strain() {
         &CorrectorConfig::default(),
         &super::parameters::Parameters::drawn(0).builder(),
     );
-    let question = &samples[0].question;
-    let batch = super::corrector::Batch::new(&[question]).unwrap();
+    let input = &samples[0].input;
+    let batch = super::corrector::Batch::new(&[input]).unwrap();
     let answer = network.unwrap().forward(&batch, &graph).unwrap();
     let displacement: Vec<f32> = answer.displacement.flatten_all().unwrap().to_vec1().unwrap();
-    assert_eq!(displacement, question.displacement);
+    assert_eq!(displacement, input.displacement);
     let stress: Vec<f32> = answer.stress.flatten_all().unwrap().to_vec1().unwrap();
-    assert_eq!(stress, question.stress);
+    assert_eq!(stress, input.stress);
 }

@@ -36,7 +36,7 @@ pub(super) trait Network: Sized + Sync {
     fn graph(sample: &Self::Sample) -> usize;
 
     /// True solution of a sample, in the units of its gel.
-    fn truth<'a>(
+    fn target<'a>(
         ground: &'a Self::Ground,
         sample: &'a Self::Sample,
     ) -> (&'a Target, &'a PadMaterial);

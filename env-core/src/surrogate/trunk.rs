@@ -275,7 +275,7 @@ impl Trunk {
     }
 
     /// Adds to each row of `v` a function of their mean.
-    fn share(&self, v: &mut [f32], hidden: &mut Vec<f32>, says: &mut Vec<f32>) {
+    fn share(&self, v: &mut [f32], hidden: &mut Vec<f32>, output: &mut Vec<f32>) {
         let width = self.norm[0].len();
         let mut mean = vec![0.0; width];
         let count = (v.len() / width) as f32;
@@ -284,9 +284,9 @@ impl Trunk {
         }
         self.global[0].forward(&mean, hidden);
         relu(hidden);
-        self.global[1].forward(hidden, says);
+        self.global[1].forward(hidden, output);
         for row in v.chunks_exact_mut(width) {
-            row.iter_mut().zip(&*says).for_each(|(x, more)| *x += more);
+            row.iter_mut().zip(&*output).for_each(|(x, more)| *x += more);
         }
     }
 }

@@ -88,16 +88,16 @@ pub struct TrainingBounds {
 
 impl TrainingBounds {
     /// Computes the bounds of the finite-element solutions to train on.
-    pub(super) fn of<'a>(truths: impl Iterator<Item = &'a Target>) -> Self {
+    pub(super) fn of<'a>(targets: impl Iterator<Item = &'a Target>) -> Self {
         let norms = |field: &[f32]| -> Vec<f64> {
             let norm = |v: &[f32; 3]| Vector3::from(*v).cast::<f64>().norm();
             field.as_chunks().0.iter().map(norm).collect()
         };
         let [mut amplitude, mut force, mut bearing] = [const { Vec::new() }; 3];
-        for truth in truths {
-            amplitude.push(norms(&truth.displacement).into_iter().fold(0.0, f64::max));
-            force.push(norms(&truth.force)[0]);
-            bearing.push(bearing_of(norms(&truth.forces).into_iter()));
+        for target in targets {
+            amplitude.push(norms(&target.displacement).into_iter().fold(0.0, f64::max));
+            force.push(norms(&target.force)[0]);
+            bearing.push(bearing_of(norms(&target.forces).into_iter()));
         }
         let [few, most] = [0.05, 0.99];
         let [force] = quantiles(force, [most]);

@@ -184,11 +184,11 @@ impl PaperModel {
         let (displacement, von_mises, rigid) = match touch {
             Some((touch, patch)) if pad.graph.touches(shape, pose) => {
                 let push = Push::Moved(pose * touch.inverse());
-                let says = self.network.answer_to(pad, patch, push)?;
-                let numbers: Vec<f32> = says.displacement.flatten_all()?.to_vec1()?;
+                let output = self.network.answer_to(pad, patch, push)?;
+                let numbers: Vec<f32> = output.displacement.flatten_all()?.to_vec1()?;
                 let vector = |&u: &[f32; 3]| Vector3::from(u).cast::<f64>() * length;
-                let stress = says.stress.to_vec1::<f32>()?.into_iter();
-                let motion = says.rigid.map(|m| m.to_vec1::<f32>()).transpose()?;
+                let stress = output.stress.to_vec1::<f32>()?.into_iter();
+                let motion = output.rigid.map(|m| m.to_vec1::<f32>()).transpose()?;
                 (
                     numbers.as_chunks::<3>().0.iter().map(vector).collect(),
                     stress.map(|s| f64::from(s.max(0.0)) * shear).collect(),
@@ -197,7 +197,7 @@ impl PaperModel {
             }
             _ => {
                 let mesh = self.body.mesh();
-                let rigid = self.network.says_motion().then(Isometry3::identity);
+                let rigid = self.network.has_motion().then(Isometry3::identity);
                 (still(mesh.vertices.len()), vec![0.0; mesh.tets.len()], rigid)
             }
         };
@@ -259,39 +259,39 @@ mod tests {
     #[test]
     fn what_a_network_told_poses_cannot_answer_is_an_error() {
         let network = opened(SHIPPED).unwrap();
-        let said = |press: Press| network.solve(&[press])[0].as_ref().unwrap_err().to_string();
+        let message = |press: Press| network.solve(&[press])[0].as_ref().unwrap_err().to_string();
         let (here, sphere) = (Isometry3::translation(0.0, 0.0, 7.5e-3), ball(&[7.5e-3]));
         let shape = sphere.shapes()[0].clone();
         let force = Press::with_force(vec![shape.clone()], vec![here], 1.0, -Vector3::z());
-        assert!(said(force.unwrap()).contains("told poses"));
+        assert!(message(force.unwrap()).contains("told poses"));
         let two = Press::along(vec![shape.clone(), shape], vec![vec![here, here]]);
-        assert!(said(two.unwrap()).contains("shapes: found 2"));
+        assert!(message(two.unwrap()).contains("shapes: found 2"));
         let plane = Press::along(vec![Shape::HalfSpace], vec![vec![Isometry3::identity()]]);
-        assert!(said(plane.unwrap()).contains("a finite surface"));
+        assert!(message(plane.unwrap()).contains("a finite surface"));
     }
 
     #[test]
     fn damaged_and_other_weights_are_named() {
-        let says = |bytes: &[u8], what: &str| {
+        let refused = |bytes: &[u8], what: &str| {
             let error = opened(bytes).err().expect(what).to_string();
             assert!(error.contains(what), "{error}, expected {what}");
         };
         for cut in [0, 7, 100, SHIPPED.len() / 2, SHIPPED.len() - 1] {
-            says(&SHIPPED[..cut], "mine");
+            refused(&SHIPPED[..cut], "mine");
         }
         let corrector = include_bytes!("../../../assets/weights/pads.safetensors");
-        says(corrector, "weights of corrector, expected paper-baseline");
+        refused(corrector, "weights of corrector, expected paper-baseline");
         let (mut tensors, card) = weights::of_kind::<PaperCard>("mine", SHIPPED).unwrap();
         let told = |change: &dyn Fn(&mut PaperCard), what: &str| {
             let mut card = card.clone();
             change(&mut card);
-            says(&weights::to_bytes(&tensors, &card), what);
+            refused(&weights::to_bytes(&tensors, &card), what);
         };
         told(&|card| card.network.input = Input::Force, "told poses");
         told(&|card| card.model_nodes = MOST_NODES + 1, "expected at most");
         told(&|card| card.network.rounds += 1, "missing from the weights");
         told(&|card| card.network.width *= 2, "mine: encoder.nodes.first.weight: found shape");
         tensors.values_mut().next().unwrap().1[0] = f32::NAN;
-        says(&weights::to_bytes(&tensors, &card), "expected finite numbers");
+        refused(&weights::to_bytes(&tensors, &card), "expected finite numbers");
     }
 }

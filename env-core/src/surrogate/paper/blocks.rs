@@ -87,7 +87,7 @@ impl Perceptron {
         Ok(Self { first, tail: Tail::new(width, width, norm, vb)? })
     }
 
-    /// Says nothing to begin with: a random field on every node is worse than none, and light presses
+    /// Zero to begin with: a random field on every node is worse than none, and light presses
     /// would be all noise.
     pub(super) fn decoder(width: usize, outputs: usize, vb: &VarBuilder) -> Result<Self> {
         let first = Linear::new(width, width, &vb.pp("first"))?;

@@ -61,19 +61,19 @@ pub(super) fn judge_paper(
     watch: Watch,
 ) -> Result<Option<Judged>> {
     let (mut presses, mut seconds) = (Vec::new(), 0.0);
-    let (mut rigid, mut truth, mut object) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut rigid, mut target, mut object) = (Vec::new(), Vec::new(), Vec::new());
     for sample in test {
         if !watch(&TrainingProgress::Step) {
             return Ok(None);
         }
         let start = clock();
-        let answer = network.says(bodies, sample, 0)?;
+        let answer = network.output(bodies, sample, 0)?;
         seconds += (clock() - start) / test.len() as f64;
-        let (true_fields, gel) = Told::truth(bodies, sample);
+        let (true_fields, gel) = Told::target(bodies, sample);
         presses.push(errors(&fields(&answer)?, true_fields, gel));
         let in_units = |[angle, way]: [f64; 2]| [way * gel.thickness, angle.to_degrees()];
         rigid.extend(rigid_apart(&answer, sample)?.map(in_units));
-        truth.push(in_units(sample.turned()));
+        target.push(in_units(sample.turned()));
         if network.input == Input::Force {
             let (found, moved) = (answer.object.flatten_all()?.to_vec1()?, motion(bodies, sample));
             object.push(relative(&found, &moved));
@@ -85,7 +85,7 @@ pub(super) fn judge_paper(
     };
     Ok(Some(Judged {
         rigid: spreads(&rigid),
-        rigid_truth: spreads(&truth),
+        rigid_truth: spreads(&target),
         object: (!object.is_empty()).then(|| Spread::of(object)),
         ..Judged::of(&presses, Some(seconds))
     }))

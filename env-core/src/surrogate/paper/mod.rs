@@ -8,8 +8,8 @@
 //!   moves as a whole, so that motion is small here.
 //!
 //! They are trained on the same frames as the corrector, by its trainer and nearly its loss, and are
-//! shown no linear answer. None of them answers contact forces: [`PaperNetwork`] says displacement,
-//! stress and, of B, rigid motion. [`PaperRun`] trains one; [`Study`] compares them at equal budgets.
+//! shown no linear answer. None of them has contact forces as output: [`PaperNetwork`] has
+//! displacement, stress and, of B, rigid motion. [`PaperRun`] trains one; [`Study`] compares them at equal budgets.
 
 mod answer;
 mod blocks;

@@ -65,7 +65,7 @@ pub(super) struct PaperOutput {
     pub(super) object: Tensor,
     /// Von Mises (T).
     pub(super) stress: Tensor,
-    /// Rotation, row by row, and translation of the gel (12), if the network says.
+    /// Rotation, row by row, and translation of the gel (12), if the network outputs one.
     pub(super) rigid: Option<Tensor>,
 }
 
@@ -90,7 +90,7 @@ impl Paper {
     }
 
     /// Returns whether it is variant B.
-    pub(super) fn says_motion(&self) -> bool {
+    pub(super) fn has_motion(&self) -> bool {
         self.rigid.is_some()
     }
 
@@ -201,7 +201,7 @@ mod tests {
         (parameters, network)
     }
 
-    /// Lets decoders, which say nothing to begin with, say something.
+    /// Lets decoders, which start at zero, output something.
     fn awaken(parameters: &Parameters) {
         for (name, variable) in parameters.all() {
             if name.starts_with("decoder") && name.ends_with("third.weight") {
@@ -268,8 +268,9 @@ mod tests {
         assert!(count(&plain) > count(&shared));
         assert!(!network(&plain).0.all().iter().any(|(name, _)| name.contains("norm")));
         let scene = scene(&bodies, &sample);
-        let says = |config: &PaperConfig| network(config).1.forward(&scene).unwrap().displacement;
-        let difference = (says(&shared) - says(&one)).unwrap().abs().unwrap().max_all().unwrap();
+        let output = |config: &PaperConfig| network(config).1.forward(&scene).unwrap().displacement;
+        let difference =
+            (output(&shared) - output(&one)).unwrap().abs().unwrap().max_all().unwrap();
         assert!(difference.to_scalar::<f32>().unwrap() > 0.0);
     }
 }

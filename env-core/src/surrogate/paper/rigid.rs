@@ -1,8 +1,8 @@
-//! Rigid motions: the best fit to a displacement, and what a network says of one.
+//! Rigid motions: the best fit to a displacement, and one as output of a network.
 //!
-//! The best fit is that of least squares (Arun, Huang and Blostein 1987). A network says rotations by
-//! six numbers, two columns made orthonormal by Gram and Schmidt (Zhou et al. 2019), which unlike
-//! angles or quaternions leave no jumps to learn.
+//! The best fit is that of least squares (Arun, Huang and Blostein 1987). A network outputs
+//! rotations by six numbers, two columns made orthonormal by Gram and Schmidt (Zhou et al. 2019),
+//! which unlike angles or quaternions leave no jumps to learn.
 
 use candle_core::{Device, Result, Tensor};
 use nalgebra::{Matrix3, Vector3};
@@ -54,16 +54,16 @@ pub(super) fn apart(a: &[f32], b: &[f32]) -> [f64; 2] {
 }
 
 /// The motion (12) that nine numbers mean: two columns less those of the identity, a translation.
-pub(super) fn motion(says: &Tensor) -> Result<Tensor> {
+pub(super) fn motion(output: &Tensor) -> Result<Tensor> {
     let identity = Tensor::new(&[1.0_f32, 0.0, 0.0, 0.0, 1.0, 0.0], &Device::Cpu)?;
-    let columns = (says.narrow(0, 0, 6)? + identity)?;
+    let columns = (output.narrow(0, 0, 6)? + identity)?;
     let first = unit(&columns.narrow(0, 0, 3)?)?;
     let second = columns.narrow(0, 3, 3)?;
     let along = (&first * &second)?.sum_keepdim(0)?;
     let second = unit(&(&second - first.broadcast_mul(&along)?)?)?;
     let third = cross(&first, &second)?;
     let rows = Tensor::stack(&[first, second, third], 1)?.flatten_all()?;
-    Tensor::cat(&[rows, says.narrow(0, 6, 3)?], 0)
+    Tensor::cat(&[rows, output.narrow(0, 6, 3)?], 0)
 }
 
 fn unit(x: &Tensor) -> Result<Tensor> {
@@ -87,14 +87,14 @@ mod tests {
 
     use super::*;
 
-    fn said(says: [f32; 9]) -> Vec<f32> {
-        motion(&Tensor::new(&says, &Device::Cpu).unwrap()).unwrap().to_vec1().unwrap()
+    fn motion_of(output: [f32; 9]) -> Vec<f32> {
+        motion(&Tensor::new(&output, &Device::Cpu).unwrap()).unwrap().to_vec1().unwrap()
     }
 
     #[test]
     fn six_numbers_are_a_rotation_and_none_the_identity() {
-        assert_eq!(said([0.0; 9])[..9], [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
-        let found = said([0.3, -1.2, 0.4, 0.9, 0.1, -0.7, 1.0, 2.0, 3.0]);
+        assert_eq!(motion_of([0.0; 9])[..9], [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+        let found = motion_of([0.3, -1.2, 0.4, 0.9, 0.1, -0.7, 1.0, 2.0, 3.0]);
         let rotation = Matrix3::from_row_slice(&found[..9]);
         let error = (rotation * rotation.transpose() - Matrix3::identity()).norm();
         assert!(error < 1e-6 && (rotation.determinant() - 1.0).abs() < 1e-6, "{rotation}");
@@ -111,7 +111,7 @@ mod tests {
         let (rotation, translation) = best_fit(&places, &moved);
         assert!((rotation - turn.matrix()).norm() < 1e-12 && (translation - shift).norm() < 1e-12);
         let numbers = numbers(&rotation, &translation);
-        let [angle, _] = apart(&numbers, &said([0.0; 9]));
+        let [angle, _] = apart(&numbers, &motion_of([0.0; 9]));
         assert!((angle - turn.angle()).abs() < 1e-6, "{angle} for {}", turn.angle());
         let little = Rotation3::new(Vector3::new(1e-5, 0.0, 0.0));
         let [angle, _] = apart(&STILL, &super::numbers(little.matrix(), &shift));

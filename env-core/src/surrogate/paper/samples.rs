@@ -31,7 +31,7 @@ pub(super) struct Sample {
     pub(super) patch: Arc<Patch>,
     /// Motion of the object since then, in the pad's frame.
     pub(super) moved: Isometry3<f64>,
-    pub(super) truth: Target,
+    pub(super) target: Target,
     /// Best-fit rigid motion of the gel, in units of its thickness.
     pub(super) rigid: [f32; MOTION],
 }
@@ -69,14 +69,14 @@ impl Bodies {
         let surface = object.surface(density.segments());
         let patch = Arc::new(Patch::new(&surface, &touch, graph.half, density));
         let one = |(i, pose): (usize, &Isometry3<f64>)| {
-            let truth = Target::new(frames, i, graph.columns, gel);
+            let target = Target::new(frames, i, graph.columns, gel);
             Sample {
                 gel: frames.gel,
                 grasp: frames.grasp.clone(),
                 patch: Arc::clone(&patch),
                 moved: pose * touch.inverse(),
-                rigid: self.pads[frames.gel].rigid(&truth),
-                truth,
+                rigid: self.pads[frames.gel].rigid(&target),
+                target,
             }
         };
         frames.poses.iter().enumerate().map(one).collect()
@@ -85,10 +85,10 @@ impl Bodies {
 
 impl Pad {
     /// The best-fit rigid motion of a displacement, lengths in units of the thickness.
-    fn rigid(&self, truth: &Target) -> [f32; MOTION] {
+    fn rigid(&self, target: &Target) -> [f32; MOTION] {
         let PadMaterial { thickness, .. } = self.gel;
         let places: Vec<_> = self.graph.places.iter().map(|p| p.coords / thickness).collect();
-        let moved = truth.displacement.as_chunks::<3>().0.iter();
+        let moved = target.displacement.as_chunks::<3>().0.iter();
         let moved: Vec<_> = moved.map(|u| Vector3::from(*u).cast::<f64>()).collect();
         let (rotation, translation) = rigid::best_fit(&places, &moved);
         rigid::numbers(&rotation, &translation)
@@ -100,13 +100,13 @@ impl Sample {
     pub(super) fn push(&self, input: Input) -> Push {
         match input {
             Input::Translation => Push::Moved(self.moved),
-            Input::Force => Push::Force(-f64::from(self.truth.force[2])),
+            Input::Force => Push::Force(-f64::from(self.target.force[2])),
         }
     }
 
     /// Largest displacement, in units of thickness.
     pub(super) fn amplitude(&self) -> f64 {
-        let moved = self.truth.displacement.as_chunks::<3>().0.iter();
+        let moved = self.target.displacement.as_chunks::<3>().0.iter();
         moved.map(|u| f64::from(Vector3::from(*u).norm())).fold(0.0, f64::max)
     }
 
@@ -156,14 +156,14 @@ pub(super) mod tests {
                 .flat_map(|v| [v.x, v.y, v.z])
                 .collect(),
         };
-        let truth = Target::new(&frames, 0, graph.columns, &gel);
+        let target = Target::new(&frames, 0, graph.columns, &gel);
         let touch = graph.touch(&ball, pose);
         let surface = ball.surface(Density::Coarse.segments()).unwrap();
         let patch = Arc::new(Patch::new(&surface, &touch, graph.half, Density::Coarse));
         let pad = Pad { gel, graph };
-        let rigid = pad.rigid(&truth);
+        let rigid = pad.rigid(&target);
         let moved = pose * touch.inverse();
-        let sample = Sample { gel: 0, grasp: frames.grasp, patch, moved, truth, rigid };
+        let sample = Sample { gel: 0, grasp: frames.grasp, patch, moved, target, rigid };
         (Bodies { pads: vec![pad] }, sample)
     }
 

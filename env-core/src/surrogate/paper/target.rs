@@ -1,6 +1,6 @@
 //! Loss of the paper's networks: the corrector's relative errors of displacement and
 //! stress, and besides those of the object's motion, where only the force is told, and of the rigid
-//! motion, where it is said. Light presses count less than with the corrector.
+//! motion, where it is output. Light presses count less than with the corrector.
 
 use candle_core::{Device, Tensor};
 use candle_nn::VarBuilder;
@@ -56,7 +56,7 @@ impl Told {
     }
 
     /// The answer to a sample seen in a mirror.
-    pub(super) fn says(
+    pub(super) fn output(
         &self,
         bodies: &Bodies,
         sample: &Sample,
@@ -73,8 +73,8 @@ impl Told {
     }
 
     /// Returns whether it outputs a rigid motion.
-    pub(super) fn says_motion(&self) -> bool {
-        self.network.says_motion()
+    pub(super) fn has_motion(&self) -> bool {
+        self.network.has_motion()
     }
 
     /// Errors of the parts of an answer, a scalar each; none where a part is not asked.
@@ -84,12 +84,12 @@ impl Told {
         sample: &Sample,
         mirror: usize,
     ) -> Result<[Option<Tensor>; 4]> {
-        let answer = self.says(bodies, sample, mirror)?;
+        let answer = self.output(bodies, sample, mirror)?;
         let signs = signs(mirror).map(|sign| sign as f32);
-        let error = |found: &Tensor, truth: Vec<f32>, middling: f64| -> Result<Option<Tensor>> {
-            let weight = weight(&truth, middling);
-            let truth = Tensor::from_vec(truth, (1, found.elem_count()), &Device::Cpu)?;
-            let error = relative(&found.reshape(truth.shape())?, &truth)?.mean_all()?;
+        let error = |found: &Tensor, target: Vec<f32>, middling: f64| -> Result<Option<Tensor>> {
+            let weight = weight(&target, middling);
+            let target = Tensor::from_vec(target, (1, found.elem_count()), &Device::Cpu)?;
+            let error = relative(&found.reshape(target.shape())?, &target)?.mean_all()?;
             Ok(Some((error * weight)?))
         };
         let mirrored = |vectors: &[f32]| -> Vec<f32> {
@@ -104,8 +104,8 @@ impl Told {
             None => None,
         };
         Ok([
-            error(&answer.displacement, mirrored(&sample.truth.displacement), DISPLACEMENT)?,
-            error(&answer.stress, sample.truth.stress.clone(), STRESS)?,
+            error(&answer.displacement, mirrored(&sample.target.displacement), DISPLACEMENT)?,
+            error(&answer.stress, sample.target.stress.clone(), STRESS)?,
             object,
             rigid,
         ])
@@ -114,10 +114,10 @@ impl Told {
 
 /// Weight of the relative error of a field: 1 where its root mean square is that of a middling
 /// press, in proportion to its size where it is far below a tenth of that. First touches, of which the
-/// surface's nodes say little, would else be most of the loss.
-fn weight(truth: &[f32], middling: f64) -> f64 {
-    let squares = truth.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>();
-    let size = (squares / truth.len() as f64).sqrt();
+/// surface's nodes tell little, would else be most of the loss.
+fn weight(target: &[f32], middling: f64) -> f64 {
+    let squares = target.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>();
+    let size = (squares / target.len() as f64).sqrt();
     size / size.hypot(LIGHT * middling)
 }
 
@@ -129,11 +129,11 @@ pub(super) fn motion(bodies: &Bodies, sample: &Sample) -> Vec<f32> {
 }
 
 /// ‖M̂ − M‖ / ‖M − 1‖ of a rigid motion M = (R, t) in a mirror of the given `signs`.
-fn rigid_error(found: &Tensor, truth: &[f32], signs: [f32; 3]) -> Result<Tensor> {
+fn rigid_error(found: &Tensor, target: &[f32], signs: [f32; 3]) -> Result<Tensor> {
     let sign = |i: usize| if i < 9 { signs[i / 3] * signs[i % 3] } else { signs[i - 9] };
-    let change: Vec<f32> = (0..truth.len()).map(|i| truth[i] * sign(i) - STILL[i]).collect();
-    let row = |numbers: Vec<f32>| Tensor::from_vec(numbers, (1, truth.len()), &Device::Cpu);
-    let found = (found.reshape((1, truth.len()))? - row(STILL.to_vec())?)?;
+    let change: Vec<f32> = (0..target.len()).map(|i| target[i] * sign(i) - STILL[i]).collect();
+    let row = |numbers: Vec<f32>| Tensor::from_vec(numbers, (1, target.len()), &Device::Cpu);
+    let found = (found.reshape((1, target.len()))? - row(STILL.to_vec())?)?;
     Ok(relative(&found, &row(change)?)?.mean_all()?)
 }
 
@@ -150,8 +150,8 @@ impl Network for Told {
         0
     }
 
-    fn truth<'a>(bodies: &'a Bodies, sample: &'a Sample) -> (&'a Target, &'a PadMaterial) {
-        (&sample.truth, &bodies.pads[sample.gel].gel)
+    fn target<'a>(bodies: &'a Bodies, sample: &'a Sample) -> (&'a Target, &'a PadMaterial) {
+        (&sample.target, &bodies.pads[sample.gel].gel)
     }
 
     fn loss(&self, bodies: &Bodies, samples: &[&Sample], mirror: usize) -> Result<Loss> {
@@ -170,11 +170,11 @@ impl Network for Told {
     }
 
     fn answer(&self, bodies: &Bodies, sample: &Sample) -> Result<Fields> {
-        fields(&self.says(bodies, sample, 0)?)
+        fields(&self.output(bodies, sample, 0)?)
     }
 }
 
-/// The fields that are judged; contact forces are not said.
+/// The fields that are judged; contact forces are not output.
 pub(super) fn fields(answer: &PaperOutput) -> Result<Fields> {
     Ok(Fields {
         displacement: answer.displacement.flatten_all()?.to_vec1()?,
@@ -217,8 +217,8 @@ mod tests {
             let rate = 4e-3 * (1.0 + (PI * f64::from(step) / f64::from(steps)).cos());
             adam.step(&variables, &gradient, rate).unwrap();
         }
-        let (truth, gel) = Told::truth(&bodies, &sample);
-        let found = metrics::errors(&network.answer(&bodies, &sample).unwrap(), truth, gel);
+        let (target, gel) = Told::target(&bodies, &sample);
+        let found = metrics::errors(&network.answer(&bodies, &sample).unwrap(), target, gel);
         let (u, stress) = (found.displacement, found.stress);
         assert!(u < 5e-3 && stress < 5e-3, "u misses by {u}, stress by {stress} in {steps} steps");
     }

@@ -13,9 +13,9 @@ use super::{
     fast::{ObjectBuffers, ObjectInference},
     graph::ObjectGraph,
     grip::Grip,
+    input::ObjectInput,
     linear::LinearBaseline,
     network::Soft,
-    question::ObjectInput,
     study::SoftCard,
 };
 use crate::{
@@ -156,17 +156,17 @@ impl ObjectNetwork {
         let friction = press.friction().unwrap_or(self.unit.friction);
         let unit = PadMaterial { friction, ..self.unit };
         let grip = Grip::of(half, &linear.poses);
-        let question = ObjectInput::new(&self.graph, &unit, &grip, &linear);
-        if question.amplitude == 0.0 {
+        let input = ObjectInput::new(&self.graph, &unit, &grip, &linear);
+        if input.amplitude == 0.0 {
             return linear;
         }
-        let says = self.network.forward(&question, &self.graph, scratch);
+        let output = self.network.forward(&input, &self.graph, scratch);
         let vectors = |field: &[f32], unit: f64| -> Vec<Vector3<f64>> {
             let vector = |&v: &[f32; 3]| Vector3::from(v).cast::<f64>() * unit;
             field.as_chunks::<3>().0.iter().map(vector).collect()
         };
-        let displacement = vectors(&says.displacement, unit.thickness);
-        let contact_force = vectors(&says.forces, unit.force());
+        let displacement = vectors(&output.displacement, unit.thickness);
+        let contact_force = vectors(&output.forces, unit.force());
         let shear = unit.moduli.shear();
         let mut wrench = Wrench::default();
         let places = self.graph.places.iter().zip(&displacement).map(|(p, u)| p + u);
@@ -174,7 +174,7 @@ impl ObjectNetwork {
         Deformation {
             displacement,
             contact_force,
-            von_mises: says.stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
+            von_mises: output.stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
             wrench,
             seconds: linear.seconds + start.elapsed().as_secs_f64(),
             ..linear

@@ -5,7 +5,7 @@
 use candle_core::Result;
 use nalgebra::Vector3;
 
-use super::{graph::ObjectGraph, network::Soft, question::ObjectInput};
+use super::{graph::ObjectGraph, input::ObjectInput, network::Soft};
 use crate::{
     geometry::TetMesh,
     surrogate::{
@@ -27,7 +27,7 @@ pub(super) struct ObjectInference {
 pub(super) struct ObjectBuffers {
     trunk: trunk::TrunkBuffers,
     hidden: Vec<f32>,
-    says: Vec<f32>,
+    output: Vec<f32>,
     corners: Vec<f32>,
 }
 
@@ -43,75 +43,76 @@ impl ObjectInference {
         })
     }
 
-    /// The corrected answer to `question`.
+    /// The corrected answer to `input`.
     pub(super) fn forward(
         &self,
-        question: &ObjectInput,
+        input: &ObjectInput,
         graph: &ObjectGraph,
         scratch: &mut ObjectBuffers,
     ) -> Fields {
-        let ObjectBuffers { trunk, hidden, says, corners } = scratch;
-        let edges = [0, 1, 2].map(|scale| graph.edges(scale, &question.turn));
+        let ObjectBuffers { trunk, hidden, output, corners } = scratch;
+        let edges = [0, 1, 2].map(|scale| graph.edges(scale, &input.turn));
         let edges = edges.each_ref().map(Vec::as_slice);
-        let latent = self.trunk.latent(&question.features, &edges, trunk);
+        let latent = self.trunk.latent(&input.features, &edges, trunk);
         self.nodes[0].forward(latent, hidden);
         relu(hidden);
-        self.nodes[1].forward(hidden, says);
-        let displacement = displaced(question, says);
-        let forces = pressed(question, says);
+        self.nodes[1].forward(hidden, output);
+        let displacement = displaced(input, output);
+        let forces = pressed(input, output);
         let mut force = [0.0; 3];
-        for (own, share) in forces.as_chunks::<3>().0.iter().zip(&question.shares) {
+        for (own, share) in forces.as_chunks::<3>().0.iter().zip(&input.shares) {
             (0..3).for_each(|i| force[i] += own[i] * share);
         }
-        let [before, after] = [&question.displacement, &displacement].map(|u| {
-            let mut stress = vec![0.0; question.stress.len()];
+        let [before, after] = [&input.displacement, &displacement].map(|u| {
+            let mut stress = vec![0.0; input.stress.len()];
             graph.gradients.stress(u, &mut stress);
             stress
         });
         let stresses = Stresses {
-            linear: &question.stress,
+            linear: &input.stress,
             moved: [&before, &after],
-            amplitude: question.amplitude,
+            amplitude: input.amplitude,
         };
         let stress = self.stress.forward(latent, &stresses, corners);
         Fields { displacement, stress, forces, force }
     }
 }
 
-/// A vector at each node that starts with number `first` of its six in `says`, in the object's frame.
-fn said<'a>(
-    question: &ObjectInput,
-    says: &'a [f32],
+/// A vector at each node that starts with number `first` of its six in `output`, in the object's
+/// frame.
+fn vectors<'a>(
+    input: &ObjectInput,
+    output: &'a [f32],
     first: usize,
 ) -> impl Iterator<Item = [f32; 3]> + 'a {
-    let back = question.turn.transpose().cast::<f32>();
-    says.as_chunks::<6>().0.iter().map(move |says| {
-        let seen = Vector3::new(says[first], says[first + 1], says[first + 2]);
+    let back = input.turn.transpose().cast::<f32>();
+    output.as_chunks::<6>().0.iter().map(move |output| {
+        let seen = Vector3::new(output[first], output[first + 1], output[first + 2]);
         (back * seen).into()
     })
 }
 
-fn displaced(question: &ObjectInput, says: &[f32]) -> Vec<f32> {
-    let mut displacement = question.displacement.clone();
+fn displaced(input: &ObjectInput, output: &[f32]) -> Vec<f32> {
+    let mut displacement = input.displacement.clone();
     let nodes = displacement.as_chunks_mut::<3>().0.iter_mut();
-    for (node, added) in nodes.zip(said(question, says, 0)) {
-        node.iter_mut().zip(added).for_each(|(u, x)| *u += question.amplitude * x);
+    for (node, added) in nodes.zip(vectors(input, output, 0)) {
+        node.iter_mut().zip(added).for_each(|(u, x)| *u += input.amplitude * x);
     }
     displacement
 }
 
 /// Forces on the nodes, in balance.
-fn pressed(question: &ObjectInput, says: &[f32]) -> Vec<f32> {
-    let mut forces = question.forces.clone();
+fn pressed(input: &ObjectInput, output: &[f32]) -> Vec<f32> {
+    let mut forces = input.forces.clone();
     let mut sum = [0.0; 3];
-    let nodes = forces.as_chunks_mut::<3>().0.iter_mut().zip(&question.gates);
-    for ((node, gate), added) in nodes.zip(said(question, says, 3)) {
+    let nodes = forces.as_chunks_mut::<3>().0.iter_mut().zip(&input.gates);
+    for ((node, gate), added) in nodes.zip(vectors(input, output, 3)) {
         for i in 0..3 {
-            node[i] += added[i] * gate * question.strongest;
+            node[i] += added[i] * gate * input.strongest;
             sum[i] += node[i];
         }
     }
-    for (node, bearing) in forces.as_chunks_mut::<3>().0.iter_mut().zip(&question.bearing) {
+    for (node, bearing) in forces.as_chunks_mut::<3>().0.iter_mut().zip(&input.bearing) {
         (0..3).for_each(|i| node[i] -= bearing * sum[i]);
     }
     forces
@@ -127,14 +128,14 @@ mod tests {
     };
 
     #[test]
-    fn it_says_what_candle_says() {
+    fn its_answers_are_those_of_candle() {
         let (_, network) = network();
         for turn in [[0.0; 3], [0.4, -1.1, 2.0]] {
             let turn = UnitQuaternion::from_euler_angles(turn[0], turn[1], turn[2]);
-            let (mesh, graph, question) = squeezed(&turn);
-            let plain = network.forward(&question, &graph, &still()).unwrap();
+            let (mesh, graph, input) = squeezed(&turn);
+            let plain = network.forward(&input, &graph, &still()).unwrap();
             let fast = ObjectInference::new(&network, &graph, &mesh).unwrap();
-            let found = fast.forward(&question, &graph, &mut ObjectBuffers::default());
+            let found = fast.forward(&input, &graph, &mut ObjectBuffers::default());
             for (name, plain, own) in [
                 ("displacement", &plain.displacement, &found.displacement[..]),
                 ("stress", &plain.stress, &found.stress),

@@ -1,6 +1,6 @@
-//! The linear answer that the network corrects: on a mesh as fine as the truth's, carried to the model
-//! mesh. What a coarse mesh would miss of the surface, and so of where contact begins, need not be
-//! learnt.
+//! The linear answer that the network corrects: on a mesh as fine as that of the reference
+//! solutions, carried to the model mesh. What a coarse mesh would miss of the surface, and so of where
+//! contact begins, need not be learnt.
 
 use crate::{
     Result,

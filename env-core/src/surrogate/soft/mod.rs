@@ -10,9 +10,9 @@ mod answer;
 mod fast;
 mod graph;
 mod grip;
+mod input;
 mod linear;
 mod network;
-mod question;
 mod samples;
 mod study;
 

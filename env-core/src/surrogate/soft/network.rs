@@ -1,9 +1,9 @@
 //! Network for the difference between finite elements and the linear answer of a squeezed object.
 //!
 //! A graph network in three scales (MeshGraphNets, Pfaff et al. 2021; scales as in Fortunato et al.
-//! 2022) on the object's mesh. It says by how much each node is displaced farther and each node of the
-//! surface near a finger pressed harder, and how far the stress of each tetrahedron is from that of the
-//! corrected displacement. The forces sum to zero, as those on a free body do.
+//! 2022) on the object's mesh. Its outputs are additions to the displacement of each node, to the
+//! contact force on each node of the surface near a finger, and to the stress of each tetrahedron that
+//! the corrected displacement implies. The forces sum to zero, as those on a free body do.
 //!
 //! Shapes: V nodes, T tetrahedra, H latent width, W width of a corner.
 
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     graph::ObjectGraph,
-    question::{FEATURES, ObjectInput},
+    input::{FEATURES, ObjectInput},
 };
 use crate::surrogate::{
     graph::{EDGE_FEATURES, SCALES},
@@ -79,63 +79,63 @@ impl Soft {
         })
     }
 
-    /// Corrects the linear answer in `question`, seen in a mirror of the given `signs`.
+    /// Corrects the linear answer in `input`, seen in a mirror of the given `signs`.
     pub(super) fn forward(
         &self,
-        question: &ObjectInput,
+        input: &ObjectInput,
         graph: &ObjectGraph,
         signs: &Vector3<f64>,
     ) -> Result<ObjectOutput> {
-        let nodes = question.gates.len();
-        let latent = self.latent(question, graph, signs)?;
-        let says = self.nodes.forward(&latent)?;
+        let nodes = input.gates.len();
+        let latent = self.latent(input, graph, signs)?;
+        let output = self.nodes.forward(&latent)?;
         // Back from the mirrored frame of the grip: v = Rᵀ S w, of rows w S R.
-        let turn = nalgebra::Matrix3::from_diagonal(signs) * question.turn;
+        let turn = nalgebra::Matrix3::from_diagonal(signs) * input.turn;
         let rows: Vec<f32> = turn.transpose().iter().map(|&x| x as f32).collect();
         let back = Tensor::from_vec(rows, (3, 3), &Device::Cpu)?;
-        let part = |first: usize| says.narrow(1, first, 3)?.contiguous()?.matmul(&back);
+        let part = |first: usize| output.narrow(1, first, 3)?.contiguous()?.matmul(&back);
         let given = |field: &[f32]| Tensor::from_slice(field, (nodes, 3), &Device::Cpu);
         let column = |field: &[f32]| Tensor::from_slice(field, (nodes, 1), &Device::Cpu);
-        let before = given(&question.displacement)?;
-        let displacement = (&before + (part(0)? * f64::from(question.amplitude))?)?;
-        let pressed = part(3)?.broadcast_mul(&column(&question.gates)?)?;
-        let forces = (given(&question.forces)? + (pressed * f64::from(question.strongest))?)?;
+        let before = given(&input.displacement)?;
+        let displacement = (&before + (part(0)? * f64::from(input.amplitude))?)?;
+        let pressed = part(3)?.broadcast_mul(&column(&input.gates)?)?;
+        let forces = (given(&input.forces)? + (pressed * f64::from(input.strongest))?)?;
         let unbalanced = forces.sum_keepdim(0)?;
-        let forces = (forces - column(&question.bearing)?.matmul(&unbalanced)?)?;
-        let force = forces.broadcast_mul(&column(&question.shares)?)?.sum_keepdim(0)?;
-        let stress = self.stressed(question, graph, &latent, [&before, &displacement])?;
+        let forces = (forces - column(&input.bearing)?.matmul(&unbalanced)?)?;
+        let force = forces.broadcast_mul(&column(&input.shares)?)?.sum_keepdim(0)?;
+        let stress = self.stressed(input, graph, &latent, [&before, &displacement])?;
         Ok(ObjectOutput { displacement, stress, forces, force })
     }
 
     /// Features of the nodes after all rounds (V, H).
     fn latent(
         &self,
-        question: &ObjectInput,
+        input: &ObjectInput,
         graph: &ObjectGraph,
         signs: &Vector3<f64>,
     ) -> Result<Tensor> {
-        let turn = nalgebra::Matrix3::from_diagonal(signs) * question.turn;
+        let turn = nalgebra::Matrix3::from_diagonal(signs) * input.turn;
         let edges = |scale: usize| {
             let features = graph.edges(scale, &turn);
             let count = features.len() / EDGE_FEATURES;
             Tensor::from_vec(features, (count, EDGE_FEATURES), &Device::Cpu)
         };
         let edges = [edges(0)?, edges(1)?, edges(2)?];
-        let nodes = question.gates.len();
-        let features = Tensor::from_vec(question.mirrored(signs), (nodes, FEATURES), &Device::Cpu)?;
+        let nodes = input.gates.len();
+        let features = Tensor::from_vec(input.mirrored(signs), (nodes, FEATURES), &Device::Cpu)?;
         self.scales.latent(&features, &edges, &graph.levels, 1)
     }
 
     fn stressed(
         &self,
-        question: &ObjectInput,
+        input: &ObjectInput,
         graph: &ObjectGraph,
         latent: &Tensor,
         displacement: [&Tensor; 2],
     ) -> Result<Tensor> {
-        let amplitude = f64::from(question.amplitude);
-        let count = question.stress.len();
-        let linear = Tensor::from_slice(&question.stress, (1, count), &Device::Cpu)?;
+        let amplitude = f64::from(input.amplitude);
+        let count = input.stress.len();
+        let linear = Tensor::from_slice(&input.stress, (1, count), &Device::Cpu)?;
         let [before, after] = displacement.map(|u| von_mises(u, &graph.gradients));
         let (before, after) = (before?, after?);
         let unit = amplitude + f64::from(f32::MIN_POSITIVE);
@@ -143,8 +143,8 @@ impl Soft {
         let strains = [relative(&linear)?, relative(&before)?, relative(&after)?];
         let corners = sparse(&self.corners.forward(latent)?, &graph.corners)?;
         let strain = self.strain.forward(&Tensor::cat(&strains, 1)?)?;
-        let says = self.stress.forward(&(corners + strain)?.relu()?)?;
-        (linear + (after - before)?)? + (says.reshape((1, count))? * amplitude)?
+        let added = self.stress.forward(&(corners + strain)?.relu()?)?;
+        (linear + (after - before)?)? + (added.reshape((1, count))? * amplitude)?
     }
 }
 
@@ -198,11 +198,11 @@ pub(super) mod tests {
         let graph = ObjectGraph::new(&mesh);
         let unit = PadMaterial { moduli: MODULI, friction: 0.8, thickness: graph.length };
         let grip = Grip::of(&half, &answer.poses);
-        let question = ObjectInput::new(&graph, &unit, &grip, &answer);
-        (mesh, graph, question)
+        let input = ObjectInput::new(&graph, &unit, &grip, &answer);
+        (mesh, graph, input)
     }
 
-    /// A network that says something.
+    /// A network whose outputs are not zero.
     pub(in super::super) fn network() -> (Parameters, Soft) {
         let parameters = Parameters::drawn(3);
         let network = Soft::new(&SoftConfig::default(), &parameters.builder()).unwrap();
@@ -224,9 +224,9 @@ pub(super) mod tests {
 
     #[test]
     fn every_parameter_receives_a_gradient() {
-        let ((_, graph, question), (parameters, network)) =
+        let ((_, graph, input), (parameters, network)) =
             (squeezed(&UnitQuaternion::identity()), network());
-        let answer = network.forward(&question, &graph, &Vector3::new(-1.0, 1.0, 1.0)).unwrap();
+        let answer = network.forward(&input, &graph, &Vector3::new(-1.0, 1.0, 1.0)).unwrap();
         let sums = [&answer.displacement, &answer.forces, &answer.stress]
             .map(|field| field.sqr().unwrap().sum_all().unwrap());
         let total = (((&sums[0] + &sums[1]).unwrap()) + &sums[2]).unwrap();
@@ -262,9 +262,8 @@ pub(super) mod tests {
 
     #[test]
     fn forces_are_in_balance_and_squeeze_with_what_is_said() {
-        let ((_, graph, question), (_, network)) =
-            (squeezed(&UnitQuaternion::identity()), network());
-        let answer = network.forward(&question, &graph, &still()).unwrap();
+        let ((_, graph, input), (_, network)) = (squeezed(&UnitQuaternion::identity()), network());
+        let answer = network.forward(&input, &graph, &still()).unwrap();
         let forces = numbers(&answer.forces);
         let sum = forces
             .as_chunks::<3>()
@@ -273,9 +272,9 @@ pub(super) mod tests {
             .fold(Vector3::zeros(), |sum, f| sum + Vector3::from(*f));
         let size: f32 = forces.iter().map(|f| f.abs()).sum();
         assert!(sum.norm() < 1e-5 * size, "{sum} of {size} are left");
-        let said = numbers(&answer.force);
-        for (said, found) in said.iter().zip(squeezing(&forces, &question.shares)) {
-            assert!((said - found).abs() < 1e-5 * size, "{said}, expected {found}");
+        let force = numbers(&answer.force);
+        for (force, found) in force.iter().zip(squeezing(&forces, &input.shares)) {
+            assert!((force - found).abs() < 1e-5 * size, "{force}, expected {found}");
         }
     }
 }

@@ -12,9 +12,9 @@ use nalgebra::{Isometry3, Vector3};
 use super::{
     graph::ObjectGraph,
     grip::Grip,
+    input::ObjectInput,
     linear::LinearBaseline,
     network::{Soft, SoftConfig},
-    question::ObjectInput,
 };
 use crate::{
     Result,
@@ -42,10 +42,10 @@ pub(super) struct Sample {
     pub(super) part: Part,
     /// Units: the object's material and size, and the friction.
     pub(super) unit: PadMaterial,
-    pub(super) question: ObjectInput,
+    pub(super) input: ObjectInput,
     /// The linear answer's time (s).
     pub(super) seconds: f64,
-    pub(super) truth: Target,
+    pub(super) target: Target,
 }
 
 /// Part of the data to which a grasp belongs: of ten grasps of an object of a known family the last is judged and the one
@@ -107,10 +107,10 @@ impl Objects {
                 let part = part(object.split, &frames.grasp);
                 samples.extend(answers.iter().enumerate().map(|(i, answer)| {
                     let grip = Grip::of(&half, &answer.poses);
-                    let question = ObjectInput::new(graph, &unit, &grip, answer);
-                    let truth = truth(frames, i, &question.shares, &unit);
+                    let input = ObjectInput::new(graph, &unit, &grip, answer);
+                    let target = target(frames, i, &input.shares, &unit);
                     let (grasp, seconds) = (frames.grasp.clone(), answer.seconds);
-                    Sample { object: number, grasp, part, unit, question, seconds, truth }
+                    Sample { object: number, grasp, part, unit, input, seconds, target }
                 }));
             }
             Ok((samples, lost))
@@ -149,7 +149,7 @@ fn answers(
 }
 
 /// Finite elements' solution of a frame.
-fn truth(frames: &SqueezeFrames, frame: usize, shares: &[f32], unit: &PadMaterial) -> Target {
+fn target(frames: &SqueezeFrames, frame: usize, shares: &[f32], unit: &PadMaterial) -> Target {
     let part = |field: &[f32], unit: f64| -> Vec<f32> {
         let size = field.len() / frames.fingers[0].len();
         field[frame * size..][..size].iter().map(|x| x / unit as f32).collect()
@@ -188,8 +188,8 @@ impl Network for Soft {
         0
     }
 
-    fn truth<'a>(_objects: &'a Objects, sample: &'a Sample) -> (&'a Target, &'a PadMaterial) {
-        (&sample.truth, &sample.unit)
+    fn target<'a>(_objects: &'a Objects, sample: &'a Sample) -> (&'a Target, &'a PadMaterial) {
+        (&sample.target, &sample.unit)
     }
 
     fn loss(&self, objects: &Objects, samples: &[&Sample], mirror: usize) -> Result<Loss> {
@@ -197,17 +197,17 @@ impl Network for Soft {
         let mut parts = [0.0; 4];
         for sample in samples {
             let graph = &objects.graphs[sample.object];
-            let answer = self.forward(&sample.question, graph, &signs(mirror))?;
-            let truth = &sample.truth;
+            let answer = self.forward(&sample.input, graph, &signs(mirror))?;
+            let target = &sample.target;
             let errors = [
-                (&answer.displacement, &truth.displacement[..]),
-                (&answer.stress, &truth.stress),
-                (&answer.forces, &truth.forces),
-                (&answer.force, &truth.force),
+                (&answer.displacement, &target.displacement[..]),
+                (&answer.stress, &target.stress),
+                (&answer.forces, &target.forces),
+                (&answer.force, &target.force),
             ];
-            for (i, (found, truth)) in errors.into_iter().enumerate() {
-                let truth = Tensor::from_slice(truth, (1, truth.len()), &Device::Cpu)?;
-                let error = relative(&found.reshape(truth.shape())?, &truth)?.mean_all()?;
+            for (i, (found, target)) in errors.into_iter().enumerate() {
+                let target = Tensor::from_slice(target, (1, target.len()), &Device::Cpu)?;
+                let error = relative(&found.reshape(target.shape())?, &target)?.mean_all()?;
                 parts[i] += error.to_scalar::<f32>()? / samples.len() as f32;
                 total = (total + (error * (WEIGHTS[i] / samples.len() as f64))?)?;
             }
@@ -217,7 +217,7 @@ impl Network for Soft {
 
     fn answer(&self, objects: &Objects, sample: &Sample) -> Result<Fields> {
         let graph = &objects.graphs[sample.object];
-        let answer = self.forward(&sample.question, graph, &signs(0))?;
+        let answer = self.forward(&sample.input, graph, &signs(0))?;
         Ok(Fields::of([&answer.displacement, &answer.stress, &answer.forces, &answer.force])?)
     }
 }

@@ -157,7 +157,7 @@ impl SoftStudy {
             return Ok(None);
         }
         let (network, vectors) = run.chosen()?;
-        let amplitude = train.iter().map(|s| f64::from(s.question.amplitude)).fold(0.0, f64::max);
+        let amplitude = train.iter().map(|s| f64::from(s.input.amplitude)).fold(0.0, f64::max);
         let card = SoftCard {
             variant: "soft".to_owned(),
             study,
@@ -187,14 +187,14 @@ fn counts(samples: &[Sample]) -> [usize; 2] {
 
 fn judged(network: &Soft, objects: &Objects, samples: &[Sample]) -> Result<SoftErrors> {
     let linear = |sample: &Sample| {
-        let question = &sample.question;
+        let input = &sample.input;
         let fields = Fields {
-            displacement: question.displacement.clone(),
-            stress: question.stress.clone(),
-            forces: question.forces.clone(),
-            force: squeezing(&question.forces, &question.shares),
+            displacement: input.displacement.clone(),
+            stress: input.stress.clone(),
+            forces: input.forces.clone(),
+            force: squeezing(&input.forces, &input.shares),
         };
-        errors(&fields, &sample.truth, &sample.unit)
+        errors(&fields, &sample.target, &sample.unit)
     };
     Ok(SoftErrors {
         network: Summary::of(&judge(network, objects, samples)?),

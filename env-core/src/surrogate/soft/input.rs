@@ -1,7 +1,7 @@
-//! A squeeze as the network sees it, and the truth it is to find, as plain numbers without units.
+//! A squeeze as the network sees it, as plain numbers without units.
 //!
-//! Lengths are in units of the object's size L, stresses of the shear modulus μ, forces of E L². What
-//! the network says is multiplied by the squeeze's own amplitude, so without contact it is nothing.
+//! Lengths are in units of the object's size L, stresses of the shear modulus μ, forces of E L². The
+//! network's outputs are multiplied by the squeeze's own amplitude, so without contact they are zero.
 //!
 //! Shapes: V nodes, T tetrahedra.
 
