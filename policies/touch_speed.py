@@ -21,7 +21,7 @@ import numpy as np
 from evaluate import about_this_run
 from ruffini.policies import scripted
 
-MODELS = ("none", "surrogate", "surrogate-fine", "compliance")
+MODELS = ("none", "surrogate", "compliance")
 OBJECTS = ("sphere", "cuboid", "cylinder", "cup")
 COUNT = 4
 STEPS = 100

@@ -4,7 +4,7 @@
     python tests/reports/episode.py --quick    one episode, a coarse mesh, into target/reports/quick
 
 The scripted policy grasps, lifts and holds, or keeps hold of what is shaken, with
-``tactile="fem"`` on a mesh as fine as the networks' teacher; the same actions are then played with
+``tactile="fem"`` on a mesh of 2,000 nodes; the same actions are then played with
 the other models, so that what differs is the model alone, what it makes of the motion included.
 A quiet hold of 60 s shows whether any of them creeps.
 """
@@ -29,7 +29,7 @@ from ruffini.policies import scripted
 MADE_OF = ["env-core", "py/src", "tests/reports/episode.py", "tests/reports/episode_hold.py"]
 MADE_OF += ["py/python/ruffini/policies"]
 """What the figures come from, under the root."""
-MODELS = ("surrogate", "surrogate-fine", "compliance")
+MODELS = ("surrogate", "compliance")
 LIFT, HOLD = "ruffini/GraspLift-v0", "ruffini/HoldStill-v0"
 EPISODES = {
     "sphere": (LIFT, "sphere"),

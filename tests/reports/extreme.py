@@ -21,8 +21,8 @@ ELEMENTS = ("p1", "p1-bar", "p2")
 MESHES = ("block", "wall", "film", "needles", "slivers", "inverted", "layers", "mini")
 SHAPES = ("ball", "large ball", "tip", "plate", "edge", "cone", "rim", "prism", "annulus", "cup")
 KINDS = ("steps", "at once", "tiny", "slide", "hold", "force", "force", "afar", "through")
-NETWORKS = {"surrogate": "default", "swift": "swift"}
-"""Answerers that are networks, and their weights."""
+NETWORK = "surrogate"
+"""The answerer that is a network."""
 GELS = {"mini": "gelsight-mini", "digit": "digit"}
 HALF_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -42,7 +42,7 @@ def draw(random: np.random.Generator, answerer: str) -> dict:
     case["friction"] = 0.0 if random.random() < 0.3 else spread(random, 0.01, 5.0)
     if answerer == "compliance":
         case["sweeps"] = int(random.choice([0, 0, 1, 3, 12]))
-    if answerer in NETWORKS:
+    if answerer == NETWORK:
         if random.random() < 0.5:
             case["poisson"], case["friction"] = random.uniform([0.45, 0.4], [0.49, 1.0]).tolist()
         case["long way"] = str(random.choice(["none", "truth"], p=[0.8, 0.2]))
@@ -60,7 +60,7 @@ def body(random: np.random.Generator, answerer: str) -> dict:
         "poisson": float(random.choice([max(near, 0.0), random.uniform(0, 0.4999)])),
         "law": str(random.choice(LAWS)),
     }
-    if answerer in NETWORKS:
+    if answerer == NETWORK:
         return found | {"mesh": str(random.choice(list(GELS)))}
     return found | {
         "mesh": str(random.choice(MESHES, p=[0.3, 0.15, 0.1, 0.1, 0.1, 0.03, 0.15, 0.07])),

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections import defaultdict
-from pathlib import Path
 from typing import Any
 
 from kept import table
@@ -215,19 +213,11 @@ def made(report: dict[str, Any]) -> str:
 processor time each where no other is said, on one thread of a busy machine
 ({machine["cpu"]}, {machine["cores"]} cores), commit {report["commit"]};
 `python tests/reports/paper.py --data SET --runs FOLDER`. The last weights are
-judged; nothing is chosen by its error. Time of a press is without the linear answer, which takes a
-median of {1e3 * times()["linear"]:.0f} ms in [surrogate.json](surrogate.json). The paper's networks
-see the object as nodes of its surface, the corrector as distances. Ten minutes are little, and
-how many steps it holds varies with what else the machine does."""
+judged; nothing is chosen by its error. Time of a press is without the linear answer. The paper's
+networks see the object as nodes of its surface, the corrector as distances. Ten minutes are little,
+and how many steps it holds varies with what else the machine does."""
     head = ["run", "channels", "rounds", "numbers learnt", "batch", "steps", "CPU s", "wall s"]
     return f"{text}\n\n{table(head, [spent(run) for run in runs_on(report)])}"
-
-
-def times() -> dict[str, float]:
-    """Median wall time of a press by answerer in the surrogate's report (s)."""
-    rows = json.loads((Path(__file__).parent / "surrogate.json").read_text())["rows"]
-    solved = [row["seconds"] for row in rows if "seconds" in row]
-    return {who: sorted(r[who] for r in solved)[len(solved) // 2] for who in solved[0]}
 
 
 def spent(run: dict[str, Any]) -> list[str]:

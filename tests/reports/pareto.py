@@ -6,9 +6,9 @@
 Judged by finite elements on the finest mesh, never by an answerer's own. The full form also writes
 what `ruffini recommend` reads, py/python/ruffini/answerers.json. Held-out grasps are those of
 ~/.cache/ruffini/grasps-63x10x10, left out where there are none: `ruffini dataset generate` with
-``--grasps 10 --frames 10`` makes them. So are networks that are not shipped, which
-`networks.py --data SET --runs ~/.cache/ruffini/networks` trains. Batches come last, by the clock:
-all else on the machine must rest.
+``--grasps 10 --frames 10`` makes them. So are networks that are not shipped, which `networks.py
+--data PRESSES --sizes --papers GRASPS --runs ~/.cache/ruffini/networks` trains. Batches come last,
+by the clock: all else on the machine must rest.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 
 import pareto_batch
 from kept import HERE, KEPT, ROOT, Rows, arguments, folder, header
-from pareto_answerers import ANSWERERS, FEW, TEACHER, Gel, fem
+from pareto_answerers import ANSWERERS, ELEMENTS, FEW, Gel, fem
 from pareto_cases import Case, Fields, cases
 from pareto_pages import chosen, markdown, summary
 from pareto_plots import figure
@@ -89,7 +89,7 @@ def closed_form(case: Case, layer) -> dict:
 
 
 def row(case: Case, name: str, judges: dict[str, Fields]) -> dict:
-    """Errors of an answerer at a press against the finest mesh and against the teacher's."""
+    """Errors of an answerer at a press against the finest mesh and against `ELEMENTS`."""
     fields, found = answered(case, name)
     found |= {"key": key(case, name), "panel": case.panel, "answerer": name}
     for judge, true in judges.items():
@@ -116,8 +116,8 @@ def task(work: tuple[bool, int, int, list[str], int, Path]) -> list[dict]:
     if finest is None:
         failed = {"failed": "not solved on the finest mesh", "panel": case.panel}
         return [failed | {"key": key(case, name), "answerer": name} for name in names]
-    teacher, _ = answered(case, TEACHER)
-    judges = {"finest": finest} | ({TEACHER: teacher} if teacher else {})
+    elements, _ = answered(case, ELEMENTS)
+    judges = {"finest": finest} | ({ELEMENTS: elements} if elements else {})
     return [row(case, name, judges) for name in names]
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pareto_batch
 from kept import made, table
-from pareto_answerers import ANSWERERS, TEACHER
+from pareto_answerers import ANSWERERS, ELEMENTS
 
 ERRORS = ("displacement", "stress", "force", "peak")
-JUDGES = ("finest", TEACHER)
+JUDGES = ("finest", ELEMENTS)
 PANELS = ("held-out", "deep", "tiny", "soft", "stiff")
 TIME, ERROR = 0.05, 0.01
 """Relative differences of times and of errors that tell nothing."""
@@ -42,9 +42,9 @@ def press(row: dict) -> str:
 def figures(rows: list[dict], name: str) -> dict:
     """Median and 95th percentile of an answerer's errors by judge, its time and its failures.
 
-    Over the presses that the teacher solves: of one that it does not, only some tell.
+    Over the presses that `ELEMENTS` solves: of one that it does not, only some tell.
     """
-    fair = {press(row) for row in rows if row["answerer"] == TEACHER and "failed" not in row}
+    fair = {press(row) for row in rows if row["answerer"] == ELEMENTS and "failed" not in row}
     mine = [row for row in rows if row["answerer"] == name]
     solved = [row for row in mine if "failed" not in row and press(row) in fair]
     answerer = ANSWERERS[name]
@@ -68,7 +68,7 @@ def figures(rows: list[dict], name: str) -> dict:
 def front(found: dict, what: str) -> list[str]:
     """Those that none beats in time and median error, fastest first.
 
-    Among the answerers of all presses that the teacher solves; an oracle only checks another.
+    Among the answerers of all presses that `ELEMENTS` solves; an oracle only checks another.
     """
     known = [
         (row["ms"], row["finest"][what]["median"], name)
@@ -87,9 +87,8 @@ def beats(other: tuple, one: tuple) -> bool:
 
 
 def break_even(report: dict) -> dict:
-    """Presses after which a network's data and training are paid for by time saved.
-
-    Against the finite elements that it learnt from.
+    """Presses after which a network's data and training are paid for by time saved against
+    `ELEMENTS`.
     """
     found = {}
     panel = next(iter(report["panels"].values()))
@@ -97,17 +96,17 @@ def break_even(report: dict) -> dict:
         if name not in panel or not answerer.made_from:
             continue
         spent = sum(answerer.made_from.values())
-        saved = 1e-3 * (panel[TEACHER]["ms"] - panel[name]["ms"])
+        saved = 1e-3 * (panel[ELEMENTS]["ms"] - panel[name]["ms"])
         presses = spent / saved if saved > 0 else None
         found[name] = answerer.made_from | {"presses": presses, "saved": saved}
     return found
 
 
 def known(rows: list[dict]) -> dict:
-    """Errors of networks against their teacher where they say that they know, and where not."""
+    """Errors of networks on the finest mesh where they say that they know, and where not."""
     found: dict = {}
     for row in rows:
-        errors = row.get(TEACHER, {})
+        errors = row.get("finest", {})
         for what in ("displacement", "force"):
             if "known" not in errors or what not in errors:
                 continue
@@ -171,9 +170,10 @@ def markdown(report: dict) -> str:
         f"Errors against p1-bar on the finest mesh ({report['sizes']['nodes of the truth']} nodes, "
         "itself about 4 % off in displacement and 8 % in stress, see [fem.md](fem.md)), carried to "
         "the model mesh of 900 nodes; relative L² a frame, median / 95th percentile, in %. "
-        "In brackets against the teacher's mesh, p1-bar on 2,000 nodes: what the network was "
-        "taught. Over the presses that the teacher solves; unsolved are counted of all. Time is "
-        "CPU time a frame on one thread, median over presses.",
+        "In brackets against p1-bar on 2,000 nodes. Over the presses that these solve; unsolved "
+        "are counted of all. *network* is `Surrogate()`, *linear, on cells* the answer that it "
+        "corrects; *compliance* feels contact at points of a mesh. Time is CPU time a frame on "
+        "one thread, median over presses.",
         *(panel(name, found, report) for name, found in report["panels"].items()),
         "## Whether a network knows",
         knowing(report["known"]),
@@ -218,12 +218,12 @@ def panel(name: str, found: dict, report: dict) -> str:
 
 
 def cell(row: dict, what: str) -> str:
-    """Median and 95th percentile against the finest mesh, the median against the teacher."""
+    """Median and 95th percentile against the finest mesh, the median against `ELEMENTS`."""
     if what not in row["finest"]:
         return "–"
-    error, teacher = row["finest"][what], row[TEACHER].get(what)
+    error, elements = row["finest"][what], row[ELEMENTS].get(what)
     text = f"{100 * error['median']:.1f} / {100 * error['95 %']:.1f}"
-    return text + (f" ({100 * teacher['median']:.1f})" if teacher else "")
+    return text + (f" ({100 * elements['median']:.1f})" if elements else "")
 
 
 def knowing(found: dict) -> str:
@@ -240,8 +240,8 @@ def knowing(found: dict) -> str:
             ]
             rows.append([name, part, str(errors["frames"]), *cells])
     return (
-        "All panels: errors against the teacher, median / 95th percentile in %, of the frames that "
-        "`knows` says are like what the network learnt from, and of the others.\n\n"
+        "All panels: errors against the finest mesh, median / 95th percentile in %, of the frames "
+        "that `knows` says are like what the network learnt from, and of the others.\n\n"
         + table(["network", "it says", "frames", "u", "force"], rows)
     )
 
@@ -283,6 +283,6 @@ def training(found: dict) -> str:
         rows.append([name, *hours, f"{1e3 * cost['saved']:.0f}", presses])
     head = ["network", "data (core h)", "training (core h)", "saved a frame (ms)", "break-even"]
     return table(head, rows) + (
-        "\n\nThe break-even is the number of frames after which answering by the finite elements "
-        "that it learnt from would have cost more."
+        "\n\nThe break-even is the number of frames after which answering by p1-bar on 2,000 nodes "
+        "would have cost more."
     )

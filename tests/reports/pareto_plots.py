@@ -35,23 +35,13 @@ SERIES = {
     ),
     "linear answer without friction": Series("s", BLUE, {"compliance, no friction": ""}),
     "linear answer at nodes": Series("D", BLUE, {"compliance at nodes": ""}),
+    "linear answer on cells": Series("P", BLUE, {"linear, on cells": ""}),
     "network, by channels": Series(
         "*",
         RED,
-        {"network, 16 channels": "16", "network, 32 channels": "32", "network": "48"},
+        {"network, 16 channels": "16", "network": "32", "network, 48 channels": "48"},
     ),
-    "swift network, by channels": Series(
-        "P",
-        RED,
-        {
-            "network, swift, 16 channels": "16",
-            "network, swift": "32",
-            "network, swift, 48 channels": "48",
-        },
-    ),
-    "networks by Candle's layers": Series(
-        "x", RED, {"network, by Candle": "", "network, swift, by Candle": ""}
-    ),
+    "network by Candle's layers": Series("x", RED, {"network, by Candle": ""}),
     "the paper's networks": Series(
         "X",
         BROWN,
@@ -76,7 +66,7 @@ SERIES = {
         {"fem p1-bar 2000, 1 mN": "", "fem p1-bar 2000, 10 µN": "", "fem p1-bar 2000": ""},
     ),
 }
-LOOSE = ("networks by Candle's layers", "the paper's networks")
+LOOSE = ("the paper's networks",)
 """Series whose points are not joined."""
 TITLES = {"displacement": "u", "stress": "σ", "force": "net force"}
 

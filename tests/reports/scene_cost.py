@@ -80,7 +80,6 @@ SCENES: dict[str, dict[str, Any]] = {
         "observation": [name for name in TOUCH if name != "depth"],
     },
     "network, all channels": {"tactile": "surrogate", "observation": TOUCH},
-    "fine network, markers": {"tactile": "surrogate-fine", "observation": MARKERS},
     "fem, markers": {"tactile": "fem", "observation": MARKERS},
 }
 BOTH = ("rigid", "linear, markers", "network, markers", "network, all channels")

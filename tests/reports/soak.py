@@ -41,7 +41,6 @@ PARTS: dict[str, tuple[str, int, dict[str, Any]]] = {
     "hold, rigid": ("HoldStill", 250_000, {"tactile": "none"}),
     "hold, network": ("HoldStill", 100_000, {}),
     "hold, linear": ("HoldStill", 3_000, {"tactile": "compliance"}),
-    "hold, fine network": ("HoldStill", 1_000, {"tactile": "surrogate-fine"}),
     "hold, fem": ("HoldStill", 500, {"tactile": "fem"}),
 }
 """Task, steps and settings of each part."""

@@ -5,7 +5,8 @@
 
 Press number n of seed s is drawn from (s, n) alone: `--show n` asks it again and prints it. Rows of
 another build are dropped, unless `--keep COMMIT` names the one that began them; then what a change
-may touch is asked anew, as by `--again swift fem:through 1384`, and the page tells who asked what.
+may touch is asked anew, as by `--again surrogate fem:through 1384`, and the page tells who asked
+what.
 """
 
 from __future__ import annotations
@@ -33,11 +34,10 @@ ANSWERERS = {
     "fem": 0.36,
     "compliance": 0.22,
     "nodes": 0.16,
-    "surrogate": 0.07,
-    "swift": 0.05,
+    "surrogate": 0.12,
     "environment": 0.14,
 }
-"""Who is asked, and how often: "nodes" is compliance with contact there, "swift" its network."""
+"""Who is asked, and how often: "nodes" is compliance with contact there."""
 SEED = 7
 LIMIT = 120.0
 """Processor time for a press (s)."""

@@ -216,7 +216,7 @@ def ways(long: dict) -> str:
     what = {
         "finer": "frictionless finite elements, steps a quarter as long: force",
         "stiffer": "finite elements, a body 16 times as stiff: displacement",
-        "truth": "network that says it knows, against its teacher: force",
+        "truth": "network that says it knows, against finite elements: force",
         "unfelt": "depth in the skin at which nothing is felt (m)",
     }
     rows = []

@@ -4,9 +4,9 @@ Writes ``unseen.json``, ``unseen.md`` and ``unseen.svg`` beside itself. The trut
 finite elements on a mesh of 1,500 nodes refined towards the contact, solved here for frames
 straight down (minutes), or what ``tests/reference/presses.py`` stored of its set (hours). Use::
 
-    python tests/reports/unseen.py                # sixteen presses, the shipped models
+    python tests/reports/unseen.py                # sixteen presses, the shipped network
     python tests/reports/unseen.py --set          # the presses of the test set that there are
-    python tests/reports/unseen.py --weights run/weights.safetensors --out FOLDER
+    python tests/reports/unseen.py --weights RUN/weights.safetensors … --out FOLDER
 """
 
 from __future__ import annotations
@@ -29,14 +29,12 @@ sys.path.insert(0, str(ROOT / "tests/reference"))
 import presses
 
 PARTS = ("displacement", "stress", "force")
-LINEAR = "linear, on cells"
-NETWORK = "network on cells"
-OTHERS = {"swift": "swift", "accurate": "default"}
-MODELS = (NETWORK, LINEAR, *OTHERS)
-FIRST = 4100
+NETWORK, LINEAR = "network", "linear, on cells"
+MODELS = (NETWORK, LINEAR)
+FIRST = 4200
 """Number of the first press that is solved here; the test set begins at 0."""
 DOWN = (1, 3)
-COLORS = ("tab:blue", "tab:gray", "tab:orange", "tab:green")
+COLORS = ("tab:blue", "tab:gray", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
 GROUPS: dict[str, Any] = {
     "all": lambda row: True,
     "feature 0.5 to 2 mm": lambda row: row["feature"] < 2e-3,
@@ -56,11 +54,16 @@ KNOWN = 0.10
 def main() -> None:
     """Asks every model every press of the set that is there."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
-    parser.add_argument("--weights", help="a network of one's own beside the shipped ones")
+    parser.add_argument(
+        "--weights", nargs="+", type=Path, default=[], help="networks beside the shipped one"
+    )
     parser.add_argument("--out", type=Path, default=Path(__file__).parent)
     parser.add_argument("--set", action="store_true", help="the test set, as far as it is there")
     parser.add_argument("--count", type=int, default=16, help="presses that are solved here")
     options = parser.parse_args()
+    others = {f"network {file.resolve().parent.name}": file for file in options.weights}
+    if len(others) < len(options.weights) or len(others) > len(COLORS) - len(MODELS):
+        parser.error(f"--weights: at most {len(COLORS) - len(MODELS)}, from folders of other names")
     files = sorted(presses.HERE.glob("*.npz")) if options.set else []
     if options.set and not files:
         parser.error(f"{presses.HERE}: no presses, make some by tests/reference/presses.py")
@@ -75,7 +78,7 @@ def main() -> None:
         if truth is None:
             print(number, "truth not solved", flush=True)
             continue
-        rows += judged(question, frames, truth, options.weights)
+        rows += judged(question, frames, truth, others)
         print(number, line(rows[-1]), flush=True)
     report = header(["env-core/src", "tests/reference/presses.py"], {"presses": len(numbers)})
     report |= {"set": options.set, "rows": rows, "table": table(rows)}
@@ -85,20 +88,16 @@ def main() -> None:
     draw(rows, options.out / "unseen.svg")
 
 
-def models(question: presses.Question, weights: str | None) -> dict[str, Any]:
-    """Models of the gel of a press, by name."""
+def models(question: presses.Question, others: dict[str, Path]) -> dict[str, Any]:
+    """Models of the gel of a press, by name; `others` are weights beside the shipped ones."""
     gel = {
         "sensor": presses.SENSOR,
         "young": question.young,
         "poisson": question.poisson,
         "friction": question.friction,
     }
-    if weights:
-        network = ruffini.Surrogate.load(weights, **gel)
-    else:
-        network = ruffini.Surrogate("cells", **gel)
-    others = {name: ruffini.Surrogate(shipped, **gel) for name, shipped in OTHERS.items()}
-    return {NETWORK: network, LINEAR: ruffini.LinearPad(**gel), **others}
+    shipped = {NETWORK: ruffini.Surrogate(**gel), LINEAR: ruffini.LinearPad(**gel)}
+    return shipped | {name: ruffini.Surrogate.load(file, **gel) for name, file in others.items()}
 
 
 def solved(question: presses.Question) -> dict[str, Any] | None:
@@ -119,12 +118,12 @@ def solved(question: presses.Question) -> dict[str, Any] | None:
 
 
 def judged(
-    question: presses.Question, frames: tuple[int, ...], truth: Any, weights: str | None
+    question: presses.Question, frames: tuple[int, ...], truth: Any, others: dict[str, Path]
 ) -> list[dict[str, Any]]:
     """A row for each frame of a press that has a truth."""
     press = Press(Shape.mesh(*question.surface), question.path)
     answers = {}
-    for name, model in models(question, weights).items():
+    for name, model in models(question, others).items():
         model.solve(Press(Shape.mesh(*question.surface), question.path[:1]))
         start = time.process_time()
         answers[name] = (
@@ -166,13 +165,18 @@ def judged(
     return rows
 
 
+def names(rows: list[dict[str, Any]]) -> list[str]:
+    """The models that were asked."""
+    return list(rows[0]["errors"]) if rows else []
+
+
 def table(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Median and 95th percentile of the errors by group of presses and model."""
     found: dict[str, Any] = {}
     for group, belongs in GROUPS.items():
         chosen = [row for row in rows if belongs(row)]
         found[group] = {"frames": len(chosen)}
-        for name in MODELS:
+        for name in names(rows):
             errors = np.array([row["errors"][name] for row in chosen if row["errors"][name]])
             if len(errors):
                 found[group][name] = {
@@ -194,7 +198,9 @@ def table(rows: list[dict[str, Any]]) -> dict[str, Any]:
             "known": int(sure.sum()),
             "known_within": float((had[sure].max(axis=1) <= KNOWN).mean()) if sure.any() else None,
         }
-    found["unsolved"] = {name: sum(row["errors"][name] is None for row in rows) for name in MODELS}
+    found["unsolved"] = {
+        name: sum(row["errors"][name] is None for row in rows) for name in names(rows)
+    }
     return found
 
 
@@ -214,7 +220,7 @@ def page(report: dict[str, Any]) -> str:
         of = report["table"][group]
         if not of["frames"]:
             continue
-        for name in (*MODELS, "truth"):
+        for name in (*names(report["rows"]), "truth"):
             if name in of:
                 cells = [" | ".join(f"{100 * e:.1f}" for e in of[name][part]) for part in PARTS]
                 title = "(two meshes of the truth apart)" if name == "truth" else name
@@ -227,10 +233,9 @@ def page(report: dict[str, Any]) -> str:
         "Young's modulus 10 kPa to 3 MPa, Poisson's ratio 0.3 to 0.499, friction 0 to 2. Truth:",
         "quadratic finite elements on a mesh refined towards the contact",
         "(`tests/reference/presses.py`); on two meshes it differs by 3 to 12 % where contact is",
-        "sharp or small, so smaller errors than that mean little here. *network on cells* is",
-        '`Surrogate("cells")`, *linear, on cells* the answer that it corrects, `LinearPad()`;',
-        "*swift* is what environments feel with, *accurate* is `Surrogate()`. Relative errors in",
-        "%, median and 95th percentile."
+        "sharp or small, so smaller errors than that mean little here. *network* is",
+        "`Surrogate()`, *linear, on cells* the answer that it corrects, `LinearPad()`. Relative",
+        "errors in %, median and 95th percentile."
         + (" Frames down and sideways." if report["set"] else " Frames straight down."),
         "",
         "![errors by size of the feature, and predicted against true errors](unseen.svg)",
@@ -263,7 +268,7 @@ def draw(rows: list[dict[str, Any]], file: Path) -> None:
     """Errors by size of the feature, and predicted against true errors."""
     figure, axes = plt.subplots(1, 4, figsize=(14, 3.6), constrained_layout=True)
     for axis, (i, part) in zip(axes, enumerate(PARTS), strict=False):
-        for name, color in zip(MODELS, COLORS, strict=True):
+        for name, color in zip(names(rows), COLORS, strict=False):
             told = [row for row in rows if row["errors"][name]]
             x = [1e3 * row["feature"] for row in told]
             y = [100 * row["errors"][name][i] for row in told]
@@ -273,7 +278,7 @@ def draw(rows: list[dict[str, Any]], file: Path) -> None:
         axis.minorticks_off()
         axis.grid(alpha=0.3)
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(MODELS))
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     both = [
         (p, e)
         for row in rows

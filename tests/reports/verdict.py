@@ -15,7 +15,7 @@ from typing import Any
 
 import extreme_scenes
 import numpy as np
-from extreme import GELS, NETWORKS, WrongError, press, shape, soft_body, turned
+from extreme import GELS, NETWORK, WrongError, press, shape, soft_body, turned
 
 import ruffini
 from ruffini import Compliance, Deformation, Fem, PressError, SoftBody, Surrogate
@@ -78,9 +78,9 @@ def answered(case: dict) -> dict:
 
 def answerer(case: dict) -> Fem | Compliance | Surrogate:
     """The model that a case asks."""
-    if case["answerer"] in NETWORKS:
+    if case["answerer"] == NETWORK:
         chosen = {key: case[key] for key in ("young", "poisson", "friction")}
-        return Surrogate(NETWORKS[case["answerer"]], sensor=GELS[case["mesh"]], **chosen)
+        return Surrogate(GELS[case["mesh"]], **chosen)
     if case["answerer"] == "nodes":
         return Compliance(soft_body(case), friction=case["friction"], contact="nodes")
     if case["answerer"] == "compliance":
@@ -156,7 +156,7 @@ def check_plate(case: dict, frame: Deformation, total: float) -> None:
     normal, sideways = -frame.wrench[2], size(frame.wrench[:2])
     if normal < -1e-6 * total - 1e-9:
         raise WrongError(f"a plate pulls with {-normal:.2e} N")
-    if case["answerer"] not in NETWORKS and sideways > case["friction"] * normal * 1.001 + 1e-9:
+    if case["answerer"] != NETWORK and sideways > case["friction"] * normal * 1.001 + 1e-9:
         raise WrongError(f"{sideways:.3e} N of friction under {normal:.3e} N")
 
 
@@ -207,7 +207,7 @@ def skin(body: SoftBody) -> np.ndarray:
 
 def beside(case: dict, model: Any, last: Deformation) -> dict:
     """How the answer compares with one that was found another way."""
-    if case["answerer"] in NETWORKS:
+    if case["answerer"] == NETWORK:
         return {"known": model.knows(last)} | (
             truth(case, model, last) if model.knows(last) else {}
         )
@@ -220,12 +220,14 @@ def beside(case: dict, model: Any, last: Deformation) -> dict:
 
 
 def truth(case: dict, model: Surrogate, last: Deformation) -> dict:
-    """How far the network's force is from that of finite elements on its teacher's mesh, with the
-    shape led to the same places.
+    """How far the network's force is from that of finite elements on a mesh refined towards the
+    nodes that it says are pressed, with the shape led to the same places.
     """
     if case["long way"] != "truth":
         return {}
-    pad = ruffini.sensor(GELS[case["mesh"]], resolution=2000)
+    felt = np.abs(last.contact_force).any(axis=1)
+    around = model.body.mesh.vertices[felt] if felt.any() else None
+    pad = ruffini.sensor(GELS[case["mesh"]], resolution=2000, around=around)
     body = SoftBody(pad.mesh, case["young"], case["poisson"], fixed=pad.fixed)
     asked = press(case, model.body.mesh.vertices)
     frames = Fem(body, friction=case["friction"]).solve_path(asked)

@@ -267,7 +267,6 @@ class LinearPad:
 class Surrogate:
     def __new__(
         cls,
-        weights: str = "default",
         sensor: str = "gelsight-mini",
         calibration: str | None = None,
         young: float | None = None,

@@ -53,7 +53,7 @@ class Settings(TypedDict, total=False):
     poisson: float
     crush: float
     max_episode_steps: int
-    tactile: Literal["surrogate", "surrogate-fine", "compliance", "fem", "none"]
+    tactile: Literal["surrogate", "compliance", "fem", "none"]
     sensor: str
     material: str | Mapping[str, float]
     resolution: Mapping[str, int | Sequence[int]]

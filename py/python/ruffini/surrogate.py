@@ -1,6 +1,6 @@
 """Training and evaluation of surrogates, networks that approximate finite element solutions.
 
-They are trained on a dataset of solved grasps (`ruffini.dataset`) and solve presses as
+They are trained on a dataset of solved presses or grasps (`ruffini.dataset`) and solve presses as
 `ruffini.Surrogate`, `ruffini.PaperNetwork` or `ruffini.SoftSurrogate`.
 """
 
@@ -44,8 +44,8 @@ def train(
     ========== ========================== ================================ ======================
     variant    network                    loaded by                        dataset
     ========== ========================== ================================ ======================
-    corrector  corrects the linear        `ruffini.Surrogate.load`         grasps by soft pads
-               solution
+    corrector  corrects the linear        `ruffini.Surrogate.load`         presses of one pad, or
+               solution                                                    grasps by soft pads
     baseline,  of the paper, uses no      `ruffini.PaperNetwork.load`, if  grasps by soft pads
     a, b       linear solution            its input is a translation
     soft       corrects the linear        `ruffini.SoftSurrogate`          grasps of soft objects
@@ -61,9 +61,9 @@ def train(
         settings: ``seed``, ``epochs``, ``batch``, ``rate`` and ``network``, the network's sizes.
             Further settings of the variants:
 
-            - corrector: ``split``, ``warmup``, ``clip``, ``linear_nodes``, ``contact`` (of the
-              linear solution: ``"points"``, or ``"nodes"`` for speed); the network's ``width``,
-              ``down``, ``up``, ``corner``.
+            - corrector: ``split``, ``warmup``, ``clip``, ``linear_nodes``, ``mirrors`` (whether
+              presses are also seen in the pad's mirrors); the network's ``width``, ``down``,
+              ``up``, ``corner``.
             - baseline, a, b: ``split``, ``seconds``, ``every`` (one in so many frames is
               evaluated), ``density`` (of nodes on the objects' surfaces: ``"coarse"`` or
               ``"dense"``); the network's ``input`` (``"translation"``, or ``"force"``, with which

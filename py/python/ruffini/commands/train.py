@@ -17,7 +17,6 @@ _SETTINGS = {
     "batch": (int, "frames in a step"),
     "rate": (float, "highest learning rate"),
     "linear-nodes": (int, "nodes of the linear model's mesh"),
-    "contact": (str, "where the linear model feels contact: points, nodes or cells"),
     "density": (str, "of nodes on the objects' surfaces: coarse or dense"),
 }
 _SIZES = ("input", "width", "rounds", "down", "up")
