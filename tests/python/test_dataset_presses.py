@@ -1,4 +1,4 @@
-"""Indenters of any size on one pad: data, and a network that feels contact on cells."""
+"""Indenters of any size on one pad: data, and a network that learns from them."""
 
 from __future__ import annotations
 
@@ -74,16 +74,16 @@ def test_splits_are_by_indenter(data):
 
 def test_a_network_learns_from_it_feels_small_balls_and_predicts_its_errors(data, tmp_path, capsys):
     out = str(tmp_path / "run")
-    options = ["--split", "presses", "--contact", "cells", "--epochs", "2", "--width", "8"]
+    options = ["--split", "presses", "--epochs", "2", "--width", "8"]
     assert main(["train", str(data.path), out, *options, "--linear-nodes", "700"]) == 0
     assert "frames to train on" in capsys.readouterr().err
     network = Surrogate.load(f"{out}/weights.safetensors", friction=0.5)
     card = json.loads(network.card)
-    assert card["contact"] == "cells" and card["data"]["friction"] == [0.0, 2.0]
+    assert card["data"]["friction"] == [0.0, 2.0]
     ball = Press(Shape.sphere(5e-4), [([7e-4, 5e-4, 5e-4 - d], (0, 0, 0, 1)) for d in (2e-5, 5e-5)])
     found = network.solve(ball)[0]
     assert not isinstance(found, PressError)
-    # Between the nodes, which are 1.5 mm apart: contact at nodes does not feel it.
+    # Between the nodes, which are 1.5 mm apart.
     assert found.wrench[2] < 0
     assert len(found.predicted_error) == 3 and all(e > 0 for e in found.predicted_error)
     plain = network.plain().solve(ball)[0]

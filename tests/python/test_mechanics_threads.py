@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from bodies import BALL, ball_at, gel
 
-from ruffini import Compliance, Fem, Press, Surrogate
+from ruffini import Compliance, Fem, LinearPad, Press, Surrogate
 
 MODELS = {
     "fem": lambda: Fem(gel(), friction=0.5),
     "compliance": lambda: Compliance(gel(), friction=0.5, sweeps=1),
     "nodes": lambda: Compliance(gel(), friction=0.5, contact="nodes"),
-    "swift": lambda: Surrogate("swift"),
-    "default": lambda: Surrogate("default"),
+    "cells": LinearPad,
+    "network": Surrogate,
 }
 
 

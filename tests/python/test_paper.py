@@ -80,14 +80,12 @@ def test_what_it_cannot_answer_is_said(network):
 
 
 def test_weights_of_the_other_kind_are_named(tmp_path):
-    with pytest.raises(ValueError, match="says no contact forces and is a PaperNetwork"):
-        Surrogate("paper-b")
     with pytest.raises(ValueError, match="expected one of paper-b"):
-        PaperNetwork("default")
+        PaperNetwork("pads")
     with pytest.raises(ValueError, match="weights of paper-b, expected corrector"):
         Surrogate.load(WEIGHTS / "paper-b.safetensors")
     with pytest.raises(ValueError, match="weights of corrector, expected paper-baseline"):
-        PaperNetwork.load(WEIGHTS / "default.safetensors")
+        PaperNetwork.load(WEIGHTS / "pads.safetensors")
     torn = tmp_path / "torn.safetensors"
     torn.write_bytes((WEIGHTS / "paper-b.safetensors").read_bytes()[:5000])
     with pytest.raises(ValueError, match=r"torn\.safetensors"):

@@ -29,11 +29,6 @@ def network():
 
 
 @pytest.fixture(scope="module")
-def swift():
-    return Surrogate("swift", friction=0.8)
-
-
-@pytest.fixture(scope="module")
 def data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("data") / "set"
     sizes = {"objects": 6, "grasps": 1, "frames": 2, "truth_nodes": 700, "model_nodes": 700}
@@ -45,84 +40,65 @@ def data(tmp_path_factory):
 
 
 def test_it_is_nearer_to_fine_finite_elements_than_the_linear_answer(network):
-    fine = ruffini.sensor("gelsight-mini", resolution=2000)
-    truth = ruffini.Fem(fine, friction=0.8).solve_path(ball(8e-4))[-1]
-    linear = ruffini.Compliance(fine, friction=0.8).solve_path(ball(8e-4))[-1]
-    found = network.solve_path(ball(8e-4))[-1]
-    carry = ruffini.Transfer(fine.mesh, network.body.mesh)
-
-    def misses(answer, u, stress):
-        errors = (
-            u - carry.interpolate(truth.displacement),
-            stress - carry.average(truth.von_mises),
-        )
-        force = np.linalg.norm(answer.wrench[:3] - truth.wrench[:3])
-        return [force / np.linalg.norm(truth.wrench[:3]), *map(np.linalg.norm, errors)]
-
-    of_linear = misses(
-        linear, carry.interpolate(linear.displacement), carry.average(linear.von_mises)
+    fine = ruffini.sensor("gelsight-mini", resolution=1000)
+    truth = ruffini.Fem(fine, friction=0.8, element="p2").solve_path(ball(8e-4))[-1]
+    linear, found = (
+        model.solve_path(ball(8e-4))[-1] for model in (ruffini.LinearPad(friction=0.8), network)
     )
-    of_network = misses(found, found.displacement, found.von_mises)
+
+    def misses(answer):
+        force = np.linalg.norm(answer.wrench[:3] - truth.wrench[:3])
+        fields = (answer.displacement - truth.displacement, answer.von_mises - truth.von_mises)
+        return [force / np.linalg.norm(truth.wrench[:3]), *map(np.linalg.norm, fields)]
+
+    of_linear, of_network = misses(linear), misses(found)
     assert all(a < b for a, b in zip(of_network, of_linear, strict=True)), (of_network, of_linear)
-    assert of_network[0] < 0.02
+    assert of_network[0] < 0.02  # TODO-BOUND
     assert network.knows(found)
+    # A ball of half a millimetre bears on fewer nodes than most of what was learnt.
     pin = network.solve(Press(Shape.sphere(5e-4), [([1e-3, 0, 2e-4], UPRIGHT)]))[0]
     assert not network.knows(pin)
 
 
-def test_the_swift_network_is_near_and_goes_on_from_its_own_history(network, swift):
-    exact, found = (model.solve_path(ball(8e-4)) for model in (network, swift))
-    force = np.linalg.norm(found[-1].wrench[:3] - exact[-1].wrench[:3])
-    moved = np.linalg.norm(found[-1].displacement - exact[-1].displacement)
-    # Its own error on families it never saw is 5 % in force and 11 % in displacement (95 %).
-    assert force < 0.05 * np.linalg.norm(exact[-1].wrench[:3])
-    assert moved < 0.11 * np.linalg.norm(exact[-1].displacement)
-    assert swift.knows(found[-1])
-    # Wrong by a third in displacement, and by more.
-    for depth in (2e-4, 2e-3):
-        way = [([1e-3, 0, 3e-3 - d], UPRIGHT) for d in np.linspace(1e-4, depth, 8)]
-        small = Press(Shape.sphere(3e-3), way)
-        assert not swift.knows(swift.solve(small)[0]), depth
+def test_small_balls_are_felt_anywhere_and_their_errors_predicted(network):
+    for x, y in ((7e-4, 5e-4), (0.0, 0.0), (1.3e-3, 2e-4)):
+        tip = Press(Shape.sphere(1e-3), [([x, y, 1e-3 - d], UPRIGHT) for d in (2e-5, 6e-5)])
+        found = network.solve(tip)[0]
+        assert found.wrench[2] < 0, (x, y)
+        assert all(0 < error <= 3 for error in found.predicted_error)
+    over = network.solve(Press(Shape.sphere(1e-3), [([0, 0, 1.2e-3], UPRIGHT)]))[0]
+    assert over.predicted_error is None and not over.contact_force.any() and network.knows(over)
+
+
+def test_it_goes_on_from_its_own_history_and_remembers_friction(network):
     dragged = [([x, 0, 12e-3 - 8e-4], UPRIGHT) for x in (1e-3, 1.4e-3)]
-    whole = swift.solve_path(Press(Shape.sphere(12e-3), dragged))
+    whole = network.solve_path(Press(Shape.sphere(12e-3), dragged))
     last = dragged[1:]
-    onward = swift.solve(Press(Shape.sphere(12e-3), last, history=whole[0].history))[0]
+    onward = network.solve(Press(Shape.sphere(12e-3), last, history=whole[0].history))[0]
     assert onward.wrench == pytest.approx(whole[-1].wrench, rel=1e-3, abs=1e-5)
-    # Friction remembers: a ball that comes straight down is not pulled sideways.
-    fresh = swift.solve(Press(Shape.sphere(12e-3), last))[0]
+    # A ball that comes straight down is not pulled sideways.
+    fresh = network.solve(Press(Shape.sphere(12e-3), last))[0]
     assert abs(onward.wrench[0]) > 0.1 + abs(fresh.wrench[0])
-    mixed = Press(Shape.sphere(12e-3), last, history=exact[0].history)
-    assert "history" in str(swift.solve(mixed)[0])
+    others = ruffini.Fem(network.body, friction=0.8).solve(ball(4e-4))[0].history
+    mixed = Press(Shape.sphere(12e-3), last, history=others)
+    assert "history" in str(network.solve(mixed)[0])
 
 
-def test_what_swift_does_not_feel_between_its_nodes_it_does_not_know(swift):
-    mesh = swift.body.mesh
-    top = np.flatnonzero(mesh.vertices[:, 2] > mesh.vertices[:, 2].max() - 1e-4)
-    near = top[np.argsort(np.linalg.norm(mesh.vertices[top, :2], axis=1))[:4]]
-    x, y, z = mesh.vertices[near].mean(axis=0)
-    # In the skin, where something ought to be felt, and above it, where nothing is right.
-    for depth, known in ((2e-5, False), (-2e-4, True)):
-        tip = Press(Shape.sphere(1e-3), [([x, y, z + 1e-3 - depth], UPRIGHT)])
-        found_tip = swift.solve(tip)[0]
-        assert not found_tip.contact_force.any()
-        assert swift.knows(found_tip) is known, depth
-
-
-def test_a_path_ends_at_the_first_frame_that_is_not_solved(swift):
+def test_a_path_ends_at_the_first_frame_that_is_not_solved(network):
     depths = np.linspace(5e-4, 3.9e-3, 14)
     path = [([1e-3, 0, 4e-3 - depth], UPRIGHT) for depth in depths]
-    frames = swift.solve_path(Press(Shape.sphere(4e-3), path))
+    frames = network.solve_path(Press(Shape.sphere(4e-3), path))
     assert len(frames) < len(path)
     assert [isinstance(frame, PressError) for frame in frames] == [False] * (len(frames) - 1) + [
         True
     ]
 
 
-def test_a_force_is_met_where_a_node_more_makes_the_network_leap(swift):
+def test_a_force_is_met_under_the_tip_of_a_cone(network):
     force, r = 0.2478026, 5.13201747919e-3
     start = ([1.7422215146e-4, 4.04848332323e-3, r + 1e-4], (1, 0, 0, 0))
     press = Press(Shape.cone(r, r), start, force=force, direction=(0, 0, -1))
-    assert -swift.solve_path(press)[-1].wrench[2] == pytest.approx(force, rel=1e-3)
+    assert -network.solve_path(press)[-1].wrench[2] == pytest.approx(force, rel=1e-3)
 
 
 def test_one_answer_or_many_are_the_same(network):
@@ -134,8 +110,8 @@ def test_one_answer_or_many_are_the_same(network):
         np.testing.assert_array_equal(answer.wrench, again.wrench)
 
 
-def test_candles_layers_say_the_same(swift):
-    (fast,), (plain,) = swift.solve(ball(8e-4)), swift.plain().solve(ball(8e-4))
+def test_candles_layers_say_the_same(network):
+    (fast,), (plain,) = network.solve(ball(8e-4)), network.plain().solve(ball(8e-4))
     for found, oracle in [
         (fast.displacement, plain.displacement),
         (fast.von_mises, plain.von_mises),
@@ -165,7 +141,6 @@ def test_another_sensor_is_another_graph():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"weights": "best"}, "expected one of default"),
         ({"sensor": "skin"}, "sensor: found skin"),
         ({"calibration": "mine"}, "calibration: found mine"),
         ({"poisson": 0.7}, "poisson: found 0.7"),
@@ -304,7 +279,7 @@ def test_bad_training_is_named(data, tmp_path):
         ({"seed": 2**63}, "seed"),
         ({"seconds": 1.0}, "seconds"),
         ({"variant": "c"}, "variant: found c, expected corrector, baseline, a, b or soft"),
-        ({"variant": "b", "contact": "nodes"}, "contact"),
+        ({"contact": "nodes"}, "unknown field `contact`"),
         ({"variant": "b", "epochs": 2, "seconds": 1.0}, "expected epochs or seconds"),
         ({"variant": "b", "epochs": 0}, "epochs: found 0"),
         ({"variant": "b", "every": 0}, "every: found 0"),
@@ -366,7 +341,7 @@ def test_the_shell_names_options_that_a_variant_has_not(data, tmp_path, capsys):
         ("corrector", "input", "force"),
         ("corrector", "rounds", "3"),
         ("corrector", "seconds", "3"),
-        ("b", "contact", "nodes"),
+        ("b", "linear-nodes", "700"),
         ("b", "down", "1 1 1"),
         ("soft", "split", "known-1"),
         ("soft", "input", "force"),

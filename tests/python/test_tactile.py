@@ -263,9 +263,9 @@ def test_sensor_errors_change_what_is_seen_and_nothing_else():
 
 
 def test_a_press_without_an_answer_ends_its_episode_by_name():
-    # The full grip drives the edges of a thin ring between the nodes of the pads.
+    # The full grip drives the edges of a thin ring through the elements of a coarse mesh.
     shape = {"shape": "annulus", "outer": 0.02, "inner": 0.0195, "half_height": 0.01}
-    ring = everything(objects=[shape], tactile="surrogate", resolution={})
+    ring = everything(objects=[shape], tactile="fem")
     env = GraspLiftEnv(**ring)
     envs = GraspLiftVectorEnv(2, autoreset_mode=AutoresetMode.SAME_STEP, **ring)
     env.reset(seed=0)
