@@ -23,7 +23,7 @@ import pareto_batch
 from kept import HERE, KEPT, ROOT, Rows, arguments, folder, header
 from pareto_answerers import ANSWERERS, ELEMENTS, FEW, Gel, fem
 from pareto_cases import Case, Fields, cases
-from pareto_pages import chosen, markdown, summary
+from pareto_pages import chosen, markdown, renewed, summary
 from pareto_plots import figure
 
 from ruffini import PressError
@@ -121,10 +121,9 @@ def task(work: tuple[bool, int, int, list[str], int, Path]) -> list[dict]:
     return [row(case, name, judges) for name in names]
 
 
-def run(rows: Rows, form: str, most: int, jobs: int, kept: Path) -> None:
-    """Answers every press that is not among the rows."""
+def run(rows: Rows, form: str, asked: list[str], most: int, jobs: int, kept: Path) -> None:
+    """Asks for every press that is not among the rows."""
     quick = form == "quick"
-    asked = FEW if quick else list(ANSWERERS)
     files = {name: ANSWERERS[name].file for name in asked}
     there = [name for name, file in files.items() if file is None or file.exists()]
     if lacking := [name for name in asked if name not in there]:
@@ -149,12 +148,23 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--presses", type=int, default=14, help="most of a panel; 14 if not given")
     parser.add_argument("--jobs", type=int, default=JOBS, help=f"processes; {JOBS} if not given")
+    parser.add_argument(
+        "--again", nargs="+", choices=list(ANSWERERS), help="only these; the others as they stand"
+    )
     options = parser.parse_args()
     form = "quick" if options.quick else "full"
     known = header(MADE_OF, {"nodes of the truth": FINEST[form]})
-    rows = Rows(KEPT / form / "pareto.jsonl", known)
-    run(rows, form, options.presses, options.jobs, KEPT / form / f"truth-{known['commit']}")
-    out, report = folder(parser, options), known | {"note": options.note} | summary(list(rows))
+    asked = FEW if options.quick else list(ANSWERERS)
+    if options.again:
+        asked = [ELEMENTS, *(name for name in options.again if name != ELEMENTS)]
+    rows = Rows(KEPT / form / f"pareto{'-again' * bool(options.again)}.jsonl", known)
+    kept = KEPT / form / f"truth-{known['commit']}"
+    run(rows, form, asked, options.presses, options.jobs, kept)
+    out, found = folder(parser, options), known | {"note": options.note} | summary(list(rows))
+    report = found
+    if options.again:
+        before = json.loads((HERE / "pareto.json").read_text())
+        report = before | {"note": options.note} | renewed(before, found, options.again)
     (out / "pareto.json").write_text(json.dumps(report, indent=1) + "\n")
     (out / "pareto.md").write_text(markdown(report))
     figure(report, out / "pareto.svg")

@@ -24,14 +24,38 @@ def summary(rows: list[dict]) -> dict:
             report["panels"][panel] = {name: figures(part, name) for name in names}
     still = [row for row in rows if row["panel"] == "no contact" and "finest" in row]
     report["no contact"] = {row["answerer"]: max(row["finest"]["still"]) for row in still}
-    report["fronts"] = {
-        panel: {what: front(found, what) for what in ERRORS}
-        for panel, found in report["panels"].items()
-    }
+    report["fronts"] = fronts(report["panels"])
     report["known"] = known([row for row in rows if row["panel"] in PANELS])
     report["break-even"] = break_even(report)
     report["batches"] = batches([row for row in rows if row["panel"] == pareto_batch.PANEL])
     return report
+
+
+def renewed(before: dict, found: dict, names: list[str]) -> dict:
+    """A summary with the figures of `names` from another; answerers that are gone are left out."""
+
+    def both(part: str, old: dict, new: dict) -> dict:
+        kept = {name: row for name, row in old.get(part, {}).items() if name not in names}
+        merged = kept | {name: row for name, row in new.get(part, {}).items() if name in names}
+        return {name: merged[name] for name in ANSWERERS if name in merged}
+
+    panels = {
+        name: both(name, before["panels"], found["panels"])
+        for name in PANELS
+        if name in before["panels"]
+    }
+    parts = {part: both(part, before, found) for part in ("no contact", "known", "batches")}
+    return {
+        "panels": panels,
+        "fronts": fronts(panels),
+        "break-even": break_even({"panels": panels}),
+        **parts,
+    }
+
+
+def fronts(panels: dict) -> dict:
+    """The front of each panel by each error."""
+    return {panel: {what: front(found, what) for what in ERRORS} for panel, found in panels.items()}
 
 
 def press(row: dict) -> str:
@@ -91,9 +115,9 @@ def break_even(report: dict) -> dict:
     `ELEMENTS`.
     """
     found = {}
-    panel = next(iter(report["panels"].values()))
     for name, answerer in ANSWERERS.items():
-        if name not in panel or not answerer.made_from:
+        panel = next((rows for rows in report["panels"].values() if name in rows), None)
+        if panel is None or not answerer.made_from:
             continue
         spent = sum(answerer.made_from.values())
         saved = 1e-3 * (panel[ELEMENTS]["ms"] - panel[name]["ms"])

@@ -42,6 +42,10 @@ const WALL: [f64; 2] = [4.0, 1.2];
 const BROAD: usize = 256;
 /// Smallest part of a stride that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
+/// Sweeps times the square of the number of nodes that touch, summed over a frame, after which it
+/// counts as not converged: some seconds. The whole pad under a block 2 mm deep takes a twentieth; a
+/// wall thinner than the first cells, which is felt by thousands of small ones, all of it.
+const WORK: usize = 200_000_000;
 
 /// Working memory of one thread, reused for successive presses.
 #[derive(Default)]
@@ -88,6 +92,8 @@ pub(super) struct NodalLoadStepping<'a> {
     /// Greatest motion of a shape in one load step (m).
     stride: f64,
     scratch: &'a mut Scratch,
+    /// Sweeps times the square of the number of nodes that touch, in this frame.
+    work: usize,
     pub(super) state: NodalState,
 }
 
@@ -115,7 +121,7 @@ impl<'a> NodalLoadStepping<'a> {
         let watched = watched(&skin.faces, shapes);
         let thickness = shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
         let stride = f64::min(STRIDE, 0.5 * thickness);
-        Ok(Self { levels, law, shapes, watched, stride, scratch, state })
+        Ok(Self { levels, law, shapes, watched, stride, scratch, work: 0, state })
     }
 
     /// Solves every frame of `press`; the first that fails is the last.
@@ -145,7 +151,12 @@ impl<'a> NodalLoadStepping<'a> {
         let from = self.state.poses.clone();
         let motion = from.iter().zip(poses).map(|(a, b)| self.motion(a, b)).fold(0.0, f64::max);
         let (mut done, mut share, mut sweeps) = (0.0, 1.0, 0);
+        self.work = 0;
         while done < 1.0 {
+            if self.work > WORK {
+                let (residual, tolerance) = (f64::INFINITY, 0.0);
+                return Err(Error::NotConverged { iterations: sweeps, residual, tolerance });
+            }
             let stride = self.gap(motion * (1.0 - done)) + self.stride;
             let stride = stride / motion.max(f64::MIN_POSITIVE);
             let next = f64::min(done + share * stride, 1.0);
@@ -158,7 +169,7 @@ impl<'a> NodalLoadStepping<'a> {
                 }
                 Err(error) => {
                     share *= 0.5;
-                    if share < SHORTEST {
+                    if share < SHORTEST || self.work > WORK {
                         return Err(error);
                     }
                 }
@@ -387,7 +398,13 @@ impl<'a> NodalLoadStepping<'a> {
         let most = most.map_or(usize::MAX, |most| 2 * most);
         let patch = Patch::new(skin, &self.law, way, [room, reach], most, held, self.scratch);
         let Some(mut patch) = patch else { return Ok(None) };
-        let sweeps = patch.settle()?;
+        let settled = patch.settle();
+        let sweeps = match &settled {
+            Err(Error::NotConverged { iterations, .. }) => *iterations,
+            settled => *settled.as_ref().unwrap_or(&0),
+        };
+        self.work += sweeps * patch.touching().pow(2);
+        settled?;
         if patch.leaps() {
             let (residual, tolerance) = (f64::INFINITY, 0.0);
             return Err(Error::NotConverged { iterations: sweeps, residual, tolerance });

@@ -305,6 +305,11 @@ impl<'a> Patch<'a> {
             .any(|(rank, out_of_shape)| out_of_shape.dot(&self.skin.normal(rank)) > FOLDED)
     }
 
+    /// Number of members that touch.
+    pub(super) fn touching(&self) -> usize {
+        self.members.iter().filter(|member| member.target.is_some()).count()
+    }
+
     /// Largest displacement of a member (m).
     pub(super) fn amplitude(&self) -> f64 {
         self.members.iter().map(|member| self.moved(member).norm()).fold(0.0, f64::max)
