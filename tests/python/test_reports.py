@@ -50,7 +50,7 @@ PAGES = {
     f"{name}_pages": name
     for name in ("dataset", "episode", "fem", "paper", "pareto", "scene_cost", "stability")
 }
-PAGES |= {"networks": "networks"}
+PAGES |= {"networks": "networks", "shapes": "shapes"}
 """Reports by the module that writes their page."""
 sys.path += [str(REPORTS), str(ROOT / "policies")]
 
