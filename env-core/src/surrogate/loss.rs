@@ -1,9 +1,8 @@
 //! Training loss of the corrector.
 //!
-//! Each part is c ln(1 + e/c) of a relative error of a press, e = ‖x̂ − x‖ / ‖x‖, averaged over the
-//! batch: presses that are answered well go on to count, beside those under sharp edges, whose true
-//! solutions are known least. Presses have nearly the same weight, regardless of their force, but for
-//! those that hardly move the gel.
+//! Each part is a relative error of a press, ‖x̂ − x‖ / ‖x‖, averaged over the batch. Presses have
+//! nearly the same weight, regardless of their force, but for those that hardly move the gel: their
+//! true solutions are known least, and nobody feels them.
 
 use candle_core::{Device, Result, Tensor};
 use candle_nn::VarBuilder;
@@ -22,33 +21,25 @@ const WEIGHTS: [f64; 4] = [1.0, 1.0, 0.3, 1.0];
 /// Root mean square of the displacement of a press with half of the greatest weight, in units of the
 /// thickness: 2 µm in a pad of 4 mm.
 const HARDLY_MOVED: f64 = 5e-4;
-/// Relative error c at which a press counts half as much as one without error.
-const HALF: f64 = 0.1;
 /// Added to the squares of norms, so that their roots are differentiable.
 const EPSILON: f64 = 1e-16;
 
-/// Weighted means over a batch for displacement, stress, nodal forces and net force, each a scalar.
-pub(super) struct Parts {
-    /// Relative errors.
-    errors: [Tensor; 4],
-    /// What is minimised.
-    losses: [Tensor; 4],
-}
+/// Weighted mean relative errors of displacement, stress, nodal forces and net force, each a scalar.
+pub(super) struct Parts(pub(super) [Tensor; 4]);
 
 impl Parts {
-    /// Weighted sum of the losses.
+    /// Weighted sum of the parts.
     pub(super) fn total(&self) -> Result<Tensor> {
-        let mut sum = (&self.losses[0] * WEIGHTS[0])?;
-        for (part, weight) in self.losses.iter().zip(WEIGHTS).skip(1) {
+        let mut sum = (&self.0[0] * WEIGHTS[0])?;
+        for (part, weight) in self.0.iter().zip(WEIGHTS).skip(1) {
             sum = (sum + (part * weight)?)?;
         }
         Ok(sum)
     }
 
-    /// The mean errors.
     pub(super) fn values(&self) -> Result<[f32; 4]> {
         let mut values = [0.0; 4];
-        for (value, part) in values.iter_mut().zip(&self.errors) {
+        for (value, part) in values.iter_mut().zip(&self.0) {
             *value = part.to_scalar()?;
         }
         Ok(values)
@@ -105,7 +96,7 @@ impl Network for Corrector {
     }
 }
 
-/// Errors and losses of a network on `samples`, all of one graph, seen in one of its mirrors.
+/// Weighted mean errors of a network on `samples`, all of one graph, seen in one of its mirrors.
 pub(super) fn parts(
     network: &Corrector,
     samples: &[&Sample],
@@ -120,12 +111,8 @@ pub(super) fn parts(
     let weights: Vec<f32> = targets.iter().map(weight).collect();
     let weights = Tensor::from_vec(weights, targets.len(), &Device::Cpu)?;
     let mean = |errors: &Tensor| (errors * &weights)?.mean_all();
-    let soft = |e: &Tensor| mean(&(((e / HALF)? + 1.0)?.log()? * HALF)?);
     let [a, b, c, d] = errors(&answer, &targets.iter().collect::<Vec<_>>())?;
-    Ok(Parts {
-        losses: [soft(&a)?, soft(&b)?, soft(&c)?, soft(&d)?],
-        errors: [mean(&a)?, mean(&b)?, mean(&c)?, mean(&d)?],
-    })
+    Ok(Parts([mean(&a)?, mean(&b)?, mean(&c)?, mean(&d)?]))
 }
 
 /// Weight of a press: 1 where it moves the gel much, in proportion to the displacement where it
