@@ -4,7 +4,7 @@
     python tests/reports/networks.py --data SET --runs FOLDER  trains first what FOLDER lacks
 
 Trained by `ruffini train` on what `ruffini dataset generate SET --config
-tests/reference/indentations.toml` makes, 12 minutes on two threads each; a run that was stopped
+tests/reference/indentations.toml` makes, 8 minutes on two threads each; a run that was stopped
 goes on. ``--sizes`` adds other widths. ``--papers GRASPS`` trains the paper's networks, too, which
 are for `pareto.py` and not on this page, on what `ruffini dataset generate GRASPS --grasps 10
 --frames 10` makes.
@@ -68,9 +68,7 @@ def markdown(report: dict[str, Any]) -> str:
         title,
         f"Trained on {frames:,} frames of {learnt} drawn indenters and judged on {held_out:,} "
         f"frames of {judged} others, which no network was trained on and none was chosen by. "
-        "Relative L² a frame, median / 95th percentile. Errors of a network are those of its "
-        "answers, in which a correction is scaled down where the linear answer's error is "
-        "predicted to be smaller.",
+        "Relative L² a frame, median / 95th percentile.",
         *spread([card for name, card in report.items() if name in SEEDED]),
         table(
             ["run", "channels", "rounds", "epochs", *ERRORS.values(), "trained by"],

@@ -135,8 +135,8 @@ class BondedLayer:
         return hertz * (1 - alpha * y + (alpha * y) ** 2 - cubic * y**3 + quartic * y**4)
 
 
-PADS = {"data": 90 * 60.0, "training": 2 * 12 * 60.0}
-"""Of the network: 400 indenters, and 80 epochs in 12 minutes on 2 threads."""
+PADS = {"data": 45 * 60.0, "training": 2 * 8 * 60.0}
+"""Of the network: 200 indenters, and 80 epochs in 8 minutes on 2 threads."""
 B = {"data": 4.5 * 3600, "training": 600.0}
 """Of the paper's B: 630 grasps of 10 frames (dataset.md), and the budget of paper.py."""
 
