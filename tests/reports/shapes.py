@@ -1,6 +1,6 @@
 """The shipped network on plain shapes: small and large balls, a block, shallow and deep.
 
-    python tests/reports/shapes.py    half an hour of one core: shapes.json and shapes.md
+    python tests/reports/shapes.py    ten minutes of one core: shapes.json and shapes.md
 
 The truth is quadratic finite elements on a mesh of 1,200 nodes refined towards the contact; beside
 the network and the linear answer that it corrects stand the usual elements, p1-bar on 1,995 nodes.
@@ -27,6 +27,8 @@ SHAPES = {
     "block 10 mm": (Shape.cuboid((5e-3, 5e-3, 5e-3)), 5e-3),
 }
 """Shapes and how far they reach below their origin (m)."""
+SHALLOW = 4e-4
+"""Greatest depth of the block (m): under its edges the truth takes many minutes beyond."""
 ASIDE = 1e-3
 """Where they press, beside the middle (m)."""
 DEPTHS = (1e-4, 4e-4, 1e-3, 2e-3)
@@ -46,7 +48,7 @@ def main() -> None:
     models = {"network": Surrogate(**gel), "linear": LinearPad(**gel), "elements": elements}
     rows = []
     for name, (shape, half) in SHAPES.items():
-        for depth in DEPTHS:
+        for depth in DEPTHS if "ball" in name else [d for d in DEPTHS if d <= SHALLOW]:
             path = [([ASIDE, 0, half - d], UPRIGHT) for d in np.linspace(0, depth, FRAMES + 1)[1:]]
             around = contact(shape, half - depth)
             body = ruffini.sensor(SENSOR, resolution=TRUTH_NODES, around=around)

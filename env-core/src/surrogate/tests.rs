@@ -100,7 +100,8 @@ fn every_parameter_gets_a_gradient() {
 #[test]
 fn one_press_can_be_learnt_by_heart() {
     let (graph, samples) = samples(&[1e-3]);
-    let network = CorrectorConfig::default();
+    let network =
+        CorrectorConfig { width: 48, down: [1, 1, 2], up: [2, 1], ..CorrectorConfig::default() };
     let training = Training { epochs: 1000, rate: 4e-3, mirrors: false, network, ..small() };
     let mut trainer = Trainer::<Corrector>::new(training).unwrap();
     let gels = gels(graph.clone());
