@@ -23,15 +23,13 @@ FOLDERS = (REPORTS, ROOT / "tests/reference", RESULTS)
 DOCS = ROOT / "py/docs"
 WRITTEN = (REPORTS / "mechanics.md", REPORTS / "surrogate.md", *sorted(DOCS.glob("*.md")))
 """Pages that are written by hand, with marks."""
-NETWORK = "panels / held-out / network"
-ELEMENTS = "panels / held-out / fem p1-bar 2000"
 README = [
     ("17 %", "displacement", "unseen", "table / all / network / displacement / 0"),
     ("20 %", "stress", "unseen", "table / all / network / stress / 0"),
     ("9 %", "force", "unseen", "table / all / network / force / 0"),
     ("100,000", "extreme presses", "stability", "presses"),
-    ("749", "to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
-    ("1,083", "steps a second", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
+    ("163", "to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
+    ("240", "steps a second", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
 ]
 """Figures of README: as they are written, a word near by, the report and the way to them in it."""
 MARK = re.compile(
