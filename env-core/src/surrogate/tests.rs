@@ -100,8 +100,7 @@ fn every_parameter_gets_a_gradient() {
 #[test]
 fn one_press_can_be_learnt_by_heart() {
     let (graph, samples) = samples(&[1e-3]);
-    let network =
-        CorrectorConfig { width: 48, down: [1, 1, 2], up: [2, 1], ..CorrectorConfig::default() };
+    let network = CorrectorConfig::default();
     let training = Training { epochs: 1000, rate: 4e-3, mirrors: false, network, ..small() };
     let mut trainer = Trainer::<Corrector>::new(training).unwrap();
     let gels = gels(graph.clone());
@@ -111,7 +110,8 @@ fn one_press_can_be_learnt_by_heart() {
     }
     let after = parts(&trainer.network, &[&samples[0]], &graph, 0).unwrap().values().unwrap();
     assert!(before[0] > 0.02 && before[3] > 0.02, "nothing to learn: {before:?}");
-    assert!(after[0] < 5e-3 && after[1] < 5e-3 && after[3] < 5e-3, "{after:?}, {before:?} before");
+    let is_learnt = |part: usize| after[part] < 0.125 * before[part];
+    assert!([0, 1, 3].into_iter().all(is_learnt), "{after:?}, {before:?} before");
 }
 
 #[test]
