@@ -72,7 +72,8 @@ fn draw(config: &Config, object: &Object, number: usize) -> Plan {
     let mut random = ChaCha8Rng::seed_from_u64(object.seed);
     random.set_stream(1 + number as u64);
     let mut uniform = || random.random::<f64>();
-    // Half of them rest on a side or an end, up to a few degrees; the others stand anyhow.
+    // Half of them rest on a side or an end; the others stand anyhow.
+    let mut tilt = Vector3::zeros();
     let turn = if uniform() < 0.5 {
         let quarter = |turns: f64| 0.25 * TAU * turns.floor();
         let side = UnitQuaternion::from_euler_angles(
@@ -80,10 +81,8 @@ fn draw(config: &Config, object: &Object, number: usize) -> Plan {
             quarter(4.0 * uniform()),
             0.0,
         );
-        let tilt = Vector3::new(uniform() - 0.5, uniform() - 0.5, 0.0) * 0.2 * uniform();
-        UnitQuaternion::from_scaled_axis(tilt)
-            * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), TAU * uniform())
-            * side
+        tilt = Vector3::new(uniform() - 0.5, uniform() - 0.5, 0.0) * 0.2 * uniform();
+        UnitQuaternion::from_axis_angle(&Vector3::z_axis(), TAU * uniform()) * side
     } else {
         let mut between = || 2.0 * uniform() - 1.0;
         let four = std::array::from_fn(|_| between() + between() + between());
@@ -101,6 +100,11 @@ fn draw(config: &Config, object: &Object, number: usize) -> Plan {
     let rotation =
         Vector3::new(angle(uniform(), 0.14), angle(uniform(), 0.14), angle(uniform(), 0.18));
     let onward = goes_on.then_some((aside, rotation));
+    // A third of those that rest do so exactly, the others are tilted by up to a few degrees.
+    if uniform() < 1.0 / 3.0 {
+        tilt = Vector3::zeros();
+    }
+    let turn = UnitQuaternion::from_scaled_axis(tilt) * turn;
     Plan {
         name: format!("{}/{number:03}", object.name),
         object: object.name.clone(),

@@ -109,19 +109,19 @@ const INDENTERS: [Family; 11] = [
     Family::Eggplant,
 ];
 
-/// Least scale of every third indenter, relative to the largest.
+/// Least scale of every second indenter, relative to the largest.
 const WIDE: f64 = 0.25;
 
 /// Returns `count` solids of the families for training, scaled from hand size by factors from `low`
-/// to `high` whose logarithm is uniform: 0.02 gives features of 0.3 mm. Every third is at least
-/// [`WIDE`] `high`.
+/// to `high` whose logarithm is uniform: 0.02 gives features of 0.3 mm. Every second is at
+/// least [`WIDE`] `high`.
 pub fn indenters(seed: u64, count: usize, [low, high]: [f64; 2]) -> Vec<Object> {
     let one = |number: usize| {
         let family = INDENTERS[number % INDENTERS.len()];
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(number as u64);
         let (index, seed) = (random.next_u32() % 64, random.next_u64());
-        let low = if number % 3 == 2 { f64::max(low, WIDE * high) } else { low };
+        let low = if number % 2 == 1 { f64::max(low, WIDE * high) } else { low };
         let scale = low * (high / low).powf(random.random::<f64>());
         let shape = family.indenter(index, seed).scaled(scale);
         Object { name: format!("{family}-{number:05}"), family, split: Split::Train, seed, shape }
