@@ -8,7 +8,8 @@ use ruffini_core::{
     fem::{self, Fem},
     geometry::{PadMesh, PadOutline, Shape},
     sensor::Sensor,
-    tactile::{Channel, Config, Felt, Finger, Resolution, Skin},
+    surrogate::LinearPad,
+    tactile::{Channel, Config, Finger, Resolution, Skin},
 };
 
 const MM: f64 = 1e-3;
@@ -42,15 +43,8 @@ fn ball_at(x: f64, y: f64, depth: f64) -> Isometry3<f64> {
     Isometry3::translation(x, y, 5.0 * MM - depth)
 }
 
-const BALL: Shape = Shape::Sphere { radius: 5.0 * MM };
-
 fn ball() -> Shape {
-    BALL
-}
-
-/// Input of the tactile channels for an `answer` to the ball.
-fn of_ball(answer: &Deformation) -> Felt<'_> {
-    Felt { answer, object: &BALL, friction: FRICTION }
+    Shape::Sphere { radius: 5.0 * MM }
 }
 
 /// Press of a ball beside the middle, then dragged aside.
@@ -67,6 +61,7 @@ fn displaced(body: &SoftBody, u: impl Fn(&Point3<f64>) -> Vector3<f64>) -> Defor
         von_mises: vec![0.0; body.mesh().tets.len()],
         contact_force: vec![Vector3::zeros(); displacement.len()],
         wrench: Wrench::default(),
+        sliding: 0.0,
         poses: vec![],
         history: History { displacement: vec![], poses: vec![], anchors: vec![], forces: vec![] },
         iterations: 0,
@@ -88,7 +83,7 @@ fn markers_follow_a_linear_field_exactly() {
         let strain = Matrix3::new(0.1, 0.02, -0.3, 0.05, -0.2, 0.07, 0.01, 0.4, 0.15);
         let shift = Vector3::new(1e-4, -2e-4, 3e-4);
         let felt = displaced(&tip.body, |place| strain * place.coords + shift);
-        let found = vectors(&Channel::Markers.read(&tip.skin, Some(&of_ball(&felt))));
+        let found = vectors(&Channel::Markers.read(&tip.skin, Some(&felt)));
         for (marker, found) in tip.skin.markers().iter().zip(found) {
             let error = (found - (strain * marker.coords + shift)).norm();
             assert!(error < 1e-15, "{name}: {error:.1e} m at {marker}");
@@ -117,7 +112,7 @@ fn traction_integrates_to_the_wrench() {
     for grid in [[10, 12], [3, 2], [30, 40]] {
         let tip = tip("gelsight-mini", Resolution { grid, ..coarse() });
         let felt = linear(&tip.body).solve(&[dragged()]).remove(0).unwrap();
-        let traction = vectors(&Channel::Traction.read(&tip.skin, Some(&of_ball(&felt))));
+        let traction = vectors(&Channel::Traction.read(&tip.skin, Some(&felt)));
         let area = tip.skin.cell_area();
         let (mut force, mut torque) = (Vector3::zeros(), 0.0);
         let mut tilt = [0.0; 2];
@@ -189,7 +184,7 @@ fn the_depth_of_a_flat_pad_is_zero_and_follows_a_shift() {
     let skin = Skin::new(&pad, &body, &sensor, &coarse()).unwrap();
     assert!(Channel::Depth.read(&skin, None).iter().all(|&z| z == 0.0));
     let felt = displaced(&body, |_| Vector3::new(2e-4, -1e-4, -3e-4));
-    for z in Channel::Depth.read(&skin, Some(&of_ball(&felt))) {
+    for z in Channel::Depth.read(&skin, Some(&felt)) {
         assert!((z + 3e-4).abs() < 1e-15, "{z} m");
     }
 }
@@ -212,7 +207,7 @@ fn the_depth_under_a_ball_is_the_ball() {
     let longest = edges.filter(|edge| edge.iter().all(middle)).map(|[a, b]| (a - b).xy().norm());
     let longest = longest.fold(0.0, f64::max);
     let most = longest * longest / (8.0 * 5.0 * MM) + 5.0 * 2e-6;
-    let heights = Channel::Depth.read(&tip.skin, Some(&of_ball(&felt)));
+    let heights = Channel::Depth.read(&tip.skin, Some(&felt));
     let mut covered = 0;
     for ([x, y], height) in tip.skin.pixels().into_iter().zip(heights) {
         let r = x.hypot(y);
@@ -242,7 +237,7 @@ fn a_press_fills_every_channel_within_its_bounds() {
     let tip = tip("gelsight-mini", coarse());
     let felt = linear(&tip.body).solve(&[dragged()]).remove(0).unwrap();
     for channel in Channel::ALL {
-        let values = channel.read(&tip.skin, Some(&of_ball(&felt)));
+        let values = channel.read(&tip.skin, Some(&felt));
         assert_eq!(values.len(), channel.size(&tip.skin), "{}", channel.name());
         assert!(values.iter().any(|&x| x != 0.0), "{} is all zeros", channel.name());
         let mut rest = &values[..];
@@ -260,38 +255,40 @@ fn the_stress_map_averages_the_tetrahedra() {
     let tip = tip("gelsight-mini", coarse());
     let mut felt = displaced(&tip.body, |_| Vector3::zeros());
     felt.von_mises.fill(2e4);
-    for stress in Channel::Stress.read(&tip.skin, Some(&of_ball(&felt))) {
+    for stress in Channel::Stress.read(&tip.skin, Some(&felt)) {
         assert!((stress - 2e4).abs() < 1e-8, "{stress} Pa of uniform 2e4 Pa");
     }
 }
 
 /// A contact begins to slide at its rim. On a half-space, a sphere with the fraction q of the
 /// largest friction force slides over the fraction (1 - (1 - q)^(2/3))^(3/2) of its normal force
-/// (Cattaneo, Mindlin). A node combines the forces of points with different normals, so not all
-/// nodes of a sliding ball are at the limit.
+/// (Cattaneo, Mindlin). On contact at cells a twentieth of it or less is one cell.
 #[test]
 fn the_share_that_slides_grows_as_the_contact_gives_way() {
     let tip = tip("gelsight-mini", Resolution { nodes: 3000, ..Resolution::default() });
+    let pad = LinearPad::new(&tip.sensor, tip.sensor.moduli, FRICTION, 1000).unwrap();
     let begin = [-0.1, 0.2, 0.4, 0.6].map(|depth| (0.0, depth));
     let path = begin.into_iter().chain((1..=30).map(|i| (0.03 * f64::from(i), 0.6)));
     let frames = path.map(|(x, depth)| vec![ball_at(x * MM, 0.0, depth * MM)]).collect();
     let press = Press::along(vec![ball()], frames).unwrap().with_friction(FRICTION).unwrap();
-    let share = |felt: &Deformation| Channel::Slip.read(&tip.skin, Some(&of_ball(felt)))[0];
-    let mut shares = Vec::new();
-    for felt in linear(&tip.body).solve_path(&press).into_iter().skip(3) {
-        let felt = felt.unwrap();
-        let (force, share) = (felt.wrench.force, share(&felt));
-        let used = force.xy().norm() / (FRICTION * -force.z);
-        if used < 0.95 {
-            let mindlin = (1.0 - (1.0 - used).powf(2.0 / 3.0)).powf(1.5);
-            assert!((share - mindlin).abs() < 0.35, "{share} at {used}, on a half-space {mindlin}");
+    let judge = |answers: Vec<ruffini_core::Result<Deformation>>, most: f64| {
+        let mut shares = Vec::new();
+        for felt in answers.into_iter().skip(3) {
+            let felt = felt.unwrap();
+            let force = felt.wrench.force;
+            let [share] = Channel::Slip.read(&tip.skin, Some(&felt))[..] else { unreachable!() };
+            let used = force.xy().norm() / (FRICTION * -force.z);
+            let mindlin = (1.0 - (1.0 - used.min(1.0)).powf(2.0 / 3.0)).powf(1.5);
+            println!("{used:.3} {share:.3} {mindlin:.3}");
+            let off = (share - mindlin).abs();
+            assert!(off < most, "{share} at {used}, on a half-space {mindlin}");
+            shares.push(share);
         }
-        shares.push(share);
-    }
-    let (first, last) = (shares[0], *shares.last().unwrap());
-    assert!(first < 0.1 && last > 0.5, "{first} without shear, {last} dragged along");
-    let felt = linear(&tip.body).at_nodes().solve_path(&press).pop().unwrap().unwrap();
-    assert_eq!(share(&felt), 1.0, "contact at nodes, dragged along");
+        let (first, last) = (shares[0], *shares.last().unwrap());
+        assert!(first < 0.1 && last > 0.9, "{first} without shear, {last} dragged along");
+    };
+    judge(pad.solve_path(&press), 0.1);
+    judge(linear(&tip.body).solve_path(&press), 0.2);
 }
 
 #[test]
@@ -299,7 +296,7 @@ fn a_press_past_half_of_the_thickness_is_flagged() {
     let tip = tip("gelsight-mini", coarse());
     for (shift, flag) in [(1.99 * MM, 0.0), (2.01 * MM, 1.0)] {
         let felt = displaced(&tip.body, |_| Vector3::new(shift, 0.0, 0.0));
-        assert_eq!(Channel::Trust.read(&tip.skin, Some(&of_ball(&felt)))[2], flag, "{shift} m");
+        assert_eq!(Channel::Trust.read(&tip.skin, Some(&felt))[2], flag, "{shift} m");
     }
 }
 

@@ -142,6 +142,11 @@ impl Contact<'_> {
         (traction.normal + traction.tangential) * point.area
     }
 
+    /// Share of the normal force of `touches` that slides.
+    pub(super) fn sliding(&self, touches: &[Touch]) -> f64 {
+        self.law.sliding_share(touches.iter().map(|touch| (self.force(touch), touch.normal)))
+    }
+
     /// Forces of `touches` on the nodes of the zone (N).
     pub(super) fn nodal(&self, touches: &[Touch]) -> Vec<Vector3<f64>> {
         let mut nodal = vec![Vector3::zeros(); self.zone.nodes.len()];

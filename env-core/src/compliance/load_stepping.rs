@@ -75,6 +75,8 @@ pub(super) struct State {
     touches: Vec<Touch>,
     pub(super) anchors: Vec<Anchor>,
     pub(super) wrench: Wrench,
+    /// Share of the normal force that slides.
+    pub(super) sliding: f64,
     pub(super) iterations: usize,
 }
 
@@ -113,6 +115,7 @@ impl<'a> LoadStepping<'a> {
             touches: Vec::new(),
             anchors: Vec::new(),
             wrench: Wrench::default(),
+            sliding: 0.0,
             iterations: 0,
         };
         let zone = Zone::new(condensed, vec![false; condensed.facets.len()]);
@@ -156,6 +159,7 @@ impl<'a> LoadStepping<'a> {
         let touches = contact.touches(&self.zone.pick(&history.displacement)).unwrap_or_default();
         self.state.contact_force = self.zone.spread(&contact.nodal(&touches), rest.places().len());
         self.state.wrench = contact.wrench(&touches);
+        self.state.sliding = contact.sliding(&touches);
         self.state.touches = self.zone.touches_out(touches);
         self.state.field.loads = self.loads(&history.displacement);
         if self.settings.sweeps > 0 {
@@ -256,11 +260,21 @@ impl<'a> LoadStepping<'a> {
         let back = |touch: &_| stuck_at(law, zone, touch);
         let anchors = zone.anchors_out(contact.step.anchors(poses, &touches, back));
         let contact_force = zone.spread(&contact.nodal(&touches), field.displacement.len());
-        let wrench = contact.wrench(&touches);
+        let (wrench, sliding) = (contact.wrench(&touches), contact.sliding(&touches));
         let touches = zone.touches_out(touches);
         let poses = poses.to_vec();
         let bounds = bounds(self.condensed, &field.displacement);
-        Ok(State { poses, field, bounds, contact_force, touches, anchors, wrench, iterations })
+        Ok(State {
+            poses,
+            field,
+            bounds,
+            contact_force,
+            touches,
+            anchors,
+            wrench,
+            sliding,
+            iterations,
+        })
     }
 
     /// Replaces the zone, if needed, by one with all facets that the shapes at `poses` may touch.

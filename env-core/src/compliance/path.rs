@@ -125,6 +125,7 @@ impl LoadStepping<'_> {
             von_mises: Vec::new(),
             contact_force: state.contact_force.clone(),
             wrench: state.wrench,
+            sliding: state.sliding,
             poses: history.poses.clone(),
             history,
             iterations: state.iterations,

@@ -29,6 +29,9 @@ pub struct Traction {
     pub tangential: Vector3<f64>,
 }
 
+/// Part of the friction limit from which a point counts as sliding.
+const USED_UP: f64 = 0.98;
+
 impl ContactLaw {
     /// Returns a law with a `friction` coefficient from 0 to 100 and a `softness` above 0 m.
     pub fn new(softness: f64, friction: f64) -> Result<Self> {
@@ -64,6 +67,24 @@ impl ContactLaw {
     /// Friction limit c = μp of a touching point (Pa).
     pub fn limit(&self, point: &SurfacePoint, touch: &Touch) -> f64 {
         self.friction * self.stiffness(point) * touch.depth
+    }
+
+    /// Share of the normal force of a contact that its sliding points bear: those whose friction is
+    /// at its limit. `forces` are the force on each point and the outward normal of the shape there;
+    /// 0 without contact.
+    pub fn sliding_share(
+        &self,
+        forces: impl IntoIterator<Item = (Vector3<f64>, Vector3<f64>)>,
+    ) -> f64 {
+        let (mut sliding, mut all) = (0.0, 0.0);
+        for (force, normal) in forces {
+            let pressing = force.dot(&normal).max(0.0);
+            all += pressing;
+            if (force - normal * pressing).norm() >= USED_UP * self.friction * pressing {
+                sliding += pressing;
+            }
+        }
+        if all > 0.0 { sliding / all } else { 0.0 }
     }
 
     /// Energy (J/m²) with friction limited to `limit` (Pa).

@@ -20,7 +20,7 @@ use crate::{
     deformation::{Deformation, Press},
     geometry::Shape,
     scene::{Object, Scene, SceneState},
-    tactile::{Feeling, Felt, Finger, SoftObject, Squeezed},
+    tactile::{Feeling, Finger, SoftObject, Squeezed},
     task::{
         ACTION_SIZE, Ending, EpisodeParameters, FaultySensors, Progress, Range, RewardTerms,
         StepState, TrialGrip, command,
@@ -215,11 +215,7 @@ impl Episode {
         felt: &'a PerFinger<Deformation>,
         squeezed: Option<&'a Squeezed>,
     ) -> StepState<'a> {
-        let friction = self.parameters.friction;
-        let fingers = felt.each_ref().map(|felt| {
-            let (answer, object) = felt.as_ref().zip(self.object.as_ref())?;
-            Some(Felt { answer, object, friction })
-        });
+        let fingers = felt.each_ref().map(Option::as_ref);
         let feeling = setup.touch().map(|touch| Feeling { skin: touch.skin(), fingers });
         let (time, episode, grip) = (self.time(setup), &self.parameters, self.grip);
         let peak_stress = squeezed.map_or(0.0, |squeezed| squeezed.peak);

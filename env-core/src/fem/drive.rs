@@ -248,6 +248,9 @@ impl<'a> PressSolver<'a> {
             von_mises: system.solid.von_mises(displacement),
             contact_force,
             wrench: self.wrench(&solved.forces),
+            sliding: system.law.sliding_share(
+                solved.forces.touches.iter().map(|t| (system.contact_force(t), t.normal)),
+            ),
             poses: self.state.poses.clone(),
             history,
             iterations: solved.balance.iterations,

@@ -271,9 +271,10 @@ impl PadModel {
         let PadFields { displacement, contact_force, von_mises, poses } = corrected;
         let residual =
             if wanted.residual { self.residual(&displacement, &contact_force)? } else { 0.0 };
-        let Settled { history, iterations, seconds, .. } = settled;
+        let Settled { sliding, history, iterations, seconds, .. } = settled;
         Ok(Deformation {
             wrench: wrench(places, &displacement, &contact_force),
+            sliding,
             displacement,
             von_mises,
             contact_force,

@@ -54,12 +54,13 @@ impl LinearPad {
         } else {
             0.0
         };
-        let Settled { wrench, history, iterations, seconds, .. } = settled;
+        let Settled { wrench, sliding, history, iterations, seconds, .. } = settled;
         Ok(Deformation {
             displacement,
             von_mises,
             contact_force,
             wrench,
+            sliding,
             poses,
             history,
             iterations,

@@ -7,11 +7,7 @@
 
 use nalgebra::Vector3;
 
-use super::{
-    depth,
-    skin::{Felt, Skin},
-    slip, traction,
-};
+use super::{depth, skin::Skin, traction};
 use crate::deformation::{Deformation, Wanted};
 
 /// Quantity that a tactile finger reports.
@@ -167,11 +163,10 @@ impl Channel {
     }
 
     /// Entries for one finger; `felt` is `None` without contact.
-    pub fn read(self, skin: &Skin, felt: Option<&Felt>) -> Vec<f64> {
-        let Some(felt) = felt else {
+    pub fn read(self, skin: &Skin, answer: Option<&Deformation>) -> Vec<f64> {
+        let Some(answer) = answer else {
             return if self == Self::Depth { skin.rest_depth.clone() } else { self.zeros(skin) };
         };
-        let Felt { answer, object, friction } = felt;
         match self {
             Self::Markers => flat(&markers(skin, answer)),
             Self::Displacement => {
@@ -181,7 +176,7 @@ impl Channel {
             Self::TetStress => answer.von_mises.clone(),
             Self::Traction => flat(&traction::map(skin, answer)),
             Self::Wrench => flat([&answer.wrench.force, &answer.wrench.torque]),
-            Self::Slip => vec![slip::share(skin, answer, object, *friction)],
+            Self::Slip => vec![answer.sliding],
             Self::Depth => depth::heights(skin, Some(&answer.displacement)),
             Self::Trust => trust(skin, answer).into(),
         }

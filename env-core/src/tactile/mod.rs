@@ -15,7 +15,6 @@ mod model;
 mod object;
 mod shell;
 mod skin;
-mod slip;
 mod traction;
 
 pub use channel::{Channel, Spec};
@@ -24,4 +23,4 @@ pub use finger::Finger;
 pub use model::{Model, Touch};
 pub use object::{MARKERS, SoftObject, Squeezed};
 pub use shell::Shell;
-pub use skin::{Feeling, Felt, Skin, peak_stress};
+pub use skin::{Feeling, Skin, peak_stress};

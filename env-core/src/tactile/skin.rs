@@ -11,37 +11,26 @@ use super::{Resolution, Shell, depth};
 use crate::{
     Error, Result,
     deformation::{Deformation, Moduli, SoftBody},
-    geometry::{PadMesh, Shape},
+    geometry::PadMesh,
     sensor::Sensor,
 };
 
 /// Point on the face: the corners of its triangle and their weights, which sum to 1.
 type Site = ([u32; 3], [f64; 3]);
 
-/// Contact of one finger: the solution of a press by an object.
-#[derive(Clone, Copy, Debug)]
-pub struct Felt<'a> {
-    /// Deformation of the pad, with the object's pose.
-    pub answer: &'a Deformation,
-    /// The object.
-    pub object: &'a Shape,
-    /// Coulomb coefficient between pad and object.
-    pub friction: f64,
-}
-
-/// Contact of both fingers: the surface that they share, and a solution for each that touches.
+/// Deformation of the pads of both fingers, and the surface that they share.
 #[derive(Clone, Copy, Debug)]
 pub struct Feeling<'a> {
     /// Surface of the pads.
     pub skin: &'a Skin,
-    /// Contact of the finger on −x and of the one on +x; `None` without contact.
-    pub fingers: [Option<Felt<'a>>; 2],
+    /// Solution of the finger on −x and of the one on +x; `None` without contact.
+    pub fingers: [Option<&'a Deformation>; 2],
 }
 
 impl Feeling<'_> {
     /// Highest von Mises stress in any tetrahedron of both pads (Pa), 0 without contact.
     pub fn peak_stress(&self) -> f64 {
-        peak_stress(self.fingers.iter().flatten().map(|felt| felt.answer))
+        peak_stress(self.fingers.iter().flatten().copied())
     }
 }
 

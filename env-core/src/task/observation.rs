@@ -264,7 +264,7 @@ impl Layout {
             Source::Fingers(channel) => {
                 let feeling = step.feeling.expect("tactile channels are of tactile fingers");
                 for felt in feeling.fingers {
-                    for x in channel.read(feeling.skin, felt.as_ref()) {
+                    for x in channel.read(feeling.skin, felt) {
                         writer.push(x);
                     }
                 }

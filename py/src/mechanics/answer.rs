@@ -27,6 +27,9 @@ pub(crate) struct Deformation {
     /// Force (N) and torque about the origin (N m) of all contact on the body (6,).
     #[pyo3(get)]
     wrench: Py<PyArray1<f64>>,
+    /// Share of the normal force that the sliding part of the contact bears.
+    #[pyo3(get)]
+    sliding: f64,
     /// Poses of the shapes, in the form that `Press` takes: one pose (position (3,), quaternion
     /// (4,) xyzw) if a single shape was given without a list, else a list with one for each shape.
     #[pyo3(get)]
@@ -71,6 +74,7 @@ impl Deformation {
             contact_force: array_of_vectors(py, &answer.contact_force).unbind(),
             wrench: PyArray1::from_vec(py, wrench.copied().collect()).unbind(),
             von_mises: PyArray1::from_vec(py, answer.von_mises).unbind(),
+            sliding: answer.sliding,
             pose,
             history: Py::new(py, History { inner: answer.history })?,
             iterations: answer.iterations,

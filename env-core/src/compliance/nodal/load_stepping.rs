@@ -475,6 +475,7 @@ impl<'a> NodalLoadStepping<'a> {
             forces: held.iter().map(|held| (held.rank, held.force)).collect(),
             normals: held.iter().map(|held| held.normal).collect(),
             wrench: *wrench,
+            sliding: self.law.sliding_share(held.iter().map(|held| (held.force, held.normal))),
             history: History {
                 displacement: Vec::new(),
                 poses: poses.clone(),

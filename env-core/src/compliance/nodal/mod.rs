@@ -58,6 +58,8 @@ pub struct Settled {
     pub normals: Vec<Vector3<f64>>,
     /// Resultant of all contact on the soft body.
     pub wrench: Wrench,
+    /// Share of the normal force that slides.
+    pub sliding: f64,
     /// History from which a later press may continue.
     pub history: History,
     /// Sweeps since the last frame.
@@ -135,6 +137,7 @@ impl Nodal {
             displacement,
             contact_force,
             wrench: settled.wrench,
+            sliding: settled.sliding,
             poses: settled.history.poses.clone(),
             history: settled.history,
             iterations: settled.iterations,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-SLIDING = 0.1
+SLIDING = 0.4
 """Share of sliding contact that the policy steers for."""
 
 LOOSER = 0.15
