@@ -4,7 +4,7 @@
     python tests/reports/networks.py --data SET --runs FOLDER  trains first what FOLDER lacks
 
 Trained by `ruffini train` on what `ruffini dataset generate SET --config
-tests/reference/indentations.toml` makes, 8 minutes on two threads each; a run that was stopped
+tests/reference/indentations.toml` makes, 15 minutes on two threads each; a run that was stopped
 goes on. ``--sizes`` adds other widths. ``--papers GRASPS`` trains the paper's networks, too, which
 are for `pareto.py` and not on this page, on what `ruffini dataset generate GRASPS --grasps 10
 --frames 10` makes.

@@ -141,7 +141,8 @@ fn without_contact_the_answer_is_exactly_zero() {
         network.knows(press(0.0).shapes(), poses, displacement, &answer.contact_force, 0.0)
     };
     assert!(knows(&answer.displacement, &answer.poses));
-    let deep = vec![nalgebra::Vector3::new(0.0, 0.0, -0.005); answer.displacement.len()];
+    let deepest = network.card().data.amplitude * sensor.outline.thickness;
+    let deep = vec![nalgebra::Vector3::z() * -1.01 * deepest; answer.displacement.len()];
     assert!(!knows(&deep, &answer.poses), "farther than it ever saw");
     let unfelt = [Isometry3::translation(0.0, 0.0, -1e-5) * answer.poses[0]];
     assert!(knows(&answer.displacement, &unfelt), "still above the skin");
