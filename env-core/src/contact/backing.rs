@@ -62,7 +62,12 @@ impl Backing {
                 }
                 for place in places {
                     let [begin, end] = way(place);
-                    deepest = deepest.max(-gap(&end));
+                    let ahead = gap(&end);
+                    deepest = deepest.max(-ahead);
+                    // A distance changes by no more than the way.
+                    if ahead > (end - begin).norm() {
+                        continue;
+                    }
                     let sunk = gap(&begin).min(0.0);
                     through |= runs_through(gap, &begin, &end, [most - sunk, 0.0]);
                 }

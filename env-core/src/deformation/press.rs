@@ -56,8 +56,8 @@ pub struct Deformation {
     pub contact_force: Vec<Vector3<f64>>,
     /// Resultant of all contact on the soft body.
     pub wrench: Wrench,
-    /// Share of the normal force that the sliding part of the contact bears; see
-    /// [`ContactLaw::sliding_share`](crate::contact::ContactLaw::sliding_share).
+    /// Share of the normal force that the sliding part of the contact bears: points whose friction
+    /// is at its limit.
     pub sliding: f64,
     /// Poses of the shapes (S).
     pub poses: Vec<Isometry3<f64>>,
