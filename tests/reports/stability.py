@@ -95,7 +95,7 @@ def in_time(tasks: Iterator, until: float) -> Iterator:
 def main() -> None:
     """Asks what is missing and writes the files."""
     parser = arguments(__doc__)
-    parser.add_argument("--presses", type=int, help="how many; 100 000, or 100 in the quick form")
+    parser.add_argument("--presses", type=int, help="how many; 100 000, or 32 in the quick form")
     parser.add_argument("--seed", type=int, default=SEED, help=f"{SEED} if not given")
     parser.add_argument("--hours", type=float, help="when to stop; 0.1 in the quick form")
     parser.add_argument("--jobs", type=int, default=JOBS, help=f"processes; {JOBS} if not given")
@@ -107,7 +107,7 @@ def main() -> None:
         shown = case(options.seed, options.show)
         print(json.dumps(shown | {"found": task((options.seed, options.show))}, indent=1))
         return
-    count = options.presses or (100 if options.quick else 100_000)
+    count = options.presses or (32 if options.quick else 100_000)
     hours = options.hours or (0.1 if options.quick else 1e3)
     about = header(MADE_OF, {"seed": options.seed, "limit": LIMIT})
     now = about["commit"]
