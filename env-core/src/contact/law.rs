@@ -72,6 +72,10 @@ impl ContactLaw {
     /// Share of the normal force of a contact that its sliding points bear: those whose friction is
     /// at its limit. `forces` are the force on each point and the outward normal of the shape there;
     /// 0 without contact.
+    ///
+    /// Sliding begins at the rim of a contact and spreads inwards (Cattaneo, Mindlin); optical
+    /// fingertips detect it in the non-uniform motion of their markers (Hu et al.,
+    /// arXiv:2303.00935, on a GelSight Mini).
     pub fn sliding_share(
         &self,
         forces: impl IntoIterator<Item = (Vector3<f64>, Vector3<f64>)>,

@@ -162,7 +162,7 @@ impl Channel {
         self.specs(skin).iter().map(|spec| spec.shape.iter().product::<usize>()).sum()
     }
 
-    /// Entries for one finger; `felt` is `None` without contact.
+    /// Entries for one finger; `answer` is `None` without contact.
     pub fn read(self, skin: &Skin, answer: Option<&Deformation>) -> Vec<f64> {
         let Some(answer) = answer else {
             return if self == Self::Depth { skin.rest_depth.clone() } else { self.zeros(skin) };
