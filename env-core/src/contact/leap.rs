@@ -79,12 +79,7 @@ impl ContactStep<'_> {
     /// began: round the edge of a thick shape a point may slide a long way, though not to the far
     /// side.
     fn changes_sides(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
-        self.any_way(poses, places, |_, shape, begin, end| {
-            let normal = |p: &Point3<f64>| shape.distance(p).normal;
-            (end - begin).norm() > 0.5 * shape.thickness()
-                && leaps_through(shape, begin, end, depth)
-                && normal(begin).dot(&normal(end)) < -0.5
-        })
+        self.any_way(poses, places, |_, shape, begin, end| changes_sides(shape, begin, end, depth))
     }
 
     /// Returns whether `is_wrong` holds for any pair, given its index, its shape, and the ends of
@@ -124,12 +119,31 @@ pub(super) fn runs_through(
     deep && gap(end) > -left
 }
 
+/// Returns whether a point whose straight path in the frame of `shape` leads from `begin` to `end`
+/// went through it: more than `depth` (m) deep through a thin one, or to the opposite side of a
+/// thick one. Round the edges of the latter it may slide.
+pub fn went_through(shape: &Shape, begin: &Point3<f64>, end: &Point3<f64>, depth: f64) -> bool {
+    if shape.thickness() < THIN {
+        leaps_through(shape, begin, end, depth)
+    } else {
+        changes_sides(shape, begin, end, depth)
+    }
+}
+
 /// Returns whether the straight path from `begin` to `end`, in the frame of `shape`, leads more
 /// than `depth` (m) deeper than it begins and ends less than `depth` deep.
-pub fn leaps_through(shape: &Shape, begin: &Point3<f64>, end: &Point3<f64>, depth: f64) -> bool {
+fn leaps_through(shape: &Shape, begin: &Point3<f64>, end: &Point3<f64>, depth: f64) -> bool {
     let gap = |p: &Point3<f64>| shape.distance(p).value;
     let sunk = gap(begin).min(0.0);
     runs_through(gap, begin, end, [depth - sunk, depth])
+}
+
+/// Returns [`leaps_through`] only for paths that end on the side opposite to where they began.
+fn changes_sides(shape: &Shape, begin: &Point3<f64>, end: &Point3<f64>, depth: f64) -> bool {
+    let normal = |p: &Point3<f64>| shape.distance(p).normal;
+    (end - begin).norm() > 0.5 * shape.thickness()
+        && leaps_through(shape, begin, end, depth)
+        && normal(begin).dot(&normal(end)) < -0.5
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ pub use approach::{backed_off, between, clearance};
 pub use backing::Backing;
 pub use engulfing::{engulfs_unfelt, is_engulfed};
 pub use law::{ContactLaw, Traction};
-pub use leap::leaps_through;
+pub use leap::went_through;
 pub use near::DistanceCache;
 pub use touch::{Bend, ContactStep, Touch, first_touch};
 

@@ -471,6 +471,24 @@ mod tests {
         assert!(rim.level == 1 && rim.forces.len() > 96, "{} on {}", rim.forces.len(), rim.level);
     }
 
+    /// Cells beside an edge must stay on the side where the block met them, not be pushed out at the
+    /// side that is nearest once they are inside.
+    #[test]
+    fn a_block_presses_the_same_in_one_step_and_in_many() {
+        let layered = layered();
+        let form = Shape::Cuboid { half_extents: Vector3::repeat(5e-3) };
+        let under = |steps: usize| {
+            let at = |step: usize| {
+                let depth = 4.5e-4 * step as f64 / steps as f64;
+                vec![Isometry3::translation(1.3e-3, -7e-4, 5e-3 - depth)]
+            };
+            let press = Press::along(vec![form.clone()], (1..=steps).map(at).collect()).unwrap();
+            layered.settled_path(&press).pop().unwrap().unwrap().wrench.force
+        };
+        let (one, many) = (under(1), under(20));
+        assert!((one - many).norm() < 0.01 * many.norm(), "{one} instead of {many}");
+    }
+
     #[test]
     fn a_first_touch_is_found_on_cells_as_large_as_it_allows() {
         let layered = layered();

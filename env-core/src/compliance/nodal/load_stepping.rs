@@ -22,7 +22,7 @@ use crate::{
 };
 
 /// Greatest motion of a shape in one load step (m), or half its thickness if that is less.
-const STRIDE: f64 = 2.5e-4;
+const STRIDE: f64 = 5e-4;
 /// Allowance added to the motion of the shapes when the nodes near them are selected (m).
 const MARGIN: f64 = 1e-4;
 /// Depth by which a shape may enter the held faces, in softnesses.

@@ -14,7 +14,7 @@ use super::{
     spots::Spots,
 };
 use crate::{
-    contact::{ContactLaw, SurfacePoint, first_touch, leaps_through},
+    contact::{ContactLaw, SurfacePoint, first_touch, went_through},
     geometry::{Distance, Shape},
     responses::Responses,
 };
@@ -22,6 +22,9 @@ use crate::{
 /// Depth that a node must have reached in a shape to count as having passed through it, in
 /// softnesses.
 const RUN_OVER: f64 = 10.0;
+/// Cosine between the normals where a node entered a shape and where it is nearest to the outside
+/// below which it is led back the way it came.
+const TURNED: f64 = 0.5;
 /// Cosine between the outward normals of body and shape above which the shape is on the wrong side
 /// of the skin. Where body and shape touch, these normals oppose each other.
 const FOLDED: f64 = 0.5;
@@ -208,14 +211,19 @@ impl<'a> Patch<'a> {
         distance: &Distance,
         place: &Point3<f64>,
     ) -> NodeTarget {
-        let pose = &self.way.to[shape as usize];
+        let (form, pose) = (&self.way.shapes[shape as usize], &self.way.to[shape as usize]);
         let member = &mut self.members[i];
         let stuck = member.stuck.filter(|(held_by, _)| *held_by == shape);
         let (_, stuck) = *member
             .stuck
             .insert(stuck.unwrap_or_else(|| (shape, self.way.touch(shape, &member.start))));
-        let normal = distance.normal;
-        let surface = place - normal * distance.value;
+        let entered = (distance.value < -RUN_OVER * self.law.softness)
+            .then(|| entered(form, &stuck, &pose.inverse_transform_point(place)))
+            .flatten()
+            .map(|Distance { value, normal }| Distance { value, normal: pose.rotation * normal })
+            .filter(|entered| entered.normal.dot(&distance.normal) < TURNED);
+        let Distance { value, normal } = entered.unwrap_or(*distance);
+        let surface = place - normal * value;
         let stuck = pose * stuck;
         let aim = stuck - normal * normal.dot(&(stuck - surface));
         let give = give(self.law, self.skin.point(member.rank), &normal);
@@ -292,7 +300,7 @@ impl<'a> Patch<'a> {
             let near = member.seen.1 - (place - member.seen.0).norm();
             self.way.ends(&member.start, &place).any(|(shape, [begin, end])| {
                 let way = (end - begin).norm();
-                way > 2.0 * depth && way > near && leaps_through(shape, &begin, &end, depth)
+                way > 2.0 * depth && way > near && went_through(shape, &begin, &end, depth)
             })
         })
     }
@@ -376,6 +384,14 @@ impl Move<'_> {
         let seen_from = |t: f64| from.lerp_slerp(to, t).inverse_transform_point(start);
         seen_from(first_touch(|t| self.shapes[s].distance(&seen_from(t)).value))
     }
+}
+
+/// Distance of the point `place` inside a shape from the plane that touches it at `entry`, where the
+/// point entered; none if it is outside of the plane.
+fn entered(shape: &Shape, entry: &Point3<f64>, place: &Point3<f64>) -> Option<Distance> {
+    let normal = shape.distance(entry).normal;
+    let value = normal.dot(&(place - entry));
+    (value < 0.0).then_some(Distance { value, normal })
 }
 
 /// Ranges that contain all of the ascending `ranks`.
