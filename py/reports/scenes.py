@@ -1,8 +1,8 @@
 """Pictures: a lemon between two gel pads, a soft strawberry between two plates, environments.
 
-    python tests/reports/scenes.py            # writes grasp.png, soft.png, touch.png beside itself,
-                                              # and a picture of each task to py/docs
-    python tests/reports/scenes.py tasks      # those of the tasks alone
+    python py/reports/scenes.py            # writes grasp.png, soft.png, touch.png to tests/reports,
+                                           # and a picture of each task to py/docs
+    python py/reports/scenes.py tasks      # those of the tasks alone
 
 Those of environments are what `render` gives: HoldStill with touch, a loaded ball in the hand;
 every task when its scripted policy has first succeeded.
@@ -14,30 +14,26 @@ is fixed. Both are coloured by von Mises stress.
 from __future__ import annotations
 
 import argparse
-import sys
-from pathlib import Path
 
 import gymnasium
 import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
-from drawing import Part, at_nodes, cuboid, draw, section, surface
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, to_rgba
 from matplotlib.patches import Rectangle
 from PIL import Image
 
 import ruffini
+from drawing import Part, at_nodes, cuboid, draw, section, surface
+from engine import OUT, ROOT
 from ruffini import Fem, Grasp, Press, PressError, Shape, SoftBody
-
-HERE = Path(__file__).parent
-DOCS = HERE.parents[1] / "py/docs"
-sys.path.append(str(HERE.parents[1] / "policies"))
 from ruffini._schema import TASKS
 from ruffini.policies import scripted
 
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+
+DOCS = ROOT / "py/docs"
 SEED, AFTER = 3, 25
 """Of the episodes that are shown, and the steps after which a success counts there."""
 PICTURED = {"ruffini/GraspLift-v0": "cylinder", "ruffini/GraspSoft-v0": "lemon"}
@@ -85,7 +81,7 @@ def save(figure, name):
     """Writes the figure without its opacity, packed as tightly as can be."""
     figure.canvas.draw()
     pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]
-    Image.fromarray(pixels).save(HERE / name, optimize=True)
+    Image.fromarray(pixels).save(OUT / name, optimize=True)
 
 
 def coloured(triangles, color):
@@ -112,15 +108,7 @@ def hold(thing, pad):
     """A grasp of `thing`, the poses of the pads at its end, and what they are then."""
     grasp = upright(thing)
     path = [grasp.pads(grasp.width - 2 * depth) for depth in CLOSING]
-    print(f"{thing.name} between two pads of {len(pad.body.mesh.vertices)} nodes, {grasp}")
     frames = solved(Grasp(thing.shape, path).solve((pad, pad)))
-    for depth, frame in zip(CLOSING, frames, strict=True):
-        forces = [np.linalg.norm(answer.wrench[:3]) for answer in frame.pads]
-        print(
-            f"  depth {depth * MM:5.2f} mm, force {forces[0]:6.3f} and {forces[1]:6.3f} N, "
-            f"iterations {[answer.iterations for answer in frame.pads]}, "
-            f"residual {frame.residual:.1e} N, {frame.seconds:.2f} s"
-        )
     return grasp, path[-1], frames[-1]
 
 
@@ -178,17 +166,10 @@ def plates_at(mesh, depth):
 def squeeze(mesh):
     """The body at the end of the squeeze, and the force of a plate (N)."""
     fem = Fem(SoftBody(mesh, YOUNG, POISSON), GRIP)
-    print(f"strawberry of {len(mesh.vertices)} nodes between two plates")
     path = [plates_at(mesh, depth) for depth in SQUEEZE]
     answers = solved(fem.solve_path(Press([Shape.cuboid(HALF)] * 2, path)))
     left = mesh.vertices[:, 0] < 0
-    for depth, answer in zip(SQUEEZE, answers, strict=True):
-        force = answer.contact_force[left].sum(axis=0)[0]
-        print(
-            f"  depth {depth * MM:5.2f} mm, force {force:6.3f} N, net force "
-            f"{np.linalg.norm(answer.wrench[:3]):.1e} N, iterations {answer.iterations}, "
-            f"residual {answer.residual:.1e} N, {answer.seconds:.2f} s"
-        )
+    force = answers[-1].contact_force[left].sum(axis=0)[0]
     return answers[-1], force
 
 
@@ -243,7 +224,7 @@ def picture_of_touch():
     env.reset(seed=1)
     for _ in range(15):
         env.step(np.zeros(5, np.float32))
-    Image.fromarray(env.render()).save(HERE / "touch.png", optimize=True)
+    Image.fromarray(env.render()).save(OUT / "touch.png", optimize=True)
     print(f"touch: {env.unwrapped.look()}")
 
 

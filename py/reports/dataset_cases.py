@@ -11,29 +11,59 @@ import time
 from pathlib import Path
 
 import numpy as np
-from fem_cases import difference, volumes
 
 import ruffini
+from engine import ROOT
+from fem_cases import difference, volumes
 from ruffini import Fem, Grasp, PressError, SoftBody, _distributions, dataset
 from ruffini._frames import Frame
 
-sys.path.append(str(Path(__file__).resolve().parents[1] / "python"))
+sys.path.append(str(ROOT / "tests/python"))
 from test_dataset_kills import MAKE, killed_and_resumed
 
 OPEN = 2e-5
 """How far open a grasp that is solved again begins (m): pads of another mesh touch elsewhere."""
 
 
-def cost(truth: int, model: int, element: str, threads: int, counts: dict) -> dict:
-    """Wall and CPU seconds and bytes of a dataset's frames."""
-    settings = {"truth_nodes": truth, "model_nodes": model, "truth_element": element, **counts}
+def cost(truth: int, model: int, threads: int, counts: dict) -> dict:
+    """Wall and CPU seconds and bytes of a dataset's frames, by nodes of the truth and the model."""
+    settings = {"truth_nodes": truth, "model_nodes": model, "truth_element": "p1-bar", **counts}
     with tempfile.TemporaryDirectory() as folder:
         wall, cpu = time.perf_counter(), time.process_time()
         data = dataset.generate(folder, threads=threads, **settings)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         size = sum(path.stat().st_size for path in Path(folder).glob("shards/*"))
-    found = {"frames": len(data), "unsolved": len(data.manifest["unsolved"])}
+    found = {"truth": truth, "model": model, "threads": threads, "frames": len(data)}
+    found |= {"unsolved": len(data.manifest["unsolved"])}
     return found | {"wall": wall, "cpu": cpu, "bytes": size}
+
+
+def judged(folder: Path, grasp: str, sizes: dict) -> list[dict]:
+    """Rows of a grasp of a dataset: how far it is on some meshes from the same on the finest."""
+    again = Again(dataset.open(folder), grasp, sizes["every"])
+    try:
+        truth, price = again.solved(*sizes["finest"])
+        failed = {}
+    except PressError as error:
+        failed = {"failed": f"on the finest mesh: {error}"}
+    rows = []
+    for element, nodes in sizes["rungs"]:
+        row = {"key": key(grasp, element, nodes), "grasp": grasp, "element": element}
+        row |= {"nodes": nodes, "depths": again.depths}
+        try:
+            if not failed:
+                row["finest"] = price
+                fields, own = again.solved(element, nodes)
+                row |= own | {"errors": errors(fields, truth, again.common)}
+        except PressError as error:
+            row["failed"] = str(error)
+        rows.append(row | failed)
+    return rows
+
+
+def key(grasp: str, element: str, nodes: int) -> str:
+    """What a row of the truth is known by."""
+    return f"truth {grasp} {element} {nodes}"
 
 
 def disturbed(kills: int) -> dict:
@@ -124,8 +154,9 @@ def errors(found: list[dict], truth: list[dict], mesh: ruffini.TetMesh) -> list[
     ]
 
 
-def contents(data: dataset.Dataset) -> dict:
+def contents(folder: Path) -> dict:
     """What a dataset holds: counts, unsolved grasps by reason, worst imbalance, quantiles."""
+    data = dataset.open(folder)
     worst = {"contact": 0.0, "force": 0.0, "torque": 0.0}
     for frame in data:
         worst = {key: max(worst[key], value) for key, value in frame.imbalance().items()}

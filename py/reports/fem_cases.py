@@ -9,20 +9,18 @@ import itertools
 import resource
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import tomllib
 
 import ruffini
+from engine import OUT, ROOT
 from ruffini import Fem, Press, Shape, SoftBody, Transfer
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
 sys.path.append(str(ROOT / "tests/python"))
 from bodies import box
 
-FLAT = str(HERE / "flat-pad.toml")
+FLAT = str(OUT / "flat-pad.toml")
 MINI = tomllib.loads((ROOT / "env-core/assets/sensors/gelsight-mini.toml").read_text())
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -146,12 +144,13 @@ class Comparison:
         return found
 
 
-def accuracy(sizes: dict, poisson: float) -> dict:
-    """Every mesh at one Poisson's ratio against the finest quadratic one."""
-    common, rows = ruffini.sensor(FLAT, resolution=sizes["common"]).mesh, []
-    truth, reference = finest(common, poisson)
+def accuracy(common_nodes: int, counts: dict, poisson: float) -> dict:
+    """Every mesh at a Poisson's ratio against the finest quadratic one, all on a common mesh."""
+    common, rows = ruffini.sensor(FLAT, resolution=common_nodes).mesh, []
+    body, kept, reference = quadratic(common, poisson, FINEST)
+    truth = Comparison(common, body, kept)
     path = ball_path(RADIUS, depths(1e-3, 2.5e-4))
-    meshes = [(element, n) for element, counts in sizes["meshes"].items() for n in counts]
+    meshes = [(element, n) for element, some in counts.items() for n in some]
     for element, nodes in meshes:
         body, row = flat_pad(nodes, poisson), {"element": element, "nodes": nodes}
         try:
@@ -163,12 +162,6 @@ def accuracy(sizes: dict, poisson: float) -> dict:
         rows.append(row | cost | {"depths": errors})
     common_size = {"vertices": len(common.vertices), "tetrahedra": len(common.tets)}
     return {"poisson": poisson, "common": common_size, "reference": reference, "rows": rows}
-
-
-def finest(common: ruffini.TetMesh, poisson: float) -> tuple[Comparison, dict]:
-    """Quadratic elements on the common mesh refined, in steps of 0.5 mm."""
-    body, kept, found = quadratic(common, poisson, FINEST)
-    return Comparison(common, body, kept), found
 
 
 def quadratic(
@@ -184,37 +177,45 @@ def quadratic(
     return body, kept, cost | {"force": force}
 
 
-def refinement(sizes: dict, parts: tuple[int, int, int]) -> dict:
+def refinement(nodes: int, parts: tuple[int, int, int]) -> dict:
     """Force of quadratic elements at a Poisson's ratio of 0.48 on a mesh of the truth's family."""
-    common = ruffini.sensor(FLAT, resolution=sizes["common"]).mesh
+    common = ruffini.sensor(FLAT, resolution=nodes).mesh
     return {"parts": list(parts)} | quadratic(common, 0.48, parts)[2]
 
 
 def closed_forms(young: float, poisson: float) -> dict:
-    """Force (N) by depth on a half-space (Hertz) and on a flat bonded layer.
+    """Force (N) on the Mini by depth on a half-space (Hertz) and on a flat bonded layer.
 
-    The layer is stiffer than the half-space by a series in χ = √(Rδ)/h (Dimitriadis et al. 2002):
-    the one for any Poisson's ratio, and their equation for 0.5.
+    The layer is that for any Poisson's ratio, and by its authors' own equation for 0.5.
+    """
+    thickness = MINI["outline"]["thickness"]
+    found: dict = {"hertz": {}, "dimitriadis": {}, "dimitriadis 0.5": {}}
+    for depth in MEASURED:
+        delta = float(depth) * 1e-3
+        x = np.sqrt(MINI_RADIUS * delta) / thickness
+        flat = 4 / 3 * young * np.sqrt(MINI_RADIUS * delta**3)
+        incompressible = 1 + 1.133 * x + 1.283 * x**2 + 0.769 * x**3 + 0.0975 * x**4
+        found["hertz"][depth] = flat / (1 - poisson**2)
+        found["dimitriadis"][depth] = bonded_layer(MINI_RADIUS, delta, young, poisson, thickness)
+        found["dimitriadis 0.5"][depth] = flat / 0.75 * incompressible
+    return found
+
+
+def bonded_layer(radius: float, depth, young: float, poisson: float, thickness: float):
+    """Force of a ball on a flat layer bonded underneath (N), without friction, by depth (m).
+
+    Hertz times a series in √(Rδ)/h (Dimitriadis et al. 2002, doi 10.1016/S0006-3495(02)75620-8).
     """
     alpha = -(1.2876 - 1.4678 * poisson + 1.3442 * poisson**2) / (1 - poisson)
     beta = (0.6387 - 1.0277 * poisson + 1.5164 * poisson**2) / (1 - poisson)
     cubic = alpha**3 + 4 * np.pi**2 / 15 * beta
     quartic = alpha * (alpha**3 + 3 * np.pi**2 / 5 * beta)
-    found = {"hertz": {}, "dimitriadis": {}, "dimitriadis 0.5": {}}
-    for depth in MEASURED:
-        delta = float(depth) * 1e-3
-        x = np.sqrt(MINI_RADIUS * delta) / MINI["outline"]["thickness"]
-        flat = 4 / 3 * young * np.sqrt(MINI_RADIUS * delta**3)
-        hertz, y = flat / (1 - poisson**2), 2 / np.pi * x
-        series = 1 - alpha * y + (alpha * y) ** 2 - cubic * y**3 + quartic * y**4
-        incompressible = 1 + 1.133 * x + 1.283 * x**2 + 0.769 * x**3 + 0.0975 * x**4
-        found["hertz"][depth] = hertz
-        found["dimitriadis"][depth] = hertz * series
-        found["dimitriadis 0.5"][depth] = flat / 0.75 * incompressible
-    return found
+    hertz = 4 / 3 * young / (1 - poisson**2) * np.sqrt(radius * depth**3)
+    y = 2 / np.pi * np.sqrt(radius * depth) / thickness
+    return hertz * (1 - alpha * y + (alpha * y) ** 2 - cubic * y**3 + quartic * y**4)
 
 
-def mini(sizes: dict, calibration: str, friction: float, element: str, nodes: int) -> dict:
+def mini(calibration: str, friction: float, element: str, nodes: int) -> dict:
     """Force of the GelSight Mini on a ball of 7.5 mm, nothing fitted."""
     body = ruffini.sensor("gelsight-mini", calibration, nodes)
     path = ball_path(MINI_RADIUS, depths(2e-3, 2.5e-4))
@@ -224,7 +225,7 @@ def mini(sizes: dict, calibration: str, friction: float, element: str, nodes: in
     return about | cost | {"force": force}
 
 
-def speed(sizes: dict, nodes: int, friction: float) -> dict:
+def speed(nodes: int, friction: float) -> dict:
     """Cost of a path in steps of 0.1 mm: 1 mm down, 0.5 mm sideways."""
     before, body = peak_memory(), flat_pad(nodes, 0.48)
     path = ball_path(RADIUS, depths(1e-3, 1e-4), sideways=5e-4)

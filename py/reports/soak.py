@@ -1,7 +1,4 @@
-"""A million steps over all tasks and models of touch: makes soak.json and soak.md.
-
-    python tests/reports/soak.py            a quarter of an hour; goes on after a stop
-    python tests/reports/soak.py --quick    ten thousand steps, into target/reports/quick
+"""A million steps over all tasks and models of touch, a quarter of an hour; --quick ten thousand.
 
 Half of the environments act at random; the others play the scripted policy under random pushes, so
 that fingers meet objects in every clumsy way. Checked at every step: observations finite and within
@@ -11,21 +8,21 @@ taken and played twice, bit for bit.
 
 from __future__ import annotations
 
-import json
 import time
+from argparse import Namespace
 from collections import Counter
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from kept import KEPT, Rows, arguments, folder, header, made, table
 from numpy.typing import NDArray
-from scene_cost import resident
 
+from engine import Rows, made, run, table, text
 from ruffini.evaluation import Policy
 from ruffini.policies import part, scripted
+from scene_cost import resident
 
-MADE_OF = ["env-core", "py/src", "tests/reports/soak.py", "py/python/ruffini/policies"]
+MADE_OF = ["env-core", "py/src", "py/reports/soak.py", "py/python/ruffini/policies"]
 COUNT = 32
 """Environments of a part; a quick one has a quarter."""
 REPLAYED = 20
@@ -46,25 +43,32 @@ PARTS: dict[str, tuple[str, int, dict[str, Any]]] = {
 """Task, steps and settings of each part."""
 
 
-class Still:
-    """Leaves the hand as it is: without touch nothing tells a hand that holds what to do."""
-
-    def predict(self, observation: dict[str, NDArray[np.float32]], *_: Any) -> tuple:
-        """No motion."""
-        return np.zeros((len(observation["proprio"]), 5), np.float32), None
+def make(options: Namespace) -> dict[str, Any]:
+    """One part after the other, in this process."""
+    share, count = (0.01, COUNT // 4) if options.quick else (1.0, COUNT)
+    sizes = {"environments": count, "steps": int(share * sum(p[1] for p in PARTS.values()))}
+    rows = Rows.of("soak", options, MADE_OF, sizes)
+    steps = {name: max(int(share * part[1]), 4 * count) for name, part in PARTS.items()}
+    run(rows, {name: (soaked, name, steps[name], count) for name in PARTS})
+    return rows.header | {"note": options.note, "rows": list(rows)}
 
 
 class Clumsy:
-    """Random actions for the first half of the rows, pushed scripted ones for the others."""
+    """Random actions for the first half of the rows, pushed scripted ones for the others.
 
-    def __init__(self, policy: Policy, rows: int, seed: int):
+    Without a policy the hand is left as it is but for the pushes: without touch nothing tells a
+    hand that holds what to do.
+    """
+
+    def __init__(self, policy: Policy | None, rows: int, seed: int):
         self._policy = policy
         self._random = np.random.default_rng(seed)
         self._push = np.zeros((rows, 5))
 
     def __call__(self, observation: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:
+        """The next actions."""
         random, rows = self._random, len(self._push)
-        action, _ = self._policy.predict(observation)
+        action = self._policy.predict(observation)[0] if self._policy else 0.0
         pushed = random.random((rows, 1)) < 0.6
         push = random.normal(0.0, 0.5, (rows, 5)) * pushed
         self._push = np.where(random.random((rows, 1)) < 0.05, push, self._push)
@@ -82,9 +86,8 @@ def soaked(name: str, steps: int, count: int) -> dict[str, Any]:
     task, _, settings = PARTS[name]
     envs = gym.make_vec(f"ruffini/{task}-v0", num_envs=count, **settings)
     observation, _ = envs.reset(seed=0)
-    needs_touch = task == "HoldStill" and "slip" not in observation
-    policy = Still() if needs_touch else scripted(f"ruffini/{task}-v0")
-    act = Clumsy(policy, count, seed=len(name))
+    blind = task == "HoldStill" and "slip" not in observation
+    act = Clumsy(None if blind else scripted(f"ruffini/{task}-v0"), count, seed=len(name))
     endings, errors, touched = Counter(), Counter(), 0
     episodes, warm, before, begun = 0, steps // 10, 0.0, time.perf_counter()
     for taken in range(0, steps, count):
@@ -139,62 +142,33 @@ def replay(envs: gym.vector.VectorEnv, act: Clumsy, observation: Any, name: str)
             raise ValueError(f"{name}: a snapshot did not replay bit for bit")
 
 
-def markdown(report: dict[str, Any]) -> str:
-    """The page."""
-    total = sum(row["steps"] for row in report["rows"])
-    head = ["part", "steps", "touching", "episodes", "ended early", "press errors"]
-    return "\n".join(
-        [
-            "# A million clumsy steps",
-            "",
-            made(report),
-            "",
-            f"{total:,} steps. No observation was infinite or outside its space, no reward outside "
-            "[0, 1], no ending without a name, no panic and no hang, and every part replayed from "
-            "a snapshot bit for bit: the run stops at the first that is not so. Of the press "
-            "errors, those beyond `press_failed` are contacts that were taken up anew.",
-            "",
-            table([*head, "MiB gained", "steps/s"], [line(row) for row in report["rows"]]),
-            "",
-        ]
-    )
+PAGE = """# A million clumsy steps
+
+{made}
+
+{total:,} steps. No observation was infinite or outside its space, no reward outside [0, 1], no
+ending without a name, no panic and no hang, and every part replayed from a snapshot bit for bit:
+the run stops at the first that is not so. Of the press errors, those beyond `press_failed` are
+contacts that were taken up anew.
+
+{parts}"""
 
 
-def line(row: dict[str, Any]) -> list[str]:
-    """A row of the page's table."""
-    endings, errors = (
-        ", ".join(f"{kind} {n:,}" for kind, n in sorted(row[name].items())) or "none"
-        for name in ("endings", "press errors")
-    )
-    counts = [f"{row['steps']:,}", f"{row['touching']:.0%}", f"{row['episodes']:,}"]
-    return [
-        row["key"],
-        *counts,
-        endings,
-        errors,
-        f"{row['MiB gained']:+.1f}",
-        f"{row['steps/s']:,.0f}",
-    ]
+def page(report: dict[str, Any]) -> str:
+    """A row a part."""
 
+    def counted(name: str):
+        return lambda row: ", ".join(f"{k} {n:,}" for k, n in sorted(row[name].items())) or "none"
 
-def main() -> None:
-    """Parses the command line and makes the report."""
-    parser = arguments(__doc__)
-    options = parser.parse_args()
-    out = folder(parser, options)
-    share, count = (0.01, COUNT // 4) if options.quick else (1.0, COUNT)
-    sizes = {"environments": count, "steps": int(share * sum(p[1] for p in PARTS.values()))}
-    about = header(MADE_OF, sizes) | {"note": options.note}
-    rows = Rows(KEPT / ("soak-quick.jsonl" if options.quick else "soak.jsonl"), about)
-    for name, (_, steps, _) in PARTS.items():
-        if name not in rows:
-            print(name, flush=True)
-            rows.add({"key": name} | soaked(name, max(int(share * steps), 4 * count), count))
-    report = about | {"rows": list(rows)}
-    (out / "soak.json").write_text(json.dumps(report, indent=1) + "\n")
-    (out / "soak.md").write_text(markdown(report))
-    print(f"{out}/soak.json, soak.md")
-
-
-if __name__ == "__main__":
-    main()
+    columns = {
+        "part": "{key}",
+        "steps": "{steps:,}",
+        "touching": "{touching:.0%}",
+        "episodes": "{episodes:,}",
+        "ended early": counted("endings"),
+        "press errors": counted("press errors"),
+        "MiB gained": "{MiB gained:+.1f}",
+        "steps/s": "{steps/s:,.0f}",
+    }
+    total = {"total": sum(row["steps"] for row in report["rows"])}
+    return text(PAGE, report | total, made=made(report), parts=table(columns, report["rows"]))

@@ -12,10 +12,10 @@ import sys
 import warnings
 
 import numpy as np
-from extreme import WrongError, spread
-from kept import ROOT
 
 import ruffini
+from engine import ROOT
+from extreme import WrongError, spread
 from ruffini.envs import GraspLiftVectorEnv
 
 sys.path.append(str(ROOT / "policies"))

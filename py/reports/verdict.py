@@ -13,11 +13,11 @@ from __future__ import annotations
 import time
 from typing import Any
 
-import extreme_scenes
 import numpy as np
-from extreme import GELS, NETWORK, WrongError, press, shape, soft_body, turned
 
+import extreme_scenes
 import ruffini
+from extreme import GELS, NETWORK, WrongError, press, shape, soft_body, turned
 from ruffini import Compliance, Deformation, Fem, PressError, SoftBody, Surrogate
 
 NAMED = ("not-converged", "penetrated", "inverted", "unreachable", "invalid", "network")
@@ -220,8 +220,9 @@ def beside(case: dict, model: Any, last: Deformation) -> dict:
 
 
 def truth(case: dict, model: Surrogate, last: Deformation) -> dict:
-    """How far the network's force is from that of finite elements on a mesh refined towards the
-    nodes that it says are pressed, with the shape led to the same places.
+    """How far the network's force is from that of finite elements, with the shape led alike.
+
+    Their mesh is refined towards the nodes that the network says are pressed.
     """
     if case["long way"] != "truth":
         return {}

@@ -8,9 +8,9 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from kept import ROOT
 
 import ruffini
+from engine import ROOT
 from ruffini import Press, Shape, SoftBody, TetMesh
 
 sys.path.append(str(ROOT / "tests/python"))

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from kept import ROOT
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+
+from engine import ROOT
 
 sys.path.append(str(ROOT / "policies"))
 from params import params
@@ -38,12 +39,14 @@ class Recording(VecEnvWrapper):
         )
 
     def reset(self):
+        """The first observation."""
         return self._first
 
     def step_async(self, actions: np.ndarray) -> None:
         """Actions change nothing."""
 
     def step_wait(self):
+        """The next recorded step."""
         observation, reward, done, info = next(self._steps)
         # PPO adds to the rewards in place.
         return observation, reward.copy(), done, info
@@ -61,9 +64,11 @@ class Timed(VecEnvWrapper):
         self.spent, self.touching = 0.0, []
 
     def reset(self):
+        """As the environment's."""
         return self.venv.reset()
 
     def step_wait(self):
+        """A step, timed."""
         begun = time.perf_counter()
         result = self.venv.step_wait()
         self.spent += time.perf_counter() - begun

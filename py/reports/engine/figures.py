@@ -1,0 +1,34 @@
+"""Pictures of reports, all in one style; a file changes only with its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("svg")
+from matplotlib import pyplot as plt
+
+BLUE, RED, BROWN, GREEN, LIGHT = "#2b6cb0", "#c53030", "#b7791f", "#2f855a", "#81c784"
+COLOURS = {
+    "network": RED,
+    "linear": BLUE,
+    "paper": BROWN,
+    "fem": GREEN,
+    "surrogate": RED,
+    "compliance": BLUE,
+    "linear, on cells": BLUE,
+    "surrogate-fine": BROWN,
+}
+"""Of models, by the names that reports give them."""
+
+
+def save(figure: Callable[[dict[str, Any]], Any], report: dict[str, Any], file: Path) -> None:
+    """Draws the figure of a report into a file."""
+    # Glyphs as text and a fixed seed, so that the same figures make the same bytes.
+    with plt.rc_context({"svg.fonttype": "none", "svg.hashsalt": file.stem, "font.size": 8}):
+        picture = figure(report)
+        picture.savefig(file, metadata={"Date": None})
+        plt.close(picture)
