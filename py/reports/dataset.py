@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 
 import dataset_cases
-from engine import ROOT, Rows, made, plt, run, table, text
+from engine import ROOT, Rows, made, plt, run, spread, table, text
 from ruffini import dataset
 
 ONE_THREAD = True
@@ -202,10 +202,7 @@ def about_truth(report: dict) -> str:
     span = {"count": len(grasps), "least": min(depths), "most": max(depths)}
     columns = {
         "element, nodes": "{mesh}",
-        **{
-            head: f"{{{name}[median]:100*.1f}} / {{{name}[worst]:100*.1f}} %"
-            for name, head in ERRORS.items()
-        },
+        **{head: spread(name, "worst", " %") for name, head in ERRORS.items()},
         "CPU s a frame": "{cpu:.1f}",
         "unsolved": "{failed} of {grasps}",
     }

@@ -14,7 +14,7 @@ import numpy as np
 
 import ruffini
 from engine import ROOT
-from fem_cases import difference, volumes
+from meshes import difference, nodal, volumes
 from ruffini import Fem, Grasp, PressError, SoftBody, _distributions, dataset
 from ruffini._frames import Frame
 
@@ -140,9 +140,7 @@ def carried(pads: tuple, fem: Fem, mesh: ruffini.TetMesh) -> dict:
 
 def errors(found: list[dict], truth: list[dict], mesh: ruffini.TetMesh) -> list[dict]:
     """Relative errors frame by frame: force, displacement, stress, peak stress."""
-    tets = volumes(mesh)
-    nodes = np.bincount(mesh.tets.ravel(), np.repeat(tets / 4, 4))
-    tets, nodes = np.tile(tets, 2), np.tile(nodes, 2)
+    tets, nodes = (np.tile(of, 2) for of in (volumes(mesh), nodal(mesh, volumes(mesh))))
     return [
         {
             "force": float(np.abs(a["force"] / b["force"] - 1).max()),

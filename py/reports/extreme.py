@@ -11,6 +11,7 @@ import numpy as np
 
 import ruffini
 from engine import ROOT
+from meshes import turned
 from ruffini import Press, Shape, SoftBody, TetMesh
 
 sys.path.append(str(ROOT / "tests/python"))
@@ -173,12 +174,6 @@ def reach(form: Shape) -> float:
     """A length past which the shape cannot reach from its origin, half-spaces aside (m)."""
     far = 0.3 * np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1]])
     return 0.3 - float(form.distance(far)[0].min())
-
-
-def turned(turn: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points (N, 3) turned by a quaternion."""
-    across = np.cross(turn[:3], points)
-    return points + 2 * (turn[3] * across + np.cross(turn[:3], across))
 
 
 def touching(form: Shape, turn: np.ndarray, place: np.ndarray, vertices: np.ndarray) -> float:

@@ -117,7 +117,7 @@ cut ever finer. Beside each force what it is off the value on which NGSolve, Get
 agree under refinement (± 0.0005 N). Contact gives by its softness, 0.3 % of the force at 0.5 mm and
 0.1 % at 1 mm, which is not taken off.
 
-{off}
+{converges}
 
 {refinement}
 
@@ -183,7 +183,7 @@ def page(report: dict) -> str:
         accuracy="\n\n".join(
             text(TRUTH, case, table=table(ACCURACY, case["rows"], absent="")) for case in at
         ),
-        off=off(report),
+        converges=converges(report),
         refinement=refinement_table(report),
         mini=mini_table(report),
         speed=table(SPEED, cases(report, "speed")),
@@ -253,21 +253,27 @@ def best_mini(report: dict) -> list[dict]:
     return [case for case in cases(report, "mini") if case["element"] == element]
 
 
-def mini_errors(report: dict, force: dict) -> list[float]:
-    """Relative errors against the measured force by depth."""
-    return [force[depth] / true - 1 for depth, true in report["scene"]["measured"].items()]
-
-
 def mini_met(report: dict) -> str:
     """The best and the worst of the calibrations against the measured force."""
-    spans = [(case, mini_errors(report, case["force"])) for case in best_mini(report)]
-    spans.sort(key=lambda item: max(map(abs, item[1])))
+    measured = report["scene"]["measured"]
+    spans = [(off([case["force"]], measured), case) for case in best_mini(report)]
+    spans.sort(key=lambda span: max(abs(e) for errors in span[0].values() for e in errors))
     best, worst = (
         filled("{calibration} with μ = {friction} on {vertices} vertices of {element}", case)
-        + f", {percent(min(errors))} to {percent(max(errors))}"
-        for case, errors in (spans[0], spans[-1])
+        + f", {span([error for some in errors.values() for error in some])}"
+        for errors, case in (spans[0], spans[-1])
     )
     return f"3. Unfitted, the Mini's measured force is met best by {best}, and worst by {worst}."
+
+
+def off(forces: list[dict], true: dict) -> dict[str, list[float]]:
+    """Relative errors of forces by depth."""
+    return {depth: [force[depth] / exact - 1 for force in forces] for depth, exact in true.items()}
+
+
+def span(errors: list[float]) -> str:
+    """Least and largest."""
+    return f"{percent(min(errors))} to {percent(max(errors))}"
 
 
 def refinements(report: dict) -> list[dict]:
@@ -276,35 +282,39 @@ def refinements(report: dict) -> list[dict]:
     return sorted(family, key=lambda case: case["vertices"])
 
 
-def off(report: dict) -> str:
+def converges(report: dict) -> str:
     """Whether the finest meshes and those for data meet the converged value."""
-    converged = report["scene"]["converged"]
-
-    def span(forces: list[dict]) -> str:
-        spans = []
-        for depth, true in converged.items():
-            errors = [force[depth] / true - 1 for force in forces]
-            spans.append(f"{percent(min(errors))} to {percent(max(errors))} at {depth} mm")
-        return ", ".join(spans)
-
+    true = report["scene"]["converged"]
     finest = [case["force"] for case in refinements(report)[-3:]]
-    data = [row for row in solved(at_048(report)) if row["element"] == DATA][-2:]
-    by_data = [{depth: row["depths"][depth]["force"] for depth in converged} for row in data]
+    rows = [row for row in solved(at_048(report)) if row["element"] == DATA][-2:]
+    data = [{depth: row["depths"][depth]["force"] for depth in true} for row in rows]
+    found = [
+        ", ".join(f"{span(errors)} at {depth} mm" for depth, errors in off(forces, true).items())
+        for forces in (finest, data)
+    ]
     return (
-        f"The finest {len(finest)} meshes of p2 are off by {span(finest)}; "
-        f"the finest {len(data)} of {DATA} by {span(by_data)}."
+        f"The finest {len(finest)} meshes of p2 are off by {found[0]}; "
+        f"the finest {len(data)} of {DATA} by {found[1]}."
     )
+
+
+def force_columns(true: dict, heading: str, digits: int) -> dict[str, Any]:
+    """Columns of a force by depth, in brackets what it is off the true one."""
+
+    def column(depth: str, exact: float):
+        def cell(row: dict) -> str:
+            force = row["force"][depth]
+            beside = " N" if row["force"] is true else f" ({percent(force / exact - 1)})"
+            return f"{force:.{digits}f}{beside}"
+
+        return cell
+
+    return {heading.format(depth): column(depth, exact) for depth, exact in true.items()}
 
 
 def refinement_table(report: dict) -> str:
     """Force by mesh at ν = 0.48."""
-
-    def column(depth: str, true: float):
-        return lambda case: (
-            f"{case['force'][depth]:.4f} ({percent(case['force'][depth] / true - 1)})"
-        )
-
-    forces = {f"F at {d} mm": column(d, true) for d, true in report["scene"]["converged"].items()}
+    forces = force_columns(report["scene"]["converged"], "F at {} mm", 4)
     columns = {"vertices": "{vertices}", **forces, "CPU s a frame": "{cpu_seconds:.1f}"}
     return table(columns, refinements(report))
 
@@ -312,28 +322,15 @@ def refinement_table(report: dict) -> str:
 def mini_table(report: dict) -> str:
     """Force by depth: measured, computed, closed forms."""
     measured = report["scene"]["measured"]
-
-    def column(place: int, depth: str):
-        return lambda row: (
-            f"{row['force'][depth]:.3f} ({percent(mini_errors(report, row['force'])[place])})"
-            if "calibration" in row
-            else f"{row['force'][depth]:.3f} N"
-        )
-
-    columns = {"calibration": "{calibration}", "by": "{element}", "μ": "{friction}"}
-    columns |= {"vertices": "{vertices}"}
-    columns |= {f"{depth} mm": column(place, depth) for place, depth in enumerate(measured)}
-    rows: list[dict] = [{"force": measured}]
+    rows: list[dict] = [{"calibration": "measured", "force": measured}]
     for name, forms in report["closed_forms"].items():
         runs = [case for case in cases(report, "mini") if case["calibration"] == name]
         rows += sorted(runs, key=lambda case: (case["element"], case["friction"]))
-        rows += [
-            {"calibration": name, "element": form.capitalize(), "friction": 0, "force": forms[form]}
-            for form in forms
-        ]
-    return table(
-        columns | {"calibration": lambda row: row.get("calibration", "measured")}, rows, ""
-    )
+        about = {"calibration": name, "friction": 0}
+        rows += [about | {"element": f.capitalize(), "force": forms[f]} for f in forms]
+    columns = {"calibration": "{calibration}", "by": "{element}", "μ": "{friction}"}
+    columns |= {"vertices": "{vertices}"} | force_columns(measured, "{} mm", 3)
+    return table(columns, rows, absent="")
 
 
 STYLES = {"p1": ":", "p1-bar": "-", "p2": "--"}

@@ -15,7 +15,8 @@ import tomllib
 
 import ruffini
 from engine import OUT, ROOT
-from ruffini import Fem, Press, Shape, SoftBody, Transfer
+from meshes import carried, difference, nodal, volumes
+from ruffini import Fem, Press, Shape, SoftBody
 
 sys.path.append(str(ROOT / "tests/python"))
 from bodies import box
@@ -97,59 +98,12 @@ def solved(body: SoftBody, element: str, friction: float, radius: float, path: l
     }
 
 
-def volumes(mesh: ruffini.TetMesh) -> np.ndarray:
-    """Volumes of the tetrahedra (T,)."""
-    a, b, c, d = np.moveaxis(mesh.vertices[mesh.tets], 1, 0)
-    return np.einsum("ti,ti->t", np.cross(b - a, c - a), d - a) / 6
-
-
-def difference(found: np.ndarray, truth: np.ndarray, weights: np.ndarray) -> float:
-    """Weighted L2 norm of a field's error over that of the field; both are (N, ...)."""
-    norm = [np.sum(weights * np.sum(x.reshape(len(x), -1) ** 2, 1)) for x in (found - truth, truth)]
-    return float(np.sqrt(norm[0] / norm[1]))
-
-
-class Comparison:
-    """Fields of a reference on the common mesh, and how far other answers are from them."""
-
-    def __init__(self, common: ruffini.TetMesh, body: SoftBody, frames: dict):
-        self.common, self.tets = common, volumes(common)
-        shares = np.repeat(self.tets / 4, 4)
-        self.nodes = np.bincount(common.tets.ravel(), shares)
-        self.truth = self.carried(body, frames)
-
-    def carried(self, body: SoftBody, frames: dict) -> dict:
-        """Force (N), displacement (V, 3) and von Mises stress (T,) by depth."""
-        transfer = Transfer(body.mesh, self.common)
-        return {
-            depth: (
-                -frame.wrench[2],
-                transfer.interpolate(frame.displacement),
-                transfer.average(frame.von_mises),
-            )
-            for depth, frame in frames.items()
-        }
-
-    def errors(self, body: SoftBody, frames: dict) -> dict:
-        """Force (N) and relative errors by depth."""
-        found = {}
-        for depth, (force, displacement, von_mises) in self.carried(body, frames).items():
-            true_force, true_displacement, true_von_mises = self.truth[depth]
-            found[depth] = {
-                "force": force,
-                "force_error": force / true_force - 1,
-                "displacement_error": difference(displacement, true_displacement, self.nodes),
-                "von_mises_error": difference(von_mises, true_von_mises, self.tets),
-            }
-        return found
-
-
 def accuracy(common_nodes: int, counts: dict, poisson: float) -> dict:
     """Every mesh at a Poisson's ratio against the finest quadratic one, all on a common mesh."""
     common, rows = ruffini.sensor(FLAT, resolution=common_nodes).mesh, []
     body, kept, reference = quadratic(common, poisson, FINEST)
-    truth = Comparison(common, body, kept)
-    path = ball_path(RADIUS, depths(1e-3, 2.5e-4))
+    truth = dict(zip(kept, carried(kept.values(), body.mesh, common), strict=True))
+    path, tets = ball_path(RADIUS, depths(1e-3, 2.5e-4)), volumes(common)
     meshes = [(element, n) for element, some in counts.items() for n in some]
     for element, nodes in meshes:
         body, row = flat_pad(nodes, poisson), {"element": element, "nodes": nodes}
@@ -158,7 +112,16 @@ def accuracy(common_nodes: int, counts: dict, poisson: float) -> dict:
         except ruffini.PressError as error:
             rows.append(row | {"vertices": len(body.mesh.vertices), "failed": str(error)})
             continue
-        errors = truth.errors(body, {"0.5": frames[1], "1.0": frames[3]})
+        errors = {}
+        fields = carried(frames[1::2], body.mesh, common)
+        for frame, (moved, stress), depth in zip(frames[1::2], fields, truth, strict=True):
+            force, (true_moved, true_stress) = -frame.wrench[2], truth[depth]
+            errors[depth] = {
+                "force": force,
+                "force_error": force / reference["force"][depth] - 1,
+                "displacement_error": difference(moved, true_moved, nodal(common, tets)),
+                "von_mises_error": difference(stress, true_stress, tets),
+            }
         rows.append(row | cost | {"depths": errors})
     common_size = {"vertices": len(common.vertices), "tetrahedra": len(common.tets)}
     return {"poisson": poisson, "common": common_size, "reference": reference, "rows": rows}

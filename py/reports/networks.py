@@ -18,7 +18,7 @@ from typing import Any
 
 import tomllib
 
-from engine import OUT, table, text
+from engine import OUT, spread, table, text
 
 ROUNDS = ["--down", "1", "1", "1", "--up", "1", "1"]
 RECIPE = ["--split", "presses", "--epochs", "80", *ROUNDS]
@@ -77,7 +77,7 @@ Trained on {train[1]:,} frames of {train[0]} drawn indenters and judged on {test
 {test[0]} others, which no network was trained on and none was chosen by. Relative L² a frame,
 median / 95th percentile.
 
-{spread}
+{seeds}
 
 {runs}
 
@@ -95,10 +95,7 @@ def page(report: dict[str, Any]) -> str:
         "channels": "{network[width]}",
         "rounds": "{depth}",
         "epochs": "{training[epochs]}",
-        **{
-            title: f"{{errors[{what}][median]:100*.1f}} / {{errors[{what}][p95]:100*.1f}}"
-            for what, title in ERRORS.items()
-        },
+        **{title: spread(f"errors[{what}]") for what, title in ERRORS.items()},
         "trained by": "{data[trained_by]}",
     }
     rows = [run | {"depth": depth} for run, depth in zip(runs, rounds, strict=True)]
@@ -106,12 +103,12 @@ def page(report: dict[str, Any]) -> str:
     return text(
         PAGE,
         runs[0]["data"],
-        spread=spread([card for name, card in report.items() if name in SEEDED]),
+        seeds=over_seeds([card for name, card in report.items() if name in SEEDED]),
         runs=table(columns, rows, absent="–"),
     )
 
 
-def spread(cards: list[dict[str, Any]]) -> str:
+def over_seeds(cards: list[dict[str, Any]]) -> str:
     """Medians over the seeds, least and largest, where there are several."""
     found = []
     for what, title in ERRORS.items():

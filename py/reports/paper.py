@@ -17,7 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from engine import OUT, ROOT, filled, machine, plt, table, text
+import numpy as np
+
+from engine import OUT, ROOT, filled, machine, plt, readable, spread, table, text
 
 BUDGET = 600.0
 """Of a run (s of processor time)."""
@@ -165,21 +167,16 @@ with what else the machine does.
 {spent}"""
 
 
-def spread(way: str) -> str:
-    """A column: median and 95th percentile in per cent."""
-    return f"{{{way}[median]:100*.1f}} / {{{way}[p95]:100*.1f}} %"
-
-
 ERRORS: dict[str, Any] = {
     "answerer": "{name}",
     "presses": "{errors[presses]}",
-    "u": spread("errors[displacement]"),
-    "σ": spread("errors[stress]"),
-    "σ at the peak": spread("errors[peak]"),
+    "u": spread("errors[displacement]", unit=" %"),
+    "σ": spread("errors[stress]", unit=" %"),
+    "σ at the peak": spread("errors[peak]", unit=" %"),
     "mean abs. u": "{errors[displacement_mae]:1e6*.2f} µm",
     "mean abs. σ": "{errors[stress_mae]:,.0f} Pa",
     "net force": lambda row: (
-        filled(spread("errors[force]"), row) if "force" in row["errors"] else "not said"
+        filled(spread("errors[force]", unit=" %"), row) if "force" in row["errors"] else "not said"
     ),
     "CPU a press": lambda row: (
         "–" if row.get("seconds") is None else f"{1e3 * row['seconds']:.0f} ms"
@@ -201,7 +198,7 @@ RIGID = {
     "true (µm)": "{rigid_truth[0][median]:1e6*.1f} / {rigid_truth[0][p95]:1e6*.1f}",
     "error (°)": "{rigid[1][median]:.3f} / {rigid[1][p95]:.3f}",
     "true (°)": "{rigid_truth[1][median]:.3f} / {rigid_truth[1][p95]:.3f}",
-    "object's motion": spread("object"),
+    "object's motion": spread("object", unit=" %"),
 }
 
 
@@ -281,51 +278,29 @@ def conclusion(report: dict[str, Any]) -> str:
     """Who wins, whether the paper's ranking holds, and what the linear answer says to it."""
     lines = ["The paper's ranking is B < Baseline < A. Medians of the relative error, ours:", ""]
     for part, where in PARTS.items():
-        found = medians(report, part)
-        mean = {
-            name: [sum(pair[i] for pair in pairs) / len(pairs) for i in (0, 1)]
-            for name, pairs in found.items()
-        }
+        seeds = defaultdict(list)
+        for row in judged(report, part):
+            medians = [row["errors"][field]["median"] for field in FIELDS]
+            seeds[row["name"].split(", seed")[0]].append(medians)
+        mean = {name: np.mean(of, axis=0) for name, of in seeds.items()}
+        networks = [name for name in NAMES.values() if name in mean]
         for i, field in enumerate(("u", "σ")):
-            ranking = sorted((mean[name][i], name) for name in NAMES.values() if name in mean)
+            ranking = sorted((mean[name][i], name) for name in networks)
             order = " < ".join(f"{name} {100 * error:.1f} %" for error, name in ranking)
-            lines.append(f"- {field}, {where}: {order}; {certainty(found, ranking, i)}.")
-        lines.append(f"- {beaten(mean, where)}")
+            change = max(np.ptp([medians[i] for medians in of]) for of in seeds.values())
+            clear = "more" if ranking[1][0] - ranking[0][0] > change else "less"
+            step = f"the first step is {clear} than what another seed changes, {100 * change:.1f} %"
+            lines.append(f"- {field}, {where}: {order}; {step}.")
+        best = np.min([mean[name] for name in networks], axis=0)
+        rivals = {name: mean[name] for name in ("linear answer", "corrector") if name in mean}
+        lose = all((rival < best).all() for rival in rivals.values())
+        verdict = "All three lose" if lose else "Not all three lose"
+        beside = " and ".join(
+            f"the {n} ({100 * u:.1f} / {100 * s:.1f} %)" for n, (u, s) in rivals.items()
+        )
+        own = f"the best of the three {100 * best[0]:.1f} % / {100 * best[1]:.1f} %"
+        lines.append(f"- **{verdict}** to {beside}, u / σ on {where}; {own}.")
     return "\n".join(lines)
-
-
-def medians(report: dict[str, Any], part: str) -> dict[str, list[tuple[float, float]]]:
-    """Median errors of u and σ of each answerer's seeds."""
-    found = defaultdict(list)
-    for row in judged(report, part):
-        pair = (row["errors"]["displacement"]["median"], row["errors"]["stress"]["median"])
-        found[row["name"].split(", seed")[0]].append(pair)
-    return dict(found)
-
-
-def certainty(
-    found: dict[str, list[tuple[float, float]]], ranking: list[tuple[float, str]], field: int
-) -> str:
-    """How a ranking's first step compares with what another seed changes."""
-    several = [pairs for pairs in found.values() if len(pairs) > 1]
-    if not several:
-        return "one seed each, so what another would change is not known"
-    seeds = max(abs(a[field] - b[field]) for pairs in several for a in pairs for b in pairs)
-    clear = "more" if ranking[1][0] - ranking[0][0] > seeds else "less"
-    return f"the first step is {clear} than what another seed changes, {100 * seeds:.1f} %"
-
-
-def beaten(mean: dict[str, list[float]], where: str) -> str:
-    """The networks beside the answers that know elasticity."""
-    best = [min(mean[name][i] for name in NAMES.values() if name in mean) for i in (0, 1)]
-    rivals = {name: mean[name] for name in ("linear answer", "corrector") if name in mean}
-    worse = all(rival[i] < best[i] for rival in rivals.values() for i in (0, 1))
-    verdict = "All three lose" if worse else "Not all three lose"
-    beside = " and ".join(
-        f"the {n} ({100 * u:.1f} / {100 * s:.1f} %)" for n, (u, s) in rivals.items()
-    )
-    own = " / ".join(f"{100 * error:.1f} %" for error in best)
-    return f"**{verdict}** to {beside}, u / σ on {where}; the best of the three {own}."
 
 
 def spent(run: dict[str, Any]) -> dict[str, Any]:
@@ -348,10 +323,7 @@ def figure(report: dict[str, Any]):
         cost(report, field, right)
         left.set_ylabel(f"median relative error of {name} (%)")
     for axis in axes.flat:
-        axis.grid(alpha=0.3, which="both")
-        for numbers in (axis.xaxis, axis.yaxis):
-            numbers.set_major_formatter("{x:g}")
-            numbers.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:g}"[0] in "25" else "")
+        readable(axis)
     axes[0][0].set_title("Novel objects: error by training, 40 frames")
     axes[0][1].set_title("Novel objects: error by cost, all frames (bars to 95th percentile)")
     return picture

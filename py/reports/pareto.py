@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pareto_cases
-from engine import KEPT, OUT, ROOT, Rows, filled, made, plt, quantiles, run, table, text
+from engine import KEPT, OUT, ROOT, Rows, filled, made, plt, quantiles, run, spread, table, text
 from engine.figures import BLUE, BROWN, GREEN, LIGHT, RED
 from pareto_cases import ANSWERERS, ELEMENTS, FEW
 
@@ -362,8 +362,7 @@ def knowing(found: dict) -> str:
         for part, errors in found[name].items()
     ]
     columns = {"network": "{name}", "it says": "{part}", "frames": "{frames}"}
-    both = "{{{0}[median]:100*.1f}} / {{{0}[95 %]:100*.1f}}"
-    columns |= {"u": both.format("displacement"), "force": both.format("force")}
+    columns |= {"u": spread("displacement", "95 %"), "force": spread("force", "95 %")}
     return table(columns, rows, absent="–")
 
 

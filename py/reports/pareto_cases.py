@@ -19,6 +19,7 @@ import numpy as np
 
 import ruffini
 from fem_cases import bonded_layer
+from meshes import carried, difference
 from ruffini import (
     Compliance,
     Deformation,
@@ -31,7 +32,6 @@ from ruffini import (
     Shape,
     SoftBody,
     Surrogate,
-    Transfer,
 )
 from ruffini.dataset import Dataset
 
@@ -258,11 +258,7 @@ class Fields:
         model = ruffini.sensor(gel.sensor, resolution=MODEL_NODES).mesh
         silent = np.full(6, np.nan)
         force = np.array([getattr(frame, "wrench", silent)[:3] for frame in frames])
-        moved, stress = [f.displacement for f in frames], [f.von_mises for f in frames]
-        if len(mesh.vertices) != len(model.vertices):
-            carry = Transfer(mesh, model)
-            moved = [carry.interpolate(u) for u in moved]
-            stress = [carry.average(s) for s in stress]
+        moved, stress = zip(*carried(frames, mesh, model), strict=True)
         return cls(np.array(moved), np.array(stress), force)
 
     def errors(self, truth: Fields, frames: range) -> dict[str, list[float]]:
@@ -279,7 +275,7 @@ class Fields:
         if np.abs(true["displacement"]).max() < STILL:
             return {"still": float(np.abs(mine["displacement"]).max())}
         off = {
-            name: float(np.linalg.norm(mine[name] - true[name]) / np.linalg.norm(true[name]))
+            name: difference(mine[name], true[name])
             for name in names
             if np.isfinite(mine[name]).all()
         }

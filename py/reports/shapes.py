@@ -15,6 +15,7 @@ import numpy as np
 
 import ruffini
 from engine import Rows, made, run, table, text
+from meshes import carried, difference
 from ruffini import Fem, LinearPad, Press, PressError, Shape, Surrogate
 
 SENSOR, FRICTION = "gelsight-mini", 0.8
@@ -74,19 +75,15 @@ def row(name: str, depth: float) -> dict[str, Any]:
         return found | {"failed": failed}
     network, fields = answers["network"], {}
     for who, answer in answers.items():
-        moved, stress = answer.displacement, answer.von_mises
-        if len(moved) != len(network.displacement):
-            carry = ruffini.Transfer(asked[who].body.mesh, asked["network"].body.mesh)
-            moved, stress = carry.interpolate(moved), carry.average(stress)
-        fields[who] = dict(zip(PARTS, (moved, stress, answer.wrench[:3]), strict=True))
+        [of] = carried([answer], asked[who].body.mesh, asked["network"].body.mesh)
+        fields[who] = dict(zip(PARTS, (*of, answer.wrench[:3]), strict=True))
     true = fields.pop("truth")
-    size = np.linalg.norm
     errors = {
-        who: {part: float(size(of[part] - true[part]) / size(true[part])) for part in PARTS}
+        who: {part: difference(of[part], true[part]) for part in PARTS}
         for who, of in fields.items()
     }
     knows = {"predicted": network.predicted_error, "knows": asked["network"].knows(network)}
-    return found | {"force": float(size(true["force"]))} | errors | knows
+    return found | {"force": float(np.linalg.norm(true["force"]))} | errors | knows
 
 
 def contact(shape: Shape, height: float) -> np.ndarray:

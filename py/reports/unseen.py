@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import ruffini
-from engine import COLOURS, ROOT, Rows, made, plt, run, table, text
+from engine import COLOURS, ROOT, Rows, made, plt, readable, run, table, text
 from ruffini import Press, PressError, Shape
 
 sys.path.insert(0, str(ROOT / "tests/reference"))
@@ -251,8 +251,6 @@ def figure(report: dict[str, Any]):
             y = [100 * row["errors"][name][i] for row in told]
             axis.loglog(x, y, "o", ms=3, color=colour, label=name, alpha=0.7)
         axis.set(title=part, xlabel="smallest feature (mm)", ylabel="relative error (%)")
-        axis.set_xticks(SIZES, [f"{size:g}" for size in SIZES])
-        axis.minorticks_off()
     picture.legend(*axes[0].get_legend_handles_labels(), ncols=7, loc="outside lower center")
     if sure := [row for row in rows if "predicted" in row]:
         said = 100 * np.ravel([row["predicted"] for row in sure])
@@ -261,5 +259,8 @@ def figure(report: dict[str, Any]):
         axes[3].loglog([0.3, 300], [0.3, 300], color="black", lw=1)
     axes[3].set(title="predicted errors", xlabel="predicted (%)", ylabel="true (%)")
     for axis in axes:
-        axis.grid(alpha=0.3)
+        readable(axis)
+    for axis in axes[:3]:
+        axis.set_xticks(SIZES, [f"{size:g}" for size in SIZES])
+        axis.xaxis.minorticks_off()
     return picture

@@ -17,7 +17,8 @@ import numpy as np
 
 import extreme_scenes
 import ruffini
-from extreme import GELS, NETWORK, WrongError, press, shape, soft_body, turned
+from extreme import GELS, NETWORK, WrongError, press, shape, soft_body
+from meshes import surface, turned, volumes
 from ruffini import Compliance, Deformation, Fem, PressError, SoftBody, Surrogate
 
 NAMED = ("not-converged", "penetrated", "inverted", "unreachable", "invalid", "network")
@@ -27,7 +28,6 @@ DEEPEST = 250 * 2e-6 * 1.001
 """Depth of contact points in a shape that is documented as an error (m)."""
 BETWEEN = 0.4e-3 / 3**0.5
 """Farthest that a place of the skin at rest is from contact points 0.4 mm apart (m)."""
-SIDES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 
 def judged(case: dict) -> dict:
@@ -128,7 +128,7 @@ def check_fem(case: dict, body: SoftBody, frame: Deformation) -> None:
     if left > allowed(case) * nodes(case, body) ** 0.5:
         raise WrongError(f"{left:.2e} N on a free body")
     if case["law"] == "neo-hookean" and case["element"] == "p1":
-        least = volumes(body, frame.displacement).min()
+        least = volumes(body.mesh, frame.displacement).min()
         if least <= 0.0:
             raise WrongError(f"a tetrahedron of {least:.2e} m³")
 
@@ -145,12 +145,6 @@ def allowed(case: dict) -> float:
     return TOLERANCE * max(case["young"] / 1e6, 1.0)
 
 
-def volumes(body: SoftBody, displacement: np.ndarray) -> np.ndarray:
-    """Volumes of the deformed tetrahedra (m³)."""
-    a, b, c, d = np.moveaxis((body.mesh.vertices + displacement)[body.mesh.tets], 1, 0)
-    return np.einsum("ti,ti->t", np.cross(b - a, c - a), d - a) / 6
-
-
 def check_plate(case: dict, frame: Deformation, total: float) -> None:
     """A plate presses down within the cone of friction, on every node that it touches."""
     normal, sideways = -frame.wrench[2], size(frame.wrench[:2])
@@ -163,7 +157,8 @@ def check_plate(case: dict, frame: Deformation, total: float) -> None:
 def check_depth(case: dict, body: SoftBody, frame: Deformation) -> float:
     """Depth of the shape in the skin where nothing feels it (m); deep ones raise `WrongError`."""
     form, _ = shape(case)
-    faces = skin(body)
+    faces = surface(body.mesh)
+    faces = faces[~np.isin(faces, body.fixed).all(axis=1)]
     vertices = body.mesh.vertices
     rest, corners = vertices[faces], (vertices + frame.displacement)[faces]
     weights = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]])
@@ -194,15 +189,6 @@ def pose(frame: Deformation) -> tuple[np.ndarray, np.ndarray]:
     """Place and turn of the one shape."""
     [(place, turn)] = frame.pose if isinstance(frame.pose, list) else [frame.pose]
     return np.asarray(place), np.asarray(turn)
-
-
-def skin(body: SoftBody) -> np.ndarray:
-    """Corners (F, 3) of the sides that belong to one tetrahedron, but for those that are held."""
-    sides = body.mesh.tets[:, SIDES].reshape(-1, 3)
-    order = np.sort(sides, axis=1)
-    _, first, count = np.unique(order, axis=0, return_index=True, return_counts=True)
-    outer = sides[first[count == 1]]
-    return outer[~np.isin(outer, body.fixed).all(axis=1)]
 
 
 def beside(case: dict, model: Any, last: Deformation) -> dict:

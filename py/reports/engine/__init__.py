@@ -2,12 +2,15 @@
 
 A report is a module with ``make(options)``, which gives its figures as they stand in
 ``tests/reports/<name>.json``, ``page(report)``, the Markdown of them, and where it needs them
-``figure(report)``, a picture, ``options(parser)`` and ``also(report, out, options)``.
+``figure(report)``, a picture, ``options(parser)`` and ``also(report, out, options)``. With
+``ONE_THREAD`` it runs on one where it does not ask for more.
 """
 
-from engine.figures import COLOURS, plt
-from engine.pages import filled, grid, made, table, text
+from matplotlib import pyplot as plt
+
+from engine.figures import COLOURS, readable
+from engine.pages import filled, grid, made, spread, table, text
 from engine.rows import KEPT, OUT, ROOT, Rows, machine, quantiles, run
 
 __all__ = ["COLOURS", "KEPT", "OUT", "ROOT", "Rows", "filled", "grid", "machine", "made", "plt"]
-__all__ += ["quantiles", "run", "table", "text"]
+__all__ += ["quantiles", "readable", "run", "spread", "table", "text"]

@@ -25,6 +25,16 @@ COLOURS = {
 """Of models, by the names that reports give them."""
 
 
+def readable(axis: Any) -> None:
+    """A grid and plain numbers for logarithmic axes that span few decades."""
+    axis.grid(alpha=0.3, which="both")
+    for numbers in (axis.xaxis, axis.yaxis):
+        numbers.set_major_formatter("{x:g}")
+        numbers.set_minor_formatter(
+            lambda x, _: f"{x:g}" if f"{x:g}".strip("0.")[:1] in ("2", "5") else ""
+        )
+
+
 def save(figure: Callable[[dict[str, Any]], Any], report: dict[str, Any], file: Path) -> None:
     """Draws the figure of a report into a file."""
     # Glyphs as text and a fixed seed, so that the same figures make the same bytes.

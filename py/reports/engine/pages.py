@@ -62,6 +62,11 @@ def table(columns: Columns, rows: Iterable[Any], absent: str | None = None) -> s
     return grid([heading for heading, _ in pairs], cells)
 
 
+def spread(way: str, high: str = "p95", unit: str = "") -> str:
+    """A column: the median of an error and a high one in per cent."""
+    return f"{{{way}[median]:100*.1f}} / {{{way}[{high}]:100*.1f}}{unit}"
+
+
 def grid(head: list[str], rows: list[list[str]]) -> str:
     """A table of cells, the first column to the left and the others to the right."""
     lines = [head, ["---"] + ["---:"] * (len(head) - 1), *rows]

@@ -19,7 +19,7 @@ from typing import Any
 class Worker:
     """A process that answers tasks one at a time."""
 
-    def __init__(self, function: Callable[[Any], dict]):
+    def __init__(self, function: Callable[[Any], dict[str, Any]]):
         spawn = multiprocessing.get_context("spawn")
         self.pipe, theirs = spawn.Pipe()
         self._process = spawn.Process(target=_serve, args=(function, theirs), daemon=True)
@@ -56,8 +56,8 @@ class Worker:
 
 
 def answers(
-    function: Callable[[Any], dict], tasks: Iterator[Any], jobs: int, limit: float
-) -> Iterator[tuple[Any, dict]]:
+    function: Callable[[Any], dict[str, Any]], tasks: Iterator[Any], jobs: int, limit: float
+) -> Iterator[tuple[Any, dict[str, Any]]]:
     """Each task with its answer, in the order in which they are finished.
 
     Args:
@@ -90,12 +90,12 @@ def answers(
             worker.end()
 
 
-def _found(worker: Worker, ready: bool, limit: float) -> dict | None:
+def _found(worker: Worker, ready: bool, limit: float) -> dict[str, Any] | None:
     """What became of a worker's task, ``None`` while it is at it."""
     seconds = time.monotonic() - worker.begun
     if ready:
         try:
-            answer: dict = worker.pipe.recv()
+            answer: dict[str, Any] = worker.pipe.recv()
         except (EOFError, ConnectionResetError):
             return {"verdict": "died", "why": f"exit code {worker.end()}", "seconds": seconds}
         return answer
@@ -105,7 +105,7 @@ def _found(worker: Worker, ready: bool, limit: float) -> dict | None:
     return None
 
 
-def _serve(function: Callable[[Any], dict], pipe: Connection) -> None:
+def _serve(function: Callable[[Any], dict[str, Any]], pipe: Connection) -> None:
     while True:
         try:
             task = pipe.recv()
