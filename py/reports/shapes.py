@@ -2,51 +2,38 @@
 
 Ten minutes of one core. The truth is quadratic finite elements on a mesh of 1,200 nodes refined
 towards the contact; beside the network and the linear answer that it corrects stand the usual
-elements, p1-bar on 1,995 nodes.
+elements, p1-bar on 1,995 nodes. --quick asks the smallest ball alone.
 """
 
 from __future__ import annotations
 
 from argparse import Namespace
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 import ruffini
 from engine import Rows, made, run, table, text
-from meshes import carried, difference
-from ruffini import Fem, LinearPad, Press, PressError, Shape, Surrogate
+from pareto_cases import ELEMENTS, MINI, Case, Fields, row, straight
+from ruffini import Fem, PressError
 
-SENSOR, FRICTION = "gelsight-mini", 0.8
-UPRIGHT = (0, 0, 0, 1)
-SHAPES = {
-    **{f"ball {r} mm": (Shape.sphere(1e-3 * r), 1e-3 * r) for r in (1, 3, 6, 12)},
-    "block 10 mm": (Shape.cuboid((5e-3, 5e-3, 5e-3)), 5e-3),
-}
-"""Shapes and how far they reach below their origin (m)."""
-SHALLOW = 4e-4
-"""Greatest depth of the block (m): under its edges the truth takes many minutes beyond."""
-ASIDE = 1e-3
-"""Where they press, beside the middle (m)."""
-DEPTHS = (1e-4, 4e-4, 1e-3, 2e-3)
-FRAMES = 6
-TRUTH_NODES, ELEMENT_NODES = 1200, 2000
-ANSWERERS = ("network", "linear", "elements")
+MADE_OF = ["env-core", "py/reports/shapes.py", "py/reports/pareto_cases.py"]
+SHAPES = [*(("ball", radius) for radius in (1, 3, 6, 12)), ("block", 5)]
+"""Shapes, and radius or half an edge (mm)."""
+DEPTHS = {"ball": (1e-4, 4e-4, 1e-3, 2e-3), "block": (1e-4, 4e-4)}
+"""Where they are pressed to (m): under a block's edges the truth takes many minutes beyond."""
+TRUTH_NODES = 1200
+ANSWERERS = {"network": "network", "linear": "linear, on cells", "elements": ELEMENTS}
 PARTS = ("displacement", "stress", "force")
 
 
 def make(options: Namespace) -> dict[str, Any]:
-    """Every shape to every depth; the quick form the smallest ball to the least."""
-    sizes = {"nodes of the truth": TRUTH_NODES, "friction": FRICTION}
-    rows = Rows.of("shapes", options, ["env-core", "py/reports/shapes.py"], sizes)
-    cases = {
-        f"{place}/{depth}": (row, name, depth)
-        for place, (name, (_, half)) in enumerate(SHAPES.items())
-        for depth in DEPTHS
-        if "ball" in name or depth <= SHALLOW
-    }
-    run(rows, dict(list(cases.items())[:1]) if options.quick else cases)
+    """Every shape to every depth."""
+    sizes = {"nodes of the truth": TRUTH_NODES, "friction": MINI.friction}
+    rows = Rows.of("shapes", options, MADE_OF, sizes)
+    presses = [(shape, depth) for shape in SHAPES for depth in DEPTHS[shape[0]]]
+    few = presses[:1] if options.quick else presses
+    run(rows, {f"{n:02}": (errors, *press) for n, press in enumerate(few)})
     solved = [row for row in rows if "failed" not in row]
     medians = {
         who: {part: float(np.median([row[who][part] for row in solved])) for part in PARTS}
@@ -55,42 +42,34 @@ def make(options: Namespace) -> dict[str, Any]:
     return rows.header | {"note": options.note, "rows": list(rows), "medians": medians}
 
 
-@cache
-def models() -> dict[str, Any]:
-    """The network, the answer that it corrects, and the usual elements."""
-    gel = {"sensor": SENSOR, "friction": FRICTION}
-    elements = Fem(ruffini.sensor(SENSOR, resolution=ELEMENT_NODES), friction=FRICTION)
-    return {"network": Surrogate(**gel), "linear": LinearPad(**gel), "elements": elements}
-
-
-def row(name: str, depth: float) -> dict[str, Any]:
-    """Errors of the answers to a press, or what kept its models from answering."""
-    shape, half = SHAPES[name]
-    path = [([ASIDE, 0, half - d], UPRIGHT) for d in np.linspace(0, depth, FRAMES + 1)[1:]]
-    body = ruffini.sensor(SENSOR, resolution=TRUTH_NODES, around=contact(shape, half - depth))
-    asked = models() | {"truth": Fem(body, friction=FRICTION, element="p2")}
-    answers = {who: model.solve_path(Press(shape, path))[-1] for who, model in asked.items()}
-    found: dict[str, Any] = {"press": name, "depth": depth}
-    if failed := {who: str(a) for who, a in answers.items() if isinstance(a, PressError)}:
+def errors(shape: tuple[str, int], depth: float) -> dict[str, Any]:
+    """Errors of the answers to a press in its last frame, or who did not answer."""
+    [case] = straight("shapes", MINI, [shape], [depth])
+    found: dict[str, Any] = {"press": case.name, "depth": depth}
+    true = truth(case)
+    if true is None:
+        return found | {"failed": ["truth"]}
+    answers = {who: row(case, name, {"truth": true}) for who, name in ANSWERERS.items()}
+    if failed := [who for who, answer in answers.items() if "failed" in answer]:
         return found | {"failed": failed}
-    network, fields = answers["network"], {}
-    for who, answer in answers.items():
-        [of] = carried([answer], asked[who].body.mesh, asked["network"].body.mesh)
-        fields[who] = dict(zip(PARTS, (*of, answer.wrench[:3]), strict=True))
-    true = fields.pop("truth")
-    errors = {
-        who: {part: difference(of[part], true[part]) for part in PARTS}
-        for who, of in fields.items()
+    found["force"] = float(np.linalg.norm(true.force[-1]))
+    return found | {
+        who: {part: of[0] for part, of in answer["truth"].items()}
+        for who, answer in answers.items()
     }
-    knows = {"predicted": network.predicted_error, "knows": asked["network"].knows(network)}
-    return found | {"force": float(np.linalg.norm(true["force"]))} | errors | knows
 
 
-def contact(shape: Shape, height: float) -> np.ndarray:
-    """Places of a flat face inside a shape whose origin is at that height (K, 3)."""
-    line = np.arange(-9e-3, 9.1e-3, 2e-4)
-    places = np.stack(np.meshgrid(line, line, [0.0]), axis=-1).reshape(-1, 3)
-    return places[shape.distance(places - [ASIDE, 0, height])[0] <= 0]
+def truth(case: Case) -> Fields | None:
+    """Quadratic elements refined towards where the undeformed face is inside the shape."""
+    line, (place, _) = np.arange(-9e-3, 9.1e-3, 2e-4), case.path[-1]
+    face = np.stack(np.meshgrid(line, line, [0.0]), axis=-1).reshape(-1, 3)
+    around = face[case.shape.distance(face - place)[0] <= 0]
+    pad = ruffini.sensor(MINI.sensor, resolution=TRUTH_NODES, around=around)
+    body = ruffini.SoftBody(pad.mesh, MINI.young, MINI.poisson, fixed=pad.fixed)
+    frames = Fem(body, friction=MINI.friction, element="p2").solve_path(case.press())
+    if isinstance(frames[-1], PressError):
+        return None
+    return Fields.carried(MINI, pad.mesh, frames)
 
 
 PAGE = """# The network of pads on plain shapes
@@ -106,17 +85,15 @@ answer that the network corrects, *elements* are p1-bar on 1,995 nodes.
 
 def page(report: dict[str, Any]) -> str:
     """A row a press, and the medians."""
-    errors = " / ".join(f"{{{{{{0}}[{part}]:100*.1f}}}}" for part in PARTS)
-    columns = {
-        "press": lambda row: (
-            f"{row['press']}, {1e3 * row['depth']:.1f} mm" if "depth" in row else row["press"]
-        ),
-        "force": lambda row: (
-            f"not solved by {', '.join(row['failed'])}"
-            if "failed" in row
-            else f"{row['force']:.2f} N"
-        ),
-        **{who: errors.format(who) for who in ANSWERERS},
+    named = [
+        row | {"press": f"{row['press']}, {1e3 * row['depth']:.1f} mm"} for row in report["rows"]
+    ]
+    columns: dict[str, Any] = {"press": "{press}"}
+    columns["force"] = lambda row: (
+        f"not solved by {', '.join(row['failed'])}" if "failed" in row else f"{row['force']:.2f} N"
+    )
+    columns |= {
+        who: " / ".join(f"{{{who}[{part}]:100*.1f}}" for part in PARTS) for who in ANSWERERS
     }
-    rows = [*report["rows"], {"press": "**median**", **report["medians"]}]
+    rows = [*named, {"press": "**median**", **report["medians"]}]
     return text(PAGE, report, presses=table(columns, rows, absent=""), made=made(report))

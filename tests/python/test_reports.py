@@ -106,6 +106,10 @@ def test_a_page_is_that_of_its_figures(name):
     assert made == (REPORTS / f"{name}.md").read_text(), "to be made anew by .ci/report --pages"
 
 
+def test_every_report_is_made_by_ci():
+    assert set(command.REPORTS) <= set(re.findall(r"\w+", (ROOT / ".ci/report").read_text()))
+
+
 def test_text_has_its_figures_in_other_units_and_leaves_out_what_is_empty():
     found = {"of": {"95 %": 0.125}, "s": 0.0042}
     template = "Errors of {of[95 %]:100*.1f} %\nin {s:1e3*.1f} ms.\n\n{nothing}\n\nThe end."

@@ -45,17 +45,15 @@ def make(name: str, *arguments: str) -> None:
     out.mkdir(parents=True, exist_ok=True)
     if getattr(report, "ONE_THREAD", False):
         os.environ["RAYON_NUM_THREADS"] = "1"
-    file, found = out / f"{name}.json", None
-    if not options.pages:
-        found = report.make(options)
+    file, found = out / f"{name}.json", None if options.pages else report.make(options)
     if found is None:
-        found = json.loads(file.read_text())
+        found = json.loads((file if file.exists() else OUT / file.name).read_text())
     else:
         file.write_text(json.dumps(found, indent=1) + "\n")
     write(name, found, out)
     if also := getattr(report, "also", None):
         also(found, out, options)
-    print(f"{file.with_suffix('.md')}")
+    print(file.with_suffix(".md"))
 
 
 def parser_of(report: ModuleType, name: str) -> argparse.ArgumentParser:
