@@ -40,7 +40,7 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument("--presses", type=int, default=14, help="most of a panel; 14 if not given")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 2 if not given")
     parser.add_argument(
-        "--again", nargs="+", choices=list(ANSWERERS), help="only these; the others as they stand"
+        "--again", nargs="+", metavar="NAME", choices=list(ANSWERERS), help="only these anew"
     )
 
 

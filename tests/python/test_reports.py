@@ -34,14 +34,14 @@ README = [
     ("163", "to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
     ("240", "steps a second", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
 ]
-"""Figures of README: as they are written, a word near by, the report and the way to them in it."""
+"""Figures of README: as they are written, a word near by, the report and the keys to them in it."""
 MADE = [name for name in command.REPORTS if (REPORTS / f"{name}.json").exists()]
 """Reports whose JSON is committed."""
 
 
-def is_time(way: str) -> bool:
+def is_time(keys: str) -> bool:
     """Whether a figure depends on the machine."""
-    return any(TIMES.search(step) for step in way.split(" / "))
+    return any(TIMES.search(step) for step in keys.split(" / "))
 
 
 @pytest.mark.parametrize("page", pages.WRITTEN, ids=lambda page: page.name)
@@ -51,21 +51,21 @@ def test_every_marked_figure_is_that_of_its_report(page):
     assert len(marks) == text.count("<!--"), "a mark that is not read"
     for mark in marks:
         true = pages.quoted(mark)
-        if mark["number"].replace(",", "") != true.replace(",", "") and not is_time(mark["way"]):
+        if mark["number"].replace(",", "") != true.replace(",", "") and not is_time(mark["keys"]):
             wrong.append(f"{mark[0]} is {true}")
     assert not wrong, wrong
 
 
-@pytest.mark.parametrize(("written", "word", "report", "way"), README)
-def test_every_figure_of_the_readme_is_that_of_its_report(written, word, report, way):
+@pytest.mark.parametrize(("written", "word", "report", "keys"), README)
+def test_every_figure_of_the_readme_is_that_of_its_report(written, word, report, keys):
     text = " ".join((ROOT / "README.md").read_text().split())
     place = re.search(rf"(?<![\d.,]){re.escape(written)}", text)
     assert place is not None, "a figure that README has no more"
     assert word in text[place.start() :][:60]
     number, _, unit = written.partition(" ")
-    true = pages.value(report, way) * (100 if unit == "%" else 1)
+    true = pages.value(report, keys) * (100 if unit == "%" else 1)
     digits = len(number.partition(".")[2])
-    assert number.replace(",", "") == f"{true:.{digits}f}" or is_time(way)
+    assert number.replace(",", "") == f"{true:.{digits}f}" or is_time(keys)
 
 
 def test_the_readme_is_short_and_hides_nothing():
@@ -79,7 +79,7 @@ LINK = re.compile(r"\]\((?!https?://|#)([^)#]+)")
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", *pages.WRITTEN], ids=lambda page: page.name)
 def test_every_link_leads_somewhere(page):
-    lost = [way for way in LINK.findall(page.read_text()) if not (page.parent / way).exists()]
+    lost = [keys for keys in LINK.findall(page.read_text()) if not (page.parent / keys).exists()]
     assert not lost, lost
 
 

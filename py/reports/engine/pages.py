@@ -1,10 +1,10 @@
 """Markdown of what the JSON of a report holds: tables by columns, text with figures by key.
 
-A figure stands in text and in a column as in `str.format`, by its way in the JSON, with a factor
+A figure stands in text and in a column as in `str.format`, by its keys in the JSON, with a factor
 before the format where it is written in another unit: ``{error[median]:100*.1f} %``. On pages that
-are written by hand it is followed by a mark, the report's name and the way to it:
-``12.3 ms<!-- pareto: panels / deep / network / ms -->``, through a list by the number of a row or
-by a name that stands in it; before a ``%`` it is a hundred times that.
+are written by hand it is followed by a mark, the report's name and the keys that lead to it:
+``12.3 ms<!-- pareto: panels / deep / network / ms -->``, in a list the number of a row or a name
+that stands in it; before a ``%`` it is a hundred times that.
 """
 
 from __future__ import annotations
@@ -62,9 +62,9 @@ def table(columns: Columns, rows: Iterable[Any], absent: str | None = None) -> s
     return grid([heading for heading, _ in pairs], cells)
 
 
-def spread(way: str, high: str = "p95", unit: str = "") -> str:
+def spread(key: str, high: str = "p95", unit: str = "") -> str:
     """A column: the median of an error and a high one in per cent."""
-    return f"{{{way}[median]:100*.1f}} / {{{way}[{high}]:100*.1f}}{unit}"
+    return f"{{{key}[median]:100*.1f}} / {{{key}[{high}]:100*.1f}}{unit}"
 
 
 def grid(head: list[str], rows: list[list[str]]) -> str:
@@ -87,7 +87,7 @@ def made(report: Mapping[str, Any], sizes: Mapping[str, Any] | None = None) -> s
 
 
 MARK = re.compile(
-    r"(?P<number>-?[\d,]*\.?\d+)(?P<unit> ?[%\w]+)?\**<!-- (?P<report>[\w-]+): (?P<way>.+?) -->"
+    r"(?P<number>-?[\d,]*\.?\d+)(?P<unit> ?[%\w]+)?\**<!-- (?P<report>[\w-]+): (?P<keys>.+?) -->"
 )
 FOLDERS = (OUT, ROOT / "tests/reference", ROOT / "policies/results")
 """Where the JSON is that pages quote."""
@@ -100,28 +100,28 @@ def _json(file: Path) -> Any:
     return json.loads(file.read_text())
 
 
-def value(report: str, way: str) -> float:
-    """The number at the end of a way into a report.
+def value(report: str, keys: str) -> float:
+    """The number in a report under keys.
 
     Raises:
-        KeyError: If the way leads to none.
+        KeyError: If there is none.
     """
     files = [folder / f"{report}.json" for folder in FOLDERS]
     found = _json(next(file for file in files if file.exists()))
-    for step in way.split(" / "):
+    for step in keys.split(" / "):
         if isinstance(found, list) and not step.isdigit():
             [found] = [row for row in found if step in row.values()]
         else:
             found = found[int(step) if isinstance(found, list) else step]
     if not isinstance(found, int | float):
-        raise KeyError(f"{report}: {way} is {found}")
+        raise KeyError(f"{report}: {keys} is {found}")
     return found
 
 
 def quoted(mark: re.Match[str]) -> str:
     """A marked figure as the report has it, with as many digits as are written."""
     digits = len(mark["number"].partition(".")[2])
-    true = value(mark["report"], mark["way"]) * (100 if "%" in (mark["unit"] or "") else 1)
+    true = value(mark["report"], mark["keys"]) * (100 if "%" in (mark["unit"] or "") else 1)
     return f"{true:,.{digits}f}" if true >= 1e3 and "," in mark["number"] else f"{true:.{digits}f}"
 
 
