@@ -11,7 +11,6 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -283,14 +282,6 @@ class Fields:
         return off if self.known is None else off | {"known": float(self.known[frame])}
 
 
-@lru_cache(maxsize=2)
-def model(name: str, gel: Gel) -> tuple[Any, float]:
-    """An answerer of a gel, and the CPU time that making it took (s)."""
-    begun = time.process_time()
-    made = ANSWERERS[name].make(gel)
-    return made, time.process_time() - begun
-
-
 def finest(case: Case, nodes: int, kept: Path) -> Fields | None:
     """What the finest mesh says, kept in a file; ``None`` where it has no answer."""
     file = kept / f"{case.panel}-{case.name.replace('/', '-')}.npz"
@@ -310,7 +301,7 @@ def answered(case: Case, name: str) -> tuple[Fields | None, dict]:
     """A press answered by name: its fields, and CPU time a frame (s) or why there is none."""
     if name == LAYER:
         return None, closed_form(case)
-    made, setup = model(name, case.gel)
+    made = ANSWERERS[name].make(case.gel)
     seconds: list[float] = []
     while len(seconds) < REPEATS and sum(seconds) * len(case.path) < 1.0:
         begun = time.process_time()
@@ -321,7 +312,7 @@ def answered(case: Case, name: str) -> tuple[Fields | None, dict]:
     fields = Fields.carried(case.gel, made.body.mesh, frames)
     if hasattr(made, "knows"):
         fields.known = [made.knows(frame) for frame in frames]
-    return fields, {"seconds": min(seconds), "setup": setup}
+    return fields, {"seconds": min(seconds)}
 
 
 def closed_form(case: Case) -> dict:

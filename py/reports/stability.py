@@ -29,13 +29,7 @@ from verdict import judged
 ONE_THREAD = True
 MADE_OF = ["env-core", "py/src"]
 MADE_OF += [f"py/reports/{name}.py" for name in ("extreme", "extreme_scenes", "verdict")]
-ANSWERERS = {
-    "fem": 0.36,
-    "compliance": 0.22,
-    "nodes": 0.16,
-    "surrogate": 0.12,
-    "environment": 0.14,
-}
+ANSWERERS = {"fem": 0.36, "compliance": 0.22, "nodes": 0.16, "surrogate": 0.12, "environment": 0.14}
 """Who is asked, and how often: "nodes" is compliance with contact there."""
 SEED = 7
 LIMIT = 120.0
