@@ -20,7 +20,6 @@ ROOT = Path(__file__).resolve().parents[2]
 REPORTS = ROOT / "tests/reports"
 sys.path.append(str(ROOT / "py/reports"))
 pytest.importorskip("matplotlib", reason="reports draw with it")
-pytest.importorskip("tomllib", reason="some of what reports read is TOML, read from Python 3.11 on")
 
 from engine import command, pages
 
@@ -37,6 +36,12 @@ README = [
 """Figures of README: as they are written, a word near by, the report and the keys to them in it."""
 MADE = [name for name in command.REPORTS if (REPORTS / f"{name}.json").exists()]
 """Reports whose JSON is committed."""
+
+
+def module(name):
+    """The module of a report."""
+    pytest.importorskip("tomllib", reason="some of what reports read is TOML, read from 3.11 on")
+    return importlib.import_module(name)
 
 
 def is_time(keys: str) -> bool:
@@ -102,7 +107,7 @@ def test_quoted_figures_are_written_anew_from_the_reports():
 @pytest.mark.parametrize("name", MADE)
 def test_a_page_is_that_of_its_figures(name):
     report = json.loads((REPORTS / f"{name}.json").read_text())
-    made = importlib.import_module(name).page(report) + "\n"
+    made = module(name).page(report) + "\n"
     assert made == (REPORTS / f"{name}.md").read_text(), "to be made anew by .ci/report --pages"
 
 
@@ -131,14 +136,14 @@ def test_a_table_has_a_row_for_each_and_says_what_is_absent():
 
 
 def test_what_is_recommended_from_is_the_report():
-    pareto = importlib.import_module("pareto")
+    pareto = module("pareto")
     report = json.loads((REPORTS / "pareto.json").read_text())
     shipped = json.loads((ROOT / "py/python/ruffini/answerers.json").read_text())
     assert pareto.chosen(report) == shipped
 
 
 def test_a_front_leaves_out_what_is_measurably_beaten():
-    pareto = importlib.import_module("pareto")
+    pareto = module("pareto")
 
     def answers(ms, error, kind="fem", whole=True):
         return {"ms": ms, "finest": {"force": {"median": error}}, "kind": kind, "whole": whole}
@@ -158,13 +163,13 @@ def test_a_front_leaves_out_what_is_measurably_beaten():
 
 
 def test_every_answerer_is_in_the_picture():
-    pareto = importlib.import_module("pareto")
+    pareto = module("pareto")
     drawn = {name for series in pareto.SERIES.values() for name in series.members}
     assert drawn == set(pareto.ANSWERERS)
 
 
 def test_what_a_change_may_touch_is_asked_again(tmp_path, monkeypatch):
-    stability = importlib.import_module("stability")
+    stability = module("stability")
 
     def asked(*options, build):
         """Who asked what in a run in which that build answers every press with itself."""
