@@ -1,9 +1,8 @@
 """What README and the pages beside it quote of reports, and that made pages are of their figures.
 
-A quoted figure is followed by a comment that says where it comes from, the report's name and the
-way to it in the JSON: ``12.3 ms<!-- pareto: panels / deep / network / ms -->``, through a list by
-the number of a row or by a name that stands in it. It must be that number, rounded to as many
-digits as are written; before a ``%``, a hundred times that.
+A quoted figure is found by its key. It is the report's, with as many digits as are written, but for
+times: those of another machine are others, and only have to be there. ``.ci/report --pages`` writes
+pages and their quoted figures anew; what README quotes is listed here.
 """
 
 from __future__ import annotations
@@ -12,17 +11,22 @@ import importlib
 import json
 import re
 import sys
+from argparse import Namespace
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORTS = ROOT / "tests/reports"
-RESULTS = ROOT / "policies/results"
-FOLDERS = (REPORTS, ROOT / "tests/reference", RESULTS)
-DOCS = ROOT / "py/docs"
-WRITTEN = (REPORTS / "mechanics.md", REPORTS / "surrogate.md", *sorted(DOCS.glob("*.md")))
-"""Pages that are written by hand, with marks."""
+sys.path.append(str(ROOT / "py/reports"))
+pytest.importorskip("matplotlib", reason="reports draw with it")
+
+from engine import command, pages
+
+TIMES = re.compile(
+    r"ms|rate|share|ratio|peak_mib|untouched|random_actions|steps_per_second|(.*_)?seconds.*"
+)
+"""A key of figures that are others on another machine."""
 README = [
     ("17 %", "displacement", "unseen", "table / all / network / displacement / 0"),
     ("20 %", "stress", "unseen", "table / all / network / stress / 0"),
@@ -31,65 +35,44 @@ README = [
     ("163", "to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
     ("240", "steps a second", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
 ]
-"""Figures of README: as they are written, a word near by, the report and the way to them in it."""
-MARK = re.compile(
-    r"(?P<number>-?[\d,]*\.?\d+)(?P<unit> ?[%\w]+)?\**<!-- (?P<report>[\w-]+): (?P<way>.+?) -->"
-)
-PAGES = {
-    f"{name}_pages": name
-    for name in ("dataset", "episode", "fem", "paper", "pareto", "scene_cost", "stability")
-}
-PAGES |= {"networks": "networks"}
-"""Reports by the module that writes their page."""
-sys.path += [str(REPORTS), str(ROOT / "policies")]
+"""Figures of README: as they are written, a word near by, the report and the keys to them in it."""
+MADE = [name for name in command.REPORTS if (REPORTS / f"{name}.json").exists()]
+"""Reports whose JSON is committed."""
 
 
-def value(report: str, way: str) -> float:
-    """The number at the end of a way into a report."""
-    files = [folder / f"{report}.json" for folder in FOLDERS]
-    found = json.loads(next(file for file in files if file.exists()).read_text())
-    for step in way.split(" / "):
-        found = row(found, step) if isinstance(found, list) else found[step]
-    assert isinstance(found, (int, float)), f"{report}: {way} is {found}"
-    return found
+def module(name):
+    """The module of a report."""
+    pytest.importorskip("tomllib", reason="some of what reports read is TOML, read from 3.11 on")
+    return importlib.import_module(name)
 
 
-def row(rows: list[dict], step: str) -> dict:
-    """The row of that number, or the only one that has that name in it."""
-    [found] = [rows[int(step)]] if step.isdigit() else [r for r in rows if step in r.values()]
-    return found
+def is_time(keys: str) -> bool:
+    """Whether a figure depends on the machine."""
+    return any(TIMES.fullmatch(step) for step in keys.split(" / "))
 
 
-def quoted(mark: re.Match[str]) -> tuple[str, str]:
-    """A marked figure as it is written, and as the report has it."""
-    written = mark["number"]
-    _, _, digits = written.partition(".")
-    true = value(mark["report"], mark["way"]) * (100 if "%" in (mark["unit"] or "") else 1)
-    return written.replace(",", ""), f"{true:.{len(digits)}f}"
-
-
-@pytest.mark.parametrize("page", WRITTEN, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", pages.WRITTEN, ids=lambda page: page.name)
 def test_every_marked_figure_is_that_of_its_report(page):
     text = page.read_text()
-    marks, wrong = list(MARK.finditer(text)), []
+    marks, wrong = list(pages.MARK.finditer(text)), []
     assert len(marks) == text.count("<!--"), "a mark that is not read"
     for mark in marks:
-        written, true = quoted(mark)
-        if written != true:
+        true = pages.quoted(mark)
+        if mark["number"].replace(",", "") != true.replace(",", "") and not is_time(mark["keys"]):
             wrong.append(f"{mark[0]} is {true}")
     assert not wrong, wrong
 
 
-@pytest.mark.parametrize(("written", "word", "report", "way"), README)
-def test_every_figure_of_the_readme_is_that_of_its_report(written, word, report, way):
+@pytest.mark.parametrize(("written", "word", "report", "keys"), README)
+def test_every_figure_of_the_readme_is_that_of_its_report(written, word, report, keys):
     text = " ".join((ROOT / "README.md").read_text().split())
     place = re.search(rf"(?<![\d.,]){re.escape(written)}", text)
     assert place is not None, "a figure that README has no more"
     assert word in text[place.start() :][:60]
     number, _, unit = written.partition(" ")
-    true = value(report, way) * (100 if report in ("pareto", "unseen") and unit != "ms" else 1)
+    true = pages.value(report, keys) * (100 if unit == "%" else 1)
     digits = len(number.partition(".")[2])
-    assert number.replace(",", "") == f"{true:.{digits}f}"
+    assert number.replace(",", "") == f"{true:.{digits}f}" or is_time(keys)
 
 
 def test_the_readme_is_short_and_hides_nothing():
@@ -101,40 +84,68 @@ def test_the_readme_is_short_and_hides_nothing():
 LINK = re.compile(r"\]\((?!https?://|#)([^)#]+)")
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", *WRITTEN], ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [ROOT / "README.md", *pages.WRITTEN], ids=lambda page: page.name)
 def test_every_link_leads_somewhere(page):
-    lost = [way for way in LINK.findall(page.read_text()) if not (page.parent / way).exists()]
+    lost = [keys for keys in LINK.findall(page.read_text()) if not (page.parent / keys).exists()]
     assert not lost, lost
 
 
 def test_a_mark_is_read_with_its_digits_and_its_percent():
-    count = value("stability", "presses")
+    count = pages.value("stability", "presses")
     right = f"**{count:,}**<!-- stability: presses -->"
-    written, true = quoted(MARK.search(right))
-    assert written == true
-    share = MARK.search("1.5 %<!-- stability: sizes / limit -->")
-    assert quoted(share) == ("1.5", f"{100 * value('stability', 'sizes / limit'):.1f}")
+    assert pages.quoted(pages.MARK.search(right)) == f"{count:,}"
+    share = pages.MARK.search("1.5 %<!-- stability: sizes / limit -->")
+    assert pages.quoted(share) == f"{100 * pages.value('stability', 'sizes / limit'):.1f}"
 
 
-@pytest.mark.parametrize("module", PAGES)
-def test_a_page_is_that_of_its_figures(module):
-    pytest.importorskip(
-        "tomllib", reason="what was found is kept in TOML, read from Python 3.11 on"
-    )
-    pages, name = importlib.import_module(module), PAGES[module]
+def test_quoted_figures_are_written_anew_from_the_reports():
+    limit = pages.value("stability", "sizes / limit")
+    stale = "at most 7.5 s<!-- stability: sizes / limit --> each"
+    assert pages.requoted(stale) == f"at most {limit:.1f} s<!-- stability: sizes / limit --> each"
+    with pytest.raises(KeyError):
+        pages.requoted("1 s<!-- stability: sizes / no such key -->")
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_a_page_is_that_of_its_figures(name):
     report = json.loads((REPORTS / f"{name}.json").read_text())
-    assert pages.markdown(report) == (REPORTS / f"{name}.md").read_text()
+    made = module(name).page(report) + "\n"
+    assert made == (REPORTS / f"{name}.md").read_text(), "to be made anew by .ci/report --pages"
+
+
+def test_every_report_is_made_by_ci():
+    assert set(command.REPORTS) <= set(re.findall(r"\w+", (ROOT / ".ci/report").read_text()))
+
+
+def test_text_has_its_figures_in_other_units_and_leaves_out_what_is_empty():
+    found = {"of": {"95 %": 0.125}, "s": 0.0042}
+    template = "Errors of {of[95 %]:100*.1f} %\nin {s:1e3*.1f} ms.\n\n{nothing}\n\nThe end."
+    expected = "Errors of 12.5 % in 4.2 ms.\n\nThe end."
+    assert pages.text(template, found, nothing="") == expected
+
+
+def test_a_table_has_a_row_for_each_and_says_what_is_absent():
+    rows = [{"name": "a", "x": 1.25}, {"name": "b"}]
+    columns = {"who": "{name}", "x (%)": "{x:100*.0f}"}
+    assert pages.table(columns, rows, absent="–").splitlines() == [
+        "| who | x (%) |",
+        "| --- | ---: |",
+        "| a | 125 |",
+        "| b | – |",
+    ]
+    with pytest.raises(KeyError):
+        pages.table(columns, rows)
 
 
 def test_what_is_recommended_from_is_the_report():
-    pages = importlib.import_module("pareto_pages")
+    pareto = module("pareto")
     report = json.loads((REPORTS / "pareto.json").read_text())
     shipped = json.loads((ROOT / "py/python/ruffini/answerers.json").read_text())
-    assert pages.chosen(report) == shipped
+    assert pareto.chosen(report) == shipped
 
 
 def test_a_front_leaves_out_what_is_measurably_beaten():
-    pages = importlib.import_module("pareto_pages")
+    pareto = module("pareto")
 
     def answers(ms, error, kind="fem", whole=True):
         return {"ms": ms, "finest": {"force": {"median": error}}, "kind": kind, "whole": whole}
@@ -150,43 +161,57 @@ def test_a_front_leaves_out_what_is_measurably_beaten():
         "silent": {"finest": {}},
     }
     expected = ["fast and far", "as fast, to measure", "slow and near"]
-    assert pages.front(found, "force") == expected
+    assert pareto.front(found, "force") == expected
 
 
 def test_every_answerer_is_in_the_picture():
-    answerers, plots = map(importlib.import_module, ("pareto_answerers", "pareto_plots"))
-    drawn = {name for series in plots.SERIES.values() for name in series.members}
-    assert drawn == set(answerers.ANSWERERS)
+    pareto = module("pareto")
+    drawn = {name for series in pareto.SERIES.values() for name in series.members}
+    assert drawn == set(pareto.ANSWERERS)
 
 
-def test_what_a_change_may_touch_is_asked_again(tmp_path, monkeypatch, capsys):
-    pytest.importorskip("tomllib", reason="defects are kept in TOML, read from Python 3.11 on")
-    stability = importlib.import_module("stability")
+def test_what_a_change_may_touch_is_asked_again(tmp_path, monkeypatch):
+    stability = module("stability")
 
     def asked(*options, build):
-        """The JSON of a run in which that build answers every press with itself."""
+        """Who asked what in a run in which that build answers every press with itself."""
         answer = {"verdict": "solved", "why": "", "seconds": 0.0}
         about = {"commit": build, "sizes": {}}
         monkeypatch.setattr(stability, "header", lambda *_: dict(about))
         monkeypatch.setattr(
             stability, "answers", lambda _, tasks, *__: ((one, answer) for one in tasks)
         )
-        out = ["--presses", "60", "--out", str(tmp_path), *options]
-        monkeypatch.setattr(sys, "argv", ["stability.py", *out])
-        stability.main()
-        return json.loads((tmp_path / "stability.json").read_text())["asked by"]
+        parser = command.parser_of(stability, "stability")
+        chosen = parser.parse_args(["--presses", "60", *options], Namespace(form="full"))
+        return stability.make(chosen)["asked by"]
 
     monkeypatch.setattr(stability, "KEPT", tmp_path)
-    monkeypatch.setattr(stability, "markdown", lambda _: "")
-    monkeypatch.setattr(stability, "figure", lambda *_: None)
     assert all(builds.keys() == {"one"} for builds in asked(build="one").values())
     by = asked("--keep", "one", "--again", "surrogate", "fem:tiny", build="two")
     assert by["surrogate"].keys() == {"two"}
     assert by["compliance"].keys() == by["nodes"].keys() == {"one"}
     assert by["fem"].keys() == {"one", "two"}
-    for wrong in (["--keep", "two"], ["--keep", "one", "--again", "surrogat"]):
-        with pytest.raises(SystemExit):
-            asked(*wrong, build="three")
-    assert "no rows of that build" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="no rows of that build"):
+        asked("--keep", "two", build="three")
+    with pytest.raises(SystemExit, match="no row is surrogat"):
+        asked("--keep", "one", "--again", "surrogat", build="three")
     assert asked("--keep", "one", build="three") == by
     assert asked(build="three")["surrogate"].keys() == {"three"}
+
+
+def test_rows_are_kept_until_what_they_depend_on_changes(tmp_path):
+    from engine import Rows, run
+
+    file, told = tmp_path / "rows.jsonl", []
+
+    def case(figure):
+        told.append(figure)
+        return {"figure": figure}
+
+    run(Rows(file, {"commit": "one"}), {"a": (case, 1)})
+    file.write_text(file.read_text() + '{"key": "b", "figu')
+    rows = Rows(file, {"commit": "one"})
+    run(rows, {"a": (case, 1), "b": (case, 2)})
+    assert told == [1, 2]
+    assert [row["figure"] for row in Rows(file, {"commit": "one"})] == [1, 2]
+    assert not len(Rows(file, {"commit": "two"}))

@@ -8,7 +8,7 @@ from importlib import resources
 from typing import Any
 
 _FILE = "answerers.json"
-"""File of measured errors and times, written by tests/reports/pareto.py."""
+"""File of measured errors and times, written by py/reports/pareto.py."""
 
 
 def add_to(commands: Any) -> None:

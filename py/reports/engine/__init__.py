@@ -1,0 +1,16 @@
+"""What all reports share: rows that are kept, tables and text, figures, and the command line.
+
+A report is a module with ``make(options)``, which gives its figures as they stand in
+``tests/reports/<name>.json``, ``page(report)``, the Markdown of them, and where it needs them
+``figure(report)``, a picture, ``options(parser)`` and ``also(report, out, options)``. With
+``ONE_THREAD`` it runs on one where it does not ask for more.
+"""
+
+from matplotlib import pyplot as plt
+
+from engine.figures import COLOURS, readable
+from engine.pages import filled, grid, made, spread, table, text
+from engine.rows import KEPT, OUT, ROOT, Rows, machine, quantiles, run
+
+__all__ = ["COLOURS", "KEPT", "OUT", "ROOT", "Rows", "filled", "grid", "machine", "made", "plt"]
+__all__ += ["quantiles", "readable", "run", "spread", "table", "text"]

@@ -1,0 +1,259 @@
+"""One episode as every model of touch tells it, half an hour on one thread.
+
+The scripted policy grasps, lifts and holds, or keeps hold of what is shaken, with
+``tactile="fem"`` on a mesh of 2,000 nodes; the same actions are then played with the other models,
+so that what differs is the model alone, what it makes of the motion included. A quiet hold of 60 s
+shows whether any of them creeps. --quick plays one episode on a coarse mesh.
+"""
+
+from __future__ import annotations
+
+import time
+from argparse import Namespace
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from engine import COLOURS, Rows, made, plt, run, table, text
+from ruffini.policies import scripted
+
+ONE_THREAD = True
+MADE_OF = ["env-core", "py/src", "py/reports/episode.py", "py/python/ruffini/policies"]
+MODELS = ("surrogate", "compliance")
+LIFT, HOLD = "ruffini/GraspLift-v0", "ruffini/HoldStill-v0"
+EPISODES = {
+    "sphere": (LIFT, "sphere"),
+    "cuboid": (LIFT, "cuboid"),
+    "cylinder": (LIFT, "cylinder"),
+    "potato": (LIFT, "potato"),
+    "shaken sphere": (HOLD, "sphere"),
+    "shaken cuboid": (HOLD, "cuboid"),
+}
+"""Task and object of each episode."""
+CHANNELS = ("markers", "stress", "traction", "wrench")
+OBSERVED = ["proprio", "object", "slip", *CHANNELS]
+"""What the scripted policies read, and what is judged."""
+STEPS, HELD, SETTLED = 90, 1500, 25
+"""Control steps of an episode, of a hold (60 s), and after which it counts as settled (1 s)."""
+GRIP = 4.0
+"""Grip force of a hold (N)."""
+LIGHT = 0.5
+"""Net force on the pads together under which a step is not judged (N)."""
+FINE, COARSE = 2000, 1000
+"""Nodes of the truth, and of the meshes that other models answer on."""
+
+
+def make(options: Namespace) -> dict[str, Any]:
+    """Episodes, then holds."""
+    nodes = COARSE if options.quick else FINE
+    sizes = {"nodes of the truth": nodes, "least force": LIGHT}
+    rows = Rows.of("episode", options, MADE_OF, sizes)
+    names = ["shaken sphere"] if options.quick else list(EPISODES)
+    things = ("sphere",) if options.quick else ("sphere", "cuboid")
+    models = MODELS[:1] if options.quick else ("fem", *MODELS)
+    run(
+        rows,
+        {f"episode/{name}": (episode, name, nodes) for name in names}
+        | {f"hold/{thing}/{model}": (hold, thing, model) for thing in things for model in models},
+    )
+    medians: dict[str, Any] = {}
+    for row in rows:
+        for model, told in row.get("models", {}).items():
+            errors = {what: float(np.median(values)) for what, values in told["errors"].items()}
+            medians.setdefault(row["key"].split("/")[1], {})[model] = errors
+    return rows.header | {"note": options.note, "medians": medians, "rows": list(rows)}
+
+
+def environment(task: str, model: str, thing: str, nodes: int, **settings: Any) -> gymnasium.Env:
+    """A task with an object and a model of touch."""
+    return gymnasium.make(
+        f"ruffini:{task}",
+        tactile=model,
+        objects=[thing],
+        resolution={"nodes": nodes},
+        disable_env_checker=True,
+        **settings,
+    )
+
+
+def episode(name: str, nodes: int) -> dict[str, Any]:
+    """Channels of one object's episode by every model, and the errors against finite elements."""
+    actions: list[Any] = []
+    truth = play(name, "fem", actions, nodes)
+    judged = [i for i, step in enumerate(truth["steps"]) if load(step) > LIGHT]
+    models = {}
+    for model in MODELS:
+        told = play(name, model, actions, COARSE)
+        steps = [i for i in judged if i < len(told["steps"])]
+        pairs = [(told["steps"][i], truth["steps"][i]) for i in steps]
+        errors = {
+            channel: [miss(step[channel], true[channel], channel) for step, true in pairs]
+            for channel in (*CHANNELS, "indentation")
+        }
+        # The elastic foundation presses first and is then corrected: what is left to correct.
+        errors["world"] = [miss(step["wrench"], step["pads"], "wrench") for step, _ in pairs]
+        models[model] = {"seconds": told["seconds"], "steps": steps, "errors": errors} | {
+            "object_apart": [size(step["object"][:3] - true["object"][:3]) for step, true in pairs],
+            "ended": told["ended"],
+        }
+    return {"fem": {"seconds": truth["seconds"], "ended": truth["ended"]}, "models": models}
+
+
+def play(name: str, model: str, actions: list[Any], nodes: int) -> dict[str, Any]:
+    """An episode, with the median seconds of a touching step.
+
+    The policy fills `actions` if these are empty.
+    """
+    task, thing = EPISODES[name]
+    env = environment(task, model, thing, nodes, observation=OBSERVED)
+    observation, _ = env.reset(seed=3)
+    policy, follow = scripted(task), list(actions)
+    steps, seconds, ended = [], [], "the last step"
+    for i in range(len(follow) or STEPS):
+        batch = {key: value[None] for key, value in observation.items()}
+        action = follow[i] if follow else policy.predict(batch)[0][0]
+        if not follow:
+            actions.append(action)
+        start = time.process_time()
+        observation, _, terminated, truncated, info = env.step(action)
+        spent = time.process_time() - start
+        steps.append({key: np.array(value, np.float64) for key, value in observation.items()})
+        seen = env.unwrapped.look()
+        steps[-1]["pads"] = np.array(seen["pad_wrenches"], np.float64).ravel()
+        steps[-1]["indentation"] = np.array(seen["indentations"], np.float64)
+        if load(steps[-1]) > LIGHT:
+            seconds.append(spent)
+        if terminated or truncated:
+            ended = info.get("press_error") or ("success" if info["is_success"] else "failure")
+            break
+    env.close()
+    return {"steps": steps, "seconds": float(np.median(seconds)), "ended": str(ended)}
+
+
+def size(vector: np.ndarray) -> float:
+    """L2 norm."""
+    return float(np.linalg.norm(vector))
+
+
+def load(step: dict[str, Any]) -> float:
+    """Sum of the sizes of the forces on both pads (N)."""
+    return size(step["wrench"][:3]) + size(step["wrench"][6:9])
+
+
+def miss(found: np.ndarray, exact: np.ndarray, channel: str) -> float:
+    """Relative L2 error of what is told of both pads; of a wrench, of its forces."""
+    if channel == "wrench":
+        found, exact = (np.r_[wrench[:3], wrench[6:9]] for wrench in (found, exact))
+    return size(found - exact) / size(exact)
+
+
+def hold(thing: str, model: str) -> dict[str, float]:
+    """What changes between the first second and the last of a hold without load or shaking.
+
+    Relative L2 for channels; for the object the way it went (m).
+    """
+    channels = ("markers", "wrench")
+    still = {"max_episode_steps": HELD + 1, "start_grip": GRIP, "load": 0.0, "shaking": 0.0}
+    seen = ["proprio", "object", *channels]
+    env = environment(HOLD, model, thing, COARSE, observation=seen, **still)
+    env.reset(seed=3)
+    kept: list[dict[str, Any]] = []
+    for step in range(1, HELD + 1):
+        observation, _, terminated, _, info = env.step(np.zeros(5, np.float32))
+        if step in (SETTLED, HELD):
+            kept.append({key: np.array(value, float) for key, value in observation.items()})
+        if terminated:
+            raise RuntimeError(f"{thing} with {model} ended after {step} steps: {info}")
+    env.close()
+    first, last = kept
+    change = {key: size(last[key] - first[key]) / size(first[key]) for key in channels}
+    return change | {"object": size((last["object"] - first["object"])[:3])}
+
+
+PAGE = """# One episode as every model of touch tells it
+
+Relative L² error of each channel, both pads, against finite elements on {sizes[nodes of the truth]}
+nodes in the same steps of the same actions, median / 95th percentile; of a wrench, its force.
+*Indentation* is how deep the object stands in the undeformed faces at that force. A step is judged
+where the pads bear more than {sizes[least force]} N together. *Model against world* is how far the
+forces of a model are from those that move the object in the same step, before they are corrected.
+Time is the median processor time of a touching step of one environment with all four channels and
+`slip`, and so with stress.
+
+{episodes}
+
+![errors along the episode](episode.svg)
+
+## A hold of 60 s
+
+Without load or shaking: what changed between the first second and the last, of channels relative to
+their size.
+
+{holds}
+
+{made}"""
+
+
+def page(report: dict[str, Any]) -> str:
+    """Errors along episodes, and holds."""
+
+    def named(row: dict[str, Any]) -> dict[str, Any]:
+        return row | dict(zip(("name", "model"), row["key"].split("/")[1:], strict=False))
+
+    told = [
+        named(row) | {"model": model} | of
+        for row in report["rows"]
+        for model, of in row.get("models", {}).items()
+    ]
+    errors = {what: spread(what) for what in (*CHANNELS, "indentation")}
+    columns = {"object": "{name}", "model": "{model}", **errors}
+    columns |= {"model against world": spread("world")}
+    columns["object apart (µm)"] = lambda row: (
+        f"{1e6 * max(row['object_apart'], default=float('nan')):.0f}"
+    )
+    columns |= {"ms a step": "{seconds:1e3*.2f}", "FEM": "{fem[seconds]:1e3*.0f}"}
+    holds = {"object": "{name}", "model": "{model}"}
+    holds |= {"markers": "{markers:.1e}", "wrench": "{wrench:.1e}"}
+    still = [named(row) for row in report["rows"] if "models" not in row]
+    return text(
+        PAGE,
+        report,
+        episodes=table(columns | {"ended by": "{ended}"}, told),
+        holds=table(holds | {"object (µm)": "{object:1e6*.3f}"}, still),
+        made=made(report),
+    )
+
+
+def spread(what: str):
+    """A column: median and 95th percentile of an error in per cent."""
+
+    def cell(row: dict[str, Any]) -> str:
+        errors = row["errors"][what]
+        if not errors:
+            return "–"
+        return " / ".join(f"{100 * x:.1f}" for x in np.percentile(errors, [50, 95]))
+
+    return cell
+
+
+def figure(report: dict[str, Any]):
+    """Errors along the episodes, a row an object and a column a channel."""
+    episodes = [row for row in report["rows"] if "models" in row]
+    shape = (len(episodes), len(CHANNELS))
+    size = (3 * len(CHANNELS), 2.2 * len(episodes))
+    picture, axes = plt.subplots(*shape, figsize=size, layout="constrained", squeeze=False)
+    for line, row in zip(axes, episodes, strict=True):
+        for axis, channel in zip(line, CHANNELS, strict=True):
+            for model, told in row["models"].items():
+                errors = [100 * error for error in told["errors"][channel]]
+                axis.plot(told["steps"], errors, label=model, color=COLOURS[model], lw=1.2)
+            if channel == "wrench":
+                axis.set_yscale("log")
+            else:
+                axis.set_ylim(bottom=0)
+            name = row["key"].split("/")[1]
+            axis.set(title=f"{name}: {channel}", xlabel="control step", ylabel="error (%)")
+            axis.grid(alpha=0.3)
+    axes[0][0].legend(fontsize=7)
+    return picture

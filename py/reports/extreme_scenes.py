@@ -1,0 +1,154 @@
+"""Extreme scenes of the environment, drawn from a seed, and what becomes of them.
+
+Masses, friction, time steps and grips over all that is accepted; wild actions, held ones, and the
+scripted grasp. Checked: observations finite and within their space, rewards in [0, 1], endings
+named, an untouched object at rest, the same scene again bit for bit.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import warnings
+
+import numpy as np
+
+import ruffini
+from engine import ROOT
+from extreme import WrongError, spread
+from ruffini.envs import GraspLiftVectorEnv
+
+sys.path.append(str(ROOT / "policies"))
+from ruffini.evaluation import Policy
+from ruffini.policies import scripted
+
+STEPS = (1 / 60, 1 / 100, 1 / 250, 1 / 500, 1 / 1000)
+TACTILE = ("none", "compliance", "surrogate")
+
+
+def draw(random: np.random.Generator) -> dict:
+    """A scene and what is done in it."""
+    tactile = str(random.choice(TACTILE, p=[0.9, 0.07, 0.03]))
+    hold = tactile == "none" and random.random() < 0.1
+    step = float(random.choice(STEPS))
+    # Fewer iterations than one a millisecond are refused.
+    least = math.ceil(step / 1.05e-3) if random.random() < 0.9 else 1
+    steps = 1500 if hold else int(random.integers(5, 100 if tactile == "none" else 40))
+    return {
+        "answerer": "environment",
+        "tactile": tactile,
+        "objects": [str(random.choice(ruffini.OBJECTS))],
+        "mass": spread(random, 1e-5, 1e3),
+        "friction": float(random.choice([0.0, random.uniform(0, 5.0)])),
+        "size": float(random.uniform(0.5, 1.2)),
+        "time step": step,
+        "iterations": least * int(random.choice([1, 2, 4])),
+        "grip": spread(random, 0.1, 100.0),
+        "actions": str(random.choice(["wild", "bang", "huge", "scripted", "still"])),
+        "steps": steps,
+        "seed": int(random.integers(2**31)),
+    }
+
+
+def answered(case: dict) -> dict:
+    """What became of a scene, checked.
+
+    Raises:
+        ValueError: If it is refused.
+        WrongError: If a check fails.
+    """
+    first = played(case, case["steps"])
+    if case["seed"] % 8 == 0 and first != played(case, case["steps"]):
+        raise WrongError("the same scene twice is not the same")
+    if first["shift"] > 1e-3 and case["friction"] >= 0.1:
+        raise WrongError(f"an untouched object moves by {first['shift']:.1e} m")
+    ended = sorted(set(first["endings"]))
+    verdict = "refused" if ended else "solved"
+    return {"verdict": verdict, "why": ", ".join(ended), "shift": first["shift"]}
+
+
+def played(case: dict, steps: int) -> dict:
+    """A scene's steps: how its episodes ended, and how far an untouched object moved (m)."""
+    envs = scene(case)
+    observation, _ = envs.reset(seed=case["seed"])
+    random, policy = np.random.default_rng(case["seed"]), scripted("ruffini/GraspLift-v0")
+    start, endings, touched = place(envs), [], False
+    for _ in range(steps):
+        action = act(case["actions"], random, policy, observation)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            observation, reward, terminated, _, info = envs.step(action)
+        check(envs, observation, reward)
+        if terminated.any():
+            endings.append(named(info))
+        touched = touched or (observation["proprio"][:, 12:14] > 0.0).any()
+    still = case["actions"] == "still" and not touched and not endings
+    shift = float(np.linalg.norm(place(envs) - start)) if still else 0.0
+    return {"endings": endings, "shift": shift, "last": observation["object"].tobytes()}
+
+
+def scene(case: dict) -> GraspLiftVectorEnv:
+    """The environment of a case.
+
+    Raises:
+        ValueError: If it is refused.
+    """
+    step = case["time step"]
+    return GraspLiftVectorEnv(
+        1,
+        num_threads=1,
+        objects=case["objects"],
+        mass=case["mass"],
+        friction=case["friction"],
+        size=case["size"],
+        tactile=case["tactile"],
+        max_episode_steps=1_000_000,
+        gripper={"max_force": case["grip"]},
+        physics={
+            "control_period": step * math.ceil(0.04 / step - 1e-9),
+            "time_step": step,
+            "iterations": case["iterations"],
+        },
+    )
+
+
+def place(envs: GraspLiftVectorEnv) -> np.ndarray:
+    """Where the object is (m)."""
+    seen = envs.look(0)
+    assert seen is not None, "after a reset there is a scene"
+    return np.array(seen["object_position"])
+
+
+def act(kind: str, random: np.random.Generator, policy: Policy, observation) -> np.ndarray:
+    """The next action (1, 5)."""
+    if kind == "scripted":
+        return policy.predict(observation)[0]
+    if kind == "still":
+        return np.zeros((1, 5), np.float32)
+    wild = random.uniform(-1, 1, (1, 5))
+    if kind == "bang":
+        wild = np.sign(wild)
+    return (wild * (1e30 if kind == "huge" else 1.0)).astype(np.float32)
+
+
+def check(envs: GraspLiftVectorEnv, observation: dict, reward: np.ndarray) -> None:
+    """Raises `WrongError` where a step cannot be one."""
+    for name, values in observation.items():
+        if not np.isfinite(values).all():
+            raise WrongError(f"{name} is not finite")
+        space = envs.single_observation_space[name]
+        if not space.contains(values[0]):
+            worst = int(np.argmax(np.maximum(space.low - values[0], values[0] - space.high)))
+            raise WrongError(f"{name}[{worst}] is {values[0, worst]:.3e}, out of its space")
+    if not (np.isfinite(reward).all() and 0.0 <= reward[0] <= 1.0):
+        raise WrongError(f"a reward of {reward[0]}")
+
+
+def named(info: dict) -> str:
+    """Why an episode ended."""
+    ending = str(info.get("ending", [""])[0])
+    if not ending:
+        raise WrongError("an episode ended without a reason")
+    if ending == "press_failed":
+        return f"{ending}: {info['press_error'][0]}"
+    return ending

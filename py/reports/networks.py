@@ -1,0 +1,117 @@
+"""The networks of pads by seed and size.
+
+With --data SET --runs FOLDER those are trained first that FOLDER lacks, by `ruffini train` on what
+`ruffini dataset generate SET --config tests/reference/indentations.toml` makes, 15 minutes on two
+threads each; a run that was stopped goes on. --sizes adds other widths. --papers GRASPS trains the
+paper's networks, too, which are for `pareto` and not on this page, on what `ruffini dataset
+generate GRASPS --grasps 10 --frames 10` makes. Without any of these only the page is made.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+from typing import Any
+
+import tomllib
+
+from engine import OUT, spread, table, text
+
+ROUNDS = ["--down", "1", "1", "1", "--up", "1", "1"]
+RECIPE = ["--split", "presses", "--epochs", "80", *ROUNDS]
+SEEDED = {f"pads-{seed}": [*RECIPE, "--width", "32", "--seed", str(seed)] for seed in range(3)}
+"""Options of `ruffini train` by run: the shipped network and two more seeds of it."""
+SIZED = {f"pads{width}-0": [*RECIPE, "--width", str(width)] for width in (16, 48)}
+"""The same at other widths."""
+RUNS = SEEDED | SIZED
+TEN_MINUTES = ["--seconds", "600", "--batch", "1"]
+PAPERS = {
+    "paper-baseline": ["--variant", "baseline", "--width", "16", "--rounds", "4"],
+    "paper-a": ["--variant", "a", "--width", "16", "--rounds", "4"],
+    "paper-b-wide": ["--variant", "b", "--width", "32", "--rounds", "4"],
+    "paper-b-long": ["--variant", "b", "--width", "16", "--rounds", "8"],
+}
+"""The same for the paper's networks."""
+ERRORS = {"displacement": "u", "stress": "σ", "peak": "σ at the peak", "force": "net force"}
+
+
+def options(parser: ArgumentParser) -> None:
+    """What to train, on what, into which folder."""
+    parser.add_argument("--data", type=Path, help="presses to train on")
+    parser.add_argument("--sizes", action="store_true", help="train other widths, too")
+    parser.add_argument("--papers", type=Path, help="grasps to train the paper's networks on")
+    parser.add_argument("--runs", type=Path, help="folder of the runs")
+
+
+def make(options: Namespace) -> dict[str, Any] | None:
+    """The cards of the runs in the folder, and of others that there were; none without one."""
+    if not options.runs:
+        if options.data or options.papers:
+            raise SystemExit("--data and --papers need --runs, the folder to train into")
+        return None
+    if options.data:
+        train(options.data, options.runs, RUNS if options.sizes else SEEDED)
+    if options.papers:
+        papers = {name: [*chosen, *TEN_MINUTES] for name, chosen in PAPERS.items()}
+        train(options.papers, options.runs, papers)
+    cards = {name: options.runs / name / "card.toml" for name in RUNS}
+    found = {name: tomllib.loads(f.read_text()) for name, f in cards.items() if f.exists()}
+    found = json.loads((OUT / "networks.json").read_text()) | found
+    return {name: found[name] for name in RUNS if name in found}
+
+
+def train(data: Path, runs: Path, options: dict[str, list[str]]) -> None:
+    """Trains what has no card yet."""
+    for name, chosen in options.items():
+        if not (runs / name / "card.toml").exists():
+            command = [sys.executable, "-m", "ruffini", "train", str(data), str(runs / name)]
+            subprocess.run([*command, *chosen], check=True)
+
+
+PAGE = """# The network of pads by seed and size
+
+Trained on {train[1]:,} frames of {train[0]} drawn indenters and judged on {test[1]:,} frames of
+{test[0]} others, which no network was trained on and none was chosen by. Relative L² a frame,
+median / 95th percentile.
+
+{seeds}
+
+{runs}
+
+`pads-0` is shipped. The best epoch is that of the validation part. Data: `ruffini dataset generate
+presses --config tests/reference/indentations.toml`; `python py/reports networks --data presses
+--sizes --runs runs`."""
+
+
+def page(report: dict[str, Any]) -> str:
+    """Data, spread over seeds, and a table of all runs and of the linear answer they correct."""
+    runs = [{"name": name, "errors": card["test"]} | card for name, card in report.items()]
+    rounds = [sum(run["network"]["down"]) + sum(run["network"]["up"]) for run in runs]
+    columns = {
+        "run": "{name}",
+        "channels": "{network[width]}",
+        "rounds": "{depth}",
+        "epochs": "{training[epochs]}",
+        **{title: spread(f"errors[{what}]") for what, title in ERRORS.items()},
+        "trained by": "{data[trained_by]}",
+    }
+    rows = [run | {"depth": depth} for run, depth in zip(runs, rounds, strict=True)]
+    rows.append({"name": "linear answer", "errors": runs[0]["linear"]})
+    return text(
+        PAGE,
+        runs[0]["data"],
+        seeds=over_seeds([card for name, card in report.items() if name in SEEDED]),
+        runs=table(columns, rows, absent="–"),
+    )
+
+
+def over_seeds(cards: list[dict[str, Any]]) -> str:
+    """Medians over the seeds, least and largest, where there are several."""
+    found = []
+    for what, title in ERRORS.items():
+        medians = [100 * card["test"][what]["median"] for card in cards]
+        found.append(f"{title} {min(medians):.1f} to {max(medians):.1f} %")
+    return f"Medians of {len(cards)} seeds: {', '.join(found)}." if len(cards) > 1 else ""

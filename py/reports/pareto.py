@@ -1,0 +1,486 @@
+"""Error against run time of every answerer, an hour of one core; --quick asks a few.
+
+Judged by finite elements on the finest mesh, never by an answerer's own. The full form also writes
+what `ruffini recommend` reads, py/python/ruffini/answerers.json. Held-out grasps are those of
+~/.cache/ruffini/grasps-63x10x10, left out where there are none: `ruffini dataset generate` with
+``--grasps 10 --frames 10`` makes them. So are networks that are not shipped, which `networks --data
+PRESSES --sizes --papers GRASPS --runs ~/.cache/ruffini/networks` trains. Batches come last, by the
+clock: all else on the machine must rest.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from argparse import ArgumentParser, Namespace
+from dataclasses import dataclass
+from pathlib import Path
+
+import pareto_cases
+from engine import KEPT, OUT, ROOT, Rows, filled, made, plt, quantiles, run, spread, table, text
+from engine.figures import BLUE, BROWN, GREEN, LIGHT, RED
+from pareto_cases import ANSWERERS, ELEMENTS, FEW
+
+ONE_THREAD = True
+PARTS = ("geometry", "deformation", "contact", "fem", "compliance", "surrogate")
+MADE_OF = [f"env-core/src/{part}" for part in PARTS]
+MADE_OF += ["env-core/assets", "py/reports/pareto_cases.py"]
+FINEST = {"full": 5000, "quick": 2500}
+"""Nodes of the mesh of the truth, p1-bar."""
+CHOICE = ROOT / "py/python/ruffini/answerers.json"
+ERRORS = {"displacement": "u", "stress": "σ", "force": "force", "peak": "peak"}
+JUDGES = ("finest", ELEMENTS)
+PANELS = ("held-out", "deep", "tiny", "soft", "stiff")
+TIME, ERROR = 0.05, 0.01
+"""Relative differences of times and of errors that tell nothing."""
+
+
+def options(parser: ArgumentParser) -> None:
+    """How much is asked, and of whom."""
+    parser.add_argument("--presses", type=int, default=14, help="most of a panel; 14 if not given")
+    parser.add_argument("--jobs", type=int, default=2, help="processes; 2 if not given")
+    parser.add_argument(
+        "--again", nargs="+", metavar="NAME", choices=list(ANSWERERS), help="only these anew"
+    )
+
+
+def make(options: Namespace) -> dict:
+    """Presses, then batches; a report with only some answerers anew where those are named."""
+    name = "pareto-again" if options.again else "pareto"
+    nodes, quick, most = FINEST[options.form], options.quick, options.presses
+    rows = Rows.of(name, options, MADE_OF, {"nodes of the truth": nodes})
+    kept = KEPT / options.form / f"truth-{rows.header['commit']}"
+    names = trained(options)
+    presses = {}
+    for number, case in enumerate(pareto_cases.cases(quick, most)):
+        if lacking := [name for name in names if case.key(name) not in rows]:
+            work = (pareto_cases.rows, quick, most, number, lacking, nodes, kept)
+            presses[f"{case.panel}/{case.name}"] = work
+    run(rows, presses, jobs=options.jobs)
+    cores = os.cpu_count() or 1
+    batches = {
+        f"batch/{name}/{threads}": (pareto_cases.batch, name, cores * (1 if quick else 4), threads)
+        for name in names
+        for threads in sorted({1, cores})
+        if ANSWERERS[name].kind != "closed form"
+    }
+    run(rows, batches, jobs=1)
+    head, found = rows.header | {"note": options.note}, summary(list(rows))
+    if options.again:
+        before = json.loads((OUT / "pareto.json").read_text())
+        return before | {"note": options.note} | renewed(before, found, options.again)
+    return head | found
+
+
+def trained(options: Namespace) -> list[str]:
+    """Who is asked, but for networks that are not there."""
+    asked = FEW if options.quick else list(ANSWERERS)
+    if options.again:
+        asked = [ELEMENTS, *(name for name in options.again if name != ELEMENTS)]
+    files = {name: ANSWERERS[name].file for name in asked}
+    there = [name for name, file in files.items() if file is None or file.exists()]
+    if lacking := [name for name in asked if name not in there]:
+        print(f"left out, not trained: {', '.join(lacking)}", flush=True)
+    return there
+
+
+def also(report: dict, out: Path, options: Namespace) -> None:
+    """What `ruffini recommend` reads."""
+    if out == OUT:
+        CHOICE.write_text(json.dumps(chosen(report), indent=1) + "\n")
+
+
+def chosen(report: dict) -> dict:
+    """Errors and time by panel and shipped answerer."""
+    return {
+        "commit": report["commit"],
+        "machine": report["machine"],
+        "panels": {
+            panel: {
+                name: {"use": row["use"], "ms": row["ms"], "errors": row["finest"]}
+                for name, row in found.items()
+                if "ms" in row and row["whole"] and row["shipped"]
+            }
+            for panel, found in report["panels"].items()
+        },
+    }
+
+
+def summary(rows: list[dict]) -> dict:
+    """Errors, time and front by panel, and what the network's training has cost."""
+    asked = {row["answerer"] for row in rows}
+    names = [name for name in ANSWERERS if name in asked]
+    panels = {}
+    for panel in PANELS:
+        if part := [row for row in rows if row["panel"] == panel]:
+            panels[panel] = {name: figures(part, name) for name in names}
+    still = [row for row in rows if row["panel"] == "no contact" and "finest" in row]
+    return {
+        "panels": panels,
+        "no contact": {row["answerer"]: max(row["finest"]["still"]) for row in still},
+        "fronts": fronts(panels),
+        "known": known([row for row in rows if row["panel"] in PANELS]),
+        "break-even": break_even(panels),
+        "batches": batches([row for row in rows if row["panel"] == "batch"]),
+    }
+
+
+def renewed(before: dict, found: dict, names: list[str]) -> dict:
+    """A summary with the figures of `names` from another; answerers that are gone are left out."""
+
+    def both(part: str, old: dict, new: dict) -> dict:
+        kept = {name: row for name, row in old.get(part, {}).items() if name not in names}
+        merged = kept | {name: row for name, row in new.get(part, {}).items() if name in names}
+        return {name: merged[name] for name in ANSWERERS if name in merged}
+
+    panels = {name: both(name, before["panels"], found["panels"]) for name in before["panels"]}
+    parts = {part: both(part, before, found) for part in ("no contact", "known", "batches")}
+    return {"panels": panels, "fronts": fronts(panels), "break-even": break_even(panels), **parts}
+
+
+def figures(rows: list[dict], name: str) -> dict:
+    """Median and 95th percentile of an answerer's errors by judge, its time and its failures.
+
+    Over the presses that `ELEMENTS` solves: of one that it does not, only some tell.
+    """
+
+    def press(row: dict) -> str:
+        return row["key"].rsplit("/", 1)[0]
+
+    fair = {press(row) for row in rows if row["answerer"] == ELEMENTS and "failed" not in row}
+    mine = [row for row in rows if row["answerer"] == name]
+    solved = [row for row in mine if "failed" not in row and press(row) in fair]
+    answerer = ANSWERERS[name]
+    found: dict = {"kind": answerer.kind, "use": answerer.use, "shipped": answerer.shipped}
+    found["presses"] = len(mine)
+    found["failed"] = [row["failed"] for row in mine if "failed" in row]
+    found["whole"] = len(solved) == len(fair)
+    if solved:
+        times = quantiles(1e3 * row["seconds"] for row in solved)
+        found |= {"ms": times["median"], "ms 95 %": times["95 %"]}
+    for judge in JUDGES:
+        errors = {
+            what: [error for row in solved for error in row.get(judge, {}).get(what, [])]
+            for what in ERRORS
+        }
+        found[judge] = {what: quantiles(some) for what, some in errors.items() if some}
+    return found
+
+
+def fronts(panels: dict) -> dict:
+    """The front of each panel by each error."""
+    return {panel: {what: front(found, what) for what in ERRORS} for panel, found in panels.items()}
+
+
+def front(found: dict, what: str) -> list[str]:
+    """Those that none beats in time and median error, fastest first.
+
+    Among the answerers of all presses that `ELEMENTS` solves; an oracle only checks another.
+    """
+    known = [
+        (row["ms"], row["finest"][what]["median"], name)
+        for name, row in found.items()
+        if what in row["finest"] and row["whole"] and row["kind"] != "oracle"
+    ]
+    return [one[-1] for one in sorted(known) if not any(beats(other, one) for other in known)]
+
+
+def beats(other: tuple, one: tuple) -> bool:
+    """Whether another is measurably better, in time or error, and measurably worse in neither."""
+    (ms, error, _), (own_ms, own_error, _) = other, one
+    faster, slower = ms < (1 - TIME) * own_ms, ms > (1 + TIME) * own_ms
+    nearer, farther = error < (1 - ERROR) * own_error, error > (1 + ERROR) * own_error
+    return (faster and not farther) or (nearer and not slower)
+
+
+def break_even(panels: dict) -> dict:
+    """Presses after which time saved against `ELEMENTS` has paid for a network's making."""
+    found = {}
+    for name, answerer in ANSWERERS.items():
+        panel = next((rows for rows in panels.values() if name in rows), None)
+        if panel is None or not answerer.made_from:
+            continue
+        saved = 1e-3 * (panel[ELEMENTS]["ms"] - panel[name]["ms"])
+        presses = sum(answerer.made_from.values()) / saved if saved > 0 else None
+        found[name] = answerer.made_from | {"presses": presses, "saved": saved}
+    return found
+
+
+def known(rows: list[dict]) -> dict:
+    """Errors of networks on the finest mesh where they say that they know, and where not."""
+    found: dict = {}
+    for row in rows:
+        errors = row.get("finest", {})
+        for what in ("displacement", "force") if "known" in errors else ():
+            parts = found.setdefault(row["answerer"], {"known": {}, "not known": {}})
+            for knows, error in zip(errors["known"], errors.get(what, []), strict=False):
+                parts["known" if knows else "not known"].setdefault(what, []).append(error)
+    return {
+        name: {
+            part: {"frames": len(errors.get("displacement", []))}
+            | {what: quantiles(some) for what, some in errors.items()}
+            for part, errors in parts.items()
+        }
+        for name, parts in found.items()
+    }
+
+
+def batches(rows: list[dict]) -> dict:
+    """Clock time a press of a batch (ms), by answerer and number of threads."""
+    found: dict = {}
+    for name in ANSWERERS:
+        if mine := [row for row in rows if row["answerer"] == name]:
+            times = {str(row["threads"]): 1e3 * row["seconds"] for row in mine}
+            found[name] = {"ms": times} | {key: mine[0][key] for key in ("presses", "failed")}
+    return found
+
+
+PAGE = """# Error against run time: which answerer for which error
+
+The front, fastest first, by median error:
+
+{fronts_in_words}
+
+![error against run time](pareto.svg)
+
+Errors against p1-bar on the finest mesh ({sizes[nodes of the truth]} nodes, itself about 4 % off in
+displacement and 8 % in stress, see [fem.md](fem.md)), carried to the model mesh of 900 nodes;
+relative L² a frame, median / 95th percentile, in %. In brackets against p1-bar on 2,000 nodes. Over
+the presses that these solve; unsolved are counted of all. *network* is `Surrogate()`, *linear, on
+cells* the answer that it corrects; *compliance* feels contact at points of a mesh. Time is CPU time
+a frame on one thread, median over presses.
+
+{tables}
+
+## Whether a network knows
+
+All panels: errors against the finest mesh, median / 95th percentile in %, of the frames that
+`knows` says are like what the network learnt from, and of the others.
+
+{knowing}
+
+## In batches
+
+{balls} balls of 3 to 8 mm, pressed 0.6 mm from rest in five frames, by one call; by the clock, the
+quickest repetition.
+
+{in_batches}
+
+## Nothing touches
+
+{still}
+
+## What a network costs before its first answer
+
+{training}
+
+The break-even is the number of frames after which answering by p1-bar on 2,000 nodes would have
+cost more.
+
+{made} Rapier's own soft bodies stand [elsewhere](mechanics.md)."""
+HOURS = ("data", "training")
+TRAINING = {
+    "network": "{name}",
+    "data (core h)": "{hours[data]}",
+    "training (core h)": "{hours[training]}",
+    "saved a frame (ms)": "{saved:1e3*.0f}",
+    "break-even": lambda row: (
+        ("" if "training" in row else "> ")
+        + (f"{row['presses']:,.0f}" if row["presses"] else "never")
+    ),
+}
+
+
+def page(report: dict) -> str:
+    """Conclusion, a table for each panel, costs."""
+    batches = report["batches"]
+    training = [
+        {"name": name, "hours": {p: f"{cost[p] / 3600:.2f}" for p in HOURS if p in cost}} | cost
+        for name, cost in report["break-even"].items()
+    ]
+    return text(
+        PAGE,
+        report | {"balls": max(one["presses"] for one in batches.values())},
+        fronts_in_words=conclusion(report),
+        tables="\n\n".join(panel(name, of, report) for name, of in report["panels"].items()),
+        knowing=knowing(report["known"]),
+        in_batches=in_batches(batches),
+        still=still(report["no contact"]),
+        training=table(TRAINING, training, absent="–"),
+        made=made(report),
+    )
+
+
+def conclusion(report: dict) -> str:
+    """The front of the first panel in words."""
+    name, found = next(iter(report["panels"].items()))
+    lines = []
+    for what in ("force", "displacement", "stress"):
+        steps = "; ".join(
+            f"{n} {100 * found[n]['finest'][what]['median']:.1f} % in {found[n]['ms']:.3g} ms"
+            for n in report["fronts"][name][what]
+        )
+        lines.append(f"- **{what}**, {name}: {steps}.")
+    return "\n".join(lines)
+
+
+def panel(name: str, found: dict, report: dict) -> str:
+    """A panel's table; members of the front of displacement are bold."""
+    front = report["fronts"][name]["displacement"]
+    rows = [
+        {"name": f"**{answerer}**" if answerer in front else answerer} | row
+        for answerer, row in found.items()
+        if "ms" in row
+    ]
+    columns = {"answerer": "{name}", "ms": "{ms:.3g}"}
+    columns |= {title: error_cell(what) for what, title in ERRORS.items()}
+    columns["unsolved"] = lambda row: (
+        f"{len(row['failed'])} of {row['presses']}" if row["failed"] else ""
+    )
+    presses = max(row["presses"] for row in found.values())
+    return f"## {name.capitalize()}, {presses} presses\n\n" + table(columns, rows, absent="–")
+
+
+def error_cell(what: str):
+    """A column: median and 95th percentile, in brackets the median against `ELEMENTS`."""
+
+    def cell(row: dict) -> str:
+        shown = filled("{median:100*.1f} / {95 %:100*.1f}", row["finest"][what])
+        return shown + (
+            f" ({100 * row[ELEMENTS][what]['median']:.1f})" if what in row[ELEMENTS] else ""
+        )
+
+    return cell
+
+
+def knowing(found: dict) -> str:
+    """Errors of networks by what `knows` says."""
+    rows = [
+        {"name": name, "part": part} | errors
+        for name in ANSWERERS
+        if name in found and ANSWERERS[name].kind != "oracle"
+        for part, errors in found[name].items()
+    ]
+    columns = {"network": "{name}", "it says": "{part}", "frames": "{frames}"}
+    columns |= {"u": spread("displacement", "95 %"), "force": spread("force", "95 %")}
+    return table(columns, rows, absent="–")
+
+
+def in_batches(found: dict) -> str:
+    """Time a press on one thread and on all, and how well the threads are used."""
+    threads = max(int(count) for one in found.values() for count in one["ms"])
+    rows = [
+        {"name": name, "slow": one["ms"]["1"], "fast": one["ms"][str(threads)]} | one
+        for name, one in found.items()
+    ]
+    columns = {
+        "answerer": "{name}",
+        "ms a press, one thread": "{slow:.3g}",
+        f"{threads} threads": "{fast:.3g}",
+        "of ideal": lambda row: f"{100 * row['slow'] / row['fast'] / threads:.0f} %",
+        "unsolved": lambda row: str(row["failed"] or ""),
+    }
+    return table(columns, rows)
+
+
+def still(found: dict) -> str:
+    """Largest displacement that is answered where nothing touches."""
+    worst = max(found.values(), default=0.0)
+    who = [name for name, most in found.items() if most == worst]
+    if not worst:
+        return f"A ball 0.1 and 1 mm over the gel: exactly zero from all {len(found)} answerers."
+    return f"A ball over the gel: up to {worst:.1e} m from {', '.join(who)}."
+
+
+@dataclass(frozen=True)
+class Series:
+    """Answerers that differ in one thing, joined by a line."""
+
+    marker: str
+    colour: str
+    members: dict[str, str]
+    """What stands beside each point, by the answerer's name."""
+
+
+PAPER = {"Baseline": "base", "A": "A", "B": "B", "B, 32 channels": "B 32", "B, 8 rounds": "B 8"}
+TOLERANCES = ("fem p1-bar 2000, 1 mN", "fem p1-bar 2000, 10 µN", "fem p1-bar 2000")
+SERIES = {
+    "closed form of a bonded layer": Series("s", "#7f7f7f", {"bonded layer": ""}),
+    "linear answer, by nodes": Series(
+        "o", "#90cdf4", {"compliance 1000": "1000", "compliance": ""}
+    ),
+    "linear answer, by sweeps": Series(
+        "o",
+        BLUE,
+        {"compliance": "0", "compliance, 1 sweep": "1"}
+        | {f"compliance, {sweeps} sweeps": f"{sweeps}" for sweeps in (3, 6, 12)},
+    ),
+    "linear answer without friction": Series("s", BLUE, {"compliance, no friction": ""}),
+    "linear answer at nodes": Series("D", BLUE, {"compliance at nodes": ""}),
+    "linear answer on cells": Series("P", BLUE, {"linear, on cells": ""}),
+    "network, by channels": Series(
+        "*", RED, {"network, 16 channels": "16", "network": "32", "network, 48 channels": "48"}
+    ),
+    "network by Candle's layers": Series("x", RED, {"network, by Candle": ""}),
+    "the paper's networks": Series("X", BROWN, {f"paper's {n}": s for n, s in PAPER.items()}),
+    "finite elements p1": Series("v", LIGHT, {"fem p1 2000": "2000"}),
+    "finite elements p2, by nodes": Series(
+        "s", LIGHT, {"fem p2 500": "500", "fem p2 1000": "1000"}
+    ),
+    "finite elements p1-bar, by nodes": Series(
+        "^", GREEN, {f"fem p1-bar {n}": f"{n}" for n in (500, 1000, 2000, 3000)}
+    ),
+    "the same on 2,000, by tolerance": Series("<", GREEN, dict.fromkeys(TOLERANCES, "")),
+}
+TITLES = {"displacement": "u", "stress": "σ", "force": "net force"}
+
+
+def figure(report: dict):
+    """Median error against time: three errors of the first panel, then u of the others."""
+    panels = list(report["panels"])
+    shown = [(panels[0], what) for what in TITLES] + [(p, "displacement") for p in panels[1:]]
+    columns = max(4, -(-(len(shown) + 1) // 2))
+    picture, axes = plt.subplots(2, columns, figsize=(4 * columns, 8), layout="constrained")
+    for axis in axes.flat[len(shown) :]:
+        axis.set_axis_off()
+    for (panel, what), axis in zip(shown, axes.flat, strict=False):
+        scatter(axis, report["panels"][panel], what, report["fronts"][panel][what])
+        axis.set(title=f"{panel}: {TITLES[what]}", xlabel="CPU ms a frame", ylabel="%")
+    legend(axes.flat[-1])
+    return picture
+
+
+def scatter(axis, found: dict, what: str, front: list[str]) -> None:
+    """Every answerer's median, a bar up to its 95th percentile, and the front as a band."""
+    for title, series in SERIES.items():
+        known = [name for name in series.members if what in found.get(name, {}).get("finest", {})]
+        medians = [100 * found[name]["finest"][what]["median"] for name in known]
+        times = [found[name]["ms"] for name in known]
+        line = "" if title == "the paper's networks" else "-"
+        axis.plot(times, medians, series.marker + line, color=series.colour, lw=0.8, **size(series))
+        for name, ms, median in zip(known, times, medians, strict=True):
+            most = 100 * found[name]["finest"][what]["95 %"]
+            axis.plot([ms] * 2, [median, most], color=series.colour, alpha=0.2, linewidth=1)
+            beside = {"xytext": (4, 3), "textcoords": "offset points", "fontsize": 6}
+            axis.annotate(series.members[name], (ms, median), color=series.colour, **beside)
+    line = [(found[name]["ms"], 100 * found[name]["finest"][what]["median"]) for name in front]
+    axis.plot(*zip(*line, strict=True), color="black", linewidth=6, alpha=0.15, zorder=0)
+    axis.set(xscale="log", yscale="log")
+    axis.yaxis.set_major_formatter("{x:g}")
+    axis.yaxis.set_minor_formatter("{x:g}")
+    axis.tick_params(axis="y", which="minor", labelsize=6)
+    axis.grid(alpha=0.3, which="both")
+
+
+def size(series: Series) -> dict[str, float]:
+    """How large its markers are."""
+    return {"markersize": 9 if series.marker == "*" else 5}
+
+
+def legend(axis) -> None:
+    """Names of the series, and of the front, on an axis of their own."""
+    for title, series in SERIES.items():
+        axis.plot([], [], series.marker, color=series.colour, label=title, **size(series))
+    axis.plot([], [], color="black", linewidth=6, alpha=0.15, label="front")
+    axis.plot([], [], color="grey", alpha=0.4, linewidth=1, label="median to 95th percentile")
+    axis.legend(fontsize=8, loc="center left", frameon=False)

@@ -1,0 +1,374 @@
+"""Presses of the report on error against run time, who answers them, and how they are judged.
+
+Every answer is carried to the model mesh of 1,000 nodes (V, T) and compared there. Another answerer
+needs an entry of `ANSWERERS`, and a place in a series of the picture. A batch is balls of 3 to 8 mm
+pressed 0.6 mm into a Mini from rest in five frames, a few for every core, solved by one call.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import ruffini
+from fem_cases import bonded_layer
+from meshes import carried, difference
+from ruffini import (
+    Compliance,
+    Deformation,
+    Fem,
+    LinearPad,
+    PaperAnswer,
+    PaperNetwork,
+    Press,
+    PressError,
+    Shape,
+    SoftBody,
+    Surrogate,
+)
+from ruffini.dataset import Dataset
+
+CACHE = Path.home() / ".cache/ruffini"
+RUNS, GRASPS = CACHE / "networks", CACHE / "grasps-63x10x10"
+"""What `networks --runs` has trained, and a dataset of grasps."""
+
+
+@dataclass(frozen=True)
+class Gel:
+    """What the pad is made of, and how rough."""
+
+    sensor: str
+    young: float
+    """Young's modulus (Pa)."""
+    poisson: float
+    friction: float
+
+    def body(self, nodes: int) -> SoftBody:
+        """The pad, meshed with about so many nodes."""
+        pad = ruffini.sensor(self.sensor, resolution=nodes)
+        return SoftBody(pad.mesh, self.young, self.poisson, "neo-hookean", pad.fixed)
+
+
+@dataclass(frozen=True)
+class Answerer:
+    """A way to answer presses."""
+
+    make: Callable[[Gel], Any]
+    """The model of a gel."""
+    kind: str
+    """Family."""
+    use: str
+    """How it is asked for in Python."""
+    made_from: dict[str, float] = field(default_factory=dict)
+    """Core seconds that were spent before the first answer, by what for."""
+    shipped: bool = True
+    """Whether a user would ask it: neither an oracle nor a network of one's own."""
+    file: Path | None = None
+    """Weights that have to be trained first."""
+
+
+def compliance(nodes: int, sweeps: int = 0, rough: bool = True, **contact: str) -> Answerer:
+    """Linear elasticity condensed to the surface."""
+    arguments = (f", sweeps={sweeps}" if sweeps else "") + ("" if rough else ", friction=0")
+    arguments += "".join(f', {name}="{what}"' for name, what in contact.items())
+    return Answerer(
+        lambda gel: Compliance(
+            gel.body(nodes), gel.friction if rough else 0.0, sweeps=sweeps, **contact
+        ),
+        "compliance",
+        f"Compliance(sensor(…, resolution={nodes}){arguments})",
+    )
+
+
+def fem(element: str, nodes: int, tolerance: float = 1e-7) -> Answerer:
+    """Finite elements, up to a force out of balance (N)."""
+    loose = f", tolerance={tolerance:g}" if tolerance > 1e-7 else ""
+    return Answerer(
+        lambda gel: Fem(gel.body(nodes), gel.friction, tolerance, element),
+        "fem",
+        f'Fem(sensor(…, resolution={nodes}), element="{element}"{loose})',
+    )
+
+
+def trained(run: str, of: type[Surrogate | PaperNetwork] = Surrogate) -> Answerer:
+    """A network that is not shipped."""
+    file = RUNS / run / "weights.safetensors"
+    return Answerer(
+        lambda gel: of.load(file, **vars(gel)),
+        "other network" if of is Surrogate else "paper",
+        f'{of.__name__}.load("{run}/{file.name}")',
+        shipped=False,
+        file=file,
+    )
+
+
+PADS = {"data": 45 * 60.0, "training": 2 * 8 * 60.0}
+"""Of the network: 200 indenters, and 80 epochs in 8 minutes on 2 threads."""
+B = {"data": 4.5 * 3600, "training": 600.0}
+"""Of the paper's B: 630 grasps of 10 frames (dataset.md), and the budget of `paper`."""
+LAYER = "bonded layer"
+ANSWERERS: dict[str, Answerer] = {
+    LAYER: Answerer(lambda gel: gel, "closed form", "– (force of a ball)"),
+    "compliance, no friction": compliance(2000, rough=False),
+    "compliance 1000": compliance(1000),
+    "compliance": compliance(2000),
+    "compliance at nodes": compliance(2000, contact="nodes"),
+    "compliance, 1 sweep": compliance(2000, 1),
+    **{f"compliance, {sweeps} sweeps": compliance(2000, sweeps) for sweeps in (3, 6, 12)},
+    "linear, on cells": Answerer(lambda gel: LinearPad(**vars(gel)), "compliance", "LinearPad()"),
+    "network": Answerer(lambda gel: Surrogate(**vars(gel)), "network", "Surrogate()", PADS),
+    "network, by Candle": Answerer(
+        lambda gel: Surrogate(**vars(gel)).plain(), "oracle", "Surrogate().plain()", shipped=False
+    ),
+    "network, 48 channels": trained("pads48-0"),
+    "network, 16 channels": trained("pads16-0"),
+    "paper's B": Answerer(
+        lambda gel: PaperNetwork("paper-b", **vars(gel)), "paper", 'PaperNetwork("paper-b")', B
+    ),
+    "paper's Baseline": trained("paper-baseline", PaperNetwork),
+    "paper's A": trained("paper-a", PaperNetwork),
+    "paper's B, 32 channels": trained("paper-b-wide", PaperNetwork),
+    "paper's B, 8 rounds": trained("paper-b-long", PaperNetwork),
+    "fem p1 2000": fem("p1", 2000),
+    "fem p1-bar 500": fem("p1-bar", 500),
+    "fem p1-bar 1000": fem("p1-bar", 1000),
+    "fem p1-bar 2000, 1 mN": fem("p1-bar", 2000, 1e-3),
+    "fem p1-bar 2000, 10 µN": fem("p1-bar", 2000, 1e-5),
+    "fem p1-bar 2000": fem("p1-bar", 2000),
+    "fem p1-bar 3000": fem("p1-bar", 3000),
+    "fem p2 500": fem("p2", 500),
+    "fem p2 1000": fem("p2", 1000),
+}
+"""By name; the paper's have 16 channels and 4 rounds where no other is said."""
+ELEMENTS = "fem p1-bar 2000"
+"""Finite elements whose answer and time others are put beside."""
+FEW = [LAYER, "compliance 1000", "compliance at nodes", "linear, on cells", "network"]
+FEW += ["network, by Candle", "paper's B", "fem p1-bar 500", ELEMENTS]
+"""Who is asked in the quick form: some of every kind that needs no training."""
+
+MINI = Gel("gelsight-mini", 3e5, 0.47, 0.8)
+SHAPES = [("ball", size) for size in (4, 2, 3, 6, 8, 10)] + [("block", 4), ("block", 5)]
+"""What is pressed straight down, and its size (mm)."""
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+MODEL_NODES = 1000
+STILL = 1e-9
+"""Displacement under which a press counts as none (m)."""
+REPEATS = 3
+"""Times that a press is answered where that is quick; the fastest counts."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A shape led along a path into a gel."""
+
+    panel: str
+    name: str
+    gel: Gel
+    shape: Shape
+    path: list
+    judged: range
+    """The frames that count."""
+    ball: tuple[float, np.ndarray] | None = None
+    """Radius and depths (m), where a ball presses straight down."""
+
+    def press(self) -> Press:
+        """What is asked."""
+        return Press(self.shape, self.path)
+
+    def key(self, answerer: str) -> str:
+        """What a row is known by."""
+        return f"{self.panel}/{self.name}/{answerer}"
+
+
+def cases(quick: bool, most: int) -> Iterator[Case]:
+    """The presses, at most so many a panel; in the quick form one of each of three panels."""
+    few = slice(0, 1 if quick else most)
+    if not quick:
+        yield from held_out(most)
+    yield from straight("deep", MINI, SHAPES[few], [1.6e-3, 2.0e-3, 2.4e-3])
+    yield from straight("tiny", MINI, SHAPES[few], [5e-6, 2e-5, 5e-5])
+    for name, young, poisson in [] if quick else [("soft", 2e4, 0.45), ("stiff", 5e6, 0.49)]:
+        gel = Gel("gelsight-mini", young, poisson, 0.8)
+        yield from straight(name, gel, SHAPES[few], [3e-4, 6e-4, 1e-3])
+    yield from straight("no contact", MINI, [("ball", 6)], [-1e-3, -1e-4])
+
+
+def held_out(count: int) -> Iterator[Case]:
+    """Grasps of objects of families that the network never saw, where the dataset is there.
+
+    One of each object, one pad, three of ten frames.
+    """
+    if not GRASPS.exists():
+        return
+    data = Dataset(GRASPS)
+    gels = [
+        Gel(g["sensor"], g["young"], g["poisson"], g["friction"])
+        for g in data.manifest["config"]["gels"]
+    ]
+    shapes = {thing.name: thing.shape for thing in ruffini.objects()}
+    first: dict[str, str] = {}
+    for grasp in sorted(data.splits["novel-14"]["test"]):
+        first.setdefault(grasp.split("/")[0], grasp)
+    for thing, grasp in list(first.items())[:count]:
+        poses = [data[index].pads[0].press for index in data.frames(grasp)[1::4]]
+        path = [(pose[:3], pose[3:]) for pose in poses]
+        frames = range(len(path))
+        yield Case("held-out", grasp, gels[data.gel(grasp)], shapes[thing], path, frames)
+
+
+def straight(panel: str, gel: Gel, shapes: list, depths: list[float]) -> Iterator[Case]:
+    """Balls and blocks of so many mm (radius, half an edge) pressed down beside the middle.
+
+    The way to the first depth is walked in four frames that do not count.
+    """
+    top = ruffini.sensor(gel.sensor, resolution=2000).mesh.vertices[:, 2].max()
+    for kind, size in shapes:
+        half = 1e-3 * size
+        shape = Shape.sphere(half) if kind == "ball" else Shape.cuboid((half, half, half))
+        ways = [*np.linspace(0, depths[0], 5)[1:-1], *depths]
+        path = [((1e-3, 0.0, top + half - depth), UPRIGHT) for depth in ways]
+        judged = range(len(ways) - len(depths), len(ways))
+        ball = (half, np.array(ways)) if kind == "ball" and depths[0] > 0 else None
+        yield Case(panel, f"{kind} {size} mm", gel, shape, path, judged, ball)
+
+
+class Fields:
+    """An answer on the model mesh: displacement (F, V, 3), stress (F, T), force (F, 3).
+
+    The force is not a number where it is not said.
+    """
+
+    def __init__(self, displacement: np.ndarray, stress: np.ndarray, force: np.ndarray):
+        self.displacement, self.stress, self.force = displacement, stress, force
+        self.known: list[bool] | None = None
+        """Whether a network says that it knows (F)."""
+
+    @classmethod
+    def carried(
+        cls, gel: Gel, mesh: ruffini.TetMesh, frames: list[Deformation | PaperAnswer]
+    ) -> Fields:
+        """Those of an answer on another mesh, or on the model mesh itself."""
+        model = ruffini.sensor(gel.sensor, resolution=MODEL_NODES).mesh
+        silent = np.full(6, np.nan)
+        force = np.array([getattr(frame, "wrench", silent)[:3] for frame in frames])
+        moved, stress = zip(*carried(frames, mesh, model), strict=True)
+        return cls(np.array(moved), np.array(stress), force)
+
+    def errors(self, truth: Fields, frames: range) -> dict[str, list[float]]:
+        """Relative errors of the frames that count; absolute ones where the truth is nothing."""
+        found: dict[str, list[float]] = {}
+        for frame in frames:
+            for what, error in self._of(truth, frame).items():
+                found.setdefault(what, []).append(error)
+        return found
+
+    def _of(self, truth: Fields, frame: int) -> dict[str, float]:
+        names = ("displacement", "stress", "force")
+        mine, true = ({n: vars(of)[n][frame] for n in names} for of in (self, truth))
+        if np.abs(true["displacement"]).max() < STILL:
+            return {"still": float(np.abs(mine["displacement"]).max())}
+        off = {
+            name: difference(mine[name], true[name])
+            for name in names
+            if np.isfinite(mine[name]).all()
+        }
+        off["peak"] = float(abs(mine["stress"].max() / true["stress"].max() - 1))
+        return off if self.known is None else off | {"known": float(self.known[frame])}
+
+
+def finest(case: Case, nodes: int, kept: Path) -> Fields | None:
+    """What the finest mesh says, kept in a file; ``None`` where it has no answer."""
+    file = kept / f"{case.panel}-{case.name.replace('/', '-')}.npz"
+    if not file.exists():
+        judge = fem("p1-bar", nodes).make(case.gel)
+        frames = judge.solve_path(case.press())
+        if isinstance(frames[-1], PressError):
+            return None
+        fields = Fields.carried(case.gel, judge.body.mesh, frames)
+        kept.mkdir(parents=True, exist_ok=True)
+        np.savez(file, **{name: vars(fields)[name] for name in ("displacement", "stress", "force")})
+    with np.load(file) as found:
+        return Fields(**found)
+
+
+def answered(case: Case, name: str) -> tuple[Fields | None, dict]:
+    """A press answered by name: its fields, and CPU time a frame (s) or why there is none."""
+    if name == LAYER:
+        return None, closed_form(case)
+    made = ANSWERERS[name].make(case.gel)
+    seconds: list[float] = []
+    while len(seconds) < REPEATS and sum(seconds) * len(case.path) < 1.0:
+        begun = time.process_time()
+        frames = made.solve_path(case.press())
+        seconds.append((time.process_time() - begun) / len(case.path))
+    if isinstance(frames[-1], PressError):
+        return None, {"failed": frames[-1].kind}
+    fields = Fields.carried(case.gel, made.body.mesh, frames)
+    if hasattr(made, "knows"):
+        fields.known = [made.knows(frame) for frame in frames]
+    return fields, {"seconds": min(seconds)}
+
+
+def closed_form(case: Case) -> dict:
+    """The closed form's force on a ball, its cost a Python call's."""
+    if case.ball is None:
+        return {"failed": "no ball"}
+    gel, pad = case.gel, ruffini.sensor(case.gel.sensor, resolution=300).mesh
+    thickness = float(np.ptp(pad.vertices[:, 2]))
+    begun = time.process_time()
+    for _ in range(100):
+        force = bonded_layer(*case.ball, gel.young, gel.poisson, thickness)
+    return {"seconds": (time.process_time() - begun) / 100 / len(force), "normal": force.tolist()}
+
+
+def rows(quick: bool, most: int, number: int, names: list[str], nodes: int, kept: Path) -> list:
+    """Rows of the press of that number for some of the answerers.
+
+    Each has its errors against the finest mesh and against `ELEMENTS`.
+    """
+    case = list(cases(quick, most))[number]
+    truth = finest(case, nodes, kept)
+    if truth is None:
+        failed = {"failed": "not solved on the finest mesh", "panel": case.panel}
+        return [failed | {"key": case.key(name), "answerer": name} for name in names]
+    elements, _ = answered(case, ELEMENTS)
+    judges = {"finest": truth} | ({ELEMENTS: elements} if elements else {})
+    return [row(case, name, judges) for name in names]
+
+
+def row(case: Case, name: str, judges: dict[str, Fields]) -> dict:
+    """Errors of an answerer at a press against each judge."""
+    fields, found = answered(case, name)
+    found |= {"key": case.key(name), "panel": case.panel, "answerer": name}
+    for judge, true in judges.items():
+        if fields is not None and name != judge:
+            found[judge] = fields.errors(true, case.judged)
+        elif "normal" in found:
+            pairs = [(found["normal"][frame], -true.force[frame, 2]) for frame in case.judged]
+            felt = [abs(normal / force - 1) for normal, force in pairs if force > 0]
+            found[judge] = {"force": felt} if felt else {}
+    return found
+
+
+def batch(name: str, count: int, threads: int) -> dict:
+    """Clock time a press of a batch (s), the quickest of its repetitions within a second."""
+    # In a process that has answered nothing yet: the threads are chosen once in one.
+    os.environ["RAYON_NUM_THREADS"] = str(threads)
+    balls = [("ball", size) for size in np.linspace(3, 8, count)]
+    presses = [case.press() for case in straight("batch", MINI, balls, [3e-4, 6e-4])]
+    made = ANSWERERS[name].make(MINI)
+    made.solve(presses[:threads])
+    seconds: list[float] = []
+    while sum(seconds) < 1.0:
+        begun = time.perf_counter()
+        answers = made.solve(presses)
+        seconds.append(time.perf_counter() - begun)
+    failed = sum(isinstance(answer, PressError) for answer in answers)
+    found = {"panel": "batch", "answerer": name, "threads": threads, "presses": count}
+    return found | {"failed": failed, "seconds": min(seconds) / count}

@@ -1,0 +1,452 @@
+"""What a scene costs, from bare rigid to everything on, a quarter of an hour; --quick three scenes.
+
+Every row runs in a process of its own. Time is processor time of one thread, over steps in which
+both fingers of every environment touch, that of a stage its share of the clock's; scaling over
+threads, training and peers are wall time. Peers are those of policies/rollout_speed.py; they and
+Stable-Baselines3 are named as missing where they are not installed, and asked for anew by the next
+run.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import sys
+import time
+from argparse import Namespace
+from collections import defaultdict
+from importlib.metadata import version
+from importlib.util import find_spec
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from engine import ROOT, Rows, made, plt, run, table, text
+from ruffini.envs import GraspLiftVectorEnv
+from ruffini.policies import scripted
+
+sys.path.append(str(ROOT / "policies"))
+
+MADE_OF = ["env-core", "py/src", "py/python/ruffini/sb3.py", "policies/params.py"]
+MADE_OF += ["py/python/ruffini/policies/grasp_lift.py", "py/reports/scene_cost.py"]
+MADE_OF += ["py/reports/scene_cost_training.py"]
+MADE_OF += [f"policies/{name}.py" for name in ("rollout_speed", "touch_speed", "train")]
+COUNT = 4
+"""Environments of a scene."""
+BASE = ["proprio", "object"]
+MARKERS = [*BASE, "markers"]
+TOUCH = [*MARKERS, "stress", "traction", "slip", "displacement", "depth", "trust"]
+NETWORK, LINEAR = {"tactile": "surrogate"}, {"tactile": "compliance"}
+FULL = "network, all channels"
+SCENES: dict[str, dict[str, Any]] = {
+    "rigid": {"tactile": "none"},
+    "rigid, finer step": {"tactile": "none", "physics": {"time_step": 1e-3, "iterations": 4}},
+    "linear, markers": LINEAR | {"observation": MARKERS},
+    "linear, all channels": LINEAR | {"observation": TOUCH},
+    "network, no channel": NETWORK | {"observation": BASE},
+    "network, markers": NETWORK | {"observation": MARKERS},
+    "linear, 500 nodes": LINEAR | {"observation": MARKERS, "resolution": {"nodes": 500}},
+    **{
+        f"network, all but {channel}": NETWORK
+        | {"observation": [name for name in TOUCH if name != channel]}
+        for channel in ("displacement", "stress", "depth")
+    },
+    FULL: NETWORK | {"observation": TOUCH},
+    "fem, markers": {"tactile": "fem", "observation": MARKERS},
+}
+LEFT_OUT = {name: f"network, all but {name}" for name in ("displacement", "stress", "depth")}
+LEFT_OUT |= {"all channels but markers": "network, markers", "touch": "rigid"}
+"""What a scene lacks against the full one."""
+BOTH = ("rigid", "linear, markers", "network, markers", FULL)
+"""Scenes with a cuboid, whose flat side touches widely, besides the sphere."""
+QUICK = ("rigid", "linear, markers", FULL)
+STEPS, MOST = {"rigid": 1500, "fem": 50}, 80
+"""Steps of the scenes that are named, and of the others."""
+SCALING = {"rigid": (1, 16, 256), "network, markers": (1, 16, 64, 1024)}
+"""Environments of the scaling, by scene."""
+LIFT, HOLD = "ruffini/GraspLift-v0", "ruffini/HoldStill-v0"
+RUNS: dict[str, tuple[str, dict[str, Any]]] = {
+    "GraspLift, rigid": (LIFT, {"tactile": "none"}),
+    "GraspLift, network, markers": (LIFT, {}),
+    "HoldStill, network, wrench and slip": (HOLD, {}),
+}
+"""Environments that PPO runs in: an id, and what is not default."""
+QUICK_RUNS, QUICK_ROLLOUT = ("GraspLift, network, markers",), 32
+"""Those of the quick form, and steps of their rollouts; else the task's own."""
+OURS = {"rigid": {"tactile": "none"}, "network, markers": NETWORK}
+"""Environments beside the peers."""
+
+
+def make(options: Namespace) -> dict:
+    """Scenes, scaling, training and peers, one after the other."""
+    from rollout_speed import PEERS
+
+    quick = options.quick
+    rows, cases = Rows.of("scene_cost", options, MADE_OF, {"environments": COUNT}), {}
+    for name in QUICK if quick else SCENES:
+        steps = STEPS.get(name.split(",")[0], MOST)
+        for thing in ("sphere", "cuboid") if name in BOTH and not quick else ("sphere",):
+            cases[f"cost {name}, {thing}"] = (cost, name, thing, steps)
+    threads = [2**i for i in range(int(np.log2(os.cpu_count() or 1)) + 1)]
+    for name, counts in SCALING.items():
+        for count, some in product(counts[:1] if quick else counts, threads):
+            if some <= count:
+                cases[f"scaling {name}, {count:04}, {some}"] = (scaling, name, count, some)
+    for name, free in product(QUICK_RUNS if quick else RUNS, (False, True)):
+        key = f"sb3 {name}, free" if free else f"sb3 {name}"
+        cases[key] = (training, name, free, QUICK_ROLLOUT if quick else None)
+    seconds = 0.3 if quick else 3.0
+    cases |= {f"peer {name}": (theirs, name, seconds) for name in PEERS}
+    for name, count in product(OURS, (1, 16)):
+        cases[f"peer ruffini {name}, {count:02}"] = (ours, name, count, seconds)
+    run(rows, cases, jobs=1)
+    return rows.header | {"note": options.note} | summary(list(rows))
+
+
+def cost(name: str, thing: str, steps: int) -> dict:
+    """Steps a second, stages and memory of a scene while a scripted policy holds an object."""
+    from touch_speed import FELT
+
+    before = resident()
+    envs = GraspLiftVectorEnv(COUNT, num_threads=1, objects=[thing], **SCENES[name])
+    policy = scripted(LIFT)
+    observation, _ = envs.reset(seed=0)
+    for _ in range(8):
+        observation, *_ = envs.step(policy.predict(observation)[0])
+    held, spent, wall, stages = 0, 0.0, 0.0, []
+    for _ in range(steps):
+        action, _ = policy.predict(observation)
+        envs.plan(forget=True)
+        begun, clock = time.process_time(), time.perf_counter()
+        observation, *_ = envs.step(action)
+        took, waited = time.process_time() - begun, time.perf_counter() - clock
+        if (observation["proprio"][:, 12:14] > FELT).all():
+            held, spent, wall = held + COUNT, spent + took, wall + waited
+            stages.append({stage: us for stage, _, us in envs.plan()})
+    share = spent / wall if wall else 0.0
+    return {
+        "scene": name,
+        "object": thing,
+        "steps": held,
+        "us": 1e6 * spent / held if held else None,
+        "stages": {
+            stage: share * float(np.mean([row[stage] for row in stages]))
+            for stage in (stages[0] if stages else {})
+        },
+        "MiB": resident() - before,
+        "peak MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
+
+
+def resident() -> float:
+    """Memory of this process that is in use (MiB)."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def scaling(name: str, count: int, threads: int) -> dict:
+    """Steps a second of wall time under the scripted policy: reach, grasp, lift."""
+    envs = GraspLiftVectorEnv(count, num_threads=threads, objects=["sphere"], **SCENES[name])
+    policy = scripted(LIFT)
+    observation, _ = envs.reset(seed=0)
+    spent = 0.0
+    for _ in range(MOST):
+        action, _ = policy.predict(observation)
+        begun = time.perf_counter()
+        observation, *_ = envs.step(action)
+        spent += time.perf_counter() - begun
+    return {"scene": name, "envs": count, "threads": threads, "rate": MOST * count / spent}
+
+
+def training(name: str, free: bool, steps: int | None) -> dict:
+    """Steps a second of PPO end to end, or what it lacks."""
+    row = {"run": name, "free": free}
+    for package in ("torch", "stable_baselines3", "tqdm"):
+        if find_spec(package) is None:
+            return row | {"missing": f"{package} is not installed"}
+    from scene_cost_training import end_to_end
+
+    return row | end_to_end(*RUNS[name], free, steps) | versions("torch", "stable_baselines3")
+
+
+def theirs(name: str, seconds: float) -> dict:
+    """Steps a second of a peer, or why there are none."""
+    from rollout_speed import PEERS, peer
+
+    found, row = peer(name, seconds), {"envs": name, "control step": PEERS[name].control_step}
+    if isinstance(found, str):
+        return row | {"missing": found}
+    return row | {"rate": found} | versions(*PEERS[name].packages)
+
+
+def ours(name: str, count: int, seconds: float) -> dict:
+    """Steps a second by the same kind of rollout as the peers'."""
+    from rollout_speed import CONTROL_STEP, random_rollout
+
+    envs = f"ruffini GraspLift, {name}, {count} environment{'s' if count > 1 else ''}"
+    rate = random_rollout(count, 1, seconds, **OURS[name])
+    return {"envs": envs, "control step": CONTROL_STEP, "rate": rate}
+
+
+def versions(*packages: str) -> dict:
+    """Versions of packages that a row depends on."""
+    return {"versions": {package: version(package) for package in packages}}
+
+
+def summary(rows: list[dict]) -> dict:
+    """Cost by scene and object, savings, scaling, training, peers."""
+
+    def some(kind: str) -> list[dict]:
+        chosen = [row for row in rows if row["key"].startswith(kind)]
+        return [{k: v for k, v in row.items() if k not in ("key", "took")} for row in chosen]
+
+    scenes: dict = defaultdict(dict)
+    for row in some("cost"):
+        if row["us"]:
+            scenes[row.pop("scene")][row.pop("object")] = row | {"rate": 1e6 / row["us"]}
+    order = sorted(scenes, key=lambda name: -scenes[name]["sphere"]["rate"])
+    runs: dict = {}
+    for row in some("sb3"):
+        name, kind = row.pop("run"), "free" if row.pop("free") else "ruffini"
+        if "us" in row:
+            row["share"] = row["us"]["environment"] / sum(row["us"].values())
+        runs.setdefault(name, {})[kind] = row
+    return {
+        "scenes": {name: scenes[name] for name in order},
+        "savings": savings(scenes),
+        "scaling": some("scaling"),
+        "sb3": runs,
+        "peers": some("peer"),
+    }
+
+
+def savings(scenes: dict) -> dict:
+    """What leaving something out saves (µs), and what that stage took in the full scene."""
+    found: dict = {}
+    for thing, whole in scenes.get(FULL, {}).items():
+        for part, other in LEFT_OUT.items():
+            if thing in scenes.get(other, {}):
+                saved = whole["us"] - scenes[other][thing]["us"]
+                row = {"saved": saved, "share": saved / whole["us"]}
+                found.setdefault(part, {})[thing] = row | {"stage": whole["stages"].get(part)}
+    return found
+
+
+PAGE = """# What a scene costs
+
+Steps a second of one thread, and where they go:
+
+{rates}
+
+{ppo}
+
+![cost of scenes](scene_cost.svg)
+
+## By scene
+
+{sizes[environments]} environments on one thread, scripted grasp, only steps in which all pads
+touch; processor time. Memory is what the scene adds to the process.
+
+{by_scene}
+
+## By stage
+
+µs in a step of one environment, as `env.unwrapped.plan()` lists it.
+
+{by_stage}
+
+## What leaving something out saves
+
+Against 'network, all channels'; 'stage' is what the plan says that it takes.
+
+{saved}
+
+## Environments and threads
+
+Wall time, the whole machine's load when it began beside it.
+
+{scaled}
+
+{trained}
+
+{beside_peers}
+
+{made}"""
+TRAINED = """## SB3 end to end
+
+Stable-Baselines3's PPO with the parameters of `policies/params.py`, one thread of torch and one of
+the environment: wall time, by step of one environment. The policy's own networks count as PPO's. A
+free environment plays one recorded episode over and over; it leaves PPO's caches warm, which
+physics does not. 'Touch' is the share of steps in which a pad touches: the policy is untrained, and
+in GraspLift a trained one touches far more often.
+
+{table}"""
+PEERS = """## Peers
+
+Random actions on one thread, which seldom touch; resets included; wall time. A step of one is not a
+step of another: 'real time' is the simulated time over the wall's.
+
+{table}"""
+SCENE = {
+    "scene": "{name}",
+    "steps/s": "{rate:,.0f}",
+    "µs a step": "{us:,.0f}",
+    "MiB": "{MiB:.0f}",
+    "peak MiB of the process": "{peak MiB:.0f}",
+}
+SAVED = {
+    "left out": "{name}",
+    "saved (µs)": "{saved:,.0f}",
+    "of the step": "{share:100*.0f} %",
+    "stage (µs)": "{stage:,.0f}",
+}
+SCALED = {
+    "scene": "{scene}",
+    "environments": "{envs}",
+    "threads": "{threads}",
+    "steps/s": "{rate:,.0f}",
+    "load": "{load:.1f}",
+}
+RUN = {
+    "run": "{name}",
+    "environments": lambda row: row.get("missing") or str(row["envs"]),
+    "steps/s": "{rate:,.0f}",
+    "environment (µs)": "{us[environment]:,.0f}",
+    "rest of collecting (µs)": "{us[collecting]:,.0f}",
+    "updating (µs)": "{us[updating]:,.0f}",
+    "environment's share": "{share:100*.0f} %",
+    "touch": lambda row: "" if row["kind"] == "free" else f"{100 * row['touch']:.1f} %",
+    "load": lambda row: "" if "missing" in row else f"{row['load']:.1f}",
+}
+PEER = {
+    "environments": "{envs}",
+    "steps/s": lambda row: row.get("missing") or f"{row['rate']:,.0f}",
+    "step (ms)": "{control step:1e3*.0f}",
+    "times real time": lambda row: f"{row['rate'] * row['control step']:,.0f}",
+    "version": lambda row: ", ".join(f"{n} {v}" for n, v in row.get("versions", {}).items()),
+    "load": lambda row: "" if "missing" in row else f"{row['load']:.1f}",
+}
+
+
+def named(found: dict) -> list[dict]:
+    """Rows of what is told by a name and a kind or an object."""
+    return [
+        {"name": name if kind == "ruffini" else f"{name}, {kind}", "kind": kind} | row
+        for name, of in found.items()
+        for kind, row in of.items()
+    ]
+
+
+def page(report: dict) -> str:
+    """What dominates each scene, the environment's share of training, tables."""
+    scenes = named(report["scenes"])
+    kinds = dict.fromkeys(stage for row in scenes for stage in row["stages"])
+    stages = [("scene", "{name}"), *((kind, f"{{stages[{kind}]:,.0f}}") for kind in kinds)]
+    parts = {"trained": "", "beside_peers": "", "ppo": ""}
+    if runs := report.get("sb3"):
+        parts["ppo"] = "Training by Stable-Baselines3's PPO end to end on one thread:\n\n"
+        parts["ppo"] += "\n".join(share(name, run) for name, run in runs.items())
+        parts["trained"] = text(TRAINED, {}, table=table(RUN, named(runs), absent=""))
+    if peers := report.get("peers"):
+        parts["beside_peers"] = text(PEERS, {}, table=table(PEER, peers, absent=""))
+    return text(
+        PAGE,
+        report,
+        rates="\n".join(map(dominant, scenes)),
+        by_scene=table(SCENE, scenes),
+        by_stage=table(stages, scenes, absent=""),
+        saved=table(SAVED, named(report["savings"]), absent="–"),
+        scaled=table(SCALED, report["scaling"]),
+        made=made(report),
+        **parts,
+    )
+
+
+def dominant(row: dict) -> str:
+    """A scene's rate and its costliest stage."""
+    stage, us = max(row["stages"].items(), key=lambda x: x[1], default=("–", 0.0))
+    of_it = f"{100 * us / row['us']:.0f} % of it in {stage}"
+    return f"- {row['name']}: {row['rate']:,.0f} steps/s, {of_it}."
+
+
+def share(name: str, run: dict) -> str:
+    """The environment's share of a run, in a sentence."""
+    whole, free = run["ruffini"], run["free"]
+    if "missing" in whole or "missing" in free:
+        return f"- {name}: {whole.get('missing') or free['missing']}."
+    return (
+        f"- {name}: {whole['rate']:,.0f} steps/s, {100 * whole['share']:.0f} % of it in ruffini, "
+        f"the rest in SB3; {free['rate']:,.0f} steps/s in a free environment."
+    )
+
+
+def figure(report: dict):
+    """Time by stage of every scene, rates by threads, and time of training."""
+    runs = [
+        ("free" if row["kind"] == "free" else row["name"].replace(", ", "\n", 1), row["us"])
+        for row in named(report.get("sb3", {}))
+        if "us" in row
+    ]
+    picture, axes = plt.subplot_mosaic(
+        [["stages", "threads"], ["stages", "training" if runs else "threads"]],
+        figsize=(12, 7.5),
+        layout="constrained",
+        width_ratios=[2, 1],
+        height_ratios=[3, 2],
+    )
+    stage_plot(axes["stages"], named(report["scenes"]))
+    thread_plot(axes["threads"], report["scaling"])
+    if runs:
+        training_plot(axes["training"], runs)
+    return picture
+
+
+def stage_plot(axis, rows: list[dict]) -> None:
+    """A row a scene: the time of each kind of stage, and the rate of the whole."""
+    for colour, kind in enumerate(("scene", "press", "model", "correction", "channel", "reward")):
+        times = [
+            sum(us for stage, us in row["stages"].items() if stage.startswith(kind)) for row in rows
+        ]
+        shown = [(us, place) for place, us in enumerate(times) if us > 0]
+        label = "channels" if kind == "channel" else kind
+        if shown:
+            axis.plot(*zip(*shown, strict=True), "o", color=f"C{colour}", ms=6, label=label)
+    for place, row in enumerate(rows):
+        axis.plot(row["us"], place, "|", color="black", markersize=14)
+        beside = {"xytext": (6, -2), "textcoords": "offset points", "fontsize": 7}
+        axis.annotate(f"{row['rate']:,.0f} steps/s", (row["us"], place), **beside)
+    axis.set_yticks(range(len(rows)), [row["name"] for row in rows])
+    axis.invert_yaxis()
+    axis.set(xscale="log", xlabel="CPU µs in a step of one environment; | is the whole step")
+    axis.set_title("Where a step's time goes")
+    axis.set_xlim(right=6 * max(row["us"] for row in rows))
+    axis.grid(alpha=0.3, axis="x", which="both")
+    axis.legend(fontsize=7, ncols=6, loc="upper center", bbox_to_anchor=(0.5, -0.09))
+
+
+def thread_plot(axis, rows: list[dict]) -> None:
+    """Rates by threads, a line for each number of environments."""
+    lines: dict = {}
+    for row in rows:
+        lines.setdefault(f"{row['scene']}, {row['envs']} envs", []).append(row)
+    for name, line in lines.items():
+        axis.loglog([r["threads"] for r in line], [r["rate"] for r in line], ".-", label=name)
+    axis.set(title="Environments and threads", xlabel="threads", ylabel="steps/s")
+    axis.grid(alpha=0.3, which="both")
+    axis.legend(fontsize=7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.14))
+
+
+def training_plot(axis, runs: list) -> None:
+    """A bar a run of PPO: the environment's time, what else collecting takes, and updating."""
+    places, before = range(len(runs)), np.zeros(len(runs))
+    for part in ("environment", "collecting", "updating"):
+        times = np.array([us[part] for _, us in runs])
+        axis.barh(places, times, left=before, label=part)
+        before += times
+    axis.set_yticks(places, [name for name, _ in runs])
+    axis.invert_yaxis()
+    axis.set(title="SB3's PPO end to end", xlabel="wall µs in a step of one environment")
+    axis.grid(alpha=0.3, axis="x")
+    axis.legend(fontsize=7)
