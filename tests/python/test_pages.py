@@ -9,18 +9,20 @@ it stands, and one that is unknown fails.
 from __future__ import annotations
 
 import importlib.util
+import math
 import re
 import runpy
 import shlex
 import shutil
 import sys
+from ast import literal_eval
 from pathlib import Path
 
 import gymnasium as gym
 import pytest
 
 import ruffini.commands
-from ruffini import TASKS
+from ruffini import TACTILE_CHANNELS, TASKS
 from ruffini.commands import dataset, evaluate, train
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -128,6 +130,24 @@ def play(text: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
                     run(command, monkeypatch)
         elif all(importlib.util.find_spec(module) for module in OPTIONAL.findall(block)):
             exec(compile(block, name, "exec"), names)
+
+
+def test_every_channel_of_touch_has_its_size_and_its_picture_on_its_page():
+    text = (DOCS / "touch.md").read_text()
+    rows = re.findall(r"^\| \[`(\w+)`\]\(#\1\) \| (\([\d, ]+\)) \|", text, re.MULTILINE)
+    assert {name for name, _ in rows} == {*TACTILE_CHANNELS, "wrench"}
+    env = gym.make("ruffini/HoldStill-v0", observation=[name for name, _ in rows])
+    for name, shape in rows:
+        assert env.observation_space[name].shape == (math.prod(literal_eval(shape)),), name
+        assert f"\n### {name}\n\n![" in text
+        assert f"(channels/{name}.png)" in text
+
+
+def test_every_task_is_in_the_menu_and_has_a_moving_picture():
+    menu = (DOCS.parent / "mkdocs.yml").read_text()
+    for task in TASKS:
+        assert f"- {task}: environments/{task}.md" in menu
+        assert (DOCS / f"{task}.gif").exists() or task == "GraspLift"
 
 
 def test_there_are_pages_with_code():
