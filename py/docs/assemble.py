@@ -21,8 +21,8 @@ import re
 import shutil
 from pathlib import Path
 
-import ruffini
 from ruffini import _core, agents, envs
+from ruffini._schema import TASKS
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS, SITE = ROOT / "py/docs", ROOT / "target/site"
@@ -91,7 +91,7 @@ def copied(file: Path) -> list[Path]:
 
 def with_specifications(text: str) -> str:
     """The page of the tasks, a link to its specification under the heading of each."""
-    for task in ruffini.TASKS:
+    for task in TASKS:
         link = f"[Specification, settings, a moving picture](environments/{task}.md)"
         text = text.replace(f"\n## {task}\n", f"\n## {task}\n\n{link}\n")
     return text
@@ -143,7 +143,7 @@ Methods: [reference](../api/environments.md).
 def generated() -> None:
     """Writes the pages of the environments and of the reference."""
     shutil.copy(DOCS / "site.css", PAGES)
-    for task in ruffini.TASKS:
+    for task in TASKS:
         (PAGES / "environments").mkdir(parents=True, exist_ok=True)
         (PAGES / f"environments/{task}.md").write_text(environment(task))
         film = "lift.gif" if task == "GraspLift" else f"{task}.gif"
@@ -186,7 +186,9 @@ def package() -> None:
     stub.with_suffix(".py").write_text(documented(stub.read_text(), _core))
     stub.unlink()
     for file in PYTHON.rglob("*.py"):
-        file.write_text(ROLE.sub(r"`\1`", file.read_text()))
+        # reStructuredText of the docstrings that Markdown does not know.
+        text = ROLE.sub(r"`\1`", file.read_text())
+        file.write_text(re.sub(r"::\n\n", ":\n\n", text))
 
 
 def main() -> None:

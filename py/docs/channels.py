@@ -83,7 +83,9 @@ def arrows(name: str, rest: Floats, pads: Floats, longer: float, size: float) ->
     figure, axes = two_pads(11, 13.5)
     places, pads = rest[:, :2].T * MM, pads.reshape(2, len(rest), 3) * MM
     for ax, motion in zip(axes, pads, strict=True):
-        dots = ax.scatter(*places, c=motion[:, 2], s=size, cmap="viridis", vmin=pads[..., 2].min())
+        dots = ax.scatter(
+            places[0], places[1], c=motion[:, 2], s=size, cmap="viridis", vmin=pads[..., 2].min()
+        )
         shear = motion[:, :2].T * longer
         ax.quiver(*places, *shear, angles="xy", scale_units="xy", scale=1, width=0.006)
     figure.suptitle(f"motion in x and y, drawn {longer:g} times as long", fontsize=10)
