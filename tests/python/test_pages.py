@@ -1,38 +1,191 @@
-"""The Python of README and of the pages runs as it is written, block after block of a page."""
+"""The code of README and of the pages runs as it is written, block after block of a page.
+
+Python and commands of a page share a folder that looks like the repository's root, and Python its
+names. What would take long is made short (`SHORTER`, and training stops at once), only parsed
+(`PARSED`) or left out because something else runs it (`LEFT`); a command of none of these runs as
+it stands, and one that is unknown fails.
+"""
 
 from __future__ import annotations
 
+import importlib.util
+import math
 import re
+import runpy
+import shlex
+import shutil
+import sys
+from ast import literal_eval
 from pathlib import Path
 
 import gymnasium as gym
 import pytest
 
-ROOT = Path(__file__).parents[2]
-BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+import ruffini.commands
+from ruffini import TACTILE_CHANNELS, TASKS
+from ruffini.commands import dataset, evaluate, train
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "py/docs"
+BLOCK = re.compile(r"^```(python|bash)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+OPTIONAL = re.compile(r"^(?:from|import) (ray|torchrl)\b", re.MULTILINE)
+"""Packages that are not in the extra `dev`: blocks that need them run where they are installed."""
+SHORTER = {
+    "ruffini play": "--episodes 1 --video-episodes 1",
+    "ruffini dataset generate out": "--config tiny.toml --objects 1 --grasps 1 --frames 2",
+    "python policies/train.py": "--steps 256 --n-envs 8",
+    "python policies/evaluate.py": "--episodes 2",
+    "python policies/export_agent.py": "--episodes 2",
+}
+"""Options that are added to a command."""
+PARSED = {
+    "ruffini dataset generate presses": (dataset, "_generate"),
+    "ruffini train": (train, "_train"),
+    "ruffini evaluate": (evaluate, "_evaluate"),
+}
+"""Commands that take hours, and the functions that do the work; other tests run them in small."""
+LEFT = (
+    *("python3 -m venv", ". .venv/bin/activate", "pip install", "cargo test", "pytest", ".ci/"),
+    "python policies/quickstart.py",  # `.ci/run` runs it, and the next, in small.
+    "python policies/rollout_speed.py",
+    "python policies/touch_speed.py",
+)
+TINY = "truth_nodes = 400\nmodel_nodes = 200\nforce = [1.0, 5.0]\n"
+"""Configuration of a dataset that takes seconds."""
 PAGES = [
     page
-    for page in [ROOT / "README.md", *sorted((ROOT / "py/docs").glob("*.md"))]
+    for page in [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
     if BLOCK.search(page.read_text())
 ]
 
 
-def test_there_are_pages_with_python():
-    assert {"README.md", "custom.md", "mechanics.md"} <= {page.name for page in PAGES}
+def commands(block: str) -> list[str]:
+    """Commands of a block, without comments and the folder of the virtual environment."""
+    lines = [re.sub(r"(^|\s)#.*", "", line) for line in block.replace("\\\n", " ").splitlines()]
+    parts = [part.strip() for line in lines for part in line.split("&&")]
+    return [re.sub(r"^\.venv/bin/(?!activate)", "", part) for part in parts if part]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
+OF_README = {
+    command
+    for language, block in BLOCK.findall((ROOT / "README.md").read_text())
+    if language == "bash"
+    for command in commands(block)
+}
+
+
+def known(command: str, among) -> str | None:
+    """The entry with which a command begins."""
+    return next((prefix for prefix in among if command.startswith(prefix)), None)
+
+
+def run(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs one command in this process, where models of the gel are made once."""
+    if known(command, LEFT):
+        return
+    program, *arguments = shlex.split(command)
+    arguments += shlex.split(SHORTER.get(known(command, SHORTER), ""))
+    with monkeypatch.context() as patch:
+        if parsed := known(command, PARSED):
+            patch.setattr(*PARSED[parsed], lambda options: None)
+        if program == "ruffini":
+            assert ruffini.commands.main(arguments) == 0, command
+        elif program == "python" and arguments[0].startswith("policies/"):
+            patch.setattr(sys, "argv", arguments)
+            runpy.run_path(arguments[0], run_name="__main__")
+        else:
+            raise AssertionError(f"nothing says how to test {command!r}")
+
+
+@pytest.fixture
+def root(tmp_path, monkeypatch):
+    """A folder with what a reader has in the repository's root; PPO that stops at once."""
     sb3 = pytest.importorskip("stable_baselines3")
+    for name in ("env-core", "tests"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    ignored = shutil.ignore_patterns("runs", "__pycache__")
+    shutil.copytree(ROOT / "policies", tmp_path / "policies", ignore=ignored)
     learn = sb3.PPO.learn
-    # Training is stopped at once: what it leads to is tested elsewhere.
-    stopped = {"callback": lambda *_: False}
-    monkeypatch.setattr(sb3.PPO, "learn", lambda model, steps: learn(model, steps, **stopped))
+
+    def stopped(model, steps, callback=None, **options):
+        # What training leads to is tested elsewhere; scripts bring callbacks and few steps.
+        return learn(model, steps, callback=callback or (lambda *_: False), **options)
+
+    monkeypatch.setattr(sb3.PPO, "learn", stopped)
+    (tmp_path / "tiny.toml").write_text(TINY)
     monkeypatch.chdir(tmp_path)
-    registered, names = dict(gym.registry), {"__name__": page.stem}
-    try:
-        for block in BLOCK.findall(page.read_text()):
-            exec(compile(block, page.name, "exec"), names)
-    finally:
-        gym.registry.clear()
-        gym.registry.update(registered)
+    registered = dict(gym.registry)
+    yield tmp_path
+    gym.registry.clear()
+    gym.registry.update(registered)
+
+
+def play(text: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs the blocks of a page, but for the commands that README has, too."""
+    names = {"__name__": name}
+    for language, block in BLOCK.findall(text):
+        if language == "bash":
+            for command in commands(block):
+                if name == "README" or command not in OF_README:
+                    run(command, monkeypatch)
+        elif all(importlib.util.find_spec(module) for module in OPTIONAL.findall(block)):
+            exec(compile(block, name, "exec"), names)
+
+
+def test_every_channel_of_touch_has_its_size_and_its_picture_on_its_page():
+    text = (DOCS / "touch.md").read_text()
+    rows = re.findall(r"^\| \[`(\w+)`\]\(#\1\) \| (\([\d, ]+\)) \|", text, re.MULTILINE)
+    assert {name for name, _ in rows} == {*TACTILE_CHANNELS, "wrench"}
+    env = gym.make("ruffini/HoldStill-v0", observation=[name for name, _ in rows])
+    for name, shape in rows:
+        assert env.observation_space[name].shape == (math.prod(literal_eval(shape)),), name
+        assert f"\n### {name}\n\n![" in text
+        assert f"(channels/{name}.png)" in text
+
+
+def test_every_task_is_in_the_menu_and_has_a_moving_picture():
+    menu = (DOCS.parent / "mkdocs.yml").read_text()
+    for task in TASKS:
+        assert f"- {task}: environments/{task}.md" in menu
+        assert (DOCS / f"{task}.gif").exists() or task == "GraspLift"
+
+
+def test_there_are_pages_with_code():
+    assert {"README.md", "index.md", "custom.md", "mechanics.md"} <= {page.name for page in PAGES}
+    assert len(PAGES) > 10
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning:torch")
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_code_of_a_page_runs(page, root, monkeypatch):
+    play(page.read_text(), page.stem, monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def assemble():
+    return runpy.run_path(str(DOCS / "assemble.py"))
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_code_of_an_environments_page_runs(task, assemble, root, monkeypatch):
+    if task == "GraspSoft":
+        pytest.skip("condensing all of its objects takes minutes")
+    play(assemble["environment"](task), task, monkeypatch)
+
+
+def test_the_site_has_all_that_it_links_to(assemble, tmp_path, monkeypatch):
+    for name in ("SITE", "PAGES", "PYTHON"):
+        monkeypatch.setitem(assemble["main"].__globals__, name, tmp_path / name.lower())
+    assemble["main"]()
+    pages = tmp_path / "pages"
+    assert {f"environments/{task}.md" for task in TASKS} <= {
+        page.relative_to(pages).as_posix() for page in pages.rglob("*.md")
+    }
+    for page in pages.rglob("*.md"):
+        text = page.read_text()
+        assert "<!--" not in text, page
+        ways = [link[1] for link in assemble["LINK"].findall(text)]
+        lost = [way for way in ways if not (page.parent / way).exists()]
+        assert not lost, (page, lost)
+    stub = (tmp_path / "python/ruffini/_core.py").read_text()
+    assert "Quasi-static finite element model" in stub

@@ -1,0 +1,190 @@
+"""Pictures of what each channel of touch is, all from one episode.
+
+    python py/docs/channels.py            # writes channels/<channel>.png beside itself
+
+HoldStill: a ball of 150 g, pulled down by 1 N more, hangs between the fingers, which loosen their
+grip until it slips. Maps show the pads after 0.6 s, curves the whole episode.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+
+import ruffini
+
+Floats = NDArray[np.floating[Any]]
+HERE = Path(__file__).parent / "channels"
+CHANNELS = ["proprio", "wrench", *ruffini.TACTILE_CHANNELS]
+SHOWN = 15
+"""Step whose pads are drawn."""
+LOOSEN = np.array([0, 0, 0, 0, -0.2], np.float32)
+"""Action by which the grip falls."""
+MM, KPA = 1e3, 1e-3
+PADS = ("pad on -x", "pad on +x")
+
+
+def episode() -> tuple[Any, dict[str, Floats]]:
+    """The environment, and each channel in every step, (steps, 2 pads, size)."""
+    env = gymnasium.make(
+        "ruffini/HoldStill-v0",
+        observation=CHANNELS,
+        objects="sphere",
+        friction=0.5,
+        mass=0.15,
+        load=1.0,
+        start_grip=8.0,
+    )
+    observation, _ = env.reset(seed=1)
+    rows = [observation]
+    over, action = False, np.zeros(5, np.float32)
+    while not over:
+        observation, _, terminated, truncated, _ = env.step(action)
+        rows.append(observation)
+        over = terminated or truncated
+        action = LOOSEN if len(rows) > SHOWN else action
+    films = {name: np.stack([row[name] for row in rows]) for name in CHANNELS}
+    return env.unwrapped, {name: film.reshape(len(rows), 2, -1) for name, film in films.items()}
+
+
+def save(figure: Figure, name: str) -> None:
+    """Writes the figure with 256 colours, which halves its size."""
+    figure.canvas.draw()
+    pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]
+    picture = Image.fromarray(pixels).quantize(256, dither=Image.Dither.NONE)
+    picture.save(HERE / f"{name}.png", optimize=True)
+    plt.close(figure)
+
+
+def two_pads(width: float, height: float) -> tuple[Figure, list[Axes]]:
+    """Axes for the faces of both pads, of half that width and height (mm)."""
+    figure, axes = plt.subplots(1, 2, figsize=(6.4, 3.9), dpi=110, layout="constrained")
+    for ax, title in zip(axes, PADS, strict=True):
+        ax.set(aspect="equal", xlim=(-width, width), ylim=(-height, height))
+        ax.set(title=title, xlabel="across, x (mm)")
+    axes[0].set_ylabel("along the finger, y (mm)")
+    return figure, list(axes)
+
+
+def arrows(name: str, rest: Floats, pads: Floats, longer: float, size: float) -> None:
+    """Draws motion (m) of places at rest (m): arrows for x and y, colour for z."""
+    figure, axes = two_pads(11, 13.5)
+    places, pads = rest[:, :2].T * MM, pads.reshape(2, len(rest), 3) * MM
+    for ax, motion in zip(axes, pads, strict=True):
+        dots = ax.scatter(
+            places[0], places[1], c=motion[:, 2], s=size, cmap="viridis", vmin=pads[..., 2].min()
+        )
+        shear = motion[:, :2].T * longer
+        ax.quiver(*places, *shear, angles="xy", scale_units="xy", scale=1, width=0.006)
+    figure.suptitle(f"motion in x and y, drawn {longer:g} times as long", fontsize=10)
+    figure.colorbar(dots, ax=axes, shrink=0.8, label="motion in z (mm)")
+    save(figure, name)
+
+
+def cells(name: str, rest: Floats, pads: Floats, label: str, palette: str, half: float) -> None:
+    """Draws one number for each cell of a grid on both pads."""
+    figure, axes = two_pads(11, half)
+    x, y = (np.unique(rest[:, axis].round(7)) * MM for axis in (0, 1))
+    for ax, values in zip(axes, pads, strict=True):
+        grid = values.reshape(len(y), len(x))
+        drawn = ax.pcolormesh(x, y, grid, cmap=palette, vmin=pads.min(), vmax=pads.max())
+    figure.colorbar(drawn, ax=axes, shrink=0.8, label=label)
+    save(figure, name)
+
+
+def traction(rest: Floats, pads: Floats) -> None:
+    """Draws pressure as colours and shear as arrows."""
+    figure, axes = two_pads(11, 13.5)
+    x, y = (np.unique(rest[:, axis].round(7)) * MM for axis in (0, 1))
+    pads = pads.reshape(2, len(y), len(x), 3) * KPA
+    for ax, values in zip(axes, pads, strict=True):
+        pressure = -values[..., 2]
+        drawn = ax.pcolormesh(x, y, pressure, cmap="Blues", vmin=0, vmax=-pads[..., 2].min())
+        ax.quiver(x, y, values[..., 0], values[..., 1], scale=10, scale_units="x", width=0.01)
+    longest = np.linalg.norm(pads[..., :2], axis=-1).max()
+    figure.suptitle(f"arrows: shear, the longest {longest:.0f} kPa", fontsize=10)
+    figure.colorbar(drawn, ax=axes, shrink=0.8, label="pressure, -z (kPa)")
+    save(figure, "traction")
+
+
+def tet_stress(pads: Floats) -> None:
+    """Draws the tetrahedra that the plane y = 0 cuts."""
+    mesh = ruffini.Surrogate().body.mesh
+    corners = mesh.vertices[mesh.tets] * MM
+    figure, axes = plt.subplots(2, 1, figsize=(6.4, 3.6), dpi=110, layout="constrained")
+    for ax, title, values in zip(axes, PADS, pads * KPA, strict=True):
+        cut = [(polygon(tet), value) for tet, value in zip(corners, values, strict=True)]
+        shown, level = zip(*[one for one in cut if one[0] is not None], strict=True)
+        drawn = PolyCollection(shown, array=level, cmap="magma_r", edgecolor="0.6", lw=0.2)
+        drawn.set_clim(0, pads.max() * KPA)
+        ax.add_collection(drawn)
+        ax.set(aspect="equal", xlim=(-11, 11), ylim=(-4.3, 0.3), title=title, ylabel="z (mm)")
+    axes[1].set_xlabel("across, x (mm)")
+    figure.colorbar(drawn, ax=axes, shrink=0.8, label="von Mises stress (kPa)")
+    save(figure, "tet_stress")
+
+
+def polygon(tet: Floats) -> Floats | None:
+    """Section (K, 2) of a tetrahedron (4, 3) by the plane y = 0, if it is cut."""
+    height = tet[:, 1]
+    ends = [(i, j) for i in range(4) for j in range(4) if height[i] < 0 <= height[j]]
+    if not ends:
+        return None
+    low, high = (tet[list(side)] for side in zip(*ends, strict=True))
+    share = (low[:, 1] / (low[:, 1] - high[:, 1]))[:, None]
+    points = (low + share * (high - low))[:, [0, 2]]
+    around = points - points.mean(axis=0)
+    return points[np.argsort(np.arctan2(around[:, 1], around[:, 0]))]
+
+
+def curves(name: str, lines: dict[str, Floats], grip: Floats, label: str) -> None:
+    """Draws numbers over the episode, and the force of the grip under them."""
+    figure, axes = plt.subplots(
+        2, 1, sharex=True, figsize=(6.4, 3.6), dpi=110, layout="constrained", height_ratios=[3, 1]
+    )
+    seconds = np.arange(len(grip)) * 0.04
+    for text, values in lines.items():
+        axes[0].plot(seconds, values, label=text)
+    axes[0].legend(fontsize=8)
+    axes[0].set_ylabel(label)
+    axes[1].plot(seconds, grip, color="0.4")
+    axes[1].set(xlabel="time (s)", ylabel="grip (N)", ylim=(0, None))
+    save(figure, name)
+
+
+def main() -> None:
+    """Draws every channel."""
+    HERE.mkdir(exist_ok=True)
+    env, films = episode()
+    skin, now = env.skin(), {name: film[SHOWN] for name, film in films.items()}
+    arrows("markers", skin["markers"], now["markers"], 10, 40)
+    arrows("displacement", skin["surface"], now["displacement"], 10, 12)
+    stress, depth = now["stress"] * KPA, now["depth"] * MM
+    cells("stress", skin["grid"], stress, "von Mises stress (kPa)", "magma_r", 13.5)
+    cells("depth", skin["depth"], depth, "height of the face (mm)", "gray", 13.5)
+    traction(skin["grid"], now["traction"])
+    tet_stress(now["tet_stress"])
+    grip = np.abs(films["wrench"][:-1, :, 2]).mean(axis=1)
+    force, trust = films["wrench"][:-1, 0, :3].T, films["trust"][:-1, 0].T
+    names = ("across, x", "along the finger, y", "out of the gel, z")
+    curves("wrench", dict(zip(names, force, strict=True)), grip, "force on the pad on -x (N)")
+    slip = films["slip"][:-1, :, 0].T
+    curves("slip", dict(zip(PADS, slip, strict=True)), grip, "share of the force that slides")
+    names = ("unbalanced force (N)", "its share", "1 if deeper than calibrated")
+    curves("trust", dict(zip(names, trust, strict=True)), grip, "of the pad on -x")
+
+
+if __name__ == "__main__":
+    main()
