@@ -107,7 +107,7 @@ pub(super) fn rasp(draw: &mut Draw) -> Shape {
         .chain((0..rows).map(|j| [columns, j]))
         .chain((1..=columns).rev().map(|i| [i, rows]))
         .chain((1..=rows).rev().map(|j| [0, j]));
-    Shape::Mesh(Arc::new(two_faced(face.collect(), &rim.map(place).collect::<Vec<_>>())))
+    Shape::Mesh(Arc::new(two_faced(&face.collect::<Vec<_>>(), &rim.map(place).collect::<Vec<_>>())))
 }
 
 type Quad = [Point3<f64>; 4];
@@ -128,7 +128,7 @@ fn terraces(corners: Quad, copies: &[[f64; 2]]) -> Vec<Quad> {
 }
 
 /// Solid between a face and its mirror image in the plane x = 0, which have the same `rim`.
-fn two_faced(face: Vec<Quad>, rim: &[Point3<f64>]) -> Surface {
+fn two_faced(face: &[Quad], rim: &[Point3<f64>]) -> Surface {
     let mirrored = |p: Point3<f64>| Point3::new(-p.x, p.y, p.z);
     let image = face.iter().map(|&[a, b, c, d]| [d, c, b, a].map(mirrored));
     let next = rim.iter().cycle().skip(1);
