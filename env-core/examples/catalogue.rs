@@ -94,7 +94,9 @@ fn color(family: Family) -> Color {
         Family::Cucumber => [80, 140, 70],
         Family::Apple => [180, 205, 80],
         Family::Strawberry => [220, 40, 70],
-        Family::Capsule | Family::Cone => [170, 170, 170],
+        Family::Capsule | Family::Cone | Family::Raspberry | Family::Ribbed | Family::Rasp => {
+            [170, 170, 170]
+        }
     };
     Color::srgb(r, g, b)
 }

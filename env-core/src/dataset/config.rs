@@ -27,6 +27,9 @@ pub struct Config {
     /// catalogue; for soft objects, from all 64, those in `first` before the others. Indenters are
     /// drawn one by one.
     pub objects: usize,
+    /// Number of indenters, the last ones, that touch at many small places.
+    #[serde(skip_serializing_if = "is_none")]
+    pub textured: usize,
     /// Names of the soft objects that come first; if empty, those of [`SOFT`].
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub first: Vec<String>,
@@ -113,6 +116,7 @@ impl Default for Config {
             seed: 0,
             scenario: Scenario::Pads,
             objects: 63,
+            textured: 0,
             first: Vec::new(),
             grasps: 100,
             frames: 50,
@@ -139,6 +143,11 @@ impl Default for Config {
 #[allow(clippy::trivially_copy_pass_by_ref)] // Signature required by serde.
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // Signature required by serde.
+fn is_none(count: &usize) -> bool {
+    *count == 0
 }
 
 /// Usual factors of scale of indenters: features of 0.3 to 40 mm.
@@ -174,7 +183,7 @@ impl Config {
     /// Objects of the dataset, in order.
     pub(super) fn objects(&self) -> Vec<Object> {
         if self.scenario == Scenario::Presses {
-            return indenters(self.seed, self.objects, self.scale);
+            return indenters(self.seed, self.objects, self.textured, self.scale);
         }
         let mut all = catalogue(self.seed);
         match self.scenario {
@@ -210,6 +219,11 @@ impl Config {
             if !(1..=most).contains(&count) {
                 return Err(Error::invalid(name, count, format!("1 to {most}")));
             }
+        }
+        let most = if self.scenario == Scenario::Presses { self.objects } else { 0 };
+        if self.textured > most {
+            let expected = format!("0 to {most}, the number of indenters");
+            return Err(Error::invalid("textured", self.textured, expected));
         }
         let [low, high] = self.force;
         if !(low > 0.0 && high >= low && high.is_finite()) {
@@ -301,5 +315,31 @@ impl GelConfig {
         let element = config.truth_element.parse()?;
         let friction = self.friction;
         Fem::new(body, Options { element, friction, ..limits })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Shape;
+
+    #[test]
+    fn textured_indenters_come_after_those_that_are_drawn_without_them() {
+        let drawn = |objects, textured| {
+            Config { scenario: Scenario::Presses, objects, textured, ..Config::default() }.objects()
+        };
+        let (all, plain) = (drawn(600, 200), drawn(400, 0));
+        assert_eq!((all.len(), &all[..400]), (600, &plain[..]));
+        assert!(all[400..].iter().all(|object| matches!(object.shape, Shape::Mesh(_))));
+    }
+
+    #[test]
+    fn only_indenters_can_be_textured() {
+        let refused = |scenario, textured| {
+            let config = Config { scenario, objects: 60, textured, ..Config::default() };
+            config.validated().is_err_and(|error| error.to_string().starts_with("textured"))
+        };
+        assert!(refused(Scenario::Pads, 1) && refused(Scenario::Presses, 61));
+        assert!(!refused(Scenario::Pads, 0) && !refused(Scenario::Presses, 60));
     }
 }

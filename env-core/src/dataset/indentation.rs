@@ -68,6 +68,17 @@ pub(super) fn indentations(config: &Config, object: &Object) -> Vec<Plan> {
     (0..config.grasps).map(|number| draw(config, object, number)).collect()
 }
 
+/// Thickness of an indenter (m): of a mesh, the shortest edge of its bounding box.
+fn thickness_of(shape: &Shape) -> f64 {
+    match shape {
+        Shape::Mesh(surface) => {
+            let (low, high) = surface.bounds();
+            (high - low).min()
+        }
+        _ => shape.thickness(),
+    }
+}
+
 fn draw(config: &Config, object: &Object, number: usize) -> Plan {
     let mut random = ChaCha8Rng::seed_from_u64(object.seed);
     random.set_stream(1 + number as u64);
@@ -90,7 +101,7 @@ fn draw(config: &Config, object: &Object, number: usize) -> Plan {
     };
     let gel = choose(config, uniform());
     let thickness = Sensor::named(&config.gels[gel].sensor).map_or(4e-3, |s| s.outline.thickness);
-    let deepest = (config.depth * thickness).min(DEPTHS.1 * object.shape.thickness());
+    let deepest = (config.depth * thickness).min(DEPTHS.1 * thickness_of(&object.shape));
     let depth = DEPTHS.0 * f64::max(deepest / DEPTHS.0, 1.0).powf(uniform().sqrt());
     let friction = FRICTIONS[(FRICTIONS.len() as f64 * uniform()) as usize];
     let spot = [uniform(), uniform()].map(|u| 1.9 * u - 0.95);

@@ -162,7 +162,7 @@ impl Surface {
     ///
     /// The profile runs with the solid on its left, either from the axis to the axis or as a loop
     /// that ends where it began.
-    pub(super) fn revolved(profile: &[[f64; 2]], segments: u32, phase: f64) -> Self {
+    pub(crate) fn revolved(profile: &[[f64; 2]], segments: u32, phase: f64) -> Self {
         let (mut vertices, mut rings) = (Vec::new(), Vec::new());
         for &[radius, z] in profile {
             let first = vertices.len() as u32;
@@ -197,7 +197,7 @@ impl Surface {
 
     /// Surface at distance `radius(d)` from the origin along every unit vector d, from a subdivided
     /// icosahedron with about `segments` edges round a great circle.
-    pub(super) fn radial(segments: u32, radius: impl Fn(&Vector3<f64>) -> f64) -> Self {
+    pub(crate) fn radial(segments: u32, radius: impl Fn(&Vector3<f64>) -> f64) -> Self {
         let (mut directions, mut triangles) = icosahedron();
         let levels = (f64::from(segments) / 5.0).log2().round().clamp(1.0, 6.0) as u32;
         for _ in 0..levels {

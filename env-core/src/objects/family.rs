@@ -4,7 +4,7 @@ use std::fmt;
 
 use nalgebra::Vector3;
 
-use super::{draw::Draw, fruit};
+use super::{draw::Draw, fruit, textured};
 use crate::geometry::{Hollow, Shape};
 
 /// Use of an object.
@@ -55,11 +55,17 @@ pub enum Family {
     Capsule,
     /// Cone; none in the catalogue.
     Cone,
+    /// Ellipsoid covered by bumps; none in the catalogue.
+    Raspberry,
+    /// Cylinder with grooves round it; none in the catalogue.
+    Ribbed,
+    /// Box with pyramids on two faces; none in the catalogue.
+    Rasp,
 }
 
 use Family::{
     Annulus, Apple, Capsule, Cone, Cuboid, Cucumber, Cup, Cylinder, Eggplant, Ellipsoid,
-    HollowLemon, Jar, Lemon, Potato, Prism, Sphere, Strawberry, Tomato,
+    HollowLemon, Jar, Lemon, Potato, Prism, Rasp, Raspberry, Ribbed, Sphere, Strawberry, Tomato,
 };
 
 impl Family {
@@ -94,7 +100,7 @@ impl Family {
             Cup | Potato | Jar | Apple => 3,
             Tomato => 2,
             Eggplant | Lemon | HollowLemon | Cucumber | Strawberry => 1,
-            Capsule | Cone => 0,
+            Capsule | Cone | Raspberry | Ribbed | Rasp => 0,
         }
     }
 
@@ -102,7 +108,7 @@ impl Family {
     pub fn split(self) -> Split {
         match self {
             Prism | Annulus | Cuboid | Cup | Cylinder | Eggplant | Potato | Sphere | Lemon
-            | Capsule | Cone => Split::Train,
+            | Capsule | Cone | Raspberry | Ribbed | Rasp => Split::Train,
             Tomato | HollowLemon | Ellipsoid | Jar | Cucumber | Apple => Split::Novel,
             Strawberry => Split::Soft,
         }
@@ -158,6 +164,9 @@ impl Family {
                 radius: draw.spread(0.012, 0.026),
                 half_height: draw.uniform(0.004, 0.024),
             },
+            Raspberry => textured::raspberry(draw),
+            Ribbed => textured::ribbed(draw),
+            Rasp => textured::rasp(draw),
         }
     }
 
@@ -188,6 +197,9 @@ impl fmt::Display for Family {
             Strawberry => "strawberry",
             Capsule => "capsule",
             Cone => "cone",
+            Raspberry => "raspberry",
+            Ribbed => "ribbed",
+            Rasp => "rasp",
         })
     }
 }

@@ -10,6 +10,7 @@ mod clearance;
 mod draw;
 mod family;
 mod fruit;
+mod textured;
 
 pub use antipodal::{Antipodal, GraspSampler, Rejection, Sampling};
 pub use clearance::Hand;
@@ -38,8 +39,8 @@ pub struct Object {
     pub shape: Shape,
 }
 
-/// Edges round a circle for mass properties: a polygon of 128 sides has 0.04 % less area than the
-/// disc.
+/// Edges round a circle, for mass properties and for solids that are meshes: a polygon of 128 sides
+/// has 0.04 % less area than the disc.
 const SEGMENTS: u32 = 128;
 
 impl Object {
@@ -94,7 +95,8 @@ pub fn catalogue(seed: u64) -> Vec<Object> {
     members.map(|(family, index)| Object::new(family, index, random.next_u64())).collect()
 }
 
-/// Families of [`indenters`]: those of the catalogue for training, and two more.
+/// Families of [`indenters`] that touch at a few places: those of the catalogue for training, and
+/// two more.
 const INDENTERS: [Family; 11] = [
     Family::Prism,
     Family::Sphere,
@@ -109,15 +111,19 @@ const INDENTERS: [Family; 11] = [
     Family::Eggplant,
 ];
 
+/// Families of [`indenters`] that touch at many small places.
+const TEXTURED: [Family; 3] = [Family::Raspberry, Family::Ribbed, Family::Rasp];
+
 /// Least scale of every second indenter, relative to the largest.
 const WIDE: f64 = 0.25;
 
 /// Returns `count` solids of the families for training, scaled from hand size by factors from `low`
 /// to `high` whose logarithm is uniform: 0.02 gives features of 0.3 mm. Every second is at
-/// least [`WIDE`] `high`.
-pub fn indenters(seed: u64, count: usize, [low, high]: [f64; 2]) -> Vec<Object> {
+/// least [`WIDE`] `high`. The last `textured` of them touch at many small places.
+pub fn indenters(seed: u64, count: usize, textured: usize, [low, high]: [f64; 2]) -> Vec<Object> {
     let one = |number: usize| {
-        let family = INDENTERS[number % INDENTERS.len()];
+        let families = if number + textured < count { &INDENTERS[..] } else { &TEXTURED };
+        let family = families[number % families.len()];
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(number as u64);
         let (index, seed) = (random.next_u32() % 64, random.next_u64());
