@@ -169,10 +169,14 @@ def test_a_message_names_the_setting_what_was_found_and_what_was_expected(settin
 TETRAHEDRON = "v 0 0 0\nv 20 0 0\nv 0 20 0\nv 0 0 20\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
+def test_the_nearest_setting_is_named():
+    assert "'frction', did you mean 'friction'?" in outcome(GraspLiftEnv, frction=0.5)
+
+
 def test_a_mesh_of_ones_own_can_be_grasped(tmp_path):
     file = tmp_path / "part.obj"
     file.write_text(TETRAHEDRON)
-    env = GraspLiftEnv(objects=[{"mesh": file, "scale": 0.001}])
+    env = GraspLiftEnv(objects={"mesh": file, "scale": 0.001})
     env.reset(seed=0)
     assert env.look()["object"] == str(file)
     assert outcome(GraspLiftEnv, objects=[str(file)]).startswith("mesh size: found 20")

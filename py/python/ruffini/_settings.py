@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import reprlib
 from collections.abc import Mapping, Sequence
@@ -21,7 +22,7 @@ class Settings(TypedDict, total=False):
     Type checkers read them here; a test compares them with what Rust has.
     """
 
-    objects: str | Sequence[str | Mapping[str, Any]]
+    objects: str | Mapping[str, Any] | Sequence[str | Mapping[str, Any]]
     mass: Range
     friction: Range
     size: Range
@@ -74,9 +75,15 @@ def to_json(settings: Mapping[str, Any], task: str) -> str:
     """
     for name in settings:
         if name not in SETTINGS:
+            near = difflib.get_close_matches(name, SETTINGS, 1)
+            hint = f", did you mean {near[0]!r}?" if near else ""
             known = ", ".join(SETTINGS)
-            raise TypeError(f"got an unexpected keyword argument {name!r}, expected one of {known}")
+            raise TypeError(
+                f"got an unexpected keyword argument {name!r}{hint or ','} expected one of {known}"
+            )
     given = {name: value for name, value in settings.items() if value is not None}
+    if isinstance(given.get("objects"), Mapping):
+        given["objects"] = [given["objects"]]
     try:
         return json.dumps(given | {"task": task}, allow_nan=False, default=plain)
     except (TypeError, ValueError, RecursionError) as error:
