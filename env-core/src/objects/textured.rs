@@ -78,18 +78,17 @@ pub(super) fn ribbed(draw: &mut Draw) -> Shape {
     Shape::Mesh(Arc::new(Surface::revolved(&profile, SEGMENTS, 0.0)))
 }
 
-/// A box whose faces at ±x bear pyramids, blunt or sharp, on each of 3 to 8 by 3 to 8 fields or on
-/// every second as on a chessboard.
+/// A box whose faces at ±x bear blunt pyramids, on each of 3 to 6 by 3 to 6 fields or on every second
+/// as on a chessboard. Sharp ones would touch at areas smaller than any mesh of a pad resolves.
 pub(super) fn rasp(draw: &mut Draw) -> Shape {
     let half = [draw.spread(0.012, 0.026), draw.uniform(0.012, 0.026)];
-    let across = draw.uniform(3.0, 9.0).floor();
-    let fields = [across, (across * half[1] / half[0]).round().clamp(3.0, 8.0)];
+    let across = draw.uniform(3.0, 7.0).floor();
+    let fields = [across, (across * half[1] / half[0]).round().clamp(3.0, 6.0)];
     let side = f64::min(half[0] / fields[0], half[1] / fields[1]);
     let body = draw.uniform(0.003, 0.010);
     let height = draw.uniform(0.4, 1.2) * side;
     let foot = draw.uniform(0.7, 0.95);
-    let top = if draw.coin() { draw.uniform(0.15, 0.6) * foot } else { 0.0 };
-    let pyramid = [[foot, 0.0], [top, height]];
+    let pyramid = [[foot, 0.0], [draw.uniform(0.3, 0.7) * foot, height]];
     let alternate = draw.coin();
     let place = |[i, j]: [u32; 2]| {
         let at = |i: u32, axis: usize| (2.0 * f64::from(i) / fields[axis] - 1.0) * half[axis];
