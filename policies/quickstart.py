@@ -13,23 +13,21 @@ lower bound of the worst training seed on record (``policies/study.py``).
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
 import sys
 import time
 from pathlib import Path
 
-from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecNormalize
-
-from evaluate import about_this_run, evaluate, line, load
-from params import params
-from ruffini.agents.sb3 import export
+from ruffini.agents import RUN, load
+from ruffini.agents.params import params
+from ruffini.agents.training import train
+from ruffini.evaluation import evaluate, line
+from ruffini.policies import RandomPolicy, scripted
 from ruffini.video import film
 from study import FIRST_SEED, rows_of
-from train import CHECKPOINT, RUNS, train
 
 ENV_ID = "ruffini/GraspLift-v0"
+OUT = Path(__file__).parent / "runs/quickstart"
 
 
 def least_success() -> float | None:
@@ -52,7 +50,7 @@ def verdict(success: float, bound: float | None) -> tuple[str, int]:
 
 def main() -> int:
     """Trains, evaluates, prints the table, writes the picture; the exit status."""
-    usual = params(ENV_ID, "ppo").steps
+    usual = params(ENV_ID).steps
     parser = argparse.ArgumentParser(description="Train, judge and show a small grasp agent.")
     parser.add_argument("--steps", type=int, default=usual, help="environment steps")
     parser.add_argument(
@@ -62,39 +60,26 @@ def main() -> int:
         help="training seed, the first on record if not given",
     )
     parser.add_argument("--episodes", type=int, default=200, help="evaluation episodes")
-    parser.add_argument(
-        "--out", type=Path, default=RUNS / "quickstart", help="folder, replaced by this run"
-    )
+    parser.add_argument("--out", type=Path, default=OUT, help="folder, replaced by this run")
     arguments = parser.parse_args()
     if arguments.steps < 1 or arguments.episodes < 1:
         parser.error("--steps and --episodes: expected at least 1")
     folder: Path = arguments.out
-    if folder.exists() and any(folder.iterdir()) and not (folder / "run.json").exists():
+    if folder.exists() and any(folder.iterdir()) and not (folder / RUN).exists():
         parser.error(f"--out: {folder} holds something else than a run")
     shutil.rmtree(folder, ignore_errors=True)
     started = time.monotonic()
     print(f"training PPO on {ENV_ID} for {arguments.steps:,} steps", flush=True)
-    model = train(ENV_ID, "ppo", arguments.seed, folder, steps=arguments.steps)
+    train(ENV_ID, arguments.seed, folder, steps=arguments.steps)
     minutes = (time.monotonic() - started) / 60
-    assert isinstance(model, PPO), "ppo"
-    saved = folder / CHECKPOINT
-    normaliser = VecNormalize.load(str(saved / "normaliser.pkl"), model.get_env().venv)  # type: ignore[union-attr]
-    agent = export(
-        model,
-        normaliser,
-        folder / "agent.safetensors",
-        env_id=ENV_ID,
-        settings={},
-        seed=arguments.seed,
-        threads=os.cpu_count() or 1,
-        commit=str(about_this_run()["commit"]),
-        episodes=arguments.episodes,
-    )
+    agent = load(folder)
+    agent.evaluate(arguments.episodes)
+    agent.write(folder / "agent.safetensors")
     judged = agent.card["evaluation"]
     print(f"\nsuccess over {arguments.episodes} fixed seeds (95 % interval):")
     print(line(f"agent ({minutes:.1f} min)", judged))
-    for name in ("scripted", "random"):
-        print(line(name, evaluate(load(name), ENV_ID, arguments.episodes)))
+    for name, policy in (("scripted", scripted(ENV_ID)), ("random", RandomPolicy())):
+        print(line(name, evaluate(policy, ENV_ID, arguments.episodes)))
     print(film(agent, agent.env_id, folder / "lift.gif", range(10_000, 10_003), **agent.settings))
     if arguments.steps != usual:
         print(f"a run of other than {usual:,} steps is not judged")

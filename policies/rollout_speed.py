@@ -29,9 +29,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluate import about_this_run
 from ruffini import custom
 from ruffini.envs import GraspLiftVectorEnv
+from ruffini.evaluation import about_this_run
 from ruffini.policies import scripted
 
 ENV_ID = "ruffini/GraspLift-v0"

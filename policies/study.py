@@ -22,10 +22,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-from evaluate import TrainedPolicy, about_this_run, evaluate
-from params import params
+from ruffini.agents import CHECKPOINT, load
+from ruffini.agents.params import params
+from ruffini.agents.training import train
+from ruffini.evaluation import about_this_run, evaluate
 from study_pages import write_pages
-from train import CHECKPOINT, train
 
 RESULTS = Path(__file__).parent / "results"
 FIRST_SEED = 100
@@ -76,13 +77,13 @@ def run(
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "run"
         wall, cpu = time.monotonic(), time.process_time()
-        model = train(env_id, "ppo", seed, folder, settings=settings, threads=threads)
+        model = train(env_id, seed, folder, settings=settings, threads=threads)
         wall, cpu = time.monotonic() - wall, time.process_time() - cpu
         curve = json.loads((folder / CHECKPOINT / "curve.json").read_text())
         times = json.loads((folder / "times.json").read_text())
-        policy = TrainedPolicy(folder)
+        agent = load(folder)
         judged = evaluate(
-            policy, env_id, EPISODES, first_seed=FIRST_EVALUATION_SEED, **policy.environment
+            agent, env_id, EPISODES, first_seed=FIRST_EVALUATION_SEED, **agent.settings
         )
         if keep is not None:
             shutil.copytree(folder, keep, dirs_exist_ok=True)
@@ -104,7 +105,7 @@ def run(
         "endings": judged["endings"],
         "first_evaluation_seed": FIRST_EVALUATION_SEED,
         "episodes": EPISODES,
-        "settings": policy.environment,
+        "settings": agent.settings,
         "curve": [[point["steps"], point["success"], point["return"]] for point in curve],
         "about": about_this_run(),
     }
@@ -122,7 +123,7 @@ def main() -> None:
     arguments = parser.parse_args()
     chosen = [arguments.env] if arguments.env else list(KINDS)
     for env_id in [] if arguments.pages else chosen:
-        params(env_id, "ppo")
+        params(env_id)
         kinds = [arguments.kind] if arguments.kind else list(KINDS[env_id])
         for kind in kinds:
             if kind not in KINDS[env_id]:

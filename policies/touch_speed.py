@@ -18,7 +18,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from evaluate import about_this_run
+from ruffini.evaluation import about_this_run
 from ruffini.policies import scripted
 
 MODELS = ("none", "surrogate", "compliance")

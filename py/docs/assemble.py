@@ -34,7 +34,10 @@ REFERENCE = {
     "custom": ("Tasks of your own", ["custom"]),
     "agents": (
         "Agents, policies, evaluation",
-        ["agents", "agents.sb3", "sb3", "policies", "evaluation", "video"],
+        [
+            *("agents", "agents.training", "agents.params", "agents.sb3"),
+            *("sb3", "policies", "evaluation", "video"),
+        ],
     ),
     "mechanics": (
         "Soft-body mechanics",

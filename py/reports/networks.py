@@ -1,10 +1,10 @@
 """The networks of pads by seed and size.
 
-With --data SET --runs FOLDER those are trained first that FOLDER lacks, by `ruffini train` on what
-`ruffini dataset generate SET --config tests/reference/indentations.toml` makes, 15 minutes on two
-threads each; a run that was stopped goes on. --sizes adds other widths. --papers GRASPS trains the
-paper's networks, too, which are for `pareto` and not on this page, on what `ruffini dataset
-generate GRASPS --grasps 10 --frames 10` makes. Without any of these only the page is made.
+With --data SET --runs FOLDER those are trained first that FOLDER lacks, by `ruffini network train`
+on what `ruffini dataset generate SET --config tests/reference/indentations.toml` makes, 15 minutes
+on two threads each; a run that was stopped goes on. --sizes adds other widths. --papers GRASPS
+trains the paper's networks, too, which are for `pareto` and not on this page, on what `ruffini
+dataset generate GRASPS --grasps 10 --frames 10` makes. Without any of these only the page is made.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from engine import OUT, spread, table, text
 ROUNDS = ["--down", "1", "1", "1", "--up", "1", "1"]
 RECIPE = ["--split", "presses", "--epochs", "80", *ROUNDS]
 SEEDED = {f"pads-{seed}": [*RECIPE, "--width", "32", "--seed", str(seed)] for seed in range(3)}
-"""Options of `ruffini train` by run: the shipped network and two more seeds of it."""
+"""Options of `ruffini network train` by run: the shipped network and two more seeds of it."""
 SIZED = {f"pads{width}-0": [*RECIPE, "--width", str(width)] for width in (16, 48)}
 """The same at other widths."""
 RUNS = SEEDED | SIZED
@@ -67,8 +67,8 @@ def train(data: Path, runs: Path, options: dict[str, list[str]]) -> None:
     """Trains what has no card yet."""
     for name, chosen in options.items():
         if not (runs / name / "card.toml").exists():
-            command = [sys.executable, "-m", "ruffini", "train", str(data), str(runs / name)]
-            subprocess.run([*command, *chosen], check=True)
+            command = [sys.executable, "-m", "ruffini", "network", "train", str(data)]
+            subprocess.run([*command, str(runs / name), *chosen], check=True)
 
 
 PAGE = """# The network of pads by seed and size

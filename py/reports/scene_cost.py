@@ -29,10 +29,11 @@ from ruffini.policies import scripted
 
 sys.path.append(str(ROOT / "policies"))
 
-MADE_OF = ["env-core", "py/src", "py/python/ruffini/sb3.py", "policies/params.py"]
+MADE_OF = ["env-core", "py/src", "py/python/ruffini/sb3.py"]
+MADE_OF += [f"py/python/ruffini/agents/{name}.py" for name in ("params", "training")]
 MADE_OF += ["py/python/ruffini/policies/grasp_lift.py", "py/reports/scene_cost.py"]
 MADE_OF += ["py/reports/scene_cost_training.py"]
-MADE_OF += [f"policies/{name}.py" for name in ("rollout_speed", "touch_speed", "train")]
+MADE_OF += [f"policies/{name}.py" for name in ("rollout_speed", "touch_speed")]
 COUNT = 4
 """Environments of a scene."""
 BASE = ["proprio", "object"]
@@ -276,11 +277,11 @@ Wall time, the whole machine's load when it began beside it.
 {made}"""
 TRAINED = """## SB3 end to end
 
-Stable-Baselines3's PPO with the parameters of `policies/params.py`, one thread of torch and one of
-the environment: wall time, by step of one environment. The policy's own networks count as PPO's. A
-free environment plays one recorded episode over and over; it leaves PPO's caches warm, which
-physics does not. 'Touch' is the share of steps in which a pad touches: the policy is untrained, and
-in GraspLift a trained one touches far more often.
+Stable-Baselines3's PPO with the hyper-parameters of `ruffini.agents.params`, one thread of torch
+and one of the environment: wall time, by step of one environment. The policy's own networks count
+as PPO's. A free environment plays one recorded episode over and over; it leaves PPO's caches warm,
+which physics does not. 'Touch' is the share of steps in which a pad touches: the policy is
+untrained, and in GraspLift a trained one touches far more often.
 
 {table}"""
 PEERS = """## Peers

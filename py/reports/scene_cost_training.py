@@ -6,7 +6,6 @@ import sys
 import time
 from dataclasses import replace
 from itertools import cycle
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,9 +16,9 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from engine import ROOT
 
 sys.path.append(str(ROOT / "policies"))
-from params import params
+from ruffini.agents.params import params
+from ruffini.agents.training import new_model
 from touch_speed import FELT
-from train import start
 
 EPISODE = 100
 """Steps of a recording: an episode, unless it ends early."""
@@ -101,12 +100,12 @@ def touching(observation: Any) -> float:
 def end_to_end(env_id: str, settings: dict[str, Any], free: bool, steps: int | None) -> dict:
     """Steps a second of PPO with the parameters of its task, or `steps` a rollout, and its time."""
     torch.set_num_threads(1)
-    chosen = params(env_id, "ppo").with_settings(settings | {"num_threads": 1})
+    chosen = params(env_id).with_settings(settings | {"num_threads": 1})
     # What touch costs is asked of pads that feel from the first step.
     chosen = replace(chosen, steps_without_touch=0, training={})
     if steps:
         chosen = replace(chosen, algorithm=chosen.algorithm | {"n_steps": steps})
-    model, _ = start(env_id, "ppo", chosen, 0, chosen.n_envs, Path(), resume=False)
+    model = new_model(env_id, chosen, 0)
     monitored = model.get_vec_normalize_env().venv
     monitored.venv = timed = Timed(Recording(monitored.venv) if free else monitored.venv)
     rollout, clock = chosen.n_envs * chosen.algorithm["n_steps"], Collecting()

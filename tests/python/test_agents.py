@@ -46,11 +46,12 @@ def test_a_task_has_many_spellings():
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("GraspLft", "(nearest: GraspLift-v0)"),
+        ("GraspLft", "task: found 'GraspLft', did you mean 'GraspLift'? expected one of"),
         ("GraspLift-v9", "task: found 'GraspLift-v9'"),
         ("", "task: found ''"),
         ("none.safetensors", "none.safetensors: No such file"),
-        (".safetensors/", "the path of a .safetensors file or one of: "),
+        ("runs/none", "run: found none in runs/none, expected the folder of a training run"),
+        (".safetensors/", "the path of a .safetensors file, the folder of a run, or one of: "),
     ],
 )
 def test_an_unknown_agent_is_named_with_those_that_are_known(name, text):

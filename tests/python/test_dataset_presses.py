@@ -75,7 +75,7 @@ def test_splits_are_by_indenter(data):
 def test_a_network_learns_from_it_feels_small_balls_and_predicts_its_errors(data, tmp_path, capsys):
     out = str(tmp_path / "run")
     options = ["--split", "presses", "--epochs", "2", "--width", "8"]
-    assert main(["train", str(data.path), out, *options, "--linear-nodes", "700"]) == 0
+    assert main(["network", "train", str(data.path), out, *options, "--linear-nodes", "700"]) == 0
     assert "frames to train on" in capsys.readouterr().err
     network = Surrogate.load(f"{out}/weights.safetensors", friction=0.5)
     card = json.loads(network.card)

@@ -9,6 +9,8 @@ from conftest import WHOLE, actions, flat
 from gymnasium.utils.env_checker import check_env
 
 from ruffini.envs import GraspLiftEnv
+from ruffini.evaluation import evaluate
+from ruffini.policies import RandomPolicy, scripted
 
 
 def test_gymnasium_finds_nothing_to_warn_about(env_id, choice):
@@ -94,8 +96,6 @@ def test_a_video_can_be_recorded(tmp_path):
 
 
 def test_the_scripted_policy_grasps():
-    from evaluate import evaluate, load
-
-    result = evaluate(load("scripted"), "ruffini/GraspLift-v0", 64)
+    result = evaluate(scripted("ruffini/GraspLift-v0"), "ruffini/GraspLift-v0", 64)
     assert result["success"] >= 0.95, result
-    assert evaluate(load("random"), "ruffini/GraspLift-v0", 64)["success"] < 0.1
+    assert evaluate(RandomPolicy(), "ruffini/GraspLift-v0", 64)["success"] < 0.1

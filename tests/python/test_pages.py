@@ -23,7 +23,7 @@ import pytest
 
 import ruffini.commands
 from ruffini import TACTILE_CHANNELS, TASKS
-from ruffini.commands import dataset, evaluate, train
+from ruffini.commands import dataset, network
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "py/docs"
@@ -33,15 +33,15 @@ OPTIONAL = re.compile(r"^(?:from|import) (ray|torchrl)\b", re.MULTILINE)
 SHORTER = {
     "ruffini play": "--episodes 1 --video-episodes 1",
     "ruffini dataset generate out": "--config tiny.toml --objects 1 --grasps 1 --frames 2",
-    "python policies/train.py": "--steps 256 --n-envs 8",
-    "python policies/evaluate.py": "--episodes 2",
-    "python policies/export_agent.py": "--episodes 2",
+    "ruffini agent train": "--steps 256 --n-envs 8",
+    "ruffini agent evaluate": "--episodes 2",
+    "ruffini agent export": "--episodes 2",
 }
 """Options that are added to a command."""
 PARSED = {
     "ruffini dataset generate presses": (dataset, "_generate"),
-    "ruffini train": (train, "_train"),
-    "ruffini evaluate": (evaluate, "_evaluate"),
+    "ruffini network train": (network, "_train"),
+    "ruffini network evaluate": (network, "_evaluate"),
 }
 """Commands that take hours, and the functions that do the work; other tests run them in small."""
 LEFT = (

@@ -107,12 +107,11 @@ def test_agents_that_come_with_the_package_play():
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["GraspLft"], "task: found 'GraspLft', expected one of GraspFragile, GraspLift, "),
+        (["GraspLft"], "task: found 'GraspLft', did you mean 'GraspLift'? expected one of GraspF"),
         (["--policy", "none.safetensors"], "none.safetensors: No such file"),
-        (
-            ["--policy", "none"],
-            "policy: found none, expected trained, scripted, random",
-        ),
+        (["--policy", "scritped"], "found 'scritped', did you mean 'scripted'? expected trained"),
+        (["--policy", "none"], "policy: found 'none', expected trained (the agent of the package)"),
+        (["--policy", "runs/none"], "run: found none in runs/none, expected the folder of a tr"),
         (
             ["Juggle", "--policy", "random"],
             "task: found 'Juggle', expected one of Grasp",

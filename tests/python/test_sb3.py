@@ -242,10 +242,10 @@ def test_sac_learns_on_flat_observations():
 
 
 def test_a_stopped_run_goes_on_from_its_checkpoint(tmp_path):
-    from train import train
+    from ruffini.agents.training import resume, train
 
-    first = train(ID, "ppo", 0, tmp_path, steps=8192)
+    first = train(ID, 0, tmp_path, steps=8192)
     assert first.num_timesteps == 8192
-    second = train(ID, "ppo", 0, tmp_path, steps=16384, resume=True)
+    second = resume(tmp_path, steps=16384)
     assert second.num_timesteps == 16384
     assert (tmp_path / "checkpoint" / "model.zip").is_file()

@@ -14,10 +14,11 @@ import torch
 
 import quickstart
 from ruffini import agents
+from ruffini.agents import CHECKPOINT
+from ruffini.agents.training import FirstWithoutTouch, train, untouched
 from ruffini.sb3 import make_vec_env
 from study import KINDS, RESULTS, number_of_seeds, rows_of
 from study_pages import interquartile_mean, interval, page
-from train import CHECKPOINT, FirstWithoutTouch, train, untouched
 
 LIFT = "ruffini/GraspLift-v0"
 COARSE = {"tactile": "compliance", "resolution": {"nodes": 100}}
@@ -99,7 +100,7 @@ def test_touch_begins_when_the_steps_with_rigid_pads_are_over():
 def test_a_seed_gives_the_same_agent_on_any_number_of_threads(tmp_path: Path):
     weights = []
     for threads in (1, 2):
-        model = train(LIFT, "ppo", 3, tmp_path / str(threads), steps=2048, threads=threads)
+        model = train(LIFT, 3, tmp_path / str(threads), steps=2048, threads=threads)
         weights.append(torch.cat([p.detach().flatten() for p in model.policy.parameters()]))
     torch.testing.assert_close(*weights, rtol=0.0, atol=0.0)
     times = json.loads((tmp_path / "2" / "times.json").read_text())

@@ -307,32 +307,40 @@ def test_data_of_the_other_scenario_are_named(data, tmp_path):
 def test_the_shell_trains_and_evaluates(data, tmp_path, capsys):
     out = str(tmp_path / "run")
     options = ["--epochs", "1", "--linear-nodes", "700", "--width", "8"]
-    assert main(["train", str(data), out, *options]) == 0
+    assert main(["network", "train", str(data), out, *options]) == 0
     assert "frames to train on" in capsys.readouterr().err
-    assert main(["evaluate", f"{out}/weights.safetensors", str(data)]) == 0
+    assert main(["network", "evaluate", f"{out}/weights.safetensors", str(data)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert "linear" in lines[0] and lines[1].startswith("ellipsoid-1") and len(lines) == 3
-    assert main(["evaluate", f"{out}/weights.safetensors", str(data), "--split", "known-63"]) == 2
+    assert (
+        main(
+            ["network", "evaluate", f"{out}/weights.safetensors", str(data), "--split", "known-63"]
+        )
+        == 2
+    )
     assert "no frames in the test part of known-63" in capsys.readouterr().err
-    assert main(["evaluate", f"{out}/weights.safetensors", str(data), "--split", "all"]) == 2
+    assert (
+        main(["network", "evaluate", f"{out}/weights.safetensors", str(data), "--split", "all"])
+        == 2
+    )
     assert "one of known-1" in capsys.readouterr().err
 
 
 def test_the_shell_trains_the_papers_networks_and_that_of_soft_objects(data, tmp_path, capsys):
     out = str(tmp_path / "run")
     options = ["--variant", "a", "--input", "force", "--epochs", "1", "--width", "8"]
-    assert main(["train", str(data), out, *options, "--rounds", "1"]) == 0
+    assert main(["network", "train", str(data), out, *options, "--rounds", "1"]) == 0
     told = capsys.readouterr()
     assert "object's motion" in told.err and "rigid motion" not in told.err
     assert "novel objects" in told.out and "linear" not in told.out
-    assert main(["evaluate", f"{out}/weights.safetensors", str(data)]) == 0
+    assert main(["network", "evaluate", f"{out}/weights.safetensors", str(data)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert "linear" not in lines[0] and lines[1].split()[3] == "-" and len(lines) == 3
     out, options = f"{out}/soft", ["--variant", "soft", "--epochs", "1", "--width", "8"]
-    assert main(["train", str(SQUEEZES), out, *options]) == 0
+    assert main(["network", "train", str(SQUEEZES), out, *options]) == 0
     told = capsys.readouterr()
     assert "nodal forces" in told.err and "linear, novel" in told.out
-    assert main(["evaluate", f"{out}/weights.safetensors", str(data)]) == 2
+    assert main(["network", "evaluate", f"{out}/weights.safetensors", str(data)]) == 2
     assert "weights of soft, expected corrector, paper-baseline" in capsys.readouterr().err
 
 
@@ -347,7 +355,7 @@ def test_the_shell_names_options_that_a_variant_has_not(data, tmp_path, capsys):
         ("soft", "input", "force"),
     ]:
         arguments = ["--variant", variant, f"--{option}", *value.split()]
-        assert main(["train", str(data), str(tmp_path), *arguments]) == 2
+        assert main(["network", "train", str(data), str(tmp_path), *arguments]) == 2
         assert f"--{option} is no option of {variant}" in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
-        main(["train", str(data), str(tmp_path), "--variant", "c"])
+        main(["network", "train", str(data), str(tmp_path), "--variant", "c"])

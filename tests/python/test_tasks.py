@@ -11,10 +11,10 @@ import pytest
 from conftest import IDS, MODES, NEEDED, actions, flat
 
 import ruffini.envs
-from evaluate import evaluate, load
 from ruffini._schema import ENDINGS, SETTINGS, TASKS
 from ruffini._settings import Range, Settings
-from ruffini.policies import part
+from ruffini.evaluation import evaluate
+from ruffini.policies import part, scripted
 
 FRAGILE, HOLD = "ruffini/GraspFragile-v0", "ruffini/HoldStill-v0"
 SOFT: dict[str, Any] = NEEDED[FRAGILE]
@@ -364,12 +364,12 @@ class Proportional:
 
 
 def test_no_grip_by_the_load_alone_holds_as_many_as_one_by_what_slides():
-    scripted = evaluate(load("scripted", HOLD), HOLD, 48)
-    assert scripted["success"] >= 0.9, scripted
+    sliding = evaluate(scripted(HOLD), HOLD, 48)
+    assert sliding["success"] >= 0.9, sliding
     for factor in (1.8, 2.6):
         blind = evaluate(Proportional(factor), HOLD, 48)
-        assert blind["interval"][1] < scripted["success"], (factor, blind)
-        assert blind["return"] < scripted["return"] - 20.0, (factor, blind)
+        assert blind["interval"][1] < sliding["success"], (factor, blind)
+        assert blind["return"] < sliding["return"] - 20.0, (factor, blind)
 
 
 class Firm:
@@ -386,8 +386,8 @@ class Firm:
 
 
 def test_the_scripted_policy_lifts_what_is_fragile_and_no_constant_grip_does():
-    scripted = evaluate(load("scripted", FRAGILE), FRAGILE, 24)
-    assert scripted["success"] >= 0.9, scripted
+    written = evaluate(scripted(FRAGILE), FRAGILE, 24)
+    assert written["success"] >= 0.9, written
     for force in (2.0, 3.0):
         constant = evaluate(Firm(force), FRAGILE, 24)
-        assert constant["interval"][1] < scripted["success"], (force, constant)
+        assert constant["interval"][1] < written["success"], (force, constant)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, TypedDict
 
 import numpy as np
@@ -75,11 +76,9 @@ def to_json(settings: Mapping[str, Any], task: str) -> str:
     """
     for name in settings:
         if name not in SETTINGS:
-            near = difflib.get_close_matches(name, SETTINGS, 1)
-            hint = f", did you mean {near[0]!r}?" if near else ""
-            known = ", ".join(SETTINGS)
             raise TypeError(
-                f"got an unexpected keyword argument {name!r}{hint or ','} expected one of {known}"
+                f"got an unexpected keyword argument {name!r}{nearest(name, SETTINGS)} "
+                f"expected one of {', '.join(SETTINGS)}"
             )
     given = {name: value for name, value in settings.items() if value is not None}
     if isinstance(given.get("objects"), Mapping):
@@ -90,6 +89,13 @@ def to_json(settings: Mapping[str, Any], task: str) -> str:
         found = ", ".join(f"{name}={reprlib.repr(value)}" for name, value in given.items())
         expected = "finite numbers, names, and lists or mappings of them"
         raise ValueError(f"settings: found {found}; expected {expected} ({error})") from None
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """The part of a message between an unknown word and what was expected: the nearest known."""
+    letters = {re.sub(r"[\W_]", "", name.lower()): name for name in known}
+    near = difflib.get_close_matches(re.sub(r"[\W_]", "", word.lower()), letters, 1)
+    return f", did you mean {letters[near[0]]!r}?" if near else ","
 
 
 def plain(value: Any) -> Any:

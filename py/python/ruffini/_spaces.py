@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -91,6 +92,17 @@ def check_seed(seed: Any) -> None:
     whole = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
     if not (whole and 0 <= seed < 2**63):
         raise ValueError(f"seed: found {seed!r}, expected a whole number from 0 below 2**63")
+
+
+def check_writable(name: str, path: Path) -> None:
+    """Raise a ``ValueError`` unless a file can be written at `path`; leave none behind."""
+    there = path.exists()
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        raise ValueError(f"{name}: {path}: {error.strerror}") from None
+    if not there:
+        path.unlink()
 
 
 def check_options(options: Any) -> None:

@@ -6,8 +6,12 @@ There is one episode per seed, all stepped together; seeds count up from `FIRST_
 from __future__ import annotations
 
 import math
+import os
+import platform
+import subprocess
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Protocol
 
 import gymnasium as gym
@@ -15,7 +19,9 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-__all__ = ["FIRST_SEED", "Policy", "Progress", "evaluate", "line", "wilson"]
+from ruffini._core import __version__
+
+__all__ = ["FIRST_SEED", "Policy", "Progress", "about_this_run", "evaluate", "line", "wilson"]
 
 FIRST_SEED = 10_000
 """First of the consecutive evaluation seeds; training seeds are far below."""
@@ -112,3 +118,42 @@ def line(name: str, result: dict[str, Any]) -> str:
         f"{name:<24} {result['success']:7.1%}  ({low:.1%} to {high:.1%})"
         f"   return {result['return']:6.2f}"
     )
+
+
+def about_this_run() -> dict[str, Any]:
+    """Versions, machine and commit, for the record beside a figure.
+
+    The commit is that of the repository of ruffini in which the package lies, else ``unknown``.
+    """
+    return {
+        "ruffini": __version__,
+        "gymnasium": gym.__version__,
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "cores": os.cpu_count(),
+        "processor": _processor(),
+        "commit": _commit(),
+    }
+
+
+def _commit() -> str:
+    git = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--show-toplevel"]
+    try:
+        told = subprocess.run([*git, "--short", "HEAD"], capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    root, commit = told.stdout.splitlines()
+    # The package may be installed within a repository of something else.
+    return commit if Path(root, "py/python/ruffini").is_dir() else "unknown"
+
+
+def _processor() -> str:
+    """Name of the processor, with the caches that its first core reaches, if Linux names them."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.split(": ", 1)[1] for line in lines if line.startswith("model name")]
+    caches = sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*"))
+    told = [[(cache / key).read_text().strip() for key in ("level", "size")] for cache in caches]
+    return ", ".join([*names[:1], *(f"L{level} {size}" for level, size in told if level > "1")])

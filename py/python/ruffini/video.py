@@ -13,7 +13,7 @@ import numpy as np
 
 from ruffini import SimulationError
 from ruffini._core import encode_gif
-from ruffini._spaces import METADATA, Frame
+from ruffini._spaces import METADATA, Frame, check_writable
 from ruffini.evaluation import Policy
 
 __all__ = ["SIZES", "check", "film", "write"]
@@ -37,13 +37,7 @@ def check(path: Path) -> None:
         raise ValueError(f"video: found {path}, expected a {' or '.join(SIZES)} file")
     if path.suffix == ".mp4":
         _ffmpeg()
-    there = path.exists()
-    try:
-        path.open("ab").close()
-    except OSError as error:
-        raise ValueError(f"video: {path}: {error.strerror}") from None
-    if not there:
-        path.unlink()
+    check_writable("video", path)
 
 
 def write(path: Path, frames: Sequence[Frame]) -> None:

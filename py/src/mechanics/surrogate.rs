@@ -142,7 +142,7 @@ impl Surrogate {
         Self::of(py, model.map_err(python_error)?)
     }
 
-    /// Loads a network of one's own, from weights written by `ruffini train`.
+    /// Loads a network of one's own, from weights written by `ruffini network train`.
     ///
     /// Args:
     ///     path: The .safetensors file.

@@ -1,21 +1,44 @@
 """Trained agents, one per task: `load` returns one, which acts without torch.
 
 ``ruffini.agents.load("GraspLift").predict(observation)`` has Stable-Baselines3's signature;
-``ruffini demo`` plays one. `ruffini.agents.sb3` writes agents, and converts them to models of
-Stable-Baselines3 to continue their training.
+``ruffini play`` plays one. `ruffini.agents.training` trains them (``ruffini agent train``),
+`ruffini.agents.params` has the hyper-parameters, and `ruffini.agents.sb3` converts models of
+Stable-Baselines3 to agents and back.
 """
 
 from __future__ import annotations
 
-import difflib
 from os import PathLike
 from pathlib import Path
 
 import gymnasium as gym
 
+from ruffini._settings import nearest
 from ruffini.agents._agent import FORMAT, MOST_BYTES, SUFFIX, Agent, Card
 
-__all__ = ["FORMAT", "MOST_BYTES", "Agent", "Card", "environment_id", "load", "names"]
+__all__ = [
+    "CHECKPOINT",
+    "CHECKPOINT_AGENT",
+    "FORMAT",
+    "MOST_BYTES",
+    "RUN",
+    "SUFFIX",
+    "Agent",
+    "Card",
+    "checkpoint",
+    "environment_id",
+    "load",
+    "names",
+]
+
+RUN = "run.json"
+"""File of a training run that says what is run."""
+
+CHECKPOINT = "checkpoint"
+"""Folder of a training run with the files of its last checkpoint."""
+
+CHECKPOINT_AGENT = f"agent{SUFFIX}"
+"""File of a checkpoint that is an agent, not evaluated."""
 
 _FOLDER = Path(__file__).parent
 
@@ -26,25 +49,46 @@ def names() -> list[str]:
 
 
 def load(name: str | PathLike[str]) -> Agent:
-    """Load the agent of a task, or the one in a .safetensors file.
+    """Load the agent of a task, that in a .safetensors file, or that of a training run.
 
     Args:
-        name: A task, in a form that `environment_id` accepts, or the path of a file.
+        name: A task, in a form that `environment_id` accepts, the path of a file, or the folder of
+            a run, whose last checkpoint is loaded.
 
     Raises:
         ValueError: If there is no such agent, or the file does not hold a readable one.
     """
-    if Path(name).suffix == SUFFIX:
-        return Agent.read(name)
+    path = Path(name)
+    if path.suffix == SUFFIX:
+        return Agent.read(path)
+    if (path / RUN).is_file():
+        return Agent.read(checkpoint(path) / CHECKPOINT_AGENT)
     known = ", ".join(names()) or "none, for this build has no agents"
-    expected = f"the path of a {SUFFIX} file or one of: {known}"
+    expected = f"the path of a {SUFFIX} file, the folder of a run, or one of: {known}"
     try:
         found = environment_id(str(name)).split("/")[-1]
     except ValueError as error:
+        if path.is_dir() or len(path.parts) > 1:
+            checkpoint(path)
         raise ValueError(f"{error}; or {expected}") from None
     if found not in names():
         raise ValueError(f"agent: found none of {found}, expected {expected}")
     return Agent.read(_FOLDER / f"{found}{SUFFIX}")
+
+
+def checkpoint(run: str | PathLike[str]) -> Path:
+    """Folder of the last checkpoint of a training run.
+
+    Raises:
+        ValueError: If there is no such run, or it has none yet.
+    """
+    path = Path(run)
+    if not (path / RUN).is_file():
+        near = nearest(str(path), [str(file.parent) for file in path.parent.glob(f"*/{RUN}")])
+        raise ValueError(f"run: found none in {path}{near} expected the folder of a training run")
+    if not (path / CHECKPOINT).is_dir():
+        raise ValueError(f"run: found no checkpoint in {path}, expected one: it has just begun")
+    return path / CHECKPOINT
 
 
 def environment_id(task: str) -> str:
@@ -62,9 +106,7 @@ def environment_id(task: str) -> str:
     if key in known:
         return known[key]
     expected = ", ".join(dict.fromkeys(tasks))
-    near = difflib.get_close_matches(key, known, 1)
-    hint = f" (nearest: {known[near[0]].split('/')[-1]})" if near else ""
-    raise ValueError(f"task: found {task!r}, expected one of {expected}{hint}")
+    raise ValueError(f"task: found {task!r}{nearest(task, tasks)} expected one of {expected}")
 
 
 def _key(task: str) -> str:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from ruffini._core import read_tensors, write_tensors
 from ruffini._spaces import ACTION_SIZE
+from ruffini.evaluation import Progress, evaluate
 
 FORMAT = 1
 """Version of the file's layout."""
@@ -32,6 +33,7 @@ MOST_BYTES = 300_000
 """Largest file of an agent that comes with the package."""
 
 SUFFIX = ".safetensors"
+"""Suffix of an agent's file."""
 
 Floats = NDArray[np.float32]
 
@@ -93,7 +95,7 @@ class Card(TypedDict):
     evaluation: dict[str, Any]
     """``success``, its 95 % ``interval``, ``return``, over ``episodes`` seeds from ``first_seed``.
 
-    Result of :func:`ruffini.evaluation.evaluate` for the agent.
+    Result of :func:`ruffini.evaluation.evaluate` for the agent; empty if it was not evaluated.
     """
     network: Network
     normaliser: Normaliser
@@ -148,6 +150,20 @@ class Agent:
     def to_bytes(self) -> bytes:
         """Bytes of the agent's file."""
         return write_tensors(self.tensors, json.dumps(self.card))
+
+    def write(self, path: str | PathLike[str]) -> None:
+        """Write the agent's file."""
+        Path(path).write_bytes(self.to_bytes())
+
+    def evaluate(self, episodes: int = 200, progress: Progress | None = None) -> None:
+        """Evaluate the agent in its environment, and put the result on its card.
+
+        Args:
+            episodes: Number of episodes, one per seed.
+            progress: Callback after every step; see `Progress`.
+        """
+        result = evaluate(self, self.env_id, episodes, progress=progress, **self.settings)
+        self.card["evaluation"] = {k: value for k, value in result.items() if k != "env"}
 
     @property
     def env_id(self) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -20,7 +19,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 from ruffini import __version__
 from ruffini._settings import plain
 from ruffini.agents._agent import ACTIVATIONS, FORMAT, Agent, Card, Network, Normaliser
-from ruffini.evaluation import Progress, evaluate
+from ruffini.evaluation import Progress
 from ruffini.sb3 import TouchExtractor, make_vec_env
 
 _HYPERPARAMETERS = (
@@ -53,15 +52,12 @@ def export(
 ) -> Agent:
     """Write a trained model as an agent, with the success rate of the exported agent.
 
-    The file holds policy, value function and normalisation, but not the state of the optimiser. Of
-    schedules, it holds the initial values.
-
     Args:
         model: The model.
         normaliser: Normalisation of its observations.
         path: The .safetensors file.
         env_id: Id of the environment in which it was trained.
-        settings: Keyword arguments of that environment, but for ``obs``.
+        settings: Keyword arguments of that environment.
         seed: Seed of the training run.
         threads: Threads of the training run.
         commit: Commit of this library.
@@ -71,8 +67,35 @@ def export(
     Raises:
         ValueError: If the model cannot be represented as an agent.
     """
+    about: dict[str, Any] = {"seed": seed, "threads": threads, "commit": commit}
+    agent = from_sb3(model, normaliser, env_id=env_id, settings=settings, **about)
+    agent.evaluate(episodes, progress)
+    agent.write(path)
+    return agent
+
+
+def from_sb3(
+    model: PPO,
+    normaliser: VecNormalize | None,
+    *,
+    env_id: str,
+    settings: dict[str, Any],
+    seed: int,
+    threads: int,
+    commit: str,
+) -> Agent:
+    """Convert a model to an agent that was not evaluated; arguments are those of `export`.
+
+    An agent holds policy, value function and normalisation, but not the state of the optimiser. Of
+    schedules, it holds the initial values.
+
+    Raises:
+        ValueError: If the model cannot be represented as an agent.
+    """
     policy = _checked(model)
     flat = not isinstance(model.observation_space, gym.spaces.Dict)
+    # How observations are laid out and how many threads step is no matter of the agent.
+    settings = {k: value for k, value in settings.items() if k not in ("obs", "num_threads")}
     settings = json.loads(json.dumps(settings, default=plain))
     channels = _channels(env_id, settings)
     statistics, numbers = _statistics(normaliser, channels)
@@ -99,11 +122,7 @@ def export(
         "network": _network(policy, channels),
         "normaliser": statistics,
     }
-    agent = Agent(card, tensors, f"agent {path}")
-    result = evaluate(agent, env_id, episodes, progress=progress, **settings)
-    card["evaluation"] = {name: value for name, value in result.items() if name != "env"}
-    Path(path).write_bytes(agent.to_bytes())
-    return agent
+    return Agent(card, tensors)
 
 
 def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> PPO:

@@ -10,9 +10,9 @@ import sys
 from collections.abc import Sequence
 
 from ruffini import SimulationError, __version__
-from ruffini.commands import dataset, evaluate, play, press, recommend, train
+from ruffini.commands import agent, dataset, network, play, press, recommend
 
-_COMMANDS = (play, dataset, train, evaluate, press, recommend)
+_COMMANDS = (play, agent, dataset, network, press, recommend)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -22,14 +22,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     commands = parser.add_subparsers(metavar="command", required=True)
     for command in _COMMANDS:
         command.add_to(commands)
-    options = parser.parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else list(arguments)
     try:
+        if words[:1] in (["train"], ["evaluate"]):
+            what = words[0]
+            raise ValueError(f"found {what}, expected agent {what} or network {what}")
+        options = parser.parse_args(words)
         options.run(options)
     except SimulationError as error:
         print(f"ruffini: {error}", file=sys.stderr)
         return 1
     except ValueError as error:
         print(f"ruffini: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        where = "" if error.filename is None else f"{error.filename}: "
+        print(f"ruffini: {where}{error.strerror or error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nruffini: stopped", file=sys.stderr)

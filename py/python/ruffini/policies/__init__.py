@@ -49,7 +49,8 @@ class RandomPolicy(ScriptedPolicy):
         random = np.random.default_rng(seed)
 
         def act(observation: Any, state: Any) -> tuple[NDArray[np.float32], Any]:
-            rows = len(next(iter(observation.values())))
+            channels = observation if isinstance(observation, dict) else {"flat": observation}
+            rows = len(next(iter(channels.values())))
             return random.uniform(-1, 1, (rows, 5)).astype(np.float32), state
 
         super().__init__(act)

@@ -3,7 +3,7 @@
 It reads only the default observation (``proprio`` and ``object``), so it is the yardstick for what
 an agent can do with it. Use::
 
-    python policies/evaluate.py --policy scripted --episodes 200
+    ruffini agent evaluate scripted --task GraspLift
 """
 
 from __future__ import annotations

@@ -1,10 +1,12 @@
-"""``ruffini train``: train a surrogate on a dataset."""
+"""``ruffini network``: training and evaluation of networks that approximate finite elements."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from ruffini import surrogate
@@ -36,9 +38,13 @@ _PARTS = {
 
 def add_to(commands: Any) -> None:
     """Add the subcommand to the parser."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+    network: argparse.ArgumentParser = commands.add_parser(
+        "network", help="train or evaluate a network of pads or of soft objects"
+    )
+    parts = network.add_subparsers(metavar="part", required=True)
+    parser = parts.add_parser(
         "train",
-        help="train a surrogate on a dataset",
+        help="train a network on a dataset",
         description="Trains the network that corrects the linear answer, one of the paper's "
         "(baseline, a, b), or that of soft objects. Stopped with Ctrl-C, the same command goes on "
         "from the last whole epoch. RAYON_NUM_THREADS sets the threads.",
@@ -59,6 +65,18 @@ def add_to(commands: Any) -> None:
     parser.add_argument("--up", type=int, nargs=2, help=f"{rounds} on the way up, finest first")
     parser.add_argument("--commit", default="", help="commit of ruffini, for the card")
     parser.set_defaults(run=_train)
+    judge = parts.add_parser(
+        "evaluate",
+        help="errors of a network on a dataset",
+        description="Errors of a corrector and of the linear answer that it corrects, or of one of "
+        "the paper's networks, on the test part of a split, by object. The card of weights of soft "
+        "objects tells theirs.",
+    )
+    judge.add_argument("weights", help="the .safetensors file")
+    judge.add_argument("data", help="the dataset")
+    judge.add_argument("--split", default="novel-14", help="split; novel-14 if not given")
+    judge.add_argument("--json", type=Path, help="file for the errors of every frame")
+    judge.set_defaults(run=_evaluate)
 
 
 def _had_by(name: str) -> str:
@@ -137,3 +155,30 @@ def summary(answerers: dict[str, dict[str, Any]]) -> str:
     for part, name in (("presses", "presses"), ("still", "hardly moved")):
         rows.append(f"{name:<18}" + "".join(f"{of[part]:>18}" for of in answerers.values()))
     return "\n".join(rows)
+
+
+def _evaluate(options: argparse.Namespace) -> None:
+    frames = surrogate.evaluate(options.weights, options.data, options.split)
+    if not frames:
+        raise ValueError(f"{options.data}: no frames in the test part of {options.split}")
+    if options.json is not None:
+        options.json.write_text(json.dumps(frames))
+    by_object: dict[str, list[dict[str, Any]]] = {}
+    for frame in frames:
+        by_object.setdefault(frame["grasp"].split("/")[0], []).append(frame)
+    answerers = [who for who in ("surrogate", "linear") if frames[0][who] is not None]
+    linear = "   linear: u, stress, force" if "linear" in answerers else ""
+    print(f"{'medians':<16}{'u':>8}{'stress':>8}{'force':>8}" + linear)
+    for name, part in {**by_object, "all": frames}.items():
+        cells = [
+            _median([frame[who][what] for frame in part])
+            for who in answerers
+            for what in ("displacement", "stress", "force")
+        ]
+        print(f"{name:<16}" + "".join(f"{cell:>8}" for cell in cells) + " %")
+
+
+def _median(values: list[float | None]) -> str:
+    """Format the median in percent; a dash if there are no values."""
+    ordered = sorted(value for value in values if value is not None)
+    return f"{100 * ordered[len(ordered) // 2]:.2f}" if ordered else "-"

@@ -1,4 +1,4 @@
-"""Hyper-parameters by environment and algorithm, tuned on seeds 0 to 4 alone."""
+"""Hyper-parameters of PPO by environment, tuned on seeds 0 to 4 alone."""
 
 from __future__ import annotations
 
@@ -27,10 +27,15 @@ class Params:
     """Learning rate at the end, to which it falls linearly; constant if not given."""
 
     @property
-    def policy(self) -> str:
-        """Name of the policy: of flat observations, or of dicts with touch."""
-        touch = self.environment.get("tactile") != "none"
-        return "MultiInputPolicy" if touch else "MlpPolicy"
+    def obs(self) -> str:
+        """Form of the observations; if not given, ``flat`` with rigid pads, else ``dict``."""
+        usual = "flat" if self.environment.get("tactile") == "none" else "dict"
+        return str(self.environment.get("obs", usual))
+
+    @property
+    def rollout(self) -> int:
+        """Steps of all environments between two updates."""
+        return int(self.n_envs * self.algorithm["n_steps"])
 
     def with_settings(self, settings: dict[str, Any]) -> Params:
         """With other keyword arguments of the environment."""
@@ -49,8 +54,8 @@ CLOSING: dict[str, Any] = {
 }
 """PPO for tasks whose grip changes by factors."""
 
-PARAMS: dict[tuple[str, str], Params] = {
-    ("ruffini/GraspLift-v0", "ppo"): Params(
+PARAMS: dict[str, Params] = {
+    "ruffini/GraspLift-v0": Params(
         # Reaching and lifting are learnt with rigid pads in a minute, then the hand begins to feel.
         steps=160 * 2048,
         steps_without_touch=80 * 2048,
@@ -71,37 +76,21 @@ PARAMS: dict[tuple[str, str], Params] = {
         training={"max_episode_steps": 75},
         final_learning_rate=3e-5,
     ),
-    ("ruffini/GraspLift-v0", "sac"): Params(
-        steps=300_000,
-        n_envs=64,
-        algorithm={
-            "learning_rate": 1e-3,
-            "buffer_size": 300_000,
-            "learning_starts": 5_000,
-            "batch_size": 512,
-            "gamma": 0.98,
-            # One update for eight environment steps: updates take nearly all of the time.
-            "train_freq": 1,
-            "gradient_steps": 8,
-            "policy_kwargs": {"net_arch": [128, 128]},
-        },
-        environment={"tactile": "none"},
-    ),
     # Touch takes nearly all of the time: fewer steps, and more learnt from each.
-    ("ruffini/GraspFragile-v0", "ppo"): Params(
+    "ruffini/GraspFragile-v0": Params(
         steps=147 * 2048,
         n_envs=64,
         algorithm=CLOSING,
         final_learning_rate=3e-5,
     ),
     # A press of a soft object takes ten times as long as one of a pad: fewer steps still.
-    ("ruffini/GraspSoft-v0", "ppo"): Params(
+    "ruffini/GraspSoft-v0": Params(
         steps=30 * 1024,
         n_envs=32,
         algorithm=CLOSING,
         final_learning_rate=3e-5,
     ),
-    ("ruffini/HoldStill-v0", "ppo"): Params(
+    "ruffini/HoldStill-v0": Params(
         steps=100 * 2048,
         n_envs=64,
         algorithm=CLOSING
@@ -113,7 +102,7 @@ PARAMS: dict[tuple[str, str], Params] = {
         },
         final_learning_rate=3e-5,
     ),
-    ("ruffini/InsertPeg-v0", "ppo"): Params(
+    "ruffini/InsertPeg-v0": Params(
         steps=150 * 2048,
         n_envs=64,
         algorithm=CLOSING
@@ -127,13 +116,12 @@ PARAMS: dict[tuple[str, str], Params] = {
 }
 
 
-def params(env_id: str, algorithm: str) -> Params:
-    """The hyper-parameters of a pair.
+def params(env_id: str) -> Params:
+    """The hyper-parameters for an environment.
 
     Raises:
         ValueError: If there are none.
     """
-    if (env_id, algorithm) not in PARAMS:
-        known = ", ".join(f"{env} with {algo}" for env, algo in PARAMS)
-        raise ValueError(f"found {env_id} with {algorithm}, expected one of: {known}")
-    return PARAMS[env_id, algorithm]
+    if env_id not in PARAMS:
+        raise ValueError(f"task: found {env_id}, expected one of {', '.join(PARAMS)}")
+    return PARAMS[env_id]

@@ -1,0 +1,384 @@
+"""Training of agents by PPO of Stable-Baselines3; needs the extra ``train``.
+
+A run is a folder: ``run.json`` (what is run), ``times.json`` and ``checkpoint``, whose files are
+replaced together: ``model.zip``, ``normaliser.pkl``, ``curve.json`` (steps, seconds, success,
+return), and ``agent.safetensors``, the agent as it is then. `ruffini.agents.load` takes the folder.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+from tqdm import tqdm
+
+from ruffini._schema import TACTILE_CHANNELS
+from ruffini._settings import plain
+from ruffini.agents import CHECKPOINT, CHECKPOINT_AGENT, RUN, Agent
+from ruffini.agents.params import Params, params
+from ruffini.agents.sb3 import from_sb3, to_sb3
+from ruffini.evaluation import about_this_run
+from ruffini.sb3 import TouchExtractor, fields, make_vec_env
+
+__all__ = ["FirstWithoutTouch", "new_model", "resume", "train"]
+
+
+def train(
+    env_id: str,
+    seed: int,
+    folder: Path,
+    *,
+    steps: int | None = None,
+    n_envs: int | None = None,
+    settings: dict[str, Any] | None = None,
+    threads: int | None = None,
+    agent: Agent | None = None,
+) -> PPO:
+    """Train an agent with the hyper-parameters of its task, and keep the run in a folder.
+
+    An interrupt saves a checkpoint. The environments step on many threads and the network learns
+    on one: its layers are too small to share, and sums by several threads would differ in their
+    last bits, so that a seed would not give the same agent on another number of cores.
+
+    Args:
+        env_id: Id of the environment.
+        seed: Seed of the run.
+        folder: Folder of the run.
+        steps: Steps of all environments together, made whole rollouts; those of the
+            hyper-parameters if not given.
+        n_envs: Number of environments, likewise.
+        settings: Keyword arguments of the environment.
+        threads: Threads on which the environments step; one a core if not given.
+        agent: Agent that is trained further, with its network and its normalisation; `settings`
+            are changes of its own.
+
+    Raises:
+        ValueError: If the task is unknown, a setting is invalid, or the channels of the
+            environment are not those of the agent.
+    """
+    chosen = params(env_id)
+    chosen = replace(chosen, steps=steps or chosen.steps, n_envs=n_envs or chosen.n_envs)
+    if agent is not None:
+        form = "flat" if agent.card["policy"] == "MlpPolicy" else "dict"
+        algorithm = {k: value for k, value in chosen.algorithm.items() if k != "policy_kwargs"}
+        chosen = replace(chosen, algorithm=algorithm, steps_without_touch=0)
+        chosen = chosen.with_settings(agent.settings | {"obs": form})
+    chosen = chosen.with_settings(settings or {})
+    model = new_model(env_id, chosen, seed, threads, agent)
+    about = {
+        "env": env_id,
+        "seed": seed,
+        "trained_by": [] if agent is None else [agent.card["commit"]],
+        "steps_before": 0 if agent is None else agent.card["steps"],
+    }
+    return _learn(model, chosen, [], folder, about, threads)
+
+
+def resume(
+    folder: Path,
+    *,
+    steps: int | None = None,
+    n_envs: int | None = None,
+    settings: dict[str, Any] | None = None,
+    threads: int | None = None,
+) -> PPO:
+    """Go on with a run from its last checkpoint, in other episodes than before.
+
+    Args:
+        folder: Folder of the run.
+        steps: Steps in all; those of the run if not given.
+        n_envs: Number of environments, likewise.
+        settings: Changes of the environment's settings, with the same channels.
+        threads: Threads on which the environments step; one a core if not given.
+
+    Raises:
+        ValueError: If the run has its steps, or its policy does not fit the settings.
+    """
+    about = json.loads((folder / RUN).read_text())
+    chosen = Params(**about.pop("params"))
+    chosen = replace(chosen, steps=steps or chosen.steps, n_envs=n_envs or chosen.n_envs)
+    chosen = chosen.with_settings(settings or {})
+    saved = folder / CHECKPOINT
+    done = PPO.load(saved / "model.zip", device="cpu").num_timesteps
+    if _whole(chosen) <= done:
+        raise ValueError(f"steps: found {chosen.steps}, expected more than the run's {done}")
+    chosen = replace(chosen, steps_without_touch=chosen.steps_without_touch - done)
+    envs = make_environment(about["env"], chosen, about["seed"], threads)
+    normalised = VecNormalize.load(str(saved / "normaliser.pkl"), envs.venv)
+    # Bounds follow the settings: an agent may go on under harder ones, with the same channels.
+    Agent.read(saved / CHECKPOINT_AGENT).check(envs.observation_space)
+    normalised.observation_space = envs.observation_space
+    spaces = {"observation_space": envs.observation_space, "action_space": envs.action_space}
+    model = PPO.load(saved / "model.zip", env=normalised, device="cpu", custom_objects=spaces)
+    # The environments start anew: other episodes than before, from a stream of their own.
+    normalised.seed(about["seed"] + 1_000_003 + done)
+    curve = json.loads((saved / "curve.json").read_text())
+    chosen = replace(chosen, steps_without_touch=chosen.steps_without_touch + done)
+    return _learn(model, chosen, curve, folder, about, threads)
+
+
+def new_model(
+    env_id: str, chosen: Params, seed: int, threads: int | None = None, agent: Agent | None = None
+) -> PPO:
+    """Create a model with its environments: a fresh one, or that of an agent."""
+    envs = make_environment(env_id, chosen, seed, threads)
+    arguments: dict[str, Any] = {"seed": seed, "device": "cpu", **chosen.algorithm}
+    if chosen.final_learning_rate is not None:
+        first, last = chosen.algorithm["learning_rate"], chosen.final_learning_rate
+        arguments["learning_rate"] = LinearSchedule(first, last, 1.0)
+    if agent is not None:
+        model = to_sb3(agent, envs.venv, **arguments)
+        model.num_timesteps = 0
+        return model
+    if chosen.obs == "flat":
+        return PPO("MlpPolicy", envs, **arguments)
+    touch = {"features_extractor_class": TouchExtractor}
+    arguments["policy_kwargs"] = arguments["policy_kwargs"] | touch
+    return PPO("MultiInputPolicy", envs, **arguments)
+
+
+def make_environment(
+    env_id: str, chosen: Params, seed: int, threads: int | None = None
+) -> VecNormalize:
+    """Create the environments of a run, the first steps with rigid pads if so asked.
+
+    Fields of touch are not normalised.
+    """
+    settings = {"num_threads": threads} | chosen.training | chosen.environment
+    settings |= {"obs": chosen.obs}
+    made: dict[str, Any] = {"n_envs": chosen.n_envs, "seed": seed}
+    envs: VecEnv = make_vec_env(env_id, **made, **settings)
+    # An agent that is shown touch alone learns nothing without.
+    rest = untouched(envs.observation_space)
+    if chosen.steps_without_touch > 0 and settings.get("tactile") != "none" and rest:
+        rigid = settings | {"tactile": "none", "observation": rest}
+        first = make_vec_env(env_id, **made, **rigid)
+        envs = FirstWithoutTouch(first, envs, chosen.steps_without_touch)
+    monitored = VecMonitor(Timed(envs), info_keywords=("is_success",))
+    keys = None
+    if isinstance(envs.observation_space, gym.spaces.Dict):
+        felt = fields(envs.observation_space)
+        keys = [name for name in envs.observation_space if name not in felt]
+    gamma = chosen.algorithm["gamma"]
+    return VecNormalize(monitored, norm_reward=False, gamma=gamma, norm_obs_keys=keys)
+
+
+def untouched(space: gym.Space[Any]) -> list[str]:
+    """Names of the channels that rigid pads have, too."""
+    channels = list(space) if isinstance(space, gym.spaces.Dict) else []
+    return [name for name in channels if name not in TACTILE_CHANNELS]
+
+
+class FirstWithoutTouch(VecEnvWrapper):
+    """Steps environments with rigid pads for a while, then those that feel.
+
+    The channels of touch are 0 until then. When the pads change, all episodes are truncated.
+
+    Args:
+        rigid: Environments without the channels of touch.
+        feeling: The same with them.
+        steps: Steps with rigid pads, of all environments together.
+    """
+
+    def __init__(self, rigid: VecEnv, feeling: VecEnv, steps: int) -> None:
+        super().__init__(rigid, observation_space=feeling.observation_space)
+        assert isinstance(feeling.observation_space, gym.spaces.Dict), "channels of touch"
+        self.feeling = feeling
+        self.left = steps
+        self.space = feeling.observation_space
+
+    def _with_touch(self, observation: VecEnvObs) -> dict[str, Any]:
+        assert isinstance(observation, dict), "of a space of channels"
+        rows = next(iter(observation.values())).shape[:-1]
+        sizes = {name: (*rows, *(box.shape or ())) for name, box in self.space.items()}
+        return {name: np.zeros(size, np.float32) for name, size in sizes.items()} | observation
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Seeds both."""
+        self.feeling.seed(seed)
+        return self.venv.seed(seed)
+
+    def reset(self) -> VecEnvObs:
+        """Starts an episode in every row."""
+        return self._with_touch(self.venv.reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Takes one step; after the last with rigid pads every row starts anew."""
+        observation, reward, dones, infos = self.venv.step_wait()
+        if self.venv is self.feeling:
+            return observation, reward, dones, infos
+        observation = self._with_touch(observation)
+        for row in np.flatnonzero(dones):
+            last = infos[row]["terminal_observation"]
+            infos[row]["terminal_observation"] = self._with_touch(last)
+        self.left -= self.num_envs
+        if self.left > 0:
+            return observation, reward, dones, infos
+        for row in np.flatnonzero(~dones):
+            last = {name: values[row] for name, values in observation.items()}
+            infos[row] |= {"terminal_observation": last, "TimeLimit.truncated": True}
+        self.venv.close()
+        self.venv = self.feeling
+        return self.venv.reset(), reward, np.ones_like(dones), infos
+
+
+class Timed(VecEnvWrapper):
+    """Measures the time that environments take to step (s)."""
+
+    spent = 0.0
+
+    def reset(self) -> VecEnvObs:
+        """Passes on."""
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Takes one step and its time."""
+        started = time.monotonic()
+        result = self.venv.step_wait()
+        self.spent += time.monotonic() - started
+        return result
+
+
+class Progress(BaseCallback):
+    """Progress bar, learning curve, checkpoints, and where the time goes.
+
+    The last, in ``times.json``, are seconds of this process: ``environment`` steps,
+    ``collecting`` beside them (the policy acts, observations are scaled, rollouts are stored),
+    ``updating`` the networks.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        curve: list[dict[str, float]],
+        environment: Timed,
+        agent: Callable[[], Agent],
+        bar: tqdm,
+    ) -> None:
+        super().__init__()
+        self.environment, self.agent, self.bar = environment, agent, bar
+        self.collected = 0.0
+        self.begun = 0.0
+        self.folder, self.curve = folder, curve
+        self.before = curve[-1]["seconds"] if curve else 0.0
+        self.started = time.monotonic()
+        self.saved = 0
+
+    def _on_training_start(self) -> None:
+        self.saved = self.num_timesteps
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_start(self) -> None:
+        self.begun = time.monotonic()
+
+    def _on_rollout_end(self) -> None:
+        self.collected += time.monotonic() - self.begun
+        self.bar.update(self.num_timesteps - self.bar.n)
+        episodes = list(self.model.ep_info_buffer or ())
+        if episodes:
+            seconds = self.before + time.monotonic() - self.started
+            success = float(np.mean([episode["is_success"] for episode in episodes]))
+            mean_return = float(np.mean([episode["r"] for episode in episodes]))
+            point = {"steps": self.num_timesteps, "seconds": round(seconds, 2)}
+            self.curve.append(point | {"success": success, "return": round(mean_return, 3)})
+            self.bar.set_postfix_str(f"success {success:.0%}, return {mean_return:.1f}")
+        if self.num_timesteps - self.saved >= self.bar.total / 10:
+            self.save()
+
+    def _on_training_end(self) -> None:
+        self.save()
+        whole, inside = time.monotonic() - self.started, self.environment.spent
+        times = {"environment": inside, "collecting": self.collected - inside}
+        times["updating"] = whole - self.collected
+        (self.folder / "times.json").write_text(json.dumps(times))
+
+    def save(self) -> None:
+        """Writes a whole new checkpoint beside the old one, then takes its place."""
+        fresh = self.folder / f"{CHECKPOINT}.new"
+        shutil.rmtree(fresh, ignore_errors=True)
+        fresh.mkdir(parents=True)
+        self.model.save(fresh / "model.zip")
+        normaliser = self.model.get_vec_normalize_env()
+        assert normaliser is not None, "make_environment normalises"
+        normaliser.save(str(fresh / "normaliser.pkl"))
+        (fresh / "curve.json").write_text(json.dumps(self.curve))
+        self.agent().write(fresh / CHECKPOINT_AGENT)
+        current, old = self.folder / CHECKPOINT, self.folder / f"{CHECKPOINT}.old"
+        shutil.rmtree(old, ignore_errors=True)
+        if current.exists():
+            current.rename(old)
+        fresh.rename(current)
+        shutil.rmtree(old, ignore_errors=True)
+        self.saved = self.num_timesteps
+
+
+def _learn(
+    model: PPO,
+    chosen: Params,
+    curve: list[dict[str, float]],
+    folder: Path,
+    about: dict[str, Any],
+    threads: int | None,
+) -> PPO:
+    """Train until the model has the steps of `chosen`."""
+    torch.set_num_threads(1)
+    chosen = replace(chosen, steps=_whole(chosen))
+    commit = about_this_run()["commit"]
+    about |= {"trained_by": list(dict.fromkeys([*about["trained_by"], commit]))}
+    about |= {"threads": threads or os.cpu_count() or 1, "params": asdict(chosen)}
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / RUN).write_text(json.dumps(about, indent=1, default=plain))
+
+    def agent() -> Agent:
+        made = from_sb3(
+            model,
+            model.get_vec_normalize_env(),
+            env_id=about["env"],
+            settings=chosen.environment,
+            seed=about["seed"],
+            threads=about["threads"],
+            commit=", ".join(about["trained_by"]),
+        )
+        made.card["steps"] += about["steps_before"]
+        return made
+
+    done = model.num_timesteps
+    with tqdm(total=chosen.steps, initial=done, unit=" steps", smoothing=0.1) as bar:
+        progress = Progress(folder, curve, _timed(model), agent, bar)
+        try:
+            model.learn(chosen.steps - done, callback=progress, reset_num_timesteps=False)
+        except KeyboardInterrupt:
+            if progress.n_calls > 0:
+                progress.save()
+            raise
+    return model
+
+
+def _whole(chosen: Params) -> int:
+    """Steps of a run: the whole rollouts in which those that were asked for are made."""
+    return -(-chosen.steps // chosen.rollout) * chosen.rollout
+
+
+def _timed(model: PPO) -> Timed:
+    """The wrapper of a model's environments that measures their time."""
+    envs = model.get_env()
+    while not isinstance(envs, Timed):
+        assert isinstance(envs, VecEnvWrapper), "make_environment measures"
+        envs = envs.venv
+    return envs

@@ -1,0 +1,168 @@
+"""``ruffini agent``: training, evaluation and export of agents."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from ruffini._spaces import check_seed, check_writable
+from ruffini.agents import (
+    CHECKPOINT,
+    CHECKPOINT_AGENT,
+    SUFFIX,
+    Agent,
+    checkpoint,
+    environment_id,
+    load,
+)
+from ruffini.commands.policy import (
+    HELP,
+    TASK,
+    Bar,
+    add_evaluation,
+    choose,
+    evaluated,
+    observation_space,
+    settings,
+)
+from ruffini.evaluation import about_this_run, line
+
+_SETTINGS = "the environment's, as JSON"
+
+
+def add_to(commands: Any) -> None:
+    """Add the subcommand to the parser."""
+    agent: argparse.ArgumentParser = commands.add_parser(
+        "agent", help="train, evaluate or export an agent"
+    )
+    parts = agent.add_subparsers(metavar="part", required=True)
+    _add_train(parts)
+    _add_evaluate(parts)
+    _add_export(parts)
+
+
+def _add_train(parts: Any) -> None:
+    parser = parts.add_parser(
+        "train",
+        help="train an agent by PPO",
+        description="Trains an agent with the hyper-parameters of its task. A run is a folder with "
+        "checkpoints; stopped with Ctrl-C, it goes on with --resume. `ruffini play --policy RUN` "
+        "shows the agent of the last checkpoint, at any time.",
+    )
+    parser.add_argument("task", help="GraspLift, grasp-lift or an id")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the run; 0 if not given")
+    parser.add_argument("--steps", type=int, help="environment steps in all, made whole rollouts")
+    parser.add_argument("--n-envs", type=int, help="environments stepped together")
+    parser.add_argument("--threads", type=int, help="threads; as many as cores if not given")
+    parser.add_argument("--settings", help=f"{_SETTINGS}; may change when a run goes on")
+    parser.add_argument("--out", type=Path, help="folder of the run; runs/TASK-SEED if not given")
+    begin = parser.add_mutually_exclusive_group()
+    begin.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
+    begin.add_argument(
+        "--from",
+        dest="begin",
+        metavar="AGENT",
+        help="train this agent further: one of the package, a file, or the folder of a run",
+    )
+    parser.set_defaults(run=_train)
+
+
+def _add_evaluate(parts: Any) -> None:
+    parser = parts.add_parser(
+        "evaluate",
+        help="success rate of a policy over fixed seeds",
+        description="Success rate with its 95 % interval, successes by object, and what ended "
+        "episodes early. Task and settings are those of the agent.",
+    )
+    parser.add_argument("policy", help=f"{HELP}, or a task's name for its agent")
+    parser.add_argument("--task", help=f"for scripted and random; {TASK} if not given")
+    add_evaluation(parser, "200 if not given")
+    parser.add_argument("--settings", help=f"{_SETTINGS}, in place of the agent's")
+    parser.add_argument("--json", type=Path, help="file for the result")
+    parser.set_defaults(run=_evaluate)
+
+
+def _add_export(parts: Any) -> None:
+    parser = parts.add_parser(
+        "export",
+        help="write a training run as an agent's file",
+        description="Evaluates the last checkpoint of a run and writes it as a file, with a card "
+        "that says how it was trained and how well it does. It acts without PyTorch.",
+    )
+    parser.add_argument("folder", metavar="run", help="folder of the run")
+    parser.add_argument("--out", type=Path, required=True, help=f"the {SUFFIX} file")
+    parser.add_argument(
+        "--episodes", type=int, default=200, help="evaluation episodes; 200 if not given"
+    )
+    parser.set_defaults(run=_export)
+
+
+def _train(options: argparse.Namespace) -> None:
+    env_id = environment_id(options.task)
+    given = {name: getattr(options, name) for name in ("steps", "n_envs", "threads")}
+    for name, count in given.items():
+        if count is not None and count < 1:
+            raise ValueError(f"{name.replace('_', '-')}: found {count}, expected at least 1")
+    check_seed(options.seed)
+    changes = settings(options.settings)
+    folder = options.out or Path("runs", f"{env_id.split('/')[-1]}-{options.seed}")
+    saved = (folder / CHECKPOINT).exists()
+    if saved and not options.resume:
+        raise ValueError(f"out: {folder} holds a run: give --resume to go on, or another --out")
+    agent = load(options.begin) if options.begin is not None else None
+    if options.resume:
+        agent = Agent.read(checkpoint(folder) / CHECKPOINT_AGENT)
+        if agent.env_id != env_id:
+            raise ValueError(f"task: found {env_id}, expected {agent.env_id}, that of {folder}")
+    try:
+        from ruffini.agents import training
+    except ImportError as error:
+        needed = 'pip install "ruffini[train]"'
+        raise ValueError(f"training: found no {error.name}: {needed}") from None
+    kept = {} if agent is None else agent.settings
+    observation_space(env_id, kept | changes, "settings")
+    print(f"training PPO on {env_id}, seed {options.seed}, in {folder}", flush=True)
+    try:
+        if options.resume:
+            training.resume(folder, settings=changes, **given)
+        else:
+            training.train(env_id, options.seed, folder, settings=changes, agent=agent, **given)
+    except KeyboardInterrupt:
+        if (folder / CHECKPOINT).exists():
+            print(f"\n{folder}: --resume goes on from the last checkpoint", file=sys.stderr)
+        raise
+    print(f"ruffini play --policy {folder} shows the agent")
+
+
+def _evaluate(options: argparse.Namespace) -> None:
+    if options.json is not None:
+        check_writable("json", options.json)
+    chosen = choose(options.task, options.policy, settings(options.settings))
+    episodes = 200 if options.episodes is None else options.episodes
+    result = evaluated(chosen, episodes, options.seed, options.threads)
+    name = Path(options.policy).name
+    print(line(name, result))
+    for thing, (good, of) in result["by_object"].items():
+        print(f"  {thing:<22} {good:4d} of {of}")
+    for reason, count in result["endings"].items():
+        print(f"  ended by {reason:<13} {count:4d}")
+    if options.json is not None:
+        about = {"policy": name, "settings": chosen.settings}
+        document = about | result | about_this_run()
+        options.json.write_text(json.dumps(document, indent=1) + "\n")
+
+
+def _export(options: argparse.Namespace) -> None:
+    if options.out.suffix != SUFFIX:
+        raise ValueError(f"out: found {options.out}, expected a {SUFFIX} file")
+    if options.episodes < 1:
+        raise ValueError(f"episodes: found {options.episodes}, expected at least 1")
+    check_writable("out", options.out)
+    agent = Agent.read(checkpoint(options.folder) / CHECKPOINT_AGENT)
+    agent.evaluate(options.episodes, Bar(agent.env_id, agent.settings))
+    agent.write(options.out)
+    print(line("agent", agent.card["evaluation"]))
+    print(f"{options.out}: {options.out.stat().st_size} bytes")

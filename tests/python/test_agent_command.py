@@ -1,0 +1,243 @@
+"""`ruffini agent`: training in small, what a run holds, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from drawn_agent import COARSE, HOLD, drawn
+
+from ruffini import agents
+from ruffini.commands import main
+from ruffini.evaluation import evaluate
+
+EIGHT = ["--n-envs", "8", "--threads", "1"]
+BLOCKED = "import sys; sys.modules['torch'] = sys.modules['stable_baselines3'] = None;"
+
+
+def command(*words):
+    """Runs the command in this process."""
+    return main(["agent", *map(str, words)])
+
+
+def without_torch(*words):
+    """Runs the command where PyTorch and Stable-Baselines3 are not installed."""
+    code = f"{BLOCKED}from ruffini.commands import main; sys.exit(main(sys.argv[1:]))"
+    line = [sys.executable, "-c", code, *map(str, words)]
+    return subprocess.run(line, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run of two rollouts of 256 steps, of the 300 steps that were asked for."""
+    pytest.importorskip("stable_baselines3")
+    folder = tmp_path_factory.mktemp("agent") / "runs" / "short"
+    words = ["--seed", 4, "--steps", 300, *EIGHT, "--settings", json.dumps(COARSE)]
+    assert command("train", "hold-still", *words, "--out", folder) == 0
+    return folder
+
+
+def test_a_run_is_an_agent(run):
+    agent = agents.load(run)
+    assert agent.env_id == HOLD and agent.settings == COARSE
+    assert (agent.card["seed"], agent.card["steps"], agent.card["threads"]) == (4, 512, 1)
+    assert agent.card["evaluation"] == {} and agent.card["policy"] == "MultiInputPolicy"
+    about = json.loads((run / agents.RUN).read_text())
+    assert about["params"]["steps"] == 512 and about["params"]["environment"] == COARSE
+
+
+def test_the_bar_of_a_run_ends_at_all_of_it(tmp_path, capfd):
+    pytest.importorskip("stable_baselines3")
+    words = ["--steps", 700, *EIGHT, "--settings", '{"tactile": "none"}', "--out", tmp_path / "a"]
+    assert command("train", "GraspLift", *words) == 0
+    out, err = capfd.readouterr()
+    last = err.replace("\r", "\n").strip().splitlines()[-1]
+    assert last.startswith("100%") and "768/768" in last, err
+    assert "training PPO on ruffini/GraspLift-v0, seed 0" in out
+    assert f"ruffini play --policy {tmp_path / 'a'}" in out
+
+
+def test_a_run_goes_on(run, tmp_path, capsys):
+    pytest.importorskip("stable_baselines3")
+    folder = tmp_path / "again"
+    words = ["train", "HoldStill", "--settings", json.dumps(COARSE), *EIGHT, "--out", folder]
+    assert command(*words, "--steps", 256) == 0
+    assert command(*words, "--steps", 256) == 2
+    assert "again holds a run: give --resume to go on, or another --out" in capsys.readouterr().err
+    go_on = ["train", "HoldStill", "--resume", "--out", folder]
+    assert command(*go_on) == 2
+    assert "steps: found 256, expected more than the run's 256" in capsys.readouterr().err
+    harder = ["--steps", 500, "--settings", '{"load": 0.5}']
+    assert command(*go_on, *harder) == 0
+    agent = agents.load(folder)
+    assert agent.card["steps"] == 512 and agent.settings == COARSE | {"load": 0.5}
+    curve = json.loads((folder / "checkpoint/curve.json").read_text())
+    assert [point["steps"] for point in curve] == [256, 512]
+    for wrong, text in (
+        (["train", "GraspLift"], "task: found ruffini/GraspLift-v0, expected ruffini/HoldStill-v0"),
+        (["train", "HoldStill", "--settings", '{"tactile": "none"}'], "found channels "),
+    ):
+        assert command(*wrong, "--steps", 1000, "--resume", "--out", folder) == 2
+        assert text in capsys.readouterr().err
+
+
+def test_an_interrupt_keeps_what_was_learnt(tmp_path, monkeypatch, capsys):
+    sb3 = pytest.importorskip("stable_baselines3")
+    train, calls = sb3.PPO.train, []
+
+    def interrupted(model):
+        calls.append(model.num_timesteps)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        train(model)
+
+    monkeypatch.setattr(sb3.PPO, "train", interrupted)
+    words = ["train", "GraspLift", "--settings", '{"tactile": "none"}', *EIGHT, "--out", tmp_path]
+    assert command(*words, "--steps", 2560) == 130
+    assert f"{tmp_path}: --resume goes on from the last checkpoint" in capsys.readouterr().err
+    assert agents.load(tmp_path).card["steps"] == 512
+    assert command("train", "GraspLift", "--resume", "--steps", 768, "--out", tmp_path) == 0
+    assert agents.load(tmp_path).card["steps"] == 768
+
+
+def test_evaluate_takes_task_and_settings_from_the_run(run, tmp_path, capsys):
+    file = tmp_path / "result.json"
+    assert command("evaluate", run, "--episodes", 3, "--seed", 5, "--json", file) == 0
+    out = capsys.readouterr().out
+    assert out.startswith(f"{HOLD}: PPO, 512 steps, seed 4; 3 episodes from seed 5\nshort ")
+    result = json.loads(file.read_text())
+    expected = evaluate(agents.load(run), HOLD, 3, first_seed=5, **COARSE)
+    assert {name: result[name] for name in expected} == expected
+    assert result["settings"] == COARSE and result["policy"] == "short" and result["commit"]
+    changed = ["--settings", '{"load": 0.5}', "--json", file]
+    assert command("evaluate", run, "--episodes", 1, *changed) == 0
+    assert json.loads(file.read_text())["settings"] == COARSE | {"load": 0.5}
+
+
+def test_evaluate_takes_policies_that_are_not_learnt(capsys):
+    words = ["--task", "grasp-lift", "--settings", '{"tactile": "none"}', "--episodes", 4]
+    assert command("evaluate", "scripted", *words) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("ruffini/GraspLift-v0: scripted policy; 4 episodes from seed 10000\n")
+    assert "scripted                  100.0%" in out
+    assert command("evaluate", "random", *words[2:]) == 0
+    assert "random                      0.0%" in capsys.readouterr().out
+
+
+def test_export_writes_an_agent_with_its_success(run, tmp_path, capsys):
+    file = tmp_path / "out.safetensors"
+    assert command("export", run, "--episodes", 3, "--out", file) == 0
+    agent = agents.load(file)
+    told = evaluate(agents.load(run), HOLD, 3, **COARSE)
+    assert agent.card["evaluation"] == {k: v for k, v in told.items() if k != "env"}
+    assert capsys.readouterr().out.splitlines()[1] == f"{file}: {file.stat().st_size} bytes"
+    for name, values in agents.load(run).tensors.items():
+        np.testing.assert_array_equal(agent.tensors[name], values)
+
+
+def test_all_but_training_goes_without_torch(run, tmp_path):
+    file = tmp_path / "out.safetensors"
+    for words in (
+        ["agent", "evaluate", run, "--episodes", 1],
+        ["agent", "export", run, "--episodes", 1, "--out", file],
+        ["play", "HoldStill", "--policy", run, "--episodes", 1],
+        ["play", "--policy", file, "--episodes", 1],
+    ):
+        done = without_torch(*words)
+        assert done.returncode == 0, done.stderr
+    done = without_torch("agent", "train", "HoldStill", "--out", tmp_path / "none")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1 and 'pip install "ruffini[train]"' in done.stderr
+
+
+def test_a_run_plays_without_a_card_to_compare_with(run, capsys):
+    assert main(["play", "--policy", str(run), "--episodes", "2"]) == 0
+    head, found = capsys.readouterr().out.splitlines()
+    assert head == f"{HOLD}: PPO, 512 steps, seed 4; 2 episodes from seed 10000"
+    assert found.startswith("agent ")
+
+
+def test_an_agent_is_trained_further(run, tmp_path, capsys):
+    pytest.importorskip("stable_baselines3")
+    folder = tmp_path / "further"
+    words = ["--from", run, "--steps", 256, *EIGHT, "--out", folder]
+    assert command("train", "HoldStill", *words, "--settings", '{"load": 0.5}') == 0
+    first, agent = agents.load(run), agents.load(folder)
+    assert agent.settings == COARSE | {"load": 0.5}
+    assert agent.card["steps"] == first.card["steps"] + 256
+    before, after = (one.card["normaliser"]["count"] for one in (first, agent))
+    assert after == before + 8 * 33, "its statistics go on"
+    weights = [one.tensors["policy.0.weight"] for one in (first, agent)]
+    assert 0 < np.abs(weights[1] - weights[0]).max() < 0.1, "its weights, a little changed"
+    assert command("train", "HoldStill", "--resume", "--steps", 512, "--out", folder) == 0
+    assert agents.load(folder).card["steps"] == first.card["steps"] + 512
+    other = ["--from", run, "--settings", '{"observation": "proprio"}', "--out", tmp_path / "b"]
+    assert command("train", "HoldStill", *other) == 2
+    assert "found channels " in capsys.readouterr().err
+
+
+def test_a_flat_agent_is_trained_further(tmp_path):
+    pytest.importorskip("stable_baselines3")
+    settings = json.dumps(COARSE | {"obs": "flat"})
+    words = ["train", "HoldStill", "--steps", 256, *EIGHT]
+    assert command(*words, "--settings", settings, "--out", tmp_path / "a") == 0
+    assert command(*words, "--from", tmp_path / "a", "--out", tmp_path / "b") == 0
+    agent = agents.load(tmp_path / "b")
+    assert agent.card["policy"] == "MlpPolicy" and agent.settings == COARSE
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["train", "HoldStil"], "task: found 'HoldStil', did you mean 'HoldStill'?"),
+        (["train", "HoldStill", "--steps", "0"], "steps: found 0, expected at least 1"),
+        (["train", "HoldStill", "--n-envs", "-1"], "n-envs: found -1, expected at least 1"),
+        (["train", "HoldStill", "--seed", "-1"], "seed: found -1, expected a whole number"),
+        (["train", "HoldStill", "--settings", "load"], "settings: found 'load', expected JSON"),
+        (["train", "HoldStill", "--settings", '{"lod": 1}'], "'lod', did you mean 'load'?"),
+        (["train", "HoldStill", "--settings", '{"load": -1}'], "load: "),
+        (["train", "HoldStill", "--from", "GraspLft"], "did you mean 'GraspLift'?"),
+        (["train", "HoldStill", "--resume", "--out", "RUNS/shrt"], "did you mean 'RUNS/short'?"),
+        (["train", "HoldStill", "--out", "FILE"], "File exists"),
+        (["evaluate", "scritped"], "'scritped', did you mean 'scripted'? expected trained"),
+        (["evaluate", "GrapsLift"], "'GrapsLift', did you mean 'GraspLift'?"),
+        (["evaluate", "InsertPeg"], "agent: found none of InsertPeg-v0"),
+        (["evaluate", "RUNS/shrt"], "RUNS/shrt, did you mean 'RUNS/short'? expected the folder"),
+        (["evaluate", "FILE", "--task", "GraspLift"], f"found one of {HOLD}, expected one of ruf"),
+        (["evaluate", "FILE", "--task", "Juggle"], "task: found 'Juggle', expected one of Grasp"),
+        (["evaluate", "FILE", "--settings", '{"tactile": "none"}'], "found channels "),
+        (["evaluate", "FILE", "--settings", '{"tactil": 1}'], "did you mean 'tactile'?"),
+        (["evaluate", "scripted", "--settings", '{"observation": "proprio"}'], "the scripted"),
+        (["evaluate", "FILE", "--episodes", "0"], "episodes: found 0, expected at least 1"),
+        (["evaluate", "FILE", "--json", "RUNS/none/a.json"], "json: RUNS/none/a.json: No such"),
+        (["export", "RUNS/short", "--out", "a.onnx"], "found a.onnx, expected a .safetensors file"),
+        (["export", "RUNS/shrt", "--out", "a.safetensors"], "did you mean 'RUNS/short'?"),
+        (["export", "GraspLift", "--out", "a.safetensors"], "found none in GraspLift, expected"),
+        (["export", "RUNS/begun", "--out", "a.safetensors"], "no checkpoint in RUNS/begun"),
+        (["export", "RUNS/short", "--out", "none/a.safetensors"], "out: none/a.safetensors: No"),
+    ],
+)
+def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, words, text):
+    monkeypatch.chdir(tmp_path)
+    for name in ("short", "begun"):
+        (tmp_path / "RUNS" / name).mkdir(parents=True)
+        (tmp_path / "RUNS" / name / agents.RUN).write_text("{}")
+    (tmp_path / "RUNS/short/checkpoint").mkdir()
+    file = tmp_path / "one.safetensors"
+    file.write_bytes(drawn().to_bytes())
+    found = sorted(os.listdir(tmp_path))
+    assert command(*(str(file) if word == "FILE" else word for word in words)) == 2
+    out, err = capsys.readouterr()
+    assert text in err and err.count("\n") == 1 and out == "", err
+    assert sorted(os.listdir(tmp_path)) == found
+
+
+@pytest.mark.parametrize("word", ["train", "evaluate"])
+def test_what_is_trained_has_to_be_said(word, capsys):
+    assert main([word, "set", "run", "--epochs", "3"]) == 2
+    told = f"ruffini: found {word}, expected agent {word} or network {word}\n"
+    assert capsys.readouterr().err == told
