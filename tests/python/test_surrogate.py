@@ -309,20 +309,13 @@ def test_the_shell_trains_and_evaluates(data, tmp_path, capsys):
     options = ["--epochs", "1", "--linear-nodes", "700", "--width", "8"]
     assert main(["network", "train", str(data), out, *options]) == 0
     assert "frames to train on" in capsys.readouterr().err
-    assert main(["network", "evaluate", f"{out}/weights.safetensors", str(data)]) == 0
+    judge = ["network", "evaluate", f"{out}/weights.safetensors", str(data)]
+    assert main(judge) == 0
     lines = capsys.readouterr().out.splitlines()
     assert "linear" in lines[0] and lines[1].startswith("ellipsoid-1") and len(lines) == 3
-    assert (
-        main(
-            ["network", "evaluate", f"{out}/weights.safetensors", str(data), "--split", "known-63"]
-        )
-        == 2
-    )
+    assert main([*judge, "--split", "known-63"]) == 2
     assert "no frames in the test part of known-63" in capsys.readouterr().err
-    assert (
-        main(["network", "evaluate", f"{out}/weights.safetensors", str(data), "--split", "all"])
-        == 2
-    )
+    assert main([*judge, "--split", "all"]) == 2
     assert "one of known-1" in capsys.readouterr().err
 
 

@@ -76,7 +76,7 @@ def train(
         form = "flat" if agent.card["policy"] == "MlpPolicy" else "dict"
         algorithm = {k: value for k, value in chosen.algorithm.items() if k != "policy_kwargs"}
         chosen = replace(chosen, algorithm=algorithm, steps_without_touch=0)
-        chosen = chosen.with_settings(agent.settings | {"obs": form})
+        settings = agent.settings | (settings or {}) | {"obs": form}
     chosen = chosen.with_settings(settings or {})
     model = new_model(env_id, chosen, seed, threads, agent)
     about = {
@@ -111,16 +111,16 @@ def resume(
     about = json.loads((folder / RUN).read_text())
     chosen = Params(**about.pop("params"))
     chosen = replace(chosen, steps=steps or chosen.steps, n_envs=n_envs or chosen.n_envs)
-    chosen = chosen.with_settings(settings or {})
+    chosen = chosen.with_settings((settings or {}) | {"obs": chosen.obs})
     saved = folder / CHECKPOINT
     done = PPO.load(saved / "model.zip", device="cpu").num_timesteps
     if _whole(chosen) <= done:
         raise ValueError(f"steps: found {chosen.steps}, expected more than the run's {done}")
     chosen = replace(chosen, steps_without_touch=chosen.steps_without_touch - done)
     envs = make_environment(about["env"], chosen, about["seed"], threads)
-    normalised = VecNormalize.load(str(saved / "normaliser.pkl"), envs.venv)
     # Bounds follow the settings: an agent may go on under harder ones, with the same channels.
     Agent.read(saved / CHECKPOINT_AGENT).check(envs.observation_space)
+    normalised = VecNormalize.load(str(saved / "normaliser.pkl"), envs.venv)
     normalised.observation_space = envs.observation_space
     spaces = {"observation_space": envs.observation_space, "action_space": envs.action_space}
     model = PPO.load(saved / "model.zip", env=normalised, device="cpu", custom_objects=spaces)

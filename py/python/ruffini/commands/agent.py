@@ -123,7 +123,10 @@ def _train(options: argparse.Namespace) -> None:
         needed = 'pip install "ruffini[train]"'
         raise ValueError(f"training: found no {error.name}: {needed}") from None
     kept = {} if agent is None else agent.settings
-    observation_space(env_id, kept | changes, "settings")
+    space = observation_space(env_id, kept | changes, "settings")
+    if agent is not None:
+        agent.check(space)
+    folder.mkdir(parents=True, exist_ok=True)
     print(f"training PPO on {env_id}, seed {options.seed}, in {folder}", flush=True)
     try:
         if options.resume:
