@@ -68,7 +68,7 @@ def load(name: str | PathLike[str]) -> Agent:
     try:
         found = environment_id(str(name)).split("/")[-1]
     except ValueError as error:
-        if path.is_dir() or len(path.parts) > 1:
+        if len(path.parts) > 1 or (path.parts and path.is_dir()):
             checkpoint(path)
         raise ValueError(f"{error}; or {expected}") from None
     if found not in names():

@@ -113,7 +113,7 @@ def _agent(env_id: str | None, name: str) -> Agent:
         try:
             return load(env_id or TASK)
         except ValueError as error:
-            raise ValueError(f"{error}; the policy scripted needs none") from None
+            raise ValueError(f"{error}; --policy scripted plays without one") from None
     try:
         return load(name)
     except ValueError as error:
