@@ -70,6 +70,7 @@ def train(
         ValueError: If the task is unknown, a setting is invalid, or the channels of the
             environment are not those of the agent.
     """
+    torch.set_num_threads(1)
     chosen = params(env_id)
     chosen = replace(chosen, steps=steps or chosen.steps, n_envs=n_envs or chosen.n_envs)
     if agent is not None:
@@ -108,6 +109,7 @@ def resume(
     Raises:
         ValueError: If the run has its steps, or its policy does not fit the settings.
     """
+    torch.set_num_threads(1)
     about = json.loads((folder / RUN).read_text())
     chosen = Params(**about.pop("params"))
     chosen = replace(chosen, steps=steps or chosen.steps, n_envs=n_envs or chosen.n_envs)
@@ -337,7 +339,6 @@ def _learn(
     threads: int | None,
 ) -> PPO:
     """Train until the model has the steps of `chosen`."""
-    torch.set_num_threads(1)
     chosen = replace(chosen, steps=_whole(chosen))
     commit = about_this_run()["commit"]
     about |= {"trained_by": list(dict.fromkeys([*about["trained_by"], commit]))}
