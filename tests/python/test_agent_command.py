@@ -57,7 +57,7 @@ def test_the_bar_of_a_run_ends_at_all_of_it(tmp_path, capfd):
     out, err = capfd.readouterr()
     last = err.replace("\r", "\n").strip().splitlines()[-1]
     assert last.startswith("100%") and "768/768" in last, err
-    assert "training PPO on ruffini/GraspLift-v0, seed 0" in out
+    assert out.startswith(f"ruffini/GraspLift-v0: PPO, in {tmp_path / 'a'}\n")
     assert f"ruffini play --policy {tmp_path / 'a'}" in out
 
 
@@ -239,5 +239,5 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, words, text):
 @pytest.mark.parametrize("word", ["train", "evaluate"])
 def test_what_is_trained_has_to_be_said(word, capsys):
     assert main([word, "set", "run", "--epochs", "3"]) == 2
-    told = f"ruffini: found {word}, expected agent {word} or network {word}\n"
-    assert capsys.readouterr().err == told
+    told = f"{word}: expected ruffini agent {word}, or for models of the gel ruffini network {word}"
+    assert capsys.readouterr().err == f"ruffini: {told}\n"

@@ -25,8 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else list(arguments)
     try:
         if words[:1] in (["train"], ["evaluate"]):
-            what = words[0]
-            raise ValueError(f"found {what}, expected agent {what} or network {what}")
+            ours, gels = (f"ruffini {part} {words[0]}" for part in ("agent", "network"))
+            raise ValueError(f"{words[0]}: expected {ours}, or for models of the gel {gels}")
         options = parser.parse_args(words)
         options.run(options)
     except SimulationError as error:

@@ -127,7 +127,7 @@ def _train(options: argparse.Namespace) -> None:
     if agent is not None:
         agent.check(space)
     folder.mkdir(parents=True, exist_ok=True)
-    print(f"training PPO on {env_id}, seed {options.seed}, in {folder}", flush=True)
+    print(f"{env_id}: PPO, in {folder}", flush=True)
     try:
         if options.resume:
             training.resume(folder, settings=changes, **given)

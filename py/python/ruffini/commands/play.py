@@ -44,14 +44,14 @@ def run(options: argparse.Namespace) -> None:
         ValueError: If an option is invalid, or the agent is for another environment.
         SimulationError: If the video cannot be made.
     """
-    chosen = choose(options.task, options.policy, {})
-    episodes = options.episodes
-    if episodes is None:
-        episodes = _EPISODES.get(chosen.env_id, 50)
     if options.video_episodes < 1:
         raise ValueError(f"video-episodes: found {options.video_episodes}, expected at least 1")
     if options.video is not None:
         video.check(options.video)
+    chosen = choose(options.task, options.policy, {})
+    episodes = options.episodes
+    if episodes is None:
+        episodes = _EPISODES.get(chosen.env_id, 50)
     result = evaluated(chosen, episodes, options.seed, options.threads)
     agent = chosen.policy if isinstance(chosen.policy, Agent) else None
     print(line("agent" if agent is not None else options.policy, result))
