@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ruffini._spaces import check_seed, check_writable
+from ruffini._spaces import check_writable
 from ruffini.agents import (
     CHECKPOINT,
     CHECKPOINT_AGENT,
@@ -106,7 +106,8 @@ def _train(options: argparse.Namespace) -> None:
     for name, count in given.items():
         if count is not None and count < 1:
             raise ValueError(f"{name.replace('_', '-')}: found {count}, expected at least 1")
-    check_seed(options.seed)
+    if not 0 <= options.seed < 2**32:
+        raise ValueError(f"seed: found {options.seed}, expected a whole number from 0 below 2**32")
     changes = settings(options.settings)
     folder = options.out or Path("runs", f"{env_id.split('/')[-1]}-{options.seed}")
     saved = (folder / CHECKPOINT).exists()
