@@ -6,8 +6,9 @@ use std::{hint::black_box, sync::Arc};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::Isometry3;
 use ruffini_core::{
+    deformation::Wrench,
     env::{Autoreset, Batch, Setup},
-    scene::{CATALOGUE, Command, Object, ObjectModel, Scene, SceneConfig, SoftPads, Wrench, named},
+    scene::{CATALOGUE, Command, Object, ObjectModel, Scene, SceneConfig, SoftPads, named},
     sensor::Sensor,
     tactile::Choice,
     task::{Config, ObjectSpec, Task},

@@ -3,9 +3,9 @@
 use nalgebra::{Isometry3, Vector3};
 use ruffini_core::{
     compliance::{Compliance, Options},
-    deformation::{History, Law, Moduli, Press, SoftBody},
+    deformation::{History, Law, Moduli, Press, SoftBody, Wrench},
     geometry::Shape,
-    scene::{Command, Scene, Wrench},
+    scene::{Command, Scene},
     sensor::Sensor,
 };
 

@@ -57,15 +57,20 @@ impl Backing {
             let angle = from.rotation.angle_to(&to.rotation);
             for Group { centre, radius, places } in &self.groups {
                 let [begin, end] = way(centre);
-                if gap(&end) > (1.0 + angle) * radius + (end - begin).norm() {
+                let at_centre = gap(&end);
+                if at_centre > (1.0 + angle) * radius + (end - begin).norm() {
                     continue;
                 }
                 for place in places {
                     let [begin, end] = way(place);
+                    // A distance changes by no more than the way, here and from place to place.
+                    let moved = (end - begin).norm();
+                    if at_centre > (place - centre).norm() + moved {
+                        continue;
+                    }
                     let ahead = gap(&end);
                     deepest = deepest.max(-ahead);
-                    // A distance changes by no more than the way.
-                    if ahead > (end - begin).norm() {
+                    if ahead > moved {
                         continue;
                     }
                     let sunk = gap(&begin).min(0.0);

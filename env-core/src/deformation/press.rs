@@ -1,6 +1,9 @@
 //! Presses of a soft body, and their solutions.
 
+use std::ops::Add;
+
 use nalgebra::{Isometry3, Unit, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::History;
 use crate::{Error, Result, geometry::Shape};
@@ -36,13 +39,21 @@ pub enum Drive {
     },
 }
 
-/// Force and torque on the soft body, about the origin of its frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// Force and torque; on a soft body, about the origin of its frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Wrench {
     /// Force (N).
     pub force: Vector3<f64>,
     /// Torque (N m).
     pub torque: Vector3<f64>,
+}
+
+impl Add for Wrench {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self { force: self.force + other.force, torque: self.torque + other.torque }
+    }
 }
 
 /// Equilibrium of a soft body with the shapes that press it.

@@ -6,7 +6,7 @@ use crate::{
     Result,
     deformation::{Deformation, Press},
     geometry::Shape,
-    scene::{Scene, SceneState, Wrench},
+    scene::{Scene, SceneState},
     tactile::Finger,
     task::EpisodeParameters,
 };
@@ -39,7 +39,7 @@ pub(super) fn correct(scene: &mut Scene, state: &SceneState, felt: &PerFinger<De
     for (finger, felt) in felt.iter().enumerate() {
         if felt.is_some() || state.fingers[finger].touches() {
             let wrench = felt.as_ref().map(|felt| felt.wrench).unwrap_or_default();
-            scene.correct(finger, &Wrench { force: wrench.force, torque: wrench.torque });
+            scene.correct(finger, &wrench);
         }
     }
 }

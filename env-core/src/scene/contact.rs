@@ -10,7 +10,8 @@ use rapier3d::{
     utils::OrthonormalBasis,
 };
 
-use super::{Wrench, units};
+use super::units;
+use crate::deformation::Wrench;
 
 /// Wrench of `other` on `collider` through their contact, in the world frame about `origin` (m).
 pub(super) fn wrench(

@@ -28,5 +28,5 @@ pub use catalogue::{CATALOGUE, named};
 pub use collider::ObjectModel;
 pub use config::{Gripper, Object, Pads, Physics, SceneConfig, SoftPads, Workspace};
 pub use fixture::Fixture;
-pub use state::{BodyState, Failure, FingerState, SceneState, Wrench, WristState};
+pub use state::{BodyState, Failure, FingerState, SceneState, WristState};
 pub use world::{Command, Scene};

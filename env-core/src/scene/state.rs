@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::deformation;
+use crate::deformation::Wrench;
 
 /// State of a scene: everything that tasks, sensors and rendering read.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,29 +78,6 @@ pub struct BodyState {
     pub velocity: Vector3<f64>,
     /// Angular velocity (rad/s).
     pub angular_velocity: Vector3<f64>,
-}
-
-/// Force (N) and torque (N m).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Wrench {
-    /// Force (N).
-    pub force: Vector3<f64>,
-    /// Torque (N m).
-    pub torque: Vector3<f64>,
-}
-
-impl From<deformation::Wrench> for Wrench {
-    fn from(deformation::Wrench { force, torque }: deformation::Wrench) -> Self {
-        Self { force, torque }
-    }
-}
-
-impl std::ops::Add for Wrench {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        Self { force: self.force + other.force, torque: self.torque + other.torque }
-    }
 }
 
 /// Reason why a scene can no longer be stepped.

@@ -11,13 +11,13 @@ use rapier3d::prelude::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    BodyState, Failure, FingerState, Object, ObjectModel, Pads, SceneConfig, SceneState, Wrench,
+    BodyState, Failure, FingerState, Object, ObjectModel, Pads, SceneConfig, SceneState,
     WristState, contact,
     foundation::{FixtureContact, FoundationStep, Foundations, stops},
     gripper::{HAND, Hand, OBJECT, TABLE},
     units,
 };
-use crate::Result;
+use crate::{Result, deformation::Wrench};
 
 /// Command to the hand for one control period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

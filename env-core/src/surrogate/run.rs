@@ -63,7 +63,7 @@ pub fn train(
     }
     let (network, vectors) = run.chosen()?;
     let config = dataset.config();
-    let amplitudes = samples.iter().map(|sample| f64::from(sample.input.amplitude));
+    let amplitudes = samples.iter().map(|sample| sample.target.amplitude());
     let predicted = error_model(&network, &gels, &validation)?;
     let found = judge_blended(&network, predicted.as_ref(), &gels, &test)?;
     let card = Card {

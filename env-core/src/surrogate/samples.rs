@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{
@@ -144,6 +144,12 @@ impl Gels {
 }
 
 impl Target {
+    /// Largest displacement over the pad's thickness.
+    pub(super) fn amplitude(&self) -> f64 {
+        let norm = |u: &[f32; 3]| Vector3::from(*u).cast::<f64>().norm();
+        self.displacement.as_chunks().0.iter().map(norm).fold(0.0, f64::max)
+    }
+
     /// Extracts a frame of a finite-element solution on a pad of `columns` columns.
     pub(super) fn new(frames: &PadFrames, frame: usize, columns: usize, gel: &PadMaterial) -> Self {
         let part = |field: &[f32], unit: f64| -> Vec<f32> {

@@ -95,7 +95,7 @@ impl TrainingBounds {
         };
         let [mut amplitude, mut force, mut bearing] = [const { Vec::new() }; 3];
         for target in targets {
-            amplitude.push(norms(&target.displacement).into_iter().fold(0.0, f64::max));
+            amplitude.push(target.amplitude());
             force.push(norms(&target.force)[0]);
             bearing.push(bearing_of(norms(&target.forces).into_iter()));
         }

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use super::{Config, StepState};
 use crate::{
     Error, Result,
-    scene::Wrench,
+    deformation::Wrench,
     tactile::{Channel, MARKERS, Skin, Spec},
 };
 

@@ -21,6 +21,7 @@ mod patch;
 mod settle;
 mod skin;
 mod spots;
+mod touching;
 mod load_stepping;
 
 use std::sync::Arc;

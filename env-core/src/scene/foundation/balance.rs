@@ -12,7 +12,7 @@ use super::{
     stops::{FixtureContact, FixtureImpulses},
     touch::{BristleContact, cut},
 };
-use crate::scene::Wrench;
+use crate::deformation::Wrench;
 
 /// Velocity of the object's centre of mass, its angular velocity, and speeds of the slides along
 /// the wrist's x.

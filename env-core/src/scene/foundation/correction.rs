@@ -11,7 +11,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::touch::cut;
-use crate::scene::Wrench;
+use crate::deformation::Wrench;
 
 /// Exponent of one correction of the factor on the normal force.
 const PRESSING: f64 = 0.6;

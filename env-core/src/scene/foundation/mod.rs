@@ -28,11 +28,11 @@ use rapier3d::prelude::{PhysicsWorld, RigidBodyHandle, Vector};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Gripper, Object, ObjectModel, SoftPads, Wrench,
+    Gripper, Object, ObjectModel, SoftPads,
     gripper::{Hand, damping},
     units,
 };
-use crate::geometry::Shape;
+use crate::{deformation::Wrench, geometry::Shape};
 use balance::{Bodies, LoadedBristle, Velocities};
 use correction::Correction;
 use law::FoundationLaw;
