@@ -54,7 +54,10 @@ TINY = "truth_nodes = 400\nmodel_nodes = 200\nforce = [1.0, 5.0]\n"
 """Configuration of a dataset that takes seconds."""
 PAGES = [
     page
-    for page in [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+    for page in [
+        *(ROOT / name for name in ("README.md", "py/README.md", ".github/CONTRIBUTING.md")),
+        *sorted(DOCS.glob("*.md")),
+    ]
     if BLOCK.search(page.read_text())
 ]
 
@@ -156,7 +159,7 @@ def test_there_are_pages_with_code():
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning:torch")
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_code_of_a_page_runs(page, root, monkeypatch):
     play(page.read_text(), page.stem, monkeypatch)
 
