@@ -23,9 +23,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.distributions import Normal
+from torch.distributions import Independent, Normal
 
-import ruffini
+import ruffini  # noqa: F401  registers the environments
 from ruffini.evaluation import evaluate, line
 
 ROLLOUT, BATCH, EPOCHS = 32, 256, 8
@@ -81,9 +81,9 @@ class Agent(nn.Module):
         apart = torch.from_numpy(observation).double() - self.mean
         return (apart / (self.variance + 1e-8).sqrt()).clamp(-10, 10).float()
 
-    def policy(self, observation: Tensor) -> Normal:
-        """Distribution of actions (N, 5)."""
-        return Normal(self.actor(observation), self.log_std.exp())
+    def policy(self, observation: Tensor) -> Any:
+        """Distribution of actions (N, 5), a `torch.distributions.Independent`."""
+        return Independent(Normal(self.actor(observation), self.log_std.exp()), 1)
 
     def value(self, observation: Tensor) -> Tensor:
         """Expected return (N,)."""
@@ -146,7 +146,7 @@ class Rollouts:
                     reward[cut] += GAMMA * self.agent.value(final).numpy()
             told = torch.from_numpy(reward).float()
             over = torch.from_numpy(terminated | truncated).float()
-            chance = policy.log_prob(action).sum(-1)
+            chance = policy.log_prob(action)
             rows.append((before, action, chance, told, self.agent.value(before), over))
             self.agent.learn_scale(raw)
             self.observation = self.agent.normal(raw)
@@ -162,35 +162,36 @@ class Rollouts:
 def update(agent: Agent, optimiser: torch.optim.Optimizer, rollout: tuple[Tensor, ...]) -> None:
     """Several passes of PPO's clipped loss over a rollout (Schulman et al. 2017)."""
     for _ in range(EPOCHS):
-        for chosen in torch.randperm(len(rollout[0])).split(BATCH):
+        order = torch.randperm(len(rollout[0]))
+        for first in range(0, len(order), BATCH):
+            chosen = order[first : first + BATCH]
             seen, actions, chances, ahead, returns = (column[chosen] for column in rollout)
-            ratio = (agent.policy(seen).log_prob(actions).sum(-1) - chances).exp()
+            ratio = (agent.policy(seen).log_prob(actions) - chances).exp()
             ahead = (ahead - ahead.mean()) / (ahead.std() + 1e-8)
             gain = torch.min(ratio * ahead, ratio.clamp(1 - CLIP, 1 + CLIP) * ahead).mean()
             loss = VALUE_WEIGHT * nn.functional.mse_loss(agent.value(seen), returns) - gain
             optimiser.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
+            loss.backward()
             nn.utils.clip_grad_norm_(agent.parameters(), MAX_GRADIENT)
             optimiser.step()
 
 
-def train(env_id: str, steps: int, seed: int, n_envs: int, **settings: Any) -> Agent:
+def train(envs: gym.vector.VectorEnv[Any, Any, Any], steps: int, seed: int) -> Agent:
     """Trains an agent on whole rollouts, at least `steps` steps of all environments together."""
     torch.manual_seed(seed)
-    settings |= {"obs": "flat", "max_episode_steps": EPISODE}
-    envs = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode="SameStep", **settings)
     inputs, actions = envs.single_observation_space.shape, envs.single_action_space.shape
     assert inputs is not None and actions is not None, "boxes"
     agent = Agent(inputs[0], actions[0])
     optimiser = torch.optim.Adam(agent.parameters(), eps=1e-5)
     rollouts = Rollouts(envs, agent, seed)
-    updates, started = -(-steps // (ROLLOUT * n_envs)), time.monotonic()
+    size = ROLLOUT * envs.num_envs
+    updates, started = -(-steps // size), time.monotonic()
     for i in range(updates):
         optimiser.param_groups[0]["lr"] = RATES[0] + (RATES[1] - RATES[0]) * i / updates
         update(agent, optimiser, rollouts.collect())
         if (i + 1) % 10 == 0 or i + 1 == updates:
-            done, seconds = (i + 1) * ROLLOUT * n_envs, time.monotonic() - started
-            success = float(np.mean(rollouts.successes[-500:] or [0]))
+            done, seconds = (i + 1) * size, time.monotonic() - started
+            success = float(np.mean(rollouts.successes[-500:] or [False]))
             print(f"{done:>9,} steps  success {success:6.1%}  {done / seconds:6,.0f} steps/s")
     return agent
 
@@ -211,15 +212,14 @@ def main() -> None:
     if min(arguments.steps, arguments.n_envs, arguments.episodes) < 1:
         parser.error("--steps, --n-envs and --episodes: expected at least 1")
     torch.set_num_threads(1)  # The layers are too small to share.
-    settings = {"tactile": arguments.tactile}
+    settings = {"obs": "flat", "tactile": arguments.tactile}
+    batch = settings | {"num_envs": arguments.n_envs, "max_episode_steps": EPISODE}
     try:
-        agent = train(
-            arguments.env_id, arguments.steps, arguments.seed, arguments.n_envs, **settings
-        )
-        found = evaluate(agent, arguments.env_id, arguments.episodes, obs="flat", **settings)
-    except (gym.error.Error, ValueError, ruffini.SimulationError) as error:
+        envs = gym.make_vec(arguments.env_id, autoreset_mode="SameStep", **batch)
+    except (gym.error.Error, ValueError) as error:
         parser.error(str(error))
-    print(line("trained", found))
+    agent = train(envs, arguments.steps, arguments.seed)
+    print(line("trained", evaluate(agent, arguments.env_id, arguments.episodes, **settings)))
     arguments.out.mkdir(parents=True, exist_ok=True)
     torch.save(agent.state_dict(), arguments.out / "agent.pt")
 

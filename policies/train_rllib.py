@@ -13,14 +13,18 @@ noise, and writes a checkpoint to ``policies/runs/rllib`` (`--out`).
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import ray
 from ray.rllib.algorithms.ppo import PPO, PPOConfig
 from ray.rllib.callbacks.callbacks import RLlibCallback
 from ray.rllib.connectors.env_to_module import MeanStdFilter
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
+
+import ruffini  # noqa: F401  registers the environments
 
 ROLLOUT = 32
 """Steps of each environment between updates."""
@@ -89,8 +93,9 @@ def train(algorithm: PPO, steps: int) -> float:
     while done < steps:
         found = algorithm.train()["env_runners"]
         done = int(found["num_env_steps_sampled_lifetime"])
-        if "success" in found:
-            print(f"{done:>9,} steps  success {found['success']:6.1%}")
+        success = found.get("success", math.nan)
+        ended = f"success {success:6.1%}" if math.isfinite(success) else "no episode ended"
+        print(f"{done:>9,} steps  {ended}")
     return float(algorithm.evaluate()["env_runners"]["success"])
 
 
@@ -110,6 +115,11 @@ def main() -> None:
     arguments = parser.parse_args()
     if min(arguments.steps, arguments.n_envs, arguments.episodes) < 1 or arguments.runners < 0:
         parser.error("--steps, --n-envs and --episodes: expected at least 1; --runners: 0 or more")
+    try:
+        settings = {"obs": "flat", "tactile": arguments.tactile}
+        gym.make(arguments.env_id, **settings).close()
+    except (gym.error.Error, ValueError) as error:
+        parser.error(str(error))
     ray.init(include_dashboard=False, log_to_driver=False, ignore_reinit_error=True)
     algorithm = configuration(
         arguments.env_id,

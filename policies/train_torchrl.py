@@ -22,15 +22,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict.nn import AddStateIndependentNormalScale, TensorDictModule
-from torch import nn
+from torch import Tensor, nn
 from torchrl.collectors import Collector
 from torchrl.data import LazyTensorStorage, ReplayBuffer, SamplerWithoutReplacement
-from torchrl.envs import GymWrapper, RewardSum, TransformedEnv, VecNormV2
+from torchrl.envs import GymWrapper, ObservationTransform, RewardSum, TransformedEnv
 from torchrl.modules import MLP, IndependentNormal, ProbabilisticActor, ValueOperator
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
-import ruffini
+import ruffini  # noqa: F401  registers the environments
 from ruffini.evaluation import evaluate, line
 
 ROLLOUT, BATCH, EPOCHS = 32, 256, 8
@@ -39,35 +39,61 @@ RATES = 7e-4, 3e-5
 """Learning rate at the beginning and at the end."""
 
 
-class Agent:
-    """Actor, critic and normalisation of observations.
+class Normalised(ObservationTransform):  # type: ignore[misc]
+    """Observations less their running mean, by their running standard deviation.
 
     Args:
-        env: Environments, of flat observations, that are trained in.
+        inputs: Size of an observation.
     """
 
-    def __init__(self, env: Any) -> None:
-        inputs = env.observation_spec["observation"].shape[-1]
-        actions = env.action_spec.shape[-1]
-        sizes: dict[str, Any] = {"num_cells": [128, 128], "activation_class": nn.Tanh}
-        mean = nn.Sequential(
-            MLP(in_features=inputs, out_features=actions, **sizes),
+    mean: Tensor
+    variance: Tensor
+    count: Tensor
+
+    def __init__(self, inputs: int) -> None:
+        super().__init__(in_keys=["observation"], out_keys=["observation"])
+        self.register_buffer("mean", torch.zeros(inputs, dtype=torch.float64))
+        self.register_buffer("variance", torch.ones(inputs, dtype=torch.float64))
+        self.register_buffer("count", torch.tensor(1e-4, dtype=torch.float64))
+        self.learns = True
+
+    def _apply_transform(self, observation: Tensor) -> Tensor:
+        if self.learns:
+            batch = observation.double()
+            total, apart = self.count + len(batch), batch.mean(0) - self.mean
+            squares = self.variance * self.count + batch.var(0, correction=0) * len(batch)
+            self.variance = (squares + apart**2 * self.count * len(batch) / total) / total
+            self.mean = self.mean + apart * len(batch) / total
+            self.count = total
+        apart = observation.double() - self.mean
+        normal: Tensor = apart / (self.variance + 1e-8).sqrt()
+        return normal.clamp(-10, 10).float()
+
+    def _reset(self, tensordict: Any, tensordict_reset: Any) -> Any:
+        return self._call(tensordict_reset)
+
+
+class Agent:
+    """Actor and critic of normalised observations, and their normalisation.
+
+    Args:
+        inputs: Size of an observation.
+        actions: Size of an action.
+    """
+
+    def __init__(self, inputs: int, actions: int) -> None:
+        self.normalised = Normalised(inputs)
+        self.mean = nn.Sequential(
+            perceptron(inputs, actions, 0.01),
             AddStateIndependentNormalScale(actions, scale_mapping="exp", init_value=-0.5),
         )
-        for weights in (mean[0][-1].weight, mean[0][-1].bias):
-            nn.init.normal_(weights, std=0.01 / len(weights))
         self.actor = ProbabilisticActor(
-            TensorDictModule(mean, in_keys=["observation"], out_keys=["loc", "scale"]),
+            TensorDictModule(self.mean, in_keys=["observation"], out_keys=["loc", "scale"]),
             in_keys=["loc", "scale"],
             distribution_class=IndependentNormal,
             return_log_prob=True,
         )
-        critic = MLP(in_features=inputs, out_features=1, **sizes)
-        self.critic = ValueOperator(critic, in_keys=["observation"])
-        self.mean = mean
-        self.normaliser = VecNormV2(["observation"], decay=1.0, reduce_batch_dims=True)
-        self.env = TransformedEnv(env, self.normaliser)
-        self.env.append_transform(RewardSum())
+        self.critic = ValueOperator(perceptron(inputs, 1, 1.0), in_keys=["observation"])
 
     @torch.no_grad()
     def predict(
@@ -78,20 +104,30 @@ class Agent:
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
         """Actions (N, 5) without noise, as `ruffini.evaluation.evaluate` asks for them."""
-        loc, scale = self.normaliser.loc["observation"], self.normaliser.scale["observation"]
-        action, _ = self.mean((torch.from_numpy(observation) - loc) / scale)
+        self.normalised.learns = False
+        action, _ = self.mean(self.normalised._apply_transform(torch.from_numpy(observation)))
         return action.clamp(-1, 1).numpy(), state
 
 
-def train(env_id: str, steps: int, seed: int, n_envs: int, **settings: Any) -> Agent:
+def perceptron(inputs: int, outputs: int, scale: float) -> MLP:
+    """A perceptron with two hidden layers; `scale` is that of the last layer's weights."""
+    layers = MLP(
+        in_features=inputs, out_features=outputs, num_cells=[128, 128], activation_class=nn.Tanh
+    )
+    linear = [layer for layer in layers if isinstance(layer, nn.Linear)]
+    for layer in linear:
+        nn.init.orthogonal_(layer.weight, scale if layer is linear[-1] else 2**0.5)
+        nn.init.zeros_(layer.bias)
+    return layers
+
+
+def train(envs: gym.vector.VectorEnv[Any, Any, Any], steps: int, seed: int) -> Agent:
     """Trains an agent on whole rollouts, at least `steps` steps of all environments together."""
     torch.manual_seed(seed)
-    settings |= {"obs": "flat", "max_episode_steps": 75}
-    # TorchRL resets rows itself, by a mask.
-    envs = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode="Disabled", **settings)
-    env = GymWrapper(envs)
+    env = TransformedEnv(GymWrapper(envs), RewardSum())
+    agent = Agent(env.observation_spec["observation"].shape[-1], env.action_spec.shape[-1])
+    env.append_transform(agent.normalised)
     env.set_seed(seed)
-    agent = Agent(env)
     advantage = GAE(gamma=0.95, lmbda=0.95, value_network=agent.critic)
     losses = ClipPPOLoss(
         agent.actor,
@@ -103,11 +139,9 @@ def train(env_id: str, steps: int, seed: int, n_envs: int, **settings: Any) -> A
         normalize_advantage=True,
     )
     optimiser = torch.optim.Adam(losses.parameters(), lr=RATES[0], eps=1e-5)
-    size = ROLLOUT * n_envs
+    size = ROLLOUT * envs.num_envs
     updates = -(-steps // size)
-    collector = Collector(
-        agent.env, agent.actor, frames_per_batch=size, total_frames=updates * size
-    )
+    collector = Collector(env, agent.actor, frames_per_batch=size, total_frames=updates * size)
     storage = LazyTensorStorage(size)
     memory = ReplayBuffer(storage=storage, sampler=SamplerWithoutReplacement(), batch_size=BATCH)
     started = time.monotonic()
@@ -149,20 +183,18 @@ def main() -> None:
     if min(arguments.steps, arguments.n_envs, arguments.episodes) < 1:
         parser.error("--steps, --n-envs and --episodes: expected at least 1")
     torch.set_num_threads(1)  # The layers are too small to share.
-    settings = {"tactile": arguments.tactile}
+    settings = {"obs": "flat", "tactile": arguments.tactile}
+    batch = settings | {"num_envs": arguments.n_envs, "max_episode_steps": 75}
     try:
-        agent = train(
-            arguments.env_id, arguments.steps, arguments.seed, arguments.n_envs, **settings
-        )
-        found = evaluate(agent, arguments.env_id, arguments.episodes, obs="flat", **settings)
-    except (gym.error.Error, ValueError, ruffini.SimulationError) as error:
+        # TorchRL resets rows itself, by a mask.
+        envs = gym.make_vec(arguments.env_id, autoreset_mode="Disabled", **batch)
+    except (gym.error.Error, ValueError) as error:
         parser.error(str(error))
-    print(line("trained", found))
+    agent = train(envs, arguments.steps, arguments.seed)
+    print(line("trained", evaluate(agent, arguments.env_id, arguments.episodes, **settings)))
     arguments.out.mkdir(parents=True, exist_ok=True)
-    torch.save(
-        {"actor": agent.actor.state_dict(), "normaliser": agent.normaliser.state_dict()},
-        arguments.out / "agent.pt",
-    )
+    parts = {"actor": agent.actor.state_dict(), "normalised": agent.normalised.state_dict()}
+    torch.save(parts, arguments.out / "agent.pt")
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ SHORTER = {
     "ruffini play": "--episodes 1 --video-episodes 1",
     "ruffini dataset generate out": "--config tiny.toml --objects 1 --grasps 1 --frames 2",
     "python policies/train.py": "--steps 256 --n-envs 8",
+    "python policies/train_cleanrl.py": "--steps 512 --n-envs 8 --episodes 2",
     "python policies/evaluate.py": "--episodes 2",
     "python policies/export_agent.py": "--episodes 2",
 }
