@@ -114,7 +114,7 @@ def test_a_script_refuses_what_it_cannot_train_with_in_a_line(name, monkeypatch,
     script = str(POLICIES / f"train_{name}.py")
     for option, value, told in (
         ("--steps", "0", "--steps, --n-envs and --episodes: expected at least 1"),
-        ("--env-id", "ruffini/No-v0", "ruffini/No"),
+        ("--env-id", "ruffini/No-v0", "`No`"),
         ("--tactile", "eyes", "eyes"),
     ):
         monkeypatch.setattr(sys, "argv", [script, option, value])
