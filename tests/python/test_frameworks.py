@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import runpy
+import sys
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import pytest
 
 ID = "ruffini:ruffini/GraspLift-v0"
+POLICIES = Path(__file__).resolve().parents[2] / "policies"
+SCRIPTS = {"cleanrl": "torch", "rllib": "ray.rllib", "torchrl": "torchrl.envs"}
+"""Scripts that train with another library, and the module without which they cannot run."""
 
 
 def test_an_unknown_setting_is_named_as_python_does():
@@ -85,3 +91,54 @@ def test_torchrl_takes_no_batch_with_dict_infos_or_observations_that_resets_in_t
         batch = envs.GymWrapper(WithoutInfos(native(obs=obs)))
         ends[obs] = batch.rollout(6, break_when_any_done=False)["next", key][0, 4].item()
     assert ends == {"flat": pytest.approx(5 * 0.04), "dict": 0.0}
+
+
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_a_script_of_one_file_trains_judges_and_saves(name, tmp_path, monkeypatch, capsys):
+    pytest.importorskip(SCRIPTS[name])
+    script = str(POLICIES / f"train_{name}.py")
+    small = ["--steps", "512", "--n-envs", "8", "--episodes", "4", "--out", str(tmp_path / "run")]
+    monkeypatch.setattr(sys, "argv", [script, *small])
+    runpy.run_path(script, run_name="__main__")
+    printed = capsys.readouterr().out
+    assert "512 steps" in printed
+    assert "%" in printed.splitlines()[-1], "success"
+    assert any((tmp_path / "run").iterdir())
+
+
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_a_script_refuses_what_it_cannot_train_with_in_a_line(name, monkeypatch, capsys):
+    pytest.importorskip(SCRIPTS[name])
+    script = str(POLICIES / f"train_{name}.py")
+    for option, value, told in (
+        ("--steps", "0", "--steps, --n-envs and --episodes: expected at least 1"),
+        ("--env-id", "ruffini/No-v0", "`No`"),
+        ("--tactile", "eyes", "eyes"),
+    ):
+        monkeypatch.setattr(sys, "argv", [script, option, value])
+        with pytest.raises(SystemExit) as stop:
+            runpy.run_path(script, run_name="__main__")
+        assert stop.value.code == 2
+        assert told in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_advantages_of_the_one_file_agree_with_stable_baselines3():
+    torch = pytest.importorskip("torch")
+    buffers = pytest.importorskip("stable_baselines3.common.buffers")
+    cleanrl = runpy.run_path(str(POLICIES / "train_cleanrl.py"))
+    random = torch.Generator().manual_seed(0)
+    steps, rows = 12, 3
+    rewards, values = torch.randn(2, steps, rows, generator=random)
+    over = (torch.rand(steps, rows, generator=random) < 0.2).float()
+    last = torch.randn(rows, generator=random)
+    found = cleanrl["advantages"](rewards, values, last, over)
+    box = gym.spaces.Box(-1, 1, (1,))
+    gae = {"gamma": cleanrl["GAMMA"], "gae_lambda": cleanrl["LAMBDA"]}
+    buffer = buffers.RolloutBuffer(steps, box, box, n_envs=rows, **gae)
+    buffer.rewards, buffer.values = rewards.numpy(), values.numpy()
+    # Stable-Baselines3 marks the step that follows an end.
+    buffer.episode_starts[1:] = over[:-1].numpy()
+    buffer.compute_returns_and_advantage(last, over[-1].numpy())
+    torch.testing.assert_close(found, torch.from_numpy(buffer.advantages))

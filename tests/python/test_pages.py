@@ -36,6 +36,7 @@ SHORTER = {
     "ruffini agent train": "--steps 256 --n-envs 8",
     "ruffini agent evaluate": "--episodes 2",
     "ruffini agent export": "--episodes 2",
+    "python policies/train_cleanrl.py": "--steps 512 --n-envs 8 --episodes 2",
 }
 """Options that are added to a command."""
 PARSED = {
@@ -54,7 +55,10 @@ TINY = "truth_nodes = 400\nmodel_nodes = 200\nforce = [1.0, 5.0]\n"
 """Configuration of a dataset that takes seconds."""
 PAGES = [
     page
-    for page in [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+    for page in [
+        *(ROOT / name for name in ("README.md", "py/README.md", ".github/CONTRIBUTING.md")),
+        *sorted(DOCS.glob("*.md")),
+    ]
     if BLOCK.search(page.read_text())
 ]
 
@@ -156,7 +160,7 @@ def test_there_are_pages_with_code():
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning:torch")
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_code_of_a_page_runs(page, root, monkeypatch):
     play(page.read_text(), page.stem, monkeypatch)
 
