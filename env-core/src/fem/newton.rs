@@ -25,6 +25,7 @@ use super::{
 use crate::{
     Error, Result,
     contact::{ContactStep, Touch},
+    interrupt,
 };
 
 /// Stopping criteria of the search for an equilibrium.
@@ -87,6 +88,7 @@ pub(super) fn equilibrium(
         if iterations == limits.iterations {
             break;
         }
+        interrupt::check()?;
         iterations += 1;
         found = search.advance(state, &forces, limits.tolerance);
     }

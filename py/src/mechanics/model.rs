@@ -11,13 +11,17 @@ use ruffini_core::{
     Error, Result, compliance,
     deformation::{self, DeformationModel},
     fem,
+    interrupt::Interrupt,
 };
 
 use super::{
     Deformation, History, Press, SoftBody, TetMesh, arrays::array_of_vectors, pool::pool,
     press::one_or_many,
 };
-use crate::error::{press_error, python_error};
+use crate::{
+    error::{press_error, python_error},
+    signals::interruptible,
+};
 
 /// Displacement (V, 3) and stress (T,) of a mesh.
 type Fields<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
@@ -244,12 +248,12 @@ pub(super) fn solve<'py, M: DeformationModel>(
     let (presses, _) = one_or_many::<Press>("presses", "Press", presses)?;
     let questions: Vec<_> = presses.iter().map(|press| press.get().inner.clone()).collect();
     let pool = pool()?;
-    let answers = py.detach(|| {
+    let answers = interruptible(py, || {
         // Locked before the pool is entered: a thread of the pool that waits for the lock could
         // take up the work of another caller.
-        let model = &mut *locked(model);
-        pool.install(|| model.solve(&questions))
-    });
+        let (model, interrupt) = (&mut *locked(model), Interrupt::current());
+        pool.install(|| interrupt.during(|| model.solve(&questions)))
+    })?;
     let slots = answers.into_iter().zip(&presses);
     slots.map(|(found, press)| answer(py, found, press.get())).collect()
 }
@@ -260,7 +264,7 @@ pub(super) fn solve_path<'py, M: DeformationModel>(
     model: &Mutex<M>,
     press: &Press,
 ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-    let frames = py.detach(|| locked(model).solve_path(&press.inner));
+    let frames = interruptible(py, || locked(model).solve_path(&press.inner))?;
     frames.into_iter().map(|frame| answer(py, frame, press)).collect()
 }
 

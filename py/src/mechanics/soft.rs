@@ -10,7 +10,7 @@ use super::{
     arrays::vectors,
     model::{answer, locked, solve},
 };
-use crate::error::python_error;
+use crate::{error::python_error, signals::interruptible};
 
 /// Graph network that corrects a linear solution of a soft object between two rigid fingers.
 ///
@@ -93,7 +93,7 @@ impl SoftSurrogate {
     ///     A list with a Deformation for each frame. It ends early with a PressError at the first
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let frames = py.detach(|| locked(&self.model).solve_path(&press.inner));
+        let frames = interruptible(py, || locked(&self.model).solve_path(&press.inner))?;
         frames.into_iter().map(|frame| answer(py, frame, press)).collect()
     }
 

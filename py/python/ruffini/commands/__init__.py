@@ -10,9 +10,9 @@ import sys
 from collections.abc import Sequence
 
 from ruffini import SimulationError, __version__
-from ruffini.commands import dataset, evaluate, play, press, recommend, train
+from ruffini.commands import dataset, evaluate, mesh, play, press, recommend, sensor, train
 
-_COMMANDS = (play, dataset, train, evaluate, press, recommend)
+_COMMANDS = (play, dataset, train, evaluate, press, mesh, sensor, recommend)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
