@@ -273,8 +273,8 @@ class Dataset:
             data = path.read_bytes()
             if len(data) < shard["bytes"]:
                 found.append(f"{path}: truncated, {len(data)} of {shard['bytes']} bytes")
-            elif (name := hashlib.sha256(data).hexdigest()) != shard["sha256"]:
-                found.append(f"{path}: damaged, SHA-256 {name}, expected {shard['sha256']}")
+            elif (digest := hashlib.sha256(data).hexdigest()) != shard["sha256"]:
+                found.append(f"{path}: damaged, SHA-256 {digest}, expected {shard['sha256']}")
             elif name := _not_finite(self._tensors(file)):
                 found.append(f"{path}: {name} holds NaN or infinite numbers")
         return found
