@@ -191,6 +191,16 @@ def test_a_shape_that_begins_buried_is_taken_to_come_from_outside(model, shape):
         assert found.wrench[2] <= 0.0, f"{found.wrench[2]} N out of the gel"
 
 
+@pytest.mark.parametrize("model", ["compliance", "cells", "network"])
+def test_a_press_deeper_than_the_gel_says_so(model):
+    path = [((0, 0, 4e-3 - 1e-3 * depth), (0, 0, 0, 1)) for depth in (1, 3, 5)]
+    press = Press(BALL, path)
+    solver = MODELS[model]()
+    for found in solver.solve(press)[0], solver.solve_path(press)[-1]:
+        assert isinstance(found, PressError)
+        assert "ends 5.00 mm deep in a gel of 4.00 mm" in str(found)
+
+
 def test_a_path_ends_with_the_frame_that_fails():
     path = [plate_at(1e-4), plate_at(5e-3), plate_at(1e-4)]
     frames = Fem(gel()).solve_path(Press(PLATE, path))

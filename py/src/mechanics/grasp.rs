@@ -104,7 +104,7 @@ impl Grasped {
 fn slot(py: Python<'_>, frame: Result<fem::Grasped>) -> PyResult<Bound<'_, PyAny>> {
     let fem::Grasped { pads: [left, right], object, residual, seconds } = match frame {
         Ok(grasped) => grasped,
-        Err(error) => return press_error(py, &error),
+        Err(error) => return press_error(py, &error, None),
     };
     let pad = |found| Py::new(py, Deformation::of(py, found, Vec::new(), true)?);
     let pads = (pad(left)?, pad(right)?);

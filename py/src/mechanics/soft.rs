@@ -84,7 +84,7 @@ impl SoftSurrogate {
         py: Python<'py>,
         presses: &Bound<'py, PyAny>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        solve(py, &self.model, presses)
+        solve(py, &self.model, &self.body, presses)
     }
 
     /// Solves every frame of one press, in order, as Fem.solve_path.
@@ -94,7 +94,7 @@ impl SoftSurrogate {
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let frames = interruptible(py, || locked(&self.model).solve_path(&press.inner))?;
-        frames.into_iter().map(|frame| answer(py, frame, press)).collect()
+        frames.into_iter().map(|frame| answer(py, frame, press, &self.body)).collect()
     }
 
     /// Returns whether displacement, Poisson's ratio and friction of a solution of this network lie

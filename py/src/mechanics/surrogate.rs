@@ -98,7 +98,7 @@ impl LinearPad {
         py: Python<'py>,
         presses: &Bound<'py, PyAny>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        solve(py, &self.model, presses)
+        solve(py, &self.model, &self.body, presses)
     }
 
     /// Solves every frame of one press, in order, as Fem.solve_path.
@@ -107,7 +107,7 @@ impl LinearPad {
     ///     A list with a Deformation for each frame. It ends early with a PressError at the first
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        solve_path(py, &self.model, press)
+        solve_path(py, &self.model, &self.body, press)
     }
 }
 
@@ -195,7 +195,7 @@ impl Surrogate {
         py: Python<'py>,
         presses: &Bound<'py, PyAny>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        solve(py, &self.model, presses)
+        solve(py, &self.model, &self.body, presses)
     }
 
     /// Solves every frame of one press, in order, as Fem.solve_path.
@@ -205,7 +205,7 @@ impl Surrogate {
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let frames = interruptible(py, || locked(&self.model).solve_path(&press.inner))?;
-        frames.into_iter().map(|frame| answer(py, frame, press)).collect()
+        frames.into_iter().map(|frame| answer(py, frame, press, &self.body)).collect()
     }
 
     /// Returns whether a solution of this network is like its training data.
