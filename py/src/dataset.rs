@@ -66,9 +66,14 @@ pub(crate) fn generate_dataset(
             })
     };
     let manifest = interruptible(py, || {
-        let interrupt = Some(&Interrupt::current());
-        let (obstacle, only) = (Some(&obstacle as &_), only.as_deref());
-        let orders = Orders { commit, obstacle, threads, only, interrupt };
+        let interrupt = Interrupt::current();
+        let orders = Orders {
+            commit,
+            obstacle: Some(&obstacle),
+            threads,
+            only: only.as_deref(),
+            interrupt: Some(&interrupt),
+        };
         generate(&config, &folder, &orders, &go_on)
     })?;
     let finished = manifest.map_err(python_error)?.is_some();

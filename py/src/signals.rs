@@ -2,7 +2,7 @@
 
 use std::{
     panic::resume_unwind,
-    sync::mpsc::{RecvTimeoutError, channel},
+    sync::atomic::{AtomicBool, Ordering},
     thread,
     time::Duration,
 };
@@ -22,28 +22,26 @@ pub(crate) fn interruptible<T: Send>(
     py: Python<'_>,
     work: impl FnOnce() -> T + Send,
 ) -> PyResult<T> {
-    let (interrupt, mut raised) = (Interrupt::default(), None);
+    let (interrupt, done, mut raised) = (Interrupt::default(), AtomicBool::new(false), None);
     let found = thread::scope(|scope| {
-        let (done, ended) = channel();
-        let obeying = interrupt.clone();
+        let (obeying, done, waiting) = (interrupt.clone(), &done, thread::current());
         let run = move || {
             let found = obeying.during(work);
-            // Nobody listens if this thread has panicked.
-            let _ = done.send(());
+            done.store(true, Ordering::Release);
+            waiting.unpark();
             found
         };
         let worker = thread::Builder::new().stack_size(STACK).spawn_scoped(scope, run);
         let worker = worker.expect("the system has a thread left");
-        loop {
-            let waited = py.detach(|| ended.recv_timeout(POLL));
+        // A panic ends the thread without a sign.
+        while !done.load(Ordering::Acquire) && !worker.is_finished() {
+            py.detach(|| thread::park_timeout(POLL));
             if let Err(error) = py.check_signals() {
                 interrupt.request();
                 raised.get_or_insert(error);
             }
-            if waited != Err(RecvTimeoutError::Timeout) {
-                break py.detach(|| worker.join());
-            }
         }
+        py.detach(|| worker.join())
     });
     let found = found.unwrap_or_else(|panic| resume_unwind(panic));
     raised.map_or(Ok(found), Err)

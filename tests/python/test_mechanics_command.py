@@ -82,6 +82,6 @@ def test_the_command_names_bad_input(words, text):
 
 
 def test_the_command_says_when_a_press_is_not_solved():
-    done = command(*PRESS, "--shape", "sphere:0.004", "--depth", "0.02")
+    done = command(*PRESS, "--shape", "cuboid:0.003,0.003,0.003", "--depth", "0.0039")
     assert (done.returncode, done.stdout) == (1, "")
     assert "no equilibrium" in done.stderr

@@ -147,6 +147,10 @@ impl Search<'_, '_> {
         }
         let residual = self.residual(forces);
         for stiffness in Stiffness::SAFER {
+            // A load step that fails asks again, and tells.
+            if interrupt::check().is_err() {
+                return None;
+            }
             if !self.solver.factorise(self.system, forces, stiffness) {
                 continue;
             }
