@@ -302,8 +302,9 @@ def test_numbers_that_are_not_finite_are_named(folder, tmp_path):
     (copy / "manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(ValueError, match=rf"{shard.name}: 000.first.von_mises holds NaN"):
         dataset.open(copy).verify()
+    settings = {"epochs": 1, "split": "known-63", "network": {"width": 8, "rounds": 1}}
     with pytest.raises(ValueError, match=rf"{shard.name}: 000.first.von_mises holds NaN"):
-        surrogate.train(copy, tmp_path / "run", epochs=1, network={"width": 8})
+        surrogate.train(copy, tmp_path / "run", variant="baseline", **settings)
 
 
 def test_a_long_generation_asks_first(tmp_path, monkeypatch):
