@@ -237,16 +237,15 @@ impl Work<'_> {
         }
         let (object, plan) = (task.job.object, task.plan);
         let obstacle = self.obstacle.map(|obstacle| obstacle(object, plan)).transpose()?.flatten();
-        let part = match obstacle {
-            Some(reason) => Shard::unreached(plan, reason),
-            None => {
-                let solve = || self.setup.solve(self.config, object, plan);
-                let part = self.interrupt.during(solve)?;
-                if self.interrupt.is_requested() {
-                    return Ok(());
-                }
-                part
+        let part = if let Some(reason) = obstacle {
+            Shard::unreached(plan, reason)
+        } else {
+            let solve = || self.setup.solve(self.config, object, plan);
+            let part = self.interrupt.during(solve)?;
+            if self.interrupt.is_requested() {
+                return Ok(());
             }
+            part
         };
         write_whole(&self.folder.join(&task.part), &part.to_bytes())?;
         let Entry { frames, error, .. } = &part.entries[0];
