@@ -94,6 +94,9 @@ pub enum Error {
     /// it.
     #[error("the trial grip has no answer, expected one in reach of the model")]
     NoTrial,
+    /// A computation that was asked to end.
+    #[error("interrupted")]
+    Interrupted,
     /// An internal error (a panic) in a model.
     #[error("the model stopped on an internal error, expected none: please report it")]
     Panicked,
@@ -116,6 +119,17 @@ impl Error {
         match self {
             Self::Invalid { found, expected, .. } => {
                 Self::Invalid { name: name.to_owned(), found, expected }
+            }
+            other => other,
+        }
+    }
+
+    /// Returns this error with a `hint` after what was expected.
+    #[must_use]
+    pub fn hinting(self, hint: &str) -> Self {
+        match self {
+            Self::Invalid { name, found, expected } => {
+                Self::Invalid { name, found, expected: format!("{expected}; {hint}") }
             }
             other => other,
         }
@@ -167,6 +181,7 @@ kinds! {
     Network: "network",
     Unreachable: "unreachable",
     NoTrial: "no-trial",
+    Interrupted: "interrupted",
     Panicked: "panicked",
 }
 

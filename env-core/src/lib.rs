@@ -10,6 +10,7 @@ mod responses;
 mod simd;
 
 pub mod error;
+pub mod interrupt;
 pub mod geometry;
 pub mod sensor;
 pub mod objects;

@@ -4,7 +4,9 @@ An answer counts as solved if it stands these checks. Every number is finite. Th
 balance is within the tolerance that the finite elements state. The wrench is the sum of the contact
 forces. Held nodes stay. No tetrahedron is inside out where the law forbids it. No shape is deeper
 in the skin than 250 softnesses (0.5 mm), the bound that is documented for contact points, and the
-way from there to the next one. A plate never pulls, nor rubs with more than the cone of friction.
+way from there to the next one. Contact never pulls: a shape that comes down on a bonded body
+presses it down, and a ball without friction pushes every node that it touches outwards. A plate
+does not rub with more than the cone of friction.
 Linear answers and networks are nothing where nothing touches.
 """
 
@@ -109,6 +111,7 @@ def check(case: dict, model: Any, frame: Deformation) -> None:
         raise WrongError("held nodes move")
     if case["answerer"] == "fem":
         check_fem(case, body, frame)
+    check_pull(case, body, frame, total)
     if case["shape"] == "plate":
         check_plate(case, frame, total)
     # The finite elements may leave a little force, which bends a thin wall by micrometres.
@@ -142,6 +145,35 @@ def nodes(case: dict, body: SoftBody) -> int:
 def allowed(case: dict) -> float:
     """Force that the finite elements may leave out of balance (N)."""
     return TOLERANCE * max(case["young"] / 1e6, 1.0)
+
+
+LOWERED = ("steps", "at once", "tiny", "afar", "force")
+"""Ways in which a shape only comes down."""
+BROAD = ("block", "film", "layers", "mini", "digit")
+"""Meshes whose sides no shape is beside."""
+PULLING = 1e-3
+"""Share of the contact forces that may pull, since a node is not where its contact points are."""
+
+
+def check_pull(case: dict, body: SoftBody, frame: Deformation, total: float) -> None:
+    """Contact pushes, as a whole and, where the forces of nodes are those of contact, at each node.
+
+    Quadratic faces, those of ``p1-bar`` among them, spread a force over their nodes with weights
+    of both signs, and networks add forces of their own.
+    """
+    least = PULLING * total + 2 * allowed(case)
+    lowered = case["kind"] in LOWERED and case["mesh"] in BROAD and not case.get("free")
+    if lowered and frame.wrench[2] > least:
+        raise WrongError(f"contact pulls with {frame.wrench[2]:.2e} N of {total:.2e} N")
+    plain = case["answerer"] in ("compliance", "nodes") or case.get("element") == "p1"
+    if plain and case["friction"] == 0.0 and case["shape"] in ("ball", "large ball", "tip"):
+        form, _ = shape(case)
+        place, turn = pose(frame)
+        moved = body.mesh.vertices + frame.displacement - place
+        normals = form.distance(turned(turn * [-1, -1, -1, 1], moved))[1]
+        outward = np.einsum("vi,vi->v", turned(turn, normals), frame.contact_force)
+        if -outward[outward < 0.0].sum() > least:
+            raise WrongError(f"nodes are pulled with {-outward[outward < 0.0].sum():.2e} N")
 
 
 def check_plate(case: dict, frame: Deformation, total: float) -> None:

@@ -1,30 +1,40 @@
 //! Python functions that generate datasets of solved grasps.
 
 use std::{
-    panic::resume_unwind,
     path::PathBuf,
     sync::{Mutex, PoisonError},
-    thread,
-    time::Duration,
 };
 
 use pyo3::{exceptions::PyValueError, prelude::*};
 use ruffini_core::{
-    dataset::{Config, GenerationProgress, Orders, Plan, generate, shards},
+    dataset::{Config, Estimate, GenerationProgress, Orders, Plan, estimate, generate, shards},
+    interrupt::Interrupt,
     objects::{GraspSampler, Object},
     scene::{Approach, ObjectModel},
 };
 
-use crate::error::python_error;
-
-/// Interval between checks for signals.
-const POLL: Duration = Duration::from_millis(20);
+use crate::{error::python_error, signals::interruptible};
 
 /// Names of the shards of a dataset; the configuration is as in `generate_dataset`.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
 pub(crate) fn dataset_shards(config: Option<PathBuf>, overrides: &str) -> PyResult<Vec<String>> {
     shards(&configuration(config, overrides)?).map_err(python_error)
+}
+
+/// Number of grasps and frames, bytes and processor time (s) of what `generate_dataset` has to do.
+#[pyfunction]
+#[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
+pub(crate) fn estimate_dataset(
+    py: Python<'_>,
+    folder: PathBuf,
+    config: Option<PathBuf>,
+    overrides: &str,
+) -> PyResult<(usize, usize, u64, f64)> {
+    let config = configuration(config, overrides)?;
+    let found = py.detach(|| estimate(&config, &folder)).map_err(python_error)?;
+    let Estimate { grasps, frames, bytes, seconds } = found;
+    Ok((grasps, frames, bytes, seconds))
 }
 
 /// Generates a dataset in `folder`, or its missing part, restricted to the shards `only` if given;
@@ -55,19 +65,17 @@ pub(crate) fn generate_dataset(
                 false
             })
     };
-    let orders = Orders { commit, obstacle: Some(&obstacle), threads, only: only.as_deref() };
-    let manifest = thread::scope(|scope| {
-        let worker = scope.spawn(|| generate(&config, &folder, &orders, &go_on));
-        // Python handles signals in its main thread only, which is this one.
-        loop {
-            let finished = worker.is_finished();
-            py.check_signals().unwrap_or_else(raise);
-            if finished {
-                break worker.join().unwrap_or_else(|panic| resume_unwind(panic));
-            }
-            py.detach(|| thread::sleep(POLL));
-        }
-    });
+    let manifest = interruptible(py, || {
+        let interrupt = Interrupt::current();
+        let orders = Orders {
+            commit,
+            obstacle: Some(&obstacle),
+            threads,
+            only: only.as_deref(),
+            interrupt: Some(&interrupt),
+        };
+        generate(&config, &folder, &orders, &go_on)
+    })?;
     let finished = manifest.map_err(python_error)?.is_some();
     let raised = raised.into_inner().unwrap_or_else(PoisonError::into_inner);
     raised.map_or(Ok(finished), Err)

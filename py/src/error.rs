@@ -37,9 +37,15 @@ pub(crate) fn python_error(error: Error) -> PyErr {
     }
 }
 
-/// Creates the `PressError` that takes the place of an unsolved press in the list of solutions.
-pub(crate) fn press_error<'py>(py: Python<'py>, error: &Error) -> PyResult<Bound<'py, PyAny>> {
-    let value = PressError::new_err(error.to_string()).into_value(py).into_bound(py);
+/// Creates the `PressError` that takes the place of an unsolved press in the list of solutions, with
+/// a `hint` after its text.
+pub(crate) fn press_error<'py>(
+    py: Python<'py>,
+    error: &Error,
+    hint: Option<&str>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let text = hint.map_or_else(|| error.to_string(), |hint| format!("{error}: {hint}"));
+    let value = PressError::new_err(text).into_value(py).into_bound(py);
     value.setattr("kind", error.kind())?;
     Ok(value.into_any())
 }

@@ -5,6 +5,8 @@ mod dataset;
 mod error;
 mod gif;
 mod mechanics;
+mod sensor;
+mod signals;
 mod tensors;
 mod training;
 
@@ -127,7 +129,8 @@ impl Batch {
         let failed = outcomes.iter().enumerate();
         let failed = failed.filter_map(|(i, o)| o.press_error.map(|kind| (i, kind))).collect();
         let task = &self.inner.setup().config().task;
-        let terms = outcomes.iter().flat_map(|o| o.terms.values(task)).copied();
+        // Adding zero removes its sign.
+        let terms = outcomes.iter().flat_map(|o| o.terms.values(task)).map(|term| term + 0.0);
         let terms = PyArray1::from_iter(py, terms);
         Ok((
             self.rows(py, observation)?,
@@ -278,7 +281,7 @@ mod _core {
     #[pymodule_export]
     use super::{Batch, PressError, SimulationError, schema};
     #[pymodule_export]
-    use crate::dataset::{dataset_shards, generate_dataset};
+    use crate::dataset::{dataset_shards, estimate_dataset, generate_dataset};
     #[pymodule_export]
     use crate::gif::encode_gif;
     #[pymodule_export]
@@ -287,6 +290,8 @@ mod _core {
         PaperAnswer, PaperNetwork, Press, Shape, SoftBody, SoftSurrogate, Surrogate, TetMesh,
         Transfer, objects, sensor,
     };
+    #[pymodule_export]
+    use crate::sensor::{fit_foundation, read_sensor, sensor_names, sensor_template};
     #[pymodule_export]
     use crate::tensors::{read_tensors, write_tensors};
     #[pymodule_export]

@@ -24,7 +24,8 @@ pub(crate) fn read_tensors<'py>(
     data: &[u8],
 ) -> PyResult<(Bound<'py, PyDict>, String)> {
     let damaged = |error: SafeTensorError| {
-        refused("data", error.to_string(), "the whole bytes of a safetensors file")
+        let found = format!("bytes of something else, or not all ({error})");
+        refused("data", found, "the whole bytes of a safetensors file")
     };
     let (_, metadata) = SafeTensors::read_metadata(data).map_err(damaged)?;
     let card = metadata.metadata().as_ref().and_then(|texts| texts.get(CARD)).cloned();

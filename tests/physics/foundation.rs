@@ -14,7 +14,7 @@ use ruffini_core::{
         CATALOGUE, Command, Failure, Object, ObjectModel, Pads, Scene, SceneConfig, SceneState,
         SoftPads, Wrench,
     },
-    sensor::{Bristles, Sensor},
+    sensor::{ElasticFoundation, Sensor},
     tactile::Choice,
     task::{Config, Ending, ObjectSpec},
 };
@@ -97,7 +97,7 @@ fn a_ball_held_off_its_centre_of_mass_hardly_turns() {
 /// on a grid far finer than the elastic foundation.
 fn law(pads: &SoftPads, r: f64, depth: f64) -> (f64, f64) {
     let PadOutline { width, length, thickness: h, .. } = pads.outline;
-    let Bristles { normal, coupling: q, .. } = pads.bristles;
+    let ElasticFoundation { normal, coupling: q, .. } = pads.foundation;
     let n = 200;
     let cell = width * length / f64::from(n * n);
     let at = |i: u32, extent: f64| ((f64::from(i) + 0.5) / f64::from(n) - 0.5) * extent;
@@ -379,8 +379,8 @@ fn the_pose_in_the_pads_frame_is_that_of_its_mesh() {
     }
 }
 
-/// The elastic foundation was fitted to the finite elements of `calibrate_bed`. On another mesh its
-/// error is the one that `calibrate_bed` prints, a quarter at most at depths from 0.3 mm on.
+/// The elastic foundation was fitted to finite elements by `fit_foundation`. On another mesh its
+/// error is the one that this finds, a quarter at most at depths from 0.3 mm on.
 #[test]
 fn the_fitted_bed_presses_like_the_finite_elements() {
     let sensor = Sensor::named("gelsight-mini").unwrap();

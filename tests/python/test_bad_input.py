@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from gymnasium.error import ClosedEnvironmentError
 
 from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 
@@ -180,6 +181,62 @@ def test_a_mesh_of_ones_own_can_be_grasped(tmp_path):
     env.reset(seed=0)
     assert env.look()["object"] == str(file)
     assert outcome(GraspLiftEnv, objects=[str(file)]).startswith("mesh size: found 20")
+
+
+def test_a_shape_of_ones_own_is_described_in_words():
+    env = GraspLiftEnv(objects={"shape": "cuboid", "half_extents": [0.02, 0.01, 0.03]})
+    env.reset(seed=0)
+    assert env.look()["object"] == "cuboid, half extents 0.02 × 0.01 × 0.03 m"
+
+
+def test_what_makes_a_large_object_fit_is_named(tmp_path):
+    file = tmp_path / "part.obj"
+    file.write_text(TETRAHEDRON)
+    assert "millimetres needs the scale 0.001" in outcome(GraspLiftEnv, objects=[str(file)])
+    large = outcome(GraspLiftEnv, objects={"shape": "sphere", "radius": 0.05})
+    assert "the setting size scales it, here below 0.80" in large
+
+
+def test_a_closed_environment_says_so():
+    env, envs = GraspLiftEnv(tactile="none"), GraspLiftVectorEnv(2, tactile="none")
+    env.reset(seed=0)
+    envs.reset(seed=0)
+    for each in (env, envs):
+        action = each.action_space.sample()
+        each.close()
+        each.close()
+        with pytest.raises(ClosedEnvironmentError, match="step: found a closed environment"):
+            each.step(action)
+        with pytest.raises(ClosedEnvironmentError, match="reset: found a closed environment"):
+            each.reset()
+
+
+def test_unknown_options_of_a_reset_are_refused_with_the_nearest_word():
+    env, envs = GraspLiftEnv(tactile="none"), GraspLiftVectorEnv(2, tactile="none")
+    env.reset(seed=0, options={})
+    with pytest.raises(ValueError, match="'sed', expected none; did you mean 'seed', an argument"):
+        env.reset(options={"sed": 3})
+    with pytest.raises(ValueError, match="did you mean 'friction', a setting"):
+        env.reset(options={"friction": 0.3})
+    with pytest.raises(ValueError, match="did you mean 'reset_mask', an option"):
+        envs.reset(options={"reset_msk": np.ones(2, bool)})
+
+
+def test_terms_of_the_reward_have_no_negative_zero():
+    env = GraspLiftEnv(tactile="none")
+    for seed in range(3):
+        env.reset(seed=seed)
+        for _ in range(5):
+            *_, info = env.step(np.zeros(5, np.float32))
+            assert all(math.copysign(1, term) > 0 for term in info["reward_terms"].values())
+
+
+def test_channels_print_as_a_table():
+    env = GraspLiftEnv(tactile="none")
+    head, *rows = str(env.channels()).splitlines()
+    assert head.split() == ["channel", "component", "numbers", "from", "to", "unit"]
+    assert len(rows) == sum(len(components) for _, components in env.channels())
+    assert rows[0].startswith(env.channels()[0][0])
 
 
 @pytest.mark.parametrize("name", ["part.obj", "part.stl", "part.OBJ", "part.ply", "part"])

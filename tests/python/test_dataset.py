@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import pickle
 import shutil
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from tiny_dataset import TINY
 
 import ruffini
-from ruffini import dataset
+from ruffini import dataset, surrogate
 from ruffini._distributions import by_family, family
 from ruffini._frames import _turned
+from ruffini.commands import main
 
 pytest.importorskip("safetensors")
 
@@ -249,8 +254,104 @@ def test_damage_is_found(folder, tmp_path):
     content = bytearray(damaged.read_bytes())
     content[-1] ^= 1
     damaged.write_bytes(content)
-    with pytest.raises(ValueError, match=rf"{damaged.name}: found SHA-256"):
+    with pytest.raises(ValueError, match=rf"{damaged.name}: damaged, SHA-256"):
         dataset.open(copy).verify()
+
+
+def test_every_bad_file_is_named_and_trained_on_by_nobody(folder, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    first, second = sorted(copy.glob("shards/*"))
+    whole = first.read_bytes()
+
+    def found(*parts):
+        done = command("inspect", str(copy))
+        assert done.returncode == 2
+        for part in parts:
+            assert part in done.stderr, done.stderr
+        with pytest.raises(ValueError, match=parts[0]):
+            surrogate.train(copy, tmp_path / "run", epochs=1, network={"width": 8})
+
+    first.write_bytes(whole[:-8])
+    found(f"{first.name}: truncated")
+    first.write_bytes(whole[:-1] + b"\x01")
+    (copy / "shards/other.safetensors").write_bytes(whole)
+    found(f"{first.name}: damaged", "other.safetensors: not of this dataset")
+    first.unlink()
+    second.write_bytes(b"")
+    found(f"{second.name}: truncated", f"{first.name}: missing")
+
+
+def test_numbers_that_are_not_finite_are_named(folder, tmp_path):
+    """As an earlier version could have stored them: the hash is that of the file."""
+    import safetensors.numpy
+
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    shard = sorted(copy.glob("shards/*"))[0]
+    with safetensors.safe_open(shard, "numpy") as file:
+        arrays = {name: file.get_tensor(name).copy() for name in file.keys()}  # noqa: SIM118
+        texts = file.metadata()
+    arrays["000.first.von_mises"][0, 3] = np.nan
+    safetensors.numpy.save_file(arrays, shard, texts)
+    manifest = json.loads((copy / "manifest.json").read_text())
+    data = shard.read_bytes()
+    sums = {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
+    [listed] = [one for one in manifest["shards"] if one["file"] == f"shards/{shard.name}"]
+    listed |= sums
+    (copy / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(ValueError, match=rf"{shard.name}: 000.first.von_mises holds NaN"):
+        dataset.open(copy).verify()
+    settings = {"epochs": 1, "split": "known-63", "network": {"width": 8, "rounds": 1}}
+    with pytest.raises(ValueError, match=rf"{shard.name}: 000.first.von_mises holds NaN"):
+        surrogate.train(copy, tmp_path / "run", variant="baseline", **settings)
+
+
+def test_a_long_generation_asks_first(tmp_path, monkeypatch):
+    config = tmp_path / "empty.toml"
+    config.write_text("")
+    out = tmp_path / "out"
+    done = command("generate", str(out), "--config", str(config))
+    assert done.returncode == 2 and not out.exists()
+    assert "6300 grasps with 315000 frames take about" in done.stderr and "--yes" in done.stderr
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr("builtins.input", lambda question: "n")
+    assert main(["dataset", "generate", str(out), "--config", str(config)]) == 2
+    assert not out.exists()
+    begun = []
+    monkeypatch.setattr("builtins.input", lambda question: "y")
+    monkeypatch.setattr(dataset, "generate", lambda *arguments, **settings: begun.append(settings))
+    # What follows finds no dataset.
+    assert main(["dataset", "generate", str(out), "--config", str(config)]) == 2
+    assert main(["dataset", "generate", str(out), "--config", str(config), "--yes"]) == 2
+    assert len(begun) == 2
+
+
+def test_the_estimate_counts_what_is_missing(folder, tmp_path):
+    some = dataset.estimate(tmp_path / "new", **TINY)
+    assert (some.grasps, some.frames) == (2, 4) and some.bytes > 0 and some.seconds > 0
+    assert not (tmp_path / "new").exists()
+    assert dataset.estimate(folder, **TINY).grasps == 0
+
+
+def test_ctrl_c_ends_a_grasp_that_is_being_solved(tmp_path):
+    """Within seconds, where a grasp of this dataset takes minutes; none is stored in part."""
+    code = (
+        "from ruffini import dataset\n"
+        f"dataset.generate({str(tmp_path / 'out')!r}, threads=1, objects=1, "
+        f"grasps=1, frames=40, truth_nodes=2500, truth_element='p2', model_nodes=200, "
+        "watch=lambda now: print(now) is None)"
+    )
+    line = [sys.executable, "-u", "-c", code]
+    restored = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.default_int_handler)}
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **restored) as run:
+        run.stdout.readline()
+        time.sleep(2.0)
+        begun = time.monotonic()
+        run.send_signal(signal.SIGINT)
+        _, said = run.communicate()
+    assert time.monotonic() - begun < 15 and b"KeyboardInterrupt" in said
+    assert list((tmp_path / "out/parts").glob("*")) == []
 
 
 def command(*words):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 
 import numpy as np
@@ -9,7 +10,27 @@ import pytest
 from bodies import BALL, PLATE, ball_at, block, box, gel, graded, plate_at
 
 import ruffini
-from ruffini import Fem, History, Press, SoftBody, TetMesh
+from ruffini import (
+    Compliance,
+    Fem,
+    History,
+    LinearPad,
+    Press,
+    PressError,
+    Shape,
+    SoftBody,
+    Surrogate,
+    TetMesh,
+)
+
+SLENDER = {"cone": Shape.cone(7.3e-4, 1.85e-3), "ball": Shape.sphere(1e-3)}
+MODELS = {
+    "fem": lambda: Fem(ruffini.sensor("gelsight-mini", resolution=1500)),
+    "compliance": lambda: Compliance(ruffini.sensor("gelsight-mini", resolution=1500)),
+    "nodes": lambda: Compliance(ruffini.sensor("gelsight-mini", resolution=1500), contact="nodes"),
+    "cells": lambda: LinearPad(friction=0.0),
+    "network": lambda: Surrogate(friction=0.0),
+}
 
 
 def test_a_mesh_keeps_its_arrays_and_closes_them():
@@ -156,6 +177,28 @@ def test_an_unsolved_press_is_an_error_in_its_place():
         again = pickle.loads(pickle.dumps(error))
         assert (str(again), again.kind) == (str(error), error.kind)
     assert "1.000e0 N not reached" in str(lost)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("shape", SLENDER)
+def test_a_shape_that_begins_buried_is_taken_to_come_from_outside(model, shape):
+    """Past its widest part it would be backed off into the gel, and pull when it comes back."""
+    pose = ((0, 0, -6e-4), (math.sin(0.2), 0, 0, math.cos(0.2)))
+    [found] = MODELS[model]().solve(Press(SLENDER[shape], [pose]))
+    if isinstance(found, PressError):
+        assert found.kind in ("not-converged", "penetrated", "inverted"), found
+    else:
+        assert found.wrench[2] <= 0.0, f"{found.wrench[2]} N out of the gel"
+
+
+@pytest.mark.parametrize("model", ["compliance", "cells", "network"])
+def test_a_press_deeper_than_the_gel_says_so(model):
+    path = [((0, 0, 4e-3 - 1e-3 * depth), (0, 0, 0, 1)) for depth in (1, 3, 5)]
+    press = Press(BALL, path)
+    solver = MODELS[model]()
+    for found in solver.solve(press)[0], solver.solve_path(press)[-1]:
+        assert isinstance(found, PressError)
+        assert "ends 5.00 mm deep in a gel of 4.00 mm" in str(found)
 
 
 def test_a_path_ends_with_the_frame_that_fails():

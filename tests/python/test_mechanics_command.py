@@ -49,9 +49,19 @@ def test_the_command_pushes_and_shears():
     assert float(done.stdout.split("N normal, ")[1].split()[0]) > 0.01
 
 
+def test_the_command_draws(tmp_path):
+    picture = tmp_path / "press.png"
+    words = ["--shape", "sphere:0.004", "--depth", "0.0003", "--plot", str(picture)]
+    done = command(*PRESS, *words)
+    assert done.returncode == 0, done.stderr
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [
+        (["--shape", "sphere:0.004", "--depth", "0.005"], "found 5 mm into a gel of 4 mm"),
+        (["--shape", "sphere:0.004", "--depth", "0.001", "--plot", "a.pdf"], ".png or .svg"),
         (["--shape", "sphere", "--depth", "0.001"], "expected sphere:radius"),
         (["--shape", "blob:1", "--depth", "0.001"], "expected sphere:radius, cuboid"),
         (["--shape", "prism:6.5,0.1,0.1", "--depth", "0.001"], "expected prism:sides"),
@@ -72,6 +82,6 @@ def test_the_command_names_bad_input(words, text):
 
 
 def test_the_command_says_when_a_press_is_not_solved():
-    done = command(*PRESS, "--shape", "sphere:0.004", "--depth", "0.02")
+    done = command(*PRESS, "--shape", "cuboid:0.003,0.003,0.003", "--depth", "0.0039")
     assert (done.returncode, done.stdout) == (1, "")
     assert "no equilibrium" in done.stderr

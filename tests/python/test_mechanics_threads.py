@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
 import subprocess
 import sys
 import threading
+import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
@@ -28,6 +30,35 @@ def many(name: str = "fem") -> bytes:
     presses = [Press(BALL, [ball_at(0, 1e-4), ball_at(x, 3e-4)]) for x in np.linspace(0, 1e-3, 6)]
     answers = MODELS[name]().solve(presses)
     return b"".join(a.displacement.tobytes() + a.von_mises.tobytes() for a in answers)
+
+
+def test_ctrl_c_ends_a_solve():
+    """Within seconds, where the press takes a minute."""
+    code = (
+        "import ruffini\n"
+        "gel = ruffini.sensor('gelsight-mini', resolution=4000)\n"
+        "fem = ruffini.Fem(gel, element='p2', friction=0.5)\n"
+        "path = [((1e-5 * i, 0, 4e-3 - 2e-5 * i), (0, 0, 0, 1)) for i in range(60)]\n"
+        "press = ruffini.Press(ruffini.Shape.sphere(4e-3), path)\n"
+        "print('begun')\n"
+        "fem.SOLVE\n"
+    )
+    for solve in ("solve([press, press])", "solve_path(press)"):
+        command = [sys.executable, "-u", "-c", code.replace("SOLVE", solve)]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        with subprocess.Popen(command, **pipes, preexec_fn=heeding) as run:
+            run.stdout.readline()
+            time.sleep(2.0)
+            begun = time.monotonic()
+            run.send_signal(signal.SIGINT)
+            _, said = run.communicate()
+        assert b"KeyboardInterrupt" in said
+        assert time.monotonic() - begun < 10, solve
+
+
+def heeding() -> None:
+    """A background job starts with the signal ignored."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -171,8 +171,10 @@ def test_a_network_is_trained_stopped_resumed_and_loaded(data, tmp_path):
 
     assert surrogate.train(data, tmp_path, watch=first_epoch_only, **settings) is None
     assert heard[-1] == "epoch"
-    with pytest.raises(ValueError, match="other settings"):
+    with pytest.raises(ValueError, match=r"other settings, seed 0 \(now 1\)"):
         surrogate.train(data, tmp_path, seed=1, **settings)
+    with pytest.raises(ValueError, match=r"other settings, epochs 3 \(now 5\), network.width 8"):
+        surrogate.train(data, tmp_path, **settings | {"epochs": 5, "network": {"width": 16}})
     card = surrogate.train(data, tmp_path, **settings)
     straight = surrogate.train(data, tmp_path / "straight", **settings)
     assert card == straight

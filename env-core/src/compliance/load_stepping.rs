@@ -137,7 +137,8 @@ impl<'a> LoadStepping<'a> {
         };
         self.cover(press.shapes(), first);
         let places = self.zone_places();
-        self.state.poses = backed_off(press.shapes(), first, &self.zone.surface, &places);
+        let mesh = self.condensed.body.mesh();
+        self.state.poses = backed_off(press.shapes(), first, &self.zone.surface, &places, mesh);
     }
 
     /// Restores the state of a `history`; returns an error if it is of another model.

@@ -5,48 +5,86 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::SurfacePoint;
-use crate::geometry::Shape;
+use crate::geometry::{Shape, TetMesh};
+
+/// Steps of the depth of the deepest point after which a shape is no longer backed off.
+const STEPS: usize = 100;
+/// Share of the depth of the deepest point by which the inside of the body is looked for beside it.
+const BESIDE: f64 = 0.05;
 
 /// Returns `poses` (S) with each shape that overlaps the surface moved out of it, opposite to the
-/// direction in which it would push the surface. The surface points are at `places` (C).
+/// direction in which it would push the surface. The surface points are at `places` (C) and belong
+/// to a body at rest of this `mesh`.
+///
+/// A shape that is buried past its widest part would push the surface out of the body, and would be
+/// taken to come from inside. It is moved out along the body's normal at its deepest point.
 pub fn backed_off(
     shapes: &[Shape],
     poses: &[Isometry3<f64>],
     surface: &[SurfacePoint],
     places: &[Point3<f64>],
+    mesh: &TetMesh,
 ) -> Vec<Isometry3<f64>> {
     let mut apart = poses.to_vec();
     for (shape, pose) in shapes.iter().zip(&mut apart) {
-        let (mut deepest, push) = overlap(shape, pose, surface, places);
-        let Some(away) = (-push).try_normalize(0.0) else { continue };
-        for _ in 0..100 {
-            if deepest == 0.0 {
-                break;
-            }
+        let Some(Overlap { mut deepest, place, push }) = overlap(shape, pose, surface, places)
+        else {
+            continue;
+        };
+        let Some(mut away) = (-push).try_normalize(0.0) else { continue };
+        if mesh.contains(&(place + away * (BESIDE * deepest))) {
+            away = outward(mesh, &place);
+        }
+        for _ in 0..STEPS {
             pose.translation.vector += away * deepest.max(1e-6);
-            deepest = overlap(shape, pose, surface, places).0;
+            match overlap(shape, pose, surface, places) {
+                Some(overlap) => deepest = overlap.deepest,
+                None => break,
+            }
         }
     }
     apart
 }
 
-/// Depth of the deepest point inside the shape (m), and the sum of depth × area along the normals
-/// (m³).
+/// Surface points inside a shape.
+struct Overlap {
+    /// Depth of the deepest point (m), and its place.
+    deepest: f64,
+    place: Point3<f64>,
+    /// Sum of depth × area along the shape's normals (m³).
+    push: Vector3<f64>,
+}
+
+/// Surface points inside a shape, if there are any.
 fn overlap(
     shape: &Shape,
     pose: &Isometry3<f64>,
     surface: &[SurfacePoint],
     places: &[Point3<f64>],
-) -> (f64, Vector3<f64>) {
-    let (mut deepest, mut push) = (0f64, Vector3::zeros());
+) -> Option<Overlap> {
+    let mut found = Overlap { deepest: 0.0, place: Point3::origin(), push: Vector3::zeros() };
     for (point, place) in surface.iter().zip(places) {
         let distance = shape.distance(&pose.inverse_transform_point(place));
         if distance.value < 0.0 {
-            deepest = deepest.max(-distance.value);
-            push -= pose.rotation * distance.normal * (distance.value * point.area);
+            if -distance.value > found.deepest {
+                (found.deepest, found.place) = (-distance.value, *place);
+            }
+            found.push -= pose.rotation * distance.normal * (distance.value * point.area);
         }
     }
-    (deepest, push)
+    (found.deepest > 0.0).then_some(found)
+}
+
+/// Unit normal of the body of `mesh` at its face nearest to `place`.
+fn outward(mesh: &TetMesh, place: &Point3<f64>) -> Vector3<f64> {
+    let corners = |face: [u32; 3]| face.map(|node| mesh.vertices[node as usize].coords);
+    let apart = |face: &[u32; 3]| {
+        (corners(*face).iter().sum::<Vector3<f64>>() / 3.0 - place.coords).norm_squared()
+    };
+    let faces = mesh.boundary().into_iter();
+    let [a, b, c] =
+        corners(faces.min_by(|a, b| apart(a).total_cmp(&apart(b))).expect("a body has faces"));
+    (b - a).cross(&(c - a)).normalize()
 }
 
 /// Smallest signed distance of any of `places` to any shape (m).

@@ -15,7 +15,8 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::{
-    config::Config,
+    config::{Config, Scenario},
+    indentation,
     job::{Job, Task, is_whole, jobs},
     manifest::{self, FORMAT, Manifest, Solved, Unsolved, splits},
     plan::{Plan, plans},
@@ -23,7 +24,7 @@ use super::{
     setup::Setup,
     tensor::{entries, read, write_whole},
 };
-use crate::{Error, Result, objects::Object};
+use crate::{Error, Result, interrupt::Interrupt, objects::Object};
 
 /// Progress of a generation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -60,6 +61,54 @@ pub struct Orders<'a> {
     pub threads: usize,
     /// Shards to make, by their names from [`shards`]; `None` makes all, and the manifest.
     pub only: Option<&'a [String]>,
+    /// Request to stop at once; the grasps being solved are then solved anew by the next run.
+    pub interrupt: Option<&'a Interrupt>,
+}
+
+/// Size and cost of a dataset, or of what is missing of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Grasps to solve.
+    pub grasps: usize,
+    /// Most frames of these grasps.
+    pub frames: usize,
+    /// Approximate size of these frames (bytes).
+    pub bytes: u64,
+    /// Approximate processor time (s).
+    pub seconds: f64,
+}
+
+/// Processor time of a frame of one soft body of 2,000 nodes (s), the power of the number of nodes
+/// with which it grows (both from `tests/reports/dataset.md`), and the factor of the number of nodes
+/// with which quadratic elements cost as much as linear ones (400 presses of 850 nodes take 5,400 s).
+const FRAME: f64 = 1.25;
+const NODES: f64 = 2000.0;
+const POWER: f64 = 1.4;
+const QUADRATIC: f64 = 3.2;
+
+/// Estimates what [`generate`] with this `config` has to do in `folder`, which need not exist.
+pub fn estimate(config: &Config, folder: &Path) -> Result<Estimate> {
+    let config = config.clone().validated()?;
+    let plans = plans(&config)?;
+    let jobs = jobs(&plans);
+    let objects: Vec<_> = plans.iter().map(|(object, _)| object).collect();
+    let setup = Setup::new(&config, &objects, None)?;
+    let open = jobs.iter().filter(|job| !is_whole(&folder.join(&job.file)));
+    let grasps: usize = open.map(|job| job.missing(folder).len()).sum();
+    let frames = grasps
+        * match config.scenario {
+            Scenario::Pads | Scenario::Soft => config.frames,
+            Scenario::Presses => indentation::FRAMES,
+        };
+    let factor = if config.truth_element == "p2" { QUADRATIC } else { 1.0 };
+    let bodies = if config.scenario == Scenario::Pads { 2.0 } else { 1.0 };
+    let frame = bodies * FRAME * (factor * config.truth_nodes as f64 / NODES).powf(POWER);
+    Ok(Estimate {
+        grasps,
+        frames,
+        bytes: frames as u64 * setup.bytes_a_frame(),
+        seconds: frames as f64 * frame,
+    })
 }
 
 /// Names of the shards of the dataset of `config`.
@@ -89,7 +138,7 @@ pub fn generate(
     let pool =
         pool.map_err(|error| Error::invalid("threads", orders.threads, error.to_string()))?;
     let objects: Vec<_> = plans.iter().map(|(object, _)| object).collect();
-    let setup = pool.install(|| Setup::new(&config, &objects, folder))?;
+    let setup = pool.install(|| Setup::new(&config, &objects, Some(folder)))?;
     let (packed, open): (Vec<&Job>, Vec<&Job>) =
         chosen.into_iter().partition(|job| is_whole(&folder.join(&job.file)));
     let tasks: Vec<_> = open.iter().flat_map(|job| job.missing(folder)).collect();
@@ -104,13 +153,14 @@ pub fn generate(
         folder,
         obstacle: orders.obstacle,
         watch,
+        interrupt: orders.interrupt.cloned().unwrap_or_default(),
         clock: Instant::now(),
         progress: Mutex::new(progress),
         stopped: AtomicBool::new(!watch(&progress)),
     };
     open.iter().try_for_each(|job| work.pack_if_complete(job))?;
     pool.install(|| tasks.par_iter().try_for_each(|task| work.solve(task)))?;
-    if work.stopped.load(Ordering::Relaxed) || orders.only.is_some() {
+    if work.is_stopped() || orders.only.is_some() {
         return Ok(None);
     }
     let manifest = summary(&config, orders, &plans, &jobs, folder)?;
@@ -172,6 +222,7 @@ struct Work<'a> {
     folder: &'a Path,
     obstacle: Option<&'a Obstacle<'a>>,
     watch: &'a (dyn Fn(&GenerationProgress) -> bool + Sync),
+    interrupt: Interrupt,
     clock: Instant,
     progress: Mutex<GenerationProgress>,
     stopped: AtomicBool,
@@ -181,20 +232,30 @@ impl Work<'_> {
     /// Solves a grasp and stores it, unless stopped; after the last one of a shard, packs the
     /// shard.
     fn solve(&self, task: &Task) -> Result<()> {
-        if self.stopped.load(Ordering::Relaxed) {
+        if self.is_stopped() {
             return Ok(());
         }
         let (object, plan) = (task.job.object, task.plan);
         let obstacle = self.obstacle.map(|obstacle| obstacle(object, plan)).transpose()?.flatten();
-        let part = match obstacle {
-            Some(reason) => Shard::unreached(plan, reason),
-            None => self.setup.solve(self.config, object, plan)?,
+        let part = if let Some(reason) = obstacle {
+            Shard::unreached(plan, reason)
+        } else {
+            let solve = || self.setup.solve(self.config, object, plan);
+            let part = self.interrupt.during(solve)?;
+            if self.interrupt.is_requested() {
+                return Ok(());
+            }
+            part
         };
         write_whole(&self.folder.join(&task.part), &part.to_bytes())?;
         let Entry { frames, error, .. } = &part.entries[0];
         self.report(*frames, error.is_some());
         task.job.missing.fetch_sub(1, Ordering::AcqRel);
         self.pack_if_complete(task.job)
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stopped.load(Ordering::Relaxed) || self.interrupt.is_requested()
     }
 
     /// Packs a shard if all of its parts exist and no other thread packs it.
@@ -263,7 +324,8 @@ fn summary(
     })
 }
 
-fn hex(bytes: &[u8]) -> String {
+/// Hexadecimal text of `bytes`.
+pub(super) fn hex(bytes: &[u8]) -> String {
     let digit = |value: u8| char::from_digit(value.into(), 16).expect("half a byte is a digit");
     bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]).collect()
 }

@@ -47,6 +47,8 @@ pub struct Indentation {
 const DOWN: [f64; 4] = [0.15, 0.4, 0.7, 1.0];
 /// Parts of the onward motion at which frames are taken; the last goes back.
 const ONWARD: [f64; 3] = [0.5, 1.0, 0.4];
+/// Most frames of a press.
+pub(super) const FRAMES: usize = DOWN.len() + ONWARD.len();
 /// Least depth (m), and the greatest over the thickness of the indenter.
 const DEPTHS: (f64, f64) = (2e-5, 0.6);
 /// Coefficients of friction, each as frequent as the others.

@@ -26,7 +26,7 @@ mod tensor;
 mod weight;
 
 pub use config::{Config, GelConfig, SOFT, Scenario};
-pub use generate::{GenerationProgress, Obstacle, Orders, generate, shards};
+pub use generate::{Estimate, GenerationProgress, Obstacle, Orders, estimate, generate, shards};
 pub use indentation::Indentation;
 pub use manifest::{FORMAT, Manifest, Shard, Solved, Split, Unsolved};
 pub use plan::{Plan, plans};

@@ -7,12 +7,14 @@ use std::{
 };
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
-use safetensors::{SafeTensorError, SafeTensors};
+use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
 use serde::Deserialize;
+use sha2::{Digest, Sha256};
 
 use super::{
     config::{Config, Scenario},
-    manifest::{Split, splits},
+    generate::hex,
+    manifest::{Shard, Split, splits},
     record::Entry,
     tensor::{entries, read},
 };
@@ -80,16 +82,22 @@ impl Dataset {
             Scenario::Pads | Scenario::Soft => catalogue(config.seed),
             Scenario::Presses => config.objects(),
         };
+        let manifest = finished(&folder.join("manifest.json"))?;
         let mut shards = Vec::new();
         let mut grasps = Vec::new();
         for (number, object) in objects.iter().enumerate() {
             let mut names = Vec::new();
             for part in 0.. {
-                let path = folder.join(format!("shards/{}-{part:03}.safetensors", object.name));
-                if !path.exists() {
+                let file = format!("shards/{}-{part:03}.safetensors", object.name);
+                let path = folder.join(&file);
+                let listed = manifest.as_ref().map(|said| said.shard(&file));
+                if !path.exists() && !matches!(listed, Some(Some(_))) {
                     break;
                 }
                 let bytes = read(&path)?;
+                if let Some(listed) = listed {
+                    check(&path, &bytes, listed)?;
+                }
                 let solved = entries::<Entry>(&path, &bytes)?.into_iter().filter(|e| e.frames > 0);
                 names.extend(solved.map(|entry| entry.plan.name));
                 shards.push((number, path));
@@ -101,8 +109,8 @@ impl Dataset {
         if shards.is_empty() {
             return Err(Error::file(&folder.join("shards"), &"no shards in it, expected some"));
         }
-        let splits = match finished(&folder.join("manifest.json"))? {
-            Some(splits) => splits,
+        let splits = match manifest {
+            Some(said) => said.splits,
             None => splits(&config, &grasps),
         };
         Ok(Self { folder: folder.to_owned(), config, objects, shards, splits })
@@ -150,6 +158,9 @@ impl Dataset {
         let bytes = read(path)?;
         let file = SafeTensors::deserialize(&bytes).map_err(|error| Error::file(path, &error))?;
         let entries = entries::<Entry>(path, &bytes)?.into_iter().filter(|entry| entry.frames > 0);
+        if let Some(name) = not_finite(&file) {
+            return Err(Error::file(path, &format!("{name} holds NaN, expected finite numbers")));
+        }
         let all: Found<_> = entries.map(|entry| frames(&file, &entry)).collect();
         Ok((&self.objects[*object], all.map_err(|error| Error::file(path, &error))?))
     }
@@ -162,15 +173,52 @@ fn claimed(text: &str) -> serde_json::Result<Config> {
     serde_json::from_value(claim.into())
 }
 
-/// Splits in the manifest of a finished dataset; `None` if there is no manifest.
-fn finished(manifest: &Path) -> Result<Option<BTreeMap<String, Split>>> {
-    #[derive(Deserialize)]
-    struct Said {
-        splits: BTreeMap<String, Split>,
+/// Part of the manifest of a finished dataset.
+#[derive(Deserialize)]
+struct Finished {
+    shards: Vec<Shard>,
+    splits: BTreeMap<String, Split>,
+}
+
+impl Finished {
+    fn shard(&self, file: &str) -> Option<&Shard> {
+        self.shards.iter().find(|shard| shard.file == file)
     }
+}
+
+/// Reads a manifest; `None` if there is none.
+fn finished(manifest: &Path) -> Result<Option<Finished>> {
     let Ok(text) = fs::read_to_string(manifest) else { return Ok(None) };
-    let said: Said = serde_json::from_str(&text).map_err(|error| Error::file(manifest, &error))?;
-    Ok(Some(said.splits))
+    let said = serde_json::from_str(&text).map_err(|error| Error::file(manifest, &error))?;
+    Ok(Some(said))
+}
+
+/// Returns an error unless a shard's `bytes` are those that the manifest lists.
+fn check(path: &Path, bytes: &[u8], listed: Option<&Shard>) -> Result<()> {
+    let Some(listed) = listed else {
+        let reason = "not in the manifest, expected the shards of one dataset";
+        return Err(Error::file(path, &reason));
+    };
+    let (found, expected) = (bytes.len() as u64, listed.bytes);
+    if found < expected {
+        let reason = format!("truncated: found {found} bytes, expected {expected}");
+        return Err(Error::file(path, &reason));
+    }
+    if hex(&Sha256::digest(bytes)) != listed.sha256 {
+        let reason = "damaged or of another dataset: its SHA-256 is not that of the manifest";
+        return Err(Error::file(path, &reason));
+    }
+    Ok(())
+}
+
+/// Name of a tensor with numbers that are not finite, if there is one.
+fn not_finite(file: &SafeTensors) -> Option<String> {
+    let finite = |view: &TensorView| match view.dtype() {
+        Dtype::F32 => view.data().as_chunks().0.iter().all(|b| f32::from_le_bytes(*b).is_finite()),
+        Dtype::F64 => view.data().as_chunks().0.iter().all(|b| f64::from_le_bytes(*b).is_finite()),
+        _ => true,
+    };
+    file.tensors().into_iter().find(|(_, view)| !finite(view)).map(|(name, _)| name)
 }
 
 pub(super) type Found<T> = std::result::Result<T, SafeTensorError>;

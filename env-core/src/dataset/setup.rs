@@ -41,9 +41,11 @@ pub(super) struct Meshes {
 }
 
 impl Setup {
-    /// Meshes the soft bodies and writes the model meshes into `folder`, where they are missing.
-    pub(super) fn new(config: &Config, objects: &[&Object], folder: &Path) -> Result<Self> {
+    /// Meshes the soft bodies and writes the model meshes into `folder`, if given, where they are
+    /// missing.
+    pub(super) fn new(config: &Config, objects: &[&Object], folder: Option<&Path>) -> Result<Self> {
         let keep = |name: &str, bytes: &dyn Fn() -> Vec<u8>| {
+            let Some(folder) = folder else { return Ok(()) };
             let path = folder.join(format!("meshes/{name}.safetensors"));
             if path.is_file() { Ok(()) } else { write_whole(&path, &bytes()) }
         };

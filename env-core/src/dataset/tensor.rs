@@ -71,7 +71,8 @@ impl<Entry: Serialize + DeserializeOwned> Tensors<Entry> {
 /// Reads the entries in a file's bytes; returns an error if the file is damaged.
 pub(super) fn entries<Entry: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<Vec<Entry>> {
     let bad = |reason: String| Error::File { path: path.display().to_string(), reason };
-    SafeTensors::deserialize(bytes).map_err(|error| bad(error.to_string()))?;
+    SafeTensors::deserialize(bytes)
+        .map_err(|error| bad(format!("damaged or truncated, expected a shard ({error})")))?;
     let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
     let text = metadata.metadata().as_ref().and_then(|map| map.get(ENTRIES));
     let text = text.ok_or_else(|| bad(format!("no \"{ENTRIES}\" in its metadata")))?;

@@ -214,6 +214,11 @@ fn root(leader: &mut [usize], mut node: usize) -> usize {
 mod tests {
     use super::*;
 
+    #[test]
+    fn files_of_sensors_know_the_laws() {
+        assert_eq!(Law::NAMES.map(|(name, _)| name), crate::sensor::LAWS);
+    }
+
     fn tetrahedron() -> TetMesh {
         let vertices = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         TetMesh { vertices: vertices.map(Point3::from).to_vec(), tets: vec![[0, 1, 2, 3]] }

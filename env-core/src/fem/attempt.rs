@@ -15,6 +15,7 @@ use crate::{
     contact::{ContactStep, Touch, engulfs_unfelt},
     deformation::Anchor,
     geometry::Shape,
+    interrupt,
 };
 
 /// A solved load step that has not been accepted yet.
@@ -35,6 +36,7 @@ impl PressSolver<'_> {
         push: Option<&ForceControl>,
         guess: Option<Vec<Vector3<f64>>>,
     ) -> Result<LoadStep> {
+        interrupt::check()?;
         let system = self.system;
         let start = system.surface_places(&self.state.displacement);
         let from = self.state.poses.clone();

@@ -110,7 +110,7 @@ impl<'a> PressSolver<'a> {
         let Some(history) = press.history() else {
             let places = self.system.surface_places(&self.state.displacement);
             let first = press.drive().first();
-            self.state.poses = backed_off(press.shapes(), first, surface, &places);
+            self.state.poses = backed_off(press.shapes(), first, surface, &places, self.mesh);
             return Ok(());
         };
         history.check(self.state.displacement.len(), surface.len())?;
@@ -162,13 +162,13 @@ impl<'a> PressSolver<'a> {
             solved.balance.iterations = iterations;
             solved
         };
-        solved.map(counted).map_err(|_| {
-            let travel = (self.state.poses[0].translation.vector - begin).norm();
-            Error::Unreachable {
+        solved.map(counted).map_err(|error| match error {
+            Error::Interrupted => error,
+            _ => Error::Unreachable {
                 force: push.force,
                 reached: self.held.dot(&push.direction),
-                travel,
-            }
+                travel: (self.state.poses[0].translation.vector - begin).norm(),
+            },
         })
     }
 

@@ -216,10 +216,10 @@ impl<'a> Hold<'a> {
                 let now = &from.attempts[i].state.displacement;
                 Some(now.iter().zip(&ahead).map(|(u, du)| u + du).collect())
             });
-            if let Ok(trial) = self.trial(pads, moved(&from.pose, &step, self.size), guesses)
-                && trial.unbalanced.norm() < from.unbalanced.norm()
-            {
-                return Ok(trial);
+            match self.trial(pads, moved(&from.pose, &step, self.size), guesses) {
+                Err(Error::Interrupted) => return Err(Error::Interrupted),
+                Ok(trial) if trial.unbalanced.norm() < from.unbalanced.norm() => return Ok(trial),
+                _ => {}
             }
             share *= 0.5;
         }

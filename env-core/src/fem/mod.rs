@@ -64,6 +64,7 @@ use crate::{
     contact::{ContactLaw, is_engulfed},
     deformation::{Deformation, DeformationModel, Drive, History, Press, SoftBody},
     geometry::TetMesh,
+    interrupt::Interrupt,
 };
 
 use drive::PressSolver;
@@ -209,8 +210,11 @@ pub(crate) fn held_all_round(body: &SoftBody) -> Error {
 impl DeformationModel for Fem {
     /// Solves presses in parallel, each on one thread.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        let last =
-            |press: &Press| self.solve_path(press).pop().expect("a press has a frame or an error");
+        let interrupt = Interrupt::current();
+        let last = |press: &Press| {
+            let frames = interrupt.during(|| self.solve_path(press));
+            frames.into_iter().next_back().expect("a press has a frame or an error")
+        };
         presses.par_iter().map(last).collect()
     }
 

@@ -25,6 +25,7 @@ use super::{
 use crate::{
     Error, Result,
     contact::{ContactStep, Touch},
+    interrupt,
 };
 
 /// Stopping criteria of the search for an equilibrium.
@@ -87,6 +88,7 @@ pub(super) fn equilibrium(
         if iterations == limits.iterations {
             break;
         }
+        interrupt::check()?;
         iterations += 1;
         found = search.advance(state, &forces, limits.tolerance);
     }
@@ -145,6 +147,10 @@ impl Search<'_, '_> {
         }
         let residual = self.residual(forces);
         for stiffness in Stiffness::SAFER {
+            // A load step that fails asks again, and tells.
+            if interrupt::check().is_err() {
+                return None;
+            }
             if !self.solver.factorise(self.system, forces, stiffness) {
                 continue;
             }

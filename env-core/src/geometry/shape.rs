@@ -96,6 +96,8 @@ pub enum Shape {
 
 /// Longest allowed dimension of a shape (m), for objects of hand scale.
 const LARGEST: f64 = 1.0;
+/// Hint for meshes that are larger.
+const MILLIMETRES: &str = "a file in millimetres needs the scale 0.001";
 /// Shortest allowed dimension (m).
 const SMALLEST: f64 = 1e-5;
 
@@ -136,7 +138,11 @@ impl Shape {
             Self::Hollow(hollow) => hollow.validate()?,
             Self::HalfSpace => {}
             // A surface is checked when it is made, except for its size.
-            Self::Mesh(surface) => length("mesh size", surface.size())?,
+            Self::Mesh(surface) => {
+                length("mesh size", surface.size()).map_err(|error| {
+                    if surface.size() > LARGEST { error.hinting(MILLIMETRES) } else { error }
+                })?;
+            }
             Self::Sampled(sampled) => {
                 sampled.exact().scaled(sampled.scale()).validated()?;
             }

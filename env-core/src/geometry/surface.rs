@@ -51,12 +51,15 @@ impl Surface {
             return Err(bad(format!("a triangle uses vertex {i}, but there are {count}")));
         }
         let mut surface = merge_coincident(vertices, triangles);
-        if let Some((a, b)) = surface.unmatched_edge() {
+        let unmatched = surface.unmatched_edges();
+        if let Some(&(a, b)) = unmatched.first() {
             let at = |i: u32| surface.vertices[i as usize];
             let (a, b) = (at(a), at(b));
             return Err(bad(format!(
                 "not watertight: the edge {a} – {b} (m) is not shared by exactly two triangles \
-                 of one orientation"
+                 of one orientation, nor are {} others; `ruffini mesh FILE --repair OUT` closes \
+                 small holes",
+                unmatched.len() - 1
             )));
         }
         let volume = surface.mass_properties(1.0).mass;
@@ -208,7 +211,7 @@ impl Surface {
     }
 
     /// Returns a directed edge that is used twice, or whose reverse is not used.
-    fn unmatched_edge(&self) -> Option<(u32, u32)> {
+    fn unmatched_edges(&self) -> Vec<(u32, u32)> {
         let mut count: HashMap<(u32, u32), i32> = HashMap::new();
         for &[a, b, c] in &self.triangles {
             for edge in [(a, b), (b, c), (c, a)] {
@@ -216,7 +219,10 @@ impl Surface {
             }
         }
         let matched = |&(a, b): &(u32, u32), n: i32| n == 1 && count.get(&(b, a)) == Some(&1);
-        count.iter().filter(|&(edge, &n)| !matched(edge, n)).map(|(&edge, _)| edge).min()
+        let unmatched = count.iter().filter(|&(edge, &n)| !matched(edge, n));
+        let mut edges: Vec<_> = unmatched.map(|(&edge, _)| edge).collect();
+        edges.sort_unstable();
+        edges
     }
 }
 

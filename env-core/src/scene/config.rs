@@ -10,7 +10,7 @@ use crate::{
     Error, Result,
     deformation::Moduli,
     geometry::PadOutline,
-    sensor::{Bristles, Calibration, Sensor},
+    sensor::{Calibration, ElasticFoundation, Sensor},
 };
 
 /// Settings of a scene, except its object.
@@ -49,14 +49,14 @@ pub struct SoftPads {
     /// Young's modulus (Pa).
     pub young: f64,
     /// Coefficients of the elastic foundation.
-    pub bristles: Bristles,
+    pub foundation: ElasticFoundation,
 }
 
 impl SoftPads {
     /// Pads of a `sensor` whose gel has the properties of `calibration`.
     pub fn new(sensor: &Sensor, calibration: &Calibration) -> Self {
-        let Calibration { young, bristles, .. } = *calibration;
-        Self { outline: sensor.outline, young, bristles }
+        let foundation = calibration.elastic_foundation.unwrap_or_default();
+        Self { outline: sensor.outline, young: calibration.young, foundation }
     }
 
     /// Rigid flat pads of `gripper` on a soft object with `moduli`, whose compliance the elastic
@@ -80,7 +80,11 @@ impl SoftPads {
         let normal = 8.0 / 15.0 / (1.0 - poisson * poisson) / (TAU / 3.0).powf(coupling)
             * (outline.thickness / radius).cbrt();
         let shear = 8.0 * moduli.shear() / (2.0 - poisson) / young / TAU.sqrt();
-        Self { outline, young, bristles: Bristles { normal, coupling, shear, spread: 0.5 } }
+        Self {
+            outline,
+            young,
+            foundation: ElasticFoundation { normal, coupling, shear, spread: 0.5 },
+        }
     }
 }
 

@@ -13,7 +13,7 @@ use super::{
     corrector::Corrector,
     fast::{PadBuffers, PadInference},
     features::{PadInput, PadMaterial},
-    graph::PadGraph,
+    graph::{LAYERS, PadGraph},
     linear::{LinearBaseline, LinearFields, PadFields, body},
     predicted::ErrorModel,
     weights::{self, Card, bearing_of},
@@ -27,7 +27,7 @@ use crate::{
         Wrench,
     },
     fem::Linearised,
-    geometry::Shape,
+    geometry::{PadMesh, PadOutline, Shape},
     sensor::Sensor,
 };
 
@@ -71,6 +71,43 @@ const FORCE: f64 = 1e-3;
 /// Shipped weights.
 pub(super) const SHIPPED: &[u8] = include_bytes!("../../assets/weights/pads.safetensors");
 
+/// Greatest thickness of pads looked at for one that fits the network (m), and its step.
+const THICKEST: f64 = 12e-3;
+const STEP: f64 = 1e-4;
+
+/// Returns an error that says which thickness fits unless the mesh of the pad of `sensor`, of at
+/// most `nodes` nodes, has the number of layers that the network requires.
+fn fits(sensor: &Sensor, pad: &PadMesh, nodes: usize) -> Result<()> {
+    let layers = |pad: &PadMesh| pad.cells[2] as usize;
+    if layers(pad) == LAYERS {
+        return Ok(());
+    }
+    let of_thickness = |thickness: f64| {
+        let outline = PadOutline { thickness, ..sensor.outline };
+        outline.validated().and_then(|outline| PadMesh::with_nodes(&outline, nodes))
+    };
+    let steps = (1..=(THICKEST / STEP) as u32).map(|i| f64::from(i) * STEP);
+    let fitting: Vec<_> =
+        steps.filter(|h| of_thickness(*h).is_ok_and(|pad| layers(&pad) == LAYERS)).collect();
+    let of_this_plan = match fitting[..] {
+        [] => String::new(),
+        [low, .., high] => format!(", a thickness of {:.1} to {:.1} mm", 1e3 * low, 1e3 * high),
+        [one] => format!(", a thickness of {:.1} mm", 1e3 * one),
+    };
+    let outline = &sensor.outline;
+    let found = format!(
+        "{}, a pad {:.1} mm thick, whose mesh has {} layers",
+        sensor.name,
+        1e3 * outline.thickness,
+        layers(pad)
+    );
+    let expected = format!(
+        "one of {LAYERS} layers, for which the network was trained{of_this_plan}; \
+         \"compliance\" (LinearPad) and \"fem\" (Fem) take any pad"
+    );
+    Err(Error::invalid("sensor", found, expected))
+}
+
 impl Surrogate {
     /// Loads the shipped network for a gel of `sensor` with the given material and friction.
     pub fn new(sensor: &Sensor, moduli: Moduli, friction: f64) -> Result<Self> {
@@ -95,6 +132,7 @@ impl Surrogate {
         let plain = Corrector::new(&card.network, &parameters.builder())?;
         let gel = PadMaterial { moduli, friction, thickness: sensor.outline.thickness };
         let pad = sensor.pad(card.model_nodes)?;
+        fits(sensor, &pad, card.model_nodes)?;
         let linear = LinearBaseline::new(sensor, &gel, card.linear_nodes, &pad)?;
         let body = body(&pad, moduli)?;
         let elements = Linearised::new(&body)?;

@@ -13,6 +13,7 @@ use crate::{
     compliance::nodal::Settled,
     deformation::{Deformation, DeformationModel, Moduli, Press, SoftBody, Wanted},
     fem::Linearised,
+    interrupt::Interrupt,
     sensor::Sensor,
 };
 
@@ -79,7 +80,11 @@ impl DeformationModel for LinearPad {
     /// Solves the presses in parallel, each on one thread. The residual force is that of hyperelastic
     /// elements on the mesh of the body.
     fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+        let current = Interrupt::current();
         let last = |press| {
+            if current.is_requested() {
+                return Err(Error::Interrupted);
+            }
             let answer = self.linear.path(press).pop().expect("a press has a frame")?;
             self.fields(answer, wanted)
         };

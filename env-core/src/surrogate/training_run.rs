@@ -1,9 +1,10 @@
 //! A training run in a folder: epochs, checkpoints, choice of the best network, weights and card.
 
-use std::{fs, path::Path, time::Instant};
+use std::{collections::BTreeSet, fs, path::Path, time::Instant};
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
 use super::{
     budget::Pace,
@@ -135,9 +136,15 @@ impl<'a, N: Network> TrainingRun<'a, N> {
             return Ok(run);
         }
         let (vectors, found) = checkpoint(&path)?;
-        if found.settings != run.settings || found.data != run.data {
-            let reason =
-                "a run on other data or with other settings, expected this one's checkpoint";
+        if found.settings != run.settings {
+            let reason = format!(
+                "its run had other settings, {}: expected those, or another folder",
+                differences(&found.settings, &run.settings)
+            );
+            return Err(Error::file(&path, &reason));
+        }
+        if found.data != run.data {
+            let reason = "its run was on other data, expected those, or another folder";
             return Err(Error::file(&path, &reason));
         }
         run.trainer.restore(&vectors, found.epoch, found.steps)?;
@@ -233,6 +240,30 @@ impl<'a, N: Network> TrainingRun<'a, N> {
     fn write(&self, name: &str, vectors: &Vectors, card: &impl Serialize) -> Result<()> {
         write_whole(&self.out.join(name), &weights::to_bytes(vectors, card))
     }
+}
+
+/// Names the settings that differ between two JSON objects, with both values.
+fn differences(before: &str, now: &str) -> String {
+    fn add(place: &str, before: &Value, now: &Value, found: &mut Vec<String>) {
+        match (before, now) {
+            _ if before == now => {}
+            (Value::Object(old), Value::Object(new)) => {
+                let names: BTreeSet<_> = old.keys().chain(new.keys()).collect();
+                for name in names {
+                    let place =
+                        if place.is_empty() { name.clone() } else { format!("{place}.{name}") };
+                    let of = |object: &Map<String, Value>| object.get(name).cloned();
+                    let [old, new] = [old, new].map(|object| of(object).unwrap_or_default());
+                    add(&place, &old, &new, found);
+                }
+            }
+            _ => found.push(format!("{place} {before} (now {now})")),
+        }
+    }
+    let [before, now] = [before, now].map(|text| serde_json::from_str(text).unwrap_or(Value::Null));
+    let mut found = Vec::new();
+    add("", &before, &now, &mut found);
+    found.join(", ")
 }
 
 fn checkpoint(path: &Path) -> Result<(Vectors, Checkpoint)> {

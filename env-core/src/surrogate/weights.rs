@@ -4,7 +4,11 @@
 //! a size above that of any network here are read, and tensors must have the shapes that the card's
 //! network requires.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{
+    collections::{BTreeMap, HashMap},
+    fs,
+    path::Path,
+};
 
 use candle_core::{Device, Tensor};
 use nalgebra::Vector3;
@@ -161,7 +165,7 @@ impl Kind for Card {
 /// Part that all kinds of cards have in common.
 #[derive(Deserialize)]
 struct Form {
-    variant: String,
+    variant: Option<String>,
 }
 
 /// Shapes and values of tensors by name.
@@ -194,6 +198,7 @@ pub(super) fn to_bytes(tensors: &Vectors, card: &impl Serialize) -> Vec<u8> {
 /// `expected`.
 pub(super) fn variant(name: &str, bytes: &[u8], expected: &[&str]) -> Result<String> {
     let (_, Form { variant }) = from_bytes(name, bytes)?;
+    let variant = variant.unwrap_or_else(|| "an agent".to_owned());
     if expected.contains(&&*variant) {
         return Ok(variant);
     }
@@ -211,10 +216,12 @@ pub(super) fn of_kind<C: Kind>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)>
 /// Returns the tensors and the card in `bytes`, or an error that names `name` if they are invalid.
 pub(super) fn from_bytes<C: DeserializeOwned>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
     let bad = |reason: String| Error::File { path: name.to_owned(), reason };
-    let file = SafeTensors::deserialize(bytes).map_err(|error| bad(error.to_string()))?;
+    let file = SafeTensors::deserialize(bytes).map_err(|error| {
+        bad(format!("not a whole .safetensors file, expected weights of ruffini ({error})"))
+    })?;
     let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
     let text = metadata.metadata().as_ref().and_then(|map| map.get(KEY));
-    let text = text.ok_or_else(|| bad("no card in it, expected weights of ruffini".into()))?;
+    let text = text.ok_or_else(|| bad(foreign(metadata.metadata().as_ref())))?;
     let card = serde_json::from_str(text).map_err(|error| bad(format!("its card: {error}")))?;
     let mut tensors = BTreeMap::new();
     for (tensor, view) in file.tensors() {
@@ -229,6 +236,13 @@ pub(super) fn from_bytes<C: DeserializeOwned>(name: &str, bytes: &[u8]) -> Resul
         tensors.insert(tensor, (view.shape().to_vec(), values));
     }
     Ok((tensors, card))
+}
+
+/// Describes a file of tensors without a card.
+fn foreign(metadata: Option<&HashMap<String, String>>) -> String {
+    let is_shard = metadata.as_ref().is_some_and(|texts| texts.contains_key("grasps"));
+    let found = if is_shard { "a shard of a dataset" } else { "no card" };
+    format!("{found} in it, expected weights of ruffini")
 }
 
 /// Reads a file, or returns an error if it is larger than [`MOST`].

@@ -1,7 +1,5 @@
 //! Settings of touch, as they come from Python.
 
-use std::path::Path;
-
 use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 use serde_json::Value;
 
@@ -109,9 +107,7 @@ impl Default for Config {
 impl Config {
     /// Loads the sensor; returns an error if it is not known.
     pub fn sensor(&self) -> Result<Sensor> {
-        let path = Path::new(&self.sensor);
-        let is_file = path.extension().is_some_and(|extension| extension == "toml");
-        if is_file { Sensor::read(path) } else { Sensor::named(&self.sensor) }
+        Sensor::open(&self.sensor)
     }
 
     /// Calibration of `sensor`: the named one, or the first if none is named.

@@ -279,12 +279,12 @@ impl Config {
     pub fn models(&self) -> Result<Vec<ObjectModel>> {
         let models: Vec<_> = self.objects.iter().map(ObjectSpec::model).collect::<Result<_>>()?;
         for (spec, model) in self.objects.iter().zip(&models) {
+            self.fits(spec, model)?;
             for (mass, scale) in self.mass.into_iter().zip(self.size) {
                 let pose = model.rest(scale, 0.0, 0.0, 0.0);
                 let object = Object { model, scale, mass, friction: self.friction[0], pose };
                 object.validate(&self.scene.gripper)?;
             }
-            self.fits(spec, model)?;
         }
         Ok(models)
     }
@@ -302,7 +302,11 @@ impl Config {
             return Ok(());
         }
         let found = format!("{spec}, {narrow:.3} m across its narrowest side");
-        Err(Error::invalid("objects", found, format!("less than the opening of {opening} m")))
+        let most = self.size[1] * opening / narrow;
+        let expected = format!(
+            "less than the opening of {opening} m; the setting size scales it, here below {most:.2}"
+        );
+        Err(Error::invalid("objects", found, expected))
     }
 }
 

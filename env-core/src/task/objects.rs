@@ -109,8 +109,26 @@ impl fmt::Display for ObjectSpec {
         match self {
             Self::Name(name) => f.write_str(name),
             Self::Mesh(spec) => f.write_str(&spec.mesh),
-            Self::Shape(spec) => write!(f, "{spec:?}"),
+            Self::Shape(spec) => write!(f, "{spec}"),
         }
+    }
+}
+
+impl fmt::Display for ShapeSpec {
+    /// The kind of the shape with its lengths: `sphere, radius 0.02 m`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let value = serde_json::to_value(self).map_err(|_| fmt::Error)?;
+        let fields = value.as_object().into_iter().flatten();
+        f.write_str(value["shape"].as_str().unwrap_or_default())?;
+        for (name, value) in fields.filter(|(name, _)| *name != "shape") {
+            let unit = if name == "sides" { "" } else { " m" };
+            let numbers = value.as_array().map_or_else(
+                || value.to_string(),
+                |all| all.iter().map(Value::to_string).collect::<Vec<_>>().join(" × "),
+            );
+            write!(f, ", {} {numbers}{unit}", name.replace('_', " "))?;
+        }
+        Ok(())
     }
 }
 

@@ -31,12 +31,17 @@ __all__ = [
     "__version__",
     "dataset_shards",
     "encode_gif",
+    "estimate_dataset",
     "evaluate_surrogate",
+    "fit_foundation",
     "generate_dataset",
     "objects",
+    "read_sensor",
     "read_tensors",
     "schema",
     "sensor",
+    "sensor_names",
+    "sensor_template",
     "train_surrogate",
     "write_tensors",
 ]
@@ -59,6 +64,7 @@ class PressError(SimulationError):
         "network",
         "unreachable",
         "no-trial",
+        "interrupted",
         "panicked",
     ]
 
@@ -410,6 +416,13 @@ class Antipodal:
     def pads(self, apart: float) -> tuple[tuple[_Array, _Array], tuple[_Array, _Array]]: ...
 
 def objects(seed: int = 0) -> list[Object]: ...
+def sensor_names() -> list[str]: ...
+def sensor_template() -> str: ...
+def read_sensor(name: str) -> str: ...
+def fit_foundation(name: str, calibration: str, nodes: int) -> str: ...
+def estimate_dataset(
+    folder: _Path, config: _Path | None, overrides: str
+) -> tuple[int, int, int, float]: ...
 def dataset_shards(config: _Path | None, overrides: str) -> list[str]: ...
 def generate_dataset(
     folder: _Path,

@@ -38,6 +38,21 @@ class StepArrays:
     """Rows with a failed press, with the kind of its error."""
 
 
+class Channels(list[tuple[str, list[tuple[str, list[float], list[float], str]]]]):
+    """Names of channels with their components: name, lower bounds, upper bounds, unit."""
+
+    def __repr__(self) -> str:
+        rows = [("channel", "component", "numbers", "from", "to", "unit")]
+        for channel, components in self:
+            for name, low, high, unit in components:
+                ends = f"{min(low):g}", f"{max(high):g}"
+                rows.append((channel, name, str(len(low)), *ends, unit))
+                channel = ""
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        cells = (map(str.ljust, row, widths) for row in rows)
+        return "\n".join("  ".join(line).rstrip() for line in cells)
+
+
 class Native:
     """A native batch of environments of one task, made of settings."""
 
@@ -97,9 +112,12 @@ class Native:
         """Take one step in all rows."""
         return StepArrays(*self._batch.step(actions))
 
-    def channels(self) -> list[tuple[str, list[tuple[str, list[float], list[float], str]]]]:
-        """Channels in order, with name, lower bounds, upper bounds and unit of each component."""
-        return self._batch.layout()
+    def channels(self) -> Channels:
+        """Channels in order, with name, lower bounds, upper bounds and unit of each component.
+
+        A list that prints as a table.
+        """
+        return Channels(self._batch.layout())
 
     def plan(self, forget: bool = False) -> list[tuple[str, float, float]]:
         """Stages of a step in order, with their mean cost.

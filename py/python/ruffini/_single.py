@@ -19,6 +19,7 @@ from ruffini._spaces import (
     Frame,
     Observation,
     as_actions,
+    check_open,
     check_options,
     check_seed,
 )
@@ -64,11 +65,18 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
             self._started = False
 
     _started = False
+    _closed = False
+
+    def close(self) -> None:
+        """End the use of the environment; `step` and `reset` are errors from then on."""
+        super().close()
+        self._closed = True
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode; a seed restarts the random stream."""
+        check_open(self._closed, "reset")
         check_options(options)
         if seed is not None:
             check_seed(seed)
@@ -85,6 +93,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         self, action: NDArray[np.float32]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take one control step of 40 ms."""
+        check_open(self._closed, "step")
         actions = as_actions(action, (ACTION_SIZE,))[None]
         step = self._advance(actions)
         info: dict[str, Any] = {

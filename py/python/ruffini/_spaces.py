@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium.error import ClosedEnvironmentError
 from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 
 from ruffini._core import Batch
+from ruffini._schema import SETTINGS
 
 Observation = NDArray[np.float32] | dict[str, NDArray[np.float32]]
 """A flat vector, or one vector per channel."""
@@ -105,10 +108,29 @@ def check_writable(name: str, path: Path) -> None:
         path.unlink()
 
 
-def check_options(options: Any) -> None:
-    """Raise a ``ValueError`` unless `options` is a mapping or ``None``."""
+def check_options(options: Any, known: Sequence[str] = ()) -> None:
+    """Raise a ``ValueError`` unless `options` is ``None`` or a mapping of `known` names."""
     if options is not None and not isinstance(options, Mapping):
         raise ValueError(f"options: found {options!r}, expected a mapping or None")
+    for name in options or ():
+        if name not in known:
+            near = difflib.get_close_matches(str(name), [*known, *SETTINGS, "seed"], 1)
+            hint = f"; did you mean {near[0]!r}, {_place(near[0], known)}?" if near else ""
+            expected = f"one of {', '.join(known)}" if known else "none"
+            raise ValueError(f"options: found {name!r}, expected {expected}{hint}")
+
+
+def _place(name: str, known: Sequence[str]) -> str:
+    """Where an option or setting is given."""
+    if name in known:
+        return "an option"
+    return "an argument of reset" if name == "seed" else "a setting of the environment"
+
+
+def check_open(is_closed: bool, what: str) -> None:
+    """Raise gymnasium's error if an environment is closed and `what` was asked of it."""
+    if is_closed:
+        raise ClosedEnvironmentError(f"{what}: found a closed environment, expected an open one")
 
 
 def as_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:

@@ -21,6 +21,7 @@ from ruffini._spaces import (
     Frame,
     as_actions,
     check_count,
+    check_open,
     check_options,
     check_seed,
 )
@@ -106,7 +107,8 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         leaves that row's random stream as it is. Rows that the mask excludes are not changed, even
         if a seed is given for them.
         """
-        check_options(options)
+        check_open(self.closed, "reset")
+        check_options(options, ["reset_mask"])
         seeds = self._seeds(seed)
         mask = None if options is None else self._mask(options.get("reset_mask"))
         if isinstance(seed, (int, np.integer)):
@@ -151,6 +153,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         With ``NextStep``, a row whose episode ended in the previous step starts the next episode
         instead: it has a reward of 0 and no info.
         """
+        check_open(self.closed, "step")
         actions = as_actions(actions, (self.num_envs, ACTION_SIZE))
         step = self._advance(actions)
         terminated, truncated = step.terminated, step.truncated

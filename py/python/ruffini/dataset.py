@@ -21,18 +21,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini import _distributions
-from ruffini._core import TetMesh, dataset_shards, generate_dataset
+from ruffini._core import TetMesh, dataset_shards, estimate_dataset, generate_dataset
 from ruffini._frames import Body, Finger, Frame, Pad, PressFrame, SoftFrame
 
 __all__ = [
     "Body",
     "Dataset",
+    "Estimate",
     "Finger",
     "Frame",
     "Pad",
     "PressFrame",
     "Progress",
     "SoftFrame",
+    "estimate",
     "generate",
     "open",
     "shards",
@@ -62,6 +64,31 @@ class Progress:
     """Size of the whole dataset if no grasp ends early."""
 
 
+@dataclass(frozen=True)
+class Estimate:
+    """Size and cost of a dataset, or of what is missing of one."""
+
+    grasps: int
+    """Grasps to solve."""
+    frames: int
+    """Frames of these grasps if none ends early."""
+    bytes: int
+    """Their size on disk."""
+    seconds: float
+    """Processor time (s), right to a factor of about two."""
+
+
+def estimate(
+    folder: str | PathLike[str], config: str | PathLike[str] | None = None, **settings: Any
+) -> Estimate:
+    """Estimate what `generate` with the same arguments has to do; nothing is written.
+
+    Raises:
+        ValueError: If a setting is invalid.
+    """
+    return Estimate(*estimate_dataset(folder, config, json.dumps(settings)))
+
+
 def generate(
     folder: str | PathLike[str],
     config: str | PathLike[str] | None = None,
@@ -85,8 +112,8 @@ def generate(
             several processes; no manifest is written. A first call with an empty list creates the
             folder, a last call without this argument writes the manifest.
         watch: Called from another thread before the first grasp and after each; stops the
-            generation if it returns false. A stop, Ctrl-C included, waits for the grasps being
-            solved.
+            generation if it returns false, after the grasps being solved. Ctrl-C ends these at
+            once; the next call solves them anew.
         settings: Settings that replace those of the file: ``objects=2, grasps=1``.
 
     Raises:
@@ -233,19 +260,33 @@ class Dataset:
         [plan] = [entry["plan"] for entry in entries if entry["plan"]["name"] == grasp]
         return dict(plan)
 
+    def defects(self) -> list[str]:
+        """Files that are missing, truncated, damaged, foreign or hold NaN, one line each."""
+        listed = {shard["file"]: shard for shard in self.manifest["shards"]}
+        lying = {f"shards/{path.name}" for path in (self.path / "shards").glob("*")}
+        found = [f"{self.path / file}: not of this dataset" for file in sorted(lying - {*listed})]
+        for file, shard in listed.items():
+            path = self.path / file
+            if file not in lying:
+                found.append(f"{path}: missing")
+                continue
+            data = path.read_bytes()
+            if len(data) < shard["bytes"]:
+                found.append(f"{path}: truncated, {len(data)} of {shard['bytes']} bytes")
+            elif (digest := hashlib.sha256(data).hexdigest()) != shard["sha256"]:
+                found.append(f"{path}: damaged, SHA-256 {digest}, expected {shard['sha256']}")
+            elif name := _not_finite(self._tensors(file)):
+                found.append(f"{path}: {name} holds NaN or infinite numbers")
+        return found
+
     def verify(self) -> None:
-        """Compare every shard with its hash in the manifest.
+        """Check every shard against its hash in the manifest, and that its numbers are finite.
 
         Raises:
-            ValueError: If one is missing or damaged.
+            ValueError: If there are `defects`; it names the files.
         """
-        for shard in self.manifest["shards"]:
-            path = self.path / shard["file"]
-            if not path.is_file():
-                raise ValueError(f"{path}: missing")
-            found = hashlib.sha256(path.read_bytes()).hexdigest()
-            if found != shard["sha256"]:
-                raise ValueError(f"{path}: found SHA-256 {found}, expected {shard['sha256']}")
+        if found := self.defects():
+            raise ValueError("\n  ".join([f"{self.path}: {len(found)} defects", *found]))
 
     def _open(self, file: str) -> Any:
         try:
@@ -326,6 +367,15 @@ def open(path: str | PathLike[str]) -> Dataset:
         ValueError: If there is none.
     """
     return Dataset(path)
+
+
+def _not_finite(tensors: Any) -> str | None:
+    """Name of a tensor with numbers that are not finite, if there is one."""
+    for name in tensors.keys():  # noqa: SIM118, what is open is no dictionary
+        values = tensors.get_tensor(name)
+        if values.dtype.kind == "f" and not np.isfinite(values).all():
+            return str(name)
+    return None
 
 
 def _number(grasp: str) -> str:

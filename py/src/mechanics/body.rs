@@ -141,9 +141,7 @@ fn pad(
     nodes: usize,
     around: Option<&[[f64; 3]]>,
 ) -> Result<deformation::SoftBody> {
-    let path = std::path::Path::new(name);
-    let is_file = path.extension().is_some_and(|extension| extension == "toml");
-    let sensor = if is_file { Sensor::read(path)? } else { Sensor::named(name)? };
+    let sensor = Sensor::open(name)?;
     let gel = match calibration {
         Some(name) => sensor.calibration(name)?,
         None => &sensor.calibrations[0],

@@ -9,7 +9,7 @@ use super::{
     arrays::{refused, vector},
     press,
 };
-use crate::error::press_error;
+use crate::{error::press_error, signals::interruptible};
 
 const PAIR: &str = "poses of two pads, each (position (3,), quaternion xyzw (4,))";
 
@@ -69,7 +69,7 @@ impl Grasp {
         pads: (Bound<'py, Fem>, Bound<'py, Fem>),
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let (left, right) = (pads.0.get().copy(), pads.1.get().copy());
-        let frames = py.detach(|| self.inner.solve([&left, &right]));
+        let frames = interruptible(py, || self.inner.solve([&left, &right]))?;
         frames.into_iter().map(|frame| slot(py, frame)).collect()
     }
 
@@ -104,7 +104,7 @@ impl Grasped {
 fn slot(py: Python<'_>, frame: Result<fem::Grasped>) -> PyResult<Bound<'_, PyAny>> {
     let fem::Grasped { pads: [left, right], object, residual, seconds } = match frame {
         Ok(grasped) => grasped,
-        Err(error) => return press_error(py, &error),
+        Err(error) => return press_error(py, &error, None),
     };
     let pad = |found| Py::new(py, Deformation::of(py, found, Vec::new(), true)?);
     let pads = (pad(left)?, pad(right)?);

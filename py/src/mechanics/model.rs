@@ -5,19 +5,25 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
+use nalgebra::Isometry3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use ruffini_core::{
     Error, Result, compliance,
-    deformation::{self, DeformationModel},
+    deformation::{self, DeformationModel, Drive},
     fem,
+    geometry::Shape,
+    interrupt::Interrupt,
 };
 
 use super::{
     Deformation, History, Press, SoftBody, TetMesh, arrays::array_of_vectors, pool::pool,
     press::one_or_many,
 };
-use crate::error::{press_error, python_error};
+use crate::{
+    error::{press_error, python_error},
+    signals::interruptible,
+};
 
 /// Displacement (V, 3) and stress (T,) of a mesh.
 type Fields<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
@@ -80,7 +86,7 @@ impl Fem {
         py: Python<'py>,
         presses: &Bound<'py, PyAny>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        solve(py, &self.model, presses)
+        solve(py, &self.model, &self.body, presses)
     }
 
     /// Solves every frame of one press, in order.
@@ -89,7 +95,7 @@ impl Fem {
     ///     A list with a Deformation for each frame of the path, or one for a press with a force.
     ///     It ends early with a PressError at the first frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        solve_path(py, &self.model, press)
+        solve_path(py, &self.model, &self.body, press)
     }
 
     /// Evaluates the fields of a solution on another mesh of the body (V' vertices, T' tetrahedra),
@@ -222,7 +228,7 @@ impl Compliance {
         py: Python<'py>,
         presses: &Bound<'py, PyAny>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        solve(py, &self.model, presses)
+        solve(py, &self.model, &self.body, presses)
     }
 
     /// Solves every frame of one press, in order, as Fem.solve_path.
@@ -231,7 +237,7 @@ impl Compliance {
     ///     A list with a Deformation for each frame. It ends early with a PressError at the first
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        solve_path(py, &self.model, press)
+        solve_path(py, &self.model, &self.body, press)
     }
 }
 
@@ -239,29 +245,31 @@ impl Compliance {
 pub(super) fn solve<'py, M: DeformationModel>(
     py: Python<'py>,
     model: &Mutex<M>,
+    body: &Py<SoftBody>,
     presses: &Bound<'py, PyAny>,
 ) -> PyResult<Vec<Bound<'py, PyAny>>> {
     let (presses, _) = one_or_many::<Press>("presses", "Press", presses)?;
     let questions: Vec<_> = presses.iter().map(|press| press.get().inner.clone()).collect();
     let pool = pool()?;
-    let answers = py.detach(|| {
+    let answers = interruptible(py, || {
         // Locked before the pool is entered: a thread of the pool that waits for the lock could
         // take up the work of another caller.
-        let model = &mut *locked(model);
-        pool.install(|| model.solve(&questions))
-    });
+        let (model, interrupt) = (&mut *locked(model), Interrupt::current());
+        pool.install(|| interrupt.during(|| model.solve(&questions)))
+    })?;
     let slots = answers.into_iter().zip(&presses);
-    slots.map(|(found, press)| answer(py, found, press.get())).collect()
+    slots.map(|(found, press)| answer(py, found, press.get(), body)).collect()
 }
 
 /// Solves every frame of `press` by `model`.
 pub(super) fn solve_path<'py, M: DeformationModel>(
     py: Python<'py>,
     model: &Mutex<M>,
+    body: &Py<SoftBody>,
     press: &Press,
 ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-    let frames = py.detach(|| locked(model).solve_path(&press.inner));
-    frames.into_iter().map(|frame| answer(py, frame, press)).collect()
+    let frames = interruptible(py, || locked(model).solve_path(&press.inner))?;
+    frames.into_iter().map(|frame| answer(py, frame, press, body)).collect()
 }
 
 /// Locks the model, even after a panic: models keep no state between presses.
@@ -269,17 +277,57 @@ pub(super) fn locked<M>(model: &Mutex<M>) -> MutexGuard<'_, M> {
     model.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Converts the solution of `press`, or the error in its place.
+/// Converts the solution of `press` of `body`, or the error in its place.
 pub(super) fn answer<'py>(
     py: Python<'py>,
     found: Result<deformation::Deformation>,
     press: &Press,
+    body: &Py<SoftBody>,
 ) -> PyResult<Bound<'py, PyAny>> {
     match found {
         Ok(found) => {
             let shapes = press.inner.shapes().to_vec();
             Ok(Bound::new(py, Deformation::of(py, found, shapes, press.single)?)?.into_any())
         }
-        Err(error) => press_error(py, &error),
+        Err(error) => {
+            let unsolved = matches!(
+                error,
+                Error::Penetrated { .. } | Error::Inverted | Error::NotConverged { .. }
+            );
+            let hint = if unsolved { too_deep(&press.inner, &body.get().inner) } else { None };
+            press_error(py, &error, hint.as_deref())
+        }
     }
 }
+
+/// Says how deep the path of `press` ends, if that is past the held nodes of `body`.
+fn too_deep(press: &deformation::Press, body: &deformation::SoftBody) -> Option<String> {
+    let Drive::Translation { path } = press.drive() else { return None };
+    let vertices = &body.mesh().vertices;
+    let held = || body.fixed().iter().map(|&node| &vertices[node as usize]);
+    let depth = |(shape, pose): (&Shape, &Isometry3<f64>)| {
+        let depths =
+            held().map(|place| -shape.distance(&pose.inverse_transform_point(place)).value);
+        depths.fold(0.0, f64::max)
+    };
+    let past = press.shapes().iter().zip(path.last()?).map(depth).fold(0.0, f64::max);
+    if past < PAST {
+        return None;
+    }
+    // The base of a pad is flat and at its bottom.
+    let ends = |heights: &mut dyn Iterator<Item = f64>| {
+        heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], z| [a.min(z), b.max(z)])
+    };
+    let [bottom, top] = ends(&mut vertices.iter().map(|place| place.z));
+    let [low, high] = ends(&mut held().map(|place| place.z));
+    let thick = top - bottom;
+    let (past, deep, thick) = (1e3 * past, 1e3 * (thick + past), 1e3 * thick);
+    Some(if high - low < PAST && low - bottom < PAST {
+        format!("the path ends {deep:.2} mm deep in a gel of {thick:.2} mm")
+    } else {
+        format!("the path ends {past:.2} mm inside what holds the body")
+    })
+}
+
+/// Depth in the held nodes from which on it is named (m).
+const PAST: f64 = 1e-5;

@@ -176,6 +176,6 @@ fn answer(py: Python<'_>, found: Result<paper::PaperAnswer>) -> PyResult<Bound<'
             };
             Ok(Bound::new(py, answer)?.into_any())
         }
-        Err(error) => press_error(py, &error),
+        Err(error) => press_error(py, &error, None),
     }
 }

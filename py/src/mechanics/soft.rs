@@ -10,7 +10,7 @@ use super::{
     arrays::vectors,
     model::{answer, locked, solve},
 };
-use crate::error::python_error;
+use crate::{error::python_error, signals::interruptible};
 
 /// Graph network that corrects a linear solution of a soft object between two rigid fingers.
 ///
@@ -84,7 +84,7 @@ impl SoftSurrogate {
         py: Python<'py>,
         presses: &Bound<'py, PyAny>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        solve(py, &self.model, presses)
+        solve(py, &self.model, &self.body, presses)
     }
 
     /// Solves every frame of one press, in order, as Fem.solve_path.
@@ -93,8 +93,8 @@ impl SoftSurrogate {
     ///     A list with a Deformation for each frame. It ends early with a PressError at the first
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let frames = py.detach(|| locked(&self.model).solve_path(&press.inner));
-        frames.into_iter().map(|frame| answer(py, frame, press)).collect()
+        let frames = interruptible(py, || locked(&self.model).solve_path(&press.inner))?;
+        frames.into_iter().map(|frame| answer(py, frame, press, &self.body)).collect()
     }
 
     /// Returns whether displacement, Poisson's ratio and friction of a solution of this network lie

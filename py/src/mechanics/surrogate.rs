@@ -1,9 +1,6 @@
 //! Trained network for pads as a model of presses.
 
-use std::{
-    path::{Path, PathBuf},
-    sync::Mutex,
-};
+use std::{path::PathBuf, sync::Mutex};
 
 use pyo3::prelude::*;
 use ruffini_core::{Result, deformation::Moduli, sensor::Sensor, surrogate};
@@ -13,7 +10,7 @@ use super::{
     arrays::vectors,
     model::{answer, locked, solve, solve_path},
 };
-use crate::error::python_error;
+use crate::{error::python_error, signals::interruptible};
 
 /// Graph network that corrects a linear solution, to approximate fine finite elements in less time.
 ///
@@ -101,7 +98,7 @@ impl LinearPad {
         py: Python<'py>,
         presses: &Bound<'py, PyAny>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        solve(py, &self.model, presses)
+        solve(py, &self.model, &self.body, presses)
     }
 
     /// Solves every frame of one press, in order, as Fem.solve_path.
@@ -110,7 +107,7 @@ impl LinearPad {
     ///     A list with a Deformation for each frame. It ends early with a PressError at the first
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        solve_path(py, &self.model, press)
+        solve_path(py, &self.model, &self.body, press)
     }
 }
 
@@ -198,7 +195,7 @@ impl Surrogate {
         py: Python<'py>,
         presses: &Bound<'py, PyAny>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        solve(py, &self.model, presses)
+        solve(py, &self.model, &self.body, presses)
     }
 
     /// Solves every frame of one press, in order, as Fem.solve_path.
@@ -207,8 +204,8 @@ impl Surrogate {
     ///     A list with a Deformation for each frame. It ends early with a PressError at the first
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let frames = py.detach(|| locked(&self.model).solve_path(&press.inner));
-        frames.into_iter().map(|frame| answer(py, frame, press)).collect()
+        let frames = interruptible(py, || locked(&self.model).solve_path(&press.inner))?;
+        frames.into_iter().map(|frame| answer(py, frame, press, &self.body)).collect()
     }
 
     /// Returns whether a solution of this network is like its training data.
@@ -239,9 +236,7 @@ impl Gel {
         calibration: Option<&str>,
         [young, poisson, friction]: [Option<f64>; 3],
     ) -> Result<Self> {
-        let path = Path::new(name);
-        let is_file = path.extension().is_some_and(|extension| extension == "toml");
-        let sensor = if is_file { Sensor::read(path)? } else { Sensor::named(name)? };
+        let sensor = Sensor::open(name)?;
         let known = match calibration {
             Some(name) => sensor.calibration(name)?,
             None => &sensor.calibrations[0],

@@ -113,7 +113,10 @@ impl<'a> NodalLoadStepping<'a> {
             Some(history) => recalled(levels, history)?,
             None => NodalState {
                 level: levels.len() - 1,
-                poses: backed_off(shapes, press.drive().first(), &skin.points, &skin.places),
+                poses: {
+                    let (first, mesh) = (press.drive().first(), skin.condensed.body.mesh());
+                    backed_off(shapes, first, &skin.points, &skin.places, mesh)
+                },
                 held: Vec::new(),
                 wrench: Wrench::default(),
                 amplitude: 0.0,

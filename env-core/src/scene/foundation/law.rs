@@ -5,12 +5,12 @@
 //! 2 q k E Σ^(q−1) δ/h. With q = 1 this is Winkler's foundation. With q < 1 a large contact is
 //! softer than the sum of its parts, as on a half-space; with q > 1 it is stiffer, as on a thin
 //! incompressible layer. For a sphere of radius R the force is proportional to R^q δ^(3q−1).
-//! Sideways, the contact area A has the stiffness t E h (A/h²)^s, distributed by area. [`Bristles`]
-//! holds k, q, t and s as `normal`, `coupling`, `shear` and `spread`.
+//! Sideways, the contact area A has the stiffness t E h (A/h²)^s, distributed by area.
+//! [`ElasticFoundation`] holds k, q, t and s as `normal`, `coupling`, `shear` and `spread`.
 
 use serde::{Deserialize, Serialize};
 
-use crate::{scene::SoftPads, sensor::Bristles};
+use crate::{scene::SoftPads, sensor::ElasticFoundation};
 
 /// Lower bound of Σ and A/h², so that a point contact has a finite stiffness.
 const FAINTEST: f64 = 1e-9;
@@ -22,7 +22,7 @@ pub(super) struct FoundationLaw {
     pub(super) young: f64,
     /// Thickness of the gel (m).
     pub(super) thickness: f64,
-    pub(super) bristles: Bristles,
+    pub(super) coefficients: ElasticFoundation,
 }
 
 /// Depth of a bristle's cell inside the object, distributed evenly over `middle` ± `spread`.
@@ -73,20 +73,20 @@ impl Depth {
 
 impl FoundationLaw {
     pub(super) fn new(pads: &SoftPads) -> Self {
-        let SoftPads { outline, young, bristles } = *pads;
-        Self { young, thickness: outline.thickness, bristles }
+        let SoftPads { outline, young, foundation } = *pads;
+        Self { young, thickness: outline.thickness, coefficients: foundation }
     }
 
     /// Pressure per mean depth (Pa/m) for ∫ δ² dA = `squares` (m⁴).
     pub(super) fn foundation(&self, squares: f64) -> f64 {
-        let Bristles { normal, coupling: q, .. } = self.bristles;
+        let ElasticFoundation { normal, coupling: q, .. } = self.coefficients;
         let sum = (squares / self.thickness.powi(4)).max(FAINTEST);
         2.0 * q * normal * self.young / self.thickness * sum.powf(q - 1.0)
     }
 
     /// Traction per sideways motion (Pa/m) of a contact `area` (m²).
     pub(super) fn shear_foundation(&self, area: f64) -> f64 {
-        let Bristles { shear, spread, .. } = self.bristles;
+        let ElasticFoundation { shear, spread, .. } = self.coefficients;
         let size = (area / (self.thickness * self.thickness)).max(FAINTEST);
         shear * self.young / self.thickness * size.powf(spread - 1.0)
     }

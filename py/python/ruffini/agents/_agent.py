@@ -331,6 +331,8 @@ def _perceptron(name: str, widths: list[int]) -> dict[str, tuple[int, ...]]:
 
 def _check_card(card: Any, name: str) -> None:
     """Raise a ``ValueError`` unless `card` is complete and of format `FORMAT`."""
+    if isinstance(card, dict) and "variant" in card:
+        raise ValueError(f"{name}: found weights of {card['variant']}, expected those of an agent")
     if not isinstance(card, dict) or not isinstance(card.get("format"), int):
         raise ValueError(f"{name}: found no card, expected that of an agent of format {FORMAT}")
     if card["format"] != FORMAT:

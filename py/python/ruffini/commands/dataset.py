@@ -18,6 +18,9 @@ _SETTINGS = {
     "frames": "frames of growing force in each grasp",
     "seed": "what objects and grasps are drawn from",
 }
+_MOST_BYTES = 2_000_000_000
+_MOST_HOURS = 4
+"""Size and processor time from which on a generation asks first."""
 
 
 def add_to(commands: Any) -> None:
@@ -29,8 +32,8 @@ def add_to(commands: Any) -> None:
     maker = parts.add_parser(
         "generate",
         help="solve grasps and store them",
-        description="Solves grasps by finite elements. Stopped with Ctrl-C, it ends with the "
-        "grasps being solved; after that or a kill the same command goes on with what is missing.",
+        description="Solves grasps by finite elements. After Ctrl-C, which drops the grasps being "
+        "solved, or a kill the same command goes on with what is missing.",
     )
     maker.add_argument("folder", help="where the dataset is made")
     maker.add_argument("--config", help=".toml file; the paper's configuration if not given")
@@ -43,9 +46,19 @@ def add_to(commands: Any) -> None:
         "size on one pad; as configured if not given",
     )
     maker.add_argument("--threads", type=int, help="threads; one a core if not given")
+    maker.add_argument(
+        "--yes",
+        action="store_true",
+        help=f"do not ask before more than {_size(_MOST_BYTES)} or {_MOST_HOURS} processor hours",
+    )
     maker.add_argument("--commit", default="", help="commit of ruffini, for the manifest")
     maker.set_defaults(run=_generate)
-    viewer = parts.add_parser("inspect", help="say what a finished dataset holds")
+    viewer = parts.add_parser(
+        "inspect",
+        help="say what a finished dataset holds, and check its files",
+        description="Checks every shard against its hash, and for numbers that are not finite, and "
+        "says what the dataset holds. Exit status 2 if a file is missing, damaged or foreign.",
+    )
     viewer.add_argument("folder", help="the dataset")
     viewer.set_defaults(run=_inspect)
     artist = parts.add_parser("plot", help="draw distributions by family of objects")
@@ -61,15 +74,37 @@ def add_to(commands: Any) -> None:
 
 def _generate(options: argparse.Namespace) -> None:
     given = {name: getattr(options, name) for name in (*_SETTINGS, "scenario")}
+    given = {name: value for name, value in given.items() if value is not None}
+    if not options.yes:
+        _confirm(dataset.estimate(options.folder, options.config, **given))
     dataset.generate(
         options.folder,
         options.config,
         threads=options.threads,
         commit=options.commit,
         watch=_Line(options.folder),
-        **{name: value for name, value in given.items() if value is not None},
+        **given,
     )
     _inspect(options)
+
+
+def _confirm(found: dataset.Estimate) -> None:
+    """Ask before a long generation.
+
+    Raises:
+        ValueError: If the answer is no, or there is no terminal to ask at.
+    """
+    hours = found.seconds / 3600
+    if found.bytes <= _MOST_BYTES and hours <= _MOST_HOURS:
+        return
+    what = (
+        f"{found.grasps} grasps with {found.frames} frames take about {_size(found.bytes)} on disk "
+        f"and {hours:.0f} hours of one core"
+    )
+    if sys.stdin is None or not sys.stdin.isatty():
+        raise ValueError(f"{what}: expected --yes, or fewer --objects, --grasps or --frames")
+    if input(f"{what}. Go on? [y/N] ").strip().lower() not in ("y", "yes"):
+        raise ValueError("nothing was made")
 
 
 class _Line:
@@ -120,6 +155,7 @@ def _held_out(grasps: int) -> str:
 
 def _inspect(options: argparse.Namespace) -> None:
     found = dataset.open(Path(options.folder))
+    found.verify()
     shards, unsolved = found.manifest["shards"], found.manifest["unsolved"]
     grasps = [grasp for shard in shards for grasp in shard["grasps"]]
     objects = {grasp["name"].split("/")[0] for grasp in grasps}

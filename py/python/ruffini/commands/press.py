@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ruffini import Deformation, Fem, History, Press, PressError, Shape, sensor
+from ruffini import Deformation, Fem, History, Press, PressError, Shape, TetMesh, sensor
 from ruffini.commands import shapes
 
 _STRIDE = 1e-4
@@ -38,6 +39,9 @@ def add_to(commands: Any) -> None:
     parser.add_argument("--friction", type=float, default=0.0, help="coefficient; 0 if not given")
     parser.add_argument("--element", default="p1-bar", help="p1, p1-bar (if not given) or p2")
     parser.add_argument("--out", help=".vtu or .npz file for the mesh and its fields")
+    parser.add_argument(
+        "--plot", type=Path, help=".png or .svg file for displacement, stress and the force curve"
+    )
     parser.set_defaults(run=run)
 
 
@@ -52,7 +56,10 @@ def run(options: argparse.Namespace) -> None:
     fem = Fem(body, friction=options.friction, element=options.element)
     shape = shapes.shape(options.shape)
     touch = touching_height(shape, body.mesh.vertices)
+    if options.plot is not None and options.plot.suffix not in (".png", ".svg"):
+        raise ValueError(f"plot: found {options.plot}, expected a name that ends in .png or .svg")
     if options.force is None:
+        _check_depth(options.depth, float(np.ptp(body.mesh.vertices[:, 2])))
         ways = _ways("depth", options.depth, 0.0)
         frames = _follow(fem, shape, np.array([0, 0, touch]) - np.outer(ways, [0, 0, 1]))
     else:
@@ -67,7 +74,16 @@ def run(options: argparse.Namespace) -> None:
     if options.out is not None:
         fields = ("displacement", "von_mises", "contact_force")
         body.mesh.write(options.out, {name: getattr(last, name) for name in fields})
+    if options.plot is not None:
+        _plot(body.mesh, frames, touch, options.plot)
     _report(frames, touch - reached[2])
+
+
+def _check_depth(depth: float, thickness: float) -> None:
+    """Refuse a press as deep as the gel is thick (m)."""
+    if depth >= thickness:
+        found, whole = (f"{1e3 * length:.4g} mm" for length in (depth, thickness))
+        raise ValueError(f"depth: found {found} into a gel of {whole}, expected less")
 
 
 def touching_height(shape: Shape, vertices: NDArray[np.float64]) -> float:
@@ -110,6 +126,45 @@ def _solved(frames: list[Deformation | PressError]) -> list[Deformation]:
         if isinstance(frame, PressError):
             raise frame
     return [frame for frame in frames if isinstance(frame, Deformation)]
+
+
+def _plot(mesh: TetMesh, frames: list[Deformation], touch: float, path: Path) -> None:
+    """Draw displacement and stress of the face in the last frame, and the force of all frames."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        text = 'pictures are drawn with matplotlib: pip install "ruffini[data]"'
+        raise ValueError(text) from error
+    last, vertices = frames[-1], mesh.vertices
+    # The stress of a vertex is the mean of its tetrahedra, and the face is what is seen from above.
+    count = np.bincount(mesh.tets.ravel(), minlength=len(vertices))
+    shares = np.bincount(mesh.tets.ravel(), np.repeat(last.von_mises, 4), len(vertices))
+    plan, columns = np.unique(vertices[:, :2].round(9), axis=0, return_inverse=True)
+    top = np.full(len(plan), -np.inf)
+    np.maximum.at(top, columns.ravel(), vertices[:, 2])
+    face = np.flatnonzero(vertices[:, 2] >= top[columns.ravel()] - 1e-9)
+    x, y = 1e3 * vertices[face, 0], 1e3 * vertices[face, 1]
+    figure = Figure(figsize=(12, 4), layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
+    fields = {
+        "displacement along z (mm)": (left, 1e3 * last.displacement[face, 2]),
+        "von Mises stress (kPa)": (middle, 1e-3 * (shares / count)[face]),
+    }
+    for name, (axes, values) in fields.items():
+        picture = axes.tricontourf(x, y, values, levels=20)
+        figure.colorbar(picture, ax=axes, label=name)
+        axes.set(xlabel="across, x (mm)", ylabel="along, y (mm)", aspect="equal")
+    poses = np.array([np.asarray(frame.pose[0], dtype=float) for frame in frames])
+    forces = np.array([frame.wrench[:3] for frame in frames])
+    way = np.abs(np.diff(poses, axis=0, prepend=[[*poses[0, :2], touch]])).sum(axis=1).cumsum()
+    right.plot(1e3 * way, -forces[:, 2], ".-", label="normal")
+    right.plot(1e3 * way, np.hypot(forces[:, 0], forces[:, 1]), ".-", label="tangential")
+    right.set(xlabel="way from the first touch (mm)", ylabel="force (N)")
+    right.legend()
+    try:
+        figure.savefig(path)
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from None
 
 
 def _report(frames: list[Deformation], indentation: float) -> None:

@@ -2,7 +2,10 @@
 //!
 //! A sensor is a TOML file that gives the source of every figure; the sensors in `assets/sensors`
 //! are built in and known by name. Published moduli of one gel differ by a factor of 1.4, so a
-//! sensor has several named calibrations.
+//! sensor has several named calibrations. [`fields`] lists what a file may hold, from which it is
+//! checked and a template is written.
+
+mod fields;
 
 use std::{fs, path::Path};
 
@@ -13,18 +16,23 @@ use crate::{
     geometry::{PadMesh, PadOutline},
 };
 
+#[cfg(test)]
+pub(crate) use fields::LAWS;
+pub use fields::template;
+
 const KNOWN: [(&str, &str); 2] = [
-    ("gelsight-mini", include_str!("../assets/sensors/gelsight-mini.toml")),
-    ("digit", include_str!("../assets/sensors/digit.toml")),
+    ("gelsight-mini", include_str!("../../assets/sensors/gelsight-mini.toml")),
+    ("digit", include_str!("../../assets/sensors/digit.toml")),
 ];
 
 /// A tactile sensor.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sensor {
     /// Name by which it is selected.
     pub name: String,
-    /// Description in one sentence.
+    /// Description in one sentence, or empty.
+    #[serde(default)]
     pub description: String,
     /// Undeformed gel pad.
     pub outline: PadOutline,
@@ -42,17 +50,18 @@ pub struct Sensor {
 }
 
 /// Properties of a gel that do not depend on its calibration.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gel {
     /// Density (kg/m³).
     pub density: f64,
-    /// Source of the figures.
+    /// Source of the figures, or empty.
+    #[serde(default)]
     pub source: String,
 }
 
 /// A material law fitted to a gel.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
     /// Name by which it is selected.
@@ -63,21 +72,24 @@ pub struct Calibration {
     pub poisson: f64,
     /// Name of the material law.
     pub law: String,
-    /// Source of the calibration.
+    /// Source of the calibration, or empty.
+    #[serde(default)]
     pub source: String,
-    /// Elastic foundation fitted to the finite-element model of the gel.
-    pub bristles: Bristles,
+    /// Elastic foundation fitted to the finite-element model of the gel; that of the `GelSight` Mini
+    /// if `None`.
+    #[serde(default)]
+    pub elastic_foundation: Option<ElasticFoundation>,
 }
 
 /// An elastic foundation of independent bristles that represents a gel of any Young's modulus E.
-/// `calibrate_bed` prints these coefficients.
+/// `scene::fit_foundation` finds these coefficients.
 ///
 /// With the gel's thickness h, the touched area A and Σ = ∫ δ² dA / h⁴, where δ is the depth of the
 /// undeformed face inside the object, the stored energy is `normal` E h³ Σ^`coupling`, and the
 /// stiffness against sideways motion is `shear` E h (A/h²)^`spread`.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
-pub struct Bristles {
+pub struct ElasticFoundation {
     /// Factor of the stored energy.
     pub normal: f64,
     /// Exponent of Σ in the stored energy.
@@ -89,7 +101,7 @@ pub struct Bristles {
 }
 
 /// Coulomb friction coefficients of a gel's skin.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Friction {
     /// Coefficient at rest.
@@ -98,12 +110,13 @@ pub struct Friction {
     /// Coefficient while sliding.
     #[serde(rename = "dynamic")]
     pub sliding: f64,
-    /// Source of the figures.
+    /// Source of the figures, or empty.
+    #[serde(default)]
     pub source: String,
 }
 
 /// A centred grid of markers on the face.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Markers {
     /// Markers in a row across (x).
@@ -112,19 +125,21 @@ pub struct Markers {
     pub along: u32,
     /// Distance between neighbours (m).
     pub pitch: f64,
-    /// Source of the figures.
+    /// Source of the figures, or empty.
+    #[serde(default)]
     pub source: String,
 }
 
 /// A camera that looks at the face, its picture centred on the apex.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
     /// Pixels across (x) and along (y).
     pub pixels: [u32; 2],
     /// Size of a pixel on the face (m).
     pub pixel: f64,
-    /// Source of the figures.
+    /// Source of the figures, or empty.
+    #[serde(default)]
     pub source: String,
 }
 
@@ -152,6 +167,13 @@ impl Sensor {
         Self::parse(&shown, &text)
     }
 
+    /// Returns the built-in sensor `name`, or reads the file if `name` is the path of a .toml file.
+    pub fn open(name: &str) -> Result<Self> {
+        let path = Path::new(name);
+        let is_file = path.extension().is_some_and(|extension| extension == "toml");
+        if is_file { Self::read(path) } else { Self::named(name) }
+    }
+
     /// Returns the calibration `name`, or an error that lists the available ones.
     pub fn calibration(&self, name: &str) -> Result<&Calibration> {
         self.calibrations.iter().find(|c| c.name == name).ok_or_else(|| {
@@ -167,61 +189,34 @@ impl Sensor {
     }
 
     fn parse(path: &str, text: &str) -> Result<Self> {
-        let sensor: Self = toml::from_str(text)
-            .map_err(|e| Error::File { path: path.to_owned(), reason: e.to_string() })?;
-        sensor.validated()
+        fields::check(text)
+            .and_then(|()| toml::from_str::<Self>(text).map_err(|error| vec![error.to_string()]))
+            .and_then(Self::validated)
+            .map_err(|defects| Error::File { path: path.to_owned(), reason: defects.join("; ") })
     }
 
-    fn validated(self) -> Result<Self> {
-        self.outline.validated()?;
-        at_least(0.0, "gel.density", self.gel.density)?;
-        at_least(0.0, "friction.static", self.friction.at_rest)?;
-        at_least(0.0, "friction.dynamic", self.friction.sliding)?;
-        at_least(1e-7, "camera.pixel", self.camera.pixel)?;
-        if let Some(markers) = &self.markers {
-            at_least(1e-5, "markers.pitch", markers.pitch)?;
-        }
-        if self.calibrations.is_empty() {
-            return Err(Error::invalid("calibration", "none", "at least one"));
-        }
+    /// Returns this sensor, or what is wrong about values that depend on each other.
+    fn validated(self) -> std::result::Result<Self, Vec<String>> {
+        let mut defects = Vec::new();
+        defects.extend(
+            self.outline.validated().err().map(|error| error.within("outline").to_string()),
+        );
         for (i, calibration) in self.calibrations.iter().enumerate() {
-            at_least(1.0, "calibration.young", calibration.young)?;
-            calibration.bristles.validate()?;
-            if !(calibration.poisson > -1.0 && calibration.poisson < 0.5) {
-                let found = calibration.poisson;
-                return Err(Error::invalid("calibration.poisson", found, "above -1 and below 0.5"));
-            }
             if self.calibrations[..i].iter().any(|other| other.name == calibration.name) {
                 let found = format!("{} twice", calibration.name);
-                return Err(Error::invalid("calibration.name", found, "names that differ"));
+                let error = Error::invalid("calibration.name", found, "names that differ");
+                defects.push(error.to_string());
             }
         }
-        Ok(self)
+        if defects.is_empty() { Ok(self) } else { Err(defects) }
     }
 }
 
-impl Bristles {
-    fn validate(&self) -> Result<()> {
-        let numbers = [
-            ("bristles.normal", self.normal, 1e-3, 1e3),
-            ("bristles.coupling", self.coupling, 0.5, 2.0),
-            ("bristles.shear", self.shear, 1e-3, 1e3),
-            ("bristles.spread", self.spread, 0.5, 2.0),
-        ];
-        match numbers.into_iter().find(|(_, value, low, high)| !(low..=high).contains(&value)) {
-            Some((name, value, low, high)) => {
-                Err(Error::invalid(name, value, format!("{low} to {high}")))
-            }
-            None => Ok(()),
-        }
+impl Default for ElasticFoundation {
+    /// That of the `GelSight` Mini with its first calibration.
+    fn default() -> Self {
+        Self { normal: 1.667, coupling: 1.036, shear: 1.237, spread: 0.689 }
     }
-}
-
-fn at_least(least: f64, name: &str, value: f64) -> Result<()> {
-    if value.is_finite() && value >= least {
-        return Ok(());
-    }
-    Err(Error::invalid(name, value, format!("a finite number from {least} on")))
 }
 
 #[cfg(test)]
@@ -298,6 +293,7 @@ mod tests {
         assert!(message("thickness = 0.004", "thickness = 4").contains("thickness"));
         assert!(message("name = \"feats\"", "name = \"tacflex\"").contains("tacflex twice"));
         assert!(message("[gel]", "[jelly]").contains("mine.toml"));
+        assert!(message("elastic_foundation = {", "bristles = {").contains("unknown"));
         assert!(Sensor::read(Path::new("no-such.toml")).is_err());
     }
 }

@@ -1,28 +1,52 @@
-//! Fits the bristles of soft pads to finite elements: `calibrate_bed [SENSOR [NODES]]`.
+//! Fit of the elastic foundation of soft pads to finite elements.
 //!
-//! The pad of every calibration of the sensor is pressed by balls, cylinders and blocks, 0.1 to 1
-//! mm deep, with a friction coefficient of 1, and sheared by a sideways motion of 0.05 mm. The four
-//! numbers of `bristles` minimise the squared logarithmic error of all forces. The errors are
-//! printed, followed by the line for `assets/sensors`.
+//! The pad is pressed by balls, cylinders and blocks, 0.1 to 1 mm deep (less if it is thinner than
+//! 3.5 mm), with a friction coefficient of 1, and sheared by a sideways motion of 0.05 mm. The four
+//! coefficients minimise the squared logarithmic error of all forces.
 
-use std::{env, f64::consts::FRAC_PI_2, process::ExitCode};
+use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use ruffini_core::{
+use rayon::prelude::*;
+
+use super::{ObjectModel, SoftPads};
+use crate::{
     Result,
     deformation::{Law, Moduli, Press, SoftBody},
     fem::{Fem, Options},
     geometry::Shape,
-    scene::{ObjectModel, SoftPads},
-    sensor::{Bristles, Calibration, Sensor},
+    interrupt::Interrupt,
+    sensor::{Calibration, ElasticFoundation, Sensor},
 };
 
 const MM: f64 = 1e-3;
 const FRICTION: f64 = 1.0;
+/// Thickness of pads that are pressed to all of [`DEPTHS`] (m); thinner ones less, in proportion.
+const THICKNESS: f64 = 3.5e-3;
 const DEPTHS: [f64; 6] = [0.1, 0.2, 0.3, 0.5, 0.7, 1.0];
 /// Depths at which the indenter is moved sideways (`SHEARED`), and the distance (`ASIDE`), in mm.
 const SHEARED: [f64; 2] = [0.3, 1.0];
 const ASIDE: f64 = 0.05;
+
+/// An elastic foundation, and how well it represents the finite elements.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FoundationFit {
+    /// Coefficients of least error.
+    pub foundation: ElasticFoundation,
+    /// Errors by indenter.
+    pub errors: Vec<FoundationError>,
+}
+
+/// Relative errors of the forces of an elastic foundation on one indenter.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FoundationError {
+    /// Name of the indenter.
+    pub indenter: &'static str,
+    /// Depths (m), and error of the normal force at each.
+    pub normal: Vec<[f64; 2]>,
+    /// Error of the tangential force at the third and at the last of these depths.
+    pub tangential: Vec<f64>,
+}
 
 /// Indenter and its orientation.
 struct Indenter {
@@ -31,6 +55,8 @@ struct Indenter {
     turn: UnitQuaternion<f64>,
     /// Distance from the origin of its frame down to its lowest point (m).
     reach: f64,
+    /// Length that stands for a millimetre of depth (m).
+    unit: f64,
 }
 
 /// Normal force at every depth, and tangential force after every sideways motion (N).
@@ -39,40 +65,38 @@ struct Curve {
     sideways: Vec<f64>,
 }
 
-fn main() -> ExitCode {
-    let arguments: Vec<String> = env::args().skip(1).collect();
-    let name = arguments.first().map_or("gelsight-mini", String::as_str);
-    let nodes = arguments.get(1).and_then(|n| n.parse().ok()).unwrap_or(3000);
-    match Sensor::named(name).and_then(|sensor| calibrate(&sensor, nodes)) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("{error}");
-            ExitCode::FAILURE
+/// Fits the elastic foundation of the pad of `sensor` with `calibration` to finite elements on a
+/// mesh of at most `nodes` nodes. Takes about a minute of processor time with 1,000 of them.
+/// Returns an error if an indenter's press is not solved.
+pub fn fit_foundation(
+    sensor: &Sensor,
+    calibration: &Calibration,
+    nodes: usize,
+) -> Result<FoundationFit> {
+    let unit = MM * (sensor.outline.thickness / THICKNESS).min(1.0);
+    let indenters = indenters(unit)?;
+    let fem = pad(sensor, calibration, nodes)?;
+    let interrupt = Interrupt::current();
+    let of_fem = |indenter| interrupt.during(|| of_fem(&fem, indenter));
+    let truth: Vec<_> = indenters.par_iter().map(of_fem).collect::<Result<_>>()?;
+    let fitted = fit(&indenters, &truth, SoftPads::new(sensor, calibration));
+    let error = |(indenter, truth): (&Indenter, &Curve)| {
+        let found = of_foundation(&fitted, indenter);
+        let relative = |a: &[f64], b: &[f64]| -> Vec<f64> {
+            a.iter().zip(b).map(|(a, b)| a / b - 1.0).collect()
+        };
+        let normal = relative(&found.normal, &truth.normal);
+        FoundationError {
+            indenter: indenter.name,
+            normal: DEPTHS.into_iter().zip(normal).map(|(d, e)| [d * unit, e]).collect(),
+            tangential: relative(&found.sideways, &truth.sideways),
         }
-    }
+    };
+    let errors = indenters.iter().zip(&truth).map(error).collect();
+    Ok(FoundationFit { foundation: fitted.foundation, errors })
 }
 
-fn calibrate(sensor: &Sensor, nodes: usize) -> Result<()> {
-    let indenters = indenters()?;
-    for calibration in &sensor.calibrations {
-        let fem = pad(sensor, calibration, nodes)?;
-        let truth: Vec<Curve> = indenters.iter().map(|i| of_fem(&fem, i)).collect::<Result<_>>()?;
-        let start = SoftPads::new(sensor, calibration);
-        let fitted = fit(&indenters, &truth, start);
-        println!("{} {}, {nodes} nodes: error of the bed (%)", sensor.name, calibration.name);
-        for (indenter, truth) in indenters.iter().zip(&truth) {
-            print_errors(indenter.name, &of_bed(&fitted, indenter), truth);
-        }
-        let Bristles { normal, coupling, shear, spread } = fitted.bristles;
-        println!(
-            "bristles = {{ normal = {normal:.3}, coupling = {coupling:.3}, \
-             shear = {shear:.3}, spread = {spread:.3} }}"
-        );
-    }
-    Ok(())
-}
-
-fn indenters() -> Result<Vec<Indenter>> {
+fn indenters(unit: f64) -> Result<Vec<Indenter>> {
     let upright = UnitQuaternion::identity();
     let along = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
     let across = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2);
@@ -93,16 +117,16 @@ fn indenters() -> Result<Vec<Indenter>> {
         ("block, 30 × 40 mm", block(15.0, 20.0, 15.0)),
     ];
     let indenter = |(name, (shape, turn, reach)): (&'static str, (Shape, _, f64))| {
-        Ok(Indenter { name, object: ObjectModel::new(shape)?, turn, reach: reach * MM })
+        Ok(Indenter { name, object: ObjectModel::new(shape)?, turn, reach: reach * MM, unit })
     };
     all.into_iter().map(indenter).collect()
 }
 
 impl Indenter {
-    /// Poses that lead down to `depth` (mm) through the smaller depths, then sideways.
+    /// Poses that lead down to `depth` through the smaller depths, then sideways.
     fn path(&self, depth: f64) -> Vec<Isometry3<f64>> {
         let at = |x: f64, depth: f64| {
-            let place = Vector3::new(x * MM, 0.0, self.reach - depth * MM);
+            let place = Vector3::new(x * self.unit, 0.0, self.reach - depth * self.unit);
             Isometry3::from_parts(place.into(), self.turn)
         };
         let down = DEPTHS.into_iter().filter(|d| *d <= depth).map(|d| at(0.0, d));
@@ -141,33 +165,34 @@ fn of_fem(fem: &Fem, indenter: &Indenter) -> Result<Curve> {
     })
 }
 
-fn of_bed(pads: &SoftPads, indenter: &Indenter) -> Curve {
+fn of_foundation(pads: &SoftPads, indenter: &Indenter) -> Curve {
     let curve = indenter.curve(|path| {
         let wrenches = pads.wrenches(&indenter.object, FRICTION, path);
         Ok(wrenches.into_iter().map(|wrench| wrench.force).collect())
     });
-    curve.expect("a bed always answers")
+    curve.expect("a foundation always answers")
 }
 
-/// Sum of squared logarithmic errors. The normal force at 0.1 mm counts a third: there a depth
-/// error of 10 µm, irrelevant to a grasp, changes the force by a fifth.
-fn misfit(bed: &Curve, truth: &Curve) -> f64 {
-    let error = |(a, b): (&f64, &f64)| (a.max(1e-9) / b).ln().powi(2);
-    let normal = bed.normal.iter().zip(&truth.normal).map(error).enumerate();
-    let sideways = bed.sideways.iter().zip(&truth.sideways).map(error);
+/// Sum of squared logarithmic errors. The normal force at the least depth counts a third: there a
+/// depth error of 10 µm, irrelevant to a grasp, changes the force by a fifth.
+fn misfit(foundation: &Curve, truth: &Curve) -> f64 {
+    let error = |(a, b): (&f64, &f64)| (a.max(1e-9) / b.max(1e-9)).ln().powi(2);
+    let normal = foundation.normal.iter().zip(&truth.normal).map(error).enumerate();
+    let sideways = foundation.sideways.iter().zip(&truth.sideways).map(error);
     normal.map(|(i, e)| if i == 0 { e / 3.0 } else { e }).sum::<f64>() + sideways.sum::<f64>()
 }
 
-/// Finds the bristles of least misfit by pattern search.
+/// Finds the foundation of least misfit by pattern search.
 fn fit(indenters: &[Indenter], truth: &[Curve], start: SoftPads) -> SoftPads {
     let with = |x: &[f64; 4]| {
         let [normal, coupling, shear, spread] = *x;
         let (normal, shear) = (normal.exp(), shear.exp());
-        SoftPads { bristles: Bristles { normal, coupling, shear, spread }, ..start }
+        SoftPads { foundation: ElasticFoundation { normal, coupling, shear, spread }, ..start }
     };
     let loss = |x: &[f64; 4]| {
         let pads = with(x);
-        indenters.iter().zip(truth).map(|(i, t)| misfit(&of_bed(&pads, i), t)).sum::<f64>()
+        let pairs = indenters.iter().zip(truth);
+        pairs.map(|(i, t)| misfit(&of_foundation(&pads, i), t)).sum::<f64>()
     };
     let mut best = [0.0, 1.0, 0.0, 0.8];
     let (mut least, mut step) = (loss(&best), 0.1);
@@ -190,17 +215,4 @@ fn fit(indenters: &[Indenter], truth: &[Curve], start: SoftPads) -> SoftPads {
         }
     }
     with(&best)
-}
-
-fn print_errors(name: &str, bed: &Curve, truth: &Curve) {
-    print!("  {name:18}");
-    for (i, depth) in DEPTHS.iter().enumerate() {
-        let error = 100.0 * (bed.normal[i] / truth.normal[i] - 1.0);
-        print!("  {depth} mm {:7.3} N {error:+4.0}", truth.normal[i]);
-    }
-    for (i, depth) in SHEARED.iter().enumerate() {
-        let error = 100.0 * (bed.sideways[i] / truth.sideways[i] - 1.0);
-        print!("  aside at {depth} mm {:6.3} N {error:+4.0}", truth.sideways[i]);
-    }
-    println!();
 }

@@ -1,0 +1,105 @@
+"""``ruffini mesh``: whether a mesh file can be an object, and repair of small defects."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ruffini import Shape
+
+_LARGE = 1.0
+"""Size from which on a file is likely to be in millimetres (m)."""
+
+
+def add_to(commands: Any) -> None:
+    """Add the subcommand to the parser."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "mesh",
+        help="say whether a mesh file can be an object, and repair it",
+        description="Says how large the solid in a mesh file is and whether its surface is closed. "
+        'With --repair, small defects are mended by trimesh: pip install "ruffini[mesh]".',
+    )
+    parser.add_argument("file", type=Path, help="the .obj or .stl file")
+    parser.add_argument(
+        "--scale", type=float, default=1.0, help="length of its unit (m); 1 if not given"
+    )
+    parser.add_argument(
+        "--repair", type=Path, metavar="OUT", help=".obj or .stl file for the mended mesh"
+    )
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> None:
+    file = options.file
+    if options.repair is not None:
+        print(*_repair(file, options.repair), sep="\n")
+        file = options.repair
+    Shape.read(file, options.scale)
+    mesh = _load(file)
+    extents = options.scale * mesh.extents
+    print(f"{'size':<12} {' x '.join(f'{1e3 * extent:.4g}' for extent in extents)} mm")
+    print(f"{'volume':<12} {1e6 * options.scale**3 * mesh.volume:.4g} cm³")
+    print(f"{'triangles':<12} {len(mesh.faces)}, closed")
+    if extents.max() > _LARGE:
+        print(f"{'unit':<12} likely millimetres: give a scale of {1e-3 * options.scale:g}")
+
+
+def _load(file: Path) -> Any:
+    """Mesh in a file, coincident vertices merged.
+
+    Raises:
+        ValueError: If it cannot be read, or trimesh is not installed.
+    """
+    try:
+        import trimesh
+    except ImportError as error:
+        raise ValueError('this command needs trimesh: pip install "ruffini[mesh]"') from error
+    try:
+        mesh = trimesh.load(file, force="mesh", process=False)
+    except Exception as error:  # Each of trimesh's readers raises errors of its own.
+        raise ValueError(f"{file}: {error}") from error
+    return mesh
+
+
+def _repair(file: Path, out: Path) -> list[str]:
+    """Write the mended mesh; return what was changed.
+
+    Raises:
+        ValueError: If the file cannot be read, or holes are left.
+    """
+    if out.suffix.lower() not in (".obj", ".stl"):
+        raise ValueError(f"repair: found {out}, expected a name that ends in .obj or .stl")
+    mesh = _load(file)
+    said = []
+
+    def change(name: str, work: Any) -> None:
+        before = len(mesh.vertices), len(mesh.faces)
+        work()
+        after = len(mesh.vertices), len(mesh.faces)
+        if before != after:
+            changes = [
+                f"{new - old:+d} {what}"
+                for old, new, what in zip(before, after, ("vertices", "triangles"), strict=True)
+                if old != new
+            ]
+            said.append(f"{name}: {', '.join(changes)}")
+
+    change(
+        "coincident vertices merged", lambda: mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    )
+    change("flat triangles removed", lambda: mesh.update_faces(mesh.nondegenerate_faces()))
+    change("double triangles removed", lambda: mesh.update_faces(mesh.unique_faces()))
+    change("holes closed", mesh.fill_holes)
+    change("unused vertices removed", mesh.remove_unreferenced_vertices)
+    faces = mesh.faces.copy()
+    mesh.fix_normals()
+    if turned := int((faces != mesh.faces).any(axis=1).sum()):
+        said.append(f"{turned} triangles turned")
+    if not mesh.is_watertight:
+        raise ValueError(
+            f"{file}: not watertight after repair, which closes holes of three and four edges; "
+            f"expected a closed surface"
+        )
+    mesh.export(out)
+    return [f"{'repaired':<12} {change}" for change in said or ["nothing to mend"]]

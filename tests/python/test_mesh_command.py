@@ -1,0 +1,50 @@
+"""`ruffini mesh`: whether a mesh can be an object, and its repair."""
+
+from __future__ import annotations
+
+import pytest
+
+from ruffini import Shape
+from ruffini.commands import main
+
+trimesh = pytest.importorskip("trimesh")
+
+
+@pytest.fixture
+def box():
+    return trimesh.creation.box((0.03, 0.03, 0.04))
+
+
+def test_a_closed_mesh_is_summed_up_and_millimetres_are_noticed(box, tmp_path, capsys):
+    good, large = tmp_path / "good.stl", tmp_path / "large.stl"
+    box.export(good)
+    assert main(["mesh", str(good)]) == 0
+    assert "30 x 30 x 40 mm" in capsys.readouterr().out
+    box.apply_scale(1000).export(large)
+    assert main(["mesh", str(large), "--scale", "0.001"]) == 0
+    assert "30 x 30 x 40 mm" in capsys.readouterr().out
+    with pytest.raises(ValueError, match=r"mesh size: found .*millimetres needs the scale 0.001"):
+        Shape.read(large)
+
+
+def test_a_hole_is_closed(box, tmp_path, capsys):
+    broken, mended = tmp_path / "broken.stl", tmp_path / "mended.stl"
+    faces = box.faces[1:].copy()
+    faces[3] = faces[3][::-1]
+    trimesh.Trimesh(box.vertices, faces, process=False).export(broken)
+    assert main(["mesh", str(broken)]) == 2
+    assert "not watertight" in capsys.readouterr().err
+    assert main(["mesh", str(broken), "--repair", str(mended)]) == 0
+    assert "holes closed: +1 triangles" in capsys.readouterr().out
+    assert abs(trimesh.load(mended, force="mesh").volume / 3.6e-5 - 1) < 1e-5
+
+
+def test_what_cannot_be_mended_is_refused(box, tmp_path, capsys):
+    broken, mended = tmp_path / "broken.stl", tmp_path / "mended.stl"
+    ball = trimesh.creation.icosphere(3, 0.02)
+    ball.update_faces(ball.triangles_center[:, 2] > 0)
+    ball.export(broken)
+    assert main(["mesh", str(broken), "--repair", str(mended)]) == 2
+    assert "not watertight after repair" in capsys.readouterr().err
+    assert not mended.exists()
+    assert main(["mesh", str(broken), "--repair", "mended.ply"]) == 2

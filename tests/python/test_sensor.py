@@ -1,0 +1,109 @@
+"""Sensors' files: the list, the template, what is wrong with one, the fit of its foundation."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import ruffini
+from ruffini._core import fit_foundation, read_sensor, sensor_names, sensor_template
+from ruffini.commands import main
+from ruffini.envs import GraspLiftEnv
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "my.toml"
+    assert main(["sensor", "template", "--out", str(path)]) == 0
+    return path
+
+
+def test_the_list_names_the_sensors_that_are_built_in(capsys):
+    assert main(["sensor", "list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == sensor_names()
+    assert "tacflex, feats" in lines[0]
+
+
+def test_the_template_is_a_sensor_as_it_is(file, capsys):
+    env = GraspLiftEnv(sensor=str(file), tactile="compliance", objects="sphere")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    assert main(["sensor", "template", "--out", str(file)]) == 2
+    assert "exists" in capsys.readouterr().err
+    main(["sensor", "template"])
+    assert capsys.readouterr().out == sensor_template() == file.read_text()
+
+
+def test_the_check_sums_a_sensor_up_and_draws_it(file, capsys):
+    picture = file.with_name("pad.png")
+    assert main(["sensor", "check", str(file), "--plot", str(picture)]) == 0
+    rows = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()[:-1])
+    assert rows["outline"] == "20.75 x 25.25 mm across and along, 4 mm thick"
+    assert "0.3 MPa" in rows["material"] and rows["foundation"].startswith("that of the GelSight")
+    ball = ruffini.Shape.sphere(4e-3)
+    body = ruffini.sensor(str(file), resolution=1000)
+    path = [((0, 0, 4e-3 - depth), (0, 0, 0, 1)) for depth in (2.5e-4, 5e-4)]
+    force = -ruffini.Fem(body).solve_path(ruffini.Press(ball, path))[-1].wrench[2]
+    # Three digits are printed, and the apex of the mesh is at z = 0.
+    assert abs(float(rows["stiffness"].split()[0]) / force - 1) < 0.01
+    assert rows["tactile"] == "surrogate, compliance, fem"
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_check_names_all_that_is_wrong_at_once(file, capsys):
+    text = file.read_text().replace("thickness =", "thicknes =").replace("0.47 ", "0.7 ")
+    file.write_text(text.replace("[gel]", "[jelly]"))
+    assert main(["sensor", "check", str(file)]) == 2
+    message = capsys.readouterr().err
+    for part in (
+        "my.toml: 5 entries are wrong",
+        "outline.thicknes: unknown, did you mean thickness?",
+        "outline.thickness: missing, expected 0.0001 to 1 m",
+        "calibration.poisson: found 0.7, expected 0 to",
+        "gel: missing, expected a table",
+        "jelly: unknown, expected",
+    ):
+        assert part in message, message
+    with pytest.raises(ValueError, match="did you mean thickness"):
+        ruffini.sensor(str(file))
+
+
+def test_a_pad_that_the_network_does_not_fit_is_told_which_would(file, capsys):
+    file.write_text(file.read_text().replace("thickness = 0.004", "thickness = 0.006"))
+    with pytest.raises(ValueError, match=r"6.0 mm thick.*a thickness of .* mm; \"compliance\""):
+        ruffini.Surrogate(str(file))
+    assert main(["sensor", "check", str(file)]) == 0
+    assert "compliance, fem; not surrogate" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["name = 3", "[[[", "outline = 1"])
+def test_files_of_something_else_are_refused(tmp_path, text, capsys):
+    path = tmp_path / "other.toml"
+    path.write_text(text)
+    assert main(["sensor", "check", str(path)]) == 2
+    assert str(path) in capsys.readouterr().err
+
+
+def test_the_fit_is_written_into_the_file(file, monkeypatch, capsys):
+    numbers = {"normal": 1.5, "coupling": 1.0, "shear": 1.2, "spread": 0.7}
+    errors = [{"indenter": "ball", "normal": [[1e-4, 0.1], [2e-4, -0.3]], "tangential": [0.2]}]
+
+    def fitted(name, calibration, nodes):
+        assert (name, calibration, nodes) == (str(file), "measured", 300)
+        return json.dumps({"foundation": numbers, "errors": errors})
+
+    monkeypatch.setattr("ruffini.commands.sensor.fit_foundation", fitted)
+    assert main(["sensor", "check", str(file), "--fit", "--nodes", "300"]) == 0
+    assert "30 % at most" in capsys.readouterr().out
+    [found] = json.loads(read_sensor(str(file)))["calibration"]
+    assert found["elastic_foundation"] == numbers
+
+
+def test_the_fit_of_the_shipped_sensor_is_found_again():
+    """On a coarse mesh, so that the numbers agree with those of the fine one to a fifth."""
+    found = json.loads(fit_foundation("gelsight-mini", "tacflex", 400))["foundation"]
+    shipped = json.loads(read_sensor("gelsight-mini"))["calibration"][0]["elastic_foundation"]
+    for name, value in shipped.items():
+        assert abs(found[name] / value - 1) < 0.2, f"{name}: {found[name]} against {value}"
