@@ -16,7 +16,8 @@ pub(super) struct TouchingCompliance {
     level: usize,
     /// Numbers of the nodes, ascending, each with the node's place in the rows (N).
     places: Vec<(u32, u32)>,
-    /// Displacement of the nodes under unit forces on each along each axis (3N, R) in m/N.
+    /// Displacement of the nodes under unit forces on each along each axis (3N, R) in m/N; the rest
+    /// of a row, and rows after them, are of nodes that are forgotten.
     rows: Vec<f32>,
     /// R.
     width: usize,
@@ -33,8 +34,6 @@ impl TouchingCompliance {
     /// Forgets all nodes.
     pub(super) fn clear(&mut self) {
         self.places.clear();
-        self.rows.clear();
-        self.width = 0;
     }
 
     /// Forgets all nodes unless they are of this `level`.
@@ -90,7 +89,7 @@ impl TouchingCompliance {
         found.ok().map(|k| self.places[k].1)
     }
 
-    /// Makes room for rows of `size` numbers.
+    /// Makes room for rows of `size` numbers, as many.
     fn widen(&mut self, size: usize) {
         if size > self.width {
             let width = size + 3 * SPARE;
@@ -101,7 +100,7 @@ impl TouchingCompliance {
             }
             (self.rows, self.width) = (rows, width);
         }
-        self.rows.resize(size.max(self.rows.len() / self.width) * self.width, 0.0);
+        self.rows.resize(usize::max(self.rows.len(), size * self.width), 0.0);
     }
 
     /// Displacement of the node at a `place` (m).
