@@ -7,7 +7,7 @@ use std::{error::Error, fs::File, io::BufWriter};
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use ruffini_core::{
-    objects::{Family, Object, Split, catalogue},
+    objects::{Family, FamilySplit, Object, catalogue},
     render::{Camera, Color, Finish, Item, RenderMesh, Renderer, table},
 };
 
@@ -43,9 +43,9 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn draw(renderer: &mut Renderer, object: &Object) -> Result<Vec<u8>, ruffini_core::Error> {
     let (mesh, table) = (RenderMesh::new(&object.surface(96)), table());
     let ground = match object.split {
-        Split::Train => Color::srgb(214, 211, 205),
-        Split::Novel => Color::srgb(190, 204, 214),
-        Split::Soft => Color::srgb(222, 196, 196),
+        FamilySplit::Train => Color::srgb(214, 211, 205),
+        FamilySplit::Novel => Color::srgb(190, 204, 214),
+        FamilySplit::Soft => Color::srgb(222, 196, 196),
     };
     let ground = Item::new(&table, Isometry3::identity(), ground);
     let item = Item::new(&mesh, standing(object), color(object.family));

@@ -13,7 +13,7 @@ use rapier3d::parry::{
 use ruffini_core::{
     deformation::{Law, Moduli, SoftBody},
     geometry::{Shape, Surface},
-    objects::{Antipodal, Family, GraspSampler, Object, Rejection, Split, catalogue},
+    objects::{Antipodal, Family, FamilySplit, GraspSampler, Object, Rejection, catalogue},
     scene::{CATALOGUE, Command, Object as Laid, ObjectModel, Scene, SceneConfig, named},
 };
 
@@ -23,7 +23,10 @@ const SEED: u64 = 0;
 fn families_have_the_counts_of_the_paper() {
     let objects = catalogue(SEED);
     let of_split = |split| objects.iter().filter(|o| o.split == split).count();
-    assert_eq!([Split::Train, Split::Novel, Split::Soft].map(of_split), [49, 14, 1]);
+    assert_eq!(
+        [FamilySplit::Train, FamilySplit::Novel, FamilySplit::Soft].map(of_split),
+        [49, 14, 1]
+    );
     let names: HashSet<_> = objects.iter().map(|o| &o.name).collect();
     assert_eq!(names.len(), objects.len(), "every name is given once");
     for (i, a) in objects.iter().enumerate() {

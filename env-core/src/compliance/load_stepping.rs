@@ -7,7 +7,7 @@ use super::{
     condensed::Condensed,
     newton::Newton,
     reach::{Bound, Reach, bounds},
-    solution::{Field, Solution},
+    solution::{LinearDisplacement, Solution},
     zone::Zone,
 };
 use crate::{
@@ -66,7 +66,7 @@ pub(super) struct LoadStepping<'a> {
 /// State of body and shapes in balance.
 pub(super) struct State {
     pub(super) poses: Vec<Isometry3<f64>>,
-    pub(super) field: Field,
+    pub(super) field: LinearDisplacement,
     /// Bounds of the facets (F).
     bounds: Vec<Bound>,
     /// Force of the shapes on the nodes (V) in N.
@@ -106,7 +106,7 @@ impl<'a> LoadStepping<'a> {
         let state = State {
             poses: Vec::new(),
             bounds: bounds(condensed, &still),
-            field: Field {
+            field: LinearDisplacement {
                 displacement: still.clone(),
                 offset: still.clone(),
                 loads: still.clone(),

@@ -86,7 +86,7 @@ impl Newton {
         self.gather_between();
         let right: Vec<f64> =
             self.active.iter().flat_map(|&node| <[f64; 3]>::from(excess[node as usize])).collect();
-        let stiffness = Stiffness::new(touching, &self.rank);
+        let stiffness = ContactStiffness::new(touching, &self.rank);
         let mut found = self.iterate(&stiffness, &right);
         if !found.as_ref().is_some_and(|found| found.converged) {
             self.preconditioner.factorise(&self.rank, &self.between, touching);
@@ -101,7 +101,7 @@ impl Newton {
     }
 
     /// Approximate solution (3A) with the present preconditioner; `None` if there is none.
-    fn iterate(&self, stiffness: &Stiffness, right: &[f64]) -> Option<GmresSolution> {
+    fn iterate(&self, stiffness: &ContactStiffness, right: &[f64]) -> Option<GmresSolution> {
         if self.preconditioner.is_empty() {
             return None;
         }
@@ -153,7 +153,7 @@ impl Newton {
 }
 
 /// Stiffness of all touching points.
-struct Stiffness<'a> {
+struct ContactStiffness<'a> {
     touching: &'a [Touching<'a>],
     /// Ranks and weights of the free nodes that each point is interpolated from, point after point.
     shares: Vec<(u32, f64)>,
@@ -161,7 +161,7 @@ struct Stiffness<'a> {
     counts: Vec<usize>,
 }
 
-impl<'a> Stiffness<'a> {
+impl<'a> ContactStiffness<'a> {
     /// Returns the stiffness of the `touching` points; `rank` (m) is the rank of each free node
     /// among the active.
     fn new(touching: &'a [Touching<'a>], rank: &[u32]) -> Self {

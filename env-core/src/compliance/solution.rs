@@ -31,7 +31,7 @@ const INEXACT: f64 = 1e-3;
 
 /// Displacement of the body: an offset plus the linear response to loads.
 #[derive(Clone)]
-pub(super) struct Field {
+pub(super) struct LinearDisplacement {
     /// Displacement (V) in m, known on the skin; inside the body only if sweeps were asked for.
     pub(super) displacement: Vec<Vector3<f64>>,
     /// Part of the displacement that is not the response to the loads (V) in m.
@@ -40,7 +40,7 @@ pub(super) struct Field {
     pub(super) loads: Vec<Vector3<f64>>,
 }
 
-impl Field {
+impl LinearDisplacement {
     /// Displacement of all nodes (V) in m.
     pub(super) fn complete(&self, rest: &Linearised, space: &mut Workspace) -> Vec<Vector3<f64>> {
         let mut displacement = rest.displacement(&self.loads, space);
@@ -62,7 +62,7 @@ pub(super) struct Solution<'a, 'b> {
 
 /// Field with its contact in balance.
 struct Settled {
-    field: Field,
+    field: LinearDisplacement,
     /// Forces on the free nodes of the zone (m) in N.
     forces: Vec<Vector3<f64>>,
     touches: Vec<Touch>,
@@ -84,7 +84,7 @@ impl Solution<'_, '_> {
         offset: &[Vector3<f64>],
         guess: Guess,
         sweeps: usize,
-    ) -> Result<(Field, Vec<Touch>)> {
+    ) -> Result<(LinearDisplacement, Vec<Touch>)> {
         let found = if sweeps == 0 {
             self.settle(offset.to_vec(), guess, 0.0)?
         } else {
@@ -167,7 +167,7 @@ impl Solution<'_, '_> {
         let mut displacement = self.condensed.response(&zone.nodes, &trial.forces);
         displacement.iter_mut().zip(&offset).for_each(|(u, u0)| *u += u0);
         let loads = zone.spread(&trial.forces, offset.len());
-        let field = Field { displacement, offset, loads };
+        let field = LinearDisplacement { displacement, offset, loads };
         Ok(Settled { field, forces: trial.forces, touches: trial.touches })
     }
 

@@ -13,11 +13,11 @@ const BOX: f64 = 3.5e-3;
 
 /// Points on the held faces of a body.
 pub struct Backing {
-    groups: Vec<Group>,
+    groups: Vec<PointGroup>,
 }
 
 /// Points in one cube.
-struct Group {
+struct PointGroup {
     centre: Point3<f64>,
     /// Distance of the farthest point from the centre (m).
     radius: f64,
@@ -36,7 +36,7 @@ impl Backing {
             let sum = places.iter().map(|p| p.coords).sum::<Vector3<f64>>();
             let centre = Point3::from(sum / places.len() as f64);
             let radius = places.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max);
-            Group { centre, radius, places }
+            PointGroup { centre, radius, places }
         };
         Self { groups: boxes.into_values().map(group).collect() }
     }
@@ -55,7 +55,7 @@ impl Backing {
             let gap = |p: &Point3<f64>| shape.distance(p).value;
             let way = |p: &Point3<f64>| [from, to].map(|pose| pose.inverse_transform_point(p));
             let angle = from.rotation.angle_to(&to.rotation);
-            for Group { centre, radius, places } in &self.groups {
+            for PointGroup { centre, radius, places } in &self.groups {
                 let [begin, end] = way(centre);
                 let at_centre = gap(&end);
                 if at_centre > (1.0 + angle) * radius + (end - begin).norm() {

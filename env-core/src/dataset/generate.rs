@@ -17,7 +17,7 @@ use sha2::{Digest, Sha256};
 use super::{
     config::{Config, Scenario},
     indentation,
-    job::{Job, Task, is_whole, jobs},
+    job::{GraspJob, Job, is_whole, jobs},
     manifest::{self, FORMAT, Manifest, Solved, Unsolved, splits},
     plan::{Plan, plans},
     record::{Entry, Shard},
@@ -231,7 +231,7 @@ struct Work<'a> {
 impl Work<'_> {
     /// Solves a grasp and stores it, unless stopped; after the last one of a shard, packs the
     /// shard.
-    fn solve(&self, task: &Task) -> Result<()> {
+    fn solve(&self, task: &GraspJob) -> Result<()> {
         if self.is_stopped() {
             return Ok(());
         }

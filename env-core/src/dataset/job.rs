@@ -29,7 +29,7 @@ pub(super) struct Job<'a> {
 }
 
 /// Grasp to be solved and stored.
-pub(super) struct Task<'a> {
+pub(super) struct GraspJob<'a> {
     pub(super) job: &'a Job<'a>,
     pub(super) plan: &'a Plan,
     /// Path within the dataset where it is stored until its shard is complete.
@@ -56,8 +56,8 @@ pub(super) fn is_whole(path: &Path) -> bool {
 
 impl Job<'_> {
     /// Grasps not stored in `folder` yet; also records their number.
-    pub(super) fn missing(&self, folder: &Path) -> Vec<Task<'_>> {
-        let tasks = self.plans.iter().map(|plan| Task { job: self, plan, part: part(plan) });
+    pub(super) fn missing(&self, folder: &Path) -> Vec<GraspJob<'_>> {
+        let tasks = self.plans.iter().map(|plan| GraspJob { job: self, plan, part: part(plan) });
         let missing: Vec<_> = tasks.filter(|task| !is_whole(&folder.join(&task.part))).collect();
         self.missing.store(missing.len(), Ordering::Release);
         missing

@@ -128,8 +128,9 @@ fn of_grasps(grasps: &[(Object, Vec<String>)], planned: usize) -> BTreeMap<Strin
         }
         split
     };
-    let known: Vec<_> = grasps.iter().filter(|(o, _)| o.split == objects::Split::Train).collect();
-    let novel = grasps.iter().filter(|(o, _)| o.split == objects::Split::Novel);
+    let known: Vec<_> =
+        grasps.iter().filter(|(o, _)| o.split == objects::FamilySplit::Train).collect();
+    let novel = grasps.iter().filter(|(o, _)| o.split == objects::FamilySplit::Novel);
     let ten: Vec<_> =
         (0..known.len().min(10)).map(|i| known[i * known.len() / known.len().min(10)]).collect();
     let judged = |left_out: &[objects::Family]| {

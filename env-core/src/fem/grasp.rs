@@ -95,7 +95,7 @@ pub struct Hold<'a> {
 }
 
 /// The pads solved for one pose of the object.
-struct Trial {
+struct PadsAtPose {
     pose: Isometry3<f64>,
     attempts: [LoadStep; 2],
     /// Minus the force and the torque over size on the object (N).
@@ -174,7 +174,7 @@ impl<'a> Hold<'a> {
         Ok(Grasped { pads, object: self.pose, residual, seconds: 0.0 })
     }
 
-    fn failed(&self, trial: &Trial) -> Error {
+    fn failed(&self, trial: &PadsAtPose) -> Error {
         let (residual, tolerance) = (trial.unbalanced.norm(), self.tolerance);
         Error::NotConverged { iterations: ITERATIONS, residual, tolerance }
     }
@@ -185,7 +185,7 @@ impl<'a> Hold<'a> {
         pads: &[Isometry3<f64>; 2],
         pose: Isometry3<f64>,
         guesses: [Option<Vec<Vector3<f64>>>; 2],
-    ) -> Result<Trial> {
+    ) -> Result<PadsAtPose> {
         let [first, second] = &mut self.runs;
         let [left, right] = guesses;
         let attempts = [
@@ -200,11 +200,11 @@ impl<'a> Hold<'a> {
             let torque = pads[i].rotation * wrench.torque + arm.cross(&force);
             unbalanced += stacked(&force, &(torque / self.size));
         }
-        Ok(Trial { pose, attempts, unbalanced })
+        Ok(PadsAtPose { pose, attempts, unbalanced })
     }
 
     /// Returns the trial after Newton's step from `from`, shortened until the residual decreases.
-    fn closer(&mut self, pads: &[Isometry3<f64>; 2], from: &Trial) -> Result<Trial> {
+    fn closer(&mut self, pads: &[Isometry3<f64>; 2], from: &PadsAtPose) -> Result<PadsAtPose> {
         let followers = [0, 1].map(|i| self.follower(i, &pads[i], from));
         let stiffness: Matrix6<f64> = followers.iter().map(|follower| follower.stiffness).sum();
         let step = -free_inverse(&stiffness) * from.unbalanced;
@@ -227,7 +227,7 @@ impl<'a> Hold<'a> {
     }
 
     /// Returns the linear response of pad `i` at `pad` to small motions of the object at `trial`.
-    fn follower(&mut self, i: usize, pad: &Isometry3<f64>, trial: &Trial) -> PadResponse {
+    fn follower(&mut self, i: usize, pad: &Isometry3<f64>, trial: &PadsAtPose) -> PadResponse {
         let object = pad.inv_mul(&trial.pose);
         let motion = |place: &Point3<f64>| {
             let arm = (place.coords - object.translation.vector) / self.size;

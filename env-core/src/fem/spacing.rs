@@ -50,7 +50,7 @@ impl Spacing {
 
 /// A face with its longest edge (m).
 #[derive(Clone, Copy)]
-struct Face {
+struct FaceSpacing {
     edge: f64,
     ends: [u32; 3],
 }
@@ -58,7 +58,7 @@ struct Face {
 /// Faces of a body that can touch something: all whose nodes are not all fixed.
 pub(super) struct Faces {
     /// Faces, the widest first.
-    all: Vec<Face>,
+    all: Vec<FaceSpacing>,
     /// The spacing for shapes that are not thin.
     pub(super) usual: Spacing,
     /// `true` if the fixed nodes hold the body in place.
@@ -74,7 +74,7 @@ impl Faces {
         let held_all_round = |ends: &[u32; 3]| ends.iter().all(|&node| fixed[node as usize]);
         let outer = mesh.boundary().into_iter().filter(|ends| !held_all_round(ends));
         let mut faces: Vec<_> =
-            outer.map(|ends| Face { edge: longest_edge(mesh, ends), ends }).collect();
+            outer.map(|ends| FaceSpacing { edge: longest_edge(mesh, ends), ends }).collect();
         faces.sort_by(|a, b| b.edge.total_cmp(&a.edge));
         let (usual, held) = (spacing(usual, &faces), body.fixed().len() >= 3);
         Self { all: faces, usual, held }
@@ -96,7 +96,7 @@ impl Faces {
         };
         for (i, shape) in press.shapes().iter().enumerate() {
             let way = LazyCell::new(|| ShapePath::new(i, press, &mesh.vertices));
-            let near = |face: &&Face| !self.held || way.passes(&face.ends.map(place));
+            let near = |face: &&FaceSpacing| !self.held || way.passes(&face.ends.map(place));
             let thickness = shape.thickness();
             let mut too_wide =
                 self.all.iter().take_while(|face| thickness < spacing.thinnest(face.edge));
@@ -116,7 +116,7 @@ impl Faces {
 }
 
 /// Returns a spacing of `length` (m), with fewer points on wide faces if there are too many.
-fn spacing(length: f64, faces: &[Face]) -> Spacing {
+fn spacing(length: f64, faces: &[FaceSpacing]) -> Spacing {
     let [least, most] = PIECES;
     let spacing = |most: u32| Spacing { length, most };
     let points = |spacing: &Spacing| -> u64 {
@@ -236,7 +236,7 @@ mod tests {
     fn laid_and_wanted(body: &SoftBody) -> (usize, usize) {
         let (nodes, faces) = (Nodes::new(body, Element::P1), Faces::new(body, USUAL));
         let laid = surface(body, &nodes, Element::P1, faces.usual).0.len();
-        let on = |face: &Face| (face.edge / USUAL).ceil().clamp(2.0, 128.0).powi(2) as usize;
+        let on = |face: &FaceSpacing| (face.edge / USUAL).ceil().clamp(2.0, 128.0).powi(2) as usize;
         (laid, faces.all.iter().map(on).sum())
     }
 

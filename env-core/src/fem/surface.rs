@@ -43,7 +43,7 @@ struct FreeFacet {
 }
 
 /// Nodes with their weights.
-type Weights = Vec<(u32, f64)>;
+type NodeWeights = Vec<(u32, f64)>;
 
 /// Returns the contact points of the body's surface, and its backing: the faces whose nodes are all
 /// fixed.
@@ -134,7 +134,7 @@ fn edge_rule(i: usize, pieces: u32) -> impl Iterator<Item = [f64; 3]> {
 
 /// Weights of a quadratic face at barycentric coordinates `l`: L(2L − 1) of its corners, 4 L L′ of
 /// the middles of its edges.
-fn quadratic_shares(ends: [u32; 3], middles: &[Weights; 3], l: &[f64; 3]) -> Weights {
+fn quadratic_shares(ends: [u32; 3], middles: &[NodeWeights; 3], l: &[f64; 3]) -> NodeWeights {
     let mut sum = BTreeMap::new();
     for i in 0..3 {
         *sum.entry(ends[i]).or_insert(0.0) += l[i] * (2.0 * l[i] - 1.0);
@@ -160,13 +160,13 @@ struct Curvature {
 
 impl Curvature {
     /// Weights of the nodes' positions in eᵀ𝐇e along `edge` (m).
-    fn along(&self, edge: &Vector3<f64>) -> Weights {
+    fn along(&self, edge: &Vector3<f64>) -> NodeWeights {
         let [x, y] = self.frame.map(|t| t.dot(edge));
         let weight = |i: usize| {
             let h = self.fit.column(i);
             x * x * h[0] + 2.0 * x * y * h[1] + y * y * h[2]
         };
-        let mut weights: Weights =
+        let mut weights: NodeWeights =
             self.ring.iter().enumerate().map(|(i, &node)| (node, weight(i))).collect();
         weights.push((self.node, -weights.iter().map(|(_, w)| w).sum::<f64>()));
         weights
@@ -219,10 +219,15 @@ fn curvature(
 
 /// Weights of the middle of an edge, ½(a + b) − ⅛ eᵀ𝐇e with the mean 𝐇 of its smooth ends. An end
 /// whose neighbours are too uneven for a reliable fit is left out.
-fn lifted_middle(mesh: &TetMesh, curvatures: &BTreeMap<u32, Curvature>, a: u32, b: u32) -> Weights {
+fn lifted_middle(
+    mesh: &TetMesh,
+    curvatures: &BTreeMap<u32, Curvature>,
+    a: u32,
+    b: u32,
+) -> NodeWeights {
     let edge = mesh.vertices[b as usize] - mesh.vertices[a as usize];
     let mut weights = vec![(a, 0.5), (b, 0.5)];
-    let tame = |bend: &Weights| bend.iter().map(|(_, w)| w.abs()).sum::<f64>() < WILD;
+    let tame = |bend: &NodeWeights| bend.iter().map(|(_, w)| w.abs()).sum::<f64>() < WILD;
     let bends = [a, b].into_iter().filter_map(|end| Some(curvatures.get(&end)?.along(&edge)));
     let bends: Vec<_> = bends.filter(tame).collect();
     for bend in &bends {

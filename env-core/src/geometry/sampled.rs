@@ -17,12 +17,12 @@ pub struct Sampled(Arc<Samples>, f64);
 
 struct Samples {
     exact: Shape,
-    fine: Grid,
-    coarse: Grid,
+    fine: DistanceGrid,
+    coarse: DistanceGrid,
 }
 
 /// Distances at the nodes of a cubic grid, x fastest.
-struct Grid {
+struct DistanceGrid {
     low: Vector3<f64>,
     spacing: f64,
     counts: [usize; 3],
@@ -136,10 +136,10 @@ impl Samples {
         let (low, high) = surface.bounds();
         let size = (high - low).max();
         let spacing = FINEST.max(size / MOST_CELLS);
-        let mut fine = Grid::around(low, high, BAND.max(2.0 * spacing), spacing);
+        let mut fine = DistanceGrid::around(low, high, BAND.max(2.0 * spacing), spacing);
         fine.sample_band(exact);
         let spacing = COARSE.max(size / MOST_CELLS);
-        let mut coarse = Grid::around(low, high, REACH, spacing);
+        let mut coarse = DistanceGrid::around(low, high, REACH, spacing);
         coarse.sample(exact);
         Self { exact: exact.clone(), fine, coarse }
     }
@@ -151,7 +151,7 @@ impl Samples {
     }
 }
 
-impl Grid {
+impl DistanceGrid {
     /// Returns a grid of whole blocks of cells over a box and a `margin` (m) around it, with zero
     /// values.
     fn around(low: Point3<f64>, high: Point3<f64>, margin: f64, spacing: f64) -> Self {

@@ -23,7 +23,7 @@ const PULL: [f64; 2] = [0.24999, 0.41189];
 const MOST_POINTS: f64 = 2e6;
 
 /// Lattice coordinates in half spacings: all even or all odd.
-type Site = [i32; 3];
+type LatticeSite = [i32; 3];
 
 impl TetMesh {
     /// Meshes the solid inside `shape` with edges of about `spacing` (m).
@@ -72,7 +72,7 @@ struct Lattice<'a> {
     shape: &'a Shape,
     low: Point3<f64>,
     spacing: f64,
-    points: HashMap<Site, LatticePoint>,
+    points: HashMap<LatticeSite, LatticePoint>,
 }
 
 impl Lattice<'_> {
@@ -95,7 +95,7 @@ impl Lattice<'_> {
     /// Moves every point onto the nearest cut of its edges, if one is near enough.
     fn pull(&mut self) {
         let neighbours = neighbours();
-        let mut sites: Vec<Site> = self.points.keys().copied().collect();
+        let mut sites: Vec<LatticeSite> = self.points.keys().copied().collect();
         sites.sort_unstable();
         for site in sites {
             let point = self.points[&site];
@@ -147,7 +147,7 @@ impl Lattice<'_> {
 }
 
 /// The 14 edges of a lattice point: the step to the other end, and the limit of [`PULL`].
-fn neighbours() -> Vec<(Site, f64)> {
+fn neighbours() -> Vec<(LatticeSite, f64)> {
     let signs = [-1, 1];
     let long = (0..3).flat_map(|axis| {
         signs.map(|sign| {
@@ -162,14 +162,14 @@ fn neighbours() -> Vec<(Site, f64)> {
 
 /// The tetrahedra of the lattice over a box of cubes: around every face between two cubes, their
 /// centres and each edge of the face. Corners 0–1 and 2–3 are the long edges.
-fn lattice_tets(cubes: [i32; 3]) -> impl Iterator<Item = [Site; 4]> {
+fn lattice_tets(cubes: [i32; 3]) -> impl Iterator<Item = [LatticeSite; 4]> {
     let [nx, ny, nz] = cubes;
     let all = (0..nx).flat_map(move |i| (0..ny).flat_map(move |j| (0..nz).map(move |k| [i, j, k])));
     all.flat_map(move |cube| (0..3).map(move |axis| (cube, axis)))
         .filter(move |(cube, axis)| cube[*axis] + 1 < cubes[*axis])
         .flat_map(|(cube, axis)| {
             let center = cube.map(|x| 2 * x + 1);
-            let moved = |from: Site, axis: usize, by: i32| {
+            let moved = |from: LatticeSite, axis: usize, by: i32| {
                 let mut site = from;
                 site[axis] += by;
                 site
@@ -189,9 +189,9 @@ struct Filling<'a> {
     tets: Vec<[u32; 4]>,
     /// Rank that decides between the diagonals of a four-sided face: the one from its first vertex
     /// is taken. Cuts of short edges come first: of the orders tried this gives the best angles.
-    rank: Vec<(u8, Site)>,
-    of_site: HashMap<Site, u32>,
-    of_edge: HashMap<[Site; 2], u32>,
+    rank: Vec<(u8, LatticeSite)>,
+    of_site: HashMap<LatticeSite, u32>,
+    of_edge: HashMap<[LatticeSite; 2], u32>,
 }
 
 impl<'a> Filling<'a> {
@@ -207,9 +207,9 @@ impl<'a> Filling<'a> {
     }
 
     /// Adds the part of one lattice tetrahedron that is inside.
-    fn fill(&mut self, tet: &[Site; 4]) {
-        let distance = |site: &Site| self.lattice.points[site].distance;
-        let pick = |keep: fn(f64) -> bool| -> Vec<Site> {
+    fn fill(&mut self, tet: &[LatticeSite; 4]) {
+        let distance = |site: &LatticeSite| self.lattice.points[site].distance;
+        let pick = |keep: fn(f64) -> bool| -> Vec<LatticeSite> {
             tet.iter().copied().filter(|site| keep(distance(site))).collect()
         };
         let (inside, on, outside) = (pick(|d| d < 0.0), pick(|d| d == 0.0), pick(|d| d > 0.0));
@@ -243,7 +243,7 @@ impl<'a> Filling<'a> {
         }
     }
 
-    fn corner(&mut self, site: Site) -> u32 {
+    fn corner(&mut self, site: LatticeSite) -> u32 {
         *self.of_site.entry(site).or_insert_with(|| {
             self.vertices.push(self.lattice.points[&site].position);
             self.rank.push((2, site));
@@ -252,7 +252,7 @@ impl<'a> Filling<'a> {
     }
 
     /// The vertex where the surface cuts the edge from `inside` to `outside`.
-    fn cut(&mut self, inside: Site, outside: Site) -> u32 {
+    fn cut(&mut self, inside: LatticeSite, outside: LatticeSite) -> u32 {
         *self.of_edge.entry([inside, outside]).or_insert_with(|| {
             let [a, b] = [inside, outside].map(|site| self.lattice.points[&site]);
             self.vertices.push(self.lattice.cut(&a, &b).1);

@@ -15,7 +15,7 @@ use crate::{Error, Result};
 /// Largest file that is read (bytes): far more than [`MOST_PARTS`] vertices take.
 const LARGEST: u64 = 1 << 30;
 
-type Parts = (Vec<Point3<f64>>, Vec<[u32; 4]>);
+type VerticesAndTets = (Vec<Point3<f64>>, Vec<[u32; 4]>);
 /// Parsed value, or a description of the defect with its line.
 type Parsed<T> = std::result::Result<T, String>;
 
@@ -29,7 +29,7 @@ impl TetMesh {
         }
         let name = path.display().to_string();
         let failure = |reason: String| Error::File { path: name.clone(), reason };
-        let parse: fn(&str) -> Parsed<Parts> =
+        let parse: fn(&str) -> Parsed<VerticesAndTets> =
             match path.extension().and_then(|e| e.to_str()).unwrap_or_default() {
                 "tet" => parse_tet,
                 "msh" => parse_msh,
@@ -48,7 +48,11 @@ impl TetMesh {
 
 /// Keeps the used vertices and scales them. Indices out of range stay so, for the later check to
 /// report.
-fn without_unused(vertices: &[Point3<f64>], mut tets: Vec<[u32; 4]>, scale: f64) -> Parts {
+fn without_unused(
+    vertices: &[Point3<f64>],
+    mut tets: Vec<[u32; 4]>,
+    scale: f64,
+) -> VerticesAndTets {
     let mut renumbered = vec![u32::MAX; vertices.len()];
     for &i in tets.iter().flatten() {
         if let Some(slot) = renumbered.get_mut(i as usize) {
@@ -68,17 +72,17 @@ fn without_unused(vertices: &[Point3<f64>], mut tets: Vec<[u32; 4]>, scale: f64)
     (kept, tets)
 }
 
-fn parse_tet(text: &str) -> Parsed<Parts> {
+fn parse_tet(text: &str) -> Parsed<VerticesAndTets> {
     let (mut vertices, mut tets) = (Vec::new(), Vec::new());
     for (i, line) in text.lines().enumerate() {
-        let line = Line { number: i + 1, text: line };
+        let line = NumberedLine { number: i + 1, text: line };
         let Some((kind, rest)) = line.text.trim().split_once(char::is_whitespace) else {
             match line.text.trim() {
                 "" | "#" => continue,
                 other => return Err(line.wrong(other, "`v x y z` or `t a b c d`")),
             }
         };
-        let record = Line { text: rest, ..line };
+        let record = NumberedLine { text: rest, ..line };
         match kind {
             "v" => vertices.push(Point3::from(record.exactly::<f64, 3>("three coordinates")?)),
             "t" => tets.push(record.exactly::<u32, 4>("four vertices")?),
@@ -90,7 +94,7 @@ fn parse_tet(text: &str) -> Parsed<Parts> {
     Ok((vertices, tets))
 }
 
-fn parse_msh(text: &str) -> Parsed<Parts> {
+fn parse_msh(text: &str) -> Parsed<VerticesAndTets> {
     let mut file = Reader { lines: text.lines().enumerate() };
     let mut version = None;
     let (mut numbers, mut vertices, mut tets) = (HashMap::new(), Vec::new(), Vec::new());
@@ -118,7 +122,7 @@ fn parse_msh(text: &str) -> Parsed<Parts> {
 }
 
 /// Major version 2 or 4 of an ASCII file of version 2.2 or 4.1.
-fn read_version(line: &Line) -> Parsed<u32> {
+fn read_version(line: &NumberedLine) -> Parsed<u32> {
     let mut words = line.text.split_whitespace();
     match (words.next(), words.next()) {
         (Some("2.2"), Some("0")) => Ok(2),
@@ -138,18 +142,18 @@ struct Reader<'a> {
 }
 
 #[derive(Clone, Copy)]
-struct Line<'a> {
+struct NumberedLine<'a> {
     number: usize,
     text: &'a str,
 }
 
 impl<'a> Reader<'a> {
-    fn next_filled(&mut self) -> Option<Line<'a>> {
+    fn next_filled(&mut self) -> Option<NumberedLine<'a>> {
         let (i, text) = self.lines.find(|(_, text)| !text.trim().is_empty())?;
-        Some(Line { number: i + 1, text })
+        Some(NumberedLine { number: i + 1, text })
     }
 
-    fn line(&mut self) -> Parsed<Line<'a>> {
+    fn line(&mut self) -> Parsed<NumberedLine<'a>> {
         self.next_filled().ok_or_else(|| "the file ends inside a section".to_owned())
     }
 
@@ -247,7 +251,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-impl Line<'_> {
+impl NumberedLine<'_> {
     fn wrong(&self, found: &str, expected: &str) -> String {
         let found: String = found.chars().take(40).collect();
         format!("line {}: found {found}, expected {expected}", self.number)
@@ -285,7 +289,7 @@ impl Line<'_> {
     }
 }
 
-fn within(line: &Line, count: usize) -> Parsed<()> {
+fn within(line: &NumberedLine, count: usize) -> Parsed<()> {
     if count <= MOST_PARTS {
         return Ok(());
     }
@@ -306,7 +310,7 @@ mod tests {
         3 1 0 4\n3\n4\n50\n6\n0 1 0\n0 0 1\n9 9 9\n0.2 0.2 -1\n$EndNodes\n$Elements\n2 3 1 3\n\
         2 1 2 1\n1 1 2 3\n3 1 4 2\n2 1 2 3 4\n3 1 3 2 6\n$EndElements\n";
 
-    fn mesh(parts: &Parts) -> TetMesh {
+    fn mesh(parts: &VerticesAndTets) -> TetMesh {
         let (vertices, tets) = without_unused(&parts.0, parts.1.clone(), 1e-3);
         TetMesh::new("pair", vertices, tets).unwrap()
     }
@@ -366,9 +370,11 @@ mod tests {
 
     #[test]
     fn no_damage_of_a_file_panics() {
-        for (text, parse) in
-            [(TET, parse_tet as fn(&str) -> Parsed<Parts>), (MSH_2, parse_msh), (MSH_4, parse_msh)]
-        {
+        for (text, parse) in [
+            (TET, parse_tet as fn(&str) -> Parsed<VerticesAndTets>),
+            (MSH_2, parse_msh),
+            (MSH_4, parse_msh),
+        ] {
             for i in 0..text.len() {
                 for damage in ["", "-", "9e99", "\n", "18446744073709551615", "é"] {
                     let damaged = [&text[..i], damage, &text[i + 1..]].concat();

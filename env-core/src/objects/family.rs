@@ -9,7 +9,7 @@ use crate::geometry::{Hollow, Shape};
 
 /// Use of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Split {
+pub enum FamilySplit {
     /// For training.
     Train,
     /// For the test; no family is used for both.
@@ -18,7 +18,7 @@ pub enum Split {
     Soft,
 }
 
-impl fmt::Display for Split {
+impl fmt::Display for FamilySplit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Train => "train",
@@ -105,12 +105,12 @@ impl Family {
     }
 
     /// Use of its members.
-    pub fn split(self) -> Split {
+    pub fn split(self) -> FamilySplit {
         match self {
             Prism | Annulus | Cuboid | Cup | Cylinder | Eggplant | Potato | Sphere | Lemon
-            | Capsule | Cone | Raspberry | Ribbed | Rasp => Split::Train,
-            Tomato | HollowLemon | Ellipsoid | Jar | Cucumber | Apple => Split::Novel,
-            Strawberry => Split::Soft,
+            | Capsule | Cone | Raspberry | Ribbed | Rasp => FamilySplit::Train,
+            Tomato | HollowLemon | Ellipsoid | Jar | Cucumber | Apple => FamilySplit::Novel,
+            Strawberry => FamilySplit::Soft,
         }
     }
 

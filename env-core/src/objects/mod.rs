@@ -14,7 +14,7 @@ mod textured;
 
 pub use antipodal::{Antipodal, GraspSampler, Rejection, Sampling};
 pub use clearance::Hand;
-pub use family::{Family, Split};
+pub use family::{Family, FamilySplit};
 
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -32,7 +32,7 @@ pub struct Object {
     /// Kind of object.
     pub family: Family,
     /// Use of the object.
-    pub split: Split,
+    pub split: FamilySplit,
     /// Seed of its parameters.
     pub seed: u64,
     /// Exact solid, z along its axis of symmetry if it has one.
@@ -130,7 +130,13 @@ pub fn indenters(seed: u64, count: usize, textured: usize, [low, high]: [f64; 2]
         let low = if number % 2 == 1 { f64::max(low, WIDE * high) } else { low };
         let scale = low * (high / low).powf(random.random::<f64>());
         let shape = family.indenter(index, seed).scaled(scale);
-        Object { name: format!("{family}-{number:05}"), family, split: Split::Train, seed, shape }
+        Object {
+            name: format!("{family}-{number:05}"),
+            family,
+            split: FamilySplit::Train,
+            seed,
+            shape,
+        }
     };
     (0..count).map(one).collect()
 }

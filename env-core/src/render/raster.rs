@@ -27,7 +27,7 @@ pub(super) fn at(plane: &Plane, x: f32, y: f32) -> f32 {
 }
 
 /// Triangle that faces the viewer.
-pub(super) struct Triangle {
+pub(super) struct ScreenTriangle {
     /// Corners in clip space: x, y, z, w.
     corners: [[f32; 4]; 3],
     /// Planes of λ/w for the corners.
@@ -36,7 +36,7 @@ pub(super) struct Triangle {
     depth: Plane,
 }
 
-impl Triangle {
+impl ScreenTriangle {
     /// Returns whether the triangle covers the sample position (x, y), with a margin for rounding.
     fn covers(&self, x: f32, y: f32) -> bool {
         let weights = self.planes.map(|plane| at(&plane, x, y));
@@ -74,7 +74,11 @@ impl Raster {
 
     /// Prepares the triangle with these corners in clip space and with depth values `depths`/w.
     /// Returns `None` if it is seen from behind or edge-on, or if its planes are not finite.
-    pub(super) fn triangle(&self, corners: [[f32; 4]; 3], depths: [f32; 3]) -> Option<Triangle> {
+    pub(super) fn triangle(
+        &self,
+        corners: [[f32; 4]; 3],
+        depths: [f32; 3],
+    ) -> Option<ScreenTriangle> {
         let (half_width, half_height) = (0.5 * self.width as f64, 0.5 * self.height as f64);
         let [a, b, c] = corners.map(|[x, y, _, w]| {
             let [x, y, w] = [x, y, w].map(f64::from);
@@ -89,11 +93,11 @@ impl Raster {
         let planes: [Plane; 3] = normals.map(|n| (n / determinant).map(|x| x as f32).into());
         let depth = [0, 1, 2].map(|k| (0..3).map(|i| depths[i] * planes[i][k]).sum());
         let finite = planes.iter().flatten().chain(&depth).all(|x| x.is_finite());
-        finite.then_some(Triangle { corners, planes, depth })
+        finite.then_some(ScreenTriangle { corners, planes, depth })
     }
 
     /// Draws `triangle` as number `facet` at every sample where it is the nearest so far.
-    pub(super) fn fill(&mut self, triangle: &Triangle, facet: u32) {
+    pub(super) fn fill(&mut self, triangle: &ScreenTriangle, facet: u32) {
         let vertices = triangle.corners.map(|c| ClipVert::new(vertex(Vector::new(c), ())));
         match view_frustum::status(&vertices) {
             Status::Hidden => {}
@@ -110,7 +114,7 @@ impl Raster {
         }
     }
 
-    fn fill_polygon(&mut self, polygon: &[ClipVert<()>], triangle: &Triangle, facet: u32) {
+    fn fill_polygon(&mut self, polygon: &[ClipVert<()>], triangle: &ScreenTriangle, facet: u32) {
         let [first, rest @ ..] = polygon else { return };
         let (half_width, half_height) = (0.5 * self.width as f32, 0.5 * self.height as f32);
         let screen = |v: &ClipVert<()>| {
@@ -124,7 +128,7 @@ impl Raster {
         }
     }
 
-    fn fill_span(&mut self, span: &Scanline<()>, triangle: &Triangle, facet: u32) {
+    fn fill_span(&mut self, span: &Scanline<()>, triangle: &ScreenTriangle, facet: u32) {
         let (mut start, mut end) = (span.xs.start, span.xs.end.min(self.width));
         if span.y >= self.height || start > end {
             return;

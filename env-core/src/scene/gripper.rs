@@ -29,7 +29,7 @@ pub(super) const HAND: Group = Group::GROUP_3;
 
 /// Rapier handles of one finger.
 #[derive(Clone, Copy, Serialize, Deserialize)]
-pub(super) struct Finger {
+pub(super) struct FingerBody {
     pub(super) body: RigidBodyHandle,
     pub(super) pad: ColliderHandle,
     joint: ImpulseJointHandle,
@@ -41,7 +41,7 @@ pub(super) struct Finger {
 #[derive(Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Hand {
     pub(super) wrist: RigidBodyHandle,
-    pub(super) fingers: [Finger; 2],
+    pub(super) fingers: [FingerBody; 2],
 }
 
 impl Hand {
@@ -59,7 +59,7 @@ impl Hand {
             Pads::Soft(_) => CORE,
         };
         let fingers =
-            [1.0, -1.0].map(|side| Finger::insert(world, gripper, core, pose, wrist, side));
+            [1.0, -1.0].map(|side| FingerBody::insert(world, gripper, core, pose, wrist, side));
         Self { wrist, fingers }
     }
 
@@ -129,7 +129,7 @@ pub(super) struct Slide {
     pub(super) velocity: Vector3<f64>,
 }
 
-impl Finger {
+impl FingerBody {
     /// Inserts a finger. Its frame is the wrist's, moved to the centre of the pad's face, so that
     /// the grip force has no lever arm about the guide.
     fn insert(

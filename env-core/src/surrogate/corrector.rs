@@ -52,7 +52,7 @@ pub(super) struct Corrector {
 }
 
 /// Presses on one graph as tensors.
-pub(super) struct Batch {
+pub(super) struct PadBatch {
     /// Features of the columns (B C, F).
     features: Tensor,
     /// Linear displacement (B V, 3).
@@ -82,7 +82,7 @@ pub(super) struct CorrectorOutput {
     pub(super) force: Tensor,
 }
 
-impl Batch {
+impl PadBatch {
     pub(super) fn new(inputs: &[&PadInput]) -> Result<Self> {
         let (count, device) = (inputs.len(), &Device::Cpu);
         let columns = inputs[0].gates.len();
@@ -131,7 +131,7 @@ impl Corrector {
     }
 
     /// Corrects the linear answers of `batch`, all on one `graph`.
-    pub(super) fn forward(&self, batch: &Batch, graph: &PadGraph) -> Result<CorrectorOutput> {
+    pub(super) fn forward(&self, batch: &PadBatch, graph: &PadGraph) -> Result<CorrectorOutput> {
         let PadGraph { edges, levels, .. } = graph;
         let latent = self.scales.latent(&batch.features, edges, levels, batch.presses()?)?;
         let output = self.nodes.forward(&latent)?;
@@ -143,13 +143,13 @@ impl Corrector {
 
     /// Corrects the linear answer of one press.
     pub(super) fn fields(&self, input: &PadInput, graph: &PadGraph) -> Result<Fields> {
-        let answer = self.forward(&Batch::new(&[input])?, graph)?;
+        let answer = self.forward(&PadBatch::new(&[input])?, graph)?;
         Fields::of([&answer.displacement, &answer.stress, &answer.forces, &answer.force])
     }
 
     fn stressed(
         &self,
-        batch: &Batch,
+        batch: &PadBatch,
         graph: &PadGraph,
         latent: &Tensor,
         displacement: &Tensor,
@@ -176,7 +176,7 @@ impl Corrector {
 pub(super) const OUTPUTS: usize = 4 * LAYERS + 4;
 
 /// Corrected displacement of all nodes (B V, 3).
-fn displaced(batch: &Batch, output: &Tensor) -> Result<Tensor> {
+fn displaced(batch: &PadBatch, output: &Tensor) -> Result<Tensor> {
     let presses = batch.presses()?;
     // A number or a vector of each node: zeros on the base.
     let on_nodes = |first: usize, width: usize| {
@@ -192,7 +192,7 @@ fn displaced(batch: &Batch, output: &Tensor) -> Result<Tensor> {
 }
 
 /// Corrected contact forces on the face (B, C, 3), and net contact force (B, 3).
-fn pressed(batch: &Batch, output: &Tensor) -> Result<(Tensor, Tensor)> {
+fn pressed(batch: &PadBatch, output: &Tensor) -> Result<(Tensor, Tensor)> {
     let added = output.narrow(1, 3 * LAYERS, 3)?.reshape(batch.forces.shape())?;
     let added = added.broadcast_mul(&batch.gates)?.broadcast_mul(&batch.strongest)?;
     let growth = output.narrow(1, OUTPUTS - 1, 1)?.reshape(batch.gates.shape())?;

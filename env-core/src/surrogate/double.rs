@@ -24,7 +24,7 @@ use crate::{
 };
 
 /// Displacement (V, 3), stress (T) and forces on the face (C, 3), in the units of [`PadInput`].
-type Output = [Vec<f64>; 3];
+type DoubleFields = [Vec<f64>; 3];
 
 /// Converts a tensor of one or two dimensions.
 fn matrix(tensor: &Tensor) -> DMatrix<f64> {
@@ -125,7 +125,7 @@ fn forward(
     graph: &PadGraph,
     pad: &PadMesh,
     length: f64,
-) -> Output {
+) -> DoubleFields {
     let features = DMatrix::from_row_slice(graph.columns, FEATURES, &wide(&input.features));
     let PadGraph { levels, edges, .. } = graph;
     let [first, second, third] = [0, 1, 2].map(|scale| (&levels[scale], &edges[scale]));

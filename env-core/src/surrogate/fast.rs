@@ -132,7 +132,7 @@ mod tests {
 
     use super::{
         super::{
-            corrector::{Batch, CorrectorConfig},
+            corrector::{CorrectorConfig, PadBatch},
             features::FEATURES,
             parameters::Parameters,
         },
@@ -173,7 +173,7 @@ mod tests {
             amplitude: 0.1,
             strongest: 0.1,
         };
-        let answer = network.forward(&Batch::new(&[&input]).unwrap(), &graph).unwrap();
+        let answer = network.forward(&PadBatch::new(&[&input]).unwrap(), &graph).unwrap();
         let fast = PadInference::new(&network, &graph, &pad).unwrap();
         let found = fast.forward(&input, true, &mut PadBuffers::default());
         let near = |name: &str, plain: &Tensor, own: &[f32]| {

@@ -14,7 +14,7 @@ use candle_core::{Device, Tensor};
 
 use super::{
     multi_scale::Level,
-    ops::{Edges, Gradients, Sparse},
+    ops::{Edges, ShapeGradients, Sparse},
 };
 use crate::{Error, Result, geometry::PadMesh};
 
@@ -40,7 +40,7 @@ pub(super) struct PadGraph {
     /// nearest side (C, PLACE_FEATURES).
     pub(super) places: Vec<f32>,
     /// Operator from displacement to stress.
-    pub(super) gradients: Arc<Gradients>,
+    pub(super) gradients: Arc<ShapeGradients>,
     /// Matrix that sums over the corners of each tetrahedron (T, V); its columns are ordered by
     /// column of nodes, then layer.
     pub(super) corners: Arc<Sparse>,
@@ -98,7 +98,7 @@ impl PadGraph {
             levels: [fine.0, middle.0, coarse.0],
             edges: [fine.1, middle.1, coarse.1],
             places: place_features(&faces),
-            gradients: Arc::new(Gradients::new(&pad.mesh, thickness)),
+            gradients: Arc::new(ShapeGradients::new(&pad.mesh, thickness)),
             corners: Arc::new(Sparse::new(&corners, vertices.len())),
             mirrors: [[false, false], [true, false], [false, true], [true, true]]
                 .map(|flips| Mirror::new(pad, flips)),

@@ -8,7 +8,7 @@ use candle_core::{Device, Result, Tensor};
 use candle_nn::VarBuilder;
 
 use super::{
-    corrector::{Batch, Corrector, CorrectorConfig, CorrectorOutput},
+    corrector::{Corrector, CorrectorConfig, CorrectorOutput, PadBatch},
     features::{PadInput, PadMaterial, Target},
     graph::PadGraph,
     metrics::Fields,
@@ -106,7 +106,7 @@ pub(super) fn parts(
     let mirror = &graph.mirrors[mirror];
     let inputs: Vec<PadInput> = samples.iter().map(|s| s.input.mirrored(mirror)).collect();
     let targets: Vec<Target> = samples.iter().map(|s| s.target.mirrored(mirror)).collect();
-    let batch = Batch::new(&inputs.iter().collect::<Vec<_>>())?;
+    let batch = PadBatch::new(&inputs.iter().collect::<Vec<_>>())?;
     let answer = network.forward(&batch, graph)?;
     let weights: Vec<f32> = targets.iter().map(weight).collect();
     let weights = Tensor::from_vec(weights, targets.len(), &Device::Cpu)?;

@@ -41,9 +41,9 @@ pub struct ErrorModel {
 }
 
 /// Constant and factors of the scaled quantities, for displacement, stress and force.
-type Coefficients = [Row; PARTS];
+type Coefficients = [TermRow; PARTS];
 /// The number 1 and the scaled quantities.
-type Row = [f64; TERMS + 1];
+type TermRow = [f64; TERMS + 1];
 /// Quantities of an answer.
 pub(super) type Terms = [f64; TERMS];
 
@@ -120,7 +120,7 @@ fn blend(input: &PadInput, weights: [f64; PARTS], fields: &mut Fields) {
 }
 
 /// The number 1 and the quantities in units of their deviation, at most three of them from the mean.
-fn scaled(terms: &Terms, scales: &[[f64; 2]; TERMS]) -> Row {
+fn scaled(terms: &Terms, scales: &[[f64; 2]; TERMS]) -> TermRow {
     let mut row = [1.0; TERMS + 1];
     for ((to, term), [mean, deviation]) in row[1..].iter_mut().zip(terms).zip(scales) {
         *to = ((term - mean) / deviation).clamp(-3.0, 3.0);
@@ -129,7 +129,7 @@ fn scaled(terms: &Terms, scales: &[[f64; 2]; TERMS]) -> Row {
 }
 
 /// Predicted errors of an answer with these quantities.
-fn predicted(coefficients: &Coefficients, row: &Row) -> [f64; PARTS] {
+fn predicted(coefficients: &Coefficients, row: &TermRow) -> [f64; PARTS] {
     coefficients.map(|of_part| product(&of_part, row).exp().clamp(RANGE[0], RANGE[1]))
 }
 
@@ -279,8 +279,9 @@ mod tests {
     fn each_part_is_blended_by_the_weight_that_its_errors_give() {
         // The logarithms of the predicted errors are the constants alone.
         let constant = |errors: [f64; PARTS]| {
-            errors
-                .map(|error| std::array::from_fn(|i| if i == 0 { error.ln() } else { 0.0 }) as Row)
+            errors.map(|error| {
+                std::array::from_fn(|i| if i == 0 { error.ln() } else { 0.0 }) as TermRow
+            })
         };
         let model = ErrorModel {
             scales: [[0.0, 1.0]; TERMS],

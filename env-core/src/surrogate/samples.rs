@@ -33,11 +33,11 @@ pub(super) struct Sample {
 /// Gels of a dataset with their linear models, and graphs of their sensors.
 pub(super) struct Gels {
     pub(super) graphs: Vec<PadGraph>,
-    pub(super) pads: Vec<Pad>,
+    pub(super) pads: Vec<GelPad>,
 }
 
 /// A gel of a dataset.
-pub(super) struct Pad {
+pub(super) struct GelPad {
     pub(super) graph: usize,
     pub(super) gel: PadMaterial,
     mesh: PadMesh,
@@ -60,7 +60,7 @@ impl Gels {
             let gel = PadMaterial { moduli, friction: gel.friction, thickness };
             let mesh = meshes[graph].clone();
             let linear = LinearBaseline::new(&sensor, &gel, nodes, &mesh)?;
-            Ok(Pad { graph, gel, mesh, linear })
+            Ok(GelPad { graph, gel, mesh, linear })
         };
         let pads = config.gels.par_iter().map(pad).collect::<Result<_>>()?;
         let graphs = meshes.iter().map(PadGraph::new).collect::<Result<_>>()?;

@@ -238,7 +238,7 @@ fn an_untrained_network_is_the_linear_answer_but_for_the_strain() {
         &super::parameters::Parameters::drawn(0).builder(),
     );
     let input = &samples[0].input;
-    let batch = super::corrector::Batch::new(&[input]).unwrap();
+    let batch = super::corrector::PadBatch::new(&[input]).unwrap();
     let answer = network.unwrap().forward(&batch, &graph).unwrap();
     let displacement: Vec<f32> = answer.displacement.flatten_all().unwrap().to_vec1().unwrap();
     assert_eq!(displacement, input.displacement);

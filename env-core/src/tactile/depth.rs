@@ -5,7 +5,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::skin::{Grid, Skin};
+use super::skin::{PlanGrid, Skin};
 use crate::geometry::plan_shares;
 
 /// Heights of the face at the pixels (D) in m, with the nodes displaced by `displacement` (V), or
@@ -23,7 +23,7 @@ pub(super) fn heights(skin: &Skin, displacement: Option<&[Vector3<f64>]>) -> Vec
 }
 
 /// Raises the height of every pixel under `triangle` to at least that of the triangle.
-fn raise(heights: &mut [f64], view: &Grid, triangle: &[Point3<f64>; 3]) {
+fn raise(heights: &mut [f64], view: &PlanGrid, triangle: &[Point3<f64>; 3]) {
     let [columns, rows] = [0, 1].map(|axis| pixels(view, axis, triangle));
     for j in rows {
         for i in columns.clone() {
@@ -39,7 +39,7 @@ fn raise(heights: &mut [f64], view: &Grid, triangle: &[Point3<f64>; 3]) {
 }
 
 /// Pixels along `axis` whose centres may lie under `triangle`.
-fn pixels(view: &Grid, axis: usize, triangle: &[Point3<f64>; 3]) -> std::ops::Range<u32> {
+fn pixels(view: &PlanGrid, axis: usize, triangle: &[Point3<f64>; 3]) -> std::ops::Range<u32> {
     let index = |p: f64| p / view.cell[axis] + 0.5 * f64::from(view.counts[axis]) - 0.5;
     let places = triangle.map(|corner| index(corner[axis]));
     let low = places.into_iter().fold(f64::INFINITY, f64::min).floor();

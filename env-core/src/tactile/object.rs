@@ -47,14 +47,14 @@ pub struct Squeezed {
 
 /// Parameters that determine a model.
 #[derive(PartialEq)]
-struct Parts {
+struct ModelParameters {
     shape: Shape,
     finger: Vector3<f64>,
     poisson: f64,
 }
 
 /// Most recently built instances, newest first.
-static BUILT: Mutex<Vec<(Parts, SoftObject)>> = Mutex::new(Vec::new());
+static BUILT: Mutex<Vec<(ModelParameters, SoftObject)>> = Mutex::new(Vec::new());
 /// Greatest number of instances kept.
 const KEPT: usize = 16;
 
@@ -69,7 +69,7 @@ impl SoftObject {
     /// (m), or returns a recently built instance.
     pub fn new(shape: &Shape, finger: Vector3<f64>, poisson: f64) -> Result<Self> {
         let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
-        let parts = Parts { shape: shape.clone(), finger, poisson };
+        let parts = ModelParameters { shape: shape.clone(), finger, poisson };
         if let Some((_, known)) = built.iter().find(|(known, _)| *known == parts) {
             return Ok(known.clone());
         }

@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Point on the face: the corners of its triangle and their weights, which sum to 1.
-type Site = ([u32; 3], [f64; 3]);
+type FacePoint = ([u32; 3], [f64; 3]);
 
 /// Deformation of the pads of both fingers, and the surface that they share.
 #[derive(Clone, Copy, Debug)]
@@ -62,11 +62,11 @@ pub struct Skin {
     /// Whole surface, for rendering.
     shell: Shell,
     /// Markers (M).
-    pub(super) markers: Vec<Site>,
+    pub(super) markers: Vec<FacePoint>,
     /// Tetrahedra that contribute to the stress of each cell (G), with weights that sum to 1.
     pub(super) stress: Vec<Vec<(u32, f64)>>,
-    pub(super) grid: Grid,
-    pub(super) view: Grid,
+    pub(super) grid: PlanGrid,
+    pub(super) view: PlanGrid,
     /// Heights of the resting face at the pixels (D) in m.
     pub(super) rest_depth: Vec<f64>,
     pub(super) resolution: Resolution,
@@ -74,14 +74,14 @@ pub struct Skin {
 
 /// Regular grid of cells on a centred rectangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Grid {
+pub(super) struct PlanGrid {
     /// Cells across and along.
     pub(super) counts: [u32; 2],
     /// Size of a cell (m).
     pub(super) cell: [f64; 2],
 }
 
-impl Grid {
+impl PlanGrid {
     /// Divides a centred rectangle of `extent` (m) into `counts` cells.
     fn filling(extent: [f64; 2], counts: [u32; 2]) -> Self {
         Self { counts, cell: [0, 1].map(|axis| extent[axis] / f64::from(counts[axis])) }
@@ -123,14 +123,14 @@ impl Skin {
             })
         };
         let view = view(sensor);
-        let camera = Grid::filling(view, resolution.depth);
+        let camera = PlanGrid::filling(view, resolution.depth);
         let printed = sensor.markers.as_ref().map_or(view, |markers| {
             [markers.across, markers.along].map(|count| markers.pitch * f64::from(count - 1))
         });
         let markers = lattice(printed, resolution.markers).map(|place| find("markers", place));
         let markers = markers.collect::<Result<_>>()?;
         let outline = &sensor.outline;
-        let grid = Grid::filling([outline.width, outline.length], resolution.grid);
+        let grid = PlanGrid::filling([outline.width, outline.length], resolution.grid);
         let shares = nodal_shares(pad);
         let stress = grid.centres().map(|place| Ok(spread(&find("grid", place)?, &shares)));
         let stress = stress.collect::<Result<_>>()?;
@@ -175,7 +175,7 @@ impl Skin {
 
     /// Rest positions of the markers (M) in m.
     pub fn markers(&self) -> Vec<Point3<f64>> {
-        let at = |(corners, shares): &Site| {
+        let at = |(corners, shares): &FacePoint| {
             let sum = |i: usize| self.places[corners[i] as usize].coords * shares[i];
             Point3::from((0..3).map(sum).sum::<Vector3<f64>>())
         };
@@ -256,7 +256,7 @@ fn nodal_shares(pad: &PadMesh) -> Vec<Vec<(u32, f64)>> {
 
 /// Weights of the tetrahedra in the value at a site of a field given on them: the field is averaged
 /// at the nodes, then interpolated.
-fn spread((corners, weights): &Site, shares: &[Vec<(u32, f64)>]) -> Vec<(u32, f64)> {
+fn spread((corners, weights): &FacePoint, shares: &[Vec<(u32, f64)>]) -> Vec<(u32, f64)> {
     let mut sum = BTreeMap::new();
     for (&node, weight) in corners.iter().zip(weights) {
         for &(tet, share) in &shares[node as usize] {

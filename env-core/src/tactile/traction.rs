@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use super::skin::{Grid, Skin};
+use super::skin::{PlanGrid, Skin};
 use crate::deformation::Deformation;
 
 /// Contact force on the pad per area of each cell (G, 3) in Pa.
@@ -27,7 +27,7 @@ pub(super) fn map(skin: &Skin, felt: &Deformation) -> Vec<Vector3<f64>> {
 }
 
 /// Two neighbouring cells along `axis`, with their shares of a force at `place` (m).
-fn weights(grid: &Grid, axis: usize, place: f64) -> [(u32, f64); 2] {
+fn weights(grid: &PlanGrid, axis: usize, place: f64) -> [(u32, f64); 2] {
     let count = grid.counts[axis];
     if count == 1 {
         return [(0, 1.0), (0, 0.0)];

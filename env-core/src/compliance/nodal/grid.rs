@@ -2,7 +2,7 @@
 //! before.
 //!
 //! The pad is a bonded elastic layer ([`LayerKernel`]) but near its sides. What these and the rim
-//! change is smooth, and is taken from finite elements: [`Edges`] is the difference of both
+//! change is smooth, and is taken from finite elements: [`SideCompliance`] is the difference of both
 //! compliances between tractions that fall off linearly around the cells of the first grid, and is
 //! interpolated between their centres. Far from the sides it would be the error of the elements, and
 //! is left out.
@@ -45,7 +45,7 @@ const MANY: usize = 2000;
 const SIDES: [f64; 2] = [0.5, 1.25];
 
 /// Data shared by the grids of a pad.
-pub(super) struct Cells {
+pub(super) struct CellLevels {
     outline: PadOutline,
     /// Cells of the first grid along x and y, multiples of [`ROOT`], and their sides (m).
     count: [u32; 2],
@@ -54,18 +54,18 @@ pub(super) struct Cells {
     /// Height of the face over the centres of the cells of each grid (m).
     heights: Arc<Vec<Vec<f64>>>,
     /// Compliance of the pad less that of the layer.
-    edges: Option<Edges>,
+    edges: Option<SideCompliance>,
 }
 
 /// One grid. Cells are counted row after row along y.
 #[derive(Clone)]
-pub(super) struct Grid {
-    cells: Arc<Cells>,
+pub(super) struct CellGrid {
+    cells: Arc<CellLevels>,
     level: u32,
 }
 
 /// Compliance of a pad less that of a layer, between tractions around the cells of the first grid.
-pub(super) struct Edges {
+pub(super) struct SideCompliance {
     /// Displacement around all cells under unit forces around each along each axis (3C, 3C) in m/N.
     entries: Vec<f32>,
     /// `true` for cells near the sides, where forces on them or their displacement are changed (C).
@@ -106,7 +106,7 @@ impl Around {
     }
 }
 
-impl Cells {
+impl CellLevels {
     /// Covers the face of a pad with a first grid of `count` cells and finer ones, `levels` in all.
     /// The influence of the edges is that of the elements `condensed` on a `fine` mesh.
     pub(super) fn new(
@@ -137,7 +137,7 @@ impl Cells {
             heights: Arc::clone(&all.heights),
             ..all
         });
-        all.edges = Some(Edges::new(condensed, fine, &Grid::new(&layer, 1)));
+        all.edges = Some(SideCompliance::new(condensed, fine, &CellGrid::new(&layer, 1)));
         Arc::new(all)
     }
 
@@ -177,9 +177,9 @@ impl Cells {
     }
 }
 
-impl Grid {
+impl CellGrid {
     /// The grid of that `level`, 0 for the first.
-    pub(super) fn new(cells: &Arc<Cells>, level: u32) -> Self {
+    pub(super) fn new(cells: &Arc<CellLevels>, level: u32) -> Self {
         Self { cells: Arc::clone(cells), level }
     }
 
@@ -260,8 +260,8 @@ impl Grid {
         self.cells.kernel.level(self.level as usize)
     }
 
-    /// Change of it by the sides, between [`Grid::around`] the cells.
-    pub(super) fn edges(&self) -> Option<&Edges> {
+    /// Change of it by the sides, between [`CellGrid::around`] the cells.
+    pub(super) fn edges(&self) -> Option<&SideCompliance> {
         self.cells.edges.as_ref()
     }
 
@@ -304,7 +304,7 @@ impl Grid {
     }
 
     /// Data shared by all grids of the pad.
-    pub(super) fn cells(&self) -> &Cells {
+    pub(super) fn cells(&self) -> &CellLevels {
         &self.cells
     }
 
@@ -436,10 +436,10 @@ impl Grid {
     }
 }
 
-impl Edges {
+impl SideCompliance {
     /// Subtracts the compliance of the layer, from a `grid` of cells smaller than the first, from
     /// that of the elements `condensed` on a `fine` mesh.
-    fn new(condensed: &Condensed, fine: &PadMesh, grid: &Grid) -> Self {
+    fn new(condensed: &Condensed, fine: &PadMesh, grid: &CellGrid) -> Self {
         let cells = &grid.cells;
         let size = (cells.count[0] * cells.count[1]) as usize;
         let areas = areas(condensed);
@@ -473,7 +473,7 @@ impl Edges {
             }
         }
         let tents = normalised(tents);
-        let first = Grid::new(cells, 0);
+        let first = CellGrid::new(cells, 0);
         let share_of_sides = |cell: usize| {
             let place = first.place(cell as u32);
             cells.share_of_sides(place.x, place.y)

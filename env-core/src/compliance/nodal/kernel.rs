@@ -332,18 +332,18 @@ fn half_space(at: [f64; 2], sides: [f64; 2], nu: f64) -> Matrix3<f64> {
 /// Response of a layer of E and t of 1 to a plane wave of traction: displacement along the wave
 /// under traction along it, across under across, normal under normal, along under normal, normal
 /// under along.
-type Wave = [f64; 5];
+type WaveResponse = [f64; 5];
 
 /// Displacement by distance, the Hankel transforms of a response to waves.
 struct Radial {
     /// Isotropic part in the plane, deviatoric part, normal part, and the parts that couple the
     /// plane with the normal, at radii of multiples of 1/[`RADII`].
-    by_radius: Vec<Wave>,
+    by_radius: Vec<WaveResponse>,
 }
 
 impl Radial {
     /// Transforms the `response` to wave numbers up to `most`, by Simpson's rule.
-    fn new(most: f64, response: impl Fn(f64) -> Wave) -> Self {
+    fn new(most: f64, response: impl Fn(f64) -> WaveResponse) -> Self {
         let count = 2 * (0.5 * most / WAVE).ceil() as usize;
         let step = most / count as f64;
         let wave = |i: usize| {
@@ -355,7 +355,7 @@ impl Radial {
         let pi = std::f64::consts::PI;
         let at = |r: usize| {
             let r = r as f64 / RADII as f64;
-            let mut sum = Wave::default();
+            let mut sum = WaveResponse::default();
             for &(k, [along, across, normal, out, back]) in &waves {
                 let (j0, j1) = (libm::j0(k * r), libm::j1(k * r));
                 let j2 = if r == 0.0 { 0.0 } else { 2.0 * j1 / (k * r) - j0 };
@@ -380,7 +380,7 @@ impl Radial {
 
     /// Parts at the distance of (x, y), its direction, and half of the square of this vector.
     #[inline(always)]
-    fn parts(&self, x: f64, y: f64) -> Option<(Wave, [f64; 3])> {
+    fn parts(&self, x: f64, y: f64) -> Option<(WaveResponse, [f64; 3])> {
         let r = (x * x + y * y).sqrt();
         let place = r * RADII as f64;
         let [low, high] = self.by_radius.get(place as usize..)?.first_chunk()?;
@@ -410,7 +410,7 @@ impl Radial {
 }
 
 /// Response of the layer's face less that of a half-space's.
-fn difference(k: f64, nu: f64) -> Wave {
+fn difference(k: f64, nu: f64) -> WaveResponse {
     let mu = 0.5 / (1.0 + nu);
     let four = 3.0 - 4.0 * nu;
     // Numerators and denominator times 2 exp(−2k).
@@ -432,7 +432,7 @@ fn difference(k: f64, nu: f64) -> Wave {
 }
 
 /// Response of the plane at `depth` below the face.
-fn below(k: f64, depth: f64, nu: f64) -> Wave {
+fn below(k: f64, depth: f64, nu: f64) -> WaveResponse {
     let (mu, lambda) = (0.5 / (1.0 + nu), nu / ((1.0 + nu) * (1.0 - 2.0 * nu)));
     // Displacements i U along the wave and W, and tractions i T and S, all times exp(ikx), change
     // with height as y' = k M y. At the base U and W are zero.

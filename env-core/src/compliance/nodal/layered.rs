@@ -2,7 +2,7 @@
 //! needs.
 //!
 //! Between the face nodes of a mesh, contact is not seen. Here it is evaluated on one of several
-//! regular grids of cells ([`Grid`]), each twice as fine as the one before, chosen in every load
+//! regular grids of cells ([`CellGrid`]), each twice as fine as the one before, chosen in every load
 //! step by the number of cells that touch.
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
@@ -13,9 +13,9 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::{
     Settled,
-    grid::{Cells, Grid, ROOT},
+    grid::{CellGrid, CellLevels, ROOT},
     kernel::PlaneKernel,
-    load_stepping::{NodalLoadStepping, Scratch},
+    load_stepping::{NodalLoadStepping, NodalScratch},
     skin::Skin,
 };
 use crate::{
@@ -39,7 +39,7 @@ const KEPT: usize = 2;
 thread_local! {
     /// Kept from press to press: to give megabytes back and to take them anew costs as much as a
     /// small press.
-    static SCRATCH: RefCell<Scratch> = RefCell::default();
+    static SCRATCH: RefCell<NodalScratch> = RefCell::default();
 }
 
 /// Compliance model of a pad with contact on grids of cells. Copies share the precomputed data.
@@ -110,9 +110,9 @@ impl LayeredPad {
         let condensed = &compliance.condensed;
         let along = |extent: f64| ROOT * (extent / (FIRST * f64::from(ROOT))).ceil() as u32;
         let count = [along(outline.width), along(outline.length)];
-        let cells = Cells::new(outline, count, LEVELS as usize, condensed, fine);
+        let cells = CellLevels::new(outline, count, LEVELS as usize, condensed, fine);
         let level =
-            |level| Skin::of_grid(Arc::clone(condensed), Grid::new(&cells, level), level == 0);
+            |level| Skin::of_grid(Arc::clone(condensed), CellGrid::new(&cells, level), level == 0);
         let levels: Vec<_> = (0..LEVELS).map(level).collect();
         let moduli = condensed.body.moduli()[0];
         // Layers are equally deep, as a part of the height, in all columns.
@@ -122,7 +122,7 @@ impl LayeredPad {
         let plane =
             |layer| PlaneKernel::new(outline.thickness * part(layer), outline.thickness, moduli);
         let below = (1..layers).map(plane).collect();
-        let model = Arc::new(ModelFace::new(model, below, &Grid::new(&cells, 1)));
+        let model = Arc::new(ModelFace::new(model, below, &CellGrid::new(&cells, 1)));
         let known = levels.iter().take(KEPT).map(|skin| {
             let grid = skin.grid().expect("levels are grids");
             (0..grid.len() as u32).map(|cell| Known::new(&model, grid, cell)).collect()
@@ -224,13 +224,13 @@ impl LayeredPad {
         }
     }
 
-    fn grid(&self, settled: &Settled) -> &Grid {
+    fn grid(&self, settled: &Settled) -> &CellGrid {
         self.levels[settled.level].grid().expect("levels are grids")
     }
 }
 
 impl Known {
-    fn new(model: &ModelFace, grid: &Grid, cell: u32) -> Self {
+    fn new(model: &ModelFace, grid: &CellGrid, cell: u32) -> Self {
         let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let [x, y, z] = axes.map(|force| model.changes(grid, cell, force));
         let all = [&x, &y, &z].map(|changes| changes.as_flattened());
@@ -273,7 +273,7 @@ const SQUARES: usize = 48;
 
 impl ModelFace {
     /// Takes `grid` for the layer's response.
-    fn new(model: &PadMesh, below: Vec<PlaneKernel>, grid: &Grid) -> Self {
+    fn new(model: &PadMesh, below: Vec<PlaneKernel>, grid: &CellGrid) -> Self {
         let nodes: Vec<_> =
             model.face.iter().map(|&node| model.mesh.vertices[node as usize]).collect();
         let corner = [0, 1].map(|axis| nodes.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min));
@@ -360,7 +360,7 @@ impl ModelFace {
 
     /// Change of the displacement of the nodes near a `cell` of a grid, by layer, if a `force` (N) is
     /// spread over it, and not as tractions around the nodes of the face (m).
-    fn changes(&self, grid: &Grid, cell: u32, force: [f32; 3]) -> Vec<[f32; 3]> {
+    fn changes(&self, grid: &CellGrid, cell: u32, force: [f32; 3]) -> Vec<[f32; 3]> {
         let count = self.nodes.len();
         let from = grid.place(cell);
         let (corners, shares) = self.under(&from);
@@ -397,7 +397,7 @@ impl ModelFace {
         changes
     }
 
-    fn between(&self, grid: &Grid) -> Vec<Vec<Matrix3<f32>>> {
+    fn between(&self, grid: &CellGrid) -> Vec<Vec<Matrix3<f32>>> {
         let mut tents = vec![Vec::new(); self.nodes.len()];
         for cell in 0..grid.len() as u32 {
             let place = grid.place(cell);

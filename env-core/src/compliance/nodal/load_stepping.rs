@@ -8,7 +8,7 @@ use super::{
     super::push::{ForceControlled, push},
     Settled,
     between::{Face, Standing, watched},
-    grid::Grid,
+    grid::CellGrid,
     patch::{Move, Patch, nearest},
     skin::{Group, Skin},
     spots::Spots,
@@ -50,7 +50,7 @@ const WORK: usize = 200_000_000;
 
 /// Working memory of one thread, reused for successive presses.
 #[derive(Default)]
-pub(super) struct Scratch {
+pub(super) struct NodalScratch {
     pub(super) displacement: Vec<f32>,
     pub(super) spots: Spots,
     pub(super) compliance: TouchingCompliance,
@@ -93,7 +93,7 @@ pub(super) struct NodalLoadStepping<'a> {
     watched: &'a [Face],
     /// Greatest motion of a shape in one load step (m).
     stride: f64,
-    scratch: &'a mut Scratch,
+    scratch: &'a mut NodalScratch,
     /// Sweeps times the square of the number of nodes that touch, in this frame.
     work: usize,
     pub(super) state: NodalState,
@@ -105,7 +105,7 @@ impl<'a> NodalLoadStepping<'a> {
         levels: &'a [Skin],
         law: ContactLaw,
         press: &'a Press,
-        scratch: &'a mut Scratch,
+        scratch: &'a mut NodalScratch,
     ) -> Result<Self> {
         let shapes = press.shapes();
         let skin = &levels[0];
@@ -307,7 +307,7 @@ impl<'a> NodalLoadStepping<'a> {
     /// Coarsest level whose cells no shape can pass between: no ball as thick as the shapes, or no
     /// strip of a wall if they are taken `as_walls`.
     fn coarsest(&self, as_walls: bool) -> usize {
-        let is_felt = |grid: &Grid, shape: &Shape| {
+        let is_felt = |grid: &CellGrid, shape: &Shape| {
             let (thickness, side) = (shape.thickness(), grid.longest_side());
             2.0 * grid.half_diagonal() < thickness
                 || (as_walls && shape.breadth() > WALL[0] * side && thickness > WALL[1] * side)

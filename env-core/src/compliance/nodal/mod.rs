@@ -38,7 +38,7 @@ use crate::{
 };
 
 pub use layered::{LayeredPad, NodeContact};
-use load_stepping::{NodalLoadStepping, Scratch};
+use load_stepping::{NodalLoadStepping, NodalScratch};
 use skin::Skin;
 
 /// Compliance model of one soft body with contact at its nodes. Copies share the precomputed data.
@@ -105,7 +105,7 @@ impl Nodal {
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
     pub fn settled_path(&self, press: &Press) -> Vec<Result<Settled>> {
-        let mut scratch = Scratch::default();
+        let mut scratch = NodalScratch::default();
         match NodalLoadStepping::new(
             std::slice::from_ref(&*self.skin),
             self.law_of(press),

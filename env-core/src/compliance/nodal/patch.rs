@@ -12,7 +12,7 @@
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
-    load_stepping::{Held, Scratch},
+    load_stepping::{Held, NodalScratch},
     skin::{Group, NodeCompliance, Skin},
     spots::Spots,
     touching::TouchingCompliance,
@@ -108,9 +108,9 @@ impl<'a> Patch<'a> {
         [room, reach]: [f64; 2],
         most: usize,
         held: &[Held],
-        scratch: &'a mut Scratch,
+        scratch: &'a mut NodalScratch,
     ) -> Option<Self> {
-        let Scratch { displacement, spots, compliance } = scratch;
+        let NodalScratch { displacement, spots, compliance } = scratch;
         let forces: Vec<_> = held.iter().map(|held| (held.rank, held.force)).collect();
         let mut ranks: Vec<u32> = match &skin.compliance {
             NodeCompliance::Matrix(..) => {

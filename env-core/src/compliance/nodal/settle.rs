@@ -131,7 +131,7 @@ mod tests {
     use crate::{
         compliance::{
             Compliance, Options,
-            nodal::{load_stepping::Scratch, patch::Move, skin::Skin},
+            nodal::{load_stepping::NodalScratch, patch::Move, skin::Skin},
         },
         deformation::{Moduli, SoftBody},
         geometry::{PadMesh, PadOutline, Shape},
@@ -149,7 +149,7 @@ mod tests {
         let [from, to] =
             [(0.0, 6e-3), (aside, 5.8e-3)].map(|(x, z)| [Isometry3::translation(x, 3e-4, z)]);
         let way = Move { shapes: &shapes, from: &from, to: &to };
-        let mut scratch = Scratch::default();
+        let mut scratch = NodalScratch::default();
         let law = &model.settings.law;
         let reach = [f64::INFINITY, 1e-3];
         let patch = Patch::new(&skin, law, way, reach, usize::MAX, &[], &mut scratch);

@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::{
     super::condensed::Condensed,
     between::{Face, widest},
-    grid::Grid,
+    grid::CellGrid,
     load_stepping::Held,
 };
 use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh, responses::Responses};
@@ -40,9 +40,9 @@ pub(super) struct Skin {
 /// Displacement of contact nodes under unit forces on each other (m/N).
 pub(super) enum NodeCompliance {
     /// Of all nodes under unit forces on each (3M, 3M), and the grid, if its cells are the nodes.
-    Matrix(Responses, Option<Grid>),
+    Matrix(Responses, Option<CellGrid>),
     /// Between the cells of a grid, which are the nodes.
-    Grid(Grid),
+    Grid(CellGrid),
 }
 
 /// Contact nodes that lie close together.
@@ -122,7 +122,7 @@ impl Skin {
 
     /// Takes the cells of a `grid` on the face of a pad as contact nodes. Only those of the first
     /// grid are grouped and have a matrix, and no faces are watched for shapes between them.
-    pub(super) fn of_grid(condensed: Arc<Condensed>, grid: Grid, is_first: bool) -> Self {
+    pub(super) fn of_grid(condensed: Arc<Condensed>, grid: CellGrid, is_first: bool) -> Self {
         let young = condensed.body.moduli().iter().map(|moduli| moduli.young).fold(0.0, f64::max);
         let point = SurfacePoint { shares: vec![(0, 1.0)], area: grid.area(), young };
         let (mut places, mut points, mut grouped) = (Vec::new(), vec![point.clone()], Vec::new());
@@ -149,7 +149,7 @@ impl Skin {
 
     /// Number of contact nodes M.
     pub(super) fn len(&self) -> usize {
-        self.grid().map_or(self.places.len(), Grid::len)
+        self.grid().map_or(self.places.len(), CellGrid::len)
     }
 
     /// Position of a node at rest.
@@ -173,7 +173,7 @@ impl Skin {
     }
 
     /// The grid, if its cells are the nodes.
-    pub(super) fn grid(&self) -> Option<&Grid> {
+    pub(super) fn grid(&self) -> Option<&CellGrid> {
         match &self.compliance {
             NodeCompliance::Matrix(_, grid) => grid.as_ref(),
             NodeCompliance::Grid(grid) => Some(grid),

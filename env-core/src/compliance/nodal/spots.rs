@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 
 use super::{
-    grid::{Around, Grid},
+    grid::{Around, CellGrid},
     kernel::{STRIP, Table, matrix},
 };
 use crate::simd::vectorised;
@@ -45,7 +45,7 @@ impl Spots {
     /// zero.
     pub(super) fn renew(
         &mut self,
-        grid: &Grid,
+        grid: &CellGrid,
         ranks: impl Iterator<Item = u32>,
         displacement: &mut Vec<f32>,
     ) {
@@ -92,7 +92,7 @@ impl Spots {
     /// Adds to the displacement the response to forces (N) on some cells.
     pub(super) fn give_way(
         &mut self,
-        grid: &Grid,
+        grid: &CellGrid,
         loads: impl Iterator<Item = (usize, Vector3<f64>)>,
         displacement: &mut [f32],
     ) {
@@ -117,7 +117,7 @@ impl Spots {
 
     /// Sets `rows` (3, 3 × number of cells) to the displacement of the cells `at` under unit forces
     /// along each axis on cell `loaded` (m/N).
-    pub(super) fn gather(&mut self, grid: &Grid, loaded: usize, at: &[u32], rows: &mut [f32]) {
+    pub(super) fn gather(&mut self, grid: &CellGrid, loaded: usize, at: &[u32], rows: &mut [f32]) {
         let [first, end] = self.rows(grid, loaded);
         let (from, size) = (self.cells[loaded], 3 * self.coarse.len());
         let width = 3 * at.len();
@@ -157,7 +157,7 @@ impl Spots {
     }
 
     /// Displacement of a cell under unit forces on itself (m/N).
-    pub(super) fn own(&mut self, grid: &Grid, cell: usize) -> Matrix3<f64> {
+    pub(super) fn own(&mut self, grid: &CellGrid, cell: usize) -> Matrix3<f64> {
         let mut sum = matrix(&grid.layer().at([0, 0]));
         let [first, end] = self.rows(grid, cell);
         if first < end {
@@ -177,7 +177,7 @@ impl Spots {
 
     /// First and end in `rows` of the responses to forces on cell `loaded`, which are computed if they
     /// are not known; the same if they are zero.
-    fn rows(&mut self, grid: &Grid, loaded: usize) -> [usize; 2] {
+    fn rows(&mut self, grid: &CellGrid, loaded: usize) -> [usize; 2] {
         if let Some(known) = self.known[loaded] {
             return known;
         }
@@ -229,7 +229,7 @@ fn add_strips(
 mod tests {
     use super::*;
     use crate::{
-        compliance::{Compliance, Options, nodal::grid::Cells},
+        compliance::{Compliance, Options, nodal::grid::CellLevels},
         deformation::{Moduli, SoftBody},
         geometry::{PadMesh, PadOutline},
     };
@@ -242,9 +242,9 @@ mod tests {
         let law = crate::deformation::Law::default();
         let body = SoftBody::new(pad.mesh.clone(), law, moduli, &pad.base).unwrap();
         let model = Compliance::new(body, Options { friction: 0.8, sweeps: 0 }).unwrap();
-        let cells = Cells::new(&outline, [12, 16], 4, &model.condensed, &pad);
+        let cells = CellLevels::new(&outline, [12, 16], 4, &model.condensed, &pad);
         for level in 0..4 {
-            let grid = Grid::new(&cells, level);
+            let grid = CellGrid::new(&cells, level);
             // Every few cells of the whole pad: at its sides and in its middle.
             let few = grid.len() / 40 + 1;
             let ranks: Vec<_> = (0..grid.len() as u32).step_by(few).collect();

@@ -17,7 +17,7 @@ use crate::deformation::Wrench;
 /// Velocity of the object's centre of mass, its angular velocity, and speeds of the slides along
 /// the wrist's x.
 pub(super) type Velocities = SVector<f64, 8>;
-type Stiffness = SMatrix<f64, 8, 8>;
+type Matrix8 = SMatrix<f64, 8, 8>;
 
 /// Damping of the gel over its stiffness (s).
 const DAMPING: f64 = 2e-3;
@@ -180,8 +180,8 @@ impl Bodies {
         contacts: &[LoadedBristle],
         motion: &Velocities,
         friction: f64,
-    ) -> (Velocities, Stiffness) {
-        let (mut forces, mut stiffness) = (Velocities::zeros(), Stiffness::zeros());
+    ) -> (Velocities, Matrix8) {
+        let (mut forces, mut stiffness) = (Velocities::zeros(), Matrix8::zeros());
         for finger in 0..2 {
             let (mut wrench, mut sums) = (Wrench::default(), Sums::default());
             for contact in contacts.iter().filter(|contact| contact.finger == finger) {
@@ -202,7 +202,7 @@ impl Bodies {
         &self,
         motion: &Velocities,
         foundation: &Velocities,
-        stiffness: &Stiffness,
+        stiffness: &Matrix8,
         friction: f64,
         stopped: &mut FixtureImpulses,
     ) -> Velocities {
@@ -268,7 +268,7 @@ impl Sums {
     }
 
     /// Adds Σ Jᵀ K J with J = (1, −[r]×, −axis) to `stiffness`.
-    fn spread(&self, axis: &Vector3<f64>, finger: usize, stiffness: &mut Stiffness) {
+    fn spread(&self, axis: &Vector3<f64>, finger: usize, stiffness: &mut Matrix8) {
         let mut object = self.normal;
         let skew = self.first.cross_matrix();
         let (mut a, c) = (object.fixed_view_mut::<3, 3>(0, 0), self.across);

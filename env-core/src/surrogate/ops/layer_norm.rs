@@ -12,11 +12,11 @@ use crate::simd::sum;
 /// Added to the variance, which keeps its root away from zero.
 const EPSILON: f32 = 1e-5;
 
-struct LayerNorm;
+struct LayerNormOp;
 
 /// Normalises the rows of `x` (N, H), multiplies by `scale` (H) and adds `shift` (H).
 pub(in super::super) fn layer_norm(x: &Tensor, scale: &Tensor, shift: &Tensor) -> Result<Tensor> {
-    x.contiguous()?.apply_op3(scale, shift, LayerNorm)
+    x.contiguous()?.apply_op3(scale, shift, LayerNormOp)
 }
 
 /// Mean of a row, and the inverse of its standard deviation.
@@ -28,7 +28,7 @@ pub(in super::super) fn moments(row: &[f32]) -> (f32, f32) {
     (mean, 1.0 / (variance + EPSILON).sqrt())
 }
 
-impl CustomOp3 for LayerNorm {
+impl CustomOp3 for LayerNormOp {
     fn name(&self) -> &'static str {
         "layer-norm"
     }

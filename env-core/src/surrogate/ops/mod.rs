@@ -24,7 +24,7 @@ pub(super) use layer_norm::{layer_norm, moments};
 pub(super) use messages::{Edges, hear, messages};
 pub(super) use pad_stress::PadStress;
 pub(super) use sparse::{Sparse, sparse};
-pub(super) use von_mises::{Gradients, von_mises};
+pub(super) use von_mises::{ShapeGradients, von_mises};
 
 use candle_core::{CpuStorage, Layout, Result, Storage, Tensor, bail};
 

@@ -5,7 +5,7 @@
 //! odd index along x and y are stored apart, such corners are contiguous in memory and are read as
 //! vectors, without gathering.
 
-use super::von_mises::{EPSILON, FLATTEST, Gradients};
+use super::von_mises::{EPSILON, FLATTEST, ShapeGradients};
 use crate::{geometry::PadMesh, simd::LANES};
 
 /// One number for each of the tetrahedra that are computed together.
@@ -49,7 +49,7 @@ impl PadStress {
             (3 * stride * k + kind * (2 * (j % 2) + i % 2) + half[0] * (j / 2) + i / 2) as u32
         };
         let nodes: Vec<u32> = (0..pad.mesh.vertices.len()).map(node).collect();
-        let slopes = Gradients::new(&pad.mesh, length).slopes;
+        let slopes = ShapeGradients::new(&pad.mesh, length).slopes;
         let mut places = vec![0; pad.mesh.tets.len()];
         let (mut runs, mut gradients) = (Vec::new(), Vec::<[[Lanes; 3]; 3]>::new());
         let kinds = (0..nz).flat_map(|k| (0..4).map(move |kind| (k, kind)));
@@ -106,7 +106,7 @@ impl PadStress {
         &self.places
     }
 
-    /// Writes the result of [`Gradients::stress`] to `stress`, at [`PadStress::places`].
+    /// Writes the result of [`ShapeGradients::stress`] to `stress`, at [`PadStress::places`].
     #[inline(always)]
     pub(in super::super) fn stress(&self, arranged: &[f32], stress: &mut Vec<f32>) {
         stress.clear();
@@ -187,7 +187,7 @@ mod tests {
                 pad.mesh.vertices.iter().map(|_| std::array::from_fn(|_| number())).collect();
             let (tets, own) = (pad.mesh.tets.len(), PadStress::new(&pad, 0.004));
             let mut plain = vec![0.0; tets];
-            Gradients::new(&pad.mesh, 0.004).stress(u.as_flattened(), &mut plain);
+            ShapeGradients::new(&pad.mesh, 0.004).stress(u.as_flattened(), &mut plain);
             let mut found = Vec::new();
             own.stress(&own.arranged(&u), &mut found);
             assert!(own.places().len() == tets && found.iter().all(|s| s.is_finite()));

@@ -19,14 +19,14 @@ pub(super) const EPSILON: f32 = 1e-10;
 
 /// Tetrahedra and the gradients of their shape functions.
 #[derive(Clone, Debug, PartialEq)]
-pub(in super::super) struct Gradients {
+pub(in super::super) struct ShapeGradients {
     nodes: usize,
     tets: Vec<[u32; 4]>,
     /// ∇N of the last three corners; that of the first is minus their sum.
     pub(super) slopes: Vec<Matrix3<f32>>,
 }
 
-impl Gradients {
+impl ShapeGradients {
     /// Computes the gradients of `mesh`, with lengths in units of `length` (m).
     pub(in super::super) fn new(mesh: &TetMesh, length: f64) -> Self {
         let slopes = (0..mesh.tets.len()).map(|t| {
@@ -87,10 +87,10 @@ fn slope(f: &Matrix3<f32>) -> Matrix3<f32> {
     }
 }
 
-struct VonMises(Arc<Gradients>);
+struct VonMises(Arc<ShapeGradients>);
 
 /// Von Mises stress over μ (B, T) for the displacement `u` (B V, 3) in units of the length.
-pub(in super::super) fn von_mises(u: &Tensor, mesh: &Arc<Gradients>) -> Result<Tensor> {
+pub(in super::super) fn von_mises(u: &Tensor, mesh: &Arc<ShapeGradients>) -> Result<Tensor> {
     u.contiguous()?.apply_op1(VonMises(Arc::clone(mesh)))
 }
 
@@ -144,14 +144,14 @@ mod tests {
         let u: Vec<f32> =
             mesh.vertices.iter().flat_map(|p| [shear * p.y as f32, 0.0, 0.0]).collect();
         let mut stress = [0.0; 2];
-        Gradients::new(&mesh, 1.0).stress(&u, &mut stress);
+        ShapeGradients::new(&mesh, 1.0).stress(&u, &mut stress);
         let exact = (3.0 * shear.powi(2) + shear.powi(4)).sqrt();
         assert!(stress.iter().all(|s| (s / exact - 1.0).abs() < 1e-5), "{stress:?} for {exact}");
     }
 
     #[test]
     fn its_derivative_is_that_of_finite_differences() {
-        let gradients = Arc::new(Gradients::new(&mesh(), 1.0));
+        let gradients = Arc::new(ShapeGradients::new(&mesh(), 1.0));
         let u = random(&[10, 3], 5);
         let small = u.affine(0.2, 0.0).unwrap();
         u.set(&small).unwrap();

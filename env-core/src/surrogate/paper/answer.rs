@@ -9,8 +9,8 @@ use super::{
     bodies::{Graph, Pad},
     card::PaperCard,
     config::Input,
-    patch::Patch,
-    scene::Push,
+    patch::PaperPatch,
+    scene::PaperPush,
     target::Told,
 };
 use crate::{
@@ -147,7 +147,7 @@ struct Asked<'a> {
     pad: Pad,
     /// Pose of the shape at first touch, along the pad's axis, and its surface there; `None` if it
     /// never touches.
-    touch: Option<(Isometry3<f64>, Patch)>,
+    touch: Option<(Isometry3<f64>, PaperPatch)>,
 }
 
 impl PaperModel {
@@ -171,7 +171,7 @@ impl PaperModel {
         let first = path.iter().find(|pose| pad.graph.touches(shape, pose));
         let touch = first.map(|&pose| {
             let touch = pad.graph.touch(shape, pose);
-            (touch, Patch::new(&surface, &touch, pad.graph.half, self.card.density))
+            (touch, PaperPatch::new(&surface, &touch, pad.graph.half, self.card.density))
         });
         Ok((Asked { shape, pad, touch }, path))
     }
@@ -183,7 +183,7 @@ impl PaperModel {
         let still = |rows: usize| vec![Vector3::zeros(); rows];
         let (displacement, von_mises, rigid) = match touch {
             Some((touch, patch)) if pad.graph.touches(shape, pose) => {
-                let push = Push::Moved(pose * touch.inverse());
+                let push = PaperPush::Moved(pose * touch.inverse());
                 let output = self.network.answer_to(pad, patch, push)?;
                 let numbers: Vec<f32> = output.displacement.flatten_all()?.to_vec1()?;
                 let vector = |&u: &[f32; 3]| Vector3::from(u).cast::<f64>() * length;

@@ -11,7 +11,7 @@ use super::{
     blocks::{Perceptron, Update},
     config::{PaperConfig, Variant},
     rigid,
-    scene::{CONTACT_FEATURES, MESH_FEATURES, NODE_FEATURES, Scene},
+    scene::{CONTACT_FEATURES, MESH_FEATURES, NODE_FEATURES, PaperScene},
 };
 use crate::surrogate::ops::{Sparse, sparse};
 
@@ -95,7 +95,7 @@ impl Paper {
     }
 
     /// The answer on `scene`.
-    pub(super) fn forward(&self, scene: &Scene) -> Result<PaperOutput> {
+    pub(super) fn forward(&self, scene: &PaperScene) -> Result<PaperOutput> {
         let mut latent = self.encode(scene)?;
         for round in 0..self.rounds {
             latent = self.blocks[round % self.blocks.len()].forward(&latent, scene)?;
@@ -103,7 +103,7 @@ impl Paper {
         self.decode(&latent, scene)
     }
 
-    fn encode(&self, scene: &Scene) -> Result<Latent> {
+    fn encode(&self, scene: &PaperScene) -> Result<Latent> {
         let nodes = self.nodes.forward(&scene.nodes)?;
         let width = nodes.dim(1)?;
         let zeros = |rows: usize| Tensor::zeros((rows, width), DType::F32, &Device::Cpu);
@@ -120,7 +120,7 @@ impl Paper {
         })
     }
 
-    fn decode(&self, latent: &Latent, scene: &Scene) -> Result<PaperOutput> {
+    fn decode(&self, latent: &Latent, scene: &PaperScene) -> Result<PaperOutput> {
         let gel = scene.free.dim(0)?;
         let moved = (self.displacement.forward(&latent.nodes)? * DISPLACEMENT)?;
         let stress = match &latent.tets {
@@ -163,7 +163,7 @@ impl Block {
         })
     }
 
-    fn forward(&self, latent: &Latent, scene: &Scene) -> Result<Latent> {
+    fn forward(&self, latent: &Latent, scene: &PaperScene) -> Result<Latent> {
         let mesh = self.mesh.edges(&latent.mesh, &latent.nodes, &scene.mesh)?;
         let contact = self.contact.edges(&latent.contact, &latent.nodes, &scene.contact)?;
         let heard = [sparse(&mesh, &scene.mesh.sums)?, sparse(&contact, &scene.contact.sums)?];
@@ -190,8 +190,8 @@ mod tests {
     };
     use crate::surrogate::{parameters::Parameters, train::Network};
 
-    fn scene(bodies: &Bodies, sample: &Sample) -> Scene {
-        Scene::new(&bodies.pads[0], &sample.patch, sample.push(Input::Translation), 0).unwrap()
+    fn scene(bodies: &Bodies, sample: &Sample) -> PaperScene {
+        PaperScene::new(&bodies.pads[0], &sample.patch, sample.push(Input::Translation), 0).unwrap()
     }
 
     fn network(config: &PaperConfig) -> (Parameters, Paper) {

@@ -49,14 +49,14 @@ const AWAY: f64 = 15e-3;
 
 /// Nodes and edges on a part of a surface.
 #[derive(Clone, Debug)]
-pub(super) struct Patch {
+pub(super) struct PaperPatch {
     /// Nodes in the pad's frame (m).
     pub(super) places: Vec<Vector3<f64>>,
     /// Receiver and sender of each directed edge, sorted.
     pub(super) pairs: Vec<(u32, u32)>,
 }
 
-impl Patch {
+impl PaperPatch {
     /// The part of `surface` at `pose` within reach of a pad of the given half-extents, its edges
     /// halved until none is longer than the spacing of `density`.
     pub(super) fn new(
@@ -135,7 +135,7 @@ mod tests {
         let block = Shape::Cuboid { half_extents: Vector3::repeat(0.025) }.surface(8).unwrap();
         let pose = Isometry3::translation(0.0, 0.0, 0.025);
         let count = |density| {
-            let patch = Patch::new(&block, &pose, [7e-3, 9e-3], density);
+            let patch = PaperPatch::new(&block, &pose, [7e-3, 9e-3], density);
             for &(a, b) in &patch.pairs {
                 let length = (patch.places[a as usize] - patch.places[b as usize]).norm();
                 assert!(length <= density.spacing(), "{length} m for {density:?}");

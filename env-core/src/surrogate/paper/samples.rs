@@ -7,9 +7,9 @@ use nalgebra::{Isometry3, Vector3};
 use super::{
     bodies::{Bodies, Pad},
     config::Input,
-    patch::{Density, Patch},
+    patch::{Density, PaperPatch},
     rigid::{self, MOTION},
-    scene::Push,
+    scene::PaperPush,
 };
 use crate::{
     Result,
@@ -28,7 +28,7 @@ pub(super) struct Sample {
     /// Name of its grasp.
     pub(super) grasp: String,
     /// The object's surface when it first touched.
-    pub(super) patch: Arc<Patch>,
+    pub(super) patch: Arc<PaperPatch>,
     /// Motion of the object since then, in the pad's frame.
     pub(super) moved: Isometry3<f64>,
     pub(super) target: Target,
@@ -67,7 +67,7 @@ impl Bodies {
         let Pad { gel, graph } = &self.pads[frames.gel];
         let touch = graph.touch(&object.shape, frames.poses[0]);
         let surface = object.surface(density.segments());
-        let patch = Arc::new(Patch::new(&surface, &touch, graph.half, density));
+        let patch = Arc::new(PaperPatch::new(&surface, &touch, graph.half, density));
         let one = |(i, pose): (usize, &Isometry3<f64>)| {
             let target = Target::new(frames, i, graph.columns, gel);
             Sample {
@@ -97,10 +97,10 @@ impl Pad {
 
 impl Sample {
     /// The press as a network with that input is told it.
-    pub(super) fn push(&self, input: Input) -> Push {
+    pub(super) fn push(&self, input: Input) -> PaperPush {
         match input {
-            Input::Translation => Push::Moved(self.moved),
-            Input::Force => Push::Force(-f64::from(self.target.force[2])),
+            Input::Translation => PaperPush::Moved(self.moved),
+            Input::Force => PaperPush::Force(-f64::from(self.target.force[2])),
         }
     }
 
@@ -159,7 +159,7 @@ pub(super) mod tests {
         let target = Target::new(&frames, 0, graph.columns, &gel);
         let touch = graph.touch(&ball, pose);
         let surface = ball.surface(Density::Coarse.segments()).unwrap();
-        let patch = Arc::new(Patch::new(&surface, &touch, graph.half, Density::Coarse));
+        let patch = Arc::new(PaperPatch::new(&surface, &touch, graph.half, Density::Coarse));
         let pad = Pad { gel, graph };
         let rigid = pad.rigid(&target);
         let moved = pose * touch.inverse();

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use candle_core::{Device, Tensor};
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{bodies::Pad, patch::Patch};
+use super::{bodies::Pad, patch::PaperPatch};
 use crate::{
     Error, Result,
     surrogate::ops::{Edges, Sparse},
@@ -36,7 +36,7 @@ const SHARES: f64 = 1000.0;
 
 /// Known quantity of an object that is pressed in.
 #[derive(Clone, Copy)]
-pub(super) enum Push {
+pub(super) enum PaperPush {
     /// Its motion since it touched, in the pad's frame.
     Moved(Isometry3<f64>),
     /// The normal force, in units of E L².
@@ -44,7 +44,7 @@ pub(super) enum Push {
 }
 
 /// One press as a graph.
-pub(super) struct Scene {
+pub(super) struct PaperScene {
     /// (N, NODE_FEATURES).
     pub(super) nodes: Tensor,
     pub(super) mesh: Links,
@@ -70,16 +70,21 @@ pub(super) fn signs(mirror: usize) -> [f64; 3] {
     [mirror & 1, mirror >> 1 & 1, 0].map(|flip| if flip == 1 { -1.0 } else { 1.0 })
 }
 
-impl Scene {
+impl PaperScene {
     /// The scene of `push` by the surface in `patch`, which touches `pad`, seen in a mirror; an error if
     /// nothing is near the gel.
-    pub(super) fn new(pad: &Pad, patch: &Patch, push: Push, mirror: usize) -> Result<Self> {
+    pub(super) fn new(
+        pad: &Pad,
+        patch: &PaperPatch,
+        push: PaperPush,
+        mirror: usize,
+    ) -> Result<Self> {
         let Pad { gel, graph } = pad;
         let (length, gel_nodes) = (gel.thickness, graph.places.len());
         let at_touch = patch.places.iter().map(|p| Point3::from(*p));
         let object: Vec<Point3<f64>> = match push {
-            Push::Moved(moved) => at_touch.map(|p| moved * p).collect(),
-            Push::Force(_) => at_touch.collect(),
+            PaperPush::Moved(moved) => at_touch.map(|p| moved * p).collect(),
+            PaperPush::Force(_) => at_touch.collect(),
         };
         let places: Vec<_> = graph.places.iter().chain(&object).copied().collect();
         let signs = Vector3::from(signs(mirror));
@@ -92,8 +97,8 @@ impl Scene {
             return Err(Error::Network { reason });
         }
         let force = match push {
-            Push::Moved(_) => 0.0,
-            Push::Force(force) => force * SHARES / joined.len() as f64,
+            PaperPush::Moved(_) => 0.0,
+            PaperPush::Force(force) => force * SHARES / joined.len() as f64,
         };
         let on_object = patch.pairs.iter();
         let shift = gel_nodes as u32;
@@ -131,7 +136,7 @@ impl Scene {
 /// Receiver and sender of the edges between the nodes of a face and the nearest of an object, whose
 /// nodes are numbered from `first`, both ways and sorted.
 fn contacts(face: &[Point3<f64>], object: &[Point3<f64>], first: usize) -> Vec<(u32, u32)> {
-    let near = face.iter().map(|place| Patch::nearest(object, place, RADIUS, NEAREST));
+    let near = face.iter().map(|place| PaperPatch::nearest(object, place, RADIUS, NEAREST));
     let both = near.zip(0..).flat_map(|(near, a)| {
         let pairs = near.into_iter().map(move |b| (a, first as u32 + b));
         pairs.flat_map(|(a, b)| [(a, b), (b, a)])

@@ -11,10 +11,10 @@ use super::{
     card::PaperCard,
     config::{Input, PaperConfig},
     network::{DISPLACEMENT, Paper, PaperOutput, STRESS},
-    patch::Patch,
+    patch::PaperPatch,
     rigid::{self, STILL},
     samples::Sample,
-    scene::{Push, Scene, signs},
+    scene::{PaperPush, PaperScene, signs},
 };
 use crate::{
     Error, Result,
@@ -63,13 +63,18 @@ impl Told {
         mirror: usize,
     ) -> Result<PaperOutput> {
         let pad = &bodies.pads[sample.gel];
-        let scene = Scene::new(pad, &sample.patch, sample.push(self.input), mirror)?;
+        let scene = PaperScene::new(pad, &sample.patch, sample.push(self.input), mirror)?;
         Ok(self.network.forward(&scene)?)
     }
 
     /// The answer to `push` by the surface in `patch`.
-    pub(super) fn answer_to(&self, pad: &Pad, patch: &Patch, push: Push) -> Result<PaperOutput> {
-        Ok(self.network.forward(&Scene::new(pad, patch, push, 0)?)?)
+    pub(super) fn answer_to(
+        &self,
+        pad: &Pad,
+        patch: &PaperPatch,
+        push: PaperPush,
+    ) -> Result<PaperOutput> {
+        Ok(self.network.forward(&PaperScene::new(pad, patch, push, 0)?)?)
     }
 
     /// Returns whether it outputs a rigid motion.

@@ -14,7 +14,7 @@ use super::{
     graph::ObjectGraph,
     grip::Grip,
     input::ObjectInput,
-    linear::LinearBaseline,
+    linear::SoftBaseline,
     network::Soft,
     study::SoftCard,
 };
@@ -38,7 +38,7 @@ struct ObjectNetwork {
     network: ObjectInference,
     graph: ObjectGraph,
     unit: PadMaterial,
-    linear: LinearBaseline,
+    linear: SoftBaseline,
     body: SoftBody,
     /// Memory of presses that are done: to get it anew for each takes as long as the network.
     spare: Mutex<Vec<Memory>>,
@@ -86,7 +86,7 @@ impl SoftSurrogate {
         let network = ObjectInference::new(&network, &graph, &mesh)?;
         let unit = PadMaterial { moduli, friction, thickness: graph.length };
         let fine = tets_within(shape, card.linear_nodes)?;
-        let linear = LinearBaseline::new(fine, &mesh, moduli, friction)?;
+        let linear = SoftBaseline::new(fine, &mesh, moduli, friction)?;
         let body = SoftBody::new(mesh, Law::default(), moduli, &[])?;
         let spare = Mutex::default();
         Ok(Self(Arc::new(ObjectNetwork { card, network, graph, unit, linear, body, spare })))

@@ -15,7 +15,7 @@ use crate::{
     surrogate::{
         graph::SCALES,
         multi_scale::Level,
-        ops::{Edges, Gradients, Sparse},
+        ops::{Edges, ShapeGradients, Sparse},
     },
 };
 
@@ -39,7 +39,7 @@ pub(super) struct ObjectGraph {
     /// The way along each edge of each (E).
     ways: [Vec<Vector3<f64>>; SCALES],
     /// Displacement to stress.
-    pub(super) gradients: Arc<Gradients>,
+    pub(super) gradients: Arc<ShapeGradients>,
     /// Sum over the corners of each tetrahedron (T, V).
     pub(super) corners: Arc<Sparse>,
 }
@@ -73,7 +73,7 @@ impl ObjectGraph {
             ways: [fine.1, middle.1, coarse.1],
             places: mesh.vertices.clone(),
             normals: normals(mesh),
-            gradients: Arc::new(Gradients::new(mesh, length)),
+            gradients: Arc::new(ShapeGradients::new(mesh, length)),
             corners: Arc::new(Sparse::new(&corners, count)),
         }
     }

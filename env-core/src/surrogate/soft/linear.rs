@@ -10,12 +10,12 @@ use crate::{
 };
 
 /// A soft object's linear model.
-pub(super) struct LinearBaseline {
+pub(super) struct SoftBaseline {
     compliance: Compliance,
     transfer: Transfer,
 }
 
-impl LinearBaseline {
+impl SoftBaseline {
     /// On the mesh `fine`, answering on `model`.
     pub(super) fn new(
         fine: TetMesh,
@@ -46,7 +46,7 @@ impl LinearBaseline {
         Ok(self.carry(fine))
     }
 
-    /// Memory for [`LinearBaseline::last`].
+    /// Memory for [`SoftBaseline::last`].
     pub(super) fn scratch(&self) -> Scratch {
         self.compliance.scratch()
     }

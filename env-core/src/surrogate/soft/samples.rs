@@ -13,7 +13,7 @@ use super::{
     graph::ObjectGraph,
     grip::Grip,
     input::ObjectInput,
-    linear::LinearBaseline,
+    linear::SoftBaseline,
     network::{Soft, SoftConfig},
 };
 use crate::{
@@ -21,7 +21,7 @@ use crate::{
     dataset::{SqueezeFrames, Squeezes},
     deformation::{Deformation, Moduli, Press},
     geometry::Shape,
-    objects::Split,
+    objects::FamilySplit,
     sensor::Sensor,
     surrogate::{
         features::{PadMaterial, Target},
@@ -92,7 +92,7 @@ impl Objects {
                 let moduli = Moduli { young: gel.young, poisson: gel.poisson };
                 if let Entry::Vacant(vacant) = models.entry(frames.gel) {
                     let fine = object.tets_within(data.config().truth_nodes)?;
-                    vacant.insert(LinearBaseline::new(
+                    vacant.insert(SoftBaseline::new(
                         fine,
                         &meshes[&object.name],
                         moduli,
@@ -124,10 +124,10 @@ impl Objects {
     }
 }
 
-fn part(split: Split, grasp: &str) -> Part {
+fn part(split: FamilySplit, grasp: &str) -> Part {
     let number: usize = grasp.rsplit('/').next().and_then(|n| n.parse().ok()).unwrap_or_default();
     match (split, number % 10) {
-        (Split::Novel, _) => Part::Novel,
+        (FamilySplit::Novel, _) => Part::Novel,
         (_, 9) => Part::Known,
         (_, 8) => Part::Spare,
         _ => Part::Train,
@@ -136,7 +136,7 @@ fn part(split: Split, grasp: &str) -> Part {
 
 /// The linear model's answers to a grasp, until one fails.
 fn answers(
-    model: &LinearBaseline,
+    model: &SoftBaseline,
     frames: &SqueezeFrames,
     half: &Vector3<f64>,
 ) -> Result<Vec<Deformation>> {
