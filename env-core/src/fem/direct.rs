@@ -31,7 +31,7 @@ pub(super) struct DirectSolver {
     /// Region in which contact is evaluated; `None` for the whole surface.
     region: Option<Region>,
     /// The elastic stiffness condensed to the region, while the matrix holds its factor.
-    condensed: Option<CondensedSystem>,
+    condensed: Option<CondensedStiffness>,
     /// `true` once the elastic stiffness alone was not positive definite.
     braced: bool,
     /// Method by which the factorised stiffness was made positive definite, and the springs in it.
@@ -39,7 +39,7 @@ pub(super) struct DirectSolver {
 }
 
 /// An elastic stiffness condensed to the region.
-pub(super) struct CondensedSystem {
+pub(super) struct CondensedStiffness {
     /// L_C, lower triangular.
     corner: Mat<f64>,
     /// Lower triangle of S for the unknowns requested last.
@@ -48,7 +48,7 @@ pub(super) struct CondensedSystem {
     springs: Vec<Spring>,
 }
 
-impl CondensedSystem {
+impl CondensedStiffness {
     /// L_C and the lower triangle of S for at least the last `size` unknowns of the region, and the
     /// springs in them.
     pub(super) fn of_last(&mut self, size: usize) -> (MatRef<'_, f64>, MatRef<'_, f64>, &[Spring]) {
@@ -104,7 +104,7 @@ impl DirectSolver {
     }
 
     /// The region, and the elastic stiffness condensed to it.
-    pub(super) fn condensed(&mut self) -> Option<(&Region, &mut CondensedSystem)> {
+    pub(super) fn condensed(&mut self) -> Option<(&Region, &mut CondensedStiffness)> {
         Some((self.region.as_ref()?, self.condensed.as_mut()?))
     }
 
@@ -186,7 +186,7 @@ impl DirectSolver {
             Vec::new()
         };
         let corner = self.matrix.corner(&self.pattern);
-        self.condensed = Some(CondensedSystem { corner, stiffness: Mat::new(), springs });
+        self.condensed = Some(CondensedStiffness { corner, stiffness: Mat::new(), springs });
         true
     }
 
@@ -236,7 +236,7 @@ mod tests {
         for nodes in 1..40 {
             let corner = Mat::identity(120, 120);
             let mut condensed =
-                CondensedSystem { corner, stiffness: Mat::new(), springs: Vec::new() };
+                CondensedStiffness { corner, stiffness: Mat::new(), springs: Vec::new() };
             let (_, stiffness, _) = condensed.of_last(3 * nodes);
             let size = stiffness.nrows();
             assert!(
