@@ -6,13 +6,13 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use ruffini_core::{
-    deformation::{Law, Moduli, Press, SoftBody},
+    deformation::{Law, Moduli, Press, SoftBody, Wrench},
     env::{Autoreset, Batch, Setup},
     fem::{Fem, Options},
     geometry::{PadOutline, Shape, Surface},
     scene::{
         CATALOGUE, Command, Failure, Object, ObjectModel, Pads, Scene, SceneConfig, SceneState,
-        SoftPads, Wrench,
+        SoftPads,
     },
     sensor::{ElasticFoundation, Sensor},
     tactile::Choice,
