@@ -69,18 +69,6 @@ impl Responses {
         );
     }
 
-    /// Sets `rows` (3, 3 × number of nodes) to the displacement of the nodes `at` under unit forces
-    /// along each axis on the node `loaded`, if the columns are those of three numbers a node.
-    pub(crate) fn gather(&self, loaded: u32, at: &[u32], rows: &mut [f32]) {
-        for (axis, row) in rows.chunks_exact_mut(3 * at.len()).enumerate() {
-            let from = 3 * loaded as usize + axis;
-            let (unit, numbers) = (self.units[from], &self.numbers[from * self.width..]);
-            for (to, &node) in row.as_chunks_mut::<3>().0.iter_mut().zip(at) {
-                *to = std::array::from_fn(|i| unit * f32::from(numbers[3 * node as usize + i]));
-            }
-        }
-    }
-
     /// Number in `column` of the row of `node` and `axis`.
     pub(crate) fn at(&self, node: u32, axis: usize, column: usize) -> f64 {
         let row = 3 * node as usize + axis;

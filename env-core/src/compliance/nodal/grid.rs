@@ -11,7 +11,7 @@
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
-use std::{collections::BTreeMap, sync::Arc};
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
@@ -522,42 +522,6 @@ impl SideCompliance {
         sum
     }
 
-    /// Adds to `sum` (3T) in m the displacement of the T cells that are `around` under `forces` (N)
-    /// around some cells.
-    pub(super) fn add_field(
-        &self,
-        forces: &BTreeMap<u32, Vector3<f32>>,
-        around: &Around,
-        sum: &mut [f32],
-    ) {
-        let Around { first, count } = *around;
-        let (size, width) = (3 * self.is_near.len(), 3 * count[1] as usize);
-        let places = (first[0]..first[0] + count[0]).map(|x| x * self.rows + first[1]);
-        let are_near = places.clone().any(|place| self.are_near(place, count[1]));
-        vectorised(
-            #[inline(always)]
-            || {
-                for (&from, force) in forces {
-                    if !are_near && !self.is_near[from as usize] {
-                        continue;
-                    }
-                    for axis in 0..3 {
-                        let row = &self.entries[size * (3 * from as usize + axis)..][..size];
-                        let parts = places.clone().map(|place| &row[3 * place as usize..][..width]);
-                        for (sum, part) in sum.chunks_exact_mut(width).zip(parts) {
-                            sum.iter_mut().zip(part).for_each(|(u, c)| *u += force[axis] * c);
-                        }
-                    }
-                }
-            },
-        );
-    }
-
-    /// Returns whether one of `count` cells from `first` on is near the sides.
-    fn are_near(&self, first: u32, count: u32) -> bool {
-        self.is_near[first as usize..][..count as usize].iter().any(|near| *near)
-    }
-
     /// Adds to `rows` the displacement of the T cells that are `around` under unit forces along each
     /// axis (3, 3T), shared among the cells `loaded`. Returns whether it is not zero.
     pub(super) fn add_rows(
@@ -569,8 +533,11 @@ impl SideCompliance {
         let Around { first, count } = *around;
         let (size, width) = (3 * self.is_near.len(), 3 * count[1] as usize);
         let places = (first[0]..first[0] + count[0]).map(|x| x * self.rows + first[1]);
-        let matters = loaded.iter().any(|(from, _)| self.are_near(*from, 1))
-            || places.clone().any(|place| self.are_near(place, count[1]));
+        let is_near = |first: u32, count: u32| {
+            self.is_near[first as usize..][..count as usize].iter().any(|near| *near)
+        };
+        let matters = loaded.iter().any(|(from, _)| is_near(*from, 1))
+            || places.clone().any(|place| is_near(place, count[1]));
         if !matters {
             return false;
         }

@@ -137,16 +137,6 @@ impl Table {
         Some([axis(0)?, axis(1)?, axis(2)?])
     }
 
-    /// Displacement of a row of `count` cells along y, the first `away` from the loaded one, under a
-    /// unit force along `axis` (m/N), if they are near.
-    pub(super) fn row(&self, away: [i32; 2], axis: usize, count: usize) -> Option<&[f32]> {
-        const WIDTH: usize = 2 * NEAR as usize + STRIP;
-        let [x, y] = away.map(|away| usize::try_from(away + NEAR).ok());
-        let (x, y) = (x.filter(|x| *x <= 2 * NEAR as usize)?, y?);
-        let first = 3 * ((3 * x + axis) * WIDTH + y);
-        (y + count <= WIDTH).then(|| &self.near[first..][..3 * count])
-    }
-
     /// Displacement of a cell under unit forces on the cell from which it is `away`, in cells along
     /// x and y (m/N).
     #[inline(always)]

@@ -12,7 +12,6 @@ use super::{
     patch::{Move, Patch, nearest},
     skin::{Group, Skin},
     spots::Spots,
-    touching::TouchingCompliance,
 };
 use crate::{
     Error, Result,
@@ -53,7 +52,6 @@ const WORK: usize = 200_000_000;
 pub(super) struct NodalScratch {
     pub(super) displacement: Vec<f32>,
     pub(super) spots: Spots,
-    pub(super) compliance: TouchingCompliance,
 }
 
 /// Touching node.
@@ -124,7 +122,6 @@ impl<'a> NodalLoadStepping<'a> {
             },
         };
         let watched = watched(&skin.faces, shapes);
-        scratch.compliance.clear();
         let thickness = shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
         let stride = f64::min(STRIDE, 0.5 * thickness);
         Ok(Self { levels, law, shapes, watched, stride, scratch, work: 0, state })
@@ -402,7 +399,6 @@ impl<'a> NodalLoadStepping<'a> {
         let from = &self.state.poses;
         let way = Move { shapes, from, to: poses };
         let most = most.map_or(usize::MAX, |most| 2 * most);
-        self.scratch.compliance.keep(level);
         let patch = Patch::new(skin, &self.law, way, [room, reach], most, held, self.scratch);
         let Some(mut patch) = patch else { return Ok(None) };
         let settled = patch.settle();
@@ -410,7 +406,7 @@ impl<'a> NodalLoadStepping<'a> {
             Err(Error::NotConverged { iterations, .. }) => *iterations,
             settled => *settled.as_ref().unwrap_or(&0),
         };
-        self.work += sweeps * patch.touching.len().pow(2);
+        self.work += sweeps * patch.touching().pow(2);
         settled?;
         if patch.leaps() {
             let (residual, tolerance) = (f64::INFINITY, 0.0);

@@ -21,7 +21,6 @@ mod patch;
 mod settle;
 mod skin;
 mod spots;
-mod touching;
 mod load_stepping;
 
 use std::sync::Arc;

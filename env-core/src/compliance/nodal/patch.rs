@@ -1,8 +1,5 @@
 //! Nodes near the shapes in one load step, and Gauss–Seidel sweeps over their forces.
 //!
-//! Sweeps use the compliance between the touching nodes alone ([`TouchingCompliance`]). The other
-//! nodes are brought up to date between the sweeps, when distances are measured.
-//!
 //! A touching node is pushed to its target: on the shape's tangent plane, at the place where
 //! friction holds it. With C the node's own compliance, K the stiffness of the contact law and r
 //! the vector to the target less K⁻¹ f, the change of force follows from (C + K⁻¹) δf = r. The
@@ -15,7 +12,6 @@ use super::{
     load_stepping::{Held, NodalScratch},
     skin::{Group, NodeCompliance, Skin},
     spots::Spots,
-    touching::TouchingCompliance,
 };
 use crate::{
     contact::{ContactLaw, SurfacePoint, first_touch, went_through},
@@ -50,15 +46,10 @@ pub(super) struct Patch<'a> {
     law: &'a ContactLaw,
     way: Move<'a>,
     pub(super) members: Vec<Member>,
-    /// Indices of the touching members, the compliance between these, and their places in it.
-    pub(super) touching: Vec<u32>,
-    pub(super) compliance: &'a mut TouchingCompliance,
-    places: Vec<u32>,
-    /// Ranges of ranks that contain all members, unless they are cells of a grid.
-    runs: Vec<[usize; 2]>,
-    /// Displacement (m) under the forces of which the members are told: by rank and valid only in
-    /// the runs, or on a grid that of the spots.
-    displacement: &'a mut Vec<f32>,
+    /// Ranges of the displacement, in threes, that follow the forces in sweeps.
+    pub(super) runs: Vec<[usize; 2]>,
+    /// Displacement in m: by rank and valid only in the runs, or on a grid that of the spots.
+    pub(super) displacement: &'a mut Vec<f32>,
     /// Cells on a grid.
     spots: &'a mut Spots,
 }
@@ -71,8 +62,6 @@ pub(super) struct Member {
     /// Position at rest (m).
     rest: Point3<f64>,
     pub(super) force: Vector3<f64>,
-    /// Force of which the displacement of the members is told (N).
-    told: Vector3<f64>,
     /// Position at the beginning of the step (m).
     start: Point3<f64>,
     /// Shape that it sticks to, and the place in the shape's frame.
@@ -110,7 +99,7 @@ impl<'a> Patch<'a> {
         held: &[Held],
         scratch: &'a mut NodalScratch,
     ) -> Option<Self> {
-        let NodalScratch { displacement, spots, compliance } = scratch;
+        let NodalScratch { displacement, spots } = scratch;
         let forces: Vec<_> = held.iter().map(|held| (held.rank, held.force)).collect();
         let mut ranks: Vec<u32> = match &skin.compliance {
             NodeCompliance::Matrix(..) => {
@@ -124,10 +113,9 @@ impl<'a> Patch<'a> {
         ranks.extend(held.iter().map(|held| held.rank));
         ranks.sort_unstable();
         ranks.dedup();
-        let mut runs = Vec::new();
         let moved: Vec<Vector3<f64>> = match &skin.compliance {
             NodeCompliance::Matrix(compliance, _) => {
-                runs = self::runs(ranks.iter().copied());
+                let runs = runs(ranks.iter().copied());
                 displacement.resize(3 * skin.places.len(), 0.0);
                 for &[first, last] in &runs {
                     displacement[3 * first..3 * last].fill(0.0);
@@ -138,12 +126,12 @@ impl<'a> Patch<'a> {
                 ranks.iter().map(|&rank| displaced(displacement, rank)).collect()
             }
             NodeCompliance::Grid(grid) => {
-                // Responses to forces on cells that are not among these are not known.
-                compliance.clear();
                 spots.renew(grid, ranks.iter().copied(), displacement);
-                let spot = |rank| ranks.binary_search(&rank).expect("held cells are among all");
-                let loads = held.iter().map(|held| (spot(held.rank), held.force));
-                spots.give_way(grid, loads, displacement);
+                for Held { rank, force, .. } in held {
+                    let spot = ranks.binary_search(rank).expect("held cells are among all");
+                    spots.give_way(grid, spot, force, displacement);
+                    spots.tell(grid, spot, force, displacement);
+                }
                 (0..ranks.len()).map(|spot| spots.moved(spot, displacement)).collect()
             }
         };
@@ -161,7 +149,6 @@ impl<'a> Patch<'a> {
                 spot,
                 rest,
                 force: known.map(|held| held.force).unwrap_or_default(),
-                told: known.map(|held| held.force).unwrap_or_default(),
                 start,
                 stuck: known.map(|held| (held.shape, held.stuck)),
                 seen: (start, distance),
@@ -174,38 +161,17 @@ impl<'a> Patch<'a> {
         if is_grid && members.iter().filter(|member| member.seen.1 <= 0.0).count() > most {
             return None;
         }
-        let (touching, places) = (Vec::new(), Vec::new());
-        Some(Self {
-            skin,
-            law,
-            way,
-            members,
-            touching,
-            compliance,
-            places,
-            runs,
-            displacement,
-            spots,
-        })
+        // On a grid, they are those of the touching cells.
+        let ranks = if is_grid { &[] } else { &members[..] }.iter().map(|member| member.rank);
+        let runs = self::runs(ranks);
+        Some(Self { skin, law, way, members, runs, displacement, spots })
     }
 
     /// Brings the displacement of all members up to date.
     pub(super) fn catch_up(&mut self) {
-        let changed = |member: &&mut Member| member.force != member.told;
-        let news = self.members.iter_mut().filter(changed).map(|member| {
-            let news = member.force - member.told;
-            member.told = member.force;
-            (member.rank, member.spot, news)
-        });
-        match &self.skin.compliance {
-            NodeCompliance::Matrix(compliance, _) => {
-                for (rank, _, force) in news {
-                    give_way(self.displacement, compliance, rank, &force, &self.runs);
-                }
-            }
-            NodeCompliance::Grid(grid) => {
-                let loads = news.map(|(_, spot, force)| (spot as usize, force));
-                self.spots.give_way(grid, loads, self.displacement);
+        if let NodeCompliance::Grid(grid) = &self.skin.compliance {
+            for member in self.members.iter().filter(|member| member.stuck.is_some()) {
+                self.spots.tell(grid, member.spot as usize, &member.force, self.displacement);
             }
         }
     }
@@ -214,6 +180,7 @@ impl<'a> Patch<'a> {
     /// touches.
     pub(super) fn measure(&mut self) -> bool {
         self.catch_up();
+        let mut touches = false;
         for i in 0..self.members.len() {
             let Member { force, seen, .. } = self.members[i];
             let place = self.place(&self.members[i]);
@@ -224,31 +191,16 @@ impl<'a> Patch<'a> {
             }
             let (shape, distance) = nearest(self.way.shapes, self.way.to, &place);
             self.members[i].seen = (place, distance.value);
-            self.members[i].target =
-                (!loose || distance.value < 0.0).then(|| self.target(i, shape, &distance, &place));
+            self.members[i].target = (!loose || distance.value < 0.0).then(|| {
+                touches = true;
+                self.target(i, shape, &distance, &place)
+            });
         }
-        self.gather();
-        !self.touching.is_empty()
-    }
-
-    /// Takes the members that have a target as the touching ones.
-    fn gather(&mut self) {
-        let (skin, members, spots) = (self.skin, &self.members, &mut *self.spots);
-        self.touching.clear();
-        let has_target = |i: &u32| members[*i as usize].target.is_some();
-        self.touching.extend((0..members.len() as u32).filter(has_target));
-        let number = |&i: &u32| {
-            let Member { rank, spot, .. } = members[i as usize];
-            if matches!(skin.compliance, NodeCompliance::Grid(_)) { spot } else { rank }
-        };
-        let numbers: Vec<_> = self.touching.iter().map(number).collect();
-        self.places = self.compliance.add(&numbers, |loaded, at, rows| match &skin.compliance {
-            NodeCompliance::Matrix(compliance, _) => compliance.gather(loaded, at, rows),
-            NodeCompliance::Grid(grid) => spots.gather(grid, loaded as usize, at, rows),
-        });
-        let moved: Vec<_> =
-            self.touching.iter().map(|&i| self.moved(&members[i as usize])).collect();
-        self.compliance.set_moved(&self.places, moved.into_iter());
+        if matches!(self.skin.compliance, NodeCompliance::Grid(_)) {
+            let touching = self.members.iter().filter(|member| member.target.is_some());
+            self.runs = self.spots.activate(touching.map(|member| member.spot));
+        }
+        touches
     }
 
     /// Target of the touching member `i`.
@@ -285,39 +237,45 @@ impl<'a> Patch<'a> {
         NodeTarget { normal, displacement, give, compliance, stiffness }
     }
 
+    /// New force on a touching member, pushed to its `target`.
+    fn pushed(&self, member: &Member, target: &NodeTarget) -> Vector3<f64> {
+        let moved = self.moved(member);
+        let off = target.displacement - moved - target.give * member.force;
+        target.force(&member.force, &off, self.law.friction)
+    }
+
     /// Performs one sweep over the touching nodes, in reverse order if `back`. Returns the largest
     /// change of a force and the largest force (N).
     pub(super) fn sweep(&mut self, back: bool) -> (f64, f64) {
         let (mut change, mut strongest) = (0f64, 0f64);
-        let count = self.touching.len();
-        for k in 0..count {
-            let k = if back { count - 1 - k } else { k };
-            let member = &mut self.members[self.touching[k] as usize];
-            let target = member.target.as_ref().expect("what touches has a target");
-            let moved = self.compliance.moved(self.places[k]);
-            let off = target.displacement - moved - target.give * member.force;
-            let force = target.force(&member.force, &off, self.law.friction);
+        let count = self.members.len();
+        for i in 0..count {
+            let i = if back { count - 1 - i } else { i };
+            let member = &self.members[i];
+            let Some(target) = &member.target else { continue };
+            let force = self.pushed(member, target);
             let step = force - member.force;
-            member.force = force;
+            self.members[i].force = force;
             let size = step.norm();
             strongest = strongest.max(force.norm());
             if size > 0.0 {
                 change = change.max(size);
-                self.compliance.give_way(self.places[k], &step);
+                self.give_way(i, &step);
             }
         }
         (change, strongest)
     }
 
-    /// Forces on the touching members (N).
-    pub(super) fn forces(&self) -> Vec<Vector3<f64>> {
-        self.touching.iter().map(|&i| self.members[i as usize].force).collect()
-    }
-
-    /// Sets the forces on the touching members (N).
-    pub(super) fn set_forces(&mut self, forces: &[Vector3<f64>]) {
-        for (&i, force) in self.touching.iter().zip(forces) {
-            self.members[i as usize].force = *force;
+    /// Adds to the displacement the response to a `force` on member `i`.
+    fn give_way(&mut self, i: usize, force: &Vector3<f64>) {
+        let Member { rank, spot, .. } = self.members[i];
+        match &self.skin.compliance {
+            NodeCompliance::Matrix(compliance, _) => {
+                give_way(self.displacement, compliance, rank, force, &self.runs);
+            }
+            NodeCompliance::Grid(grid) => {
+                self.spots.give_way(grid, spot as usize, force, self.displacement);
+            }
         }
     }
 
@@ -353,6 +311,11 @@ impl<'a> Patch<'a> {
         pressed
             .filter_map(|member| Some((member.rank, member.target?.normal)))
             .any(|(rank, out_of_shape)| out_of_shape.dot(&self.skin.normal(rank)) > FOLDED)
+    }
+
+    /// Number of members that touch.
+    pub(super) fn touching(&self) -> usize {
+        self.members.iter().filter(|member| member.target.is_some()).count()
     }
 
     /// Largest displacement of a member (m).

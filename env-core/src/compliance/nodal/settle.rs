@@ -10,8 +10,8 @@ use nalgebra::Vector3;
 use super::{super::mixing::Mixing, patch::Patch};
 use crate::{Error, Result};
 
-/// Number of sweeps between measurements of the distances: three pairs.
-const SWEEPS: usize = 6;
+/// Number of sweeps between measurements of the distances: two pairs.
+const SWEEPS: usize = 4;
 /// Greatest number of measurements.
 const MOST: usize = 60;
 /// Accepted change of a force in one sweep, relative to the largest force.
@@ -66,19 +66,29 @@ impl Patch<'_> {
     /// `past`.
     fn mix(&mut self, past: &mut Past, before: &[Vector3<f64>]) {
         let step: Vec<_> = self.forces().iter().zip(before).map(|(f, b)| f - b).collect();
-        let (touching, here) = (self.touching.clone(), self.compliance.moved.clone());
+        let touching = self.members.iter().map(|member| member.target.is_some()).collect();
+        let runs = self.runs.iter().map(|&[first, last]| 3 * first..3 * last);
+        let here: Vec<f32> =
+            runs.clone().flat_map(|run| &self.displacement[run]).copied().collect();
         let (forces, moved) = past.mixed(touching, before, &step, here);
-        self.set_forces(&forces);
-        self.compliance.moved = moved;
+        self.members.iter_mut().zip(forces).for_each(|(member, force)| member.force = force);
+        let mut moved = moved.into_iter();
+        for run in runs {
+            self.displacement[run].iter_mut().zip(&mut moved).for_each(|(u, to)| *u = to);
+        }
+    }
+
+    fn forces(&self) -> Vec<Vector3<f64>> {
+        self.members.iter().map(|member| member.force).collect()
     }
 }
 
 /// Record of the last pairs of sweeps over the same touching nodes.
 struct Past {
     depth: usize,
-    touching: Vec<u32>,
+    touching: Vec<bool>,
     mixing: Mixing,
-    /// Displacement of the touching nodes after each pair.
+    /// Displacement of the runs after each pair.
     ends: Vec<Vec<f32>>,
     /// Squared norm of the change of the forces in the last pair (N²).
     change: f64,
@@ -96,7 +106,7 @@ impl Past {
     /// the change of the forces has grown.
     fn mixed(
         &mut self,
-        touching: Vec<u32>,
+        touching: Vec<bool>,
         before: &[Vector3<f64>],
         step: &[Vector3<f64>],
         here: Vec<f32>,
@@ -155,7 +165,7 @@ mod tests {
         let patch = Patch::new(&skin, law, way, reach, usize::MAX, &[], &mut scratch);
         let mut patch = patch.unwrap();
         let sweeps = patch.settle_to(relative, mixed).unwrap();
-        (patch.members.iter().map(|member| member.force).collect(), sweeps)
+        (patch.forces(), sweeps)
     }
 
     #[test]

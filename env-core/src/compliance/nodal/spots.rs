@@ -2,14 +2,13 @@
 //! some.
 //!
 //! Displacement is kept as two parts: that of the layer by strips of cells, for which the kernel is
-//! read as it lies in memory, and that of the sides around the cells of the first grid.
+//! read as it lies in memory, and that of the sides around the cells of the first grid. In sweeps
+//! only the strips with touching cells are active; the others are brought up to date between them.
 //!
 //! Shapes: N cells, B strips, T cells of the first grid around them. A displacement consists of those
 //! of all cells of the strips and of the first grid's ([`STRIP`] B + T, 3) in m.
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
-
-use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -28,6 +27,11 @@ pub(super) struct Spots {
     places: Vec<u32>,
     /// First cell of each strip (B).
     strips: Vec<[i32; 2]>,
+    /// Strips that follow every force, and those that do not.
+    active: Vec<u32>,
+    passive: Vec<u32>,
+    /// Force on each cell of which the passive strips know (N).
+    told: Vec<Vector3<f64>>,
     /// Cells of the first grid around each cell, with weights: by rank, and by number among those of
     /// the rectangle that contains all (N).
     around: Vec<[(u32, f32); 4]>,
@@ -41,8 +45,8 @@ pub(super) struct Spots {
 }
 
 impl Spots {
-    /// Takes the cells of `ranks` (N) of a grid, ascending, for those before. The displacement is
-    /// zero.
+    /// Takes the cells of `ranks` (N) of a grid, ascending, for those before. All strips are active
+    /// and the displacement is zero.
     pub(super) fn renew(
         &mut self,
         grid: &CellGrid,
@@ -70,10 +74,39 @@ impl Spots {
         self.coarse = Around::of(self.around.iter().flatten().map(|&part| place(part)));
         let number = |part| self.coarse.number(place(part));
         self.numbers.extend(self.around.iter().map(|around| around.map(number)));
+        self.told.clear();
+        self.told.resize(self.cells.len(), Vector3::zeros());
         self.known.clear();
         self.known.resize(self.cells.len(), None);
+        self.passive.clear();
+        self.active.clear();
+        self.active.extend(0..self.strips.len() as u32);
         displacement.clear();
         displacement.resize(3 * (STRIP * self.strips.len() + self.coarse.len()), 0.0);
+    }
+
+    /// Makes the strips of the `touching` cells active and the others passive. The latter know of
+    /// all forces. Returns the ranges of a displacement that follow every force.
+    pub(super) fn activate(&mut self, touching: impl Iterator<Item = u32>) -> Vec<[usize; 2]> {
+        self.active.clear();
+        self.active.extend(touching.map(|cell| self.places[cell as usize] / STRIP as u32));
+        self.active.dedup();
+        self.passive.clear();
+        let mut next = self.active.iter().peekable();
+        let is_passive = |strip: &u32| next.next_if_eq(&strip).is_none();
+        self.passive.extend((0..self.strips.len() as u32).filter(is_passive));
+        let mut runs: Vec<[usize; 2]> = Vec::new();
+        let sides = self.strips.len() * STRIP;
+        let active = self.active.iter().map(|&strip| strip as usize * STRIP);
+        for run in
+            active.map(|first| [first, first + STRIP]).chain([[sides, sides + self.coarse.len()]])
+        {
+            match runs.last_mut() {
+                Some([_, end]) if *end == run[0] => *end = run[1],
+                _ => runs.push(run),
+            }
+        }
+        runs
     }
 
     /// Displacement of a cell (m).
@@ -89,71 +122,49 @@ impl Spots {
         Vector3::from(sum).cast()
     }
 
-    /// Adds to the displacement the response to forces (N) on some cells.
+    /// Adds to the displacement of the active strips, and around the first grid's cells, the
+    /// response to a `force` (N) on cell `loaded`.
     pub(super) fn give_way(
         &mut self,
         grid: &CellGrid,
-        loads: impl Iterator<Item = (usize, Vector3<f64>)>,
+        loaded: usize,
+        force: &Vector3<f64>,
         displacement: &mut [f32],
     ) {
-        let (mut by_cell, mut around) = (Vec::new(), BTreeMap::new());
-        for (cell, force) in loads {
-            let force = force.cast::<f32>();
-            by_cell.push((self.cells[cell], force.into()));
-            for (rank, share) in self.around[cell] {
-                *around.entry(rank).or_insert_with(Vector3::zeros) += force * share;
-            }
-        }
+        let [first, end] = self.rows(grid, loaded);
         let (by_layer, by_sides) = displacement.split_at_mut(3 * STRIP * self.strips.len());
         let by_layer = by_layer.as_chunks_mut().0;
+        let (force, from) = (force.cast::<f32>().into(), self.cells[loaded]);
         vectorised(
             #[inline(always)]
-            || add_strips(by_layer, &self.strips, grid.layer(), &by_cell),
+            || {
+                add_strips(by_layer, (&self.active, &self.strips), grid.layer(), from, force);
+                if first < end {
+                    add_rows(by_sides, &self.rows[first..end], force);
+                }
+            },
         );
-        if let Some(edges) = grid.edges() {
-            edges.add_field(&around, &self.coarse, by_sides);
-        }
     }
 
-    /// Sets `rows` (3, 3 × number of cells) to the displacement of the cells `at` under unit forces
-    /// along each axis on cell `loaded` (m/N).
-    pub(super) fn gather(&mut self, grid: &CellGrid, loaded: usize, at: &[u32], rows: &mut [f32]) {
-        let [first, end] = self.rows(grid, loaded);
-        let (from, size) = (self.cells[loaded], 3 * self.coarse.len());
-        let width = 3 * at.len();
-        let cell = |k: usize| self.cells[at[k] as usize];
-        let mut k = 0;
-        while k < at.len() {
-            // Cells in a row along y lie in memory as the kernel does.
-            let [x, y] = cell(k);
-            let row = (1i32..).take_while(|i| k + (*i as usize) < at.len());
-            let row = row.take_while(|i| cell(k + *i as usize) == [x, y + i]).count() + 1;
-            let away = [x - from[0], y - from[1]];
-            for axis in 0..3 {
-                let rows = &mut rows[axis * width + 3 * k..][..3 * row];
-                if let Some(near) = grid.layer().row(away, axis, row) {
-                    rows.copy_from_slice(near);
-                } else {
-                    for (block, i) in rows.as_chunks_mut::<3>().0.iter_mut().zip(0..) {
-                        let columns = grid.layer().at([away[0], away[1] + i]);
-                        block.copy_from_slice(&columns[4 * axis..][..3]);
-                    }
-                }
-            }
-            k += row;
-        }
-        if first == end {
+    /// Tells the passive strips that the force on a cell is `force` (N).
+    pub(super) fn tell(
+        &mut self,
+        grid: &CellGrid,
+        cell: usize,
+        force: &Vector3<f64>,
+        displacement: &mut [f32],
+    ) {
+        let news = force - self.told[cell];
+        if news == Vector3::zeros() {
             return;
         }
-        for (k, &cell) in at.iter().enumerate() {
-            for (number, (_, share)) in self.parts(cell as usize) {
-                for axis in 0..3 {
-                    let part = &self.rows[first + axis * size + 3 * number as usize..][..3];
-                    let block = &mut rows[axis * width + 3 * k..][..3];
-                    block.iter_mut().zip(part).for_each(|(u, c)| *u += share * c);
-                }
-            }
-        }
+        self.told[cell] = *force;
+        let by_layer = displacement[..3 * STRIP * self.strips.len()].as_chunks_mut().0;
+        let (force, from) = (news.cast::<f32>().into(), self.cells[cell]);
+        vectorised(
+            #[inline(always)]
+            || add_strips(by_layer, (&self.passive, &self.strips), grid.layer(), from, force),
+        );
     }
 
     /// Displacement of a cell under unit forces on itself (m/N).
@@ -194,34 +205,40 @@ impl Spots {
     }
 }
 
-/// Adds to the displacement `sum` of the `strips` the layer's response to forces (N) on the cells
-/// `loaded`.
+/// Adds to the displacement `sum` of those of the `strips` that are `chosen` the layer's response to
+/// a `force` (N) on the cell `from`.
 #[inline(always)]
 fn add_strips(
     sum: &mut [[f32; 3 * STRIP]],
-    strips: &[[i32; 2]],
+    (chosen, strips): (&[u32], &[[i32; 2]]),
     layer: &Table,
-    loaded: &[([i32; 2], [f32; 3])],
+    from: [i32; 2],
+    force: [f32; 3],
 ) {
-    for (to, at) in sum.iter_mut().zip(strips) {
-        let mut sum = *to;
-        for &(from, force) in loaded {
-            let away = [at[0] - from[0], at[1] - from[1]];
-            if let Some([x, y, z]) = layer.strip(away) {
-                for i in 0..sum.len() {
-                    sum[i] += force[0] * x[i] + force[1] * y[i] + force[2] * z[i];
-                }
-            } else {
-                for (k, sum) in (0..).zip(sum.as_chunks_mut::<3>().0) {
-                    let columns = layer.at([away[0], away[1] + k]);
-                    for i in 0..3 {
-                        sum[i] +=
-                            (0..3).map(|axis| force[axis] * columns[4 * axis + i]).sum::<f32>();
-                    }
+    for &strip in chosen {
+        let (sum, at) = (&mut sum[strip as usize], strips[strip as usize]);
+        let away = [at[0] - from[0], at[1] - from[1]];
+        if let Some([x, y, z]) = layer.strip(away) {
+            for i in 0..sum.len() {
+                sum[i] += force[0] * x[i] + force[1] * y[i] + force[2] * z[i];
+            }
+        } else {
+            for (k, sum) in (0..).zip(sum.as_chunks_mut::<3>().0) {
+                let columns = layer.at([away[0], away[1] + k]);
+                for i in 0..3 {
+                    sum[i] += (0..3).map(|axis| force[axis] * columns[4 * axis + i]).sum::<f32>();
                 }
             }
         }
-        *to = sum;
+    }
+}
+
+#[inline(always)]
+fn add_rows(sum: &mut [f32], rows: &[f32], force: [f32; 3]) {
+    let (x, rest) = rows.split_at(sum.len());
+    let (y, z) = rest.split_at(sum.len());
+    for (((u, x), y), z) in sum.iter_mut().zip(x).zip(y).zip(z) {
+        *u += force[0] * x + force[1] * y + force[2] * z;
     }
 }
 
@@ -255,9 +272,19 @@ mod tests {
             let mut spots = Spots::default();
             let mut displacement = Vec::new();
             spots.renew(&grid, ranks.iter().copied(), &mut displacement);
+            // Half of the forces when all strips are active, the rest when few are.
             let (early, late) = forces.split_at(forces.len() / 2);
-            spots.give_way(&grid, early.iter().copied(), &mut displacement);
-            spots.give_way(&grid, late.iter().copied(), &mut displacement);
+            for (k, force) in early {
+                spots.give_way(&grid, *k, force, &mut displacement);
+                spots.tell(&grid, *k, force, &mut displacement);
+            }
+            spots.activate((0..ranks.len() as u32).step_by(7));
+            for (k, force) in late {
+                spots.give_way(&grid, *k, force, &mut displacement);
+            }
+            for (k, force) in &forces {
+                spots.tell(&grid, *k, force, &mut displacement);
+            }
             let response = |loaded: u32, at: u32| -> Matrix3<f64> {
                 let (from, to) = (grid.cell(loaded), grid.cell(at));
                 let layer = matrix(&grid.layer().at([to[0] - from[0], to[1] - from[1]]));
@@ -291,20 +318,9 @@ mod tests {
                 let error = (found - right).norm().max((field(rank) - right).norm());
                 assert!(error < 1e-5 * f64::from(most), "{error} m of {most} m on level {level}");
             }
-            let mut rows = vec![0.0; 9 * ranks.len()];
-            let all: Vec<_> = (0..ranks.len() as u32).collect();
-            for (k, &loaded) in ranks.iter().enumerate().step_by(7) {
-                let own = spots.own(&grid, k);
-                spots.gather(&grid, k, &all, &mut rows);
-                for (k, &rank) in ranks.iter().enumerate() {
-                    let right = response(loaded, rank);
-                    let at = |i, axis| rows[3 * ranks.len() * axis + 3 * k + i];
-                    let found = Matrix3::from_fn(at).cast::<f64>();
-                    let most = 1e-5 * response(rank, rank).norm();
-                    assert!((found - right).norm() < most, "{found} instead of {right}");
-                    let is_own = rank == loaded;
-                    assert!(!is_own || (own - right).norm() < most, "{own} instead of {right}");
-                }
+            for (k, &rank) in ranks.iter().enumerate() {
+                let (own, right) = (spots.own(&grid, k), response(rank, rank));
+                assert!((own - right).norm() < 1e-5 * right.norm(), "{own} instead of {right}");
             }
         }
     }
