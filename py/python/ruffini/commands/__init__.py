@@ -10,9 +10,9 @@ import sys
 from collections.abc import Sequence
 
 from ruffini import SimulationError, __version__
-from ruffini.commands import agent, dataset, network, play, press, recommend
+from ruffini.commands import agent, dataset, network, play, press, recommend, view
 
-_COMMANDS = (play, agent, dataset, network, press, recommend)
+_COMMANDS = (play, view, agent, dataset, network, press, recommend)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
