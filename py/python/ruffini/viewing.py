@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import contextlib
 import io
-import itertools
 import math
 import time
 import webbrowser
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from ruffini._core import TetMesh
 from ruffini._spaces import check_writable
 
-__all__ = ["Frame", "Gel", "Rigid", "Scene", "Skin", "check", "view"]
+__all__ = ["Frame", "Gel", "Rigid", "Scene", "Skin", "check", "nodal", "traction", "view"]
 
 Floats = NDArray[np.floating[Any]]
 _COLORS = [(252, 243, 205), (254, 191, 132), (245, 121, 92), (197, 60, 117), (119, 34, 125)]
@@ -33,9 +32,9 @@ _AXES = [(215, 60, 50), (60, 150, 60), (50, 90, 210), (120, 120, 120)]
 """Colours of the components of a curve, in order."""
 _FORCE, _TRACTION = 0.003, 1e-7
 """Lengths of an arrow for 1 N and for 1 Pa (m)."""
-_CHART = (0.056, 0.02)
-"""Width and height of a chart (m)."""
-_COLUMNS = 4
+_CHART, _PITCH = (0.05, 0.016), (0.076, 0.028)
+"""Width and height of a chart, and distances between charts (m)."""
+_COLUMNS = 3
 
 
 class Skin:
@@ -252,20 +251,19 @@ class Scene:
             holder.position, holder.wxyz = body.pose[:3], body.pose[[6, 3, 4, 5]]
             if isinstance(body, Gel):
                 self._touch(name, body)
-        self._text("/title", frame.title, self._corner() + [0, 0, 0.012], 0.007)
+        self._text("/title", frame.title, np.add(self._corner(), [-0.18, 0, 0.02]), 0.006)
 
     def _aim(self, frame: Frame) -> None:
         camera = self._server.initial_camera
         camera.near, camera.fov = 0.001, 0.75
         if self._table:
-            camera.position, camera.look_at = (0.06, -0.36, 0.22), (0.01, 0.0, 0.075)
+            camera.position, camera.look_at = (0.07, -0.42, 0.2), (0.09, 0.0, 0.1)
         else:
-            middle = next(iter(frame.bodies.values())).pose[:3]
-            camera.position, camera.look_at = middle + [0.05, -0.16, 0.1], middle + [0, 0, 0.01]
+            camera.position, camera.look_at = (0.03, -0.22, 0.14), (0.06, 0.0, 0.0)
 
     def _corner(self) -> Floats:
         """Upper left corner of the board of charts."""
-        return np.array([-0.13, 0.14, 0.21]) if self._table else np.array([-0.1, 0.08, 0.09])
+        return np.array([0.09, 0.03, 0.2]) if self._table else np.array([0.04, 0.0, 0.06])
 
     def _prepare(self, frame: Frame) -> None:
         for name, body in frame.bodies.items():
@@ -310,10 +308,12 @@ class Scene:
             self._arrows(f"{name}/contact", *body.forces, 0.0001, (40, 70, 200))
         if body.wrench is not None:
             force, torque = body.wrench[:3], body.wrench[3:]
-            self._arrows(f"{name}/force", np.zeros((1, 3)), _FORCE * force[None], 6e-4, (0, 130, 70))
+            self._arrows(
+                f"{name}/force", np.zeros((1, 3)), _FORCE * force[None], 6e-4, (0, 130, 70)
+            )
             size, turn = np.linalg.norm(force), 1e3 * np.linalg.norm(torque)
             text = f"{size:.2f} N, {turn:.1f} mN m" if size > 0 else ""
-            self._text(f"/{name}/wrench", text, np.array([0, 0.016, -0.004]), 0.005)
+            self._text(f"/{name}/wrench", text, np.array([0, -0.022, -0.022]), 0.0045)
 
     def _arrows(
         self, name: str, points: Floats, arrows: Floats, radius: float, color: tuple[int, int, int]
@@ -331,9 +331,11 @@ class Scene:
         if len(ends):
             self._nodes[name].points = ends
 
-    def _text(self, path: str, text: str, position: Floats, height: float) -> None:
+    def _text(
+        self, path: str, text: str, position: Floats, height: float, anchor: str = "center-left"
+    ) -> None:
         if path not in self._nodes:
-            look = {"font_size_mode": "scene", "font_scene_height": height}
+            look = {"font_size_mode": "scene", "font_scene_height": height, "anchor": anchor}
             self._nodes[path] = self._scene.add_label(path, text, position=position, **look)
         node = self._nodes[path]
         if node.text != text:
@@ -341,27 +343,33 @@ class Scene:
 
     def _set_top(self, frames: Iterable[Frame]) -> None:
         """Make the colour scale reach to the highest stress in these frames and before."""
-        stresses = (gel.von_mises for frame in frames for gel in frame.bodies.values()
-                    if isinstance(gel, Gel))
+        stresses = (
+            gel.von_mises
+            for frame in frames
+            for gel in frame.bodies.values()
+            if isinstance(gel, Gel)
+        )
         highest = max((float(stress.max()) for stress in stresses), default=0.0)
         if highest <= self._top:
             return
         digit = 10.0 ** math.floor(math.log10(highest))
-        self._top = next(digit * step for step in (1, 1.5, 2, 3, 5, 7.5, 10) if digit * step >= highest)
-        low, size = self._corner() + [-0.03, 0, -0.1], np.array([0.006, 0, 0.1])
+        self._top = next(
+            digit * step for step in (1, 1.5, 2, 3, 5, 7.5, 10) if digit * step >= highest
+        )
+        low, size = np.add(self._corner(), [-0.18, 0, -0.1]), np.array([0.006, 0, 0.08])
         heights = np.linspace(0, 1, 24)
         sides = [[[0, 0, height], [1, 0, height]] for height in heights]
         points = low + size * np.array(sides).reshape(-1, 3)
         rows = 2 * np.arange(23)[:, None]
-        faces = np.concatenate([rows + [0, 1, 3], rows + [0, 3, 2]])
+        faces = np.concatenate([np.add(rows, corners) for corners in ([0, 1, 3], [0, 3, 2])])
         mesh = _trimesh().Trimesh(
             points, faces, vertex_colors=color(np.repeat(heights, 2)), process=False
         )
         self._scene.add_mesh_trimesh("/scale", mesh, cast_shadow=False, receive_shadow=False)
         for share in (0, 1):
-            at = low + size * [1.3, 0, share]
-            self._text(f"/scale-{share}", f"{share * self._top / 1e3:g} kPa", at, 0.005)
-        self._text("/scale-name", "von Mises stress", low + [-0.006, 0, 0.112], 0.005)
+            at = low + size * [1.5, 0, share]
+            self._text(f"/scale-{share}", f"{share * self._top / 1e3:g} kPa", at, 0.0045)
+        self._text("/scale-name", "von Mises stress", np.add(low, [0, 0, 0.088]), 0.0045)
 
     def _charts(self, sequence: Sequence[Frame], number: int) -> None:
         """Draw the curves of a sequence, if they are not there, and mark a frame in them."""
@@ -369,25 +377,27 @@ class Scene:
         if not names:
             return
         width, height = _CHART
-        places = [
-            self._corner() + [(k % _COLUMNS) * 1.2 * width, 0, -(k // _COLUMNS + 1) * 1.7 * height]
-            for k in range(len(names))
-        ]
+        rows = [divmod(k, _COLUMNS) for k in range(len(names))]
+        corner, (across, down) = self._corner(), _PITCH
+        places = [np.add(corner, [column * across, 0, -row * down]) for row, column in rows]
         state = (id(sequence), len(sequence))
         if self._nodes.get("charts") != state:
             self._nodes["charts"] = state
-            for name, place in zip(names, places, strict=True):
-                self._chart(name, np.array([frame.values[name] for frame in sequence]), place)
+            for k, (name, place) in enumerate(zip(names, places, strict=True)):
+                values = np.array([frame.values[name] for frame in sequence])
+                self._chart(f"/charts/{k}", name, values, place)
         share = number / max(1, len(sequence) - 1)
-        now = [[place + [share * width, -0.0005, z] for z in (0, height)] for place in places]
+        now = np.stack(
+            [np.add(places, [share * width, -0.0005, z]) for z in (0, height)], axis=1
+        ).astype(np.float32)
         if "now" not in self._nodes:
             line = {"thickness": 1, "thickness_units": "screen"}
             self._nodes["now"] = self._scene.add_line_segments(
-                "/charts/now", np.array(now), (90, 90, 90), **line
+                "/charts/now", now, (90, 90, 90), **line
             )
-        self._nodes["now"].points = np.array(now, np.float32)
+        self._nodes["now"].points = now
 
-    def _chart(self, name: str, values: Floats, place: Floats) -> None:
+    def _chart(self, path: str, name: str, values: Floats, place: Floats) -> None:
         """Draw the curves (T, K) of one chart with its lower left corner at `place`."""
         width, height = _CHART
         low, high = float(values.min()), float(values.max())
@@ -402,19 +412,23 @@ class Scene:
             colors += [_AXES[k]] * (len(points) - 1)
         flat = np.array(segments)
         lines = place + np.stack([flat[..., 0], 0 * flat[..., 0], flat[..., 1]], axis=-1)
-        path = "/charts/" + "".join(letter if letter.isalnum() else "_" for letter in name)
         each = np.repeat(np.array(colors, np.uint8)[:, None], 2, axis=1)
         line = {"thickness": 1.5, "thickness_units": "screen"}
         self._scene.add_line_segments(path, lines.astype(np.float32), each, **line)
-        text = f"{name}: {low:.3g} to {high:.3g}"
-        self._text(f"{path}/name", text, place + [0, 0, 1.35 * height], 0.0042)
+        self._text(f"{path}/name", name, np.add(place, [0, 0, 1.3 * height]), 0.0034)
+        for end, value, z in (("low", low, 0.0), ("high", high, height)):
+            at = np.add(place, [0, 0, z])
+            self._text(f"{path}/{end}", f"{value:.3g} ", at, 0.003, "center-right")
 
 
 def color(shares: Floats) -> NDArray[np.uint8]:
     """Colours (N, 3) of stresses that are `shares` (N,) of the highest."""
     places = np.clip(shares, 0, 1) * (len(_COLORS) - 1)
-    columns = [np.interp(places, range(len(_COLORS)), column) for column in zip(*_COLORS)]
-    return np.stack(columns, axis=1).astype(np.uint8)
+    columns = [
+        np.interp(places, range(len(_COLORS)), column) for column in zip(*_COLORS, strict=True)
+    ]
+    stacked: NDArray[np.uint8] = np.stack(columns, axis=1).astype(np.uint8)
+    return stacked
 
 
 def _trimesh() -> Any:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ruffini import Deformation, Fem, History, Press, PressError, Shape, sensor
+from ruffini import Deformation, Fem, History, Press, PressError, Shape, TetMesh, sensor, viewing
 from ruffini.commands import shapes
+from ruffini.commands.view import gel, summary
+from ruffini.viewing import Frame, Rigid, Skin
 
 _STRIDE = 1e-4
 """Longest step between two frames (m): friction depends on the path."""
@@ -37,6 +41,13 @@ def add_to(commands: Any) -> None:
     parser.add_argument("--resolution", type=int, help="about how many nodes; 2000 if not given")
     parser.add_argument("--friction", type=float, default=0.0, help="coefficient; 0 if not given")
     parser.add_argument("--element", default="p1-bar", help="p1, p1-bar (if not given) or p2")
+    parser.add_argument(
+        "--view",
+        nargs="?",
+        const="",
+        metavar="FILE",
+        help="show all frames in a browser, or write them to a .html file",
+    )
     parser.add_argument("--out", help=".vtu or .npz file for the mesh and its fields")
     parser.set_defaults(run=run)
 
@@ -48,6 +59,9 @@ def run(options: argparse.Namespace) -> None:
         ValueError: If an option is invalid.
         PressError: If the press is not solved.
     """
+    page = Path(options.view) if options.view else None
+    if options.view is not None:
+        viewing.check(page)
     body = sensor(options.sensor, options.calibration, options.resolution)
     fem = Fem(body, friction=options.friction, element=options.element)
     shape = shapes.shape(options.shape)
@@ -68,6 +82,8 @@ def run(options: argparse.Namespace) -> None:
         fields = ("displacement", "von_mises", "contact_force")
         body.mesh.write(options.out, {name: getattr(last, name) for name in fields})
     _report(frames, touch - reached[2])
+    if options.view is not None:
+        viewing.view([pressed(body.mesh, options.shape, frames)], page)
 
 
 def touching_height(shape: Shape, vertices: NDArray[np.float64]) -> float:
@@ -110,6 +126,14 @@ def _solved(frames: list[Deformation | PressError]) -> list[Deformation]:
         if isinstance(frame, PressError):
             raise frame
     return [frame for frame in frames if isinstance(frame, Deformation)]
+
+
+def pressed(mesh: TetMesh, shape: str, frames: Iterable[Deformation]) -> Iterator[Frame]:
+    """Frames of a press as they are shown."""
+    skin, surface = Skin(mesh), shapes.surface(shape)
+    for number, frame in enumerate(frames):
+        bodies = {"pad": gel(skin, frame), "shape": Rigid(np.concatenate(frame.pose), *surface)}
+        yield summary(f"{shape}, frame {number}", bodies, seconds=0.1)
 
 
 def _report(frames: list[Deformation], indentation: float) -> None:

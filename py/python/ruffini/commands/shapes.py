@@ -106,7 +106,9 @@ def surface(text: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         sections = int(lengths.pop(0)) if kind == "prism" else _SECTIONS
         mesh = make.revolve(_profile(kind, lengths), sections=sections)
         if kind == "prism":
-            mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / sections, (0, 0, 1)))
+            mesh.apply_transform(
+                trimesh.transformations.rotation_matrix(np.pi / sections, (0, 0, 1))
+            )
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)
 
 
@@ -127,7 +129,7 @@ def _profile(kind: str, lengths: list[float]) -> list[tuple[float, float]]:
 
 
 def _projected(body: Shape, radius: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Mesh of a body without edges: a ball about its origin, each of whose points is moved to it."""
+    """Mesh of a body without edges: a ball of that radius, whose points are moved to the body."""
     import trimesh
 
     ball = trimesh.creation.icosphere(4, radius)

@@ -30,8 +30,22 @@ _Values = dict[str, list[float]]
 _HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 _TURNS = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, 0.5))
 """Orientations of the pads in the frame of the tool: y along the finger, z out of the gel."""
-_SIX = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
-                 [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+_SIX = np.array(
+    [
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 6, 7],
+        [4, 7, 5],
+        [0, 4, 5],
+        [0, 5, 1],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 2, 6],
+        [0, 6, 4],
+        [1, 5, 7],
+        [1, 7, 3],
+    ]
+)
 """Triangles of a box whose corners count up with z, then y, then x."""
 _LIGHT, _DARK = (212, 215, 220), (105, 112, 122)
 _BOXES = {
@@ -143,9 +157,7 @@ class _Drawn:
         turn = np.array([0, 0, np.sin(look["tool_yaw"] / 2), np.cos(look["tool_yaw"] / 2)])
         tool = np.array([*look["tool_position"], *turn])
         pose = np.array([*look["object_position"], *look["object_quaternion"]])
-        found: dict[str, Rigid | Gel] = {
-            name: _box(tool, *box) for name, box in _BOXES.items()
-        }
+        found: dict[str, Rigid | Gel] = {name: _box(tool, *box) for name, box in _BOXES.items()}
         found["object"] = Rigid(pose, *self._object, opacity=0.4)
         for k, name in enumerate(_SIDES):
             side = np.array([(k - 0.5) * look["opening"], 0, 0, *_TURNS[k]])
@@ -170,7 +182,7 @@ class _Drawn:
         far = np.linalg.norm(near, axis=2) - 0.2 * self._rest["surface"][:, 2]
         points = (self._skin.rest + displacement)[self._free[far.argmin(axis=1)]]
         forces = viewing.traction(points, observation["traction"].reshape(2, -1, 3)[k])
-        return Gel(pose, self._skin, displacement, stress, markers + [0, 0, 1e-4], forces, wrench)
+        return Gel(pose, self._skin, displacement, stress, markers, forces, wrench)
 
     def values(self, observation: dict[str, _Floats], terms: dict[str, float]) -> _Values:
         """Curves of the terms of the reward and of all channels but fields."""
@@ -194,8 +206,11 @@ def _surface(name: str, given: Any) -> tuple[_Floats, NDArray[Any]]:
     if brace:  # A shape with its lengths, as Rust writes it.
         name = f"{kind.lower()}:{','.join(re.findall(r'-?[0-9][0-9.e-]*', lengths))}"
     specs = given if isinstance(given, (list, tuple)) else [given]
-    scales = [spec.get("scale", 1.0) for spec in specs
-              if isinstance(spec, Mapping) and spec.get("mesh") == name]
+    scales = [
+        spec.get("scale", 1.0)
+        for spec in specs
+        if isinstance(spec, Mapping) and spec.get("mesh") == name
+    ]
     vertices, faces = shapes.surface(name)
     return vertices * (scales or [1.0])[0], faces
 
@@ -253,7 +268,7 @@ def gel(skin: Skin, body: Body | Deformation, pose: _Floats = _HOME) -> Gel:
     return Gel(pose, skin, moved, stress, None, viewing.nodal(skin.rest + moved, forces), wrench)
 
 
-def summary(title: str, bodies: dict[str, Rigid | Gel]) -> Frame:
+def summary(title: str, bodies: dict[str, Rigid | Gel], seconds: float = 0.5) -> Frame:
     """Frame of solved bodies, with curves of their forces and stress."""
     gels = {name: body for name, body in bodies.items() if isinstance(body, Gel)}
     peak = [float(body.von_mises.max()) / 1e3 for body in gels.values()]
@@ -262,4 +277,4 @@ def summary(title: str, bodies: dict[str, Rigid | Gel]) -> Frame:
         if body.wrench is not None:
             values[f"force on {name} (N)"] = list(body.wrench[:3])
             values[f"torque on {name} (N m)"] = list(body.wrench[3:])
-    return Frame(title, bodies, values, seconds=0.5 if len(gels) else 0.04)
+    return Frame(title, bodies, values, seconds)
