@@ -98,6 +98,8 @@ class Gel:
     """Points (N, 3) at which forces act, and arrows (N, 3) that show them, already as lengths."""
     wrench: Floats | None = None
     """Net force (N) and torque (N m) on the body (6,), about the origin of its frame."""
+    scale: float = 1.0
+    """Factor by which the body is enlarged, with its markers and arrows of forces."""
 
 
 @dataclass
@@ -251,13 +253,13 @@ class Scene:
             holder.position, holder.wxyz = body.pose[:3], body.pose[[6, 3, 4, 5]]
             if isinstance(body, Gel):
                 self._touch(name, body)
-        self._text("/title", frame.title, np.add(self._corner(), [-0.18, 0, 0.02]), 0.006)
+        self._text("/title", frame.title, np.add(self._corner(), [-0.25, 0, 0.03]), 0.006)
 
     def _aim(self, frame: Frame) -> None:
         camera = self._server.initial_camera
         camera.near, camera.fov = 0.001, 0.75
         if self._table:
-            camera.position, camera.look_at = (0.07, -0.42, 0.2), (0.09, 0.0, 0.1)
+            camera.position, camera.look_at = (0.04, -0.48, 0.17), (0.05, 0.0, 0.1)
         else:
             camera.position, camera.look_at = (0.03, -0.22, 0.14), (0.06, 0.0, 0.0)
 
@@ -278,7 +280,7 @@ class Scene:
                 look = {"color": body.color, "opacity": body.opacity, "side": "double"}
                 self._nodes[key] = self._scene.add_mesh_simple(*mesh, **look, visible=False)
             return self._nodes[key]
-        moved = (body.skin.rest + body.displacement).astype(np.float32)
+        moved = (body.scale * (body.skin.rest + body.displacement)).astype(np.float32)
         colors = color(body.von_mises / max(self._top, 1e-9))
         key = (name, moved.tobytes(), colors.tobytes())
         if key not in self._nodes:
@@ -297,15 +299,22 @@ class Scene:
 
     def _touch(self, name: str, body: Gel) -> None:
         """Draw markers, forces and wrench of a soft body."""
+        scale = body.scale
         if body.markers is not None:
+            points = (scale * body.markers).astype(np.float32)
             if (key := f"{name}/markers") not in self._nodes:
-                look = {"point_size": 0.0005, "point_shape": "circle", "precision": "float32"}
+                look = {
+                    "point_size": 0.0005 * scale,
+                    "point_shape": "circle",
+                    "precision": "float32",
+                }
                 self._nodes[key] = self._scene.add_point_cloud(
-                    f"/{key}", body.markers, (20, 20, 20), **look
+                    f"/{key}", points, (20, 20, 20), **look
                 )
-            self._nodes[key].points = body.markers.astype(np.float32)
+            self._nodes[key].points = points
         if body.forces is not None:
-            self._arrows(f"{name}/contact", *body.forces, 0.0001, (40, 70, 200))
+            arrows = (scale * part for part in body.forces)
+            self._arrows(f"{name}/contact", *arrows, 0.0001 * scale, (40, 70, 200))
         if body.wrench is not None:
             force, torque = body.wrench[:3], body.wrench[3:]
             self._arrows(
@@ -356,7 +365,7 @@ class Scene:
         self._top = next(
             digit * step for step in (1, 1.5, 2, 3, 5, 7.5, 10) if digit * step >= highest
         )
-        low, size = np.add(self._corner(), [-0.18, 0, -0.1]), np.array([0.006, 0, 0.08])
+        low, size = np.add(self._corner(), [-0.25, 0, -0.1]), np.array([0.006, 0, 0.08])
         heights = np.linspace(0, 1, 24)
         sides = [[[0, 0, height], [1, 0, height]] for height in heights]
         points = low + size * np.array(sides).reshape(-1, 3)

@@ -6,6 +6,7 @@ import argparse
 import itertools
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,11 @@ _Values = dict[str, list[float]]
 _HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 _TURNS = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, 0.5))
 """Orientations of the pads in the frame of the tool: y along the finger, z out of the gel."""
+_FACES = (
+    np.array([-0.115, 0.03, 0.15, 0.5**0.5, 0, 0, 0.5**0.5]),
+    np.array([-0.115, 0.03, 0.085, 0.5**0.5, 0, 0, 0.5**0.5]),
+)
+"""Poses at which the pads are shown once more, enlarged, with their faces to the front."""
 _SIX = np.array(
     [
         [0, 1, 3],
@@ -168,6 +174,9 @@ class _Drawn:
                 found[f"{name}: tip"] = _box(pad, *_TIP)
             else:
                 found[name] = self._pad(pad, k, observation, wrench)
+                found[f"{name}: face"] = replace(
+                    found[name], pose=_FACES[k], scale=2.2, forces=None, wrench=None
+                )
         return found
 
     def _pad(self, pose: _Floats, k: int, observation: dict[str, _Floats], wrench: _Floats) -> Gel:
