@@ -10,9 +10,9 @@ import sys
 from collections.abc import Sequence
 
 from ruffini import SimulationError, __version__
-from ruffini.commands import agent, dataset, mesh, network, play, press, recommend, sensor
+from ruffini.commands import agent, dataset, mesh, network, play, press, recommend, sensor, view
 
-_COMMANDS = (play, agent, dataset, network, press, mesh, sensor, recommend)
+_COMMANDS = (play, view, agent, dataset, network, press, mesh, sensor, recommend)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

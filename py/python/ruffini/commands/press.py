@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ruffini import Deformation, Fem, History, Press, PressError, Shape, TetMesh, sensor
+from ruffini import Deformation, Fem, History, Press, PressError, Shape, TetMesh, sensor, viewing
 from ruffini.commands import shapes
+from ruffini.commands.view import gel, summary
+from ruffini.viewing import Frame, Rigid, Skin
 
 _STRIDE = 1e-4
 """Longest step between two frames (m): friction depends on the path."""
@@ -38,6 +41,13 @@ def add_to(commands: Any) -> None:
     parser.add_argument("--resolution", type=int, help="about how many nodes; 2000 if not given")
     parser.add_argument("--friction", type=float, default=0.0, help="coefficient; 0 if not given")
     parser.add_argument("--element", default="p1-bar", help="p1, p1-bar (if not given) or p2")
+    parser.add_argument(
+        "--view",
+        nargs="?",
+        const="",
+        metavar="FILE",
+        help="show all frames in a browser, or write them to a .html file",
+    )
     parser.add_argument("--out", help=".vtu or .npz file for the mesh and its fields")
     parser.add_argument(
         "--plot", type=Path, help=".png or .svg file for displacement, stress and the force curve"
@@ -52,6 +62,9 @@ def run(options: argparse.Namespace) -> None:
         ValueError: If an option is invalid.
         PressError: If the press is not solved.
     """
+    page = Path(options.view) if options.view else None
+    if options.view is not None:
+        viewing.check(page)
     body = sensor(options.sensor, options.calibration, options.resolution)
     fem = Fem(body, friction=options.friction, element=options.element)
     shape = shapes.shape(options.shape)
@@ -77,6 +90,8 @@ def run(options: argparse.Namespace) -> None:
     if options.plot is not None:
         _plot(body.mesh, frames, touch, options.plot)
     _report(frames, touch - reached[2])
+    if options.view is not None:
+        viewing.view([pressed(body.mesh, options.shape, frames)], page)
 
 
 def _check_depth(depth: float, thickness: float) -> None:
@@ -165,6 +180,14 @@ def _plot(mesh: TetMesh, frames: list[Deformation], touch: float, path: Path) ->
         figure.savefig(path)
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}") from None
+
+
+def pressed(mesh: TetMesh, shape: str, frames: Iterable[Deformation]) -> Iterator[Frame]:
+    """Frames of a press as they are shown."""
+    skin, surface = Skin(mesh), shapes.surface(shape)
+    for number, frame in enumerate(frames):
+        bodies = {"pad": gel(skin, frame), "shape": Rigid(np.concatenate(frame.pose), *surface)}
+        yield summary(f"{shape}, frame {number}", bodies, seconds=0.1)
 
 
 def _report(frames: list[Deformation], indentation: float) -> None:

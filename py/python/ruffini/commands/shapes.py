@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ruffini import Shape
 
 _FORMS: dict[str, tuple[Callable[..., Shape], str]] = {
@@ -42,3 +45,96 @@ def shape(text: str) -> Shape:
     except ValueError:
         raise ValueError(f"shape: found {text}, expected {name}:{lengths}".rstrip(":")) from None
     return make(*numbers)
+
+
+NAMED = {
+    "sphere": "sphere:0.018",
+    "cuboid": "cuboid:0.015,0.015,0.02",
+    "cylinder": "cylinder:0.015,0.02",
+    "prism": "prism:8,0.016,0.018",
+    "annulus": "annulus:0.02,0.013,0.012",
+    "ellipsoid": "ellipsoid:0.016,0.022,0.018",
+    "cup": "cup:0.016,0.02,0.022,0.002",
+    "square-peg": "cuboid:0.006,0.006,0.03",
+    "round-peg": "cylinder:0.006,0.03",
+    "hexagonal-peg": f"prism:6,{0.012 / 3**0.5},0.03",
+}
+"""The objects of the tasks' catalogue that have a form, as env-core/src/scene/catalogue.rs has."""
+_WAVY: dict[str, tuple[list[float], list[tuple[float, list[float], float]]]] = {
+    "potato": ([0.022, 0.016, 0.017], [(0.05, [3, 2, 0], 1), (0.04, [2, 0, 5], 0)]),
+    "lemon": ([0.017, 0.017, 0.022], [(0.08, [0, 0, 6], 0)]),
+    "apple": ([0.02, 0.02, 0.019], [(-0.12, [0, 0, 2.4], -0.6)]),
+    "eggplant": ([0.03, 0.016, 0.016], [(0.14, [1.6, 0, 0], 0.8)]),
+}
+"""The others: semi-axes and waves of `Shape.star_shaped`."""
+_SECTIONS = 64
+"""Edges that approximate a circle."""
+
+
+def surface(text: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Triangulate a shape, for pictures; needs trimesh, which comes with viser.
+
+    Args:
+        text: As for `shape`, or a name of the tasks' catalogue.
+
+    Returns:
+        Vertices (V, 3) in m and corners of the triangles (F, 3).
+
+    Raises:
+        ValueError: If it is neither.
+    """
+    import trimesh
+
+    if text in _WAVY:
+        return _projected(Shape.star_shaped(*_WAVY[text]), 0.018)
+    text = NAMED.get(text, text)
+    found = shape(text)
+    make = trimesh.creation
+    if text.lower().endswith((".obj", ".stl")):
+        mesh = trimesh.load_mesh(text)
+        return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    kind, _, given = text.partition(":")
+    lengths = [float(word) for word in given.split(",") if word]
+    if kind == "half-space":
+        mesh = make.box((0.03, 0.03, 0.002))
+        mesh.apply_translation((0, 0, -0.001))
+    elif kind == "cuboid":
+        mesh = make.box(2 * np.array(lengths))
+    elif kind in ("sphere", "ellipsoid", "capsule"):
+        return _projected(found, min(lengths))
+    else:
+        sections = int(lengths.pop(0)) if kind == "prism" else _SECTIONS
+        mesh = make.revolve(_profile(kind, lengths), sections=sections)
+        if kind == "prism":
+            mesh.apply_transform(
+                trimesh.transformations.rotation_matrix(np.pi / sections, (0, 0, 1))
+            )
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+
+def _profile(kind: str, lengths: list[float]) -> list[tuple[float, float]]:
+    """Half of the section of a solid of revolution, as (radius, z), from the axis at the bottom."""
+    if kind == "cone":
+        radius, h = lengths
+        return [(0, -h), (radius, -h), (0, h)]
+    if kind == "annulus":
+        outer, inner, h = lengths
+        return [(inner, -h), (outer, -h), (outer, h), (inner, h), (inner, -h)]
+    if kind == "cup":
+        bottom, rim, h, wall = lengths
+        inner = [(rim - wall, h), (bottom - wall, wall - h), (0, wall - h)]
+        return [(0, -h), (bottom, -h), (rim, h), *inner]
+    radius, h = lengths
+    return [(0, -h), (radius, -h), (radius, h), (0, h)]
+
+
+def _projected(body: Shape, radius: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Mesh of a body without edges: a ball of that radius, whose points are moved to the body."""
+    import trimesh
+
+    ball = trimesh.creation.icosphere(4, radius)
+    points = np.asarray(ball.vertices)
+    ways = points / radius
+    for _ in range(30):
+        points = points - 0.7 * body.distance(points)[0][:, None] * ways
+    return points, np.asarray(ball.faces)

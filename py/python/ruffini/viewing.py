@@ -1,0 +1,447 @@
+"""Scenes in a browser, live or as one HTML file: bodies, stress, contact forces and curves.
+
+Drawn by viser, which is imported only here: ``pip install "ruffini[viz]"``. Lengths in m; a pose is
+a position and a quaternion (x, y, z, w), 7 numbers.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import time
+import webbrowser
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ruffini._core import TetMesh
+from ruffini._spaces import check_writable
+
+__all__ = ["Frame", "Gel", "Rigid", "Scene", "Skin", "check", "nodal", "traction", "view"]
+
+Floats = NDArray[np.floating[Any]]
+_COLORS = [(252, 243, 205), (254, 191, 132), (245, 121, 92), (197, 60, 117), (119, 34, 125)]
+_COLORS += [(38, 12, 62)]
+"""Colours from no stress to the highest, as in `env.render()`."""
+_AXES = [(215, 60, 50), (60, 150, 60), (50, 90, 210), (120, 120, 120)]
+"""Colours of the components of a curve, in order."""
+_FORCE, _TRACTION = 0.003, 1e-7
+"""Lengths of an arrow for 1 N and for 1 Pa (m)."""
+_CHART, _PITCH = (0.05, 0.016), (0.076, 0.028)
+"""Width and height of a chart, and distances between charts (m)."""
+_COLUMNS = 3
+
+
+class Skin:
+    """Surface of a mesh of tetrahedra, with V nodes and F triangles."""
+
+    def __init__(self, mesh: TetMesh) -> None:
+        tets = mesh.tets.astype(np.int64)
+        corners = np.concatenate([tets[:, face] for face in _FACES])
+        _, first, counts = np.unique(
+            np.sort(corners, axis=1), axis=0, return_index=True, return_counts=True
+        )
+        self.nodes, faces = np.unique(corners[first[counts == 1]], return_inverse=True)
+        self.faces = faces.reshape(-1, 3)
+        """Corners (F, 3), places in `nodes`."""
+        self.rest = mesh.vertices[self.nodes]
+        """Nodes at rest (V, 3)."""
+        self._tets, self._all = tets, len(mesh.vertices)
+
+    def stress(self, von_mises: Floats) -> Floats:
+        """Means (V,) at the nodes of a stress in the tetrahedra (T,)."""
+        total, count = np.zeros(self._all), np.zeros(self._all)
+        for corner in self._tets.T:
+            np.add.at(total, corner, von_mises)
+            np.add.at(count, corner, 1)
+        means: Floats = (total / count)[self.nodes]
+        return means
+
+
+_FACES = ([0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3])
+"""Corners of the faces of a tetrahedron, counter-clockwise seen from outside."""
+
+
+@dataclass
+class Rigid:
+    """Rigid body."""
+
+    pose: Floats
+    """Pose (7,)."""
+    vertices: Floats
+    """Vertices (V, 3)."""
+    faces: NDArray[Any]
+    """Corners of the triangles (F, 3)."""
+    color: tuple[int, int, int] = (72, 145, 202)
+    opacity: float | None = None
+
+
+@dataclass
+class Gel:
+    """Soft body: a pad, or a soft object."""
+
+    pose: Floats
+    """Pose (7,); all else is in the body's frame."""
+    skin: Skin
+    displacement: Floats
+    """Displacement (V, 3) of the skin's nodes."""
+    von_mises: Floats
+    """Von Mises stress (V,) at the skin's nodes (Pa)."""
+    markers: Floats | None = None
+    """Points (M, 3) painted on the body."""
+    forces: tuple[Floats, Floats] | None = None
+    """Points (N, 3) at which forces act, and arrows (N, 3) that show them, already as lengths."""
+    wrench: Floats | None = None
+    """Net force (N) and torque (N m) on the body (6,), about the origin of its frame."""
+    scale: float = 1.0
+    """Factor by which the body is enlarged, with its markers and arrows of forces."""
+
+
+@dataclass
+class Frame:
+    """What is seen at one time."""
+
+    title: str
+    bodies: dict[str, Rigid | Gel]
+    values: dict[str, list[float]] = field(default_factory=dict)
+    """Components, at most four, of each curve; its name has the unit."""
+    seconds: float = 0.04
+    """Time for which it is shown (s)."""
+
+
+def traction(points: Floats, pressures: Floats) -> tuple[Floats, Floats]:
+    """Arrows of a gel's `forces` for tractions (N, 3) in Pa, without those of nothing."""
+    felt = np.linalg.norm(pressures, axis=1) > 0.02 * max(1.0, float(np.abs(pressures).max()))
+    return points[felt], _TRACTION * pressures[felt]
+
+
+def nodal(points: Floats, forces: Floats) -> tuple[Floats, Floats]:
+    """Arrows of a gel's `forces` for contact forces on nodes (N, 3) in N, without zeros."""
+    strength = np.linalg.norm(forces, axis=1)
+    felt = strength > 0.02 * max(1e-9, float(strength.max()))
+    return points[felt], 10 * _FORCE * forces[felt]
+
+
+def check(out: Path | None) -> Any:
+    """Import viser; check in advance that a scene can be written to `out`, if given.
+
+    Raises:
+        ValueError: If viser is missing, or the file is no .html or cannot be written.
+    """
+    if out is not None:
+        if out.suffix != ".html":
+            raise ValueError(f"out: found {out}, expected a .html file")
+        check_writable("out", out)
+    try:
+        import viser
+    except ImportError:
+        raise ValueError("view: found no viser: pip install 'ruffini[viz]'") from None
+    return viser
+
+
+def view(
+    sequences: Iterable[Iterable[Frame]],
+    out: Path | None,
+    table: bool = False,
+    say: Callable[[str], None] = print,
+) -> None:
+    """Write sequences of frames to an HTML file, or show them in a browser until Ctrl-C.
+
+    Args:
+        sequences: Sequences of frames, such as episodes; curves are drawn for each anew.
+        out: The .html file; ``None`` shows each frame as soon as it is there.
+        table: Whether to draw the table, z = 0.
+        say: Called with a line about where the scene is to be seen.
+
+    Raises:
+        ValueError: As `check` does.
+    """
+    scene = Scene(table, out)
+    try:
+        if out is None:
+            say(f"{scene.url} in a browser on this machine; Ctrl-C ends, --out FILE.html writes")
+            webbrowser.open(scene.url)
+            with contextlib.suppress(KeyboardInterrupt):
+                scene.live(sequences)
+        else:
+            count = scene.record([list(frames) for frames in sequences], out)
+            say(f"{out}: {count} frames, {out.stat().st_size / 1e6:.1f} MB; any browser opens it")
+    finally:
+        scene.close()
+
+
+class Scene:
+    """Scene in a browser."""
+
+    def __init__(self, table: bool = False, out: Path | None = None) -> None:
+        viser = check(out)
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server = viser.ViserServer(host="127.0.0.1", verbose=False, label="ruffini")
+        self.url = f"http://127.0.0.1:{self._server.get_port()}"
+        self._scene = self._server.scene
+        self._scene.set_up_direction("+z")
+        self._scene.configure_default_lights(True, cast_shadow=False)
+        self._nodes: dict[Any, Any] = {}
+        self._visible: dict[str, Any] = {}
+        self._top = 0.0
+        self._table = table
+        if table:
+            self._scene.add_grid(
+                "/table", 0.4, 0.4, cell_size=0.025, section_size=0.1, cell_thickness=0.5
+            )
+
+    def close(self) -> None:
+        """Stop the server."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
+
+    def record(self, sequences: Sequence[Sequence[Frame]], out: Path) -> int:
+        """Write the frames to an HTML file, and return how many they are."""
+        frames = [frame for sequence in sequences for frame in sequence]
+        self._set_top(frames)
+        self._aim(frames[0])
+        for frame in frames:
+            self._prepare(frame)
+        recording = self._server.get_scene_serializer()
+        for sequence in sequences:
+            for number, frame in enumerate(sequence):
+                self.show(frame, sequence, number)
+                recording.insert_sleep(frame.seconds)
+        out.write_text(recording.as_html())
+        return len(frames)
+
+    def live(self, sequences: Iterable[Iterable[Frame]]) -> None:
+        """Show the frames as they come, then those chosen with a slider; never ends."""
+        seen: list[tuple[Frame, list[Frame], int]] = []
+        for sequence in sequences:
+            past: list[Frame] = []
+            for frame in sequence:
+                past.append(frame)
+                if not seen:
+                    self._aim(frame)
+                seen.append((frame, past, len(past) - 1))
+                self._set_top([frame])
+                self.show(*seen[-1])
+        slider = self._server.gui.add_slider("frame", 0, max(1, len(seen) - 1), 1, len(seen) - 1)
+        play = self._server.gui.add_checkbox("play", False)
+        shown = len(seen) - 1
+        while True:
+            if play.value:
+                slider.value = (int(slider.value) + 1) % len(seen)
+            if slider.value != shown and slider.value < len(seen):
+                shown = int(slider.value)
+                self.show(*seen[shown])
+            time.sleep(seen[shown][0].seconds)
+
+    def show(self, frame: Frame, sequence: Sequence[Frame], number: int) -> None:
+        """Draw a frame, the one of that `number` in its `sequence`."""
+        self._charts(sequence, number)
+        for name, body in frame.bodies.items():
+            node = self._prepare_body(name, body)
+            old = self._visible.get(name)
+            if old is not node:
+                node.visible = True
+                if old is not None:
+                    old.visible = False
+                self._visible[name] = node
+            holder = self._frame(name) if isinstance(body, Gel) else node
+            holder.position, holder.wxyz = body.pose[:3], body.pose[[6, 3, 4, 5]]
+            if isinstance(body, Gel):
+                self._touch(name, body)
+        self._text("/title", frame.title, np.add(self._corner(), [-0.25, 0, 0.03]), 0.006)
+
+    def _aim(self, frame: Frame) -> None:
+        camera = self._server.initial_camera
+        camera.near, camera.fov = 0.001, 0.75
+        if self._table:
+            camera.position, camera.look_at = (0.04, -0.48, 0.17), (0.05, 0.0, 0.1)
+        else:
+            camera.position, camera.look_at = (0.03, -0.22, 0.14), (0.06, 0.0, 0.0)
+
+    def _corner(self) -> Floats:
+        """Upper left corner of the board of charts."""
+        return np.array([0.09, 0.03, 0.2]) if self._table else np.array([0.04, 0.0, 0.06])
+
+    def _prepare(self, frame: Frame) -> None:
+        for name, body in frame.bodies.items():
+            self._prepare_body(name, body)
+
+    def _prepare_body(self, name: str, body: Rigid | Gel) -> Any:
+        """Node of the body, made hidden when it is first asked for; equal ones are one."""
+        if isinstance(body, Rigid):
+            key = (name, body.vertices.tobytes(), body.color)
+            if key not in self._nodes:
+                mesh = (f"/{name}-{len(self._nodes)}", body.vertices, body.faces)
+                look = {"color": body.color, "opacity": body.opacity, "side": "double"}
+                self._nodes[key] = self._scene.add_mesh_simple(*mesh, **look, visible=False)
+            return self._nodes[key]
+        moved = (body.scale * (body.skin.rest + body.displacement)).astype(np.float32)
+        colors = color(body.von_mises / max(self._top, 1e-9))
+        key = (name, moved.tobytes(), colors.tobytes())
+        if key not in self._nodes:
+            self._frame(name)
+            path = f"/{name}/gel-{len(self._nodes)}"
+            mesh = _trimesh().Trimesh(moved, body.skin.faces, vertex_colors=colors, process=False)
+            self._nodes[key] = self._scene.add_mesh_trimesh(
+                path, mesh, visible=False, cast_shadow=False
+            )
+        return self._nodes[key]
+
+    def _frame(self, name: str) -> Any:
+        if name not in self._nodes:
+            self._nodes[name] = self._scene.add_frame(f"/{name}", show_axes=False)
+        return self._nodes[name]
+
+    def _touch(self, name: str, body: Gel) -> None:
+        """Draw markers, forces and wrench of a soft body."""
+        scale = body.scale
+        if body.markers is not None:
+            points = (scale * body.markers).astype(np.float32)
+            if (key := f"{name}/markers") not in self._nodes:
+                look = {
+                    "point_size": 0.0005 * scale,
+                    "point_shape": "circle",
+                    "precision": "float32",
+                }
+                self._nodes[key] = self._scene.add_point_cloud(
+                    f"/{key}", points, (20, 20, 20), **look
+                )
+            self._nodes[key].points = points
+        if body.forces is not None:
+            arrows = (scale * part for part in body.forces)
+            self._arrows(f"{name}/contact", *arrows, 0.0001 * scale, (40, 70, 200))
+        if body.wrench is not None:
+            force, torque = body.wrench[:3], body.wrench[3:]
+            self._arrows(
+                f"{name}/force", np.zeros((1, 3)), _FORCE * force[None], 6e-4, (0, 130, 70)
+            )
+            size, turn = np.linalg.norm(force), 1e3 * np.linalg.norm(torque)
+            text = f"{size:.2f} N, {turn:.1f} mN m" if size > 0 else ""
+            self._text(f"/{name}/wrench", text, np.array([0, -0.022, -0.022]), 0.0045)
+
+    def _arrows(
+        self, name: str, points: Floats, arrows: Floats, radius: float, color: tuple[int, int, int]
+    ) -> None:
+        """Draw arrows that end at `points`, as a force on a surface does."""
+        kept = np.linalg.norm(arrows, axis=1) > 1e-6
+        ends = np.stack([points - arrows, points], axis=1)[kept].astype(np.float32)
+        if name not in self._nodes:
+            sizes = {"head_radius": 2.5 * radius, "head_length": 6 * radius}
+            first = np.zeros((1, 2, 3), np.float32)
+            self._nodes[name] = self._scene.add_arrows(
+                f"/{name}", first, color, shaft_radius=radius, **sizes
+            )
+        self._nodes[name].visible = len(ends) > 0
+        if len(ends):
+            self._nodes[name].points = ends
+
+    def _text(
+        self, path: str, text: str, position: Floats, height: float, anchor: str = "center-left"
+    ) -> None:
+        if path not in self._nodes:
+            look = {"font_size_mode": "scene", "font_scene_height": height, "anchor": anchor}
+            self._nodes[path] = self._scene.add_label(path, text, position=position, **look)
+        node = self._nodes[path]
+        if node.text != text:
+            node.text = text
+
+    def _set_top(self, frames: Iterable[Frame]) -> None:
+        """Make the colour scale reach to the highest stress in these frames and before."""
+        stresses = (
+            gel.von_mises
+            for frame in frames
+            for gel in frame.bodies.values()
+            if isinstance(gel, Gel)
+        )
+        highest = max((float(stress.max()) for stress in stresses), default=0.0)
+        if highest <= self._top:
+            return
+        digit = 10.0 ** math.floor(math.log10(highest))
+        self._top = next(
+            digit * step for step in (1, 1.5, 2, 3, 5, 7.5, 10) if digit * step >= highest
+        )
+        low, size = np.add(self._corner(), [-0.25, 0, -0.1]), np.array([0.006, 0, 0.08])
+        heights = np.linspace(0, 1, 24)
+        sides = [[[0, 0, height], [1, 0, height]] for height in heights]
+        points = low + size * np.array(sides).reshape(-1, 3)
+        rows = 2 * np.arange(23)[:, None]
+        faces = np.concatenate([np.add(rows, corners) for corners in ([0, 1, 3], [0, 3, 2])])
+        mesh = _trimesh().Trimesh(
+            points, faces, vertex_colors=color(np.repeat(heights, 2)), process=False
+        )
+        self._scene.add_mesh_trimesh("/scale", mesh, cast_shadow=False, receive_shadow=False)
+        for share in (0, 1):
+            at = low + size * [1.5, 0, share]
+            self._text(f"/scale-{share}", f"{share * self._top / 1e3:g} kPa", at, 0.0045)
+        self._text("/scale-name", "von Mises stress", np.add(low, [0, 0, 0.088]), 0.0045)
+
+    def _charts(self, sequence: Sequence[Frame], number: int) -> None:
+        """Draw the curves of a sequence, if they are not there, and mark a frame in them."""
+        names = list(sequence[0].values)
+        if not names:
+            return
+        width, height = _CHART
+        rows = [divmod(k, _COLUMNS) for k in range(len(names))]
+        corner, (across, down) = self._corner(), _PITCH
+        places = [np.add(corner, [column * across, 0, -row * down]) for row, column in rows]
+        state = (id(sequence), len(sequence))
+        if self._nodes.get("charts") != state:
+            self._nodes["charts"] = state
+            for k, (name, place) in enumerate(zip(names, places, strict=True)):
+                values = np.array([frame.values[name] for frame in sequence])
+                self._chart(f"/charts/{k}", name, values, place)
+        share = number / max(1, len(sequence) - 1)
+        now = np.stack(
+            [np.add(places, [share * width, -0.0005, z]) for z in (0, height)], axis=1
+        ).astype(np.float32)
+        if "now" not in self._nodes:
+            line = {"thickness": 1, "thickness_units": "screen"}
+            self._nodes["now"] = self._scene.add_line_segments(
+                "/charts/now", now, (90, 90, 90), **line
+            )
+        self._nodes["now"].points = now
+
+    def _chart(self, path: str, name: str, values: Floats, place: Floats) -> None:
+        """Draw the curves (T, K) of one chart with its lower left corner at `place`."""
+        width, height = _CHART
+        low, high = float(values.min()), float(values.max())
+        x = np.linspace(0, width, max(2, len(values)))
+        frame = [[0, 0], [1, 0]], [[0, 0], [0, 1]]
+        segments = [np.array(line) * [width, height] for line in frame]
+        colors = [(170, 170, 170)] * 2
+        for k, curve in enumerate(values.T):
+            z = height * (curve - low) / (high - low if high > low else 1.0)
+            points = np.stack([x, np.resize(z, len(x))], axis=1)
+            segments += list(np.stack([points[:-1], points[1:]], axis=1))
+            colors += [_AXES[k]] * (len(points) - 1)
+        flat = np.array(segments)
+        lines = place + np.stack([flat[..., 0], 0 * flat[..., 0], flat[..., 1]], axis=-1)
+        each = np.repeat(np.array(colors, np.uint8)[:, None], 2, axis=1)
+        line = {"thickness": 1.5, "thickness_units": "screen"}
+        self._scene.add_line_segments(path, lines.astype(np.float32), each, **line)
+        self._text(f"{path}/name", name, np.add(place, [0, 0, 1.3 * height]), 0.0034)
+        for end, value, z in (("low", low, 0.0), ("high", high, height)):
+            at = np.add(place, [0, 0, z])
+            self._text(f"{path}/{end}", f"{value:.3g} ", at, 0.003, "center-right")
+
+
+def color(shares: Floats) -> NDArray[np.uint8]:
+    """Colours (N, 3) of stresses that are `shares` (N,) of the highest."""
+    places = np.clip(shares, 0, 1) * (len(_COLORS) - 1)
+    columns = [
+        np.interp(places, range(len(_COLORS)), column) for column in zip(*_COLORS, strict=True)
+    ]
+    stacked: NDArray[np.uint8] = np.stack(columns, axis=1).astype(np.uint8)
+    return stacked
+
+
+def _trimesh() -> Any:
+    """Import trimesh, which comes with viser."""
+    import trimesh
+
+    return trimesh

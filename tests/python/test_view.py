@@ -1,0 +1,156 @@
+"""`ruffini view`: what is in a recording, and what is wrong with the bad ones."""
+
+from __future__ import annotations
+
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+
+from ruffini import OBJECTS, Shape, TetMesh, commands
+from ruffini.commands import shapes, view
+from ruffini.commands.policy import choose
+
+pytest.importorskip("viser")
+from ruffini import viewing
+
+SETTINGS = {"max_episode_steps": 4, "resolution": {"nodes": 300}, "tactile": "compliance"}
+
+
+@pytest.fixture(scope="module")
+def frames():
+    chosen = choose("HoldStill", "scripted", SETTINGS)
+    return list(view.episode(chosen, 10_000))
+
+
+def test_an_episode_shows_bodies_stress_and_curves(frames):
+    assert len(frames) == 5
+    for frame in frames:
+        pads = [frame.bodies[name] for name in view._SIDES]
+        assert isinstance(frame.bodies["object"], viewing.Rigid)
+        for pad in pads:
+            assert pad.von_mises.max() > 100 and abs(pad.displacement).max() > 1e-5
+            assert len(pad.forces[0]) > 3 and pad.wrench[2] < -1
+            assert pad.markers.shape == (35, 3)
+        # The faces look at each other, and what is pressed in touches the object.
+        assert pads[0].pose[0] < frame.bodies["object"].pose[0] < pads[1].pose[0]
+        assert {"reward: still", "highest stress of each pad (kPa)"} <= set(frame.values)
+    assert frames[-1].title.endswith((": success", ": failure"))
+
+
+def test_the_deformed_face_lies_on_the_object(frames):
+    body, pad = frames[-1].bodies["object"], frames[-1].bodies[view._SIDES[0]]
+    points = pad.forces[0]
+    world = view._turned(pad.pose, points) + pad.pose[:3]
+    inverse = np.array([0, 0, 0, *(-body.pose[3:6]), body.pose[6]])
+    shape = shapes.shape(shapes.NAMED[frames[-1].title.split(": ")[1].split()[0]])
+    scale = np.abs(body.vertices).max() / 0.02
+    gaps = scale * shape.distance(view._turned(inverse, world - body.pose[:3]) / scale)[0]
+    assert np.abs(gaps).max() < 3e-4, f"{np.abs(gaps).max()} m from the object"
+
+
+def test_the_policy_plays_as_it_does_unwatched(frames):
+    chosen = choose("HoldStill", "scripted", SETTINGS)
+    env = gymnasium.make(chosen.env_id, **SETTINGS)
+    observation, _ = env.reset(seed=10_000)
+    state = None
+    for frame in frames[1:]:
+        batch = {name: values[None] for name, values in observation.items()}
+        action, state = chosen.policy.predict(batch, state)
+        observation, _, _, _, info = env.step(action[0])
+        for name, value in info["reward_terms"].items():
+            assert frame.values[f"reward: {name}"] == [value]
+
+
+def test_a_recording_is_one_page_that_needs_no_network(frames, tmp_path):
+    out, said = tmp_path / "a.html", []
+    scene = viewing.Scene(True, out)
+    assert scene.record([frames], out) == 5
+    names = set(scene._scene._handle_from_node_name)
+    scene.close()
+    for part in ("contact", "force", "markers", "wrench"):
+        assert {f"/{side}/{part}" for side in view._SIDES} <= names, part
+    assert any(name.startswith(f"/{view._SIDES[0]}/gel-") for name in names)
+    assert {"/title", "/scale", "/scale-1", "/charts/0", "/charts/0/name"} <= names
+    assert any(name.startswith("/object-") for name in names)
+    text = out.read_text()
+    assert text.lstrip().startswith("<!doctype html>") and "__VISER_EMBED_DATA__" in text
+    assert 'src="http' not in text and 'href="http' not in text
+    viewing.view([frames[:1]], out, say=said.append)
+    assert said[0].startswith(f"{out}: 1 frames")
+
+
+def test_live_frames_are_shown_until_ctrl_c(frames, monkeypatch):
+    def stop(seconds):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(viewing.time, "sleep", stop)
+    monkeypatch.setattr(viewing.webbrowser, "open", lambda url: False)
+    said = []
+    viewing.view([frames], None, say=said.append)
+    assert said[0].startswith("http://127.0.0.1:") and "--out FILE.html" in said[0]
+
+
+def test_a_press_is_shown(tmp_path, capsys):
+    out = tmp_path / "press.html"
+    words = "--sensor gelsight-mini --shape sphere:0.004 --depth 0.0002 --resolution 300 --view"
+    assert commands.main(["press", *words.split(), str(out)]) == 0
+    assert f"{out}: 2 frames" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_an_objects_picture_is_its_shape(name):
+    vertices, faces = shapes.surface(name)
+    wavy = shapes._WAVY.get(name)
+    form = shapes.NAMED.get(name, name)
+    shape = Shape.star_shaped(*wavy) if wavy else shapes.shape(form)
+    off = np.abs(shape.distance(vertices)[0]).max()
+    assert off < 1e-6, f"{off} m beside the shape"
+    env = gymnasium.make(
+        "ruffini/GraspLift-v0", objects=name, size=1, tactile="none", observation=["object"]
+    )
+    env.reset(seed=3)
+    look = env.unwrapped.look()
+    pose = np.array([*look["object_position"], *look["object_quaternion"]])
+    lowest = (view._turned(pose, vertices) + pose[:3])[:, 2].min()
+    assert abs(lowest) < 5e-4, f"the lowest point is {lowest} m over the table"
+    assert faces.max() < len(vertices)
+
+
+@pytest.mark.parametrize("form", ["capsule:0.01,0.02", "cone:0.01,0.02", "half-space"])
+def test_other_forms_have_pictures(form):
+    vertices, _ = shapes.surface(form)
+    assert np.abs(shapes.shape(form).distance(vertices)[0]).min() < 1e-6
+
+
+def test_the_skin_of_a_mesh_is_closed_and_looks_outward():
+    skin = viewing.Skin(TetMesh.of_shape(Shape.cuboid([0.01, 0.01, 0.01]), 0.004))
+    a, b, c = (skin.rest[skin.faces[:, k]] for k in range(3))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
+    assert abs(volume - 8e-6) < 2e-7, f"{volume} m³"
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["GraspLfit"], "GraspLift"),
+        (["--policy", "scriptd"], "did you mean 'scripted'"),
+        (["--out", "a.rrd"], "expected a .html file"),
+        (["--out", "nowhere/a.html"], "nowhere/a.html: No such file or directory"),
+        (["--policy", "random", "--episodes", "0"], "expected at least 1"),
+        (["--policy", "random", "--seed", "-1"], "seed: found -1"),
+        (["GraspLift", "3"], "expected the folder of a dataset"),
+    ],
+)
+def test_bad_input_is_one_line(words, text, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert commands.main(["view", *words]) == 2
+    said = capsys.readouterr().err
+    assert text in said and len(said.splitlines()) == 1
+
+
+def test_without_viser_it_says_what_to_install(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert commands.main(["view"]) == 2
+    assert capsys.readouterr().err == "ruffini: view: found no viser: pip install 'ruffini[viz]'\n"
