@@ -274,7 +274,7 @@ class Scene:
     def _prepare_body(self, name: str, body: Rigid | Gel) -> Any:
         """Node of the body, made hidden when it is first asked for; equal ones are one."""
         if isinstance(body, Rigid):
-            key = (name, body.vertices.tobytes(), body.color)
+            key: tuple[Any, ...] = (name, body.vertices.tobytes(), body.color)
             if key not in self._nodes:
                 mesh = (f"/{name}-{len(self._nodes)}", body.vertices, body.faces)
                 look = {"color": body.color, "opacity": body.opacity, "side": "double"}

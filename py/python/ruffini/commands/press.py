@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ruffini import Deformation, Fem, History, Press, PressError, Shape, TetMesh, sensor, viewing
 from ruffini.commands import shapes
 from ruffini.commands.view import gel, summary
-from ruffini.viewing import Frame, Rigid, Skin
+from ruffini.viewing import Frame, Gel, Rigid, Skin
 
 _STRIDE = 1e-4
 """Longest step between two frames (m): friction depends on the path."""
@@ -186,7 +186,10 @@ def pressed(mesh: TetMesh, shape: str, frames: Iterable[Deformation]) -> Iterato
     """Frames of a press as they are shown."""
     skin, surface = Skin(mesh), shapes.surface(shape)
     for number, frame in enumerate(frames):
-        bodies = {"pad": gel(skin, frame), "shape": Rigid(np.concatenate(frame.pose), *surface)}
+        bodies: dict[str, Rigid | Gel] = {
+            "pad": gel(skin, frame),
+            "shape": Rigid(np.concatenate(frame.pose), *surface),
+        }
         yield summary(f"{shape}, frame {number}", bodies, seconds=0.1)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,8 +85,7 @@ def surface(text: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     Raises:
         ValueError: If it is neither.
     """
-    import trimesh
-
+    trimesh: Any = importlib.import_module("trimesh")
     if text in _WAVY:
         return _projected(Shape.star_shaped(*_WAVY[text]), 0.018)
     text = NAMED.get(text, text)
@@ -122,8 +123,8 @@ def _profile(kind: str, lengths: list[float]) -> list[tuple[float, float]]:
         return [(inner, -h), (outer, -h), (outer, h), (inner, h), (inner, -h)]
     if kind == "cup":
         bottom, rim, h, wall = lengths
-        inner = [(rim - wall, h), (bottom - wall, wall - h), (0, wall - h)]
-        return [(0, -h), (bottom, -h), (rim, h), *inner]
+        inside = [(rim - wall, h), (bottom - wall, wall - h), (0.0, wall - h)]
+        return [(0, -h), (bottom, -h), (rim, h), *inside]
     radius, h = lengths
     return [(0, -h), (radius, -h), (radius, h), (0, h)]
 

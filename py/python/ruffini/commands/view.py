@@ -23,7 +23,7 @@ from ruffini.dataset import Body, Dataset, Pad, PressFrame, SoftFrame
 from ruffini.evaluation import FIRST_SEED
 from ruffini.viewing import Frame, Gel, Rigid, Skin
 
-_Floats = NDArray[np.floating[Any]]
+_Floats = NDArray[Any]
 _SIDES = ("pad on -x", "pad on +x")
 _SEEN = ("wrench", "markers", "displacement", "tet_stress", "traction")
 """Channels that are drawn."""
@@ -32,8 +32,8 @@ _HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 _TURNS = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, 0.5))
 """Orientations of the pads in the frame of the tool: y along the finger, z out of the gel."""
 _FACES = (
-    np.array([-0.115, 0.03, 0.15, 0.5**0.5, 0, 0, 0.5**0.5]),
-    np.array([-0.115, 0.03, 0.085, 0.5**0.5, 0, 0, 0.5**0.5]),
+    np.array([-0.105, 0.03, 0.15, 0.5**0.5, 0, 0, 0.5**0.5]),
+    np.array([-0.105, 0.03, 0.085, 0.5**0.5, 0, 0, 0.5**0.5]),
 )
 """Poses at which the pads are shown once more, enlarged, with their faces to the front."""
 _SIX = np.array(
