@@ -7,8 +7,9 @@ import sys
 import gymnasium
 import numpy as np
 import pytest
+from tiny_dataset import TINY
 
-from ruffini import OBJECTS, Shape, TetMesh, commands
+from ruffini import OBJECTS, Shape, TetMesh, commands, dataset
 from ruffini.commands import shapes, view
 from ruffini.commands.policy import choose
 
@@ -97,6 +98,55 @@ def test_a_press_is_shown(tmp_path, capsys):
     words = "--sensor gelsight-mini --shape sphere:0.004 --depth 0.0002 --resolution 300 --view"
     assert commands.main(["press", *words.split(), str(out)]) == 0
     assert f"{out}: 2 frames" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("settings", "gels"),
+    [
+        ({}, {"pad on -x", "pad on +x"}),
+        ({"scenario": "soft", "truth_nodes": 300}, {"object"}),
+        ({"scenario": "presses", "objects": 1, "depth": 0.0005}, {"pad"}),
+    ],
+    ids=["pads", "soft", "presses"],
+)
+def test_frames_of_a_dataset_are_shown(settings, gels, tmp_path, capsys):
+    pytest.importorskip("safetensors")
+    folder, out = tmp_path / "data", tmp_path / "a.html"
+    chosen = {**TINY, "objects": 1} | settings
+    if settings.get("scenario") == "soft":
+        chosen["gels"] = [{**TINY["gels"][0], "sensor": "digit", "young": 1e5, "poisson": 0.45}]
+    data = dataset.generate(folder, threads=2, **chosen)
+    frames = list(view._grasp(data, None))
+    assert len(frames) == len(data.frames(data.grasps[0]))
+    bodies = frames[-1].bodies
+    assert {name for name, body in bodies.items() if isinstance(body, viewing.Gel)} == gels
+    # Only the indenters of presses are not drawn.
+    assert len(bodies) == (1 if data.presses else 3)
+    for name in gels:
+        assert len(bodies[name].forces[0]) > 0 and bodies[name].von_mises.max() > 0
+    assert commands.main(["view", str(folder), "-1", "--out", str(out)]) == 0
+    assert f"{out}: 1 frames" in capsys.readouterr().out
+    assert commands.main(["view", str(folder), "99", "--out", str(out)]) == 2
+    assert "frame: found 99, expected less than" in capsys.readouterr().err
+
+
+def test_rigid_fingers_and_objects_of_ones_own_are_shown(tmp_path):
+    vertices, faces = shapes.surface("cone:0.01,0.02")
+    part = tmp_path / "part.obj"
+    part.write_text(
+        "".join(f"v {x} {y} {z}\n" for x, y, z in 1000 * vertices)
+        + "".join(f"f {a} {b} {c}\n" for a, b, c in faces + 1)
+    )
+    for thing in (
+        {"mesh": str(part), "scale": 1e-3},
+        {"shape": "cone", "radius": 0.01, "half_height": 0.02},
+    ):
+        settings = {"objects": thing, "size": 1, "tactile": "none", "max_episode_steps": 2}
+        chosen = choose("GraspLift", "random", settings | {"observation": ["proprio"]})
+        frames = list(view.episode(chosen, 1))
+        body = frames[-1].bodies["object"]
+        assert len(frames) == 3 and abs(np.ptp(body.vertices[:, 2]) - 0.04) < 1e-6
+        assert not any(isinstance(body, viewing.Gel) for body in frames[0].bodies.values())
 
 
 @pytest.mark.parametrize("name", OBJECTS)

@@ -313,8 +313,8 @@ class Scene:
                 )
             self._nodes[key].points = points
         if body.forces is not None:
-            arrows = (scale * part for part in body.forces)
-            self._arrows(f"{name}/contact", *arrows, 0.0001 * scale, (40, 70, 200))
+            points, arrows = (scale * part for part in body.forces)
+            self._arrows(f"{name}/contact", points, arrows, 0.0001 * scale, (40, 70, 200))
         if body.wrench is not None:
             force, torque = body.wrench[:3], body.wrench[3:]
             self._arrows(

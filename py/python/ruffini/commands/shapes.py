@@ -89,11 +89,11 @@ def surface(text: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     if text in _WAVY:
         return _projected(Shape.star_shaped(*_WAVY[text]), 0.018)
     text = NAMED.get(text, text)
-    found = shape(text)
     make = trimesh.creation
     if text.lower().endswith((".obj", ".stl")):
         mesh = trimesh.load_mesh(text)
         return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    found = shape(text)
     kind, _, given = text.partition(":")
     lengths = [float(word) for word in given.split(",") if word]
     if kind == "half-space":

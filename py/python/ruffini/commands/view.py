@@ -173,10 +173,9 @@ class _Drawn:
             if self._skin is None:
                 found[f"{name}: tip"] = _box(pad, *_TIP)
             else:
-                found[name] = self._pad(pad, k, observation, wrench)
-                found[f"{name}: face"] = replace(
-                    found[name], pose=_FACES[k], scale=2.2, forces=None, wrench=None
-                )
+                pressed = self._pad(pad, k, observation, wrench)
+                front = replace(pressed, pose=_FACES[k], scale=2.2, forces=None, wrench=None)
+                found |= {name: pressed, f"{name}: face": front}
         return found
 
     def _pad(self, pose: _Floats, k: int, observation: dict[str, _Floats], wrench: _Floats) -> Gel:
