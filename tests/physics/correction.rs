@@ -241,7 +241,7 @@ impl Condensed {
         }
         let frame = self.model.solve_path(&press).pop().unwrap().unwrap();
         self.histories[finger] = Some(frame.history);
-        frame.wrench.into()
+        frame.wrench
     }
 }
 

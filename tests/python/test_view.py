@@ -149,6 +149,21 @@ def test_rigid_fingers_and_objects_of_ones_own_are_shown(tmp_path):
         assert not any(isinstance(body, viewing.Gel) for body in frames[0].bodies.values())
 
 
+@pytest.mark.parametrize(
+    ("given", "written"),
+    [
+        ({"shape": "cuboid", "half_extents": [0.01, 0.011, 0.012]}, "cuboid:0.01,0.011,0.012"),
+        ({"shape": "prism", "sides": 6, "radius": 0.01, "half_height": 0.02}, "prism:6,0.01,0.02"),
+        ({"shape": "sphere", "radius": 0.015}, "sphere:0.015"),
+    ],
+)
+def test_a_shape_in_words_is_written_with_its_lengths_in_order(given, written):
+    env = gymnasium.make("ruffini/GraspLift-v0", objects=given, tactile="none")
+    env.reset(seed=0)
+    assert shapes.form(env.unwrapped.look()["object"]) == written
+    assert shapes.form("cup") == "cup"
+
+
 @pytest.mark.parametrize("name", OBJECTS)
 def test_an_objects_picture_is_its_shape(name):
     vertices, faces = shapes.surface(name)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import itertools
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -47,6 +49,21 @@ def shape(text: str) -> Shape:
     except ValueError:
         raise ValueError(f"shape: found {text}, expected {name}:{lengths}".rstrip(":")) from None
     return make(*numbers)
+
+
+def form(text: str) -> str:
+    """Write a shape that is described in words as `shape` takes it; return other texts as they are.
+
+    ``cone, half height 0.02 m, radius 0.01 m`` is ``cone:0.01,0.02``.
+    """
+    kind, *words = text.split(", ")
+    if kind not in _FORMS or not words:
+        return text
+    found = (re.fullmatch(r"([a-z ]+) (\d.*?)(?: m)?", word) for word in words)
+    lengths = {match[1].replace(" ", "-"): match[2].split(" × ") for match in found if match}
+    if len(lengths) > 1:
+        lengths = {name: lengths[name] for name in _FORMS[kind][1].split(",")}
+    return f"{kind}:{','.join(itertools.chain(*lengths.values()))}"
 
 
 NAMED = {

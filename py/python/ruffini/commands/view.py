@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -210,9 +209,7 @@ class _Drawn:
 
 def _surface(name: str, given: Any) -> tuple[_Floats, NDArray[Any]]:
     """Triangles of an environment's object of that name in `look()`."""
-    kind, brace, lengths = name.partition(" { ")
-    if brace:  # A shape with its lengths, as Rust writes it.
-        name = f"{kind.lower()}:{','.join(re.findall(r'-?[0-9][0-9.e-]*', lengths))}"
+    name = shapes.form(name)
     specs = given if isinstance(given, (list, tuple)) else [given]
     scales = [
         spec.get("scale", 1.0)
