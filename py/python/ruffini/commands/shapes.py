@@ -60,7 +60,7 @@ def form(text: str) -> str:
     if kind not in _FORMS or not words:
         return text
     found = (re.fullmatch(r"([a-z ]+) (\d.*?)(?: m)?", word) for word in words)
-    lengths = {match[1].replace(" ", "-"): match[2].split(" × ") for match in found if match}
+    lengths = {match[1].replace(" ", "-"): match[2].split()[::2] for match in found if match}
     if len(lengths) > 1:
         lengths = {name: lengths[name] for name in _FORMS[kind][1].split(",")}
     return f"{kind}:{','.join(itertools.chain(*lengths.values()))}"
