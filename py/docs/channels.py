@@ -119,6 +119,17 @@ def traction(rest: Floats, pads: Floats) -> None:
     save(figure, "traction")
 
 
+def image(rest: Floats, pads: Floats) -> None:
+    """Draws the pictures of both cameras."""
+    rows, columns = (len(np.unique(rest[:, axis].round(9))) for axis in (1, 0))
+    low, high = rest.min(axis=0) * MM, rest.max(axis=0) * MM
+    figure, axes = two_pads(high[0] + 1, high[1] + 1)
+    for ax, picture in zip(axes, pads.reshape(2, rows, columns, 3), strict=True):
+        ax.imshow(picture, origin="lower", extent=(low[0], high[0], low[1], high[1]))
+        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    save(figure, "image")
+
+
 def tet_stress(pads: Floats) -> None:
     """Draws the tetrahedra that the plane y = 0 cuts."""
     mesh = ruffini.Surrogate().body.mesh
@@ -174,6 +185,7 @@ def main() -> None:
     stress, depth = now["stress"] * KPA, now["depth"] * MM
     cells("stress", skin["grid"], stress, "von Mises stress (kPa)", "magma_r", 13.5)
     cells("depth", skin["depth"], depth, "height of the face (mm)", "gray", 13.5)
+    image(skin["image"], now["image"])
     traction(skin["grid"], now["traction"])
     tet_stress(now["tet_stress"])
     grip = np.abs(films["wrench"][:-1, :, 2]).mean(axis=1)

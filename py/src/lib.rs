@@ -22,10 +22,13 @@ use ruffini_core::{
     Error,
     env::{Autoreset, Row, Setup, StartQuantity, StepResult},
     scene::CATALOGUE,
+    tactile::Choice,
     task::{Config, Ending},
 };
 
 use error::{PressError, SimulationError, python_error};
+use mechanics::arrays::array_of_rows;
+use signals::interruptible;
 
 /// Batch of N environments that are stepped together.
 #[pyclass(module = "ruffini._core")]
@@ -97,6 +100,7 @@ impl Batch {
         mask: Option<PyReadonlyArray1<'py, bool>>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let mask = mask.map(|mask| mask.as_array().to_vec());
+        let batch_is_slow = self.is_slow();
         let batch = &mut self.inner;
         let reset = || {
             if let Some(seeds) = seeds {
@@ -104,7 +108,7 @@ impl Batch {
             }
             batch.reset(mask.as_deref())
         };
-        let observation = py.detach(reset).map_err(python_error)?;
+        let observation = patient(py, batch_is_slow, reset)?.map_err(python_error)?;
         self.rows(py, observation)
     }
 
@@ -120,9 +124,10 @@ impl Batch {
             return Err(python_error(Error::invalid("actions", found, "rows of 5 numbers")));
         }
         let actions: Vec<f32> = actions.as_array().iter().copied().collect();
+        let batch_is_slow = self.is_slow();
         let batch = &mut self.inner;
         let StepResult { observation, outcomes, finals } =
-            py.detach(|| batch.step(&actions)).map_err(python_error)?;
+            patient(py, batch_is_slow, || batch.step(&actions))?.map_err(python_error)?;
         let column = |f: fn(&ruffini_core::env::Outcome) -> bool| {
             PyArray1::from_iter(py, outcomes.iter().map(f))
         };
@@ -179,6 +184,7 @@ impl Batch {
         dict.set_item("surface", points(skin.surface())?)?;
         dict.set_item("grid", plan(skin.cells())?)?;
         dict.set_item("depth", plan(skin.pixels())?)?;
+        dict.set_item("image", plan(skin.image_pixels())?)?;
         Ok(Some(dict))
     }
 
@@ -193,6 +199,21 @@ impl Batch {
         let batch = &mut self.inner;
         let picture = py.detach(|| batch.render(row, width, height)).map_err(python_error)?;
         PyArray1::from_vec(py, picture).reshape([height, width, 3])
+    }
+
+    /// Surfaces of a row's object and fixture by name: vertices (V, 3) in m, triangles (F, 3), and
+    /// von Mises stress (V,) in Pa or `None`.
+    fn surfaces<'py>(&mut self, py: Python<'py>, row: usize) -> PyResult<Bound<'py, PyDict>> {
+        let batch = &mut self.inner;
+        let surfaces = py.detach(|| batch.surfaces(row)).map_err(python_error)?;
+        let dict = PyDict::new(py);
+        for surface in surfaces {
+            let vertices = array_of_rows(py, surface.vertices.iter().map(|&p| p.into()));
+            let triangles = array_of_rows(py, surface.triangles.into_iter());
+            let stress = surface.stress.map(|stress| PyArray1::from_vec(py, stress));
+            dict.set_item(surface.name, (vertices, triangles, stress))?;
+        }
+        Ok(dict)
     }
 
     /// Snapshots of all rows as bytes.
@@ -263,10 +284,20 @@ impl Batch {
 }
 
 impl Batch {
+    /// Returns whether a step may take so long that Ctrl-C has to end it: finite elements.
+    fn is_slow(&self) -> bool {
+        self.inner.setup().config().tactile == Choice::Fem
+    }
+
     fn rows<'py>(&self, py: Python<'py>, values: Vec<f32>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let rows = self.inner.rows().len();
         PyArray1::from_vec(py, values).reshape([rows, self.inner.setup().layout().size()])
     }
+}
+
+/// Runs `work` without the GIL; Ctrl-C ends it early if it `is_slow`, for a thread's time.
+fn patient<T: Send>(py: Python<'_>, is_slow: bool, work: impl FnOnce() -> T + Send) -> PyResult<T> {
+    if is_slow { interruptible(py, work) } else { Ok(py.detach(work)) }
 }
 
 /// Description of tasks, channels and settings as JSON.

@@ -7,7 +7,7 @@ use ruffini_core::{
     deformation::{Deformation, DeformationModel, History, Moduli, Press, SoftBody, Wrench},
     fem::{self, Fem},
     geometry::{PadMesh, PadOutline, Shape},
-    sensor::Sensor,
+    sensor::{ImageResponse, Sensor},
     surrogate::LinearPad,
     tactile::{Channel, Config, Finger, Resolution, Skin},
 };
@@ -83,7 +83,7 @@ fn markers_follow_a_linear_field_exactly() {
         let strain = Matrix3::new(0.1, 0.02, -0.3, 0.05, -0.2, 0.07, 0.01, 0.4, 0.15);
         let shift = Vector3::new(1e-4, -2e-4, 3e-4);
         let felt = displaced(&tip.body, |place| strain * place.coords + shift);
-        let found = vectors(&Channel::Markers.read(&tip.skin, Some(&felt)));
+        let found = vectors(&Channel::Markers.read(&tip.skin, Some(&felt), None));
         for (marker, found) in tip.skin.markers().iter().zip(found) {
             let error = (found - (strain * marker.coords + shift)).norm();
             assert!(error < 1e-15, "{name}: {error:.1e} m at {marker}");
@@ -112,7 +112,7 @@ fn traction_integrates_to_the_wrench() {
     for grid in [[10, 12], [3, 2], [30, 40]] {
         let tip = tip("gelsight-mini", Resolution { grid, ..coarse() });
         let felt = linear(&tip.body).solve(&[dragged()]).remove(0).unwrap();
-        let traction = vectors(&Channel::Traction.read(&tip.skin, Some(&felt)));
+        let traction = vectors(&Channel::Traction.read(&tip.skin, Some(&felt), None));
         let area = tip.skin.cell_area();
         let (mut force, mut torque) = (Vector3::zeros(), 0.0);
         let mut tilt = [0.0; 2];
@@ -160,7 +160,7 @@ fn the_depth_of_a_resting_pad_is_its_geometry() {
             [outline.radius_across, outline.radius_along, outline.rim_radius];
         let crown = longest * longest / 8.0 * (1.0 / across + 1.0 / along);
         let rolled = if rim > 0.0 { longest * longest / (8.0 * rim) } else { 0.0 };
-        let found = Channel::Depth.read(&tip.skin, None);
+        let found = Channel::Depth.read(&tip.skin, None, None);
         for ([x, y], found) in tip.skin.pixels().into_iter().zip(found) {
             let near_rim = x.abs() + longest > 0.5 * outline.width - outline.rim_width
                 || y.abs() + longest > 0.5 * outline.length - outline.rim_width;
@@ -182,9 +182,9 @@ fn the_depth_of_a_flat_pad_is_zero_and_follows_a_shift() {
     let (law, moduli) = Config::default().material(&sensor).unwrap();
     let body = SoftBody::new(pad.mesh.clone(), law, moduli, &pad.base).unwrap();
     let skin = Skin::new(&pad, &body, &sensor, &coarse()).unwrap();
-    assert!(Channel::Depth.read(&skin, None).iter().all(|&z| z == 0.0));
+    assert!(Channel::Depth.read(&skin, None, None).iter().all(|&z| z == 0.0));
     let felt = displaced(&body, |_| Vector3::new(2e-4, -1e-4, -3e-4));
-    for z in Channel::Depth.read(&skin, Some(&felt)) {
+    for z in Channel::Depth.read(&skin, Some(&felt), None) {
         assert!((z + 3e-4).abs() < 1e-15, "{z} m");
     }
 }
@@ -207,7 +207,7 @@ fn the_depth_under_a_ball_is_the_ball() {
     let longest = edges.filter(|edge| edge.iter().all(middle)).map(|[a, b]| (a - b).xy().norm());
     let longest = longest.fold(0.0, f64::max);
     let most = longest * longest / (8.0 * 5.0 * MM) + 5.0 * 2e-6;
-    let heights = Channel::Depth.read(&tip.skin, Some(&felt));
+    let heights = Channel::Depth.read(&tip.skin, Some(&felt), None);
     let mut covered = 0;
     for ([x, y], height) in tip.skin.pixels().into_iter().zip(heights) {
         let r = x.hypot(y);
@@ -221,11 +221,85 @@ fn the_depth_under_a_ball_is_the_ball() {
     assert_eq!(covered, 4, "pixels within a millimetre of the middle");
 }
 
+/// The Mini with a camera whose red and green are 0.5 and the slopes across and along, and whose
+/// blue is the place across.
+fn camera_of_slopes() -> Tip {
+    let mut sensor = Sensor::named("gelsight-mini").unwrap();
+    sensor.camera.image = Some(ImageResponse {
+        background_terms: vec![[0, 0], [1, 0]],
+        background: vec![[0.5, 0.5, 0.5], [0.0, 0.0, 0.3]],
+        terms: vec![[1, 0, 0, 0], [0, 1, 0, 0]],
+        response: vec![[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        steepest: 0.4,
+        smoothing: 0.0,
+        source: String::new(),
+    });
+    let config = Config { resolution: coarse(), ..Config::default() };
+    let (pad, body) = config.pad(&sensor).unwrap();
+    let skin = Skin::new(&pad, &body, &sensor, &config.resolution).unwrap();
+    Tip { sensor, body, skin }
+}
+
 #[test]
-fn everything_but_depth_is_exactly_zero_without_contact() {
+fn the_image_at_rest_is_the_background() {
+    let tip = camera_of_slopes();
+    let half_view = 0.5 * 320.0 * tip.sensor.camera.pixel;
+    let found = Channel::Image.read(&tip.skin, None, None);
+    for ([x, _], found) in tip.skin.image_pixels().into_iter().zip(found.chunks_exact(3)) {
+        for (found, exact) in found.iter().zip([0.5, 0.5, 0.5 + 0.3 * x / half_view]) {
+            assert!((found - exact).abs() < 1e-6, "{found} for {exact} at {x} m");
+        }
+    }
+}
+
+#[test]
+fn the_image_of_a_contact_has_the_slopes_of_the_object() {
+    // The mesh has edges of a millimetre and a half, and the ball is felt as a ball all the same.
+    let tip = camera_of_slopes();
+    let at = [0.6 * MM, -1.1 * MM];
+    let pose = ball_at(at[0], at[1], 0.5 * MM);
+    let press = Press::along(vec![ball()], vec![vec![pose]]).unwrap();
+    let felt = linear(&tip.body).solve(&[press]).remove(0).unwrap();
+    let image = Channel::Image.read(&tip.skin, Some(&felt), Some(&ball()));
+    let without = Channel::Image.read(&tip.skin, Some(&felt), None);
+    let outline = &tip.sensor.outline;
+    let (mut worst, mut plain, mut covered) = (0.0f64, 0.0f64, 0);
+    for (pixel, [x, y]) in tip.skin.image_pixels().into_iter().enumerate() {
+        let aside = [x - at[0], y - at[1]];
+        if aside[0].hypot(aside[1]) > 0.9 * MM {
+            continue;
+        }
+        let height = ((5.0 * MM).powi(2) - aside[0].powi(2) - aside[1].powi(2)).sqrt();
+        let radii = [outline.radius_across, outline.radius_along];
+        for axis in 0..2 {
+            let rest = -[x, y][axis] / radii[axis];
+            let slope = aside[axis] / height - rest;
+            worst = worst.max((image[3 * pixel + axis] - 0.5 - slope).abs());
+            plain = plain.max((without[3 * pixel + axis] - 0.5 - slope).abs());
+        }
+        covered += 1;
+    }
+    assert!(covered > 30, "{covered} pixels under the ball");
+    assert!(worst < 0.03, "a slope is {worst} off that of the ball");
+    assert!(plain > 2.0 * worst, "the mesh alone is {plain} off");
+}
+
+#[test]
+fn slopes_beyond_the_steepest_are_shortened() {
+    let tip = camera_of_slopes();
+    let felt = displaced(&tip.body, |p| Vector3::new(0.0, 0.0, -0.9 * (p.x + 0.02)));
+    let image = Channel::Image.read(&tip.skin, Some(&felt), None);
+    for colour in image.chunks_exact(3) {
+        assert!((colour[0] - 0.1).abs() < 1e-3 && (colour[1] - 0.5).abs() < 1e-3, "{colour:?}");
+    }
+}
+
+#[test]
+fn everything_but_depth_and_image_is_exactly_zero_without_contact() {
     let tip = tip("digit", coarse());
-    for channel in Channel::ALL {
-        let values = channel.read(&tip.skin, None);
+    assert!(!tip.skin.has_image());
+    for channel in Channel::ALL.into_iter().filter(|&channel| channel != Channel::Image) {
+        let values = channel.read(&tip.skin, None, None);
         assert_eq!(values.len(), channel.size(&tip.skin), "{}", channel.name());
         let zero = values.iter().all(|&x| x == 0.0 && x.is_sign_positive());
         assert_eq!(zero, channel != Channel::Depth, "{}", channel.name());
@@ -237,7 +311,7 @@ fn a_press_fills_every_channel_within_its_bounds() {
     let tip = tip("gelsight-mini", coarse());
     let felt = linear(&tip.body).solve(&[dragged()]).remove(0).unwrap();
     for channel in Channel::ALL {
-        let values = channel.read(&tip.skin, Some(&felt));
+        let values = channel.read(&tip.skin, Some(&felt), None);
         assert_eq!(values.len(), channel.size(&tip.skin), "{}", channel.name());
         assert!(values.iter().any(|&x| x != 0.0), "{} is all zeros", channel.name());
         let mut rest = &values[..];
@@ -255,7 +329,7 @@ fn the_stress_map_averages_the_tetrahedra() {
     let tip = tip("gelsight-mini", coarse());
     let mut felt = displaced(&tip.body, |_| Vector3::zeros());
     felt.von_mises.fill(2e4);
-    for stress in Channel::Stress.read(&tip.skin, Some(&felt)) {
+    for stress in Channel::Stress.read(&tip.skin, Some(&felt), None) {
         assert!((stress - 2e4).abs() < 1e-8, "{stress} Pa of uniform 2e4 Pa");
     }
 }
@@ -272,7 +346,7 @@ fn the_share_that_slides_grows_as_the_contact_gives_way() {
     let path = down.into_iter().chain((1..=30).map(|i| (0.01 * f64::from(i), 0.2)));
     let frames = path.map(|(x, depth)| vec![ball_at(x * MM, 0.0, depth * MM)]).collect();
     let press = Press::along(vec![ball()], frames).unwrap().with_friction(FRICTION).unwrap();
-    let share = |felt: &Deformation| Channel::Slip.read(&tip.skin, Some(felt))[0];
+    let share = |felt: &Deformation| Channel::Slip.read(&tip.skin, Some(felt), None)[0];
     let mut shares = Vec::new();
     for felt in cells.solve_path(&press).into_iter().skip(3) {
         let felt = felt.unwrap();
@@ -294,7 +368,7 @@ fn a_press_past_half_of_the_thickness_is_flagged() {
     let tip = tip("gelsight-mini", coarse());
     for (shift, flag) in [(1.99 * MM, 0.0), (2.01 * MM, 1.0)] {
         let felt = displaced(&tip.body, |_| Vector3::new(shift, 0.0, 0.0));
-        assert_eq!(Channel::Trust.read(&tip.skin, Some(&felt))[2], flag, "{shift} m");
+        assert_eq!(Channel::Trust.read(&tip.skin, Some(&felt), None)[2], flag, "{shift} m");
     }
 }
 

@@ -253,3 +253,18 @@ def test_contact_at_nodes_is_another_form_of_compliance():
         ruffini.Compliance(body, contact="edges")
     with pytest.raises(ValueError, match="sweeps: found 3, expected 0 with contact at nodes"):
         ruffini.Compliance(body, sweeps=3, contact="nodes")
+
+
+def test_fields_are_read_at_points():
+    mesh = ruffini.sensor("gelsight-mini", resolution=300).mesh
+    points = np.array([[1e-3, -2e-3, -1.5e-3], mesh.vertices[5], [0, 0, 1e-3]])
+    places = mesh.at(points, mesh.vertices)
+    assert np.allclose(places[:2], points[:2], atol=1e-15) and np.isnan(places[2]).all()
+    numbers = np.arange(len(mesh.tets))
+    found = mesh.at(points, numbers)
+    corners = mesh.vertices[mesh.tets[int(found[0])]]
+    shares = np.linalg.solve(np.vstack([corners.T, np.ones(4)]), [*points[0], 1])
+    assert shares.min() > -1e-9 and np.isnan(found[2])
+    assert mesh.at(points, mesh.vertices[:, 0]).shape == (3,)
+    with pytest.raises(ValueError, match="field: found .*expected .* for vertices"):
+        mesh.at(points, numbers[:7])

@@ -43,8 +43,16 @@ def test_ctrl_c_ends_a_solve():
         "print('begun')\n"
         "fem.SOLVE\n"
     )
-    for solve in ("solve([press, press])", "solve_path(press)"):
-        command = [sys.executable, "-u", "-c", code.replace("SOLVE", solve)]
+    step = (
+        "import gymnasium, ruffini\n"
+        "settings = {'tactile': 'fem', 'resolution': {'nodes': 12000}, 'start_grip': 20}\n"
+        "env = gymnasium.make('ruffini/HoldStill-v0', **settings)\n"
+        "print('begun')\n"
+        "env.reset(seed=0)\n"
+    )
+    solves = [code.replace("SOLVE", s) for s in ("solve([press, press])", "solve_path(press)")]
+    for solve in (*solves, step):
+        command = [sys.executable, "-u", "-c", solve]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
         with subprocess.Popen(command, **pipes, preexec_fn=heeding) as run:
             run.stdout.readline()

@@ -7,6 +7,7 @@ use rayon::{ThreadPool, prelude::*};
 use crate::{
     Error, Result,
     deformation::{Deformation, DeformationModel, Press, Wanted},
+    interrupt::Interrupt,
     tactile::{Model, SoftObject},
 };
 
@@ -48,8 +49,9 @@ pub(super) fn answers_of_objects(
 }
 
 fn within<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
+    let interrupt = Interrupt::current();
     match pool {
-        Some(pool) => pool.install(work),
+        Some(pool) => pool.install(|| interrupt.during(work)),
         None => work(),
     }
 }

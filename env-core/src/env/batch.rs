@@ -2,6 +2,7 @@
 
 use std::{mem, process, sync::Arc};
 
+use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
 
 use super::{
@@ -14,6 +15,7 @@ use super::{
 use crate::{
     Error, Result,
     deformation::{Deformation, Wanted},
+    geometry::Surface,
     render::{SceneRenderer, SoftView, TouchView},
     tactile,
     task::ACTION_SIZE,
@@ -51,6 +53,19 @@ pub struct Batch {
     observation: Vec<f32>,
     /// Renderer of all rows, created with the first picture.
     renderer: Option<SceneRenderer>,
+}
+
+/// Surface of a body of a row, in the frame of the body.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BodySurface {
+    /// "object", or "fixture", whose frame is the world's.
+    pub name: &'static str,
+    /// Vertices (V) in m.
+    pub vertices: Vec<Point3<f64>>,
+    /// Corners of the triangles, counter-clockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
+    /// Von Mises stress at the vertices (V) in Pa, of a soft object.
+    pub stress: Option<Vec<f64>>,
 }
 
 /// Result of a step of the whole batch.
@@ -266,6 +281,32 @@ impl Batch {
         picture
     }
 
+    /// Surfaces of the object of one row, deformed if it is soft, and of the fixture if the task has
+    /// one. Empty before the first reset.
+    pub fn surfaces(&mut self, row: usize) -> Result<Vec<BodySurface>> {
+        let Some((_, draw)) = self.rows.get(row).and_then(Row::state) else {
+            return Ok(Vec::new());
+        };
+        let setup = self.setup.clone();
+        let model = &setup.models()[draw.object];
+        let object = if let Some(soft) = setup.soft(draw.object) {
+            let felt = self.felt_by(row)?[0].take();
+            let stiffness = draw.young.unwrap_or_default() / soft.stress(1.0);
+            let stress = soft.shell().stress(felt.as_ref());
+            BodySurface {
+                name: "object",
+                vertices: soft.shell().places(felt.as_ref()),
+                triangles: soft.shell().triangles().to_vec(),
+                stress: Some(stress.into_iter().map(|s| s * stiffness).collect()),
+            }
+        } else {
+            BodySurface::rigid("object", &model.surface().scaled(draw.scale))
+        };
+        let fixture = setup.config().task.fixture(&model.shape().scaled(draw.scale), &draw)?;
+        let fixture = fixture.map(|fixture| BodySurface::of_boxes("fixture", &fixture.boxes()));
+        Ok([object].into_iter().chain(fixture).collect())
+    }
+
     /// Solves the current contact of a row's fingers again, for a picture; `None` where nothing
     /// touches or the solution fails. The state of the row does not change.
     fn felt_by(&mut self, row: usize) -> Result<PerFinger<Deformation>> {
@@ -410,4 +451,23 @@ fn end_step(
     }
     row.reset(setup)?;
     Ok((outcome, Some(observation.to_vec())))
+}
+
+impl BodySurface {
+    fn rigid(name: &'static str, surface: &Surface) -> Self {
+        let (vertices, triangles) = (surface.vertices().to_vec(), surface.triangles().to_vec());
+        Self { name, vertices, triangles, stress: None }
+    }
+
+    /// Surface of boxes, by the poses of their middles and half of their extents (m).
+    fn of_boxes(name: &'static str, boxes: &[(Isometry3<f64>, Vector3<f64>)]) -> Self {
+        let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+        for (pose, half_extents) in boxes {
+            let surface = Surface::cuboid(half_extents);
+            let first = vertices.len() as u32;
+            vertices.extend(surface.vertices().iter().map(|vertex| pose * vertex));
+            triangles.extend(surface.triangles().iter().map(|t| t.map(|corner| first + corner)));
+        }
+        Self { name, vertices, triangles, stress: None }
+    }
 }

@@ -216,7 +216,8 @@ impl Episode {
         squeezed: Option<&'a Squeezed>,
     ) -> StepState<'a> {
         let fingers = felt.each_ref().map(Option::as_ref);
-        let feeling = setup.touch().map(|touch| Feeling { skin: touch.skin(), fingers });
+        let object = self.object.as_ref();
+        let feeling = setup.touch().map(|touch| Feeling { skin: touch.skin(), fingers, object });
         let (time, episode, grip) = (self.time(setup), &self.parameters, self.grip);
         let peak_stress = squeezed.map_or(0.0, |squeezed| squeezed.peak);
         StepState { state, episode, grip, time, feeling, squeezed, peak_stress }

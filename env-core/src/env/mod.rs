@@ -18,7 +18,7 @@ mod touch;
 mod trajectory;
 mod trial;
 
-pub use batch::{Autoreset, Batch, StepResult};
+pub use batch::{Autoreset, Batch, BodySurface, StepResult};
 pub use episode::Outcome;
 pub use given::StartQuantity;
 pub use plan::Stage;

@@ -150,7 +150,7 @@ impl Surface {
     }
 
     /// Box with edges along the axes.
-    pub(super) fn cuboid(half_extents: &Vector3<f64>) -> Self {
+    pub(crate) fn cuboid(half_extents: &Vector3<f64>) -> Self {
         let corner = |i: u32| {
             let sign = |bit: u32| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
             Point3::from(Vector3::new(sign(0), sign(1), sign(2)).component_mul(half_extents))

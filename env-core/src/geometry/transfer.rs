@@ -98,6 +98,18 @@ impl Transfer {
     }
 }
 
+impl TetMesh {
+    /// Tetrahedra that contain the points (P), with barycentric coordinates; `None` outside.
+    pub fn locate(&self, points: &[Point3<f64>]) -> Vec<Option<(u32, [f64; 4])>> {
+        /// Barycentric coordinate by which a point on a face may lie outside of both sides.
+        const ROUNDING: f64 = 1e-9;
+        let locator = Locator::new(self);
+        let find =
+            |point: &Point3<f64>| locator.nearest(point).filter(|site| least(site) >= -ROUNDING);
+        points.iter().map(find).collect()
+    }
+}
+
 /// Tetrahedra that contain `sites`, each with the share of the sites in it.
 fn shares(sites: &[Site]) -> impl Iterator<Item = (u32, f64)> {
     let mut counts = BTreeMap::<u32, u32>::new();
@@ -195,11 +207,15 @@ impl<'a> Locator<'a> {
         (x * self.counts[1] + y) * self.counts[2] + z
     }
 
-    /// Tetrahedron that contains the point, or the one nearby that it is least far outside of.
-    fn site(&self, point: &Point3<f64>) -> Result<Site> {
+    /// Tetrahedron that contains the point, or the one of its box that it is least far outside of.
+    fn nearest(&self, point: &Point3<f64>) -> Option<Site> {
         let near = self.boxes[self.number(self.cell(point))].iter().map(|&t| self.inside(t, point));
-        let least = |site: &Site| site.1.into_iter().fold(f64::INFINITY, f64::min);
-        let best = near.max_by(|a, b| least(a).total_cmp(&least(b)));
+        near.max_by(|a, b| least(a).total_cmp(&least(b)))
+    }
+
+    /// Tetrahedron that contains the point, or is near it.
+    fn site(&self, point: &Point3<f64>) -> Result<Site> {
+        let best = self.nearest(point);
         best.filter(|site| least(site) > NEAR).ok_or_else(|| Error::BadMesh {
             name: "transfer".to_owned(),
             reason: format!(
@@ -214,6 +230,11 @@ impl<'a> Locator<'a> {
         let l = inverse * (point - origin);
         (tet, [1.0 - l.sum(), l.x, l.y, l.z])
     }
+}
+
+/// Least barycentric coordinate: negative outside of the tetrahedron.
+fn least(site: &Site) -> f64 {
+    site.1.into_iter().fold(f64::INFINITY, f64::min)
 }
 
 #[cfg(test)]
@@ -283,5 +304,22 @@ mod tests {
         coarse.vertices.iter_mut().for_each(|p| p.x += 0.02);
         let error = Transfer::new(&fine, &coarse).unwrap_err();
         assert!(error.to_string().contains("expected two meshes of one body"), "{error}");
+    }
+
+    #[test]
+    fn points_are_located_with_the_shares_that_give_them() {
+        let [mesh, _] = meshes();
+        let inside = Point3::new(1.3e-3, -2.1e-3, -1.7e-3);
+        let corner = mesh.vertices[7];
+        let far = Point3::new(0.0, 0.0, 1e-3);
+        let found = mesh.locate(&[inside, corner, far]);
+        for (point, site) in [inside, corner].iter().zip(&found) {
+            let (tet, shares) = site.expect("a tetrahedron has the point");
+            let sum = |i: usize| mesh.corners(tet as usize)[i].coords * shares[i];
+            let again: Vector3<f64> = (0..4).map(sum).sum();
+            assert!((again - point.coords).norm() < 1e-15, "{again} for {point}");
+            assert!(shares.iter().all(|&share| share > -1e-9), "{shares:?}");
+        }
+        assert_eq!(found[2], None);
     }
 }

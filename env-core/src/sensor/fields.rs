@@ -42,6 +42,10 @@ enum Kind {
     Count(i64, i64),
     /// Two whole numbers in a range.
     Counts(i64, i64),
+    /// Lists of that many exponents.
+    Exponents(usize),
+    /// Lists of the numbers of red, green and blue.
+    Colours,
     /// A table of these keys.
     Keys(&'static [Key]),
 }
@@ -69,6 +73,19 @@ const FOUNDATION: [Key; 4] = [
     key("coupling", Kind::Number(0.5, 2.0, ""), "", ""),
     key("shear", Kind::Number(1e-3, 1e3, ""), "", ""),
     key("spread", Kind::Number(0.5, 2.0, ""), "", ""),
+];
+
+/// Highest power in a response of the camera.
+const MOST_POWER: i64 = 12;
+
+const IMAGE: [Key; 7] = [
+    key("background_terms", Kind::Exponents(2), "", ""),
+    key("background", Kind::Colours, "", ""),
+    key("terms", Kind::Exponents(4), "", ""),
+    key("response", Kind::Colours, "", ""),
+    key("steepest", Kind::Number(1e-3, 10.0, ""), "", ""),
+    key("smoothing", Kind::Number(0.0, 2e-3, "m"), "", ""),
+    SOURCE,
 ];
 
 const FILE: [Section; 7] = [
@@ -168,6 +185,7 @@ const FILE: [Section; 7] = [
             key("pixels", Kind::Counts(1, 10_000), "pixels along x and along y", "[240, 320]"),
             key("pixel", Kind::Number(1e-7, 1.0, "m"), "size of a pixel on the face", "6.34e-5"),
             SOURCE,
+            optional("image", Kind::Keys(&IMAGE), "colours of the tactile image", ""),
         ],
     },
 ];
@@ -180,6 +198,10 @@ impl fmt::Display for Kind {
             Self::Number(low, high, unit) => write!(f, "{low} to {high} {unit}"),
             Self::Count(low, high) => write!(f, "a whole number from {low} to {high}"),
             Self::Counts(low, high) => write!(f, "two whole numbers from {low} to {high}"),
+            Self::Exponents(count) => {
+                write!(f, "lists of {count} whole numbers from 0 to {MOST_POWER}")
+            }
+            Self::Colours => f.write_str("lists of 3 numbers"),
             Self::Keys(keys) => write!(f, "{{ {} }}", names(keys)),
         }
     }
@@ -202,9 +224,23 @@ impl Kind {
             Self::Counts(low, high) => value
                 .as_array()
                 .is_some_and(|two| two.len() == 2 && two.iter().all(|one| whole(one, low, high))),
+            Self::Exponents(count) => lists(value, count, &|power| whole(power, 0, MOST_POWER)),
+            Self::Colours => lists(value, 3, &|number| {
+                number.is_integer() || number.as_float().is_some_and(f64::is_finite)
+            }),
             Self::Keys(_) => value.is_table(),
         }
     }
+}
+
+/// Returns whether `value` is a list of lists of `count` values that `takes` accepts.
+fn lists(value: &Value, count: usize, takes: &dyn Fn(&Value) -> bool) -> bool {
+    value.as_array().is_some_and(|rows| {
+        let row = |row: &Value| {
+            row.as_array().is_some_and(|row| row.len() == count && row.iter().all(takes))
+        };
+        rows.iter().all(row)
+    })
 }
 
 fn names(keys: &[Key]) -> String {

@@ -141,6 +141,34 @@ pub struct Camera {
     /// Source of the figures, or empty.
     #[serde(default)]
     pub source: String,
+    /// Colours that it sees, if they are known.
+    #[serde(default)]
+    pub image: Option<ImageResponse>,
+}
+
+/// Colours of the face as the camera sees them: red, green and blue from 0 to 1.
+///
+/// The colour at (x, y), in halves of the view's longer edge, where the slopes of the face have
+/// grown by p = ∂z/∂x and q = ∂z/∂y since rest, is
+/// Σ `background` xᵃ yᵇ + Σ `response` pᵃ qᵇ xᶜ yᵈ.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImageResponse {
+    /// Exponents a and b of the terms of the resting face (A).
+    pub background_terms: Vec<[u32; 2]>,
+    /// Their coefficients (A, 3).
+    pub background: Vec<[f64; 3]>,
+    /// Exponents a, b, c and d of the terms of the slope (B), a + b at least 1.
+    pub terms: Vec<[u32; 4]>,
+    /// Their coefficients (B, 3).
+    pub response: Vec<[f64; 3]>,
+    /// Steepest slope to which the terms hold; steeper ones are shortened to it.
+    pub steepest: f64,
+    /// Standard deviation of the Gaussian that smooths the face's height (m).
+    pub smoothing: f64,
+    /// Source of the figures, or empty.
+    #[serde(default)]
+    pub source: String,
 }
 
 impl Sensor {
@@ -208,7 +236,31 @@ impl Sensor {
                 defects.push(error.to_string());
             }
         }
+        defects.extend(self.camera.image.iter().flat_map(ImageResponse::defects));
         if defects.is_empty() { Ok(self) } else { Err(defects) }
+    }
+}
+
+impl ImageResponse {
+    /// Says where coefficients are missing, and which terms do not vanish on the resting face.
+    fn defects(&self) -> Vec<String> {
+        let counts = [
+            ("background", self.background.len(), self.background_terms.len()),
+            ("response", self.response.len(), self.terms.len()),
+        ];
+        let wrong = counts.into_iter().filter(|(_, found, expected)| found != expected);
+        let mut defects: Vec<_> = wrong
+            .map(|(name, found, expected)| {
+                let expected = format!("{expected}, one for each of its terms");
+                Error::invalid(format!("camera.image.{name}"), found, expected).to_string()
+            })
+            .collect();
+        if let Some(term) = self.terms.iter().find(|[a, b, ..]| a + b == 0) {
+            let expected = "a power of p or q in each";
+            let error = Error::invalid("camera.image.terms", format!("{term:?}"), expected);
+            defects.push(error.to_string());
+        }
+        defects
     }
 }
 

@@ -1,14 +1,17 @@
 //! Tactile channels: a table of their shapes, units and bounds, and the evaluation of each.
 //!
 //! Vectors are in the frame of the pad. Without contact every entry is exactly 0, except in the
-//! depth map, which shows the resting face. Bounds: displacement up to four times the pad's
+//! depth map and the image, which show the resting face. Bounds: displacement up to four times the pad's
 //! thickness, and stress up to 25 times Young's modulus, about ten times the stress that tears a
 //! silicone gel.
 
 use nalgebra::Vector3;
 
 use super::{depth, skin::Skin, traction};
-use crate::deformation::{Deformation, Wanted};
+use crate::{
+    deformation::{Deformation, Wanted},
+    geometry::Shape,
+};
 
 /// Quantity that a tactile finger reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,6 +32,8 @@ pub enum Channel {
     Slip,
     /// Height of the face over the camera's view.
     Depth,
+    /// Colours of the face in the camera's view.
+    Image,
     /// Measures of the solution's reliability.
     Trust,
 }
@@ -61,7 +66,7 @@ const CALIBRATED: f64 = 0.5;
 
 impl Channel {
     /// All channels, in the order of the table.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Markers,
         Self::Displacement,
         Self::Stress,
@@ -70,6 +75,7 @@ impl Channel {
         Self::Wrench,
         Self::Slip,
         Self::Depth,
+        Self::Image,
         Self::Trust,
     ];
 
@@ -84,6 +90,7 @@ impl Channel {
             Self::Wrench => "wrench",
             Self::Slip => "slip",
             Self::Depth => "depth",
+            Self::Image => "image",
             Self::Trust => "trust",
         }
     }
@@ -93,9 +100,12 @@ impl Channel {
         Self::ALL.into_iter().find(|channel| channel.name() == name)
     }
 
-    /// Number of entries of a point: 3 where it has a vector, otherwise 1.
+    /// Number of entries of a point: 3 where it has a vector or a colour, otherwise 1.
     pub const fn point(self) -> usize {
-        if matches!(self, Self::Markers | Self::Displacement | Self::Traction) { 3 } else { 1 }
+        match self {
+            Self::Markers | Self::Displacement | Self::Traction | Self::Image => 3,
+            _ => 1,
+        }
     }
 
     /// Optional parts of a solution that this channel needs.
@@ -149,6 +159,15 @@ impl Channel {
                 let shape = map(resolution.depth);
                 vec![spec("height over the resting apex", shape, -thickness, thickness, "m")]
             }
+            Self::Image => {
+                vec![spec(
+                    "red, green and blue of the tactile image",
+                    vectors(resolution.image),
+                    0.0,
+                    1.0,
+                    "",
+                )]
+            }
             Self::Trust => vec![
                 spec("unbalanced force", vec![1], 0.0, MOST_FORCE, "N"),
                 spec("its share of unbalanced and contact force", vec![1], 0.0, 1.0, ""),
@@ -162,28 +181,38 @@ impl Channel {
         self.specs(skin).iter().map(|spec| spec.shape.iter().product::<usize>()).sum()
     }
 
-    /// Entries for one finger; `answer` is `None` without contact.
-    pub fn read(self, skin: &Skin, answer: Option<&Deformation>) -> Vec<f64> {
-        let Some(answer) = answer else {
-            return if self == Self::Depth { skin.rest_depth.clone() } else { self.zeros(skin) };
-        };
-        match self {
-            Self::Markers => flat(&markers(skin, answer)),
-            Self::Displacement => {
+    /// Entries for one finger that touches `object`; `answer` is `None` without contact.
+    ///
+    /// # Panics
+    ///
+    /// For [`Channel::Image`] if [`Skin::has_image`] is false.
+    pub fn read(
+        self,
+        skin: &Skin,
+        answer: Option<&Deformation>,
+        object: Option<&Shape>,
+    ) -> Vec<f64> {
+        match (self, answer) {
+            (Self::Image, _) => {
+                let camera = skin.camera.as_ref().expect("only sensors with colours have images");
+                camera.picture(skin, answer, object)
+            }
+            (Self::Depth, None) => skin.rest_depth.clone(),
+            (_, None) => vec![0.0; self.size(skin)],
+            (Self::Markers, Some(answer)) => flat(&markers(skin, answer)),
+            (Self::Displacement, Some(answer)) => {
                 flat(skin.free.iter().map(|&node| &answer.displacement[node as usize]))
             }
-            Self::Stress => stress(skin, answer),
-            Self::TetStress => answer.von_mises.clone(),
-            Self::Traction => flat(&traction::map(skin, answer)),
-            Self::Wrench => flat([&answer.wrench.force, &answer.wrench.torque]),
-            Self::Slip => vec![answer.sliding],
-            Self::Depth => depth::heights(skin, Some(&answer.displacement)),
-            Self::Trust => trust(skin, answer).into(),
+            (Self::Stress, Some(answer)) => stress(skin, answer),
+            (Self::TetStress, Some(answer)) => answer.von_mises.clone(),
+            (Self::Traction, Some(answer)) => flat(&traction::map(skin, answer)),
+            (Self::Wrench, Some(answer)) => flat([&answer.wrench.force, &answer.wrench.torque]),
+            (Self::Slip, Some(answer)) => vec![answer.sliding],
+            (Self::Depth, Some(answer)) => {
+                depth::heights(skin, &skin.view, Some(&answer.displacement))
+            }
+            (Self::Trust, Some(answer)) => trust(skin, answer).into(),
         }
-    }
-
-    fn zeros(self, skin: &Skin) -> Vec<f64> {
-        vec![0.0; self.size(skin)]
     }
 }
 

@@ -76,11 +76,13 @@ pub struct Resolution {
     pub grid: [u32; 2],
     /// Pixels of the depth map across and along, over the camera's view.
     pub depth: [u32; 2],
+    /// Pixels of the tactile image across and along, over the camera's view.
+    pub image: [u32; 2],
 }
 
 impl Default for Resolution {
     fn default() -> Self {
-        Self { nodes: 1000, markers: [5, 7], grid: [10, 12], depth: [24, 32] }
+        Self { nodes: 1000, markers: [5, 7], grid: [10, 12], depth: [24, 32], image: [60, 80] }
     }
 }
 
@@ -141,14 +143,17 @@ impl Config {
 
     /// Returns an error that names the first setting out of its range.
     pub fn validate(&self) -> Result<()> {
-        let Resolution { nodes, markers, grid, depth } = &self.resolution;
+        let Resolution { nodes, markers, grid, depth, image } = &self.resolution;
         if !(100..=MOST_NODES).contains(nodes) {
             let expected = format!("100 to {MOST_NODES}");
             return Err(Error::invalid("resolution.nodes", nodes, expected));
         }
-        for (name, counts, most) in
-            [("markers", markers, 64), ("grid", grid, 64), ("depth", depth, 512)]
-        {
+        for (name, counts, most) in [
+            ("markers", markers, 64),
+            ("grid", grid, 64),
+            ("depth", depth, 512),
+            ("image", image, 512),
+        ] {
             if !counts.iter().all(|count| (1..=most).contains(count)) {
                 let expected = format!("1 to {most} across and along");
                 let name = format!("resolution.{name}");

@@ -8,16 +8,20 @@ use nalgebra::{Point3, Vector3};
 use super::skin::{PlanGrid, Skin};
 use crate::geometry::plan_shares;
 
-/// Heights of the face at the pixels (D) in m, with the nodes displaced by `displacement` (V), or
-/// at rest.
-pub(super) fn heights(skin: &Skin, displacement: Option<&[Vector3<f64>]>) -> Vec<f64> {
-    let mut heights = vec![-skin.thickness; (skin.view.counts[0] * skin.view.counts[1]) as usize];
+/// Heights of the face at the pixels of `view` (D) in m, with the nodes displaced by `displacement`
+/// (V), or at rest.
+pub(super) fn heights(
+    skin: &Skin,
+    view: &PlanGrid,
+    displacement: Option<&[Vector3<f64>]>,
+) -> Vec<f64> {
+    let mut heights = vec![-skin.thickness; (view.counts[0] * view.counts[1]) as usize];
     for corners in &skin.triangles {
         let place = |node: u32| {
             let still = skin.places[node as usize];
             displacement.map_or(still, |u| still + u[node as usize])
         };
-        raise(&mut heights, &skin.view, &corners.map(place));
+        raise(&mut heights, view, &corners.map(place));
     }
     heights
 }

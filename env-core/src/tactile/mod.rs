@@ -11,6 +11,7 @@ mod channel;
 mod config;
 mod depth;
 mod finger;
+mod image;
 mod model;
 mod object;
 mod shell;

@@ -7,11 +7,11 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Resolution, Shell, depth};
+use super::{Resolution, Shell, depth, image::TactileCamera};
 use crate::{
     Error, Result,
     deformation::{Deformation, Moduli, SoftBody},
-    geometry::PadMesh,
+    geometry::{PadMesh, Shape},
     sensor::Sensor,
 };
 
@@ -25,6 +25,8 @@ pub struct Feeling<'a> {
     pub skin: &'a Skin,
     /// Solution of the finger on −x and of the one on +x; `None` without contact.
     pub fingers: [Option<&'a Deformation>; 2],
+    /// Object that the pads touch, in its own frame.
+    pub object: Option<&'a Shape>,
 }
 
 impl Feeling<'_> {
@@ -67,8 +69,11 @@ pub struct Skin {
     pub(super) stress: Vec<Vec<(u32, f64)>>,
     pub(super) grid: PlanGrid,
     pub(super) view: PlanGrid,
+    picture: PlanGrid,
     /// Heights of the resting face at the pixels (D) in m.
     pub(super) rest_depth: Vec<f64>,
+    /// Camera of the tactile image, if the sensor's colours are known.
+    pub(super) camera: Option<TactileCamera>,
     pub(super) resolution: Resolution,
 }
 
@@ -134,8 +139,10 @@ impl Skin {
         let shares = nodal_shares(pad);
         let stress = grid.centres().map(|place| Ok(spread(&find("grid", place)?, &shares)));
         let stress = stress.collect::<Result<_>>()?;
-        for corner in [[0, 0], [resolution.depth[0] - 1, resolution.depth[1] - 1]] {
-            find("camera", [camera.centre(0, corner[0]), camera.centre(1, corner[1])])?;
+        let picture = PlanGrid::filling(view, resolution.image);
+        for pixels in [&camera, &picture] {
+            find("camera", [0, 1].map(|axis| pixels.centre(axis, 0)))?;
+            find("camera", [0, 1].map(|axis| pixels.centre(axis, pixels.counts[axis] - 1)))?;
         }
         let mut skin = Self {
             shell: Shell::new(&places, &boundary, &shares),
@@ -151,10 +158,14 @@ impl Skin {
             stress,
             grid,
             view: camera,
+            picture,
             rest_depth: Vec::new(),
+            camera: None,
             resolution: resolution.clone(),
         };
-        skin.rest_depth = depth::heights(&skin, None);
+        skin.rest_depth = depth::heights(&skin, &skin.view, None);
+        let image = sensor.camera.image.as_ref();
+        skin.camera = image.map(|response| TactileCamera::new(&skin, picture, response));
         Ok(skin)
     }
 
@@ -195,6 +206,16 @@ impl Skin {
     /// Centres of the pixels of the depth map (D), x and y in m.
     pub fn pixels(&self) -> Vec<[f64; 2]> {
         self.view.centres().collect()
+    }
+
+    /// Centres of the pixels of the tactile image (P), x and y in m.
+    pub fn image_pixels(&self) -> Vec<[f64; 2]> {
+        self.picture.centres().collect()
+    }
+
+    /// Returns whether the sensor's tactile image can be computed.
+    pub fn has_image(&self) -> bool {
+        self.camera.is_some()
     }
 
     /// Returns whether a solid may overlap the resting pad; `distance` returns the distance of a

@@ -69,8 +69,8 @@ chosen order. ``env.unwrapped.channels()`` lists their components, bounds and un
 By default ``proprio``, ``object`` and ``markers``. Unless ``tactile="none"`` makes the pads
 rigid, there are also the following channels, first of the pad on −x, then of the one on +x, in
 the pad's frame (x across, y along the finger, z out of the gel), flat; `resolution` sets their
-sizes. Without contact each is exactly 0, except ``depth``. With soft pads, ``wrench`` comes
-from the tactile model.
+sizes. Without contact each is exactly 0, except ``depth`` and ``image``. With soft pads,
+``wrench`` comes from the tactile model.
 
 | channel | size of each pad | content |
 | --- | --- | --- |
@@ -81,6 +81,7 @@ from the tactile model.
 | ``traction`` | 12 x 10 x 3 | contact force per area (Pa): shear in x and y, normal in z |
 | ``slip`` | 1 | share of the normal force carried by skin that slides |
 | ``depth`` | 32 x 24 | height of the face over the camera's view (m) |
+| ``image`` | 80 x 60 x 3 | red, green and blue that the sensor's camera sees (0 to 1) |
 | ``trust`` | 3 | unbalanced force (N), its share, 1 if deeper than gels are calibrated |
 
 ## Reward

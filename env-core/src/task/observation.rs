@@ -103,7 +103,7 @@ impl Source {
 
 /// Names of the channels of tactile fingers. With these, "wrench" comes from the tactile model,
 /// too.
-pub const TACTILE_CHANNELS: [&str; 8] = [
+pub const TACTILE_CHANNELS: [&str; 9] = [
     Channel::Markers.name(),
     Channel::Displacement.name(),
     Channel::Stress.name(),
@@ -111,6 +111,7 @@ pub const TACTILE_CHANNELS: [&str; 8] = [
     Channel::Traction.name(),
     Channel::Slip.name(),
     Channel::Depth.name(),
+    Channel::Image.name(),
     Channel::Trust.name(),
 ];
 
@@ -168,6 +169,11 @@ impl Layout {
             (Source::Fingers(_), None) => (source.name(), Vec::new()),
             (Source::State(channel), _) => (source.name(), components(channel, config)),
         };
+        let pictured = skin.is_none_or(Skin::has_image);
+        if !pictured && sources.contains(&Source::Fingers(Channel::Image)) {
+            let expected = "a sensor whose file has camera.image, for the channel image";
+            return Err(Error::invalid("sensor", &config.sensor, expected));
+        }
         let channels: Vec<_> = sources.iter().map(channel).collect();
         let all = || channels.iter().flat_map(|(_, components)| components);
         let low = all().flat_map(|c| c.low.clone()).collect();
@@ -264,7 +270,7 @@ impl Layout {
             Source::Fingers(channel) => {
                 let feeling = step.feeling.expect("tactile channels are of tactile fingers");
                 for felt in feeling.fingers {
-                    for x in channel.read(feeling.skin, felt) {
+                    for x in channel.read(feeling.skin, felt, feeling.object) {
                         writer.push(x);
                     }
                 }

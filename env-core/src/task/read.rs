@@ -25,8 +25,8 @@ pub(super) const OTHERS: [(&str, &str); 12] = [
     ("material", "name of a calibration of the sensor, or ``{\"young\": Pa, \"poisson\": ratio}``"),
     (
         "resolution",
-        "``{\"nodes\": 1000, \"markers\": (5, 7), \"grid\": (10, 12), \"depth\": (24, 32)}``, the \
-         pairs across and along",
+        "``{\"nodes\": 1000, \"markers\": (5, 7), \"grid\": (10, 12), \"depth\": (24, 32), \
+         \"image\": (60, 80)}``, the pairs across and along",
     ),
     ("observation", "names of the channels"),
     (

@@ -134,14 +134,25 @@ class Native:
         """Rest positions, in the frame of a pad (m), to which the tactile channels refer.
 
         ``markers`` (M, 3), ``surface`` (S, 3): the nodes of ``displacement``, ``grid`` (G, 2): the
-        cells of ``stress`` and ``traction``, ``depth`` (D, 2): its pixels; ``None`` for rigid
-        fingers.
+        cells of ``stress`` and ``traction``, ``depth`` (D, 2) and ``image`` (P, 2): their
+        pixels; ``None`` for rigid fingers.
         """
         return self._batch.skin()
 
     def look(self, row: int = 0) -> dict[str, Any] | None:
         """Drawn quantities of a row's episode and poses of its bodies (SI); ``None`` before it."""
         return self._batch.look(row)
+
+    def surfaces(
+        self, row: int = 0
+    ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.uint32], NDArray[np.float64] | None]]:
+        """Surfaces of a row's ``object`` and, in InsertPeg, its ``fixture``; empty before a reset.
+
+        Each has its vertices (V, 3) in m, the object's in its own frame (see `look`), corners of
+        its triangles (F, 3), and if it is soft the von Mises stress (V,) in Pa at the vertices,
+        which are those of the deformed object.
+        """
+        return self._batch.surfaces(row)
 
     def __getstate__(self) -> dict[str, Any]:
         """Arguments and snapshots; a copy continues from the present state."""

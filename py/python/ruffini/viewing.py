@@ -87,11 +87,12 @@ class Gel:
 
     pose: Floats
     """Pose (7,); all else is in the body's frame."""
-    skin: Skin
-    displacement: Floats
-    """Displacement (V, 3) of the skin's nodes."""
+    vertices: Floats
+    """Vertices (V, 3) of the deformed surface."""
+    faces: NDArray[Any]
+    """Corners of its triangles (F, 3)."""
     von_mises: Floats
-    """Von Mises stress (V,) at the skin's nodes (Pa)."""
+    """Von Mises stress (V,) at the vertices (Pa)."""
     markers: Floats | None = None
     """Points (M, 3) painted on the body."""
     forces: tuple[Floats, Floats] | None = None
@@ -280,13 +281,13 @@ class Scene:
                 look = {"color": body.color, "opacity": body.opacity, "side": "double"}
                 self._nodes[key] = self._scene.add_mesh_simple(*mesh, **look, visible=False)
             return self._nodes[key]
-        moved = (body.scale * (body.skin.rest + body.displacement)).astype(np.float32)
+        moved = (body.scale * body.vertices).astype(np.float32)
         colors = color(body.von_mises / max(self._top, 1e-9))
         key = (name, moved.tobytes(), colors.tobytes())
         if key not in self._nodes:
             self._frame(name)
             path = f"/{name}/gel-{len(self._nodes)}"
-            mesh = _trimesh().Trimesh(moved, body.skin.faces, vertex_colors=colors, process=False)
+            mesh = _trimesh().Trimesh(moved, body.faces, vertex_colors=colors, process=False)
             self._nodes[key] = self._scene.add_mesh_trimesh(
                 path, mesh, visible=False, cast_shadow=False
             )

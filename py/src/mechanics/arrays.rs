@@ -1,7 +1,7 @@
 //! Conversion of numbers between Python and Rust. Inputs are anything that numpy converts to an
 //! array, and are checked; outputs are numpy arrays of float64 and uint32.
 
-use std::fmt::Display;
+use std::{fmt::Display, ops::RangeInclusive};
 
 use nalgebra::Vector3;
 use numpy::{
@@ -16,6 +16,13 @@ use crate::error::python_error;
 /// `ValueError` that states what was found and what was expected.
 pub(crate) fn refused(name: &str, found: impl Display, expected: impl Into<String>) -> PyErr {
     python_error(Error::invalid(name, found, expected))
+}
+
+/// Returns `value` if it is in `range`, else an error.
+pub(crate) fn ranged(name: &str, value: i64, range: RangeInclusive<i64>) -> PyResult<u32> {
+    let expected = format!("{} to {}", range.start(), range.end());
+    let within = u32::try_from(value).ok().filter(|_| range.contains(&value));
+    within.ok_or_else(|| refused(name, value, expected))
 }
 
 /// Finite numbers in C order, and the shape of the array that held them.

@@ -1,24 +1,19 @@
 //! Objects of the dataset, and grasps of them.
 
-use std::ops::RangeInclusive;
-
-use numpy::{PyArray1, PyArray2};
+use numpy::PyArray1;
 use pyo3::prelude::*;
 use ruffini_core::objects::GraspSampler;
 
 use super::{
     Shape, TetMesh, answer,
-    arrays::{array_of_rows, refused},
+    arrays::{ranged, refused},
+    shape::Triangles,
 };
 use crate::error::python_error;
 
 /// Position (3,) and quaternion (4,).
 type Pose<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
-/// Vertices (V, 3) and corners of triangles (F, 3).
-type Triangles<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<u32>>);
 
-/// Greatest number of edges round a circle of a surface: a ball then has 20,000 triangles.
-const MOST_SEGMENTS: i64 = 200;
 /// Greatest number of grasps of one object that are drawn at once.
 const MOST_GRASPS: i64 = 10_000;
 
@@ -84,10 +79,7 @@ impl Object {
     ///     ValueError: If the number of segments is out of range.
     #[pyo3(signature = (segments=64))]
     fn surface<'py>(&self, py: Python<'py>, segments: i64) -> PyResult<Triangles<'py>> {
-        let segments = ranged("segments", segments, 8..=MOST_SEGMENTS)?;
-        let surface = py.detach(|| self.inner.surface(segments));
-        let vertices = array_of_rows(py, surface.vertices().iter().map(|&p| p.into()));
-        Ok((vertices, array_of_rows(py, surface.triangles().iter().copied())))
+        self.shape().surface(py, segments)
     }
 
     /// Meshes the solid with tetrahedra.
@@ -184,11 +176,4 @@ impl Antipodal {
 /// Extracts a seed.
 fn whole(found: &Bound<'_, PyAny>) -> PyResult<u64> {
     found.extract().map_err(|_| refused("seed", found, "a whole number from 0 below 2**64"))
-}
-
-/// Returns `value` if it is in `range`, else an error.
-fn ranged(name: &str, value: i64, range: RangeInclusive<i64>) -> PyResult<u32> {
-    let expected = format!("{} to {}", range.start(), range.end());
-    let within = u32::try_from(value).ok().filter(|_| range.contains(&value));
-    within.ok_or_else(|| refused(name, value, expected))
 }

@@ -1,8 +1,8 @@
 //! Tetrahedral meshes.
 
-use std::path::PathBuf;
+use std::{iter, path::PathBuf};
 
-use numpy::PyArray2;
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods};
 use pyo3::{prelude::*, types::PyMapping};
 use ruffini_core::geometry::{self, Field, FieldOn};
 
@@ -90,13 +90,59 @@ impl TetMesh {
         for item in fields.map_or(Ok(Vec::new()), |fields| fields.items()?.extract())? {
             let (name, values): (String, Bound<'_, PyAny>) = item;
             let (values, shape) = numbers(&format!("field {name}"), &values, "numbers (V, …)")?;
-            let (on, components) = self.place(&name, &shape)?;
+            let (on, components) = self.place(&format!("field {name}"), &shape)?;
             named.push((name, on, components, values));
         }
         let field = |(name, on, components, values)| Field { name, on, components, values };
         let fields: Vec<_> =
             named.iter().map(|(n, on, components, v)| field((n, *on, *components, v))).collect();
         self.inner.write(&path, &fields).map_err(python_error)
+    }
+
+    /// Values of a field at points, as for a section through a body.
+    ///
+    /// Args:
+    ///     points: Positions (P, 3) in m, in the undeformed mesh.
+    ///     field: Finite numbers (V,) or (V, ...) on the vertices, interpolated linearly, or (T,) or
+    ///         (T, ...) on the tetrahedra; on the vertices where V = T.
+    ///
+    /// Returns:
+    ///     Values (P,) or (P, ...); NaN outside of the mesh.
+    ///
+    /// Raises:
+    ///     ValueError: If the field does not fit the mesh.
+    fn at<'py>(
+        &self,
+        py: Python<'py>,
+        points: &Bound<'py, PyAny>,
+        field: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let points: Vec<_> = rows::<3>("points", points)?.into_iter().map(Into::into).collect();
+        let (values, mut shape) = numbers("field", field, "numbers (V, …)")?;
+        let (on, components) = self.place("field", &shape)?;
+        let row = |of: u32| &values[of as usize * components..][..components];
+        let mut found = Vec::with_capacity(points.len() * components);
+        for site in py.detach(|| self.inner.locate(&points)) {
+            let Some((tet, shares)) = site else {
+                found.extend(iter::repeat_n(f64::NAN, components));
+                continue;
+            };
+            match on {
+                FieldOn::Tets => found.extend(row(tet)),
+                FieldOn::Vertices => {
+                    let corners = self.inner.tets[tet as usize].map(row);
+                    found.extend((0..components).map(|c| {
+                        corners
+                            .iter()
+                            .zip(shares)
+                            .map(|(corner, share)| corner[c] * share)
+                            .sum::<f64>()
+                    }));
+                }
+            }
+        }
+        shape[0] = points.len();
+        PyArray1::from_vec(py, found).reshape(shape)
     }
 
     fn __repr__(&self) -> String {
@@ -121,7 +167,7 @@ impl TetMesh {
             _ => {
                 let expected =
                     format!("({vertices}, …) for vertices or ({tets}, …) for tetrahedra");
-                return Err(refused(&format!("field {name}"), Shown(shape), expected));
+                return Err(refused(name, Shown(shape), expected));
             }
         };
         Ok((on, shape[1..].iter().product()))

@@ -7,11 +7,17 @@ use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use ruffini_core::geometry::{self, StarShaped, Surface, Wave, read_surface};
 
-use super::arrays::{array_of_vectors, index_rows, refused, rows, vector};
+use super::arrays::{array_of_rows, array_of_vectors, index_rows, ranged, refused, rows, vector};
 use crate::error::python_error;
 
 /// Values (P) and normals (P, 3).
 type Distances<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
+
+/// Vertices (V, 3) and corners of triangles (F, 3).
+pub(super) type Triangles<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<u32>>);
+
+/// Greatest number of edges round a circle of a surface: a ball then has 20,000 triangles.
+const MOST_SEGMENTS: i64 = 200;
 
 /// Rigid solid in its own frame: the origin at its middle, z along its axis of symmetry.
 ///
@@ -129,6 +135,34 @@ impl Shape {
     fn read(py: Python<'_>, path: PathBuf, scale: f64) -> PyResult<Self> {
         let surface = py.detach(|| read_surface(&path, scale)).map_err(python_error)?;
         Self::of(geometry::Shape::Mesh(Arc::new(surface)))
+    }
+
+    /// Shape with the name of an object of the tasks, such as "cup", in its size there.
+    #[staticmethod]
+    fn named(name: &str) -> PyResult<Self> {
+        Self::of(ruffini_core::scene::named(name).map_err(python_error)?)
+    }
+
+    /// Meshes the surface with watertight triangles.
+    ///
+    /// Args:
+    ///     segments: Approximate number of edges round a circle, 8 to 200.
+    ///
+    /// Returns:
+    ///     Vertices (V, 3) in m and corners of the triangles (F, 3), counter-clockwise seen from
+    ///     outside.
+    ///
+    /// Raises:
+    ///     ValueError: If the number of segments is out of range, or for a half-space, which has no
+    ///         surface of finite size.
+    #[pyo3(signature = (segments=64))]
+    pub(super) fn surface<'py>(&self, py: Python<'py>, segments: i64) -> PyResult<Triangles<'py>> {
+        let segments = ranged("segments", segments, 8..=MOST_SEGMENTS)?;
+        let surface = py.detach(|| self.inner.surface(segments));
+        let surface =
+            surface.ok_or_else(|| refused("shape", "a half-space", "a shape of finite size"))?;
+        let vertices = array_of_rows(py, surface.vertices().iter().map(|&p| p.into()));
+        Ok((vertices, array_of_rows(py, surface.triangles().iter().copied())))
     }
 
     /// Signed distances of points to the surface, and their gradients.

@@ -30,7 +30,11 @@ def add_to(commands: Any) -> None:
         "by finite elements. SI units.",
     )
     parser.add_argument("--sensor", required=True, help="gelsight-mini, digit or a .toml file")
-    parser.add_argument("--shape", required=True, help=f"{shapes.FORMS}, or a .obj or .stl file")
+    parser.add_argument(
+        "--shape",
+        required=True,
+        help=f"{shapes.FORMS}, an object of the tasks, or a .obj or .stl file",
+    )
     drive = parser.add_mutually_exclusive_group(required=True)
     drive.add_argument("--depth", type=float, help="way down from the first touch (m)")
     drive.add_argument("--force", type=float, help="force to be reached (N)")
@@ -184,7 +188,7 @@ def _plot(mesh: TetMesh, frames: list[Deformation], touch: float, path: Path) ->
 
 def pressed(mesh: TetMesh, shape: str, frames: Iterable[Deformation]) -> Iterator[Frame]:
     """Frames of a press as they are shown."""
-    skin, surface = Skin(mesh), shapes.surface(shape)
+    skin, surface = Skin(mesh), shapes.surface(shapes.shape(shape))
     for number, frame in enumerate(frames):
         bodies: dict[str, Rigid | Gel] = {
             "pad": gel(skin, frame),

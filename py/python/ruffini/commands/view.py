@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ruffini import Deformation, dataset, objects, sensor, viewing
 from ruffini._frames import _turned
 from ruffini._spaces import check_seed
-from ruffini.commands import shapes
 from ruffini.commands.policy import HELP, TASK, Chosen, choose
 from ruffini.dataset import Body, Dataset, Pad, PressFrame, SoftFrame
 from ruffini.evaluation import FIRST_SEED
@@ -144,10 +143,8 @@ class _Drawn:
     def __init__(self, env: Any, skin: dict[str, Any] | None, settings: dict[str, Any]) -> None:
         self._env, self._rest, self._layout = env, skin, env.channels()
         self.look = env.look
-        look = env.look()
-        vertices, faces = _surface(look["object"], settings.get("objects"))
-        self._object = vertices * look["size"], faces
-        self._skin = self._soft = None
+        self._surfaces = env.surfaces()
+        self._skin = None
         if skin is not None:
             nodes = settings.get("resolution", {}).get("nodes", 1000)
             mesh = sensor(settings.get("sensor", "gelsight-mini"), resolution=nodes).mesh
@@ -157,13 +154,20 @@ class _Drawn:
             self._free = gaps.argmin(axis=0)
 
     def bodies(self, observation: dict[str, _Floats]) -> dict[str, Rigid | Gel]:
-        """Gripper, object and both pads."""
+        """Gripper, object, both pads, and the fixture if there is one."""
         look = self.look()
         turn = np.array([0, 0, np.sin(look["tool_yaw"] / 2), np.cos(look["tool_yaw"] / 2)])
         tool = np.array([*look["tool_position"], *turn])
         pose = np.array([*look["object_position"], *look["object_quaternion"]])
         found: dict[str, Rigid | Gel] = {name: _box(tool, *box) for name, box in _BOXES.items()}
-        found["object"] = Rigid(pose, *self._object, opacity=0.4)
+        vertices, faces, stress = self._surfaces["object"]
+        if stress is None:
+            found["object"] = Rigid(pose, vertices, faces, opacity=0.4)
+        else:
+            vertices, faces, stress = self._env.surfaces()["object"]
+            found["object"] = Gel(pose, vertices, faces, stress)
+        if "fixture" in self._surfaces:
+            found["fixture"] = Rigid(_HOME, *self._surfaces["fixture"][:2], _LIGHT, opacity=0.5)
         for k, name in enumerate(_SIDES):
             side = np.array([(k - 0.5) * look["opening"], 0, 0, *_TURNS[k]])
             pad = _after(tool, side)
@@ -179,17 +183,17 @@ class _Drawn:
 
     def _pad(self, pose: _Floats, k: int, observation: dict[str, _Floats], wrench: _Floats) -> Gel:
         assert self._skin is not None and self._rest is not None
-        displacement = np.zeros_like(self._skin.rest)
-        displacement[self._free] = observation["displacement"].reshape(2, -1, 3)[k]
+        moved = self._skin.rest.copy()
+        moved[self._free] += observation["displacement"].reshape(2, -1, 3)[k]
         stress = self._skin.stress(observation["tet_stress"].reshape(2, -1)[k])
         markers = self._rest["markers"] + observation["markers"].reshape(2, -1, 3)[k]
         cells = self._rest["grid"]
         near = self._rest["surface"][None, :, :2] - cells[:, None]
         # Of all nodes of the surface near a cell, those of the face are the highest.
         far = np.linalg.norm(near, axis=2) - 0.2 * self._rest["surface"][:, 2]
-        points = (self._skin.rest + displacement)[self._free[far.argmin(axis=1)]]
+        points = moved[self._free[far.argmin(axis=1)]]
         forces = viewing.traction(points, observation["traction"].reshape(2, -1, 3)[k])
-        return Gel(pose, self._skin, displacement, stress, markers, forces, wrench)
+        return Gel(pose, moved, self._skin.faces, stress, markers, forces, wrench)
 
     def values(self, observation: dict[str, _Floats], terms: dict[str, float]) -> _Values:
         """Curves of the terms of the reward and of all channels but fields."""
@@ -205,19 +209,6 @@ class _Drawn:
                 if len(low) <= 4:
                     values[f"{name} ({unit})" if unit else name] = part.tolist()
         return values
-
-
-def _surface(name: str, given: Any) -> tuple[_Floats, NDArray[Any]]:
-    """Triangles of an environment's object of that name in `look()`."""
-    name = shapes.form(name)
-    specs = given if isinstance(given, (list, tuple)) else [given]
-    scales = [
-        spec.get("scale", 1.0)
-        for spec in specs
-        if isinstance(spec, Mapping) and spec.get("mesh") == name
-    ]
-    vertices, faces = shapes.surface(name)
-    return vertices * (scales or [1.0])[0], faces
 
 
 def _box(pose: _Floats, color: tuple[int, int, int], corners: list[list[float]]) -> Rigid:
@@ -267,10 +258,11 @@ def _solved(found: Dataset, frame: dataset.Frame | SoftFrame | PressFrame) -> Fr
 
 def gel(skin: Skin, body: Body | Deformation, pose: _Floats = _HOME) -> Gel:
     """Soft body as drawn from its solution."""
-    moved, forces = (np.asarray(a)[skin.nodes] for a in (body.displacement, body.contact_force))
+    moved = skin.rest + np.asarray(body.displacement)[skin.nodes]
+    forces = viewing.nodal(moved, np.asarray(body.contact_force)[skin.nodes])
     wrench = body.wrench if isinstance(body, (Pad, Deformation)) else None
     stress = skin.stress(np.asarray(body.von_mises))
-    return Gel(pose, skin, moved, stress, None, viewing.nodal(skin.rest + moved, forces), wrench)
+    return Gel(pose, moved, skin.faces, stress, None, forces, wrench)
 
 
 def summary(title: str, bodies: dict[str, Rigid | Gel], seconds: float = 0.5) -> Frame:
