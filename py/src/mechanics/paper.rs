@@ -34,7 +34,7 @@ pub(crate) struct PaperAnswer {
     seconds: f64,
 }
 
-/// Graph network as in the paper, whose inputs are the object's surface and its motion since touch.
+/// Graph network of DefGraspNets (Huang et al. 2023); inputs are the object's surface and motion.
 ///
 /// Unlike Surrogate it uses no linear solution, and it accepts only one shape that moves along a
 /// path from rest. It outputs displacement, stress and the gel's rigid motion, but no contact

@@ -17,7 +17,9 @@ _COMMANDS = (play, view, agent, dataset, network, press, mesh, sensor, recommend
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command with `arguments`, or those of the process; return the exit status."""
-    parser = argparse.ArgumentParser(prog="ruffini", description="Soft tactile fingertips.")
+    parser = argparse.ArgumentParser(
+        prog="ruffini", description="Grasping with soft tactile fingertips."
+    )
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(metavar="command", required=True)
     for command in _COMMANDS:

@@ -30,7 +30,7 @@ from ruffini.commands.policy import (
 )
 from ruffini.evaluation import about_this_run, line
 
-_SETTINGS = "the environment's, as JSON"
+_SETTINGS = "settings of the environment, as JSON"
 
 
 def add_to(commands: Any) -> None:
@@ -48,14 +48,21 @@ def _add_train(parts: Any) -> None:
     parser = parts.add_parser(
         "train",
         help="train an agent by PPO",
-        description="Trains an agent with the hyper-parameters of its task. A run is a folder with "
+        description="Trains an agent with the hyper-parameters of its task, which are listed in "
+        "ruffini.agents.params. A run is a folder with "
         "checkpoints; stopped with Ctrl-C, it goes on with --resume. `ruffini play --policy RUN` "
         "shows the agent of the last checkpoint, at any time.",
     )
-    parser.add_argument("task", help="GraspLift, grasp-lift or an id")
+    parser.add_argument("task", help="a task, such as GraspLift or its id")
     parser.add_argument("--seed", type=int, default=0, help="seed of the run; 0 if not given")
-    parser.add_argument("--steps", type=int, help="environment steps in all, made whole rollouts")
-    parser.add_argument("--n-envs", type=int, help="environments stepped together")
+    parser.add_argument(
+        "--steps",
+        type=int,
+        help="environment steps in all, rounded to whole rollouts; those of the task if not given",
+    )
+    parser.add_argument(
+        "--n-envs", type=int, help="environments stepped together; those of the task if not given"
+    )
     parser.add_argument("--threads", type=int, help="threads; as many as cores if not given")
     parser.add_argument("--settings", help=f"{_SETTINGS}; may change when a run goes on")
     parser.add_argument("--out", type=Path, help="folder of the run; runs/TASK-SEED if not given")

@@ -13,10 +13,10 @@ from ruffini import _distributions, dataset
 from ruffini.dataset import Progress
 
 _SETTINGS = {
-    "objects": "objects, evenly over the catalogue",
-    "grasps": "grasps of each object",
-    "frames": "frames of growing force in each grasp",
-    "seed": "what objects and grasps are drawn from",
+    "objects": "number of objects, spread evenly over the catalogue",
+    "grasps": "number of grasps of each object",
+    "frames": "number of frames, of growing force, in each grasp",
+    "seed": "seed of objects and grasps",
 }
 _MOST_BYTES = 2_000_000_000
 _MOST_HOURS = 4
@@ -36,7 +36,9 @@ def add_to(commands: Any) -> None:
         "solved, or a kill the same command goes on with what is missing.",
     )
     maker.add_argument("folder", help="where the dataset is made")
-    maker.add_argument("--config", help=".toml file; the paper's configuration if not given")
+    maker.add_argument(
+        "--config", help=".toml file; 63 objects x 100 grasps x 50 frames if not given"
+    )
     for name, text in _SETTINGS.items():
         maker.add_argument(f"--{name}", type=int, help=f"{text}; as configured if not given")
     maker.add_argument(
@@ -68,7 +70,9 @@ def add_to(commands: Any) -> None:
     writer = parts.add_parser("export", help="write a frame for ParaView")
     writer.add_argument("folder", help="the dataset")
     writer.add_argument("index", type=int, help="number of the frame; from the end if negative")
-    writer.add_argument("out", help=".vtu or .npz file; -first, -second are put in")
+    writer.add_argument(
+        "out", help=".vtu or .npz file; -first or -second, the pad, is added to its name"
+    )
     writer.set_defaults(run=_export)
 
 

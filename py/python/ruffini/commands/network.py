@@ -12,14 +12,14 @@ from typing import Any
 from ruffini import surrogate
 
 _SETTINGS = {
-    "seed": (int, "what weights and batches are drawn from"),
-    "split": (str, "split of the dataset"),
-    "epochs": (int, "times that every frame is seen"),
-    "seconds": (float, "processor time in place of epochs; such a run cannot go on"),
-    "batch": (int, "frames in a step"),
-    "rate": (float, "highest learning rate"),
-    "linear-nodes": (int, "nodes of the linear model's mesh"),
-    "density": (str, "of nodes on the objects' surfaces: coarse or dense"),
+    "seed": (int, "seed of weights and batches; 0 if not given"),
+    "split": (str, "split of the dataset; novel-14 if not given"),
+    "epochs": (int, "times that every frame is seen; 80, of the paper's 10, of soft 40"),
+    "seconds": (float, "processor time in place of epochs; such a run cannot be resumed"),
+    "batch": (int, "frames in a step; 16, of the paper's 1, of soft 8"),
+    "rate": (float, "highest learning rate; 0.002 if not given"),
+    "linear-nodes": (int, "nodes of the linear model's mesh; 2000 if not given"),
+    "density": (str, "of nodes on the objects' surfaces: coarse (if not given) or dense"),
 }
 _SIZES = ("input", "width", "rounds", "down", "up")
 _PAPER = {"seed", "split", "epochs", "seconds", "batch", "rate", "density", "input", "width"}
@@ -45,9 +45,10 @@ def add_to(commands: Any) -> None:
     parser = parts.add_parser(
         "train",
         help="train a network on a dataset",
-        description="Trains the network that corrects the linear answer, one of the paper's "
-        "(baseline, a, b), or that of soft objects. Stopped with Ctrl-C, the same command goes on "
-        "from the last whole epoch. RAYON_NUM_THREADS sets the threads.",
+        description="Trains the network of pads that corrects linear elasticity (corrector), one "
+        "of DefGraspNets by Huang et al. 2023 (the paper's: baseline, a, b), or that of soft "
+        "objects (soft). Stopped with Ctrl-C, the same command goes on from the last whole epoch. "
+        "RAYON_NUM_THREADS sets the threads. In brackets: the variants that have an option.",
     )
     parser.add_argument("data", help="the dataset, finished or not; of soft objects for soft")
     parser.add_argument("out", help="folder for checkpoints, weights and their card")
@@ -56,21 +57,22 @@ def add_to(commands: Any) -> None:
     )
     for name, (kind, text) in _SETTINGS.items():
         parser.add_argument(f"--{name}", type=kind, help=f"{text} ({_had_by(name)})")
-    told = f"what the network is told: translation if not given ({_had_by('input')})"
+    told = f"input that gives the load; translation if not given ({_had_by('input')})"
     parser.add_argument("--input", choices=("translation", "force"), help=told)
-    parser.add_argument("--width", type=int, help="latent width of the network")
-    parser.add_argument("--rounds", type=int, help=f"rounds of messages ({_had_by('rounds')})")
-    rounds = f"rounds of messages at each scale ({_had_by('down')})"
-    parser.add_argument("--down", type=int, nargs=3, help=f"{rounds} on the way down, finest first")
-    parser.add_argument("--up", type=int, nargs=2, help=f"{rounds} on the way up, finest first")
-    parser.add_argument("--commit", default="", help="commit of ruffini, for the card")
+    parser.add_argument("--width", type=int, help="latent width; 32, of the paper's 16")
+    parser.add_argument("--rounds", type=int, help=f"rounds of messages; 4 ({_had_by('rounds')})")
+    rounds, had = "rounds of messages at each scale, finest first", _had_by("down")
+    down, up = "to coarser scales; 1 1 1, of soft 1 1 2", "to finer scales; 1 1, of soft 2 1"
+    parser.add_argument("--down", type=int, nargs=3, help=f"{rounds}, {down} ({had})")
+    parser.add_argument("--up", type=int, nargs=2, help=f"{rounds}, {up} ({had})")
+    parser.add_argument("--commit", default="", help="commit of ruffini, noted in the card")
     parser.set_defaults(run=_train)
     judge = parts.add_parser(
         "evaluate",
         help="errors of a network on a dataset",
         description="Errors of a corrector and of the linear answer that it corrects, or of one of "
-        "the paper's networks, on the test part of a split, by object. The card of weights of soft "
-        "objects tells theirs.",
+        "the paper's networks, on the test part of a split, by object. Those of a network of soft "
+        "objects are in its card, card.toml.",
     )
     judge.add_argument("weights", help="the .safetensors file")
     judge.add_argument("data", help="the dataset")

@@ -26,7 +26,7 @@ def add_to(commands: Any) -> None:
         "trained agent is compared with what its card says.",
     )
     parser.add_argument(
-        "task", nargs="?", help=f"GraspLift, grasp-lift or an id; {TASK} if not given"
+        "task", nargs="?", help=f"a task, such as GraspLift or its id; {TASK} if not given"
     )
     parser.add_argument("--policy", default="trained", help=HELP)
     add_evaluation(parser, "50 if not given, of GraspSoft 15")

@@ -36,15 +36,24 @@ def add_to(commands: Any) -> None:
         help=f"{shapes.FORMS}, an object of the tasks, or a .obj or .stl file",
     )
     drive = parser.add_mutually_exclusive_group(required=True)
-    drive.add_argument("--depth", type=float, help="way down from the first touch (m)")
+    drive.add_argument("--depth", type=float, help="depth below the first touch (m)")
     drive.add_argument("--force", type=float, help="force to be reached (N)")
-    parser.add_argument("--shear", type=float, default=0.0, help="way along x that follows (m)")
+    parser.add_argument(
+        "--shear",
+        type=float,
+        default=0.0,
+        help="displacement along x after that (m); 0 if not given",
+    )
     parser.add_argument(
         "--calibration", help="material of the gel; the sensor's first if not given"
     )
-    parser.add_argument("--resolution", type=int, help="about how many nodes; 2000 if not given")
+    parser.add_argument("--resolution", type=int, help="number of nodes, about; 2000 if not given")
     parser.add_argument("--friction", type=float, default=0.0, help="coefficient; 0 if not given")
-    parser.add_argument("--element", default="p1-bar", help="p1, p1-bar (if not given) or p2")
+    parser.add_argument(
+        "--element",
+        default="p1-bar",
+        help="p1 (linear), p1-bar (linear, locking-free; if not given) or p2",
+    )
     parser.add_argument(
         "--view",
         nargs="?",

@@ -15,15 +15,19 @@ def add_to(commands: Any) -> None:
     """Add the subcommand to the parser."""
     parser: argparse.ArgumentParser = commands.add_parser(
         "recommend",
-        help="the fastest answerer within an error",
-        description="The answerer that is fastest among those whose error, measured against finite "
-        "elements on the finest mesh (tests/reports/pareto.md), is at most what is asked for.",
+        help="name the fastest model of the mechanics within an error",
+        description="Names the fastest model of the mechanics, finite elements or linear "
+        "elasticity, whose error against finite elements on a fine mesh is at most the one given. "
+        "All measured errors and times: tests/reports/pareto.md. Networks of pads are not among "
+        "them.",
     )
     parser.add_argument("--error", required=True, help="largest error, such as 3%% or 0.03")
     parser.add_argument(
         "--of", default="force", help="displacement, stress, force (if not given) or peak"
     )
-    parser.add_argument("--panel", help="kind of presses; the first panel if not given")
+    parser.add_argument(
+        "--panel", help="kind of presses: held-out (if not given), deep, tiny, soft or stiff"
+    )
     parser.add_argument(
         "--worst", action="store_true", help="the error's 95th percentile in place of its median"
     )

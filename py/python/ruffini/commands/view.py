@@ -73,19 +73,21 @@ def add_to(commands: Any) -> None:
         help="see in 3-D what fingers feel: a policy at a task, or a dataset",
         description="Shows pads or soft objects with their stress, markers, contact forces, and "
         "curves of reward and channels: in a browser of this machine as they come, or with --out "
-        "as one HTML file, which any browser plays without ruffini and without a network.",
+        "as one HTML file, which any browser plays without ruffini and offline.",
     )
     parser.add_argument(
         "what", nargs="?", help=f"a task or the folder of a dataset; {TASK} if not given"
     )
     parser.add_argument(
-        "frame", nargs="?", type=int, help="frame of the dataset; its first grasp if not given"
+        "frame", nargs="?", type=int, help="number of a frame; all of the first grasp if not given"
     )
     parser.add_argument("--policy", default="trained", help=HELP)
     parser.add_argument(
         "--seed", type=int, default=FIRST_SEED, help=f"the first seed; {FIRST_SEED} if not given"
     )
-    parser.add_argument("--episodes", type=int, default=1, help="one a seed; 1 if not given")
+    parser.add_argument(
+        "--episodes", type=int, default=1, help="episodes, one a seed; 1 if not given"
+    )
     parser.add_argument("--out", type=Path, help=".html file to write instead")
     parser.set_defaults(run=run)
 

@@ -1,4 +1,4 @@
-"""Policies that are written down, not learnt: a scripted one for each task, and a random one.
+"""Policies that are not learnt: a hand-written (scripted) one for each task, and a random one.
 
 A policy has the ``predict`` of Stable-Baselines3 and acts on dict observations of N environments::
 
