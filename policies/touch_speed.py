@@ -3,8 +3,7 @@
 The scripted policy grasps, lifts and holds in four environments; only steps in which all eight pads
 touch are counted, by processor time, on one thread. Some minutes. Use::
 
-    python policies/touch_speed.py                 # writes policies/results/touch_speed.json
-    python policies/touch_speed.py --out FILE
+    python policies/touch_speed.py --out policies/results/touch_speed.json
 """
 
 from __future__ import annotations
@@ -29,13 +28,12 @@ RIGID_STEPS = 2000
 """Of rigid pads, whose steps take tens of microseconds."""
 FELT = 0.05
 """Force from which a pad counts as touching (N)."""
-RESULT = Path(__file__).parent / "results" / "touch_speed.json"
 
 
 def main() -> None:
     """Measures every model with every object, and without one at hand, and writes the result."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
-    parser.add_argument("--out", type=Path, default=RESULT, help="the JSON file")
+    parser.add_argument("--out", type=Path, required=True, help="the JSON file")
     out = parser.parse_args().out
     touching = {model: {name: measure(model, name) for name in OBJECTS} for model in MODELS}
     still = {model: untouched(model) for model in MODELS}

@@ -38,7 +38,7 @@ def add_to(commands: Any) -> None:
     agent: argparse.ArgumentParser = commands.add_parser(
         "agent", help="train, evaluate or export an agent"
     )
-    parts = agent.add_subparsers(metavar="part", required=True)
+    parts = agent.add_subparsers(metavar="train|evaluate|export", required=True)
     _add_train(parts)
     _add_evaluate(parts)
     _add_export(parts)

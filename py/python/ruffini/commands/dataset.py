@@ -28,7 +28,7 @@ def add_to(commands: Any) -> None:
     parser: argparse.ArgumentParser = commands.add_parser(
         "dataset", help="make or look into a dataset of solved grasps"
     )
-    parts = parser.add_subparsers(metavar="part", required=True)
+    parts = parser.add_subparsers(metavar="generate|inspect", required=True)
     maker = parts.add_parser(
         "generate",
         help="solve grasps and store them",

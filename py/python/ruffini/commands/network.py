@@ -41,7 +41,7 @@ def add_to(commands: Any) -> None:
     network: argparse.ArgumentParser = commands.add_parser(
         "network", help="train or evaluate a network of pads or of soft objects"
     )
-    parts = network.add_subparsers(metavar="part", required=True)
+    parts = network.add_subparsers(metavar="train|evaluate", required=True)
     parser = parts.add_parser(
         "train",
         help="train a network on a dataset",

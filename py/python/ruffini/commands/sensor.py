@@ -28,7 +28,7 @@ def add_to(commands: Any) -> None:
     parser: argparse.ArgumentParser = commands.add_parser(
         "sensor", help="list the sensors, write the file of one's own, check it"
     )
-    parts = parser.add_subparsers(metavar="part", required=True)
+    parts = parser.add_subparsers(metavar="list|template|check", required=True)
     lister = parts.add_parser("list", help="the sensors that are built in")
     lister.set_defaults(run=_list)
     writer = parts.add_parser(

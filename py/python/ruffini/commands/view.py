@@ -107,7 +107,11 @@ def run(options: argparse.Namespace) -> None:
     if options.episodes < 1:
         raise ValueError(f"episodes: found {options.episodes}, expected at least 1")
     check_seed(options.seed)
-    chosen = choose(options.what, options.policy, {})
+    try:
+        chosen = choose(options.what, options.policy, {})
+    except ValueError as error:
+        hint = ", or the folder of a dataset" if str(error).startswith("task") else ""
+        raise ValueError(f"{error}{hint}") from None
     print(f"{chosen.env_id}: {chosen.about}", flush=True)
     seeds = range(options.seed, options.seed + options.episodes)
     viewing.view((episode(chosen, seed) for seed in seeds), options.out, table=True)
