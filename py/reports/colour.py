@@ -13,7 +13,9 @@ The camera is behind the gel and looks along z: the columns of a frame run along
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -55,12 +57,16 @@ class Colour:
 
 def monomials(terms: Array, *variables: Array) -> Array:
     """Products of powers of the variables (...), one for each row of exponents (..., K)."""
-    columns = [
-        np.prod([v ** int(e) for v, e in zip(variables, row, strict=True) if e], axis=0)
-        + np.zeros_like(variables[0])
-        for row in terms
+    most = np.max(terms, axis=0).astype(int)
+    powers = [
+        [np.ones_like(v), *itertools.accumulate([v] * n, np.multiply)]
+        for v, n in zip(variables, most, strict=True)
     ]
-    return np.stack(columns, axis=-1)
+    columns = np.empty((*variables[0].shape, len(terms)))
+    for k, row in enumerate(terms):
+        factors = [some[int(e)] for some, e in zip(powers, row, strict=True) if e]
+        columns[..., k] = reduce(np.multiply, factors) if factors else 1.0
+    return columns
 
 
 def shortened(p: Array, q: Array, steepest: float) -> tuple[Array, Array]:

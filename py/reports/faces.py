@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,10 @@ from scipy.ndimage import gaussian_filter
 Array = NDArray[np.float64]
 EXTENT = 140
 """Distance up to which a face is given."""
+KEPT = Path(__file__).resolve().parents[2] / "target/reports/ball_face.npz"
 BALL = 5e-4
 """Radius of the ball that finite elements press (m), an eighth of the gel's thickness."""
-DEPTHS = np.arange(0.2, 2.01, 0.2)
+DEPTHS = np.arange(0.2, 1.61, 0.2)
 """Of it, in radii."""
 
 
@@ -59,7 +61,20 @@ def blurred(
 
 @cache
 def _solved() -> tuple[Array, Array, Array]:
-    """Distances in radii (D,), depths in radii (N,) and heights of the face in radii (N, D)."""
+    """Places of nodes of the face (V, 3) and their motions at each depth (N, V, 3), in radii.
+
+    Kept in a file under `target/reports`, since it takes a minute.
+    """
+    if not KEPT.exists():
+        KEPT.parent.mkdir(parents=True, exist_ok=True)
+        place, moved = _press()
+        np.savez(KEPT, place=place, moved=moved)
+    with np.load(KEPT) as file:
+        return _profiles(file["place"] / BALL, file["moved"] / BALL)
+
+
+def _press() -> tuple[Array, Array]:
+    """Nodes (V, 3) and their motions at each depth (N, V, 3), in m."""
     from ruffini import Fem, Press, Shape, sensor
 
     turn = np.linspace(0, 2 * np.pi, 12, endpoint=False)
@@ -69,21 +84,26 @@ def _solved() -> tuple[Array, Array, Array]:
     path = [([0, 0, BALL * (1 - depth)], (0, 0, 0, 1)) for depth in DEPTHS]
     # Adhering, as on skin that is not greased.
     answers = Fem(gel, friction=1.0, element="p2").solve_path(Press(Shape.sphere(BALL), path))
-    place = gel.mesh.vertices
+    return gel.mesh.vertices, np.array([answer.displacement for answer in answers])
+
+
+def _profiles(place: Array, motions: Array) -> tuple[Array, Array, Array]:
+    """Distances (D,), depths (N,) and heights of the face (N, D), all in radii."""
     # The apex is at the origin; the face falls off with its radii across and along.
-    crown = -(place[:, 0] ** 2) / 0.266 - place[:, 1] ** 2 / 0.42
-    top = (place[:, 2] > crown - 2e-5) & (np.hypot(place[:, 0], place[:, 1]) < 16 * BALL)
+    across, along = 0.133 / BALL, 0.21 / BALL
+    crown = -(place[:, 0] ** 2) / (2 * across) - place[:, 1] ** 2 / (2 * along)
+    top = (place[:, 2] > crown - 0.04) & (np.hypot(place[:, 0], place[:, 1]) < 16)
     distances, heights = np.linspace(0, 8, 801), []
     edges = np.concatenate([np.arange(0, 1.6, 0.06), np.arange(1.6, 3, 0.15), np.arange(3, 9, 0.5)])
-    for depth, answer in zip(DEPTHS, answers, strict=False):
-        moved = (place + answer.displacement)[top] / BALL
-        r, z = np.hypot(moved[:, 0], moved[:, 1]), answer.displacement[top, 2] / BALL
+    for depth, motion in zip(DEPTHS, motions, strict=True):
+        moved, z = (place + motion)[top], motion[top, 2]
+        r = np.hypot(moved[:, 0], moved[:, 1])
         groups = [np.digitize(r, edges) == n for n in range(1, len(edges))]
         means = [(r[group].mean(), z[group].mean()) for group in groups if group.any()]
         line = np.array([(0, -depth), *(mean for mean in means if mean[0] > 0.03)])
         line[:, 1] = np.maximum.accumulate(line[:, 1])
         heights.append(PchipInterpolator(*line.T)(np.minimum(distances, line[-1, 0])))
-    return distances, DEPTHS[: len(heights)], np.array(heights)
+    return distances, DEPTHS, np.array(heights)
 
 
 def ball_faces(radius: float) -> list[Callable[[Array], Array]]:
@@ -91,6 +111,4 @@ def ball_faces(radius: float) -> list[Callable[[Array], Array]]:
     distances, depths, heights = _solved()
     steps = np.arange(0.4, depths[-1] + 1e-9, 0.1)
     between = np.array([np.interp(steps, depths, column) for column in heights.T]).T
-    return [
-        lambda r, row=row: radius * np.interp(r / radius, distances, row) for row in between
-    ]
+    return [lambda r, row=row: radius * np.interp(r / radius, distances, row) for row in between]
