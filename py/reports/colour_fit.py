@@ -209,7 +209,7 @@ def compared(presses: dict[int, Press], series: list[list[int]]) -> list[dict[st
             dict(zip(names, choice, strict=True))
             | {"terms": len(terms), "fitted": float(np.mean(errors(list(presses), False)))}
             | {
-                name: float(np.mean(sum((errors(group, True) for group in groups), [])))
+                name: float(np.mean([one for group in groups for one in errors(group, True)]))
                 for name, groups in (("folds", folds), ("series", series))
             }
         )
@@ -411,7 +411,7 @@ terms = {exponents(shipped.terms)}
 response = {lines(shipped.response)}
 steepest = {shipped.steepest}
 smoothing = {deviation:.1e}
-source = "fitted to 20 presses of one GelSight Mini in taxim 1.4.1 (MIT) by py/reports/colour_fit.py"
+source = "20 presses of one GelSight Mini in taxim 1.4.1 (MIT), py/reports/colour_fit.py"
 """
 
 

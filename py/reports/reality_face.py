@@ -172,8 +172,9 @@ cannot be compared. What is left is how motion decays with distance, which far f
 depends on the thickness and on Poisson's ratio alone.
 
 Ours: a dome as round, taken as {thickness:1e3*.1f} mm thick and bonded to a flat base, under a ball
-of 0.5 mm pressed {sunk:1e3*.2f} mm deep and moved {sheared:1e3*.2f} mm sideways, quadratic elements.
-Mean motion on rings, over the motion into the gel (for *shear*, over that along the shear) at 1 mm.
+of 0.5 mm pressed {sunk:1e3*.2f} mm deep and moved {sheared:1e3*.2f} mm sideways, quadratic
+elements. Motion on rings, over the motion into the gel (for *shear*, over that along the shear) at
+1 mm.
 
 {table}
 

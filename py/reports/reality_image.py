@@ -134,8 +134,8 @@ cannot tell how colours change over the face; terms with the place lower the err
 what is left here, the shadow that the imprint casts away from each light, which no function of the
 slope has. Away from there the pictures have the real background and the response of that one spot.
 
-**Smoothing.** Pictures from the face of our finite elements under a ball, by the Gaussian with which
-its height is smoothed (best ball of five, weighted error, depth of each press as fits best):
+**Smoothing.** Pictures from the face of our finite elements under a ball, by the Gaussian with
+which its height is smoothed (best ball of five, weighted error, depth of each press as fits best):
 
 {smoothing}
 
