@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini._core import read_sensor
-from ruffini.calibration import (
+from ruffini.commands import shapes
+from ruffini.commands.fitting import (
     RANGES,
     Curve,
     Fit,
@@ -27,7 +28,6 @@ from ruffini.calibration import (
     read_curve,
     toml,
 )
-from ruffini.commands import shapes
 
 _UNITS = {"young": (1e-6, " MPa"), "offset": (1e3, " mm"), "thickness": (1.0, " of the file's")}
 """In which parameters are printed."""

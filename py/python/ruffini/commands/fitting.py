@@ -44,12 +44,12 @@ RANGES = {
     "offset": (-3e-4, 3e-4),
 }
 """Where a parameter may lie: Pa; 1; 1; times that of the sensor's file; m, added to each depth."""
-_GRIDS = {
+GRIDS = {
     "poisson": (0.3, 0.4, 0.45, 0.475, 0.495),
     "friction": (0.0, 0.2, 0.5, 1.0, 2.0),
     "thickness": (0.8, 1.0, 1.25),
 }
-_STEP = 1e-4
+STEP = 1e-4
 """Longest step between two depths of a table (m)."""
 _FLOOR = 0.02
 """Share of a curve's largest force that is added to a force where its error is relative."""
@@ -74,17 +74,19 @@ class Curve:
 def read_curve(path: Path, indenter: Shape, thickness: float) -> Curve:
     """Read a .csv file with the columns ``depth_m`` and ``force_n``, for a gel that thick (m).
 
+    Lines that begin with # are left out.
+
     Raises:
         ValueError: If a column or a number is missing, depths do not increase, a force is
             negative, or a depth is beyond half of the gel.
     """
     with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = csv.DictReader(file, skipinitialspace=True)
+        rows = csv.DictReader((line for line in file if line[0] != "#"), skipinitialspace=True)
         columns = rows.fieldnames or ()
         if not {"depth_m", "force_n"} <= {*columns}:
             found = ", ".join(columns) or "none"
             raise ValueError(f"{path}: found columns {found}, expected depth_m and force_n")
-        points = [_point(f"{path}, line {rows.line_num}", row) for row in rows]
+        points = [_point(f"{path}, point {number}", row) for number, row in enumerate(rows, 1)]
     if not points:
         raise ValueError(f"{path}: found no points")
     depths, forces = np.array(points).T
@@ -120,8 +122,8 @@ class Gel:
     sensor: str
     """Name or file."""
     law: str
-    nodes: int = 2000
-    element: str = "p1-bar"
+    nodes: int = 1000
+    element: str = "p2"
 
     def solve(self, indenter: Shape, depths: _Array, at: Mapping[str, float]) -> _Array:
         """Normal force (D,) over Young's modulus (m²) at increasing depths.
@@ -140,7 +142,7 @@ class Gel:
         touch = touching_height(indenter, pad.mesh.vertices)
         # Friction depends on the path, so that there are frames between depths that lie apart.
         ends = np.concatenate([[0.0], depths])
-        counts = np.ceil(np.diff(ends) / _STEP - 1e-6).astype(int).clip(1)
+        counts = np.ceil(np.diff(ends) / STEP - 1e-6).astype(int).clip(1)
         ways = np.concatenate(
             [np.linspace(a, b, n + 1)[1:] for a, b, n in zip(ends, depths, counts, strict=False)]
         )
@@ -188,8 +190,8 @@ class Table:
         watch: Callable[[int, int], None] = lambda done, whole: None,
     ) -> Table:
         """Solve one to `deepest` (m); `watch` is told how many paths are done."""
-        axes = {name: np.array(grid) for name, grid in _GRIDS.items() if name in fitted}
-        depths = np.linspace(0.0, deepest, max(13, math.ceil(deepest / _STEP) + 1))
+        axes = {name: np.array(grid) for name, grid in GRIDS.items() if name in fitted}
+        depths = np.linspace(0.0, deepest, max(13, math.ceil(deepest / STEP) + 1))
         corners = list(itertools.product(*axes.values()))
         rows = []
         for done, corner in enumerate(corners):
@@ -254,9 +256,10 @@ class Problem:
     ):
         self.curves, self.tables, self.held = curves, tables, held
         self.names = parameters(curves, fitted)
-        ranges = np.array([RANGES[name.split()[0]] for name in self.names])
         self._logs = np.array([name == "young" for name in self.names])
-        self._low, high = np.where(self._logs[:, None], np.log(ranges), ranges).T
+        ranges = [RANGES[name.split()[0]] for name in self.names]
+        ends = [np.log(two) if log else two for two, log in zip(ranges, self._logs, strict=True)]
+        self._low, high = np.array(ends).T
         self._width = high - self._low
         self._points = sum(len(curve.depths) for curve in curves)
 
@@ -296,7 +299,8 @@ class Problem:
     def left_out(self, fit: Fit) -> list[_Array]:
         """Errors (D,) of the forces that a fit to all other points gives, by curve."""
         values = np.array([fit.values[name] for name in self.names])
-        unit = (np.where(self._logs, np.log(values), values) - self._low) / self._width
+        values[self._logs] = np.log(values[self._logs])
+        unit = (values - self._low) / self._width
         found = []
         for left in range(self._points):
             least = self._least(unit, kept=np.arange(self._points) != left)
@@ -318,7 +322,8 @@ class Problem:
     def _values(self, unit: _Array) -> dict[str, float]:
         """Values of the parameters from 0 to 1 in their ranges, that of E by its logarithm."""
         values = self._low + self._width * unit
-        return dict(zip(self.names, np.where(self._logs, np.exp(values), values), strict=True))
+        values[self._logs] = np.exp(values[self._logs])
+        return dict(zip(self.names, values.tolist(), strict=True))
 
     def _least(
         self, start: _Array, held: dict[int, float] | None = None, kept: Any = slice(None)
@@ -333,7 +338,8 @@ class Problem:
 
         def residuals(some: _Array) -> _Array:
             unit[free] = some
-            return self.residuals(self._values(unit))[kept]
+            errors: _Array = self.residuals(self._values(unit))[kept]
+            return errors
 
         if not free:
             return _Least(unit, float(np.sum(residuals(unit[free]) ** 2)), np.empty((0, 0)))
