@@ -279,8 +279,8 @@ class Problem:
         """Fit the parameters, from several starts."""
         from scipy.stats import t as student
 
-        inner = [(0.5,) if name == "young" else (0.2, 0.5, 0.8) for name in self.names]
-        starts = [np.array(start) for start in itertools.product(*inner)]
+        several = [(0.2, 0.5, 0.8) if name in GRIDS else (0.5,) for name in self.names]
+        starts = [np.array(start) for start in itertools.product(*several)]
         best = min((self._least(start) for start in starts), key=lambda least: least.squares)
         freedom = self._points - len(self.names)
         intervals: dict[str, dict[float, tuple[float, float]]] = {n: {} for n in self.names}
