@@ -193,8 +193,8 @@ error of at most {goal:100*.0f} % at each depth, and also at each depth that the
 
 {fits}
 
-In brackets is the 95 % interval of the profile likelihood; *open* stands where the
-range of the parameter ends first ({ranges}). Four points leave one to three degrees of freedom, so that
+In brackets is the 95 % interval of the profile likelihood; *open* stands where the range of the
+parameter ends first ({ranges}). Four points leave one to three degrees of freedom, so that
 intervals are wide and rest on normal errors. *Left out*: error at each depth of the fit to the
 three others.
 
