@@ -18,7 +18,7 @@ from ruffini.commands import main
 from ruffini.commands.fitting import Curve, Gel, Problem, Table, read_curve, toml
 
 REFERENCE = Path(__file__).resolve().parents[1] / "reference"
-BALL = Shape.sphere(6e-3)
+BALL = Shape.sphere(8e-3)
 GEL = Gel("gelsight-mini", "neo-hookean", nodes=250, element="p1-bar")
 HELD = {"poisson": 0.47, "friction": 0.5, "thickness": 1.0}
 DEPTHS = np.linspace(2e-4, 1.2e-3, 9)
@@ -38,7 +38,7 @@ def command(tmp_path):
         file = tmp_path / "curve.csv"
         lines = [f"{depth},{force}" for depth, force in points]
         file.write_text("\n".join(["depth_m,force_n", *lines]) + "\n")
-        words = ["calibrate", str(file), "--indenter", "sphere:0.006", "--nodes", "100"]
+        words = ["calibrate", str(file), "--indenter", "sphere:0.009", "--nodes", "100"]
         return main([*words, *(() if "--sensor" in options else SENSOR), *options])
 
     return run
@@ -57,7 +57,7 @@ def measured(table, noise=0.0, seed=0):
 
 def test_force_is_proportional_to_youngs_modulus():
     pad = ruffini.sensor("gelsight-mini", resolution=250)
-    path = [((0, 0, 6e-3 - depth), (1, 0, 0, 0)) for depth in (5e-4, 1e-3)]
+    path = [((0, 0, 8e-3 - depth), (1, 0, 0, 0)) for depth in (5e-4, 1e-3)]
     soft, stiff = (
         Fem(SoftBody(pad.mesh, young, 0.47, fixed=pad.fixed), friction=0.5)
         .solve_path(Press(BALL, path))[-1]
@@ -67,9 +67,18 @@ def test_force_is_proportional_to_youngs_modulus():
     assert abs(stiff / soft / 1e3 - 1) < 1e-4, f"{soft} N and {stiff} N"
 
 
+def test_a_small_indenter_gets_a_mesh_that_meets_hertz():
+    small, depths = Shape.sphere(5e-4), np.array([5e-5, 1e-4])
+    force = Gel("gelsight-mini", "neo-hookean", 700).solve(small, depths, HELD)
+    hertz = 4 / 3 / (1 - HELD["poisson"] ** 2) * np.sqrt(5e-4 * depths**3)
+    # A mesh of as many nodes that is not refined is off by a factor.
+    assert np.abs(force / hertz - 1).max() < 0.1, (force, hertz)
+
+
 def test_the_table_meets_what_is_solved_between_its_points(table):
     at, depths = {**HELD, "poisson": 0.43}, np.array([3.3e-4, 8.7e-4, 1.41e-3])
-    errors = table.force(at, depths) / GEL.solve(BALL, depths, at) - 1
+    solved = GEL.solve(BALL, np.append(depths, table.depths[-1]), at)[:-1]
+    errors = table.force(at, depths) / solved - 1
     # A mesh as coarse as this gives forces with corners, where nodes come into contact.
     assert np.abs(errors).max() < 0.02, errors
 
@@ -120,7 +129,7 @@ def test_the_file_that_is_written_is_a_sensor(command, tmp_path, capsys):
     shipped = json.loads(read_sensor("gelsight-mini"))
     assert first["name"] == "mine" and others == shipped["calibration"]
     assert f"young = {first['young']:.0f}\n" in printed
-    assert "4 points of curve.csv, sphere:0.006" in first["source"]
+    assert "4 points of curve.csv, sphere:0.009" in first["source"]
     assert main(["sensor", "check", str(out)]) == 0
     env = gymnasium.make(
         "ruffini/HoldStill-v0", sensor=str(out), tactile="compliance", objects="sphere"
@@ -190,6 +199,9 @@ def test_a_file_without_the_columns_is_refused(tmp_path):
     file = tmp_path / "other.csv"
     file.write_text("depth,force_n\n1,2\n")
     with pytest.raises(ValueError, match="found columns depth, force_n, expected depth_m and"):
+        read_curve(file, BALL, 4e-3)
+    file.write_bytes(b"\x80\xff\x00")
+    with pytest.raises(ValueError, match=r"found no text, expected a \.csv file"):
         read_curve(file, BALL, 4e-3)
     with pytest.raises(ValueError, match=r"point 2: found depth 0 m after 0 m"):
         read_curve(REFERENCE / "taxim_force_depth.csv", BALL, 4e-3)

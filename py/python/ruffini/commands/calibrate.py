@@ -94,7 +94,7 @@ def run(options: argparse.Namespace) -> None:
     held |= {name: value for name, value in defaults.items() if held[name] is None}
     gel = Gel(options.sensor, options.law or before["law"], options.nodes)
     for curve in curves:
-        _check_unit(curve, replace(gel, nodes=300), held)
+        _check_unit(curve, replace(gel, element="p1-bar"), held)
     tables = [_table(gel, curve, fitted, held) for curve in curves]
     problem = Problem(curves, tables, fitted, held)
     fit = problem.fit()
@@ -135,7 +135,7 @@ def _curves(options: argparse.Namespace, thickness: float) -> list[Curve]:
 
 
 def _check_unit(curve: Curve, gel: Gel, held: Mapping[str, float]) -> None:
-    """Refuse forces that no gel bears, by one coarse solve."""
+    """Refuse forces that no gel bears, by a quick solve."""
     deepest = curve.forces[-1]
     young = deepest / gel.solve(curve.indenter, curve.depths[-1:], held)[0]
     low, high = RANGES["young"]
@@ -191,12 +191,15 @@ def _report_numbers(problem: Problem, fit: Fit, gel: Gel) -> None:
     """Print how far the table's interpolation and its mesh are off at the fit."""
     at = {**problem.held, **fit.values}
     found: dict[int, list[NDArray[np.float64]]] = {gel.nodes: [], 2 * gel.nodes: []}
-    for number, curve in enumerate(problem.curves):
+    for number, (curve, table) in enumerate(zip(problem.curves, problem.tables, strict=True)):
         depths = curve.depths + problem.offset(fit.values, number)
         depths = depths[depths > 0.0]
-        force = problem.tables[number].force(at, depths)
+        # The mesh depends on the last depth.
+        whole = np.union1d(depths, table.depths[-1:])
+        force = table.force(at, depths)
         for nodes, errors in found.items():
-            errors.append(force / replace(gel, nodes=nodes).solve(curve.indenter, depths, at) - 1)
+            solved = replace(gel, nodes=nodes).solve(curve.indenter, whole, at)
+            errors.append(force / solved[: len(depths)] - 1)
     same, finer = (100 * np.concatenate(errors) for errors in found.values())
     print(f"{'numbers':<12} interpolation is off by {np.abs(same).max():.2f} % at most; forces on")
     print(f"{'':<12} {gel.nodes} nodes are {finer.min():+.1f} to {finer.max():+.1f} % off", end="")

@@ -82,7 +82,10 @@ def read_curve(path: Path, indenter: Shape, thickness: float) -> Curve:
     """
     with path.open(newline="", encoding="utf-8-sig") as file:
         rows = csv.DictReader((line for line in file if line[0] != "#"), skipinitialspace=True)
-        columns = rows.fieldnames or ()
+        try:
+            columns = rows.fieldnames or ()
+        except (UnicodeDecodeError, csv.Error):
+            raise ValueError(f"{path}: found no text, expected a .csv file") from None
         if not {"depth_m", "force_n"} <= {*columns}:
             found = ", ".join(columns) or "none"
             raise ValueError(f"{path}: found columns {found}, expected depth_m and force_n")
@@ -128,6 +131,9 @@ class Gel:
     def solve(self, indenter: Shape, depths: _Array, at: Mapping[str, float]) -> _Array:
         """Normal force (D,) over Young's modulus (m²) at increasing depths.
 
+        The mesh is refined where the indenter meets the gel at the last depth, if that is no wider
+        than twice the thickness of the sensor's file.
+
         Args:
             indenter: What is pressed.
             depths: Ways from the first touch (D,) in m.
@@ -136,10 +142,19 @@ class Gel:
         Raises:
             PressError: If a press is not solved.
         """
-        pad = self._pad(at.get("thickness", 1.0))
+        scale = at.get("thickness", 1.0)
+        pad = self._pad(scale)
+        touch = touching_height(indenter, pad.mesh.vertices)
+        thickness = float(np.ptp(pad.mesh.vertices[:, 2])) / scale
+        line = np.linspace(-thickness, thickness, 81)
+        face = np.stack(np.meshgrid(line, line, [0.0]), axis=-1).reshape(-1, 3)
+        gaps, _ = indenter.distance((face - [0.0, 0.0, touch - depths[-1]]) * [1, -1, -1])
+        met = face[gaps <= max(0.0, gaps.min())]
+        if np.abs(met).max() < 0.99 * thickness:
+            pad = self._pad(scale, met)
+            touch = touching_height(indenter, pad.mesh.vertices)
         body = SoftBody(pad.mesh, _YOUNG, at["poisson"], self.law, pad.fixed)  # type: ignore[arg-type]
         fem = Fem(body, friction=at["friction"], element=self.element)  # type: ignore[arg-type]
-        touch = touching_height(indenter, pad.mesh.vertices)
         # Friction depends on the path, so that there are frames between depths that lie apart.
         ends = np.concatenate([[0.0], depths])
         counts = np.ceil(np.diff(ends) / STEP - 1e-6).astype(int).clip(1)
@@ -156,16 +171,16 @@ class Gel:
         asked: _Array = np.array(forces)[np.cumsum(counts) - 1]
         return asked
 
-    def _pad(self, scale: float) -> SoftBody:
-        """The pad, its thickness scaled."""
+    def _pad(self, scale: float, around: _Array | None = None) -> SoftBody:
+        """The pad, its thickness scaled, its mesh refined towards points (K, 3)."""
         if scale == 1.0:
-            return ruffini.sensor(self.sensor, resolution=self.nodes)
+            return ruffini.sensor(self.sensor, resolution=self.nodes, around=around)
         found = json.loads(read_sensor(self.sensor))
         found["outline"]["thickness"] *= scale
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "scaled.toml"
             file.write_text(toml(found))
-            return ruffini.sensor(str(file), resolution=self.nodes)
+            return ruffini.sensor(str(file), resolution=self.nodes, around=around)
 
 
 @dataclass(frozen=True)
