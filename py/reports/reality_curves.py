@@ -202,6 +202,9 @@ The source does not say at what friction the curve was taken, how the first touc
 thick that gel was, and four points do not tell these apart: less friction, a thicker gel and a
 softer law each lower the force at 2 mm beside that at 1 mm.
 
+A curve of 31 points from Taxim (`tests/reference/taxim_force_depth.csv`) is not fitted: which
+indenter it was taken with is not stated.
+
 ## Do the intervals hold what they say?
 
 {draws} curves each, drawn from the tables without friction: E from 0.1 to 1 MPa, offset from -0.1
