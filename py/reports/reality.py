@@ -12,7 +12,7 @@ from typing import Any
 
 from engine import plt
 
-PARTS = ("reality_curves",)
+PARTS = ("reality_curves", "reality_image", "reality_face")
 ONE_THREAD = True
 
 

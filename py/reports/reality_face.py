@@ -58,7 +58,7 @@ CASES = {
     "ν 0.47": (5.5e-3, 0.47, 5e-4),
     "ν 0.49": (5.5e-3, 0.49, 5e-4),
     "ν 0.47, ball of 1 mm": (5.5e-3, 0.47, 1e-3),
-    "ν 0.47, 4.5 mm thick": (4.5e-3, 0.47, 5e-4),
+    "ν 0.47, 6.5 mm thick": (6.5e-3, 0.47, 5e-4),
 }
 """Thickness (m), Poisson's ratio and radius of the ball (m)."""
 SIZES = {"full": {"nodes": 1500}, "quick": {"nodes": 500}}
