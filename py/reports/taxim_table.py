@@ -44,13 +44,19 @@ class Table:
         """Frame of a face whose height out of the gel rises by `down`, `right` a pixel (H, W)."""
         bins = self.polynomials.shape[0] - 1
         angle = np.arctan(np.hypot(down, right))
-        turn = np.arctan2(-down, -right) + np.pi
+        # Flat gel has direction 0, as there.
+        turn = np.where(angle > 0, np.arctan2(-down, -right), 0.0) + np.pi
         a = np.floor(angle / (np.pi / 2 / bins)).astype(int)
         d = np.floor(turn / (2 * np.pi / bins)).astype(int)
         y, x = np.mgrid[: down.shape[0], : down.shape[1]].astype(float)
         powers = np.stack([x * x, y * y, x * y, x, y, np.ones_like(x)], axis=-1)
         change = np.einsum("hwck,hwk->hwc", self.polynomials[a, d], powers)
         return np.clip(self.background + change, 0, 1)
+
+    def flat_taken_off(self, frame: Array) -> Array:
+        """A frame without what the table adds to flat gel, which is not nothing."""
+        flat = np.zeros(frame.shape[:2])
+        return np.clip(frame - self.picture(flat, flat) + self.background, 0, 1)
 
     def ball(self, row: float, column: float, radius: float, contact: float) -> Array:
         """Frame of a ball that touches within `contact` of a place."""
