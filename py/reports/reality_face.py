@@ -178,7 +178,10 @@ elements. Motion on rings, over the motion into the gel (for *shear*, over that 
 
 {table}
 
-The sheared field less the pressed one is *shear*. {verdict}
+The sheared field less the pressed one is *shear*. {verdict} Nothing was fitted; thickness and
+Poisson's ratio are assumed. Nearer than 1 mm the outward motion has the other sign: by ANSYS the
+face moves away from the indenter, in ours it sticks to it and is drawn in; whether theirs slides is
+not in the files.
 
 {made}"""
 KINDS = {"into": "into the gel", "outward": "outward", "shear": "shear"}

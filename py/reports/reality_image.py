@@ -95,13 +95,13 @@ SECTION = """## Pictures of a GelSight Mini
 
 The colours of a picture are polynomials of the slope of the gel's face
 (`tests/reference/gelsight_image.toml`), fitted by `py/reports/colour_fit.py` to {count} of 24 real
-presses of one GelSight Mini, those of the package `taxim` 1.4.1 (MIT). Four presses
-({held}), drawn with seed {fit[seed]} before anything was fitted, are in no fit and judge it; their errors
-stood beside those of the others while degree and weights were chosen.
-Errors are mean absolute differences of intensity, of 255, and structural similarity
-(Gaussian window of 1.5 pixels, K1 0.01, K2 0.03, mean of the channels), in a window of 220 × 220
-pixels around the middle, within 40 pixels of it, and over the frame of 480 × 640. Frames without
-contact differ by {fit[noise]:.1f}, their noise.
+presses of one GelSight Mini, those of the package `taxim` 1.4.1 (MIT). Four presses ({held}), drawn
+with seed {fit[seed]} before anything was fitted, are in no fit and judge it; their errors stood
+beside those of the others while degree and weights were chosen. Errors are mean absolute
+differences of intensity, of 255, and structural similarity (Gaussian window of 1.5 pixels, K1 0.01,
+K2 0.03, mean of the channels), in a window of 220 × 220 pixels around the middle, within 40 pixels
+of it, and over the frame of 480 × 640. Frames without contact differ by {fit[noise]:.1f}, their
+noise.
 
 {errors}
 
@@ -116,17 +116,18 @@ anew to the cap of a ball in a face that is flat outside contact or that of an e
 with the ball and Gaussian of twelve pairs and the contact radii that fit best; *ours* takes the
 faces below.
 
-**The contacts had to be found again.** The package states places and radii of contact. The
-pictures show the tip {fit[places][label apart][median]:.0f} pixels (median; at most
-{fit[places][label apart][max]:.0f}) beside them, and its strongest colours within 20 pixels
-of the middle where radii of contact of {fit[places][label radius][0]:.0f} to {fit[places][label radius][1]:.0f} are stated;
-the radius of the ball is not stated. So the slopes themselves were found by shape from shading:
-three lights on a matt surface, a face of revolution, one family of profiles for all presses with
-its depth as the only number of each. The scale of slopes follows from shadows and from the
-foreshortening of steep parts alone: with all slopes times
+**The contacts had to be found again.** The package states places and radii of contact. The pictures
+show the tip {fit[places][label apart][median]:.0f} pixels (median; at most
+{fit[places][label apart][max]:.0f}) beside them, and its strongest colours within 20 pixels of the
+middle where radii of contact of {fit[places][label radius][0]:.0f} to
+{fit[places][label radius][1]:.0f} are stated; the radius of the ball is not stated. So the slopes
+themselves were found by shape from shading: three lights on a matt surface, a face of revolution,
+one family of profiles for all presses with its depth as the only number of each. The scale of
+slopes follows from shadows and from the foreshortening of steep parts alone: with all slopes times
 {scale}. Taxim's table, fitted by others to a ball that they measured, fits best with our slopes
-times {fit[table][Taxim, our faces, flat taken off][value]:g}, a second hint at the scale. Starts from slopes of 0.3, 1 and 2 ended at peaks of {peaks}. Of a press that was left out,
-the middle and the depth, three numbers, are found from its own picture.
+times {fit[table][Taxim, our faces, flat taken off][value]:g}, a second hint at the scale. Starts
+from slopes of 0.3, 1 and 2 ended at peaks of {peaks}. Of a press that was left out, the middle and
+the depth, three numbers, are found from its own picture.
 
 **Terms.** Errors in the window of means of 2 × 2 pixels: fitted; with four presses at a time left
 out; with one of three series (same place, growing depth) at a time left out.
@@ -144,15 +145,14 @@ least error, in the window (weighted as in the fit) and within 24 pixels:
 
 {smoothing}
 
-The window hardly tells them apart, and the error near contact is uneven. Shipped is the least near contact, {best[deviation]:.0f} pixels
-or {wide:.2f} mm. The real face falls off more slowly around the tip than our gel, which has no
-skin: part of this width stands for it.
+The window hardly tells them apart, and the error near contact is uneven. Shipped is the least near
+contact, {best[deviation]:.0f} pixels or {wide:.2f} mm. The real face falls off more slowly around
+the tip than our gel, which has no skin: part of this width stands for it.
 
-Rounding of the coefficients to five digits moves no pixel by more than {fit[rounding]:.2f}.
-From the reduced pictures in `tests/reference`: {again}. Pixels are taken as
-{pixel} mm, from the package; widths in mm inherit its error (other sources state views from
-15.2 × 20.3 to 18 × 24 mm). The frames are taken as not mirrored, which nobody states: columns along
-y, rows along −x.
+Rounding of the coefficients to five digits moves no pixel by more than {fit[rounding]:.2f}. From
+the reduced pictures in `tests/reference`: {again}. Pixels are taken as {pixel} mm, from the
+package; widths in mm inherit its error (other sources state views from 15.2 × 20.3 to 18 × 24 mm).
+The frames are taken as not mirrored, which nobody states: columns along y, rows along −x.
 
 {made}"""
 ERRORS = {
