@@ -28,7 +28,7 @@ LAWS = ("neo-hookean", "stable-neo-hookean", "corotated", "linear")
 SIZES: dict[str, dict[str, Any]] = {
     "full": {
         "nodes": 1000,
-        "finer": [[2000, STICKY], [2000, 0.0], [4000, 0.0]],
+        "finer": [[2000, STICKY], [2000, 0.0]],
         "draws": 100,
         "seed": 20261126,
     },

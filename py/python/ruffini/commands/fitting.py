@@ -23,6 +23,7 @@ import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -217,14 +218,20 @@ class Table:
         values = np.array(rows).clip(0.0) ** (2 / 3)
         return cls(depths, axes, values.reshape(*map(len, axes.values()), -1))
 
-    def force(self, at: Mapping[str, float], depths: _Array) -> _Array:
-        """Force over Young's modulus (m²) at depths (D,); none before the first touch."""
+    @cached_property
+    def _bases(self) -> list[Any]:
+        """For each axis, and depth, the cubic splines that are 1 at one point of it, else 0."""
         from scipy.interpolate import CubicSpline
 
-        values = self.values
-        for name, grid in self.axes.items():
-            values = CubicSpline(grid, values)(at[name])
-        forces: _Array = CubicSpline(self.depths, values)(depths.clip(0.0)).clip(0.0) ** 1.5
+        grids = [*self.axes.values(), self.depths]
+        return [CubicSpline(grid, np.eye(len(grid))) for grid in grids]
+
+    def force(self, at: Mapping[str, float], depths: _Array) -> _Array:
+        """Force over Young's modulus (m²) at depths (D,); none before the first touch."""
+        values, (*bases, last) = self.values, self._bases
+        for name, basis in zip(self.axes, bases, strict=True):
+            values = np.tensordot(basis(at[name]), values, 1)
+        forces: _Array = (last(depths.clip(0.0)) @ values).clip(0.0) ** 1.5
         return forces
 
 
