@@ -32,6 +32,7 @@ OPTIONAL = re.compile(r"^(?:from|import) (ray|torchrl)\b", re.MULTILINE)
 """Packages that are not in the extra `dev`: blocks that need them run where they are installed."""
 SHORTER = {
     "ruffini play": "--episodes 1 --video-episodes 1",
+    "ruffini calibrate": "--nodes 100",
     "ruffini dataset generate out": "--config tiny.toml --objects 1 --grasps 1 --frames 2",
     "ruffini agent train": "--steps 256 --n-envs 8",
     "ruffini agent evaluate": "--episodes 2",

@@ -16,7 +16,7 @@ from engine.pages import WRITTEN, requoted
 from engine.rows import KEPT, OUT
 
 REPORTS = ["dataset", "episode", "fem", "networks", "paper", "pareto", "scene_cost", "shapes"]
-REPORTS += ["soak", "stability", "unseen"]
+REPORTS += ["reality", "soak", "stability", "unseen"]
 
 
 def main(arguments: list[str]) -> None:

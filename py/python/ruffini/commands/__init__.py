@@ -10,9 +10,20 @@ import sys
 from collections.abc import Sequence
 
 from ruffini import SimulationError, __version__
-from ruffini.commands import agent, dataset, mesh, network, play, press, recommend, sensor, view
+from ruffini.commands import (
+    agent,
+    calibrate,
+    dataset,
+    mesh,
+    network,
+    play,
+    press,
+    recommend,
+    sensor,
+    view,
+)
 
-_COMMANDS = (play, view, agent, dataset, network, press, mesh, sensor, recommend)
+_COMMANDS = (play, view, agent, dataset, network, press, mesh, sensor, calibrate, recommend)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,0 +1,269 @@
+"""``ruffini calibrate``: a sensor's gel from measured forces by depth."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ruffini._core import read_sensor
+from ruffini.commands import shapes
+from ruffini.commands.fitting import (
+    RANGES,
+    Curve,
+    Fit,
+    Gel,
+    Problem,
+    Table,
+    parameters,
+    read_curve,
+    toml,
+)
+
+_UNITS = {"young": (1e-6, " MPa"), "offset": (1e3, " mm"), "thickness": (1.0, " of the file's")}
+"""In which parameters are printed."""
+_TIED = 0.95
+"""Correlation from which two parameters are said to be told only together."""
+
+
+def add_to(commands: Any) -> None:
+    """Add the subcommand to the parser."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "calibrate",
+        help="fit a sensor's gel to measured forces by depth",
+        description="Fits the material of a gel to forces of indenters that are pressed straight "
+        "into its apex, says how well they tell it, and writes a sensor's file. Each .csv file has "
+        "the columns depth_m (way from the first touch, m) and force_n (N).",
+    )
+    parser.add_argument("curves", nargs="+", type=Path, metavar="CSV", help="measured points")
+    parser.add_argument("--sensor", required=True, help="gelsight-mini, digit or a .toml file")
+    parser.add_argument(
+        "--indenter",
+        required=True,
+        action="append",
+        help=f"one, or one for each CSV: {shapes.FORMS}, or a .obj or .stl file",
+    )
+    ranges = "; ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in RANGES.items())
+    parser.add_argument(
+        "--fit",
+        nargs="+",
+        choices=RANGES,
+        default=["young", "offset"],
+        metavar="PARAMETER",
+        help=f"young and offset if not given; {ranges} (Pa; thickness over the file's; offset in "
+        "m, added to all depths of a CSV, since the first touch is never known exactly)",
+    )
+    parser.add_argument("--calibration", help="where to begin; the sensor's first if not given")
+    parser.add_argument("--poisson", type=float, help="if not fitted; else the calibration's")
+    parser.add_argument("--friction", type=float, help="if not fitted; else the sensor's at rest")
+    parser.add_argument("--law", help="material law; the calibration's if not given")
+    parser.add_argument("--nodes", type=int, default=1000, help="of the mesh; 1000 if not given")
+    parser.add_argument("--name", default="fitted", help="of the new calibration")
+    parser.add_argument("--out", type=Path, help=".toml file for the sensor with it")
+    parser.add_argument("--plot", type=Path, help=".png or .svg file for the curves")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Fit, print what was found and write the files.
+
+    Raises:
+        ValueError: If an option or a file is invalid.
+        PressError: If a press is not solved.
+    """
+    if importlib.util.find_spec("scipy") is None:
+        raise ValueError('this command needs scipy: pip install "ruffini[calibrate]"')
+    sensor = json.loads(read_sensor(options.sensor))
+    materials = {one["name"]: one for one in sensor["calibration"]}
+    _check(options, list(materials))
+    before = materials[options.calibration or next(iter(materials))]
+    fitted = ["young", *(name for name in RANGES if name in options.fit and name != "young")]
+    curves = _curves(options, sensor["outline"]["thickness"])
+    parameters(curves, fitted)
+    held = {"poisson": options.poisson, "friction": options.friction, "thickness": 1.0}
+    defaults = {"poisson": before["poisson"], "friction": sensor["friction"]["static"]}
+    held |= {name: value for name, value in defaults.items() if held[name] is None}
+    gel = Gel(options.sensor, options.law or before["law"], options.nodes)
+    for curve in curves:
+        _check_unit(curve, replace(gel, element="p1-bar"), held)
+    tables = [_table(gel, curve, fitted, held) for curve in curves]
+    problem = Problem(curves, tables, fitted, held)
+    fit = problem.fit()
+    _report(problem, fit)
+    _report_numbers(problem, fit, gel)
+    material = _material(options, problem, fit, gel.law)
+    print("\n[[calibration]]\n" + material, end="")
+    if options.out is not None:
+        _write(options, sensor, fit, material)
+    if options.plot is not None:
+        _plot(problem, fit, options.plot)
+
+
+def _check(options: argparse.Namespace, known: list[str]) -> None:
+    """Refuse options that would be found wrong only after minutes."""
+    if options.calibration not in (None, *known):
+        text = f"found {options.calibration}, expected {', '.join(known)}"
+        raise ValueError(f"calibration: {text}")
+    if options.name in known:
+        raise ValueError(f"name: found {options.name}, which the sensor has, expected a new one")
+    if len(options.indenter) not in (1, len(options.curves)):
+        text = f"found {len(options.indenter)} for {len(options.curves)} CSV files"
+        raise ValueError(f"indenter: {text}, expected one, or one for each")
+    if options.out is not None and (options.out.suffix != ".toml" or options.out.exists()):
+        raise ValueError(f"out: found {options.out}, expected a new file that ends in .toml")
+    if options.plot is not None:
+        if options.plot.suffix not in (".png", ".svg"):
+            text = f"found {options.plot}, expected a name that ends in .png or .svg"
+            raise ValueError(f"plot: {text}")
+        if importlib.util.find_spec("matplotlib") is None:
+            raise ValueError('plot: needs matplotlib: pip install "ruffini[calibrate]"')
+
+
+def _curves(options: argparse.Namespace, thickness: float) -> list[Curve]:
+    indenters = options.indenter * (len(options.curves) // len(options.indenter))
+    pairs = zip(options.curves, indenters, strict=True)
+    return [read_curve(path, shapes.shape(text), thickness) for path, text in pairs]
+
+
+def _check_unit(curve: Curve, gel: Gel, held: Mapping[str, float]) -> None:
+    """Refuse forces that no gel bears, by a quick solve."""
+    deepest = curve.forces[-1]
+    young = deepest / gel.solve(curve.indenter, curve.depths[-1:], held)[0]
+    low, high = RANGES["young"]
+    if not low <= young <= high:
+        hint = "; it seems to be in mN" if low <= 1e-3 * young <= high else ""
+        text = f"found {deepest:g} N at {curve.depths[-1]:g} m, for which E would be {young:.2g} Pa"
+        raise ValueError(f"{curve.name}: {text}, expected {low:g} to {high:g} Pa{hint}")
+
+
+def _table(gel: Gel, curve: Curve, fitted: list[str], held: Mapping[str, float]) -> Table:
+    def watch(done: int, whole: int) -> None:
+        end = "\n" if done == whole else ""
+        text = f"\r{curve.name}: {done} of {whole} paths solved"
+        print(text, end=end, file=sys.stderr, flush=True)
+
+    deepest = curve.depths[-1] + ("offset" in fitted) * RANGES["offset"][1]
+    return Table.solve(gel, curve.indenter, deepest, fitted, held, watch)
+
+
+def _written(name: str, value: float) -> str:
+    factor, unit = _UNITS.get(name.split()[0], (1.0, ""))
+    return f"{factor * value:.4g}{unit}"
+
+
+def _report(problem: Problem, fit: Fit) -> None:
+    """Print values with their intervals, what is not told, and the error of each point."""
+    for name, value in fit.values.items():
+        ends = []
+        for level, two in fit.intervals[name].items():
+            low, high = (_written(name, end) for end in np.clip(two, *RANGES[name.split()[0]]))
+            ends.append(f"{100 * level:.0f} %: {low} to {high}")
+        print(f"{name:<12} {_written(name, value)} ({', '.join(ends)})")
+        if not np.isfinite(fit.intervals[name][0.95]).all():
+            print(f"{'':<12} not told by these points: its 95 % go on to an end of its range")
+    for i, j in zip(*np.triu(np.abs(fit.correlation) > _TIED, 1).nonzero(), strict=True):
+        names = f"{problem.names[i]} and {problem.names[j]}"
+        print(f"{'':<12} {names} are told together, correlation {fit.correlation[i, j]:+.3f}")
+    count, points = len(fit.values), sum(len(curve.depths) for curve in problem.curves)
+    few = "; so few that the intervals rest on errors being normal" if points < count + 10 else ""
+    print(f"{'points':<12} {points} for {count} parameters{few}")
+    for curve, *columns in zip(problem.curves, fit.errors, problem.left_out(fit), strict=True):
+        print(f"{curve.name}: errors of the fit, and of the fit to all other points")
+        for depth, force, here, left in zip(curve.depths, curve.forces, *columns, strict=True):
+            cells = f"{1e3 * depth:8.4g} mm {force:10.4g} N {100 * here:+8.2f} %"
+            print(f"{cells} {100 * left:+8.2f} %")
+    every = 100 * np.abs(np.concatenate(fit.errors))
+    print(
+        f"{'errors':<12} rms {np.sqrt(np.nanmean(every**2)):.2f} %, most {np.nanmax(every):.2f} %"
+    )
+
+
+def _report_numbers(problem: Problem, fit: Fit, gel: Gel) -> None:
+    """Print how far the table's interpolation and its mesh are off at the fit."""
+    at = {**problem.held, **fit.values}
+    found: dict[int, list[NDArray[np.float64]]] = {gel.nodes: [], 2 * gel.nodes: []}
+    for number, (curve, table) in enumerate(zip(problem.curves, problem.tables, strict=True)):
+        depths = curve.depths + problem.offset(fit.values, number)
+        depths = depths[depths > 0.0]
+        # The mesh depends on the last depth.
+        whole = np.union1d(depths, table.depths[-1:])
+        force = table.force(at, depths)
+        for nodes, errors in found.items():
+            solved = replace(gel, nodes=nodes).solve(curve.indenter, whole, at)
+            errors.append(force / solved[: len(depths)] - 1)
+    same, finer = (100 * np.concatenate(errors) for errors in found.values())
+    print(f"{'numbers':<12} interpolation is off by {np.abs(same).max():.2f} % at most; forces on")
+    print(f"{'':<12} {gel.nodes} nodes are {finer.min():+.1f} to {finer.max():+.1f} % off", end="")
+    print(f" those on {2 * gel.nodes}")
+
+
+def _material(options: argparse.Namespace, problem: Problem, fit: Fit, law: str) -> str:
+    """The table of the calibration, as TOML."""
+    at = {**problem.held, **fit.values}
+    measured = ", ".join(f"{path.name}" for path in options.curves)
+    told = ", ".join(f"{name} {_written(name, value)}" for name, value in fit.values.items())
+    every = np.concatenate(fit.errors)
+    most = 100 * np.nanmax(np.abs(every))
+    source = (
+        f"ruffini calibrate: {len(every)} points of {measured}, {' and '.join(options.indenter)}; "
+        f"fitted {told}; friction {at['friction']:.3g}; errors of at most {most:.1f} %"
+    )
+    return (
+        f"name = {json.dumps(options.name)}\nyoung = {at['young']:.0f}\n"
+        f"poisson = {at['poisson']:.4f}\nlaw = {json.dumps(law)}\n"
+        f"source = {json.dumps(source, ensure_ascii=False)}\n"
+    )
+
+
+def _write(options: argparse.Namespace, sensor: Mapping[str, Any], fit: Fit, material: str) -> None:
+    """Write the sensor's file with the calibration as its first, and the thickness if fitted."""
+    given = Path(options.sensor)
+    text = given.read_text() if given.suffix == ".toml" else toml(sensor)
+    first = re.search(r"^\[\[calibration\]\]", text, re.MULTILINE)
+    if first is None:
+        raise ValueError(f"{given}: found no line [[calibration]], expected one")
+    text = f"{text[: first.start()]}[[calibration]]\n{material}\n{text[first.start() :]}"
+    if "thickness" in fit.values:
+        thickness = fit.values["thickness"] * sensor["outline"]["thickness"]
+        line = re.compile("^thickness *=.*", re.MULTILINE)
+        text = line.sub(f"thickness = {thickness:.6f}", text, count=1)
+    options.out.write_text(text)
+    read_sensor(str(options.out))
+    print(f"{options.out}: its elastic foundation is found by ruffini sensor check --fit")
+
+
+def _plot(problem: Problem, fit: Fit, path: Path) -> None:
+    """Draw each curve with its fit, and the errors of the fit."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for number, (curve, table) in enumerate(zip(problem.curves, problem.tables, strict=True)):
+        depths = np.linspace(0.0, curve.depths[-1], 200)
+        at = {**problem.held, **fit.values}
+        force = at["young"] * table.force(at, depths + problem.offset(fit.values, number))
+        [line] = left.plot(1e3 * depths, force, label=f"fit to {curve.name}")
+        color = line.get_color()
+        left.plot(1e3 * curve.depths, curve.forces, "o", color=color)
+        right.plot(1e3 * curve.depths, 100 * fit.errors[number], "o-", color=color, label="fit")
+        others = 100 * problem.left_out(fit)[number]
+        right.plot(1e3 * curve.depths, others, "x", color=color, label="fit to all other points")
+    left.set(xlabel="depth (mm)", ylabel="normal force (N)")
+    right.set(xlabel="depth (mm)", ylabel="error of the force (%)")
+    for axes in (left, right):
+        axes.legend(fontsize="small")
+        axes.grid(alpha=0.3)
+    try:
+        figure.savefig(path)
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from None
+    print(path)

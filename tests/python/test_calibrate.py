@@ -1,0 +1,219 @@
+"""A gel fitted to measured forces: recovery of known parameters, bad input, the file written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+pytest.importorskip("scipy", reason="the extra calibrate brings it")
+
+import ruffini
+from ruffini import Fem, Press, Shape, SoftBody
+from ruffini._core import read_sensor
+from ruffini.commands import main
+from ruffini.commands.fitting import Curve, Gel, Problem, Table, read_curve, toml
+
+REFERENCE = Path(__file__).resolve().parents[1] / "reference"
+BALL = Shape.sphere(8e-3)
+GEL = Gel("gelsight-mini", "neo-hookean", nodes=250, element="p1-bar")
+HELD = {"poisson": 0.47, "friction": 0.5, "thickness": 1.0}
+DEPTHS = np.linspace(2e-4, 1.2e-3, 9)
+TRUE = {"young": 2.2e5, "poisson": 0.43, "offset": 7e-5}
+
+
+@pytest.fixture(scope="module")
+def table():
+    return Table.solve(GEL, BALL, 1.5e-3, ["young", "poisson", "offset"], HELD)
+
+
+@pytest.fixture
+def command(tmp_path):
+    """Runs the command on a coarse mesh; returns its status."""
+
+    def run(points, *options):
+        file = tmp_path / "curve.csv"
+        lines = [f"{depth},{force}" for depth, force in points]
+        file.write_text("\n".join(["depth_m,force_n", *lines]) + "\n")
+        words = ["calibrate", str(file), "--indenter", "sphere:0.009", "--nodes", "100"]
+        return main([*words, *(() if "--sensor" in options else SENSOR), *options])
+
+    return run
+
+
+SENSOR = ("--sensor", "gelsight-mini")
+POINTS = [(3e-4, 0.35), (6e-4, 1.2), (9e-4, 2.6), (1.2e-3, 4.7)]
+
+
+def measured(table, noise=0.0, seed=0):
+    """What a gel of the true parameters says, with relative noise."""
+    force = TRUE["young"] * table.force({**HELD, **TRUE}, DEPTHS + TRUE["offset"])
+    force *= 1 + noise * np.random.default_rng(seed).normal(size=len(force))
+    return Curve("synthetic", BALL, DEPTHS, force)
+
+
+def test_force_is_proportional_to_youngs_modulus():
+    pad = ruffini.sensor("gelsight-mini", resolution=250)
+    path = [((0, 0, 8e-3 - depth), (1, 0, 0, 0)) for depth in (5e-4, 1e-3)]
+    soft, stiff = (
+        Fem(SoftBody(pad.mesh, young, 0.47, fixed=pad.fixed), friction=0.5)
+        .solve_path(Press(BALL, path))[-1]
+        .wrench[2]
+        for young in (1e4, 1e7)
+    )
+    assert abs(stiff / soft / 1e3 - 1) < 1e-4, f"{soft} N and {stiff} N"
+
+
+def test_a_small_indenter_gets_a_mesh_that_meets_hertz():
+    small, depths = Shape.sphere(5e-4), np.array([5e-5, 1e-4])
+    force = Gel("gelsight-mini", "neo-hookean", 700).solve(small, depths, HELD)
+    hertz = 4 / 3 / (1 - HELD["poisson"] ** 2) * np.sqrt(5e-4 * depths**3)
+    # A mesh of as many nodes that is not refined is off by a factor.
+    assert np.abs(force / hertz - 1).max() < 0.1, (force, hertz)
+
+
+def test_the_table_meets_what_is_solved_between_its_points(table):
+    at, depths = {**HELD, "poisson": 0.43}, np.array([3.3e-4, 8.7e-4, 1.41e-3])
+    solved = GEL.solve(BALL, np.append(depths, table.depths[-1]), at)[:-1]
+    errors = table.force(at, depths) / solved - 1
+    # A mesh as coarse as this gives forces with corners, where nodes come into contact.
+    assert np.abs(errors).max() < 0.02, errors
+
+
+def test_known_parameters_are_found_again(table):
+    problem = Problem([measured(table)], [table], list(TRUE), HELD)
+    fit = problem.fit()
+    for name, value in TRUE.items():
+        assert abs(fit.values[name] / value - 1) < 1e-2, (name, fit.values[name])
+    assert np.abs(np.concatenate(fit.errors)).max() < 1e-4
+    assert np.abs(np.concatenate(problem.left_out(fit))).max() < 1e-3
+
+
+def test_intervals_hold_the_truth_and_grow_with_noise(table):
+    widths = []
+    for noise in (0.003, 0.03):
+        curve = measured(table, noise)
+        fit = Problem([curve], [table], ["young", "offset"], {**HELD, "poisson": 0.43}).fit()
+        (low, high), (less, more) = fit.intervals["offset"][0.95], fit.intervals["offset"][0.68]
+        assert low < TRUE["offset"] < high and low < less < more < high
+        widths.append(high - low)
+        assert abs(fit.correlation[0, 1]) < 1 and fit.correlation[0, 0] == pytest.approx(1)
+    assert 5 < widths[1] / widths[0] < 20
+
+
+def test_what_points_do_not_tell_has_no_end(table):
+    fit = Problem([measured(table, 0.05)], [table], list(TRUE), HELD).fit()
+    assert not np.isfinite(fit.intervals["poisson"][0.95]).all()
+
+
+def test_several_curves_have_one_gel_and_an_offset_each(table):
+    held = {**HELD, "poisson": 0.43}
+    one, other = measured(table), measured(table)
+    shifted = Curve("shifted", BALL, other.depths + 1e-4, other.forces)
+    problem = Problem([one, shifted], [table, table], ["young", "offset"], held)
+    fit = problem.fit()
+    assert problem.names == ["young", "offset 1", "offset 2"]
+    assert fit.values["offset 1"] - fit.values["offset 2"] == pytest.approx(1e-4, rel=1e-2)
+    assert fit.values["young"] == pytest.approx(TRUE["young"], rel=1e-2)
+
+
+def test_the_file_that_is_written_is_a_sensor(command, tmp_path, capsys):
+    out, plot = tmp_path / "mine.toml", tmp_path / "fit.png"
+    assert command(POINTS, "--out", str(out), "--plot", str(plot), "--name", "mine") == 0
+    printed = capsys.readouterr().out
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    first, *others = json.loads(read_sensor(str(out)))["calibration"]
+    shipped = json.loads(read_sensor("gelsight-mini"))
+    assert first["name"] == "mine" and others == shipped["calibration"]
+    assert f"young = {first['young']:.0f}\n" in printed
+    assert "4 points of curve.csv, sphere:0.009" in first["source"]
+    assert main(["sensor", "check", str(out)]) == 0
+    env = gymnasium.make(
+        "ruffini/HoldStill-v0", sensor=str(out), tactile="compliance", objects="sphere"
+    )
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    # The file's comments and other entries stay; a second calibration goes before the first.
+    file = tmp_path / "commented.toml"
+    file.write_text("# of my own\n" + out.read_text())
+    again = tmp_path / "again.toml"
+    options = ("--sensor", str(file), "--fit", "young", "thickness", "--out", str(again))
+    assert command(POINTS, *options) == 0
+    assert again.read_text().startswith("# of my own\n")
+    found = json.loads(read_sensor(str(again)))
+    assert [one["name"] for one in found["calibration"]][:2] == ["fitted", "mine"]
+    assert 0.0032 <= found["outline"]["thickness"] <= 0.005
+    assert found["outline"]["thickness"] != 0.004
+
+
+def test_a_sensor_is_written_as_it_was_read(tmp_path):
+    for name in ("gelsight-mini", "digit"):
+        found = json.loads(read_sensor(name))
+        file = tmp_path / "copy.toml"
+        file.write_text(toml(found))
+        assert json.loads(read_sensor(str(file))) == found
+
+
+NOT_RIGHT = {
+    "nan": ([*POINTS, (1.3e-3, "nan")], "point 5: found force_n = nan, expected a number"),
+    "no number": ([(1e-4, "")], "point 1: found force_n = , expected a number from 0"),
+    "a negative force": ([(1e-4, -0.1)], "found force_n = -0.1, expected a number from 0"),
+    "depths that fall": ([POINTS[1], POINTS[0]], "found depth 0.0003 m after 0.0006 m"),
+    "millimetres": ([(1e3 * d, f) for d, f in POINTS], "found a depth of 1.2 m.*seems to be in mm"),
+    "too deep": ([*POINTS, (2.2e-3, 20)], "found a depth of 0.0022 m, expected at most 0.002 m"),
+    "millinewtons": ([(d, 1e3 * f) for d, f in POINTS], "found 4700 N.*seems to be in mN"),
+    "no points": ([], "found no points"),
+    "few points": (POINTS[:2], "found 2 points for young, offset, expected at least 3"),
+}
+
+
+@pytest.mark.parametrize("case", NOT_RIGHT)
+def test_points_that_cannot_be_right_are_named(case, command, capsys):
+    points, message = NOT_RIGHT[case]
+    assert command(points) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith("ruffini: ")
+    with pytest.raises(ValueError, match=message):
+        raise ValueError(line)
+
+
+OPTIONS = {
+    "found gel, expected tacflex, feats": ("--calibration", "gel"),
+    "found feats, which the sensor has": ("--name", "feats"),
+    "expected a new file that ends in .toml": ("--out", "sensor.txt"),
+    "ends in .png or .svg": ("--plot", "fit.pdf"),
+    "found 2 for 1 CSV files": ("--indenter", "half-space"),
+}
+
+
+@pytest.mark.parametrize("message", OPTIONS)
+def test_options_that_cannot_be_right_are_named(message, command, capsys):
+    assert command(POINTS, *OPTIONS[message]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_file_without_the_columns_is_refused(tmp_path):
+    file = tmp_path / "other.csv"
+    file.write_text("depth,force_n\n1,2\n")
+    with pytest.raises(ValueError, match="found columns depth, force_n, expected depth_m and"):
+        read_curve(file, BALL, 4e-3)
+    file.write_bytes(b"\x80\xff\x00")
+    with pytest.raises(ValueError, match=r"found no text, expected a \.csv file"):
+        read_curve(file, BALL, 4e-3)
+    with pytest.raises(ValueError, match=r"point 2: found depth 0 m after 0 m"):
+        read_curve(REFERENCE / "taxim_force_depth.csv", BALL, 4e-3)
+
+
+def test_the_measured_curve_of_a_gelsight_mini_is_read():
+    curve = read_curve(REFERENCE / "feats_force_depth.csv", BALL, 4e-3)
+    assert curve.depths.tolist() == [5e-4, 1e-3, 1.5e-3, 2e-3]
+    assert curve.forces.tolist() == [1.6503, 5.9641, 13.5257, 23.2532]
+
+
+def test_without_scipy_one_line_says_what_to_install(command, monkeypatch, capsys):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert command(POINTS) == 2
+    assert 'pip install "ruffini[calibrate]"' in capsys.readouterr().err
