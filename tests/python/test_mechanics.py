@@ -266,5 +266,5 @@ def test_fields_are_read_at_points():
     shares = np.linalg.solve(np.vstack([corners.T, np.ones(4)]), [*points[0], 1])
     assert shares.min() > -1e-9 and np.isnan(found[2])
     assert mesh.at(points, mesh.vertices[:, 0]).shape == (3,)
-    with pytest.raises(ValueError, match="field: found .*expected .* for vertices"):
+    with pytest.raises(ValueError, match=r"field: found .*expected .* for vertices"):
         mesh.at(points, numbers[:7])
