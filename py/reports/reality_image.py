@@ -93,11 +93,11 @@ def make(options: Namespace) -> dict[str, Any]:
 HEIGHT = 4.2
 SECTION = """## Pictures of a GelSight Mini
 
-The colours of a picture are polynomials of the slope of the gel's face
-(`camera.image` in `env-core/assets/sensors/gelsight-mini.toml`), fitted by
-`py/reports/colour_fit.py` to {count} of 24 real presses of one GelSight Mini, those of the package `taxim` 1.4.1 (MIT). Four presses ({held}), drawn
-with seed {fit[seed]} before anything was fitted, are in no fit and judge it; their errors stood
-beside those of the others while degree and weights were chosen. Errors are mean absolute
+The colours of a picture are polynomials of the slope of the gel's face (`camera.image` in
+`env-core/assets/sensors/gelsight-mini.toml`), fitted by `py/reports/colour_fit.py` to {count} of 24
+real presses of one GelSight Mini, those of the package `taxim` 1.4.1 (MIT). Four presses ({held}),
+drawn with seed {fit[seed]} before anything was fitted, are in no fit and judge it; their errors
+stood beside those of the others while degree and weights were chosen. Errors are mean absolute
 differences of intensity, of 255, and structural similarity (Gaussian window of 1.5 pixels, K1 0.01,
 K2 0.03, mean of the channels), in a window of 220 × 220 pixels around the middle, within 40 pixels
 of it, and over the frame of 480 × 640. Frames without contact differ by {fit[noise]:.1f}, their
