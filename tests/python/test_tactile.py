@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import pickle
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
+import tomllib
 from conftest import actions, flat
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
@@ -16,6 +18,7 @@ import ruffini
 from ruffini._schema import ENDINGS
 from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 
+SENSORS = Path(__file__).parents[2] / "env-core/assets/sensors"
 COARSE = {"nodes": 300}
 COMPLIANT: dict[str, Any] = {"tactile": "compliance", "resolution": COARSE}
 FELT = ["markers", "displacement", "stress", "tet_stress", "traction", "wrench", "slip", "trust"]
@@ -30,6 +33,8 @@ OVER_OBJECT: dict[str, Any] = {
 
 def everything(**settings: Any) -> dict[str, Any]:
     channels = [*ruffini.CHANNELS, *ruffini.TACTILE_CHANNELS]
+    if settings.get("sensor") == "digit":
+        channels.remove("image")
     return {**OVER_OBJECT, "observation": channels, **settings}
 
 
@@ -90,9 +95,35 @@ def test_places_of_the_channels_have_their_sizes():
     assert spaces["displacement"].shape == (2 * skin["surface"].size,)
     assert spaces["stress"].shape == (2 * len(skin["grid"]),)
     assert spaces["depth"].shape == (2 * len(skin["depth"]),)
+    assert spaces["image"].shape == (2 * len(skin["image"]) * 3,)
     env.reset(seed=0)
     assert np.all(np.abs(skin["markers"][:, :2]) < 0.011)
     assert GraspLiftEnv(tactile="none").skin() is None
+
+
+def test_the_image_is_the_background_until_something_touches():
+    camera = tomllib.loads((SENSORS / "gelsight-mini.toml").read_text())["camera"]
+    env = GraspLiftEnv(**everything(resolution={**COARSE, "image": (12, 16)}))
+    observation, _ = env.reset(seed=1)
+    half = 0.5 * max(camera["pixels"]) * camera["pixel"]
+    x, y = env.skin()["image"].T / half
+    image = camera["image"]
+    powers = np.stack([x**a * y**b for a, b in image["background_terms"]], axis=1)
+    still = powers @ np.array(image["background"])
+    left, right = observation["image"].reshape(2, -1, 3)
+    np.testing.assert_allclose(left, still, atol=1e-5)
+    np.testing.assert_array_equal(left, right)
+    for step in range(25):
+        observation, *_ = env.step(grasping(step))
+    pressed = observation["image"].reshape(2, 16, 12, 3)
+    changed = np.abs(pressed - still.reshape(16, 12, 3)).max(axis=-1)
+    assert changed[:, 6:10, 4:8].max() > 0.1, "nothing is seen where the ball is"
+    assert changed[:, 0].max() < 0.02, "something is seen far from it"
+
+
+def test_a_sensor_without_colours_has_no_image():
+    with pytest.raises(ValueError, match=r"sensor: found .*digit.*, expected .* camera\.image"):
+        GraspLiftEnv(sensor="digit", observation=["image"])
 
 
 def test_a_seed_gives_the_same_touch_again():
