@@ -326,8 +326,8 @@ def verdict(fits: list[dict[str, Any]]) -> str:
         if met
     ]
     return (
-        f"E and offset alone: {'; '.join(lines)}. Of {len(fits)} fits {by_fit.sum()} meet the goal at "
-        f"the depths that they have seen, and {len(best)} also at those left out"
+        f"E and offset alone: {'; '.join(lines)}. Of {len(fits)} fits {by_fit.sum()} meet the goal "
+        f"at the depths that they have seen, and {len(best)} also at those left out"
         f"{': ' * bool(best)}{'; '.join(best)}. So many were tried on four points that one of them "
         "meeting it says little."
     )
@@ -356,6 +356,7 @@ def draw(part: dict[str, Any], figure: Any) -> None:
         right.plot(names, shares, "o", alpha=0.6, label=label)
     for level in (68, 95):
         right.axhline(level, color="k", lw=0.5)
+    right.tick_params(axis="x", rotation=30)
     right.set(title="Intervals that hold the truth", ylabel="%", ylim=(40, 102))
     for axis in (left, middle, right):
         axis.grid(alpha=0.3)
