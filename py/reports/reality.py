@@ -24,7 +24,8 @@ def make(options: Namespace) -> dict[str, Any]:
 def page(report: dict[str, Any]) -> str:
     """Sections of the parts."""
     sections = [import_module(name).section(part) for name, part in report.items()]
-    return "\n\n".join(["# Against measurements of real sensors", *sections])
+    head = ["# Against measurements of real sensors", "![the figures below](reality.svg)"]
+    return "\n\n".join([*head, *sections])
 
 
 def figure(report: dict[str, Any]) -> Any:

@@ -98,14 +98,15 @@ def run(options: argparse.Namespace) -> None:
     tables = [_table(gel, curve, fitted, held) for curve in curves]
     problem = Problem(curves, tables, fitted, held)
     fit = problem.fit()
-    _report(problem, fit)
+    left_out = problem.left_out(fit)
+    _report(problem, fit, left_out)
     _report_numbers(problem, fit, gel)
     material = _material(options, problem, fit, gel.law)
     print("\n[[calibration]]\n" + material, end="")
     if options.out is not None:
         _write(options, sensor, fit, material)
     if options.plot is not None:
-        _plot(problem, fit, options.plot)
+        _plot(problem, fit, left_out, options.plot)
 
 
 def _check(options: argparse.Namespace, known: list[str]) -> None:
@@ -160,7 +161,7 @@ def _written(name: str, value: float) -> str:
     return f"{factor * value:.4g}{unit}"
 
 
-def _report(problem: Problem, fit: Fit) -> None:
+def _report(problem: Problem, fit: Fit, left_out: list[NDArray[np.float64]]) -> None:
     """Print values with their intervals, what is not told, and the error of each point."""
     for name, value in fit.values.items():
         ends = []
@@ -176,7 +177,7 @@ def _report(problem: Problem, fit: Fit) -> None:
     count, points = len(fit.values), sum(len(curve.depths) for curve in problem.curves)
     few = "; so few that the intervals rest on errors being normal" if points < count + 10 else ""
     print(f"{'points':<12} {points} for {count} parameters{few}")
-    for curve, *columns in zip(problem.curves, fit.errors, problem.left_out(fit), strict=True):
+    for curve, *columns in zip(problem.curves, fit.errors, left_out, strict=True):
         print(f"{curve.name}: errors of the fit, and of the fit to all other points")
         for depth, force, here, left in zip(curve.depths, curve.forces, *columns, strict=True):
             cells = f"{1e3 * depth:8.4g} mm {force:10.4g} N {100 * here:+8.2f} %"
@@ -241,7 +242,7 @@ def _write(options: argparse.Namespace, sensor: Mapping[str, Any], fit: Fit, mat
     print(f"{options.out}: its elastic foundation is found by ruffini sensor check --fit")
 
 
-def _plot(problem: Problem, fit: Fit, path: Path) -> None:
+def _plot(problem: Problem, fit: Fit, left_out: list[NDArray[np.float64]], path: Path) -> None:
     """Draw each curve with its fit, and the errors of the fit."""
     from matplotlib.figure import Figure
 
@@ -255,7 +256,7 @@ def _plot(problem: Problem, fit: Fit, path: Path) -> None:
         color = line.get_color()
         left.plot(1e3 * curve.depths, curve.forces, "o", color=color)
         right.plot(1e3 * curve.depths, 100 * fit.errors[number], "o-", color=color, label="fit")
-        others = 100 * problem.left_out(fit)[number]
+        others = 100 * left_out[number]
         right.plot(1e3 * curve.depths, others, "x", color=color, label="fit to all other points")
     left.set(xlabel="depth (mm)", ylabel="normal force (N)")
     right.set(xlabel="depth (mm)", ylabel="error of the force (%)")

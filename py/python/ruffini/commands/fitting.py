@@ -8,8 +8,8 @@ through (F/E)^(2/3), which under a ball is nearly straight in depth.
 The fit minimises the squares of errors relative to F + 2 % of the curve's largest force. Its
 intervals are those of the profile likelihood with unknown noise: a value lies inside if the sum of
 squares, all else fitted anew, is at most S (1 + t²/(N − P)), where S is the least sum and t
-Student's quantile of N − P degrees of freedom (Bates and Watts, Nonlinear Regression Analysis,
-1988, section 6.1).
+Student's quantile of N − P degrees of freedom. ``python py/reports reality`` counts how often they
+hold the truth.
 
 Shapes: D depths of a curve, N points of all curves, P parameters. SI units.
 """
@@ -243,8 +243,6 @@ class Fit:
     """Of the parameters fitted, in SI units, the thickness over that of the file."""
     errors: list[_Array]
     """Of the force, by curve: (D,), relative to the measured one; NaN where that is 0."""
-    rms: float
-    """Root of the sum of squared errors, relative to force and floor, over N - P."""
     intervals: dict[str, dict[float, tuple[float, float]]]
     """By parameter and level; infinite where the range of the parameter ends first."""
     correlation: _Array
@@ -314,9 +312,8 @@ class Problem:
         values = self._values(best.unit)
         covariance = np.linalg.pinv(best.jacobian.T @ best.jacobian)
         spread = np.sqrt(np.diag(covariance).clip(1e-30))
-        rms = math.sqrt(best.squares / freedom)
         correlation = covariance / np.outer(spread, spread)
-        return Fit(values, self._errors(values), rms, intervals, correlation)
+        return Fit(values, self._errors(values), intervals, correlation)
 
     def left_out(self, fit: Fit) -> list[_Array]:
         """Errors (D,) of the forces that a fit to all other points gives, by curve."""
