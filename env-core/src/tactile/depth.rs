@@ -5,7 +5,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::skin::{PlanGrid, Skin};
+use super::skin::{FacePoint, PlanGrid, Skin};
 use crate::geometry::plan_shares;
 
 /// Heights of the face at the pixels of `view` (D) in m, with the nodes displaced by `displacement`
@@ -16,27 +16,33 @@ pub(super) fn heights(
     displacement: Option<&[Vector3<f64>]>,
 ) -> Vec<f64> {
     let mut heights = vec![-skin.thickness; (view.counts[0] * view.counts[1]) as usize];
-    for corners in &skin.triangles {
-        let place = |node: u32| {
-            let still = skin.places[node as usize];
-            displacement.map_or(still, |u| still + u[node as usize])
-        };
-        raise(&mut heights, view, &corners.map(place));
-    }
+    cover(skin, view, displacement, |pixel, z, _| heights[pixel] = heights[pixel].max(z));
     heights
 }
 
-/// Raises the height of every pixel under `triangle` to at least that of the triangle.
-fn raise(heights: &mut [f64], view: &PlanGrid, triangle: &[Point3<f64>; 3]) {
-    let [columns, rows] = [0, 1].map(|axis| pixels(view, axis, triangle));
-    for j in rows {
-        for i in columns.clone() {
-            let [x, y] = [view.centre(0, i), view.centre(1, j)];
-            let Some(shares) = plan_shares(triangle, x, y) else { return };
-            if shares.iter().all(|&share| share >= -1e-9) {
-                let z: f64 = triangle.iter().zip(shares).map(|(corner, s)| corner.z * s).sum();
-                let height = &mut heights[(j * view.counts[0] + i) as usize];
-                *height = height.max(z);
+/// Calls `visit` for each pixel of `view` under each triangle of the displaced face, with the height
+/// there (m), and the triangle's corners with their shares.
+pub(super) fn cover(
+    skin: &Skin,
+    view: &PlanGrid,
+    displacement: Option<&[Vector3<f64>]>,
+    mut visit: impl FnMut(usize, f64, &FacePoint),
+) {
+    let place = |node: u32| {
+        let still = skin.places[node as usize];
+        displacement.map_or(still, |u| still + u[node as usize])
+    };
+    for &corners in &skin.triangles {
+        let triangle = corners.map(place);
+        let [columns, rows] = [0, 1].map(|axis| pixels(view, axis, &triangle));
+        for j in rows {
+            for i in columns.clone() {
+                let [x, y] = [view.centre(0, i), view.centre(1, j)];
+                let Some(shares) = plan_shares(&triangle, x, y) else { break };
+                if shares.iter().all(|&share| share >= -1e-9) {
+                    let z = triangle.iter().zip(shares).map(|(corner, s)| corner.z * s).sum();
+                    visit((j * view.counts[0] + i) as usize, z, &(corners, shares));
+                }
             }
         }
     }

@@ -14,9 +14,10 @@ use super::{
 };
 use crate::{deformation::Deformation, geometry::Shape, sensor::ImageResponse};
 
-/// Gap between gel and object below which the gel counts as touching (m). The mesh cannot follow
-/// features finer than its edges; where it stays below an object by this, the object is the face.
-const CLOSE: f64 = 1e-4;
+/// Gap between gel and object up to which the gel may count as touching (m). Between nodes that
+/// touch, the mesh stays below a round object by an eighth of the square of its edges over the
+/// object's radius.
+const CLOSE: f64 = 3e-4;
 /// Pixels along an edge of the tiles that are tested against the object as a whole.
 const TILE: u32 = 8;
 
@@ -67,9 +68,9 @@ impl TactileCamera {
     ) -> Vec<f64> {
         let mut colours = self.background.clone();
         if let Some(felt) = felt {
-            let mut heights = depth::heights(skin, &self.grid, Some(&felt.displacement));
+            let (mut heights, touching) = self.heights(skin, felt);
             if let Some(object) = object {
-                self.conform(&mut heights, object, felt);
+                self.conform(&mut heights, &touching, object, felt);
             }
             let raised = heights.iter().zip(&self.rest).map(|(z, rest)| (z - rest) as f32);
             let raised: Vec<_> = raised.collect();
@@ -78,8 +79,25 @@ impl TactileCamera {
         colours.iter().flatten().map(|c| f64::from(c.clamp(0.0, 1.0))).collect()
     }
 
-    /// Lays the face on the object's surface where they touch.
-    fn conform(&self, heights: &mut [f64], object: &Shape, felt: &Deformation) {
+    /// Heights of the deformed face (P) in m, and how far each pixel is among nodes that bear
+    /// contact force (P): 1 between such nodes, 0 between others.
+    fn heights(&self, skin: &Skin, felt: &Deformation) -> (Vec<f64>, Vec<f64>) {
+        let mut heights = vec![-skin.thickness; self.rest.len()];
+        let mut touching = vec![0.0; self.rest.len()];
+        depth::cover(skin, &self.grid, Some(&felt.displacement), |pixel, z, (corners, shares)| {
+            if z > heights[pixel] {
+                heights[pixel] = z;
+                let bears = |node: u32| felt.contact_force[node as usize] != Vector3::zeros();
+                let nodes = corners.iter().zip(shares).filter(|(node, _)| bears(**node));
+                touching[pixel] = nodes.map(|(_, share)| share).sum();
+            }
+        });
+        (heights, touching)
+    }
+
+    /// Lays the face on the object's surface where they are `touching`, and out of the object where
+    /// it passes between the nodes.
+    fn conform(&self, heights: &mut [f64], touching: &[f64], object: &Shape, felt: &Deformation) {
         let Some(pose) = felt.poses.first() else { return };
         let up = pose.inverse_transform_vector(&Vector3::z());
         let [nx, ny] = self.grid.counts;
@@ -110,12 +128,11 @@ impl TactileCamera {
             }
             for pixel in pixels() {
                 let height = &mut heights[number(pixel)];
-                if let Some(gap) = object.ray_gap(&place(pixel.0, pixel.1, *height), &up)
-                    && gap < CLOSE
-                {
-                    // Continuous at both ends: all of the gap where they touch, none where it is
-                    // CLOSE.
-                    *height += gap * (1.0 - gap.max(0.0) / CLOSE);
+                if let Some(gap) = object.ray_gap(&place(pixel.0, pixel.1, *height), &up) {
+                    // Fades from half of CLOSE on, so that the face has no step.
+                    let near = (2.0 - 2.0 * gap / CLOSE).clamp(0.0, 1.0);
+                    let share = if gap > 0.0 { near * touching[number(pixel)] } else { 1.0 };
+                    *height += gap * share;
                 }
             }
         }

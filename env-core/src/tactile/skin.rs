@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Point on the face: the corners of its triangle and their weights, which sum to 1.
-type FacePoint = ([u32; 3], [f64; 3]);
+pub(super) type FacePoint = ([u32; 3], [f64; 3]);
 
 /// Deformation of the pads of both fingers, and the surface that they share.
 #[derive(Clone, Copy, Debug)]
