@@ -1,20 +1,24 @@
 """Episodes of the report on force that is the load, and the balance of an object in them.
 
 Newton and Euler for an object of mass m, inertia I and centre of mass c that only the pads and a
-known external force F touch:
+known external force F on c touch:
 
     Σ f = m (c̈ + g ẑ) − F,        Σ (r − c) × f + τ = d(I ω)/dt.
 
-The left sides are the felt wrenches of both pads, the right sides follow from recorded poses. With
-poses every T = 40 ms, the second difference of c over T² is the mean of c̈ over two steps, weighted
-by a triangle with its peak in their middle; that of the orientation gives the same mean of d(I ω)/dt.
-A felt force that is linear between samples has, with these weights, the mean
-(f₋ + 4 f + f₊)/6, and that is what is compared; F is known at every time and is averaged exactly.
+The left sides are wrenches of both pads, the right sides follow from recorded poses. With poses
+every T = 40 ms, the second difference of c over T² is the mean of c̈ over two steps, weighted by a
+triangle with its peak in their middle; that of the orientation gives the same mean of d(I ω)/dt.
+That mean of a smooth force is (f₋ + 10 f + f₊)/12 up to T⁴ (as in Numerov's and Störmer's method),
+and that of F is summed over the 4 ms steps of the rigid bodies. A wrench that is read at the end of
+a control step belongs to the beginning of its last 4 ms, so samples are first interpolated to that
+much later.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +36,6 @@ ONSET = 0.5
 """Time in which load and shaking of HoldStill grow (s)."""
 CENTERING = 2.0e4
 """Stiffness of the spring that keeps the fingers of the gripper centred (N/m)."""
-W = 4
 ARM = 5e-3
 """Arm that turns a force into a torque to compare torques with: half the width of a contact (m)."""
 CLEAR = 1e-3
@@ -60,6 +63,8 @@ class Record:
     surface: np.ndarray
     """Corners of the object, in its frame (V, 3) (m)."""
     look: dict[str, Any]
+    step: float = STEP
+    """Time of a step of the rigid bodies (s)."""
     samples: dict[str, list[Any]] = field(default_factory=dict)
     ended: str = "the last step"
 
@@ -150,7 +155,7 @@ def off_centre(name: str) -> str:
     vertices, faces = shapes.surface(form)
     file: Path = KEPT / f"load-{name.replace(' ', '-')}.obj"
     file.parent.mkdir(parents=True, exist_ok=True)
-    points = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in vertices + [0, aside, 0]]
+    points = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in vertices + np.array([0, aside, 0])]
     triangles = [f"f {a} {b} {c}" for a, b, c in faces + 1]
     file.write_text("\n".join([*points, *triangles]) + "\n")
     return str(file)
@@ -174,8 +179,7 @@ def sample(env: gymnasium.Env, observation: Any, record: Record) -> None:
         normal=-felt[:, 2],
         grip=float(observation["proprio"][11]),
         lowest=float((record.surface @ rotation.T + place)[:, 2].min()),
-        in_hand=tool(look).T @ (place - look["tool_position"]),
-        turned=tool(look).T @ rotation,
+        in_hand=tool(look).T @ (center - look["tool_position"]),
     )
 
 
@@ -211,33 +215,33 @@ def on_object(wrenches: np.ndarray, pads: Any, center: np.ndarray) -> np.ndarray
 
 
 def balance(record: Record) -> dict[str, np.ndarray]:
-    """Force and torque that the motion needs, those that are felt, and their scale, by inner sample.
+    """Wrenches (K, 6) that the motion needs and that are felt, and the scale of forces, by sample.
 
-    Steps in which a pad does not touch, or the object may touch the table, are left out.
+    Left out are those in or beside which a pad does not touch, or the object may touch the table, are left out.
     """
     told = record.arrays()
     center, rotation = told["center"], told["rotation"]
     count = len(center) - 3
     acceleration = (center[2:] - 2 * center[1:-1] + center[:-2]) / PERIOD**2
     momentum = []
-    for before, after in zip(rotation[:-1], rotation[1:], strict=True):
+    for before, after in pairwise(rotation):
         way = turn(after @ before.T)
         half = spun(0.5 * way) @ before
         momentum.append(half @ record.inertia @ half.T @ (way / PERIOD))
     spin = np.diff(np.array(momentum).reshape(-1, 3), axis=0)[:-1] / PERIOD
-    fine = round(PERIOD / STEP)
+    fine = round(PERIOD / record.step)
     j = np.arange(1, 2 * fine)
     weight = np.minimum(j, 2 * fine - j) / fine**2
     pushed = np.array(
-        [weight @ external(record.look, i * PERIOD + j * STEP) for i in range(count)]
+        [weight @ external(record.look, i * PERIOD + j * record.step) for i in range(count)]
     ).reshape(-1, 3)
-    force = record.mass * (acceleration[:-1] + [0, 0, GRAVITY]) - pushed
+    force = record.mass * (acceleration[:-1] + np.array([0, 0, GRAVITY])) - pushed
     scale = record.mass * (GRAVITY + np.linalg.norm(acceleration[:-1], axis=1))
     scale += np.linalg.norm(pushed, axis=1)
 
     def mean(of: np.ndarray) -> np.ndarray:
-        late = of[:-1] + STEP / PERIOD * np.diff(of, axis=0)
-        return (late[:-2] + W * late[1:-1] + late[2:]) / (W + 2)
+        late = of[:-1] + record.step / PERIOD * np.diff(of, axis=0)
+        return (late[:-2] + 10 * late[1:-1] + late[2:]) / 12
 
     touching = (told["normal"] > 0).all(axis=1) & (told["lowest"] > CLEAR)
     judged = touching[:-3] & touching[1:-2] & touching[2:-1] & touching[3:]
@@ -258,6 +262,29 @@ def spun(way: np.ndarray) -> np.ndarray:
     return turned([*(np.sin(angle / 2) * unit(way)), np.cos(angle / 2)])
 
 
+def excess(record: Record) -> dict[str, dict[str, float]]:
+    """What is felt beyond the load of a hand that accelerates evenly, in inertial forces, by axis.
+
+    Judged are samples of which the acceleration is that of the hand and along one axis of the tool.
+    """
+    found = balance(record)
+    acceleration = found["needed"][:, :3] / record.mass - np.array([0, 0, GRAVITY])
+    told = {}
+    for axis, name in enumerate(("along the grip", "across it", "up")):
+        rest = np.delete(acceleration, axis, axis=1)
+        along = acceleration[:, axis]
+        even = abs(abs(along) - ACCELERATION) < 0.02 * ACCELERATION
+        even &= (abs(rest) < 0.02 * ACCELERATION).all(axis=1)
+        told[name] = {"samples": int(even.sum())} | {
+            of: float(
+                np.median(((found[of] - found["needed"])[even, axis] / along[even]) / record.mass)
+            )
+            for of in ("felt", "engine")
+            if even.any()
+        }
+    return told
+
+
 def errors(found: dict[str, np.ndarray], of: str) -> tuple[np.ndarray, np.ndarray]:
     """Relative errors of force and torque of `felt` or `engine`."""
     apart = found[of] - found["needed"]
@@ -270,9 +297,9 @@ def still(rate: float = 0.0) -> np.ndarray:
     return np.array([0, 0, 0, 0, rate], np.float32)
 
 
-def hang(thing: str, model: str, seed: int, steps: int = 40, **settings: Any) -> Record:
+def hanging(thing: str, model: str, seed: int, steps: int = 40) -> Record:
     """Held without load or shaking."""
-    quiet = {"load": 0.0, "shaking": 0.0, "friction": (0.5, 1.2)} | settings
+    quiet: dict[str, Any] = {"load": 0.0, "shaking": 0.0, "friction": (0.5, 1.2)}
     env, _, record = begin(HOLD, thing, model, seed, **quiet)
     return held(env, record, [still()] * steps)
 
@@ -284,16 +311,40 @@ def shaken(thing: str, model: str, seed: int, steps: int = 75) -> Record:
 
 
 def lifted(thing: str, model: str, seed: int, steps: int = 90) -> Record:
-    """Lifted by the scripted policy, then moved to and fro."""
-    env, observation, record = begin(
-        LIFT, thing, model, seed, friction=(0.5, 1.2), gripper={"max_acceleration": 1.0}
-    )
-    policy, high = scripted(LIFT.partition(":")[2]), 0
+    """Lifted and held by the scripted policy, with all limits of the hand as they are."""
+    env, observation, record = begin(LIFT, thing, model, seed, friction=(0.5, 1.2))
+    return carried(env, observation, record, steps, lambda _, action: action)
+
+
+def moved(thing: str, model: str, seed: int, step: float = STEP, steps: int = 140) -> Record:
+    """Lifted, then moved to and fro along the grip, across it and up, at an even 1 m/s²."""
+    limits: dict[str, Any] = {"gripper": {"max_acceleration": ACCELERATION}, "yaw": 0.0}
+    limits["physics"] = {"time_step": step}
+    env, observation, record = begin(LIFT, thing, model, seed, friction=(0.5, 1.2), **limits)
+    record.step = step
+    turns = [way for axis in (0, 1, 2) for way in (axis, ~axis, ~axis, axis)]
+
+    def shuttle(time: int, action: Any) -> Any:
+        way = turns[time // SPAN % len(turns)]
+        action[:4] = 0.0
+        action[way if way >= 0 else ~way] = 1.0 if way >= 0 else -1.0
+        return action
+
+    return carried(env, observation, record, steps, shuttle)
+
+
+ACCELERATION, SPAN = 1.0, 5
+"""Acceleration of the hand (m/s²), and control steps for which it is kept."""
+
+
+def carried(env: Any, observation: Any, record: Record, steps: int, after: Any) -> Record:
+    """Lifts by the scripted policy; what it does when the object is up goes through `after`."""
+    policy, up = scripted(LIFT.partition(":")[2]), 0
     for _ in range(steps):
         action = policy.predict({name: of[None] for name, of in observation.items()})[0][0]
-        high += observation["object"][15] > 0.08
-        if high:
-            action[:2] = (1 if high // 8 % 2 else -1), (1 if high // 12 % 2 else -1)
+        up += up > 0 or bool(observation["object"][15] > 0.09)
+        if up > 12:
+            action = after(up - 13, action)
         observation = advance(env, record, action)
         if observation is None:
             break
@@ -317,15 +368,17 @@ def loosened(start: float, steps: int) -> list[np.ndarray]:
     return [still(max(rate, -1.0)) for rate in rates]
 
 
-def sliding(thing: str, model: str, seed: int, friction: Any = (0.3, 0.9)) -> Record:
+def sliding(thing: str, model: str, seed: int) -> Record:
     """Held under a steady load, the grip loosened along a line until the object is dropped."""
-    steady: dict[str, Any] = {"load": 1.0, "shaking": 0.0, "friction": friction}
+    steady: dict[str, Any] = {"load": 1.0, "shaking": 0.0, "friction": ROUGH[seed % len(ROUGH)]}
     steady |= {"start_grip": START, "least_grip": 0.05, "mass": (0.05, 0.1)}
     env, _, record = begin(HOLD, thing, model, seed, **steady)
     return held(env, record, [still()] * SETTLED + loosened(START, LOOSENING))
 
 
-START, SETTLED, LOOSENING = 8.0, 20, 100
+ROUGH = (0.3, 0.5, 0.7, 0.9, 0.4, 0.6, 0.8, 0.35, 0.55, 0.75)
+"""Friction coefficients of the seeds of a loosened grip."""
+START, SETTLED, LOOSENING = 15.0, 20, 150
 """Grip at the start (N), steps before it is loosened, and steps in which it goes to nothing."""
 
 
@@ -347,3 +400,44 @@ def held(env: gymnasium.Env, record: Record, actions: list[np.ndarray]) -> Recor
             break
     env.close()
     return record
+
+
+CASES: dict[str, tuple[Callable[[str, str, int], Record], tuple[str, ...]]] = {
+    "hanging": (hanging, COMPACT),
+    "shaken": (shaken, COMPACT),
+    "lifted": (lifted, COMPACT),
+    "moved": (moved, COMPACT),
+    "pivoting": (pivoting, tuple(OFF_CENTRE)),
+    "sliding": (sliding, COMPACT),
+}
+"""How an episode is made, and of which objects, by the name of a case."""
+
+
+def onset(record: Record) -> dict[str, Any]:
+    """Steps and grips at which a loosened grip slips, and where Coulomb's law says that it does.
+
+    The grip is the force that is asked of each finger; steps count from where it begins to fall.
+    """
+    told = record.arrays()
+    load = record.mass * GRAVITY + record.look["load"]
+    grip, slip = told["grip"], told["slip"].max(axis=1)
+    # Along the faces of the pads: across the fingers and up.
+    way = np.linalg.norm(np.diff(told["in_hand"][:, 1:], axis=0, prepend=np.nan), axis=1)
+    after = np.arange(len(grip)) > SETTLED
+    limit = load / (2 * record.look["friction"])
+
+    def first(which: np.ndarray) -> int | None:
+        found = np.flatnonzero(which & after)
+        return int(found[0]) if len(found) else None
+
+    steps = {
+        "predicted": first(grip <= limit),
+        "first slip": first(slip > 0.1),
+        "gross slip": first(way > 1e-4),
+    }
+    found: dict[str, Any] = {"load": load, "limit": limit, "ended": record.ended}
+    for name, at in steps.items():
+        found[name] = None if at is None else at - SETTLED
+        found[f"grip at {name}"] = None if at is None else float(grip[at])
+        found[f"slip at {name}"] = None if at is None else float(slip[at])
+    return found

@@ -1,0 +1,329 @@
+"""Force that is the load: wrenches of both pads against an object's motion, six minutes.
+
+An object between the pads is held still, shaken, lifted, moved, let swing about its contacts and
+let slide out of a loosened grip. The sum of what both pads feel has to be the load: mass times
+acceleration less gravity, and the rate of its angular momentum, both from recorded poses. A second
+table asks when a loosened grip slips, beside Coulomb's law. --quick plays an episode of three cases
+with the network alone.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import Any
+
+import numpy as np
+
+import load_cases as cases
+from engine import COLOURS, Rows, made, plt, run, table, text
+
+ONE_THREAD = True
+MADE_OF = ["env-core", "py/src", "py/reports/load.py", "py/reports/load_cases.py"]
+MADE_OF += ["py/python/ruffini/policies/grasp_lift.py"]
+MODELS = ("surrogate", "compliance", "fem")
+SEEDS = {"surrogate": 10, "compliance": 10, "fem": 1}
+QUICK = ("hanging", "moved", "sliding")
+STATES = ("sticking", "transition", "sliding")
+GOALS = {"sticking": 0.02, "transition": 0.05, "sliding": 0.05}
+"""Largest 95th percentile of the error of force."""
+AFTER = (1, 2, 4, 8, 16, 32)
+"""Steps after the start of a hold."""
+FINER = (4e-3, 2e-3, 1e-3)
+"""Steps of the rigid bodies (s)."""
+DRAWN = {"hanging": 2, "shaken": 2, "lifted": 2, "moved": 0, "pivoting": 3, "sliding": 2}
+"""Component of the wrench that is drawn, by case."""
+
+
+def make(options: Namespace) -> dict[str, Any]:
+    """Episodes of each case with every answerer, then the hand that accelerates in finer steps."""
+    quick = options.quick
+    models = MODELS[:1] if quick else MODELS
+    sizes = {"control step (ms)": 1e3 * cases.PERIOD, "arm of torques (mm)": 1e3 * cases.ARM}
+    sizes |= {f"seeds with {model}": 1 if quick else SEEDS[model] for model in models}
+    rows = Rows.of("load", options, MADE_OF, sizes)
+    asked = {
+        f"{case}/{model}/{seed}": (episode, case, model, seed)
+        for model in models
+        for case in (QUICK if quick else cases.CASES)
+        for seed in range(sizes[f"seeds with {model}"])
+    }
+    run(rows, asked | {f"step/{step:g}": (stepped, step) for step in FINER})
+    found = [row for row in rows if row["key"] in asked]
+    return rows.header | {
+        "note": options.note,
+        "table": summary(found),
+        "settling": settling(found),
+        "steps": [row["excess"] | {"step": row["step"]} for row in rows if "excess" in row][::-1],
+        "onset": slips(found),
+        "episodes": {row["case"]: row["drawn"] for row in found if "drawn" in row},
+    }
+
+
+def episode(case: str, model: str, seed: int) -> dict[str, Any]:
+    """Errors of each sample of an episode by its state of contact, and its course."""
+    play, things = cases.CASES[case]
+    thing = things[seed % len(things)]
+    record = play(thing, model, seed)
+    found = cases.balance(record)
+    told = {of: np.stack(cases.errors(found, of), axis=1) for of in ("felt", "engine")}
+    slip = found["slip"]
+    which = np.where((slip < 0.1).all(axis=1), 0, np.where((slip > 0.9).all(axis=1), 2, 1))
+    row: dict[str, Any] = {"case": case, "model": model, "seed": seed, "object": thing}
+    row |= {"friction": record.look["friction"], "ended": record.ended}
+    row["errors"] = {
+        state: {of: told[of][which == k].tolist() for of in told} for k, state in enumerate(STATES)
+    }
+    if case == "hanging":
+        row["settling"] = {int(k): e for k, e in zip(found["step"], told["felt"][:, 0], strict=True)}
+    if case == "sliding":
+        row["onset"] = cases.onset(record)
+    if seed == 0 and model == "surrogate":
+        drawn = {of: found[of][:, DRAWN[case]] for of in ("needed", "felt", "engine")}
+        drawn |= {"time": cases.PERIOD * found["step"], "slip": slip.max(axis=1)}
+        row["drawn"] = {of: [float(f"{x:.4g}") for x in values] for of, values in drawn.items()}
+        row["drawn"]["object"] = thing
+    return row
+
+
+def stepped(step: float) -> dict[str, Any]:
+    """What a hand that accelerates evenly feels too much, with that step of the rigid bodies."""
+    return {"step": step, "excess": cases.excess(cases.moved("cuboid", "surrogate", 1, step))}
+
+
+def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Errors by case, answerer and state of contact."""
+    found = []
+    for case in cases.CASES:
+        for model in MODELS:
+            of = [row for row in rows if row["case"] == case and row["model"] == model]
+            for state in STATES if of else ():
+                felt = np.concatenate([rows_of(row, state, "felt") for row in of])
+                engine = np.concatenate([rows_of(row, state, "engine") for row in of])
+                if not len(felt):
+                    continue
+                entry: dict[str, Any] = {"case": case, "model": model, "state": state}
+                entry |= {"name": f"{case}, {model}, {state}", "samples": len(felt)}
+                entry |= {"episodes": len(of), "force": three(felt[:, 0])}
+                entry |= {"torque": three(felt[:, 1]), "engine": three(engine[:, 0])}
+                entry |= {"engine torque": three(engine[:, 1])}
+                entry["goal met"] = entry["force"]["p95"] <= GOALS[state]
+                found.append(entry)
+    return found
+
+
+def rows_of(row: dict[str, Any], state: str, of: str) -> np.ndarray:
+    """Errors of force and torque (K, 2) of an episode."""
+    return np.reshape(row["errors"][state][of], (-1, 2))
+
+
+def three(values: np.ndarray) -> dict[str, float]:
+    """Median, 95th percentile and the worst."""
+    median, high = np.quantile(values, [0.5, 0.95])
+    return {"median": float(median), "p95": float(high), "worst": float(values.max())}
+
+
+def settling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Error of force of a hanging object by the number of steps since the start."""
+    found = []
+    for model in MODELS:
+        of = [row["settling"] for row in rows if "settling" in row and row["model"] == model]
+        for after in AFTER if of else ():
+            # Keys of a row that is kept are text.
+            errors = np.array([steps[str(after)] for steps in of if str(after) in steps])
+            if len(errors):
+                found.append({"model": model, "after": after, "force": three(errors)})
+    return found
+
+
+def slips(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Onset of slip by episode."""
+    named = ("model", "seed", "object", "friction")
+    found = [{k: row[k] for k in named} | row["onset"] for row in rows if "onset" in row]
+    return sorted(found, key=lambda row: (MODELS.index(row["model"]), row["friction"]))
+
+
+PAGE = """# Force that is the load
+
+An object that only the pads touch needs a known wrench: the sum of both pads' forces is m (a − g)
+less the load and shaking of the task, and of their torques about its centre of mass the rate of its
+angular momentum. Here the felt wrenches (channel `wrench`) are compared with that, by motion.
+
+{verdict}
+
+![one episode of each case](load.svg)
+
+## How it is compared
+
+Motion is that of recorded poses, one each {sizes[control step (ms)]:.0f} ms; mass and shape are
+known. The second difference of three poses is a mean of the acceleration over two control steps,
+weighted by a triangle, and the felt wrench is given the same mean, (f₋ + 10 f + f₊)/12. Relative
+errors of force are |felt − needed| over the sum of weight, |m a| and external force; those of
+torque over that force times {sizes[arm of torques (mm)]:.0f} mm, about half the width of a contact.
+*Rigid bodies* are the wrenches that the rigid-body engine itself reports of the pads, in the same
+comparison. Where they miss the load too, part of the error is of the comparison (motion that is
+quicker than its samples) or of the engine's account, not of the model of the gel.
+
+A sample is *sticking* where `slip` of both pads is below 0.1, *sliding* where both are above 0.9,
+and else in *transition*. Goals are 2 % at the 95th percentile where it sticks, and 5 % elsewhere.
+Each seed has another object, mass and friction. *Hanging*, *shaken*, *pivoting* and *sliding* are
+HoldStill, *lifted* and *moved* GraspLift: lifted by the scripted policy, and then moved to and fro
+along all three axes at an even 1 m/s². *Pivoting* objects are gripped 14 to 22 mm beside their
+centre, and the grip falls until they swing. Resting on a pad cannot be asked: the hand turns about
+the vertical alone, so that no pad ever faces up.
+
+## By case
+
+Median / 95th percentile / worst, in %, of all samples, the first of an episode among them.
+
+{by_case}
+
+## What the errors come from
+
+### A start without the model of the gel
+
+An episode of HoldStill begins with a grip that the springs of the rigid-body engine made alone; the
+model of the gel corrects them from the first step on, by 0.4 of what is left each step. Errors of a
+hanging object by control steps since the start, in %:
+
+{settled}
+
+The same lag follows where contact changes faster than it is corrected, as in a grip that falls,
+slides or lets swing.
+
+### A hand that accelerates
+
+What is felt beyond the load, over the inertial force m a of the object, while a hand that carries a
+cuboid accelerates evenly; 0 is right. By step of the rigid bodies; 4 ms is the default.
+
+{stepwise}
+
+The rigid bodies are moved in four substeps, so that in a step of Δt an object that accelerates goes
+3/8 a Δt² less far than the balance of forces with the pads takes it to go (and is 3/8 a Δt faster
+than the hand when it ends). The model of the gel is asked where the object has come to, and
+feels that shortfall times the stiffness of both pads: little against a flat face sideways, much
+along the grip. It vanishes with the step. A hand at rest has no such error.
+
+{onset}
+
+{made}"""
+ONSET = """## When a loosened grip slips
+
+HoldStill under a steady load, the grip falling along a line from {start:.0f} N to nothing in
+{steps} steps. Coulomb's law for two pads says that all slides where load = 2 μ grip. Gross slip is
+the first step in which the object moves by more than 0.1 mm past the pads; steps count from where
+the grip begins to fall, by {fall:.2f} N each, and the first slip (`slip` above 0.1 on a pad) is at
+step 1 where squeezing alone has made the rim of the contact slide.
+
+{slips}
+
+{gross}"""
+CASE = {
+    "case": "{case}",
+    "answerer": "{model}",
+    "contact": "{state}",
+    "samples": "{samples}",
+    **{
+        title: f"{{{key}[median]:100*.1f}} / {{{key}[p95]:100*.1f}} / {{{key}[worst]:100*.0f}}"
+        for title, key in (("force", "force"), ("torque", "torque"))
+    },
+    "rigid bodies: force": "{engine[median]:100*.1f} / {engine[p95]:100*.1f}",
+    "torque": "{torque[median]:100*.1f} / {torque[p95]:100*.1f} / {torque[worst]:100*.0f}",
+    "rigid bodies: torque": "{engine torque[median]:100*.1f} / {engine torque[p95]:100*.1f}",
+    "goal": lambda row: "met" if row["goal met"] else "missed",
+}
+SLIP = {
+    "answerer": "{model}",
+    "object": "{object}",
+    "friction": "{friction:.2f}",
+    "load (N)": "{load:.2f}",
+    "first slip": "{first slip}",
+    "predicted": "{predicted}",
+    "gross slip": "{gross slip}",
+    "grip predicted (N)": "{limit:.2f}",
+    "grip at gross slip (N)": "{grip at gross slip:.2f}",
+    "`slip` at the predicted step": "{slip at predicted:.2f}",
+}
+
+
+def page(report: dict[str, Any]) -> str:
+    """Errors by case, and onset of slip."""
+    after = {"answerer": "{model}"}
+    for model in MODELS:
+        for entry in report["settling"]:
+            if entry["model"] == model:
+                after[str(entry["after"])] = f"{{{entry['after']}:100*.2f}}"
+    settled = [
+        {"model": model}
+        | {
+            str(entry["after"]): entry["force"]["p95"]
+            for entry in report["settling"]
+            if entry["model"] == model
+        }
+        for model in MODELS
+        if any(entry["model"] == model for entry in report["settling"])
+    ]
+    axes = [axis for axis in report["steps"][0] if axis != "step"]
+    stepwise: dict[str, Any] = {"step (ms)": "{step:1e3*.0f}"}
+    for axis in axes:
+        stepwise[f"{axis}: felt"] = f"{{{axis}[felt]:.2f}}"
+        stepwise[f"{axis}: rigid bodies"] = f"{{{axis}[engine]:.2f}}"
+    return text(
+        PAGE,
+        report,
+        verdict=verdict(report),
+        by_case=table(CASE, report["table"]),
+        settled=table(after, settled, absent="–"),
+        stepwise=table(stepwise, report["steps"]),
+        onset=onset(report["onset"]),
+        made=made(report),
+    )
+
+
+def verdict(report: dict[str, Any]) -> str:
+    """How many goals are met, and which."""
+    entries = report["table"]
+    met = [entry for entry in entries if entry["goal met"]]
+    of = f"Of {len(entries)} pairs of a case and a state of contact with an answerer, {len(met)}"
+    names = "; ".join(entry["name"] for entry in met)
+    return f"{of} meet the goal{': ' + names if met else ''}. What they miss by has causes, below."
+
+
+def onset(rows: list[dict[str, Any]]) -> str:
+    """When a loosened grip slips, and how far that is from Coulomb's law."""
+    start, steps = cases.START, cases.LOOSENING
+    told = [row for row in rows if row["gross slip"] is not None]
+    parts = []
+    for model in dict.fromkeys(row["model"] for row in told):
+        of = [row["grip at gross slip"] / row["limit"] for row in told if row["model"] == model]
+        parts.append(
+            f"{model} slips at {np.median(of):.2f} times the grip of Coulomb's law in the median "
+            f"({min(of):.2f} to {max(of):.2f}, {len(of)} episodes)"
+        )
+    values = {"start": start, "steps": steps, "fall": start / steps}
+    gross = f"Gross slip: {'; '.join(parts)}."
+    return text(ONSET, values, slips=table(SLIP, rows, absent="–"), gross=gross)
+
+
+def figure(report: dict[str, Any]):
+    """Needed, felt and the rigid bodies' wrench along one episode of each case."""
+    episodes = report["episodes"]
+    shape = (-(-len(episodes) // 3), min(len(episodes), 3))
+    picture, axes = plt.subplots(
+        *shape, figsize=(4 * shape[1], 2.6 * shape[0]), layout="constrained", squeeze=False
+    )
+    names = ("x (along the grip)", "y", "z", "x (along the grip)", "y", "z")
+    for axis, (case, drawn) in zip(axes.flat, episodes.items(), strict=False):
+        component = DRAWN[case]
+        unit = 1e3 if component > 2 else 1.0
+        for of, label, colour, width in (
+            ("needed", "the load", "black", 2.4),
+            ("engine", "rigid bodies", "tab:gray", 1.2),
+            ("felt", "felt, network", COLOURS["network"], 1.2),
+        ):
+            axis.plot(drawn["time"], [unit * x for x in drawn[of]], color=colour, label=label, lw=width)
+        what = "torque about" if component > 2 else "force along"
+        axis.set(title=f"{case}: {drawn['object']}", xlabel="time (s)")
+        axis.set(ylabel=f"{what} {names[component]} ({'mN m' if component > 2 else 'N'})")
+        axis.grid(alpha=0.3)
+    axes[0][0].legend(fontsize=7)
+    return picture
