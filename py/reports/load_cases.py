@@ -32,6 +32,8 @@ from ruffini.policies import scripted
 LIFT, HOLD = "ruffini:ruffini/GraspLift-v0", "ruffini:ruffini/HoldStill-v0"
 PERIOD, STEP, GRAVITY = 0.04, 0.004, 9.81
 """Time of a control step and of a step of the rigid bodies (s), and gravity (m/s²)."""
+SUBSTEPS = 4
+"""Parts of a step in which the rigid-body engine moves bodies."""
 ONSET = 0.5
 """Time in which load and shaking of HoldStill grow (s)."""
 CENTERING = 2.0e4
@@ -217,7 +219,7 @@ def on_object(wrenches: np.ndarray, pads: Any, center: np.ndarray) -> np.ndarray
 def balance(record: Record) -> dict[str, np.ndarray]:
     """Wrenches (K, 6) that the motion needs and that are felt, and the scale of forces, by sample.
 
-    Left out are those in or beside which a pad does not touch, or the object may touch the table, are left out.
+    Left out are those in or beside which a pad does not touch, or the object may touch the table.
     """
     told = record.arrays()
     center, rotation = told["center"], told["rotation"]
@@ -316,10 +318,12 @@ def lifted(thing: str, model: str, seed: int, steps: int = 90) -> Record:
     return carried(env, observation, record, steps, lambda _, action: action)
 
 
-def moved(thing: str, model: str, seed: int, step: float = STEP, steps: int = 140) -> Record:
+def moved(
+    thing: str, model: str, seed: int, step: float = STEP, substeps: int = SUBSTEPS
+) -> Record:
     """Lifted, then moved to and fro along the grip, across it and up, at an even 1 m/s²."""
     limits: dict[str, Any] = {"gripper": {"max_acceleration": ACCELERATION}, "yaw": 0.0}
-    limits["physics"] = {"time_step": step}
+    limits["physics"] = {"time_step": step, "iterations": substeps}
     env, observation, record = begin(LIFT, thing, model, seed, friction=(0.5, 1.2), **limits)
     record.step = step
     turns = [way for axis in (0, 1, 2) for way in (axis, ~axis, ~axis, axis)]
@@ -330,7 +334,7 @@ def moved(thing: str, model: str, seed: int, step: float = STEP, steps: int = 14
         action[way if way >= 0 else ~way] = 1.0 if way >= 0 else -1.0
         return action
 
-    return carried(env, observation, record, steps, shuttle)
+    return carried(env, observation, record, 140, shuttle)
 
 
 ACCELERATION, SPAN = 1.0, 5

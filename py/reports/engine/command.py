@@ -15,8 +15,8 @@ from engine.figures import save
 from engine.pages import WRITTEN, requoted
 from engine.rows import KEPT, OUT
 
-REPORTS = ["dataset", "episode", "fem", "networks", "paper", "pareto", "scene_cost", "shapes"]
-REPORTS += ["soak", "stability", "unseen"]
+REPORTS = ["dataset", "episode", "fem", "load", "networks", "paper", "pareto", "scene_cost"]
+REPORTS += ["shapes", "soak", "stability", "unseen"]
 
 
 def main(arguments: list[str]) -> None:
