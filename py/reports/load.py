@@ -226,8 +226,8 @@ place (n − 1)/2n a Δt (Δt + {damping} ms) further on. The model of the gel i
 has come to and feels that length times the stiffness of both pads. *Predicted* is the first row
 times the ratio of these lengths. Along the grip, where the pads are stiffest, what the engine
 reports is not what has moved the object either. A hand that does not accelerate has no such error;
-at the hand's own limit of 5 m/s² it reaches a new speed within the first quarter or so of a control
-step, so that few samples fall into it.
+at the hand's own limit of 5 m/s² a change of speed by 0.05 m/s is over after a quarter of a control
+step, before anything is read, and larger ones are not.
 
 {onset}
 
@@ -298,10 +298,11 @@ def predicted(first: dict[str, Any], axis: str) -> Any:
     return lambda row: f"{per_length * row['short']:.2f}"
 
 
-VERDICT = """Of {count} groups of samples, by case, answerer and state of contact, {met} meet the goals
-set below{names}. What hangs still is felt right to {still:100*.2f} % sixteen steps after the start
-(network, worst of its episodes), so signs, frames and arms are right; the errors are of starts, of
-motion and of changing contact. [What they come from](#what-the-errors-come-from)."""
+VERDICT = """Of {count} groups of samples, by case, answerer and state of contact, {met} meet the
+goals set below{names}. The force on what hangs still is felt right to {still:100*.2f} % sixteen
+steps after the start (network, worst of its episodes), so signs and frames are right; the errors
+are of starts, of a hand that accelerates and of contact that changes.
+[What they come from](#what-the-errors-come-from)."""
 
 
 def verdict(report: dict[str, Any]) -> str:
