@@ -30,6 +30,8 @@ AFTER = (1, 2, 4, 8, 16, 32)
 """Steps after the start of a hold."""
 FINER = ((4e-3, 4), (4e-3, 8), (2e-3, 4), (1e-3, 4))
 """Steps of the rigid bodies (s), and substeps of each."""
+GRIPS = (5.0, 8.0, 15.0)
+"""Grips of an object that is held still for long (N)."""
 DAMPING = 2e-3
 """Damping of the springs of the pads over their stiffness in the rigid-body engine (s)."""
 DRAWN = {"hanging": 2, "shaken": 2, "lifted": 2, "moved": 0, "pivoting": 3, "sliding": 2}
@@ -49,12 +51,21 @@ def make(options: Namespace) -> dict[str, Any]:
         for case in (QUICK if quick else cases.CASES)
         for seed in range(sizes[f"seeds with {model}"])
     }
-    run(rows, asked | {f"step/{k}": (stepped, *finer) for k, finer in enumerate(FINER)})
+    asked_too = {f"step/{k}": (stepped, *finer) for k, finer in enumerate(FINER)}
+    for thing in ("prism",) if quick else cases.COMPACT:
+        for model in models[:2]:
+            asked_too |= {
+                f"tremble/{thing}/{model}/{grip:02.0f}": (tremble, thing, model, grip)
+                for grip in GRIPS
+            }
+    run(rows, asked | asked_too)
     found = [row for row in rows if row["key"] in asked]
     return rows.header | {
         "note": options.note,
         "table": summary(found),
+        "objects": by_object(found),
         "settling": settling(found),
+        "trembling": [row["tremble"] for row in rows if "tremble" in row],
         "steps": [row["steps"] for row in rows if "steps" in row],
         "onset": slips(found),
         "coulomb": coulomb(found),
@@ -98,6 +109,13 @@ def stepped(step: float, substeps: int) -> dict[str, Any]:
     return {"steps": {"name": name, "short": short, "axes": found}}
 
 
+def tremble(thing: str, model: str, grip: float) -> dict[str, Any]:
+    """What an object that is held still does."""
+    name = f"{thing} at {grip:.0f} N, {model}"
+    found = cases.trembling(thing, model, grip)
+    return {"tremble": {"name": name, "object": thing, "model": model, "grip": grip} | found}
+
+
 def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Errors by case, answerer and state of contact."""
     found = []
@@ -117,6 +135,20 @@ def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
                 entry["goal met"] = entry["force"]["p95"] <= GOALS[state]
                 found.append(entry)
     return found
+
+
+def by_object(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Errors of the network's force by case and object, whatever the state of contact."""
+    found: dict[tuple[str, str], list[np.ndarray]] = {}
+    for row in rows:
+        if row["model"] == "surrogate":
+            errors = [rows_of(row, state, "felt")[:, 0] for state in STATES]
+            found.setdefault((row["case"], row["object"]), []).extend(errors)
+    return [
+        {"name": f"{case}, {thing}", "case": case, "object": thing}
+        | {"force": three(np.concatenate(errors))}
+        for (case, thing), errors in found.items()
+    ]
 
 
 def rows_of(row: dict[str, Any], state: str, of: str) -> np.ndarray:
@@ -198,6 +230,10 @@ Median / 95th percentile / worst, in %, of all samples, the first of an episode 
 
 {by_case}
 
+Force by object, with the network: median / 95th percentile, in %.
+
+{by_object}
+
 ## What the errors come from
 
 ### A start without the model of the gel
@@ -210,6 +246,17 @@ the force on a hanging object by control steps since the start, in %:
 
 The same lag follows where contact changes faster than it is corrected, as in a grip that falls,
 slides or lets swing.
+
+### An object that trembles in the hand
+
+The force up that pads feel of what is held under a steady load, and how far it moves up and down,
+over the last 60 of 120 control steps of 40 ms; friction 0.9.
+
+{trembling}
+
+What does not come to rest jumps at once and is led back by the corrections in some steps, over and
+over, while the forces that the engine reports stay near the load: it is the springs of the engine
+and their correction that do not agree, not a force that comes from elsewhere.
 
 ### A hand that accelerates
 
@@ -236,9 +283,9 @@ ONSET = """## When a loosened grip slips
 
 HoldStill under a steady load, the grip falling along a line from {start:.0f} N to nothing in
 {steps} steps. Coulomb's law for two pads says that all slides where load = 2 μ grip. Gross slip is
-the first step in which the object moves by more than 0.1 mm past the pads; steps count from where
-the grip begins to fall, by {fall:.2f} N each, and the first slip (`slip` above 0.1 on a pad) is at
-step 1 where squeezing alone has made the rim of the contact slide.
+the first step from which on the object moves by more than 0.1 mm past the pads in each; steps count
+from where the grip begins to fall, by {fall:.2f} N each, and the first slip (`slip` above 0.1 on a
+pad) is at step 1 where squeezing alone has made the rim of the contact slide.
 
 {slips}
 
@@ -253,6 +300,14 @@ CASE = {
     "torque": "{torque[median]:100*.1f} / {torque[p95]:100*.1f} / {torque[worst]:100*.0f}",
     "rigid bodies: force": spread("engine"),
     "rigid bodies: torque": spread("engine torque"),
+}
+TREMBLE = {
+    "object": "{object}",
+    "answerer": "{model}",
+    "grip (N)": "{grip:.0f}",
+    "load (N)": "{load:.3f}",
+    "felt (N)": "{least:.3f} to {most:.3f}",
+    "moves by (µm)": "{moves:1e6*.1f}",
 }
 SLIP = {
     "answerer": "{model}",
@@ -284,12 +339,24 @@ def page(report: dict[str, Any]) -> str:
         report,
         verdict=verdict(report),
         by_case=table(CASE, report["table"]),
+        trembling=table(TREMBLE, report["trembling"]),
+        by_object=objects(report["objects"]),
         settled=table(settled, report["settling"]),
         stepwise=table(stepwise, report["steps"]),
         damping=f"{1e3 * DAMPING:g}",
         onset=onset(report),
         made=made(report),
     )
+
+
+def objects(rows: list[dict[str, Any]]) -> str:
+    """A table with a row for each object and a column for each case."""
+    found: dict[str, dict[str, Any]] = {}
+    for row in rows:
+        found.setdefault(row["object"], {"object": row["object"]})[row["case"]] = row["force"]
+    columns = {"object": "{object}"}
+    columns |= {case: spread(case) for case in dict.fromkeys(row["case"] for row in rows)}
+    return table(columns, found.values(), absent="–")
 
 
 def predicted(first: dict[str, Any], axis: str) -> Any:

@@ -306,6 +306,19 @@ def hanging(thing: str, model: str, seed: int, steps: int = 40) -> Record:
     return held(env, record, [still()] * steps)
 
 
+def trembling(thing: str, model: str, grip: float, seed: int = 3) -> dict[str, float]:
+    """Ranges of the felt vertical force (N) and of the height (m) of what is held still for long.
+
+    Both over the second half of 120 steps under a steady load of 1 N.
+    """
+    steady: dict[str, Any] = {"load": 1.0, "shaking": 0.0, "friction": 0.9}
+    env, _, record = begin(HOLD, thing, model, seed, start_grip=grip, **steady)
+    told = held(env, record, [still()] * 120).arrays()
+    felt, height = told["felt"][60:, 2], told["in_hand"][60:, 2]
+    found = {"load": record.mass * GRAVITY + record.look["load"], "moves": float(np.ptp(height))}
+    return found | {"least": float(felt.min()), "most": float(felt.max())}
+
+
 def shaken(thing: str, model: str, seed: int, steps: int = 75) -> Record:
     """Held under a load and shaking, as HoldStill draws them, with 8 N."""
     env, _, record = begin(HOLD, thing, model, seed, start_grip=8.0, friction=(0.3, 1.2))
@@ -425,7 +438,8 @@ def onset(record: Record) -> dict[str, Any]:
     told = record.arrays()
     load = record.mass * GRAVITY + record.look["load"]
     grip, slip = told["grip"], told["slip"].max(axis=1)
-    # Along the faces of the pads: across the fingers and up.
+    # Along the faces of the pads, across the fingers and up. What turns into place at the start of
+    # a grip stops again.
     way = np.linalg.norm(np.diff(told["in_hand"][:, 1:], axis=0, prepend=np.nan), axis=1)
     after = np.arange(len(grip)) > SETTLED
     limit = load / (2 * record.look["friction"])
@@ -437,7 +451,7 @@ def onset(record: Record) -> dict[str, Any]:
     steps = {
         "predicted": first(grip <= limit),
         "first slip": first(slip > 0.1),
-        "gross slip": first(way > 1e-4),
+        "gross slip": first(np.logical_and.accumulate((way > 1e-4)[::-1])[::-1]),
     }
     found: dict[str, Any] = {"load": load, "limit": limit, "ended": record.ended}
     for name, at in steps.items():
