@@ -14,6 +14,7 @@ import sys
 from argparse import Namespace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -215,3 +216,67 @@ def test_rows_are_kept_until_what_they_depend_on_changes(tmp_path):
     assert told == [1, 2]
     assert [row["figure"] for row in Rows(file, {"commit": "one"})] == [1, 2]
     assert not len(Rows(file, {"commit": "two"}))
+
+
+def test_the_balance_of_a_body_on_a_known_path_is_its_load():
+    """Of a block that swings and turns, with pads that feel what it needs, or a twelfth more."""
+    cases = module("load_cases")
+    mass, inertia = 0.2, np.diag([3e-5, 5e-5, 4e-5])
+    look = {"load": 1.0, "shaking": [0.3, -0.2, 0.5], "shaking_frequency": 1.0}
+    record = cases.Record(mass, inertia, np.zeros(3), np.zeros((1, 3)), look)
+    sway, axis, rate = np.array([0.01, -0.02, 0.015]), np.array([0.0, 0.6, 0.8]), 5.0
+
+    def momentum(time):
+        turn = cases.spun(0.4 * np.sin(rate * time) * axis)
+        return turn @ inertia @ turn.T @ (0.4 * rate * np.cos(rate * time) * axis)
+
+    for i in range(40):
+        time = i * cases.PERIOD
+        # What is read belongs to the beginning of the last step of the rigid bodies.
+        felt = time - cases.STEP
+        force = mass * (-(rate**2) * np.sin(rate * felt) * sway + [0, 0, cases.GRAVITY])
+        force -= cases.external(look, np.array([felt]))[0]
+        torque = (momentum(felt + 1e-5) - momentum(felt - 1e-5)) / 2e-5
+        record.add(
+            center=[0, 0, 0.1] + np.sin(rate * time) * sway,
+            rotation=cases.spun(0.4 * np.sin(rate * time) * axis),
+            felt=np.r_[force, torque],
+            engine=np.r_[force, torque] * 13 / 12,
+            slip=[0.0, 0.0],
+            normal=[5.0, 5.0],
+            grip=5.0,
+            lowest=0.1,
+        )
+    found = cases.balance(record)
+    # From the end of the load's onset, where it has a kink, on.
+    late = found["step"] * cases.PERIOD > cases.ONSET + 2 * cases.PERIOD
+    assert late.sum() > 20
+    force, torque = cases.errors(found, "felt")
+    assert force[late].max() < 2e-3, "error of a force that is the load"
+    assert torque[late].max() < 2e-3, "error of a torque that turns the body"
+    force, _ = cases.errors(found, "engine")
+    needed = np.linalg.norm(found["needed"][:, :3], axis=1) / found["scale"] / 12
+    assert force[late] == pytest.approx(needed[late], abs=2e-3)
+
+
+def test_what_hangs_still_is_felt_as_its_weight():
+    pytest.importorskip("trimesh", reason="shapes are triangulated with it")
+    cases = module("load_cases")
+    record = cases.hanging("cuboid", "surrogate", 1, 20)
+    found = cases.balance(record)
+    weight = found["scale"][-1]
+    assert weight == pytest.approx(9.81 * record.look["mass"], rel=1e-3)
+    force, torque = cases.errors(found, "felt")
+    assert force[-1] < 0.01, f"{found['felt'][-1, :3]} N felt of a weight of {weight} N"
+    assert torque[-1] < 0.01, f"{found['felt'][-1, 3:]} N m felt of none"
+
+
+def test_a_solid_has_the_inertia_of_its_box():
+    pytest.importorskip("trimesh", reason="shapes are triangulated with it")
+    cases = module("load_cases")
+    volume, center, inertia = cases.solid(*cases.shapes.surface("cuboid:0.01,0.02,0.03"))
+    assert volume == pytest.approx(8 * 0.01 * 0.02 * 0.03)
+    assert center == pytest.approx([0, 0, 0], abs=1e-12)
+    expected = [volume * (a**2 + b**2) / 3 for a, b in ((0.02, 0.03), (0.01, 0.03), (0.01, 0.02))]
+    assert inertia.diagonal() == pytest.approx(expected)
+    assert abs(inertia - inertia.diagonal() * [[1, 0, 0], [0, 1, 0], [0, 0, 1]]).max() < 1e-20

@@ -15,8 +15,8 @@ from engine.figures import save
 from engine.pages import WRITTEN, requoted
 from engine.rows import KEPT, OUT
 
-REPORTS = ["dataset", "episode", "fem", "networks", "paper", "pareto", "scene_cost", "shapes"]
-REPORTS += ["reality", "soak", "stability", "unseen"]
+REPORTS = ["dataset", "episode", "fem", "load", "networks", "paper", "pareto", "reality"]
+REPORTS += ["scene_cost", "shapes", "soak", "stability", "unseen"]
 
 
 def main(arguments: list[str]) -> None:

@@ -1,0 +1,420 @@
+"""Force that is the load: wrenches of both pads against an object's motion, six minutes.
+
+An object between the pads is held still, shaken, lifted, moved, let swing about its contacts and
+let slide out of a loosened grip. The sum of what both pads feel has to be the load: mass times
+acceleration less gravity, and the rate of its angular momentum, both from recorded poses. A second
+table asks when a loosened grip slips, beside Coulomb's law. --quick plays an episode of three cases
+with the network alone.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import Any
+
+import numpy as np
+
+import load_cases as cases
+from engine import COLOURS, Rows, filled, made, plt, run, spread, table, text
+
+ONE_THREAD = True
+MADE_OF = ["env-core", "py/src", "py/reports/load.py", "py/reports/load_cases.py"]
+MADE_OF += ["py/python/ruffini/policies/grasp_lift.py"]
+MODELS = ("surrogate", "compliance", "fem")
+SEEDS = {"surrogate": 10, "compliance": 10, "fem": 1}
+QUICK = ("hanging", "moved", "sliding")
+STATES = ("sticking", "transition", "sliding")
+GOALS = {"sticking": 0.02, "transition": 0.05, "sliding": 0.05}
+"""Largest 95th percentile of the error of force."""
+AFTER = (1, 2, 4, 8, 16, 32)
+"""Steps after the start of a hold."""
+FINER = ((4e-3, 4), (4e-3, 8), (2e-3, 4), (1e-3, 4))
+"""Steps of the rigid bodies (s), and substeps of each."""
+GRIPS = (5.0, 8.0, 15.0)
+"""Grips of an object that is held still for long (N)."""
+DAMPING = 2e-3
+"""Damping of the springs of the pads over their stiffness in the rigid-body engine (s)."""
+DRAWN = {"hanging": 2, "shaken": 2, "lifted": 2, "moved": 0, "pivoting": 3, "sliding": 2}
+"""Component of the wrench that is drawn, by case."""
+
+
+def make(options: Namespace) -> dict[str, Any]:
+    """Episodes of each case with every answerer, then the hand that accelerates in finer steps."""
+    quick = options.quick
+    models = MODELS[:1] if quick else MODELS
+    sizes = {"control step (ms)": 1e3 * cases.PERIOD, "arm of torques (mm)": 1e3 * cases.ARM}
+    sizes |= {f"seeds with {model}": 1 if quick else SEEDS[model] for model in models}
+    rows = Rows.of("load", options, MADE_OF, sizes)
+    asked = {
+        f"{case}/{model}/{seed}": (episode, case, model, seed)
+        for model in models
+        for case in (QUICK if quick else cases.CASES)
+        for seed in range(sizes[f"seeds with {model}"])
+    }
+    asked_too = {f"step/{k}": (stepped, *finer) for k, finer in enumerate(FINER)}
+    for thing in ("prism",) if quick else cases.COMPACT:
+        for model in models[:2]:
+            asked_too |= {
+                f"tremble/{thing}/{model}/{grip:02.0f}": (tremble, thing, model, grip)
+                for grip in GRIPS
+            }
+    run(rows, asked | asked_too)
+    found = [row for row in rows if row["key"] in asked]
+    return rows.header | {
+        "note": options.note,
+        "table": summary(found),
+        "objects": by_object(found),
+        "settling": settling(found),
+        "trembling": [row["tremble"] for row in rows if "tremble" in row],
+        "steps": [row["steps"] for row in rows if "steps" in row],
+        "onset": slips(found),
+        "coulomb": coulomb(found),
+        "episodes": {row["case"]: row["drawn"] for row in found if "drawn" in row},
+    }
+
+
+def episode(case: str, model: str, seed: int) -> dict[str, Any]:
+    """Errors of each sample of an episode by its state of contact, and its course."""
+    play, things = cases.CASES[case]
+    thing = things[seed % len(things)]
+    record = play(thing, model, seed)
+    found = cases.balance(record)
+    told = {of: np.stack(cases.errors(found, of), axis=1) for of in ("felt", "engine")}
+    slip = found["slip"]
+    which = np.where((slip < 0.1).all(axis=1), 0, np.where((slip > 0.9).all(axis=1), 2, 1))
+    row: dict[str, Any] = {"case": case, "model": model, "seed": seed, "object": thing}
+    row |= {"friction": record.look["friction"], "ended": record.ended}
+    row["errors"] = {
+        state: {of: told[of][which == k].tolist() for of in told} for k, state in enumerate(STATES)
+    }
+    if case == "hanging":
+        row["settling"] = {
+            int(k): e for k, e in zip(found["step"], told["felt"][:, 0], strict=True)
+        }
+    if case == "sliding":
+        row["onset"] = cases.onset(record)
+    if seed == 0 and model == "surrogate":
+        drawn = {of: found[of][:, DRAWN[case]] for of in ("needed", "felt", "engine")}
+        drawn |= {"time": cases.PERIOD * found["step"], "slip": slip.max(axis=1)}
+        row["drawn"] = {of: [float(f"{x:.4g}") for x in values] for of, values in drawn.items()}
+        row["drawn"]["object"] = thing
+    return row
+
+
+def stepped(step: float, substeps: int) -> dict[str, Any]:
+    """What a hand that accelerates evenly feels too much, with such steps of the rigid bodies."""
+    found = cases.excess(cases.moved("cuboid", "surrogate", 1, step, substeps))
+    name = f"{1e3 * step:g} ms in {substeps}"
+    short = 0.5 * (1 - 1 / substeps) * step * (step + DAMPING)
+    return {"steps": {"name": name, "short": short, "axes": found}}
+
+
+def tremble(thing: str, model: str, grip: float) -> dict[str, Any]:
+    """What an object that is held still does."""
+    name = f"{thing} at {grip:.0f} N, {model}"
+    found = cases.trembling(thing, model, grip)
+    return {"tremble": {"name": name, "object": thing, "model": model, "grip": grip} | found}
+
+
+def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Errors by case, answerer and state of contact."""
+    found = []
+    for case in cases.CASES:
+        for model in MODELS:
+            of = [row for row in rows if row["case"] == case and row["model"] == model]
+            for state in STATES if of else ():
+                felt = np.concatenate([rows_of(row, state, "felt") for row in of])
+                engine = np.concatenate([rows_of(row, state, "engine") for row in of])
+                if not len(felt):
+                    continue
+                entry: dict[str, Any] = {"case": case, "model": model, "state": state}
+                entry |= {"name": f"{case}, {model}, {state}", "samples": len(felt)}
+                entry |= {"episodes": len(of), "force": three(felt[:, 0])}
+                entry |= {"torque": three(felt[:, 1]), "engine": three(engine[:, 0])}
+                entry |= {"engine torque": three(engine[:, 1])}
+                entry["goal met"] = entry["force"]["p95"] <= GOALS[state]
+                found.append(entry)
+    return found
+
+
+def by_object(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Errors of the network's force by case and object, whatever the state of contact."""
+    found: dict[tuple[str, str], list[np.ndarray]] = {}
+    for row in rows:
+        if row["model"] == "surrogate":
+            errors = [rows_of(row, state, "felt")[:, 0] for state in STATES]
+            found.setdefault((row["case"], row["object"]), []).extend(errors)
+    return [
+        {"name": f"{case}, {thing}", "case": case, "object": thing}
+        | {"force": three(np.concatenate(errors))}
+        for (case, thing), errors in found.items()
+    ]
+
+
+def rows_of(row: dict[str, Any], state: str, of: str) -> np.ndarray:
+    """Errors of force and torque (K, 2) of an episode."""
+    return np.reshape(row["errors"][state][of], (-1, 2))
+
+
+def three(values: np.ndarray) -> dict[str, float]:
+    """Median, 95th percentile and the worst."""
+    median, high = np.quantile(values, [0.5, 0.95])
+    return {"median": float(median), "p95": float(high), "worst": float(values.max())}
+
+
+def settling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Error of force of a hanging object by the number of steps since the start."""
+    found = []
+    for model in MODELS:
+        of = [row["settling"] for row in rows if "settling" in row and row["model"] == model]
+        for after in AFTER if of else ():
+            # Keys of a row that is kept are text.
+            errors = np.array([steps[str(after)] for steps in of if str(after) in steps])
+            if len(errors):
+                entry = {"name": f"{model} after {after}", "model": model, "after": after}
+                found.append(entry | {"force": three(errors)})
+    return found
+
+
+def slips(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Onset of slip by episode."""
+    named = ("model", "seed", "object", "friction")
+    found = [{k: row[k] for k in named} | row["onset"] for row in rows if "onset" in row]
+    return sorted(found, key=lambda row: (MODELS.index(row["model"]), row["friction"]))
+
+
+def coulomb(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Grip at gross slip over that of Coulomb's law, by answerer."""
+    found = {}
+    for model in MODELS:
+        told = [row["onset"] for row in rows if "onset" in row and row["model"] == model]
+        ratios = [of["grip at gross slip"] / of["limit"] for of in told if of["gross slip"]]
+        if ratios:
+            found[model] = {"episodes": len(ratios), "median": float(np.median(ratios))}
+            found[model] |= {"least": min(ratios), "most": max(ratios)}
+    return found
+
+
+PAGE = """# Force that is the load
+
+An object that only the pads touch needs a known wrench: the sum of both pads' forces is m (a − g)
+less the load and shaking of the task, and of their torques about its centre of mass the rate of its
+angular momentum. Here the felt wrenches (channel `wrench`) are compared with that, by motion.
+
+{verdict}
+
+![one episode of each case](load.svg)
+
+## How it is compared
+
+Motion is that of recorded poses, one each {sizes[control step (ms)]:.0f} ms; mass and shape are
+known. The second difference of three poses is a mean of the acceleration over two control steps,
+weighted by a triangle, and the felt wrench is given the same mean, (f₋ + 10 f + f₊)/12. Relative
+errors of force are |felt − needed| over the sum of weight, |m a| and external force; those of
+torque over that force times {sizes[arm of torques (mm)]:.0f} mm, about half the width of a contact.
+*Rigid bodies* are the wrenches that the rigid-body engine itself reports of the pads, in the same
+comparison. Where they miss the load too, part of the error is of the comparison (motion that is
+quicker than its samples) or of the engine's account, not of the model of the gel.
+
+A sample is *sticking* where `slip` of both pads is below 0.1, *sliding* where both are above 0.9,
+and else in *transition*. Goals are 2 % at the 95th percentile where it sticks, and 5 % elsewhere.
+Each seed has another object, mass and friction. *Hanging*, *shaken*, *pivoting* and *sliding* are
+HoldStill, *lifted* and *moved* GraspLift: lifted by the scripted policy, and then moved to and fro
+along all three axes at an even 1 m/s². *Pivoting* objects are gripped 14 to 22 mm beside their
+centre, and the grip falls until they swing. Resting on a pad cannot be asked: the hand turns about
+the vertical alone, so that no pad ever faces up.
+
+## By case
+
+Median / 95th percentile / worst, in %, of all samples, the first of an episode among them.
+
+{by_case}
+
+Force by object, with the network: median / 95th percentile, in %.
+
+{by_object}
+
+## What the errors come from
+
+### A start without the model of the gel
+
+An episode of HoldStill begins with a grip that the springs of the rigid-body engine made alone; the
+model of the gel corrects them from the first step on, each time by 0.4 of the difference. Errors of
+the force on a hanging object by control steps since the start, in %:
+
+{settled}
+
+The same lag follows where contact changes faster than it is corrected, as in a grip that falls,
+slides or lets swing.
+
+### An object that trembles in the hand
+
+The force up that pads feel of what is held under a steady load, and how far it moves up and down,
+over the last 60 of 120 control steps of 40 ms; friction 0.9.
+
+{trembling}
+
+What does not come to rest jumps at once and is led back by the corrections in some steps, over and
+over, while the forces that the engine reports stay near the load: it is the springs of the engine
+and their correction that do not agree, not a force that comes from elsewhere.
+
+### A hand that accelerates
+
+What is felt beyond the load, over the inertial force m a of the object, while a hand that carries a
+cuboid accelerates evenly; 0 is right. By step of the rigid bodies, and the substeps in which the
+engine moves them; 4 ms in 4 is the default.
+
+{stepwise}
+
+In n substeps an object that accelerates goes (n − 1)/2n a Δt² less far in a step of Δt than the
+balance of forces with the pads takes it to go, and is by that over Δt faster than the hand when the
+step ends; with the damping of the springs, {damping} ms, the forces that move it are those of a
+place (n − 1)/2n a Δt (Δt + {damping} ms) further on. The model of the gel is asked where the object
+has come to and feels that length times the stiffness of both pads. *Predicted* is the first row
+times the ratio of these lengths. Along the grip, where the pads are stiffest, what the engine
+reports is not what has moved the object either. A hand that does not accelerate has no such error;
+at the hand's own limit of 5 m/s² a change of speed by 0.05 m/s is over after a quarter of a control
+step, before anything is read, and larger ones are not.
+
+{onset}
+
+{made}"""
+ONSET = """## When a loosened grip slips
+
+HoldStill under a steady load, the grip falling along a line from {start:.0f} N to nothing in
+{steps} steps. Coulomb's law for two pads says that all slides where load = 2 μ grip. Gross slip is
+the first step from which on the object moves by more than 0.1 mm past the pads in each; steps count
+from where the grip begins to fall, by {fall:.2f} N each, and the first slip (`slip` above 0.1 on a
+pad) is at step 1 where squeezing alone has made the rim of the contact slide.
+
+{slips}
+
+{gross}"""
+CASE = {
+    "case": "{case}",
+    "answerer": "{model}",
+    "contact": "{state}",
+    "samples": "{samples}",
+    "force": "{force[median]:100*.1f} / {force[p95]:100*.1f} / {force[worst]:100*.0f}",
+    "goal": lambda row: "met" if row["goal met"] else "missed",
+    "torque": "{torque[median]:100*.1f} / {torque[p95]:100*.1f} / {torque[worst]:100*.0f}",
+    "rigid bodies: force": spread("engine"),
+    "rigid bodies: torque": spread("engine torque"),
+}
+TREMBLE = {
+    "object": "{object}",
+    "answerer": "{model}",
+    "grip (N)": "{grip:.0f}",
+    "load (N)": "{load:.3f}",
+    "felt (N)": "{least:.3f} to {most:.3f}",
+    "moves by (µm)": "{moves:1e6*.1f}",
+}
+SLIP = {
+    "answerer": "{model}",
+    "object": "{object}",
+    "friction": "{friction:.2f}",
+    "load (N)": "{load:.2f}",
+    "first slip": "{first slip}",
+    "predicted": "{predicted}",
+    "gross slip": "{gross slip}",
+    "grip predicted (N)": "{limit:.2f}",
+    "grip at gross slip (N)": "{grip at gross slip:.2f}",
+    "`slip` at the predicted step": "{slip at predicted:.2f}",
+}
+
+
+def page(report: dict[str, Any]) -> str:
+    """Errors by case, and onset of slip."""
+    settled = {"answerer": "{model}", "step": "{after}"}
+    settled |= {"median": "{force[median]:100*.2f}", "worst": "{force[worst]:100*.2f}"}
+    stepwise: dict[str, Any] = {"step": "{name}"}
+    first = report["steps"][0]
+    for axis in first["axes"]:
+        stepwise[f"{axis}: felt"] = f"{{axes[{axis}][felt]:.2f}}"
+        if axis != "along the grip":
+            stepwise[f"{axis}: predicted"] = predicted(first, axis)
+        stepwise[f"{axis}: rigid bodies"] = f"{{axes[{axis}][engine]:z.2f}}"
+    return text(
+        PAGE,
+        report,
+        verdict=verdict(report),
+        by_case=table(CASE, report["table"]),
+        trembling=table(TREMBLE, report["trembling"]),
+        by_object=objects(report["objects"]),
+        settled=table(settled, report["settling"]),
+        stepwise=table(stepwise, report["steps"]),
+        damping=f"{1e3 * DAMPING:g}",
+        onset=onset(report),
+        made=made(report),
+    )
+
+
+def objects(rows: list[dict[str, Any]]) -> str:
+    """A table with a row for each object and a column for each case."""
+    found: dict[str, dict[str, Any]] = {}
+    for row in rows:
+        found.setdefault(row["object"], {"object": row["object"]})[row["case"]] = row["force"]
+    columns = {"object": "{object}"}
+    columns |= {case: spread(case) for case in dict.fromkeys(row["case"] for row in rows)}
+    return table(columns, found.values(), absent="–")
+
+
+def predicted(first: dict[str, Any], axis: str) -> Any:
+    """A column: the excess of the first row in the ratio of the shortfalls."""
+    per_length = first["axes"][axis]["felt"] / first["short"]
+    return lambda row: f"{per_length * row['short']:.2f}"
+
+
+VERDICT = """Of {count} groups of samples, by case, answerer and state of contact, {met} meet the
+goals set below{names}. The force on what hangs still is felt right to {still:100*.2f} % sixteen
+steps after the start (network, worst of its episodes), so signs and frames are right; the errors
+are of starts, of a hand that accelerates and of contact that changes.
+[What they come from](#what-the-errors-come-from)."""
+
+
+def verdict(report: dict[str, Any]) -> str:
+    """How many goals are met, and which."""
+    met = [entry["name"] for entry in report["table"] if entry["goal met"]]
+    [still] = [row for row in report["settling"] if row["name"] == "surrogate after 16"]
+    values = {"count": len(report["table"]), "met": len(met), "still": still["force"]["worst"]}
+    return text(VERDICT, values, names=f" ({'; '.join(met)})" * bool(met))
+
+
+def onset(report: dict[str, Any]) -> str:
+    """When a loosened grip slips, and how far that is from Coulomb's law."""
+    start, steps = cases.START, cases.LOOSENING
+    told = "{median:.2f} times the grip of Coulomb's law ({least:.2f} to {most:.2f}, {episodes})"
+    gross = "; ".join(f"{model} at {filled(told, of)}" for model, of in report["coulomb"].items())
+    return text(
+        ONSET,
+        {"start": start, "steps": steps, "fall": start / steps},
+        slips=table(SLIP, report["onset"], absent="–"),
+        gross=f"Gross slip, median, range and number of episodes: {gross}.",
+    )
+
+
+def figure(report: dict[str, Any]):
+    """Needed, felt and the rigid bodies' wrench along one episode of each case."""
+    episodes = report["episodes"]
+    shape = (-(-len(episodes) // 3), min(len(episodes), 3))
+    picture, axes = plt.subplots(
+        *shape, figsize=(4 * shape[1], 2.6 * shape[0]), layout="constrained", squeeze=False
+    )
+    names = ("x (along the grip)", "y", "z", "x (along the grip)", "y", "z")
+    for axis, (case, drawn) in zip(axes.flat, episodes.items(), strict=False):
+        component = DRAWN[case]
+        unit = 1e3 if component > 2 else 1.0
+        for of, label, colour, width in (
+            ("needed", "the load", "black", 2.4),
+            ("engine", "rigid bodies", "tab:gray", 1.2),
+            ("felt", "felt, network", COLOURS["network"], 1.2),
+        ):
+            axis.plot(
+                drawn["time"], [unit * x for x in drawn[of]], color=colour, label=label, lw=width
+            )
+        what = "torque about" if component > 2 else "force along"
+        axis.set(title=f"{case}: {drawn['object']}", xlabel="time (s)")
+        axis.set(ylabel=f"{what} {names[component]} ({'mN m' if component > 2 else 'N'})")
+        axis.grid(alpha=0.3)
+    axes[0][0].legend(fontsize=7)
+    return picture
