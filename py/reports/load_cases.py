@@ -137,16 +137,9 @@ def begin(
     )
     observation, _ = env.reset(seed=seed)
     look = env.unwrapped.look()
-    vertices, faces = shapes.surface(str(named))
+    vertices, faces, _ = env.unwrapped.surfaces()["object"]
     volume, center, inertia = solid(vertices, faces)
-    scale = look["size"]
-    record = Record(
-        look["mass"],
-        inertia * look["mass"] / volume * scale**2,
-        center * scale,
-        vertices * scale,
-        look,
-    )
+    record = Record(look["mass"], inertia * look["mass"] / volume, center, vertices, look)
     sample(env, observation, record)
     return env, observation, record
 
@@ -154,7 +147,7 @@ def begin(
 def off_centre(name: str) -> str:
     """Mesh file of a shape whose frame, and so the grip, is beside its centre."""
     form, aside = OFF_CENTRE[name]
-    vertices, faces = shapes.surface(form)
+    vertices, faces = shapes.shape(form).surface()
     file: Path = KEPT / f"load-{name.replace(' ', '-')}.obj"
     file.parent.mkdir(parents=True, exist_ok=True)
     points = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in vertices + np.array([0, aside, 0])]

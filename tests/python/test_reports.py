@@ -260,7 +260,6 @@ def test_the_balance_of_a_body_on_a_known_path_is_its_load():
 
 
 def test_what_hangs_still_is_felt_as_its_weight():
-    pytest.importorskip("trimesh", reason="shapes are triangulated with it")
     cases = module("load_cases")
     record = cases.hanging("cuboid", "surrogate", 1, 20)
     found = cases.balance(record)
@@ -272,9 +271,8 @@ def test_what_hangs_still_is_felt_as_its_weight():
 
 
 def test_a_solid_has_the_inertia_of_its_box():
-    pytest.importorskip("trimesh", reason="shapes are triangulated with it")
     cases = module("load_cases")
-    volume, center, inertia = cases.solid(*cases.shapes.surface("cuboid:0.01,0.02,0.03"))
+    volume, center, inertia = cases.solid(*Shape.cuboid((0.01, 0.02, 0.03)).surface())
     assert volume == pytest.approx(8 * 0.01 * 0.02 * 0.03)
     assert center == pytest.approx([0, 0, 0], abs=1e-12)
     expected = [volume * (a**2 + b**2) / 3 for a, b in ((0.02, 0.03), (0.01, 0.03), (0.01, 0.02))]

@@ -221,7 +221,9 @@ impl Foundations {
         for (finger, extra) in extra.iter().enumerate() {
             forces += bodies.loads_of(finger, extra);
         }
-        push(world, hand, object, &bodies.axis, &forces);
+        let other = step.force - Vector3::z() * (bodies.mass * step.gravity);
+        let sudden = (!contacts.is_empty()).then_some((other, step.time));
+        push(world, hand, object, &bodies.axis, &forces, sudden);
         Applied { contacts, extra, bodies, poses, seen, center, base }
     }
 
@@ -413,19 +415,31 @@ fn on_pad(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wrenc
 }
 
 /// Applies forces and torques on the unknowns to Rapier's bodies.
+///
+/// `sudden` are the other forces on a touched object (N) and the duration of the step (s). It gets
+/// all of them as one impulse, so that it moves through the step at the velocity that was solved
+/// for. Forces would accelerate it from substep to substep: at an acceleration a it would end
+/// (n − 1)/2n a h² short of where the gel was solved for, after n substeps in a time h.
 fn push(
     world: &mut PhysicsWorld,
     hand: &Hand,
     object: RigidBodyHandle,
     axis: &Vector3<f64>,
     forces: &Velocities,
+    sudden: Option<(Vector3<f64>, f64)>,
 ) {
     let body = &mut world.bodies[object];
     body.reset_forces(false);
     body.reset_torques(false);
-    body.add_force(units::vector(&forces.fixed_rows::<3>(0).into()), false);
-    let torque: Vector3<f64> = forces.fixed_rows::<3>(3).into();
-    body.add_torque(units::vector(&(torque * units::UNIT)), false);
+    let (force, torque) = (forces.fixed_rows::<3>(0), forces.fixed_rows::<3>(3) * units::UNIT);
+    if let Some((other, time)) = sudden {
+        body.add_force(units::vector(&-other), false);
+        body.apply_impulse(units::vector(&((force + other) * time)), false);
+        body.apply_torque_impulse(units::vector(&(torque * time)), false);
+    } else {
+        body.add_force(units::vector(&force.into()), false);
+        body.add_torque(units::vector(&torque), false);
+    }
     for (k, finger) in hand.fingers.iter().enumerate() {
         let force = units::vector(&(axis * forces[6 + k]));
         world.bodies[finger.body].add_force(force, false);
