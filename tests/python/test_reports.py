@@ -17,6 +17,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import ruffini
+
 ROOT = Path(__file__).resolve().parents[2]
 REPORTS = ROOT / "tests/reports"
 sys.path.append(str(ROOT / "py/reports"))
@@ -272,7 +274,7 @@ def test_what_hangs_still_is_felt_as_its_weight():
 
 def test_a_solid_has_the_inertia_of_its_box():
     cases = module("load_cases")
-    volume, center, inertia = cases.solid(*Shape.cuboid((0.01, 0.02, 0.03)).surface())
+    volume, center, inertia = cases.solid(*ruffini.Shape.cuboid((0.01, 0.02, 0.03)).surface())
     assert volume == pytest.approx(8 * 0.01 * 0.02 * 0.03)
     assert center == pytest.approx([0, 0, 0], abs=1e-12)
     expected = [volume * (a**2 + b**2) / 3 for a, b in ((0.02, 0.03), (0.01, 0.03), (0.01, 0.02))]
