@@ -23,7 +23,7 @@ from engine import OUT, spread, table, text
 ROUNDS = ["--down", "1", "1", "1", "--up", "1", "1"]
 RECIPE = ["--split", "presses", "--epochs", "80", *ROUNDS]
 SEEDED = {f"pads-{seed}": [*RECIPE, "--width", "32", "--seed", str(seed)] for seed in range(3)}
-"""Options of `ruffini network train` by run: the shipped network and two more seeds of it."""
+"""Options of `ruffini network train` by run: seeds of the shipped network."""
 SIZED = {f"pads{width}-0": [*RECIPE, "--width", str(width)] for width in (16, 48)}
 """The same at other widths."""
 RUNS = SEEDED | SIZED
@@ -81,9 +81,14 @@ median / 95th percentile.
 
 {runs}
 
-`pads-0` is shipped. The best epoch is that of the validation part. Data: `ruffini dataset generate
-presses --config tests/reference/indentations.toml`; `python py/reports networks --data presses
---sizes --runs runs`."""
+`pads-1` is shipped. Seeds were chosen by a task that depends on the peak stress: the hand-written
+policy of GraspFragile succeeded in 98 of 100 episodes with it, in 93 with `pads-2` and in 89 with
+`pads-0` (`ruffini agent evaluate scripted --task GraspFragile --episodes 100`). The network shipped
+before, which had learnt from 400 presses without textured indenters, let it succeed in 96; on these
+judged frames its medians over indenters are 16.4, 16.2 and 5.3 % in displacement, stress and force,
+those of `pads-1` 15.9, 15.5 and 5.7 % (`ruffini network evaluate`). The best epoch is that of the
+validation part. Data: `ruffini dataset generate presses --config
+tests/reference/indentations.toml`; `python py/reports networks --data presses --sizes --runs runs`."""
 
 
 def page(report: dict[str, Any]) -> str:
