@@ -88,7 +88,8 @@ before, which had learnt from 400 presses without textured indenters, let it suc
 judged frames its medians over indenters are 16.4, 16.2 and 5.3 % in displacement, stress and force,
 those of `pads-1` 15.9, 15.5 and 5.7 % (`ruffini network evaluate`). The best epoch is that of the
 validation part. Data: `ruffini dataset generate presses --config
-tests/reference/indentations.toml`; `python py/reports networks --data presses --sizes --runs runs`."""
+tests/reference/indentations.toml`; `python py/reports networks --data presses --sizes
+--runs runs`."""
 
 
 def page(report: dict[str, Any]) -> str:

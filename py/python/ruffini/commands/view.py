@@ -173,7 +173,8 @@ class _Drawn:
             vertices, faces, stress = self._env.surfaces()["object"]
             found["object"] = Gel(pose, vertices, faces, stress)
         if "fixture" in self._surfaces:
-            found["fixture"] = Rigid(_HOME, *self._surfaces["fixture"][:2], _LIGHT, opacity=0.5)
+            vertices, faces, _ = self._surfaces["fixture"]
+            found["fixture"] = Rigid(_HOME, vertices, faces, _LIGHT, opacity=0.5)
         for k, name in enumerate(_SIDES):
             side = np.array([(k - 0.5) * look["opening"], 0, 0, *_TURNS[k]])
             pad = _after(tool, side)
