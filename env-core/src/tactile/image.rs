@@ -6,7 +6,7 @@
 //!
 //! Shapes: P pixels, those across the fastest.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
     depth,
@@ -14,10 +14,9 @@ use super::{
 };
 use crate::{deformation::Deformation, geometry::Shape, sensor::ImageResponse};
 
-/// Gap between gel and object up to which the gel may count as touching (m). Between nodes that
-/// touch, the mesh stays below a round object by an eighth of the square of its edges over the
-/// object's radius.
-const CLOSE: f64 = 3e-4;
+/// Gap between object and a node that bears contact force up to which the node counts as touching
+/// (m). Forces are spread to nodes beside the contact, too.
+const CLOSE: f64 = 1e-4;
 /// Pixels along an edge of the tiles that are tested against the object as a whole.
 const TILE: u32 = 8;
 
@@ -68,10 +67,8 @@ impl TactileCamera {
     ) -> Vec<f64> {
         let mut colours = self.background.clone();
         if let Some(felt) = felt {
-            let (mut heights, touching) = self.heights(skin, felt);
-            if let Some(object) = object {
-                self.conform(&mut heights, &touching, object, felt);
-            }
+            let shape = object.zip(felt.poses.first());
+            let heights = self.heights(skin, felt, shape);
             let raised = heights.iter().zip(&self.rest).map(|(z, rest)| (z - rest) as f32);
             let raised: Vec<_> = raised.collect();
             self.add_response(&self.smoothed(&raised), &mut colours);
@@ -79,35 +76,41 @@ impl TactileCamera {
         colours.iter().flatten().map(|c| f64::from(c.clamp(0.0, 1.0))).collect()
     }
 
-    /// Heights of the deformed face (P) in m, and how far each pixel is among nodes that bear
-    /// contact force (P): 1 between such nodes, 0 between others.
-    fn heights(&self, skin: &Skin, felt: &Deformation) -> (Vec<f64>, Vec<f64>) {
+    /// Heights (P) in m of the face deformed by an object at a pose: raised to the object where
+    /// nodes touch it, and nowhere inside of it.
+    fn heights(
+        &self,
+        skin: &Skin,
+        felt: &Deformation,
+        object: Option<(&Shape, &Isometry3<f64>)>,
+    ) -> Vec<f64> {
+        let displacement = Some(&felt.displacement[..]);
+        let Some((shape, pose)) = object else {
+            return depth::heights(skin, &self.grid, displacement);
+        };
+        let gap = |place: &Point3<f64>| gap(shape, pose, place);
+        let bears = felt.contact_force.iter().zip(&felt.displacement).zip(&skin.places);
+        let missing = |((force, moved), place): ((&Vector3<f64>, _), &Point3<f64>)| {
+            let touches = *force != Vector3::zeros();
+            let gap = touches.then(|| gap(&(place + moved))).flatten();
+            gap.filter(|gap| (0.0..CLOSE).contains(gap)).unwrap_or_default()
+        };
+        let missing: Vec<f64> = bears.map(missing).collect();
         let mut heights = vec![-skin.thickness; self.rest.len()];
-        let mut touching = vec![0.0; self.rest.len()];
-        depth::cover(skin, &self.grid, Some(&felt.displacement), |pixel, z, (corners, shares)| {
-            if z > heights[pixel] {
-                heights[pixel] = z;
-                let bears = |node: u32| felt.contact_force[node as usize] != Vector3::zeros();
-                let nodes = corners.iter().zip(shares).filter(|(node, _)| bears(**node));
-                touching[pixel] = nodes.map(|(_, share)| share).sum();
-            }
+        depth::cover(skin, &self.grid, displacement, |pixel, z, (corners, shares)| {
+            let raised: f64 =
+                corners.iter().zip(shares).map(|(&n, s)| s * missing[n as usize]).sum();
+            heights[pixel] = heights[pixel].max(z + raised);
         });
-        (heights, touching)
+        self.lower(&mut heights, shape, pose);
+        heights
     }
 
-    /// Lays the face on the object's surface where they are `touching`, and out of the object where
-    /// it passes between the nodes.
-    fn conform(&self, heights: &mut [f64], touching: &[f64], object: &Shape, felt: &Deformation) {
-        let Some(pose) = felt.poses.first() else { return };
-        let up = pose.inverse_transform_vector(&Vector3::z());
+    /// Lowers heights (P) inside of an object to its surface.
+    fn lower(&self, heights: &mut [f64], shape: &Shape, pose: &Isometry3<f64>) {
         let [nx, ny] = self.grid.counts;
-        let place = |i: u32, j: u32, z: f64| {
-            pose.inverse_transform_point(&Point3::new(
-                self.grid.centre(0, i),
-                self.grid.centre(1, j),
-                z,
-            ))
-        };
+        let place =
+            |i: u32, j: u32, z: f64| Point3::new(self.grid.centre(0, i), self.grid.centre(1, j), z);
         let tiles =
             (0..ny.div_ceil(TILE)).flat_map(|j| (0..nx.div_ceil(TILE)).map(move |i| (i, j)));
         for (i, j) in tiles {
@@ -119,21 +122,16 @@ impl TactileCamera {
             let [low, high] = range.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| {
                 [low.min(z), high.max(z)]
             });
-            let middle = place(columns.start, rows.start, 0.5 * (low + high));
-            let across =
-                f64::from(TILE) * Vector3::from([self.grid.cell[0], self.grid.cell[1], 0.0]);
-            let radius = across.norm() + 0.5 * (high - low);
-            if object.distance(&middle).value > radius + CLOSE {
+            let corner = place(columns.start, rows.start, 0.5 * (low + high));
+            let [dx, dy] = self.grid.cell.map(|cell| f64::from(TILE) * cell);
+            let radius = dx.hypot(dy) + 0.5 * (high - low);
+            if shape.distance(&pose.inverse_transform_point(&corner)).value > radius {
                 continue;
             }
             for pixel in pixels() {
                 let height = &mut heights[number(pixel)];
-                if let Some(gap) = object.ray_gap(&place(pixel.0, pixel.1, *height), &up) {
-                    // Fades from half of CLOSE on, so that the face has no step.
-                    let near = (2.0 - 2.0 * gap / CLOSE).clamp(0.0, 1.0);
-                    let share = if gap > 0.0 { near * touching[number(pixel)] } else { 1.0 };
-                    *height += gap * share;
-                }
+                let gap = gap(shape, pose, &place(pixel.0, pixel.1, *height));
+                *height += gap.unwrap_or_default().min(0.0);
             }
         }
     }
@@ -211,6 +209,12 @@ impl TactileCamera {
             }
         }
     }
+}
+
+/// Distance from a place up to an object (m), negative inside; `None` if nothing is above.
+fn gap(shape: &Shape, pose: &Isometry3<f64>, place: &Point3<f64>) -> Option<f64> {
+    let up = pose.inverse_transform_vector(&Vector3::z());
+    shape.ray_gap(&pose.inverse_transform_point(place), &up)
 }
 
 /// Powers 0 to `most` of `values`.
