@@ -62,7 +62,7 @@ def test_the_command_draws(tmp_path):
     [
         (["--shape", "sphere:0.004", "--depth", "0.005"], "found 5 mm into a gel of 4 mm"),
         (["--shape", "sphere:0.004", "--depth", "0.001", "--plot", "a.pdf"], ".png or .svg"),
-        (["--shape", "sphere", "--depth", "0.001"], "expected sphere:radius"),
+        (["--shape", "cone", "--depth", "0.001"], "expected cone:radius"),
         (["--shape", "blob:1", "--depth", "0.001"], "expected sphere:radius, cuboid"),
         (["--shape", "prism:6.5,0.1,0.1", "--depth", "0.001"], "expected prism:sides"),
         (["--shape", "sphere:4", "--depth", "0.001"], "a length of"),

@@ -133,12 +133,13 @@ impl Scene {
         }
         self.world.bodies[self.hand.wrist].set_next_kinematic_position(units::pose(&wrist.pose));
         let stops = if self.foundation.is_some() { self.stops() } else { Vec::new() };
+        let on_table = self.wrench_of(&[self.table], &Point3::origin()).force != Vector3::zeros();
         let gripper = &self.config.gripper;
         self.hand.drive(&mut self.world, gripper, grip);
         let applied = self.foundation.as_mut().map(|foundation| {
             let (time, gravity) = (self.config.physics.time_step, self.gravity);
-            let step =
-                FoundationStep { time, gravity, force, wrist: [self.wrist.pose, wrist.pose], grip };
+            let wrist = [self.wrist.pose, wrist.pose];
+            let step = FoundationStep { time, gravity, force, wrist, grip, on_table };
             foundation.apply(&mut self.world, &self.hand, self.object, gripper, &step, &stops)
         });
         if applied.is_none() {

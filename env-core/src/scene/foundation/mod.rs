@@ -84,6 +84,8 @@ pub(super) struct FoundationStep {
     pub(super) wrist: [Isometry3<f64>; 2],
     /// Grip force (N).
     pub(super) grip: f64,
+    /// `true` if the object touched the table in the last step.
+    pub(super) on_table: bool,
 }
 
 /// Contacts and state at the beginning of a step, for [`Foundations::settle`] after it.
@@ -222,7 +224,8 @@ impl Foundations {
             forces += bodies.loads_of(finger, extra);
         }
         let other = step.force - Vector3::z() * (bodies.mass * step.gravity);
-        let sudden = (!contacts.is_empty()).then_some((other, step.time));
+        let only_pads = !(contacts.is_empty() || step.on_table);
+        let sudden = only_pads.then_some((other, step.time));
         push(world, hand, object, &bodies.axis, &forces, sudden);
         Applied { contacts, extra, bodies, poses, seen, center, base }
     }
@@ -416,10 +419,11 @@ fn on_pad(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wrenc
 
 /// Applies forces and torques on the unknowns to Rapier's bodies.
 ///
-/// `sudden` are the other forces on a touched object (N) and the duration of the step (s). It gets
-/// all of them as one impulse, so that it moves through the step at the velocity that was solved
-/// for. Forces would accelerate it from substep to substep: at an acceleration a it would end
-/// (n − 1)/2n a h² short of where the gel was solved for, after n substeps in a time h.
+/// `sudden` are the other forces on an object that only the pads touch (N), and the duration of the
+/// step (s). It gets all of them as one impulse, so that it moves through the step at the velocity
+/// that was solved for. Forces would accelerate it from substep to substep: at an acceleration a it
+/// would end (n − 1)/2n a h² short of where the gel was solved for, after n substeps in a time h. On
+/// the table an impulse would kick it loose from the friction that Rapier balances in each substep.
 fn push(
     world: &mut PhysicsWorld,
     hand: &Hand,
