@@ -184,7 +184,11 @@ def contact_guess(question: Question) -> NDArray[np.float64]:
         inside = Rotation.from_quat(turn).inv().apply(places - place)
         distance = shape.distance(inside)[0]
         found.append(places[distance < max(0.0, distance.min() + 0.2 * question.depth)])
-    return thinned(np.vstack(found), 1e-4)
+    points, apart = np.vstack(found), 1e-4
+    # Meshes are refined towards 10,000 points at most.
+    while len(points := thinned(points, apart)) > 10_000:
+        apart *= 2
+    return points
 
 
 def thinned(points: NDArray, apart: float) -> NDArray[np.float64]:

@@ -133,7 +133,7 @@ impl Scene {
         }
         self.world.bodies[self.hand.wrist].set_next_kinematic_position(units::pose(&wrist.pose));
         let stops = if self.foundation.is_some() { self.stops() } else { Vec::new() };
-        let on_table = self.wrench_of(&[self.table], &Point3::origin()).force != Vector3::zeros();
+        let on_table = self.foundation.is_some() && self.is_on_table();
         let gripper = &self.config.gripper;
         self.hand.drive(&mut self.world, gripper, grip);
         let applied = self.foundation.as_mut().map(|foundation| {
@@ -191,6 +191,11 @@ impl Scene {
     fn wrench_of(&self, others: &[ColliderHandle], origin: &Point3<f64>) -> Wrench {
         let of = |&other| contact::wrench(&self.world, self.object_collider, other, origin);
         others.iter().map(of).fold(Wrench::default(), |sum, wrench| sum + wrench)
+    }
+
+    /// Returns whether the object touched the table in the last step.
+    fn is_on_table(&self) -> bool {
+        self.wrench_of(&[self.table], &Point3::origin()).force != Vector3::zeros()
     }
 
     /// Points at which the fixture is next to the object.
