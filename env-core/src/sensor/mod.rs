@@ -155,11 +155,11 @@ pub struct Camera {
 #[serde(deny_unknown_fields)]
 pub struct ImageResponse {
     /// Exponents a and b of the terms of the resting face (A).
-    pub background_terms: Vec<[u32; 2]>,
+    pub background_terms: Vec<[u8; 2]>,
     /// Their coefficients (A, 3).
     pub background: Vec<[f64; 3]>,
     /// Exponents a, b, c and d of the terms of the slope (B), a + b at least 1.
-    pub terms: Vec<[u32; 4]>,
+    pub terms: Vec<[u8; 4]>,
     /// Their coefficients (B, 3).
     pub response: Vec<[f64; 3]>,
     /// Steepest slope to which the terms hold; steeper ones are shortened to it.
@@ -255,7 +255,7 @@ impl ImageResponse {
                 Error::invalid(format!("camera.image.{name}"), found, expected).to_string()
             })
             .collect();
-        if let Some(term) = self.terms.iter().find(|[a, b, ..]| a + b == 0) {
+        if let Some(term) = self.terms.iter().find(|[a, b, ..]| [a, b] == [&0, &0]) {
             let expected = "a power of p or q in each";
             let error = Error::invalid("camera.image.terms", format!("{term:?}"), expected);
             defects.push(error.to_string());

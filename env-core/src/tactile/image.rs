@@ -42,7 +42,7 @@ impl TactileCamera {
         let at = |[x, y]: [f64; 2]| {
             let mut colour = [0.0; 3];
             for ([a, b], coefficients) in terms.clone() {
-                let power = (x / half_view).powi(*a as i32) * (y / half_view).powi(*b as i32);
+                let power = (x / half_view).powi((*a).into()) * (y / half_view).powi((*b).into());
                 for (c, k) in colour.iter_mut().zip(coefficients) {
                     *c += k * power;
                 }
@@ -167,37 +167,34 @@ impl TactileCamera {
         let [nx, ny] = self.grid.counts.map(|count| count as usize);
         let [dx, dy] = self.grid.cell.map(|cell| cell as f32);
         let most = |axis: usize| {
-            self.response.terms.iter().map(|term| term[axis] as usize).max().unwrap_or(0)
+            let powers = self.response.terms.iter().map(|term| usize::from(term[axis]));
+            powers.max().unwrap_or(0)
         };
         let unit = self.half_view;
         let xs: Vec<_> = (0..nx).map(|i| (self.grid.centre(0, i as u32) / unit) as f32).collect();
         let x = powers(&xs, most(2));
-        let mut slopes = [vec![0.0; nx], vec![0.0; nx]];
+        let slope = |high: usize, low: usize, steps: usize, step: f32| {
+            if steps == 0 { 0.0 } else { (raised[high] - raised[low]) / (steps as f32 * step) }
+        };
+        let slopes = |i: usize, j: usize| {
+            let [left, right] = [i.saturating_sub(1), (i + 1).min(nx - 1)];
+            let [before, after] = [j.saturating_sub(1), (j + 1).min(ny - 1)];
+            let p = slope(j * nx + right, j * nx + left, right - left, dx);
+            let q = slope(after * nx + i, before * nx + i, after - before, dy);
+            let shrink = (self.response.steepest as f32 / p.hypot(q)).min(1.0);
+            (p * shrink, q * shrink)
+        };
         let mut weight = vec![0.0; nx];
         for (j, row) in colours.chunks_exact_mut(nx).enumerate() {
             let y = (self.grid.centre(1, j as u32) / unit) as f32;
-            let [before, after] = [j.saturating_sub(1), (j + 1).min(ny - 1)];
-            for i in 0..nx {
-                let [left, right] = [i.saturating_sub(1), (i + 1).min(nx - 1)];
-                let slope = |high: usize, low: usize, steps: usize, step: f32| {
-                    if steps == 0 {
-                        0.0
-                    } else {
-                        (raised[high] - raised[low]) / (steps as f32 * step)
-                    }
-                };
-                let p = slope(j * nx + right, j * nx + left, right - left, dx);
-                let q = slope(after * nx + i, before * nx + i, after - before, dy);
-                let shrink = (self.response.steepest as f32 / p.hypot(q)).min(1.0);
-                (slopes[0][i], slopes[1][i]) = (p * shrink, q * shrink);
-            }
-            let [p, q] = [0, 1].map(|axis| powers(&slopes[axis], most(axis)));
+            let (p, q): (Vec<_>, Vec<_>) = (0..nx).map(|i| slopes(i, j)).unzip();
+            let (p, q) = (powers(&p, most(0)), powers(&q, most(1)));
             for (&[a, b, c, d], coefficients) in
                 self.response.terms.iter().zip(&self.response.response)
             {
-                let of_row = y.powi(d as i32);
-                let factors = p[a as usize].iter().zip(&q[b as usize]).zip(&x[c as usize]);
-                for (w, ((p, q), x)) in weight.iter_mut().zip(factors) {
+                let of_row = y.powi(d.into());
+                let [a, b, c] = [a, b, c].map(usize::from);
+                for (w, ((p, q), x)) in weight.iter_mut().zip(p[a].iter().zip(&q[b]).zip(&x[c])) {
                     *w = p * q * x * of_row;
                 }
                 let [red, green, blue] = coefficients.map(|k| k as f32);
