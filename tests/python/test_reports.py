@@ -272,6 +272,13 @@ def test_what_hangs_still_is_felt_as_its_weight():
     assert torque[-1] < 0.01, f"{found['felt'][-1, 3:]} N m felt of none"
 
 
+def test_what_a_hand_accelerates_is_felt_as_its_inertia():
+    cases = module("load_cases")
+    for axis, found in cases.excess(cases.moved("cuboid", "compliance", 0)).items():
+        assert found["samples"] > 5
+        assert abs(found["felt"]) < 0.1, f"{found['felt']} m a too much {axis}"
+
+
 def test_a_solid_has_the_inertia_of_its_box():
     cases = module("load_cases")
     volume, center, inertia = cases.solid(*ruffini.Shape.cuboid((0.01, 0.02, 0.03)).surface())

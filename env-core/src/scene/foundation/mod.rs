@@ -5,7 +5,8 @@
 //! normal and sticks to the object up to Coulomb's limit ([`law`], [`touch`]). The bristle forces
 //! are those at the end of a time step ([`balance`]), because forces from its beginning are
 //! unstable for any object that a stiff gel can hold. They act on the object and on the finger
-//! slides as external forces; the wrist bears the other components.
+//! slides as external forces, on an object that only the pads touch as one impulse; the wrist bears
+//! the other components.
 //!
 //! The rigid contact of the object with a fixture is solved with them ([`stops`]). That with the
 //! table is Rapier's and comes after, so the forces include a part of the weight of an object that
