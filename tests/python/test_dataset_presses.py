@@ -56,6 +56,23 @@ def test_a_press_moves_as_it_was_drawn(data):
         assert 0 <= plan["friction"] <= 2 and 0 < plan["depth"] <= 0.1 * 4e-3
 
 
+def test_the_error_of_its_elements_is_the_distance_to_a_finer_mesh(data, tmp_path, capsys):
+    finer = tmp_path / "finer"
+    found = dataset.truth_errors(data.path, finer, sample=2, truth_nodes=1400, truth_across=12)
+    assert found and {row.grasp for row in found} <= set(data.grasps)
+    for row in found:
+        assert 0 < row.displacement < 1 and 0 < row.stress < 1 and 0 < row.force < 1, row
+    # What is there is not solved again, and the same mesh again would be no finer.
+    assert (
+        dataset.truth_errors(data.path, finer, sample=2, truth_nodes=1400, truth_across=12) == found
+    )
+    with pytest.raises(ValueError, match="truth_nodes or truth_across above"):
+        dataset.truth_errors(data.path, finer, sample=2, truth_nodes=700)
+    command = ["dataset", "error", str(data.path), str(finer), "--sample", "2"]
+    assert main([*command, "--nodes", "1400", "--across", "12"]) == 0
+    assert f"{len(found)} frames on both meshes" in capsys.readouterr().out
+
+
 def test_the_same_configuration_gives_the_same_bytes(data, tmp_path):
     again = dataset.generate(tmp_path / "again", threads=1, **{**PRESSES, "objects": 2})
     assert again is not None

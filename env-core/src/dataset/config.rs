@@ -43,6 +43,10 @@ pub struct Config {
     pub truth_nodes: usize,
     /// Name of the element used to solve them.
     pub truth_element: String,
+    /// Distances between nodes across what an indenter covers of the face, at most; fewer where
+    /// there are not enough nodes.
+    #[serde(skip_serializing_if = "is_rough")]
+    pub truth_across: f64,
     /// Smallest and greatest force at which a grasp ends (N).
     pub force: [f64; 2],
     /// Closing at which a grasp ends, whatever its force: of each pad, over its thickness, or of
@@ -123,6 +127,7 @@ impl Default for Config {
             model_nodes: 1000,
             truth_nodes: 2000,
             truth_element: "p1-bar".to_owned(),
+            truth_across: ACROSS,
             force: [2.0, 80.0],
             depth: 0.5,
             shear: 0.4,
@@ -148,6 +153,14 @@ fn is_zero(value: &f64) -> bool {
 #[allow(clippy::trivially_copy_pass_by_ref)] // Signature required by serde.
 fn is_none(count: &usize) -> bool {
     *count == 0
+}
+
+/// Usual distances between nodes across an indenter.
+const ACROSS: f64 = 8.0;
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // Signature required by serde.
+fn is_rough(across: &f64) -> bool {
+    *across == ACROSS
 }
 
 /// Usual factors of scale of indenters: features of 0.3 to 40 mm.
@@ -237,6 +250,9 @@ impl Config {
         if !(least >= 0.01 && most >= least && most <= 2.0) {
             let found = format!("{least} to {most}");
             return Err(Error::invalid("scale", found, "a range from 0.01 to 2"));
+        }
+        if !(1.0..=100.0).contains(&self.truth_across) {
+            return Err(Error::invalid("truth_across", self.truth_across, "1 to 100"));
         }
         // Osmium is the densest element; soft objects are solved without their weight.
         let densest = if self.scenario == Scenario::Pads { 22_600.0 } else { 0.0 };

@@ -5,7 +5,10 @@
 //! press. Finite elements are solved on a mesh graded towards the part of the face that the indenter
 //! would cover if the gel gave way nowhere else.
 
-use std::f64::consts::TAU;
+use std::{
+    collections::HashSet,
+    f64::consts::{FRAC_PI_4, TAU},
+};
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -57,8 +60,6 @@ const FRICTIONS: [f64; 8] = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.0, 2.0];
 pub(super) const FRICTION: [f64; 2] = [0.0, 2.0];
 /// Distance between the places at which the face is searched for the indenter (m), coarse and fine.
 const APART: [f64; 2] = [4e-4, 1e-4];
-/// Distances between nodes across a square of the area that the indenter covers, at most.
-const ACROSS: f64 = 8.0;
 /// Newton steps in a load step, and in a frame, after which a press ends unsolved.
 pub(super) const STEPS: usize = 25;
 pub(super) const PATIENCE: usize = 40;
@@ -146,8 +147,8 @@ pub(super) fn solve(
     let solve = || -> Result<(Vec<Deformation>, Named, Option<Error>)> {
         let shape = shape.clone().validated()?;
         let (start, path) = drawn.path(&shape, &sensor.outline);
-        let (area, points) = covered(&shape, &path, &sensor.outline, drawn.depth);
-        let fem = gel.graded(sensor, area.sqrt() / ACROSS, &points, config)?;
+        let (width, points) = covered(&shape, &path, &sensor.outline, drawn.depth);
+        let fem = gel.graded(sensor, width / config.truth_across, &points, config)?;
         let carrier = Carrier::new(&fem, &model.mesh)?;
         let (mut frames, mut error) = (Vec::<Deformation>::new(), None);
         for pose in &path {
@@ -261,7 +262,7 @@ fn finer(outline: &PadOutline, place: &Point3<f64>) -> Vec<Point3<f64>> {
     all.filter(within).map(|(x, y)| Point3::new(x, y, outline.height(x, y))).collect()
 }
 
-/// Area (m²) that the indenter covers at the deepest and the last of its poses, and places on the
+/// Width (m) of what the indenter covers at the deepest and the last of its poses, and places on the
 /// face there and beside it.
 fn covered(
     shape: &Shape,
@@ -282,8 +283,39 @@ fn covered(
     let square = |p: &Point3<f64>| [p.x, p.y].map(|x| (x / APART[1]).round() as i64);
     fine.sort_unstable_by_key(square);
     fine.dedup_by_key(|p| square(p));
-    let area = fine.len() as f64 * APART[1].powi(2);
+    let width = width_of(&fine.iter().map(square).collect());
     // Wide contact needs fewer.
     let every = fine.len().div_ceil(4000).max(1);
-    (area, fine.into_iter().step_by(every).collect())
+    (width, fine.into_iter().step_by(every).collect())
+}
+
+/// Mean width (m) of a region of `squares` with sides of [`APART`]: four times its area over its
+/// perimeter, which is the diameter of a disc and twice the thickness of a ring.
+fn width_of(squares: &HashSet<[i64; 2]>) -> f64 {
+    let sides = |[x, y]: &[i64; 2]| {
+        let around = [[x - 1, *y], [x + 1, *y], [*x, y - 1], [*x, y + 1]];
+        around.iter().filter(|square| !squares.contains(*square)).count()
+    };
+    // Along a smooth boundary there are 4/π times as many sides as it is long, on average.
+    let perimeter = FRAC_PI_4 * squares.iter().map(sides).sum::<usize>() as f64;
+    4.0 * squares.len() as f64 / perimeter.max(1.0) * APART[1]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_disc_is_as_wide_as_its_diameter_and_a_ring_as_twice_its_thickness() {
+        let between = |low: f64, high: f64| {
+            let squares = (-60..=60).flat_map(|x| (-60..=60).map(move |y| [x, y]));
+            let far = |[x, y]: &[i64; 2]| (*x as f64).hypot(*y as f64);
+            squares.filter(|square| (low..high).contains(&far(square))).collect()
+        };
+        for (low, high, width) in [(0.0, 20.0, 40.0), (0.0, 50.0, 100.0), (40.0, 46.0, 12.0)] {
+            let found = width_of(&between(low, high)) / APART[1];
+            assert!((found / width - 1.0).abs() < 0.05, "{found} for {width}");
+        }
+        assert!(width_of(&HashSet::new()) == 0.0);
+    }
 }

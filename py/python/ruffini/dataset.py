@@ -12,7 +12,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import accumulate
+from itertools import accumulate, product
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -34,10 +34,12 @@ __all__ = [
     "PressFrame",
     "Progress",
     "SoftFrame",
+    "TruthError",
     "estimate",
     "generate",
     "open",
     "shards",
+    "truth_errors",
 ]
 
 FORMATS = (1, 2)
@@ -138,6 +140,106 @@ def shards(config: str | PathLike[str] | None = None, **settings: Any) -> list[s
         ValueError: If a setting is invalid.
     """
     return dataset_shards(config, json.dumps(settings))
+
+
+STILL = 1e-6
+"""Root mean square displacement below which relative errors of a frame mean nothing (m)."""
+
+
+@dataclass(frozen=True)
+class TruthError:
+    """How far a frame of a dataset is from the same frame on a finer mesh, relative L²."""
+
+    grasp: str
+    """Name of the grasp or press."""
+    number: int
+    """Number of the frame."""
+    displacement: float
+    """Of the displacement of the vertices."""
+    stress: float
+    """Of the von Mises stress of the tetrahedra."""
+    force: float
+    """Of the force of the object on the pad."""
+
+
+def truth_errors(
+    folder: str | PathLike[str],
+    finer: str | PathLike[str],
+    *,
+    sample: int = 14,
+    threads: int | None = None,
+    commit: str = "",
+    watch: Callable[[Progress], bool] | None = None,
+    **settings: Any,
+) -> list[TruthError]:
+    """Solve some shards of a dataset of pads again on a finer mesh, and compare.
+
+    Args:
+        folder: A finished dataset of soft pads.
+        finer: Folder for what is solved again; what is in it already is kept.
+        sample: Shards to solve, spread evenly over those of the dataset.
+        threads: Threads to solve on; ``None`` takes one per core.
+        commit: Commit of this library, recorded in that folder's manifest.
+        watch: As that of `generate`.
+        settings: What is finer: ``truth_nodes=4000``, for presses also ``truth_across=16``.
+
+    Returns:
+        The frames that both hold, without those that hardly move the gel; if ``watch`` stops it,
+        those so far.
+
+    Raises:
+        ValueError: If the objects of the dataset are soft, no setting is finer, or one is invalid.
+    """
+    coarse = Dataset(folder)
+    if coarse.soft:
+        raise ValueError(f"{folder}: found soft objects, expected soft pads: meshes would differ")
+    usual: dict[str, Any] = {"truth_across": 8.0} | coarse.manifest["config"]
+    if not any(settings.get(name, 0) > usual[name] for name in ("truth_nodes", "truth_across")):
+        expected = "truth_nodes or truth_across above those of the dataset"
+        raise ValueError(f"settings: found {settings or 'none'}, expected {expected}")
+    files = sorted({grasp[0] for grasp in coarse._grasps})
+    step = max(len(files) / max(sample, 1), 1.0)
+    chosen = [files[int(step * (i + 0.5))] for i in range(min(sample, len(files)))]
+    overrides = {k: v for k, v in usual.items() if k not in ("format", "version")} | settings
+    generate(finer, threads=threads, commit=commit, shards=chosen, watch=watch, **overrides)
+    sides = ["first"] if coarse.presses else list(_SIDES)
+    found = []
+    for file in chosen:
+        if not (Path(finer) / file).exists():
+            continue
+        old, new = (Dataset._open_in(Path(place), file) for place in (folder, finer))
+        for entry in json.loads(new.metadata()["grasps"]):
+            name = entry["plan"]["name"]
+            frames = min(int(e["frames"]) for e in (entry, _entry(old, name)))
+            for number, side in product(range(frames), sides):
+                pair = [_fields(tensors, name, side, number) for tensors in (old, new)]
+                if np.sqrt((pair[1][0] ** 2).sum(axis=1).mean()) > STILL:
+                    errors = [_apart(a, b) for a, b in zip(*pair, strict=True)]
+                    found.append(TruthError(name, number, *errors))
+    return found
+
+
+def _entry(tensors: Any, grasp: str) -> dict[str, Any]:
+    """What a shard says of a grasp."""
+    entries = json.loads(tensors.metadata()["grasps"])
+    [entry] = [entry for entry in entries if entry["plan"]["name"] == grasp]
+    return dict(entry)
+
+
+def _fields(tensors: Any, grasp: str, side: str, number: int) -> list[NDArray[np.float64]]:
+    """Displacement, stress and force of a frame of a pad."""
+    prefix = f"{_number(grasp)}.{side}"
+    rows = [
+        tensors.get_slice(f"{prefix}.{field}")[number : number + 1][0].astype(float)
+        for field in ("displacement", "von_mises", "wrench")
+    ]
+    return [*rows[:2], rows[2][:3]]
+
+
+def _apart(found: NDArray[np.float64], exact: NDArray[np.float64]) -> float:
+    """Relative L² difference."""
+    size = float(np.linalg.norm(exact))
+    return float(np.linalg.norm(found - exact)) / size if size > 0 else np.inf
 
 
 class Dataset:
@@ -289,12 +391,16 @@ class Dataset:
             raise ValueError("\n  ".join([f"{self.path}: {len(found)} defects", *found]))
 
     def _open(self, file: str) -> Any:
+        return self._open_in(self.path, file)
+
+    @staticmethod
+    def _open_in(folder: Path, file: str) -> Any:
         try:
             from safetensors import safe_open
         except ImportError as error:
             text = 'datasets are read with safetensors: pip install "ruffini[data]"'
             raise ImportError(text) from error
-        return safe_open(self.path / file, framework="numpy")
+        return safe_open(folder / file, framework="numpy")
 
     def _mesh(self, grasp: str | int) -> Any:
         """Open the file of a grasp's, or a gel's, mesh."""

@@ -1,4 +1,4 @@
-"""``ruffini dataset``: generation and inspection of datasets of solved grasps."""
+"""``ruffini dataset``: generation, inspection and errors of datasets of solved grasps."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import shutil
 import sys
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ruffini import _distributions, dataset
 from ruffini.dataset import Progress
@@ -28,7 +30,7 @@ def add_to(commands: Any) -> None:
     parser: argparse.ArgumentParser = commands.add_parser(
         "dataset", help="make or look into a dataset of solved grasps"
     )
-    parts = parser.add_subparsers(metavar="generate|inspect", required=True)
+    parts = parser.add_subparsers(metavar="generate|inspect|error|plot|export", required=True)
     maker = parts.add_parser(
         "generate",
         help="solve grasps and store them",
@@ -63,6 +65,24 @@ def add_to(commands: Any) -> None:
     )
     viewer.add_argument("folder", help="the dataset")
     viewer.set_defaults(run=_inspect)
+    judge = parts.add_parser(
+        "error",
+        help="say how far the finite elements of a dataset are from those on a finer mesh",
+        description="Solves some shards of a dataset of soft pads again on a finer mesh, and says "
+        "how far apart the two are in displacement, stress and force. A model that learns from "
+        "the dataset, or is judged by it, cannot be known better than that.",
+    )
+    judge.add_argument("folder", help="the dataset")
+    judge.add_argument("finer", help="where they are solved again; goes on with what is there")
+    judge.add_argument("--sample", type=int, default=14, help="shards to solve; 14 if not given")
+    judge.add_argument("--nodes", type=int, help="most nodes; four times as many if not given")
+    judge.add_argument(
+        "--across",
+        type=float,
+        help="of presses: distances between nodes across the indenter; twice as many if not given",
+    )
+    judge.add_argument("--threads", type=int, help="threads; one a core if not given")
+    judge.set_defaults(run=_error)
     artist = parts.add_parser("plot", help="draw distributions by family of objects")
     artist.add_argument("folder", help="the dataset")
     artist.add_argument("-o", "--out", required=True, help=".png or .svg file")
@@ -173,6 +193,37 @@ def _inspect(options: argparse.Namespace) -> None:
     _balance(found)
     for name, split in found.splits.items():
         print(f"{name:<12} {', '.join(f'{len(part)} {use}' for use, part in split.items())}")
+
+
+def _error(options: argparse.Namespace) -> None:
+    config = dataset.open(options.folder).manifest["config"]
+    finer = {"truth_nodes": options.nodes or 4 * config["truth_nodes"]}
+    if config.get("scenario") == "presses":
+        finer["truth_across"] = options.across or 2 * config.get("truth_across", 8.0)
+    elif options.across:
+        raise ValueError("--across: found grasps, expected a dataset of presses")
+    found = dataset.truth_errors(
+        options.folder,
+        options.finer,
+        sample=options.sample,
+        threads=options.threads,
+        watch=_Line(options.finer),
+        **finer,
+    )
+    if not found:
+        raise ValueError(f"{options.finer}: no frame that both meshes solved")
+    parts = ("displacement", "stress", "force")
+    print(f"{len(found)} frames on both meshes; relative L², in %")
+    print(f"{'':<22}" + "".join(f"{part:>14}" for part in parts))
+
+    def line(name: str, rows: list[dataset.TruthError], share: float) -> None:
+        values = (np.quantile([getattr(row, part) for row in rows], share) for part in parts)
+        print(f"{name:<22}" + "".join(f"{100 * value:14.1f}" for value in values))
+
+    line("median", found, 0.5)
+    line("95th percentile", found, 0.95)
+    for grasp in dict.fromkeys(row.grasp for row in found):
+        line(grasp, [row for row in found if row.grasp == grasp], 0.5)
 
 
 def _balance(found: dataset.Dataset) -> None:
