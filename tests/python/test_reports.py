@@ -31,9 +31,9 @@ TIMES = re.compile(
 )
 """A key of figures that are others on another machine."""
 README = [
-    ("17 %", "displacement", "unseen", "table / all / network / displacement / 0"),
-    ("20 %", "stress", "unseen", "table / all / network / stress / 0"),
-    ("9 %", "force", "unseen", "table / all / network / force / 0"),
+    ("15 %", "displacement", "unseen", "table / all / network / displacement / 0"),
+    ("18 %", "stress", "unseen", "table / all / network / stress / 0"),
+    ("5 %", "force", "unseen", "table / all / network / force / 0"),
     ("100,000", "extreme presses", "stability", "presses"),
     ("842", "to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
     ("1326", "steps a second", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
@@ -200,6 +200,51 @@ def test_what_a_change_may_touch_is_asked_again(tmp_path, monkeypatch):
         asked("--keep", "one", "--again", "surrogat", build="three")
     assert asked("--keep", "one", build="three") == by
     assert asked(build="three")["surrogate"].keys() == {"three"}
+
+
+def test_paired_differences_have_the_intervals_that_others_found():
+    """Of a table whose interval the R package contingencytables tests, and of an exact binomial."""
+    paired = module("sim_to_sim")
+    assert paired.paired_interval(59, 6, 16, 80) == pytest.approx((-0.1186, -0.0046), abs=1e-4)
+    assert paired.mcnemar(0, 5) == pytest.approx(2 / 2**5)
+    assert paired.mcnemar(3, 3) == 1.0
+    low, high = paired.paired_interval(50, 0, 0, 0)
+    assert low == -high < -0.05, "fifty seeds alike do not show that none would differ"
+    assert paired.mean_with_interval([0.5] * 9)["interval"] == [0.5, 0.5]
+
+
+def test_an_episode_of_the_comparison_is_that_of_the_evaluation():
+    from ruffini import agents
+    from ruffini.evaluation import evaluate
+
+    found = module("sim_to_sim").episode("GraspFragile", "agent", 10_003, "surrogate")
+    agent = agents.load("GraspFragile")
+    told = evaluate(agent, agent.env_id, 1, first_seed=10_003, **agent.settings)
+    assert found["success"] == bool(told["success"])
+    assert found["return"] == pytest.approx(told["return"], abs=1e-3)
+    assert list(told["by_object"]) == [found["object"]]
+
+
+def test_a_press_that_is_not_solved_is_a_failure_that_is_shown():
+    paired = module("sim_to_sim")
+
+    def row(model, ending):
+        won = ending is None
+        told = {"success": won, "return": 80.0 if won else 20.0, "ending": ending, "restarts": 1}
+        told |= {"press_error": None if won else "not-converged", "steps": 100, "seconds": 1.0}
+        told |= {"reset_seconds": 0.1, "terms": {"still": 0.5}, "grip": 3.0, "model": model}
+        return told
+
+    def pair(ending):
+        return {"surrogate": row("surrogate", None), "fem": row("fem", ending)}
+
+    found = paired.compared([pair(None), pair(None), pair("press_failed")])
+    assert found["success"]["only surrogate"] == 1
+    assert found["fem"]["outcomes"] == {"success": 2, "press_failed": 1}
+    assert found["fem"]["press errors"] == {"not-converged": 1}
+    assert found["return"]["difference"] == pytest.approx(-20.0)
+    assert found["solved"]["seeds"] == 2
+    assert found["solved"]["success"]["difference"] == found["solved"]["return"]["difference"] == 0
 
 
 def test_rows_are_kept_until_what_they_depend_on_changes(tmp_path):
