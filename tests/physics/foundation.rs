@@ -214,6 +214,27 @@ fn what_stands_on_the_table_does_not_wear_the_hold() {
     }
 }
 
+/// A prism in the hand used to jump by 0.4 mm, over and over, because the normal of a whole row of
+/// bristles turned by 45° as the crease between two faces passed it.
+#[test]
+fn forces_change_evenly_as_creases_pass_the_bristles() {
+    let shape = Shape::Prism { sides: 8, radius: 0.017, half_height: 0.019 };
+    let model = ObjectModel::new(shape).unwrap();
+    // The axis of the prism lies across the finger, and a face on the gel.
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::FRAC_PI_2);
+    let height = 0.017 * (std::f64::consts::PI / 8.0).cos() - 0.4 * MM;
+    let at = |i: i32| {
+        let place = Vector3::new(0.0, f64::from(i) * 0.01 * MM, height);
+        Isometry3::from_parts(place.into(), turn)
+    };
+    let path: Vec<_> = (0..=300).map(at).collect();
+    let wrenches = gel().wrenches(&model, 0.0, &path);
+    let most = wrenches.iter().map(|wrench| wrench.force.norm()).fold(0.0, f64::max);
+    let step = |pair: &[Wrench]| (pair[1].force - pair[0].force).norm();
+    let jump = wrenches.windows(2).map(step).fold(0.0, f64::max);
+    assert!(most > 5.0 && jump < 0.01 * most, "a jump of {jump} N of {most} N in 10 µm");
+}
+
 #[test]
 fn without_a_touch_the_wrench_is_zero() {
     let pose = Isometry3::translation(0.0, 0.0, 0.015);

@@ -16,6 +16,19 @@ struct Root {
     edges: [Vector3<f64>; 2],
 }
 
+impl Root {
+    /// The `normal` turned so that the distance from the object grows by `rises` (m) along the edges
+    /// of the cell.
+    fn risen(&self, normal: &Vector3<f64>, rises: [f64; 2]) -> Vector3<f64> {
+        let along = |axis: usize| {
+            let edge = &self.edges[axis];
+            (rises[axis] - normal.z * edge.z) / edge[axis]
+        };
+        let (x, y) = (along(0), along(1));
+        Vector3::new(x, y, -(1.0 - x * x - y * y).max(0.25).sqrt()).normalize()
+    }
+}
+
 /// Face of a pad, divided into one cell per bristle.
 pub(super) struct BristleFace {
     roots: Vec<Root>,
@@ -32,6 +45,8 @@ pub(super) struct PlacedObject<'a> {
     pose: Isometry3<f64>,
     /// Rotation matrix of the pose.
     turn: Matrix3<f64>,
+    /// True if the surface has creases, at which its normal jumps.
+    is_creased: bool,
 }
 
 /// Anchor of a bristle that sticks to the object.
@@ -176,8 +191,18 @@ impl BristleFace {
             return None;
         }
         if normal.z < STEEPEST {
-            let spread = root.edges.map(|edge| normal.dot(&edge).powi(2)).iter().sum::<f64>();
-            let depth = Depth { middle: -value, spread: 0.5 * spread.sqrt() };
+            let rises = root.edges.map(|edge| {
+                if !obstacle.is_creased {
+                    return normal.dot(&edge);
+                }
+                // Where a crease crosses the cell, the normal is the mean of those beside it. That of
+                // the middle alone would turn at once, and the object would jump.
+                let ends = [0.5, -0.5].map(|share| obstacle.distance(&(root.place + share * edge)));
+                let faces = ends.iter().all(|(_, normal)| normal.z < STEEPEST);
+                if faces { ends[0].0 - ends[1].0 } else { normal.dot(&edge) }
+            });
+            let normal = root.risen(&normal, rises);
+            let depth = Depth { middle: -value, spread: 0.5 * rises[0].hypot(rises[1]) };
             return (depth.middle > -depth.spread).then_some((normal, depth));
         }
         let middle = if normal.z > -STEEPEST && value < 0.0 {
@@ -256,7 +281,14 @@ impl<'a> PlacedObject<'a> {
     /// frame's origin.
     pub(super) fn new(shape: &'a Shape, radius: f64, pose: &Isometry3<f64>) -> Self {
         let turn = *pose.rotation.to_rotation_matrix().matrix();
-        Self { shape, radius, pose: *pose, turn }
+        let is_creased = matches!(
+            shape,
+            Shape::Cuboid { .. }
+                | Shape::Prism { .. }
+                | Shape::Cone { .. }
+                | Shape::Cylinder { .. }
+        );
+        Self { shape, radius, pose: *pose, turn, is_creased }
     }
 
     /// Signed distance (m) and outward normal at a `place` in the pad's frame.
