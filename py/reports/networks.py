@@ -146,14 +146,14 @@ answers. So the network stayed."""
 
 
 TRUTH = """{presses} of these presses, {frames} frames, were solved again on finer meshes: on up to
-{sizes[truth_nodes]:,} nodes in place of 850, with {sizes[truth_across]:.0f} distances between nodes
-across the area that the indenter covers in place of 8. The two differ by
-{median[displacement]:.1%} in displacement, {median[stress]:.1%} in stress and
-{median[force]:.1%} in force in the median, by {p95[displacement]:.0%}, {p95[stress]:.0%} and
-{p95[force]:.0%} at the 95th percentile: little under round indenters, much under thin walls, edges
-and rasps. That much of the errors above is one of the finite elements that the networks learn from
-and are judged by. Commit {commit}; `ruffini dataset error presses finer`, or `python py/reports
-networks --data presses --finer finer`."""
+{sizes[truth_nodes]:,} nodes in place of 850, with up to {sizes[truth_across]:.0f} distances between
+nodes across what the indenter covers in place of 8. The two differ by
+{median[displacement]:100*.1f} % in displacement, {median[stress]:100*.1f} % in stress and
+{median[force]:100*.1f} % in force in the median, by {p95[displacement]:100*.0f},
+{p95[stress]:100*.0f} and {p95[force]:100*.0f} % at the 95th percentile: little under round
+indenters, much under thin walls, edges and rasps. That much of the errors above is one of the
+finite elements that the networks learn from and are judged by. Commit {commit}; `ruffini dataset
+error presses finer`, or `python py/reports networks --data presses --finer finer`."""
 
 HEADS = ("network", "50 indenters: u / σ / force (%)", "plain shapes (%)", "GraspFragile")
 TRIED = [
