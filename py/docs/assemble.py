@@ -15,6 +15,7 @@
 from __future__ import annotations
 
 import ast
+import copy
 import inspect
 import os
 import re
@@ -40,7 +41,7 @@ REFERENCE = {
         ],
     ),
     "mechanics": (
-        "Soft-body mechanics",
+        "Mechanics of soft bodies",
         [
             *("Shape", "TetMesh", "SoftBody", "sensor", "Press", "History", "Deformation", "Fem"),
             *("Compliance", "LinearPad", "Surrogate", "SoftSurrogate", "PaperNetwork"),
@@ -88,6 +89,9 @@ def copied(file: Path) -> list[Path]:
     text = LINK.sub(fitted, MARK.sub("", file.read_text()))
     if file == DOCS / "tasks.md":
         text = with_specifications(text)
+    if place(file).parts[0] in ("policies", "tests"):
+        # A search finds the pages on a matter before the reports behind them.
+        text = f"---\nsearch: {{boost: 0.5}}\n---\n\n{text}"
     target.write_text(text)
     return linked
 
@@ -180,6 +184,40 @@ def documented(source: str, thing: object) -> str:
     return ast.unparse(tree)
 
 
+class _Plain(ast.NodeTransformer):
+    """Writes out what annotations and defaults call by private names of the module."""
+
+    def __init__(self, tree: ast.Module) -> None:
+        self.meaning: dict[str, ast.expr] = {}
+        for node in tree.body:
+            target = node.targets[0] if isinstance(node, ast.Assign) else None
+            target = node.target if isinstance(node, ast.AnnAssign) else target
+            if isinstance(target, ast.Name) and target.id.startswith("_") and node.value:
+                self.meaning[target.id] = node.value
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        """What a private name stands for."""
+        meant = self.meaning.get(node.id)
+        return node if meant is None else self.visit(copy.deepcopy(meant))
+
+
+def plain(source: str) -> str:
+    """Source of a module whose signatures and bases are without private names."""
+    tree = ast.parse(source)
+    names = _Plain(tree)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            names.visit(node.args)
+            node.returns = node.returns and names.visit(node.returns)
+        elif isinstance(node, ast.ClassDef):
+            known = [base for base in node.bases if not ast.unparse(base).startswith("_")]
+            node.bases = known
+            for line in node.body:
+                if isinstance(line, ast.AnnAssign):
+                    line.annotation = names.visit(line.annotation)
+    return ast.unparse(tree)
+
+
 def package() -> None:
     """Copies the package, docstrings written out, for the reference to be read from."""
     shutil.copytree(
@@ -191,7 +229,7 @@ def package() -> None:
     for file in PYTHON.rglob("*.py"):
         # reStructuredText of the docstrings that Markdown does not know.
         text = ROLE.sub(r"`\1`", file.read_text())
-        file.write_text(re.sub(r"::\n\n", ":\n\n", text))
+        file.write_text(plain(re.sub(r"::\n\n", ":\n\n", text)))
 
 
 def main() -> None:

@@ -154,6 +154,13 @@ def test_all_but_training_goes_without_torch(run, tmp_path):
     assert done.stderr.count("\n") == 1 and 'pip install "ruffini[train]"' in done.stderr
 
 
+def test_without_torch_the_module_for_stable_baselines3_says_what_to_install():
+    code = BLOCKED + "import ruffini.sb3"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    last = done.stderr.splitlines()[-1]
+    assert last.endswith('ruffini.sb3: found no torch: pip install "ruffini[train]"'), last
+
+
 def test_a_run_plays_without_a_card_to_compare_with(run, capsys):
     assert main(["play", "--policy", str(run), "--episodes", "2"]) == 0
     head, found = capsys.readouterr().out.splitlines()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import pytest
 
 from ruffini import Shape
@@ -48,3 +50,12 @@ def test_what_cannot_be_mended_is_refused(box, tmp_path, capsys):
     assert "not watertight after repair" in capsys.readouterr().err
     assert not mended.exists()
     assert main(["mesh", str(broken), "--repair", "mended.ply"]) == 2
+
+
+def test_without_trimesh_one_line_says_what_to_install(box, tmp_path, monkeypatch, capsys):
+    file, mended = tmp_path / "part.stl", tmp_path / "mended.stl"
+    box.export(file)
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    assert main(["mesh", str(file), "--repair", str(mended)]) == 2
+    said = capsys.readouterr().err
+    assert said == 'ruffini: this command needs trimesh: pip install "ruffini[mesh]"\n'

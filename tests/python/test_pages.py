@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import os
 import re
 import runpy
 import shlex
 import shutil
+import subprocess
 import sys
 from ast import literal_eval
 from pathlib import Path
@@ -176,6 +178,28 @@ def test_the_code_of_an_environments_page_runs(task, assemble, root, monkeypatch
     if task == "GraspSoft":
         pytest.skip("condensing all of its objects takes minutes")
     play(assemble["environment"](task), task, monkeypatch)
+
+
+def test_without_its_extra_the_site_says_what_to_install():
+    # An interpreter that fails at every import.
+    env = os.environ | {"PYTHON": "false"}
+    done = subprocess.run([ROOT / ".ci/site"], env=env, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1 and 'false -m pip install ".[docs]"' in done.stderr
+
+
+def test_lines_of_a_page_break_at_spaces_alone():
+    page = runpy.run_path(str(DOCS / "hooks.py"))["on_page_content"]
+    whole = '<code><span class="whole">--out</span> a</code>'
+    assert page("<p>6 % <code>--out a</code></p>") == f"<p>6\N{NO-BREAK SPACE}% {whole}</p>"
+    for kept in ('<a href="#a-b">b</a>', "<pre><code>--out 6 %</code></pre>", "<code>a b</code>"):
+        assert page(kept) == kept
+
+
+def test_signatures_of_the_reference_have_no_private_names(assemble):
+    source = "_Path = str | bytes\ndef write(path: _Path = _HERE) -> _Path: ...\n_HERE = 'a'\n"
+    shown = assemble["plain"](source)
+    assert "def write(path: str | bytes='a') -> str | bytes:" in shown, shown
 
 
 def test_the_site_has_all_that_it_links_to(assemble, tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from drawn_agent import COARSE, card, drawn, tensors
 
-from ruffini import agents
+from ruffini import agents, commands
 from ruffini._core import encode_gif
 from ruffini._schema import TASKS
 from ruffini.agents import Agent
@@ -169,6 +169,13 @@ def test_an_agent_of_other_settings_is_refused_before_it_plays(tmp_path, change,
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
     assert text in done.stderr and "other.safetensors" in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_the_command_alone_lists_what_there_is(capsys):
+    with pytest.raises(SystemExit) as ended:
+        commands.main([])
+    assert ended.value.code == 0
+    assert "play" in capsys.readouterr().out
 
 
 def test_no_file_is_left_where_the_demo_did_not_play(file, tmp_path):

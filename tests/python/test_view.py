@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -74,12 +75,49 @@ def test_a_recording_is_one_page_that_needs_no_network(frames, tmp_path):
         assert {f"/{side}/{part}" for side in view._SIDES} <= names, part
     assert any(name.startswith(f"/{view._SIDES[0]}/gel-") for name in names)
     assert {"/title", "/scale", "/scale-1", "/charts/0", "/charts/0/name"} <= names
+    assert {"/legend-0", *(f"/{side}: face/name" for side in view._SIDES)} <= names
     assert any(name.startswith("/object-") for name in names)
     text = out.read_text()
     assert text.lstrip().startswith("<!doctype html>") and "__VISER_EMBED_DATA__" in text
     assert 'src="http' not in text and 'href="http' not in text
     viewing.view([frames[:1]], out, say=said.append)
     assert said[0].startswith(f"{out}: 1 frames")
+
+
+def test_bodies_charts_and_texts_are_in_the_picture(frames, tmp_path):
+    scene = viewing.Scene(True, tmp_path / "a.html")
+    scene.record([frames], tmp_path / "a.html")
+    camera, nodes = scene._server.initial_camera, scene._nodes
+    ahead = np.subtract(camera.look_at, camera.position)
+    right = np.cross(ahead, [0, 0, 1])
+    axes = np.stack(
+        [axis / np.linalg.norm(axis) for axis in (right, np.cross(right, ahead), ahead)]
+    )
+    seen = [viewing._corners(frame.bodies[name]) for frame in frames for name in ("palm", "object")]
+    flat = [
+        name for name in nodes if name in ("/title", "/legend-2") or str(name).endswith("/high")
+    ]
+    points = np.concatenate([*seen, [nodes[name].position for name in flat]])
+    across, up, depth = axes @ (points - camera.position).T
+    scene.close()
+    half = np.tan(camera.fov / 2) * depth
+    # A window that is 16 : 10, which is narrower than most.
+    assert len(flat) > 10 and (np.abs(up) < half).all() and (np.abs(across) < 1.6 * half).all()
+
+
+def test_one_moment_of_high_stress_does_not_take_the_colour_from_the_others(frames, tmp_path):
+    pad = frames[-1].bodies[view._SIDES[0]]
+    high = replace(pad, von_mises=100 * pad.von_mises)
+    scene = viewing.Scene(True, tmp_path / "a.html")
+    scene._set_top([viewing.Frame("", {"pad": pad})] * 19 + [viewing.Frame("", {"pad": high})])
+    top, label = scene._top, scene._nodes["/scale-1"].text
+    scene.close()
+    assert pad.von_mises.max() <= top < 2 * pad.von_mises.max(), f"{top} Pa"
+    assert label.endswith("kPa or more")
+
+
+def test_names_of_curves_do_not_end_with_a_count(frames):
+    assert {"force, −x pad (N)", "force, +x pad (N)"} <= set(frames[0].values)
 
 
 def test_live_frames_are_shown_until_ctrl_c(frames, monkeypatch):

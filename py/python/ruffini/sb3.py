@@ -7,12 +7,17 @@ from typing import Any, Literal, get_args
 
 import gymnasium as gym
 import numpy as np
-import torch
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.vec_env import VecEnv
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+try:
+    import torch
+    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+    from stable_baselines3.common.vec_env import VecEnv
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+except ModuleNotFoundError as error:
+    missing = f'ruffini.sb3: found no {error.name}: pip install "ruffini[train]"'
+    raise ModuleNotFoundError(missing, name=error.name) from None
 
 from ruffini import _rows
 from ruffini._schema import TACTILE_CHANNELS

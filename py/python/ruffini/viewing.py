@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini._core import TetMesh
+from ruffini._frames import _turned
 from ruffini._spaces import check_writable
 
 __all__ = ["Frame", "Gel", "Rigid", "Scene", "Skin", "check", "nodal", "traction", "view"]
@@ -32,9 +33,16 @@ _AXES = [(215, 60, 50), (60, 150, 60), (50, 90, 210), (120, 120, 120)]
 """Colours of the components of a curve, in order."""
 _FORCE, _TRACTION = 0.003, 1e-7
 """Lengths of an arrow for 1 N and for 1 Pa (m)."""
-_CHART, _PITCH = (0.05, 0.016), (0.076, 0.028)
+_CHART, _PITCH = (0.095, 0.015), (0.135, 0.03)
 """Width and height of a chart, and distances between charts (m)."""
-_COLUMNS = 3
+_COLUMNS = 2
+_TEXT = 0.0055
+"""Height of letters (m)."""
+_LEGEND = (
+    "drag to turn, scroll to zoom",
+    "arrows on a pad: green net force, 3 mm for 1 N; blue contact",
+    "curves: red, green, blue, grey are components 1 to 4; the black line is now",
+)
 
 
 class Skin:
@@ -100,7 +108,8 @@ class Gel:
     wrench: Floats | None = None
     """Net force (N) and torque (N m) on the body (6,), about the origin of its frame."""
     scale: float = 1.0
-    """Factor by which the body is enlarged, with its markers and arrows of forces."""
+    """Factor by which the body is enlarged, with its markers and arrows of forces. The position of
+    an enlarged one is relative to the middle of the picture."""
 
 
 @dataclass
@@ -145,11 +154,16 @@ def check(out: Path | None) -> Any:
     return viser
 
 
+def _say(line: str) -> None:
+    """Print a line at once, also into a pipe."""
+    print(line, flush=True)
+
+
 def view(
     sequences: Iterable[Iterable[Frame]],
     out: Path | None,
     table: bool = False,
-    say: Callable[[str], None] = print,
+    say: Callable[[str], None] = _say,
 ) -> None:
     """Write sequences of frames to an HTML file, or show them in a browser until Ctrl-C.
 
@@ -189,8 +203,12 @@ class Scene:
         self._scene.configure_default_lights(True, cast_shadow=False)
         self._nodes: dict[Any, Any] = {}
         self._visible: dict[str, Any] = {}
-        self._top = 0.0
+        self._peaks: list[float] = []
+        self._top, self._size, self._middle = 0.0, 1.0, np.array([0.0, 0.0, 0.165])
         self._table = table
+        self._server.gui.configure_theme(show_logo=False, show_share_button=False)
+        # In the corner where nothing is drawn.
+        self._server.gui.main_panel.float(x=15, y=-15, width=260)
         if table:
             self._scene.add_grid(
                 "/table", 0.4, 0.4, cell_size=0.025, section_size=0.1, cell_thickness=0.5
@@ -204,8 +222,8 @@ class Scene:
     def record(self, sequences: Sequence[Sequence[Frame]], out: Path) -> int:
         """Write the frames to an HTML file, and return how many they are."""
         frames = [frame for sequence in sequences for frame in sequence]
+        self._aim(frames)
         self._set_top(frames)
-        self._aim(frames[0])
         for frame in frames:
             self._prepare(frame)
         recording = self._server.get_scene_serializer()
@@ -219,15 +237,17 @@ class Scene:
     def live(self, sequences: Iterable[Iterable[Frame]]) -> None:
         """Show the frames as they come, then those chosen with a slider; never ends."""
         seen: list[tuple[Frame, list[Frame], int]] = []
+        note = self._server.gui.add_markdown("Being played. At its end a slider goes back.")
         for sequence in sequences:
             past: list[Frame] = []
             for frame in sequence:
                 past.append(frame)
                 if not seen:
-                    self._aim(frame)
+                    self._aim([frame])
                 seen.append((frame, past, len(past) - 1))
                 self._set_top([frame])
                 self.show(*seen[-1])
+        note.remove()
         slider = self._server.gui.add_slider("frame", 0, max(1, len(seen) - 1), 1, len(seen) - 1)
         play = self._server.gui.add_checkbox("play", False)
         shown = len(seen) - 1
@@ -253,20 +273,32 @@ class Scene:
             holder = self._frame(name) if isinstance(body, Gel) else node
             holder.position, holder.wxyz = body.pose[:3], body.pose[[6, 3, 4, 5]]
             if isinstance(body, Gel):
+                if body.scale > 1:
+                    holder.position = self._middle + body.pose[:3]
                 self._touch(name, body)
-        self._text("/title", frame.title, np.add(self._corner(), [-0.25, 0, 0.03]), 0.006)
+        self._text("/title", frame.title, self._at(-0.18, 0.185), 0.0075)
 
-    def _aim(self, frame: Frame) -> None:
-        camera = self._server.initial_camera
-        camera.near, camera.fov = 0.001, 0.75
+    def _aim(self, frames: Sequence[Frame]) -> None:
+        """Aim the camera at the bodies of all frames, and write the legend."""
+        bodies = [body for frame in frames for body in frame.bodies.values()]
+        corners = [_corners(body) for body in bodies if isinstance(body, Rigid) or body.scale == 1]
+        low, high = np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))
+        camera, rise = self._server.initial_camera, 0.05
         if self._table:
-            camera.position, camera.look_at = (0.04, -0.48, 0.17), (0.05, 0.0, 0.1)
+            self._middle[0] = (low[0] + high[0]) / 2
         else:
-            camera.position, camera.look_at = (0.03, -0.22, 0.14), (0.06, 0.0, 0.0)
+            self._middle, rise = (low + high) / 2, 0.12
+            self._size = float(np.clip((high - low).max() / 0.2, 0.1, 1.0))
+        camera.near, camera.fov = 0.001, 0.75
+        camera.look_at = self._at(0.18, 0.0)
+        camera.position = self._at(0.18, rise) - self._size * np.array([0.0, 0.6, 0.0])
+        for k, line in enumerate(_LEGEND):
+            self._text(f"/legend-{k}", line, self._at(0.212, -0.172 - 0.011 * k), _TEXT)
 
-    def _corner(self) -> Floats:
-        """Upper left corner of the board of charts."""
-        return np.array([0.09, 0.03, 0.2]) if self._table else np.array([0.04, 0.0, 0.06])
+    def _at(self, x: float, z: float) -> Floats:
+        """Place on the board of charts and legends, x to the right and z up from its middle."""
+        place: Floats = self._middle + self._size * np.array([x, 0.03, z])
+        return place
 
     def _prepare(self, frame: Frame) -> None:
         for name, body in frame.bodies.items():
@@ -299,8 +331,12 @@ class Scene:
         return self._nodes[name]
 
     def _touch(self, name: str, body: Gel) -> None:
-        """Draw markers, forces and wrench of a soft body."""
+        """Draw markers, forces and wrench of a soft body, and the name of an enlarged one."""
         scale = body.scale
+        if scale > 1:
+            low, high = scale * body.vertices.min(axis=0), scale * body.vertices.max(axis=0)
+            place = np.array([low[0], high[1] + 0.006, 0.0])
+            self._text(f"/{name}/name", name.split(":")[0], place, _TEXT)
         if body.markers is not None:
             points = (scale * body.markers).astype(np.float32)
             if (key := f"{name}/markers") not in self._nodes:
@@ -319,11 +355,11 @@ class Scene:
         if body.wrench is not None:
             force, torque = body.wrench[:3], body.wrench[3:]
             self._arrows(
-                f"{name}/force", np.zeros((1, 3)), _FORCE * force[None], 6e-4, (0, 130, 70)
+                f"{name}/force", np.zeros((1, 3)), _FORCE * force[None], 4e-4, (0, 130, 70)
             )
             size, turn = np.linalg.norm(force), 1e3 * np.linalg.norm(torque)
             text = f"{size:.2f} N, {turn:.1f} mN m" if size > 0 else ""
-            self._text(f"/{name}/wrench", text, np.array([0, -0.022, -0.022]), 0.0045)
+            self._text(f"/{name}/wrench", text, np.array([0, -0.022, -0.022]), _TEXT)
 
     def _arrows(
         self, name: str, points: Floats, arrows: Floats, radius: float, color: tuple[int, int, int]
@@ -344,6 +380,8 @@ class Scene:
     def _text(
         self, path: str, text: str, position: Floats, height: float, anchor: str = "center-left"
     ) -> None:
+        """Write a text in letters of a height that grows with what is seen."""
+        height *= self._size
         if path not in self._nodes:
             look = {"font_size_mode": "scene", "font_scene_height": height, "anchor": anchor}
             self._nodes[path] = self._scene.add_label(path, text, position=position, **look)
@@ -352,21 +390,22 @@ class Scene:
             node.text = text
 
     def _set_top(self, frames: Iterable[Frame]) -> None:
-        """Make the colour scale reach to the highest stress in these frames and before."""
-        stresses = (
-            gel.von_mises
-            for frame in frames
-            for gel in frame.bodies.values()
-            if isinstance(gel, Gel)
-        )
-        highest = max((float(stress.max()) for stress in stresses), default=0.0)
+        """Make the colour scale reach to the highest stress of nine in ten frames so far.
+
+        A moment of high stress would take the colour from the others.
+        """
+        for frame in frames:
+            gels = [body for body in frame.bodies.values() if isinstance(body, Gel)]
+            self._peaks.append(max((float(gel.von_mises.max()) for gel in gels), default=0.0))
+        touched = [peak for peak in self._peaks if peak > 0]
+        highest = float(np.quantile(touched, 0.9)) if touched else 0.0
         if highest <= self._top:
             return
         digit = 10.0 ** math.floor(math.log10(highest))
         self._top = next(
             digit * step for step in (1, 1.5, 2, 3, 5, 7.5, 10) if digit * step >= highest
         )
-        low, size = np.add(self._corner(), [-0.25, 0, -0.1]), np.array([0.006, 0, 0.08])
+        low, size = self._at(0.212, -0.14), self._size * np.array([0.006, 0, 0.08])
         heights = np.linspace(0, 1, 24)
         sides = [[[0, 0, height], [1, 0, height]] for height in heights]
         points = low + size * np.array(sides).reshape(-1, 3)
@@ -378,18 +417,18 @@ class Scene:
         self._scene.add_mesh_trimesh("/scale", mesh, cast_shadow=False, receive_shadow=False)
         for share in (0, 1):
             at = low + size * [1.5, 0, share]
-            self._text(f"/scale-{share}", f"{share * self._top / 1e3:g} kPa", at, 0.0045)
-        self._text("/scale-name", "von Mises stress", np.add(low, [0, 0, 0.088]), 0.0045)
+            more = " or more" if share * max(self._peaks) > self._top else ""
+            self._text(f"/scale-{share}", f"{share * self._top / 1e3:g} kPa{more}", at, _TEXT)
+        self._text("/scale-name", "von Mises stress", self._at(0.212, -0.048), _TEXT)
 
     def _charts(self, sequence: Sequence[Frame], number: int) -> None:
         """Draw the curves of a sequence, if they are not there, and mark a frame in them."""
         names = list(sequence[0].values)
         if not names:
             return
-        width, height = _CHART
-        rows = [divmod(k, _COLUMNS) for k in range(len(names))]
-        corner, (across, down) = self._corner(), _PITCH
-        places = [np.add(corner, [column * across, 0, -row * down]) for row, column in rows]
+        width, height = self._size * np.array(_CHART)
+        rows, (across, down) = [divmod(k, _COLUMNS) for k in range(len(names))], _PITCH
+        places = [self._at(0.3 + column * across, 0.15 - row * down) for row, column in rows]
         state = (id(sequence), len(sequence))
         if self._nodes.get("charts") != state:
             self._nodes["charts"] = state
@@ -398,7 +437,7 @@ class Scene:
                 self._chart(f"/charts/{k}", name, values, place)
         share = number / max(1, len(sequence) - 1)
         now = np.stack(
-            [np.add(places, [share * width, -0.0005, z]) for z in (0, height)], axis=1
+            [np.add(places, [share * width, -0.0005 * self._size, z]) for z in (0, height)], axis=1
         ).astype(np.float32)
         if "now" not in self._nodes:
             line = {"thickness": 1, "thickness_units": "screen"}
@@ -409,7 +448,9 @@ class Scene:
 
     def _chart(self, path: str, name: str, values: Floats, place: Floats) -> None:
         """Draw the curves (T, K) of one chart with its lower left corner at `place`."""
-        width, height = _CHART
+        width, height = self._size * np.array(_CHART)
+        # What is smaller than this in any unit is rounding.
+        values = np.where(np.abs(values) < 1e-9, 0.0, values)
         low, high = float(values.min()), float(values.max())
         x = np.linspace(0, width, max(2, len(values)))
         frame = [[0, 0], [1, 0]], [[0, 0], [0, 1]]
@@ -425,10 +466,17 @@ class Scene:
         each = np.repeat(np.array(colors, np.uint8)[:, None], 2, axis=1)
         line = {"thickness": 1.5, "thickness_units": "screen"}
         self._scene.add_line_segments(path, lines.astype(np.float32), each, **line)
-        self._text(f"{path}/name", name, np.add(place, [0, 0, 1.3 * height]), 0.0034)
+        self._text(f"{path}/name", name, np.add(place, [0, 0, 1.4 * height]), _TEXT)
         for end, value, z in (("low", low, 0.0), ("high", high, height)):
             at = np.add(place, [0, 0, z])
-            self._text(f"{path}/{end}", f"{value:.3g} ", at, 0.003, "center-right")
+            label = f"{value:.3g} " if abs(value) < 1e3 else f"{value:,.0f} "
+            self._text(f"{path}/{end}", label, at, 0.0045, "center-right")
+
+
+def _corners(body: Rigid | Gel) -> Floats:
+    """Lowest and highest corner (2, 3) of a body in the world."""
+    points = _turned(np.asarray(body.pose, float), body.vertices) + body.pose[:3]
+    return np.stack([points.min(axis=0), points.max(axis=0)])
 
 
 def color(shares: Floats) -> NDArray[np.uint8]:

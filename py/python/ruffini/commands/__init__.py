@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if words[:1] in (["train"], ["evaluate"]):
             ours, gels = (f"ruffini {part} {words[0]}" for part in ("agent", "network"))
             raise ValueError(f"{words[0]}: expected {ours}, or for models of the gel {gels}")
-        options = parser.parse_args(words)
+        options = parser.parse_args(words or ["--help"])
         options.run(options)
     except SimulationError as error:
         print(f"ruffini: {error}", file=sys.stderr)

@@ -201,7 +201,7 @@ def pressed(mesh: TetMesh, shape: str, frames: Iterable[Deformation]) -> Iterato
     for number, frame in enumerate(frames):
         bodies: dict[str, Rigid | Gel] = {
             "pad": gel(skin, frame),
-            "shape": Rigid(np.concatenate(frame.pose), *surface),
+            "shape": Rigid(np.concatenate(frame.pose), *surface, opacity=0.4),
         }
         yield summary(f"{shape}, frame {number}", bodies, seconds=0.1)
 

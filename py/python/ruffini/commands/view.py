@@ -30,10 +30,10 @@ _HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 _TURNS = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, 0.5))
 """Orientations of the pads in the frame of the tool: y along the finger, z out of the gel."""
 _FACES = (
-    np.array([-0.105, 0.03, 0.15, 0.5**0.5, 0, 0, 0.5**0.5]),
-    np.array([-0.105, 0.03, 0.085, 0.5**0.5, 0, 0, 0.5**0.5]),
+    np.array([0.235, 0.03, 0.1, 0.5**0.5, 0, 0, 0.5**0.5]),
+    np.array([0.235, 0.03, 0.025, 0.5**0.5, 0, 0, 0.5**0.5]),
 )
-"""Poses at which the pads are shown once more, enlarged, with their faces to the front."""
+"""Poses in the picture at which the pads are shown once more, enlarged, faces to the front."""
 _SIX = np.array(
     [
         [0, 1, 3],
@@ -214,6 +214,8 @@ class _Drawn:
                 part = observation[channel][start : start + len(low)]
                 start += len(low)
                 if len(low) <= 4:
+                    # Names of several numbers end with how many they are.
+                    name = name.split(": ")[0]
                     values[f"{name} ({unit})" if unit else name] = part.tolist()
         return values
 
