@@ -37,6 +37,19 @@ def test_agents_that_come_with_the_package_are_whole():
         assert action.shape == (5,) and np.abs(action).max() <= 1
 
 
+def test_observing_the_stress_of_every_tetrahedron_ends_no_lift():
+    """One folded tetrahedron passed the bound, which ended this episode at its 11th step."""
+    agent = load("GraspLift")
+    seen = [*agent.channels, "tet_stress"]
+    env = gym.make("ruffini/GraspLift-v0", **{**agent.settings, "observation": seen})
+    observation, _ = env.reset(seed=10004)
+    over = False
+    while not over:
+        observation, _, terminated, truncated, info = env.step(agent.predict(observation)[0])
+        over = terminated or truncated
+    assert info["is_success"] and not terminated, info.get("ending")
+
+
 def test_a_task_has_many_spellings():
     for name in ("GraspLift", "grasp-lift", "grasp_lift", "GraspLift-v0", "ruffini/GraspLift-v0"):
         assert environment_id(name) == "ruffini/GraspLift-v0"

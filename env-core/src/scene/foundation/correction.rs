@@ -3,20 +3,20 @@
 //! The wrench of the model at a pose of the object is compared with that of the foundation at the
 //! same pose. The normal force is corrected by a factor, which keeps the foundation's steep force
 //! law and vanishes with the contact; the remainder, friction and torque, by a constant wrench. At
-//! a constant pose, foundation and correction converge to the model in k corrections: the factor as
-//! (1 − 0.6 μ/β)ᵏ with the exponents μ of the model's and β of the foundation's force law, the
-//! remainder as (1 − 0.4 K_model/K_bed)ᵏ, which is stable up to a model five times as stiff as the
-//! foundation.
+//! a constant load, foundation and correction converge to the model in k corrections: the factor as
+//! (1 − 0.8 μ/β)ᵏ with the exponents μ of the model's and β of the foundation's force law, the
+//! remainder as (1 − 0.6 K_model/K_foundation)ᵏ, which is stable up to a model three times as stiff
+//! as the foundation. The first correction of a contact removes the whole difference.
 
 use serde::{Deserialize, Serialize};
 
 use super::touch::cut;
 use crate::deformation::Wrench;
 
-/// Exponent of one correction of the factor on the normal force.
-const PRESSING: f64 = 0.6;
-/// Fraction of the remaining difference that one correction removes.
-const REST: f64 = 0.4;
+/// Exponent of one correction of the factor on the normal force, after the first.
+const PRESSING: f64 = 0.8;
+/// Fraction of the remaining difference that one correction removes, after the first.
+const REST: f64 = 0.6;
 /// Range of the factor on the normal force.
 const GAIN: std::ops::RangeInclusive<f64> = 0.25..=4.0;
 /// Largest sideways force of a correction over the normal force.
@@ -48,6 +48,8 @@ impl Correction {
     /// gain.
     /// Resets the correction unless both have contact.
     pub(super) fn toward(&mut self, model: &Wrench, foundation: impl Fn(f64) -> Wrench) {
+        // The first, on which no other has acted, removes all of it.
+        let rest = if self.force > 0.0 { REST } else { 1.0 };
         if !self.press(-model.force.z, &foundation) {
             return;
         }
@@ -55,8 +57,8 @@ impl Correction {
         let now = self.at(-foundation.force.z);
         self.force = -foundation.force.z;
         let mut extra = Wrench {
-            force: now.force + REST * (model.force - foundation.force - now.force),
-            torque: now.torque + REST * (model.torque - foundation.torque - now.torque),
+            force: now.force + rest * (model.force - foundation.force - now.force),
+            torque: now.torque + rest * (model.torque - foundation.torque - now.torque),
         };
         // The normal force is corrected by the factor alone.
         extra.force.z = 0.0;
@@ -73,7 +75,8 @@ impl Correction {
             *self = Self::default();
             return false;
         }
-        let gain = self.gain * (wanted / found).powf(PRESSING);
+        let is_first = self.gain == 1.0;
+        let gain = self.gain * (wanted / found).powf(if is_first { 1.0 } else { PRESSING });
         self.gain = gain.clamp(*GAIN.start(), *GAIN.end());
         true
     }
