@@ -357,7 +357,8 @@ impl Episode {
             terms,
             terminated: ending.is_some(),
             truncated: ending.is_none() && self.steps >= config.max_episode_steps,
-            is_success: config.task.is_success(&step, &progress, config),
+            // What ended the episode early has failed, whatever it had reached.
+            is_success: ending.is_none() && config.task.is_success(&step, &progress, config),
             ending,
             press_error: retaken,
         };
