@@ -47,6 +47,10 @@ pub struct Config {
     /// there are not enough nodes.
     #[serde(skip_serializing_if = "is_rough")]
     pub truth_across: f64,
+    /// Number of equal load steps, by finite elements and by linear elasticity, from one frame of an
+    /// indenter to the next.
+    #[serde(skip_serializing_if = "is_one")]
+    pub truth_steps: usize,
     /// Smallest and greatest force at which a grasp ends (N).
     pub force: [f64; 2],
     /// Closing at which a grasp ends, whatever its force: of each pad, over its thickness, or of
@@ -128,6 +132,7 @@ impl Default for Config {
             truth_nodes: 2000,
             truth_element: "p1-bar".to_owned(),
             truth_across: ACROSS,
+            truth_steps: 1,
             force: [2.0, 80.0],
             depth: 0.5,
             shear: 0.4,
@@ -153,6 +158,11 @@ fn is_zero(value: &f64) -> bool {
 #[allow(clippy::trivially_copy_pass_by_ref)] // Signature required by serde.
 fn is_none(count: &usize) -> bool {
     *count == 0
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // Signature required by serde.
+fn is_one(count: &usize) -> bool {
+    *count == 1
 }
 
 /// Usual distances between nodes across an indenter.
@@ -227,6 +237,7 @@ impl Config {
             ("objects", self.objects, self.scenario.objects()),
             ("grasps", self.grasps, 1000),
             ("frames", self.frames, 1000),
+            ("truth_steps", self.truth_steps, 100),
         ];
         for (name, count, most) in counts {
             if !(1..=most).contains(&count) {

@@ -23,6 +23,7 @@ use super::{
 };
 use crate::{
     Error, Result,
+    contact::between,
     deformation::{Deformation, Press},
     fem::Carrier,
     geometry::{PadMesh, PadOutline, Shape},
@@ -151,8 +152,9 @@ pub(super) fn solve(
         let fem = gel.graded(sensor, width / config.truth_across, &points, config)?;
         let carrier = Carrier::new(&fem, &model.mesh)?;
         let (mut frames, mut error) = (Vec::<Deformation>::new(), None);
-        for pose in &path {
-            let press = Press::along(vec![shape.clone()], vec![vec![*pose]])?;
+        let froms = std::iter::once(&start).chain(&path);
+        for (from, to) in froms.zip(&path) {
+            let press = Press::along(vec![shape.clone()], steps(from, to, config.truth_steps))?;
             let mut press = press.with_friction(drawn.friction)?;
             if let Some(before) = frames.last() {
                 press = press.after(before.history.clone())?;
@@ -238,6 +240,15 @@ impl Indentation {
         }
         (touch, path)
     }
+}
+
+/// Poses at the ends of `count` equal load steps between two frames.
+pub(crate) fn steps(
+    from: &Isometry3<f64>,
+    to: &Isometry3<f64>,
+    count: usize,
+) -> Vec<Vec<Isometry3<f64>>> {
+    (1..=count).map(|i| between(&[*from], &[*to], i as f64 / count as f64)).collect()
 }
 
 /// Places on the face, `apart` (m) from each other.

@@ -28,6 +28,7 @@ mod weight;
 pub use config::{Config, GelConfig, SOFT, Scenario};
 pub use generate::{Estimate, GenerationProgress, Obstacle, Orders, estimate, generate, shards};
 pub use indentation::Indentation;
+pub(crate) use indentation::steps;
 pub use manifest::{FORMAT, Manifest, Shard, Solved, Split, Unsolved};
 pub use plan::{Plan, plans};
 pub use read::{Dataset, PadFrames};

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     Result,
-    dataset::{Config, Dataset, PadFrames},
+    dataset::{Config, Dataset, PadFrames, steps},
     deformation::{Moduli, Press},
     geometry::{PadMesh, Shape},
     sensor::Sensor,
@@ -34,6 +34,8 @@ pub(super) struct Sample {
 pub(super) struct Gels {
     pub(super) graphs: Vec<PadGraph>,
     pub(super) pads: Vec<GelPad>,
+    /// Load steps from one frame to the next.
+    steps: usize,
 }
 
 /// A gel of a dataset.
@@ -64,13 +66,13 @@ impl Gels {
         };
         let pads = config.gels.par_iter().map(pad).collect::<Result<_>>()?;
         let graphs = meshes.iter().map(PadGraph::new).collect::<Result<_>>()?;
-        Ok(Self { graphs, pads })
+        Ok(Self { graphs, pads, steps: config.truth_steps })
     }
 
     /// Holds graphs alone, for samples that are made elsewhere.
     #[cfg(test)]
     pub(super) fn of(graphs: Vec<PadGraph>) -> Self {
-        Self { graphs, pads: Vec::new() }
+        Self { graphs, pads: Vec::new(), steps: 1 }
     }
 
     /// Returns every frame of `dataset` whose grasp is in one of `parts`, for each part, and the
@@ -111,13 +113,16 @@ impl Gels {
     /// Computes the linear answers to the frames of a press, up to the first that fails.
     fn linear_path(&self, frames: &PadFrames, shape: &Shape) -> Result<Vec<LinearFields>> {
         let linear = &self.pads[frames.gel].linear;
-        let poses = std::iter::once(&frames.start).chain(&frames.poses);
-        let poses = poses.map(|&pose| vec![pose]).collect();
+        let froms = std::iter::once(&frames.start).chain(&frames.poses);
+        let between = |(from, to)| steps(from, to, self.steps);
+        let mut poses = vec![vec![frames.start]];
+        poses.extend(froms.zip(&frames.poses).flat_map(between));
         let mut press = Press::along(vec![shape.clone()], poses)?;
         if let Some(friction) = frames.friction {
             press = press.with_friction(friction)?;
         }
-        let answers = linear.path(&press).into_iter().map_while(Result::ok).skip(1);
+        let answers = linear.path(&press).into_iter().map_while(Result::ok);
+        let answers = answers.skip(self.steps).step_by(self.steps);
         Ok(answers.map(|answer| linear.carry(&answer, true)).collect())
     }
 
