@@ -6,15 +6,15 @@
 //! touching node, and, for each tetrahedron, of the stress that the corrected displacement implies.
 //! Without contact all corrections are exactly zero.
 //!
-//! Shapes: B presses in a batch, C columns, K free layers, V = C (K + 1) nodes, T tetrahedra, H
-//! latent width, W width of a corner.
+//! Shapes: B presses in a batch, C columns, K free layers, V = C (K + 1) nodes, T tetrahedra, D
+//! directions, H latent width, W width of a corner.
 
-use candle_core::{DType, Device, Result, Tensor};
+use candle_core::{Device, Result, Tensor};
 use candle_nn::VarBuilder;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    features::{FEATURES, PadInput},
+    features::{DIRECTIONS, FEATURES, PadInput},
     graph::{LAYERS, PadGraph, SCALES},
     layers::{Linear, Mlp},
     metrics::Fields,
@@ -65,8 +65,13 @@ pub(super) struct PadBatch {
     other_force: Tensor,
     /// Factors on the corrections of contact forces (B, C, 1).
     gates: Tensor,
+    /// Normals of the object (B, C, 3).
+    normals: Tensor,
+    /// Vectors along which displacements are corrected (B, C, 3 D).
+    directions: Tensor,
     /// Largest displacement of a node (B, 1, 1).
     amplitude: Tensor,
+    /// Largest contact force on a node (B, 1, 1).
     strongest: Tensor,
 }
 
@@ -103,6 +108,12 @@ impl PadBatch {
             forces: Tensor::from_vec(all(|x| &x.forces), (count, columns, 3), device)?,
             other_force: Tensor::from_vec(all(|x| &x.other_force), (count, 3), device)?,
             gates: Tensor::from_vec(all(|x| &x.gates), (count, columns, 1), device)?,
+            normals: Tensor::from_vec(all(|x| &x.normals), (count, columns, 3), device)?,
+            directions: Tensor::from_vec(
+                all(|x| &x.directions),
+                (count, columns, 3 * DIRECTIONS),
+                device,
+            )?,
             amplitude: single(|x| x.amplitude)?,
             strongest: single(|x| x.strongest)?,
         })
@@ -171,32 +182,53 @@ impl Corrector {
     }
 }
 
-/// Number of outputs of a column: additions to the displacement of its layers and to its contact
-/// force, and factors by which those of the linear answer grow.
-pub(super) const OUTPUTS: usize = 4 * LAYERS + 4;
+/// Number of outputs of a column for each of its layers: an addition to the displacement, factors by
+/// which it grows along the face and across it, and its corrections along [`DIRECTIONS`].
+pub(super) const OF_LAYER: usize = 3 + 2 + DIRECTIONS;
+/// Number of outputs of a column for its contact force: an addition, factors by which it grows along
+/// the face and across it, and corrections along the object's normal in units of the strongest force
+/// and of its own.
+pub(super) const OF_FORCE: usize = 3 + 2 + 2;
+/// Number of outputs of a column.
+pub(super) const OUTPUTS: usize = LAYERS * OF_LAYER + OF_FORCE;
 
 /// Corrected displacement of all nodes (B V, 3).
 fn displaced(batch: &PadBatch, output: &Tensor) -> Result<Tensor> {
-    let presses = batch.presses()?;
-    // A number or a vector of each node: zeros on the base.
-    let on_nodes = |first: usize, width: usize| {
-        let layers = output.narrow(1, first, width * LAYERS)?;
-        let layers = layers.reshape((presses, (), LAYERS, width))?.transpose(1, 2)?.contiguous()?;
-        let base = Tensor::zeros((presses, 1, layers.dim(2)?, width), DType::F32, &Device::Cpu)?;
-        Tensor::cat(&[&layers, &base], 1)?.reshape((presses, (), width))
-    };
-    let added = on_nodes(0, 3)?.broadcast_mul(&batch.amplitude)?;
-    let displacement = (&batch.displacement + added.reshape(batch.displacement.shape())?)?;
-    let growth = on_nodes(3 * LAYERS + 3, 1)?.reshape(((), 1))?;
-    displacement + batch.displacement.broadcast_mul(&growth)?
+    let (presses, columns) = (batch.presses()?, batch.gates.dim(1)?);
+    let output = output.narrow(1, 0, LAYERS * OF_LAYER)?;
+    let output = output.reshape((presses, columns, LAYERS, OF_LAYER))?.transpose(1, 2)?;
+    let all = batch.displacement.reshape((presses, LAYERS + 1, columns, 3))?;
+    let (free, base) = (all.narrow(1, 0, LAYERS)?, all.narrow(1, LAYERS, 1)?);
+    let added = output.narrow(3, 0, 3)?.broadcast_mul(&batch.amplitude.unsqueeze(3)?)?;
+    let mut corrected = ((&free + added)? + (&free * growth(&output)?)?)?;
+    for direction in 0..DIRECTIONS {
+        let along = batch.directions.narrow(2, 3 * direction, 3)?.unsqueeze(1)?;
+        let size = output.narrow(3, 5 + direction, 1)?;
+        corrected = (corrected + size.broadcast_mul(&along)?)?;
+    }
+    Tensor::cat(&[&corrected, &base], 1)?.reshape(batch.displacement.shape())
 }
 
 /// Corrected contact forces on the face (B, C, 3), and net contact force (B, 3).
 fn pressed(batch: &PadBatch, output: &Tensor) -> Result<(Tensor, Tensor)> {
-    let added = output.narrow(1, 3 * LAYERS, 3)?.reshape(batch.forces.shape())?;
-    let added = added.broadcast_mul(&batch.gates)?.broadcast_mul(&batch.strongest)?;
-    let growth = output.narrow(1, OUTPUTS - 1, 1)?.reshape(batch.gates.shape())?;
-    let forces = ((&batch.forces + added)? + batch.forces.broadcast_mul(&growth)?)?;
+    let (presses, columns) = (batch.presses()?, batch.gates.dim(1)?);
+    let output = output.narrow(1, LAYERS * OF_LAYER, OF_FORCE)?;
+    let output = output.reshape((presses, columns, OF_FORCE))?;
+    let unit = batch.gates.broadcast_mul(&batch.strongest)?;
+    let along = output.narrow(2, 5, 1)?.mul(&unit)?;
+    let own = batch.forces.sqr()?.sum_keepdim(2)?.sqrt()?;
+    let along = (along + output.narrow(2, 6, 1)?.mul(&own)?)?;
+    let added = output.narrow(2, 0, 3)?.broadcast_mul(&unit)?;
+    let added = (added + batch.normals.broadcast_mul(&along)?)?;
+    let forces = ((&batch.forces + added)? + (&batch.forces * growth(&output)?)?)?;
     let force = (forces.sum(1)? + &batch.other_force)?;
     Ok((forces, force))
+}
+
+/// Factors of growth of a vector (…, 3) among the outputs (…, 5 and more): one along the face, one
+/// across it.
+fn growth(output: &Tensor) -> Result<Tensor> {
+    let axis = output.rank() - 1;
+    let [along, across] = [output.narrow(axis, 3, 1)?, output.narrow(axis, 4, 1)?];
+    Tensor::cat(&[&along, &along, &across], axis)
 }

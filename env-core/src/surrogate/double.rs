@@ -7,9 +7,9 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
     answer::SHIPPED,
-    corrector::Corrector,
+    corrector::{Corrector, OF_LAYER},
     fast::{PadBuffers, PadInference},
-    features::{FEATURES, PadInput, PadMaterial},
+    features::{DIRECTIONS, FEATURES, PadInput, PadMaterial},
     graph::{LAYERS, PadGraph},
     layers::{LayerNorm, Linear, Mlp, Round},
     linear::LinearBaseline,
@@ -149,15 +149,24 @@ fn forward(
     let amplitude = f64::from(input.amplitude);
     let (mut displacement, mut forces) = (wide(&input.displacement), wide(&input.forces));
     for column in 0..graph.columns {
-        let growth = |i: usize| 1.0 + output[(column, 3 * LAYERS + 3 + i)];
+        let growth = |first: usize, axis: usize| 1.0 + output[(column, first + 3 + axis / 2)];
+        let gate = f64::from(input.gates[column]) * f64::from(input.strongest);
+        let first = OF_LAYER * LAYERS;
+        let own = Vector3::from_column_slice(&forces[3 * column..][..3]).norm();
+        let along = output[(column, first + 5)] * gate + output[(column, first + 6)] * own;
         for axis in 0..3 {
             for layer in 0..LAYERS {
+                let first = OF_LAYER * layer;
                 let u = &mut displacement[3 * (layer * graph.columns + column) + axis];
-                *u = *u * growth(layer) + output[(column, 3 * layer + axis)] * amplitude;
+                *u = *u * growth(first, axis) + output[(column, first + axis)] * amplitude;
+                for direction in 0..DIRECTIONS {
+                    let along = input.directions[3 * (DIRECTIONS * column + direction) + axis];
+                    *u += output[(column, first + 5 + direction)] * f64::from(along);
+                }
             }
-            let gate = f64::from(input.gates[column]) * f64::from(input.strongest);
             let force = &mut forces[3 * column + axis];
-            *force = *force * growth(LAYERS) + output[(column, 3 * LAYERS + axis)] * gate;
+            *force = *force * growth(first, axis) + output[(column, first + axis)] * gate;
+            *force += along * f64::from(input.normals[3 * column + axis]);
         }
     }
     let [before, after] =

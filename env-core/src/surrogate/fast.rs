@@ -8,8 +8,8 @@
 use candle_core::Result;
 
 use super::{
-    corrector::{Corrector, OUTPUTS},
-    features::PadInput,
+    corrector::{Corrector, OF_LAYER, OUTPUTS},
+    features::{DIRECTIONS, PadInput},
     graph::{LAYERS, PadGraph, SCALES},
     metrics::Fields,
     ops::PadStress,
@@ -96,13 +96,18 @@ impl PadInference {
     fn displaced(&self, input: &PadInput, output: &[f32]) -> Vec<f32> {
         let mut displacement = input.displacement.clone();
         let columns = self.columns;
-        for (column, output) in output.as_chunks::<OUTPUTS>().0.iter().enumerate() {
-            let (added, growth) = output.split_at(3 * LAYERS + 3);
-            for (layer, added) in added[..3 * LAYERS].as_chunks::<3>().0.iter().enumerate() {
-                let growth = 1.0 + growth[layer];
+        let directions = input.directions.as_chunks::<{ 3 * DIRECTIONS }>().0;
+        let of_columns = output.as_chunks::<OUTPUTS>().0.iter().zip(directions);
+        for (column, (output, directions)) in of_columns.enumerate() {
+            let layers = output[..LAYERS * OF_LAYER].as_chunks::<OF_LAYER>().0;
+            for (layer, output) in layers.iter().enumerate() {
                 let node = &mut displacement[3 * (layer * columns + column)..][..3];
-                for (u, x) in node.iter_mut().zip(added) {
-                    *u = *u * growth + input.amplitude * x;
+                for (axis, u) in node.iter_mut().enumerate() {
+                    let mut corrected = *u * growth(output, axis) + input.amplitude * output[axis];
+                    for (size, direction) in output[5..].iter().zip(directions.as_chunks::<3>().0) {
+                        corrected += size * direction[axis];
+                    }
+                    *u = corrected;
                 }
             }
         }
@@ -114,14 +119,24 @@ fn pressed(input: &PadInput, output: &[f32]) -> (Vec<f32>, [f32; 3]) {
     let mut forces = input.forces.clone();
     let mut sum = input.other_force;
     let columns = forces.as_chunks_mut::<3>().0.iter_mut().zip(&input.gates);
-    for ((force, gate), output) in columns.zip(output.as_chunks::<OUTPUTS>().0) {
-        let growth = 1.0 + output[OUTPUTS - 1];
-        for i in 0..3 {
-            force[i] = force[i] * growth + output[3 * LAYERS + i] * gate * input.strongest;
-            sum[i] += force[i];
+    let columns = columns.zip(input.normals.as_chunks::<3>().0);
+    for (((force, gate), normal), output) in columns.zip(output.as_chunks::<OUTPUTS>().0) {
+        let output = &output[LAYERS * OF_LAYER..];
+        let unit = gate * input.strongest;
+        let own = force.iter().map(|x| x * x).sum::<f32>().sqrt();
+        let along = output[5] * unit + output[6] * own;
+        for axis in 0..3 {
+            force[axis] = force[axis] * growth(output, axis) + output[axis] * unit;
+            force[axis] += along * normal[axis];
+            sum[axis] += force[axis];
         }
     }
     (forces, sum)
+}
+
+/// Factor by which the outputs of a vector multiply its component along `axis`.
+fn growth(output: &[f32], axis: usize) -> f32 {
+    1.0 + output[if axis == 2 { 4 } else { 3 }]
 }
 
 #[cfg(test)]
@@ -170,6 +185,8 @@ mod tests {
             forces: numbers(3 * graph.columns, 0.1),
             other_force: [0.1, 0.2, 0.3],
             gates: numbers(graph.columns, 1.0),
+            normals: numbers(3 * graph.columns, 1.0),
+            directions: numbers(3 * DIRECTIONS * graph.columns, 0.02),
             amplitude: 0.1,
             strongest: 0.1,
         };

@@ -20,8 +20,8 @@ use crate::{
 /// Number of features of a column: displacement of its layers, contact force, distance from the
 /// undisplaced column to the object, distance from the displaced column in units of the amplitude
 /// and of the thickness, normal of the object, position of the column, features of the press as a
-/// whole, and of its contact on cells.
-pub(super) const FEATURES: usize = CELLS + COLUMN_CELLS + PRESS_CELLS;
+/// whole, and of its contact on cells, slope of the displaced face.
+pub(super) const FEATURES: usize = SLOPES + 4;
 /// Number of features before those of contact on cells.
 const CELLS: usize = 3 * LAYERS + 3 + 3 + 3 + PLACE_FEATURES + GLOBALS;
 /// Number of features of the press as a whole: amplitude, compressibility, friction, force over
@@ -33,6 +33,11 @@ const COLUMN_CELLS: usize = 7;
 /// Number of features of all contact on cells: the means of pressure, slope and spread, size of a
 /// cell, number of cells.
 const PRESS_CELLS: usize = 5;
+/// Number of features before the slope of the displaced face: along x and y, its norm, and its
+/// product with the object's normal.
+const SLOPES: usize = CELLS + COLUMN_CELLS + PRESS_CELLS;
+/// Number of vectors of a column along which its displacement is corrected.
+pub(super) const DIRECTIONS: usize = 3;
 
 /// A press with its linear answer.
 #[derive(Clone, Debug)]
@@ -50,6 +55,13 @@ pub(super) struct PadInput {
     /// Factor on the correction of the contact force (C): 1 where the object touches, falling to 0
     /// where it is far.
     pub(super) gates: Vec<f32>,
+    /// Normals of the object at the displaced columns (C, 3).
+    pub(super) normals: Vec<f32>,
+    /// Vectors along which the displacement of a column is corrected (C, [`DIRECTIONS`], 3): the
+    /// normal times the amplitude, the normal times the distance to the object, at most the
+    /// amplitude, and u_z ∇u_z of the face, to second order the way by which a face that is dragged
+    /// along by its slope moves sideways.
+    pub(super) directions: Vec<f32>,
     /// Largest displacement of a node.
     pub(super) amplitude: f32,
     /// Largest contact force on a node.
@@ -114,6 +126,9 @@ impl PadInput {
         let margin = 2.0 * shapes.iter().map(Shape::distance_error).fold(0.0, f64::max);
         let mut features = Vec::with_capacity(columns * FEATURES);
         let mut gates = Vec::with_capacity(columns);
+        let mut normals = Vec::with_capacity(3 * columns);
+        let mut directions = Vec::with_capacity(3 * DIRECTIONS * columns);
+        let slopes = graph.slopes(|column| linear.displacement[column].z);
         for (column, &rest) in places[..columns].iter().enumerate() {
             let way = linear.displacement[column];
             let Distance { value: gap, normal } = nearest(shapes, linear, &(rest + way));
@@ -136,6 +151,13 @@ impl PadInput {
             features.extend(globals.map(|x| x as f32));
             let of_column = &of_columns[column];
             features.extend(of_column.iter().chain(&of_press));
+            let slope = Vector3::new(slopes[column][0], slopes[column][1], 0.0);
+            let numbers = [slope.x, slope.y, slope.norm(), slope.dot(&normal)];
+            features.extend(numbers.map(|x| (4.0 * x) as f32));
+            let near = distances[1] * amplitude * normal;
+            let dragged = way.z * slope;
+            normals.extend(normal.iter().map(|x| *x as f32));
+            directions.extend(flat(&[amplitude * normal, near, dragged], length));
             let gate = (1.0 - gap / (REACH * length)).clamp(0.0, 1.0) as f32;
             gates.push(if of_column[0] > 0.0 { 1.0 } else { gate });
         }
@@ -146,6 +168,8 @@ impl PadInput {
             forces: flat(&linear.contact_force[..columns], gel.force()),
             other_force: (other / gel.force()).map(|x| x as f32).into(),
             gates,
+            normals,
+            directions,
             amplitude: (amplitude / length) as f32,
             strongest: (strongest / gel.force()) as f32,
         }
@@ -175,6 +199,7 @@ impl PadInput {
     pub(super) fn mirrored(&self, mirror: &Mirror) -> Self {
         let Self { other_force, amplitude, strongest, .. } = *self;
         let signs = feature_signs(mirror.signs);
+        let thrice: [f32; 3 * DIRECTIONS] = std::array::from_fn(|i| mirror.signs[i % 3]);
         Self {
             features: moved(&self.features, &mirror.columns, &signs),
             displacement: moved(&self.displacement, &mirror.columns, &mirror.signs),
@@ -182,6 +207,8 @@ impl PadInput {
             forces: moved(&self.forces, &mirror.columns, &mirror.signs),
             other_force: std::array::from_fn(|i| other_force[i] * mirror.signs[i]),
             gates: moved(&self.gates, &mirror.columns, &[1.0]),
+            normals: moved(&self.normals, &mirror.columns, &mirror.signs),
+            directions: moved(&self.directions, &mirror.columns, &thrice),
             amplitude,
             strongest,
         }
@@ -246,6 +273,7 @@ fn feature_signs([x, y, z]: [f32; 3]) -> [f32; FEATURES] {
     let place = distances + 6;
     all[place..place + 2].copy_from_slice(&[x, y]);
     all[CELLS + 4..CELLS + 7].copy_from_slice(&[x, y, z]);
+    all[SLOPES..SLOPES + 2].copy_from_slice(&[x, y]);
     all
 }
 

@@ -32,6 +32,10 @@ pub(super) const PLACE_FEATURES: usize = 4;
 pub(super) struct PadGraph {
     /// Number of columns.
     pub(super) columns: usize,
+    /// Columns of the grid along x and y.
+    grid: [usize; 2],
+    /// Positions of the columns along x and y (m), those of the rows of the grid.
+    rows: [Vec<f64>; 2],
     /// Scales from fine to coarse.
     pub(super) levels: [Level; SCALES],
     /// Features of the edges of each scale (E, EDGE_FEATURES).
@@ -93,8 +97,13 @@ impl PadGraph {
         };
         let corners: Vec<Vec<_>> =
             pad.mesh.tets.iter().map(|tet| tet.iter().map(corner).collect()).collect();
+        let row = |step: usize, count: usize, axis: usize| {
+            (0..count).map(|i| vertices[pad.face[i * step] as usize][axis]).collect()
+        };
         Ok(Self {
             columns,
+            grid: [across, along],
+            rows: [row(1, across, 0), row(across, along, 1)],
             levels: [fine.0, middle.0, coarse.0],
             edges: [fine.1, middle.1, coarse.1],
             places: place_features(&faces),
@@ -103,6 +112,19 @@ impl PadGraph {
             mirrors: [[false, false], [true, false], [false, true], [true, true]]
                 .map(|flips| Mirror::new(pad, flips)),
         })
+    }
+
+    /// Derivatives along x and y of a field on the columns, by differences between neighbours (C).
+    pub(super) fn slopes(&self, field: impl Fn(usize) -> f64) -> Vec<[f64; 2]> {
+        let [across, _] = self.grid;
+        let slope = |column: usize, axis: usize| {
+            let (step, rows) = ([1, across][axis], &self.rows[axis]);
+            let i = column / step % rows.len();
+            let [before, after] = [i.saturating_sub(1), (i + 1).min(rows.len() - 1)];
+            let at = |row: usize| field(column + row * step - i * step);
+            (at(after) - at(before)) / (rows[after] - rows[before])
+        };
+        (0..self.columns).map(|column| [slope(column, 0), slope(column, 1)]).collect()
     }
 
     /// Number of tetrahedra.
@@ -224,6 +246,18 @@ mod tests {
                 tets.sort_unstable();
                 assert!(tets.iter().enumerate().all(|(i, &t)| i == t as usize), "{name}");
             }
+        }
+    }
+
+    #[test]
+    fn slopes_of_a_linear_field_are_its_own() {
+        for name in Sensor::names() {
+            let pad = Sensor::named(name).unwrap().pad(1000).unwrap();
+            let graph = PadGraph::new(&pad).unwrap();
+            let place = |column: usize| pad.mesh.vertices[pad.face[column] as usize];
+            let slopes = graph.slopes(|column| 2.0 * place(column).x - 3.0 * place(column).y);
+            let off = |[x, y]: &[f64; 2]| (x - 2.0).abs().max((y + 3.0).abs());
+            assert!(slopes.len() == graph.columns && slopes.iter().all(|s| off(s) < 1e-9));
         }
     }
 

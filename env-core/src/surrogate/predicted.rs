@@ -191,7 +191,10 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    use super::{super::features::FEATURES, *};
+    use super::{
+        super::features::{DIRECTIONS, FEATURES},
+        *,
+    };
 
     /// Answers whose errors depend on two quantities, those of the linear answer otherwise.
     fn answers(random: &mut ChaCha8Rng, count: usize) -> Vec<JudgedAnswer> {
@@ -253,6 +256,8 @@ mod tests {
             forces: vec![0.0, 0.1, 0.7, 0.3, 0.2, 0.9],
             other_force: [0.1, 0.0, 0.3],
             gates: vec![1.0; 2],
+            normals: vec![0.0; 6],
+            directions: vec![0.0; 6 * DIRECTIONS],
             amplitude: 0.1,
             strongest: 0.1,
         };
