@@ -11,17 +11,17 @@ use ruffini_core::{
     scene::{CATALOGUE, Command, Object, ObjectModel, Scene, SceneConfig, SoftPads, named},
     sensor::Sensor,
     tactile::Choice,
-    task::{Config, ObjectSpec, Task},
+    task::{ObjectSpec, Task, TaskConfig},
 };
 
 const ROWS: usize = 16;
 
 fn batch(objects: &[&str]) -> Batch {
     let objects = objects.iter().map(|name| ObjectSpec::Name((*name).into())).collect();
-    started(Config { objects, tactile: Choice::None, ..Config::default() })
+    started(TaskConfig { objects, tactile: Choice::None, ..TaskConfig::default() })
 }
 
-fn started(config: Config) -> Batch {
+fn started(config: TaskConfig) -> Batch {
     let setup = Setup::new(config).expect("settings hold");
     let mut batch = Batch::new(Arc::new(setup), ROWS, 1, Autoreset::NextStep).expect("16 rows");
     batch.seed(&(0..ROWS as u64).map(Some).collect::<Vec<_>>()).expect("one seed a row");
@@ -39,7 +39,7 @@ fn actions(step: usize) -> Vec<f32> {
 fn steps(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("step");
     group.throughput(Throughput::Elements(ROWS as u64));
-    let all = Config::default().objects;
+    let all = TaskConfig::default().objects;
     let all: Vec<_> = all.iter().map(ToString::to_string).collect();
     let all: Vec<_> = all.iter().map(String::as_str).collect();
     let cases = CATALOGUE.iter().map(|name| (*name, vec![*name]));
@@ -93,7 +93,7 @@ fn touches(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("touch");
     group.throughput(Throughput::Elements(ROWS as u64));
     for name in ["sphere", "cuboid", "cylinder", "prism", "potato"] {
-        let mut config = Config::of(&Task::named("HoldStill").expect("a known task"));
+        let mut config = TaskConfig::of(&Task::named("HoldStill").expect("a known task"));
         config.objects = vec![ObjectSpec::Name(name.into())];
         config.tactile = Choice::Surrogate;
         config.scene.gripper.max_force = 40.0;

@@ -16,7 +16,7 @@ use ruffini_core::{
     },
     sensor::{ElasticFoundation, Sensor},
     tactile::Choice,
-    task::{Config, Ending, ObjectSpec},
+    task::{Ending, ObjectSpec, TaskConfig},
 };
 
 use crate::grasp::{HEIGHT, Trial, matrix, run};
@@ -285,7 +285,8 @@ fn a_saved_scene_goes_on_bit_for_bit() {
 #[test]
 fn random_actions_on_every_object_stay_finite_and_replay_from_a_snapshot() {
     let objects = CATALOGUE.map(|name| ObjectSpec::Name(name.into())).into();
-    let config = Config { scene: soft(), objects, tactile: Choice::None, ..Config::default() };
+    let config =
+        TaskConfig { scene: soft(), objects, tactile: Choice::None, ..TaskConfig::default() };
     let setup = Arc::new(Setup::new(config).unwrap());
     let batch = || Batch::new(Arc::clone(&setup), 12, 1, Autoreset::NextStep).unwrap();
     let mut first = batch();

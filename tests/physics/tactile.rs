@@ -9,7 +9,7 @@ use ruffini_core::{
     geometry::{PadMesh, PadOutline, Shape},
     sensor::{ImageResponse, Sensor},
     surrogate::LinearPad,
-    tactile::{Channel, Config, Finger, Resolution, Skin},
+    tactile::{Channel, Finger, Resolution, Skin, TactileConfig},
 };
 
 const MM: f64 = 1e-3;
@@ -23,7 +23,7 @@ struct Tip {
 
 /// Builds a fingertip of a named sensor.
 fn tip(name: &str, resolution: Resolution) -> Tip {
-    let config = Config { sensor: name.into(), resolution, ..Config::default() };
+    let config = TactileConfig { sensor: name.into(), resolution, ..TactileConfig::default() };
     let sensor = config.sensor().unwrap();
     let (pad, body) = config.pad(&sensor).unwrap();
     let skin = Skin::new(&pad, &body, &sensor, &config.resolution).unwrap();
@@ -179,7 +179,7 @@ fn the_depth_of_a_flat_pad_is_zero_and_follows_a_shift() {
     let mut sensor = Sensor::named("gelsight-mini").unwrap();
     sensor.outline = PadOutline::flat(0.025, 0.020, 0.004);
     let pad = PadMesh::with_nodes(&sensor.outline, 500).unwrap();
-    let (law, moduli) = Config::default().material(&sensor).unwrap();
+    let (law, moduli) = TactileConfig::default().material(&sensor).unwrap();
     let body = SoftBody::new(pad.mesh.clone(), law, moduli, &pad.base).unwrap();
     let skin = Skin::new(&pad, &body, &sensor, &coarse()).unwrap();
     assert!(Channel::Depth.read(&skin, None, None).iter().all(|&z| z == 0.0));
@@ -234,7 +234,7 @@ fn camera_of_slopes(steepest: f64) -> Tip {
         smoothing: 0.0,
         source: String::new(),
     });
-    let config = Config { resolution: coarse(), ..Config::default() };
+    let config = TactileConfig { resolution: coarse(), ..TactileConfig::default() };
     let (pad, body) = config.pad(&sensor).unwrap();
     let skin = Skin::new(&pad, &body, &sensor, &config.resolution).unwrap();
     Tip { sensor, body, skin }

@@ -15,7 +15,7 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::{
-    config::{Config, Scenario},
+    config::{DatasetConfig, Scenario},
     indentation,
     job::{GraspJob, Job, is_whole, jobs},
     manifest::{self, FORMAT, Manifest, Solved, Unsolved, splits},
@@ -87,7 +87,7 @@ const POWER: f64 = 1.4;
 const QUADRATIC: f64 = 3.2;
 
 /// Estimates what [`generate`] with this `config` has to do in `folder`, which need not exist.
-pub fn estimate(config: &Config, folder: &Path) -> Result<Estimate> {
+pub fn estimate(config: &DatasetConfig, folder: &Path) -> Result<Estimate> {
     let config = config.clone().validated()?;
     let plans = plans(&config)?;
     let jobs = jobs(&plans);
@@ -112,7 +112,7 @@ pub fn estimate(config: &Config, folder: &Path) -> Result<Estimate> {
 }
 
 /// Names of the shards of the dataset of `config`.
-pub fn shards(config: &Config) -> Result<Vec<String>> {
+pub fn shards(config: &DatasetConfig) -> Result<Vec<String>> {
     let plans = plans(&config.clone().validated()?)?;
     Ok(jobs(&plans).into_iter().map(|job| job.file).collect())
 }
@@ -124,7 +124,7 @@ pub fn shards(config: &Config) -> Result<Vec<String>> {
 /// shards were asked for. Returns an error for an invalid configuration, a folder that holds
 /// another dataset, a shard that is not part of it, or a full disk.
 pub fn generate(
-    config: &Config,
+    config: &DatasetConfig,
     folder: &Path,
     orders: &Orders,
     watch: &(dyn Fn(&GenerationProgress) -> bool + Sync),
@@ -186,11 +186,11 @@ fn choose<'a>(jobs: &'a [Job<'a>], only: Option<&[String]>) -> Result<Vec<&'a Jo
 struct Claim<'a> {
     format: u32,
     #[serde(flatten)]
-    config: &'a Config,
+    config: &'a DatasetConfig,
 }
 
 /// Creates the folder and writes the configuration into it, or checks that it holds the same one.
-fn claim(config: &Config, folder: &Path) -> Result<()> {
+fn claim(config: &DatasetConfig, folder: &Path) -> Result<()> {
     for name in ["shards", "parts", "meshes"] {
         let path = folder.join(name);
         fs::create_dir_all(&path).map_err(file_error(&path))?;
@@ -217,7 +217,7 @@ fn file_error(path: &Path) -> impl Fn(std::io::Error) -> Error {
 
 /// Run over the missing grasps.
 struct Work<'a> {
-    config: &'a Config,
+    config: &'a DatasetConfig,
     setup: &'a Setup,
     folder: &'a Path,
     obstacle: Option<&'a Obstacle<'a>>,
@@ -282,7 +282,7 @@ impl Work<'_> {
 
 /// Reads back every shard and returns the manifest.
 fn summary(
-    config: &Config,
+    config: &DatasetConfig,
     orders: &Orders,
     plans: &[(Object, Vec<Plan>)],
     jobs: &[Job],

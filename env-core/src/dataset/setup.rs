@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::Path};
 use rayon::prelude::*;
 
 use super::{
-    config::{Config, GelConfig, Pads, Scenario},
+    config::{DatasetConfig, GelConfig, Pads, Scenario},
     indentation,
     plan::Plan,
     ramp::Ramp,
@@ -43,7 +43,11 @@ pub(super) struct Meshes {
 impl Setup {
     /// Meshes the soft bodies and writes the model meshes into `folder`, if given, where they are
     /// missing.
-    pub(super) fn new(config: &Config, objects: &[&Object], folder: Option<&Path>) -> Result<Self> {
+    pub(super) fn new(
+        config: &DatasetConfig,
+        objects: &[&Object],
+        folder: Option<&Path>,
+    ) -> Result<Self> {
         let keep = |name: &str, bytes: &dyn Fn() -> Vec<u8>| {
             let Some(folder) = folder else { return Ok(()) };
             let path = folder.join(format!("meshes/{name}.safetensors"));
@@ -82,7 +86,12 @@ impl Setup {
     }
 
     /// Solves the grasp `plan` of `object` and returns it as a shard of its own.
-    pub(super) fn solve(&self, config: &Config, object: &Object, plan: &Plan) -> Result<Shard> {
+    pub(super) fn solve(
+        &self,
+        config: &DatasetConfig,
+        object: &Object,
+        plan: &Plan,
+    ) -> Result<Shard> {
         let ramp = |length: f64| Ramp { frames: config.frames, depth: config.depth * length };
         let (frames, tensors, error) = match self {
             Self::Pads(gels) => {

@@ -32,13 +32,13 @@ use crate::{
     geometry::Shape,
     scene::ObjectModel,
     tactile::{Channel, Choice, SoftObject, Touch},
-    task::{Config, Layout},
+    task::{Layout, TaskConfig},
 };
 
 /// Validated settings with the models built from them, shared by all rows.
 #[derive(Debug)]
 pub struct Setup {
-    config: Config,
+    config: TaskConfig,
     layout: Layout,
     models: Vec<ObjectModel>,
     touch: Option<Touch>,
@@ -50,7 +50,7 @@ pub struct Setup {
 
 impl Setup {
     /// Validates the settings and builds their models; returns the first error found.
-    pub fn new(config: Config) -> Result<Self> {
+    pub fn new(config: TaskConfig) -> Result<Self> {
         let config = config.with_sensor()?;
         config.validate()?;
         let models = config.models()?;
@@ -62,7 +62,7 @@ impl Setup {
     }
 
     /// The settings.
-    pub fn config(&self) -> &Config {
+    pub fn config(&self) -> &TaskConfig {
         &self.config
     }
 
@@ -108,7 +108,7 @@ impl Setup {
 }
 
 /// Builds the models of the configured objects; empty if the objects are rigid.
-fn soft_objects(config: &Config, models: &[ObjectModel]) -> Result<Vec<SoftObject>> {
+fn soft_objects(config: &TaskConfig, models: &[ObjectModel]) -> Result<Vec<SoftObject>> {
     let Some(material) = config.task.soft_material() else { return Ok(Vec::new()) };
     let gripper = &config.scene.gripper;
     let extents = Vector3::new(gripper.pad_width, gripper.pad_length, gripper.pad_thickness);

@@ -25,7 +25,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    dataset::{Config, GelConfig},
+    dataset::{DatasetConfig, GelConfig},
 };
 
 /// Description of a network, its training data and its errors.
@@ -120,7 +120,7 @@ pub(super) fn bearing_of(norms: impl Iterator<Item = f64>) -> f64 {
 
 impl Data {
     /// Fills in the entries that a dataset's configuration determines.
-    pub(super) fn of(config: &Config, fingerprint: String, trained_by: &str) -> Self {
+    pub(super) fn of(config: &DatasetConfig, fingerprint: String, trained_by: &str) -> Self {
         let range = |field: fn(&GelConfig) -> f64| {
             let values = config.gels.iter().map(field);
             [values.clone().fold(f64::INFINITY, f64::min), values.fold(0.0, f64::max)]

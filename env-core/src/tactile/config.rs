@@ -88,7 +88,7 @@ impl Default for Resolution {
 
 /// Settings of touch.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Config {
+pub struct TactileConfig {
     /// Model that solves presses.
     pub choice: Choice,
     /// Name of the sensor, or the path of its .toml file.
@@ -99,14 +99,14 @@ pub struct Config {
     pub resolution: Resolution,
 }
 
-impl Default for Config {
+impl Default for TactileConfig {
     fn default() -> Self {
         let (material, resolution) = (None, Resolution::default());
         Self { choice: Choice::default(), sensor: "gelsight-mini".into(), material, resolution }
     }
 }
 
-impl Config {
+impl TactileConfig {
     /// Loads the sensor; returns an error if it is not known.
     pub fn sensor(&self) -> Result<Sensor> {
         Sensor::open(&self.sensor)

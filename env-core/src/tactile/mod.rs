@@ -19,7 +19,7 @@ mod skin;
 mod traction;
 
 pub use channel::{Channel, Spec};
-pub use config::{Choice, Config, Material, Resolution};
+pub use config::{Choice, Material, Resolution, TactileConfig};
 pub use finger::Finger;
 pub use model::{Model, Touch};
 pub use object::{MARKERS, SoftObject, Squeezed};

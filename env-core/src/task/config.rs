@@ -10,12 +10,12 @@ use crate::{
     Error, Result,
     deformation::Moduli,
     scene::{Gripper, Object, ObjectModel, SceneConfig, SoftPads, Workspace},
-    tactile::{self, Choice, Material, Resolution},
+    tactile::{Choice, Material, Resolution, TactileConfig},
 };
 
 /// Settings of an environment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Config {
+pub struct TaskConfig {
     /// Task of the agent, with the settings that only it has.
     pub task: Task,
     /// Gripper, workspace and solver.
@@ -54,13 +54,13 @@ pub struct Config {
     pub resolution: Resolution,
     /// Errors of sensors, by the name of their channel.
     pub sensor_errors: SensorErrors,
-    /// Names of the observation's channels; see [`Config::channels`] for the default.
+    /// Names of the observation's channels; see [`TaskConfig::channels`] for the default.
     pub observation: Option<Vec<String>>,
     /// Weights of the reward's terms.
     pub reward: Weights,
 }
 
-impl Default for Config {
+impl Default for TaskConfig {
     /// Default settings of the first task.
     fn default() -> Self {
         Self::of(&Task::default())
@@ -76,12 +76,12 @@ pub(super) const FIRM_GRIP: f64 = 20.0;
 /// drives a finger with a grip force below 1 N at several times its closing speed.
 const LIGHT_CENTERING: f64 = 1e3;
 
-impl Config {
+impl TaskConfig {
     /// Default settings of `task`.
     pub fn of(task: &Task) -> Self {
         let objects =
             ["sphere", "cuboid", "cylinder", "prism", "annulus", "ellipsoid", "cup", "potato"];
-        let touch = tactile::Config::default();
+        let touch = TactileConfig::default();
         let mut config = Self {
             reward: Weights::of(task),
             task: task.clone(),
@@ -135,9 +135,9 @@ impl Config {
     }
 
     /// Settings of touch.
-    pub fn touch(&self) -> tactile::Config {
+    pub fn touch(&self) -> TactileConfig {
         let Self { tactile: choice, sensor, material, resolution, .. } = self.clone();
-        tactile::Config { choice, sensor, material, resolution }
+        TactileConfig { choice, sensor, material, resolution }
     }
 
     /// Names of the observation's channels: those that are set, or the default ones of the task.

@@ -154,13 +154,13 @@ mod tests {
     use rand::SeedableRng;
 
     use super::*;
-    use crate::task::Config;
+    use crate::task::TaskConfig;
 
     /// Sensors of the channels that `json` names, on rigid fingers, and a row of true values.
     fn sensors(json: &str) -> (FaultySensors, Layout, Vec<f32>) {
         let observation = r#""observation": ["proprio", "wrench", "time"], "tactile": "none""#;
         let json = format!(r#"{{{observation}, "sensor_errors": {json}}}"#);
-        let config = Config::from_json(&json).unwrap();
+        let config = TaskConfig::from_json(&json).unwrap();
         let layout = Layout::new(&config, None).unwrap();
         let random = ChaCha8Rng::seed_from_u64(3);
         let sensors = FaultySensors::draw(&config.sensor_errors, &layout, random).unwrap();
@@ -251,7 +251,7 @@ mod tests {
             let json = format!(
                 r#"{{"observation": ["wrench"], "tactile": "none", "sensor_errors": {errors}}}"#
             );
-            let message = Config::from_json(&json).unwrap_err().to_string();
+            let message = TaskConfig::from_json(&json).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");
         }
     }

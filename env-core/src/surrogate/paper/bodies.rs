@@ -46,7 +46,7 @@ const STEPS: usize = 100;
 
 impl Bodies {
     /// Those of `config`.
-    pub(super) fn new(config: &dataset::Config) -> Result<Self> {
+    pub(super) fn new(config: &dataset::DatasetConfig) -> Result<Self> {
         let pad = |gel: &dataset::GelConfig| {
             let sensor = Sensor::named(&gel.sensor)?;
             let moduli = Moduli { young: gel.young, poisson: gel.poisson };
