@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use ruffini_core::{
     deformation::{Law, Moduli, Press, SoftBody, Wrench},
     env::{Autoreset, Batch, Setup},
-    fem::{Fem, Options},
+    fem::{Fem, FemOptions},
     geometry::{PadOutline, Shape, Surface},
     scene::{
         CATALOGUE, Command, Failure, Object, ObjectModel, Pads, Scene, SceneConfig, SceneState,
@@ -410,7 +410,7 @@ fn the_fitted_bed_presses_like_the_finite_elements() {
     let pad = sensor.pad(1000).unwrap();
     let moduli = Moduli { young: calibration.young, poisson: calibration.poisson };
     let body = SoftBody::new(pad.mesh, Law::default(), moduli, &pad.base).unwrap();
-    let fem = Fem::new(body, Options { friction: 1.0, ..Options::default() }).unwrap();
+    let fem = Fem::new(body, FemOptions { friction: 1.0, ..FemOptions::default() }).unwrap();
     let at = |x: f64, depth: f64| Isometry3::translation(x * MM, 0.0, 0.015 - depth * MM);
     let path = [at(0.0, 0.3), at(0.0, 0.6), at(0.0, 1.0), at(0.05, 1.0)];
     let press = Press::along(vec![ball().shape().clone()], path.map(|pose| vec![pose]).into());

@@ -3,9 +3,9 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use ruffini_core::{
-    compliance::{self, Compliance},
+    compliance::{Compliance, ComplianceOptions},
     deformation::{Deformation, DeformationModel, History, Moduli, Press, SoftBody, Wrench},
-    fem::{self, Fem},
+    fem::{Fem, FemOptions},
     geometry::{PadMesh, PadOutline, Shape},
     sensor::{ImageResponse, Sensor},
     surrogate::LinearPad,
@@ -35,7 +35,7 @@ fn coarse() -> Resolution {
 }
 
 fn linear(body: &SoftBody) -> Compliance {
-    Compliance::new(body.clone(), compliance::Options::default()).unwrap()
+    Compliance::new(body.clone(), ComplianceOptions::default()).unwrap()
 }
 
 /// Pose of a ball of 5 mm above (x, y), sunk in by `depth` (m).
@@ -451,13 +451,13 @@ fn a_press_may_bring_its_own_friction() {
     })
     .unwrap();
     let own = plain.clone().with_friction(FRICTION).unwrap();
-    let options = compliance::Options { friction: FRICTION, sweeps: 0 };
+    let options = ComplianceOptions { friction: FRICTION, sweeps: 0 };
     let mut model = Compliance::new(tip.body.clone(), options).unwrap();
     let theirs = model.solve(std::slice::from_ref(&plain));
     let ours = linear(&tip.body).solve(std::slice::from_ref(&own));
     assert_eq!(ours[0].as_ref().unwrap().displacement, theirs[0].as_ref().unwrap().displacement);
     let fem = |friction: f64| {
-        Fem::new(tip.body.clone(), fem::Options { friction, ..fem::Options::default() }).unwrap()
+        Fem::new(tip.body.clone(), FemOptions { friction, ..FemOptions::default() }).unwrap()
     };
     let (theirs, ours) = (
         fem(FRICTION).solve(std::slice::from_ref(&plain)),

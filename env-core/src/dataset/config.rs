@@ -9,7 +9,7 @@ use super::indentation;
 use crate::{
     Error, Result,
     deformation::{Law, Moduli, SoftBody},
-    fem::{Element, Fem, Options},
+    fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, TetMesh},
     objects::{Object, catalogue, indenters},
     sensor::Sensor,
@@ -312,7 +312,7 @@ impl GelConfig {
     pub(super) fn pads(&self, config: &DatasetConfig) -> Result<Pads> {
         let sensor = Sensor::named(&self.sensor)?;
         let PadMesh { mesh, base, .. } = sensor.pad(config.truth_nodes)?;
-        let truth = self.body(mesh, &base, config, Options::default())?;
+        let truth = self.body(mesh, &base, config, FemOptions::default())?;
         Ok(Pads { truth, model: sensor.pad(config.model_nodes)?, sensor })
     }
 
@@ -327,13 +327,13 @@ impl GelConfig {
     ) -> Result<Fem> {
         let pad = sensor.outline.graded_to(finest, points, config.truth_nodes)?;
         let [iterations, patience] = [indentation::STEPS, indentation::PATIENCE];
-        let limits = Options { iterations, patience, ..Options::default() };
+        let limits = FemOptions { iterations, patience, ..FemOptions::default() };
         self.body(pad.mesh, &pad.base, config, limits)
     }
 
     /// Builds a free object of this material.
     pub(super) fn object(&self, mesh: TetMesh, config: &DatasetConfig) -> Result<Fem> {
-        self.body(mesh, &[], config, Options::default())
+        self.body(mesh, &[], config, FemOptions::default())
     }
 
     fn body(
@@ -341,13 +341,13 @@ impl GelConfig {
         mesh: TetMesh,
         fixed: &[u32],
         config: &DatasetConfig,
-        limits: Options,
+        limits: FemOptions,
     ) -> Result<Fem> {
         let moduli = Moduli { young: self.young, poisson: self.poisson };
         let body = SoftBody::new(mesh, Law::default(), moduli, fixed)?;
         let element = config.truth_element.parse()?;
         let friction = self.friction;
-        Fem::new(body, Options { element, friction, ..limits })
+        Fem::new(body, FemOptions { element, friction, ..limits })
     }
 }
 

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
-    Fem, Options,
+    Fem, FemOptions,
     element::{Element, Nodes, barycentric, quadratic_gradients},
     examples::grid,
     patches::{EDGES, FACES, faces},
@@ -226,7 +226,8 @@ fn the_support_bears_what_the_contact_brings() {
     {
         let moduli = Moduli { young: 2e5, poisson: 0.48 };
         let body = SoftBody::new(mesh.clone(), law, moduli, &base).unwrap();
-        let fem = Fem::new(body, Options { element, friction: 0.5, ..Options::default() }).unwrap();
+        let fem =
+            Fem::new(body, FemOptions { element, friction: 0.5, ..FemOptions::default() }).unwrap();
         let at = |x: f64, z: f64| vec![Isometry3::translation(x, 0.4e-3, z)];
         let path = vec![at(0.3e-3, 3.4e-3), at(0.5e-3, 3.4e-3)];
         let press = Press::along(vec![Shape::Sphere { radius: 4e-3 }], path).unwrap();

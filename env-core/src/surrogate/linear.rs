@@ -16,7 +16,7 @@ use super::{
 use crate::{
     Result,
     compliance::{
-        Compliance, Options,
+        Compliance, ComplianceOptions,
         nodal::{LayeredPad, Nodal, NodeContact, Settled},
     },
     deformation::{Law, Moduli, Press, SoftBody},
@@ -84,7 +84,7 @@ impl LinearBaseline {
     ) -> Result<Self> {
         let fine = sensor.pad(nodes)?;
         let transfer = Transfer::new(&fine.mesh, &model.mesh)?;
-        let options = Options { friction: gel.friction, sweeps: 0 };
+        let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
         let compliance = Compliance::new(body(&fine, gel.moduli)?, options)?;
         let nodal = compliance.at_coarse_nodes(&fine, model)?;
         let layered = LayeredPad::new(&compliance, &sensor.outline, &fine, model)?;

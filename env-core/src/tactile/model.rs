@@ -8,7 +8,7 @@ use super::{Choice, Skin, TactileConfig};
 use crate::{
     Error, Result,
     deformation::{Deformation, DeformationModel, Law, Press, SoftBody, Wanted},
-    fem::{self, Fem},
+    fem::{Fem, FemOptions},
     geometry::PadMesh,
     sensor::Sensor,
     surrogate::{LinearPad, Surrogate},
@@ -91,7 +91,7 @@ impl Model {
                 let (friction, nodes) = (sensor.friction.at_rest, config.resolution.nodes);
                 Self::Linear(alone(|| LinearPad::new(sensor, moduli, friction, nodes))?)
             }
-            Choice::Fem => Self::Fem(Fem::new(on, fem::Options::default())?),
+            Choice::Fem => Self::Fem(Fem::new(on, FemOptions::default())?),
             Choice::Surrogate => Self::Surrogate(trained(config, sensor)?),
         };
         Ok(Some((model, pad, body)))

@@ -64,7 +64,8 @@ impl Fem {
         element: &str,
     ) -> PyResult<Self> {
         let element = element.parse().map_err(python_error)?;
-        let options = fem::Options { element, friction, tolerance, ..fem::Options::default() };
+        let options =
+            fem::FemOptions { element, friction, tolerance, ..fem::FemOptions::default() };
         let solid = body.get().inner.clone();
         let model = py.detach(|| fem::Fem::new(solid, options)).map_err(python_error)?;
         Ok(Self { model: Mutex::new(model), body })
@@ -203,7 +204,7 @@ impl Compliance {
         cache: Option<PathBuf>,
         contact: &str,
     ) -> PyResult<Self> {
-        let options = compliance::Options { friction, sweeps };
+        let options = compliance::ComplianceOptions { friction, sweeps };
         let solid = body.get().inner.clone();
         let model = py.detach(|| {
             let model = match cache {

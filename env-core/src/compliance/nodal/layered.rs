@@ -432,7 +432,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        compliance::Options,
+        compliance::ComplianceOptions,
         deformation::{Law, Moduli, SoftBody},
         geometry::Shape,
         sensor::Sensor,
@@ -443,7 +443,7 @@ mod tests {
         let pad = sensor.pad(1000).unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
-        let options = Options { friction: 0.5, sweeps: 0 };
+        let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
         let compliance = Compliance::new(body, options).unwrap();
         LayeredPad::new(&compliance, &sensor.outline, &pad, &pad).unwrap()
     }

@@ -17,7 +17,7 @@ use crate::{
     Error, Result,
     contact::{ContactLaw, backed_off, between, clearance, is_engulfed},
     deformation::{Anchor, Drive, History, Press, Wrench},
-    fem,
+    fem::FemOptions,
     geometry::Shape,
 };
 
@@ -518,7 +518,7 @@ impl ForceControlled for NodalLoadStepping<'_> {
     }
 
     fn tolerance(&self) -> f64 {
-        fem::Options::default().tolerance
+        FemOptions::default().tolerance
     }
 
     fn wrench(state: &NodalState) -> &Wrench {

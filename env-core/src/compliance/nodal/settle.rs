@@ -140,7 +140,7 @@ mod tests {
     use super::*;
     use crate::{
         compliance::{
-            Compliance, Options,
+            Compliance, ComplianceOptions,
             nodal::{load_stepping::NodalScratch, patch::Move, skin::Skin},
         },
         deformation::{Moduli, SoftBody},
@@ -153,7 +153,8 @@ mod tests {
         let pad = PadMesh::with_nodes(&PadOutline::flat(0.02, 0.02, 0.004), 900).unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let body = SoftBody::new(pad.mesh, crate::deformation::Law::default(), moduli, &pad.base);
-        let model = Compliance::new(body.unwrap(), Options { friction: 0.8, sweeps: 0 }).unwrap();
+        let model =
+            Compliance::new(body.unwrap(), ComplianceOptions { friction: 0.8, sweeps: 0 }).unwrap();
         let skin = Skin::new(Arc::clone(&model.condensed));
         let shapes = [Shape::Cuboid { half_extents: Vector3::repeat(6e-3) }];
         let [from, to] =
