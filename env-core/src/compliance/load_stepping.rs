@@ -14,7 +14,7 @@ use crate::{
     Error, Result,
     contact::{ContactLaw, ContactStep, Touch, backed_off, engulfs_unfelt},
     deformation::{Anchor, Drive, History, Press, Wrench},
-    fem::Workspace,
+    fem::SolverWorkspace,
     geometry::Shape,
 };
 
@@ -41,7 +41,7 @@ pub(super) struct Settings {
 
 /// Working memory of one thread, reused for successive presses.
 pub(crate) struct Scratch {
-    pub(super) workspace: Workspace,
+    pub(super) workspace: SolverWorkspace,
     newton: Newton,
 }
 

@@ -19,7 +19,7 @@ use super::{
 use crate::{
     Error, Result,
     contact::Touch,
-    fem::{Linearised, Workspace},
+    fem::{Linearised, SolverWorkspace},
 };
 
 /// Smallest share of a plain step that is tried.
@@ -42,7 +42,11 @@ pub(super) struct LinearDisplacement {
 
 impl LinearDisplacement {
     /// Displacement of all nodes (V) in m.
-    pub(super) fn complete(&self, rest: &Linearised, space: &mut Workspace) -> Vec<Vector3<f64>> {
+    pub(super) fn complete(
+        &self,
+        rest: &Linearised,
+        space: &mut SolverWorkspace,
+    ) -> Vec<Vector3<f64>> {
         let mut displacement = rest.displacement(&self.loads, space);
         displacement.iter_mut().zip(&self.offset).for_each(|(u, u0)| *u += u0);
         displacement
@@ -52,7 +56,7 @@ impl LinearDisplacement {
 /// Search for the solution of a load step.
 pub(super) struct Solution<'a, 'b> {
     pub(super) condensed: &'a Condensed,
-    pub(super) workspace: &'a mut Workspace,
+    pub(super) workspace: &'a mut SolverWorkspace,
     pub(super) contact: &'a mut Contact<'b>,
     /// Norm of the residual force at which the search ends (N).
     pub(super) tolerance: f64,

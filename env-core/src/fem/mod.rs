@@ -74,7 +74,7 @@ pub use carry::{Carried, Carrier};
 pub use element::Element;
 pub(crate) use gmres::{GmresSolution, gmres};
 pub use grasp::{Grasp, Grasped, Hold};
-pub(crate) use linearised::{Linearised, Workspace};
+pub(crate) use linearised::{Linearised, SolverWorkspace};
 
 /// Settings of a [`Fem`].
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -53,9 +53,12 @@ impl Problem {
         let (mut strain, mut forces) = (Strain::default(), vec![Vector3::zeros(); u.len()]);
         self.solid.evaluate(&u, &mut strain, &mut forces).unwrap();
         let mut matrix = self.pattern.matrix();
-        self.solid.assemble(&strain, &self.solid.layout(&self.pattern), &mut matrix, false);
+        self.solid.assemble(&strain, &self.solid.assembly_map(&self.pattern), &mut matrix, false);
         for node in 0..self.nodes.places.len() as u32 {
-            self.pattern.slot(node, node).into_iter().for_each(|slot| matrix.add(slot, brace));
+            self.pattern
+                .position(node, node)
+                .into_iter()
+                .for_each(|position| matrix.add(position, brace));
         }
         assert!(matrix.factorise(&self.pattern));
         let missing: Vec<_> = loads.iter().zip(&forces).map(|(load, force)| load - force).collect();
@@ -264,7 +267,7 @@ fn the_corner_of_the_factor_is_the_stiffness_that_its_nodes_feel() {
     let (mut strain, still) = (Strain::default(), vec![Vector3::zeros(); places.len()]);
     problem.solid.evaluate(&still, &mut strain, &mut still.clone()).unwrap();
     let mut matrix = pattern.matrix();
-    problem.solid.assemble(&strain, &problem.solid.layout(&pattern), &mut matrix, false);
+    problem.solid.assemble(&strain, &problem.solid.assembly_map(&pattern), &mut matrix, false);
     assert!(matrix.factorise(&pattern));
     let corner = matrix.corner(&pattern);
     let (size, first) = (corner.nrows(), pattern.size() - corner.nrows());
