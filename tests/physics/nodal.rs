@@ -5,7 +5,7 @@ use ruffini_core::{
     Error,
     compliance::{
         Compliance, ComplianceOptions,
-        nodal::{Nodal, Settled},
+        nodal::{ContactSolution, Nodal},
     },
     deformation::{DeformationModel, Law, Moduli, Press, SoftBody},
     geometry::{PadMesh, Shape},
@@ -45,7 +45,7 @@ fn down(radius: f64, depth: f64) -> Press {
     press(radius, vec![ball(radius, 0.0, 0.1), ball(radius, 0.0, -depth)])
 }
 
-fn gap(found: &Settled, other: &Settled) -> f64 {
+fn gap(found: &ContactSolution, other: &ContactSolution) -> f64 {
     (found.wrench.force - other.wrench.force).norm() / other.wrench.force.norm()
 }
 

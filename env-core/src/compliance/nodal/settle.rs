@@ -141,7 +141,7 @@ mod tests {
     use crate::{
         compliance::{
             Compliance, ComplianceOptions,
-            nodal::{load_stepping::NodalScratch, patch::Move, skin::Skin},
+            nodal::{contact_nodes::ContactNodes, load_stepping::NodalScratch, patch::Move},
         },
         deformation::{Moduli, SoftBody},
         geometry::{PadMesh, PadOutline, Shape},
@@ -155,7 +155,7 @@ mod tests {
         let body = SoftBody::new(pad.mesh, crate::deformation::Law::default(), moduli, &pad.base);
         let model =
             Compliance::new(body.unwrap(), ComplianceOptions { friction: 0.8, sweeps: 0 }).unwrap();
-        let skin = Skin::new(Arc::clone(&model.condensed));
+        let nodes = ContactNodes::new(Arc::clone(&model.condensed));
         let shapes = [Shape::Cuboid { half_extents: Vector3::repeat(6e-3) }];
         let [from, to] =
             [(0.0, 6e-3), (aside, 5.8e-3)].map(|(x, z)| [Isometry3::translation(x, 3e-4, z)]);
@@ -163,7 +163,7 @@ mod tests {
         let mut scratch = NodalScratch::default();
         let law = &model.settings.law;
         let reach = [f64::INFINITY, 1e-3];
-        let patch = Patch::new(&skin, law, way, reach, usize::MAX, &[], &mut scratch);
+        let patch = Patch::new(&nodes, law, way, reach, usize::MAX, &[], &mut scratch);
         let mut patch = patch.unwrap();
         let sweeps = patch.settle_to(relative, mixed).unwrap();
         (patch.forces(), sweeps)
