@@ -8,7 +8,7 @@ use nalgebra::Isometry3;
 use ruffini_core::{
     deformation::Wrench,
     env::{Autoreset, Batch, Setup},
-    scene::{CATALOGUE, Command, Object, ObjectModel, Scene, SceneConfig, SoftPads, named},
+    scene::{CATALOGUE, Command, ObjectModel, Scene, SceneConfig, SceneObject, SoftPads, named},
     sensor::Sensor,
     tactile::Choice,
     task::{ObjectSpec, Task, TaskConfig},
@@ -67,7 +67,7 @@ fn grasps(criterion: &mut Criterion) {
         let model = ObjectModel::new(named(name).expect("a known name")).expect("a sound shape");
         for (pads, config) in &configs {
             let pose = Isometry3::translation(0.0, 0.0, 0.1);
-            let object = Object { model: &model, scale: 1.0, mass: 0.1, friction: 0.8, pose };
+            let object = SceneObject { model: &model, scale: 1.0, mass: 0.1, friction: 0.8, pose };
             let tool_center = pose.translation.vector;
             let mut scene = Scene::new(config, &object, &tool_center, 0.0).expect("a sound scene");
             let hold = Command { grip: 5.0, ..Command::default() };

@@ -11,8 +11,8 @@ use ruffini_core::{
     fem::{Fem, FemOptions},
     geometry::{PadOutline, Shape, Surface},
     scene::{
-        CATALOGUE, Command, Failure, Object, ObjectModel, Pads, Scene, SceneConfig, SceneState,
-        SoftPads,
+        CATALOGUE, Command, Failure, ObjectModel, Pads, Scene, SceneConfig, SceneObject,
+        SceneState, SoftPads,
     },
     sensor::{ElasticFoundation, Sensor},
     tactile::Choice,
@@ -39,7 +39,7 @@ pub(crate) fn ball() -> ObjectModel {
 /// Scene in which `model` has been gripped in weightlessness for a second at the height of 0.1 m.
 pub(crate) fn gripped(config: &SceneConfig, model: &ObjectModel, mass: f64, grip: f64) -> Scene {
     let pose = Isometry3::translation(0.0, 0.0, 0.1);
-    let object = Object { model, scale: 1.0, mass, friction: 0.8, pose };
+    let object = SceneObject { model, scale: 1.0, mass, friction: 0.8, pose };
     let mut scene = Scene::new(config, &object, &pose.translation.vector, 0.0).unwrap();
     scene.set_gravity(0.0);
     hold(&mut scene, grip, 1.0);
@@ -188,7 +188,7 @@ fn what_stands_on_the_table_does_not_wear_the_hold() {
         let mut sunk = Vec::new();
         for rate in [10.0, 5.0, 2.5] {
             let pose = Isometry3::translation(0.0, 0.0, height);
-            let object = Object { model: &model, scale: 1.0, mass, friction: 0.6, pose };
+            let object = SceneObject { model: &model, scale: 1.0, mass, friction: 0.6, pose };
             let mut scene = Scene::new(&soft(), &object, &pose.translation.vector, 0.0).unwrap();
             hold(&mut scene, 0.3, 1.0);
             let period = scene.config().physics.control_period;
@@ -239,7 +239,7 @@ fn forces_change_evenly_as_creases_pass_the_bristles() {
 fn without_a_touch_the_wrench_is_zero() {
     let pose = Isometry3::translation(0.0, 0.0, 0.015);
     let model = ball();
-    let object = Object { model: &model, scale: 1.0, mass: 0.1, friction: 0.8, pose };
+    let object = SceneObject { model: &model, scale: 1.0, mass: 0.1, friction: 0.8, pose };
     let away = Vector3::new(0.0, 0.0, 0.016);
     let mut scene = Scene::new(&soft(), &object, &away, 0.0).unwrap();
     let check = |scene: &Scene| {

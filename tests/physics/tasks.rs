@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 use ruffini_core::{
     env::{Autoreset, Batch, Setup, StepResult},
-    scene::{Command, Gripper, Object, ObjectModel, Scene, SceneConfig, named},
+    scene::{Command, Gripper, ObjectModel, Scene, SceneConfig, SceneObject, named},
     tactile::{Choice, Resolution},
     task::{Ending, ObjectSpec, StateChannel, TACTILE_CHANNELS, Task, TaskConfig},
 };
@@ -169,7 +169,7 @@ fn closing_speed(gripper: &Gripper, force: f64) -> f64 {
     let config = SceneConfig { gripper: gripper.clone(), ..SceneConfig::default() };
     let model = ObjectModel::new(named("sphere").unwrap()).unwrap();
     let pose = model.rest(1.0, 0.1, 0.1, 0.0);
-    let object = Object { model: &model, scale: 1.0, mass: 0.1, friction: 0.5, pose };
+    let object = SceneObject { model: &model, scale: 1.0, mass: 0.1, friction: 0.5, pose };
     let mut scene = Scene::new(&config, &object, &Vector3::new(-0.1, -0.1, 0.1), 0.0).unwrap();
     (0..7).for_each(|_| scene.step(&Command { grip: force, ..Command::default() }));
     let fingers = scene.state().fingers;

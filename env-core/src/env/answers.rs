@@ -99,7 +99,7 @@ mod tests {
     use crate::{
         deformation::History,
         geometry::Shape,
-        tactile::{Choice, Resolution, TactileConfig, Touch},
+        tactile::{Choice, Resolution, TactileConfig, TactilePad},
     };
 
     #[test]
@@ -107,7 +107,7 @@ mod tests {
         let resolution = Resolution { nodes: 100, ..Resolution::default() };
         let config =
             TactileConfig { choice: Choice::Compliance, resolution, ..TactileConfig::default() };
-        let mut model = Touch::new(&config).unwrap().unwrap().model().clone();
+        let mut model = TactilePad::new(&config).unwrap().unwrap().model().clone();
         let radius = 8e-3;
         let at = |depth: f64| vec![Isometry3::translation(0.0, 0.0, radius - depth)];
         let press = Press::along(vec![Shape::Sphere { radius }], vec![at(3e-4)]).unwrap();

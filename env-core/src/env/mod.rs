@@ -31,17 +31,17 @@ use crate::{
     deformation::Wanted,
     geometry::Shape,
     scene::ObjectModel,
-    tactile::{Channel, Choice, SoftObject, Touch},
-    task::{Layout, TaskConfig},
+    tactile::{Channel, Choice, SoftObject, TactilePad},
+    task::{ObservationLayout, TaskConfig},
 };
 
 /// Validated settings with the models built from them, shared by all rows.
 #[derive(Debug)]
 pub struct Setup {
     config: TaskConfig,
-    layout: Layout,
+    layout: ObservationLayout,
     models: Vec<ObjectModel>,
-    touch: Option<Touch>,
+    touch: Option<TactilePad>,
     /// Models of the objects if they are soft; else empty.
     soft: Vec<SoftObject>,
     /// Hash that identifies the settings in snapshots.
@@ -55,8 +55,8 @@ impl Setup {
         config.validate()?;
         let models = config.models()?;
         let soft = soft_objects(&config, &models)?;
-        let touch = if config.pads_feel() { Touch::new(&config.touch())? } else { None };
-        let layout = Layout::new(&config, touch.as_ref().map(|touch| &**touch.skin()))?;
+        let touch = if config.pads_feel() { TactilePad::new(&config.touch())? } else { None };
+        let layout = ObservationLayout::new(&config, touch.as_ref().map(|touch| &**touch.skin()))?;
         let fingerprint = snapshot::fingerprint(&config);
         Ok(Self { config, layout, models, touch, soft, fingerprint })
     }
@@ -67,7 +67,7 @@ impl Setup {
     }
 
     /// Position of each channel in an observation.
-    pub fn layout(&self) -> &Layout {
+    pub fn layout(&self) -> &ObservationLayout {
         &self.layout
     }
 
@@ -102,7 +102,7 @@ impl Setup {
     }
 
     /// Tactile model of the fingers; `None` if they are rigid.
-    pub fn touch(&self) -> Option<&Touch> {
+    pub fn touch(&self) -> Option<&TactilePad> {
         self.touch.as_ref()
     }
 }

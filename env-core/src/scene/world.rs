@@ -11,7 +11,7 @@ use rapier3d::prelude::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    BodyState, Failure, FingerState, Object, ObjectModel, Pads, SceneConfig, SceneState,
+    BodyState, Failure, FingerState, ObjectModel, Pads, SceneConfig, SceneObject, SceneState,
     WristState, contact,
     foundation::{FixtureContact, FoundationStep, Foundations, stops},
     gripper::{HAND, Hand, OBJECT, TABLE},
@@ -61,7 +61,7 @@ impl Scene {
     /// Creates a scene with the open hand at `tool_center` (m) and `yaw` (rad).
     pub fn new(
         config: &SceneConfig,
-        object: &Object,
+        object: &SceneObject,
         tool_center: &Vector3<f64>,
         yaw: f64,
     ) -> Result<Self> {
@@ -399,7 +399,7 @@ fn table() -> ColliderBuilder {
 
 fn insert_object(
     world: &mut PhysicsWorld,
-    object: &Object,
+    object: &SceneObject,
 ) -> Result<(RigidBodyHandle, ColliderHandle)> {
     let groups = InteractionGroups::new(OBJECT, TABLE | HAND, InteractionTestMode::And);
     let collider = object

@@ -28,23 +28,23 @@ pub enum Model {
 
 /// Surface of the pads and model of their gel.
 #[derive(Clone)]
-pub struct Touch {
+pub struct TactilePad {
     skin: Arc<Skin>,
     model: Model,
 }
 
-impl std::fmt::Debug for Touch {
+impl std::fmt::Debug for TactilePad {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Touch").field("model", &self.model.name()).finish_non_exhaustive()
+        f.debug_struct("TactilePad").field("model", &self.model.name()).finish_non_exhaustive()
     }
 }
 
 /// Most recently built instances, newest first.
-static BUILT: Mutex<Vec<(TactileConfig, Touch)>> = Mutex::new(Vec::new());
+static BUILT: Mutex<Vec<(TactileConfig, TactilePad)>> = Mutex::new(Vec::new());
 /// Greatest number of instances kept.
 const KEPT: usize = 4;
 
-impl Touch {
+impl TactilePad {
     /// Builds the instance that `config` describes, or returns a recently built one with the same
     /// settings; `None` for rigid fingers.
     pub fn new(config: &TactileConfig) -> Result<Option<Self>> {

@@ -3,14 +3,14 @@
 use serde::Serialize;
 
 use super::{
-    Layout, ObjectSpec, Range, SensorErrors, Setting, Start, Task, Weights, sensor_errors,
-    setting::rising,
+    ObjectSpec, ObservationLayout, Range, RewardWeights, SensorErrors, Setting, Start, Task,
+    sensor_errors, setting::rising,
 };
 use crate::{
     Error, Result,
     deformation::Moduli,
-    scene::{Gripper, Object, ObjectModel, SceneConfig, SoftPads, Workspace},
-    tactile::{Choice, Material, Resolution, TactileConfig},
+    scene::{Gripper, ObjectModel, SceneConfig, SceneObject, SoftPads, Workspace},
+    tactile::{Choice, GelMaterial, Resolution, TactileConfig},
 };
 
 /// Settings of an environment.
@@ -47,7 +47,7 @@ pub struct TaskConfig {
     /// Name of the sensor on both fingers, or the path of its .toml file.
     pub sensor: String,
     /// Material of its gel: the name of a calibration, or moduli; the first calibration if `None`.
-    pub material: Option<Material>,
+    pub material: Option<GelMaterial>,
     /// Young's modulus of the gel relative to that of its material.
     pub gel_stiffness: Range,
     /// Resolution of the pads' mesh and of the channels.
@@ -57,7 +57,7 @@ pub struct TaskConfig {
     /// Names of the observation's channels; see [`TaskConfig::channels`] for the default.
     pub observation: Option<Vec<String>>,
     /// Weights of the reward's terms.
-    pub reward: Weights,
+    pub reward: RewardWeights,
 }
 
 impl Default for TaskConfig {
@@ -83,7 +83,7 @@ impl TaskConfig {
             ["sphere", "cuboid", "cylinder", "prism", "annulus", "ellipsoid", "cup", "potato"];
         let touch = TactileConfig::default();
         let mut config = Self {
-            reward: Weights::of(task),
+            reward: RewardWeights::of(task),
             task: task.clone(),
             scene: SceneConfig::default(),
             objects: Vec::new(),
@@ -270,7 +270,7 @@ impl TaskConfig {
             grip.validate(self.scene.gripper.max_force)?;
         }
         self.task.validate(self)?;
-        Layout::check(self)?;
+        ObservationLayout::check(self)?;
         sensor_errors::validate(&self.sensor_errors, &self.channels())?;
         self.reward.validate()
     }
@@ -282,7 +282,7 @@ impl TaskConfig {
             self.fits(spec, model)?;
             for (mass, scale) in self.mass.into_iter().zip(self.size) {
                 let pose = model.rest(scale, 0.0, 0.0, 0.0);
-                let object = Object { model, scale, mass, friction: self.friction[0], pose };
+                let object = SceneObject { model, scale, mass, friction: self.friction[0], pose };
                 object.validate(&self.scene.gripper)?;
             }
         }

@@ -31,12 +31,12 @@ pub use grip::GradualGrip;
 pub use hold_still::{HoldStill, Shaking};
 pub use insert_peg::{InsertPeg, Insertion};
 pub use objects::{ObjectSpec, ShapeSpec};
-pub use observation::{Component, Layout, StateChannel, TACTILE_CHANNELS};
+pub use observation::{Component, ObservationLayout, StateChannel, TACTILE_CHANNELS};
 pub use progress::Progress;
-pub use reward::{RewardTerm, RewardTerms, Weights};
+pub use reward::{RewardTerm, RewardTerms, RewardWeights};
 pub use schema::schema;
 pub use sensor_errors::{FaultySensors, SensorError, SensorErrors};
-pub use setting::{Range, Setting, Slot};
+pub use setting::{Range, Setting, SettingValue};
 
 use std::ops::{Deref, DerefMut};
 

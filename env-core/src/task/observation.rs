@@ -145,14 +145,14 @@ pub struct Span {
 
 /// Chosen channels and their positions in a row of observations.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Layout {
+pub struct ObservationLayout {
     sources: Vec<Source>,
     channels: Vec<(&'static str, Vec<Component>)>,
     low: Vec<f32>,
     high: Vec<f32>,
 }
 
-impl Layout {
+impl ObservationLayout {
     /// Layout of the configured channels, for tactile fingers of surface `skin` if given; returns
     /// an error if a name is unknown, repeated or missing.
     pub fn new(config: &TaskConfig, skin: Option<&Skin>) -> Result<Self> {

@@ -112,7 +112,7 @@ impl RewardTerms {
     }
 
     /// Weighted mean of the terms.
-    pub fn reward(&self, weights: &Weights) -> f64 {
+    pub fn reward(&self, weights: &RewardWeights) -> f64 {
         let sum: f64 = self.0.iter().zip(&weights.0).map(|(value, weight)| value * weight).sum();
         sum / weights.0.iter().sum::<f64>()
     }
@@ -121,12 +121,12 @@ impl RewardTerms {
 /// Relative weights of a task's terms, in its order.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
-pub struct Weights(Vec<f64>);
+pub struct RewardWeights(Vec<f64>);
 
 /// Name of the weights in the settings.
 const NAME: &str = "reward_weights";
 
-impl Weights {
+impl RewardWeights {
     /// Default weights of `task`.
     pub fn of(task: &Task) -> Self {
         let terms = task.terms();

@@ -29,7 +29,7 @@ use rapier3d::prelude::{PhysicsWorld, RigidBodyHandle, Vector};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Gripper, Object, ObjectModel, SoftPads,
+    Gripper, ObjectModel, SceneObject, SoftPads,
     gripper::{Hand, damping},
     units,
 };
@@ -106,7 +106,7 @@ pub(super) struct Applied {
 
 impl Foundations {
     /// Creates the elastic foundations of a new scene.
-    pub(super) fn new(pads: &SoftPads, object: &Object) -> Self {
+    pub(super) fn new(pads: &SoftPads, object: &SceneObject) -> Self {
         let face = BristleFace::new(&pads.outline);
         let pad = PadFoundation {
             anchors: vec![None; face.count()],
