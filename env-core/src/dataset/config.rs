@@ -301,7 +301,7 @@ impl DatasetConfig {
 }
 
 /// Sensor, finite-element model and storage mesh of the pads of one gel.
-pub(super) struct Pads {
+pub(super) struct PadModels {
     pub(super) sensor: Sensor,
     pub(super) truth: Fem,
     pub(super) model: PadMesh,
@@ -309,11 +309,11 @@ pub(super) struct Pads {
 
 impl GelConfig {
     /// Builds the pads with the meshes of `config`.
-    pub(super) fn pads(&self, config: &DatasetConfig) -> Result<Pads> {
+    pub(super) fn pads(&self, config: &DatasetConfig) -> Result<PadModels> {
         let sensor = Sensor::named(&self.sensor)?;
         let PadMesh { mesh, base, .. } = sensor.pad(config.truth_nodes)?;
         let truth = self.body(mesh, &base, config, FemOptions::default())?;
-        Ok(Pads { truth, model: sensor.pad(config.model_nodes)?, sensor })
+        Ok(PadModels { truth, model: sensor.pad(config.model_nodes)?, sensor })
     }
 
     /// Builds the finite elements of the `sensor`'s pad on a mesh graded towards `points`, with no

@@ -18,10 +18,10 @@ use super::{
     config::{DatasetConfig, Scenario},
     indentation,
     job::{GraspJob, Job, is_whole, jobs},
-    manifest::{self, FORMAT, Manifest, Solved, Unsolved, splits},
+    manifest::{FORMAT, Manifest, Shard, Solved, Unsolved, splits},
     plan::{Plan, plans},
-    record::{Entry, Shard},
-    setup::Setup,
+    record::{Entry, GraspTensors},
+    setup::ScenarioBodies,
     tensor::{entries, read, write_whole},
 };
 use crate::{Error, Result, interrupt::Interrupt, objects::Object};
@@ -92,7 +92,7 @@ pub fn estimate(config: &DatasetConfig, folder: &Path) -> Result<Estimate> {
     let plans = plans(&config)?;
     let jobs = jobs(&plans);
     let objects: Vec<_> = plans.iter().map(|(object, _)| object).collect();
-    let setup = Setup::new(&config, &objects, None)?;
+    let setup = ScenarioBodies::new(&config, &objects, None)?;
     let open = jobs.iter().filter(|job| !is_whole(&folder.join(&job.file)));
     let grasps: usize = open.map(|job| job.missing(folder).len()).sum();
     let frames = grasps
@@ -138,7 +138,7 @@ pub fn generate(
     let pool =
         pool.map_err(|error| Error::invalid("threads", orders.threads, error.to_string()))?;
     let objects: Vec<_> = plans.iter().map(|(object, _)| object).collect();
-    let setup = pool.install(|| Setup::new(&config, &objects, Some(folder)))?;
+    let setup = pool.install(|| ScenarioBodies::new(&config, &objects, Some(folder)))?;
     let (packed, open): (Vec<&Job>, Vec<&Job>) =
         chosen.into_iter().partition(|job| is_whole(&folder.join(&job.file)));
     let tasks: Vec<_> = open.iter().flat_map(|job| job.missing(folder)).collect();
@@ -218,7 +218,7 @@ fn file_error(path: &Path) -> impl Fn(std::io::Error) -> Error {
 /// Run over the missing grasps.
 struct Work<'a> {
     config: &'a DatasetConfig,
-    setup: &'a Setup,
+    setup: &'a ScenarioBodies,
     folder: &'a Path,
     obstacle: Option<&'a Obstacle<'a>>,
     watch: &'a (dyn Fn(&GenerationProgress) -> bool + Sync),
@@ -238,7 +238,7 @@ impl Work<'_> {
         let (object, plan) = (task.job.object, task.plan);
         let obstacle = self.obstacle.map(|obstacle| obstacle(object, plan)).transpose()?.flatten();
         let part = if let Some(reason) = obstacle {
-            Shard::unreached(plan, reason)
+            GraspTensors::unreached(plan, reason)
         } else {
             let solve = || self.setup.solve(self.config, object, plan);
             let part = self.interrupt.during(solve)?;
@@ -302,7 +302,7 @@ fn summary(
         }
         let sha256 = hex(&Sha256::digest(&bytes));
         let file = job.file.clone();
-        shards.push(manifest::Shard { file, sha256, bytes: bytes.len() as u64, grasps });
+        shards.push(Shard { file, sha256, bytes: bytes.len() as u64, grasps });
     }
     let there = |object: &Object| {
         let all = shards.iter().flat_map(|shard| &shard.grasps);
