@@ -137,7 +137,7 @@ mod tests {
         (Fem::new(body, FemOptions { element, ..FemOptions::default() }).unwrap(), coarse)
     }
 
-    type Field = fn(&Point3<f64>) -> Vector3<f64>;
+    type ExactField = fn(&Point3<f64>) -> Vector3<f64>;
 
     fn linear(p: &Point3<f64>) -> Vector3<f64> {
         Vector3::new(0.1 * p.y, 0.2 * p.z, -0.1 * p.x)
@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn what_an_element_can_be_arrives_exactly() {
-        let cases: [(Element, Field); 3] =
+        let cases: [(Element, ExactField); 3] =
             [(Element::P1Bar, linear), (Element::P2, linear), (Element::P2, quadratic)];
         for (element, field) in cases {
             let (fem, target) = setup(element);

@@ -14,7 +14,7 @@ use super::{
     BodyState, Failure, FingerState, ObjectModel, Pads, SceneConfig, SceneObject, SceneState,
     WristState, contact,
     foundation::{FixtureContact, FoundationStep, Foundations, stops},
-    gripper::{HAND, Hand, OBJECT, TABLE},
+    gripper::{HAND, HandBodies, OBJECT, TABLE},
     units,
 };
 use crate::{Result, deformation::Wrench};
@@ -35,7 +35,7 @@ pub struct Command {
 pub struct Scene {
     config: SceneConfig,
     world: PhysicsWorld,
-    hand: Hand,
+    hand: HandBodies,
     object: RigidBodyHandle,
     object_collider: ColliderHandle,
     table: ColliderHandle,
@@ -80,7 +80,7 @@ impl Scene {
             Pads::Soft(pads) => Some(Foundations::new(pads, object)),
         };
         let (object, object_collider) = insert_object(&mut world, object)?;
-        let hand = Hand::insert(&mut world, &config.gripper, &config.pads, &wrist.pose);
+        let hand = HandBodies::insert(&mut world, &config.gripper, &config.pads, &wrist.pose);
         Ok(Self {
             config: config.clone(),
             world,
