@@ -153,12 +153,12 @@ impl Data {
 }
 
 /// A card with the kind of its network.
-pub(super) trait Kind: DeserializeOwned {
+pub(super) trait NetworkCard: DeserializeOwned {
     /// Permitted values of its `variant`.
     const VARIANTS: &'static [&'static str];
 }
 
-impl Kind for Card {
+impl NetworkCard for Card {
     const VARIANTS: &'static [&'static str] = &["corrector"];
 }
 
@@ -208,7 +208,7 @@ pub(super) fn variant(name: &str, bytes: &[u8], expected: &[&str]) -> Result<Str
 
 /// Returns the tensors and the card in `bytes`, or an error that names `name` if they are of
 /// another kind.
-pub(super) fn of_kind<C: Kind>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
+pub(super) fn of_kind<C: NetworkCard>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
     variant(name, bytes, C::VARIANTS)?;
     from_bytes(name, bytes)
 }
