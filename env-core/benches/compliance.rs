@@ -14,9 +14,9 @@ use bodies::{gel_pad, press_and_shear};
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use nalgebra::{Isometry3, Vector3};
 use ruffini_core::{
-    compliance::{Compliance, Options},
+    compliance::{Compliance, ComplianceOptions},
     deformation::{DeformationModel, History, Press},
-    fem::{self, Fem},
+    fem::{Fem, FemOptions},
     geometry::Shape,
     objects::{Object, catalogue},
 };
@@ -52,10 +52,10 @@ fn presses(criterion: &mut Criterion) {
     for cells in [[14, 16, 3], [18, 22, 6]] {
         let body = gel_pad(cells);
         let nodes = body.mesh().vertices.len();
-        let options = fem::Options { friction: FRICTION, ..fem::Options::default() };
+        let options = FemOptions { friction: FRICTION, ..FemOptions::default() };
         let mut fem = Fem::new(body.clone(), options).expect("the options are valid");
         let mut models = [0, 4].map(|sweeps| {
-            let options = Options { friction: FRICTION, sweeps };
+            let options = ComplianceOptions { friction: FRICTION, sweeps };
             (sweeps, Compliance::new(body.clone(), options).expect("the pad is bonded"))
         });
         let mut begun = models[0].1.solve(&[pressed(0.5 * MM)]);
@@ -108,7 +108,7 @@ fn objects() -> Vec<(&'static str, Shape, Isometry3<f64>)> {
 fn steps(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("step");
     group.sample_size(20);
-    let options = Options { friction: FRICTION, sweeps: 0 };
+    let options = ComplianceOptions { friction: FRICTION, sweeps: 0 };
     let mut model = Compliance::new(gel_pad([14, 16, 3]), options).expect("the pad is bonded");
     for (object, shape, top) in objects() {
         let at = |x: f64, depth: f64| vec![Isometry3::translation(x, 0.0, -depth) * top];

@@ -16,7 +16,7 @@ use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use ruffini_core::{
     deformation::{Moduli, SoftBody, Wrench},
-    fem::{Fem, Grasp, Options},
+    fem::{Fem, FemOptions, Grasp},
     geometry::Shape,
     sensor::Sensor,
 };
@@ -26,7 +26,7 @@ fn frames(criterion: &mut Criterion) {
     group.sample_size(10);
     for cells in [[14, 16, 3], [18, 22, 6], [28, 34, 9]] {
         for friction in [0.0, 0.5] {
-            let options = Options { friction, ..Options::default() };
+            let options = FemOptions { friction, ..FemOptions::default() };
             let fem = Fem::new(gel_pad(cells), options).expect("the options are valid");
             let name = format!("{} nodes, μ {friction}", fem.body().mesh().vertices.len());
             let press = press_and_shear();
@@ -57,7 +57,7 @@ fn grasps(criterion: &mut Criterion) {
     let moduli = Moduli { young: gel.young, poisson: gel.poisson };
     let law = gel.law.parse().expect("the law is known");
     let body = SoftBody::new(pad.mesh, law, moduli, &pad.base).expect("a pad is a body");
-    let fem = Fem::new(body, Options { friction: 0.8, ..Options::default() });
+    let fem = Fem::new(body, FemOptions { friction: 0.8, ..FemOptions::default() });
     let fem = fem.expect("the options are valid");
     let half_extents = Vector3::new(0.010, 0.008, 0.006);
     let crooked = UnitQuaternion::from_scaled_axis(Vector3::new(0.01, 0.02, 0.01));

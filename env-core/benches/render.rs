@@ -6,7 +6,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::{Isometry3, Vector3};
 use ruffini_core::{
     geometry::Shape,
-    render::{Camera, Color, Finish, GripperParts, Item, RenderMesh, Renderer, table},
+    render::{Color, Finish, GripperParts, Item, PinholeCamera, RenderMesh, Renderer, table},
 };
 
 fn frames(criterion: &mut Criterion) {
@@ -25,7 +25,7 @@ fn frames(criterion: &mut Criterion) {
         let mut picture = vec![0; 640 * 480 * 3];
         group.bench_function(format!("{samples} x {samples} samples a pixel"), |bencher| {
             bencher.iter(|| {
-                let camera = black_box(Camera::default());
+                let camera = black_box(PinholeCamera::default());
                 renderer.draw_into(&camera, &items, &mut picture).expect("valid items");
             });
         });

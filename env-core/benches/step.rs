@@ -8,20 +8,20 @@ use nalgebra::Isometry3;
 use ruffini_core::{
     deformation::Wrench,
     env::{Autoreset, Batch, Setup},
-    scene::{CATALOGUE, Command, Object, ObjectModel, Scene, SceneConfig, SoftPads, named},
+    scene::{CATALOGUE, Command, ObjectModel, Scene, SceneConfig, SceneObject, SoftPads, named},
     sensor::Sensor,
     tactile::Choice,
-    task::{Config, ObjectSpec, Task},
+    task::{ObjectSpec, Task, TaskConfig},
 };
 
 const ROWS: usize = 16;
 
 fn batch(objects: &[&str]) -> Batch {
     let objects = objects.iter().map(|name| ObjectSpec::Name((*name).into())).collect();
-    started(Config { objects, tactile: Choice::None, ..Config::default() })
+    started(TaskConfig { objects, tactile: Choice::None, ..TaskConfig::default() })
 }
 
-fn started(config: Config) -> Batch {
+fn started(config: TaskConfig) -> Batch {
     let setup = Setup::new(config).expect("settings hold");
     let mut batch = Batch::new(Arc::new(setup), ROWS, 1, Autoreset::NextStep).expect("16 rows");
     batch.seed(&(0..ROWS as u64).map(Some).collect::<Vec<_>>()).expect("one seed a row");
@@ -39,7 +39,7 @@ fn actions(step: usize) -> Vec<f32> {
 fn steps(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("step");
     group.throughput(Throughput::Elements(ROWS as u64));
-    let all = Config::default().objects;
+    let all = TaskConfig::default().objects;
     let all: Vec<_> = all.iter().map(ToString::to_string).collect();
     let all: Vec<_> = all.iter().map(String::as_str).collect();
     let cases = CATALOGUE.iter().map(|name| (*name, vec![*name]));
@@ -67,7 +67,7 @@ fn grasps(criterion: &mut Criterion) {
         let model = ObjectModel::new(named(name).expect("a known name")).expect("a sound shape");
         for (pads, config) in &configs {
             let pose = Isometry3::translation(0.0, 0.0, 0.1);
-            let object = Object { model: &model, scale: 1.0, mass: 0.1, friction: 0.8, pose };
+            let object = SceneObject { model: &model, scale: 1.0, mass: 0.1, friction: 0.8, pose };
             let tool_center = pose.translation.vector;
             let mut scene = Scene::new(config, &object, &tool_center, 0.0).expect("a sound scene");
             let hold = Command { grip: 5.0, ..Command::default() };
@@ -93,7 +93,7 @@ fn touches(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("touch");
     group.throughput(Throughput::Elements(ROWS as u64));
     for name in ["sphere", "cuboid", "cylinder", "prism", "potato"] {
-        let mut config = Config::of(&Task::named("HoldStill").expect("a known task"));
+        let mut config = TaskConfig::of(&Task::named("HoldStill").expect("a known task"));
         config.objects = vec![ObjectSpec::Name(name.into())];
         config.tactile = Choice::Surrogate;
         config.scene.gripper.max_force = 40.0;

@@ -14,7 +14,7 @@ use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul};
 use nalgebra::{Isometry3, Vector3};
 use ruffini_core::{
     deformation::{DeformationModel, Law, Moduli, Press, SoftBody, Wanted},
-    fem::{self, Fem},
+    fem::{Fem, FemOptions},
     geometry::Shape,
     sensor::Sensor,
     surrogate::{CorrectorConfig, LinearPad, Surrogate},
@@ -69,7 +69,7 @@ fn presses(criterion: &mut Criterion) {
     let mut linear = LinearPad::new(&sensor, moduli, FRICTION, nodes).expect("a known sensor");
     let pad = sensor.pad(network.card().linear_nodes).expect("a mesh of that size");
     let body = SoftBody::new(pad.mesh, Law::NeoHookean, moduli, &pad.base).expect("a sound mesh");
-    let options = fem::Options { friction: FRICTION, ..fem::Options::default() };
+    let options = FemOptions { friction: FRICTION, ..FemOptions::default() };
     let elements = Fem::new(body, options).expect("valid options");
     for held in held() {
         let mut group = criterion.benchmark_group(held.0);

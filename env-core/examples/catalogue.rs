@@ -8,7 +8,7 @@ use std::{error::Error, fs::File, io::BufWriter};
 use nalgebra::{Isometry3, Point3, Vector3};
 use ruffini_core::{
     objects::{Family, FamilySplit, Object, catalogue},
-    render::{Camera, Color, Finish, Item, RenderMesh, Renderer, table},
+    render::{Color, Finish, Item, PinholeCamera, RenderMesh, Renderer, table},
 };
 
 /// Width and height of a tile (pixels).
@@ -49,7 +49,7 @@ fn draw(renderer: &mut Renderer, object: &Object) -> Result<Vec<u8>, ruffini_cor
     };
     let ground = Item::new(&table, Isometry3::identity(), ground);
     let item = Item::new(&mesh, standing(object), color(object.family));
-    let camera = Camera {
+    let camera = PinholeCamera {
         eye: Point3::new(0.12, -0.28, 0.28),
         target: Point3::new(0.0, 0.0, 0.022),
         up: Vector3::z(),

@@ -13,7 +13,7 @@ use std::{env, path::Path, process::ExitCode};
 use bodies::{gel_pad, press_and_shear};
 use ruffini_core::{
     Error, Result,
-    fem::{Element, Fem, Options},
+    fem::{Element, Fem, FemOptions},
 };
 use serde_json::{Map, Value, json};
 
@@ -39,7 +39,7 @@ fn main() -> ExitCode {
 fn speed() -> Result<Value> {
     let mut times = Map::new();
     for (name, element) in Element::NAMES {
-        let time = |friction| timed(Options { element, friction, ..Options::default() });
+        let time = |friction| timed(FemOptions { element, friction, ..FemOptions::default() });
         times.insert(name.to_owned(), json!({ "press": time(0.0)?, "shear": time(0.5)? }));
     }
     Ok(Value::Object(times))
@@ -47,7 +47,7 @@ fn speed() -> Result<Value> {
 
 /// Time and final force of one configuration. Without friction the ball is only pressed in; with
 /// friction it is also moved sideways.
-fn timed(options: Options) -> Result<Value> {
+fn timed(options: FemOptions) -> Result<Value> {
     let fem = Fem::new(gel_pad(CELLS), options)?;
     let count = if options.friction == 0.0 { 10 } else { 20 };
     let (mut seconds, mut force) = (f64::INFINITY, 0.0);

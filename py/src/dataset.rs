@@ -7,7 +7,9 @@ use std::{
 
 use pyo3::{exceptions::PyValueError, prelude::*};
 use ruffini_core::{
-    dataset::{Config, Estimate, GenerationProgress, Orders, Plan, estimate, generate, shards},
+    dataset::{
+        DatasetConfig, Estimate, GenerationProgress, Orders, Plan, estimate, generate, shards,
+    },
     interrupt::Interrupt,
     objects::{GraspSampler, Object},
     scene::{Approach, ObjectModel},
@@ -92,15 +94,15 @@ fn obstacle(object: &Object, plan: &Plan) -> ruffini_core::Result<Option<String>
     Ok(approach.obstacle(&plan.tool, plan.width)?.map(|obstacle| obstacle.to_string()))
 }
 
-fn configuration(file: Option<PathBuf>, overrides: &str) -> PyResult<Config> {
+fn configuration(file: Option<PathBuf>, overrides: &str) -> PyResult<DatasetConfig> {
     let bad = |error: serde_json::Error| PyValueError::new_err(format!("configuration: {error}"));
-    let base = file.map_or_else(|| Ok(Config::default()), |file| Config::read(&file));
+    let base = file.map_or_else(|| Ok(DatasetConfig::default()), |file| DatasetConfig::read(&file));
     let mut settings = serde_json::to_value(base.map_err(python_error)?).map_err(bad)?;
     let overrides: serde_json::Map<_, _> = serde_json::from_str(overrides).map_err(bad)?;
     for (name, value) in overrides {
         settings[name] = value;
     }
-    let config: Config = serde_json::from_value(settings).map_err(bad)?;
+    let config: DatasetConfig = serde_json::from_value(settings).map_err(bad)?;
     config.validated().map_err(python_error)
 }
 

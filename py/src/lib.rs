@@ -23,7 +23,7 @@ use ruffini_core::{
     env::{Autoreset, Row, Setup, StartQuantity, StepResult},
     scene::CATALOGUE,
     tactile::Choice,
-    task::{Config, Ending},
+    task::{Ending, TaskConfig},
 };
 
 use error::{PressError, SimulationError, python_error};
@@ -68,7 +68,7 @@ impl Batch {
                 return Err(python_error(Error::invalid("autoreset_mode", other, expected)));
             }
         };
-        let setup = Setup::new(Config::from_json(settings).map_err(python_error)?);
+        let setup = Setup::new(TaskConfig::from_json(settings).map_err(python_error)?);
         let setup = Arc::new(setup.map_err(python_error)?);
         let inner = ruffini_core::env::Batch::new(setup, num_envs, num_threads, autoreset);
         Ok(Self { inner: inner.map_err(python_error)? })

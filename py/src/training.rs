@@ -38,7 +38,7 @@ pub(crate) fn train_surrogate(
     clock: Py<PyAny>,
     watch: Py<PyAny>,
 ) -> PyResult<Option<String>> {
-    let asked = Asked::new(variant, settings)?;
+    let request = TrainingRequest::new(variant, settings)?;
     let raised = Mutex::new(None);
     let heard = |error: PyErr| {
         raised.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
@@ -59,7 +59,7 @@ pub(crate) fn train_surrogate(
         answer.map_err(heard).unwrap_or_default()
             && raised.lock().unwrap_or_else(PoisonError::into_inner).is_none()
     };
-    let card = py.detach(|| asked.train(&data, &out, commit, &now, &mut go_on));
+    let card = py.detach(|| request.train(&data, &out, commit, &now, &mut go_on));
     if let Some(error) = raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
         return Err(error);
     }
@@ -67,13 +67,13 @@ pub(crate) fn train_surrogate(
 }
 
 /// Requested training run.
-enum Asked {
+enum TrainingRequest {
     Corrector(Training),
     Paper(PaperRun, Study),
     Soft(SoftStudy),
 }
 
-impl Asked {
+impl TrainingRequest {
     fn new(variant: &str, settings: &str) -> PyResult<Self> {
         let settings = serde_json::from_str(settings).map_err(bad)?;
         match variant {

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use ruffini_core::{
-    dataset::{Config, Orders, Plan, Unsolved, generate},
+    dataset::{DatasetConfig, Orders, Plan, Unsolved, generate},
     geometry::Shape,
     objects::{GraspSampler, Object, catalogue},
     scene::{Approach, ApproachFailure, ObjectModel},
@@ -60,15 +60,15 @@ fn a_finger_meets_what_is_wider_above_the_pads() {
 #[test]
 fn a_grasp_that_the_gripper_does_not_get_to_is_listed_and_not_solved() {
     let folder = std::env::temp_dir().join(format!("ruffini-approach-{}", std::process::id()));
-    let gels = Config::default().gels[..1].to_vec();
-    let config = Config {
+    let gels = DatasetConfig::default().gels[..1].to_vec();
+    let config = DatasetConfig {
         objects: 1,
         grasps: 2,
         frames: 1,
         truth_nodes: 400,
         model_nodes: 200,
         gels,
-        ..Config::default()
+        ..DatasetConfig::default()
     };
     let first = |_: &Object, plan: &Plan| {
         Ok(plan.name.ends_with("/000").then(|| ApproachFailure::Coming.to_string()))

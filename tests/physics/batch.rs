@@ -5,10 +5,10 @@ use std::sync::Arc;
 use ruffini_core::{
     Error,
     env::{Autoreset, Batch, Setup},
-    task::{Config, Ending, Range, StateChannel},
+    task::{Ending, Range, StateChannel, TaskConfig},
 };
 
-fn batch(config: Config, rows: usize, threads: usize, autoreset: Autoreset) -> Batch {
+fn batch(config: TaskConfig, rows: usize, threads: usize, autoreset: Autoreset) -> Batch {
     let setup = Arc::new(Setup::new(config).unwrap());
     let mut batch = Batch::new(setup, rows, threads, autoreset).unwrap();
     batch.seed(&(0..rows as u64).map(Some).collect::<Vec<_>>()).unwrap();
@@ -23,16 +23,16 @@ fn actions(rows: usize, step: usize) -> Vec<f32> {
     (0..5 * rows).map(number).collect()
 }
 
-fn all_channels() -> Config {
-    Config {
+fn all_channels() -> TaskConfig {
+    TaskConfig {
         observation: Some(StateChannel::SHARED.map(|channel| channel.name().into()).into()),
-        ..Config::default()
+        ..TaskConfig::default()
     }
 }
 
 #[test]
 fn a_row_does_not_depend_on_its_batch_or_the_threads() {
-    let short = Config { max_episode_steps: 20, ..all_channels() };
+    let short = TaskConfig { max_episode_steps: 20, ..all_channels() };
     for autoreset in [Autoreset::NextStep, Autoreset::SameStep] {
         let mut wide = batch(short.clone(), 6, 1, autoreset);
         let mut threaded = batch(short.clone(), 6, 4, autoreset);
@@ -69,7 +69,7 @@ fn a_snapshot_replays_bit_for_bit() {
 
 #[test]
 fn damaged_and_foreign_snapshots_are_refused() {
-    let mut one = batch(Config::default(), 1, 1, Autoreset::NextStep);
+    let mut one = batch(TaskConfig::default(), 1, 1, Autoreset::NextStep);
     let saved = one.save();
     for byte in [0, 9, 17, 30, saved[0].len() - 1] {
         let mut damaged = saved.clone();
@@ -108,7 +108,7 @@ fn observations_stay_within_their_bounds() {
         ([0.002, 10.0], [0.0, 10.0], [0.2, 1.5]),
     ];
     for (mass, friction, size) in extremes {
-        let config = Config { mass, friction, size, ..all_channels() };
+        let config = TaskConfig { mass, friction, size, ..all_channels() };
         let mut batch = batch(config, 16, 1, Autoreset::NextStep);
         let layout = batch.setup().layout().clone();
         for step in 0..300 {

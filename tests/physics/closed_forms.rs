@@ -9,7 +9,7 @@ use std::{f64::consts::PI, sync::LazyLock};
 use nalgebra::{Isometry3, Point3, Vector3};
 use ruffini_core::{
     deformation::{Law, Moduli, Press, SoftBody},
-    fem::{Element, Fem, Options},
+    fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, PadOutline, Shape, TetMesh},
 };
 
@@ -38,11 +38,11 @@ fn force(
     let body = SoftBody::new(mesh, Law::Linear, Moduli { young: YOUNG, poisson }, &bonded).unwrap();
     // Contact compliance is less than 1e-4 of the depth; forces balance to 2e-5 of their sum, about
     // E a δ.
-    let options = Options {
+    let options = FemOptions {
         element: Element::P2,
         softness: 1e-3 * depth,
         tolerance: 1e-3 * YOUNG * depth * depth,
-        ..Options::default()
+        ..FemOptions::default()
     };
     let pose = Isometry3::new(Vector3::z() * (reach - depth), Vector3::z() * turn);
     let press = Press::along(vec![shape], vec![vec![pose]]).unwrap();

@@ -5,9 +5,9 @@ use std::{fs, path::PathBuf};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use ruffini_core::{
     Error, Result,
-    compliance::{Compliance, Options},
+    compliance::{Compliance, ComplianceOptions},
     deformation::{Deformation, DeformationModel, Law, Moduli, Press, SoftBody, Wanted},
-    fem::{self, Fem},
+    fem::{Fem, FemOptions},
     geometry::{Shape, TetMesh},
 };
 
@@ -43,11 +43,11 @@ fn block() -> SoftBody {
 }
 
 fn fem(body: &SoftBody, friction: f64) -> Fem {
-    Fem::new(body.clone(), fem::Options { friction, ..fem::Options::default() }).unwrap()
+    Fem::new(body.clone(), FemOptions { friction, ..FemOptions::default() }).unwrap()
 }
 
 fn linear(body: &SoftBody, friction: f64) -> Compliance {
-    Compliance::new(body.clone(), Options { friction, sweeps: 0 }).unwrap()
+    Compliance::new(body.clone(), ComplianceOptions { friction, sweeps: 0 }).unwrap()
 }
 
 fn ball() -> Shape {
@@ -154,7 +154,7 @@ fn sweeps_lower_the_residual_down_to_the_answer_of_finite_elements() {
     let exact = last(fem(&body, 0.5).solve_path(&press));
     let swept: Vec<_> = (0..=12)
         .map(|sweeps| {
-            let options = Options { friction: 0.5, sweeps };
+            let options = ComplianceOptions { friction: 0.5, sweeps };
             let model = Compliance::new(body.clone(), options).unwrap();
             let found = last(model.solve_path(&press));
             (found.residual, relative(&found.displacement, &exact.displacement))
@@ -176,7 +176,7 @@ fn sweeps_along_a_sheared_path_keep_its_history() {
     let path = path.chain((1..=4).map(|i| at(0.05 * MM * f64::from(i), 0.4 * MM))).collect();
     let press = along(ball(), path);
     let exact = last(fem(&body, 0.5).solve_path(&press));
-    let options = Options { friction: 0.5, sweeps: 12 };
+    let options = ComplianceOptions { friction: 0.5, sweeps: 12 };
     let found = last(Compliance::new(body, options).unwrap().solve_path(&press));
     let error = relative(&found.displacement, &exact.displacement);
     // The residual of every frame is below 1e-5 of the force, and the errors accumulate in the
@@ -192,7 +192,8 @@ fn a_wide_sticking_contact_goes_on_where_the_offset_before_finds_no_balance() {
     let press = along(wide, path);
     let exact = last(fem(&body, 0.8).solve_path(&press));
     let errors = [0, 1, 3, 12].map(|sweeps| {
-        let model = Compliance::new(body.clone(), Options { friction: 0.8, sweeps }).unwrap();
+        let model =
+            Compliance::new(body.clone(), ComplianceOptions { friction: 0.8, sweeps }).unwrap();
         relative(&last(model.solve_path(&press)).displacement, &exact.displacement)
     });
     println!("error of u after 0, 1, 3, 12 sweeps: {errors:?}");
@@ -203,7 +204,7 @@ fn a_wide_sticking_contact_goes_on_where_the_offset_before_finds_no_balance() {
 #[test]
 fn no_force_without_contact() {
     for sweeps in [0, 4] {
-        let model = Compliance::new(block(), Options { friction: 0.5, sweeps }).unwrap();
+        let model = Compliance::new(block(), ComplianceOptions { friction: 0.5, sweeps }).unwrap();
         let path = vec![at(0.0, -1e-6), at(0.0, 0.3 * MM), at(0.0, -0.5 * MM)];
         let frames = frames(model.solve_path(&along(ball(), path)));
         assert!(frames[1].wrench.force.z < 0.0);
@@ -220,7 +221,8 @@ fn no_force_without_contact() {
 fn nodal_forces_add_up_to_the_wrench() {
     let body = block();
     for (shape, sweeps) in [(ball(), 0), (cuboid(), 0), (ball(), 3)] {
-        let model = Compliance::new(body.clone(), Options { friction: 0.5, sweeps }).unwrap();
+        let model =
+            Compliance::new(body.clone(), ComplianceOptions { friction: 0.5, sweeps }).unwrap();
         let press = along(shape, vec![at(0.0, 0.3 * MM), at(0.1 * MM, 0.3 * MM)]);
         let frame = last(model.solve_path(&press));
         let sum: Vector3<f64> = frame.contact_force.iter().sum();
@@ -291,7 +293,7 @@ fn a_swept_press_goes_on_where_finite_elements_ended() {
     let begun = last(fem.solve_path(&along(ball(), vec![at(0.0, 0.2 * MM), at(0.0, 0.4 * MM)])));
     let press = along(ball(), vec![at(0.05 * MM, 0.42 * MM)]).after(begun.history).unwrap();
     let exact = last(fem.solve_path(&press));
-    let options = Options { friction: 0.5, sweeps: 12 };
+    let options = ComplianceOptions { friction: 0.5, sweeps: 12 };
     let found = last(Compliance::new(body, options).unwrap().solve_path(&press));
     let error = relative(&found.displacement, &exact.displacement);
     // The residual of the sweeps is below 1e-5 of the force.
@@ -355,7 +357,7 @@ fn a_turned_scene_turns_the_answer() {
 #[test]
 fn a_given_force_is_met_by_the_travel_that_causes_it() {
     for (shape, friction, sweeps) in [(ball(), 0.0, 0), (ball(), 0.5, 3), (cuboid(), 0.5, 0)] {
-        let model = Compliance::new(block(), Options { friction, sweeps }).unwrap();
+        let model = Compliance::new(block(), ComplianceOptions { friction, sweeps }).unwrap();
         let press =
             Press::with_force(vec![shape.clone()], at(0.0, -2.0 * MM), 0.3, -Vector3::z()).unwrap();
         let pushed = last(model.solve_path(&press));
@@ -421,7 +423,7 @@ fn a_tip_finer_than_the_mesh_is_felt() {
 #[test]
 fn a_press_through_the_pad_is_refused() {
     for sweeps in [0, 4] {
-        let model = Compliance::new(block(), Options { friction: 0.0, sweeps }).unwrap();
+        let model = Compliance::new(block(), ComplianceOptions { friction: 0.0, sweeps }).unwrap();
         let found = model.solve_path(&along(ball(), vec![at(0.0, 0.2 * MM), at(0.0, 4.5 * MM)]));
         assert_eq!(found.len(), 2);
         let error = found[1].as_ref().map(|frame| frame.wrench).unwrap_err();
@@ -434,7 +436,7 @@ fn a_press_through_the_pad_is_refused() {
 #[test]
 fn a_force_beyond_the_pad_is_refused() {
     for sweeps in [0, 2] {
-        let model = Compliance::new(block(), Options { friction: 0.5, sweeps }).unwrap();
+        let model = Compliance::new(block(), ComplianceOptions { friction: 0.5, sweeps }).unwrap();
         let press = Press::with_force(vec![ball()], at(0.0, 0.0), 100.0, -Vector3::z()).unwrap();
         let error = model.solve_path(&press).pop().unwrap().map(|frame| frame.wrench).unwrap_err();
         let named = matches!(error, Error::Inverted | Error::Unreachable { .. });
@@ -444,18 +446,18 @@ fn a_force_beyond_the_pad_is_refused() {
 
 #[test]
 fn bodies_and_options_that_make_no_sense_are_refused() {
-    let refused = |fixed: &[u32], options: Options| {
+    let refused = |fixed: &[u32], options: ComplianceOptions| {
         let body = SoftBody::new(block_mesh(), Law::Linear, GEL, fixed).unwrap();
         Compliance::new(body, options).map(|_| ()).unwrap_err().to_string()
     };
     let mesh = block_mesh();
     let base = nodes_where(&mesh, |p| p.z < -3.999 * MM);
     let edge = nodes_where(&mesh, |p| p.z < -3.999 * MM && p.x < -3.999 * MM);
-    assert!(refused(&[], Options::default()).contains("fixed: found 0 nodes"));
-    assert!(refused(&base[..2], Options::default()).contains("fixed: found 2 nodes"));
+    assert!(refused(&[], ComplianceOptions::default()).contains("fixed: found 0 nodes"));
+    assert!(refused(&base[..2], ComplianceOptions::default()).contains("fixed: found 2 nodes"));
     assert!(edge.len() > 3);
-    assert!(refused(&edge, Options::default()).contains("not on a line"));
-    let options = |friction, sweeps| Options { friction, sweeps };
+    assert!(refused(&edge, ComplianceOptions::default()).contains("not on a line"));
+    let options = |friction, sweeps| ComplianceOptions { friction, sweeps };
     assert!(refused(&base, options(0.0, 13)).contains("sweeps: found 13, expected 0 to 12"));
     for friction in [f64::NAN, -0.1, f64::INFINITY] {
         assert!(refused(&base, options(friction, 0)).contains("friction"));
@@ -491,7 +493,7 @@ impl Drop for Folder {
 fn a_stored_compliance_answers_the_same_and_a_damaged_one_is_computed_anew() {
     let folder = Folder::new("compliance");
     let answer = || {
-        let model = Compliance::cached(block(), Options::default(), &folder.0).unwrap();
+        let model = Compliance::cached(block(), ComplianceOptions::default(), &folder.0).unwrap();
         last(model.solve_path(&along(ball(), vec![at(0.0, 0.3 * MM)]))).displacement
     };
     let computed = answer();
@@ -511,7 +513,7 @@ fn a_stored_compliance_answers_the_same_and_a_damaged_one_is_computed_anew() {
     }
     // An intact file of another body is detected by its key.
     let softer = bonded(block_mesh(), Law::NeoHookean, Moduli { young: 1e5, ..GEL });
-    drop(Compliance::cached(softer, Options::default(), &folder.0).unwrap());
+    drop(Compliance::cached(softer, ComplianceOptions::default(), &folder.0).unwrap());
     let other = folder.files().into_iter().find(|path| path != file).unwrap();
     fs::copy(&other, file).unwrap();
     assert_eq!(answer(), computed);
@@ -523,7 +525,8 @@ fn a_folder_that_cannot_be_written_is_named() {
     let folder = Folder::new("compliance-file");
     let file = folder.0.join("not-a-folder");
     fs::write(&file, "").unwrap();
-    let error = Compliance::cached(block(), Options::default(), &file).map(|_| ()).unwrap_err();
+    let error =
+        Compliance::cached(block(), ComplianceOptions::default(), &file).map(|_| ()).unwrap_err();
     assert!(matches!(error, Error::File { .. }), "{error}");
 }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Vector3};
 use ruffini_core::{
-    compliance::{Compliance, Options},
+    compliance::{Compliance, ComplianceOptions},
     deformation::{History, Law, Moduli, Press, SoftBody, Wrench},
     geometry::Shape,
     scene::{Command, Scene},
@@ -227,7 +227,7 @@ impl Condensed {
         let (pad, calibration) = (sensor.pad(1000).unwrap(), &sensor.calibrations[0]);
         let moduli = Moduli { young: calibration.young, poisson: calibration.poisson };
         let body = SoftBody::new(pad.mesh, Law::default(), moduli, &pad.base).unwrap();
-        let model = Compliance::new(body, Options { friction: 0.8, sweeps: 0 }).unwrap();
+        let model = Compliance::new(body, ComplianceOptions { friction: 0.8, sweeps: 0 }).unwrap();
         Self { model, histories: [None, None] }
     }
 

@@ -7,9 +7,9 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rayon::ThreadPoolBuilder;
 use ruffini_core::{
     Error, Result,
-    compliance::{self, Compliance},
+    compliance::{Compliance, ComplianceOptions},
     deformation::{Deformation, DeformationModel, History, Law, Moduli, Press, SoftBody},
-    fem::{Element, Fem, Options},
+    fem::{Element, Fem, FemOptions},
     geometry::{Shape, TetMesh},
     sensor::Sensor,
 };
@@ -31,7 +31,7 @@ fn plate() -> Vec<Shape> {
 }
 
 /// A body held at its base, with moduli that depend on the height.
-fn layered(mesh: TetMesh, moduli: impl Fn(f64) -> Moduli, options: Options) -> Fem {
+fn layered(mesh: TetMesh, moduli: impl Fn(f64) -> Moduli, options: FemOptions) -> Fem {
     let moduli = mesh.tets.iter().map(|tet| {
         let height = |&node: &u32| 0.25 * mesh.vertices[node as usize].z;
         moduli(tet.iter().map(height).sum())
@@ -84,7 +84,7 @@ fn a_layer_a_million_times_stiffer_is_rigid() {
     let two = grid(&side, &side, &even(-4.0 * MM, 0.0, 8));
     let one = grid(&side, &side, &even(-4.0 * MM, -2.0 * MM, 4));
     let stiff_above = |z: f64| if z > -2.0 * MM { Moduli { young: 1e9, ..soft } } else { soft };
-    let options = Options { tolerance: 1e-10, softness: 2e-7, ..rough(100.0) };
+    let options = FemOptions { tolerance: 1e-10, softness: 2e-7, ..rough(100.0) };
     let both = last(&layered(two, stiff_above, options), plate(), vec![plate_at(0.0, -0.2 * MM)]);
     let alone = last(&layered(one, |_| soft, options), plate(), vec![plate_at(0.0, -2.2 * MM)]);
     let [both, alone] = [both, alone].map(|frame| pressing(&frame));
@@ -98,7 +98,7 @@ fn a_block_is_squeezed_to_thirty_percent_of_its_height() {
     for poisson in [0.3, 0.45, 0.49, 0.499] {
         for friction in [0.0, 1.0] {
             let squeeze = |element| {
-                let options = Options { element, ..rough(friction) };
+                let options = FemOptions { element, ..rough(friction) };
                 along(&block(Moduli { poisson, ..GEL }, 2, options), plate(), path.clone())
             };
             for frames in [Element::P1Bar, Element::P2].map(squeeze) {
@@ -130,7 +130,7 @@ fn sharp() -> [(Shape, UnitQuaternion<f64>, f64); 3] {
 #[test]
 fn an_edge_a_point_and_a_small_tip_go_in_by_a_millimetre_at_once() {
     for (element, cells) in [(Element::P1Bar, 4), (Element::P2, 2)] {
-        let fem = block(GEL, cells, Options { element, ..rough(0.0) });
+        let fem = block(GEL, cells, FemOptions { element, ..rough(0.0) });
         for (shape, turn, reach) in sharp() {
             let at = |depth: f64| {
                 let place = Vector3::new(0.1 * MM, 0.2 * MM, reach - depth);
@@ -173,7 +173,7 @@ fn a_tip_is_felt_on_faces_eight_millimetres_wide() {
             &even(-4.0 * MM, 4.0 * MM, 1),
             &even(-4.0 * MM, 0.0, 1),
         );
-        let fem = layered(wide, |_| GEL, Options { element, ..rough(0.02) });
+        let fem = layered(wide, |_| GEL, FemOptions { element, ..rough(0.02) });
         for i in 0..6 {
             let at = |z: f64| {
                 vec![Isometry3::translation(0.37 * MM * f64::from(i), -0.23 * MM * f64::from(i), z)]
@@ -238,7 +238,7 @@ fn a_thin_wall_is_refused_only_where_it_comes_near_a_wide_face() {
         near[0].clone().after(moved_by(60.0 * MM, &body)).unwrap(),
     ];
     let fem = Fem::new(body.clone(), rough(0.0)).unwrap();
-    let linear = Compliance::new(body, compliance::Options::default()).unwrap();
+    let linear = Compliance::new(body, ComplianceOptions::default()).unwrap();
     let turned = Fem::new(free, rough(0.0)).unwrap();
     let too_thin = |mut frames: Vec<Result<Deformation>>| match frames.pop().unwrap() {
         Ok(frame) => {
@@ -308,7 +308,7 @@ fn needles_and_slivers_do_no_harm() {
     // the faces of p1-bar stay flat like those of p1, which is a quarter stiffer on this mesh.
     let moduli = Moduli { poisson: 0.3, ..GEL };
     for (element, tolerance) in [(Element::P1, 1e-3), (Element::P1Bar, 0.25), (Element::P2, 2e-3)] {
-        let options = Options { element, ..rough(0.5) };
+        let options = FemOptions { element, ..rough(0.5) };
         let force = |mesh: TetMesh| {
             let fem = layered(mesh, |_| moduli, options);
             pressing(&last(&fem, ball(), vec![ball_at(0.0, 0.5 * MM)]))
@@ -388,7 +388,7 @@ fn round_trip(fem: &Fem) -> (f64, f64) {
 #[test]
 fn no_energy_is_won_round_a_closed_path() {
     for element in [Element::P1Bar, Element::P2] {
-        let work = |friction| round_trip(&block(GEL, 3, Options { element, ..rough(friction) }));
+        let work = |friction| round_trip(&block(GEL, 3, FemOptions { element, ..rough(friction) }));
         let (lost, most) = work(0.0);
         // Error of the trapezium rule in 16 steps a side; half as many give two to four times as
         // much.
@@ -450,7 +450,7 @@ fn nothing_goes_through_what_holds_the_body() {
     let pad = Sensor::named("gelsight-mini").unwrap().pad(300).unwrap();
     let moduli = Moduli { young: 19.2e3, poisson: 0.223 };
     let pad = SoftBody::new(pad.mesh, Law::NeoHookean, moduli, &pad.base).unwrap();
-    let pad = Fem::new(pad, Options { element: Element::P2, ..rough(0.0) }).unwrap();
+    let pad = Fem::new(pad, FemOptions { element: Element::P2, ..rough(0.0) }).unwrap();
     let r = 1.6237 * MM;
     let cup = Shape::Cup { bottom: 0.7 * r, rim: r, half_height: r, wall: 0.1 * r };
     let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
@@ -460,7 +460,7 @@ fn nothing_goes_through_what_holds_the_body() {
     let film = grid(&side, &side, &even(-0.2 * MM, 0.0, 3));
     let base = nodes_where(&film, |p| p.z < -0.199 * MM);
     let film = SoftBody::new(film, Law::Linear, GEL, &base).unwrap();
-    let film = Fem::new(film, Options { element: Element::P2, ..rough(0.147) }).unwrap();
+    let film = Fem::new(film, FemOptions { element: Element::P2, ..rough(0.147) }).unwrap();
     let ball = Shape::Sphere { radius: 0.5 * MM };
     let place = Isometry3::translation(1.346 * MM, -1.486 * MM, 0.576 * MM);
     below(&film, ball.clone(), place, 1.55 * MM);

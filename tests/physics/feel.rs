@@ -5,7 +5,7 @@ use std::sync::Arc;
 use ruffini_core::{
     env::{Autoreset, Batch, Setup, StepResult},
     tactile::{Choice, Resolution},
-    task::{Config, Ending, ObjectSpec, ShapeSpec, StateChannel, TACTILE_CHANNELS},
+    task::{Ending, ObjectSpec, ShapeSpec, StateChannel, TACTILE_CHANNELS, TaskConfig},
 };
 
 fn coarse(nodes: usize) -> Resolution {
@@ -13,8 +13,8 @@ fn coarse(nodes: usize) -> Resolution {
 }
 
 /// Configuration with the hand right above an object that it can hold, and a coarse pad for speed.
-fn config(object: &str) -> Config {
-    Config {
+fn config(object: &str) -> TaskConfig {
+    TaskConfig {
         objects: vec![ObjectSpec::Name(object.into())],
         position: [0.0, 0.0],
         start: [0.0, 0.0],
@@ -28,11 +28,11 @@ fn config(object: &str) -> Config {
                 .map(ToString::to_string)
                 .collect(),
         ),
-        ..Config::default()
+        ..TaskConfig::default()
     }
 }
 
-fn batch(config: Config, rows: usize, threads: usize, autoreset: Autoreset) -> Batch {
+fn batch(config: TaskConfig, rows: usize, threads: usize, autoreset: Autoreset) -> Batch {
     let setup = Arc::new(Setup::new(config).unwrap());
     let mut batch = Batch::new(setup, rows, threads, autoreset).unwrap();
     batch.seed(&(0..rows as u64).map(Some).collect::<Vec<_>>()).unwrap();
@@ -91,7 +91,7 @@ fn a_grasp_is_felt_by_both_fingers() {
 
 #[test]
 fn a_row_that_feels_does_not_depend_on_its_batch_or_the_threads() {
-    let short = Config { max_episode_steps: 25, ..config("cuboid") };
+    let short = TaskConfig { max_episode_steps: 25, ..config("cuboid") };
     for autoreset in [Autoreset::NextStep, Autoreset::SameStep] {
         let mut wide = batch(short.clone(), 4, 1, autoreset);
         let mut threaded = batch(short.clone(), 4, 3, autoreset);
@@ -147,7 +147,7 @@ fn a_reset_forgets_what_was_felt() {
 fn a_press_without_an_answer_ends_its_episode_only() {
     // The full grip drives the edges of a thin ring between the nodes of the pads.
     let ring = ShapeSpec::Annulus { outer: 0.02, inner: 0.0195, half_height: 0.01 };
-    let ring = Config {
+    let ring = TaskConfig {
         objects: vec![ObjectSpec::Shape(ring)],
         tactile: Choice::Surrogate,
         resolution: Resolution::default(),
@@ -179,7 +179,7 @@ fn a_press_without_an_answer_ends_its_episode_only() {
 #[test]
 fn the_plan_lists_what_is_asked_for_and_what_it_costs() {
     let asked = |names: &[&str]| Some(names.iter().map(ToString::to_string).collect());
-    let touch = Config { observation: asked(&["markers", "time"]), ..config("sphere") };
+    let touch = TaskConfig { observation: asked(&["markers", "time"]), ..config("sphere") };
     let names = |batch: &mut Batch| {
         batch.plan(false).into_iter().map(|stage| stage.name).collect::<Vec<_>>()
     };
@@ -194,7 +194,7 @@ fn the_plan_lists_what_is_asked_for_and_what_it_costs() {
         "reward",
     ];
     assert_eq!(names(&mut feeling), stages);
-    let blind = Config { tactile: Choice::None, observation: asked(&["time"]), ..touch };
+    let blind = TaskConfig { tactile: Choice::None, observation: asked(&["time"]), ..touch };
     assert_eq!(
         names(&mut batch(blind, 2, 1, Autoreset::NextStep)),
         ["scene", "channel time", "reward"]

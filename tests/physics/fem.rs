@@ -3,9 +3,9 @@
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use ruffini_core::{
     Error, Result,
-    compliance::{self, Compliance},
+    compliance::{Compliance, ComplianceOptions},
     deformation::{Deformation, DeformationModel, Drive, Law, Moduli, Press, SoftBody, Wrench},
-    fem::{Element, Fem, Grasp, Options},
+    fem::{Element, Fem, FemOptions, Grasp},
     geometry::{Shape, TetMesh},
 };
 
@@ -24,14 +24,14 @@ pub(crate) fn base(mesh: &TetMesh) -> Vec<u32> {
     nodes_where(mesh, |p| p.z < -3.999 * MM)
 }
 
-pub(crate) fn block(moduli: Moduli, cells: usize, options: Options) -> Fem {
+pub(crate) fn block(moduli: Moduli, cells: usize, options: FemOptions) -> Fem {
     let mesh = block_mesh(cells);
     let base = base(&mesh);
     Fem::new(SoftBody::new(mesh, Law::NeoHookean, moduli, &base).unwrap(), options).unwrap()
 }
 
-pub(crate) fn rough(friction: f64) -> Options {
-    Options { friction, ..Options::default() }
+pub(crate) fn rough(friction: f64) -> FemOptions {
+    FemOptions { friction, ..FemOptions::default() }
 }
 
 /// A ball of radius 4 mm pressed in by `depth`, then moved aside by `x`.
@@ -79,7 +79,7 @@ fn no_force_without_contact() {
 #[test]
 fn nodal_forces_add_up_to_the_wrench() {
     for element in [Element::P1Bar, Element::P2] {
-        let fem = block(GEL, 3, Options { element, friction: 0.5, ..Options::default() });
+        let fem = block(GEL, 3, FemOptions { element, friction: 0.5, ..FemOptions::default() });
         let frame = last(&fem, ball(), vec![ball_at(0.0, 0.5 * MM), ball_at(0.1 * MM, 0.5 * MM)]);
         let sum: Vector3<f64> = frame.contact_force.iter().sum();
         let (sum, force) = (sum.norm(), frame.wrench.force.norm());
@@ -93,7 +93,7 @@ fn a_rough_plate_squeezes_a_block_without_locking() {
     // Held above and below, the block can only expand at its sides.
     let squeeze = |element, poisson, cells| {
         let moduli = Moduli { young: 2e5, poisson };
-        let fem = block(moduli, cells, Options { element, ..rough(5.0) });
+        let fem = block(moduli, cells, FemOptions { element, ..rough(5.0) });
         let frame = last(&fem, vec![Shape::HalfSpace], vec![plate_at(0.0, -0.2 * MM)]);
         -frame.wrench.force.z
     };
@@ -199,7 +199,7 @@ fn the_order_of_nodes_of_a_solid_does_not_matter() {
         let pressed = |mesh: &TetMesh| {
             let base = nodes_where(mesh, |p| p.z < -5.0 * MM);
             let body = SoftBody::new(mesh.clone(), Law::NeoHookean, GEL, &base).unwrap();
-            let fem = Fem::new(body, Options { element, ..rough(0.5) }).unwrap();
+            let fem = Fem::new(body, FemOptions { element, ..rough(0.5) }).unwrap();
             let pose = vec![Isometry3::translation(MM, 0.0, 11.2 * MM)];
             last(&fem, vec![Shape::Sphere { radius: 4.0 * MM }], vec![pose]).displacement
         };
@@ -281,7 +281,7 @@ fn a_body_with_no_face_to_press_is_refused() {
     for held in [all, outer] {
         let body = SoftBody::new(mesh.clone(), Law::NeoHookean, GEL, &held).unwrap();
         let fem = Fem::new(body.clone(), rough(0.0)).map(|_| ()).unwrap_err();
-        let linear = Compliance::new(body, compliance::Options::default()).map(|_| ()).unwrap_err();
+        let linear = Compliance::new(body, ComplianceOptions::default()).map(|_| ()).unwrap_err();
         for error in [fem, linear].map(|error| error.to_string()) {
             assert!(error.contains("held all round"), "{error}");
         }
@@ -364,7 +364,7 @@ fn the_published_force_on_a_gel_pad_is_met() {
     let mesh = grid(&graded(10.375 * MM, 18, 12.0), &graded(12.625 * MM, 18, 12.0), &z);
     let base = base(&mesh);
     let body = SoftBody::new(mesh, Law::StableNeoHookean, GEL, &base).unwrap();
-    let options = Options { element: Element::P2, ..Options::default() };
+    let options = FemOptions { element: Element::P2, ..FemOptions::default() };
     let fem = Fem::new(body, options).unwrap();
     let force = -last(&fem, ball(), vec![ball_at(0.0, MM)]).wrench.force.z;
     assert!((force / 1.3133 - 1.0).abs() < 0.01, "{force} N against 1.3133 N");

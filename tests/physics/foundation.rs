@@ -8,15 +8,15 @@ use rand_chacha::ChaCha8Rng;
 use ruffini_core::{
     deformation::{Law, Moduli, Press, SoftBody, Wrench},
     env::{Autoreset, Batch, Setup},
-    fem::{Fem, Options},
+    fem::{Fem, FemOptions},
     geometry::{PadOutline, Shape, Surface},
     scene::{
-        CATALOGUE, Command, Failure, Object, ObjectModel, Pads, Scene, SceneConfig, SceneState,
-        SoftPads,
+        CATALOGUE, Command, Failure, ObjectModel, Pads, Scene, SceneConfig, SceneObject,
+        SceneState, SoftPads,
     },
     sensor::{ElasticFoundation, Sensor},
     tactile::Choice,
-    task::{Config, Ending, ObjectSpec},
+    task::{Ending, ObjectSpec, TaskConfig},
 };
 
 use crate::grasp::{HEIGHT, Trial, matrix, run};
@@ -39,7 +39,7 @@ pub(crate) fn ball() -> ObjectModel {
 /// Scene in which `model` has been gripped in weightlessness for a second at the height of 0.1 m.
 pub(crate) fn gripped(config: &SceneConfig, model: &ObjectModel, mass: f64, grip: f64) -> Scene {
     let pose = Isometry3::translation(0.0, 0.0, 0.1);
-    let object = Object { model, scale: 1.0, mass, friction: 0.8, pose };
+    let object = SceneObject { model, scale: 1.0, mass, friction: 0.8, pose };
     let mut scene = Scene::new(config, &object, &pose.translation.vector, 0.0).unwrap();
     scene.set_gravity(0.0);
     hold(&mut scene, grip, 1.0);
@@ -188,7 +188,7 @@ fn what_stands_on_the_table_does_not_wear_the_hold() {
         let mut sunk = Vec::new();
         for rate in [10.0, 5.0, 2.5] {
             let pose = Isometry3::translation(0.0, 0.0, height);
-            let object = Object { model: &model, scale: 1.0, mass, friction: 0.6, pose };
+            let object = SceneObject { model: &model, scale: 1.0, mass, friction: 0.6, pose };
             let mut scene = Scene::new(&soft(), &object, &pose.translation.vector, 0.0).unwrap();
             hold(&mut scene, 0.3, 1.0);
             let period = scene.config().physics.control_period;
@@ -239,7 +239,7 @@ fn forces_change_evenly_as_creases_pass_the_bristles() {
 fn without_a_touch_the_wrench_is_zero() {
     let pose = Isometry3::translation(0.0, 0.0, 0.015);
     let model = ball();
-    let object = Object { model: &model, scale: 1.0, mass: 0.1, friction: 0.8, pose };
+    let object = SceneObject { model: &model, scale: 1.0, mass: 0.1, friction: 0.8, pose };
     let away = Vector3::new(0.0, 0.0, 0.016);
     let mut scene = Scene::new(&soft(), &object, &away, 0.0).unwrap();
     let check = |scene: &Scene| {
@@ -285,7 +285,8 @@ fn a_saved_scene_goes_on_bit_for_bit() {
 #[test]
 fn random_actions_on_every_object_stay_finite_and_replay_from_a_snapshot() {
     let objects = CATALOGUE.map(|name| ObjectSpec::Name(name.into())).into();
-    let config = Config { scene: soft(), objects, tactile: Choice::None, ..Config::default() };
+    let config =
+        TaskConfig { scene: soft(), objects, tactile: Choice::None, ..TaskConfig::default() };
     let setup = Arc::new(Setup::new(config).unwrap());
     let batch = || Batch::new(Arc::clone(&setup), 12, 1, Autoreset::NextStep).unwrap();
     let mut first = batch();
@@ -409,7 +410,7 @@ fn the_fitted_bed_presses_like_the_finite_elements() {
     let pad = sensor.pad(1000).unwrap();
     let moduli = Moduli { young: calibration.young, poisson: calibration.poisson };
     let body = SoftBody::new(pad.mesh, Law::default(), moduli, &pad.base).unwrap();
-    let fem = Fem::new(body, Options { friction: 1.0, ..Options::default() }).unwrap();
+    let fem = Fem::new(body, FemOptions { friction: 1.0, ..FemOptions::default() }).unwrap();
     let at = |x: f64, depth: f64| Isometry3::translation(x * MM, 0.0, 0.015 - depth * MM);
     let path = [at(0.0, 0.3), at(0.0, 0.6), at(0.0, 1.0), at(0.05, 1.0)];
     let press = Press::along(vec![ball().shape().clone()], path.map(|pose| vec![pose]).into());

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use ruffini_core::{
     Result,
     geometry::{Shape, StarShaped, Wave},
-    scene::{Command, Object, ObjectModel, Scene, SceneConfig, SceneState, named},
+    scene::{Command, ObjectModel, Scene, SceneConfig, SceneObject, SceneState, named},
 };
 
 /// Parameters of one grasp.
@@ -79,7 +79,8 @@ pub(crate) fn run(model: &ObjectModel, trial: &Trial) -> Result<Outcome> {
     let mut config = trial.config.clone();
     config.gripper.max_force = trial.grip;
     let pose = model.rest(1.0, 0.0, 0.0, 0.0);
-    let object = Object { model, scale: 1.0, mass: trial.mass, friction: trial.friction, pose };
+    let object =
+        SceneObject { model, scale: 1.0, mass: trial.mass, friction: trial.friction, pose };
     let z = pose.translation.z.max(trial.config.workspace.low[2]);
     let start = Vector3::new(0.0, 0.0, z);
     let mut scene = Scene::new(&config, &object, &start, 0.0)?;
@@ -210,7 +211,7 @@ fn what_must_hold_holds_and_what_must_drop_drops() {
 fn fall(model: &ObjectModel, mass: f64, grip: f64, friction: f64) -> f64 {
     let config = SceneConfig::default();
     let pose = Isometry3::translation(0.0, 0.0, 0.1);
-    let object = Object { model, scale: 1.0, mass, friction, pose };
+    let object = SceneObject { model, scale: 1.0, mass, friction, pose };
     let mut scene = Scene::new(&config, &object, &pose.translation.vector, 0.0).unwrap();
     let period = config.physics.control_period;
     for i in 0..50 {
@@ -308,7 +309,7 @@ fn what_nobody_touches_stays_where_it_stands() {
     for name in plain.into_iter().chain(hulls) {
         let model = ObjectModel::new(named(name).unwrap()).unwrap();
         let pose = model.rest(1.0, 0.0, 0.0, 0.3);
-        let object = Object { model: &model, scale: 1.0, mass: 0.1, friction: 0.8, pose };
+        let object = SceneObject { model: &model, scale: 1.0, mass: 0.1, friction: 0.8, pose };
         let mut scene = Scene::new(&SceneConfig::default(), &object, &away, 0.0).unwrap();
         let mut at = |steps: u32| {
             (0..steps).for_each(|_| scene.step(&Command::default()));

@@ -5,8 +5,8 @@ use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector2
 use ruffini_core::{
     geometry::Shape,
     scene::{
-        Command, Fixture, Object, ObjectModel, Physics, Scene, SceneConfig, SceneState, SoftPads,
-        Workspace,
+        Command, Fixture, ObjectModel, Physics, Scene, SceneConfig, SceneObject, SceneState,
+        SoftPads, Workspace,
     },
     sensor::Sensor,
 };
@@ -27,8 +27,8 @@ fn config(shape: &Shape, clearance: f64) -> SceneConfig {
     SceneConfig { fixture: Some(fixture), workspace, ..SceneConfig::default() }
 }
 
-fn object(model: &ObjectModel, friction: f64, pose: Isometry3<f64>) -> Object<'_> {
-    Object { model, scale: 1.0, mass: MASS, friction, pose }
+fn object(model: &ObjectModel, friction: f64, pose: Isometry3<f64>) -> SceneObject<'_> {
+    SceneObject { model, scale: 1.0, mass: MASS, friction, pose }
 }
 
 /// Pads of a GelSight Mini.

@@ -4,8 +4,8 @@ use nalgebra::{Isometry3, Point3, Quaternion, UnitQuaternion, Vector3};
 use ruffini_core::{
     Error,
     compliance::{
-        Compliance, Options,
-        nodal::{Nodal, Settled},
+        Compliance, ComplianceOptions,
+        nodal::{ContactSolution, Nodal},
     },
     deformation::{DeformationModel, Law, Moduli, Press, SoftBody},
     geometry::{PadMesh, Shape},
@@ -24,7 +24,7 @@ fn pad(nodes: usize) -> PadMesh {
 
 fn linear(pad: &PadMesh, friction: f64) -> Compliance {
     let body = SoftBody::new(pad.mesh.clone(), Law::default(), GEL, &pad.base).unwrap();
-    Compliance::new(body, Options { friction, sweeps: 0 }).unwrap()
+    Compliance::new(body, ComplianceOptions { friction, sweeps: 0 }).unwrap()
 }
 
 fn nodal(friction: f64) -> Nodal {
@@ -45,7 +45,7 @@ fn down(radius: f64, depth: f64) -> Press {
     press(radius, vec![ball(radius, 0.0, 0.1), ball(radius, 0.0, -depth)])
 }
 
-fn gap(found: &Settled, other: &Settled) -> f64 {
+fn gap(found: &ContactSolution, other: &ContactSolution) -> f64 {
     (found.wrench.force - other.wrench.force).norm() / other.wrench.force.norm()
 }
 
@@ -174,7 +174,7 @@ fn coarse_block(moduli: Moduli, friction: f64) -> Nodal {
     let mesh = grid(&side, &side, &even(-4.0 * MM, 0.0, 1));
     let base: Vec<u32> = nodes_where(&mesh, |p| p.z < -3.9 * MM);
     let body = SoftBody::new(mesh, Law::default(), moduli, &base).unwrap();
-    Compliance::new(body, Options { friction, sweeps: 0 }).unwrap().at_nodes()
+    Compliance::new(body, ComplianceOptions { friction, sweeps: 0 }).unwrap().at_nodes()
 }
 
 #[test]

@@ -14,7 +14,7 @@ use ruffini_core::{
     deformation::{Law, Moduli, SoftBody},
     geometry::{Shape, Surface},
     objects::{Antipodal, Family, FamilySplit, GraspSampler, Object, Rejection, catalogue},
-    scene::{CATALOGUE, Command, Object as Laid, ObjectModel, Scene, SceneConfig, named},
+    scene::{CATALOGUE, Command, ObjectModel, Scene, SceneConfig, SceneObject, named},
 };
 
 const SEED: u64 = 0;
@@ -319,7 +319,7 @@ fn what_is_laid_on_the_table_stays_there() {
         let model = ObjectModel::new(named(name).unwrap()).unwrap();
         for scale in [0.5, 1.0, 1.2] {
             let pose = model.rest(scale, 0.05, 0.05, 0.3);
-            let object = Laid { model: &model, scale, mass: 0.1, friction: 1.0, pose };
+            let object = SceneObject { model: &model, scale, mass: 0.1, friction: 1.0, pose };
             let mut scene = Scene::new(&config, &object, &away, 0.0).unwrap();
             (0..25).for_each(|_| scene.step(&Command::default()));
             let now = scene.state().object.pose.translation.vector;

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 use ruffini_core::{
     deformation::{Deformation, SoftBody},
-    fem::{Element, Fem, Options},
+    fem::{Element, Fem, FemOptions},
 };
 use serde::Deserialize;
 
@@ -67,7 +67,7 @@ fn distances(body: &SoftBody, ours: &Deformation, theirs: &Answer) -> [f64; 3] {
 }
 
 fn compare(element: Element, friction: f64, frame: usize, theirs: &Answer) {
-    let options = Options { element, friction, ..Options::default() };
+    let options = FemOptions { element, friction, ..FemOptions::default() };
     let fem = Fem::new(gel_pad([14, 16, 3]), options).unwrap();
     let ours = fem.solve_path(&press_and_shear()).swap_remove(frame).unwrap();
     let [displacement, von_mises, force] = distances(fem.body(), &ours, theirs);

@@ -2,9 +2,9 @@
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use ruffini_core::{
-    compliance::{Compliance, Options},
+    compliance::{Compliance, ComplianceOptions},
     deformation::{Deformation, Law, Moduli, Press, SoftBody},
-    fem::{self, Fem},
+    fem::{Fem, FemOptions},
     geometry::Shape,
     objects::tets_within,
     surrogate::soft::SoftSurrogate,
@@ -59,9 +59,9 @@ fn relative(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> f64 {
 #[test]
 fn a_free_body_answers_small_squeezes_as_finite_elements_do() {
     let (body, press) = (body(800), squeeze(&[4e-4]));
-    let options = Options { friction: FRICTION, sweeps: 0 };
+    let options = ComplianceOptions { friction: FRICTION, sweeps: 0 };
     let linear = Compliance::free(body.clone(), options).unwrap();
-    let options = fem::Options { friction: FRICTION, ..fem::Options::default() };
+    let options = FemOptions { friction: FRICTION, ..FemOptions::default() };
     let truth = Fem::new(body.clone(), options).unwrap();
     let [found, truth] = [linear.solve_path(&press), truth.solve_path(&press)]
         .map(|mut answers| answers.pop().unwrap().unwrap());
@@ -75,7 +75,7 @@ fn a_free_body_answers_small_squeezes_as_finite_elements_do() {
 
 #[test]
 fn a_free_body_without_contact_does_not_move() {
-    let options = Options { friction: FRICTION, sweeps: 0 };
+    let options = ComplianceOptions { friction: FRICTION, sweeps: 0 };
     let linear = Compliance::free(body(300), options).unwrap();
     for answer in [
         linear.solve_path(&squeeze(&[-1e-4])).pop().unwrap().unwrap(),
@@ -91,7 +91,7 @@ fn a_free_body_without_contact_does_not_move() {
 fn a_bonded_body_is_not_a_free_one() {
     let mesh = tets_within(&ball(), 300).unwrap();
     let bonded = SoftBody::new(mesh, Law::default(), MODULI, &[0, 1, 2]).unwrap();
-    let error = Compliance::free(bonded, Options::default()).err().unwrap().to_string();
+    let error = Compliance::free(bonded, ComplianceOptions::default()).err().unwrap().to_string();
     assert_eq!(error, "fixed: found 3 nodes, expected none: a free body");
 }
 
@@ -127,7 +127,7 @@ fn the_network_answers_a_ball_that_it_never_saw_as_finite_elements_do() {
     let network = network(MODULI);
     let truth = body(network.card().linear_nodes);
     let places = truth.mesh().vertices.clone();
-    let options = fem::Options { friction: FRICTION, ..fem::Options::default() };
+    let options = FemOptions { friction: FRICTION, ..FemOptions::default() };
     let truth = Fem::new(truth, options).unwrap();
     let press = squeeze(&[1e-3]);
     let truth = truth.solve_path(&press).pop().unwrap().unwrap();

@@ -3,13 +3,13 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use ruffini_core::{
-    compliance::{self, Compliance},
+    compliance::{Compliance, ComplianceOptions},
     deformation::{Deformation, DeformationModel, History, Moduli, Press, SoftBody, Wrench},
-    fem::{self, Fem},
+    fem::{Fem, FemOptions},
     geometry::{PadMesh, PadOutline, Shape},
     sensor::{ImageResponse, Sensor},
     surrogate::LinearPad,
-    tactile::{Channel, Config, Finger, Resolution, Skin},
+    tactile::{Channel, Finger, Resolution, Skin, TactileConfig},
 };
 
 const MM: f64 = 1e-3;
@@ -23,7 +23,7 @@ struct Tip {
 
 /// Builds a fingertip of a named sensor.
 fn tip(name: &str, resolution: Resolution) -> Tip {
-    let config = Config { sensor: name.into(), resolution, ..Config::default() };
+    let config = TactileConfig { sensor: name.into(), resolution, ..TactileConfig::default() };
     let sensor = config.sensor().unwrap();
     let (pad, body) = config.pad(&sensor).unwrap();
     let skin = Skin::new(&pad, &body, &sensor, &config.resolution).unwrap();
@@ -35,7 +35,7 @@ fn coarse() -> Resolution {
 }
 
 fn linear(body: &SoftBody) -> Compliance {
-    Compliance::new(body.clone(), compliance::Options::default()).unwrap()
+    Compliance::new(body.clone(), ComplianceOptions::default()).unwrap()
 }
 
 /// Pose of a ball of 5 mm above (x, y), sunk in by `depth` (m).
@@ -179,7 +179,7 @@ fn the_depth_of_a_flat_pad_is_zero_and_follows_a_shift() {
     let mut sensor = Sensor::named("gelsight-mini").unwrap();
     sensor.outline = PadOutline::flat(0.025, 0.020, 0.004);
     let pad = PadMesh::with_nodes(&sensor.outline, 500).unwrap();
-    let (law, moduli) = Config::default().material(&sensor).unwrap();
+    let (law, moduli) = TactileConfig::default().material(&sensor).unwrap();
     let body = SoftBody::new(pad.mesh.clone(), law, moduli, &pad.base).unwrap();
     let skin = Skin::new(&pad, &body, &sensor, &coarse()).unwrap();
     assert!(Channel::Depth.read(&skin, None, None).iter().all(|&z| z == 0.0));
@@ -234,7 +234,7 @@ fn camera_of_slopes(steepest: f64) -> Tip {
         smoothing: 0.0,
         source: String::new(),
     });
-    let config = Config { resolution: coarse(), ..Config::default() };
+    let config = TactileConfig { resolution: coarse(), ..TactileConfig::default() };
     let (pad, body) = config.pad(&sensor).unwrap();
     let skin = Skin::new(&pad, &body, &sensor, &config.resolution).unwrap();
     Tip { sensor, body, skin }
@@ -451,13 +451,13 @@ fn a_press_may_bring_its_own_friction() {
     })
     .unwrap();
     let own = plain.clone().with_friction(FRICTION).unwrap();
-    let options = compliance::Options { friction: FRICTION, sweeps: 0 };
+    let options = ComplianceOptions { friction: FRICTION, sweeps: 0 };
     let mut model = Compliance::new(tip.body.clone(), options).unwrap();
     let theirs = model.solve(std::slice::from_ref(&plain));
     let ours = linear(&tip.body).solve(std::slice::from_ref(&own));
     assert_eq!(ours[0].as_ref().unwrap().displacement, theirs[0].as_ref().unwrap().displacement);
     let fem = |friction: f64| {
-        Fem::new(tip.body.clone(), fem::Options { friction, ..fem::Options::default() }).unwrap()
+        Fem::new(tip.body.clone(), FemOptions { friction, ..FemOptions::default() }).unwrap()
     };
     let (theirs, ours) = (
         fem(FRICTION).solve(std::slice::from_ref(&plain)),

@@ -5,29 +5,29 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 use ruffini_core::{
     env::{Autoreset, Batch, Setup, StepResult},
-    scene::{Command, Gripper, Object, ObjectModel, Scene, SceneConfig, named},
+    scene::{Command, Gripper, ObjectModel, Scene, SceneConfig, SceneObject, named},
     tactile::{Choice, Resolution},
-    task::{Config, Ending, ObjectSpec, StateChannel, TACTILE_CHANNELS, Task},
+    task::{Ending, ObjectSpec, StateChannel, TACTILE_CHANNELS, Task, TaskConfig},
 };
 
 const GRAVITY: f64 = 9.81;
 
 /// Default settings of a task with every channel, and a coarse pad for speed.
-fn config(task: &str, tactile: Choice) -> Config {
+fn config(task: &str, tactile: Choice) -> TaskConfig {
     let task = Task::named(task).unwrap();
     let felt = if tactile == Choice::None { &[][..] } else { &TACTILE_CHANNELS };
     let own = StateChannel::SHARED.iter().chain(task.channels()).map(|channel| channel.name());
     let channels = own.chain(felt.iter().copied());
-    Config {
+    TaskConfig {
         tactile,
         resolution: Resolution { nodes: 150, ..Resolution::default() },
         observation: Some(channels.map(String::from).collect()),
-        ..Config::of(&task)
+        ..TaskConfig::of(&task)
     }
 }
 
 /// `config` with other values of its numeric settings.
-fn with(mut config: Config, settings: &[(&str, f64)]) -> Config {
+fn with(mut config: TaskConfig, settings: &[(&str, f64)]) -> TaskConfig {
     for (name, value) in settings {
         config.set(name, &(*value).into()).unwrap();
     }
@@ -35,13 +35,13 @@ fn with(mut config: Config, settings: &[(&str, f64)]) -> Config {
 }
 
 /// Configuration of a sphere in the hand with a constant `load`.
-fn loaded(tactile: Choice, load: f64, grip: f64) -> Config {
+fn loaded(tactile: Choice, load: f64, grip: f64) -> TaskConfig {
     let objects = vec![ObjectSpec::Name("sphere".into())];
     let settings = [("friction", 0.8), ("start_grip", grip), ("load", load), ("shaking", 0.0)];
-    with(Config { objects, ..config("HoldStill", tactile) }, &settings)
+    with(TaskConfig { objects, ..config("HoldStill", tactile) }, &settings)
 }
 
-fn batch(config: Config, rows: usize, autoreset: Autoreset) -> (Batch, Vec<f32>) {
+fn batch(config: TaskConfig, rows: usize, autoreset: Autoreset) -> (Batch, Vec<f32>) {
     let setup = Arc::new(Setup::new(config).unwrap());
     let mut batch = Batch::new(setup, rows, 1, autoreset).unwrap();
     batch.seed(&(0..rows as u64).map(Some).collect::<Vec<_>>()).unwrap();
@@ -114,7 +114,7 @@ fn the_pads_bear_weight_and_load() {
 /// A grip 1.3 times the Coulomb limit holds the sphere, one 0.7 times drops it.
 #[test]
 fn an_object_is_dropped_below_the_coulomb_limit_and_by_name() {
-    let config = Config { mass: [0.1, 0.1], ..loaded(Choice::None, 1.0, 8.0) };
+    let config = TaskConfig { mass: [0.1, 0.1], ..loaded(Choice::None, 1.0, 8.0) };
     let limit = (0.1 * GRAVITY + 1.0) / (2.0 * 0.8);
     let changes = [1.3f64, 0.7].map(|share| (share * limit / 8.0).ln());
     let most = config.task.gradual_grip().unwrap().rate * 0.04;
@@ -140,7 +140,7 @@ fn an_object_is_dropped_below_the_coulomb_limit_and_by_name() {
 fn a_hold_by_too_much_force_is_no_success() {
     let task = Task::named("HoldStill").unwrap();
     for (grip, light) in [(3.5, true), (3.9, false)] {
-        let config = Config { mass: [0.1, 0.1], ..loaded(Choice::None, 1.0, grip) };
+        let config = TaskConfig { mass: [0.1, 0.1], ..loaded(Choice::None, 1.0, grip) };
         let least = (0.1 * GRAVITY + 1.0) / (2.0 * 0.8);
         let (mut batch, _) = batch(config, 1, Autoreset::Disabled);
         for step in 0..100 {
@@ -156,7 +156,7 @@ fn a_hold_by_too_much_force_is_no_success() {
 /// The fingers close at about the speed in the settings, so that first contact is gentle.
 #[test]
 fn gentle_fingers_close_at_their_speed() {
-    let gripper = Config::of(&Task::named("GraspFragile").unwrap()).scene.gripper;
+    let gripper = TaskConfig::of(&Task::named("GraspFragile").unwrap()).scene.gripper;
     for force in [1.0, 2.0, 5.0, 10.0] {
         let speed = closing_speed(&gripper, force);
         let error = (speed / gripper.closing_speed - 1.0).abs();
@@ -169,7 +169,7 @@ fn closing_speed(gripper: &Gripper, force: f64) -> f64 {
     let config = SceneConfig { gripper: gripper.clone(), ..SceneConfig::default() };
     let model = ObjectModel::new(named("sphere").unwrap()).unwrap();
     let pose = model.rest(1.0, 0.1, 0.1, 0.0);
-    let object = Object { model: &model, scale: 1.0, mass: 0.1, friction: 0.5, pose };
+    let object = SceneObject { model: &model, scale: 1.0, mass: 0.1, friction: 0.5, pose };
     let mut scene = Scene::new(&config, &object, &Vector3::new(-0.1, -0.1, 0.1), 0.0).unwrap();
     (0..7).for_each(|_| scene.step(&Command { grip: force, ..Command::default() }));
     let fingers = scene.state().fingers;
@@ -289,7 +289,7 @@ fn gripped_objects_restart_and_replay_to_the_byte() {
 
 #[test]
 fn settings_of_another_task_are_refused_by_name() {
-    let message = |json: &str| Config::from_json(json).unwrap_err().to_string();
+    let message = |json: &str| TaskConfig::from_json(json).unwrap_err().to_string();
     for (json, parts) in [
         (r#"{"task": "GraspFragile", "tactile": "none"}"#, ["tactile: found none", "surrogate"]),
         (r#"{"safety_factor": 2}"#, ["safety_factor", "GraspLift has no such setting"]),

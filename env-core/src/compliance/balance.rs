@@ -53,7 +53,7 @@ pub(super) struct Guess {
 }
 
 /// Change of the forces, with the change of displacement of the free nodes that it causes.
-pub(super) struct Step {
+pub(super) struct NewtonStep {
     forces: Vec<Vector3<f64>>,
     pub(super) displacement: Vec<Vector3<f64>>,
 }
@@ -184,7 +184,7 @@ impl Contact<'_> {
     }
 
     /// Returns the state after a `share` of `step`.
-    pub(super) fn moved(&mut self, at: &Trial, step: &Step, share: f64) -> Option<Trial> {
+    pub(super) fn moved(&mut self, at: &Trial, step: &NewtonStep, share: f64) -> Option<Trial> {
         let add = |to: &[Vector3<f64>], change: &[Vector3<f64>]| {
             let mut sum = to.to_vec();
             sum.iter_mut().zip(change).for_each(|(x, dx)| *x += dx * share);
@@ -203,7 +203,7 @@ impl Contact<'_> {
             }
             let forces = self.newton_forces(&at.touches, &at.excess, coupled)?;
             let displacement = self.respond(&forces);
-            let step = Step { forces, displacement };
+            let step = NewtonStep { forces, displacement };
             let full = self.moved(at, &step, 1.0);
             if full.as_ref().is_some_and(|full| full.imbalance <= 0.5 * at.imbalance) {
                 return full;

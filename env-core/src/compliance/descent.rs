@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::balance::{Contact, Step, Trial, dot};
+use super::balance::{Contact, NewtonStep, Trial, dot};
 use crate::contact::Touch;
 
 /// Smallest accepted decrease of the energy, as a fraction of the predicted one (Armijo).
@@ -17,7 +17,7 @@ impl Contact<'_> {
         &mut self,
         offset: &[Vector3<f64>],
         at: &Trial,
-        step: &Step,
+        step: &NewtonStep,
         full: Option<Trial>,
     ) -> Option<Trial> {
         let slope = -dot(&step.displacement, &at.excess);

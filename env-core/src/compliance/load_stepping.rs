@@ -14,7 +14,7 @@ use crate::{
     Error, Result,
     contact::{ContactLaw, ContactStep, Touch, backed_off, engulfs_unfelt},
     deformation::{Anchor, Drive, History, Press, Wrench},
-    fem::Workspace,
+    fem::SolverWorkspace,
     geometry::Shape,
 };
 
@@ -41,7 +41,7 @@ pub(super) struct Settings {
 
 /// Working memory of one thread, reused for successive presses.
 pub(crate) struct Scratch {
-    pub(super) workspace: Workspace,
+    pub(super) workspace: SolverWorkspace,
     newton: Newton,
 }
 
@@ -58,13 +58,13 @@ pub(super) struct LoadStepping<'a> {
     pub(super) scratch: &'a mut Scratch,
     reach: Reach,
     pub(super) zone: Zone,
-    pub(super) state: State,
+    pub(super) state: Equilibrium,
     /// Wall time of the last frame (s).
     pub(super) seconds: f64,
 }
 
 /// State of body and shapes in balance.
-pub(super) struct State {
+pub(super) struct Equilibrium {
     pub(super) poses: Vec<Isometry3<f64>>,
     pub(super) field: LinearDisplacement,
     /// Bounds of the facets (F).
@@ -80,7 +80,7 @@ pub(super) struct State {
     pub(super) iterations: usize,
 }
 
-impl State {
+impl Equilibrium {
     /// Initial guess for a step in which the shapes move to `poses`.
     fn guess(&self, zone: &Zone, poses: &[Isometry3<f64>]) -> Guess {
         let mut forces = zone.pick(&self.field.loads);
@@ -103,7 +103,7 @@ impl<'a> LoadStepping<'a> {
         press: &Press,
     ) -> Result<Self> {
         let still = vec![Vector3::zeros(); condensed.rest.places().len()];
-        let state = State {
+        let state = Equilibrium {
             poses: Vec::new(),
             bounds: bounds(condensed, &still),
             field: LinearDisplacement {
@@ -185,7 +185,11 @@ impl<'a> LoadStepping<'a> {
     }
 
     /// Attempts one load step to `poses` and returns the state it ends in.
-    pub(super) fn attempt(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<State> {
+    pub(super) fn attempt(
+        &mut self,
+        shapes: &[Shape],
+        poses: &[Isometry3<f64>],
+    ) -> Result<Equilibrium> {
         if self.runs_over(shapes, poses) {
             return Err(missed(self.settings.tolerance));
         }
@@ -208,7 +212,7 @@ impl<'a> LoadStepping<'a> {
     }
 
     /// Returns whether a shape that touches nothing is wholly inside the body.
-    fn engulfs_unfelt(&self, shapes: &[Shape], state: &State) -> bool {
+    fn engulfs_unfelt(&self, shapes: &[Shape], state: &Equilibrium) -> bool {
         let felt = |s| state.touches.iter().any(|touch| touch.shape == s);
         let (mesh, displacement) = (self.condensed.body.mesh(), &state.field.displacement);
         engulfs_unfelt(shapes, &state.poses, felt, mesh, displacement)
@@ -233,7 +237,11 @@ impl<'a> LoadStepping<'a> {
     }
 
     /// Attempts the step of [`LoadStepping::attempt`] with contact in the present zone only.
-    fn attempt_in_zone(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<State> {
+    fn attempt_in_zone(
+        &mut self,
+        shapes: &[Shape],
+        poses: &[Isometry3<f64>],
+    ) -> Result<Equilibrium> {
         let start = self.zone_places();
         let anchors = self.zone.anchors_in(&self.state.anchors);
         let from = self.state.poses.clone();
@@ -265,7 +273,7 @@ impl<'a> LoadStepping<'a> {
         let touches = zone.touches_out(touches);
         let poses = poses.to_vec();
         let bounds = bounds(self.condensed, &field.displacement);
-        Ok(State {
+        Ok(Equilibrium {
             poses,
             field,
             bounds,

@@ -3,9 +3,9 @@
 //! The stiffness is that of the finite elements at rest ([`crate::fem`], `p1-bar`), reduced to a
 //! dense compliance matrix between the nodes of the surface. Contact has the same surface points,
 //! law and history as there ([`crate::contact`]), and a press may continue from a history of either
-//! model. Large strain is neglected. [`Options::sweeps`] corrects for it: each sweep is a step of
-//! modified Newton with the stiffness at rest and the forces of the body's own law. It is accepted
-//! only if it lowers the residual force, which
+//! model. Large strain is neglected. [`ComplianceOptions::sweeps`] corrects for it: each sweep is a
+//! step of modified Newton with the stiffness at rest and the forces of the body's own law. It is
+//! accepted only if it lowers the residual force, which
 //! [`Deformation::residual`](crate::deformation::Deformation) reports.
 //!
 //! A body is held by fixed nodes, or is free ([`Compliance::free`]) and held by contact alone.
@@ -33,7 +33,7 @@ use crate::{
     Error, Result,
     contact::ContactLaw,
     deformation::{Deformation, DeformationModel, Press, SoftBody, Wanted},
-    fem,
+    fem::FemOptions,
 };
 
 use condensed::Condensed;
@@ -42,7 +42,7 @@ use load_stepping::{LoadStepping, Settings};
 
 /// Settings of a [`Compliance`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Options {
+pub struct ComplianceOptions {
     /// Coefficient of Coulomb friction between body and shapes.
     pub friction: f64,
     /// Greatest number of corrections of a load step by the forces of the body's own law, 0 to 12;
@@ -62,7 +62,7 @@ pub struct Compliance {
 
 impl Compliance {
     /// Condenses `body`; returns an error if its fixed nodes do not hold it.
-    pub fn new(body: SoftBody, options: Options) -> Result<Self> {
+    pub fn new(body: SoftBody, options: ComplianceOptions) -> Result<Self> {
         Self::condensed(body, options, None)
     }
 
@@ -70,18 +70,22 @@ impl Compliance {
     /// the body, tie it to its rest position and bear the contact forces that are not balanced. The
     /// model has fewer contact points than the finite-element model, so neither can continue from
     /// the other's history.
-    pub fn free(body: SoftBody, options: Options) -> Result<Self> {
+    pub fn free(body: SoftBody, options: ComplianceOptions) -> Result<Self> {
         let settings = settings(&body, options)?;
         Ok(Self { condensed: Arc::new(Condensed::free(body)?), settings })
     }
 
     /// Returns [`Compliance::new`] with the compliance read from a file in `directory`; the file is
     /// written if it is missing, damaged or of another body.
-    pub fn cached(body: SoftBody, options: Options, directory: &Path) -> Result<Self> {
+    pub fn cached(body: SoftBody, options: ComplianceOptions, directory: &Path) -> Result<Self> {
         Self::condensed(body, options, Some(directory))
     }
 
-    fn condensed(body: SoftBody, options: Options, directory: Option<&Path>) -> Result<Self> {
+    fn condensed(
+        body: SoftBody,
+        options: ComplianceOptions,
+        directory: Option<&Path>,
+    ) -> Result<Self> {
         let settings = settings(&body, options)?;
         Ok(Self { condensed: Arc::new(Condensed::new(body, directory)?), settings })
     }
@@ -167,11 +171,11 @@ fn whole(walk: &mut LoadStepping) -> Result<Deformation> {
     walk.report()
 }
 
-fn settings(body: &SoftBody, options: Options) -> Result<Settings> {
+fn settings(body: &SoftBody, options: ComplianceOptions) -> Result<Settings> {
     if options.sweeps > MOST_SWEEPS {
         return Err(Error::invalid("sweeps", options.sweeps, format!("0 to {MOST_SWEEPS}")));
     }
-    let fem::Options { softness, tolerance, .. } = fem::Options::default();
+    let FemOptions { softness, tolerance, .. } = FemOptions::default();
     let law = ContactLaw::new(softness, options.friction)?;
     let tolerance = tolerance * (body.stiffest() / 1e6).max(1.0);
     Ok(Settings { law, sweeps: options.sweeps, tolerance })

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Unit, Vector3};
 
 use super::{
-    load_stepping::{LoadStepping, State},
+    load_stepping::{Equilibrium, LoadStepping},
     path::EDGE_STRIDE,
 };
 use crate::{Error, Result, contact::clearance, deformation::Wrench, geometry::Shape};
@@ -84,7 +84,7 @@ pub(super) struct DrivenPress<'a, 'b> {
 }
 
 impl ForceControlled for DrivenPress<'_, '_> {
-    type State = State;
+    type State = Equilibrium;
 
     fn poses(&mut self) -> &mut [Isometry3<f64>] {
         &mut self.walk.state.poses
@@ -97,11 +97,11 @@ impl ForceControlled for DrivenPress<'_, '_> {
         clearance(self.shapes, &state.poses, &places.collect::<Vec<_>>())
     }
 
-    fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<State> {
+    fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<Equilibrium> {
         self.walk.attempt(self.shapes, poses)
     }
 
-    fn state(&mut self) -> &mut State {
+    fn state(&mut self) -> &mut Equilibrium {
         &mut self.walk.state
     }
 
@@ -109,11 +109,11 @@ impl ForceControlled for DrivenPress<'_, '_> {
         self.walk.settings.tolerance
     }
 
-    fn wrench(state: &State) -> &Wrench {
+    fn wrench(state: &Equilibrium) -> &Wrench {
         &state.wrench
     }
 
-    fn iterations(state: &mut State) -> &mut usize {
+    fn iterations(state: &mut Equilibrium) -> &mut usize {
         &mut state.iterations
     }
 }

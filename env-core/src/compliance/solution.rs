@@ -19,7 +19,7 @@ use super::{
 use crate::{
     Error, Result,
     contact::Touch,
-    fem::{Linearised, Workspace},
+    fem::{Linearised, SolverWorkspace},
 };
 
 /// Smallest share of a plain step that is tried.
@@ -42,7 +42,11 @@ pub(super) struct LinearDisplacement {
 
 impl LinearDisplacement {
     /// Displacement of all nodes (V) in m.
-    pub(super) fn complete(&self, rest: &Linearised, space: &mut Workspace) -> Vec<Vector3<f64>> {
+    pub(super) fn complete(
+        &self,
+        rest: &Linearised,
+        space: &mut SolverWorkspace,
+    ) -> Vec<Vector3<f64>> {
         let mut displacement = rest.displacement(&self.loads, space);
         displacement.iter_mut().zip(&self.offset).for_each(|(u, u0)| *u += u0);
         displacement
@@ -52,7 +56,7 @@ impl LinearDisplacement {
 /// Search for the solution of a load step.
 pub(super) struct Solution<'a, 'b> {
     pub(super) condensed: &'a Condensed,
-    pub(super) workspace: &'a mut Workspace,
+    pub(super) workspace: &'a mut SolverWorkspace,
     pub(super) contact: &'a mut Contact<'b>,
     /// Norm of the residual force at which the search ends (N).
     pub(super) tolerance: f64,
@@ -60,17 +64,17 @@ pub(super) struct Solution<'a, 'b> {
     pub(super) iterations: usize,
 }
 
-/// Field with its contact in balance.
-struct Settled {
+/// Displacement field with its contact in balance.
+struct BalancedField {
     field: LinearDisplacement,
     /// Forces on the free nodes of the zone (m) in N.
     forces: Vec<Vector3<f64>>,
     touches: Vec<Touch>,
 }
 
-/// Settled field with its residual force.
-struct Judged {
-    settled: Settled,
+/// Iterate of the sweeps: a field in balance with its residual force.
+struct Iterate {
+    settled: BalancedField,
     /// Change of the offset in a plain sweep: K⁻¹ × residual force (V) in m.
     step: Vec<Vector3<f64>>,
     /// Norm of the residual force (N).
@@ -93,7 +97,12 @@ impl Solution<'_, '_> {
         Ok((found.field, found.touches))
     }
 
-    fn swept(&mut self, offset: &[Vector3<f64>], guess: Guess, sweeps: usize) -> Result<Settled> {
+    fn swept(
+        &mut self,
+        offset: &[Vector3<f64>],
+        guess: Guess,
+        sweeps: usize,
+    ) -> Result<BalancedField> {
         let mut best = self.begin(offset, guess)?;
         let (mut mixing, mut share) = (Mixing::new(REMEMBERED), 1.0);
         mixing.record(&best.settled.field.offset, &best.step);
@@ -121,7 +130,7 @@ impl Solution<'_, '_> {
 
     /// Solves contact with `offset` and without, and returns the result with the smaller residual
     /// force.
-    fn begin(&mut self, offset: &[Vector3<f64>], guess: Guess) -> Result<Judged> {
+    fn begin(&mut self, offset: &[Vector3<f64>], guess: Guess) -> Result<Iterate> {
         let none = vec![Vector3::zeros(); offset.len()];
         let mut starts = Vec::new();
         if *offset != none[..]
@@ -140,7 +149,7 @@ impl Solution<'_, '_> {
     }
 
     /// Initial guess for the contact when the offset of `settled` becomes `next`.
-    fn guess(&self, settled: &Settled, next: &[Vector3<f64>]) -> Guess {
+    fn guess(&self, settled: &BalancedField, next: &[Vector3<f64>]) -> Guess {
         let zone = self.contact.zone;
         let change: Vec<_> = settled.field.offset.iter().zip(next).map(|(a, b)| a - b).collect();
         let change = zone.pick(&change);
@@ -159,7 +168,7 @@ impl Solution<'_, '_> {
         offset: Vec<Vector3<f64>>,
         guess: Guess,
         imbalance: f64,
-    ) -> Result<Settled> {
+    ) -> Result<BalancedField> {
         let zone = self.contact.zone;
         let tolerance = imbalance.max(0.1 * self.tolerance);
         let (trial, iterations) = self.contact.settle(&zone.pick(&offset), guess, tolerance)?;
@@ -168,12 +177,12 @@ impl Solution<'_, '_> {
         displacement.iter_mut().zip(&offset).for_each(|(u, u0)| *u += u0);
         let loads = zone.spread(&trial.forces, offset.len());
         let field = LinearDisplacement { displacement, offset, loads };
-        Ok(Settled { field, forces: trial.forces, touches: trial.touches })
+        Ok(BalancedField { field, forces: trial.forces, touches: trial.touches })
     }
 
     /// Completes the displacement and computes the residual force; `None` if an element is
     /// inverted.
-    fn judge(&mut self, mut settled: Settled) -> Option<Judged> {
+    fn judge(&mut self, mut settled: BalancedField) -> Option<Iterate> {
         let (rest, zone) = (&self.condensed.rest, self.contact.zone);
         settled.field.displacement = settled.field.complete(rest, self.workspace);
         let displacement = &settled.field.displacement;
@@ -183,6 +192,6 @@ impl Solution<'_, '_> {
         rest.release(&mut left);
         let residual = norm(&left);
         let step = rest.displacement(&left, self.workspace);
-        Some(Judged { settled, step, residual })
+        Some(Iterate { settled, step, residual })
     }
 }

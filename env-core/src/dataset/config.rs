@@ -9,7 +9,7 @@ use super::indentation;
 use crate::{
     Error, Result,
     deformation::{Law, Moduli, SoftBody},
-    fem::{Element, Fem, Options},
+    fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, TetMesh},
     objects::{Object, catalogue, indenters},
     sensor::Sensor,
@@ -18,7 +18,7 @@ use crate::{
 /// Settings that determine the bytes of a dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Config {
+pub struct DatasetConfig {
     /// Seed of objects, grasps and perturbations.
     pub seed: u64,
     /// Soft side of the grasps.
@@ -107,7 +107,7 @@ pub struct GelConfig {
     pub share: f64,
 }
 
-impl Default for Config {
+impl Default for DatasetConfig {
     /// The paper's 63 objects × 100 grasps × 50 frames. Three of four grasps use the two published
     /// calibrations of the `GelSight` Mini, the others softer and stiffer gels and a second sensor.
     /// 80 N is the force of a strong gripper of this size; below 20 N, one grasp in twenty-five
@@ -195,7 +195,7 @@ impl Scenario {
     }
 }
 
-impl Config {
+impl DatasetConfig {
     /// Reads the configuration from a TOML file; missing settings take their defaults.
     pub fn read(path: &Path) -> Result<Self> {
         let file = |reason: String| Error::File { path: path.display().to_string(), reason };
@@ -301,7 +301,7 @@ impl Config {
 }
 
 /// Sensor, finite-element model and storage mesh of the pads of one gel.
-pub(super) struct Pads {
+pub(super) struct PadModels {
     pub(super) sensor: Sensor,
     pub(super) truth: Fem,
     pub(super) model: PadMesh,
@@ -309,11 +309,11 @@ pub(super) struct Pads {
 
 impl GelConfig {
     /// Builds the pads with the meshes of `config`.
-    pub(super) fn pads(&self, config: &Config) -> Result<Pads> {
+    pub(super) fn pads(&self, config: &DatasetConfig) -> Result<PadModels> {
         let sensor = Sensor::named(&self.sensor)?;
         let PadMesh { mesh, base, .. } = sensor.pad(config.truth_nodes)?;
-        let truth = self.body(mesh, &base, config, Options::default())?;
-        Ok(Pads { truth, model: sensor.pad(config.model_nodes)?, sensor })
+        let truth = self.body(mesh, &base, config, FemOptions::default())?;
+        Ok(PadModels { truth, model: sensor.pad(config.model_nodes)?, sensor })
     }
 
     /// Builds the finite elements of the `sensor`'s pad on a mesh graded towards `points`, with no
@@ -323,25 +323,31 @@ impl GelConfig {
         sensor: &Sensor,
         finest: f64,
         points: &[Point3<f64>],
-        config: &Config,
+        config: &DatasetConfig,
     ) -> Result<Fem> {
         let pad = sensor.outline.graded_to(finest, points, config.truth_nodes)?;
         let [iterations, patience] = [indentation::STEPS, indentation::PATIENCE];
-        let limits = Options { iterations, patience, ..Options::default() };
+        let limits = FemOptions { iterations, patience, ..FemOptions::default() };
         self.body(pad.mesh, &pad.base, config, limits)
     }
 
     /// Builds a free object of this material.
-    pub(super) fn object(&self, mesh: TetMesh, config: &Config) -> Result<Fem> {
-        self.body(mesh, &[], config, Options::default())
+    pub(super) fn object(&self, mesh: TetMesh, config: &DatasetConfig) -> Result<Fem> {
+        self.body(mesh, &[], config, FemOptions::default())
     }
 
-    fn body(&self, mesh: TetMesh, fixed: &[u32], config: &Config, limits: Options) -> Result<Fem> {
+    fn body(
+        &self,
+        mesh: TetMesh,
+        fixed: &[u32],
+        config: &DatasetConfig,
+        limits: FemOptions,
+    ) -> Result<Fem> {
         let moduli = Moduli { young: self.young, poisson: self.poisson };
         let body = SoftBody::new(mesh, Law::default(), moduli, fixed)?;
         let element = config.truth_element.parse()?;
         let friction = self.friction;
-        Fem::new(body, Options { element, friction, ..limits })
+        Fem::new(body, FemOptions { element, friction, ..limits })
     }
 }
 
@@ -353,7 +359,13 @@ mod tests {
     #[test]
     fn textured_indenters_come_after_those_that_are_drawn_without_them() {
         let drawn = |objects, textured| {
-            Config { scenario: Scenario::Presses, objects, textured, ..Config::default() }.objects()
+            DatasetConfig {
+                scenario: Scenario::Presses,
+                objects,
+                textured,
+                ..DatasetConfig::default()
+            }
+            .objects()
         };
         let (all, plain) = (drawn(600, 200), drawn(400, 0));
         assert_eq!((all.len(), &all[..400]), (600, &plain[..]));
@@ -363,7 +375,8 @@ mod tests {
     #[test]
     fn only_indenters_can_be_textured() {
         let refused = |scenario, textured| {
-            let config = Config { scenario, objects: 60, textured, ..Config::default() };
+            let config =
+                DatasetConfig { scenario, objects: 60, textured, ..DatasetConfig::default() };
             config.validated().is_err_and(|error| error.to_string().starts_with("textured"))
         };
         assert!(refused(Scenario::Pads, 1) && refused(Scenario::Presses, 61));

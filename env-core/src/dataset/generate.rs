@@ -15,13 +15,13 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::{
-    config::{Config, Scenario},
+    config::{DatasetConfig, Scenario},
     indentation,
     job::{GraspJob, Job, is_whole, jobs},
-    manifest::{self, FORMAT, Manifest, Solved, Unsolved, splits},
+    manifest::{FORMAT, Manifest, Shard, Solved, Unsolved, splits},
     plan::{Plan, plans},
-    record::{Entry, Shard},
-    setup::Setup,
+    record::{Entry, GraspTensors},
+    setup::ScenarioBodies,
     tensor::{entries, read, write_whole},
 };
 use crate::{Error, Result, interrupt::Interrupt, objects::Object};
@@ -87,12 +87,12 @@ const POWER: f64 = 1.4;
 const QUADRATIC: f64 = 3.2;
 
 /// Estimates what [`generate`] with this `config` has to do in `folder`, which need not exist.
-pub fn estimate(config: &Config, folder: &Path) -> Result<Estimate> {
+pub fn estimate(config: &DatasetConfig, folder: &Path) -> Result<Estimate> {
     let config = config.clone().validated()?;
     let plans = plans(&config)?;
     let jobs = jobs(&plans);
     let objects: Vec<_> = plans.iter().map(|(object, _)| object).collect();
-    let setup = Setup::new(&config, &objects, None)?;
+    let setup = ScenarioBodies::new(&config, &objects, None)?;
     let open = jobs.iter().filter(|job| !is_whole(&folder.join(&job.file)));
     let grasps: usize = open.map(|job| job.missing(folder).len()).sum();
     let frames = grasps
@@ -112,7 +112,7 @@ pub fn estimate(config: &Config, folder: &Path) -> Result<Estimate> {
 }
 
 /// Names of the shards of the dataset of `config`.
-pub fn shards(config: &Config) -> Result<Vec<String>> {
+pub fn shards(config: &DatasetConfig) -> Result<Vec<String>> {
     let plans = plans(&config.clone().validated()?)?;
     Ok(jobs(&plans).into_iter().map(|job| job.file).collect())
 }
@@ -124,7 +124,7 @@ pub fn shards(config: &Config) -> Result<Vec<String>> {
 /// shards were asked for. Returns an error for an invalid configuration, a folder that holds
 /// another dataset, a shard that is not part of it, or a full disk.
 pub fn generate(
-    config: &Config,
+    config: &DatasetConfig,
     folder: &Path,
     orders: &Orders,
     watch: &(dyn Fn(&GenerationProgress) -> bool + Sync),
@@ -138,7 +138,7 @@ pub fn generate(
     let pool =
         pool.map_err(|error| Error::invalid("threads", orders.threads, error.to_string()))?;
     let objects: Vec<_> = plans.iter().map(|(object, _)| object).collect();
-    let setup = pool.install(|| Setup::new(&config, &objects, Some(folder)))?;
+    let setup = pool.install(|| ScenarioBodies::new(&config, &objects, Some(folder)))?;
     let (packed, open): (Vec<&Job>, Vec<&Job>) =
         chosen.into_iter().partition(|job| is_whole(&folder.join(&job.file)));
     let tasks: Vec<_> = open.iter().flat_map(|job| job.missing(folder)).collect();
@@ -186,11 +186,11 @@ fn choose<'a>(jobs: &'a [Job<'a>], only: Option<&[String]>) -> Result<Vec<&'a Jo
 struct Claim<'a> {
     format: u32,
     #[serde(flatten)]
-    config: &'a Config,
+    config: &'a DatasetConfig,
 }
 
 /// Creates the folder and writes the configuration into it, or checks that it holds the same one.
-fn claim(config: &Config, folder: &Path) -> Result<()> {
+fn claim(config: &DatasetConfig, folder: &Path) -> Result<()> {
     for name in ["shards", "parts", "meshes"] {
         let path = folder.join(name);
         fs::create_dir_all(&path).map_err(file_error(&path))?;
@@ -217,8 +217,8 @@ fn file_error(path: &Path) -> impl Fn(std::io::Error) -> Error {
 
 /// Run over the missing grasps.
 struct Work<'a> {
-    config: &'a Config,
-    setup: &'a Setup,
+    config: &'a DatasetConfig,
+    setup: &'a ScenarioBodies,
     folder: &'a Path,
     obstacle: Option<&'a Obstacle<'a>>,
     watch: &'a (dyn Fn(&GenerationProgress) -> bool + Sync),
@@ -238,7 +238,7 @@ impl Work<'_> {
         let (object, plan) = (task.job.object, task.plan);
         let obstacle = self.obstacle.map(|obstacle| obstacle(object, plan)).transpose()?.flatten();
         let part = if let Some(reason) = obstacle {
-            Shard::unreached(plan, reason)
+            GraspTensors::unreached(plan, reason)
         } else {
             let solve = || self.setup.solve(self.config, object, plan);
             let part = self.interrupt.during(solve)?;
@@ -282,7 +282,7 @@ impl Work<'_> {
 
 /// Reads back every shard and returns the manifest.
 fn summary(
-    config: &Config,
+    config: &DatasetConfig,
     orders: &Orders,
     plans: &[(Object, Vec<Plan>)],
     jobs: &[Job],
@@ -302,7 +302,7 @@ fn summary(
         }
         let sha256 = hex(&Sha256::digest(&bytes));
         let file = job.file.clone();
-        shards.push(manifest::Shard { file, sha256, bytes: bytes.len() as u64, grasps });
+        shards.push(Shard { file, sha256, bytes: bytes.len() as u64, grasps });
     }
     let there = |object: &Object| {
         let all = shards.iter().flat_map(|shard| &shard.grasps);

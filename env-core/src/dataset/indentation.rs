@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    config::Config,
+    config::DatasetConfig,
     plan::{Plan, choose},
     record::{Named, of_bodies, pose, wrenches},
     tensor::Tensor,
@@ -68,7 +68,7 @@ pub(super) const PATIENCE: usize = 40;
 const STRONGEST: f64 = 17.0;
 
 /// Draws the presses of an indenter.
-pub(super) fn indentations(config: &Config, object: &Object) -> Vec<Plan> {
+pub(super) fn indentations(config: &DatasetConfig, object: &Object) -> Vec<Plan> {
     (0..config.grasps).map(|number| draw(config, object, number)).collect()
 }
 
@@ -83,7 +83,7 @@ fn thickness_of(shape: &Shape) -> f64 {
     }
 }
 
-fn draw(config: &Config, object: &Object, number: usize) -> Plan {
+fn draw(config: &DatasetConfig, object: &Object, number: usize) -> Plan {
     let mut random = ChaCha8Rng::seed_from_u64(object.seed);
     random.set_stream(1 + number as u64);
     let mut uniform = || random.random::<f64>();
@@ -137,7 +137,7 @@ fn draw(config: &Config, object: &Object, number: usize) -> Plan {
 /// Solves the press `plan`; returns the number of its frames, their tensors and the error that ended
 /// it early.
 pub(super) fn solve(
-    config: &Config,
+    config: &DatasetConfig,
     shape: &Shape,
     plan: &Plan,
     sensor: &Sensor,

@@ -8,7 +8,7 @@ use std::{
 
 use super::{
     plan::Plan,
-    record::Shard,
+    record::GraspTensors,
     tensor::{Tensors, entries, read, write_whole},
 };
 use crate::{Result, objects::Object};
@@ -65,9 +65,9 @@ impl Job<'_> {
 
     /// Writes the shard from its parts and removes them.
     pub(super) fn pack(&self, folder: &Path) -> Result<()> {
-        let mut shard = Shard { tensors: Vec::new(), entries: Vec::new() };
+        let mut shard = GraspTensors { tensors: Vec::new(), entries: Vec::new() };
         for plan in self.plans {
-            let Tensors { tensors, entries } = Shard::read(&folder.join(part(plan)))?;
+            let Tensors { tensors, entries } = GraspTensors::read(&folder.join(part(plan)))?;
             shard.tensors.extend(tensors);
             shard.entries.extend(entries);
         }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::config::{Config, Scenario};
+use super::config::{DatasetConfig, Scenario};
 use crate::objects::{self, Object};
 
 /// Version of the files of a dataset. Version 1 (not stated in its files) stores anchors as two
@@ -22,7 +22,7 @@ pub struct Manifest {
     /// Commit that the library was built from, or empty.
     pub commit: String,
     /// Configuration of the dataset.
-    pub config: Config,
+    pub config: DatasetConfig,
     /// `true` if every grasp was checked to be reachable by a gripper before it was solved.
     #[serde(default)]
     pub approached: bool,
@@ -93,7 +93,10 @@ const FARTHEST: [objects::Family; 2] = [objects::Family::HollowLemon, objects::F
 ///
 /// Of indenters, every tenth is for the test of the only split, `presses`, and the one before it for
 /// validation.
-pub(super) fn splits(config: &Config, grasps: &[(Object, Vec<String>)]) -> BTreeMap<String, Split> {
+pub(super) fn splits(
+    config: &DatasetConfig,
+    grasps: &[(Object, Vec<String>)],
+) -> BTreeMap<String, Split> {
     match config.scenario {
         Scenario::Pads | Scenario::Soft => of_grasps(grasps, config.grasps),
         Scenario::Presses => [("presses".to_owned(), of_presses(grasps))].into(),

@@ -4,9 +4,9 @@
 //! A grasp closes two pads on a rigid object that comes to equilibrium between them, frame by frame
 //! with growing force ([`ramp`]), with or without its weight ([`weight`]); or two rigid fingers
 //! squeeze a soft object ([`squeeze`]); or an indenter moves through given poses into one pad
-//! ([`indentation`]). Grasps are solved on a finer mesh than the one on which
-//! their fields are stored: the truth mesh and the model mesh of [`Config`]. Grasps are stored in
-//! shards (safetensors), ten of one object each, which a [`Manifest`] lists with their hashes,
+//! ([`indentation`]). Grasps are solved on a finer mesh than the one on which their fields are
+//! stored: the truth mesh and the model mesh of [`DatasetConfig`]. Grasps are stored in shards
+//! (safetensors), ten of one object each, which a [`Manifest`] lists with their hashes,
 //! failures and splits. The same configuration gives the same bytes for any number of threads and
 //! interruptions: every solved grasp is stored in a file of its own until its shard is packed.
 
@@ -25,7 +25,7 @@ mod squeezes;
 mod tensor;
 mod weight;
 
-pub use config::{Config, GelConfig, SOFT, Scenario};
+pub use config::{DatasetConfig, GelConfig, SOFT, Scenario};
 pub use generate::{Estimate, GenerationProgress, Obstacle, Orders, estimate, generate, shards};
 pub use indentation::Indentation;
 pub(crate) use indentation::steps;

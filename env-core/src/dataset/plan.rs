@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    config::{Config, Scenario},
+    config::{DatasetConfig, Scenario},
     indentation::{Indentation, indentations},
 };
 use crate::{
@@ -46,7 +46,7 @@ pub struct Plan {
 
 /// Objects of `config`, each with its grasps in order. An object may have fewer grasps than asked
 /// for.
-pub fn plans(config: &Config) -> Result<Vec<(Object, Vec<Plan>)>> {
+pub fn plans(config: &DatasetConfig) -> Result<Vec<(Object, Vec<Plan>)>> {
     let objects = config.objects().into_iter();
     let of_object = |object: &Object| match config.scenario {
         Scenario::Presses => Ok(indentations(config, object)),
@@ -55,13 +55,13 @@ pub fn plans(config: &Config) -> Result<Vec<(Object, Vec<Plan>)>> {
     objects.map(|object| of_object(&object).map(|plans| (object, plans))).collect()
 }
 
-fn of_object(config: &Config, object: &Object) -> Result<Vec<Plan>> {
+fn of_object(config: &DatasetConfig, object: &Object) -> Result<Vec<Plan>> {
     let sampling = GraspSampler::default().sample(&object.shape, config.grasps, object.seed)?;
     let grasps = sampling.grasps.iter().enumerate();
     Ok(grasps.map(|(number, grasp)| draw(config, object, number, grasp)).collect())
 }
 
-fn draw(config: &Config, object: &Object, number: usize, grasp: &Antipodal) -> Plan {
+fn draw(config: &DatasetConfig, object: &Object, number: usize, grasp: &Antipodal) -> Plan {
     let mut random = ChaCha8Rng::seed_from_u64(object.seed);
     random.set_stream(1 + number as u64);
     let mut uniform = || random.random::<f64>();
@@ -82,7 +82,7 @@ fn draw(config: &Config, object: &Object, number: usize, grasp: &Antipodal) -> P
 }
 
 /// Index of the gel at `point`, from 0 to 1, on the line of their shares laid end to end.
-pub(super) fn choose(config: &Config, point: f64) -> usize {
+pub(super) fn choose(config: &DatasetConfig, point: f64) -> usize {
     let all: f64 = config.gels.iter().map(|gel| gel.share).sum();
     let mut rest = point * all;
     let over = |share: f64| {
@@ -99,19 +99,19 @@ mod tests {
 
     #[test]
     fn grasps_are_drawn_from_the_seed_and_not_from_each_other() {
-        let config = Config { objects: 5, grasps: 4, ..Config::default() };
-        let more = Config { grasps: 6, ..config.clone() };
+        let config = DatasetConfig { objects: 5, grasps: 4, ..DatasetConfig::default() };
+        let more = DatasetConfig { grasps: 6, ..config.clone() };
         let (few, many) = (plans(&config).unwrap(), plans(&more).unwrap());
         for ((object, few), (_, many)) in few.iter().zip(&many) {
             assert_eq!(few[..], many[..few.len()], "{}", object.name);
         }
-        let other = plans(&Config { seed: 1, ..config }).unwrap();
+        let other = plans(&DatasetConfig { seed: 1, ..config }).unwrap();
         assert!(few.iter().zip(&other).all(|((_, a), (_, b))| a[0].tool != b[0].tool));
     }
 
     #[test]
     fn gels_are_drawn_by_their_shares() {
-        let config = Config::default();
+        let config = DatasetConfig::default();
         let mut counts = vec![0.0; config.gels.len()];
         for i in 0..1000 {
             counts[choose(&config, (f64::from(i) + 0.5) / 1000.0)] += 0.01;

@@ -28,7 +28,7 @@ pub(super) struct Ramp {
 
 /// Solved frame of a grasp.
 #[derive(Clone, Debug)]
-pub(super) struct Frame {
+pub(super) struct GraspFrame {
     /// Closing of each pad since first touch (m).
     pub(super) closing: f64,
     /// Force with which the pads are pressed together, the mean of both (N).
@@ -67,7 +67,7 @@ impl Ramp {
         object: &Shape,
         weight: &Weight,
         pad: &Fem,
-    ) -> (Vec<Frame>, Option<Error>) {
+    ) -> (Vec<GraspFrame>, Option<Error>) {
         let mesh = pad.body().mesh();
         let gap = |pose: &Isometry3<f64>| {
             let distance = |p: &Point3<f64>| object.distance(&(*pose * p)).value;
@@ -86,7 +86,7 @@ impl Ramp {
         self.climb(plan.force, |closing| {
             let pads = plan.closed(&touching, closing);
             hold.bear(load);
-            let frame = Frame::new(closing, pads, load, hold.frame(&pads)?);
+            let frame = GraspFrame::new(closing, pads, load, hold.frame(&pads)?);
             load = weight.borne(frame.force, &frame.grasped.object);
             Ok((frame.force, frame))
         })
@@ -133,7 +133,7 @@ impl Ramp {
     }
 }
 
-impl Frame {
+impl GraspFrame {
     fn new(closing: f64, pads: [Isometry3<f64>; 2], load: Wrench, grasped: Grasped) -> Self {
         let pressure = |i: usize| -> f64 { -grasped.pads[i].wrench.force.z };
         Self { closing, force: 0.5 * (pressure(0) + pressure(1)), pads, load, grasped }

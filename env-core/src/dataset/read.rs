@@ -12,7 +12,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use super::{
-    config::{Config, Scenario},
+    config::{DatasetConfig, Scenario},
     generate::hex,
     manifest::{Shard, Split, splits},
     record::Entry,
@@ -26,7 +26,7 @@ use crate::{
 /// Folder of solved grasps.
 pub struct Dataset {
     folder: PathBuf,
-    config: Config,
+    config: DatasetConfig,
     objects: Vec<Object>,
     /// Object index and path of each shard, in the order of the catalogue.
     shards: Vec<(usize, PathBuf)>,
@@ -117,7 +117,7 @@ impl Dataset {
     }
 
     /// Configuration of the dataset.
-    pub fn config(&self) -> &Config {
+    pub fn config(&self) -> &DatasetConfig {
         &self.config
     }
 
@@ -167,7 +167,7 @@ impl Dataset {
 }
 
 /// Configuration in `config.json`, which also contains the version of the files.
-fn claimed(text: &str) -> serde_json::Result<Config> {
+fn claimed(text: &str) -> serde_json::Result<DatasetConfig> {
     let mut claim: serde_json::Map<_, _> = serde_json::from_str(text)?;
     claim.remove("format");
     serde_json::from_value(claim.into())

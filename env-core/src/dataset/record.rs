@@ -9,9 +9,9 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    config::Pads,
+    config::PadModels,
     plan::Plan,
-    ramp::Frame,
+    ramp::GraspFrame,
     tensor::{Tensor, Tensors},
 };
 use crate::{
@@ -32,12 +32,12 @@ pub(super) struct Entry {
 }
 
 /// Grasps of one object, ready to be written to a file.
-pub(super) type Shard = Tensors<Entry>;
+pub(super) type GraspTensors = Tensors<Entry>;
 
 /// Tensors by name.
 pub(super) type Named = Vec<(String, Tensor)>;
 
-impl Shard {
+impl GraspTensors {
     /// Returns a grasp that is not tried, with the `reason`.
     pub(super) fn unreached(plan: &Plan, reason: String) -> Self {
         Self::of_grasp(Entry { plan: plan.clone(), frames: 0, error: Some(reason) }, Vec::new())
@@ -52,9 +52,9 @@ impl Shard {
 }
 
 /// Tensors of a grasp by two pads; fields are carried from the truth mesh to the model mesh.
-pub(super) fn of_pads(frames: &[Frame], carrier: &Carrier) -> Named {
+pub(super) fn of_pads(frames: &[GraspFrame], carrier: &Carrier) -> Named {
     let count = frames.len();
-    let number = |field: fn(&Frame) -> f64| Tensor::double(frames.iter().map(field), &[count]);
+    let number = |field: fn(&GraspFrame) -> f64| Tensor::double(frames.iter().map(field), &[count]);
     let object = frames.iter().flat_map(|f| pose(&f.grasped.object));
     let mut tensors = vec![
         ("force".to_owned(), number(|f| f.force)),
@@ -120,7 +120,7 @@ pub(super) fn pose(pose: &Isometry3<f64>) -> [f64; 7] {
     [p.x, p.y, p.z, q.i, q.j, q.k, q.w]
 }
 
-impl Pads {
+impl PadModels {
     /// File of the pads' model mesh, see [`mesh_file`].
     pub(super) fn mesh_file(&self) -> Vec<u8> {
         mesh_file(&self.model.mesh, &self.model.base, &self.truth.contact_points())
@@ -140,5 +140,5 @@ pub(super) fn mesh_file(mesh: &TetMesh, fixed: &[u32], points: &[Point3<f64>]) -
         ("fixed".to_owned(), Tensor::counts(fixed.iter().map(|&i| i as usize), &[fixed.len()])),
         ("contact_points".to_owned(), Tensor::single(places, &[points.len(), 3])),
     ];
-    Shard { tensors, entries: Vec::new() }.to_bytes()
+    GraspTensors { tensors, entries: Vec::new() }.to_bytes()
 }

@@ -5,11 +5,11 @@ use std::{collections::BTreeMap, path::Path};
 use rayon::prelude::*;
 
 use super::{
-    config::{Config, GelConfig, Pads, Scenario},
+    config::{DatasetConfig, GelConfig, PadModels, Scenario},
     indentation,
     plan::Plan,
     ramp::Ramp,
-    record::{Entry, Shard, mesh_file, of_pads, wrenches},
+    record::{Entry, GraspTensors, mesh_file, of_pads, wrenches},
     squeeze::{Squeeze, of_squeeze},
     tensor::write_whole,
     weight::Weight,
@@ -23,9 +23,9 @@ use crate::{
 };
 
 /// Bodies and meshes of the soft side.
-pub(super) enum Setup {
+pub(super) enum ScenarioBodies {
     /// Pads of every gel.
-    Pads(Vec<(Pads, Carrier)>),
+    Pads(Vec<(PadModels, Carrier)>),
     /// Soft objects by name.
     Soft(BTreeMap<String, Meshes>),
     /// Sensor of every gel, and the mesh on which fields are stored.
@@ -40,10 +40,14 @@ pub(super) struct Meshes {
     points: usize,
 }
 
-impl Setup {
+impl ScenarioBodies {
     /// Meshes the soft bodies and writes the model meshes into `folder`, if given, where they are
     /// missing.
-    pub(super) fn new(config: &Config, objects: &[&Object], folder: Option<&Path>) -> Result<Self> {
+    pub(super) fn new(
+        config: &DatasetConfig,
+        objects: &[&Object],
+        folder: Option<&Path>,
+    ) -> Result<Self> {
         let keep = |name: &str, bytes: &dyn Fn() -> Vec<u8>| {
             let Some(folder) = folder else { return Ok(()) };
             let path = folder.join(format!("meshes/{name}.safetensors"));
@@ -82,7 +86,12 @@ impl Setup {
     }
 
     /// Solves the grasp `plan` of `object` and returns it as a shard of its own.
-    pub(super) fn solve(&self, config: &Config, object: &Object, plan: &Plan) -> Result<Shard> {
+    pub(super) fn solve(
+        &self,
+        config: &DatasetConfig,
+        object: &Object,
+        plan: &Plan,
+    ) -> Result<GraspTensors> {
         let ramp = |length: f64| Ramp { frames: config.frames, depth: config.depth * length };
         let (frames, tensors, error) = match self {
             Self::Pads(gels) => {
@@ -113,7 +122,7 @@ impl Setup {
             }
         };
         let error = error.map(|error| error.to_string());
-        Ok(Shard::of_grasp(Entry { plan: plan.clone(), frames, error }, tensors))
+        Ok(GraspTensors::of_grasp(Entry { plan: plan.clone(), frames, error }, tensors))
     }
 
     /// Approximate size of a frame in bytes: fields, and the anchors of the contact points that
@@ -124,7 +133,7 @@ impl Setup {
         };
         let bytes = match self {
             Self::Pads(gels) => {
-                let (Pads { model, truth, .. }, _) = &gels[0];
+                let (PadModels { model, truth, .. }, _) = &gels[0];
                 2 * body(&model.mesh, truth.contact_points().len())
             }
             Self::Presses(gels) => body(&gels[0].1.mesh, 0),

@@ -19,7 +19,7 @@ use crate::{
 };
 
 /// Solved frame of a squeeze. Poses are in the object's initial frame.
-pub(super) struct Squeezed {
+pub(super) struct SqueezeFrame {
     /// Closing of each finger since first touch (m).
     closing: f64,
     /// Mean force of the fingers along their normals (N).
@@ -45,7 +45,7 @@ pub(super) struct Squeeze<'a> {
 impl Squeeze<'_> {
     /// Solves the frames of `plan`; returns them with the error that ended the squeeze before its
     /// force, depth or last frame.
-    pub(super) fn solve(&self, plan: &Plan) -> (Vec<Squeezed>, Option<Error>) {
+    pub(super) fn solve(&self, plan: &Plan) -> (Vec<SqueezeFrame>, Option<Error>) {
         let (finger, points) = (self.finger(), self.object.contact_points());
         let gap = |face: &Isometry3<f64>| {
             let pose = self.pose(face);
@@ -92,13 +92,13 @@ impl Squeeze<'_> {
         closing: f64,
         fingers: [Isometry3<f64>; 2],
         body: Deformation,
-    ) -> Result<Squeezed> {
+    ) -> Result<SqueezeFrame> {
         let rest = &self.object.body().mesh().vertices;
         let moved: Vec<_> = rest.iter().zip(&body.displacement).map(|(p, u)| p + u).collect();
         let wrenches = shares(&fingers, &moved, &body.contact_force);
         let force = -0.5 * (wrenches[0].force.z + wrenches[1].force.z);
         let motion = RigidFit::new(rest, &moved)?;
-        Ok(Squeezed { closing, force, fingers, wrenches, motion, body })
+        Ok(SqueezeFrame { closing, force, fingers, wrenches, motion, body })
     }
 }
 
@@ -122,9 +122,10 @@ fn shares(
 
 /// Tensors of a squeeze. Names of those of the object begin with `body.`, of those of the fingers
 /// with `first.` or `second.`.
-pub(super) fn of_squeeze(frames: &[Squeezed], carrier: &Carrier) -> Named {
+pub(super) fn of_squeeze(frames: &[SqueezeFrame], carrier: &Carrier) -> Named {
     let count = frames.len();
-    let number = |field: fn(&Squeezed) -> f64| Tensor::double(frames.iter().map(field), &[count]);
+    let number =
+        |field: fn(&SqueezeFrame) -> f64| Tensor::double(frames.iter().map(field), &[count]);
     let motion = frames.iter().flat_map(|f| pose(&f.motion.motion));
     let mut tensors = vec![
         ("force".to_owned(), number(|f| f.force)),

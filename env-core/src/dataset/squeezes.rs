@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Point3};
 use safetensors::SafeTensors;
 
 use super::{
-    config::{Config, Scenario},
+    config::{DatasetConfig, Scenario},
     manifest::Split,
     read::{Dataset, Found, double, pose, single},
     record::Entry,
@@ -44,7 +44,7 @@ impl Squeezes {
     }
 
     /// Configuration of the dataset.
-    pub fn config(&self) -> &Config {
+    pub fn config(&self) -> &DatasetConfig {
         self.0.config()
     }
 

@@ -56,14 +56,14 @@ impl Weight {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{dataset::Config, objects::catalogue};
+    use crate::{dataset::DatasetConfig, objects::catalogue};
 
     #[test]
     fn pads_bear_all_of_a_weight_once_they_grip_well() {
         let object = &catalogue(0)[20];
         let (mass, tool) =
             (object.mass_properties(1000.0), Isometry3::rotation(Vector3::x() * 0.7));
-        let gel = &Config::default().gels[0];
+        let gel = &DatasetConfig::default().gels[0];
         let weight = Weight::new(object, 1000.0, &tool, gel);
         let pose = Isometry3::identity();
         let full = weight.borne(100.0, &pose);

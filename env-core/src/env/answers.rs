@@ -99,14 +99,15 @@ mod tests {
     use crate::{
         deformation::History,
         geometry::Shape,
-        tactile::{Choice, Config, Resolution, Touch},
+        tactile::{Choice, Resolution, TactileConfig, TactilePad},
     };
 
     #[test]
     fn a_way_that_fails_is_left_for_its_end() {
         let resolution = Resolution { nodes: 100, ..Resolution::default() };
-        let config = Config { choice: Choice::Compliance, resolution, ..Config::default() };
-        let mut model = Touch::new(&config).unwrap().unwrap().model().clone();
+        let config =
+            TactileConfig { choice: Choice::Compliance, resolution, ..TactileConfig::default() };
+        let mut model = TactilePad::new(&config).unwrap().unwrap().model().clone();
         let radius = 8e-3;
         let at = |depth: f64| vec![Isometry3::translation(0.0, 0.0, radius - depth)];
         let press = Press::along(vec![Shape::Sphere { radius }], vec![at(3e-4)]).unwrap();

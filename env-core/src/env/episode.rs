@@ -19,7 +19,7 @@ use crate::{
     Error, Result,
     deformation::{Deformation, Press},
     geometry::Shape,
-    scene::{Object, Scene, SceneState},
+    scene::{Scene, SceneObject, SceneState},
     tactile::{Feeling, Finger, SoftObject, Squeezed},
     task::{
         ACTION_SIZE, Ending, EpisodeParameters, FaultySensors, Progress, Range, RewardTerms,
@@ -137,7 +137,7 @@ impl Episode {
         let drawn = low + (high - low) * stream(1).random::<f64>();
         parameters.gel_stiffness = given.or(StartQuantity::GelStiffness, drawn);
         let sensors = FaultySensors::draw(&config.sensor_errors, &setup.layout, stream(2));
-        let object = Object { model, scale, mass, friction, pose };
+        let object = SceneObject { model, scale, mass, friction, pose };
         let InitialState { scene, grip, way } =
             InitialState::new(setup, &object, &Vector3::from(start), &parameters)?;
         let tried = |t: TrialGrip| trial(setup, &object, &parameters, t.grip);

@@ -31,17 +31,17 @@ use crate::{
     deformation::Wanted,
     geometry::Shape,
     scene::ObjectModel,
-    tactile::{Channel, Choice, SoftObject, Touch},
-    task::{Config, Layout},
+    tactile::{Channel, Choice, SoftObject, TactilePad},
+    task::{ObservationLayout, TaskConfig},
 };
 
 /// Validated settings with the models built from them, shared by all rows.
 #[derive(Debug)]
 pub struct Setup {
-    config: Config,
-    layout: Layout,
+    config: TaskConfig,
+    layout: ObservationLayout,
     models: Vec<ObjectModel>,
-    touch: Option<Touch>,
+    touch: Option<TactilePad>,
     /// Models of the objects if they are soft; else empty.
     soft: Vec<SoftObject>,
     /// Hash that identifies the settings in snapshots.
@@ -50,24 +50,24 @@ pub struct Setup {
 
 impl Setup {
     /// Validates the settings and builds their models; returns the first error found.
-    pub fn new(config: Config) -> Result<Self> {
+    pub fn new(config: TaskConfig) -> Result<Self> {
         let config = config.with_sensor()?;
         config.validate()?;
         let models = config.models()?;
         let soft = soft_objects(&config, &models)?;
-        let touch = if config.pads_feel() { Touch::new(&config.touch())? } else { None };
-        let layout = Layout::new(&config, touch.as_ref().map(|touch| &**touch.skin()))?;
+        let touch = if config.pads_feel() { TactilePad::new(&config.touch())? } else { None };
+        let layout = ObservationLayout::new(&config, touch.as_ref().map(|touch| &**touch.skin()))?;
         let fingerprint = snapshot::fingerprint(&config);
         Ok(Self { config, layout, models, touch, soft, fingerprint })
     }
 
     /// The settings.
-    pub fn config(&self) -> &Config {
+    pub fn config(&self) -> &TaskConfig {
         &self.config
     }
 
     /// Position of each channel in an observation.
-    pub fn layout(&self) -> &Layout {
+    pub fn layout(&self) -> &ObservationLayout {
         &self.layout
     }
 
@@ -102,13 +102,13 @@ impl Setup {
     }
 
     /// Tactile model of the fingers; `None` if they are rigid.
-    pub fn touch(&self) -> Option<&Touch> {
+    pub fn touch(&self) -> Option<&TactilePad> {
         self.touch.as_ref()
     }
 }
 
 /// Builds the models of the configured objects; empty if the objects are rigid.
-fn soft_objects(config: &Config, models: &[ObjectModel]) -> Result<Vec<SoftObject>> {
+fn soft_objects(config: &TaskConfig, models: &[ObjectModel]) -> Result<Vec<SoftObject>> {
     let Some(material) = config.task.soft_material() else { return Ok(Vec::new()) };
     let gripper = &config.scene.gripper;
     let extents = Vector3::new(gripper.pad_width, gripper.pad_length, gripper.pad_thickness);

@@ -181,13 +181,14 @@ mod tests {
     use crate::{
         Error,
         tactile::{Choice, Resolution},
-        task::Config,
+        task::TaskConfig,
     };
 
     /// A tactile row after a reset, and its observation.
     fn row() -> (Setup, Row, Vec<f32>) {
         let resolution = Resolution { nodes: 100, ..Resolution::default() };
-        let config = Config { tactile: Choice::Compliance, resolution, ..Config::default() };
+        let config =
+            TaskConfig { tactile: Choice::Compliance, resolution, ..TaskConfig::default() };
         let (setup, mut row) = (Setup::new(config).unwrap(), Row::new(1));
         let mut observation = vec![0.0; setup.layout().size()];
         row.reset(&setup).unwrap();

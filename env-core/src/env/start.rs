@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     Result,
-    scene::{Object, Pads, Scene, SceneConfig},
+    scene::{Pads, Scene, SceneConfig, SceneObject},
     task::{EpisodeParameters, Start},
 };
 
@@ -25,7 +25,7 @@ impl InitialState {
     /// in the hand. The hand is at `place` (m), unless the task places it around the object.
     pub(super) fn new(
         setup: &Setup,
-        object: &Object,
+        object: &SceneObject,
         place: &Vector3<f64>,
         parameters: &EpisodeParameters,
     ) -> Result<Self> {
@@ -40,7 +40,7 @@ impl InitialState {
                 let (place, usual) = Self::in_hand(&config, object, place);
                 let given = task.pose_in_hand(parameters);
                 let pose = given.map_or(usual, |pose| Translation3::from(place) * pose);
-                Self::holding(&config, &Object { pose, ..object.clone() }, &place, grip, FINE)
+                Self::holding(&config, &SceneObject { pose, ..object.clone() }, &place, grip, FINE)
             }
         }
     }
@@ -49,7 +49,7 @@ impl InitialState {
     /// pads there.
     pub(super) fn in_hand(
         config: &SceneConfig,
-        object: &Object,
+        object: &SceneObject,
         place: &Vector3<f64>,
     ) -> (Vector3<f64>, Isometry3<f64>) {
         let place = config.workspace.clamp(place);
@@ -60,7 +60,7 @@ impl InitialState {
     /// air. The poses of its trajectory are `coarseness` (m) apart.
     pub(super) fn holding(
         config: &SceneConfig,
-        object: &Object,
+        object: &SceneObject,
         place: &Vector3<f64>,
         grip: f64,
         coarseness: f64,
@@ -95,8 +95,8 @@ pub(super) fn scene_of(setup: &Setup, parameters: &EpisodeParameters) -> SceneCo
 
 /// Creates a hand about to touch an object where it rests, with its narrower side between the
 /// fingers.
-fn around(config: &SceneConfig, object: &Object) -> Result<Scene> {
+fn around(config: &SceneConfig, object: &SceneObject) -> Result<Scene> {
     let place = object.pose.translation.vector;
-    let object = Object { pose: object.model.in_hand(object.scale, &place), ..object.clone() };
+    let object = SceneObject { pose: object.model.in_hand(object.scale, &place), ..object.clone() };
     Scene::around(config, &object, &place)
 }

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     Error, Result,
     deformation::{Deformation, Press},
-    scene::Object,
+    scene::SceneObject,
     tactile::{Finger, peak_stress},
     task::{EpisodeParameters, TrialGrip},
 };
@@ -22,14 +22,14 @@ const COARSE: f64 = 2e-4;
 /// Creates the presses of a hand that holds the `object` in the air with `grip` (N).
 pub(super) fn trial(
     setup: &Setup,
-    object: &Object,
+    object: &SceneObject,
     parameters: &EpisodeParameters,
     grip: f64,
 ) -> Result<PerFinger<Press>> {
     let config = &scene_of(setup, parameters);
     let [low, high] = [config.workspace.low, config.workspace.high].map(Vector3::from);
     let (place, pose) = InitialState::in_hand(config, object, &(0.5 * (low + high)));
-    let object = Object { pose, ..object.clone() };
+    let object = SceneObject { pose, ..object.clone() };
     let InitialState { way, .. } = InitialState::holding(config, &object, &place, grip, COARSE)?;
     let shape = setup.felt_shape(parameters.object).scaled(parameters.scale);
     presses(&mut way.start().map(Finger::new), way.poses(), &shape, parameters, setup)

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
     direct::DirectSolver,
-    drive::{PressSolver, Solved},
+    drive::{ConvergedStep, PressSolver},
     newton::equilibrium,
     push::ForceControl,
     region::Region,
@@ -22,7 +22,7 @@ use crate::{
 pub(super) struct LoadStep {
     pub(super) state: Configuration,
     anchors: Vec<Anchor>,
-    pub(super) solved: Solved,
+    pub(super) solved: ConvergedStep,
 }
 
 impl PressSolver<'_> {
@@ -77,7 +77,7 @@ impl PressSolver<'_> {
             |touch: &Touch| system.law.stuck_at(&system.surface[touch.point as usize], touch);
         let anchors = contact.anchors(&state.poses, &forces.touches, back);
         self.seen = contact.into_seen();
-        Ok(LoadStep { state, anchors, solved: Solved { balance, forces } })
+        Ok(LoadStep { state, anchors, solved: ConvergedStep { balance, forces } })
     }
 
     /// Chooses the region in which contact is evaluated on the way to `poses`, with the surface at
@@ -112,7 +112,7 @@ impl PressSolver<'_> {
     }
 
     /// Makes an attempt the current state.
-    pub(super) fn accept(&mut self, attempt: LoadStep) -> Solved {
+    pub(super) fn accept(&mut self, attempt: LoadStep) -> ConvergedStep {
         let LoadStep { state, anchors, solved } = attempt;
         self.anchors = anchors;
         let moved = state.displacement.iter().zip(&self.state.displacement);

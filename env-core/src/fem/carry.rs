@@ -126,7 +126,7 @@ mod tests {
     use super::*;
     use crate::{
         deformation::{Law, Moduli, SoftBody},
-        fem::{Options, examples::grid},
+        fem::{FemOptions, examples::grid},
     };
 
     /// A cube of 3 mm in cells of 1 mm, and one in cells of 1.5 mm.
@@ -134,10 +134,10 @@ mod tests {
         let [fine, coarse] = [3, 2].map(|n| grid([n; 3], |p| p * (0.003 / f64::from(n))));
         let moduli = Moduli { young: 1e5, poisson: 0.45 };
         let body = SoftBody::new(fine, Law::NeoHookean, moduli, &[0, 1, 4, 16]).unwrap();
-        (Fem::new(body, Options { element, ..Options::default() }).unwrap(), coarse)
+        (Fem::new(body, FemOptions { element, ..FemOptions::default() }).unwrap(), coarse)
     }
 
-    type Field = fn(&Point3<f64>) -> Vector3<f64>;
+    type ExactField = fn(&Point3<f64>) -> Vector3<f64>;
 
     fn linear(p: &Point3<f64>) -> Vector3<f64> {
         Vector3::new(0.1 * p.y, 0.2 * p.z, -0.1 * p.x)
@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn what_an_element_can_be_arrives_exactly() {
-        let cases: [(Element, Field); 3] =
+        let cases: [(Element, ExactField); 3] =
             [(Element::P1Bar, linear), (Element::P2, linear), (Element::P2, quadratic)];
         for (element, field) in cases {
             let (fem, target) = setup(element);

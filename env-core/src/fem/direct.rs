@@ -17,7 +17,7 @@ use crate::contact::Touch;
 use super::{
     pattern::Pattern,
     region::Region,
-    solid::{Layout, Strain},
+    solid::{AssemblyMap, Strain},
     sparse::Matrix,
     springs::Spring,
     system::{Forces, Stiffness, System},
@@ -26,7 +26,7 @@ use super::{
 /// A run's sparse direct solver.
 pub(super) struct DirectSolver {
     pattern: Arc<Pattern>,
-    layout: Arc<Layout>,
+    map: Arc<AssemblyMap>,
     matrix: Matrix,
     /// Region in which contact is evaluated; `None` for the whole surface.
     region: Option<Region>,
@@ -78,12 +78,12 @@ impl CondensedStiffness {
 impl DirectSolver {
     /// Returns a solver for contact in `region`, or everywhere.
     pub(super) fn new(system: &System, region: Option<Region>) -> Self {
-        let (pattern, layout) = match &region {
+        let (pattern, map) = match &region {
             Some(region) => system.pattern_around(&region.nodes),
             None => system.whole_pattern(),
         };
         let matrix = pattern.matrix();
-        Self { pattern, layout, matrix, region, condensed: None, braced: false, factored: None }
+        Self { pattern, map, matrix, region, condensed: None, braced: false, factored: None }
     }
 
     /// Replaces the solver by one for the whole surface if some of `touches` are outside its
@@ -158,12 +158,12 @@ impl DirectSolver {
             let shares = &point(&group[0]).shares;
             for (i, &(a, _)) in shares.iter().enumerate() {
                 for (j, &(b, _)) in shares[..=i].iter().enumerate() {
-                    let Some(slot) = self.pattern.slot(a, b) else { continue };
+                    let Some(position) = self.pattern.position(a, b) else { continue };
                     let part = |spring: &Spring| {
                         let shares = &point(spring).shares;
                         spring.stiffness * (shares[i].1 * shares[j].1)
                     };
-                    self.matrix.add(slot, &group.iter().map(part).sum());
+                    self.matrix.add(position, &group.iter().map(part).sum());
                 }
             }
         }
@@ -195,7 +195,7 @@ impl DirectSolver {
         self.forget();
         self.matrix.clear();
         let filtered = how == Stiffness::Filtered;
-        system.solid.assemble(strain, &self.layout, &mut self.matrix, filtered);
+        system.solid.assemble(strain, &self.map, &mut self.matrix, filtered);
         let shift = match how {
             Stiffness::Shifted(share) => share,
             _ if system.floating => PROXIMAL,

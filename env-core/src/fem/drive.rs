@@ -50,7 +50,7 @@ pub(super) struct PressSolver<'a> {
 }
 
 /// A converged load step.
-pub(super) struct Solved {
+pub(super) struct ConvergedStep {
     pub(super) balance: NewtonOutcome,
     pub(super) forces: Forces,
 }
@@ -121,7 +121,10 @@ impl<'a> PressSolver<'a> {
     }
 
     /// Solves one frame and reports it.
-    fn frame(&mut self, solve: impl FnOnce(&mut Self) -> Result<Solved>) -> Result<Deformation> {
+    fn frame(
+        &mut self,
+        solve: impl FnOnce(&mut Self) -> Result<ConvergedStep>,
+    ) -> Result<Deformation> {
         let start = Instant::now();
         let solved = solve(self)?;
         let mut deformation = self.report(&solved);
@@ -130,7 +133,7 @@ impl<'a> PressSolver<'a> {
     }
 
     /// Moves the shapes to `poses`.
-    fn follow(&mut self, press: &Press, poses: &[Isometry3<f64>]) -> Result<Solved> {
+    fn follow(&mut self, press: &Press, poses: &[Isometry3<f64>]) -> Result<ConvergedStep> {
         let (from, iterations) = (self.state.poses.clone(), Cell::new(0));
         let patience = self.limits.patience;
         let step = |t| {
@@ -146,7 +149,7 @@ impl<'a> PressSolver<'a> {
     }
 
     /// Pushes the shapes until they press with the force of `push`.
-    fn push(&mut self, press: &Press, push: &ForceControl) -> Result<Solved> {
+    fn push(&mut self, press: &Press, push: &ForceControl) -> Result<ConvergedStep> {
         let begin = self.state.poses[0].translation.vector;
         let reached = if self.anchors.is_empty() { self.meet(press, push) } else { Ok(()) };
         let mut iterations = 0;
@@ -158,7 +161,7 @@ impl<'a> PressSolver<'a> {
                 self.load_step(press, self.state.poses.clone(), Some(&push), &mut iterations)
             })
         });
-        let counted = |mut solved: Solved| {
+        let counted = |mut solved: ConvergedStep| {
             solved.balance.iterations = iterations;
             solved
         };
@@ -199,7 +202,7 @@ impl<'a> PressSolver<'a> {
         poses: Vec<Isometry3<f64>>,
         push: Option<&ForceControl>,
         iterations: &mut usize,
-    ) -> Result<Solved> {
+    ) -> Result<ConvergedStep> {
         let attempt = self.attempt(press.shapes(), poses, push, None);
         *iterations += match &attempt {
             Ok(attempt) => attempt.solved.balance.iterations,
@@ -221,7 +224,7 @@ impl<'a> PressSolver<'a> {
     }
 
     /// Returns the current state as a [`Deformation`].
-    pub(super) fn report(&self, solved: &Solved) -> Deformation {
+    pub(super) fn report(&self, solved: &ConvergedStep) -> Deformation {
         let system = self.system;
         let mut contact_force = vec![Vector3::zeros(); self.state.displacement.len()];
         for touch in &solved.forces.touches {

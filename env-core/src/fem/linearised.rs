@@ -43,7 +43,7 @@ pub(crate) struct Linearised {
 }
 
 /// Working memory of one thread.
-pub(crate) struct Workspace {
+pub(crate) struct SolverWorkspace {
     buffer: MemBuffer,
     strain: Strain,
 }
@@ -83,7 +83,7 @@ impl Linearised {
         let (mut strain, mut forces) = (Strain::default(), rest.clone());
         let mut matrix = pattern.matrix();
         solid.evaluate(&rest, &mut strain, &mut forces).expect("no element is inverted at rest");
-        solid.assemble(&strain, &solid.layout(&pattern), &mut matrix, false);
+        solid.assemble(&strain, &solid.assembly_map(&pattern), &mut matrix, false);
         matrix.shift(&pattern, tie);
         if !matrix.factorise(&pattern) {
             return None;
@@ -93,8 +93,8 @@ impl Linearised {
         Some(Self { nodes, solid, pattern, factor, faces, tie })
     }
 
-    pub(crate) fn workspace(&self) -> Workspace {
-        Workspace { buffer: self.pattern.workspace(), strain: Strain::default() }
+    pub(crate) fn workspace(&self) -> SolverWorkspace {
+        SolverWorkspace { buffer: self.pattern.workspace(), strain: Strain::default() }
     }
 
     /// Positions of the nodes at rest (V).
@@ -127,7 +127,7 @@ impl Linearised {
     pub(crate) fn displacement(
         &self,
         forces: &[Vector3<f64>],
-        workspace: &mut Workspace,
+        workspace: &mut SolverWorkspace,
     ) -> Vec<Vector3<f64>> {
         let mut unknowns = self.pattern.gather(forces);
         self.factor.solve(&self.pattern, &mut workspace.buffer, &mut unknowns);
@@ -140,7 +140,7 @@ impl Linearised {
         &self,
         at: &[u32],
         nodes: &[u32],
-        workspace: &mut Workspace,
+        workspace: &mut SolverWorkspace,
     ) -> Vec<f64> {
         let size = self.pattern.size();
         let place = |node: u32| 3 * self.pattern.place[node as usize] as usize;
@@ -181,7 +181,7 @@ impl Linearised {
     pub(crate) fn elastic_force(
         &self,
         displacement: &[Vector3<f64>],
-        workspace: &mut Workspace,
+        workspace: &mut SolverWorkspace,
     ) -> Option<Vec<Vector3<f64>>> {
         let mut forces = vec![Vector3::zeros(); displacement.len()];
         self.solid.evaluate(displacement, &mut workspace.strain, &mut forces)?;
@@ -195,7 +195,7 @@ impl Linearised {
     pub(crate) fn loads_of_free(
         &self,
         displacement: &[Vector3<f64>],
-        workspace: &mut Workspace,
+        workspace: &mut SolverWorkspace,
     ) -> Option<Vec<Vector3<f64>>> {
         /// Part of the displacement at which errors of linearity and of rounding are about equal.
         const PART: f64 = 1e-7;

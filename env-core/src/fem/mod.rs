@@ -8,10 +8,10 @@
 //! likewise reused while contact changes.
 //!
 //! Precision. A frame is returned when the norm of the residual force is at most
-//! [`Options::tolerance`]; for bodies stiffer than 1 MPa the tolerance grows in proportion. Shapes
-//! penetrate by [`Options::softness`] × pressure / Young's modulus, and a sticking point creeps by
-//! four times that × friction. At the default softness this costs 0.3 % of the force at a depth of
-//! 0.5 mm, 0.1 % at 1 mm. A solution in which a point is deeper than 250 softnesses, or than half
+//! [`FemOptions::tolerance`]; for bodies stiffer than 1 MPa the tolerance grows in proportion.
+//! Shapes penetrate by [`FemOptions::softness`] × pressure / Young's modulus, and a sticking point
+//! creeps by four times that × friction. At the default softness this costs 0.3 % of the force at a
+//! depth of 0.5 mm, 0.1 % at 1 mm. A solution in which a point is deeper than 250 softnesses, or than half
 //! of the body's smallest extent, is an error; so is one with a shape wholly inside the body, or
 //! more than ten softnesses inside the held faces, which are rigid and carry no contact force here.
 //! Contact points lie 0.4 mm apart, closer for a shape thinner than 0.6 mm ([`Shape::thickness`]),
@@ -74,11 +74,11 @@ pub use carry::{Carried, Carrier};
 pub use element::Element;
 pub(crate) use gmres::{GmresSolution, gmres};
 pub use grasp::{Grasp, Grasped, Hold};
-pub(crate) use linearised::{Linearised, Workspace};
+pub(crate) use linearised::{Linearised, SolverWorkspace};
 
 /// Settings of a [`Fem`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct FemOptions {
     /// Kind of element.
     pub element: Element,
     /// Coefficient of Coulomb friction between body and shapes.
@@ -94,7 +94,7 @@ pub struct Options {
     pub patience: usize,
 }
 
-impl Default for Options {
+impl Default for FemOptions {
     fn default() -> Self {
         Self {
             element: Element::default(),
@@ -118,7 +118,7 @@ pub struct Fem {
 impl Fem {
     /// Discretises `body` and analyses its stiffness matrix; returns an error if no face of it can
     /// move.
-    pub fn new(body: SoftBody, options: Options) -> Result<Self> {
+    pub fn new(body: SoftBody, options: FemOptions) -> Result<Self> {
         if !(options.tolerance.is_finite() && options.tolerance > 0.0) {
             let expected = "a finite force above 0 N";
             return Err(Error::invalid("tolerance", options.tolerance, expected));
@@ -129,7 +129,7 @@ impl Fem {
             return Err(held_all_round(&body));
         }
         let tolerance = options.tolerance * (body.stiffest() / 1e6).max(1.0);
-        let Options { iterations, patience, .. } = options;
+        let FemOptions { iterations, patience, .. } = options;
         let limits = newton::StoppingCriteria { tolerance, iterations, patience, plain: false };
         Ok(Self { body, system, limits })
     }

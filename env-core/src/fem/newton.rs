@@ -35,7 +35,7 @@ pub(super) struct StoppingCriteria {
     pub(super) tolerance: f64,
     /// Most Newton steps.
     pub(super) iterations: usize,
-    /// Value of [`Options::patience`](super::Options).
+    /// Value of [`FemOptions::patience`](super::FemOptions).
     pub(super) patience: usize,
     /// `true` if every step is Newton's on the whole body, with a factor of its own: slow, and the
     /// reference for the fast methods.

@@ -3,7 +3,7 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::{Element, Fem, Grasp, Options, examples::grid};
+use super::{Element, Fem, FemOptions, Grasp, examples::grid};
 use crate::{
     Result,
     deformation::{Deformation, Law, Moduli, Press, SoftBody, Wrench},
@@ -81,7 +81,7 @@ fn press_shear_roll_twist(reach: f64, depth: f64, top: f64) -> Vec<Vec<Isometry3
     down.chain(aside).chain((1..=3).map(rolled)).chain((1..=2).map(twisted)).collect()
 }
 
-fn bonded(mesh: TetMesh, moduli: impl Fn(f64) -> Moduli, options: Options) -> Fem {
+fn bonded(mesh: TetMesh, moduli: impl Fn(f64) -> Moduli, options: FemOptions) -> Fem {
     let low = mesh.vertices.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
     let base = |n: &u32| mesh.vertices[*n as usize].z < low + 1e-9;
     let base: Vec<u32> = (0..mesh.vertices.len() as u32).filter(base).collect();
@@ -96,8 +96,8 @@ fn block(cells: u32) -> TetMesh {
     grid([n, n, cells], |p| Point3::new(p.x - h, p.y - h, p.z - h) * (4.0 * MM / h))
 }
 
-fn rough() -> Options {
-    Options { friction: FRICTION, ..Options::default() }
+fn rough() -> FemOptions {
+    FemOptions { friction: FRICTION, ..FemOptions::default() }
 }
 
 #[test]
@@ -105,7 +105,7 @@ fn a_ball_that_slides_rolls_and_twists_on_a_pad_is_answered_alike() {
     let ball = Shape::Sphere { radius: 4.0 * MM };
     for element in [Element::P1Bar, Element::P2] {
         let cells = if element == Element::P2 { 2 } else { 4 };
-        let fem = bonded(block(cells), |_| GEL, Options { element, ..rough() });
+        let fem = bonded(block(cells), |_| GEL, FemOptions { element, ..rough() });
         let path = press_shear_roll_twist(4.0 * MM, 0.8 * MM, 0.0);
         let last = compare(&format!("block, {element}"), &fem, vec![ball.clone()], path);
         let [pressed, dragged] = [-last.wrench.force.z, last.wrench.force.xy().norm()];
@@ -125,7 +125,7 @@ fn a_cone_and_an_edge_moved_sideways_on_quadratic_elements_are_answered_alike() 
     let pad = outline.graded(&[Point3::origin()], 550).unwrap();
     let top = pad.mesh.vertices.iter().map(|p| p.z).fold(f64::MIN, f64::max);
     let body = SoftBody::new(pad.mesh, Law::NeoHookean, GEL, &pad.base).unwrap();
-    let fem = Fem::new(body, Options { element: Element::P2, ..rough() }).unwrap();
+    let fem = Fem::new(body, FemOptions { element: Element::P2, ..rough() }).unwrap();
     let cone = Shape::Cone { radius: 6.0 * MM, half_height: 2.0 * MM };
     let cube = Shape::Cuboid { half_extents: Vector3::repeat(2.0 * MM) };
     let [over, aslant] = [1.0, 0.25].map(|turns| Vector3::x() * (turns * std::f64::consts::PI));
@@ -181,7 +181,7 @@ fn a_body_with_a_layer_a_million_times_stiffer_is_answered_alike() {
     let [soft, stiff] = [1e3, 1e9].map(|young| Moduli { young, poisson: 0.45 });
     let layers = |z: f64| if z < -2.0 * MM { stiff } else { soft };
     // The tolerance grows with the stiffest part, a thousand times.
-    let options = Options { tolerance: 1e-12, ..rough() };
+    let options = FemOptions { tolerance: 1e-12, ..rough() };
     let fem = bonded(block(4), layers, options);
     let path = press_shear_roll_twist(4.0 * MM, 0.5 * MM, 0.0);
     compare("layers", &fem, vec![Shape::Sphere { radius: 4.0 * MM }], path);
@@ -189,7 +189,7 @@ fn a_body_with_a_layer_a_million_times_stiffer_is_answered_alike() {
 
 #[test]
 fn a_crooked_box_in_a_grasp_is_answered_alike() {
-    let pad = bonded(block(3), |_| GEL, Options { friction: 0.8, ..Options::default() });
+    let pad = bonded(block(3), |_| GEL, FemOptions { friction: 0.8, ..FemOptions::default() });
     let facing = |gap: f64, aside: f64| {
         [1.0, -1.0].map(|side| {
             let turn = Vector3::y() * (side * std::f64::consts::FRAC_PI_2);

@@ -43,7 +43,7 @@ pub(super) struct Pattern {
 
 /// Position of the coupling of two nodes among the values of a matrix.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Slot {
+pub(super) struct BlockPosition {
     /// First entry.
     pub(super) first: u32,
     /// Entries of the first column above the block on the diagonal.
@@ -114,7 +114,7 @@ impl Pattern {
 
     /// Position of the derivative of the force on `a` with respect to the displacement of `b`, for
     /// two coupled nodes; `None` if one of them is fixed.
-    pub(super) fn slot(&self, a: u32, b: u32) -> Option<Slot> {
+    pub(super) fn position(&self, a: u32, b: u32) -> Option<BlockPosition> {
         let [a, b] = [a, b].map(|node| self.place[node as usize]);
         if a == FIXED || b == FIXED {
             return None;
@@ -124,7 +124,7 @@ impl Pattern {
         let rank = rows.binary_search(&low).expect("a cell couples all its nodes") as u32;
         let (diagonal, turned) = (a == b, a < b);
         let above = 3 * (rows.len() as u32 - 1);
-        Some(Slot { first: self.column[3 * high] + 3 * rank, above, diagonal, turned })
+        Some(BlockPosition { first: self.column[3 * high] + 3 * rank, above, diagonal, turned })
     }
 
     /// Number of blocks of the node at place `high` with itself and earlier ones.

@@ -6,7 +6,7 @@ use super::{
     cell::PointState,
     element::{Cell, Element, Nodes, linear_cells, quadratic_cells},
     material::{Material, Volumetric},
-    pattern::{Pattern, Slot},
+    pattern::{BlockPosition, Pattern},
     sparse::Matrix,
 };
 use crate::deformation::SoftBody;
@@ -22,9 +22,9 @@ pub(super) trait Solid: Send + Sync {
         gradient: &mut [Vector3<f64>],
     ) -> Option<f64>;
 
-    /// Adds ∂²E/∂u² at the last evaluated `strain` to `matrix`, at the positions in `layout`;
+    /// Adds ∂²E/∂u² at the last evaluated `strain` to `matrix`, at the positions in `map`;
     /// `filtered` makes each element's part positive.
-    fn assemble(&self, strain: &Strain, layout: &Layout, matrix: &mut Matrix, filtered: bool);
+    fn assemble(&self, strain: &Strain, map: &AssemblyMap, matrix: &mut Matrix, filtered: bool);
 
     /// Von Mises stress, volume average over each tetrahedron (T) in Pa; NaN for an inverted one.
     fn von_mises(&self, displacement: &[Vector3<f64>]) -> Vec<f64>;
@@ -33,11 +33,11 @@ pub(super) trait Solid: Send + Sync {
     fn couplings(&self) -> Vec<&[u32]>;
 
     /// Positions of the parts of the stiffness in `pattern`.
-    fn layout(&self, pattern: &Pattern) -> Layout;
+    fn assembly_map(&self, pattern: &Pattern) -> AssemblyMap;
 }
 
 /// Position of the coupling of each pair (i, j), j ≤ i, of each cell's nodes, if both are free.
-pub(super) type Layout = Vec<Option<Slot>>;
+pub(super) type AssemblyMap = Vec<Option<BlockPosition>>;
 
 /// State of the energy points, in the order of the cells.
 #[derive(Clone, Debug, Default)]
@@ -101,15 +101,15 @@ impl<const M: usize> Solid for Cells<M> {
         energy.is_finite().then_some(energy)
     }
 
-    fn assemble(&self, strain: &Strain, layout: &Layout, matrix: &mut Matrix, filtered: bool) {
-        let (mut dense, mut first, mut slots) = (Vec::new(), 0, layout.iter());
+    fn assemble(&self, strain: &Strain, map: &AssemblyMap, matrix: &mut Matrix, filtered: bool) {
+        let (mut dense, mut first, mut positions) = (Vec::new(), 0, map.iter());
         for (cell, material) in self.all.iter().zip(&self.materials) {
             let states = &strain.points[first..first + cell.points.len()];
             first += cell.points.len();
             cell.stiffness(material, states, filtered, &mut dense);
-            for (value, slot) in dense.iter().zip(&mut slots) {
-                if let Some(slot) = slot {
-                    matrix.add(*slot, value);
+            for (value, position) in dense.iter().zip(&mut positions) {
+                if let Some(position) = position {
+                    matrix.add(*position, value);
                 }
             }
         }
@@ -132,10 +132,10 @@ impl<const M: usize> Solid for Cells<M> {
         self.all.iter().map(|cell| &cell.nodes[..]).collect()
     }
 
-    fn layout(&self, pattern: &Pattern) -> Layout {
+    fn assembly_map(&self, pattern: &Pattern) -> AssemblyMap {
         let pairs = |cell: &Cell<M>| {
             let nodes = &cell.nodes;
-            let row = |i: usize| (0..=i).map(move |j| pattern.slot(nodes[i], nodes[j]));
+            let row = |i: usize| (0..=i).map(move |j| pattern.position(nodes[i], nodes[j]));
             (0..nodes.len()).flat_map(row).collect::<Vec<_>>()
         };
         self.all.iter().flat_map(pairs).collect()
@@ -302,7 +302,7 @@ mod tests {
             let change: Vec<_> = high_forces.iter().zip(&low_forces).map(|(h, l)| h - l).collect();
             let mut unknowns = pattern.gather(&change);
             let mut matrix = pattern.matrix();
-            solid.assemble(&strain, &solid.layout(&pattern), &mut matrix, false);
+            solid.assemble(&strain, &solid.assembly_map(&pattern), &mut matrix, false);
             assert!(matrix.factorise(&pattern), "{law} {element}: not positive definite");
             matrix.solve(&pattern, &mut unknowns);
             let solved = pattern.scatter(&unknowns);

@@ -11,7 +11,7 @@ use faer::{
 };
 use nalgebra::Matrix3;
 
-use super::pattern::{Pattern, Slot};
+use super::pattern::{BlockPosition, Pattern};
 
 /// Values of the upper triangle, and the factor L of L Lᵀ made from them.
 pub(super) struct Matrix {
@@ -60,15 +60,15 @@ impl Matrix {
         self.values.fill(0.0);
     }
 
-    /// Adds `value` to the block at `slot`.
-    pub(super) fn add(&mut self, slot: Slot, value: &Matrix3<f64>) {
-        let mut top = slot.first as usize;
+    /// Adds `value` to the block at `position`.
+    pub(super) fn add(&mut self, position: BlockPosition, value: &Matrix3<f64>) {
+        let mut top = position.first as usize;
         for i in 0..3 {
-            let rows = if slot.diagonal { i + 1 } else { 3 };
+            let rows = if position.diagonal { i + 1 } else { 3 };
             for (j, entry) in self.values[top..top + rows].iter_mut().enumerate() {
-                *entry += if slot.turned { value[(j, i)] } else { value[(i, j)] };
+                *entry += if position.turned { value[(j, i)] } else { value[(i, j)] };
             }
-            top += slot.above as usize + i + 1;
+            top += position.above as usize + i + 1;
         }
     }
 

@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use super::{
     element::{Element, Nodes},
     pattern::Pattern,
-    solid::{Layout, Solid, Strain, solid},
+    solid::{AssemblyMap, Solid, Strain, solid},
     spacing::{Faces, USUAL},
     surface::surface,
 };
@@ -28,7 +28,7 @@ pub(super) struct System {
     pub(super) nodes: Arc<Nodes>,
     pub(super) solid: Arc<dyn Solid>,
     /// The pattern with contact anywhere, computed on first use.
-    whole: Arc<OnceLock<(Arc<Pattern>, Arc<Layout>)>>,
+    whole: Arc<OnceLock<(Arc<Pattern>, Arc<AssemblyMap>)>>,
     pub(super) element: Element,
     pub(super) surface: Arc<[SurfacePoint]>,
     /// The held faces, which no shape may enter.
@@ -186,24 +186,24 @@ impl System {
     }
 
     /// The pattern of the body with contact anywhere on its surface.
-    pub(super) fn whole_pattern(&self) -> (Arc<Pattern>, Arc<Layout>) {
+    pub(super) fn whole_pattern(&self) -> (Arc<Pattern>, Arc<AssemblyMap>) {
         let whole = || {
             let stencils = stencils(&self.surface);
             let mut couplings = self.solid.couplings();
             couplings.extend(stencils.iter().map(|stencil| &stencil[..]));
             let pattern = Pattern::new(&self.nodes.places, &self.nodes.fixed, &couplings);
-            let layout = self.solid.layout(&pattern);
-            (Arc::new(pattern), Arc::new(layout))
+            let map = self.solid.assembly_map(&pattern);
+            (Arc::new(pattern), Arc::new(map))
         };
         self.whole.get_or_init(whole).clone()
     }
 
     /// The pattern of the body with contact on its free `nodes` alone; they are eliminated last.
-    pub(super) fn pattern_around(&self, nodes: &[u32]) -> (Arc<Pattern>, Arc<Layout>) {
+    pub(super) fn pattern_around(&self, nodes: &[u32]) -> (Arc<Pattern>, Arc<AssemblyMap>) {
         let (places, fixed) = (&self.nodes.places, &self.nodes.fixed);
         let pattern = Pattern::ending_in(nodes, places, fixed, &self.solid.couplings());
-        let layout = self.solid.layout(&pattern);
-        (Arc::new(pattern), Arc::new(layout))
+        let map = self.solid.assembly_map(&pattern);
+        (Arc::new(pattern), Arc::new(map))
     }
 }
 

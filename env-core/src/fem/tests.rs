@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
-    Fem, Options,
+    Fem, FemOptions,
     element::{Element, Nodes, barycentric, quadratic_gradients},
     examples::grid,
     patches::{EDGES, FACES, faces},
@@ -53,9 +53,12 @@ impl Problem {
         let (mut strain, mut forces) = (Strain::default(), vec![Vector3::zeros(); u.len()]);
         self.solid.evaluate(&u, &mut strain, &mut forces).unwrap();
         let mut matrix = self.pattern.matrix();
-        self.solid.assemble(&strain, &self.solid.layout(&self.pattern), &mut matrix, false);
+        self.solid.assemble(&strain, &self.solid.assembly_map(&self.pattern), &mut matrix, false);
         for node in 0..self.nodes.places.len() as u32 {
-            self.pattern.slot(node, node).into_iter().for_each(|slot| matrix.add(slot, brace));
+            self.pattern
+                .position(node, node)
+                .into_iter()
+                .for_each(|position| matrix.add(position, brace));
         }
         assert!(matrix.factorise(&self.pattern));
         let missing: Vec<_> = loads.iter().zip(&forces).map(|(load, force)| load - force).collect();
@@ -226,7 +229,8 @@ fn the_support_bears_what_the_contact_brings() {
     {
         let moduli = Moduli { young: 2e5, poisson: 0.48 };
         let body = SoftBody::new(mesh.clone(), law, moduli, &base).unwrap();
-        let fem = Fem::new(body, Options { element, friction: 0.5, ..Options::default() }).unwrap();
+        let fem =
+            Fem::new(body, FemOptions { element, friction: 0.5, ..FemOptions::default() }).unwrap();
         let at = |x: f64, z: f64| vec![Isometry3::translation(x, 0.4e-3, z)];
         let path = vec![at(0.3e-3, 3.4e-3), at(0.5e-3, 3.4e-3)];
         let press = Press::along(vec![Shape::Sphere { radius: 4e-3 }], path).unwrap();
@@ -263,7 +267,7 @@ fn the_corner_of_the_factor_is_the_stiffness_that_its_nodes_feel() {
     let (mut strain, still) = (Strain::default(), vec![Vector3::zeros(); places.len()]);
     problem.solid.evaluate(&still, &mut strain, &mut still.clone()).unwrap();
     let mut matrix = pattern.matrix();
-    problem.solid.assemble(&strain, &problem.solid.layout(&pattern), &mut matrix, false);
+    problem.solid.assemble(&strain, &problem.solid.assembly_map(&pattern), &mut matrix, false);
     assert!(matrix.factorise(&pattern));
     let corner = matrix.corner(&pattern);
     let (size, first) = (corner.nrows(), pattern.size() - corner.nrows());

@@ -36,7 +36,7 @@ pub(super) fn tomato(draw: &mut Draw) -> StarShaped {
     // Three waves at 60° make six lobes, which are deepest at a wave number of 7.
     let across = 0.75f64.sqrt();
     let ribs = [[1.0, 0.0], [0.5, across], [-0.5, across]]
-        .map(|[x, y]| (rib, [7.0 * x, 7.0 * y, 0.0], 0.0));
+        .map(|[x, y]| wave(rib, [7.0 * x, 7.0 * y, 0.0], 0.0));
     blob([width, width, height], &ribs)
         .with_bumps(vec![stem(-draw.uniform(0.26, 0.30), 14.0), tip(-0.08, 20.0)])
 }
@@ -72,23 +72,23 @@ pub(super) fn eggplant(draw: &mut Draw) -> StarShaped {
         .with_bumps(vec![stem(0.06, 50.0), tip(-0.12, 6.0)])
 }
 
-type Modulation = (f64, [f64; 3], f64);
+fn blob(semi_axes: [f64; 3], waves: &[Wave]) -> StarShaped {
+    StarShaped::new(semi_axes.into(), waves.to_vec())
+}
 
-fn blob(semi_axes: [f64; 3], waves: &[Modulation]) -> StarShaped {
-    let wave =
-        |&(amplitude, vector, phase): &Modulation| Wave { amplitude, vector: vector.into(), phase };
-    StarShaped::new(semi_axes.into(), waves.iter().map(wave).collect())
+fn wave(amplitude: f64, vector: [f64; 3], phase: f64) -> Wave {
+    Wave { amplitude, vector: vector.into(), phase }
 }
 
 /// `amplitude` sin(1.6 z): radii grow towards the stem.
-fn wider_up(amplitude: f64) -> Modulation {
-    (amplitude, [0.0, 0.0, 1.6], -FRAC_PI_2)
+fn wider_up(amplitude: f64) -> Wave {
+    wave(amplitude, [0.0, 0.0, 1.6], -FRAC_PI_2)
 }
 
 /// 2 `amplitude` sin(1.5 x) cos(2.4 z), as two waves: out at +x in the middle, at −x towards the
 /// ends.
-fn bent(amplitude: f64) -> [Modulation; 2] {
-    [2.4, -2.4].map(|z| (amplitude, [1.5, 0.0, z], -FRAC_PI_2))
+fn bent(amplitude: f64) -> [Wave; 2] {
+    [2.4, -2.4].map(|z| wave(amplitude, [1.5, 0.0, z], -FRAC_PI_2))
 }
 
 fn stem(amplitude: f64, concentration: f64) -> Bump {

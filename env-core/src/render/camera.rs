@@ -11,7 +11,7 @@ pub(super) const FAR: f64 = 20.0;
 
 /// Pinhole camera in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Camera {
+pub struct PinholeCamera {
     /// Position of the pinhole (m).
     pub eye: Point3<f64>,
     /// Point at the middle of the picture (m).
@@ -22,7 +22,7 @@ pub struct Camera {
     pub vertical_fov: f64,
 }
 
-impl Default for Camera {
+impl Default for PinholeCamera {
     /// View from the front left on a gripper that works near the origin.
     fn default() -> Self {
         Self {
@@ -46,7 +46,7 @@ pub(super) struct View {
     size: [f64; 2],
 }
 
-impl Camera {
+impl PinholeCamera {
     /// Returns this camera raised so that it does not look up to a point at `height` (m).
     #[must_use]
     pub fn raised_to(&self, height: f64) -> Self {
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn a_raised_camera_has_what_it_was_raised_to_in_the_middle() {
-        let camera = Camera::default();
+        let camera = PinholeCamera::default();
         assert_eq!(camera.raised_to(0.05), camera);
         for height in [0.1, 0.25, 1.0] {
             let view = camera.raised_to(height).view(320, 240).unwrap();

@@ -31,7 +31,7 @@ pub struct GripperParts {
 
 impl Default for GripperParts {
     fn default() -> Self {
-        let block = |x: [f64; 2], y: f64, z: [f64; 2], corner: f64, bevel: f64| Block {
+        let block = |x: [f64; 2], y: f64, z: [f64; 2], corner: f64, bevel: f64| RoundedBox {
             center: Vector3::new(0.5 * (x[0] + x[1]), 0.0, 0.5 * (z[0] + z[1])),
             half: Vector3::new(0.5 * (x[1] - x[0]), y, 0.5 * (z[1] - z[0])),
             corner,
@@ -102,11 +102,11 @@ fn finger_frames(tool: &Isometry3<f64>, jaws: [f64; 2]) -> [Isometry3<f64>; 2] {
 /// Creates a table of 0.5 × 0.5 m, 12 mm thick, with its top at z = 0.
 pub fn table() -> RenderMesh {
     let half = Vector3::new(0.25, 0.25, 0.006);
-    joined(&[Block { center: Vector3::z() * -0.006, half, corner: 0.012, bevel: 0.0015 }])
+    joined(&[RoundedBox { center: Vector3::z() * -0.006, half, corner: 0.012, bevel: 0.0015 }])
 }
 
 /// Box with rounded upright edges and bevelled rims.
-struct Block {
+struct RoundedBox {
     center: Vector3<f64>,
     half: Vector3<f64>,
     /// Radius of the upright edges (m).
@@ -115,7 +115,7 @@ struct Block {
     bevel: f64,
 }
 
-impl Block {
+impl RoundedBox {
     /// Outlines from bottom to top, each as (inset (m), height (m)).
     fn rings(&self) -> Vec<[f64; 2]> {
         let arc = |side: f64| {
@@ -179,7 +179,7 @@ fn quarter(steps: u32) -> Vec<[f64; 2]> {
     points
 }
 
-fn joined(blocks: &[Block]) -> RenderMesh {
+fn joined(blocks: &[RoundedBox]) -> RenderMesh {
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
     for block in blocks {
         let (points, corners) = lofted(&block.outlines());
@@ -196,7 +196,7 @@ fn pad() -> RenderMesh {
     // Built upright, its face towards +z, and turned at the end; the dome adds the thickness that
     // the block lacks.
     let half = Vector3::new(length, width, thickness - 0.5 * DOME);
-    let block = Block { center: Vector3::zeros(), half, corner: 0.002, bevel: 0.0008 };
+    let block = RoundedBox { center: Vector3::zeros(), half, corner: 0.002, bevel: 0.0008 };
     let mut outlines = block.outlines();
     let rim = outlines[outlines.len() - 1].clone();
     for scale in [0.85, 0.7, 0.5, 0.3, 0.1] {

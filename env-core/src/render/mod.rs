@@ -19,7 +19,7 @@ mod shade;
 mod shadow;
 mod touch;
 
-pub use camera::Camera;
+pub use camera::PinholeCamera;
 pub use gripper::{GripperParts, table};
 pub use mesh::RenderMesh;
 pub use renderer::{Item, Renderer};

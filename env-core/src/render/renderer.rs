@@ -4,7 +4,7 @@
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 use super::{
-    camera::{Camera, FAR, View},
+    camera::{FAR, PinholeCamera, View},
     ground::ContactMap,
     mesh::RenderMesh,
     raster::{NOTHING, Plane, Raster, at},
@@ -118,7 +118,7 @@ impl Renderer {
     }
 
     /// Draws a picture as sRGB bytes (height, width, 3); errors as for [`Renderer::draw_into`].
-    pub fn draw(&mut self, camera: &Camera, items: &[Item]) -> Result<Vec<u8>> {
+    pub fn draw(&mut self, camera: &PinholeCamera, items: &[Item]) -> Result<Vec<u8>> {
         let mut picture = vec![0; self.width * self.height * 3];
         self.draw_into(camera, items, &mut picture)?;
         Ok(picture)
@@ -128,7 +128,12 @@ impl Renderer {
     /// camera has no direction, a pose is not finite, or the number of vertex colours is wrong.
     ///
     /// Bodies behind the camera or farther away than 20 m are left out.
-    pub fn draw_into(&mut self, camera: &Camera, items: &[Item], picture: &mut [u8]) -> Result<()> {
+    pub fn draw_into(
+        &mut self,
+        camera: &PinholeCamera,
+        items: &[Item],
+        picture: &mut [u8],
+    ) -> Result<()> {
         let expected = self.width * self.height * 3;
         if picture.len() != expected {
             let found = format!("{} bytes", picture.len());
@@ -171,7 +176,7 @@ impl Renderer {
         }
     }
 
-    fn cast_shadows(&mut self, camera: &Camera, items: &[Item]) {
+    fn cast_shadows(&mut self, camera: &PinholeCamera, items: &[Item]) {
         let half_width = 0.75 * (camera.eye - camera.target).norm();
         let top = |item: &Item| {
             let heights = item.mesh.vertices.iter().map(|v| (item.pose * v).z);

@@ -3,7 +3,8 @@
 use nalgebra::Isometry3;
 
 use super::{
-    Camera, Color, Finish, GripperParts, Item, RenderMesh, Renderer, SoftView, TouchView, table,
+    Color, Finish, GripperParts, Item, PinholeCamera, RenderMesh, Renderer, SoftView, TouchView,
+    table,
     touch::{Inset, TouchedPad},
 };
 use crate::{
@@ -18,7 +19,7 @@ const SEGMENTS: u32 = 64;
 /// Renderer of scenes at one picture size; keeps the data that do not change between frames.
 pub struct SceneRenderer {
     renderer: Renderer,
-    camera: Camera,
+    camera: PinholeCamera,
     gripper: GripperParts,
     table: RenderMesh,
     /// Object drawn last, with its shape: most frames show it again.
@@ -32,7 +33,7 @@ impl SceneRenderer {
     pub fn new(width: usize, height: usize) -> Result<Self> {
         Ok(Self {
             renderer: Renderer::new(width, height)?,
-            camera: Camera::default(),
+            camera: PinholeCamera::default(),
             gripper: GripperParts::default(),
             table: table(),
             object: None,

@@ -3,7 +3,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{Camera, Color, Finish, Item, RenderMesh, Renderer};
+use super::{Color, Finish, Item, PinholeCamera, RenderMesh, Renderer};
 use crate::{Error, Result, deformation::Deformation, geometry::Surface, tactile::Shell};
 
 /// Contact state of the pads to be drawn.
@@ -108,7 +108,7 @@ const SMALLEST: usize = 96;
 /// Second view: the more stressed pad, seen from the object, beside the colour scale.
 pub(super) struct Inset {
     renderer: Renderer,
-    camera: Camera,
+    camera: PinholeCamera,
 }
 
 impl Inset {
@@ -119,7 +119,7 @@ impl Inset {
             return Ok(None);
         }
         let side = (SHARE * height.min(width) as f64) as usize;
-        let camera = Camera {
+        let camera = PinholeCamera {
             eye: Point3::new(0.008, -0.016, 0.062),
             target: Point3::new(0.0, 0.0, -0.001),
             up: Vector3::y(),

@@ -9,7 +9,9 @@ use std::fmt;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::{Object, ObjectModel, Physics, Scene, SceneConfig, Workspace, gripper::FINGER_TOP};
+use super::{
+    ObjectModel, Physics, Scene, SceneConfig, SceneObject, Workspace, gripper::FINGER_TOP,
+};
 use crate::Result;
 
 /// Reason why the hand does not reach a grasp.
@@ -74,7 +76,7 @@ impl Approach {
         config.gripper.max_opening = width + 2.0 * self.clearance;
         let goal = Isometry3::translation(0.0, 0.0, HEIGHT);
         let pose = goal * tool.inverse();
-        let object = Object { model: &self.model, scale: 1.0, mass: 0.1, friction: 1.0, pose };
+        let object = SceneObject { model: &self.model, scale: 1.0, mass: 0.1, friction: 1.0, pose };
         let way = FINGER_TOP + config.gripper.pad_length;
         let above = Vector3::new(0.0, 0.0, HEIGHT + way);
         let mut scene = Scene::new(&config, &object, &above, 0.0)?;

@@ -9,7 +9,7 @@ use rapier3d::{
     prelude::{ColliderBuilder, MassProperties, Matrix, Pose, SharedShape, Vector},
 };
 
-use super::{Object, Scene, SceneConfig, units};
+use super::{Scene, SceneConfig, SceneObject, units};
 use crate::{
     Error, Result,
     geometry::{self, Shape, Surface},
@@ -133,7 +133,7 @@ impl ObjectModel {
         /// `Scene::settle`.
         const STEPS: usize = 750;
         let pose = self.rest(1.0, 0.0, 0.0, 0.0);
-        let object = Object { model: self, scale: 1.0, mass: 0.1, friction: 1.0, pose };
+        let object = SceneObject { model: self, scale: 1.0, mass: 0.1, friction: 1.0, pose };
         let away = Vector3::new(0.0, 0.0, 0.25);
         let Ok(mut scene) = Scene::new(&SceneConfig::default(), &object, &away, 0.0) else {
             return self.resting;

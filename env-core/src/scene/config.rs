@@ -182,7 +182,7 @@ impl Default for Physics {
 
 /// The free object of one episode.
 #[derive(Clone, Debug)]
-pub struct Object<'a> {
+pub struct SceneObject<'a> {
     /// Shape, prepared for Rapier.
     pub model: &'a ObjectModel,
     /// Size relative to the model.
@@ -308,7 +308,7 @@ const LONGEST_SUBSTEP: f64 = 1.05e-3;
 /// Rapier's iterations no longer converge: forces are too low, then the object is ejected.
 const MOST_ACCELERATION: f64 = 2e4;
 
-impl Object<'_> {
+impl SceneObject<'_> {
     /// Checks all properties; the error names the first one out of its range.
     pub fn validate(&self, gripper: &Gripper) -> Result<()> {
         let lightest = gripper.max_force / MOST_ACCELERATION;

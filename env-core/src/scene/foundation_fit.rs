@@ -13,7 +13,7 @@ use super::{ObjectModel, SoftPads};
 use crate::{
     Result,
     deformation::{Law, Moduli, Press, SoftBody},
-    fem::{Fem, Options},
+    fem::{Fem, FemOptions},
     geometry::Shape,
     interrupt::Interrupt,
     sensor::{Calibration, ElasticFoundation, Sensor},
@@ -154,7 +154,7 @@ fn pad(sensor: &Sensor, calibration: &Calibration, nodes: usize) -> Result<Fem> 
     let law: Law = calibration.law.parse()?;
     let moduli = Moduli { young: calibration.young, poisson: calibration.poisson };
     let body = SoftBody::new(pad.mesh, law, moduli, &pad.base)?;
-    Fem::new(body, Options { friction: FRICTION, ..Options::default() })
+    Fem::new(body, FemOptions { friction: FRICTION, ..FemOptions::default() })
 }
 
 fn of_fem(fem: &Fem, indenter: &Indenter) -> Result<Curve> {

@@ -39,12 +39,12 @@ pub(super) struct FingerBody {
 
 /// Rapier handles of the hand.
 #[derive(Clone, Copy, Serialize, Deserialize)]
-pub(super) struct Hand {
+pub(super) struct HandBodies {
     pub(super) wrist: RigidBodyHandle,
     pub(super) fingers: [FingerBody; 2],
 }
 
-impl Hand {
+impl HandBodies {
     /// Inserts an open hand at `pose` (m).
     pub(super) fn insert(
         world: &mut PhysicsWorld,
@@ -94,7 +94,7 @@ impl Hand {
     }
 }
 
-impl Hand {
+impl HandBodies {
     /// Motion of each finger.
     pub(super) fn slides(&self, world: &PhysicsWorld) -> [Slide; 2] {
         self.fingers.map(|finger| {

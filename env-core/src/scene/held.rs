@@ -4,7 +4,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::{Command, Object, ObjectModel, Scene, SceneConfig, SceneState};
+use super::{Command, ObjectModel, Scene, SceneConfig, SceneObject, SceneState};
 use crate::{Error, Result};
 
 /// Control periods within which the fingers reach any object that fits between them.
@@ -22,7 +22,7 @@ impl Scene {
     /// which must have the orientation of [`ObjectModel::in_hand`].
     pub fn around(
         config: &SceneConfig,
-        object: &Object,
+        object: &SceneObject,
         tool_center: &Vector3<f64>,
     ) -> Result<Self> {
         let mut scene = Self::new(config, object, tool_center, 0.0)?;
@@ -34,13 +34,13 @@ impl Scene {
     /// Creates a scene whose hand, at `tool_center` (m), has gripped the object with `grip` (N); an
     /// error if the hand closes on nothing.
     ///
-    /// The object starts at [`Object::pose`] without gravity. Once both pads press, gravity acts
-    /// and the object comes to rest in the hand if `grip` holds it. `seen` is called with the scene
-    /// before the first touch and after each time step, so that the caller can record the contact
-    /// history of the pads.
+    /// The object starts at [`SceneObject::pose`] without gravity. Once both pads press, gravity
+    /// acts and the object comes to rest in the hand if `grip` holds it. `seen` is called with the
+    /// scene before the first touch and after each time step, so that the caller can record the
+    /// contact history of the pads.
     pub fn holding(
         config: &SceneConfig,
-        object: &Object,
+        object: &SceneObject,
         tool_center: &Vector3<f64>,
         grip: f64,
         mut seen: impl FnMut(&Self),

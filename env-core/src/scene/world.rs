@@ -11,10 +11,10 @@ use rapier3d::prelude::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    BodyState, Failure, FingerState, Object, ObjectModel, Pads, SceneConfig, SceneState,
+    BodyState, Failure, FingerState, ObjectModel, Pads, SceneConfig, SceneObject, SceneState,
     WristState, contact,
     foundation::{FixtureContact, FoundationStep, Foundations, stops},
-    gripper::{HAND, Hand, OBJECT, TABLE},
+    gripper::{HAND, HandBodies, OBJECT, TABLE},
     units,
 };
 use crate::{Result, deformation::Wrench};
@@ -35,7 +35,7 @@ pub struct Command {
 pub struct Scene {
     config: SceneConfig,
     world: PhysicsWorld,
-    hand: Hand,
+    hand: HandBodies,
     object: RigidBodyHandle,
     object_collider: ColliderHandle,
     table: ColliderHandle,
@@ -61,7 +61,7 @@ impl Scene {
     /// Creates a scene with the open hand at `tool_center` (m) and `yaw` (rad).
     pub fn new(
         config: &SceneConfig,
-        object: &Object,
+        object: &SceneObject,
         tool_center: &Vector3<f64>,
         yaw: f64,
     ) -> Result<Self> {
@@ -80,7 +80,7 @@ impl Scene {
             Pads::Soft(pads) => Some(Foundations::new(pads, object)),
         };
         let (object, object_collider) = insert_object(&mut world, object)?;
-        let hand = Hand::insert(&mut world, &config.gripper, &config.pads, &wrist.pose);
+        let hand = HandBodies::insert(&mut world, &config.gripper, &config.pads, &wrist.pose);
         Ok(Self {
             config: config.clone(),
             world,
@@ -399,7 +399,7 @@ fn table() -> ColliderBuilder {
 
 fn insert_object(
     world: &mut PhysicsWorld,
-    object: &Object,
+    object: &SceneObject,
 ) -> Result<(RigidBodyHandle, ColliderHandle)> {
     let groups = InteractionGroups::new(OBJECT, TABLE | HAND, InteractionTestMode::And);
     let collider = object

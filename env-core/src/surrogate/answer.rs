@@ -20,7 +20,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    compliance::nodal::Settled,
+    compliance::nodal::ContactSolution,
     contact::{SurfacePoint, clearance},
     deformation::{
         Deformation, DeformationModel, Drive, Moduli, PredictedError, Press, SoftBody, Wanted,
@@ -288,7 +288,7 @@ impl PadModel {
     fn correct(
         &self,
         press: &Press,
-        settled: Settled,
+        settled: ContactSolution,
         wanted: Wanted,
         evaluation: &mut Evaluation,
     ) -> Result<Deformation> {
@@ -309,7 +309,7 @@ impl PadModel {
         let PadFields { displacement, contact_force, von_mises, poses } = corrected;
         let residual =
             if wanted.residual { self.residual(&displacement, &contact_force)? } else { 0.0 };
-        let Settled { sliding, history, iterations, seconds, .. } = settled;
+        let ContactSolution { sliding, history, iterations, seconds, .. } = settled;
         Ok(Deformation {
             wrench: wrench(places, &displacement, &contact_force),
             sliding,

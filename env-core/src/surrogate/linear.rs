@@ -16,8 +16,8 @@ use super::{
 use crate::{
     Result,
     compliance::{
-        Compliance, Options,
-        nodal::{LayeredPad, Nodal, NodeContact, Settled},
+        Compliance, ComplianceOptions,
+        nodal::{ContactSolution, LayeredPad, Nodal, NodeContact},
     },
     deformation::{Law, Moduli, Press, SoftBody},
     geometry::{PadMesh, Transfer},
@@ -84,7 +84,7 @@ impl LinearBaseline {
     ) -> Result<Self> {
         let fine = sensor.pad(nodes)?;
         let transfer = Transfer::new(&fine.mesh, &model.mesh)?;
-        let options = Options { friction: gel.friction, sweeps: 0 };
+        let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
         let compliance = Compliance::new(body(&fine, gel.moduli)?, options)?;
         let nodal = compliance.at_coarse_nodes(&fine, model)?;
         let layered = LayeredPad::new(&compliance, &sensor.outline, &fine, model)?;
@@ -97,12 +97,12 @@ impl LinearBaseline {
     }
 
     /// Solves the frames of `press`, in order; the first that fails is an error and the last.
-    pub(super) fn path(&self, press: &Press) -> Vec<Result<Settled>> {
+    pub(super) fn path(&self, press: &Press) -> Vec<Result<ContactSolution>> {
         self.layered.settled_path(press)
     }
 
     /// Transfers an answer to the model mesh; its stress is left empty unless `with_stress`.
-    pub(super) fn carry(&self, settled: &Settled, with_stress: bool) -> LinearFields {
+    pub(super) fn carry(&self, settled: &ContactSolution, with_stress: bool) -> LinearFields {
         let nodes = self.layered.contacts(settled);
         let forces: Vec<_> = nodes.iter().map(|(node, contact)| (*node, contact.force)).collect();
         let displacement = self.extension.displacement(&forces);
@@ -177,7 +177,7 @@ mod tests {
     use crate::geometry::Shape;
 
     /// Creates a gel, and forces around its face nodes as of a ball.
-    fn pressed() -> (LinearBaseline, Settled) {
+    fn pressed() -> (LinearBaseline, ContactSolution) {
         let sensor = Sensor::named("gelsight-mini").unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let gel = PadMaterial { moduli, friction: 0.5, thickness: sensor.outline.thickness };

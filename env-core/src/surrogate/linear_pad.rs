@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    compliance::nodal::Settled,
+    compliance::nodal::ContactSolution,
     deformation::{Deformation, DeformationModel, Moduli, Press, SoftBody, Wanted},
     fem::Linearised,
     interrupt::Interrupt,
@@ -45,7 +45,7 @@ impl LinearPad {
         &self.body
     }
 
-    fn fields(&self, settled: Settled, wanted: Wanted) -> Result<Deformation> {
+    fn fields(&self, settled: ContactSolution, wanted: Wanted) -> Result<Deformation> {
         let start = Instant::now();
         let PadFields { displacement, contact_force, von_mises, poses } =
             self.linear.carry(&settled, wanted.stress).fields;
@@ -55,7 +55,7 @@ impl LinearPad {
         } else {
             0.0
         };
-        let Settled { wrench, sliding, history, iterations, seconds, .. } = settled;
+        let ContactSolution { wrench, sliding, history, iterations, seconds, .. } = settled;
         Ok(Deformation {
             displacement,
             von_mises,

@@ -25,9 +25,9 @@ const HARDLY_MOVED: f64 = 5e-4;
 const EPSILON: f64 = 1e-16;
 
 /// Weighted mean relative errors of displacement, stress, nodal forces and net force, each a scalar.
-pub(super) struct Parts(pub(super) [Tensor; 4]);
+pub(super) struct LossTerms(pub(super) [Tensor; 4]);
 
-impl Parts {
+impl LossTerms {
     /// Weighted sum of the parts.
     pub(super) fn total(&self) -> Result<Tensor> {
         let mut sum = (&self.0[0] * WEIGHTS[0])?;
@@ -102,7 +102,7 @@ pub(super) fn parts(
     samples: &[&Sample],
     graph: &PadGraph,
     mirror: usize,
-) -> Result<Parts> {
+) -> Result<LossTerms> {
     let mirror = &graph.mirrors[mirror];
     let inputs: Vec<PadInput> = samples.iter().map(|s| s.input.mirrored(mirror)).collect();
     let targets: Vec<Target> = samples.iter().map(|s| s.target.mirrored(mirror)).collect();
@@ -112,7 +112,7 @@ pub(super) fn parts(
     let weights = Tensor::from_vec(weights, targets.len(), &Device::Cpu)?;
     let mean = |errors: &Tensor| (errors * &weights)?.mean_all();
     let [a, b, c, d] = errors(&answer, &targets.iter().collect::<Vec<_>>())?;
-    Ok(Parts([mean(&a)?, mean(&b)?, mean(&c)?, mean(&d)?]))
+    Ok(LossTerms([mean(&a)?, mean(&b)?, mean(&c)?, mean(&d)?]))
 }
 
 /// Weight of a press: 1 where it moves the gel much, in proportion to the displacement where it

@@ -14,7 +14,7 @@ use super::{
     samples::{Gels, Sample},
     train::{Network, Training},
     training_run::{TrainingProgress, TrainingRun, Watch, trainable},
-    weights::{self, Card, Data, Kind, TrainingBounds},
+    weights::{self, Card, Data, NetworkCard, TrainingBounds},
 };
 use crate::{
     Result,

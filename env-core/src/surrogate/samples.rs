@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     Result,
-    dataset::{Config, Dataset, PadFrames, steps},
+    dataset::{Dataset, DatasetConfig, PadFrames, steps},
     deformation::{Moduli, Press},
     geometry::{PadMesh, Shape},
     sensor::Sensor,
@@ -48,7 +48,7 @@ pub(super) struct GelPad {
 
 impl Gels {
     /// Prepares the gels of `config`, with linear models of at most `nodes` nodes.
-    pub(super) fn new(config: &Config, nodes: usize) -> Result<Self> {
+    pub(super) fn new(config: &DatasetConfig, nodes: usize) -> Result<Self> {
         let mut sensors: Vec<&str> = config.gels.iter().map(|gel| gel.sensor.as_str()).collect();
         sensors.sort_unstable();
         sensors.dedup();

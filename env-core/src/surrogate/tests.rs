@@ -18,7 +18,7 @@ use super::{
 };
 use crate::{
     deformation::{DeformationModel, Moduli, Press, Wanted},
-    fem::{Fem, Options},
+    fem::{Fem, FemOptions},
     geometry::Shape,
     sensor::Sensor,
 };
@@ -43,7 +43,7 @@ fn samples(depths: &[f64]) -> (PadGraph, Vec<Sample>) {
     let graph = PadGraph::new(&pad).unwrap();
     let gel = PadMaterial { moduli: GEL, friction: FRICTION, thickness: sensor.outline.thickness };
     let linear = LinearBaseline::new(&sensor, &gel, 1000, &pad).unwrap();
-    let options = Options { friction: FRICTION, ..Options::default() };
+    let options = FemOptions { friction: FRICTION, ..FemOptions::default() };
     let elements = Fem::new(body(&pad, GEL).unwrap(), options).unwrap();
     let sample = |&depth: &f64| {
         let press = press(depth);

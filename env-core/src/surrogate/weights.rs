@@ -25,7 +25,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    dataset::{Config, GelConfig},
+    dataset::{DatasetConfig, GelConfig},
 };
 
 /// Description of a network, its training data and its errors.
@@ -120,7 +120,7 @@ pub(super) fn bearing_of(norms: impl Iterator<Item = f64>) -> f64 {
 
 impl Data {
     /// Fills in the entries that a dataset's configuration determines.
-    pub(super) fn of(config: &Config, fingerprint: String, trained_by: &str) -> Self {
+    pub(super) fn of(config: &DatasetConfig, fingerprint: String, trained_by: &str) -> Self {
         let range = |field: fn(&GelConfig) -> f64| {
             let values = config.gels.iter().map(field);
             [values.clone().fold(f64::INFINITY, f64::min), values.fold(0.0, f64::max)]
@@ -153,12 +153,12 @@ impl Data {
 }
 
 /// A card with the kind of its network.
-pub(super) trait Kind: DeserializeOwned {
+pub(super) trait NetworkCard: DeserializeOwned {
     /// Permitted values of its `variant`.
     const VARIANTS: &'static [&'static str];
 }
 
-impl Kind for Card {
+impl NetworkCard for Card {
     const VARIANTS: &'static [&'static str] = &["corrector"];
 }
 
@@ -208,7 +208,7 @@ pub(super) fn variant(name: &str, bytes: &[u8], expected: &[&str]) -> Result<Str
 
 /// Returns the tensors and the card in `bytes`, or an error that names `name` if they are of
 /// another kind.
-pub(super) fn of_kind<C: Kind>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
+pub(super) fn of_kind<C: NetworkCard>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
     variant(name, bytes, C::VARIANTS)?;
     from_bytes(name, bytes)
 }

@@ -29,7 +29,7 @@ pub enum Choice {
 /// Material of a gel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
-pub enum Material {
+pub enum GelMaterial {
     /// Calibration of the sensor with this name.
     Calibration(String),
     /// Neo-Hookean solid.
@@ -41,7 +41,7 @@ pub enum Material {
     },
 }
 
-impl<'de> Deserialize<'de> for Material {
+impl<'de> Deserialize<'de> for GelMaterial {
     /// Written by hand because the errors of serde's untagged enums do not name the wrong value.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
         #[derive(Deserialize)]
@@ -88,25 +88,25 @@ impl Default for Resolution {
 
 /// Settings of touch.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Config {
+pub struct TactileConfig {
     /// Model that solves presses.
     pub choice: Choice,
     /// Name of the sensor, or the path of its .toml file.
     pub sensor: String,
     /// Material of its gel; the sensor's first calibration if not given.
-    pub material: Option<Material>,
+    pub material: Option<GelMaterial>,
     /// Resolution of mesh and channels.
     pub resolution: Resolution,
 }
 
-impl Default for Config {
+impl Default for TactileConfig {
     fn default() -> Self {
         let (material, resolution) = (None, Resolution::default());
         Self { choice: Choice::default(), sensor: "gelsight-mini".into(), material, resolution }
     }
 }
 
-impl Config {
+impl TactileConfig {
     /// Loads the sensor; returns an error if it is not known.
     pub fn sensor(&self) -> Result<Sensor> {
         Sensor::open(&self.sensor)
@@ -115,7 +115,7 @@ impl Config {
     /// Calibration of `sensor`: the named one, or the first if none is named.
     pub fn calibration<'s>(&self, sensor: &'s Sensor) -> Result<&'s Calibration> {
         match &self.material {
-            Some(Material::Calibration(name)) => {
+            Some(GelMaterial::Calibration(name)) => {
                 sensor.calibration(name).map_err(|error| error.renamed("material"))
             }
             _ => Ok(&sensor.calibrations[0]),
@@ -124,7 +124,7 @@ impl Config {
 
     /// Law and moduli of the gel of `sensor`.
     pub fn material(&self, sensor: &Sensor) -> Result<(Law, Moduli)> {
-        if let Some(Material::Moduli { young, poisson }) = self.material {
+        if let Some(GelMaterial::Moduli { young, poisson }) = self.material {
             return Ok((Law::NeoHookean, Moduli { young, poisson }));
         }
         let gel = self.calibration(sensor)?;

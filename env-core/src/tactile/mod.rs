@@ -19,9 +19,9 @@ mod skin;
 mod traction;
 
 pub use channel::{Channel, Spec};
-pub use config::{Choice, Config, Material, Resolution};
+pub use config::{Choice, GelMaterial, Resolution, TactileConfig};
 pub use finger::Finger;
-pub use model::{Model, Touch};
+pub use model::{Model, TactilePad};
 pub use object::{MARKERS, SoftObject, Squeezed};
 pub use shell::Shell;
 pub use skin::{Feeling, Skin, peak_stress};

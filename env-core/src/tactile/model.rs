@@ -4,11 +4,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use rayon::ThreadPoolBuilder;
 
-use super::{Choice, Config, Skin};
+use super::{Choice, Skin, TactileConfig};
 use crate::{
     Error, Result,
     deformation::{Deformation, DeformationModel, Law, Press, SoftBody, Wanted},
-    fem::{self, Fem},
+    fem::{Fem, FemOptions},
     geometry::PadMesh,
     sensor::Sensor,
     surrogate::{LinearPad, Surrogate},
@@ -28,26 +28,26 @@ pub enum Model {
 
 /// Surface of the pads and model of their gel.
 #[derive(Clone)]
-pub struct Touch {
+pub struct TactilePad {
     skin: Arc<Skin>,
     model: Model,
 }
 
-impl std::fmt::Debug for Touch {
+impl std::fmt::Debug for TactilePad {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Touch").field("model", &self.model.name()).finish_non_exhaustive()
+        f.debug_struct("TactilePad").field("model", &self.model.name()).finish_non_exhaustive()
     }
 }
 
 /// Most recently built instances, newest first.
-static BUILT: Mutex<Vec<(Config, Touch)>> = Mutex::new(Vec::new());
+static BUILT: Mutex<Vec<(TactileConfig, TactilePad)>> = Mutex::new(Vec::new());
 /// Greatest number of instances kept.
 const KEPT: usize = 4;
 
-impl Touch {
+impl TactilePad {
     /// Builds the instance that `config` describes, or returns a recently built one with the same
     /// settings; `None` for rigid fingers.
-    pub fn new(config: &Config) -> Result<Option<Self>> {
+    pub fn new(config: &TactileConfig) -> Result<Option<Self>> {
         config.validate()?;
         if config.choice == Choice::None {
             return Ok(None);
@@ -81,7 +81,7 @@ impl Touch {
 impl Model {
     /// Builds the chosen model of the gel of `sensor`, with its pad and soft body; `None` for rigid
     /// fingers.
-    fn new(config: &Config, sensor: &Sensor) -> Result<Option<(Self, PadMesh, SoftBody)>> {
+    fn new(config: &TactileConfig, sensor: &Sensor) -> Result<Option<(Self, PadMesh, SoftBody)>> {
         let (pad, body) = config.pad(sensor)?;
         let on = body.clone();
         let model = match config.choice {
@@ -91,7 +91,7 @@ impl Model {
                 let (friction, nodes) = (sensor.friction.at_rest, config.resolution.nodes);
                 Self::Linear(alone(|| LinearPad::new(sensor, moduli, friction, nodes))?)
             }
-            Choice::Fem => Self::Fem(Fem::new(on, fem::Options::default())?),
+            Choice::Fem => Self::Fem(Fem::new(on, FemOptions::default())?),
             Choice::Surrogate => Self::Surrogate(trained(config, sensor)?),
         };
         Ok(Some((model, pad, body)))
@@ -134,7 +134,7 @@ impl DeformationModel for Model {
 }
 
 /// Loads the shipped network for the gel of `sensor`.
-fn trained(config: &Config, sensor: &Sensor) -> Result<Surrogate> {
+fn trained(config: &TactileConfig, sensor: &Sensor) -> Result<Surrogate> {
     let (law, moduli) = config.material(sensor)?;
     if law != Law::NeoHookean {
         let expected = "a neo-hookean gel for the surrogate";

@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, Vector3};
 
-use super::Config;
+use super::TaskConfig;
 use crate::scene::Command;
 
 /// Number of components of an action: wrist velocity along the wrist's x, y and z, yaw rate, grip
@@ -13,7 +13,7 @@ pub const ACTION_SIZE: usize = 5;
 /// the gripper's limit. The grip force starts from `before` (N) and moves towards its target at the
 /// gripper's greatest rate, or changes by a factor if the task has a [`super::GradualGrip`]. Components
 /// outside [−1, 1] count as the nearer bound.
-pub fn command(action: &[f32; ACTION_SIZE], config: &Config, yaw: f64, before: f64) -> Command {
+pub fn command(action: &[f32; ACTION_SIZE], config: &TaskConfig, yaw: f64, before: f64) -> Command {
     let gripper = &config.scene.gripper;
     let [x, y, z, yaw_rate, grip] = action.map(|a| f64::from(a).clamp(-1.0, 1.0));
     let time = config.scene.physics.control_period;

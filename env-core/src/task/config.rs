@@ -3,19 +3,19 @@
 use serde::Serialize;
 
 use super::{
-    Layout, ObjectSpec, Range, SensorErrors, Setting, Start, Task, Weights, sensor_errors,
-    setting::rising,
+    ObjectSpec, ObservationLayout, Range, RewardWeights, SensorErrors, Setting, Start, Task,
+    sensor_errors, setting::rising,
 };
 use crate::{
     Error, Result,
     deformation::Moduli,
-    scene::{Gripper, Object, ObjectModel, SceneConfig, SoftPads, Workspace},
-    tactile::{self, Choice, Material, Resolution},
+    scene::{Gripper, ObjectModel, SceneConfig, SceneObject, SoftPads, Workspace},
+    tactile::{Choice, GelMaterial, Resolution, TactileConfig},
 };
 
 /// Settings of an environment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Config {
+pub struct TaskConfig {
     /// Task of the agent, with the settings that only it has.
     pub task: Task,
     /// Gripper, workspace and solver.
@@ -47,20 +47,20 @@ pub struct Config {
     /// Name of the sensor on both fingers, or the path of its .toml file.
     pub sensor: String,
     /// Material of its gel: the name of a calibration, or moduli; the first calibration if `None`.
-    pub material: Option<Material>,
+    pub material: Option<GelMaterial>,
     /// Young's modulus of the gel relative to that of its material.
     pub gel_stiffness: Range,
     /// Resolution of the pads' mesh and of the channels.
     pub resolution: Resolution,
     /// Errors of sensors, by the name of their channel.
     pub sensor_errors: SensorErrors,
-    /// Names of the observation's channels; see [`Config::channels`] for the default.
+    /// Names of the observation's channels; see [`TaskConfig::channels`] for the default.
     pub observation: Option<Vec<String>>,
     /// Weights of the reward's terms.
-    pub reward: Weights,
+    pub reward: RewardWeights,
 }
 
-impl Default for Config {
+impl Default for TaskConfig {
     /// Default settings of the first task.
     fn default() -> Self {
         Self::of(&Task::default())
@@ -76,14 +76,14 @@ pub(super) const FIRM_GRIP: f64 = 20.0;
 /// drives a finger with a grip force below 1 N at several times its closing speed.
 const LIGHT_CENTERING: f64 = 1e3;
 
-impl Config {
+impl TaskConfig {
     /// Default settings of `task`.
     pub fn of(task: &Task) -> Self {
         let objects =
             ["sphere", "cuboid", "cylinder", "prism", "annulus", "ellipsoid", "cup", "potato"];
-        let touch = tactile::Config::default();
+        let touch = TactileConfig::default();
         let mut config = Self {
-            reward: Weights::of(task),
+            reward: RewardWeights::of(task),
             task: task.clone(),
             scene: SceneConfig::default(),
             objects: Vec::new(),
@@ -135,9 +135,9 @@ impl Config {
     }
 
     /// Settings of touch.
-    pub fn touch(&self) -> tactile::Config {
+    pub fn touch(&self) -> TactileConfig {
         let Self { tactile: choice, sensor, material, resolution, .. } = self.clone();
-        tactile::Config { choice, sensor, material, resolution }
+        TactileConfig { choice, sensor, material, resolution }
     }
 
     /// Names of the observation's channels: those that are set, or the default ones of the task.
@@ -270,7 +270,7 @@ impl Config {
             grip.validate(self.scene.gripper.max_force)?;
         }
         self.task.validate(self)?;
-        Layout::check(self)?;
+        ObservationLayout::check(self)?;
         sensor_errors::validate(&self.sensor_errors, &self.channels())?;
         self.reward.validate()
     }
@@ -282,7 +282,7 @@ impl Config {
             self.fits(spec, model)?;
             for (mass, scale) in self.mass.into_iter().zip(self.size) {
                 let pose = model.rest(scale, 0.0, 0.0, 0.0);
-                let object = Object { model, scale, mass, friction: self.friction[0], pose };
+                let object = SceneObject { model, scale, mass, friction: self.friction[0], pose };
                 object.validate(&self.scene.gripper)?;
             }
         }

@@ -1,6 +1,6 @@
 //! Reasons for which an episode terminates.
 
-use super::{Config, Progress, StepState};
+use super::{Progress, StepState, TaskConfig};
 
 /// Reason for which an episode terminated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -82,7 +82,7 @@ impl Ending {
     }
 
     /// Returns the reason for which `step` ends the episode, if it does.
-    pub fn of(step: &StepState, progress: &Progress, config: &Config) -> Option<Self> {
+    pub fn of(step: &StepState, progress: &Progress, config: &TaskConfig) -> Option<Self> {
         if step.state.failure.is_some() {
             return Some(Self::NonFinite);
         }

@@ -6,8 +6,8 @@
 use serde::Serialize;
 
 use super::{
-    Config, Ending, EpisodeParameters, GradualGrip, Progress, Range, RewardTerm, Rules, Setting,
-    Start, StateChannel, StepState, TrialGrip, least_grip, reward,
+    Ending, EpisodeParameters, GradualGrip, Progress, Range, RewardTerm, Rules, Setting, Start,
+    StateChannel, StepState, TaskConfig, TrialGrip, least_grip, reward,
 };
 use crate::{Error, Result, tactile::Choice};
 
@@ -88,7 +88,7 @@ impl Rules for GraspFragile {
         settings
     }
 
-    fn adapt(&self, config: &mut Config) {
+    fn adapt(&self, config: &mut TaskConfig) {
         // Only objects that meet the pads with neither an edge nor a flat face.
         config.choose_objects(&["sphere", "cylinder", "ellipsoid"]);
         config.begin_round_the_object();
@@ -98,7 +98,7 @@ impl Rules for GraspFragile {
         config.size = [0.8, 1.2];
     }
 
-    fn validate(&self, config: &Config) -> Result<()> {
+    fn validate(&self, config: &TaskConfig) -> Result<()> {
         if config.tactile == Choice::None {
             let expected =
                 "surrogate, compliance or fem: GraspFragile limits the stress in the pads";
@@ -132,7 +132,7 @@ impl Rules for GraspFragile {
 
     fn draw(
         &self,
-        config: &Config,
+        config: &TaskConfig,
         episode: &mut EpisodeParameters,
         uniform: &mut dyn FnMut(Range) -> f64,
     ) {

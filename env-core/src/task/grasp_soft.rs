@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use super::{
-    Config, Ending, EpisodeParameters, GradualGrip, Progress, Range, RewardTerm, Rules, Setting,
-    Start, StateChannel, StepState, reward,
+    Ending, EpisodeParameters, GradualGrip, Progress, Range, RewardTerm, Rules, Setting, Start,
+    StateChannel, StepState, TaskConfig, reward,
 };
 use crate::{Error, Result, tactile::Choice};
 
@@ -94,7 +94,7 @@ impl Rules for GraspSoft {
         settings
     }
 
-    fn adapt(&self, config: &mut Config) {
+    fn adapt(&self, config: &mut TaskConfig) {
         // Only objects that rigid faces touch first with neither a flat face nor an edge.
         config.choose_objects(&["sphere", "ellipsoid", "potato", "lemon"]);
         config.begin_round_the_object();
@@ -105,7 +105,7 @@ impl Rules for GraspSoft {
         config.size = [1.0, 1.0];
     }
 
-    fn validate(&self, config: &Config) -> Result<()> {
+    fn validate(&self, config: &TaskConfig) -> Result<()> {
         if config.tactile != Choice::Surrogate {
             let expected = "surrogate: it computes the deformation of the soft object";
             return Err(Error::invalid("tactile", serde_json::json!(config.tactile), expected));
@@ -131,7 +131,7 @@ impl Rules for GraspSoft {
 
     fn draw(
         &self,
-        _: &Config,
+        _: &TaskConfig,
         episode: &mut EpisodeParameters,
         uniform: &mut dyn FnMut(Range) -> f64,
     ) {

@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Config, Ending, EpisodeParameters, GradualGrip, Progress, Range, RewardTerm, Rules, Setting,
-    Start, StepState, Task, least_grip, reward, setting::rising,
+    Ending, EpisodeParameters, GradualGrip, Progress, Range, RewardTerm, Rules, Setting, Start,
+    StepState, Task, TaskConfig, least_grip, reward, setting::rising,
 };
 use crate::Result;
 
@@ -114,7 +114,7 @@ impl Rules for HoldStill {
         settings
     }
 
-    fn adapt(&self, config: &mut Config) {
+    fn adapt(&self, config: &mut TaskConfig) {
         // Also no objects that turn about the line between two contact points, which rigid pads
         // cannot prevent.
         config.choose_objects(&["sphere", "cuboid", "cylinder", "prism"]);
@@ -125,7 +125,7 @@ impl Rules for HoldStill {
         config.friction = [0.2, 1.6];
     }
 
-    fn validate(&self, config: &Config) -> Result<()> {
+    fn validate(&self, config: &TaskConfig) -> Result<()> {
         rising("friction", config.friction, [0.01, 10.0])?;
         let fastest = 0.5 / config.scene.physics.time_step;
         rising("shaking_frequency", self.frequency, [0.0, fastest])
@@ -146,7 +146,7 @@ impl Rules for HoldStill {
 
     fn draw(
         &self,
-        _: &Config,
+        _: &TaskConfig,
         episode: &mut EpisodeParameters,
         uniform: &mut dyn FnMut(Range) -> f64,
     ) {
@@ -165,7 +165,7 @@ impl Rules for HoldStill {
     }
 
     /// The object is in its place in the hand and held with little force.
-    fn is_success(&self, step: &StepState, progress: &Progress, config: &Config) -> bool {
+    fn is_success(&self, step: &StepState, progress: &Progress, config: &TaskConfig) -> bool {
         step.both_touch()
             && progress.mean_grip().is_some_and(|mean| mean <= self.largest_grip(step, config))
             && progress.slip(step) <= self.slip_limit
@@ -175,7 +175,7 @@ impl Rules for HoldStill {
 impl HoldStill {
     /// Largest mean grip force of a success (N): `max_grip_ratio` times the least that holds, by
     /// Coulomb's law, against the largest sum of weight, load and shaking.
-    fn largest_grip(&self, step: &StepState, config: &Config) -> f64 {
+    fn largest_grip(&self, step: &StepState, config: &TaskConfig) -> f64 {
         let EpisodeParameters { mass, friction, shaking, .. } = *step.episode;
         let weight = mass * config.scene.physics.gravity;
         let largest = shaking.map_or(weight, |shaking| shaking.largest(weight));
@@ -184,7 +184,7 @@ impl HoldStill {
 }
 
 /// Settings of HoldStill, the only task that has the two terms below.
-fn settings(config: &Config) -> &HoldStill {
+fn settings(config: &TaskConfig) -> &HoldStill {
     match &config.task {
         Task::HoldStill(task) => task,
         other => unreachable!("a term of HoldStill in {}", other.name()),
@@ -192,12 +192,12 @@ fn settings(config: &Config) -> &HoldStill {
 }
 
 /// 1 with the object where it was in the hand at the start, 0 at the slip limit.
-fn still(step: &StepState, progress: &Progress, config: &Config) -> f64 {
+fn still(step: &StepState, progress: &Progress, config: &TaskConfig) -> f64 {
     reward::falling(progress.slip(step), settings(config).slip_limit)
 }
 
 /// 1 without grip force, 0 at twice [`HoldStill::largest_grip`], linear between.
-fn grip_economy(step: &StepState, _: &Progress, config: &Config) -> f64 {
+fn grip_economy(step: &StepState, _: &Progress, config: &TaskConfig) -> f64 {
     reward::falling(step.grip, 2.0 * settings(config).largest_grip(step, config))
 }
 

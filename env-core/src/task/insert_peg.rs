@@ -6,8 +6,8 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Config, Ending, EpisodeParameters, GradualGrip, Progress, Range, RewardTerm, Rules, Setting,
-    Start, StateChannel, StepState, Task, reward, setting::rising,
+    Ending, EpisodeParameters, GradualGrip, Progress, Range, RewardTerm, Rules, Setting, Start,
+    StateChannel, StepState, Task, TaskConfig, reward, setting::rising,
 };
 use crate::{
     Error, Result,
@@ -165,7 +165,7 @@ impl Rules for InsertPeg {
         settings
     }
 
-    fn adapt(&self, config: &mut Config) {
+    fn adapt(&self, config: &mut TaskConfig) {
         config.choose_objects(&["square-peg", "round-peg", "hexagonal-peg"]);
         config.move_gently();
         let gripper = &mut config.scene.gripper;
@@ -181,7 +181,7 @@ impl Rules for InsertPeg {
         (config.mass, config.size) = ([0.02, 0.06], [1.0, 1.0]);
     }
 
-    fn validate(&self, config: &Config) -> Result<()> {
+    fn validate(&self, config: &TaskConfig) -> Result<()> {
         // The hand is over the block when the peg is in, and the tip when the episode starts.
         let offset = self.peg_offset;
         let least = LOWEST + self.insert_depth - offset[0];
@@ -212,7 +212,7 @@ impl Rules for InsertPeg {
 
     fn draw(
         &self,
-        _: &Config,
+        _: &TaskConfig,
         episode: &mut EpisodeParameters,
         uniform: &mut dyn FnMut(Range) -> f64,
     ) {
@@ -258,7 +258,7 @@ impl Rules for InsertPeg {
     }
 
     /// The peg is in, and held.
-    fn is_success(&self, step: &StepState, _: &Progress, _: &Config) -> bool {
+    fn is_success(&self, step: &StepState, _: &Progress, _: &TaskConfig) -> bool {
         let depth = step.episode.insertion.map_or(0.0, |insertion| insertion.depth(step));
         step.both_touch() && depth >= self.insert_depth
     }
@@ -323,7 +323,7 @@ fn wedging_depth(episode: &EpisodeParameters) -> f64 {
 }
 
 /// Settings of InsertPeg, the only task that has the terms below, and the peg's tip.
-fn settings(config: &Config) -> &InsertPeg {
+fn settings(config: &TaskConfig) -> &InsertPeg {
     match &config.task {
         Task::InsertPeg(task) => task,
         other => unreachable!("a term of InsertPeg in {}", other.name()),
@@ -331,26 +331,26 @@ fn settings(config: &Config) -> &InsertPeg {
 }
 
 /// 1 with the tip on the block or below, 0 at `FAR` over it.
-fn reach(step: &StepState, _: &Progress, _: &Config) -> f64 {
+fn reach(step: &StepState, _: &Progress, _: &TaskConfig) -> f64 {
     let tip = step.episode.insertion.map_or(FAR, |insertion| insertion.tip(step).z);
     reward::falling(tip.max(0.0), FAR)
 }
 
 /// 1 with the tip on the hole's axis, exponential in the distance from it.
-fn align(step: &StepState, _: &Progress, _: &Config) -> f64 {
+fn align(step: &StepState, _: &Progress, _: &TaskConfig) -> f64 {
     let aside = step.episode.insertion.map(|insertion| insertion.tip(step).xy().norm());
     aside.map_or(0.0, |aside| (-aside / BESIDE).exp())
 }
 
 /// Depth of the held peg in the hole relative to the depth of success.
-fn insert(step: &StepState, _: &Progress, config: &Config) -> f64 {
+fn insert(step: &StepState, _: &Progress, config: &TaskConfig) -> f64 {
     let depth = step.episode.insertion.map_or(0.0, |insertion| insertion.depth(step));
     if step.both_touch() { (depth / settings(config).insert_depth).min(1.0) } else { 0.0 }
 }
 
 /// 1 without force of the fixture, 0 at its limit; multiplied by `insert`, so that staying away
 /// earns nothing.
-fn gentle(step: &StepState, progress: &Progress, config: &Config) -> f64 {
+fn gentle(step: &StepState, progress: &Progress, config: &TaskConfig) -> f64 {
     let force = step.state.fixture.force.norm();
     reward::falling(force, settings(config).force_limit) * insert(step, progress, config)
 }

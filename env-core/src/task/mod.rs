@@ -22,7 +22,7 @@ mod sensor_errors;
 mod setting;
 
 pub use action::{ACTION_SIZE, command};
-pub use config::Config;
+pub use config::TaskConfig;
 pub use ending::Ending;
 pub use grasp_fragile::GraspFragile;
 pub use grasp_lift::GraspLift;
@@ -31,12 +31,12 @@ pub use grip::GradualGrip;
 pub use hold_still::{HoldStill, Shaking};
 pub use insert_peg::{InsertPeg, Insertion};
 pub use objects::{ObjectSpec, ShapeSpec};
-pub use observation::{Component, Layout, StateChannel, TACTILE_CHANNELS};
+pub use observation::{Component, ObservationLayout, StateChannel, TACTILE_CHANNELS};
 pub use progress::Progress;
-pub use reward::{RewardTerm, RewardTerms, Weights};
+pub use reward::{RewardTerm, RewardTerms, RewardWeights};
 pub use schema::schema;
 pub use sensor_errors::{FaultySensors, SensorError, SensorErrors};
-pub use setting::{Range, Setting, Slot};
+pub use setting::{Range, Setting, SettingValue};
 
 use std::ops::{Deref, DerefMut};
 
@@ -76,10 +76,10 @@ pub trait Rules {
     }
 
     /// Changes the settings that all tasks have to the defaults of this one.
-    fn adapt(&self, _config: &mut Config) {}
+    fn adapt(&self, _config: &mut TaskConfig) {}
 
     /// Returns an error unless the settings fit together; each is within its own bounds.
-    fn validate(&self, _config: &Config) -> Result<()> {
+    fn validate(&self, _config: &TaskConfig) -> Result<()> {
         Ok(())
     }
 
@@ -111,7 +111,7 @@ pub trait Rules {
     /// Adds to the parameters of an `episode` what this task draws with `uniform`.
     fn draw(
         &self,
-        _config: &Config,
+        _config: &TaskConfig,
         _episode: &mut EpisodeParameters,
         _uniform: &mut dyn FnMut(Range) -> f64,
     ) {
@@ -135,7 +135,7 @@ pub trait Rules {
 
     /// Returns whether the task is done in `step`: by default, with the object lifted for the hold
     /// time.
-    fn is_success(&self, _step: &StepState, progress: &Progress, config: &Config) -> bool {
+    fn is_success(&self, _step: &StepState, progress: &Progress, config: &TaskConfig) -> bool {
         progress.held(config) >= 1.0
     }
 }

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Config, StepState};
+use super::{StepState, TaskConfig};
 use crate::{
     Error, Result,
     deformation::Wrench,
@@ -145,17 +145,17 @@ pub struct Span {
 
 /// Chosen channels and their positions in a row of observations.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Layout {
+pub struct ObservationLayout {
     sources: Vec<Source>,
     channels: Vec<(&'static str, Vec<Component>)>,
     low: Vec<f32>,
     high: Vec<f32>,
 }
 
-impl Layout {
+impl ObservationLayout {
     /// Layout of the configured channels, for tactile fingers of surface `skin` if given; returns
     /// an error if a name is unknown, repeated or missing.
-    pub fn new(config: &Config, skin: Option<&Skin>) -> Result<Self> {
+    pub fn new(config: &TaskConfig, skin: Option<&Skin>) -> Result<Self> {
         // The wrench of tactile fingers comes from their model.
         let tactile = |source: Source| match (source, skin) {
             (Source::State(channel), Some(_)) => {
@@ -183,7 +183,7 @@ impl Layout {
 
     /// Sources of the configured channels; returns an error if a name is unknown, repeated or
     /// missing.
-    fn sources(config: &Config) -> Result<Vec<Source>> {
+    fn sources(config: &TaskConfig) -> Result<Vec<Source>> {
         let own = config.task.channels();
         let mut known: Vec<_> =
             StateChannel::SHARED.iter().chain(own).map(|&channel| Source::State(channel)).collect();
@@ -212,7 +212,7 @@ impl Layout {
     }
 
     /// Returns an error if the name of a configured channel is unknown, repeated or missing.
-    pub(super) fn check(config: &Config) -> Result<()> {
+    pub(super) fn check(config: &TaskConfig) -> Result<()> {
         Self::sources(config).map(|_| ())
     }
 
@@ -305,7 +305,7 @@ fn of_fingers(channel: Channel, skin: &Skin) -> Vec<Component> {
 }
 
 /// Components of a channel that is not tactile.
-pub(super) fn components(channel: StateChannel, config: &Config) -> Vec<Component> {
+pub(super) fn components(channel: StateChannel, config: &TaskConfig) -> Vec<Component> {
     let (gripper, workspace) = (&config.scene.gripper, &config.scene.workspace);
     // Margin for rounding to single precision.
     let about = |x: f64| (x + 1e-3 * x.abs().max(1e-3) * x.signum()) as f32;

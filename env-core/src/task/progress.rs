@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-use super::{Config, StepState};
+use super::{StepState, TaskConfig};
 use crate::scene::SceneState;
 
 /// Fraction of the lift height from which an object counts as lifted.
@@ -34,7 +34,7 @@ impl Progress {
     }
 
     /// Records one more step.
-    pub fn advance(&mut self, step: &StepState, config: &Config) {
+    pub fn advance(&mut self, step: &StepState, config: &TaskConfig) {
         let lifted = step.rise() >= LIFTED * config.lift_height && step.both_touch();
         self.held = if lifted { self.held + 1 } else { 0 };
         self.gripped |= step.both_touch();
@@ -57,7 +57,7 @@ impl Progress {
     }
 
     /// Fraction of the hold time for which the object has been lifted, at most 1.
-    pub fn held(&self, config: &Config) -> f64 {
+    pub fn held(&self, config: &TaskConfig) -> f64 {
         let wanted = (config.hold_time / config.scene.physics.control_period).ceil().max(1.0);
         (f64::from(self.held) / wanted).min(1.0)
     }

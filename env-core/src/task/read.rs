@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
 
-use super::{Config, Task};
+use super::{Task, TaskConfig};
 use crate::{Error, Result};
 
 /// Names of the settings that are no numbers, with a phrase on each.
@@ -41,7 +41,7 @@ pub(super) const OTHERS: [(&str, &str); 12] = [
     ("physics", "mapping of time step, control period, iterations and gravity"),
 ];
 
-impl Config {
+impl TaskConfig {
     /// Reads settings: the values in `json` replace the default settings of its task, mappings
     /// entry by entry. An error names the setting, the value found and the value expected.
     pub fn from_json(json: &str) -> Result<Self> {
@@ -137,13 +137,14 @@ mod tests {
     #[test]
     fn what_is_not_given_is_as_usual_for_the_task() {
         for task in Task::all() {
-            let config = Config::from_json(&format!(r#"{{"task": "{}"}}"#, task.name())).unwrap();
-            assert_eq!(config, Config::of(&task));
+            let config =
+                TaskConfig::from_json(&format!(r#"{{"task": "{}"}}"#, task.name())).unwrap();
+            assert_eq!(config, TaskConfig::of(&task));
         }
         let json =
             r#"{"task": "HoldStill", "load": [1, 2], "reward_weights": {"grip_economy": 0}}"#;
-        let config = Config::from_json(json).unwrap();
-        let mut usual = Config::of(&Task::named("HoldStill").unwrap());
+        let config = TaskConfig::from_json(json).unwrap();
+        let mut usual = TaskConfig::of(&Task::named("HoldStill").unwrap());
         assert_ne!((&config.task, &config.reward), (&usual.task, &usual.reward));
         usual.set("load", &serde_json::json!([1.0, 2.0])).unwrap();
         assert_eq!((&config.task, &config.scene), (&usual.task, &usual.scene));
@@ -151,7 +152,7 @@ mod tests {
 
     #[test]
     fn every_documented_setting_can_be_set() {
-        let usual = Config::default();
+        let usual = TaskConfig::default();
         let Value::Object(defaults) = serde_json::to_value(&usual).unwrap() else { unreachable!() };
         for (name, _) in OTHERS {
             // Of a mapping, no entry is given.

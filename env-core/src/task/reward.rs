@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{Config, Progress, StepState, Task};
+use super::{Progress, StepState, Task, TaskConfig};
 use crate::{Error, Result};
 
 /// Computes a term, in [0, 1].
-type Evaluate = fn(&StepState, &Progress, &Config) -> f64;
+type Evaluate = fn(&StepState, &Progress, &TaskConfig) -> f64;
 
 /// Term of a task's reward.
 #[derive(Clone, Copy, Debug)]
@@ -35,41 +35,41 @@ const FIRM: f64 = 1.0;
 const NEAR: f64 = 0.103;
 
 /// 1 with the tool centre at the object's middle, 1/4 at 10 cm from it.
-pub(super) fn reach(step: &StepState, _: &Progress, _: &Config) -> f64 {
+pub(super) fn reach(step: &StepState, _: &Progress, _: &TaskConfig) -> f64 {
     1.0 - (step.state.object_in_wrist().translation.vector.norm() / NEAR).tanh()
 }
 
 /// 1 when both pads press with 1 N or more, or with the trial grip if one sets the stress limit.
-pub(super) fn grasp(step: &StepState, _: &Progress, _: &Config) -> f64 {
+pub(super) fn grasp(step: &StepState, _: &Progress, _: &TaskConfig) -> f64 {
     let [a, b] = [0, 1].map(|k| step.state.fingers[k].normal_force());
     let firm = step.episode.trial.map_or(FIRM, |trial| trial.grip);
     (a.min(b) / firm).clamp(0.0, 1.0)
 }
 
 /// 1 when both pads touch the object, however lightly.
-pub(super) fn touch(step: &StepState, _: &Progress, _: &Config) -> f64 {
+pub(super) fn touch(step: &StepState, _: &Progress, _: &TaskConfig) -> f64 {
     f64::from(u8::from(step.both_touch()))
 }
 
 /// Rise of the grasped object relative to the lift height.
-pub(super) fn lift(step: &StepState, _: &Progress, config: &Config) -> f64 {
+pub(super) fn lift(step: &StepState, _: &Progress, config: &TaskConfig) -> f64 {
     if step.both_touch() { (step.rise() / config.lift_height).clamp(0.0, 1.0) } else { 0.0 }
 }
 
 /// Time for which the object has stayed lifted, relative to the hold time.
-pub(super) fn hold(_: &StepState, progress: &Progress, config: &Config) -> f64 {
+pub(super) fn hold(_: &StepState, progress: &Progress, config: &TaskConfig) -> f64 {
     progress.held(config)
 }
 
 /// 1 without grip force, 0 at the largest; multiplied by `lift`, so that keeping the hand open
 /// earns nothing.
-pub(super) fn effort(step: &StepState, progress: &Progress, config: &Config) -> f64 {
+pub(super) fn effort(step: &StepState, progress: &Progress, config: &TaskConfig) -> f64 {
     falling(step.grip.abs(), config.scene.gripper.max_force) * lift(step, progress, config)
 }
 
 /// 1 without stress, 0 at the episode's limit; multiplied by `lift`, so that leaving the object
 /// alone earns nothing.
-pub(super) fn gentle(step: &StepState, progress: &Progress, config: &Config) -> f64 {
+pub(super) fn gentle(step: &StepState, progress: &Progress, config: &TaskConfig) -> f64 {
     let limit = step.episode.stress_limit;
     let gentle = limit.map_or(1.0, |limit| falling(step.peak_stress, limit));
     gentle * lift(step, progress, config)
@@ -89,7 +89,7 @@ pub struct RewardTerms([f64; MOST]);
 
 impl RewardTerms {
     /// Evaluates the terms at `step`.
-    pub fn of(step: &StepState, progress: &Progress, config: &Config) -> Self {
+    pub fn of(step: &StepState, progress: &Progress, config: &TaskConfig) -> Self {
         let mut values = Self::default();
         for (value, term) in values.0.iter_mut().zip(config.task.terms()) {
             *value = (term.value)(step, progress, config);
@@ -112,7 +112,7 @@ impl RewardTerms {
     }
 
     /// Weighted mean of the terms.
-    pub fn reward(&self, weights: &Weights) -> f64 {
+    pub fn reward(&self, weights: &RewardWeights) -> f64 {
         let sum: f64 = self.0.iter().zip(&weights.0).map(|(value, weight)| value * weight).sum();
         sum / weights.0.iter().sum::<f64>()
     }
@@ -121,12 +121,12 @@ impl RewardTerms {
 /// Relative weights of a task's terms, in its order.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
-pub struct Weights(Vec<f64>);
+pub struct RewardWeights(Vec<f64>);
 
 /// Name of the weights in the settings.
 const NAME: &str = "reward_weights";
 
-impl Weights {
+impl RewardWeights {
     /// Default weights of `task`.
     pub fn of(task: &Task) -> Self {
         let terms = task.terms();

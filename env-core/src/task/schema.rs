@@ -4,7 +4,7 @@
 use serde_json::{Value, json};
 
 use super::{
-    Component, Config, Ending, Setting, StateChannel, TACTILE_CHANNELS, Task,
+    Component, Ending, Setting, StateChannel, TACTILE_CHANNELS, Task, TaskConfig,
     observation::components, read::OTHERS,
 };
 use crate::Error;
@@ -12,7 +12,7 @@ use crate::Error;
 /// The description as JSON: `tasks`, `settings` that all of them have, `channels`, `endings`, and
 /// kinds of `press_errors`.
 pub fn schema() -> Value {
-    let mut usual = Config::default();
+    let mut usual = TaskConfig::default();
     let own = usual.task.settings().len();
     let mut shared: Vec<_> = usual.settings().iter().map(Setting::describe).collect();
     shared.truncate(shared.len() - own);
@@ -29,14 +29,14 @@ pub fn schema() -> Value {
     })
 }
 
-fn describe(channel: StateChannel, config: &Config) -> Value {
+fn describe(channel: StateChannel, config: &TaskConfig) -> Value {
     let component = |c: Component| json!({"name": c.name, "size": c.low.len(), "unit": c.unit});
     let components = components(channel, config).into_iter().map(component).collect::<Vec<_>>();
     json!({"name": channel.name(), "doc": channel.doc(), "components": components})
 }
 
 fn task(task: &Task) -> Value {
-    let mut config = Config::of(task);
+    let mut config = TaskConfig::of(task);
     let terms = task.terms().iter();
     let terms = terms.map(|t| json!({"name": t.name, "weight": t.weight, "doc": t.doc}));
     let channels = task.channels().iter().map(|&channel| describe(channel, &config));
@@ -69,7 +69,7 @@ mod tests {
                 assert!(low < high, "{setting}");
             }
             assert!(task["terms"].as_array().is_some_and(|terms| !terms.is_empty()), "{task}");
-            Config::from_json(&json!({"task": task["name"]}).to_string()).unwrap();
+            TaskConfig::from_json(&json!({"task": task["name"]}).to_string()).unwrap();
         }
     }
 }

@@ -13,7 +13,7 @@ use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 use serde_json::Value;
 
 use super::{
-    Layout, Range,
+    ObservationLayout, Range,
     setting::{RANGE, range_of, rising},
 };
 use crate::{Error, Result};
@@ -100,7 +100,11 @@ struct FaultyChannel {
 impl FaultySensors {
     /// Draws the errors of an episode from `random`, which goes on to draw the noise; `None` if no
     /// channel has any.
-    pub fn draw(errors: &SensorErrors, layout: &Layout, mut random: ChaCha8Rng) -> Option<Self> {
+    pub fn draw(
+        errors: &SensorErrors,
+        layout: &ObservationLayout,
+        mut random: ChaCha8Rng,
+    ) -> Option<Self> {
         if errors.is_empty() {
             return None;
         }
@@ -127,7 +131,7 @@ impl FaultySensors {
     }
 
     /// Replaces the true values of a step in `row` by what the sensors report.
-    pub fn report(&mut self, layout: &Layout, row: &mut [f32]) {
+    pub fn report(&mut self, layout: &ObservationLayout, row: &mut [f32]) {
         for channel in &mut self.channels {
             let FaultyChannel { first, noise, entries, delay, past } = channel;
             let here = *first..*first + entries.len();
@@ -154,14 +158,14 @@ mod tests {
     use rand::SeedableRng;
 
     use super::*;
-    use crate::task::Config;
+    use crate::task::TaskConfig;
 
     /// Sensors of the channels that `json` names, on rigid fingers, and a row of true values.
-    fn sensors(json: &str) -> (FaultySensors, Layout, Vec<f32>) {
+    fn sensors(json: &str) -> (FaultySensors, ObservationLayout, Vec<f32>) {
         let observation = r#""observation": ["proprio", "wrench", "time"], "tactile": "none""#;
         let json = format!(r#"{{{observation}, "sensor_errors": {json}}}"#);
-        let config = Config::from_json(&json).unwrap();
-        let layout = Layout::new(&config, None).unwrap();
+        let config = TaskConfig::from_json(&json).unwrap();
+        let layout = ObservationLayout::new(&config, None).unwrap();
         let random = ChaCha8Rng::seed_from_u64(3);
         let sensors = FaultySensors::draw(&config.sensor_errors, &layout, random).unwrap();
         let row = (0..layout.size()).map(|i| 0.01 * i as f32).collect();
@@ -251,7 +255,7 @@ mod tests {
             let json = format!(
                 r#"{{"observation": ["wrench"], "tactile": "none", "sensor_errors": {errors}}}"#
             );
-            let message = Config::from_json(&json).unwrap_err().to_string();
+            let message = TaskConfig::from_json(&json).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");
         }
     }

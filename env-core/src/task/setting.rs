@@ -10,7 +10,7 @@ pub type Range = [f64; 2];
 
 /// Value of a setting.
 #[derive(Debug)]
-pub enum Slot<'a> {
+pub enum SettingValue<'a> {
     /// One number.
     Number(&'a mut f64),
     /// Both ends of a uniform draw, which may be equal.
@@ -23,7 +23,7 @@ pub struct Setting<'a> {
     /// Name of the keyword argument.
     pub name: &'static str,
     /// Its value.
-    pub value: Slot<'a>,
+    pub value: SettingValue<'a>,
     /// Least and greatest allowed value.
     pub bounds: [f64; 2],
     /// SI unit; empty for a ratio.
@@ -41,7 +41,7 @@ impl<'a> Setting<'a> {
         unit: &'static str,
         doc: &'static str,
     ) -> Self {
-        Self { name, value: Slot::Number(value), bounds, unit, doc }
+        Self { name, value: SettingValue::Number(value), bounds, unit, doc }
     }
 
     /// A setting that is a range to draw from.
@@ -52,17 +52,17 @@ impl<'a> Setting<'a> {
         unit: &'static str,
         doc: &'static str,
     ) -> Self {
-        Self { name, value: Slot::Range(value), bounds, unit, doc }
+        Self { name, value: SettingValue::Range(value), bounds, unit, doc }
     }
 
     /// Sets the value from JSON: a number, or for a range also its two ends.
     pub fn set(&mut self, value: &Value) -> Result<()> {
         match &mut self.value {
-            Slot::Number(number) => {
+            SettingValue::Number(number) => {
                 let given = value.as_f64();
                 **number = given.ok_or_else(|| Error::invalid(self.name, value, "a number"))?;
             }
-            Slot::Range(range) => {
+            SettingValue::Range(range) => {
                 let given = range_of(value);
                 **range = given.ok_or_else(|| Error::invalid(self.name, value, RANGE))?;
             }
@@ -73,8 +73,8 @@ impl<'a> Setting<'a> {
     /// Both ends of the value.
     fn ends(&self) -> Range {
         match &self.value {
-            Slot::Number(number) => [**number; 2],
-            Slot::Range(range) => **range,
+            SettingValue::Number(number) => [**number; 2],
+            SettingValue::Range(range) => **range,
         }
     }
 
@@ -86,10 +86,10 @@ impl<'a> Setting<'a> {
     /// Description for other languages; the present value is given as the default.
     pub(super) fn describe(&self) -> Value {
         let default = match &self.value {
-            Slot::Number(number) => json!(**number),
-            Slot::Range(range) => json!(**range),
+            SettingValue::Number(number) => json!(**number),
+            SettingValue::Range(range) => json!(**range),
         };
-        let is_range = matches!(self.value, Slot::Range(_));
+        let is_range = matches!(self.value, SettingValue::Range(_));
         let kind = if is_range { "range" } else { "number" };
         let Self { name, bounds, unit, doc, .. } = self;
         json!({"name": name, "kind": kind, "default": default, "bounds": bounds, "unit": unit, "doc": doc})

@@ -26,7 +26,7 @@ use crate::{
 };
 
 /// Displacement (V, 3) and stress (T,) of a mesh.
-type Fields<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+type FieldArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
 
 /// Quasi-static finite element model of a soft body that rigid shapes press.
 ///
@@ -64,7 +64,8 @@ impl Fem {
         element: &str,
     ) -> PyResult<Self> {
         let element = element.parse().map_err(python_error)?;
-        let options = fem::Options { element, friction, tolerance, ..fem::Options::default() };
+        let options =
+            fem::FemOptions { element, friction, tolerance, ..fem::FemOptions::default() };
         let solid = body.get().inner.clone();
         let model = py.detach(|| fem::Fem::new(solid, options)).map_err(python_error)?;
         Ok(Self { model: Mutex::new(model), body })
@@ -116,7 +117,7 @@ impl Fem {
         py: Python<'py>,
         history: &History,
         target: &TetMesh,
-    ) -> PyResult<Fields<'py>> {
+    ) -> PyResult<FieldArrays<'py>> {
         let model = self.copy();
         let carried = py.detach(|| model.carry(&history.inner, &target.inner));
         let fem::Carried { displacement, von_mises } = carried.map_err(python_error)?;
@@ -152,19 +153,19 @@ impl Fem {
 ///     ValueError: If an option is not valid, or the body is free.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Compliance {
-    model: Mutex<Linear>,
+    model: Mutex<LinearModel>,
     /// Soft body that is pressed.
     #[pyo3(get)]
     body: Py<SoftBody>,
 }
 
 /// Linear elastic model with contact at points or at nodes.
-enum Linear {
+enum LinearModel {
     Points(compliance::Compliance),
     Nodes(compliance::nodal::Nodal),
 }
 
-impl DeformationModel for Linear {
+impl DeformationModel for LinearModel {
     fn solve(&mut self, presses: &[deformation::Press]) -> Vec<Result<deformation::Deformation>> {
         match self {
             Self::Points(model) => model.solve(presses),
@@ -180,7 +181,7 @@ impl DeformationModel for Linear {
     }
 }
 
-impl Linear {
+impl LinearModel {
     fn new(model: compliance::Compliance, contact: &str, sweeps: usize) -> Result<Self> {
         match contact {
             "points" => Ok(Self::Points(model)),
@@ -203,14 +204,14 @@ impl Compliance {
         cache: Option<PathBuf>,
         contact: &str,
     ) -> PyResult<Self> {
-        let options = compliance::Options { friction, sweeps };
+        let options = compliance::ComplianceOptions { friction, sweeps };
         let solid = body.get().inner.clone();
         let model = py.detach(|| {
             let model = match cache {
                 Some(folder) => compliance::Compliance::cached(solid, options, &folder),
                 None => compliance::Compliance::new(solid, options),
             }?;
-            Linear::new(model, contact, sweeps)
+            LinearModel::new(model, contact, sweeps)
         });
         Ok(Self { model: Mutex::new(model.map_err(python_error)?), body })
     }

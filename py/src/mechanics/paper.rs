@@ -12,7 +12,7 @@ use super::{
     arrays::{array_of_vectors, vectors},
     pool::pool,
     press::one_or_many,
-    surrogate::Gel,
+    surrogate::CalibratedGel,
 };
 use crate::error::{press_error, python_error};
 
@@ -74,8 +74,8 @@ impl PaperNetwork {
         friction: Option<f64>,
     ) -> PyResult<Self> {
         let model = py.detach(|| {
-            let Gel { sensor, moduli, friction } =
-                Gel::new(sensor, calibration, [young, poisson, friction])?;
+            let CalibratedGel { sensor, moduli, friction } =
+                CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             paper::PaperNetwork::named(weights, &sensor, moduli, friction)
         });
         Self::of(py, model)
@@ -104,8 +104,8 @@ impl PaperNetwork {
         friction: Option<f64>,
     ) -> PyResult<Self> {
         let model = py.detach(|| {
-            let Gel { sensor, moduli, friction } =
-                Gel::new(sensor, calibration, [young, poisson, friction])?;
+            let CalibratedGel { sensor, moduli, friction } =
+                CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             paper::PaperNetwork::load(&path, &sensor, moduli, friction)
         });
         Self::of(py, model)

@@ -76,8 +76,8 @@ impl LinearPad {
         resolution: usize,
     ) -> PyResult<Self> {
         let model = py.detach(|| {
-            let Gel { sensor, moduli, friction } =
-                Gel::new(sensor, calibration, [young, poisson, friction])?;
+            let CalibratedGel { sensor, moduli, friction } =
+                CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             surrogate::LinearPad::new(&sensor, moduli, friction, resolution)
         });
         let model = model.map_err(python_error)?;
@@ -112,7 +112,7 @@ impl LinearPad {
 }
 
 /// Gel to which a network is applied.
-pub(super) struct Gel {
+pub(super) struct CalibratedGel {
     pub(super) sensor: Sensor,
     pub(super) moduli: Moduli,
     pub(super) friction: f64,
@@ -132,8 +132,8 @@ impl Surrogate {
         friction: Option<f64>,
     ) -> PyResult<Self> {
         let model = py.detach(|| {
-            let Gel { sensor, moduli, friction } =
-                Gel::new(sensor, calibration, [young, poisson, friction])?;
+            let CalibratedGel { sensor, moduli, friction } =
+                CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             surrogate::Surrogate::new(&sensor, moduli, friction)
         });
         Self::of(py, model.map_err(python_error)?)
@@ -161,8 +161,8 @@ impl Surrogate {
         friction: Option<f64>,
     ) -> PyResult<Self> {
         let model = py.detach(|| {
-            let Gel { sensor, moduli, friction } =
-                Gel::new(sensor, calibration, [young, poisson, friction])?;
+            let CalibratedGel { sensor, moduli, friction } =
+                CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             surrogate::Surrogate::load(&path, &sensor, moduli, friction)
         });
         Self::of(py, model.map_err(python_error)?)
@@ -230,7 +230,7 @@ impl Surrogate {
     }
 }
 
-impl Gel {
+impl CalibratedGel {
     pub(super) fn new(
         name: &str,
         calibration: Option<&str>,

@@ -16,9 +16,9 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
+    contact_nodes::{Shares, areas, condensed_between},
     kernel::{Columns, LayerKernel, Table, matrix},
     patch::nearest,
-    skin::{Shares, areas, condensed_between},
 };
 use crate::{
     compliance::condensed::Condensed,

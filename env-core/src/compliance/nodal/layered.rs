@@ -12,11 +12,11 @@ use std::{cell::RefCell, sync::Arc};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::{
-    Settled,
+    ContactSolution,
+    contact_nodes::ContactNodes,
     grid::{CellGrid, CellLevels, ROOT},
     kernel::PlaneKernel,
     load_stepping::{NodalLoadStepping, NodalScratch},
-    skin::Skin,
 };
 use crate::{
     Result,
@@ -45,7 +45,7 @@ thread_local! {
 /// Compliance model of a pad with contact on grids of cells. Copies share the precomputed data.
 #[derive(Clone)]
 pub struct LayeredPad {
-    levels: Arc<Vec<Skin>>,
+    levels: Arc<Vec<ContactNodes>>,
     law: ContactLaw,
     model: Arc<ModelFace>,
     /// Of each cell of the first levels.
@@ -111,8 +111,9 @@ impl LayeredPad {
         let along = |extent: f64| ROOT * (extent / (FIRST * f64::from(ROOT))).ceil() as u32;
         let count = [along(outline.width), along(outline.length)];
         let cells = CellLevels::new(outline, count, LEVELS as usize, condensed, fine);
-        let level =
-            |level| Skin::of_grid(Arc::clone(condensed), CellGrid::new(&cells, level), level == 0);
+        let level = |level| {
+            ContactNodes::of_grid(Arc::clone(condensed), CellGrid::new(&cells, level), level == 0)
+        };
         let levels: Vec<_> = (0..LEVELS).map(level).collect();
         let moduli = condensed.body.moduli()[0];
         // Layers are equally deep, as a part of the height, in all columns.
@@ -123,8 +124,8 @@ impl LayeredPad {
             |layer| PlaneKernel::new(outline.thickness * part(layer), outline.thickness, moduli);
         let below = (1..layers).map(plane).collect();
         let model = Arc::new(ModelFace::new(model, below, &CellGrid::new(&cells, 1)));
-        let known = levels.iter().take(KEPT).map(|skin| {
-            let grid = skin.grid().expect("levels are grids");
+        let known = levels.iter().take(KEPT).map(|nodes| {
+            let grid = nodes.grid().expect("levels are grids");
             (0..grid.len() as u32).map(|cell| Known::new(&model, grid, cell)).collect()
         });
         let known = Arc::new(known.collect());
@@ -132,7 +133,7 @@ impl LayeredPad {
     }
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
-    pub fn settled_path(&self, press: &Press) -> Vec<Result<Settled>> {
+    pub fn settled_path(&self, press: &Press) -> Vec<Result<ContactSolution>> {
         let friction = press.friction().unwrap_or(self.law.friction);
         let law = ContactLaw { friction, ..self.law };
         let mut scratch = SCRATCH.take();
@@ -146,7 +147,7 @@ impl LayeredPad {
 
     /// Contact of a solution distributed to the face nodes of the model mesh that bear some of it,
     /// ascending.
-    pub fn contacts(&self, settled: &Settled) -> Vec<(u32, NodeContact)> {
+    pub fn contacts(&self, settled: &ContactSolution) -> Vec<(u32, NodeContact)> {
         let grid = self.grid(settled);
         let mut sum = vec![NodeContact::default(); self.model.nodes.len()];
         let mut bears = vec![false; sum.len()];
@@ -172,7 +173,7 @@ impl LayeredPad {
     }
 
     /// Side of the cells on which a solution was found (m).
-    pub fn spacing(&self, settled: &Settled) -> f64 {
+    pub fn spacing(&self, settled: &ContactSolution) -> f64 {
         self.grid(settled).area().sqrt()
     }
 
@@ -195,7 +196,7 @@ impl LayeredPad {
 
     /// Adds to the displacement of nodes (m) near the contact under tractions around the face nodes
     /// what the forces on cells change.
-    pub fn refine(&self, settled: &Settled, displacement: &mut [Vector3<f64>]) {
+    pub fn refine(&self, settled: &ContactSolution, displacement: &mut [Vector3<f64>]) {
         let (grid, model) = (self.grid(settled), &self.model);
         let mut sum = vec![[0f32; 4]; displacement.len()];
         for (cell, force) in &settled.forces {
@@ -224,7 +225,7 @@ impl LayeredPad {
         }
     }
 
-    fn grid(&self, settled: &Settled) -> &CellGrid {
+    fn grid(&self, settled: &ContactSolution) -> &CellGrid {
         self.levels[settled.level].grid().expect("levels are grids")
     }
 }
@@ -432,7 +433,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        compliance::Options,
+        compliance::ComplianceOptions,
         deformation::{Law, Moduli, SoftBody},
         geometry::Shape,
         sensor::Sensor,
@@ -443,7 +444,7 @@ mod tests {
         let pad = sensor.pad(1000).unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
-        let options = Options { friction: 0.5, sweeps: 0 };
+        let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
         let compliance = Compliance::new(body, options).unwrap();
         LayeredPad::new(&compliance, &sensor.outline, &pad, &pad).unwrap()
     }

@@ -6,18 +6,18 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
     super::push::{ForceControlled, push},
-    Settled,
+    ContactSolution,
     between::{Face, Standing, watched},
+    contact_nodes::{ContactNodes, Group},
     grid::CellGrid,
     patch::{Move, Patch, nearest},
-    skin::{Group, Skin},
     spots::Spots,
 };
 use crate::{
     Error, Result,
     contact::{ContactLaw, backed_off, between, clearance, is_engulfed},
     deformation::{Anchor, Drive, History, Press, Wrench},
-    fem,
+    fem::FemOptions,
     geometry::Shape,
 };
 
@@ -70,7 +70,7 @@ pub(super) struct Held {
 /// State of body and shapes in balance.
 pub(super) struct NodalState {
     pub(super) poses: Vec<Isometry3<f64>>,
-    /// Index of the skin whose nodes touch.
+    /// Index of the set of contact nodes that touch.
     level: usize,
     /// Touching nodes, ascending by rank.
     held: Vec<Held>,
@@ -84,7 +84,7 @@ pub(super) struct NodalState {
 pub(super) struct NodalLoadStepping<'a> {
     /// Contact nodes of the body; if there are several sets, each is a grid of cells half as long as
     /// those before.
-    levels: &'a [Skin],
+    levels: &'a [ContactNodes],
     law: ContactLaw,
     shapes: &'a [Shape],
     /// Faces that a shape could penetrate without touching a node.
@@ -100,20 +100,20 @@ pub(super) struct NodalLoadStepping<'a> {
 impl<'a> NodalLoadStepping<'a> {
     /// Begins load stepping where `press` begins.
     pub(super) fn new(
-        levels: &'a [Skin],
+        levels: &'a [ContactNodes],
         law: ContactLaw,
         press: &'a Press,
         scratch: &'a mut NodalScratch,
     ) -> Result<Self> {
         let shapes = press.shapes();
-        let skin = &levels[0];
+        let nodes = &levels[0];
         let state = match press.history() {
             Some(history) => recalled(levels, history)?,
             None => NodalState {
                 level: levels.len() - 1,
                 poses: {
-                    let (first, mesh) = (press.drive().first(), skin.condensed.body.mesh());
-                    backed_off(shapes, first, &skin.points, &skin.places, mesh)
+                    let (first, mesh) = (press.drive().first(), nodes.condensed.body.mesh());
+                    backed_off(shapes, first, &nodes.points, &nodes.places, mesh)
                 },
                 held: Vec::new(),
                 wrench: Wrench::default(),
@@ -121,14 +121,14 @@ impl<'a> NodalLoadStepping<'a> {
                 sweeps: 0,
             },
         };
-        let watched = watched(&skin.faces, shapes);
+        let watched = watched(&nodes.faces, shapes);
         let thickness = shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
         let stride = f64::min(STRIDE, 0.5 * thickness);
         Ok(Self { levels, law, shapes, watched, stride, scratch, work: 0, state })
     }
 
     /// Solves every frame of `press`; the first that fails is the last.
-    pub(super) fn every(mut self, press: &Press) -> Vec<Result<Settled>> {
+    pub(super) fn every(mut self, press: &Press) -> Vec<Result<ContactSolution>> {
         let frames = match press.drive() {
             Drive::Translation { path } => path.len(),
             Drive::Force { .. } => 1,
@@ -182,7 +182,7 @@ impl<'a> NodalLoadStepping<'a> {
         Ok(())
     }
 
-    /// Greatest motion of a shape between two poses, measured at the groups of the skin (m).
+    /// Greatest motion of a shape between two poses, measured at the groups of nodes (m).
     fn motion(&self, from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
         let moved = |group: &Group| {
             (to * from.inverse_transform_point(&group.centre) - group.centre).norm()
@@ -309,20 +309,20 @@ impl<'a> NodalLoadStepping<'a> {
             2.0 * grid.half_diagonal() < thickness
                 || (as_walls && shape.breadth() > WALL[0] * side && thickness > WALL[1] * side)
         };
-        let is_fine = |skin: &Skin| {
+        let is_fine = |nodes: &ContactNodes| {
             let all_are_felt = |grid| self.shapes.iter().all(|shape| is_felt(grid, shape));
-            skin.grid().is_none_or(all_are_felt)
+            nodes.grid().is_none_or(all_are_felt)
         };
         self.levels.iter().position(is_fine).unwrap_or(self.levels.len() - 1)
     }
 
     /// The cells that are `held` on a level as those of the next finer one.
     fn finer(&self, level: usize, held: &[Held]) -> Vec<Held> {
-        let (skin, next) = (&self.levels[level], &self.levels[level + 1]);
-        let Some(grid) = skin.grid() else { return Vec::new() };
+        let (nodes, next) = (&self.levels[level], &self.levels[level + 1]);
+        let Some(grid) = nodes.grid() else { return Vec::new() };
         let quarters = |held: &Held| {
             let pose = self.state.poses[held.shape as usize];
-            let offset = pose * held.stuck - skin.place(held.rank);
+            let offset = pose * held.stuck - nodes.place(held.rank);
             let Held { shape, force, normal, .. } = *held;
             grid.children(held.rank).map(|rank| Held {
                 rank,
@@ -339,12 +339,12 @@ impl<'a> NodalLoadStepping<'a> {
 
     /// The cells that are `held` on a level as those of the next coarser one.
     fn coarser(&self, level: usize, held: &[Held]) -> Vec<Held> {
-        let (skin, next) = (&self.levels[level], &self.levels[level - 1]);
-        let Some(grid) = skin.grid() else { return Vec::new() };
+        let (nodes, next) = (&self.levels[level], &self.levels[level - 1]);
+        let Some(grid) = nodes.grid() else { return Vec::new() };
         // Force, its norm and the offset weighted by it; the first shape stands for all.
         let mut sums = BTreeMap::<u32, (u32, Vector3<f64>, f64, Vector3<f64>)>::new();
         for Held { rank, shape, stuck, force, .. } in held {
-            let offset = self.state.poses[*shape as usize] * stuck - skin.place(*rank);
+            let offset = self.state.poses[*shape as usize] * stuck - nodes.place(*rank);
             let zero = (*shape, Vector3::zeros(), 0.0, Vector3::zeros());
             let sum = sums.entry(grid.parent(*rank)).or_insert(zero);
             if sum.0 == *shape {
@@ -395,11 +395,11 @@ impl<'a> NodalLoadStepping<'a> {
         [room, reach]: [f64; 2],
         most: Option<usize>,
     ) -> Result<Option<NodalState>> {
-        let (shapes, skin) = (self.shapes, &self.levels[level]);
+        let (shapes, nodes) = (self.shapes, &self.levels[level]);
         let from = &self.state.poses;
         let way = Move { shapes, from, to: poses };
         let most = most.map_or(usize::MAX, |most| 2 * most);
-        let patch = Patch::new(skin, &self.law, way, [room, reach], most, held, self.scratch);
+        let patch = Patch::new(nodes, &self.law, way, [room, reach], most, held, self.scratch);
         let Some(mut patch) = patch else { return Ok(None) };
         let settled = patch.settle();
         let sweeps = match &settled {
@@ -467,13 +467,13 @@ impl<'a> NodalLoadStepping<'a> {
         Ok(())
     }
 
-    /// Current state as a [`Settled`].
-    fn settled(&self, seconds: f64) -> Settled {
+    /// Current state as a [`ContactSolution`].
+    fn settled(&self, seconds: f64) -> ContactSolution {
         let NodalState { poses, level, held, wrench, sweeps, .. } = &self.state;
-        let first = self.levels[..*level].iter().map(|skin| skin.len() as u32).sum::<u32>();
+        let first = self.levels[..*level].iter().map(|nodes| nodes.len() as u32).sum::<u32>();
         let anchor =
             |held: &Held| Anchor { shape: held.shape, point: first + held.rank, place: held.stuck };
-        Settled {
+        ContactSolution {
             level: *level,
             forces: held.iter().map(|held| (held.rank, held.force)).collect(),
             normals: held.iter().map(|held| held.normal).collect(),
@@ -518,7 +518,7 @@ impl ForceControlled for NodalLoadStepping<'_> {
     }
 
     fn tolerance(&self) -> f64 {
-        fem::Options::default().tolerance
+        FemOptions::default().tolerance
     }
 
     fn wrench(state: &NodalState) -> &Wrench {
@@ -531,8 +531,8 @@ impl ForceControlled for NodalLoadStepping<'_> {
 }
 
 /// Restores the state of a `history`; returns an error if it is of another model.
-fn recalled(levels: &[Skin], history: &History) -> Result<NodalState> {
-    history.check(0, levels.iter().map(Skin::len).sum())?;
+fn recalled(levels: &[ContactNodes], history: &History) -> Result<NodalState> {
+    history.check(0, levels.iter().map(ContactNodes::len).sum())?;
     if history.forces.len() != history.anchors.len() {
         let expected = format!("the forces at its {} anchors", history.anchors.len());
         return Err(Error::invalid("history", history.forces.len(), expected));
@@ -546,8 +546,8 @@ fn recalled(levels: &[Skin], history: &History) -> Result<NodalState> {
             level += 1;
         }
     }
-    let skin = &levels[level];
-    let of_level = |anchor: &Anchor| (first..first + skin.len() as u32).contains(&anchor.point);
+    let nodes = &levels[level];
+    let of_level = |anchor: &Anchor| (first..first + nodes.len() as u32).contains(&anchor.point);
     if !history.anchors.iter().all(of_level) {
         return Err(Error::invalid("history", "anchors on several levels", "anchors on one"));
     }
@@ -566,7 +566,7 @@ fn recalled(levels: &[Skin], history: &History) -> Result<NodalState> {
     let (mut amplitude, mut wrench) = (0f64, Wrench::default());
     for Held { rank, shape, stuck, force, .. } in &held {
         let place = history.poses[*shape as usize] * stuck;
-        amplitude = amplitude.max((place - skin.place(*rank)).norm());
+        amplitude = amplitude.max((place - nodes.place(*rank)).norm());
         wrench.force += force;
         wrench.torque += place.coords.cross(force);
     }

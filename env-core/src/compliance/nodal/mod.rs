@@ -14,12 +14,12 @@
 //! Shapes: M contact nodes, V nodes, S rigid shapes.
 
 mod between;
+mod contact_nodes;
 mod grid;
 mod kernel;
 mod layered;
 mod patch;
 mod settle;
-mod skin;
 mod spots;
 mod load_stepping;
 
@@ -36,20 +36,20 @@ use crate::{
     geometry::PadMesh,
 };
 
+use contact_nodes::ContactNodes;
 pub use layered::{LayeredPad, NodeContact};
 use load_stepping::{NodalLoadStepping, NodalScratch};
-use skin::Skin;
 
 /// Compliance model of one soft body with contact at its nodes. Copies share the precomputed data.
 #[derive(Clone)]
 pub struct Nodal {
-    skin: Arc<Skin>,
+    nodes: Arc<ContactNodes>,
     law: ContactLaw,
 }
 
 /// Solution of a press without fields.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Settled {
+pub struct ContactSolution {
     /// Index of the set of contact nodes, if the model has several.
     pub level: usize,
     /// Touching contact nodes with the forces on them (N).
@@ -71,7 +71,7 @@ pub struct Settled {
 impl Nodal {
     /// The body.
     pub fn body(&self) -> &SoftBody {
-        &self.skin.condensed.body
+        &self.nodes.condensed.body
     }
 
     /// Applies `carry` to the displacement of all nodes (V) in m under a unit force on each contact
@@ -80,22 +80,22 @@ impl Nodal {
         &self,
         carry: impl Fn(&[Vector3<f64>], [usize; 2]) -> T,
     ) -> Vec<T> {
-        let rest = &self.skin.condensed.rest;
+        let rest = &self.nodes.condensed.rest;
         let mut workspace = rest.workspace();
         let answer = |i: usize| {
             let [node, axis] = [i / 3, i % 3];
             let loads = self.spread(&[(node as u32, Vector3::ith(axis, 1.0))]);
             carry(&rest.displacement(&loads, &mut workspace), [node, axis])
         };
-        (0..3 * self.skin.places.len()).map(answer).collect()
+        (0..3 * self.nodes.places.len()).map(answer).collect()
     }
 
     /// Distributes forces on contact nodes to the nodes of the mesh (V) in N.
     fn spread(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
-        let condensed = &self.skin.condensed;
+        let condensed = &self.nodes.condensed;
         let mut all = vec![Vector3::zeros(); condensed.rest.places().len()];
         for (node, force) in forces {
-            for &(rank, share) in &self.skin.loads[*node as usize] {
+            for &(rank, share) in &self.nodes.loads[*node as usize] {
                 all[condensed.skin[rank as usize] as usize] += force * share;
             }
         }
@@ -103,10 +103,10 @@ impl Nodal {
     }
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
-    pub fn settled_path(&self, press: &Press) -> Vec<Result<Settled>> {
+    pub fn settled_path(&self, press: &Press) -> Vec<Result<ContactSolution>> {
         let mut scratch = NodalScratch::default();
         match NodalLoadStepping::new(
-            std::slice::from_ref(&*self.skin),
+            std::slice::from_ref(&*self.nodes),
             self.law_of(press),
             press,
             &mut scratch,
@@ -117,14 +117,14 @@ impl Nodal {
     }
 
     /// Solves `press` and returns its last frame.
-    pub fn settle(&self, press: &Press) -> Result<Settled> {
+    pub fn settle(&self, press: &Press) -> Result<ContactSolution> {
         self.settled_path(press).pop().expect("a press has a frame")
     }
 
     /// Computes the fields of a solution on the whole mesh; returns an error if an element is
     /// inverted.
-    pub fn deformation(&self, settled: Settled) -> Result<Deformation> {
-        let rest = &self.skin.condensed.rest;
+    pub fn deformation(&self, settled: ContactSolution) -> Result<Deformation> {
+        let rest = &self.nodes.condensed.rest;
         let contact_force = self.spread(&settled.forces);
         let mut workspace = rest.workspace();
         let displacement = rest.displacement(&contact_force, &mut workspace);
@@ -157,15 +157,15 @@ impl Compliance {
     /// Returns a model of the same body and friction with contact at the nodes, without correction
     /// sweeps for nonlinearity.
     pub fn at_nodes(&self) -> Nodal {
-        let skin = Skin::new(Arc::clone(&self.condensed));
-        Nodal { skin: Arc::new(skin), law: self.settings.law }
+        let nodes = ContactNodes::new(Arc::clone(&self.condensed));
+        Nodal { nodes: Arc::new(nodes), law: self.settings.law }
     }
 
     /// Returns [`Compliance::at_nodes`] with contact at the face nodes of a `coarse` mesh of the
     /// pad whose mesh is `fine`.
     pub fn at_coarse_nodes(&self, fine: &PadMesh, coarse: &PadMesh) -> Result<Nodal> {
-        let skin = Skin::coarse(Arc::clone(&self.condensed), fine, coarse)?;
-        Ok(Nodal { skin: Arc::new(skin), law: self.settings.law })
+        let nodes = ContactNodes::coarse(Arc::clone(&self.condensed), fine, coarse)?;
+        Ok(Nodal { nodes: Arc::new(nodes), law: self.settings.law })
     }
 }
 

@@ -9,8 +9,8 @@
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
+    contact_nodes::{ContactNodes, Group, NodeCompliance},
     load_stepping::{Held, NodalScratch},
-    skin::{Group, NodeCompliance, Skin},
     spots::Spots,
 };
 use crate::{
@@ -42,7 +42,7 @@ pub(super) struct Move<'a> {
 
 /// Nodes that the shapes may touch in one load step.
 pub(super) struct Patch<'a> {
-    skin: &'a Skin,
+    nodes: &'a ContactNodes,
     law: &'a ContactLaw,
     way: Move<'a>,
     pub(super) members: Vec<Member>,
@@ -91,7 +91,7 @@ impl<'a> Patch<'a> {
     /// (m) of a shape at the end of the step, and those that are `held`; no node may be displaced by
     /// more than `room` − `reach`. `None` if more than `most` cells of a grid lie inside shapes.
     pub(super) fn new(
-        skin: &'a Skin,
+        nodes: &'a ContactNodes,
         law: &'a ContactLaw,
         way: Move<'a>,
         [room, reach]: [f64; 2],
@@ -101,9 +101,9 @@ impl<'a> Patch<'a> {
     ) -> Option<Self> {
         let NodalScratch { displacement, spots } = scratch;
         let forces: Vec<_> = held.iter().map(|held| (held.rank, held.force)).collect();
-        let mut ranks: Vec<u32> = match &skin.compliance {
+        let mut ranks: Vec<u32> = match &nodes.compliance {
             NodeCompliance::Matrix(..) => {
-                let near = skin.groups.iter().filter(|group| is_near(way, group, room));
+                let near = nodes.groups.iter().filter(|group| is_near(way, group, room));
                 near.flat_map(|group| group.ranks.iter().copied()).collect()
             }
             NodeCompliance::Grid(grid) => {
@@ -113,10 +113,10 @@ impl<'a> Patch<'a> {
         ranks.extend(held.iter().map(|held| held.rank));
         ranks.sort_unstable();
         ranks.dedup();
-        let moved: Vec<Vector3<f64>> = match &skin.compliance {
+        let moved: Vec<Vector3<f64>> = match &nodes.compliance {
             NodeCompliance::Matrix(compliance, _) => {
                 let runs = runs(ranks.iter().copied());
-                displacement.resize(3 * skin.places.len(), 0.0);
+                displacement.resize(3 * nodes.places.len(), 0.0);
                 for &[first, last] in &runs {
                     displacement[3 * first..3 * last].fill(0.0);
                 }
@@ -138,7 +138,7 @@ impl<'a> Patch<'a> {
         let mut held = held.iter().peekable();
         let member = |((spot, &rank), moved): ((u32, &u32), &Vector3<f64>)| {
             let known = held.next_if(|held| held.rank == rank);
-            let rest = skin.place(rank);
+            let rest = nodes.place(rank);
             let start = rest + moved;
             let distance = match known {
                 Some(_) => 0.0,
@@ -157,19 +157,19 @@ impl<'a> Patch<'a> {
         };
         let mut members = Vec::with_capacity(ranks.len());
         members.extend((0..).zip(&ranks).zip(&moved).filter_map(member));
-        let is_grid = matches!(skin.compliance, NodeCompliance::Grid(_));
+        let is_grid = matches!(nodes.compliance, NodeCompliance::Grid(_));
         if is_grid && members.iter().filter(|member| member.seen.1 <= 0.0).count() > most {
             return None;
         }
         // On a grid, they are those of the touching cells.
         let ranks = if is_grid { &[] } else { &members[..] }.iter().map(|member| member.rank);
         let runs = self::runs(ranks);
-        Some(Self { skin, law, way, members, runs, displacement, spots })
+        Some(Self { nodes, law, way, members, runs, displacement, spots })
     }
 
     /// Brings the displacement of all members up to date.
     pub(super) fn catch_up(&mut self) {
-        if let NodeCompliance::Grid(grid) = &self.skin.compliance {
+        if let NodeCompliance::Grid(grid) = &self.nodes.compliance {
             for member in self.members.iter().filter(|member| member.stuck.is_some()) {
                 self.spots.tell(grid, member.spot as usize, &member.force, self.displacement);
             }
@@ -196,7 +196,7 @@ impl<'a> Patch<'a> {
                 self.target(i, shape, &distance, &place)
             });
         }
-        if matches!(self.skin.compliance, NodeCompliance::Grid(_)) {
+        if matches!(self.nodes.compliance, NodeCompliance::Grid(_)) {
             let touching = self.members.iter().filter(|member| member.target.is_some());
             self.runs = self.spots.activate(touching.map(|member| member.spot));
         }
@@ -226,10 +226,10 @@ impl<'a> Patch<'a> {
         let surface = place - normal * value;
         let stuck = pose * stuck;
         let aim = stuck - normal * normal.dot(&(stuck - surface));
-        let give = give(self.law, self.skin.point(member.rank), &normal);
-        let own = match &self.skin.compliance {
+        let give = give(self.law, self.nodes.point(member.rank), &normal);
+        let own = match &self.nodes.compliance {
             NodeCompliance::Grid(grid) => self.spots.own(grid, member.spot as usize),
-            NodeCompliance::Matrix(..) => self.skin.own(member.rank),
+            NodeCompliance::Matrix(..) => self.nodes.own(member.rank),
         };
         let compliance = own + give;
         let stiffness = compliance.try_inverse().unwrap_or_else(Matrix3::zeros);
@@ -269,7 +269,7 @@ impl<'a> Patch<'a> {
     /// Adds to the displacement the response to a `force` on member `i`.
     fn give_way(&mut self, i: usize, force: &Vector3<f64>) {
         let Member { rank, spot, .. } = self.members[i];
-        match &self.skin.compliance {
+        match &self.nodes.compliance {
             NodeCompliance::Matrix(compliance, _) => {
                 give_way(self.displacement, compliance, rank, force, &self.runs);
             }
@@ -281,7 +281,7 @@ impl<'a> Patch<'a> {
 
     /// Displacement of a member (m).
     fn moved(&self, member: &Member) -> Vector3<f64> {
-        match &self.skin.compliance {
+        match &self.nodes.compliance {
             NodeCompliance::Matrix(..) => displaced(self.displacement, member.rank),
             NodeCompliance::Grid(_) => self.spots.moved(member.spot as usize, self.displacement),
         }
@@ -310,7 +310,7 @@ impl<'a> Patch<'a> {
         let pressed = self.members.iter().filter(|member| member.force != Vector3::zeros());
         pressed
             .filter_map(|member| Some((member.rank, member.target?.normal)))
-            .any(|(rank, out_of_shape)| out_of_shape.dot(&self.skin.normal(rank)) > FOLDED)
+            .any(|(rank, out_of_shape)| out_of_shape.dot(&self.nodes.normal(rank)) > FOLDED)
     }
 
     /// Number of members that touch.
@@ -332,7 +332,7 @@ impl<'a> Patch<'a> {
             let (shape, _) = member.stuck.expect("what touches sticks somewhere");
             let normal = target.normal;
             let along = member.force - normal * normal.dot(&member.force);
-            let stretch = self.law.stick_give(self.skin.point(member.rank)) * along;
+            let stretch = self.law.stick_give(self.nodes.point(member.rank)) * along;
             let stuck = self.way.to[shape as usize].inverse_transform_point(&(place + stretch));
             let Member { rank, force, .. } = *member;
             (Held { rank, shape, stuck, force, normal }, place)

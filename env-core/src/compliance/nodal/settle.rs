@@ -140,8 +140,8 @@ mod tests {
     use super::*;
     use crate::{
         compliance::{
-            Compliance, Options,
-            nodal::{load_stepping::NodalScratch, patch::Move, skin::Skin},
+            Compliance, ComplianceOptions,
+            nodal::{contact_nodes::ContactNodes, load_stepping::NodalScratch, patch::Move},
         },
         deformation::{Moduli, SoftBody},
         geometry::{PadMesh, PadOutline, Shape},
@@ -153,8 +153,9 @@ mod tests {
         let pad = PadMesh::with_nodes(&PadOutline::flat(0.02, 0.02, 0.004), 900).unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let body = SoftBody::new(pad.mesh, crate::deformation::Law::default(), moduli, &pad.base);
-        let model = Compliance::new(body.unwrap(), Options { friction: 0.8, sweeps: 0 }).unwrap();
-        let skin = Skin::new(Arc::clone(&model.condensed));
+        let model =
+            Compliance::new(body.unwrap(), ComplianceOptions { friction: 0.8, sweeps: 0 }).unwrap();
+        let nodes = ContactNodes::new(Arc::clone(&model.condensed));
         let shapes = [Shape::Cuboid { half_extents: Vector3::repeat(6e-3) }];
         let [from, to] =
             [(0.0, 6e-3), (aside, 5.8e-3)].map(|(x, z)| [Isometry3::translation(x, 3e-4, z)]);
@@ -162,7 +163,7 @@ mod tests {
         let mut scratch = NodalScratch::default();
         let law = &model.settings.law;
         let reach = [f64::INFINITY, 1e-3];
-        let patch = Patch::new(&skin, law, way, reach, usize::MAX, &[], &mut scratch);
+        let patch = Patch::new(&nodes, law, way, reach, usize::MAX, &[], &mut scratch);
         let mut patch = patch.unwrap();
         let sweeps = patch.settle_to(relative, mixed).unwrap();
         (patch.forces(), sweeps)

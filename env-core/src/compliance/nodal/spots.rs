@@ -246,7 +246,7 @@ fn add_rows(sum: &mut [f32], rows: &[f32], force: [f32; 3]) {
 mod tests {
     use super::*;
     use crate::{
-        compliance::{Compliance, Options, nodal::grid::CellLevels},
+        compliance::{Compliance, ComplianceOptions, nodal::grid::CellLevels},
         deformation::{Moduli, SoftBody},
         geometry::{PadMesh, PadOutline},
     };
@@ -258,7 +258,7 @@ mod tests {
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let law = crate::deformation::Law::default();
         let body = SoftBody::new(pad.mesh.clone(), law, moduli, &pad.base).unwrap();
-        let model = Compliance::new(body, Options { friction: 0.8, sweeps: 0 }).unwrap();
+        let model = Compliance::new(body, ComplianceOptions { friction: 0.8, sweeps: 0 }).unwrap();
         let cells = CellLevels::new(&outline, [12, 16], 4, &model.condensed, &pad);
         for level in 0..4 {
             let grid = CellGrid::new(&cells, level);

@@ -13,8 +13,8 @@ fn cube(half: f64) -> RenderMesh {
 }
 
 /// Camera that looks along +y at the origin from 1 m; the picture is 2 tan(0.25) m high there.
-fn camera() -> Camera {
-    Camera {
+fn camera() -> PinholeCamera {
+    PinholeCamera {
         eye: Point3::new(0.0, -1.0, 0.0),
         target: Point3::origin(),
         up: Vector3::z(),
@@ -69,9 +69,9 @@ fn the_same_items_give_the_same_bytes() {
     let ground = Item::new(&table, Isometry3::identity(), Color::srgb(210, 210, 210));
     items.push(ground.with_finish(Finish::Ground { spacing: 0.025 }));
     let mut renderer = Renderer::new(SIZE, SIZE).unwrap();
-    let first = renderer.draw(&Camera::default(), &items).unwrap();
+    let first = renderer.draw(&PinholeCamera::default(), &items).unwrap();
     renderer.draw(&camera(), &items[..2]).unwrap();
-    assert_eq!(renderer.draw(&Camera::default(), &items).unwrap(), first);
+    assert_eq!(renderer.draw(&PinholeCamera::default(), &items).unwrap(), first);
 }
 
 #[test]
@@ -107,7 +107,8 @@ fn a_shadow_darkens_the_table_under_a_body() {
         .with_finish(Finish::Ground { spacing: 1.0 });
     let above = Item::new(&cube, Isometry3::translation(0.0, 0.0, 0.1), red());
     let brightness = |items: &[Item]| {
-        let picture = Renderer::new(SIZE, SIZE).unwrap().draw(&Camera::default(), items).unwrap();
+        let picture =
+            Renderer::new(SIZE, SIZE).unwrap().draw(&PinholeCamera::default(), items).unwrap();
         picture.chunks(3).filter(|p| p[0].abs_diff(p[1]) < 30 && p[1] < 150).count()
     };
     let (without, with) = (brightness(&[ground]), brightness(&[ground, above]));
@@ -127,16 +128,17 @@ fn vertex_colors_win_over_the_color() {
 fn bad_input_is_named() {
     let mesh = cube(0.1);
     let mut renderer = Renderer::new(SIZE, SIZE).unwrap();
-    let mut message =
-        |camera: &Camera, item: Item| renderer.draw(camera, &[item]).unwrap_err().to_string();
+    let mut message = |camera: &PinholeCamera, item: Item| {
+        renderer.draw(camera, &[item]).unwrap_err().to_string()
+    };
     let item = Item::new(&mesh, Isometry3::identity(), red());
     let lost = Item { pose: Isometry3::translation(f64::NAN, 0.0, 0.0), ..item };
     assert!(message(&camera(), lost).starts_with("pose of item 0"));
     let bare = Item { vertex_colors: Some(&[]), ..item };
     assert!(message(&camera(), bare).contains("found 0 colours, expected 8"));
-    let blind = Camera { target: camera().eye, ..camera() };
+    let blind = PinholeCamera { target: camera().eye, ..camera() };
     assert!(message(&blind, item).starts_with("camera"));
-    let wide = Camera { vertical_fov: f64::NAN, ..camera() };
+    let wide = PinholeCamera { vertical_fov: f64::NAN, ..camera() };
     assert!(message(&wide, item).starts_with("vertical_fov"));
     assert!(renderer.draw_into(&camera(), &[item], &mut [0; 3]).is_err());
     for (width, height, samples) in [(15, 64, 1), (64, 4097, 1), (64, 64, 0), (64, 64, 5)] {

@@ -29,8 +29,8 @@ use rapier3d::prelude::{PhysicsWorld, RigidBodyHandle, Vector};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Gripper, Object, ObjectModel, SoftPads,
-    gripper::{Hand, damping},
+    Gripper, ObjectModel, SceneObject, SoftPads,
+    gripper::{HandBodies, damping},
     units,
 };
 use crate::{deformation::Wrench, geometry::Shape};
@@ -106,7 +106,7 @@ pub(super) struct Applied {
 
 impl Foundations {
     /// Creates the elastic foundations of a new scene.
-    pub(super) fn new(pads: &SoftPads, object: &Object) -> Self {
+    pub(super) fn new(pads: &SoftPads, object: &SceneObject) -> Self {
         let face = BristleFace::new(&pads.outline);
         let pad = PadFoundation {
             anchors: vec![None; face.count()],
@@ -190,7 +190,7 @@ impl Foundations {
     pub(super) fn apply(
         &mut self,
         world: &mut PhysicsWorld,
-        hand: &Hand,
+        hand: &HandBodies,
         object: RigidBodyHandle,
         gripper: &Gripper,
         step: &FoundationStep,
@@ -235,7 +235,7 @@ impl Foundations {
     pub(super) fn settle(
         &mut self,
         world: &PhysicsWorld,
-        hand: &Hand,
+        hand: &HandBodies,
         object: RigidBodyHandle,
         applied: Applied,
     ) {
@@ -350,7 +350,7 @@ impl Twist {
 /// `base`.
 fn motion(
     world: &PhysicsWorld,
-    hand: &Hand,
+    hand: &HandBodies,
     object: RigidBodyHandle,
     axis: &Vector3<f64>,
     base: &Twist,
@@ -368,7 +368,7 @@ fn motion(
 /// Reads the bodies from Rapier, on a wrist that moves as `base`.
 fn bodies(
     world: &PhysicsWorld,
-    hand: &Hand,
+    hand: &HandBodies,
     object: RigidBodyHandle,
     gripper: &Gripper,
     step: &FoundationStep,
@@ -427,7 +427,7 @@ fn on_pad(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wrenc
 /// the table an impulse would kick it loose from the friction that Rapier balances in each substep.
 fn push(
     world: &mut PhysicsWorld,
-    hand: &Hand,
+    hand: &HandBodies,
     object: RigidBodyHandle,
     axis: &Vector3<f64>,
     forces: &Velocities,

@@ -20,7 +20,7 @@ pub(in super::super) struct PadStress {
     nodes: Vec<u32>,
     /// Length of an arranged displacement.
     size: usize,
-    runs: Vec<Run>,
+    runs: Vec<TetRun>,
     /// Gradients of the shape functions of the last three corners, by row and column, for each
     /// block of each run.
     gradients: Vec<[[Lanes; 3]; 3]>,
@@ -30,7 +30,7 @@ pub(in super::super) struct PadStress {
 
 /// Tetrahedra of one kind in every second cell of a layer.
 #[derive(Clone, Copy, Debug)]
-struct Run {
+struct TetRun {
     /// Index of the first component of each corner of the first tetrahedron.
     corners: [u32; 4],
     blocks: u32,
@@ -77,7 +77,7 @@ impl PadStress {
                     places[t] = (from * LANES + lane) as u32;
                 }
             }
-            runs.push(Run { corners: start, blocks: (gradients.len() - from) as u32 });
+            runs.push(TetRun { corners: start, blocks: (gradients.len() - from) as u32 });
         }
         // The last block of a run may read past the nodes of its kind.
         let size = 3 * stride * (nz + 1) + LANES;

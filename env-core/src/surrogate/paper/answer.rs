@@ -6,9 +6,9 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaterni
 use rayon::prelude::*;
 
 use super::{
-    bodies::{Graph, Pad},
     card::PaperCard,
     config::Input,
+    gels::{Graph, Pad},
     patch::PaperPatch,
     scene::PaperPush,
     target::Told,
@@ -110,8 +110,8 @@ impl PaperNetwork {
     /// Solves the presses in parallel, each on one thread, and returns their last frames.
     pub fn solve(&self, presses: &[Press]) -> Vec<Result<PaperAnswer>> {
         let last = |press: &Press| {
-            let (asked, path) = self.0.asked(press)?;
-            self.0.answer(&asked, path.last().expect("a press has a frame"))
+            let (input, path) = self.0.input(press)?;
+            self.0.answer(&input, path.last().expect("a press has a frame"))
         };
         presses.par_iter().map(last).collect()
     }
@@ -120,13 +120,13 @@ impl PaperNetwork {
     ///
     /// Errors: several shapes, a shape without a surface, a press with a force or a history.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<PaperAnswer>> {
-        let (asked, path) = match self.0.asked(press) {
+        let (input, path) = match self.0.input(press) {
             Ok(found) => found,
             Err(error) => return vec![Err(error)],
         };
         let mut answers = Vec::new();
         for pose in &path {
-            answers.push(self.0.answer(&asked, pose));
+            answers.push(self.0.answer(&input, pose));
             if answers.last().is_some_and(Result::is_err) {
                 break;
             }
@@ -142,7 +142,7 @@ impl PaperNetwork {
 }
 
 /// Input of a network for a press.
-struct Asked<'a> {
+struct PaperInput<'a> {
     shape: &'a Shape,
     pad: Pad,
     /// Pose of the shape at first touch, along the pad's axis, and its surface there; `None` if it
@@ -152,7 +152,7 @@ struct Asked<'a> {
 
 impl PaperModel {
     /// Returns the network's input, and the poses of the shape frame by frame.
-    fn asked<'a>(&self, press: &'a Press) -> Result<(Asked<'a>, Vec<Isometry3<f64>>)> {
+    fn input<'a>(&self, press: &'a Press) -> Result<(PaperInput<'a>, Vec<Isometry3<f64>>)> {
         let [shape] = press.shapes() else {
             return Err(Error::invalid("shapes", press.shapes().len(), "one"));
         };
@@ -173,12 +173,12 @@ impl PaperModel {
             let touch = pad.graph.touch(shape, pose);
             (touch, PaperPatch::new(&surface, &touch, pad.graph.half, self.card.density))
         });
-        Ok((Asked { shape, pad, touch }, path))
+        Ok((PaperInput { shape, pad, touch }, path))
     }
 
     /// The answer when the shape is at `pose`; nothing moves if it does not touch.
-    fn answer(&self, asked: &Asked, pose: &Isometry3<f64>) -> Result<PaperAnswer> {
-        let (start, Asked { shape, pad, touch }) = (Instant::now(), asked);
+    fn answer(&self, input: &PaperInput, pose: &Isometry3<f64>) -> Result<PaperAnswer> {
+        let (start, PaperInput { shape, pad, touch }) = (Instant::now(), input);
         let (length, shear) = (pad.gel.thickness, pad.gel.moduli.shear());
         let still = |rows: usize| vec![Vector3::zeros(); rows];
         let (displacement, von_mises, rigid) = match touch {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{config::PaperConfig, judge::Judged, patch::Density, study::Study};
-use crate::surrogate::weights::{Data, Kind};
+use crate::surrogate::weights::{Data, NetworkCard};
 
 /// Description of a network, its training data and its errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,6 +27,6 @@ pub struct PaperCard {
     pub novel: Judged,
 }
 
-impl Kind for PaperCard {
+impl NetworkCard for PaperCard {
     const VARIANTS: &'static [&'static str] = &["paper-baseline", "paper-a", "paper-b"];
 }

@@ -3,9 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    bodies::Bodies,
     config::Input,
-    samples::Sample,
+    gels::PaperGels,
+    samples::PaperSample,
     target::{Told, fields, motion, rigid_apart},
 };
 use crate::{
@@ -55,8 +55,8 @@ impl Judged {
 /// Errors of one of the paper's networks; `None` if `watch`, asked before each press, says no.
 pub(super) fn judge_paper(
     network: &Told,
-    bodies: &Bodies,
-    test: &[Sample],
+    gels: &PaperGels,
+    test: &[PaperSample],
     clock: &dyn Fn() -> f64,
     watch: Watch,
 ) -> Result<Option<Judged>> {
@@ -67,15 +67,15 @@ pub(super) fn judge_paper(
             return Ok(None);
         }
         let start = clock();
-        let answer = network.output(bodies, sample, 0)?;
+        let answer = network.output(gels, sample, 0)?;
         seconds += (clock() - start) / test.len() as f64;
-        let (true_fields, gel) = Told::target(bodies, sample);
+        let (true_fields, gel) = Told::target(gels, sample);
         presses.push(errors(&fields(&answer)?, true_fields, gel));
         let in_units = |[angle, way]: [f64; 2]| [way * gel.thickness, angle.to_degrees()];
         rigid.extend(rigid_apart(&answer, sample)?.map(in_units));
         target.push(in_units(sample.turned()));
         if network.input == Input::Force {
-            let (found, moved) = (answer.object.flatten_all()?.to_vec1()?, motion(bodies, sample));
+            let (found, moved) = (answer.object.flatten_all()?.to_vec1()?, motion(gels, sample));
             object.push(relative(&found, &moved));
         }
     }
@@ -100,12 +100,15 @@ pub(in super::super) fn evaluate(
     names: &[String],
 ) -> Result<Vec<Evaluated>> {
     let (network, card) = Told::opened(name, bytes)?;
-    let bodies = Bodies::new(dataset.config())?;
-    let samples = bodies.samples(dataset, [names], card.density, &mut |_| true)?;
+    let gels = PaperGels::new(dataset.config())?;
+    let samples = gels.samples(dataset, [names], card.density, &mut |_| true)?;
     let [samples] = samples.expect("nobody says no");
-    let found = judge(&network, &bodies, &samples)?.into_iter();
-    let one =
-        |(sample, network): (Sample, _)| Evaluated { grasp: sample.grasp, network, linear: None };
+    let found = judge(&network, &gels, &samples)?.into_iter();
+    let one = |(sample, network): (PaperSample, _)| Evaluated {
+        grasp: sample.grasp,
+        network,
+        linear: None,
+    };
     Ok(samples.into_iter().zip(found).map(one).collect())
 }
 

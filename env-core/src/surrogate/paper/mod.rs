@@ -13,9 +13,9 @@
 
 mod answer;
 mod blocks;
-mod bodies;
 mod card;
 mod config;
+mod gels;
 mod run;
 mod judge;
 mod network;
@@ -34,4 +34,4 @@ pub use judge::Judged;
 pub(super) use judge::evaluate;
 pub use patch::Density;
 pub use run::PaperRun;
-pub use study::{Point, Report, Run, Study, Weights};
+pub use study::{PaperWeights, Point, Report, Run, Study};

@@ -182,16 +182,16 @@ impl Block {
 mod tests {
     use super::{
         super::{
-            bodies::Bodies,
             config::Input,
-            samples::{Sample, tests::pressed_ball},
+            gels::PaperGels,
+            samples::{PaperSample, tests::pressed_ball},
         },
         *,
     };
     use crate::surrogate::{parameters::Parameters, train::Network};
 
-    fn scene(bodies: &Bodies, sample: &Sample) -> PaperScene {
-        PaperScene::new(&bodies.pads[0], &sample.patch, sample.push(Input::Translation), 0).unwrap()
+    fn scene(gels: &PaperGels, sample: &PaperSample) -> PaperScene {
+        PaperScene::new(&gels.pads[0], &sample.patch, sample.push(Input::Translation), 0).unwrap()
     }
 
     fn network(config: &PaperConfig) -> (Parameters, Paper) {
@@ -213,9 +213,9 @@ mod tests {
 
     #[test]
     fn tetrahedra_send_nothing_back() {
-        let (bodies, sample) = pressed_ball();
+        let (gels, sample) = pressed_ball();
         let (_, network) = network(&PaperConfig { width: 8, rounds: 1, ..PaperConfig::default() });
-        let scene = scene(&bodies, &sample);
+        let scene = scene(&gels, &sample);
         let latent = network.encode(&scene).unwrap();
         let zeros = latent.tets.clone().unwrap();
         let ones =
@@ -234,7 +234,7 @@ mod tests {
 
     #[test]
     fn every_parameter_receives_a_gradient() {
-        let (bodies, sample) = pressed_ball();
+        let (gels, sample) = pressed_ball();
         for variant in [Variant::Baseline, Variant::A, Variant::B] {
             for input in [Input::Translation, Input::Force] {
                 let (width, rounds) = (8, 2);
@@ -244,7 +244,7 @@ mod tests {
                 let network =
                     <super::super::target::Told as Network>::new(&config, &parameters.builder());
                 awaken(&parameters);
-                let loss = network.unwrap().loss(&bodies, &[&sample], 1).unwrap();
+                let loss = network.unwrap().loss(&gels, &[&sample], 1).unwrap();
                 let gradients = loss.total.backward().unwrap();
                 for (name, variable) in parameters.all() {
                     let gradient = gradients.get(&variable);
@@ -259,7 +259,7 @@ mod tests {
 
     #[test]
     fn rounds_may_share_their_weights_and_go_without_norms() {
-        let (bodies, sample) = pressed_ball();
+        let (gels, sample) = pressed_ball();
         let plain = PaperConfig { width: 8, rounds: 3, norm: false, ..PaperConfig::default() };
         let shared = PaperConfig { shared: true, ..plain };
         let count = |config: &PaperConfig| network(config).0.all().len();
@@ -267,7 +267,7 @@ mod tests {
         assert_eq!(count(&shared), count(&one));
         assert!(count(&plain) > count(&shared));
         assert!(!network(&plain).0.all().iter().any(|(name, _)| name.contains("norm")));
-        let scene = scene(&bodies, &sample);
+        let scene = scene(&gels, &sample);
         let output = |config: &PaperConfig| network(config).1.forward(&scene).unwrap().displacement;
         let difference =
             (output(&shared) - output(&one)).unwrap().abs().unwrap().max_all().unwrap();

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use crate::dataset::Split;
 
 /// Names of grasps.
-pub(super) struct Parts {
+pub(super) struct PaperSplit {
     pub(super) train: Vec<String>,
     /// The last grasp of each object that is trained on.
     pub(super) known: Vec<String>,
@@ -13,7 +13,7 @@ pub(super) struct Parts {
     pub(super) novel: Vec<String>,
 }
 
-impl Parts {
+impl PaperSplit {
     /// Of a split whose test part holds other objects than its train part; an object with one grasp
     /// is only trained on.
     pub(super) fn of(split: &Split) -> Self {
@@ -43,7 +43,7 @@ mod tests {
         let names = |names: &[&str]| names.iter().map(|&n| n.to_owned()).collect::<Vec<_>>();
         let train = names(&["cup/000", "cup/001", "ball/000", "cup/002"]);
         let test = names(&["apple/000"]);
-        let parts = Parts::of(&Split { train, validation: Vec::new(), test: test.clone() });
+        let parts = PaperSplit::of(&Split { train, validation: Vec::new(), test: test.clone() });
         assert_eq!(parts.train, names(&["ball/000", "cup/000", "cup/001"]));
         assert_eq!(parts.known, names(&["cup/002"]));
         assert_eq!(parts.novel, test);

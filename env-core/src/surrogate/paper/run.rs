@@ -8,13 +8,13 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    bodies::Bodies,
     card::PaperCard,
     config::PaperConfig,
+    gels::PaperGels,
     judge::{Judged, judge_paper, thinned},
-    parts::Parts,
+    parts::PaperSplit,
     patch::Density,
-    samples::Sample,
+    samples::PaperSample,
     study::Study,
     target::Told,
 };
@@ -48,10 +48,10 @@ impl Default for PaperRun {
 
 /// The frames of a study.
 pub(super) struct Frames {
-    pub(super) bodies: Bodies,
-    pub(super) train: Vec<Sample>,
+    pub(super) gels: PaperGels,
+    pub(super) train: Vec<PaperSample>,
     /// Unseen grasps of known objects, and novel objects.
-    pub(super) tests: [(&'static str, Vec<Sample>); 2],
+    pub(super) tests: [(&'static str, Vec<PaperSample>); 2],
 }
 
 impl Frames {
@@ -62,12 +62,12 @@ impl Frames {
         study: &Study,
         watch: Watch,
     ) -> Result<Option<Self>> {
-        let Parts { train, known, novel } = Parts::of(dataset.split(&study.split)?);
-        let bodies = Bodies::new(dataset.config())?;
-        let found = bodies.samples(dataset, [&train, &known, &novel], density, watch)?;
+        let PaperSplit { train, known, novel } = PaperSplit::of(dataset.split(&study.split)?);
+        let gels = PaperGels::new(dataset.config())?;
+        let found = gels.samples(dataset, [&train, &known, &novel], density, watch)?;
         Ok(found.map(|[train, known, novel]| {
             let [known, novel] = [known, novel].map(|part| thinned(part, study.every));
-            Self { bodies, train, tests: [("known", known), ("novel", novel)] }
+            Self { gels, train, tests: [("known", known), ("novel", novel)] }
         }))
     }
 
@@ -79,10 +79,10 @@ impl Frames {
         watch: Watch,
     ) -> Result<Option<[Judged; 2]>> {
         let [(_, known), (_, novel)] = &self.tests;
-        let Some(known) = judge_paper(network, &self.bodies, known, clock, watch)? else {
+        let Some(known) = judge_paper(network, &self.gels, known, clock, watch)? else {
             return Ok(None);
         };
-        let novel = judge_paper(network, &self.bodies, novel, clock, watch)?;
+        let novel = judge_paper(network, &self.gels, novel, clock, watch)?;
         Ok(novel.map(|novel| [known, novel]))
     }
 
@@ -123,13 +123,13 @@ impl PaperRun {
         let Some(frames) = Frames::read(&dataset, self.density, &study, watch)? else {
             return Ok(None);
         };
-        let Frames { bodies, train, .. } = &frames;
+        let Frames { gels, train, .. } = &frames;
         trainable(&study.split, train)?;
         let print = fingerprint(&dataset, dataset.split(&study.split)?);
         let (training, pace) = (study.training(network), Pace::new(study.budget()?, clock));
         let mut run = TrainingRun::<Told>::resumed(training, &(self, &study), print, pace, out)?;
         if !watch(&TrainingProgress::Samples { train: train.len(), lost: 0 })
-            || !run.run(bodies, train, &[], watch)?
+            || !run.run(gels, train, &[], watch)?
         {
             return Ok(None);
         }
@@ -160,7 +160,7 @@ impl PaperRun {
             data: Data {
                 train: counts["train"],
                 test: counts["novel"],
-                amplitude: frames.train.iter().map(Sample::amplitude).fold(0.0, f64::max),
+                amplitude: frames.train.iter().map(PaperSample::amplitude).fold(0.0, f64::max),
                 ..Data::of(config, fingerprint, trained_by)
             },
             known,

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Vector3};
 
 use super::{
-    bodies::{Bodies, Pad},
     config::Input,
+    gels::{Pad, PaperGels},
     patch::{Density, PaperPatch},
     rigid::{self, MOTION},
     scene::PaperPush,
@@ -22,7 +22,7 @@ use crate::{
 };
 
 /// A solved frame.
-pub(super) struct Sample {
+pub(super) struct PaperSample {
     /// Which of the gels.
     pub(super) gel: usize,
     /// Name of its grasp.
@@ -36,7 +36,7 @@ pub(super) struct Sample {
     pub(super) rigid: [f32; MOTION],
 }
 
-impl Bodies {
+impl PaperGels {
     /// Every frame of `dataset` whose grasp is in one of `parts`, for each part; `None` if `watch` says
     /// no.
     pub(super) fn samples<const N: usize>(
@@ -45,7 +45,7 @@ impl Bodies {
         parts: [&[String]; N],
         density: Density,
         watch: Watch,
-    ) -> Result<Option<[Vec<Sample>; N]>> {
+    ) -> Result<Option<[Vec<PaperSample>; N]>> {
         let shard = |index: usize| {
             let (object, pads) = dataset.read(index)?;
             Ok(parts.map(|wanted| -> Vec<_> {
@@ -63,14 +63,14 @@ impl Bodies {
         Ok(Some(samples))
     }
 
-    fn frames(&self, object: &Object, frames: &PadFrames, density: Density) -> Vec<Sample> {
+    fn frames(&self, object: &Object, frames: &PadFrames, density: Density) -> Vec<PaperSample> {
         let Pad { gel, graph } = &self.pads[frames.gel];
         let touch = graph.touch(&object.shape, frames.poses[0]);
         let surface = object.surface(density.segments());
         let patch = Arc::new(PaperPatch::new(&surface, &touch, graph.half, density));
         let one = |(i, pose): (usize, &Isometry3<f64>)| {
             let target = Target::new(frames, i, graph.columns, gel);
-            Sample {
+            PaperSample {
                 gel: frames.gel,
                 grasp: frames.grasp.clone(),
                 patch: Arc::clone(&patch),
@@ -95,7 +95,7 @@ impl Pad {
     }
 }
 
-impl Sample {
+impl PaperSample {
     /// The press as a network with that input is told it.
     pub(super) fn push(&self, input: Input) -> PaperPush {
         match input {
@@ -120,7 +120,7 @@ impl Sample {
 pub(super) mod tests {
     use super::*;
     use crate::{
-        compliance::{Compliance, Options},
+        compliance::{Compliance, ComplianceOptions},
         deformation::{Moduli, Press},
         geometry::Shape,
         sensor::Sensor,
@@ -128,16 +128,16 @@ pub(super) mod tests {
     };
 
     /// A ball of 8 mm pressed 0.5 mm into a small pad, answered by `compliance`.
-    pub(in super::super) fn pressed_ball() -> (Bodies, Sample) {
+    pub(in super::super) fn pressed_ball() -> (PaperGels, PaperSample) {
         let sensor = Sensor::named("gelsight-mini").unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let gel = PadMaterial { moduli, friction: 0.8, thickness: sensor.outline.thickness };
         let mesh = sensor.pad(200).unwrap();
-        let graph = Arc::new(super::super::bodies::Graph::new(&mesh));
+        let graph = Arc::new(super::super::gels::Graph::new(&mesh));
         let ball = Shape::Sphere { radius: 8e-3 };
         let pose = Isometry3::translation(0.5e-3, 0.0, 7.5e-3);
         let press = Press::along(vec![ball.clone()], vec![vec![pose]]).unwrap();
-        let options = Options { friction: gel.friction, sweeps: 0 };
+        let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
         let compliance = Compliance::new(body(&mesh, moduli).unwrap(), options).unwrap();
         let answer = compliance.solve_path(&press).pop().unwrap().unwrap();
         let flat =
@@ -163,8 +163,8 @@ pub(super) mod tests {
         let pad = Pad { gel, graph };
         let rigid = pad.rigid(&target);
         let moved = pose * touch.inverse();
-        let sample = Sample { gel: 0, grasp: frames.grasp, patch, moved, target, rigid };
-        (Bodies { pads: vec![pad] }, sample)
+        let sample = PaperSample { gel: 0, grasp: frames.grasp, patch, moved, target, rigid };
+        (PaperGels { pads: vec![pad] }, sample)
     }
 
     #[test]

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use candle_core::{Device, Tensor};
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{bodies::Pad, patch::PaperPatch};
+use super::{gels::Pad, patch::PaperPatch};
 use crate::{
     Error, Result,
     surrogate::ops::{Edges, Sparse},

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     card::PaperCard,
     judge::{Judged, judge_paper, thinned},
-    parts::Parts,
+    parts::PaperSplit,
     patch::Density,
     run::{Frames, PaperRun, counts},
     target::Told,
@@ -110,7 +110,7 @@ pub struct Report {
 
 /// The weights of one of the paper's networks.
 #[derive(Clone, Debug)]
-pub struct Weights {
+pub struct PaperWeights {
     /// Description of the weights.
     pub card: PaperCard,
     /// The file, the card in it.
@@ -171,7 +171,7 @@ impl Study {
         data: &Path,
         trained_by: &str,
         clock: &dyn Fn() -> f64,
-    ) -> Result<(Report, Option<Weights>)> {
+    ) -> Result<(Report, Option<PaperWeights>)> {
         let (study, dataset) = (self.clone().validated()?, Dataset::open(data)?);
         match run {
             Run::Paper(paper) => {
@@ -188,12 +188,12 @@ impl Study {
         dataset: &Dataset,
         trained_by: &str,
         clock: &dyn Fn() -> f64,
-    ) -> Result<(Report, Weights)> {
+    ) -> Result<(Report, PaperWeights)> {
         let watch = &mut |_: &TrainingProgress| true;
         let frames = Frames::read(dataset, paper.density, self, watch)?.expect("nobody says no");
-        let Frames { bodies, train, tests } = &frames;
+        let Frames { gels, train, tests } = &frames;
         let network = paper.network.validated()?;
-        let trained = self.trained::<Told>(network, bodies, train, tests, clock)?;
+        let trained = self.trained::<Told>(network, gels, train, tests, clock)?;
         let told = &trained.trainer.network;
         let judged = frames.judged(told, clock, watch)?.expect("nobody says no");
         let mut errors = BTreeMap::new();
@@ -202,15 +202,15 @@ impl Study {
             errors.insert((*part).to_owned(), BTreeMap::from([found]));
         }
         let other = paper.density.other();
-        let novel = &Parts::of(dataset.split(&self.split)?).novel;
-        let [test] = bodies.samples(dataset, [novel], other, watch)?.expect("nobody says no");
-        let found = judge_paper(told, bodies, &thinned(test, OTHER * self.every), clock, watch)?;
+        let novel = &PaperSplit::of(dataset.split(&self.split)?).novel;
+        let [test] = gels.samples(dataset, [novel], other, watch)?.expect("nobody says no");
+        let found = judge_paper(told, gels, &thinned(test, OTHER * self.every), clock, watch)?;
         let found = (name(other), found.expect("nobody says no"));
         errors.entry("novel".to_owned()).or_default().extend([found]);
         let report = self.report(&Run::Paper(paper), &trained, frames.counts(), errors);
         let card = paper.card(self, dataset, &frames, judged, trained_by)?;
         let bytes = weights::to_bytes(&trained.trainer.parameters.vectors()?, &card);
-        Ok((report, Weights { card, bytes }))
+        Ok((report, PaperWeights { card, bytes }))
     }
 
     fn corrector(
@@ -220,7 +220,7 @@ impl Study {
         dataset: &Dataset,
         clock: &dyn Fn() -> f64,
     ) -> Result<Report> {
-        let parts = Parts::of(dataset.split(&self.split)?);
+        let parts = PaperSplit::of(dataset.split(&self.split)?);
         let linear_nodes = Training::<CorrectorConfig>::default().linear_nodes;
         let gels = Gels::new(dataset.config(), linear_nodes)?;
         let all = [&parts.train[..], &parts.known, &parts.novel];

@@ -7,13 +7,13 @@ use candle_nn::VarBuilder;
 use nalgebra::Point3;
 
 use super::{
-    bodies::{Bodies, Pad},
     card::PaperCard,
     config::{Input, PaperConfig},
+    gels::{Pad, PaperGels},
     network::{DISPLACEMENT, Paper, PaperOutput, STRESS},
     patch::PaperPatch,
     rigid::{self, STILL},
-    samples::Sample,
+    samples::PaperSample,
     scene::{PaperPush, PaperScene, signs},
 };
 use crate::{
@@ -58,11 +58,11 @@ impl Told {
     /// The answer to a sample seen in a mirror.
     pub(super) fn output(
         &self,
-        bodies: &Bodies,
-        sample: &Sample,
+        gels: &PaperGels,
+        sample: &PaperSample,
         mirror: usize,
     ) -> Result<PaperOutput> {
-        let pad = &bodies.pads[sample.gel];
+        let pad = &gels.pads[sample.gel];
         let scene = PaperScene::new(pad, &sample.patch, sample.push(self.input), mirror)?;
         Ok(self.network.forward(&scene)?)
     }
@@ -85,11 +85,11 @@ impl Told {
     /// Errors of the parts of an answer, a scalar each; none where a part is not asked.
     fn errors(
         &self,
-        bodies: &Bodies,
-        sample: &Sample,
+        gels: &PaperGels,
+        sample: &PaperSample,
         mirror: usize,
     ) -> Result<[Option<Tensor>; 4]> {
-        let answer = self.output(bodies, sample, mirror)?;
+        let answer = self.output(gels, sample, mirror)?;
         let signs = signs(mirror).map(|sign| sign as f32);
         let error = |found: &Tensor, target: Vec<f32>, middling: f64| -> Result<Option<Tensor>> {
             let weight = weight(&target, middling);
@@ -102,7 +102,7 @@ impl Told {
         };
         let object = match self.input {
             Input::Translation => None,
-            Input::Force => error(&answer.object, mirrored(&motion(bodies, sample)), DISPLACEMENT)?,
+            Input::Force => error(&answer.object, mirrored(&motion(gels, sample)), DISPLACEMENT)?,
         };
         let rigid = match &answer.rigid {
             Some(found) => rigid_error(found, &sample.rigid, signs).map(Some)?,
@@ -127,8 +127,8 @@ fn weight(target: &[f32], middling: f64) -> f64 {
 }
 
 /// Motion of the object's nodes since it touched (O, 3), in units of thickness.
-pub(super) fn motion(bodies: &Bodies, sample: &Sample) -> Vec<f32> {
-    let length = bodies.pads[sample.gel].gel.thickness;
+pub(super) fn motion(gels: &PaperGels, sample: &PaperSample) -> Vec<f32> {
+    let length = gels.pads[sample.gel].gel.thickness;
     let moved = sample.patch.places.iter().map(|p| (sample.moved * Point3::from(*p)).coords - p);
     moved.flat_map(|u| [u.x, u.y, u.z]).map(|x| (x / length) as f32).collect()
 }
@@ -144,26 +144,26 @@ fn rigid_error(found: &Tensor, target: &[f32], signs: [f32; 3]) -> Result<Tensor
 
 impl Network for Told {
     type Config = PaperConfig;
-    type Sample = Sample;
-    type Ground = Bodies;
+    type Sample = PaperSample;
+    type Ground = PaperGels;
 
     fn new(config: &PaperConfig, vb: &VarBuilder) -> candle_core::Result<Self> {
         Ok(Self { network: Paper::new(config, vb)?, input: config.input })
     }
 
-    fn graph(_sample: &Sample) -> usize {
+    fn graph(_sample: &PaperSample) -> usize {
         0
     }
 
-    fn target<'a>(bodies: &'a Bodies, sample: &'a Sample) -> (&'a Target, &'a PadMaterial) {
-        (&sample.target, &bodies.pads[sample.gel].gel)
+    fn target<'a>(gels: &'a PaperGels, sample: &'a PaperSample) -> (&'a Target, &'a PadMaterial) {
+        (&sample.target, &gels.pads[sample.gel].gel)
     }
 
-    fn loss(&self, bodies: &Bodies, samples: &[&Sample], mirror: usize) -> Result<Loss> {
+    fn loss(&self, gels: &PaperGels, samples: &[&PaperSample], mirror: usize) -> Result<Loss> {
         let mut total = Tensor::zeros((), candle_core::DType::F32, &Device::Cpu)?;
         let mut parts = [0.0; 4];
         for sample in samples {
-            let errors = self.errors(bodies, sample, mirror)?;
+            let errors = self.errors(gels, sample, mirror)?;
             for (i, error) in errors.iter().enumerate() {
                 if let Some(error) = error {
                     total = (total + (error * (WEIGHTS[i] / samples.len() as f64))?)?;
@@ -174,8 +174,8 @@ impl Network for Told {
         Ok(Loss { total, parts })
     }
 
-    fn answer(&self, bodies: &Bodies, sample: &Sample) -> Result<Fields> {
-        fields(&self.output(bodies, sample, 0)?)
+    fn answer(&self, gels: &PaperGels, sample: &PaperSample) -> Result<Fields> {
+        fields(&self.output(gels, sample, 0)?)
     }
 }
 
@@ -191,7 +191,7 @@ pub(super) fn fields(answer: &PaperOutput) -> Result<Fields> {
 
 /// Distance of a network's rigid motion of the gel from the best fit: angle (rad), and distance in
 /// units of thickness.
-pub(super) fn rigid_apart(answer: &PaperOutput, sample: &Sample) -> Result<Option<[f64; 2]>> {
+pub(super) fn rigid_apart(answer: &PaperOutput, sample: &PaperSample) -> Result<Option<[f64; 2]>> {
     let found = answer.rigid.as_ref().map(Tensor::to_vec1::<f32>).transpose()?;
     Ok(found.map(|found| rigid::apart(&found, &sample.rigid)))
 }
@@ -210,20 +210,20 @@ mod tests {
     #[test]
     #[ignore = "minutes: cargo test --lib one_press_is_learnt_by_heart -- --ignored"]
     fn one_press_is_learnt_by_heart() {
-        let (bodies, sample) = pressed_ball();
+        let (gels, sample) = pressed_ball();
         let config = PaperConfig { width: 32, rounds: 3, ..PaperConfig::default() };
         let (parameters, mut adam) = (Parameters::drawn(0), Adam::default());
         let network = Told::new(&config, &parameters.builder()).unwrap();
         let (variables, steps) = (parameters.all(), 4000);
         for step in 0..steps {
-            let loss = network.loss(&bodies, &[&sample], 0).unwrap();
+            let loss = network.loss(&gels, &[&sample], 0).unwrap();
             let gradients = adam::gradients(&variables, &loss.total.backward().unwrap()).unwrap();
             let (gradient, _) = adam::mean(&[gradients], 1.0);
             let rate = 4e-3 * (1.0 + (PI * f64::from(step) / f64::from(steps)).cos());
             adam.step(&variables, &gradient, rate).unwrap();
         }
-        let (target, gel) = Told::target(&bodies, &sample);
-        let found = metrics::errors(&network.answer(&bodies, &sample).unwrap(), target, gel);
+        let (target, gel) = Told::target(&gels, &sample);
+        let found = metrics::errors(&network.answer(&gels, &sample).unwrap(), target, gel);
         let (u, stress) = (found.displacement, found.stress);
         assert!(u < 5e-3 && stress < 5e-3, "u misses by {u}, stress by {stress} in {steps} steps");
     }

@@ -4,7 +4,7 @@
 
 use crate::{
     Result,
-    compliance::{Compliance, Options, Scratch},
+    compliance::{Compliance, ComplianceOptions, Scratch},
     deformation::{Deformation, Law, Moduli, Press, SoftBody},
     geometry::{TetMesh, Transfer},
 };
@@ -25,7 +25,7 @@ impl SoftBaseline {
     ) -> Result<Self> {
         let transfer = Transfer::new(&fine, model)?;
         let body = SoftBody::new(fine, Law::default(), moduli, &[])?;
-        let compliance = Compliance::free(body, Options { friction, sweeps: 0 })?;
+        let compliance = Compliance::free(body, ComplianceOptions { friction, sweeps: 0 })?;
         Ok(Self { compliance, transfer })
     }
 

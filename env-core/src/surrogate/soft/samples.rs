@@ -33,7 +33,7 @@ use crate::{
 };
 
 /// A solved frame.
-pub(super) struct Sample {
+pub(super) struct SoftSample {
     /// Which of the objects.
     pub(super) object: usize,
     /// Name of its grasp.
@@ -70,7 +70,7 @@ const WEIGHTS: [f64; 4] = [1.0, 1.0, 0.3, 1.0];
 
 impl Objects {
     /// Everything in a dataset, or `None` if `watch` says no.
-    pub(super) fn read(data: &Squeezes, watch: Watch) -> Result<Option<(Self, Vec<Sample>)>> {
+    pub(super) fn read(data: &Squeezes, watch: Watch) -> Result<Option<(Self, Vec<SoftSample>)>> {
         let mut meshes = BTreeMap::new();
         for shard in 0..data.shards() {
             let name = data.read(shard)?.0.name.clone();
@@ -81,7 +81,7 @@ impl Objects {
         }
         let graphs: Vec<_> = meshes.values().map(ObjectGraph::new).map(Arc::new).collect();
         let gels = &data.config().gels;
-        let shard = |shard: usize| -> Result<(Vec<Sample>, usize)> {
+        let shard = |shard: usize| -> Result<(Vec<SoftSample>, usize)> {
             let (object, grasps) = data.read(shard)?;
             let number = meshes.keys().position(|name| *name == object.name);
             let number = number.expect("every shard's object has its mesh");
@@ -110,7 +110,7 @@ impl Objects {
                     let input = ObjectInput::new(graph, &unit, &grip, answer);
                     let target = target(frames, i, &input.shares, &unit);
                     let (grasp, seconds) = (frames.grasp.clone(), answer.seconds);
-                    Sample { object: number, grasp, part, unit, input, seconds, target }
+                    SoftSample { object: number, grasp, part, unit, input, seconds, target }
                 }));
             }
             Ok((samples, lost))
@@ -177,22 +177,22 @@ fn signs(mirror: usize) -> Vector3<f64> {
 
 impl Network for Soft {
     type Config = SoftConfig;
-    type Sample = Sample;
+    type Sample = SoftSample;
     type Ground = Objects;
 
     fn new(config: &SoftConfig, vb: &VarBuilder) -> candle_core::Result<Self> {
         Self::new(config, vb)
     }
 
-    fn graph(_sample: &Sample) -> usize {
+    fn graph(_sample: &SoftSample) -> usize {
         0
     }
 
-    fn target<'a>(_objects: &'a Objects, sample: &'a Sample) -> (&'a Target, &'a PadMaterial) {
+    fn target<'a>(_objects: &'a Objects, sample: &'a SoftSample) -> (&'a Target, &'a PadMaterial) {
         (&sample.target, &sample.unit)
     }
 
-    fn loss(&self, objects: &Objects, samples: &[&Sample], mirror: usize) -> Result<Loss> {
+    fn loss(&self, objects: &Objects, samples: &[&SoftSample], mirror: usize) -> Result<Loss> {
         let mut total = Tensor::zeros((), candle_core::DType::F32, &Device::Cpu)?;
         let mut parts = [0.0; 4];
         for sample in samples {
@@ -215,7 +215,7 @@ impl Network for Soft {
         Ok(Loss { total, parts })
     }
 
-    fn answer(&self, objects: &Objects, sample: &Sample) -> Result<Fields> {
+    fn answer(&self, objects: &Objects, sample: &SoftSample) -> Result<Fields> {
         let graph = &objects.graphs[sample.object];
         let answer = self.forward(&sample.input, graph, &signs(0))?;
         Ok(Fields::of([&answer.displacement, &answer.stress, &answer.forces, &answer.force])?)

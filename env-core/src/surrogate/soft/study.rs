@@ -7,7 +7,7 @@ use sha2::{Digest, Sha256};
 
 use super::{
     network::{Soft, SoftConfig},
-    samples::{Objects, Part, Sample, squeezing},
+    samples::{Objects, Part, SoftSample, squeezing},
 };
 use crate::{
     Error, Result,
@@ -19,7 +19,7 @@ use crate::{
         run::hex,
         train::{positive, scaled, seeded, within},
         training_run::{TrainingRun, Watch},
-        weights::{Data, Kind},
+        weights::{Data, NetworkCard},
     },
 };
 
@@ -92,7 +92,7 @@ pub struct SoftCard {
     pub novel: SoftErrors,
 }
 
-impl Kind for SoftCard {
+impl NetworkCard for SoftCard {
     const VARIANTS: &'static [&'static str] = &["soft"];
 }
 
@@ -179,14 +179,14 @@ impl SoftStudy {
     }
 }
 
-fn counts(samples: &[Sample]) -> [usize; 2] {
+fn counts(samples: &[SoftSample]) -> [usize; 2] {
     let mut grasps: Vec<_> = samples.iter().map(|sample| &sample.grasp).collect();
     grasps.dedup();
     [grasps.len(), samples.len()]
 }
 
-fn judged(network: &Soft, objects: &Objects, samples: &[Sample]) -> Result<SoftErrors> {
-    let linear = |sample: &Sample| {
+fn judged(network: &Soft, objects: &Objects, samples: &[SoftSample]) -> Result<SoftErrors> {
+    let linear = |sample: &SoftSample| {
         let input = &sample.input;
         let fields = Fields {
             displacement: input.displacement.clone(),
@@ -204,6 +204,6 @@ fn judged(network: &Soft, objects: &Objects, samples: &[Sample]) -> Result<SoftE
 }
 
 /// Takes those of a part out of `samples`.
-fn take(samples: &mut Vec<Sample>, part: Part) -> Vec<Sample> {
+fn take(samples: &mut Vec<SoftSample>, part: Part) -> Vec<SoftSample> {
     samples.extract_if(.., |sample| sample.part == part).collect()
 }

@@ -19,8 +19,8 @@ use super::{
 };
 use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh, responses::Responses};
 
-/// Data shared by all presses of a body.
-pub(super) struct Skin {
+/// Contact nodes of a body, with the data that all its presses share.
+pub(super) struct ContactNodes {
     pub(super) condensed: Arc<Condensed>,
     pub(super) compliance: NodeCompliance,
     /// Displacement of each node under unit forces on itself (M) in m/N; empty for a grid.
@@ -59,7 +59,7 @@ pub(super) type Shares = Vec<(u32, f64)>;
 /// Side of the boxes in which nodes are grouped (m).
 const BOX: f64 = 3.5e-3;
 
-impl Skin {
+impl ContactNodes {
     /// Takes the skin nodes of the body as contact nodes.
     pub(super) fn new(condensed: Arc<Condensed>) -> Self {
         let place = |&node: &u32| condensed.rest.places()[node as usize];

@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// The gels of a dataset.
-pub(super) struct Bodies {
+pub(super) struct PaperGels {
     pub(super) pads: Vec<Pad>,
 }
 
@@ -44,9 +44,9 @@ const TOUCH: f64 = 1e-6;
 /// Steps to get there, each as long as what is left.
 const STEPS: usize = 100;
 
-impl Bodies {
+impl PaperGels {
     /// Those of `config`.
-    pub(super) fn new(config: &dataset::Config) -> Result<Self> {
+    pub(super) fn new(config: &dataset::DatasetConfig) -> Result<Self> {
         let pad = |gel: &dataset::GelConfig| {
             let sensor = Sensor::named(&gel.sensor)?;
             let moduli = Moduli { young: gel.young, poisson: gel.poisson };
