@@ -58,8 +58,9 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
         f"Success over {first['episodes']} evaluation seeds without exploration noise, for "
         "training seeds that no hyper-parameter was tuned on. IQM is the mean of the middle half "
         "of the seeds, with its 95 % bootstrap interval over seeds. Made by "
-        "`python policies/study.py`. Minutes on the clock may be beside other work; CPU minutes "
-        "are the run's own.",
+        "`python policies/study.py`. *Minutes* are on the clock, some beside other work; CPU "
+        "minutes are the run's own. *Return* is the sum of an episode's rewards, a mean over "
+        "episodes.",
         "",
         "| agent sees | seeds | IQM | 95 % interval | median | worst seed | steps | minutes | "
         "CPU minutes | steps/s |",
@@ -71,8 +72,9 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
         wall, cpu = (np.median([row[key] for row in rows]) / 60 for key in ("wall", "cpu"))
         rate = np.median([row["steps_per_second"] for row in rows])
         lines.append(
-            f"| {NAMES[kind]} | {len(rows)} | {interquartile_mean(scores):.1%} | "
-            f"{low:.1%} to {high:.1%} | {np.median(scores):.1%} | {scores.min():.1%} | "
+            f"| {NAMES[kind]} | {len(rows)} | {percent(interquartile_mean(scores))} | "
+            f"{percent(low)} to {percent(high)} | {percent(np.median(scores))} | "
+            f"{percent(scores.min())} | "
             f"{rows[0]['steps']:,} | {wall:.1f} | {cpu:.1f} | {rate:,.0f} |"
         )
     lines += ["", f"![learning curves]({name}.png)", "", "Every seed:", ""]
@@ -82,15 +84,19 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
         for row in rows:
             low, high = row["interval"]
             lines.append(
-                f"| {NAMES[kind]} | {row['seed']} | {row['success']:.1%} | {low:.1%} to {high:.1%} "
-                f"| {row['return']:.1f} | {row['wall'] / 60:.1f} | {row['cpu'] / 60:.1f} |"
+                f"| {NAMES[kind]} | {row['seed']} | {percent(row['success'])} | {percent(low)} to "
+                f"{percent(high)} | {row['return']:.1f} | {row['wall'] / 60:.1f} | "
+                f"{row['cpu'] / 60:.1f} |"
             )
-    lines += ["", "Where the time of training goes, medians over seeds:", ""]
+    shares = "steps of the environments, what else PPO does to collect them, and its updates"
+    lines += ["", f"Where the time of training goes, medians over seeds: {shares}.", ""]
     lines += ["| agent sees | environment | rest of collecting | updating |"]
     lines += ["| --- | ---: | ---: | ---: |"]
     for kind, rows in by_kind.items():
         shares = [np.median([row["shares"][part] for row in rows]) for part in PARTS]
-        lines.append(f"| {NAMES[kind]} | " + " | ".join(f"{share:.0%}" for share in shares) + " |")
+        lines.append(
+            f"| {NAMES[kind]} | " + " | ".join(percent(share, 0) for share in shares) + " |"
+        )
     machines = {machine(row) for rows in by_kind.values() for row in rows}
     lines += ["", *(f"Trained on {one}." for one in sorted(machines)), ""]
     return "\n".join(lines)
@@ -99,12 +105,18 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
 PARTS = ("environment", "collecting", "updating")
 
 
+def percent(share: Any, digits: int = 1) -> str:
+    """A share in per cent."""
+    return f"{100 * share:.{digits}f} %"
+
+
 def machine(row: dict[str, Any]) -> str:
     """What a run was made on and by."""
     about = row["about"]
     return (
-        f"{about['cores']} cores of {about['processor']}, {row['threads']} threads; commit "
-        f"{about['commit']}, Python {about['python']}, gymnasium {about['gymnasium']}"
+        f"{about['cores']} cores of {about['processor']}, {row['threads']} thread"
+        f"{'s' * (row['threads'] != 1)}; commit {about['commit']}, Python {about['python']}, "
+        f"gymnasium {about['gymnasium']}"
     )
 
 

@@ -1,4 +1,4 @@
-"""Fits the colours of a GelSight Mini to 24 real presses; some minutes.
+"""Fits the colours of a GelSight Mini to 20 real presses; some minutes.
 
 The presses are those of the package `taxim` 1.4.1 (MIT): ``pip download --no-deps taxim==1.4.1``,
 then ``python py/reports/colour_fit.py taxim-1.4.1-py3-none-any.whl``. Four presses, drawn before

@@ -173,13 +173,17 @@ def hold(thing: str, model: str) -> dict[str, float]:
 
 PAGE = """# One episode as every model of touch tells it
 
+Of earlier networks, *surrogate* and *surrogate-fine*, and of linear elasticity with contact at
+points, *compliance*; not of the network that is shipped.
+
 Relative L² error of each channel, both pads, against finite elements on {sizes[nodes of the truth]}
 nodes in the same steps of the same actions, median / 95th percentile; of a wrench, its force.
-*Indentation* is how deep the object stands in the undeformed faces at that force. A step is judged
-where the pads bear more than {sizes[least force]} N together. *Model against world* is how far the
-forces of a model are from those that move the object in the same step, before they are corrected.
-Time is the median processor time of a touching step of one environment with all four channels and
-`slip`, and so with stress.
+*Indentation* is how deep the object stands in the undeformed faces at that force (error in %). A
+step is judged where the pads bear more than {sizes[least force]} N together. *Model against world*
+is how far the forces of a model are from those that move the object in the same step, before they
+are corrected. Time is the median processor time of a touching step of one environment with all four
+channels and `slip`, and so with stress; *FEM* is that of finite elements. *Object apart* is the
+largest distance of the object from where it is with finite elements.
 
 {episodes}
 
@@ -212,7 +216,7 @@ def page(report: dict[str, Any]) -> str:
     columns["object apart (µm)"] = lambda row: (
         f"{1e6 * max(row['object_apart'], default=float('nan')):.0f}"
     )
-    columns |= {"ms a step": "{seconds:1e3*.2f}", "FEM": "{fem[seconds]:1e3*.0f}"}
+    columns |= {"ms a step": "{seconds:1e3*.2f}", "FEM, ms a step": "{fem[seconds]:1e3*.0f}"}
     holds = {"object": "{name}", "model": "{model}"}
     holds |= {"markers": "{markers:.1e}", "wrench": "{wrench:.1e}"}
     still = [named(row) for row in report["rows"] if "models" not in row]

@@ -96,6 +96,9 @@ def percent(share: float) -> str:
 
 PAGE = """# Finite elements: how far from the truth, at what cost
 
+Elements are linear (*p1*), linear with averaged dilatation and so free of locking (*p1-bar*) or
+quadratic (*p2*); *tacflex* and *feats* are two published calibrations of a GelSight Mini's gel.
+
 {conclusion}
 
 ## Error by mesh
@@ -113,9 +116,9 @@ with another case running beside.
 ## Does the force converge to that of other solvers?
 
 p2 at ν = 0.48, the truth above among meshes of its family: cells within 3.7 mm of the contact are
-cut ever finer. Beside each force what it is off the value on which NGSolve, GetFEM and CalculiX
-agree under refinement (± 0.0005 N). Contact gives by its softness, 0.3 % of the force at 0.5 mm and
-0.1 % at 1 mm, which is not taken off.
+cut ever finer. In brackets how far each force is off the value on which NGSolve, GetFEM and
+CalculiX agree under refinement (± 0.0005 N). Contact gives by its softness, 0.3 % of the force at
+0.5 mm and 0.1 % at 1 mm, which is not taken off.
 
 {converges}
 
@@ -134,8 +137,8 @@ their equation for ν = 0.5.
 ## Cost of a frame
 
 Flat pad, p1-bar, 15 frames of 0.1 mm: 1 mm down, 0.5 mm sideways. One thread, alone in this report;
-load is that of the whole machine when the case began. Memory is the peak of the process, Python
-included.
+*load* is the load average of the machine when the case began. Memory is the peak of the process,
+Python included.
 
 {speed}
 
@@ -144,31 +147,32 @@ SPEED = {
     "nodes": "{vertices}",
     "μ": "{friction}",
     "s a frame": "{seconds:.3f}",
-    "slowest": "{slowest_seconds:.3f}",
+    "slowest (s)": "{slowest_seconds:.3f}",
     "CPU s a frame": "{cpu_seconds:.3f}",
     "Newton steps": "{iterations:.1f}",
     "CPU s to set up": "{setup_cpu_seconds:.2f}",
-    "peak MiB": "{peak_mib:.0f}",
-    "of it before": "{idle_mib:.0f}",
+    "peak (MiB)": "{peak_mib:.0f}",
+    "of it before (MiB)": "{idle_mib:.0f}",
     "load": "{load:.1f}",
 }
 FORCE = "{depths[0.5][force]:.4f} ({depths[0.5][force_error]:100*+.1f} %)"
 ACCURACY = {
     "element": "{element}",
     "vertices": "{vertices}",
-    "F at 0.5 mm": lambda row: row.get("failed") or filled(FORCE, row),
-    "F at 1 mm": FORCE.replace("0.5", "1.0"),
-    "u at 0.5": "{depths[0.5][displacement_error]:100*.1f} %",
-    "u at 1": "{depths[1.0][displacement_error]:100*.1f} %",
-    "σ at 0.5": "{depths[0.5][von_mises_error]:100*.1f} %",
-    "σ at 1": "{depths[1.0][von_mises_error]:100*.1f} %",
+    "F (N) at 0.5 mm": lambda row: row.get("failed") or filled(FORCE, row),
+    "F (N) at 1 mm": FORCE.replace("0.5", "1.0"),
+    "u at 0.5 mm": "{depths[0.5][displacement_error]:100*.1f} %",
+    "u at 1 mm": "{depths[1.0][displacement_error]:100*.1f} %",
+    "σ at 0.5 mm": "{depths[0.5][von_mises_error]:100*.1f} %",
+    "σ at 1 mm": "{depths[1.0][von_mises_error]:100*.1f} %",
     "Newton steps": "{iterations:.1f}",
     "s a frame": "{seconds:.3f}",
     "CPU s a frame": "{cpu_seconds:.3f}",
 }
 TRUTH = """### ν = {poisson}: {reference[force][0.5]:.4f} N and {reference[force][1.0]:.4f} N
 
-The reference took {reference[cpu_seconds]:.1f} s of CPU for each 0.5 mm.
+Forces of the reference at 0.5 and at 1 mm. It took {reference[cpu_seconds]:.1f} s of CPU for each
+0.5 mm of depth.
 
 {table}"""
 

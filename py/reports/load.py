@@ -114,7 +114,7 @@ def tremble(thing: str, model: str, grip: float) -> dict[str, Any]:
 
 
 def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Errors by case, answerer and state of contact."""
+    """Errors by case, model and state of contact."""
     found = []
     for case in cases.CASES:
         for model in MODELS:
@@ -197,6 +197,8 @@ PAGE = """# Force that is the load
 An object that only the pads touch needs a known wrench: the sum of both pads' forces is m (a − g)
 less the load and shaking of the task, and of their torques about its centre of mass the rate of its
 angular momentum. Here the felt wrenches (channel `wrench`) are compared with that, by motion.
+Models of the gel are the network (*surrogate*), linear elasticity (*compliance*) and finite
+elements (*fem*).
 
 {verdict}
 
@@ -291,7 +293,7 @@ pad) is at step 1 where squeezing alone has made the rim of the contact slide.
 {gross}"""
 CASE = {
     "case": "{case}",
-    "answerer": "{model}",
+    "model": "{model}",
     "contact": "{state}",
     "samples": "{samples}",
     "force": "{force[median]:100*.1f} / {force[p95]:100*.1f} / {force[worst]:100*.0f}",
@@ -302,14 +304,14 @@ CASE = {
 }
 TREMBLE = {
     "object": "{object}",
-    "answerer": "{model}",
+    "model": "{model}",
     "grip (N)": "{grip:.0f}",
     "load (N)": "{load:.3f}",
     "felt (N)": "{least:.3f} to {most:.3f}",
     "moves by (µm)": "{moves:1e6*.1f}",
 }
 SLIP = {
-    "answerer": "{model}",
+    "model": "{model}",
     "object": "{object}",
     "friction": "{friction:.2f}",
     "load (N)": "{load:.2f}",
@@ -324,7 +326,7 @@ SLIP = {
 
 def page(report: dict[str, Any]) -> str:
     """Errors by case, and onset of slip."""
-    settled = {"answerer": "{model}", "step": "{after}"}
+    settled = {"model": "{model}", "step": "{after}"}
     settled |= {"median": "{force[median]:100*.2f}", "worst": "{force[worst]:100*.2f}"}
     stepwise: dict[str, Any] = {"step": "{name}"}
     for axis in report["steps"][0]["axes"]:
@@ -354,7 +356,7 @@ def objects(rows: list[dict[str, Any]]) -> str:
     return table(columns, found.values(), absent="–")
 
 
-VERDICT = """Of {count} groups of samples, by case, answerer and state of contact, {met} meet the
+VERDICT = """Of {count} groups of samples, by case, model and state of contact, {met} meet the
 goals set below{names}. The force on what hangs still is felt right to {still:100*.2f} % sixteen
 steps after the start (network, worst of its episodes), so signs and frames are right; the errors
 are of starts and of contact that changes.

@@ -235,9 +235,10 @@ def batches(rows: list[dict]) -> dict:
     return found
 
 
-PAGE = """# Error against run time: which answerer for which error
+PAGE = """# Error against run time: which model for which error
 
-The front, fastest first, by median error:
+For each quantity the models that none of the others beats in both error and time (their *front*),
+fastest first, with median error and CPU time a frame:
 
 {fronts_in_words}
 
@@ -245,17 +246,29 @@ The front, fastest first, by median error:
 
 Errors against p1-bar on the finest mesh ({sizes[nodes of the truth]} nodes, itself about 4 % off in
 displacement and 8 % in stress, see [fem.md](fem.md)), carried to the model mesh of 900 nodes;
-relative L² a frame, median / 95th percentile, in %. In brackets against p1-bar on 2,000 nodes. Over
-the presses that these solve; unsolved are counted of all. *network* is `Surrogate()`, *linear, on
-cells* the answer that it corrects; *compliance* feels contact at points of a mesh. Time is CPU time
-a frame on one thread, median over presses.
+relative L² a frame, median / 95th percentile, in %. In brackets the median against p1-bar on 2,000
+nodes. Over the presses that these solve; unsolved are counted of all. Time is CPU time a frame on
+one thread, median over presses. Bold: on the front of displacement.
+
+*Fem* is finite elements: linear (p1), linear and free of locking (p1-bar) or quadratic (p2), with
+about how many nodes, and the force that may be out of balance (0.1 µN if not said). *Compliance* is
+linear elasticity with contact at points of the mesh, or *at nodes*, of 2,000 nodes if not said; a
+*sweep* is a correction towards finite elements. The *paper's* networks are those of DefGraspNets
+([page](paper.md)), the *bonded layer* a closed form of the force under a ball.
+
+Presses: *held-out* are grasps of objects of families on which the paper's networks were not
+trained. In the other panels balls of 2 to 10 mm and blocks of 4 and 5 mm (radius, half an edge) are
+pressed straight down: *deep* 1.6 to 2.4 mm, *tiny* 5 to 50 µm, *soft* into a gel of 20 kPa and
+*stiff* into one of 5 MPa, both 0.3 to 1 mm. *u* is displacement, *σ* von Mises stress, *force* the
+net force, *peak* the stress where it is highest.
 
 {tables}
 
 ## Whether a network knows
 
-All panels: errors against the finest mesh, median / 95th percentile in %, of the frames that
-`knows` says are like what the network learnt from, and of the others.
+The method `knows` of a network says whether an answer is like those that the network learnt from.
+Errors over all panels against the finest mesh, median / 95th percentile in %, of the frames of
+which it says so, and of the others.
 
 {knowing}
 
@@ -317,11 +330,16 @@ def conclusion(report: dict) -> str:
     lines = []
     for what in ("force", "displacement", "stress"):
         steps = "; ".join(
-            f"{n} {100 * found[n]['finest'][what]['median']:.1f} % in {found[n]['ms']:.3g} ms"
+            f"{n} {100 * found[n]['finest'][what]['median']:.1f} % in {short(found[n]['ms'])} ms"
             for n in report["fronts"][name][what]
         )
         lines.append(f"- **{what}**, {name}: {steps}.")
     return "\n".join(lines)
+
+
+def short(ms: float) -> str:
+    """A time in three digits."""
+    return f"{ms:.3g}" if ms < 1e3 else f"{ms:,.0f}"
 
 
 def panel(name: str, found: dict, report: dict) -> str:
@@ -332,7 +350,7 @@ def panel(name: str, found: dict, report: dict) -> str:
         for answerer, row in found.items()
         if "ms" in row
     ]
-    columns = {"answerer": "{name}", "ms": "{ms:.3g}"}
+    columns = {"model": "{name}", "ms": lambda row: short(row["ms"])}
     columns |= {title: error_cell(what) for what, title in ERRORS.items()}
     columns["unsolved"] = lambda row: (
         f"{len(row['failed'])} of {row['presses']}" if row["failed"] else ""
@@ -361,7 +379,7 @@ def knowing(found: dict) -> str:
         if name in found and ANSWERERS[name].kind != "oracle"
         for part, errors in found[name].items()
     ]
-    columns = {"network": "{name}", "it says": "{part}", "frames": "{frames}"}
+    columns = {"network": "{name}", "`knows` says": "{part}", "frames": "{frames}"}
     columns |= {"u": spread("displacement", "95 %"), "force": spread("force", "95 %")}
     return table(columns, rows, absent="–")
 
@@ -374,7 +392,7 @@ def in_batches(found: dict) -> str:
         for name, one in found.items()
     ]
     columns = {
-        "answerer": "{name}",
+        "model": "{name}",
         "ms a press, one thread": "{slow:.3g}",
         f"{threads} threads": "{fast:.3g}",
         "of ideal": lambda row: f"{100 * row['slow'] / row['fast'] / threads:.0f} %",
@@ -388,7 +406,7 @@ def still(found: dict) -> str:
     worst = max(found.values(), default=0.0)
     who = [name for name, most in found.items() if most == worst]
     if not worst:
-        return f"A ball 0.1 and 1 mm over the gel: exactly zero from all {len(found)} answerers."
+        return f"A ball 0.1 and 1 mm over the gel: exactly zero from all {len(found)} models."
     return f"A ball over the gel: up to {worst:.1e} m from {', '.join(who)}."
 
 

@@ -232,7 +232,7 @@ def written(name: str, *values: float | None) -> str:
     """Values of a parameter in its unit."""
     factor, _, unit = UNITS[name]
     ends = ["open" if value is None else f"{round(factor * value, 6):.3g}" for value in values]
-    return f"{' to '.join(ends)} {unit}".rstrip()
+    return f"{' to '.join(ends)} {unit * (ends[-1] != 'open')}".rstrip()
 
 
 def within(found: dict[str, Any]) -> list[bool]:

@@ -117,17 +117,17 @@ with the ball and Gaussian of twelve pairs and the contact radii that fit best; 
 faces below.
 
 **The contacts had to be found again.** The package states places and radii of contact. The pictures
-show the tip {fit[places][label apart][median]:.0f} pixels (median; at most
-{fit[places][label apart][max]:.0f}) beside them, and its strongest colours within 20 pixels of the
-middle where radii of contact of {fit[places][label radius][0]:.0f} to
-{fit[places][label radius][1]:.0f} are stated; the radius of the ball is not stated. So the slopes
-themselves were found by shape from shading: three lights on a matt surface, a face of revolution,
-one family of profiles for all presses with its depth as the only number of each. The scale of
-slopes follows from shadows and from the foreshortening of steep parts alone: with all slopes times
-{scale}. Taxim's table, fitted by others to a ball that they measured, fits best with our slopes
-times {fit[table][Taxim, our faces, flat taken off][value]:g}, a second hint at the scale. Starts
-from slopes of 0.3, 1 and 2 ended at peaks of {peaks}. Of a press that was left out, the middle and
-the depth, three numbers, are found from its own picture.
+show the tip {fit[places][label apart][median]:.0f} pixels (median; at most {fit[places][label
+apart][max]:.0f}) beside them, and its strongest colours within 20 pixels of the middle where radii
+of contact of {fit[places][label radius][0]:.0f} to {fit[places][label radius][1]:.0f} are stated;
+the radius of the ball is not stated. So the slopes themselves were found by shape from shading:
+three lights on a matt surface, a face of revolution, one family of profiles for all presses with
+its depth as the only number of each. The scale of slopes follows from shadows and from the
+foreshortening of steep parts alone: the cost of the best lights changes by {scale}. Taxim's table,
+fitted by others to a ball that they measured, fits best with our slopes times {fit[table][Taxim,
+our faces, flat taken off][value]:g}, a second hint at the scale. Starts from slopes of 0.3, 1 and 2
+ended at peaks of {peaks}. Of a press that was left out, the middle and the depth, three numbers,
+are found from its own picture.
 
 **Terms.** Errors in the window of means of 2 × 2 pixels: fitted; with four presses at a time left
 out; with one of three series (same place, growing depth) at a time left out.
@@ -202,7 +202,7 @@ def section(part: dict[str, Any]) -> str:
     places = fit["places"]
     spread = [1e3 * fit["pixel"] * (places[axis][1] - places[axis][0]) for axis in "xy"]
     scale = ", ".join(
-        f"{row['factor']:g} the cost of the best lights is {100 * (row['cost'] - 1):+.0f} %"
+        f"{100 * (row['cost'] - 1):+.0f} % with slopes times {row['factor']:g}"
         for row in fit["lights"]["scale"]
         if row["factor"] != 1
     )

@@ -237,7 +237,11 @@ def savings(scenes: dict) -> dict:
 
 PAGE = """# What a scene costs
 
-Steps a second of one thread, and where they go:
+Of earlier networks of the gel, *network* and *fine network*, and of linear elasticity with contact
+at points, *linear*; *rigid* is without touch, *finer step* with steps of 1 ms in place of 4 ms. The
+network that is shipped is slower: [What touch costs](../../py/docs/touch.md#what-touch-costs).
+
+Steps a second of one thread while both pads touch, and the stage that takes most of them:
 
 {rates}
 
@@ -260,13 +264,14 @@ touch; processor time. Memory is what the scene adds to the process.
 
 ## What leaving something out saves
 
-Against 'network, all channels'; 'stage' is what the plan says that it takes.
+Against 'network, all channels'; 'stage' is what `plan()` says that what is left out takes.
 
 {saved}
 
 ## Environments and threads
 
-Wall time, the whole machine's load when it began beside it.
+Wall time, the scripted policy from reach to lift; *load* is the load average of the machine when
+the case began.
 
 {scaled}
 
@@ -275,7 +280,7 @@ Wall time, the whole machine's load when it began beside it.
 {beside_peers}
 
 {made}"""
-TRAINED = """## SB3 end to end
+TRAINED = """## Training by Stable-Baselines3 (SB3), end to end
 
 Stable-Baselines3's PPO with the hyper-parameters of `ruffini.agents.params`, one thread of torch
 and one of the environment: wall time, by step of one environment. The policy's own networks count
@@ -284,7 +289,7 @@ which physics does not. 'Touch' is the share of steps in which a pad touches: th
 untrained, and in GraspLift a trained one touches far more often.
 
 {table}"""
-PEERS = """## Peers
+PEERS = """## Beside other simulators
 
 Random actions on one thread, which seldom touch; resets included; wall time. A step of one is not a
 step of another: 'real time' is the simulated time over the wall's.

@@ -1,4 +1,4 @@
-"""A million steps over all tasks and models of touch, a quarter of an hour; --quick ten thousand.
+"""A million steps over all tasks but InsertPeg, a quarter of an hour; --quick ten thousand.
 
 Half of the environments act at random; the others play the scripted policy under random pushes, so
 that fingers meet objects in every clumsy way. Checked at every step: observations finite and within
@@ -144,12 +144,16 @@ def replay(envs: gym.vector.VectorEnv, act: Clumsy, observation: Any, name: str)
 
 PAGE = """# A million clumsy steps
 
+Half of the environments act at random, the others play the scripted policy under random pushes, so
+that fingers meet objects in every clumsy way: all tasks but InsertPeg, all models of touch.
+
 {made}
 
 {total:,} steps. No observation was infinite or outside its space, no reward outside [0, 1], no
 ending without a name, no panic and no hang, and every part replayed from a snapshot bit for bit:
-the run stops at the first that is not so. Of the press errors, those beyond `press_failed` are
-contacts that were taken up anew.
+the run stops at the first that is not so. A press error either ends its episode (`press_failed`),
+or the contact is solved from rest and the episode goes on. Memory is what a part adds to the
+process.
 
 {parts}"""
 
@@ -163,7 +167,7 @@ def page(report: dict[str, Any]) -> str:
     columns = {
         "part": "{key}",
         "steps": "{steps:,}",
-        "touching": "{touching:.0%}",
+        "touching": "{touching:100*.0f} %",
         "episodes": "{episodes:,}",
         "ended early": counted("endings"),
         "press errors": counted("press errors"),

@@ -219,21 +219,29 @@ HEADS = {
     "friction": "friction from",
     "depth": "depth from (share of the thickness)",
     "size": "size from (m)",
+    "kind": "kind of motion",
+    "time step": "time step (s)",
+    "iterations": "substeps a time step",
 }
 PAGE = """# Stability: what extreme presses do
 
-Of {presses} extreme presses and scenes, {solved:100*.1f} % are solved, {refused:100*.1f} % refused
-by name, and {bad} wrong, silent, hung or ended by a panic. A press takes {seconds[median]:.2f} s in
-the median and {seconds[99 %]:.0f} s at the 99th percentile; the limit is {sizes[limit]:.0f} s.
-Solved means that every number is finite, forces balance within the stated tolerance, the wrench is
-the sum of the contact forces, and no shape is in the skin past the documented bound
-(`py/reports/verdict.py`).
+Of {presses:,} extreme presses and scenes, {solved:100*.1f} % are solved, {refused:100*.1f} %
+refused with an error that says why (*refused by name*), and {bad} wrong, silent, hung or ended by a
+panic. A press takes {seconds[median]:.2f} s in the median and {seconds[99 %]:.0f} s at the 99th
+percentile; the limit is {sizes[limit]:.0f} s. Solved means that every number is finite, forces
+balance within the stated tolerance, the wrench is the sum of the contact forces, and no shape is in
+the skin past the documented bound (`py/reports/verdict.py`).
+
+*fem* is finite elements, *compliance* linear elasticity with contact at points and *nodes* the same
+with contact at nodes, *surrogate* and *swift* two networks, *environment* a scene in which a hand
+acts. A number under *press* is that of a press, which `python py/reports stability --show NUMBER`
+asks again; *kind* is how a shape is moved, *through* right through the body.
 
 ## Defects found
 
 {mended}
 
-## Who answers
+## By model
 
 {answerers}
 
@@ -241,7 +249,7 @@ Named errors: {reasons}.
 
 {wrong_ones}
 
-## Found another way
+## The same answer, found another way
 
 {ways}
 
@@ -263,11 +271,11 @@ substep:
 
 {drifts}
 
-## How long
+## The slowest presses
 
 {slowest}
 
-{made} Ask one again: `python py/reports stability --show NUMBER`."""
+{made}"""
 COMPARED = {
     "relative difference": "{what}",
     "presses": "{compared}",
@@ -281,8 +289,8 @@ DEFECT = {
     "press": "{press}",
     "mended": lambda defect: defect.get("mended", "open"),
 }
-WRONG = {"press": "{key}", "answerer": "{case[answerer]}", "verdict": "{verdict}", "why": "{why}"}
-SLOW = {"press": "{of[0]}", "answerer": "{of[1]}", "s": "{of[2]:.0f}"}
+WRONG = {"press": "{key}", "model": "{case[answerer]}", "verdict": "{verdict}", "why": "{why}"}
+SLOW = {"press": "{of[0]}", "model": "{of[1]}", "s": "{of[2]:.0f}"}
 
 
 def page(report: dict) -> str:
@@ -302,7 +310,7 @@ def page(report: dict) -> str:
         PAGE,
         report | shares | {"bad": len(report["wrong"])},
         mended=table(DEFECT, report["defects"]),
-        answerers=counts(report["by answerer"], "answerer", report["asked by"]),
+        answerers=counts(report["by answerer"], "model", report["asked by"]),
         reasons=", ".join(f"{name} {n}" for name, n in why),
         wrong_ones=table(WRONG, report["wrong"][:40]) if report["wrong"] else "",
         ways=table(COMPARED, ways),
@@ -321,7 +329,8 @@ def counts(by: dict, head: str, asked: dict[str, dict[str, int]] | None = None) 
     kinds = [*first, *sorted(kinds.difference(FINE))]
     rows = [[name, *(str(counted.get(kind, 0)) for kind in kinds)] for name, counted in by.items()]
     if asked is None:
-        return grid([head, *kinds], rows)
+        rows = [[short(name), *cells] for name, *cells in rows]
+        return grid([HEADS.get(head, head), *kinds], rows)
     for row in rows:
         some = asked[row[0]]
         row.append(", ".join(f"{c} ({n})" if len(some) > 1 else c for c, n in some.items()))
@@ -349,9 +358,9 @@ def figure(report: dict):
     """Verdicts by answerer and by what was asked."""
     picture, axes = plt.subplots(2, 4, figsize=(13, 6), layout="constrained")
     axes_of = report["axes"]
-    parts = {"answerer": report["by answerer"]}
+    parts = {"model": report["by answerer"]}
     parts |= {HEADS[name]: axes_of[name] for name in ("young", "poisson", "friction", "depth")}
-    parts |= {"mesh": axes_of["mesh"], "how it is led": axes_of["kind"]}
+    parts |= {"mesh": axes_of["mesh"], "kind of motion": axes_of["kind"]}
     parts |= {"scene: time step (s)": report["scenes"].get("time step", {})}
     for (title, counted), axis in zip(parts.items(), axes.flat, strict=True):
         bars(axis, title, counted)

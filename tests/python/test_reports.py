@@ -128,13 +128,13 @@ def test_text_has_its_figures_in_other_units_and_leaves_out_what_is_empty():
 
 
 def test_a_table_has_a_row_for_each_and_says_what_is_absent():
-    rows = [{"name": "a", "x": 1.25}, {"name": "b"}]
-    columns = {"who": "{name}", "x (%)": "{x:100*.0f}"}
+    rows = [{"name": "a", "x": 1.25, "by": "5e6507c"}, {"name": "b", "by": "of late"}]
+    columns = {"who": "{name}", "x (%)": "{x:100*.0f}", "by": "{by}"}
     assert pages.table(columns, rows, absent="–").splitlines() == [
-        "| who | x (%) |",
-        "| --- | ---: |",
-        "| a | 125 |",
-        "| b | – |",
+        "| who | x (%) | by |",
+        "| --- | ---: | --- |",
+        "| a | 125 | 5e6507c |",
+        "| b | – | of late |",
     ]
     with pytest.raises(KeyError):
         pages.table(columns, rows)

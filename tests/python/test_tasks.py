@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from typing import Any, get_type_hints
 
 import gymnasium as gym
@@ -54,6 +55,20 @@ def test_a_docstring_has_every_term_channel_and_setting_with_its_default(task):
     for setting in described["settings"]:
         if task == "GraspLift" or usual.get(setting["name"]) != setting["default"]:
             assert f"| ``{setting['name']}`` |" in text
+    _, _, table = text.partition("## Settings")
+    for row in re.findall(r"^ *\| ``(.+) \|$", table, re.MULTILINE):
+        cells = row.split(" | ")
+        assert len(cells) == 5 and all(cells), row
+
+
+def test_the_first_docstring_has_every_setting_and_every_entry_of_one():
+    text, settings = ruffini.envs.GraspLiftEnv.__doc__, set(get_type_hints(Settings))
+    named = set(re.findall(r"^ *\| ``(\w+)[\w.]*`` \|", text, re.MULTILINE))
+    own = {each["name"] for task in TASKS.values() for each in task["settings"]}
+    shared = {each["name"] for each in TASKS["GraspLift"]["settings"]}
+    assert settings - (own - shared) <= named
+    for entry in ("gripper.max_force", "workspace.low", "physics.gravity", "resolution.image"):
+        assert f"| ``{entry}`` |" in text
 
 
 def test_type_checkers_know_the_settings_that_rust_has():

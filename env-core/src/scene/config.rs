@@ -180,6 +180,29 @@ impl Default for Physics {
     }
 }
 
+/// Number among the settings of a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoundedNumber {
+    /// Its mapping and its name there, such as `gripper.max_force`.
+    pub name: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Least and greatest allowed value.
+    pub bounds: [f64; 2],
+    /// SI unit; empty for a count.
+    pub unit: &'static str,
+    /// Meaning, as a phrase.
+    pub doc: &'static str,
+}
+
+impl BoundedNumber {
+    fn new(
+        (name, value, bounds, unit, doc): (&'static str, f64, [f64; 2], &'static str, &'static str),
+    ) -> Self {
+        Self { name, value, bounds, unit, doc }
+    }
+}
+
 /// The free object of one episode.
 #[derive(Clone, Debug)]
 pub struct SceneObject<'a> {
@@ -206,31 +229,17 @@ impl SceneConfig {
         self
     }
 
+    /// Numbers of the gripper and of the solver.
+    pub fn numbers(&self) -> Vec<BoundedNumber> {
+        [&self.gripper.numbers()[..], &self.physics.numbers()].concat()
+    }
+
     /// Checks all settings; the error names the first one out of its range.
     pub fn validate(&self) -> Result<()> {
-        let (g, p) = (&self.gripper, &self.physics);
-        let settings = [
-            ("gripper.pad_width", g.pad_width, 0.001, 0.1),
-            ("gripper.pad_length", g.pad_length, 0.001, 0.1),
-            ("gripper.pad_thickness", g.pad_thickness, 0.0005, 0.02),
-            ("gripper.finger_mass", g.finger_mass, 0.001, 10.0),
-            ("gripper.max_opening", g.max_opening, 0.001, 0.5),
-            ("gripper.max_force", g.max_force, 0.01, 200.0),
-            ("gripper.max_force_rate", g.max_force_rate, 0.1, 1e5),
-            ("gripper.closing_speed", g.closing_speed, 0.001, 5.0),
-            ("gripper.max_speed", g.max_speed, 0.001, 5.0),
-            ("gripper.max_yaw_rate", g.max_yaw_rate, 0.0, 50.0),
-            ("gripper.max_acceleration", g.max_acceleration, 0.1, 1000.0),
-            ("gripper.max_yaw_acceleration", g.max_yaw_acceleration, 0.1, 10_000.0),
-            ("gripper.centering_stiffness", g.centering_stiffness, 0.0, 1e6),
-            ("physics.control_period", p.control_period, 1e-3, 1.0),
-            ("physics.time_step", p.time_step, 1e-4, 1.0 / 60.0),
-            ("physics.iterations", p.iterations as f64, 1.0, 64.0),
-            ("physics.gravity", p.gravity, 0.0, 100.0),
-        ];
-        for (name, value, low, high) in settings {
+        for BoundedNumber { name, value, bounds: [low, high], .. } in self.numbers() {
             within(name, value, low, high)?;
         }
+        let p = &self.physics;
         let steps = p.control_period / p.time_step;
         if (steps - steps.round()).abs() > 1e-6 || steps < 0.5 {
             let found = format!("{steps} steps of {} s in {} s", p.time_step, p.control_period);
@@ -246,9 +255,9 @@ impl SceneConfig {
             return Err(Error::invalid("physics.iterations", p.iterations, expected));
         }
         if let Pads::Soft(pads) = &self.pads {
-            pads.validate(g)?;
+            pads.validate(&self.gripper)?;
         }
-        self.workspace.validate(g)
+        self.workspace.validate(&self.gripper)
     }
 }
 
@@ -266,7 +275,134 @@ impl SoftPads {
     }
 }
 
+impl Gripper {
+    fn numbers(&self) -> [BoundedNumber; 13] {
+        [
+            (
+                "gripper.pad_width",
+                self.pad_width,
+                [0.001, 0.1],
+                "m",
+                "extent of a pad across the finger; that of the sensor",
+            ),
+            (
+                "gripper.pad_length",
+                self.pad_length,
+                [0.001, 0.1],
+                "m",
+                "extent of a pad along the finger; that of the sensor",
+            ),
+            (
+                "gripper.pad_thickness",
+                self.pad_thickness,
+                [0.0005, 0.02],
+                "m",
+                "thickness of a pad; that of the sensor",
+            ),
+            ("gripper.finger_mass", self.finger_mass, [0.001, 10.0], "kg", "mass of one finger"),
+            (
+                "gripper.max_opening",
+                self.max_opening,
+                [0.001, 0.5],
+                "m",
+                "distance between the pads of the open gripper",
+            ),
+            (
+                "gripper.max_force",
+                self.max_force,
+                [0.01, 200.0],
+                "N",
+                "largest grip force of one finger",
+            ),
+            (
+                "gripper.max_force_rate",
+                self.max_force_rate,
+                [0.1, 1e5],
+                "N/s",
+                "largest rate of the grip force, where the action sets the force",
+            ),
+            (
+                "gripper.closing_speed",
+                self.closing_speed,
+                [0.001, 5.0],
+                "m/s",
+                "speed of a finger that touches nothing",
+            ),
+            (
+                "gripper.max_speed",
+                self.max_speed,
+                [0.001, 5.0],
+                "m/s",
+                "largest speed of the wrist along each axis",
+            ),
+            (
+                "gripper.max_yaw_rate",
+                self.max_yaw_rate,
+                [0.0, 50.0],
+                "rad/s",
+                "largest yaw rate of the wrist",
+            ),
+            (
+                "gripper.max_acceleration",
+                self.max_acceleration,
+                [0.1, 1000.0],
+                "m/s²",
+                "largest acceleration of the wrist along each axis",
+            ),
+            (
+                "gripper.max_yaw_acceleration",
+                self.max_yaw_acceleration,
+                [0.1, 10_000.0],
+                "rad/s²",
+                "largest yaw acceleration of the wrist",
+            ),
+            (
+                "gripper.centering_stiffness",
+                self.centering_stiffness,
+                [0.0, 1e6],
+                "N/m",
+                "stiffness of the spring that keeps the fingers centred",
+            ),
+        ]
+        .map(BoundedNumber::new)
+    }
+}
+
 impl Physics {
+    fn numbers(&self) -> [BoundedNumber; 4] {
+        [
+            (
+                "physics.control_period",
+                self.control_period,
+                [1e-3, 1.0],
+                "s",
+                "duration of a control step",
+            ),
+            (
+                "physics.time_step",
+                self.time_step,
+                [1e-4, 1.0 / 60.0],
+                "s",
+                "duration of a step of Rapier; a whole number of them is a control step",
+            ),
+            (
+                "physics.iterations",
+                self.iterations as f64,
+                [1.0, 64.0],
+                "",
+                "substeps of a step of Rapier; each lasts 1.05 ms at most",
+            ),
+            (
+                "physics.gravity",
+                self.gravity,
+                [0.0, 100.0],
+                "m/s²",
+                "acceleration by weight, along -z",
+            ),
+        ]
+        .map(BoundedNumber::new)
+    }
+
     /// Number of Rapier steps in one control period.
     pub fn steps(&self) -> usize {
         (self.control_period / self.time_step).round() as usize

@@ -27,7 +27,9 @@ mod world;
 pub use approach::{Approach, ApproachFailure};
 pub use catalogue::{CATALOGUE, named};
 pub use collider::ObjectModel;
-pub use config::{Gripper, Pads, Physics, SceneConfig, SceneObject, SoftPads, Workspace};
+pub use config::{
+    BoundedNumber, Gripper, Pads, Physics, SceneConfig, SceneObject, SoftPads, Workspace,
+};
 pub use fixture::Fixture;
 pub use foundation_fit::{FoundationError, FoundationFit, fit_foundation};
 pub use state::{BodyState, Failure, FingerState, SceneState, WristState};

@@ -1,5 +1,7 @@
 //! Settings of touch, as they come from Python.
 
+use std::ops::RangeInclusive;
+
 use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 use serde_json::Value;
 
@@ -86,6 +88,18 @@ impl Default for Resolution {
     }
 }
 
+impl Resolution {
+    /// Counts across and along: place in the settings, value, greatest allowed count, meaning.
+    pub(crate) fn counts(&self) -> [(&'static str, [u32; 2], u32, &'static str); 4] {
+        [
+            ("resolution.markers", self.markers, 64, "markers across and along"),
+            ("resolution.grid", self.grid, 64, "cells of ``stress`` and ``traction``, likewise"),
+            ("resolution.depth", self.depth, 512, "pixels of ``depth``, likewise"),
+            ("resolution.image", self.image, 512, "pixels of ``image``, likewise"),
+        ]
+    }
+}
+
 /// Settings of touch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TactileConfig {
@@ -143,20 +157,14 @@ impl TactileConfig {
 
     /// Returns an error that names the first setting out of its range.
     pub fn validate(&self) -> Result<()> {
-        let Resolution { nodes, markers, grid, depth, image } = &self.resolution;
-        if !(100..=MOST_NODES).contains(nodes) {
-            let expected = format!("100 to {MOST_NODES}");
+        let Resolution { nodes, .. } = &self.resolution;
+        if !NODES.contains(nodes) {
+            let expected = format!("{} to {}", NODES.start(), NODES.end());
             return Err(Error::invalid("resolution.nodes", nodes, expected));
         }
-        for (name, counts, most) in [
-            ("markers", markers, 64),
-            ("grid", grid, 64),
-            ("depth", depth, 512),
-            ("image", image, 512),
-        ] {
+        for (name, counts, most, _) in self.resolution.counts() {
             if !counts.iter().all(|count| (1..=most).contains(count)) {
                 let expected = format!("1 to {most} across and along");
-                let name = format!("resolution.{name}");
                 return Err(Error::invalid(name, format!("{counts:?}"), expected));
             }
         }
@@ -165,5 +173,5 @@ impl TactileConfig {
     }
 }
 
-/// Greatest number of nodes of a pad's mesh in an environment.
-const MOST_NODES: usize = 20_000;
+/// Numbers of nodes that a pad's mesh in an environment may have.
+pub(crate) const NODES: RangeInclusive<usize> = 100..=20_000;

@@ -19,6 +19,7 @@ mod skin;
 mod traction;
 
 pub use channel::{Channel, Spec};
+pub(crate) use config::NODES;
 pub use config::{Choice, GelMaterial, Resolution, TactileConfig};
 pub use finger::Finger;
 pub use model::{Model, TactilePad};

@@ -210,9 +210,21 @@ impl TaskConfig {
                 "Coulomb coefficient of the object against pads and table",
             ),
             Setting::range("size", size, [0.1, 10.0], "", "size relative to the named object"),
-            Setting::range("position", position, PLACE, "m", "x and y of the object, each"),
+            Setting::range(
+                "position",
+                position,
+                PLACE,
+                "m",
+                "x and y of the object, each, in ``workspace``",
+            ),
             Setting::range("yaw", yaw, [-7.0, 7.0], "rad", "yaw of the object about z"),
-            Setting::range("start", start, PLACE, "m", "x and y of the tool centre, each"),
+            Setting::range(
+                "start",
+                start,
+                PLACE,
+                "m",
+                "x and y of the tool centre, each, in ``workspace``",
+            ),
             Setting::range("start_height", start_height, PLACE, "m", "height of the tool centre"),
             Setting::number(
                 "lift_height",
@@ -315,6 +327,6 @@ const AS_CALIBRATED: Range = [1.0, 1.0];
 /// Typical radius of a soft object (m).
 const MIDDLING: f64 = 0.018;
 /// Bounds of every place (m): the scene's limits of a workspace.
-const PLACE: Range = [-1.0, 1.0];
+pub(super) const PLACE: Range = [-1.0, 1.0];
 /// Gap between pads and table at the bottom of the default workspace (m).
 const CLEARANCE: f64 = 1e-3;

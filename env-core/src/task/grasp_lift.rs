@@ -111,6 +111,9 @@ colour scale: from 0 to 0.3 of Young's modulus, or to the limit of :class:`Grasp
 Stress for the picture is computed only when a picture is rendered.
 
 ## Settings
-A range to draw from can also be given as one number.
+A default of two numbers is a range to draw from, which can also be given as one number. *Range*
+is what is allowed; the unit 1 stands for ratios, counts and what is no number.
+``gripper.max_force`` is an entry of a mapping, ``gripper={"max_force": 20}``; entries that are not
+given keep their defaults.
 
 {settings}"#;

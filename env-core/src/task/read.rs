@@ -8,37 +8,65 @@ use serde_json::{Map, Value};
 use super::{Task, TaskConfig};
 use crate::{Error, Result};
 
-/// Names of the settings that are no numbers, with a phrase on each.
-pub(super) const OTHERS: [(&str, &str); 12] = [
+/// Names of the settings that are no numbers; of those that are no mappings of numbers, with what
+/// is allowed and a phrase on each.
+pub(super) const OTHERS: [(&str, Option<[&str; 2]>); 12] = [
     (
         "objects",
-        "objects to draw from: names, mesh files, ``{\"mesh\": path, \"scale\": metres}``, or \
-         ``{\"shape\": \"sphere\", \"radius\": 0.02}`` and the like",
+        Some([
+            "1 to 1,000 of them",
+            "objects to draw from: names, mesh files, ``{\"mesh\": path, \"scale\": metres}``, or \
+             ``{\"shape\": \"sphere\", \"radius\": 0.02}`` and the like",
+        ]),
     ),
-    ("max_episode_steps", "control steps after which an episode is truncated"),
+    (
+        "max_episode_steps",
+        Some(["1 to 1,000,000 steps", "control steps after which an episode is truncated"]),
+    ),
     (
         "tactile",
-        "model that computes touch: ``\"surrogate\"``, a network; ``\"compliance\"``, linear \
-         elasticity; ``\"fem\"``, finite elements; or ``\"none\"``",
+        Some([
+            "``\"surrogate\"``, ``\"compliance\"``, ``\"fem\"``, ``\"none\"``",
+            "model that computes touch: a network, linear elasticity, finite elements, or none, with \
+             rigid pads",
+        ]),
     ),
-    ("sensor", "``\"gelsight-mini\"``, ``\"digit\"`` or a .toml file"),
-    ("material", "name of a calibration of the sensor, or ``{\"young\": Pa, \"poisson\": ratio}``"),
     (
-        "resolution",
-        "``{\"nodes\": 1000, \"markers\": (5, 7), \"grid\": (10, 12), \"depth\": (24, 32), \
-         \"image\": (60, 80)}``, the pairs across and along",
+        "sensor",
+        Some(["``\"gelsight-mini\"``, ``\"digit\"``, a .toml file", "sensor on both fingers"]),
     ),
-    ("observation", "names of the channels"),
+    (
+        "material",
+        Some([
+            "a name in the sensor's file, or ``{\"young\": Pa, \"poisson\": ratio}``, above 0 Pa and \
+             0 to 0.4999995",
+            "gel: a calibration of the sensor, or its Young's modulus and Poisson's ratio; none is the \
+             sensor's first calibration",
+        ]),
+    ),
+    ("resolution", None),
+    ("observation", Some(["channels as above", "names of the observed channels"])),
     (
         "sensor_errors",
-        "errors of observed channels, as in ``{\"markers\": {\"noise\": 2e-5, \"gain\": (0.9, 1.1), \
-         \"offset\": 1e-5, \"dead\": 0.02, \"delay\": 1}}``: deviation of noise in each step, factor \
-         and deviation of an offset drawn at each reset, share of dead points, steps of delay",
+        Some([
+            "``noise`` and ``offset`` 0 to 1e9 in the unit of the channel, ``gain`` 0 to 100, \
+             ``dead`` 0 to 1, ``delay`` 0 to 25 steps",
+            "errors of observed channels, as in ``{\"markers\": {\"noise\": 2e-5, \"gain\": (0.9, \
+             1.1), \"offset\": 1e-5, \"dead\": 0.02, \"delay\": 1}}``: deviation of noise in each step, \
+             factor and deviation of an offset drawn at each reset, share of dead points, steps of \
+             delay",
+        ]),
     ),
-    ("reward_weights", "mapping of weights of the reward's terms"),
-    ("gripper", "mapping of the gripper's dimensions and limits"),
-    ("workspace", "mapping of the corners ``low`` and ``high`` of the tool centre's box (m)"),
-    ("physics", "mapping of time step, control period, iterations and gravity"),
+    (
+        "reward_weights",
+        Some([
+            "0 to 1,000,000 each, not all 0",
+            "weights of the reward's terms; one that is not named keeps its own",
+        ]),
+    ),
+    ("gripper", None),
+    ("workspace", None),
+    ("physics", None),
 ];
 
 impl TaskConfig {

@@ -1,13 +1,13 @@
 //! Description of all tasks, channels and settings, from which the Python package takes its names,
 //! checks and documentation.
 
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use super::{
-    Component, Ending, Setting, StateChannel, TACTILE_CHANNELS, Task, TaskConfig,
+    Component, Ending, Setting, StateChannel, TACTILE_CHANNELS, Task, TaskConfig, config::PLACE,
     observation::components, read::OTHERS,
 };
-use crate::Error;
+use crate::{Error, scene, tactile::NODES};
 
 /// The description as JSON: `tasks`, `settings` that all of them have, `channels`, `endings`, and
 /// kinds of `press_errors`.
@@ -16,8 +16,7 @@ pub fn schema() -> Value {
     let own = usual.task.settings().len();
     let mut shared: Vec<_> = usual.settings().iter().map(Setting::describe).collect();
     shared.truncate(shared.len() - own);
-    let other = |(name, doc): (&str, &str)| json!({"name": name, "kind": "other", "doc": doc});
-    shared.extend(OTHERS.map(other));
+    shared.extend(OTHERS.map(|(name, _)| json!({"name": name, "kind": "other"})));
     let channels = StateChannel::SHARED.map(|channel| describe(channel, &usual));
     json!({
         "tasks": Task::all().iter().map(task).collect::<Vec<_>>(),
@@ -50,7 +49,53 @@ fn task(task: &Task) -> Value {
         "usual_channels": config.channels(),
         "objects": config.objects,
         "settings": config.settings().iter().map(Setting::describe).collect::<Vec<_>>(),
+        "others": others(&config),
     })
+}
+
+/// Settings that are no numbers with their defaults; entry by entry if they are mappings of numbers.
+fn others(config: &TaskConfig) -> Vec<Value> {
+    let terms = config.task.terms().iter();
+    let weights: Map<_, _> = terms.map(|term| (term.name.into(), term.weight.into())).collect();
+    let default = |name| match name {
+        "objects" => json!(config.objects),
+        "max_episode_steps" => json!(config.max_episode_steps),
+        "tactile" => json!(config.tactile),
+        "sensor" => json!(config.sensor),
+        "material" => json!(config.material),
+        "observation" => json!(config.channels()),
+        "sensor_errors" => json!(config.sensor_errors),
+        "reward_weights" => json!(weights),
+        _ => unreachable!("{name} is a mapping of numbers"),
+    };
+    let plain = OTHERS.iter().filter_map(|&(name, about)| {
+        let [range, doc] = about?;
+        Some(
+            json!({"name": name, "default": default(name), "range": range, "unit": "", "doc": doc}),
+        )
+    });
+    let entry = |name: &str, value, bounds: [f64; 2], unit: &str, doc: &str| json!({"name": name, "default": value, "bounds": bounds, "unit": unit, "doc": doc});
+    let TaskConfig { resolution, scene, .. } = config;
+    let nodes = [*NODES.start() as f64, *NODES.end() as f64];
+    let about = "greatest number of nodes of a pad's mesh";
+    let mut all: Vec<_> = plain.collect();
+    all.push(entry("resolution.nodes", json!(resolution.nodes), nodes, "", about));
+    all.extend(
+        resolution.counts().map(|(name, counts, most, doc)| {
+            entry(name, json!(counts), [1.0, most.into()], "", doc)
+        }),
+    );
+    all.extend(scene.numbers().into_iter().map(
+        |scene::BoundedNumber { name, value, bounds, unit, doc }| {
+            entry(name, json!(value), bounds, unit, doc)
+        },
+    ));
+    let corners = [("low", scene.workspace.low), ("high", scene.workspace.high)];
+    all.extend(corners.map(|(name, corner)| {
+        let doc = format!("{name} corner of the box of the tool centre: x, y, z");
+        entry(&format!("workspace.{name}"), json!(corner), PLACE, "m", &doc)
+    }));
+    all
 }
 
 #[cfg(test)]
@@ -67,6 +112,10 @@ mod tests {
                 assert!(!setting["doc"].as_str().unwrap().is_empty(), "{setting}");
                 let [low, high] = [0, 1].map(|end| setting["bounds"][end].as_f64().unwrap());
                 assert!(low < high, "{setting}");
+            }
+            for other in task["others"].as_array().unwrap() {
+                assert!(other.get("range").is_some() != other.get("bounds").is_some(), "{other}");
+                assert!(!other["doc"].as_str().unwrap().is_empty(), "{other}");
             }
             assert!(task["terms"].as_array().is_some_and(|terms| !terms.is_empty()), "{task}");
             TaskConfig::from_json(&json!({"task": task["name"]}).to_string()).unwrap();

@@ -74,23 +74,39 @@ def _terms(terms: list[dict[str, Any]]) -> str:
 def _settings(task: dict[str, Any]) -> str:
     """Table of the settings; of another than the first task, of those that differ from its own."""
     first = next(iter(TASKS.values()))
-    usual = {each["name"]: each["default"] for each in first["settings"]}
+    usual = {each["name"]: each["default"] for each in _all(first)}
     rows = [
-        [f"``{each['name']}``", _value(each), each["doc"]]
-        for each in task["settings"]
+        [f"``{each['name']}``", _default(each), _range(each), each["unit"] or "1", each["doc"]]
+        for each in _all(task)
         if task is first or usual.get(each["name"]) != each["default"]
     ]
-    if task is first:
-        rows += [
-            [f"``{each['name']}``", "", each["doc"]]
-            for each in SHARED.values()
-            if each["kind"] == "other"
-        ]
-    return _table(["setting", "default", "meaning"], *rows)
+    return _table(["setting", "default", "range", "unit", "meaning"], *rows)
 
 
-def _value(setting: dict[str, Any]) -> str:
-    """Default value of a numeric setting with its unit."""
+def _all(task: dict[str, Any]) -> list[dict[str, Any]]:
+    """Settings of a task, entry by entry where they are mappings of numbers."""
+    return [*task["settings"], *task["others"]]
+
+
+def _default(setting: dict[str, Any]) -> str:
     default = setting["default"]
-    ends = sorted(set(default)) if setting["kind"] == "range" else [default]
-    return f"{' to '.join(f'{end:.3g}' for end in ends)} {setting['unit']}".strip()
+    if setting.get("kind") == "range":
+        return " to ".join(map(_number, sorted(set(default))))
+    if isinstance(default, int | float):
+        return _number(default)
+    if isinstance(default, list) and not isinstance(default[0], str):
+        return f"({', '.join(map(_number, default))})"
+    if isinstance(default, list):
+        return ", ".join(f'``"{name}"``' for name in default)
+    if isinstance(default, str):
+        return f'``"{default}"``'
+    return f"``{json.dumps(default)}``" if default else "none"
+
+
+def _range(setting: dict[str, Any]) -> str:
+    words: str | None = setting.get("range")
+    return words or " to ".join(map(_number, setting["bounds"]))
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"

@@ -68,9 +68,21 @@ def spread(key: str, high: str = "p95", unit: str = "") -> str:
 
 
 def grid(head: list[str], rows: list[list[str]]) -> str:
-    """A table of cells, the first column to the left and the others to the right."""
-    lines = [head, ["---"] + ["---:"] * (len(head) - 1), *rows]
+    """A table of cells, columns of numbers to the right but for the first."""
+    columns = [[row[place] for row in rows] for place in range(1, len(head))]
+    sides = ["---", *("---:" if are_numbers(cells) else "---" for cells in columns)]
+    lines = [head, sides, *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+NUMBER = re.compile(r"\**(> )?[-+−]?\d[\d,.]*(e[-+]?\d+)?(?!\w)")
+ABSENT = ("", "–", "not said")
+
+
+def are_numbers(cells: list[str]) -> bool:
+    """Whether at least half of the cells that say something begin with a number."""
+    found = [NUMBER.match(cell) is not None for cell in cells if cell not in ABSENT]
+    return 2 * sum(found) >= len(found)
 
 
 def made(report: Mapping[str, Any], sizes: Mapping[str, Any] | None = None) -> str:
