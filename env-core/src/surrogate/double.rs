@@ -113,7 +113,7 @@ fn von_mises(pad: &PadMesh, length: f64, u: &[f64]) -> Vec<f64> {
         let f = Matrix3::identity() + strain * edges.try_inverse().expect("no flat tetrahedron");
         let b = f * f.transpose();
         let deviator = b - Matrix3::from_diagonal_element(b.trace() / 3.0);
-        (1.5 * deviator.norm_squared() + 1e-10).sqrt() / f.determinant().max(0.1)
+        (1.5 * deviator.norm_squared() + 1e-10).sqrt() / f.determinant().max(0.5)
     };
     (0..pad.mesh.tets.len()).map(stress).collect()
 }

@@ -3,11 +3,14 @@
 //! The wrench of the model at a pose of the object is compared with that of the foundation at the
 //! same pose. The normal force is corrected by a factor, which keeps the foundation's steep force
 //! law and vanishes with the contact; the remainder, friction and torque, by a constant wrench. At
-//! a constant load, foundation and correction converge to the model in k corrections: the factor as
-//! (1 − 0.8 μ/β)ᵏ with the exponents μ of the model's and β of the foundation's force law, the
-//! remainder as (1 − 0.6 K_model/K_foundation)ᵏ, which is stable up to a model three times as stiff
-//! as the foundation. The first correction of a contact removes the whole difference.
+//! a constant load, foundation and correction converge to the model: the factor as (1 − 0.8 μ/β)ᵏ in
+//! k corrections, with the exponents μ of the model's and β of the foundation's force law; the
+//! remainder at once where both are as stiff. Where the model is stiffer, a correction of the whole
+//! remainder goes too far, which shows in the next as a remainder of the other sign; of such a
+//! component 0.6 is removed, and it vanishes as (1 − 0.6 K_model/K_foundation)ᵏ, which is stable up
+//! to a model three times as stiff as the foundation.
 
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::touch::cut;
@@ -15,7 +18,7 @@ use crate::deformation::Wrench;
 
 /// Exponent of one correction of the factor on the normal force, after the first.
 const PRESSING: f64 = 0.8;
-/// Fraction of the remaining difference that one correction removes, after the first.
+/// Fraction of the remaining difference that one correction removes where the last went too far.
 const REST: f64 = 0.6;
 /// Range of the factor on the normal force.
 const GAIN: std::ops::RangeInclusive<f64> = 0.25..=4.0;
@@ -35,11 +38,13 @@ pub(super) struct Correction {
     extra: Wrench,
     /// Normal force at which `extra` was found (N).
     force: f64,
+    /// What was missing from `extra` at the last correction.
+    missing: Wrench,
 }
 
 impl Default for Correction {
     fn default() -> Self {
-        Self { gain: 1.0, extra: Wrench::default(), force: 0.0 }
+        Self { gain: 1.0, extra: Wrench::default(), force: 0.0, missing: Wrench::default() }
     }
 }
 
@@ -48,18 +53,21 @@ impl Correction {
     /// gain.
     /// Resets the correction unless both have contact.
     pub(super) fn toward(&mut self, model: &Wrench, foundation: impl Fn(f64) -> Wrench) {
-        // The first, on which no other has acted, removes all of it.
-        let rest = if self.force > 0.0 { REST } else { 1.0 };
         if !self.press(-model.force.z, &foundation) {
             return;
         }
         let foundation = foundation(self.gain);
         let now = self.at(-foundation.force.z);
         self.force = -foundation.force.z;
-        let mut extra = Wrench {
-            force: now.force + rest * (model.force - foundation.force - now.force),
-            torque: now.torque + rest * (model.torque - foundation.torque - now.torque),
+        let missing = Wrench {
+            force: model.force - foundation.force - now.force,
+            torque: model.torque - foundation.torque - now.torque,
         };
+        let mut extra = Wrench {
+            force: now.force + removed(&missing.force, &self.missing.force),
+            torque: now.torque + removed(&missing.torque, &self.missing.torque),
+        };
+        self.missing = missing;
         // The normal force is corrected by the factor alone.
         extra.force.z = 0.0;
         extra.force = cut(&extra.force, SIDEWAYS * self.force);
@@ -90,4 +98,14 @@ impl Correction {
         let share = (force / self.force).clamp(0.0, 1.0);
         Wrench { force: share * self.extra.force, torque: share * self.extra.torque }
     }
+}
+
+/// What one correction removes of `missing`, if the last saw `before`.
+fn removed(missing: &Vector3<f64>, before: &Vector3<f64>) -> Vector3<f64> {
+    missing.zip_map(
+        before,
+        |missing, before| {
+            if missing * before < 0.0 { REST * missing } else { missing }
+        },
+    )
 }
