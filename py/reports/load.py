@@ -239,9 +239,9 @@ Force by object, with the network: median / 95th percentile, in %.
 
 An episode of HoldStill begins with a grip that the springs of the rigid-body engine made alone. At
 the end of the reset the model of the gel corrects them by all of the difference; that moves the
-object, and each step corrects 0.6 of what is left. (Up to commit 7ee6de2 each correction was 0.4 of
-it: 7.9 % were left after the first step in the median, 20 % at worst.) Errors of the force on a
-hanging object by control steps since the start, in %:
+object, and each step corrects what is left, or 0.6 of it where the last went too far. (Up to commit
+7ee6de2 each correction was 0.4 of it: 7.9 % were left after the first step in the median, 20 % at
+worst.) Errors of the force on a hanging object by control steps since the start, in %:
 
 {settled}
 
