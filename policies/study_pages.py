@@ -88,8 +88,8 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
                 f"{percent(high)} | {row['return']:.1f} | {row['wall'] / 60:.1f} | "
                 f"{row['cpu'] / 60:.1f} |"
             )
-    shares = "steps of the environments, what else PPO does to collect them, and its updates"
-    lines += ["", f"Where the time of training goes, medians over seeds: {shares}.", ""]
+    parts = "steps of the environments, what else PPO does to collect them, and its updates"
+    lines += ["", f"Where the time of training goes, medians over seeds: {parts}.", ""]
     lines += ["| agent sees | environment | rest of collecting | updating |"]
     lines += ["| --- | ---: | ---: | ---: |"]
     for kind, rows in by_kind.items():
