@@ -56,6 +56,20 @@ def test_a_press_moves_as_it_was_drawn(data):
         assert 0 <= plan["friction"] <= 2 and 0 < plan["depth"] <= 0.1 * 4e-3
 
 
+def test_load_steps_keep_the_frames_and_change_the_way_there(data, tmp_path):
+    stepped = dataset.generate(tmp_path / "stepped", threads=2, truth_steps=4, **PRESSES)
+    assert stepped is not None and stepped.manifest["config"]["truth_steps"] == 4
+    apart = []
+    for grasp in set(data.grasps) & set(stepped.grasps):
+        for i, j in zip(data.frames(grasp), stepped.frames(grasp), strict=False):
+            one, four = data[i].pad, stepped[j].pad
+            assert np.allclose(one.press, four.press, atol=1e-12)
+            apart.append(np.abs(one.displacement - four.displacement).max())
+    assert max(apart) > 1e-6, "friction holds gel elsewhere"
+    with pytest.raises(ValueError, match="truth_steps"):
+        dataset.generate(tmp_path / "none", truth_steps=0, **PRESSES)
+
+
 def test_the_error_of_its_elements_is_the_distance_to_a_finer_mesh(data, tmp_path, capsys):
     finer = tmp_path / "finer"
     found = dataset.truth_errors(data.path, finer, sample=2, truth_nodes=1400, truth_across=12)
