@@ -271,6 +271,7 @@ fn moved_by(x: f64, body: &SoftBody) -> History {
         poses: vec![Isometry3::translation(x, 0.0, 2.0 * MM)],
         anchors: vec![],
         forces: vec![],
+        folded: false,
     }
 }
 

@@ -119,6 +119,7 @@ impl LoadStepping<'_> {
             poses: state.poses.clone(),
             anchors: state.anchors.clone(),
             forces: Vec::new(),
+            folded: false,
         };
         Deformation {
             displacement: history.displacement.clone(),

@@ -16,6 +16,8 @@ pub struct History {
     pub anchors: Vec<Anchor>,
     /// Forces at the anchors (N), if the model that wrote it starts from them; else empty.
     pub forces: Vec<Vector3<f64>>,
+    /// Whether the displacement of this answer was found to turn a tetrahedron inside out.
+    pub folded: bool,
 }
 
 /// Contact point that touches a shape, and the place on the shape where friction holds it.
@@ -30,7 +32,7 @@ pub struct Anchor {
 }
 
 /// First bytes of a serialised history; the last character counts versions.
-const MARK: [u8; 8] = *b"history2";
+const MARK: [u8; 8] = *b"history3";
 
 impl History {
     /// Returns an error if the history was not written by a model of `nodes` nodes and `points`
@@ -81,6 +83,7 @@ mod tests {
             poses: vec![Isometry3::rotation(Vector3::new(0.1, 0.2, 0.3))],
             anchors: vec![Anchor { shape: 0, point: 7, place: Point3::new(0.0, 1e-9, 2.0) }],
             forces: vec![Vector3::x()],
+            folded: true,
         }
     }
 

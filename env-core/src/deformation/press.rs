@@ -309,6 +309,7 @@ mod tests {
             poses: vec![here; poses],
             anchors,
             forces: vec![],
+            folded: false,
         };
         assert!(press.clone().after(history(1, vec![])).is_ok());
         assert!(press.clone().after(history(2, vec![])).is_err());

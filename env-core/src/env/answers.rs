@@ -7,6 +7,7 @@ use rayon::{ThreadPool, prelude::*};
 use crate::{
     Error, Result,
     deformation::{Deformation, DeformationModel, Press, Wanted},
+    geometry::TetMesh,
     interrupt::Interrupt,
     tactile::{Model, SoftObject},
 };
@@ -27,7 +28,16 @@ pub(super) fn answers(
     wanted: Wanted,
     pool: Option<&ThreadPool>,
 ) -> Vec<Answer> {
-    let ask = |_: &[usize], presses: &[Press]| each(model, presses, wanted);
+    let ask = |_: &[usize], presses: &[Press]| {
+        let found = each(model, presses, wanted);
+        match model.linear_body() {
+            Some(body) => {
+                let pairs = found.into_par_iter().zip(presses);
+                pairs.map(|(found, press)| unfolded(found?, press, body.mesh())).collect()
+            }
+            None => found,
+        }
+    };
     within(pool, || retaken(presses, ask))
 }
 
@@ -82,6 +92,17 @@ fn retaken(
     answers
 }
 
+/// Marks the history of an answer to `press` if its displacement turns a tetrahedron of `mesh` inside
+/// out. If that of the answer before did so, too, it is an error.
+///
+/// With linear elasticity a shape can carry the skin over its edge and hold it there with its side,
+/// step after step; contact solved from rest is then nearer to the truth.
+fn unfolded(mut answer: Deformation, press: &Press, mesh: &TetMesh) -> Result<Deformation> {
+    answer.history.folded = mesh.is_folded_by(&answer.displacement);
+    let was_folded = press.history().is_some_and(|before| before.folded);
+    if answer.history.folded && was_folded { Err(Error::Inverted) } else { Ok(answer) }
+}
+
 fn each(model: &mut Model, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
     let mut solve = |presses| catch_unwind(AssertUnwindSafe(|| model.feel(presses, wanted)));
     solve(presses).unwrap_or_else(|_| {
@@ -114,7 +135,8 @@ mod tests {
         // A history that fits no body.
         let displacement = vec![Vector3::zeros(); 3];
         let poses = at(-1e-3);
-        let history = History { displacement, poses, anchors: Vec::new(), forces: Vec::new() };
+        let history =
+            History { displacement, poses, anchors: Vec::new(), forces: Vec::new(), folded: false };
         let asked = [press.clone(), press.after(history).unwrap()];
         let [straight, lost] =
             answers(&mut model, &asked, Wanted::default(), None).try_into().ok().unwrap();
@@ -122,5 +144,29 @@ mod tests {
         let forces = [straight, lost].map(|answer| answer.found.unwrap().contact_force);
         assert!(forces[0].iter().any(|force| force.norm() > 0.0));
         assert_eq!(forces[0], forces[1]);
+    }
+
+    #[test]
+    fn an_answer_that_folds_twice_is_an_error() {
+        let resolution = Resolution { nodes: 100, ..Resolution::default() };
+        let config =
+            TactileConfig { choice: Choice::Compliance, resolution, ..TactileConfig::default() };
+        let mut model = TactilePad::new(&config).unwrap().unwrap().model().clone();
+        let radius = 8e-3;
+        let pose = Isometry3::translation(0.0, 0.0, radius - 3e-4);
+        let press = Press::along(vec![Shape::Sphere { radius }], vec![vec![pose]]).unwrap();
+        let flat = model.feel(std::slice::from_ref(&press), Wanted::default()).remove(0).unwrap();
+        let mesh = model.linear_body().unwrap().mesh().clone();
+        let mut folded = flat.clone();
+        // A corner pushed through the opposite side.
+        let [a, b, ..] = mesh.corners(0);
+        folded.displacement[mesh.tets[0][0] as usize] += 9.0 * (b - a);
+        let flat = unfolded(flat, &press, &mesh).unwrap();
+        let once = unfolded(folded.clone(), &press, &mesh).unwrap();
+        assert_eq!([flat.history.folded, once.history.folded], [false, true]);
+        let again = press.clone().after(once.history).unwrap();
+        assert_eq!(unfolded(folded.clone(), &again, &mesh).unwrap_err(), Error::Inverted);
+        let mended = press.after(flat.history).unwrap();
+        assert!(unfolded(folded, &mended, &mesh).is_ok());
     }
 }

@@ -245,6 +245,7 @@ impl<'a> PressSolver<'a> {
             poses: self.state.poses.clone(),
             anchors: self.anchors.clone(),
             forces: Vec::new(),
+            folded: false,
         };
         Deformation {
             displacement: displacement[..vertices].to_vec(),

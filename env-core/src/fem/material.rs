@@ -96,17 +96,17 @@ impl Material {
         self.distortion_stress(f) + pressure * self.dilatation_gradient(f)
     }
 
-    /// Von Mises equivalent of the Cauchy stress P Fᵀ / J (Pa).
+    /// Von Mises equivalent of the Cauchy stress P Fᵀ / |J| (Pa).
     pub(super) fn von_mises(&self, f: &Matrix3<f64>) -> f64 {
         // Parts of the Cauchy stress along the identity are hydrostatic and drop out: those from
         // the pressure and from cof F = J F⁻ᵀ.
+        // A quadratic element whose integration points all have J > 0 may have others that do not.
+        let volume = f.determinant().abs();
         let (cauchy, scale) = match self.law {
             // Scaled last: at rest the deviator of the identity is exactly zero, that of μ times
             // the identity only to rounding.
-            Law::NeoHookean | Law::StableNeoHookean => {
-                (f * f.transpose(), self.mu / f.determinant())
-            }
-            Law::Corotated => (self.distortion_stress(f) * f.transpose(), 1.0 / f.determinant()),
+            Law::NeoHookean | Law::StableNeoHookean => (f * f.transpose(), self.mu / volume),
+            Law::Corotated => (self.distortion_stress(f) * f.transpose(), 1.0 / volume),
             Law::Linear => (self.distortion_stress(f), 1.0),
         };
         let deviator = cauchy - Matrix3::identity() * (cauchy.trace() / 3.0);
@@ -207,6 +207,15 @@ pub(super) mod tests {
                 let stress = material.von_mises(&Matrix3::identity());
                 assert!(stress == 0.0, "{law}, {young} Pa: {stress} Pa");
             }
+        }
+    }
+
+    #[test]
+    fn no_inverted_state_has_a_negative_equivalent_stress() {
+        let mirror = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, -1.0));
+        for (law, material) in laws() {
+            let [upright, inverted] = [state(), state() * mirror].map(|f| material.von_mises(&f));
+            assert!(upright > 0.0 && inverted > 0.0, "{law:?}: {inverted} Pa");
         }
     }
 

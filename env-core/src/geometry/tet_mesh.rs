@@ -83,6 +83,15 @@ impl TetMesh {
         (b - a).cross(&(c - a)).dot(&(d - a)) / 6.0
     }
 
+    /// Returns whether a `displacement` of the vertices (V) in m turns a tetrahedron inside out.
+    pub fn is_folded_by(&self, displacement: &[Vector3<f64>]) -> bool {
+        let place = |&i: &u32| self.vertices[i as usize] + displacement[i as usize];
+        self.tets.iter().any(|tet| {
+            let [a, b, c, d] = tet.each_ref().map(place);
+            (b - a).cross(&(c - a)).dot(&(d - a)) <= 0.0
+        })
+    }
+
     /// Volume (m³).
     pub fn volume(&self) -> f64 {
         (0..self.tets.len()).map(|t| self.tet_volume(t)).sum()

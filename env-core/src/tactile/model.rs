@@ -79,6 +79,16 @@ impl TactilePad {
 }
 
 impl Model {
+    /// Soft body of a model whose contact is linear; none of finite elements, which refuse inverted
+    /// elements themselves.
+    pub fn linear_body(&self) -> Option<&SoftBody> {
+        match self {
+            Self::Linear(pad) => Some(pad.body()),
+            Self::Surrogate(network) => Some(network.body()),
+            Self::Fem(_) => None,
+        }
+    }
+
     /// Builds the chosen model of the gel of `sensor`, with its pad and soft body; `None` for rigid
     /// fingers.
     fn new(config: &TactileConfig, sensor: &Sensor) -> Result<Option<(Self, PadMesh, SoftBody)>> {

@@ -484,6 +484,7 @@ impl<'a> NodalLoadStepping<'a> {
                 poses: poses.clone(),
                 anchors: held.iter().map(anchor).collect(),
                 forces: held.iter().map(|held| held.force).collect(),
+                folded: false,
             },
             iterations: *sweeps,
             seconds,
