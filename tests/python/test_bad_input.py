@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.error import ClosedEnvironmentError
 
+import ruffini
 from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 
 JUNK = [
@@ -177,10 +178,26 @@ def test_the_nearest_setting_is_named():
 def test_a_mesh_of_ones_own_can_be_grasped(tmp_path):
     file = tmp_path / "part.obj"
     file.write_text(TETRAHEDRON)
-    env = GraspLiftEnv(objects={"mesh": file, "scale": 0.001})
+    env = GraspLiftEnv(objects={"mesh": file, "scale": 0.001, "centred": True})
     env.reset(seed=0)
     assert env.look()["object"] == str(file)
     assert outcome(GraspLiftEnv, objects=[str(file)]).startswith("mesh size: found 20")
+
+
+def test_a_mesh_beside_its_origin_is_refused_or_centred(tmp_path):
+    file = tmp_path / "part.obj"
+    vertices, faces = ruffini.Shape.named("cuboid").surface()
+    for share, sound in ((0.0, True), (0.2, True), (0.5, False), (30.0, False)):
+        moved = vertices + np.array([0.0, 0.0, share * np.ptp(vertices[:, 2])])
+        lines = [f"v {x} {y} {z}" for x, y, z in moved]
+        lines += [f"f {a} {b} {c}" for a, b, c in faces + 1]
+        file.write_text("\n".join(lines))
+        said = outcome(GraspLiftEnv, objects=str(file))
+        assert (said == "fine") if sound else said.startswith(f"mesh origin: found {file} around")
+        env = GraspLiftEnv(objects={"mesh": file, "centred": True}, position=0.0, size=1)
+        env.reset(seed=0)
+        height = env.look()["object_position"][2]
+        assert abs(height - 0.5 * np.ptp(vertices[:, 2])) < 1e-3
 
 
 def test_a_shape_of_ones_own_is_described_in_words():

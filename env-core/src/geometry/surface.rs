@@ -141,6 +141,13 @@ impl Surface {
         Self::from_parts(vertices, self.triangles.clone())
     }
 
+    /// The same surface, moved by `offset` (m).
+    #[must_use]
+    pub fn moved(&self, offset: &Vector3<f64>) -> Self {
+        let vertices = self.vertices.iter().map(|v| v + offset).collect();
+        Self::from_parts(vertices, self.triangles.clone())
+    }
+
     /// Returns the surface of the solid inside minus the solid inside `cavity`, which lies within.
     pub(super) fn without(&self, cavity: &Self) -> Self {
         let first = self.vertices.len() as u32;

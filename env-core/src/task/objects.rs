@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 use serde_json::Value;
 
 use crate::{
-    Result,
+    Error, Result,
     geometry::{Shape, read_surface},
     scene::{ObjectModel, named},
 };
@@ -23,7 +23,7 @@ pub enum ObjectSpec {
     Shape(ShapeSpec),
 }
 
-/// Mesh file with its unit.
+/// Mesh file with its unit and origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshSpec {
@@ -32,6 +32,9 @@ pub struct MeshSpec {
     /// Length of the file's unit (m).
     #[serde(default = "one")]
     pub scale: f64,
+    /// Moves the origin to the middle of the bounding box.
+    #[serde(default)]
+    pub centred: bool,
 }
 
 fn one() -> f64 {
@@ -87,9 +90,11 @@ impl ObjectSpec {
     /// The shape of the object.
     pub fn shape(&self) -> Result<Shape> {
         Ok(match self {
-            Self::Name(name) if is_mesh_file(name) => mesh(name, 1.0)?,
+            Self::Name(name) if is_mesh_file(name) => {
+                MeshSpec { mesh: name.clone(), scale: 1.0, centred: false }.shape()?
+            }
             Self::Name(name) => named(name)?,
-            Self::Mesh(spec) => mesh(&spec.mesh, spec.scale)?,
+            Self::Mesh(spec) => spec.shape()?,
             Self::Shape(spec) => spec.into(),
         })
     }
@@ -100,8 +105,25 @@ fn is_mesh_file(name: &str) -> bool {
     extension.is_some_and(|e| e == "obj" || e == "stl")
 }
 
-fn mesh(path: &str, scale: f64) -> Result<Shape> {
-    Ok(Shape::Mesh(Arc::new(read_surface(Path::new(path), scale)?)))
+/// Distance of a mesh's origin from the middle of its bounding box, relative to the box's edges,
+/// above which the object would be placed and grasped beside where it is.
+const OFF_CENTRE: f64 = 0.25;
+
+impl MeshSpec {
+    fn shape(&self) -> Result<Shape> {
+        let mut surface = read_surface(Path::new(&self.mesh), self.scale)?;
+        let (low, high) = surface.bounds();
+        let middle = 0.5 * (low.coords + high.coords);
+        if self.centred {
+            surface = surface.moved(&-middle);
+        } else if middle.component_div(&(high - low)).amax() > OFF_CENTRE {
+            let [x, y, z] = middle.into();
+            let found = format!("{} around ({x:.4}, {y:.4}, {z:.4}) m", self.mesh);
+            let expected = r#"a mesh around its origin; {"mesh": …, "centred": true} moves it there"#;
+            return Err(Error::invalid("mesh origin", found, expected));
+        }
+        Ok(Shape::Mesh(Arc::new(surface)))
+    }
 }
 
 impl fmt::Display for ObjectSpec {

@@ -10,6 +10,8 @@ from ruffini import Shape
 
 _LARGE = 1.0
 """Size from which on a file is likely to be in millimetres (m)."""
+_OFF_CENTRE = 0.25
+"""Distance of the origin from the middle, relative to the size, above which it is refused."""
 
 
 def add_to(commands: Any) -> None:
@@ -41,6 +43,9 @@ def _run(options: argparse.Namespace) -> None:
     print(f"{'size':<12} {' x '.join(f'{1e3 * extent:.4g}' for extent in extents)} mm")
     print(f"{'volume':<12} {1e6 * options.scale**3 * mesh.volume:.4g} cm³")
     print(f"{'triangles':<12} {len(mesh.faces)}, closed")
+    middle = options.scale * mesh.bounds.mean(axis=0)
+    if (abs(middle) > _OFF_CENTRE * extents).any():
+        print(f"{'origin':<12} beside the solid's middle: give centred=True in objects")
     if extents.max() > _LARGE:
         print(f"{'unit':<12} likely millimetres: give a scale of {1e-3 * options.scale:g}")
 
