@@ -119,7 +119,8 @@ impl MeshSpec {
         } else if middle.component_div(&(high - low)).amax() > OFF_CENTRE {
             let [x, y, z] = middle.into();
             let found = format!("{} around ({x:.4}, {y:.4}, {z:.4}) m", self.mesh);
-            let expected = r#"a mesh around its origin; {"mesh": …, "centred": true} moves it there"#;
+            let expected =
+                r#"a mesh around its origin; {"mesh": …, "centred": true} moves it there"#;
             return Err(Error::invalid("mesh origin", found, expected));
         }
         Ok(Shape::Mesh(Arc::new(surface)))
