@@ -107,16 +107,29 @@ impl Channel {
     pub const fn point(self) -> usize {
         match self {
             Self::Markers | Self::Displacement | Self::Traction | Self::Image => 3,
-            _ => 1,
+            Self::Stress
+            | Self::TetStress
+            | Self::Wrench
+            | Self::Slip
+            | Self::Depth
+            | Self::Trust => 1,
         }
     }
 
     /// Optional parts of a solution that this channel needs.
     pub const fn wants(self) -> Wanted {
-        Wanted {
-            stress: matches!(self, Self::Stress | Self::TetStress),
-            residual: matches!(self, Self::Trust),
-        }
+        let (stress, residual) = match self {
+            Self::Stress | Self::TetStress => (true, false),
+            Self::Trust => (false, true),
+            Self::Markers
+            | Self::Displacement
+            | Self::Traction
+            | Self::Wrench
+            | Self::Slip
+            | Self::Depth
+            | Self::Image => (false, false),
+        };
+        Wanted { stress, residual }
     }
 
     /// Components of this channel for one finger.

@@ -3,6 +3,8 @@
 //! The height at a pixel is that of the mesh's face above it, the uppermost where the face folds
 //! over.
 
+use std::array::from_fn;
+
 use nalgebra::{Point3, Vector3};
 
 use super::skin::{FacePoint, PlanGrid, Skin};
@@ -35,10 +37,14 @@ pub(super) fn cover(
     for &corners in &skin.triangles {
         let triangle = corners.map(place);
         let [columns, rows] = [0, 1].map(|axis| pixels(view, axis, &triangle));
+        // Shares are linear in the plan.
+        let Some(origin) = plan_shares(&triangle, 0.0, 0.0) else { continue };
+        let [along, across] = share_slopes(&triangle);
         for j in rows {
+            let y = view.centre(1, j);
             for i in columns.clone() {
-                let [x, y] = [view.centre(0, i), view.centre(1, j)];
-                let Some(shares) = plan_shares(&triangle, x, y) else { break };
+                let x = view.centre(0, i);
+                let shares: [f64; 3] = from_fn(|k| origin[k] + along[k] * x + across[k] * y);
                 if shares.iter().all(|&share| share >= -1e-9) {
                     let z = triangle.iter().zip(shares).map(|(corner, s)| corner.z * s).sum();
                     visit((j * view.counts[0] + i) as usize, z, &(corners, shares));
@@ -46,6 +52,13 @@ pub(super) fn cover(
             }
         }
     }
+}
+
+/// Derivatives of a triangle's plan shares with respect to x and y (1/m).
+fn share_slopes([a, b, c]: &[Point3<f64>; 3]) -> [[f64; 3]; 2] {
+    let area = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
+    let edges = [c - b, a - c, b - a];
+    [edges.map(|edge| -edge.y / area), edges.map(|edge| edge.x / area)]
 }
 
 /// Pixels along `axis` whose centres may lie under `triangle`.

@@ -6,13 +6,15 @@
 //!
 //! Shapes: P pixels, those across the fastest.
 
+#![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
+
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
     depth,
     skin::{PlanGrid, Skin},
 };
-use crate::{deformation::Deformation, geometry::Shape, sensor::ImageResponse};
+use crate::{deformation::Deformation, geometry::Shape, sensor::ImageResponse, simd::vectorised};
 
 /// Gap between object and a node that bears contact force up to which the node counts as touching
 /// (m). Forces are spread to nodes beside the contact, too.
@@ -139,24 +141,25 @@ impl TactileCamera {
     /// Convolves a map (P) with the camera's Gaussian; beyond the view it has the values of the edge.
     fn smoothed(&self, map: &[f32]) -> Vec<f32> {
         let [nx, ny] = self.grid.counts.map(|count| count as usize);
-        let sigma = |axis: usize| self.response.smoothing / self.grid.cell[axis];
-        let inside =
-            |at: usize, shift: isize, count: usize| at.saturating_add_signed(shift).min(count - 1);
+        let [of_row, of_column] =
+            [0, 1].map(|axis| gaussian(self.response.smoothing / self.grid.cell[axis]));
+        let reach = of_row.len() / 2;
+        let mut padded = vec![0.0; nx + 2 * reach];
         let mut passed = vec![0.0; map.len()];
         for (row, out) in map.chunks_exact(nx).zip(passed.chunks_exact_mut(nx)) {
-            for (shift, weight) in gaussian(sigma(0)) {
-                for (i, sum) in out.iter_mut().enumerate() {
-                    *sum += weight * row[inside(i, shift, nx)];
-                }
+            padded[..reach].fill(row[0]);
+            padded[reach..reach + nx].copy_from_slice(row);
+            padded[reach + nx..].fill(row[nx - 1]);
+            for (shift, weight) in of_row.iter().enumerate() {
+                add(out, *weight, &padded[shift..shift + nx]);
             }
         }
+        let reach = of_column.len() / 2;
         let mut smooth = vec![0.0; map.len()];
         for (j, out) in smooth.chunks_exact_mut(nx).enumerate() {
-            for (shift, weight) in gaussian(sigma(1)) {
-                let from = inside(j, shift, ny) * nx;
-                for (sum, z) in out.iter_mut().zip(&passed[from..from + nx]) {
-                    *sum += weight * z;
-                }
+            for (shift, weight) in of_column.iter().enumerate() {
+                let from = (j + shift).saturating_sub(reach).min(ny - 1) * nx;
+                add(out, *weight, &passed[from..from + nx]);
             }
         }
         smooth
@@ -170,42 +173,130 @@ impl TactileCamera {
             let powers = self.response.terms.iter().map(|term| usize::from(term[axis]));
             powers.max().unwrap_or(0)
         };
+        let [of_p, of_q, of_x, _] = [0, 1, 2, 3].map(most);
+        let steepest = self.response.steepest as f32;
         let unit = self.half_view;
-        let xs: Vec<_> = (0..nx).map(|i| (self.grid.centre(0, i as u32) / unit) as f32).collect();
-        let x = powers(&xs, most(2));
-        let slope = |high: usize, low: usize, steps: usize, step: f32| {
-            if steps == 0 { 0.0 } else { (raised[high] - raised[low]) / (steps as f32 * step) }
-        };
-        let slopes = |i: usize, j: usize| {
-            let [left, right] = [i.saturating_sub(1), (i + 1).min(nx - 1)];
-            let [before, after] = [j.saturating_sub(1), (j + 1).min(ny - 1)];
-            let p = slope(j * nx + right, j * nx + left, right - left, dx);
-            let q = slope(after * nx + i, before * nx + i, after - before, dy);
-            let shrink = (self.response.steepest as f32 / p.hypot(q)).min(1.0);
-            (p * shrink, q * shrink)
-        };
-        let mut weight = vec![0.0; nx];
-        for (j, row) in colours.chunks_exact_mut(nx).enumerate() {
+        let mut row = ResponseRow::new(nx, [of_p, of_q, of_x]);
+        for (i, x) in row.x[1].iter_mut().enumerate() {
+            *x = (self.grid.centre(0, i as u32) / unit) as f32;
+        }
+        raise(&mut row.x);
+        for (j, colours) in colours.chunks_exact_mut(nx).enumerate() {
             let y = (self.grid.centre(1, j as u32) / unit) as f32;
-            let (p, q): (Vec<_>, Vec<_>) = (0..nx).map(|i| slopes(i, j)).unzip();
-            let (p, q) = (powers(&p, most(0)), powers(&q, most(1)));
+            let [before, after] = [j.saturating_sub(1), (j + 1).min(ny - 1)];
+            let line = |j: usize| &raised[j * nx..(j + 1) * nx];
+            let across = if after > before { ((after - before) as f32 * dy).recip() } else { 0.0 };
+            row.slopes(line(j), dx, [line(before), line(after)], across, steepest);
+            row.colours.iter_mut().for_each(|colour| colour.fill(0.0));
             for (&[a, b, c, d], coefficients) in
                 self.response.terms.iter().zip(&self.response.response)
             {
                 let of_row = y.powi(d.into());
-                let [a, b, c] = [a, b, c].map(usize::from);
-                for (w, ((p, q), x)) in weight.iter_mut().zip(p[a].iter().zip(&q[b]).zip(&x[c])) {
-                    *w = p * q * x * of_row;
-                }
-                let [red, green, blue] = coefficients.map(|k| k as f32);
-                for (colour, w) in row.iter_mut().zip(&weight) {
-                    colour[0] += red * w;
-                    colour[1] += green * w;
-                    colour[2] += blue * w;
+                row.add([a, b, c].map(usize::from), coefficients.map(|k| k as f32 * of_row));
+            }
+            for (i, colour) in colours.iter_mut().enumerate() {
+                for (c, added) in colour.iter_mut().zip(&row.colours) {
+                    *c += added[i];
                 }
             }
         }
     }
+}
+
+/// Terms of the response along a row of pixels (W).
+struct ResponseRow {
+    /// Powers of the slopes along and across the row, and of the place along it, each (power, W).
+    p: Vec<Vec<f32>>,
+    q: Vec<Vec<f32>>,
+    x: Vec<Vec<f32>>,
+    /// Sums for red, green and blue (W).
+    colours: [Vec<f32>; 3],
+}
+
+impl ResponseRow {
+    /// Buffers for rows of `width` pixels and powers up to `most`, at least 1.
+    fn new(width: usize, most: [usize; 3]) -> Self {
+        let [p, q, x] = most.map(|most| vec![vec![1.0; width]; most.max(1) + 1]);
+        Self { p, q, x, colours: [0, 1, 2].map(|_| vec![0.0; width]) }
+    }
+
+    /// Sets the slopes, limited to `steepest`, and their powers: those of `line` at pixels `dx` apart
+    /// (m), and the difference of the lines beside it times `across` (1/m).
+    fn slopes(
+        &mut self,
+        line: &[f32],
+        dx: f32,
+        [before, after]: [&[f32]; 2],
+        across: f32,
+        steepest: f32,
+    ) {
+        let (p, q, last) = (&mut self.p[1], &mut self.q[1], line.len() - 1);
+        vectorised(
+            #[inline(always)]
+            || {
+                let half = 0.5 / dx;
+                for i in 1..last {
+                    p[i] = (line[i + 1] - line[i - 1]) * half;
+                }
+                if last > 0 {
+                    p[0] = (line[1] - line[0]) / dx;
+                    p[last] = (line[last] - line[last - 1]) / dx;
+                } else {
+                    p[0] = 0.0;
+                }
+                for i in 0..=last {
+                    q[i] = (after[i] - before[i]) * across;
+                }
+                for i in 0..=last {
+                    let slope = (p[i] * p[i] + q[i] * q[i]).sqrt();
+                    let shrink = (steepest / slope.max(f32::MIN_POSITIVE)).min(1.0);
+                    p[i] *= shrink;
+                    q[i] *= shrink;
+                }
+            },
+        );
+        raise(&mut self.p);
+        raise(&mut self.q);
+    }
+
+    /// Adds `coefficients` · pᵃ qᵇ xᶜ.
+    fn add(&mut self, [a, b, c]: [usize; 3], coefficients: [f32; 3]) {
+        let (p, q, x) = (&self.p[a][..], &self.q[b][..], &self.x[c][..]);
+        let [red, green, blue] = &mut self.colours;
+        vectorised(
+            #[inline(always)]
+            || {
+                let width = p.len();
+                let (q, x) = (&q[..width], &x[..width]);
+                let (red, green, blue) =
+                    (&mut red[..width], &mut green[..width], &mut blue[..width]);
+                for i in 0..width {
+                    let weight = p[i] * q[i] * x[i];
+                    red[i] += coefficients[0] * weight;
+                    green[i] += coefficients[1] * weight;
+                    blue[i] += coefficients[2] * weight;
+                }
+            },
+        );
+    }
+}
+
+/// Fills in the powers 2 and up of the values in `powers[1]`.
+fn raise(powers: &mut [Vec<f32>]) {
+    for power in 2..powers.len() {
+        let [lower, higher] = [power - 1, power];
+        for i in 0..powers[1].len() {
+            powers[higher][i] = powers[lower][i] * powers[1][i];
+        }
+    }
+}
+
+/// Adds `weight` · `values` to `sum`.
+fn add(sum: &mut [f32], weight: f32, values: &[f32]) {
+    vectorised(
+        #[inline(always)]
+        || sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value),
+    );
 }
 
 /// Distance from a place up to an object (m), negative inside; `None` if nothing is above.
@@ -214,22 +305,13 @@ fn gap(shape: &Shape, pose: &Isometry3<f64>, place: &Point3<f64>) -> Option<f64>
     shape.ray_gap(&pose.inverse_transform_point(place), &up)
 }
 
-/// Powers 0 to `most` of `values`.
-fn powers(values: &[f32], most: usize) -> Vec<Vec<f32>> {
-    let mut powers = vec![vec![1.0; values.len()]];
-    for power in 0..most {
-        powers.push(powers[power].iter().zip(values).map(|(p, v)| p * v).collect());
-    }
-    powers
-}
-
-/// Shifts (pixels) and weights of a Gaussian of standard deviation `sigma` (pixels) out to three of
-/// them; the weights sum to 1.
-fn gaussian(sigma: f64) -> Vec<(isize, f32)> {
-    let reach = (3.0 * sigma).ceil() as isize;
-    let weight = |shift: isize| {
-        if sigma > 0.0 { (-0.5 * (shift as f64 / sigma).powi(2)).exp() } else { 1.0 }
+/// Weights of a Gaussian of standard deviation `sigma` (pixels) out to three of them on both sides;
+/// they sum to 1.
+fn gaussian(sigma: f64) -> Vec<f32> {
+    let reach = (3.0 * sigma).ceil() as i32;
+    let weight = |shift: i32| {
+        if sigma > 0.0 { (-0.5 * (f64::from(shift) / sigma).powi(2)).exp() } else { 1.0 }
     };
     let sum: f64 = (-reach..=reach).map(weight).sum();
-    (-reach..=reach).map(|shift| (shift, (weight(shift) / sum) as f32)).collect()
+    (-reach..=reach).map(|shift| (weight(shift) / sum) as f32).collect()
 }

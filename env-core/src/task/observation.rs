@@ -103,17 +103,18 @@ impl Source {
 
 /// Names of the channels of tactile fingers. With these, "wrench" comes from the tactile model,
 /// too.
-pub const TACTILE_CHANNELS: [&str; 9] = [
-    Channel::Markers.name(),
-    Channel::Displacement.name(),
-    Channel::Stress.name(),
-    Channel::TetStress.name(),
-    Channel::Traction.name(),
-    Channel::Slip.name(),
-    Channel::Depth.name(),
-    Channel::Image.name(),
-    Channel::Trust.name(),
-];
+pub const TACTILE_CHANNELS: [&str; Channel::ALL.len() - 1] = {
+    let mut names = [""; Channel::ALL.len() - 1];
+    let (mut channel, mut found) = (0, 0);
+    while channel < Channel::ALL.len() {
+        if !matches!(Channel::ALL[channel], Channel::Wrench) {
+            names[found] = Channel::ALL[channel].name();
+            found += 1;
+        }
+        channel += 1;
+    }
+    names
+};
 
 /// Consecutive entries of a channel that belong to one quantity.
 #[derive(Clone, Debug, PartialEq)]
