@@ -33,7 +33,7 @@ EPISODES = {
 """Task and object of each episode."""
 CHANNELS = ("markers", "stress", "traction", "wrench")
 OBSERVED = ["proprio", "object", "slip", *CHANNELS]
-"""What the scripted policies read, and what is judged."""
+"""Channels that the scripted policies read, and those that are judged."""
 STEPS, HELD, SETTLED = 90, 1500, 25
 """Control steps of an episode, of a hold (60 s), and after which it counts as settled (1 s)."""
 GRIP = 4.0
@@ -149,7 +149,7 @@ def miss(found: np.ndarray, exact: np.ndarray, channel: str) -> float:
 
 
 def hold(thing: str, model: str) -> dict[str, float]:
-    """What changes between the first second and the last of a hold without load or shaking.
+    """Change between the first second and the last of a hold without load or shaking.
 
     Relative L2 for channels; for the object the way it went (m).
     """

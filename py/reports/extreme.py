@@ -54,7 +54,7 @@ def draw(random: np.random.Generator, answerer: str) -> dict:
 
 
 def body(random: np.random.Generator, answerer: str) -> dict:
-    """What is pressed."""
+    """Draws a soft body."""
     near = 0.5 - 10 ** random.uniform(-4, -0.31)
     found = {
         "young": spread(random, 1e3, 1e9),
@@ -73,7 +73,7 @@ def body(random: np.random.Generator, answerer: str) -> dict:
 
 
 def drive(random: np.random.Generator) -> dict:
-    """What presses, and how it is led."""
+    """Draws a rigid shape and its path."""
     found = {
         "shape": str(random.choice(SHAPES)),
         "size": spread(random, 5e-4, 8e-3),
@@ -148,7 +148,7 @@ def with_slivers(mesh: TetMesh, height: float) -> TetMesh:
 
 
 def shape(case: dict) -> tuple[Shape, np.ndarray]:
-    """What presses, and how it is turned (a quaternion) so that its sharp end is below."""
+    """Rigid shape of a press, and the orientation (a quaternion) with its sharp end below."""
     r, name = case["size"], case["shape"]
     straight, eighth = np.array([0.0, 0, 0, 1]), np.pi / 8
     on_edge = np.array([np.sin(eighth), 0, 0, np.cos(eighth)])

@@ -55,7 +55,7 @@ OFF_CENTRE = {
 
 @dataclass
 class Record:
-    """What an episode tells at the end of each of its steps."""
+    """State at the end of each step of an episode."""
 
     mass: float
     inertia: np.ndarray
@@ -258,7 +258,7 @@ def spun(way: np.ndarray) -> np.ndarray:
 
 
 def excess(record: Record) -> dict[str, dict[str, float]]:
-    """What is felt beyond the load of a hand that accelerates evenly, in inertial forces, by axis.
+    """Error of the load under even acceleration of the hand, over the inertial force, by axis.
 
     Judged are samples of which the acceleration is that of the hand and along one axis of the tool.
     """
@@ -420,7 +420,7 @@ CASES: dict[str, tuple[Callable[[str, str, int], Record], tuple[str, ...]]] = {
     "pivoting": (pivoting, tuple(OFF_CENTRE)),
     "sliding": (sliding, COMPACT),
 }
-"""How an episode is made, and of which objects, by the name of a case."""
+"""Function that makes an episode, and its objects, by the name of a case."""
 
 
 def onset(record: Record) -> dict[str, Any]:

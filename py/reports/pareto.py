@@ -36,7 +36,7 @@ TIME, ERROR = 0.05, 0.01
 
 
 def options(parser: ArgumentParser) -> None:
-    """How much is asked, and of whom."""
+    """Adds options: number of presses, processes, models."""
     parser.add_argument("--presses", type=int, default=14, help="most of a panel; 14 if not given")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 2 if not given")
     parser.add_argument(
@@ -73,7 +73,7 @@ def make(options: Namespace) -> dict:
 
 
 def trained(options: Namespace) -> list[str]:
-    """Who is asked, but for networks that are not there."""
+    """Models to measure, without networks whose weights are missing."""
     asked = FEW if options.quick else list(ANSWERERS)
     if options.again:
         asked = [ELEMENTS, *(name for name in options.again if name != ELEMENTS)]
@@ -85,7 +85,7 @@ def trained(options: Namespace) -> list[str]:
 
 
 def also(report: dict, out: Path, options: Namespace) -> None:
-    """What `ruffini recommend` reads."""
+    """Writes the file that `ruffini recommend` reads."""
     if out == OUT:
         CHOICE.write_text(json.dumps(chosen(report), indent=1) + "\n")
 
@@ -186,7 +186,7 @@ def front(found: dict, what: str) -> list[str]:
 
 
 def beats(other: tuple, one: tuple) -> bool:
-    """Whether another is measurably better, in time or error, and measurably worse in neither."""
+    """Returns whether `other` is measurably better in time or error, and worse in neither."""
     (ms, error, _), (own_ms, own_error, _) = other, one
     faster, slower = ms < (1 - TIME) * own_ms, ms > (1 + TIME) * own_ms
     nearer, farther = error < (1 - ERROR) * own_error, error > (1 + ERROR) * own_error
@@ -417,7 +417,7 @@ class Series:
     marker: str
     colour: str
     members: dict[str, str]
-    """What stands beside each point, by the answerer's name."""
+    """Label of each point, by the answerer's name."""
 
 
 PAPER = {"Baseline": "base", "A": "A", "B": "B", "B, 32 channels": "B 32", "B, 8 rounds": "B 8"}
@@ -491,7 +491,7 @@ def scatter(axis, found: dict, what: str, front: list[str]) -> None:
 
 
 def size(series: Series) -> dict[str, float]:
-    """How large its markers are."""
+    """Size of its markers."""
     return {"markersize": 9 if series.marker == "*" else 5}
 
 

@@ -1,4 +1,4 @@
-"""What `sim_to_sim` plays and drags: an episode with either model, and a press that is dragged."""
+"""Cases of `sim_to_sim`: an episode with either model, and a press that is dragged."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ PRESSED = {
 }
 """Shapes that are dragged, height of the middle, depth, half of the fine part of the mesh (m)."""
 DRAG = [4e-5 * step for step in range(1, 13)]
-"""How far they are dragged along the finger (m)."""
+"""Distances that they are dragged along the finger (m)."""
 DRAWN = ("object", "size", "mass", "friction")
-"""What is drawn at the start of an episode, alike with both models."""
+"""Parameters that are drawn at the start of an episode, alike with both models."""
 
 
 def episode(task: str, policy: str, seed: int, model: str, nodes: int = NODES) -> dict[str, Any]:

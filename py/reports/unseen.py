@@ -47,7 +47,7 @@ KNOWN = 0.10
 
 
 def options(parser: ArgumentParser) -> None:
-    """Which presses, and which networks."""
+    """Adds options: presses, networks."""
     parser.add_argument("--weights", nargs="+", type=Path, default=[], help="other networks")
     parser.add_argument("--set", action="store_true", help="the test set, as far as it is there")
     parser.add_argument("--count", type=int, default=16, help="presses that are solved here")
@@ -230,7 +230,7 @@ def page(report: dict[str, Any]) -> str:
 
 
 def predicted(found: dict[str, Any]) -> str:
-    """What the network's predicted errors are worth."""
+    """Calibration of the network's predicted errors."""
     shares = ", ".join(f"{100 * share:.0f}" for share in found["within"])
     within = ""
     if found["known"]:

@@ -1,4 +1,4 @@
-"""What becomes of an extreme press: solved, refused by name, or wrong.
+"""Outcome of an extreme press: solved, refused by name, or wrong.
 
 An answer counts as solved if it stands these checks. Every number is finite. The force left out of
 balance is within the tolerance that the finite elements state. The wrench is the sum of the contact
@@ -33,7 +33,7 @@ BETWEEN = 0.4e-3 / 3**0.5
 
 
 def judged(case: dict) -> dict:
-    """What became of a press: ``verdict``, ``why`` and figures."""
+    """Outcome of a press: ``verdict``, ``why`` and figures."""
     begun = time.perf_counter()
     try:
         scene = case["answerer"] == "environment"
@@ -223,7 +223,7 @@ def pose(frame: Deformation) -> tuple[np.ndarray, np.ndarray]:
 
 
 def beside(case: dict, model: Any, last: Deformation) -> dict:
-    """How the answer compares with one that was found another way."""
+    """Difference of the answer from one that was found by another method."""
     if case["answerer"] == NETWORK:
         return truth(case, model, last) if model.knows(last) else {}
     if case["answerer"] != "fem":
@@ -235,7 +235,7 @@ def beside(case: dict, model: Any, last: Deformation) -> dict:
 
 
 def truth(case: dict, model: Surrogate, last: Deformation) -> dict:
-    """How far the network's force is from that of finite elements, with the shape led alike.
+    """Difference of the network's force from that of finite elements along the same path.
 
     Their mesh is refined towards the nodes that the network says are pressed.
     """

@@ -116,7 +116,7 @@ def write_speed(mesh, settings):
 
 
 def ratio(peer, ours):
-    """How much longer the peer takes."""
+    """Ratio of the peer's time to ours."""
     return round(peer["seconds"] / ours["seconds"], 1)
 
 

@@ -114,7 +114,7 @@ class Gel:
 
 @dataclass
 class Frame:
-    """What is seen at one time."""
+    """Bodies and curves at one time."""
 
     title: str
     bodies: dict[str, Rigid | Gel]

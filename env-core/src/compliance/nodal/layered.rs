@@ -56,7 +56,7 @@ pub struct LayeredPad {
 /// in some unit and one that is not used.
 type Change = [[i16; 4]; 3];
 
-/// What is known of a cell in advance.
+/// Precomputed data of a cell.
 struct Known {
     /// [`ModelFace::under`] it.
     under: ([u32; 3], [f64; 3]),

@@ -1,4 +1,4 @@
-//! Which of the paper's networks, and how large.
+//! Choice and size of one of the paper's networks.
 
 use serde::{Deserialize, Serialize};
 
@@ -42,7 +42,7 @@ pub enum Input {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PaperConfig {
-    /// Which network.
+    /// Variant of the network.
     pub variant: Variant,
     /// Known quantity that is its input.
     pub input: Input,

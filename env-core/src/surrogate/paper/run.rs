@@ -34,7 +34,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PaperRun {
-    /// Which network.
+    /// Variant and size of the network.
     pub network: PaperConfig,
     /// Density of the surfaces that it is trained on.
     pub density: Density,

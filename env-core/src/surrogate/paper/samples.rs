@@ -23,7 +23,7 @@ use crate::{
 
 /// A solved frame.
 pub(super) struct PaperSample {
-    /// Which of the gels.
+    /// Index of the gel.
     pub(super) gel: usize,
     /// Name of its grasp.
     pub(super) grasp: String,

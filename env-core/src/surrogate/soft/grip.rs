@@ -48,7 +48,7 @@ impl Grip {
         Matrix3::from_rows(&[x.transpose(), z.cross(&x).transpose(), z.transpose()])
     }
 
-    /// Which finger is nearer to a place.
+    /// Index of the finger nearer to a place.
     pub(super) fn nearer(&self, place: &Point3<f64>) -> usize {
         let height = self.faces.map(|face| face.inverse_transform_point(place).z.abs());
         usize::from(height[1] < height[0])

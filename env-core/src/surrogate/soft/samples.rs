@@ -34,7 +34,7 @@ use crate::{
 
 /// A solved frame.
 pub(super) struct SoftSample {
-    /// Which of the objects.
+    /// Index of the object.
     pub(super) object: usize,
     /// Name of its grasp.
     pub(super) grasp: String,

@@ -33,13 +33,13 @@ STIFFNESS = 8e3
 """Upward force for a millimetre that the hand goes down, over a thousandth (N/m)."""
 
 DROP = 7e-4
-"""How far the hand sinks when the peg has found the hole (m)."""
+"""Distance that the hand sinks when the peg has found the hole (m)."""
 
 PACE = 0.014
 """Speed of the sweep (m/s)."""
 
 WIDEST = 4.8e-3
-"""How far the sweep goes to both sides (m)."""
+"""Reach of the sweep to either side (m)."""
 
 SWING = 0.8
 """Yaw rate with which the peg is turned to and fro while inserting, as action."""
@@ -54,7 +54,7 @@ PUSH = 6.0
 """Upward force that is kept while inserting (N)."""
 
 YIELD = 1.5e-4
-"""How far the hand gives way to a newton that the hole pushes sideways with (m/N)."""
+"""Compliance of the hand to a sideways force of the hole (m/N)."""
 
 WIGGLE = 4e-4
 """Radius of the circles in which the hand moves while inserting (m)."""
@@ -67,7 +67,7 @@ Floats = NDArray[np.floating[Any]]
 
 
 def felt(observation: dict[str, Any]) -> tuple[Floats, Floats, Floats, Floats]:
-    """What the pads say of the peg in the hand, in the wrist's frame.
+    """Load and place of the peg in the hand, from the wrenches on the pads, in the wrist's frame.
 
     Its force on the hand (N, 3), its torque about the tool centre (N, 3), the torque that turns
     both pads alike about z (N), and how far the peg is along y (N), in m.
