@@ -121,7 +121,7 @@ def poses(frame: Frame) -> tuple:
 
 
 def opened(frame: Frame) -> tuple:
-    """Poses of the pads before they touched: back along the way between them."""
+    """Poses of the pads before they touched: back along the line between them."""
     (first, turn), (second, other) = poses(frame)
     along = (second - first) / np.linalg.norm(second - first)
     back = (frame.closing + OPEN) * along

@@ -1,8 +1,8 @@
-"""One episode as every model of touch tells it, half an hour on one thread.
+"""One episode with every model of touch, half an hour on one thread.
 
 The scripted policy grasps, lifts and holds, or keeps hold of what is shaken, with
 ``tactile="fem"`` on a mesh of 2,000 nodes; the same actions are then played with the other models,
-so that what differs is the model alone, what it makes of the motion included. A quiet hold of 60 s
+so that the model alone differs, with its effect on the motion. A quiet hold of 60 s
 shows whether any of them creeps. --quick plays one episode on a coarse mesh.
 """
 
@@ -142,7 +142,7 @@ def load(step: dict[str, Any]) -> float:
 
 
 def miss(found: np.ndarray, exact: np.ndarray, channel: str) -> float:
-    """Relative L2 error of what is told of both pads; of a wrench, of its forces."""
+    """Relative L2 error of a channel of both pads; of a wrench, of its forces."""
     if channel == "wrench":
         found, exact = (np.r_[wrench[:3], wrench[6:9]] for wrench in (found, exact))
     return size(found - exact) / size(exact)

@@ -1,4 +1,4 @@
-"""Extreme presses, drawn from a seed: what is asked, as plain values, and what it is made into.
+"""Extreme presses, drawn from a seed: as plain values, and the bodies and shapes made of these.
 
 A case is a dictionary of numbers and names, so that the report can keep and repeat it. SI units.
 """
@@ -38,7 +38,7 @@ def spread(random: np.random.Generator, low: float, high: float) -> float:
 
 
 def draw(random: np.random.Generator, answerer: str) -> dict:
-    """A press that `answerer` is asked for."""
+    """Draws a press for `answerer`."""
     case = {"answerer": answerer} | body(random, answerer) | drive(random)
     case["friction"] = 0.0 if random.random() < 0.3 else spread(random, 0.01, 5.0)
     if answerer == "compliance":

@@ -1,4 +1,4 @@
-"""Extreme scenes of the environment, drawn from a seed, and what becomes of them.
+"""Extreme scenes of the environment, drawn from a seed, and their outcomes.
 
 Masses, friction, time steps and grips over all that is accepted; wild actions, held ones, and the
 scripted grasp. Checked: observations finite and within their space, rewards in [0, 1], endings
@@ -27,7 +27,7 @@ TACTILE = ("none", "compliance", "surrogate")
 
 
 def draw(random: np.random.Generator) -> dict:
-    """A scene and what is done in it."""
+    """A scene, and the actions in it."""
     tactile = str(random.choice(TACTILE, p=[0.9, 0.07, 0.03]))
     hold = tactile == "none" and random.random() < 0.1
     step = float(random.choice(STEPS))

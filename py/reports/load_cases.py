@@ -50,7 +50,7 @@ OFF_CENTRE = {
     "long bar": ("cuboid:0.009,0.045,0.009", 0.022),
     "egg": ("ellipsoid:0.014,0.036,0.014", 0.014),
 }
-"""Shapes and the way along their length from the grip to the centre (m)."""
+"""Shapes and the distance along their length from the grip to the centre (m)."""
 
 
 @dataclass
@@ -424,9 +424,9 @@ CASES: dict[str, tuple[Callable[[str, str, int], Record], tuple[str, ...]]] = {
 
 
 def onset(record: Record) -> dict[str, Any]:
-    """Steps and grips at which a loosened grip slips, and where Coulomb's law says that it does.
+    """Steps and grips at which a loosened grip slips, and those predicted by Coulomb's law.
 
-    The grip is the force that is asked of each finger; steps count from where it begins to fall.
+    The grip is the force commanded to each finger; steps count from where it begins to fall.
     """
     told = record.arrays()
     load = record.mass * GRAVITY + record.look["load"]

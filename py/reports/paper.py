@@ -92,7 +92,7 @@ def train(data: Path, out: Path, run: Run) -> None:
 
 
 def trained_by(runs: Path) -> str:
-    """The commits that trained, as the weights' cards say."""
+    """Commits of the training code, from the weights' cards."""
     cards = [path.read_bytes() for path in runs.glob("*/weights.safetensors")]
     headers = [json.loads(b[8 : 8 + int.from_bytes(b[:8], "little")]) for b in cards]
     commits = {json.loads(h["__metadata__"]["card"])["data"]["trained_by"] for h in headers}

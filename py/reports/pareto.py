@@ -1,4 +1,4 @@
-"""Error against run time of every answerer, an hour of one core; --quick asks a few.
+"""Error against run time of every model, an hour of one core; --quick measures a few.
 
 Judged by finite elements on the finest mesh, never by an answerer's own. The full form also writes
 what `ruffini recommend` reads, py/python/ruffini/answerers.json. Held-out grasps are those of
@@ -32,7 +32,7 @@ ERRORS = {"displacement": "u", "stress": "σ", "force": "force", "peak": "peak"}
 JUDGES = ("finest", ELEMENTS)
 PANELS = ("held-out", "deep", "tiny", "soft", "stiff")
 TIME, ERROR = 0.05, 0.01
-"""Relative differences of times and of errors that tell nothing."""
+"""Relative differences of times and of errors up to which models count as equal."""
 
 
 def options(parser: ArgumentParser) -> None:
@@ -107,7 +107,7 @@ def chosen(report: dict) -> dict:
 
 
 def summary(rows: list[dict]) -> dict:
-    """Errors, time and front by panel, and what the network's training has cost."""
+    """Errors, time and front by panel, and the cost of the network's training."""
     asked = {row["answerer"] for row in rows}
     names = [name for name in ANSWERERS if name in asked]
     panels = {}
@@ -207,7 +207,7 @@ def break_even(panels: dict) -> dict:
 
 
 def known(rows: list[dict]) -> dict:
-    """Errors of networks on the finest mesh where they say that they know, and where not."""
+    """Errors of networks on the finest mesh, by whether they find the press in distribution."""
     found: dict = {}
     for row in rows:
         errors = row.get("finest", {})
@@ -372,7 +372,7 @@ def error_cell(what: str):
 
 
 def knowing(found: dict) -> str:
-    """Errors of networks by what `knows` says."""
+    """Errors of networks by the result of `knows`."""
     rows = [
         {"name": name, "part": part} | errors
         for name in ANSWERERS

@@ -1,4 +1,4 @@
-"""Presses of the report on error against run time, who answers them, and how they are judged.
+"""Presses of the report on error against run time, the models, and the measures of error.
 
 Every answer is carried to the model mesh of 1,000 nodes (V, T) and compared there. Another answerer
 needs an entry of `ANSWERERS`, and a place in a series of the picture. A batch is balls of 3 to 8 mm
@@ -57,7 +57,7 @@ class Gel:
 
 @dataclass(frozen=True)
 class Answerer:
-    """A way to answer presses."""
+    """A model that solves presses."""
 
     make: Callable[[Gel], Any]
     """The model of a gel."""
@@ -66,7 +66,7 @@ class Answerer:
     use: str
     """Expression that makes it in Python."""
     made_from: dict[str, float] = field(default_factory=dict)
-    """Core seconds that were spent before the first answer, by what for."""
+    """Core seconds that were spent before the first answer, by purpose."""
     shipped: bool = True
     """``False`` for an oracle, or a network that is not part of the package."""
     file: Path | None = None
@@ -145,7 +145,7 @@ ANSWERERS: dict[str, Answerer] = {
     "fem p2 500": fem("p2", 500),
     "fem p2 1000": fem("p2", 1000),
 }
-"""By name; the paper's have 16 channels and 4 rounds where no other is said."""
+"""By name; the paper's have 16 channels and 4 rounds unless named otherwise."""
 ELEMENTS = "fem p1-bar 2000"
 """Finite elements whose answer and time others are put beside."""
 FEW = [LAYER, "compliance 1000", "compliance at nodes", "linear, on cells", "network"]

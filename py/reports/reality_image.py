@@ -188,7 +188,7 @@ def means(fit: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def section(part: dict[str, Any]) -> str:
-    """Errors, terms, smoothing, and what the pictures cannot tell."""
+    """Errors, terms, smoothing, and limits of the pictures."""
     fit = part["fit"]
     deviations = sorted({row["deviation"] for row in fit["smoothing"]})
     least = {

@@ -337,7 +337,7 @@ PEER = {
 
 
 def named(found: dict) -> list[dict]:
-    """Rows of what is told by a name and a kind or an object."""
+    """Rows of values by a name and a kind or an object."""
     return [
         {"name": name if kind == "ruffini" else f"{name}, {kind}", "kind": kind} | row
         for name, of in found.items()

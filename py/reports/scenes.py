@@ -289,7 +289,7 @@ def picture_of_a_squeeze():
     save(figure, "soft.png")
 
 
-# An environment that feels.
+# An environment with touch.
 
 
 def picture_of_touch():
@@ -330,7 +330,7 @@ def pictures_of_tasks():
 
 
 def main() -> None:
-    """Draws what is asked for."""
+    """Draws the pictures that are chosen."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("which", nargs="?", choices=["tasks"], help="all if not given")
     which = parser.parse_args().which

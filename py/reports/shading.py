@@ -1,4 +1,4 @@
-"""Slopes of a pressed face from its pictures, where nobody measured them.
+"""Slopes of a pressed face from its pictures, where they were not measured.
 
 Twenty-four pictures show the same small tip pressed straight down. Around the place of contact the
 face is a surface of revolution, so that each press is a profile g(r), the slope at distance r from

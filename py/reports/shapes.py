@@ -43,7 +43,7 @@ def make(options: Namespace) -> dict[str, Any]:
 
 
 def errors(shape: tuple[str, int], depth: float) -> dict[str, Any]:
-    """Errors of the answers to a press in its last frame, or who did not answer."""
+    """Errors of the answers to a press in its last frame, or the models that failed."""
     [case] = straight("shapes", MINI, [shape], [depth])
     found: dict[str, Any] = {"press": case.name, "depth": depth}
     true = truth(case)

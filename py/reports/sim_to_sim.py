@@ -1,10 +1,10 @@
-"""Policies that feel with the network, played with finite elements in its place, two hours.
+"""Policies whose touch is that of the network, played with finite elements instead, two hours.
 
 Agents learn with ``tactile="surrogate"``. If they had learnt to use its errors, or the errors
-misled them, they would do worse where finite elements answer. Every policy that feels with soft
-pads plays the same evaluation seeds with both models: an episode has the same object, friction and
-start, and only what answers the presses differs. As HoldStill hangs on what slides, that is then
-compared with finer elements and with a closed form. --quick plays two seeds of one task.
+misled them, they would do worse with finite elements. Every policy with soft tactile pads plays the
+same evaluation seeds with both models: an episode has the same object, friction and start, and only
+the model of the presses differs. As HoldStill depends on sliding, sliding is then compared with
+finer elements and with a closed form. --quick plays two seeds of one task.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ FINER = (10_001, 10_003, 10_014)
 """Seeds of HoldStill that the agent plays on the finer mesh, too."""
 TRUTH = "quadratic elements, refined towards the contact"
 USED = (0.2, 0.4, 0.6)
-"""Fractions of the greatest friction at which sliding is told."""
+"""Fractions of the greatest friction at which sliding is reported."""
 TOLD = ("key", "object", "success", "return", "ending", "press_error", "restarts", "steps")
 TOLD += ("seconds", "grip")
 """Columns that are kept of each episode."""

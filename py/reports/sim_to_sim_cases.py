@@ -17,14 +17,14 @@ from ruffini.policies import part, scripted
 UNSOLVED = "press_failed"
 """Ending of an episode with a press that the model did not solve."""
 NODES, MORE_NODES = 1000, 3000
-"""Nodes of an environment's pad unless others are asked for, and of a finer one."""
+"""Default number of nodes of an environment's pad, and that of a finer one."""
 DRAGGED = {
     "network": None,
     "finite elements of an environment": ("p1-bar", NODES, False),
     "the same elements, a finer mesh": ("p1-bar", MORE_NODES, False),
     "quadratic elements, refined towards the contact": ("p2", 1500, True),
 }
-"""Models of what is dragged: element, nodes, and whether they crowd at the contact."""
+"""Models of the dragged shapes: element, nodes, ``True`` for a mesh refined at the contact."""
 BALL, FRICTION = 0.018, 0.6
 """Radius of a ball that is dragged (m), as of the sphere that is grasped, and friction."""
 PRESSED = {

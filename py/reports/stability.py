@@ -1,9 +1,9 @@
 """Outcomes of extreme presses with every model: 1e5 presses take hours, --quick makes 32.
 
-Press number n of seed s is drawn from (s, n) alone: `--show n` asks it again and prints it. Rows of
-another build are dropped, unless `--keep COMMIT` names the one that began them; then what a change
-may touch is asked anew, as by `--again surrogate fem:through 1384`, and the page tells who asked
-what.
+Press number n of seed s is drawn from (s, n) alone: `--show n` solves it again and prints it. Rows
+of another build are dropped, unless `--keep COMMIT` names the one that began them; then presses
+that a change may affect are solved anew, as by `--again surrogate fem:through 1384`, and the page
+lists the builds that solved each model's presses.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def make(options: Namespace) -> dict:
-    """Asks what is missing."""
+    """Solves the presses that are missing."""
     if options.show is not None:
         shown = case(options.seed, options.show)
         print(json.dumps(shown | {"found": judged(shown)}, indent=1))
@@ -90,7 +90,7 @@ def case(seed: int, number: int) -> dict:
 
 
 def ask(rows: Rows, seed: int, numbers: Iterable[int], jobs: int, until: float, by: str) -> None:
-    """Asks presses, until a time is reached; `by` is the commit that answers."""
+    """Solves presses until a time is reached; `by` is the commit of the build."""
     begun = time.monotonic()
 
     def in_time() -> Iterator[dict]:
@@ -323,7 +323,7 @@ def page(report: dict) -> str:
 
 
 def counts(by: dict, head: str, asked: dict[str, dict[str, int]] | None = None) -> str:
-    """Verdicts by name, fine ones first, and the builds that were asked, with their presses."""
+    """Verdicts by name, fine ones first, and the builds, with their numbers of presses."""
     kinds = {kind for counted in by.values() for kind in counted}
     first = [kind for kind in FINE if kind in kinds]
     kinds = [*first, *sorted(kinds.difference(FINE))]
@@ -355,7 +355,7 @@ COLOURS = {"solved": "#4c9f70", "wrong or silent": "#b3232c", "refused by name":
 
 
 def figure(report: dict):
-    """Verdicts by answerer and by what was asked."""
+    """Verdicts by model and by parameters of the press."""
     picture, axes = plt.subplots(2, 4, figsize=(13, 6), layout="constrained")
     axes_of = report["axes"]
     parts = {"model": report["by answerer"]}

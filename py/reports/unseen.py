@@ -54,7 +54,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def make(options: Namespace) -> dict[str, Any]:
-    """Every model is asked every press."""
+    """Solves every press with every model."""
     others = {f"network {file.resolve().parent.name}": file for file in options.weights}
     if len(others) < len(options.weights) or len(others) > len(OTHERS):
         raise SystemExit(f"--weights: at most {len(OTHERS)}, from folders of other names")
@@ -142,7 +142,7 @@ def judged(number: int, stored: bool, others: dict[str, Path]) -> list[dict[str,
 
 
 def names(rows: list[dict[str, Any]]) -> list[str]:
-    """The models that were asked."""
+    """Names of the models."""
     return list(rows[0]["errors"]) if rows else []
 
 
@@ -204,7 +204,7 @@ frames as known to 10 %{within}."""
 
 
 def page(report: dict[str, Any]) -> str:
-    """Errors by group and model, and what predicted errors are worth."""
+    """Errors by group and model, and calibration of the predicted errors."""
     found = report["table"]
     rows = [
         {"of": found[group], "group": group, "name": name, "errors": found[group][name]}

@@ -186,7 +186,7 @@ def poses(
 
 
 def contact_guess(question: Question) -> NDArray[np.float64]:
-    """Places on the face that the indenter would cover if the gel gave way nowhere else (K, 3)."""
+    """Places on the face that the indenter would cover if the gel deformed nowhere else (K, 3)."""
     places, shape, found = face(1e-4), Shape.mesh(*question.surface), []
     for place, turn in (question.path[frame] for frame in (3, 5)):
         inside = Rotation.from_quat(turn).inv().apply(places - place)

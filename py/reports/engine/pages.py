@@ -86,7 +86,7 @@ def are_numbers(cells: list[str]) -> bool:
 
 
 def made(report: Mapping[str, Any], sizes: Mapping[str, Any] | None = None) -> str:
-    """The line of a page that says where its figures come from."""
+    """Line of a page on the origin of its figures."""
     sizes = report["sizes"] if sizes is None else sizes
     line = (
         "Made at commit {commit} on {machine[cores]} cores ({machine[cpu]}, {machine[system]}), "

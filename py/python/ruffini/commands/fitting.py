@@ -205,7 +205,7 @@ class Table:
         held: Mapping[str, float],
         watch: Callable[[int, int], None] = lambda done, whole: None,
     ) -> Table:
-        """Solve one to `deepest` (m); `watch` is told how many paths are done."""
+        """Solve one to `deepest` (m); `watch` gets the numbers of paths done and in all."""
         axes = {name: np.array(grid) for name, grid in GRIDS.items() if name in fitted}
         depths = np.linspace(0.0, deepest, max(13, math.ceil(deepest / STEP) + 1))
         corners = list(itertools.product(*axes.values()))

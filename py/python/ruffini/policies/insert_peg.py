@@ -1,4 +1,4 @@
-"""A scripted policy for InsertPeg: press the peg on the block, feel where the hole is, follow it.
+"""A scripted policy for InsertPeg: press the peg on the block, find the hole by touch, follow it.
 
 It reads ``proprio`` and ``wrench`` of the default observation. A peg that is partly over its hole
 rests on what is left of the block under it, so the middle of the force is on the side away from
@@ -98,7 +98,7 @@ def act(observation: dict[str, NDArray[np.float32]], state: Any) -> tuple[NDArra
     force, torque, turn, aside = felt(observation)
     count = len(place)
     if state is None:
-        # Where the peg's middle is over the place that the hole is said to be at.
+        # Where the peg's middle is over the nominal place of the hole.
         middle = np.stack([np.zeros(count), -aside], axis=1)
         state = (np.full(count, np.nan), np.zeros(count), np.zeros(count, bool), middle)
     touched, phase, inside, middle = state
