@@ -215,7 +215,7 @@ def infos_microseconds(n: int, seconds: float) -> dict[str, float]:
 
 
 def infos_cost(seconds: float) -> dict[str, Any]:
-    """What infos in every step cost, by the number of environments."""
+    """Cost of infos in every step, by the number of environments."""
     found: dict[str, Any] = {}
     for n in (64, 256):
         times = infos_microseconds(n, seconds)

@@ -111,7 +111,7 @@ def percent(share: Any, digits: int = 1) -> str:
 
 
 def machine(row: dict[str, Any]) -> str:
-    """What a run was made on and by."""
+    """Processor, threads, commit and versions of a run."""
     about = row["about"]
     return (
         f"{about['cores']} cores of {about['processor']}, {row['threads']} thread"

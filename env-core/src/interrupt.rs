@@ -1,7 +1,7 @@
 //! Requests to end a computation early.
 //!
 //! A computation that runs [`Interrupt::during`] ends with [`Error::Interrupted`] soon after
-//! [`Interrupt::request`]: Newton's method asks before every step.
+//! [`Interrupt::request`]: Newton's method checks for it before every step.
 
 use std::{
     cell::RefCell,

@@ -196,7 +196,7 @@ class _Plain(ast.NodeTransformer):
                 self.meaning[target.id] = node.value
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
-        """What a private name stands for."""
+        """Replaces a private name by its value."""
         meant = self.meaning.get(node.id)
         return node if meant is None else self.visit(copy.deepcopy(meant))
 

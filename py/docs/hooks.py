@@ -1,4 +1,4 @@
-"""What mkdocs does to the pages of the site: lines break where a reader would break them."""
+"""Hooks of mkdocs for the pages of the site: lines break where a reader would break them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 PARTS = re.compile(r"(<pre.*?</pre>|<code[^>]*>[^<]*</code>|<[^>]*>)", re.DOTALL)
-"""What is not text, and code within a line."""
+"""Tags, preformatted blocks, and code within a line."""
 WORD = re.compile(r"[^\s<>]+(?![^<]*>)")
 LONGEST = 24
 """Letters of the longest word of code that a phone has room for."""

@@ -12,7 +12,7 @@ from urllib.parse import unquote, urlsplit
 
 
 class Page(HTMLParser):
-    """What a page links to, and the anchors that it has."""
+    """Links and anchors of a page."""
 
     def __init__(self, file: Path) -> None:
         super().__init__()

@@ -77,7 +77,7 @@ class Data:
         return cls(colour.turned(still), pictures, labels, Table.read(table, still))
 
     def brightest(self, number: int) -> Array:
-        """Where a press changes the picture most: a first guess of its middle (x, y), pixels."""
+        """Place that a press changes most: a first guess of its middle (x, y) (pixels)."""
         change = gaussian_filter(self.pictures[number] - self.still, (3, 3, 0))
         weight = (change**2).sum(axis=-1)
         weight[weight < 0.05 * weight.max()] = 0
@@ -162,7 +162,7 @@ def solved(parts: Iterable[Sums]) -> Array:
 
 
 def change(press: Press, terms: Array, response: Array) -> Array:
-    """What the response adds to the background (..., 3)."""
+    """Change of the background by the response (..., 3)."""
     return columns_of(press, terms) @ response
 
 
@@ -245,7 +245,7 @@ def best_of_family(
     terms: Array,
     response: Array | None,
 ) -> tuple[dict[int, int], Array, float]:
-    """Which of some faces each press has, the response (fitted in turn if not given), the error.
+    """Face of each press among some, the response (fitted in turn if not given), the error.
 
     The error is of thinned windows, weighted as in a fit.
     """

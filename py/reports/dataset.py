@@ -204,7 +204,7 @@ def of_cost(report: dict) -> list[dict]:
 
 
 def about_truth(report: dict) -> str:
-    """How far the truth is from a finer mesh, where a grasp has been judged."""
+    """Difference of the truth from a finer mesh, where a grasp has been judged."""
     if not report["truth"]:
         return ""
     rows = [row for row in report["rows"] if row["key"].startswith("truth")]
@@ -223,7 +223,7 @@ def about_truth(report: dict) -> str:
 
 
 def held(name: str, found: dict) -> str:
-    """What a dataset holds."""
+    """Section on the contents of a dataset."""
     columns = {
         "family": "{family}",
         "depth": "{depth[1]:100*.0f} % / {depth[2]:100*.0f} %",

@@ -1,4 +1,4 @@
-"""What the dataset's report measures: cost, what kills change, the truth's own error, contents."""
+"""Cases of the dataset's report: cost, interrupted generation, the truth's own error, contents."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ sys.path.append(str(ROOT / "tests/python"))
 from test_dataset_kills import MAKE, killed_and_resumed
 
 OPEN = 2e-5
-"""How far open a grasp that is solved again begins (m): pads of another mesh touch elsewhere."""
+"""Opening at which a repeated grasp begins (m): pads of another mesh touch elsewhere."""
 
 
 def cost(truth: int, model: int, threads: int, counts: dict) -> dict:
@@ -62,12 +62,12 @@ def judged(folder: Path, grasp: str, sizes: dict) -> list[dict]:
 
 
 def key(grasp: str, element: str, nodes: int) -> str:
-    """What a row of the truth is known by."""
+    """Key of a row of the truth."""
     return f"truth {grasp} {element} {nodes}"
 
 
 def disturbed(kills: int) -> dict:
-    """Whether a small generation ends with the same bytes when made twice, and when killed."""
+    """Compares the bytes of a small dataset with those of a second one, and of one often killed."""
     with tempfile.TemporaryDirectory() as root:
         once, twice, killed = (Path(root, name) for name in ("once", "twice", "killed"))
         times = []
@@ -121,7 +121,7 @@ def poses(frame: Frame) -> tuple:
 
 
 def opened(frame: Frame) -> tuple:
-    """Poses of the pads before they touched: back along the way between them."""
+    """Poses of the pads before they touched: back along the line between them."""
     (first, turn), (second, other) = poses(frame)
     along = (second - first) / np.linalg.norm(second - first)
     back = (frame.closing + OPEN) * along
@@ -153,7 +153,7 @@ def errors(found: list[dict], truth: list[dict], mesh: ruffini.TetMesh) -> list[
 
 
 def contents(folder: Path) -> dict:
-    """What a dataset holds: counts, unsolved grasps by reason, worst imbalance, quantiles."""
+    """Contents of a dataset: counts, unsolved grasps by reason, worst imbalance, quantiles."""
     data = dataset.open(folder)
     worst = {"contact": 0.0, "force": 0.0, "torque": 0.0}
     for frame in data:

@@ -1,8 +1,8 @@
-"""One episode as every model of touch tells it, half an hour on one thread.
+"""One episode with every model of touch, half an hour on one thread.
 
 The scripted policy grasps, lifts and holds, or keeps hold of what is shaken, with
 ``tactile="fem"`` on a mesh of 2,000 nodes; the same actions are then played with the other models,
-so that what differs is the model alone, what it makes of the motion included. A quiet hold of 60 s
+so that the model alone differs, with its effect on the motion. A quiet hold of 60 s
 shows whether any of them creeps. --quick plays one episode on a coarse mesh.
 """
 
@@ -33,7 +33,7 @@ EPISODES = {
 """Task and object of each episode."""
 CHANNELS = ("markers", "stress", "traction", "wrench")
 OBSERVED = ["proprio", "object", "slip", *CHANNELS]
-"""What the scripted policies read, and what is judged."""
+"""Channels that the scripted policies read, and those that are judged."""
 STEPS, HELD, SETTLED = 90, 1500, 25
 """Control steps of an episode, of a hold (60 s), and after which it counts as settled (1 s)."""
 GRIP = 4.0
@@ -142,14 +142,14 @@ def load(step: dict[str, Any]) -> float:
 
 
 def miss(found: np.ndarray, exact: np.ndarray, channel: str) -> float:
-    """Relative L2 error of what is told of both pads; of a wrench, of its forces."""
+    """Relative L2 error of a channel of both pads; of a wrench, of its forces."""
     if channel == "wrench":
         found, exact = (np.r_[wrench[:3], wrench[6:9]] for wrench in (found, exact))
     return size(found - exact) / size(exact)
 
 
 def hold(thing: str, model: str) -> dict[str, float]:
-    """What changes between the first second and the last of a hold without load or shaking.
+    """Change between the first second and the last of a hold without load or shaking.
 
     Relative L2 for channels; for the object the way it went (m).
     """

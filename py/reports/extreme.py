@@ -1,4 +1,4 @@
-"""Extreme presses, drawn from a seed: what is asked, as plain values, and what it is made into.
+"""Extreme presses, drawn from a seed: as plain values, and the bodies and shapes made of these.
 
 A case is a dictionary of numbers and names, so that the report can keep and repeat it. SI units.
 """
@@ -38,7 +38,7 @@ def spread(random: np.random.Generator, low: float, high: float) -> float:
 
 
 def draw(random: np.random.Generator, answerer: str) -> dict:
-    """A press that `answerer` is asked for."""
+    """Draws a press for `answerer`."""
     case = {"answerer": answerer} | body(random, answerer) | drive(random)
     case["friction"] = 0.0 if random.random() < 0.3 else spread(random, 0.01, 5.0)
     if answerer == "compliance":
@@ -54,7 +54,7 @@ def draw(random: np.random.Generator, answerer: str) -> dict:
 
 
 def body(random: np.random.Generator, answerer: str) -> dict:
-    """What is pressed."""
+    """Draws a soft body."""
     near = 0.5 - 10 ** random.uniform(-4, -0.31)
     found = {
         "young": spread(random, 1e3, 1e9),
@@ -73,7 +73,7 @@ def body(random: np.random.Generator, answerer: str) -> dict:
 
 
 def drive(random: np.random.Generator) -> dict:
-    """What presses, and how it is led."""
+    """Draws a rigid shape and its path."""
     found = {
         "shape": str(random.choice(SHAPES)),
         "size": spread(random, 5e-4, 8e-3),
@@ -148,7 +148,7 @@ def with_slivers(mesh: TetMesh, height: float) -> TetMesh:
 
 
 def shape(case: dict) -> tuple[Shape, np.ndarray]:
-    """What presses, and how it is turned (a quaternion) so that its sharp end is below."""
+    """Rigid shape of a press, and the orientation (a quaternion) with its sharp end below."""
     r, name = case["size"], case["shape"]
     straight, eighth = np.array([0.0, 0, 0, 1]), np.pi / 8
     on_edge = np.array([np.sin(eighth), 0, 0, np.cos(eighth)])

@@ -1,4 +1,4 @@
-"""Extreme scenes of the environment, drawn from a seed, and what becomes of them.
+"""Extreme scenes of the environment, drawn from a seed, and their outcomes.
 
 Masses, friction, time steps and grips over all that is accepted; wild actions, held ones, and the
 scripted grasp. Checked: observations finite and within their space, rewards in [0, 1], endings
@@ -27,7 +27,7 @@ TACTILE = ("none", "compliance", "surrogate")
 
 
 def draw(random: np.random.Generator) -> dict:
-    """A scene and what is done in it."""
+    """A scene, and the actions in it."""
     tactile = str(random.choice(TACTILE, p=[0.9, 0.07, 0.03]))
     hold = tactile == "none" and random.random() < 0.1
     step = float(random.choice(STEPS))
@@ -51,7 +51,7 @@ def draw(random: np.random.Generator) -> dict:
 
 
 def answered(case: dict) -> dict:
-    """What became of a scene, checked.
+    """Checked outcome of a scene.
 
     Raises:
         ValueError: If it is refused.
@@ -113,7 +113,7 @@ def scene(case: dict) -> GraspLiftVectorEnv:
 
 
 def place(envs: GraspLiftVectorEnv) -> np.ndarray:
-    """Where the object is (m)."""
+    """Position of the object (m)."""
     seen = envs.look(0)
     assert seen is not None, "after a reset there is a scene"
     return np.array(seen["object_position"])
@@ -145,7 +145,7 @@ def check(envs: GraspLiftVectorEnv, observation: dict, reward: np.ndarray) -> No
 
 
 def named(info: dict) -> str:
-    """Why an episode ended."""
+    """Reason for which an episode ended."""
     ending = str(info.get("ending", [""])[0])
     if not ending:
         raise WrongError("an episode ended without a reason")

@@ -1,4 +1,4 @@
-"""How far `ruffini.Fem` is from the truth, and what it costs, about 10 minutes.
+"""Error of `ruffini.Fem` against converged values, and its cost, about 10 minutes.
 
 Every case runs in a process of its own, on one thread. --quick is a subset within a minute.
 """
@@ -201,7 +201,7 @@ def at_048(report: dict) -> dict:
 
 
 def met(report: dict) -> str:
-    """How the reference meets the converged force of other solvers."""
+    """Compares the reference with the converged force of other solvers."""
     reference = at_048(report)["reference"]
     found = ", ".join(
         f"{reference['force'][depth]:.4f} N at {depth} mm (converged {force} N, "
@@ -287,7 +287,7 @@ def refinements(report: dict) -> list[dict]:
 
 
 def converges(report: dict) -> str:
-    """Whether the finest meshes and those for data meet the converged value."""
+    """Differences of the finest meshes and of those for data from the converged value."""
     true = report["scene"]["converged"]
     finest = [case["force"] for case in refinements(report)[-3:]]
     rows = [row for row in solved(at_048(report)) if row["element"] == DATA][-2:]

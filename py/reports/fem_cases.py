@@ -1,4 +1,4 @@
-"""What the report measures: accuracy by mesh, the GelSight Mini's force, cost along a path.
+"""Cases of the report: accuracy by mesh, the GelSight Mini's force, cost along a path.
 
 Units are SI. V vertices and T tetrahedra of the mesh that fields are compared on.
 """

@@ -100,14 +100,14 @@ def episode(case: str, model: str, seed: int) -> dict[str, Any]:
 
 
 def stepped(step: float, substeps: int) -> dict[str, Any]:
-    """What a hand that accelerates evenly feels too much, with such steps of the rigid bodies."""
+    """Error of the load under even acceleration of the hand, for a step of the rigid bodies."""
     found = cases.excess(cases.moved("cuboid", "surrogate", 1, step, substeps))
     name = f"{1e3 * step:g} ms in {substeps}"
     return {"steps": {"name": name, "axes": found}}
 
 
 def tremble(thing: str, model: str, grip: float) -> dict[str, Any]:
-    """What an object that is held still does."""
+    """Residual motion of an object that is held still."""
     name = f"{thing} at {grip:.0f} N, {model}"
     found = cases.trembling(thing, model, grip)
     return {"tremble": {"name": name, "object": thing, "model": model, "grip": grip} | found}
@@ -364,7 +364,7 @@ are of starts and of contact that changes.
 
 
 def verdict(report: dict[str, Any]) -> str:
-    """How many goals are met, and which."""
+    """Number and names of the goals that are met."""
     met = [entry["name"] for entry in report["table"] if entry["goal met"]]
     [still] = [row for row in report["settling"] if row["name"] == "surrogate after 16"]
     values = {"count": len(report["table"]), "met": len(met), "still": still["force"]["worst"]}
@@ -372,7 +372,7 @@ def verdict(report: dict[str, Any]) -> str:
 
 
 def onset(report: dict[str, Any]) -> str:
-    """When a loosened grip slips, and how far that is from Coulomb's law."""
+    """Grip at which a loosened grasp slips, against Coulomb's law."""
     start, steps = cases.START, cases.LOOSENING
     told = "{median:.2f} times the grip of Coulomb's law ({least:.2f} to {most:.2f}, {episodes})"
     gross = "; ".join(f"{model} at {filled(told, of)}" for model, of in report["coulomb"].items())

@@ -50,12 +50,12 @@ OFF_CENTRE = {
     "long bar": ("cuboid:0.009,0.045,0.009", 0.022),
     "egg": ("ellipsoid:0.014,0.036,0.014", 0.014),
 }
-"""Shapes and the way along their length from the grip to the centre (m)."""
+"""Shapes and the distance along their length from the grip to the centre (m)."""
 
 
 @dataclass
 class Record:
-    """What an episode tells at the end of each of its steps."""
+    """State at the end of each step of an episode."""
 
     mass: float
     inertia: np.ndarray
@@ -258,7 +258,7 @@ def spun(way: np.ndarray) -> np.ndarray:
 
 
 def excess(record: Record) -> dict[str, dict[str, float]]:
-    """What is felt beyond the load of a hand that accelerates evenly, in inertial forces, by axis.
+    """Error of the load under even acceleration of the hand, over the inertial force, by axis.
 
     Judged are samples of which the acceleration is that of the hand and along one axis of the tool.
     """
@@ -420,13 +420,13 @@ CASES: dict[str, tuple[Callable[[str, str, int], Record], tuple[str, ...]]] = {
     "pivoting": (pivoting, tuple(OFF_CENTRE)),
     "sliding": (sliding, COMPACT),
 }
-"""How an episode is made, and of which objects, by the name of a case."""
+"""Function that makes an episode, and its objects, by the name of a case."""
 
 
 def onset(record: Record) -> dict[str, Any]:
-    """Steps and grips at which a loosened grip slips, and where Coulomb's law says that it does.
+    """Steps and grips at which a loosened grip slips, and those predicted by Coulomb's law.
 
-    The grip is the force that is asked of each finger; steps count from where it begins to fall.
+    The grip is the force commanded to each finger; steps count from where it begins to fall.
     """
     told = record.arrays()
     load = record.mass * GRAVITY + record.look["load"]

@@ -47,7 +47,7 @@ ERRORS = {"displacement": "u", "stress": "σ", "peak": "σ at the peak", "force"
 
 
 def options(parser: ArgumentParser) -> None:
-    """What to train, on what, into which folder."""
+    """Adds the options of training: networks, data, folder."""
     parser.add_argument("--data", type=Path, help="presses to train on")
     parser.add_argument("--sizes", action="store_true", help="train other widths, too")
     parser.add_argument("--finer", type=Path, help="folder for presses on finer meshes")

@@ -27,7 +27,7 @@ BUDGET = 600.0
 
 @dataclass(frozen=True)
 class Run:
-    """What is trained, from which seed, on which split of the data, for how long."""
+    """Training run: network, seed, split of the data, time."""
 
     what: dict[str, Any]
     seed: int = 0
@@ -51,14 +51,14 @@ RUNS = (
 
 
 def options(parser: ArgumentParser) -> None:
-    """What to train on, into which folder."""
+    """Adds the options of training: data, folder."""
     parser.add_argument("--data", type=Path, help="a dataset to train on")
     parser.add_argument("--runs", type=Path, help="folder of the runs")
     parser.add_argument("--jobs", type=int, default=1, help="runs at a time; 1 if not given")
 
 
 def make(options: Namespace) -> dict[str, Any] | None:
-    """What is in the folder of the runs; nothing without one."""
+    """Results in the folder of the runs; ``None`` without one."""
     data, runs = options.data, options.runs
     if not runs:
         if data:
@@ -92,7 +92,7 @@ def train(data: Path, out: Path, run: Run) -> None:
 
 
 def trained_by(runs: Path) -> str:
-    """The commits that trained, as the weights' cards say."""
+    """Commits of the training code, from the weights' cards."""
     cards = [path.read_bytes() for path in runs.glob("*/weights.safetensors")]
     headers = [json.loads(b[8 : 8 + int.from_bytes(b[:8], "little")]) for b in cards]
     commits = {json.loads(h["__metadata__"]["card"])["data"]["trained_by"] for h in headers}
@@ -282,7 +282,7 @@ def judged(
 
 
 def conclusion(report: dict[str, Any]) -> str:
-    """Who wins, whether the paper's ranking holds, and what the linear answer says to it."""
+    """Compares the ranking of the networks with the paper's, and both with the linear answer."""
     lines = ["The paper's ranking is B < Baseline < A. Medians of the relative error, ours:", ""]
     for part, where in PARTS.items():
         seeds = defaultdict(list)

@@ -1,4 +1,4 @@
-"""Error against run time of every answerer, an hour of one core; --quick asks a few.
+"""Error against run time of every model, an hour of one core; --quick measures a few.
 
 Judged by finite elements on the finest mesh, never by an answerer's own. The full form also writes
 what `ruffini recommend` reads, py/python/ruffini/answerers.json. Held-out grasps are those of
@@ -32,11 +32,11 @@ ERRORS = {"displacement": "u", "stress": "σ", "force": "force", "peak": "peak"}
 JUDGES = ("finest", ELEMENTS)
 PANELS = ("held-out", "deep", "tiny", "soft", "stiff")
 TIME, ERROR = 0.05, 0.01
-"""Relative differences of times and of errors that tell nothing."""
+"""Relative differences of times and of errors up to which models count as equal."""
 
 
 def options(parser: ArgumentParser) -> None:
-    """How much is asked, and of whom."""
+    """Adds options: number of presses, processes, models."""
     parser.add_argument("--presses", type=int, default=14, help="most of a panel; 14 if not given")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 2 if not given")
     parser.add_argument(
@@ -73,7 +73,7 @@ def make(options: Namespace) -> dict:
 
 
 def trained(options: Namespace) -> list[str]:
-    """Who is asked, but for networks that are not there."""
+    """Models to measure, without networks whose weights are missing."""
     asked = FEW if options.quick else list(ANSWERERS)
     if options.again:
         asked = [ELEMENTS, *(name for name in options.again if name != ELEMENTS)]
@@ -85,7 +85,7 @@ def trained(options: Namespace) -> list[str]:
 
 
 def also(report: dict, out: Path, options: Namespace) -> None:
-    """What `ruffini recommend` reads."""
+    """Writes the file that `ruffini recommend` reads."""
     if out == OUT:
         CHOICE.write_text(json.dumps(chosen(report), indent=1) + "\n")
 
@@ -107,7 +107,7 @@ def chosen(report: dict) -> dict:
 
 
 def summary(rows: list[dict]) -> dict:
-    """Errors, time and front by panel, and what the network's training has cost."""
+    """Errors, time and front by panel, and the cost of the network's training."""
     asked = {row["answerer"] for row in rows}
     names = [name for name in ANSWERERS if name in asked]
     panels = {}
@@ -186,7 +186,7 @@ def front(found: dict, what: str) -> list[str]:
 
 
 def beats(other: tuple, one: tuple) -> bool:
-    """Whether another is measurably better, in time or error, and measurably worse in neither."""
+    """Returns whether `other` is measurably better in time or error, and worse in neither."""
     (ms, error, _), (own_ms, own_error, _) = other, one
     faster, slower = ms < (1 - TIME) * own_ms, ms > (1 + TIME) * own_ms
     nearer, farther = error < (1 - ERROR) * own_error, error > (1 + ERROR) * own_error
@@ -207,7 +207,7 @@ def break_even(panels: dict) -> dict:
 
 
 def known(rows: list[dict]) -> dict:
-    """Errors of networks on the finest mesh where they say that they know, and where not."""
+    """Errors of networks on the finest mesh, by whether they find the press in distribution."""
     found: dict = {}
     for row in rows:
         errors = row.get("finest", {})
@@ -372,7 +372,7 @@ def error_cell(what: str):
 
 
 def knowing(found: dict) -> str:
-    """Errors of networks by what `knows` says."""
+    """Errors of networks by the result of `knows`."""
     rows = [
         {"name": name, "part": part} | errors
         for name in ANSWERERS
@@ -417,7 +417,7 @@ class Series:
     marker: str
     colour: str
     members: dict[str, str]
-    """What stands beside each point, by the answerer's name."""
+    """Label of each point, by the answerer's name."""
 
 
 PAPER = {"Baseline": "base", "A": "A", "B": "B", "B, 32 channels": "B 32", "B, 8 rounds": "B 8"}
@@ -491,7 +491,7 @@ def scatter(axis, found: dict, what: str, front: list[str]) -> None:
 
 
 def size(series: Series) -> dict[str, float]:
-    """How large its markers are."""
+    """Size of its markers."""
     return {"markersize": 9 if series.marker == "*" else 5}
 
 

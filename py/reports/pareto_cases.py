@@ -1,4 +1,4 @@
-"""Presses of the report on error against run time, who answers them, and how they are judged.
+"""Presses of the report on error against run time, the models, and the measures of error.
 
 Every answer is carried to the model mesh of 1,000 nodes (V, T) and compared there. Another answerer
 needs an entry of `ANSWERERS`, and a place in a series of the picture. A batch is balls of 3 to 8 mm
@@ -36,12 +36,12 @@ from ruffini.dataset import Dataset
 
 CACHE = Path.home() / ".cache/ruffini"
 RUNS, GRASPS = CACHE / "networks", CACHE / "grasps-63x10x10"
-"""What `networks --runs` has trained, and a dataset of grasps."""
+"""Folders of the networks trained by `networks --runs`, and of a dataset of grasps."""
 
 
 @dataclass(frozen=True)
 class Gel:
-    """What the pad is made of, and how rough."""
+    """Sensor, material and friction of a pad."""
 
     sensor: str
     young: float
@@ -57,18 +57,18 @@ class Gel:
 
 @dataclass(frozen=True)
 class Answerer:
-    """A way to answer presses."""
+    """A model that solves presses."""
 
     make: Callable[[Gel], Any]
     """The model of a gel."""
     kind: str
     """Family."""
     use: str
-    """How it is asked for in Python."""
+    """Expression that makes it in Python."""
     made_from: dict[str, float] = field(default_factory=dict)
-    """Core seconds that were spent before the first answer, by what for."""
+    """Core seconds that were spent before the first answer, by purpose."""
     shipped: bool = True
-    """Whether a user would ask it: neither an oracle nor a network of one's own."""
+    """``False`` for an oracle, or a network that is not part of the package."""
     file: Path | None = None
     """Weights that have to be trained first."""
 
@@ -145,16 +145,16 @@ ANSWERERS: dict[str, Answerer] = {
     "fem p2 500": fem("p2", 500),
     "fem p2 1000": fem("p2", 1000),
 }
-"""By name; the paper's have 16 channels and 4 rounds where no other is said."""
+"""By name; the paper's have 16 channels and 4 rounds unless named otherwise."""
 ELEMENTS = "fem p1-bar 2000"
 """Finite elements whose answer and time others are put beside."""
 FEW = [LAYER, "compliance 1000", "compliance at nodes", "linear, on cells", "network"]
 FEW += ["network, by Candle", "paper's B", "fem p1-bar 500", ELEMENTS]
-"""Who is asked in the quick form: some of every kind that needs no training."""
+"""Models of the quick form: some of every kind that needs no training."""
 
 MINI = Gel("gelsight-mini", 3e5, 0.47, 0.8)
 SHAPES = [("ball", size) for size in (4, 2, 3, 6, 8, 10)] + [("block", 4), ("block", 5)]
-"""What is pressed straight down, and its size (mm)."""
+"""Shapes that are pressed straight down, and their size (mm)."""
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 MODEL_NODES = 1000
 STILL = 1e-9
@@ -178,11 +178,11 @@ class Case:
     """Radius and depths (m), where a ball presses straight down."""
 
     def press(self) -> Press:
-        """What is asked."""
+        """Press of the shape along the path."""
         return Press(self.shape, self.path)
 
     def key(self, answerer: str) -> str:
-        """What a row is known by."""
+        """Key of a row."""
         return f"{self.panel}/{self.name}/{answerer}"
 
 
@@ -247,7 +247,7 @@ class Fields:
     def __init__(self, displacement: np.ndarray, stress: np.ndarray, force: np.ndarray):
         self.displacement, self.stress, self.force = displacement, stress, force
         self.known: list[bool] | None = None
-        """Whether a network says that it knows (F)."""
+        """``True`` where a network finds the press in distribution (F)."""
 
     @classmethod
     def carried(
@@ -283,7 +283,7 @@ class Fields:
 
 
 def finest(case: Case, nodes: int, kept: Path) -> Fields | None:
-    """What the finest mesh says, kept in a file; ``None`` where it has no answer."""
+    """Solution on the finest mesh, kept in a file; ``None`` where there is none."""
     file = kept / f"{case.panel}-{case.name.replace('/', '-')}.npz"
     if not file.exists():
         judge = fem("p1-bar", nodes).make(case.gel)

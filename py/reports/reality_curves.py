@@ -89,7 +89,7 @@ def make(options: Namespace) -> dict[str, Any]:
 
 
 def _fits(sizes: dict[str, Any]) -> list[tuple[tuple[str, ...], str, float, int]]:
-    """What is fitted, with which law, friction and mesh."""
+    """Parameters, law, friction and mesh of each fit."""
     usual, nodes = ("young", "offset"), sizes["nodes"]
     found: list[tuple[tuple[str, ...], str, float, int]] = [
         (("young",), LAW, STICKY, nodes),
@@ -119,7 +119,7 @@ def solved(
 
 
 def curve() -> Curve:
-    """What FEATS measured."""
+    """Curve measured by FEATS."""
     return read_curve(ROOT / "tests/reference/feats_force_depth.csv", BALL, 4e-3)
 
 
@@ -147,7 +147,7 @@ def fit(tabled: Table, fitted: tuple[str, ...], held: dict[str, float]) -> dict[
 def drawn_fits(
     tabled: Table, points: int, fitted: tuple[str, ...], sizes: dict[str, Any]
 ) -> dict[str, Any]:
-    """How often intervals hold what curves with noise were drawn from."""
+    """Coverage of the confidence intervals on noisy curves of known parameters."""
     noise, random = 0.03, np.random.default_rng([sizes["seed"], points, len(fitted)])
     held = {"poisson": POISSON, "friction": 0.0, "thickness": 1.0}
     depths, hits, wide, off = np.linspace(0.0, 2e-3, points + 1)[1:], [], [], []
@@ -236,7 +236,7 @@ def written(name: str, *values: float | None) -> str:
 
 
 def within(found: dict[str, Any]) -> list[bool]:
-    """Whether a fit meets the goal, with all depths and with each left out."""
+    """Returns whether a fit meets the goal with all depths, and with each left out."""
     return [max(np.abs(found[key])) <= GOAL for key in ("errors", "left out")]
 
 
@@ -309,7 +309,7 @@ def usual(fits: list[dict[str, Any]], friction: float) -> dict[str, Any]:
 
 
 def verdict(fits: list[dict[str, Any]]) -> str:
-    """Whether E and offset alone meet the goal, with and without friction, and what else does."""
+    """Lists the fits that meet the goal: E and offset alone, with and without friction; others."""
     lines = []
     for friction in (STICKY, 0.0):
         found = usual(fits, friction)

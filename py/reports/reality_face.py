@@ -213,7 +213,7 @@ def apart(row: dict[str, Any], other: dict[str, Any], kind: str) -> float:
 
 
 def verdict(rows: list[dict[str, Any]]) -> str:
-    """How far each of ours is from ANSYS."""
+    """Difference of each of our models from ANSYS."""
     parts = [
         f"{row['key']}: "
         + ", ".join(

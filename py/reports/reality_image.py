@@ -75,7 +75,7 @@ def held_out() -> list[HeldOut]:
 
 
 def make(options: Namespace) -> dict[str, Any]:
-    """What the fit found, and errors of its coefficients on the presses that it left out."""
+    """Results of the fit, and errors of its coefficients on the presses that it left out."""
     rows = Rows.of("reality_image", options, MADE_OF, {})
     colours = Colour.read(COEFFICIENTS)
     again = [
@@ -188,7 +188,7 @@ def means(fit: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def section(part: dict[str, Any]) -> str:
-    """Errors, terms, smoothing, and what the pictures cannot tell."""
+    """Errors, terms, smoothing, and limits of the pictures."""
     fit = part["fit"]
     deviations = sorted({row["deviation"] for row in fit["smoothing"]})
     least = {

@@ -1,4 +1,4 @@
-"""What a scene costs, from bare rigid to everything on, a quarter of an hour; --quick three scenes.
+"""Cost of a scene, from bare rigid to everything on, a quarter of an hour; --quick three scenes.
 
 Every row runs in a process of its own. Time is processor time of one thread, over steps in which
 both fingers of every environment touch, that of a stage its share of the clock's; scaling over
@@ -59,7 +59,7 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 LEFT_OUT = {name: f"network, all but {name}" for name in ("displacement", "stress", "depth")}
 LEFT_OUT |= {"all channels but markers": "network, markers", "touch": "rigid"}
-"""What a scene lacks against the full one."""
+"""Scenes that lack one part of the full scene, by that part."""
 BOTH = ("rigid", "linear, markers", "network, markers", FULL)
 """Scenes with a cuboid, whose flat side touches widely, besides the sphere."""
 QUICK = ("rigid", "linear, markers", FULL)
@@ -224,7 +224,7 @@ def summary(rows: list[dict]) -> dict:
 
 
 def savings(scenes: dict) -> dict:
-    """What leaving something out saves (µs), and what that stage took in the full scene."""
+    """Time saved by leaving a part out (µs), and that of its stage in the full scene."""
     found: dict = {}
     for thing, whole in scenes.get(FULL, {}).items():
         for part, other in LEFT_OUT.items():
@@ -337,7 +337,7 @@ PEER = {
 
 
 def named(found: dict) -> list[dict]:
-    """Rows of what is told by a name and a kind or an object."""
+    """Rows of values by a name and a kind or an object."""
     return [
         {"name": name if kind == "ruffini" else f"{name}, {kind}", "kind": kind} | row
         for name, of in found.items()
@@ -346,7 +346,7 @@ def named(found: dict) -> list[dict]:
 
 
 def page(report: dict) -> str:
-    """What dominates each scene, the environment's share of training, tables."""
+    """Stages that dominate each scene, the environment's share of training, tables."""
     scenes = named(report["scenes"])
     kinds = dict.fromkeys(stage for row in scenes for stage in row["stages"])
     stages = [("scene", "{name}"), *((kind, f"{{stages[{kind}]:,.0f}}") for kind in kinds)]

@@ -1,4 +1,4 @@
-"""Stable-Baselines3's PPO end to end, on one thread: what of its time is the environment's."""
+"""Stable-Baselines3's PPO end to end, on one thread, and the environment's share of its time."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def end_to_end(env_id: str, settings: dict[str, Any], free: bool, steps: int | N
     """Steps a second of PPO with the parameters of its task, or `steps` a rollout, and its time."""
     torch.set_num_threads(1)
     chosen = params(env_id).with_settings(settings | {"num_threads": 1})
-    # What touch costs is asked of pads that feel from the first step.
+    # The cost of touch is measured with tactile pads from the first step.
     chosen = replace(chosen, steps_without_touch=0, training={})
     if steps:
         chosen = replace(chosen, algorithm=chosen.algorithm | {"n_steps": steps})

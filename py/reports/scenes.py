@@ -59,7 +59,7 @@ class Part:
 
 
 def section(mesh: ruffini.TetMesh, places: np.ndarray, values: np.ndarray):
-    """What of the mesh lies at y = 0 at rest, as triangles with corners of their own.
+    """Section of the mesh at y = 0 at rest, as triangles with corners of their own.
 
     Args:
         mesh: The mesh at rest.
@@ -175,7 +175,7 @@ def coloured(triangles, color):
 
 FRICTION = 0.8
 CLOSING = np.array([0.1, 0.25, 0.4, 0.55, 0.7]) * 1e-3
-"""How deep each pad would be in an object that stayed where it is (m)."""
+"""Depth of each pad in the object if neither deformed (m)."""
 SHOWN = np.array([56.0, 30.0, 50.0])
 """Size of the picture across the pads, along the view and upwards (mm)."""
 
@@ -235,7 +235,7 @@ SPACING = 2.6e-3
 HALF = np.array([1.5e-3, 15e-3, 17e-3])
 """Half the edges of a plate (m)."""
 SQUEEZE = np.arange(1, 6) * 0.8e-3
-"""How deep each plate goes (m)."""
+"""Depth of each plate (m)."""
 
 
 def plates_at(mesh, depth):
@@ -289,7 +289,7 @@ def picture_of_a_squeeze():
     save(figure, "soft.png")
 
 
-# An environment that feels.
+# An environment with touch.
 
 
 def picture_of_touch():
@@ -330,7 +330,7 @@ def pictures_of_tasks():
 
 
 def main() -> None:
-    """Draws what is asked for."""
+    """Draws the pictures that are chosen."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("which", nargs="?", choices=["tasks"], help="all if not given")
     which = parser.parse_args().which

@@ -1,4 +1,4 @@
-"""Slopes of a pressed face from its pictures, where nobody measured them.
+"""Slopes of a pressed face from its pictures, where they were not measured.
 
 Twenty-four pictures show the same small tip pressed straight down. Around the place of contact the
 face is a surface of revolution, so that each press is a profile g(r), the slope at distance r from
@@ -55,7 +55,7 @@ class Lights:
     tangent: Array
 
     def difference(self, p: Array, q: Array) -> Array:
-        """What slopes (...) change in the picture (..., 3)."""
+        """Change of the picture (..., 3) by slopes (...)."""
         lit = self.tangent + np.multiply.outer(p, np.cos(self.azimuth))
         lit += np.multiply.outer(q, np.sin(self.azimuth))
         lit = (lit + np.sqrt(lit * lit + SOFT)) / 2
@@ -166,7 +166,7 @@ def profile_of(lights: Lights, seen: Pixels, middle: Array) -> tuple[Array, Arra
 
 
 def depth(profile: Array) -> float:
-    """How deep the middle lies under the face far away (pixels)."""
+    """Depth of the middle under the face far away (pixels)."""
     return float(np.trapezoid(np.concatenate([[0], profile, [0]]), NODES))
 
 

@@ -21,7 +21,7 @@ MADE_OF = ["env-core", "py/reports/shapes.py", "py/reports/pareto_cases.py"]
 SHAPES = [*(("ball", radius) for radius in (1, 3, 6, 12)), ("block", 5)]
 """Shapes, and radius or half an edge (mm)."""
 DEPTHS = {"ball": (1e-4, 4e-4, 1e-3, 2e-3), "block": (1e-4, 4e-4)}
-"""Where they are pressed to (m): under a block's edges the truth takes many minutes beyond."""
+"""Depths of the presses (m): under a block's edges the truth takes many minutes beyond."""
 TRUTH_NODES = 1200
 ANSWERERS = {"network": "network", "linear": "linear, on cells", "elements": ELEMENTS}
 PARTS = ("displacement", "stress", "force")
@@ -43,7 +43,7 @@ def make(options: Namespace) -> dict[str, Any]:
 
 
 def errors(shape: tuple[str, int], depth: float) -> dict[str, Any]:
-    """Errors of the answers to a press in its last frame, or who did not answer."""
+    """Errors of the answers to a press in its last frame, or the models that failed."""
     [case] = straight("shapes", MINI, [shape], [depth])
     found: dict[str, Any] = {"press": case.name, "depth": depth}
     true = truth(case)

@@ -1,10 +1,10 @@
-"""Policies that feel with the network, played with finite elements in its place, two hours.
+"""Policies whose touch is that of the network, played with finite elements instead, two hours.
 
 Agents learn with ``tactile="surrogate"``. If they had learnt to use its errors, or the errors
-misled them, they would do worse where finite elements answer. Every policy that feels with soft
-pads plays the same evaluation seeds with both models: an episode has the same object, friction and
-start, and only what answers the presses differs. As HoldStill hangs on what slides, that is then
-compared with finer elements and with a closed form. --quick plays two seeds of one task.
+misled them, they would do worse with finite elements. Every policy with soft tactile pads plays the
+same evaluation seeds with both models: an episode has the same object, friction and start, and only
+the model of the presses differs. As HoldStill depends on sliding, sliding is then compared with
+finer elements and with a closed form. --quick plays two seeds of one task.
 """
 
 from __future__ import annotations
@@ -54,14 +54,14 @@ FINER = (10_001, 10_003, 10_014)
 """Seeds of HoldStill that the agent plays on the finer mesh, too."""
 TRUTH = "quadratic elements, refined towards the contact"
 USED = (0.2, 0.4, 0.6)
-"""Fractions of the greatest friction at which sliding is told."""
+"""Fractions of the greatest friction at which sliding is reported."""
 TOLD = ("key", "object", "success", "return", "ending", "press_error", "restarts", "steps")
 TOLD += ("seconds", "grip")
-"""What is told of each episode."""
+"""Columns that are kept of each episode."""
 
 
 def options(parser: ArgumentParser) -> None:
-    """How many seeds, and for how long."""
+    """Adds options: number of seeds, time."""
     parser.add_argument("--seeds", type=int, default=SEEDS, help="seeds of each policy")
     parser.add_argument("--minutes", type=float, default=math.inf, help="then no more episodes")
 
@@ -101,7 +101,7 @@ def make(options: Namespace) -> dict[str, Any]:
 
 
 def told(row: dict[str, Any]) -> dict[str, Any]:
-    """What is told of an episode."""
+    """Columns of an episode that are kept."""
     return {name: row[name] for name in TOLD}
 
 
@@ -143,7 +143,7 @@ def pairs(rows: Rows, task: str, policy: str) -> list[dict[str, dict[str, Any]]]
 
 
 def compared(some: list[dict[str, dict[str, Any]]]) -> dict[str, Any]:
-    """What a policy does with both models, and the differences, finite elements less network."""
+    """Results of a policy with both models, and their differences, finite elements less network."""
     solved = [pair for pair in some if all(row["ending"] != UNSOLVED for row in pair.values())]
     return {
         "seeds": len(some),
@@ -163,7 +163,7 @@ def compared(some: list[dict[str, dict[str, Any]]]) -> dict[str, Any]:
 
 
 def alone(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """What a policy does with one model."""
+    """Results of a policy with one model."""
     low, high = wilson(sum(row["success"] for row in rows), len(rows))
     names = rows[0]["terms"]
     return {
@@ -182,7 +182,7 @@ def alone(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def outcome(row: dict[str, Any]) -> str:
-    """How an episode came out: success, the name of its ending, or that its time was up."""
+    """Outcome of an episode: success, the name of its ending, or that its time was up."""
     return "success" if row["success"] else row["ending"] or "time_up"
 
 
@@ -381,7 +381,7 @@ open:"""
 
 
 def reading(report: dict[str, Any]) -> str:
-    """What sliding says of HoldStill, before the table of a finer mesh."""
+    """Conclusion from sliding for HoldStill, before the table of a finer mesh."""
     if not report["finer"]:
         return ""
     values = {"more": f"{MORE_NODES:,}", "count": len(report["finer"])}
@@ -476,7 +476,7 @@ def headed(ending: str) -> str:
 
 
 def verdict(rows: list[dict[str, Any]]) -> str:
-    """What all pairs of episodes say together, in words."""
+    """Summary of all pairs of episodes, in words."""
     count = sum(row["seeds"] for row in rows)
     both, network, fem, neither = (
         sum(row["success"][of] for row in rows)
@@ -502,7 +502,7 @@ def clear(rows: list[dict[str, Any]], of: str, times: float = 1.0, unit: str = "
 
 
 def stopped(report: dict[str, Any]) -> str:
-    """What is said of seeds that are missing."""
+    """Sentence on the seeds that are missing."""
     fewer = {name: found["seeds"] for name, found in report["policies"].items()}
     if all(count >= report["wanted"] for count in fewer.values()):
         return ""
@@ -514,7 +514,7 @@ def stopped(report: dict[str, Any]) -> str:
 
 
 def unsolved(rows: list[dict[str, Any]]) -> str:
-    """What is left without the seeds with a press that a model did not solve."""
+    """Differences without the seeds in which a model did not solve a press."""
     if not any(UNSOLVED in row[model]["outcomes"] for row in rows for model in MODELS):
         return "Every press was solved, by both models."
     columns = {
@@ -545,7 +545,7 @@ WON = {
     "won with neither": ("x", "black"),
     "a press not solved": ("s", COLOURS["paper"]),
 }
-"""How a seed is drawn, by what became of it."""
+"""Marker and colour of a seed, by its outcome."""
 LEGEND: dict[str, Any] = {"ncols": len(WON), "loc": "outside lower center"}
 
 
@@ -595,7 +595,7 @@ def figure(report: dict[str, Any]):
 
 
 def returns(key: str, rows: dict[str, Any]) -> tuple[str, float, float] | None:
-    """Who won the seed of a key with finite elements, and the returns with both models."""
+    """Outcome of the seed of a key of finite elements, and the returns with both models."""
     if not key.endswith("/fem") or key.replace("/fem", "/surrogate") not in rows:
         return None
     fem, network = rows[key], rows[key.replace("/fem", "/surrogate")]

@@ -1,4 +1,4 @@
-"""What `sim_to_sim` plays and drags: an episode with either model, and a press that is dragged."""
+"""Cases of `sim_to_sim`: an episode with either model, and a press that is dragged."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from ruffini.policies import part, scripted
 UNSOLVED = "press_failed"
 """Ending of an episode with a press that the model did not solve."""
 NODES, MORE_NODES = 1000, 3000
-"""Nodes of an environment's pad unless others are asked for, and of a finer one."""
+"""Default number of nodes of an environment's pad, and that of a finer one."""
 DRAGGED = {
     "network": None,
     "finite elements of an environment": ("p1-bar", NODES, False),
     "the same elements, a finer mesh": ("p1-bar", MORE_NODES, False),
     "quadratic elements, refined towards the contact": ("p2", 1500, True),
 }
-"""Models of what is dragged: element, nodes, and whether they crowd at the contact."""
+"""Models of the dragged shapes: element, nodes, ``True`` for a mesh refined at the contact."""
 BALL, FRICTION = 0.018, 0.6
 """Radius of a ball that is dragged (m), as of the sphere that is grasped, and friction."""
 PRESSED = {
@@ -33,9 +33,9 @@ PRESSED = {
 }
 """Shapes that are dragged, height of the middle, depth, half of the fine part of the mesh (m)."""
 DRAG = [4e-5 * step for step in range(1, 13)]
-"""How far they are dragged along the finger (m)."""
+"""Distances that they are dragged along the finger (m)."""
 DRAWN = ("object", "size", "mass", "friction")
-"""What is drawn at the start of an episode, alike with both models."""
+"""Parameters that are drawn at the start of an episode, alike with both models."""
 
 
 def episode(task: str, policy: str, seed: int, model: str, nodes: int = NODES) -> dict[str, Any]:

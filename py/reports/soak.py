@@ -78,7 +78,7 @@ class Clumsy:
 
 
 def soaked(name: str, steps: int, count: int) -> dict[str, Any]:
-    """What happened in a part of `count` environments.
+    """Results of a part of `count` environments.
 
     Raises:
         ValueError: If a check fails.

@@ -1,9 +1,9 @@
-"""What extreme presses do to every answerer: 1e5 presses take hours, --quick asks 32.
+"""Outcomes of extreme presses with every model: 1e5 presses take hours, --quick makes 32.
 
-Press number n of seed s is drawn from (s, n) alone: `--show n` asks it again and prints it. Rows of
-another build are dropped, unless `--keep COMMIT` names the one that began them; then what a change
-may touch is asked anew, as by `--again surrogate fem:through 1384`, and the page tells who asked
-what.
+Press number n of seed s is drawn from (s, n) alone: `--show n` solves it again and prints it. Rows
+of another build are dropped, unless `--keep COMMIT` names the one that began them; then presses
+that a change may affect are solved anew, as by `--again surrogate fem:through 1384`, and the page
+lists the builds that solved each model's presses.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ONE_THREAD = True
 MADE_OF = ["env-core", "py/src"]
 MADE_OF += [f"py/reports/{name}.py" for name in ("extreme", "extreme_scenes", "verdict")]
 ANSWERERS = {"fem": 0.36, "compliance": 0.22, "nodes": 0.16, "surrogate": 0.12, "environment": 0.14}
-"""Who is asked, and how often: "nodes" is compliance with contact there."""
+"""Models, and the share of presses that each solves: "nodes" is compliance with contact there."""
 SEED = 7
 LIMIT = 120.0
 """Processor time for a press (s)."""
@@ -44,12 +44,12 @@ AXES: dict[str, list[float]] = {
     "depth": [1e-3, 1e-2, 0.1, 0.3, 0.5, 0.7],
     "size": [5e-4, 1e-3, 2e-3, 4e-3, 8e-3],
 }
-"""Where the numbers of a press are cut into classes."""
+"""Bounds of the classes of a press's numbers."""
 NAMES = ("mesh", "law", "element", "shape", "kind", "sweeps")
 
 
 def options(parser: ArgumentParser) -> None:
-    """Which presses are asked, of what build, for how long."""
+    """Adds options: presses, build, time."""
     parser.add_argument("--presses", type=int, help="how many; 100 000, or 32 in the quick form")
     parser.add_argument("--seed", type=int, default=SEED, help=f"{SEED} if not given")
     parser.add_argument("--hours", type=float, help="when to stop; 0.1 in the quick form")
@@ -60,7 +60,7 @@ def options(parser: ArgumentParser) -> None:
 
 
 def make(options: Namespace) -> dict:
-    """Asks what is missing."""
+    """Solves the presses that are missing."""
     if options.show is not None:
         shown = case(options.seed, options.show)
         print(json.dumps(shown | {"found": judged(shown)}, indent=1))
@@ -90,7 +90,7 @@ def case(seed: int, number: int) -> dict:
 
 
 def ask(rows: Rows, seed: int, numbers: Iterable[int], jobs: int, until: float, by: str) -> None:
-    """Asks presses, until a time is reached; `by` is the commit that answers."""
+    """Solves presses until a time is reached; `by` is the commit of the build."""
     begun = time.monotonic()
 
     def in_time() -> Iterator[dict]:
@@ -108,7 +108,7 @@ def ask(rows: Rows, seed: int, numbers: Iterable[int], jobs: int, until: float, 
 
 
 def named(row: dict, again: list[str]) -> bool:
-    """Whether a row is among those that ``--again`` names."""
+    """Returns whether a row is among those that ``--again`` names."""
     who = row["case"]["answerer"]
     return not {who, f"{who}:{row['case'].get('kind')}", str(row["key"])}.isdisjoint(again)
 
@@ -129,7 +129,7 @@ def also(report: dict, out: Path, options: Namespace) -> None:
 
 
 def summary(rows: list[dict]) -> dict:
-    """What the report holds of all rows."""
+    """Contents of the report, from all rows."""
     presses = [row for row in rows if row["case"]["answerer"] != "environment"]
     scenes = [row for row in rows if row["case"]["answerer"] == "environment"]
     slow = sorted(rows, key=lambda row: -row["seconds"])[:10]
@@ -191,7 +191,7 @@ def drift(scenes: list[dict]) -> dict:
 
 
 def long_way(presses: list[dict]) -> dict:
-    """How answers compare with those found another way."""
+    """Differences of answers from those found by another method."""
     found = {}
     for name in WAYS:
         values = [row[name] for row in presses if name in row]
@@ -323,7 +323,7 @@ def page(report: dict) -> str:
 
 
 def counts(by: dict, head: str, asked: dict[str, dict[str, int]] | None = None) -> str:
-    """Verdicts by name, fine ones first, and the builds that were asked, with their presses."""
+    """Verdicts by name, fine ones first, and the builds, with their numbers of presses."""
     kinds = {kind for counted in by.values() for kind in counted}
     first = [kind for kind in FINE if kind in kinds]
     kinds = [*first, *sorted(kinds.difference(FINE))]
@@ -355,7 +355,7 @@ COLOURS = {"solved": "#4c9f70", "wrong or silent": "#b3232c", "refused by name":
 
 
 def figure(report: dict):
-    """Verdicts by answerer and by what was asked."""
+    """Verdicts by model and by parameters of the press."""
     picture, axes = plt.subplots(2, 4, figsize=(13, 6), layout="constrained")
     axes_of = report["axes"]
     parts = {"model": report["by answerer"]}

@@ -47,14 +47,14 @@ KNOWN = 0.10
 
 
 def options(parser: ArgumentParser) -> None:
-    """Which presses, and which networks."""
+    """Adds options: presses, networks."""
     parser.add_argument("--weights", nargs="+", type=Path, default=[], help="other networks")
     parser.add_argument("--set", action="store_true", help="the test set, as far as it is there")
     parser.add_argument("--count", type=int, default=16, help="presses that are solved here")
 
 
 def make(options: Namespace) -> dict[str, Any]:
-    """Every model is asked every press."""
+    """Solves every press with every model."""
     others = {f"network {file.resolve().parent.name}": file for file in options.weights}
     if len(others) < len(options.weights) or len(others) > len(OTHERS):
         raise SystemExit(f"--weights: at most {len(OTHERS)}, from folders of other names")
@@ -142,7 +142,7 @@ def judged(number: int, stored: bool, others: dict[str, Path]) -> list[dict[str,
 
 
 def names(rows: list[dict[str, Any]]) -> list[str]:
-    """The models that were asked."""
+    """Names of the models."""
     return list(rows[0]["errors"]) if rows else []
 
 
@@ -204,7 +204,7 @@ frames as known to 10 %{within}."""
 
 
 def page(report: dict[str, Any]) -> str:
-    """Errors by group and model, and what predicted errors are worth."""
+    """Errors by group and model, and calibration of the predicted errors."""
     found = report["table"]
     rows = [
         {"of": found[group], "group": group, "name": name, "errors": found[group][name]}
@@ -230,7 +230,7 @@ def page(report: dict[str, Any]) -> str:
 
 
 def predicted(found: dict[str, Any]) -> str:
-    """What the network's predicted errors are worth."""
+    """Calibration of the network's predicted errors."""
     shares = ", ".join(f"{100 * share:.0f}" for share in found["within"])
     within = ""
     if found["known"]:

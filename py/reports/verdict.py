@@ -1,10 +1,10 @@
-"""What becomes of an extreme press: solved, refused by name, or wrong.
+"""Outcome of an extreme press: solved, refused by name, or wrong.
 
 An answer counts as solved if it stands these checks. Every number is finite. The force left out of
 balance is within the tolerance that the finite elements state. The wrench is the sum of the contact
 forces. Held nodes stay. No tetrahedron is inside out where the law forbids it. No shape is deeper
 in the skin than 250 softnesses (0.5 mm), the bound that is documented for contact points, and the
-way from there to the next one. Contact never pulls: a shape that comes down on a bonded body
+distance from there to the next one. Contact never pulls: a shape that comes down on a bonded body
 presses it down, and a ball without friction pushes every node that it touches outwards. A plate
 does not rub with more than the cone of friction.
 Linear answers and networks are nothing where nothing touches.
@@ -33,7 +33,7 @@ BETWEEN = 0.4e-3 / 3**0.5
 
 
 def judged(case: dict) -> dict:
-    """What became of a press: ``verdict``, ``why`` and figures."""
+    """Outcome of a press: ``verdict``, ``why`` and figures."""
     begun = time.perf_counter()
     try:
         scene = case["answerer"] == "environment"
@@ -78,7 +78,7 @@ def answered(case: dict) -> dict:
 
 
 def answerer(case: dict) -> Fem | Compliance | Surrogate:
-    """The model that a case asks."""
+    """The model of a case."""
     if case["answerer"] == NETWORK:
         chosen = {key: case[key] for key in ("young", "poisson", "friction")}
         return Surrogate(GELS[case["mesh"]], **chosen)
@@ -186,7 +186,11 @@ def check_plate(case: dict, frame: Deformation, total: float) -> None:
 
 
 def check_depth(case: dict, body: SoftBody, frame: Deformation) -> float:
-    """Depth of the shape in the skin where nothing feels it (m); deep ones raise `WrongError`."""
+    """Depth of the shape in the skin without contact force, else 0 (m).
+
+    Raises:
+        WrongError: If the shape is too deep.
+    """
     form, _ = shape(case)
     faces = surface(body.mesh)
     faces = faces[~np.isin(faces, body.fixed).all(axis=1)]
@@ -223,7 +227,7 @@ def pose(frame: Deformation) -> tuple[np.ndarray, np.ndarray]:
 
 
 def beside(case: dict, model: Any, last: Deformation) -> dict:
-    """How the answer compares with one that was found another way."""
+    """Difference of the answer from one that was found by another method."""
     if case["answerer"] == NETWORK:
         return truth(case, model, last) if model.knows(last) else {}
     if case["answerer"] != "fem":
@@ -235,7 +239,7 @@ def beside(case: dict, model: Any, last: Deformation) -> dict:
 
 
 def truth(case: dict, model: Surrogate, last: Deformation) -> dict:
-    """How far the network's force is from that of finite elements, with the shape led alike.
+    """Difference of the network's force from that of finite elements along the same path.
 
     Their mesh is refined towards the nodes that the network says are pressed.
     """
@@ -278,6 +282,6 @@ def stiffer(case: dict, last: Deformation) -> dict:
 
 
 def apart(one: Deformation, other: Deformation, least: float = 1e-6) -> float:
-    """Relative difference of two forces, 0 if neither is above the `least` that is told (N)."""
+    """Relative difference of two forces, 0 if neither is above `least` (N)."""
     most = max(size(one.wrench[:3]), size(other.wrench[:3]))
     return size(one.wrench[:3] - other.wrench[:3]) / most if most > least else 0.0

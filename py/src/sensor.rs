@@ -18,7 +18,7 @@ pub(crate) fn sensor_template() -> String {
     ruffini_core::sensor::template()
 }
 
-/// What the file of a sensor says, as JSON; numbers that are not finite are null.
+/// Contents of a sensor's file, as JSON; numbers that are not finite are null.
 #[pyfunction]
 pub(crate) fn read_sensor(name: &str) -> PyResult<String> {
     Ok(json!(Sensor::open(name).map_err(python_error)?).to_string())

@@ -1,4 +1,4 @@
-"""What the tests share: every id with every observation choice."""
+"""Common fixtures of the tests: every id with every observation choice."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def test_drawn_actions_spread_as_the_models(trio):
     many = np.array([agent.predict(observation, deterministic=False)[0] for _ in range(500)])
     agent.seed(3)
     np.testing.assert_array_equal(agent.predict(observation, deterministic=False)[0], many[0])
-    # Medians and quartiles feel nothing of the clip at 1.
+    # Medians and quartiles are not affected by the clip at 1.
     mean, _ = agent.predict(observation)
     middle = np.median(many, axis=0)
     spread = np.exp(model.policy.log_std.detach().numpy())

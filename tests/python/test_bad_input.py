@@ -1,4 +1,4 @@
-"""Whatever comes in, what comes out is a ``ValueError`` that says what was found and expected."""
+"""Bad input of any kind raises a ``ValueError`` that states what was found and expected."""
 
 from __future__ import annotations
 

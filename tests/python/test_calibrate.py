@@ -49,7 +49,7 @@ POINTS = [(3e-4, 0.35), (6e-4, 1.2), (9e-4, 2.6), (1.2e-3, 4.7)]
 
 
 def measured(table, noise=0.0, seed=0):
-    """What a gel of the true parameters says, with relative noise."""
+    """Curve of a gel of the true parameters, with relative noise."""
     force = TRUE["young"] * table.force({**HELD, **TRUE}, DEPTHS + TRUE["offset"])
     force *= 1 + noise * np.random.default_rng(seed).normal(size=len(force))
     return Curve("synthetic", BALL, DEPTHS, force)

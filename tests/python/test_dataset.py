@@ -1,4 +1,4 @@
-"""Datasets: made, stopped, resumed, read, told about in the shell."""
+"""Datasets: made, stopped, resumed, read, described in the shell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""InsertPeg: the way in, the ways it ends, and what is refused."""
+"""InsertPeg: insertion, endings, and settings that are refused."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def test_a_ball_comes_to_the_middle_of_the_pads(pad):
     assert frames[0].object[0][0] == 3e-5, "nothing has touched it yet"
     position, quaternion = frames[-1].object
     assert position.shape == (3,) and quaternion.shape == (4,)
-    # Balance to 1e-6 N on pads of about 1 N/mm; friction remembers a little of the way.
+    # Balance to 1e-6 N on pads of about 1 N/mm; friction depends a little on the trajectory.
     assert abs(position[0]) < 1e-6, f"{position[0]} m off the middle"
     left, right = frames[-1].pads
     assert type(left) is type(right) is Deformation

@@ -1,4 +1,4 @@
-"""The shipped network of the paper's: what it says, what it refuses."""
+"""The shipped network of the paper's: its answers, and the presses that it refuses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What README and the pages beside it quote of reports, and that made pages are of their figures.
+"""Figures that README and the pages beside it quote of reports are the reports', on made pages too.
 
 A quoted figure is found by its key. It is the report's, with as many digits as are written, but for
 times: those of another machine are others, and only have to be there. ``.ci/report --pages`` writes
@@ -50,7 +50,7 @@ def module(name):
 
 
 def is_time(keys: str) -> bool:
-    """Whether a figure depends on the machine."""
+    """Returns whether a figure depends on the machine."""
     return any(TIMES.fullmatch(step) for step in keys.split(" / "))
 
 
@@ -177,7 +177,7 @@ def test_what_a_change_may_touch_is_asked_again(tmp_path, monkeypatch):
     stability = module("stability")
 
     def asked(*options, build):
-        """Who asked what in a run in which that build answers every press with itself."""
+        """Number of presses by model and the build that solved them, after a run of `build`."""
         answer = {"verdict": "solved", "why": "", "seconds": 0.0}
         about = {"commit": build, "sizes": {}}
         monkeypatch.setattr(stability, "header", lambda *_: dict(about))

@@ -129,7 +129,7 @@ def test_reads_of_some_rows_are_those_rows_own():
             assert envs.get_attr(name, rows) == singles.get_attr(name, asked), (name, rows)
     assert envs.env_method("look", indices=[]) == []
     assert [image.shape for image in envs.get_images()] == [(48, 64, 3)] * 3
-    # So the batch says without the adapter.
+    # As the batch returns without the adapter.
     assert list(envs.envs.call("look")) == singles.env_method("look")
     assert envs.envs.call("num_envs") == (3, 3, 3)
 

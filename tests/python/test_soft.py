@@ -15,7 +15,7 @@ UPRIGHT, FLIPPED = (0, 0, 0, 1), (1, 0, 0, 0)
 
 
 def squeeze(*depths: float, history: ruffini.History | None = None) -> Press:
-    """Two fingers on a ball, each as deep as said: they press with the side at +z."""
+    """Two fingers on a ball, each at a given depth: they press with the side at +z."""
     finger = Shape.cuboid([0.0104, 0.0126, THICKNESS / 2])
     away = [RADIUS - depth + THICKNESS / 2 for depth in depths]
     path = [[((0, 0, -z), UPRIGHT), ((0, 0, z), FLIPPED)] for z in away]

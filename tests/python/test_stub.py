@@ -1,4 +1,4 @@
-"""The hand-written stub says what the compiled module has."""
+"""The hand-written stub matches the compiled module."""
 
 from __future__ import annotations
 

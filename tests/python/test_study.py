@@ -89,7 +89,7 @@ def test_touch_begins_when_the_steps_with_rigid_pads_are_over():
     observation, _, dones, infos = envs.step(still)
     assert dones.all() and all(info["TimeLimit.truncated"] for info in infos)
     assert infos[1]["terminal_observation"]["markers"].shape == (210,)
-    # Rows that feel have started: their first observations are those of a reset.
+    # Rows with tactile pads have started: their first observations are those of a reset.
     again = make_vec_env(LIFT, 2, seed=0, **COARSE).reset()
     for name, values in again.items():
         np.testing.assert_array_equal(observation[name], values)

@@ -1,4 +1,4 @@
-"""Fingers that feel: spaces, zeros, seeds, snapshots, batches, settings and the plan."""
+"""Tactile fingers: spaces, zeros, seeds, snapshots, batches, settings and the plan."""
 
 from __future__ import annotations
 

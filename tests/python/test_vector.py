@@ -17,7 +17,7 @@ SETTINGS = {"max_episode_steps": 20, "observation": ["proprio", "object", "wrenc
 
 
 def single_rollout(seed: int, acts: np.ndarray, mode: str) -> list[tuple]:
-    """What a single environment goes through when its caller resets it as `mode` says."""
+    """Steps of a single environment whose caller resets it according to `mode`."""
     env = GraspLiftEnv(**SETTINGS)
     observation, _ = env.reset(seed=seed)
     log, over = [flat(observation).tobytes()], False

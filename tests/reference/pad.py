@@ -117,7 +117,7 @@ class Contact:
         self.entry = self.stuck
 
     def places(self, u):
-        """Where the points are (3, F, Q)."""
+        """Positions of the points (3, F, Q)."""
         return self.rest + np.array([self.basis.interpolate(component) for component in u])
 
     def begin(self, u, start, end):
@@ -252,7 +252,7 @@ class Press:
         return left
 
     def predicted(self, centre):
-        """Where the last step's motion leads, if less force is unbalanced there than here."""
+        """Extrapolation of the last step's motion, if less force is unbalanced there than here."""
         onward = self.u + self.rate * np.linalg.norm(centre - self.centre)
         here, ahead = (self.unbalanced(u, centre) for u in (self.u, onward))
         if ahead is not None and np.linalg.norm(ahead) < np.linalg.norm(here):

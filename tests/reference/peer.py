@@ -116,7 +116,7 @@ def write_speed(mesh, settings):
 
 
 def ratio(peer, ours):
-    """How much longer the peer takes."""
+    """Ratio of the peer's time to ours."""
     return round(peer["seconds"] / ours["seconds"], 1)
 
 
@@ -127,7 +127,7 @@ def cpu():
 
 
 def main():
-    """Reads the arguments and does what they ask."""
+    """Runs the comparison that the arguments choose."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--speed", action="store_true", help="time both programs")
     parser.add_argument("--out", type=Path, default=HERE, help="folder to write to")

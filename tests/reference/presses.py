@@ -63,7 +63,7 @@ class Question:
     poisson: float
     friction: float
     depth: float
-    """How far past first touch (m)."""
+    """Distance past first touch (m)."""
     surface: Surface
     steps: list[tuple[NDArray[np.float64], NDArray[np.float64]]]
     """Poses after each load step: places (3,) in m and orientations (4,), xyzw."""
@@ -110,7 +110,7 @@ class Question:
         return SoftBody(pad.mesh, self.young, self.poisson, "neo-hookean", pad.fixed)
 
     def presses(self) -> bool:
-        """Whether the force at the full depth, by linear elements, is more than the least."""
+        """Returns whether the force at full depth, by linear elements, is more than the least."""
         body = self.body(COARSE, contact_guess(self))
         down = Press(Shape.mesh(*self.surface), self.path[:4])
         last = Fem(body, friction=self.friction).solve_path(down)[-1]
@@ -118,7 +118,7 @@ class Question:
         return not isinstance(last, PressError) and bool(np.linalg.norm(last.wrench[:3]) > least)
 
     def press(self, frames: int = len(FRAMES)) -> Press:
-        """What is asked: the first frames, each reached in `STEPS` load steps."""
+        """Press of the first frames, each reached in `STEPS` load steps."""
         return Press(Shape.mesh(*self.surface), self.steps[: STEPS * frames])
 
 
@@ -146,7 +146,7 @@ def face(spacing: float) -> NDArray[np.float64]:
 
 
 def first_touch(shape: Shape, pose: tuple[NDArray, NDArray], spot: NDArray) -> float:
-    """How far the shape has to be lowered from `pose` to touch the face (m)."""
+    """Distance by which the shape has to be lowered from `pose` to touch the face (m)."""
     places = np.vstack([face(2e-4), [*spot, height(*spot)]])
     place, turn = pose[0], Rotation.from_quat(pose[1])
     near = places
@@ -186,7 +186,7 @@ def poses(
 
 
 def contact_guess(question: Question) -> NDArray[np.float64]:
-    """Places on the face that the indenter would cover if the gel gave way nowhere else (K, 3)."""
+    """Places on the face that the indenter would cover if the gel deformed nowhere else (K, 3)."""
     places, shape, found = face(1e-4), Shape.mesh(*question.surface), []
     for place, turn in (question.path[frame] for frame in (3, 5)):
         inside = Rotation.from_quat(turn).inv().apply(places - place)

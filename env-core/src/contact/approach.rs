@@ -9,7 +9,8 @@ use crate::geometry::{Shape, TetMesh};
 
 /// Steps of the depth of the deepest point after which a shape is no longer backed off.
 const STEPS: usize = 100;
-/// Share of the depth of the deepest point by which the inside of the body is looked for beside it.
+/// Distance from the deepest point, relative to its depth, at which a place is tested for being
+/// inside the body.
 const BESIDE: f64 = 0.05;
 
 /// Returns `poses` (S) with each shape that overlaps the surface moved out of it, opposite to the

@@ -42,8 +42,8 @@ impl Backing {
     }
 
     /// Returns an error if one of the `shapes` contains a point deeper than `most` (m) at its pose
-    /// `to`, or moved over one by as much on its way there from its pose `from`. The latter is
-    /// reported as a step that has not converged to the `tolerance` (N).
+    /// `to`, or moved over one by as much from its pose `from` to there. The latter is reported as
+    /// a step that has not converged to the `tolerance` (N).
     pub fn check(
         &self,
         shapes: &[Shape],
@@ -63,7 +63,8 @@ impl Backing {
                 }
                 for place in places {
                     let [begin, end] = way(place);
-                    // A distance changes by no more than the way, here and from place to place.
+                    // A distance changes by at most the distance moved, in time as from place to
+                    // place.
                     let moved = (end - begin).norm();
                     if at_centre > (place - centre).norm() + moved {
                         continue;

@@ -27,7 +27,7 @@ impl ContactStep<'_> {
         })
     }
 
-    /// Returns whether a shape, on its way to `poses`, passes over a point by more than `depth` and
+    /// Returns whether a shape that moves to `poses` passes over a point by more than `depth` and
     /// leaves it behind, so that the point does not touch at the end of the step.
     pub fn runs_over(&mut self, poses: &[Isometry3<f64>], depth: f64) -> bool {
         let points = self.surface.len();
@@ -50,8 +50,8 @@ impl ContactStep<'_> {
         })
     }
 
-    /// Returns whether a point went through a shape on its way to `places` (C): through more than
-    /// `depth` of a shape if one of them is thin, or to the opposite side.
+    /// Returns whether a point went through a shape in its motion to `places` (C): through more
+    /// than `depth` of a shape if one of them is thin, or to the opposite side.
     pub fn goes_through(
         &self,
         poses: &[Isometry3<f64>],
@@ -62,7 +62,7 @@ impl ContactStep<'_> {
         thin && self.leaps(poses, places, depth) || self.changes_sides(poses, places, depth)
     }
 
-    /// Returns whether a point went through more than `depth` of a shape on its way to `places`
+    /// Returns whether a point went through more than `depth` of a shape in its motion to `places`
     /// (C), where it is outside or touches. The distances measured by the last
     /// [`ContactStep::touches`] save most measurements.
     fn leaps(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
@@ -76,8 +76,7 @@ impl ContactStep<'_> {
     }
 
     /// Returns [`ContactStep::leaps`] only for points that end on the side opposite to where they
-    /// began: round the edge of a thick shape a point may slide a long way, though not to the far
-    /// side.
+    /// began: round the edge of a thick shape a point may slide far, though not to the far side.
     fn changes_sides(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
         self.any_way(poses, places, |_, shape, begin, end| changes_sides(shape, begin, end, depth))
     }

@@ -32,7 +32,7 @@ pub struct Touch {
 pub struct Bend {
     /// Derivative of the normal with respect to the point's position, ∂n/∂x (1/m); symmetric.
     pub turn: Matrix3<f64>,
-    /// Part along the normal of the way from the sticking place to the point (m).
+    /// Normal component of the vector from the sticking place to the point (m).
     pub lift: f64,
 }
 
@@ -140,8 +140,8 @@ impl<'a> ContactStep<'a> {
         (distance.value < 0.0).then_some(distance)
     }
 
-    /// Sticking place of the pair in the frame of the shape. A new pair sticks where the shape, on
-    /// its way to `pose`, met the point's position at the beginning of the step.
+    /// Sticking place of the pair in the frame of the shape. A new pair sticks where the shape,
+    /// moving to `pose`, met the point's position at the beginning of the step.
     fn sticks_at(&mut self, s: usize, c: usize, pose: &Isometry3<f64>) -> Point3<f64> {
         let pair = s * self.surface.len() + c;
         *self.stuck[pair].get_or_insert_with(|| {

@@ -1,9 +1,9 @@
 //! An indenter of any size that moves through given poses into one pad.
 //!
-//! It touches with a drawn orientation at a drawn place, goes down in steps to a drawn depth, and in
-//! two of five presses moves on sideways, twists and rolls, with the friction coefficient of the
-//! press. Finite elements are solved on a mesh graded towards the part of the face that the indenter
-//! would cover if the gel gave way nowhere else.
+//! It touches with a drawn orientation at a drawn place, goes down in steps to a drawn depth, and
+//! in two of five presses moves on sideways, twists and rolls, with the friction coefficient of the
+//! press. Finite elements are solved on a mesh graded towards the part of the face that the
+//! indenter would cover if the gel deformed nowhere else.
 
 use std::{
     collections::HashSet,
@@ -87,7 +87,7 @@ fn draw(config: &DatasetConfig, object: &Object, number: usize) -> Plan {
     let mut random = ChaCha8Rng::seed_from_u64(object.seed);
     random.set_stream(1 + number as u64);
     let mut uniform = || random.random::<f64>();
-    // Half of them rest on a side or an end; the others stand anyhow.
+    // Half of them rest on a side or an end; the others have a random orientation.
     let mut tilt = Vector3::zeros();
     let turn = if uniform() < 0.5 {
         let quarter = |turns: f64| 0.25 * TAU * turns.floor();
@@ -206,7 +206,7 @@ impl Indentation {
                 places.iter().map(|p| shape.distance(&pose.inverse_transform_point(p)).value);
             gaps.fold(f64::INFINITY, f64::min)
         };
-        // The smallest gap is never more than the way that is left.
+        // The smallest gap is at most the distance that is left.
         let lower = |places: &[Point3<f64>], mut z: f64| {
             for _ in 0..500 {
                 let gap = gap(places, z);

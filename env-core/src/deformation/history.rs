@@ -16,7 +16,7 @@ pub struct History {
     pub anchors: Vec<Anchor>,
     /// Forces at the anchors (N), if the model that wrote it starts from them; else empty.
     pub forces: Vec<Vector3<f64>>,
-    /// Whether the displacement of this answer was found to turn a tetrahedron inside out.
+    /// `true` if the displacement of this answer turns a tetrahedron inside out.
     pub folded: bool,
 }
 

@@ -84,7 +84,7 @@ impl InitialState {
 }
 
 /// Configuration of the scene of an episode with these parameters: that of the settings, with pads
-/// as stiff as what is soft in this episode.
+/// of the stiffness of this episode's gel or soft object.
 pub(super) fn scene_of(setup: &Setup, parameters: &EpisodeParameters) -> SceneConfig {
     let mut config = setup.config.scene.clone();
     if let Pads::Soft(pads) = &mut config.pads {

@@ -80,8 +80,8 @@ impl PressSolver<'_> {
         Ok(LoadStep { state, anchors, solved: ConvergedStep { balance, forces } })
     }
 
-    /// Chooses the region in which contact is evaluated on the way to `poses`, with the surface at
-    /// `places` (C): the whole surface if `pushed`, as the travel is not known.
+    /// Chooses the region in which contact is evaluated during the motion to `poses`, with the
+    /// surface at `places` (C): the whole surface if `pushed`, as the travel is not known.
     fn attend(
         &mut self,
         contact: &mut ContactStep,

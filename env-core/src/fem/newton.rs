@@ -147,7 +147,7 @@ impl Search<'_, '_> {
         }
         let residual = self.residual(forces);
         for stiffness in Stiffness::SAFER {
-            // A load step that fails asks again, and tells.
+            // The next attempt at a load step checks again, and returns the error.
             if interrupt::check().is_err() {
                 return None;
             }

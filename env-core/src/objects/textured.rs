@@ -1,7 +1,8 @@
 //! Solids that touch at many small places: a ball with bumps, a cylinder with grooves, a box with
 //! pyramids.
 //!
-//! They are meshes. What stands out of them is a few per cent to a third of their size.
+//! They are meshes. The height of bumps, ribs and pyramids is a few per cent to a third of their
+//! size.
 
 use std::sync::Arc;
 

@@ -11,7 +11,7 @@ use toml::{Table, Value};
 struct Section {
     /// Its name, empty for the top of the file.
     name: &'static str,
-    /// What it describes.
+    /// Its subject, for the template.
     about: &'static str,
     /// `true` if the file must have it.
     required: bool,
@@ -22,7 +22,7 @@ struct Section {
 struct Key {
     name: &'static str,
     kind: Kind,
-    /// What it means.
+    /// Its meaning, for the template.
     about: &'static str,
     /// Value in the template, as TOML; optional keys without one are left out there.
     example: &'static str,

@@ -1,7 +1,7 @@
 //! Named tactile sensors: shape, material, markers and camera of their gel pads.
 //!
 //! A sensor is a TOML file that gives the source of every figure; the sensors in `assets/sensors`
-//! are built in and known by name. Published moduli of one gel differ by a factor of 1.4, so a
+//! are built in and selected by name. Published moduli of one gel differ by a factor of 1.4, so a
 //! sensor has several named calibrations. [`fields`] lists what a file may hold, from which it is
 //! checked and a template is written.
 
@@ -141,12 +141,12 @@ pub struct Camera {
     /// Source of the figures, or empty.
     #[serde(default)]
     pub source: String,
-    /// Colours that it sees, if they are known.
+    /// Colours of its picture, if they are known.
     #[serde(default)]
     pub image: Option<ImageResponse>,
 }
 
-/// Colours of the face as the camera sees them: red, green and blue from 0 to 1.
+/// Colours of the face in the camera's picture: red, green and blue from 0 to 1.
 ///
 /// The colour at (x, y), in halves of the view's longer edge, where the slopes of the face have
 /// grown by p = ∂z/∂x and q = ∂z/∂y since rest, is
@@ -223,7 +223,7 @@ impl Sensor {
             .map_err(|defects| Error::File { path: path.to_owned(), reason: defects.join("; ") })
     }
 
-    /// Returns this sensor, or what is wrong about values that depend on each other.
+    /// Returns this sensor, or the defects of values that depend on each other.
     fn validated(self) -> std::result::Result<Self, Vec<String>> {
         let mut defects = Vec::new();
         defects.extend(
@@ -242,7 +242,8 @@ impl Sensor {
 }
 
 impl ImageResponse {
-    /// Says where coefficients are missing, and which terms do not vanish on the resting face.
+    /// Defects of the response: missing coefficients, and terms that do not vanish on the resting
+    /// face.
     fn defects(&self) -> Vec<String> {
         let counts = [
             ("background", self.background.len(), self.background_terms.len()),

@@ -71,11 +71,12 @@ const FORCE: f64 = 1e-3;
 /// Shipped weights.
 pub(super) const SHIPPED: &[u8] = include_bytes!("../../assets/weights/pads.safetensors");
 
-/// Greatest thickness of pads looked at for one that fits the network (m), and its step.
+/// Greatest thickness that is tried in the search for a pad that fits the network (m), and its
+/// step.
 const THICKEST: f64 = 12e-3;
 const STEP: f64 = 1e-4;
 
-/// Returns an error that says which thickness fits unless the mesh of the pad of `sensor`, of at
+/// Returns an error that names a thickness that fits unless the mesh of the pad of `sensor`, of at
 /// most `nodes` nodes, has the number of layers that the network requires.
 fn fits(sensor: &Sensor, pad: &PadMesh, nodes: usize) -> Result<()> {
     let layers = |pad: &PadMesh| pad.cells[2] as usize;

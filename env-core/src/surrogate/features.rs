@@ -59,8 +59,8 @@ pub(super) struct PadInput {
     pub(super) normals: Vec<f32>,
     /// Vectors along which the displacement of a column is corrected (C, [`DIRECTIONS`], 3): the
     /// normal times the amplitude, the normal times the distance to the object, at most the
-    /// amplitude, and u_z ∇u_z of the face, to second order the way by which a face that is dragged
-    /// along by its slope moves sideways.
+    /// amplitude, and u_z ∇u_z of the face: to second order, the sideways displacement of a face
+    /// that is dragged along by its slope.
     pub(super) directions: Vec<f32>,
     /// Largest displacement of a node.
     pub(super) amplitude: f32,
@@ -132,8 +132,8 @@ impl PadInput {
         for (column, &rest) in places[..columns].iter().enumerate() {
             let way = linear.displacement[column];
             let Distance { value: gap, normal } = nearest(shapes, linear, &(rest + way));
-            // A distance changes by no more than the way: that of the undisplaced column need not be
-            // computed where its feature is 1 in any case.
+            // A distance changes by at most the displacement: that of the undisplaced column need
+            // not be computed where its feature is 1 in any case.
             let is_far = gap - way.norm() >= 0.5 * length + margin;
             let before = if is_far { 0.5 * length } else { nearest(shapes, linear, &rest).value };
             let layers = (0..LAYERS).map(|k| linear.displacement[k * columns + column]);

@@ -65,7 +65,7 @@ pub(super) struct LinearFields {
     pub(super) cells: CellContact,
 }
 
-/// Contact on cells as the nodes of the face see it.
+/// Contact on cells, distributed to the nodes of the face.
 #[derive(Clone, Debug)]
 pub(super) struct CellContact {
     /// Nodes that bear some, ascending.

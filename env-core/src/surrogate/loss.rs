@@ -1,8 +1,8 @@
 //! Training loss of the corrector.
 //!
 //! Each part is a relative error of a press, ‖x̂ − x‖ / ‖x‖, averaged over the batch. Presses have
-//! nearly the same weight, regardless of their force, but for those that hardly move the gel: their
-//! true solutions are known least, and nobody feels them.
+//! nearly the same weight, regardless of their force, except those that hardly move the gel: their
+//! reference solutions are the least accurate, and so light a contact does not matter to a grasp.
 
 use candle_core::{Device, Result, Tensor};
 use candle_nn::VarBuilder;

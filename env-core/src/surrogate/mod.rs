@@ -1,10 +1,9 @@
 //! The surrogate: a graph network in Candle that approximates finite elements on a fine mesh.
 //!
 //! The linear part of the response is computed, not learnt: linear elasticity with contact on cells
-//! answers first ([`LinearPad`]), and the network corrects its answer on the model mesh
-//! ([`Surrogate`]). The network is trained on a dataset ([`train`]) and
-//! evaluated on grasps, objects and families of objects outside the training data ([`evaluate`],
-//! [`Summary`]).
+//! is solved first ([`LinearPad`]), and the network corrects its answer on the model mesh
+//! ([`Surrogate`]). The network is trained on a dataset ([`train`]) and evaluated on grasps,
+//! objects and families of objects outside the training data ([`evaluate`], [`Summary`]).
 
 mod adam;
 mod answer;

@@ -10,7 +10,7 @@ use candle_nn::{Init, VarBuilder, init::NormalOrUniform, var_builder::SimpleBack
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Variables by name: initialised from a seed when a network asks for them, or read from a file.
+/// Variables by name: initialised from a seed when a network is built, or read from a file.
 #[derive(Clone)]
 pub(super) struct Parameters(Arc<Mutex<Store>>);
 

@@ -20,7 +20,7 @@ const QUANTILE: f64 = 0.95;
 /// Steps of descent, and the length of the first.
 const STEPS: usize = 4000;
 const RATE: f64 = 0.05;
-/// Errors are predicted from this on, and up to this.
+/// Least and greatest predicted error.
 const RANGE: [f64; 2] = [1e-3, 3.0];
 /// Ratio of the network's predicted error to the linear answer's from which nothing is corrected.
 const TRUSTED: f64 = 1.5;
@@ -155,8 +155,8 @@ pub(super) fn terms(input: &PadInput, corrected: &Fields) -> Terms {
     ]
 }
 
-/// Coefficients whose products with the rows are above as many of the targets as [`QUANTILE`] says,
-/// by subgradient descent with falling steps; the mean of the later ones.
+/// Coefficients whose products with the rows are above a share [`QUANTILE`] of the targets, by
+/// subgradient descent with falling steps; the mean of the later ones.
 fn quantile_fit<const N: usize>(rows: &[[f64; N]], targets: &[f64]) -> [f64; N] {
     let mut coefficients = [0.0; N];
     let mut sorted = targets.to_vec();
@@ -172,7 +172,7 @@ fn quantile_fit<const N: usize>(rows: &[[f64; N]], targets: &[f64]) -> [f64; N] 
         }
         let rate = RATE / (1.0 + step as f64 / 500.0);
         coefficients.iter_mut().zip(slope).for_each(|(c, s)| *c += rate * s);
-        // Few presses do not tell much of every quantity.
+        // Shrinkage, as few presses do not determine the coefficients of all quantities.
         coefficients[1..].iter_mut().for_each(|c| *c *= 1.0 - 0.02 * rate);
         if step >= STEPS / 2 {
             sum.iter_mut().zip(coefficients).for_each(|(s, c)| *s += c);

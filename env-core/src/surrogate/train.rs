@@ -77,7 +77,7 @@ pub struct Training<C = CorrectorConfig> {
     pub clip: f64,
     /// Largest number of nodes of the linear model's mesh.
     pub linear_nodes: usize,
-    /// True if presses are also seen in the pad's mirrors.
+    /// True if presses are also used as seen in the pad's mirrors.
     pub mirrors: bool,
     /// Sizes of the network.
     pub network: C,

@@ -1,8 +1,8 @@
-//! Picture of the face as the camera behind the gel sees it.
+//! Picture of the face by the camera behind the gel.
 //!
 //! The colour at a pixel is a polynomial of its place and of the slope that the face has gained
-//! there since rest, fitted to frames of a real sensor ([`ImageResponse`]). Photometric stereo reads
-//! such a picture the other way round (Yuan, Dong & Adelson, Sensors 17, 2762, 2017).
+//! there since rest, fitted to frames of a real sensor ([`ImageResponse`]). Photometric stereo
+//! inverts such a picture (Yuan, Dong & Adelson, Sensors 17, 2762, 2017).
 //!
 //! Shapes: P pixels, those across the fastest.
 

@@ -1,7 +1,7 @@
 //! Grip force that an action changes by a factor.
 //!
 //! In tasks that end at too high or too low a force, a grip force that is set directly goes wrong
-//! before the agent has sensed the contact; a force that changes gradually is sensed on the way.
+//! before the agent has sensed the contact; a force that changes gradually is sensed in time.
 
 use serde::Serialize;
 

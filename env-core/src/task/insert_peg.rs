@@ -170,7 +170,8 @@ impl Rules for InsertPeg {
         config.move_gently();
         let gripper = &mut config.scene.gripper;
         (gripper.max_force, gripper.max_yaw_rate) = (super::config::FIRM_GRIP, 0.5);
-        // The gel holds a peg with some 10 N/mm: 0.8 mm in a control step can be felt in time.
+        // The gel holds a peg with some 10 N/mm: contact is sensed in time at 0.8 mm in a control
+        // step.
         gripper.max_speed = 0.02;
         let reach = 0.012;
         let (low, high) = ([-reach, -reach, HEIGHT + LOWEST], [reach, reach, 0.08]);

@@ -8,8 +8,8 @@ use serde_json::{Map, Value};
 use super::{Task, TaskConfig};
 use crate::{Error, Result};
 
-/// Names of the settings that are no numbers; of those that are no mappings of numbers, with what
-/// is allowed and a phrase on each.
+/// Names of the settings that are no numbers; of those that are no mappings of numbers, with the
+/// allowed values and a description.
 pub(super) const OTHERS: [(&str, Option<[&str; 2]>); 12] = [
     (
         "objects",

@@ -1,8 +1,9 @@
 //! Errors of sensors: noise, gain, offset, dead points and delay of observed channels.
 //!
 //! They change what is observed and nothing else: rewards and endings are those of the true values.
-//! A value x of a channel is seen as g x + b + n, with a gain g and an offset b that are drawn at the
-//! reset and noise n that is drawn in each step, cut to the channel's bounds as a sensor saturates.
+//! A value x of a channel is observed as g x + b + n, with a gain g and an offset b that are drawn
+//! at the reset and noise n that is drawn in each step, cut to the channel's bounds as a sensor
+//! saturates.
 
 use std::collections::{BTreeMap, VecDeque};
 

@@ -96,7 +96,7 @@ impl<'a> Setting<'a> {
     }
 }
 
-/// What [`range_of`] reads.
+/// Description of the values that [`range_of`] accepts.
 pub(super) const RANGE: &str = "a number or a range of two numbers";
 
 /// Reads a number, which stands for both ends, or the two ends of a range.

@@ -1,4 +1,4 @@
-"""What a single and a vector environment have in common: a native batch and its description."""
+"""Common part of single and vector environments: a native batch and its description."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ruffini._spaces import Renderer, Spaces
 
 @dataclass
 class StepArrays:
-    """What a step of N environments came to, as arrays."""
+    """Results of a step of N environments, as arrays."""
 
     observation: NDArray[np.float32]
     """Observations (N, D), of rows that have already restarted those of the next episode."""

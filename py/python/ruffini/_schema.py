@@ -1,4 +1,4 @@
-"""What Rust says of tasks, channels and settings, and the docstrings that are made of it."""
+"""Rust's description of tasks, channels and settings, and the docstrings that are made of it."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ def check_options(options: Any, known: Sequence[str] = ()) -> None:
 
 
 def _place(name: str, known: Sequence[str]) -> str:
-    """Where an option or setting is given."""
+    """Name the place where an option or setting is given."""
     if name in known:
         return "an option"
     return "an argument of reset" if name == "seed" else "a setting of the environment"

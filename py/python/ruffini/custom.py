@@ -286,7 +286,7 @@ class _Custom(Native):
     def _restart(
         self, step: StepArrays, whole: NDArray[np.float32], ended: Bools, restarted: Bools
     ) -> None:
-        """Have the rows restarted that the task has ended, as the autoreset mode says."""
+        """Restart the rows that the task has ended, according to the autoreset mode."""
         over = step.terminated | step.truncated
         begun = restarted.copy()
         if self._autoreset == "SameStep":

@@ -148,7 +148,7 @@ STILL = 1e-6
 
 @dataclass(frozen=True)
 class TruthError:
-    """How far a frame of a dataset is from the same frame on a finer mesh, relative L²."""
+    """Difference of a frame of a dataset from the same frame on a finer mesh, relative L²."""
 
     grasp: str
     """Name of the grasp or press."""
@@ -220,7 +220,7 @@ def truth_errors(
 
 
 def _entry(tensors: Any, grasp: str) -> dict[str, Any]:
-    """What a shard says of a grasp."""
+    """Entry of a grasp in the metadata of a shard."""
     entries = json.loads(tensors.metadata()["grasps"])
     [entry] = [entry for entry in entries if entry["plan"]["name"] == grasp]
     return dict(entry)

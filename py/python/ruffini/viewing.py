@@ -114,7 +114,7 @@ class Gel:
 
 @dataclass
 class Frame:
-    """What is seen at one time."""
+    """Bodies and curves at one time."""
 
     title: str
     bodies: dict[str, Rigid | Gel]
@@ -305,7 +305,7 @@ class Scene:
             self._prepare_body(name, body)
 
     def _prepare_body(self, name: str, body: Rigid | Gel) -> Any:
-        """Node of the body, made hidden when it is first asked for; equal ones are one."""
+        """Node of the body, created hidden on first use; equal bodies share one."""
         if isinstance(body, Rigid):
             key: tuple[Any, ...] = (name, body.vertices.tobytes(), body.color)
             if key not in self._nodes:
@@ -380,7 +380,7 @@ class Scene:
     def _text(
         self, path: str, text: str, position: Floats, height: float, anchor: str = "center-left"
     ) -> None:
-        """Write a text in letters of a height that grows with what is seen."""
+        """Write a text in letters of a height that grows with the bodies."""
         height *= self._size
         if path not in self._nodes:
             look = {"font_size_mode": "scene", "font_scene_height": height, "anchor": anchor}

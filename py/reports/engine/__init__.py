@@ -1,4 +1,4 @@
-"""What all reports share: rows that are kept, tables and text, figures, and the command line.
+"""Common parts of all reports: rows that are kept, tables and text, figures, the command line.
 
 A report is a module with ``make(options)``, which gives its figures as they stand in
 ``tests/reports/<name>.json``, ``page(report)``, the Markdown of them, and where it needs them

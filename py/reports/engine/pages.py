@@ -20,7 +20,7 @@ from typing import Any
 from engine.rows import OUT, ROOT
 
 Column = str | Callable[[Any], str]
-"""How a row's cell is written: a format, or what writes it."""
+"""Form of a cell: a format string, or a function of the row."""
 Columns = Mapping[str, Column] | list[tuple[str, Column]]
 """Columns by heading."""
 
@@ -80,13 +80,13 @@ ABSENT = ("", "–", "not said")
 
 
 def are_numbers(cells: list[str]) -> bool:
-    """Whether at least half of the cells that say something begin with a number."""
+    """Returns whether at least half of the cells that are not empty begin with a number."""
     found = [NUMBER.match(cell) is not None for cell in cells if cell not in ABSENT]
     return 2 * sum(found) >= len(found)
 
 
 def made(report: Mapping[str, Any], sizes: Mapping[str, Any] | None = None) -> str:
-    """The line of a page that says where its figures come from."""
+    """Line of a page on the origin of its figures."""
     sizes = report["sizes"] if sizes is None else sizes
     line = (
         "Made at commit {commit} on {machine[cores]} cores ({machine[cpu]}, {machine[system]}), "
@@ -102,7 +102,7 @@ MARK = re.compile(
     r"(?P<number>-?[\d,]*\.?\d+)(?P<unit> ?[%\w]+)?\**<!-- (?P<report>[\w-]+): (?P<keys>.+?) -->"
 )
 FOLDERS = (OUT, ROOT / "tests/reference", ROOT / "policies/results")
-"""Where the JSON is that pages quote."""
+"""Folders of the JSON that pages quote."""
 WRITTEN = (OUT / "mechanics.md", OUT / "surrogate.md", *sorted((ROOT / "py/docs").glob("*.md")))
 """Pages that are written by hand, with marks."""
 

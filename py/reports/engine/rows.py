@@ -24,7 +24,7 @@ import ruffini
 
 ROOT = Path(__file__).resolve().parents[3]
 OUT = ROOT / "tests/reports"
-"""Where JSON, pages and pictures are committed."""
+"""Folder in which JSON, pages and pictures are committed."""
 KEPT = ROOT / "target/reports"
 
 
@@ -36,7 +36,7 @@ def machine() -> dict[str, Any]:
 
 
 def header(made_of: Iterable[str], sizes: dict[str, Any]) -> dict[str, Any]:
-    """What figures depend on: commit of what they are made of, machine, versions, sizes."""
+    """Conditions of a report's figures: commit of their sources, machine, versions, sizes."""
     last = ["git", "log", "-1", "--format=%h", "--", *made_of]
     return {
         "commit": subprocess.check_output(last, cwd=ROOT, text=True).strip(),
@@ -68,7 +68,7 @@ class Rows:
         return cls(KEPT / options.form / f"{name}.jsonl", header(made_of, sizes))
 
     def __contains__(self, key: object) -> bool:
-        """Whether a row is there; one that says what was missing for it is not."""
+        """Returns whether a row is there; one that names something missing is not."""
         return key in self._rows and "missing" not in self._rows[key]
 
     def __iter__(self) -> Iterator[dict[str, Any]]:

@@ -34,12 +34,12 @@ class Worker:
         self.pipe.send(task)
 
     def processor_time(self) -> float:
-        """What the process has used so far (s)."""
+        """Processor time of the process so far (s)."""
         fields = Path(f"/proc/{self._process.pid}/stat").read_text().rsplit(") ", 1)[1].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def late(self, limit: float) -> bool:
-        """Whether the task has used more than `limit` (s), or ten times that on the clock."""
+        """Returns whether the task took more than `limit` (s), or ten times that on the clock."""
         waited = time.monotonic() - self.begun
         return waited > limit and (
             waited > 10 * limit or self.processor_time() - self.spent > limit
@@ -91,7 +91,7 @@ def answers(
 
 
 def _found(worker: Worker, ready: bool, limit: float) -> dict[str, Any] | None:
-    """What became of a worker's task, ``None`` while it is at it."""
+    """Result of a worker's task, ``None`` while it runs."""
     seconds = time.monotonic() - worker.begun
     if ready:
         try:

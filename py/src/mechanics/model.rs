@@ -301,7 +301,7 @@ pub(super) fn answer<'py>(
     }
 }
 
-/// Says how deep the path of `press` ends, if that is past the held nodes of `body`.
+/// Hint on the depth at which the path of `press` ends, if that is past the held nodes of `body`.
 fn too_deep(press: &deformation::Press, body: &deformation::SoftBody) -> Option<String> {
     let Drive::Translation { path } = press.drive() else { return None };
     let vertices = &body.mesh().vertices;
@@ -330,5 +330,5 @@ fn too_deep(press: &deformation::Press, body: &deformation::SoftBody) -> Option<
     })
 }
 
-/// Depth in the held nodes from which on it is named (m).
+/// Depth of a shape at the held nodes from which the hint is given (m).
 const PAST: f64 = 1e-5;

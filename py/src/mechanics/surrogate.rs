@@ -41,7 +41,7 @@ pub(crate) struct Surrogate {
 /// contact, between which the gel responds as a bonded elastic layer; the influence of the pad's
 /// sides is that of finite elements. Displacement and stress are those of these elements under the
 /// same forces, on the mesh of `body`. Large strain is neglected. Features smaller than the finest
-/// cells are not felt.
+/// cells are not resolved.
 ///
 /// Args:
 ///     sensor: Name of a sensor, or the path of its .toml file.

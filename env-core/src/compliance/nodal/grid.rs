@@ -30,8 +30,8 @@ use crate::{
 
 /// Cells of the first grid are grouped in squares of this many along each axis.
 pub(super) const ROOT: u32 = 4;
-/// Level from which squares of four cells are looked for where they have moved to, and not where
-/// they are at rest.
+/// Level from which squares of four cells are searched at their displaced positions, and not at
+/// rest.
 const MOVED: u32 = 2;
 /// Greatest difference of the displacements of neighbouring cells, relative to half of a diagonal.
 const BENT: f64 = 1.0;

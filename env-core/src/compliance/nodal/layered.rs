@@ -1,9 +1,9 @@
 //! Compliance model of a pad that resolves small contacts: cells of 1.3 to 0.04 mm, as the contact
 //! needs.
 //!
-//! Between the face nodes of a mesh, contact is not seen. Here it is evaluated on one of several
-//! regular grids of cells ([`CellGrid`]), each twice as fine as the one before, chosen in every load
-//! step by the number of cells that touch.
+//! Contact at the face nodes of a mesh misses what lies between them. Here it is evaluated on one
+//! of several regular grids of cells ([`CellGrid`]), each twice as fine as the one before, chosen
+//! in every load step by the number of cells that touch.
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
@@ -30,15 +30,14 @@ use crate::{
 /// Longest side of the cells of the first grid (m), and number of grids.
 const FIRST: f64 = 1.33e-3;
 const LEVELS: u32 = 6;
-/// Distance in plan of a cell from the nodes that see it as a cell, and not as tractions around face
-/// nodes, in spacings of the nodes.
+/// Distance in plan from a cell up to which nodes are displaced by the force on the cell itself,
+/// and not by tractions around face nodes, in spacings of the nodes.
 const NEAR: f64 = 3.5;
-/// Number of levels of whose many cells some is known in advance.
+/// Number of levels whose cells have precomputed data.
 const KEPT: usize = 2;
 
 thread_local! {
-    /// Kept from press to press: to give megabytes back and to take them anew costs as much as a
-    /// small press.
+    /// Reused from press to press: to free and allocate megabytes costs as much as a small press.
     static SCRATCH: RefCell<NodalScratch> = RefCell::default();
 }
 
@@ -48,7 +47,7 @@ pub struct LayeredPad {
     levels: Arc<Vec<ContactNodes>>,
     law: ContactLaw,
     model: Arc<ModelFace>,
-    /// Of each cell of the first levels.
+    /// Precomputed data of each cell of the first levels.
     known: Arc<Vec<Vec<Known>>>,
 }
 
@@ -56,7 +55,7 @@ pub struct LayeredPad {
 /// in some unit and one that is not used.
 type Change = [[i16; 4]; 3];
 
-/// What is known of a cell in advance.
+/// Precomputed data of a cell.
 struct Known {
     /// [`ModelFace::under`] it.
     under: ([u32; 3], [f64; 3]),
@@ -80,7 +79,7 @@ pub struct NodeContact {
     pub slope: f64,
 }
 
-/// The mesh on which fields are asked for: layers of nodes of one plan. C nodes a layer.
+/// The mesh on which fields are output: layers of nodes of one plan. C nodes a layer.
 struct ModelFace {
     /// Nodes of the face (C).
     nodes: Vec<Point3<f64>>,
@@ -335,7 +334,7 @@ impl ModelFace {
         (0..SQUARES * SQUARES).map(near).collect()
     }
 
-    /// Nodes of the face that see a cell around a point as such.
+    /// Nodes of the face within [`NEAR`] of the square around a point.
     fn near(&self, point: &Point3<f64>) -> &[u32] {
         &self.near[self.square(0, point.x) * SQUARES + self.square(1, point.y)]
     }

@@ -33,9 +33,9 @@ const MOST: usize = 96;
 const FEW: usize = 12;
 /// Most cells of a level that are searched for a first touch.
 const WIDE: usize = 24_000;
-/// Breadth and thickness of a wall, in sides of a cell, above which cells feel it as such. A strip at
-/// up to 45° to the rows of cells that is thicker than a side has a cell in every row that crosses
-/// it, and is crossed by one if it is 2.7 times as long. Slopes take a fifth.
+/// Breadth and thickness of a wall, in sides of a cell, above which cells resolve it. A strip at up
+/// to 45° to the rows of cells that is thicker than a side has a cell in every row that crosses it,
+/// and is crossed by one if it is 2.7 times as long. Slopes take a fifth.
 const WALL: [f64; 2] = [4.0, 1.2];
 /// Number of touching cells that the edge of a wall does not reach, three of them wide, across a pad
 /// and back.
@@ -43,8 +43,8 @@ const BROAD: usize = 256;
 /// Smallest part of a stride that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
 /// Sweeps times the square of the number of nodes that touch, summed over a frame, after which it
-/// counts as not converged: some seconds. The whole pad under a block 2 mm deep takes a twentieth; a
-/// wall thinner than the first cells, which is felt by thousands of small ones, all of it.
+/// counts as not converged: some seconds. The whole pad under a block 2 mm deep takes a twentieth;
+/// a wall thinner than the first cells, which touches thousands of small ones, takes all of it.
 const WORK: usize = 200_000_000;
 
 /// Working memory of one thread, reused for successive presses.
@@ -267,7 +267,7 @@ impl<'a> NodalLoadStepping<'a> {
 
     /// Finest level from `lowest` on of which some, but not many cells at rest are inside shapes at
     /// `poses`; `None` if none of any level are. Levels of which more than [`WIDE`] cells may be
-    /// inside are not looked at: the shape is wider than their cells.
+    /// inside are skipped: the shape is wider than their cells.
     fn first_touch(&self, lowest: usize, poses: &[Isometry3<f64>]) -> Option<usize> {
         let mut open: Vec<u32> = (0..self.levels[lowest].len() as u32).collect();
         let mut found = None;

@@ -6,10 +6,10 @@
 //! shape. The forces are found by projected Gauss–Seidel sweeps (Jourdan, Alart and Jean 1998), the
 //! three components of one node at a time, with Coulomb's cone. Nothing is factorised, so no
 //! factorisation fails where a contact is large, and a press that continues from earlier forces
-//! takes few sweeps. Contact between the nodes is not seen: on cells of side h, a ball of radius R
-//! is detected up to h²/4R late, 0.08 mm for 4 mm on cells of 1.15 mm. For shapes thinner than the
-//! cells, the depth between nodes is limited: to an eighth of the thickness where the shape touches
-//! no node, else to a quarter. A larger depth is an error.
+//! takes few sweeps. Contact is not evaluated between the nodes: on cells of side h, a ball of
+//! radius R is detected up to h²/4R late, 0.08 mm for 4 mm on cells of 1.15 mm. For shapes thinner
+//! than the cells, the depth between nodes is limited: to an eighth of the thickness where the
+//! shape touches no node, else to a quarter. A larger depth is an error.
 //!
 //! Shapes: M contact nodes, V nodes, S rigid shapes.
 

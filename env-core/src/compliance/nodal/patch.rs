@@ -23,7 +23,7 @@ use crate::{
 /// softnesses.
 const RUN_OVER: f64 = 10.0;
 /// Cosine between the normals where a node entered a shape and where it is nearest to the outside
-/// below which it is led back the way it came.
+/// below which it is pushed out where it entered.
 const TURNED: f64 = 0.5;
 /// Cosine between the outward normals of body and shape above which the shape is on the wrong side
 /// of the skin. Where body and shape touch, these normals oppose each other.

@@ -18,7 +18,7 @@ use super::{
 };
 use crate::simd::vectorised;
 
-/// The cells, each known by its number among them.
+/// The cells, each identified by its number among them.
 #[derive(Default)]
 pub(super) struct Spots {
     /// Places in the grid along x and y (N).
@@ -30,7 +30,7 @@ pub(super) struct Spots {
     /// Strips that follow every force, and those that do not.
     active: Vec<u32>,
     passive: Vec<u32>,
-    /// Force on each cell of which the passive strips know (N).
+    /// Force on each cell that is included in the displacement of the passive strips (N).
     told: Vec<Vector3<f64>>,
     /// Cells of the first grid around each cell, with weights: by rank, and by number among those of
     /// the rectangle that contains all (N).
@@ -40,7 +40,8 @@ pub(super) struct Spots {
     /// Displacement around the first grid's cells under unit forces on some cells (3, 3T each) in
     /// m/N, by the sides.
     rows: Vec<f32>,
-    /// First and end in `rows` of each cell's, if they are known; the same if they are zero (N).
+    /// First and end in `rows` of each cell's, if they have been computed; the same if they are
+    /// zero (N).
     known: Vec<Option<[usize; 2]>>,
 }
 
@@ -85,8 +86,9 @@ impl Spots {
         displacement.resize(3 * (STRIP * self.strips.len() + self.coarse.len()), 0.0);
     }
 
-    /// Makes the strips of the `touching` cells active and the others passive. The latter know of
-    /// all forces. Returns the ranges of a displacement that follow every force.
+    /// Makes the strips of the `touching` cells active and the others passive. The displacement of
+    /// the latter must include all forces. Returns the ranges of a displacement that follow every
+    /// force.
     pub(super) fn activate(&mut self, touching: impl Iterator<Item = u32>) -> Vec<[usize; 2]> {
         self.active.clear();
         self.active.extend(touching.map(|cell| self.places[cell as usize] / STRIP as u32));
@@ -146,7 +148,7 @@ impl Spots {
         );
     }
 
-    /// Tells the passive strips that the force on a cell is `force` (N).
+    /// Updates the displacement of the passive strips to the `force` (N) on a cell.
     pub(super) fn tell(
         &mut self,
         grid: &CellGrid,
@@ -186,8 +188,8 @@ impl Spots {
         self.numbers[cell].into_iter().zip(self.around[cell])
     }
 
-    /// First and end in `rows` of the responses to forces on cell `loaded`, which are computed if they
-    /// are not known; the same if they are zero.
+    /// First and end in `rows` of the responses to forces on cell `loaded`, which are computed on
+    /// first use; the same if they are zero.
     fn rows(&mut self, grid: &CellGrid, loaded: usize) -> [usize; 2] {
         if let Some(known) = self.known[loaded] {
             return known;

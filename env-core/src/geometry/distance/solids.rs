@@ -89,8 +89,8 @@ pub(super) fn revolved(p: &Vector3<f64>, profile: &[[f64; 2]]) -> Distance {
     if (0.0..=1.0).contains(&along) {
         return Distance { value: n.dot(&(at - a)), normal: lift(n) };
     }
-    // A corner: the sum of its sides' normals tells outside from inside. Past the axis the profile
-    // goes on as its own mirror image.
+    // A corner: the sum of its sides' normals points outwards. Past the axis the profile goes on as
+    // its own mirror image.
     let (corner, beside) =
         if along < 0.0 { (a, nearest.checked_sub(1)) } else { (b, Some(nearest + 1)) };
     let other = match beside.filter(|&i| i + 1 < profile.len()) {

@@ -38,7 +38,7 @@ pub(super) struct Correction {
     extra: Wrench,
     /// Normal force at which `extra` was found (N).
     force: f64,
-    /// What was missing from `extra` at the last correction.
+    /// Wrench that was missing from `extra` at the last correction.
     missing: Wrench,
 }
 
@@ -100,7 +100,7 @@ impl Correction {
     }
 }
 
-/// What one correction removes of `missing`, if the last saw `before`.
+/// Part of `missing` that one correction removes, if `before` was missing at the last one.
 fn removed(missing: &Vector3<f64>, before: &Vector3<f64>) -> Vector3<f64> {
     missing.zip_map(
         before,

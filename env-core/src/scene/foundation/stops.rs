@@ -1,10 +1,10 @@
 //! Rigid contact of the object with a fixture, in the same step as the elastic foundation.
 //!
-//! The foundation is so stiff that a contact force which it does not know of would make its next
-//! step err by many times that force. So the two are solved together: the impulses λ of the contact
-//! points satisfy, at the end of a step, 0 ≤ λₙ ⊥ g + h vₙ ≥ 0 with the gap g, and Coulomb's law, with
-//! the velocities that follow from them and from the foundation (Jean 1999, "The non-smooth contact
-//! dynamics method"). They are found by projected Gauss–Seidel sweeps.
+//! The foundation is so stiff that a contact force missing from its balance would cause an error of
+//! many times that force in its next step. So the two are solved together: the impulses λ of the
+//! contact points satisfy, at the end of a step, 0 ≤ λₙ ⊥ g + h vₙ ≥ 0 with the gap g, and
+//! Coulomb's law, with the velocities that follow from them and from the foundation (Jean 1999,
+//! "The non-smooth contact dynamics method"). They are found by projected Gauss–Seidel sweeps.
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,4 @@
-//! One of the paper's networks as an answerer of presses.
+//! One of the paper's networks as a model of presses.
 
 use std::{path::Path, sync::Arc, time::Instant};
 
@@ -21,7 +21,7 @@ use crate::{
     surrogate::{features::PadMaterial, linear::body, weights},
 };
 
-/// A trained network of the paper's on one gel. Copies share what was computed in advance.
+/// A trained network of the paper's on one gel. Copies share the precomputed data.
 #[derive(Clone)]
 pub struct PaperNetwork(Arc<PaperModel>);
 
@@ -47,10 +47,10 @@ pub struct PaperAnswer {
     pub seconds: f64,
 }
 
-/// Weights that are known by name.
+/// Shipped weights by name.
 const KNOWN: [(&str, &[u8]); 1] =
     [("paper-b", include_bytes!("../../../assets/weights/paper-b.safetensors"))];
-/// Largest model mesh that a card may ask for.
+/// Most nodes of the model mesh that a card may specify.
 const MOST_NODES: usize = 20_000;
 
 impl PaperNetwork {
@@ -59,7 +59,8 @@ impl PaperNetwork {
         KNOWN.into_iter().map(|(name, _)| name)
     }
 
-    /// The shipped weights of that name on a gel of `sensor` with the given material and friction.
+    /// Loads the shipped weights called `name` for a gel of `sensor` with the given material and
+    /// friction.
     pub fn named(name: &str, sensor: &Sensor, moduli: Moduli, friction: f64) -> Result<Self> {
         let known = KNOWN.iter().find(|(known, _)| *known == name);
         let (name, bytes) = known.ok_or_else(|| {
@@ -116,7 +117,7 @@ impl PaperNetwork {
         presses.par_iter().map(last).collect()
     }
 
-    /// Every frame of `press`, in order; the first that is not answered is an error and the last.
+    /// Solves every frame of `press`, in order; the first that fails is an error and the last.
     ///
     /// Errors: several shapes, a shape without a surface, a press with a force or a history.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<PaperAnswer>> {
@@ -176,7 +177,7 @@ impl PaperModel {
         Ok((PaperInput { shape, pad, touch }, path))
     }
 
-    /// The answer when the shape is at `pose`; nothing moves if it does not touch.
+    /// Answer with the shape at `pose`; all displacements are zero if it does not touch.
     fn answer(&self, input: &PaperInput, pose: &Isometry3<f64>) -> Result<PaperAnswer> {
         let (start, PaperInput { shape, pad, touch }) = (Instant::now(), input);
         let (length, shear) = (pad.gel.thickness, pad.gel.moduli.shear());

@@ -1,4 +1,5 @@
-//! The perceptron of MeshGraphNets and what a round makes of edges, nodes, tetrahedra and the whole.
+//! The perceptron of MeshGraphNets, and the updates of edges, nodes, tetrahedra and the global
+//! feature in a round.
 //!
 //! Shapes: N rows, V nodes, E edges, T tetrahedra, H latent width.
 
@@ -14,9 +15,9 @@ use crate::surrogate::{
 /// W (x₁, …, xₖ) + b for a concatenation of parts that are all H wide, computed part by part:
 /// W₁ x₁ + … + Wₖ xₖ + b.
 pub(super) struct EdgeLinear {
-    /// (H, K H).
+    /// Weight (H, K H).
     pub(super) weight: Tensor,
-    /// (H).
+    /// Bias (H).
     pub(super) bias: Tensor,
 }
 
@@ -63,7 +64,7 @@ impl Tail {
         })
     }
 
-    /// From the first layer's positive part (N, H) to the outputs.
+    /// Maps the first layer's positive part (N, H) to the outputs.
     fn forward(&self, hidden: &Tensor) -> Result<Tensor> {
         let x = self.third.forward(&self.second.forward_relu(hidden)?)?;
         self.norm.as_ref().map_or(Ok(x.clone()), |norm| norm.forward(&x))
@@ -87,8 +88,8 @@ impl Perceptron {
         Ok(Self { first, tail: Tail::new(width, width, norm, vb)? })
     }
 
-    /// Zero to begin with: a random field on every node is worse than none, and light presses
-    /// would be all noise.
+    /// Creates a decoder whose outputs start at zero: a random field on every node is worse than
+    /// none, and larger than the response to a light press.
     pub(super) fn decoder(width: usize, outputs: usize, vb: &VarBuilder) -> Result<Self> {
         let first = Linear::new(width, width, &vb.pp("first"))?;
         let second = Linear::new(width, width, &vb.pp("second"))?;
@@ -96,7 +97,7 @@ impl Perceptron {
         Ok(Self { first, tail: Tail::of(second, third, false, vb)? })
     }
 
-    /// (N, inputs) to (N, outputs).
+    /// Maps (N, inputs) to (N, outputs).
     pub(super) fn forward(&self, x: &Tensor) -> Result<Tensor> {
         self.tail.forward(&self.first.forward_relu(x)?)
     }
@@ -148,7 +149,7 @@ impl Update {
         t + self.tail.forward(&(self.first.part(0, t)? + heard)?.relu()?)?
     }
 
-    /// The whole: g + f(mean v) (1, H).
+    /// Global feature: g + f(mean v) (1, H).
     pub(super) fn whole(&self, g: &Tensor, v: &Tensor) -> Result<Tensor> {
         let mean = v.mean_keepdim(0)?;
         g + self.tail.forward(&self.first.part(0, &mean)?.relu()?)?

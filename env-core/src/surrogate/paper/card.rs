@@ -23,7 +23,7 @@ pub struct PaperCard {
     pub data: Data,
     /// Errors on unseen grasps of known objects.
     pub known: Judged,
-    /// Errors on objects that it never saw.
+    /// Errors on objects outside the training data.
     pub novel: Judged,
 }
 

@@ -1,4 +1,4 @@
-//! Which of the paper's networks, and how large.
+//! Choice and size of one of the paper's networks.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,9 +10,9 @@ use crate::{Result, surrogate::train::within};
 pub enum Variant {
     /// Stress at nodes.
     Baseline,
-    /// Tetrahedra that hear their corners.
+    /// Stress at tetrahedra, which receive messages from their corners.
     A,
-    /// Tetrahedra, and a global feature.
+    /// Tetrahedra as in A, and a global feature.
     B,
 }
 
@@ -42,7 +42,7 @@ pub enum Input {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PaperConfig {
-    /// Which network.
+    /// Variant of the network.
     pub variant: Variant,
     /// Known quantity that is its input.
     pub input: Input,
@@ -74,7 +74,7 @@ impl PaperConfig {
     /// Most rounds of message passing.
     pub(super) const MOST_ROUNDS: usize = 64;
 
-    /// This network, if its sizes are sane.
+    /// Returns this configuration, or an error if a size is out of range.
     pub(super) fn validated(self) -> Result<Self> {
         within("width", self.width, [4, 512])?;
         within("rounds", self.rounds, [1, Self::MOST_ROUNDS])?;

@@ -33,7 +33,7 @@ pub(super) struct Graph {
     pub(super) free: Vec<f32>,
     /// Receiver and sender of each directed edge, sorted.
     pub(super) pairs: Vec<(u32, u32)>,
-    /// Sum over the corners of each tetrahedron (T, V).
+    /// Matrix that sums over the corners of each tetrahedron (T, V).
     pub(super) corners: Arc<Sparse>,
     /// Half of the extent across and along (m).
     pub(super) half: [f64; 2],
@@ -41,11 +41,11 @@ pub(super) struct Graph {
 
 /// Largest depth at first touch (m).
 const TOUCH: f64 = 1e-6;
-/// Steps to get there, each as long as what is left.
+/// Greatest number of steps to first touch, each as long as the remaining depth.
 const STEPS: usize = 100;
 
 impl PaperGels {
-    /// Those of `config`.
+    /// Builds the gels of `config`.
     pub(super) fn new(config: &dataset::DatasetConfig) -> Result<Self> {
         let pad = |gel: &dataset::GelConfig| {
             let sensor = Sensor::named(&gel.sensor)?;

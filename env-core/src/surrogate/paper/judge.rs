@@ -1,4 +1,4 @@
-//! Errors of an answerer on one part of the frames.
+//! Errors of a model on one part of the frames.
 
 use serde::{Deserialize, Serialize};
 
@@ -22,12 +22,12 @@ use crate::{
 /// Largest displacement over the pad's thickness from which a press is deep.
 const DEEP: f64 = 0.25;
 
-/// Errors of an answerer, and what else is known of it.
+/// Errors of a model, and its computing time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Judged {
-    /// By the corrector's measures.
+    /// Errors by the corrector's measures.
     pub all: Summary,
-    /// Of presses that move the gel by more than a quarter of its thickness.
+    /// Errors of presses that move the gel by more than a quarter of its thickness.
     pub deep: Summary,
     /// Error of the gel's rigid motion: translation (m) and rotation (degrees).
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -35,7 +35,7 @@ pub struct Judged {
     /// The true rigid motion: translation (m) and rotation (degrees).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rigid_truth: Option<[Spread; 2]>,
-    /// Relative error of the object's motion since touch, where only the force is told.
+    /// Relative error of the object's motion since touch, where the input is a force.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub object: Option<Spread>,
     /// Mean time of a press (s by the study's clock), the linear answer not included.
@@ -44,7 +44,7 @@ pub struct Judged {
 }
 
 impl Judged {
-    /// Of single presses.
+    /// Summarises the errors of single presses.
     pub(super) fn of(presses: &[PressErrors], seconds: Option<f64>) -> Self {
         let deep: Vec<_> = presses.iter().filter(|press| press.amplitude > DEEP).copied().collect();
         let (all, deep) = (Summary::of(presses), Summary::of(&deep));
@@ -52,7 +52,7 @@ impl Judged {
     }
 }
 
-/// Errors of one of the paper's networks; `None` if `watch`, asked before each press, says no.
+/// Errors of one of the paper's networks; `None` if `watch`, called before each press, stops it.
 pub(super) fn judge_paper(
     network: &Told,
     gels: &PaperGels,
@@ -112,7 +112,7 @@ pub(in super::super) fn evaluate(
     Ok(samples.into_iter().zip(found).map(one).collect())
 }
 
-/// Every so manieth of `test`.
+/// Every n-th item of `test`, with n = `every`.
 pub(super) fn thinned<T>(test: Vec<T>, every: usize) -> Vec<T> {
     test.into_iter().step_by(every.max(1)).collect()
 }

@@ -1,15 +1,18 @@
-//! The paper's networks: MeshGraphNets (Pfaff et al. 2021) as `DefGraspNets` (Huang et al. 2023) use
-//! them on grasps, with its three steps.
+//! The paper's networks: MeshGraphNets (Pfaff et al. 2021) as `DefGraspNets` (Huang et al. 2023)
+//! use them on grasps, in the three variants of the paper's ablation.
 //!
-//! - Baseline: nodes and edges; stress is decoded at nodes (averaged to tetrahedra, where it is judged).
-//! - A: tetrahedra hear their corners, t' = f(t, {v}) + t, and send nothing back; stress is theirs.
-//! - B: besides, a global feature hears all nodes, g' = f(mean v) + g, and every node hears it,
-//!   v' = f(v, Σ e, g) + v; it is decoded into the gel's best-fit rigid motion. A bonded gel hardly
-//!   moves as a whole, so that motion is small here.
+//! - Baseline: nodes and edges; stress is decoded at nodes (averaged to tetrahedra, where it is
+//!   evaluated).
+//! - A: tetrahedra receive messages from their corners, t' = f(t, {v}) + t, and send none back;
+//!   stress is decoded at them.
+//! - B: in addition, a global feature is updated by all nodes, g' = f(mean v) + g, and enters the
+//!   update of every node, v' = f(v, Σ e, g) + v; it is decoded into the gel's best-fit rigid
+//!   motion. A bonded gel hardly moves as a whole, so that motion is small here.
 //!
-//! They are trained on the same frames as the corrector, by its trainer and nearly its loss, and are
-//! shown no linear answer. None of them has contact forces as output: [`PaperNetwork`] has
-//! displacement, stress and, of B, rigid motion. [`PaperRun`] trains one; [`Study`] compares them at equal budgets.
+//! They are trained on the same frames as the corrector, by its trainer and nearly its loss,
+//! without linear answers as input. None of them has contact forces as output: [`PaperNetwork`] has
+//! displacement, stress and, of B, rigid motion. [`PaperRun`] trains one; [`Study`] compares them
+//! at equal budgets.
 
 mod answer;
 mod blocks;

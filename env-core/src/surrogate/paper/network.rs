@@ -25,7 +25,7 @@ pub(super) struct Paper {
     nodes: Perceptron,
     mesh: Perceptron,
     contact: Perceptron,
-    /// One for each round, or one for all.
+    /// Blocks of the rounds: one each, or one for all.
     blocks: Vec<Block>,
     rounds: usize,
     displacement: Perceptron,
@@ -43,27 +43,27 @@ struct Block {
     whole: Option<Update>,
 }
 
-/// Latent features that the rounds pass on.
+/// Latent features, updated in every round.
 pub(super) struct Latent {
-    /// (N, H).
+    /// Nodes (N, H).
     pub(super) nodes: Tensor,
-    /// (E, H).
+    /// Edges of the mesh (E, H).
     pub(super) mesh: Tensor,
-    /// (E, H).
+    /// Contact edges (E, H).
     pub(super) contact: Tensor,
-    /// (T, H), of A and B.
+    /// Tetrahedra (T, H), of A and B.
     pub(super) tets: Option<Tensor>,
-    /// (1, H), of B.
+    /// Global feature (1, H), of B.
     pub(super) whole: Option<Tensor>,
 }
 
 /// Output of a network, in units of thickness and shear modulus.
 pub(super) struct PaperOutput {
-    /// Of the gel (V, 3); bonded nodes stay.
+    /// Displacement of the gel (V, 3), zero at bonded nodes.
     pub(super) displacement: Tensor,
-    /// Of the object since it touched (O, 3).
+    /// Displacement of the object since it touched (O, 3).
     pub(super) object: Tensor,
-    /// Von Mises (T).
+    /// Von Mises stress (T).
     pub(super) stress: Tensor,
     /// Rotation, row by row, and translation of the gel (12), if the network outputs one.
     pub(super) rigid: Option<Tensor>,
@@ -94,7 +94,7 @@ impl Paper {
         self.rigid.is_some()
     }
 
-    /// The answer on `scene`.
+    /// Computes the answer to `scene`.
     pub(super) fn forward(&self, scene: &PaperScene) -> Result<PaperOutput> {
         let mut latent = self.encode(scene)?;
         for round in 0..self.rounds {
@@ -201,7 +201,7 @@ mod tests {
         (parameters, network)
     }
 
-    /// Lets decoders, which start at zero, output something.
+    /// Draws weights of the decoders, which start at zero.
     fn awaken(parameters: &Parameters) {
         for (name, variable) in parameters.all() {
             if name.starts_with("decoder") && name.ends_with("third.weight") {

@@ -1,4 +1,4 @@
-//! Grasps of a study: to learn from, and two parts to be judged on.
+//! Grasps of a study: a part for training, and two for evaluation.
 
 use std::collections::BTreeMap;
 
@@ -9,13 +9,13 @@ pub(super) struct PaperSplit {
     pub(super) train: Vec<String>,
     /// The last grasp of each object that is trained on.
     pub(super) known: Vec<String>,
-    /// Of objects that are never trained on.
+    /// Grasps of objects that are never trained on.
     pub(super) novel: Vec<String>,
 }
 
 impl PaperSplit {
-    /// Of a split whose test part holds other objects than its train part; an object with one grasp
-    /// is only trained on.
+    /// Divides a split whose test part has other objects than its training part; an object with one
+    /// grasp is only trained on.
     pub(super) fn of(split: &Split) -> Self {
         let mut objects = BTreeMap::<&str, Vec<&String>>::new();
         for grasp in &split.train {

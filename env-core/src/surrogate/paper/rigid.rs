@@ -2,7 +2,7 @@
 //!
 //! The best fit is that of least squares (Arun, Huang and Blostein 1987). A network outputs
 //! rotations by six numbers, two columns made orthonormal by Gram and Schmidt (Zhou et al. 2019),
-//! which unlike angles or quaternions leave no jumps to learn.
+//! which, unlike angles or quaternions, are a continuous representation.
 
 use candle_core::{Device, Result, Tensor};
 use nalgebra::{Matrix3, Vector3};
@@ -46,14 +46,14 @@ pub(super) fn numbers(rotation: &Matrix3<f64>, translation: &Vector3<f64>) -> [f
 pub(super) fn apart(a: &[f32], b: &[f32]) -> [f64; 2] {
     let rotation = |m: &[f32]| Matrix3::from_row_slice(&m[..9]).cast::<f64>();
     let turn = rotation(a).transpose() * rotation(b);
-    // By sine and cosine, for the cosine alone knows no small angles.
+    // From sine and cosine, as the cosine alone does not resolve small angles.
     let sines = Vector3::new(turn.m32 - turn.m23, turn.m13 - turn.m31, turn.m21 - turn.m12);
     let angle = sines.norm().atan2(turn.trace() - 1.0);
     let translation = |m: &[f32]| Vector3::from_column_slice(&m[9..12]).cast::<f64>();
     [angle, (translation(a) - translation(b)).norm()]
 }
 
-/// The motion (12) that nine numbers mean: two columns less those of the identity, a translation.
+/// Motion (12) encoded by nine numbers: two columns less those of the identity, and a translation.
 pub(super) fn motion(output: &Tensor) -> Result<Tensor> {
     let identity = Tensor::new(&[1.0_f32, 0.0, 0.0, 0.0, 1.0, 0.0], &Device::Cpu)?;
     let columns = (output.narrow(0, 0, 6)? + identity)?;

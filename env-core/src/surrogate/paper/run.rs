@@ -34,7 +34,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PaperRun {
-    /// Which network.
+    /// Variant and size of the network.
     pub network: PaperConfig,
     /// Density of the surfaces that it is trained on.
     pub density: Density,
@@ -55,7 +55,7 @@ pub(super) struct Frames {
 }
 
 impl Frames {
-    /// Those of `study` in `dataset`, or `None` if `watch` says no.
+    /// Reads the frames of `study` from `dataset`; `None` if `watch` stops it.
     pub(super) fn read(
         dataset: &Dataset,
         density: Density,
@@ -71,7 +71,7 @@ impl Frames {
         }))
     }
 
-    /// Errors of a network on known and on novel objects, or `None` if `watch` says no.
+    /// Errors of a network on known and on novel objects; `None` if `watch` stops it.
     pub(super) fn judged(
         &self,
         network: &Told,
@@ -86,7 +86,7 @@ impl Frames {
         Ok(novel.map(|novel| [known, novel]))
     }
 
-    /// Grasps and frames by part.
+    /// Numbers of grasps and frames by part.
     pub(super) fn counts(&self) -> BTreeMap<String, [usize; 2]> {
         let tests = self.tests.iter().map(|(part, test)| (*part, test));
         let parts = tests.chain([("train", &self.train)]);
@@ -94,7 +94,7 @@ impl Frames {
     }
 }
 
-/// Grasps and frames, of the name of the grasp of each frame.
+/// Numbers of grasps and frames, from the name of the grasp of each frame.
 pub(super) fn counts<'a>(grasps: impl Iterator<Item = &'a String>) -> [usize; 2] {
     let all: Vec<_> = grasps.collect();
     let grasps: BTreeSet<_> = all.iter().collect();
@@ -102,12 +102,12 @@ pub(super) fn counts<'a>(grasps: impl Iterator<Item = &'a String>) -> [usize; 2]
 }
 
 impl PaperRun {
-    /// Trains on the dataset in `data` as `study` says, its time told by `clock` (s), and writes
-    /// checkpoints, weights and their card into `out`; goes on from the last checkpoint there. The last
-    /// weights are judged, none chosen. `watch` hears every step; false stops. Returns the card, or
-    /// `None` if stopped.
+    /// Trains on the dataset in `data` by the settings of `study`, timed by `clock` (s), and writes
+    /// checkpoints, weights and their card into `out`; resumes from the last checkpoint there. The
+    /// last weights are evaluated, without a choice by validation. `watch` is called at every step
+    /// and stops the run by returning false. Returns the card, or `None` if stopped.
     ///
-    /// Errors: settings that make no sense, a dataset that cannot be read, a split without frames, a
+    /// Errors: settings out of range, a dataset that cannot be read, a split without frames, a
     /// checkpoint of another run, a gradient that is not finite.
     pub fn train(
         &self,

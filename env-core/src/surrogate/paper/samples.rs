@@ -1,4 +1,4 @@
-//! Frames of a dataset as the paper's networks are asked them.
+//! Frames of a dataset as samples for the paper's networks.
 
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ use crate::{
 
 /// A solved frame.
 pub(super) struct PaperSample {
-    /// Which of the gels.
+    /// Index of the gel.
     pub(super) gel: usize,
     /// Name of its grasp.
     pub(super) grasp: String,
@@ -37,8 +37,8 @@ pub(super) struct PaperSample {
 }
 
 impl PaperGels {
-    /// Every frame of `dataset` whose grasp is in one of `parts`, for each part; `None` if `watch` says
-    /// no.
+    /// Every frame of `dataset` whose grasp is in one of `parts`, for each part; `None` if `watch`
+    /// stops it.
     pub(super) fn samples<const N: usize>(
         &self,
         dataset: &Dataset,
@@ -96,7 +96,7 @@ impl Pad {
 }
 
 impl PaperSample {
-    /// The press as a network with that input is told it.
+    /// Known quantity of the press, for a network with this `input`.
     pub(super) fn push(&self, input: Input) -> PaperPush {
         match input {
             Input::Translation => PaperPush::Moved(self.moved),

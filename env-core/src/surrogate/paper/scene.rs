@@ -1,7 +1,7 @@
 //! A gel and an object as one graph.
 //!
 //! Lengths are in units of the gel's thickness, so moduli enter as Poisson's ratio only. The gel is
-//! asked at rest, so relative positions now and at rest are one and the same.
+//! given at rest, so its current relative positions and those at rest are the same.
 //!
 //! Shapes: V gel nodes, then O object nodes, N = V + O, E directed edges of a kind, T tetrahedra.
 
@@ -16,18 +16,18 @@ use crate::{
     surrogate::ops::{Edges, Sparse},
 };
 
-/// Kind of a node (free, bonded, object), position, displacement since touch in units of a middling
-/// press, direction in which the finger moves it, compressibility, friction.
+/// Number of features of a node: kind (free, bonded, object), position, displacement since touch in
+/// units of a typical press, direction in which the finger moves it, compressibility, friction.
 pub(super) const NODE_FEATURES: usize = 3 + 3 + 3 + 3 + 2;
-/// The way from sender to receiver, its length.
+/// Number of features of a mesh edge: vector from sender to receiver, and its length.
 pub(super) const MESH_FEATURES: usize = 4;
 /// Number of features of a contact edge: those of a mesh edge, and the force over the number of edges.
 pub(super) const CONTACT_FEATURES: usize = 5;
 
-/// Farthest that a contact edge reaches (m), as in `DefGraspNets`.
+/// Greatest length of a contact edge (m), as in `DefGraspNets`.
 const RADIUS: f64 = 5e-3;
-/// Object nodes that a node of the face is joined to at most, the nearest; all within the radius
-/// would be dozens.
+/// Most object nodes that a node of the face is joined to, the nearest ones; there are dozens
+/// within the radius.
 const NEAREST: usize = 4;
 /// Distance by which a typical press moves the object, in units of thickness.
 const MIDDLING: f64 = 0.05;
@@ -45,23 +45,23 @@ pub(super) enum PaperPush {
 
 /// One press as a graph.
 pub(super) struct PaperScene {
-    /// (N, NODE_FEATURES).
+    /// Features of the nodes (N, `NODE_FEATURES`).
     pub(super) nodes: Tensor,
     pub(super) mesh: Links,
-    /// Between face and object, both ways.
+    /// Edges between face and object, in both directions.
     pub(super) contact: Links,
     /// 1 for a gel node that moves, 0 for a bonded one (V, 1).
     pub(super) free: Tensor,
-    /// Sum over the corners of each tetrahedron (T, V).
+    /// Matrix that sums over the corners of each tetrahedron (T, V).
     pub(super) corners: Arc<Sparse>,
 }
 
 /// Directed edges of a kind.
 pub(super) struct Links {
     pub(super) edges: Arc<Edges>,
-    /// (E, features).
+    /// Features of the edges (E, features).
     pub(super) features: Tensor,
-    /// Sum of what each node receives (N, E).
+    /// Matrix that sums over the edges to each node (N, E).
     pub(super) sums: Arc<Sparse>,
 }
 
@@ -71,8 +71,8 @@ pub(super) fn signs(mirror: usize) -> [f64; 3] {
 }
 
 impl PaperScene {
-    /// The scene of `push` by the surface in `patch`, which touches `pad`, seen in a mirror; an error if
-    /// nothing is near the gel.
+    /// Builds the graph of `push` by the surface in `patch`, which touches `pad`, seen in a mirror;
+    /// an error if nothing is near the gel.
     pub(super) fn new(
         pad: &Pad,
         patch: &PaperPatch,
@@ -134,7 +134,7 @@ impl PaperScene {
 }
 
 /// Receiver and sender of the edges between the nodes of a face and the nearest of an object, whose
-/// nodes are numbered from `first`, both ways and sorted.
+/// nodes are numbered from `first`, in both directions and sorted.
 fn contacts(face: &[Point3<f64>], object: &[Point3<f64>], first: usize) -> Vec<(u32, u32)> {
     let near = face.iter().map(|place| PaperPatch::nearest(object, place, RADIUS, NEAREST));
     let both = near.zip(0..).flat_map(|(near, a)| {

@@ -1,4 +1,4 @@
-//! Runs of equal budget on equal data: what is trained, and what a run came to.
+//! Training runs of equal budget on the same data, and their results.
 
 use std::{collections::BTreeMap, path::Path, time::Instant};
 
@@ -43,26 +43,26 @@ pub enum Run {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Study {
-    /// Split of the dataset; the last grasp of each object to train on is judged on instead.
+    /// Split of the dataset; the last grasp of each training object is for evaluation instead.
     pub split: String,
     /// Seed of weights and batches.
     pub seed: u64,
-    /// Times that every press is seen; ten if neither this nor `seconds` is given.
+    /// Number of epochs; ten if neither this nor `seconds` is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub epochs: Option<usize>,
     /// Budget of time (s) in place of epochs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
-    /// Presses in a gradient.
+    /// Number of presses per step.
     pub batch: usize,
     /// Highest learning rate.
     pub rate: f64,
-    /// Every how manieth frame is judged.
+    /// Interval of the frames that are evaluated: 1 for all.
     pub every: usize,
 }
 
 impl Default for Study {
-    /// A press at a time: in few epochs, more steps are worth more than better ones.
+    /// One press per step: in few epochs, more steps are worth more than better ones.
     fn default() -> Self {
         Self {
             split: "novel-14".to_owned(),
@@ -76,7 +76,7 @@ impl Default for Study {
     }
 }
 
-/// Errors while training, on a sample of the frames that are judged.
+/// Errors during training, on a sample of the frames for evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Point {
     /// Time trained (s) by the study's clock.
@@ -92,19 +92,19 @@ pub struct Point {
 pub struct Report {
     /// Trained network.
     pub run: Run,
-    /// On which data and budget.
+    /// Data and budget.
     pub study: Study,
-    /// Grasps and frames by part: train, known objects' and novel objects' grasps.
+    /// Numbers of grasps and frames by part: training, known objects and novel objects.
     pub counts: BTreeMap<String, [usize; 2]>,
-    /// Numbers that were learnt.
+    /// Number of trainable parameters.
     pub parameters: usize,
     /// Gradient steps.
     pub steps: u64,
-    /// Duration of training by the study's clock, and by the wall (s).
+    /// Duration of training by the study's clock, and wall time (s).
     pub seconds: [f64; 2],
-    /// Errors on the way.
+    /// Errors during training.
     pub curve: Vec<Point>,
-    /// Errors by part and by answerer: a density of the object's surface, or a model.
+    /// Errors by part, and by density of the object's surface or by model.
     pub errors: BTreeMap<String, BTreeMap<String, Judged>>,
 }
 
@@ -113,26 +113,26 @@ pub struct Report {
 pub struct PaperWeights {
     /// Description of the weights.
     pub card: PaperCard,
-    /// The file, the card in it.
+    /// Bytes of the file, card included.
     pub bytes: Vec<u8>,
 }
 
-/// Points of a learning curve, and frames of a part that it is drawn from.
+/// Number of points of a learning curve, and of the frames of a part that they are computed on.
 const POINTS: f64 = 12.0;
 const FRAMES: usize = 40;
 
-/// A trained network, its learning curve, and what training took (s).
+/// A trained network, its learning curve, and the duration of training (s).
 struct FinishedTraining<N: Network> {
     trainer: Trainer<N>,
     curve: Vec<Point>,
     seconds: [f64; 2],
 }
 
-/// Times that every press is seen if nothing else is said.
+/// Default number of epochs.
 const EPOCHS: usize = 10;
 
 impl Study {
-    /// This study with its budget written out, if networks can be trained so.
+    /// Returns this study with its budget filled in, or an error if a setting is out of range.
     pub(super) fn validated(mut self) -> Result<Self> {
         if self.seconds.is_none() {
             self.epochs.get_or_insert(EPOCHS);
@@ -161,8 +161,8 @@ impl Study {
         }
     }
 
-    /// Trains `run` on the dataset in `data` for the budget, told by `clock` (s), and judges it. For
-    /// one of the paper's networks its weights come with it.
+    /// Trains `run` on the dataset in `data` for the budget, timed by `clock` (s), and evaluates
+    /// it. For one of the paper's networks, also returns the weights.
     ///
     /// Errors: a dataset that cannot be read, a split without frames, a gradient that is not finite.
     pub fn run(
@@ -288,7 +288,7 @@ impl Study {
     }
 }
 
-/// Of the density that is not trained on, one in so many of the judged frames is judged.
+/// Of the density that is not trained on, one in so many of the frames for evaluation is used.
 const OTHER: usize = 3;
 
 /// Errors of displacement and stress on a few frames of each part.

@@ -1,6 +1,6 @@
-//! Loss of the paper's networks: the corrector's relative errors of displacement and
-//! stress, and besides those of the object's motion, where only the force is told, and of the rigid
-//! motion, where it is output. Light presses count less than with the corrector.
+//! Loss of the paper's networks: the corrector's relative errors of displacement and stress, and in
+//! addition those of the object's motion, where the input is a force, and of the rigid motion,
+//! where it is output. Light presses count less than with the corrector.
 
 use candle_core::{Device, Tensor};
 use candle_nn::VarBuilder;
@@ -30,17 +30,17 @@ use crate::{
 /// Weight of displacement, stress, the object's motion and the rigid motion in the loss.
 const WEIGHTS: [f64; 4] = [1.0, 1.0, 1.0, 0.1];
 
-/// Size of a press below which it counts less, over that of a middling one.
+/// Size of a press below which it counts less, relative to a typical one.
 const LIGHT: f64 = 0.1;
 
-/// A network and what it is told.
+/// A network and the kind of its input.
 pub(super) struct Told {
     network: Paper,
     pub(super) input: Input,
 }
 
 impl Told {
-    /// The network in the `bytes` of weights that are called `name`, and their card.
+    /// Reads a network and its card from the `bytes` of weights called `name`.
     pub(super) fn opened(name: &str, bytes: &[u8]) -> Result<(Self, PaperCard)> {
         let (tensors, card): (_, PaperCard) = weights::of_kind(name, bytes)?;
         let bad = |reason: String| Error::File { path: name.to_owned(), reason };
@@ -48,14 +48,14 @@ impl Told {
             return Err(bad(error.to_string()));
         }
         let network = Self::new(&card.network, &weights::parameters(tensors)?.builder());
-        // The first line, for a trace may follow.
+        // Only the first line, since a trace may follow.
         let network = network.map_err(|error| {
             bad(error.to_string().lines().next().unwrap_or_default().to_owned())
         })?;
         Ok((network, card))
     }
 
-    /// The answer to a sample seen in a mirror.
+    /// Computes the answer to a sample seen in a mirror.
     pub(super) fn output(
         &self,
         gels: &PaperGels,
@@ -67,7 +67,7 @@ impl Told {
         Ok(self.network.forward(&scene)?)
     }
 
-    /// The answer to `push` by the surface in `patch`.
+    /// Computes the answer to `push` by the surface in `patch`.
     pub(super) fn answer_to(
         &self,
         pad: &Pad,
@@ -82,7 +82,7 @@ impl Told {
         self.network.has_motion()
     }
 
-    /// Errors of the parts of an answer, a scalar each; none where a part is not asked.
+    /// Errors of the parts of an answer, a scalar each; `None` for parts that are not in the loss.
     fn errors(
         &self,
         gels: &PaperGels,
@@ -117,9 +117,9 @@ impl Told {
     }
 }
 
-/// Weight of the relative error of a field: 1 where its root mean square is that of a middling
-/// press, in proportion to its size where it is far below a tenth of that. First touches, of which the
-/// surface's nodes tell little, would else be most of the loss.
+/// Weight of the relative error of a field: 1 where its root mean square is that of a typical
+/// press, in proportion to its size where it is far below a tenth of that. First touches, which the
+/// surface's nodes hardly resolve, would otherwise dominate the loss.
 fn weight(target: &[f32], middling: f64) -> f64 {
     let squares = target.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>();
     let size = (squares / target.len() as f64).sqrt();
@@ -179,7 +179,7 @@ impl Network for Told {
     }
 }
 
-/// The fields that are judged; contact forces are not output.
+/// Fields for evaluation; contact forces are not output.
 pub(super) fn fields(answer: &PaperOutput) -> Result<Fields> {
     Ok(Fields {
         displacement: answer.displacement.flatten_all()?.to_vec1()?,

@@ -1,4 +1,4 @@
-//! The network as an answerer of squeezes.
+//! The network as a model of squeezes.
 
 use std::{
     path::Path,
@@ -26,7 +26,7 @@ use crate::{
     surrogate::{features::PadMaterial, weights},
 };
 
-/// A trained network on one soft object. Copies share what was computed in advance.
+/// A trained network on one soft object. Copies share the precomputed data.
 ///
 /// A press is of two equal cuboids, the fingers, whose sides at +z face the object; poses, fields and
 /// wrenches are in the object's frame.
@@ -40,7 +40,7 @@ struct ObjectNetwork {
     unit: PadMaterial,
     linear: SoftBaseline,
     body: SoftBody,
-    /// Memory of presses that are done: to get it anew for each takes as long as the network.
+    /// Working memory of finished presses, for reuse: allocating it takes as long as the network.
     spare: Mutex<Vec<Memory>>,
 }
 
@@ -50,12 +50,13 @@ struct Memory {
     network: ObjectBuffers,
 }
 
-/// Weights that are known by name.
+/// Shipped weights by name.
 const KNOWN: [(&str, &[u8]); 1] =
     [("soft", include_bytes!("../../../assets/weights/soft.safetensors"))];
 
 impl SoftSurrogate {
-    /// The shipped weights of that name on an object of the given shape, material and friction.
+    /// Loads the shipped weights called `name` for an object of the given shape, material and
+    /// friction.
     pub fn named(name: &str, shape: &Shape, moduli: Moduli, friction: f64) -> Result<Self> {
         let known = KNOWN.iter().find(|(known, _)| *known == name);
         let (name, bytes) = known.ok_or_else(|| {
@@ -102,7 +103,7 @@ impl SoftSurrogate {
         &self.0.body
     }
 
-    /// Every frame of `press`, in order; the first that is not solved is an error and the last.
+    /// Solves every frame of `press`, in order; the first that fails is an error and the last.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         let half = match Grip::half_extents(press) {
             Ok(half) => half,
@@ -133,7 +134,7 @@ impl SoftSurrogate {
 }
 
 impl ObjectNetwork {
-    /// Performs `work` with memory that is kept for the next.
+    /// Performs `work` with reused working memory.
     fn with_memory<T>(&self, work: impl FnOnce(&mut Memory) -> T) -> T {
         let spare = || self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         let kept = spare().pop();
@@ -188,12 +189,13 @@ fn add(wrench: &mut Wrench, place: &Point3<f64>, force: &Vector3<f64>) {
 }
 
 impl DeformationModel for SoftSurrogate {
-    /// Presses are solved in parallel, each on one thread; the frames before the last are not corrected.
+    /// Solves the presses in parallel, each on one thread; the frames before the last are not
+    /// corrected.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
         self.feel(presses, Wanted { stress: true, residual: true })
     }
 
-    /// Stress is told in any case.
+    /// Performs [`DeformationModel::solve`]; the stress is always computed.
     fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let model = &*self.0;
         let last = |press: &Press| {

@@ -1,6 +1,6 @@
-//! The network of squeezes without Candle: the same numbers, on one thread, in buffers that are kept.
+//! The network of squeezes without Candle: the same results on one thread, in reused buffers.
 //!
-//! Plain Candle ([`Soft::forward`]) is the oracle. Shapes as there.
+//! Plain Candle ([`Soft::forward`]) is the reference. Shapes as there.
 
 use candle_core::Result;
 use nalgebra::Vector3;
@@ -32,18 +32,18 @@ pub(super) struct ObjectBuffers {
 }
 
 impl ObjectInference {
-    /// `network` on the `graph` of `mesh`.
+    /// Prepares `network` for the `graph` of `mesh`.
     pub(super) fn new(network: &Soft, graph: &ObjectGraph, mesh: &TetMesh) -> Result<Self> {
         let heads = [&network.corners, &network.strain, &network.stress];
         Ok(Self {
-            // Edges are seen in the frame of each grip.
+            // Edge features depend on the frame of the grip.
             trunk: Trunk::new(&network.scales, &graph.levels, None)?,
             nodes: Dense::pair(&network.nodes)?,
             stress: StressHead::new(heads, 1, mesh.tets.clone())?,
         })
     }
 
-    /// The corrected answer to `input`.
+    /// Computes the corrected answer to `input`.
     pub(super) fn forward(
         &self,
         input: &ObjectInput,

@@ -1,8 +1,9 @@
 //! A soft object's mesh as a graph of three scales.
 //!
 //! Edges of the finest scale are those of the tetrahedra. Coarser scales keep nodes far from each
-//! other, every one of them hears the nearest, and they are joined to the finer scale by weights that
-//! fall with the squared distance. Lengths are in units of the cube root of the object's volume.
+//! other. Each of these receives messages from the nearest others, and values are interpolated to
+//! the finer scale by weights that fall with the squared distance. Lengths are in units of the cube
+//! root of the object's volume.
 //!
 //! Shapes: V nodes, T tetrahedra, E directed edges of a scale.
 
@@ -19,11 +20,11 @@ use crate::{
     },
 };
 
-/// Nodes of a scale for each of the next coarser one.
+/// Number of nodes of a scale for each of the next coarser one.
 const COARSER: usize = 5;
-/// Nodes that one of a coarse scale hears.
+/// Number of nodes from which one of a coarse scale receives messages.
 const HEARD: usize = 12;
-/// Coarse nodes that a fine one is joined to.
+/// Number of coarse nodes that a fine one is interpolated from.
 const JOINED: usize = 4;
 
 /// Data shared by all presses of one object.
@@ -34,13 +35,13 @@ pub(super) struct ObjectGraph {
     pub(super) places: Vec<Point3<f64>>,
     /// Outward normals of the surface, of unit length, zero inside (V).
     pub(super) normals: Vec<Vector3<f64>>,
-    /// From fine to coarse.
+    /// Scales from fine to coarse.
     pub(super) levels: [Level; SCALES],
-    /// The way along each edge of each (E).
+    /// Vectors along the edges of each scale (E).
     ways: [Vec<Vector3<f64>>; SCALES],
-    /// Displacement to stress.
+    /// Operator from displacement to stress.
     pub(super) gradients: Arc<ShapeGradients>,
-    /// Sum over the corners of each tetrahedron (T, V).
+    /// Matrix that sums over the corners of each tetrahedron (T, V).
     pub(super) corners: Arc<Sparse>,
 }
 
@@ -80,7 +81,7 @@ impl ObjectGraph {
 }
 
 impl ObjectGraph {
-    /// Features of the edges of a scale (E, 4), seen in a frame.
+    /// Features of the edges of a scale (E, 4) in a frame, given by the rotation `turn` to it.
     pub(super) fn edges(&self, scale: usize, turn: &Matrix3<f64>) -> Vec<f32> {
         let row = |way: &Vector3<f64>| {
             let seen = turn * way;
@@ -103,7 +104,7 @@ fn normals(mesh: &TetMesh) -> Vec<Vector3<f64>> {
     normals.iter().map(|normal| normal.try_normalize(0.0).unwrap_or_default()).collect()
 }
 
-/// Edges between sorted pairs of receiver and sender, and the ways along them.
+/// Edges between sorted pairs of receiver and sender, and the vectors along them.
 fn edges(pairs: &BTreeSet<(u32, u32)>, places: &[Vector3<f64>]) -> (Edges, Vec<Vector3<f64>>) {
     let mut starts = vec![0; places.len() + 1];
     for &(receiver, _) in pairs {
@@ -117,7 +118,7 @@ fn edges(pairs: &BTreeSet<(u32, u32)>, places: &[Vector3<f64>]) -> (Edges, Vec<V
     (Edges { senders, starts }, pairs.iter().map(way).collect())
 }
 
-/// Receiver and sender for the nearest of every node.
+/// Pairs of receiver and sender: every node with the nearest others.
 fn heard(places: &[Vector3<f64>]) -> BTreeSet<(u32, u32)> {
     let of = |(i, place): (usize, &Vector3<f64>)| {
         let near = nearest(places, place, HEARD + 1).into_iter().filter(move |&j| j != i as u32);
@@ -135,7 +136,7 @@ fn nearest(places: &[Vector3<f64>], place: &Vector3<f64>, count: usize) -> Vec<u
     order
 }
 
-/// `count` of the places, each as far as can be from those before it.
+/// `count` of the places, each as far as possible from those before it.
 fn spread_out(places: &[Vector3<f64>], count: usize) -> Vec<Vector3<f64>> {
     let mut gaps = vec![f64::INFINITY; places.len()];
     let mut chosen = Vec::with_capacity(count);
@@ -150,7 +151,8 @@ fn spread_out(places: &[Vector3<f64>], count: usize) -> Vec<Vector3<f64>> {
     chosen
 }
 
-/// From `coarse` places to `fine` ones, by weights that fall with the squared distance.
+/// Matrix of interpolation from `coarse` places to `fine` ones, by weights that fall with the
+/// squared distance.
 fn interpolation(fine: &[Vector3<f64>], coarse: &[Vector3<f64>]) -> Sparse {
     let row = |place: &Vector3<f64>| {
         let near = nearest(coarse, place, JOINED);

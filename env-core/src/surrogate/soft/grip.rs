@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use crate::{Error, Result, deformation::Press, geometry::Shape};
 
-/// Two fingers with flat faces, as the object's frame sees them.
+/// Two fingers with flat faces, in the object's frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grip {
     /// Poses of the faces, z into the object.
@@ -27,7 +27,7 @@ impl Grip {
         }
     }
 
-    /// That of two cuboids at `poses` which press with the sides at +z.
+    /// Returns the grip of two cuboids at `poses` that press with their sides at +z.
     pub(super) fn of(half_extents: &Vector3<f64>, poses: &[Isometry3<f64>]) -> Self {
         let face = |i: usize| poses[i] * Isometry3::translation(0.0, 0.0, half_extents.z);
         Self { faces: [face(0), face(1)], half: [half_extents.x, half_extents.y] }
@@ -39,7 +39,7 @@ impl Grip {
         Point3::from(0.5 * (a + b))
     }
 
-    /// Axes of the grip as rows: what turns vectors of the object's frame into the grip's.
+    /// Axes of the grip as rows: the rotation from the object's frame to the grip's.
     pub(super) fn turn(&self) -> Matrix3<f64> {
         let [a, b] = self.faces.map(|face| face.rotation * Vector3::z());
         let z = (a - b).normalize();
@@ -48,7 +48,7 @@ impl Grip {
         Matrix3::from_rows(&[x.transpose(), z.cross(&x).transpose(), z.transpose()])
     }
 
-    /// Which finger is nearer to a place.
+    /// Index of the finger nearer to a place.
     pub(super) fn nearer(&self, place: &Point3<f64>) -> usize {
         let height = self.faces.map(|face| face.inverse_transform_point(place).z.abs());
         usize::from(height[1] < height[0])

@@ -1,4 +1,4 @@
-//! A squeeze as the network sees it, as plain numbers without units.
+//! Input of the network for a squeeze, as dimensionless numbers.
 //!
 //! Lengths are in units of the object's size L, stresses of the shear modulus μ, forces of E L². The
 //! network's outputs are multiplied by the squeeze's own amplitude, so without contact they are zero.
@@ -13,32 +13,34 @@ use crate::{
     surrogate::features::{PadMaterial, flat},
 };
 
-/// Numbers for each node: displacement, contact force, place and normal, whether it is on the surface,
-/// distances from both fingers before and after, places on their faces, and what holds for all nodes.
+/// Number of features of a node: displacement, contact force, place and normal, 1 on the surface,
+/// distances from both fingers before and after, places on their faces, and features of the
+/// squeeze.
 pub(super) const FEATURES: usize = VECTORS + 1 + 2 * 5 + GLOBALS;
-/// The first of them are components of vectors.
+/// Number of features, the first ones, that are components of vectors.
 const VECTORS: usize = 4 * 3;
-/// Numbers that hold for the squeeze: amplitude, compressibility, friction, force over amplitude.
+/// Number of features of the squeeze as a whole: amplitude, compressibility, friction, force over
+/// amplitude.
 const GLOBALS: usize = 4;
 /// Distance from a finger's face, in units of L, at which contact is no longer corrected.
 const REACH: f64 = 0.12;
 
 /// A squeeze with its linear answer.
 pub(super) struct ObjectInput {
-    /// From the object's frame to the grip's.
+    /// Rotation from the object's frame to the grip's.
     pub(super) turn: Matrix3<f64>,
-    /// Vectors are in the grip's frame (V, FEATURES).
+    /// Features of the nodes, vectors in the grip's frame (V, [`FEATURES`]).
     pub(super) features: Vec<f32>,
-    /// The linear answer (V, 3), in the object's frame as all that follows.
+    /// Displacement of the linear answer (V, 3), in the object's frame like all fields below.
     pub(super) displacement: Vec<f32>,
     /// Its von Mises stress (T).
     pub(super) stress: Vec<f32>,
     /// Its contact forces (V, 3).
     pub(super) forces: Vec<f32>,
-    /// Share of each node's force that counts to the squeeze: half of it with the sign of its finger
+    /// Factor of each node's force in the force of the squeeze: 1/2 with the sign of its finger
     /// (V).
     pub(super) shares: Vec<f32>,
-    /// Share of each node in all contact force: what is left unbalanced is taken from it (V).
+    /// Share of each node in the contact force, by which the unbalanced force is distributed (V).
     pub(super) bearing: Vec<f32>,
     /// Factor on the correction of contact: 1 at a face, 0 far from both and inside (V).
     pub(super) gates: Vec<f32>,
@@ -113,7 +115,7 @@ impl ObjectInput {
         }
     }
 
-    /// The features in a mirror that turns x and y around by `signs`.
+    /// Features mirrored by the `signs` of the axes.
     pub(super) fn mirrored(&self, signs: &Vector3<f64>) -> Vec<f32> {
         let sign = |i: usize| if i < VECTORS { signs[i % 3] as f32 } else { 1.0 };
         self.features.iter().enumerate().map(|(i, x)| x * sign(i % FEATURES)).collect()

@@ -1,6 +1,6 @@
 //! The linear answer that the network corrects: on a mesh as fine as that of the reference
-//! solutions, carried to the model mesh. What a coarse mesh would miss of the surface, and so of where
-//! contact begins, need not be learnt.
+//! solutions, carried to the model mesh. The network then need not correct errors of a coarse
+//! surface, and so of the onset of contact.
 
 use crate::{
     Result,
@@ -16,7 +16,7 @@ pub(super) struct SoftBaseline {
 }
 
 impl SoftBaseline {
-    /// On the mesh `fine`, answering on `model`.
+    /// Builds the model on the mesh `fine`, with answers on `model`.
     pub(super) fn new(
         fine: TetMesh,
         model: &TetMesh,
@@ -29,13 +29,14 @@ impl SoftBaseline {
         Ok(Self { compliance, transfer })
     }
 
-    /// The answers along `press`, until one fails. Their histories are those of the fine mesh.
+    /// Solves the frames of `press`, in order; the first that fails is an error and the last. Their
+    /// histories are those of the fine mesh.
     pub(super) fn path(&self, press: &Press) -> Vec<Result<Deformation>> {
         let answers = self.compliance.solve_path(press).into_iter();
         answers.map(|answer| answer.map(|fine| self.carry(fine))).collect()
     }
 
-    /// The answer at the end of `press`; its residual is 0 unless it is wanted.
+    /// Solves the last frame of `press`; its residual is 0 unless `with_residual`.
     pub(super) fn last(
         &self,
         press: &Press,
@@ -46,7 +47,7 @@ impl SoftBaseline {
         Ok(self.carry(fine))
     }
 
-    /// Memory for [`SoftBaseline::last`].
+    /// Working memory for [`SoftBaseline::last`].
     pub(super) fn scratch(&self) -> Scratch {
         self.compliance.scratch()
     }

@@ -54,13 +54,13 @@ pub(super) struct Soft {
 
 /// Output of the network, in the units of [`ObjectInput`] and the object's frame.
 pub(super) struct ObjectOutput {
-    /// (V, 3).
+    /// Displacement (V, 3).
     pub(super) displacement: Tensor,
-    /// Von Mises (1, T).
+    /// Von Mises stress (1, T).
     pub(super) stress: Tensor,
-    /// (V, 3).
+    /// Contact forces (V, 3).
     pub(super) forces: Tensor,
-    /// Force of the squeeze (1, 3): half the difference of what the fingers exert.
+    /// Force of the squeeze (1, 3): half the difference of the fingers' forces.
     pub(super) force: Tensor,
 }
 
@@ -166,8 +166,8 @@ pub(super) mod tests {
 
     const MODULI: Moduli = Moduli { young: 1e5, poisson: 0.45 };
 
-    /// A ball of 2 cm squeezed by 1 mm from either side, everything turned by `turn`: its graph, and
-    /// what it asks.
+    /// A ball of 2 cm squeezed by 1 mm from either side, everything turned by `turn`: its mesh,
+    /// graph and input.
     pub(in super::super) fn squeezed(
         turn: &UnitQuaternion<f64>,
     ) -> (TetMesh, ObjectGraph, ObjectInput) {

@@ -34,7 +34,7 @@ use crate::{
 
 /// A solved frame.
 pub(super) struct SoftSample {
-    /// Which of the objects.
+    /// Index of the object.
     pub(super) object: usize,
     /// Name of its grasp.
     pub(super) grasp: String,
@@ -48,8 +48,8 @@ pub(super) struct SoftSample {
     pub(super) target: Target,
 }
 
-/// Part of the data to which a grasp belongs: of ten grasps of an object of a known family the last is judged and the one
-/// before it is left for choosing by; all of a novel one are judged.
+/// Part of the data to which a grasp belongs: of ten grasps of an object of a known family the last
+/// is for evaluation and the one before it for validation; all of a novel one are for evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Part {
     Train,
@@ -61,7 +61,7 @@ pub(super) enum Part {
 /// The objects of a dataset, and its frames.
 pub(super) struct Objects {
     pub(super) graphs: Vec<Arc<ObjectGraph>>,
-    /// Frames that the linear model did not answer.
+    /// Number of frames that the linear model failed to solve.
     pub(super) lost: usize,
 }
 
@@ -69,7 +69,7 @@ pub(super) struct Objects {
 const WEIGHTS: [f64; 4] = [1.0, 1.0, 0.3, 1.0];
 
 impl Objects {
-    /// Everything in a dataset, or `None` if `watch` says no.
+    /// Reads the objects and frames of a dataset; `None` if `watch` stops it.
     pub(super) fn read(data: &Squeezes, watch: Watch) -> Result<Option<(Self, Vec<SoftSample>)>> {
         let mut meshes = BTreeMap::new();
         for shard in 0..data.shards() {
@@ -134,7 +134,7 @@ fn part(split: FamilySplit, grasp: &str) -> Part {
     }
 }
 
-/// The linear model's answers to a grasp, until one fails.
+/// Linear answers to the frames of a grasp, up to the first that fails.
 fn answers(
     model: &SoftBaseline,
     frames: &SqueezeFrames,
@@ -164,7 +164,7 @@ fn target(frames: &SqueezeFrames, frame: usize, shares: &[f32], unit: &PadMateri
     }
 }
 
-/// Half the difference of what two fingers exert, of forces on nodes.
+/// Half the difference of the forces of two fingers, from forces on nodes.
 pub(super) fn squeezing(forces: &[f32], shares: &[f32]) -> [f32; 3] {
     let nodes = forces.as_chunks::<3>().0.iter().zip(shares);
     nodes.fold([0.0; 3], |sum, (force, share)| std::array::from_fn(|i| sum[i] + share * force[i]))

@@ -29,13 +29,13 @@ use crate::{
 pub struct SoftStudy {
     /// Seed of weights and batches.
     pub seed: u64,
-    /// Times that every squeeze is seen; forty if neither this nor `seconds` is given.
+    /// Number of epochs; forty if neither this nor `seconds` is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub epochs: Option<usize>,
     /// Budget of time (s) in place of epochs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
-    /// Squeezes in a gradient.
+    /// Number of squeezes per step.
     pub batch: usize,
     /// Highest learning rate.
     pub rate: f64,
@@ -60,11 +60,11 @@ impl Default for SoftStudy {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SoftErrors {
-    /// The network's; `force` is half the difference of what the fingers exert.
+    /// Errors of the network; `force` is half the difference of the fingers' forces.
     pub network: Summary,
-    /// The linear answer's.
+    /// Errors of the linear answer.
     pub linear: Summary,
-    /// Time of a linear answer, of a path from the last frame (s).
+    /// Time of a linear answer that continues from the frame before (s).
     pub linear_seconds: Spread,
 }
 
@@ -82,13 +82,13 @@ pub struct SoftCard {
     pub linear_nodes: usize,
     /// Gradient steps.
     pub steps: u64,
-    /// Frames that the linear model did not answer, and all.
+    /// Number of frames that the linear model failed to solve, and of all frames.
     pub lost: [usize; 2],
     /// Training data; the test part has objects of other families.
     pub data: Data,
     /// Errors on unseen grasps of known objects.
     pub known: SoftErrors,
-    /// Errors on objects of families that it never saw.
+    /// Errors on objects of families outside the training data.
     pub novel: SoftErrors,
 }
 
@@ -96,11 +96,11 @@ impl NetworkCard for SoftCard {
     const VARIANTS: &'static [&'static str] = &["soft"];
 }
 
-/// Times that every squeeze is seen if nothing else is said.
+/// Default number of epochs.
 const EPOCHS: usize = 40;
 
 impl SoftStudy {
-    /// This study with its budget written out, if a network can be trained so.
+    /// Returns this study with its budget filled in, or an error if a setting is out of range.
     fn validated(mut self) -> Result<Self> {
         if self.seconds.is_none() {
             self.epochs.get_or_insert(EPOCHS);
@@ -114,13 +114,13 @@ impl SoftStudy {
         Ok(self)
     }
 
-    /// Trains on the dataset in `data` for the budget, its time told by `clock` (s), and writes
-    /// checkpoints, weights and their card into `out`; goes on from the last checkpoint there. Of whole
-    /// epochs the best is chosen by grasps left out. `watch` hears every step; false stops. Returns the
-    /// card, or `None` if stopped.
+    /// Trains on the dataset in `data` for the budget, timed by `clock` (s), and writes
+    /// checkpoints, weights and their card into `out`; resumes from the last checkpoint there. The
+    /// best of the whole epochs is chosen by validation. `watch` is called at every step and stops
+    /// the run by returning false. Returns the card, or `None` if stopped.
     ///
-    /// Errors: settings that make no sense, a dataset that cannot be read or has no frames to train on,
-    /// a checkpoint of another run, a gradient that is not finite.
+    /// Errors: settings out of range, a dataset that cannot be read or has no frames to train on, a
+    /// checkpoint of another run, a gradient that is not finite.
     pub fn train(
         &self,
         data: &Path,
@@ -203,7 +203,7 @@ fn judged(network: &Soft, objects: &Objects, samples: &[SoftSample]) -> Result<S
     })
 }
 
-/// Takes those of a part out of `samples`.
+/// Removes the samples of a part from `samples` and returns them.
 fn take(samples: &mut Vec<SoftSample>, part: Part) -> Vec<SoftSample> {
     samples.extract_if(.., |sample| sample.part == part).collect()
 }

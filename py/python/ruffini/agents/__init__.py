@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 RUN = "run.json"
-"""File of a training run that says what is run."""
+"""File of a training run with its parameters."""
 
 CHECKPOINT = "checkpoint"
 """Folder of a training run with the files of its last checkpoint."""

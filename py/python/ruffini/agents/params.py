@@ -21,8 +21,8 @@ class Params:
     training: dict[str, Any] = field(default_factory=dict)
     """Keyword arguments of the environment while it trains, and not when the agent is judged."""
     steps_without_touch: int = 0
-    """Of the steps, those at the beginning with rigid pads, which cost a tenth: what touch would
-    have told is 0 in them."""
+    """Of the steps, those at the beginning with rigid pads, which cost a tenth; the channels of
+    touch are 0 in them."""
     final_learning_rate: float | None = None
     """Learning rate at the end, to which it falls linearly; constant if not given."""
 
@@ -56,7 +56,7 @@ CLOSING: dict[str, Any] = {
 
 PARAMS: dict[str, Params] = {
     "ruffini/GraspLift-v0": Params(
-        # Reaching and lifting are learnt with rigid pads in a minute, then the hand begins to feel.
+        # Reaching and lifting are learnt with rigid pads in a minute, then with tactile ones.
         steps=160 * 2048,
         steps_without_touch=80 * 2048,
         n_envs=64,

@@ -156,7 +156,7 @@ def new_model(
 def make_environment(
     env_id: str, chosen: Params, seed: int, threads: int | None = None
 ) -> VecNormalize:
-    """Create the environments of a run, the first steps with rigid pads if so asked.
+    """Create the environments of a run, the first steps with rigid pads if chosen.
 
     Fields of touch are not normalised.
     """
@@ -186,7 +186,7 @@ def untouched(space: gym.Space[Any]) -> list[str]:
 
 
 class FirstWithoutTouch(VecEnvWrapper):
-    """Steps environments with rigid pads for a while, then those that feel.
+    """Steps environments with rigid pads for a while, then those with tactile ones.
 
     The channels of touch are 0 until then. When the pads change, all episodes are truncated.
 
@@ -372,7 +372,7 @@ def _learn(
 
 
 def _whole(chosen: Params) -> int:
-    """Steps of a run: the whole rollouts in which those that were asked for are made."""
+    """Steps of a run: the whole rollouts that contain the chosen number of steps."""
     return -(-chosen.steps // chosen.rollout) * chosen.rollout
 
 

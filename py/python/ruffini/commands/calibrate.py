@@ -32,7 +32,7 @@ from ruffini.commands.fitting import (
 _UNITS = {"young": (1e-6, " MPa"), "offset": (1e3, " mm"), "thickness": (1.0, " of the file's")}
 """In which parameters are printed."""
 _TIED = 0.95
-"""Correlation from which two parameters are said to be told only together."""
+"""Correlation from which two parameters are reported as not separately determined."""
 
 
 def add_to(commands: Any) -> None:
@@ -162,7 +162,7 @@ def _written(name: str, value: float) -> str:
 
 
 def _report(problem: Problem, fit: Fit, left_out: list[NDArray[np.float64]]) -> None:
-    """Print values with their intervals, what is not told, and the error of each point."""
+    """Print values with their intervals, undetermined parameters, and the error of each point."""
     for name, value in fit.values.items():
         ends = []
         for level, two in fit.intervals[name].items():

@@ -22,7 +22,7 @@ _SETTINGS = {
 }
 _MOST_BYTES = 2_000_000_000
 _MOST_HOURS = 4
-"""Size and processor time from which on a generation asks first."""
+"""Size and processor time above which a generation asks for confirmation."""
 
 
 def add_to(commands: Any) -> None:

@@ -44,7 +44,7 @@ RANGES = {
     "thickness": (0.8, 1.25),
     "offset": (-3e-4, 3e-4),
 }
-"""Where a parameter may lie: Pa; 1; 1; times that of the sensor's file; m, added to each depth."""
+"""Range of a parameter: Pa; 1; 1; times that of the sensor's file; m, added to each depth."""
 GRIDS = {
     "poisson": (0.3, 0.4, 0.45, 0.475, 0.495),
     "friction": (0.0, 0.2, 0.5, 1.0, 2.0),
@@ -205,7 +205,7 @@ class Table:
         held: Mapping[str, float],
         watch: Callable[[int, int], None] = lambda done, whole: None,
     ) -> Table:
-        """Solve one to `deepest` (m); `watch` is told how many paths are done."""
+        """Solve one to `deepest` (m); `watch` gets the numbers of paths done and in all."""
         axes = {name: np.array(grid) for name, grid in GRIDS.items() if name in fitted}
         depths = np.linspace(0.0, deepest, max(13, math.ceil(deepest / STEP) + 1))
         corners = list(itertools.product(*axes.values()))
@@ -237,7 +237,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Fit:
-    """What was fitted to curves, and how well they tell it."""
+    """Parameters fitted to curves, with errors and confidence intervals."""
 
     values: dict[str, float]
     """Of the parameters fitted, in SI units, the thickness over that of the file."""
@@ -292,7 +292,7 @@ class Problem:
         ]
 
     def offset(self, values: Mapping[str, float], number: int) -> float:
-        """What is added to the depths of a curve (m)."""
+        """Offset that is added to the depths of a curve (m)."""
         return values.get("offset", values.get(f"offset {number + 1}", 0.0))
 
     def fit(self, levels: Sequence[float] = (0.68, 0.95)) -> Fit:
@@ -367,7 +367,7 @@ class Problem:
         return _Least(unit, 2 * float(found.cost), found.jac)
 
     def _end(self, best: _Least, number: int, side: float, most: float) -> float:
-        """Where the profile of a parameter meets that sum of squares on a side, or infinity."""
+        """Value where the parameter's profile reaches `most` on a side, or infinity."""
         from scipy.optimize import brentq
 
         def excess(value: float) -> float:

@@ -36,7 +36,7 @@ class Chosen:
     settings: dict[str, Any]
     """Keyword arguments of the environment."""
     about: str
-    """Text that says what the policy is."""
+    """Description of the policy."""
 
 
 def add_evaluation(parser: argparse.ArgumentParser, episodes: str) -> None:

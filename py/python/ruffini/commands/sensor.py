@@ -16,7 +16,7 @@ from ruffini._core import fit_foundation, read_sensor, sensor_names, sensor_temp
 from ruffini.commands.press import touching_height
 
 _BALL = 4e-3
-"""Radius of the ball whose force tells the stiffness (m)."""
+"""Radius of the ball whose force measures the stiffness (m)."""
 _DEPTH = 5e-4
 """Depth of the ball (m); less in a gel of less than eight times as much."""
 _NODES = 2000

@@ -1,4 +1,4 @@
-"""``ruffini view``: what fingers feel, in a browser or as a file."""
+"""``ruffini view``: the pads and their stress, in a browser or as a file."""
 
 from __future__ import annotations
 

@@ -15,10 +15,10 @@ SLIDING = 0.4
 """Share of sliding contact that the policy steers for."""
 
 LOOSER = 0.15
-"""How fast the grip falls while nothing slides, of the fastest."""
+"""Rate at which the grip falls while nothing slides, of the fastest."""
 
 TIGHTER = 8.0
-"""How fast it grows for what slides beyond, of the fastest for all of the contact."""
+"""Rate at which the grip grows per share of contact that slides beyond, of the fastest."""
 
 
 def act(observation: dict[str, NDArray[np.float32]], state: Any) -> tuple[NDArray[np.float32], Any]:

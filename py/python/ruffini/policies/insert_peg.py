@@ -1,4 +1,4 @@
-"""A scripted policy for InsertPeg: press the peg on the block, feel where the hole is, follow it.
+"""A scripted policy for InsertPeg: press the peg on the block, find the hole by touch, follow it.
 
 It reads ``proprio`` and ``wrench`` of the default observation. A peg that is partly over its hole
 rests on what is left of the block under it, so the middle of the force is on the side away from
@@ -33,13 +33,13 @@ STIFFNESS = 8e3
 """Upward force for a millimetre that the hand goes down, over a thousandth (N/m)."""
 
 DROP = 7e-4
-"""How far the hand sinks when the peg has found the hole (m)."""
+"""Distance that the hand sinks when the peg has found the hole (m)."""
 
 PACE = 0.014
 """Speed of the sweep (m/s)."""
 
 WIDEST = 4.8e-3
-"""How far the sweep goes to both sides (m)."""
+"""Reach of the sweep to either side (m)."""
 
 SWING = 0.8
 """Yaw rate with which the peg is turned to and fro while inserting, as action."""
@@ -54,7 +54,7 @@ PUSH = 6.0
 """Upward force that is kept while inserting (N)."""
 
 YIELD = 1.5e-4
-"""How far the hand gives way to a newton that the hole pushes sideways with (m/N)."""
+"""Compliance of the hand to a sideways force of the hole (m/N)."""
 
 WIGGLE = 4e-4
 """Radius of the circles in which the hand moves while inserting (m)."""
@@ -67,7 +67,7 @@ Floats = NDArray[np.floating[Any]]
 
 
 def felt(observation: dict[str, Any]) -> tuple[Floats, Floats, Floats, Floats]:
-    """What the pads say of the peg in the hand, in the wrist's frame.
+    """Load and place of the peg in the hand, from the wrenches on the pads, in the wrist's frame.
 
     Its force on the hand (N, 3), its torque about the tool centre (N, 3), the torque that turns
     both pads alike about z (N), and how far the peg is along y (N), in m.
@@ -98,7 +98,7 @@ def act(observation: dict[str, NDArray[np.float32]], state: Any) -> tuple[NDArra
     force, torque, turn, aside = felt(observation)
     count = len(place)
     if state is None:
-        # Where the peg's middle is over the place that the hole is said to be at.
+        # Where the peg's middle is over the nominal place of the hole.
         middle = np.stack([np.zeros(count), -aside], axis=1)
         state = (np.full(count, np.nan), np.zeros(count), np.zeros(count, bool), middle)
     touched, phase, inside, middle = state
