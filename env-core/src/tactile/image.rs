@@ -132,8 +132,18 @@ impl TactileCamera {
             }
             for pixel in pixels() {
                 let height = &mut heights[number(pixel)];
-                let gap = gap(shape, pose, &place(pixel.0, pixel.1, *height));
-                *height += gap.unwrap_or_default().min(0.0);
+                let at = place(pixel.0, pixel.1, *height);
+                // From inside a sampled solid, a ray would first have to find the far side.
+                let back = if matches!(shape, Shape::Sampled(_)) {
+                    -4.0 * shape.distance(&pose.inverse_transform_point(&at)).value
+                } else {
+                    0.0
+                };
+                if back >= 0.0
+                    && let Some(gap) = gap(shape, pose, &(at - back * Vector3::z()))
+                {
+                    *height += (gap - back).min(0.0);
+                }
             }
         }
     }

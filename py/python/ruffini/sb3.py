@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 try:
     import torch
-    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+    from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtractor
+    from stable_baselines3.common.type_aliases import Schedule
     from stable_baselines3.common.vec_env import VecEnv
     from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 except ModuleNotFoundError as error:
@@ -265,3 +267,56 @@ class TouchExtractor(BaseFeaturesExtractor):
                 values = self._strength[name] * self._pads[name](pads).flatten(1)
             parts.append(values)
         return torch.cat(parts, dim=1)
+
+
+class AsymmetricPolicy(MultiInputActorCriticPolicy):
+    """Policy of PPO whose value function sees channels that its actions do not depend on.
+
+    A simulator knows what a robot has to find out: give such state, as ``insertion`` of InsertPeg,
+    to the value function alone, and advantages are told apart from luck (Pinto et al., "Asymmetric
+    actor critic for image-based robot learning", arXiv:1710.06542).
+
+    Args:
+        observation_space: Space of the observations, a ``Dict`` of vectors.
+        action_space: Space of the actions.
+        lr_schedule: Learning rate by the remaining progress.
+        privileged: Channels that the value function alone sees.
+        **kwargs: As for ``MultiInputPolicy``.
+
+    Raises:
+        ValueError: If one of `privileged` is no channel of the observations, or all are.
+    """
+
+    def __init__(
+        self,
+        observation_space: gym.spaces.Dict,
+        action_space: gym.Space[Any],
+        lr_schedule: Schedule,
+        *,
+        privileged: Sequence[str],
+        **kwargs: Any,
+    ) -> None:
+        seen = [name for name in observation_space if name not in privileged]
+        if len(seen) + len(privileged) != len(list(observation_space)) or not seen:
+            known = ", ".join(observation_space)
+            raise ValueError(
+                f"privileged: found {', '.join(privileged)}, expected some, but not all, of {known}"
+            )
+        self.seen = seen
+        kwargs |= {"share_features_extractor": False}
+        kwargs.setdefault("features_extractor_class", TouchExtractor)
+        super().__init__(observation_space, action_space, lr_schedule, **kwargs)
+
+    def make_features_extractor(self) -> BaseFeaturesExtractor:
+        """Create the actor's extractor at the first call, the value function's at the second."""
+        space = self.observation_space
+        assert isinstance(space, gym.spaces.Dict), "checked by the constructor of the base class"
+        if "features_extractor" not in self._modules:
+            space = gym.spaces.Dict({name: space[name] for name in self.seen})
+        return self.features_extractor_class(space, **self.features_extractor_kwargs)
+
+    def _build_mlp_extractor(self) -> None:
+        super()._build_mlp_extractor()
+        features = self.vf_features_extractor.features_dim
+        whole = MlpExtractor(features, self.net_arch, self.activation_fn, self.device)
+        self.mlp_extractor.value_net = whole.value_net

@@ -47,8 +47,8 @@ class Network(TypedDict):
     """Channels that are fields of touch, with the layer widths of their networks."""
     policy: list[int]
     """Widths of the policy's hidden layers."""
-    value: list[int]
-    """Widths of the value function's hidden layers."""
+    value: list[int] | None
+    """Widths of the value function's hidden layers; none if it saw more than the agent sees."""
     activation: str
     """Activation between those layers: a key of `ACTIVATIONS`."""
 
@@ -317,7 +317,8 @@ def shapes(card: Card) -> dict[str, tuple[int, ...]]:
             size = 2 * widths[-1]
         features += size
     found |= _perceptron("policy", [features, *network["policy"], ACTION_SIZE])
-    found |= _perceptron("value", [features, *network["value"], 1])
+    if network["value"] is not None:
+        found |= _perceptron("value", [features, *network["value"], 1])
     return found | {"log_std": (ACTION_SIZE,)}
 
 

@@ -20,7 +20,7 @@ from ruffini import __version__
 from ruffini._settings import plain
 from ruffini.agents._agent import ACTIVATIONS, FORMAT, Agent, Card, Network, Normaliser
 from ruffini.evaluation import Progress
-from ruffini.sb3 import TouchExtractor, make_vec_env
+from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, make_vec_env
 
 _HYPERPARAMETERS = (
     "n_steps",
@@ -86,8 +86,8 @@ def from_sb3(
 ) -> Agent:
     """Convert a model to an agent that was not evaluated; arguments are those of `export`.
 
-    An agent holds policy, value function and normalisation, but not the state of the optimiser. Of
-    schedules, it holds the initial values.
+    An agent holds policy, normalisation and, unless the policy is an `AsymmetricPolicy`, the value
+    function, but not the state of the optimiser. Of schedules, it holds the initial values.
 
     Raises:
         ValueError: If the model cannot be represented as an agent.
@@ -128,6 +128,8 @@ def from_sb3(
 def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> PPO:
     """Convert the agent to a model of Stable-Baselines3, with its normalisation, for training.
 
+    The value function of an agent without one begins anew.
+
     Args:
         agent: The agent.
         envs: Environments to train in, not normalised; ``None`` creates those of the card. Their
@@ -152,7 +154,7 @@ def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> 
     normalised = _normalised(agent, envs, arguments["gamma"])
     network = card["network"]
     kwargs: dict[str, Any] = {
-        "net_arch": {"pi": network["policy"], "vf": network["value"]},
+        "net_arch": {"pi": network["policy"], "vf": network["value"] or network["policy"]},
         "activation_fn": getattr(torch.nn, network["activation"]),
     }
     if network["touch"]:
@@ -163,7 +165,8 @@ def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> 
     model.num_timesteps = card["steps"]
     with torch.no_grad():
         for name, parameter in _parameters(model.policy).items():
-            parameter.copy_(torch.as_tensor(agent.tensors[name]))
+            if name in agent.tensors:
+                parameter.copy_(torch.as_tensor(agent.tensors[name]))
     return model
 
 
@@ -175,7 +178,11 @@ def _checked(model: Any) -> ActorCriticPolicy:
     extractors = (TouchExtractor, CombinedExtractor, FlattenExtractor)
     for name, found, sound in (
         ("use_sde", model.use_sde, not model.use_sde),
-        ("share_features_extractor", False, policy.share_features_extractor),
+        (
+            "share_features_extractor",
+            False,
+            policy.share_features_extractor or isinstance(policy, AsymmetricPolicy),
+        ),
         (
             "features_extractor_class",
             type(policy.features_extractor).__name__,
@@ -213,6 +220,8 @@ def _parameters(policy: ActorCriticPolicy) -> dict[str, torch.Tensor]:
             named[f"touch.{name}.strength"] = extractor._strength[name]
             named |= _layers(f"touch.{name}", pad)
     named |= _layers("policy", policy.mlp_extractor.policy_net, policy.action_net)
+    if isinstance(policy, AsymmetricPolicy):
+        return named
     return named | _layers("value", policy.mlp_extractor.value_net, policy.value_net)
 
 
@@ -236,10 +245,14 @@ def _network(policy: ActorCriticPolicy, channels: dict[str, int]) -> Network:
     space, extractor = policy.observation_space, policy.features_extractor
     felt: Any = extractor._pads if isinstance(extractor, TouchExtractor) else {}
     return {
-        "order": list(space) if isinstance(space, gym.spaces.Dict) else list(channels),
+        "order": [name for name in space if name in channels]
+        if isinstance(space, gym.spaces.Dict)
+        else list(channels),
         "touch": {name: widths(pad) for name, pad in felt.items()},
         "policy": widths(policy.mlp_extractor.policy_net),
-        "value": widths(policy.mlp_extractor.value_net),
+        "value": None
+        if isinstance(policy, AsymmetricPolicy)
+        else widths(policy.mlp_extractor.value_net),
         "activation": policy.activation_fn.__name__,
     }
 
@@ -254,6 +267,8 @@ def _statistics(
         return saved, numbers
     saved["clip"], saved["epsilon"] = float(normaliser.clip_obs), float(normaliser.epsilon)
     for names, running in _running(normaliser, channels):
+        if not set(names) <= set(channels):
+            continue
         ends = np.cumsum([channels[name] for name in names])[:-1]
         saved["channels"] += names
         saved["count"] = float(running.count)

@@ -32,7 +32,7 @@ from ruffini.agents import CHECKPOINT, CHECKPOINT_AGENT, RUN, Agent
 from ruffini.agents.params import Params, params
 from ruffini.agents.sb3 import from_sb3, to_sb3
 from ruffini.evaluation import about_this_run
-from ruffini.sb3 import TouchExtractor, fields, make_vec_env
+from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, fields, make_vec_env
 
 __all__ = ["FirstWithoutTouch", "new_model", "resume", "train"]
 
@@ -76,7 +76,7 @@ def train(
     if agent is not None:
         form = "flat" if agent.card["policy"] == "MlpPolicy" else "dict"
         algorithm = {k: value for k, value in chosen.algorithm.items() if k != "policy_kwargs"}
-        chosen = replace(chosen, algorithm=algorithm, steps_without_touch=0)
+        chosen = replace(chosen, algorithm=algorithm, steps_without_touch=0, privileged=[])
         settings = agent.settings | (settings or {}) | {"obs": form}
     chosen = chosen.with_settings(settings or {})
     model = new_model(env_id, chosen, seed, threads, agent)
@@ -121,7 +121,11 @@ def resume(
     chosen = replace(chosen, steps_without_touch=chosen.steps_without_touch - done)
     envs = make_environment(about["env"], chosen, about["seed"], threads)
     # Bounds follow the settings: an agent may go on under harder ones, with the same channels.
-    Agent.read(saved / CHECKPOINT_AGENT).check(envs.observation_space)
+    seen = envs.observation_space
+    if isinstance(seen, gym.spaces.Dict):
+        names = [name for name in seen if name not in chosen.privileged]
+        seen = gym.spaces.Dict({name: seen[name] for name in names})
+    Agent.read(saved / CHECKPOINT_AGENT).check(seen)
     normalised = VecNormalize.load(str(saved / "normaliser.pkl"), envs.venv)
     normalised.observation_space = envs.observation_space
     spaces = {"observation_space": envs.observation_space, "action_space": envs.action_space}
@@ -148,8 +152,11 @@ def new_model(
         return model
     if chosen.obs == "flat":
         return PPO("MlpPolicy", envs, **arguments)
-    touch = {"features_extractor_class": TouchExtractor}
+    touch: dict[str, Any] = {"features_extractor_class": TouchExtractor}
     arguments["policy_kwargs"] = arguments["policy_kwargs"] | touch
+    if chosen.privileged:
+        arguments["policy_kwargs"] |= {"privileged": chosen.privileged}
+        return PPO(AsymmetricPolicy, envs, **arguments)
     return PPO("MultiInputPolicy", envs, **arguments)
 
 
@@ -162,6 +169,8 @@ def make_environment(
     """
     settings = {"num_threads": threads} | chosen.training | chosen.environment
     settings |= {"obs": chosen.obs}
+    if chosen.obs == "dict" and chosen.privileged:
+        settings["observation"] = [*observed(env_id, settings), *chosen.privileged]
     made: dict[str, Any] = {"n_envs": chosen.n_envs, "seed": seed}
     envs: VecEnv = make_vec_env(env_id, **made, **settings)
     # An agent that is shown touch alone learns nothing without.
@@ -177,6 +186,14 @@ def make_environment(
         keys = [name for name in envs.observation_space if name not in felt]
     gamma = chosen.algorithm["gamma"]
     return VecNormalize(monitored, norm_reward=False, gamma=gamma, norm_obs_keys=keys)
+
+
+def observed(env_id: str, settings: dict[str, Any]) -> list[str]:
+    """Names of the channels of an environment with these settings."""
+    single = {name: value for name, value in settings.items() if name != "num_threads"}
+    env = gym.make(env_id, **single)
+    assert isinstance(env.observation_space, gym.spaces.Dict), "asked for"
+    return list(env.observation_space)
 
 
 def untouched(space: gym.Space[Any]) -> list[str]:
