@@ -85,6 +85,22 @@ def test_a_run_goes_on(run, tmp_path, capsys):
         assert text in capsys.readouterr().err
 
 
+def test_what_only_the_value_function_sees_is_not_the_agents(tmp_path):
+    pytest.importorskip("stable_baselines3")
+    folder = tmp_path / "asymmetric"
+    words = ["train", "insert-peg", *EIGHT, "--out", folder]
+    settings = json.dumps({"tactile": "compliance", "resolution": {"nodes": 150}})
+    assert command(*words, "--steps", 256, "--settings", settings) == 0
+    assert command(*words, "--steps", 512, "--resume") == 0
+    agent = agents.load(folder)
+    assert list(agent.channels) == ["proprio", "wrench", "markers"]
+    about = json.loads((folder / agents.RUN).read_text())
+    assert about["params"]["privileged"] == ["insertion"]
+    assert (
+        command(*words[:2], "--from", folder, *EIGHT, "--steps", 256, "--out", tmp_path / "b") == 0
+    )
+
+
 def test_an_interrupt_keeps_what_was_learnt(tmp_path, monkeypatch, capsys):
     sb3 = pytest.importorskip("stable_baselines3")
     train, calls = sb3.PPO.train, []

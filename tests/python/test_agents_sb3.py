@@ -8,13 +8,14 @@ import pytest
 pytest.importorskip("stable_baselines3")
 
 import torch
-from stable_baselines3 import SAC
+from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.torch_layers import CombinedExtractor
+from stable_baselines3.common.vec_env import VecNormalize
 from tiny_agent import BLIND, HOLD, LIFT, TOUCH, exported, trained
 
 from ruffini.agents import Agent, load
-from ruffini.agents.sb3 import export, to_sb3
-from ruffini.sb3 import make_vec_env
+from ruffini.agents.sb3 import export, from_sb3, to_sb3
+from ruffini.sb3 import AsymmetricPolicy, fields, make_vec_env
 
 MARKERS = TOUCH | {"observation": ["wrench", "markers", "proprio"]}
 KINDS = {
@@ -171,3 +172,45 @@ def test_a_model_without_a_normaliser_is_an_agent_too(tmp_path):
         expected, _ = model.predict(observation, deterministic=True)
         assert np.abs(agent.predict(observation)[0] - expected).max() <= ROUNDING
     assert to_sb3(agent).get_vec_normalize_env().norm_obs is False
+
+
+def test_privileged_channels_reach_the_value_function_alone(tmp_path):
+    settings = TOUCH | {"observation": ["markers", "object", "proprio"]}
+    envs = make_vec_env(HOLD, 2, seed=0, **settings)
+    keys = [name for name in envs.observation_space if name not in fields(envs.observation_space)]
+    normaliser = VecNormalize(envs, norm_reward=False, norm_obs_keys=keys)
+    kwargs = {"privileged": ["object"], "net_arch": [8]}
+    model = PPO(AsymmetricPolicy, normaliser, n_steps=32, policy_kwargs=kwargs, device="cpu")
+    before = [p.detach().clone() for p in model.policy.vf_features_extractor.parameters()]
+    model.learn(64)
+    after = model.policy.vf_features_extractor.parameters()
+    assert not all(torch.equal(a, b) for a, b in zip(before, after, strict=True))
+
+    observation = normaliser.reset()
+    other = observation | {"object": observation["object"] + 1.0}
+    actions = [model.predict(seen, deterministic=True)[0] for seen in (observation, other)]
+    np.testing.assert_array_equal(*actions)
+    tensors = [model.policy.obs_to_tensor(seen)[0] for seen in (observation, other)]
+    with torch.no_grad():
+        assert not torch.equal(*(model.policy.predict_values(tensor) for tensor in tensors))
+
+    about = {"seed": 0, "threads": 1, "commit": ""}
+    asked = TOUCH | {"observation": ["markers", "proprio"]}
+    agent = from_sb3(model, normaliser, env_id=HOLD, settings=asked, **about)
+    agent.write(tmp_path / "tiny.safetensors")
+    agent = load(tmp_path / "tiny.safetensors")
+    assert agent.card["network"]["value"] is None and "object" not in agent.channels
+    raw = normaliser.get_original_obs()
+    found, _ = agent.predict({name: raw[name] for name in agent.channels})
+    expected, _ = model.predict(normaliser.normalize_obs(raw), deterministic=True)
+    assert np.abs(found - expected).max() <= ROUNDING
+    further = to_sb3(agent)
+    further.learn(64)
+    assert from_sb3(further, further.get_vec_normalize_env(), env_id=HOLD, settings=asked, **about)
+
+
+@pytest.mark.parametrize("privileged", [["wrench"], ["object", "proprio"]])
+def test_privileged_channels_are_some_of_the_observed_ones(privileged):
+    envs = make_vec_env(HOLD, 1, tactile="none", observation=["object", "proprio"], obs="dict")
+    with pytest.raises(ValueError, match=f"privileged: found {', '.join(privileged)}, expected"):
+        PPO(AsymmetricPolicy, envs, policy_kwargs={"privileged": privileged}, device="cpu")
