@@ -169,13 +169,14 @@ The network was trained on presses of the GelSight Mini's pad (Poisson's ratio 0
 the DIGIT's. Here it is asked, as it is shipped, on pads of another thickness, curvature or outline
 too, which are the Mini's but for what their names say; *trained* are the three that were in its
 training data, *not trained* the others. Balls of 3 and 8 mm radius are pressed to 5, 15 and 30 % of
-the thickness, and a block 10 mm wide to 10 %, 1 mm beside the middle, with Young's modulus
-0.30 MPa, Poisson's ratio 0.47 where no other is said, and friction {sizes[friction]}. Errors do not
-depend on Young's modulus: force and stress are in proportion to it.
+the thickness, and a block 10 mm wide (half an edge 5 mm) to 10 %, 1 mm beside the middle, with
+Young's modulus 0.30 MPa, Poisson's ratio 0.47 where no other is said, and friction
+{sizes[friction]}. Errors do not depend on Young's modulus: force and stress are in proportion to
+it.
 
 Truth: quadratic finite elements on a mesh of {sizes[nodes of the truth]:,} nodes refined towards
-the contact. {known} Relative L² errors of the last frame in displacement / von Mises stress / force
-in %; *linear* is the answer that the network corrects, `LinearPad()`.
+the contact, in four load steps. {known} Relative L² errors of the last frame in displacement / von
+Mises stress / force in %; *linear* is the answer that the network corrects, `LinearPad()`.
 
 ![errors by pad](sensors.svg)
 
@@ -197,8 +198,9 @@ holds for 95 in 100.
 
 {made}"""
 KNOWN = """On the Mini, {coarse} nodes give an answer that differs from it by at most
-{displacement:100*.1f} / {stress:100*.1f} / {force:100*.1f} %, in the worst of the presses."""
-LOSING = """By its median, the network is worse than its linear answer in: {pads}."""
+{displacement:100*.1f} / {stress:100*.1f} / {force:100*.1f} % on one press, so smaller
+differences say nothing."""
+LOSING = """By its median error, the network is worse than its linear answer on: {pads}."""
 ALL_WON = """By its median, the network is nearer to the truth than its linear answer on every pad,
 in displacement, stress and force."""
 
