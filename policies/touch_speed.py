@@ -16,9 +16,10 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 from ruffini.evaluation import about_this_run
-from ruffini.policies import scripted
+from ruffini.policies import part, scripted
 
 MODELS = ("none", "surrogate", "compliance")
 OBJECTS = ("sphere", "cuboid", "cylinder", "cup")
@@ -41,6 +42,11 @@ def main() -> None:
     out.write_text(json.dumps(report, indent=1) + "\n")
 
 
+def pad_forces(observation: dict[str, Any]) -> NDArray[np.float32]:
+    """Normal force on each pad (N, 2) in N."""
+    return part(observation, "proprio", "normal force of each pad")
+
+
 def environments(model: str, name: str) -> Any:
     """A few environments on one thread."""
     one: dict[str, Any] = {"tactile": model, "objects": [name], "num_threads": 1}
@@ -56,7 +62,7 @@ def measure(model: str, name: str) -> dict[str, Any]:
         action, _ = policy.predict(observation)
         start = time.process_time()
         observation, _, terminated, truncated, info = envs.step(action)
-        if (observation["proprio"][:, 12:14] > FELT).all():
+        if (pad_forces(observation) > FELT).all():
             seconds += time.process_time() - start
             counted += COUNT
         over = terminated | truncated
@@ -82,7 +88,7 @@ def untouched(model: str) -> float:
         start = time.process_time()
         for _ in range(STEPS):
             observation, *_ = envs.step(still)
-            if (observation["proprio"][:, 12:14] > FELT).any():
+            if (pad_forces(observation) > FELT).any():
                 raise RuntimeError("a pad touches")
         best = max(best, COUNT * STEPS / (time.process_time() - start))
     print({"tactile": model, "untouched": best}, flush=True)

@@ -38,7 +38,11 @@ COUNT = 4
 """Environments of a scene."""
 BASE = ["proprio", "object"]
 MARKERS = [*BASE, "markers"]
-TOUCH = [*MARKERS, "stress", "traction", "slip", "displacement", "depth", "trust"]
+TOUCH = [*MARKERS, "stress", "tet_stress", "traction", "slip", "displacement", "depth", "image"]
+TOUCH += ["trust"]
+OMITTED = ("displacement", "stress", "tet_stress", "depth", "image")
+"""Channels that a scene leaves out; with `stress`, `tet_stress` too, which needs the same stress of
+the gel."""
 NETWORK, LINEAR = {"tactile": "surrogate"}, {"tactile": "compliance"}
 FULL = "network, all channels"
 SCENES: dict[str, dict[str, Any]] = {
@@ -51,13 +55,13 @@ SCENES: dict[str, dict[str, Any]] = {
     "linear, 500 nodes": LINEAR | {"observation": MARKERS, "resolution": {"nodes": 500}},
     **{
         f"network, all but {channel}": NETWORK
-        | {"observation": [name for name in TOUCH if name != channel]}
-        for channel in ("displacement", "stress", "depth")
+        | {"observation": [name for name in TOUCH if not name.endswith(channel)]}
+        for channel in OMITTED
     },
     FULL: NETWORK | {"observation": TOUCH},
     "fem, markers": {"tactile": "fem", "observation": MARKERS},
 }
-LEFT_OUT = {name: f"network, all but {name}" for name in ("displacement", "stress", "depth")}
+LEFT_OUT = {name: f"network, all but {name}" for name in OMITTED}
 LEFT_OUT |= {"all channels but markers": "network, markers", "touch": "rigid"}
 """Scenes that lack one part of the full scene, by that part."""
 BOTH = ("rigid", "linear, markers", "network, markers", FULL)
@@ -108,7 +112,7 @@ def make(options: Namespace) -> dict:
 
 def cost(name: str, thing: str, steps: int) -> dict:
     """Steps a second, stages and memory of a scene while a scripted policy holds an object."""
-    from touch_speed import FELT
+    from touch_speed import FELT, pad_forces
 
     before = resident()
     envs = GraspLiftVectorEnv(COUNT, num_threads=1, objects=[thing], **SCENES[name])
@@ -123,7 +127,7 @@ def cost(name: str, thing: str, steps: int) -> dict:
         begun, clock = time.process_time(), time.perf_counter()
         observation, *_ = envs.step(action)
         took, waited = time.process_time() - begun, time.perf_counter() - clock
-        if (observation["proprio"][:, 12:14] > FELT).all():
+        if (pad_forces(observation) > FELT).all():
             held, spent, wall = held + COUNT, spent + took, wall + waited
             stages.append({stage: us for stage, _, us in envs.plan()})
     share = spent / wall if wall else 0.0
@@ -231,7 +235,9 @@ def savings(scenes: dict) -> dict:
             if thing in scenes.get(other, {}):
                 saved = whole["us"] - scenes[other][thing]["us"]
                 row = {"saved": saved, "share": saved / whole["us"]}
-                found.setdefault(part, {})[thing] = row | {"stage": whole["stages"].get(part)}
+                found.setdefault(part, {})[thing] = row | {
+                    "stage": whole["stages"].get(f"channel {part}")
+                }
     return found
 
 

@@ -16,7 +16,7 @@ from engine.pages import WRITTEN, requoted
 from engine.rows import KEPT, OUT
 
 REPORTS = ["dataset", "episode", "fem", "load", "networks", "paper", "pareto", "reality"]
-REPORTS += ["scene_cost", "shapes", "sim_to_sim", "soak", "stability", "unseen"]
+REPORTS += ["scene_cost", "sensors", "shapes", "sim_to_sim", "soak", "stability", "unseen"]
 
 
 def main(arguments: list[str]) -> None:
