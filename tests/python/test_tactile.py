@@ -381,3 +381,26 @@ def test_a_picture_shows_stress_beside_the_scene_and_changes_nothing():
 def test_bad_settings_are_named(settings, message):
     with pytest.raises(ValueError, match=message.replace("[", r"\[")):
         GraspLiftEnv(**{**OVER_OBJECT, **settings})
+
+
+def test_a_network_of_ones_own_is_felt_with():
+    weights = Path(__file__).parents[2] / "env-core/assets/weights/pads.safetensors"
+    settings = {"objects": "sphere", "observation": ["markers", "wrench"], "start": 0.0}
+    felt = []
+    for chosen in ({}, {"network": weights}):
+        envs = gym.make_vec("ruffini/HoldStill-v0", num_envs=1, **settings, **chosen)
+        felt.append(envs.reset(seed=0)[0])
+        envs.close()
+    for name in ("markers", "wrench"):
+        assert np.abs(felt[0][name]).max() > 0
+        np.testing.assert_array_equal(felt[0][name], felt[1][name])
+    agent = Path(ruffini.agents.__file__).parent / "HoldStill-v0.safetensors"
+    for wrong, text in (
+        ({"network": "none.safetensors"}, "none.safetensors"),
+        ({"network": agent}, "HoldStill-v0.safetensors"),
+        ({"network": weights, "tactile": "compliance"}, "network: found .*, expected none where"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            gym.make("ruffini/GraspLift-v0", **wrong)
+    with pytest.raises(ValueError, match="the fingers are rigid"):
+        gym.make("ruffini/GraspSoft-v0", network=weights)

@@ -6,11 +6,11 @@ use sha2::{Digest, Sha256};
 use super::{Row, Setup};
 use crate::{Error, Result, task::TaskConfig};
 
-const MARK: [u8; 8] = *b"ruffini1";
+const MARK: [u8; 8] = *b"ruffini2";
 const HEADER: usize = 24;
 
 /// First bytes of the SHA-256 of the settings without the time limit, which does not change the
-/// state of the bodies.
+/// state of the bodies. Files are known by their paths alone.
 pub(super) fn fingerprint(config: &TaskConfig) -> [u8; 8] {
     let config = TaskConfig { max_episode_steps: 0, ..config.clone() };
     digest(&serde_json::to_vec(&config).expect("settings came from JSON or validated values"))

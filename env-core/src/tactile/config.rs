@@ -111,12 +111,19 @@ pub struct TactileConfig {
     pub material: Option<GelMaterial>,
     /// Resolution of mesh and channels.
     pub resolution: Resolution,
+    /// Path of the weights of [`Choice::Surrogate`]; the shipped ones if not given.
+    pub network: Option<String>,
 }
 
 impl Default for TactileConfig {
     fn default() -> Self {
-        let (material, resolution) = (None, Resolution::default());
-        Self { choice: Choice::default(), sensor: "gelsight-mini".into(), material, resolution }
+        Self {
+            choice: Choice::default(),
+            sensor: "gelsight-mini".into(),
+            material: None,
+            resolution: Resolution::default(),
+            network: None,
+        }
     }
 }
 
@@ -167,6 +174,10 @@ impl TactileConfig {
                 let expected = format!("1 to {most} across and along");
                 return Err(Error::invalid(name, format!("{counts:?}"), expected));
             }
+        }
+        if let (Some(found), false) = (&self.network, self.choice == Choice::Surrogate) {
+            let expected = "none where tactile is not \"surrogate\"";
+            return Err(Error::invalid("network", found, expected));
         }
         self.material(&self.sensor()?)?;
         Ok(())

@@ -1,6 +1,9 @@
 //! Models that solve presses, built once for all environments with the same settings.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::{
+    path::Path,
+    sync::{Arc, Mutex, PoisonError},
+};
 
 use rayon::ThreadPoolBuilder;
 
@@ -52,8 +55,8 @@ impl TactilePad {
         if config.choice == Choice::None {
             return Ok(None);
         }
-        // A sensor file may have changed, so an instance built from one is not reused.
-        let is_file = config.sensor.contains('.');
+        // A file may have changed, so an instance built from one is not reused.
+        let is_file = config.sensor.contains('.') || config.network.is_some();
         let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, touch)) = built.iter().find(|(known, _)| known == config && !is_file) {
             return Ok(Some(touch.clone()));
@@ -143,7 +146,7 @@ impl DeformationModel for Model {
     }
 }
 
-/// Loads the shipped network for the gel of `sensor`.
+/// Loads the network for the gel of `sensor`.
 fn trained(config: &TactileConfig, sensor: &Sensor) -> Result<Surrogate> {
     let (law, moduli) = config.material(sensor)?;
     if law != Law::NeoHookean {
@@ -151,7 +154,10 @@ fn trained(config: &TactileConfig, sensor: &Sensor) -> Result<Surrogate> {
         return Err(Error::invalid("material", law, expected));
     }
     let friction = sensor.friction.at_rest;
-    let model = alone(|| Surrogate::new(sensor, moduli, friction))?;
+    let model = alone(|| match &config.network {
+        Some(path) => Surrogate::load(Path::new(path), sensor, moduli, friction),
+        None => Surrogate::new(sensor, moduli, friction),
+    })?;
     let nodes = model.card().model_nodes;
     if nodes != config.resolution.nodes {
         let expected = format!("{nodes}, those of the surrogate");

@@ -48,6 +48,8 @@ pub struct TaskConfig {
     pub sensor: String,
     /// Material of its gel: the name of a calibration, or moduli; the first calibration if `None`.
     pub material: Option<GelMaterial>,
+    /// Path of the network's weights; the shipped ones if `None`.
+    pub network: Option<String>,
     /// Young's modulus of the gel relative to that of its material.
     pub gel_stiffness: Range,
     /// Resolution of the pads' mesh and of the channels.
@@ -101,6 +103,7 @@ impl TaskConfig {
             tactile: touch.choice,
             sensor: touch.sensor,
             material: touch.material,
+            network: touch.network,
             gel_stiffness: AS_CALIBRATED,
             resolution: touch.resolution,
             sensor_errors: SensorErrors::new(),
@@ -136,8 +139,8 @@ impl TaskConfig {
 
     /// Settings of touch.
     pub fn touch(&self) -> TactileConfig {
-        let Self { tactile: choice, sensor, material, resolution, .. } = self.clone();
-        TactileConfig { choice, sensor, material, resolution }
+        let Self { tactile: choice, sensor, material, resolution, network, .. } = self.clone();
+        TactileConfig { choice, sensor, material, resolution, network }
     }
 
     /// Names of the observation's channels: those that are set, or the default ones of the task.

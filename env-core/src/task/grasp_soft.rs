@@ -110,6 +110,10 @@ impl Rules for GraspSoft {
             let expected = "surrogate: it computes the deformation of the soft object";
             return Err(Error::invalid("tactile", serde_json::json!(config.tactile), expected));
         }
+        if let Some(found) = &config.network {
+            let expected = "none: the setting is for networks of pads, and the fingers are rigid";
+            return Err(Error::invalid("network", found, expected));
+        }
         if config.size != [1.0, 1.0] {
             let found = format!("{:?}", config.size);
             return Err(Error::invalid("size", found, "1: soft objects have one size"));

@@ -10,7 +10,7 @@ use crate::{Error, Result};
 
 /// Names of the settings that are no numbers; of those that are no mappings of numbers, with the
 /// allowed values and a description.
-pub(super) const OTHERS: [(&str, Option<[&str; 2]>); 12] = [
+pub(super) const OTHERS: [(&str, Option<[&str; 2]>); 13] = [
     (
         "objects",
         Some([
@@ -42,6 +42,14 @@ pub(super) const OTHERS: [(&str, Option<[&str; 2]>); 12] = [
              0 to 0.4999995",
             "gel: a calibration of the sensor, or its Young's modulus and Poisson's ratio; none is the \
              sensor's first calibration",
+        ]),
+    ),
+    (
+        "network",
+        Some([
+            "a .safetensors file",
+            "weights of ``tactile=\"surrogate\"``, as ``ruffini network train`` writes them; none is \
+             the network that comes with the package",
         ]),
     ),
     ("resolution", None),
@@ -101,6 +109,7 @@ impl TaskConfig {
             "tactile" => self.tactile = read(name, value)?,
             "sensor" => self.sensor = read(name, value)?,
             "material" => self.material = read(name, value)?,
+            "network" => self.network = read(name, value)?,
             "resolution" => self.resolution = overlaid(name, &self.resolution, value)?,
             "observation" => self.observation = read(name, &listed(value))?,
             "sensor_errors" => self.sensor_errors = read(name, value)?,

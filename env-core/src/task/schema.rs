@@ -63,6 +63,7 @@ fn others(config: &TaskConfig) -> Vec<Value> {
         "tactile" => json!(config.tactile),
         "sensor" => json!(config.sensor),
         "material" => json!(config.material),
+        "network" => json!(config.network),
         "observation" => json!(config.channels()),
         "sensor_errors" => json!(config.sensor_errors),
         "reward_weights" => json!(weights),

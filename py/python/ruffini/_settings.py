@@ -7,6 +7,7 @@ import json
 import re
 import reprlib
 from collections.abc import Iterable, Mapping, Sequence
+from os import PathLike
 from typing import Any, Literal, TypedDict
 
 import numpy as np
@@ -58,6 +59,7 @@ class Settings(TypedDict, total=False):
     tactile: Literal["surrogate", "compliance", "fem", "none"]
     sensor: str
     material: str | Mapping[str, float]
+    network: str | PathLike[str]
     resolution: Mapping[str, int | Sequence[int]]
     observation: str | Sequence[str]
     sensor_errors: Mapping[str, Mapping[str, float | Sequence[float]]]
