@@ -8,6 +8,7 @@ grip until it slips. Maps show the pads after 0.6 s, curves the whole episode.
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 from typing import Any
 
@@ -177,6 +178,7 @@ def curves(name: str, lines: dict[str, Floats], grip: Floats, label: str) -> Non
 
 def main() -> None:
     """Draws every channel."""
+    argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0]).parse_args()
     HERE.mkdir(exist_ok=True)
     env, films = episode()
     skin, now = env.skin(), {name: film[SHOWN] for name, film in films.items()}
