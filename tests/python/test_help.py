@@ -63,3 +63,24 @@ def test_links_of_no_site_are_a_failure(tmp_path, monkeypatch, capsys):
         assert stop.value.code == 2
         said = capsys.readouterr().err.splitlines()[-1]
         assert said.endswith(f"{folder}: found {found}, expected a built site")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "policies/study.py --pages",
+        "policies/touch_speed.py",
+        "py/docs/channels.py",
+        "py/reports/scenes.py tasks",
+    ],
+)
+def test_what_writes_committed_files_is_told_where(line, monkeypatch, capsys):
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("stable_baselines3")
+    script, *words = line.split()
+    monkeypatch.syspath_prepend(ROOT / Path(script).parent)
+    monkeypatch.setattr(sys, "argv", [script, *words])
+    with pytest.raises(SystemExit) as stop:
+        runpy.run_path(str(ROOT / script), run_name="__main__")
+    assert stop.value.code == 2
+    assert "the following arguments are required: --out" in capsys.readouterr().err
