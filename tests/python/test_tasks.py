@@ -61,6 +61,18 @@ def test_a_docstring_has_every_term_channel_and_setting_with_its_default(task):
         assert len(cells) == 5 and all(cells), row
 
 
+def test_channels_are_all_that_environments_accept():
+    accepted = set()
+    for env_id in IDS:
+        with pytest.raises(ValueError, match="observation: found nothing, expected one") as refusal:
+            gym.make(env_id, observation="nothing")
+        names = str(refusal.value).partition("one or more of ")[2].removesuffix(", each once")
+        accepted |= {*names.split(", ")}
+    assert accepted == {*ruffini.CHANNELS}
+    assert len(ruffini.CHANNELS) == len(accepted)
+    assert {"squeeze", "insertion", *ruffini.TACTILE_CHANNELS} <= accepted
+
+
 def test_the_first_docstring_has_every_setting_and_every_entry_of_one():
     text, settings = ruffini.envs.GraspLiftEnv.__doc__, set(get_type_hints(Settings))
     named = set(re.findall(r"^ *\| ``(\w+)[\w.]*`` \|", text, re.MULTILINE))
