@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ruffini._core import Batch
 from ruffini._schema import ENDINGS, TASKS, specification
-from ruffini._settings import to_json
+from ruffini._settings import naming_nearest, to_json
 from ruffini._spaces import Renderer, Spaces
 
 
@@ -100,7 +100,8 @@ class Native:
 
     def _new_batch(self) -> Batch:
         settings = to_json(self._settings, self.TASK)
-        return Batch(settings, self._rows, self._threads, self._autoreset)
+        with naming_nearest():
+            return Batch(settings, self._rows, self._threads, self._autoreset)
 
     def _begin(
         self, seeds: list[int | None] | None, mask: NDArray[np.bool_] | None

@@ -6,7 +6,8 @@ import difflib
 import json
 import re
 import reprlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, Literal, TypedDict
 
 import numpy as np
@@ -96,6 +97,39 @@ def nearest(word: str, known: Iterable[str]) -> str:
     letters = {re.sub(r"[\W_]", "", name.lower()): name for name in known}
     near = difflib.get_close_matches(re.sub(r"[\W_]", "", word.lower()), letters, 1)
     return f", did you mean {letters[near[0]]!r}?" if near else ","
+
+
+_UNKNOWN = re.compile(
+    r"(?P<about>(?:found|unknown field|unknown variant) (?P<mark>[`'\"]?)(?P<word>[^\s,`'\"]+)"
+    r"(?P=mark)), expected (?P<known>.+)"
+)
+"""Part of a message that has an unknown word, and what was expected in its place."""
+_BETWEEN = re.compile(r"one or more of |,? or |, |: |of | for |channels ")
+"""Text between the words of a list."""
+
+
+def with_nearest(message: str) -> str:
+    """A message, with the nearest known word if it names an unknown one and lists the known."""
+
+    def hinted(found: re.Match[str]) -> str:
+        words = [word.strip("`'\"") for word in _BETWEEN.split(found["known"])]
+        known = [word for word in words if re.fullmatch(r"[\w-]+", word)]
+        hint = "," if found["word"] in known else nearest(found["word"], known)
+        return f"{found['about']}{hint} expected {found['known']}"
+
+    return _UNKNOWN.sub(hinted, message)
+
+
+@contextmanager
+def naming_nearest() -> Iterator[None]:
+    """Add the nearest known word to the message of a ``ValueError`` of the native layer."""
+    try:
+        yield
+    except ValueError as error:
+        message = with_nearest(str(error))
+        if message == str(error):
+            raise
+        raise ValueError(message) from None
 
 
 def plain(value: Any) -> Any:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini._schema import TASKS
+from ruffini._settings import nearest
 from ruffini.evaluation import Policy
 from ruffini.policies._parts import part
 
@@ -65,6 +66,7 @@ def scripted(env_id: str) -> Policy:
     name = env_id.split("/")[-1].split("-v")[0]
     if name not in TASKS:
         known = ", ".join(f"ruffini/{task}-v0" for task in TASKS)
-        raise ValueError(f"env_id: found {env_id!r}, expected one of {known}")
+        near = nearest(env_id, (f"ruffini/{task}-v0" for task in TASKS))
+        raise ValueError(f"env_id: found {env_id!r}{near} expected one of {known}")
     module = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
     return ScriptedPolicy(importlib.import_module(f"ruffini.policies.{module}").act)
