@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 
 import numpy as np
@@ -217,6 +218,16 @@ TETRAHEDRON = "v 0 0 0\nv 20 0 0\nv 0 20 0\nv 0 0 20\nf 1 3 2\nf 1 2 4\nf 1 4 3\
 def test_the_nearest_known_word_is_named(settings, found, near):
     message = outcome(GraspLiftEnv, **settings)
     assert f"{found}, did you mean {near!r}? expected " in message, message
+
+
+def test_arguments_of_the_constructor_are_among_the_known_words():
+    for make in (GraspLiftEnv, GraspLiftVectorEnv):
+        own = inspect.signature(make).parameters.values()
+        own = [each.name for each in own if each.kind is each.POSITIONAL_OR_KEYWORD]
+        assert f"expected one of {', '.join(own)}, mass, " in outcome(make, nonsense=1)
+    for name, near in (("num_thread", "num_threads"), ("nenvs", "num_envs"), ("with", "width")):
+        assert f"{name!r}, did you mean {near!r}?" in outcome(GraspLiftVectorEnv, **{name: 3})
+    assert "'env_kwargs', expected one of num_envs" in outcome(GraspLiftVectorEnv, env_kwargs={})
 
 
 def test_the_nearest_known_word_is_named_elsewhere(tmp_path):

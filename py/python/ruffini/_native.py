@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -59,6 +60,9 @@ class Native:
     TASK: ClassVar[str]
     """Name of the task."""
 
+    _ARGUMENTS: ClassVar[Sequence[str]]
+    """Names of the arguments of the constructor that are no settings."""
+
     _batch: Batch
     _spaces: Spaces
     _renderer: Renderer
@@ -99,7 +103,7 @@ class Native:
         self._spaces = Spaces(self._batch, self._obs, self._observed)
 
     def _new_batch(self) -> Batch:
-        settings = to_json(self._settings, self.TASK)
+        settings = to_json(self._settings, self.TASK, self._ARGUMENTS)
         with naming_nearest():
             return Batch(settings, self._rows, self._threads, self._autoreset)
 

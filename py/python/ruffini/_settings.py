@@ -68,18 +68,24 @@ class Settings(TypedDict, total=False):
     physics: Mapping[str, float]
 
 
-def to_json(settings: Mapping[str, Any], task: str) -> str:
+def to_json(settings: Mapping[str, Any], task: str, arguments: Sequence[str] = ()) -> str:
     """Convert the settings of a task to the JSON that Rust reads.
+
+    Args:
+        settings: Values by name.
+        task: Name of the task.
+        arguments: What else the environment takes, for the error of an unknown name.
 
     Raises:
         TypeError: If a setting is unknown.
         ValueError: If a value is not a finite number, a name, or a list or mapping of those.
     """
+    known = [*arguments, *SETTINGS]
     for name in settings:
         if name not in SETTINGS:
             raise TypeError(
-                f"got an unexpected keyword argument {name!r}{nearest(name, SETTINGS)} "
-                f"expected one of {', '.join(SETTINGS)}"
+                f"got an unexpected keyword argument {name!r}{nearest(name, known)} "
+                f"expected one of {', '.join(known)}"
             )
     given = {name: value for name, value in settings.items() if value is not None}
     if isinstance(given.get("objects"), Mapping):

@@ -41,6 +41,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
     """
 
     metadata = METADATA
+    _ARGUMENTS = ("render_mode", "obs", "width", "height")
 
     def __init__(
         self,

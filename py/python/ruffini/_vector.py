@@ -52,6 +52,10 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
     """
 
     metadata = METADATA
+    _ARGUMENTS = (
+        *("num_envs", "num_threads", "autoreset_mode"),
+        *("render_mode", "obs", "width", "height"),
+    )
 
     @classmethod
     def _about(cls, task: str) -> str:
