@@ -377,6 +377,40 @@ def towards(force: Any, observation: dict[str, np.ndarray]) -> np.ndarray:
     return action
 
 
+class Watched(dict):
+    """Observations that take note of what is read of them."""
+
+    def __init__(self, observation: dict[str, np.ndarray]) -> None:
+        super().__init__(observation)
+        self.read: set[str] = set()
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        self.read.add(name)
+        return super().__getitem__(name)
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_a_scripted_policy_names_the_channels_that_it_reads(env_id):
+    policy, task = scripted(env_id), env_id.split("/")[1].removesuffix("-v0")
+    envs = gym.make_vec(env_id, num_envs=2, **NEEDED.get(env_id, {}))
+    observation = Watched(envs.reset(seed=0)[0])
+    policy.predict(observation)
+    row = re.search(rf"^ *\| {task} \| (.+) \|$", scripted.__doc__, re.MULTILINE)
+    reads = re.findall(r"``(\w+)``", row[1])
+    assert observation.read == {*reads}
+    expected = f"expected the channels {', '.join(reads)} of N environments"
+    lost = {name: values for name, values in observation.items() if name != reads[-1]}
+    first = {name: values[0] for name, values in observation.items()}
+    flat_ones = np.concatenate(list(observation.values()), axis=1)
+    for wrong, found in (
+        (lost, f"found no {reads[-1]} among {', '.join(lost)}"),
+        (first, f"found {reads[0]} of shape ({len(first[reads[0]])},)"),
+        (flat_ones, f"found an array of shape {flat_ones.shape}"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(f"observation: {found}, {expected}")):
+            policy.predict(wrong)
+
+
 class Proportional:
     """Grips by what it holds: so many times the largest shear of a pad lately."""
 
