@@ -28,6 +28,11 @@ NO_LIMIT = 1_000_000
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 25}
 
 
+_WINDOW = (
+    'gymnasium.make(..., render_mode="human") shows a window, with pip install "ruffini[human]"'
+)
+
+
 class Spaces:
     """Spaces of one environment, and extraction of observations from the batch's matrix.
 
@@ -72,7 +77,8 @@ class Renderer:
 
     def __init__(self, mode: str | None, width: int, height: int) -> None:
         if mode is not None and mode not in METADATA["render_modes"]:
-            raise ValueError(f"render_mode: found {mode!r}, expected None or 'rgb_array'")
+            hint = f"; {_WINDOW}" if mode == "human" else ""
+            raise ValueError(f"render_mode: found {mode!r}, expected None or 'rgb_array'{hint}")
         for name, pixels in (("width", width), ("height", height)):
             if not (isinstance(pixels, int) and 16 <= pixels <= 4096):
                 raise ValueError(f"{name}: found {pixels!r}, expected 16 to 4096 pixels")
