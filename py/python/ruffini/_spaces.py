@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +113,15 @@ def check_writable(name: str, path: Path) -> None:
         raise ValueError(f"{name}: {path}: {error.strerror}") from None
     if not there:
         path.unlink()
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise a ``ValueError`` that names the file where writing to `path` fails."""
+    try:
+        yield
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror or error}") from None
 
 
 def check_options(options: Any, known: Sequence[str] = ()) -> None:

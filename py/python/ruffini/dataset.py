@@ -341,7 +341,7 @@ class Dataset:
         """Plot the distributions of depth, force, shear and stress to a .png or .svg file.
 
         Raises:
-            ValueError: If the file has another ending.
+            ValueError: If the file has another ending or cannot be written.
         """
         _distributions.draw(self, path)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ruffini import Shape
+from ruffini._spaces import writing
 
 _LARGE = 1.0
 """Size from which on a file is likely to be in millimetres (m)."""
@@ -71,7 +72,7 @@ def _repair(file: Path, out: Path) -> list[str]:
     """Write the mended mesh; return what was changed.
 
     Raises:
-        ValueError: If the file cannot be read, or holes are left.
+        ValueError: If the file cannot be read, holes are left, or `out` cannot be written.
     """
     if out.suffix.lower() not in (".obj", ".stl"):
         raise ValueError(f"repair: found {out}, expected a name that ends in .obj or .stl")
@@ -106,5 +107,7 @@ def _repair(file: Path, out: Path) -> list[str]:
             f"{file}: not watertight after repair, which closes holes of three and four edges; "
             f"expected a closed surface"
         )
-    mesh.export(out)
+    content = mesh.export(file_type=out.suffix.lower()[1:])
+    with writing(out):
+        out.write_bytes(content.encode() if isinstance(content, str) else content)
     return [f"{'repaired':<12} {change}" for change in said or ["nothing to mend"]]
