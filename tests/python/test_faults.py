@@ -1,4 +1,4 @@
-"""A full disk, and a folder that cannot be written.
+"""A full disk, a folder that cannot be written, and more environments than a user has meant.
 
 Kills, Ctrl-C, forked children, and damaged shards and weights have tests where the rest of their
 matter is tested.
@@ -7,12 +7,16 @@ matter is tested.
 from __future__ import annotations
 
 import os
+import resource
+import time
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from tiny_dataset import TINY
 
-from ruffini import Shape, SimulationError, video
+from ruffini import Shape, SimulationError, dataset, video
 from ruffini.commands import main
 from ruffini.policies import RandomPolicy
 
@@ -102,6 +106,18 @@ def test_a_video_on_a_full_disk_is_one_line(suffix, full, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+def test_a_generation_on_a_full_disk_names_its_file_and_leaves_no_half_of_it(tmp_path):
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # A file that is larger fails as one on a full disk does.
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    try:
+        with pytest.raises(ValueError, match=r"meshes/0\.safetensors: File too large"):
+            dataset.generate(tmp_path, threads=1, **TINY)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.rglob("*.safetensors"))
+
+
 @pytest.mark.parametrize(
     "words",
     [
@@ -120,3 +136,18 @@ def test_what_cannot_be_written_is_named_in_one_line(words, box, closed, capsys)
     line = refused([places.get(word, word) for word in words], capsys)
     assert f"{closed}/a" in line
     assert "ermission denied" in line or "not permitted" in line, line
+
+
+def test_ten_thousand_environments_are_made_and_step():
+    start, count = time.process_time(), 10_000
+    envs = gym.make_vec(TASK, num_envs=count, obs="flat", tactile="none")
+    envs.reset(seed=0)
+    observation, reward, *_ = envs.step(np.zeros((count, 5), np.float32))
+    seconds = time.process_time() - start
+    assert observation.shape == (count, *envs.single_observation_space.shape)
+    assert np.isfinite(observation).all() and np.isfinite(reward).all()
+    last = gym.make(TASK, obs="flat", tactile="none")
+    last.reset(seed=count - 1)
+    np.testing.assert_array_equal(last.step(np.zeros(5, np.float32))[0], observation[-1])
+    # Two seconds; ten times as many on a slow machine, or of a build without optimisation.
+    assert seconds < 20, f"{seconds} s of processor time"
