@@ -14,8 +14,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-import ray
-
 from ruffini import dataset
 
 
@@ -25,13 +23,13 @@ def fill(folder: str, shard: str, config: str | None, settings: dict[str, Any]) 
     return shard
 
 
-remote = ray.remote(num_cpus=1)(fill)
-
-
 def generate(
     folder: str, config: str | None, commit: str = "", **settings: Any
 ) -> dataset.Dataset | None:
     """The dataset that `ruffini.dataset.generate` makes, by all machines of the cluster."""
+    import ray
+
+    remote = ray.remote(num_cpus=1)(fill)
     shards = dataset.shards(config, **settings)
     dataset.generate(folder, config, shards=[], **settings)  # The folder and its meshes.
     left = [remote.remote(folder, shard, config, settings) for shard in shards]
@@ -50,6 +48,8 @@ def main() -> None:
     parser.add_argument("--address", help="of a running cluster; one of this machine if not given")
     parser.add_argument("--cpus", type=int, help="of a cluster of this machine; all if not given")
     options = parser.parse_args()
+    import ray
+
     ray.init(address=options.address, num_cpus=options.cpus, include_dashboard=False)
     config = str(Path(options.config).resolve()) if options.config else None
     made = generate(str(Path(options.folder).resolve()), config, options.commit)

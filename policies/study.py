@@ -2,14 +2,14 @@
 
 Use::
 
-    python policies/study.py                                # all that is missing, hours
-    python policies/study.py --env ruffini/HoldStill-v0 --kind touch --seeds 100 101
-    python policies/study.py --pages                        # pages of the rows there are
+    python policies/study.py --out policies/results         # all that is missing, hours
+    python policies/study.py --out mine --env ruffini/HoldStill-v0 --kind touch --seeds 100 101
+    python policies/study.py --out policies/results --pages # pages of the rows there are
 
 Hyper-parameters were tuned on seeds 0 to 4; the seeds here, 100 and up, were not looked at before
-they were reported. Rows are lines of JSON in ``policies/results/<environment>.jsonl``: settings,
+they were reported. Rows are lines of JSON in ``<environment>.jsonl`` of the folder: settings,
 learning curve, time, and success over evaluation seeds that no tuning has seen. A stopped study
-goes on with the first run that has no row. Beside the rows are a page and a picture of them.
+goes on with the first run that has no row there. Beside the rows are a page and a picture of them.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from ruffini.evaluation import about_this_run, evaluate
 from study_pages import write_pages
 
 RESULTS = Path(__file__).parent / "results"
+"""Folder of the rows that are committed."""
 FIRST_SEED = 100
 """Training seeds are this and the following."""
 EPISODES = 200
@@ -63,9 +64,9 @@ def number_of_seeds(kind: str) -> int:
     return 10 if kind == "touch" else 5
 
 
-def rows_of(env_id: str) -> list[dict[str, Any]]:
+def rows_of(env_id: str, folder: Path = RESULTS) -> list[dict[str, Any]]:
     """The finished runs of an environment."""
-    file = RESULTS / f"{env_id.split('/')[-1]}.jsonl"
+    file = folder / f"{env_id.split('/')[-1]}.jsonl"
     return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
 
 
@@ -114,6 +115,7 @@ def run(
 def main() -> None:
     """Parses the command line, trains what is missing, writes the pages."""
     parser = argparse.ArgumentParser(description="Train every agent from many seeds.")
+    parser.add_argument("--out", type=Path, required=True, help="folder of rows and pages")
     parser.add_argument("--env", choices=sorted(KINDS), help="this environment alone")
     parser.add_argument("--kind", help="this kind of agent alone: touch, force, blind or rigid")
     parser.add_argument("--seeds", type=int, nargs="+", help="these training seeds alone")
@@ -121,6 +123,8 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, help="folder to keep the training runs in")
     parser.add_argument("--pages", action="store_true", help="train nothing")
     arguments = parser.parse_args()
+    out: Path = arguments.out
+    out.mkdir(parents=True, exist_ok=True)
     chosen = [arguments.env] if arguments.env else list(KINDS)
     for env_id in [] if arguments.pages else chosen:
         params(env_id)
@@ -131,18 +135,18 @@ def main() -> None:
                 parser.error(f"--kind: found {kind!r}, expected one of {known} for {env_id}")
             first, count = FIRST_SEED, number_of_seeds(kind)
             for seed in arguments.seeds or range(first, first + count):
-                if any((row["kind"], row["seed"]) == (kind, seed) for row in rows_of(env_id)):
+                if any((row["kind"], row["seed"]) == (kind, seed) for row in rows_of(env_id, out)):
                     continue
                 name = f"{env_id.split('/')[-1]}-{kind}-{seed}"
                 print(f"{name}", flush=True)
                 keep = arguments.keep / name if arguments.keep else None
                 row = run(env_id, kind, seed, arguments.threads, keep)
-                with (RESULTS / f"{env_id.split('/')[-1]}.jsonl").open("a") as file:
+                with (out / f"{env_id.split('/')[-1]}.jsonl").open("a") as file:
                     file.write(json.dumps(row) + "\n")
                 print(f"{name}: {row['success']:.1%} in {row['wall'] / 60:.1f} min", flush=True)
     for env_id in chosen:
-        if rows := rows_of(env_id):
-            write_pages(rows, RESULTS / env_id.split("/")[-1])
+        if rows := rows_of(env_id, out):
+            write_pages(rows, out / env_id.split("/")[-1])
 
 
 if __name__ == "__main__":

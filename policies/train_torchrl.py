@@ -17,6 +17,26 @@ import time
 from pathlib import Path
 from typing import Any
 
+
+def command_line() -> argparse.ArgumentParser:
+    """The options of the script."""
+    parser = argparse.ArgumentParser(description="Train an agent with TorchRL.")
+    parser.add_argument("--env-id", default="ruffini/GraspLift-v0", help="environment")
+    parser.add_argument("--steps", type=int, default=160 * 2048, help="environment steps")
+    parser.add_argument("--seed", type=int, default=0, help="training seed")
+    parser.add_argument("--n-envs", type=int, default=64, help="environments stepped together")
+    parser.add_argument("--tactile", default="none", help="model of touch")
+    parser.add_argument("--episodes", type=int, default=200, help="evaluation episodes")
+    parser.add_argument(
+        "--out", type=Path, default=Path(__file__).parent / "runs/torchrl", help="folder"
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    # For --help, before what takes seconds to import or is not installed.
+    command_line().parse_args()
+
 import gymnasium as gym
 import numpy as np
 import torch
@@ -169,16 +189,7 @@ def train(envs: gym.vector.VectorEnv[Any, Any, Any], steps: int, seed: int) -> A
 
 def main() -> None:
     """Parses the command line, trains, judges and saves."""
-    parser = argparse.ArgumentParser(description="Train an agent with TorchRL.")
-    parser.add_argument("--env-id", default="ruffini/GraspLift-v0", help="environment")
-    parser.add_argument("--steps", type=int, default=160 * 2048, help="environment steps")
-    parser.add_argument("--seed", type=int, default=0, help="training seed")
-    parser.add_argument("--n-envs", type=int, default=64, help="environments stepped together")
-    parser.add_argument("--tactile", default="none", help="model of touch")
-    parser.add_argument("--episodes", type=int, default=200, help="evaluation episodes")
-    parser.add_argument(
-        "--out", type=Path, default=Path(__file__).parent / "runs/torchrl", help="folder"
-    )
+    parser = command_line()
     arguments = parser.parse_args()
     if min(arguments.steps, arguments.n_envs, arguments.episodes) < 1:
         parser.error("--steps, --n-envs and --episodes: expected at least 1")

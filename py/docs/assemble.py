@@ -14,6 +14,7 @@
 
 from __future__ import annotations
 
+import argparse
 import ast
 import copy
 import inspect
@@ -234,6 +235,12 @@ def package() -> None:
 
 def main() -> None:
     """Makes the source of the site anew."""
+    argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0]).parse_args()
+    assemble()
+
+
+def assemble() -> None:
+    """Makes pages and package in folders that are emptied first."""
     for folder in (PAGES, PYTHON):
         shutil.rmtree(folder, ignore_errors=True)
     pages()

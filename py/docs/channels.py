@@ -1,6 +1,6 @@
 """Pictures of what each channel of touch is, all from one episode.
 
-    python py/docs/channels.py            # writes channels/<channel>.png beside itself
+    python py/docs/channels.py --out py/docs/channels    # writes <channel>.png there
 
 HoldStill: a ball of 150 g, pulled down by 1 N more, hangs between the fingers, which loosen their
 grip until it slips. Maps show the pads after 0.6 s, curves the whole episode.
@@ -8,6 +8,7 @@ grip until it slips. Maps show the pads after 0.6 s, curves the whole episode.
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,6 @@ from PIL import Image
 import ruffini
 
 Floats = NDArray[np.floating[Any]]
-HERE = Path(__file__).parent / "channels"
 CHANNELS = ["proprio", "wrench", *ruffini.TACTILE_CHANNELS]
 SHOWN = 15
 """Step whose pads are drawn."""
@@ -59,12 +59,12 @@ def episode() -> tuple[Any, dict[str, Floats]]:
     return env.unwrapped, {name: film.reshape(len(rows), 2, -1) for name, film in films.items()}
 
 
-def save(figure: Figure, name: str) -> None:
+def save(figure: Figure, file: Path) -> None:
     """Writes the figure with 256 colours, which halves its size."""
     figure.canvas.draw()
     pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]
     picture = Image.fromarray(pixels).quantize(256, dither=Image.Dither.NONE)
-    picture.save(HERE / f"{name}.png", optimize=True)
+    picture.save(file, optimize=True)
     plt.close(figure)
 
 
@@ -78,7 +78,7 @@ def two_pads(width: float, height: float) -> tuple[Figure, list[Axes]]:
     return figure, list(axes)
 
 
-def arrows(name: str, rest: Floats, pads: Floats, longer: float, size: float) -> None:
+def arrows(rest: Floats, pads: Floats, longer: float, size: float) -> Figure:
     """Draws motion (m) of places at rest (m): arrows for x and y, colour for z."""
     figure, axes = two_pads(11, 13.5)
     places, pads = rest[:, :2].T * MM, pads.reshape(2, len(rest), 3) * MM
@@ -90,10 +90,10 @@ def arrows(name: str, rest: Floats, pads: Floats, longer: float, size: float) ->
         ax.quiver(*places, *shear, angles="xy", scale_units="xy", scale=1, width=0.006)
     figure.suptitle(f"motion in x and y, drawn {longer:g} times as long", fontsize=10)
     figure.colorbar(dots, ax=axes, shrink=0.8, label="motion in z (mm)")
-    save(figure, name)
+    return figure
 
 
-def cells(name: str, rest: Floats, pads: Floats, label: str, palette: str, half: float) -> None:
+def cells(rest: Floats, pads: Floats, label: str, palette: str, half: float) -> Figure:
     """Draws one number for each cell of a grid on both pads."""
     figure, axes = two_pads(11, half)
     x, y = (np.unique(rest[:, axis].round(7)) * MM for axis in (0, 1))
@@ -101,10 +101,10 @@ def cells(name: str, rest: Floats, pads: Floats, label: str, palette: str, half:
         grid = values.reshape(len(y), len(x))
         drawn = ax.pcolormesh(x, y, grid, cmap=palette, vmin=pads.min(), vmax=pads.max())
     figure.colorbar(drawn, ax=axes, shrink=0.8, label=label)
-    save(figure, name)
+    return figure
 
 
-def traction(rest: Floats, pads: Floats) -> None:
+def traction(rest: Floats, pads: Floats) -> Figure:
     """Draws pressure as colours and shear as arrows."""
     figure, axes = two_pads(11, 13.5)
     x, y = (np.unique(rest[:, axis].round(7)) * MM for axis in (0, 1))
@@ -116,10 +116,10 @@ def traction(rest: Floats, pads: Floats) -> None:
     longest = np.linalg.norm(pads[..., :2], axis=-1).max()
     figure.suptitle(f"arrows: shear, the longest {longest:.0f} kPa", fontsize=10)
     figure.colorbar(drawn, ax=axes, shrink=0.8, label="pressure, -z (kPa)")
-    save(figure, "traction")
+    return figure
 
 
-def image(rest: Floats, pads: Floats) -> None:
+def image(rest: Floats, pads: Floats) -> Figure:
     """Draws the pictures of both cameras."""
     rows, columns = (len(np.unique(rest[:, axis].round(9))) for axis in (1, 0))
     low, high = rest.min(axis=0) * MM, rest.max(axis=0) * MM
@@ -127,10 +127,10 @@ def image(rest: Floats, pads: Floats) -> None:
     for ax, picture in zip(axes, pads.reshape(2, rows, columns, 3), strict=True):
         ax.imshow(picture, origin="lower", extent=(low[0], high[0], low[1], high[1]))
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    save(figure, "image")
+    return figure
 
 
-def tet_stress(pads: Floats) -> None:
+def tet_stress(pads: Floats) -> Figure:
     """Draws the tetrahedra that the plane y = 0 cuts."""
     mesh = ruffini.Surrogate().body.mesh
     corners = mesh.vertices[mesh.tets] * MM
@@ -144,7 +144,7 @@ def tet_stress(pads: Floats) -> None:
         ax.set(aspect="equal", xlim=(-11, 11), ylim=(-4.3, 0.3), title=title, ylabel="z (mm)")
     axes[1].set_xlabel("across, x (mm)")
     figure.colorbar(drawn, ax=axes, shrink=0.8, label="von Mises stress (kPa)")
-    save(figure, "tet_stress")
+    return figure
 
 
 def polygon(tet: Floats) -> Floats | None:
@@ -160,7 +160,7 @@ def polygon(tet: Floats) -> Floats | None:
     return points[np.argsort(np.arctan2(around[:, 1], around[:, 0]))]
 
 
-def curves(name: str, lines: dict[str, Floats], grip: Floats, label: str) -> None:
+def curves(lines: dict[str, Floats], grip: Floats, label: str) -> Figure:
     """Draws numbers over the episode, and the force of the grip under them."""
     figure, axes = plt.subplots(
         2, 1, sharex=True, figsize=(6.4, 3.6), dpi=110, layout="constrained", height_ratios=[3, 1]
@@ -172,30 +172,48 @@ def curves(name: str, lines: dict[str, Floats], grip: Floats, label: str) -> Non
     axes[0].set_ylabel(label)
     axes[1].plot(seconds, grip, color="0.4")
     axes[1].set(xlabel="time (s)", ylabel="grip (N)", ylim=(0, None))
-    save(figure, name)
+    return figure
+
+
+def figures() -> dict[str, Figure]:
+    """A figure of every channel."""
+    env, films = episode()
+    skin, now = env.skin(), {name: film[SHOWN] for name, film in films.items()}
+    stress, depth = now["stress"] * KPA, now["depth"] * MM
+    grip = np.abs(films["wrench"][:-1, :, 2]).mean(axis=1)
+    force = zip(
+        ("across, x", "along the finger, y", "out of the gel, z"),
+        films["wrench"][:-1, 0, :3].T,
+        strict=True,
+    )
+    slip = zip(PADS, films["slip"][:-1, :, 0].T, strict=True)
+    trust = zip(
+        ("unbalanced force (N)", "its share", "1 if deeper than calibrated"),
+        films["trust"][:-1, 0].T,
+        strict=True,
+    )
+    return {
+        "markers": arrows(skin["markers"], now["markers"], 10, 40),
+        "displacement": arrows(skin["surface"], now["displacement"], 10, 12),
+        "stress": cells(skin["grid"], stress, "von Mises stress (kPa)", "magma_r", 13.5),
+        "depth": cells(skin["depth"], depth, "height of the face (mm)", "gray", 13.5),
+        "image": image(skin["image"], now["image"]),
+        "traction": traction(skin["grid"], now["traction"]),
+        "tet_stress": tet_stress(now["tet_stress"]),
+        "wrench": curves(dict(force), grip, "force on the pad on -x (N)"),
+        "slip": curves(dict(slip), grip, "share of the force that slides"),
+        "trust": curves(dict(trust), grip, "of the pad on -x"),
+    }
 
 
 def main() -> None:
     """Draws every channel."""
-    HERE.mkdir(exist_ok=True)
-    env, films = episode()
-    skin, now = env.skin(), {name: film[SHOWN] for name, film in films.items()}
-    arrows("markers", skin["markers"], now["markers"], 10, 40)
-    arrows("displacement", skin["surface"], now["displacement"], 10, 12)
-    stress, depth = now["stress"] * KPA, now["depth"] * MM
-    cells("stress", skin["grid"], stress, "von Mises stress (kPa)", "magma_r", 13.5)
-    cells("depth", skin["depth"], depth, "height of the face (mm)", "gray", 13.5)
-    image(skin["image"], now["image"])
-    traction(skin["grid"], now["traction"])
-    tet_stress(now["tet_stress"])
-    grip = np.abs(films["wrench"][:-1, :, 2]).mean(axis=1)
-    force, trust = films["wrench"][:-1, 0, :3].T, films["trust"][:-1, 0].T
-    names = ("across, x", "along the finger, y", "out of the gel, z")
-    curves("wrench", dict(zip(names, force, strict=True)), grip, "force on the pad on -x (N)")
-    slip = films["slip"][:-1, :, 0].T
-    curves("slip", dict(zip(PADS, slip, strict=True)), grip, "share of the force that slides")
-    names = ("unbalanced force (N)", "its share", "1 if deeper than calibrated")
-    curves("trust", dict(zip(names, trust, strict=True)), grip, "of the pad on -x")
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("--out", type=Path, required=True, help="folder of the pictures")
+    out: Path = parser.parse_args().out
+    out.mkdir(parents=True, exist_ok=True)
+    for name, figure in figures().items():
+        save(figure, out / f"{name}.png")
 
 
 if __name__ == "__main__":

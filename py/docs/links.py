@@ -5,6 +5,7 @@ python py/docs/links.py target/site/html
 
 from __future__ import annotations
 
+import argparse
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
@@ -30,8 +31,15 @@ class Page(HTMLParser):
 
 
 def lost(folder: Path) -> list[str]:
-    """Links that lead nowhere, each with the page that it stands on."""
+    """Links that lead nowhere, each with the page that it stands on.
+
+    Raises:
+        ValueError: If there are no pages.
+    """
     pages = {file.resolve(): Page(file) for file in folder.resolve().rglob("*.html")}
+    if not pages:
+        found = "no .html file" if folder.is_dir() else "no folder"
+        raise ValueError(f"{folder}: found {found}, expected a built site")
     wrong = []
     for file, page in pages.items():
         for link in page.links:
@@ -48,7 +56,17 @@ def lost(folder: Path) -> list[str]:
     return sorted(set(wrong))
 
 
-if __name__ == "__main__":
-    missing = lost(Path(sys.argv[1]))
+def main() -> None:
+    """Prints the links that lead nowhere; exit status 1 if there are any."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("folder", type=Path, help="of the built site")
+    try:
+        missing = lost(parser.parse_args().folder)
+    except ValueError as error:
+        parser.error(str(error))
     if missing:
         sys.exit("links that lead nowhere:\n" + "\n".join(missing))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,8 +1,7 @@
 """Pictures: a lemon between two gel pads, a soft strawberry between two plates, environments.
 
-    python py/reports/scenes.py            # writes grasp.png, soft.png, touch.png to tests/reports,
-                                           # and a picture of each task to py/docs
-    python py/reports/scenes.py tasks      # those of the tasks alone
+    python py/reports/scenes.py bodies --out tests/reports   # grasp.png, soft.png, touch.png
+    python py/reports/scenes.py tasks --out py/docs          # a picture of each task
 
 Those of environments are what `render` gives: HoldStill with touch, a loaded ball in the hand;
 every task when its scripted policy has first succeeded.
@@ -16,6 +15,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 from itertools import combinations, pairwise
+from pathlib import Path
 
 import gymnasium
 import matplotlib
@@ -27,7 +27,6 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
 import ruffini
-from engine import OUT, ROOT
 from meshes import at_nodes, surface, turned
 from ruffini import Fem, Grasp, Press, PressError, Shape, SoftBody
 from ruffini._schema import TASKS
@@ -36,7 +35,6 @@ from ruffini.policies import scripted
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
-DOCS = ROOT / "py/docs"
 SEED, AFTER = 3, 25
 """Of the episodes that are shown, and the steps after which a success counts there."""
 PICTURED = {"ruffini/GraspLift-v0": "cylinder", "ruffini/GraspSoft-v0": "lemon"}
@@ -159,11 +157,11 @@ def stress_bar(figure, axes, scale):
     bar.set_label("von Mises stress (kPa)")
 
 
-def save(figure, name):
+def save(figure, file: Path):
     """Writes the figure without its opacity, packed as tightly as can be."""
     figure.canvas.draw()
     pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]
-    Image.fromarray(pixels).save(OUT / name, optimize=True)
+    Image.fromarray(pixels).save(file, optimize=True)
 
 
 def coloured(triangles, color):
@@ -194,7 +192,7 @@ def hold(thing, pad):
     return grasp, path[-1], frames[-1]
 
 
-def picture_of_a_grasp():
+def picture_of_a_grasp(out: Path):
     """Writes grasp.png."""
     pad, thing = Fem(ruffini.sensor("gelsight-mini", resolution=1000), FRICTION), OBJECTS["lemon-1"]
     mesh, faces = pad.body.mesh, surface(pad.body.mesh)
@@ -216,7 +214,7 @@ def picture_of_a_grasp():
         ax.set_title(f"{name} pad, {np.linalg.norm(answer.wrench[:3]):.1f} N", fontsize=10)
     axes[0].set_ylabel("along the finger (mm)")
     stress_bar(figure, axes, scale)
-    save(figure, "grasp.png")
+    save(figure, out / "grasp.png")
 
 
 def face_map(ax, mesh, faces, answer, stress, scale):
@@ -255,7 +253,7 @@ def squeeze(mesh):
     return answers[-1], force
 
 
-def picture_of_a_squeeze():
+def picture_of_a_squeeze(out: Path):
     """Writes soft.png."""
     mesh = OBJECTS["strawberry-1"].tets(SPACING)
     answer, force = squeeze(mesh)
@@ -286,13 +284,13 @@ def picture_of_a_squeeze():
     cut.set(aspect="equal", xlabel="x (mm)", ylabel="z (mm)")
     cut.set_title("section through the middle", fontsize=10)
     stress_bar(figure, cut, scale)
-    save(figure, "soft.png")
+    save(figure, out / "soft.png")
 
 
 # An environment with touch.
 
 
-def picture_of_touch():
+def picture_of_touch(out: Path):
     """Writes touch.png."""
     env = gymnasium.make(
         "ruffini/HoldStill-v0",
@@ -306,11 +304,11 @@ def picture_of_touch():
     env.reset(seed=1)
     for _ in range(15):
         env.step(np.zeros(5, np.float32))
-    Image.fromarray(env.render()).save(OUT / "touch.png", optimize=True)
+    Image.fromarray(env.render()).save(out / "touch.png", optimize=True)
     print(f"touch: {env.unwrapped.look()}")
 
 
-def pictures_of_tasks():
+def pictures_of_tasks(out: Path):
     """Writes <task>.png of every task."""
     for env_id in (f"ruffini/{task}-v0" for task in TASKS):
         objects = PICTURED.get(env_id)
@@ -325,20 +323,23 @@ def pictures_of_tasks():
             observation, _, terminated, truncated, info = env.step(action[0])
             over, steps = terminated or truncated, steps + 1
         name = env_id.split("/")[1].removesuffix("-v0")
-        Image.fromarray(env.render()).save(DOCS / f"{name}.png", optimize=True)
+        Image.fromarray(env.render()).save(out / f"{name}.png", optimize=True)
         print(f"{name}: {env.unwrapped.look()}")
 
 
 def main() -> None:
     """Draws the pictures that are chosen."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
-    parser.add_argument("which", nargs="?", choices=["tasks"], help="all if not given")
-    which = parser.parse_args().which
-    pictures_of_tasks()
-    if which is None:
-        picture_of_touch()
-        picture_of_a_grasp()
-        picture_of_a_squeeze()
+    parser.add_argument("which", choices=["bodies", "tasks"], help="pressed bodies, or all tasks")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the pictures")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    if options.which == "tasks":
+        pictures_of_tasks(options.out)
+        return
+    picture_of_touch(options.out)
+    picture_of_a_grasp(options.out)
+    picture_of_a_squeeze(options.out)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import ruffini
+from ruffini._schema import SHARED_CHANNELS
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "policies"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "reference"))
@@ -19,12 +19,12 @@ IDS = sorted(name for name in gym.registry if name.startswith("ruffini/"))
 OBSERVATIONS: dict[str, dict[str, Any]] = {
     "default": {},
     "flat": {"obs": "flat"},
-    "all": {"observation": ruffini.CHANNELS},
-    "all flat": {"observation": ruffini.CHANNELS, "obs": "flat"},
-    **{channel: {"observation": channel} for channel in ruffini.CHANNELS},
+    "all": {"observation": SHARED_CHANNELS},
+    "all flat": {"observation": SHARED_CHANNELS, "obs": "flat"},
+    **{channel: {"observation": channel} for channel in SHARED_CHANNELS},
 }
 WHOLE = ["default", "flat", "all", "all flat"]
-"""Choices with every channel among them, for what is slow."""
+"""Choices with every shared channel among them, for what is slow."""
 NEEDED: dict[str, dict[str, Any]] = {
     # A coarse pad: the shipped network has one size.
     "ruffini/GraspFragile-v0": {"tactile": "compliance", "resolution": {"nodes": 300}},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 
 import numpy as np
@@ -9,7 +10,10 @@ import pytest
 from gymnasium.error import ClosedEnvironmentError
 
 import ruffini
+from ruffini import dataset
+from ruffini._settings import with_nearest
 from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
+from ruffini.policies import scripted
 
 JUNK = [
     None,
@@ -171,8 +175,84 @@ def test_a_message_names_the_setting_what_was_found_and_what_was_expected(settin
 TETRAHEDRON = "v 0 0 0\nv 20 0 0\nv 0 20 0\nv 0 0 20\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
-def test_the_nearest_setting_is_named():
-    assert "'frction', did you mean 'friction'?" in outcome(GraspLiftEnv, frction=0.5)
+@pytest.mark.parametrize(
+    ("settings", "found", "near"),
+    [
+        ({"frction": 0.5}, "'frction'", "friction"),
+        ({"observation": "Proprio"}, "observation: found Proprio", "proprio"),
+        ({"observation": ["proprio", "marker"]}, "observation: found marker", "markers"),
+        ({"tactile": "surogate"}, "tactile: unknown variant `surogate`", "surrogate"),
+        ({"objects": ["cup", "shpere"]}, 'object: found "shpere"', "sphere"),
+        ({"objects": {"shape": "shpere"}}, "objects[0]: unknown variant `shpere`", "sphere"),
+        (
+            {"objects": {"shape": "sphere", "radus": 1}},
+            "objects[0]: unknown field `radus`",
+            "radius",
+        ),
+        (
+            {"objects": {"mesh": "a.stl", "scal": 1}},
+            "objects[0]: unknown field `scal`",
+            "scale",
+        ),
+        ({"sensor": "gelsight"}, "sensor: found gelsight", "gelsight-mini"),
+        ({"material": "tacflx"}, "material: found tacflx", "tacflex"),
+        ({"material": "feat"}, "material: found feat", "feats"),
+        ({"material": {"yung": 1e5}}, "material: unknown field `yung`", "young"),
+        ({"gripper": {"max_forc": 3}}, "gripper.max_forc: unknown field `max_forc`", "max_force"),
+        ({"reward_weights": {"lft": 3}}, "reward_weights: found lft", "lift"),
+        ({"sensor_errors": {"marker": {}}}, "sensor_errors: found marker", "markers"),
+        (
+            {"sensor_errors": {"markers": {"nois": 3}}},
+            "sensor_errors.markers.nois: unknown field `nois`",
+            "noise",
+        ),
+        ({"resolution": {"marker": 3}}, "resolution.marker: unknown field `marker`", "markers"),
+        (
+            {"physics": {"iteration": 8}},
+            "physics.iteration: unknown field `iteration`",
+            "iterations",
+        ),
+        ({"workspace": {"lo": 3}}, "workspace.lo: unknown field `lo`", "low"),
+    ],
+)
+def test_the_nearest_known_word_is_named(settings, found, near):
+    message = outcome(GraspLiftEnv, **settings)
+    assert f"{found}, did you mean {near!r}? expected " in message, message
+
+
+def test_arguments_of_the_constructor_are_among_the_known_words():
+    for make in (GraspLiftEnv, GraspLiftVectorEnv):
+        own = inspect.signature(make).parameters.values()
+        own = [each.name for each in own if each.kind is each.POSITIONAL_OR_KEYWORD]
+        assert f"expected one of {', '.join(own)}, mass, " in outcome(make, nonsense=1)
+    for name, near in (("num_thread", "num_threads"), ("nenvs", "num_envs"), ("with", "width")):
+        assert f"{name!r}, did you mean {near!r}?" in outcome(GraspLiftVectorEnv, **{name: 3})
+    assert "'env_kwargs', expected one of num_envs" in outcome(GraspLiftVectorEnv, env_kwargs={})
+
+
+def test_the_nearest_known_word_is_named_elsewhere(tmp_path):
+    assert "did you mean 'NextStep'?" in outcome(GraspLiftVectorEnv, autoreset_mode="next-step")
+    assert "did you mean 'ruffini/" in outcome(scripted, "ruffini/GraspLft-v0")
+    config = tmp_path / "a.toml"
+    for text, near in (("truth_noodes = 3\n", "truth_nodes"), ("[[gels]]\nyoug = 1e5\n", "young")):
+        config.write_text(text)
+        assert f"did you mean {near!r}?" in outcome(dataset.shards, config)
+    for ask in (dataset.estimate, dataset.generate):
+        assert "`objcts`, did you mean 'objects'?" in outcome(ask, tmp_path / "out", objcts=2)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        "load: found 1, expected nothing: GraspLift has no such setting",
+        "observation: found proprio, expected one or more of proprio, object, each once",
+        "actions: found shape (4,), expected (5,)",
+        "mass: found x, expected one or two finite numbers",
+    ],
+)
+def test_a_message_about_something_else_stays_as_it_is(message):
+    assert with_nearest(message) == message
 
 
 def test_a_mesh_of_ones_own_can_be_grasped(tmp_path):

@@ -159,6 +159,26 @@ def test_a_registered_task_is_made_by_gymnasium_and_stable_baselines3():
         gym.registry.pop("test/Low-v0")
 
 
+def test_gymnasium_wraps_single_environments_in_turn_and_the_batch_as_a_whole():
+    task, settings = "ruffini/GraspLift-v0", {"num_envs": 2, "obs": "flat", **RIGID}
+
+    def half(env):
+        return gym.wrappers.TransformReward(env, lambda reward: 0.5 * reward)
+
+    with pytest.raises(gym.error.Error, match="wrappers argument"):
+        gym.make_vec(task, wrappers=[half], **settings)
+    turns = gym.make_vec(task, vectorization_mode="sync", wrappers=[half], **settings)
+    batch = gym.make_vec(task, **settings)
+    whole = gym.wrappers.vector.TransformReward(batch, lambda reward: 0.5 * reward)
+    plain = gym.make_vec(task, **settings)
+    rewards = []
+    for envs in (turns, whole, plain):
+        envs.reset(seed=0)
+        rewards.append(envs.step(np.zeros((2, 5), np.float32))[1])
+    np.testing.assert_array_equal(rewards[0], rewards[1])
+    np.testing.assert_array_equal(rewards[1], 0.5 * rewards[2])
+
+
 def test_a_copy_goes_on_as_the_original():
     envs = CustomVectorEnv(Low, 2, autoreset_mode="SameStep")
     envs.reset(seed=1)

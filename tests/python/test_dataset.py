@@ -423,6 +423,11 @@ def test_distributions_are_drawn_by_family(data, folder, tmp_path):
         # Pads cannot pull sideways with more than friction allows.
         assert (of["shear"] < 0.61).all(), of["shear"]
     assert command("plot", str(folder), "-o", "a.gif").returncode == 2
+    full = tmp_path / "full.png"
+    full.symlink_to("/dev/full")
+    refused = command("plot", str(folder), "-o", str(full))
+    assert refused.returncode == 2
+    assert refused.stderr == f"ruffini: {full}: No space left on device\n"
 
 
 def test_a_field_that_is_not_there_is_named(data):

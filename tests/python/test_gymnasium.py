@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import sys
+
 import gymnasium as gym
 import numpy as np
 import pytest
 from conftest import WHOLE, actions, flat
 from gymnasium.utils.env_checker import check_env
 
-from ruffini.envs import GraspLiftEnv
+from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 from ruffini.evaluation import evaluate
 from ruffini.policies import RandomPolicy, scripted
+
+RIGID = {"tactile": "none"}
 
 
 def test_gymnasium_finds_nothing_to_warn_about(env_id, choice):
@@ -38,6 +42,31 @@ def test_observations_stay_in_their_space(env_id, choice):
         if terminated or truncated:
             assert observation in env.observation_space, observation
             observation, _ = env.reset()
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_window_shows_every_step(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    pygame = pytest.importorskip("pygame")
+    env = gym.make("ruffini/GraspLift-v0", render_mode="human", width=160, height=120, **RIGID)
+    assert env.render_mode == "human"
+    env.reset(seed=0)
+    for action in actions(1, 3)[:, 0]:
+        env.step(action)
+        shown = pygame.surfarray.array3d(pygame.display.get_surface()).transpose(1, 0, 2)
+        np.testing.assert_array_equal(shown, env.unwrapped.render())
+    env.close()
+
+
+@pytest.mark.filterwarnings("default")
+def test_without_pygame_one_line_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    env = gym.make("ruffini/GraspLift-v0", render_mode="human", **RIGID)
+    with pytest.raises(gym.error.DependencyNotInstalled, match="pygame is not installed"):
+        env.reset(seed=0)
+    for make in (GraspLiftEnv, GraspLiftVectorEnv):
+        with pytest.raises(ValueError, match=r'with pip install "ruffini\[human\]"$'):
+            make(render_mode="human")
 
 
 @pytest.mark.parametrize("limit", [7, 150])

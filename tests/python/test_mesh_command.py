@@ -29,6 +29,35 @@ def test_a_closed_mesh_is_summed_up_and_millimetres_are_noticed(box, tmp_path, c
         Shape.read(large)
 
 
+@pytest.mark.parametrize(
+    ("size", "scale", "hint"),
+    [
+        (0.04, 1.0, None),
+        (0.29, 1.0, None),
+        (0.0004, 1.0, None),
+        (0.5, 1.0, "likely inches: with --scale 0.0254 its longest edge is 12.7 mm"),
+        (2.0, 1.0, "likely inches: with --scale 0.0254 its longest edge is 50.8 mm"),
+        (6.0, 1.0, "likely centimetres: with --scale 0.01 its longest edge is 60 mm"),
+        (40.0, 1.0, "likely millimetres: with --scale 0.001 its longest edge is 40 mm"),
+        (40.0, 0.01, "likely millimetres: with --scale 0.001 its longest edge is 40 mm"),
+        (0.05, 0.001, "likely metres: with --scale 1 its longest edge is 50 mm"),
+        (2000.0, 1.0, "a file in millimetres needs the scale 0.001"),
+    ],
+)
+def test_the_likely_unit_of_a_file_is_named(size, scale, hint, tmp_path, capsys):
+    file = tmp_path / "part.stl"
+    trimesh.creation.box((0.75 * size, 0.75 * size, size)).export(file)
+    status = main(["mesh", str(file), "--scale", str(scale)])
+    said = capsys.readouterr()
+    if status == 0:
+        units = [line for line in said.out.splitlines() if line.startswith("unit")]
+        assert units == ([] if hint is None else [f"{'unit':<12} {hint}"])
+    else:
+        assert size * scale > 0.99 or size * scale < 1e-4
+        assert said.err.startswith("ruffini: mesh size: found ")
+        assert said.err.endswith(f"; {hint}\n")
+
+
 def test_a_hole_is_closed(box, tmp_path, capsys):
     broken, mended = tmp_path / "broken.stl", tmp_path / "mended.stl"
     faces = box.faces[1:].copy()

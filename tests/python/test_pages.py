@@ -204,8 +204,8 @@ def test_signatures_of_the_reference_have_no_private_names(assemble):
 
 def test_the_site_has_all_that_it_links_to(assemble, tmp_path, monkeypatch):
     for name in ("SITE", "PAGES", "PYTHON"):
-        monkeypatch.setitem(assemble["main"].__globals__, name, tmp_path / name.lower())
-    assemble["main"]()
+        monkeypatch.setitem(assemble["assemble"].__globals__, name, tmp_path / name.lower())
+    assemble["assemble"]()
     pages = tmp_path / "pages"
     assert {f"environments/{task}.md" for task in TASKS} <= {
         page.relative_to(pages).as_posix() for page in pages.rglob("*.md")

@@ -206,6 +206,21 @@ def test_what_all_rows_are_asked_acts_on_all():
     assert envs.get_attr("label", 1) == [1]
 
 
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"nenvs": 2}, "found nenvs, expected n_envs"),
+        ({"env_kwargs": {"mass": 0.1}}, "found env_kwargs, expected its entries as arguments"),
+        ({"monitor_dir": "a"}, "found monitor_dir, expected stable_baselines3.common.vec_env.VecM"),
+        ({"vec_env_cls": DummyVecEnv}, "found vec_env_cls, expected none of them: rows are step"),
+        ({"wrapper_class": gym.Wrapper}, "found wrapper_class, .* in ruffini.custom, .* VecEnvWr"),
+    ],
+)
+def test_arguments_of_stable_baselines3_are_answered_with_what_takes_their_place(given, expected):
+    with pytest.raises(ValueError, match=f"^make_vec_env: {expected}"):
+        make_vec_env("ruffini/GraspLift-v0", **given)
+
+
 def test_ppo_learns_on_dict_observations():
     envs = VecMonitor(make_vec_env(ID, 4, seed=0, max_episode_steps=20))
     PPO("MultiInputPolicy", envs, n_steps=64, batch_size=64, n_epochs=1).learn(512)

@@ -13,6 +13,7 @@ pytest.importorskip("stable_baselines3")
 import torch
 
 import quickstart
+import study
 from ruffini import agents
 from ruffini.agents import CHECKPOINT
 from ruffini.agents.training import FirstWithoutTouch, train, untouched
@@ -46,6 +47,16 @@ def test_a_page_is_that_of_its_rows(env_id):
     }
     assert page(by_kind, name) == (RESULTS / f"{name}.md").read_text()
     assert len({(row["kind"], row["seed"]) for row in rows}) == len(rows), "a seed twice"
+
+
+def test_a_study_writes_to_its_folder_alone(tmp_path, monkeypatch):
+    row = rows_of(LIFT)[0]
+    (tmp_path / "GraspLift-v0.jsonl").write_text(json.dumps(row) + "\n")
+    monkeypatch.setattr("sys.argv", ["study.py", "--out", str(tmp_path), "--pages"])
+    study.main()
+    made = {file.name for file in tmp_path.iterdir()}
+    assert made == {f"GraspLift-v0.{suffix}" for suffix in ("jsonl", "md", "png")}
+    assert f"| {row['seed']} |" in (tmp_path / "GraspLift-v0.md").read_text()
 
 
 @pytest.mark.parametrize("env_id", KINDS)

@@ -363,7 +363,7 @@ def test_a_picture_shows_stress_beside_the_scene_and_changes_nothing():
     [
         ({"tactile": "touchy"}, "tactile: unknown variant `touchy`, expected one of `none`"),
         ({"tactile": 3}, "tactile"),
-        ({"sensor": "gelsight"}, "sensor: found gelsight, expected one of gelsight-mini, digit"),
+        ({"sensor": "gelsight"}, "sensor: found gelsight, did you mean 'gelsight-mini'"),
         ({"sensor": "no-such.toml"}, "no-such.toml"),
         ({"material": "steel"}, "material: found steel, expected one of tacflex, feats"),
         ({"material": {"young": 1e5}}, "missing field `poisson`"),

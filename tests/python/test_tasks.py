@@ -61,6 +61,18 @@ def test_a_docstring_has_every_term_channel_and_setting_with_its_default(task):
         assert len(cells) == 5 and all(cells), row
 
 
+def test_channels_are_all_that_environments_accept():
+    accepted = set()
+    for env_id in IDS:
+        with pytest.raises(ValueError, match="observation: found nothing, expected one") as refusal:
+            gym.make(env_id, observation="nothing")
+        names = str(refusal.value).partition("one or more of ")[2].removesuffix(", each once")
+        accepted |= {*names.split(", ")}
+    assert accepted == {*ruffini.CHANNELS}
+    assert len(ruffini.CHANNELS) == len(accepted)
+    assert {"squeeze", "insertion", *ruffini.TACTILE_CHANNELS} <= accepted
+
+
 def test_the_first_docstring_has_every_setting_and_every_entry_of_one():
     text, settings = ruffini.envs.GraspLiftEnv.__doc__, set(get_type_hints(Settings))
     named = set(re.findall(r"^ *\| ``(\w+)[\w.]*`` \|", text, re.MULTILINE))
@@ -363,6 +375,40 @@ def towards(force: Any, observation: dict[str, np.ndarray]) -> np.ndarray:
     action = np.zeros((len(observation["proprio"]), 5), np.float32)
     action[:, 4] = np.clip(np.log(force / observation["proprio"][:, 11]) / 0.4, -1, 1)
     return action
+
+
+class Watched(dict):
+    """Observations that take note of what is read of them."""
+
+    def __init__(self, observation: dict[str, np.ndarray]) -> None:
+        super().__init__(observation)
+        self.read: set[str] = set()
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        self.read.add(name)
+        return super().__getitem__(name)
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_a_scripted_policy_names_the_channels_that_it_reads(env_id):
+    policy, task = scripted(env_id), env_id.split("/")[1].removesuffix("-v0")
+    envs = gym.make_vec(env_id, num_envs=2, **NEEDED.get(env_id, {}))
+    observation = Watched(envs.reset(seed=0)[0])
+    policy.predict(observation)
+    row = re.search(rf"^ *\| {task} \| (.+) \|$", scripted.__doc__, re.MULTILINE)
+    reads = re.findall(r"``(\w+)``", row[1])
+    assert observation.read == {*reads}
+    expected = f"expected the channels {', '.join(reads)} of N environments"
+    lost = {name: values for name, values in observation.items() if name != reads[-1]}
+    first = {name: values[0] for name, values in observation.items()}
+    flat_ones = np.concatenate(list(observation.values()), axis=1)
+    for wrong, found in (
+        (lost, f"found no {reads[-1]} among {', '.join(lost)}"),
+        (first, f"found {reads[0]} of shape ({len(first[reads[0]])},)"),
+        (flat_ones, f"found an array of shape {flat_ones.shape}"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(f"observation: {found}, {expected}")):
+            policy.predict(wrong)
 
 
 class Proportional:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ruffini._spaces import check_writable, writing
+
 if TYPE_CHECKING:
     from ruffini.dataset import Dataset
 
@@ -77,10 +79,11 @@ def draw(data: Dataset, path: str | PathLike[str]) -> None:
     """Draw the quantities by family, and the reasons of unsolved grasps, to a .png or .svg file.
 
     Raises:
-        ValueError: If the file has another ending.
+        ValueError: If the file has another ending or cannot be written.
     """
     if Path(path).suffix not in (".png", ".svg"):
         raise ValueError(f"file: found {path}, expected a name in .png or .svg")
+    check_writable("file", Path(path))
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
@@ -95,7 +98,8 @@ def draw(data: Dataset, path: str | PathLike[str]) -> None:
         _boxes(axes, {name: of[key] for name, of in columns.items()}, label)
     _unsolved(figure.add_subplot(grid[2, :]), data)
     figure.suptitle(f"{len(data)} frames of {len(data.grasps)} grasps")
-    figure.savefig(path, dpi=130)
+    with writing(Path(path)):
+        figure.savefig(path, dpi=130)
 
 
 def _boxes(axes: Any, values: dict[str, NDArray[np.float64]], label: str) -> None:

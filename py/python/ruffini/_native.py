@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from ruffini._core import Batch
 from ruffini._schema import ENDINGS, TASKS, specification
-from ruffini._settings import to_json
+from ruffini._settings import naming_nearest, to_json
 from ruffini._spaces import Renderer, Spaces
 
 
@@ -59,6 +60,9 @@ class Native:
     TASK: ClassVar[str]
     """Name of the task."""
 
+    _ARGUMENTS: ClassVar[Sequence[str]]
+    """Names of the arguments of the constructor that are no settings."""
+
     _batch: Batch
     _spaces: Spaces
     _renderer: Renderer
@@ -99,8 +103,9 @@ class Native:
         self._spaces = Spaces(self._batch, self._obs, self._observed)
 
     def _new_batch(self) -> Batch:
-        settings = to_json(self._settings, self.TASK)
-        return Batch(settings, self._rows, self._threads, self._autoreset)
+        settings = to_json(self._settings, self.TASK, self._ARGUMENTS)
+        with naming_nearest():
+            return Batch(settings, self._rows, self._threads, self._autoreset)
 
     def _begin(
         self, seeds: list[int | None] | None, mask: NDArray[np.bool_] | None

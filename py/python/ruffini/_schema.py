@@ -12,7 +12,7 @@ from ruffini import _core
 SCHEMA: dict[str, Any] = json.loads(_core.schema())
 """Description of all tasks; ``tasks``, ``settings`` that all have, ``channels``, ``endings``."""
 
-CHANNELS: list[str] = [channel["name"] for channel in SCHEMA["channels"]]
+SHARED_CHANNELS: list[str] = [channel["name"] for channel in SCHEMA["channels"]]
 """Names of the channels that every environment has."""
 
 TACTILE_CHANNELS: list[str] = SCHEMA["tactile_channels"]
@@ -26,6 +26,10 @@ RULES: list[str] = [ending["name"] for ending in SCHEMA["endings"] if ending["is
 
 TASKS: dict[str, dict[str, Any]] = {task["name"]: task for task in SCHEMA["tasks"]}
 """Description of each task by its name."""
+
+_OF_TASKS = [channel["name"] for task in TASKS.values() for channel in task["channels"]]
+CHANNELS: list[str] = [*SHARED_CHANNELS, *_OF_TASKS, *TACTILE_CHANNELS]
+"""Names of all channels: those that every environment has, of tasks, of tactile fingers."""
 
 _TERMS = (term["name"] for task in TASKS.values() for term in task["terms"])
 REWARD_TERMS: list[str] = list(dict.fromkeys(_TERMS))

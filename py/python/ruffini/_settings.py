@@ -6,7 +6,8 @@ import difflib
 import json
 import re
 import reprlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from os import PathLike
 from typing import Any, Literal, TypedDict
 
@@ -69,18 +70,24 @@ class Settings(TypedDict, total=False):
     physics: Mapping[str, float]
 
 
-def to_json(settings: Mapping[str, Any], task: str) -> str:
+def to_json(settings: Mapping[str, Any], task: str, arguments: Sequence[str] = ()) -> str:
     """Convert the settings of a task to the JSON that Rust reads.
+
+    Args:
+        settings: Values by name.
+        task: Name of the task.
+        arguments: What else the environment takes, for the error of an unknown name.
 
     Raises:
         TypeError: If a setting is unknown.
         ValueError: If a value is not a finite number, a name, or a list or mapping of those.
     """
+    known = [*arguments, *SETTINGS]
     for name in settings:
         if name not in SETTINGS:
             raise TypeError(
-                f"got an unexpected keyword argument {name!r}{nearest(name, SETTINGS)} "
-                f"expected one of {', '.join(SETTINGS)}"
+                f"got an unexpected keyword argument {name!r}{nearest(name, known)} "
+                f"expected one of {', '.join(known)}"
             )
     given = {name: value for name, value in settings.items() if value is not None}
     if isinstance(given.get("objects"), Mapping):
@@ -98,6 +105,39 @@ def nearest(word: str, known: Iterable[str]) -> str:
     letters = {re.sub(r"[\W_]", "", name.lower()): name for name in known}
     near = difflib.get_close_matches(re.sub(r"[\W_]", "", word.lower()), letters, 1)
     return f", did you mean {letters[near[0]]!r}?" if near else ","
+
+
+_UNKNOWN = re.compile(
+    r"(?P<about>(?:found|unknown field|unknown variant) (?P<mark>[`'\"]?)(?P<word>[^\s,`'\"]+)"
+    r"(?P=mark)), expected (?P<known>.+)"
+)
+"""Part of a message that has an unknown word, and what was expected in its place."""
+_BETWEEN = re.compile(r"one or more of |,? or |, |: |of | for |channels ")
+"""Text between the words of a list."""
+
+
+def with_nearest(message: str) -> str:
+    """A message, with the nearest known word if it names an unknown one and lists the known."""
+
+    def hinted(found: re.Match[str]) -> str:
+        words = [word.strip("`'\"") for word in _BETWEEN.split(found["known"])]
+        known = [word for word in words if re.fullmatch(r"[\w-]+", word)]
+        hint = "," if found["word"] in known else nearest(found["word"], known)
+        return f"{found['about']}{hint} expected {found['known']}"
+
+    return _UNKNOWN.sub(hinted, message)
+
+
+@contextmanager
+def naming_nearest() -> Iterator[None]:
+    """Add the nearest known word to the message of a ``ValueError`` of the native layer."""
+    try:
+        yield
+    except ValueError as error:
+        message = with_nearest(str(error))
+        if message == str(error):
+            raise
+        raise ValueError(message) from None
 
 
 def plain(value: Any) -> Any:

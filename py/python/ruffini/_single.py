@@ -29,7 +29,8 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
     """One environment on top of the native batch; a subclass sets its task.
 
     Args:
-        render_mode: ``None`` or ``"rgb_array"``.
+        render_mode: ``None`` or ``"rgb_array"``; ``gymnasium.make`` takes ``"human"``, too, which
+            shows a window (``pip install "ruffini[human]"``).
         obs: ``"dict"`` or ``"flat"``.
         width: Width of a picture in pixels.
         height: Height of a picture in pixels.
@@ -41,6 +42,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
     """
 
     metadata = METADATA
+    _ARGUMENTS = ("render_mode", "obs", "width", "height")
 
     def __init__(
         self,

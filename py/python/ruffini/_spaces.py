@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,11 @@ MOST_ENVIRONMENTS = 1_000_000
 NO_LIMIT = 1_000_000
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 25}
+
+
+_WINDOW = (
+    'gymnasium.make(..., render_mode="human") shows a window, with pip install "ruffini[human]"'
+)
 
 
 class Spaces:
@@ -72,7 +78,8 @@ class Renderer:
 
     def __init__(self, mode: str | None, width: int, height: int) -> None:
         if mode is not None and mode not in METADATA["render_modes"]:
-            raise ValueError(f"render_mode: found {mode!r}, expected None or 'rgb_array'")
+            hint = f"; {_WINDOW}" if mode == "human" else ""
+            raise ValueError(f"render_mode: found {mode!r}, expected None or 'rgb_array'{hint}")
         for name, pixels in (("width", width), ("height", height)):
             if not (isinstance(pixels, int) and 16 <= pixels <= 4096):
                 raise ValueError(f"{name}: found {pixels!r}, expected 16 to 4096 pixels")
@@ -106,6 +113,15 @@ def check_writable(name: str, path: Path) -> None:
         raise ValueError(f"{name}: {path}: {error.strerror}") from None
     if not there:
         path.unlink()
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise a ``ValueError`` that names the file where writing to `path` fails."""
+    try:
+        yield
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror or error}") from None
 
 
 def check_options(options: Any, known: Sequence[str] = ()) -> None:

@@ -14,7 +14,7 @@ from typing_extensions import Unpack
 
 from ruffini import _rows
 from ruffini._native import Native
-from ruffini._settings import Settings
+from ruffini._settings import Settings, nearest
 from ruffini._spaces import (
     ACTION_SIZE,
     METADATA,
@@ -52,6 +52,10 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
     """
 
     metadata = METADATA
+    _ARGUMENTS = (
+        *("num_envs", "num_threads", "autoreset_mode"),
+        *("render_mode", "obs", "width", "height"),
+    )
 
     @classmethod
     def _about(cls, task: str) -> str:
@@ -75,8 +79,9 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
             mode = AutoresetMode(autoreset_mode)
         except ValueError:
             known = ", ".join(m.value for m in AutoresetMode)
+            near = nearest(str(autoreset_mode), (m.value for m in AutoresetMode))
             raise ValueError(
-                f"autoreset_mode: found {autoreset_mode!r}, expected one of {known}"
+                f"autoreset_mode: found {autoreset_mode!r}{near} expected one of {known}"
             ) from None
         check_count("num_envs", num_envs)
         if num_threads is not None:

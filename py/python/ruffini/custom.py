@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from ruffini._native import Native, StepArrays
 from ruffini._schema import ENDINGS, RULES, TASKS
+from ruffini._settings import naming_nearest, nearest
 from ruffini._single import NativeEnv
 from ruffini._spaces import Observation, Spaces
 from ruffini._vector import NativeVectorEnv
@@ -220,7 +221,8 @@ class _Custom(Native):
 
     def _give(self) -> None:
         for name, values in self._given.items():
-            self._batch.give(name, values)
+            with naming_nearest():
+                self._batch.give(name, values)
 
     def _start(self, observation: NDArray[np.float32], rows: Bools) -> None:
         count = len(self._base_terms)
@@ -274,7 +276,8 @@ class _Custom(Native):
         for name, rows in endings.items():
             if name not in self._task.endings:
                 known = ", ".join(self._task.endings) or "none: `endings` lists no name"
-                raise ValueError(f"ending: found {name!r}, expected one of {known}")
+                near = nearest(str(name), self._task.endings)
+                raise ValueError(f"ending: found {name!r}{near} expected one of {known}")
             new = self._booleans(name, rows) & ~restarted & ~step.terminated & ~ended
             step.ending[new] = self._endings.index(name) + 1
             ended |= new
@@ -406,7 +409,8 @@ def _check(task: Any) -> None:
     name, weights = task.__name__, task.terms
     if task.base not in TASKS:
         known = ", ".join(TASKS)
-        raise ValueError(f"{name}.base: found {task.base!r}, expected one of {known}")
+        near = nearest(str(task.base), TASKS)
+        raise ValueError(f"{name}.base: found {task.base!r}{near} expected one of {known}")
     sound = isinstance(weights, Mapping) and np.isfinite(list(weights.values())).all()
     if not (weights and sound):
         raise ValueError(f"{name}.terms: found {weights!r}, expected names with finite weights")

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ruffini import _distributions
 from ruffini._core import TetMesh, dataset_shards, estimate_dataset, generate_dataset
 from ruffini._frames import Body, Finger, Frame, Pad, PressFrame, SoftFrame
+from ruffini._settings import naming_nearest
 
 __all__ = [
     "Body",
@@ -88,7 +89,8 @@ def estimate(
     Raises:
         ValueError: If a setting is invalid.
     """
-    return Estimate(*estimate_dataset(folder, config, json.dumps(settings)))
+    with naming_nearest():
+        return Estimate(*estimate_dataset(folder, config, json.dumps(settings)))
 
 
 def generate(
@@ -129,7 +131,8 @@ def generate(
         return watch is None or watch(Progress(*progress))
 
     overrides = json.dumps(settings)
-    finished = generate_dataset(folder, config, overrides, commit, threads or 0, shards, ask)
+    with naming_nearest():
+        finished = generate_dataset(folder, config, overrides, commit, threads or 0, shards, ask)
     return Dataset(folder) if finished else None
 
 
@@ -139,7 +142,8 @@ def shards(config: str | PathLike[str] | None = None, **settings: Any) -> list[s
     Raises:
         ValueError: If a setting is invalid.
     """
-    return dataset_shards(config, json.dumps(settings))
+    with naming_nearest():
+        return dataset_shards(config, json.dumps(settings))
 
 
 STILL = 1e-6
@@ -337,7 +341,7 @@ class Dataset:
         """Plot the distributions of depth, force, shear and stress to a .png or .svg file.
 
         Raises:
-            ValueError: If the file has another ending.
+            ValueError: If the file has another ending or cannot be written.
         """
         _distributions.draw(self, path)
 

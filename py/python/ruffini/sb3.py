@@ -28,6 +28,26 @@ from ruffini.envs import NativeVectorEnv
 Infos = Literal["every step", "episode ends"]
 """Steps in which a row's info is filled."""
 
+_INSTEAD = {
+    **dict.fromkeys(
+        ("wrapper_class", "wrapper_kwargs", "wrappers"),
+        "no wrapper of a single environment, for rows are stepped natively: reward, endings and "
+        "start in ruffini.custom, observations and actions in a VecEnvWrapper around the result",
+    ),
+    **dict.fromkeys(
+        ("monitor_dir", "monitor_kwargs"),
+        "stable_baselines3.common.vec_env.VecMonitor around the result",
+    ),
+    **dict.fromkeys(
+        ("vec_env_cls", "vec_env_kwargs"), "none of them: rows are stepped on num_threads threads"
+    ),
+    **dict.fromkeys(("nenvs", "num_envs"), "n_envs"),
+    "env_kwargs": "its entries as arguments of their own: mass=0.1",
+    "start_index": "seed, that of the first row",
+    "autoreset_mode": "none: the adapter needs SAME_STEP",
+}
+"""Arguments of Stable-Baselines3's and Gymnasium's functions, and what is expected in place."""
+
 
 def make_vec_env(
     env_id: str,
@@ -50,8 +70,12 @@ def make_vec_env(
 
     Raises:
         TypeError: If a setting is unknown.
-        ValueError: If one is of the wrong type or out of range.
+        ValueError: If one is of the wrong type or out of range, or is an argument of
+            Stable-Baselines3's function of that name which has no meaning here.
     """
+    for name in kwargs:
+        if name in _INSTEAD:
+            raise ValueError(f"make_vec_env: found {name}, expected {_INSTEAD[name]}")
     same_step = AutoresetMode.SAME_STEP
     envs = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode=same_step, **kwargs)
     if not isinstance(envs, NativeVectorEnv):

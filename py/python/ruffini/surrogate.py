@@ -13,6 +13,7 @@ from os import PathLike
 from typing import Any
 
 from ruffini._core import evaluate_surrogate, train_surrogate
+from ruffini._settings import naming_nearest
 
 Watch = Callable[[str, dict[str, Any]], bool]
 """Called with the name of a stage and its values; stops the training if it returns false.
@@ -83,7 +84,8 @@ def train(
         return watch is None or watch(stage, json.loads(value))
 
     clock = time.process_time
-    card = train_surrogate(data, out, variant, json.dumps(settings), commit, clock, tell)
+    with naming_nearest():
+        card = train_surrogate(data, out, variant, json.dumps(settings), commit, clock, tell)
     return None if card is None else dict(json.loads(card))
 
 
@@ -102,11 +104,13 @@ def evaluate(
     Raises:
         ValueError: If the weights, the dataset or the split cannot be read.
     """
+    with naming_nearest():
+        found = evaluate_surrogate(weights, data, split)
     return [
         {
             "grasp": grasp,
             "surrogate": json.loads(network),
             "linear": None if linear is None else json.loads(linear),
         }
-        for grasp, network, linear in evaluate_surrogate(weights, data, split)
+        for grasp, network, linear in found
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import shutil
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -44,21 +45,34 @@ def write(path: Path, frames: Sequence[Frame]) -> None:
     """Write `frames`, arrays (height, width, 3), at the frame rate of the environment.
 
     Raises:
-        OSError: If the file cannot be written.
+        OSError: If the file cannot be written, or ffmpeg fails.
     """
     rate = METADATA["render_fps"]
     if path.suffix == ".gif":
         path.write_bytes(encode_gif(frames[::_GIF_STRIDE], _GIF_STRIDE * 1000 // rate))
         return
+    with tempfile.TemporaryDirectory() as folder:
+        film = Path(folder) / path.name
+        try:
+            _encode(film, frames, rate)
+        except (OSError, RuntimeError) as error:
+            # What follows is the command line of ffmpeg.
+            raise OSError(f"ffmpeg: {str(error).splitlines()[0]}") from None
+        if not film.exists():
+            raise OSError("ffmpeg wrote nothing")
+        # By ourselves, for ffmpeg does not say why it cannot.
+        path.write_bytes(film.read_bytes())
+
+
+def _encode(path: Path, frames: Sequence[Frame], rate: int) -> None:
+    """Have ffmpeg write a video, and print nothing."""
     height, width, _ = frames[0].shape
-    writer = _ffmpeg().write_frames(path, (width, height), fps=rate)
-    try:
-        writer.send(None)
-        for frame in frames:
-            writer.send(np.ascontiguousarray(frame))
-        writer.close()
-    except RuntimeError as error:
-        raise OSError(f"ffmpeg: {error}") from None
+    size = width, height
+    writer = _ffmpeg().write_frames(path, size, fps=rate, ffmpeg_log_level="quiet")
+    writer.send(None)
+    for frame in frames:
+        writer.send(np.ascontiguousarray(frame))
+    writer.close()
 
 
 def film(policy: Policy, env_id: str, path: Path, seeds: range, **settings: Any) -> str:
@@ -85,7 +99,7 @@ def film(policy: Policy, env_id: str, path: Path, seeds: range, **settings: Any)
     try:
         write(path, frames)
     except OSError as error:
-        raise SimulationError(f"video: {path}: {error}") from None
+        raise SimulationError(f"video: {path}: {error.strerror or error}") from None
     size = path.stat().st_size / 1e6
     return f"{path}: {len(seeds)} episodes ({', '.join(endings)}), {size:.1f} MB"
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ruffini._core import TetMesh
 from ruffini._frames import _turned
-from ruffini._spaces import check_writable
+from ruffini._spaces import check_writable, writing
 
 __all__ = ["Frame", "Gel", "Rigid", "Scene", "Skin", "check", "nodal", "traction", "view"]
 
@@ -174,7 +174,7 @@ def view(
         say: Called with a line about where the scene is to be seen.
 
     Raises:
-        ValueError: As `check` does.
+        ValueError: As `check` does, or if the file cannot be written.
     """
     scene = Scene(table, out)
     try:
@@ -220,7 +220,11 @@ class Scene:
             self._server.stop()
 
     def record(self, sequences: Sequence[Sequence[Frame]], out: Path) -> int:
-        """Write the frames to an HTML file, and return how many they are."""
+        """Write the frames to an HTML file, and return how many they are.
+
+        Raises:
+            ValueError: If it cannot be written.
+        """
         frames = [frame for sequence in sequences for frame in sequence]
         self._aim(frames)
         self._set_top(frames)
@@ -231,7 +235,9 @@ class Scene:
             for number, frame in enumerate(sequence):
                 self.show(frame, sequence, number)
                 recording.insert_sleep(frame.seconds)
-        out.write_text(recording.as_html())
+        page = recording.as_html()
+        with writing(out):
+            out.write_text(page)
         return len(frames)
 
     def live(self, sequences: Iterable[Iterable[Frame]]) -> None:

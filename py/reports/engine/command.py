@@ -28,8 +28,12 @@ def main(arguments: list[str]) -> None:
         for page in WRITTEN:
             page.write_text(requoted(page.read_text()))
         return
+    usage = f"usage: python py/reports --pages | NAME [--help]; NAME: {', '.join(REPORTS)}"
+    if arguments[:1] in (["-h"], ["--help"]):
+        print(usage)
+        return
     if not arguments or arguments[0] not in REPORTS:
-        sys.exit(f"usage: python py/reports --pages | NAME [--help]; NAME: {', '.join(REPORTS)}")
+        sys.exit(usage)
     make(*arguments)
 
 

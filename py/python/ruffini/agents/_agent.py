@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini._core import read_tensors, write_tensors
-from ruffini._spaces import ACTION_SIZE
+from ruffini._spaces import ACTION_SIZE, writing
 from ruffini.evaluation import Progress, evaluate
 
 FORMAT = 1
@@ -152,8 +152,13 @@ class Agent:
         return write_tensors(self.tensors, json.dumps(self.card))
 
     def write(self, path: str | PathLike[str]) -> None:
-        """Write the agent's file."""
-        Path(path).write_bytes(self.to_bytes())
+        """Write the agent's file.
+
+        Raises:
+            ValueError: If it cannot be written.
+        """
+        with writing(Path(path)):
+            Path(path).write_bytes(self.to_bytes())
 
     def evaluate(self, episodes: int = 200, progress: Progress | None = None) -> None:
         """Evaluate the agent in its environment, and put the result on its card.

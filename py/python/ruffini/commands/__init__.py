@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from ruffini import SimulationError, __version__
+from ruffini._settings import with_nearest
 from ruffini.commands import (
     agent,
     calibrate,
@@ -46,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"ruffini: {error}", file=sys.stderr)
         return 1
     except ValueError as error:
-        print(f"ruffini: {error}", file=sys.stderr)
+        print(f"ruffini: {with_nearest(str(error))}", file=sys.stderr)
         return 2
     except OSError as error:
         where = "" if error.filename is None else f"{error.filename}: "

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ruffini._spaces import check_writable
+from ruffini._spaces import check_writable, writing
 from ruffini.agents import (
     CHECKPOINT,
     CHECKPOINT_AGENT,
@@ -163,7 +163,8 @@ def _evaluate(options: argparse.Namespace) -> None:
     if options.json is not None:
         about = {"policy": name, "settings": chosen.settings}
         document = about | result | about_this_run()
-        options.json.write_text(json.dumps(document, indent=1) + "\n")
+        with writing(options.json):
+            options.json.write_text(json.dumps(document, indent=1) + "\n")
 
 
 def _export(options: argparse.Namespace) -> None:

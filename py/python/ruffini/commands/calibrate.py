@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini._core import read_sensor
+from ruffini._spaces import writing
 from ruffini.commands import shapes
 from ruffini.commands.fitting import (
     RANGES,
@@ -237,7 +238,8 @@ def _write(options: argparse.Namespace, sensor: Mapping[str, Any], fit: Fit, mat
         thickness = fit.values["thickness"] * sensor["outline"]["thickness"]
         line = re.compile("^thickness *=.*", re.MULTILINE)
         text = line.sub(f"thickness = {thickness:.6f}", text, count=1)
-    options.out.write_text(text)
+    with writing(options.out):
+        options.out.write_text(text)
     read_sensor(str(options.out))
     print(f"{options.out}: its elastic foundation is found by ruffini sensor check --fit")
 
@@ -263,8 +265,6 @@ def _plot(problem: Problem, fit: Fit, left_out: list[NDArray[np.float64]], path:
     for axes in (left, right):
         axes.legend(fontsize="small")
         axes.grid(alpha=0.3)
-    try:
+    with writing(path):
         figure.savefig(path)
-    except OSError as error:
-        raise ValueError(f"{path}: {error.strerror}") from None
     print(path)

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
 from ruffini import Shape
+from ruffini._spaces import writing
 
-_LARGE = 1.0
-"""Size from which on a file is likely to be in millimetres (m)."""
+_SIZES = 0.001, 0.3
+"""Lengths of the longest edge of an object that a hand may grasp (m)."""
+_USUAL = 0.05
+"""A usual one (m)."""
+_UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254}
+"""Lengths of the units that a file may be in (m)."""
 _OFF_CENTRE = 0.25
 """Distance of the origin from the middle, relative to the size, above which it is refused."""
 
@@ -37,7 +43,14 @@ def _run(options: argparse.Namespace) -> None:
     if options.repair is not None:
         print(*_repair(file, options.repair), sep="\n")
         file = options.repair
-    Shape.read(file, options.scale)
+    try:
+        Shape.read(file, options.scale)
+    except ValueError as error:
+        said, _, _ = str(error).partition(";")
+        unit = _unit(_load(file), options.scale) if said.startswith("mesh size") else ""
+        if not unit:
+            raise
+        raise ValueError(f"{said}; {unit}") from None
     mesh = _load(file)
     extents = options.scale * mesh.extents
     print(f"{'size':<12} {' x '.join(f'{1e3 * extent:.4g}' for extent in extents)} mm")
@@ -46,8 +59,19 @@ def _run(options: argparse.Namespace) -> None:
     middle = options.scale * mesh.bounds.mean(axis=0)
     if (abs(middle) > _OFF_CENTRE * extents).any():
         print(f"{'origin':<12} beside the solid's middle: give centred=True in objects")
-    if extents.max() > _LARGE:
-        print(f"{'unit':<12} likely millimetres: give a scale of {1e-3 * options.scale:g}")
+    if unit := _unit(mesh, options.scale):
+        print(f"{'unit':<12} {unit}")
+
+
+def _unit(mesh: Any, scale: float) -> str:
+    """The unit that makes a mesh about as large as what is grasped, if it is far from it."""
+    longest, (least, most) = float(mesh.extents.max()), _SIZES
+    fitting = {name: unit for name, unit in _UNITS.items() if least <= longest * unit <= most}
+    if least <= longest * scale <= most or not fitting:
+        return ""
+    name = min(fitting, key=lambda name: abs(math.log(longest * fitting[name] / _USUAL)))
+    edge = f"{1e3 * longest * fitting[name]:.4g} mm"
+    return f"likely {name}: with --scale {fitting[name]:g} its longest edge is {edge}"
 
 
 def _load(file: Path) -> Any:
@@ -71,7 +95,7 @@ def _repair(file: Path, out: Path) -> list[str]:
     """Write the mended mesh; return what was changed.
 
     Raises:
-        ValueError: If the file cannot be read, or holes are left.
+        ValueError: If the file cannot be read, holes are left, or `out` cannot be written.
     """
     if out.suffix.lower() not in (".obj", ".stl"):
         raise ValueError(f"repair: found {out}, expected a name that ends in .obj or .stl")
@@ -106,5 +130,7 @@ def _repair(file: Path, out: Path) -> list[str]:
             f"{file}: not watertight after repair, which closes holes of three and four edges; "
             f"expected a closed surface"
         )
-    mesh.export(out)
+    content = mesh.export(file_type=out.suffix.lower()[1:])
+    with writing(out):
+        out.write_bytes(content.encode() if isinstance(content, str) else content)
     return [f"{'repaired':<12} {change}" for change in said or ["nothing to mend"]]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ruffini import surrogate
+from ruffini._spaces import check_writable, writing
 
 _SETTINGS = {
     "seed": (int, "seed of weights and batches; 0 if not given"),
@@ -160,11 +161,14 @@ def summary(answerers: dict[str, dict[str, Any]]) -> str:
 
 
 def _evaluate(options: argparse.Namespace) -> None:
+    if options.json is not None:
+        check_writable("json", options.json)
     frames = surrogate.evaluate(options.weights, options.data, options.split)
     if not frames:
         raise ValueError(f"{options.data}: no frames in the test part of {options.split}")
     if options.json is not None:
-        options.json.write_text(json.dumps(frames))
+        with writing(options.json):
+            options.json.write_text(json.dumps(frames))
     by_object: dict[str, list[dict[str, Any]]] = {}
     for frame in frames:
         by_object.setdefault(frame["grasp"].split("/")[0], []).append(frame)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini import Deformation, Fem, History, Press, PressError, Shape, TetMesh, sensor, viewing
+from ruffini._spaces import writing
 from ruffini.commands import shapes
 from ruffini.commands.view import gel, summary
 from ruffini.viewing import Frame, Gel, Rigid, Skin
@@ -189,10 +190,8 @@ def _plot(mesh: TetMesh, frames: list[Deformation], touch: float, path: Path) ->
     right.plot(1e3 * way, np.hypot(forces[:, 0], forces[:, 1]), ".-", label="tangential")
     right.set(xlabel="way from the first touch (mm)", ylabel="force (N)")
     right.legend()
-    try:
+    with writing(path):
         figure.savefig(path)
-    except OSError as error:
-        raise ValueError(f"{path}: {error.strerror}") from None
 
 
 def pressed(mesh: TetMesh, shape: str, frames: Iterable[Deformation]) -> Iterator[Frame]:

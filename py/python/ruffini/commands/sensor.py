@@ -13,6 +13,7 @@ import numpy as np
 
 import ruffini
 from ruffini._core import fit_foundation, read_sensor, sensor_names, sensor_template
+from ruffini._spaces import writing
 from ruffini.commands.press import touching_height
 
 _BALL = 4e-3
@@ -70,10 +71,8 @@ def _template(options: argparse.Namespace) -> None:
         return
     if options.out.exists():
         raise ValueError(f"{options.out}: exists, expected a new file")
-    try:
+    with writing(options.out):
         options.out.write_text(text)
-    except OSError as error:
-        raise ValueError(f"{options.out}: {error.strerror}") from None
     print(options.out)
 
 
@@ -182,7 +181,8 @@ def _fit(file: str, calibrations: list[dict[str, Any]], nodes: int) -> None:
         parts = re.split(r"^(\[\[calibration\]\].*\n)", path.read_text(), flags=re.MULTILINE)
         for number, line in lines.items():
             parts[2 * number + 1] += line + "\n"
-        path.write_text("".join(parts))
+        with writing(path):
+            path.write_text("".join(parts))
         print(f"written into {file}")
 
 
@@ -237,8 +237,6 @@ def _plot(file: str, found: dict[str, Any], path: Path) -> None:
         section = figure.add_subplot(grid[row, 1])
         section.fill_between(place, -thickness, height, alpha=0.5)
         section.set(xlabel=f"{axis}, {name} (mm)", ylabel="z (mm)", aspect="equal")
-    try:
+    with writing(path):
         figure.savefig(path)
-    except OSError as error:
-        raise ValueError(f"{path}: {error.strerror}") from None
     print(path)

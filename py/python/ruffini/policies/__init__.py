@@ -5,20 +5,22 @@ A policy has the ``predict`` of Stable-Baselines3 and acts on dict observations 
     policy, state = ruffini.policies.scripted("ruffini/GraspLift-v0"), None
     action, state = policy.predict(observation, state)
 
-The scripted policy of a task is the function ``act`` of the module of the task's name.
+The scripted policy of a task is the function ``act`` of the module of the task's name, whose
+``READS`` names the channels that it needs.
 """
 
 from __future__ import annotations
 
 import importlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ruffini._schema import TASKS
+from ruffini._settings import nearest
 from ruffini.evaluation import Policy
 from ruffini.policies._parts import part
 
@@ -26,10 +28,17 @@ __all__ = ["RandomPolicy", "ScriptedPolicy", "part", "scripted"]
 
 
 class ScriptedPolicy:
-    """Policy of a function of observations and state."""
+    """Policy of a function of observations and state.
 
-    def __init__(self, act: Callable[[Any, Any], tuple[NDArray[np.float32], Any]]) -> None:
-        self._act = act
+    Args:
+        act: The function.
+        reads: Channels that it reads of dict observations.
+    """
+
+    def __init__(
+        self, act: Callable[[Any, Any], tuple[NDArray[np.float32], Any]], reads: Sequence[str] = ()
+    ) -> None:
+        self._act, self._reads = act, reads
 
     def predict(
         self,
@@ -38,8 +47,31 @@ class ScriptedPolicy:
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (N, 5) for observations of N environments, and a state for the next call."""
+        """Actions (N, 5) for observations of N environments, and a state for the next call.
+
+        Raises:
+            ValueError: If the observation lacks a channel that the policy reads.
+        """
+        self._check(observation)
         return self._act(observation, state)
+
+    def _check(self, observation: Any) -> None:
+        """Raise a ``ValueError`` unless all that is read is there, for N environments."""
+        if not self._reads:
+            return
+        expected = f"the channels {', '.join(self._reads)} of N environments, each (N, ...)"
+        if not isinstance(observation, Mapping):
+            found = f"an array of shape {np.shape(observation)}"
+            raise ValueError(f"observation: found {found}, expected {expected}, in a dict")
+        for name in self._reads:
+            if name not in observation:
+                raise ValueError(
+                    f"observation: found no {name} among {', '.join(observation)}, "
+                    f"expected {expected}"
+                )
+            values: Any = observation.get(name)
+            if len(shape := np.shape(values)) != 2:
+                raise ValueError(f"observation: found {name} of shape {shape}, expected {expected}")
 
 
 class RandomPolicy(ScriptedPolicy):
@@ -59,12 +91,24 @@ class RandomPolicy(ScriptedPolicy):
 def scripted(env_id: str) -> Policy:
     """The scripted policy of an environment.
 
+    It reads a part of the default observation, as a dict (``obs="dict"``):
+
+    | task | channels |
+    | --- | --- |
+    | GraspLift | ``proprio``, ``object`` |
+    | GraspFragile | ``proprio``, ``stress_ratio`` |
+    | GraspSoft | ``proprio``, ``squeeze`` |
+    | HoldStill | ``slip`` |
+    | InsertPeg | ``proprio``, ``wrench`` |
+
     Raises:
         ValueError: If there is no such environment.
     """
     name = env_id.split("/")[-1].split("-v")[0]
     if name not in TASKS:
         known = ", ".join(f"ruffini/{task}-v0" for task in TASKS)
-        raise ValueError(f"env_id: found {env_id!r}, expected one of {known}")
-    module = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
-    return ScriptedPolicy(importlib.import_module(f"ruffini.policies.{module}").act)
+        near = nearest(env_id, (f"ruffini/{task}-v0" for task in TASKS))
+        raise ValueError(f"env_id: found {env_id!r}{near} expected one of {known}")
+    word = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
+    module = importlib.import_module(f"ruffini.policies.{word}")
+    return ScriptedPolicy(module.act, module.READS)

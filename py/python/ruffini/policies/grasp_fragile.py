@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 from ruffini.policies._rise import rise
 
+READS = ("proprio", "stress_ratio")
+"""Channels of the observation."""
+
 AIM = 0.9
 """Stress that is aimed at, of the limit."""
 

@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 
 from ruffini.policies._parts import part
 
+READS = ("proprio", "object")
+"""Channels of the observation."""
+
 MAX_SPEED = 0.25
 """Speed of the wrist at action 1 (m/s)."""
 

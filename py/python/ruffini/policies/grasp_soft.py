@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from ruffini.policies._parts import part
 from ruffini.policies._rise import rise
 
+READS = ("proprio", "squeeze")
+"""Channels of the observation."""
+
 ENOUGH = 0.6
 """Grip force that holds the heaviest object at the least friction (N)."""
 

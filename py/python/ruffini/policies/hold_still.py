@@ -11,6 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+READS = ("slip",)
+"""Channels of the observation."""
+
 SLIDING = 0.4
 """Share of sliding contact that the policy steers for."""
 

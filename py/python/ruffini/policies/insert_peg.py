@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 
 from ruffini.policies._parts import part
 
+READS = ("proprio", "wrench")
+"""Channels of the observation."""
+
 SPEED = 0.02
 """Speed of the wrist at action 1 (m/s)."""
 

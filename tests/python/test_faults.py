@@ -1,0 +1,153 @@
+"""A full disk, a folder that cannot be written, and more environments than a user has meant.
+
+Kills, Ctrl-C, forked children, and damaged shards and weights have tests where the rest of their
+matter is tested.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import time
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from tiny_dataset import TINY
+
+from ruffini import Shape, SimulationError, dataset, video
+from ruffini.commands import main
+from ruffini.policies import RandomPolicy
+
+FULL = Path("/dev/full")
+NO_SPACE = "No space left on device"
+TASK, RIGID = "ruffini/GraspLift-v0", {"tactile": "none", "max_episode_steps": 3}
+EVALUATE = ["agent", "evaluate", "random", "--task", "GraspLift", "--episodes", "1", "--settings"]
+EVALUATE += ['{"tactile": "none", "max_episode_steps": 3}', "--json"]
+
+
+@pytest.fixture
+def full(tmp_path):
+    """Function that gives a file, of a name, to which no byte can be written."""
+    if not FULL.exists():
+        pytest.skip("no /dev/full")
+
+    def named(name: str) -> Path:
+        (tmp_path / name).symlink_to(FULL)
+        return tmp_path / name
+
+    return named
+
+
+@pytest.fixture
+def closed(tmp_path):
+    """A folder that cannot be written."""
+    tmp_path.chmod(0o500)
+    if not os.access(tmp_path, os.W_OK):
+        yield tmp_path
+    elif os.access("/sys/kernel", os.X_OK):
+        yield Path("/sys/kernel")  # Not even by root.
+    else:
+        pytest.skip("every folder can be written")
+    tmp_path.chmod(0o700)
+
+
+@pytest.fixture
+def box(tmp_path):
+    """The mesh of a box."""
+    vertices, faces = Shape.named("cuboid").surface()
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices]
+    file = tmp_path / "box.obj"
+    file.write_text("\n".join(lines + [f"f {a} {b} {c}" for a, b, c in faces + 1]))
+    return file
+
+
+def refused(words, capsys) -> str:
+    """The one line with which a command refuses."""
+    assert main([str(word) for word in words]) == 2
+    said = capsys.readouterr().err.splitlines()
+    return next(line for line in said if line.startswith("ruffini: "))
+
+
+def test_an_evaluation_on_a_full_disk_names_its_file(full, capsys):
+    file = full("a.json")
+    assert refused([*EVALUATE, file], capsys) == f"ruffini: {file}: {NO_SPACE}"
+
+
+def test_a_repaired_mesh_on_a_full_disk_names_its_file(full, box, capsys):
+    pytest.importorskip("trimesh")
+    file = full("mended.stl")
+    assert refused(["mesh", box, "--repair", file], capsys) == f"ruffini: {file}: {NO_SPACE}"
+    again = box.with_name("again.obj")
+    assert main(["mesh", str(box), "--repair", str(again)]) == 0
+    assert again.stat().st_size > 100
+
+
+def test_a_scene_on_a_full_disk_names_its_file(full):
+    pytest.importorskip("viser")
+    from ruffini import viewing
+
+    vertices, faces = Shape.named("cuboid").surface()
+    body = viewing.Rigid(np.array([0.0, 0, 0, 0, 0, 0, 1]), vertices, faces)
+    file = full("a.html")
+    with pytest.raises(ValueError, match=f"^{file}: {NO_SPACE}$"):
+        viewing.view([[viewing.Frame("a box", {"box": body}, {})]], file)
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+def test_a_video_on_a_full_disk_is_one_line(suffix, full, capfd):
+    if suffix == ".mp4":
+        pytest.importorskip("imageio_ffmpeg")
+    file = full(f"a{suffix}")
+    video.check(file)
+    with pytest.raises(SimulationError, match=f"^video: {file}: {NO_SPACE}$"):
+        video.film(RandomPolicy(), TASK, file, range(1), **RIGID)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_generation_on_a_full_disk_names_its_file_and_leaves_no_half_of_it(tmp_path):
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # A file that is larger fails as one on a full disk does.
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    try:
+        with pytest.raises(ValueError, match=r"meshes/0\.safetensors: File too large"):
+            dataset.generate(tmp_path, threads=1, **TINY)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.rglob("*.safetensors"))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["view", "GraspLift", "--policy", "random", "--out", "a.html"],
+        ["play", "GraspLift", "--policy", "random", "--video", "a.gif"],
+        [*EVALUATE, "a.json"],
+        ["mesh", "BOX", "--repair", "a.stl"],
+        ["sensor", "template", "--out", "a.toml"],
+        ["dataset", "generate", "a", "--objects", "1", "--grasps", "1", "--frames", "1"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_what_cannot_be_written_is_named_in_one_line(words, box, closed, capsys):
+    pytest.importorskip({"view": "viser", "mesh": "trimesh"}.get(words[0], "numpy"))
+    places = {"BOX": box} | {word: closed / word for word in words if word.split(".")[0] == "a"}
+    line = refused([places.get(word, word) for word in words], capsys)
+    assert f"{closed}/a" in line
+    assert "ermission denied" in line or "not permitted" in line, line
+
+
+def test_ten_thousand_environments_are_made_and_step():
+    start, count = time.process_time(), 10_000
+    envs = gym.make_vec(TASK, num_envs=count, obs="flat", tactile="none")
+    envs.reset(seed=0)
+    observation, reward, *_ = envs.step(np.zeros((count, 5), np.float32))
+    seconds = time.process_time() - start
+    assert observation.shape == (count, *envs.single_observation_space.shape)
+    assert np.isfinite(observation).all() and np.isfinite(reward).all()
+    last = gym.make(TASK, obs="flat", tactile="none")
+    last.reset(seed=count - 1)
+    np.testing.assert_array_equal(last.step(np.zeros(5, np.float32))[0], observation[-1])
+    # Two seconds; ten times as many on a slow machine, or of a build without optimisation.
+    assert seconds < 20, f"{seconds} s of processor time"

@@ -1,0 +1,86 @@
+"""`--help` of every script says how it is used, does nothing else, and needs no extra package."""
+
+from __future__ import annotations
+
+import os
+import re
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("policies", "py/docs", "py/reports")
+SCRIPTS = [
+    str(file.relative_to(ROOT))
+    for folder in FOLDERS
+    for file in sorted((ROOT / folder).glob("*.py"))
+    if re.search(r"^if __name__ == ", file.read_text(), re.MULTILINE)
+]
+OPTIONAL = ("ray", "tensordict", "torchrl")
+"""Packages that are not in the extra `dev`."""
+
+
+def changed() -> bytes | None:
+    """Tracked files that differ from the last commit and untracked ones; none without git."""
+    line = ["git", "--no-optional-locks", "status", "--porcelain"]
+    done = subprocess.run(line, cwd=ROOT, capture_output=True, check=False)
+    return done.stdout if done.returncode == 0 else None
+
+
+def test_every_folder_has_scripts():
+    assert {str(Path(script).parent) for script in SCRIPTS} == {*FOLDERS}
+    assert len(SCRIPTS) > 12
+
+
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_help_never_does_work(script, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("stable_baselines3")
+    for name in OPTIONAL:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.syspath_prepend(ROOT / Path(script).parent)
+    monkeypatch.setattr(sys, "argv", [script, "--help"])
+    monkeypatch.chdir(tmp_path)
+    before = changed()
+    try:
+        runpy.run_path(str(ROOT / script), run_name="__main__")
+    except SystemExit as stop:
+        assert stop.code in (None, 0), stop.code
+    assert capsys.readouterr().out.startswith("usage: ")
+    assert (changed(), os.listdir(tmp_path)) == (before, [])
+
+
+def test_links_of_no_site_are_a_failure(tmp_path, monkeypatch, capsys):
+    script = str(ROOT / "py/docs/links.py")
+    for folder, found in ((tmp_path / "none", "no folder"), (tmp_path, "no .html file")):
+        monkeypatch.setattr(sys, "argv", [script, str(folder)])
+        with pytest.raises(SystemExit) as stop:
+            runpy.run_path(script, run_name="__main__")
+        assert stop.value.code == 2
+        said = capsys.readouterr().err.splitlines()[-1]
+        assert said.endswith(f"{folder}: found {found}, expected a built site")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "policies/study.py --pages",
+        "policies/touch_speed.py",
+        "py/docs/channels.py",
+        "py/reports/scenes.py tasks",
+    ],
+)
+def test_what_writes_committed_files_is_told_where(line, monkeypatch, capsys):
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("stable_baselines3")
+    script, *words = line.split()
+    monkeypatch.syspath_prepend(ROOT / Path(script).parent)
+    monkeypatch.setattr(sys, "argv", [script, *words])
+    with pytest.raises(SystemExit) as stop:
+        runpy.run_path(str(ROOT / script), run_name="__main__")
+    assert stop.value.code == 2
+    assert "the following arguments are required: --out" in capsys.readouterr().err
