@@ -1,7 +1,8 @@
 """Pictures: a lemon between two gel pads, a soft strawberry between two plates, environments.
 
     python py/reports/scenes.py bodies --out tests/reports   # grasp.png, soft.png, touch.png
-    python py/reports/scenes.py tasks --out py/docs          # a picture of each task
+    python py/reports/scenes.py tasks --out py/docs          # a picture of each task, and
+                                                             # cameras.png, one from all cameras
 
 Those of environments are what `render` gives: HoldStill with touch, a loaded ball in the hand;
 every task when its scripted policy has first succeeded.
@@ -29,6 +30,7 @@ from PIL import Image
 import ruffini
 from meshes import at_nodes, surface, turned
 from ruffini import Fem, Grasp, Press, PressError, Shape, SoftBody
+from ruffini._core import CAMERAS
 from ruffini._schema import TASKS
 from ruffini.policies import scripted
 
@@ -309,22 +311,32 @@ def picture_of_touch(out: Path):
 
 
 def pictures_of_tasks(out: Path):
-    """Writes <task>.png of every task."""
-    for env_id in (f"ruffini/{task}-v0" for task in TASKS):
-        objects = PICTURED.get(env_id)
-        settings = {} if objects is None else {"objects": objects}
-        env = gymnasium.make(env_id, render_mode="rgb_array", width=320, height=240, **settings)
-        policy, state = scripted(env_id), None
-        observation, _ = env.reset(seed=SEED)
-        over, steps, info = False, 0, {"is_success": False}
-        while not (over or (info["is_success"] and steps > AFTER)):
-            rows = {name: values[None] for name, values in observation.items()}
-            action, state = policy.predict(rows, state)
-            observation, _, terminated, truncated, info = env.step(action[0])
-            over, steps = terminated or truncated, steps + 1
-        name = env_id.split("/")[1].removesuffix("-v0")
-        Image.fromarray(env.render()).save(out / f"{name}.png", optimize=True)
-        print(f"{name}: {env.unwrapped.look()}")
+    """Writes <task>.png of every task, and cameras.png."""
+    for task in TASKS:
+        env = when_done(f"ruffini/{task}-v0")
+        Image.fromarray(env.render()).save(out / f"{task}.png", optimize=True)
+        print(f"{task}: {env.look()}")
+        if task == "GraspLift":
+            pictures = [env.render(camera) for camera in CAMERAS[1:]]
+            sheet = np.vstack([np.hstack(pictures[:2]), np.hstack(pictures[2:])])
+            picture = Image.fromarray(sheet).quantize(128, dither=Image.Dither.NONE)
+            picture.save(out / "cameras.png", optimize=True)
+
+
+def when_done(env_id):
+    """Environment whose scripted policy has first succeeded."""
+    objects = PICTURED.get(env_id)
+    settings = {} if objects is None else {"objects": objects}
+    env = gymnasium.make(env_id, render_mode="rgb_array", width=320, height=240, **settings)
+    policy, state = scripted(env_id), None
+    observation, _ = env.reset(seed=SEED)
+    over, steps, info = False, 0, {"is_success": False}
+    while not (over or (info["is_success"] and steps > AFTER)):
+        rows = {name: values[None] for name, values in observation.items()}
+        action, state = policy.predict(rows, state)
+        observation, _, terminated, truncated, info = env.step(action[0])
+        over, steps = terminated or truncated, steps + 1
+    return env.unwrapped
 
 
 def main() -> None:

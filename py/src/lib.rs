@@ -21,6 +21,7 @@ use pyo3::{
 use ruffini_core::{
     Error,
     env::{Autoreset, Row, Setup, StartQuantity, StepResult},
+    render::{PinholeCamera, Viewpoint},
     scene::CATALOGUE,
     tactile::Choice,
     task::{Ending, TaskConfig},
@@ -53,6 +54,13 @@ type Step<'py> = (
 
 /// Name, lower bounds, upper bounds and unit of a channel's component.
 type Component = (String, Vec<f32>, Vec<f32>, &'static str);
+
+/// Camera by its name, or by position (m), target (m) and vertical field of view (rad).
+#[derive(FromPyObject)]
+enum Camera {
+    Name(String),
+    Pose(([f64; 3], [f64; 3], f64)),
+}
 
 #[pymethods]
 #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
@@ -195,9 +203,17 @@ impl Batch {
         row: usize,
         width: usize,
         height: usize,
+        camera: Camera,
     ) -> PyResult<Bound<'py, PyArray3<u8>>> {
+        let viewpoint = match camera {
+            Camera::Name(name) => Viewpoint::named(&name).map_err(python_error)?,
+            Camera::Pose((position, target, field_of_view)) => {
+                Viewpoint::Fixed(PinholeCamera::new(position, target, field_of_view))
+            }
+        };
         let batch = &mut self.inner;
-        let picture = py.detach(|| batch.render(row, width, height)).map_err(python_error)?;
+        let render = || batch.render(row, [width, height], &viewpoint);
+        let picture = py.detach(render).map_err(python_error)?;
         PyArray1::from_vec(py, picture).reshape([height, width, 3])
     }
 
@@ -328,11 +344,12 @@ mod _core {
     #[pymodule_export]
     use crate::training::{evaluate_surrogate, train_surrogate};
 
-    use super::{Bound, CATALOGUE, PyModule, PyModuleMethods, PyResult};
+    use super::{Bound, CATALOGUE, PyModule, PyModuleMethods, PyResult, Viewpoint};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("OBJECTS", CATALOGUE.to_vec())?;
+        module.add("CAMERAS", Viewpoint::NAMED.map(|(name, _)| name).to_vec())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

@@ -78,6 +78,7 @@ NAMES = [
     "render_mode",
     "width",
     "height",
+    "camera",
     "num_envs",
     "num_threads",
     "autoreset_mode",

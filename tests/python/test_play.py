@@ -85,6 +85,15 @@ def test_it_writes_a_gif_that_shows_the_touch(file, tmp_path):
     assert len(np.unique(corner, axis=0)) > 20, "nothing of touch in the corner"
 
 
+def test_camera_and_size_can_be_chosen(file, tmp_path):
+    path = tmp_path / "out.gif"
+    words = ("--policy", file, "--episodes", 1, "--video", path)
+    done = play(*words, "--camera", "palm", "--size", "160x120")
+    assert done.returncode == 0, done.stderr
+    size = path.read_bytes()[6:10]
+    assert (int.from_bytes(size[:2], "little"), int.from_bytes(size[2:], "little")) == (160, 120)
+
+
 def shown(picture, index):
     picture.seek(index)
     return picture.convert("RGB")
@@ -125,6 +134,12 @@ def test_agents_that_come_with_the_package_play():
         (["--policy", "FILE", "--episodes", "two"], "invalid int value: 'two'"),
         (["--policy", "FILE", "--video-episodes", "0"], "video-episodes: found 0"),
         (["--policy", "FILE", "--threads", "0"], "threads: found 0"),
+        (
+            ["--policy", "FILE", "--camera", "wirst"],
+            "found 'wirst', did you mean 'wrist'? expected",
+        ),
+        (["--policy", "FILE", "--size", "640"], "size: found '640', expected WxH in pixels"),
+        (["--policy", "FILE", "--size", "8x480"], "width: found 8, expected 16 to 4096 pixels"),
         (["--policy", "FILE", "--seed", "-1"], "seed: found -1"),
         (["--policy", "FILE", "--video", "out.avi"], "found out.avi, expected a .gif or .mp4 file"),
         (["--policy", "FILE", "--video", "none/out.gif"], "none/out.gif: No such file"),

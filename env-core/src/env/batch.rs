@@ -16,7 +16,7 @@ use crate::{
     Error, Result,
     deformation::{Deformation, Wanted},
     geometry::Surface,
-    render::{SceneRenderer, SoftView, TouchView},
+    render::{SceneRenderer, SoftView, TouchView, Viewpoint},
     tactile,
     task::ACTION_SIZE,
 };
@@ -251,23 +251,31 @@ impl Batch {
     }
 
     /// Draws the scene of one row as an sRGB picture (height, width, 3).
-    pub fn render(&mut self, row: usize, width: usize, height: usize) -> Result<Vec<u8>> {
+    pub fn render(
+        &mut self,
+        row: usize,
+        [width, height]: [usize; 2],
+        viewpoint: &Viewpoint,
+    ) -> Result<Vec<u8>> {
         let state = self.rows.get(row).and_then(Row::state);
         let Some((state, draw)) = state else {
             return Err(Error::invalid("render", format!("row {row}"), "a row that was reset"));
         };
         let setup = self.setup.clone();
-        let felt = self.felt_by(row)?.map(|felt| Some(felt?.stiffened(draw.gel_stiffness)));
+        let soft = setup.soft(draw.object).zip(draw.young);
+        let stiffness =
+            soft.map_or(draw.gel_stiffness, |(object, young)| young / object.stress(1.0));
+        let felt = self.felt_by(row)?.map(|felt| Some(felt?.stiffened(stiffness)));
         let touch = setup.touch().map(|touch| TouchView {
             shell: touch.skin().shell(),
             fingers: felt.each_ref().map(Option::as_ref),
             darkest: draw.stress_limit.unwrap_or(DARKEST * touch.skin().young()),
         });
         let crush = setup.config().task.soft_material().map_or(1.0, |material| material.crush);
-        let soft = setup.soft(draw.object).map(|object| SoftView {
+        let soft = soft.map(|(object, young)| SoftView {
             shell: object.shell(),
             felt: felt[0].as_ref(),
-            darkest: object.stress(crush),
+            darkest: crush * young,
         });
         let shape = setup.models()[draw.object].shape().scaled(draw.scale);
         let mut renderer = match self.renderer.take() {
@@ -276,7 +284,7 @@ impl Batch {
         };
         let fixture = setup.config().task.fixture(&shape, &draw)?;
         let (touch, soft) = (touch.as_ref(), soft.as_ref());
-        let picture = renderer.draw(&state, &shape, fixture.as_ref(), touch, soft);
+        let picture = renderer.draw(viewpoint, &state, &shape, fixture.as_ref(), touch, soft);
         self.renderer = Some(renderer);
         picture
     }

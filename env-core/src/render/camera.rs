@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
-use crate::{Error, Result};
+use crate::{Error, Result, scene::SceneState};
 
 /// Smallest distance along the view axis that is drawn (m).
 const NEAR: f64 = 0.01;
@@ -23,13 +23,60 @@ pub struct PinholeCamera {
 }
 
 impl Default for PinholeCamera {
-    /// View from the front left on a gripper that works near the origin.
+    /// View from the front right on a gripper that works near the origin.
     fn default() -> Self {
-        Self {
-            eye: Point3::new(0.30, -0.42, 0.28),
-            target: Point3::new(0.0, 0.0, 0.09),
-            up: Vector3::z(),
-            vertical_fov: 0.60,
+        Self::new([0.30, -0.42, 0.28], [0.0, 0.0, 0.09], 0.60)
+    }
+}
+
+/// Place from which a scene is seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Viewpoint {
+    /// Front right; rises with an object that is lifted.
+    #[default]
+    Corner,
+    /// Front, along y; rises likewise.
+    Front,
+    /// Right, against x, from higher up, since a finger is in the way; rises likewise.
+    Side,
+    /// In front of the wrist, down on the fingers; moves with the hand.
+    Wrist,
+    /// Middle of the palm, between the fingers; moves with the hand.
+    Palm,
+    /// Camera that stands still.
+    Fixed(PinholeCamera),
+}
+
+impl Viewpoint {
+    /// Viewpoints that have a name, the default first.
+    pub const NAMED: [(&'static str, Self); 5] = [
+        ("corner", Self::Corner),
+        ("front", Self::Front),
+        ("side", Self::Side),
+        ("wrist", Self::Wrist),
+        ("palm", Self::Palm),
+    ];
+
+    /// Returns the viewpoint of that name.
+    pub fn named(name: &str) -> Result<Self> {
+        let known = Self::NAMED.iter().find(|(known, _)| *known == name);
+        known.map(|&(_, viewpoint)| viewpoint).ok_or_else(|| {
+            let names = Self::NAMED.map(|(name, _)| name).join(", ");
+            Error::invalid("camera", name, format!("one of {names}"))
+        })
+    }
+
+    /// Camera from this viewpoint.
+    pub(super) fn camera(&self, state: &SceneState) -> PinholeCamera {
+        let rising = |camera: PinholeCamera| camera.raised_to(state.object.pose.translation.z);
+        let held = |camera: PinholeCamera| camera.moved(&state.wrist.pose);
+        match self {
+            Self::Corner => rising(PinholeCamera::default()),
+            Self::Front => rising(PinholeCamera::new([0.0, -0.56, 0.21], [0.0, 0.0, 0.09], 0.60)),
+            Self::Side => rising(PinholeCamera::new([0.53, 0.0, 0.29], [0.0, 0.0, 0.09], 0.60)),
+            Self::Wrist => held(PinholeCamera::new([0.0, -0.10, 0.11], [0.0, 0.02, -0.05], 0.90)),
+            Self::Palm => held(PinholeCamera::new([0.0, 0.0, 0.072], [0.0, 0.0, -0.15], 1.10)),
+            Self::Fixed(camera) => *camera,
         }
     }
 }
@@ -47,6 +94,19 @@ pub(super) struct View {
 }
 
 impl PinholeCamera {
+    /// Creates a camera at `position` that looks to `target` (m), with z up in the picture, or y if
+    /// it looks along z.
+    pub fn new(position: [f64; 3], target: [f64; 3], vertical_fov: f64) -> Self {
+        let (eye, target) = (Point3::from(position), Point3::from(target));
+        let is_vertical = (target - eye).xy().norm() < 1e-6 * (target - eye).norm();
+        let up = if is_vertical { Vector3::y() } else { Vector3::z() };
+        Self { eye, target, up, vertical_fov }
+    }
+
+    fn moved(&self, pose: &Isometry3<f64>) -> Self {
+        Self { eye: pose * self.eye, target: pose * self.target, up: pose * self.up, ..*self }
+    }
+
     /// Returns this camera raised so that it does not look up to a point at `height` (m).
     #[must_use]
     pub fn raised_to(&self, height: f64) -> Self {

@@ -9,6 +9,7 @@
 //! Equal items give equal bytes.
 
 mod camera;
+mod font;
 mod gripper;
 mod ground;
 mod mesh;
@@ -19,7 +20,7 @@ mod shade;
 mod shadow;
 mod touch;
 
-pub use camera::PinholeCamera;
+pub use camera::{PinholeCamera, Viewpoint};
 pub use gripper::{GripperParts, table};
 pub use mesh::RenderMesh;
 pub use renderer::{Item, Renderer};

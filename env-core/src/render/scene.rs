@@ -3,9 +3,8 @@
 use nalgebra::Isometry3;
 
 use super::{
-    Color, Finish, GripperParts, Item, PinholeCamera, RenderMesh, Renderer, SoftView, TouchView,
-    table,
-    touch::{Inset, TouchedPad},
+    Color, Finish, GripperParts, Item, RenderMesh, Renderer, SoftView, TouchView, Viewpoint, table,
+    touch::{Inset, StressedBody},
 };
 use crate::{
     Error, Result,
@@ -19,7 +18,6 @@ const SEGMENTS: u32 = 64;
 /// Renderer of scenes at one picture size; keeps the data that do not change between frames.
 pub struct SceneRenderer {
     renderer: Renderer,
-    camera: PinholeCamera,
     gripper: GripperParts,
     table: RenderMesh,
     /// Object drawn last, with its shape: most frames show it again.
@@ -33,7 +31,6 @@ impl SceneRenderer {
     pub fn new(width: usize, height: usize) -> Result<Self> {
         Ok(Self {
             renderer: Renderer::new(width, height)?,
-            camera: PinholeCamera::default(),
             gripper: GripperParts::default(),
             table: table(),
             object: None,
@@ -47,11 +44,12 @@ impl SceneRenderer {
     }
 
     /// Draws a scene with an object of `shape` as an sRGB picture (height, width, 3), with a `fixture`
-    /// on the table if there is one. The camera rises with an object that is lifted. With `touch`, the pads are drawn deformed and coloured
-    /// by stress, and an inset shows the more stressed pad from the object's side. With `soft`, the
-    /// object is drawn deformed and coloured by stress.
+    /// on the table if there is one. With `touch`, the pads are drawn deformed and coloured by
+    /// stress, and an inset shows the more stressed pad from the object's side. With `soft`, the
+    /// object is drawn likewise, in the inset from a finger's side.
     pub fn draw(
         &mut self,
+        viewpoint: &Viewpoint,
         state: &SceneState,
         shape: &Shape,
         fixture: Option<&Fixture>,
@@ -70,29 +68,33 @@ impl SceneRenderer {
         items.extend(blocks.iter().map(|(pose, mesh)| {
             Item::new(mesh, *pose, Color::srgb(150, 156, 164)).with_finish(Finish::Metal)
         }));
-        let soft = soft.map(TouchedPad::object).transpose()?;
+        let soft = soft.map(StressedBody::object).transpose()?;
         if let Some(soft) = &soft {
             items.push(soft.item(state.object.pose));
         } else if let Some((_, mesh)) = &self.object {
             let object = Item::new(mesh, state.object.pose, Color::srgb(72, 145, 202));
             items.push(object.with_finish(Finish::Glossy));
         }
-        let camera = self.camera.raised_to(state.object.pose.translation.z);
         let jaws = [0, 1].map(|k| state.fingers[k].position);
-        let Some(touch) = touch else {
+        let pads = touch.map(StressedBody::pads).transpose()?;
+        if let Some(pads) = &pads {
+            items.extend(self.gripper.rigid_items(&state.wrist.pose, jaws));
+            items.extend(pads.iter().zip(&state.fingers).map(|(pad, finger)| pad.item(finger.pad)));
+        } else {
             items.extend(self.gripper.items(&state.wrist.pose, jaws));
-            return self.renderer.draw(&camera, &items);
-        };
-        let pads = TouchedPad::both(touch)?;
-        items.extend(self.gripper.rigid_items(&state.wrist.pose, jaws));
-        items.extend(pads.iter().zip(&state.fingers).map(|(pad, finger)| pad.item(finger.pad)));
-        let mut picture = self.renderer.draw(&camera, &items)?;
-        let (width, height) = self.renderer.size();
-        if self.inset.is_none() {
-            self.inset = Inset::new(width, height)?;
         }
-        if let Some(inset) = &mut self.inset {
-            inset.draw(&pads, &mut picture, width)?;
+        let mut picture = self.renderer.draw(&viewpoint.camera(state), &items)?;
+        let bodies = soft.iter().chain(pads.iter().flatten());
+        let body = bodies.reduce(|a, b| if b.peak > a.peak { b } else { a });
+        let object = soft.is_some().then(|| state.object_in_wrist());
+        if let Some(body) = body.filter(|body| body.peak > 0.0) {
+            let (width, height) = self.renderer.size();
+            if self.inset.is_none() {
+                self.inset = Inset::new(width, height)?;
+            }
+            if let Some(inset) = &mut self.inset {
+                inset.draw(body, object, &mut picture, width)?;
+            }
         }
         Ok(picture)
     }

@@ -1,9 +1,11 @@
-//! Drawing of deformed pads and soft objects, coloured by stress, in the scene and from the
-//! object's side.
+//! Drawing of deformed pads and soft objects, coloured by stress, in the scene and from where they
+//! are touched.
+
+use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{Color, Finish, Item, PinholeCamera, RenderMesh, Renderer};
+use super::{Color, Finish, Item, PinholeCamera, RenderMesh, Renderer, font};
 use crate::{Error, Result, deformation::Deformation, geometry::Surface, tactile::Shell};
 
 /// Contact state of the pads to be drawn.
@@ -52,16 +54,18 @@ fn color(share: f64) -> Color {
 }
 
 /// Deformed pad or soft object to be drawn, in its own frame.
-pub(super) struct TouchedPad {
+pub(super) struct StressedBody {
     mesh: RenderMesh,
     colors: Vec<Color>,
     /// Highest stress at a node (Pa).
-    peak: f64,
+    pub(super) peak: f64,
+    /// Stress of the darkest colour (Pa).
+    darkest: f64,
 }
 
-impl TouchedPad {
+impl StressedBody {
     /// Creates both pads of `view`.
-    pub(super) fn both(view: &TouchView) -> Result<[Self; 2]> {
+    pub(super) fn pads(view: &TouchView) -> Result<[Self; 2]> {
         let rest = Surface::new("pad", &view.shell.places(None), view.shell.triangles())?;
         let rest = RenderMesh::new(&rest);
         let pad = |felt: Option<&Deformation>| {
@@ -70,6 +74,7 @@ impl TouchedPad {
                 mesh: rest.moved(&view.shell.places(felt))?,
                 colors: stress.iter().map(|stress| color(stress / view.darkest)).collect(),
                 peak: stress.iter().copied().fold(0.0, f64::max),
+                darkest: view.darkest,
             })
         };
         Ok([pad(view.fingers[0])?, pad(view.fingers[1])?])
@@ -84,6 +89,7 @@ impl TouchedPad {
             mesh: RenderMesh::new(&rest).moved(&shell.places(felt))?,
             colors: stress.iter().map(|stress| color(stress / darkest)).collect(),
             peak: stress.iter().copied().fold(0.0, f64::max),
+            darkest,
         })
     }
 
@@ -102,13 +108,16 @@ const FRAME: usize = 2;
 /// bar relative to the inset (`BAR`).
 const SHARE: f64 = 0.36;
 const BAR: f64 = 0.06;
-/// Smallest width and height of a picture with an inset (pixels).
+/// Smallest width and height of a picture with an inset, and smallest width of an inset with numbers
+/// (pixels).
 const SMALLEST: usize = 96;
+const SMALLEST_NUMBERED: usize = 64;
+/// Vertical field of view of the inset (rad).
+const FIELD_OF_VIEW: f64 = 0.46;
 
-/// Second view: the more stressed pad, seen from the object, beside the colour scale.
+/// Second view: the more stressed pad or the soft object, beside the colour scale.
 pub(super) struct Inset {
     renderer: Renderer,
-    camera: PinholeCamera,
 }
 
 impl Inset {
@@ -119,31 +128,31 @@ impl Inset {
             return Ok(None);
         }
         let side = (SHARE * height.min(width) as f64) as usize;
-        let camera = PinholeCamera {
-            eye: Point3::new(0.008, -0.016, 0.062),
-            target: Point3::new(0.0, 0.0, -0.001),
-            up: Vector3::y(),
-            vertical_fov: 0.46,
-        };
-        Ok(Some(Self { renderer: Renderer::new(side, side)?, camera }))
+        Ok(Some(Self { renderer: Renderer::new(side, side)? }))
     }
 
-    /// Draws the inset into the upper right corner of `picture`, which is `width` pixels wide, if a
-    /// pad is under stress.
+    /// Draws `body` into the upper right corner of `picture`, which is `width` pixels wide: a soft
+    /// object, which is at `object` in the hand, from the finger on −x, a pad from the object.
     pub(super) fn draw(
         &mut self,
-        pads: &[TouchedPad; 2],
+        body: &StressedBody,
+        object: Option<Isometry3<f64>>,
         picture: &mut [u8],
         width: usize,
     ) -> Result<()> {
-        let [first, second] = pads;
-        let pad = if second.peak > first.peak { second } else { first };
-        if pad.peak <= 0.0 {
-            return Ok(());
-        }
         let side = self.renderer.size().0;
-        let mut inset = self.renderer.draw(&self.camera, &[pad.item(Isometry3::identity())])?;
+        // A quarter turn brings the side of −x to the front, into the light.
+        let quarter_turn = Isometry3::rotation(Vector3::z() * FRAC_PI_2);
+        let pose = object.map_or_else(Isometry3::identity, |object| quarter_turn * object);
+        let camera = match object {
+            Some(_) => in_front_of_object(&body.mesh, &pose),
+            None => in_front_of_pad(),
+        };
+        let mut inset = self.renderer.draw(&camera, &[body.item(pose)])?;
         paint_bar(&mut inset, side);
+        if side >= SMALLEST_NUMBERED {
+            write_numbers(&mut inset, side, body.darkest);
+        }
         let whole = side + 2 * FRAME;
         let left = width - MARGIN - whole;
         for y in 0..whole {
@@ -158,10 +167,42 @@ impl Inset {
     }
 }
 
+fn in_front_of_pad() -> PinholeCamera {
+    PinholeCamera {
+        eye: Point3::new(0.008, -0.016, 0.062),
+        target: Point3::new(0.0, 0.0, -0.001),
+        up: Vector3::y(),
+        vertical_fov: FIELD_OF_VIEW,
+    }
+}
+
+fn in_front_of_object(mesh: &RenderMesh, pose: &Isometry3<f64>) -> PinholeCamera {
+    let radius = mesh.vertices.iter().map(|v| (v - mesh.center).norm()).fold(0.0, f64::max);
+    let target = pose * mesh.center;
+    let direction = Vector3::new(0.3, -0.9, 0.3).normalize();
+    let eye = target + direction * (radius / (0.4 * FIELD_OF_VIEW).sin());
+    PinholeCamera { eye, target, up: Vector3::z(), vertical_fov: FIELD_OF_VIEW }
+}
+
+/// Writes the ends of the colour scale beside it.
+fn write_numbers(picture: &mut [u8], side: usize, darkest: f64) {
+    let scale = (side / 80).max(1);
+    let [right, bottom] = [side - bar_width(side), side].map(|end| end - 2 * scale);
+    for (text, is_top) in [(font::stress(darkest), true), ("0".to_owned(), false)] {
+        let [width, height] = font::size(&text, scale);
+        let top = if is_top { 2 * scale } else { bottom - height };
+        font::write(picture, side, &text, scale, [right.saturating_sub(width), top]);
+    }
+}
+
+fn bar_width(side: usize) -> usize {
+    ((BAR * side as f64) as usize).max(2)
+}
+
 /// Paints the colour scale along the right edge of a square picture: no stress at the bottom, the
 /// darkest colour at the top.
 fn paint_bar(picture: &mut [u8], side: usize) {
-    let width = ((BAR * side as f64) as usize).max(2);
+    let width = bar_width(side);
     for y in 0..side {
         let share = 1.0 - y as f64 / (side - 1) as f64;
         let bytes = color(share).bytes();

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
+    "CAMERAS",
     "OBJECTS",
     "Antipodal",
     "Batch",
@@ -48,6 +49,7 @@ __all__ = [
 
 __version__: str
 OBJECTS: list[str]
+CAMERAS: list[str]
 
 class SimulationError(RuntimeError): ...
 
@@ -71,6 +73,7 @@ class PressError(SimulationError):
 _Floats: TypeAlias = NDArray[np.float32]
 _Bools: TypeAlias = NDArray[np.bool_]
 _Component: TypeAlias = tuple[str, list[float], list[float], str]
+_Camera: TypeAlias = str | tuple[list[float], list[float], float]
 _StepResult: TypeAlias = tuple[
     _Floats,
     NDArray[np.float64],
@@ -99,7 +102,7 @@ class Batch:
     def skin(self) -> dict[str, NDArray[np.float64]] | None: ...
     def look(self, row: int) -> dict[str, Any] | None: ...
     def surfaces(self, row: int) -> dict[str, tuple[_Array, NDArray[np.uint32], _Array | None]]: ...
-    def render(self, row: int, width: int, height: int) -> NDArray[np.uint8]: ...
+    def render(self, row: int, width: int, height: int, camera: _Camera) -> NDArray[np.uint8]: ...
 
 def schema() -> str: ...
 def encode_gif(frames: Sequence[NDArray[np.uint8]], delay: int) -> bytes: ...

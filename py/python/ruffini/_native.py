@@ -87,13 +87,11 @@ class Native:
         """Docstring of the environment of a task, without its arguments."""
         return specification(TASKS[task])
 
-    def _make(
-        self, render_mode: str | None, obs: str, width: int, height: int, settings: dict[str, Any]
-    ) -> None:
+    def _make(self, renderer: Renderer, obs: str, settings: dict[str, Any]) -> None:
         """Create the batch; the number of rows, threads and the autoreset mode are set before."""
         self._obs = obs
         self._settings = settings
-        self._renderer = Renderer(render_mode, width, height)
+        self._renderer = renderer
         self._batch = self._new_batch()
         self._make_spaces()
         self._terms = self._batch.reward_terms()

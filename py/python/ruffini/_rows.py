@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ruffini._spaces import check_options
+from ruffini._spaces import Camera, check_options
 
 if TYPE_CHECKING:
     from ruffini._vector import NativeVectorEnv
@@ -139,8 +139,8 @@ def _step(envs: NativeVectorEnv, rows: Sequence[int], *_: Any, **__: Any) -> lis
     raise ValueError("step: found a call for rows, expected one of the vector environment's step")
 
 
-def _render(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
-    return [envs.picture(row) for row in rows]
+def _render(envs: NativeVectorEnv, rows: Sequence[int], camera: Camera | None = None) -> list[Any]:
+    return [envs.picture(row, camera) for row in rows]
 
 
 def _channels(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:

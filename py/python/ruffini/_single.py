@@ -16,8 +16,10 @@ from ruffini._spaces import (
     ACTION_SIZE,
     METADATA,
     NO_LIMIT,
+    Camera,
     Frame,
     Observation,
+    Renderer,
     as_actions,
     check_open,
     check_options,
@@ -34,6 +36,9 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         obs: ``"dict"`` or ``"flat"``.
         width: Width of a picture in pixels.
         height: Height of a picture in pixels.
+        camera: ``"corner"``, ``"front"`` or ``"side"``, which rise with a lifted object;
+            ``"wrist"`` or ``"palm"``, which move with the hand; or a mapping: ``position`` and
+            ``target`` (m, world frame), ``field_of_view`` (rad, vertical; 0.6 if not given).
         **settings: As the specification lists them.
 
     Raises:
@@ -50,11 +55,12 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         obs: str = "dict",
         width: int = 640,
         height: int = 480,
+        camera: Camera = "corner",
         **settings: Unpack[Settings],
     ) -> None:
         self._rows = self._threads = 1
         self._autoreset = AutoresetMode.DISABLED.value
-        self._make(render_mode, obs, width, height, dict(settings))
+        self._make(Renderer(render_mode, width, height, camera), obs, dict(settings))
         self.render_mode = render_mode
         self.observation_space: gym.spaces.Space[Any] = self._spaces.observation
         self.action_space = self._spaces.action
@@ -114,11 +120,18 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
             info,
         )
 
-    def render(self) -> Frame | None:
-        """Picture (height, width, 3) of the scene, or ``None`` without a render mode."""
+    def render(self, camera: Camera | None = None) -> Frame | None:
+        """Picture (height, width, 3) of the scene, or ``None`` without a render mode.
+
+        Args:
+            camera: Another camera than the environment's.
+
+        Raises:
+            ValueError: If there is no such camera.
+        """
         if self.render_mode is None:
             return None
-        return self._renderer.draw(self._batch, 0)
+        return self._renderer.draw(self._batch, 0, camera)
 
     def state(self) -> bytes:
         """Snapshot as bytes of everything on which the environment's future depends."""

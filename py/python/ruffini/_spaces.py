@@ -13,8 +13,9 @@ from gymnasium.error import ClosedEnvironmentError
 from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 
-from ruffini._core import Batch
+from ruffini._core import CAMERAS, Batch
 from ruffini._schema import SETTINGS
+from ruffini._settings import nearest
 
 Observation = NDArray[np.float32] | dict[str, NDArray[np.float32]]
 """A flat vector, or one vector per channel."""
@@ -22,9 +23,17 @@ Observation = NDArray[np.float32] | dict[str, NDArray[np.float32]]
 Frame = NDArray[np.uint8]
 """A picture (height, width, 3)."""
 
+Camera = str | Mapping[str, Any]
+"""A name, or a mapping with ``position``, ``target`` (m) and maybe ``field_of_view`` (rad)."""
+
 ACTION_SIZE = 5
 MOST_ENVIRONMENTS = 1_000_000
 NO_LIMIT = 1_000_000
+
+_FIELD_OF_VIEW = 0.6
+"""Field of view of a camera that has none, from top to bottom of the picture (rad)."""
+_FARTHEST = 20.0
+"""Largest coordinate of a camera (m): no more of the scene is drawn from farther away."""
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 25}
 
@@ -74,9 +83,9 @@ class Spaces:
 
 
 class Renderer:
-    """Renderer of pictures of one size."""
+    """Renderer of pictures of one size, from one camera if no other is asked for."""
 
-    def __init__(self, mode: str | None, width: int, height: int) -> None:
+    def __init__(self, mode: str | None, width: int, height: int, camera: Camera) -> None:
         if mode is not None and mode not in METADATA["render_modes"]:
             hint = f"; {_WINDOW}" if mode == "human" else ""
             raise ValueError(f"render_mode: found {mode!r}, expected None or 'rgb_array'{hint}")
@@ -84,9 +93,50 @@ class Renderer:
             if not (isinstance(pixels, int) and 16 <= pixels <= 4096):
                 raise ValueError(f"{name}: found {pixels!r}, expected 16 to 4096 pixels")
         self.mode, self.width, self.height = mode, width, height
+        self.camera = as_camera(camera)
 
-    def draw(self, batch: Batch, row: int) -> Frame:
-        return batch.render(row, self.width, self.height)
+    def draw(self, batch: Batch, row: int, camera: Camera | None = None) -> Frame:
+        view = self.camera if camera is None else as_camera(camera)
+        return batch.render(row, self.width, self.height, view)
+
+
+def as_camera(camera: Camera) -> str | tuple[list[float], list[float], float]:
+    """Name of a camera, or its position, target and field of view.
+
+    Raises:
+        ValueError: If there is no such camera.
+    """
+    pose: dict[str, Any] = {"position": None, "target": None, "field_of_view": _FIELD_OF_VIEW}
+    if isinstance(camera, str) and camera in CAMERAS:
+        return camera
+    if not isinstance(camera, Mapping):
+        near = nearest(camera, CAMERAS) if isinstance(camera, str) else ","
+        expected = f"one of {', '.join(CAMERAS)}, or a mapping with {', '.join(pose)}"
+        raise ValueError(f"camera: found {camera!r}{near} expected {expected}")
+    for name in camera:
+        if name not in pose:
+            near = nearest(str(name), pose)
+            raise ValueError(f"camera: found {name!r}{near} expected {', '.join(pose)}")
+    given = pose | dict(camera)
+    position, target = _point("position", given["position"]), _point("target", given["target"])
+    if position == target:
+        raise ValueError(f"camera.target: found {target}, expected another point than the position")
+    angle = given["field_of_view"]
+    if not (isinstance(angle, (int, float, np.number)) and 0.01 < angle < 3.0):
+        raise ValueError(f"camera.field_of_view: found {angle!r}, expected 0.01 to 3 rad")
+    return position, target, float(angle)
+
+
+def _point(name: str, value: Any) -> list[float]:
+    """Convert a point of a camera to floats, or raise a ``ValueError``."""
+    try:
+        point = np.asarray(value, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        point = np.empty(0)
+    if point.shape != (3,) or not (np.abs(point) < _FARTHEST).all():
+        expected = f"three numbers within {_FARTHEST:g} m of the origin"
+        raise ValueError(f"camera.{name}: found {value!r}, expected {expected}")
+    return [float(x) for x in point]
 
 
 def check_count(name: str, count: Any) -> None:

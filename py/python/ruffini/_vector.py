@@ -18,7 +18,9 @@ from ruffini._settings import Settings, nearest
 from ruffini._spaces import (
     ACTION_SIZE,
     METADATA,
+    Camera,
     Frame,
+    Renderer,
     as_actions,
     check_count,
     check_open,
@@ -44,6 +46,9 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         obs: ``"dict"`` or ``"flat"``.
         width: Width of a picture in pixels.
         height: Height of a picture in pixels.
+        camera: ``"corner"``, ``"front"`` or ``"side"``, which rise with a lifted object;
+            ``"wrist"`` or ``"palm"``, which move with the hand; or a mapping: ``position`` and
+            ``target`` (m, world frame), ``field_of_view`` (rad, vertical; 0.6 if not given).
         **settings: As for the single environment.
 
     Raises:
@@ -73,6 +78,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         obs: str = "dict",
         width: int = 640,
         height: int = 480,
+        camera: Camera = "corner",
         **settings: Unpack[Settings],
     ) -> None:
         try:
@@ -91,7 +97,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         self.metadata = {**METADATA, "autoreset_mode": mode}
         self._rows, self._autoreset = num_envs, mode.value
         self._threads = num_threads or min(_cores(), num_envs)
-        self._make(render_mode, obs, width, height, dict(settings))
+        self._make(Renderer(render_mode, width, height, camera), obs, dict(settings))
         self.render_mode = render_mode
         self.single_observation_space = self._spaces.observation
         self.single_action_space = self._spaces.action
@@ -223,15 +229,16 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
             "_final_info": done.copy(),
         }
 
-    def render(self) -> tuple[Frame, ...] | None:
+    def render(self, camera: Camera | None = None) -> tuple[Frame, ...] | None:
         """One picture (height, width, 3) per row, or ``None`` without a render mode."""
         if self.render_mode is None:
             return None
-        return tuple(self._renderer.draw(self._batch, row) for row in range(self.num_envs))
+        rows = range(self.num_envs)
+        return tuple(self._renderer.draw(self._batch, row, camera) for row in rows)
 
-    def picture(self, row: int) -> Frame | None:
+    def picture(self, row: int, camera: Camera | None = None) -> Frame | None:
         """Picture (height, width, 3) of one row, or ``None`` without a render mode."""
-        return None if self.render_mode is None else self._renderer.draw(self._batch, row)
+        return None if self.render_mode is None else self._renderer.draw(self._batch, row, camera)
 
     def state(self) -> list[bytes]:
         """Snapshot of each row as bytes of everything on which its future depends."""

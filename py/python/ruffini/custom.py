@@ -30,7 +30,7 @@ from ruffini._native import Native, StepArrays
 from ruffini._schema import ENDINGS, RULES, TASKS
 from ruffini._settings import naming_nearest, nearest
 from ruffini._single import NativeEnv
-from ruffini._spaces import Observation, Spaces
+from ruffini._spaces import Observation, Renderer, Spaces
 from ruffini._vector import NativeVectorEnv
 from ruffini.policies._parts import part
 
@@ -156,10 +156,8 @@ class _Custom(Native):
         self.TASK = task.base  # type: ignore[misc]
         super().__init__(*args, **{**task.settings, **settings})
 
-    def _make(
-        self, render_mode: str | None, obs: str, width: int, height: int, settings: dict[str, Any]
-    ) -> None:
-        super()._make(render_mode, obs, width, height, settings)
+    def _make(self, renderer: Renderer, obs: str, settings: dict[str, Any]) -> None:
+        super()._make(renderer, obs, settings)
         observed = [name for name, _ in self._batch.layout()]
         read = [name for name in self._task.reads if name not in observed]
         if read:

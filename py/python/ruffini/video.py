@@ -81,8 +81,8 @@ def film(policy: Policy, env_id: str, path: Path, seeds: range, **settings: Any)
     Raises:
         SimulationError: If the video cannot be written.
     """
-    width, height = SIZES[path.suffix]
-    env = gym.make(env_id, render_mode="rgb_array", width=width, height=height, **settings)
+    size = dict(zip(("width", "height"), SIZES[path.suffix], strict=True))
+    env = gym.make(env_id, render_mode="rgb_array", **size | settings)
     frames: list[Frame] = []
     endings = []
     for seed in seeds:
@@ -100,8 +100,8 @@ def film(policy: Policy, env_id: str, path: Path, seeds: range, **settings: Any)
         write(path, frames)
     except OSError as error:
         raise SimulationError(f"video: {path}: {error.strerror or error}") from None
-    size = path.stat().st_size / 1e6
-    return f"{path}: {len(seeds)} episodes ({', '.join(endings)}), {size:.1f} MB"
+    megabytes = path.stat().st_size / 1e6
+    return f"{path}: {len(seeds)} episodes ({', '.join(endings)}), {megabytes:.1f} MB"
 
 
 def _row(observation: Any) -> Any:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from ruffini import video
+from ruffini._core import CAMERAS
+from ruffini._spaces import Renderer
 from ruffini.agents import Agent
 from ruffini.commands.policy import HELP, TASK, add_evaluation, choose, evaluated
 from ruffini.evaluation import line
@@ -34,6 +37,10 @@ def add_to(commands: Any) -> None:
     parser.add_argument(
         "--video-episodes", type=int, default=3, help="episodes in it; 3 if not given"
     )
+    parser.add_argument("--camera", default="corner", help=f"{', '.join(CAMERAS)}")
+    parser.add_argument(
+        "--size", metavar="WxH", help="pixels of a picture; 320x240 for .gif, 640x480 for .mp4"
+    )
     parser.set_defaults(run=run)
 
 
@@ -48,6 +55,7 @@ def run(options: argparse.Namespace) -> None:
         raise ValueError(f"video-episodes: found {options.video_episodes}, expected at least 1")
     if options.video is not None:
         video.check(options.video)
+    picture = _picture(options.camera, options.size)
     chosen = choose(options.task, options.policy, {})
     episodes = options.episodes
     if episodes is None:
@@ -62,7 +70,23 @@ def run(options: argparse.Namespace) -> None:
         count = min(options.video_episodes, episodes)
         seeds = range(options.seed, options.seed + count)
         made = chosen.policy, chosen.env_id, options.video, seeds
-        print(video.film(*made, **chosen.settings))
+        print(video.film(*made, **chosen.settings | picture))
+
+
+def _picture(camera: str, size: str | None) -> dict[str, Any]:
+    """Keyword arguments of an environment for its pictures.
+
+    Raises:
+        ValueError: If there is no such camera or size.
+    """
+    picture: dict[str, Any] = {"camera": camera}
+    if size is not None:
+        found = re.fullmatch(r"(\d+)x(\d+)", size)
+        if found is None:
+            raise ValueError(f"size: found {size!r}, expected WxH in pixels, such as 640x480")
+        picture |= {"width": int(found[1]), "height": int(found[2])}
+    Renderer("rgb_array", **{"width": 640, "height": 480} | picture)
+    return picture
 
 
 def _verdict(found: Sequence[float], told: Sequence[float]) -> str:
