@@ -15,7 +15,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import ruffini
-from ruffini._schema import ENDINGS
+from ruffini._schema import ENDINGS, SHARED_CHANNELS
 from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 
 SENSORS = Path(__file__).parents[2] / "env-core/assets/sensors"
@@ -32,7 +32,7 @@ OVER_OBJECT: dict[str, Any] = {
 
 
 def everything(**settings: Any) -> dict[str, Any]:
-    channels = [*ruffini.CHANNELS, *ruffini.TACTILE_CHANNELS]
+    channels = [*SHARED_CHANNELS, *ruffini.TACTILE_CHANNELS]
     if settings.get("sensor") == "digit":
         channels.remove("image")
     return {**OVER_OBJECT, "observation": channels, **settings}

@@ -111,19 +111,22 @@ const OFF_CENTRE: f64 = 0.25;
 
 impl MeshSpec {
     fn shape(&self) -> Result<Shape> {
-        let mut surface = read_surface(Path::new(&self.mesh), self.scale)?;
+        let surface = read_surface(Path::new(&self.mesh), self.scale)?;
         let (low, high) = surface.bounds();
         let middle = 0.5 * (low.coords + high.coords);
         if self.centred {
-            surface = surface.moved(&-middle);
-        } else if middle.component_div(&(high - low)).amax() > OFF_CENTRE {
+            return Ok(Shape::Mesh(Arc::new(surface.moved(&-middle))));
+        }
+        // One in a wrong unit is told so first.
+        let shape = Shape::Mesh(Arc::new(surface)).validated()?;
+        if middle.component_div(&(high - low)).amax() > OFF_CENTRE {
             let [x, y, z] = middle.into();
             let found = format!("{} around ({x:.4}, {y:.4}, {z:.4}) m", self.mesh);
             let expected =
                 r#"a mesh around its origin; {"mesh": …, "centred": true} moves it there"#;
             return Err(Error::invalid("mesh origin", found, expected));
         }
-        Ok(Shape::Mesh(Arc::new(surface)))
+        Ok(shape)
     }
 }
 

@@ -47,7 +47,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
     """
 
     metadata = METADATA
-    _ARGUMENTS = ("render_mode", "obs", "width", "height")
+    _ARGUMENTS = ("render_mode", "obs", "width", "height", "camera")
 
     def __init__(
         self,

@@ -59,7 +59,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
     metadata = METADATA
     _ARGUMENTS = (
         *("num_envs", "num_threads", "autoreset_mode"),
-        *("render_mode", "obs", "width", "height"),
+        *("render_mode", "obs", "width", "height", "camera"),
     )
 
     @classmethod
