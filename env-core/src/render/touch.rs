@@ -180,7 +180,7 @@ fn in_front_of_object(mesh: &RenderMesh, pose: &Isometry3<f64>) -> PinholeCamera
     let radius = mesh.vertices.iter().map(|v| (v - mesh.center).norm()).fold(0.0, f64::max);
     let target = pose * mesh.center;
     let direction = Vector3::new(0.3, -0.9, 0.3).normalize();
-    let eye = target + direction * (radius / (0.4 * FIELD_OF_VIEW).sin());
+    let eye = target + direction * (radius / (0.36 * FIELD_OF_VIEW).sin());
     PinholeCamera { eye, target, up: Vector3::z(), vertical_fov: FIELD_OF_VIEW }
 }
 
