@@ -229,7 +229,6 @@ def test_a_flat_agent_is_trained_further(tmp_path):
         (["train", "HoldStill", "--out", "FILE"], "File exists"),
         (["evaluate", "scritped"], "'scritped', did you mean 'scripted'? expected trained"),
         (["evaluate", "GrapsLift"], "'GrapsLift', did you mean 'GraspLift'?"),
-        (["evaluate", "InsertPeg"], "agent: found none of InsertPeg-v0"),
         (["evaluate", "RUNS/shrt"], "RUNS/shrt, did you mean 'RUNS/short'? expected the folder"),
         (["evaluate", "FILE", "--task", "GraspLift"], f"found one of {HOLD}, expected one of ruf"),
         (["evaluate", "FILE", "--task", "Juggle"], "task: found 'Juggle', expected one of Grasp"),
