@@ -123,12 +123,17 @@ mod tests {
         tactile::{Choice, Resolution, TactileConfig, TactilePad},
     };
 
-    #[test]
-    fn a_way_that_fails_is_left_for_its_end() {
+    /// Linear model of a coarse pad.
+    fn coarse() -> Model {
         let resolution = Resolution { nodes: 100, ..Resolution::default() };
         let config =
             TactileConfig { choice: Choice::Compliance, resolution, ..TactileConfig::default() };
-        let mut model = TactilePad::new(&config).unwrap().unwrap().model().clone();
+        TactilePad::new(&config).unwrap().unwrap().model().clone()
+    }
+
+    #[test]
+    fn a_way_that_fails_is_left_for_its_end() {
+        let mut model = coarse();
         let radius = 8e-3;
         let at = |depth: f64| vec![Isometry3::translation(0.0, 0.0, radius - depth)];
         let press = Press::along(vec![Shape::Sphere { radius }], vec![at(3e-4)]).unwrap();
@@ -148,10 +153,7 @@ mod tests {
 
     #[test]
     fn an_answer_that_folds_twice_is_an_error() {
-        let resolution = Resolution { nodes: 100, ..Resolution::default() };
-        let config =
-            TactileConfig { choice: Choice::Compliance, resolution, ..TactileConfig::default() };
-        let mut model = TactilePad::new(&config).unwrap().unwrap().model().clone();
+        let mut model = coarse();
         let radius = 8e-3;
         let pose = Isometry3::translation(0.0, 0.0, radius - 3e-4);
         let press = Press::along(vec![Shape::Sphere { radius }], vec![vec![pose]]).unwrap();
