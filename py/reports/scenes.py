@@ -319,7 +319,7 @@ def pictures_of_tasks(out: Path):
         if task == "GraspLift":
             pictures = [env.render(camera) for camera in CAMERAS[1:]]
             sheet = np.vstack([np.hstack(pictures[:2]), np.hstack(pictures[2:])])
-            picture = Image.fromarray(sheet).quantize(128, dither=Image.Dither.NONE)
+            picture = Image.fromarray(sheet).quantize(256, dither=Image.Dither.NONE)
             picture.save(out / "cameras.png", optimize=True)
 
 
