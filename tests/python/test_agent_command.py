@@ -96,6 +96,10 @@ def test_what_only_the_value_function_sees_is_not_the_agents(tmp_path):
     assert list(agent.channels) == ["proprio", "wrench", "markers"]
     about = json.loads((folder / agents.RUN).read_text())
     assert about["params"]["privileged"] == ["insertion"]
+    seen = json.dumps({"observation": ["proprio", "insertion"], "tactile": "compliance"})
+    told = [*words[:-1], tmp_path / "told", "--steps", 256, "--settings", seen]
+    assert command(*told) == 0
+    assert list(agents.load(tmp_path / "told").channels) == ["proprio", "insertion"]
     assert (
         command(*words[:2], "--from", folder, *EIGHT, "--steps", 256, "--out", tmp_path / "b") == 0
     )

@@ -40,8 +40,12 @@ class Params:
         return int(self.n_envs * self.algorithm["n_steps"])
 
     def with_settings(self, settings: dict[str, Any]) -> Params:
-        """With other keyword arguments of the environment."""
-        return replace(self, environment=self.environment | settings)
+        """With other keyword arguments of the environment; what is observed is not privileged."""
+        environment = self.environment | settings
+        observed = environment.get("observation") or []
+        observed = [observed] if isinstance(observed, str) else observed
+        privileged = [name for name in self.privileged if name not in observed]
+        return replace(self, environment=environment, privileged=privileged)
 
 
 CLOSING: dict[str, Any] = {

@@ -153,8 +153,9 @@ def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> 
     agent.check(envs.observation_space)
     normalised = _normalised(agent, envs, arguments["gamma"])
     network = card["network"]
+    value = network["policy"] if network["value"] is None else network["value"]
     kwargs: dict[str, Any] = {
-        "net_arch": {"pi": network["policy"], "vf": network["value"] or network["policy"]},
+        "net_arch": {"pi": network["policy"], "vf": value},
         "activation_fn": getattr(torch.nn, network["activation"]),
     }
     if network["touch"]:
