@@ -177,7 +177,7 @@ impl Batch {
 
     /// Rest positions (m) that the tactile channels refer to; `None` for rigid fingers.
     fn skin<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
-        let Some(touch) = self.inner.setup().touch() else { return Ok(None) };
+        let Some(touch) = self.inner.setup().tactile().pads() else { return Ok(None) };
         let (skin, dict) = (touch.skin(), PyDict::new(py));
         let points = |points: Vec<Point3<f64>>| {
             let count = points.len();

@@ -1,15 +1,18 @@
 //! Solves the presses of all rows in one call to a model.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::{
+    panic::{AssertUnwindSafe, catch_unwind},
+    slice,
+};
 
 use rayon::{ThreadPool, prelude::*};
 
 use crate::{
     Error, Result,
-    deformation::{Deformation, DeformationModel, Press, Wanted},
+    deformation::{Deformation, Press, Wanted},
     geometry::TetMesh,
     interrupt::Interrupt,
-    tactile::{Model, SoftObject},
+    tactile::TactileModel,
 };
 
 /// Result of a press.
@@ -20,17 +23,20 @@ pub(super) struct Answer {
     pub(super) retaken: Option<&'static str>,
 }
 
-/// Solves `presses` by `model`, with the optional parts `wanted`, on the threads of `pool` or of
-/// the caller. A panic in one press becomes the error of that press.
+/// Solves `presses` by `model`, each at contact with the object of that index in `objects`, with the
+/// optional parts `wanted`, on the threads of `pool` or of the caller. A panic in one press becomes
+/// the error of that press.
 pub(super) fn answers(
-    model: &mut Model,
+    model: &mut TactileModel,
+    objects: &[usize],
     presses: &[Press],
     wanted: Wanted,
     pool: Option<&ThreadPool>,
 ) -> Vec<Answer> {
-    let ask = |_: &[usize], presses: &[Press]| {
-        let found = each(model, presses, wanted);
-        match model.linear_body() {
+    let ask = |which: &[usize], presses: &[Press]| {
+        let objects: Vec<_> = which.iter().map(|&i| objects[i]).collect();
+        let found = each(model, &objects, presses, wanted);
+        match model.pads().and_then(|pads| pads.model().linear_body()) {
             Some(body) => {
                 let pairs = found.into_par_iter().zip(presses);
                 pairs.map(|(found, press)| unfolded(found?, press, body.mesh())).collect()
@@ -38,31 +44,10 @@ pub(super) fn answers(
             None => found,
         }
     };
-    within(pool, || retaken(presses, ask))
-}
-
-/// Solves each press by the model of its soft object, like [`answers`]. A press without an object
-/// is an error.
-pub(super) fn answers_of_objects(
-    objects: &[Option<&SoftObject>],
-    presses: &[Press],
-    pool: Option<&ThreadPool>,
-) -> Vec<Answer> {
-    let one = |(&row, press): (&usize, &Press)| {
-        let mut model = objects[row].ok_or(Error::Panicked)?.model().clone();
-        let wanted = Wanted { stress: true, ..Wanted::default() };
-        let solve = || model.feel(std::slice::from_ref(press), wanted).pop();
-        catch_unwind(AssertUnwindSafe(solve)).ok().flatten().unwrap_or(Err(Error::Panicked))
-    };
-    let ask = |rows: &[usize], presses: &[Press]| rows.par_iter().zip(presses).map(one).collect();
-    within(pool, || retaken(presses, ask))
-}
-
-fn within<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
     let interrupt = Interrupt::current();
     match pool {
-        Some(pool) => pool.install(|| interrupt.during(work)),
-        None => work(),
+        Some(pool) => pool.install(|| interrupt.during(|| retaken(presses, ask))),
+        None => retaken(presses, ask),
     }
 }
 
@@ -103,12 +88,21 @@ fn unfolded(mut answer: Deformation, press: &Press, mesh: &TetMesh) -> Result<De
     if answer.history.folded && was_folded { Err(Error::Inverted) } else { Ok(answer) }
 }
 
-fn each(model: &mut Model, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
-    let mut solve = |presses| catch_unwind(AssertUnwindSafe(|| model.feel(presses, wanted)));
-    solve(presses).unwrap_or_else(|_| {
-        let mut alone =
-            |press| solve(std::slice::from_ref(press)).ok().and_then(|mut one| one.pop());
-        presses.iter().map(|press| alone(press).unwrap_or(Err(Error::Panicked))).collect()
+fn each(
+    model: &mut TactileModel,
+    objects: &[usize],
+    presses: &[Press],
+    wanted: Wanted,
+) -> Vec<Result<Deformation>> {
+    let mut solve = |objects: &[usize], presses: &[Press]| {
+        catch_unwind(AssertUnwindSafe(|| model.feel(objects, presses, wanted)))
+    };
+    solve(objects, presses).unwrap_or_else(|_| {
+        let mut alone = |(object, press)| {
+            let one = solve(slice::from_ref(object), slice::from_ref(press)).ok();
+            one.and_then(|mut one| one.pop()).unwrap_or(Err(Error::Panicked))
+        };
+        objects.iter().zip(presses).map(&mut alone).collect()
     })
 }
 
@@ -118,22 +112,22 @@ mod tests {
 
     use super::*;
     use crate::{
-        deformation::History,
+        deformation::{DeformationModel, History},
         geometry::Shape,
-        tactile::{Choice, Resolution, TactileConfig, TactilePad},
+        tactile::{Choice, Model, Resolution, TactileConfig, TactilePad},
     };
 
     /// Linear model of a coarse pad.
-    fn coarse() -> Model {
+    fn coarse() -> TactilePad {
         let resolution = Resolution { nodes: 100, ..Resolution::default() };
         let config =
             TactileConfig { choice: Choice::Compliance, resolution, ..TactileConfig::default() };
-        TactilePad::new(&config).unwrap().unwrap().model().clone()
+        TactilePad::new(&config).unwrap().unwrap()
     }
 
     #[test]
     fn a_way_that_fails_is_left_for_its_end() {
-        let mut model = coarse();
+        let mut model = TactileModel::Pads(coarse());
         let radius = 8e-3;
         let at = |depth: f64| vec![Isometry3::translation(0.0, 0.0, radius - depth)];
         let press = Press::along(vec![Shape::Sphere { radius }], vec![at(3e-4)]).unwrap();
@@ -144,7 +138,7 @@ mod tests {
             History { displacement, poses, anchors: Vec::new(), forces: Vec::new(), folded: false };
         let asked = [press.clone(), press.after(history).unwrap()];
         let [straight, lost] =
-            answers(&mut model, &asked, Wanted::default(), None).try_into().ok().unwrap();
+            answers(&mut model, &[0, 0], &asked, Wanted::default(), None).try_into().ok().unwrap();
         assert_eq!([straight.retaken, lost.retaken], [None, Some("invalid")]);
         let forces = [straight, lost].map(|answer| answer.found.unwrap().contact_force);
         assert!(forces[0].iter().any(|force| force.norm() > 0.0));
@@ -153,7 +147,7 @@ mod tests {
 
     #[test]
     fn an_answer_that_folds_twice_is_an_error() {
-        let mut model = coarse();
+        let mut model: Model = coarse().model().clone();
         let radius = 8e-3;
         let pose = Isometry3::translation(0.0, 0.0, radius - 3e-4);
         let press = Press::along(vec![Shape::Sphere { radius }], vec![vec![pose]]).unwrap();

@@ -7,18 +7,18 @@ use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
 
 use super::{
     Outcome, Row, Setup, Stage, StartQuantity,
-    answers::{answers, answers_of_objects},
+    answers::answers,
+    contact::{PerFinger, stiffened},
     plan::{MODEL, StageTimes},
     snapshot,
-    touch::PerFinger,
 };
 use crate::{
     Error, Result,
     deformation::{Deformation, Wanted},
     geometry::Surface,
-    render::{SceneRenderer, SoftView, TouchView, Viewpoint},
-    tactile,
-    task::ACTION_SIZE,
+    render::{DeformationView, DeformedBodies, SceneRenderer, Viewpoint},
+    tactile::TactileModel,
+    task::{ACTION_SIZE, EpisodeParameters},
 };
 
 /// Time at which a row whose episode has ended starts the next one.
@@ -40,8 +40,8 @@ const DARKEST: f64 = 0.3;
 pub struct Batch {
     setup: Arc<Setup>,
     rows: Vec<Row>,
-    /// Model that solves the presses of the fingers; `None` if they are rigid.
-    model: Option<tactile::Model>,
+    /// Model that solves the presses.
+    model: TactileModel,
     /// Time spent on all rows together.
     costs: StageTimes,
     autoreset: Autoreset,
@@ -97,7 +97,7 @@ impl Batch {
         }
         let observation = vec![0.0; rows * setup.layout().size()];
         let rows = (0..rows as u64).map(Row::new).collect();
-        let model = setup.touch().map(|touch| touch.model().clone());
+        let model = setup.tactile().clone();
         Ok(Self {
             setup,
             rows,
@@ -207,8 +207,7 @@ impl Batch {
 
     /// Solves the presses of all rows in one call.
     fn feel(&mut self) {
-        let soft = self.setup.soft(0).is_some();
-        if self.model.is_none() && !soft {
+        if matches!(self.model, TactileModel::Rigid) {
             return;
         }
         let (mut from, mut presses) = (Vec::new(), Vec::new());
@@ -223,11 +222,8 @@ impl Batch {
         }
         let wanted = self.setup.wanted();
         let pool = self.pool.as_ref().map(|(_, pool)| pool);
-        let objects: Vec<_> = from.iter().map(|&(i, _)| self.rows[i].soft(&self.setup)).collect();
-        let solve = || match &mut self.model {
-            Some(model) => answers(model, &presses, wanted, pool),
-            None => answers_of_objects(&objects, &presses, pool),
-        };
+        let objects: Vec<_> = from.iter().map(|&(i, _)| self.rows[i].object()).collect();
+        let solve = || answers(&mut self.model, &objects, &presses, wanted, pool);
         let answers = self.costs.time_all(MODEL, presses.len() as u64, solve);
         for ((i, finger), answer) in from.into_iter().zip(answers) {
             self.rows[i].answer(finger, answer);
@@ -261,21 +257,23 @@ impl Batch {
         let Some((state, draw)) = state else {
             return Err(Error::invalid("render", format!("row {row}"), "a row that was reset"));
         };
-        let setup = self.setup.clone();
-        let soft = setup.soft(draw.object).zip(draw.young);
-        let stiffness =
-            soft.map_or(draw.gel_stiffness, |(object, young)| young / object.stress(1.0));
-        let felt = self.felt_by(row)?.map(|felt| Some(felt?.stiffened(stiffness)));
-        let touch = setup.touch().map(|touch| TouchView {
-            shell: touch.skin().shell(),
-            fingers: felt.each_ref().map(Option::as_ref),
-            darkest: draw.stress_limit.unwrap_or(DARKEST * touch.skin().young()),
-        });
-        let crush = setup.config().task.soft_material().map_or(1.0, |material| material.crush);
-        let soft = soft.map(|(object, young)| SoftView {
-            shell: object.shell(),
-            felt: felt[0].as_ref(),
-            darkest: crush * young,
+        let (setup, felt) = (self.setup.clone(), self.felt_by(row, &draw)?);
+        let view = setup.tactile().shell(draw.object).map(|shell| {
+            let felt = felt.each_ref().map(Option::as_ref);
+            let (bodies, darkest) = match setup.tactile() {
+                TactileModel::Objects(_) => {
+                    let material = setup.config().task.soft_material();
+                    let crush = material.map_or(1.0, |material| material.crush);
+                    let darkest = crush * draw.young.unwrap_or(1.0);
+                    (DeformedBodies::Object(felt[0]), darkest)
+                }
+                model => {
+                    let young = model.pads().map_or(1.0, |pad| pad.skin().young());
+                    let darkest = draw.stress_limit.unwrap_or(DARKEST * young);
+                    (DeformedBodies::Pads(felt), darkest)
+                }
+            };
+            DeformationView { shell, bodies, darkest }
         });
         let shape = setup.models()[draw.object].shape().scaled(draw.scale);
         let mut renderer = match self.renderer.take() {
@@ -283,8 +281,7 @@ impl Batch {
             _ => SceneRenderer::new(width, height)?,
         };
         let fixture = setup.config().task.fixture(&shape, &draw)?;
-        let (touch, soft) = (touch.as_ref(), soft.as_ref());
-        let picture = renderer.draw(viewpoint, &state, &shape, fixture.as_ref(), touch, soft);
+        let picture = renderer.draw(viewpoint, &state, &shape, fixture.as_ref(), view.as_ref());
         self.renderer = Some(renderer);
         picture
     }
@@ -297,15 +294,13 @@ impl Batch {
         };
         let setup = self.setup.clone();
         let model = &setup.models()[draw.object];
-        let object = if let Some(soft) = setup.soft(draw.object) {
-            let felt = self.felt_by(row)?[0].take();
-            let stiffness = draw.young.unwrap_or_default() / soft.stress(1.0);
-            let stress = soft.shell().stress(felt.as_ref());
+        let object = if let Some(soft) = setup.tactile().object(draw.object) {
+            let felt = self.felt_by(row, &draw)?[0].take();
             BodySurface {
                 name: "object",
                 vertices: soft.shell().places(felt.as_ref()),
                 triangles: soft.shell().triangles().to_vec(),
-                stress: Some(stress.into_iter().map(|s| s * stiffness).collect()),
+                stress: Some(soft.shell().stress(felt.as_ref())),
             }
         } else {
             BodySurface::rigid("object", &model.surface().scaled(draw.scale))
@@ -315,27 +310,25 @@ impl Batch {
         Ok([object].into_iter().chain(fixture).collect())
     }
 
-    /// Solves the current contact of a row's fingers again, for a picture; `None` where nothing
-    /// touches or the solution fails. The state of the row does not change.
-    fn felt_by(&mut self, row: usize) -> Result<PerFinger<Deformation>> {
+    /// Solves the current contact of a row with these `parameters` again, for a picture; `None` where
+    /// nothing touches or the solution fails. The state of the row does not change.
+    fn felt_by(
+        &mut self,
+        row: usize,
+        parameters: &EpisodeParameters,
+    ) -> Result<PerFinger<Deformation>> {
         self.start_threads()?;
-        let mut felt = [None, None];
         let pool = self.pool.as_ref().map(|(_, pool)| pool);
-        if let Some(object) = self.rows[row].soft(&self.setup) {
-            let presses: Vec<_> =
-                self.rows[row].touch_again(&self.setup)?.into_iter().flatten().collect();
-            let answers = answers_of_objects(&vec![Some(object); presses.len()], &presses, pool);
-            felt[0] = answers.into_iter().find_map(|answer| answer.found.ok());
-            return Ok(felt);
-        }
-        let Some(mut model) = self.model.clone() else { return Ok(felt) };
         let wanted = Wanted { stress: true, residual: false };
-        for (felt, press) in felt.iter_mut().zip(self.rows[row].touch_again(&self.setup)?) {
-            let pool = self.pool.as_ref().map(|(_, pool)| pool);
-            let answers = answers(&mut model, press.as_slice(), wanted, pool);
-            *felt = answers.into_iter().find_map(|answer| answer.found.ok());
-        }
-        Ok(felt)
+        let felt = self.rows[row].touch_again(&self.setup)?.map(|press| {
+            let press = press.as_slice();
+            answers(&mut self.model, &[parameters.object], press, wanted, pool).pop()
+        });
+        let felt = stiffened(
+            felt.map(|answer| answer.map(|answer| answer.found)),
+            self.setup.stiffness(parameters),
+        );
+        Ok(felt.map(|answer| answer?.ok()))
     }
 
     /// Saves each row as bytes.
@@ -405,7 +398,7 @@ impl Batch {
     fn start_threads(&mut self) -> Result<()> {
         let (wanted, process) = (self.wanted_threads(), process::id());
         // Models run in parallel on the pool from which they are called, by default the global one.
-        let needed = wanted > 1 || self.model.is_some() || self.setup.soft(0).is_some();
+        let needed = wanted > 1 || !matches!(self.model, TactileModel::Rigid);
         if !needed || self.pool.as_ref().is_some_and(|(owner, _)| *owner == process) {
             return Ok(());
         }

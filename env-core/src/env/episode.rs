@@ -7,20 +7,17 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Setup,
+    contact::{ContactState, Felt, PerFinger, stiffened},
     given::{GivenStart, StartQuantity},
     plan::{CHANNEL, CORRECTION, PEAK, PRESS, REWARD, SCENE, StageTimes},
-    squeeze::{self, SoftObjectContact},
     start::InitialState,
-    touch::{PerFinger, correct, keep, presses, stiffened},
     trajectory::{PosesInPads, Trajectory},
     trial::{limit, trial},
 };
 use crate::{
     Error, Result,
     deformation::{Deformation, Press},
-    geometry::Shape,
     scene::{Scene, SceneObject, SceneState},
-    tactile::{Feeling, Finger, SoftObject, Squeezed},
     task::{
         ACTION_SIZE, Ending, EpisodeParameters, FaultySensors, Progress, Range, RewardTerms,
         StepState, TrialGrip, command,
@@ -32,11 +29,7 @@ use crate::{
 pub(super) struct Episode {
     scene: Scene,
     parameters: EpisodeParameters,
-    /// Object in its drawn size, set when it is first needed.
-    #[serde(skip)]
-    object: Option<Shape>,
-    fingers: [Finger; 2],
-    squeeze: SoftObjectContact,
+    contact: ContactState,
     grip: f64,
     steps: u32,
     progress: Progress,
@@ -138,28 +131,15 @@ impl Episode {
         parameters.gel_stiffness = given.or(StartQuantity::GelStiffness, drawn);
         let sensors = FaultySensors::draw(&config.sensor_errors, &setup.layout, stream(2));
         let object = SceneObject { model, scale, mass, friction, pose };
-        let InitialState { scene, grip, way } =
+        let InitialState { scene, grip, path } =
             InitialState::new(setup, &object, &Vector3::from(start), &parameters)?;
         let tried = |t: TrialGrip| trial(setup, &object, &parameters, t.grip);
         let presses = parameters.trial.map(tried).transpose()?;
         let state = scene.state();
-        let fingers = way.start().map(Finger::new);
-        let (object, progress) = (None, Progress::new(&state));
-        let squeeze = SoftObjectContact::default();
-        let (steps, over) = (0, false);
-        let mut episode = Self {
-            scene,
-            parameters,
-            object,
-            fingers,
-            squeeze,
-            grip,
-            steps,
-            progress,
-            sensors,
-            over,
-        };
-        let mut motion = episode.motion(setup, state, way.poses());
+        let contact = ContactState::new(setup.tactile(), path.start());
+        let (progress, steps, over) = (Progress::new(&state), 0, false);
+        let mut episode = Self { scene, parameters, contact, grip, steps, progress, sensors, over };
+        let mut motion = episode.motion(setup, state, path.poses());
         motion.presses = presses.unwrap_or(motion.presses);
         Ok((episode, motion))
     }
@@ -170,14 +150,14 @@ impl Episode {
     /// limit, and without a limit the first step ends the episode.
     pub(super) fn open(&mut self, setup: &Setup, motion: PendingStep, observation: &mut [f32]) {
         let PendingStep { state, answers, .. } = motion;
-        let (felt, squeezed) = if let Some(trial) = &self.parameters.trial {
+        let felt = if let Some(trial) = &self.parameters.trial {
             let stiffness = self.parameters.gel_stiffness;
             self.parameters.stress_limit = limit(trial, stiffened(answers, stiffness)).ok();
-            Default::default()
+            Felt::default()
         } else {
             self.felt(setup, &state, answers).unwrap_or_default()
         };
-        setup.layout.write(&self.step_state(&state, setup, &felt, squeezed.as_ref()), observation);
+        setup.layout.write(&self.step_state(&state, setup, &felt), observation);
         if let Some(sensors) = &mut self.sensors {
             sensors.report(&setup.layout, observation);
         }
@@ -199,9 +179,9 @@ impl Episode {
         (self.scene.state(), self.parameters)
     }
 
-    /// Model of the object, if it is soft.
-    pub(super) fn soft<'a>(&self, setup: &'a Setup) -> Option<&'a SoftObject> {
-        setup.soft(self.parameters.object)
+    /// Index of the object.
+    pub(super) fn object(&self) -> usize {
+        self.parameters.object
     }
 
     fn time(&self, setup: &Setup) -> f64 {
@@ -212,60 +192,37 @@ impl Episode {
         &'a self,
         state: &'a SceneState,
         setup: &'a Setup,
-        felt: &'a PerFinger<Deformation>,
-        squeezed: Option<&'a Squeezed>,
+        felt: &'a Felt,
     ) -> StepState<'a> {
-        let fingers = felt.each_ref().map(Option::as_ref);
-        let object = self.object.as_ref();
-        let feeling = setup.touch().map(|touch| Feeling { skin: touch.skin(), fingers, object });
+        let (feeling, squeezed) = (self.contact.feeling(setup, felt), felt.squeezed.as_ref());
         let (time, episode, grip) = (self.time(setup), &self.parameters, self.grip);
         let peak_stress = squeezed.map_or(0.0, |squeezed| squeezed.peak);
         StepState { state, episode, grip, time, feeling, squeezed, peak_stress }
     }
 
     /// Stores the solutions of the presses and corrects the contact forces of the scene with them.
-    /// Returns the contacts of the fingers and the deformation of a soft object, or the first
-    /// error.
+    /// Returns the solutions, or the first error.
     fn felt(
         &mut self,
         setup: &Setup,
         state: &SceneState,
-        mut answers: PerFinger<Result<Deformation>>,
-    ) -> Result<(PerFinger<Deformation>, Option<Squeezed>)> {
-        let Some(object) = setup.soft(self.parameters.object) else {
-            let answers = stiffened(answers, self.parameters.gel_stiffness);
-            let felt = keep(&mut self.fingers, answers)?;
-            correct(&mut self.scene, state, &felt);
-            return Ok((felt, None));
-        };
-        let answer = answers[0].take().transpose()?;
-        let young = self.parameters.young.unwrap_or_default();
-        let squeezed = self.squeeze.keep(object, answer.as_ref(), young)?;
-        squeeze::correct(&mut self.scene, squeezed.as_ref());
-        Ok(([None, None], squeezed))
+        answers: PerFinger<Result<Deformation>>,
+    ) -> Result<Felt> {
+        let felt = self.contact.keep(setup, answers, &self.parameters)?;
+        self.contact.correct(&mut self.scene, state, &felt);
+        Ok(felt)
     }
 
-    /// Creates the presses of the fingers in `state`, after the object has moved along `way`.
-    fn motion(&mut self, setup: &Setup, state: SceneState, way: &[PosesInPads]) -> PendingStep {
+    /// Creates the presses of the fingers in `state`, after the object has moved along `path`.
+    fn motion(&mut self, setup: &Setup, state: SceneState, path: &[PosesInPads]) -> PendingStep {
         let mut motion =
             PendingStep { state, presses: [None, None], answers: [None, None], retaken: None };
         if motion.state.failure.is_some() {
             return motion;
         }
-        if let Some(object) = setup.soft(self.parameters.object) {
-            match self.squeeze.press(object, &motion.state, self.parameters.friction).transpose() {
-                Some(Ok(press)) => motion.presses[0] = Some(press),
-                Some(Err(error)) => motion.answers[0] = Some(Err(error)),
-                None => {}
-            }
-        } else if setup.touch().is_some() {
-            let parameters = &self.parameters;
-            let scaled = || setup.felt_shape(parameters.object).scaled(parameters.scale);
-            let object = self.object.get_or_insert_with(scaled);
-            match presses(&mut self.fingers, way, object, parameters, setup) {
-                Ok(presses) => motion.presses = presses,
-                Err(error) => motion.answers[0] = Some(Err(error)),
-            }
+        match self.contact.press(setup, &motion.state, path, &self.parameters) {
+            Ok(presses) => motion.presses = presses,
+            Err(error) => motion.answers[0] = Some(Err(error)),
         }
         motion
     }
@@ -277,13 +234,8 @@ impl Episode {
         if state.failure.is_some() {
             return Ok([None, None]);
         }
-        if let Some(object) = setup.soft(self.parameters.object) {
-            let press = self.squeeze.clone().press(object, &state, self.parameters.friction)?;
-            return Ok([press, None]);
-        }
-        let object = setup.felt_shape(self.parameters.object).scaled(self.parameters.scale);
-        let way = [self.scene.object_in_pads()];
-        presses(&mut self.fingers.clone(), &way, &object, &self.parameters, setup)
+        let path = [self.scene.object_in_pads()];
+        self.contact.clone().press(setup, &state, &path, &self.parameters)
     }
 
     /// Moves the rigid bodies through one control period.
@@ -297,19 +249,21 @@ impl Episode {
         let (start, shaking) = (self.time(setup), self.parameters.shaking);
         self.grip = command.grip;
         self.steps += 1;
-        let mut way = Trajectory::after(&self.fingers);
-        let feels = setup.touch().is_some();
+        let mut path = self.contact.trajectory();
         let state = costs.time(SCENE, || {
             let force = |time| shaking.map_or_else(Vector3::zeros, |s| s.force(start + time));
             self.scene.step_under(&command, force, |scene| {
-                if feels {
-                    way.go_on(scene.object_in_pads());
+                if let Some(path) = &mut path {
+                    path.go_on(scene.object_in_pads());
                 }
             });
             self.scene.state()
         });
-        way.arrive(self.scene.object_in_pads());
-        costs.time(PRESS, || self.motion(setup, state, way.poses()))
+        if let Some(path) = &mut path {
+            path.arrive(self.scene.object_in_pads());
+        }
+        let poses = path.as_ref().map_or(&[][..], Trajectory::poses);
+        costs.time(PRESS, || self.motion(setup, state, poses))
     }
 
     /// Ends the step that led to `motion`. `observation` holds the previous observation on entry
@@ -328,9 +282,8 @@ impl Episode {
             Ok(felt) => felt,
             Err(error) => return Outcome::press_failed(&error),
         };
-        let (felt, squeezed) = felt;
         let mut progress = self.progress;
-        let mut step = self.step_state(&state, setup, &felt, squeezed.as_ref());
+        let mut step = self.step_state(&state, setup, &felt);
         if self.parameters.trial.is_some() && self.parameters.stress_limit.is_none() {
             return Outcome::press_failed(&Error::NoTrial);
         }

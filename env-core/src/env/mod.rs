@@ -7,14 +7,13 @@
 
 mod answers;
 mod batch;
+mod contact;
 mod episode;
 mod given;
 mod plan;
 mod row;
 mod snapshot;
-mod squeeze;
 mod start;
-mod touch;
 mod trajectory;
 mod trial;
 
@@ -31,8 +30,8 @@ use crate::{
     deformation::Wanted,
     geometry::Shape,
     scene::ObjectModel,
-    tactile::{Channel, Choice, SoftObject, TactilePad},
-    task::{ObservationLayout, TaskConfig},
+    tactile::{Channel, Choice, SoftObject, TactileModel, TactilePad},
+    task::{EpisodeParameters, ObservationLayout, TaskConfig},
 };
 
 /// Validated settings with the models built from them, shared by all rows.
@@ -41,9 +40,7 @@ pub struct Setup {
     config: TaskConfig,
     layout: ObservationLayout,
     models: Vec<ObjectModel>,
-    touch: Option<TactilePad>,
-    /// Models of the objects if they are soft; else empty.
-    soft: Vec<SoftObject>,
+    tactile: TactileModel,
     /// Hash that identifies the settings in snapshots.
     fingerprint: [u8; 8],
 }
@@ -54,11 +51,10 @@ impl Setup {
         let config = config.with_sensor()?;
         config.validate()?;
         let models = config.models()?;
-        let soft = soft_objects(&config, &models)?;
-        let touch = if config.pads_feel() { TactilePad::new(&config.touch())? } else { None };
-        let layout = ObservationLayout::new(&config, touch.as_ref().map(|touch| &**touch.skin()))?;
+        let tactile = tactile_model(&config, &models)?;
+        let layout = ObservationLayout::new(&config, tactile.pads().map(|pad| &**pad.skin()))?;
         let fingerprint = snapshot::fingerprint(&config);
-        Ok(Self { config, layout, models, touch, soft, fingerprint })
+        Ok(Self { config, layout, models, tactile, fingerprint })
     }
 
     /// The settings.
@@ -89,30 +85,37 @@ impl Setup {
     /// Optional parts of a solution that the observation or the task needs.
     pub fn wanted(&self) -> Wanted {
         let channels = self.layout.channels().iter().filter_map(|(name, _)| Channel::named(name));
-        let task = Wanted { stress: self.config.task.limits_pad_stress(), residual: false };
+        let is_soft = matches!(self.tactile, TactileModel::Objects(_));
+        let stress = is_soft || self.config.task.limits_pad_stress();
+        let task = Wanted { stress, residual: false };
         channels.map(Channel::wants).fold(task, |all, more| Wanted {
             stress: all.stress || more.stress,
             residual: all.residual || more.residual,
         })
     }
 
-    /// Model of object `index`, if the objects are soft.
-    pub fn soft(&self, index: usize) -> Option<&SoftObject> {
-        self.soft.get(index)
+    /// What deforms where the fingers touch, with its model.
+    pub fn tactile(&self) -> &TactileModel {
+        &self.tactile
     }
 
-    /// Tactile model of the fingers; `None` if they are rigid.
-    pub fn touch(&self) -> Option<&TactilePad> {
-        self.touch.as_ref()
+    /// Young's modulus of what deforms in an episode, relative to that of its model.
+    fn stiffness(&self, parameters: &EpisodeParameters) -> f64 {
+        let soft = self.tactile.object(parameters.object).zip(parameters.young);
+        soft.map_or(parameters.gel_stiffness, |(object, young)| young / object.stress(1.0))
     }
 }
 
-/// Builds the models of the configured objects; empty if the objects are rigid.
-fn soft_objects(config: &TaskConfig, models: &[ObjectModel]) -> Result<Vec<SoftObject>> {
-    let Some(material) = config.task.soft_material() else { return Ok(Vec::new()) };
+/// Builds the model of what deforms: the configured objects if they are soft, or else the pads.
+fn tactile_model(config: &TaskConfig, models: &[ObjectModel]) -> Result<TactileModel> {
+    let Some(material) = config.task.soft_material() else {
+        return Ok(
+            TactilePad::new(&config.touch())?.map_or(TactileModel::Rigid, TactileModel::Pads)
+        );
+    };
     let gripper = &config.scene.gripper;
     let extents = Vector3::new(gripper.pad_width, gripper.pad_length, gripper.pad_thickness);
     let object =
         |model: &ObjectModel| SoftObject::new(model.shape(), 0.5 * extents, material.poisson);
-    models.iter().map(object).collect()
+    models.iter().map(object).collect::<Result<_>>().map(TactileModel::Objects)
 }

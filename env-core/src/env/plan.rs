@@ -79,14 +79,9 @@ impl StageTimes {
             Stage { name, runs: runs as f64 / steps, microseconds: 1e-3 * time as f64 / steps }
         };
         let mut plan = vec![stage(SCENE, "scene".into())];
-        if let Some(touch) = setup.touch() {
+        if let Some(name) = setup.tactile().name() {
             plan.push(stage(PRESS, "press".into()));
-            plan.push(stage(MODEL, format!("model {}", touch.model().name())));
-            plan.push(stage(CORRECTION, "correction".into()));
-        }
-        if setup.soft(0).is_some() {
-            plan.push(stage(PRESS, "press".into()));
-            plan.push(stage(MODEL, "model soft".into()));
+            plan.push(stage(MODEL, format!("model {name}")));
             plan.push(stage(CORRECTION, "correction".into()));
         }
         if setup.config().task.limits_pad_stress() {

@@ -9,16 +9,15 @@ use serde::{Deserialize, Serialize};
 use super::{
     Outcome, Setup,
     answers::Answer,
+    contact::PerFinger,
     episode::{Episode, PendingStep},
     given::{GivenStart, StartQuantity},
     plan::StageTimes,
-    touch::PerFinger,
 };
 use crate::{
     Result,
     deformation::Press,
     scene::SceneState,
-    tactile::SoftObject,
     task::{ACTION_SIZE, Ending, EpisodeParameters},
 };
 
@@ -118,9 +117,9 @@ impl Row {
         self.episode.as_ref().map_or(Ok([None, None]), |episode| episode.touch_again(setup))
     }
 
-    /// Model of this episode's object, if it is soft.
-    pub(super) fn soft<'a>(&self, setup: &'a Setup) -> Option<&'a SoftObject> {
-        self.episode.as_ref().and_then(|episode| episode.soft(setup))
+    /// Index of this episode's object, 0 before the first reset.
+    pub(super) fn object(&self) -> usize {
+        self.episode.as_ref().map_or(0, Episode::object)
     }
 
     /// Stores the solution of a finger's press.

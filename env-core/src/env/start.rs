@@ -17,7 +17,7 @@ use crate::{
 pub(super) struct InitialState {
     pub(super) scene: Scene,
     pub(super) grip: f64,
-    pub(super) way: Trajectory,
+    pub(super) path: Trajectory,
 }
 
 impl InitialState {
@@ -65,21 +65,21 @@ impl InitialState {
         grip: f64,
         coarseness: f64,
     ) -> Result<Self> {
-        let mut way = None::<Trajectory>;
-        let seen = |scene: &Scene| match &mut way {
-            Some(way) => way.go_on(scene.object_in_pads()),
-            None => way = Some(Trajectory::from(scene.object_in_pads(), coarseness)),
+        let mut path = None::<Trajectory>;
+        let seen = |scene: &Scene| match &mut path {
+            Some(path) => path.go_on(scene.object_in_pads()),
+            None => path = Some(Trajectory::from(scene.object_in_pads(), coarseness)),
         };
         let scene = Scene::holding(config, object, place, grip, seen)?;
-        let mut way = way.unwrap_or_else(|| Trajectory::from(scene.object_in_pads(), coarseness));
-        way.arrive(scene.object_in_pads());
-        Ok(Self { scene, grip, way })
+        let mut path = path.unwrap_or_else(|| Trajectory::from(scene.object_in_pads(), coarseness));
+        path.arrive(scene.object_in_pads());
+        Ok(Self { scene, grip, path })
     }
 
     fn at_once(scene: Scene, grip: f64) -> Self {
-        let mut way = Trajectory::from(scene.object_in_pads(), FINE);
-        way.arrive(scene.object_in_pads());
-        Self { scene, grip, way }
+        let mut path = Trajectory::from(scene.object_in_pads(), FINE);
+        path.arrive(scene.object_in_pads());
+        Self { scene, grip, path }
     }
 }
 

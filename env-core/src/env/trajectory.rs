@@ -2,8 +2,6 @@
 
 use nalgebra::Isometry3;
 
-use crate::tactile::Finger;
-
 /// Pose of the object in the frame of each pad (m).
 pub(super) type PosesInPads = [Isometry3<f64>; 2];
 
@@ -31,11 +29,6 @@ impl Trajectory {
     /// are kept if they are more than `coarseness` (m) apart.
     pub(super) fn from(start: PosesInPads, coarseness: f64) -> Self {
         Self { coarseness, start, last: start, poses: Vec::new() }
-    }
-
-    /// Creates a trajectory that begins at the object's pose in the last press of `fingers`.
-    pub(super) fn after(fingers: &[Finger; 2]) -> Self {
-        Self::from(fingers.each_ref().map(|finger| *finger.last()), COARSE)
     }
 
     /// Adds `poses` if they are more than the spacing away from the last ones kept.

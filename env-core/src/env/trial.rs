@@ -5,14 +5,14 @@ use nalgebra::Vector3;
 
 use super::{
     Setup,
+    contact::{ContactState, PerFinger},
     start::{InitialState, scene_of},
-    touch::{PerFinger, presses},
 };
 use crate::{
     Error, Result,
     deformation::{Deformation, Press},
     scene::SceneObject,
-    tactile::{Finger, peak_stress},
+    tactile::peak_stress,
     task::{EpisodeParameters, TrialGrip},
 };
 
@@ -30,9 +30,10 @@ pub(super) fn trial(
     let [low, high] = [config.workspace.low, config.workspace.high].map(Vector3::from);
     let (place, pose) = InitialState::in_hand(config, object, &(0.5 * (low + high)));
     let object = SceneObject { pose, ..object.clone() };
-    let InitialState { way, .. } = InitialState::holding(config, &object, &place, grip, COARSE)?;
-    let shape = setup.felt_shape(parameters.object).scaled(parameters.scale);
-    presses(&mut way.start().map(Finger::new), way.poses(), &shape, parameters, setup)
+    let InitialState { scene, path, .. } =
+        InitialState::holding(config, &object, &place, grip, COARSE)?;
+    let mut contact = ContactState::new(setup.tactile(), path.start());
+    contact.press(setup, &scene.state(), path.poses(), parameters)
 }
 
 /// Computes the stress limit (Pa) from the solutions `answers` of a trial. During the trial no

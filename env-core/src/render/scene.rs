@@ -3,7 +3,8 @@
 use nalgebra::Isometry3;
 
 use super::{
-    Color, Finish, GripperParts, Item, RenderMesh, Renderer, SoftView, TouchView, Viewpoint, table,
+    Color, DeformationView, DeformedBodies, Finish, GripperParts, Item, RenderMesh, Renderer,
+    Viewpoint, table,
     touch::{Inset, StressedBody},
 };
 use crate::{
@@ -44,17 +45,16 @@ impl SceneRenderer {
     }
 
     /// Draws a scene with an object of `shape` as an sRGB picture (height, width, 3), with a `fixture`
-    /// on the table if there is one. With `touch`, the pads are drawn deformed and coloured by
-    /// stress, and an inset shows the more stressed pad from the object's side. With `soft`, the
-    /// object is drawn likewise, in the inset from a finger's side.
+    /// on the table if there is one. With a `view`, the pads or the object are drawn deformed and
+    /// coloured by stress, and an inset shows the more stressed pad from the object's side, or the
+    /// object from a finger's side.
     pub fn draw(
         &mut self,
         viewpoint: &Viewpoint,
         state: &SceneState,
         shape: &Shape,
         fixture: Option<&Fixture>,
-        touch: Option<&TouchView>,
-        soft: Option<&SoftView>,
+        view: Option<&DeformationView>,
     ) -> Result<Vec<u8>> {
         if self.object.as_ref().is_none_or(|(known, _)| known != shape) {
             let surface = shape.surface(SEGMENTS).ok_or_else(|| {
@@ -68,25 +68,25 @@ impl SceneRenderer {
         items.extend(blocks.iter().map(|(pose, mesh)| {
             Item::new(mesh, *pose, Color::srgb(150, 156, 164)).with_finish(Finish::Metal)
         }));
-        let soft = soft.map(StressedBody::object).transpose()?;
-        if let Some(soft) = &soft {
-            items.push(soft.item(state.object.pose));
+        let bodies = view.map(StressedBody::all).transpose()?.unwrap_or_default();
+        let is_object = view.is_some_and(|view| matches!(view.bodies, DeformedBodies::Object(_)));
+        if is_object {
+            items.extend(bodies.iter().map(|body| body.item(state.object.pose)));
         } else if let Some((_, mesh)) = &self.object {
             let object = Item::new(mesh, state.object.pose, Color::srgb(72, 145, 202));
             items.push(object.with_finish(Finish::Glossy));
         }
         let jaws = [0, 1].map(|k| state.fingers[k].position);
-        let pads = touch.map(StressedBody::pads).transpose()?;
-        if let Some(pads) = &pads {
+        if view.is_some() && !is_object {
             items.extend(self.gripper.rigid_items(&state.wrist.pose, jaws));
-            items.extend(pads.iter().zip(&state.fingers).map(|(pad, finger)| pad.item(finger.pad)));
+            let pads = bodies.iter().zip(&state.fingers);
+            items.extend(pads.map(|(pad, finger)| pad.item(finger.pad)));
         } else {
             items.extend(self.gripper.items(&state.wrist.pose, jaws));
         }
         let mut picture = self.renderer.draw(&viewpoint.camera(state), &items)?;
-        let bodies = soft.iter().chain(pads.iter().flatten());
-        let body = bodies.reduce(|a, b| if b.peak > a.peak { b } else { a });
-        let object = soft.is_some().then(|| state.object_in_wrist());
+        let body = bodies.iter().reduce(|a, b| if b.peak > a.peak { b } else { a });
+        let object = is_object.then(|| state.object_in_wrist());
         if let Some(body) = body.filter(|body| body.peak > 0.0) {
             let (width, height) = self.renderer.size();
             if self.inset.is_none() {

@@ -6,28 +6,26 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{Color, Finish, Item, PinholeCamera, RenderMesh, Renderer, font};
-use crate::{Error, Result, deformation::Deformation, geometry::Surface, tactile::Shell};
+use crate::{Result, deformation::Deformation, geometry::Surface, tactile::Shell};
 
-/// Contact state of the pads to be drawn.
+/// Soft bodies to be drawn.
 #[derive(Clone, Copy, Debug)]
-pub struct TouchView<'a> {
-    /// Surface of the pads.
+pub struct DeformationView<'a> {
+    /// Surface of a body.
     pub shell: &'a Shell,
-    /// Solutions of the pad on −x and of the one on +x; `None` without contact.
-    pub fingers: [Option<&'a Deformation>; 2],
+    /// The bodies with their solutions.
+    pub bodies: DeformedBodies<'a>,
     /// Von Mises stress of the darkest colour (Pa).
     pub darkest: f64,
 }
 
-/// State of a soft object to be drawn.
+/// Bodies with their solutions; `None` without contact.
 #[derive(Clone, Copy, Debug)]
-pub struct SoftView<'a> {
-    /// Surface of the object.
-    pub shell: &'a Shell,
-    /// Solution of the object; `None` without contact.
-    pub felt: Option<&'a Deformation>,
-    /// Von Mises stress of the darkest colour (Pa).
-    pub darkest: f64,
+pub enum DeformedBodies<'a> {
+    /// The pad on −x and the one on +x.
+    Pads([Option<&'a Deformation>; 2]),
+    /// The object.
+    Object(Option<&'a Deformation>),
 }
 
 /// Colours (sRGB) from no stress to the highest, evenly spaced: light to dark, as in the reports.
@@ -64,33 +62,23 @@ pub(super) struct StressedBody {
 }
 
 impl StressedBody {
-    /// Creates both pads of `view`.
-    pub(super) fn pads(view: &TouchView) -> Result<[Self; 2]> {
-        let rest = Surface::new("pad", &view.shell.places(None), view.shell.triangles())?;
-        let rest = RenderMesh::new(&rest);
-        let pad = |felt: Option<&Deformation>| {
-            let stress = view.shell.stress(felt);
-            Ok::<_, Error>(Self {
-                mesh: rest.moved(&view.shell.places(felt))?,
-                colors: stress.iter().map(|stress| color(stress / view.darkest)).collect(),
+    /// Creates the bodies of `view`: both pads, or the object.
+    pub(super) fn all(view: &DeformationView) -> Result<Vec<Self>> {
+        let DeformationView { shell, bodies, darkest } = *view;
+        let rest = RenderMesh::new(&Surface::new("body", &shell.places(None), shell.triangles())?);
+        let body = |felt: Option<&Deformation>| {
+            let stress = shell.stress(felt);
+            Ok(Self {
+                mesh: rest.moved(&shell.places(felt))?,
+                colors: stress.iter().map(|stress| color(stress / darkest)).collect(),
                 peak: stress.iter().copied().fold(0.0, f64::max),
-                darkest: view.darkest,
+                darkest,
             })
         };
-        Ok([pad(view.fingers[0])?, pad(view.fingers[1])?])
-    }
-
-    /// Creates the object of `view`.
-    pub(super) fn object(view: &SoftView) -> Result<Self> {
-        let SoftView { shell, felt, darkest } = *view;
-        let rest = Surface::new("object", &shell.places(None), shell.triangles())?;
-        let stress = shell.stress(felt);
-        Ok(Self {
-            mesh: RenderMesh::new(&rest).moved(&shell.places(felt))?,
-            colors: stress.iter().map(|stress| color(stress / darkest)).collect(),
-            peak: stress.iter().copied().fold(0.0, f64::max),
-            darkest,
-        })
+        match bodies {
+            DeformedBodies::Pads(felt) => felt.into_iter().map(body).collect(),
+            DeformedBodies::Object(felt) => Ok(vec![body(felt)?]),
+        }
     }
 
     /// Item of the body with its frame at `pose`.

@@ -22,7 +22,7 @@ pub use channel::{Channel, Spec};
 pub(crate) use config::NODES;
 pub use config::{Choice, GelMaterial, Resolution, TactileConfig};
 pub use finger::Finger;
-pub use model::{Model, TactilePad};
+pub use model::{Model, TactileModel, TactilePad};
 pub use object::{MARKERS, SoftObject, Squeezed};
 pub use shell::Shell;
 pub use skin::{Feeling, Skin, peak_stress};

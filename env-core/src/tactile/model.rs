@@ -1,13 +1,15 @@
-//! Models that solve presses, built once for all environments with the same settings.
+//! Models that solve presses: of the pads, built once for all environments with the same settings,
+//! or of soft objects.
 
 use std::{
     path::Path,
+    slice,
     sync::{Arc, Mutex, PoisonError},
 };
 
-use rayon::ThreadPoolBuilder;
+use rayon::{ThreadPoolBuilder, prelude::*};
 
-use super::{Choice, Skin, TactileConfig};
+use super::{Choice, Shell, Skin, SoftObject, TactileConfig};
 use crate::{
     Error, Result,
     deformation::{Deformation, DeformationModel, Law, Press, SoftBody, Wanted},
@@ -16,6 +18,17 @@ use crate::{
     sensor::Sensor,
     surrogate::{LinearPad, Surrogate},
 };
+
+/// What deforms where fingers touch an object, with its model.
+#[derive(Clone, Debug)]
+pub enum TactileModel {
+    /// Nothing: fingers and objects are rigid.
+    Rigid,
+    /// The pads of the fingers.
+    Pads(TactilePad),
+    /// The object; one model for each of the configured objects.
+    Objects(Vec<SoftObject>),
+}
 
 /// Model of a pad. Copies share the precomputed data.
 #[non_exhaustive]
@@ -46,6 +59,62 @@ impl std::fmt::Debug for TactilePad {
 static BUILT: Mutex<Vec<(TactileConfig, TactilePad)>> = Mutex::new(Vec::new());
 /// Greatest number of instances kept.
 const KEPT: usize = 4;
+
+impl TactileModel {
+    /// Name of the model in a plan; `None` if nothing deforms.
+    pub fn name(&self) -> Option<&'static str> {
+        match self {
+            Self::Rigid => None,
+            Self::Pads(pad) => Some(pad.model.name()),
+            Self::Objects(_) => Some("soft"),
+        }
+    }
+
+    /// The pads, if they are what deforms.
+    pub fn pads(&self) -> Option<&TactilePad> {
+        match self {
+            Self::Pads(pad) => Some(pad),
+            Self::Rigid | Self::Objects(_) => None,
+        }
+    }
+
+    /// Object `index`, if the objects are what deforms.
+    pub fn object(&self, index: usize) -> Option<&SoftObject> {
+        match self {
+            Self::Objects(objects) => objects.get(index),
+            Self::Rigid | Self::Pads(_) => None,
+        }
+    }
+
+    /// Surface of what deforms at contact with object `index`, for rendering.
+    pub fn shell(&self, index: usize) -> Option<&Shell> {
+        match self {
+            Self::Pads(pad) => Some(pad.skin.shell()),
+            Self::Rigid | Self::Objects(_) => self.object(index).map(SoftObject::shell),
+        }
+    }
+
+    /// Solves `presses` in order, each at contact with the object of that index in `objects`.
+    pub fn feel(
+        &mut self,
+        objects: &[usize],
+        presses: &[Press],
+        wanted: Wanted,
+    ) -> Vec<Result<Deformation>> {
+        let rigid = || Err(Error::invalid("press", "rigid bodies", "soft pads or a soft object"));
+        match self {
+            Self::Rigid => presses.iter().map(|_| rigid()).collect(),
+            Self::Pads(pad) => pad.model.feel(presses, wanted),
+            Self::Objects(all) => {
+                let one = |(&index, press): (&usize, &Press)| {
+                    let Some(object) = all.get(index) else { return rigid() };
+                    object.model().clone().feel(slice::from_ref(press), wanted).remove(0)
+                };
+                objects.par_iter().zip(presses).map(one).collect()
+            }
+        }
+    }
+}
 
 impl TactilePad {
     /// Builds the instance that `config` describes, or returns a recently built one with the same

@@ -1,0 +1,179 @@
+//! Contact of the fingers with the object through an episode: presses that follow from the motion
+//! of the rigid bodies, and contact forces that follow from their solutions.
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Setup,
+    trajectory::{COARSE, PosesInPads, Trajectory},
+};
+use crate::{
+    Result,
+    deformation::{Deformation, History, Press},
+    geometry::Shape,
+    scene::{Scene, SceneState},
+    tactile::{Feeling, Finger, Squeezed, TactileModel},
+    task::EpisodeParameters,
+};
+
+/// Value for each finger of a row, such as a press or its solution; `None` where the finger does
+/// not touch. The press of a soft object, which is of both fingers, takes the first place.
+pub(super) type PerFinger<T> = [Option<T>; 2];
+
+/// State of the contact between steps; one variant for each of [`TactileModel`].
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) enum ContactState {
+    /// Nothing is felt.
+    Rigid,
+    /// Contact of each pad with the object.
+    Pads(Box<PadContact>),
+    /// Contact of a soft object with both fingers, while there is one.
+    Object(Option<History>),
+}
+
+/// State of the contact of the pads with the object.
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) struct PadContact {
+    fingers: [Finger; 2],
+    /// Object in its drawn size, set when it is first needed.
+    #[serde(skip)]
+    object: Option<Shape>,
+}
+
+/// Solutions of one step.
+#[derive(Default)]
+pub(super) struct Felt {
+    /// Deformation of each pad that touches.
+    pub(super) pads: PerFinger<Deformation>,
+    /// Deformation of a soft object that is squeezed.
+    pub(super) squeezed: Option<Squeezed>,
+}
+
+impl ContactState {
+    /// Creates the state before any contact, with the object at `poses`.
+    pub(super) fn new(model: &TactileModel, poses: PosesInPads) -> Self {
+        match model {
+            TactileModel::Rigid => Self::Rigid,
+            TactileModel::Pads(_) => {
+                let fingers = poses.map(Finger::new);
+                Self::Pads(Box::new(PadContact { fingers, object: None }))
+            }
+            TactileModel::Objects(_) => Self::Object(None),
+        }
+    }
+
+    /// Trajectory that goes on from the last press; `None` if presses do not depend on it.
+    pub(super) fn trajectory(&self) -> Option<Trajectory> {
+        match self {
+            Self::Pads(contact) => {
+                let last = contact.fingers.each_ref().map(|finger| *finger.last());
+                Some(Trajectory::from(last, COARSE))
+            }
+            Self::Rigid | Self::Object(_) => None,
+        }
+    }
+
+    /// Creates the presses in `state`, after the object has moved along `path`, its poses in the
+    /// frame of each pad. The solutions go to [`ContactState::keep`].
+    pub(super) fn press(
+        &mut self,
+        setup: &Setup,
+        state: &SceneState,
+        path: &[PosesInPads],
+        parameters: &EpisodeParameters,
+    ) -> Result<PerFinger<Press>> {
+        let (friction, mut presses) = (parameters.friction, [None, None]);
+        match (self, setup.tactile()) {
+            (Self::Pads(contact), TactileModel::Pads(pad)) => {
+                let PadContact { fingers, object } = &mut **contact;
+                let scaled = || setup.felt_shape(parameters.object).scaled(parameters.scale);
+                let object = object.get_or_insert_with(scaled);
+                for (i, (press, finger)) in presses.iter_mut().zip(fingers).enumerate() {
+                    let path: Vec<_> = path.iter().map(|poses| poses[i]).collect();
+                    *press = finger.press(pad.skin(), object, &path, friction)?;
+                }
+            }
+            (Self::Object(history), model) => {
+                let history = history.take();
+                let touches = state.fingers.iter().all(|finger| finger.indentation > 0.0);
+                if let Some(object) = model.object(parameters.object).filter(|_| touches) {
+                    let faces = state.fingers.each_ref().map(|finger| finger.object.inverse());
+                    presses[0] = Some(object.press(&faces, friction, history)?);
+                }
+            }
+            _ => {}
+        }
+        Ok(presses)
+    }
+
+    /// Stores the solutions of the last presses. Returns them for this episode's stiffness, without
+    /// those that do not touch, or the first error.
+    pub(super) fn keep(
+        &mut self,
+        setup: &Setup,
+        answers: PerFinger<Result<Deformation>>,
+        parameters: &EpisodeParameters,
+    ) -> Result<Felt> {
+        let mut felt = Felt::default();
+        match self {
+            Self::Rigid => {}
+            Self::Pads(contact) => {
+                let answers = stiffened(answers, parameters.gel_stiffness);
+                let fingers = felt.pads.iter_mut().zip(&mut contact.fingers);
+                for ((felt, finger), answer) in fingers.zip(answers) {
+                    *felt = answer.transpose()?.filter(|answer| finger.keep(answer));
+                }
+            }
+            Self::Object(history) => {
+                let [answer, _] = answers;
+                let object = setup.tactile().object(parameters.object);
+                if let Some((object, answer)) = object.zip(answer.transpose()?) {
+                    let young = parameters.young.unwrap_or_default();
+                    felt.squeezed = object.squeezed(&answer, young)?;
+                    *history = Some(answer.history);
+                }
+            }
+        }
+        Ok(felt)
+    }
+
+    /// Corrects the elastic foundation of `scene`, whose state is `state`, towards the forces of the
+    /// solutions. The model of a soft object is in equilibrium and without weight, so it gives the
+    /// normal forces of the fingers but not the friction that carries the weight.
+    pub(super) fn correct(&self, scene: &mut Scene, state: &SceneState, felt: &Felt) {
+        for finger in 0..2 {
+            match self {
+                Self::Rigid => {}
+                Self::Pads(_) => {
+                    let solution = felt.pads[finger].as_ref();
+                    if solution.is_some() || state.fingers[finger].touches() {
+                        scene
+                            .correct(finger, &solution.map(|felt| felt.wrench).unwrap_or_default());
+                    }
+                }
+                Self::Object(_) => {
+                    let force = felt.squeezed.as_ref().map(|squeezed| squeezed.forces[finger]);
+                    scene.correct_pressing(finger, force.unwrap_or_default());
+                }
+            }
+        }
+    }
+
+    /// Input of the tactile channels; `None` unless the pads feel.
+    pub(super) fn feeling<'a>(&'a self, setup: &'a Setup, felt: &'a Felt) -> Option<Feeling<'a>> {
+        let (Self::Pads(contact), Some(pad)) = (self, setup.tactile().pads()) else {
+            return None;
+        };
+        let fingers = felt.pads.each_ref().map(Option::as_ref);
+        Some(Feeling { skin: pad.skin(), fingers, object: contact.object.as_ref() })
+    }
+}
+
+/// Solutions for gels whose Young's modulus is `stiffness` times that of the model: displacements
+/// are the same, stresses and forces are in proportion to it.
+pub(super) fn stiffened(
+    answers: PerFinger<Result<Deformation>>,
+    stiffness: f64,
+) -> PerFinger<Result<Deformation>> {
+    answers.map(|answer| Some(answer?.map(|felt| felt.stiffened(stiffness))))
+}
