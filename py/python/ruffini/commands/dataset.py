@@ -15,7 +15,7 @@ from ruffini import _distributions, dataset
 from ruffini.dataset import Progress
 
 _SETTINGS = {
-    "objects": "number of objects drawn, spread evenly over the catalogue",
+    "objects": "number of drawn objects, spread evenly over the catalogue",
     "grasps": "number of grasps of each object",
     "frames": "number of frames, of growing force, in each grasp",
     "seed": "seed of objects and grasps",
