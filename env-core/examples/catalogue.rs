@@ -48,7 +48,11 @@ fn draw(renderer: &mut Renderer, object: &Object) -> Result<Vec<u8>, ruffini_cor
         FamilySplit::Soft => Color::srgb(222, 196, 196),
     };
     let ground = Item::new(&table, Isometry3::identity(), ground);
-    let item = Item::new(&mesh, standing(object), color(object.family));
+    let item = Item::new(
+        &mesh,
+        standing(object),
+        color(object.family.expect("an object of the catalogue has one")),
+    );
     let camera = PinholeCamera {
         eye: Point3::new(0.12, -0.28, 0.28),
         target: Point3::new(0.0, 0.0, 0.022),
@@ -65,7 +69,13 @@ fn draw(renderer: &mut Renderer, object: &Object) -> Result<Vec<u8>, ruffini_cor
 fn standing(object: &Object) -> Isometry3<f64> {
     let lying = matches!(
         object.family,
-        Family::Eggplant | Family::Cucumber | Family::Potato | Family::Lemon | Family::HollowLemon
+        Some(
+            Family::Eggplant
+                | Family::Cucumber
+                | Family::Potato
+                | Family::Lemon
+                | Family::HollowLemon
+        )
     );
     let turn = if lying { Vector3::new(0.0, 1.4, 0.0) } else { Vector3::zeros() };
     let turned = Isometry3::rotation(turn);

@@ -8,7 +8,8 @@ use std::{
 use pyo3::{exceptions::PyValueError, prelude::*};
 use ruffini_core::{
     dataset::{
-        DatasetConfig, Estimate, GenerationProgress, Orders, Plan, estimate, generate, shards,
+        DatasetConfig, Estimate, GenerationProgress, Orders, Plan, Scenario, estimate, generate,
+        shards,
     },
     interrupt::Interrupt,
     objects::{GraspSampler, Object},
@@ -103,7 +104,15 @@ fn configuration(file: Option<PathBuf>, overrides: &str) -> PyResult<DatasetConf
         settings[name] = value;
     }
     let config: DatasetConfig = serde_json::from_value(settings).map_err(bad)?;
-    config.validated().map_err(python_error)
+    let config = config.validated().map_err(python_error)?;
+    if config.scenario != Scenario::Presses {
+        // The gripper has to be driven to each.
+        for Object { name, shape, .. } in config.own_objects().map_err(python_error)? {
+            let unfit = |error| PyValueError::new_err(format!("{name}: {error}"));
+            ObjectModel::new(shape).map_err(unfit)?;
+        }
+    }
+    Ok(config)
 }
 
 fn ask(watch: &Py<PyAny>, progress: &GenerationProgress) -> PyResult<bool> {

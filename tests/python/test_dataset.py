@@ -307,6 +307,82 @@ def test_numbers_that_are_not_finite_are_named(folder, tmp_path):
         surrogate.train(copy, tmp_path / "run", variant="baseline", **settings)
 
 
+def write_peg(path, scale=1000.0):
+    """Write a capsule of 8 by 16 mm, in mm if not scaled otherwise."""
+    vertices, faces = ruffini.Shape.capsule(0.004, 0.004).surface(48)
+    lines = [f"v {x} {y} {z}\n" for x, y, z in scale * vertices]
+    path.write_text("".join(lines + [f"f {a} {b} {c}\n" for a, b, c in faces + 1]))
+
+
+PRESSES = {
+    **{name: TINY[name] for name in ("gels", "grasps")},
+    **{"scenario": "presses", "truth_nodes": 700, "model_nodes": 700, "depth": 0.1},
+}
+
+
+def test_meshes_of_ones_own_are_pressed_kept_and_learnt_from(tmp_path):
+    file, folder = tmp_path / "peg.obj", tmp_path / "data"
+    write_peg(file)
+    config = tmp_path / "own.toml"
+    config.write_text('objects = 0\n[[object]]\nmesh = "peg.obj"\nscale = 0.001\ngrasps = 4\n')
+    data = dataset.generate(folder, config, threads=2, **PRESSES)
+    assert data is not None and len(data.grasps) >= 3, data.manifest["unsolved"]
+    assert {*data.grasps} <= {f"peg-1/{number:03}" for number in range(4)}
+    assert family(data.grasps[0]) == "peg"
+    [listed] = data.manifest["config"]["object"]
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    assert (listed["mesh"], listed["sha256"]) == ("peg.obj", digest)
+    for part, numbers in (("train", "01"), ("validation", "2"), ("test", "3")):
+        held = [grasp for grasp in data.grasps if grasp[-1] in numbers]
+        assert data.splits["presses"][part] == held
+        assert data.splits["meshes"][part] == (data.grasps if part == "test" else [])
+    # The same from elsewhere, to the byte.
+    own = [{"mesh": file, "scale": 0.001, "grasps": 4}]
+    again = tmp_path / "again"
+    assert dataset.generate(again, threads=1, objects=0, object=own, **PRESSES) is not None
+    assert shards(again) == shards(folder)
+    assert (again / "config.json").read_text() == (folder / "config.json").read_text()
+    # Another mesh of this name is another dataset.
+    write_peg(file, 900.0)
+    with pytest.raises(ValueError, match=r"a dataset with another .*peg\.obj lies here"):
+        dataset.generate(folder, config, **PRESSES)
+    # What was pressed is in the dataset.
+    file.unlink()
+    data.verify()
+    errors = dataset.truth_errors(folder, tmp_path / "finer", sample=1, truth_nodes=1000)
+    assert errors and {row.grasp for row in errors} <= {*data.grasps}
+    options = {"split": "presses", "epochs": 1, "linear_nodes": 700, "network": {"width": 8}}
+    assert surrogate.train(folder, tmp_path / "run", **options) is not None
+    write_peg(folder / "meshes/peg.obj", 900.0)
+    with pytest.raises(ValueError, match=r"peg\.obj: damaged"):
+        data.verify()
+    with pytest.raises(ValueError, match=r"peg\.obj: its SHA-256 is"):
+        surrogate.train(folder, tmp_path / "run", **options)
+
+
+def test_meshes_of_ones_own_are_grasped(tmp_path):
+    write_peg(tmp_path / "peg.obj", 2.0)
+    own = [{"mesh": tmp_path / "peg.obj"}]
+    data = dataset.generate(tmp_path / "data", threads=2, **{**TINY, "objects": 0, "object": own})
+    assert data is not None and data.grasps == ["peg-1/000"] and len(data) == 2
+    off = data[0].imbalance()
+    assert off["force"] <= 1.001e-6 and off["torque"] <= 1.001e-7
+
+
+def test_a_mesh_that_is_no_object_is_named_before_anything_is_made(tmp_path):
+    write_peg(tmp_path / "peg.obj")
+    for mesh, text in (
+        ({"mesh": "none.obj"}, "none.obj: No such file"),
+        ({"mesh": tmp_path / "peg.obj"}, r"peg\.obj: mesh size: found 16.* the scale 0\.001"),
+        ({"mesh": tmp_path / "peg.obj", "scal": 0.001}, "`scal`, did you mean 'scale'"),
+        ({"mesh": tmp_path / "peg.obj", "scale": 0.03}, "peg-1, for which no grasp was found"),
+    ):
+        for ask in (dataset.estimate, dataset.generate):
+            with pytest.raises(ValueError, match=text):
+                ask(tmp_path / "data", **{**TINY, "object": [mesh]})
+    assert not (tmp_path / "data").exists()
+
+
 def test_a_long_generation_asks_first(tmp_path, monkeypatch):
     config = tmp_path / "empty.toml"
     config.write_text("")

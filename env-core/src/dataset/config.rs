@@ -5,7 +5,10 @@ use std::path::Path;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-use super::indentation;
+use super::{
+    indentation,
+    mesh_object::{self, MeshObject},
+};
 use crate::{
     Error, Result,
     deformation::{Law, Moduli, SoftBody},
@@ -23,10 +26,13 @@ pub struct DatasetConfig {
     pub seed: u64,
     /// Soft side of the grasps.
     pub scenario: Scenario,
-    /// Number of objects. For soft pads, they are taken evenly from the 63 rigid ones of the
-    /// catalogue; for soft objects, from all 64, those in `first` before the others. Indenters are
-    /// drawn one by one.
+    /// Number of drawn objects, 0 only where there are `meshes`. For soft pads, they are taken
+    /// evenly from the 63 rigid ones of the catalogue; for soft objects, from all 64, those in
+    /// `first` before the others. Indenters are drawn one by one.
     pub objects: usize,
+    /// Meshes of one's own, each an object after the drawn ones.
+    #[serde(rename = "object", skip_serializing_if = "Vec::is_empty")]
+    pub meshes: Vec<MeshObject>,
     /// Number of indenters, the last ones, that touch at many small places.
     #[serde(skip_serializing_if = "is_none")]
     pub textured: usize,
@@ -124,6 +130,7 @@ impl Default for DatasetConfig {
             seed: 0,
             scenario: Scenario::Pads,
             objects: 63,
+            meshes: Vec::new(),
             textured: 0,
             first: Vec::new(),
             grasps: 100,
@@ -182,6 +189,8 @@ fn is_usual(scale: &[f64; 2]) -> bool {
 
 /// Number of rigid objects in the catalogue.
 const RIGID: usize = 63;
+/// Most grasps of an object.
+const MOST_GRASPS: usize = 1000;
 /// Most indenters.
 const INDENTERS: usize = 100_000;
 
@@ -200,11 +209,41 @@ impl DatasetConfig {
     pub fn read(path: &Path) -> Result<Self> {
         let file = |reason: String| Error::File { path: path.display().to_string(), reason };
         let text = std::fs::read_to_string(path).map_err(|error| file(error.to_string()))?;
-        toml::from_str::<Self>(&text).map_err(|error| file(error.to_string()))?.validated()
+        let config: Self = toml::from_str(&text).map_err(|error| file(error.to_string()))?;
+        config.with_meshes_in(path.parent().unwrap_or(Path::new(""))).validated()
+    }
+
+    /// Returns this configuration with the paths of its meshes relative to `folder`.
+    pub(super) fn with_meshes_in(mut self, folder: &Path) -> Self {
+        self.meshes.iter_mut().for_each(|mesh| *mesh = mesh.within(folder));
+        self
+    }
+
+    /// Returns this configuration as it is stored in a dataset, which has copies of the meshes.
+    pub(super) fn stored(&self) -> Self {
+        let meshes = self.meshes.iter().map(MeshObject::stored).collect();
+        Self { meshes, ..self.clone() }
     }
 
     /// Objects of the dataset, in order.
-    pub(super) fn objects(&self) -> Vec<Object> {
+    pub(super) fn objects(&self) -> Result<Vec<Object>> {
+        Ok([self.drawn(), self.own_objects()?].concat())
+    }
+
+    /// Reads the objects from mesh files. Returns an error if a file is missing or changed, or
+    /// holds no solid of hand scale around its origin.
+    pub fn own_objects(&self) -> Result<Vec<Object>> {
+        self.meshes.iter().map(|mesh| mesh.object(self.seed)).collect()
+    }
+
+    /// Number of grasps asked for of an object.
+    pub(super) fn grasps_of(&self, object: &Object) -> usize {
+        let own = self.meshes.iter().find(|mesh| mesh.name() == object.name);
+        own.and_then(|mesh| mesh.grasps).unwrap_or(self.grasps)
+    }
+
+    /// Objects that are drawn from families, in order.
+    pub(super) fn drawn(&self) -> Vec<Object> {
         if self.scenario == Scenario::Presses {
             return indenters(self.seed, self.objects, self.textured, self.scale);
         }
@@ -231,17 +270,21 @@ impl DatasetConfig {
         (self.scenario == Scenario::Presses).then_some(indentation::FRICTION)
     }
 
-    /// Returns this configuration, or an error if no dataset can be made from it.
-    pub fn validated(self) -> Result<Self> {
-        let counts = [
-            ("objects", self.objects, self.scenario.objects()),
-            ("grasps", self.grasps, 1000),
-            ("frames", self.frames, 1000),
-            ("truth_steps", self.truth_steps, 100),
+    /// Returns this configuration with the hashes of its meshes, or an error if no dataset can be
+    /// made from it.
+    pub fn validated(mut self) -> Result<Self> {
+        let fewest = usize::from(self.meshes.is_empty());
+        let mut counts = vec![
+            ("objects", self.objects, fewest, self.scenario.objects()),
+            ("grasps", self.grasps, 1, MOST_GRASPS),
+            ("frames", self.frames, 1, 1000),
+            ("truth_steps", self.truth_steps, 1, 100),
         ];
-        for (name, count, most) in counts {
-            if !(1..=most).contains(&count) {
-                return Err(Error::invalid(name, count, format!("1 to {most}")));
+        let own = self.meshes.iter().filter_map(|mesh| mesh.grasps);
+        counts.extend(own.map(|count| ("object.grasps", count, 1, MOST_GRASPS)));
+        for (name, count, least, most) in counts {
+            if !(least..=most).contains(&count) {
+                return Err(Error::invalid(name, count, format!("{least} to {most}")));
             }
         }
         let most = if self.scenario == Scenario::Presses { self.objects } else { 0 };
@@ -283,6 +326,8 @@ impl DatasetConfig {
         }
         self.truth_element.parse::<Element>()?;
         self.know_names()?;
+        self.meshes = mesh_object::identified(self.meshes)?;
+        self.own_objects()?;
         Ok(self)
     }
 
@@ -365,7 +410,7 @@ mod tests {
                 textured,
                 ..DatasetConfig::default()
             }
-            .objects()
+            .drawn()
         };
         let (all, plain) = (drawn(600, 200), drawn(400, 0));
         assert_eq!((all.len(), &all[..400]), (600, &plain[..]));

@@ -19,7 +19,9 @@ use super::{
     indentation,
     job::{GraspJob, Job, is_whole, jobs},
     manifest::{FORMAT, Manifest, Shard, Solved, Unsolved, splits},
+    mesh_object::MeshObject,
     plan::{Plan, plans},
+    read::claimed,
     record::{Entry, GraspTensors},
     setup::ScenarioBodies,
     tensor::{entries, read, write_whole},
@@ -130,8 +132,8 @@ pub fn generate(
     watch: &(dyn Fn(&GenerationProgress) -> bool + Sync),
 ) -> Result<Option<Manifest>> {
     let config = config.clone().validated()?;
-    claim(&config, folder)?;
     let plans = plans(&config)?;
+    claim(&config, folder)?;
     let jobs = jobs(&plans);
     let chosen = choose(&jobs, orders.only)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(orders.threads).build();
@@ -189,25 +191,42 @@ struct Claim<'a> {
     config: &'a DatasetConfig,
 }
 
-/// Creates the folder and writes the configuration into it, or checks that it holds the same one.
+/// Creates the folder and writes the configuration and copies of the meshes into it, or checks that
+/// it holds the same ones.
 fn claim(config: &DatasetConfig, folder: &Path) -> Result<()> {
     for name in ["shards", "parts", "meshes"] {
         let path = folder.join(name);
         fs::create_dir_all(&path).map_err(file_error(&path))?;
     }
     let path = folder.join("config.json");
-    let text = serde_json::to_string_pretty(&Claim { format: FORMAT, config }).expect("plain data");
+    let claim = Claim { format: FORMAT, config: &config.stored() };
+    let text = serde_json::to_string_pretty(&claim).expect("plain data");
+    let keep = || config.meshes.iter().try_for_each(|mesh| mesh.keep(folder));
     let refused = |reason| Err(Error::File { path: path.display().to_string(), reason });
     match fs::read_to_string(&path) {
-        Ok(found) if found == text => Ok(()),
+        Ok(found) if found == text => keep(),
         Ok(found) if !found.contains(&format!("\"format\": {FORMAT},")) => refused(format!(
             "a dataset of another format lies here, expected format {FORMAT} or no folder"
         )),
-        Ok(_) => refused(
-            "another dataset lies here, expected this configuration or no folder".to_owned(),
-        ),
-        Err(_) => write_whole(&path, text.as_bytes()),
+        Ok(found) => refused(match changed(config, &found) {
+            Some(mesh) => {
+                format!("a dataset with another {mesh} lies here, expected that mesh or no folder")
+            }
+            None => {
+                "another dataset lies here, expected this configuration or no folder".to_owned()
+            }
+        }),
+        Err(_) => keep().and_then(|()| write_whole(&path, text.as_bytes())),
     }
+}
+
+/// Path of a mesh of `config` that has another content in a stored configuration, if there is one.
+fn changed<'a>(config: &'a DatasetConfig, stored: &str) -> Option<&'a str> {
+    let before = claimed(stored).ok()?.meshes;
+    let differs = |mesh: &&MeshObject| {
+        before.iter().any(|old| old.name() == mesh.name() && old.sha256 != mesh.sha256)
+    };
+    config.meshes.iter().find(differs).map(|mesh| mesh.mesh.as_str())
 }
 
 fn file_error(path: &Path) -> impl Fn(std::io::Error) -> Error {
@@ -310,12 +329,12 @@ fn summary(
         own.map(|grasp| grasp.name.clone()).collect::<Vec<_>>()
     };
     let by_object: Vec<_> = plans.iter().map(|(o, _)| (o.clone(), there(o))).collect();
-    let short = plans.iter().filter(|(_, plans)| plans.len() < config.grasps);
+    let short = plans.iter().filter(|(object, plans)| plans.len() < config.grasps_of(object));
     Ok(Manifest {
         format: FORMAT,
         version: env!("CARGO_PKG_VERSION").to_owned(),
         commit: orders.commit.to_owned(),
-        config: config.clone(),
+        config: config.stored(),
         approached: orders.obstacle.is_some(),
         short: short.map(|(object, plans)| (object.name.clone(), plans.len())).collect(),
         splits: splits(config, &by_object),

@@ -61,6 +61,8 @@ const FRICTIONS: [f64; 8] = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.0, 2.0];
 pub(super) const FRICTION: [f64; 2] = [0.0, 2.0];
 /// Distance between the places at which the face is searched for the indenter (m), coarse and fine.
 const APART: [f64; 2] = [4e-4, 1e-4];
+/// Height of its origin at which a drawn indenter is above the face (m).
+const ABOVE: f64 = 0.2;
 /// Newton steps in a load step, and in a frame, after which a press ends unsolved.
 pub(super) const STEPS: usize = 25;
 pub(super) const PATIENCE: usize = 40;
@@ -69,7 +71,7 @@ const STRONGEST: f64 = 17.0;
 
 /// Draws the presses of an indenter.
 pub(super) fn indentations(config: &DatasetConfig, object: &Object) -> Vec<Plan> {
-    (0..config.grasps).map(|number| draw(config, object, number)).collect()
+    (0..config.grasps_of(object)).map(|number| draw(config, object, number)).collect()
 }
 
 /// Thickness of an indenter (m): of a mesh, the shortest edge of its bounding box.
@@ -80,6 +82,16 @@ fn thickness_of(shape: &Shape) -> f64 {
             (high - low).min()
         }
         _ => shape.thickness(),
+    }
+}
+
+/// Height of an indenter's origin (m) at which all of it is above the face.
+fn above(shape: &Shape) -> f64 {
+    match shape {
+        Shape::Mesh(surface) => {
+            surface.vertices().iter().map(|v| v.coords.norm() + 0.02).fold(ABOVE, f64::max)
+        }
+        _ => ABOVE,
     }
 }
 
@@ -217,7 +229,7 @@ impl Indentation {
             }
             z
         };
-        let z = lower(&places, 0.2);
+        let z = lower(&places, above(shape));
         let pose = at(z + APART[0]);
         let near = |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value;
         places.retain(|p| near(p) < 4.0 * APART[0]);

@@ -1,6 +1,6 @@
 //! Contents of a finished dataset: shards with their hashes, unsolved grasps, splits.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use serde::{Deserialize, Serialize};
 
@@ -86,26 +86,53 @@ pub struct Split {
 /// families. The paper does not state which two of its fourteen it leaves out.
 const FARTHEST: [objects::Family; 2] = [objects::Family::HollowLemon, objects::Family::Cucumber];
 
-/// Splits of `grasps`, which are given by object in the order of the catalogue, `planned` of each.
+/// Splits of `grasps`, which are given by object in the order of the catalogue.
 /// `known-1`, `known-10` and `known-63` test on held-out grasps of known objects: of ten grasps the
 /// last is for the test and the one before it for validation; of fewer likewise. `novel-14` and
 /// `novel-12` test on objects of families that do not occur in training.
 ///
-/// Of indenters, every tenth is for the test of the only split, `presses`, and the one before it for
-/// validation.
+/// Of drawn indenters, every tenth is for the test of the split `presses`, and the one before it for
+/// validation. Of meshes of one's own, presses are divided as grasps are.
+///
+/// With such meshes, `meshes` trains on the other objects and tests on all grasps of the meshes.
 pub(super) fn splits(
     config: &DatasetConfig,
     grasps: &[(Object, Vec<String>)],
 ) -> BTreeMap<String, Split> {
-    match config.scenario {
-        Scenario::Pads | Scenario::Soft => of_grasps(grasps, config.grasps),
-        Scenario::Presses => [("presses".to_owned(), of_presses(grasps))].into(),
+    let planned = |object: &Object| config.grasps_of(object);
+    let (mut splits, all) = match config.scenario {
+        Scenario::Pads | Scenario::Soft => (of_grasps(grasps, planned), "known-63"),
+        Scenario::Presses => {
+            ([("presses".to_owned(), of_presses(grasps, planned))].into(), "presses")
+        }
+    };
+    if !config.meshes.is_empty() {
+        let unseen = unseen(splits[all].clone(), grasps);
+        splits.insert("meshes".to_owned(), unseen);
     }
+    splits
 }
 
-fn of_presses(presses: &[(Object, Vec<String>)]) -> Split {
+/// Moves the grasps of meshes in `split` to the test part, those of the others in it to training.
+fn unseen(split: Split, grasps: &[(Object, Vec<String>)]) -> Split {
+    let own = grasps.iter().filter(|(object, _)| object.family.is_none());
+    let test: Vec<String> = own.flat_map(|(_, names)| names.clone()).collect();
+    let Split { mut train, mut validation, test: drawn } = split;
+    train.extend(drawn);
+    let own: HashSet<&String> = test.iter().collect();
+    for part in [&mut train, &mut validation] {
+        part.retain(|name| !own.contains(name));
+    }
+    Split { train, validation, test }
+}
+
+fn of_presses(presses: &[(Object, Vec<String>)], planned: impl Fn(&Object) -> usize) -> Split {
     let mut split = Split::default();
     for (object, names) in presses {
+        if object.family.is_none() {
+            split.divide(names, planned(object));
+            continue;
+        }
         let number: usize =
             object.name.rsplit('-').next().and_then(|n| n.parse().ok()).unwrap_or(0);
         match number % 10 {
@@ -117,17 +144,30 @@ fn of_presses(presses: &[(Object, Vec<String>)]) -> Split {
     split
 }
 
-fn of_grasps(grasps: &[(Object, Vec<String>)], planned: usize) -> BTreeMap<String, Split> {
-    let last = planned.min(10);
-    let of = |chosen: &[&(Object, Vec<String>)]| {
-        let mut split = Split::default();
-        for name in chosen.iter().flat_map(|(_, names)| names) {
+impl Split {
+    /// Adds the grasps of an object: of ten, or of all that are `planned` if they are fewer, the last
+    /// to the test part and the one before it to validation.
+    fn divide(&mut self, names: &[String], planned: usize) {
+        let last = planned.min(10);
+        for name in names {
             let part = match last - number(name) % last {
-                1 if last > 1 => &mut split.test,
-                2 if last > 2 => &mut split.validation,
-                _ => &mut split.train,
+                1 if last > 1 => &mut self.test,
+                2 if last > 2 => &mut self.validation,
+                _ => &mut self.train,
             };
             part.push(name.clone());
+        }
+    }
+}
+
+fn of_grasps(
+    grasps: &[(Object, Vec<String>)],
+    planned: impl Fn(&Object) -> usize,
+) -> BTreeMap<String, Split> {
+    let of = |chosen: &[&(Object, Vec<String>)]| {
+        let mut split = Split::default();
+        for (object, names) in chosen {
+            split.divide(names, planned(object));
         }
         split
     };
@@ -139,7 +179,8 @@ fn of_grasps(grasps: &[(Object, Vec<String>)], planned: usize) -> BTreeMap<Strin
     let judged = |left_out: &[objects::Family]| {
         let Split { mut train, validation, test } = of(&known);
         train.extend(test);
-        let kept = novel.clone().filter(|(o, _)| !left_out.contains(&o.family));
+        let left_out = |o: &Object| o.family.is_some_and(|family| left_out.contains(&family));
+        let kept = novel.clone().filter(|(o, _)| !left_out(o));
         Split { train, validation, test: kept.flat_map(|(_, names)| names.clone()).collect() }
     };
     let splits = [
@@ -172,7 +213,7 @@ mod tests {
 
     #[test]
     fn no_grasp_is_in_two_parts_of_a_split() {
-        for (name, Split { train, validation, test }) in of_grasps(&grasps(20), 20) {
+        for (name, Split { train, validation, test }) in of_grasps(&grasps(20), |_| 20) {
             let all: Vec<_> = [&train, &validation, &test].into_iter().flatten().collect();
             let distinct: BTreeSet<_> = all.iter().collect();
             assert_eq!(all.len(), distinct.len(), "{name} repeats a grasp");
@@ -183,7 +224,9 @@ mod tests {
     #[test]
     fn three_grasps_of_an_object_make_every_part_of_a_split() {
         for planned in 1..30 {
-            for (name, Split { train, validation, test }) in of_grasps(&grasps(planned), planned) {
+            for (name, Split { train, validation, test }) in
+                of_grasps(&grasps(planned), |_| planned)
+            {
                 let least = if name.starts_with("novel") { 1 } else { 2 };
                 let found = [train, validation, test].map(|part| !part.is_empty());
                 let expected = [true, planned > 2, planned >= least];
@@ -196,7 +239,7 @@ mod tests {
     fn a_grasp_that_is_missing_moves_no_other_to_another_part() {
         let (all, mut fewer) = (grasps(10), grasps(10));
         fewer[0].1.remove(3);
-        let (all, fewer) = (of_grasps(&all, 10), of_grasps(&fewer, 10));
+        let (all, fewer) = (of_grasps(&all, |_| 10), of_grasps(&fewer, |_| 10));
         for (name, mut split) in all {
             split.train.retain(|grasp| *grasp != "prism-1/003");
             assert_eq!(split, fewer[&name], "{name}");
@@ -210,7 +253,7 @@ mod tests {
             let object = grasp.split('/').next().unwrap();
             grasps.iter().find(|(o, _)| o.name == object).unwrap().0.family
         };
-        let splits = of_grasps(&grasps, 20);
+        let splits = of_grasps(&grasps, |_| 20);
         for (name, objects) in [("novel-14", 14), ("novel-12", 12)] {
             let Split { train, validation, test } = &splits[name];
             let seen: BTreeSet<_> = train.iter().chain(validation).map(family).collect();
@@ -223,5 +266,32 @@ mod tests {
             all.map(|g| g.split('/').next().unwrap()).collect::<BTreeSet<_>>().len()
         };
         assert_eq!(["known-1", "known-10", "known-63"].map(objects), [1, 10, 63]);
+    }
+
+    #[test]
+    fn meshes_are_divided_by_grasp_and_are_the_test_of_a_split_of_their_own() {
+        let mut all = grasps(1);
+        let mug = Object { name: "mug-1".to_owned(), family: None, ..all[0].0.clone() };
+        all.push((mug, (0..10).map(|i| format!("mug-1/{i:03}")).collect()));
+        let mesh = |grasps| {
+            let own = format!(r#"{{"mesh": "mug.obj", "grasps": {grasps}}}"#);
+            serde_json::from_str(&own).unwrap()
+        };
+        for (scenario, among) in [(Scenario::Pads, "known-63"), (Scenario::Presses, "presses")] {
+            let meshes = vec![mesh(10)];
+            let config = DatasetConfig { scenario, grasps: 1, meshes, ..DatasetConfig::default() };
+            let splits = splits(&config, &all);
+            let parts = |name: &str| {
+                let Split { train, validation, test } = &splits[name];
+                [train, validation, test].map(|part| {
+                    let own = part.iter().filter(|grasp| grasp.starts_with("mug-1/")).count();
+                    [own, part.len() - own]
+                })
+            };
+            assert_eq!(parts(among).map(|[own, _]| own), [8, 1, 1], "{among}");
+            let [train, validation, test] = parts("meshes");
+            assert_eq!([train[0], validation[0], test[0]], [0, 0, 10]);
+            assert_eq!([train[1] + validation[1], test[1]], [63, 0], "drawn ones");
+        }
     }
 }

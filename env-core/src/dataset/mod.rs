@@ -8,13 +8,15 @@
 //! stored: the truth mesh and the model mesh of [`DatasetConfig`]. Grasps are stored in shards
 //! (safetensors), ten of one object each, which a [`Manifest`] lists with their hashes,
 //! failures and splits. The same configuration gives the same bytes for any number of threads and
-//! interruptions: every solved grasp is stored in a file of its own until its shard is packed.
+//! interruptions: every solved grasp is stored in a file of its own until its shard is packed. Of
+//! meshes of one's own ([`MeshObject`]) it has copies.
 
 mod config;
 mod generate;
 mod indentation;
 mod job;
 mod manifest;
+mod mesh_object;
 mod plan;
 mod ramp;
 mod read;
@@ -30,6 +32,7 @@ pub use generate::{Estimate, GenerationProgress, Obstacle, Orders, estimate, gen
 pub use indentation::Indentation;
 pub(crate) use indentation::steps;
 pub use manifest::{FORMAT, Manifest, Shard, Solved, Split, Unsolved};
+pub use mesh_object::MeshObject;
 pub use plan::{Plan, plans};
 pub use read::{Dataset, PadFrames};
 pub use squeezes::{SqueezeFrames, Squeezes};

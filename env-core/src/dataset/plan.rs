@@ -12,7 +12,7 @@ use super::{
     indentation::{Indentation, indentations},
 };
 use crate::{
-    Result,
+    Error, Result,
     objects::{Antipodal, GraspSampler, Object},
 };
 
@@ -45,9 +45,9 @@ pub struct Plan {
 }
 
 /// Objects of `config`, each with its grasps in order. An object may have fewer grasps than asked
-/// for.
+/// for; one from a mesh file that has none is an error.
 pub fn plans(config: &DatasetConfig) -> Result<Vec<(Object, Vec<Plan>)>> {
-    let objects = config.objects().into_iter();
+    let objects = config.objects()?.into_iter();
     let of_object = |object: &Object| match config.scenario {
         Scenario::Presses => Ok(indentations(config, object)),
         Scenario::Pads | Scenario::Soft => of_object(config, object),
@@ -56,7 +56,12 @@ pub fn plans(config: &DatasetConfig) -> Result<Vec<(Object, Vec<Plan>)>> {
 }
 
 fn of_object(config: &DatasetConfig, object: &Object) -> Result<Vec<Plan>> {
-    let sampling = GraspSampler::default().sample(&object.shape, config.grasps, object.seed)?;
+    let count = config.grasps_of(object);
+    let sampling = GraspSampler::default().sample(&object.shape, count, object.seed)?;
+    if object.family.is_none() && sampling.grasps.is_empty() {
+        let found = format!("{}, for which no grasp was found", object.name);
+        return Err(Error::invalid("object", found, "a solid that the gripper can hold"));
+    }
     let grasps = sampling.grasps.iter().enumerate();
     Ok(grasps.map(|(number, grasp)| draw(config, object, number, grasp)).collect())
 }

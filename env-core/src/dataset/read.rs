@@ -78,10 +78,11 @@ impl Dataset {
                 });
             return Err(Error::file(&path, &format!("{found}, expected {expected}")));
         }
-        let objects = match config.scenario {
+        let mut objects = match config.scenario {
             Scenario::Pads | Scenario::Soft => catalogue(config.seed),
-            Scenario::Presses => config.objects(),
+            Scenario::Presses => config.drawn(),
         };
+        objects.extend(config.clone().with_meshes_in(&folder.join("meshes")).own_objects()?);
         let manifest = finished(&folder.join("manifest.json"))?;
         let mut shards = Vec::new();
         let mut grasps = Vec::new();
@@ -167,7 +168,7 @@ impl Dataset {
 }
 
 /// Configuration in `config.json`, which also contains the version of the files.
-fn claimed(text: &str) -> serde_json::Result<DatasetConfig> {
+pub(super) fn claimed(text: &str) -> serde_json::Result<DatasetConfig> {
     let mut claim: serde_json::Map<_, _> = serde_json::from_str(text)?;
     claim.remove("format");
     serde_json::from_value(claim.into())

@@ -1,10 +1,10 @@
 //! Triangle surfaces from the files that CAD programs and scanners write.
 
-use std::{fs::File, io::BufReader, path::Path};
+use std::{fs::File, io::BufReader, path::Path, sync::Arc};
 
 use nalgebra::Point3;
 
-use super::Surface;
+use super::{Shape, Surface};
 use crate::{Error, Result};
 
 /// Reads a watertight surface from an .obj or .stl file (ASCII or binary), with `scale` metres to a
@@ -23,6 +23,28 @@ pub fn read_surface(path: &Path, scale: f64) -> Result<Surface> {
     let vertices: Vec<_> =
         vertices.into_iter().map(|v| Point3::from(v.map(|x| x * scale))).collect();
     Surface::new(&name, &vertices, &triangles)
+}
+
+/// Distance of a mesh's origin from the middle of its bounding box, relative to the box's edges,
+/// above which the object would be placed and grasped beside where it is.
+const OFF_CENTRE: f64 = 0.25;
+
+/// Reads a solid of hand scale as [`read_surface`] does. Its origin is moved to the middle of its
+/// bounding box if `centred`; otherwise one that lies beside the solid is an error.
+pub fn read_solid(path: &Path, scale: f64, centred: bool) -> Result<Shape> {
+    let surface = read_surface(path, scale)?;
+    let (low, high) = surface.bounds();
+    let middle = 0.5 * (low.coords + high.coords);
+    let surface = if centred { surface.moved(&-middle) } else { surface };
+    // One in a wrong unit is told so first.
+    let shape = Shape::Mesh(Arc::new(surface)).validated()?;
+    if !centred && middle.component_div(&(high - low)).amax() > OFF_CENTRE {
+        let [x, y, z] = middle.into();
+        let found = format!("{} around ({x:.4}, {y:.4}, {z:.4}) m", path.display());
+        let expected = "a mesh around its origin; the entry centred = true moves it there";
+        return Err(Error::invalid("mesh origin", found, expected));
+    }
+    Ok(shape)
 }
 
 type Triangles = (Vec<[f64; 3]>, Vec<[u32; 3]>);

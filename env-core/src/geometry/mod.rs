@@ -23,7 +23,7 @@ mod transfer;
 pub use distance::Distance;
 pub use field_file::{Field, FieldOn};
 pub use graded_pad::GradedPad;
-pub use mesh_file::read_surface;
+pub use mesh_file::{read_solid, read_surface};
 pub use pad_mesh::{Grading, PadMesh, PadOutline, plan_shares};
 pub use rigid_fit::RigidFit;
 pub use sampled::Sampled;

@@ -29,8 +29,8 @@ use crate::{
 pub struct Object {
     /// Family and number, such as `cup-2`.
     pub name: String,
-    /// Kind of object.
-    pub family: Family,
+    /// Kind of object; `None` for one from a mesh file.
+    pub family: Option<Family>,
     /// Use of the object.
     pub split: FamilySplit,
     /// Seed of its parameters.
@@ -47,7 +47,8 @@ impl Object {
     /// Returns member `index` (from 0) of a family.
     pub fn new(family: Family, index: u32, seed: u64) -> Self {
         let name = format!("{family}-{}", index + 1);
-        Self { name, family, split: family.split(), seed, shape: family.shape(index, seed) }
+        let (split, shape) = (family.split(), family.shape(index, seed));
+        Self { name, family: Some(family), split, seed, shape }
     }
 
     /// Watertight triangulation with about `segments` edges round a circle.
@@ -114,6 +115,12 @@ const INDENTERS: [Family; 11] = [
 /// Families of [`indenters`] that touch at many small places.
 const TEXTURED: [Family; 3] = [Family::Raspberry, Family::Ribbed, Family::Rasp];
 
+/// Returns whether a family of drawn objects has this `name`.
+pub fn is_family(name: &str) -> bool {
+    let all = Family::ALL.iter().chain(&INDENTERS).chain(&TEXTURED);
+    all.into_iter().any(|family| family.to_string() == name)
+}
+
 /// Least scale of every second indenter, relative to the largest.
 const WIDE: f64 = 0.25;
 
@@ -132,7 +139,7 @@ pub fn indenters(seed: u64, count: usize, textured: usize, [low, high]: [f64; 2]
         let shape = family.indenter(index, seed).scaled(scale);
         Object {
             name: format!("{family}-{number:05}"),
-            family,
+            family: Some(family),
             split: FamilySplit::Train,
             seed,
             shape,

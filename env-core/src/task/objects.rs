@@ -1,13 +1,13 @@
 //! Objects as settings specify them.
 
-use std::{fmt, path::Path, sync::Arc};
+use std::{fmt, path::Path};
 
 use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 use serde_json::Value;
 
 use crate::{
-    Error, Result,
-    geometry::{Shape, read_surface},
+    Result,
+    geometry::{Shape, read_solid},
     scene::{ObjectModel, named},
 };
 
@@ -90,11 +90,9 @@ impl ObjectSpec {
     /// The shape of the object.
     pub fn shape(&self) -> Result<Shape> {
         Ok(match self {
-            Self::Name(name) if is_mesh_file(name) => {
-                MeshSpec { mesh: name.clone(), scale: 1.0, centred: false }.shape()?
-            }
+            Self::Name(name) if is_mesh_file(name) => read_solid(Path::new(name), 1.0, false)?,
             Self::Name(name) => named(name)?,
-            Self::Mesh(spec) => spec.shape()?,
+            Self::Mesh(spec) => read_solid(Path::new(&spec.mesh), spec.scale, spec.centred)?,
             Self::Shape(spec) => spec.into(),
         })
     }
@@ -103,31 +101,6 @@ impl ObjectSpec {
 fn is_mesh_file(name: &str) -> bool {
     let extension = Path::new(name).extension().map(std::ffi::OsStr::to_ascii_lowercase);
     extension.is_some_and(|e| e == "obj" || e == "stl")
-}
-
-/// Distance of a mesh's origin from the middle of its bounding box, relative to the box's edges,
-/// above which the object would be placed and grasped beside where it is.
-const OFF_CENTRE: f64 = 0.25;
-
-impl MeshSpec {
-    fn shape(&self) -> Result<Shape> {
-        let surface = read_surface(Path::new(&self.mesh), self.scale)?;
-        let (low, high) = surface.bounds();
-        let middle = 0.5 * (low.coords + high.coords);
-        if self.centred {
-            return Ok(Shape::Mesh(Arc::new(surface.moved(&-middle))));
-        }
-        // One in a wrong unit is told so first.
-        let shape = Shape::Mesh(Arc::new(surface)).validated()?;
-        if middle.component_div(&(high - low)).amax() > OFF_CENTRE {
-            let [x, y, z] = middle.into();
-            let found = format!("{} around ({x:.4}, {y:.4}, {z:.4}) m", self.mesh);
-            let expected =
-                r#"a mesh around its origin; {"mesh": …, "centred": true} moves it there"#;
-            return Err(Error::invalid("mesh origin", found, expected));
-        }
-        Ok(shape)
-    }
 }
 
 impl fmt::Display for ObjectSpec {

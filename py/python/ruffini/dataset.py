@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ruffini import _distributions
 from ruffini._core import TetMesh, dataset_shards, estimate_dataset, generate_dataset
 from ruffini._frames import Body, Finger, Frame, Pad, PressFrame, SoftFrame
-from ruffini._settings import naming_nearest
+from ruffini._settings import naming_nearest, plain
 
 __all__ = [
     "Body",
@@ -90,7 +90,7 @@ def estimate(
         ValueError: If a setting is invalid.
     """
     with naming_nearest():
-        return Estimate(*estimate_dataset(folder, config, json.dumps(settings)))
+        return Estimate(*estimate_dataset(folder, config, json.dumps(settings, default=plain)))
 
 
 def generate(
@@ -118,11 +118,15 @@ def generate(
         watch: Called from another thread before the first grasp and after each; stops the
             generation if it returns false, after the grasps being solved. Ctrl-C ends these at
             once; the next call solves them anew.
-        settings: Settings that replace those of the file: ``objects=2, grasps=1``.
+        settings: Settings that replace those of the file: ``objects=2, grasps=1``. ``object`` lists
+            meshes of one's own, each one more object beside the drawn ones:
+            ``object=[{"mesh": "mug.obj", "scale": 0.001}]``, if need be with ``"centred": True``
+            and with ``"grasps"`` of its own. In a TOML file, where they are ``[[object]]``, paths
+            are relative to that file. The dataset has copies of the meshes in ``meshes``.
 
     Raises:
-        ValueError: If a setting is invalid, a shard is not part of the dataset, or the folder holds
-            another dataset or cannot be written.
+        ValueError: If a setting or a mesh is invalid, a shard is not part of the dataset, or the
+            folder holds another dataset or cannot be written.
     """
     if threads is not None and threads < 1:
         raise ValueError(f"threads: found {threads}, expected 1 or more")
@@ -130,7 +134,7 @@ def generate(
     def ask(*progress: Any) -> bool:
         return watch is None or watch(Progress(*progress))
 
-    overrides = json.dumps(settings)
+    overrides = json.dumps(settings, default=plain)
     with naming_nearest():
         finished = generate_dataset(folder, config, overrides, commit, threads or 0, shards, ask)
     return Dataset(folder) if finished else None
@@ -143,7 +147,7 @@ def shards(config: str | PathLike[str] | None = None, **settings: Any) -> list[s
         ValueError: If a setting is invalid.
     """
     with naming_nearest():
-        return dataset_shards(config, json.dumps(settings))
+        return dataset_shards(config, json.dumps(settings, default=plain))
 
 
 STILL = 1e-6
@@ -205,6 +209,9 @@ def truth_errors(
     step = max(len(files) / max(sample, 1), 1.0)
     chosen = [files[int(step * (i + 0.5))] for i in range(min(sample, len(files)))]
     overrides = {k: v for k, v in usual.items() if k not in ("format", "version")} | settings
+    if own := usual.get("object"):
+        meshes = coarse.path / "meshes"
+        overrides["object"] = [mesh | {"mesh": meshes / mesh["mesh"]} for mesh in own]
     generate(finer, threads=threads, commit=commit, shards=chosen, watch=watch, **overrides)
     sides = ["first"] if coarse.presses else list(_SIDES)
     found = []
@@ -369,6 +376,7 @@ class Dataset:
     def defects(self) -> list[str]:
         """Files that are missing, truncated, damaged, foreign or hold NaN, one line each."""
         listed = {shard["file"]: shard for shard in self.manifest["shards"]}
+        own = {f"meshes/{of['mesh']}": of for of in self.manifest["config"].get("object", [])}
         lying = {f"shards/{path.name}" for path in (self.path / "shards").glob("*")}
         found = [f"{self.path / file}: not of this dataset" for file in sorted(lying - {*listed})]
         for file, shard in listed.items():
@@ -383,10 +391,16 @@ class Dataset:
                 found.append(f"{path}: damaged, SHA-256 {digest}, expected {shard['sha256']}")
             elif name := _not_finite(self._tensors(file)):
                 found.append(f"{path}: {name} holds NaN or infinite numbers")
+        for file, mesh in own.items():
+            path = self.path / file
+            if not path.is_file():
+                found.append(f"{path}: missing")
+            elif hashlib.sha256(path.read_bytes()).hexdigest() != mesh["sha256"]:
+                found.append(f"{path}: damaged, expected SHA-256 {mesh['sha256']}")
         return found
 
     def verify(self) -> None:
-        """Check every shard against its hash in the manifest, and that its numbers are finite.
+        """Check shards and meshes against their hashes, and that numbers are finite.
 
         Raises:
             ValueError: If there are `defects`; it names the files.

@@ -45,7 +45,7 @@ impl Object {
     /// Kind of thing, such as "cup".
     #[getter]
     fn family(&self) -> String {
-        self.inner.family.to_string()
+        self.inner.family.expect("an object of the catalogue has one").to_string()
     }
 
     /// Set to which the object belongs: "train", "novel" or "soft".

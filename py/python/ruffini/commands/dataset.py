@@ -15,7 +15,7 @@ from ruffini import _distributions, dataset
 from ruffini.dataset import Progress
 
 _SETTINGS = {
-    "objects": "number of objects, spread evenly over the catalogue",
+    "objects": "number of drawn objects, spread evenly over the catalogue",
     "grasps": "number of grasps of each object",
     "frames": "number of frames, of growing force, in each grasp",
     "seed": "seed of objects and grasps",
@@ -39,7 +39,9 @@ def add_to(commands: Any) -> None:
     )
     maker.add_argument("folder", help="where the dataset is made")
     maker.add_argument(
-        "--config", help=".toml file; 63 objects x 100 grasps x 50 frames if not given"
+        "--config",
+        help=".toml file, which may list meshes of one's own as [[object]]; 63 objects x 100 "
+        "grasps x 50 frames if not given",
     )
     for name, text in _SETTINGS.items():
         maker.add_argument(f"--{name}", type=int, help=f"{text}; as configured if not given")
