@@ -6,10 +6,12 @@ use super::{
     load_stepping::{Equilibrium, LoadStepping},
     path::EDGE_STEP,
 };
-use crate::{Error, Result, contact::clearance, deformation::Wrench};
+use crate::{
+    Error, Result,
+    contact::{advance_to_contact, clearance},
+    deformation::Wrench,
+};
 
-/// Travel without a touch after which the search is given up (m).
-const FARTHEST: f64 = 1.0;
 /// Shortest load step that is tried (m).
 const SHORTEST_STEP: f64 = 1e-9;
 /// Distance to the body that counts as touching (m).
@@ -26,8 +28,8 @@ pub(super) trait ForceControlled {
 
     /// Poses of the shapes (S).
     fn poses(&mut self) -> &mut [Isometry3<f64>];
-    /// Smallest distance of the shapes to the body (m).
-    fn clearance(&self) -> f64;
+    /// Smallest distance of the shapes at `poses` (S) to the body (m).
+    fn clearance(&self, poses: &[Isometry3<f64>]) -> f64;
     /// Attempts one load step to `poses` and returns the state it ends in.
     fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<Self::State>;
     /// Present state.
@@ -50,31 +52,16 @@ pub(super) fn push<D: ForceControlled>(
     let accepted = f64::max(RELATIVE * force, body.tolerance());
     let mut push = Push { force, accepted, direction: *direction, iterations: 0 };
     let begin = body.poses()[0].translation.vector;
-    let pushed = meet(body, direction, FARTHEST) && push.reach(body).is_some();
-    if !pushed {
+    // Without contact, the force remains that of the state: zero.
+    let mut poses = body.poses().to_vec();
+    let met = advance_to_contact(&mut poses, direction, [NEAR; 2], |poses| body.clearance(poses));
+    body.poses().copy_from_slice(&poses);
+    if !met || push.reach(body).is_none() {
         let travel = (body.poses()[0].translation.vector - begin).norm();
         return Err(Error::Unreachable { force, reached: push.along::<D>(body.state()), travel });
     }
     *D::iterations(body.state()) = push.iterations;
     Ok(())
-}
-
-/// Moves the shapes along `direction`, by about `farthest` (m) at most, until one is within
-/// [`NEAR`] of the body, and returns whether one is. Each step is as long as the smallest distance,
-/// so no shape touches or passes the body, and the force remains that of the state: zero.
-fn meet<D: ForceControlled>(body: &mut D, direction: &Vector3<f64>, farthest: f64) -> bool {
-    let mut travel = 0.0;
-    while travel < farthest {
-        let gap = body.clearance();
-        if gap < NEAR {
-            return true;
-        }
-        travel += gap;
-        for pose in body.poses() {
-            pose.translation.vector += direction * gap;
-        }
-    }
-    false
 }
 
 impl ForceControlled for LoadStepping<'_> {
@@ -84,11 +71,11 @@ impl ForceControlled for LoadStepping<'_> {
         &mut self.state.poses
     }
 
-    fn clearance(&self) -> f64 {
+    fn clearance(&self, poses: &[Isometry3<f64>]) -> f64 {
         let Self { condensed, state, .. } = self;
         let (rest, displacement) = (condensed.rest.places(), &state.field.displacement);
         let places = condensed.surface.iter().map(|point| point.place(rest, displacement));
-        clearance(self.shapes, &state.poses, &places.collect::<Vec<_>>())
+        clearance(self.shapes, poses, &places.collect::<Vec<_>>())
     }
 
     fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<Equilibrium> {

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{DistanceCache, backed_off, between, clearance},
+    contact::{DistanceCache, advance_to_contact, backed_off, between, clearance},
     deformation::{
         Anchor, Deformation, Drive, FrameDrive, History, NextStep, Press, Wrench, solve_frames,
         solve_in_steps,
@@ -26,8 +26,6 @@ pub(super) const SHORTEST: f64 = 1.0 / 256.0;
 /// bound as a share of the force asked for.
 const LEAST_GAIN: f64 = 1.0 / 16.0;
 const LEAST_PUSH: f64 = 1e-6;
-/// Travel after which pushed shapes that have not touched the body are taken to miss it (m).
-const FARTHEST: f64 = 1.0;
 
 /// One press being solved: workspace and current state.
 pub(super) struct PressSolver<'a> {
@@ -141,7 +139,6 @@ impl<'a> PressSolver<'a> {
     /// Pushes the shapes until they press with the force of `push`.
     fn push(&mut self, press: &Press, push: &ForceControl) -> Result<ConvergedStep> {
         let begin = self.state.poses[0].translation.vector;
-        let reached = if self.anchors.is_empty() { self.meet(press, push) } else { Ok(()) };
         // The force that can be reached may be a small part of the force asked for.
         let retry = |_: &Self, error: &Error, step: NextStep| {
             is_too_long(error) && step.size >= SHORTEST.min(LEAST_GAIN * step.done).max(LEAST_PUSH)
@@ -150,34 +147,25 @@ impl<'a> PressSolver<'a> {
             let push = ForceControl { force: t * push.force, ..*push };
             run.load_step(press, run.state.poses.clone(), Some(&push))
         };
-        let solved = reached.and_then(|()| solve_in_steps(self, |_, step| step.size, retry, solve));
-        solved.map_err(|error| match error {
-            Error::Interrupted => error,
-            _ => Error::Unreachable {
-                force: push.force,
-                reached: self.held.dot(&push.direction),
-                travel: (self.state.poses[0].translation.vector - begin).norm(),
-            },
+        if !self.anchors.is_empty() || self.meet(press, push) {
+            let solved = solve_in_steps(self, |_, step| step.size, retry, solve);
+            if matches!(solved, Ok(_) | Err(Error::Interrupted)) {
+                return solved;
+            }
+        }
+        Err(Error::Unreachable {
+            force: push.force,
+            reached: self.held.dot(&push.direction),
+            travel: (self.state.poses[0].translation.vector - begin).norm(),
         })
     }
 
-    /// Moves the shapes along the push until the first of them touches. A step as long as the
-    /// smallest distance cannot pass the body.
-    fn meet(&mut self, press: &Press, push: &ForceControl) -> Result<()> {
+    /// Moves the shapes along the push until the first of them touches, and returns whether one does.
+    fn meet(&mut self, press: &Press, push: &ForceControl) -> bool {
         let places = self.system.surface_places(&self.state.displacement);
-        let mut travel = 0.0;
-        while travel < FARTHEST {
-            let gap = clearance(press.shapes(), &self.state.poses, &places);
-            if gap < 0.0 {
-                return Ok(());
-            }
-            let step = gap.max(self.system.law.softness);
-            travel += step;
-            for pose in &mut self.state.poses {
-                pose.translation.vector += push.direction * step;
-            }
-        }
-        Err(Error::Unreachable { force: push.force, reached: 0.0, travel })
+        let clearance = |poses: &[_]| clearance(press.shapes(), poses, &places);
+        let limits = [0.0, self.system.law.softness];
+        advance_to_contact(&mut self.state.poses, &push.direction, limits, clearance)
     }
 
     /// Solves one load step to `poses`, or from there on under `push`, and counts its Newton steps.

@@ -486,14 +486,13 @@ impl ForceControlled for NodalLoadStepping<'_> {
         &mut self.state.poses
     }
 
-    fn clearance(&self) -> f64 {
+    fn clearance(&self, poses: &[Isometry3<f64>]) -> f64 {
         if !self.state.held.is_empty() {
             return -f64::MIN_POSITIVE;
         }
-        let (shapes, poses) = (self.shapes, &self.state.poses);
         match self.levels[self.levels.len() - 1].grid() {
-            Some(finest) => finest.clearance(shapes, poses),
-            None => clearance(shapes, poses, &self.levels[0].places),
+            Some(finest) => finest.clearance(self.shapes, poses),
+            None => clearance(self.shapes, poses, &self.levels[0].places),
         }
     }
 
