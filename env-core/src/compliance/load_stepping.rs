@@ -13,7 +13,7 @@ use super::{
 use crate::{
     Error, Result,
     contact::{ContactLaw, ContactStep, Touch, backed_off, engulfs_unfelt},
-    deformation::{Anchor, Drive, History, Press, Wrench},
+    deformation::{Anchor, History, Press, Wrench},
     fem::SolverWorkspace,
     geometry::Shape,
 };
@@ -54,6 +54,7 @@ impl Scratch {
 /// A press during load stepping.
 pub(super) struct LoadStepping<'a> {
     pub(super) condensed: &'a Condensed,
+    pub(super) shapes: &'a [Shape],
     pub(super) settings: Settings,
     pub(super) scratch: &'a mut Scratch,
     reach: Reach,
@@ -100,7 +101,7 @@ impl<'a> LoadStepping<'a> {
         condensed: &'a Condensed,
         settings: Settings,
         scratch: &'a mut Scratch,
-        press: &Press,
+        press: &'a Press,
     ) -> Result<Self> {
         let still = vec![Vector3::zeros(); condensed.rest.places().len()];
         let state = Equilibrium {
@@ -120,40 +121,38 @@ impl<'a> LoadStepping<'a> {
         };
         let zone = Zone::new(condensed, vec![false; condensed.facets.len()]);
         scratch.newton.enter(zone.free);
-        let reach = Reach::default();
-        let mut walk = Self { condensed, settings, scratch, reach, zone, state, seconds: 0.0 };
+        let (shapes, reach, seconds) = (press.shapes(), Reach::default(), 0.0);
+        let mut stepping =
+            Self { condensed, shapes, settings, scratch, reach, zone, state, seconds };
         match press.history() {
-            Some(history) => walk.recall(press.shapes(), history)?,
-            None => walk.approach(press),
+            Some(history) => stepping.recall(history)?,
+            None => stepping.approach(press.drive().first()),
         }
-        Ok(walk)
+        Ok(stepping)
     }
 
-    /// Places the shapes beside the body at rest.
-    fn approach(&mut self, press: &Press) {
-        let first = match press.drive() {
-            Drive::Translation { path } => &path[0],
-            Drive::Force { poses, .. } => poses,
-        };
-        self.cover(press.shapes(), first);
+    /// Places the shapes at the poses `first`, backed off from the body at rest.
+    fn approach(&mut self, first: &[Isometry3<f64>]) {
+        self.cover(first);
         let places = self.zone_places();
         let mesh = self.condensed.body.mesh();
-        self.state.poses = backed_off(press.shapes(), first, &self.zone.surface, &places, mesh);
+        self.state.poses = backed_off(self.shapes, first, &self.zone.surface, &places, mesh);
     }
 
     /// Restores the state of a `history`; returns an error if it is of another model.
-    fn recall(&mut self, shapes: &[Shape], history: &History) -> Result<()> {
+    fn recall(&mut self, history: &History) -> Result<()> {
         let rest = &self.condensed.rest;
         history.check(rest.places().len(), self.condensed.surface.len())?;
         self.state.field.displacement.clone_from(&history.displacement);
         self.state.poses.clone_from(&history.poses);
         self.state.anchors.clone_from(&history.anchors);
         self.state.bounds = bounds(self.condensed, &history.displacement);
-        self.cover(shapes, &history.poses);
+        self.cover(&history.poses);
         let places = self.zone_places();
         let anchors = self.zone.anchors_in(&history.anchors);
         let poses = &history.poses;
-        let step = ContactStep::new(shapes, &self.zone.surface, poses.clone(), places, &anchors);
+        let step =
+            ContactStep::new(self.shapes, &self.zone.surface, poses.clone(), places, &anchors);
         let (zone, law, newton) = (&self.zone, &self.settings.law, &mut self.scratch.newton);
         let condensed = self.condensed;
         let mut contact = Contact { condensed, zone, law, step, poses, newton };
@@ -185,25 +184,22 @@ impl<'a> LoadStepping<'a> {
     }
 
     /// Attempts one load step to `poses` and returns the state it ends in.
-    pub(super) fn attempt(
-        &mut self,
-        shapes: &[Shape],
-        poses: &[Isometry3<f64>],
-    ) -> Result<Equilibrium> {
-        if self.runs_over(shapes, poses) {
+    pub(super) fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<Equilibrium> {
+        if self.runs_over(poses) {
             return Err(missed(self.settings.tolerance));
         }
         let Settings { law, tolerance, .. } = self.settings;
-        let (way, limits) = ([&self.state.poses[..], poses], [RUN_OVER * law.softness, tolerance]);
-        self.condensed.backing.check(shapes, way, limits)?;
-        self.cover(shapes, poses);
+        let shapes = self.shapes;
+        let (path, limits) = ([&self.state.poses[..], poses], [RUN_OVER * law.softness, tolerance]);
+        self.condensed.backing.check(shapes, path, limits)?;
+        self.cover(poses);
         loop {
-            let state = self.attempt_in_zone(shapes, poses)?;
+            let state = self.attempt_in_zone(poses)?;
             let near = self.reach.reached(shapes, poses, &state.bounds, 0.0);
             let displacement = &state.field.displacement;
             match self.zone.grown(self.condensed, shapes, poses, displacement, &near) {
                 Some(facets) => self.enter_zone(facets),
-                None if self.engulfs_unfelt(shapes, &state) => {
+                None if self.engulfs_unfelt(&state) => {
                     return Err(missed(self.settings.tolerance));
                 }
                 None => return Ok(state),
@@ -212,21 +208,22 @@ impl<'a> LoadStepping<'a> {
     }
 
     /// Returns whether a shape that touches nothing is wholly inside the body.
-    fn engulfs_unfelt(&self, shapes: &[Shape], state: &Equilibrium) -> bool {
+    fn engulfs_unfelt(&self, state: &Equilibrium) -> bool {
         let felt = |s| state.touches.iter().any(|touch| touch.shape == s);
         let (mesh, displacement) = (self.condensed.body.mesh(), &state.field.displacement);
-        engulfs_unfelt(shapes, &state.poses, felt, mesh, displacement)
+        engulfs_unfelt(self.shapes, &state.poses, felt, mesh, displacement)
     }
 
     /// Returns whether a shape that moves far to `poses` passes over points that it should have
     /// pressed.
-    fn runs_over(&self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> bool {
-        let from = &self.state.poses;
-        let way = |(from, to): (&Isometry3<f64>, &Isometry3<f64>)| {
+    fn runs_over(&self, poses: &[Isometry3<f64>]) -> bool {
+        let (shapes, from) = (self.shapes, &self.state.poses);
+        let motion = |(from, to): (&Isometry3<f64>, &Isometry3<f64>)| {
             (to.translation.vector - from.translation.vector).norm()
         };
         let long = |shape: &Shape| f64::min(LONG, 0.5 * shape.thickness());
-        if from.iter().zip(poses).map(way).zip(shapes).all(|(way, shape)| way < long(shape)) {
+        let mut motions = from.iter().zip(poses).map(motion).zip(shapes);
+        if motions.all(|(motion, shape)| motion < long(shape)) {
             return false;
         }
         let (rest, displacement) = (&self.condensed.rest, &self.state.field.displacement);
@@ -237,16 +234,12 @@ impl<'a> LoadStepping<'a> {
     }
 
     /// Attempts the step of [`LoadStepping::attempt`] with contact in the present zone only.
-    fn attempt_in_zone(
-        &mut self,
-        shapes: &[Shape],
-        poses: &[Isometry3<f64>],
-    ) -> Result<Equilibrium> {
+    fn attempt_in_zone(&mut self, poses: &[Isometry3<f64>]) -> Result<Equilibrium> {
         let start = self.zone_places();
         let anchors = self.zone.anchors_in(&self.state.anchors);
         let from = self.state.poses.clone();
         let zone = &self.zone;
-        let step = ContactStep::new(shapes, &zone.surface, from, start, &anchors);
+        let step = ContactStep::new(self.shapes, &zone.surface, from, start, &anchors);
         let (condensed, law, newton) =
             (self.condensed, &self.settings.law, &mut self.scratch.newton);
         let mut contact = Contact { condensed, zone, law, step, poses, newton };
@@ -287,8 +280,8 @@ impl<'a> LoadStepping<'a> {
     }
 
     /// Replaces the zone, if needed, by one with all facets that the shapes at `poses` may touch.
-    pub(super) fn cover(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) {
-        let bounds = &self.state.bounds;
+    pub(super) fn cover(&mut self, poses: &[Isometry3<f64>]) {
+        let (shapes, bounds) = (self.shapes, &self.state.bounds);
         if !self.zone.covers(&self.reach.reached(shapes, poses, bounds, 0.0)) {
             let near = self.reach.reached(shapes, poses, bounds, MARGIN);
             self.enter_zone(near);

@@ -103,7 +103,7 @@ impl Compliance {
             Err(error) => return vec![Err(error)],
         };
         match LoadStepping::new(&condensed, self.settings_of(press), &mut scratch, press) {
-            Ok(walk) => walk.every(press, whole),
+            Ok(stepping) => stepping.every(press, whole),
             Err(error) => vec![Err(error)],
         }
     }
@@ -116,8 +116,9 @@ impl Compliance {
         scratch: &mut Scratch,
     ) -> Result<Deformation> {
         let condensed = self.condensed.suited(press)?;
-        let walk = LoadStepping::new(&condensed, self.settings_of(press), scratch, press)?;
-        walk.last(press, |walk| if with_residual { walk.report() } else { walk.stressed() })
+        let stepping = LoadStepping::new(&condensed, self.settings_of(press), scratch, press)?;
+        let report = if with_residual { LoadStepping::report } else { LoadStepping::stressed };
+        stepping.last(press, report)
     }
 
     /// Working memory for [`Compliance::last`], reused for successive presses.
@@ -156,7 +157,7 @@ impl DeformationModel for Compliance {
 
     fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         if wanted == Wanted::default() {
-            self.each(presses, |walk| Ok(walk.unstressed()))
+            self.each(presses, |stepping| Ok(stepping.unstressed()))
         } else {
             self.solve(presses)
         }
@@ -167,8 +168,8 @@ impl DeformationModel for Compliance {
     }
 }
 
-fn whole(walk: &mut LoadStepping) -> Result<Deformation> {
-    walk.report()
+fn whole(stepping: &mut LoadStepping) -> Result<Deformation> {
+    stepping.report()
 }
 
 fn settings(body: &SoftBody, options: ComplianceOptions) -> Result<Settings> {

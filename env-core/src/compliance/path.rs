@@ -4,23 +4,21 @@ use std::time::Instant;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{
-    balance::norm,
-    load_stepping::LoadStepping,
-    push::{DrivenPress, push},
-};
+use super::{balance::norm, load_stepping::LoadStepping, push::push};
 use crate::{
     Error, Result,
     contact::{between, clearance},
-    deformation::{Deformation, Drive, History, Press},
+    deformation::{
+        Deformation, FrameDrive, History, NextStep, Press, solve_frames, solve_in_steps,
+    },
     geometry::Shape,
 };
 
-/// Smallest part of a frame, or of an [`EDGE_STRIDE`], that is tried as a load step.
-const SHORTEST_STRIDE: f64 = 1.0 / 64.0;
+/// Smallest part of a frame, or of an [`EDGE_STEP`], that is tried as a load step.
+const SHORTEST: f64 = 1.0 / 64.0;
 /// Greatest depth by which a shape with edges sinks in within one load step (m). In longer steps a
 /// surface point may come nearer to the wrong face of an edge and be pushed out there.
-pub(super) const EDGE_STRIDE: f64 = 2.5e-4;
+pub(super) const EDGE_STEP: f64 = 2.5e-4;
 
 impl LoadStepping<'_> {
     /// Solves every frame of `press` and returns the results of `report`; the first that fails is
@@ -30,14 +28,10 @@ impl LoadStepping<'_> {
         press: &Press,
         report: impl Fn(&mut Self) -> Result<T>,
     ) -> Vec<Result<T>> {
-        let mut frames = Vec::new();
-        for frame in 0..count(press) {
-            frames.push(self.enter(press, frame).and_then(|()| report(&mut self)));
-            if frames.last().is_some_and(Result::is_err) {
-                break;
-            }
-        }
-        frames
+        solve_frames(press.frames(), |frame| {
+            self.solve(frame)?;
+            report(&mut self)
+        })
     }
 
     /// Solves all frames of `press` and returns the result of `report` for the last.
@@ -46,19 +40,16 @@ impl LoadStepping<'_> {
         press: &Press,
         report: impl Fn(&mut Self) -> Result<T>,
     ) -> Result<T> {
-        (0..count(press)).try_for_each(|frame| self.enter(press, frame))?;
+        press.frames().into_iter().try_for_each(|frame| self.solve(frame))?;
         report(&mut self)
     }
 
     /// Solves the next `frame`.
-    fn enter(&mut self, press: &Press, frame: usize) -> Result<()> {
+    fn solve(&mut self, frame: FrameDrive) -> Result<()> {
         let start = Instant::now();
-        match press.drive() {
-            Drive::Translation { path } => self.follow(press.shapes(), &path[frame])?,
-            Drive::Force { force, direction, .. } => {
-                let mut led = DrivenPress { walk: self, shapes: press.shapes() };
-                push(&mut led, *force, direction)?;
-            }
+        match frame {
+            FrameDrive::Poses(poses) => self.follow(poses)?,
+            FrameDrive::Force { force, direction } => push(self, force, direction)?,
         }
         self.seconds = start.elapsed().as_secs_f64();
         Ok(())
@@ -66,44 +57,38 @@ impl LoadStepping<'_> {
 
     /// Moves the shapes to `poses`, through intermediate poses where a single step fails or would
     /// move an edge too far.
-    fn follow(&mut self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Result<()> {
+    fn follow(&mut self, poses: &[Isometry3<f64>]) -> Result<()> {
         let from = self.state.poses.clone();
-        self.cover(shapes, poses);
-        let motion = self.motion(shapes, &from, poses);
-        let shortest = SHORTEST_STRIDE * f64::min(1.0, EDGE_STRIDE / motion);
-        let (mut done, mut stride, mut iterations) = (0.0, 1.0, 0);
-        while done < 1.0 {
-            if stride * motion > EDGE_STRIDE {
-                let gap = clearance(shapes, &self.state.poses, &self.zone_places()).max(0.0);
-                stride = f64::min(stride, (gap + EDGE_STRIDE) / motion);
+        self.cover(poses);
+        let motion = self.motion(&from, poses);
+        let length = |stepping: &Self, step: &mut NextStep| {
+            if step.size * motion > EDGE_STEP {
+                let (shapes, poses) = (stepping.shapes, &stepping.state.poses);
+                let gap = clearance(shapes, poses, &stepping.zone_places()).max(0.0);
+                step.size = f64::min(step.size, (gap + EDGE_STEP) / motion);
             }
-            let next = f64::min(done + stride, 1.0);
-            match self.attempt(shapes, &between(&from, poses, next)) {
-                Ok(state) => {
-                    iterations += state.iterations;
-                    self.state = state;
-                    done = next;
-                    stride *= 2.0;
-                }
-                Err(error) => {
-                    stride *= 0.5;
-                    if stride < shortest {
-                        return Err(error);
-                    }
-                }
-            }
-        }
+            step.size
+        };
+        let shortest = SHORTEST * f64::min(1.0, EDGE_STEP / motion);
+        let retry = |_: &Self, _: &Error, step: NextStep| step.size >= shortest;
+        let mut iterations = 0;
+        solve_in_steps(self, length, retry, |stepping, t| {
+            stepping.state = stepping.attempt(&between(&from, poses, t))?;
+            iterations += stepping.state.iterations;
+            Ok(())
+        })?;
         self.state.iterations = iterations;
         Ok(())
     }
 
     /// Greatest motion of a shape with edges, measured at the middle of the zone (m).
-    fn motion(&self, shapes: &[Shape], from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
+    fn motion(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
         let count = self.zone.places.len().max(1) as f64;
         let middle =
             self.zone.places.iter().map(|place| place.coords).sum::<Vector3<f64>>() / count;
         let middle = Point3::from(middle);
-        let poses = shapes.iter().zip(from.iter().zip(to)).filter(|(shape, _)| has_edges(shape));
+        let poses = self.shapes.iter().zip(from.iter().zip(to));
+        let poses = poses.filter(|(shape, _)| has_edges(shape));
         let moved = poses
             .map(|(_, (from, to))| (to * from.inverse_transform_point(&middle) - middle).norm());
         moved.fold(0.0, f64::max)
@@ -163,13 +148,6 @@ impl LoadStepping<'_> {
             seconds: self.seconds + start.elapsed().as_secs_f64(),
             ..answer
         })
-    }
-}
-
-fn count(press: &Press) -> usize {
-    match press.drive() {
-        Drive::Translation { path } => path.len(),
-        Drive::Force { .. } => 1,
     }
 }
 

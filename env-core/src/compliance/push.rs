@@ -4,14 +4,16 @@ use nalgebra::{Isometry3, Unit, Vector3};
 
 use super::{
     load_stepping::{Equilibrium, LoadStepping},
-    path::EDGE_STRIDE,
+    path::EDGE_STEP,
 };
-use crate::{Error, Result, contact::clearance, deformation::Wrench, geometry::Shape};
+use crate::{
+    Error, Result,
+    contact::{advance_to_contact, clearance},
+    deformation::Wrench,
+};
 
-/// Travel without a touch after which the search is given up (m).
-const FARTHEST: f64 = 1.0;
-/// Shortest stride that is tried (m).
-const SHORTEST_STRIDE: f64 = 1e-9;
+/// Shortest load step that is tried (m).
+const SHORTEST_STEP: f64 = 1e-9;
 /// Distance to the body that counts as touching (m).
 const NEAR: f64 = 2e-6;
 /// Accepted relative error of the force, unless the tolerance of the residual force is larger.
@@ -26,8 +28,8 @@ pub(super) trait ForceControlled {
 
     /// Poses of the shapes (S).
     fn poses(&mut self) -> &mut [Isometry3<f64>];
-    /// Smallest distance of the shapes to the body (m).
-    fn clearance(&self) -> f64;
+    /// Smallest distance of the shapes at `poses` (S) to the body (m).
+    fn clearance(&self, poses: &[Isometry3<f64>]) -> f64;
     /// Attempts one load step to `poses` and returns the state it ends in.
     fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<Self::State>;
     /// Present state.
@@ -40,8 +42,8 @@ pub(super) trait ForceControlled {
     fn iterations(state: &mut Self::State) -> &mut usize;
 }
 
-/// Moves the shapes along `direction` until they press with `force` (N): in strides until they
-/// press harder, then by the Illinois variant of false position within the last stride.
+/// Moves the shapes along `direction` until they press with `force` (N): in load steps until they
+/// press harder, then by the Illinois variant of false position within the last step.
 pub(super) fn push<D: ForceControlled>(
     body: &mut D,
     force: f64,
@@ -50,8 +52,11 @@ pub(super) fn push<D: ForceControlled>(
     let accepted = f64::max(RELATIVE * force, body.tolerance());
     let mut push = Push { force, accepted, direction: *direction, iterations: 0 };
     let begin = body.poses()[0].translation.vector;
-    let pushed = meet(body, direction, FARTHEST) && push.reach(body).is_some();
-    if !pushed {
+    // Without contact, the force remains that of the state: zero.
+    let mut poses = body.poses().to_vec();
+    let met = advance_to_contact(&mut poses, direction, [NEAR; 2], |poses| body.clearance(poses));
+    body.poses().copy_from_slice(&poses);
+    if !met || push.reach(body).is_none() {
         let travel = (body.poses()[0].translation.vector - begin).norm();
         return Err(Error::Unreachable { force, reached: push.along::<D>(body.state()), travel });
     }
@@ -59,54 +64,30 @@ pub(super) fn push<D: ForceControlled>(
     Ok(())
 }
 
-/// Moves the shapes along `direction`, by about `farthest` (m) at most, until one is within
-/// [`NEAR`] of the body, and returns whether one is. Each step is as long as the smallest distance,
-/// so no shape touches or passes the body, and the force remains that of the state: zero.
-fn meet<D: ForceControlled>(body: &mut D, direction: &Vector3<f64>, farthest: f64) -> bool {
-    let mut travel = 0.0;
-    while travel < farthest {
-        let gap = body.clearance();
-        if gap < NEAR {
-            return true;
-        }
-        travel += gap;
-        for pose in body.poses() {
-            pose.translation.vector += direction * gap;
-        }
-    }
-    false
-}
-
-/// Load stepping with the shapes that it moves.
-pub(super) struct DrivenPress<'a, 'b> {
-    pub(super) walk: &'a mut LoadStepping<'b>,
-    pub(super) shapes: &'a [Shape],
-}
-
-impl ForceControlled for DrivenPress<'_, '_> {
+impl ForceControlled for LoadStepping<'_> {
     type State = Equilibrium;
 
     fn poses(&mut self) -> &mut [Isometry3<f64>] {
-        &mut self.walk.state.poses
+        &mut self.state.poses
     }
 
-    fn clearance(&self) -> f64 {
-        let LoadStepping { condensed, state, .. } = &*self.walk;
+    fn clearance(&self, poses: &[Isometry3<f64>]) -> f64 {
+        let Self { condensed, state, .. } = self;
         let (rest, displacement) = (condensed.rest.places(), &state.field.displacement);
         let places = condensed.surface.iter().map(|point| point.place(rest, displacement));
-        clearance(self.shapes, &state.poses, &places.collect::<Vec<_>>())
+        clearance(self.shapes, poses, &places.collect::<Vec<_>>())
     }
 
     fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<Equilibrium> {
-        self.walk.attempt(self.shapes, poses)
+        self.attempt(poses)
     }
 
     fn state(&mut self) -> &mut Equilibrium {
-        &mut self.walk.state
+        &mut self.state
     }
 
     fn tolerance(&self) -> f64 {
-        self.walk.settings.tolerance
+        self.settings.tolerance
     }
 
     fn wrench(state: &Equilibrium) -> &Wrench {
@@ -150,14 +131,14 @@ impl Push {
         Ok(state)
     }
 
-    /// Moves the shapes in strides until the force is met or passed, and then finds it within the
-    /// last stride; `None` if it is never met.
+    /// Moves the shapes in load steps until the force is met or passed, and then finds it within the
+    /// last step; `None` if it is never met.
     fn reach<D: ForceControlled>(&mut self, body: &mut D) -> Option<()> {
-        let mut stride = EDGE_STRIDE;
+        let mut size = EDGE_STEP;
         for _ in 0..MOST {
             // A history may begin with too large a force: then the shapes move back.
             let back = self.along::<D>(body.state()) > self.force;
-            let signed = if back { -stride } else { stride };
+            let signed = if back { -size } else { size };
             match self.attempt(body, signed) {
                 Ok(state) => {
                     let along = self.along::<D>(&state);
@@ -168,11 +149,11 @@ impl Push {
                     if self.is_met(along) {
                         return Some(());
                     }
-                    stride = f64::min(2.0 * stride, EDGE_STRIDE);
+                    size = f64::min(2.0 * size, EDGE_STEP);
                 }
-                Err(_) => stride *= 0.5,
+                Err(_) => size *= 0.5,
             }
-            if stride < SHORTEST_STRIDE {
+            if size < SHORTEST_STEP {
                 break;
             }
         }

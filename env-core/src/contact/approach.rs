@@ -12,6 +12,8 @@ const STEPS: usize = 100;
 /// Distance from the deepest point, relative to its depth, at which a place is tested for being
 /// inside the body.
 const BESIDE: f64 = 0.05;
+/// Travel without contact after which shapes are taken to miss the body (m).
+const FARTHEST: f64 = 1.0;
 
 /// Returns `poses` (S) with each shape that overlaps the surface moved out of it, opposite to the
 /// direction in which it would push the surface. The surface points are at `places` (C) and belong
@@ -88,6 +90,30 @@ fn outward(mesh: &TetMesh, place: &Point3<f64>) -> Vector3<f64> {
     (b - a).cross(&(c - a)).normalize()
 }
 
+/// Moves the shapes at `poses` (S) along `direction` until their `clearance` (m) is less than `near`
+/// (m), and returns whether it becomes so. Each step is as long as the clearance, but at least
+/// `shortest` (m), so that no shape passes the body.
+pub fn advance_to_contact(
+    poses: &mut [Isometry3<f64>],
+    direction: &Vector3<f64>,
+    [near, shortest]: [f64; 2],
+    clearance: impl Fn(&[Isometry3<f64>]) -> f64,
+) -> bool {
+    let mut travel = 0.0;
+    while travel < FARTHEST {
+        let gap = clearance(poses);
+        if gap < near {
+            return true;
+        }
+        let step = gap.max(shortest);
+        travel += step;
+        for pose in &mut *poses {
+            pose.translation.vector += direction * step;
+        }
+    }
+    false
+}
+
 /// Smallest signed distance of any of `places` to any shape (m).
 pub fn clearance(shapes: &[Shape], poses: &[Isometry3<f64>], places: &[Point3<f64>]) -> f64 {
     let pairs = shapes.iter().zip(poses);
@@ -104,4 +130,25 @@ pub fn between(from: &[Isometry3<f64>], to: &[Isometry3<f64>], t: f64) -> Vec<Is
         return to.to_vec();
     }
     from.iter().zip(to).map(|(from, to)| from.lerp_slerp(to, t)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shapes_advance_until_one_is_near_or_all_have_missed() {
+        let (wall, near) = (0.01, 2e-6);
+        let height = |poses: &[Isometry3<f64>]| poses[0].translation.z;
+        let advanced = |clearance: &dyn Fn(f64) -> f64| {
+            let mut poses = [Isometry3::identity()];
+            let gap = |poses: &[_]| clearance(height(poses));
+            let met = advance_to_contact(&mut poses, &Vector3::z(), [near; 2], gap);
+            (met, height(&poses))
+        };
+        let (met, z) = advanced(&|z| 0.5 * (wall - z));
+        assert!(met && z <= wall && wall - z < 2.0 * near, "{z} m of {wall} m");
+        let (met, z) = advanced(&|_| 0.3);
+        assert!(!met && (1.0..1.3).contains(&z), "{z} m");
+    }
 }

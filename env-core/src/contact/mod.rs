@@ -12,7 +12,7 @@ mod leap;
 mod near;
 mod touch;
 
-pub use approach::{backed_off, between, clearance};
+pub use approach::{advance_to_contact, backed_off, between, clearance};
 pub use backing::Backing;
 pub use engulfing::{engulfs_unfelt, is_engulfed};
 pub use law::{ContactLaw, Traction};

@@ -1,6 +1,6 @@
 //! Presses frame by frame: load steps, their subdivision, and force control.
 
-use std::{cell::Cell, time::Instant};
+use std::time::Instant;
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -8,22 +8,24 @@ use super::{
     direct::DirectSolver,
     newton::{NewtonOutcome, StoppingCriteria},
     push::ForceControl,
-    stride::{SHORTEST, in_steps},
     system::{Configuration, Forces, System},
 };
 use crate::{
     Error, Result,
-    contact::{DistanceCache, backed_off, between, clearance},
-    deformation::{Anchor, Deformation, Drive, History, Press, Wrench},
+    contact::{DistanceCache, advance_to_contact, backed_off, between, clearance},
+    deformation::{
+        Anchor, Deformation, Drive, FrameDrive, History, NextStep, Press, Wrench, solve_frames,
+        solve_in_steps,
+    },
     geometry::TetMesh,
 };
 
+/// Smallest part of a motion that is tried as a load step.
+pub(super) const SHORTEST: f64 = 1.0 / 256.0;
 /// Least increase of a push in one step, as a share of the force already reached, and its lower
 /// bound as a share of the force asked for.
 const LEAST_GAIN: f64 = 1.0 / 16.0;
 const LEAST_PUSH: f64 = 1e-6;
-/// Travel after which pushed shapes that have not touched the body are taken to miss it (m).
-const FARTHEST: f64 = 1.0;
 
 /// One press being solved: workspace and current state.
 pub(super) struct PressSolver<'a> {
@@ -47,6 +49,8 @@ pub(super) struct PressSolver<'a> {
     /// `true` if load steps must be short enough that points stay on the side of a shape that they
     /// meet.
     pub(super) one_sided: bool,
+    /// Newton steps taken in this frame.
+    iterations: usize,
 }
 
 /// A converged load step.
@@ -61,8 +65,6 @@ impl<'a> PressSolver<'a> {
         let held = Vector3::zeros();
         let increment = displacement.clone();
         let state = Configuration { displacement, poses: Vec::new() };
-        let (anchors, before) = (Vec::new(), Vec::new());
-        let one_sided = false;
         Self {
             system,
             mesh,
@@ -71,11 +73,12 @@ impl<'a> PressSolver<'a> {
             solver: None,
             ahead: Vec::new(),
             state,
-            anchors,
+            anchors: Vec::new(),
             held,
             increment,
-            before,
-            one_sided,
+            before: Vec::new(),
+            one_sided: false,
+            iterations: 0,
         }
     }
 
@@ -85,23 +88,10 @@ impl<'a> PressSolver<'a> {
             return vec![Err(error)];
         }
         self.one_sided = true;
-        match press.drive() {
-            Drive::Translation { path } => {
-                let mut frames = Vec::with_capacity(path.len());
-                self.ahead.clone_from(path);
-                for poses in path {
-                    frames.push(self.frame(|run| run.follow(press, poses)));
-                    if frames.last().is_some_and(Result::is_err) {
-                        break;
-                    }
-                }
-                frames
-            }
-            Drive::Force { force, direction, .. } => {
-                let push = ForceControl { direction: **direction, force: *force };
-                vec![self.frame(|run| run.push(press, &push))]
-            }
+        if let Drive::Translation { path } = press.drive() {
+            self.ahead.clone_from(path);
         }
+        solve_frames(press.frames(), |frame| self.frame(press, frame))
     }
 
     /// Sets the state of body and shapes in which the press begins.
@@ -121,12 +111,16 @@ impl<'a> PressSolver<'a> {
     }
 
     /// Solves one frame and reports it.
-    fn frame(
-        &mut self,
-        solve: impl FnOnce(&mut Self) -> Result<ConvergedStep>,
-    ) -> Result<Deformation> {
+    fn frame(&mut self, press: &Press, frame: FrameDrive) -> Result<Deformation> {
         let start = Instant::now();
-        let solved = solve(self)?;
+        self.iterations = 0;
+        let mut solved = match frame {
+            FrameDrive::Poses(poses) => self.follow(press, poses)?,
+            FrameDrive::Force { force, direction } => {
+                self.push(press, &ForceControl { direction: **direction, force })?
+            }
+        };
+        solved.balance.iterations = self.iterations;
         let mut deformation = self.report(&solved);
         deformation.seconds = start.elapsed().as_secs_f64();
         Ok(deformation)
@@ -134,77 +128,56 @@ impl<'a> PressSolver<'a> {
 
     /// Moves the shapes to `poses`.
     fn follow(&mut self, press: &Press, poses: &[Isometry3<f64>]) -> Result<ConvergedStep> {
-        let (from, iterations) = (self.state.poses.clone(), Cell::new(0));
-        let patience = self.limits.patience;
-        let step = |t| {
-            let mut taken = iterations.get();
-            let solved = self.load_step(press, between(&from, poses, t), None, &mut taken);
-            iterations.set(taken);
-            solved
+        let from = self.state.poses.clone();
+        let retry = |run: &Self, error: &Error, step: NextStep| {
+            is_too_long(error) && run.iterations < run.limits.patience && step.size >= SHORTEST
         };
-        let shortest = |_| if iterations.get() < patience { SHORTEST } else { 1.0 };
-        let mut solved = in_steps(shortest, step)?;
-        solved.balance.iterations = iterations.get();
-        Ok(solved)
+        let solve = |run: &mut Self, t| run.load_step(press, between(&from, poses, t), None);
+        solve_in_steps(self, |_, step| step.size, retry, solve)
     }
 
     /// Pushes the shapes until they press with the force of `push`.
     fn push(&mut self, press: &Press, push: &ForceControl) -> Result<ConvergedStep> {
         let begin = self.state.poses[0].translation.vector;
-        let reached = if self.anchors.is_empty() { self.meet(press, push) } else { Ok(()) };
-        let mut iterations = 0;
-        let solved = reached.and_then(|()| {
-            // The force that can be reached may be a small part of the force asked for.
-            let shortest = |done: f64| SHORTEST.min(LEAST_GAIN * done).max(LEAST_PUSH);
-            in_steps(shortest, |t| {
-                let push = ForceControl { force: t * push.force, ..*push };
-                self.load_step(press, self.state.poses.clone(), Some(&push), &mut iterations)
-            })
-        });
-        let counted = |mut solved: ConvergedStep| {
-            solved.balance.iterations = iterations;
-            solved
+        // The force that can be reached may be a small part of the force asked for.
+        let retry = |_: &Self, error: &Error, step: NextStep| {
+            is_too_long(error) && step.size >= SHORTEST.min(LEAST_GAIN * step.done).max(LEAST_PUSH)
         };
-        solved.map(counted).map_err(|error| match error {
-            Error::Interrupted => error,
-            _ => Error::Unreachable {
-                force: push.force,
-                reached: self.held.dot(&push.direction),
-                travel: (self.state.poses[0].translation.vector - begin).norm(),
-            },
+        let solve = |run: &mut Self, t: f64| {
+            let push = ForceControl { force: t * push.force, ..*push };
+            run.load_step(press, run.state.poses.clone(), Some(&push))
+        };
+        if !self.anchors.is_empty() || self.meet(press, push) {
+            let solved = solve_in_steps(self, |_, step| step.size, retry, solve);
+            if matches!(solved, Ok(_) | Err(Error::Interrupted)) {
+                return solved;
+            }
+        }
+        Err(Error::Unreachable {
+            force: push.force,
+            reached: self.held.dot(&push.direction),
+            travel: (self.state.poses[0].translation.vector - begin).norm(),
         })
     }
 
-    /// Moves the shapes along the push until the first of them touches. A step as long as the
-    /// smallest distance cannot pass the body.
-    fn meet(&mut self, press: &Press, push: &ForceControl) -> Result<()> {
+    /// Moves the shapes along the push until the first of them touches, and returns whether one does.
+    fn meet(&mut self, press: &Press, push: &ForceControl) -> bool {
         let places = self.system.surface_places(&self.state.displacement);
-        let mut travel = 0.0;
-        while travel < FARTHEST {
-            let gap = clearance(press.shapes(), &self.state.poses, &places);
-            if gap < 0.0 {
-                return Ok(());
-            }
-            let stride = gap.max(self.system.law.softness);
-            travel += stride;
-            for pose in &mut self.state.poses {
-                pose.translation.vector += push.direction * stride;
-            }
-        }
-        Err(Error::Unreachable { force: push.force, reached: 0.0, travel })
+        let clearance = |poses: &[_]| clearance(press.shapes(), poses, &places);
+        let limits = [0.0, self.system.law.softness];
+        advance_to_contact(&mut self.state.poses, &push.direction, limits, clearance)
     }
 
-    /// Solves one load step to `poses`, or from there on under `push`, and adds its Newton steps to
-    /// `iterations`. On failure nothing else has changed.
+    /// Solves one load step to `poses`, or from there on under `push`, and counts its Newton steps.
+    /// On failure nothing else has changed.
     fn load_step(
         &mut self,
         press: &Press,
         poses: Vec<Isometry3<f64>>,
         push: Option<&ForceControl>,
-        iterations: &mut usize,
     ) -> Result<ConvergedStep> {
         let attempt = self.attempt(press.shapes(), poses, push, None);
-        *iterations += match &attempt {
+        self.iterations += match &attempt {
             Ok(attempt) => attempt.solved.balance.iterations,
             Err(Error::NotConverged { iterations, .. }) => *iterations,
             Err(_) => 0,
@@ -263,4 +236,9 @@ impl<'a> PressSolver<'a> {
             predicted_error: None,
         }
     }
+}
+
+/// Returns whether a shorter load step may avoid `error`.
+pub(super) fn is_too_long(error: &Error) -> bool {
+    matches!(error, Error::NotConverged { .. } | Error::Penetrated { .. })
 }

@@ -14,13 +14,12 @@ use nalgebra::{
 use super::{
     Fem,
     attempt::LoadStep,
-    drive::PressSolver,
+    drive::{PressSolver, SHORTEST, is_too_long},
     follower::PadResponse,
-    stride::{SHORTEST, in_steps},
 };
 use crate::{
     Error, Result,
-    deformation::{Deformation, Wrench},
+    deformation::{Deformation, NextStep, Wrench, solve_frames, solve_in_steps},
     geometry::Shape,
 };
 
@@ -70,14 +69,7 @@ impl Grasp {
             Ok(hold) => hold,
             Err(error) => return vec![Err(error)],
         };
-        let mut frames = Vec::with_capacity(self.path.len());
-        for poses in &self.path {
-            frames.push(hold.frame(poses));
-            if frames.last().is_some_and(Result::is_err) {
-                break;
-            }
-        }
-        frames
+        solve_frames(&self.path, |poses| hold.frame(poses))
     }
 }
 
@@ -138,15 +130,17 @@ impl<'a> Hold<'a> {
     /// where the last solved step ended.
     pub fn frame(&mut self, pads: &[Isometry3<f64>; 2]) -> Result<Grasped> {
         let (clock, from) = (Instant::now(), self.pads);
-        let shortest = if *pads == from { 1.0 } else { SHORTEST };
+        let retry = |_: &Self, error: &Error, step: NextStep| {
+            is_too_long(error) && *pads != from && step.size >= SHORTEST
+        };
         let mut iterations = [0; 2];
-        let step = |t| {
+        let solve = |hold: &mut Self, t: f64| {
             let between = [0, 1].map(|i| from[i].lerp_slerp(&pads[i], t));
-            let grasped = self.step(if t == 1.0 { pads } else { &between })?;
+            let grasped = hold.step(if t == 1.0 { pads } else { &between })?;
             iterations.iter_mut().zip(&grasped.pads).for_each(|(sum, pad)| *sum += pad.iterations);
             Ok(grasped)
         };
-        let mut grasped = in_steps(|_| shortest, step)?;
+        let mut grasped = solve_in_steps(self, |_, step| step.size, retry, solve)?;
         grasped.pads.iter_mut().zip(iterations).for_each(|(pad, sum)| pad.iterations = sum);
         grasped.seconds = clock.elapsed().as_secs_f64();
         Ok(grasped)

@@ -45,7 +45,6 @@ mod solid;
 mod spacing;
 mod sparse;
 mod springs;
-mod stride;
 mod surface;
 mod system;
 mod tangent;

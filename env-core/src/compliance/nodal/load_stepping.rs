@@ -16,13 +16,15 @@ use super::{
 use crate::{
     Error, Result,
     contact::{ContactLaw, backed_off, between, clearance, is_engulfed},
-    deformation::{Anchor, Drive, History, Press, Wrench},
+    deformation::{
+        Anchor, FrameDrive, History, NextStep, Press, Wrench, solve_frames, solve_in_steps,
+    },
     fem::FemOptions,
     geometry::Shape,
 };
 
 /// Greatest motion of a shape in one load step (m), or half its thickness if that is less.
-const STRIDE: f64 = 5e-4;
+const LONGEST_STEP: f64 = 5e-4;
 /// Allowance added to the motion of the shapes when the nodes near them are selected (m).
 const MARGIN: f64 = 1e-4;
 /// Depth by which a shape may enter the held faces, in softnesses.
@@ -40,7 +42,7 @@ const WALL: [f64; 2] = [4.0, 1.2];
 /// Number of touching cells that the edge of a wall does not reach, three of them wide, across a pad
 /// and back.
 const BROAD: usize = 256;
-/// Smallest part of a stride that is tried.
+/// Smallest part of the longest step that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
 /// Sweeps times the square of the number of nodes that touch, summed over a frame, after which it
 /// counts as not converged: some seconds. The whole pad under a block 2 mm deep takes a twentieth;
@@ -90,7 +92,7 @@ pub(super) struct NodalLoadStepping<'a> {
     /// Faces that a shape could penetrate without touching a node.
     watched: &'a [Face],
     /// Greatest motion of a shape in one load step (m).
-    stride: f64,
+    longest_step: f64,
     scratch: &'a mut NodalScratch,
     /// Sweeps times the square of the number of nodes that touch, in this frame.
     work: usize,
@@ -123,61 +125,46 @@ impl<'a> NodalLoadStepping<'a> {
         };
         let watched = watched(&nodes.faces, shapes);
         let thickness = shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
-        let stride = f64::min(STRIDE, 0.5 * thickness);
-        Ok(Self { levels, law, shapes, watched, stride, scratch, work: 0, state })
+        let longest_step = f64::min(LONGEST_STEP, 0.5 * thickness);
+        Ok(Self { levels, law, shapes, watched, longest_step, scratch, work: 0, state })
     }
 
     /// Solves every frame of `press`; the first that fails is the last.
     pub(super) fn every(mut self, press: &Press) -> Vec<Result<ContactSolution>> {
-        let frames = match press.drive() {
-            Drive::Translation { path } => path.len(),
-            Drive::Force { .. } => 1,
-        };
-        let mut answers = Vec::with_capacity(frames);
-        for frame in 0..frames {
+        solve_frames(press.frames(), |frame| {
             let start = Instant::now();
-            let reached = match press.drive() {
-                Drive::Translation { path } => self.follow(&path[frame]),
-                Drive::Force { force, direction, .. } => push(&mut self, *force, direction),
-            };
-            let failed = reached.is_err();
-            answers.push(reached.map(|()| self.settled(start.elapsed().as_secs_f64())));
-            if failed {
-                break;
+            match frame {
+                FrameDrive::Poses(poses) => self.follow(poses)?,
+                FrameDrive::Force { force, direction } => push(&mut self, force, direction)?,
             }
-        }
-        answers
+            Ok(self.settled(start.elapsed().as_secs_f64()))
+        })
     }
 
-    /// Moves the shapes to `poses` in strides.
+    /// Moves the shapes to `poses` in load steps.
     fn follow(&mut self, poses: &[Isometry3<f64>]) -> Result<()> {
         let from = self.state.poses.clone();
         let motion = from.iter().zip(poses).map(|(a, b)| self.motion(a, b)).fold(0.0, f64::max);
-        let (mut done, mut share, mut sweeps) = (0.0, 1.0, 0);
+        // The size of a step is relative to the longest one.
+        let length = |stepping: &Self, step: &mut NextStep| {
+            step.size = f64::min(step.size, 1.0);
+            let longest = stepping.gap(motion * (1.0 - step.done)) + stepping.longest_step;
+            step.size * (longest / motion.max(f64::MIN_POSITIVE))
+        };
+        let retry = |stepping: &Self, _: &Error, step: NextStep| {
+            step.size >= SHORTEST && stepping.work <= WORK
+        };
+        let mut sweeps = 0;
         self.work = 0;
-        while done < 1.0 {
-            if self.work > WORK {
+        solve_in_steps(self, length, retry, |stepping, t| {
+            if stepping.work > WORK {
                 let (residual, tolerance) = (f64::INFINITY, 0.0);
                 return Err(Error::NotConverged { iterations: sweeps, residual, tolerance });
             }
-            let stride = self.gap(motion * (1.0 - done)) + self.stride;
-            let stride = stride / motion.max(f64::MIN_POSITIVE);
-            let next = f64::min(done + share * stride, 1.0);
-            match self.attempt(&between(&from, poses, next)) {
-                Ok(state) => {
-                    sweeps += state.sweeps;
-                    self.state = state;
-                    done = next;
-                    share = f64::min(2.0 * share, 1.0);
-                }
-                Err(error) => {
-                    share *= 0.5;
-                    if share < SHORTEST || self.work > WORK {
-                        return Err(error);
-                    }
-                }
-            }
-        }
+            stepping.state = stepping.attempt(&between(&from, poses, t))?;
+            sweeps += stepping.state.sweeps;
+            Ok(())
+        })?;
         self.state.sweeps = sweeps;
         Ok(())
     }
@@ -397,9 +384,9 @@ impl<'a> NodalLoadStepping<'a> {
     ) -> Result<Option<NodalState>> {
         let (shapes, nodes) = (self.shapes, &self.levels[level]);
         let from = &self.state.poses;
-        let way = Move { shapes, from, to: poses };
+        let motion = Move { shapes, from, to: poses };
         let most = most.map_or(usize::MAX, |most| 2 * most);
-        let patch = Patch::new(nodes, &self.law, way, [room, reach], most, held, self.scratch);
+        let patch = Patch::new(nodes, &self.law, motion, [room, reach], most, held, self.scratch);
         let Some(mut patch) = patch else { return Ok(None) };
         let settled = patch.settle();
         let sweeps = match &settled {
@@ -434,9 +421,9 @@ impl<'a> NodalLoadStepping<'a> {
     /// the body without touching a node.
     fn check_inside(&self, state: &NodalState) -> Result<()> {
         let condensed = &self.levels[0].condensed;
-        let (way, limits) =
+        let (path, limits) =
             ([&self.state.poses[..], &state.poses], [UNFELT * self.law.softness, 0.0]);
-        condensed.backing.check(self.shapes, way, limits)?;
+        condensed.backing.check(self.shapes, path, limits)?;
         for (s, (shape, pose)) in self.shapes.iter().zip(&state.poses).enumerate() {
             if state.held.iter().any(|held| held.shape as usize == s) {
                 continue;
@@ -499,14 +486,13 @@ impl ForceControlled for NodalLoadStepping<'_> {
         &mut self.state.poses
     }
 
-    fn clearance(&self) -> f64 {
+    fn clearance(&self, poses: &[Isometry3<f64>]) -> f64 {
         if !self.state.held.is_empty() {
             return -f64::MIN_POSITIVE;
         }
-        let (shapes, poses) = (self.shapes, &self.state.poses);
         match self.levels[self.levels.len() - 1].grid() {
-            Some(finest) => finest.clearance(shapes, poses),
-            None => clearance(shapes, poses, &self.levels[0].places),
+            Some(finest) => finest.clearance(self.shapes, poses),
+            None => clearance(self.shapes, poses, &self.levels[0].places),
         }
     }
 

@@ -111,7 +111,7 @@ impl Nodal {
             press,
             &mut scratch,
         ) {
-            Ok(walk) => walk.every(press),
+            Ok(stepping) => stepping.every(press),
             Err(error) => vec![Err(error)],
         }
     }
