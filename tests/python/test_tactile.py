@@ -21,7 +21,8 @@ from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 SENSORS = Path(__file__).parents[2] / "env-core/assets/sensors"
 COARSE = {"nodes": 300}
 COMPLIANT: dict[str, Any] = {"tactile": "compliance", "resolution": COARSE}
-FELT = ["markers", "displacement", "stress", "tet_stress", "traction", "wrench", "slip", "trust"]
+FELT = ["markers", "marker_pixels", "displacement", "stress", "tet_stress", "traction", "wrench"]
+FELT += ["slip", "trust"]
 OVER_OBJECT: dict[str, Any] = {
     "objects": "sphere",
     "position": 0.0,
@@ -92,6 +93,7 @@ def test_places_of_the_channels_have_their_sizes():
     env = GraspLiftEnv(**everything())
     skin, spaces = env.skin(), env.observation_space
     assert spaces["markers"].shape == (2 * skin["markers"].size,)
+    assert spaces["marker_pixels"].shape == (2 * len(skin["markers"]) * 2,)
     assert spaces["displacement"].shape == (2 * skin["surface"].size,)
     assert spaces["stress"].shape == (2 * len(skin["grid"]),)
     assert spaces["depth"].shape == (2 * len(skin["depth"]),)
@@ -119,6 +121,22 @@ def test_the_image_is_the_background_until_something_touches():
     changed = np.abs(pressed - still.reshape(16, 12, 3)).max(axis=-1)
     assert changed[:, 6:10, 4:8].max() > 0.1, "nothing is seen where the ball is"
     assert changed[:, 0].max() < 0.02, "something is seen far from it"
+
+
+@pytest.mark.parametrize("image", [(240, 320), (30, 80)])
+def test_marker_pixels_are_the_motion_of_markers_in_pixels_of_the_image(image):
+    camera = tomllib.loads((SENSORS / "gelsight-mini.toml").read_text())["camera"]
+    size = camera["pixel"] * np.array(camera["pixels"]) / image
+    settings = {**OVER_OBJECT, "resolution": {**COARSE, "markers": (7, 9), "image": image}}
+    env = GraspLiftEnv(observation=["markers", "marker_pixels"], **settings)
+    observation, _ = env.reset(seed=1)
+    assert not observation["marker_pixels"].any()
+    for step in range(20):
+        observation, *_ = env.step(grasping(step))
+    motion = observation["markers"].reshape(2, 9, 7, 3)[..., :2] / size
+    assert np.abs(motion).max() > 0.1
+    seen = observation["marker_pixels"].reshape(2, 9, 7, 2)
+    np.testing.assert_allclose(seen, motion, rtol=1e-5, atol=1e-6)
 
 
 def test_a_sensor_without_colours_has_no_image():
