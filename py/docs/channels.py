@@ -130,6 +130,25 @@ def image(rest: Floats, pads: Floats) -> Figure:
     return figure
 
 
+def marker_pixels(rest: Floats, places: Floats, pads: Floats, pictures: Floats) -> Figure:
+    """Draws the motion (pixels) of markers over the pictures, whose pixels are at `places` (m)."""
+    rows, columns = (len(np.unique(places[:, axis].round(9))) for axis in (1, 0))
+    low, high = places.min(axis=0), places.max(axis=0)
+    at = ((rest[:, :2] - low) / (high - low) * (columns - 1, rows - 1)).T
+    figure, axes = plt.subplots(1, 2, figsize=(6.4, 3.9), dpi=110, layout="constrained")
+    shown = zip(pads.reshape(2, -1, 2), pictures.reshape(2, rows, columns, 3), strict=True)
+    for ax, title, (motion, picture) in zip(axes, PADS, shown, strict=True):
+        ax.imshow(picture, origin="lower")
+        ax.plot(*at, "k.", markersize=4)
+        ax.quiver(*at, *(motion.T * 10), angles="xy", scale_units="xy", scale=1, width=0.006)
+        ax.set(xlim=(-6, columns + 5), ylim=(-6, rows + 5))
+        ax.set(title=title, xlabel="column of the image")
+    axes[0].set_ylabel("row of the image")
+    longest = np.linalg.norm(pads.reshape(-1, 2), axis=1).max()
+    figure.suptitle(f"drawn 10 times as long, the longest {longest:.2g} pixels", fontsize=10)
+    return figure
+
+
 def tet_stress(pads: Floats) -> Figure:
     """Draws the tetrahedra that the plane y = 0 cuts."""
     mesh = ruffini.Surrogate().body.mesh
@@ -194,6 +213,9 @@ def figures() -> dict[str, Figure]:
     )
     return {
         "markers": arrows(skin["markers"], now["markers"], 10, 40),
+        "marker_pixels": marker_pixels(
+            skin["markers"], skin["image"], now["marker_pixels"], now["image"]
+        ),
         "displacement": arrows(skin["surface"], now["displacement"], 10, 12),
         "stress": cells(skin["grid"], stress, "von Mises stress (kPa)", "magma_r", 13.5),
         "depth": cells(skin["depth"], depth, "height of the face (mm)", "gray", 13.5),

@@ -300,6 +300,42 @@ fn slopes_beyond_the_steepest_are_shortened() {
     }
 }
 
+/// A marker at (x, y) lies at a column and row of the image, which follow from the places of pixels.
+#[test]
+fn marker_pixels_are_columns_and_rows_of_the_image() {
+    let moved =
+        |p: &Point3<f64>| Vector3::new(0.5 * MM + 0.02 * p.y, -0.3 * MM + 0.03 * p.x, -0.2 * MM);
+    for image in [[240, 320], [60, 80], [40, 160]] {
+        let tip = tip("gelsight-mini", Resolution { image, ..coarse() });
+        let pixels = tip.skin.image_pixels();
+        let [first, next, above] = [0, 1, image[0] as usize].map(|pixel| pixels[pixel]);
+        let size = [next[0] - first[0], above[1] - first[1]];
+        let place = |p: &Point3<f64>| [0, 1].map(|axis| (p[axis] - first[axis]) / size[axis]);
+        let felt = displaced(&tip.body, moved);
+        let found = Channel::MarkerPixels.read(&tip.skin, Some(&felt), None);
+        for (marker, found) in tip.skin.markers().iter().zip(found.chunks_exact(2)) {
+            let [from, to] = [*marker, marker + moved(marker)].map(|p| place(&p));
+            for axis in 0..2 {
+                let exact = to[axis] - from[axis];
+                let off = (found[axis] - exact).abs();
+                assert!(off < 1e-6, "{} for {exact} pixels, axis {axis}", found[axis]);
+            }
+        }
+    }
+}
+
+#[test]
+fn at_the_resolution_of_the_camera_a_pixel_is_that_of_the_sensors_file() {
+    let tip = tip("gelsight-mini", Resolution { image: [240, 320], ..coarse() });
+    let shift = Vector3::new(0.634 * MM, -0.317 * MM, 0.1 * MM);
+    let found = Channel::MarkerPixels.read(&tip.skin, Some(&displaced(&tip.body, |_| shift)), None);
+    for [column, row] in found.as_chunks().0 {
+        let exact = [shift.x, shift.y].map(|u| u / tip.sensor.camera.pixel);
+        let off = (column - exact[0]).abs().max((row - exact[1]).abs());
+        assert!(off < 1e-6, "({column}, {row}) for {exact:?} pixels");
+    }
+}
+
 #[test]
 fn everything_but_depth_and_image_is_exactly_zero_without_contact() {
     let tip = tip("digit", coarse());

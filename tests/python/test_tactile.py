@@ -21,7 +21,8 @@ from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 SENSORS = Path(__file__).parents[2] / "env-core/assets/sensors"
 COARSE = {"nodes": 300}
 COMPLIANT: dict[str, Any] = {"tactile": "compliance", "resolution": COARSE}
-FELT = ["markers", "displacement", "stress", "tet_stress", "traction", "wrench", "slip", "trust"]
+FELT = ["markers", "marker_pixels", "displacement", "stress", "tet_stress", "traction", "wrench"]
+FELT += ["slip", "trust"]
 OVER_OBJECT: dict[str, Any] = {
     "objects": "sphere",
     "position": 0.0,
@@ -92,6 +93,7 @@ def test_places_of_the_channels_have_their_sizes():
     env = GraspLiftEnv(**everything())
     skin, spaces = env.skin(), env.observation_space
     assert spaces["markers"].shape == (2 * skin["markers"].size,)
+    assert spaces["marker_pixels"].shape == (2 * len(skin["markers"]) * 2,)
     assert spaces["displacement"].shape == (2 * skin["surface"].size,)
     assert spaces["stress"].shape == (2 * len(skin["grid"]),)
     assert spaces["depth"].shape == (2 * len(skin["depth"]),)
@@ -121,6 +123,22 @@ def test_the_image_is_the_background_until_something_touches():
     assert changed[:, 0].max() < 0.02, "something is seen far from it"
 
 
+@pytest.mark.parametrize("image", [(240, 320), (30, 80)])
+def test_marker_pixels_are_the_motion_of_markers_in_pixels_of_the_image(image):
+    camera = tomllib.loads((SENSORS / "gelsight-mini.toml").read_text())["camera"]
+    size = camera["pixel"] * np.array(camera["pixels"]) / image
+    settings = {**OVER_OBJECT, "resolution": {**COARSE, "markers": (7, 9), "image": image}}
+    env = GraspLiftEnv(observation=["markers", "marker_pixels"], **settings)
+    observation, _ = env.reset(seed=1)
+    assert not observation["marker_pixels"].any()
+    for step in range(20):
+        observation, *_ = env.step(grasping(step))
+    motion = observation["markers"].reshape(2, 9, 7, 3)[..., :2] / size
+    assert np.abs(motion).max() > 0.1
+    seen = observation["marker_pixels"].reshape(2, 9, 7, 2)
+    np.testing.assert_allclose(seen, motion, rtol=1e-5, atol=1e-6)
+
+
 def test_a_sensor_without_colours_has_no_image():
     with pytest.raises(ValueError, match=r"sensor: found .*digit.*, expected .* camera\.image"):
         GraspLiftEnv(sensor="digit", observation=["image"])
@@ -141,7 +159,10 @@ def test_a_seed_gives_the_same_touch_again():
         {},
         {
             "gel_stiffness": (0.5, 2.0),
-            "sensor_errors": {"markers": {"noise": 1e-5, "offset": 1e-5, "delay": 2}},
+            "sensor_errors": {
+                "markers": {"noise": (1e-5, 2e-5), "offset": 1e-5, "delay": 2},
+                "wrench": {"drift": (0.1, 0.2), "hysteresis": 0.5},
+            },
         },
     ],
 )
@@ -291,6 +312,44 @@ def test_sensor_errors_change_what_is_seen_and_nothing_else():
     env = gym.make("ruffini/HoldStill-v0", sensor_errors=errors, **settings)
     env.reset(seed=5)
     np.testing.assert_array_equal(env.reset()[0]["markers"], faulty[1][0, 0])
+
+
+def test_drift_starts_at_each_reset_and_is_what_is_set_after_a_second():
+    settings: dict[str, Any] = {"objects": "sphere", "load": 0.0, "shaking": 0.0}
+    settings |= {"start_grip": 4.0, "friction": 0.7, "observation": "markers", **COMPLIANT}
+
+    def episodes(**more: Any) -> np.ndarray:
+        env = gym.make_vec("ruffini/HoldStill-v0", num_envs=3, obs="flat", **settings, **more)
+        films = []
+        for seed in (5, None):
+            seen = [env.reset(seed=seed)[0]]
+            seen += [env.step(np.zeros((3, 5), np.float32))[0] for _ in range(25)]
+            films.append(seen)
+        return np.array(films, np.float64)
+
+    drift = episodes(sensor_errors={"markers": {"drift": 1e-5}}) - episodes()
+    assert not drift[:, 0].any()
+    assert (drift[:, 1] != 0).mean() > 0.99
+    # 1,260 numbers: a tenth is five standard errors.
+    np.testing.assert_allclose(drift[:, 25].std(), 1e-5, rtol=0.1)
+
+
+def test_hysteresis_keeps_what_is_seen_behind_what_is_true():
+    def grasp(**more: Any) -> np.ndarray:
+        env = GraspLiftEnv(observation=["markers"], **OVER_OBJECT, **more)
+        seen = [env.reset(seed=1)[0]["markers"]]
+        seen += [
+            env.step(grasping(step, -0.1 if step > 20 else 0.1))[0]["markers"] for step in range(26)
+        ]
+        return np.array(seen, np.float64)
+
+    true, half = grasp(), 5e-5
+    seen = grasp(sensor_errors={"markers": {"hysteresis": half}})
+    lagging = [true[0]]
+    for now in true[1:]:
+        lagging.append(np.clip(lagging[-1], now - half, now + half))
+    assert np.abs(seen - true).max() > 0.99 * half
+    np.testing.assert_allclose(seen, lagging, rtol=0.0, atol=1e-9)
 
 
 def test_a_press_without_an_answer_ends_its_episode_by_name():

@@ -129,7 +129,8 @@ impl Episode {
         let [low, high] = config.gel_stiffness;
         let drawn = low + (high - low) * stream(1).random::<f64>();
         parameters.gel_stiffness = given.or(StartQuantity::GelStiffness, drawn);
-        let sensors = FaultySensors::draw(&config.sensor_errors, &setup.layout, stream(2));
+        let (errors, period) = (&config.sensor_errors, config.scene.physics.control_period);
+        let sensors = FaultySensors::draw(errors, &setup.layout, [2, 3].map(stream), period);
         let object = SceneObject { model, scale, mass, friction, pose };
         let InitialState { scene, grip, path } =
             InitialState::new(setup, &object, &Vector3::from(start), &parameters)?;

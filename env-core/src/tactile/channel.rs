@@ -18,6 +18,8 @@ use crate::{
 pub enum Channel {
     /// Displacement of the markers.
     Markers,
+    /// Displacement of the markers in the camera's view, in pixels of the image.
+    MarkerPixels,
     /// Displacement of all free surface nodes.
     Displacement,
     /// Von Mises stress on a grid under the face.
@@ -49,7 +51,7 @@ pub struct Spec {
     pub low: f64,
     /// Upper bound of each entry.
     pub high: f64,
-    /// SI unit.
+    /// SI unit, or pixel.
     pub unit: &'static str,
 }
 
@@ -69,8 +71,9 @@ const CALIBRATED: f64 = 0.5;
 
 impl Channel {
     /// All channels, in the order of the table.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Markers,
+        Self::MarkerPixels,
         Self::Displacement,
         Self::Stress,
         Self::TetStress,
@@ -86,6 +89,7 @@ impl Channel {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Markers => "markers",
+            Self::MarkerPixels => "marker_pixels",
             Self::Displacement => "displacement",
             Self::Stress => "stress",
             Self::TetStress => "tet_stress",
@@ -103,10 +107,12 @@ impl Channel {
         Self::ALL.into_iter().find(|channel| channel.name() == name)
     }
 
-    /// Number of entries of a point: 3 where it has a vector or a colour, otherwise 1.
+    /// Number of entries of a point: 3 where it has a vector or a colour, 2 in the camera's view,
+    /// otherwise 1.
     pub const fn point(self) -> usize {
         match self {
             Self::Markers | Self::Displacement | Self::Traction | Self::Image => 3,
+            Self::MarkerPixels => 2,
             Self::Stress
             | Self::TetStress
             | Self::Wrench
@@ -122,6 +128,7 @@ impl Channel {
             Self::Stress | Self::TetStress => (true, false),
             Self::Trust => (false, true),
             Self::Markers
+            | Self::MarkerPixels
             | Self::Displacement
             | Self::Traction
             | Self::Wrench
@@ -144,6 +151,12 @@ impl Channel {
             Self::Markers => {
                 let shape = vectors(resolution.markers);
                 vec![spec("displacement of the markers", shape, -moved, moved, "m")]
+            }
+            Self::MarkerPixels => {
+                let shape = [map(resolution.markers), vec![2]].concat();
+                let [across, along] = skin.picture.cell;
+                let most = moved / across.min(along);
+                vec![spec("displacement of the markers in the image", shape, -most, most, "pixel")]
             }
             Self::Displacement => {
                 let shape = vec![skin.free.len(), 3];
@@ -217,6 +230,11 @@ impl Channel {
             (Self::Depth, None) => skin.rest_depth.clone(),
             (_, None) => vec![0.0; self.size(skin)],
             (Self::Markers, Some(answer)) => flat(&markers(skin, answer)),
+            (Self::MarkerPixels, Some(answer)) => {
+                let [across, along] = skin.picture.cell;
+                let seen = |u: Vector3<f64>| [u.x / across, u.y / along];
+                markers(skin, answer).into_iter().flat_map(seen).collect()
+            }
             (Self::Displacement, Some(answer)) => {
                 flat(skin.free.iter().map(|&node| &answer.displacement[node as usize]))
             }

@@ -69,7 +69,7 @@ pub struct Skin {
     pub(super) stress: Vec<Vec<(u32, f64)>>,
     pub(super) grid: PlanGrid,
     pub(super) view: PlanGrid,
-    picture: PlanGrid,
+    pub(super) picture: PlanGrid,
     /// Heights of the resting face at the pixels (D) in m.
     pub(super) rest_depth: Vec<f64>,
     /// Camera of the tactile image, if the sensor's colours are known.

@@ -75,6 +75,7 @@ sizes. Without contact each is exactly 0, except ``depth`` and ``image``. With s
 | channel | size of each pad | content |
 | --- | --- | --- |
 | ``markers`` | 7 x 5 x 3 | displacement of the sensor's markers (m) |
+| ``marker_pixels`` | 7 x 5 x 2 | the same across and along ``image`` (pixels of ``image``) |
 | ``displacement`` | S x 3 | displacement of all free nodes of the pad's surface (m) |
 | ``stress`` | 12 x 10 | von Mises stress under the face (Pa) |
 | ``tet_stress`` | T | von Mises stress in each tetrahedron (Pa) |

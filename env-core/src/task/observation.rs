@@ -125,7 +125,7 @@ pub struct Component {
     pub low: Vec<f32>,
     /// Upper bounds, one per entry.
     pub high: Vec<f32>,
-    /// SI unit.
+    /// SI unit, or pixel.
     pub unit: &'static str,
 }
 

@@ -57,12 +57,14 @@ pub(super) const OTHERS: [(&str, Option<[&str; 2]>); 13] = [
     (
         "sensor_errors",
         Some([
-            "``noise`` and ``offset`` 0 to 1e9 in the unit of the channel, ``gain`` 0 to 100, \
-             ``dead`` 0 to 1, ``delay`` 0 to 25 steps",
-            "errors of observed channels, as in ``{\"markers\": {\"noise\": 2e-5, \"gain\": (0.9, \
-             1.1), \"offset\": 1e-5, \"dead\": 0.02, \"delay\": 1}}``: deviation of noise in each step, \
-             factor and deviation of an offset drawn at each reset, share of dead points, steps of \
-             delay",
+            "``noise``, ``offset``, ``drift`` and ``hysteresis`` 0 to 1e9 in the unit of the channel, \
+             ``gain`` 0 to 100, each a number or a range; ``dead`` 0 to 1, ``delay`` 0 to 25 steps",
+            "errors of observed channels, as in ``{\"markers\": {\"noise\": (1e-5, 3e-5), \"gain\": \
+             (0.9, 1.1), \"offset\": 1e-5, \"drift\": 1e-6, \"hysteresis\": 1e-5, \"dead\": 0.02, \
+             \"delay\": 1}}``: deviation of noise in each step, factor, deviation of an offset drawn \
+             at each reset, deviation of drift after a second, half-width of the loop between loading \
+             and unloading, share of dead points, steps of delay; ranges are drawn from at each \
+             reset for each pad",
         ]),
     ),
     (

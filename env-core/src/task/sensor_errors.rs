@@ -1,9 +1,13 @@
-//! Errors of sensors: noise, gain, offset, dead points and delay of observed channels.
+//! Errors of sensors: noise, gain, offset, drift, hysteresis, dead points and delay of observed
+//! channels.
 //!
 //! They change what is observed and nothing else: rewards and endings are those of the true values.
-//! A value x of a channel is observed as g x + b + n, with a gain g and an offset b that are drawn
-//! at the reset and noise n that is drawn in each step, cut to the channel's bounds as a sensor
-//! saturates.
+//! A value x of a channel is observed as g y + b + n, cut to the channel's bounds as a sensor
+//! saturates. The lagging value y follows x by the play operator of half-width h,
+//! y ← max(x − h, min(x + h, y)) (Krasnosel'skii & Pokrovskii, Systems with Hysteresis, 1989), from
+//! y = x at the reset. The gain g is drawn at the reset, the noise n in each step. The bias b starts
+//! at an offset drawn at the reset and drifts as a random walk, whose standard deviation after a
+//! time t is d √t.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -19,17 +23,26 @@ use super::{
 };
 use crate::{Error, Result};
 
-/// Errors of one channel; by default it has none.
+/// Errors of one channel; by default it has none. Ranges are drawn from at each reset for each pad.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SensorError {
     /// Standard deviation of white noise, in the unit of each entry.
-    pub noise: f64,
-    /// Factor on the values, drawn at each reset for each pad.
+    #[serde(deserialize_with = "range")]
+    pub noise: Range,
+    /// Factor on the values.
     #[serde(deserialize_with = "range")]
     pub gain: Range,
     /// Standard deviation of what is added to an entry throughout an episode.
-    pub offset: f64,
+    #[serde(deserialize_with = "range")]
+    pub offset: Range,
+    /// Standard deviation of the drift of an entry after one second, in its unit; it grows with the
+    /// square root of time, whatever the control period.
+    #[serde(deserialize_with = "range")]
+    pub drift: Range,
+    /// Half of the width of the loop between loading and unloading, in the unit of each entry.
+    #[serde(deserialize_with = "range")]
+    pub hysteresis: Range,
     /// Probability that a point, such as a marker, reads zero throughout an episode.
     pub dead: f64,
     /// Control steps by which the values are late.
@@ -38,7 +51,16 @@ pub struct SensorError {
 
 impl Default for SensorError {
     fn default() -> Self {
-        Self { noise: 0.0, gain: [1.0; 2], offset: 0.0, dead: 0.0, delay: 0 }
+        let none = [0.0; 2];
+        Self {
+            noise: none,
+            gain: [1.0; 2],
+            offset: none,
+            drift: none,
+            hysteresis: none,
+            dead: 0.0,
+            delay: 0,
+        }
     }
 }
 
@@ -47,7 +69,7 @@ pub type SensorErrors = BTreeMap<String, SensorError>;
 
 /// Largest delay (control steps).
 const LATEST: usize = 25;
-/// Largest standard deviation, in the unit of the channel.
+/// Largest noise, offset, drift and hysteresis, in the unit of the channel.
 const LARGEST: f64 = 1e9;
 
 /// Reads a number or the two ends of a range.
@@ -64,11 +86,13 @@ pub(super) fn validate(errors: &SensorErrors, observed: &[&str]) -> Result<()> {
             let expected = format!("one of the observed channels {}", observed.join(", "));
             return Err(Error::invalid("sensor_errors", channel, expected));
         }
-        let SensorError { noise, gain, offset, dead, delay } = *error;
+        let SensorError { noise, gain, offset, drift, hysteresis, dead, delay } = *error;
         for (what, range, bounds) in [
-            ("noise", [noise; 2], [0.0, LARGEST]),
+            ("noise", noise, [0.0, LARGEST]),
             ("gain", gain, [0.0, 100.0]),
-            ("offset", [offset; 2], [0.0, LARGEST]),
+            ("offset", offset, [0.0, LARGEST]),
+            ("drift", drift, [0.0, LARGEST]),
+            ("hysteresis", hysteresis, [0.0, LARGEST]),
             ("dead", [dead; 2], [0.0, 1.0]),
             ("delay", [delay as f64; 2], [0.0, LATEST as f64]),
         ] {
@@ -81,7 +105,10 @@ pub(super) fn validate(errors: &SensorErrors, observed: &[&str]) -> Result<()> {
 /// Sensors of one episode, with the errors that were drawn for them.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FaultySensors {
+    /// Stream of the noise.
     random: ChaCha8Rng,
+    /// Stream of the drift.
+    drifting: ChaCha8Rng,
     channels: Vec<FaultyChannel>,
 }
 
@@ -90,52 +117,83 @@ pub struct FaultySensors {
 struct FaultyChannel {
     /// Place of its first entry in an observation.
     first: usize,
-    noise: f64,
-    /// Factor and offset of each entry; `None` where its point is dead.
+    pads: Vec<FaultyPad>,
+    /// Gain and present bias of each entry; `None` where its point is dead.
     entries: Vec<Option<[f32; 2]>>,
     delay: usize,
     /// True values of the latest steps, the oldest first.
     past: VecDeque<Vec<f32>>,
+    /// Lagging value of each entry; empty before the first step and without hysteresis.
+    lagging: Vec<f32>,
+}
+
+/// Errors that the entries of a pad share.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct FaultyPad {
+    /// Standard deviation of the noise.
+    noise: f64,
+    /// Standard deviation of the drift in one control step.
+    drift: f64,
+    /// Half-width of the play operator.
+    hysteresis: f32,
 }
 
 impl FaultySensors {
-    /// Draws the errors of an episode from `random`, which goes on to draw the noise; `None` if no
-    /// channel has any.
+    /// Draws the errors of an episode with control steps of `period` (s); `None` if no channel has
+    /// any. Of the two random streams, one draws gains, offsets, dead points and the noise, the
+    /// other the ranges of the remaining errors and the drift.
     pub fn draw(
         errors: &SensorErrors,
         layout: &ObservationLayout,
-        mut random: ChaCha8Rng,
+        [mut random, mut drifting]: [ChaCha8Rng; 2],
+        period: f64,
     ) -> Option<Self> {
         if errors.is_empty() {
             return None;
         }
+        let uniform = |[low, high]: Range, random: &mut ChaCha8Rng| {
+            low + (high - low) * random.random::<f64>()
+        };
         let channels = layout.spans().filter_map(|span| {
-            let SensorError { noise, gain: [low, high], offset, dead, delay } =
-                *errors.get(span.name)?;
+            let error = errors.get(span.name)?;
+            let mut offsets = Vec::new();
+            let pads = (0..span.sides).map(|_| {
+                let mut draw = |range| uniform(range, &mut drifting);
+                offsets.push(draw(error.offset));
+                FaultyPad {
+                    noise: draw(error.noise),
+                    drift: draw(error.drift) * period.sqrt(),
+                    hysteresis: draw(error.hysteresis) as f32,
+                }
+            });
+            let pads = pads.collect();
             let side = span.size.div_ceil(span.sides);
             let (mut gain, mut is_dead) = (1.0, false);
             let entries = (0..span.size).map(|entry| {
                 if entry % side == 0 {
-                    gain = low + (high - low) * random.random::<f64>();
+                    gain = uniform(error.gain, &mut random);
                 }
                 if entry % span.point == 0 {
-                    is_dead = random.random::<f64>() < dead;
+                    is_dead = random.random::<f64>() < error.dead;
                 }
-                let offset = offset * random.sample::<f64, _>(StandardNormal);
+                let offset = offsets[entry / side] * random.sample::<f64, _>(StandardNormal);
                 (!is_dead).then_some([gain as f32, offset as f32])
             });
             let entries = entries.collect();
-            Some(FaultyChannel { first: span.first, noise, entries, delay, past: VecDeque::new() })
+            let (past, lagging) = (VecDeque::new(), Vec::new());
+            let (first, delay) = (span.first, error.delay);
+            Some(FaultyChannel { first, pads, entries, delay, past, lagging })
         });
         let channels = channels.collect();
-        Some(Self { random, channels })
+        Some(Self { random, drifting, channels })
     }
 
     /// Replaces the true values of a step in `row` by what the sensors report.
     pub fn report(&mut self, layout: &ObservationLayout, row: &mut [f32]) {
         for channel in &mut self.channels {
-            let FaultyChannel { first, noise, entries, delay, past } = channel;
+            let FaultyChannel { first, pads, entries, delay, past, lagging } = channel;
             let here = *first..*first + entries.len();
+            let side = entries.len().div_ceil(pads.len());
             let values = &mut row[here.clone()];
             if *delay > 0 {
                 past.push_back(values.to_vec());
@@ -144,11 +202,27 @@ impl FaultySensors {
                     past.pop_front();
                 }
             }
+            if lagging.is_empty() && pads.iter().any(|pad| pad.hysteresis > 0.0) {
+                lagging.extend_from_slice(values);
+            }
+            for (i, (y, x)) in lagging.iter_mut().zip(&mut *values).enumerate() {
+                let half = pads[i / side].hysteresis;
+                *y = y.clamp(*x - half, *x + half);
+                *x = *y;
+            }
             let [low, high] = layout.bounds().map(|bounds| &bounds[here.clone()]);
-            for (i, x) in values.iter_mut().enumerate() {
-                let noise = *noise * self.random.sample::<f64, _>(StandardNormal);
-                let reported = entries[i].map(|[gain, offset]| *x * gain + offset + noise as f32);
-                *x = reported.unwrap_or_default().clamp(low[i], high[i]);
+            for (i, (x, entry)) in values.iter_mut().zip(entries).enumerate() {
+                let pad = &pads[i / side];
+                let noise = pad.noise * self.random.sample::<f64, _>(StandardNormal);
+                let mut reported = 0.0;
+                if let Some([gain, bias]) = entry {
+                    reported = *x * *gain + *bias + noise as f32;
+                    if pad.drift > 0.0 {
+                        let step = pad.drift * self.drifting.sample::<f64, _>(StandardNormal);
+                        *bias += step as f32;
+                    }
+                }
+                *x = reported.clamp(low[i], high[i]);
             }
         }
     }
@@ -167,10 +241,34 @@ mod tests {
         let json = format!(r#"{{{observation}, "sensor_errors": {json}}}"#);
         let config = TaskConfig::from_json(&json).unwrap();
         let layout = ObservationLayout::new(&config, None).unwrap();
-        let random = ChaCha8Rng::seed_from_u64(3);
-        let sensors = FaultySensors::draw(&config.sensor_errors, &layout, random).unwrap();
+        let period = config.scene.physics.control_period;
+        let sensors = FaultySensors::draw(&config.sensor_errors, &layout, streams(), period);
         let row = (0..layout.size()).map(|i| 0.01 * i as f32).collect();
-        (sensors, layout, row)
+        (sensors.unwrap(), layout, row)
+    }
+
+    fn streams() -> [ChaCha8Rng; 2] {
+        [3, 4].map(ChaCha8Rng::seed_from_u64)
+    }
+
+    /// What is reported in each of `steps` steps in which `row` is true.
+    fn reports(
+        sensors: &mut FaultySensors,
+        layout: &ObservationLayout,
+        row: &[f32],
+        steps: usize,
+    ) -> Vec<Vec<f32>> {
+        let mut report = || {
+            let mut seen = row.to_vec();
+            sensors.report(layout, &mut seen);
+            seen
+        };
+        (0..steps).map(|_| report()).collect()
+    }
+
+    /// Standard deviation of numbers whose mean is 0.
+    fn deviation(numbers: &[f64]) -> f64 {
+        (numbers.iter().map(|x| x * x).sum::<f64>() / numbers.len() as f64).sqrt()
     }
 
     /// Places of the wrenches of both pads, after the 14 numbers of the gripper, and of the time.
@@ -205,22 +303,16 @@ mod tests {
     fn noise_has_its_deviation_and_an_offset_stays() {
         let (mut sensors, layout, row) =
             sensors(r#"{"wrench": {"noise": 0.1, "offset": 5}, "time": {"noise": 2.0}}"#);
-        let steps: Vec<Vec<f32>> = (0..2000)
-            .map(|_| {
-                let mut seen = row.clone();
-                sensors.report(&layout, &mut seen);
-                seen
-            })
-            .collect();
+        let steps = reports(&mut sensors, &layout, &row, 2000);
         let (mut squares, mut offsets) = (0.0, Vec::new());
         for i in WRENCH {
             let mean = steps.iter().map(|s| f64::from(s[i] - row[i])).sum::<f64>() / 2000.0;
             squares += steps.iter().map(|s| (f64::from(s[i] - row[i]) - mean).powi(2)).sum::<f64>();
             offsets.push(mean);
         }
-        let deviation = (squares / (12.0 * 2000.0)).sqrt();
-        assert!((deviation / 0.1 - 1.0).abs() < 0.03, "{deviation}");
-        let spread = (offsets.iter().map(|x| x * x).sum::<f64>() / 12.0).sqrt();
+        let noise = (squares / (12.0 * 2000.0)).sqrt();
+        assert!((noise / 0.1 - 1.0).abs() < 0.03, "{noise}");
+        let spread = deviation(&offsets);
         assert!((2.0..9.0).contains(&spread), "{spread}");
         // Time is never negative: a sensor saturates.
         assert!(steps.iter().all(|step| step[TIME] >= 0.0));
@@ -242,6 +334,139 @@ mod tests {
         assert_eq!(seen, [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]);
     }
 
+    /// Errors that were drawn before others existed are drawn as ever.
+    #[test]
+    fn gains_offsets_and_noise_come_from_the_first_stream_alone() {
+        let old = r#""gain": [0.5, 2], "offset": 5, "noise": 0.1"#;
+        let (mut sensors_of_old, layout, row) = sensors(&format!(r#"{{"wrench": {{{old}}}}}"#));
+        let [mut random, _] = streams();
+        let mut gain = 1.0;
+        let drawn: Vec<_> = WRENCH
+            .map(|i| {
+                if [WRENCH.start, WRENCH.start + 6].contains(&i) {
+                    gain = 0.5 + 1.5 * random.random::<f64>();
+                }
+                let _dead: f64 = random.random();
+                [gain as f32, (5.0 * random.sample::<f64, _>(StandardNormal)) as f32]
+            })
+            .collect();
+        let seen = reports(&mut sensors_of_old, &layout, &row, 40);
+        for seen in &seen {
+            for (i, [gain, offset]) in WRENCH.zip(&drawn) {
+                let noise = 0.1 * random.sample::<f64, _>(StandardNormal);
+                assert_eq!(seen[i], row[i] * gain + offset + noise as f32, "entry {i}");
+            }
+        }
+        let more = format!(r#"{{"wrench": {{{old}, "drift": 1e-9, "hysteresis": [0, 1e-9]}}}}"#);
+        let (mut sensors, ..) = sensors(&more);
+        for (seen, old) in reports(&mut sensors, &layout, &row, 40).iter().zip(&seen) {
+            for i in WRENCH {
+                assert!((seen[i] - old[i]).abs() < 1e-5, "{} against {}", seen[i], old[i]);
+            }
+        }
+    }
+
+    #[test]
+    fn drift_starts_at_zero_and_grows_with_the_root_of_time() {
+        let (_, layout, row) = sensors(r#"{"time": {}}"#);
+        let error = SensorError { drift: [0.5; 2], ..SensorError::default() };
+        let errors = SensorErrors::from([("wrench".to_owned(), error)]);
+        for (period, second) in [(0.04, 25), (0.01, 100)] {
+            let mut sensors = FaultySensors::draw(&errors, &layout, streams(), period).unwrap();
+            let steps = reports(&mut sensors, &layout, &row, 200 * second + 1);
+            assert_eq!(steps[0], row);
+            for (apart, exact) in [(1, 0.5 * period.sqrt()), (second, 0.5), (4 * second, 1.0)] {
+                let changes: Vec<_> = (0..steps.len() - apart)
+                    .step_by(apart)
+                    .flat_map(|at| WRENCH.map(move |i| (at, i)))
+                    .map(|(at, i)| f64::from(steps[at + apart][i] - steps[at][i]))
+                    .collect();
+                let found = deviation(&changes);
+                let standard_error = 1.0 / (2.0 * changes.len() as f64).sqrt();
+                let off = (found / exact - 1.0).abs();
+                assert!(off < 4.0 * standard_error, "{found} for {exact} after {apart} steps");
+            }
+        }
+    }
+
+    #[test]
+    fn a_triangle_is_seen_as_a_loop_that_is_twice_the_hysteresis_wide() {
+        let (mut sensors, layout, row) = sensors(r#"{"wrench": {"hysteresis": 0.25, "gain": 2}}"#);
+        let mut seen = |x: f32| {
+            let mut row = row.clone();
+            row[WRENCH].fill(x);
+            sensors.report(&layout, &mut row);
+            assert!(wrench(&row).iter().all(|y| *y == row[WRENCH.start]));
+            row[WRENCH.start] / 2.0
+        };
+        // Steps of 1/8 are exact.
+        let ramp = |from: i32, to: i32| {
+            let step = (to - from).signum();
+            (0..=(to - from).abs()).map(move |i| (from + step * i) as f32 / 8.0)
+        };
+        for x in ramp(0, 8) {
+            assert_eq!(seen(x), (x - 0.25).max(0.0), "first loading, at {x}");
+        }
+        for _ in 0..3 {
+            for x in ramp(8, -8) {
+                assert_eq!(seen(x), (x + 0.25).min(0.75), "unloading, at {x}");
+            }
+            for x in ramp(-8, 8) {
+                assert_eq!(seen(x), (x - 0.25).max(-0.75), "loading, at {x}");
+            }
+        }
+    }
+
+    #[test]
+    fn hysteresis_starts_from_what_is_first_true() {
+        let (mut sensors, layout, row) = sensors(r#"{"wrench": {"hysteresis": 10, "delay": 1}}"#);
+        for seen in reports(&mut sensors, &layout, &row, 3) {
+            assert_eq!(seen, row);
+        }
+    }
+
+    #[test]
+    fn a_range_of_hysteresis_is_drawn_for_each_pad_once_an_episode() {
+        let (mut sensors, layout, row) = sensors(r#"{"wrench": {"hysteresis": [1, 3]}}"#);
+        reports(&mut sensors, &layout, &row, 1);
+        let mut lags = Vec::new();
+        for x in [10.0, 20.0] {
+            let loaded = vec![x; row.len()];
+            let seen = reports(&mut sensors, &layout, &loaded, 1).remove(0);
+            lags.push(wrench(&seen).iter().map(|y| x - y).collect::<Vec<_>>());
+        }
+        let [left, right] = [lags[0][0], lags[0][6]];
+        assert!([left, right].iter().all(|h| (1.0..=3.0).contains(h)), "{left}, {right}");
+        assert!((left - right).abs() > 0.01, "{left} on both pads");
+        for lags in lags {
+            for (i, lag) in lags.iter().enumerate() {
+                assert!((lag - if i < 6 { left } else { right }).abs() < 1e-5, "{lag}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_range_of_noise_is_drawn_for_each_pad_once_an_episode() {
+        let (mut sensors, layout, row) = sensors(r#"{"wrench": {"noise": [1, 3]}}"#);
+        let mut found = Vec::new();
+        for _ in 0..2 {
+            let steps = reports(&mut sensors, &layout, &row, 1000);
+            let of_pad = |pad: usize| {
+                let entries = WRENCH.skip(6 * pad).take(6);
+                let errors = entries.flat_map(|i| steps.iter().map(move |s| (s, i)));
+                let errors: Vec<_> = errors.map(|(s, i)| f64::from(s[i] - row[i])).collect();
+                deviation(&errors)
+            };
+            found.push([0, 1].map(of_pad));
+        }
+        // 6,000 errors: 0.04 is four standard errors.
+        for (first, later) in found[0].iter().zip(&found[1]) {
+            assert!((0.96..3.12).contains(first), "{first} is not drawn from 1 to 3");
+            assert!((first / later - 1.0).abs() < 0.06, "{first}, later {later}");
+        }
+        assert!((found[0][0] / found[0][1] - 1.0).abs() > 0.08, "{} on both pads", found[0][0]);
+    }
+
     #[test]
     fn bad_settings_are_named() {
         for (errors, expected) in [
@@ -251,7 +476,11 @@ mod tests {
             (r#"{"wrench": {"gain": "big"}}"#, "sensor_errors.wrench.gain"),
             (r#"{"wrench": {"dead": 1.5}}"#, "sensor_errors.wrench.dead: found 1.5"),
             (r#"{"wrench": {"delay": 26}}"#, "sensor_errors.wrench.delay: found 26"),
-            (r#"{"wrench": {"drift": 1}}"#, "unknown field `drift`"),
+            (r#"{"wrench": {"drift": -1}}"#, "sensor_errors.wrench.drift: found -1"),
+            (r#"{"wrench": {"noise": [2, 1]}}"#, "sensor_errors.wrench.noise: found [2.0, 1.0]"),
+            (r#"{"wrench": {"hysteresis": [0, 2e9]}}"#, "sensor_errors.wrench.hysteresis: found"),
+            (r#"{"wrench": {"offset": [1]}}"#, "sensor_errors.wrench.offset"),
+            (r#"{"wrench": {"fade": 1}}"#, "unknown field `fade`"),
         ] {
             let json = format!(
                 r#"{{"observation": ["wrench"], "tactile": "none", "sensor_errors": {errors}}}"#

@@ -217,6 +217,7 @@ def _fill(infos: list[dict[str, Any]], info: dict[str, Any]) -> None:
 
 TYPICAL = {
     "markers": 80.0,
+    "marker_pixels": 80.0,
     "displacement": 80.0,
     "stress": 100.0,
     "tet_stress": 100.0,
