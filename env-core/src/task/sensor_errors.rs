@@ -207,7 +207,7 @@ impl FaultySensors {
             }
             for (i, (y, x)) in lagging.iter_mut().zip(&mut *values).enumerate() {
                 let half = pads[i / side].hysteresis;
-                *y = y.clamp(*x - half, *x + half);
+                *y = y.max(*x - half).min(*x + half);
                 *x = *y;
             }
             let [low, high] = layout.bounds().map(|bounds| &bounds[here.clone()]);
