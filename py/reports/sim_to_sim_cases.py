@@ -14,6 +14,8 @@ import ruffini
 from ruffini import Fem, Press, Shape, agents
 from ruffini.policies import part, scripted
 
+MODELS = ("surrogate", "fem")
+"""Models of touch that are compared."""
 UNSOLVED = "press_failed"
 """Ending of an episode with a press that the model did not solve."""
 NODES, MORE_NODES = 1000, 3000
@@ -34,6 +36,8 @@ PRESSED = {
 """Shapes that are dragged, height of the middle, depth, half of the fine part of the mesh (m)."""
 DRAG = [4e-5 * step for step in range(1, 13)]
 """Distances that they are dragged along the finger (m)."""
+USED = (0.2, 0.4, 0.6)
+"""Fractions of the greatest friction at which sliding is reported."""
 DRAWN = ("object", "size", "mass", "friction")
 """Parameters that are drawn at the start of an episode, alike with both models."""
 
@@ -97,3 +101,8 @@ def dragged(shape: str, model: str) -> dict[str, Any]:
     share = [frame.sliding for frame in frames]
     row = {"shape": shape, "model": model, "seconds": spent, "used": used, "sliding": share}
     return row | {"force": float(frames[-1].wrench[2])}
+
+
+def half_space(used: float) -> float:
+    """Share that slides under a ball on a half-space (Cattaneo, Mindlin)."""
+    return float((1 - (1 - used) ** (2 / 3)) ** 1.5)

@@ -17,11 +17,12 @@ from typing import Any, Protocol
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ruffini._core import __version__
 
-__all__ = ["FIRST_SEED", "Policy", "Progress", "about_this_run", "evaluate", "line", "wilson"]
+__all__ = ["FIRST_SEED", "Policy", "Progress", "about_this_run", "bootstrap", "evaluate", "line"]
+__all__ += ["wilson"]
 
 FIRST_SEED = 10_000
 """First of the consecutive evaluation seeds; training seeds are far below."""
@@ -50,6 +51,23 @@ def wilson(successes: int, n: int) -> tuple[float, float]:
     middle = (share + spread / 2) / (1 + spread)
     half = z * math.sqrt(share * (1 - share) / n + spread / (4 * n)) / (1 + spread)
     return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def bootstrap(
+    values: ArrayLike,
+    statistic: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    resamples: int = 10_000,
+) -> tuple[float, float]:
+    """Compute the bootstrapped 95 % interval of a statistic, the same on every call.
+
+    Args:
+        values: Sample, (N,).
+        statistic: The statistic of each row of resamples, (R, N) to (R,).
+        resamples: Number of resamples R.
+    """
+    drawn = np.random.default_rng(0).choice(np.asarray(values), (resamples, np.size(values)))
+    low, high = np.quantile(statistic(drawn), [0.025, 0.975])
+    return float(low), float(high)
 
 
 def evaluate(
