@@ -8,7 +8,6 @@ shows whether any of them creeps. --quick plays one episode on a coarse mesh.
 
 from __future__ import annotations
 
-import time
 from argparse import Namespace
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 
 from engine import COLOURS, Rows, made, plt, run, table, text
 from ruffini.policies import scripted
+from timing import timed
 
 ONE_THREAD = True
 MADE_OF = ["env-core", "py/src", "py/reports/episode.py", "py/python/ruffini/policies"]
@@ -115,9 +115,7 @@ def play(name: str, model: str, actions: list[Any], nodes: int) -> dict[str, Any
         action = follow[i] if follow else policy.predict(batch)[0][0]
         if not follow:
             actions.append(action)
-        start = time.process_time()
-        observation, _, terminated, truncated, info = env.step(action)
-        spent = time.process_time() - start
+        (observation, _, terminated, truncated, info), spent, _ = timed(env.step, action)
         steps.append({key: np.array(value, np.float64) for key, value in observation.items()})
         seen = env.unwrapped.look()
         steps[-1]["pads"] = np.array(seen["pad_wrenches"], np.float64).ravel()

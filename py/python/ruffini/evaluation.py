@@ -149,7 +149,7 @@ def about_this_run() -> dict[str, Any]:
         "python": platform.python_version(),
         "machine": platform.machine(),
         "cores": os.cpu_count(),
-        "processor": _processor(),
+        "processor": ", ".join([processor(), *_caches()]),
         "commit": _commit(),
     }
 
@@ -165,13 +165,18 @@ def _commit() -> str:
     return commit if Path(root, "py/python/ruffini").is_dir() else "unknown"
 
 
-def _processor() -> str:
-    """Name of the processor, with the caches that its first core reaches, if Linux names them."""
+def processor() -> str:
+    """Name of the processor, or its architecture where the system does not name it."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
-        return platform.processor() or platform.machine()
+        lines = []
     names = [line.split(": ", 1)[1] for line in lines if line.startswith("model name")]
+    return (names or [platform.processor() or platform.machine()])[0]
+
+
+def _caches() -> list[str]:
+    """Caches that the first core reaches, if Linux names them."""
     caches = sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*"))
     told = [[(cache / key).read_text().strip() for key in ("level", "size")] for cache in caches]
-    return ", ".join([*names[:1], *(f"L{level} {size}" for level, size in told if level > "1")])
+    return [f"L{level} {size}" for level, size in told if level > "1"]
