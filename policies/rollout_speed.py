@@ -314,8 +314,8 @@ def main() -> None:
         ("--infos", infos_cost, "cost of SB3's infos"),
         ("--custom", custom_cost, "cost of rules in Python"),
     ):
-        told = f"the {what} alone"
-        alone.add_argument(option, action="store_const", dest="alone", const=measure, help=told)
+        text = f"the {what} alone"
+        alone.add_argument(option, action="store_const", dest="alone", const=measure, help=text)
     arguments = parser.parse_args()
     seconds = 0.3 if arguments.quick else 3.0
     if arguments.alone:

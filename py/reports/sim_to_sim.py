@@ -54,9 +54,9 @@ SEEDS, BLOCK = 50, 10
 """Seeds of a policy, and how many of it are played before the next policy's turn."""
 FINER = (10_001, 10_003, 10_014)
 """Seeds of HoldStill that the agent plays on the finer mesh, too."""
-TRUTH = "quadratic elements, refined towards the contact"
-TOLD = ("key", "object", "success", "return", "ending", "press_error", "restarts", "steps")
-TOLD += ("seconds", "grip")
+REFERENCE = "quadratic elements, refined towards the contact"
+COLUMNS = ("key", "object", "success", "return", "ending", "press_error", "restarts", "steps")
+COLUMNS += ("seconds", "grip")
 """Columns that are kept of each episode."""
 
 
@@ -94,27 +94,27 @@ def make(options: Namespace) -> dict[str, Any]:
         "note": options.note,
         "wanted": count,
         "policies": {name: compared(some) for name, some in found.items() if some},
-        "finer": {row["key"].split("/")[1]: told(row) for row in rows if "finer/" in row["key"]},
+        "finer": {row["key"].split("/")[1]: kept(row) for row in rows if "finer/" in row["key"]},
         "sliding": sliding(rows),
-        "rows": [told(row) for row in rows if row["key"].split("/")[-1] in MODELS],
+        "rows": [kept(row) for row in rows if row["key"].split("/")[-1] in MODELS],
     }
 
 
-def told(row: dict[str, Any]) -> dict[str, Any]:
+def kept(row: dict[str, Any]) -> dict[str, Any]:
     """Columns of an episode that are kept."""
-    return {name: row[name] for name in TOLD}
+    return {name: row[name] for name in COLUMNS}
 
 
 def sliding(rows: Rows) -> dict[str, Any]:
-    """Share that slides by shape, model and friction that is used, and how far from the truth."""
+    """Share that slides by shape, model and friction used, and its error against the reference."""
     found: dict[str, Any] = {}
     for row in rows:
         if "sliding" in row:
             shares = np.interp(USED, row["used"], row["sliding"]).tolist()
             found.setdefault(row["shape"], {})[row["model"]] = {"shares": shares}
     for models in found.values():
-        for model in models.keys() - {TRUTH} if TRUTH in models else ():
-            off = np.subtract(models[model]["shares"], models[TRUTH]["shares"])
+        for model in models.keys() - {REFERENCE} if REFERENCE in models else ():
+            off = np.subtract(models[model]["shares"], models[REFERENCE]["shares"])
             models[model]["off"] = float(off[np.abs(off).argmax()])
     return found
 

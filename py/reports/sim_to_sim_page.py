@@ -258,8 +258,8 @@ def clear(rows: list[dict[str, Any]], of: str, times: float = 1.0, unit: str = "
     """Policies with a difference whose interval leaves out zero."""
     some = [row for row in rows if row[of]["interval"][0] > 0 or row[of]["interval"][1] < 0]
     digits = 1 if times > 1 else 2
-    told = [f"{row['name']} ({row[of]['difference'] * times:+.{digits}f}{unit})" for row in some]
-    return ", ".join(told) or "no policy"
+    named = [f"{row['name']} ({row[of]['difference'] * times:+.{digits}f}{unit})" for row in some]
+    return ", ".join(named) or "no policy"
 
 
 def stopped(report: dict[str, Any]) -> str:

@@ -185,10 +185,10 @@ impl<'a> PressSolver<'a> {
             if gap < 0.0 {
                 return Ok(());
             }
-            let stride = gap.max(self.system.law.softness);
-            travel += stride;
+            let step = gap.max(self.system.law.softness);
+            travel += step;
             for pose in &mut self.state.poses {
-                pose.translation.vector += push.direction * stride;
+                pose.translation.vector += push.direction * step;
             }
         }
         Err(Error::Unreachable { force: push.force, reached: 0.0, travel })

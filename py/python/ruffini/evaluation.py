@@ -157,10 +157,12 @@ def about_this_run() -> dict[str, Any]:
 def _commit() -> str:
     git = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--show-toplevel"]
     try:
-        told = subprocess.run([*git, "--short", "HEAD"], capture_output=True, text=True, check=True)
+        found = subprocess.run(
+            [*git, "--short", "HEAD"], capture_output=True, text=True, check=True
+        )
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
-    root, commit = told.stdout.splitlines()
+    root, commit = found.stdout.splitlines()
     # The package may be installed within a repository of something else.
     return commit if Path(root, "py/python/ruffini").is_dir() else "unknown"
 
@@ -178,5 +180,5 @@ def processor() -> str:
 def _caches() -> list[str]:
     """Caches that the first core reaches, if Linux names them."""
     caches = sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*"))
-    told = [[(cache / key).read_text().strip() for key in ("level", "size")] for cache in caches]
-    return [f"L{level} {size}" for level, size in told if level > "1"]
+    found = [[(cache / key).read_text().strip() for key in ("level", "size")] for cache in caches]
+    return [f"L{level} {size}" for level, size in found if level > "1"]
