@@ -3,25 +3,26 @@
 Use::
 
     python policies/rollout_speed.py --json policies/results/rollout_speed.json
+    python policies/rollout_speed.py --touch --json policies/results/touch_speed.json
     python policies/rollout_speed.py --infos --json infos_speed.json
     python policies/rollout_speed.py --custom --json custom_speed.json
 
 Peers are measured in the same run if they are installed (``gymnasium-robotics`` with a ``mujoco``
 below 3.12, ``envpool``) and named as missing if not. Actions are random; resets count as what they
-cost. With ``--infos``, the adapter for Stable-Baselines3 alone: what infos in every step cost; with
-``--custom``, what rules in Python cost, those of GraspLift written once more.
+cost. With ``--touch``, by model of touch and object, on one thread in some minutes: the scripted
+policy grasps, lifts and holds, and only steps in which all pads of four environments touch are
+counted, by processor time. With ``--infos``, the adapter for Stable-Baselines3 alone: what infos in
+every step cost; with ``--custom``, what rules in Python cost, those of GraspLift written once more.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -29,10 +30,18 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from peers import PEERS, peer
 from ruffini import custom
 from ruffini.envs import GraspLiftVectorEnv
 from ruffini.evaluation import about_this_run
-from ruffini.policies import scripted
+from timing import (
+    mean_time,
+    random_steps,
+    resident_bytes,
+    scripted_steps,
+    steps_per_second,
+    touching,
+)
 
 ENV_ID = "ruffini/GraspLift-v0"
 CONTROL_STEP = 0.04
@@ -83,14 +92,8 @@ class LiftInPython(custom.Task):
         }
 
 
-def _stepped(envs: Any, actions: NDArray[np.float32], i: int) -> None:
-    envs.step(actions[i % len(actions)])
-
-
-def custom_cost(seconds: float) -> dict[str, dict[str, float]]:
+def custom_cost(seconds: float) -> dict[str, Any]:
     """Steps per second (n = 64, one thread) with rules in Rust and in Python, taken in turn."""
-    random = np.random.default_rng(0)
-    actions = random.uniform(-1, 1, (16, 64, 5)).astype(np.float32)
     figures: dict[str, dict[str, float]] = {}
     scenes: dict[str, dict[str, Any]] = {"rigid": {"tactile": "none"}, "touch": {}}
     for name, settings in scenes.items():
@@ -102,25 +105,65 @@ def custom_cost(seconds: float) -> dict[str, dict[str, float]]:
         for _ in range(5):
             for kind, each in envs.items():
                 each.reset(seed=0)
-                step = partial(_stepped, each, actions)
-                rate = steps_per_second(64, step, seconds)
-                rates[kind].append(rate)
+                rates[kind].append(steps_per_second(64, random_steps(each, 64), seconds))
         of = {kind: round(float(np.median(each)), 1) for kind, each in rates.items()}
         figures[name] = of | {"ratio": round(of["python"] / of["native"], 3)}
         print(f"{name}: {figures[name]}")
-    return figures
+    return {"custom_n64_1_thread": figures}
 
 
-def steps_per_second(n: int, step: Callable[[int], Any], seconds: float) -> float:
-    """Rate of `step`, which steps n environments, after a tenth of the time to warm up."""
-    rate = 0.0
-    for budget in (0.1 * seconds, seconds):
-        count, start = 0, time.perf_counter()
-        while (elapsed := time.perf_counter() - start) < budget:
-            step(count)
-            count += 1
-        rate = n * count / max(elapsed, 1e-9)
-    return rate
+TOUCH = {"none": 2000, "surrogate": 100, "compliance": 100}
+"""Models of touch, and steps for each; those with rigid pads take tens of microseconds."""
+OBJECTS = ("sphere", "cuboid", "cylinder", "cup")
+GRIPS = 4
+"""Environments whose pads all have to touch."""
+
+
+def touch_speed(seconds: float) -> dict[str, Any]:
+    """Steps per second by model of touch: by object while all pads touch, and while none does."""
+    return {
+        "touching": {model: {name: grasping(model, name) for name in OBJECTS} for model in TOUCH},
+        "untouched": {model: untouched(model, seconds / 30) for model in TOUCH},
+    }
+
+
+def grasping(model: str, name: str) -> dict[str, Any]:
+    """Steps a second of processor time with all pads touching, and how the episodes ended."""
+    envs = make(GRIPS, 1, tactile=model, objects=[name])
+    spent, counted, episodes, lifted = 0.0, 0, 0, 0
+    for step in islice(scripted_steps(envs, ENV_ID), TOUCH[model]):
+        if touching(step.observation).all():
+            spent += step.processor
+            counted += GRIPS
+        episodes += int(step.over.sum())
+        lifted += int(step.info["is_success"][step.over].sum()) if step.over.any() else 0
+    row = {
+        "steps_per_second": counted / spent if spent else None,
+        "steps": counted,
+        "episodes": episodes,
+        "lifted": lifted,
+    }
+    print(model, name, row, flush=True)
+    return row
+
+
+def untouched(model: str, seconds: float) -> float:
+    """Steps a second of processor time of a hand that stays over the object, the best of five.
+
+    Raises:
+        RuntimeError: If a pad touches.
+    """
+    envs = make(GRIPS, 1, tactile=model, objects=["sphere"])
+    still = np.zeros((GRIPS, 5), np.float32)
+
+    def step(_count: int) -> None:
+        observation, *_ = envs.step(still)
+        if touching(observation).any():
+            raise RuntimeError("a pad touches")
+
+    best = GRIPS / min(mean_time(step, seconds, time.process_time) for _ in range(5))
+    print({"tactile": model, "untouched": best}, flush=True)
+    return best
 
 
 def random_rollout(n: int, threads: int, seconds: float, **settings: Any) -> float:
@@ -129,21 +172,14 @@ def random_rollout(n: int, threads: int, seconds: float, **settings: Any) -> flo
     # A shape is prepared when it is first drawn, for half a second; 64 draws meet all of them.
     for _ in range(64 // n):
         envs.reset()
-    random = np.random.default_rng(0)
-    actions = random.uniform(-1, 1, (16, n, 5)).astype(np.float32)
-    return steps_per_second(n, lambda i: envs.step(actions[i % 16]), seconds)
+    return steps_per_second(n, random_steps(envs, n), seconds)
 
 
 def scripted_rollout(n: int, threads: int, seconds: float) -> float:
     """Steps per second while grasping, lifting and holding; the policy's own time is left out."""
-    envs, policy = make(n, threads), scripted("ruffini/GraspLift-v0")
-    observation, _ = envs.reset(seed=0)
-    spent, count = 0.0, 0
+    steps, spent, count = scripted_steps(make(n, threads), ENV_ID), 0.0, 0
     while spent < seconds:
-        actions, _ = policy.predict(observation)
-        start = time.perf_counter()
-        observation, *_ = envs.step(actions)
-        spent += time.perf_counter() - start
+        spent += next(steps).wall
         count += 1
     return n * count / spent
 
@@ -169,48 +205,32 @@ def python_share(seconds: float) -> float:
     return whole / python
 
 
-def processor_microseconds(step: Callable[[int], Any], seconds: float) -> float:
-    """Processor time of a `step` on this thread (µs), whatever else the machine does."""
-    count, start = 0, time.thread_time()
-    while (spent := time.thread_time() - start) < seconds:
-        step(count)
-        count += 1
-    return 1e6 * spent / count
-
-
 def infos_microseconds(n: int, seconds: float) -> dict[str, float]:
     """Processor times of a step of n rigid environments (µs), medians over turns.
 
     ``native`` is the native call under random actions; the others are what the adapter for
     Stable-Baselines3 adds with these infos, over a recorded step in which no episode ends.
     """
-    from stable_baselines3.common.vec_env import VecEnv
-
     from ruffini.sb3 import Infos, make_vec_env
 
-    random = np.random.default_rng(0)
-    actions = random.uniform(-1, 1, (16, n, 5)).astype(np.float32)
-
-    def adapter(infos: Infos) -> VecEnv:
+    def adapter(infos: Infos) -> Callable[[int], Any]:
         vec_env = make_vec_env(
             ENV_ID, n, seed=0, infos=infos, num_threads=1, tactile="none", observation="proprio"
         )
         vec_env.reset()
-        step = vec_env.envs._batch.step(actions[0])
+        step = random_steps(vec_env.envs._batch, n)(0)
         vec_env.envs._batch = Recorded(step)  # type: ignore[assignment]
-        return vec_env
+        return random_steps(vec_env, n)
 
-    batch = make(n, 1, observation="proprio")._batch
-    every, ends = adapter("every step"), adapter("episode ends")
     steps: dict[str, Callable[[int], Any]] = {
-        "native": lambda i: batch.step(actions[i % 16]),
-        "every step": lambda i: every.step(actions[i % 16]),
-        "episode ends": lambda i: ends.step(actions[i % 16]),
+        "native": random_steps(make(n, 1, observation="proprio")._batch, n),
+        "every step": adapter("every step"),
+        "episode ends": adapter("episode ends"),
     }
     turns: dict[str, list[float]] = {name: [] for name in steps}
     for _ in range(10):
         for name, step in steps.items():
-            turns[name].append(processor_microseconds(step, seconds / 10))
+            turns[name].append(1e6 * mean_time(step, seconds / 10, time.thread_time))
     return {name: round(float(np.median(times)), 1) for name, times in turns.items()}
 
 
@@ -224,13 +244,7 @@ def infos_cost(seconds: float) -> dict[str, Any]:
         found[str(n)] = {"microseconds": times, "share_of_a_step": round(more / whole, 4)}
         print(f"n = {n:5d}: " + ", ".join(f"{name} {time} µs" for name, time in times.items()))
         print(f"           infos in every step are {more / whole:.1%} of a step")
-    return found
-
-
-def resident_bytes() -> int:
-    """Memory of this process that is in use."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE")
+    return {"infos_rigid_1_thread": found}
 
 
 def memory_per_environment(n: int = 512) -> float:
@@ -245,71 +259,13 @@ def memory_per_environment(n: int = 512) -> float:
 def memory_growth(steps: int) -> float:
     """Bytes by which so many environment steps grow the process, after as many to warm up."""
     envs = make(256, os.cpu_count() or 1)
-    actions = np.random.default_rng(0).uniform(-1, 1, (64, 256, 5)).astype(np.float32)
+    step = random_steps(envs, 256)
     for i in range(steps // 256):
-        envs.step(actions[i % 64])
+        step(i)
     before = resident_bytes()
     for i in range(steps // 256):
-        envs.step(actions[i % 64])
+        step(i)
     return float(resident_bytes() - before)
-
-
-def fetch_pick_and_place(seconds: float) -> float:
-    """MuJoCo's FetchPickAndPlace in one environment."""
-    import gymnasium_robotics
-
-    gym.register_envs(gymnasium_robotics)
-    env = gym.make("FetchPickAndPlace-v4")
-    env.reset(seed=0)
-
-    def step(_count: int) -> None:
-        _, _, terminated, truncated, _ = env.step(env.action_space.sample())
-        if terminated or truncated:
-            env.reset()
-
-    return steps_per_second(1, step, seconds)
-
-
-def panda_pick_cube(seconds: float) -> float:
-    """Envpool's PandaPickCube, 16 environments on one thread."""
-    import envpool
-
-    env = envpool.make_gymnasium("PandaPickCube-v1", num_envs=16, num_threads=1, seed=0)
-    env.reset()
-    random = np.random.default_rng(0)
-    shape = (16, *env.action_space.shape)
-    return steps_per_second(16, lambda _: env.step(random.uniform(-1, 1, shape)), seconds)
-
-
-@dataclass(frozen=True)
-class Peer:
-    """Environments of another package on one thread."""
-
-    packages: tuple[str, ...]
-    """Modules that it needs."""
-    control_step: float
-    """Time that a step simulates (s)."""
-    measure: Callable[[float], float]
-    """Steps per second, measured for so many seconds."""
-
-
-PEERS = {
-    "FetchPickAndPlace, 1 environment": Peer(
-        ("gymnasium_robotics", "mujoco"), 0.04, fetch_pick_and_place
-    ),
-    "envpool PandaPickCube, 16 environments": Peer(("envpool",), 0.02, panda_pick_cube),
-}
-
-
-def peer(name: str, seconds: float) -> float | str:
-    """Steps per second of a peer, or why there is none."""
-    for package in PEERS[name].packages:
-        if importlib.util.find_spec(package) is None:
-            return f"{package} is not installed"
-    try:
-        return round(PEERS[name].measure(seconds), 1)
-    except Exception as error:  # A peer that fails must not take the measurement with it.
-        return f"failed: {error!r}"
 
 
 def write(file: Path | None, figures: dict[str, Any]) -> None:
@@ -319,22 +275,10 @@ def write(file: Path | None, figures: dict[str, Any]) -> None:
         file.write_text(json.dumps(about_this_run() | figures, indent=1) + "\n")
 
 
-def main() -> None:
-    """Measures, prints, writes."""
-    parser = argparse.ArgumentParser(description="Measure environment steps per second.")
-    parser.add_argument("--json", type=Path, help="file to write the figures to")
-    parser.add_argument("--quick", action="store_true", help="a tenth of the time, fewer sizes")
-    parser.add_argument("--infos", action="store_true", help="the cost of SB3's infos alone")
-    parser.add_argument("--custom", action="store_true", help="the cost of rules in Python alone")
-    arguments = parser.parse_args()
-    seconds, cores = (0.3 if arguments.quick else 3.0), os.cpu_count() or 1
-    if arguments.custom:
-        write(arguments.json, {"custom_n64_1_thread": custom_cost(seconds)})
-        return
-    if arguments.infos:
-        write(arguments.json, {"infos_rigid_1_thread": infos_cost(seconds)})
-        return
-    sizes = [1, 64] if arguments.quick else [1, 16, 64, 256, 1024]
+def rollouts(seconds: float, quick: bool) -> dict[str, Any]:
+    """Steps per second by number of environments and threads, memory, and peers."""
+    cores = os.cpu_count() or 1
+    sizes = [1, 64] if quick else [1, 16, 64, 256, 1024]
     threads = sorted({t for t in (1, 2, 4, cores) if t <= cores})
     per_environment = round(memory_per_environment())
     rates: dict[str, dict[str, float]] = {}
@@ -349,14 +293,35 @@ def main() -> None:
         "efficiency_n64": round(most / one / threads[-1], 3),
         "python_share_n64": round(python_share(seconds), 4),
         "bytes_per_environment": per_environment,
-        "growth_steps": 20_000 if arguments.quick else 1_000_000,
+        "growth_steps": 20_000 if quick else 1_000_000,
     }
     figures["growth_bytes"] = memory_growth(figures["growth_steps"])
     figures["peers_1_thread"] = {name: peer(name, seconds) for name in PEERS}
     for name, value in figures.items():
         if name != "random_actions":
             print(f"{name}: {value}")
-    write(arguments.json, figures)
+    return figures
+
+
+def main() -> None:
+    """Measures, prints, writes."""
+    parser = argparse.ArgumentParser(description="Measure environment steps per second.")
+    parser.add_argument("--json", type=Path, help="file to write the figures to")
+    parser.add_argument("--quick", action="store_true", help="a tenth of the time, fewer sizes")
+    alone = parser.add_mutually_exclusive_group()
+    for option, measure, what in (
+        ("--touch", touch_speed, "speed while pads touch, by model of touch"),
+        ("--infos", infos_cost, "cost of SB3's infos"),
+        ("--custom", custom_cost, "cost of rules in Python"),
+    ):
+        text = f"the {what} alone"
+        alone.add_argument(option, action="store_const", dest="alone", const=measure, help=text)
+    arguments = parser.parse_args()
+    seconds = 0.3 if arguments.quick else 3.0
+    if arguments.alone:
+        write(arguments.json, arguments.alone(seconds))
+    else:
+        write(arguments.json, rollouts(seconds, arguments.quick))
 
 
 if __name__ == "__main__":

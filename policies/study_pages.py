@@ -14,6 +14,8 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
+from ruffini.evaluation import bootstrap
+
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
@@ -31,13 +33,6 @@ def interquartile_mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
     cut = scores.shape[-1] // 4
     middle = np.sort(scores, axis=-1)[..., cut : scores.shape[-1] - cut]
     return np.asarray(middle.mean(axis=-1))
-
-
-def interval(scores: NDArray[np.float64]) -> tuple[float, float]:
-    """95 % interval of the interquartile mean by bootstrap over seeds, the same on every call."""
-    drawn = np.random.default_rng(0).choice(scores, (RESAMPLES, len(scores)))
-    low, high = np.percentile(interquartile_mean(drawn), [2.5, 97.5])
-    return float(low), float(high)
 
 
 def write_pages(rows: list[dict[str, Any]], path: Path) -> None:
@@ -68,7 +63,7 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
     ]
     for kind, rows in by_kind.items():
         scores = np.array([row["success"] for row in rows])
-        low, high = interval(scores)
+        low, high = bootstrap(scores, interquartile_mean, RESAMPLES)
         wall, cpu = (np.median([row[key] for row in rows]) / 60 for key in ("wall", "cpu"))
         rate = np.median([row["steps_per_second"] for row in rows])
         lines.append(

@@ -10,14 +10,15 @@ mod common;
 use std::{env, error::Error, fs, path::Path};
 
 use common::{commit, processor};
-use ruffini_core::surrogate::paper::Study;
+use ruffini_core::surrogate::paper::PaperTrainingConfig;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = env::args().collect();
     let [_, data, out, run, rest @ ..] = args.as_slice() else {
         return Err("expected DATA OUT RUN [STUDY]".into());
     };
-    let study: Study = serde_json::from_str(rest.first().map_or("{}", String::as_str))?;
+    let study: PaperTrainingConfig =
+        serde_json::from_str(rest.first().map_or("{}", String::as_str))?;
     rayon::ThreadPoolBuilder::new().num_threads(1).build_global()?;
     let run = serde_json::from_str(run)?;
     let (report, weights) = study.run(&run, Path::new(data), &commit()?, &processor)?;

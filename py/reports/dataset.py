@@ -177,7 +177,7 @@ def page(report: dict) -> str:
         ),
     }
     kills = [row for row in report["rows"] if row["key"] == "kills"]
-    told = [
+    paragraphs = [
         text(KILLS, row, resumed=changed[row["same"]], again=changed[row["twice"]]) for row in kills
     ]
     return text(
@@ -185,7 +185,7 @@ def page(report: dict) -> str:
         report,
         grasps=counted(report["sizes"]["cost"]["grasps"], "grasp"),
         costs=table(costs, of_cost(report)),
-        kills="\n\n".join(told),
+        kills="\n\n".join(paragraphs),
         truth=about_truth(report),
         held="\n\n".join(held(name, found) for name, found in report["datasets"].items()),
         made=made(report, {"finest": " ".join(map(str, report["sizes"]["finest"]))}),

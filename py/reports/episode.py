@@ -8,7 +8,6 @@ shows whether any of them creeps. --quick plays one episode on a coarse mesh.
 
 from __future__ import annotations
 
-import time
 from argparse import Namespace
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 
 from engine import COLOURS, Rows, made, plt, run, table, text
 from ruffini.policies import scripted
+from timing import timed
 
 ONE_THREAD = True
 MADE_OF = ["env-core", "py/src", "py/reports/episode.py", "py/python/ruffini/policies"]
@@ -59,8 +59,8 @@ def make(options: Namespace) -> dict[str, Any]:
     )
     medians: dict[str, Any] = {}
     for row in rows:
-        for model, told in row.get("models", {}).items():
-            errors = {what: float(np.median(values)) for what, values in told["errors"].items()}
+        for model, played in row.get("models", {}).items():
+            errors = {what: float(np.median(values)) for what, values in played["errors"].items()}
             medians.setdefault(row["key"].split("/")[1], {})[model] = errors
     return rows.header | {"note": options.note, "medians": medians, "rows": list(rows)}
 
@@ -80,24 +80,24 @@ def environment(task: str, model: str, thing: str, nodes: int, **settings: Any) 
 def episode(name: str, nodes: int) -> dict[str, Any]:
     """Channels of one object's episode by every model, and the errors against finite elements."""
     actions: list[Any] = []
-    truth = play(name, "fem", actions, nodes)
-    judged = [i for i, step in enumerate(truth["steps"]) if load(step) > LIGHT]
+    reference = play(name, "fem", actions, nodes)
+    judged = [i for i, step in enumerate(reference["steps"]) if load(step) > LIGHT]
     models = {}
     for model in MODELS:
-        told = play(name, model, actions, COARSE)
-        steps = [i for i in judged if i < len(told["steps"])]
-        pairs = [(told["steps"][i], truth["steps"][i]) for i in steps]
+        played = play(name, model, actions, COARSE)
+        steps = [i for i in judged if i < len(played["steps"])]
+        pairs = [(played["steps"][i], reference["steps"][i]) for i in steps]
         errors = {
             channel: [miss(step[channel], true[channel], channel) for step, true in pairs]
             for channel in (*CHANNELS, "indentation")
         }
         # The elastic foundation presses first and is then corrected: what is left to correct.
         errors["world"] = [miss(step["wrench"], step["pads"], "wrench") for step, _ in pairs]
-        models[model] = {"seconds": told["seconds"], "steps": steps, "errors": errors} | {
+        models[model] = {"seconds": played["seconds"], "steps": steps, "errors": errors} | {
             "object_apart": [size(step["object"][:3] - true["object"][:3]) for step, true in pairs],
-            "ended": told["ended"],
+            "ended": played["ended"],
         }
-    return {"fem": {"seconds": truth["seconds"], "ended": truth["ended"]}, "models": models}
+    return {"fem": {"seconds": reference["seconds"], "ended": reference["ended"]}, "models": models}
 
 
 def play(name: str, model: str, actions: list[Any], nodes: int) -> dict[str, Any]:
@@ -115,9 +115,7 @@ def play(name: str, model: str, actions: list[Any], nodes: int) -> dict[str, Any
         action = follow[i] if follow else policy.predict(batch)[0][0]
         if not follow:
             actions.append(action)
-        start = time.process_time()
-        observation, _, terminated, truncated, info = env.step(action)
-        spent = time.process_time() - start
+        (observation, _, terminated, truncated, info), spent, _ = timed(env.step, action)
         steps.append({key: np.array(value, np.float64) for key, value in observation.items()})
         seen = env.unwrapped.look()
         steps[-1]["pads"] = np.array(seen["pad_wrenches"], np.float64).ravel()
@@ -205,7 +203,7 @@ def page(report: dict[str, Any]) -> str:
     def named(row: dict[str, Any]) -> dict[str, Any]:
         return row | dict(zip(("name", "model"), row["key"].split("/")[1:], strict=False))
 
-    told = [
+    played = [
         named(row) | {"model": model} | of
         for row in report["rows"]
         for model, of in row.get("models", {}).items()
@@ -223,7 +221,7 @@ def page(report: dict[str, Any]) -> str:
     return text(
         PAGE,
         report,
-        episodes=table(columns | {"ended by": "{ended}"}, told),
+        episodes=table(columns | {"ended by": "{ended}"}, played),
         holds=table(holds | {"object (µm)": "{object:1e6*.3f}"}, still),
         made=made(report),
     )
@@ -249,9 +247,9 @@ def figure(report: dict[str, Any]):
     picture, axes = plt.subplots(*shape, figsize=size, layout="constrained", squeeze=False)
     for line, row in zip(axes, episodes, strict=True):
         for axis, channel in zip(line, CHANNELS, strict=True):
-            for model, told in row["models"].items():
-                errors = [100 * error for error in told["errors"][channel]]
-                axis.plot(told["steps"], errors, label=model, color=COLOURS[model], lw=1.2)
+            for model, played in row["models"].items():
+                errors = [100 * error for error in played["errors"][channel]]
+                axis.plot(played["steps"], errors, label=model, color=COLOURS[model], lw=1.2)
             if channel == "wrench":
                 axis.set_yscale("log")
             else:

@@ -8,17 +8,13 @@ named, an untouched object at rest, the same scene again bit for bit.
 from __future__ import annotations
 
 import math
-import sys
 import warnings
 
 import numpy as np
 
 import ruffini
-from engine import ROOT
 from extreme import WrongError, spread
 from ruffini.envs import GraspLiftVectorEnv
-
-sys.path.append(str(ROOT / "policies"))
 from ruffini.evaluation import Policy
 from ruffini.policies import scripted
 

@@ -77,17 +77,18 @@ def episode(case: str, model: str, seed: int) -> dict[str, Any]:
     thing = things[seed % len(things)]
     record = play(thing, model, seed)
     found = cases.balance(record)
-    told = {of: np.stack(cases.errors(found, of), axis=1) for of in ("felt", "engine")}
+    errors = {of: np.stack(cases.errors(found, of), axis=1) for of in ("felt", "engine")}
     slip = found["slip"]
     which = np.where((slip < 0.1).all(axis=1), 0, np.where((slip > 0.9).all(axis=1), 2, 1))
     row: dict[str, Any] = {"case": case, "model": model, "seed": seed, "object": thing}
     row |= {"friction": record.look["friction"], "ended": record.ended}
     row["errors"] = {
-        state: {of: told[of][which == k].tolist() for of in told} for k, state in enumerate(STATES)
+        state: {of: errors[of][which == k].tolist() for of in errors}
+        for k, state in enumerate(STATES)
     }
     if case == "hanging":
         row["settling"] = {
-            int(k): e for k, e in zip(found["step"], told["felt"][:, 0], strict=True)
+            int(k): e for k, e in zip(found["step"], errors["felt"][:, 0], strict=True)
         }
     if case == "sliding":
         row["onset"] = cases.onset(record)
@@ -184,8 +185,8 @@ def coulomb(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Grip at gross slip over that of Coulomb's law, by answerer."""
     found = {}
     for model in MODELS:
-        told = [row["onset"] for row in rows if "onset" in row and row["model"] == model]
-        ratios = [of["grip at gross slip"] / of["limit"] for of in told if of["gross slip"]]
+        onsets = [row["onset"] for row in rows if "onset" in row and row["model"] == model]
+        ratios = [of["grip at gross slip"] / of["limit"] for of in onsets if of["gross slip"]]
         if ratios:
             found[model] = {"episodes": len(ratios), "median": float(np.median(ratios))}
             found[model] |= {"least": min(ratios), "most": max(ratios)}
@@ -374,8 +375,12 @@ def verdict(report: dict[str, Any]) -> str:
 def onset(report: dict[str, Any]) -> str:
     """Grip at which a loosened grasp slips, against Coulomb's law."""
     start, steps = cases.START, cases.LOOSENING
-    told = "{median:.2f} times the grip of Coulomb's law ({least:.2f} to {most:.2f}, {episodes})"
-    gross = "; ".join(f"{model} at {filled(told, of)}" for model, of in report["coulomb"].items())
+    template = (
+        "{median:.2f} times the grip of Coulomb's law ({least:.2f} to {most:.2f}, {episodes})"
+    )
+    gross = "; ".join(
+        f"{model} at {filled(template, of)}" for model, of in report["coulomb"].items()
+    )
     return text(
         ONSET,
         {"start": start, "steps": steps, "fall": start / steps},

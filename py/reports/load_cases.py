@@ -214,8 +214,8 @@ def balance(record: Record) -> dict[str, np.ndarray]:
 
     Left out are those in or beside which a pad does not touch, or the object may touch the table.
     """
-    told = record.arrays()
-    center, rotation = told["center"], told["rotation"]
+    arrays = record.arrays()
+    center, rotation = arrays["center"], arrays["rotation"]
     count = len(center) - 3
     acceleration = (center[2:] - 2 * center[1:-1] + center[:-2]) / PERIOD**2
     momentum = []
@@ -238,11 +238,11 @@ def balance(record: Record) -> dict[str, np.ndarray]:
         late = of[:-1] + record.step / PERIOD * np.diff(of, axis=0)
         return (late[:-2] + 10 * late[1:-1] + late[2:]) / 12
 
-    touching = (told["normal"] > 0).all(axis=1) & (told["lowest"] > CLEAR)
+    touching = (arrays["normal"] > 0).all(axis=1) & (arrays["lowest"] > CLEAR)
     judged = touching[:-3] & touching[1:-2] & touching[2:-1] & touching[3:]
     found = {"step": np.arange(1, count + 1), "needed": np.c_[force, spin], "scale": scale}
-    found |= {"felt": mean(told["felt"]), "engine": mean(told["engine"])}
-    found |= {"slip": told["slip"][1:-2], "grip": told["grip"][1:-2]}
+    found |= {"felt": mean(arrays["felt"]), "engine": mean(arrays["engine"])}
+    found |= {"slip": arrays["slip"][1:-2], "grip": arrays["grip"][1:-2]}
     return {name: values[judged] for name, values in found.items()}
 
 
@@ -264,20 +264,20 @@ def excess(record: Record) -> dict[str, dict[str, float]]:
     """
     found = balance(record)
     acceleration = found["needed"][:, :3] / record.mass - np.array([0, 0, GRAVITY])
-    told = {}
+    by_axis = {}
     for axis, name in enumerate(("along the grip", "across it", "up")):
         rest = np.delete(acceleration, axis, axis=1)
         along = acceleration[:, axis]
         even = abs(abs(along) - ACCELERATION) < 0.02 * ACCELERATION
         even &= (abs(rest) < 0.02 * ACCELERATION).all(axis=1)
-        told[name] = {"samples": int(even.sum())} | {
+        by_axis[name] = {"samples": int(even.sum())} | {
             of: float(
                 np.median(((found[of] - found["needed"])[even, axis] / along[even]) / record.mass)
             )
             for of in ("felt", "engine")
             if even.any()
         }
-    return told
+    return by_axis
 
 
 def errors(found: dict[str, np.ndarray], of: str) -> tuple[np.ndarray, np.ndarray]:
@@ -306,8 +306,8 @@ def trembling(thing: str, model: str, grip: float, seed: int = 3) -> dict[str, f
     """
     steady: dict[str, Any] = {"load": 1.0, "shaking": 0.0, "friction": 0.9}
     env, _, record = begin(HOLD, thing, model, seed, start_grip=grip, **steady)
-    told = held(env, record, [still()] * 120).arrays()
-    felt, height = told["felt"][60:, 2], told["in_hand"][60:, 2]
+    arrays = held(env, record, [still()] * 120).arrays()
+    felt, height = arrays["felt"][60:, 2], arrays["in_hand"][60:, 2]
     found = {"load": record.mass * GRAVITY + record.look["load"], "moves": float(np.ptp(height))}
     return found | {"least": float(felt.min()), "most": float(felt.max())}
 
@@ -428,12 +428,12 @@ def onset(record: Record) -> dict[str, Any]:
 
     The grip is the force commanded to each finger; steps count from where it begins to fall.
     """
-    told = record.arrays()
+    arrays = record.arrays()
     load = record.mass * GRAVITY + record.look["load"]
-    grip, slip = told["grip"], told["slip"].max(axis=1)
+    grip, slip = arrays["grip"], arrays["slip"].max(axis=1)
     # Along the faces of the pads, across the fingers and up. What turns into place at the start of
     # a grip stops again.
-    way = np.linalg.norm(np.diff(told["in_hand"][:, 1:], axis=0, prepend=np.nan), axis=1)
+    way = np.linalg.norm(np.diff(arrays["in_hand"][:, 1:], axis=0, prepend=np.nan), axis=1)
     after = np.arange(len(grip)) > SETTLED
     limit = load / (2 * record.look["friction"])
 

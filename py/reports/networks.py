@@ -81,7 +81,7 @@ def make(options: Namespace) -> dict[str, Any] | None:
 
 def truth(data: Path, finer: Path) -> dict[str, Any]:
     """Errors of the finite elements of a sample of the presses, against finer meshes."""
-    errors = truth_errors(data, finer, sample=SAMPLE, watch=told, **FINER)
+    errors = truth_errors(data, finer, sample=SAMPLE, watch=printed, **FINER)
     parts = {part: [getattr(error, part) for error in errors] for part in PARTS}
     config = dataset.open(data).manifest["config"]
     families: dict[str, list[float]] = {}
@@ -98,7 +98,7 @@ def truth(data: Path, finer: Path) -> dict[str, Any]:
     }
 
 
-def told(now: Progress) -> bool:
+def printed(now: Progress) -> bool:
     """Prints how many presses are solved."""
     print(f"{now.done}/{now.all} presses, {now.seconds:.0f} s", flush=True)
     return True

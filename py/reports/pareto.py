@@ -213,8 +213,8 @@ def known(rows: list[dict]) -> dict:
         errors = row.get("finest", {})
         for what in ("displacement", "force") if "known" in errors else ():
             parts = found.setdefault(row["answerer"], {"known": {}, "not known": {}})
-            for knows, error in zip(errors["known"], errors.get(what, []), strict=False):
-                parts["known" if knows else "not known"].setdefault(what, []).append(error)
+            for within, error in zip(errors["known"], errors.get(what, []), strict=False):
+                parts["known" if within else "not known"].setdefault(what, []).append(error)
     return {
         name: {
             part: {"frames": len(errors.get("displacement", []))}
@@ -264,13 +264,13 @@ net force, *peak* the stress where it is highest.
 
 {tables}
 
-## Whether a network knows
+## Answers in distribution
 
-The method `knows` of a network says whether an answer is like those that the network learnt from.
-Errors over all panels against the finest mesh, median / 95th percentile in %, of the frames of
-which it says so, and of the others.
+The method `is_in_distribution` of a network returns whether an answer is like those that the
+network learnt from. Errors over all panels against the finest mesh, median / 95th percentile in %,
+of the frames of which it is true, and of the others.
 
-{knowing}
+{in_distribution}
 
 ## In batches
 
@@ -316,7 +316,7 @@ def page(report: dict) -> str:
         report | {"balls": max(one["presses"] for one in batches.values())},
         fronts_in_words=conclusion(report),
         tables="\n\n".join(panel(name, of, report) for name, of in report["panels"].items()),
-        knowing=knowing(report["known"]),
+        in_distribution=in_distribution(report["known"]),
         in_batches=in_batches(batches),
         still=still(report["no contact"]),
         training=table(TRAINING, training, absent="–"),
@@ -371,16 +371,21 @@ def error_cell(what: str):
     return cell
 
 
-def knowing(found: dict) -> str:
-    """Errors of networks by the result of `knows`."""
+def in_distribution(found: dict) -> str:
+    """Errors of networks by the result of `is_in_distribution`."""
     rows = [
         {"name": name, "part": part} | errors
         for name in ANSWERERS
         if name in found and ANSWERERS[name].kind != "oracle"
         for part, errors in found[name].items()
     ]
-    columns = {"network": "{name}", "`knows` says": "{part}", "frames": "{frames}"}
-    columns |= {"u": spread("displacement", "95 %"), "force": spread("force", "95 %")}
+    columns: dict = {"network": "{name}"}
+    columns |= {"`is_in_distribution`": lambda row: str(row["part"] == "known").lower()}
+    columns |= {
+        "frames": "{frames}",
+        "u": spread("displacement", "95 %"),
+        "force": spread("force", "95 %"),
+    }
     return table(columns, rows, absent="–")
 
 

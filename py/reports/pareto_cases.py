@@ -310,8 +310,8 @@ def answered(case: Case, name: str) -> tuple[Fields | None, dict]:
     if isinstance(frames[-1], PressError):
         return None, {"failed": frames[-1].kind}
     fields = Fields.carried(case.gel, made.body.mesh, frames)
-    if hasattr(made, "knows"):
-        fields.known = [made.knows(frame) for frame in frames]
+    if hasattr(made, "is_in_distribution"):
+        fields.known = [made.is_in_distribution(frame) for frame in frames]
     return fields, {"seconds": min(seconds)}
 
 

@@ -168,7 +168,9 @@ def drawn_fits(
         )
         wide.append([not np.isfinite(found.intervals[name][0.95]).all() for name in fitted])
         off.append([found.values[name] - true[name] for name in fitted])
-    told = zip(fitted, np.mean(hits, axis=0), np.mean(wide, axis=0), np.array(off).T, strict=True)
+    by_name = zip(
+        fitted, np.mean(hits, axis=0), np.mean(wide, axis=0), np.array(off).T, strict=True
+    )
     parameters = {
         name: {
             "within 68 %": float(share[0]),
@@ -176,7 +178,7 @@ def drawn_fits(
             "open": float(ends),
             "median error": float(np.median(np.abs(errors))),
         }
-        for name, share, ends, errors in told
+        for name, share, ends, errors in by_name
     }
     return {"points": points, "noise": noise, "parameters": parameters}
 
@@ -277,7 +279,7 @@ COVERAGE = {
 def section(part: dict[str, Any]) -> str:
     """The fits, and how far intervals can be trusted."""
     sizes = part["sizes"]
-    told = [
+    found = [
         {"points": row["points"], "name": name, **figures}
         | {"fitted": ", ".join(UNITS[one][1] for one in row["parameters"])}
         for row in part["coverage"]
@@ -296,7 +298,7 @@ def section(part: dict[str, Any]) -> str:
         about,
         verdict=verdict(part["fits"]),
         fits=table(FITS, part["fits"]),
-        coverage=table(COVERAGE, told),
+        coverage=table(COVERAGE, found),
         made=made(part, {"nodes": sizes["nodes"], "seed": sizes["seed"]}),
     )
 

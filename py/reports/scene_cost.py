@@ -2,7 +2,7 @@
 
 Every row runs in a process of its own. Time is processor time of one thread, over steps in which
 both fingers of every environment touch, that of a stage its share of the clock's; scaling over
-threads, training and peers are wall time. Peers are those of policies/rollout_speed.py; they and
+threads, training and peers are wall time. Peers are those of policies/peers.py; they and
 Stable-Baselines3 are named as missing where they are not installed, and asked for anew by the next
 run.
 """
@@ -11,29 +11,26 @@ from __future__ import annotations
 
 import os
 import resource
-import sys
-import time
 from argparse import Namespace
 from collections import defaultdict
 from importlib.metadata import version
 from importlib.util import find_spec
-from itertools import product
-from pathlib import Path
+from itertools import islice, product
 from typing import Any
 
 import numpy as np
 
-from engine import ROOT, Rows, made, plt, run, table, text
+from engine import Rows, made, plt, run, table, text
+from peers import PEERS, peer
+from rollout_speed import CONTROL_STEP, random_rollout
 from ruffini.envs import GraspLiftVectorEnv
-from ruffini.policies import scripted
-
-sys.path.append(str(ROOT / "policies"))
+from timing import resident_bytes, scripted_steps, touching
 
 MADE_OF = ["env-core", "py/src", "py/python/ruffini/sb3.py"]
 MADE_OF += [f"py/python/ruffini/agents/{name}.py" for name in ("params", "training")]
 MADE_OF += ["py/python/ruffini/policies/grasp_lift.py", "py/reports/scene_cost.py"]
 MADE_OF += ["py/reports/scene_cost_training.py"]
-MADE_OF += [f"policies/{name}.py" for name in ("rollout_speed", "touch_speed")]
+MADE_OF += [f"policies/{name}.py" for name in ("peers", "rollout_speed", "timing")]
 COUNT = 4
 """Environments of a scene."""
 BASE = ["proprio", "object"]
@@ -69,6 +66,8 @@ BOTH = ("rigid", "linear, markers", "network, markers", FULL)
 QUICK = ("rigid", "linear, markers", FULL)
 STEPS, MOST = {"rigid": 1500, "fem": 50}, 80
 """Steps of the scenes that are named, and of the others."""
+WARM = 8
+"""Steps before those that are measured."""
 SCALING = {"rigid": (1, 16, 256), "network, markers": (1, 16, 64, 1024)}
 """Environments of the scaling, by scene."""
 LIFT, HOLD = "ruffini/GraspLift-v0", "ruffini/HoldStill-v0"
@@ -86,8 +85,6 @@ OURS = {"rigid": {"tactile": "none"}, "network, markers": NETWORK}
 
 def make(options: Namespace) -> dict:
     """Scenes, scaling, training and peers, one after the other."""
-    from rollout_speed import PEERS
-
     quick = options.quick
     rows, cases = Rows.of("scene_cost", options, MADE_OF, {"environments": COUNT}), {}
     for name in QUICK if quick else SCENES:
@@ -112,24 +109,14 @@ def make(options: Namespace) -> dict:
 
 def cost(name: str, thing: str, steps: int) -> dict:
     """Steps a second, stages and memory of a scene while a scripted policy holds an object."""
-    from touch_speed import FELT, pad_forces
-
-    before = resident()
+    before = resident_bytes()
     envs = GraspLiftVectorEnv(COUNT, num_threads=1, objects=[thing], **SCENES[name])
-    policy = scripted(LIFT)
-    observation, _ = envs.reset(seed=0)
-    for _ in range(8):
-        observation, *_ = envs.step(policy.predict(observation)[0])
     held, spent, wall, stages = 0, 0.0, 0.0, []
-    for _ in range(steps):
-        action, _ = policy.predict(observation)
-        envs.plan(forget=True)
-        begun, clock = time.process_time(), time.perf_counter()
-        observation, *_ = envs.step(action)
-        took, waited = time.process_time() - begun, time.perf_counter() - clock
-        if (pad_forces(observation) > FELT).all():
-            held, spent, wall = held + COUNT, spent + took, wall + waited
-            stages.append({stage: us for stage, _, us in envs.plan()})
+    for taken, step in enumerate(islice(scripted_steps(envs, LIFT), WARM + steps)):
+        plan = envs.plan(forget=True)
+        if taken >= WARM and touching(step.observation).all():
+            held, spent, wall = held + COUNT, spent + step.processor, wall + step.wall
+            stages.append({stage: us for stage, _, us in plan})
     share = spent / wall if wall else 0.0
     return {
         "scene": name,
@@ -140,28 +127,15 @@ def cost(name: str, thing: str, steps: int) -> dict:
             stage: share * float(np.mean([row[stage] for row in stages]))
             for stage in (stages[0] if stages else {})
         },
-        "MiB": resident() - before,
+        "MiB": (resident_bytes() - before) / 2**20,
         "peak MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
-
-
-def resident() -> float:
-    """Memory of this process that is in use (MiB)."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def scaling(name: str, count: int, threads: int) -> dict:
     """Steps a second of wall time under the scripted policy: reach, grasp, lift."""
     envs = GraspLiftVectorEnv(count, num_threads=threads, objects=["sphere"], **SCENES[name])
-    policy = scripted(LIFT)
-    observation, _ = envs.reset(seed=0)
-    spent = 0.0
-    for _ in range(MOST):
-        action, _ = policy.predict(observation)
-        begun = time.perf_counter()
-        observation, *_ = envs.step(action)
-        spent += time.perf_counter() - begun
+    spent = sum(step.wall for step in islice(scripted_steps(envs, LIFT), MOST))
     return {"scene": name, "envs": count, "threads": threads, "rate": MOST * count / spent}
 
 
@@ -178,8 +152,6 @@ def training(name: str, free: bool, steps: int | None) -> dict:
 
 def theirs(name: str, seconds: float) -> dict:
     """Steps a second of a peer, or why there are none."""
-    from rollout_speed import PEERS, peer
-
     found, row = peer(name, seconds), {"envs": name, "control step": PEERS[name].control_step}
     if isinstance(found, str):
         return row | {"missing": found}
@@ -188,8 +160,6 @@ def theirs(name: str, seconds: float) -> dict:
 
 def ours(name: str, count: int, seconds: float) -> dict:
     """Steps a second by the same kind of rollout as the peers'."""
-    from rollout_speed import CONTROL_STEP, random_rollout
-
     envs = f"ruffini GraspLift, {name}, {count} environment{'s' if count > 1 else ''}"
     rate = random_rollout(count, 1, seconds, **OURS[name])
     return {"envs": envs, "control step": CONTROL_STEP, "rate": rate}
@@ -295,7 +265,7 @@ which physics does not. 'Touch' is the share of steps in which a pad touches: th
 untrained, and in GraspLift a trained one touches far more often.
 
 {table}"""
-PEERS = """## Beside other simulators
+BESIDE = """## Beside other simulators
 
 Random actions on one thread, which seldom touch; resets included; wall time. A step of one is not a
 step of another: 'real time' is the simulated time over the wall's.
@@ -362,7 +332,7 @@ def page(report: dict) -> str:
         parts["ppo"] += "\n".join(share(name, run) for name, run in runs.items())
         parts["trained"] = text(TRAINED, {}, table=table(RUN, named(runs), absent=""))
     if peers := report.get("peers"):
-        parts["beside_peers"] = text(PEERS, {}, table=table(PEER, peers, absent=""))
+        parts["beside_peers"] = text(BESIDE, {}, table=table(PEER, peers, absent=""))
     return text(
         PAGE,
         report,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import replace
 from itertools import cycle
@@ -13,12 +12,9 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
-from engine import ROOT
-
-sys.path.append(str(ROOT / "policies"))
 from ruffini.agents.params import params
 from ruffini.agents.training import new_model
-from touch_speed import FELT
+from timing import FELT, timed
 
 EPISODE = 100
 """Steps of a recording: an episode, unless it ends early."""
@@ -51,7 +47,7 @@ class Recording(VecEnvWrapper):
         return observation, reward.copy(), done, info
 
 
-class Timed(VecEnvWrapper):
+class TimedEnv(VecEnvWrapper):
     """Adds up the time of an environment's steps, and notes how many rows touch."""
 
     def __init__(self, venv: VecEnv):
@@ -68,10 +64,9 @@ class Timed(VecEnvWrapper):
 
     def step_wait(self):
         """A step, timed."""
-        begun = time.perf_counter()
-        result = self.venv.step_wait()
-        self.spent += time.perf_counter() - begun
-        self.touching.append(touching(result[0]))
+        result, _, wall = timed(self.venv.step_wait)
+        self.spent += wall
+        self.touching.append(share_touching(result[0]))
         return result
 
 
@@ -91,7 +86,7 @@ class Collecting(BaseCallback):
         return True
 
 
-def touching(observation: Any) -> float:
+def share_touching(observation: Any) -> float:
     """Share of the rows in which a pad touches; pad forces stand first in flat ones, too."""
     proprio = observation["proprio"] if isinstance(observation, dict) else observation
     return float((proprio[:, 12:14] > FELT).any(axis=1).mean())
@@ -107,16 +102,16 @@ def end_to_end(env_id: str, settings: dict[str, Any], free: bool, steps: int | N
         chosen = replace(chosen, algorithm=chosen.algorithm | {"n_steps": steps})
     model = new_model(env_id, chosen, 0)
     monitored = model.get_vec_normalize_env().venv
-    monitored.venv = timed = Timed(Recording(monitored.venv) if free else monitored.venv)
+    monitored.venv = env = TimedEnv(Recording(monitored.venv) if free else monitored.venv)
     rollout, clock = chosen.n_envs * chosen.algorithm["n_steps"], Collecting()
     model.learn(rollout)
-    timed.forget()
+    env.forget()
     begun = time.perf_counter()
     model.learn(ROLLOUTS * rollout, callback=clock, reset_num_timesteps=False)
     whole = time.perf_counter() - begun
     parts = {
-        "environment": timed.spent,
-        "collecting": clock.spent - timed.spent,
+        "environment": env.spent,
+        "collecting": clock.spent - env.spent,
         "updating": whole - clock.spent,
     }
     done = ROLLOUTS * rollout
@@ -125,5 +120,5 @@ def end_to_end(env_id: str, settings: dict[str, Any], free: bool, steps: int | N
         "steps": done,
         "rate": done / whole,
         "us": {name: 1e6 * spent / done for name, spent in parts.items()},
-        "touch": float(np.mean(timed.touching)),
+        "touch": float(np.mean(env.touching)),
     }

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import Counter
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -13,7 +13,10 @@ import numpy as np
 import ruffini
 from ruffini import Fem, Press, Shape, agents
 from ruffini.policies import part, scripted
+from timing import timed
 
+MODELS = ("surrogate", "fem")
+"""Models of touch that are compared."""
 UNSOLVED = "press_failed"
 """Ending of an episode with a press that the model did not solve."""
 NODES, MORE_NODES = 1000, 3000
@@ -34,6 +37,8 @@ PRESSED = {
 """Shapes that are dragged, height of the middle, depth, half of the fine part of the mesh (m)."""
 DRAG = [4e-5 * step for step in range(1, 13)]
 """Distances that they are dragged along the finger (m)."""
+USED = (0.2, 0.4, 0.6)
+"""Fractions of the greatest friction at which sliding is reported."""
 DRAWN = ("object", "size", "mass", "friction")
 """Parameters that are drawn at the start of an episode, alike with both models."""
 
@@ -47,18 +52,16 @@ def episode(task: str, policy: str, seed: int, model: str, nodes: int = NODES) -
         settings = player.settings
     settings = settings | {"tactile": model, "resolution": {"nodes": nodes}}
     env = gymnasium.make(env_id, disable_env_checker=True, **settings)
-    begun = time.process_time()
-    observation, _ = env.reset(seed=seed)
-    row: dict[str, Any] = {"reset_seconds": time.process_time() - begun}
+    (observation, _), reset_seconds, _ = timed(partial(env.reset, seed=seed))
+    row: dict[str, Any] = {"reset_seconds": reset_seconds}
     drawn = env.unwrapped.look()
     row |= {name: drawn[name] for name in DRAWN}
     state, over, rewards, grips, terms, seconds, restarts = None, False, [], [], Counter(), 0.0, 0
     while not over:
         batch = {name: values[None] for name, values in observation.items()}
         action, state = player.predict(batch, state)
-        begun = time.process_time()
-        observation, reward, terminated, truncated, info = env.step(action[0])
-        seconds += time.process_time() - begun
+        (observation, reward, terminated, truncated, info), spent, _ = timed(env.step, action[0])
+        seconds += spent
         over = terminated or truncated
         rewards.append(float(reward))
         grips.append(float(part(observation, "proprio", "grip force command")))
@@ -90,10 +93,14 @@ def dragged(shape: str, model: str) -> dict[str, Any]:
         answerer = Fem(pad, friction=FRICTION, element=element)
     down = [(0.0, depth * share) for share in (0.25, 0.5, 0.75, 1.0)]
     places = [([0.0, y, above - z], (0, 0, 0, 1)) for y, z in [*down, *((y, depth) for y in DRAG)]]
-    begun = time.process_time()
-    frames = answerer.solve_path(Press(presser, places))[len(down) - 1 :]
-    spent = time.process_time() - begun
+    frames, spent, _ = timed(answerer.solve_path, Press(presser, places))
+    frames = frames[len(down) - 1 :]
     used = [math.hypot(*f.wrench[:2]) / (FRICTION * abs(f.wrench[2])) for f in frames]
     share = [frame.sliding for frame in frames]
     row = {"shape": shape, "model": model, "seconds": spent, "used": used, "sliding": share}
     return row | {"force": float(frames[-1].wrench[2])}
+
+
+def half_space(used: float) -> float:
+    """Share that slides under a ball on a half-space (Cattaneo, Mindlin)."""
+    return float((1 - (1 - used) ** (2 / 3)) ** 1.5)

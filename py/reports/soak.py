@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from engine import Rows, made, run, table, text
 from ruffini.evaluation import Policy
 from ruffini.policies import part, scripted
-from scene_cost import resident
+from timing import resident_bytes
 
 MADE_OF = ["env-core", "py/src", "py/reports/soak.py", "py/python/ruffini/policies"]
 COUNT = 32
@@ -92,14 +92,14 @@ def soaked(name: str, steps: int, count: int) -> dict[str, Any]:
     episodes, warm, before, begun = 0, steps // 10, 0.0, time.perf_counter()
     for taken in range(0, steps, count):
         if taken <= warm < taken + count:
-            before = resident()
+            before = resident_bytes()
         observation, ended, info = stepped(envs, act(observation), name)
         forces = part(observation, "proprio", "normal force of each pad")
         touched += int((forces > 0).any(axis=1).sum())
         episodes += int(ended.sum())
         endings.update(kind for kind in info.get("ending", []) if kind)
         errors.update(kind for kind in info.get("press_error", []) if kind)
-    spent, after = time.perf_counter() - begun, resident()
+    spent, after = time.perf_counter() - begun, resident_bytes()
     replay(envs, act, observation, name)
     return {
         "steps": taken + count,
@@ -107,7 +107,7 @@ def soaked(name: str, steps: int, count: int) -> dict[str, Any]:
         "episodes": episodes,
         "endings": dict(endings),
         "press errors": dict(errors),
-        "MiB gained": after - before,
+        "MiB gained": (after - before) / 2**20,
         "steps/s": (taken + count) / spent,
     }
 

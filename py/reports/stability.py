@@ -210,7 +210,7 @@ def long_way(presses: list[dict]) -> dict:
 WAYS = {
     "finer": "frictionless finite elements, steps a quarter as long: force",
     "stiffer": "finite elements, a body 16 times as stiff: displacement",
-    "truth": "network that says it knows, against finite elements: force",
+    "truth": "network, presses in distribution, against finite elements: force",
     "unfelt": "depth in the skin at which nothing is felt (m)",
 }
 HEADS = {

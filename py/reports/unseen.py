@@ -73,19 +73,19 @@ def make(options: Namespace) -> dict[str, Any]:
     return rows.header | note | {"set": options.set, "rows": found, "table": groups(found)}
 
 
-def models(question: presses.Question, others: dict[str, Path]) -> dict[str, Any]:
+def models(case: presses.DrawnPress, others: dict[str, Path]) -> dict[str, Any]:
     """Models of the gel of a press, by name; `others` are weights beside the shipped ones."""
-    gel = {name: getattr(question, name) for name in ("young", "poisson", "friction")}
+    gel = {name: getattr(case, name) for name in ("young", "poisson", "friction")}
     gel["sensor"] = presses.SENSOR
     shipped = {NETWORK: ruffini.Surrogate(**gel), LINEAR: ruffini.LinearPad(**gel)}
     return shipped | {name: ruffini.Surrogate.load(file, **gel) for name, file in others.items()}
 
 
-def solved(question: presses.Question) -> dict[str, Any] | None:
+def solved(case: presses.DrawnPress) -> dict[str, Any] | None:
     """Finite elements' answer to the frames that go down; None if they do not solve the press."""
-    body = question.body(presses.FINE, presses.contact_guess(question))
-    fem = ruffini.Fem(body, friction=question.friction, element="p2")
-    frames = presses.at_frames(fem.solve_path(question.press(DOWN[-1] + 1)))
+    body = case.body(presses.FINE, presses.contact_guess(case))
+    fem = ruffini.Fem(body, friction=case.friction, element="p2")
+    frames = presses.at_frames(fem.solve_path(case.press(DOWN[-1] + 1)))
     if isinstance(frames[-1], PressError):
         return None
     mesh = ruffini.sensor(presses.SENSOR, resolution=presses.MODEL_NODES).mesh
@@ -100,18 +100,18 @@ def solved(question: presses.Question) -> dict[str, Any] | None:
 
 def judged(number: int, stored: bool, others: dict[str, Path]) -> list[dict[str, Any]]:
     """A row for each frame of a press; none where it has no truth."""
-    question = presses.Question.draw(number)
+    case = presses.DrawnPress.draw(number)
     frames = presses.JUDGED if stored else DOWN
-    truth = np.load(presses.HERE / f"{number:03d}.npz") if stored else solved(question)
+    truth = np.load(presses.HERE / f"{number:03d}.npz") if stored else solved(case)
     if truth is None:
         print(number, "truth not solved", flush=True)
         return []
     answers, seconds = {}, {}
-    for name, model in models(question, others).items():
-        model.solve(Press(Shape.mesh(*question.surface), question.path[:1]))
+    for name, model in models(case, others).items():
+        model.solve(Press(Shape.mesh(*case.surface), case.path[:1]))
         start = time.process_time()
-        answers[name] = presses.at_frames(model.solve_path(question.press()))
-        seconds[name] = (time.process_time() - start) / len(question.steps)
+        answers[name] = presses.at_frames(model.solve_path(case.press()))
+        seconds[name] = (time.process_time() - start) / len(case.steps)
     asked = ("family", "feature", "young", "poisson", "friction")
     rows = []
     for place, frame in enumerate(frames):
@@ -121,8 +121,8 @@ def judged(number: int, stored: bool, others: dict[str, Path]) -> list[dict[str,
             "key": f"{number:06}/{frame}",
             "press": number,
             "frame": frame,
-            **{name: getattr(question, name) for name in asked},
-            "depth": question.depth * presses.FRAMES[frame],
+            **{name: getattr(case, name) for name in asked},
+            "depth": case.depth * presses.FRAMES[frame],
             "force": float(np.linalg.norm(exact[2])),
             "truth": [float(e) for e in truth["error"][:, place]] if "error" in truth else None,
             "errors": {},
@@ -132,8 +132,8 @@ def judged(number: int, stored: bool, others: dict[str, Path]) -> list[dict[str,
             found = path[min(frame, len(path) - 1)]
             row["errors"][name] = None
             if not isinstance(found, PressError):
-                told = (found.displacement, found.von_mises, found.wrench[:3])
-                pairs = zip(told, exact, strict=True)
+                fields = (found.displacement, found.von_mises, found.wrench[:3])
+                pairs = zip(fields, exact, strict=True)
                 row["errors"][name] = [presses.apart(a, b) for a, b in pairs]
                 if name == NETWORK and found.predicted_error is not None:
                     row["predicted"] = list(found.predicted_error)
@@ -246,9 +246,9 @@ def figure(report: dict[str, Any]):
     drawn = {name: COLOURS.get(name) or next(colours) for name in names(rows)}
     for i, (axis, part) in enumerate(zip(axes, PARTS, strict=False)):
         for name, colour in drawn.items():
-            told = [row for row in rows if row["errors"][name]]
-            x = [1e3 * row["feature"] for row in told]
-            y = [100 * row["errors"][name][i] for row in told]
+            some = [row for row in rows if row["errors"][name]]
+            x = [1e3 * row["feature"] for row in some]
+            y = [100 * row["errors"][name][i] for row in some]
             axis.loglog(x, y, "o", ms=3, color=colour, label=name, alpha=0.7)
         axis.set(title=part, xlabel="smallest feature (mm)", ylabel="relative error (%)")
     picture.legend(*axes[0].get_legend_handles_labels(), ncols=7, loc="outside lower center")

@@ -229,7 +229,7 @@ def pose(frame: Deformation) -> tuple[np.ndarray, np.ndarray]:
 def beside(case: dict, model: Any, last: Deformation) -> dict:
     """Difference of the answer from one that was found by another method."""
     if case["answerer"] == NETWORK:
-        return truth(case, model, last) if model.knows(last) else {}
+        return truth(case, model, last) if model.is_in_distribution(last) else {}
     if case["answerer"] != "fem":
         return {}
     found = {"unfelt": check_depth(case, model.body, last)}

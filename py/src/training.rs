@@ -10,8 +10,8 @@ use ruffini_core::{
     Error,
     surrogate::{
         Evaluated, PressErrors, Training, TrainingProgress, evaluate,
-        paper::{PaperRun, Study},
-        soft::SoftStudy,
+        paper::{PaperRun, PaperTrainingConfig},
+        soft::SoftTrainingConfig,
         train,
     },
 };
@@ -69,8 +69,8 @@ pub(crate) fn train_surrogate(
 /// Requested training run.
 enum TrainingRequest {
     Corrector(Training),
-    Paper(PaperRun, Study),
-    Soft(SoftStudy),
+    Paper(PaperRun, PaperTrainingConfig),
+    Soft(SoftTrainingConfig),
 }
 
 impl TrainingRequest {
@@ -125,11 +125,11 @@ impl TrainingRequest {
             Self::Corrector(training) => {
                 train(data, out, training, commit, watch)?.map(|card| json!(card))
             }
-            Self::Paper(run, study) => {
-                run.train(study, data, out, commit, clock, watch)?.map(|card| json!(card))
+            Self::Paper(run, settings) => {
+                run.train(settings, data, out, commit, clock, watch)?.map(|card| json!(card))
             }
-            Self::Soft(study) => {
-                study.train(data, out, commit, clock, watch)?.map(|card| json!(card))
+            Self::Soft(settings) => {
+                settings.train(data, out, commit, clock, watch)?.map(|card| json!(card))
             }
         };
         Ok(card.map(|card| card.to_string()))

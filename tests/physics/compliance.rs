@@ -256,7 +256,7 @@ fn friction_sticks_below_and_slips_at_its_limit() {
 }
 
 #[test]
-fn the_way_does_not_matter_without_friction() {
+fn the_path_does_not_matter_without_friction() {
     let model = linear(&block(), 0.0);
     let direct = last(model.solve_path(&along(ball(), vec![at(0.0, 0.4 * MM)])));
     let detour =
@@ -531,7 +531,7 @@ fn a_folder_that_cannot_be_written_is_named() {
 }
 
 #[test]
-fn a_shape_led_through_the_body_is_not_unfelt() {
+fn a_shape_moved_through_the_body_is_not_unfelt() {
     // Moved from just above the block to below it in one frame.
     for radius in [2.0 * MM, 20.0 * MM] {
         let at = |z| vec![Isometry3::translation(0.3 * MM, 0.2 * MM, z)];
@@ -544,7 +544,7 @@ fn a_shape_led_through_the_body_is_not_unfelt() {
 }
 
 #[test]
-fn a_thin_wall_led_through_the_body_is_not_unfelt() {
+fn a_thin_wall_moved_through_the_body_is_not_unfelt() {
     // Rings with walls of 0.3 to 0.7 mm, moved from above the block to below it at several places.
     for wall in [0.3, 0.5, 0.7] {
         let outer = 2.5 * wall * MM;

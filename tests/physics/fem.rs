@@ -126,7 +126,7 @@ fn friction_sticks_below_and_slips_at_its_limit() {
 }
 
 #[test]
-fn the_way_does_not_matter_without_friction() {
+fn the_path_does_not_matter_without_friction() {
     let fem = block(GEL, 3, rough(0.0));
     let direct = last(&fem, ball(), vec![ball_at(0.0, 0.4 * MM)]);
     let detour = vec![
@@ -246,14 +246,14 @@ fn a_given_force_is_met_by_the_travel_that_causes_it() {
         let pushed = fem.solve_path(&press).pop().unwrap().unwrap();
         let force = -pushed.wrench.force.z;
         assert!((force - 0.3).abs() < 1e-6, "{force} N, not 0.3 N");
-        let led = last(&fem, ball(), vec![pushed.poses.clone()]);
+        let moved = last(&fem, ball(), vec![pushed.poses.clone()]);
         // Friction sticks at the place of first contact, which the two presses determine
         // differently.
-        let error = led.wrench.force.z / pushed.wrench.force.z - 1.0;
-        assert!(error.abs() < 2e-3, "μ {friction}: led there it presses {error:.1e} more");
+        let error = moved.wrench.force.z / pushed.wrench.force.z - 1.0;
+        assert!(error.abs() < 2e-3, "μ {friction}: moved there it presses {error:.1e} more");
         if friction == 0.0 {
             // The push was solved on the whole body, the moved ball on the nodes that it may touch.
-            let off = relative(&led.displacement, &pushed.displacement);
+            let off = relative(&moved.displacement, &pushed.displacement);
             assert!(off < 1e-6, "what is condensed is off by {off:.1e}");
         }
     }
@@ -371,7 +371,7 @@ fn the_published_force_on_a_gel_pad_is_met() {
 }
 
 #[test]
-fn a_press_shows_how_it_is_driven() {
+fn a_press_shows_how_it_is_controlled() {
     let press = Press::with_force(ball(), ball_at(0.0, 0.0), 2.0, Vector3::new(0.0, 0.0, -3.0));
     let press = press.unwrap();
     assert!(matches!(press.drive(), Drive::Force { force: 2.0, direction, .. }

@@ -136,7 +136,7 @@ fn the_ball_sinks_in_as_deep_as_the_law_says() {
 }
 
 #[test]
-fn the_ball_sinks_down_as_far_as_the_bed_at_rest_says() {
+fn the_ball_sinks_down_as_far_as_the_foundation_at_rest_says() {
     for (mass, grip) in [(0.02, 2.0), (0.1, 5.0), (0.2, 10.0)] {
         let mut scene = gripped(&soft(), &ball(), mass, grip);
         let seen = |scene: &Scene| scene.state().fingers[0].object;
@@ -404,7 +404,7 @@ fn the_pose_in_the_pads_frame_is_that_of_its_mesh() {
 /// The elastic foundation was fitted to finite elements by `fit_foundation`. On another mesh its
 /// error is the one that this finds, a quarter at most at depths from 0.3 mm on.
 #[test]
-fn the_fitted_bed_presses_like_the_finite_elements() {
+fn the_fitted_foundation_presses_like_the_finite_elements() {
     let sensor = Sensor::named("gelsight-mini").unwrap();
     let calibration = &sensor.calibrations[0];
     let pad = sensor.pad(1000).unwrap();

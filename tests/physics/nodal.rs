@@ -149,7 +149,7 @@ fn histories_of_other_models_are_refused() {
 }
 
 #[test]
-fn a_thin_shape_led_through_the_pad_is_not_unfelt() {
+fn a_thin_shape_moved_through_the_pad_is_not_unfelt() {
     let model = nodal(0.05);
     let ring = |wall: f64| {
         let outer = 2.5 * wall * MM;
@@ -195,7 +195,7 @@ fn a_shape_that_drags_nodes_along_stops_at_what_holds_the_body() {
 }
 
 #[test]
-fn a_tip_is_not_led_past_a_wide_face_in_one_stride() {
+fn a_tip_is_not_moved_past_a_wide_face_in_one_load_step() {
     // With two cells of 4 mm, a tip between the nodes is at least 1.5 mm away from all of them.
     let model = coarse_block(GEL, 0.1);
     for x in [-2.0, 1.3, 2.1] {

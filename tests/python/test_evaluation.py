@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ruffini.evaluation import FIRST_SEED, evaluate, line, wilson
+from ruffini.evaluation import FIRST_SEED, bootstrap, evaluate, line, wilson
 
 LIFT = "ruffini/GraspLift-v0"
 SHORT = {"tactile": "none", "max_episode_steps": 7}
@@ -22,6 +22,18 @@ def test_the_interval_is_wilsons():
     low, high = wilson(9, 10)
     assert abs(low - 0.5958) < 1e-4 and abs(high - 0.9821) < 1e-4, (low, high)
     assert wilson(0, 5)[0] == 0.0 and wilson(5, 5)[1] == 1.0
+
+
+def test_a_bootstrapped_interval_encloses_the_statistic_and_is_the_same_on_every_call():
+    values = [0.0, 0.1, 4.0, 5.0, 6.0, 7.0, 90.0, 100.0]
+
+    def median(drawn):
+        return np.median(drawn, axis=-1)
+
+    low, high = bootstrap(values, median)
+    assert (low, high) == bootstrap(values, median)
+    assert 0.0 <= low < 5.5 < high <= 100.0
+    assert bootstrap(np.full(5, 0.9), median, 100) == (0.9, 0.9)
 
 
 def test_progress_is_told_after_every_step():

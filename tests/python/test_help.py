@@ -69,7 +69,6 @@ def test_links_of_no_site_are_a_failure(tmp_path, monkeypatch, capsys):
     "line",
     [
         "policies/study.py --pages",
-        "policies/touch_speed.py",
         "py/docs/channels.py",
         "py/reports/scenes.py tasks",
     ],

@@ -36,7 +36,7 @@ def test_it_says_displacement_stress_and_rigid_motion_but_no_forces(network):
     np.testing.assert_allclose(np.linalg.norm(quaternion), 1)
     assert not hasattr(answer, "contact_force")
     assert not hasattr(answer, "wrench")
-    assert network.knows(answer)
+    assert network.is_in_distribution(answer)
 
 
 def test_its_error_on_a_ball_is_within_what_its_card_says(network):

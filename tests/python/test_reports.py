@@ -204,7 +204,7 @@ def test_what_a_change_may_touch_is_asked_again(tmp_path, monkeypatch):
 
 def test_paired_differences_have_the_intervals_that_others_found():
     """Of a table whose interval the R package contingencytables tests, and of an exact binomial."""
-    paired = module("sim_to_sim")
+    paired = module("paired")
     assert paired.paired_interval(59, 6, 16, 80) == pytest.approx((-0.1186, -0.0046), abs=1e-4)
     assert paired.mcnemar(0, 5) == pytest.approx(2 / 2**5)
     assert paired.mcnemar(3, 3) == 1.0
@@ -217,7 +217,7 @@ def test_an_episode_of_the_comparison_is_that_of_the_evaluation():
     from ruffini import agents
     from ruffini.evaluation import evaluate
 
-    found = module("sim_to_sim").episode("GraspFragile", "agent", 10_003, "surrogate")
+    found = module("sim_to_sim_cases").episode("GraspFragile", "agent", 10_003, "surrogate")
     agent = agents.load("GraspFragile")
     told = evaluate(agent, agent.env_id, 1, first_seed=10_003, **agent.settings)
     assert found["success"] == bool(told["success"])
@@ -226,7 +226,7 @@ def test_an_episode_of_the_comparison_is_that_of_the_evaluation():
 
 
 def test_a_press_that_is_not_solved_is_a_failure_that_is_shown():
-    paired = module("sim_to_sim")
+    compared = module("sim_to_sim").compared
 
     def row(model, ending):
         won = ending is None
@@ -238,7 +238,7 @@ def test_a_press_that_is_not_solved_is_a_failure_that_is_shown():
     def pair(ending):
         return {"surrogate": row("surrogate", None), "fem": row("fem", ending)}
 
-    found = paired.compared([pair(None), pair(None), pair("press_failed")])
+    found = compared([pair(None), pair(None), pair("press_failed")])
     assert found["success"]["only surrogate"] == 1
     assert found["fem"]["outcomes"] == {"success": 2, "press_failed": 1}
     assert found["fem"]["press errors"] == {"not-converged": 1}

@@ -39,7 +39,7 @@ def test_a_squeezed_ball_gets_flatter_and_wider(network):
     low, high = (answer.contact_force[rest[:, 2] < 0, 2].sum() for answer in (light, deep))
     assert 1.3 < np.log(high / low) / np.log(15 / 4) < 1.9, f"{low} N and {high} N"
     np.testing.assert_allclose(deep.contact_force.sum(axis=0), 0, atol=1e-4 * high)
-    assert network.knows(deep)
+    assert network.is_in_distribution(deep)
 
 
 def test_it_goes_on_from_its_own_history(network):

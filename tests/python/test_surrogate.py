@@ -55,10 +55,10 @@ def test_its_fields_are_nearer_to_fine_finite_elements_than_the_linear_answers(n
     assert all(a < b for a, b in zip(of_network[1:], of_linear[1:], strict=True))
     # Forces of large balls are too large (tests/reports/networks.md).
     assert of_network[0] < 0.05
-    assert network.knows(found)
+    assert network.is_in_distribution(found)
     # A ball of half a millimetre bears on fewer nodes than most of what was learnt.
     pin = network.solve(Press(Shape.sphere(5e-4), [([1e-3, 0, 2e-4], UPRIGHT)]))[0]
-    assert not network.knows(pin)
+    assert not network.is_in_distribution(pin)
 
 
 def test_small_balls_are_felt_anywhere_and_their_errors_predicted(network):
@@ -68,7 +68,11 @@ def test_small_balls_are_felt_anywhere_and_their_errors_predicted(network):
         assert found.wrench[2] < 0, (x, y)
         assert all(0 < error <= 3 for error in found.predicted_error)
     over = network.solve(Press(Shape.sphere(1e-3), [([0, 0, 1.2e-3], UPRIGHT)]))[0]
-    assert over.predicted_error is None and not over.contact_force.any() and network.knows(over)
+    assert (
+        over.predicted_error is None
+        and not over.contact_force.any()
+        and network.is_in_distribution(over)
+    )
 
 
 def test_it_goes_on_from_its_own_history_and_remembers_friction(network):

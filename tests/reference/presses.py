@@ -52,7 +52,7 @@ OUTLINE = tomllib.loads((ROOT / f"env-core/assets/sensors/{SENSOR}.toml").read_t
 
 
 @dataclass(frozen=True)
-class Question:
+class DrawnPress:
     """One press, as drawn."""
 
     number: int
@@ -74,16 +74,16 @@ class Question:
         return self.steps[STEPS - 1 :: STEPS]
 
     @classmethod
-    def draw(cls, number: int) -> Question:
+    def draw(cls, number: int) -> DrawnPress:
         """The press of that number: the first of its draws that presses hard enough."""
         for attempt in range(1000):
-            question = cls._draw(number, np.random.default_rng([SEED, number, attempt]))
-            if question is not None and question.presses():
-                return question
+            case = cls._draw(number, np.random.default_rng([SEED, number, attempt]))
+            if case is not None and case.presses():
+                return case
         raise RuntimeError(f"press {number}: no draw presses hard enough")
 
     @classmethod
-    def _draw(cls, number: int, random: np.random.Generator) -> Question:
+    def _draw(cls, number: int, random: np.random.Generator) -> DrawnPress:
         family = list(FAMILIES)[number % len(FAMILIES)]
         feature = float(np.exp(random.uniform(np.log(0.5e-3), np.log(10e-3))))
         surface = FAMILIES[family](feature, random)
@@ -185,13 +185,13 @@ def poses(
     return path
 
 
-def contact_guess(question: Question) -> NDArray[np.float64]:
+def contact_guess(case: DrawnPress) -> NDArray[np.float64]:
     """Places on the face that the indenter would cover if the gel deformed nowhere else (K, 3)."""
-    places, shape, found = face(1e-4), Shape.mesh(*question.surface), []
-    for place, turn in (question.path[frame] for frame in (3, 5)):
+    places, shape, found = face(1e-4), Shape.mesh(*case.surface), []
+    for place, turn in (case.path[frame] for frame in (3, 5)):
         inside = Rotation.from_quat(turn).inv().apply(places - place)
         distance = shape.distance(inside)[0]
-        found.append(places[distance < max(0.0, distance.min() + 0.2 * question.depth)])
+        found.append(places[distance < max(0.0, distance.min() + 0.2 * case.depth)])
     points, apart = np.vstack(found), 1e-4
     # Meshes are refined towards 10,000 points at most.
     while len(points := thinned(points, apart)) > 10_000:
@@ -218,18 +218,18 @@ def contacts(body: SoftBody, frames: list) -> NDArray[np.float64]:
     return body.mesh.vertices[felt]
 
 
-def solve(question: Question) -> dict[str, NDArray]:
+def solve(case: DrawnPress) -> dict[str, NDArray]:
     """The finer mesh's answer, how far the coarser one's is from it, and what they cost.
 
     Raises:
         PressError: If one of them does not solve the press.
     """
     model = ruffini.sensor(SENSOR, resolution=MODEL_NODES).mesh
-    press, around = question.press(), contact_guess(question)
+    press, around = case.press(), contact_guess(case)
     answers, nodes, seconds = [], [], []
     for most in (COARSE, FINE):
-        body = question.body(most, around)
-        fem = Fem(body, friction=question.friction, element="p2")
+        body = case.body(most, around)
+        fem = Fem(body, friction=case.friction, element="p2")
         start = time.process_time()
         frames = at_frames(fem.solve_path(press))
         seconds.append(time.process_time() - start)
@@ -271,11 +271,11 @@ def apart(one: NDArray, other: NDArray) -> float:
 
 def make(number: int) -> str:
     """Solves a press and writes its file; returns a line about it."""
-    question = Question.draw(number)
-    about = f"{number:3d} {question.family:9s} {1e3 * question.feature:5.2f} mm"
-    about += f" {1e6 * question.depth:6.0f} µm"
+    case = DrawnPress.draw(number)
+    about = f"{number:3d} {case.family:9s} {1e3 * case.feature:5.2f} mm"
+    about += f" {1e6 * case.depth:6.0f} µm"
     try:
-        found = solve(question)
+        found = solve(case)
     except PressError as error:
         (HERE / f"{number:03d}.txt").write_text(f"{error}\n")
         return f"{about}: {error}"
@@ -288,7 +288,7 @@ def make(number: int) -> str:
 def table() -> None:
     """Prints the differences of the two meshes, u, stress and force, by size of feature."""
     kept = {int(file.stem): np.load(file)["error"] for file in sorted(HERE.glob("*.npz"))}
-    features = {number: 1e3 * Question.draw(number).feature for number in kept}
+    features = {number: 1e3 * DrawnPress.draw(number).feature for number in kept}
     for low, high in ((0.5, 2), (2, 5), (5, 10), (0.5, 10)):
         chosen = [e for number, e in kept.items() if low <= features[number] < high]
         if not chosen:

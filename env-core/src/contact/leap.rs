@@ -66,7 +66,7 @@ impl ContactStep<'_> {
     /// (C), where it is outside or touches. The distances measured by the last
     /// [`ContactStep::touches`] save most measurements.
     fn leaps(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
-        self.any_way(poses, places, |pair, shape, begin, end| {
+        self.any_motion(poses, places, |pair, shape, begin, end| {
             let way = (end - begin).norm();
             let (seen, value) = self.seen[pair];
             way > 2.0 * depth
@@ -78,12 +78,14 @@ impl ContactStep<'_> {
     /// Returns [`ContactStep::leaps`] only for points that end on the side opposite to where they
     /// began: round the edge of a thick shape a point may slide far, though not to the far side.
     fn changes_sides(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
-        self.any_way(poses, places, |_, shape, begin, end| changes_sides(shape, begin, end, depth))
+        self.any_motion(poses, places, |_, shape, begin, end| {
+            changes_sides(shape, begin, end, depth)
+        })
     }
 
     /// Returns whether `is_wrong` holds for any pair, given its index, its shape, and the ends of
     /// the point's path in the frame of the shape.
-    fn any_way(
+    fn any_motion(
         &self,
         poses: &[Isometry3<f64>],
         places: &[Point3<f64>],

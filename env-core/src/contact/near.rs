@@ -19,7 +19,7 @@ impl ContactStep<'_> {
     /// Sets the nodes' displacement at the beginning of the step (N) and the distances `seen` in an
     /// earlier step of the same shapes and points. Both save measurements of distances.
     #[must_use]
-    pub fn knowing(mut self, origin: Vec<Vector3<f64>>, seen: DistanceCache) -> Self {
+    pub fn with_seen(mut self, origin: Vec<Vector3<f64>>, seen: DistanceCache) -> Self {
         self.origin = origin;
         if seen.0.len() == self.seen.len() {
             self.seen = seen.0;
@@ -63,7 +63,7 @@ impl ContactStep<'_> {
         let points = self.surface.len();
         let mut near = vec![false; points];
         for (s, pose) in poses.iter().enumerate() {
-            let reach = reach + self.way(s, pose);
+            let reach = reach + self.motion(s, pose);
             for (near, room) in near.iter_mut().zip(&self.room[s * points..]) {
                 *near |= *room <= reach;
             }
@@ -73,7 +73,7 @@ impl ContactStep<'_> {
 
     /// Upper bound of the motion of the surface points in the frame of shape `s` as the shape moves
     /// to `pose` (m).
-    fn way(&self, s: usize, pose: &Isometry3<f64>) -> f64 {
+    fn motion(&self, s: usize, pose: &Isometry3<f64>) -> f64 {
         let from = &self.from[s];
         let shift = (pose.translation.vector - from.translation.vector).norm();
         let angle = from.rotation.angle_to(&pose.rotation);
@@ -130,13 +130,13 @@ mod tests {
             let places =
                 |u: &[Vector3<f64>]| rest.iter().zip(u).map(|(p, u)| p + u).collect::<Vec<_>>();
             let step = || ContactStep::new(&shapes, &surface, pose(from), places(&bent(from)), &[]);
-            let mut step_knowing = step().knowing(bent(from), seen);
-            step_knowing.runs_over(&pose(to), 1e-3);
-            let quick = step_knowing.touches_displaced(&pose(to), &rest, &bent(to));
+            let mut step_with_seen = step().with_seen(bent(from), seen);
+            step_with_seen.runs_over(&pose(to), 1e-3);
+            let quick = step_with_seen.touches_displaced(&pose(to), &rest, &bent(to));
             let all = step().touches(&pose(to), &places(&bent(to)));
             assert_eq!(quick, all, "step {i}");
             most = most.max(all.len());
-            seen = step_knowing.into_seen();
+            seen = step_with_seen.into_seen();
         }
         assert!((5..40).contains(&most), "{most} points touched at most");
     }

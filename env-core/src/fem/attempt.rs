@@ -42,7 +42,7 @@ impl PressSolver<'_> {
         let from = self.state.poses.clone();
         let places = start.clone();
         let mut contact = ContactStep::new(shapes, &system.surface, from, start, &self.anchors)
-            .knowing(self.state.displacement.clone(), std::mem::take(&mut self.seen));
+            .with_seen(self.state.displacement.clone(), std::mem::take(&mut self.seen));
         contact.one_sided = self.one_sided;
         if contact.runs_over(&poses, system.deepest()) {
             return Err(self.missed());

@@ -216,7 +216,7 @@ impl Surrogate {
     /// contact point of finite elements may penetrate a shape.
     ///
     /// [`TrainingBounds`]: super::TrainingBounds
-    pub fn knows(
+    pub fn is_in_distribution(
         &self,
         shapes: &[Shape],
         poses: &[Isometry3<f64>],

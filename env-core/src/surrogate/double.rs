@@ -41,7 +41,7 @@ fn wide(numbers: &[f32]) -> Vec<f64> {
 }
 
 /// x Wᵀ + b.
-fn affine(layer: &Linear, x: &DMatrix<f64>) -> DMatrix<f64> {
+fn linear_layer(layer: &Linear, x: &DMatrix<f64>) -> DMatrix<f64> {
     let mut y = x * matrix(&layer.weight).transpose();
     let bias = matrix(&layer.bias);
     y.row_iter_mut().for_each(|mut row| row += &bias);
@@ -53,10 +53,10 @@ fn relu(x: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 fn mlp(layers: &Mlp, x: &DMatrix<f64>) -> DMatrix<f64> {
-    affine(&layers.second, &relu(&affine(&layers.first, x)))
+    linear_layer(&layers.second, &relu(&linear_layer(&layers.first, x)))
 }
 
-fn norm(layer: &LayerNorm, x: &DMatrix<f64>) -> DMatrix<f64> {
+fn layer_norm(layer: &LayerNorm, x: &DMatrix<f64>) -> DMatrix<f64> {
     let (scale, shift) = (matrix(&layer.scale), matrix(&layer.shift));
     let mut y = x.clone();
     for mut row in y.row_iter_mut() {
@@ -82,9 +82,9 @@ fn sparse(matrix: &Sparse, x: &DMatrix<f64>) -> DMatrix<f64> {
 /// v + f(n, Σₛ relu(A nₛ + B nᵣ + C eₛᵣ)), n the layer norm of v.
 fn round(round: &Round, v: &DMatrix<f64>, scale: Scale) -> DMatrix<f64> {
     let (level, features) = scale;
-    let (n, width) = (norm(&round.norm, v), v.ncols());
-    let ends = affine(&round.ends, &n);
-    let edges = affine(&round.edges, &matrix(features));
+    let (n, width) = (layer_norm(&round.norm, v), v.ncols());
+    let ends = linear_layer(&round.ends, &n);
+    let edges = linear_layer(&round.edges, &matrix(features));
     let mut both = n.resize_horizontally(2 * width, 0.0);
     for receiver in 0..v.nrows() {
         let own = ends.view((receiver, width), (1, width));
@@ -133,17 +133,17 @@ fn forward(
     let [[raise, lower], [raise_more, lower_more]] =
         [first, second].map(|(level, _)| level.links.as_ref().expect("a coarser scale"));
     let fine = rounds(&scales.down[0], mlp(&scales.encoder, &features), first);
-    let middle = affine(&scales.lower[0], &sparse(lower, &fine));
+    let middle = linear_layer(&scales.lower[0], &sparse(lower, &fine));
     let middle = rounds(&scales.down[1], middle, second);
-    let coarse = affine(&scales.lower[1], &sparse(lower_more, &middle));
+    let coarse = linear_layer(&scales.lower[1], &sparse(lower_more, &middle));
     let mut coarse = rounds(&scales.down[2], coarse, third);
     let mean = DMatrix::from_rows(&[coarse.row_mean()]);
     let shared = mlp(&scales.global, &mean);
     coarse.row_iter_mut().for_each(|mut row| row += &shared);
-    let middle = middle + affine(&scales.raise[1], &sparse(raise_more, &coarse));
+    let middle = middle + linear_layer(&scales.raise[1], &sparse(raise_more, &coarse));
     let middle = rounds(&scales.up[1], middle, second);
-    let fine = fine + affine(&scales.raise[0], &sparse(raise, &middle));
-    let latent = norm(&scales.norm, &rounds(&scales.up[0], fine, first));
+    let fine = fine + linear_layer(&scales.raise[0], &sparse(raise, &middle));
+    let latent = layer_norm(&scales.norm, &rounds(&scales.up[0], fine, first));
 
     let output = mlp(&network.nodes, &latent);
     let amplitude = f64::from(input.amplitude);
@@ -171,17 +171,19 @@ fn forward(
     }
     let [before, after] =
         [&wide(&input.displacement), &displacement].map(|u| von_mises(pad, length, u));
-    let (corner, width) = (affine(&network.corners, &latent), network.strain.bias.elem_count());
+    let (corner, width) =
+        (linear_layer(&network.corners, &latent), network.strain.bias.elem_count());
     let stress = (0..graph.tets()).map(|t| {
         let linear = f64::from(input.stress[t]);
         let unit = amplitude + f64::from(f32::MIN_POSITIVE);
         let strains = DMatrix::from_row_slice(1, 3, &[linear, before[t], after[t]]) / unit;
-        let mut hidden = affine(&network.strain, &strains);
+        let mut hidden = linear_layer(&network.strain, &strains);
         for &node in &pad.mesh.tets[t] {
             let (layer, column) = (node as usize / graph.columns, node as usize % graph.columns);
             hidden += corner.view((column, layer * width), (1, width));
         }
-        linear + after[t] - before[t] + affine(&network.stress, &relu(&hidden))[(0, 0)] * amplitude
+        linear + after[t] - before[t]
+            + linear_layer(&network.stress, &relu(&hidden))[(0, 0)] * amplitude
     });
     let stress = stress.collect();
     [displacement, stress, forces]
@@ -214,7 +216,7 @@ fn presses() -> Vec<(&'static str, f64, Press)> {
 #[test]
 fn precision_single_is_enough() {
     let sensor = Sensor::named("gelsight-mini").unwrap();
-    let (mut worst, mut told) = ([0.0_f64; 3], 0);
+    let (mut worst, mut count) = ([0.0_f64; 3], 0);
     let (tensors, card): (_, Card) = weights::of_kind("pads", SHIPPED).unwrap();
     let parameters = weights::parameters(tensors).unwrap();
     let network = Corrector::new(&card.network, &parameters.builder()).unwrap();
@@ -243,14 +245,14 @@ fn precision_single_is_enough() {
             let [u, stress, forces] = off;
             println!("{poisson} {name} {depth:.0e} m: {u:.1e} {stress:.1e} {forces:.1e}");
             worst = std::array::from_fn(|i| worst[i].max(off[i]));
-            told += 1;
+            count += 1;
         }
     }
     let [u, stress, forces] = worst;
     println!(
-        "{told} presses, worst: u {u:.1e}, von Mises stress {stress:.1e}, forces {forces:.1e}"
+        "{count} presses, worst: u {u:.1e}, von Mises stress {stress:.1e}, forces {forces:.1e}"
     );
     // At a micrometre of displacement in four millimetres, strain keeps only four digits next to
     // the 1 in F = 1 + ∇u.
-    assert!(told > 20 && u < 2e-6 && stress < 2e-3 && forces < 2e-6, "{told}: {worst:?}");
+    assert!(count > 20 && u < 2e-6 && stress < 2e-3 && forces < 2e-6, "{count}: {worst:?}");
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use candle_core::{Result, Tensor};
 use candle_nn::{Init, VarBuilder};
 
-use super::ops::{Edges, affine, layer_norm, messages};
+use super::ops::{Edges, layer_norm, linear_layer, messages};
 
 /// x Wᵀ + b, or its positive part.
 pub(super) struct Linear {
@@ -37,12 +37,12 @@ impl Linear {
 
     /// Maps (N, K) to (N, M).
     pub(super) fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        affine(x, &self.weight, &self.bias, false)
+        linear_layer(x, &self.weight, &self.bias, false)
     }
 
     /// Positive part of [`Linear::forward`].
     pub(super) fn forward_relu(&self, x: &Tensor) -> Result<Tensor> {
-        affine(x, &self.weight, &self.bias, true)
+        linear_layer(x, &self.weight, &self.bias, true)
     }
 }
 
@@ -66,7 +66,7 @@ impl LayerNorm {
     }
 }
 
-/// Two affine layers with a ReLU between them.
+/// Two linear layers with a ReLU between them.
 pub(super) struct Mlp {
     pub(super) first: Linear,
     pub(super) second: Linear,
@@ -86,7 +86,7 @@ impl Mlp {
 }
 
 /// A round of message passing on a graph with fixed edge features:
-/// v ← v + f(n, Σₛ relu(A nₛ + B nᵣ + C eₛᵣ)), n the layer norm of v and f two affine layers.
+/// v ← v + f(n, Σₛ relu(A nₛ + B nᵣ + C eₛᵣ)), n the layer norm of v and f two linear layers.
 pub(super) struct Round {
     pub(super) norm: LayerNorm,
     pub(super) ends: Linear,

@@ -137,17 +137,23 @@ fn without_contact_the_answer_is_exactly_zero() {
     let answer = network.solve_path(&press(-1e-4)).swap_remove(0).unwrap();
     assert!(answer.displacement.iter().chain(&answer.contact_force).all(|v| v.norm() == 0.0));
     assert_eq!(answer.wrench.force.norm(), 0.0);
-    let knows = |displacement: &[nalgebra::Vector3<f64>], poses: &[Isometry3<f64>]| {
-        network.knows(press(0.0).shapes(), poses, displacement, &answer.contact_force, 0.0)
+    let is_in_distribution = |displacement: &[nalgebra::Vector3<f64>], poses: &[Isometry3<f64>]| {
+        network.is_in_distribution(
+            press(0.0).shapes(),
+            poses,
+            displacement,
+            &answer.contact_force,
+            0.0,
+        )
     };
-    assert!(knows(&answer.displacement, &answer.poses));
+    assert!(is_in_distribution(&answer.displacement, &answer.poses));
     let deepest = network.card().data.amplitude * sensor.outline.thickness;
     let deep = vec![nalgebra::Vector3::z() * -1.01 * deepest; answer.displacement.len()];
-    assert!(!knows(&deep, &answer.poses), "farther than it ever saw");
+    assert!(!is_in_distribution(&deep, &answer.poses), "farther than it ever saw");
     let unfelt = [Isometry3::translation(0.0, 0.0, -1e-5) * answer.poses[0]];
-    assert!(knows(&answer.displacement, &unfelt), "still above the skin");
+    assert!(is_in_distribution(&answer.displacement, &unfelt), "still above the skin");
     let unfelt = [Isometry3::translation(0.0, 0.0, -1.1e-4) * answer.poses[0]];
-    assert!(!knows(&answer.displacement, &unfelt), "in the skin, and nothing felt");
+    assert!(!is_in_distribution(&answer.displacement, &unfelt), "in the skin, and nothing felt");
 }
 
 #[test]

@@ -39,7 +39,7 @@ pub(super) struct Trunk {
 pub(super) struct TrunkBuffers {
     scales: [ScaleBuffers; SCALES],
     latent: Vec<f32>,
-    spare: [Vec<f32>; 2],
+    buffers: [Vec<f32>; 2],
 }
 
 /// Buffers of one scale (N, …).
@@ -236,10 +236,10 @@ impl Trunk {
         edges: &[&[f32]; SCALES],
         scratch: &'a mut TrunkBuffers,
     ) -> &'a [f32] {
-        let TrunkBuffers { scales, latent, spare: [spare, other] } = scratch;
-        self.encoder[0].forward(features, spare);
-        relu(spare);
-        self.encoder[1].forward(spare, &mut scales[0].v);
+        let TrunkBuffers { scales, latent, buffers: [buffer, other] } = scratch;
+        self.encoder[0].forward(features, buffer);
+        relu(buffer);
+        self.encoder[1].forward(buffer, &mut scales[0].v);
         for scale in 0..SCALES {
             if scale > 0 {
                 self.carry(&self.links[scale - 1][1], &scales[scale - 1].v, other);
@@ -247,11 +247,11 @@ impl Trunk {
             }
             self.down[scale].iter().for_each(|round| round.run(edges[scale], &mut scales[scale]));
         }
-        self.share(&mut scales[SCALES - 1].v, spare, other);
+        self.share(&mut scales[SCALES - 1].v, buffer, other);
         for scale in (0..SCALES - 1).rev() {
             self.carry(&self.links[scale][0], &scales[scale + 1].v, other);
-            self.raise[scale].forward(other, spare);
-            scales[scale].v.iter_mut().zip(&*spare).for_each(|(v, more)| *v += more);
+            self.raise[scale].forward(other, buffer);
+            scales[scale].v.iter_mut().zip(&*buffer).for_each(|(v, more)| *v += more);
             self.up[scale].iter().for_each(|round| round.run(edges[scale], &mut scales[scale]));
         }
         latent.clear();

@@ -17,11 +17,12 @@ from typing import Any, Protocol
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ruffini._core import __version__
 
-__all__ = ["FIRST_SEED", "Policy", "Progress", "about_this_run", "evaluate", "line", "wilson"]
+__all__ = ["FIRST_SEED", "Policy", "Progress", "about_this_run", "bootstrap", "evaluate", "line"]
+__all__ += ["wilson"]
 
 FIRST_SEED = 10_000
 """First of the consecutive evaluation seeds; training seeds are far below."""
@@ -50,6 +51,23 @@ def wilson(successes: int, n: int) -> tuple[float, float]:
     middle = (share + spread / 2) / (1 + spread)
     half = z * math.sqrt(share * (1 - share) / n + spread / (4 * n)) / (1 + spread)
     return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def bootstrap(
+    values: ArrayLike,
+    statistic: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    resamples: int = 10_000,
+) -> tuple[float, float]:
+    """Compute the bootstrapped 95 % interval of a statistic, the same on every call.
+
+    Args:
+        values: Sample, (N,).
+        statistic: The statistic of each row of resamples, (R, N) to (R,).
+        resamples: Number of resamples R.
+    """
+    drawn = np.random.default_rng(0).choice(np.asarray(values), (resamples, np.size(values)))
+    low, high = np.quantile(statistic(drawn), [0.025, 0.975])
+    return float(low), float(high)
 
 
 def evaluate(
@@ -131,7 +149,7 @@ def about_this_run() -> dict[str, Any]:
         "python": platform.python_version(),
         "machine": platform.machine(),
         "cores": os.cpu_count(),
-        "processor": _processor(),
+        "processor": ", ".join([processor(), *_caches()]),
         "commit": _commit(),
     }
 
@@ -139,21 +157,28 @@ def about_this_run() -> dict[str, Any]:
 def _commit() -> str:
     git = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--show-toplevel"]
     try:
-        told = subprocess.run([*git, "--short", "HEAD"], capture_output=True, text=True, check=True)
+        found = subprocess.run(
+            [*git, "--short", "HEAD"], capture_output=True, text=True, check=True
+        )
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
-    root, commit = told.stdout.splitlines()
+    root, commit = found.stdout.splitlines()
     # The package may be installed within a repository of something else.
     return commit if Path(root, "py/python/ruffini").is_dir() else "unknown"
 
 
-def _processor() -> str:
-    """Name of the processor, with the caches that its first core reaches, if Linux names them."""
+def processor() -> str:
+    """Name of the processor, or its architecture where the system does not name it."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
-        return platform.processor() or platform.machine()
+        lines = []
     names = [line.split(": ", 1)[1] for line in lines if line.startswith("model name")]
+    return (names or [platform.processor() or platform.machine()])[0]
+
+
+def _caches() -> list[str]:
+    """Caches that the first core reaches, if Linux names them."""
     caches = sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*"))
-    told = [[(cache / key).read_text().strip() for key in ("level", "size")] for cache in caches]
-    return ", ".join([*names[:1], *(f"L{level} {size}" for level, size in told if level > "1")])
+    found = [[(cache / key).read_text().strip() for key in ("level", "size")] for cache in caches]
+    return [f"L{level} {size}" for level, size in found if level > "1"]

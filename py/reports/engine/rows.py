@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 import ruffini
+from ruffini.evaluation import processor
 
 ROOT = Path(__file__).resolve().parents[3]
 OUT = ROOT / "tests/reports"
@@ -30,9 +31,7 @@ KEPT = ROOT / "target/reports"
 
 def machine() -> dict[str, Any]:
     """Processor, cores and system."""
-    cpu = [s for s in Path("/proc/cpuinfo").read_text().splitlines() if s.startswith("model name")]
-    named = cpu[0].split(": ")[1] if cpu else platform.processor()
-    return {"cpu": named, "cores": os.cpu_count(), "system": platform.platform()}
+    return {"cpu": processor(), "cores": os.cpu_count(), "system": platform.platform()}
 
 
 def header(made_of: Iterable[str], sizes: dict[str, Any]) -> dict[str, Any]:

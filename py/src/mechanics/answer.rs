@@ -50,7 +50,7 @@ pub(crate) struct Deformation {
     /// displacement, stress and net force; None for models that do not predict their errors.
     #[pyo3(get)]
     predicted_error: Option<(f64, f64, f64)>,
-    /// Shapes that pressed, for [`Surrogate::knows`](super::surrogate::Surrogate).
+    /// Shapes that pressed, for [`Surrogate::is_in_distribution`](super::surrogate::Surrogate).
     pub(super) shapes: Vec<Shape>,
 }
 

@@ -250,13 +250,13 @@ pub(super) fn solve<'py, M: DeformationModel>(
     presses: &Bound<'py, PyAny>,
 ) -> PyResult<Vec<Bound<'py, PyAny>>> {
     let (presses, _) = one_or_many::<Press>("presses", "Press", presses)?;
-    let questions: Vec<_> = presses.iter().map(|press| press.get().inner.clone()).collect();
+    let inputs: Vec<_> = presses.iter().map(|press| press.get().inner.clone()).collect();
     let pool = pool()?;
     let answers = interruptible(py, || {
         // Locked before the pool is entered: a thread of the pool that waits for the lock could
         // take up the work of another caller.
         let (model, interrupt) = (&mut *locked(model), Interrupt::current());
-        pool.install(|| interrupt.during(|| model.solve(&questions)))
+        pool.install(|| interrupt.during(|| model.solve(&inputs)))
     })?;
     let slots = answers.into_iter().zip(&presses);
     slots.map(|(found, press)| answer(py, found, press.get(), body)).collect()

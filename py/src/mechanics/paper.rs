@@ -131,9 +131,9 @@ impl PaperNetwork {
         presses: &Bound<'py, PyAny>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let (presses, _) = one_or_many::<Press>("presses", "Press", presses)?;
-        let questions: Vec<_> = presses.iter().map(|press| press.get().inner.clone()).collect();
+        let inputs: Vec<_> = presses.iter().map(|press| press.get().inner.clone()).collect();
         let pool = pool()?;
-        let answers = py.detach(|| pool.install(|| self.model.solve(&questions)));
+        let answers = py.detach(|| pool.install(|| self.model.solve(&inputs)));
         answers.into_iter().map(|found| answer(py, found)).collect()
     }
 
@@ -149,8 +149,8 @@ impl PaperNetwork {
 
     /// Returns whether displacement, Poisson's ratio and friction of a solution of this network lie
     /// within its training data.
-    fn knows(&self, py: Python<'_>, answer: &PaperAnswer) -> PyResult<bool> {
-        Ok(self.model.knows(&vectors(answer.displacement.bind(py))?))
+    fn is_in_distribution(&self, py: Python<'_>, answer: &PaperAnswer) -> PyResult<bool> {
+        Ok(self.model.is_in_distribution(&vectors(answer.displacement.bind(py))?))
     }
 }
 

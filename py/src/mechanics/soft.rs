@@ -99,7 +99,7 @@ impl SoftSurrogate {
 
     /// Returns whether displacement, Poisson's ratio and friction of a solution of this network lie
     /// within its training data.
-    fn knows(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
-        Ok(locked(&self.model).knows(&vectors(answer.displacement.bind(py))?))
+    fn is_in_distribution(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
+        Ok(locked(&self.model).is_in_distribution(&vectors(answer.displacement.bind(py))?))
     }
 }

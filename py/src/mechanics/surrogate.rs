@@ -215,11 +215,17 @@ impl Surrogate {
     /// and the residual may be at most half of the net force. Without contact force, the skin must
     /// not overlap a shape. A solution with a smaller force or fewer nodes than usual may still be
     /// accurate.
-    fn knows(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
+    fn is_in_distribution(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
         let moved = vectors(answer.displacement.bind(py))?;
         let forces = vectors(answer.contact_force.bind(py))?;
         let poses = &answer.history.get().inner.poses;
-        Ok(locked(&self.model).knows(&answer.shapes, poses, &moved, &forces, answer.residual))
+        Ok(locked(&self.model).is_in_distribution(
+            &answer.shapes,
+            poses,
+            &moved,
+            &forces,
+            answer.residual,
+        ))
     }
 }
 

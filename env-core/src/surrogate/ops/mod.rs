@@ -10,7 +10,7 @@
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
-mod affine;
+mod linear_layer;
 mod ends;
 mod layer_norm;
 mod messages;
@@ -18,9 +18,9 @@ mod pad_stress;
 mod sparse;
 mod von_mises;
 
-pub(super) use affine::affine;
 pub(super) use ends::ends;
 pub(super) use layer_norm::{layer_norm, moments};
+pub(super) use linear_layer::linear_layer;
 pub(super) use messages::{Edges, hear, messages};
 pub(super) use pad_stress::PadStress;
 pub(super) use sparse::{Sparse, sparse};

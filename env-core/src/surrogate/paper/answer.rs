@@ -11,7 +11,7 @@ use super::{
     gels::{Graph, Pad},
     patch::PaperPatch,
     scene::PaperPush,
-    target::Told,
+    target::TrainablePaper,
 };
 use crate::{
     Error, Result,
@@ -27,7 +27,7 @@ pub struct PaperNetwork(Arc<PaperModel>);
 
 struct PaperModel {
     card: PaperCard,
-    network: Told,
+    network: TrainablePaper,
     pad: Pad,
     body: SoftBody,
 }
@@ -83,7 +83,7 @@ impl PaperNetwork {
         moduli: Moduli,
         friction: f64,
     ) -> Result<Self> {
-        let (network, card) = Told::opened(name, bytes)?;
+        let (network, card) = TrainablePaper::opened(name, bytes)?;
         let bad = |reason: String| Error::File { path: name.to_owned(), reason };
         if card.network.input == Input::Force {
             return Err(bad("a network told forces, expected one told poses".to_owned()));
@@ -137,7 +137,7 @@ impl PaperNetwork {
 
     /// Returns whether an answer with that displacement (V, 3) in m, on this gel, lies within the range
     /// of the training data.
-    pub fn knows(&self, displacement: &[Vector3<f64>]) -> bool {
+    pub fn is_in_distribution(&self, displacement: &[Vector3<f64>]) -> bool {
         self.0.card.data.covers(&self.0.pad.gel, displacement)
     }
 }
@@ -283,15 +283,18 @@ mod tests {
         let corrector = include_bytes!("../../../assets/weights/pads.safetensors");
         refused(corrector, "weights of corrector, expected paper-baseline");
         let (mut tensors, card) = weights::of_kind::<PaperCard>("mine", SHIPPED).unwrap();
-        let told = |change: &dyn Fn(&mut PaperCard), what: &str| {
+        let refused_with = |change: &dyn Fn(&mut PaperCard), what: &str| {
             let mut card = card.clone();
             change(&mut card);
             refused(&weights::to_bytes(&tensors, &card), what);
         };
-        told(&|card| card.network.input = Input::Force, "told poses");
-        told(&|card| card.model_nodes = MOST_NODES + 1, "expected at most");
-        told(&|card| card.network.rounds += 1, "missing from the weights");
-        told(&|card| card.network.width *= 2, "mine: encoder.nodes.first.weight: found shape");
+        refused_with(&|card| card.network.input = Input::Force, "told poses");
+        refused_with(&|card| card.model_nodes = MOST_NODES + 1, "expected at most");
+        refused_with(&|card| card.network.rounds += 1, "missing from the weights");
+        refused_with(
+            &|card| card.network.width *= 2,
+            "mine: encoder.nodes.first.weight: found shape",
+        );
         tensors.values_mut().next().unwrap().1[0] = f32::NAN;
         refused(&weights::to_bytes(&tensors, &card), "expected finite numbers");
     }

@@ -9,7 +9,7 @@ use candle_nn::{Init, VarBuilder};
 use super::{config::PaperConfig, scene::Links};
 use crate::surrogate::{
     layers::{LayerNorm, Linear},
-    ops::{Sparse, affine, ends, sparse},
+    ops::{Sparse, ends, linear_layer, sparse},
 };
 
 /// W (x₁, …, xₖ) + b for a concatenation of parts that are all H wide, computed part by part:
@@ -34,9 +34,9 @@ impl EdgeLinear {
         let width = self.bias.dims1()?;
         let weight = self.weight.narrow(1, k * width, width)?.contiguous()?;
         if k == 0 {
-            return affine(x, &weight, &self.bias, false);
+            return linear_layer(x, &weight, &self.bias, false);
         }
-        affine(x, &weight, &self.bias.zeros_like()?, false)
+        linear_layer(x, &weight, &self.bias.zeros_like()?, false)
     }
 }
 
@@ -174,7 +174,7 @@ mod tests {
         let rows =
             |rows: [u32; 3]| v.index_select(&Tensor::new(&rows, &Device::Cpu).unwrap(), 0).unwrap();
         let whole = Tensor::cat(&[&e, &rows([1, 2, 0]), &rows([0, 0, 2])], 1).unwrap();
-        let hidden = affine(&whole, &update.first.weight, &update.first.bias, true).unwrap();
+        let hidden = linear_layer(&whole, &update.first.weight, &update.first.bias, true).unwrap();
         let plain = (&e + update.tail.forward(&hidden).unwrap()).unwrap();
         let split = update.edges(&e, &v, &links).unwrap();
         let most = (split - plain).unwrap().abs().unwrap().max_all().unwrap();

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{config::PaperConfig, judge::Judged, patch::Density, study::Study};
+use super::{config::PaperConfig, judge::Judged, patch::Density, training::PaperTrainingConfig};
 use crate::surrogate::weights::{Data, NetworkCard};
 
 /// Description of a network, its training data and its errors.
@@ -18,7 +18,7 @@ pub struct PaperCard {
     /// Nodes of the model mesh, at most.
     pub model_nodes: usize,
     /// Training configuration.
-    pub study: Study,
+    pub study: PaperTrainingConfig,
     /// Training data; the test part has objects outside of it.
     pub data: Data,
     /// Errors on unseen grasps of known objects.

@@ -6,7 +6,7 @@ use super::{
     config::Input,
     gels::PaperGels,
     samples::PaperSample,
-    target::{Told, fields, motion, rigid_apart},
+    target::{TrainablePaper, fields, motion, rigid_apart},
 };
 use crate::{
     Result,
@@ -38,7 +38,7 @@ pub struct Judged {
     /// Relative error of the object's motion since touch, where the input is a force.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub object: Option<Spread>,
-    /// Mean time of a press (s by the study's clock), the linear answer not included.
+    /// Mean time of a press (s by the clock of training), the linear answer not included.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
 }
@@ -54,7 +54,7 @@ impl Judged {
 
 /// Errors of one of the paper's networks; `None` if `watch`, called before each press, stops it.
 pub(super) fn judge_paper(
-    network: &Told,
+    network: &TrainablePaper,
     gels: &PaperGels,
     test: &[PaperSample],
     clock: &dyn Fn() -> f64,
@@ -69,7 +69,7 @@ pub(super) fn judge_paper(
         let start = clock();
         let answer = network.output(gels, sample, 0)?;
         seconds += (clock() - start) / test.len() as f64;
-        let (true_fields, gel) = Told::target(gels, sample);
+        let (true_fields, gel) = TrainablePaper::target(gels, sample);
         presses.push(errors(&fields(&answer)?, true_fields, gel));
         let in_units = |[angle, way]: [f64; 2]| [way * gel.thickness, angle.to_degrees()];
         rigid.extend(rigid_apart(&answer, sample)?.map(in_units));
@@ -99,7 +99,7 @@ pub(in super::super) fn evaluate(
     dataset: &Dataset,
     names: &[String],
 ) -> Result<Vec<Evaluated>> {
-    let (network, card) = Told::opened(name, bytes)?;
+    let (network, card) = TrainablePaper::opened(name, bytes)?;
     let gels = PaperGels::new(dataset.config())?;
     let samples = gels.samples(dataset, [names], card.density, &mut |_| true)?;
     let [samples] = samples.expect("nobody says no");

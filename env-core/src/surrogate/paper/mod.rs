@@ -11,8 +11,8 @@
 //!
 //! They are trained on the same frames as the corrector, by its trainer and nearly its loss,
 //! without linear answers as input. None of them has contact forces as output: [`PaperNetwork`] has
-//! displacement, stress and, of B, rigid motion. [`PaperRun`] trains one; [`Study`] compares them
-//! at equal budgets.
+//! displacement, stress and, of B, rigid motion. [`PaperRun`] trains one;
+//! [`PaperTrainingConfig`] compares them at equal budgets.
 
 mod answer;
 mod blocks;
@@ -27,7 +27,7 @@ mod patch;
 mod rigid;
 mod samples;
 mod scene;
-mod study;
+mod training;
 mod target;
 
 pub use answer::{PaperAnswer, PaperNetwork};
@@ -37,4 +37,4 @@ pub use judge::Judged;
 pub(super) use judge::evaluate;
 pub use patch::Density;
 pub use run::PaperRun;
-pub use study::{PaperWeights, Point, Report, Run, Study};
+pub use training::{PaperTrainingConfig, PaperWeights, Point, Report, Run};

@@ -241,8 +241,10 @@ mod tests {
                 let config =
                     PaperConfig { variant, input, width, rounds, ..PaperConfig::default() };
                 let parameters = Parameters::drawn(3);
-                let network =
-                    <super::super::target::Told as Network>::new(&config, &parameters.builder());
+                let network = <super::super::target::TrainablePaper as Network>::new(
+                    &config,
+                    &parameters.builder(),
+                );
                 awaken(&parameters);
                 let loss = network.unwrap().loss(&gels, &[&sample], 1).unwrap();
                 let gradients = loss.total.backward().unwrap();

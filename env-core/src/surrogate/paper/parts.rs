@@ -1,4 +1,4 @@
-//! Grasps of a study: a part for training, and two for evaluation.
+//! Grasps of a training run: a part for training, and two for evaluation.
 
 use std::collections::BTreeMap;
 

@@ -15,8 +15,8 @@ use super::{
     parts::PaperSplit,
     patch::Density,
     samples::PaperSample,
-    study::Study,
-    target::Told,
+    target::TrainablePaper,
+    training::PaperTrainingConfig,
 };
 use crate::{
     Result,
@@ -46,7 +46,7 @@ impl Default for PaperRun {
     }
 }
 
-/// The frames of a study.
+/// The frames of a training run.
 pub(super) struct Frames {
     pub(super) gels: PaperGels,
     pub(super) train: Vec<PaperSample>,
@@ -55,18 +55,18 @@ pub(super) struct Frames {
 }
 
 impl Frames {
-    /// Reads the frames of `study` from `dataset`; `None` if `watch` stops it.
+    /// Reads the frames that `settings` ask for from `dataset`; `None` if `watch` stops it.
     pub(super) fn read(
         dataset: &Dataset,
         density: Density,
-        study: &Study,
+        settings: &PaperTrainingConfig,
         watch: Watch,
     ) -> Result<Option<Self>> {
-        let PaperSplit { train, known, novel } = PaperSplit::of(dataset.split(&study.split)?);
+        let PaperSplit { train, known, novel } = PaperSplit::of(dataset.split(&settings.split)?);
         let gels = PaperGels::new(dataset.config())?;
         let found = gels.samples(dataset, [&train, &known, &novel], density, watch)?;
         Ok(found.map(|[train, known, novel]| {
-            let [known, novel] = [known, novel].map(|part| thinned(part, study.every));
+            let [known, novel] = [known, novel].map(|part| thinned(part, settings.every));
             Self { gels, train, tests: [("known", known), ("novel", novel)] }
         }))
     }
@@ -74,7 +74,7 @@ impl Frames {
     /// Errors of a network on known and on novel objects; `None` if `watch` stops it.
     pub(super) fn judged(
         &self,
-        network: &Told,
+        network: &TrainablePaper,
         clock: &dyn Fn() -> f64,
         watch: Watch,
     ) -> Result<Option<[Judged; 2]>> {
@@ -102,8 +102,8 @@ pub(super) fn counts<'a>(grasps: impl Iterator<Item = &'a String>) -> [usize; 2]
 }
 
 impl PaperRun {
-    /// Trains on the dataset in `data` by the settings of `study`, timed by `clock` (s), and writes
-    /// checkpoints, weights and their card into `out`; resumes from the last checkpoint there. The
+    /// Trains on the dataset in `data` by `settings`, timed by `clock` (s), and writes checkpoints,
+    /// weights and their card into `out`; resumes from the last checkpoint there. The
     /// last weights are evaluated, without a choice by validation. `watch` is called at every step
     /// and stops the run by returning false. Returns the card, or `None` if stopped.
     ///
@@ -111,31 +111,32 @@ impl PaperRun {
     /// checkpoint of another run, a gradient that is not finite.
     pub fn train(
         &self,
-        study: &Study,
+        settings: &PaperTrainingConfig,
         data: &Path,
         out: &Path,
         trained_by: &str,
         clock: &dyn Fn() -> f64,
         watch: Watch,
     ) -> Result<Option<PaperCard>> {
-        let (study, network) = (study.clone().validated()?, self.network.validated()?);
+        let (settings, network) = (settings.clone().validated()?, self.network.validated()?);
         let dataset = Dataset::open(data)?;
-        let Some(frames) = Frames::read(&dataset, self.density, &study, watch)? else {
+        let Some(frames) = Frames::read(&dataset, self.density, &settings, watch)? else {
             return Ok(None);
         };
         let Frames { gels, train, .. } = &frames;
-        trainable(&study.split, train)?;
-        let print = fingerprint(&dataset, dataset.split(&study.split)?);
-        let (training, pace) = (study.training(network), Pace::new(study.budget()?, clock));
-        let mut run = TrainingRun::<Told>::resumed(training, &(self, &study), print, pace, out)?;
+        trainable(&settings.split, train)?;
+        let print = fingerprint(&dataset, dataset.split(&settings.split)?);
+        let (training, pace) = (settings.training(network), Pace::new(settings.budget()?, clock));
+        let mut run =
+            TrainingRun::<TrainablePaper>::resumed(training, &(self, &settings), print, pace, out)?;
         if !watch(&TrainingProgress::Samples { train: train.len(), lost: 0 })
             || !run.run(gels, train, &[], watch)?
         {
             return Ok(None);
         }
-        let (told, vectors) = run.chosen()?;
-        let Some(judged) = frames.judged(&told, clock, watch)? else { return Ok(None) };
-        let card = self.card(&study, &dataset, &frames, judged, trained_by)?;
+        let (network, vectors) = run.chosen()?;
+        let Some(judged) = frames.judged(&network, clock, watch)? else { return Ok(None) };
+        let card = self.card(&settings, &dataset, &frames, judged, trained_by)?;
         run.finish(&vectors, &card)?;
         Ok(Some(card))
     }
@@ -143,20 +144,20 @@ impl PaperRun {
     /// Card of weights trained on `frames`.
     pub(super) fn card(
         &self,
-        study: &Study,
+        settings: &PaperTrainingConfig,
         dataset: &Dataset,
         frames: &Frames,
         [known, novel]: [Judged; 2],
         trained_by: &str,
     ) -> Result<PaperCard> {
         let (counts, config) = (frames.counts(), dataset.config());
-        let fingerprint = fingerprint(dataset, dataset.split(&study.split)?);
+        let fingerprint = fingerprint(dataset, dataset.split(&settings.split)?);
         Ok(PaperCard {
             variant: self.network.variant.name().to_owned(),
             network: self.network,
             density: self.density,
             model_nodes: config.model_nodes,
-            study: study.clone(),
+            study: settings.clone(),
             data: Data {
                 train: counts["train"],
                 test: counts["novel"],

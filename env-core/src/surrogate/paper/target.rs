@@ -34,12 +34,12 @@ const WEIGHTS: [f64; 4] = [1.0, 1.0, 1.0, 0.1];
 const LIGHT: f64 = 0.1;
 
 /// A network and the kind of its input.
-pub(super) struct Told {
+pub(super) struct TrainablePaper {
     network: Paper,
     pub(super) input: Input,
 }
 
-impl Told {
+impl TrainablePaper {
     /// Reads a network and its card from the `bytes` of weights called `name`.
     pub(super) fn opened(name: &str, bytes: &[u8]) -> Result<(Self, PaperCard)> {
         let (tensors, card): (_, PaperCard) = weights::of_kind(name, bytes)?;
@@ -142,7 +142,7 @@ fn rigid_error(found: &Tensor, target: &[f32], signs: [f32; 3]) -> Result<Tensor
     Ok(relative(&found, &row(change)?)?.mean_all()?)
 }
 
-impl Network for Told {
+impl Network for TrainablePaper {
     type Config = PaperConfig;
     type Sample = PaperSample;
     type Ground = PaperGels;
@@ -213,7 +213,7 @@ mod tests {
         let (gels, sample) = pressed_ball();
         let config = PaperConfig { width: 32, rounds: 3, ..PaperConfig::default() };
         let (parameters, mut adam) = (Parameters::drawn(0), Adam::default());
-        let network = Told::new(&config, &parameters.builder()).unwrap();
+        let network = TrainablePaper::new(&config, &parameters.builder()).unwrap();
         let (variables, steps) = (parameters.all(), 4000);
         for step in 0..steps {
             let loss = network.loss(&gels, &[&sample], 0).unwrap();
@@ -222,7 +222,7 @@ mod tests {
             let rate = 4e-3 * (1.0 + (PI * f64::from(step) / f64::from(steps)).cos());
             adam.step(&variables, &gradient, rate).unwrap();
         }
-        let (target, gel) = Told::target(&gels, &sample);
+        let (target, gel) = TrainablePaper::target(&gels, &sample);
         let found = metrics::errors(&network.answer(&gels, &sample).unwrap(), target, gel);
         let (u, stress) = (found.displacement, found.stress);
         assert!(u < 5e-3 && stress < 5e-3, "u misses by {u}, stress by {stress} in {steps} steps");

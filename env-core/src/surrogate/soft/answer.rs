@@ -16,7 +16,7 @@ use super::{
     input::ObjectInput,
     linear::SoftBaseline,
     network::Soft,
-    study::SoftCard,
+    training::SoftCard,
 };
 use crate::{
     Error, Result, compliance,
@@ -41,7 +41,7 @@ struct ObjectNetwork {
     linear: SoftBaseline,
     body: SoftBody,
     /// Working memory of finished presses, for reuse: allocating it takes as long as the network.
-    spare: Mutex<Vec<Memory>>,
+    unused: Mutex<Vec<Memory>>,
 }
 
 /// Working memory of one press.
@@ -89,8 +89,8 @@ impl SoftSurrogate {
         let fine = tets_within(shape, card.linear_nodes)?;
         let linear = SoftBaseline::new(fine, &mesh, moduli, friction)?;
         let body = SoftBody::new(mesh, Law::default(), moduli, &[])?;
-        let spare = Mutex::default();
-        Ok(Self(Arc::new(ObjectNetwork { card, network, graph, unit, linear, body, spare })))
+        let unused = Mutex::default();
+        Ok(Self(Arc::new(ObjectNetwork { card, network, graph, unit, linear, body, unused })))
     }
 
     /// Description of the weights.
@@ -116,7 +116,7 @@ impl SoftSurrogate {
 
     /// Returns whether an answer with that displacement (V, 3) in m lies within the range of the
     /// training data.
-    pub fn knows(&self, displacement: &[Vector3<f64>]) -> bool {
+    pub fn is_in_distribution(&self, displacement: &[Vector3<f64>]) -> bool {
         self.0.card.data.covers(&self.0.unit, displacement)
     }
 
@@ -136,12 +136,12 @@ impl SoftSurrogate {
 impl ObjectNetwork {
     /// Performs `work` with reused working memory.
     fn with_memory<T>(&self, work: impl FnOnce(&mut Memory) -> T) -> T {
-        let spare = || self.spare.lock().unwrap_or_else(PoisonError::into_inner);
-        let kept = spare().pop();
+        let unused = || self.unused.lock().unwrap_or_else(PoisonError::into_inner);
+        let kept = unused().pop();
         let new = || Memory { linear: self.linear.scratch(), network: ObjectBuffers::default() };
         let mut memory = kept.unwrap_or_else(new);
         let done = work(&mut memory);
-        spare().push(memory);
+        unused().push(memory);
         done
     }
 

@@ -14,8 +14,8 @@ mod input;
 mod linear;
 mod network;
 mod samples;
-mod study;
+mod training;
 
 pub use answer::SoftSurrogate;
 pub use network::SoftConfig;
-pub use study::{SoftCard, SoftErrors, SoftStudy};
+pub use training::{SoftCard, SoftErrors, SoftTrainingConfig};

@@ -53,7 +53,7 @@ pub(super) struct SoftSample {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Part {
     Train,
-    Spare,
+    Validation,
     Known,
     Novel,
 }
@@ -129,7 +129,7 @@ fn part(split: FamilySplit, grasp: &str) -> Part {
     match (split, number % 10) {
         (FamilySplit::Novel, _) => Part::Novel,
         (_, 9) => Part::Known,
-        (_, 8) => Part::Spare,
+        (_, 8) => Part::Validation,
         _ => Part::Train,
     }
 }

@@ -58,8 +58,8 @@ def add_to(commands: Any) -> None:
     )
     for name, (kind, text) in _SETTINGS.items():
         parser.add_argument(f"--{name}", type=kind, help=f"{text} ({_had_by(name)})")
-    told = f"input that gives the load; translation if not given ({_had_by('input')})"
-    parser.add_argument("--input", choices=("translation", "force"), help=told)
+    text = f"input that gives the load; translation if not given ({_had_by('input')})"
+    parser.add_argument("--input", choices=("translation", "force"), help=text)
     parser.add_argument("--width", type=int, help="latent width; 32, of the paper's 16")
     parser.add_argument("--rounds", type=int, help=f"rounds of messages; 4 ({_had_by('rounds')})")
     rounds, had = "rounds of messages at each scale, finest first", _had_by("down")
@@ -110,20 +110,21 @@ def _train(options: argparse.Namespace) -> None:
 
 
 def _teller(parts: tuple[str, ...]) -> Callable[[str, dict[str, Any]], bool]:
-    def tell(stage: str, told: dict[str, Any]) -> bool:
+    def tell(stage: str, progress: dict[str, Any]) -> bool:
         if stage == "epoch":
-            errors = zip(parts, told["errors"], strict=True)
+            errors = zip(parts, progress["errors"], strict=True)
             text = ", ".join(f"{part} {100 * error:.2f} %" for part, error in errors if error)
-            text = f"epoch {told['epoch']}: {text}"
-            if found := told["validation"]:
+            text = f"epoch {progress['epoch']}: {text}"
+            if found := progress["validation"]:
                 medians = [found[part]["median"] for part in ("displacement", "stress", "force")]
                 text += ", validation " + " / ".join(f"{100 * error:.2f} %" for error in medians)
                 text += f" ({found['displacement_mae']:.1e} m, {found['stress_mae']:.0f} Pa)"
-            text += f", {told['seconds']:.1f} s, {told['left'] / 60:.0f} min left"
+            text += f", {progress['seconds']:.1f} s, {progress['left'] / 60:.0f} min left"
         elif stage == "shard":
-            text = f"{told['done']}/{told['all']} shards"
+            text = f"{progress['done']}/{progress['all']} shards"
         else:
-            text = f"{told['train']} frames to train on, {told['lost']} without a linear answer"
+            text = f"{progress['train']} frames to train on, "
+            text += f"{progress['lost']} without a linear answer"
         end = "\r" if stage == "shard" and sys.stderr.isatty() else "\n"
         print(text, end=end, file=sys.stderr, flush=True)
         return True

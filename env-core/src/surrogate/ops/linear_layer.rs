@@ -11,7 +11,7 @@ struct LinearOp {
 
 /// Returns x Wᵀ + b (N, M) for `x` (N, K), `weight` (M, K) and `bias` (M), or its positive part if
 /// `relu`.
-pub(in super::super) fn affine(
+pub(in super::super) fn linear_layer(
     x: &Tensor,
     weight: &Tensor,
     bias: &Tensor,
@@ -37,7 +37,7 @@ fn matrix_mut(numbers: &mut [f32], rows: usize, columns: usize) -> MatMut<'_, f3
 
 impl CustomOp3 for LinearOp {
     fn name(&self) -> &'static str {
-        "affine"
+        "linear_layer"
     }
 
     fn cpu_fwd(
@@ -105,9 +105,9 @@ mod tests {
     fn it_is_candles_product_and_sum() {
         let (x, w, b) = (random(&[5, 3], 1), random(&[4, 3], 2), random(&[4], 3));
         let plain = x.matmul(&w.t().unwrap()).unwrap().broadcast_add(&b).unwrap();
-        let own = affine(&x, &w, &b, false).unwrap();
+        let own = linear_layer(&x, &w, &b, false).unwrap();
         assert!(largest_difference(&own, &plain) < 1e-6);
-        let own = affine(&x, &w, &b, true).unwrap();
+        let own = linear_layer(&x, &w, &b, true).unwrap();
         assert!(largest_difference(&own, &plain.relu().unwrap()) < 1e-6);
     }
 
@@ -115,7 +115,7 @@ mod tests {
     fn its_derivatives_are_those_of_finite_differences() {
         let inputs = [random(&[5, 3], 1), random(&[4, 3], 2), random(&[4], 3)];
         for relu in [false, true] {
-            check_derivatives(&inputs, || affine(&inputs[0], &inputs[1], &inputs[2], relu));
+            check_derivatives(&inputs, || linear_layer(&inputs[0], &inputs[1], &inputs[2], relu));
         }
     }
 }

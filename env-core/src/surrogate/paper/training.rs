@@ -12,7 +12,7 @@ use super::{
     parts::PaperSplit,
     patch::Density,
     run::{Frames, PaperRun, counts},
-    target::Told,
+    target::TrainablePaper,
 };
 use crate::{
     Result,
@@ -42,7 +42,7 @@ pub enum Run {
 /// Data and budget that runs have in common.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Study {
+pub struct PaperTrainingConfig {
     /// Split of the dataset; the last grasp of each training object is for evaluation instead.
     pub split: String,
     /// Seed of weights and batches.
@@ -61,7 +61,7 @@ pub struct Study {
     pub every: usize,
 }
 
-impl Default for Study {
+impl Default for PaperTrainingConfig {
     /// One press per step: in few epochs, more steps are worth more than better ones.
     fn default() -> Self {
         Self {
@@ -79,7 +79,7 @@ impl Default for Study {
 /// Errors during training, on a sample of the frames for evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Point {
-    /// Time trained (s) by the study's clock.
+    /// Time trained (s) by the clock of training.
     pub seconds: f64,
     /// Gradient steps.
     pub steps: u64,
@@ -93,14 +93,14 @@ pub struct Report {
     /// Trained network.
     pub run: Run,
     /// Data and budget.
-    pub study: Study,
+    pub study: PaperTrainingConfig,
     /// Numbers of grasps and frames by part: training, known objects and novel objects.
     pub counts: BTreeMap<String, [usize; 2]>,
     /// Number of trainable parameters.
     pub parameters: usize,
     /// Gradient steps.
     pub steps: u64,
-    /// Duration of training by the study's clock, and wall time (s).
+    /// Duration of training by the clock of training, and wall time (s).
     pub seconds: [f64; 2],
     /// Errors during training.
     pub curve: Vec<Point>,
@@ -131,8 +131,9 @@ struct FinishedTraining<N: Network> {
 /// Default number of epochs.
 const EPOCHS: usize = 10;
 
-impl Study {
-    /// Returns this study with its budget filled in, or an error if a setting is out of range.
+impl PaperTrainingConfig {
+    /// Returns this configuration with its budget filled in, or an error if a setting is out of
+    /// range.
     pub(super) fn validated(mut self) -> Result<Self> {
         if self.seconds.is_none() {
             self.epochs.get_or_insert(EPOCHS);
@@ -172,13 +173,15 @@ impl Study {
         trained_by: &str,
         clock: &dyn Fn() -> f64,
     ) -> Result<(Report, Option<PaperWeights>)> {
-        let (study, dataset) = (self.clone().validated()?, Dataset::open(data)?);
+        let (settings, dataset) = (self.clone().validated()?, Dataset::open(data)?);
         match run {
             Run::Paper(paper) => {
-                let (report, weights) = study.paper(*paper, &dataset, trained_by, clock)?;
+                let (report, weights) = settings.paper(*paper, &dataset, trained_by, clock)?;
                 Ok((report, Some(weights)))
             }
-            Run::Corrector(network) => Ok((study.corrector(run, *network, &dataset, clock)?, None)),
+            Run::Corrector(network) => {
+                Ok((settings.corrector(run, *network, &dataset, clock)?, None))
+            }
         }
     }
 
@@ -193,9 +196,9 @@ impl Study {
         let frames = Frames::read(dataset, paper.density, self, watch)?.expect("nobody says no");
         let Frames { gels, train, tests } = &frames;
         let network = paper.network.validated()?;
-        let trained = self.trained::<Told>(network, gels, train, tests, clock)?;
-        let told = &trained.trainer.network;
-        let judged = frames.judged(told, clock, watch)?.expect("nobody says no");
+        let trained = self.trained::<TrainablePaper>(network, gels, train, tests, clock)?;
+        let network = &trained.trainer.network;
+        let judged = frames.judged(network, clock, watch)?.expect("nobody says no");
         let mut errors = BTreeMap::new();
         for ((part, _), found) in tests.iter().zip(&judged) {
             let found = (name(paper.density), found.clone());
@@ -204,7 +207,7 @@ impl Study {
         let other = paper.density.other();
         let novel = &PaperSplit::of(dataset.split(&self.split)?).novel;
         let [test] = gels.samples(dataset, [novel], other, watch)?.expect("nobody says no");
-        let found = judge_paper(told, gels, &thinned(test, OTHER * self.every), clock, watch)?;
+        let found = judge_paper(network, gels, &thinned(test, OTHER * self.every), clock, watch)?;
         let found = (name(other), found.expect("nobody says no"));
         errors.entry("novel".to_owned()).or_default().extend([found]);
         let report = self.report(&Run::Paper(paper), &trained, frames.counts(), errors);

@@ -26,7 +26,7 @@ use crate::{
 /// Training configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct SoftStudy {
+pub struct SoftTrainingConfig {
     /// Seed of weights and batches.
     pub seed: u64,
     /// Number of epochs; forty if neither this nor `seconds` is given.
@@ -43,7 +43,7 @@ pub struct SoftStudy {
     pub network: SoftConfig,
 }
 
-impl Default for SoftStudy {
+impl Default for SoftTrainingConfig {
     fn default() -> Self {
         Self {
             seed: 0,
@@ -75,7 +75,7 @@ pub struct SoftCard {
     /// Form of the network: soft.
     pub variant: String,
     /// Training configuration, and sizes of the network.
-    pub study: SoftStudy,
+    pub study: SoftTrainingConfig,
     /// Nodes of the model mesh, at most.
     pub model_nodes: usize,
     /// Nodes of the mesh of the linear model, at most.
@@ -99,8 +99,9 @@ impl NetworkCard for SoftCard {
 /// Default number of epochs.
 const EPOCHS: usize = 40;
 
-impl SoftStudy {
-    /// Returns this study with its budget filled in, or an error if a setting is out of range.
+impl SoftTrainingConfig {
+    /// Returns this configuration with its budget filled in, or an error if a setting is out of
+    /// range.
     fn validated(mut self) -> Result<Self> {
         if self.seconds.is_none() {
             self.epochs.get_or_insert(EPOCHS);
@@ -129,30 +130,31 @@ impl SoftStudy {
         clock: &dyn Fn() -> f64,
         watch: Watch,
     ) -> Result<Option<SoftCard>> {
-        let (study, dataset) = (self.validated()?, Squeezes::open(data)?);
+        let (settings, dataset) = (self.validated()?, Squeezes::open(data)?);
         let Some((objects, mut samples)) = Objects::read(&dataset, watch)? else { return Ok(None) };
         let count = samples.len();
         let names: Vec<_> = samples.iter().map(|s| s.grasp.clone()).collect();
         let text = serde_json::to_string(&(dataset.config(), names)).expect("plain data");
         let fingerprint = hex(&Sha256::digest(text));
-        let [train, spare, known, novel] = [Part::Train, Part::Spare, Part::Known, Part::Novel]
-            .map(|part| take(&mut samples, part));
+        let [train, validation, known, novel] =
+            [Part::Train, Part::Validation, Part::Known, Part::Novel]
+                .map(|part| take(&mut samples, part));
         if train.is_empty() {
             let found = "no frames to train on";
             return Err(Error::invalid("data", found, "squeezes of known objects"));
         }
         let training = Training {
-            seed: study.seed,
-            batch: study.batch,
-            rate: study.rate,
-            network: study.network,
+            seed: settings.seed,
+            batch: settings.batch,
+            rate: settings.rate,
+            network: settings.network,
             ..Training::<SoftConfig>::default()
         };
-        let pace = Pace::new(Budget::of(study.epochs, study.seconds)?, clock);
+        let pace = Pace::new(Budget::of(settings.epochs, settings.seconds)?, clock);
         let mut run =
-            TrainingRun::<Soft>::resumed(training, &study, fingerprint.clone(), pace, out)?;
+            TrainingRun::<Soft>::resumed(training, &settings, fingerprint.clone(), pace, out)?;
         if !watch(&TrainingProgress::Samples { train: train.len(), lost: objects.lost })
-            || !run.run(&objects, &train, &spare, watch)?
+            || !run.run(&objects, &train, &validation, watch)?
         {
             return Ok(None);
         }
@@ -160,7 +162,7 @@ impl SoftStudy {
         let amplitude = train.iter().map(|s| f64::from(s.input.amplitude)).fold(0.0, f64::max);
         let card = SoftCard {
             variant: "soft".to_owned(),
-            study,
+            study: settings,
             model_nodes: dataset.config().model_nodes,
             linear_nodes: dataset.config().truth_nodes,
             steps: run.trainer.adam.steps,

@@ -1,0 +1,91 @@
+"""Time of environment steps, on the clock and of the processor, and memory of the process."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ruffini.policies import part, scripted
+
+FELT = 0.05
+"""Force from which a pad counts as touching (N)."""
+
+
+class Timed(NamedTuple):
+    """Result of a call, and the time that it took."""
+
+    result: Any
+    processor: float
+    """Processor time of all threads (s)."""
+    wall: float
+    """Time on the clock (s)."""
+
+
+def timed(function: Callable[..., Any], *arguments: Any) -> Timed:
+    """Calls a function once."""
+    begun, clock = time.process_time(), time.perf_counter()
+    result = function(*arguments)
+    return Timed(result, time.process_time() - begun, time.perf_counter() - clock)
+
+
+def mean_time(
+    step: Callable[[int], Any], seconds: float, clock: Callable[[], float] = time.perf_counter
+) -> float:
+    """Mean time of a `step` (s) over so many seconds of a clock; it is called with its number."""
+    done, start = 0, clock()
+    while (elapsed := clock() - start) < seconds:
+        step(done)
+        done += 1
+    return elapsed / done
+
+
+def steps_per_second(n: int, step: Callable[[int], Any], seconds: float) -> float:
+    """Rate of `step`, which steps n environments, after a tenth of the time to warm up."""
+    mean_time(step, 0.1 * seconds)
+    return n / mean_time(step, seconds)
+
+
+def random_steps(envs: Any, n: int) -> Callable[[int], Any]:
+    """Function of a number i that steps n environments with the i-th of 16 random actions."""
+    actions = np.random.default_rng(0).uniform(-1, 1, (16, n, 5)).astype(np.float32)
+    return lambda i: envs.step(actions[i % 16])
+
+
+class Step(NamedTuple):
+    """A step of a batch, without the time of the policy."""
+
+    observation: dict[str, Any]
+    over: NDArray[np.bool_]
+    """Rows whose episode ended (N,)."""
+    info: dict[str, Any]
+    processor: float
+    """Processor time (s)."""
+    wall: float
+    """Time on the clock (s)."""
+
+
+def scripted_steps(envs: Any, env_id: str) -> Iterator[Step]:
+    """Steps of an environment's scripted policy from seed 0 on, without end."""
+    policy = scripted(env_id)
+    observation, _ = envs.reset(seed=0)
+    while True:
+        action, _ = policy.predict(observation)
+        (observation, _, terminated, truncated, info), *took = timed(envs.step, action)
+        yield Step(observation, terminated | truncated, info, *took)
+
+
+def touching(observation: dict[str, Any]) -> NDArray[np.bool_]:
+    """Pads that touch, (N, 2)."""
+    return part(observation, "proprio", "normal force of each pad") > FELT
+
+
+def resident_bytes() -> int:
+    """Memory of this process that is in use."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
