@@ -41,6 +41,7 @@ from ruffini._core import (
     objects,
     sensor,
 )
+from ruffini._plot import plot
 from ruffini._schema import CHANNELS, REWARD_TERMS, TACTILE_CHANNELS, TASKS
 
 __all__ = [
@@ -70,6 +71,7 @@ __all__ = [
     "Transfer",
     "__version__",
     "objects",
+    "plot",
     "sensor",
 ]
 

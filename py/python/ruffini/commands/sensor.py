@@ -13,6 +13,7 @@ import numpy as np
 
 import ruffini
 from ruffini._core import fit_foundation, read_sensor, sensor_names, sensor_template
+from ruffini._plot import check
 from ruffini._spaces import writing
 from ruffini.commands.press import touching_height
 
@@ -196,15 +197,11 @@ def _most(errors: list[float]) -> str:
 
 def _plot(file: str, found: dict[str, Any], path: Path) -> None:
     """Draw the face from above, with markers and the camera's view, and two sections."""
-    if path.suffix not in (".png", ".svg"):
-        raise ValueError(f"plot: found {path}, expected a name that ends in .png or .svg")
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-        from matplotlib.patches import Rectangle
-    except ImportError as error:
-        text = 'pictures are drawn with matplotlib: pip install "ruffini[data]"'
-        raise ValueError(text) from error
+    check(path)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
     vertices = 1e3 * ruffini.sensor(file, resolution=4000).mesh.vertices
     thickness = 1e3 * found["outline"]["thickness"]
     # Nodes stand in columns, the one of the face on top.
