@@ -34,7 +34,6 @@ from ruffini._core import (
     SimulationError,
     SoftBody,
     SoftSurrogate,
-    Surrogate,
     TetMesh,
     Transfer,
     __version__,
@@ -43,6 +42,7 @@ from ruffini._core import (
 )
 from ruffini._plot import plot
 from ruffini._schema import CHANNELS, REWARD_TERMS, TACTILE_CHANNELS, TASKS
+from ruffini._surrogate import OutsideTrainingWarning, Surrogate
 
 __all__ = [
     "CHANNELS",
@@ -58,6 +58,7 @@ __all__ = [
     "History",
     "LinearPad",
     "Object",
+    "OutsideTrainingWarning",
     "PaperAnswer",
     "PaperNetwork",
     "Press",

@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 
 import ruffini
+from ruffini import _core
 from ruffini._core import fit_foundation, read_sensor, sensor_names, sensor_template
 from ruffini._plot import check
 from ruffini._spaces import writing
+from ruffini._surrogate import SHIPPED, unlike
 from ruffini.commands.press import touching_height
 
 _BALL = 4e-3
@@ -154,10 +156,12 @@ def _stiffness(file: str, thickness: float) -> str:
 def _models(file: str) -> str:
     """Values of the setting ``tactile`` that take the pad, and why others do not."""
     try:
-        ruffini.Surrogate(file)
+        _core.Surrogate(file)
     except ValueError as error:
         return f"compliance, fem; not surrogate: {str(error).partition(': ')[2]}"
-    return "surrogate, compliance, fem"
+    other = unlike(SHIPPED, file)
+    known = f"; surrogate is trained on other pads: {', '.join(other)}" if other else ""
+    return f"surrogate, compliance, fem{known}"
 
 
 def _fit(file: str, calibrations: list[dict[str, Any]], nodes: int) -> None:
