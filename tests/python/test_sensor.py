@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import json
+import pickle
+import warnings
+from pathlib import Path
 
 import pytest
 
 import ruffini
-from ruffini._core import fit_foundation, read_sensor, sensor_names, sensor_template
+from ruffini import OutsideTrainingWarning
+from ruffini._core import (
+    fit_foundation,
+    read_sensor,
+    sensor_names,
+    sensor_template,
+    write_tensors,
+)
+from ruffini._trained_gels import _MEASURED, SHIPPED, unlike, warn_of
 from ruffini.commands import main
 from ruffini.envs import GraspLiftEnv
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -76,6 +89,64 @@ def test_a_pad_that_the_network_does_not_fit_is_told_which_would(file, capsys):
         ruffini.Surrogate(str(file))
     assert main(["sensor", "check", str(file)]) == 0
     assert "compliance, fem; not surrogate" in capsys.readouterr().out
+
+
+def test_a_pad_that_the_network_was_not_trained_on_is_told_of(file, capsys):
+    assert unlike(SHIPPED, str(file)) == []
+    for name in sensor_names():
+        for material in json.loads(read_sensor(name))["calibration"]:
+            assert unlike(SHIPPED, name, material["name"]) == []
+    text = file.read_text().replace("thickness = 0.004", "thickness = 0.005")
+    file.write_text(text.replace("radius_along = 0.210", "radius_along = inf"))
+    thick = ["thickness 5 mm (3.8 to 4 mm)", "radius along inf mm (100 to 210 mm)"]
+    assert unlike(SHIPPED, str(file)) == thick
+    assert unlike(SHIPPED, "digit", poisson=0.2) == ["Poisson's ratio 0.2 (0.3 to 0.499)"]
+    assert main(["sensor", "check", str(file)]) == 0
+    assert f"surrogate is trained on other pads: {thick[0]}" in capsys.readouterr().out
+    with pytest.warns(OutsideTrainingWarning, match=r"my.toml: found thickness 5 mm") as told:
+        network = ruffini.Surrogate(str(file), friction=0.5)
+    [warning] = told
+    assert warning.filename == __file__ and "7.9 % in stress" in str(warning.message)
+    path = [((0, 0, 4e-3 - depth), (0, 0, 0, 1)) for depth in (2.5e-4, 5e-4)]
+    press = ruffini.Press(ruffini.Shape.sphere(4e-3), path)
+    assert network.solve(press)[0].wrench[2] < -0.1
+    with pytest.warns(OutsideTrainingWarning, match="thickness 5 mm") as told:
+        env = GraspLiftEnv(sensor=str(file))
+    assert [warning.filename for warning in told] == [__file__]
+    pickle.loads(pickle.dumps(env))
+    GraspLiftEnv(sensor=str(file), tactile="compliance")
+
+
+@pytest.mark.parametrize(
+    ("settings", "warns"),
+    [
+        ({}, False),
+        ({"sensor": None, "material": "feats"}, False),
+        ({"material": {"young": 1e3, "poisson": 0.45}}, False),
+        ({"material": {"young": 3e5, "poisson": 0.2}}, True),
+        ({"material": {"young": 3e5, "poisson": 0.2}, "tactile": "fem"}, False),
+        ({"material": "feats", "network": "narrow.safetensors"}, True),
+        ({"sensor": "digit", "network": "narrow.safetensors"}, True),
+        ({"network": "narrow.safetensors"}, False),
+    ],
+)
+def test_settings_outside_of_what_their_network_learnt_are_told_of(
+    settings, warns, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    narrow = {"data": {"sensors": ["gelsight-mini"], "poisson": [0.47, 0.47]}}
+    Path("narrow.safetensors").write_bytes(write_tensors({}, json.dumps(narrow)))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        warn_of(settings)
+    assert len(told) == warns, told
+
+
+def test_the_errors_that_the_warning_tells_are_those_of_the_report():
+    report = json.loads((ROOT / "tests/reports/sensors.json").read_text())
+    found = report["pads"]["not trained"]["network"]
+    medians = [f"{100 * found[part]['median']:.1f} % in {part}" for part in found]
+    assert len(medians) == 3 and all(text in _MEASURED for text in medians), medians
 
 
 @pytest.mark.parametrize("text", ["name = 3", "[[[", "outline = 1"])

@@ -10,6 +10,7 @@ import pytest
 
 import ruffini
 from ruffini import PaperNetwork, Press, PressError, Shape, SoftSurrogate, Surrogate, surrogate
+from ruffini._trained_gels import SHIPPED
 from ruffini.commands import main
 
 safetensors = pytest.importorskip("safetensors.numpy")
@@ -59,6 +60,11 @@ def test_its_fields_are_nearer_to_fine_finite_elements_than_the_linear_answers(n
     # A ball of half a millimetre bears on fewer nodes than most of what was learnt.
     pin = network.solve(Press(Shape.sphere(5e-4), [([1e-3, 0, 2e-4], UPRIGHT)]))[0]
     assert not network.is_in_distribution(pin)
+
+
+def test_what_the_shipped_network_was_trained_on_is_what_its_card_says(network):
+    data = json.loads(network.card)["data"]
+    assert {name: data[name] for name in SHIPPED} == SHIPPED
 
 
 def test_small_balls_are_felt_anywhere_and_their_errors_predicted(network):

@@ -41,7 +41,9 @@ from ruffini._core import (
     objects,
     sensor,
 )
+from ruffini._plot import plot
 from ruffini._schema import CHANNELS, REWARD_TERMS, TACTILE_CHANNELS, TASKS
+from ruffini._trained_gels import OutsideTrainingWarning
 
 __all__ = [
     "CHANNELS",
@@ -57,6 +59,7 @@ __all__ = [
     "History",
     "LinearPad",
     "Object",
+    "OutsideTrainingWarning",
     "PaperAnswer",
     "PaperNetwork",
     "Press",
@@ -70,6 +73,7 @@ __all__ = [
     "Transfer",
     "__version__",
     "objects",
+    "plot",
     "sensor",
 ]
 

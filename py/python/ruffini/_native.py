@@ -13,6 +13,7 @@ from ruffini._core import Batch
 from ruffini._schema import ENDINGS, TASKS, specification
 from ruffini._settings import naming_nearest, to_json
 from ruffini._spaces import Renderer, Spaces
+from ruffini._trained_gels import warn_of
 
 
 @dataclass
@@ -93,6 +94,8 @@ class Native:
         self._settings = settings
         self._renderer = renderer
         self._batch = self._new_batch()
+        if self._batch.skin() is not None:
+            warn_of(settings)
         self._make_spaces()
         self._terms = self._batch.reward_terms()
         self._endings = ENDINGS

@@ -18,6 +18,10 @@ use crate::{error::python_error, signals::interruptible};
 /// 0.04 mm; the network adds the effect of large strain, on the mesh of `body`. It was trained on
 /// indenters of 0.5 to 40 mm. Without contact the correction is exactly zero.
 ///
+/// An OutsideTrainingWarning tells of a pad whose thickness, sides or radii, or of a gel whose
+/// Poisson's ratio, is not between those that the network was trained on. Young's modulus only
+/// scales its answers.
+///
 /// Args:
 ///     sensor: Name of a sensor, or the path of its .toml file.
 ///     calibration: Name of the material; the first of the sensor if not given.
@@ -136,7 +140,9 @@ impl Surrogate {
                 CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             surrogate::Surrogate::new(&sensor, moduli, friction)
         });
-        Self::of(py, model.map_err(python_error)?)
+        let model = Self::of(py, model.map_err(python_error)?)?;
+        warn(py, None, sensor, calibration, poisson)?;
+        Ok(model)
     }
 
     /// Loads a network of one's own, from weights written by `ruffini network train`.
@@ -165,7 +171,9 @@ impl Surrogate {
                 CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             surrogate::Surrogate::load(&path, &sensor, moduli, friction)
         });
-        Self::of(py, model.map_err(python_error)?)
+        let model = Self::of(py, model.map_err(python_error)?)?;
+        warn(py, Some(model.card()), sensor, calibration, poisson)?;
+        Ok(model)
     }
 
     /// Same network evaluated by Candle's layers, the reference for the fast implementation:
@@ -234,6 +242,20 @@ impl Surrogate {
         let body = SoftBody::from_core(py, model.body().clone())?;
         Ok(Self { model: Mutex::new(model), body: Py::new(py, body)? })
     }
+}
+
+/// Warns in Python if a gel is unlike those that the network of this card, or the shipped one, was
+/// trained on.
+fn warn(
+    py: Python<'_>,
+    card: Option<String>,
+    sensor: &str,
+    calibration: Option<&str>,
+    poisson: Option<f64>,
+) -> PyResult<()> {
+    let trained = py.import("ruffini._trained_gels")?;
+    trained.call_method1("warn", (card, sensor, calibration, poisson))?;
+    Ok(())
 }
 
 impl CalibratedGel {

@@ -10,8 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ruffini import Deformation, Fem, History, Press, PressError, Shape, TetMesh, sensor, viewing
-from ruffini._spaces import writing
+from ruffini import (
+    Deformation,
+    Fem,
+    History,
+    Press,
+    PressError,
+    Shape,
+    TetMesh,
+    plot,
+    sensor,
+    viewing,
+)
+from ruffini._plot import check
 from ruffini.commands import shapes
 from ruffini.commands.view import gel, summary
 from ruffini.viewing import Frame, Gel, Rigid, Skin
@@ -64,7 +75,7 @@ def add_to(commands: Any) -> None:
     )
     parser.add_argument("--out", help=".vtu or .npz file for the mesh and its fields")
     parser.add_argument(
-        "--plot", type=Path, help=".png or .svg file for displacement, stress and the force curve"
+        "--plot", type=Path, help=".png or .svg file for a section, the face and the force curve"
     )
     parser.set_defaults(run=run)
 
@@ -79,12 +90,12 @@ def run(options: argparse.Namespace) -> None:
     page = Path(options.view) if options.view else None
     if options.view is not None:
         viewing.check(page)
+    if options.plot is not None:
+        check(options.plot)
     body = sensor(options.sensor, options.calibration, options.resolution)
     fem = Fem(body, friction=options.friction, element=options.element)
     shape = shapes.shape(options.shape)
     touch = touching_height(shape, body.mesh.vertices)
-    if options.plot is not None and options.plot.suffix not in (".png", ".svg"):
-        raise ValueError(f"plot: found {options.plot}, expected a name that ends in .png or .svg")
     if options.force is None:
         _check_depth(options.depth, float(np.ptp(body.mesh.vertices[:, 2])))
         ways = _ways("depth", options.depth, 0.0)
@@ -102,7 +113,7 @@ def run(options: argparse.Namespace) -> None:
         fields = ("displacement", "von_mises", "contact_force")
         body.mesh.write(options.out, {name: getattr(last, name) for name in fields})
     if options.plot is not None:
-        _plot(body.mesh, frames, touch, options.plot)
+        plot(body, frames, options.plot, start=(0, 0, touch))
     _report(frames, touch - reached[2])
     if options.view is not None:
         viewing.view([pressed(body.mesh, options.shape, frames)], page)
@@ -155,43 +166,6 @@ def _solved(frames: list[Deformation | PressError]) -> list[Deformation]:
         if isinstance(frame, PressError):
             raise frame
     return [frame for frame in frames if isinstance(frame, Deformation)]
-
-
-def _plot(mesh: TetMesh, frames: list[Deformation], touch: float, path: Path) -> None:
-    """Draw displacement and stress of the face in the last frame, and the force of all frames."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        text = 'pictures are drawn with matplotlib: pip install "ruffini[data]"'
-        raise ValueError(text) from error
-    last, vertices = frames[-1], mesh.vertices
-    # The stress of a vertex is the mean of its tetrahedra, and the face is what is seen from above.
-    count = np.bincount(mesh.tets.ravel(), minlength=len(vertices))
-    shares = np.bincount(mesh.tets.ravel(), np.repeat(last.von_mises, 4), len(vertices))
-    plan, columns = np.unique(vertices[:, :2].round(9), axis=0, return_inverse=True)
-    top = np.full(len(plan), -np.inf)
-    np.maximum.at(top, columns.ravel(), vertices[:, 2])
-    face = np.flatnonzero(vertices[:, 2] >= top[columns.ravel()] - 1e-9)
-    x, y = 1e3 * vertices[face, 0], 1e3 * vertices[face, 1]
-    figure = Figure(figsize=(12, 4), layout="constrained")
-    left, middle, right = figure.subplots(1, 3)
-    fields = {
-        "displacement along z (mm)": (left, 1e3 * last.displacement[face, 2]),
-        "von Mises stress (kPa)": (middle, 1e-3 * (shares / count)[face]),
-    }
-    for name, (axes, values) in fields.items():
-        picture = axes.tricontourf(x, y, values, levels=20)
-        figure.colorbar(picture, ax=axes, label=name)
-        axes.set(xlabel="across, x (mm)", ylabel="along, y (mm)", aspect="equal")
-    poses = np.array([np.asarray(frame.pose[0], dtype=float) for frame in frames])
-    forces = np.array([frame.wrench[:3] for frame in frames])
-    way = np.abs(np.diff(poses, axis=0, prepend=[[*poses[0, :2], touch]])).sum(axis=1).cumsum()
-    right.plot(1e3 * way, -forces[:, 2], ".-", label="normal")
-    right.plot(1e3 * way, np.hypot(forces[:, 0], forces[:, 1]), ".-", label="tangential")
-    right.set(xlabel="way from the first touch (mm)", ylabel="force (N)")
-    right.legend()
-    with writing(path):
-        figure.savefig(path)
 
 
 def pressed(mesh: TetMesh, shape: str, frames: Iterable[Deformation]) -> Iterator[Frame]:

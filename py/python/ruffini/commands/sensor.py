@@ -12,8 +12,11 @@ from typing import Any
 import numpy as np
 
 import ruffini
+from ruffini import _core
 from ruffini._core import fit_foundation, read_sensor, sensor_names, sensor_template
+from ruffini._plot import check
 from ruffini._spaces import writing
+from ruffini._trained_gels import SHIPPED, unlike
 from ruffini.commands.press import touching_height
 
 _BALL = 4e-3
@@ -153,10 +156,12 @@ def _stiffness(file: str, thickness: float) -> str:
 def _models(file: str) -> str:
     """Values of the setting ``tactile`` that take the pad, and why others do not."""
     try:
-        ruffini.Surrogate(file)
+        _core.Surrogate(file)
     except ValueError as error:
         return f"compliance, fem; not surrogate: {str(error).partition(': ')[2]}"
-    return "surrogate, compliance, fem"
+    other = unlike(SHIPPED, file)
+    known = f"; surrogate is trained on other pads: {', '.join(other)}" if other else ""
+    return f"surrogate, compliance, fem{known}"
 
 
 def _fit(file: str, calibrations: list[dict[str, Any]], nodes: int) -> None:
@@ -196,15 +201,11 @@ def _most(errors: list[float]) -> str:
 
 def _plot(file: str, found: dict[str, Any], path: Path) -> None:
     """Draw the face from above, with markers and the camera's view, and two sections."""
-    if path.suffix not in (".png", ".svg"):
-        raise ValueError(f"plot: found {path}, expected a name that ends in .png or .svg")
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-        from matplotlib.patches import Rectangle
-    except ImportError as error:
-        text = 'pictures are drawn with matplotlib: pip install "ruffini[data]"'
-        raise ValueError(text) from error
+    check(path)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
     vertices = 1e3 * ruffini.sensor(file, resolution=4000).mesh.vertices
     thickness = 1e3 * found["outline"]["thickness"]
     # Nodes stand in columns, the one of the face on top.
