@@ -30,12 +30,11 @@ def options(parser: ArgumentParser) -> None:
 
 
 def make(options: Namespace) -> dict[str, Any]:
-    """Figures of every part by its module."""
-    rest = set(PARTS) - set(options.part)
-    kept = json.loads((OUT / "reality.json").read_text()) if rest else {}
-    return {
-        name: kept[name] if name in rest else import_module(name).make(options) for name in PARTS
-    }
+    """Figures of the parts by their modules."""
+    some = set(options.part) < set(PARTS)
+    kept = json.loads((OUT / "reality.json").read_text()) if some else {}
+    found = kept | {name: import_module(name).make(options) for name in options.part}
+    return {name: found[name] for name in PARTS if name in found}
 
 
 def page(report: dict[str, Any]) -> str:

@@ -178,13 +178,13 @@ def verdict(rows: list[dict[str, Any]]) -> str:
     real = {"force": MEASURED}
     return (
         "**The mesh**: with one shape and one material, linear elements on their mesh have forces "
-        f"{both(linear, finer)} (0.5 and 1 mm) beside quadratic ones on that mesh cut finer to "
-        f"{finer['vertices']} vertices. Its vertices lie some millimetres apart, the nearest to "
-        f"the middle of the face {1e3 * linear['nearest']:.2f} mm beside it, and that one sinks "
-        f"deeper than the ball does. **The shape**: what is left between theirs, cut finer, and "
-        f"ours is {both(finer, ours)}. **The material**: a real Mini had "
-        f"{MEASURED['0.5']:.3f} and {MEASURED['1']:.3f} N under such a ball (FEATS, above). Their "
-        f"mesh with their material is {both(linear, real)} from that, cut finer "
-        f"{both(finer, real)}: the coarse mesh, which is too stiff, makes up for a gel that is too "
-        "soft."
+        f"{both(linear, finer)} (at 0.5 and 1 mm) beside quadratic ones on that mesh cut finer to "
+        f"{finer['vertices']} vertices. The vertices of theirs lie some millimetres apart, the "
+        f"nearest to the middle of the face {1e3 * linear['nearest']:.2f} mm beside it, so that "
+        "one of them sinks deeper than the ball. **The shape**: what is left between theirs, cut "
+        f"finer, and ours is {both(finer, ours)}. **The material**: a real Mini had "
+        f"{MEASURED['0.5']:.3f} and {MEASURED['1']:.3f} N under such a ball (FEATS, above). From "
+        f"that their mesh with their material is {both(linear, real)}, and cut finer "
+        f"{both(finer, real)}: the coarse mesh, which is too stiff, makes up for a material that "
+        "is softer than that gel."
     )

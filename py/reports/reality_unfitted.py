@@ -161,16 +161,17 @@ def elements(part: dict[str, Any]) -> str:
     forces = np.array([at_points(part, row) for row in rows])
     change = 100 * (forces.max(axis=0) / forces.min(axis=0) - 1)
     sliding = 100 * np.abs(errors(part, rows[-1], rows[-2])).max()
-    pairs = zip(refined, (rows[0], rows[-1]), strict=True)
+    pairs = [(a, b) for a in refined for b in rows if a["friction"] == b["friction"]]
     mesh = 100 * max(np.abs(errors(part, *pair)).max() for pair in pairs)
+    checked = " and ".join(f"{row['friction']:g}" for row in refined)
     first, last = (f"{1e3 * part['depths'][n]:g} mm" for n in (0, -1))
     return (
         f"At {first} all are off by {spanned(found[:, 0])}, at {last} by {spanned(found[:, -1])}. "
         f"Friction changes the force by {change[0]:.1f} % at {first} and by {change[-1]:.0f} % at "
-        f"{last} (from 1 to 2 by at most {sliding:.1f} % anywhere). The measurement's is not "
+        f"{last} (from 1 to 2 by at most {sliding:.2f} % anywhere). The measurement's is not "
         f"known, so it can be the reason for much of the error at {last}, but not for that at "
         f"{first}. The mesh is the reason for neither: on one refined towards the contact, of "
-        f"{refined[0]['vertices']} vertices, forces with the least and the most friction change "
+        f"{refined[0]['vertices']} vertices, forces with μ {checked} change "
         f"by at most {mesh:.1f} %. Another E would scale all forces alike, which takes away no "
         "errors of opposite signs."
     )
