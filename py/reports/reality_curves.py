@@ -184,12 +184,11 @@ def drawn_fits(
 
 
 HEIGHT = 4.0
-SECTION = """## Force of a GelSight Mini under a ball
+SECTION = """### Fitted
 
-FEATS (Helmut et al. 2024) measured the normal force of a real GelSight Mini under a steel ball of
-7.5 mm at four depths (`tests/reference/feats_force_depth.csv`). What `ruffini calibrate` fits to it
-is below, by quadratic elements; ν is FEATS' {poisson} where it is not fitted. The goal is an
-error of at most {goal:100*.0f} % at each depth, and also at each depth that the fit has not seen.
+What `ruffini calibrate` fits to the same four points, by quadratic elements; ν is FEATS' {poisson}
+where it is not fitted. The goal is an error of at most {goal:100*.0f} % at each depth, and also at
+each depth that the fit has not seen.
 
 {verdict}
 

@@ -145,7 +145,34 @@ def test_our_face_moves_as_another_solver_says():
         assert apart < 0.06, f"{kind}: {apart} of the motion at 1 mm"
 
 
+def test_a_mesh_that_is_cut_finer_fills_the_same_body():
+    part = importlib.import_module("reality_mesh")
+    coarse, fine = part.their_mesh(), part.their_mesh(2e-3)
+    assert part.volume(fine) == pytest.approx(part.volume(coarse), rel=1e-9)
+    corners = fine.vertices[fine.tets]
+    assert np.linalg.det(corners[:, 1:] - corners[:, :1]).min() > 0, "an inverted tetrahedron"
+    faces = np.sort(np.vstack([np.delete(fine.tets, corner, axis=1) for corner in range(4)]))
+    faces, around = np.unique(faces, axis=0, return_counts=True)
+    assert around.max() == 2, "a face of more than two tetrahedra"
+    a, b, c = fine.vertices[faces[around == 1]].transpose(1, 0, 2)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    # Two faces, four sides of 3 mm, and four bevels of 3 mm by 1 mm.
+    bevel = np.hypot(3e-3, 1e-3) * (25.25e-3 + 19.25e-3 + 20.75e-3 + 14.75e-3)
+    sides = 2 * 3e-3 * (25.25e-3 + 20.75e-3)
+    assert area == pytest.approx(25.25e-3 * 20.75e-3 + 19.25e-3 * 14.75e-3 + sides + bevel)
+
+
+def test_the_mesh_of_another_simulator_is_pressed_as_the_page_says():
+    part = importlib.import_module("reality_mesh")
+    rows = json.loads((OUT / "reality.json").read_text())["reality_mesh"]["rows"]
+    again = part.pressed(part.their_mesh(), "p1")
+    assert again["vertices"] == rows[0]["vertices"] == 167
+    for depth, force in rows[0]["force"].items():
+        assert again["force"][depth] == pytest.approx(force, rel=1e-3), f"at {depth} mm"
+
+
 def test_the_references_are_small():
-    for name in ("gelsight_presses.npz", "gelsight_image.json", "taxim_ansys.npz"):
+    names = ("gelsight_presses.npz", "gelsight_image.json", "taxim_ansys.npz")
+    for name in (*names, "vitac_gelsight_mini.msh"):
         size = (ROOT / "tests/reference" / name).stat().st_size
         assert size <= 300_000, f"{name}: {size} bytes"
