@@ -94,6 +94,12 @@ pub enum Error {
     /// it.
     #[error("the trial grip has no answer, expected one in reach of the model")]
     NoTrial,
+    /// An object that slips out of the hand or is out of its reach.
+    #[error("the hand does not hold the object with {grip} N, expected one that it can grip")]
+    NotHeld {
+        /// Grip force of the hand (N).
+        grip: f64,
+    },
     /// A computation that was asked to end.
     #[error("interrupted")]
     Interrupted,
@@ -181,6 +187,7 @@ kinds! {
     Network: "network",
     Unreachable: "unreachable",
     NoTrial: "no-trial",
+    NotHeld: "not-held",
     Interrupted: "interrupted",
     Panicked: "panicked",
 }

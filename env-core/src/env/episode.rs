@@ -1,7 +1,7 @@
 //! One episode: its start, its steps and its end.
 
-use nalgebra::Vector3;
-use rand::RngExt;
+use nalgebra::{Isometry3, Vector3};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
@@ -19,10 +19,13 @@ use crate::{
     deformation::{Deformation, Press},
     scene::{Scene, SceneObject, SceneState},
     task::{
-        ACTION_SIZE, Ending, EpisodeParameters, FaultySensors, Progress, Range, RewardTerms,
-        StepState, TrialGrip, command,
+        ACTION_SIZE, Ending, EpisodeParameters, FaultySensors, ObjectSpec, Progress, Range,
+        RewardTerms, StepState, TrialGrip, command,
     },
 };
+
+/// Most draws of the parameters of an episode until the hand holds the object.
+const DRAWS: usize = 20;
 
 /// Running episode.
 #[derive(Serialize, Deserialize)]
@@ -80,60 +83,45 @@ impl Outcome {
 
 impl Episode {
     /// Creates an episode with parameters that are `given` or else drawn from `random`, and its first
-    /// motion.
+    /// motion. Parameters with which the hand does not hold the object, where it has to, are drawn
+    /// again; if it never does, that is an error.
     pub(super) fn start(
         setup: &Setup,
         random: &mut ChaCha8Rng,
         given: &GivenStart,
     ) -> Result<(Self, PendingStep)> {
+        let mut failed = None;
+        for _ in 0..DRAWS {
+            let (parameters, pose, place) = drawn(setup, random, given);
+            match Self::with(setup, random, parameters, pose, &place) {
+                Err(Error::NotHeld { grip }) => failed = Some((parameters.object, grip)),
+                other => return other,
+            }
+        }
+        let (object, grip) = failed.unwrap_or_default();
+        let spec = &setup.config.objects[object];
+        let found = format!("{spec}, which the hand does not hold in any of {DRAWS} draws");
+        Err(Error::invalid("objects", found, format!("one that it can grip with {grip:.3} N")))
+    }
+
+    /// Creates an episode with these parameters, the object at `pose` and the hand at `place` (m),
+    /// and its first motion.
+    fn with(
+        setup: &Setup,
+        random: &ChaCha8Rng,
+        parameters: EpisodeParameters,
+        pose: Isometry3<f64>,
+        place: &Vector3<f64>,
+    ) -> Result<(Self, PendingStep)> {
         let config = &setup.config;
-        let object = random.random_range(0..setup.models.len());
-        let object = given.or(StartQuantity::Object, object as f64) as usize;
-        let mut uniform = |[low, high]: Range| low + (high - low) * random.random::<f64>();
-        let mass = given.or(StartQuantity::Mass, uniform(config.mass));
-        let friction = config.task.friction(config.friction, uniform([0.0, 1.0]));
-        let friction = given.or(StartQuantity::Friction, friction);
-        let scale = given.or(StartQuantity::Size, uniform(config.size));
-        let yaw = given.or(StartQuantity::Yaw, uniform(config.yaw));
-        let x = given.or(StartQuantity::X, uniform(config.position));
-        let y = given.or(StartQuantity::Y, uniform(config.position));
-        let start = [
-            given.or(StartQuantity::StartX, uniform(config.start)),
-            given.or(StartQuantity::StartY, uniform(config.start)),
-            given.or(StartQuantity::StartHeight, uniform(config.start_height)),
-        ];
-        let model = &setup.models[object];
-        let pose = model.rest(scale, x, y, yaw);
-        let (low, high) = model.surface().bounds();
-        let mut parameters = EpisodeParameters {
-            object,
-            scale,
-            mass,
-            friction,
-            half_extents: (0.5 * scale * (high - low)).into(),
-            rest_height: pose.translation.z,
-            stress_limit: None,
-            trial: None,
-            young: None,
-            gel_stiffness: 1.0,
-            shaking: None,
-            insertion: None,
-        };
-        config.task.draw(config, &mut parameters, &mut uniform);
-        // The gel and the sensors have streams of their own, so they change no other draw.
-        let stream = |number: u64| {
-            let mut own = random.clone();
-            own.set_stream(number);
-            own
-        };
-        let [low, high] = config.gel_stiffness;
-        let drawn = low + (high - low) * stream(1).random::<f64>();
-        parameters.gel_stiffness = given.or(StartQuantity::GelStiffness, drawn);
+        let EpisodeParameters { object, scale, mass, friction, .. } = parameters;
+        // The sensors have streams of their own, so they change no other draw.
+        let streams = [2, 3].map(|number| stream(random, number));
         let (errors, period) = (&config.sensor_errors, config.scene.physics.control_period);
-        let sensors = FaultySensors::draw(errors, &setup.layout, [2, 3].map(stream), period);
-        let object = SceneObject { model, scale, mass, friction, pose };
+        let sensors = FaultySensors::draw(errors, &setup.layout, streams, period);
+        let object = SceneObject { model: &setup.models[object], scale, mass, friction, pose };
         let InitialState { scene, grip, path } =
-            InitialState::new(setup, &object, &Vector3::from(start), &parameters)?;
+            InitialState::new(setup, &object, place, &parameters)?;
         let tried = |t: TrialGrip| trial(setup, &object, &parameters, t.grip);
         let presses = parameters.trial.map(tried).transpose()?;
         let state = scene.state();
@@ -325,6 +313,74 @@ impl Episode {
         }
         outcome
     }
+}
+
+/// Returns an error if no episode can start with an object of one's own. Those of the catalogue are
+/// known to be held.
+pub(super) fn check_starts(setup: &Setup) -> Result<()> {
+    for (object, spec) in setup.config.objects.iter().enumerate() {
+        if !matches!(spec, ObjectSpec::Name(_)) {
+            let mut given = GivenStart::default();
+            given.set(StartQuantity::Object, object as f64, setup)?;
+            Episode::start(setup, &mut ChaCha8Rng::seed_from_u64(0), &given)?;
+        }
+    }
+    Ok(())
+}
+
+/// Draws the parameters of an episode from `random` unless they are `given`, with the pose of the
+/// object on the table and the place of the hand (m).
+fn drawn(
+    setup: &Setup,
+    random: &mut ChaCha8Rng,
+    given: &GivenStart,
+) -> (EpisodeParameters, Isometry3<f64>, Vector3<f64>) {
+    let config = &setup.config;
+    let object = random.random_range(0..setup.models.len());
+    let object = given.or(StartQuantity::Object, object as f64) as usize;
+    let mut uniform = |[low, high]: Range| low + (high - low) * random.random::<f64>();
+    let mass = given.or(StartQuantity::Mass, uniform(config.mass));
+    let friction = config.task.friction(config.friction, uniform([0.0, 1.0]));
+    let friction = given.or(StartQuantity::Friction, friction);
+    let scale = given.or(StartQuantity::Size, uniform(config.size));
+    let yaw = given.or(StartQuantity::Yaw, uniform(config.yaw));
+    let x = given.or(StartQuantity::X, uniform(config.position));
+    let y = given.or(StartQuantity::Y, uniform(config.position));
+    let place = Vector3::new(
+        given.or(StartQuantity::StartX, uniform(config.start)),
+        given.or(StartQuantity::StartY, uniform(config.start)),
+        given.or(StartQuantity::StartHeight, uniform(config.start_height)),
+    );
+    let model = &setup.models[object];
+    let pose = model.rest(scale, x, y, yaw);
+    let (low, high) = model.surface().bounds();
+    let mut parameters = EpisodeParameters {
+        object,
+        scale,
+        mass,
+        friction,
+        half_extents: (0.5 * scale * (high - low)).into(),
+        rest_height: pose.translation.z,
+        stress_limit: None,
+        trial: None,
+        young: None,
+        gel_stiffness: 1.0,
+        shaking: None,
+        insertion: None,
+    };
+    config.task.draw(config, &mut parameters, &mut uniform);
+    // The gel has a stream of its own, so it changes no other draw.
+    let [low, high] = config.gel_stiffness;
+    let stiffness = low + (high - low) * stream(random, 1).random::<f64>();
+    parameters.gel_stiffness = given.or(StartQuantity::GelStiffness, stiffness);
+    (parameters, pose, place)
+}
+
+/// Random stream of that `number` beside `random`.
+fn stream(random: &ChaCha8Rng, number: u64) -> ChaCha8Rng {
+    let mut own = random.clone();
+    own.set_stream(number);
+    own
 }
 
 /// Writes the observation of `step` into `row` and records the time of each channel.

@@ -54,7 +54,9 @@ impl Setup {
         let tactile = tactile_model(&config, &models)?;
         let layout = ObservationLayout::new(&config, tactile.pads().map(|pad| &**pad.skin()))?;
         let fingerprint = snapshot::fingerprint(&config);
-        Ok(Self { config, layout, models, tactile, fingerprint })
+        let setup = Self { config, layout, models, tactile, fingerprint };
+        episode::check_starts(&setup)?;
+        Ok(setup)
     }
 
     /// The settings.

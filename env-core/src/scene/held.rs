@@ -4,7 +4,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::{Command, ObjectModel, Scene, SceneConfig, SceneObject, SceneState};
+use super::{Command, FingerState, ObjectModel, Scene, SceneConfig, SceneObject, SceneState};
 use crate::{Error, Result};
 
 /// Control periods within which the fingers reach any object that fits between them.
@@ -32,10 +32,10 @@ impl Scene {
     }
 
     /// Creates a scene whose hand, at `tool_center` (m), has gripped the object with `grip` (N); an
-    /// error if the hand closes on nothing.
+    /// [`Error::NotHeld`] if the hand closes on nothing or the object slips out of it.
     ///
     /// The object starts at [`SceneObject::pose`] without gravity. Once both pads press, gravity
-    /// acts and the object comes to rest in the hand if `grip` holds it. `seen` is called with the
+    /// acts and the object comes to rest in the hand. `seen` is called with the
     /// scene before the first touch and after each time step, so that the caller can record the
     /// contact history of the pads.
     pub fn holding(
@@ -58,14 +58,14 @@ impl Scene {
         };
         let closed = (0..MOST_PERIODS).any(|_| pressed(stepped(&mut scene)));
         if !closed {
-            let expected = format!("one that the hand can grip with {grip} N");
-            return Err(Error::invalid("objects", "an object out of the pads' reach", expected));
+            return Err(Error::NotHeld { grip });
         }
         scene.set_gravity(config.physics.gravity);
         for _ in 0..REST {
             stepped(&mut scene);
         }
-        Ok(scene)
+        let is_held = scene.state().fingers.iter().all(FingerState::touches);
+        if is_held { Ok(scene) } else { Err(Error::NotHeld { grip }) }
     }
 }
 

@@ -66,6 +66,7 @@ class PressError(SimulationError):
         "network",
         "unreachable",
         "no-trial",
+        "not-held",
         "interrupted",
         "panicked",
     ]
