@@ -452,3 +452,17 @@ def test_the_scripted_policy_lifts_what_is_fragile_and_no_constant_grip_does():
     for force in (2.0, 3.0):
         constant = evaluate(Firm(force), FRAGILE, 24)
         assert constant["interval"][1] < written["success"], (force, constant)
+
+
+def test_an_object_in_the_hand_is_held_whatever_is_drawn():
+    cone = {"shape": "cone", "radius": 0.02, "half_height": 0.025}
+    env = gym.make(HOLD, objects=cone, size=1, **SOFT)
+    for seed in range(6):
+        observation, _ = env.reset(seed=seed)
+        assert np.abs(observation["wrench"]).max(axis=1).min() > 0.1, seed
+
+
+def test_an_object_that_the_hand_never_holds_is_refused():
+    small = {"shape": "sphere", "radius": 0.002}
+    with pytest.raises(ValueError, match="sphere, radius 0.002 m, which the hand does not hold"):
+        gym.make(HOLD, objects=["cup", small], size=1, tactile="none")
