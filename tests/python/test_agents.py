@@ -161,6 +161,10 @@ def test_tensors_cross_as_they_are():
         (lambda seen: seen | {"slip": np.zeros((2, 3))}, r"\(2, 3\), expected \(2,\) or \(N, 2\)"),
         (lambda seen: seen | {"slip": np.zeros((3, 2))}, "as many rows of each"),
         (lambda seen: np.zeros((2, 27)), r"found shape \(2, 27\), expected \(28,\) or \(N, 28\)"),
+        (
+            lambda seen: seen | {"slip": np.full((2, 2), np.nan)},
+            r"observation\['slip'\]: found nan in 4 of 4 numbers, expected finite",
+        ),
         (lambda seen: np.zeros(()), r"found shape \(\), expected \(28,\)"),
     ],
 )

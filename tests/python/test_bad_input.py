@@ -145,6 +145,17 @@ def test_bad_actions_are_refused_and_change_nothing():
     assert (env.state(), envs.state()) == before
 
 
+def test_finite_actions_beyond_float32_count_as_the_nearer_bound():
+    env = GraspLiftEnv(obs="flat", tactile="none")
+    found = []
+    for action in (np.full(5, 1e39), np.ones(5, np.float32), [10**39] * 5, np.full(5, 2.0)):
+        env.reset(seed=0)
+        found.append(env.step(np.asarray(action, np.float64))[0])
+    for other in found[1:]:
+        np.testing.assert_array_equal(found[0], other)
+    assert "expected finite" in outcome(env.step, np.full(5, np.inf))
+
+
 @pytest.mark.parametrize(
     ("settings", "parts"),
     [
@@ -165,6 +176,9 @@ def test_bad_actions_are_refused_and_change_nothing():
         ({"nonsense": 1}, ["nonsense", "mass"]),
         ({"width": 5}, ["width", "5", "16 to 4096"]),
         ({"max_episode_steps": 0}, ["max_episode_steps", "0", "1 to 1000000"]),
+        ({"max_episode_steps": "x"}, ['found string "x", expected a whole number from 0']),
+        ({"sensor_errors": {"markers": 3}}, ["markers: found integer `3`, expected a mapping"]),
+        ({"gripper": {"max_force": "x"}}, ['max_force: found string "x", expected a number']),
     ],
 )
 def test_a_message_names_the_setting_what_was_found_and_what_was_expected(settings, parts):

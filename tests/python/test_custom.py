@@ -159,6 +159,31 @@ def test_a_registered_task_is_made_by_gymnasium_and_stable_baselines3():
         gym.registry.pop("test/Low-v0")
 
 
+@pytest.mark.parametrize(("given", "expected"), [({}, 3), ({"max_episode_steps": 10}, 10)])
+def test_make_and_make_vec_set_the_time_limit(given, expected):
+    class Brief(Lift):
+        """Ends after three steps."""
+
+        settings = RIGID | {"max_episode_steps": 3}
+
+    def ends(envs, rows):
+        envs.reset(seed=0)
+        still = np.zeros((*rows, 5), np.float32)
+        return [bool(np.all(envs.step(still)[3])) for _ in range(expected)]
+
+    register("test/Brief-v0", Brief)
+    try:
+        single = gym.make("test/Brief-v0", **given)
+        batch = gym.make_vec("test/Brief-v0", num_envs=2, **given)
+        unlimited = gym.make("test/Brief-v0", max_episode_steps=-1)
+    finally:
+        gym.registry.pop("test/Brief-v0")
+    for envs, rows in ((single, ()), (batch, (2,)), (CustomEnv(Brief, **given), ())):
+        assert ends(envs, rows) == [False] * (expected - 1) + [True]
+    assert batch.spec.max_episode_steps == single.spec.max_episode_steps == expected
+    assert not any(ends(unlimited, ()))
+
+
 def test_gymnasium_wraps_single_environments_in_turn_and_the_batch_as_a_whole():
     task, settings = "ruffini/GraspLift-v0", {"num_envs": 2, "obs": "flat", **RIGID}
 

@@ -234,7 +234,11 @@ def test_a_folder_with_another_dataset_is_refused(folder):
     [
         ({"objects": 64}, "objects: found 64, expected 1 to 63"),
         ({"frames": 0}, "frames: found 0"),
-        ({"grasps": -1}, "expected usize"),
+        ({"grasps": -1}, "found integer `-1`, expected a whole number from 0"),
+        (
+            {"scenario": "presses", "frames": 3},
+            "frames: found 3, expected 7, the most that",
+        ),
         ({"colour": "red"}, "unknown field `colour`"),
         ({"truth_element": "p9"}, "p9"),
         ({"threads": 0}, "threads: found 0"),

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from ruffini import Press, PressError, Shape, Surrogate, dataset
+from ruffini import Press, PressError, Shape, Surrogate, dataset, surrogate
 from ruffini.commands import main
 
 pytest.importorskip("safetensors")
@@ -105,12 +105,15 @@ def test_splits_are_by_indenter(data):
 
 def test_a_network_learns_from_it_feels_small_balls_and_predicts_its_errors(data, tmp_path, capsys):
     out = str(tmp_path / "run")
-    options = ["--split", "presses", "--epochs", "2", "--width", "8"]
+    options = ["--epochs", "2", "--width", "8"]
     assert main(["network", "train", str(data.path), out, *options, "--linear-nodes", "700"]) == 0
     assert "frames to train on" in capsys.readouterr().err
     network = Surrogate.load(f"{out}/weights.safetensors", friction=0.5)
     card = json.loads(network.card)
-    assert card["data"]["friction"] == [0.0, 2.0]
+    assert card["data"]["friction"] == [0.0, 2.0] and card["training"]["split"] == "presses"
+    weights = f"{out}/weights.safetensors"
+    frames = surrogate.evaluate(weights, data.path)
+    assert frames == surrogate.evaluate(weights, data.path, "presses")
     ball = Press(Shape.sphere(5e-4), [([7e-4, 5e-4, 5e-4 - d], (0, 0, 0, 1)) for d in (2e-5, 5e-5)])
     found = network.solve(ball)[0]
     assert not isinstance(found, PressError)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from ruffini.evaluation import FIRST_SEED, bootstrap, evaluate, line, wilson
 
@@ -49,6 +50,12 @@ def test_a_seed_has_one_episode_in_whichever_batch():
     parts = [evaluate(Still(), LIFT, 1, first_seed=5 + row, **SHORT) for row in range(2)]
     mean = np.mean([part["return"] for part in parts])
     assert abs(whole["return"] - mean) < 1e-3, (whole["return"], mean)
+
+
+@pytest.mark.parametrize("episodes", [0, -1, 1.5, None])
+def test_a_wrong_number_of_episodes_is_named(episodes):
+    with pytest.raises(ValueError, match=f"episodes: found {episodes}, expected a whole number"):
+        evaluate(Still(), LIFT, episodes, **SHORT)
 
 
 def test_every_early_ending_is_counted_once():

@@ -80,6 +80,15 @@ def test_make_sets_the_time_limit(limit):
     assert observation["time"] == pytest.approx(0.04 * limit)
 
 
+def test_the_frame_rate_is_that_of_the_steps():
+    task, rigid = "ruffini/GraspLift-v0", {"tactile": "none"}
+    fast = rigid | {"physics": {"control_period": 0.02, "time_step": 0.002}}
+    for settings, rate in ((rigid, 25), (fast, 50), (rigid, 25)):
+        for envs in (gym.make(task, **settings), gym.make_vec(task, num_envs=2, **settings)):
+            assert envs.metadata["render_fps"] == envs.unwrapped.metadata["render_fps"] == rate
+            assert envs.metadata["render_modes"] == ["rgb_array"]
+
+
 def test_a_seed_starts_the_same_stream_of_episodes():
     first, second = GraspLiftEnv(), GraspLiftEnv()
     for env in (first, second):

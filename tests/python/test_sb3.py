@@ -14,7 +14,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from ruffini.envs import GraspLiftEnv
-from ruffini.sb3 import TouchExtractor, make_vec_env
+from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, make_vec_env
 
 ID = "ruffini/GraspLift-v0"
 
@@ -43,6 +43,16 @@ def test_a_seed_takes_effect_at_the_next_reset():
     assert not np.array_equal(first, envs.reset())
     envs.seed(5)
     np.testing.assert_array_equal(first, envs.reset())
+
+
+def test_options_of_a_reset_are_checked_as_by_the_single_environment():
+    envs = VecMonitor(make_vec_env(ID, 2, obs="flat"))
+    for given in ({"mass": 0.05}, [{}, {"mass": 0.05}]):
+        with pytest.raises(ValueError, match=r"'mass', expected none; .* a setting of the environ"):
+            envs.set_options(given)
+    for none in (None, {}, [{}, {}]):
+        envs.set_options(none)
+    envs.reset()
 
 
 def same_infos(ours: list[dict], theirs: list[dict], where: str) -> None:
@@ -249,6 +259,21 @@ def test_ppo_learns_on_touch():
     envs = make_vec_env("ruffini/HoldStill-v0", 2, seed=0, **settings)
     kwargs = {"features_extractor_class": TouchExtractor, "net_arch": [32]}
     PPO("MultiInputPolicy", envs, n_steps=16, batch_size=16, policy_kwargs=kwargs).learn(32)
+
+
+def test_networks_of_channels_say_what_they_need():
+    privileged = {"privileged": ["proprio"]}
+    flat, dicts = (make_vec_env(ID, 1, obs=obs, tactile="none") for obs in ("flat", "dict"))
+    for policy, kwargs in (
+        (AsymmetricPolicy, privileged),
+        ("MlpPolicy", {"features_extractor_class": TouchExtractor}),
+    ):
+        with pytest.raises(ValueError, match=r"observation_space: found Box .*expected a Dict"):
+            PPO(policy, flat, policy_kwargs=kwargs, device="cpu")
+    with pytest.raises(ValueError, match=r"privileged: found 'object', .* list .*\['object'\]"):
+        PPO(AsymmetricPolicy, dicts, policy_kwargs={"privileged": "object"}, device="cpu")
+    with pytest.raises(ValueError, match=r"policy: found AsymmetricPolicy .* expected PPO or A2C"):
+        SAC(AsymmetricPolicy, dicts, policy_kwargs=privileged, buffer_size=10, device="cpu")
 
 
 def test_sac_learns_on_flat_observations():

@@ -20,8 +20,8 @@ from ruffini.policies import part, scripted
 FRAGILE, HOLD = "ruffini/GraspFragile-v0", "ruffini/HoldStill-v0"
 SOFT: dict[str, Any] = NEEDED[FRAGILE]
 SQUEEZE = "ruffini/GraspSoft-v0"
+BALL = {"objects": "sphere", "position": 0.0}
 CASES = [(FRAGILE, SOFT), (HOLD, {}), (HOLD, SOFT), (SQUEEZE, NEEDED[SQUEEZE])]
-OVER_OBJECT = {"objects": "sphere", "position": 0.0, "start": 0.0, "start_height": 0.08}
 
 
 def grasping(step: int, grip: float) -> np.ndarray:
@@ -108,7 +108,7 @@ def test_parts_of_observations_go_by_name():
 @pytest.mark.parametrize(("env_id", "settings"), CASES)
 def test_a_row_equals_the_single_environment_bit_for_bit(env_id, settings, mode):
     # Ten steps an episode, and a grip that drops one object and not the other.
-    rows, settings = 2, settings | OVER_OBJECT | {"max_episode_steps": 10}
+    rows, settings = 2, settings | {"objects": "sphere", "max_episode_steps": 10}
     acts = np.stack([[grasping(step % 11, 0.4), grasping(step % 11, -0.2)] for step in range(24)])
     envs = gym.make_vec(env_id, num_envs=rows, autoreset_mode=mode, **settings)
     first, _ = envs.reset(seed=3)
@@ -141,7 +141,7 @@ def test_a_row_equals_the_single_environment_bit_for_bit(env_id, settings, mode)
 
 @pytest.mark.parametrize(("env_id", "settings"), CASES)
 def test_a_reset_forgets_and_a_copy_goes_on(env_id, settings):
-    settings = settings | OVER_OBJECT | {"yaw": 0.0}
+    settings = settings | {"objects": "sphere"}
     used, fresh = (gym.make(env_id, **settings).unwrapped for _ in range(2))
     used.reset(seed=2)
     steps, grip = (range(12), 0.1) if env_id == FRAGILE else (range(7, 12), 0.5)
@@ -197,6 +197,7 @@ def test_a_fragile_grip_changes_by_its_rate_and_a_hand_that_lets_go_has_dropped(
         ({"grip_rate": 0.0}, "grip_rate: found 0"),
         ({"friction": 0.0}, "safety_factor: found"),
         ({"slip_limit": 1e-3}, "slip_limit: found .*: GraspFragile has no such setting"),
+        ({"yaw": 0.3}, "yaw: found 0.3, expected nothing: GraspFragile has no such setting"),
     ],
 )
 def test_settings_that_no_fragile_grasp_has_are_refused(settings, message):
@@ -213,7 +214,7 @@ def gripping(observation: dict, force: float) -> np.ndarray:
 def test_a_softer_object_is_deformed_more_by_the_same_force():
     felt = {}
     for young in (4e4, 1.2e5):
-        env = gym.make(SQUEEZE, **OVER_OBJECT, young=young, mass=0.04, friction=0.8).unwrapped
+        env = gym.make(SQUEEZE, **BALL, young=young, mass=0.04, friction=0.8).unwrapped
         observation, _ = env.reset(seed=0)
         assert not observation["squeeze"].any()
         assert env.look()["young"] == young
@@ -229,7 +230,7 @@ def test_a_softer_object_is_deformed_more_by_the_same_force():
 
 
 def test_a_squeezed_object_resists_with_the_force_that_its_model_says():
-    env = gym.make(SQUEEZE, **OVER_OBJECT, yaw=0.0, young=6e4, friction=0.8).unwrapped
+    env = gym.make(SQUEEZE, **BALL, young=6e4, friction=0.8).unwrapped
     observation, _ = env.reset(seed=0)
     for _ in range(40):
         observation, *_ = env.step(gripping(observation, 0.6))
@@ -251,7 +252,7 @@ def test_a_squeezed_object_resists_with_the_force_that_its_model_says():
 
 
 def test_crushing_ends_the_episode_by_name():
-    env = gym.make(SQUEEZE, **OVER_OBJECT, young=3e4).unwrapped
+    env = gym.make(SQUEEZE, **BALL, young=3e4).unwrapped
     env.reset(seed=0)
     for _ in range(60):
         _, _, terminated, _, info = env.step(np.array([0, 0, 0, 0, 1], np.float32))
@@ -263,7 +264,7 @@ def test_crushing_ends_the_episode_by_name():
 
 
 def test_gentleness_is_paid_for_while_lifting_alone():
-    env = gym.make(SQUEEZE, **OVER_OBJECT, young=6e4, mass=0.03, friction=0.9).unwrapped
+    env = gym.make(SQUEEZE, **BALL, young=6e4, mass=0.03, friction=0.9).unwrapped
     observation, _ = env.reset(seed=0)
     paid = []
     for step in range(45):
@@ -293,7 +294,7 @@ def test_settings_that_no_soft_object_has_are_refused(settings, message):
 
 
 def test_the_picture_shows_the_squeezed_object():
-    env = gym.make(SQUEEZE, **OVER_OBJECT, young=6e4, render_mode="rgb_array").unwrapped
+    env = gym.make(SQUEEZE, **BALL, young=6e4, render_mode="rgb_array").unwrapped
     observation, _ = env.reset(seed=0)
     stressed = []
     for steps in (0, 30):

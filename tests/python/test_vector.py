@@ -82,6 +82,10 @@ def test_make_vec_takes_the_native_batch_with_its_time_limit():
     envs.reset(seed=0)
     ends = [envs.step(np.zeros((2, 5)))[3].all() for _ in range(6)]
     assert ends == [False] * 4 + [True, False]
+    assert envs.spec.max_episode_steps == 5
+    again = gym.make_vec(envs.spec, num_envs=2)
+    assert again.spec.max_episode_steps == 5
+    assert gym.make_vec("ruffini/GraspLift-v0").spec.max_episode_steps == 100
 
 
 def test_returned_arrays_are_the_callers_own():

@@ -143,7 +143,7 @@ def test_a_press_is_shown(tmp_path, capsys):
     [
         ({}, {"pad on -x", "pad on +x"}),
         ({"scenario": "soft", "truth_nodes": 300}, {"object"}),
-        ({"scenario": "presses", "objects": 1, "depth": 0.0005}, {"pad"}),
+        ({"scenario": "presses", "frames": 7, "depth": 0.0005}, {"pad"}),
     ],
     ids=["pads", "soft", "presses"],
 )

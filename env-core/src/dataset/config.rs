@@ -41,7 +41,8 @@ pub struct DatasetConfig {
     pub first: Vec<String>,
     /// Number of grasps of each object.
     pub grasps: usize,
-    /// Number of frames of growing force in each grasp.
+    /// Number of frames of growing force in each grasp. Presses of indenters have up to
+    /// seven, for which the default stands, too.
     pub frames: usize,
     /// Number of nodes of the mesh on which fields are stored.
     pub model_nodes: usize,
@@ -134,7 +135,7 @@ impl Default for DatasetConfig {
             textured: 0,
             first: Vec::new(),
             grasps: 100,
-            frames: 50,
+            frames: USUAL_FRAMES,
             model_nodes: 1000,
             truth_nodes: 2000,
             truth_element: "p1-bar".to_owned(),
@@ -171,6 +172,9 @@ fn is_none(count: &usize) -> bool {
 fn is_one(count: &usize) -> bool {
     *count == 1
 }
+
+/// Frames of a grasp if not configured.
+const USUAL_FRAMES: usize = 50;
 
 /// Usual distances between nodes across an indenter.
 const ACROSS: f64 = 8.0;
@@ -265,6 +269,14 @@ impl DatasetConfig {
         }
     }
 
+    /// Most frames of a grasp or press.
+    pub(super) fn most_frames(&self) -> usize {
+        match self.scenario {
+            Scenario::Pads | Scenario::Soft => self.frames,
+            Scenario::Presses => indentation::FRAMES,
+        }
+    }
+
     /// Least and greatest coefficient of friction, if they are drawn for each press.
     pub fn frictions(&self) -> Option<[f64; 2]> {
         (self.scenario == Scenario::Presses).then_some(indentation::FRICTION)
@@ -287,7 +299,12 @@ impl DatasetConfig {
                 return Err(Error::invalid(name, count, format!("{least} to {most}")));
             }
         }
-        let most = if self.scenario == Scenario::Presses { self.objects } else { 0 };
+        let presses = self.scenario == Scenario::Presses;
+        if presses && ![indentation::FRAMES, USUAL_FRAMES].contains(&self.frames) {
+            let expected = format!("{}, the most that a press has", indentation::FRAMES);
+            return Err(Error::invalid("frames", self.frames, expected));
+        }
+        let most = if presses { self.objects } else { 0 };
         if self.textured > most {
             let expected = format!("0 to {most}, the number of indenters");
             return Err(Error::invalid("textured", self.textured, expected));
@@ -415,6 +432,19 @@ mod tests {
         let (all, plain) = (drawn(600, 200), drawn(400, 0));
         assert_eq!((all.len(), &all[..400]), (600, &plain[..]));
         assert!(all[400..].iter().all(|object| matches!(object.shape, Shape::Mesh(_))));
+    }
+
+    #[test]
+    fn presses_have_their_own_number_of_frames() {
+        let of = |scenario, frames| {
+            DatasetConfig { scenario, frames, ..DatasetConfig::default() }.validated()
+        };
+        let error = of(Scenario::Presses, 2).unwrap_err().to_string();
+        assert_eq!(error, "frames: found 2, expected 7, the most that a press has");
+        for frames in [7, DatasetConfig::default().frames] {
+            assert_eq!(of(Scenario::Presses, frames).unwrap().most_frames(), 7);
+        }
+        assert_eq!(of(Scenario::Pads, 2).unwrap().most_frames(), 2);
     }
 
     #[test]

@@ -16,7 +16,6 @@ use sha2::{Digest, Sha256};
 
 use super::{
     config::{DatasetConfig, Scenario},
-    indentation,
     job::{GraspJob, Job, is_whole, jobs},
     manifest::{FORMAT, Manifest, Shard, Solved, Unsolved, splits},
     mesh_object::MeshObject,
@@ -97,11 +96,7 @@ pub fn estimate(config: &DatasetConfig, folder: &Path) -> Result<Estimate> {
     let setup = ScenarioBodies::new(&config, &objects, None)?;
     let open = jobs.iter().filter(|job| !is_whole(&folder.join(&job.file)));
     let grasps: usize = open.map(|job| job.missing(folder).len()).sum();
-    let frames = grasps
-        * match config.scenario {
-            Scenario::Pads | Scenario::Soft => config.frames,
-            Scenario::Presses => indentation::FRAMES,
-        };
+    let frames = grasps * config.most_frames();
     let factor = if config.truth_element == "p2" { QUADRATIC } else { 1.0 };
     let bodies = if config.scenario == Scenario::Pads { 2.0 } else { 1.0 };
     let frame = bodies * FRAME * (factor * config.truth_nodes as f64 / NODES).powf(POWER);
@@ -146,7 +141,7 @@ pub fn generate(
     let tasks: Vec<_> = open.iter().flat_map(|job| job.missing(folder)).collect();
     let count = |jobs: &[&Job]| jobs.iter().map(|job| job.plans.len()).sum::<usize>();
     let all = count(&packed) + count(&open);
-    let bytes = all as u64 * config.frames as u64 * setup.bytes_a_frame();
+    let bytes = all as u64 * config.most_frames() as u64 * setup.bytes_a_frame();
     let progress =
         GenerationProgress { done: all - tasks.len(), all, bytes, ..GenerationProgress::default() };
     let work = Work {

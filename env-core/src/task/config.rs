@@ -198,8 +198,9 @@ impl TaskConfig {
         Ok(self)
     }
 
-    /// The numeric settings: those that all tasks have, then those of the task.
+    /// The numeric settings: the common ones that have an effect, then those of the task.
     pub fn settings(&mut self) -> Vec<Setting<'_>> {
+        let unused = self.task.unused_settings();
         let Self {
             mass, friction, size, position, yaw, start, start_height, gel_stiffness, ..
         } = self;
@@ -251,6 +252,7 @@ impl TaskConfig {
                 "Young's modulus of the gel relative to that of its material",
             ),
         ];
+        settings.retain(|setting| !unused.contains(&setting.name));
         settings.extend(self.task.settings());
         settings
     }

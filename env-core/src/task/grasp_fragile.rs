@@ -88,6 +88,10 @@ impl Rules for GraspFragile {
         settings
     }
 
+    fn unused_settings(&self) -> &'static [&'static str] {
+        &["yaw", "start", "start_height"]
+    }
+
     fn adapt(&self, config: &mut TaskConfig) {
         // Only objects that meet the pads with neither an edge nor a flat face.
         config.choose_objects(&["sphere", "cylinder", "ellipsoid"]);
@@ -192,4 +196,4 @@ Those of :class:`GraspLiftEnv`, with these differences:
 
 {settings}
 
-``tactile="none"`` is an error; ``yaw``, ``start`` and ``start_height`` have no effect."#;
+``tactile="none"``, ``yaw``, ``start`` and ``start_height`` are errors."#;

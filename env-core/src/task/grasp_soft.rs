@@ -94,6 +94,10 @@ impl Rules for GraspSoft {
         settings
     }
 
+    fn unused_settings(&self) -> &'static [&'static str] {
+        &["yaw", "start", "start_height"]
+    }
+
     fn adapt(&self, config: &mut TaskConfig) {
         // Only objects that rigid faces touch first with neither a flat face nor an edge.
         config.choose_objects(&["sphere", "ellipsoid", "potato", "lemon"]);
@@ -196,5 +200,5 @@ Those of :class:`GraspLiftEnv`, with these differences:
 
 {settings}
 
-``tactile`` is ``"surrogate"`` and ``size`` 1; anything else is an error. ``yaw``, ``start`` and
-``start_height`` have no effect."#;
+``tactile`` is ``"surrogate"`` and ``size`` 1; anything else is an error, as are ``yaw``,
+``start`` and ``start_height``. ``sensor`` gives the fingers their outline."#;

@@ -114,6 +114,10 @@ impl Rules for HoldStill {
         settings
     }
 
+    fn unused_settings(&self) -> &'static [&'static str] {
+        &["position", "yaw", "lift_height", "hold_time"]
+    }
+
     fn adapt(&self, config: &mut TaskConfig) {
         // Also no objects that turn about the line between two contact points, which rigid pads
         // cannot prevent.
@@ -268,7 +272,7 @@ Those of :class:`GraspLiftEnv`, with these differences:
 
 {settings}
 
-``yaw`` and ``start`` have no effect."#;
+``position``, ``yaw``, ``lift_height`` and ``hold_time`` are errors."#;
 
 #[cfg(test)]
 mod tests {

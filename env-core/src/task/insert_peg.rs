@@ -165,6 +165,10 @@ impl Rules for InsertPeg {
         settings
     }
 
+    fn unused_settings(&self) -> &'static [&'static str] {
+        &["position", "yaw", "lift_height", "hold_time"]
+    }
+
     fn adapt(&self, config: &mut TaskConfig) {
         config.choose_objects(&["square-peg", "round-peg", "hexagonal-peg"]);
         config.move_gently();
@@ -396,5 +400,5 @@ Those of :class:`GraspLiftEnv`, with these differences:
 
 {settings}
 
-``position``, ``yaw``, ``start``, ``lift_height`` and ``hold_time`` have no effect. ``objects`` are
+``position``, ``yaw``, ``lift_height`` and ``hold_time`` are errors. ``objects`` are
 upright cuboids, cylinders and prisms, so long that the hand is over the block when they are in."#;

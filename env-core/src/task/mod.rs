@@ -75,6 +75,11 @@ pub trait Rules {
         Vec::new()
     }
 
+    /// Names of the common settings that would have no effect; the task refuses them.
+    fn unused_settings(&self) -> &'static [&'static str] {
+        &[]
+    }
+
     /// Changes the settings that all tasks have to the defaults of this one.
     fn adapt(&self, _config: &mut TaskConfig) {}
 

@@ -126,8 +126,8 @@ impl TaskConfig {
 
     /// The error of a setting that the task does not have.
     fn unknown(&self, name: &str, value: &Value) -> Error {
-        let owned = |mut task: Task| task.settings().iter().any(|setting| setting.name == name);
-        if Task::all().into_iter().any(owned) {
+        let has = |mut of: Self| of.settings().iter().any(|setting| setting.name == name);
+        if Task::all().iter().map(Self::of).any(has) {
             let expected = format!("nothing: {} has no such setting", self.task.name());
             return Error::invalid(name, value, expected);
         }
@@ -187,6 +187,19 @@ mod tests {
         assert_ne!((&config.task, &config.reward), (&usual.task, &usual.reward));
         usual.set("load", &serde_json::json!([1.0, 2.0])).unwrap();
         assert_eq!((&config.task, &config.scene), (&usual.task, &usual.scene));
+    }
+
+    #[test]
+    fn a_setting_without_effect_is_refused_by_name() {
+        for task in Task::all() {
+            for name in task.unused_settings() {
+                let mut config = TaskConfig::of(&task);
+                let error = config.set(name, &serde_json::json!(0.05)).unwrap_err().to_string();
+                let expected = format!("nothing: {} has no such setting", task.name());
+                assert_eq!(error, format!("{name}: found 0.05, expected {expected}"));
+                TaskConfig::default().set(name, &serde_json::json!(0.05)).unwrap();
+            }
+        }
     }
 
     #[test]

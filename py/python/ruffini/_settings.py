@@ -112,12 +112,24 @@ _UNKNOWN = re.compile(
     r"(?P=mark)), expected (?P<known>.+)"
 )
 """Part of a message that has an unknown word, and what was expected in its place."""
+_PLAIN = [
+    (re.compile(pattern), words)
+    for pattern, words in (
+        (r"invalid (?:type|value): ", "found "),
+        (r"\b(found|expected) (?:a )?sequence\b", r"\1 a list"),
+        (r"\b(found|expected) (?:a )?map\b", r"\1 a mapping"),
+        (r"\bexpected struct \w+", "expected a mapping"),
+        (r"\bexpected usize\b|\bexpected u\d+\b", "expected a whole number from 0"),
+        (r"\bexpected f\d+\b", "expected a number"),
+    )
+]
+"""Words of serde, which reads settings in Rust, and what stands in their place."""
 _BETWEEN = re.compile(r"one or more of |,? or |, |: |of | for |channels ")
 """Text between the words of a list."""
 
 
 def with_nearest(message: str) -> str:
-    """A message, with the nearest known word if it names an unknown one and lists the known."""
+    """A message in plain words, with the nearest known word if it names an unknown one."""
 
     def hinted(found: re.Match[str]) -> str:
         words = [word.strip("`'\"") for word in _BETWEEN.split(found["known"])]
@@ -125,6 +137,8 @@ def with_nearest(message: str) -> str:
         hint = "," if found["word"] in known else nearest(found["word"], known)
         return f"{found['about']}{hint} expected {found['known']}"
 
+    for pattern, words in _PLAIN:
+        message = pattern.sub(words, message)
     return _UNKNOWN.sub(hinted, message)
 
 

@@ -14,7 +14,6 @@ from ruffini._native import Native
 from ruffini._settings import Settings
 from ruffini._spaces import (
     ACTION_SIZE,
-    METADATA,
     NO_LIMIT,
     Camera,
     Frame,
@@ -24,6 +23,7 @@ from ruffini._spaces import (
     check_open,
     check_options,
     check_seed,
+    metadata,
 )
 
 
@@ -46,7 +46,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         ValueError: If one is of the wrong type or out of range.
     """
 
-    metadata = METADATA
+    metadata = metadata({})
     _ARGUMENTS = ("render_mode", "obs", "width", "height", "camera")
 
     def __init__(
@@ -62,15 +62,18 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         self._autoreset = AutoresetMode.DISABLED.value
         self._make(Renderer(render_mode, width, height, camera), obs, dict(settings))
         self.render_mode = render_mode
+        self.metadata = metadata(settings)
         self.observation_space: gym.spaces.Space[Any] = self._spaces.observation
         self.action_space = self._spaces.action
 
     def _leave_time_limit(self) -> None:
         """Leave the time limit to the wrapper of ``gymnasium.make``, the only place that has it."""
-        if self.spec is not None and "max_episode_steps" not in self._settings:
-            self._settings["max_episode_steps"] = NO_LIMIT
-            self._batch = self._new_batch()
-            self._started = False
+        name = "max_episode_steps"
+        if self.spec is None or name in self.spec.kwargs or self._settings.get(name) == NO_LIMIT:
+            return
+        self._settings[name] = NO_LIMIT
+        self._batch = self._new_batch()
+        self._started = False
 
     _started = False
     _closed = False

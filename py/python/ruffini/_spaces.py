@@ -35,12 +35,22 @@ _FIELD_OF_VIEW = 0.6
 _FARTHEST = 20.0
 """Largest coordinate of a camera (m): no more of the scene is drawn from farther away."""
 
-METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 25}
+RENDER_MODES = ["rgb_array"]
 
+_CONTROL_PERIOD = 0.04
+"""Usual time of a step (s)."""
+_LARGEST = float(np.finfo(np.float32).max)
+"""Largest finite number of an action; larger ones count as this one."""
 
 _WINDOW = (
     'gymnasium.make(..., render_mode="human") shows a window, with pip install "ruffini[human]"'
 )
+
+
+def metadata(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Gymnasium's metadata of an environment with these settings: a frame for each step."""
+    period = (settings.get("physics") or {}).get("control_period", _CONTROL_PERIOD)
+    return {"render_modes": RENDER_MODES, "render_fps": round(1 / period)}
 
 
 class Spaces:
@@ -86,7 +96,7 @@ class Renderer:
     """Renderer of pictures of one size, from one camera if no other is asked for."""
 
     def __init__(self, mode: str | None, width: int, height: int, camera: Camera) -> None:
-        if mode is not None and mode not in METADATA["render_modes"]:
+        if mode is not None and mode not in RENDER_MODES:
             hint = f"; {_WINDOW}" if mode == "human" else ""
             raise ValueError(f"render_mode: found {mode!r}, expected None or 'rgb_array'{hint}")
         for name, pixels in (("width", width), ("height", height)):
@@ -205,7 +215,9 @@ def as_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
         given = np.asarray(actions)
         if given.dtype.kind not in "fiub":
             raise TypeError(f"of type {given.dtype}")
-        array = given.astype(np.float32)
+        wide = given.astype(np.float64)
+        np.clip(wide, -_LARGEST, _LARGEST, out=wide, where=np.isfinite(wide))
+        array = wide.astype(np.float32)
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"actions: found {actions!r}, expected numbers ({error})") from None
     if array.shape != shape:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -17,7 +18,6 @@ from ruffini._native import Native
 from ruffini._settings import Settings, nearest
 from ruffini._spaces import (
     ACTION_SIZE,
-    METADATA,
     Camera,
     Frame,
     Renderer,
@@ -26,6 +26,7 @@ from ruffini._spaces import (
     check_open,
     check_options,
     check_seed,
+    metadata,
 )
 
 
@@ -56,11 +57,24 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         ValueError: If one is of the wrong type or out of range.
     """
 
-    metadata = METADATA
+    metadata = metadata({})
     _ARGUMENTS = (
         *("num_envs", "num_threads", "autoreset_mode"),
         *("render_mode", "obs", "width", "height", "camera"),
     )
+
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How ``gymnasium.make_vec`` made it, with the time limit of its rows."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None:
+            spec.max_episode_steps = spec.kwargs.get("max_episode_steps", spec.max_episode_steps)
+        self._spec = spec
 
     @classmethod
     def _about(cls, task: str) -> str:
@@ -94,11 +108,11 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
             check_count("num_threads", num_threads)
         self.num_envs = num_envs
         self.autoreset_mode = mode
-        self.metadata = {**METADATA, "autoreset_mode": mode}
         self._rows, self._autoreset = num_envs, mode.value
         self._threads = num_threads or min(_cores(), num_envs)
         self._make(Renderer(render_mode, width, height, camera), obs, dict(settings))
         self.render_mode = render_mode
+        self.metadata = metadata(settings) | {"autoreset_mode": mode}
         self.single_observation_space = self._spaces.observation
         self.single_action_space = self._spaces.action
         self.observation_space = batch_space(self._spaces.observation, num_envs)

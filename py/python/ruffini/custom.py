@@ -110,8 +110,8 @@ class Task:
     def draw(self, random: Draws) -> Mapping[str, Floats]:
         """Quantities of the start of the next episodes; those left out are drawn as usual.
 
-        ``object`` (index into the settings' ``objects``), ``mass`` (kg), ``friction``, ``size``,
-        ``yaw`` (rad), ``x``, ``y``, ``start_x``, ``start_y``, ``start_height`` (m) and
+        ``object`` (counted from 0 in the setting ``objects``), ``mass`` (kg), ``friction``,
+        ``size``, ``yaw`` (rad), ``x``, ``y``, ``start_x``, ``start_y``, ``start_height`` (m) and
         ``gel_stiffness``, each (n,) for the n rows that `random` draws for, within the range that
         the settings have.
         """

@@ -20,6 +20,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
 from ruffini._core import __version__
+from ruffini._spaces import check_count
 
 __all__ = ["FIRST_SEED", "Policy", "Progress", "about_this_run", "bootstrap", "evaluate", "line"]
 __all__ += ["wilson"]
@@ -88,7 +89,11 @@ def evaluate(
         first_seed: Seed of the first episode.
         progress: Callback after every step; see `Progress`.
         **settings: As for ``gymnasium.make_vec``.
+
+    Raises:
+        ValueError: If `episodes` is no whole number from 1, or a setting is invalid.
     """
+    check_count("episodes", episodes)
     envs = gym.make_vec(
         env_id, num_envs=episodes, autoreset_mode=AutoresetMode.DISABLED, **settings
     )

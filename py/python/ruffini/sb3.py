@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, get_args
 
 import gymnasium as gym
@@ -23,6 +23,7 @@ except ModuleNotFoundError as error:
 
 from ruffini import _rows
 from ruffini._schema import TACTILE_CHANNELS
+from ruffini._spaces import check_options
 from ruffini.envs import NativeVectorEnv
 
 Infos = Literal["every step", "episode ends"]
@@ -118,9 +119,19 @@ class RuffiniVecEnv(VecEnv):
         observation: VecEnvObs
         observation, _ = self.envs.reset(seed=seeds)
         self._reset_seeds()
-        self._reset_options()
         self.reset_infos = [{} for _ in range(self.num_envs)]
         return observation
+
+    def set_options(
+        self, options: Sequence[Mapping[str, Any]] | Mapping[str, Any] | None = None
+    ) -> None:
+        """Take the options of the next reset, of each row or the same for all; rows have none.
+
+        Raises:
+            ValueError: If one is given. What an episode draws are settings of the environment.
+        """
+        for row in options if isinstance(options, (list, tuple)) else [options]:
+            check_options(row)
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Keep the actions for :meth:`step_wait`."""
@@ -229,6 +240,14 @@ WEAK = 0.1
 """Scale of the features of touch at the beginning of training."""
 
 
+def _check_dict(space: gym.Space[Any]) -> None:
+    """Raise a ``ValueError`` unless observations of `space` are dicts of channels."""
+    if not isinstance(space, gym.spaces.Dict):
+        expected = 'a Dict of channels, as with obs="dict", the default'
+        found = f"{type(space).__name__} {space.shape}"
+        raise ValueError(f"observation_space: found {found}, expected {expected}")
+
+
 def fields(space: gym.spaces.Dict) -> list[str]:
     """Names of the tactile channels that are fields: more than one number per pad."""
     sizes = {name: int(np.prod(box.shape or ())) for name, box in space.items()}
@@ -251,11 +270,15 @@ class TouchExtractor(BaseFeaturesExtractor):
         observation_space: Space of the observations, a ``Dict`` of vectors.
         features: Number of features of one pad.
         hidden: Width of the hidden layer.
+
+    Raises:
+        ValueError: If observations are not dicts.
     """
 
     def __init__(
         self, observation_space: gym.spaces.Dict, features: int = 32, hidden: int = 64
     ) -> None:
+        _check_dict(observation_space)
         sizes = {name: int(np.prod(box.shape or ())) for name, box in observation_space.items()}
         felt = {name: sizes[name] // 2 for name in fields(observation_space)}
         seen = sum(size for name, size in sizes.items() if name not in felt)
@@ -309,7 +332,8 @@ class AsymmetricPolicy(MultiInputActorCriticPolicy):
         **kwargs: As for ``MultiInputPolicy``.
 
     Raises:
-        ValueError: If one of `privileged` is no channel of the observations, or all are.
+        ValueError: If observations are not dicts, one of `privileged` is no channel of theirs, all
+            are, or the algorithm is none with a value function of states, such as SAC.
     """
 
     def __init__(
@@ -321,6 +345,10 @@ class AsymmetricPolicy(MultiInputActorCriticPolicy):
         privileged: Sequence[str],
         **kwargs: Any,
     ) -> None:
+        _check_dict(observation_space)
+        if isinstance(privileged, str):
+            expected = f"a list of channels: [{privileged!r}]"
+            raise ValueError(f"privileged: found {privileged!r}, expected {expected}")
         seen = [name for name in observation_space if name not in privileged]
         if len(seen) + len(privileged) != len(list(observation_space)) or not seen:
             known = ", ".join(observation_space)
@@ -331,6 +359,14 @@ class AsymmetricPolicy(MultiInputActorCriticPolicy):
         kwargs |= {"share_features_extractor": False}
         kwargs.setdefault("features_extractor_class", TouchExtractor)
         super().__init__(observation_space, action_space, lr_schedule, **kwargs)
+
+    @property
+    def actor(self) -> Any:
+        """Part of the policies of SAC, TD3 and DDPG, which this one cannot take the place of."""
+        raise ValueError(
+            "policy: found AsymmetricPolicy in an algorithm that learns off-policy, expected PPO "
+            "or A2C, whose policy has a value function of states"
+        )
 
     def make_features_extractor(self) -> BaseFeaturesExtractor:
         """Create the actor's extractor at the first call, the value function's at the second."""

@@ -10,8 +10,10 @@ import json
 import time
 from collections.abc import Callable
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
+from ruffini import dataset
 from ruffini._core import evaluate_surrogate, train_surrogate
 from ruffini._settings import naming_nearest
 
@@ -60,7 +62,7 @@ def train(
         commit: Commit of this library, recorded in the card.
         watch: See `Watch`.
         settings: ``seed``, ``epochs``, ``batch``, ``rate`` and ``network``, the network's sizes.
-            Further settings of the variants:
+            Further settings of the variants, with ``split`` as for `evaluate`:
 
             - corrector: ``split``, ``warmup``, ``clip``, ``linear_nodes``, ``mirrors`` (whether
               presses are also seen in the pad's mirrors); the network's ``width``, ``down``,
@@ -83,6 +85,8 @@ def train(
     def tell(stage: str, value: str) -> bool:
         return watch is None or watch(stage, json.loads(value))
 
+    if variant != "soft" and (only := _only_split(data)):
+        settings.setdefault("split", only)
     clock = time.process_time
     with naming_nearest():
         card = train_surrogate(data, out, variant, json.dumps(settings), commit, clock, tell)
@@ -90,9 +94,15 @@ def train(
 
 
 def evaluate(
-    weights: str | PathLike[str], data: str | PathLike[str], split: str
+    weights: str | PathLike[str], data: str | PathLike[str], split: str | None = None
 ) -> list[dict[str, Any]]:
     """Errors of a corrector, or of one of the paper's networks, on the test part of a split.
+
+    Args:
+        weights: The .safetensors file.
+        data: A dataset, finished or not.
+        split: Name of the split; ``None`` takes the only one of a finished dataset, as of presses,
+            or else ``novel-14``.
 
     Returns:
         For each frame ``grasp``, and the errors of the ``surrogate`` and of the ``linear`` solution
@@ -105,7 +115,7 @@ def evaluate(
         ValueError: If the weights, the dataset or the split cannot be read.
     """
     with naming_nearest():
-        found = evaluate_surrogate(weights, data, split)
+        found = evaluate_surrogate(weights, data, split or _only_split(data) or "novel-14")
     return [
         {
             "grasp": grasp,
@@ -114,3 +124,11 @@ def evaluate(
         }
         for grasp, network, linear in found
     ]
+
+
+def _only_split(data: str | PathLike[str]) -> str | None:
+    """Name of the split of a finished dataset that has one alone."""
+    if not Path(data, "manifest.json").exists():
+        return None
+    names = list(dataset.open(data).splits)
+    return names[0] if len(names) == 1 else None

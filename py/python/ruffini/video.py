@@ -14,7 +14,7 @@ import numpy as np
 
 from ruffini import SimulationError
 from ruffini._core import encode_gif
-from ruffini._spaces import METADATA, Frame, check_writable
+from ruffini._spaces import Frame, check_writable
 from ruffini.evaluation import Policy
 
 __all__ = ["SIZES", "check", "film", "write"]
@@ -41,13 +41,12 @@ def check(path: Path) -> None:
     check_writable("video", path)
 
 
-def write(path: Path, frames: Sequence[Frame]) -> None:
-    """Write `frames`, arrays (height, width, 3), at the frame rate of the environment.
+def write(path: Path, frames: Sequence[Frame], rate: int = 25) -> None:
+    """Write `frames`, arrays (height, width, 3), at `rate` frames a second.
 
     Raises:
         OSError: If the file cannot be written, or ffmpeg fails.
     """
-    rate = METADATA["render_fps"]
     if path.suffix == ".gif":
         path.write_bytes(encode_gif(frames[::_GIF_STRIDE], _GIF_STRIDE * 1000 // rate))
         return
@@ -64,7 +63,7 @@ def write(path: Path, frames: Sequence[Frame]) -> None:
         path.write_bytes(film.read_bytes())
 
 
-def _encode(path: Path, frames: Sequence[Frame], rate: int) -> None:
+def _encode(path: Path, frames: Sequence[Frame], rate: int = 25) -> None:
     """Have ffmpeg write a video, and print nothing."""
     height, width, _ = frames[0].shape
     size = width, height
@@ -97,7 +96,7 @@ def film(policy: Policy, env_id: str, path: Path, seeds: range, **settings: Any)
         frames += frames[-1:] * _PAUSE
         endings.append("success" if info["is_success"] else info.get("ending", "failure"))
     try:
-        write(path, frames)
+        write(path, frames, env.metadata["render_fps"])
     except OSError as error:
         raise SimulationError(f"video: {path}: {error.strerror or error}") from None
     megabytes = path.stat().st_size / 1e6

@@ -226,7 +226,7 @@ class Agent:
                 training.
 
         Raises:
-            ValueError: If a channel is missing or of another size.
+            ValueError: If a channel is missing, of another size, or not finite.
         """
         channels = self._cut(observation)
         single = next(iter(channels.values())).ndim == 1
@@ -257,6 +257,10 @@ class Agent:
             given = dict(zip(sizes, parts, strict=True))
         for name, values in given.items():
             _check_shape(f"observation[{name!r}]", values, sizes[name])
+            wrong = values[~np.isfinite(values)]
+            if wrong.size:
+                found = f"{wrong[0]} in {wrong.size} of {values.size} numbers"
+                raise ValueError(f"observation[{name!r}]: found {found}, expected finite numbers")
         if len({values.shape[:-1] for values in given.values()}) > 1:
             found = ", ".join(f"{name} {values.shape}" for name, values in given.items())
             raise ValueError(f"observation: found {found}, expected as many rows of each")

@@ -128,7 +128,9 @@ def from_sb3(
 def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> PPO:
     """Convert the agent to a model of Stable-Baselines3, with its normalisation, for training.
 
-    The value function of an agent without one begins anew.
+    The normalisation is in the model's environments: ``model.predict`` takes what they observe, as
+    in ``evaluate_policy(model, model.get_env())``; other observations go through
+    ``model.get_env().normalize_obs`` first. The value function of an agent without one begins anew.
 
     Args:
         agent: The agent.

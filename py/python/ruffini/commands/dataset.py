@@ -17,7 +17,7 @@ from ruffini.dataset import Progress
 _SETTINGS = {
     "objects": "number of drawn objects, spread evenly over the catalogue",
     "grasps": "number of grasps of each object",
-    "frames": "number of frames, of growing force, in each grasp",
+    "frames": "number of frames, of growing force, in each grasp; presses have up to 7",
     "seed": "seed of objects and grasps",
 }
 _MOST_BYTES = 2_000_000_000

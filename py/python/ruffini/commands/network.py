@@ -14,7 +14,7 @@ from ruffini._spaces import check_writable, writing
 
 _SETTINGS = {
     "seed": (int, "seed of weights and batches; 0 if not given"),
-    "split": (str, "split of the dataset; novel-14 if not given"),
+    "split": (str, "split of the dataset; its only one, else novel-14, if not given"),
     "epochs": (int, "times that every frame is seen; 80, of the paper's 10, of soft 40"),
     "seconds": (float, "processor time in place of epochs; such a run cannot be resumed"),
     "batch": (int, "frames in a step; 16, of the paper's 1, of soft 8"),
@@ -77,7 +77,7 @@ def add_to(commands: Any) -> None:
     )
     judge.add_argument("weights", help="the .safetensors file")
     judge.add_argument("data", help="the dataset")
-    judge.add_argument("--split", default="novel-14", help="split; novel-14 if not given")
+    judge.add_argument("--split", help="split; the only one, else novel-14, if not given")
     judge.add_argument("--json", type=Path, help="file for the errors of every frame")
     judge.set_defaults(run=_evaluate)
 
@@ -166,7 +166,8 @@ def _evaluate(options: argparse.Namespace) -> None:
         check_writable("json", options.json)
     frames = surrogate.evaluate(options.weights, options.data, options.split)
     if not frames:
-        raise ValueError(f"{options.data}: no frames in the test part of {options.split}")
+        where = f"of {options.split}" if options.split else "of the split"
+        raise ValueError(f"{options.data}: no frames in the test part {where}")
     if options.json is not None:
         with writing(options.json):
             options.json.write_text(json.dumps(frames))
