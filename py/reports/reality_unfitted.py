@@ -238,9 +238,9 @@ def network(part: dict[str, Any]) -> str:
         f"the last depth. {inside} of these {found.size} errors are below the one that it "
         f"predicts, {100 * told.min():.0f} to {100 * told.max():.0f} % of the force; at "
         f"{' and '.join(beyond) or 'no depth'} it says itself that the press lies outside of most "
-        "of its training data (`network.is_in_distribution`). It has learnt from finite elements and from no "
-        "measurement: where it is nearer to the measurement than they are, its own error happens "
-        "to have the right sign."
+        "of its training data (`network.is_in_distribution`). It has learnt from finite elements "
+        "and from no measurement: where it is nearer to the measurement than they are, its own "
+        "error happens to have the right sign."
     )
 
 
