@@ -21,27 +21,48 @@ pub struct GradedPad {
 /// Largest spacing, far from all points, absolute (m) and relative to the thickness, the smaller of
 /// which applies: wide enough to cost little, narrow enough to resolve the rim.
 const WIDEST: (f64, f64) = (3e-3, 0.75);
-/// Growth of the spacing per distance from the nearest point.
-const GROWTH: f64 = 0.5;
+/// Growth of the spacing per distance from the nearest point, at most and at least: at the least,
+/// any pad has more nodes than are allowed.
+const GROWTH: (f64, f64) = (0.5, 0.005);
+/// Smallest spacing, at the points, relative to the thickness.
+const FINEST: f64 = 1e-3;
 /// Most points around which the mesh may be refined.
 const MOST_POINTS: usize = 10_000;
 /// Ratio of two spacings at which the search for the finest one stops.
 const APART: f64 = 1.03;
+/// Ratio of two growths at which the search for the least one stops: their nodes differ by 3 %.
+const GROWTH_APART: f64 = 1.01;
 
 impl PadOutline {
     /// Returns the finest mesh of at most `nodes` nodes whose spacing grows with the distance from
     /// the nearest of `points` (m, in the pad frame).
     ///
+    /// The spacing at the points is a thousandth of the thickness or more. Where it cannot fall
+    /// further, it grows the less with the distance the more nodes there may be, so that meshes of
+    /// more and more nodes become finer everywhere.
+    ///
     /// Kuhn's tetrahedra in cells of at most 3 mm are bisected ([`super::bisection`]) in a block of
     /// equal size with a flat face, whose columns are then shortened to the height of the pad.
     pub fn graded(&self, points: &[Point3<f64>], nodes: usize) -> Result<GradedPad> {
-        self.graded_to(0.0, points, nodes)
+        self.graded_by(0.0, GROWTH.1, points, nodes)
     }
 
-    /// Performs [`PadOutline::graded`] with no spacing less than `finest` (m).
+    /// Performs [`PadOutline::graded`] with no spacing less than `finest` (m). Where the spacing at
+    /// the points is that, nodes are left over.
     pub fn graded_to(
         &self,
         finest: f64,
+        points: &[Point3<f64>],
+        nodes: usize,
+    ) -> Result<GradedPad> {
+        self.graded_by(finest, GROWTH.0, points, nodes)
+    }
+
+    /// Takes the smallest spacing from `finest` (m), then the smallest growth from `least_growth`.
+    fn graded_by(
+        &self,
+        finest: f64,
+        least_growth: f64,
         points: &[Point3<f64>],
         nodes: usize,
     ) -> Result<GradedPad> {
@@ -68,18 +89,17 @@ impl PadOutline {
             squared.fold(f64::INFINITY, f64::min).sqrt()
         };
         let start = Bisection::new(coarse.mesh.vertices, kuhn(nx, ny, nz));
-        let refined = |spacing: f64| {
+        let refined = |spacing: f64, growth: f64| {
             let mut pad = start.clone();
-            pad.refine(|p| spacing + GROWTH * away(p), nodes).then_some(pad)
+            pad.refine(|p| spacing + growth * away(p), nodes).then_some(pad)
         };
-        let (mut fine, mut pad) = (f64::max(1e-3 * outline.thickness, finest), start.clone());
-        let mut rough = widest;
-        while rough > APART * fine {
-            let middle = (fine * rough).sqrt();
-            match refined(middle) {
-                Some(found) => (rough, pad) = (middle, found),
-                None => fine = middle,
-            }
+        let finest = f64::max(FINEST * outline.thickness, finest);
+        let found = smallest(finest, widest, APART, |spacing| refined(spacing, GROWTH.0));
+        let (spacing, mut pad) = found.unwrap_or_else(|| (widest, start.clone()));
+        if spacing <= APART * finest {
+            let less = |growth| refined(spacing, growth);
+            let found = smallest(least_growth, GROWTH.0, GROWTH_APART, less);
+            pad = found.map_or(pad, |(_, pad)| pad);
         }
         let base = |p: &Point3<f64>| p.z <= -outline.thickness * (1.0 - 1e-12);
         let base = (0..).zip(&pad.vertices).filter(|(_, p)| base(p)).map(|(i, _)| i).collect();
@@ -100,6 +120,25 @@ impl PadOutline {
         let share = (p.z + self.thickness) / height.max(f64::MIN_POSITIVE);
         Point3::new(p.x, p.y, self.thickness * (share - 1.0))
     }
+}
+
+/// Halves the interval of logarithms from `least` to `most` until their ratio is `apart`; returns
+/// the smallest value for which `find` found something, and what it found.
+fn smallest<T>(
+    mut least: f64,
+    mut most: f64,
+    apart: f64,
+    find: impl Fn(f64) -> Option<T>,
+) -> Option<(f64, T)> {
+    let mut best = None;
+    while most > apart * least {
+        let middle = (least * most).sqrt();
+        match find(middle) {
+            Some(found) => (most, best) = (middle, Some((middle, found))),
+            None => least = middle,
+        }
+    }
+    best
 }
 
 #[cfg(test)]
@@ -125,6 +164,12 @@ mod tests {
             Point3::new(2e-3 + 1e-3 * angle.cos(), 1e-3 * angle.sin(), -4e-5)
         };
         (0..31).map(on).collect()
+    }
+
+    fn shortest_edge(pad: &GradedPad) -> f64 {
+        let at = |i: u32| pad.mesh.vertices[i as usize];
+        let edges = pad.mesh.edges().into_iter().map(|[a, b]| (at(b) - at(a)).norm());
+        edges.fold(f64::INFINITY, f64::min)
     }
 
     #[test]
@@ -180,17 +225,88 @@ mod tests {
 
     #[test]
     fn it_is_no_finer_than_it_is_told_to_be() {
-        let shortest = |pad: &GradedPad| {
-            let at = |i: u32| pad.mesh.vertices[i as usize];
-            let edges = pad.mesh.edges().into_iter().map(|[a, b]| (at(b) - at(a)).norm());
-            edges.fold(f64::INFINITY, f64::min)
-        };
         let [free, bound] = [0.0, 1e-3].map(|finest| mini().graded_to(finest, &ring(), 4000));
         let [free, bound] = [free.unwrap(), bound.unwrap()];
         assert!(bound.mesh.vertices.len() < free.mesh.vertices.len() / 2);
         // Bisection halves edges that are longer than the spacing.
-        let [free, bound] = [&free, &bound].map(shortest);
+        let [free, bound] = [&free, &bound].map(shortest_edge);
         assert!(bound > 0.4e-3 && free < 0.4e-3, "{bound} m bound, {free} m free");
+    }
+
+    /// One point, at a node of the coarse cells and away from them, two that are near each other,
+    /// and one above the rim.
+    fn few() -> [Vec<Point3<f64>>; 4] {
+        let at = |x, y| Point3::new(x, y, 0.0);
+        [
+            vec![at(0.0, 0.0)],
+            vec![at(1e-3, -1e-3)],
+            vec![at(0.0, 0.0), at(2e-4, 0.0)],
+            vec![at(8e-3, 11e-3)],
+        ]
+    }
+
+    #[test]
+    fn few_points_use_up_the_nodes_as_many_do() {
+        for points in few() {
+            let mut finest = f64::INFINITY;
+            for nodes in [800, 1500, 4000, 8000] {
+                let pad = mini().graded(&points, nodes).unwrap();
+                let count = pad.mesh.vertices.len();
+                assert!(count <= nodes && count > nodes * 4 / 5, "{count} nodes for {nodes}");
+                let shortest = shortest_edge(&pad);
+                let before = finest * (1.0 + 1e-9);
+                assert!(shortest <= before, "{nodes} nodes: {shortest} m after {finest} m");
+                finest = shortest;
+            }
+        }
+    }
+
+    #[test]
+    fn more_nodes_make_the_mesh_finer_away_from_a_single_point() {
+        let point = Point3::new(1e-3, -1e-3, 0.0);
+        let longest = |nodes| {
+            let pad = mini().graded(&[point], nodes).unwrap();
+            let edges = pad.mesh.edges().into_iter();
+            let edges = edges.map(|[a, b]| [a, b].map(|i| pad.mesh.vertices[i as usize]));
+            let near = edges.filter(|[a, b]| (nalgebra::center(a, b) - point).norm() < 2e-3);
+            near.map(|[a, b]| (b - a).norm()).fold(0.0, f64::max)
+        };
+        let [coarse, fine] = [1000, 8000].map(longest);
+        assert!(fine < 0.6 * coarse, "{coarse} m on 1,000 nodes, {fine} m on 8,000");
+    }
+
+    /// Datasets are resumed with meshes equal to the bit: points, nodes asked for, nodes, tetrahedra
+    /// and the last vertex (nm).
+    #[test]
+    fn meshes_that_had_no_nodes_left_over_stay_as_they_are() {
+        let [_, one, two, _] = few();
+        let same = |mesh: &TetMesh, vertices: usize, tets: usize, last: [f64; 3]| {
+            assert_eq!((mesh.vertices.len(), mesh.tets.len()), (vertices, tets));
+            let (found, [x, y, z]) = (mesh.vertices[vertices - 1], last.map(|x| 1e-9 * x));
+            let away = (found - Point3::new(x, y, z)).norm();
+            assert!(away < 1e-12, "{found} is {away} m off");
+        };
+        let table = [
+            (&one, 550, [547, 2164], [1_053_710.938, -1_025_781.250, -6_679.469]),
+            (&one, 900, [898, 3878], [992_919.922, -1_006_054.688, -13_916.844]),
+            (&two, 900, [897, 3876], [222_900.391, 19_726.562, -15_811.978]),
+            (&ring(), 900, [895, 3870], [1_458_984.375, 946_875.000, -134_820.544]),
+            (&ring(), 1500, [1493, 6736], [2_350_585.938, -867_968.750, -22_567.000]),
+        ];
+        for (points, nodes, [vertices, tets], last) in table {
+            let GradedPad { mesh, .. } = mini().graded(points, nodes).unwrap();
+            same(&mesh, vertices, tets, last);
+        }
+        let table = [
+            (3e-4, &one, 2000, [411, 1500], [972_656.250, -1_578_125.000, -9_486.459]),
+            (2e-5, &two, 2000, [901, 3900], [222_900.391, 19_726.563, -15_811.978]),
+            (1e-6, &one, 2000, [911, 3950], [1_023_315.430, -1_006_054.688, -14_146.794]),
+            (2e-5, &ring(), 2000, [1992, 9182], [3_242_187.500, 1_578_125.000, -292_612.784]),
+        ];
+        for (finest, points, nodes, [vertices, tets], last) in table {
+            let GradedPad { mesh, .. } = mini().graded_to(finest, points, nodes).unwrap();
+            same(&mesh, vertices, tets, last);
+        }
     }
 
     #[test]

@@ -112,7 +112,9 @@ fn young_moduli(young: &Bound<'_, PyAny>, tets: usize) -> PyResult<Vec<f64>> {
 ///         the sensor if not given.
 ///     resolution: Approximate number of nodes, which is never exceeded; 2,000 if not given.
 ///     around: Points (K, 3) in m near which the mesh is fine, such as expected contacts; its
-///         spacing grows with the distance from the nearest. The middle of the face if not given.
+///         spacing grows with the distance from the nearest. Nodes go to the points first, down to
+///         a spacing of a thousandth of the thickness; further ones make the mesh finer
+///         everywhere. The middle of the face if not given.
 ///
 /// Raises:
 ///     ValueError: If the sensor or the calibration is not known, or the resolution is not 100 to
