@@ -15,7 +15,7 @@ from engine.figures import save
 from engine.pages import WRITTEN, requoted
 from engine.rows import KEPT, OUT
 
-REPORTS = ["dataset", "episode", "fem", "load", "networks", "paper", "pareto", "reality"]
+REPORTS = ["dataset", "episode", "fem", "load", "networks", "paper", "pareto", "paths", "reality"]
 REPORTS += ["scene_cost", "sensors", "shapes", "sim_to_sim", "soak", "stability", "unseen"]
 
 
