@@ -10,7 +10,7 @@ mod signals;
 mod tensors;
 mod training;
 
-use std::sync::Arc;
+use std::{path::PathBuf, sync::Arc};
 
 use nalgebra::Point3;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -21,8 +21,9 @@ use pyo3::{
 use ruffini_core::{
     Error,
     env::{Autoreset, Row, Setup, StartQuantity, StepResult},
+    geometry::read_solid,
     render::{PinholeCamera, Viewpoint},
-    scene::CATALOGUE,
+    scene::{CATALOGUE, Gripper, ObjectModel},
     tactile::Choice,
     task::{Ending, TaskConfig},
 };
@@ -322,11 +323,21 @@ fn schema() -> String {
     ruffini_core::task::schema().to_string()
 }
 
+/// Builds the object of a mesh file as the environments do, its origin moved to its middle. Returns
+/// the `size` below which it fits between the open pads.
+#[pyfunction]
+#[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
+fn check_mesh(py: Python<'_>, path: PathBuf, scale: f64) -> PyResult<f64> {
+    let model = || ObjectModel::new(read_solid(&path, scale, true)?);
+    let (low, high) = py.detach(model).map_err(python_error)?.surface().bounds();
+    Ok(Gripper::default().max_opening / (high - low).min())
+}
+
 /// Compiled part of the `ruffini` package.
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use super::{Batch, PressError, SimulationError, schema};
+    use super::{Batch, PressError, SimulationError, check_mesh, schema};
     #[pymodule_export]
     use crate::dataset::{dataset_shards, estimate_dataset, generate_dataset};
     #[pymodule_export]

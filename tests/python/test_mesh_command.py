@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 
+import gymnasium
+import numpy as np
 import pytest
 
 from ruffini import Shape
@@ -88,3 +90,61 @@ def test_without_trimesh_one_line_says_what_to_install(box, tmp_path, monkeypatc
     assert main(["mesh", str(file), "--repair", str(mended)]) == 2
     said = capsys.readouterr().err
     assert said == 'ruffini: this command needs trimesh: pip install "ruffini[mesh]"\n'
+
+
+@pytest.mark.parametrize(
+    "solid",
+    [
+        trimesh.creation.icosphere(subdivisions=5, radius=0.025),
+        trimesh.creation.cylinder(0.02, 0.05, sections=1024),
+    ],
+    ids=["ball", "can"],
+)
+def test_a_finely_meshed_round_solid_is_an_object(solid, tmp_path, capsys):
+    file = tmp_path / "round.stl"
+    solid.export(file)
+    assert main(["mesh", str(file)]) == 0
+    assert f"{len(solid.faces)}, closed\n" in capsys.readouterr().out
+    env = gymnasium.make("ruffini/GraspLift-v0", objects=str(file), size=1, tactile="none")
+    env.reset(seed=0)
+    height = env.unwrapped.look()["object_position"][2]
+    for _ in range(10):
+        env.step(np.zeros(5, dtype=np.float32))
+    assert abs(env.unwrapped.look()["object_position"][2] - height) < 2e-4, "it rests"
+
+
+def test_what_the_environments_refuse_is_refused(tmp_path, capsys):
+    file = tmp_path / "torus.stl"
+    trimesh.creation.torus(0.02, 0.008, major_sections=160, minor_sections=160).export(file)
+    assert main(["mesh", str(file)]) == 2
+    refused = capsys.readouterr().err
+    assert "51200 triangles, expected at most 20000" in refused
+    with pytest.raises(ValueError, match="51200 triangles") as error:
+        gymnasium.make("ruffini/GraspLift-v0", objects=str(file), size=1, tactile="none")
+    assert refused == f"ruffini: {error.value}\n"
+
+
+def test_triangles_that_face_inwards_are_told(box, tmp_path, capsys):
+    file = tmp_path / "inverted.stl"
+    box.invert()
+    box.export(file)
+    assert main(["mesh", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert "36 cm³" in said
+    assert "-36" not in said
+    assert "12, closed; all face inwards, and are turned as it is read" in said
+
+
+def test_the_size_that_fits_the_gripper_is_named(tmp_path, capsys):
+    file = tmp_path / "wide.stl"
+    trimesh.creation.box((0.1, 0.12, 0.1)).export(file)
+    assert main(["mesh", str(file)]) == 0
+    assert "100 mm across its narrowest side" in (said := capsys.readouterr().out)
+    assert "give size below 0.80" in said
+
+
+def test_random_bytes_are_no_stl_file(tmp_path, capsys):
+    file = tmp_path / "junk.stl"
+    file.write_bytes(np.random.default_rng(0).bytes(5000))
+    assert main(["mesh", str(file)]) == 2
+    assert "junk.stl: no .stl file, or one cut short" in capsys.readouterr().err

@@ -1,6 +1,11 @@
 //! Triangle surfaces from the files that CAD programs and scanners write.
 
-use std::{fs::File, io::BufReader, path::Path, sync::Arc};
+use std::{
+    fs::File,
+    io::{BufReader, ErrorKind},
+    path::Path,
+    sync::Arc,
+};
 
 use nalgebra::Point3;
 
@@ -68,7 +73,12 @@ fn read_obj(path: &Path) -> Result<Triangles> {
 
 fn read_stl(path: &Path) -> Result<Triangles> {
     let file = File::open(path).map_err(|e| failure(path, &e))?;
-    let mesh = stl_io::read_stl(&mut BufReader::new(file)).map_err(|e| failure(path, &e))?;
+    let mesh = stl_io::read_stl(&mut BufReader::new(file)).map_err(|e| match e.kind() {
+        ErrorKind::UnexpectedEof => {
+            failure(path, &"no .stl file, or one cut short: it ends before its last triangle")
+        }
+        _ => failure(path, &e),
+    })?;
     let vertices = mesh.vertices.iter().map(|v| [v[0], v[1], v[2]].map(f64::from)).collect();
     let triangles = mesh.faces.iter().map(|f| f.vertices.map(|i| i as u32)).collect();
     Ok((vertices, triangles))

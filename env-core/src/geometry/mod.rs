@@ -2,6 +2,7 @@
 
 mod bisection;
 mod cached;
+mod convex_hull;
 mod distance;
 #[cfg(test)]
 mod examples;

@@ -74,7 +74,7 @@ impl Surface {
     }
 
     /// Returns a surface of parts that are known to be valid.
-    fn from_parts(vertices: Vec<Point3<f64>>, triangles: Vec<[u32; 3]>) -> Self {
+    pub(super) fn from_parts(vertices: Vec<Point3<f64>>, triangles: Vec<[u32; 3]>) -> Self {
         Self { vertices, triangles, tree: Cached::default() }
     }
 

@@ -20,6 +20,7 @@ mod foundation;
 mod foundation_fit;
 mod gripper;
 mod held;
+mod hull;
 mod state;
 mod units;
 mod world;

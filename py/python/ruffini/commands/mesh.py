@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from ruffini import Shape
+from ruffini._core import check_mesh
 from ruffini._spaces import writing
 
 _SIZES = 0.001, 0.3
@@ -25,7 +25,8 @@ def add_to(commands: Any) -> None:
     parser: argparse.ArgumentParser = commands.add_parser(
         "mesh",
         help="say whether a mesh file can be an object, and repair it",
-        description="Says how large the solid in a mesh file is and whether its surface is closed. "
+        description="Builds the object of a mesh file as the environments do, and says how large "
+        "it is, or why it is refused. "
         'With --repair, small defects are mended by trimesh: pip install "ruffini[mesh]".',
     )
     parser.add_argument("file", type=Path, help="the .obj or .stl file")
@@ -44,7 +45,7 @@ def _run(options: argparse.Namespace) -> None:
         print(*_repair(file, options.repair), sep="\n")
         file = options.repair
     try:
-        Shape.read(file, options.scale)
+        fitting = check_mesh(file, options.scale)
     except ValueError as error:
         said, _, _ = str(error).partition(";")
         unit = _unit(_load(file), options.scale) if said.startswith("mesh size") else ""
@@ -54,8 +55,12 @@ def _run(options: argparse.Namespace) -> None:
     mesh = _load(file)
     extents = options.scale * mesh.extents
     print(f"{'size':<12} {' x '.join(f'{1e3 * extent:.4g}' for extent in extents)} mm")
-    print(f"{'volume':<12} {1e6 * options.scale**3 * mesh.volume:.4g} cm³")
-    print(f"{'triangles':<12} {len(mesh.faces)}, closed")
+    print(f"{'volume':<12} {1e6 * options.scale**3 * abs(mesh.volume):.4g} cm³")
+    turned = "; all face inwards, and are turned as it is read" if mesh.volume < 0 else ""
+    print(f"{'triangles':<12} {len(mesh.faces)}, closed{turned}")
+    if fitting <= 1:
+        narrow = f"{1e3 * extents.min():.4g} mm across its narrowest side"
+        print(f"{'width':<12} {narrow}, more than the gripper opens: give size below {fitting:.2f}")
     middle = options.scale * mesh.bounds.mean(axis=0)
     if (abs(middle) > _OFF_CENTRE * extents).any():
         print(f"{'origin':<12} beside the solid's middle: give centred=True in objects")
