@@ -210,8 +210,8 @@ BROUGHT = [
         ("linear answer", 18.8, 43.6, 10.7, "-3.6", "-17.9", "-1.8"),
     )
 ]
-"""As measured with the code of commit 0253c7f: balls at 1 mm along x, reached in two frames, against
-quadratic elements on 1,000 nodes, 2,000 under the small one."""
+"""As measured with the code of commit 0253c7f: balls at 1 mm along x, reached in two frames,
+against quadratic elements on 1,000 nodes, 2,000 under the small one."""
 
 
 def page(report: dict[str, Any]) -> str:
