@@ -30,6 +30,7 @@ __all__ = [
     "TetMesh",
     "Transfer",
     "__version__",
+    "check_mesh",
     "dataset_shards",
     "encode_gif",
     "estimate_dataset",
