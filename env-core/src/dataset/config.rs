@@ -58,6 +58,10 @@ pub struct DatasetConfig {
     /// indenter to the next.
     #[serde(skip_serializing_if = "is_one")]
     pub truth_steps: usize,
+    /// Coarser mesh on which presses are solved by the nonlinear and by the linear law, for the
+    /// difference of the two; `None` omits it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nonlinearity: Option<Nonlinearity>,
     /// Smallest and greatest force at which a grasp ends (N).
     pub force: [f64; 2],
     /// Closing at which a grasp ends, whatever its force: of each pad, over its thickness, or of
@@ -78,6 +82,17 @@ pub struct DatasetConfig {
     /// Materials of the soft side, each with its pads or fingers, drawn for each grasp by their
     /// shares.
     pub gels: Vec<GelConfig>,
+}
+
+/// Mesh and load steps by which the nonlinear and the linear law are compared. Most of the error of
+/// a mesh is the same by both laws, so that their difference needs fewer nodes than a solution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Nonlinearity {
+    /// Number of nodes of the mesh.
+    pub nodes: usize,
+    /// Number of equal load steps from one frame to the next.
+    pub steps: usize,
 }
 
 /// Soft side of a grasp.
@@ -141,6 +156,7 @@ impl Default for DatasetConfig {
             truth_element: "p1-bar".to_owned(),
             truth_across: ACROSS,
             truth_steps: 1,
+            nonlinearity: None,
             force: [2.0, 80.0],
             depth: 0.5,
             shear: 0.4,
@@ -292,6 +308,10 @@ impl DatasetConfig {
             ("frames", self.frames, 1, 1000),
             ("truth_steps", self.truth_steps, 1, 100),
         ];
+        if let Some(Nonlinearity { nodes, steps }) = self.nonlinearity {
+            counts.push(("nonlinearity.nodes", nodes, 100, 100_000));
+            counts.push(("nonlinearity.steps", steps, 1, 100));
+        }
         let own = self.meshes.iter().filter_map(|mesh| mesh.grasps);
         counts.extend(own.map(|count| ("object.grasps", count, 1, MOST_GRASPS)));
         for (name, count, least, most) in counts {
@@ -303,6 +323,9 @@ impl DatasetConfig {
         if presses && ![indentation::FRAMES, USUAL_FRAMES].contains(&self.frames) {
             let expected = format!("{}, the most that a press has", indentation::FRAMES);
             return Err(Error::invalid("frames", self.frames, expected));
+        }
+        if self.nonlinearity.is_some() && !presses {
+            return Err(Error::invalid("nonlinearity", "a mesh", "none, unless of presses"));
         }
         let most = if presses { self.objects } else { 0 };
         if self.textured > most {
@@ -374,39 +397,39 @@ impl GelConfig {
     pub(super) fn pads(&self, config: &DatasetConfig) -> Result<PadModels> {
         let sensor = Sensor::named(&self.sensor)?;
         let PadMesh { mesh, base, .. } = sensor.pad(config.truth_nodes)?;
-        let truth = self.body(mesh, &base, config, FemOptions::default())?;
+        let truth = self.body((mesh, Law::default()), &base, config, FemOptions::default())?;
         Ok(PadModels { truth, model: sensor.pad(config.model_nodes)?, sensor })
     }
 
-    /// Builds the finite elements of the `sensor`'s pad on a mesh graded towards `points`, with no
-    /// spacing less than `finest` (m).
+    /// Builds the finite elements of the `sensor`'s pad by `law` on a mesh of at most `nodes` nodes,
+    /// graded towards `points` with no spacing less than `finest` (m).
     pub(super) fn graded(
         &self,
         sensor: &Sensor,
-        finest: f64,
-        points: &[Point3<f64>],
+        (finest, points): (f64, &[Point3<f64>]),
+        (nodes, law): (usize, Law),
         config: &DatasetConfig,
     ) -> Result<Fem> {
-        let pad = sensor.outline.graded_to(finest, points, config.truth_nodes)?;
+        let pad = sensor.outline.graded_to(finest, points, nodes)?;
         let [iterations, patience] = [indentation::STEPS, indentation::PATIENCE];
         let limits = FemOptions { iterations, patience, ..FemOptions::default() };
-        self.body(pad.mesh, &pad.base, config, limits)
+        self.body((pad.mesh, law), &pad.base, config, limits)
     }
 
     /// Builds a free object of this material.
     pub(super) fn object(&self, mesh: TetMesh, config: &DatasetConfig) -> Result<Fem> {
-        self.body(mesh, &[], config, FemOptions::default())
+        self.body((mesh, Law::default()), &[], config, FemOptions::default())
     }
 
     fn body(
         &self,
-        mesh: TetMesh,
+        (mesh, law): (TetMesh, Law),
         fixed: &[u32],
         config: &DatasetConfig,
         limits: FemOptions,
     ) -> Result<Fem> {
         let moduli = Moduli { young: self.young, poisson: self.poisson };
-        let body = SoftBody::new(mesh, Law::default(), moduli, fixed)?;
+        let body = SoftBody::new(mesh, law, moduli, fixed)?;
         let element = config.truth_element.parse()?;
         let friction = self.friction;
         Fem::new(body, FemOptions { element, friction, ..limits })

@@ -16,16 +16,16 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    config::DatasetConfig,
+    config::{DatasetConfig, Nonlinearity},
     plan::{Plan, choose},
-    record::{Named, of_bodies, pose, wrenches},
+    record::{Named, of_bodies, of_difference, pose, wrenches},
     tensor::Tensor,
 };
 use crate::{
     Error, Result,
     contact::between,
-    deformation::{Deformation, Press},
-    fem::Carrier,
+    deformation::{Deformation, Law, Press},
+    fem::{Carrier, Fem},
     geometry::{PadMesh, PadOutline, Shape},
     objects::Object,
     sensor::Sensor,
@@ -161,22 +161,21 @@ pub(super) fn solve(
         let shape = shape.clone().validated()?;
         let (start, path) = drawn.path(&shape, &sensor.outline);
         let (width, points) = covered(&shape, &path, &sensor.outline, drawn.depth);
-        let fem = gel.graded(sensor, width / config.truth_across, &points, config)?;
+        let near = (width / config.truth_across, &points[..]);
+        let along = Along { shape: &shape, start: &start, path: &path, friction: drawn.friction };
+        let fem = gel.graded(sensor, near, (config.truth_nodes, Law::default()), config)?;
         let carrier = Carrier::new(&fem, &model.mesh)?;
-        let (mut frames, mut error) = (Vec::<Deformation>::new(), None);
-        let froms = std::iter::once(&start).chain(&path);
-        for (from, to) in froms.zip(&path) {
-            let press = Press::along(vec![shape.clone()], steps(from, to, config.truth_steps))?;
-            let mut press = press.with_friction(drawn.friction)?;
-            if let Some(before) = frames.last() {
-                press = press.after(before.history.clone())?;
-            }
-            match fem.solve_path(&press).pop().expect("a press has a frame or an error") {
-                Ok(frame) => frames.push(frame),
-                Err(found) => error = Some(found),
-            }
-            if error.is_some() {
-                break;
+        let (mut frames, mut error) = along.solve(&fem, config.truth_steps)?;
+        let mut pair = Vec::new();
+        if let Some(Nonlinearity { nodes, steps }) = config.nonlinearity {
+            for law in [Law::default(), Law::Linear] {
+                let fem = gel.graded(sensor, near, (nodes, law), config)?;
+                let (solved, failed) = along.solve(&fem, steps)?;
+                if solved.len() < frames.len() {
+                    frames.truncate(solved.len());
+                    error = failed;
+                }
+                pair.push((fem, solved));
             }
         }
         let unit = gel.young * sensor.outline.thickness.powi(2);
@@ -193,6 +192,11 @@ pub(super) fn solve(
         own.push(("press", Tensor::double(poses, &[count, 7])));
         own.push(("start", Tensor::double(pose(&start), &[7])));
         own.push(("wrench", wrenches(frames.iter().map(|f| &f.wrench))));
+        if let [(fem, nonlinear), (_, linear)] = &pair[..] {
+            let carrier = Carrier::new(fem, &model.mesh)?;
+            let laws = [nonlinear, linear].map(|solved| &solved[first..first + count]);
+            own.extend(of_difference(laws, &carrier));
+        }
         let named = own.into_iter().map(|(what, tensor)| (format!("first.{what}"), tensor));
         Ok((frames, named.collect(), error))
     };
@@ -203,6 +207,35 @@ pub(super) fn solve(
             (frames.len(), if frames.is_empty() { Vec::new() } else { tensors }, error)
         }
         Err(error) => (0, Vec::new(), Some(error)),
+    }
+}
+
+/// Path of a shape past a pad.
+struct Along<'a> {
+    shape: &'a Shape,
+    /// Pose at first touch.
+    start: &'a Isometry3<f64>,
+    /// Poses of the frames.
+    path: &'a [Isometry3<f64>],
+    friction: f64,
+}
+
+impl Along<'_> {
+    /// Solves the frames in `count` load steps each, up to the first that fails; returns its error.
+    fn solve(&self, fem: &Fem, count: usize) -> Result<(Vec<Deformation>, Option<Error>)> {
+        let mut frames = Vec::<Deformation>::new();
+        for (from, to) in std::iter::once(self.start).chain(self.path).zip(self.path) {
+            let press = Press::along(vec![self.shape.clone()], steps(from, to, count))?;
+            let mut press = press.with_friction(self.friction)?;
+            if let Some(before) = frames.last() {
+                press = press.after(before.history.clone())?;
+            }
+            match fem.solve_path(&press).pop().expect("a press has a frame or an error") {
+                Ok(frame) => frames.push(frame),
+                Err(error) => return Ok((frames, Some(error))),
+            }
+        }
+        Ok((frames, None))
     }
 }
 

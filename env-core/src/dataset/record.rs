@@ -100,6 +100,38 @@ pub(super) fn of_bodies(frames: &[&Deformation], carrier: &Carrier) -> Vec<(&'st
     ]
 }
 
+/// Frames of a soft body solved by two laws on one mesh: displacement, contact force and wrench by the
+/// first less those by the second, on the model mesh. F frames, V nodes.
+pub(super) fn of_difference(
+    laws: [&[Deformation]; 2],
+    carrier: &Carrier,
+) -> Vec<(&'static str, Tensor)> {
+    let [nonlinear, linear] = laws.map(|frames| {
+        let moved = |f: &Deformation| carrier.fields(&f.history.displacement).displacement;
+        let wrench = |f: &Deformation| flat(&[f.wrench.force, f.wrench.torque]);
+        [
+            flat(&frames.iter().flat_map(moved).collect::<Vec<_>>()),
+            flat(&frames.iter().flat_map(|f| carrier.spread(&f.contact_force)).collect::<Vec<_>>()),
+            frames.iter().flat_map(wrench).collect(),
+        ]
+    });
+    let less = |(a, b): (Vec<f64>, Vec<f64>)| -> Vec<f64> {
+        a.iter().zip(&b).map(|(a, b)| a - b).collect()
+    };
+    let count = laws[0].len();
+    let differences = nonlinear.into_iter().zip(linear).map(less);
+    let names = ["nonlinear_displacement", "nonlinear_force", "nonlinear_wrench"];
+    let tensor = |(name, difference): (_, Vec<f64>)| {
+        let rows = difference.len() / count.max(1);
+        let tensor = match name {
+            "nonlinear_wrench" => Tensor::double(difference, &[count, 6]),
+            _ => Tensor::single(difference, &[count, rows / 3, 3]),
+        };
+        (name, tensor)
+    };
+    names.into_iter().zip(differences).map(tensor).collect()
+}
+
 /// Forces and torques (F, 6).
 pub(super) fn wrenches<'a>(all: impl ExactSizeIterator<Item = &'a Wrench>) -> Tensor {
     let count = all.len();
