@@ -13,6 +13,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul};
 use nalgebra::{Isometry3, Vector3};
 use ruffini_core::{
+    compliance::nodal::ContactResolution,
     deformation::{DeformationModel, Law, Moduli, Press, SoftBody, Wanted},
     fem::{Fem, FemOptions},
     geometry::Shape,
@@ -66,7 +67,8 @@ fn presses(criterion: &mut Criterion) {
     let moduli = Moduli { young: 3e5, poisson: 0.47 };
     let mut network = Surrogate::new(&sensor, moduli, FRICTION).expect("shipped weights");
     let nodes = network.card().model_nodes;
-    let mut linear = LinearPad::new(&sensor, moduli, FRICTION, nodes).expect("a known sensor");
+    let mut linear = LinearPad::new(&sensor, moduli, FRICTION, nodes, ContactResolution::FAST)
+        .expect("a known sensor");
     let pad = sensor.pad(network.card().linear_nodes).expect("a mesh of that size");
     let body = SoftBody::new(pad.mesh, Law::NeoHookean, moduli, &pad.base).expect("a sound mesh");
     let options = FemOptions { friction: FRICTION, ..FemOptions::default() };

@@ -3,7 +3,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use ruffini_core::{
-    compliance::{Compliance, ComplianceOptions},
+    compliance::{Compliance, ComplianceOptions, nodal::ContactResolution},
     deformation::{Deformation, DeformationModel, History, Moduli, Press, SoftBody, Wrench},
     fem::{Fem, FemOptions},
     geometry::{PadMesh, PadOutline, Shape},
@@ -383,7 +383,8 @@ fn the_stress_map_averages_the_tetrahedra() {
 fn the_share_that_slides_grows_as_the_contact_gives_way() {
     let tip = tip("gelsight-mini", Resolution { nodes: 3000, ..Resolution::default() });
     let moduli = Moduli { young: 3e5, poisson: 0.47 };
-    let cells = LinearPad::new(&tip.sensor, moduli, FRICTION, 1000).unwrap();
+    let cells =
+        LinearPad::new(&tip.sensor, moduli, FRICTION, 1000, ContactResolution::FAST).unwrap();
     let down = [-0.1, 0.08, 0.14, 0.2].map(|depth| (0.0, depth));
     let path = down.into_iter().chain((1..=30).map(|i| (0.01 * f64::from(i), 0.2)));
     let frames = path.map(|(x, depth)| vec![ball_at(x * MM, 0.0, depth * MM)]).collect();

@@ -20,7 +20,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    compliance::nodal::ContactSolution,
+    compliance::nodal::{ContactResolution, ContactSolution},
     contact::{SurfacePoint, clearance},
     deformation::{
         Deformation, DeformationModel, Drive, Moduli, PredictedError, Press, SoftBody, Wanted,
@@ -134,7 +134,8 @@ impl Surrogate {
         let gel = PadMaterial { moduli, friction, thickness: sensor.outline.thickness };
         let pad = sensor.pad(card.model_nodes)?;
         fits(sensor, &pad, card.model_nodes)?;
-        let linear = LinearBaseline::new(sensor, &gel, card.linear_nodes, &pad)?;
+        let linear =
+            LinearBaseline::new(sensor, &gel, card.linear_nodes, &pad, ContactResolution::FAST)?;
         let body = body(&pad, moduli)?;
         let elements = Linearised::new(&body)?;
         let graph = PadGraph::new(&pad)?;

@@ -18,6 +18,7 @@ use super::{
     weights::{self, Card},
 };
 use crate::{
+    compliance::nodal::ContactResolution,
     deformation::{Moduli, Press},
     geometry::{PadMesh, Shape},
     sensor::Sensor,
@@ -226,7 +227,9 @@ fn precision_single_is_enough() {
     for poisson in [0.0, 0.4999] {
         let moduli = Moduli { young: 3e5, poisson };
         let gel = PadMaterial { moduli, friction: 0.8, thickness: sensor.outline.thickness };
-        let linear = LinearBaseline::new(&sensor, &gel, card.linear_nodes, &pad).unwrap();
+        let linear =
+            LinearBaseline::new(&sensor, &gel, card.linear_nodes, &pad, ContactResolution::FAST)
+                .unwrap();
         for (name, depth, press) in presses() {
             let Ok(answer) = linear.path(&press).swap_remove(0) else { continue };
             let places: &[Point3<f64>] = &pad.mesh.vertices;

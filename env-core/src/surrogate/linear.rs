@@ -17,7 +17,7 @@ use crate::{
     Result,
     compliance::{
         Compliance, ComplianceOptions,
-        nodal::{ContactSolution, LayeredPad, Nodal, NodeContact},
+        nodal::{ContactResolution, ContactSolution, LayeredPad, Nodal, NodeContact},
     },
     deformation::{Law, Moduli, Press, SoftBody},
     geometry::{PadMesh, Transfer},
@@ -75,19 +75,21 @@ pub(super) struct CellContact {
 }
 
 impl LinearBaseline {
-    /// Builds the model of a gel on a mesh of at most `nodes` nodes, with answers on `model`.
+    /// Builds the model of a gel on a mesh of at most `nodes` nodes, with answers on `model` and
+    /// contact at the `resolution`.
     pub(super) fn new(
         sensor: &Sensor,
         gel: &PadMaterial,
         nodes: usize,
         model: &PadMesh,
+        resolution: ContactResolution,
     ) -> Result<Self> {
         let fine = sensor.pad(nodes)?;
         let transfer = Transfer::new(&fine.mesh, &model.mesh)?;
         let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
         let compliance = Compliance::new(body(&fine, gel.moduli)?, options)?;
         let nodal = compliance.at_coarse_nodes(&fine, model)?;
-        let layered = LayeredPad::new(&compliance, &sensor.outline, &fine, model)?;
+        let layered = LayeredPad::new(&compliance, &sensor.outline, &fine, model, resolution)?;
         let extension = Extension::new(&nodal, |u, force| {
             let mut moved = transfer.interpolate(u);
             layered.replace(force, &mut moved);
@@ -182,7 +184,8 @@ mod tests {
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let gel = PadMaterial { moduli, friction: 0.5, thickness: sensor.outline.thickness };
         let pad = sensor.pad(1000).unwrap();
-        let linear = LinearBaseline::new(&sensor, &gel, 1000, &pad).unwrap();
+        let linear =
+            LinearBaseline::new(&sensor, &gel, 1000, &pad, ContactResolution::FAST).unwrap();
         let path = vec![vec![Isometry3::translation(1e-4, 0.0, 8e-3 - 5e-4)]];
         let press = Press::along(vec![Shape::Sphere { radius: 8e-3 }], path).unwrap();
         let settled = linear.nodal.settle(&press).unwrap();

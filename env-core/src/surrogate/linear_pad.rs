@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    compliance::nodal::ContactSolution,
+    compliance::nodal::{ContactResolution, ContactSolution},
     deformation::{Deformation, DeformationModel, Moduli, Press, SoftBody, Wanted},
     fem::Linearised,
     interrupt::Interrupt,
@@ -30,11 +30,18 @@ pub struct LinearPad {
 const ELEMENTS: usize = 2000;
 
 impl LinearPad {
-    /// Builds the model of the gel of `sensor`, with answers on a mesh of at most `nodes` nodes.
-    pub fn new(sensor: &Sensor, moduli: Moduli, friction: f64, nodes: usize) -> Result<Self> {
+    /// Builds the model of the gel of `sensor`, with answers on a mesh of at most `nodes` nodes
+    /// and contact at the `resolution`.
+    pub fn new(
+        sensor: &Sensor,
+        moduli: Moduli,
+        friction: f64,
+        nodes: usize,
+        resolution: ContactResolution,
+    ) -> Result<Self> {
         let pad = sensor.pad(nodes)?;
         let gel = PadMaterial { moduli, friction, thickness: sensor.outline.thickness };
-        let linear = LinearBaseline::new(sensor, &gel, ELEMENTS, &pad)?;
+        let linear = LinearBaseline::new(sensor, &gel, ELEMENTS, &pad, resolution)?;
         let body = body(&pad, moduli)?;
         let elements = Arc::new(Linearised::new(&body)?);
         Ok(Self { linear: Arc::new(linear), body: Arc::new(body), elements })

@@ -12,8 +12,9 @@ use super::{
 };
 use crate::{
     Result,
-    dataset::{Dataset, DatasetConfig, PadFrames, steps},
-    deformation::{Moduli, Press},
+    compliance::nodal::{ContactResolution, ContactSolution},
+    dataset::{Dataset, DatasetConfig, NonlinearPart, PadFrames, steps},
+    deformation::{Moduli, Press, Wrench},
     geometry::{PadMesh, Shape},
     sensor::Sensor,
 };
@@ -44,6 +45,8 @@ pub(super) struct GelPad {
     pub(super) gel: PadMaterial,
     mesh: PadMesh,
     linear: LinearBaseline,
+    /// The same with contact resolved finely, for datasets that hold the nonlinear law's part.
+    fine: Option<LinearBaseline>,
 }
 
 impl Gels {
@@ -61,8 +64,9 @@ impl Gels {
             let thickness = sensor.outline.thickness;
             let gel = PadMaterial { moduli, friction: gel.friction, thickness };
             let mesh = meshes[graph].clone();
-            let linear = LinearBaseline::new(&sensor, &gel, nodes, &mesh)?;
-            Ok(GelPad { graph, gel, mesh, linear })
+            let linear = |resolution| LinearBaseline::new(&sensor, &gel, nodes, &mesh, resolution);
+            let fine = config.nonlinearity.map(|_| linear(ContactResolution::FINE)).transpose()?;
+            Ok(GelPad { graph, gel, linear: linear(ContactResolution::FAST)?, fine, mesh })
         };
         let pads = config.gels.par_iter().map(pad).collect::<Result<_>>()?;
         let graphs = meshes.iter().map(PadGraph::new).collect::<Result<_>>()?;
@@ -91,13 +95,13 @@ impl Gels {
             let wanted = |frames: &PadFrames| parts.iter().any(|p| p.contains(&*frames.grasp));
             if pads.iter().any(wanted) {
                 let shape = object.shape.clone().validated()?;
-                let answers = pads.par_iter().map(|frames| self.linear_path(frames, &shape));
+                let answers = pads.par_iter().map(|frames| self.answers(frames, &shape));
                 let answers = answers.collect::<Result<Vec<_>>>()?;
                 for (frames, answers) in pads.iter().zip(&answers) {
                     for (part, samples) in parts.iter().zip(&mut samples) {
                         if part.contains(&*frames.grasp) {
                             lost += frames.poses.len() - answers.len();
-                            let one = |(i, linear)| self.sample(frames, i, &shape, linear);
+                            let one = |(i, answer)| self.sample(frames, i, &shape, answer);
                             samples.extend(answers.iter().enumerate().map(one));
                         }
                     }
@@ -110,20 +114,37 @@ impl Gels {
         Ok((samples, lost))
     }
 
-    /// Computes the linear answers to the frames of a press, up to the first that fails.
-    fn linear_path(&self, frames: &PadFrames, shape: &Shape) -> Result<Vec<LinearFields>> {
-        let linear = &self.pads[frames.gel].linear;
+    /// Computes the linear answers to the frames of a press, up to the first that fails, each with
+    /// that of finely resolved contact if the dataset holds the nonlinear law's part.
+    fn answers(&self, frames: &PadFrames, shape: &Shape) -> Result<Vec<Answers>> {
+        let pad = &self.pads[frames.gel];
+        let press = self.press(frames, shape)?;
+        let solve = |linear: &LinearBaseline| {
+            let all = linear.path(&press).into_iter().map_while(Result::ok);
+            all.skip(self.steps).step_by(self.steps).collect::<Vec<_>>()
+        };
+        let linear = solve(&pad.linear).into_iter().map(|found| pad.linear.carry(&found, true));
+        Ok(match pad.fine.as_ref().filter(|_| frames.nonlinear.is_some()) {
+            Some(fine) => {
+                let carried = |found: ContactSolution| (fine.carry(&found, false), found.wrench);
+                let pairs = linear.zip(solve(fine).into_iter().map(carried));
+                pairs.map(|(linear, fine)| Answers { linear, fine: Some(fine) }).collect()
+            }
+            None => linear.map(|linear| Answers { linear, fine: None }).collect(),
+        })
+    }
+
+    /// Press through the frames, from first touch and by load steps.
+    fn press(&self, frames: &PadFrames, shape: &Shape) -> Result<Press> {
         let froms = std::iter::once(&frames.start).chain(&frames.poses);
         let between = |(from, to)| steps(from, to, self.steps);
         let mut poses = vec![vec![frames.start]];
         poses.extend(froms.zip(&frames.poses).flat_map(between));
-        let mut press = Press::along(vec![shape.clone()], poses)?;
-        if let Some(friction) = frames.friction {
-            press = press.with_friction(friction)?;
+        let press = Press::along(vec![shape.clone()], poses)?;
+        match frames.friction {
+            Some(friction) => press.with_friction(friction),
+            None => Ok(press),
         }
-        let answers = linear.path(&press).into_iter().map_while(Result::ok);
-        let answers = answers.skip(self.steps).step_by(self.steps);
-        Ok(answers.map(|answer| linear.carry(&answer, true)).collect())
     }
 
     fn sample(
@@ -131,7 +152,7 @@ impl Gels {
         frames: &PadFrames,
         frame: usize,
         shape: &Shape,
-        linear: &LinearFields,
+        Answers { linear, fine }: &Answers,
     ) -> Sample {
         let pad = &self.pads[frames.gel];
         let graph = &self.graphs[pad.graph];
@@ -143,9 +164,21 @@ impl Gels {
             gel: frames.gel,
             grasp: frames.grasp.clone(),
             input: PadInput::new(graph, gel, places, std::slice::from_ref(shape), linear),
-            target: Target::new(frames, frame, graph.columns, gel),
+            target: match (fine, &frames.nonlinear) {
+                (Some(fine), Some(part)) => {
+                    Target::corrected((frames, part), frame, graph.columns, gel, fine)
+                }
+                _ => Target::new(frames, frame, graph.columns, gel),
+            },
         }
     }
+}
+
+/// Linear answers to a frame.
+struct Answers {
+    linear: LinearFields,
+    /// Answer and wrench where contact is resolved finely.
+    fine: Option<(LinearFields, Wrench)>,
 }
 
 impl Target {
@@ -157,10 +190,7 @@ impl Target {
 
     /// Extracts a frame of a finite-element solution on a pad of `columns` columns.
     pub(super) fn new(frames: &PadFrames, frame: usize, columns: usize, gel: &PadMaterial) -> Self {
-        let part = |field: &[f32], unit: f64| -> Vec<f32> {
-            let (size, unit) = (field.len() / frames.poses.len(), unit as f32);
-            field[frame * size..][..size].iter().map(|x| x / unit).collect()
-        };
+        let part = |field: &[f32], unit: f64| part(field, frame, frames.poses.len(), unit);
         let mut forces = part(&frames.contact_force, gel.force());
         forces.truncate(3 * columns);
         let wrench = &frames.wrench[6 * frame..];
@@ -171,4 +201,37 @@ impl Target {
             force: std::array::from_fn(|i| (wrench[i] / gel.force()) as f32),
         }
     }
+
+    /// Extracts a frame with displacement and forces free from most of the error of the mesh: what the
+    /// nonlinear law changes is added to the linear answer with finely resolved contact. The stress is
+    /// that of the finite-element solution.
+    fn corrected(
+        (frames, nonlinear): (&PadFrames, &NonlinearPart),
+        frame: usize,
+        columns: usize,
+        gel: &PadMaterial,
+        (fine, wrench): &(LinearFields, Wrench),
+    ) -> Self {
+        let part = |field: &[f32], unit: f64| part(field, frame, frames.poses.len(), unit);
+        let add = |part: Vec<f32>, linear: &[Vector3<f64>], unit: f64| -> Vec<f32> {
+            let linear = linear.iter().flat_map(|v| [v.x, v.y, v.z]);
+            part.iter().zip(linear).map(|(part, linear)| part + (linear / unit) as f32).collect()
+        };
+        let (length, force, fine) = (gel.thickness, gel.force(), &fine.fields);
+        let mut forces = part(&nonlinear.contact_force, force);
+        forces.truncate(3 * columns);
+        let change = &nonlinear.wrench[6 * frame..];
+        Self {
+            displacement: add(part(&nonlinear.displacement, length), &fine.displacement, length),
+            forces: add(forces, &fine.contact_force, force),
+            force: std::array::from_fn(|i| ((change[i] + wrench.force[i]) / force) as f32),
+            ..Self::new(frames, frame, columns, gel)
+        }
+    }
+}
+
+/// A frame of a field of so many `frames`, over its `unit`.
+fn part(field: &[f32], frame: usize, frames: usize, unit: f64) -> Vec<f32> {
+    let (size, unit) = (field.len() / frames, unit as f32);
+    field[frame * size..][..size].iter().map(|x| x / unit).collect()
 }

@@ -17,6 +17,7 @@ use super::{
     weights,
 };
 use crate::{
+    compliance::nodal::ContactResolution,
     deformation::{DeformationModel, Moduli, Press, Wanted},
     fem::{Fem, FemOptions},
     geometry::Shape,
@@ -42,7 +43,7 @@ fn samples(depths: &[f64]) -> (PadGraph, Vec<Sample>) {
     let pad = sensor.pad(1000).unwrap();
     let graph = PadGraph::new(&pad).unwrap();
     let gel = PadMaterial { moduli: GEL, friction: FRICTION, thickness: sensor.outline.thickness };
-    let linear = LinearBaseline::new(&sensor, &gel, 1000, &pad).unwrap();
+    let linear = LinearBaseline::new(&sensor, &gel, 1000, &pad, ContactResolution::FAST).unwrap();
     let options = FemOptions { friction: FRICTION, ..FemOptions::default() };
     let elements = Fem::new(body(&pad, GEL).unwrap(), options).unwrap();
     let sample = |&depth: &f64| {

@@ -12,6 +12,7 @@ use rayon::{ThreadPoolBuilder, prelude::*};
 use super::{Choice, Shell, Skin, SoftObject, TactileConfig};
 use crate::{
     Error, Result,
+    compliance::nodal::ContactResolution,
     deformation::{Deformation, DeformationModel, Law, Press, SoftBody, Wanted},
     fem::{Fem, FemOptions},
     geometry::PadMesh,
@@ -171,7 +172,9 @@ impl Model {
             Choice::Compliance => {
                 let (_, moduli) = config.material(sensor)?;
                 let (friction, nodes) = (sensor.friction.at_rest, config.resolution.nodes);
-                Self::Linear(alone(|| LinearPad::new(sensor, moduli, friction, nodes))?)
+                Self::Linear(alone(|| {
+                    LinearPad::new(sensor, moduli, friction, nodes, ContactResolution::FAST)
+                })?)
             }
             Choice::Fem => Self::Fem(Fem::new(on, FemOptions::default())?),
             Choice::Surrogate => Self::Surrogate(trained(config, sensor)?),

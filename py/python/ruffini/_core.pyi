@@ -276,6 +276,7 @@ class LinearPad:
         poisson: float | None = None,
         friction: float | None = None,
         resolution: int = 1000,
+        contact: str = "fast",
     ) -> LinearPad: ...
     @property
     def body(self) -> SoftBody: ...

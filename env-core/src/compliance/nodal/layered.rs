@@ -16,7 +16,7 @@ use super::{
     contact_nodes::ContactNodes,
     grid::{CellGrid, CellLevels, ROOT},
     kernel::PlaneKernel,
-    load_stepping::{NodalLoadStepping, NodalScratch},
+    load_stepping::{ContactResolution, NodalLoadStepping, NodalScratch},
 };
 use crate::{
     Result,
@@ -27,9 +27,8 @@ use crate::{
     simd::vectorised,
 };
 
-/// Longest side of the cells of the first grid (m), and number of grids.
+/// Longest side of the cells of the first grid (m).
 const FIRST: f64 = 1.33e-3;
-const LEVELS: u32 = 6;
 /// Distance in plan from a cell up to which nodes are displaced by the force on the cell itself,
 /// and not by tractions around face nodes, in spacings of the nodes.
 const NEAR: f64 = 3.5;
@@ -45,6 +44,7 @@ thread_local! {
 #[derive(Clone)]
 pub struct LayeredPad {
     levels: Arc<Vec<ContactNodes>>,
+    resolution: ContactResolution,
     law: ContactLaw,
     model: Arc<ModelFace>,
     /// Precomputed data of each cell of the first levels.
@@ -99,21 +99,22 @@ struct ModelFace {
 
 impl LayeredPad {
     /// Builds the model of the pad of `outline` from its `compliance` on a `fine` mesh, for fields
-    /// on a `model` mesh.
+    /// on a `model` mesh, with contact at the `resolution`.
     pub fn new(
         compliance: &Compliance,
         outline: &PadOutline,
         fine: &PadMesh,
         model: &PadMesh,
+        resolution: ContactResolution,
     ) -> Result<Self> {
         let condensed = &compliance.condensed;
         let along = |extent: f64| ROOT * (extent / (FIRST * f64::from(ROOT))).ceil() as u32;
         let count = [along(outline.width), along(outline.length)];
-        let cells = CellLevels::new(outline, count, LEVELS as usize, condensed, fine);
+        let cells = CellLevels::new(outline, count, resolution.levels as usize, condensed, fine);
         let level = |level| {
             ContactNodes::of_grid(Arc::clone(condensed), CellGrid::new(&cells, level), level == 0)
         };
-        let levels: Vec<_> = (0..LEVELS).map(level).collect();
+        let levels: Vec<_> = (0..resolution.levels).map(level).collect();
         let moduli = condensed.body.moduli()[0];
         // Layers are equally deep, as a part of the height, in all columns.
         let height = |layer: usize| model.mesh.vertices[layer * model.face.len()].z;
@@ -128,7 +129,8 @@ impl LayeredPad {
             (0..grid.len() as u32).map(|cell| Known::new(&model, grid, cell)).collect()
         });
         let known = Arc::new(known.collect());
-        Ok(Self { levels: Arc::new(levels), law: compliance.settings.law, model, known })
+        let law = compliance.settings.law;
+        Ok(Self { levels: Arc::new(levels), resolution, law, model, known })
     }
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
@@ -136,10 +138,12 @@ impl LayeredPad {
         let friction = press.friction().unwrap_or(self.law.friction);
         let law = ContactLaw { friction, ..self.law };
         let mut scratch = SCRATCH.take();
-        let answers = match NodalLoadStepping::new(&self.levels, law, press, &mut scratch) {
-            Ok(stepping) => stepping.every(press),
-            Err(error) => vec![Err(error)],
-        };
+        let answers =
+            match NodalLoadStepping::new((&self.levels, self.resolution), law, press, &mut scratch)
+            {
+                Ok(stepping) => stepping.every(press),
+                Err(error) => vec![Err(error)],
+            };
         SCRATCH.set(scratch);
         answers
     }
@@ -445,7 +449,7 @@ mod tests {
         let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
         let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
         let compliance = Compliance::new(body, options).unwrap();
-        LayeredPad::new(&compliance, &sensor.outline, &pad, &pad).unwrap()
+        LayeredPad::new(&compliance, &sensor.outline, &pad, &pad, ContactResolution::FAST).unwrap()
     }
 
     #[test]

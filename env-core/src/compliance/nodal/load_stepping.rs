@@ -1,6 +1,6 @@
 //! Load stepping of a press with contact at the nodes.
 
-use std::{cell::LazyCell, collections::BTreeMap, time::Instant};
+use std::{cell::LazyCell, collections::BTreeMap, str::FromStr, time::Instant};
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -29,10 +29,6 @@ const LONGEST_STEP: f64 = 5e-4;
 const MARGIN: f64 = 1e-4;
 /// Depth by which a shape may enter the held faces, in softnesses.
 const UNFELT: f64 = 10.0;
-/// Most cells that touch on a level unless it is the coarsest, and number below which a finer level
-/// is taken. Cells of the next level are quarters.
-const MOST: usize = 96;
-const FEW: usize = 12;
 /// Most cells of a level that are searched for a first touch.
 const WIDE: usize = 24_000;
 /// Breadth and thickness of a wall, in sides of a cell, above which cells resolve it. A strip at up
@@ -44,10 +40,43 @@ const WALL: [f64; 2] = [4.0, 1.2];
 const BROAD: usize = 256;
 /// Smallest part of the longest step that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
-/// Sweeps times the square of the number of nodes that touch, summed over a frame, after which it
-/// counts as not converged: some seconds. The whole pad under a block 2 mm deep takes a twentieth;
-/// a wall thinner than the first cells, which touches thousands of small ones, takes all of it.
-const WORK: usize = 200_000_000;
+
+/// How finely contact is resolved on a body with several grids of cells.
+#[derive(Clone, Copy, Debug)]
+pub struct ContactResolution {
+    /// Number of grids, each with cells half as long as those of the one before.
+    pub levels: u32,
+    /// Most cells that touch on a level unless it is the coarsest.
+    pub most: usize,
+    /// Number of touching cells below which a finer level is taken. Cells of the next level are
+    /// quarters.
+    pub few: usize,
+    /// Sweeps times the square of the number of nodes that touch, summed over a frame, after which
+    /// it counts as not converged.
+    pub work: usize,
+}
+
+impl ContactResolution {
+    /// Resolution for many presses a second. The work is some seconds: the whole pad under a block
+    /// 2 mm deep takes a twentieth of it; a wall thinner than the first cells, which touches
+    /// thousands of small ones, takes all.
+    pub const FAST: Self = Self { levels: 8, most: 96, few: 12, work: 200_000_000 };
+    /// Resolution at which displacement and force are within some per cent of their limit, also under
+    /// edges; a press takes seconds.
+    pub const FINE: Self = Self { levels: 8, most: 800, few: 160, work: 20_000_000_000 };
+}
+
+impl FromStr for ContactResolution {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        match name {
+            "fast" => Ok(Self::FAST),
+            "fine" => Ok(Self::FINE),
+            _ => Err(Error::invalid("contact", name, "fast or fine")),
+        }
+    }
+}
 
 /// Working memory of one thread, reused for successive presses.
 #[derive(Default)]
@@ -91,6 +120,7 @@ pub(super) struct NodalLoadStepping<'a> {
     shapes: &'a [Shape],
     /// Faces that a shape could penetrate without touching a node.
     watched: &'a [Face],
+    resolution: ContactResolution,
     /// Greatest motion of a shape in one load step (m).
     longest_step: f64,
     scratch: &'a mut NodalScratch,
@@ -102,7 +132,7 @@ pub(super) struct NodalLoadStepping<'a> {
 impl<'a> NodalLoadStepping<'a> {
     /// Begins load stepping where `press` begins.
     pub(super) fn new(
-        levels: &'a [ContactNodes],
+        (levels, resolution): (&'a [ContactNodes], ContactResolution),
         law: ContactLaw,
         press: &'a Press,
         scratch: &'a mut NodalScratch,
@@ -126,7 +156,7 @@ impl<'a> NodalLoadStepping<'a> {
         let watched = watched(&nodes.faces, shapes);
         let thickness = shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
         let longest_step = f64::min(LONGEST_STEP, 0.5 * thickness);
-        Ok(Self { levels, law, shapes, watched, longest_step, scratch, work: 0, state })
+        Ok(Self { levels, law, shapes, watched, resolution, longest_step, scratch, work: 0, state })
     }
 
     /// Solves every frame of `press`; the first that fails is the last.
@@ -152,12 +182,12 @@ impl<'a> NodalLoadStepping<'a> {
             step.size * (longest / motion.max(f64::MIN_POSITIVE))
         };
         let retry = |stepping: &Self, _: &Error, step: NextStep| {
-            step.size >= SHORTEST && stepping.work <= WORK
+            step.size >= SHORTEST && stepping.work <= stepping.resolution.work
         };
         let mut sweeps = 0;
         self.work = 0;
         solve_in_steps(self, length, retry, |stepping, t| {
-            if stepping.work > WORK {
+            if stepping.work > stepping.resolution.work {
                 let (residual, tolerance) = (f64::INFINITY, 0.0);
                 return Err(Error::NotConverged { iterations: sweeps, residual, tolerance });
             }
@@ -195,8 +225,8 @@ impl<'a> NodalLoadStepping<'a> {
     }
 
     /// Attempts one load step to `poses` and returns the state it ends in. On a body with several
-    /// levels, the step is taken on the finest on which at most [`MOST`] cells touch, unless fewer
-    /// than [`FEW`] touch on a coarser one that the last step ended on. Levels whose cells are about
+    /// levels, the step is taken on the finest on which no more cells touch than the resolution has,
+    /// unless few touch on a coarser one that the last step ended on. Levels whose cells are about
     /// as wide as the thinnest wall are taken if more than [`BROAD`] touch on the level after them:
     /// the wall then touches by its side.
     pub(super) fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<NodalState> {
@@ -204,12 +234,14 @@ impl<'a> NodalLoadStepping<'a> {
         let reach = motion.fold(0.0, f64::max) + MARGIN;
         let finest = self.levels.len() - 1;
         let [broadest, lowest] = [true, false].map(|as_walls| self.coarsest(as_walls));
+        let ContactResolution { most, few, .. } = self.resolution;
+        let broad = BROAD.max(most);
         let most = |level: usize| match level {
-            _ if level > lowest => Some(MOST),
-            _ if level > broadest => Some(BROAD),
+            _ if level > lowest => Some(most),
+            _ if level > broadest => Some(broad),
             _ => None,
         };
-        let few = |level: usize| if level < lowest { BROAD / 8 } else { FEW };
+        let few = |level: usize| if level < lowest { broad / 8 } else { few };
         let (mut level, mut held) = (self.state.level, self.state.held.clone());
         if held.is_empty() {
             let Some(first) = self.first_touch(lowest, poses) else {
@@ -264,7 +296,7 @@ impl<'a> NodalLoadStepping<'a> {
             let gaps: Vec<_> = open.iter().map(gap).collect();
             match gaps.iter().filter(|gap| **gap < 0.0).count() {
                 0 => {}
-                inside if inside > 2 * MOST => return Some(found.unwrap_or(level)),
+                inside if inside > 2 * self.resolution.most => return Some(found.unwrap_or(level)),
                 _ => found = Some(level),
             }
             let near = open.iter().zip(&gaps).filter(|(_, gap)| **gap < grid.half_diagonal());

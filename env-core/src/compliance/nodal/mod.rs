@@ -38,6 +38,7 @@ use crate::{
 
 use contact_nodes::ContactNodes;
 pub use layered::{LayeredPad, NodeContact};
+pub use load_stepping::ContactResolution;
 use load_stepping::{NodalLoadStepping, NodalScratch};
 
 /// Compliance model of one soft body with contact at its nodes. Copies share the precomputed data.
@@ -106,7 +107,7 @@ impl Nodal {
     pub fn settled_path(&self, press: &Press) -> Vec<Result<ContactSolution>> {
         let mut scratch = NodalScratch::default();
         match NodalLoadStepping::new(
-            std::slice::from_ref(&*self.nodes),
+            (std::slice::from_ref(&*self.nodes), ContactResolution::FAST),
             self.law_of(press),
             press,
             &mut scratch,
