@@ -70,6 +70,33 @@ def test_load_steps_keep_the_frames_and_change_the_way_there(data, tmp_path):
         dataset.generate(tmp_path / "none", truth_steps=0, **PRESSES)
 
 
+def test_what_the_nonlinear_law_changes_grows_with_the_depth(data, tmp_path):
+    pair = {"nodes": 300, "steps": 2}
+    deep = {**PRESSES, "depth": 0.4}
+    compared = dataset.generate(tmp_path / "compared", threads=2, nonlinearity=pair, **deep)
+    assert compared is not None and compared.manifest["config"]["nonlinearity"] == pair
+    shares = {}
+    for grasp in compared.grasps:
+        whole, change = (
+            compared.column(grasp, f"first.{name}")
+            for name in ("displacement", "nonlinear_displacement")
+        )
+        assert change.shape == whole.shape
+        wrench = compared.column(grasp, "first.nonlinear_wrench")
+        force = compared.column(grasp, "first.nonlinear_force").sum(axis=1)
+        assert wrench.shape == (len(whole), 6)
+        assert np.abs(force - wrench[:, :3]).max() < 1e-5 * max(np.abs(wrench).max(), 1)
+        norm = np.linalg.norm(change, axis=(1, 2)) / np.linalg.norm(whole, axis=(1, 2))
+        shares[grasp] = (norm[0], norm[min(3, len(norm) - 1)])
+    first, last = np.median(list(shares.values()), axis=0)
+    assert 0 < first < last < 0.5, shares
+    for wrong in ({"nodes": 5, "steps": 2}, {"nodes": 300, "steps": 0}):
+        with pytest.raises(ValueError, match="nonlinearity"):
+            dataset.generate(tmp_path / "none", nonlinearity=wrong, **PRESSES)
+    with pytest.raises(ValueError, match="nonlinearity"):
+        dataset.generate(tmp_path / "none", nonlinearity=pair, objects=1)
+
+
 def test_the_error_of_its_elements_is_the_distance_to_a_finer_mesh(data, tmp_path, capsys):
     finer = tmp_path / "finer"
     found = dataset.truth_errors(data.path, finer, sample=2, truth_nodes=1400, truth_across=12)
