@@ -6,13 +6,15 @@ Use::
     python policies/rollout_speed.py --touch --json policies/results/touch_speed.json
     python policies/rollout_speed.py --infos --json infos_speed.json
     python policies/rollout_speed.py --custom --json custom_speed.json
+    python policies/rollout_speed.py --cost --json policies/results/rollout_cost.json
 
 Peers are measured in the same run if they are installed (``gymnasium-robotics`` with a ``mujoco``
 below 3.12, ``envpool``) and named as missing if not. Actions are random; resets count as what they
 cost. With ``--touch``, by model of touch and object, on one thread in some minutes: the scripted
 policy grasps, lifts and holds, and only steps in which all pads of four environments touch are
 counted, by processor time. With ``--infos``, the adapter for Stable-Baselines3 alone: what infos in
-every step cost; with ``--custom``, what rules in Python cost, those of GraspLift written once more.
+every step cost; with ``--custom``, what rules in Python cost, those of GraspLift written once more;
+with ``--cost``, what 10⁸ steps of grasping cost, in some four minutes on two cores (`scaling`).
 """
 
 from __future__ import annotations
@@ -32,10 +34,13 @@ from numpy.typing import NDArray
 
 from peers import PEERS, peer
 from ruffini import custom
-from ruffini.envs import GraspLiftVectorEnv
 from ruffini.evaluation import about_this_run
+from scaling import cost
 from timing import (
+    ENV_ID,
+    make,
     mean_time,
+    memory_per_environment,
     random_steps,
     resident_bytes,
     scripted_steps,
@@ -43,18 +48,8 @@ from timing import (
     touching,
 )
 
-ENV_ID = "ruffini/GraspLift-v0"
 CONTROL_STEP = 0.04
 """Time that a step of it simulates (s)."""
-
-
-def make(n: int, threads: int, **settings: Any) -> GraspLiftVectorEnv:
-    """N environments on so many threads, reset."""
-    rigid = {"tactile": "none"}
-    envs = gym.make_vec(ENV_ID, num_envs=n, num_threads=threads, **rigid | settings)
-    assert isinstance(envs, GraspLiftVectorEnv)
-    envs.reset(seed=0)
-    return envs
 
 
 class LiftInPython(custom.Task):
@@ -247,15 +242,6 @@ def infos_cost(seconds: float) -> dict[str, Any]:
     return {"infos_rigid_1_thread": found}
 
 
-def memory_per_environment(n: int = 512) -> float:
-    """Bytes that each of n environments adds after a few steps, if they are the first."""
-    before = resident_bytes()
-    envs = make(n, 1)
-    for _ in range(10):
-        envs.step(np.zeros((n, 5), np.float32))
-    return (resident_bytes() - before) / n
-
-
 def memory_growth(steps: int) -> float:
     """Bytes by which so many environment steps grow the process, after as many to warm up."""
     envs = make(256, os.cpu_count() or 1)
@@ -316,9 +302,12 @@ def main() -> None:
     ):
         text = f"the {what} alone"
         alone.add_argument(option, action="store_const", dest="alone", const=measure, help=text)
+    alone.add_argument("--cost", action="store_true", help="the cost of 10⁸ steps alone")
     arguments = parser.parse_args()
     seconds = 0.3 if arguments.quick else 3.0
-    if arguments.alone:
+    if arguments.cost:
+        write(arguments.json, cost(arguments.quick))
+    elif arguments.alone:
         write(arguments.json, arguments.alone(seconds))
     else:
         write(arguments.json, rollouts(seconds, arguments.quick))

@@ -4,6 +4,7 @@ Needs ``pip install ".[frameworks]"``. Use::
 
     python policies/train_rllib.py
     python policies/train_rllib.py --runners 8 --tactile surrogate
+    python policies/train_rllib.py --runners 32 --address auto  # a cluster that runs
 
 Hyper-parameters are those of the shipped agent of GraspLift, pads are rigid unless `--tactile` says
 otherwise. Prints success over the episodes that ended in each rollout, and at last over 200 without
@@ -26,6 +27,7 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=0, help="training seed")
     parser.add_argument("--n-envs", type=int, default=64, help="environments of a runner")
     parser.add_argument("--runners", type=int, default=0, help="processes; 0: in this one")
+    parser.add_argument("--address", help="of a running cluster; this machine alone if not given")
     parser.add_argument("--tactile", default="none", help="model of touch")
     parser.add_argument("--episodes", type=int, default=200, help="evaluation episodes")
     parser.add_argument(
@@ -100,6 +102,7 @@ def configuration(
         grad_clip=0.5,
     )
     config.evaluation(
+        evaluation_interval=10**9,  # Without one, `evaluate` acts with the noise of training.
         evaluation_num_env_runners=0,
         evaluation_duration=episodes,
         evaluation_duration_unit="episodes",
@@ -120,6 +123,15 @@ def train(algorithm: PPO, steps: int) -> float:
     return float(algorithm.evaluate()["env_runners"]["success"])
 
 
+def machines(algorithm: PPO) -> set[str]:
+    """Nodes of the cluster on which runners step environments."""
+    place = algorithm.env_runner_group.foreach_env_runner(
+        lambda _: ray.get_runtime_context().get_node_id(),
+        local_env_runner=algorithm.config.num_env_runners == 0,
+    )
+    return set(place)
+
+
 def main() -> None:
     """Parses the command line, trains, judges and saves."""
     parser = command_line()
@@ -131,7 +143,8 @@ def main() -> None:
         gym.make(arguments.env_id, **settings).close()
     except (gym.error.Error, ValueError) as error:
         parser.error(str(error))
-    ray.init(include_dashboard=False, log_to_driver=False, ignore_reinit_error=True)
+    quiet = {"include_dashboard": False, "log_to_driver": False}
+    ray.init(address=arguments.address, ignore_reinit_error=True, **quiet)
     algorithm = configuration(
         arguments.env_id,
         arguments.steps,
@@ -142,6 +155,7 @@ def main() -> None:
         arguments.tactile,
     ).build_algo()
     try:
+        print(f"{arguments.runners} runners on {len(machines(algorithm))} machines")
         print(f"success without noise {train(algorithm, arguments.steps):.1%}")
         algorithm.save_to_path(arguments.out.resolve())
     finally:

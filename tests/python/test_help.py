@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import http.server
 import os
 import re
 import runpy
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -63,6 +65,33 @@ def test_links_of_no_site_are_a_failure(tmp_path, monkeypatch, capsys):
         assert stop.value.code == 2
         said = capsys.readouterr().err.splitlines()[-1]
         assert said.endswith(f"{folder}: found {found}, expected a built site")
+
+
+class Site(http.server.BaseHTTPRequestHandler):
+    """Answers each path, a status, with it."""
+
+    def do_GET(self):
+        self.send_response(int(self.path.strip("/")))
+        self.end_headers()
+
+    def log_message(self, *_):
+        pass
+
+
+def test_links_that_another_site_does_not_have_are_named(tmp_path):
+    links = runpy.run_path(str(ROOT / "py/docs/links.py"))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Site) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        host = f"http://127.0.0.1:{server.server_port}"
+        page = "".join(f'<a href="{host}/{status}">' for status in (200, 403, 404))
+        (tmp_path / "index.html").write_text(page + '<a href="other.html">')
+        asked = {link for link in links["external"](tmp_path) if link.startswith(host)}
+        found = links["dead"](asked)
+        server.shutdown()
+    assert asked == {f"{host}/{status}" for status in (200, 403, 404)}
+    assert found == [f"{host}/404: HTTP Error 404: Not Found"]
+    [silent] = links["dead"]([f"{host}/200"])
+    assert silent.startswith(f"{host}/200: <urlopen error"), silent
 
 
 @pytest.mark.parametrize(

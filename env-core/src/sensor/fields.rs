@@ -79,12 +79,22 @@ const FOUNDATION: [Key; 4] = [
 const MOST_POWER: i64 = 12;
 
 const IMAGE: [Key; 7] = [
-    key("background_terms", Kind::Exponents(2), "", ""),
-    key("background", Kind::Colours, "", ""),
-    key("terms", Kind::Exponents(4), "", ""),
-    key("response", Kind::Colours, "", ""),
-    key("steepest", Kind::Number(1e-3, 10.0, ""), "", ""),
-    key("smoothing", Kind::Number(0.0, 2e-3, "m"), "", ""),
+    key("background_terms", Kind::Exponents(2), "at rest: exponents of x and y", "[[0, 0]]"),
+    key("background", Kind::Colours, "red, green and blue of each", "[[0.5, 0.45, 0.5]]"),
+    key(
+        "terms",
+        Kind::Exponents(4),
+        "added by slopes: exponents of ∂z/∂x, ∂z/∂y, x and y",
+        "[[1, 0, 0, 0], [0, 1, 0, 0]]",
+    ),
+    key(
+        "response",
+        Kind::Colours,
+        "red, green and blue of each",
+        "[[0.95, -0.1, -0.55], [-0.1, 0.5, 0.05]]",
+    ),
+    key("steepest", Kind::Number(1e-3, 10.0, ""), "slope to which the terms hold", "0.75"),
+    key("smoothing", Kind::Number(0.0, 2e-3, "m"), "deviation of the blur of heights", "2.4e-4"),
     SOURCE,
 ];
 
@@ -356,19 +366,8 @@ pub fn template() -> String {
                 line(if repeated { format!("[[{name}]]") } else { format!("[{name}]") });
             }
         }
-        for key in *keys {
-            if key.example.is_empty() {
-                continue;
-            }
-            let range = match key.kind {
-                Kind::Text => String::new(),
-                kind => format!(": {}", kind.to_string().trim()),
-            };
-            line(format!(
-                "{:<30} # {}{range}",
-                format!("{} = {}", key.name, key.example),
-                key.about
-            ));
+        for key in keys.iter().filter(|key| !key.example.is_empty()) {
+            line(explained(key));
         }
         if *name == "calibration" {
             line(
@@ -378,8 +377,28 @@ pub fn template() -> String {
                     .to_owned(),
             );
         }
+        if *name == "camera" {
+            line(
+                "\n# Colours of the channel `image`, from 0 to 1: sums of products of powers, x and y in\n\
+                 # halves of the view's longer edge. Without this table there is no such channel.\n\
+                 # [camera.image]"
+                    .to_owned(),
+            );
+            for key in &IMAGE {
+                line(format!("# {}", explained(key)));
+            }
+        }
     }
     text
+}
+
+/// Line of the template that gives a key its example.
+fn explained(key: &Key) -> String {
+    let range = match key.kind {
+        Kind::Text => String::new(),
+        kind => format!(": {}", kind.to_string().trim()),
+    };
+    format!("{:<30} # {}{range}", format!("{} = {}", key.name, key.example), key.about)
 }
 
 #[cfg(test)]
@@ -392,6 +411,18 @@ mod tests {
         let mini = Sensor::named("gelsight-mini").unwrap();
         assert_eq!((sensor.outline, sensor.camera.pixels), (mini.outline, mini.camera.pixels));
         assert_eq!(sensor.calibrations[0].elastic_foundation, None);
+    }
+
+    #[test]
+    fn the_templates_table_of_an_image_can_be_used_as_it_is() {
+        let text = template();
+        let (before, image) = text.split_once("# [camera.image]\n").unwrap();
+        assert_eq!(Sensor::parse("my.toml", before).unwrap().camera.image, None);
+        let image: Vec<_> = image.lines().map(|line| line.strip_prefix("# ").unwrap()).collect();
+        let text = format!("{before}[camera.image]\n{}\n", image.join("\n"));
+        let response = Sensor::parse("my.toml", &text).unwrap().camera.image.unwrap();
+        assert_eq!((response.background.len(), response.response.len()), (1, 2));
+        assert!((response.smoothing - 2.4e-4).abs() < f64::EPSILON, "{}", response.smoothing);
     }
 
     #[test]

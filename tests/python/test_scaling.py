@@ -1,0 +1,45 @@
+"""What 10⁸ steps cost: the model of it, and processes that step at once."""
+
+from __future__ import annotations
+
+import pytest
+
+from scaling import doubled, predicted, together
+
+
+def test_the_cost_is_that_of_as_many_cores_with_the_efficiency_of_all_here():
+    found = predicted({1: 1000.0, 2: 1900.0, 4: 3600.0}, {1: 1000.0, 2: 1800.0, 4: 3000.0})
+    assert found["efficiency"] == {"processes": 0.9, "threads": 0.75}
+    # 10⁸ steps at 900 a second and core.
+    assert found["core_hours"] == pytest.approx(1e8 / 900 / 3600, abs=0.05)
+    assert found["hours"]["64"] == pytest.approx(1e8 / 900 / 3600 / 64, abs=5e-4)
+    # All four cores are predicted with the efficiency of two of them, 0.95.
+    assert found["check"] == {
+        "predicted": 3800.0,
+        "error_processes": round(3800 / 3600 - 1, 3),
+        "error_threads": round(3800 / 3000 - 1, 3),
+    }
+
+
+def test_two_cores_are_predicted_from_one():
+    found = predicted({1: 1000.0, 2: 1900.0}, {1: 1000.0, 2: 1800.0})
+    assert found["check"]["predicted"] == 2000.0
+    alone = predicted({1: 1000.0}, {1: 1000.0})
+    assert alone["efficiency"] == {"processes": 1.0, "threads": 1.0}
+
+
+@pytest.mark.parametrize(("cores", "counts"), [(1, [1]), (2, [1, 2]), (6, [1, 2, 4, 6])])
+def test_cores_are_doubled_up_to_all_of_them(cores, counts, monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: cores)
+    assert doubled() == counts
+
+
+def test_processes_that_step_at_once_tell_their_speed_and_memory():
+    found = together(2, 2, "none", repeats=1)
+    assert found["rate"] > 0
+    assert 0 <= found["per_environment"] < found["whole"] < 1e9
+
+
+def test_a_process_that_fails_stops_all():
+    with pytest.raises(ValueError, match="eyes"):
+        together(2, 2, "eyes", repeats=1)
