@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     Result,
-    compliance::nodal::{ContactResolution, ContactSolution},
+    compliance::nodal::{ContactResolution, ContactSolution, LayeredPad},
     dataset::{Dataset, DatasetConfig, NonlinearPart, PadFrames, steps},
     deformation::{Moduli, Press, Wrench},
     geometry::{PadMesh, Shape},
@@ -45,8 +45,8 @@ pub(super) struct GelPad {
     pub(super) gel: PadMaterial,
     mesh: PadMesh,
     linear: LinearBaseline,
-    /// The same with contact resolved finely, for datasets that hold the nonlinear law's part.
-    fine: Option<LinearBaseline>,
+    /// Finely resolved contact, for datasets that hold the nonlinear law's part.
+    fine: Option<LayeredPad>,
 }
 
 impl Gels {
@@ -64,9 +64,14 @@ impl Gels {
             let thickness = sensor.outline.thickness;
             let gel = PadMaterial { moduli, friction: gel.friction, thickness };
             let mesh = meshes[graph].clone();
-            let linear = |resolution| LinearBaseline::new(&sensor, &gel, nodes, &mesh, resolution);
-            let fine = config.nonlinearity.map(|_| linear(ContactResolution::FINE)).transpose()?;
-            Ok(GelPad { graph, gel, linear: linear(ContactResolution::FAST)?, fine, mesh })
+            let (linear, fine) = if config.nonlinearity.is_some() {
+                let pair = LinearBaseline::with_fine_contact(&sensor, &gel, nodes, &mesh)?;
+                (pair.0, Some(pair.1))
+            } else {
+                let fast = ContactResolution::FAST;
+                (LinearBaseline::new(&sensor, &gel, nodes, &mesh, fast)?, None)
+            };
+            Ok(GelPad { graph, gel, mesh, linear, fine })
         };
         let pads = config.gels.par_iter().map(pad).collect::<Result<_>>()?;
         let graphs = meshes.iter().map(PadGraph::new).collect::<Result<_>>()?;
@@ -119,15 +124,15 @@ impl Gels {
     fn answers(&self, frames: &PadFrames, shape: &Shape) -> Result<Vec<Answers>> {
         let pad = &self.pads[frames.gel];
         let press = self.press(frames, shape)?;
-        let solve = |linear: &LinearBaseline| {
-            let all = linear.path(&press).into_iter().map_while(Result::ok);
-            all.skip(self.steps).step_by(self.steps).collect::<Vec<_>>()
+        let framed = |all: Vec<Result<ContactSolution>>| {
+            let all = all.into_iter().map_while(Result::ok);
+            all.skip(self.steps).step_by(self.steps)
         };
-        let linear = solve(&pad.linear).into_iter().map(|found| pad.linear.carry(&found, true));
+        let linear = framed(pad.linear.path(&press)).map(|found| pad.linear.carry(&found, true));
         Ok(match pad.fine.as_ref().filter(|_| frames.nonlinear.is_some()) {
             Some(fine) => {
-                let carried = |found: ContactSolution| (fine.carry(&found, false), found.wrench);
-                let pairs = linear.zip(solve(fine).into_iter().map(carried));
+                let carried = |found| (pad.linear.carry_by(fine, &found, false), found.wrench);
+                let pairs = linear.zip(framed(fine.settled_path(&press)).map(carried));
                 pairs.map(|(linear, fine)| Answers { linear, fine: Some(fine) }).collect()
             }
             None => linear.map(|linear| Answers { linear, fine: None }).collect(),
