@@ -10,7 +10,7 @@ use std::{
 
 use nalgebra::Vector3;
 
-use super::{Hollow, Sampled, StarShaped, Surface};
+use super::{Hollow, Rounded, Sampled, StarShaped, Surface};
 use crate::{Error, Result};
 
 /// A closed solid in its own frame (m).
@@ -86,6 +86,8 @@ pub enum Shape {
     StarShaped(StarShaped),
     /// Star-shaped solid with a closed cavity.
     Hollow(Hollow),
+    /// Solid with its convex edges rounded: see [`Shape::rounded`].
+    Rounded(Rounded),
     /// Solid under the plane z = 0. It has no surface of finite size.
     HalfSpace,
     /// Solid inside a watertight surface.
@@ -136,6 +138,9 @@ impl Shape {
             }
             Self::StarShaped(star) => star.validate()?,
             Self::Hollow(hollow) => hollow.validate()?,
+            Self::Rounded(rounded) => {
+                rounded.sharp().rounded(rounded.radius())?;
+            }
             Self::HalfSpace => {}
             // A surface is checked when it is made, except for its size.
             Self::Mesh(surface) => {
@@ -148,6 +153,49 @@ impl Shape {
             }
         }
         Ok(self)
+    }
+
+    /// Returns this solid with its convex edges rounded by `radius` (m): all balls of that radius
+    /// that fit into it. Its faces stay where they are, and the tip of a cone becomes shorter.
+    ///
+    /// Returns an error for a shape other than a cuboid, cylinder, cone, prism, annulus or cup, and
+    /// for a radius that does not leave 10 µm of the thinnest wall flat.
+    pub fn rounded(&self, radius: f64) -> Result<Self> {
+        let sharp = self.clone().validated()?;
+        let expected = "a cuboid, cylinder, cone, prism, annulus or cup, with sharp edges";
+        let refused = || Error::invalid("shape with edges to round", self.name(), expected);
+        let largest = self.largest_edge_radius().ok_or_else(refused)?;
+        less("edge_radius", radius, "half of the thinnest wall", largest)?;
+        Rounded::new(sharp, radius).map(Self::Rounded).ok_or_else(refused)
+    }
+
+    /// The solid before its edges were rounded, or this solid.
+    pub fn sharp(&self) -> &Self {
+        match self {
+            Self::Rounded(rounded) => rounded.sharp(),
+            sharp => sharp,
+        }
+    }
+
+    /// Kind of the shape, in words.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Sphere { .. } => "sphere",
+            Self::Cuboid { .. } => "cuboid",
+            Self::Cylinder { .. } => "cylinder",
+            Self::Capsule { .. } => "capsule",
+            Self::Cone { .. } => "cone",
+            Self::Prism { .. } => "prism",
+            Self::Annulus { .. } => "annulus",
+            Self::Ellipsoid { .. } => "ellipsoid",
+            Self::Cup { .. } => "cup",
+            Self::StarShaped(_) => "star-shaped solid",
+            Self::Hollow(_) => "hollow solid",
+            Self::Rounded(_) => "solid with rounded edges",
+            Self::HalfSpace => "half-space",
+            Self::Mesh(_) => "mesh",
+            Self::Sampled(_) => "sampled solid",
+        }
     }
 
     /// Returns the same solid, `factor` times as large.
@@ -176,6 +224,7 @@ impl Shape {
             }
             Self::StarShaped(star) => *star = star.scaled(factor),
             Self::Hollow(hollow) => *hollow = hollow.scaled(factor),
+            Self::Rounded(rounded) => *rounded = rounded.scaled(factor),
             Self::HalfSpace => {}
             Self::Mesh(surface) => *surface = Arc::new(surface.scaled(factor)),
             Self::Sampled(sampled) => *sampled = sampled.scaled(factor),
@@ -200,11 +249,11 @@ impl Shape {
                 let outer = Surface::radial(segments, |d| hollow.solid().radius(d));
                 outer.without(&outer.scaled(hollow.cavity()))
             }
+            Self::Rounded(rounded) => rounded.surface(segments),
             Self::Cuboid { half_extents } => Surface::cuboid(half_extents),
-            Self::Cylinder { radius: r, half_height: h } => {
-                ring(&[[0.0, -h], [*r, -h], [*r, *h], [0.0, *h]])
+            Self::Cylinder { .. } | Self::Cone { .. } | Self::Annulus { .. } | Self::Cup { .. } => {
+                ring(&self.profile()?)
             }
-            Self::Cone { radius: r, half_height: h } => ring(&Self::cone_profile(*r, *h)),
             Self::Capsule { radius, half_height } => {
                 ring(&capsule_profile(*radius, *half_height, segments))
             }
@@ -212,16 +261,46 @@ impl Shape {
                 let profile = [[0.0, -h], [*r, -h], [*r, *h], [0.0, *h]];
                 Surface::revolved(&profile, *sides, PI / f64::from(*sides))
             }
-            Self::Annulus { outer, inner, half_height: h } => {
-                ring(&[[*outer, -h], [*outer, *h], [*inner, *h], [*inner, -h], [*outer, -h]])
-            }
-            Self::Cup { bottom, rim, half_height: h, wall } => {
-                ring(&Self::cup_profile(*bottom, *rim, *h, *wall))
-            }
             Self::HalfSpace => return None,
             Self::Mesh(surface) => (**surface).clone(),
             Self::Sampled(sampled) => return sampled.surface(segments),
         })
+    }
+
+    /// (radius, z) points of a solid of revolution with straight sides, solid on the left, from the
+    /// axis to the axis or round a loop that ends where it began; `None` for any other.
+    pub(super) fn profile(&self) -> Option<Vec<[f64; 2]>> {
+        Some(match *self {
+            Self::Cylinder { radius: r, half_height: h } => {
+                vec![[0.0, -h], [r, -h], [r, h], [0.0, h]]
+            }
+            Self::Cone { radius, half_height } => Self::cone_profile(radius, half_height).into(),
+            Self::Annulus { outer, inner, half_height: h } => {
+                vec![[outer, -h], [outer, h], [inner, h], [inner, -h], [outer, -h]]
+            }
+            Self::Cup { bottom, rim, half_height, wall } => {
+                Self::cup_profile(bottom, rim, half_height, wall).into()
+            }
+            _ => return None,
+        })
+    }
+
+    /// Upper bound of the radius of rounded edges (m): half of the thinnest wall, of which
+    /// [`SMALLEST`] is left; `None` for a solid that has no edges or no formula.
+    pub(super) fn largest_edge_radius(&self) -> Option<f64> {
+        let thinnest = match self {
+            Self::Cuboid { .. }
+            | Self::Cylinder { .. }
+            | Self::Cone { .. }
+            | Self::Prism { .. }
+            | Self::Annulus { .. } => self.thickness(),
+            // A wall that leans inwards is thinner at the bottom.
+            Self::Cup { bottom, rim, half_height, .. } => {
+                self.thickness() * (1.0 + ((rim - bottom) / (2.0 * half_height)).min(0.0))
+            }
+            _ => return None,
+        };
+        Some(0.5 * (thinnest - SMALLEST))
     }
 
     /// (radius, z) points of a cone's side and base, solid on the left.

@@ -32,6 +32,7 @@ impl Shape {
             Self::Hollow(hollow) => {
                 2.0 * (1.0 - hollow.cavity()) * hollow.solid().semi_axes().min()
             }
+            Self::Rounded(rounded) => rounded.sharp().thickness(),
             Self::Sampled(sampled) => sampled.scale() * sampled.exact().thickness(),
             Self::StarShaped(_) | Self::HalfSpace | Self::Mesh(_) => f64::INFINITY,
         }
@@ -47,6 +48,7 @@ impl Shape {
                 2.0 * extents[1]
             }
             Self::Cup { bottom, half_height, .. } => 2.0 * bottom.min(*half_height),
+            Self::Rounded(rounded) => rounded.sharp().breadth(),
             _ => self.thickness(),
         }
     }

@@ -16,6 +16,7 @@ mod triangles;
 use nalgebra::{Point3, Vector3};
 
 use super::Shape;
+pub(super) use solids::revolved;
 pub(super) use triangles::TriangleTree;
 
 /// Signed distance from a point to a shape, with its gradient.
@@ -70,6 +71,7 @@ impl Shape {
             Self::Ellipsoid { semi_axes } => ellipsoid::distance(p, semi_axes),
             Self::StarShaped(star) => star.distance(point),
             Self::Hollow(hollow) => hollow.distance(point),
+            Self::Rounded(rounded) => rounded.distance(point),
             Self::HalfSpace => Distance { value: p.z, normal: Vector3::z() },
             Self::Mesh(surface) => surface.distance(point),
             Self::Sampled(sampled) => sampled.distance(point),
@@ -81,6 +83,7 @@ impl Shape {
     pub fn distance_error(&self) -> f64 {
         match self {
             Self::StarShaped(_) | Self::Hollow(_) => f64::INFINITY,
+            Self::Rounded(rounded) => rounded.distance_error(),
             Self::Sampled(sampled) => sampled.distance_error(),
             _ => 0.0,
         }

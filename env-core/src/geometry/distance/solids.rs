@@ -66,7 +66,7 @@ pub(super) fn prism(p: &Vector3<f64>, sides: u32, radius: f64, half_height: f64)
 /// runs from the axis to the axis.
 ///
 /// The nearest point lies in the half-plane of the axis and the point, so the problem is planar.
-pub(super) fn revolved(p: &Vector3<f64>, profile: &[[f64; 2]]) -> Distance {
+pub(in crate::geometry) fn revolved(p: &Vector3<f64>, profile: &[[f64; 2]]) -> Distance {
     let (from_axis, outward) = radial(p);
     let at = Vector2::new(from_axis, p.z);
     let segment = |i: usize| (Vector2::from(profile[i]), Vector2::from(profile[i + 1]));

@@ -282,7 +282,7 @@ impl<'a> PlacedObject<'a> {
     pub(super) fn new(shape: &'a Shape, radius: f64, pose: &Isometry3<f64>) -> Self {
         let turn = *pose.rotation.to_rotation_matrix().matrix();
         let is_creased = matches!(
-            shape,
+            shape.sharp(),
             Shape::Cuboid { .. }
                 | Shape::Prism { .. }
                 | Shape::Cone { .. }
