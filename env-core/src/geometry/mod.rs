@@ -19,7 +19,6 @@ mod stuffing;
 mod surface;
 mod tet_file;
 mod tet_mesh;
-mod thickness;
 mod transfer;
 
 pub use distance::Distance;

@@ -8,7 +8,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::{Point3, Vector2, Vector3};
 
-use super::{Distance, Shape, Surface, distance::revolved};
+use super::{Distance, Shape, Surface, distance::solids::revolved};
 
 /// A solid with its convex edges rounded; see [`Shape::rounded`].
 #[derive(Clone, Debug, PartialEq)]
