@@ -67,29 +67,8 @@ def under_edges() -> np.ndarray:
 
 def block(radius: float) -> Shape:
     """The block, with its edges rounded."""
-    if not radius:
-        return Shape.cuboid(HALF)
-    # A point of a finer box goes to `radius` from the nearest point of the smaller box inside.
-    turn = np.tan(np.linspace(np.pi / 4, 0, 5))
-    lines = [np.r_[-h + radius * (1 - turn), h - radius * (1 - turn[::-1])] for h in HALF]
-    vertices: list[np.ndarray] = []
-    faces: list[np.ndarray] = []
-    for axis in range(3):
-        u, v = (axis + 1) % 3, (axis + 2) % 3
-        for side in (-1, 1):
-            first = sum(len(grid) for grid in vertices)
-            grid = np.zeros((len(lines[u]), len(lines[v]), 3))
-            grid[..., axis] = side * HALF[axis]
-            grid[..., u], grid[..., v] = np.meshgrid(lines[u], lines[v], indexing="ij")
-            vertices.append(grid.reshape(-1, 3))
-            number = first + np.arange(grid[..., 0].size).reshape(grid.shape[:2])
-            a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-            triangles = np.stack([[a, b, c], [a, c, d]]).reshape(2, 3, -1)
-            faces.append(np.moveaxis(triangles, 1, 2).reshape(-1, 3)[:, ::side])
-    places, same = np.unique(np.concatenate(vertices).round(12), axis=0, return_inverse=True)
-    core = np.clip(places, radius - HALF, HALF - radius)
-    out = (places - core) / np.linalg.norm(places - core, axis=1, keepdims=True)
-    return Shape.mesh(core + radius * out, same.reshape(-1)[np.concatenate(faces)])
+    sharp = Shape.cuboid(HALF)
+    return sharp.rounded(radius) if radius else sharp
 
 
 def solved(solver: Any, shape: Shape, places: Iterable[Iterable[float]]) -> list[Deformation]:

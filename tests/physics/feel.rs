@@ -146,7 +146,8 @@ fn a_reset_forgets_what_was_felt() {
 #[test]
 fn a_press_without_an_answer_ends_its_episode_only() {
     // The full grip drives the edges of a thin ring between the nodes of the pads.
-    let ring = ShapeSpec::Annulus { outer: 0.02, inner: 0.0195, half_height: 0.01 };
+    let ring =
+        ShapeSpec::Annulus { outer: 0.02, inner: 0.0195, half_height: 0.01, edge_radius: None };
     let ring = TaskConfig {
         objects: vec![ObjectSpec::Shape(ring)],
         tactile: Choice::Surrogate,

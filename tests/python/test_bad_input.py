@@ -301,6 +301,17 @@ def test_a_shape_of_ones_own_is_described_in_words():
     assert env.look()["object"] == "cuboid, half extents 0.02 × 0.01 × 0.03 m"
 
 
+def test_an_object_may_have_rounded_edges():
+    block = {"shape": "cuboid", "half_extents": [0.02, 0.01, 0.03]}
+    env = GraspLiftEnv(objects=block | {"edge_radius": 0.001})
+    env.reset(seed=0)
+    words = "cuboid, edge radius 0.001 m, half extents 0.02 × 0.01 × 0.03 m"
+    assert env.look()["object"] == words
+    assert "expected less than half" in outcome(GraspLiftEnv, objects=block | {"edge_radius": 0.01})
+    ball = {"shape": "sphere", "radius": 0.02, "edge_radius": 0.001}
+    assert "unknown field `edge_radius`" in outcome(GraspLiftEnv, objects=ball)
+
+
 def test_what_makes_a_large_object_fit_is_named(tmp_path):
     file = tmp_path / "part.obj"
     file.write_text(TETRAHEDRON)

@@ -9,6 +9,7 @@ from bodies import BALL, PLATE, RADIUS
 import ruffini
 from ruffini import Shape, TetMesh
 from ruffini.commands.press import touching_height
+from ruffini.commands.shapes import shape as parsed
 
 CORNER = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 """Faces of a tetrahedron."""
@@ -22,6 +23,8 @@ SHAPES = {
     "annulus": Shape.annulus(4e-3, 2e-3, 2e-3),
     "ellipsoid": Shape.ellipsoid((2e-3, 3e-3, 4e-3)),
     "cup": Shape.cup(3e-3, 4e-3, 3e-3, 5e-4),
+    "rounded cuboid": Shape.cuboid([1e-3, 2e-3, 3e-3]).rounded(4e-4),
+    "rounded cup": Shape.cup(3e-3, 4e-3, 3e-3, 5e-4).rounded(2e-4),
     "star_shaped": Shape.star_shaped([3e-3, 3e-3, 4e-3], [(0.1, [2.0, 0.0, 1.0], 0.5)]),
     "half_space": PLATE,
     "mesh": Shape.mesh(
@@ -53,6 +56,35 @@ def test_distances_of_a_ball_and_a_box_are_exact():
     values, normals = SHAPES["cuboid"].distance([[2e-3, 3e-3, 3e-3], [0.9e-3, 0, 0]])
     assert np.allclose(values, [np.sqrt(2) * 1e-3, -1e-4], atol=1e-15)
     assert np.allclose(normals, [[np.sqrt(0.5), np.sqrt(0.5), 0], [1, 0, 0]], atol=1e-12)
+
+
+def test_rounded_edges_are_as_round_as_asked_for():
+    half, radius = np.array([1e-3, 2e-3, 3e-3]), 4e-4
+    rounded = SHAPES["rounded cuboid"]
+    corner = half - radius * (1 - np.sqrt(1 / 3))
+    values, normals = rounded.distance([half, corner, [0.0, 0.0, 3e-3]])
+    assert np.allclose(values, [(np.sqrt(3) - 1) * radius, 0.0, 0.0], atol=1e-15)
+    assert np.allclose(normals, [[np.sqrt(1 / 3)] * 3] * 2 + [[0, 0, 1]], atol=1e-9)
+    vertices, _ = rounded.surface()
+    assert np.allclose(np.abs(rounded.distance(vertices)[0]), 0.0, atol=1e-12)
+    assert np.allclose([vertices.min(axis=0), vertices.max(axis=0)], [-half, half], atol=1e-12)
+
+
+def test_edges_that_cannot_be_rounded_are_refused():
+    with pytest.raises(ValueError, match=r"edge_radius: found 0\.001 m, expected less than half"):
+        SHAPES["cuboid"].rounded(1e-3)
+    with pytest.raises(ValueError, match="found sphere, expected a cuboid, cylinder, cone"):
+        BALL.rounded(1e-3)
+    with pytest.raises(ValueError, match="found solid with rounded edges"):
+        SHAPES["rounded cup"].rounded(1e-4)
+
+
+def test_rounded_shapes_are_written_with_a_second_colon():
+    points = np.random.default_rng(2).normal(0.0, 6e-3, (50, 3))
+    written = parsed("cuboid:0.001,0.002,0.003:0.0004").distance(points)
+    assert np.array_equal(written[0], SHAPES["rounded cuboid"].distance(points)[0])
+    with pytest.raises(ValueError, match="edge radius: found wide"):
+        parsed("cuboid:0.001,0.002,0.003:wide")
 
 
 def test_a_surface_file_is_the_shape_of_its_arrays(tmp_path):

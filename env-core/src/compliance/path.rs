@@ -11,7 +11,6 @@ use crate::{
     deformation::{
         Deformation, FrameDrive, History, NextStep, Press, solve_frames, solve_in_steps,
     },
-    geometry::Shape,
 };
 
 /// Smallest part of a frame, or of an [`EDGE_STEP`], that is tried as a load step.
@@ -88,7 +87,7 @@ impl LoadStepping<'_> {
             self.zone.places.iter().map(|place| place.coords).sum::<Vector3<f64>>() / count;
         let middle = Point3::from(middle);
         let poses = self.shapes.iter().zip(from.iter().zip(to));
-        let poses = poses.filter(|(shape, _)| has_edges(shape));
+        let poses = poses.filter(|(shape, _)| shape.has_edges());
         let moved = poses
             .map(|(_, (from, to))| (to * from.inverse_transform_point(&middle) - middle).norm());
         moved.fold(0.0, f64::max)
@@ -148,14 +147,5 @@ impl LoadStepping<'_> {
             seconds: self.seconds + start.elapsed().as_secs_f64(),
             ..answer
         })
-    }
-}
-
-fn has_edges(shape: &Shape) -> bool {
-    use Shape::{Capsule, Ellipsoid, HalfSpace, Sphere, StarShaped};
-    match shape {
-        Shape::Sampled(sampled) => has_edges(sampled.exact()),
-        Sphere { .. } | Ellipsoid { .. } | Capsule { .. } | StarShaped(_) | HalfSpace => false,
-        _ => true,
     }
 }

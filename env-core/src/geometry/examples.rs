@@ -12,7 +12,7 @@ pub(super) fn solids() -> Vec<Shape> {
     let dimple = |amplitude, axis| Bump { amplitude, axis, concentration: 12.0 };
     let dimples = vec![dimple(-0.25, Vector3::z_axis()), dimple(0.1, -Vector3::y_axis())];
     let apple = StarShaped::new(Vector3::new(0.022, 0.022, 0.02), vec![]).with_bumps(dimples);
-    vec![
+    let mut all = vec![
         Shape::Sphere { radius: 0.02 },
         Shape::Cuboid { half_extents: v },
         Shape::Cylinder { radius: 0.02, half_height: 0.03 },
@@ -27,7 +27,12 @@ pub(super) fn solids() -> Vec<Shape> {
         Shape::StarShaped(apple.clone()),
         Shape::Hollow(Hollow::new(apple, 0.6)),
         Shape::StarShaped(StarShaped::new(v, vec![wave])),
-    ]
+    ];
+    // Every kind of which the distance is exact everywhere, which it is not inside a rounded cup.
+    let sharp = all[1..8].iter().filter(|shape| !matches!(shape, Shape::Capsule { .. }));
+    let rounded: Vec<_> = sharp.map(|shape| shape.rounded(2e-3).expect("thick")).collect();
+    all.splice(0..0, rounded);
+    all
 }
 
 /// The first `count` points of a Halton sequence in the cube from −`half` to `half` on every axis.

@@ -8,9 +8,12 @@ use std::{
     sync::Arc,
 };
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
-use super::{Hollow, Sampled, StarShaped, Surface};
+use super::{
+    Distance, Hollow, Rounded, Sampled, StarShaped, Surface,
+    distance::{ellipsoid, solids},
+};
 use crate::{Error, Result};
 
 /// A closed solid in its own frame (m).
@@ -86,6 +89,8 @@ pub enum Shape {
     StarShaped(StarShaped),
     /// Star-shaped solid with a closed cavity.
     Hollow(Hollow),
+    /// Solid with its convex edges rounded: see [`Shape::rounded`].
+    Rounded(Rounded),
     /// Solid under the plane z = 0. It has no surface of finite size.
     HalfSpace,
     /// Solid inside a watertight surface.
@@ -136,6 +141,9 @@ impl Shape {
             }
             Self::StarShaped(star) => star.validate()?,
             Self::Hollow(hollow) => hollow.validate()?,
+            Self::Rounded(rounded) => {
+                rounded.sharp().rounded(rounded.radius())?;
+            }
             Self::HalfSpace => {}
             // A surface is checked when it is made, except for its size.
             Self::Mesh(surface) => {
@@ -148,6 +156,49 @@ impl Shape {
             }
         }
         Ok(self)
+    }
+
+    /// Returns this solid with its convex edges rounded by `radius` (m): all balls of that radius
+    /// that fit into it. Its faces stay where they are, and the tip of a cone becomes shorter.
+    ///
+    /// Returns an error for a shape other than a cuboid, cylinder, cone, prism, annulus or cup, and
+    /// for a radius that does not leave 10 µm of the thinnest wall flat.
+    pub fn rounded(&self, radius: f64) -> Result<Self> {
+        let sharp = self.clone().validated()?;
+        let expected = "a cuboid, cylinder, cone, prism, annulus or cup, with sharp edges";
+        let refused = || Error::invalid("shape with edges to round", self.name(), expected);
+        let largest = self.largest_edge_radius().ok_or_else(refused)?;
+        less("edge_radius", radius, "half of the thinnest wall", largest)?;
+        Rounded::new(sharp, radius).map(Self::Rounded).ok_or_else(refused)
+    }
+
+    /// The solid before its edges were rounded, or this solid.
+    pub fn sharp(&self) -> &Self {
+        match self {
+            Self::Rounded(rounded) => rounded.sharp(),
+            sharp => sharp,
+        }
+    }
+
+    /// Kind of the shape, in words.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Sphere { .. } => "sphere",
+            Self::Cuboid { .. } => "cuboid",
+            Self::Cylinder { .. } => "cylinder",
+            Self::Capsule { .. } => "capsule",
+            Self::Cone { .. } => "cone",
+            Self::Prism { .. } => "prism",
+            Self::Annulus { .. } => "annulus",
+            Self::Ellipsoid { .. } => "ellipsoid",
+            Self::Cup { .. } => "cup",
+            Self::StarShaped(_) => "star-shaped solid",
+            Self::Hollow(_) => "hollow solid",
+            Self::Rounded(_) => "solid with rounded edges",
+            Self::HalfSpace => "half-space",
+            Self::Mesh(_) => "mesh",
+            Self::Sampled(_) => "sampled solid",
+        }
     }
 
     /// Returns the same solid, `factor` times as large.
@@ -176,11 +227,121 @@ impl Shape {
             }
             Self::StarShaped(star) => *star = star.scaled(factor),
             Self::Hollow(hollow) => *hollow = hollow.scaled(factor),
+            Self::Rounded(rounded) => *rounded = rounded.scaled(factor),
             Self::HalfSpace => {}
             Self::Mesh(surface) => *surface = Arc::new(surface.scaled(factor)),
             Self::Sampled(sampled) => *sampled = sampled.scaled(factor),
         }
         shape
+    }
+
+    /// Signed distance and its gradient at `point`, in the shape's frame (m).
+    pub fn distance(&self, point: &Point3<f64>) -> Distance {
+        let p = &point.coords;
+        match self {
+            Self::Sphere { radius } => solids::sphere(p, *radius),
+            Self::Cuboid { half_extents } => solids::cuboid(p, half_extents),
+            Self::Cylinder { radius, half_height } => solids::cylinder(p, *radius, *half_height),
+            Self::Capsule { radius, half_height } => solids::capsule(p, *radius, *half_height),
+            Self::Prism { sides, radius, half_height } => {
+                solids::prism(p, *sides, *radius, *half_height)
+            }
+            Self::Annulus { outer, inner, half_height } => {
+                solids::annulus(p, *outer, *inner, *half_height)
+            }
+            Self::Cone { radius: r, half_height: h } => {
+                solids::revolved(p, &Self::cone_profile(*r, *h))
+            }
+            Self::Cup { bottom, rim, half_height, wall } => {
+                solids::revolved(p, &Self::cup_profile(*bottom, *rim, *half_height, *wall))
+            }
+            Self::Ellipsoid { semi_axes } => ellipsoid::distance(p, semi_axes),
+            Self::StarShaped(star) => star.distance(point),
+            Self::Hollow(hollow) => hollow.distance(point),
+            Self::Rounded(rounded) => rounded.distance(point),
+            Self::HalfSpace => Distance { value: p.z, normal: Vector3::z() },
+            Self::Mesh(surface) => surface.distance(point),
+            Self::Sampled(sampled) => sampled.distance(point),
+        }
+    }
+
+    /// Bound of the error of [`Shape::distance`] (m): 0 if it is exact to rounding, infinite if it
+    /// has none.
+    pub fn distance_error(&self) -> f64 {
+        match self {
+            Self::StarShaped(_) | Self::Hollow(_) => f64::INFINITY,
+            Self::Rounded(rounded) => rounded.distance_error(),
+            Self::Sampled(sampled) => sampled.distance_error(),
+            _ => 0.0,
+        }
+    }
+
+    /// Thickness of the thinnest wall (m): a ball of this diameter fits anywhere in the solid
+    /// except at its edges and corners. Infinite for a half-space, and for star-shaped solids and
+    /// meshes, whose thickness is not computed.
+    pub fn thickness(&self) -> f64 {
+        match self {
+            Self::Sphere { radius } | Self::Capsule { radius, .. } => 2.0 * radius,
+            Self::Cuboid { half_extents: v } | Self::Ellipsoid { semi_axes: v } => 2.0 * v.min(),
+            Self::Cylinder { radius, half_height } => 2.0 * radius.min(*half_height),
+            Self::Cone { radius, half_height } => {
+                // Inscribed ball: its radius is area over half the perimeter of the triangular
+                // section through the axis.
+                let side = radius.hypot(2.0 * half_height);
+                4.0 * radius * half_height / (radius + side)
+            }
+            Self::Prism { sides, radius, half_height } => {
+                2.0 * (radius * (PI / f64::from(*sides)).cos()).min(*half_height)
+            }
+            Self::Annulus { outer, inner, half_height } => (outer - inner).min(2.0 * half_height),
+            Self::Cup { bottom, rim, half_height, wall } => {
+                // `wall` is the horizontal thickness of an inclined wall.
+                let lean = (rim - bottom).atan2(2.0 * half_height);
+                wall * lean.cos()
+            }
+            Self::Hollow(hollow) => {
+                2.0 * (1.0 - hollow.cavity()) * hollow.solid().semi_axes().min()
+            }
+            Self::Rounded(rounded) => rounded.sharp().thickness(),
+            Self::Sampled(sampled) => sampled.scale() * sampled.exact().thickness(),
+            Self::StarShaped(_) | Self::HalfSpace | Self::Mesh(_) => f64::INFINITY,
+        }
+    }
+
+    /// Smallest extent of the walls along themselves (m); that of the thickness for solids that are
+    /// not walls all over.
+    pub fn breadth(&self) -> f64 {
+        match self {
+            Self::Cuboid { half_extents: v } => {
+                let mut extents = [v.x, v.y, v.z];
+                extents.sort_unstable_by(f64::total_cmp);
+                2.0 * extents[1]
+            }
+            Self::Cup { bottom, half_height, .. } => 2.0 * bottom.min(*half_height),
+            Self::Rounded(rounded) => rounded.sharp().breadth(),
+            _ => self.thickness(),
+        }
+    }
+
+    /// Returns whether the surface may have an edge, as every mesh may.
+    pub fn has_edges(&self) -> bool {
+        match self {
+            Self::Sphere { .. }
+            | Self::Ellipsoid { .. }
+            | Self::Capsule { .. }
+            | Self::StarShaped(_)
+            | Self::HalfSpace => false,
+            Self::Sampled(sampled) => sampled.exact().has_edges(),
+            _ => true,
+        }
+    }
+
+    /// Returns whether it is a convex solid whose faces meet in edges, sharp or rounded.
+    pub fn is_creased(&self) -> bool {
+        matches!(
+            self.sharp(),
+            Self::Cuboid { .. } | Self::Prism { .. } | Self::Cone { .. } | Self::Cylinder { .. }
+        )
     }
 
     /// Watertight triangles, with about `segments` edges round a circle, or `None` for a
@@ -200,11 +361,11 @@ impl Shape {
                 let outer = Surface::radial(segments, |d| hollow.solid().radius(d));
                 outer.without(&outer.scaled(hollow.cavity()))
             }
+            Self::Rounded(rounded) => rounded.surface(segments),
             Self::Cuboid { half_extents } => Surface::cuboid(half_extents),
-            Self::Cylinder { radius: r, half_height: h } => {
-                ring(&[[0.0, -h], [*r, -h], [*r, *h], [0.0, *h]])
+            Self::Cylinder { .. } | Self::Cone { .. } | Self::Annulus { .. } | Self::Cup { .. } => {
+                ring(&self.profile()?)
             }
-            Self::Cone { radius: r, half_height: h } => ring(&Self::cone_profile(*r, *h)),
             Self::Capsule { radius, half_height } => {
                 ring(&capsule_profile(*radius, *half_height, segments))
             }
@@ -212,16 +373,46 @@ impl Shape {
                 let profile = [[0.0, -h], [*r, -h], [*r, *h], [0.0, *h]];
                 Surface::revolved(&profile, *sides, PI / f64::from(*sides))
             }
-            Self::Annulus { outer, inner, half_height: h } => {
-                ring(&[[*outer, -h], [*outer, *h], [*inner, *h], [*inner, -h], [*outer, -h]])
-            }
-            Self::Cup { bottom, rim, half_height: h, wall } => {
-                ring(&Self::cup_profile(*bottom, *rim, *h, *wall))
-            }
             Self::HalfSpace => return None,
             Self::Mesh(surface) => (**surface).clone(),
             Self::Sampled(sampled) => return sampled.surface(segments),
         })
+    }
+
+    /// (radius, z) points of a solid of revolution with straight sides, solid on the left, from the
+    /// axis to the axis or round a loop that ends where it began; `None` for any other.
+    pub(super) fn profile(&self) -> Option<Vec<[f64; 2]>> {
+        Some(match *self {
+            Self::Cylinder { radius: r, half_height: h } => {
+                vec![[0.0, -h], [r, -h], [r, h], [0.0, h]]
+            }
+            Self::Cone { radius, half_height } => Self::cone_profile(radius, half_height).into(),
+            Self::Annulus { outer, inner, half_height: h } => {
+                vec![[outer, -h], [outer, h], [inner, h], [inner, -h], [outer, -h]]
+            }
+            Self::Cup { bottom, rim, half_height, wall } => {
+                Self::cup_profile(bottom, rim, half_height, wall).into()
+            }
+            _ => return None,
+        })
+    }
+
+    /// Upper bound of the radius of rounded edges (m): half of the thinnest wall, of which
+    /// [`SMALLEST`] is left; `None` for a solid that has no edges or no formula.
+    pub(super) fn largest_edge_radius(&self) -> Option<f64> {
+        let thinnest = match self {
+            Self::Cuboid { .. }
+            | Self::Cylinder { .. }
+            | Self::Cone { .. }
+            | Self::Prism { .. }
+            | Self::Annulus { .. } => self.thickness(),
+            // A wall that leans inwards is thinner at the bottom.
+            Self::Cup { bottom, rim, half_height, .. } => {
+                self.thickness() * (1.0 + ((rim - bottom) / (2.0 * half_height)).min(0.0))
+            }
+            _ => return None,
+        };
+        Some(0.5 * (thinnest - SMALLEST))
     }
 
     /// (radius, z) points of a cone's side and base, solid on the left.
@@ -277,4 +468,45 @@ fn less(name: &str, value: f64, than: &str, bound: f64) -> Result<()> {
         return Ok(());
     }
     Err(Error::invalid(name, format!("{value} m"), format!("less than {than} ({bound} m)")))
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point3, Vector3};
+
+    use super::*;
+
+    #[test]
+    fn walls_are_as_broad_as_they_are_small() {
+        let plate = Shape::Cuboid { half_extents: Vector3::new(8e-3, 1e-3, 4e-3) };
+        let cup = Shape::Cup { bottom: 5e-3, rim: 6e-3, half_height: 9e-3, wall: 1e-3 };
+        assert!((plate.breadth() - 8e-3).abs() < 1e-12 && (cup.breadth() - 1e-2).abs() < 1e-12);
+        assert!((Shape::Sphere { radius: 1e-3 }.breadth() - 2e-3).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_ball_of_the_thickness_just_fits() {
+        let cases = [
+            (Shape::Sphere { radius: 1e-3 }, Point3::origin()),
+            (Shape::Cuboid { half_extents: Vector3::new(3e-3, 2e-3, 1e-4) }, Point3::origin()),
+            (Shape::Prism { sides: 3, radius: 2e-3, half_height: 5e-3 }, Point3::origin()),
+            (
+                Shape::Annulus { outer: 3e-3, inner: 2e-3, half_height: 4e-3 },
+                Point3::new(2.5e-3, 0.0, 0.0),
+            ),
+            (
+                Shape::Cup { bottom: 2e-3, rim: 4e-3, half_height: 3e-3, wall: 5e-4 },
+                Point3::new(2.75e-3, 0.0, 0.0),
+            ),
+        ];
+        for (shape, middle) in cases {
+            let (fits, thickness) = (-2.0 * shape.distance(&middle).value, shape.thickness());
+            assert!((fits / thickness - 1.0).abs() < 1e-6, "{shape:?}: {fits} m, {thickness} m");
+        }
+        let (radius, half_height) = (2e-3, 3e-3);
+        let cone = Shape::Cone { radius, half_height };
+        let height = 0.5 * cone.thickness() - half_height;
+        let fits = -2.0 * cone.distance(&Point3::new(0.0, 0.0, height)).value;
+        assert!((fits / cone.thickness() - 1.0).abs() < 1e-9, "{fits} m, {} m", cone.thickness());
+    }
 }

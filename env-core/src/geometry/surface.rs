@@ -156,6 +156,11 @@ impl Surface {
         Self::from_parts(vertices, self.triangles.iter().copied().chain(turned).collect())
     }
 
+    /// The same surface with coincident vertices merged, and without the triangles that vanish.
+    pub(super) fn merged(&self) -> Self {
+        merge_coincident(&self.vertices, &self.triangles)
+    }
+
     /// Box with edges along the axes.
     pub(crate) fn cuboid(half_extents: &Vector3<f64>) -> Self {
         let corner = |i: u32| {
@@ -173,25 +178,34 @@ impl Surface {
     /// The profile runs with the solid on its left, either from the axis to the axis or as a loop
     /// that ends where it began.
     pub(crate) fn revolved(profile: &[[f64; 2]], segments: u32, phase: f64) -> Self {
-        let (mut vertices, mut rings) = (Vec::new(), Vec::new());
-        for &[radius, z] in profile {
-            let first = vertices.len() as u32;
-            let count = if radius == 0.0 { 1 } else { segments };
-            vertices.extend((0..count).map(|j| {
+        let is_loop = profile.len() > 2 && profile[0] == profile[profile.len() - 1];
+        let rings = profile[..profile.len() - usize::from(is_loop)].iter().map(|&[radius, z]| {
+            let point = move |j: u32| {
                 let angle = phase + TAU * f64::from(j) / f64::from(segments);
                 Point3::new(radius * angle.cos(), radius * angle.sin(), z)
-            }));
-            rings.push((first, count));
+            };
+            (0..if radius == 0.0 { 1 } else { segments }).map(point).collect()
+        });
+        Self::lofted(rings, is_loop)
+    }
+
+    /// Surface through rings of points, counter-clockwise seen from above, each of as many points
+    /// or of a single one. The last ring is joined to the first if it `is_loop`.
+    pub(super) fn lofted(rings: impl Iterator<Item = Vec<Point3<f64>>>, is_loop: bool) -> Self {
+        let (mut vertices, mut numbers, mut most) = (Vec::new(), Vec::new(), 0);
+        for ring in rings {
+            let count = ring.len() as u32;
+            numbers.push((vertices.len() as u32, count));
+            most = count.max(most);
+            vertices.extend(ring);
         }
-        if profile.len() > 2 && profile[0] == profile[profile.len() - 1] {
-            vertices.truncate(rings[profile.len() - 1].0 as usize);
-            let last = rings.len() - 1;
-            rings[last] = rings[0];
+        if is_loop {
+            numbers.push(numbers[0]);
         }
         let at = |(first, count): (u32, u32), j: u32| first + j % count;
         let mut triangles = Vec::new();
-        for (&low, &high) in rings.iter().zip(&rings[1..]) {
-            for j in 0..segments {
+        for (&low, &high) in numbers.iter().zip(&numbers[1..]) {
+            for j in 0..most {
                 let [a, b] = [at(low, j), at(low, j + 1)];
                 let [c, d] = [at(high, j), at(high, j + 1)];
                 if a != b {

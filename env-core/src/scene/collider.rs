@@ -12,7 +12,7 @@ use rapier3d::{
 use super::{Scene, SceneConfig, SceneObject, hull, units};
 use crate::{
     Error, Result,
-    geometry::{self, Shape, Surface},
+    geometry::{self, Rounded, Shape, Surface},
 };
 
 /// Number of flat faces round a circle. With 16, a face is 0.39 radii wide, about the contact width
@@ -53,7 +53,7 @@ impl ObjectModel {
             Error::invalid("object", format!("{shape:?}"), "a shape of finite size")
         })?;
         let collider = collider(&shape, &surface)?;
-        let upright = match shape {
+        let upright = match shape.sharp() {
             Shape::Cylinder { .. } | Shape::Cone { .. } => {
                 UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2)
             }
@@ -107,6 +107,9 @@ impl ObjectModel {
     pub(super) fn scaled(&self, scale: f64) -> Result<ColliderBuilder> {
         let shape = if scale == 1.0 {
             self.collider.clone()
+        } else if matches!(self.shape, Shape::Rounded(_)) {
+            // Rapier leaves the radius of an edge as it is.
+            collider(&self.shape.scaled(scale), &self.surface.scaled(scale))?
         } else {
             let scaled = self.collider.scale_dyn(Vector::splat(scale as f32), 0);
             let scaled = scaled.ok_or_else(|| Error::invalid("scale", scale, "above zero"))?;
@@ -208,7 +211,27 @@ fn collider(shape: &Shape, surface: &Surface) -> Result<SharedShape> {
             parts.extend(sectors([*bottom, outer(floor)], [-h, floor])?);
             SharedShape::compound(parts)
         }
+        Shape::Rounded(rounded) => rounded_collider(rounded, surface)?,
         _ => hull_or_triangles(surface)?,
+    })
+}
+
+/// Collider of a solid with rounded edges. Those of a cone, an annulus and a cup stay sharp: a hull
+/// does not stand on a round base, and their walls are many parts.
+fn rounded_collider(rounded: &Rounded, surface: &Surface) -> Result<SharedShape> {
+    use units::scalar;
+    let edge = rounded.radius();
+    Ok(match rounded.sharp() {
+        Shape::Cuboid { half_extents } => {
+            let inner = half_extents.map(|half| scalar(half - edge));
+            SharedShape::round_cuboid(inner.x, inner.y, inner.z, scalar(edge))
+        }
+        Shape::Cylinder { radius, half_height } => {
+            let inner = [half_height - edge, radius - edge].map(scalar);
+            SharedShape::round_cylinder(inner[0], inner[1], scalar(edge))
+        }
+        Shape::Prism { .. } => hull_or_triangles(surface)?,
+        sharp => collider(sharp, surface)?,
     })
 }
 
@@ -304,6 +327,31 @@ mod tests {
             let fall = pose.translation.z - scene.state().object.pose.translation.z;
             // The hull is off by 0.05 mm, and contact gives way by about as much.
             assert!(fall.abs() < 2e-4, "it sank by {fall} m into the table");
+        }
+    }
+
+    #[test]
+    fn solids_with_rounded_edges_rest_on_the_table_at_every_scale() {
+        let scale = 1.2;
+        let half_extents = Vector3::new(0.012, 0.015, 0.02);
+        for sharp in [
+            Shape::Cuboid { half_extents },
+            Shape::Cylinder { radius: 0.015, half_height: 0.02 },
+            Shape::Annulus { outer: 0.02, inner: 0.01, half_height: 0.02 },
+        ] {
+            let model = ObjectModel::new(sharp.rounded(1e-3).unwrap()).unwrap();
+            // Rapier itself does not scale the radius.
+            let upright = Pose::from_rotation(units::rotation(&model.upright));
+            let collider = model.scaled(scale).unwrap().build();
+            let height = collider.shape().compute_aabb(&upright).maxs.z;
+            assert!((height - units::scalar(scale * 0.02)).abs() < 1e-5, "{sharp:?}: {height}");
+            let pose = model.rest(scale, 0.0, 0.0, 0.0);
+            let object = SceneObject { model: &model, scale, mass: 0.1, friction: 1.0, pose };
+            let away = Vector3::new(0.0, 0.0, 0.25);
+            let mut scene = Scene::new(&SceneConfig::default(), &object, &away, 0.0).unwrap();
+            scene.settle(500);
+            let fall = pose.translation.z - scene.state().object.pose.translation.z;
+            assert!(fall.abs() < 2e-4, "{sharp:?} sank by {fall} m into the table");
         }
     }
 

@@ -46,7 +46,7 @@ impl Fixture {
         let regular = |sides: usize, distance: f64| {
             (0..sides).map(|k| [TAU * k as f64 / sides as f64, distance + gap]).collect()
         };
-        let walls = match *shape {
+        let walls = match *shape.sharp() {
             Shape::Cuboid { half_extents: half } => {
                 let wall = |k: u32| [0.5 * PI * f64::from(k), half[k as usize % 2] + gap];
                 (0..4).map(wall).collect()

@@ -311,7 +311,7 @@ impl Insertion {
 
 /// Half of the length of a peg (m), 0 of other shapes.
 fn half_height(peg: &Shape) -> f64 {
-    match peg {
+    match peg.sharp() {
         Shape::Cuboid { half_extents } => half_extents.z,
         Shape::Cylinder { half_height, .. } | Shape::Prism { half_height, .. } => *half_height,
         _ => 0.0,

@@ -46,37 +46,88 @@ fn one() -> f64 {
 #[serde(tag = "shape", rename_all = "kebab-case", deny_unknown_fields)]
 #[allow(missing_docs)] // The fields are those of `geometry::Shape`.
 pub enum ShapeSpec {
-    Sphere { radius: f64 },
-    Cuboid { half_extents: [f64; 3] },
-    Cylinder { radius: f64, half_height: f64 },
-    Capsule { radius: f64, half_height: f64 },
-    Cone { radius: f64, half_height: f64 },
-    Prism { sides: u32, radius: f64, half_height: f64 },
-    Annulus { outer: f64, inner: f64, half_height: f64 },
-    Ellipsoid { semi_axes: [f64; 3] },
-    Cup { bottom: f64, rim: f64, half_height: f64, wall: f64 },
+    Sphere {
+        radius: f64,
+    },
+    Cuboid {
+        half_extents: [f64; 3],
+        #[serde(skip_serializing_if = "Option::is_none")]
+        edge_radius: Option<f64>,
+    },
+    Cylinder {
+        radius: f64,
+        half_height: f64,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        edge_radius: Option<f64>,
+    },
+    Capsule {
+        radius: f64,
+        half_height: f64,
+    },
+    Cone {
+        radius: f64,
+        half_height: f64,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        edge_radius: Option<f64>,
+    },
+    Prism {
+        sides: u32,
+        radius: f64,
+        half_height: f64,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        edge_radius: Option<f64>,
+    },
+    Annulus {
+        outer: f64,
+        inner: f64,
+        half_height: f64,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        edge_radius: Option<f64>,
+    },
+    Ellipsoid {
+        semi_axes: [f64; 3],
+    },
+    Cup {
+        bottom: f64,
+        rim: f64,
+        half_height: f64,
+        wall: f64,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        edge_radius: Option<f64>,
+    },
 }
 
-impl From<&ShapeSpec> for Shape {
-    fn from(spec: &ShapeSpec) -> Self {
-        match *spec {
-            ShapeSpec::Sphere { radius } => Self::Sphere { radius },
-            ShapeSpec::Cuboid { half_extents } => {
-                Self::Cuboid { half_extents: half_extents.into() }
+impl ShapeSpec {
+    /// The shape; an error if a radius of edges is given that they cannot have.
+    pub fn shape(&self) -> Result<Shape> {
+        let (sharp, edge_radius) = match *self {
+            Self::Sphere { radius } => (Shape::Sphere { radius }, None),
+            Self::Cuboid { half_extents, edge_radius } => {
+                (Shape::Cuboid { half_extents: half_extents.into() }, edge_radius)
             }
-            ShapeSpec::Cylinder { radius, half_height } => Self::Cylinder { radius, half_height },
-            ShapeSpec::Capsule { radius, half_height } => Self::Capsule { radius, half_height },
-            ShapeSpec::Cone { radius, half_height } => Self::Cone { radius, half_height },
-            ShapeSpec::Prism { sides, radius, half_height } => {
-                Self::Prism { sides, radius, half_height }
+            Self::Cylinder { radius, half_height, edge_radius } => {
+                (Shape::Cylinder { radius, half_height }, edge_radius)
             }
-            ShapeSpec::Annulus { outer, inner, half_height } => {
-                Self::Annulus { outer, inner, half_height }
+            Self::Capsule { radius, half_height } => (Shape::Capsule { radius, half_height }, None),
+            Self::Cone { radius, half_height, edge_radius } => {
+                (Shape::Cone { radius, half_height }, edge_radius)
             }
-            ShapeSpec::Ellipsoid { semi_axes } => Self::Ellipsoid { semi_axes: semi_axes.into() },
-            ShapeSpec::Cup { bottom, rim, half_height, wall } => {
-                Self::Cup { bottom, rim, half_height, wall }
+            Self::Prism { sides, radius, half_height, edge_radius } => {
+                (Shape::Prism { sides, radius, half_height }, edge_radius)
             }
+            Self::Annulus { outer, inner, half_height, edge_radius } => {
+                (Shape::Annulus { outer, inner, half_height }, edge_radius)
+            }
+            Self::Ellipsoid { semi_axes } => {
+                (Shape::Ellipsoid { semi_axes: semi_axes.into() }, None)
+            }
+            Self::Cup { bottom, rim, half_height, wall, edge_radius } => {
+                (Shape::Cup { bottom, rim, half_height, wall }, edge_radius)
+            }
+        };
+        match edge_radius {
+            Some(radius) => sharp.rounded(radius),
+            None => Ok(sharp),
         }
     }
 }
@@ -93,7 +144,7 @@ impl ObjectSpec {
             Self::Name(name) if is_mesh_file(name) => read_solid(Path::new(name), 1.0, false)?,
             Self::Name(name) => named(name)?,
             Self::Mesh(spec) => read_solid(Path::new(&spec.mesh), spec.scale, spec.centred)?,
-            Self::Shape(spec) => spec.into(),
+            Self::Shape(spec) => spec.shape()?,
         })
     }
 }

@@ -143,6 +143,21 @@ impl Shape {
         Self::of(ruffini_core::scene::named(name).map_err(python_error)?)
     }
 
+    /// Returns the shape with its convex edges rounded, as those of real parts are.
+    ///
+    /// Its faces stay where they are; the tip of a cone becomes shorter. What results is the union
+    /// of all balls of that radius that fit into the shape.
+    ///
+    /// Args:
+    ///     radius: Radius of the edges in m, less than half of the thinnest wall.
+    ///
+    /// Raises:
+    ///     ValueError: If the radius is too large, or the shape is not a cuboid, cylinder, cone,
+    ///         prism, annulus or cup with sharp edges.
+    fn rounded(&self, radius: f64) -> PyResult<Self> {
+        Ok(Self { inner: self.inner.rounded(radius).map_err(python_error)? })
+    }
+
     /// Meshes the surface with watertight triangles.
     ///
     /// Args:

@@ -17,7 +17,7 @@ const OFF_SYMMETRY: f64 = 1e-15;
 /// Newton steps; 3 to 6 are usual, more only next to the focal ellipse.
 const MOST_STEPS: usize = 100;
 
-pub(super) fn distance(p: &Vector3<f64>, semi_axes: &Vector3<f64>) -> Distance {
+pub(in crate::geometry) fn distance(p: &Vector3<f64>, semi_axes: &Vector3<f64>) -> Distance {
     let signs = p.map(|x| 1f64.copysign(x));
     let p = p.abs().zip_map(semi_axes, |x, e| x.max(OFF_SYMMETRY * e));
     let scaled = p.component_mul(semi_axes);

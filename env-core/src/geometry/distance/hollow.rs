@@ -7,7 +7,7 @@ use super::Distance;
 use crate::geometry::Hollow;
 
 impl Hollow {
-    pub(super) fn distance(&self, point: &Point3<f64>) -> Distance {
+    pub(in crate::geometry) fn distance(&self, point: &Point3<f64>) -> Distance {
         let outer = self.solid().distance(point);
         let cavity = self.solid().distance(&(point / self.cavity()));
         let inner = Distance { value: -self.cavity() * cavity.value, normal: -cavity.normal };

@@ -1,21 +1,20 @@
 //! Signed distance from a point to a shape, its gradient, and the gap along a ray.
 //!
-//! Points, normals and rays are in the shape's own frame ([`Shape`]). Distances are exact for
+//! Points, normals and rays are in the shape's own frame ([`super::Shape`]). Distances are exact for
 //! solids with a closed form; converged to rounding by a Newton iteration for ellipsoids and
 //! star-shaped solids; those of the nearest triangle, exact in f64, for meshes; and interpolated
 //! for sampled solids. On the medial axis, where the gradient does not exist, the normal is that of
 //! one of the nearest surface points.
 
-mod ellipsoid;
+pub(super) mod ellipsoid;
 mod hollow;
 mod ray;
-mod solids;
+pub(super) mod solids;
 mod star;
 mod triangles;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 
-use super::Shape;
 pub(super) use triangles::TriangleTree;
 
 /// Signed distance from a point to a shape, with its gradient.
@@ -44,47 +43,6 @@ fn length_and_direction(v: &Vector3<f64>, fallback: &Vector3<f64>) -> (f64, Vect
     let scale = v.amax();
     let unit = if scale > 0.0 { v / scale } else { *fallback };
     (v.norm(), unit.normalize())
-}
-
-impl Shape {
-    /// Signed distance and its gradient at `point`, in the shape's frame (m).
-    pub fn distance(&self, point: &Point3<f64>) -> Distance {
-        let p = &point.coords;
-        match self {
-            Self::Sphere { radius } => solids::sphere(p, *radius),
-            Self::Cuboid { half_extents } => solids::cuboid(p, half_extents),
-            Self::Cylinder { radius, half_height } => solids::cylinder(p, *radius, *half_height),
-            Self::Capsule { radius, half_height } => solids::capsule(p, *radius, *half_height),
-            Self::Prism { sides, radius, half_height } => {
-                solids::prism(p, *sides, *radius, *half_height)
-            }
-            Self::Annulus { outer, inner, half_height } => {
-                solids::annulus(p, *outer, *inner, *half_height)
-            }
-            Self::Cone { radius: r, half_height: h } => {
-                solids::revolved(p, &Self::cone_profile(*r, *h))
-            }
-            Self::Cup { bottom, rim, half_height, wall } => {
-                solids::revolved(p, &Self::cup_profile(*bottom, *rim, *half_height, *wall))
-            }
-            Self::Ellipsoid { semi_axes } => ellipsoid::distance(p, semi_axes),
-            Self::StarShaped(star) => star.distance(point),
-            Self::Hollow(hollow) => hollow.distance(point),
-            Self::HalfSpace => Distance { value: p.z, normal: Vector3::z() },
-            Self::Mesh(surface) => surface.distance(point),
-            Self::Sampled(sampled) => sampled.distance(point),
-        }
-    }
-
-    /// Bound of the error of [`Shape::distance`] (m): 0 if it is exact to rounding, infinite if it
-    /// has none.
-    pub fn distance_error(&self) -> f64 {
-        match self {
-            Self::StarShaped(_) | Self::Hollow(_) => f64::INFINITY,
-            Self::Sampled(sampled) => sampled.distance_error(),
-            _ => 0.0,
-        }
-    }
 }
 
 #[cfg(test)]

@@ -31,6 +31,7 @@ impl Shape {
             Self::Mesh(surface) => return surface.ray_gap(origin, direction),
             Self::StarShaped(star) => return star.ray_gap(origin, direction),
             Self::Hollow(hollow) => return hollow.ray_gap(origin, direction),
+            Self::Rounded(rounded) => return rounded.ray_gap(origin, direction),
             Self::Sampled(sampled) => return sampled.ray_gap(origin, direction),
             Self::Annulus { outer, inner, half_height } => {
                 (line.in_cylinder(*outer, *half_height), line.in_round(*inner))
@@ -108,6 +109,7 @@ impl Line {
             | Shape::Cup { .. }
             | Shape::StarShaped(_)
             | Shape::Hollow(_)
+            | Shape::Rounded(_)
             | Shape::Mesh(_)
             | Shape::Sampled(_) => unreachable!("not convex: {solid:?}"),
         }

@@ -4,12 +4,12 @@ use nalgebra::{Vector2, Vector3};
 
 use super::{Distance, length_and_direction};
 
-pub(super) fn sphere(p: &Vector3<f64>, radius: f64) -> Distance {
+pub(in crate::geometry) fn sphere(p: &Vector3<f64>, radius: f64) -> Distance {
     let (length, normal) = length_and_direction(p, &Vector3::z());
     Distance { value: length - radius, normal }
 }
 
-pub(super) fn cuboid(p: &Vector3<f64>, half_extents: &Vector3<f64>) -> Distance {
+pub(in crate::geometry) fn cuboid(p: &Vector3<f64>, half_extents: &Vector3<f64>) -> Distance {
     let beyond = p.abs() - half_extents;
     let signs = p.map(|x| 1f64.copysign(x));
     let nearest_face = beyond.imax();
@@ -23,12 +23,17 @@ pub(super) fn cuboid(p: &Vector3<f64>, half_extents: &Vector3<f64>) -> Distance 
     Distance { value, normal: direction.component_mul(&signs) }
 }
 
-pub(super) fn cylinder(p: &Vector3<f64>, radius: f64, half_height: f64) -> Distance {
+pub(in crate::geometry) fn cylinder(p: &Vector3<f64>, radius: f64, half_height: f64) -> Distance {
     let (from_axis, outward) = radial(p);
     extruded(from_axis - radius, outward, p.z, half_height)
 }
 
-pub(super) fn annulus(p: &Vector3<f64>, outer: f64, inner: f64, half_height: f64) -> Distance {
+pub(in crate::geometry) fn annulus(
+    p: &Vector3<f64>,
+    outer: f64,
+    inner: f64,
+    half_height: f64,
+) -> Distance {
     let (from_axis, outward) = radial(p);
     if from_axis > f64::midpoint(outer, inner) {
         extruded(from_axis - outer, outward, p.z, half_height)
@@ -37,14 +42,19 @@ pub(super) fn annulus(p: &Vector3<f64>, outer: f64, inner: f64, half_height: f64
     }
 }
 
-pub(super) fn capsule(p: &Vector3<f64>, radius: f64, half_height: f64) -> Distance {
+pub(in crate::geometry) fn capsule(p: &Vector3<f64>, radius: f64, half_height: f64) -> Distance {
     let on_axis = Vector3::z() * p.z.clamp(-half_height, half_height);
     let (length, normal) = length_and_direction(&(p - on_axis), &Vector3::x());
     Distance { value: length - radius, normal }
 }
 
 /// Prism over a regular polygon with corners at `radius`, a side facing +x.
-pub(super) fn prism(p: &Vector3<f64>, sides: u32, radius: f64, half_height: f64) -> Distance {
+pub(in crate::geometry) fn prism(
+    p: &Vector3<f64>,
+    sides: u32,
+    radius: f64,
+    half_height: f64,
+) -> Distance {
     let sector = std::f64::consts::TAU / f64::from(sides);
     let apothem = radius * (0.5 * sector).cos();
     let half_side = radius * (0.5 * sector).sin();
@@ -66,7 +76,7 @@ pub(super) fn prism(p: &Vector3<f64>, sides: u32, radius: f64, half_height: f64)
 /// runs from the axis to the axis.
 ///
 /// The nearest point lies in the half-plane of the axis and the point, so the problem is planar.
-pub(super) fn revolved(p: &Vector3<f64>, profile: &[[f64; 2]]) -> Distance {
+pub(in crate::geometry) fn revolved(p: &Vector3<f64>, profile: &[[f64; 2]]) -> Distance {
     let (from_axis, outward) = radial(p);
     let at = Vector2::new(from_axis, p.z);
     let segment = |i: usize| (Vector2::from(profile[i]), Vector2::from(profile[i + 1]));

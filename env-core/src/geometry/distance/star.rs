@@ -20,7 +20,7 @@ const SEGMENTS: u32 = 80;
 const MOST_STEPS: usize = 30;
 
 impl StarShaped {
-    pub(super) fn distance(&self, point: &Point3<f64>) -> Distance {
+    pub(in crate::geometry) fn distance(&self, point: &Point3<f64>) -> Distance {
         let p = point.coords;
         let coarse = self.facets().distance(point);
         let mut x = self.onto_surface(&(p - coarse.value * coarse.normal));

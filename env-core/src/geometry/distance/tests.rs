@@ -94,10 +94,17 @@ fn exact_distances_agree_with_parry_on_fine_triangles() {
             let distance = mesh.distance_to_local_point(Vector::new(q.x, q.y, q.z), false);
             let (theirs, ours) = (f64::from(distance) * unit, shape.distance(&p).value);
             // The sag of 320 facets round 3 cm is 1.5 µm; at the tip of the ellipsoid, of radius
-            // 3.3 mm and facets of 0.6 mm, it is 14 µm.
+            // 3.3 mm and facets of 0.6 mm, it is 14 µm. A rounded edge adds 0.4 µm.
             let stretched =
                 matches!(shape, Shape::Ellipsoid { .. } | Shape::StarShaped(_) | Shape::Hollow(_));
-            let sag = if stretched { 15e-6 } else { 1.5e-6 };
+            let round = matches!(shape, Shape::Rounded(_));
+            let sag = if stretched {
+                15e-6
+            } else if round {
+                2e-6
+            } else {
+                1.5e-6
+            };
             assert!((theirs - ours).abs() < sag, "{shape:?} at {p}: {ours} m, parry {theirs} m");
         }
     }

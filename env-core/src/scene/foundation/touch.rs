@@ -281,14 +281,7 @@ impl<'a> PlacedObject<'a> {
     /// frame's origin.
     pub(super) fn new(shape: &'a Shape, radius: f64, pose: &Isometry3<f64>) -> Self {
         let turn = *pose.rotation.to_rotation_matrix().matrix();
-        let is_creased = matches!(
-            shape,
-            Shape::Cuboid { .. }
-                | Shape::Prism { .. }
-                | Shape::Cone { .. }
-                | Shape::Cylinder { .. }
-        );
-        Self { shape, radius, pose: *pose, turn, is_creased }
+        Self { shape, radius, pose: *pose, turn, is_creased: shape.is_creased() }
     }
 
     /// Signed distance (m) and outward normal at a `place` in the pad's frame.

@@ -1,4 +1,4 @@
-"""Shapes on the command line: ``sphere:0.004``, ``cup``, ``part.stl``."""
+"""Shapes on the command line: ``sphere:0.004``, ``cuboid:0.01,0.01,0.02:0.001``, ``part.stl``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,15 @@ _FORMS: dict[str, tuple[Callable[..., Shape], str]] = {
     "half-space": (Shape.half_space, ""),
 }
 
-FORMS = ", ".join(f"{name}:{lengths}".rstrip(":") for name, (_, lengths) in _FORMS.items())
+_EDGED = ("cuboid", "cylinder", "cone", "prism", "annulus", "cup")
+
+
+def _form(name: str) -> str:
+    edge = "[:edge-radius]" if name in _EDGED else ""
+    return f"{name}:{_FORMS[name][1]}{edge}".rstrip(":")
+
+
+FORMS = ", ".join(_form(name) for name in _FORMS)
 """Forms in which a shape can be written, lengths in m."""
 
 
@@ -37,6 +45,7 @@ def shape(text: str) -> Shape:
     if text in OBJECTS:
         return Shape.named(text)
     name, _, given = text.partition(":")
+    given, _, edge = given.partition(":")
     if name not in _FORMS:
         names = ", ".join(OBJECTS)
         raise ValueError(f"shape: found {text}, expected {FORMS}, {names}, or a .obj or .stl file")
@@ -46,8 +55,21 @@ def shape(text: str) -> Shape:
     try:
         numbers = [kind(word) for kind, word in zip(kinds, words, strict=True)]
     except ValueError:
-        raise ValueError(f"shape: found {text}, expected {name}:{lengths}".rstrip(":")) from None
-    return make(*numbers)
+        raise ValueError(f"shape: found {text}, expected {_form(name)}") from None
+    found = make(*numbers)
+    return found.rounded(radius(edge)) if edge else found
+
+
+def radius(text: str) -> float:
+    """Parse the radius of edges (m).
+
+    Raises:
+        ValueError: If `text` is no number.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"edge radius: found {text}, expected a number in m") from None
 
 
 def surface(found: Shape) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
