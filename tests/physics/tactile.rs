@@ -488,6 +488,35 @@ fn a_finger_saved_as_bytes_goes_on_bit_for_bit() {
 }
 
 #[test]
+fn a_finger_feels_what_touches_it_of_several_bodies() {
+    let tip = tip("gelsight-mini", coarse());
+    let mut model = linear(&tip.body);
+    let at = |depths: [f64; 2]| -> Vec<_> {
+        let sides = [-6.0 * MM, 6.0 * MM].into_iter().zip(depths);
+        sides.map(|(y, depth)| ball_at(0.0, y, depth * MM)).collect()
+    };
+    let mut finger = Finger::new(at([-5.0, -5.0]));
+    let mut feel = |depths: [f64; 2]| {
+        let press = finger.press(&tip.skin, &[ball(), ball()], &[at(depths)], FRICTION).unwrap();
+        let felt = model.solve(&[press.unwrap()]).remove(0).unwrap();
+        assert!(finger.keep(&felt));
+        assert_eq!(felt.poses.len(), finger.pressed().len());
+        (finger.pressed().to_vec(), -felt.wrench.force.z, felt.wrench.torque.x)
+    };
+    let (pressed, one, turn) = feel([0.6, -5.0]);
+    assert_eq!(pressed, [0]);
+    let (pressed, both, balanced) = feel([0.6, 0.6]);
+    assert_eq!(pressed, [0, 1]);
+    // The gel between them is not stiffer for one than for the other.
+    assert!((1.7..2.2).contains(&(both / one)), "{both} N of both, {one} N of one");
+    assert!(balanced.abs() < 0.3 * turn.abs(), "{balanced} N m of both, {turn} N m of one");
+    let (pressed, other, turned) = feel([-5.0, 0.6]);
+    assert_eq!(pressed, [1]);
+    assert!((other / one - 1.0).abs() < 0.2, "{other} N of the other, {one} N of one");
+    assert!((turned / turn + 1.0).abs() < 0.2, "{turned} N m of the other, {turn} N m of one");
+}
+
+#[test]
 fn a_press_may_bring_its_own_friction() {
     let tip = tip("gelsight-mini", Resolution { nodes: 300, ..Resolution::default() });
     let plain = Press::along(dragged().shapes().into(), {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -103,7 +104,8 @@ def test_a_distractor_that_is_held_is_felt_and_earns_nothing():
 
 @pytest.mark.parametrize("wrong", [-1, 5, 1.5, "two", [1, 2], True])
 def test_a_wrong_number_is_refused(wrong):
-    with pytest.raises(ValueError, match="distractors: found .*, expected a whole number from 0 to"):
+    expected = re.escape(", expected a whole number from 0 to 4")
+    with pytest.raises(ValueError, match=f"distractors: found .*{expected}"):
         GraspLiftEnv(distractors=wrong)
 
 

@@ -479,3 +479,167 @@ fn insert_solid(
         .additional_mass_properties(object.model.mass_properties(object.mass, object.scale));
     Ok(world.insert(body, collider))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{geometry::Shape, scene::SoftPads, sensor::Sensor};
+
+    const HEIGHT: f64 = 0.1;
+
+    fn soft() -> SceneConfig {
+        let sensor = Sensor::named("gelsight-mini").unwrap();
+        SceneConfig::default().with_pads(SoftPads::new(&sensor, &sensor.calibrations[0]))
+    }
+
+    fn ball(radius: f64) -> ObjectModel {
+        ObjectModel::new(Shape::Sphere { radius }).unwrap()
+    }
+
+    fn at(model: &ObjectModel, x: f64, y: f64, z: f64) -> SceneObject<'_> {
+        let pose = Isometry3::translation(x, y, z);
+        SceneObject { model, scale: 1.0, mass: 0.05, friction: 0.8, pose }
+    }
+
+    /// Scene with these bodies, the object first, around which the hand has closed for a second in
+    /// weightlessness.
+    fn gripped(config: &SceneConfig, bodies: &[SceneObject], grip: f64) -> Scene {
+        let (object, distractors) = bodies.split_first().unwrap();
+        let place = Vector3::new(0.0, 0.0, HEIGHT);
+        let mut scene = Scene::with_distractors(config, object, distractors, &place, 0.0).unwrap();
+        scene.set_gravity(0.0);
+        hold(&mut scene, grip, 25);
+        scene
+    }
+
+    fn hold(scene: &mut Scene, grip: f64, periods: usize) {
+        for _ in 0..periods {
+            scene.step(&Command { grip, ..Command::default() });
+        }
+    }
+
+    #[test]
+    fn a_distractor_is_felt_as_an_object_is() {
+        let (ball, grip) = (ball(0.015), 5.0);
+        for config in [soft(), SceneConfig::default()] {
+            let here = || at(&ball, 0.0, 0.0, HEIGHT);
+            let object = gripped(&config, &[here(), at(&ball, 0.1, 0.1, 0.3)], grip);
+            let mut other = gripped(&config, &[at(&ball, 0.1, 0.1, 0.3), here()], grip);
+            let (object, state) = (object.state(), other.state());
+            let motion = object.object.pose.inv_mul(&state.distractors[0].pose);
+            assert!(motion.translation.vector.norm() < 1e-5, "{motion} apart");
+            for (one, two) in object.fingers.iter().zip(&state.fingers) {
+                let apart = (one.wrench.force - two.wrench.force).norm();
+                assert!(apart < 0.02 * grip, "{apart} N of {grip} N apart");
+                assert!((one.object_force - one.normal_force()).abs() < 1e-9);
+                assert_eq!(two.object_force.abs(), 0.0);
+            }
+            other.set_gravity(9.81);
+            hold(&mut other, grip, 25);
+            let fall = HEIGHT - other.state().distractors[0].pose.translation.vector.z;
+            assert!(fall < 1e-3, "it fell by {fall} m");
+        }
+    }
+
+    #[test]
+    fn a_grip_of_two_bodies_is_shared() {
+        let (ball, grip) = (ball(0.005), 8.0);
+        let beside = [-0.006, 0.006].map(|y| at(&ball, 0.0, y, HEIGHT));
+        let mut scene = gripped(&soft(), &beside, grip);
+        scene.set_gravity(9.81);
+        for period in 0..50 {
+            hold(&mut scene, grip, 1);
+            let state = scene.state();
+            assert_eq!(state.failure, None);
+            for finger in &state.fingers {
+                let force = finger.normal_force();
+                assert!((force / grip - 1.0).abs() < 0.05, "{force} N, period {period}");
+                let share = finger.object_force / force;
+                assert!((share - 0.5).abs() < 0.05, "{share} of it, period {period}");
+            }
+        }
+        let state = scene.state();
+        for body in [&state.object, &state.distractors[0]] {
+            let fall = HEIGHT - body.pose.translation.vector.z;
+            assert!(fall < 1e-3, "it fell by {fall} m");
+        }
+    }
+
+    #[test]
+    fn as_many_bodies_as_there_may_be_are_held_at_once() {
+        let (ball, grip) = (ball(0.004), 12.0);
+        let places =
+            [(-0.005, -0.005), (-0.005, 0.005), (0.005, -0.005), (0.005, 0.005), (0.0, 0.0)];
+        // The last is smaller than the gap between the pads and touches nothing.
+        let pin = self::ball(0.001);
+        let body = |(i, &(y, z)): (usize, &(f64, f64))| {
+            at(if i < 4 { &ball } else { &pin }, 0.0, y, HEIGHT + z)
+        };
+        let bodies: Vec<_> = places.iter().enumerate().map(body).collect();
+        let mut scene = gripped(&soft(), &bodies, grip);
+        hold(&mut scene, grip, 25);
+        let state = scene.state();
+        assert_eq!(state.failure, None);
+        for finger in &state.fingers {
+            let force = finger.normal_force();
+            assert!((force / grip - 1.0).abs() < 0.05, "{force} N");
+            let share = finger.object_force / force;
+            assert!((share - 0.25).abs() < 0.05, "{share} of it");
+        }
+    }
+
+    #[test]
+    fn a_held_object_pushes_a_distractor() {
+        let (ball, grip) = (ball(0.015), 5.0);
+        for config in [soft(), SceneConfig::default()] {
+            // In line along y, on which nothing of the hand is.
+            let bodies = [at(&ball, 0.0, 0.0, HEIGHT), at(&ball, 0.0, 0.032, HEIGHT)];
+            let mut scene = gripped(&config, &bodies, grip);
+            let velocity = Vector3::new(0.0, 0.05, 0.0);
+            for _ in 0..25 {
+                scene.step(&Command { velocity, grip, ..Command::default() });
+            }
+            let state = scene.state();
+            let apart =
+                state.distractors[0].pose.translation.vector - state.object.pose.translation.vector;
+            assert!(apart.y > 0.0299, "{apart:?} m apart");
+            assert!(state.distractors[0].velocity.y > 0.04, "{:?}", state.distractors[0].velocity);
+        }
+    }
+
+    #[test]
+    fn a_saved_scene_with_distractors_goes_on_bit_for_bit() {
+        let (ball, pin) = (ball(0.005), self::ball(0.004));
+        let bodies = [at(&ball, 0.0, -0.006, HEIGHT), at(&pin, 0.0, 0.006, HEIGHT)];
+        let mut scene = gripped(&soft(), &bodies, 5.0);
+        let push = Wrench { force: Vector3::new(0.1, 0.2, -6.0), torque: Vector3::zeros() };
+        scene.correct(0, &push);
+        let bytes = postcard::to_stdvec(&scene).unwrap();
+        let mut lost: Scene = postcard::from_bytes(&bytes).unwrap();
+        lost.attach(&[&ball]);
+        hold(&mut lost, 5.0, 1);
+        assert_eq!(lost.state().failure, Some(Failure::Detached));
+        let mut other: Scene = postcard::from_bytes(&bytes).unwrap();
+        other.attach(&[&ball, &pin]);
+        for step in 0..50 {
+            let velocity = Vector3::new(0.1 * f64::from(step).sin(), 0.05, 0.05);
+            let command = Command { velocity, yaw_rate: 0.3, grip: 5.0 };
+            scene.step(&command);
+            other.step(&command);
+            assert_eq!(scene.state(), other.state(), "step {step}");
+        }
+        assert_eq!(postcard::to_stdvec(&scene).unwrap(), postcard::to_stdvec(&other).unwrap());
+    }
+
+    #[test]
+    fn too_many_distractors_are_refused() {
+        let ball = ball(0.01);
+        let five: Vec<_> = (1..=5).map(|i| at(&ball, 0.05 * f64::from(i), 0.0, 0.01)).collect();
+        let place = Vector3::new(0.0, 0.0, HEIGHT);
+        let config = SceneConfig::default();
+        let scene =
+            Scene::with_distractors(&config, &at(&ball, 0.0, 0.0, 0.01), &five, &place, 0.0);
+        let message = scene.err().unwrap().to_string();
+        assert_eq!(message, "distractors: found 5, expected 0 to 4");
+    }
+}

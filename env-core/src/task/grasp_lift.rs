@@ -110,11 +110,12 @@ sizes. Without contact each is exactly 0, except ``depth`` and ``image``. With s
 ## Start
 Object, size, mass, friction, position, yaw and the tool centre are drawn from their ranges by
 the environment's seed; the tool centre is 12 to 16 cm over the table (``start_height``).
-With ``distractors`` other objects of ``objects`` lie 1 to 6 cm beside the one to be grasped, which is
-drawn as without them. They have sizes and masses of their own and move freely. Pads feel whatever
-they touch, also two objects at once: all tactile channels, ``wrench`` and the pads' forces in
-``proprio`` include distractors. ``object``, ``properties``, reward, success and endings are about the
-object to be grasped alone. A distractor at the back or the side of a finger is felt by nothing.
+With ``distractors`` other objects of ``objects`` lie 1 to 6 cm beside the one to be grasped,
+which is drawn as without them. They have sizes and masses of their own and move freely. Pads
+feel whatever they touch, also two objects at once: all tactile channels, ``wrench`` and the
+pads' forces in ``proprio`` include distractors. ``object``, ``properties``, reward, success and
+endings are about the object to be grasped alone. A distractor at the back or the side of a
+finger is felt by nothing. The network was trained on one object at a time.
 
 ## End
 Truncated after ``max_episode_steps`` steps, 100 by default (with ``gymnasium.make`` its wrapper
