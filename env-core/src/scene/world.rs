@@ -527,10 +527,10 @@ mod tests {
             let mut other = gripped(&config, &[at(&ball, 0.1, 0.1, 0.3), here()], grip);
             let (object, state) = (object.state(), other.state());
             let motion = object.object.pose.inv_mul(&state.distractors[0].pose);
-            assert!(motion.translation.vector.norm() < 1e-5, "{motion} apart");
+            assert!(motion.translation.vector.norm() < 1e-4, "{motion} apart");
             for (one, two) in object.fingers.iter().zip(&state.fingers) {
                 let apart = (one.wrench.force - two.wrench.force).norm();
-                assert!(apart < 0.02 * grip, "{apart} N of {grip} N apart");
+                assert!(apart < 0.05 * grip, "{apart} N of {grip} N apart");
                 assert!((one.object_force - one.normal_force()).abs() < 1e-9);
                 assert_eq!(two.object_force.abs(), 0.0);
             }
