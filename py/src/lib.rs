@@ -218,7 +218,7 @@ impl Batch {
         PyArray1::from_vec(py, picture).reshape([height, width, 3])
     }
 
-    /// Surfaces of a row's object and fixture by name: vertices (V, 3) in m, triangles (F, 3), and
+    /// Surfaces of a row's objects and fixture by name: vertices (V, 3) in m, triangles (F, 3), and
     /// von Mises stress (V,) in Pa or `None`.
     fn surfaces<'py>(&mut self, py: Python<'py>, row: usize) -> PyResult<Bound<'py, PyDict>> {
         let batch = &mut self.inner;
@@ -285,6 +285,20 @@ impl Batch {
         }
         dict.set_item("object_position", pose.translation.vector.as_slice().to_vec())?;
         dict.set_item("object_quaternion", pose.rotation.coords.as_slice().to_vec())?;
+        let distractors = episode.distractors.iter().flatten().zip(&state.distractors);
+        let distractors = distractors.map(|(drawn, body)| {
+            let dict = PyDict::new(py);
+            dict.set_item("object", objects[drawn.object].to_string())?;
+            dict.set_item("size", drawn.scale)?;
+            dict.set_item("mass", drawn.mass)?;
+            dict.set_item("position", body.pose.translation.vector.as_slice().to_vec())?;
+            dict.set_item("quaternion", body.pose.rotation.coords.as_slice().to_vec())?;
+            Ok(dict)
+        });
+        let distractors = distractors.collect::<PyResult<Vec<_>>>()?;
+        if !distractors.is_empty() {
+            dict.set_item("distractors", distractors)?;
+        }
         let tool = state.wrist.pose.translation.vector;
         dict.set_item("tool_position", tool.as_slice().to_vec())?;
         dict.set_item("tool_yaw", state.wrist.yaw)?;

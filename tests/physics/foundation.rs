@@ -267,7 +267,7 @@ fn a_saved_scene_goes_on_bit_for_bit() {
         scene.correct(0, &push);
         let bytes = postcard::to_stdvec(&scene).unwrap();
         let mut other: Scene = postcard::from_bytes(&bytes).unwrap();
-        other.attach(&model);
+        other.attach(&[&model]);
         let mut lost: Scene = postcard::from_bytes(&bytes).unwrap();
         hold(&mut lost, 5.0, 0.04);
         assert_eq!(lost.state().failure, Some(Failure::Detached));

@@ -1,6 +1,8 @@
 //! Tactile signals of a fingertip: each channel against its definition, and a finger's contact
 //! history.
 
+use std::slice;
+
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use ruffini_core::{
     compliance::{Compliance, ComplianceOptions, nodal::ContactResolution},
@@ -89,7 +91,7 @@ fn markers_follow_a_linear_field_exactly() {
         let strain = Matrix3::new(0.1, 0.02, -0.3, 0.05, -0.2, 0.07, 0.01, 0.4, 0.15);
         let shift = Vector3::new(1e-4, -2e-4, 3e-4);
         let felt = displaced(&tip.body, |place| strain * place.coords + shift);
-        let found = vectors(&Channel::Markers.read(&tip.skin, Some(&felt), None));
+        let found = vectors(&Channel::Markers.read(&tip.skin, Some(&felt), &[]));
         for (marker, found) in tip.skin.markers().iter().zip(found) {
             let error = (found - (strain * marker.coords + shift)).norm();
             assert!(error < 1e-15, "{name}: {error:.1e} m at {marker}");
@@ -118,7 +120,7 @@ fn traction_integrates_to_the_wrench() {
     for grid in [[10, 12], [3, 2], [30, 40]] {
         let tip = tip("gelsight-mini", Resolution { grid, ..coarse() });
         let felt = linear(&tip.body).solve(&[dragged()]).remove(0).unwrap();
-        let traction = vectors(&Channel::Traction.read(&tip.skin, Some(&felt), None));
+        let traction = vectors(&Channel::Traction.read(&tip.skin, Some(&felt), &[]));
         let area = tip.skin.cell_area();
         let (mut force, mut torque) = (Vector3::zeros(), 0.0);
         let mut tilt = [0.0; 2];
@@ -166,7 +168,7 @@ fn the_depth_of_a_resting_pad_is_its_geometry() {
             [outline.radius_across, outline.radius_along, outline.rim_radius];
         let crown = longest * longest / 8.0 * (1.0 / across + 1.0 / along);
         let rolled = if rim > 0.0 { longest * longest / (8.0 * rim) } else { 0.0 };
-        let found = Channel::Depth.read(&tip.skin, None, None);
+        let found = Channel::Depth.read(&tip.skin, None, &[]);
         for ([x, y], found) in tip.skin.pixels().into_iter().zip(found) {
             let near_rim = x.abs() + longest > 0.5 * outline.width - outline.rim_width
                 || y.abs() + longest > 0.5 * outline.length - outline.rim_width;
@@ -188,9 +190,9 @@ fn the_depth_of_a_flat_pad_is_zero_and_follows_a_shift() {
     let (law, moduli) = TactileConfig::default().material(&sensor).unwrap();
     let body = SoftBody::new(pad.mesh.clone(), law, moduli, &pad.base).unwrap();
     let skin = Skin::new(&pad, &body, &sensor, &coarse()).unwrap();
-    assert!(Channel::Depth.read(&skin, None, None).iter().all(|&z| z == 0.0));
+    assert!(Channel::Depth.read(&skin, None, &[]).iter().all(|&z| z == 0.0));
     let felt = displaced(&body, |_| Vector3::new(2e-4, -1e-4, -3e-4));
-    for z in Channel::Depth.read(&skin, Some(&felt), None) {
+    for z in Channel::Depth.read(&skin, Some(&felt), &[]) {
         assert!((z + 3e-4).abs() < 1e-15, "{z} m");
     }
 }
@@ -213,7 +215,7 @@ fn the_depth_under_a_ball_is_the_ball() {
     let longest = edges.filter(|edge| edge.iter().all(middle)).map(|[a, b]| (a - b).xy().norm());
     let longest = longest.fold(0.0, f64::max);
     let most = longest * longest / (8.0 * 5.0 * MM) + 5.0 * 2e-6;
-    let heights = Channel::Depth.read(&tip.skin, Some(&felt), None);
+    let heights = Channel::Depth.read(&tip.skin, Some(&felt), &[]);
     let mut covered = 0;
     for ([x, y], height) in tip.skin.pixels().into_iter().zip(heights) {
         let r = x.hypot(y);
@@ -250,7 +252,7 @@ fn camera_of_slopes(steepest: f64) -> Tip {
 fn the_image_at_rest_is_the_background() {
     let tip = camera_of_slopes(0.4);
     let half_view = 0.5 * 320.0 * tip.sensor.camera.pixel;
-    let found = Channel::Image.read(&tip.skin, None, None);
+    let found = Channel::Image.read(&tip.skin, None, &[]);
     for ([x, _], found) in tip.skin.image_pixels().into_iter().zip(found.chunks_exact(3)) {
         for (found, exact) in found.iter().zip([0.5, 0.5, 0.5 + 0.3 * x / half_view]) {
             assert!((found - exact).abs() < 1e-6, "{found} for {exact} at {x} m");
@@ -266,8 +268,8 @@ fn the_image_of_a_contact_has_the_slopes_of_the_object() {
     let pose = ball_at(at[0], at[1], 0.5 * MM);
     let press = Press::along(vec![ball()], vec![vec![pose]]).unwrap();
     let felt = linear(&tip.body).solve(&[press]).remove(0).unwrap();
-    let image = Channel::Image.read(&tip.skin, Some(&felt), Some(&ball()));
-    let without = Channel::Image.read(&tip.skin, Some(&felt), None);
+    let image = Channel::Image.read(&tip.skin, Some(&felt), &[&ball()]);
+    let without = Channel::Image.read(&tip.skin, Some(&felt), &[]);
     let outline = &tip.sensor.outline;
     let (mut worst, mut plain, mut covered) = (0.0f64, 0.0f64, 0);
     for (pixel, [x, y]) in tip.skin.image_pixels().into_iter().enumerate() {
@@ -294,7 +296,7 @@ fn the_image_of_a_contact_has_the_slopes_of_the_object() {
 fn slopes_beyond_the_steepest_are_shortened() {
     let tip = camera_of_slopes(0.05);
     let felt = displaced(&tip.body, |p| Vector3::new(0.0, 0.0, -0.17 * (p.x + 0.0104)));
-    let image = Channel::Image.read(&tip.skin, Some(&felt), None);
+    let image = Channel::Image.read(&tip.skin, Some(&felt), &[]);
     for colour in image.chunks_exact(3) {
         assert!((colour[0] - 0.45).abs() < 1e-3 && (colour[1] - 0.5).abs() < 1e-3, "{colour:?}");
     }
@@ -312,7 +314,7 @@ fn marker_pixels_are_columns_and_rows_of_the_image() {
         let size = [next[0] - first[0], above[1] - first[1]];
         let place = |p: &Point3<f64>| [0, 1].map(|axis| (p[axis] - first[axis]) / size[axis]);
         let felt = displaced(&tip.body, moved);
-        let found = Channel::MarkerPixels.read(&tip.skin, Some(&felt), None);
+        let found = Channel::MarkerPixels.read(&tip.skin, Some(&felt), &[]);
         for (marker, found) in tip.skin.markers().iter().zip(found.chunks_exact(2)) {
             let [from, to] = [*marker, marker + moved(marker)].map(|p| place(&p));
             for axis in 0..2 {
@@ -328,7 +330,7 @@ fn marker_pixels_are_columns_and_rows_of_the_image() {
 fn at_the_resolution_of_the_camera_a_pixel_is_that_of_the_sensors_file() {
     let tip = tip("gelsight-mini", Resolution { image: [240, 320], ..coarse() });
     let shift = Vector3::new(0.634 * MM, -0.317 * MM, 0.1 * MM);
-    let found = Channel::MarkerPixels.read(&tip.skin, Some(&displaced(&tip.body, |_| shift)), None);
+    let found = Channel::MarkerPixels.read(&tip.skin, Some(&displaced(&tip.body, |_| shift)), &[]);
     for [column, row] in found.as_chunks().0 {
         let exact = [shift.x, shift.y].map(|u| u / tip.sensor.camera.pixel);
         let off = (column - exact[0]).abs().max((row - exact[1]).abs());
@@ -341,7 +343,7 @@ fn everything_but_depth_and_image_is_exactly_zero_without_contact() {
     let tip = tip("digit", coarse());
     assert!(!tip.skin.has_image());
     for channel in Channel::ALL.into_iter().filter(|&channel| channel != Channel::Image) {
-        let values = channel.read(&tip.skin, None, None);
+        let values = channel.read(&tip.skin, None, &[]);
         assert_eq!(values.len(), channel.size(&tip.skin), "{}", channel.name());
         let zero = values.iter().all(|&x| x == 0.0 && x.is_sign_positive());
         assert_eq!(zero, channel != Channel::Depth, "{}", channel.name());
@@ -353,7 +355,7 @@ fn a_press_fills_every_channel_within_its_bounds() {
     let tip = tip("gelsight-mini", coarse());
     let felt = linear(&tip.body).solve(&[dragged()]).remove(0).unwrap();
     for channel in Channel::ALL {
-        let values = channel.read(&tip.skin, Some(&felt), None);
+        let values = channel.read(&tip.skin, Some(&felt), &[]);
         assert_eq!(values.len(), channel.size(&tip.skin), "{}", channel.name());
         assert!(values.iter().any(|&x| x != 0.0), "{} is all zeros", channel.name());
         let mut rest = &values[..];
@@ -371,7 +373,7 @@ fn the_stress_map_averages_the_tetrahedra() {
     let tip = tip("gelsight-mini", coarse());
     let mut felt = displaced(&tip.body, |_| Vector3::zeros());
     felt.von_mises.fill(2e4);
-    for stress in Channel::Stress.read(&tip.skin, Some(&felt), None) {
+    for stress in Channel::Stress.read(&tip.skin, Some(&felt), &[]) {
         assert!((stress - 2e4).abs() < 1e-8, "{stress} Pa of uniform 2e4 Pa");
     }
 }
@@ -389,7 +391,7 @@ fn the_share_that_slides_grows_as_the_contact_gives_way() {
     let path = down.into_iter().chain((1..=30).map(|i| (0.01 * f64::from(i), 0.2)));
     let frames = path.map(|(x, depth)| vec![ball_at(x * MM, 0.0, depth * MM)]).collect();
     let press = Press::along(vec![ball()], frames).unwrap().with_friction(FRICTION).unwrap();
-    let share = |felt: &Deformation| Channel::Slip.read(&tip.skin, Some(felt), None)[0];
+    let share = |felt: &Deformation| Channel::Slip.read(&tip.skin, Some(felt), &[])[0];
     let mut shares = Vec::new();
     for felt in cells.solve_path(&press).into_iter().skip(3) {
         let felt = felt.unwrap();
@@ -411,16 +413,16 @@ fn a_press_past_half_of_the_thickness_is_flagged() {
     let tip = tip("gelsight-mini", coarse());
     for (shift, flag) in [(1.99 * MM, 0.0), (2.01 * MM, 1.0)] {
         let felt = displaced(&tip.body, |_| Vector3::new(shift, 0.0, 0.0));
-        assert_eq!(Channel::Trust.read(&tip.skin, Some(&felt), None)[2], flag, "{shift} m");
+        assert_eq!(Channel::Trust.read(&tip.skin, Some(&felt), &[])[2], flag, "{shift} m");
     }
 }
 
 #[test]
 fn a_finger_asks_only_when_it_may_touch() {
     let tip = tip("gelsight-mini", coarse());
-    let mut finger = Finger::new(ball_at(0.0, 0.0, -20.0 * MM));
+    let mut finger = Finger::new(vec![ball_at(0.0, 0.0, -20.0 * MM)]);
     let mut ask = |depth: f64| {
-        finger.press(&tip.skin, &ball(), &[ball_at(0.0, 0.0, depth)], FRICTION).unwrap()
+        finger.press(&tip.skin, &[ball()], &[vec![ball_at(0.0, 0.0, depth)]], FRICTION).unwrap()
     };
     assert!(ask(-10.0 * MM).is_none(), "far away");
     assert!(ask(-2.0 * MM).is_none(), "farther than the mesh is coarse");
@@ -436,8 +438,9 @@ fn a_touch_between_nodes_is_not_missed() {
         let (x, y) = (0.7 * x * MM, 0.9 * y * MM);
         // The pin's centre is on the face, so it is half inside, however the mesh cuts the curve.
         let pose = Isometry3::translation(x, y, tip.sensor.outline.height(x, y));
-        let mut finger = Finger::new(Isometry3::translation(x, y, 20.0 * MM));
-        let press = finger.press(&tip.skin, &pin, &[pose], FRICTION).unwrap();
+        let mut finger = Finger::new(vec![Isometry3::translation(x, y, 20.0 * MM)]);
+        let press =
+            finger.press(&tip.skin, slice::from_ref(&pin), &[vec![pose]], FRICTION).unwrap();
         assert!(press.is_some(), "a pin at ({x}, {y}) m");
     }
 }
@@ -447,7 +450,7 @@ fn episode(tip: &Tip, model: &mut Compliance, finger: &mut Finger) -> Vec<Option
     let path = [(0.0, -1.0), (0.0, 0.3), (0.0, 0.6), (0.2, 0.6), (0.2, -0.5), (0.2, 0.4)];
     let step = |(x, depth): (f64, f64)| {
         let pose = ball_at(x * MM, 0.0, depth * MM);
-        let press = finger.press(&tip.skin, &ball(), &[pose], FRICTION).unwrap()?;
+        let press = finger.press(&tip.skin, &[ball()], &[vec![pose]], FRICTION).unwrap()?;
         let felt = model.solve(&[press]).remove(0).unwrap();
         finger.keep(&felt).then_some(felt)
     };
@@ -459,7 +462,7 @@ fn a_finger_remembers_its_contact_and_forgets_it_when_it_is_lost() {
     let tip = tip("gelsight-mini", coarse());
     let mut model = linear(&tip.body);
     let start = ball_at(0.0, 0.0, -5.0 * MM);
-    let felt = episode(&tip, &mut model, &mut Finger::new(start));
+    let felt = episode(&tip, &mut model, &mut Finger::new(vec![start]));
     let touches: Vec<_> = felt.iter().map(Option::is_some).collect();
     assert_eq!(touches, [false, true, true, true, false, true]);
     let shear = felt[3].as_ref().unwrap().wrench.force;
@@ -473,7 +476,7 @@ fn a_finger_remembers_its_contact_and_forgets_it_when_it_is_lost() {
 fn a_finger_saved_as_bytes_goes_on_bit_for_bit() {
     let tip = tip("gelsight-mini", coarse());
     let mut model = linear(&tip.body);
-    let mut finger = Finger::new(ball_at(0.0, 0.0, -5.0 * MM));
+    let mut finger = Finger::new(vec![ball_at(0.0, 0.0, -5.0 * MM)]);
     episode(&tip, &mut model, &mut finger);
     assert!(finger.touches());
     let bytes = postcard::to_stdvec(&finger).unwrap();
@@ -483,6 +486,35 @@ fn a_finger_saved_as_bytes_goes_on_bit_for_bit() {
         felt.into_iter().flatten().map(|felt| felt.displacement).collect::<Vec<_>>()
     });
     assert_eq!(one, two);
+}
+
+#[test]
+fn a_finger_feels_what_touches_it_of_several_bodies() {
+    let tip = tip("gelsight-mini", coarse());
+    let mut model = linear(&tip.body);
+    let at = |depths: [f64; 2]| -> Vec<_> {
+        let sides = [-6.0 * MM, 6.0 * MM].into_iter().zip(depths);
+        sides.map(|(y, depth)| ball_at(0.0, y, depth * MM)).collect()
+    };
+    let mut finger = Finger::new(at([-5.0, -5.0]));
+    let mut feel = |depths: [f64; 2]| {
+        let press = finger.press(&tip.skin, &[ball(), ball()], &[at(depths)], FRICTION).unwrap();
+        let felt = model.solve(&[press.unwrap()]).remove(0).unwrap();
+        assert!(finger.keep(&felt));
+        assert_eq!(felt.poses.len(), finger.pressed().len());
+        (finger.pressed().to_vec(), -felt.wrench.force.z, felt.wrench.torque.x)
+    };
+    let (pressed, one, turn) = feel([0.6, -5.0]);
+    assert_eq!(pressed, [0]);
+    let (pressed, both, balanced) = feel([0.6, 0.6]);
+    assert_eq!(pressed, [0, 1]);
+    // The gel between them is not stiffer for one than for the other.
+    assert!((1.7..2.2).contains(&(both / one)), "{both} N of both, {one} N of one");
+    assert!(balanced.abs() < 0.3 * turn.abs(), "{balanced} N m of both, {turn} N m of one");
+    let (pressed, other, turned) = feel([-5.0, 0.6]);
+    assert_eq!(pressed, [1]);
+    assert!((other / one - 1.0).abs() < 0.2, "{other} N of the other, {one} N of one");
+    assert!((turned / turn + 1.0).abs() < 0.2, "{turned} N m of the other, {turn} N m of one");
 }
 
 #[test]

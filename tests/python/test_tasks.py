@@ -88,7 +88,7 @@ def test_type_checkers_know_the_settings_that_rust_has():
     assert set(types) == set(SETTINGS)
     kinds = {each["name"]: each["kind"] for task in TASKS.values() for each in task["settings"]}
     for name, kind in kinds.items():
-        assert types[name] == (Range if kind == "range" else float), name
+        assert types[name] == {"range": Range, "number": float, "count": int}[kind], name
 
 
 def test_parts_of_observations_go_by_name():

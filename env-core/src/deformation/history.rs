@@ -53,6 +53,24 @@ impl History {
         Ok(())
     }
 
+    /// This history for a press of other shapes: of each, its place among the present ones, or `None`
+    /// for one that touches nothing yet, with its pose.
+    #[must_use]
+    pub fn with_shapes(mut self, shapes: &[(Option<usize>, Isometry3<f64>)]) -> Self {
+        let (anchors, forces) =
+            (std::mem::take(&mut self.anchors), std::mem::take(&mut self.forces));
+        for (i, anchor) in anchors.into_iter().enumerate() {
+            let is_same = |(place, _): &(Option<usize>, _)| *place == Some(anchor.shape as usize);
+            if let Some(shape) = shapes.iter().position(is_same) {
+                self.anchors.push(Anchor { shape: shape as u32, ..anchor });
+                self.forces.extend(forces.get(i));
+            }
+        }
+        let pose = |(place, pose): &(Option<usize>, _)| place.map_or(*pose, |i| self.poses[i]);
+        self.poses = shapes.iter().map(pose).collect();
+        self
+    }
+
     /// Serialises the history (postcard), exact to the bit.
     pub fn to_bytes(&self) -> Vec<u8> {
         let body = postcard::to_stdvec(self).expect("lists of numbers are what postcard writes");
@@ -90,6 +108,27 @@ mod tests {
     #[test]
     fn a_history_comes_back_from_its_bytes() {
         assert_eq!(History::from_bytes(&history().to_bytes()), Ok(history()));
+    }
+
+    #[test]
+    fn a_history_keeps_the_anchors_of_shapes_that_stay() {
+        let pose = |x: f64| Isometry3::translation(x, 0.0, 0.0);
+        let anchor = |shape, point| Anchor { shape, point, place: Point3::origin() };
+        let before = History {
+            poses: vec![pose(0.0), pose(1.0), pose(2.0)],
+            anchors: vec![anchor(0, 3), anchor(1, 4), anchor(2, 5)],
+            forces: vec![Vector3::x(), Vector3::y(), Vector3::z()],
+            ..history()
+        };
+        let after = before.clone().with_shapes(&[
+            (None, pose(9.0)),
+            (Some(0), pose(8.0)),
+            (Some(2), pose(7.0)),
+        ]);
+        assert_eq!(after.poses, [pose(9.0), pose(0.0), pose(2.0)]);
+        assert_eq!(after.anchors, [anchor(1, 3), anchor(2, 5)]);
+        assert_eq!(after.forces, [Vector3::x(), Vector3::z()]);
+        assert_eq!(after.displacement, before.displacement);
     }
 
     #[test]

@@ -17,6 +17,7 @@ use crate::{
     deformation::{Deformation, Wanted},
     geometry::Surface,
     render::{DeformationView, DeformedBodies, SceneRenderer, Viewpoint},
+    scene::MOST_DISTRACTORS,
     tactile::TactileModel,
     task::{ACTION_SIZE, EpisodeParameters},
 };
@@ -35,6 +36,10 @@ pub enum Autoreset {
 /// Von Mises stress of the darkest colour in a picture, relative to Young's modulus, if the episode
 /// has no stress limit: that of a small ball pressed with about 8 N.
 const DARKEST: f64 = 0.3;
+
+/// Names of the surfaces of distractors.
+const DISTRACTORS: [&str; MOST_DISTRACTORS] =
+    ["distractor_1", "distractor_2", "distractor_3", "distractor_4"];
 
 /// Batch of N rows with shared settings.
 pub struct Batch {
@@ -58,7 +63,7 @@ pub struct Batch {
 /// Surface of a body of a row, in the frame of the body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BodySurface {
-    /// "object", or "fixture", whose frame is the world's.
+    /// "object", "distractor_1" and so on, or "fixture", whose frame is the world's.
     pub name: &'static str,
     /// Vertices (V) in m.
     pub vertices: Vec<Point3<f64>>,
@@ -275,19 +280,20 @@ impl Batch {
             };
             DeformationView { shell, bodies, darkest }
         });
-        let shape = setup.models()[draw.object].shape().scaled(draw.scale);
+        let sized = |(object, scale): (usize, f64)| setup.models()[object].shape().scaled(scale);
+        let shapes: Vec<_> = draw.bodies().map(sized).collect();
         let mut renderer = match self.renderer.take() {
             Some(renderer) if renderer.size() == (width, height) => renderer,
             _ => SceneRenderer::new(width, height)?,
         };
-        let fixture = setup.config().task.fixture(&shape, &draw)?;
-        let picture = renderer.draw(viewpoint, &state, &shape, fixture.as_ref(), view.as_ref());
+        let fixture = setup.config().task.fixture(&shapes[0], &draw)?;
+        let picture = renderer.draw(viewpoint, &state, &shapes, fixture.as_ref(), view.as_ref());
         self.renderer = Some(renderer);
         picture
     }
 
-    /// Surfaces of the object of one row, deformed if it is soft, and of the fixture if the task has
-    /// one. Empty before the first reset.
+    /// Surfaces of the object of one row, deformed if it is soft, of the distractors, and of the
+    /// fixture if the task has one. Empty before the first reset.
     pub fn surfaces(&mut self, row: usize) -> Result<Vec<BodySurface>> {
         let Some((_, draw)) = self.rows.get(row).and_then(Row::state) else {
             return Ok(Vec::new());
@@ -307,7 +313,11 @@ impl Batch {
         };
         let fixture = setup.config().task.fixture(&model.shape().scaled(draw.scale), &draw)?;
         let fixture = fixture.map(|fixture| BodySurface::of_boxes("fixture", &fixture.boxes()));
-        Ok([object].into_iter().chain(fixture).collect())
+        let distractors = draw.distractors.iter().flatten().zip(DISTRACTORS);
+        let distractors = distractors.map(|(body, name)| {
+            BodySurface::rigid(name, &setup.models()[body.object].surface().scaled(body.scale))
+        });
+        Ok([object].into_iter().chain(distractors).chain(fixture).collect())
     }
 
     /// Solves the current contact of a row with these `parameters` again, for a picture; `None` where

@@ -1,4 +1,4 @@
-//! Contact of the fingers with the object through an episode: presses that follow from the motion
+//! Contact of the fingers with object and distractors through an episode: presses that follow from the motion
 //! of the rigid bodies, and contact forces that follow from their solutions.
 
 use serde::{Deserialize, Serialize};
@@ -25,19 +25,19 @@ pub(super) type PerFinger<T> = [Option<T>; 2];
 pub(super) enum ContactState {
     /// Nothing is felt.
     Rigid,
-    /// Contact of each pad with the object.
+    /// Contact of each pad.
     Pads(Box<PadContact>),
     /// Contact of a soft object with both fingers, while there is one.
     Object(Option<History>),
 }
 
-/// State of the contact of the pads with the object.
+/// State of the contact of the pads with the object and the distractors.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct PadContact {
     fingers: [Finger; 2],
-    /// Object in its drawn size, set when it is first needed.
+    /// Object and distractors in their drawn sizes, set when they are first needed.
     #[serde(skip)]
-    object: Option<Shape>,
+    bodies: Vec<Shape>,
 }
 
 /// Solutions of one step.
@@ -50,13 +50,13 @@ pub(super) struct Felt {
 }
 
 impl ContactState {
-    /// Creates the state before any contact, with the object at `poses`.
+    /// Creates the state before any contact, with the bodies at `poses`.
     pub(super) fn new(model: &TactileModel, poses: PosesInPads) -> Self {
         match model {
             TactileModel::Rigid => Self::Rigid,
             TactileModel::Pads(_) => {
                 let fingers = poses.map(Finger::new);
-                Self::Pads(Box::new(PadContact { fingers, object: None }))
+                Self::Pads(Box::new(PadContact { fingers, bodies: Vec::new() }))
             }
             TactileModel::Objects(_) => Self::Object(None),
         }
@@ -66,15 +66,15 @@ impl ContactState {
     pub(super) fn trajectory(&self) -> Option<Trajectory> {
         match self {
             Self::Pads(contact) => {
-                let last = contact.fingers.each_ref().map(|finger| *finger.last());
+                let last = contact.fingers.each_ref().map(|finger| finger.last().to_vec());
                 Some(Trajectory::from(last, COARSE))
             }
             Self::Rigid | Self::Object(_) => None,
         }
     }
 
-    /// Creates the presses in `state`, after the object has moved along `path`, its poses in the
-    /// frame of each pad. The solutions go to [`ContactState::keep`].
+    /// Creates the presses in `state`, after object and distractors have moved along `path`, poses in
+    /// the frame of each pad. The solutions go to [`ContactState::keep`].
     pub(super) fn press(
         &mut self,
         setup: &Setup,
@@ -85,12 +85,14 @@ impl ContactState {
         let (friction, mut presses) = (parameters.friction, [None, None]);
         match (self, setup.tactile()) {
             (Self::Pads(contact), TactileModel::Pads(pad)) => {
-                let PadContact { fingers, object } = &mut **contact;
-                let scaled = || setup.felt_shape(parameters.object).scaled(parameters.scale);
-                let object = object.get_or_insert_with(scaled);
+                let PadContact { fingers, bodies } = &mut **contact;
+                if bodies.is_empty() {
+                    let sized = |(object, scale)| setup.felt_shape(object).scaled(scale);
+                    bodies.extend(parameters.bodies().map(sized));
+                }
                 for (i, (press, finger)) in presses.iter_mut().zip(fingers).enumerate() {
-                    let path: Vec<_> = path.iter().map(|poses| poses[i]).collect();
-                    *press = finger.press(pad.skin(), object, &path, friction)?;
+                    let path: Vec<_> = path.iter().map(|poses| poses[i].clone()).collect();
+                    *press = finger.press(pad.skin(), bodies, &path, friction)?;
                 }
             }
             (Self::Object(history), model) => {
@@ -165,7 +167,8 @@ impl ContactState {
             return None;
         };
         let fingers = felt.pads.each_ref().map(Option::as_ref);
-        Some(Feeling { skin: pad.skin(), fingers, object: contact.object.as_ref() })
+        let pressed = contact.fingers.each_ref().map(Finger::pressed);
+        Some(Feeling { skin: pad.skin(), fingers, bodies: &contact.bodies, pressed })
     }
 }
 

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     Setup,
     contact::{ContactState, Felt, PerFinger, stiffened},
+    distractors::beside,
     given::{GivenStart, StartQuantity},
     plan::{CHANNEL, CORRECTION, PEAK, PRESS, REWARD, SCENE, StageTimes},
     start::InitialState,
@@ -17,7 +18,7 @@ use super::{
 use crate::{
     Error, Result,
     deformation::{Deformation, Press},
-    scene::{Scene, SceneObject, SceneState},
+    scene::{MOST_DISTRACTORS, Scene, SceneObject, SceneState},
     task::{
         ACTION_SIZE, Ending, EpisodeParameters, FaultySensors, ObjectSpec, Progress, Range,
         RewardTerms, StepState, TrialGrip, command,
@@ -93,7 +94,7 @@ impl Episode {
         let mut failed = None;
         for _ in 0..DRAWS {
             let (parameters, pose, place) = drawn(setup, random, given);
-            match Self::with(setup, random, parameters, pose, &place) {
+            match Self::with(setup, random, &parameters, pose, &place) {
                 Err(Error::NotHeld { grip }) => failed = Some((parameters.object, grip)),
                 other => return other,
             }
@@ -109,24 +110,25 @@ impl Episode {
     fn with(
         setup: &Setup,
         random: &ChaCha8Rng,
-        parameters: EpisodeParameters,
+        parameters: &EpisodeParameters,
         pose: Isometry3<f64>,
         place: &Vector3<f64>,
     ) -> Result<(Self, PendingStep)> {
         let config = &setup.config;
-        let EpisodeParameters { object, scale, mass, friction, .. } = parameters;
+        let EpisodeParameters { object, scale, mass, friction, .. } = *parameters;
         // The sensors have streams of their own, so they change no other draw.
         let streams = [2, 3].map(|number| stream(random, number));
         let (errors, period) = (&config.sensor_errors, config.scene.physics.control_period);
         let sensors = FaultySensors::draw(errors, &setup.layout, streams, period);
         let object = SceneObject { model: &setup.models[object], scale, mass, friction, pose };
         let InitialState { scene, grip, path } =
-            InitialState::new(setup, &object, place, &parameters)?;
-        let tried = |t: TrialGrip| trial(setup, &object, &parameters, t.grip);
+            InitialState::new(setup, &object, place, parameters)?;
+        let tried = |t: TrialGrip| trial(setup, &object, parameters, t.grip);
         let presses = parameters.trial.map(tried).transpose()?;
         let state = scene.state();
         let contact = ContactState::new(setup.tactile(), path.start());
         let (progress, steps, over) = (Progress::new(&state), 0, false);
+        let parameters = *parameters;
         let mut episode = Self { scene, parameters, contact, grip, steps, progress, sensors, over };
         let mut motion = episode.motion(setup, state, path.poses());
         motion.presses = presses.unwrap_or(motion.presses);
@@ -152,14 +154,16 @@ impl Episode {
         }
     }
 
-    /// Attaches the object to a deserialised episode. Returns an error if the settings have no such
+    /// Attaches the objects to a deserialised episode. Returns an error if the settings have no such
     /// object.
     pub(super) fn attach(&mut self, setup: &Setup) -> Result<()> {
-        let (index, count) = (self.parameters.object, setup.models.len());
-        let model = setup.models.get(index).ok_or_else(|| Error::BadState {
-            reason: format!("object {index} of {count} in these settings"),
-        })?;
-        self.scene.attach(model);
+        let count = setup.models.len();
+        let model = |(index, _)| {
+            let reason = || format!("object {index} of {count} in these settings");
+            setup.models.get(index).ok_or_else(|| Error::BadState { reason: reason() })
+        };
+        let models = self.parameters.bodies().map(model).collect::<Result<Vec<_>>>()?;
+        self.scene.attach(&models);
         Ok(())
     }
 
@@ -223,7 +227,7 @@ impl Episode {
         if state.failure.is_some() {
             return Ok([None, None]);
         }
-        let path = [self.scene.object_in_pads()];
+        let path = [self.scene.bodies_in_pads()];
         self.contact.clone().press(setup, &state, &path, &self.parameters)
     }
 
@@ -243,13 +247,13 @@ impl Episode {
             let force = |time| shaking.map_or_else(Vector3::zeros, |s| s.force(start + time));
             self.scene.step_under(&command, force, |scene| {
                 if let Some(path) = &mut path {
-                    path.go_on(scene.object_in_pads());
+                    path.go_on(scene.bodies_in_pads());
                 }
             });
             self.scene.state()
         });
         if let Some(path) = &mut path {
-            path.arrive(self.scene.object_in_pads());
+            path.arrive(self.scene.bodies_in_pads());
         }
         let poses = path.as_ref().map_or(&[][..], Trajectory::poses);
         costs.time(PRESS, || self.motion(setup, state, poses))
@@ -367,12 +371,15 @@ fn drawn(
         gel_stiffness: 1.0,
         shaking: None,
         insertion: None,
+        distractors: [None; MOST_DISTRACTORS],
     };
     config.task.draw(config, &mut parameters, &mut uniform);
     // The gel has a stream of its own, so it changes no other draw.
     let [low, high] = config.gel_stiffness;
     let stiffness = low + (high - low) * stream(random, 1).random::<f64>();
     parameters.gel_stiffness = given.or(StartQuantity::GelStiffness, stiffness);
+    // So have the distractors.
+    parameters.distractors = beside(setup, stream(random, 4), &parameters, &pose);
     (parameters, pose, place)
 }
 

@@ -8,6 +8,7 @@
 mod answers;
 mod batch;
 mod contact;
+mod distractors;
 mod episode;
 mod given;
 mod plan;

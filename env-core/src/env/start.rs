@@ -10,7 +10,7 @@ use super::{
 use crate::{
     Result,
     scene::{Pads, Scene, SceneConfig, SceneObject},
-    task::{EpisodeParameters, Start},
+    task::{Distractor, EpisodeParameters, Start},
 };
 
 /// Scene, grip force (N), and the trajectory of the object that led to the scene.
@@ -34,7 +34,17 @@ impl InitialState {
         config.fixture = task.fixture(&object.model.shape().scaled(object.scale), parameters)?;
         let grip = task.gradual_grip().map_or(0.0, |grip| grip.start);
         match task.start() {
-            Start::OverTable => Ok(Self::at_once(Scene::new(&config, object, place, 0.0)?, grip)),
+            Start::OverTable => {
+                let distractors = parameters.distractors.iter().flatten();
+                let distractors: Vec<_> = distractors
+                    .map(|&Distractor { object, scale, mass, pose }| {
+                        let (model, friction) = (&setup.models[object], parameters.friction);
+                        SceneObject { model, scale, mass, friction, pose }
+                    })
+                    .collect();
+                let scene = Scene::with_distractors(&config, object, &distractors, place, 0.0)?;
+                Ok(Self::at_once(scene, grip))
+            }
             Start::AroundObject => Ok(Self::at_once(around(&config, object)?, grip)),
             Start::InHand => {
                 let (place, usual) = Self::in_hand(&config, object, place);
@@ -67,18 +77,18 @@ impl InitialState {
     ) -> Result<Self> {
         let mut path = None::<Trajectory>;
         let seen = |scene: &Scene| match &mut path {
-            Some(path) => path.go_on(scene.object_in_pads()),
-            None => path = Some(Trajectory::from(scene.object_in_pads(), coarseness)),
+            Some(path) => path.go_on(scene.bodies_in_pads()),
+            None => path = Some(Trajectory::from(scene.bodies_in_pads(), coarseness)),
         };
         let scene = Scene::holding(config, object, place, grip, seen)?;
-        let mut path = path.unwrap_or_else(|| Trajectory::from(scene.object_in_pads(), coarseness));
-        path.arrive(scene.object_in_pads());
+        let mut path = path.unwrap_or_else(|| Trajectory::from(scene.bodies_in_pads(), coarseness));
+        path.arrive(scene.bodies_in_pads());
         Ok(Self { scene, grip, path })
     }
 
     fn at_once(scene: Scene, grip: f64) -> Self {
-        let mut path = Trajectory::from(scene.object_in_pads(), FINE);
-        path.arrive(scene.object_in_pads());
+        let mut path = Trajectory::from(scene.bodies_in_pads(), FINE);
+        path.arrive(scene.bodies_in_pads());
         Self { scene, grip, path }
     }
 }

@@ -1,9 +1,9 @@
-//! Trajectory of the object relative to the pads, thinned to the poses that matter to the contact.
+//! Trajectory of the object and the distractors relative to the pads, thinned to the poses that matter to the contact.
 
 use nalgebra::Isometry3;
 
-/// Pose of the object in the frame of each pad (m).
-pub(super) type PosesInPads = [Isometry3<f64>; 2];
+/// Poses of the object and then of the distractors in the frame of each pad (m).
+pub(super) type PosesInPads = [Vec<Isometry3<f64>>; 2];
 
 /// Motion relative to a pad after which another pose within a control step is kept (m). The path
 /// between poses further apart could pass through the gel where the object moves around it. The
@@ -28,12 +28,13 @@ impl Trajectory {
     /// Creates a trajectory that begins at `start`, which is not one of its poses. Further poses
     /// are kept if they are more than `coarseness` (m) apart.
     pub(super) fn from(start: PosesInPads, coarseness: f64) -> Self {
-        Self { coarseness, start, last: start, poses: Vec::new() }
+        Self { coarseness, last: start.clone(), start, poses: Vec::new() }
     }
 
     /// Adds `poses` if they are more than the spacing away from the last ones kept.
     pub(super) fn go_on(&mut self, poses: PosesInPads) {
-        if self.last.iter().zip(&poses).any(|(from, to)| motion(from, to) > self.coarseness) {
+        let mut moves = self.last.iter().flatten().zip(poses.iter().flatten());
+        if moves.any(|(from, to)| motion(from, to) > self.coarseness) {
             self.arrive(poses);
         }
     }
@@ -41,14 +42,14 @@ impl Trajectory {
     /// Adds `poses`, the end of the trajectory.
     pub(super) fn arrive(&mut self, poses: PosesInPads) {
         if self.poses.is_empty() || self.last != poses {
-            self.last = poses;
+            self.last.clone_from(&poses);
             self.poses.push(poses);
         }
     }
 
     /// Poses at the beginning, before the first of [`Trajectory::poses`].
     pub(super) fn start(&self) -> PosesInPads {
-        self.start
+        self.start.clone()
     }
 
     /// Poses kept.
@@ -57,7 +58,7 @@ impl Trajectory {
     }
 }
 
-/// Approximate motion of the object relative to a pad (m).
+/// Approximate motion of a body relative to a pad (m).
 fn motion(from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
     let step = to * from.inverse();
     step.translation.vector.norm() + ARM * step.rotation.angle()
@@ -75,7 +76,7 @@ mod tests {
     fn rolled(turn: f64) -> PosesInPads {
         let pose =
             Isometry3::rotation(Vector3::x() * turn) * Isometry3::translation(0.0, 0.0, 0.02);
-        [pose; 2]
+        [vec![pose], vec![pose]]
     }
 
     #[test]
@@ -83,10 +84,10 @@ mod tests {
         let mut long = Trajectory::from(rolled(0.0), COARSE);
         (1..100).for_each(|i| long.go_on(rolled(0.01 * PI * f64::from(i))));
         long.arrive(rolled(PI));
-        let ends: Vec<_> = [long.start()].iter().chain(long.poses()).copied().collect();
+        let ends: Vec<_> = [long.start()].iter().chain(long.poses()).cloned().collect();
         // A path of 41 mm in steps of 0.41 mm, of which every third pose is kept.
         assert_eq!(ends.len(), 35);
-        assert!(ends.windows(2).all(|ends| motion(&ends[0][0], &ends[1][0]) < 2.0 * COARSE));
+        assert!(ends.windows(2).all(|ends| motion(&ends[0][0][0], &ends[1][0][0]) < 2.0 * COARSE));
         let mut short = Trajectory::from(rolled(0.0), COARSE);
         (1..10).for_each(|i| short.go_on(rolled(1e-3 * f64::from(i))));
         short.arrive(rolled(1e-2));

@@ -1,4 +1,4 @@
-//! Pictures of a scene: gripper, object and table, and the deformation of the pads or the object.
+//! Pictures of a scene: gripper, objects and table, and the deformation of the pads or the object.
 
 use nalgebra::Isometry3;
 
@@ -21,8 +21,8 @@ pub struct SceneRenderer {
     renderer: Renderer,
     gripper: GripperParts,
     table: RenderMesh,
-    /// Object drawn last, with its shape: most frames show it again.
-    object: Option<(Shape, RenderMesh)>,
+    /// Object and distractors drawn last, with their shapes: most frames show them again.
+    bodies: Vec<(Shape, RenderMesh)>,
     /// Inset, created when a picture first shows touch and has room for it.
     inset: Option<Inset>,
 }
@@ -34,7 +34,7 @@ impl SceneRenderer {
             renderer: Renderer::new(width, height)?,
             gripper: GripperParts::default(),
             table: table(),
-            object: None,
+            bodies: Vec::new(),
             inset: None,
         })
     }
@@ -44,23 +44,20 @@ impl SceneRenderer {
         self.renderer.size()
     }
 
-    /// Draws a scene with an object of `shape` as an sRGB picture (height, width, 3), with a `fixture`
-    /// on the table if there is one. With a `view`, the pads or the object are drawn deformed and
+    /// Draws a scene with an object and distractors of `shapes`, the object first, as an sRGB picture
+    /// (height, width, 3), with a `fixture` on the table if there is one. With a `view`, the pads or the object are drawn deformed and
     /// coloured by stress, and an inset shows the more stressed pad from the object's side, or the
     /// object from a finger's side.
     pub fn draw(
         &mut self,
         viewpoint: &Viewpoint,
         state: &SceneState,
-        shape: &Shape,
+        shapes: &[Shape],
         fixture: Option<&Fixture>,
         view: Option<&DeformationView>,
     ) -> Result<Vec<u8>> {
-        if self.object.as_ref().is_none_or(|(known, _)| known != shape) {
-            let surface = shape.surface(SEGMENTS).ok_or_else(|| {
-                Error::invalid("object", format!("{shape:?}"), "a shape of finite size")
-            })?;
-            self.object = Some((shape.clone(), RenderMesh::new(&surface)));
+        if !self.bodies.iter().map(|(known, _)| known).eq(shapes) {
+            self.bodies = shapes.iter().map(body).collect::<Result<_>>()?;
         }
         let table = Item::new(&self.table, Isometry3::identity(), Color::srgb(214, 211, 205));
         let mut items = vec![table.with_finish(Finish::Ground { spacing: 0.025 })];
@@ -72,10 +69,15 @@ impl SceneRenderer {
         let is_object = view.is_some_and(|view| matches!(view.bodies, DeformedBodies::Object(_)));
         if is_object {
             items.extend(bodies.iter().map(|body| body.item(state.object.pose)));
-        } else if let Some((_, mesh)) = &self.object {
+        } else if let Some((_, mesh)) = self.bodies.first() {
             let object = Item::new(mesh, state.object.pose, Color::srgb(72, 145, 202));
             items.push(object.with_finish(Finish::Glossy));
         }
+        items.extend(self.bodies.iter().skip(1).zip(&state.distractors).map(
+            |((_, mesh), body)| {
+                Item::new(mesh, body.pose, Color::srgb(196, 130, 92)).with_finish(Finish::Glossy)
+            },
+        ));
         let jaws = [0, 1].map(|k| state.fingers[k].position);
         if view.is_some() && !is_object {
             items.extend(self.gripper.rigid_items(&state.wrist.pose, jaws));
@@ -98,6 +100,14 @@ impl SceneRenderer {
         }
         Ok(picture)
     }
+}
+
+/// Shape of a body with its mesh.
+fn body(shape: &Shape) -> Result<(Shape, RenderMesh)> {
+    let surface = shape
+        .surface(SEGMENTS)
+        .ok_or_else(|| Error::invalid("object", format!("{shape:?}"), "a shape of finite size"))?;
+    Ok((shape.clone(), RenderMesh::new(&surface)))
 }
 
 /// Boxes of a fixture with their poses.

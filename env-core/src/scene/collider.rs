@@ -97,6 +97,13 @@ impl ObjectModel {
         Isometry3::from_parts(Translation3::new(x, y, z), rotation)
     }
 
+    /// Radius of an upright cylinder about the frame of the object, scaled by `scale` and at rest on
+    /// the table, that contains it (m).
+    pub fn rest_radius(&self, scale: f64) -> f64 {
+        let turned = self.surface.vertices().iter().map(|v| (self.resting * v).coords.xy().norm());
+        scale * turned.fold(0.0, f64::max)
+    }
+
     /// Lowest z of the turned surface (m).
     fn lowest(&self, rotation: &UnitQuaternion<f64>) -> f64 {
         let heights = self.surface.vertices().iter().map(|v| (rotation * v).z);

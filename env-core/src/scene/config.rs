@@ -13,7 +13,10 @@ use crate::{
     sensor::{Calibration, ElasticFoundation, Sensor},
 };
 
-/// Settings of a scene, except its object.
+/// Greatest number of free bodies beside the object.
+pub const MOST_DISTRACTORS: usize = 4;
+
+/// Settings of a scene, except its bodies.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SceneConfig {
@@ -203,7 +206,7 @@ impl BoundedNumber {
     }
 }
 
-/// The free object of one episode.
+/// A free object of one episode.
 #[derive(Clone, Debug)]
 pub struct SceneObject<'a> {
     /// Shape, prepared for Rapier.

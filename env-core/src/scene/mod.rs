@@ -1,8 +1,9 @@
-//! The rigid world: a parallel-jaw gripper, a table and one free object, simulated by Rapier.
+//! The rigid world: a parallel-jaw gripper, a table and free bodies, simulated by Rapier: the object
+//! to be grasped, and distractors beside it if the task has any.
 //!
 //! The wrist is kinematic with its origin at the tool centre. Two force-limited fingers slide along
 //! its x axis; a spring on their common displacement keeps them centred. The pads and the finger
-//! bodies behind them collide with the object only. Contact is rigid with Coulomb friction, except
+//! bodies behind them collide with the free bodies only. Contact is rigid with Coulomb friction, except
 //! for soft pads ([`Pads::Soft`]), whose faces are an elastic foundation of bristles on a rigid
 //! core. A [`Fixture`] is a block with a hole that stands on the table.
 //!
@@ -29,7 +30,8 @@ pub use approach::{Approach, ApproachFailure};
 pub use catalogue::{CATALOGUE, named};
 pub use collider::ObjectModel;
 pub use config::{
-    BoundedNumber, Gripper, Pads, Physics, SceneConfig, SceneObject, SoftPads, Workspace,
+    BoundedNumber, Gripper, MOST_DISTRACTORS, Pads, Physics, SceneConfig, SceneObject, SoftPads,
+    Workspace,
 };
 pub use fixture::Fixture;
 pub use foundation_fit::{FoundationError, FoundationFit, fit_foundation};

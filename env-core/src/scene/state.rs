@@ -14,6 +14,8 @@ pub struct SceneState {
     pub fingers: [FingerState; 2],
     /// The free object.
     pub object: BodyState,
+    /// Other free bodies on the table, if there are any.
+    pub distractors: Vec<BodyState>,
     /// Wrench of the table on the object, in the world frame about the object's origin.
     pub table: Wrench,
     /// Wrench of the fixture on the object, likewise; 0 without a fixture.
@@ -47,8 +49,11 @@ pub struct FingerState {
     pub velocity: f64,
     /// Pose of the pad's frame in the world (m).
     pub pad: Isometry3<f64>,
-    /// Wrench of the object on the pad, in the pad's frame about its origin.
+    /// Wrench of all bodies on the pad, in the pad's frame about its origin.
     pub wrench: Wrench,
+    /// Part of the object in the normal force on the pad (N), positive in compression; all of it
+    /// without distractors.
+    pub object_force: f64,
     /// Pose of the object's frame in the pad's frame (m), which is that of
     /// [`crate::geometry::PadMesh`].
     pub object: Isometry3<f64>,
@@ -58,12 +63,12 @@ pub struct FingerState {
 }
 
 impl FingerState {
-    /// Normal force between object and pad (N), positive in compression.
+    /// Normal force on the pad (N), positive in compression.
     pub fn normal_force(&self) -> f64 {
         -self.wrench.force.z
     }
 
-    /// Returns whether object and pad exerted a force on each other in the last step.
+    /// Returns whether anything exerted a force on the pad in the last step.
     pub fn touches(&self) -> bool {
         self.wrench != Wrench::default()
     }
@@ -85,7 +90,7 @@ pub struct BodyState {
 pub enum Failure {
     /// A pose or velocity became infinite or not a number, and Rapier froze the body.
     NonFinite,
-    /// A scene with soft pads was read from bytes and not given its object by
+    /// A scene with soft pads was read from bytes and not given its bodies by
     /// [`super::Scene::attach`].
     Detached,
 }

@@ -211,21 +211,17 @@ impl Channel {
         self.specs(skin).iter().map(|spec| spec.shape.iter().product::<usize>()).sum()
     }
 
-    /// Entries for one finger that touches `object`; `answer` is `None` without contact.
+    /// Entries for one finger that touches `shapes`, those of the `answer`, which is `None` without
+    /// contact. Only [`Channel::Image`] needs the shapes.
     ///
     /// # Panics
     ///
     /// For [`Channel::Image`] if [`Skin::has_image`] is false.
-    pub fn read(
-        self,
-        skin: &Skin,
-        answer: Option<&Deformation>,
-        object: Option<&Shape>,
-    ) -> Vec<f64> {
+    pub fn read(self, skin: &Skin, answer: Option<&Deformation>, shapes: &[&Shape]) -> Vec<f64> {
         match (self, answer) {
             (Self::Image, _) => {
                 let camera = skin.camera.as_ref().expect("only sensors with colours have images");
-                camera.picture(skin, answer, object)
+                camera.picture(skin, answer, shapes)
             }
             (Self::Depth, None) => skin.rest_depth.clone(),
             (_, None) => vec![0.0; self.size(skin)],

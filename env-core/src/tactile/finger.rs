@@ -1,5 +1,7 @@
 //! Contact state of a finger between control steps.
 
+use std::mem;
+
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
@@ -10,24 +12,31 @@ use crate::{
     geometry::Shape,
 };
 
-/// Contact state of a finger, in the frame of its pad.
+/// Contact state of a finger, in the frame of its pad. B bodies can be touched.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Finger {
-    /// Last pose of the object.
-    last: Isometry3<f64>,
+    /// Last poses of the bodies (B).
+    last: Vec<Isometry3<f64>>,
+    /// Numbers of the bodies in the last press (S).
+    pressed: Vec<usize>,
     /// History of the contact, while there is one.
     history: Option<History>,
 }
 
 impl Finger {
-    /// Creates a finger without contact; the object is at `pose`.
-    pub fn new(pose: Isometry3<f64>) -> Self {
-        Self { last: pose, history: None }
+    /// Creates a finger without contact; the bodies are at `poses` (B).
+    pub fn new(poses: Vec<Isometry3<f64>>) -> Self {
+        Self { last: poses, pressed: Vec::new(), history: None }
     }
 
-    /// Last pose of the object.
-    pub fn last(&self) -> &Isometry3<f64> {
+    /// Last poses of the bodies (B).
+    pub fn last(&self) -> &[Isometry3<f64>] {
         &self.last
+    }
+
+    /// Numbers of the bodies in the last press, in the order of its shapes (S).
+    pub fn pressed(&self) -> &[usize] {
+        &self.pressed
     }
 
     /// Returns whether the last press made contact.
@@ -35,27 +44,39 @@ impl Finger {
         self.history.is_some()
     }
 
-    /// Creates the press that moves the object from its last pose through `path`, which has one
-    /// pose or more; returns `None` if the object cannot touch the pad at the end of the path. The
-    /// solution goes to [`Finger::keep`].
+    /// Creates the press that moves `bodies` (B) from their last poses through `path` (F, B), which
+    /// has one frame or more. It has the bodies that can touch the pad at the end of the path;
+    /// returns `None` if there are none. The solution goes to [`Finger::keep`].
     pub fn press(
         &mut self,
         skin: &Skin,
-        object: &Shape,
-        path: &[Isometry3<f64>],
+        bodies: &[Shape],
+        path: &[Vec<Isometry3<f64>>],
         friction: f64,
     ) -> Result<Option<Press>> {
-        let from = self.last;
-        self.last = path.last().copied().unwrap_or(from);
-        let end = self.last;
-        let history = self.history.take();
-        if !skin.may_touch(|place| object.distance(&end.inverse_transform_point(place)).value) {
+        let end = path.last().unwrap_or(&self.last).clone();
+        let from = mem::replace(&mut self.last, end);
+        let may_touch = |&body: &usize| {
+            let (shape, pose) = (&bodies[body], &self.last[body]);
+            skin.may_touch(|place| shape.distance(&pose.inverse_transform_point(place)).value)
+        };
+        let pressed: Vec<_> = (0..bodies.len()).filter(may_touch).collect();
+        let before = mem::replace(&mut self.pressed, pressed);
+        let (history, pressed) = (self.history.take(), &self.pressed);
+        if pressed.is_empty() {
             return Ok(None);
         }
-        let frames = |path: &[Isometry3<f64>]| path.iter().map(|&pose| vec![pose]).collect();
-        let press = |path| Press::along(vec![object.clone()], path)?.with_friction(friction);
+        let frame = |poses: &Vec<Isometry3<f64>>| pressed.iter().map(|&i| poses[i]).collect();
+        let frames = |path: &[Vec<Isometry3<f64>>]| path.iter().map(frame).collect();
+        let shapes = pressed.iter().map(|&body| bodies[body].clone()).collect();
+        let press = |path| Press::along(shapes, path)?.with_friction(friction);
         match history {
-            Some(history) => press(frames(path))?.after(history).map(Some),
+            Some(history) if before == *pressed => press(frames(path))?.after(history).map(Some),
+            Some(history) => {
+                let place = |body| before.iter().position(|other| other == body);
+                let shapes: Vec<_> = pressed.iter().map(|i| (place(i), from[*i])).collect();
+                press(frames(path))?.after(history.with_shapes(&shapes)).map(Some)
+            }
             None => press(frames(&[&[from], path].concat())).map(Some),
         }
     }

@@ -60,17 +60,17 @@ impl TactileCamera {
         }
     }
 
-    /// Colours (P, 3) from 0 to 1 of the face deformed by an object, or at rest.
+    /// Colours (P, 3) from 0 to 1 of the face deformed by objects of these `shapes`, or at rest.
     pub(super) fn picture(
         &self,
         skin: &Skin,
         felt: Option<&Deformation>,
-        object: Option<&Shape>,
+        shapes: &[&Shape],
     ) -> Vec<f64> {
         let mut colours = self.background.clone();
         if let Some(felt) = felt {
-            let shape = object.zip(felt.poses.first());
-            let heights = self.heights(skin, felt, shape);
+            let placed: Vec<_> = shapes.iter().copied().zip(&felt.poses).collect();
+            let heights = self.heights(skin, felt, &placed);
             let raised = heights.iter().zip(&self.rest).map(|(z, rest)| (z - rest) as f32);
             let raised: Vec<_> = raised.collect();
             self.add_response(&self.smoothed(&raised), &mut colours);
@@ -78,24 +78,26 @@ impl TactileCamera {
         colours.iter().flatten().map(|c| f64::from(c.clamp(0.0, 1.0))).collect()
     }
 
-    /// Heights (P) in m of the face deformed by an object at a pose: raised to the object where
-    /// nodes touch it, and nowhere inside of it.
+    /// Heights (P) in m of the face deformed by objects at their poses: raised to an object where
+    /// nodes touch it, and nowhere inside of one.
     fn heights(
         &self,
         skin: &Skin,
         felt: &Deformation,
-        object: Option<(&Shape, &Isometry3<f64>)>,
+        objects: &[(&Shape, &Isometry3<f64>)],
     ) -> Vec<f64> {
         let displacement = Some(&felt.displacement[..]);
-        let Some((shape, pose)) = object else {
+        if objects.is_empty() {
             return depth::heights(skin, &self.grid, displacement);
+        }
+        let gap = |place: &Point3<f64>| {
+            let gaps = objects.iter().filter_map(|(shape, pose)| gap(shape, pose, place));
+            gaps.filter(|gap| (0.0..CLOSE).contains(gap)).reduce(f64::min)
         };
-        let gap = |place: &Point3<f64>| gap(shape, pose, place);
         let bears = felt.contact_force.iter().zip(&felt.displacement).zip(&skin.places);
         let missing = |((force, moved), place): ((&Vector3<f64>, _), &Point3<f64>)| {
             let touches = *force != Vector3::zeros();
-            let gap = touches.then(|| gap(&(place + moved))).flatten();
-            gap.filter(|gap| (0.0..CLOSE).contains(gap)).unwrap_or_default()
+            touches.then(|| gap(&(place + moved))).flatten().unwrap_or_default()
         };
         let missing: Vec<f64> = bears.map(missing).collect();
         let mut heights = vec![-skin.thickness; self.rest.len()];
@@ -104,7 +106,9 @@ impl TactileCamera {
                 corners.iter().zip(shares).map(|(&n, s)| s * missing[n as usize]).sum();
             heights[pixel] = heights[pixel].max(z + raised);
         });
-        self.lower(&mut heights, shape, pose);
+        for (shape, pose) in objects {
+            self.lower(&mut heights, shape, pose);
+        }
         heights
     }
 

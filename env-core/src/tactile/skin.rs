@@ -25,11 +25,18 @@ pub struct Feeling<'a> {
     pub skin: &'a Skin,
     /// Solution of the finger on −x and of the one on +x; `None` without contact.
     pub fingers: [Option<&'a Deformation>; 2],
-    /// Object that the pads touch, in its own frame.
-    pub object: Option<&'a Shape>,
+    /// What the pads can touch, each shape in its own frame.
+    pub bodies: &'a [Shape],
+    /// Numbers of the bodies in the press of each finger.
+    pub pressed: [&'a [usize]; 2],
 }
 
-impl Feeling<'_> {
+impl<'a> Feeling<'a> {
+    /// Shapes in the press of a finger, in the order of its solution.
+    pub fn shapes(&self, finger: usize) -> Vec<&'a Shape> {
+        self.pressed[finger].iter().filter_map(|&body| self.bodies.get(body)).collect()
+    }
+
     /// Highest von Mises stress in any tetrahedron of both pads (Pa), 0 without contact.
     pub fn peak_stress(&self) -> f64 {
         peak_stress(self.fingers.iter().flatten().copied())

@@ -2,11 +2,15 @@
 
 use serde::Serialize;
 
-use super::{RewardTerm, Rules, reward};
+use super::{RewardTerm, Rules, Setting, StateChannel, reward};
+use crate::scene::MOST_DISTRACTORS;
 
-/// The task, which has no settings of its own.
+/// Settings of the task.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct GraspLift {}
+pub struct GraspLift {
+    /// Number of other objects on the table.
+    distractors: u32,
+}
 
 impl Rules for GraspLift {
     fn name(&self) -> &'static str {
@@ -41,6 +45,21 @@ impl Rules for GraspLift {
             ),
         ];
         &TERMS
+    }
+
+    fn channels(&self) -> &'static [StateChannel] {
+        &[StateChannel::Distractors]
+    }
+
+    fn settings(&mut self) -> Vec<Setting<'_>> {
+        let most = MOST_DISTRACTORS as u32;
+        let doc =
+            "other objects on the table, drawn from ``objects``, with the friction of the object";
+        vec![Setting::count("distractors", &mut self.distractors, [0, most], "", doc)]
+    }
+
+    fn distractors(&self) -> usize {
+        self.distractors as usize
     }
 
     fn usual_channels(&self, tactile: bool) -> &'static [&'static str] {
@@ -91,6 +110,12 @@ sizes. Without contact each is exactly 0, except ``depth`` and ``image``. With s
 ## Start
 Object, size, mass, friction, position, yaw and the tool centre are drawn from their ranges by
 the environment's seed; the tool centre is 12 to 16 cm over the table (``start_height``).
+With ``distractors`` other objects of ``objects`` lie 1 to 6 cm beside the one to be grasped,
+which is drawn as without them. They have sizes and masses of their own and move freely. Pads
+feel whatever they touch, also two objects at once: all tactile channels, ``wrench`` and the
+pads' forces in ``proprio`` include distractors. ``object``, ``properties``, reward, success and
+endings are about the object to be grasped alone. A distractor at the back or the side of a
+finger is felt by nothing. The network was trained on one object at a time.
 
 ## End
 Truncated after ``max_episode_steps`` steps, 100 by default (with ``gymnasium.make`` its wrapper

@@ -46,7 +46,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     Result,
     geometry::Shape,
-    scene::{Fixture, SceneState},
+    scene::{Fixture, MOST_DISTRACTORS, SceneState},
     tactile::{Feeling, Squeezed},
 };
 
@@ -120,6 +120,11 @@ pub trait Rules {
         _episode: &mut EpisodeParameters,
         _uniform: &mut dyn FnMut(Range) -> f64,
     ) {
+    }
+
+    /// Number of other objects on the table.
+    fn distractors(&self) -> usize {
+        0
     }
 
     /// Fixture on the table for an object of this shape and size, if the task has one.
@@ -243,6 +248,29 @@ pub struct EpisodeParameters {
     pub shaking: Option<Shaking>,
     /// Hole, and place of the peg in the hand, if the object is a peg.
     pub insertion: Option<Insertion>,
+    /// Other objects on the table, if there are any, with the friction of the object.
+    pub distractors: [Option<Distractor>; MOST_DISTRACTORS],
+}
+
+impl EpisodeParameters {
+    /// Index and relative size of the object and then of each distractor.
+    pub fn bodies(&self) -> impl Iterator<Item = (usize, f64)> {
+        let distractors = self.distractors.iter().flatten().map(|body| (body.object, body.scale));
+        [(self.object, self.scale)].into_iter().chain(distractors)
+    }
+}
+
+/// Object on the table that is not to be grasped.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Distractor {
+    /// Index into the configured objects.
+    pub object: usize,
+    /// Size relative to the configured object.
+    pub scale: f64,
+    /// Mass (kg).
+    pub mass: f64,
+    /// Pose at the start (m).
+    pub pose: Isometry3<f64>,
 }
 
 /// Trial grip whose stress sets the limit of an episode.
@@ -293,11 +321,11 @@ impl StepState<'_> {
 
     /// Returns whether both pads press on the object.
     pub fn both_touch(&self) -> bool {
-        self.state.fingers.iter().all(|finger| finger.normal_force() > 0.0)
+        self.state.fingers.iter().all(|finger| finger.object_force > 0.0)
     }
 
     /// Returns whether a pad presses on the object.
     pub fn any_touches(&self) -> bool {
-        self.state.fingers.iter().any(|finger| finger.normal_force() > 0.0)
+        self.state.fingers.iter().any(|finger| finger.object_force > 0.0)
     }
 }

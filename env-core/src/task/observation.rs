@@ -1,7 +1,7 @@
 //! Observation: named channels, defined in one table from which spaces, documentation and checks
 //! are derived.
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 use super::{StepState, TaskConfig};
 use crate::{
@@ -33,6 +33,8 @@ pub enum StateChannel {
     Deformation,
     /// Place of a peg relative to its hole, and the force between them.
     Insertion,
+    /// Poses of the distractors.
+    Distractors,
 }
 
 impl StateChannel {
@@ -53,6 +55,7 @@ impl StateChannel {
             Self::Squeeze => "squeeze",
             Self::Deformation => "deformation",
             Self::Insertion => "insertion",
+            Self::Distractors => "distractors",
         }
     }
 
@@ -79,6 +82,9 @@ impl StateChannel {
             Self::Insertion => {
                 "place of the peg's tip in the hole's frame, yaw of the hand from the hole's, \
                  force of the fixture"
+            }
+            Self::Distractors => {
+                "pose in the wrist's frame of each of the ``distractors``, which must be 1 or more"
             }
         }
     }
@@ -207,6 +213,11 @@ impl ObservationLayout {
             if sources.contains(&source) {
                 return Err(invalid(&format!("{name} twice")));
             }
+            if source == Source::State(StateChannel::Distractors) && config.task.distractors() == 0
+            {
+                let expected = "1 or more for the channel distractors";
+                return Err(Error::invalid("distractors", 0, expected));
+            }
             sources.push(source);
         }
         if sources.is_empty() { Err(invalid("no channel")) } else { Ok(sources) }
@@ -270,8 +281,8 @@ impl ObservationLayout {
         match self.sources[channel] {
             Source::Fingers(channel) => {
                 let feeling = step.feeling.expect("tactile channels are of tactile fingers");
-                for felt in feeling.fingers {
-                    for x in channel.read(feeling.skin, felt, feeling.object) {
+                for (finger, felt) in feeling.fingers.into_iter().enumerate() {
+                    for x in channel.read(feeling.skin, felt, &feeling.shapes(finger)) {
                         writer.push(x);
                     }
                 }
@@ -381,6 +392,14 @@ pub(super) fn components(channel: StateChannel, config: &TaskConfig) -> Vec<Comp
             both("yaw of the hand from the hole's", 1, std::f64::consts::PI, "rad"),
             both("force of the fixture on the peg, in the hole's frame", 3, STRONGEST, "N"),
         ],
+        // Described as of one where there is none.
+        StateChannel::Distractors => (1..=config.task.distractors().max(1))
+            .flat_map(|i| {
+                let place = format!("position {i} from the tool centre, in the wrist's frame");
+                let turn = format!("first two columns of rotation {i} in the wrist's frame");
+                [both(&place, 3, 10.0, "m"), both(&turn, 6, 1.0, "")]
+            })
+            .collect(),
         StateChannel::Time => {
             vec![between("time since the start of the episode", 1, 0.0, 1.1e6, "s")]
         }
@@ -420,6 +439,7 @@ impl Writer<'_> {
             }
             StateChannel::Deformation => self.deformation(step),
             StateChannel::Insertion => self.insertion(step),
+            StateChannel::Distractors => self.distractors(step),
         }
     }
 
@@ -441,13 +461,23 @@ impl Writer<'_> {
 
     fn object(&mut self, step: &StepState) {
         let (state, wrist) = (step.state, &step.state.wrist.pose.rotation);
-        let object = state.object_in_wrist();
-        self.vector(&object.translation.vector);
-        self.vector(&(object.rotation * Vector3::x()));
-        self.vector(&(object.rotation * Vector3::y()));
+        self.pose(&state.object_in_wrist());
         self.vector(&wrist.inverse_transform_vector(&state.object.velocity));
         self.vector(&wrist.inverse_transform_vector(&state.object.angular_velocity));
         self.push(step.rise());
+    }
+
+    fn distractors(&mut self, step: &StepState) {
+        for body in &step.state.distractors {
+            self.pose(&step.state.wrist.pose.inv_mul(&body.pose));
+        }
+    }
+
+    /// Position and first two columns of the rotation.
+    fn pose(&mut self, pose: &Isometry3<f64>) {
+        self.vector(&pose.translation.vector);
+        self.vector(&(pose.rotation * Vector3::x()));
+        self.vector(&(pose.rotation * Vector3::y()));
     }
 
     fn deformation(&mut self, step: &StepState) {

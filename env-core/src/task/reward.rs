@@ -41,7 +41,7 @@ pub(super) fn reach(step: &StepState, _: &Progress, _: &TaskConfig) -> f64 {
 
 /// 1 when both pads press with 1 N or more, or with the trial grip if one sets the stress limit.
 pub(super) fn grasp(step: &StepState, _: &Progress, _: &TaskConfig) -> f64 {
-    let [a, b] = [0, 1].map(|k| step.state.fingers[k].normal_force());
+    let [a, b] = [0, 1].map(|k| step.state.fingers[k].object_force);
     let firm = step.episode.trial.map_or(FIRM, |trial| trial.grip);
     (a.min(b) / firm).clamp(0.0, 1.0)
 }

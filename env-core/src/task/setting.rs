@@ -13,6 +13,8 @@ pub type Range = [f64; 2];
 pub enum SettingValue<'a> {
     /// One number.
     Number(&'a mut f64),
+    /// One whole number.
+    Count(&'a mut u32),
     /// Both ends of a uniform draw, which may be equal.
     Range(&'a mut Range),
 }
@@ -44,6 +46,18 @@ impl<'a> Setting<'a> {
         Self { name, value: SettingValue::Number(value), bounds, unit, doc }
     }
 
+    /// A setting that is a whole number.
+    pub fn count(
+        name: &'static str,
+        value: &'a mut u32,
+        bounds: [u32; 2],
+        unit: &'static str,
+        doc: &'static str,
+    ) -> Self {
+        let bounds = bounds.map(f64::from);
+        Self { name, value: SettingValue::Count(value), bounds, unit, doc }
+    }
+
     /// A setting that is a range to draw from.
     pub fn range(
         name: &'static str,
@@ -55,12 +69,20 @@ impl<'a> Setting<'a> {
         Self { name, value: SettingValue::Range(value), bounds, unit, doc }
     }
 
-    /// Sets the value from JSON: a number, or for a range also its two ends.
+    /// Sets the value from JSON: a number, or for a range also its two ends. The bounds of a count are
+    /// checked here, those of others by [`Setting::validate`].
     pub fn set(&mut self, value: &Value) -> Result<()> {
         match &mut self.value {
             SettingValue::Number(number) => {
                 let given = value.as_f64();
                 **number = given.ok_or_else(|| Error::invalid(self.name, value, "a number"))?;
+            }
+            SettingValue::Count(count) => {
+                let [low, high] = self.bounds;
+                let given = value.as_u64().and_then(|given| u32::try_from(given).ok());
+                let given = given.filter(|&given| (low..=high).contains(&f64::from(given)));
+                let expected = || format!("a whole number from {low} to {high}");
+                **count = given.ok_or_else(|| Error::invalid(self.name, value, expected()))?;
             }
             SettingValue::Range(range) => {
                 let given = range_of(value);
@@ -74,6 +96,7 @@ impl<'a> Setting<'a> {
     fn ends(&self) -> Range {
         match &self.value {
             SettingValue::Number(number) => [**number; 2],
+            SettingValue::Count(count) => [f64::from(**count); 2],
             SettingValue::Range(range) => **range,
         }
     }
@@ -87,10 +110,14 @@ impl<'a> Setting<'a> {
     pub(super) fn describe(&self) -> Value {
         let default = match &self.value {
             SettingValue::Number(number) => json!(**number),
+            SettingValue::Count(count) => json!(**count),
             SettingValue::Range(range) => json!(**range),
         };
-        let is_range = matches!(self.value, SettingValue::Range(_));
-        let kind = if is_range { "range" } else { "number" };
+        let kind = match self.value {
+            SettingValue::Number(_) => "number",
+            SettingValue::Count(_) => "count",
+            SettingValue::Range(_) => "range",
+        };
         let Self { name, bounds, unit, doc, .. } = self;
         json!({"name": name, "kind": kind, "default": default, "bounds": bounds, "unit": unit, "doc": doc})
     }
@@ -140,5 +167,19 @@ mod tests {
             assert!(message.starts_with("mass: found") && message.contains("a range"), "{message}");
         }
         assert!(number.set(&json!([0.1, 0.2])).is_err());
+    }
+
+    #[test]
+    fn a_count_takes_whole_numbers_within_its_bounds_alone() {
+        let mut three = 3;
+        let mut count = Setting::count("things", &mut three, [0, 4], "", "some things");
+        for wrong in [json!(-1), json!(5), json!(1.5), json!(true), json!([1]), json!(1e30)] {
+            let message = count.set(&wrong).unwrap_err().to_string();
+            let expected = "expected a whole number from 0 to 4";
+            assert_eq!(message, format!("things: found {wrong}, {expected}"));
+        }
+        count.set(&json!(4)).unwrap();
+        assert!(count.validate().is_ok());
+        assert_eq!(three, 4);
     }
 }

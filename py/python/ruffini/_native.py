@@ -152,11 +152,12 @@ class Native:
     def surfaces(
         self, row: int = 0
     ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.uint32], NDArray[np.float64] | None]]:
-        """Surfaces of a row's ``object`` and, in InsertPeg, its ``fixture``; empty before a reset.
+        """Surfaces of a row's bodies by name; empty before a reset.
 
-        Each has its vertices (V, 3) in m, the object's in its own frame (see `look`), corners of
-        its triangles (F, 3), and if it is soft the von Mises stress (V,) in Pa at the vertices,
-        which are those of the deformed object.
+        ``object``, ``distractor_1`` and so on, and in InsertPeg ``fixture``. Each has its vertices
+        (V, 3) in m, those of objects in their own frames (see `look`), corners of its triangles
+        (F, 3), and if it is soft the von Mises stress (V,) in Pa at the vertices, which are those
+        of the deformed object.
         """
         return self._batch.surfaces(row)
 

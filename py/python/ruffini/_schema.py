@@ -46,7 +46,7 @@ SETTINGS: list[str] = list(dict.fromkeys([*SHARED, *_OWN]))
 def specification(task: dict[str, Any]) -> str:
     """Specification of a task with its tables, indented as a docstring is."""
     tables = {
-        "{channels}": _channels(task["channels"] or SCHEMA["channels"]),
+        "{channels}": _channels(_described(task)),
         "{terms}": _terms(task["terms"]),
         "{settings}": _settings(task),
     }
@@ -59,6 +59,13 @@ def specification(task: dict[str, Any]) -> str:
 def _table(*rows: Iterable[str]) -> str:
     lines = [f"| {' | '.join(row)} |" for row in rows]
     return "\n".join([lines[0], "|" + " --- |" * lines[0].count(" | ") + " --- |", *lines[1:]])
+
+
+def _described(task: dict[str, Any]) -> list[dict[str, Any]]:
+    """Channels in the docstring of a task: of another than the first, its own if it has any."""
+    own: list[dict[str, Any]] = task["channels"]
+    is_first = task is next(iter(TASKS.values()))
+    return own if own and not is_first else [*SCHEMA["channels"], *own]
 
 
 def _channels(channels: list[dict[str, Any]]) -> str:

@@ -36,6 +36,7 @@ class Settings(TypedDict, total=False):
     gel_stiffness: Range
     lift_height: float
     hold_time: float
+    distractors: int
     grip_rate: float
     safety_factor: float
     margin: Range

@@ -1,7 +1,7 @@
-//! Forces of the elastic foundation at the end of a step: backward Euler in 8 unknowns.
+//! Forces of the elastic foundation at the end of a step: backward Euler in N = 6 B + 2 unknowns.
 //!
-//! The unknowns are the velocities v of the object (6) and of the two slides at the end of the
-//! step; Newton's method solves M (v − v₀) = h f(v), in each step together with the rigid contact
+//! The unknowns are the velocities v of the B bodies that the pads touch (6 each), the object first,
+//! and of the two slides at the end of the step; Newton's method solves M (v − v₀) = h f(v), in each step together with the rigid contact
 //! with a fixture ([`super::stops`]). The contact geometry is that at the beginning
 //! of the step, so depth and stretch of a bristle are linear in v. A slipping bristle contributes
 //! its secant stiffness, which makes its part a fixed-point iteration that does not overshoot.
@@ -12,12 +12,15 @@ use super::{
     stops::{FixtureContact, FixtureImpulses},
     touch::{BristleContact, cut},
 };
-use crate::deformation::Wrench;
+use crate::{deformation::Wrench, scene::MOST_DISTRACTORS};
 
-/// Velocity of the object's centre of mass, its angular velocity, and speeds of the slides along
+/// Velocity of the centre of mass and angular velocity of each body, and speeds of the slides along
 /// the wrist's x.
-pub(super) type Velocities = SVector<f64, 8>;
-type Matrix8 = SMatrix<f64, 8, 8>;
+pub(super) type Velocities<const N: usize> = SVector<f64, N>;
+type Stiffness<const N: usize> = SMatrix<f64, N, N>;
+
+/// Number of unknowns with as many bodies as a scene can have.
+const MOST_UNKNOWNS: usize = 6 * (1 + MOST_DISTRACTORS) + 2;
 
 /// Damping of the gel over its stiffness (s).
 const DAMPING: f64 = 2e-3;
@@ -32,14 +35,13 @@ const MOST_STEPS: usize = 8;
 /// Moving bodies with their velocities and loads, without the elastic foundation.
 pub(super) struct Bodies {
     pub(super) time_step: f64,
-    /// Mass (kg) and inertia about the centre of mass along the world's axes (kg m²) of the object.
-    pub(super) mass: f64,
-    pub(super) inertia: Matrix3<f64>,
-    /// Velocities at the beginning of the step.
-    pub(super) motion: Velocities,
-    /// Forces that do not depend on the motion (N, N m): weight, external force, drive,
-    /// corrections.
-    pub(super) loads: Velocities,
+    /// Bodies that the pads may touch (B), the object first.
+    pub(super) inertias: Vec<Inertia>,
+    /// Velocities at the beginning of the step (N).
+    pub(super) motion: Vec<f64>,
+    /// Forces that do not depend on the motion (N): weight, external force, drive, corrections, in
+    /// N and N m.
+    pub(super) loads: Vec<f64>,
     /// Direction of motion of the slides.
     pub(super) axis: Vector3<f64>,
     pub(super) finger_mass: f64,
@@ -48,11 +50,21 @@ pub(super) struct Bodies {
     pub(super) centering: f64,
 }
 
+/// Inertia of a body.
+pub(super) struct Inertia {
+    /// Mass (kg).
+    pub(super) mass: f64,
+    /// Moments about the centre of mass along the world's axes (kg m²).
+    pub(super) moments: Matrix3<f64>,
+}
+
 /// A touch with its lever arm, in world axes.
 pub(super) struct LoadedBristle {
     pub(super) finger: usize,
+    /// Place of the touched body among [`Bodies::inertias`].
+    pub(super) body: usize,
     pub(super) touch: BristleContact,
-    /// Position relative to the object's centre of mass (m).
+    /// Position relative to the body's centre of mass (m).
     arm: Vector3<f64>,
     normal: Vector3<f64>,
     stretch: Vector3<f64>,
@@ -77,6 +89,7 @@ struct BristleForce {
 impl LoadedBristle {
     pub(super) fn new(
         finger: usize,
+        body: usize,
         touch: BristleContact,
         gain: f64,
         turn: &UnitQuaternion<f64>,
@@ -84,17 +97,18 @@ impl LoadedBristle {
         base: Vector3<f64>,
     ) -> Self {
         let (normal, stretch) = (turn * touch.normal, turn * touch.stretch);
-        Self { finger, touch, arm, normal, stretch, left: stretch, base, gain }
+        Self { finger, body, touch, arm, normal, stretch, left: stretch, base, gain }
     }
 
-    /// Velocity of the object relative to the pad (m/s).
-    fn velocity(&self, bodies: &Bodies, motion: &Velocities) -> Vector3<f64> {
-        let (linear, angular) = (motion.fixed_rows::<3>(0), motion.fixed_rows::<3>(3));
-        let spin = Vector3::from(angular).cross(&self.arm);
-        linear + spin - self.base - bodies.axis * motion[6 + self.finger]
+    /// Velocity of the body relative to the pad (m/s).
+    fn velocity(&self, bodies: &Bodies, motion: &[f64]) -> Vector3<f64> {
+        let own = &motion[6 * self.body..][..6];
+        let linear = Vector3::from_column_slice(&own[..3]);
+        let spin = Vector3::from_column_slice(&own[3..]).cross(&self.arm);
+        linear + spin - self.base - bodies.axis * motion[slide(motion, self.finger)]
     }
 
-    fn answer(&self, bodies: &Bodies, motion: &Velocities, friction: f64) -> BristleForce {
+    fn answer(&self, bodies: &Bodies, motion: &[f64], friction: f64) -> BristleForce {
         let velocity = self.velocity(bodies, motion);
         let approach = velocity.dot(&self.normal);
         let (touch, h) = (&self.touch, bodies.time_step);
@@ -120,17 +134,36 @@ impl LoadedBristle {
     }
 }
 
+/// Place of the slide of `finger` among the unknowns.
+fn slide(unknowns: &[f64], finger: usize) -> usize {
+    unknowns.len() - 2 + finger
+}
+
 impl Bodies {
-    /// Forces of the foundation on object (torque about its centre of mass) and slides at the end
-    /// of the step (N, N m), and mean forces of `stops` in the step, if these meet no other contact
-    /// in it.
+    /// Forces of the foundation and mean forces of `stops` in the step on the unknowns (N), and the
+    /// wrench of the stops on the object (torque about its centre of mass), if these meet no other
+    /// contact in it.
     pub(super) fn balance(
         &self,
         contacts: &[LoadedBristle],
         stops: &[FixtureContact],
         friction: f64,
-    ) -> (Velocities, Velocities) {
-        let (mut motion, mut stopped) = (self.motion, FixtureImpulses::new(stops));
+    ) -> (Vec<f64>, Wrench) {
+        match self.inertias.len() {
+            1 => self.balanced::<8>(contacts, stops, friction),
+            2 => self.balanced::<14>(contacts, stops, friction),
+            _ => self.balanced::<MOST_UNKNOWNS>(contacts, stops, friction),
+        }
+    }
+
+    fn balanced<const N: usize>(
+        &self,
+        contacts: &[LoadedBristle],
+        stops: &[FixtureContact],
+        friction: f64,
+    ) -> (Vec<f64>, Wrench) {
+        let (mut motion, mut stopped) =
+            (padded::<N>(&self.motion), FixtureImpulses::<N>::new(stops));
         let (mut forces, mut stiffness) = self.linearised(contacts, &motion, friction);
         for _ in 0..MOST_STEPS {
             let step = self.newton_step(&motion, &forces, &stiffness, friction, &mut stopped);
@@ -141,22 +174,26 @@ impl Bodies {
                 break;
             }
         }
-        (forces, stopped.sum() / self.time_step)
+        let stopped = stopped.sum() / self.time_step;
+        forces += stopped;
+        let (bodies, slides) = forces.as_slice().split_at(N - 2);
+        let forces = [&bodies[..6 * self.inertias.len()], slides].concat();
+        (forces, wrench_of(stopped.as_slice(), 0))
     }
 
-    /// Wrench of each finger on the object (N, N m about its centre of mass, in world axes) at the
-    /// end of a step with this `motion`. Stores the remaining stretch in `contacts`.
+    /// Wrenches of the fingers on each body (B) in N and N m about its centre of mass, in world axes,
+    /// at the end of a step with this `motion` (N). Stores the remaining stretch in `contacts`.
     pub(super) fn exerted(
         &self,
         contacts: &mut [LoadedBristle],
-        motion: &Velocities,
+        motion: &[f64],
         friction: f64,
-    ) -> [Wrench; 2] {
-        let mut wrenches = [Wrench::default(); 2];
+    ) -> Vec<[Wrench; 2]> {
+        let mut wrenches = vec![[Wrench::default(); 2]; self.inertias.len()];
         for contact in contacts {
             let answer = contact.answer(self, motion, friction);
             let force = answer.normal + answer.sideways;
-            let wrench = &mut wrenches[contact.finger];
+            let wrench = &mut wrenches[contact.body][contact.finger];
             wrench.force += force;
             wrench.torque += contact.arm.cross(&force);
             contact.left = answer.stretch;
@@ -164,70 +201,80 @@ impl Bodies {
         wrenches
     }
 
-    /// Converts a wrench of `finger` on the object about its centre of mass to forces on the
-    /// unknowns; the finger bears the reaction.
-    pub(super) fn loads_of(&self, finger: usize, wrench: &Wrench) -> Velocities {
-        let mut forces = Velocities::zeros();
-        forces.fixed_rows_mut::<3>(0).copy_from(&wrench.force);
-        forces.fixed_rows_mut::<3>(3).copy_from(&wrench.torque);
-        forces[6 + finger] = -self.axis.dot(&wrench.force);
-        forces
+    /// Adds a wrench of `finger` on a body about its centre of mass to the `forces` on the unknowns;
+    /// the finger bears the reaction.
+    pub(super) fn add(&self, forces: &mut [f64], body: usize, finger: usize, wrench: &Wrench) {
+        let parts = wrench.force.iter().chain(&wrench.torque);
+        forces[6 * body..].iter_mut().zip(parts).for_each(|(sum, part)| *sum += part);
+        let slide = slide(forces, finger);
+        forces[slide] -= self.axis.dot(&wrench.force);
     }
 
     /// Forces of the foundation on the unknowns and their stiffness −∂f/∂x.
-    fn linearised(
+    fn linearised<const N: usize>(
         &self,
         contacts: &[LoadedBristle],
-        motion: &Velocities,
+        motion: &Velocities<N>,
         friction: f64,
-    ) -> (Velocities, Matrix8) {
-        let (mut forces, mut stiffness) = (Velocities::zeros(), Matrix8::zeros());
-        for finger in 0..2 {
+    ) -> (Velocities<N>, Stiffness<N>) {
+        let (mut forces, mut stiffness) = (Velocities::<N>::zeros(), Stiffness::<N>::zeros());
+        for (finger, body) in (0..2).flat_map(|f| (0..self.inertias.len()).map(move |b| (f, b))) {
             let (mut wrench, mut sums) = (Wrench::default(), Sums::default());
-            for contact in contacts.iter().filter(|contact| contact.finger == finger) {
-                let answer = contact.answer(self, motion, friction);
+            let is_here =
+                |contact: &&LoadedBristle| (contact.finger, contact.body) == (finger, body);
+            for contact in contacts.iter().filter(is_here) {
+                let answer = contact.answer(self, motion.as_slice(), friction);
                 let force = answer.normal + answer.sideways;
                 wrench.force += force;
                 wrench.torque += contact.arm.cross(&force);
                 sums.add(contact, answer.stiffness);
             }
-            forces += self.loads_of(finger, &wrench);
-            sums.spread(&self.axis, finger, &mut stiffness);
+            self.add(forces.as_mut_slice(), body, finger, &wrench);
+            sums.spread(&self.axis, body, finger, &mut stiffness);
         }
         (forces, stiffness)
     }
 
     /// Change of `motion` in a Newton step, with the impulses of the stops that belong to it.
-    fn newton_step(
+    fn newton_step<const N: usize>(
         &self,
-        motion: &Velocities,
-        foundation: &Velocities,
-        stiffness: &Matrix8,
+        motion: &Velocities<N>,
+        foundation: &Velocities<N>,
+        stiffness: &Stiffness<N>,
         friction: f64,
-        stopped: &mut FixtureImpulses,
-    ) -> Velocities {
+        stopped: &mut FixtureImpulses<N>,
+    ) -> Velocities<N> {
         let h = self.time_step;
         let mut matrix = stiffness * (h * (h + DAMPING));
-        for i in 0..3 {
-            matrix[(i, i)] += self.mass;
+        let mut forces = padded::<N>(&self.loads) + foundation;
+        let change = motion - padded::<N>(&self.motion);
+        let mut momentum = Velocities::<N>::zeros();
+        for body in 0..N / 6 {
+            let at = 6 * body;
+            let Some(Inertia { mass, moments }) = self.inertias.get(body) else {
+                // The unknowns of no body stay zero.
+                (at..at + 6).for_each(|i| matrix[(i, i)] = 1.0);
+                continue;
+            };
+            for i in at..at + 3 {
+                matrix[(i, i)] += mass;
+                momentum[i] = mass * change[i];
+            }
+            let mut turning = matrix.fixed_view_mut::<3, 3>(at + 3, at + 3);
+            turning += moments;
+            let turned = moments * change.fixed_rows::<3>(at + 3);
+            momentum.fixed_rows_mut::<3>(at + 3).copy_from(&turned);
         }
-        let mut turning = matrix.fixed_view_mut::<3, 3>(3, 3);
-        turning += self.inertia;
-        let mut forces = self.loads + foundation;
-        let common = 0.5 * self.centering * (h * (motion[6] + motion[7]));
-        for i in [6, 7] {
+        let slides = [N - 2, N - 1];
+        let common = 0.5 * self.centering * (h * (motion[N - 2] + motion[N - 1]));
+        for i in slides {
             forces[i] -= self.slide_damping * motion[i] + common;
             matrix[(i, i)] += self.finger_mass + h * self.slide_damping;
-            for j in [6, 7] {
+            for j in slides {
                 matrix[(i, j)] += 0.5 * h * h * self.centering;
             }
+            momentum[i] = self.finger_mass * change[i];
         }
-        let change = motion - self.motion;
-        let mut momentum = change * self.mass;
-        let turned = self.inertia * change.fixed_rows::<3>(3);
-        momentum.fixed_rows_mut::<3>(3).copy_from(&turned);
-        momentum[6] = self.finger_mass * change[6];
-        momentum[7] = self.finger_mass * change[7];
         let rest = forces * h - momentum;
         let Some(factor) = matrix.cholesky() else { return Velocities::zeros() };
         let mut step = factor.solve(&rest);
@@ -239,13 +286,33 @@ impl Bodies {
     }
 }
 
-/// Magnitude of forces on the unknowns (N), with torques divided by `LEVER`.
-fn size(forces: &Velocities) -> f64 {
-    let turning = forces.fixed_rows::<3>(3).norm() / LEVER;
-    forces.fixed_rows::<3>(0).norm().max(turning).max(forces[6].abs()).max(forces[7].abs())
+/// The unknowns of some bodies and the slides, with zeros for further bodies.
+fn padded<const N: usize>(unknowns: &[f64]) -> Velocities<N> {
+    let (bodies, slides) = unknowns.split_at(unknowns.len() - 2);
+    let mut all = Velocities::<N>::zeros();
+    all.as_mut_slice()[..bodies.len()].copy_from_slice(bodies);
+    all.as_mut_slice()[N - 2..].copy_from_slice(slides);
+    all
 }
 
-/// Sums over the touches of one finger from which its stiffness is assembled.
+/// Part of forces on the unknowns that acts on a body.
+pub(super) fn wrench_of(forces: &[f64], body: usize) -> Wrench {
+    let own = &forces[6 * body..][..6];
+    let [force, torque] = [0, 3].map(|i| Vector3::from_column_slice(&own[i..i + 3]));
+    Wrench { force, torque }
+}
+
+/// Magnitude of forces on the unknowns (N), with torques divided by `LEVER`.
+fn size<const N: usize>(forces: &Velocities<N>) -> f64 {
+    let of = |body: usize| {
+        let turning = forces.fixed_rows::<3>(6 * body + 3).norm() / LEVER;
+        forces.fixed_rows::<3>(6 * body).norm().max(turning)
+    };
+    let slides = forces[N - 2].abs().max(forces[N - 1].abs());
+    (0..N / 6).map(of).fold(slides, f64::max)
+}
+
+/// Sums over the touches of one finger and body from which their stiffness is assembled.
 #[derive(Default)]
 struct Sums {
     /// Σ c, Σ c r, Σ c r rᵀ of the stiffness c across the normals.
@@ -268,7 +335,13 @@ impl Sums {
     }
 
     /// Adds Σ Jᵀ K J with J = (1, −[r]×, −axis) to `stiffness`.
-    fn spread(&self, axis: &Vector3<f64>, finger: usize, stiffness: &mut Matrix8) {
+    fn spread<const N: usize>(
+        &self,
+        axis: &Vector3<f64>,
+        body: usize,
+        finger: usize,
+        stiffness: &mut Stiffness<N>,
+    ) {
         let mut object = self.normal;
         let skew = self.first.cross_matrix();
         let (mut a, c) = (object.fixed_view_mut::<3, 3>(0, 0), self.across);
@@ -282,12 +355,12 @@ impl Sums {
         // The motion of the slide along the axis is subtracted from that of the object.
         let column = -(object.fixed_view::<6, 3>(0, 0) * axis);
         let diagonal = -column.fixed_rows::<3>(0).dot(axis);
-        let mut block = stiffness.fixed_view_mut::<6, 6>(0, 0);
+        let (at, slide) = (6 * body, N - 2 + finger);
+        let mut block = stiffness.fixed_view_mut::<6, 6>(at, at);
         block += object;
-        let slide = 6 + finger;
         for i in 0..6 {
-            stiffness[(i, slide)] += column[i];
-            stiffness[(slide, i)] += column[i];
+            stiffness[(at + i, slide)] += column[i];
+            stiffness[(slide, at + i)] += column[i];
         }
         stiffness[(slide, slide)] += diagonal;
     }

@@ -6,7 +6,8 @@
 //! are those at the end of a time step ([`balance`]), because forces from its beginning are
 //! unstable for any object that a stiff gel can hold. They act on the object and on the finger
 //! slides as external forces, on an object that only the pads touch as one impulse; the wrist bears
-//! the other components.
+//! the other components. The pads touch distractors as they touch the object, all of them in one
+//! solution; their bristles are those of each body as if it were alone.
 //!
 //! The rigid contact of the object with a fixture is solved with them ([`stops`]). That with the
 //! table is Rapier's and comes after, so the forces include a part of the weight of an object that
@@ -34,7 +35,7 @@ use super::{
     units,
 };
 use crate::{deformation::Wrench, geometry::Shape};
-use balance::{Bodies, LoadedBristle, Velocities};
+use balance::{Bodies, Inertia, LoadedBristle, wrench_of};
 use correction::Correction;
 use law::FoundationLaw;
 pub(super) use stops::{FixtureContact, stops};
@@ -44,10 +45,10 @@ use touch::{BristleAnchor, BristleContact, BristleFace, PlacedObject};
 #[derive(Serialize, Deserialize)]
 pub(super) struct Foundations {
     law: FoundationLaw,
-    /// Coulomb coefficient between pads and object.
+    /// Coulomb coefficient between pads and bodies.
     friction: f64,
-    /// Size of the object relative to its model.
-    scale: f64,
+    /// Sizes of the bodies relative to their models, the object first.
+    scales: Vec<f64>,
     pads: [PadFoundation; 2],
     /// Wrench of the fixture on the object in the last step, about its centre of mass.
     fixture: Wrench,
@@ -59,18 +60,24 @@ pub(super) struct Foundations {
 /// State of one pad.
 #[derive(Clone, Serialize, Deserialize)]
 struct PadFoundation {
-    anchors: Vec<Option<BristleAnchor>>,
+    /// Contact with each body, the object first.
+    contacts: Vec<PadBodyContact>,
     correction: Correction,
+}
+
+/// Contact of one pad with one body.
+#[derive(Clone, Serialize, Deserialize)]
+struct PadBodyContact {
+    anchors: Vec<Option<BristleAnchor>>,
     /// Wrench on the pad, in its frame about its origin, in the last step.
     wrench: Wrench,
 }
 
 struct Surroundings {
     face: BristleFace,
-    /// The object in its actual size.
-    shape: Shape,
-    /// Radius of a sphere about the origin of the object's frame that contains the object (m).
-    radius: f64,
+    /// Bodies in their actual size, the object first, each with the radius of a sphere about the
+    /// origin of its frame that contains it (m).
+    bodies: Vec<(Shape, f64)>,
 }
 
 /// Inputs of the elastic foundation for one Rapier step.
@@ -85,62 +92,98 @@ pub(super) struct FoundationStep {
     pub(super) wrist: [Isometry3<f64>; 2],
     /// Grip force (N).
     pub(super) grip: f64,
-    /// `true` if the object touched the table in the last step.
-    pub(super) on_table: bool,
+    /// `true` for each body, the object first, that touched the table or another body in the last
+    /// step.
+    pub(super) is_supported: Vec<bool>,
 }
 
 /// Contacts and state at the beginning of a step, for [`Foundations::settle`] after it.
 pub(super) struct Applied {
     contacts: Vec<LoadedBristle>,
-    /// Correction wrenches of the fingers on the object, about its centre of mass.
-    extra: [Wrench; 2],
+    /// What the pads touch, the object first.
+    touched: Vec<TouchedBody>,
     bodies: Bodies,
     /// Poses of the pads in the world (m).
     poses: [Isometry3<f64>; 2],
-    /// Poses of the object in the frames of the pads (m).
-    seen: [Isometry3<f64>; 2],
-    /// Centre of mass of the object (m).
-    center: Vector3<f64>,
     base: Twist,
 }
 
+/// Body that may be touched by a pad.
+struct TouchedBody {
+    /// Its number, 0 for the object.
+    number: usize,
+    handle: RigidBodyHandle,
+    /// Its centre of mass (m).
+    center: Vector3<f64>,
+    /// Its poses in the frames of the pads (m).
+    seen: [Isometry3<f64>; 2],
+    /// Correction wrenches of the fingers on it, about its centre of mass.
+    extra: [Wrench; 2],
+}
+
+impl PadFoundation {
+    /// Wrench on the pad, in its frame about its origin, in the last step.
+    fn wrench(&self) -> Wrench {
+        let wrenches = self.contacts.iter().map(|contact| contact.wrench);
+        wrenches.reduce(|sum, wrench| sum + wrench).unwrap_or_default()
+    }
+
+    /// Part of the correction that acts on body number `body`: as large as its part of the normal
+    /// force.
+    fn correction_of(&self, body: usize) -> Wrench {
+        let [all, own] = [self.wrench(), self.contacts[body].wrench].map(|wrench| -wrench.force.z);
+        let share = if all > 0.0 { (own / all).clamp(0.0, 1.0) } else { 0.0 };
+        let Wrench { force, torque } = self.correction.at(all);
+        Wrench { force: share * force, torque: share * torque }
+    }
+}
+
 impl Foundations {
-    /// Creates the elastic foundations of a new scene.
-    pub(super) fn new(pads: &SoftPads, object: &SceneObject) -> Self {
+    /// Creates the elastic foundations of a new scene with these bodies, the object first.
+    pub(super) fn new(pads: &SoftPads, bodies: &[&SceneObject]) -> Self {
         let face = BristleFace::new(&pads.outline);
-        let pad = PadFoundation {
-            anchors: vec![None; face.count()],
-            correction: Correction::default(),
-            wrench: Wrench::default(),
-        };
-        let (friction, scale) = (object.friction, object.scale);
+        let contact =
+            PadBodyContact { anchors: vec![None; face.count()], wrench: Wrench::default() };
+        let contacts = vec![contact; bodies.len()];
+        let pad = PadFoundation { contacts, correction: Correction::default() };
         let mut foundation = Self {
             law: FoundationLaw::new(pads),
-            friction,
-            scale,
+            friction: bodies[0].friction,
+            scales: bodies.iter().map(|body| body.scale).collect(),
             pads: [pad.clone(), pad],
             fixture: Wrench::default(),
             surroundings: None,
         };
-        foundation.attach(pads, object.model);
+        let models: Vec<_> = bodies.iter().map(|body| body.model).collect();
+        foundation.attach(pads, &models);
         foundation
     }
 
-    /// Restores the data that a saved scene does not contain.
-    pub(super) fn attach(&mut self, pads: &SoftPads, model: &ObjectModel) {
-        let radius = self.scale * model.radius();
-        let (face, shape) = (BristleFace::new(&pads.outline), model.sampled().scaled(self.scale));
-        self.surroundings = Some(Surroundings { face, shape, radius });
+    /// Restores the data that a saved scene does not contain, unless these are not the `models` of
+    /// all bodies.
+    pub(super) fn attach(&mut self, pads: &SoftPads, models: &[&ObjectModel]) {
+        let sized = |(model, &scale): (&&ObjectModel, &f64)| {
+            (model.sampled().scaled(scale), scale * model.radius())
+        };
+        let bodies: Vec<_> = models.iter().zip(&self.scales).map(sized).collect();
+        let face = BristleFace::new(&pads.outline);
+        let is_whole = models.len() == self.scales.len();
+        self.surroundings = is_whole.then_some(Surroundings { face, bodies });
     }
 
-    /// Returns whether an object is attached.
+    /// Returns whether the bodies are attached.
     pub(super) fn is_attached(&self) -> bool {
         self.surroundings.is_some()
     }
 
-    /// Wrench of the object on a pad in the last step, in the pad's frame about its origin.
+    /// Wrench of all bodies on a pad in the last step, in the pad's frame about its origin.
     pub(super) fn wrench(&self, finger: usize) -> Wrench {
-        self.pads[finger].wrench
+        self.pads[finger].wrench()
+    }
+
+    /// Wrench of the object alone on a pad, likewise.
+    pub(super) fn wrench_of_object(&self, finger: usize) -> Wrench {
+        self.pads[finger].contacts[0].wrench
     }
 
     /// Wrench of the fixture on the object in the last step, in the world about the centre of mass.
@@ -149,104 +192,136 @@ impl Foundations {
     }
 
     /// Corrects a finger towards the wrench `model` on its pad, computed by a more accurate model
-    /// at `pose` of the object in the pad's frame.
-    pub(super) fn correct(&mut self, finger: usize, pose: &Isometry3<f64>, model: &Wrench) {
-        let touches = self.touches(finger, pose);
+    /// at `poses` of the bodies in the pad's frame.
+    pub(super) fn correct(&mut self, finger: usize, poses: &[Isometry3<f64>], model: &Wrench) {
+        let touches = self.all_touches(finger, poses);
         let friction = self.friction;
         self.pads[finger].correction.toward(model, |gain| at_rest(&touches, gain, friction));
     }
 
     /// Corrects only the normal force of a finger, towards `force` (N); see [`Foundations::correct`].
-    pub(super) fn correct_pressing(&mut self, finger: usize, pose: &Isometry3<f64>, force: f64) {
-        let touches = self.touches(finger, pose);
+    pub(super) fn correct_pressing(&mut self, finger: usize, poses: &[Isometry3<f64>], force: f64) {
+        let touches = self.all_touches(finger, poses);
         let friction = self.friction;
         self.pads[finger].correction.press(force, |gain| at_rest(&touches, gain, friction));
     }
 
-    /// Greatest depth of the undeformed face inside an object at `pose` in the pad's frame (m), 0
+    /// Greatest depth of the undeformed face inside the object at `pose` in the pad's frame (m), 0
     /// outside.
     pub(super) fn indentation(&self, finger: usize, pose: &Isometry3<f64>) -> f64 {
         match &self.surroundings {
             Some(surroundings) => {
-                let obstacle = surroundings.obstacle(pose);
-                surroundings.face.indentation(&obstacle, &self.touches(finger, pose))
+                let obstacle = surroundings.obstacle(0, pose);
+                surroundings.face.indentation(&obstacle, &self.touches(finger, 0, pose))
             }
             None => 0.0,
         }
     }
 
-    fn touches(&self, finger: usize, pose: &Isometry3<f64>) -> Vec<BristleContact> {
+    fn touches(&self, finger: usize, body: usize, pose: &Isometry3<f64>) -> Vec<BristleContact> {
         let mut touches = Vec::new();
         if let Some(surroundings) = &self.surroundings {
-            let obstacle = surroundings.obstacle(pose);
-            let anchors = &self.pads[finger].anchors;
+            let obstacle = surroundings.obstacle(body, pose);
+            let anchors = &self.pads[finger].contacts[body].anchors;
             surroundings.face.touches(&obstacle, &self.law, anchors, &mut touches);
         }
         touches
     }
 
-    /// Applies the foundation's forces of one step to object and fingers. The result goes to
-    /// [`Foundations::settle`] after Rapier has taken the step.
+    /// Touches of a finger with all bodies, at `poses` in the pad's frame.
+    fn all_touches(&self, finger: usize, poses: &[Isometry3<f64>]) -> Vec<BristleContact> {
+        let of = |(body, pose): (usize, &Isometry3<f64>)| self.touches(finger, body, pose);
+        poses.iter().enumerate().flat_map(of).collect()
+    }
+
+    /// Applies the foundation's forces of one step to fingers and `solids`, the object first. The
+    /// result goes to [`Foundations::settle`] after Rapier has taken the step.
     pub(super) fn apply(
         &mut self,
         world: &mut PhysicsWorld,
         hand: &HandBodies,
-        object: RigidBodyHandle,
+        solids: &[RigidBodyHandle],
         gripper: &Gripper,
         step: &FoundationStep,
         stops: &[FixtureContact],
     ) -> Applied {
         let poses = hand.fingers.map(|finger| finger.pad_pose(world));
-        let seen = poses.map(|pad| pad.inv_mul(&units::si_pose(world.bodies[object].position())));
-        let touches = [0, 1].map(|finger| self.touches(finger, &seen[finger]));
-        let center = units::si_vector(world.bodies[object].center_of_mass());
         let base = Twist::of(&step.wrist, step.time);
-        let mut bodies = bodies(world, hand, object, gripper, step, &base);
-        let mut contacts = Vec::with_capacity(touches[0].len() + touches[1].len());
-        let mut extra = [Wrench::default(); 2];
-        for (finger, touches) in touches.into_iter().enumerate() {
-            let (pad, pose) = (&self.pads[finger], &poses[finger]);
-            let touching = !touches.is_empty();
-            for touch in touches {
-                let place = (pose * Point3::from(touch.place)).coords;
-                let (arm, gain) = (place - center, pad.correction.gain);
-                let rest = base.at(&place);
-                contacts.push(LoadedBristle::new(finger, touch, gain, &pose.rotation, arm, rest));
-            }
-            if touching {
-                extra[finger] = on_object(&pad.correction.at(-pad.wrench.force.z), pose, &center);
-                bodies.loads += bodies.loads_of(finger, &extra[finger]);
+        let (mut touched, mut touches) = (Vec::new(), Vec::new());
+        for (number, &handle) in solids.iter().enumerate() {
+            let solid = &mut world.bodies[handle];
+            solid.reset_forces(false);
+            solid.reset_torques(false);
+            let pose = units::si_pose(solid.position());
+            let seen = poses.map(|pad| pad.inv_mul(&pose));
+            let own = [0, 1].map(|finger| self.touches(finger, number, &seen[finger]));
+            if number == 0 || own.iter().any(|touches| !touches.is_empty()) {
+                let center = units::si_vector(solid.center_of_mass());
+                let extra = [Wrench::default(); 2];
+                touched.push(TouchedBody { number, handle, center, seen, extra });
+                touches.push(own);
             }
         }
-        let (mut forces, stopped) = bodies.balance(&contacts, stops, self.friction);
-        self.fixture = wrench_of(&stopped);
-        forces += stopped;
-        for (finger, extra) in extra.iter().enumerate() {
-            forces += bodies.loads_of(finger, extra);
+        let mut bodies = bodies(world, hand, &touched, gripper, step, &base);
+        let mut contacts = Vec::with_capacity(touches.iter().flatten().map(Vec::len).sum());
+        for (body, (of, touches)) in touched.iter_mut().zip(touches).enumerate() {
+            for (finger, touches) in touches.into_iter().enumerate() {
+                let (pad, pose) = (&self.pads[finger], &poses[finger]);
+                if !touches.is_empty() {
+                    of.extra[finger] = on_object(&pad.correction_of(of.number), pose, &of.center);
+                }
+                for touch in touches {
+                    let place = (pose * Point3::from(touch.place)).coords;
+                    let (arm, gain, rest) =
+                        (place - of.center, pad.correction.gain, base.at(&place));
+                    let turn = &pose.rotation;
+                    contacts.push(LoadedBristle::new(finger, body, touch, gain, turn, arm, rest));
+                }
+            }
         }
-        let other = step.force - Vector3::z() * (bodies.mass * step.gravity);
-        let only_pads = !(contacts.is_empty() || step.on_table);
-        let sudden = only_pads.then_some((other, step.time));
-        push(world, hand, object, &bodies.axis, &forces, sudden);
-        Applied { contacts, extra, bodies, poses, seen, center, base }
+        let add_extra = |forces: &mut [f64], bodies: &Bodies| {
+            for finger in 0..2 {
+                for (body, of) in touched.iter().enumerate() {
+                    bodies.add(forces, body, finger, &of.extra[finger]);
+                }
+            }
+        };
+        let mut loads = std::mem::take(&mut bodies.loads);
+        add_extra(&mut loads, &bodies);
+        bodies.loads = loads;
+        let (mut forces, fixture) = bodies.balance(&contacts, stops, self.friction);
+        self.fixture = fixture;
+        add_extra(&mut forces, &bodies);
+        for (body, of) in touched.iter().enumerate() {
+            let external = if of.number == 0 { step.force } else { Vector3::zeros() };
+            let other = external - Vector3::z() * (bodies.inertias[body].mass * step.gravity);
+            let is_touched = contacts.iter().any(|contact| contact.body == body);
+            let only_pads = is_touched && !step.is_supported[of.number];
+            let sudden = only_pads.then_some((other, step.time));
+            push(world, of.handle, &wrench_of(&forces, body), sudden);
+        }
+        for (finger, force) in hand.fingers.iter().zip(&forces[6 * touched.len()..]) {
+            let force = units::vector(&(bodies.axis * *force));
+            world.bodies[finger.body].add_force(force, false);
+        }
+        Applied { contacts, touched, bodies, poses, base }
     }
 
-    /// Updates wrenches and anchors from the motion of object and fingers in the step.
-    pub(super) fn settle(
-        &mut self,
-        world: &PhysicsWorld,
-        hand: &HandBodies,
-        object: RigidBodyHandle,
-        applied: Applied,
-    ) {
-        let Applied { mut contacts, extra, bodies, poses, seen, center, base } = applied;
-        let motion = motion(world, hand, object, &bodies.axis, &base);
+    /// Updates wrenches and anchors from the motion of bodies and fingers in the step.
+    pub(super) fn settle(&mut self, world: &PhysicsWorld, hand: &HandBodies, applied: Applied) {
+        let Applied { mut contacts, touched, bodies, poses, base } = applied;
+        let motion = motion(world, hand, &touched, &bodies.axis, &base);
         let wrenches = bodies.exerted(&mut contacts, &motion, self.friction);
-        for finger in 0..2 {
-            let wrench = wrenches[finger] + extra[finger];
-            self.pads[finger].wrench = on_pad(&wrench, &poses[finger], &center);
+        for (finger, pad) in self.pads.iter_mut().enumerate() {
+            for contact in &mut pad.contacts {
+                contact.wrench = Wrench::default();
+            }
+            for (of, wrenches) in touched.iter().zip(&wrenches) {
+                let wrench = wrenches[finger] + of.extra[finger];
+                pad.contacts[of.number].wrench = on_pad(&wrench, &poses[finger], &of.center);
+            }
         }
-        self.stick(&contacts, &poses, &seen);
+        self.stick(&contacts, &touched, &poses);
     }
 
     /// Stores the anchors of the bristles; a pad without contact loses its anchors and its
@@ -254,17 +329,19 @@ impl Foundations {
     fn stick(
         &mut self,
         contacts: &[LoadedBristle],
+        touched: &[TouchedBody],
         poses: &[Isometry3<f64>; 2],
-        seen: &[Isometry3<f64>; 2],
     ) {
-        for finger in 0..2 {
-            let pad = &mut self.pads[finger];
-            pad.anchors.fill(None);
+        for (finger, pad) in self.pads.iter_mut().enumerate() {
+            for contact in &mut pad.contacts {
+                contact.anchors.fill(None);
+            }
             let mut touching = false;
             for contact in contacts.iter().filter(|contact| contact.finger == finger) {
+                let of = &touched[contact.body];
                 let stretch = contact.stretch_left(&poses[finger].rotation);
-                let anchor = contact.touch.anchor(&stretch, &seen[finger]);
-                pad.anchors[contact.touch.bristle] = Some(anchor);
+                let anchor = contact.touch.anchor(&stretch, &of.seen[finger]);
+                pad.contacts[of.number].anchors[contact.touch.bristle] = Some(anchor);
                 touching = true;
             }
             if !touching {
@@ -275,9 +352,10 @@ impl Foundations {
 }
 
 impl Surroundings {
-    /// Returns the object at `pose` in a pad's frame.
-    fn obstacle(&self, pose: &Isometry3<f64>) -> PlacedObject<'_> {
-        PlacedObject::new(&self.shape, self.radius, pose)
+    /// Returns body number `body` at `pose` in a pad's frame.
+    fn obstacle(&self, body: usize, pose: &Isometry3<f64>) -> PlacedObject<'_> {
+        let (shape, radius) = &self.bodies[body];
+        PlacedObject::new(shape, *radius, pose)
     }
 }
 
@@ -303,12 +381,12 @@ impl SoftPads {
         path: &[Isometry3<f64>],
     ) -> Vec<Wrench> {
         let law = FoundationLaw::new(self);
-        let (face, radius) = (BristleFace::new(&self.outline), object.radius());
-        let surroundings = Surroundings { face, shape: object.sampled().clone(), radius };
+        let bodies = vec![(object.sampled().clone(), object.radius())];
+        let surroundings = Surroundings { face: BristleFace::new(&self.outline), bodies };
         let mut anchors = vec![None; surroundings.face.count()];
         let mut touches = Vec::new();
         let frame = |pose: &Isometry3<f64>| {
-            let obstacle = surroundings.obstacle(pose);
+            let obstacle = surroundings.obstacle(0, pose);
             surroundings.face.touches(&obstacle, &law, &anchors, &mut touches);
             anchors.fill(None);
             for touch in &touches {
@@ -319,11 +397,6 @@ impl SoftPads {
         };
         path.iter().map(frame).collect()
     }
-}
-
-/// Part of forces on the unknowns that acts on the object.
-fn wrench_of(forces: &Velocities) -> Wrench {
-    Wrench { force: forces.fixed_rows::<3>(0).into(), torque: forces.fixed_rows::<3>(3).into() }
 }
 
 /// Velocity of the wrist as a rigid motion: of its origin, and angular.
@@ -346,46 +419,50 @@ impl Twist {
     }
 }
 
-/// Velocities of object and slides; those of the slides are relative to a wrist that moves as
-/// `base`.
+/// Velocities of bodies and slides; those of the slides are relative to a wrist that moves as `base`.
 fn motion(
     world: &PhysicsWorld,
     hand: &HandBodies,
-    object: RigidBodyHandle,
+    touched: &[TouchedBody],
     axis: &Vector3<f64>,
     base: &Twist,
-) -> Velocities {
-    let object = &world.bodies[object];
-    let mut motion = Velocities::zeros();
-    motion.fixed_rows_mut::<3>(0).copy_from(&units::si_vector(object.linvel()));
-    motion.fixed_rows_mut::<3>(3).copy_from(&units::si_angular(object.angvel()));
-    for (finger, slide) in hand.slides(world).iter().enumerate() {
-        motion[6 + finger] = axis.dot(&(slide.velocity - base.at(&slide.place)));
+) -> Vec<f64> {
+    let mut motion = Vec::with_capacity(6 * touched.len() + 2);
+    for of in touched {
+        let solid = &world.bodies[of.handle];
+        motion.extend(&units::si_vector(solid.linvel()));
+        motion.extend(&units::si_angular(solid.angvel()));
     }
+    let slides = hand.slides(world);
+    motion.extend(slides.map(|slide| axis.dot(&(slide.velocity - base.at(&slide.place)))));
     motion
 }
 
-/// Reads the bodies from Rapier, on a wrist that moves as `base`.
+/// Reads the touched bodies from Rapier, on a wrist that moves as `base`.
 fn bodies(
     world: &PhysicsWorld,
     hand: &HandBodies,
-    object: RigidBodyHandle,
+    touched: &[TouchedBody],
     gripper: &Gripper,
     step: &FoundationStep,
     base: &Twist,
 ) -> Bodies {
     let axis = step.wrist[0].rotation * Vector3::x();
-    let mass = f64::from(world.bodies[object].mass());
-    let mut loads = Velocities::zeros();
-    loads.fixed_rows_mut::<3>(0).copy_from(&step.force);
-    loads[2] -= mass * step.gravity;
-    let drives = hand.drives(world, gripper, step.grip);
-    loads.fixed_rows_mut::<2>(6).copy_from_slice(&drives);
+    let inertia = |of: &TouchedBody| {
+        let solid = &world.bodies[of.handle];
+        Inertia { mass: f64::from(solid.mass()), moments: inertia(solid.mass_properties()) }
+    };
+    let inertias: Vec<_> = touched.iter().map(inertia).collect();
+    let mut loads = vec![0.0; 6 * touched.len()];
+    loads[..3].copy_from_slice(step.force.as_slice());
+    for (body, Inertia { mass, .. }) in inertias.iter().enumerate() {
+        loads[6 * body + 2] -= mass * step.gravity;
+    }
+    loads.extend(hand.drives(world, gripper, step.grip));
     Bodies {
         time_step: step.time,
-        mass,
-        inertia: inertia(world.bodies[object].mass_properties()),
-        motion: motion(world, hand, object, &axis, base),
+        inertias,
+        motion: motion(world, hand, touched, &axis, base),
         loads,
         axis,
         finger_mass: gripper.finger_mass,
@@ -418,35 +495,27 @@ fn on_pad(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wrenc
     Wrench { force: turn(wrench.force), torque: turn(wrench.torque - arm.cross(&wrench.force)) }
 }
 
-/// Applies forces and torques on the unknowns to Rapier's bodies.
+/// Applies a `wrench` of the pads about its centre of mass to a body of Rapier.
 ///
-/// `sudden` are the other forces on an object that only the pads touch (N), and the duration of the
+/// `sudden` are the other forces on a body that only the pads touch (N), and the duration of the
 /// step (s). It gets all of them as one impulse, so that it moves through the step at the velocity
 /// that was solved for. Forces would accelerate it from substep to substep: at an acceleration a it
 /// would end (n − 1)/2n a h² short of where the gel was solved for, after n substeps in a time h. On
 /// the table an impulse would kick it loose from the friction that Rapier balances in each substep.
 fn push(
     world: &mut PhysicsWorld,
-    hand: &HandBodies,
-    object: RigidBodyHandle,
-    axis: &Vector3<f64>,
-    forces: &Velocities,
+    body: RigidBodyHandle,
+    wrench: &Wrench,
     sudden: Option<(Vector3<f64>, f64)>,
 ) {
-    let body = &mut world.bodies[object];
-    body.reset_forces(false);
-    body.reset_torques(false);
-    let (force, torque) = (forces.fixed_rows::<3>(0), forces.fixed_rows::<3>(3) * units::UNIT);
+    let body = &mut world.bodies[body];
+    let (force, torque) = (wrench.force, wrench.torque * units::UNIT);
     if let Some((other, time)) = sudden {
         body.add_force(units::vector(&-other), false);
         body.apply_impulse(units::vector(&((force + other) * time)), false);
         body.apply_torque_impulse(units::vector(&(torque * time)), false);
     } else {
-        body.add_force(units::vector(&force.into()), false);
+        body.add_force(units::vector(&force), false);
         body.add_torque(units::vector(&torque), false);
-    }
-    for (k, finger) in hand.fingers.iter().enumerate() {
-        let force = units::vector(&(axis * forces[6 + k]));
-        world.bodies[finger.body].add_force(force, false);
     }
 }

@@ -146,8 +146,8 @@ impl FixtureContact {
     }
 
     /// Derivative of the velocity along the frame with respect to the motion.
-    fn jacobian(&self) -> SMatrix<f64, 3, 8> {
-        let mut rows = SMatrix::<f64, 3, 8>::zeros();
+    fn jacobian<const N: usize>(&self) -> SMatrix<f64, 3, N> {
+        let mut rows = SMatrix::<f64, 3, N>::zeros();
         for (i, direction) in self.frame.column_iter().enumerate() {
             rows.fixed_view_mut::<1, 3>(i, 0).copy_from(&direction.transpose());
             let turn = self.arm.cross(&direction.into_owned());
@@ -158,12 +158,12 @@ impl FixtureContact {
 }
 
 /// Contact points with their impulses, kept between the Newton steps of one time step.
-pub(super) struct FixtureImpulses {
-    points: Vec<(SMatrix<f64, 3, 8>, f64)>,
+pub(super) struct FixtureImpulses<const N: usize> {
+    points: Vec<(SMatrix<f64, 3, N>, f64)>,
     impulses: Vec<Vector3<f64>>,
 }
 
-impl FixtureImpulses {
+impl<const N: usize> FixtureImpulses<N> {
     pub(super) fn new(stops: &[FixtureContact]) -> Self {
         let points = stops.iter().map(|stop| (stop.jacobian(), stop.gap)).collect();
         Self { points, impulses: vec![Vector3::zeros(); stops.len()] }
@@ -174,7 +174,7 @@ impl FixtureImpulses {
     }
 
     /// Sum of the impulses on the unknowns (N s, N m s).
-    pub(super) fn sum(&self) -> Velocities {
+    pub(super) fn sum(&self) -> Velocities<N> {
         let pairs = self.points.iter().zip(&self.impulses);
         pairs.map(|((rows, _), impulse)| rows.tr_mul(impulse)).sum()
     }
@@ -183,12 +183,12 @@ impl FixtureImpulses {
     /// a step of `time` (s); an impulse p changes the velocities by `inverse` (p).
     pub(super) fn solve(
         &mut self,
-        free: &Velocities,
+        free: &Velocities<N>,
         time: f64,
         friction: f64,
-        inverse: impl Fn(&Velocities) -> Velocities,
+        inverse: impl Fn(&Velocities<N>) -> Velocities<N>,
     ) {
-        let reach: Vec<SMatrix<f64, 8, 3>> = self
+        let reach: Vec<SMatrix<f64, N, 3>> = self
             .points
             .iter()
             .map(|(rows, _)| {

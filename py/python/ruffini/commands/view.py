@@ -160,7 +160,7 @@ class _Drawn:
             self._free = gaps.argmin(axis=0)
 
     def bodies(self, observation: dict[str, _Floats]) -> dict[str, Rigid | Gel]:
-        """Gripper, object, both pads, and the fixture if there is one."""
+        """Gripper, object, both pads, and distractors and the fixture if there are any."""
         look = self.look()
         turn = np.array([0, 0, np.sin(look["tool_yaw"] / 2), np.cos(look["tool_yaw"] / 2)])
         tool = np.array([*look["tool_position"], *turn])
@@ -172,6 +172,11 @@ class _Drawn:
         else:
             vertices, faces, stress = self._env.surfaces()["object"]
             found["object"] = Gel(pose, vertices, faces, stress)
+        for number, other in enumerate(look.get("distractors", []), 1):
+            name = f"distractor_{number}"
+            vertices, faces, _ = self._surfaces[name]
+            pose = np.array([*other["position"], *other["quaternion"]])
+            found[name] = Rigid(pose, vertices, faces, _LIGHT, opacity=0.5)
         if "fixture" in self._surfaces:
             vertices, faces, _ = self._surfaces["fixture"]
             found["fixture"] = Rigid(_HOME, vertices, faces, _LIGHT, opacity=0.5)
