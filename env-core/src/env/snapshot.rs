@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 use super::{Row, Setup};
 use crate::{Error, Result, task::TaskConfig};
 
-const MARK: [u8; 8] = *b"ruffini3";
+const MARK: [u8; 8] = *b"ruffini4";
 const HEADER: usize = 24;
 
 /// First bytes of the SHA-256 of the settings without the time limit, which does not change the
