@@ -67,6 +67,8 @@ class Record:
     look: dict[str, Any]
     step: float = STEP
     """Time of a step of the rigid bodies (s)."""
+    period: float = PERIOD
+    """Time of a control step (s)."""
     samples: dict[str, list[Any]] = field(default_factory=dict)
     ended: str = "the last step"
 
@@ -173,6 +175,8 @@ def sample(env: gymnasium.Env, observation: Any, record: Record) -> None:
         slip=np.array(observation["slip"], float),
         normal=-felt[:, 2],
         grip=float(observation["proprio"][11]),
+        velocity=tool(look) @ np.array(observation["object"][9:12], float),
+        spin=tool(look) @ np.array(observation["object"][12:15], float),
         lowest=float((record.surface @ rotation.T + place)[:, 2].min()),
         in_hand=tool(look).T @ (center - look["tool_position"]),
     )
@@ -214,35 +218,61 @@ def balance(record: Record) -> dict[str, np.ndarray]:
 
     Left out are those in or beside which a pad does not touch, or the object may touch the table.
     """
-    arrays = record.arrays()
+    arrays, period = record.arrays(), record.period
     center, rotation = arrays["center"], arrays["rotation"]
     count = len(center) - 3
-    acceleration = (center[2:] - 2 * center[1:-1] + center[:-2]) / PERIOD**2
+    acceleration = (center[2:] - 2 * center[1:-1] + center[:-2]) / period**2
     momentum = []
     for before, after in pairwise(rotation):
         way = turn(after @ before.T)
         half = spun(0.5 * way) @ before
-        momentum.append(half @ record.inertia @ half.T @ (way / PERIOD))
-    spin = np.diff(np.array(momentum).reshape(-1, 3), axis=0)[:-1] / PERIOD
-    fine = round(PERIOD / record.step)
+        momentum.append(half @ record.inertia @ half.T @ (way / period))
+    spin = np.diff(np.array(momentum).reshape(-1, 3), axis=0)[:-1] / period
+    fine = round(period / record.step)
     j = np.arange(1, 2 * fine)
     weight = np.minimum(j, 2 * fine - j) / fine**2
     pushed = np.array(
-        [weight @ external(record.look, i * PERIOD + j * record.step) for i in range(count)]
+        [weight @ external(record.look, i * period + j * record.step) for i in range(count)]
     ).reshape(-1, 3)
     force = record.mass * (acceleration[:-1] + np.array([0, 0, GRAVITY])) - pushed
     scale = record.mass * (GRAVITY + np.linalg.norm(acceleration[:-1], axis=1))
     scale += np.linalg.norm(pushed, axis=1)
 
-    def mean(of: np.ndarray) -> np.ndarray:
-        late = of[:-1] + record.step / PERIOD * np.diff(of, axis=0)
-        return (late[:-2] + 10 * late[1:-1] + late[2:]) / 12
-
-    touching = (arrays["normal"] > 0).all(axis=1) & (arrays["lowest"] > CLEAR)
-    judged = touching[:-3] & touching[1:-2] & touching[2:-1] & touching[3:]
+    judged = in_hand(arrays)
     found = {"step": np.arange(1, count + 1), "needed": np.c_[force, spin], "scale": scale}
-    found |= {"felt": mean(arrays["felt"]), "engine": mean(arrays["engine"])}
+    found |= {of: mean(record, arrays[of], 10) for of in ("felt", "engine")}
     found |= {"slip": arrays["slip"][1:-2], "grip": arrays["grip"][1:-2]}
+    return {name: values[judged] for name, values in found.items()}
+
+
+def in_hand(arrays: dict[str, np.ndarray]) -> np.ndarray:
+    """Returns of each sample with three neighbours whether the pads alone touch the object."""
+    touching = (arrays["normal"] > 0).all(axis=1) & (arrays["lowest"] > CLEAR)
+    return touching[:-3] & touching[1:-2] & touching[2:-1] & touching[3:]
+
+
+def mean(record: Record, wrenches: np.ndarray, middle: float) -> np.ndarray:
+    """Mean of wrenches (K, 6) over two steps, with 1, `middle` and 1 as weights."""
+    late = wrenches[:-1] + record.step / record.period * np.diff(wrenches, axis=0)
+    return (late[:-2] + middle * late[1:-1] + late[2:]) / (middle + 2)
+
+
+def balance_of_velocities(record: Record) -> dict[str, np.ndarray]:
+    """As :func:`balance` without an external force, from recorded velocities.
+
+    The change of momentum and angular momentum over two steps is the plain mean of the wrench, here
+    by Simpson's rule.
+    """
+    arrays = record.arrays()
+    turn = arrays["rotation"]
+    spin = np.einsum("kij,jl,kml,km->ki", turn, record.inertia, turn, arrays["spin"])
+    acceleration, torque = (
+        (of[2:] - of[:-2])[:-1] / (2 * record.period) for of in (arrays["velocity"], spin)
+    )
+    found = {"scale": record.mass * (GRAVITY + np.linalg.norm(acceleration, axis=1))}
+    found["needed"] = np.c_[record.mass * (acceleration + np.array([0, 0, GRAVITY])), torque]
+    found |= {of: mean(record, arrays[of], 4) for of in ("felt", "engine")}
+    judged = in_hand(arrays)
     return {name: values[judged] for name, values in found.items()}
 
 
@@ -362,13 +392,15 @@ def carried(env: Any, observation: Any, record: Record, steps: int, after: Any) 
     return record
 
 
-def pivoting(thing: str, model: str, seed: int, steps: int = 60) -> Record:
+def pivoting(thing: str, model: str, seed: int, period: float = PERIOD) -> Record:
     """Gripped beside its centre, the grip loosened until it swings about both contacts."""
     start, low = 10.0, 1.0
     settings: dict[str, Any] = {"load": 0.0, "shaking": 0.0, "friction": (0.5, 1.0)}
     settings |= {"start_grip": start, "least_grip": low, "mass": (0.03, 0.08)}
+    settings |= {"physics": {"control_period": period}}
     env, _, record = begin(HOLD, thing, model, seed, **settings)
-    return held(env, record, [still(-0.1)] * steps)
+    record.period = period
+    return held(env, record, [still(-0.1)] * round(60 * PERIOD / period))
 
 
 def loosened(start: float, steps: int) -> list[np.ndarray]:

@@ -178,6 +178,14 @@ def test_finite_actions_beyond_float32_count_as_the_nearer_bound():
         ({"max_episode_steps": 0}, ["max_episode_steps", "0", "1 to 1000000"]),
         ({"max_episode_steps": "x"}, ['found string "x", expected a whole number from 0']),
         ({"sensor_errors": {"markers": 3}}, ["markers: found integer `3`, expected a mapping"]),
+        (
+            {"sensor_errors": {"markers": {"noise": {"markers": 1e-5}}}},
+            ["sensor_errors.markers.noise: found markers, expected a number or a range"],
+        ),
+        (
+            {"observation": "wrench", "sensor_errors": {"wrench": {"gain": {"force": [1, 2, 3]}}}},
+            ["sensor_errors.wrench.gain: found [1,2,3] for force, expected a number or a range"],
+        ),
         ({"gripper": {"max_force": "x"}}, ['max_force: found string "x", expected a number']),
     ],
 )
@@ -220,6 +228,11 @@ TETRAHEDRON = "v 0 0 0\nv 20 0 0\nv 0 20 0\nv 0 0 20\nf 1 3 2\nf 1 2 4\nf 1 4 3\
             {"sensor_errors": {"markers": {"nois": 3}}},
             "sensor_errors.markers.nois: unknown field `nois`",
             "noise",
+        ),
+        (
+            {"observation": "wrench", "sensor_errors": {"wrench": {"drift": {"torqe": 1e-4}}}},
+            "sensor_errors.wrench.drift: found torqe",
+            "torque",
         ),
         ({"resolution": {"marker": 3}}, "resolution.marker: unknown field `marker`", "markers"),
         (

@@ -282,13 +282,16 @@ def test_the_balance_of_a_body_on_a_known_path_is_its_load():
         # What is read belongs to the beginning of the last step of the rigid bodies.
         felt = time - cases.STEP
         force = mass * (-(rate**2) * np.sin(rate * felt) * sway + [0, 0, cases.GRAVITY])
-        force -= cases.external(look, np.array([felt]))[0]
+        load = cases.external(look, np.array([felt]))[0]
         torque = (momentum(felt + 1e-5) - momentum(felt - 1e-5)) / 2e-5
         record.add(
             center=[0, 0, 0.1] + np.sin(rate * time) * sway,
             rotation=cases.spun(0.4 * np.sin(rate * time) * axis),
-            felt=np.r_[force, torque],
-            engine=np.r_[force, torque] * 13 / 12,
+            velocity=rate * np.cos(rate * time) * sway,
+            spin=0.4 * rate * np.cos(rate * time) * axis,
+            unloaded=np.r_[force, torque],
+            felt=np.r_[force - load, torque],
+            engine=np.r_[force - load, torque] * 13 / 12,
             slip=[0.0, 0.0],
             normal=[5.0, 5.0],
             grip=5.0,
@@ -304,6 +307,47 @@ def test_the_balance_of_a_body_on_a_known_path_is_its_load():
     force, _ = cases.errors(found, "engine")
     needed = np.linalg.norm(found["needed"][:, :3], axis=1) / found["scale"] / 12
     assert force[late] == pytest.approx(needed[late], abs=2e-3)
+    # Without the load, velocities say the same as poses.
+    record.samples["felt"] = record.samples["unloaded"]
+    for error in cases.errors(cases.balance_of_velocities(record), "felt"):
+        assert error.max() < 2e-3, "error of what the velocities need"
+
+
+def test_the_way_of_an_object_past_a_marker_is_none_where_it_is_carried():
+    markers = module("load_markers")
+    spun, axes = module("load_cases").spun, np.stack([np.eye(3)] * 2)
+    center, turn, shift = np.array([0.0, 0.0, 0.1]), spun(np.array([0, 0, 0.2])), [1e-3, 2e-3, 0]
+    places = np.array([[[0.01, 0, 0.1], [0, 0.02, 0.1]]] * 2)
+    before = {"center": center, "rotation": np.eye(3), "axes": axes}
+    before |= {"markers": places, "moved": np.zeros((2, 2, 3))}
+    carried = center + shift + (places - center) @ turn.T
+    now = before | {"center": center + shift, "rotation": turn}
+    way = markers.passed(before, now | {"moved": carried - places})
+    np.testing.assert_allclose(way, 0.0, atol=1e-15)
+    way = markers.passed(before, now)
+    np.testing.assert_allclose(way, (carried - places)[..., :2], atol=1e-15)
+
+
+def test_onset_of_slip_is_where_the_first_and_the_last_marker_slips():
+    markers = module("load_markers")
+    ratio = np.arange(0, 121) / 100
+    share = np.where(ratio < 0.1, 0, markers.predicted(ratio))
+    found = markers.judged(np.c_[ratio, share])
+    assert (found["first slip"], found["gross slip"], found["predicted"]) == (10, 100, 100)
+    assert found["steps between"] == found["predicted between"] == 90
+    assert found["shares"]["0.6"] == pytest.approx(1 - 0.4 ** (2 / 3))
+    # An object that was dropped before.
+    short = markers.judged(np.c_[ratio, share][:50])
+    assert short["gross slip"] is short["load at gross slip"] is short["shares"]["0.9"] is None
+
+
+def test_markers_under_a_flat_face_slip_as_cattaneo_and_mindlin_predict():
+    markers = module("load_markers")
+    found = markers.loaded("cuboid", "compliance")
+    assert found["load at gross slip"] == pytest.approx(1.0, abs=0.05)
+    for ratio in (0.4, 0.6, 0.8):
+        share, law = found["shares"][str(ratio)], float(markers.predicted(ratio))
+        assert share == pytest.approx(law, abs=0.06), f"{share} for {law} at {ratio}"
 
 
 def test_what_hangs_still_is_felt_as_its_weight():

@@ -334,6 +334,50 @@ def test_drift_starts_at_each_reset_and_is_what_is_set_after_a_second():
     np.testing.assert_allclose(drift[:, 25].std(), 1e-5, rtol=0.1)
 
 
+def test_errors_by_quantity_are_of_it_alone():
+    errors = {
+        "wrench": {"noise": {"force": 0.02, "torque": 1e-4}, "gain": {"torque": (1.5, 2.0)}},
+        "trust": {"offset": {"residual": 0.1}},
+        "proprio": {"noise": {"grip": 0.5}},
+    }
+    channels = {"wrench": 6, "trust": 3, "proprio": 14}
+    settings: dict[str, Any] = {"objects": "sphere", "observation": [*channels], **COMPLIANT}
+    settings |= {"start_grip": 8.0, "friction": 0.9, "max_episode_steps": 1000}
+
+    def episode(**more: Any) -> dict[str, np.ndarray]:
+        env = gym.make("ruffini/HoldStill-v0", **settings, **more)
+        seen = [env.reset(seed=3)[0]]
+        seen += [env.step(np.zeros(5, np.float32))[0] for _ in range(200)]
+        return {
+            name: np.array([of[name] for of in seen], np.float64).reshape(201, -1, size)
+            for name, size in channels.items()
+        }
+
+    def apart(settings: Any) -> dict[str, np.ndarray]:
+        seen = episode(sensor_errors=settings)
+        return {name: seen[name] - true[name] for name in channels}
+
+    true = episode()
+    found = apart(errors)
+    # 1,206 numbers: a tenth is five standard errors.
+    assert found["wrench"][..., :3].std() == pytest.approx(0.02, rel=0.1)
+    # A gain from 1.5 to 2 is the torque once or half of it again, beside its noise.
+    torque, ours = true["wrench"][..., 3:], found["wrench"][..., 3:]
+    for pad in (0, 1):
+        gain = 1 + (ours[:, pad] * torque[:, pad]).sum() / (torque[:, pad] ** 2).sum()
+        assert 1.45 < gain < 2.05
+        rest = ours[:, pad] - (gain - 1) * torque[:, pad]
+        assert rest.std() == pytest.approx(1e-4, rel=0.15)
+    changed = {name: (of != 0).any(axis=(0, 1)) for name, of in found.items()}
+    assert changed["trust"].tolist() == [True, False, False]
+    assert np.flatnonzero(changed["proprio"]).tolist() == [11]
+    # The same for all quantities is that of the channel, to the bit.
+    one, two = (0.1, 0.2), {"force": (0.1, 0.2), "torque": (0.1, 0.2)}
+    names = ("noise", "gain", "offset", "drift", "hysteresis")
+    channel, quantities = (apart({"wrench": dict.fromkeys(names, of)}) for of in (one, two))
+    np.testing.assert_array_equal(channel["wrench"], quantities["wrench"])
+
+
 def test_hysteresis_keeps_what_is_seen_behind_what_is_true():
     def grasp(**more: Any) -> np.ndarray:
         env = GraspLiftEnv(observation=["markers"], **OVER_OBJECT, **more)

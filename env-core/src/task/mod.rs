@@ -35,7 +35,7 @@ pub use observation::{Component, ObservationLayout, StateChannel, TACTILE_CHANNE
 pub use progress::Progress;
 pub use reward::{RewardTerm, RewardTerms, RewardWeights};
 pub use schema::schema;
-pub use sensor_errors::{FaultySensors, SensorError, SensorErrors};
+pub use sensor_errors::{ErrorRange, FaultySensors, SensorError, SensorErrors};
 pub use setting::{Range, Setting, SettingValue};
 
 use std::ops::{Deref, DerefMut};

@@ -58,13 +58,15 @@ pub(super) const OTHERS: [(&str, Option<[&str; 2]>); 13] = [
         "sensor_errors",
         Some([
             "``noise``, ``offset``, ``drift`` and ``hysteresis`` 0 to 1e9 in the unit of the channel, \
-             ``gain`` 0 to 100, each a number or a range; ``dead`` 0 to 1, ``delay`` 0 to 25 steps",
+             ``gain`` 0 to 100, each a number or a range, or such by quantity; ``dead`` 0 to 1, \
+             ``delay`` 0 to 25 steps",
             "errors of observed channels, as in ``{\"markers\": {\"noise\": (1e-5, 3e-5), \"gain\": \
              (0.9, 1.1), \"offset\": 1e-5, \"drift\": 1e-6, \"hysteresis\": 1e-5, \"dead\": 0.02, \
              \"delay\": 1}}``: deviation of noise in each step, factor, deviation of an offset drawn \
              at each reset, deviation of drift after a second, half-width of the loop between loading \
              and unloading, share of dead points, steps of delay; ranges are drawn from at each \
-             reset for each pad",
+             reset for each pad; of channels with several quantities, each may have its own, as in \
+             ``{\"wrench\": {\"noise\": {\"force\": 0.02, \"torque\": 1e-4}}}``",
         ]),
     ),
     (

@@ -8,8 +8,14 @@
 //! y = x at the reset. The gain g is drawn at the reset, the noise n in each step. The bias b starts
 //! at an offset drawn at the reset and drifts as a random walk, whose standard deviation after a
 //! time t is d √t.
+//!
+//! An error is given for all entries of a channel, or for each of its quantities: a wrench has
+//! forces in N and torques in N m.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::{
+    collections::{BTreeMap, VecDeque},
+    iter::repeat_n,
+};
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -24,25 +30,20 @@ use super::{
 use crate::{Error, Result};
 
 /// Errors of one channel; by default it has none. Ranges are drawn from at each reset for each pad.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SensorError {
     /// Standard deviation of white noise, in the unit of each entry.
-    #[serde(deserialize_with = "range")]
-    pub noise: Range,
+    pub noise: ErrorRange,
     /// Factor on the values.
-    #[serde(deserialize_with = "range")]
-    pub gain: Range,
+    pub gain: ErrorRange,
     /// Standard deviation of what is added to an entry throughout an episode.
-    #[serde(deserialize_with = "range")]
-    pub offset: Range,
+    pub offset: ErrorRange,
     /// Standard deviation of the drift of an entry after one second, in its unit; it grows with the
     /// square root of time, whatever the control period.
-    #[serde(deserialize_with = "range")]
-    pub drift: Range,
+    pub drift: ErrorRange,
     /// Half of the width of the loop between loading and unloading, in the unit of each entry.
-    #[serde(deserialize_with = "range")]
-    pub hysteresis: Range,
+    pub hysteresis: ErrorRange,
     /// Probability that a point, such as a marker, reads zero throughout an episode.
     pub dead: f64,
     /// Control steps by which the values are late.
@@ -51,16 +52,93 @@ pub struct SensorError {
 
 impl Default for SensorError {
     fn default() -> Self {
-        let none = [0.0; 2];
+        let none = || ErrorRange::All([0.0; 2]);
         Self {
-            noise: none,
-            gain: [1.0; 2],
-            offset: none,
-            drift: none,
-            hysteresis: none,
+            noise: none(),
+            gain: ErrorRange::All([1.0; 2]),
+            offset: none(),
+            drift: none(),
+            hysteresis: none(),
             dead: 0.0,
             delay: 0,
         }
+    }
+}
+
+/// Range of an error, in the unit of each entry.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum ErrorRange {
+    /// The same for all entries of a channel.
+    All(Range),
+    /// By the name of the quantity; those without a name here have no such error.
+    ByQuantity(BTreeMap<String, Range>),
+}
+
+impl ErrorRange {
+    /// Each range, with the name of its quantity if it is of one.
+    fn ranges(&self) -> Vec<(Option<&str>, Range)> {
+        match self {
+            Self::All(range) => vec![(None, *range)],
+            Self::ByQuantity(ranges) => {
+                ranges.iter().map(|(name, range)| (Some(name.as_str()), *range)).collect()
+            }
+        }
+    }
+
+    /// Value at `share` (0 to 1) of the way through the range of `quantity`; `none` without one.
+    fn at(&self, quantity: &str, share: f64, none: f64) -> f64 {
+        let [low, high] = match self {
+            Self::All(range) => *range,
+            Self::ByQuantity(ranges) => ranges.get(quantity).copied().unwrap_or([none; 2]),
+        };
+        low + (high - low) * share
+    }
+}
+
+impl<'de> Deserialize<'de> for ErrorRange {
+    /// Reads a number or the two ends of a range, or a mapping of such.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        let wrong = |found: String| D::Error::custom(format!("found {found}, expected {RANGE}"));
+        let value = Value::deserialize(deserializer)?;
+        let Value::Object(entries) = &value else {
+            return range_of(&value).map(Self::All).ok_or_else(|| wrong(value.to_string()));
+        };
+        let entry = |(name, value): (&String, &Value)| {
+            let range = range_of(value).ok_or_else(|| wrong(format!("{value} for {name}")))?;
+            Ok((name.clone(), range))
+        };
+        entries.iter().map(entry).collect::<std::result::Result<_, _>>().map(Self::ByQuantity)
+    }
+}
+
+/// Quantities of a channel that has more than one, in the order of its entries, and the number of
+/// entries of each: those of one pad, where each pad has its own.
+fn quantities(channel: &str) -> &'static [(&'static str, usize)] {
+    match channel {
+        "proprio" => &[
+            ("position", 3),
+            ("yaw", 2),
+            ("velocity", 3),
+            ("yaw_rate", 1),
+            ("opening", 1),
+            ("opening_rate", 1),
+            ("grip", 1),
+            ("pad_force", 2),
+        ],
+        "object" => &[
+            ("position", 3),
+            ("rotation", 6),
+            ("velocity", 3),
+            ("angular_velocity", 3),
+            ("rise", 1),
+        ],
+        "wrench" => &[("force", 3), ("torque", 3)],
+        "properties" => &[("mass", 1), ("friction", 1), ("size", 3)],
+        "squeeze" => &[("deformation", 1), ("stress", 2)],
+        "insertion" => &[("position", 3), ("yaw", 1), ("force", 3)],
+        "trust" => &[("residual", 1), ("residual_ratio", 1), ("is_large", 1)],
+        _ => &[],
     }
 }
 
@@ -72,34 +150,49 @@ const LATEST: usize = 25;
 /// Largest noise, offset, drift and hysteresis, in the unit of the channel.
 const LARGEST: f64 = 1e9;
 
-/// Reads a number or the two ends of a range.
-fn range<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Range, D::Error> {
-    let value = Value::deserialize(deserializer)?;
-    range_of(&value).ok_or_else(|| D::Error::custom(format!("found {value}, expected {RANGE}")))
-}
-
-/// Returns an error that names the first value out of its range, or a channel that is not among the
-/// `observed` ones.
+/// Returns an error that names the first value out of its range, a quantity that its channel does
+/// not have, or a channel that is not among the `observed` ones.
 pub(super) fn validate(errors: &SensorErrors, observed: &[&str]) -> Result<()> {
     for (channel, error) in errors {
         if !observed.contains(&channel.as_str()) {
             let expected = format!("one of the observed channels {}", observed.join(", "));
             return Err(Error::invalid("sensor_errors", channel, expected));
         }
-        let SensorError { noise, gain, offset, drift, hysteresis, dead, delay } = *error;
-        for (what, range, bounds) in [
+        let SensorError { noise, gain, offset, drift, hysteresis, dead, delay } = error;
+        let name = |what: &str| format!("sensor_errors.{channel}.{what}");
+        for (what, error, bounds) in [
             ("noise", noise, [0.0, LARGEST]),
             ("gain", gain, [0.0, 100.0]),
             ("offset", offset, [0.0, LARGEST]),
             ("drift", drift, [0.0, LARGEST]),
             ("hysteresis", hysteresis, [0.0, LARGEST]),
-            ("dead", [dead; 2], [0.0, 1.0]),
-            ("delay", [delay as f64; 2], [0.0, LATEST as f64]),
         ] {
-            rising(&format!("sensor_errors.{channel}.{what}"), range, bounds)?;
+            for (quantity, range) in error.ranges() {
+                let Some(quantity) = quantity else {
+                    rising(&name(what), range, bounds)?;
+                    continue;
+                };
+                known(&name(what), channel, quantity)?;
+                rising(&format!("{}.{quantity}", name(what)), range, bounds)?;
+            }
         }
+        rising(&name("dead"), [*dead; 2], [0.0, 1.0])?;
+        rising(&name("delay"), [*delay as f64; 2], [0.0, LATEST as f64])?;
     }
     Ok(())
+}
+
+/// Returns an error unless `channel` has `quantity` beside others.
+fn known(name: &str, channel: &str, quantity: &str) -> Result<()> {
+    let known: Vec<_> = quantities(channel).iter().map(|(name, _)| *name).collect();
+    if known.contains(&quantity) {
+        return Ok(());
+    }
+    let expected = match known.as_slice() {
+        [] => RANGE.to_owned(),
+        _ => format!("one of {}", known.join(", ")),
+    };
+    Err(Error::invalid(name, quantity, expected))
 }
 
 /// Sensors of one episode, with the errors that were drawn for them.
@@ -117,7 +210,7 @@ pub struct FaultySensors {
 struct FaultyChannel {
     /// Place of its first entry in an observation.
     first: usize,
-    pads: Vec<FaultyPad>,
+    quantities: Vec<FaultyQuantity>,
     /// Gain and present bias of each entry; `None` where its point is dead.
     entries: Vec<Option<[f32; 2]>>,
     delay: usize,
@@ -127,9 +220,11 @@ struct FaultyChannel {
     lagging: Vec<f32>,
 }
 
-/// Errors that the entries of a pad share.
+/// Errors that the entries of a quantity of a pad share.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct FaultyPad {
+struct FaultyQuantity {
+    /// Number of the entries.
+    size: usize,
     /// Standard deviation of the noise.
     noise: f64,
     /// Standard deviation of the drift in one control step.
@@ -141,7 +236,8 @@ struct FaultyPad {
 impl FaultySensors {
     /// Draws the errors of an episode with control steps of `period` (s); `None` if no channel has
     /// any. Of the two random streams, one draws gains, offsets, dead points and the noise, the
-    /// other the ranges of the remaining errors and the drift.
+    /// other the ranges of the remaining errors and the drift. Quantities of a pad are equally far
+    /// through their ranges.
     pub fn draw(
         errors: &SensorErrors,
         layout: &ObservationLayout,
@@ -151,38 +247,40 @@ impl FaultySensors {
         if errors.is_empty() {
             return None;
         }
-        let uniform = |[low, high]: Range, random: &mut ChaCha8Rng| {
-            low + (high - low) * random.random::<f64>()
-        };
         let channels = layout.spans().filter_map(|span| {
             let error = errors.get(span.name)?;
-            let mut offsets = Vec::new();
-            let pads = (0..span.sides).map(|_| {
-                let mut draw = |range| uniform(range, &mut drifting);
-                offsets.push(draw(error.offset));
-                FaultyPad {
-                    noise: draw(error.noise),
-                    drift: draw(error.drift) * period.sqrt(),
-                    hysteresis: draw(error.hysteresis) as f32,
+            let whole = [("", span.size / span.sides)];
+            let named = quantities(span.name);
+            let named = if named.is_empty() { &whole } else { named };
+            let (mut quantities, mut entries) = (Vec::new(), Vec::new());
+            let mut is_dead = false;
+            for _ in 0..span.sides {
+                let [offset, noise, drift, hysteresis] =
+                    [&error.offset, &error.noise, &error.drift, &error.hysteresis]
+                        .map(|range| (range, drifting.random::<f64>()));
+                let gain = random.random::<f64>();
+                for &(name, size) in named {
+                    let of = |(range, share): (&ErrorRange, f64)| range.at(name, share, 0.0);
+                    quantities.push(FaultyQuantity {
+                        size,
+                        noise: of(noise),
+                        drift: of(drift) * period.sqrt(),
+                        hysteresis: of(hysteresis) as f32,
+                    });
+                    let (gain, deviation) = (error.gain.at(name, gain, 1.0), of(offset));
+                    for _ in 0..size {
+                        if entries.len() % span.point == 0 {
+                            is_dead = random.random::<f64>() < error.dead;
+                        }
+                        let offset = deviation * random.sample::<f64, _>(StandardNormal);
+                        entries.push((!is_dead).then_some([gain as f32, offset as f32]));
+                    }
                 }
-            });
-            let pads = pads.collect();
-            let side = span.size.div_ceil(span.sides);
-            let (mut gain, mut is_dead) = (1.0, false);
-            let entries = (0..span.size).map(|entry| {
-                if entry % side == 0 {
-                    gain = uniform(error.gain, &mut random);
-                }
-                if entry % span.point == 0 {
-                    is_dead = random.random::<f64>() < error.dead;
-                }
-                let offset = offsets[entry / side] * random.sample::<f64, _>(StandardNormal);
-                (!is_dead).then_some([gain as f32, offset as f32])
-            });
-            let entries = entries.collect();
+            }
+            debug_assert_eq!(entries.len(), span.size, "quantities of {}", span.name);
             let (past, lagging) = (VecDeque::new(), Vec::new());
             let (first, delay) = (span.first, error.delay);
-            Some(FaultyChannel { first, pads, entries, delay, past, lagging })
+            Some(FaultyChannel { first, quantities, entries, delay, past, lagging })
         });
         let channels = channels.collect();
         Some(Self { random, drifting, channels })
@@ -191,9 +289,9 @@ impl FaultySensors {
     /// Replaces the true values of a step in `row` by what the sensors report.
     pub fn report(&mut self, layout: &ObservationLayout, row: &mut [f32]) {
         for channel in &mut self.channels {
-            let FaultyChannel { first, pads, entries, delay, past, lagging } = channel;
+            let FaultyChannel { first, quantities, entries, delay, past, lagging } = channel;
             let here = *first..*first + entries.len();
-            let side = entries.len().div_ceil(pads.len());
+            let of_entries = || quantities.iter().flat_map(|of| repeat_n(of, of.size));
             let values = &mut row[here.clone()];
             if *delay > 0 {
                 past.push_back(values.to_vec());
@@ -202,23 +300,23 @@ impl FaultySensors {
                     past.pop_front();
                 }
             }
-            if lagging.is_empty() && pads.iter().any(|pad| pad.hysteresis > 0.0) {
+            if lagging.is_empty() && quantities.iter().any(|of| of.hysteresis > 0.0) {
                 lagging.extend_from_slice(values);
             }
-            for (i, (y, x)) in lagging.iter_mut().zip(&mut *values).enumerate() {
-                let half = pads[i / side].hysteresis;
-                *y = y.max(*x - half).min(*x + half);
+            for ((y, x), of) in lagging.iter_mut().zip(&mut *values).zip(of_entries()) {
+                *y = y.max(*x - of.hysteresis).min(*x + of.hysteresis);
                 *x = *y;
             }
             let [low, high] = layout.bounds().map(|bounds| &bounds[here.clone()]);
-            for (i, (x, entry)) in values.iter_mut().zip(entries).enumerate() {
-                let pad = &pads[i / side];
-                let noise = pad.noise * self.random.sample::<f64, _>(StandardNormal);
+            for (i, ((x, entry), of)) in
+                values.iter_mut().zip(entries).zip(of_entries()).enumerate()
+            {
+                let noise = of.noise * self.random.sample::<f64, _>(StandardNormal);
                 let mut reported = 0.0;
                 if let Some([gain, bias]) = entry {
                     reported = *x * *gain + *bias + noise as f32;
-                    if pad.drift > 0.0 {
-                        let step = pad.drift * self.drifting.sample::<f64, _>(StandardNormal);
+                    if of.drift > 0.0 {
+                        let step = of.drift * self.drifting.sample::<f64, _>(StandardNormal);
                         *bias += step as f32;
                     }
                 }
@@ -233,7 +331,7 @@ mod tests {
     use rand::SeedableRng;
 
     use super::*;
-    use crate::task::TaskConfig;
+    use crate::task::{StateChannel, TaskConfig, observation::components};
 
     /// Sensors of the channels that `json` names, on rigid fingers, and a row of true values.
     fn sensors(json: &str) -> (FaultySensors, ObservationLayout, Vec<f32>) {
@@ -369,7 +467,7 @@ mod tests {
     #[test]
     fn drift_starts_at_zero_and_grows_with_the_root_of_time() {
         let (_, layout, row) = sensors(r#"{"time": {}}"#);
-        let error = SensorError { drift: [0.5; 2], ..SensorError::default() };
+        let error = SensorError { drift: ErrorRange::All([0.5; 2]), ..SensorError::default() };
         let errors = SensorErrors::from([("wrench".to_owned(), error)]);
         for (period, second) in [(0.04, 25), (0.01, 100)] {
             let mut sensors = FaultySensors::draw(&errors, &layout, streams(), period).unwrap();
@@ -467,6 +565,69 @@ mod tests {
         assert!((found[0][0] / found[0][1] - 1.0).abs() > 0.08, "{} on both pads", found[0][0]);
     }
 
+    /// Reports of 30 steps, the true values growing by 1/8 in each, under errors of the wrench.
+    fn of_loads(wrench: &str) -> Vec<Vec<f32>> {
+        let (mut sensors, layout, row) = sensors(&format!(r#"{{"wrench": {wrench}}}"#));
+        let mut report = |step: usize| {
+            let mut seen: Vec<f32> = row.iter().map(|x| x + 0.125 * step as f32).collect();
+            sensors.report(&layout, &mut seen);
+            seen
+        };
+        (0..30).map(&mut report).collect()
+    }
+
+    #[test]
+    fn equal_errors_by_quantity_are_those_of_the_channel_to_the_bit() {
+        let numbers = ["[0.1, 0.3]", "[0.5, 2]", "[1, 2]", "[0.1, 0.2]", "[0.2, 0.9]"];
+        let errors = |of: &dyn Fn(&str) -> String| {
+            let names = ["noise", "gain", "offset", "drift", "hysteresis"];
+            let each = names.iter().zip(numbers).map(|(name, n)| format!(r#""{name}": {}"#, of(n)));
+            format!(r#"{{{}, "dead": 0.2, "delay": 2}}"#, each.collect::<Vec<_>>().join(", "))
+        };
+        let of_channel = of_loads(&errors(&|n| n.to_owned()));
+        let by_quantity = errors(&|n| format!(r#"{{"force": {n}, "torque": {n}}}"#));
+        assert_eq!(of_channel, of_loads(&by_quantity));
+    }
+
+    #[test]
+    fn each_quantity_has_its_error_and_one_that_is_not_named_has_none() {
+        let (mut sensors, layout, row) =
+            sensors(r#"{"wrench": {"noise": {"force": 0.1, "torque": 1e-3}}}"#);
+        let steps = reports(&mut sensors, &layout, &row, 2000);
+        for (which, exact) in [(0..3, 0.1), (3..6, 1e-3)] {
+            let entries = WRENCH.filter(|i| which.contains(&((i - WRENCH.start) % 6)));
+            let errors = entries.flat_map(|i| steps.iter().map(move |s| (s, i)));
+            let errors: Vec<_> = errors.map(|(s, i)| f64::from(s[i] - row[i])).collect();
+            let found = deviation(&errors);
+            assert!((found / exact - 1.0).abs() < 0.03, "{found} for {exact}");
+        }
+        let none = of_loads("{}");
+        for error in ["noise", "gain", "offset", "drift", "hysteresis"] {
+            let seen = of_loads(&format!(r#"{{"{error}": {{"torque": 0.5}}}}"#));
+            let apart = |which: std::ops::Range<usize>| {
+                let entries = WRENCH.filter(|i| which.contains(&((i - WRENCH.start) % 6)));
+                entries.filter(|&i| (0..30).any(|step| seen[step][i] != none[step][i])).count()
+            };
+            assert_eq!((apart(0..3), apart(3..6)), (0, 6), "entries with an error of {error}");
+        }
+    }
+
+    #[test]
+    fn quantities_are_the_parts_of_a_channel_with_a_unit_each() {
+        for task in ["GraspLift", "GraspSoft", "InsertPeg"] {
+            let config = TaskConfig::from_json(&format!(r#"{{"task": "{task}"}}"#)).unwrap();
+            for &channel in StateChannel::SHARED.iter().chain(config.task.channels()) {
+                let parts = components(channel, &config);
+                let parts: Vec<usize> = parts.iter().map(|part| part.low.len()).collect();
+                let count = if channel == StateChannel::Wrench { 2 } else { parts.len() };
+                let expected = if count == 1 { &[] } else { &parts[..count] };
+                let name = channel.name();
+                let found: Vec<usize> = quantities(name).iter().map(|(_, size)| *size).collect();
+                assert_eq!(found, expected, "{name}");
+            }
+        }
+    }
+
     #[test]
     fn bad_settings_are_named() {
         for (errors, expected) in [
@@ -481,9 +642,26 @@ mod tests {
             (r#"{"wrench": {"hysteresis": [0, 2e9]}}"#, "sensor_errors.wrench.hysteresis: found"),
             (r#"{"wrench": {"offset": [1]}}"#, "sensor_errors.wrench.offset"),
             (r#"{"wrench": {"fade": 1}}"#, "unknown field `fade`"),
+            (
+                r#"{"wrench": {"noise": {"forse": 1}}}"#,
+                "sensor_errors.wrench.noise: found forse, expected one of force, torque",
+            ),
+            (
+                r#"{"wrench": {"drift": {"torque": -1}}}"#,
+                "sensor_errors.wrench.drift.torque: found -1",
+            ),
+            (
+                r#"{"wrench": {"gain": {"torque": [1]}}}"#,
+                "sensor_errors.wrench.gain: found [1] for torque, expected a number or a range",
+            ),
+            (r#"{"wrench": {"dead": {"force": 1}}}"#, "sensor_errors.wrench.dead"),
+            (
+                r#"{"time": {"offset": {"time": 1}}}"#,
+                "sensor_errors.time.offset: found time, expected a number or a range",
+            ),
         ] {
             let json = format!(
-                r#"{{"observation": ["wrench"], "tactile": "none", "sensor_errors": {errors}}}"#
+                r#"{{"observation": ["wrench", "time"], "tactile": "none", "sensor_errors": {errors}}}"#
             );
             let message = TaskConfig::from_json(&json).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");

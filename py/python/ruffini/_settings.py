@@ -64,7 +64,9 @@ class Settings(TypedDict, total=False):
     network: str | PathLike[str]
     resolution: Mapping[str, int | Sequence[int]]
     observation: str | Sequence[str]
-    sensor_errors: Mapping[str, Mapping[str, float | Sequence[float]]]
+    sensor_errors: Mapping[
+        str, Mapping[str, float | Sequence[float] | Mapping[str, float | Sequence[float]]]
+    ]
     reward_weights: Mapping[str, float]
     gripper: Mapping[str, float]
     workspace: Mapping[str, Sequence[float]]
