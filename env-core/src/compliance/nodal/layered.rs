@@ -505,7 +505,7 @@ mod tests {
         let ball = |depth: f64| touch(Shape::Sphere { radius }, radius - depth);
         assert!(ball(-1e-5).forces.is_empty());
         let little = ball(1e-5);
-        assert!(little.level == 5 && !little.forces.is_empty(), "on level {}", little.level);
+        assert!(little.level >= 5 && !little.forces.is_empty(), "on level {}", little.level);
         let block = Shape::Cuboid { half_extents: Vector3::repeat(1.5e-2) };
         assert!(touch(block.clone(), 1.5e-2 + 1e-5).forces.is_empty());
         let wide = touch(block, 1.5e-2 - 3e-4);
