@@ -12,12 +12,12 @@ use ruffini_core::{
 
 const GRAVITY: f64 = 9.81;
 
-/// Default settings of a task with every channel, and a coarse pad for speed.
+/// Default settings of a task with every channel that needs none, and a coarse pad for speed.
 fn config(task: &str, tactile: Choice) -> TaskConfig {
     let task = Task::named(task).unwrap();
     let felt = if tactile == Choice::None { &[][..] } else { &TACTILE_CHANNELS };
     let own = StateChannel::SHARED.iter().chain(task.channels()).map(|channel| channel.name());
-    let channels = own.chain(felt.iter().copied());
+    let channels = own.chain(felt.iter().copied()).filter(|name| *name != "distractors");
     TaskConfig {
         tactile,
         resolution: Resolution { nodes: 150, ..Resolution::default() },
