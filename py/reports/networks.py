@@ -139,23 +139,22 @@ displacement where contact is small beside the mesh, and a network that learns f
 too. Most of that error is the same by a linear law. So displacement and forces are now learnt from
 linear elasticity with contact on up to 800 cells (`LinearPad(contact="fine")`) plus the difference
 of the nonlinear and the linear law on one mesh of 500 nodes (`nonlinearity` in the configuration);
-stress as before. Against these labels, medians in % over the 60 indenters held back (`ruffini network
-evaluate`), and, against quadratic elements on 1,000 nodes, how much too large the force of a ball
-is with friction 0.8, by radius and depth, elements on 2,000 under the small one:
+stress as before. Against these labels, medians in % over the 60 indenters held back (`ruffini
+network evaluate`), and, against quadratic elements on 1,000 nodes, how much too large the force of
+a ball is with friction 0.8, by radius and depth, elements on 2,000 under the small one:
 
 {brought}
 
 The network before was further off than the linear answer that it corrects: it had learnt the mesh.
-What gets worse is the force of wide and deep smooth contact: a ball of 12 mm is 5 % too strong where
-the network before was 2 % off and the linear answer 4 %, and 10 % when it is 1.4 mm deep. Its labels
-are 1 to 2 % too strong there, by the linear model (which takes the domed pad to be as thick
+What gets worse is the force of wide and deep smooth contact: a ball of 12 mm is 5 % too strong
+where the network before was 2 % off and the linear answer 4 %, and 10 % when it is 1.4 mm deep. Its
+labels are 1 to 2 % too strong there, by the linear model (which takes the domed pad to be as thick
 everywhere) and by the 500 nodes; the rest is the network's. `pads-1` is shipped, by validation;
 `pads-0` is nearer under the deep ball, but GraspFragile's agent, which goes by the stress, succeeds
 in 40 of 50 episodes with it, in 46 with `pads-1`, in 49 with the network before, with which it was
-trained.
-More cells in the linear answer would help the fields, too: on 200 in place of
-96 it is at 4.1 % in displacement in place of 5.5 (37 indenters), and a step of GraspLift takes
-about twice the time.
+trained. More cells in the linear answer would help the fields, too: on 200 in place of 96 it is at
+4.1 % in displacement in place of 5.5 (37 indenters), and a step of GraspLift takes about twice the
+time.
 
 Before that, more presses were tried, 600 indenters in place of 400, and fields were hardly nearer.
 
@@ -185,17 +184,16 @@ answers. So the network stayed."""
 
 
 TRUTH = """{presses} of these presses, {frames} frames, by the meshes at the commit below, were
-solved again on finer ones: on up to
-{sizes[truth_nodes]:,} nodes in place of {usual[truth_nodes]:,}, with up to
-{sizes[truth_across]:.0f} distances between nodes across what the indenter covers in place of
-{usual[truth_across]:.0f}. The two differ by
+solved again on finer ones: on up to {sizes[truth_nodes]:,} nodes in place of
+{usual[truth_nodes]:,}, with up to {sizes[truth_across]:.0f} distances between nodes across what the
+indenter covers in place of {usual[truth_across]:.0f}. The two differ by
 {median[displacement]:100*.1f} % in displacement, {median[stress]:100*.1f} % in stress and
 {median[force]:100*.1f} % in force in the median, by {p95[displacement]:100*.0f},
 {p95[stress]:100*.0f} and {p95[force]:100*.0f} % at the 95th percentile: little under round
-indenters, much under thin walls, edges and rasps. The presses that the shipped network learnt from have 1,200
-nodes and 10 distances, of which only the stress is taken, and were not compared again. Commit {commit};
-`ruffini dataset error presses finer`, or `python py/reports networks --data presses --finer
-finer`."""
+indenters, much under thin walls, edges and rasps. The presses that the shipped network learnt from
+have 1,200 nodes and 10 distances, of which only the stress is taken, and were not compared again.
+Commit {commit}; `ruffini dataset error presses finer`, or `python py/reports networks --data
+presses --finer finer`."""
 
 HEADS = ("network", "50 indenters: u / σ / force (%)", "plain shapes (%)", "GraspFragile")
 TRIED = [

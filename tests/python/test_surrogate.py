@@ -54,7 +54,7 @@ def test_its_fields_are_nearer_to_fine_finite_elements_than_the_linear_answers(n
 
     of_linear, of_network = misses(linear), misses(found)
     assert all(a < b for a, b in zip(of_network[1:], of_linear[1:], strict=True))
-    # The force of so wide a ball is less well known than by the network before, 3 %: the reports tell.
+    # The force of so wide a ball is known less well than by the network before, to 3 %.
     assert of_network[0] < 0.06
     assert network.is_in_distribution(found)
     # A ball of half a millimetre bears on fewer nodes than most of what was learnt.
