@@ -62,6 +62,20 @@ def test_its_fields_are_nearer_to_fine_finite_elements_than_the_linear_answers(n
     assert not network.is_in_distribution(pin)
 
 
+def test_fine_contact_is_nearer_to_a_hertzian_ball_than_fast_contact():
+    """So shallow a ball in so thick a pad bears 4/3 E/(1 − ν²) √R d^1.5 (Hertz 1882)."""
+    radius, depth, gel = 1e-3, 2e-5, {"young": 3e5, "poisson": 0.47, "friction": 0.0}
+    press = Press(Shape.sphere(radius), [([0, 0, radius - d], UPRIGHT) for d in (depth / 2, depth)])
+    hertz = 4 / 3 * 3e5 / (1 - 0.47**2) * radius**0.5 * depth**1.5
+    fast, fine = (
+        abs(ruffini.LinearPad(**gel, contact=name).solve_path(press)[-1].wrench[2] / hertz + 1)
+        for name in ("fast", "fine")
+    )
+    assert fine < fast and fine < 0.03
+    with pytest.raises(ValueError, match="contact: found finest, expected fast or fine"):
+        ruffini.LinearPad(contact="finest")
+
+
 def test_what_the_shipped_network_was_trained_on_is_what_its_card_says(network):
     data = json.loads(network.card)["data"]
     assert {name: data[name] for name in SHIPPED} == SHIPPED
