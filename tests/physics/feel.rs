@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use ruffini_core::{
     env::{Autoreset, Batch, Setup, StepResult},
+    geometry::Shape,
     tactile::{Choice, Resolution},
     task::{Ending, ObjectSpec, ShapeSpec, StateChannel, TACTILE_CHANNELS, TaskConfig},
 };
@@ -146,8 +147,8 @@ fn a_reset_forgets_what_was_felt() {
 #[test]
 fn a_press_without_an_answer_ends_its_episode_only() {
     // The full grip drives the edges of a thin ring between the nodes of the pads.
-    let ring =
-        ShapeSpec::Annulus { outer: 0.02, inner: 0.0195, half_height: 0.01, edge_radius: None };
+    let sharp = Shape::Annulus { outer: 0.02, inner: 0.0195, half_height: 0.01 };
+    let ring = ShapeSpec { sharp, edge_radius: None };
     let ring = TaskConfig {
         objects: vec![ObjectSpec::Shape(ring)],
         tactile: Choice::Surrogate,

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from bodies import BALL, PLATE, RADIUS
 
 import ruffini
 from ruffini import Shape, TetMesh
+from ruffini._schema import SHAPES as KINDS
 from ruffini.commands.press import touching_height
 from ruffini.commands.shapes import shape as parsed
 
@@ -85,6 +90,35 @@ def test_rounded_shapes_are_written_with_a_second_colon():
     assert np.array_equal(written[0], SHAPES["rounded cuboid"].distance(points)[0])
     with pytest.raises(ValueError, match="edge radius: found wide"):
         parsed("cuboid:0.001,0.002,0.003:wide")
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_each_kind_of_shape_has_its_method_and_is_read_from_words(name):
+    make, lengths = getattr(Shape, name.replace("-", "_")), dict(KINDS[name]["lengths"])
+    assert list(inspect.signature(make).parameters) == list(lengths)
+    numbers = [n for given in lengths.values() for n in (given if type(given) is list else [given])]
+    written = parsed(f"{name}:{','.join(map(str, numbers))}")
+    points = np.random.default_rng(3).normal(0.0, 0.02, (50, 3))
+    assert np.array_equal(written.distance(points)[0], make(**lengths).distance(points)[0])
+    if KINDS[name]["has_edges"]:
+        assert make(**lengths).rounded(1e-3).distance(points)[0].shape == (50,)
+    else:
+        with pytest.raises(ValueError, match=f"found {name}"):
+            make(**lengths).rounded(1e-3)
+
+
+def test_the_page_of_objects_has_every_kind_of_shape_with_its_lengths():
+    page = (Path(__file__).parents[2] / "py/docs/object.md").read_text()
+    table = page.split("| shape | lengths |\n| --- | --- |\n")[1].split("\n\n")[0]
+    rows = (row.strip("| ").split(" | ") for row in table.splitlines())
+    listed = {
+        name: re.findall(r"`(\w+)`", lengths)
+        for names, lengths in rows
+        for name in re.findall(r"`([\w-]+)`", names)
+    }
+    assert listed == {
+        name: [length for length, _ in kind["lengths"]] for name, kind in KINDS.items()
+    }
 
 
 def test_a_surface_file_is_the_shape_of_its_arrays(tmp_path):

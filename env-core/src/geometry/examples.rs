@@ -12,26 +12,20 @@ pub(super) fn solids() -> Vec<Shape> {
     let dimple = |amplitude, axis| Bump { amplitude, axis, concentration: 12.0 };
     let dimples = vec![dimple(-0.25, Vector3::z_axis()), dimple(0.1, -Vector3::y_axis())];
     let apple = StarShaped::new(Vector3::new(0.022, 0.022, 0.02), vec![]).with_bumps(dimples);
-    let mut all = vec![
-        Shape::Sphere { radius: 0.02 },
-        Shape::Cuboid { half_extents: v },
-        Shape::Cylinder { radius: 0.02, half_height: 0.03 },
-        Shape::Capsule { radius: 0.01, half_height: 0.02 },
-        Shape::Cone { radius: 0.02, half_height: 0.03 },
-        Shape::Prism { sides: 6, radius: 0.02, half_height: 0.03 },
+    let mut all = Shape::kinds();
+    all.extend([
         Shape::Prism { sides: 3, radius: 0.02, half_height: 0.01 },
-        Shape::Annulus { outer: 0.03, inner: 0.02, half_height: 0.01 },
-        Shape::Ellipsoid { semi_axes: v },
-        Shape::Cup { bottom: 0.02, rim: 0.03, half_height: 0.03, wall: 0.003 },
         Shape::Cup { bottom: 0.03, rim: 0.02, half_height: 0.02, wall: 0.004 },
+    ]);
+    // Every kind of which the distance is exact everywhere, which it is not inside a rounded cup.
+    let sharp = all.iter().filter(|s| s.can_be_rounded() && !matches!(s, Shape::Cup { .. }));
+    let rounded: Vec<_> = sharp.map(|shape| shape.rounded(2e-3).expect("thick")).collect();
+    all.extend(rounded);
+    all.extend([
         Shape::StarShaped(apple.clone()),
         Shape::Hollow(Hollow::new(apple, 0.6)),
         Shape::StarShaped(StarShaped::new(v, vec![wave])),
-    ];
-    // Every kind of which the distance is exact everywhere, which it is not inside a rounded cup.
-    let sharp = all[1..8].iter().filter(|shape| !matches!(shape, Shape::Capsule { .. }));
-    let rounded: Vec<_> = sharp.map(|shape| shape.rounded(2e-3).expect("thick")).collect();
-    all.splice(0..0, rounded);
+    ]);
     all
 }
 

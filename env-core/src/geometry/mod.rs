@@ -29,7 +29,7 @@ pub use pad_mesh::{Grading, PadMesh, PadOutline, plan_shares};
 pub use rigid_fit::RigidFit;
 pub use rounded::Rounded;
 pub use sampled::Sampled;
-pub use shape::Shape;
+pub use shape::{Parameter, Shape};
 pub use star_shaped::{Bump, Hollow, StarShaped, Wave};
 pub use surface::{MassProperties, Surface};
 pub use tet_mesh::{Incidence, MeshQuality, TetMesh};

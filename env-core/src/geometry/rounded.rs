@@ -8,7 +8,13 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::{Point3, Vector2, Vector3};
 
-use super::{Distance, Shape, Surface, distance::solids::revolved};
+use super::{
+    Distance, Shape, Surface,
+    distance::{
+        ray::{CLOSE, marched_gap},
+        solids::revolved,
+    },
+};
 
 /// A solid with its convex edges rounded; see [`Shape::rounded`].
 #[derive(Clone, Debug, PartialEq)]
@@ -76,11 +82,8 @@ impl Rounded {
         let begin = self.sharp.ray_gap(origin, direction);
         let is_inside = self.distance(origin).value < 0.0;
         if matches!(*self.sharp, Shape::Annulus { .. } | Shape::Cup { .. }) {
-            return if is_inside {
-                self.marched(origin, &-direction, 0.0).map(|back| -back)
-            } else {
-                self.marched(origin, direction, begin?.max(0.0))
-            };
+            let start = if is_inside { 0.0 } else { begin?.max(0.0) };
+            return marched_gap(|point| self.distance(point).value, origin, direction, start);
         }
         self.entered(origin, direction, begin?).filter(|&gap| gap >= 0.0 || is_inside)
     }
@@ -103,25 +106,6 @@ impl Rounded {
             gap -= found.value / slope;
         }
         Some(gap)
-    }
-
-    /// Distance (m) along a ray to the surface by steps of the distance to it, from `start`.
-    fn marched(&self, origin: &Point3<f64>, direction: &Vector3<f64>, start: f64) -> Option<f64> {
-        const MOST_STEPS: usize = 2000;
-        /// More than the diameter of any solid (m).
-        const FARTHEST: f64 = 4.0;
-        let mut gap = start;
-        for _ in 0..MOST_STEPS {
-            let step = self.distance(&(origin + gap * direction)).value.abs();
-            if step <= CLOSE {
-                return Some(gap);
-            }
-            gap += step;
-            if gap - start > FARTHEST {
-                return None;
-            }
-        }
-        None
     }
 
     /// Watertight triangles with about `segments` edges round a circle.
@@ -147,9 +131,6 @@ impl Rounded {
         Surface::revolved(&outline, segments, PI / f64::from(segments))
     }
 }
-
-/// Distance (m) from the surface at which a ray has arrived.
-const CLOSE: f64 = 1e-12;
 
 impl Core {
     fn new(sharp: &Shape, r: f64) -> Option<Self> {

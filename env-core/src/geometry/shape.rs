@@ -5,6 +5,7 @@
 
 use std::{
     f64::consts::{PI, TAU},
+    slice,
     sync::Arc,
 };
 
@@ -99,6 +100,33 @@ pub enum Shape {
     Sampled(Sampled),
 }
 
+/// Number that describes a shape, or several of one name.
+#[derive(Debug, PartialEq)]
+pub enum Parameter<'a> {
+    /// Number of sides, corners or the like.
+    Count(&'a mut u32),
+    /// One length, or those along x, y, z (m).
+    Lengths(&'a mut [f64]),
+}
+
+impl<'a> From<&'a mut u32> for Parameter<'a> {
+    fn from(count: &'a mut u32) -> Self {
+        Self::Count(count)
+    }
+}
+
+impl<'a> From<&'a mut f64> for Parameter<'a> {
+    fn from(length: &'a mut f64) -> Self {
+        Self::Lengths(slice::from_mut(length))
+    }
+}
+
+impl<'a> From<&'a mut Vector3<f64>> for Parameter<'a> {
+    fn from(lengths: &'a mut Vector3<f64>) -> Self {
+        Self::Lengths(lengths.as_mut_slice())
+    }
+}
+
 /// Longest allowed dimension of a shape (m), for objects of hand scale.
 const LARGEST: f64 = 1.0;
 /// Hint for meshes that are larger.
@@ -107,34 +135,63 @@ const MILLIMETRES: &str = "a file in millimetres needs the scale 0.001";
 const SMALLEST: f64 = 1e-5;
 
 impl Shape {
-    /// Returns this shape if its parameters describe a solid of hand scale.
-    pub fn validated(self) -> Result<Self> {
-        match &self {
-            Self::Sphere { radius } => length("radius", *radius)?,
-            Self::Cuboid { half_extents } => lengths("half_extents", half_extents)?,
-            Self::Ellipsoid { semi_axes } => lengths("semi_axes", semi_axes)?,
+    /// A solid of each kind that its [`Shape::name`] and [`Shape::parameters`] describe. Settings,
+    /// the command line and tests take the kinds from here.
+    pub fn kinds() -> Vec<Self> {
+        let v = Vector3::new(0.01, 0.02, 0.03);
+        vec![
+            Self::Sphere { radius: 0.02 },
+            Self::Cuboid { half_extents: v },
+            Self::Cylinder { radius: 0.02, half_height: 0.03 },
+            Self::Capsule { radius: 0.01, half_height: 0.02 },
+            Self::Cone { radius: 0.02, half_height: 0.03 },
+            Self::Prism { sides: 6, radius: 0.02, half_height: 0.03 },
+            Self::Annulus { outer: 0.03, inner: 0.02, half_height: 0.01 },
+            Self::Ellipsoid { semi_axes: v },
+            Self::Cup { bottom: 0.02, rim: 0.03, half_height: 0.03, wall: 0.003 },
+        ]
+    }
+
+    /// The parameters with their names; none of a shape of which [`Shape::kinds`] has no kind.
+    pub fn parameters(&mut self) -> Vec<(&'static str, Parameter<'_>)> {
+        macro_rules! named {
+            ($($parameter:ident),*) => {
+                vec![$((stringify!($parameter), $parameter.into())),*]
+            };
+        }
+        match self {
+            Self::Sphere { radius } => named![radius],
+            Self::Cuboid { half_extents } => named![half_extents],
             Self::Cylinder { radius, half_height }
             | Self::Capsule { radius, half_height }
-            | Self::Cone { radius, half_height } => {
-                length("radius", *radius)?;
-                length("half_height", *half_height)?;
-            }
-            Self::Prism { sides, radius, half_height } => {
-                if !(3..=256).contains(sides) {
-                    return Err(Error::invalid("sides", sides, "3 to 256"));
+            | Self::Cone { radius, half_height } => named![radius, half_height],
+            Self::Prism { sides, radius, half_height } => named![sides, radius, half_height],
+            Self::Annulus { outer, inner, half_height } => named![outer, inner, half_height],
+            Self::Ellipsoid { semi_axes } => named![semi_axes],
+            Self::Cup { bottom, rim, half_height, wall } => named![bottom, rim, half_height, wall],
+            Self::StarShaped(_)
+            | Self::Hollow(_)
+            | Self::Rounded(_)
+            | Self::HalfSpace
+            | Self::Mesh(_)
+            | Self::Sampled(_) => Vec::new(),
+        }
+    }
+
+    /// Returns this shape if its parameters describe a solid of hand scale.
+    pub fn validated(mut self) -> Result<Self> {
+        for (name, parameter) in self.parameters() {
+            match parameter {
+                Parameter::Count(3..=256) => {}
+                Parameter::Count(count) => return Err(Error::invalid(name, count, "3 to 256")),
+                Parameter::Lengths(lengths) => {
+                    lengths.iter().try_for_each(|&value| length(name, value))?;
                 }
-                length("radius", *radius)?;
-                length("half_height", *half_height)?;
             }
-            Self::Annulus { outer, inner, half_height } => {
-                length("outer", *outer)?;
-                length("half_height", *half_height)?;
-                less("inner", *inner, "outer", *outer)?;
-            }
+        }
+        match &self {
+            Self::Annulus { outer, inner, .. } => less("inner", *inner, "outer", *outer)?,
             Self::Cup { bottom, rim, half_height, wall } => {
-                length("bottom", *bottom)?;
-                length("rim", *rim)?;
-                length("half_height", *half_height)?;
                 less("wall", *wall, "bottom", *bottom)?;
                 less("wall", *wall, "rim", *rim)?;
                 less("wall", *wall, "the height", 2.0 * half_height)?;
@@ -144,7 +201,6 @@ impl Shape {
             Self::Rounded(rounded) => {
                 rounded.sharp().rounded(rounded.radius())?;
             }
-            Self::HalfSpace => {}
             // A surface is checked when it is made, except for its size.
             Self::Mesh(surface) => {
                 length("mesh size", surface.size()).map_err(|error| {
@@ -154,6 +210,7 @@ impl Shape {
             Self::Sampled(sampled) => {
                 sampled.exact().scaled(sampled.scale()).validated()?;
             }
+            _ => {}
         }
         Ok(self)
     }
@@ -170,6 +227,11 @@ impl Shape {
         let largest = self.largest_edge_radius().ok_or_else(refused)?;
         less("edge_radius", radius, "half of the thinnest wall", largest)?;
         Rounded::new(sharp, radius).map(Self::Rounded).ok_or_else(refused)
+    }
+
+    /// Returns whether [`Shape::rounded`] has a formula for this kind of solid.
+    pub fn can_be_rounded(&self) -> bool {
+        self.largest_edge_radius().is_some()
     }
 
     /// The solid before its edges were rounded, or this solid.
@@ -205,32 +267,20 @@ impl Shape {
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
         let mut shape = self.clone();
+        for (_, parameter) in shape.parameters() {
+            if let Parameter::Lengths(lengths) = parameter {
+                for length in lengths {
+                    *length *= factor;
+                }
+            }
+        }
         match &mut shape {
-            Self::Sphere { radius } => *radius *= factor,
-            Self::Cuboid { half_extents: v } | Self::Ellipsoid { semi_axes: v } => *v *= factor,
-            Self::Cylinder { radius, half_height }
-            | Self::Capsule { radius, half_height }
-            | Self::Cone { radius, half_height }
-            | Self::Prism { radius, half_height, .. } => {
-                *radius *= factor;
-                *half_height *= factor;
-            }
-            Self::Annulus { outer, inner, half_height } => {
-                for l in [outer, inner, half_height] {
-                    *l *= factor;
-                }
-            }
-            Self::Cup { bottom, rim, half_height, wall } => {
-                for l in [bottom, rim, half_height, wall] {
-                    *l *= factor;
-                }
-            }
             Self::StarShaped(star) => *star = star.scaled(factor),
             Self::Hollow(hollow) => *hollow = hollow.scaled(factor),
             Self::Rounded(rounded) => *rounded = rounded.scaled(factor),
-            Self::HalfSpace => {}
             Self::Mesh(surface) => *surface = Arc::new(surface.scaled(factor)),
             Self::Sampled(sampled) => *sampled = sampled.scaled(factor),
+            _ => {}
         }
         shape
     }

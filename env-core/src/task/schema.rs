@@ -5,12 +5,12 @@ use serde_json::{Map, Value, json};
 
 use super::{
     Component, Ending, Setting, StateChannel, TACTILE_CHANNELS, Task, TaskConfig, config::PLACE,
-    observation::components, read::OTHERS,
+    objects::numbers, observation::components, read::OTHERS,
 };
-use crate::{Error, scene, tactile::NODES};
+use crate::{Error, geometry::Shape, scene, tactile::NODES};
 
-/// The description as JSON: `tasks`, `settings` that all of them have, `channels`, `endings`, and
-/// kinds of `press_errors`.
+/// The description as JSON: `tasks`, `settings` that all of them have, `channels`, `endings`, kinds
+/// of `shapes` and of `press_errors`.
 pub fn schema() -> Value {
     let mut usual = TaskConfig::default();
     let own = usual.task.settings().len();
@@ -23,9 +23,15 @@ pub fn schema() -> Value {
         "settings": shared,
         "channels": channels,
         "tactile_channels": TACTILE_CHANNELS,
+        "shapes": Shape::kinds().iter().map(kind).collect::<Vec<_>>(),
         "press_errors": Error::KINDS,
         "endings": Ending::ALL.map(|e| json!({"name": e.name(), "is_rule": e.is_of_the_task()})),
     })
+}
+
+fn kind(shape: &Shape) -> Value {
+    let (lengths, has_edges) = (numbers(shape), shape.can_be_rounded());
+    json!({"name": shape.name(), "lengths": lengths, "has_edges": has_edges})
 }
 
 fn describe(channel: StateChannel, config: &TaskConfig) -> Value {

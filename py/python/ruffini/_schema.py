@@ -27,6 +27,9 @@ RULES: list[str] = [ending["name"] for ending in SCHEMA["endings"] if ending["is
 TASKS: dict[str, dict[str, Any]] = {task["name"]: task for task in SCHEMA["tasks"]}
 """Description of each task by its name."""
 
+SHAPES: dict[str, dict[str, Any]] = {shape["name"]: shape for shape in SCHEMA["shapes"]}
+"""Kinds of shapes: names and examples of their lengths (m), and whether edges can be rounded."""
+
 _OF_TASKS = [channel["name"] for task in TASKS.values() for channel in task["channels"]]
 CHANNELS: list[str] = [*SHARED_CHANNELS, *_OF_TASKS, *TACTILE_CHANNELS]
 """Names of all channels: those that every environment has, of tasks, of tactile fingers."""

@@ -8,7 +8,7 @@
 
 pub(super) mod ellipsoid;
 mod hollow;
-mod ray;
+pub(super) mod ray;
 pub(super) mod solids;
 mod star;
 mod triangles;

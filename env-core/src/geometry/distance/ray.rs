@@ -1,4 +1,5 @@
-//! Distance to a solid along a ray, from the pieces of the line that lie in the solid.
+//! Distance to a solid along a ray: from the pieces of the line that lie in the solid where they
+//! have a formula, else by steps of the distance.
 
 use std::f64::consts::TAU;
 
@@ -26,25 +27,53 @@ impl Shape {
     /// entered. From inside, `None` is returned only for a half-space that the ray cannot have
     /// entered.
     pub fn ray_gap(&self, origin: &Point3<f64>, direction: &Vector3<f64>) -> Option<f64> {
-        let line = Line { origin: origin.coords, direction: *direction };
-        let (pieces, hole) = match self {
+        match self {
             Self::Mesh(surface) => return surface.ray_gap(origin, direction),
             Self::StarShaped(star) => return star.ray_gap(origin, direction),
             Self::Hollow(hollow) => return hollow.ray_gap(origin, direction),
             Self::Rounded(rounded) => return rounded.ray_gap(origin, direction),
             Self::Sampled(sampled) => return sampled.ray_gap(origin, direction),
-            Self::Annulus { outer, inner, half_height } => {
-                (line.in_cylinder(*outer, *half_height), line.in_round(*inner))
-            }
-            Self::Cup { bottom, rim, half_height: h, wall } => {
-                let inside = line.in_frustum([wall - h, *h], [bottom - wall, rim - wall]);
-                (line.in_frustum([-h, *h], [*bottom, *rim]), inside)
-            }
-            convex => (line.in_convex(convex), None),
-        };
-        first_gap(&without(pieces?, hole))
+            _ => {}
+        }
+        let line = Line { origin: origin.coords, direction: *direction };
+        match line.in_solid(self) {
+            Some((chord, hole)) => first_gap(&without(chord?, hole)),
+            None => marched_gap(|point| self.distance(point).value, origin, direction, 0.0),
+        }
     }
 }
+
+/// Returns [`Shape::ray_gap`] of the solid with this signed `distance` (m), by steps of the
+/// distance; from outside, beginning `start` (m) along the ray.
+///
+/// A ray that meets the surface at less than 0.02 rad may be reported as a miss.
+pub(in crate::geometry) fn marched_gap(
+    distance: impl Fn(&Point3<f64>) -> f64,
+    origin: &Point3<f64>,
+    direction: &Vector3<f64>,
+    start: f64,
+) -> Option<f64> {
+    const MOST_STEPS: usize = 2000;
+    /// More than the diameter of any solid (m).
+    const FARTHEST: f64 = 4.0;
+    let is_inside = distance(origin) < 0.0;
+    let (sign, start) = if is_inside { (-1.0, 0.0) } else { (1.0, start) };
+    let mut gap = start;
+    for _ in 0..MOST_STEPS {
+        let step = distance(&(origin + gap * (sign * direction))).abs();
+        if step <= CLOSE {
+            return Some(sign * gap);
+        }
+        gap += step;
+        if gap - start > FARTHEST {
+            return None;
+        }
+    }
+    None
+}
+
+/// Distance (m) from the surface at which a ray has arrived.
+pub(in crate::geometry) const CLOSE: f64 = 1e-12;
 
 impl Surface {
     /// Returns [`Shape::ray_gap`] of the solid inside.
@@ -83,9 +112,10 @@ impl StarShaped {
 }
 
 impl Line {
-    /// Piece of the line inside a convex solid.
-    fn in_convex(&self, solid: &Shape) -> Option<Chord> {
-        match solid {
+    /// Piece of the line inside a solid without its hole, if it meets it, and inside the hole;
+    /// `None` for a solid without a formula.
+    fn in_solid(&self, solid: &Shape) -> Option<(Option<Chord>, Option<Chord>)> {
+        let chord = match solid {
             Shape::Sphere { radius } => self.in_ball(*radius),
             Shape::Cuboid { half_extents: h } => {
                 (0..3).try_fold(WHOLE, |chord, i| both(chord, self.in_slab(i, [-h[i], h[i]])?))
@@ -105,14 +135,17 @@ impl Line {
                 Self { origin, direction }.in_ball(1.0)
             }
             Shape::HalfSpace => self.under(&Vector3::z(), 0.0),
-            Shape::Annulus { .. }
-            | Shape::Cup { .. }
-            | Shape::StarShaped(_)
-            | Shape::Hollow(_)
-            | Shape::Rounded(_)
-            | Shape::Mesh(_)
-            | Shape::Sampled(_) => unreachable!("not convex: {solid:?}"),
-        }
+            Shape::Annulus { outer, inner, half_height } => {
+                let chord = self.in_cylinder(*outer, *half_height);
+                return Some((chord, self.in_round(*inner)));
+            }
+            Shape::Cup { bottom, rim, half_height: h, wall } => {
+                let inside = self.in_frustum([wall - h, *h], [bottom - wall, rim - wall]);
+                return Some((self.in_frustum([-h, *h], [*bottom, *rim]), inside));
+            }
+            _ => return None,
+        };
+        Some((chord, None))
     }
 
     /// The line relative to the point (0, 0, `z`).

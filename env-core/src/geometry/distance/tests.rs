@@ -9,6 +9,7 @@ use rapier3d::parry::{
 
 use crate::geometry::{
     Distance, Shape,
+    distance::ray::marched_gap,
     examples::{points, solids},
 };
 
@@ -231,6 +232,27 @@ fn march(shape: &Shape, p: &Point3<f64>, direction: &Vector3<f64>) -> Option<f64
         along += step;
     }
     None
+}
+
+#[test]
+fn steep_rays_end_by_steps_of_the_distance_where_their_formula_ends() {
+    for shape in Shape::kinds() {
+        let mut met = 0;
+        for (p, d) in points(400, 0.05).zip(points(400, 1.0).skip(3)) {
+            let direction = d.coords.normalize();
+            let Some(gap) = shape.ray_gap(&p, &direction) else { continue };
+            let normal = shape.distance(&(p + gap * direction)).normal;
+            if normal.dot(&direction) > -0.1 {
+                continue;
+            }
+            let found = marched_gap(|point| shape.distance(point).value, &p, &direction, 0.0);
+            let found = found.expect("a steep ray arrives");
+            // It stops 1e-12 m off the surface.
+            assert!((found - gap).abs() < 1e-10, "{shape:?} from {p}: {found} m against {gap} m");
+            met += 1;
+        }
+        assert!(met > 5, "{shape:?}: {met} rays");
+    }
 }
 
 #[test]

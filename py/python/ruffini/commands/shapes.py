@@ -2,35 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ruffini import OBJECTS, Shape
+from ruffini._schema import SHAPES
 
-_FORMS: dict[str, tuple[Callable[..., Shape], str]] = {
-    "sphere": (Shape.sphere, "radius"),
-    "cuboid": (lambda *half: Shape.cuboid(half), "half-x,half-y,half-z"),
-    "cylinder": (Shape.cylinder, "radius,half-height"),
-    "capsule": (Shape.capsule, "radius,half-height"),
-    "cone": (Shape.cone, "radius,half-height"),
-    "prism": (Shape.prism, "sides,radius,half-height"),
-    "annulus": (Shape.annulus, "outer,inner,half-height"),
-    "ellipsoid": (lambda *axes: Shape.ellipsoid(axes), "semi-x,semi-y,semi-z"),
-    "cup": (Shape.cup, "bottom,rim,half-height,wall"),
-    "half-space": (Shape.half_space, ""),
-}
-
-_EDGED = ("cuboid", "cylinder", "cone", "prism", "annulus", "cup")
+_LENGTHS = {name: kind["lengths"] for name, kind in SHAPES.items()} | {"half-space": []}
+"""Names of the lengths of each kind with examples, in the order in which they are written."""
 
 
-def _form(name: str) -> str:
-    edge = "[:edge-radius]" if name in _EDGED else ""
-    return f"{name}:{_FORMS[name][1]}{edge}".rstrip(":")
+def _numbers(kind: str) -> list[tuple[str, type]]:
+    """Name and type of each number of a kind: three of a vector."""
+    return [
+        (f"{name.split('_')[0]}-{axis}", float) if axis else (name.replace("_", "-"), type(example))
+        for name, example in _LENGTHS[kind]
+        for axis in ("xyz" if isinstance(example, list) else [""])
+    ]
 
 
-FORMS = ", ".join(_form(name) for name in _FORMS)
+def _form(kind: str) -> str:
+    edge = "[:edge-radius]" if kind in SHAPES and SHAPES[kind]["has_edges"] else ""
+    return f"{kind}:{','.join(name for name, _ in _numbers(kind))}{edge}".rstrip(":")
+
+
+FORMS = ", ".join(map(_form, _LENGTHS))
 """Forms in which a shape can be written, lengths in m."""
 
 
@@ -46,17 +42,20 @@ def shape(text: str) -> Shape:
         return Shape.named(text)
     name, _, given = text.partition(":")
     given, _, edge = given.partition(":")
-    if name not in _FORMS:
+    if name not in _LENGTHS:
         names = ", ".join(OBJECTS)
         raise ValueError(f"shape: found {text}, expected {FORMS}, {names}, or a .obj or .stl file")
-    make, lengths = _FORMS[name]
-    kinds = [int if length == "sides" else float for length in lengths.split(",") if length]
     words = given.split(",") if given else []
     try:
-        numbers = [kind(word) for kind, word in zip(kinds, words, strict=True)]
+        kinds = [kind for _, kind in _numbers(name)]
+        numbers = iter([kind(word) for kind, word in zip(kinds, words, strict=True)])
     except ValueError:
         raise ValueError(f"shape: found {text}, expected {_form(name)}") from None
-    found = make(*numbers)
+    lengths = [
+        [next(numbers) for _ in example] if isinstance(example, list) else next(numbers)
+        for _, example in _LENGTHS[name]
+    ]
+    found: Shape = getattr(Shape, name.replace("-", "_"))(*lengths)
     return found.rounded(radius(edge)) if edge else found
 
 
