@@ -22,9 +22,11 @@ mod foundation_fit;
 mod gripper;
 mod held;
 mod hull;
+mod setup;
 mod state;
 mod units;
 mod world;
+mod wrist;
 
 pub use approach::{Approach, ApproachFailure};
 pub use catalogue::{CATALOGUE, named};

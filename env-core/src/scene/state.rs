@@ -25,7 +25,7 @@ pub struct SceneState {
 }
 
 /// Pose and velocity of the tool centre.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WristState {
     /// Pose of the wrist frame, origin at the tool centre (m).
     pub pose: Isometry3<f64>,

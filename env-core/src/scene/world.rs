@@ -1,20 +1,15 @@
-//! The scene: construction, time stepping, state and corrections.
+//! The scene: time stepping, state and corrections.
 
-use std::f64::consts::{PI, TAU};
-
-use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
-use rapier3d::prelude::{
-    CoefficientCombineRule, ColliderBuilder, ColliderHandle, FrictionModel, Group,
-    IntegrationParameters, InteractionGroups, InteractionTestMode, PhysicsWorld, RigidBodyBuilder,
-    RigidBodyHandle, SpringCoefficients, Vector,
-};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use rapier3d::prelude::{ColliderHandle, Group, PhysicsWorld, RigidBodyHandle, Vector};
 use serde::{Deserialize, Serialize};
 
 use super::{
     BodyState, Failure, FingerState, MOST_DISTRACTORS, ObjectModel, Pads, SceneConfig, SceneObject,
     SceneState, WristState, contact,
     foundation::{FixtureContact, FoundationStep, Foundations, stops},
-    gripper::{HAND, HandBodies, OBJECT, TABLE},
+    gripper::{HandBodies, OBJECT},
+    setup::{insert_solid, integration_parameters, table},
     units,
 };
 use crate::{Error, Result, deformation::Wrench};
@@ -46,17 +41,9 @@ pub struct Scene {
     /// Elastic foundations of soft pads.
     foundation: Option<Foundations>,
     gravity: f64,
-    wrist: Wrist,
+    /// The kinematic wrist, kept in double precision.
+    wrist: WristState,
     failure: Option<Failure>,
-}
-
-/// The kinematic wrist, kept in double precision.
-#[derive(Clone, Copy, Serialize, Deserialize)]
-struct Wrist {
-    pose: Isometry3<f64>,
-    yaw: f64,
-    velocity: Vector3<f64>,
-    yaw_rate: f64,
 }
 
 impl Scene {
@@ -91,7 +78,7 @@ impl Scene {
         let mut world = PhysicsWorld::new();
         world.gravity = Vector::new(0.0, 0.0, -units::scalar(config.physics.gravity));
         world.integration_parameters = integration_parameters(config);
-        let wrist = Wrist::at(config.workspace.clamp(tool_center), yaw);
+        let wrist = WristState::at(config.workspace.clamp(tool_center), yaw);
         let table = world.colliders.insert(table());
         // Contact with soft pads and contact with a fixture have to be solved together.
         let fixture = config.fixture.as_ref().filter(|_| matches!(config.pads, Pads::Rigid));
@@ -150,7 +137,7 @@ impl Scene {
         self.advance_to(wrist, grip, Vector3::zeros());
     }
 
-    fn advance_to(&mut self, wrist: Wrist, grip: f64, force: Vector3<f64>) {
+    fn advance_to(&mut self, wrist: WristState, grip: f64, force: Vector3<f64>) {
         if self.failure.is_some() {
             return;
         }
@@ -190,12 +177,7 @@ impl Scene {
         let pose = units::si_pose(object.position());
         let origin = Point3::from(pose.translation.vector);
         SceneState {
-            wrist: WristState {
-                pose: self.wrist.pose,
-                yaw: self.wrist.yaw,
-                velocity: self.wrist.velocity,
-                yaw_rate: self.wrist.yaw_rate,
-            },
+            wrist: self.wrist,
             fingers: [0, 1].map(|finger| self.finger_state(finger, &pose)),
             table: self.wrench_of(&[self.table], &origin),
             fixture: match &self.foundation {
@@ -368,116 +350,10 @@ impl Scene {
     }
 }
 
-impl Wrist {
-    fn at(position: Vector3<f64>, yaw: f64) -> Self {
-        let pose = wrist_pose(&position, yaw);
-        Self { pose, yaw, velocity: Vector3::zeros(), yaw_rate: 0.0 }
-    }
-
-    /// Returns the wrist after one time step, with limited acceleration, braking in time for the
-    /// limits of the workspace.
-    fn toward(&self, command: &Command, config: &SceneConfig) -> Self {
-        let (gripper, dt) = (&config.gripper, config.physics.time_step);
-        let position = self.pose.translation.vector;
-        let acceleration = gripper.max_acceleration;
-        let velocity = Vector3::from_fn(|axis, _| {
-            let wanted = command.velocity[axis].clamp(-gripper.max_speed, gripper.max_speed);
-            let change = acceleration * dt;
-            let v = self.velocity[axis] + (wanted - self.velocity[axis]).clamp(-change, change);
-            let brake = |room: f64| (2.0 * acceleration * room.max(0.0)).sqrt();
-            v.clamp(
-                -brake(position[axis] - config.workspace.low[axis]),
-                brake(config.workspace.high[axis] - position[axis]),
-            )
-        });
-        let wanted = command.yaw_rate.clamp(-gripper.max_yaw_rate, gripper.max_yaw_rate);
-        let change = gripper.max_yaw_acceleration * dt;
-        let yaw_rate = self.yaw_rate + (wanted - self.yaw_rate).clamp(-change, change);
-        let position = config.workspace.clamp(&(position + velocity * dt));
-        let yaw = PI - (PI - self.yaw - yaw_rate * dt).rem_euclid(TAU);
-        Self { pose: wrist_pose(&position, yaw), yaw, velocity, yaw_rate }
-    }
-
-    /// Returns the wrist after a move to `target` within `dt` (s).
-    fn moved_to(&self, target: &Isometry3<f64>, dt: f64) -> Self {
-        let turn = target.rotation * self.pose.rotation.inverse();
-        Self {
-            pose: *target,
-            yaw: target.rotation.euler_angles().2,
-            velocity: (target.translation.vector - self.pose.translation.vector) / dt,
-            yaw_rate: turn.scaled_axis().z / dt,
-        }
-    }
-}
-
-fn wrist_pose(position: &Vector3<f64>, yaw: f64) -> Isometry3<f64> {
-    let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
-    Isometry3::from_parts(Translation3::from(*position), rotation)
-}
-
 /// Returns a wrench about `from` (m) as one about `to`.
 fn moved(wrench: &Wrench, from: &Vector3<f64>, to: &Point3<f64>) -> Wrench {
     let arm = from - to.coords;
     Wrench { force: wrench.force, torque: wrench.torque + arm.cross(&wrench.force) }
-}
-
-/// Rapier's settings for stiff, frictional contact of hand-sized objects.
-fn integration_parameters(config: &SceneConfig) -> IntegrationParameters {
-    let physics = &config.physics;
-    let substep = physics.time_step / physics.iterations as f64;
-    // As stiff as a substep can resolve, and overdamped: softer contact lets held objects creep.
-    let softness = SpringCoefficients::new((0.5 / substep) as f32, 5.0);
-    // On the table, hulls of flat faces chatter on contact of that stiffness and wander by a
-    // millimetre in ten seconds; on contact softer than this a thin plate falls over. A held peg
-    // cannot chatter, and pressed with 10 N it would sink into such contact by a clearance.
-    let of_the_table = SpringCoefficients::new((0.15 / substep) as f32, 5.0);
-    IntegrationParameters {
-        dt: physics.time_step as f32,
-        num_solver_iterations: physics.iterations,
-        contact_softness: softness,
-        static_contact_softness: if config.fixture.is_some() { softness } else { of_the_table },
-        // Recycled contacts become inaccurate within centimetres, the size of everything here.
-        contact_recycling: false,
-        friction_model: FrictionModel::Coulomb,
-        // Tolerances are relative to this length (2 cm).
-        length_unit: units::scalar(0.02),
-        // With Rapier's default of 3, an object of grams gripped by the weight of kilograms is
-        // ejected.
-        normalized_max_corrective_velocity: 100.0,
-        // 20 m/s, so that every velocity has a bound.
-        normalized_max_linear_velocity: 1000.0,
-        max_ccd_substeps: 0,
-        ..IntegrationParameters::default()
-    }
-}
-
-/// Collider of the table: an infinite plane, for which Rapier has the exact normal. The table's
-/// edges end the episode but not the contact.
-fn table() -> ColliderBuilder {
-    ColliderBuilder::halfspace(Unit::new_unchecked(Vector::Z))
-        .friction(f32::MAX)
-        .collision_groups(InteractionGroups::new(TABLE, OBJECT, InteractionTestMode::And))
-}
-
-/// Inserts a free body that touches the table, the hand and the `others`.
-fn insert_solid(
-    world: &mut PhysicsWorld,
-    object: &SceneObject,
-    friction: f64,
-    others: Group,
-) -> Result<(RigidBodyHandle, ColliderHandle)> {
-    let groups = InteractionGroups::new(OBJECT, TABLE | HAND | others, InteractionTestMode::And);
-    let collider = object
-        .model
-        .scaled(object.scale)?
-        .friction(friction as f32)
-        .friction_combine_rule(CoefficientCombineRule::Min)
-        .collision_groups(groups);
-    let body = RigidBodyBuilder::dynamic()
-        .pose(units::pose(&object.pose))
-        .can_sleep(false)
-        .additional_mass_properties(object.model.mass_properties(object.mass, object.scale));
-    Ok(world.insert(body, collider))
 }
 
 #[cfg(test)]

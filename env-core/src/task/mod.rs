@@ -6,6 +6,7 @@
 mod action;
 mod config;
 mod ending;
+mod faulty_sensors;
 mod grasp_fragile;
 mod grasp_lift;
 mod grasp_soft;
@@ -24,6 +25,7 @@ mod setting;
 pub use action::{ACTION_SIZE, command};
 pub use config::TaskConfig;
 pub use ending::Ending;
+pub use faulty_sensors::FaultySensors;
 pub use grasp_fragile::GraspFragile;
 pub use grasp_lift::GraspLift;
 pub use grasp_soft::{GraspSoft, SoftMaterial};
@@ -35,7 +37,7 @@ pub use observation::{Component, ObservationLayout, StateChannel, TACTILE_CHANNE
 pub use progress::Progress;
 pub use reward::{RewardTerm, RewardTerms, RewardWeights};
 pub use schema::schema;
-pub use sensor_errors::{ErrorRange, FaultySensors, SensorError, SensorErrors};
+pub use sensor_errors::{ErrorRange, SensorError, SensorErrors};
 pub use setting::{Range, Setting, SettingValue};
 
 use std::ops::{Deref, DerefMut};
