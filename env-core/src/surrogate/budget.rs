@@ -28,6 +28,19 @@ impl Budget {
             }
         }
     }
+
+    /// Returns the budget from settings that give one of the two at most; `usual` epochs, which are
+    /// filled in, if they give neither.
+    pub(super) fn filled(
+        epochs: &mut Option<usize>,
+        seconds: Option<f64>,
+        usual: usize,
+    ) -> Result<Self> {
+        if seconds.is_none() {
+            epochs.get_or_insert(usual);
+        }
+        Self::of(*epochs, seconds)
+    }
 }
 
 /// Spent share of a budget, by a clock (s) that matters only if the budget is a duration.

@@ -1,6 +1,6 @@
 //! Training and evaluation of the corrector.
 
-use std::{fmt::Write as _, path::Path};
+use std::{collections::BTreeSet, fmt::Write as _, path::Path};
 
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
@@ -73,8 +73,8 @@ pub fn train(
         linear_nodes: training.linear_nodes,
         training: training.clone(),
         data: Data {
-            train: counts(&samples),
-            test: counts(&test),
+            train: counts(samples.iter().map(|s| &s.grasp)),
+            test: counts(test.iter().map(|s| &s.grasp)),
             amplitude: amplitudes.fold(0.0, f64::max),
             ..Data::of(config, fingerprint, trained_by)
         },
@@ -123,12 +123,11 @@ fn judge_blended(
     samples.par_iter().map(one).collect()
 }
 
-/// Numbers of grasps and frames.
-fn counts(samples: &[Sample]) -> [usize; 2] {
-    let mut grasps: Vec<&str> = samples.iter().map(|sample| sample.grasp.as_str()).collect();
-    grasps.sort_unstable();
-    grasps.dedup();
-    [grasps.len(), samples.len()]
+/// Numbers of grasps and frames, from the name of the grasp of each frame.
+pub(super) fn counts<'a>(grasps: impl Iterator<Item = &'a String>) -> [usize; 2] {
+    let all: Vec<_> = grasps.collect();
+    let grasps: BTreeSet<_> = all.iter().collect();
+    [grasps.len(), all.len()]
 }
 
 /// SHA-256 of a dataset's configuration and of the grasps of a split.

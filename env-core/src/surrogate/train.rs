@@ -104,11 +104,9 @@ impl Training {
     /// Returns this configuration, or an error if a value is out of range.
     pub fn validated(self) -> Result<Self> {
         let CorrectorConfig { width, corner, down, up } = self.network;
-        positive("rate", self.rate)?;
+        in_range(self.seed, self.rate, self.batch, PIECE)?;
         positive("clip", self.clip)?;
-        seeded(self.seed)?;
         Budget::of(Some(self.epochs), None)?;
-        within("batch", self.batch, [PIECE, 4096])?;
         scaled(width, corner, &[&down[..], &up])?;
         Ok(self)
     }
@@ -130,12 +128,15 @@ pub(super) fn within(name: &'static str, count: usize, [least, most]: [usize; 2]
     Err(Error::invalid(name, count, format!("{least} to {most}")))
 }
 
-/// Returns an error if a seed is larger than the largest integer of TOML, the format of cards.
-pub(super) fn seeded(seed: u64) -> Result<()> {
-    if i64::try_from(seed).is_ok() {
-        return Ok(());
+/// Returns an error unless the seed of a training run, its highest learning rate and its number of
+/// presses per step, at least `least`, are in range.
+pub(super) fn in_range(seed: u64, rate: f64, batch: usize, least: usize) -> Result<()> {
+    // The largest integer of TOML, the format of cards.
+    if i64::try_from(seed).is_err() {
+        return Err(Error::invalid("seed", seed, format!("at most {}", i64::MAX)));
     }
-    Err(Error::invalid("seed", seed, format!("at most {}", i64::MAX)))
+    positive("rate", rate)?;
+    within("batch", batch, [least, 4096])
 }
 
 /// Returns an error if the sizes of a network of several scales are out of range.

@@ -1,9 +1,6 @@
 //! Training of one of the paper's networks into a folder.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::Path,
-};
+use std::{collections::BTreeMap, path::Path};
 
 use serde::{Deserialize, Serialize};
 
@@ -24,7 +21,7 @@ use crate::{
     surrogate::{
         TrainingProgress,
         budget::Pace,
-        run::fingerprint,
+        run::{counts, fingerprint},
         training_run::{TrainingRun, Watch, trainable},
         weights::Data,
     },
@@ -92,13 +89,6 @@ impl Frames {
         let parts = tests.chain([("train", &self.train)]);
         parts.map(|(part, all)| (part.to_owned(), counts(all.iter().map(|s| &s.grasp)))).collect()
     }
-}
-
-/// Numbers of grasps and frames, from the name of the grasp of each frame.
-pub(super) fn counts<'a>(grasps: impl Iterator<Item = &'a String>) -> [usize; 2] {
-    let all: Vec<_> = grasps.collect();
-    let grasps: BTreeSet<_> = all.iter().collect();
-    [grasps.len(), all.len()]
 }
 
 impl PaperRun {

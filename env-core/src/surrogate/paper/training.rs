@@ -11,7 +11,7 @@ use super::{
     judge::{Judged, judge_paper, thinned},
     parts::PaperSplit,
     patch::Density,
-    run::{Frames, PaperRun, counts},
+    run::{Frames, PaperRun},
     target::TrainablePaper,
 };
 use crate::{
@@ -22,8 +22,9 @@ use crate::{
         budget::{Budget, Pace},
         corrector::{Corrector, CorrectorConfig},
         metrics::{judge, judge_linear},
+        run::counts,
         samples::Gels,
-        train::{Network, Trainer, positive, seeded, within},
+        train::{Network, Trainer, in_range, within},
         training_run::trainable,
         weights,
     },
@@ -135,13 +136,8 @@ impl PaperTrainingConfig {
     /// Returns this configuration with its budget filled in, or an error if a setting is out of
     /// range.
     pub(super) fn validated(mut self) -> Result<Self> {
-        if self.seconds.is_none() {
-            self.epochs.get_or_insert(EPOCHS);
-        }
-        self.budget()?;
-        seeded(self.seed)?;
-        positive("rate", self.rate)?;
-        within("batch", self.batch, [1, 4096])?;
+        Budget::filled(&mut self.epochs, self.seconds, EPOCHS)?;
+        in_range(self.seed, self.rate, self.batch, 1)?;
         within("every", self.every, [1, 1_000_000])?;
         Ok(self)
     }

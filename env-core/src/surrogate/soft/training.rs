@@ -16,8 +16,8 @@ use crate::{
         Spread, Summary, Training, TrainingProgress,
         budget::{Budget, Pace},
         metrics::{Fields, errors, judge},
-        run::hex,
-        train::{positive, scaled, seeded, within},
+        run::{counts, hex},
+        train::{in_range, scaled},
         training_run::{TrainingRun, Watch},
         weights::{Data, NetworkCard},
     },
@@ -103,13 +103,8 @@ impl SoftTrainingConfig {
     /// Returns this configuration with its budget filled in, or an error if a setting is out of
     /// range.
     fn validated(mut self) -> Result<Self> {
-        if self.seconds.is_none() {
-            self.epochs.get_or_insert(EPOCHS);
-        }
-        Budget::of(self.epochs, self.seconds)?;
-        seeded(self.seed)?;
-        positive("rate", self.rate)?;
-        within("batch", self.batch, [1, 4096])?;
+        Budget::filled(&mut self.epochs, self.seconds, EPOCHS)?;
+        in_range(self.seed, self.rate, self.batch, 1)?;
         let SoftConfig { width, corner, down, up } = self.network;
         scaled(width, corner, &[&down[..], &up])?;
         Ok(self)
@@ -168,8 +163,8 @@ impl SoftTrainingConfig {
             steps: run.trainer.adam.steps,
             lost: [objects.lost, objects.lost + count],
             data: Data {
-                train: counts(&train),
-                test: counts(&novel),
+                train: counts(train.iter().map(|s| &s.grasp)),
+                test: counts(novel.iter().map(|s| &s.grasp)),
                 amplitude,
                 ..Data::of(dataset.config(), fingerprint, trained_by)
             },
@@ -179,12 +174,6 @@ impl SoftTrainingConfig {
         run.finish(&vectors, &card)?;
         Ok(Some(card))
     }
-}
-
-fn counts(samples: &[SoftSample]) -> [usize; 2] {
-    let mut grasps: Vec<_> = samples.iter().map(|sample| &sample.grasp).collect();
-    grasps.dedup();
-    [grasps.len(), samples.len()]
 }
 
 fn judged(network: &Soft, objects: &Objects, samples: &[SoftSample]) -> Result<SoftErrors> {
