@@ -195,15 +195,28 @@ impl PadMesh {
         let across = mirrored(&grading.positions(0, 0.5 * outline.width));
         let along = mirrored(&grading.positions(1, 0.5 * outline.length));
         let down = grading.positions(2, outline.thickness);
-        let [nx, ny, nz] = [&across, &along, &down].map(Vec::len);
+        Self::of_positions([&across, &along, &down], |x, y| outline.height(x, y))
+    }
+
+    /// Meshes columns at positions across and along, with layers at depths `down` under the apex, and
+    /// the face at a `height` (m) over it.
+    fn of_positions(
+        [across, along, down]: [&[f64]; 3],
+        height: impl Fn(f64, f64) -> f64,
+    ) -> Result<Self> {
+        let [nx, ny, nz] = [across, along, down].map(<[f64]>::len);
+        let thickness = down[nz - 1];
         let mut vertices = Vec::with_capacity(nx * ny * nz);
-        for depth in &down {
-            for &y in &along {
-                for &x in &across {
+        for depth in down {
+            for &y in along {
+                for &x in across {
                     // Depths are those under the apex; other columns are shortened.
-                    let share = 1.0 - depth / outline.thickness;
-                    let height = outline.thickness + outline.height(x, y);
-                    vertices.push(Point3::new(x, y, share * height - outline.thickness));
+                    let share = 1.0 - depth / thickness;
+                    vertices.push(Point3::new(
+                        x,
+                        y,
+                        share * (thickness + height(x, y)) - thickness,
+                    ));
                 }
             }
         }
@@ -220,6 +233,35 @@ impl PadMesh {
             cells: [nx, ny, nz].map(|n| n as u32 - 1),
             mesh,
         })
+    }
+
+    /// The pad as a flat layer of the same thickness that goes on beyond the sides as far as `reach`
+    /// (m) or farther, with the same nodes in plan and depth where the pad is; and the layer's node
+    /// in the place of each face node.
+    pub fn as_layer(&self, reach: f64) -> Result<(Self, Vec<u32>)> {
+        /// Growth of the spacing from one column to the next. Even numbers of them keep the pattern of
+        /// the tetrahedra.
+        const GROWTH: f64 = 1.4;
+        let [nx, ny, nz] = self.cells.map(|cells| cells as usize + 1);
+        let at = |node: usize| self.mesh.vertices[node];
+        let middle = ny / 2 * nx + nx / 2;
+        let down: Vec<_> = (0..nz).map(|k| at(middle).z - at(k * nx * ny + middle).z).collect();
+        let beyond = |inside: Vec<f64>| {
+            let (mut outside, last) = (Vec::new(), inside[inside.len() - 1]);
+            let (mut end, mut spacing) = (last, last - inside[inside.len() - 2]);
+            while end < last + reach || outside.len() % 2 == 1 {
+                spacing *= GROWTH;
+                end += spacing;
+                outside.push(end);
+            }
+            let before = outside.iter().rev().map(|x| -x);
+            (before.chain(inside).chain(outside.iter().copied()).collect::<Vec<_>>(), outside.len())
+        };
+        let (across, left) = beyond((0..nx).map(|i| at(i).x).collect());
+        let (along, under) = beyond((0..ny).map(|j| at(j * nx).y).collect());
+        let layer = Self::of_positions([&across, &along, &down], |_, _| 0.0)?;
+        let place = |node: usize| (node / nx + under) * across.len() + node % nx + left;
+        Ok((layer, (0..nx * ny).map(|node| place(node) as u32).collect()))
     }
 
     /// Returns the finest [`Grading::central`] mesh of at most `nodes` nodes.

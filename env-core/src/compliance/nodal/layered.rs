@@ -110,7 +110,8 @@ impl LayeredPad {
         let condensed = &compliance.condensed;
         let along = |extent: f64| ROOT * (extent / (FIRST * f64::from(ROOT))).ceil() as u32;
         let count = [along(outline.width), along(outline.length)];
-        let cells = CellLevels::new(outline, count, resolution.levels as usize, condensed, fine);
+        let (levels, bodies) = (resolution.levels as usize, (&**condensed, fine));
+        let cells = CellLevels::new(outline, count, levels, bodies, resolution.sides_everywhere)?;
         let level = |level| {
             ContactNodes::of_grid(Arc::clone(condensed), CellGrid::new(&cells, level), level == 0)
         };
