@@ -58,10 +58,11 @@ pub struct DatasetConfig {
     /// indenter to the next.
     #[serde(skip_serializing_if = "is_one")]
     pub truth_steps: usize,
-    /// Coarser mesh on which presses are solved by the nonlinear and by the linear law, for the
-    /// difference of the two; `None` omits it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub nonlinearity: Option<Nonlinearity>,
+    /// Number of nodes of the mesh of linear elasticity with finely resolved contact, to which
+    /// presses add what the nonlinear law changes on the truth mesh; 0 stores the solution on the
+    /// truth mesh as it is.
+    #[serde(skip_serializing_if = "is_none")]
+    pub truth_linear_nodes: usize,
     /// Smallest and greatest force at which a grasp ends (N).
     pub force: [f64; 2],
     /// Closing at which a grasp ends, whatever its force: of each pad, over its thickness, or of
@@ -82,17 +83,6 @@ pub struct DatasetConfig {
     /// Materials of the soft side, each with its pads or fingers, drawn for each grasp by their
     /// shares.
     pub gels: Vec<GelConfig>,
-}
-
-/// Mesh and load steps by which the nonlinear and the linear law are compared. Most of the error of
-/// a mesh is the same by both laws, so that their difference needs fewer nodes than a solution.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Nonlinearity {
-    /// Number of nodes of the mesh.
-    pub nodes: usize,
-    /// Number of equal load steps from one frame to the next.
-    pub steps: usize,
 }
 
 /// Soft side of a grasp.
@@ -156,7 +146,7 @@ impl Default for DatasetConfig {
             truth_element: "p1-bar".to_owned(),
             truth_across: ACROSS,
             truth_steps: 1,
-            nonlinearity: None,
+            truth_linear_nodes: 0,
             force: [2.0, 80.0],
             depth: 0.5,
             shear: 0.4,
@@ -308,9 +298,8 @@ impl DatasetConfig {
             ("frames", self.frames, 1, 1000),
             ("truth_steps", self.truth_steps, 1, 100),
         ];
-        if let Some(Nonlinearity { nodes, steps }) = self.nonlinearity {
-            counts.push(("nonlinearity.nodes", nodes, 100, 100_000));
-            counts.push(("nonlinearity.steps", steps, 1, 100));
+        if self.truth_linear_nodes > 0 {
+            counts.push(("truth_linear_nodes", self.truth_linear_nodes, 100, 100_000));
         }
         let own = self.meshes.iter().filter_map(|mesh| mesh.grasps);
         counts.extend(own.map(|count| ("object.grasps", count, 1, MOST_GRASPS)));
@@ -324,8 +313,10 @@ impl DatasetConfig {
             let expected = format!("{}, the most that a press has", indentation::FRAMES);
             return Err(Error::invalid("frames", self.frames, expected));
         }
-        if self.nonlinearity.is_some() && !presses {
-            return Err(Error::invalid("nonlinearity", "a mesh", "none, unless of presses"));
+        let quadratic = self.truth_element.parse::<Element>()? == Element::P2;
+        if self.truth_linear_nodes > 0 && !(presses && quadratic) {
+            let expected = "0, unless of presses solved by the element p2";
+            return Err(Error::invalid("truth_linear_nodes", self.truth_linear_nodes, expected));
         }
         let most = if presses { self.objects } else { 0 };
         if self.textured > most {
@@ -364,7 +355,6 @@ impl DatasetConfig {
         if !(shares > 0.0 && self.gels.iter().all(|gel| gel.share >= 0.0)) {
             return Err(Error::invalid("gels", shares, "shares from 0 with a sum above 0"));
         }
-        self.truth_element.parse::<Element>()?;
         self.know_names()?;
         self.meshes = mesh_object::identified(self.meshes)?;
         self.own_objects()?;

@@ -98,7 +98,8 @@ pub fn estimate(config: &DatasetConfig, folder: &Path) -> Result<Estimate> {
     let grasps: usize = open.map(|job| job.missing(folder).len()).sum();
     let frames = grasps * config.most_frames();
     let factor = if config.truth_element == "p2" { QUADRATIC } else { 1.0 };
-    let bodies = if config.scenario == Scenario::Pads { 2.0 } else { 1.0 };
+    let pair = config.scenario == Scenario::Pads || config.truth_linear_nodes > 0;
+    let bodies = if pair { 2.0 } else { 1.0 };
     let frame = bodies * FRAME * (factor * config.truth_nodes as f64 / NODES).powf(POWER);
     Ok(Estimate {
         grasps,

@@ -3,7 +3,8 @@
 //! It touches with a drawn orientation at a drawn place, goes down in steps to a drawn depth, and
 //! in two of five presses moves on sideways, twists and rolls, with the friction coefficient of the
 //! press. Finite elements are solved on a mesh graded towards the part of the face that the
-//! indenter would cover if the gel deformed nowhere else.
+//! indenter would cover if the gel deformed nowhere else, alone or to correct linear elasticity with
+//! finely resolved contact.
 
 use std::{
     collections::HashSet,
@@ -16,15 +17,19 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    config::{DatasetConfig, Nonlinearity},
+    config::{DatasetConfig, GelConfig},
     plan::{Plan, choose},
-    record::{Named, of_bodies, of_difference, pose, wrenches},
+    record::{BodyFields, Named, of_frames, pose, wrenches},
     tensor::Tensor,
 };
 use crate::{
     Error, Result,
+    compliance::{
+        Compliance, ComplianceOptions,
+        nodal::{ContactResolution, LayeredPad},
+    },
     contact::between,
-    deformation::{Deformation, Law, Press},
+    deformation::{Deformation, History, Law, Moduli, Press, SoftBody},
     fem::{Carrier, Fem},
     geometry::{PadMesh, PadOutline, Shape},
     objects::Object,
@@ -146,91 +151,201 @@ fn draw(config: &DatasetConfig, object: &Object, number: usize) -> Plan {
     }
 }
 
-/// Solves the press `plan`; returns the number of its frames, their tensors and the error that ended
-/// it early.
-pub(super) fn solve(
-    config: &DatasetConfig,
-    shape: &Shape,
-    plan: &Plan,
-    sensor: &Sensor,
-    model: &PadMesh,
-) -> (usize, Named, Option<Error>) {
-    let drawn = plan.indentation.as_ref().expect("a press of an indenter");
-    let gel = &config.gels[plan.gel];
-    let solve = || -> Result<(Vec<Deformation>, Named, Option<Error>)> {
-        let shape = shape.clone().validated()?;
-        let (start, path) = drawn.path(&shape, &sensor.outline);
-        let (width, points) = covered(&shape, &path, &sensor.outline, drawn.depth);
-        let near = (width / config.truth_across, &points[..]);
-        let along = Along { shape: &shape, start: &start, path: &path, friction: drawn.friction };
-        let fem = gel.graded(sensor, near, (config.truth_nodes, Law::default()), config)?;
-        let carrier = Carrier::new(&fem, &model.mesh)?;
-        let (mut frames, mut error) = along.solve(&fem, config.truth_steps)?;
-        let mut pair = Vec::new();
-        if let Some(Nonlinearity { nodes, steps }) = config.nonlinearity {
-            for law in [Law::default(), Law::Linear] {
-                let fem = gel.graded(sensor, near, (nodes, law), config)?;
-                let (solved, failed) = along.solve(&fem, steps)?;
-                if solved.len() < frames.len() {
-                    frames.truncate(solved.len());
-                    error = failed;
+/// Pad of a gel that indenters are pressed into.
+pub(super) struct PressedPad {
+    sensor: Sensor,
+    /// Mesh on which fields are stored.
+    pub(super) model: PadMesh,
+    /// Finely resolved contact by linear elasticity, if it is wanted.
+    contact: Option<LayeredPad>,
+}
+
+/// Nodes of the finite elements from which the influence of the pad's sides on finely resolved
+/// contact is taken.
+const ELEMENTS: usize = 2000;
+
+impl PressedPad {
+    /// Builds the pad of a gel with fields on at most `nodes` nodes, and with finely resolved contact
+    /// if `fine`.
+    pub(super) fn new(gel: &GelConfig, nodes: usize, fine: bool) -> Result<Self> {
+        let sensor = Sensor::named(&gel.sensor)?;
+        let model = sensor.pad(nodes)?;
+        let contact = || {
+            let pad = sensor.pad(ELEMENTS)?;
+            let moduli = Moduli { young: gel.young, poisson: gel.poisson };
+            let body = SoftBody::new(pad.mesh.clone(), Law::Linear, moduli, &pad.base)?;
+            let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
+            let (compliance, fine) = (Compliance::new(body, options)?, ContactResolution::FINE);
+            LayeredPad::new(&compliance, &sensor.outline, &pad, &model, fine)
+        };
+        let contact = fine.then(contact).transpose()?;
+        Ok(Self { sensor, model, contact })
+    }
+
+    /// Solves the press `plan`; returns the number of its frames, their tensors and the error that
+    /// ended it early.
+    pub(super) fn solve(
+        &self,
+        config: &DatasetConfig,
+        shape: &Shape,
+        plan: &Plan,
+    ) -> (usize, Named, Option<Error>) {
+        match self.frames(config, shape, plan) {
+            Ok((start, Solved { frames, fields, error })) => {
+                let count = frames.len();
+                let loose = || Error::invalid("press", "no force", "contact along the path");
+                let error = error.or_else(|| frames.is_empty().then(loose));
+                if frames.is_empty() {
+                    return (0, Vec::new(), error);
                 }
-                pair.push((fem, solved));
+                let poses = frames.iter().flat_map(|f| pose(&f.poses[0]));
+                let mut own = of_frames(&frames.iter().collect::<Vec<_>>(), &fields);
+                own.push(("press", Tensor::double(poses, &[count, 7])));
+                own.push(("start", Tensor::double(pose(&start), &[7])));
+                own.push(("wrench", wrenches(fields.iter().map(|f| &f.wrench))));
+                let named = own.into_iter().map(|(what, tensor)| (format!("first.{what}"), tensor));
+                (count, named.collect(), error)
             }
+            Err(error) => (0, Vec::new(), Some(error)),
         }
-        let unit = gel.young * sensor.outline.thickness.powi(2);
-        let held = |f: &Deformation| {
-            let force = f.wrench.force.norm() / unit;
+    }
+
+    /// Pose at first touch, and the frames with contact, up to the first that is too strong.
+    fn frames(
+        &self,
+        config: &DatasetConfig,
+        shape: &Shape,
+        plan: &Plan,
+    ) -> Result<(Isometry3<f64>, Solved)> {
+        let drawn = plan.indentation.as_ref().expect("a press of an indenter");
+        let (gel, outline) = (&config.gels[plan.gel], &self.sensor.outline);
+        let shape = shape.clone().validated()?;
+        let (start, path) = drawn.path(&shape, outline);
+        let (width, points) = covered(&shape, &path, outline, drawn.depth);
+        let finest = width / config.truth_across;
+        let friction = drawn.friction;
+        let run = PressRun { pad: self, config, gel, shape, start, path, friction, finest, points };
+        let solved = match &self.contact {
+            Some(contact) => run.corrected(contact)?,
+            None => run.direct()?,
+        };
+        let unit = gel.young * outline.thickness.powi(2);
+        let held = |fields: &BodyFields| {
+            let force = fields.wrench.force.norm() / unit;
             force > 0.0 && force < STRONGEST
         };
-        let first = frames.iter().position(held).unwrap_or(frames.len());
-        let frames: Vec<_> = frames.into_iter().skip(first).take_while(held).collect();
-        let all: Vec<_> = frames.iter().collect();
-        let mut own = of_bodies(&all, &carrier);
-        let count = frames.len();
-        let poses = frames.iter().flat_map(|f| pose(&f.poses[0]));
-        own.push(("press", Tensor::double(poses, &[count, 7])));
-        own.push(("start", Tensor::double(pose(&start), &[7])));
-        own.push(("wrench", wrenches(frames.iter().map(|f| &f.wrench))));
-        if let [(fem, nonlinear), (_, linear)] = &pair[..] {
-            let carrier = Carrier::new(fem, &model.mesh)?;
-            let laws = [nonlinear, linear].map(|solved| &solved[first..first + count]);
-            own.extend(of_difference(laws, &carrier));
-        }
-        let named = own.into_iter().map(|(what, tensor)| (format!("first.{what}"), tensor));
-        Ok((frames, named.collect(), error))
-    };
-    match solve() {
-        Ok((frames, tensors, error)) => {
-            let loose = || Error::invalid("press", "no force", "contact along the path");
-            let error = error.or_else(|| frames.is_empty().then(loose));
-            (frames.len(), if frames.is_empty() { Vec::new() } else { tensors }, error)
-        }
-        Err(error) => (0, Vec::new(), Some(error)),
+        let first = solved.fields.iter().position(held).unwrap_or(solved.fields.len());
+        let fields: Vec<_> = solved.fields.into_iter().skip(first).take_while(held).collect();
+        let frames = solved.frames.into_iter().skip(first).take(fields.len()).collect();
+        Ok((start, Solved { frames, fields, error: solved.error }))
     }
 }
 
-/// Path of a shape past a pad.
-struct Along<'a> {
-    shape: &'a Shape,
-    /// Pose at first touch.
-    start: &'a Isometry3<f64>,
-    /// Poses of the frames.
-    path: &'a [Isometry3<f64>],
-    friction: f64,
+/// Frames of a press by finite elements on its truth mesh, what is stored of them, and the error
+/// that ended it early.
+struct Solved {
+    frames: Vec<Deformation>,
+    fields: Vec<BodyFields>,
+    error: Option<Error>,
 }
 
-impl Along<'_> {
-    /// Solves the frames in `count` load steps each, up to the first that fails; returns its error.
-    fn solve(&self, fem: &Fem, count: usize) -> Result<(Vec<Deformation>, Option<Error>)> {
-        let mut frames = Vec::<Deformation>::new();
-        for (from, to) in std::iter::once(self.start).chain(self.path).zip(self.path) {
-            let press = Press::along(vec![self.shape.clone()], steps(from, to, count))?;
-            let mut press = press.with_friction(self.friction)?;
-            if let Some(before) = frames.last() {
-                press = press.after(before.history.clone())?;
+/// A press of an indenter that is to be solved.
+struct PressRun<'a> {
+    pad: &'a PressedPad,
+    config: &'a DatasetConfig,
+    gel: &'a GelConfig,
+    shape: Shape,
+    /// Pose at first touch.
+    start: Isometry3<f64>,
+    /// Poses of the frames.
+    path: Vec<Isometry3<f64>>,
+    friction: f64,
+    /// Least spacing of the nodes of its truth mesh (m), and places that the mesh is graded towards.
+    finest: f64,
+    points: Vec<Point3<f64>>,
+}
+
+impl PressRun<'_> {
+    /// Solves the press on its truth mesh.
+    fn direct(&self) -> Result<Solved> {
+        let fem = self.fem(Law::default())?;
+        let carrier = Carrier::new(&fem, &self.pad.model.mesh)?;
+        let (frames, error) = self.by_elements(&fem)?;
+        let fields = frames.iter().map(|frame| BodyFields::of(frame, &carrier)).collect();
+        Ok(Solved { frames, fields, error })
+    }
+
+    /// Solves the press by linear elasticity with finely resolved `contact`, and adds what the
+    /// nonlinear law changes on the truth mesh. Most of the error of a mesh is that of its contact and
+    /// is the same by both laws, so that their difference needs fewer nodes than a solution.
+    fn corrected(&self, contact: &LayeredPad) -> Result<Solved> {
+        let Self { config, pad, .. } = self;
+        let (settled, unsettled) =
+            self.along(|press| contact.settled_path(press), |found| &found.history)?;
+        let [nonlinear, linear] = [self.fem(Law::default())?, self.fem(Law::Linear)?];
+        let (mut frames, unsolved) = self.by_elements(&nonlinear)?;
+        let (less, unsolved_linear) = self.by_elements(&linear)?;
+        let ends =
+            [(settled.len(), unsettled), (frames.len(), unsolved), (less.len(), unsolved_linear)];
+        let (_, mut error) = ends.into_iter().min_by_key(|(count, _)| *count).expect("three ends");
+
+        let near = (0.5 * self.finest, &self.points[..]);
+        let size = (config.truth_linear_nodes, Law::Linear);
+        let fine = self.gel.graded(&pad.sensor, near, size, config)?;
+        let elastic = fine.linearised()?;
+        let mut workspace = elastic.workspace();
+        let carrier = Carrier::new(&nonlinear, &pad.model.mesh)?;
+        let finer = Carrier::new(&fine, &pad.model.mesh)?;
+        let mut fields = Vec::new();
+        for ((more, less), settled) in frames.iter().zip(&less).zip(&settled) {
+            let loads = fine.loads(&contact.cell_forces(settled))?;
+            let better = elastic.displacement(&loads, &mut workspace);
+            let states = [more, less].map(|frame| &frame.history.displacement[..]);
+            let carried = carrier.corrected(states, (&finer, &better))?;
+            if !carried.von_mises.iter().all(|stress| stress.is_finite()) {
+                error = Some(Error::Inverted);
+                break;
             }
-            match fem.solve_path(&press).pop().expect("a press has a frame or an error") {
+            let [mut contact_force, linear] =
+                [more, less].map(|frame| carrier.spread(&frame.contact_force));
+            contact_force.iter_mut().zip(linear).for_each(|(force, linear)| *force -= linear);
+            for (node, borne) in contact.contacts(settled) {
+                contact_force[node as usize] += borne.force;
+            }
+            let wrench = settled.wrench + (more.wrench - less.wrench);
+            fields.push(BodyFields { carried, contact_force, wrench });
+        }
+        frames.truncate(fields.len());
+        Ok(Solved { frames, fields, error })
+    }
+
+    /// Finite elements by `law` on the truth mesh.
+    fn fem(&self, law: Law) -> Result<Fem> {
+        let near = (self.finest, &self.points[..]);
+        self.gel.graded(&self.pad.sensor, near, (self.config.truth_nodes, law), self.config)
+    }
+
+    fn by_elements(&self, fem: &Fem) -> Result<(Vec<Deformation>, Option<Error>)> {
+        self.along(|press| fem.solve_path(press), |frame| &frame.history)
+    }
+
+    /// Solves the frames in the configured number of load steps each, up to the first that fails;
+    /// returns its error.
+    fn along<T>(
+        &self,
+        solve: impl Fn(&Press) -> Vec<Result<T>>,
+        history: impl Fn(&T) -> &History,
+    ) -> Result<(Vec<T>, Option<Error>)> {
+        let Self { shape, start, path, .. } = self;
+        let mut frames = Vec::<T>::new();
+        for (from, to) in std::iter::once(start).chain(path).zip(path) {
+            let steps = steps(from, to, self.config.truth_steps);
+            let mut press =
+                Press::along(vec![shape.clone()], steps)?.with_friction(self.friction)?;
+            if let Some(before) = frames.last() {
+                press = press.after(history(before).clone())?;
+            }
+            match solve(&press).pop().expect("a press has a frame or an error") {
                 Ok(frame) => frames.push(frame),
                 Err(error) => return Ok((frames, Some(error))),
             }

@@ -27,13 +27,13 @@ mod squeezes;
 mod tensor;
 mod weight;
 
-pub use config::{DatasetConfig, GelConfig, Nonlinearity, SOFT, Scenario};
+pub use config::{DatasetConfig, GelConfig, SOFT, Scenario};
 pub use generate::{Estimate, GenerationProgress, Obstacle, Orders, estimate, generate, shards};
 pub use indentation::Indentation;
 pub(crate) use indentation::steps;
 pub use manifest::{FORMAT, Manifest, Shard, Solved, Split, Unsolved};
 pub use mesh_object::MeshObject;
 pub use plan::{Plan, plans};
-pub use read::{Dataset, NonlinearPart, PadFrames};
+pub use read::{Dataset, PadFrames};
 pub use squeezes::{SqueezeFrames, Squeezes};
 pub(crate) use tensor::write_whole;

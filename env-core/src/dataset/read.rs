@@ -54,19 +54,6 @@ pub struct PadFrames {
     pub von_mises: Vec<f32>,
     /// Force and torque of all contact (F, 6) in N and N m.
     pub wrench: Vec<f64>,
-    /// Part of the nonlinear law, if the dataset compares it with the linear one.
-    pub nonlinear: Option<NonlinearPart>,
-}
-
-/// What a nonlinear law changes of a solution by the linear one, frame by frame. F frames, V nodes.
-#[derive(Clone, Debug)]
-pub struct NonlinearPart {
-    /// Displacement (F, V, 3) in m.
-    pub displacement: Vec<f32>,
-    /// Contact force on the nodes (F, V, 3) in N.
-    pub contact_force: Vec<f32>,
-    /// Force and torque of all contact (F, 6) in N and N m.
-    pub wrench: Vec<f64>,
 }
 
 impl Dataset {
@@ -263,15 +250,6 @@ fn pad(file: &SafeTensors, entry: &Entry, side: usize) -> Found<PadFrames> {
         // The object is then at its initial pose, in whose frame the poses of pads are given.
         closed[side] * poses("pose")?[0].inverse()
     };
-    let has_nonlinear = file.tensor(&format!("{number}.{name}.nonlinear_wrench")).is_ok();
-    let nonlinear = || -> Found<_> {
-        Ok(NonlinearPart {
-            displacement: single("nonlinear_displacement")?,
-            contact_force: single("nonlinear_force")?,
-            wrench: double("nonlinear_wrench")?,
-        })
-    };
-    let nonlinear = if has_nonlinear { Some(nonlinear()?) } else { None };
     Ok(PadFrames {
         start,
         friction: entry.plan.indentation.as_ref().map(|press| press.friction),
@@ -282,7 +260,6 @@ fn pad(file: &SafeTensors, entry: &Entry, side: usize) -> Found<PadFrames> {
         contact_force: single("contact_force")?,
         von_mises: single("von_mises")?,
         wrench: double("wrench")?,
-        nonlinear,
     })
 }
 

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     deformation::{Deformation, Wrench},
-    fem::Carrier,
+    fem::{Carried, Carrier},
     geometry::TetMesh,
 };
 
@@ -75,13 +75,41 @@ pub(super) fn of_pads(frames: &[GraspFrame], carrier: &Carrier) -> Named {
     tensors
 }
 
+/// Fields of a soft body on the model mesh (V, T), and the resultant of its contact.
+pub(super) struct BodyFields {
+    /// Displacement (V) in m, and von Mises stress (T) in Pa.
+    pub(super) carried: Carried,
+    /// Contact force (V) in N.
+    pub(super) contact_force: Vec<Vector3<f64>>,
+    pub(super) wrench: Wrench,
+}
+
+impl BodyFields {
+    /// Carries a solution to the model mesh.
+    pub(super) fn of(solved: &Deformation, carrier: &Carrier) -> Self {
+        Self {
+            carried: carrier.fields(&solved.history.displacement),
+            contact_force: carrier.spread(&solved.contact_force),
+            wrench: solved.wrench,
+        }
+    }
+}
+
 /// Fields, contact history and convergence of a soft body, frame by frame.
 pub(super) fn of_bodies(frames: &[&Deformation], carrier: &Carrier) -> Vec<(&'static str, Tensor)> {
+    let fields: Vec<_> = frames.iter().map(|frame| BodyFields::of(frame, carrier)).collect();
+    of_frames(frames, &fields)
+}
+
+/// Returns [`of_bodies`] with the `fields` of each frame.
+pub(super) fn of_frames(
+    frames: &[&Deformation],
+    fields: &[BodyFields],
+) -> Vec<(&'static str, Tensor)> {
     let count = frames.len();
-    let carried: Vec<_> = frames.iter().map(|f| carrier.fields(&f.history.displacement)).collect();
-    let displacement: Vec<_> = carried.iter().flat_map(|c| &c.displacement).collect();
-    let force: Vec<_> = frames.iter().flat_map(|f| carrier.spread(&f.contact_force)).collect();
-    let stress: Vec<_> = carried.iter().flat_map(|c| c.von_mises.iter().copied()).collect();
+    let displacement: Vec<_> = fields.iter().flat_map(|f| &f.carried.displacement).collect();
+    let force: Vec<_> = fields.iter().flat_map(|f| &f.contact_force).collect();
+    let stress: Vec<_> = fields.iter().flat_map(|f| f.carried.von_mises.iter().copied()).collect();
     let rows = |all: usize| all / count.max(1);
     let (nodes, tets) = (rows(force.len()), rows(stress.len()));
     let anchors: Vec<_> = frames.iter().flat_map(|f| &f.history.anchors).collect();
@@ -89,7 +117,7 @@ pub(super) fn of_bodies(frames: &[&Deformation], carrier: &Carrier) -> Vec<(&'st
     let total = anchors.len();
     vec![
         ("displacement", Tensor::single(flat(displacement), &[count, nodes, 3])),
-        ("contact_force", Tensor::single(flat(&force), &[count, nodes, 3])),
+        ("contact_force", Tensor::single(flat(force), &[count, nodes, 3])),
         ("von_mises", Tensor::single(stress, &[count, tets])),
         ("iterations", Tensor::counts(frames.iter().map(|f| f.iterations), &[count])),
         ("residual", Tensor::double(frames.iter().map(|f| f.residual), &[count])),
@@ -98,38 +126,6 @@ pub(super) fn of_bodies(frames: &[&Deformation], carrier: &Carrier) -> Vec<(&'st
         ("anchor_point", Tensor::counts(anchors.iter().map(|a| a.point as usize), &[total])),
         ("anchor_place", Tensor::single(anchors.iter().flat_map(|a| place(&a.place)), &[total, 3])),
     ]
-}
-
-/// Frames of a soft body solved by two laws on one mesh: displacement, contact force and wrench by the
-/// first less those by the second, on the model mesh. F frames, V nodes.
-pub(super) fn of_difference(
-    laws: [&[Deformation]; 2],
-    carrier: &Carrier,
-) -> Vec<(&'static str, Tensor)> {
-    let [nonlinear, linear] = laws.map(|frames| {
-        let moved = |f: &Deformation| carrier.fields(&f.history.displacement).displacement;
-        let wrench = |f: &Deformation| flat(&[f.wrench.force, f.wrench.torque]);
-        [
-            flat(&frames.iter().flat_map(moved).collect::<Vec<_>>()),
-            flat(&frames.iter().flat_map(|f| carrier.spread(&f.contact_force)).collect::<Vec<_>>()),
-            frames.iter().flat_map(wrench).collect(),
-        ]
-    });
-    let less = |(a, b): (Vec<f64>, Vec<f64>)| -> Vec<f64> {
-        a.iter().zip(&b).map(|(a, b)| a - b).collect()
-    };
-    let count = laws[0].len();
-    let differences = nonlinear.into_iter().zip(linear).map(less);
-    let names = ["nonlinear_displacement", "nonlinear_force", "nonlinear_wrench"];
-    let tensor = |(name, difference): (_, Vec<f64>)| {
-        let rows = difference.len() / count.max(1);
-        let tensor = match name {
-            "nonlinear_wrench" => Tensor::double(difference, &[count, 6]),
-            _ => Tensor::single(difference, &[count, rows / 3, 3]),
-        };
-        (name, tensor)
-    };
-    names.into_iter().zip(differences).map(tensor).collect()
 }
 
 /// Forces and torques (F, 6).

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::{
     config::{DatasetConfig, GelConfig, PadModels, Scenario},
-    indentation,
+    indentation::PressedPad,
     plan::Plan,
     ramp::Ramp,
     record::{Entry, GraspTensors, mesh_file, of_pads, wrenches},
@@ -14,13 +14,7 @@ use super::{
     tensor::write_whole,
     weight::Weight,
 };
-use crate::{
-    Result,
-    fem::Carrier,
-    geometry::{PadMesh, TetMesh},
-    objects::Object,
-    sensor::Sensor,
-};
+use crate::{Result, fem::Carrier, geometry::TetMesh, objects::Object, sensor::Sensor};
 
 /// Bodies and meshes of the soft side.
 pub(super) enum ScenarioBodies {
@@ -28,8 +22,8 @@ pub(super) enum ScenarioBodies {
     Pads(Vec<(PadModels, Carrier)>),
     /// Soft objects by name.
     Soft(BTreeMap<String, Meshes>),
-    /// Sensor of every gel, and the mesh on which fields are stored.
-    Presses(Vec<(Sensor, PadMesh)>),
+    /// Pads of every gel.
+    Presses(Vec<PressedPad>),
 }
 
 /// Meshes of a soft object.
@@ -72,14 +66,14 @@ impl ScenarioBodies {
                 Self::Pads(config.gels.par_iter().enumerate().map(pads).collect::<Result<_>>()?)
             }
             Scenario::Presses => {
+                let fine = folder.is_some() && config.truth_linear_nodes > 0;
                 let pad = |(number, gel): (usize, &GelConfig)| {
-                    let sensor = Sensor::named(&gel.sensor)?;
-                    let model = sensor.pad(config.model_nodes)?;
-                    let file = || mesh_file(&model.mesh, &model.base, &[]);
+                    let pad = PressedPad::new(gel, config.model_nodes, fine)?;
+                    let file = || mesh_file(&pad.model.mesh, &pad.model.base, &[]);
                     keep(&number.to_string(), &file)?;
-                    Ok((sensor, model))
+                    Ok(pad)
                 };
-                Self::Presses(config.gels.iter().enumerate().map(pad).collect::<Result<_>>()?)
+                Self::Presses(config.gels.par_iter().enumerate().map(pad).collect::<Result<_>>()?)
             }
             Scenario::Soft => Self::Soft(objects.par_iter().map(soft).collect::<Result<_>>()?),
         })
@@ -107,10 +101,7 @@ impl ScenarioBodies {
                 }
                 (frames.len(), tensors, error)
             }
-            Self::Presses(gels) => {
-                let (sensor, model) = &gels[plan.gel];
-                indentation::solve(config, &object.shape, plan, sensor, model)
-            }
+            Self::Presses(gels) => gels[plan.gel].solve(config, &object.shape, plan),
             Self::Soft(objects) => {
                 let (meshes, gel) = (&objects[&object.name], &config.gels[plan.gel]);
                 let object = gel.object(meshes.truth.clone(), config)?;
@@ -136,7 +127,7 @@ impl ScenarioBodies {
                 let (PadModels { model, truth, .. }, _) = &gels[0];
                 2 * body(&model.mesh, truth.contact_points().len())
             }
-            Self::Presses(gels) => body(&gels[0].1.mesh, 0),
+            Self::Presses(gels) => body(&gels[0].model.mesh, 0),
             Self::Soft(objects) => {
                 let sizes = objects.values().map(|meshes| body(&meshes.model, meshes.points));
                 sizes.sum::<usize>() / objects.len()

@@ -1,6 +1,6 @@
 //! Presses of a soft body, and their solutions.
 
-use std::ops::Add;
+use std::ops::{Add, Sub};
 
 use nalgebra::{Isometry3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
@@ -53,6 +53,14 @@ impl Add for Wrench {
 
     fn add(self, other: Self) -> Self {
         Self { force: self.force + other.force, torque: self.torque + other.torque }
+    }
+}
+
+impl Sub for Wrench {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        Self { force: self.force - other.force, torque: self.torque - other.torque }
     }
 }
 

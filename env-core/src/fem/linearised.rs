@@ -1,6 +1,7 @@
 //! A body linearised at rest.
 //!
-//! The stiffness is that of `p1-bar`; at rest it is the same for all laws. Fixed nodes do not move.
+//! At rest the stiffness is the same for all laws; unless another element is asked for, it is that of
+//! `p1-bar`. Fixed nodes do not move.
 //! The stiffness of a free body has no inverse: each of its nodes is tied to its position at rest
 //! by a spring so weak that contact alone determines where the body lies.
 
@@ -21,8 +22,6 @@ use crate::{
     deformation::{Press, SoftBody},
 };
 
-/// Element whose stiffness is used.
-const ELEMENT: Element = Element::P1Bar;
 /// Total stiffness of the springs that tie a free body, over Young's modulus E times the cube root
 /// L of its volume: moved by a hundredth of its size, it is held by 1e-6 of E L².
 const TIE: f64 = 1e-4;
@@ -38,6 +37,7 @@ pub(crate) struct Linearised {
     pattern: Pattern,
     factor: Factor,
     faces: Faces,
+    element: Element,
     /// Stiffness of the spring at each node of a free body (N/m), else 0.
     tie: f64,
 }
@@ -49,10 +49,16 @@ pub(crate) struct SolverWorkspace {
 }
 
 impl Linearised {
-    /// Linearises `body`; returns an error if its fixed nodes leave it free to move as a whole.
+    /// Linearises `body` in elements of the usual kind; returns an error if its fixed nodes leave it
+    /// free to move as a whole.
     pub(crate) fn new(body: &SoftBody) -> Result<Self> {
+        Self::of(body, Element::P1Bar)
+    }
+
+    /// Returns [`Linearised::new`] in elements of the kind `element`.
+    pub(crate) fn of(body: &SoftBody, element: Element) -> Result<Self> {
         if held(body)
-            && let Some(linearised) = Self::tied(body, 0.0)
+            && let Some(linearised) = Self::tied(body, element, 0.0)
         {
             return Ok(linearised);
         }
@@ -67,7 +73,7 @@ impl Linearised {
         let mesh = body.mesh();
         let volume = mesh.volume();
         let tie = TIE * body.stiffest() * volume.cbrt() / mesh.vertices.len() as f64;
-        let free = body.fixed().is_empty().then(|| Self::tied(body, tie)).flatten();
+        let free = body.fixed().is_empty().then(|| Self::tied(body, Element::P1Bar, tie)).flatten();
         free.ok_or_else(|| {
             Error::invalid("fixed", format!("{} nodes", body.fixed().len()), "none: a free body")
         })
@@ -75,9 +81,9 @@ impl Linearised {
 
     /// Linearises `body` with a spring of `tie` (N/m) at each node; `None` if its stiffness is then
     /// not positive definite.
-    fn tied(body: &SoftBody, tie: f64) -> Option<Self> {
-        let nodes = Nodes::new(body, ELEMENT);
-        let solid = solid(body, &nodes, ELEMENT);
+    fn tied(body: &SoftBody, element: Element, tie: f64) -> Option<Self> {
+        let nodes = Nodes::new(body, element);
+        let solid = solid(body, &nodes, element);
         let pattern = Pattern::new(&nodes.places, &nodes.fixed, &solid.couplings());
         let rest = vec![Vector3::zeros(); nodes.places.len()];
         let (mut strain, mut forces) = (Strain::default(), rest.clone());
@@ -90,7 +96,7 @@ impl Linearised {
         }
         let spacing = if tie > 0.0 { FREE } else { USUAL };
         let (factor, faces) = (matrix.into_factor(), Faces::new(body, spacing));
-        Some(Self { nodes, solid, pattern, factor, faces, tie })
+        Some(Self { nodes, solid, pattern, factor, faces, element, tie })
     }
 
     pub(crate) fn workspace(&self) -> SolverWorkspace {
@@ -104,7 +110,7 @@ impl Linearised {
 
     /// Contact points (C) of `body`, which must be the body that was linearised, and its backing.
     pub(crate) fn surface(&self, body: &SoftBody) -> (Vec<SurfacePoint>, Backing) {
-        surface(body, &self.nodes, ELEMENT, self.faces.usual)
+        surface(body, &self.nodes, self.element, self.faces.usual)
     }
 
     /// Returns [`Linearised::surface`] with points as close as the thinnest shape of `press`
@@ -115,7 +121,7 @@ impl Linearised {
         press: &Press,
     ) -> Result<Option<(Vec<SurfacePoint>, Backing)>> {
         let spacing = self.faces.felt(body.mesh(), press)?;
-        let closer = || surface(body, &self.nodes, ELEMENT, spacing);
+        let closer = || surface(body, &self.nodes, self.element, spacing);
         Ok((spacing != self.faces.usual).then(closer))
     }
 

@@ -31,6 +31,7 @@ mod examples;
 mod follower;
 mod gmres;
 mod grasp;
+mod loads;
 mod linearised;
 mod material;
 mod newton;

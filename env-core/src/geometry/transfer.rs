@@ -126,6 +126,12 @@ pub(crate) fn samples(from: &TetMesh, to: &TetMesh) -> Result<Vec<Vec<Site>>> {
     sampled(&Locator::new(from), to).collect()
 }
 
+/// Positions in `mesh` of points in it or near its surface (P), or an error if one lies far off.
+pub(crate) fn sites(mesh: &TetMesh, points: &[Point3<f64>]) -> Result<Vec<Site>> {
+    let locator = Locator::new(mesh);
+    points.iter().map(|point| locator.site(point)).collect()
+}
+
 fn sampled(source: &Locator, to: &TetMesh) -> impl Iterator<Item = Result<Vec<Site>>> {
     let sites = |t: usize| points(&to.corners(t)).iter().map(|p| source.site(p)).collect();
     (0..to.tets.len()).map(sites)

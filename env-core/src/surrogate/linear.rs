@@ -84,31 +84,6 @@ impl LinearBaseline {
         model: &PadMesh,
         resolution: ContactResolution,
     ) -> Result<Self> {
-        Self::with_compliance(sensor, gel, nodes, model, resolution).map(|(linear, _)| linear)
-    }
-
-    /// Builds the model as [`LinearBaseline::new`] does, and contact at the finest resolution beside
-    /// it, for [`LinearBaseline::carry_by`].
-    pub(super) fn with_fine_contact(
-        sensor: &Sensor,
-        gel: &PadMaterial,
-        nodes: usize,
-        model: &PadMesh,
-    ) -> Result<(Self, LayeredPad)> {
-        let fast = ContactResolution::FAST;
-        let (linear, compliance) = Self::with_compliance(sensor, gel, nodes, model, fast)?;
-        let (outline, fine) = (&sensor.outline, ContactResolution::FINE);
-        let layered = LayeredPad::new(&compliance, outline, &linear.fine, model, fine)?;
-        Ok((linear, layered))
-    }
-
-    fn with_compliance(
-        sensor: &Sensor,
-        gel: &PadMaterial,
-        nodes: usize,
-        model: &PadMesh,
-        resolution: ContactResolution,
-    ) -> Result<(Self, Compliance)> {
         let fine = sensor.pad(nodes)?;
         let transfer = Transfer::new(&fine.mesh, &model.mesh)?;
         let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
@@ -121,7 +96,7 @@ impl LinearBaseline {
             flat(&moved)
         });
         let stress = OnceLock::new();
-        Ok((Self { layered, nodal, extension, fine, transfer, stress }, compliance))
+        Ok(Self { layered, nodal, extension, fine, transfer, stress })
     }
 
     /// Solves the frames of `press`, in order; the first that fails is an error and the last.
@@ -131,22 +106,12 @@ impl LinearBaseline {
 
     /// Transfers an answer to the model mesh; its stress is left empty unless `with_stress`.
     pub(super) fn carry(&self, settled: &ContactSolution, with_stress: bool) -> LinearFields {
-        self.carry_by(&self.layered, settled, with_stress)
-    }
-
-    /// Transfers an answer of `layered`, a model of the same pad, to the model mesh.
-    pub(super) fn carry_by(
-        &self,
-        layered: &LayeredPad,
-        settled: &ContactSolution,
-        with_stress: bool,
-    ) -> LinearFields {
-        let nodes = layered.contacts(settled);
+        let nodes = self.layered.contacts(settled);
         let forces: Vec<_> = nodes.iter().map(|(node, contact)| (*node, contact.force)).collect();
         let displacement = self.extension.displacement(&forces);
         let displacement = displacement.as_chunks::<3>().0.iter();
         let mut displacement: Vec<_> = displacement.map(|&u| Vector3::from(u).cast()).collect();
-        layered.refine(settled, &mut displacement);
+        self.layered.refine(settled, &mut displacement);
         let mut contact_force = vec![Vector3::zeros(); displacement.len()];
         for (node, force) in &forces {
             contact_force[*node as usize] = *force;
@@ -158,7 +123,7 @@ impl LinearBaseline {
             von_mises: if with_stress { stress() } else { Vec::new() },
             poses: settled.history.poses.clone(),
         };
-        let cells = CellContact { nodes, spacing: layered.spacing(settled) };
+        let cells = CellContact { nodes, spacing: self.layered.spacing(settled) };
         LinearFields { fields, cells }
     }
 

@@ -12,9 +12,9 @@ use super::{
 };
 use crate::{
     Result,
-    compliance::nodal::{ContactResolution, ContactSolution, LayeredPad},
-    dataset::{Dataset, DatasetConfig, NonlinearPart, PadFrames, steps},
-    deformation::{Moduli, Press, Wrench},
+    compliance::nodal::ContactResolution,
+    dataset::{Dataset, DatasetConfig, PadFrames, steps},
+    deformation::{Moduli, Press},
     geometry::{PadMesh, Shape},
     sensor::Sensor,
 };
@@ -45,8 +45,6 @@ pub(super) struct GelPad {
     pub(super) gel: PadMaterial,
     mesh: PadMesh,
     linear: LinearBaseline,
-    /// Finely resolved contact, for datasets that hold the nonlinear law's part.
-    fine: Option<LayeredPad>,
 }
 
 impl Gels {
@@ -64,14 +62,8 @@ impl Gels {
             let thickness = sensor.outline.thickness;
             let gel = PadMaterial { moduli, friction: gel.friction, thickness };
             let mesh = meshes[graph].clone();
-            let (linear, fine) = if config.nonlinearity.is_some() {
-                let pair = LinearBaseline::with_fine_contact(&sensor, &gel, nodes, &mesh)?;
-                (pair.0, Some(pair.1))
-            } else {
-                let fast = ContactResolution::FAST;
-                (LinearBaseline::new(&sensor, &gel, nodes, &mesh, fast)?, None)
-            };
-            Ok(GelPad { graph, gel, mesh, linear, fine })
+            let linear = LinearBaseline::new(&sensor, &gel, nodes, &mesh, ContactResolution::FAST)?;
+            Ok(GelPad { graph, gel, mesh, linear })
         };
         let pads = config.gels.par_iter().map(pad).collect::<Result<_>>()?;
         let graphs = meshes.iter().map(PadGraph::new).collect::<Result<_>>()?;
@@ -119,37 +111,21 @@ impl Gels {
         Ok((samples, lost))
     }
 
-    /// Computes the linear answers to the frames of a press, up to the first that fails, each with
-    /// that of finely resolved contact if the dataset holds the nonlinear law's part.
-    fn answers(&self, frames: &PadFrames, shape: &Shape) -> Result<Vec<Answers>> {
-        let pad = &self.pads[frames.gel];
-        let press = self.press(frames, shape)?;
-        let framed = |all: Vec<Result<ContactSolution>>| {
-            let all = all.into_iter().map_while(Result::ok);
-            all.skip(self.steps).step_by(self.steps)
-        };
-        let linear = framed(pad.linear.path(&press)).map(|found| pad.linear.carry(&found, true));
-        Ok(match pad.fine.as_ref().filter(|_| frames.nonlinear.is_some()) {
-            Some(fine) => {
-                let carried = |found| (pad.linear.carry_by(fine, &found, false), found.wrench);
-                let pairs = linear.zip(framed(fine.settled_path(&press)).map(carried));
-                pairs.map(|(linear, fine)| Answers { linear, fine: Some(fine) }).collect()
-            }
-            None => linear.map(|linear| Answers { linear, fine: None }).collect(),
-        })
-    }
-
-    /// Press through the frames, from first touch and by load steps.
-    fn press(&self, frames: &PadFrames, shape: &Shape) -> Result<Press> {
+    /// Computes the linear answers to the frames of a press, from first touch and by load steps, up
+    /// to the first that fails.
+    fn answers(&self, frames: &PadFrames, shape: &Shape) -> Result<Vec<LinearFields>> {
+        let linear = &self.pads[frames.gel].linear;
         let froms = std::iter::once(&frames.start).chain(&frames.poses);
         let between = |(from, to)| steps(from, to, self.steps);
         let mut poses = vec![vec![frames.start]];
         poses.extend(froms.zip(&frames.poses).flat_map(between));
-        let press = Press::along(vec![shape.clone()], poses)?;
-        match frames.friction {
-            Some(friction) => press.with_friction(friction),
-            None => Ok(press),
+        let mut press = Press::along(vec![shape.clone()], poses)?;
+        if let Some(friction) = frames.friction {
+            press = press.with_friction(friction)?;
         }
+        let solved = linear.path(&press).into_iter().map_while(Result::ok);
+        let framed = solved.skip(self.steps).step_by(self.steps);
+        Ok(framed.map(|found| linear.carry(&found, true)).collect())
     }
 
     fn sample(
@@ -157,7 +133,7 @@ impl Gels {
         frames: &PadFrames,
         frame: usize,
         shape: &Shape,
-        Answers { linear, fine }: &Answers,
+        linear: &LinearFields,
     ) -> Sample {
         let pad = &self.pads[frames.gel];
         let graph = &self.graphs[pad.graph];
@@ -169,21 +145,9 @@ impl Gels {
             gel: frames.gel,
             grasp: frames.grasp.clone(),
             input: PadInput::new(graph, gel, places, std::slice::from_ref(shape), linear),
-            target: match (fine, &frames.nonlinear) {
-                (Some(fine), Some(part)) => {
-                    Target::corrected((frames, part), frame, graph.columns, gel, fine)
-                }
-                _ => Target::new(frames, frame, graph.columns, gel),
-            },
+            target: Target::new(frames, frame, graph.columns, gel),
         }
     }
-}
-
-/// Linear answers to a frame.
-struct Answers {
-    linear: LinearFields,
-    /// Answer and wrench where contact is resolved finely.
-    fine: Option<(LinearFields, Wrench)>,
 }
 
 impl Target {
@@ -204,33 +168,6 @@ impl Target {
             stress: part(&frames.von_mises, gel.moduli.shear()),
             forces,
             force: std::array::from_fn(|i| (wrench[i] / gel.force()) as f32),
-        }
-    }
-
-    /// Extracts a frame with displacement and forces free from most of the error of the mesh: what the
-    /// nonlinear law changes is added to the linear answer with finely resolved contact. The stress is
-    /// that of the finite-element solution.
-    fn corrected(
-        (frames, nonlinear): (&PadFrames, &NonlinearPart),
-        frame: usize,
-        columns: usize,
-        gel: &PadMaterial,
-        (fine, wrench): &(LinearFields, Wrench),
-    ) -> Self {
-        let part = |field: &[f32], unit: f64| part(field, frame, frames.poses.len(), unit);
-        let add = |part: Vec<f32>, linear: &[Vector3<f64>], unit: f64| -> Vec<f32> {
-            let linear = linear.iter().flat_map(|v| [v.x, v.y, v.z]);
-            part.iter().zip(linear).map(|(part, linear)| part + (linear / unit) as f32).collect()
-        };
-        let (length, force, fine) = (gel.thickness, gel.force(), &fine.fields);
-        let mut forces = part(&nonlinear.contact_force, force);
-        forces.truncate(3 * columns);
-        let change = &nonlinear.wrench[6 * frame..];
-        Self {
-            displacement: add(part(&nonlinear.displacement, length), &fine.displacement, length),
-            forces: add(forces, &fine.contact_force, force),
-            force: std::array::from_fn(|i| ((change[i] + wrench.force[i]) / force) as f32),
-            ..Self::new(frames, frame, columns, gel)
         }
     }
 }

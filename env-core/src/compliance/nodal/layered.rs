@@ -176,6 +176,12 @@ impl LayeredPad {
         (0..).zip(sum).zip(bears).filter_map(|(contact, bears)| bears.then_some(contact)).collect()
     }
 
+    /// Centres of the touching cells on the face at rest (m), with the forces on them (N).
+    pub fn cell_forces(&self, settled: &ContactSolution) -> Vec<(Point3<f64>, Vector3<f64>)> {
+        let grid = self.grid(settled);
+        settled.forces.iter().map(|(cell, force)| (grid.place(*cell), *force)).collect()
+    }
+
     /// Side of the cells on which a solution was found (m).
     pub fn spacing(&self, settled: &ContactSolution) -> f64 {
         self.grid(settled).area().sqrt()

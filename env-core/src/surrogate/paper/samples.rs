@@ -155,7 +155,6 @@ pub(super) mod tests {
                 .iter()
                 .flat_map(|v| [v.x, v.y, v.z])
                 .collect(),
-            nonlinear: None,
         };
         let target = Target::new(&frames, 0, graph.columns, &gel);
         let touch = graph.touch(&ball, pose);

@@ -202,6 +202,8 @@ def _error(options: argparse.Namespace) -> None:
     finer = {"truth_nodes": options.nodes or 4 * config["truth_nodes"]}
     if config.get("scenario") == "presses":
         finer["truth_across"] = options.across or 2 * config.get("truth_across", 8.0)
+        if linear := config.get("truth_linear_nodes"):
+            finer["truth_linear_nodes"] = 2 * linear
     elif options.across:
         raise ValueError("--across: found grasps, expected a dataset of presses")
     found = dataset.truth_errors(
