@@ -47,7 +47,7 @@ REFERENCE = {
             *("Shape", "TetMesh", "SoftBody", "sensor", "Press", "History", "Deformation", "Fem"),
             *("Compliance", "LinearPad", "Surrogate", "SoftSurrogate", "PaperNetwork"),
             *("PaperAnswer", "Grasp", "Grasped", "Transfer", "objects", "Object", "Antipodal"),
-            *("plot", "SimulationError", "PressError", "OutsideTrainingWarning"),
+            *("plot", "relative_error", "SimulationError", "PressError", "OutsideTrainingWarning"),
         ],
     ),
     "datasets": ("Datasets and networks", ["dataset", "surrogate"]),

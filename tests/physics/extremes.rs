@@ -7,11 +7,12 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rayon::ThreadPoolBuilder;
 use ruffini_core::{
     Error, Result,
-    compliance::{Compliance, ComplianceOptions},
+    compliance::{Compliance, ComplianceOptions, nodal::ContactResolution},
     deformation::{Deformation, DeformationModel, History, Law, Moduli, Press, SoftBody},
     fem::{Element, Fem, FemOptions},
     geometry::{Shape, TetMesh},
     sensor::Sensor,
+    surrogate::LinearPad,
 };
 
 use crate::{
@@ -161,6 +162,33 @@ fn a_shape_that_begins_inside_the_body_is_refused() {
         let press = Press::along(shape, vec![inside.clone()]).unwrap();
         let error = fem.solve_path(&press).pop().unwrap().unwrap_err();
         assert!(error.to_string().contains("across its surface"), "{error}");
+    }
+}
+
+#[test]
+fn a_small_shape_that_begins_in_a_pad_has_come_down_on_it() {
+    let sensor = Sensor::named("gelsight-mini").unwrap();
+    let pad = LinearPad::new(&sensor, GEL, 0.5, 1000, ContactResolution::FAST).unwrap();
+    let upright = UnitQuaternion::identity();
+    let tilted = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.3);
+    for (shape, height, turn) in [
+        (Shape::Cone { radius: 0.73 * MM, half_height: 1.85 * MM }, -0.6 * MM, tilted),
+        (Shape::Cylinder { radius: 0.5 * MM, half_height: 2.0 * MM }, 0.8 * MM, upright),
+        (Shape::Cylinder { radius: MM, half_height: 2.0 * MM }, 1.5 * MM, upright),
+        (Shape::Sphere { radius: 0.5 * MM }, 0.0, upright),
+    ] {
+        let force = |heights: &[f64]| {
+            let at =
+                |&z: &f64| vec![Isometry3::from_parts(Translation3::new(0.31 * MM, 0.0, z), turn)];
+            let path = heights.iter().map(at).collect();
+            let press = Press::along(vec![shape.clone()], path).unwrap();
+            pad.solve_path(&press).pop().unwrap().unwrap().wrench.force
+        };
+        let (once, lowered) = (force(&[height]), force(&[3.0 * MM, height]));
+        assert!(lowered.z < -0.05, "{shape:?}: {lowered:?} N");
+        // Load steps from another height, with friction, differ by up to 4 %.
+        let off = (once - lowered).norm() / lowered.norm();
+        assert!(off < 0.05, "{shape:?}: {once:?} N at once, {lowered:?} N from above");
     }
 }
 

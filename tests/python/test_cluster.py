@@ -1,4 +1,4 @@
-"""Training and datasets on Ray: on this machine, and on a cluster of two nodes that both are it."""
+"""Training, datasets and reports on Ray, on this machine and a cluster of two nodes that are it."""
 
 from __future__ import annotations
 
@@ -67,6 +67,14 @@ def same_bytes(folder: Path, *options: str) -> None:
     assert names == sorted(str(path.relative_to(made)) for path in made.rglob("*.*"))
     for name in names:
         assert (made / name).read_bytes() == (alone / name).read_bytes(), name
+
+
+def test_reports_are_tasks(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.setenv("RAY_worker_niceness", "0")
+    assert "load: load.md, load.svg\n" in printed("report_ray.py", tmp_path, "load", "--pages")
+    kept = POLICIES.parent / "tests/reports/load.md"
+    assert (tmp_path / "load.md").read_bytes() == kept.read_bytes()
 
 
 def test_a_cluster_makes_the_bytes_of_one_process(tmp_path):

@@ -1,7 +1,9 @@
 """A full disk, a folder that cannot be written, and more environments than a user has meant.
 
-Kills, Ctrl-C, forked children, and damaged shards and weights have tests where the rest of their
-matter is tested.
+The others are tested where the rest of their matter is: kills in `test_dataset_kills`, Ctrl-C in
+`test_dataset` and `test_mechanics_threads`, forked children in `test_processes`, damaged shards in
+`test_dataset`, damaged weights in `test_agents` and `test_paper`, damaged caches in
+`tests/physics/compliance.rs`.
 """
 
 from __future__ import annotations

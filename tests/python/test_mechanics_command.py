@@ -20,6 +20,7 @@ def command(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, capture_output=True, text=True, check=False)
 
 
+ELEMENTS = ("p1-bar", "p2")
 PRESS = ["press", "--sensor", "gelsight-mini", "--resolution", "400"]
 
 
@@ -38,6 +39,19 @@ def test_the_command_presses_and_writes_a_file(tmp_path):
     # A byte count of eight bytes, then the numbers.
     written = np.frombuffer(base64.b64decode(arrays["displacement"].text)[8:]).reshape(-1, 3)
     assert np.abs(written - answer.displacement).max() < 1e-8
+
+
+def test_the_command_compares_with_quadratic_elements():
+    done = command(*PRESS, "--shape", "sphere:0.004", "--depth", "0.0001", "--check")
+    assert done.returncode == 0, done.stderr
+    row = done.stdout.splitlines()[-1]
+    body = ruffini.sensor("gelsight-mini", resolution=400)
+    answers = (Fem(body, element=e).solve(Press(BALL, [ball_at(0, 1e-4)]))[0] for e in ELEMENTS)
+    errors = ruffini.relative_error(*answers)
+    assert all(0.01 < error < 1.0 for error in errors), errors
+    names = ("displacement", "stress", "force")
+    told = ", ".join(f"{name} {100 * x:.1f} %" for name, x in zip(names, errors, strict=True))
+    assert row == f"error        {told}, against quadratic elements"
 
 
 def test_the_command_pushes_and_shears():
@@ -71,6 +85,7 @@ def test_the_command_draws(tmp_path):
         (["--shape", "sphere:0.004", "--depth", "nan"], "depth: found nan"),
         (["--shape", "sphere:0.004", "--depth", "0.001", "--force", "1"], "not allowed with"),
         (["--shape", "sphere:0.004"], "one of the arguments"),
+        (["--shape", "sphere:0.004", "--depth", "1e-4", "--check", "--element", "p2"], "check: "),
         (["--shape", "sphere:0.004", "--force", "1", "--friction", "-1"], "friction"),
         (["--shape", "sphere:0.004", "--depth", "1e-4", "--out", "a.txt"], ".vtu or .npz"),
     ],
@@ -79,6 +94,23 @@ def test_the_command_names_bad_input(words, text):
     done = command(*PRESS, *words)
     assert (done.returncode, done.stdout) == (2, "")
     assert text in done.stderr and "Traceback" not in done.stderr
+
+
+def test_errors_are_of_answers_on_one_mesh():
+    zero, there = (
+        Fem(ruffini.sensor("gelsight-mini", resolution=400)).solve(Press(BALL, [ball_at(0, d)]))[0]
+        for d in (-1e-4, 1e-4)
+    )
+    assert ruffini.relative_error(there, there) == ruffini.relative_error(zero, zero) == (0, 0, 0)
+    assert ruffini.relative_error(zero, there) == (1, 1, 1)
+    assert ruffini.relative_error(there, zero) == (np.inf,) * 3
+    [other] = Fem(ruffini.sensor("gelsight-mini", resolution=200)).solve(
+        Press(BALL, [ball_at(0, 1e-4)])
+    )
+    with pytest.raises(
+        ValueError, match=r"answer: found one on .* nodes, expected .* the reference"
+    ):
+        ruffini.relative_error(other, there)
 
 
 def test_the_command_says_when_a_press_is_not_solved():

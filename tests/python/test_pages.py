@@ -52,7 +52,8 @@ LEFT = (
     *("python3 -m venv", ". .venv/bin/activate", "pip install", "cargo test", "pytest", ".ci/"),
     "python policies/quickstart.py",  # `.ci/run` runs it, and the next, in small.
     "python policies/rollout_speed.py",
-    "python policies/train_rllib.py",  # `test_cluster.py` runs it on a cluster.
+    "python policies/train_rllib.py",  # `test_cluster.py` runs it on a cluster, and the next.
+    "python policies/report_ray.py",
 )
 TINY = "truth_nodes = 400\nmodel_nodes = 200\nforce = [1.0, 5.0]\n"
 """Configuration of a dataset that takes seconds."""

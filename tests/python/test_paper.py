@@ -12,6 +12,7 @@ from ruffini import PaperNetwork, Press, PressError, Shape, Surrogate
 
 UPRIGHT = (0, 0, 0, 1)
 WEIGHTS = Path(__file__).parents[2] / "env-core/assets/weights"
+AGENT = Path(__file__).parents[2] / "py/python/ruffini/agents/GraspLift-v0.safetensors"
 RADIUS = 12e-3
 
 
@@ -84,6 +85,8 @@ def test_weights_of_the_other_kind_are_named(tmp_path):
         PaperNetwork("pads")
     with pytest.raises(ValueError, match="weights of paper-b, expected corrector"):
         Surrogate.load(WEIGHTS / "paper-b.safetensors")
+    with pytest.raises(ValueError, match="weights of an agent, expected corrector"):
+        Surrogate.load(AGENT)
     with pytest.raises(ValueError, match="weights of corrector, expected paper-baseline"):
         PaperNetwork.load(WEIGHTS / "pads.safetensors")
     torn = tmp_path / "torn.safetensors"

@@ -231,7 +231,7 @@ def test_every_variant_is_stopped_resumed_to_the_bit_and_loaded(data, tmp_path, 
     stage, told = heard[-1]
     assert stage == "epoch" and told["epoch"] == 1 and all(e > 0 for e in told["errors"][:2])
     assert ("samples", {"train": 6 if variant == "soft" else 4, "lost": 0}) in heard
-    with pytest.raises(ValueError, match="other settings"):
+    with pytest.raises(ValueError, match=r"other settings, seed 0 \(now 1\): expected those"):
         surrogate.train(folder, tmp_path, variant=variant, **settings | {"seed": 1})
     with pytest.raises(ValueError, match="other settings"):
         surrogate.train(data, tmp_path, split="known-63")

@@ -203,7 +203,9 @@ impl Shape {
             }
             // A surface is checked when it is made, except for its size.
             Self::Mesh(surface) => {
-                length("mesh size", surface.size()).map_err(|error| {
+                // Six digits: the size is a difference of coordinates.
+                let size = format!("{:.5e}", surface.size()).parse().expect("a number");
+                length("mesh size", size).map_err(|error| {
                     if surface.size() > LARGEST { error.hinting(MILLIMETRES) } else { error }
                 })?;
             }

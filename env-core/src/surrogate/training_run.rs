@@ -242,7 +242,7 @@ impl<'a, N: Network> TrainingRun<'a, N> {
     }
 }
 
-/// Names the settings that differ between two JSON objects, with both values.
+/// Names the settings that differ between two JSON objects, or two lists of them, with both values.
 fn differences(before: &str, now: &str) -> String {
     fn add(place: &str, before: &Value, now: &Value, found: &mut Vec<String>) {
         match (before, now) {
@@ -256,6 +256,12 @@ fn differences(before: &str, now: &str) -> String {
                     let [old, new] = [old, new].map(|object| of(object).unwrap_or_default());
                     add(&place, &old, &new, found);
                 }
+            }
+            // Several objects at the top, as of networks that keep settings apart.
+            (Value::Array(old), Value::Array(new))
+                if place.is_empty() && old.len() == new.len() =>
+            {
+                old.iter().zip(new).for_each(|(old, new)| add(place, old, new, found));
             }
             _ => found.push(format!("{place} {before} (now {now})")),
         }

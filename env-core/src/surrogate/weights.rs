@@ -197,7 +197,7 @@ pub(super) fn to_bytes(tensors: &Vectors, card: &impl Serialize) -> Vec<u8> {
 /// Returns the kind of the weights in `bytes`, or an error that names `name` if it is none of those
 /// `expected`.
 pub(super) fn variant(name: &str, bytes: &[u8], expected: &[&str]) -> Result<String> {
-    let (_, Form { variant }) = from_bytes(name, bytes)?;
+    let (_, Form { variant }) = opened(name, bytes)?;
     let variant = variant.unwrap_or_else(|| "an agent".to_owned());
     if expected.contains(&&*variant) {
         return Ok(variant);
@@ -216,13 +216,7 @@ pub(super) fn of_kind<C: NetworkCard>(name: &str, bytes: &[u8]) -> Result<(Vecto
 /// Returns the tensors and the card in `bytes`, or an error that names `name` if they are invalid.
 pub(super) fn from_bytes<C: DeserializeOwned>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
     let bad = |reason: String| Error::File { path: name.to_owned(), reason };
-    let file = SafeTensors::deserialize(bytes).map_err(|error| {
-        bad(format!("not a whole .safetensors file, expected weights of ruffini ({error})"))
-    })?;
-    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
-    let text = metadata.metadata().as_ref().and_then(|map| map.get(KEY));
-    let text = text.ok_or_else(|| bad(foreign(metadata.metadata().as_ref())))?;
-    let card = serde_json::from_str(text).map_err(|error| bad(format!("its card: {error}")))?;
+    let (file, card) = opened(name, bytes)?;
     let mut tensors = BTreeMap::new();
     for (tensor, view) in file.tensors() {
         if view.dtype() != Dtype::F32 {
@@ -236,6 +230,19 @@ pub(super) fn from_bytes<C: DeserializeOwned>(name: &str, bytes: &[u8]) -> Resul
         tensors.insert(tensor, (view.shape().to_vec(), values));
     }
     Ok((tensors, card))
+}
+
+/// Returns the file in `bytes`, whose tensors are not read yet, and its card.
+fn opened<'a, C: DeserializeOwned>(name: &str, bytes: &'a [u8]) -> Result<(SafeTensors<'a>, C)> {
+    let bad = |reason: String| Error::File { path: name.to_owned(), reason };
+    let file = SafeTensors::deserialize(bytes).map_err(|error| {
+        bad(format!("not a whole .safetensors file, expected weights of ruffini ({error})"))
+    })?;
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
+    let text = metadata.metadata().as_ref().and_then(|map| map.get(KEY));
+    let text = text.ok_or_else(|| bad(foreign(metadata.metadata().as_ref())))?;
+    let card = serde_json::from_str(text).map_err(|error| bad(format!("its card: {error}")))?;
+    Ok((file, card))
 }
 
 /// Describes a file of tensors without a card.

@@ -41,6 +41,7 @@ from ruffini._core import (
     objects,
     sensor,
 )
+from ruffini._errors import relative_error
 from ruffini._plot import plot
 from ruffini._schema import CHANNELS, REWARD_TERMS, TACTILE_CHANNELS, TASKS
 from ruffini._trained_gels import OutsideTrainingWarning
@@ -74,6 +75,7 @@ __all__ = [
     "__version__",
     "objects",
     "plot",
+    "relative_error",
     "sensor",
 ]
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ruffini import _distributions
 from ruffini._core import TetMesh, dataset_shards, estimate_dataset, generate_dataset
+from ruffini._errors import apart
 from ruffini._frames import Body, Finger, Frame, Pad, PressFrame, SoftFrame
 from ruffini._settings import naming_nearest, plain
 
@@ -225,7 +226,7 @@ def truth_errors(
             for number, side in product(range(frames), sides):
                 pair = [_fields(tensors, name, side, number) for tensors in (old, new)]
                 if np.sqrt((pair[1][0] ** 2).sum(axis=1).mean()) > STILL:
-                    errors = [_apart(a, b) for a, b in zip(*pair, strict=True)]
+                    errors = [apart(a, b) for a, b in zip(*pair, strict=True)]
                     found.append(TruthError(name, number, *errors))
     return found
 
@@ -245,12 +246,6 @@ def _fields(tensors: Any, grasp: str, side: str, number: int) -> list[NDArray[np
         for field in ("displacement", "von_mises", "wrench")
     ]
     return [*rows[:2], rows[2][:3]]
-
-
-def _apart(found: NDArray[np.float64], exact: NDArray[np.float64]) -> float:
-    """Relative L² difference."""
-    size = float(np.linalg.norm(exact))
-    return float(np.linalg.norm(found - exact)) / size if size > 0 else np.inf
 
 
 class Dataset:

@@ -1,4 +1,4 @@
-//! Compliance model of a pad that resolves small contacts: cells of 1.3 to 0.04 mm, as the contact
+//! Compliance model of a pad that resolves small contacts: cells of 1.3 to 0.01 mm, as the contact
 //! needs.
 //!
 //! Contact at the face nodes of a mesh misses what lies between them. Here it is evaluated on one

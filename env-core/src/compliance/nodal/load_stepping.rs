@@ -1,6 +1,6 @@
 //! Load stepping of a press with contact at the nodes.
 
-use std::{cell::LazyCell, collections::BTreeMap, str::FromStr, time::Instant};
+use std::{cell::LazyCell, collections::BTreeMap, slice, str::FromStr, time::Instant};
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -40,6 +40,13 @@ const WALL: [f64; 2] = [4.0, 1.2];
 const BROAD: usize = 256;
 /// Smallest part of the longest step that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
+/// Number of first cells in a shape from which they tell where it came from.
+const TELLING: usize = 4;
+/// Depth of the cells in a shape (m), and the same relative to its thickness, up to which the
+/// first cells need not tell.
+const SUNK: [f64; 2] = [1e-4, 0.25];
+/// Largest number of times that the lift of a shape is doubled.
+const DOUBLED: usize = 20;
 
 /// How finely contact is resolved on a body with several grids of cells.
 #[derive(Clone, Copy, Debug)]
@@ -148,10 +155,7 @@ impl<'a> NodalLoadStepping<'a> {
             Some(history) => recalled(levels, history)?,
             None => NodalState {
                 level: levels.len() - 1,
-                poses: {
-                    let (first, mesh) = (press.drive().first(), nodes.condensed.body.mesh());
-                    backed_off(shapes, first, &nodes.points, &nodes.places, mesh)
-                },
+                poses: outside(levels, shapes, press.drive().first()),
                 held: Vec::new(),
                 wrench: Wrench::default(),
                 amplitude: 0.0,
@@ -552,6 +556,48 @@ impl ForceControlled for NodalLoadStepping<'_> {
     fn iterations(state: &mut NodalState) -> &mut usize {
         &mut state.sweeps
     }
+}
+
+/// Returns the `first` poses with each shape that overlaps the body at rest moved out of it, to where
+/// it is taken to come from.
+fn outside(
+    levels: &[ContactNodes],
+    shapes: &[Shape],
+    first: &[Isometry3<f64>],
+) -> Vec<Isometry3<f64>> {
+    let (nodes, mesh) = (&levels[0], levels[0].condensed.body.mesh());
+    let start = |(shape, pose): (&Shape, &Isometry3<f64>)| {
+        lifted(levels, shape, pose).unwrap_or_else(|| {
+            let (shape, pose) = (slice::from_ref(shape), slice::from_ref(pose));
+            backed_off(shape, pose, &nodes.points, &nodes.places, mesh)[0]
+        })
+    };
+    shapes.iter().zip(first).map(start).collect()
+}
+
+/// Moves a shape that has sunk into a pad between the cells of the first grid out along z; `None`
+/// if it has not.
+fn lifted(levels: &[ContactNodes], shape: &Shape, pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
+    let finest = levels.last()?.grid()?;
+    let holds =
+        |place: &&Point3<f64>| shape.distance(&pose.inverse_transform_point(place)).value < 0.0;
+    if levels[0].places.iter().filter(holds).take(TELLING).count() == TELLING {
+        return None;
+    }
+    let depth = |pose: Isometry3<f64>| -finest.clearance(slice::from_ref(shape), &[pose]);
+    let mut step = depth(*pose);
+    if step <= f64::min(SUNK[0], SUNK[1] * shape.thickness()) {
+        return None;
+    }
+    let mut lifted = *pose;
+    for _ in 0..DOUBLED {
+        lifted.translation.vector.z += step;
+        step *= 2.0;
+        if depth(lifted) <= 0.0 {
+            break;
+        }
+    }
+    Some(lifted)
 }
 
 /// Restores the state of a `history`; returns an error if it is of another model.

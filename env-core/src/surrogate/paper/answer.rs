@@ -282,6 +282,9 @@ mod tests {
         }
         let corrector = include_bytes!("../../../assets/weights/pads.safetensors");
         refused(corrector, "weights of corrector, expected paper-baseline");
+        // Tensors of an agent are of other types, too.
+        let agent = include_bytes!("../../../../py/python/ruffini/agents/GraspLift-v0.safetensors");
+        refused(agent, "weights of an agent, expected paper-baseline");
         let (mut tensors, card) = weights::of_kind::<PaperCard>("mine", SHIPPED).unwrap();
         let refused_with = |change: &dyn Fn(&mut PaperCard), what: &str| {
             let mut card = card.clone();

@@ -17,8 +17,10 @@ from ruffini import (
     Press,
     PressError,
     Shape,
+    SoftBody,
     TetMesh,
     plot,
+    relative_error,
     sensor,
     viewing,
 )
@@ -67,6 +69,12 @@ def add_to(commands: Any) -> None:
         help="p1 (linear), p1-bar (linear, locking-free; if not given) or p2",
     )
     parser.add_argument(
+        "--check",
+        action="store_true",
+        help="solve it again with quadratic elements on the same mesh, in some ten times the time, "
+        "and say by how much they differ",
+    )
+    parser.add_argument(
         "--view",
         nargs="?",
         const="",
@@ -92,10 +100,33 @@ def run(options: argparse.Namespace) -> None:
         viewing.check(page)
     if options.plot is not None:
         check(options.plot)
+    if options.check and options.element == "p2":
+        raise ValueError("check: found --element p2, expected p1 or p1-bar: it compares with p2")
     body = sensor(options.sensor, options.calibration, options.resolution)
-    fem = Fem(body, friction=options.friction, element=options.element)
     shape = shapes.shape(options.shape)
     touch = touching_height(shape, body.mesh.vertices)
+    frames, reached = _pressed(options, body, shape, touch, options.element)
+    last = frames[-1]
+    if options.out is not None:
+        fields = ("displacement", "von_mises", "contact_force")
+        body.mesh.write(options.out, {name: getattr(last, name) for name in fields})
+    if options.plot is not None:
+        plot(body, frames, options.plot, start=(0, 0, touch))
+    _report(frames, touch - reached)
+    if options.check:
+        quadratic, _ = _pressed(options, body, shape, touch, "p2")
+        u, stress, force = (f"{100 * x:.1f} %" for x in relative_error(last, quadratic[-1]))
+        found = f"displacement {u}, stress {stress}, force {force}"
+        print(f"{'error':<12} {found}, against quadratic elements")
+    if options.view is not None:
+        viewing.view([pressed(body.mesh, options.shape, frames)], page)
+
+
+def _pressed(
+    options: argparse.Namespace, body: SoftBody, shape: Shape, touch: float, element: Any
+) -> tuple[list[Deformation], float]:
+    """Frames of the press from the height `touch` (m) on, and the height before the shear (m)."""
+    fem = Fem(body, friction=options.friction, element=element)
     if options.force is None:
         _check_depth(options.depth, float(np.ptp(body.mesh.vertices[:, 2])))
         ways = _ways("depth", options.depth, 0.0)
@@ -108,15 +139,7 @@ def run(options: argparse.Namespace) -> None:
     if options.shear != 0.0:
         ways = _ways("shear", options.shear, -1.0)
         frames += _follow(fem, shape, reached + np.outer(ways, [1, 0, 0]), frames[-1].history)
-    last = frames[-1]
-    if options.out is not None:
-        fields = ("displacement", "von_mises", "contact_force")
-        body.mesh.write(options.out, {name: getattr(last, name) for name in fields})
-    if options.plot is not None:
-        plot(body, frames, options.plot, start=(0, 0, touch))
-    _report(frames, touch - reached[2])
-    if options.view is not None:
-        viewing.view([pressed(body.mesh, options.shape, frames)], page)
+    return frames, float(reached[2])
 
 
 def _check_depth(depth: float, thickness: float) -> None:
