@@ -14,7 +14,8 @@ from typing import Any
 
 from engine import OUT, plt
 
-PARTS = ("reality_unfitted", "reality_curves", "reality_image", "reality_face", "reality_mesh")
+PARTS = ("reality_unfitted", "reality_curves", "reality_table", "reality_image", "reality_face")
+PARTS += ("reality_mesh",)
 ONE_THREAD = True
 
 

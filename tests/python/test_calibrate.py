@@ -204,7 +204,7 @@ def test_a_file_without_the_columns_is_refused(tmp_path):
     with pytest.raises(ValueError, match="found columns depth, force_n, expected depth_m and"):
         read_curve(file, BALL, 4e-3)
     file.write_text("depth_m;force_n\n0,1;2\n")
-    with pytest.raises(ValueError, match="found columns depth_m;force_n, expected .* comma between"):
+    with pytest.raises(ValueError, match=r"depth_m;force_n, expected .* with a comma between them"):
         read_curve(file, BALL, 4e-3)
     file.write_bytes(b"\x80\xff\x00")
     with pytest.raises(ValueError, match=r"found no text, expected a \.csv file"):
