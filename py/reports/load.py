@@ -47,6 +47,7 @@ def make(options: Namespace) -> dict[str, Any]:
     quick = options.quick
     models = MODELS[:1] if quick else MODELS
     sizes = {"control step (ms)": 1e3 * cases.PERIOD, "arm of torques (mm)": 1e3 * cases.ARM}
+    sizes |= {"most acceleration of the hand (m/s²)": cases.LIMIT}
     sizes |= {f"seeds with {model}": 1 if quick else SEEDS[model] for model in models}
     rows = Rows.of("load", options, MADE_OF, sizes)
     asked = {
@@ -257,6 +258,8 @@ torque over that force times {sizes[arm of torques (mm)]:.0f} mm, about half the
 comparison. Where they miss the load too, part of the error is of the comparison (motion that is
 quicker than its samples) or of the engine's account, not of the model of the gel.
 
+{pushed}
+
 A sample is *sticking* where `slip` of both pads is below 0.1, *sliding* where both are above 0.9,
 and else in *transition*. Goals are 2 % at the 95th percentile where it sticks, and 5 % elsewhere.
 Each seed has another object, mass and friction. *Hanging*, *shaken*, *pivoting* and *sliding* are
@@ -342,6 +345,11 @@ many steps.
 {by_marker}
 
 {made}"""
+PUSHED = """The hand takes on the velocity of a command at the start of a step, at up to
+{limit:.0f} m/s² (*moved*: 1 m/s²), so that the push is mostly over at its end, where the wrench is
+felt, while the poses have all of it. That part is known from the hand's own places and velocities,
+and is added to what is felt: m times the second difference of its places, less the mean of what its
+limit leaves to the ends of steps. What the pads bear within a step is not judged by this."""
 ONSET = """## When a loosened grip slips
 
 HoldStill under a steady load, the grip falling along a line from {start:.0f} N to nothing in
@@ -442,6 +450,7 @@ def page(report: dict[str, Any]) -> str:
         PAGE,
         report | {"still": report["swinging"][0]["rigid bodies"]},
         verdict=verdict(report),
+        pushed=pushed(report["sizes"]),
         by_case=table(CASE, report["table"]),
         trembling=table(TREMBLE, report["trembling"]),
         by_object=objects(report["objects"]),
@@ -512,6 +521,12 @@ def by_marker(report: dict[str, Any]) -> str:
         shares=table(columns, rows, absent="–"),
         elements=elements(report["markers"]),
     )
+
+
+def pushed(sizes: dict[str, Any]) -> str:
+    """What of the hand's acceleration is left out, if the report was made so."""
+    limit = sizes.get("most acceleration of the hand (m/s²)")
+    return "" if limit is None else text(PUSHED, {"limit": limit})
 
 
 def elements(rows: list[dict[str, Any]]) -> str:
