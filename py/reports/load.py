@@ -25,8 +25,8 @@ MADE_OF += ["py/reports/load_markers.py", "py/python/ruffini/policies/grasp_lift
 MODELS = ("surrogate", "compliance", "fem")
 SEEDS = {"surrogate": 10, "compliance": 10, "fem": 1}
 QUICK = ("hanging", "moved", "sliding")
-MARKED = {"fem": ("sphere", "cylinder", "ellipsoid")}
-"""Objects whose markers are watched, where not all; under a flat face it takes many minutes."""
+MARKED = {"fem": ("sphere", "cylinder", "prism", "ellipsoid")}
+"""Objects whose markers are watched, where not all; under a cuboid it takes many minutes."""
 STATES = ("sticking", "transition", "sliding")
 GOALS = {"sticking": 0.02, "transition": 0.05, "sliding": 0.05}
 """Largest 95th percentile of the error of force."""
@@ -538,9 +538,8 @@ def elements(rows: list[dict[str, Any]]) -> str:
         return ""
     found = [f"{of['fem', one]:.2f} ({of['compliance', one]:.2f}) of a {one}'s" for one in things]
     return (
-        f"With finite elements, asked for what is curved, at a load of {at} these shares have "
-        f"slipped, in brackets with linear elasticity: {', '.join(found)}; the law says "
-        f"{markers.predicted(float(at)):.2f}."
+        f"With finite elements, at a load of {at}, these shares have slipped, in brackets with "
+        f"linear elasticity: {', '.join(found)}; the law says {markers.predicted(float(at)):.2f}."
     )
 
 
