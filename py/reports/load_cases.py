@@ -32,6 +32,8 @@ from ruffini.policies import scripted
 LIFT, HOLD = "ruffini:ruffini/GraspLift-v0", "ruffini:ruffini/HoldStill-v0"
 PERIOD, STEP, GRAVITY = 0.04, 0.004, 9.81
 """Time of a control step and of a step of the rigid bodies (s), and gravity (m/s²)."""
+LIMIT = 5.0
+"""Largest acceleration of the hand along an axis, where not set (m/s²)."""
 SUBSTEPS = 4
 """Parts of a step in which the rigid-body engine moves bodies."""
 ONSET = 0.5
@@ -69,6 +71,8 @@ class Record:
     """Time of a step of the rigid bodies (s)."""
     period: float = PERIOD
     """Time of a control step (s)."""
+    limit: float = LIMIT
+    """Largest acceleration of the hand along an axis (m/s²)."""
     samples: dict[str, list[Any]] = field(default_factory=dict)
     ended: str = "the last step"
 
@@ -175,6 +179,8 @@ def sample(env: gymnasium.Env, observation: Any, record: Record) -> None:
         slip=np.array(observation["slip"], float),
         normal=-felt[:, 2],
         grip=float(observation["proprio"][11]),
+        tool=np.array(look["tool_position"], float),
+        hand=tool(look) @ np.array(observation["proprio"][5:8], float),
         velocity=tool(look) @ np.array(observation["object"][9:12], float),
         spin=tool(look) @ np.array(observation["object"][12:15], float),
         lowest=float((record.surface @ rotation.T + place)[:, 2].min()),
@@ -240,7 +246,7 @@ def balance(record: Record) -> dict[str, np.ndarray]:
 
     judged = in_hand(arrays)
     found = {"step": np.arange(1, count + 1), "needed": np.c_[force, spin], "scale": scale}
-    found |= {of: mean(record, arrays[of], 10) for of in ("felt", "engine")}
+    found |= {of: mean(record, arrays[of], 10) + unseen(record) for of in ("felt", "engine")}
     found |= {"slip": arrays["slip"][1:-2], "grip": arrays["grip"][1:-2]}
     return {name: values[judged] for name, values in found.items()}
 
@@ -255,6 +261,23 @@ def mean(record: Record, wrenches: np.ndarray, middle: float) -> np.ndarray:
     """Mean of wrenches (K, 6) over two steps, with 1, `middle` and 1 as weights."""
     late = wrenches[:-1] + record.step / record.period * np.diff(wrenches, axis=0)
     return (late[:-2] + middle * late[1:-1] + late[2:]) / (middle + 2)
+
+
+def unseen(record: Record) -> np.ndarray:
+    """What :func:`mean` of wrenches at the ends of steps lacks of inertia in the hand (K, 6).
+
+    The hand reaches the velocity of a command within the step, at up to its limit of acceleration,
+    so that mostly none is left at the end, while the change of the motion over two steps has all.
+    """
+    arrays = record.arrays()
+    change = np.diff(arrays["hand"], axis=0, prepend=arrays["hand"][:1])
+    beyond = np.abs(change) - record.limit * (record.period - record.step)
+    at_end = np.zeros((len(change), 6))
+    at_end[:, :3] = record.mass * np.sign(change) * beyond.clip(0.0) / record.step
+    whole = record.mass * np.diff(arrays["tool"], 2, axis=0)[:-1] / record.period**2
+    lacking = -mean(record, at_end, 10)
+    lacking[:, :3] += whole
+    return lacking
 
 
 def balance_of_velocities(record: Record) -> dict[str, np.ndarray]:
@@ -361,7 +384,7 @@ def moved(
     limits: dict[str, Any] = {"gripper": {"max_acceleration": ACCELERATION}, "yaw": 0.0}
     limits["physics"] = {"time_step": step, "iterations": substeps}
     env, observation, record = begin(LIFT, thing, model, seed, friction=(0.5, 1.2), **limits)
-    record.step = step
+    record.step, record.limit = step, ACCELERATION
     turns = [way for axis in (0, 1, 2) for way in (axis, ~axis, ~axis, axis)]
 
     def shuttle(time: int, action: Any) -> Any:

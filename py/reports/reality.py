@@ -1,7 +1,8 @@
 """Touch as measured on real sensors beside touch as simulated: parts, each a module of its own.
 
-A part has ``make(options)``, its figures; ``section(part)``, their Markdown; and, where it has a
-picture, ``draw(part, figure)``, which draws it on a part of the page's, with ``HEIGHT`` in inches.
+A part has ``make(options)``, its figures; ``section(part)``, their Markdown; where it compares with
+what others found, ``rows(part)``, its lines of the first table; and, where it has a picture,
+``draw(part, figure)``, which draws it on a part of the page's, with ``HEIGHT`` in inches.
 ``--part NAME …`` makes only these anew.
 """
 
@@ -12,10 +13,18 @@ from argparse import ArgumentParser, Namespace
 from importlib import import_module
 from typing import Any
 
-from engine import OUT, plt
+from engine import OUT, plt, table
 
-PARTS = ("reality_unfitted", "reality_curves", "reality_image", "reality_face", "reality_mesh")
+PARTS = ("reality_unfitted", "reality_curves", "reality_table", "reality_image", "reality_face")
+PARTS += ("reality_mesh",)
 ONE_THREAD = True
+COLUMNS = {
+    "what": "{what}",
+    "found by": "{by}",
+    "ours": "{ours}",
+    "difference": "{difference}",
+    "put down to": "{because}",
+}
 
 
 def options(parser: ArgumentParser) -> None:
@@ -38,10 +47,12 @@ def make(options: Namespace) -> dict[str, Any]:
 
 
 def page(report: dict[str, Any]) -> str:
-    """Sections of the parts."""
-    sections = [import_module(name).section(part) for name, part in report.items()]
-    head = ["# Against measurements of real sensors", "![the figures below](reality.svg)"]
-    return "\n\n".join([*head, *sections])
+    """A table of what is compared, and sections of the parts."""
+    parts = [(import_module(name), part) for name, part in report.items()]
+    rows = [row for module, part in parts if hasattr(module, "rows") for row in module.rows(part)]
+    head = ["# Against measurements of real sensors", table(COLUMNS, rows)]
+    head += ["![the figures below](reality.svg)"]
+    return "\n\n".join([*head, *(module.section(part) for module, part in parts)])
 
 
 def figure(report: dict[str, Any]) -> Any:

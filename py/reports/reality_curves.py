@@ -275,6 +275,19 @@ COVERAGE = {
 }
 
 
+def rows(part: dict[str, Any]) -> list[dict[str, str]]:
+    """The fit without friction, and what is not fitted."""
+    found = usual(part["fits"], 0.0)
+    most, left = (100 * np.abs(found[key]).max() for key in ("errors", "left out"))
+    row = {"what": "the same", "by": "FEATS, measured"}
+    row |= {"ours": "the same with E and an offset in depth fitted, μ 0"}
+    row |= {"difference": f"at most {most:.1f} %; {left:.1f} % at a depth left out"}
+    row |= {"because": "too few points to tell friction, thickness and law apart"}
+    other = {"what": "force of a GelSight with gel pad v6 at 31 depths", "by": "Taxim, measured"}
+    other |= {"ours": "none", "difference": "–", "because": "its indenter is not stated"}
+    return [row, other]
+
+
 def section(part: dict[str, Any]) -> str:
     """The fits, and how far intervals can be trusted."""
     sizes = part["sizes"]

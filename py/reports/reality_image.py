@@ -187,6 +187,20 @@ def means(fit: dict[str, Any]) -> list[dict[str, Any]]:
     return sorted(found, key=lambda row: row["window"])
 
 
+def rows(part: dict[str, Any]) -> list[dict[str, str]]:
+    """The pictures that no colour was fitted to."""
+    fit = part["fit"]
+    found = {row["picture"]: row for row in means(fit)}
+    ours, theirs = found["ours"], found["Taxim, flat taken off"]
+    row = {"what": f"{len(fit['held'])} pictures of a GelSight Mini under a ball"}
+    row |= {"by": "the package `taxim`, measured", "ours": "colours by slope, of other presses"}
+    row["difference"] = (
+        f"{ours['window']:.2f} of 255, similarity {ours['similarity']:.3f} (Taxim's at best "
+        f"{theirs['window']:.2f} and {theirs['similarity']:.3f} with its own faces)"
+    )
+    return [row | {"because": "shadows, the place on the face, and the face around the contact"}]
+
+
 def section(part: dict[str, Any]) -> str:
     """Errors, terms, smoothing, and limits of the pictures."""
     fit = part["fit"]

@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import os
 import resource
+import tempfile
 from argparse import Namespace
 from collections import defaultdict
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import islice, product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ import numpy as np
 from engine import Rows, made, plt, run, table, text
 from peers import PEERS, peer
 from rollout_speed import CONTROL_STEP, random_rollout
+from ruffini import Shape
 from ruffini.envs import GraspLiftVectorEnv
 from timing import resident_bytes, scripted_steps, touching
 
@@ -42,6 +45,10 @@ OMITTED = ("displacement", "stress", "tet_stress", "depth", "image")
 the gel."""
 NETWORK, LINEAR = {"tactile": "surrogate"}, {"tactile": "compliance"}
 FULL = "network, all channels"
+PICTURES = {f"network, image of {x} × {y}": (x, y) for x, y in ((60, 80), (240, 320))}
+"""Scenes with the tactile image alone, and its pixels across and along."""
+PICTURED = ("sphere", "cuboid", "prism", "ellipsoid", "cup", "potato", "mesh")
+"""Objects of these scenes; the mesh is the potato's triangles."""
 SCENES: dict[str, dict[str, Any]] = {
     "rigid": {"tactile": "none"},
     "rigid, finer step": {"tactile": "none", "physics": {"time_step": 1e-3, "iterations": 4}},
@@ -56,6 +63,10 @@ SCENES: dict[str, dict[str, Any]] = {
         for channel in OMITTED
     },
     FULL: NETWORK | {"observation": TOUCH},
+    **{
+        name: NETWORK | {"observation": [*BASE, "image"], "resolution": {"image": pixels}}
+        for name, pixels in PICTURES.items()
+    },
     "fem, markers": {"tactile": "fem", "observation": MARKERS},
 }
 LEFT_OUT = {name: f"network, all but {name}" for name in OMITTED}
@@ -89,7 +100,8 @@ def make(options: Namespace) -> dict:
     rows, cases = Rows.of("scene_cost", options, MADE_OF, {"environments": COUNT}), {}
     for name in QUICK if quick else SCENES:
         steps = STEPS.get(name.split(",")[0], MOST)
-        for thing in ("sphere", "cuboid") if name in BOTH and not quick else ("sphere",):
+        things = ("sphere", "cuboid") if name in BOTH else ("sphere",)
+        for thing in ("sphere",) if quick else PICTURED if name in PICTURES else things:
             cases[f"cost {name}, {thing}"] = (cost, name, thing, steps)
     threads = [2**i for i in range(int(np.log2(os.cpu_count() or 1)) + 1)]
     for name, counts in SCALING.items():
@@ -109,8 +121,10 @@ def make(options: Namespace) -> dict:
 
 def cost(name: str, thing: str, steps: int) -> dict:
     """Steps a second, stages and memory of a scene while a scripted policy holds an object."""
-    before = resident_bytes()
-    envs = GraspLiftVectorEnv(COUNT, num_threads=1, objects=[thing], **SCENES[name])
+    with tempfile.TemporaryDirectory() as folder:
+        found = mesh(Path(folder)) if thing == "mesh" else thing
+        before = resident_bytes()
+        envs = GraspLiftVectorEnv(COUNT, num_threads=1, objects=[found], **SCENES[name])
     held, spent, wall, stages = 0, 0.0, 0.0, []
     for taken, step in enumerate(islice(scripted_steps(envs, LIFT), WARM + steps)):
         plan = envs.plan(forget=True)
@@ -130,6 +144,16 @@ def cost(name: str, thing: str, steps: int) -> dict:
         "MiB": (resident_bytes() - before) / 2**20,
         "peak MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
+
+
+def mesh(folder: Path) -> str:
+    """File of triangles of the potato."""
+    vertices, triangles = Shape.named("potato").surface(80)
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices]
+    lines += [f"f {a} {b} {c}" for a, b, c in triangles + 1]
+    file = folder / "potato.obj"
+    file.write_text("\n".join(lines) + "\n")
+    return str(file)
 
 
 def scaling(name: str, count: int, threads: int) -> dict:
@@ -238,6 +262,8 @@ touch; processor time. Memory is what the scene adds to the process.
 
 {by_stage}
 
+{pictures}
+
 ## What leaving something out saves
 
 Against 'network, all channels'; 'stage' is what `plan()` says that what is left out takes.
@@ -256,6 +282,13 @@ the case began.
 {beside_peers}
 
 {made}"""
+IMAGES = """## Pictures
+
+What the channel `image` takes for one finger, in ms. Where the object touches, each pixel shows the
+object's own surface: those of meshes, prisms and potatoes are found by their triangles, others by a
+ray. *Mesh* is the potato as a file of triangles.
+
+{table}"""
 TRAINED = """## Training by Stable-Baselines3 (SB3), end to end
 
 Stable-Baselines3's PPO with the hyper-parameters of `ruffini.agents.params`, one thread of torch
@@ -326,7 +359,9 @@ def page(report: dict) -> str:
     scenes = named(report["scenes"])
     kinds = dict.fromkeys(stage for row in scenes for stage in row["stages"])
     stages = [("scene", "{name}"), *((kind, f"{{stages[{kind}]:,.0f}}") for kind in kinds)]
-    parts = {"trained": "", "beside_peers": "", "ppo": ""}
+    parts = {"trained": "", "beside_peers": "", "ppo": "", "pictures": ""}
+    if found := pictures(report["scenes"]):
+        parts["pictures"] = text(IMAGES, {}, table=found)
     if runs := report.get("sb3"):
         parts["ppo"] = "Training by Stable-Baselines3's PPO end to end on one thread:\n\n"
         parts["ppo"] += "\n".join(share(name, run) for name, run in runs.items())
@@ -344,6 +379,21 @@ def page(report: dict) -> str:
         made=made(report),
         **parts,
     )
+
+
+def pictures(scenes: dict) -> str:
+    """Cost of a finger's picture by object and size, or nothing."""
+    some = {name: of for name, of in scenes.items() if name in PICTURES}
+    columns: dict = {"object": "{name}"}
+    for name in some:
+        x, y = PICTURES[name]
+        columns[f"{x} × {y}"] = f"{{{name}[stages][channel image]:0.5e-3*.2f}}"
+    rows = [
+        {"name": thing} | {name: of[thing] for name, of in some.items()}
+        for thing in PICTURED
+        if all(thing in of for of in some.values())
+    ]
+    return table(columns, rows) if some else ""
 
 
 def dominant(row: dict) -> str:

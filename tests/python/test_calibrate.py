@@ -159,14 +159,17 @@ def test_a_sensor_is_written_as_it_was_read(tmp_path):
 
 NOT_RIGHT = {
     "nan": ([*POINTS, (1.3e-3, "nan")], "point 5: found force_n = nan, expected a number"),
-    "no number": ([(1e-4, "")], "point 1: found force_n = , expected a number from 0"),
+    "no number": ([(1e-4, "")], "point 1: found force_n = nothing, expected a number from 0"),
     "a negative force": ([(1e-4, -0.1)], "found force_n = -0.1, expected a number from 0"),
     "depths that fall": ([POINTS[1], POINTS[0]], "found depth 0.0003 m after 0.0006 m"),
     "millimetres": ([(1e3 * d, f) for d, f in POINTS], "found a depth of 1.2 m.*seems to be in mm"),
+    "micrometres": ([(1e6 * d, f) for d, f in POINTS], "a depth of 1200 m.*seems to be in µm"),
     "too deep": ([*POINTS, (2.2e-3, 20)], "found a depth of 0.0022 m, expected at most 0.002 m"),
     "millinewtons": ([(d, 1e3 * f) for d, f in POINTS], "found 4700 N.*seems to be in mN"),
+    "gram-force": ([(d, f / 9.81e-3) for d, f in POINTS], "479.1.* N.*seems to be in gram-force"),
     "no points": ([], "found no points"),
     "few points": (POINTS[:2], "found 2 points for young, offset, expected at least 3"),
+    "one point": (POINTS[:1], "found 1 point for young, offset, expected at least 3"),
 }
 
 
@@ -200,6 +203,9 @@ def test_a_file_without_the_columns_is_refused(tmp_path):
     file.write_text("depth,force_n\n1,2\n")
     with pytest.raises(ValueError, match="found columns depth, force_n, expected depth_m and"):
         read_curve(file, BALL, 4e-3)
+    file.write_text("depth_m;force_n\n0,1;2\n")
+    with pytest.raises(ValueError, match=r"depth_m;force_n, expected .* with a comma between them"):
+        read_curve(file, BALL, 4e-3)
     file.write_bytes(b"\x80\xff\x00")
     with pytest.raises(ValueError, match=r"found no text, expected a \.csv file"):
         read_curve(file, BALL, 4e-3)
@@ -217,3 +223,10 @@ def test_without_scipy_one_line_says_what_to_install(command, monkeypatch, capsy
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert command(POINTS) == 2
     assert 'pip install "ruffini[calibrate]"' in capsys.readouterr().err
+
+
+def test_a_gel_far_from_the_sensors_own_is_pointed_out(command, capsys):
+    assert command([(depth, force / 9.81) for depth, force in POINTS]) == 0
+    assert "are forces in N?" in capsys.readouterr().out
+    assert command(POINTS) == 0
+    assert "are forces in N?" not in capsys.readouterr().out

@@ -296,6 +296,8 @@ def test_the_balance_of_a_body_on_a_known_path_is_its_load():
             normal=[5.0, 5.0],
             grip=5.0,
             lowest=0.1,
+            tool=np.zeros(3),
+            hand=np.zeros(3),
         )
     found = cases.balance(record)
     # From the end of the load's onset, where it has a kink, on.
@@ -311,6 +313,31 @@ def test_the_balance_of_a_body_on_a_known_path_is_its_load():
     record.samples["felt"] = record.samples["unloaded"]
     for error in cases.errors(cases.balance_of_velocities(record), "felt"):
         assert error.max() < 2e-3, "error of what the velocities need"
+
+
+def test_a_load_is_judged_by_what_a_jerky_hand_leaves_to_the_ends_of_steps():
+    cases = module("load_cases")
+    mass, still = 0.2, np.zeros(3)
+    record = cases.Record(mass, 1e-5 * np.eye(3), still, np.zeros((1, 3)), {})
+    random, most = np.random.default_rng(0), cases.LIMIT * cases.STEP
+    place, velocity, weight = np.array([0, 0, 0.1]), still, np.array([0, 0, mass * cases.GRAVITY])
+    jerks = []
+    for _ in range(60):
+        # Some commands are reached at once, others not within the step.
+        wanted = random.uniform(-0.3, 0.3, 3) * random.choice([0.05, 1.0])
+        for _ in range(round(cases.PERIOD / cases.STEP)):
+            change = (wanted - velocity).clip(-most, most)
+            velocity = velocity + change
+            place = place + cases.STEP * velocity
+        jerks.append(np.abs(change).max() / cases.STEP)
+        push = weight + mass * change / cases.STEP
+        moved = {"center": place, "tool": place, "hand": velocity, "velocity": velocity}
+        record.add(**moved, felt=np.r_[push, still], engine=np.r_[weight, still], spin=still)
+        record.add(rotation=np.eye(3), slip=[0.0, 0.0], normal=[5.0, 5.0], grip=5.0, lowest=0.1)
+    found = cases.balance(record)
+    assert (np.array(jerks) > 0.9 * cases.LIMIT).any() and (np.array(jerks) < 1e-9).any()
+    assert cases.errors(found, "felt")[0].max() < 1e-6
+    assert cases.errors(found, "engine")[0].max() > 0.1, "pads that feel the weight alone"
 
 
 def test_the_way_of_an_object_past_a_marker_is_none_where_it_is_carried():

@@ -35,20 +35,29 @@ pub(super) fn cover(
         displacement.map_or(still, |u| still + u[node as usize])
     };
     for &corners in &skin.triangles {
-        let triangle = corners.map(place);
-        let [columns, rows] = [0, 1].map(|axis| pixels(view, axis, &triangle));
-        // Shares are linear in the plan.
-        let Some(origin) = plan_shares(&triangle, 0.0, 0.0) else { continue };
-        let [along, across] = share_slopes(&triangle);
-        for j in rows {
-            let y = view.centre(1, j);
-            for i in columns.clone() {
-                let x = view.centre(0, i);
-                let shares: [f64; 3] = from_fn(|k| origin[k] + along[k] * x + across[k] * y);
-                if shares.iter().all(|&share| share >= -1e-9) {
-                    let z = triangle.iter().zip(shares).map(|(corner, s)| corner.z * s).sum();
-                    visit((j * view.counts[0] + i) as usize, z, &(corners, shares));
-                }
+        cover_by(&corners.map(place), view, |pixel, z, shares| visit(pixel, z, &(corners, shares)));
+    }
+}
+
+/// Calls `visit` for each pixel of `view` in the plan of a triangle, with its height there (m), and
+/// the shares of the corners.
+pub(super) fn cover_by(
+    triangle: &[Point3<f64>; 3],
+    view: &PlanGrid,
+    mut visit: impl FnMut(usize, f64, [f64; 3]),
+) {
+    let [columns, rows] = [0, 1].map(|axis| pixels(view, axis, triangle));
+    // Shares are linear in the plan.
+    let Some(origin) = plan_shares(triangle, 0.0, 0.0) else { return };
+    let [along, across] = share_slopes(triangle);
+    for j in rows {
+        let y = view.centre(1, j);
+        for i in columns.clone() {
+            let x = view.centre(0, i);
+            let shares: [f64; 3] = from_fn(|k| origin[k] + along[k] * x + across[k] * y);
+            if shares.iter().all(|&share| share >= -1e-9) {
+                let z = triangle.iter().zip(shares).map(|(corner, s)| corner.z * s).sum();
+                visit((j * view.counts[0] + i) as usize, z, shares);
             }
         }
     }

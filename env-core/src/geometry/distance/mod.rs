@@ -7,6 +7,7 @@
 //! one of the nearest surface points.
 
 pub(super) mod ellipsoid;
+mod facets;
 mod hollow;
 pub(super) mod ray;
 pub(super) mod solids;

@@ -52,7 +52,7 @@ impl StarShaped {
     }
 
     /// The surface point on the ray from the origin through `x`.
-    fn onto_surface(&self, x: &Vector3<f64>) -> Vector3<f64> {
+    pub(super) fn onto_surface(&self, x: &Vector3<f64>) -> Vector3<f64> {
         let direction = x.try_normalize(0.0).unwrap_or(Vector3::z());
         self.radius(&direction) * direction
     }

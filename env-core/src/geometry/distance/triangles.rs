@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Similarity3, Vector3};
 
 use super::Distance;
 
@@ -130,6 +130,41 @@ impl TriangleTree {
         best
     }
 
+    /// Corners of the triangles, at least those that meet the box between the corners `within` once
+    /// `place` enlarges and places them; before that is done.
+    pub(super) fn near(
+        &self,
+        place: &Similarity3<f64>,
+        [low, high]: &[Point3<f64>; 2],
+    ) -> Vec<[Point3<f64>; 3]> {
+        let meets = |least: &Point3<f64>, most: &Point3<f64>| {
+            (0..3).all(|i| least[i] <= high[i] && most[i] >= low[i])
+        };
+        // Takes half of a box to half of the one about it once it is placed.
+        let widened = place.scaling() * place.isometry.rotation.to_rotation_matrix().matrix().abs();
+        let mut found = Vec::new();
+        let mut stack = vec![0];
+        while let Some(index) = stack.pop() {
+            let node = &self.nodes[index as usize];
+            let middle = place * Point3::from(0.5 * (node.low + node.high));
+            let half = widened * (0.5 * (node.high - node.low));
+            if !meets(&(middle - half), &(middle + half)) {
+                continue;
+            }
+            if node.count == 0 {
+                stack.extend([node.first, index + 1]);
+                continue;
+            }
+            let first = node.first as usize;
+            let triangles = &self.triangles[first..first + node.count as usize];
+            found.extend(triangles.iter().map(Triangle::corners).filter(|corners| {
+                let [a, b, c] = corners.map(|corner| place * corner);
+                meets(&a.inf(&b).inf(&c), &a.sup(&b).sup(&c))
+            }));
+        }
+        found
+    }
+
     /// First intersection of a ray with the surface: the distance along the ray (m), and `true` if
     /// the ray enters there.
     pub(super) fn first_hit(
@@ -191,6 +226,11 @@ impl Node {
 }
 
 impl Triangle {
+    fn corners(&self) -> [Point3<f64>; 3] {
+        let [u, v] = self.sides;
+        [self.origin, self.origin + u, self.origin + v].map(Point3::from)
+    }
+
     /// Vector from the nearest point of the triangle to `p`, and the feature on which that point
     /// lies.
     fn nearest(&self, p: &Vector3<f64>) -> (Vector3<f64>, Feature) {

@@ -32,6 +32,8 @@ from ruffini.commands.fitting import (
 
 _UNITS = {"young": (1e-6, " MPa"), "offset": (1e3, " mm"), "thickness": (1.0, " of the file's")}
 """In which parameters are printed."""
+_FORCES = {"mN": 1e-3, "gram-force": 9.81e-3, "kN": 1e3}
+"""Units (N) in which forces may be by mistake."""
 _TIED = 0.95
 """Correlation from which two parameters are reported as not separately determined."""
 
@@ -95,12 +97,14 @@ def run(options: argparse.Namespace) -> None:
     held |= {name: value for name, value in defaults.items() if held[name] is None}
     gel = Gel(options.sensor, options.law or before["law"], options.nodes)
     for curve in curves:
-        _check_unit(curve, replace(gel, element="p1-bar"), held)
+        _check_unit(curve, replace(gel, element="p1-bar"), held, before["young"])
     tables = [_table(gel, curve, fitted, held) for curve in curves]
     problem = Problem(curves, tables, fitted, held)
     fit = problem.fit()
     left_out = problem.left_out(fit)
     _report(problem, fit, left_out)
+    if not 0.2 <= (ratio := fit.values["young"] / before["young"]) <= 5.0:
+        print(f"{'young':<12} {ratio:.2g} times that of {before['name']}: are forces in N?")
     _report_numbers(problem, fit, gel)
     material = _material(options, problem, fit, gel.law)
     print("\n[[calibration]]\n" + material, end="")
@@ -136,13 +140,15 @@ def _curves(options: argparse.Namespace, thickness: float) -> list[Curve]:
     return [read_curve(path, shapes.shape(text), thickness) for path, text in pairs]
 
 
-def _check_unit(curve: Curve, gel: Gel, held: Mapping[str, float]) -> None:
-    """Refuse forces that no gel bears, by a quick solve."""
+def _check_unit(curve: Curve, gel: Gel, held: Mapping[str, float], usual: float) -> None:
+    """Refuse forces that no gel bears, by a quick solve; `usual` is a likely modulus (Pa)."""
     deepest = curve.forces[-1]
     young = deepest / gel.solve(curve.indenter, curve.depths[-1:], held)[0]
     low, high = RANGES["young"]
     if not low <= young <= high:
-        hint = "; it seems to be in mN" if low <= 1e-3 * young <= high else ""
+        units = [unit for unit, newtons in _FORCES.items() if low <= young * newtons <= high]
+        nearest = min(units, key=lambda u: abs(np.log(young * _FORCES[u] / usual)), default=None)
+        hint = f"; it seems to be in {nearest}" if nearest else ""
         text = f"found {deepest:g} N at {curve.depths[-1]:g} m, for which E would be {young:.2g} Pa"
         raise ValueError(f"{curve.name}: {text}, expected {low:g} to {high:g} Pa{hint}")
 
@@ -181,8 +187,9 @@ def _report(problem: Problem, fit: Fit, left_out: list[NDArray[np.float64]]) -> 
     for curve, *columns in zip(problem.curves, fit.errors, left_out, strict=True):
         print(f"{curve.name}: errors of the fit, and of the fit to all other points")
         for depth, force, here, left in zip(curve.depths, curve.forces, *columns, strict=True):
-            cells = f"{1e3 * depth:8.4g} mm {force:10.4g} N {100 * here:+8.2f} %"
-            print(f"{cells} {100 * left:+8.2f} %")
+            if force > 0:
+                cells = f"{1e3 * depth:8.4g} mm {force:10.4g} N {100 * here:+8.2f} %"
+                print(f"{cells} {100 * left:+8.2f} %")
     every = 100 * np.abs(np.concatenate(fit.errors))
     print(
         f"{'errors':<12} rms {np.sqrt(np.nanmean(every**2)):.2f} %, most {np.nanmax(every):.2f} %"

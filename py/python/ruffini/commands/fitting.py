@@ -58,6 +58,8 @@ _YOUNG = 1e6
 """Young's modulus with which tables are solved (Pa)."""
 _DEEPEST = 0.5
 """Share of the gel's thickness to which it may be pressed."""
+_LENGTHS = {"mm": 1e-3, "µm": 1e-6, "cm": 1e-2}
+"""Units (m) in which depths may be by mistake, the likeliest first."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,8 @@ def read_curve(path: Path, indenter: Shape, thickness: float) -> Curve:
             raise ValueError(f"{path}: found no text, expected a .csv file") from None
         if not {"depth_m", "force_n"} <= {*columns}:
             found = ", ".join(columns) or "none"
-            raise ValueError(f"{path}: found columns {found}, expected depth_m and force_n")
+            text = f"found columns {found}, expected depth_m and force_n, with a comma between them"
+            raise ValueError(f"{path}: {text}")
         points = [_point(f"{path}, point {number}", row) for number, row in enumerate(rows, 1)]
     if not points:
         raise ValueError(f"{path}: found no points")
@@ -99,7 +102,8 @@ def read_curve(path: Path, indenter: Shape, thickness: float) -> Curve:
         text = f"found depth {depths[first + 1]:g} m after {depths[first]:g} m"
         raise ValueError(f"{path}, point {first + 2}: {text}, expected depths that increase")
     if depths[-1] > (most := _DEEPEST * thickness) * (1 + 1e-9):
-        hint = "; it seems to be in mm" if 10 * thickness < depths[-1] <= 1e3 * most else ""
+        units = (u for u, m in _LENGTHS.items() if 0.01 * thickness <= depths[-1] * m <= most)
+        hint = f"; it seems to be in {unit}" if (unit := next(units, None)) else ""
         text = f"expected at most {most:g} m, half of the gel's thickness{hint}"
         raise ValueError(f"{path}: found a depth of {depths[-1]:g} m, {text}")
     return Curve(str(path), indenter, depths, forces)
@@ -114,7 +118,8 @@ def _point(place: str, row: Mapping[str, Any]) -> tuple[float, float]:
         except (TypeError, ValueError):
             numbers.append(math.nan)
         if not 0.0 <= numbers[-1] < math.inf:
-            text = f"found {column} = {row[column]}, expected a number from 0"
+            found = row[column] or "nothing"
+            text = f"found {column} = {found}, expected a number from 0"
             raise ValueError(f"{place}: {text}")
     return numbers[0], numbers[1]
 
@@ -259,7 +264,7 @@ def parameters(curves: Sequence[Curve], fitted: Sequence[str]) -> list[str]:
     if "offset" in fitted:
         names += [f"offset {n}" for n in range(1, len(curves) + 1)] if curves[1:] else ["offset"]
     if (points := sum(len(curve.depths) for curve in curves)) <= len(names):
-        text = f"found {points} points for {', '.join(names)}"
+        text = f"found {points} point{'s' * (points > 1)} for {', '.join(names)}"
         raise ValueError(f"{text}, expected at least {len(names) + 1}")
     return names
 
