@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from drawn_agent import COARSE, HOLD, card, drawn, tensors
 
-from ruffini import __version__, agents
+from ruffini import TASKS, __version__, agents
 from ruffini._core import read_tensors, write_tensors
 from ruffini.agents import FORMAT, MOST_BYTES, Agent, Card, environment_id, load
 
@@ -117,6 +117,18 @@ def test_a_card_that_does_not_fit_is_refused(tmp_path, made, text):
     with pytest.raises(ValueError) as raised:
         load(path)
     assert text in str(raised.value) and "bad.safetensors" in str(raised.value)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_action_of_a_row_does_not_depend_on_the_others(task):
+    agent, random = agents.load(task), np.random.default_rng(0)
+    rows = {
+        name: random.normal(size=(48, size)).astype(np.float32)
+        for name, size in agent.card["channels"].items()
+    }
+    together, _ = agent.predict(rows)
+    alone = [agent.predict({name: row[i] for name, row in rows.items()})[0] for i in range(48)]
+    assert (together == np.array(alone)).all(), np.abs(together - alone).max()
 
 
 def test_numbers_that_are_not_finite_are_refused():

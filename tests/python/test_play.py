@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from drawn_agent import COARSE, card, drawn, tensors
 
-from ruffini import agents, commands
+from ruffini import agents, commands, video
 from ruffini._core import encode_gif
 from ruffini._schema import TASKS
 from ruffini.agents import Agent
@@ -85,6 +85,26 @@ def test_it_writes_a_gif_that_shows_the_touch(file, tmp_path):
     assert len(np.unique(corner, axis=0)) > 20, "nothing of touch in the corner"
 
 
+def test_what_stands_still_in_a_gif_keeps_its_colour(tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    still = np.random.default_rng(0).integers(0, 256, (40, 60, 3)).astype(np.uint8)
+    frames = [still.copy() for _ in range(8)]
+    for k, frame in enumerate(frames):
+        frame[:, :10] = 30 * k  # More colours change than a palette has.
+        frame[::7, 10:30] ^= k
+    video.write(tmp_path / "a.gif", frames)
+    with image.open(tmp_path / "a.gif") as picture:
+        seen = np.array([shown(picture, i) for i in range(picture.n_frames)])
+    assert (seen[:, :, 30:] == seen[0, :, 30:]).all()
+    off = seen.astype(float) - np.array(frames[::2])
+    # Colours spread evenly over the cube: 255 of them are cells of about 40 levels a side.
+    assert np.sqrt((off**2).mean()) < 20
+    few = [np.full((40, 60, 3), k, np.uint8) for k in (0, 90, 180, 255)]
+    video.write(tmp_path / "b.gif", few)
+    with image.open(tmp_path / "b.gif") as picture:
+        assert (np.array(shown(picture, 1)) == 180).all(), "few colours are kept"
+
+
 def test_camera_and_size_can_be_chosen(file, tmp_path):
     path = tmp_path / "out.gif"
     words = ("--policy", file, "--episodes", 1, "--video", path)
@@ -142,7 +162,7 @@ def test_agents_that_come_with_the_package_play():
         (["--policy", "FILE", "--size", "8x480"], "width: found 8, expected 16 to 4096 pixels"),
         (["--policy", "FILE", "--seed", "-1"], "seed: found -1"),
         (["--policy", "FILE", "--video", "out.avi"], "found out.avi, expected a .gif or .mp4 file"),
-        (["--policy", "FILE", "--video", "none/out.gif"], "none/out.gif: No such file"),
+        (["--policy", "FILE", "--video", "none/out.gif"], "directory; make the folder none first"),
         (["--policy", "FILE", "--video", "FOLDER.gif"], "Is a directory"),
     ],
 )

@@ -39,6 +39,7 @@ def test_nothing_faster_is_as_accurate(panel, error):
     [
         (["--error", "often"], "error: found often, expected a share such as 3% or 0.03"),
         (["--error", "-1"], "expected a share above 0"),
+        (["--error", "6"], "found 6, expected a share above 0, such as 3% or 0.03"),
         (["--error", "3%", "--of", "colour"], "of: found colour, expected one of displacement"),
         (["--error", "3%", "--panel", "odd"], "panel: found odd, expected one of"),
     ],

@@ -44,14 +44,14 @@ def plot(
     with von Mises stress (kPa). Below is the deformed body from above: displacement along z (mm)
     with the nodes that bear force, and stress (kPa). The stress of a node is the mean of its
     tetrahedra. With several answers, a curve shows the normal force (along -z) and the tangential
-    force (N) on the way of the first shape (mm).
+    force (N) against the distance (mm) that the first shape has moved.
 
     Args:
         body: Body that is pressed, ``body`` of the model.
         answers: An answer, or the list from ``solve_path``.
         path: A .png or .svg file to write.
-        start: Position (3,) of the first shape at its first touch (m), where its way begins;
-            that of the first answer if not given.
+        start: Position (3,) of the first shape at its first touch (m), from where the distance
+            counts; that of the first answer if not given.
 
     Returns:
         The matplotlib ``Figure``. Pyplot does not know it: ``figure.savefig`` writes it.
@@ -157,10 +157,10 @@ def _draw_forces(axes: Any, frames: list[Deformation], start: ArrayLike | None) 
     forces = np.array([frame.wrench[:3] for frame in frames])
     if start is not None:
         places, forces = np.vstack([start, places]), np.vstack([np.zeros(3), forces])
-    way = np.linalg.norm(np.diff(places, axis=0, prepend=places[:1]), axis=1).cumsum()
-    axes.plot(1e3 * way, -forces[:, 2], ".-", label="normal")
-    axes.plot(1e3 * way, np.hypot(forces[:, 0], forces[:, 1]), ".-", label="tangential")
-    axes.set(title="on the way of the shape", xlabel="way (mm)", ylabel="force (N)")
+    moved = 1e3 * np.linalg.norm(np.diff(places, axis=0, prepend=places[:1]), axis=1).cumsum()
+    axes.plot(moved, -forces[:, 2], ".-", label="normal")
+    axes.plot(moved, np.hypot(forces[:, 0], forces[:, 1]), ".-", label="tangential")
+    axes.set(title="force on the shape", xlabel="distance moved (mm)", ylabel="force (N)")
     axes.grid(alpha=0.3)
     axes.legend()
 

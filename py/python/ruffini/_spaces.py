@@ -170,7 +170,8 @@ def check_writable(name: str, path: Path) -> None:
     try:
         path.open("ab").close()
     except OSError as error:
-        raise ValueError(f"{name}: {path}: {error.strerror}") from None
+        hint = "" if path.parent.exists() else f"; make the folder {path.parent} first"
+        raise ValueError(f"{name}: {path}: {error.strerror}{hint}") from None
     if not there:
         path.unlink()
 

@@ -24,6 +24,8 @@ SIZES = {".gif": (320, 240), ".mp4": (640, 480)}
 
 _GIF_STRIDE = 2
 """A GIF has one of every so many frames, to limit its size."""
+_COLORS = 255
+"""Largest number of colours of a GIF; one of 256 stands for pixels that do not change."""
 _PAUSE = 12
 """Number of frames for which the end of an episode is shown."""
 
@@ -48,7 +50,8 @@ def write(path: Path, frames: Sequence[Frame], rate: int = 25) -> None:
         OSError: If the file cannot be written, or ffmpeg fails.
     """
     if path.suffix == ".gif":
-        path.write_bytes(encode_gif(frames[::_GIF_STRIDE], _GIF_STRIDE * 1000 // rate))
+        shown = _in_few_colors(frames[::_GIF_STRIDE])
+        path.write_bytes(encode_gif(shown, _GIF_STRIDE * 1000 // rate))
         return
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder) / path.name
@@ -61,6 +64,36 @@ def write(path: Path, frames: Sequence[Frame], rate: int = 25) -> None:
             raise OSError("ffmpeg wrote nothing")
         # By ourselves, for ffmpeg does not say why it cannot.
         path.write_bytes(film.read_bytes())
+
+
+def _in_few_colors(frames: Sequence[Frame]) -> list[Frame]:
+    """Return `frames` in at most `_COLORS` colours, the same in all frames.
+
+    The encoder writes such frames exactly. With colours chosen frame by frame what does not move
+    would flicker. Colours are split where they differ most, until there are as many parts as may be
+    (variance-based cut; Wan, Prusinkiewicz and Wong, 1990); a part becomes its mean.
+    """
+    packed = np.stack(frames).astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+    found, places, counts = np.unique(packed, return_inverse=True, return_counts=True)
+    colors = np.stack([found >> 16, found >> 8 & 255, found & 255], axis=1).astype(float)
+    parts: list[tuple[float, Any]] = []
+    split = [np.arange(len(found))]
+    while True:
+        for part in split:
+            mean = np.average(colors[part], axis=0, weights=counts[part])
+            spread = counts[part] @ (colors[part] - mean) ** 2
+            axis = spread.argmax()
+            high = colors[part, axis] > mean[axis]
+            parts.append((spread[axis], (part, mean, high)))
+        parts.sort(key=lambda each: each[0])
+        spread, (part, _, high) = parts[-1]
+        if len(parts) == _COLORS or spread == 0.0:
+            break
+        parts.pop()
+        split = [part[high], part[~high]]
+    for _, (part, mean, _) in parts:
+        colors[part] = mean.round()
+    return list(colors.astype(np.uint8)[places.reshape(packed.shape)])
 
 
 def _encode(path: Path, frames: Sequence[Frame], rate: int = 25) -> None:

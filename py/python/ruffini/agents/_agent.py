@@ -296,13 +296,17 @@ class Agent:
         return strong.reshape(len(values), -1)
 
     def _layers(self, name: str, values: Floats, activation: str) -> Floats:
-        """Output of a perceptron, without an activation after its last layer."""
+        """Output of a perceptron, without an activation after its last layer.
+
+        Sums are taken in float64 and rounded, so that a row's action does not depend on how many
+        rows there are: an episode that is filmed alone is the one that was counted in a batch.
+        """
         layer = 0
         while f"{name}.{layer}.weight" in self.tensors:
             if layer > 0:
                 values = ACTIVATIONS[activation](values)
             weight, bias = (self.tensors[f"{name}.{layer}.{part}"] for part in ("weight", "bias"))
-            values = values @ weight.T + bias
+            values = (values.astype(np.float64) @ weight.T + bias).astype(np.float32)
             layer += 1
         return values
 

@@ -76,6 +76,6 @@ def _error(text: str) -> float:
         share = float(text.rstrip("% ")) / (100 if "%" in text else 1)
     except ValueError:
         raise ValueError(f"error: found {text}, expected a share such as 3% or 0.03") from None
-    if not 0 < share < float("inf"):
-        raise ValueError(f"error: found {text}, expected a share above 0")
+    if not 0 < share < (float("inf") if "%" in text else 1):
+        raise ValueError(f"error: found {text}, expected a share above 0, such as 3% or 0.03")
     return share
