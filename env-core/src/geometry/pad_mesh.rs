@@ -468,6 +468,25 @@ mod tests {
     }
 
     #[test]
+    fn a_layer_has_the_nodes_of_the_pad_and_goes_on_beyond_it() {
+        let (pad, reach) = (PadMesh::with_nodes(&crowned(), 1000).unwrap(), 0.01);
+        let (layer, nodes) = pad.as_layer(reach).unwrap();
+        let [inside, all] = [&pad, &layer].map(|pad| pad.face.len());
+        for node in 0..pad.mesh.vertices.len() {
+            let ((below, on_face), own) = ((node / inside, node % inside), pad.mesh.vertices[node]);
+            let at = layer.mesh.vertices[below * all + nodes[on_face] as usize];
+            assert!((at - own).xy().norm() < 1e-15, "{own} at {at}");
+            // Both are at the same share of the height over the base.
+            let [high, share] = [own.z, at.z].map(|z| (z + 0.004) / 0.004);
+            let height = 1.0 + crowned().height(own.x, own.y) / 0.004;
+            assert!((high - share * height).abs() < 1e-12, "{own} at {at}");
+        }
+        let end = layer.mesh.vertices.iter().fold(Point3::origin(), |end, p| end.sup(p));
+        assert!(end.x > 0.5 * 0.02075 + reach && end.y > 0.5 * 0.02525 + reach, "{end}");
+        assert!(layer.face.iter().all(|&i| layer.mesh.vertices[i as usize].z == 0.0));
+    }
+
+    #[test]
     fn the_mesh_is_its_own_mirror_image() {
         let pad = PadMesh::with_nodes(&crowned(), 1000).unwrap();
         let key = |p: Point3<f64>| [p.x, p.y, p.z].map(|x| (x * 1e12).round() as i64);

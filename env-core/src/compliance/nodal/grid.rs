@@ -262,6 +262,17 @@ impl CellGrid {
         (i as u32 / 2) * (self.count()[1] / 2) + j as u32 / 2
     }
 
+    /// Points on the face at rest that represent equal parts of a cell, `count` along each side.
+    pub(super) fn points(&self, rank: u32, count: u32) -> impl Iterator<Item = Point3<f64>> {
+        let (centre, sides, outline) = (self.place(rank), self.sides(), &self.cells.outline);
+        let away = move |i: u32| (f64::from(i) + 0.5) / f64::from(count) - 0.5;
+        (0..count * count).map(move |i| {
+            let x = centre.x + sides[0] * away(i / count);
+            let y = centre.y + sides[1] * away(i % count);
+            Point3::new(x, y, outline.height(x, y))
+        })
+    }
+
     /// Quarters of a cell in the next grid.
     pub(super) fn children(&self, rank: u32) -> [u32; 4] {
         let [i, j] = self.cell(rank).map(|i| 2 * i as u32);
@@ -631,5 +642,34 @@ impl SideCompliance {
             let [x, y, z] = [part(0), part(1), part(2)];
             [x[0], x[1], x[2], 0.0, y[0], y[1], y[2], 0.0, z[0], z[1], z[2], 0.0]
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compliance::{Compliance, ComplianceOptions};
+
+    #[test]
+    fn sides_soften_what_is_near_them_and_not_what_is_far() {
+        let outline = PadOutline::flat(0.032, 0.032, 0.003);
+        let pad = PadMesh::with_nodes(&outline, 1500).unwrap();
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let body = SoftBody::new(pad.mesh.clone(), Law::Linear, moduli, &pad.base).unwrap();
+        let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
+        let condensed = Compliance::new(body, options).unwrap().condensed;
+        let cells = CellLevels::new(&outline, [16; 2], 2, (&condensed, &pad), true).unwrap();
+        let grid = CellGrid::new(&cells, 0);
+        // Change of the displacement of a cell along z under a force on it, over that by the layer.
+        let change = |[i, j]: [u32; 2]| {
+            let rank = 16 * i + j;
+            let block = grid.edges().unwrap().block(rank, rank).unwrap();
+            block[10] / grid.layer().at([0, 0])[10]
+        };
+        let (middle, corner) = (change([8, 8]), change([0, 0]));
+        assert!(
+            middle.abs() < 2e-3 && corner > 0.2,
+            "{middle} in the middle, {corner} at a corner"
+        );
     }
 }

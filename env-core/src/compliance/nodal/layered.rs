@@ -176,10 +176,19 @@ impl LayeredPad {
         (0..).zip(sum).zip(bears).filter_map(|(contact, bears)| bears.then_some(contact)).collect()
     }
 
-    /// Centres of the touching cells on the face at rest (m), with the forces on them (N).
-    pub fn cell_forces(&self, settled: &ContactSolution) -> Vec<(Point3<f64>, Vector3<f64>)> {
-        let grid = self.grid(settled);
-        settled.forces.iter().map(|(cell, force)| (grid.place(*cell), *force)).collect()
+    /// Contact of a solution as forces (N) on points of the face at rest (m), `count` along each side
+    /// of a touching cell, over which its force is spread evenly.
+    pub fn point_forces(
+        &self,
+        settled: &ContactSolution,
+        count: u32,
+    ) -> Vec<(Point3<f64>, Vector3<f64>)> {
+        let (grid, share) = (self.grid(settled), 1.0 / f64::from(count * count));
+        let spread = |(cell, force): &(u32, Vector3<f64>)| {
+            let part = force * share;
+            grid.points(*cell, count).map(move |point| (point, part))
+        };
+        settled.forces.iter().flat_map(spread).collect()
     }
 
     /// Side of the cells on which a solution was found (m).
