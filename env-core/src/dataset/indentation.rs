@@ -163,6 +163,9 @@ pub(super) struct PressedPad {
 /// Nodes of the finite elements from which the influence of the pad's sides on finely resolved
 /// contact is taken.
 const ELEMENTS: usize = 2000;
+/// Points along each side of a touching cell over which its force is spread: closer than the nodes of
+/// the finest mesh.
+const POINTS: u32 = 3;
 
 impl PressedPad {
     /// Builds the pad of a gel with fields on at most `nodes` nodes, and with finely resolved contact
@@ -298,7 +301,7 @@ impl PressRun<'_> {
         let finer = Carrier::new(&fine, &pad.model.mesh)?;
         let mut fields = Vec::new();
         for ((more, less), settled) in frames.iter().zip(&less).zip(&settled) {
-            let loads = fine.loads(&contact.cell_forces(settled))?;
+            let loads = fine.loads(&contact.point_forces(settled, POINTS))?;
             let better = elastic.displacement(&loads, &mut workspace);
             let states = [more, less].map(|frame| &frame.history.displacement[..]);
             let carried = carrier.corrected(states, (&finer, &better))?;

@@ -17,7 +17,7 @@ impl Fem {
     }
 
     /// Nodal forces (N entries) in N that do the same work as `forces` (N) at points of the body at
-    /// rest (m), or an error if a point lies far off it.
+    /// rest (m) or close to it, or an error if a point lies far off it.
     pub(crate) fn loads(
         &self,
         forces: &[(Point3<f64>, Vector3<f64>)],
@@ -28,6 +28,9 @@ impl Fem {
         let quadratic = (self.system.element == Element::P2).then(|| quadratic_nodes(mesh, nodes));
         for ((tet, l), (_, force)) in sites(mesh, &points)?.iter().zip(forces) {
             let tet = *tet as usize;
+            // One beside a curved face is taken to the nearest facet.
+            let inside = l.map(|share| share.max(0.0));
+            let l = &inside.map(|share| share / inside.iter().sum::<f64>());
             let mut add = |(&node, share): (&u32, f64)| loads[node as usize] += force * share;
             match &quadratic {
                 Some(nodes) => nodes[tet].iter().zip(quadratic_shares(l)).for_each(&mut add),

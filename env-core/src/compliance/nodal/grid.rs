@@ -249,6 +249,17 @@ impl CellGrid {
         (i as u32 / 2) * (self.count()[1] / 2) + j as u32 / 2
     }
 
+    /// Points on the face at rest that represent equal parts of a cell, `count` along each side.
+    pub(super) fn points(&self, rank: u32, count: u32) -> impl Iterator<Item = Point3<f64>> {
+        let (centre, sides, outline) = (self.place(rank), self.sides(), &self.cells.outline);
+        let away = move |i: u32| (f64::from(i) + 0.5) / f64::from(count) - 0.5;
+        (0..count * count).map(move |i| {
+            let x = centre.x + sides[0] * away(i / count);
+            let y = centre.y + sides[1] * away(i % count);
+            Point3::new(x, y, outline.height(x, y))
+        })
+    }
+
     /// Quarters of a cell in the next grid.
     pub(super) fn children(&self, rank: u32) -> [u32; 4] {
         let [i, j] = self.cell(rank).map(|i| 2 * i as u32);
