@@ -491,6 +491,24 @@ mod tests {
         assert!(rim.level == 1 && rim.forces.len() > 96, "{} on {}", rim.forces.len(), rim.level);
     }
 
+    #[test]
+    fn forces_on_points_of_cells_add_up_to_the_wrench() {
+        let layered = layered();
+        let pose = Isometry3::translation(2e-3, -1e-3, 5e-3 - 4e-4);
+        let press = Press::along(vec![Shape::Sphere { radius: 5e-3 }], vec![vec![pose]]).unwrap();
+        let settled = layered.settled_path(&press).pop().unwrap().unwrap();
+        let points = layered.point_forces(&settled, 3);
+        assert_eq!(points.len(), 9 * settled.forces.len());
+        let sum: Vector3<f64> = points.iter().map(|(_, force)| force).sum();
+        let whole = settled.wrench.force;
+        // Rounding of hundreds of forces.
+        assert!((sum - whole).norm() < 1e-12 * whole.norm(), "{sum} N against {whole} N");
+        let middle =
+            points.iter().map(|(at, force)| at.coords * force.z).sum::<Vector3<f64>>() / sum.z;
+        // It touches around the lowest point of the ball; cells are smaller than 0.4 mm.
+        assert!((middle.xy() - pose.translation.vector.xy()).norm() < 2e-4, "{middle}");
+    }
+
     /// Cells beside an edge must stay on the side where the block met them, not be pushed out at the
     /// side that is nearest once they are inside.
     #[test]
