@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::{
     features::{PadInput, PadMaterial, Target},
     graph::PadGraph,
-    linear::{LinearBaseline, LinearFields},
+    linear::{LinearBaseline, LinearFields, LinearStress},
 };
 use crate::{
     Result,
@@ -128,10 +128,14 @@ impl Gels {
             let all = all.into_iter().map_while(Result::ok);
             all.skip(self.steps).step_by(self.steps)
         };
-        let linear = framed(pad.linear.path(&press)).map(|found| pad.linear.carry(&found, true));
+        let carried = |found| pad.linear.carry(&found, LinearStress::OF_NETWORK);
+        let linear = framed(pad.linear.path(&press)).map(carried);
         Ok(match pad.fine.as_ref().filter(|_| frames.nonlinear.is_some()) {
             Some(fine) => {
-                let carried = |found| (pad.linear.carry_by(fine, &found, false), found.wrench);
+                let carried = |found| {
+                    let fields = pad.linear.carry_by(fine, &found, LinearStress::Omitted);
+                    (fields, found.wrench)
+                };
                 let pairs = linear.zip(framed(fine.settled_path(&press)).map(carried));
                 pairs.map(|(linear, fine)| Answers { linear, fine: Some(fine) }).collect()
             }
