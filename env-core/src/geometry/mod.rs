@@ -34,4 +34,4 @@ pub use star_shaped::{Bump, Hollow, StarShaped, Wave};
 pub use surface::{MassProperties, Surface};
 pub use tet_mesh::{Incidence, MeshQuality, TetMesh};
 pub use transfer::Transfer;
-pub(crate) use transfer::{Site, samples, sites};
+pub(crate) use transfer::{Site, sample_shares, samples, sites};

@@ -32,7 +32,7 @@ pub struct Transfer {
     starts: Vec<u32>,
 }
 
-/// Sample points along an edge of a tetrahedron: n (n + 1) (n + 2) / 6 in its volume.
+/// Sample points along an edge of a tetrahedron.
 const SAMPLES: u32 = 5;
 /// Least barycentric coordinate at which a point outside still counts as near a tetrahedron.
 const NEAR: f64 = -1.0;
@@ -139,18 +139,24 @@ fn sampled(source: &Locator, to: &TetMesh) -> impl Iterator<Item = Result<Vec<Si
 
 /// Sample points that represent equal volumes of a tetrahedron.
 fn points(corners: &[Point3<f64>; 4]) -> Vec<Point3<f64>> {
-    let mut points = Vec::new();
-    for i in 0..SAMPLES {
-        for j in 0..SAMPLES - i {
-            for k in 0..SAMPLES - i - j {
-                let counts = [i, j, k, SAMPLES - 1 - i - j - k];
-                let share = |a: usize| (f64::from(counts[a]) + 0.25) / f64::from(SAMPLES);
-                let sum = (0..4).map(|a| corners[a].coords * share(a)).sum::<Vector3<f64>>();
-                points.push(sum.into());
+    let sum =
+        |shares: &[f64; 4]| -> Vector3<f64> { (0..4).map(|a| corners[a].coords * shares[a]).sum() };
+    sample_shares(SAMPLES).iter().map(|shares| Point3::from(sum(shares))).collect()
+}
+
+/// Barycentric coordinates of points that represent equal volumes of a tetrahedron, `along` of them
+/// on an edge: n (n + 1) (n + 2) / 6 in all.
+pub(crate) fn sample_shares(along: u32) -> Vec<[f64; 4]> {
+    let mut shares = Vec::new();
+    for i in 0..along {
+        for j in 0..along - i {
+            for k in 0..along - i - j {
+                let counts = [i, j, k, along - 1 - i - j - k];
+                shares.push(counts.map(|count| (f64::from(count) + 0.25) / f64::from(along)));
             }
         }
     }
-    points
+    shares
 }
 
 /// A grid of boxes that finds the tetrahedron at a point.

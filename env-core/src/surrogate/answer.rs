@@ -14,7 +14,7 @@ use super::{
     fast::{PadBuffers, PadInference},
     features::{PadInput, PadMaterial},
     graph::{LAYERS, PadGraph},
-    linear::{LinearBaseline, LinearFields, PadFields, body},
+    linear::{LinearBaseline, LinearFields, LinearStress, PadFields, body},
     predicted::ErrorModel,
     weights::{self, Card, bearing_of},
 };
@@ -297,7 +297,8 @@ impl PadModel {
         let start = Instant::now();
         // Candle's layers always compute the stress.
         let with_stress = wanted.stress || matches!(evaluation, Evaluation::Plain);
-        let linear = self.linear.carry(&settled, with_stress);
+        let stress = if with_stress { LinearStress::OF_NETWORK } else { LinearStress::Omitted };
+        let linear = self.linear.carry(&settled, stress);
         let places = &self.body.mesh().vertices;
         let friction = press.friction().unwrap_or(self.gel.friction);
         let gel = PadMaterial { friction, ..self.gel };

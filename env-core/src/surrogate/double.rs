@@ -12,7 +12,7 @@ use super::{
     features::{DIRECTIONS, FEATURES, PadInput, PadMaterial},
     graph::{LAYERS, PadGraph},
     layers::{LayerNorm, Linear, Mlp, Round},
-    linear::LinearBaseline,
+    linear::{LinearBaseline, LinearStress},
     multi_scale::Level,
     ops::Sparse,
     weights::{self, Card},
@@ -233,7 +233,7 @@ fn precision_single_is_enough() {
         for (name, depth, press) in presses() {
             let Ok(answer) = linear.path(&press).swap_remove(0) else { continue };
             let places: &[Point3<f64>] = &pad.mesh.vertices;
-            let carried = linear.carry(&answer, true);
+            let carried = linear.carry(&answer, LinearStress::OF_NETWORK);
             let input = PadInput::new(&graph, &gel, places, press.shapes(), &carried);
             if input.amplitude == 0.0 {
                 continue;

@@ -2,7 +2,9 @@
 //!
 //! Contact is solved on a regular grid of cells whose size follows the contact ([`LayeredPad`]). Its
 //! forces, spread over the nodes of the model mesh's face, displace a fine mesh on which linear
-//! elasticity is condensed in advance; the network need not learn what a coarse mesh would miss.
+//! elasticity is condensed in advance; the network need not learn what a coarse mesh would miss. Near
+//! the contact, displacement and, if asked for ([`LinearStress`]), stress are those under the forces
+//! on cells.
 
 use std::sync::OnceLock;
 
@@ -43,6 +45,22 @@ struct Stress {
     elements: PadStress,
     /// Shares of the fine mesh's tetrahedra in each tetrahedron of the model mesh.
     shares: Sparse,
+}
+
+/// Stress of a linear answer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum LinearStress {
+    /// None.
+    Omitted,
+    /// That under the forces spread over the nodes of the face.
+    Spread,
+    /// That under the forces on cells near the contact, else as [`LinearStress::Spread`].
+    Resolved,
+}
+
+impl LinearStress {
+    /// Stress that the network is given and adds to. Its weights are trained for one of them.
+    pub(super) const OF_NETWORK: Self = Self::Spread;
 }
 
 /// Fields on the model mesh. V nodes, T tetrahedra, S shapes.
@@ -104,8 +122,8 @@ impl LinearBaseline {
         self.layered.settled_path(press)
     }
 
-    /// Transfers an answer to the model mesh; its stress is left empty unless `with_stress`.
-    pub(super) fn carry(&self, settled: &ContactSolution, with_stress: bool) -> LinearFields {
+    /// Transfers an answer to the model mesh, with this `stress`.
+    pub(super) fn carry(&self, settled: &ContactSolution, stress: LinearStress) -> LinearFields {
         let nodes = self.layered.contacts(settled);
         let forces: Vec<_> = nodes.iter().map(|(node, contact)| (*node, contact.force)).collect();
         let displacement = self.extension.displacement(&forces);
@@ -116,11 +134,17 @@ impl LinearBaseline {
         for (node, force) in &forces {
             contact_force[*node as usize] = *force;
         }
-        let stress = || self.von_mises(&forces, &self.transfer);
+        let mut von_mises = match stress {
+            LinearStress::Omitted => Vec::new(),
+            _ => self.von_mises(&forces, &self.transfer),
+        };
+        if stress == LinearStress::Resolved {
+            self.layered.refine_stress(settled, &displacement, &mut von_mises);
+        }
         let fields = PadFields {
             displacement,
             contact_force,
-            von_mises: if with_stress { stress() } else { Vec::new() },
+            von_mises,
             poses: settled.history.poses.clone(),
         };
         let cells = CellContact { nodes, spacing: self.layered.spacing(settled) };
@@ -206,6 +230,31 @@ mod tests {
         // The matrix is rounded to 16 bits, which affects differences between neighbours most, and
         // the fast stress has single precision and a floor of 1e-5 of the shear modulus.
         assert!(error < 3e-4 * most, "{error} Pa of {most} Pa");
+    }
+
+    #[test]
+    fn stress_is_resolved_near_the_contact_and_as_spread_elsewhere() {
+        let (linear, _) = pressed();
+        let radius = 1e-3;
+        let path = vec![vec![Isometry3::translation(-5e-3, -6e-3, radius - 4e-4)]];
+        let press = Press::along(vec![Shape::Sphere { radius }], path).unwrap();
+        let settled = linear.path(&press).pop().unwrap().unwrap();
+        let stress = |stress| linear.carry(&settled, stress).fields.von_mises;
+        let (spread, resolved) = (stress(LinearStress::Spread), stress(LinearStress::Resolved));
+        assert!(stress(LinearStress::Omitted).is_empty());
+        let mesh = Sensor::named("gelsight-mini").unwrap().pad(1000).unwrap().mesh;
+        let centre = |tet: usize| {
+            nalgebra::Point3::from(
+                mesh.corners(tet).iter().map(|p| p.coords).sum::<Vector3<f64>>() / 4.0,
+            )
+        };
+        let most = |stress: &[f64]| stress.iter().copied().fold(0.0, f64::max);
+        assert!(most(&resolved) > 1.5 * most(&spread), "{} Pa", most(&resolved));
+        for tet in 0..mesh.tets.len() {
+            let is_far = centre(tet).x > 4e-3;
+            assert!(resolved[tet].is_finite() && resolved[tet] >= 0.0);
+            assert!(!is_far || resolved[tet] == spread[tet], "{} Pa", resolved[tet]);
+        }
     }
 
     #[test]

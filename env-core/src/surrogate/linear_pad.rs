@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::{
     features::PadMaterial,
-    linear::{LinearBaseline, PadFields, body},
+    linear::{LinearBaseline, LinearStress, PadFields, body},
 };
 use crate::{
     Error, Result,
@@ -54,8 +54,9 @@ impl LinearPad {
 
     fn fields(&self, settled: ContactSolution, wanted: Wanted) -> Result<Deformation> {
         let start = Instant::now();
+        let stress = if wanted.stress { LinearStress::Resolved } else { LinearStress::Omitted };
         let PadFields { displacement, contact_force, von_mises, poses } =
-            self.linear.carry(&settled, wanted.stress).fields;
+            self.linear.carry(&settled, stress).fields;
         let residual = if wanted.residual {
             let residual = self.elements.residual(&displacement, &contact_force);
             residual.ok_or(Error::Inverted)?

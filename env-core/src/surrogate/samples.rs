@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::{
     features::{PadInput, PadMaterial, Target},
     graph::PadGraph,
-    linear::{LinearBaseline, LinearFields},
+    linear::{LinearBaseline, LinearFields, LinearStress},
 };
 use crate::{
     Result,
@@ -125,7 +125,7 @@ impl Gels {
         }
         let solved = linear.path(&press).into_iter().map_while(Result::ok);
         let framed = solved.skip(self.steps).step_by(self.steps);
-        Ok(framed.map(|found| linear.carry(&found, true)).collect())
+        Ok(framed.map(|found| linear.carry(&found, LinearStress::OF_NETWORK)).collect())
     }
 
     fn sample(

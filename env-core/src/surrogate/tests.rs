@@ -10,7 +10,7 @@ use super::{
     corrector::{Corrector, CorrectorConfig},
     features::{PadInput, PadMaterial, Target, flat},
     graph::PadGraph,
-    linear::{LinearBaseline, body},
+    linear::{LinearBaseline, LinearStress, body},
     loss::parts,
     samples::{Gels, Sample},
     train::{Trainer, Training},
@@ -57,7 +57,13 @@ fn samples(depths: &[f64]) -> (PadGraph, Vec<Sample>) {
             graph: 0,
             gel: 0,
             grasp: "ball/000".to_owned(),
-            input: PadInput::new(&graph, &gel, places, shapes, &linear.carry(&answer, true)),
+            input: PadInput::new(
+                &graph,
+                &gel,
+                places,
+                shapes,
+                &linear.carry(&answer, LinearStress::OF_NETWORK),
+            ),
             target: Target {
                 displacement: flat(&target.displacement, gel.thickness),
                 stress: target.von_mises.iter().map(|s| (s / GEL.shear()) as f32).collect(),

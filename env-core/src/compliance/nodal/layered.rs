@@ -17,6 +17,7 @@ use super::{
     grid::{CellGrid, CellLevels, ROOT},
     kernel::PlaneKernel,
     load_stepping::{ContactResolution, NodalLoadStepping, NodalScratch},
+    near_field::{NearField, PointForce},
 };
 use crate::{
     Result,
@@ -47,6 +48,7 @@ pub struct LayeredPad {
     resolution: ContactResolution,
     law: ContactLaw,
     model: Arc<ModelFace>,
+    near_field: Arc<NearField>,
     /// Precomputed data of each cell of the first levels.
     known: Arc<Vec<Vec<Known>>>,
 }
@@ -121,9 +123,10 @@ impl LayeredPad {
         let height = |layer: usize| model.mesh.vertices[layer * model.face.len()].z;
         let layers = model.cells[2] as usize;
         let part = |layer| (height(0) - height(layer)) / (height(0) - height(layers));
-        let plane =
-            |layer| PlaneKernel::new(outline.thickness * part(layer), outline.thickness, moduli);
-        let below = (1..layers).map(plane).collect();
+        let depths: Vec<_> = (0..=layers).map(|layer| outline.thickness * part(layer)).collect();
+        let plane = |depth: &f64| PlaneKernel::new(*depth, outline.thickness, moduli);
+        let below = depths[1..layers].iter().map(plane).collect();
+        let near_field = Arc::new(NearField::new(model, &depths, moduli));
         let model = Arc::new(ModelFace::new(model, below, &CellGrid::new(&cells, 1)));
         let known = levels.iter().take(KEPT).map(|nodes| {
             let grid = nodes.grid().expect("levels are grids");
@@ -131,7 +134,7 @@ impl LayeredPad {
         });
         let known = Arc::new(known.collect());
         let law = compliance.settings.law;
-        Ok(Self { levels: Arc::new(levels), resolution, law, model, known })
+        Ok(Self { levels: Arc::new(levels), resolution, law, model, near_field, known })
     }
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
@@ -242,6 +245,23 @@ impl LayeredPad {
         for (u, [x, y, z, _]) in displacement.iter_mut().zip(sum) {
             *u += Vector3::new(x, y, z).cast::<f64>();
         }
+    }
+
+    /// Replaces the von Mises stress (T) in Pa of the model mesh's tetrahedra near the contact by that
+    /// under the forces on cells, given the refined `displacement` (V) in m.
+    pub fn refine_stress(
+        &self,
+        settled: &ContactSolution,
+        displacement: &[Vector3<f64>],
+        von_mises: &mut [f64],
+    ) {
+        let grid = self.grid(settled);
+        let point = |(cell, force): &(u32, Vector3<f64>)| {
+            let place = grid.place(*cell);
+            PointForce { place: [place.x as f32, place.y as f32], force: force.cast().into() }
+        };
+        let forces: Vec<_> = settled.forces.iter().map(point).collect();
+        self.near_field.refine(&forces, self.spacing(settled), displacement, von_mises);
     }
 
     fn grid(&self, settled: &ContactSolution) -> &CellGrid {
@@ -453,8 +473,9 @@ mod tests {
     use super::*;
     use crate::{
         compliance::ComplianceOptions,
+        compliance::nodal::near_field::LIFT,
         deformation::{Law, Moduli, SoftBody},
-        geometry::Shape,
+        geometry::{Shape, sample_shares},
         sensor::Sensor,
     };
 
@@ -551,6 +572,122 @@ mod tests {
         );
     }
 
+    /// Displacement (m) of a node of a free layer of the model mesh under the forces on all cells, by
+    /// the elastic layer.
+    fn under_cells(
+        layered: &LayeredPad,
+        settled: &ContactSolution,
+        [layer, node]: [usize; 2],
+    ) -> Vector3<f64> {
+        let (model, grid) = (&layered.model, layered.grid(settled));
+        let at = &model.nodes[node];
+        let by_cell = |(cell, force): &(u32, Vector3<f64>)| {
+            let from = grid.place(*cell);
+            match layer {
+                0 => grid.at_point(*cell, at).cast::<f64>() * force,
+                _ => model.below[layer - 1].at(at.x - from.x, at.y - from.y) * force,
+            }
+        };
+        settled.forces.iter().map(by_cell).sum()
+    }
+
+    /// Displacement (m) times 4πμ at `away` from a `force` on a half-space, as Johnson (1985,
+    /// eqs. 3.18 and 3.75) writes it, with z and the force along it into the half-space.
+    fn half_space(away: Vector3<f64>, force: Vector3<f64>, nu: f64) -> Vector3<f64> {
+        let (x, y, z) = (away.x, away.y, away.z);
+        let (r, m) = (away.norm(), 1.0 - 2.0 * nu);
+        let normal = Vector3::new(
+            x * z / r.powi(3) - m * x / (r * (r + z)),
+            y * z / r.powi(3) - m * y / (r * (r + z)),
+            z * z / r.powi(3) + 2.0 * (1.0 - nu) / r,
+        );
+        let along = |x: f64, y: f64| {
+            let even = 1.0 / r + x * x / r.powi(3);
+            [
+                even + m * (1.0 / (r + z) - x * x / (r * (r + z).powi(2))),
+                x * y / r.powi(3) - m * x * y / (r * (r + z).powi(2)),
+                x * z / r.powi(3) + m * x / (r * (r + z)),
+            ]
+        };
+        let ([a, b, c], [d, e, f]) = (along(x, y), along(y, x));
+        normal * force.z + Vector3::new(a, b, c) * force.x + Vector3::new(e, d, f) * force.y
+    }
+
+    #[test]
+    fn refined_stress_is_that_of_all_cells_at_many_points() {
+        const STEP: f64 = 1e-8;
+        let (sensor, layered) = (Sensor::named("gelsight-mini").unwrap(), layered());
+        let pad = sensor.pad(1000).unwrap();
+        let (mesh, moduli) = (&pad.mesh, Moduli { young: 3e5, poisson: 0.47 });
+        let pose = Isometry3::translation(1e-3, 2e-3, 2e-3 - 3e-4);
+        let press = Press::along(vec![Shape::Sphere { radius: 2e-3 }], vec![vec![pose]]).unwrap();
+        let settled = layered.settled_path(&press).pop().unwrap().unwrap();
+        let (grid, count) = (layered.grid(&settled), pad.face.len());
+        let mut displacement = vec![Vector3::zeros(); mesh.vertices.len()];
+        for (k, moved) in displacement.iter_mut().enumerate().take(pad.cells[2] as usize * count) {
+            *moved = under_cells(&layered, &settled, [k / count, k % count]);
+        }
+        let mut found = vec![-1.0; mesh.tets.len()];
+        layered.refine_stress(&settled, &displacement, &mut found);
+
+        let lift = LIFT[0] * layered.spacing(&settled);
+        let scale = 1.0 / (4.0 * PI * moduli.shear());
+        let half_space = |x: f64, y: f64, depth: f64| -> Vector3<f64> {
+            let by_cell = |(cell, force): &(u32, Vector3<f64>)| {
+                let from = grid.place(*cell);
+                let away = Vector3::new(x - from.x, y - from.y, depth + lift);
+                let force = Vector3::new(force.x, force.y, -force.z);
+                half_space(away, force, moduli.poisson)
+            };
+            let u = settled.forces.iter().map(by_cell).sum::<Vector3<f64>>() * scale;
+            Vector3::new(u.x, u.y, -u.z)
+        };
+        let bottom = mesh.vertices[pad.base[0] as usize].z;
+        // Depths in the layer are parts of its thickness, those of the mesh parts of its height.
+        let rest = |node: u32| {
+            let (place, face) =
+                (mesh.vertices[node as usize], mesh.vertices[node as usize % count]);
+            let depth = sensor.outline.thickness * (face.z - place.z) / (face.z - bottom);
+            displacement[node as usize] - half_space(place.x, place.y, depth)
+        };
+        let von_mises = |tet: usize| -> f64 {
+            let corners = mesh.tets[tet];
+            let [a, b, c, d] = corners.map(rest);
+            let [p, q, r, s] = mesh.corners(tet);
+            let edges = Matrix3::from_columns(&[q - p, r - p, s - p]).try_inverse().unwrap();
+            let smooth = Matrix3::from_columns(&[b - a, c - a, d - a]) * edges;
+            let samples = sample_shares(12);
+            let at = |shares: &[f64; 4]| {
+                let places = corners.map(|node| {
+                    let (place, face) =
+                        (mesh.vertices[node as usize], mesh.vertices[node as usize % count]);
+                    Vector3::new(place.x, place.y, face.z - place.z)
+                });
+                let place: Vector3<f64> = (0..4).map(|a| places[a] * shares[a]).sum();
+                let by = |axis: usize| {
+                    let step = Vector3::ith(axis, if axis == 2 { -STEP } else { STEP });
+                    let moved = |p: Vector3<f64>| half_space(p.x, p.y, p.z);
+                    (moved(place + step) - moved(place - step)) / (2.0 * STEP)
+                };
+                let gradient = smooth + Matrix3::from_columns(&[by(0), by(1), by(2)]);
+                let strain = (gradient + gradient.transpose()) * 0.5;
+                let deviator = strain - Matrix3::from_diagonal_element(strain.trace() / 3.0);
+                2.0 * moduli.shear() * 1.5_f64.sqrt() * deviator.norm()
+            };
+            samples.iter().map(at).sum::<f64>() / samples.len() as f64
+        };
+        let near: Vec<_> = (0..found.len()).filter(|tet| found[*tet] >= 0.0).collect();
+        let (mut error, mut all) = (0.0, 0.0);
+        for &tet in near.iter().step_by(7) {
+            let right = von_mises(tet);
+            error += (found[tet] - right).powi(2);
+            all += right.powi(2);
+        }
+        assert!(near.len() > 300 && near.len() < found.len(), "{} near", near.len());
+        let error = (error / all).sqrt();
+        assert!(error < 0.1, "{error} on cells of {} m", layered.spacing(&settled));
+    }
+
     #[test]
     fn refined_displacement_is_that_under_all_cells() {
         let layered = layered();
@@ -581,17 +718,10 @@ mod tests {
             for (k, found) in found.iter().enumerate() {
                 let (layer, node) = (k / count, k % count);
                 let at = &model.nodes[node];
-                let by_cell = |(cell, force): &(u32, Vector3<f64>)| {
-                    let from = grid.place(*cell);
-                    match layer {
-                        0 => grid.at_point(*cell, at).cast::<f64>() * force,
-                        _ => model.below[layer - 1].at(at.x - from.x, at.y - from.y) * force,
-                    }
-                };
                 let by_tents = |(other, force): &(usize, Vector3<f64>)| {
                     model.between[layer][other * count + node].cast::<f64>() * force
                 };
-                let cells: Vector3<f64> = settled.forces.iter().map(by_cell).sum();
+                let cells = under_cells(&layered, &settled, [layer, node]);
                 let tents: Vector3<f64> = forces.iter().map(by_tents).sum();
                 let right = cells - tents * grid.cells().share_of_sides(at.x, at.y);
                 error = error.max((found - right).norm());

@@ -18,6 +18,7 @@ mod contact_nodes;
 mod grid;
 mod kernel;
 mod layered;
+mod near_field;
 mod patch;
 mod settle;
 mod spots;
