@@ -138,9 +138,10 @@ Labels with less error of the mesh. Quadratic elements on 1,200 nodes are a tent
 displacement where contact is small beside the mesh, and a network that learns from them learns that
 too. Most of that error is the same by a linear law. So displacement and forces are now learnt from
 linear elasticity with contact on up to 800 cells (`LinearPad(contact="fine")`) plus the difference
-of the nonlinear and the linear law on one mesh of 500 nodes; stress as before. Against these labels, medians in % over the 60 indenters held back (`ruffini
-network evaluate`), and, against quadratic elements on 1,000 nodes, how much too large the force of
-a ball is with friction 0.8, by radius and depth, elements on 2,000 under the small one:
+of the nonlinear and the linear law on one mesh of 500 nodes; stress as before. Against these
+labels, medians in % over the 60 indenters held back (`ruffini network evaluate`), and, against
+quadratic elements on 1,000 nodes, how much too large the force of a ball is with friction 0.8, by
+radius and depth, elements on 2,000 under the small one:
 
 {brought}
 

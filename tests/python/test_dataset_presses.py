@@ -81,30 +81,35 @@ def ball(radius, folder):
 def test_what_the_nonlinear_law_changes_is_added_to_finely_resolved_contact(tmp_path):
     shape, mesh = ball(4e-3, tmp_path)
     settings = {**PRESSES, "objects": 0, "object": [mesh], "truth_element": "p2", "depth": 0.3}
-    settings |= {"truth_nodes": 300, "truth_linear_nodes": 1500}
-    data = dataset.generate(tmp_path / "corrected", threads=2, **settings)
-    assert data is not None and len(data.grasps) == 2, data.manifest["unsolved"]
+    pair = {"truth_nodes": 300, "truth_linear_nodes": 1500}
+    data = dataset.generate(tmp_path / "corrected", threads=2, **settings | pair)
+    finer = {"truth_nodes": 900, "truth_across": 20.0}
+    direct = dataset.generate(tmp_path / "direct", threads=2, **settings | finer)
+    assert data is not None and direct is not None
+    assert data.grasps == direct.grasps and len(data.grasps) == 2, data.manifest["unsolved"]
     for grasp in data.grasps:
-        friction = data.plan(grasp)["indentation"]["friction"]
-        pad = LinearPad("gelsight-mini", young=3e5, poisson=0.47, friction=friction, contact="fine", resolution=700)
+        gel = {"young": 3e5, "poisson": 0.47}
+        gel["friction"] = data.plan(grasp)["indentation"]["friction"]
+        linear = LinearPad("gelsight-mini", **gel, contact="fine", resolution=700)
         path = [(pose[:3], pose[3:]) for pose in data.column(grasp, "first.press")]
-        linear = pad.solve_path(Press(shape, path))
-        frames = [data[i] for i in data.frames(grasp)]
-        changes = []
-        for frame, answer in zip(frames[:4], linear, strict=False):
-            assert frame.imbalance()["contact"] < 1e-5 * np.abs(frame.pad.wrench).max()
-            pairs = [
-                (frame.pad.displacement, answer.displacement),
-                (frame.pad.von_mises, answer.von_mises),
-                (frame.pad.wrench, answer.wrench),
-            ]
-            changes.append([np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in pairs])
-        # Where the press is shallow, both are linear; 1,500 nodes leave some per cent in the fields.
-        assert max(changes[0]) < 0.1 and max(changes[-1]) < 0.6, changes
-        assert changes[-1][2] > changes[0][2], changes
-    for wrong in ({"truth_linear_nodes": 5}, {"truth_element": "p1-bar"}, {"scenario": "pads"}):
+        answers = linear.solve_path(Press(shape, path))
+        frames = zip(data.frames(grasp), direct.frames(grasp), answers, strict=True)
+        for number, other, answer in frames:
+            found, exact = data[number], direct[other].pad
+            assert found.imbalance()["contact"] < 1e-5 * np.abs(found.pad.wrench).max()
+            assert 0 < apart(found.pad.wrench[:3], answer.wrench[:3]) < 0.15
+            # By the pad's sides the linear contact is a tenth off.
+            for field in ("displacement", "von_mises", "wrench"):
+                assert apart(getattr(found.pad, field), getattr(exact, field)) < 0.25, field
+    wrongs = ({"truth_linear_nodes": 5}, {"truth_element": "p1-bar"}, {"scenario": "pads"})
+    for wrong in wrongs:
         with pytest.raises(ValueError, match="truth_linear_nodes"):
-            dataset.generate(tmp_path / "none", **settings | wrong)
+            dataset.generate(tmp_path / "none", **settings | pair | wrong)
+
+
+def apart(one, other):
+    """Distance relative to the other."""
+    return np.linalg.norm(one - other) / np.linalg.norm(other)
 
 
 def test_the_error_of_its_elements_is_the_distance_to_a_finer_mesh(data, tmp_path, capsys):
