@@ -512,20 +512,40 @@ impl SideCompliance {
                 }
                 let moved = layer.displacement(&forces, workspace);
                 let seen = |to: &Shares| -> [f64; 3] {
-                    to.iter()
-                        .map(|(node, share)| moved[*node as usize] * *share)
-                        .sum::<Vector3<_>>()
-                        .into()
+                    let part = |(node, share): &(u32, f64)| moved[*node as usize] * *share;
+                    to.iter().map(part).sum::<Vector3<_>>().into()
                 };
                 loads.iter().flat_map(seen).collect::<Vec<_>>()
             });
             rows.concat()
         };
-        let layer: Vec<_> =
-            loads.par_iter().map_init(|| layer.workspace(), rows).flatten_iter().collect();
+        // The layer and its mesh are their own mirror images, so that a quarter of the cells tell all.
+        let [nx, ny] = cells.count.map(|count| count as usize);
+        let quarter: Vec<_> = (0..nx.div_ceil(2))
+            .flat_map(|i| (0..ny.div_ceil(2)).map(move |j| i * ny + j))
+            .collect();
+        let known: Vec<_> = quarter
+            .par_iter()
+            .map_init(|| layer.workspace(), |workspace, cell| rows(workspace, &loads[*cell]))
+            .collect();
         let width = 3 * loads.len();
-        let found = |k: usize| elements.at((k / width / 3) as u32, k / width % 3, k % width);
-        let entries = (0..).zip(layer).map(|(k, layer)| (found(k) - layer) as f32).collect();
+        let mut entries = Vec::with_capacity(width * width);
+        for (loaded, axis) in (0..loads.len()).flat_map(|cell| [0, 1, 2].map(|axis| (cell, axis))) {
+            let [i, j] = [loaded / ny, loaded % ny];
+            let mirrored = [2 * i >= nx, 2 * j >= ny];
+            let image = |[i, j]: [usize; 2]| {
+                [if mirrored[0] { nx - 1 - i } else { i }, if mirrored[1] { ny - 1 - j } else { j }]
+            };
+            let sign = |axis: usize| if axis < 2 && mirrored[axis] { -1.0 } else { 1.0 };
+            let [a, b] = image([i, j]);
+            let row = &known[a * ny.div_ceil(2) + b][width * axis..][..width];
+            for (at, seen) in (0..loads.len()).flat_map(|cell| [0, 1, 2].map(|seen| (cell, seen))) {
+                let [a, b] = image([at / ny, at % ny]);
+                let by_layer = sign(axis) * sign(seen) * row[3 * (a * ny + b) + seen];
+                let found = elements.at(loaded as u32, axis, 3 * at + seen);
+                entries.push((found - by_layer) as f32);
+            }
+        }
         Ok(Self { entries, is_near: vec![true; loads.len()], rows: cells.count[1] })
     }
 
