@@ -26,7 +26,7 @@ use crate::{
     Error, Result,
     compliance::{
         Compliance, ComplianceOptions,
-        nodal::{ContactResolution, LayeredPad},
+        nodal::{ContactResolution, LayerElements, LayeredPad},
     },
     contact::between,
     deformation::{Deformation, History, Law, Moduli, Press, SoftBody},
@@ -173,13 +173,15 @@ impl PressedPad {
     pub(super) fn new(gel: &GelConfig, nodes: usize, fine: bool) -> Result<Self> {
         let sensor = Sensor::named(&gel.sensor)?;
         let model = sensor.pad(nodes)?;
-        let contact = || {
+        let contact = || -> Result<_> {
             let pad = sensor.pad(ELEMENTS)?;
             let moduli = Moduli { young: gel.young, poisson: gel.poisson };
             let body = SoftBody::new(pad.mesh.clone(), Law::Linear, moduli, &pad.base)?;
             let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
             let (compliance, fine) = (Compliance::new(body, options)?, ContactResolution::FINE);
-            LayeredPad::new(&compliance, &sensor.outline, &pad, &model, fine)
+            let layer = LayerElements::new(&pad, moduli)?;
+            let meshes = (&pad, &model);
+            Ok(LayeredPad::new(&compliance, &sensor.outline, meshes, fine, Some(&layer)))
         };
         let contact = fine.then(contact).transpose()?;
         Ok(Self { sensor, model, contact })

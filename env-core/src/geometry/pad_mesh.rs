@@ -237,7 +237,7 @@ impl PadMesh {
 
     /// The pad as a flat layer of the same thickness that goes on beyond the sides as far as `reach`
     /// (m) or farther, with the same nodes in plan and depth where the pad is; and the layer's node
-    /// in the place of each face node.
+    /// in the place of each of the pad's.
     pub fn as_layer(&self, reach: f64) -> Result<(Self, Vec<u32>)> {
         /// Growth of the spacing from one column to the next. Even numbers of them keep the pattern of
         /// the tetrahedra.
@@ -260,8 +260,11 @@ impl PadMesh {
         let (across, left) = beyond((0..nx).map(|i| at(i).x).collect());
         let (along, under) = beyond((0..ny).map(|j| at(j * nx).y).collect());
         let layer = Self::of_positions([&across, &along, &down], |_, _| 0.0)?;
-        let place = |node: usize| (node / nx + under) * across.len() + node % nx + left;
-        Ok((layer, (0..nx * ny).map(|node| place(node) as u32).collect()))
+        let place = |node: usize| {
+            let [i, j, k] = [node % nx, node / nx % ny, node / nx / ny];
+            (k * along.len() + j + under) * across.len() + i + left
+        };
+        Ok((layer, (0..nx * ny * nz).map(|node| place(node) as u32).collect()))
     }
 
     /// Returns the finest [`Grading::central`] mesh of at most `nodes` nodes.
@@ -471,10 +474,9 @@ mod tests {
     fn a_layer_has_the_nodes_of_the_pad_and_goes_on_beyond_it() {
         let (pad, reach) = (PadMesh::with_nodes(&crowned(), 1000).unwrap(), 0.01);
         let (layer, nodes) = pad.as_layer(reach).unwrap();
-        let [inside, all] = [&pad, &layer].map(|pad| pad.face.len());
-        for node in 0..pad.mesh.vertices.len() {
-            let ((below, on_face), own) = ((node / inside, node % inside), pad.mesh.vertices[node]);
-            let at = layer.mesh.vertices[below * all + nodes[on_face] as usize];
+        assert_eq!(nodes.len(), pad.mesh.vertices.len());
+        for (own, node) in pad.mesh.vertices.iter().zip(&nodes) {
+            let at = layer.mesh.vertices[*node as usize];
             assert!((at - own).xy().norm() < 1e-15, "{own} at {at}");
             // Both are at the same share of the height over the base.
             let [high, share] = [own.z, at.z].map(|z| (z + 0.004) / 0.004);

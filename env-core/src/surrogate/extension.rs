@@ -6,7 +6,10 @@
 
 use nalgebra::Vector3;
 
-use crate::{compliance::nodal::Nodal, responses::Responses};
+use crate::{
+    compliance::nodal::{LayerElements, Nodal},
+    responses::Responses,
+};
 
 /// The matrix.
 pub(super) struct Extension {
@@ -18,14 +21,15 @@ pub(super) struct Extension {
 }
 
 impl Extension {
-    /// Computes the matrix of `nodal`, whose displacement under a unit force on a node along an axis
-    /// `carry` converts to the numbers of the target mesh (D). Runs on the calling thread alone: a pool thread that waited for others
+    /// Computes the matrix of `nodal`, whose displacement under a unit force on a node along an axis,
+    /// less that of a `layer` if there is one, `carry` converts to the numbers of the target mesh (D). Runs on the calling thread alone: a pool thread that waited for others
     /// could be given a press that waits for this matrix.
     pub(super) fn new(
         nodal: &Nodal,
+        layer: Option<&LayerElements>,
         carry: impl Fn(&[Vector3<f64>], [usize; 2]) -> Vec<f64>,
     ) -> Self {
-        let answers = nodal.unit_responses(carry);
+        let answers = nodal.unit_responses(layer, carry);
         let size = answers.first().map_or(0, Vec::len);
         let moved = |answer: &Vec<f64>| answer.iter().rposition(|u| *u != 0.0);
         let free = answers.iter().filter_map(moved).max().map_or(0, |last| last + 1);

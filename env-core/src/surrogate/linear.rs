@@ -19,7 +19,9 @@ use crate::{
     Result,
     compliance::{
         Compliance, ComplianceOptions,
-        nodal::{ContactResolution, ContactSolution, LayeredPad, Nodal, NodeContact},
+        nodal::{
+            ContactResolution, ContactSolution, LayerElements, LayeredPad, Nodal, NodeContact,
+        },
     },
     deformation::{Law, Moduli, Press, SoftBody},
     geometry::{PadMesh, Transfer},
@@ -107,8 +109,12 @@ impl LinearBaseline {
         let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
         let compliance = Compliance::new(body(&fine, gel.moduli)?, options)?;
         let nodal = compliance.at_coarse_nodes(&fine, model)?;
-        let layered = LayeredPad::new(&compliance, &sensor.outline, &fine, model, resolution)?;
-        let extension = Extension::new(&nodal, |u, force| {
+        let layer = resolution.sides_everywhere.then(|| LayerElements::new(&fine, gel.moduli));
+        let layer = layer.transpose()?;
+        let pads = (&fine, model);
+        let layered =
+            LayeredPad::new(&compliance, &sensor.outline, pads, resolution, layer.as_ref());
+        let extension = Extension::new(&nodal, layer.as_ref(), |u, force| {
             let mut moved = transfer.interpolate(u);
             layered.replace(force, &mut moved);
             flat(&moved)
@@ -175,7 +181,7 @@ impl LinearBaseline {
 impl Stress {
     fn new(linear: &LinearBaseline, transfer: &Transfer) -> Self {
         let elements = PadStress::new(&linear.fine, 1.0);
-        let extension = Extension::new(&linear.nodal, |u, _| {
+        let extension = Extension::new(&linear.nodal, None, |u, _| {
             let u: Vec<[f64; 3]> = u.iter().map(|&u| u.into()).collect();
             elements.arranged(&u)
         });

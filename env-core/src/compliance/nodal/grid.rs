@@ -21,13 +21,12 @@ use rayon::prelude::*;
 use super::{
     contact_nodes::{Shares, areas, condensed_between},
     kernel::{Columns, LayerKernel, Table, matrix},
+    layer_elements::LayerElements,
     patch::nearest,
 };
 use crate::{
-    Result,
     compliance::condensed::Condensed,
-    deformation::{Law, Moduli, SoftBody},
-    fem::Linearised,
+    deformation::Moduli,
     geometry::{PadMesh, PadOutline, Shape},
     responses::Responses,
     simd::vectorised,
@@ -48,8 +47,6 @@ const MANY: usize = 2000;
 /// Distances from the sides, in thicknesses, within which all and beyond which nothing of the
 /// elements' difference from the layer is due to the sides.
 const SIDES: [f64; 2] = [0.5, 1.25];
-/// Distance in thicknesses as far as a layer of elements goes on beyond the sides of the pad.
-const BEYOND: f64 = 2.5;
 
 /// Data shared by the grids of a pad.
 pub(super) struct CellLevels {
@@ -115,15 +112,15 @@ impl Around {
 
 impl CellLevels {
     /// Covers the face of a pad with a first grid of `count` cells and finer ones, `levels` in all.
-    /// The influence of the sides is that of the elements `condensed` on a `fine` mesh; `everywhere`
-    /// or only near them. Fails if the layer without sides cannot be meshed.
+    /// The influence of the sides is that of the elements `condensed` on a `fine` mesh: everywhere if
+    /// there are elements of a `layer` on that mesh, else only near the sides.
     pub(super) fn new(
         outline: &PadOutline,
         count: [u32; 2],
         levels: usize,
         (condensed, fine): (&Condensed, &PadMesh),
-        everywhere: bool,
-    ) -> Result<Arc<Self>> {
+        layer: Option<&LayerElements>,
+    ) -> Arc<Self> {
         let moduli: Moduli = condensed.body.moduli()[0];
         let sides = [outline.width / f64::from(count[0]), outline.length / f64::from(count[1])];
         let kernel = Arc::new(LayerKernel::new(sides, levels, outline.thickness, moduli));
@@ -140,18 +137,17 @@ impl CellLevels {
         };
         let heights = Arc::new((0..levels as u32).map(heights).collect());
         let mut all = Self { outline, count, sides, kernel, heights, edges: None };
-        let layer = Arc::new(Self {
+        let without_sides = Arc::new(Self {
             kernel: Arc::clone(&all.kernel),
             heights: Arc::clone(&all.heights),
             ..all
         });
-        let grid = CellGrid::new(&layer, 1);
-        all.edges = Some(if everywhere {
-            SideCompliance::everywhere(condensed, fine, &grid)?
-        } else {
-            SideCompliance::near_sides(condensed, fine, &grid)
+        let grid = CellGrid::new(&without_sides, 1);
+        all.edges = Some(match layer {
+            Some(layer) => SideCompliance::everywhere(condensed, fine, &grid, layer),
+            None => SideCompliance::near_sides(condensed, fine, &grid),
         });
-        Ok(Arc::new(all))
+        Arc::new(all)
     }
 
     /// Cells of the first grid between whose centres a point of the plan lies, with weights that sum
@@ -490,29 +486,25 @@ fn normalised(mut loads: Vec<Shares>) -> Vec<Shares> {
 impl SideCompliance {
     /// Subtracts the compliance of a layer of elements on the same nodes from that of the elements
     /// `condensed` on a `fine` mesh, for the cells of the first grid, of which `grid` is one of.
-    fn everywhere(condensed: &Condensed, fine: &PadMesh, grid: &CellGrid) -> Result<Self> {
+    fn everywhere(
+        condensed: &Condensed,
+        fine: &PadMesh,
+        grid: &CellGrid,
+        layer: &LayerElements,
+    ) -> Self {
         let cells = &grid.cells;
         let loads = loads(condensed, fine, cells);
         let elements = condensed_between(condensed, &loads, &loads);
-        let (layer, nodes) = fine.as_layer(BEYOND * cells.outline.thickness)?;
-        let moduli = condensed.body.moduli()[0];
-        let body = SoftBody::new(layer.mesh, Law::Linear, moduli, &layer.base)?;
-        let layer = Linearised::new(&body)?;
-        // The face's nodes are the first of the mesh, in order.
-        let node = |rank: u32| nodes[condensed.skin[rank as usize] as usize];
-        let on_layer = |shares: &Shares| -> Shares {
-            shares.iter().map(|(rank, share)| (node(*rank), *share)).collect()
-        };
-        let loads: Vec<_> = loads.iter().map(on_layer).collect();
+        let node = |rank: u32| condensed.skin[rank as usize] as usize;
         let rows = |workspace: &mut _, from: &Shares| -> Vec<f64> {
             let rows = [0, 1, 2].map(|axis| {
-                let mut forces = vec![Vector3::zeros(); layer.places().len()];
-                for (node, share) in from {
-                    forces[*node as usize][axis] = *share;
+                let mut forces = vec![Vector3::zeros(); fine.mesh.vertices.len()];
+                for (rank, share) in from {
+                    forces[node(*rank)][axis] = *share;
                 }
                 let moved = layer.displacement(&forces, workspace);
                 let seen = |to: &Shares| -> [f64; 3] {
-                    let part = |(node, share): &(u32, f64)| moved[*node as usize] * *share;
+                    let part = |(rank, share): &(u32, f64)| moved[node(*rank)] * *share;
                     to.iter().map(part).sum::<Vector3<_>>().into()
                 };
                 loads.iter().flat_map(seen).collect::<Vec<_>>()
@@ -546,7 +538,7 @@ impl SideCompliance {
                 entries.push((found - by_layer) as f32);
             }
         }
-        Ok(Self { entries, is_near: vec![true; loads.len()], rows: cells.count[1] })
+        Self { entries, is_near: vec![true; loads.len()], rows: cells.count[1] }
     }
 
     /// Subtracts the compliance of the layer, from a `grid` of cells smaller than the first, from
@@ -668,7 +660,10 @@ impl SideCompliance {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compliance::{Compliance, ComplianceOptions};
+    use crate::{
+        compliance::{Compliance, ComplianceOptions},
+        deformation::{Law, SoftBody},
+    };
 
     #[test]
     fn sides_soften_what_is_near_them_and_not_what_is_far() {
@@ -678,7 +673,8 @@ mod tests {
         let body = SoftBody::new(pad.mesh.clone(), Law::Linear, moduli, &pad.base).unwrap();
         let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
         let condensed = Compliance::new(body, options).unwrap().condensed;
-        let cells = CellLevels::new(&outline, [16; 2], 2, (&condensed, &pad), true).unwrap();
+        let layer = LayerElements::new(&pad, moduli).unwrap();
+        let cells = CellLevels::new(&outline, [16; 2], 2, (&condensed, &pad), Some(&layer));
         let grid = CellGrid::new(&cells, 0);
         // Change of the displacement of a cell along z under a force on it, over that by the layer.
         let change = |[i, j]: [u32; 2]| {

@@ -16,6 +16,7 @@ use super::{
     contact_nodes::ContactNodes,
     grid::{CellGrid, CellLevels, ROOT},
     kernel::PlaneKernel,
+    layer_elements::LayerElements,
     load_stepping::{ContactResolution, NodalLoadStepping, NodalScratch},
     near_field::{NearField, PointForce},
 };
@@ -101,19 +102,20 @@ struct ModelFace {
 
 impl LayeredPad {
     /// Builds the model of the pad of `outline` from its `compliance` on a `fine` mesh, for fields
-    /// on a `model` mesh, with contact at the `resolution`.
+    /// on a `model` mesh, with contact at the `resolution`. The influence of the sides is taken into
+    /// account everywhere if there are elements of a `layer` on the fine mesh, else near them alone.
     pub fn new(
         compliance: &Compliance,
         outline: &PadOutline,
-        fine: &PadMesh,
-        model: &PadMesh,
+        (fine, model): (&PadMesh, &PadMesh),
         resolution: ContactResolution,
-    ) -> Result<Self> {
+        layer: Option<&LayerElements>,
+    ) -> Self {
         let condensed = &compliance.condensed;
         let along = |extent: f64| ROOT * (extent / (FIRST * f64::from(ROOT))).ceil() as u32;
         let count = [along(outline.width), along(outline.length)];
         let (levels, bodies) = (resolution.levels as usize, (&**condensed, fine));
-        let cells = CellLevels::new(outline, count, levels, bodies, resolution.sides_everywhere)?;
+        let cells = CellLevels::new(outline, count, levels, bodies, layer);
         let level = |level| {
             ContactNodes::of_grid(Arc::clone(condensed), CellGrid::new(&cells, level), level == 0)
         };
@@ -134,7 +136,7 @@ impl LayeredPad {
         });
         let known = Arc::new(known.collect());
         let law = compliance.settings.law;
-        Ok(Self { levels: Arc::new(levels), resolution, law, model, near_field, known })
+        Self { levels: Arc::new(levels), resolution, law, model, near_field, known }
     }
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
@@ -201,17 +203,21 @@ impl LayeredPad {
 
     /// Replaces the displacement of the model mesh's nodes (m), which elements give for a unit force
     /// along `axis` around node `loaded` of the face, by that of the layer, and keeps the influence
-    /// of the sides.
+    /// of the sides. Where that is taken into account everywhere, the displacement is less that of the
+    /// layer's elements.
     pub fn replace(&self, [loaded, axis]: [usize; 2], displacement: &mut [Vector3<f64>]) {
         let (grid, model) = (&self.levels[0].grid().expect("levels are grids"), &self.model);
         let count = model.nodes.len();
         for (layer, between) in model.between.iter().enumerate() {
             for (node, place) in model.nodes.iter().enumerate() {
-                let share = grid.cells().share_of_sides(place.x, place.y);
                 let by_layer =
                     between[loaded * count + node].column(axis).into_owned().cast::<f64>();
                 let moved = &mut displacement[layer * count + node];
-                *moved = by_layer + (*moved - by_layer) * share;
+                if !self.resolution.sides_everywhere {
+                    let share = grid.cells().share_of_sides(place.x, place.y);
+                    *moved = (*moved - by_layer) * share;
+                }
+                *moved += by_layer;
             }
         }
     }
@@ -486,7 +492,8 @@ mod tests {
         let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
         let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
         let compliance = Compliance::new(body, options).unwrap();
-        LayeredPad::new(&compliance, &sensor.outline, &pad, &pad, ContactResolution::FAST).unwrap()
+        let fast = ContactResolution::FAST;
+        LayeredPad::new(&compliance, &sensor.outline, (&pad, &pad), fast, None)
     }
 
     #[test]

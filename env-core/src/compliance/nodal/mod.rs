@@ -17,6 +17,7 @@ mod between;
 mod contact_nodes;
 mod grid;
 mod kernel;
+mod layer_elements;
 mod layered;
 mod near_field;
 mod patch;
@@ -38,6 +39,7 @@ use crate::{
 };
 
 use contact_nodes::ContactNodes;
+pub use layer_elements::LayerElements;
 pub use layered::{LayeredPad, NodeContact};
 pub use load_stepping::ContactResolution;
 use load_stepping::{NodalLoadStepping, NodalScratch};
@@ -77,17 +79,25 @@ impl Nodal {
     }
 
     /// Applies `carry` to the displacement of all nodes (V) in m under a unit force on each contact
-    /// node along each axis (3M), and to that node and axis.
+    /// node along each axis (3M), less that of a `layer` on the same nodes if there is one, and to that
+    /// node and axis.
     pub(crate) fn unit_responses<T>(
         &self,
+        layer: Option<&LayerElements>,
         carry: impl Fn(&[Vector3<f64>], [usize; 2]) -> T,
     ) -> Vec<T> {
         let rest = &self.nodes.condensed.rest;
         let mut workspace = rest.workspace();
+        let mut layer = layer.map(|layer| (layer, layer.workspace()));
         let answer = |i: usize| {
             let [node, axis] = [i / 3, i % 3];
             let loads = self.spread(&[(node as u32, Vector3::ith(axis, 1.0))]);
-            carry(&rest.displacement(&loads, &mut workspace), [node, axis])
+            let mut moved = rest.displacement(&loads, &mut workspace);
+            if let Some((layer, workspace)) = &mut layer {
+                let by_layer = layer.displacement(&loads, workspace);
+                moved.iter_mut().zip(by_layer).for_each(|(u, by_layer)| *u -= by_layer);
+            }
+            carry(&moved, [node, axis])
         };
         (0..3 * self.nodes.places.len()).map(answer).collect()
     }

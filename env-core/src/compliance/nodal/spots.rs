@@ -261,8 +261,7 @@ mod tests {
         let law = crate::deformation::Law::default();
         let body = SoftBody::new(pad.mesh.clone(), law, moduli, &pad.base).unwrap();
         let model = Compliance::new(body, ComplianceOptions { friction: 0.8, sweeps: 0 }).unwrap();
-        let cells =
-            CellLevels::new(&outline, [12, 16], 4, (&model.condensed, &pad), false).unwrap();
+        let cells = CellLevels::new(&outline, [12, 16], 4, (&model.condensed, &pad), None);
         for level in 0..4 {
             let grid = CellGrid::new(&cells, level);
             // Every few cells of the whole pad: at its sides and in its middle.
