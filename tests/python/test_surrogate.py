@@ -76,6 +76,24 @@ def test_fine_contact_is_nearer_to_a_hertzian_ball_than_fast_contact():
         ruffini.LinearPad(contact="finest")
 
 
+@pytest.mark.parametrize(("x", "radius", "depth"), [(1e-3, 12e-3, 8e-4), (8.9e-3, 4e-3, 4e-4)])
+def test_fine_contact_has_the_force_of_linear_finite_elements_in_the_middle_and_at_a_side(
+    x, radius, depth
+):
+    """A ball as wide as half of the pad, and one beside its rim, where the gel can give way."""
+    gel = {"young": 3e5, "poisson": 0.47, "friction": 0.0}
+    drop = 0.25e-3 if x > 5e-3 else 0.0
+    path = [([x, 0, radius - drop - depth * k / 4], UPRIGHT) for k in range(1, 5)]
+    press = Press(Shape.sphere(radius), path)
+    reach = [1.2 * k * (radius * depth) ** 0.5 for k in (-1, -0.5, 0, 0.5, 1)]
+    around = [[x + a, b, 0] for a in reach for b in reach]
+    pad = ruffini.sensor("gelsight-mini", resolution=900, around=around)
+    body = ruffini.SoftBody(pad.mesh, gel["young"], gel["poisson"], "linear", pad.fixed)
+    expected = ruffini.Fem(body, friction=0.0, element="p2").solve_path(press)[-1].wrench[2]
+    found = ruffini.LinearPad(**gel, contact="fine").solve_path(press)[-1].wrench[2]
+    assert found == pytest.approx(expected, rel=0.015)
+
+
 def test_stress_under_small_contact_is_that_of_fine_linear_finite_elements():
     """Elements on 900 nodes differ from these by 3.4 % in stress, on 1,800 from those by 1.1 %."""
     radius, gel = 2e-3, {"young": 3e5, "poisson": 0.47, "friction": 0.0}
