@@ -24,6 +24,7 @@ pub struct LinearPad {
     body: Arc<SoftBody>,
     /// Elements of the mesh of `body`, for the residual force of an answer.
     elements: Arc<Linearised>,
+    stress: LinearStress,
 }
 
 /// Nodes of the finite elements from which the influence of the pad's sides is taken.
@@ -44,7 +45,16 @@ impl LinearPad {
         let linear = LinearBaseline::new(sensor, &gel, ELEMENTS, &pad, resolution)?;
         let body = body(&pad, moduli)?;
         let elements = Arc::new(Linearised::new(&body)?);
-        Ok(Self { linear: Arc::new(linear), body: Arc::new(body), elements })
+        let (linear, body, stress) = (Arc::new(linear), Arc::new(body), LinearStress::Resolved);
+        Ok(Self { linear, body, elements, stress })
+    }
+
+    /// Returns this model with the stress that the network is given, under forces spread over the
+    /// nodes: too low under small contact, but steady while contact moves over the mesh, as limits of
+    /// stress need it.
+    #[must_use]
+    pub fn with_spread_stress(self) -> Self {
+        Self { stress: LinearStress::Spread, ..self }
     }
 
     /// Body whose nodes and tetrahedra the answers refer to.
@@ -54,7 +64,7 @@ impl LinearPad {
 
     fn fields(&self, settled: ContactSolution, wanted: Wanted) -> Result<Deformation> {
         let start = Instant::now();
-        let stress = if wanted.stress { LinearStress::Resolved } else { LinearStress::Omitted };
+        let stress = if wanted.stress { self.stress } else { LinearStress::Omitted };
         let PadFields { displacement, contact_force, von_mises, poses } =
             self.linear.carry(&settled, stress).fields;
         let residual = if wanted.residual {

@@ -172,9 +172,9 @@ impl Model {
             Choice::Compliance => {
                 let (_, moduli) = config.material(sensor)?;
                 let (friction, nodes) = (sensor.friction.at_rest, config.resolution.nodes);
-                Self::Linear(alone(|| {
-                    LinearPad::new(sensor, moduli, friction, nodes, ContactResolution::FAST)
-                })?)
+                let fast = ContactResolution::FAST;
+                let model = alone(|| LinearPad::new(sensor, moduli, friction, nodes, fast))?;
+                Self::Linear(model.with_spread_stress())
             }
             Choice::Fem => Self::Fem(Fem::new(on, FemOptions::default())?),
             Choice::Surrogate => Self::Surrogate(trained(config, sensor)?),
