@@ -196,7 +196,7 @@ impl PressedPad {
         plan: &Plan,
     ) -> (usize, Named, Option<Error>) {
         match self.frames(config, shape, plan) {
-            Ok((start, Solved { frames, fields, error })) => {
+            Ok((start, SolvedPress { frames, fields, error })) => {
                 let count = frames.len();
                 let loose = || Error::invalid("press", "no force", "contact along the path");
                 let error = error.or_else(|| frames.is_empty().then(loose));
@@ -221,7 +221,7 @@ impl PressedPad {
         config: &DatasetConfig,
         shape: &Shape,
         plan: &Plan,
-    ) -> Result<(Isometry3<f64>, Solved)> {
+    ) -> Result<(Isometry3<f64>, SolvedPress)> {
         let drawn = plan.indentation.as_ref().expect("a press of an indenter");
         let (gel, outline) = (&config.gels[plan.gel], &self.sensor.outline);
         let shape = shape.clone().validated()?;
@@ -242,13 +242,13 @@ impl PressedPad {
         let first = solved.fields.iter().position(held).unwrap_or(solved.fields.len());
         let fields: Vec<_> = solved.fields.into_iter().skip(first).take_while(held).collect();
         let frames = solved.frames.into_iter().skip(first).take(fields.len()).collect();
-        Ok((start, Solved { frames, fields, error: solved.error }))
+        Ok((start, SolvedPress { frames, fields, error: solved.error }))
     }
 }
 
 /// Frames of a press by finite elements on its truth mesh, what is stored of them, and the error
 /// that ended it early.
-struct Solved {
+struct SolvedPress {
     frames: Vec<Deformation>,
     fields: Vec<BodyFields>,
     error: Option<Error>,
@@ -272,18 +272,18 @@ struct PressRun<'a> {
 
 impl PressRun<'_> {
     /// Solves the press on its truth mesh.
-    fn direct(&self) -> Result<Solved> {
+    fn direct(&self) -> Result<SolvedPress> {
         let fem = self.fem(Law::default())?;
         let carrier = Carrier::new(&fem, &self.pad.model.mesh)?;
         let (frames, error) = self.by_elements(&fem)?;
         let fields = frames.iter().map(|frame| BodyFields::of(frame, &carrier)).collect();
-        Ok(Solved { frames, fields, error })
+        Ok(SolvedPress { frames, fields, error })
     }
 
     /// Solves the press by linear elasticity with finely resolved `contact`, and adds what the
     /// nonlinear law changes on the truth mesh. Most of the error of a mesh is that of its contact and
     /// is the same by both laws, so that their difference needs fewer nodes than a solution.
-    fn corrected(&self, contact: &LayeredPad) -> Result<Solved> {
+    fn corrected(&self, contact: &LayeredPad) -> Result<SolvedPress> {
         let Self { config, pad, .. } = self;
         let (settled, unsettled) =
             self.along(|press| contact.settled_path(press), |found| &found.history)?;
@@ -321,7 +321,7 @@ impl PressRun<'_> {
             fields.push(BodyFields { carried, contact_force, wrench });
         }
         frames.truncate(fields.len());
-        Ok(Solved { frames, fields, error })
+        Ok(SolvedPress { frames, fields, error })
     }
 
     /// Finite elements by `law` on the truth mesh.

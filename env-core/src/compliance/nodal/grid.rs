@@ -484,8 +484,8 @@ fn normalised(mut loads: Vec<Shares>) -> Vec<Shares> {
 }
 
 impl SideCompliance {
-    /// Subtracts the compliance of a layer of elements on the same nodes from that of the elements
-    /// `condensed` on a `fine` mesh, for the cells of the first grid, of which `grid` is one of.
+    /// Subtracts the compliance of elements of a `layer` from that of the elements `condensed` on the
+    /// same `fine` mesh of the pad that `grid` covers.
     fn everywhere(
         condensed: &Condensed,
         fine: &PadMesh,
