@@ -36,6 +36,17 @@ EPISODES = 200
 FIRST_EVALUATION_SEED = 20_000
 """Evaluation seeds are this and the following: others than tuning was judged by."""
 
+SENSOR_ERRORS: dict[str, Any] = {
+    "wrench": {
+        "noise": {"force": (0.0, 0.05), "torque": (0.0, 2e-4)},
+        "gain": (0.8, 1.25),
+        "drift": {"force": (0.0, 0.05), "torque": (0.0, 2e-4)},
+        "hysteresis": {"force": (0.0, 0.1)},
+        "delay": 1,
+    },
+    "slip": {"noise": (0.0, 0.05), "delay": 1},
+}
+"""Errors of sensors (N, N m, 1) that an agent of HoldStill is trained with."""
 KINDS: dict[str, dict[str, dict[str, Any]]] = {
     "ruffini/GraspLift-v0": {"touch": {}, "rigid": {"tactile": "none"}},
     "ruffini/GraspFragile-v0": {
@@ -46,6 +57,7 @@ KINDS: dict[str, dict[str, dict[str, Any]]] = {
     "ruffini/GraspSoft-v0": {"touch": {}},
     "ruffini/HoldStill-v0": {
         "touch": {},
+        "errors": {"sensor_errors": SENSOR_ERRORS},
         "force": {"observation": ["proprio", "wrench"]},
         "blind": {"observation": ["proprio"]},
     },
@@ -56,7 +68,9 @@ KINDS: dict[str, dict[str, dict[str, Any]]] = {
     },
 }
 """Settings of each environment's agents: with the default observation, with forces alone, with
-neither, and with rigid pads."""
+neither, with rigid pads, and with errors of the sensors."""
+OTHERWISE = {"touch": "errors", "errors": "touch"}
+"""Kinds whose agents are evaluated with the settings of another one, too, where both exist."""
 
 
 def number_of_seeds(kind: str) -> int:
@@ -83,8 +97,14 @@ def run(
         curve = json.loads((folder / CHECKPOINT / "curve.json").read_text())
         times = json.loads((folder / "times.json").read_text())
         agent = load(folder)
-        judged = evaluate(
-            agent, env_id, EPISODES, first_seed=FIRST_EVALUATION_SEED, **agent.settings
+        kinds = KINDS[env_id]
+        common = {name: agent.settings[name] for name in agent.settings.keys() - settings.keys()}
+        tried = [kind, *([OTHERWISE[kind]] if OTHERWISE.get(kind) in kinds else [])]
+        judged, *otherwise = (
+            evaluate(
+                agent, env_id, EPISODES, first_seed=FIRST_EVALUATION_SEED, **common, **kinds[name]
+            )
+            for name in tried
         )
         if keep is not None:
             shutil.copytree(folder, keep, dirs_exist_ok=True)
@@ -104,6 +124,10 @@ def run(
         "return": judged["return"],
         "by_object": judged["by_object"],
         "endings": judged["endings"],
+        "otherwise": {
+            name: {key: result[key] for key in ("success", "interval")}
+            for name, result in zip(tried[1:], otherwise, strict=True)
+        },
         "first_evaluation_seed": FIRST_EVALUATION_SEED,
         "episodes": EPISODES,
         "settings": agent.settings,
@@ -117,7 +141,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Train every agent from many seeds.")
     parser.add_argument("--out", type=Path, required=True, help="folder of rows and pages")
     parser.add_argument("--env", choices=sorted(KINDS), help="this environment alone")
-    parser.add_argument("--kind", help="this kind of agent alone: touch, force, blind or rigid")
+    parser.add_argument("--kind", help="this kind of agent alone, such as touch")
     parser.add_argument("--seeds", type=int, nargs="+", help="these training seeds alone")
     parser.add_argument("--threads", type=int, default=2, help="that the environments step on")
     parser.add_argument("--keep", type=Path, help="folder to keep the training runs in")

@@ -22,6 +22,7 @@ from matplotlib import pyplot as plt
 RESAMPLES = 20_000
 NAMES = {
     "touch": "default observation",
+    "errors": "default observation, with errors of the sensors",
     "force": "proprio and wrench: forces, no field of touch",
     "blind": "proprio alone",
     "rigid": "rigid pads, no touch",
@@ -83,6 +84,7 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
                 f"{percent(high)} | {row['return']:.1f} | {row['wall'] / 60:.1f} | "
                 f"{row['cpu'] / 60:.1f} |"
             )
+    lines += otherwise(by_kind)
     parts = "steps of the environments, what else PPO does to collect them, and its updates"
     lines += ["", f"Where the time of training goes, medians over seeds: {parts}.", ""]
     lines += ["| agent sees | environment | rest of collecting | updating |"]
@@ -95,6 +97,30 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
     machines = {machine(row) for rows in by_kind.values() for row in rows}
     lines += ["", *(f"Trained on {one}." for one in sorted(machines)), ""]
     return "\n".join(lines)
+
+
+def otherwise(by_kind: dict[str, list[dict[str, Any]]]) -> list[str]:
+    """Table of agents evaluated with the settings of another kind, over the same seeds."""
+    lines = []
+    for kind, rows in by_kind.items():
+        for other in rows[0].get("otherwise", {}):
+            pairs = [(row["success"], row["otherwise"][other]["success"]) for row in rows]
+            own, changed = np.array(pairs).T
+            lines.append(
+                f"| {NAMES[kind]} | {len(rows)} | {percent(interquartile_mean(own))}, "
+                f"{percent(own.min())} | {NAMES[other]} | "
+                f"{percent(interquartile_mean(changed))}, {percent(changed.min())} |"
+            )
+    if not lines:
+        return []
+    return [
+        "",
+        "The same agents with other observations than they were trained with: IQM and worst seed.",
+        "",
+        "| trained with | seeds | evaluated so | evaluated with | then |",
+        "| --- | ---: | ---: | --- | ---: |",
+        *lines,
+    ]
 
 
 PARTS = ("environment", "collecting", "updating")
