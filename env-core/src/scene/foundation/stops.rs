@@ -113,8 +113,8 @@ fn outermost(stops: Vec<FixtureContact>) -> Vec<FixtureContact> {
             let mut chosen: Vec<usize> = (0..DIRECTIONS)
                 .map(|k| {
                     let angle = TAU * k as f64 / DIRECTIONS as f64;
-                    let way = frame * Vector3::new(0.0, angle.cos(), angle.sin());
-                    let reach = |i: &usize| face[*i].arm.dot(&way);
+                    let direction = frame * Vector3::new(0.0, angle.cos(), angle.sin());
+                    let reach = |i: &usize| face[*i].arm.dot(&direction);
                     let all = 0..face.len();
                     all.max_by(|a, b| reach(a).total_cmp(&reach(b))).unwrap_or_default()
                 })
