@@ -9,14 +9,11 @@
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::{
-    stops::{FixtureContact, FixtureImpulses},
+    stops::{FixtureContact, FixtureImpulses, Velocities},
     touch::{BristleContact, cut},
 };
 use crate::{deformation::Wrench, scene::MOST_DISTRACTORS};
 
-/// Velocity of the centre of mass and angular velocity of each body, and speeds of the slides along
-/// the wrist's x.
-pub(super) type Velocities<const N: usize> = SVector<f64, N>;
 type StiffnessMatrix<const N: usize> = SMatrix<f64, N, N>;
 
 /// Number of unknowns with as many bodies as a scene can have.

@@ -8,7 +8,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix3, Point3, SMatrix, Vector3};
+use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
 use rapier3d::{
     parry::{
         bounding_volume::BoundingVolume,
@@ -17,8 +17,11 @@ use rapier3d::{
     prelude::{Collider, Cuboid},
 };
 
-use super::balance::Velocities;
 use crate::scene::{Fixture, units};
+
+/// Velocity of the centre of mass and angular velocity of each body, and speeds of the slides along
+/// the wrist's x.
+pub(super) type Velocities<const N: usize> = SVector<f64, N>;
 
 /// Distance below which a point takes part (m): twice what a peg moves in a Rapier step.
 const NEAR: f64 = 2e-4;
