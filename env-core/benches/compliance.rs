@@ -60,14 +60,14 @@ fn presses(criterion: &mut Criterion) {
         });
         let mut begun = models[0].1.solve(&[pressed(0.5 * MM)]);
         let history = begun.remove(0).expect("a shallow press").history;
-        let questions = [
+        let presses_by_name = [
             ("0.5 mm", pressed(0.5 * MM)),
             ("1 mm", pressed(MM)),
             ("onwards", moved_on(history)),
             ("0.3 N", pushed(0.3)),
             ("20 frames", press_and_shear()),
         ];
-        for (name, press) in questions {
+        for (name, press) in presses_by_name {
             let id = |who: &str| BenchmarkId::new(format!("{nodes} nodes, {name}"), who);
             for (sweeps, model) in &mut models {
                 let presses = [press.clone()];
@@ -117,15 +117,15 @@ fn steps(criterion: &mut Criterion) {
         let begun = model.solve(&[along(down(5))]).remove(0).expect("a shallow press").history;
         let then = |poses| along(vec![poses]).after(begun.clone()).expect("the same shapes");
         let twist = Isometry3::rotation(Vector3::z() * 1f64.to_radians());
-        let questions = [
+        let presses_by_name = [
             ("on", then(at(0.0, 0.6 * MM))),
             ("aside", then(at(0.1 * MM, 0.5 * MM))),
             ("round", then(vec![twist * at(0.0, 0.5 * MM)[0]])),
             ("first touch", along(down(1))),
             ("10 frames", along(down(10))),
         ];
-        for (question, press) in questions {
-            let id = |who: &str| BenchmarkId::new(format!("{object}, {question}"), who);
+        for (name, press) in presses_by_name {
+            let id = |who: &str| BenchmarkId::new(format!("{object}, {name}"), who);
             let presses = [press];
             group.bench_function(id("whole"), |b| b.iter(|| black_box(model.solve(&presses))));
         }

@@ -31,19 +31,19 @@ const WANTED: [(&str, Wanted); 3] = [
 ];
 
 /// Name, shape, its extent below its origin (m), and the depth at which it is held (m).
-struct Held(&'static str, Shape, f64, f64);
+struct HeldShape(&'static str, Shape, f64, f64);
 
-fn held() -> [Held; 3] {
+fn held() -> [HeldShape; 3] {
     let ball = |radius| Shape::Sphere { radius };
     let block = Shape::Cuboid { half_extents: Vector3::repeat(20.0 * MM) };
     [
-        Held("ball 8 mm", ball(8.0 * MM), 8.0 * MM, 1.5 * MM),
-        Held("ball 30 mm", ball(30.0 * MM), 30.0 * MM, 0.9 * MM),
-        Held("block 40 mm", block, 20.0 * MM, 0.5 * MM),
+        HeldShape("ball 8 mm", ball(8.0 * MM), 8.0 * MM, 1.5 * MM),
+        HeldShape("ball 30 mm", ball(30.0 * MM), 30.0 * MM, 0.9 * MM),
+        HeldShape("block 40 mm", block, 20.0 * MM, 0.5 * MM),
     ]
 }
 
-impl Held {
+impl HeldShape {
     fn press(&self, path: &[(f64, f64)]) -> Press {
         let Self(_, shape, reach, _) = self;
         let pose = |&(x, depth)| vec![Isometry3::translation(x, 0.0, reach - depth)];
@@ -93,7 +93,7 @@ fn presses(criterion: &mut Criterion) {
 }
 
 /// Matrix product, as rows and columns of the left factor, and columns of the right one.
-type Product = [usize; 3];
+type ProductSize = [usize; 3];
 
 /// Numbers of input features and of outputs of a column of nodes, and of its nodes.
 const FEATURES: usize = 38;
@@ -101,7 +101,7 @@ const OUTPUTS: usize = 16;
 const NODES: usize = 4;
 
 /// Matrix products of `network` in a press on a pad of `cells`, as on the fast path.
-fn products(network: &CorrectorConfig, cells: [u32; 3]) -> Vec<Product> {
+fn products(network: &CorrectorConfig, cells: [u32; 3]) -> Vec<ProductSize> {
     let (w, mut size) = (network.width, [cells[0] + 1, cells[1] + 1]);
     let mut rows = Vec::new();
     for _ in 0..network.down.len() {
@@ -120,7 +120,7 @@ fn products(network: &CorrectorConfig, cells: [u32; 3]) -> Vec<Product> {
     found
 }
 
-fn flops(products: &[Product]) -> u64 {
+fn flops(products: &[ProductSize]) -> u64 {
     products.iter().map(|[rows, inner, columns]| 2 * (rows * inner * columns) as u64).sum()
 }
 
@@ -132,7 +132,7 @@ fn dense(criterion: &mut Criterion) {
         ("a product of 1024", vec![[1024; 3]]),
         ("surrogate", products(&CorrectorConfig::default(), cells)),
     ] {
-        let most = |size: fn(&Product) -> usize| products.iter().map(size).max().unwrap_or(0);
+        let most = |size: fn(&ProductSize) -> usize| products.iter().map(size).max().unwrap_or(0);
         let a = vec![0.5_f32; most(|[rows, inner, _]| rows * inner)];
         let b = vec![0.25_f32; most(|[_, inner, columns]| inner * columns)];
         let mut c = vec![0.0_f32; most(|[rows, _, columns]| rows * columns)];

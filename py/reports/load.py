@@ -524,7 +524,7 @@ def by_marker(report: dict[str, Any]) -> str:
 
 
 def pushed(sizes: dict[str, Any]) -> str:
-    """What of the hand's acceleration is left out, if the report was made so."""
+    """The part of the hand's acceleration that is left out, if the report was made so."""
     limit = sizes.get("most acceleration of the hand (m/s²)")
     return "" if limit is None else text(PUSHED, {"limit": limit})
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from engine import KEPT
 from ruffini.commands import shapes
-from ruffini.policies import scripted
+from ruffini.policies import part, scripted
 
 LIFT, HOLD = "ruffini:ruffini/GraspLift-v0", "ruffini:ruffini/HoldStill-v0"
 PERIOD, STEP, GRAVITY = 0.04, 0.004, 9.81
@@ -171,6 +171,10 @@ def sample(env: gymnasium.Env, observation: Any, record: Record) -> None:
     felt = np.array(observation["wrench"], float).reshape(2, 6)
     engine = np.array(look["pad_wrenches"], float)
     pads = faces_of(look, engine)
+
+    def in_world(channel: str, component: str) -> np.ndarray:
+        return tool(look) @ np.array(part(observation, channel, component), float)
+
     record.add(
         center=center,
         rotation=rotation,
@@ -178,11 +182,11 @@ def sample(env: gymnasium.Env, observation: Any, record: Record) -> None:
         engine=on_object(engine, pads, center),
         slip=np.array(observation["slip"], float),
         normal=-felt[:, 2],
-        grip=float(observation["proprio"][11]),
+        grip=float(part(observation, "proprio", "grip force command")),
         tool=np.array(look["tool_position"], float),
-        hand=tool(look) @ np.array(observation["proprio"][5:8], float),
-        velocity=tool(look) @ np.array(observation["object"][9:12], float),
-        spin=tool(look) @ np.array(observation["object"][12:15], float),
+        hand=in_world("proprio", "tool centre velocity, in the wrist's frame"),
+        velocity=in_world("object", "velocity, in the wrist's frame"),
+        spin=in_world("object", "angular velocity, in the wrist's frame"),
         lowest=float((record.surface @ rotation.T + place)[:, 2].min()),
         in_hand=tool(look).T @ (center - look["tool_position"]),
     )
@@ -264,7 +268,7 @@ def mean(record: Record, wrenches: np.ndarray, middle: float) -> np.ndarray:
 
 
 def unseen(record: Record) -> np.ndarray:
-    """What :func:`mean` of wrenches at the ends of steps lacks of inertia in the hand (K, 6).
+    """Inertial wrench in the hand that :func:`mean` of wrenches at the ends of steps lacks (K, 6).
 
     The hand reaches the velocity of a command within the step, at up to its limit of acceleration,
     so that mostly none is left at the end, while the change of the motion over two steps has all.
@@ -405,7 +409,7 @@ def carried(env: Any, observation: Any, record: Record, steps: int, after: Any) 
     policy, up = scripted(LIFT.partition(":")[2]), 0
     for _ in range(steps):
         action = policy.predict({name: of[None] for name, of in observation.items()})[0][0]
-        up += up > 0 or bool(observation["object"][15] > 0.09)
+        up += up > 0 or bool(part(observation, "object", "rise over the table") > 0.09)
         if up > 12:
             action = after(up - 13, action)
         observation = advance(env, record, action)

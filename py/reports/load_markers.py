@@ -73,7 +73,7 @@ def touching(shape: ruffini.Shape, now: dict[str, Any]) -> np.ndarray:
 
 
 def loaded(thing: str, model: str) -> dict[str, Any]:
-    """When markers slip under an object whose load grows along a line until all slides.
+    """Onset of slip of the markers under an object whose load grows along a line until all slides.
 
     Returns the steps and loads of the first slip and of gross slip, `None` where it does not come,
     shares of slipped markers at `RATIOS`, the course of load and share, and `slip` before the load.

@@ -80,10 +80,11 @@ def make(options: Namespace) -> dict[str, Any] | None:
 
 def train(data: Path, out: Path, run: Run) -> None:
     """Trains and judges one network into the folder `out`."""
-    study = {"seconds": run.seconds, "seed": run.seed, "split": run.split}
-    study["batch"] = 16 if "corrector" in run.what else 1
+    training = {"seconds": run.seconds, "seed": run.seed, "split": run.split}
+    training["batch"] = 16 if "corrector" in run.what else 1
     example = ["cargo", "run", "--quiet", "--release", "--example", "paper", "--"]
-    arguments = [str(data.resolve()), str(out.resolve()), json.dumps(run.what), json.dumps(study)]
+    folders = [str(data.resolve()), str(out.resolve())]
+    arguments = [*folders, json.dumps(run.what), json.dumps(training)]
     # Without these every large array is mapped and unmapped: a quarter of the time.
     calm = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_": str(1 << 33)}
     environment = os.environ | calm | {"RAYON_NUM_THREADS": "1"}
@@ -194,7 +195,7 @@ SPENT = {
     "channels": "{network[width]:,}",
     "rounds": "{depth:,}",
     "numbers learnt": "{parameters:,}",
-    "batch": "{study[batch]:,}",
+    "batch": "{training[batch]:,}",
     "steps": "{steps:,}",
     "CPU s": "{seconds[0]:,.0f}",
     "wall s": "{seconds[1]:,.0f}",
@@ -213,7 +214,7 @@ def page(report: dict[str, Any]) -> str:
     """Conclusion, tables and how they were made."""
     first, one = runs_on(report, ALL)[0], runs_on(report, ONE)[0]
     counts = {name: f"{n} grasps ({f} frames)" for name, (n, f) in first["counts"].items()}
-    minutes = {"minutes": first["study"]["seconds"] / 60, "one": one}
+    minutes = {"minutes": first["training"]["seconds"] / 60, "one": one}
     errors = {
         f"{part}_{which}": table(ERRORS, judged(report, part, which=which))
         for part in PARTS
@@ -227,7 +228,7 @@ def page(report: dict[str, Any]) -> str:
     ]
     return text(
         PAGE,
-        report | counts | minutes | {"minutes_one": one["study"]["seconds"] / 60},
+        report | counts | minutes | {"minutes_one": one["training"]["seconds"] / 60},
         conclusion=conclusion(report),
         dense=table(ERRORS, judged(report, "novel", ("dense",))[:-1]),
         single=table(ERRORS, judged(report, "novel", split=ONE)),
@@ -239,12 +240,12 @@ def page(report: dict[str, Any]) -> str:
 
 def runs_on(report: dict[str, Any], split: str) -> list[dict[str, Any]]:
     """The runs on a split of the data."""
-    return [run for run in report["runs"].values() if run["study"]["split"] == split]
+    return [run for run in report["runs"].values() if run["training"]["split"] == split]
 
 
 def title(run: dict[str, Any]) -> str:
     """A run's name in tables."""
-    seed = f"seed {run['study']['seed']}"
+    seed = f"seed {run['training']['seed']}"
     if "corrector" in run["run"]:
         return f"corrector, {seed}"
     network = run["run"]["paper"]["network"]

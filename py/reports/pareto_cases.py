@@ -165,7 +165,7 @@ REPEATS = 3
 
 @dataclass(frozen=True)
 class Case:
-    """A shape led along a path into a gel."""
+    """A shape moved along a path into a gel."""
 
     panel: str
     name: str

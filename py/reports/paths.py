@@ -1,4 +1,4 @@
-"""Whether answers depend on the way that led to them, and on where the mesh's nodes lie.
+"""Dependence of answers on the path that led to them, and on where the mesh's nodes lie.
 
 Two minutes of one core. A block is dragged without friction and back, a ball pressed deeper and
 back, pressed and released, and moved along the face; and the nodes that pull at a ball which only
@@ -76,7 +76,7 @@ def make(options: Namespace) -> dict[str, Any]:
     return rows.header | {"note": options.note, "cases": found}
 
 
-PAGE = """# Do answers depend on the way that led to them?
+PAGE = """# Do answers depend on the path that led to them?
 
 Gel that is pressed without friction is elastic: its force should depend on where the object is, and
 not on how it came there, and moving the object away and back should cost no work. With friction the
@@ -197,7 +197,7 @@ the residual is taken on the pad's own coarse mesh, where the right displacement
 equilibrium either. With the linear answer it depends on the object. Only its changes tell
 something.""",
 }
-"""What the tables tell."""
+"""Text under the tables."""
 
 
 def page(report: dict[str, Any]) -> str:
@@ -283,7 +283,7 @@ def sides(force: list[float]) -> str:
 
 
 def cell(variant: str, form: str, row: dict[str, Any]) -> str:
-    """What a table says of a variant."""
+    """Cell of a table for a variant."""
     return filled(form, row[variant])
 
 

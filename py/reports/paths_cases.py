@@ -39,9 +39,9 @@ HELD: dict[str, dict[str, Any]] = {
 HALF = np.array([3e-3, 2e-3, 2e-3])
 """Half the edges of the block (m)."""
 BESIDE = np.array([1e-3, -1e-3])
-"""Where the shapes touch, beside the middle of the pad (m)."""
+"""Place of first contact, from the middle of the pad (m)."""
 DEPTH, DRAG = 5e-4, 6e-4
-"""How deep the block is pressed, and how far dragged (m)."""
+"""Depth of the pressed block, and distance over which it is dragged (m)."""
 
 Row = dict[str, Any]
 
@@ -168,7 +168,7 @@ def cycle(name: str, friction: float) -> Row:
     depths = np.arange(1, 51) * 2e-5
     down = [(*BESIDE, radius - depth) for depth in depths]
     answers = solved(solver, Shape.sphere(radius), down + down[-2::-1])
-    # From the last frame, 20 µm deep, the shape leaves on the way that led to the first.
+    # From the last frame, 20 µm deep, the shape leaves on the path that led to the first.
     rest = (*BESIDE, radius)
     pressing = work(answers[: len(down)], rest)
     lost = pressing + work(answers[len(down) - 1 :]) - work(answers[-1:], rest)

@@ -182,7 +182,7 @@ def section(part: dict[str, Any]) -> str:
 
 
 def verdict(rows: list[dict[str, Any]]) -> str:
-    """What is the mesh, what the shape of the gel, and what the material."""
+    """Parts of the difference that are due to the mesh, the shape of the gel and the material."""
     linear, _, finer, ours = rows
 
     def both(row: dict[str, Any], other: dict[str, Any], key: str = "force") -> str:

@@ -1,4 +1,4 @@
-"""How far forces read from the tables of `ruffini calibrate` are off those that are solved."""
+"""Error of forces read from the tables of `ruffini calibrate` against those that are solved."""
 
 from __future__ import annotations
 

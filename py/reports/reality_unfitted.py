@@ -44,7 +44,7 @@ def make(options: Namespace) -> dict[str, Any]:
 
 
 def solved(name: str, nodes: int, friction: float, refined: bool) -> dict[str, Any]:
-    """Force of a model (N) by depth, and what a network says of its own error of it."""
+    """Force of a model (N) by depth, and the error of it that a network predicts."""
     if name == "Fem":
         pad = sensor(SENSOR, CALIBRATION, nodes, around=rings(RINGS) if refined else None)
         model: Any = Fem(pad, friction=friction, element="p2")
@@ -112,7 +112,7 @@ TABLE = {
 
 
 def at_points(part: dict[str, Any], row: dict[str, Any], key: str = "force") -> Any:
-    """What a row has at the measured depths (4,)."""
+    """Values of a row at the measured depths (4,)."""
     return np.interp(part["depths"], DEPTHS, row[key])
 
 
@@ -167,7 +167,7 @@ def spanned(values: Any) -> str:
 
 
 def elements(part: dict[str, Any]) -> str:
-    """How errors run with depth and friction, and how far the mesh matters."""
+    """Errors against depth and friction, and the part that is due to the mesh."""
     rows, refined = rows_of(part, "Fem"), rows_of(part, "Fem", "refined")
     found = np.array([errors(part, row) for row in rows])
     forces = np.array([at_points(part, row) for row in rows])
@@ -211,7 +211,7 @@ def shift(part: dict[str, Any]) -> str:
 
 
 def source(part: dict[str, Any]) -> str:
-    """How FEATS found the material, and what that sum would ask of ours."""
+    """The fit by which FEATS found the material, and the material that it would give here."""
     row = rows_of(part, "Fem")[-1]
     force, measured = at_points(part, row), np.array(part["forces"])
     factor = float(force @ measured / (force @ force))

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from ruffini.agents.params import params
 from ruffini.agents.training import new_model
-from timing import FELT, timed
+from timing import timed, touching
 
 EPISODE = 100
 """Steps of a recording: an episode, unless it ends early."""
@@ -87,9 +87,9 @@ class Collecting(BaseCallback):
 
 
 def share_touching(observation: Any) -> float:
-    """Share of the rows in which a pad touches; pad forces stand first in flat ones, too."""
-    proprio = observation["proprio"] if isinstance(observation, dict) else observation
-    return float((proprio[:, 12:14] > FELT).any(axis=1).mean())
+    """Share of the rows in which a pad touches; flat observations begin with ``proprio``."""
+    named = observation if isinstance(observation, dict) else {"proprio": observation}
+    return float(touching(named).any(axis=1).mean())
 
 
 def end_to_end(env_id: str, settings: dict[str, Any], free: bool, steps: int | None) -> dict:

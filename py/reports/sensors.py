@@ -86,7 +86,7 @@ def gel_of(pad: str) -> Gel:
 
 
 def refusal(pad: str) -> str | None:
-    """What the network says if it does not take the pad."""
+    """Message with which the network refuses the pad, if it does."""
     try:
         Surrogate(**vars(gel_of(pad)))
     except ValueError as error:
@@ -249,7 +249,7 @@ def of_presses() -> dict[str, Any]:
 
 
 def losing(pads: dict[str, Any]) -> str:
-    """Where the network's median is larger than that of its linear answer."""
+    """Pads on which the network's median error is larger than that of its linear answer."""
     lost = {
         pad: [
             part for part in PARTS if of["network"][part]["median"] > of["linear"][part]["median"]

@@ -58,7 +58,7 @@ type Component = (String, Vec<f32>, Vec<f32>, &'static str);
 
 /// Camera by its name, or by position (m), target (m) and vertical field of view (rad).
 #[derive(FromPyObject)]
-enum Camera {
+enum CameraArgument {
     Name(String),
     Pose(([f64; 3], [f64; 3], f64)),
 }
@@ -204,11 +204,11 @@ impl Batch {
         row: usize,
         width: usize,
         height: usize,
-        camera: Camera,
+        camera: CameraArgument,
     ) -> PyResult<Bound<'py, PyArray3<u8>>> {
         let viewpoint = match camera {
-            Camera::Name(name) => Viewpoint::named(&name).map_err(python_error)?,
-            Camera::Pose((position, target, field_of_view)) => {
+            CameraArgument::Name(name) => Viewpoint::named(&name).map_err(python_error)?,
+            CameraArgument::Pose((position, target, field_of_view)) => {
                 Viewpoint::Fixed(PinholeCamera::new(position, target, field_of_view))
             }
         };

@@ -13,11 +13,11 @@ use crate::foundation::{ball, gripped, hold, soft};
 
 const RADIUS: f64 = 0.015;
 
-/// Gel under a ball with a force law unlike that of the elastic foundation: a power law in depth,
+/// PowerLawGel under a ball with a force law unlike that of the elastic foundation: a power law in depth,
 /// and a linear spring sideways from the place of first contact up to Coulomb's limit. Both act at
 /// the deepest point of the contact.
 #[derive(Clone, Copy)]
-struct Gel {
+struct PowerLawGel {
     /// Force at 1 mm (N).
     force: f64,
     exponent: f64,
@@ -25,7 +25,7 @@ struct Gel {
     shear: f64,
 }
 
-impl Gel {
+impl PowerLawGel {
     /// Force and torque on the pad under a ball at `pose` whose first contact was at `touched` (m).
     fn wrench(&self, pose: &Isometry3<f64>, touched: &Vector3<f64>) -> Wrench {
         let depth = RADIUS - pose.translation.z;
@@ -33,8 +33,8 @@ impl Gel {
             return Wrench::default();
         }
         let normal = self.force * (depth / 1e-3).powf(self.exponent);
-        let way = pose.translation.vector - touched;
-        let mut force = Vector3::new(self.shear * way.x, self.shear * way.y, 0.0);
+        let offset = pose.translation.vector - touched;
+        let mut force = Vector3::new(self.shear * offset.x, self.shear * offset.y, 0.0);
         let limit = 0.8 * normal;
         if force.norm() > limit {
             force *= limit / force.norm();
@@ -46,13 +46,13 @@ impl Gel {
 }
 
 /// A gel with the place of first contact of the ball for each finger.
-struct Feel {
-    gel: Gel,
+struct BallTouch {
+    gel: PowerLawGel,
     touched: [Option<Vector3<f64>>; 2],
 }
 
-impl Feel {
-    fn new(gel: Gel) -> Self {
+impl BallTouch {
+    fn new(gel: PowerLawGel) -> Self {
         Self { gel, touched: [None; 2] }
     }
 
@@ -80,26 +80,26 @@ impl Feel {
 
 /// Gels softer and stiffer than the elastic foundation, which bears 10 N under a ball of 15 mm at 1
 /// mm.
-fn gels() -> Vec<Gel> {
+fn gels() -> Vec<PowerLawGel> {
     let mut gels = Vec::new();
     for force in [6.0, 10.0, 14.0] {
         for (exponent, shear) in [(1.7, 2000.0), (1.9, 4000.0), (2.2, 6000.0)] {
-            gels.push(Gel { force, exponent, shear });
+            gels.push(PowerLawGel { force, exponent, shear });
         }
     }
     gels
 }
 
 /// |model − scene| over the grip force, of the worse finger.
-fn defect(scene: &Scene, feel: &mut Feel, grip: f64) -> f64 {
-    let of = |finger: usize, feel: &mut Feel| {
+fn defect(scene: &Scene, touch: &mut BallTouch, grip: f64) -> f64 {
+    let of = |finger: usize, touch: &mut BallTouch| {
         let found = scene.state().fingers[finger].wrench.force;
-        (feel.wrench(scene, finger).force - found).norm() / grip
+        (touch.wrench(scene, finger).force - found).norm() / grip
     };
-    of(0, feel).max(of(1, feel))
+    of(0, touch).max(of(1, touch))
 }
 
-fn ways(t: f64) -> Command {
+fn command_at(t: f64) -> Command {
     let velocity =
         Vector3::new(0.1 * (7.0 * t).sin(), 0.1 * (9.0 * t).sin(), 0.03 + 0.1 * (11.0 * t).cos());
     Command { velocity, yaw_rate: (5.0 * t).sin(), grip: 0.0 }
@@ -110,14 +110,14 @@ fn in_steady_holding_the_wrench_is_the_models() {
     for gel in gels() {
         for (mass, grip) in [(0.005, 1.0), (0.1, 5.0), (0.5, 20.0)] {
             let mut scene = gripped(&soft(), &ball(), mass, 0.5 * grip);
-            let mut feel = Feel::new(gel);
+            let mut touch = BallTouch::new(gel);
             scene.set_gravity(9.81);
             let steady = Command { grip, ..Command::default() };
             for _ in 0..50 {
-                feel.step(&mut scene, &steady);
+                touch.step(&mut scene, &steady);
             }
-            let (before, found) = (scene.state(), defect(&scene, &mut feel, grip));
-            let Gel { force, exponent, shear } = gel;
+            let (before, found) = (scene.state(), defect(&scene, &mut touch, grip));
+            let PowerLawGel { force, exponent, shear } = gel;
             let name = format!("{force} N, δ^{exponent}, {shear} N/m, {mass} kg");
             println!("{name}: {:.4} %", 100.0 * found);
             assert!(found < 0.03, "{name}: off by {found:.3} of the grip");
@@ -132,15 +132,15 @@ fn a_minute_of_corrections_moves_nothing() {
     for mass in [0.005, 0.5] {
         let grip = 40.0 * mass + 2.0;
         let mut scene = gripped(&soft(), &ball(), mass, grip);
-        let mut feel = Feel::new(Gel { force: 6.0, exponent: 1.6, shear: 2000.0 });
+        let mut touch = BallTouch::new(PowerLawGel { force: 6.0, exponent: 1.6, shear: 2000.0 });
         scene.set_gravity(9.81);
         let steady = Command { grip, ..Command::default() };
         for _ in 0..50 {
-            feel.step(&mut scene, &steady);
+            touch.step(&mut scene, &steady);
         }
         let before = scene.state().object_in_wrist();
         for _ in 0..1500 {
-            feel.step(&mut scene, &steady);
+            touch.step(&mut scene, &steady);
         }
         let after = scene.state().object_in_wrist();
         let moved = (after.translation.vector - before.translation.vector).norm();
@@ -154,19 +154,19 @@ fn lifted_and_shaken_under_correction_nothing_is_lost() {
     for gel in gels() {
         for (mass, grip) in [(0.005, 1.0), (0.02, 5.0), (0.1, 5.0), (0.5, 20.0)] {
             let mut scene = gripped(&soft(), &ball(), mass, grip);
-            let mut feel = Feel::new(gel);
+            let mut touch = BallTouch::new(gel);
             scene.set_gravity(9.81);
             let before = scene.state().object_in_wrist().translation.vector;
             let mut worst = 0f64;
             for i in 0..100 {
-                feel.step(&mut scene, &Command { grip, ..ways(0.04 * f64::from(i)) });
+                touch.step(&mut scene, &Command { grip, ..command_at(0.04 * f64::from(i)) });
                 if i > 25 {
-                    worst = worst.max(defect(&scene, &mut feel, grip));
+                    worst = worst.max(defect(&scene, &mut touch, grip));
                 }
             }
             let state = scene.state();
             let moved = (state.object_in_wrist().translation.vector - before).norm();
-            let Gel { force, exponent, shear } = gel;
+            let PowerLawGel { force, exponent, shear } = gel;
             println!(
                 "{force} N, δ^{exponent}, {shear} N/m, {mass} kg: {:.1} %, {:.2} mm",
                 100.0 * worst,
@@ -181,9 +181,9 @@ fn lifted_and_shaken_under_correction_nothing_is_lost() {
 #[test]
 fn a_touch_that_is_lost_takes_its_correction_along() {
     let mut scene = gripped(&soft(), &ball(), 0.05, 5.0);
-    let mut feel = Feel::new(Gel { force: 14.0, exponent: 1.7, shear: 6000.0 });
+    let mut touch = BallTouch::new(PowerLawGel { force: 14.0, exponent: 1.7, shear: 6000.0 });
     for _ in 0..20 {
-        feel.step(&mut scene, &Command { grip: 5.0, ..Command::default() });
+        touch.step(&mut scene, &Command { grip: 5.0, ..Command::default() });
     }
     hold(&mut scene, -5.0, 0.4);
     for finger in scene.state().fingers {
@@ -216,12 +216,12 @@ fn nonsense_from_a_model_is_bounded() {
 }
 
 /// The gel as condensed finite elements, with its contact history.
-struct Condensed {
+struct LinearGel {
     model: Compliance,
     histories: [Option<History>; 2],
 }
 
-impl Condensed {
+impl LinearGel {
     fn new() -> Self {
         let sensor = Sensor::named("gelsight-mini").unwrap();
         let (pad, calibration) = (sensor.pad(1000).unwrap(), &sensor.calibrations[0]);
@@ -249,7 +249,7 @@ impl Condensed {
 fn the_wrench_becomes_that_of_the_condensed_gel() {
     for (mass, grip) in [(0.02, 1.0), (0.1, 5.0), (0.3, 10.0)] {
         let mut scene = gripped(&soft(), &ball(), mass, grip);
-        let mut gel = Condensed::new();
+        let mut gel = LinearGel::new();
         let mut off = [0.0; 2];
         for step in 0..60 {
             if step == 15 {

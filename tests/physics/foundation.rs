@@ -19,7 +19,7 @@ use ruffini_core::{
     task::{Ending, ObjectSpec, TaskConfig},
 };
 
-use crate::grasp::{HEIGHT, Trial, matrix, run};
+use crate::grasp::{GraspCase, HEIGHT, matrix, run};
 
 const MM: f64 = 1e-3;
 
@@ -317,7 +317,7 @@ fn random_actions_on_every_object_stay_finite_and_replay_from_a_snapshot() {
 fn extremes_are_held_or_dropped_and_stay_finite() {
     let block = ObjectModel::new(Shape::Cuboid { half_extents: [0.015, 0.015, 0.02].into() });
     let models = [("ball", ball()), ("block", block.unwrap())];
-    let base = Trial { config: soft(), hold: 1.0, ..Trial::default() };
+    let base = GraspCase { config: soft(), hold: 1.0, ..GraspCase::default() };
     let with_young = |young| soft().with_pads(SoftPads { young, ..gel() });
     let with_step = |step: f64, iterations| {
         let mut config = soft();
@@ -328,22 +328,22 @@ fn extremes_are_held_or_dropped_and_stay_finite() {
     };
     let mut trials = Vec::new();
     for mass in [1e-3, 5e-3, 0.02, 1.0] {
-        trials.push((format!("{mass} kg"), Trial { mass, ..base.clone() }));
+        trials.push((format!("{mass} kg"), GraspCase { mass, ..base.clone() }));
     }
     for friction in [0.0, 0.05, 0.3, 2.0, 5.0] {
-        trials.push((format!("friction {friction}"), Trial { friction, ..base.clone() }));
+        trials.push((format!("friction {friction}"), GraspCase { friction, ..base.clone() }));
     }
     for young in [1e5, 1e6] {
         for mass in [0.005, 0.5] {
             let config = with_young(young);
-            let trial = Trial { config, mass, grip: 15.0, ..base.clone() };
+            let trial = GraspCase { config, mass, grip: 15.0, ..base.clone() };
             trials.push((format!("{young} Pa, {mass} kg"), trial));
         }
     }
     for (step, iterations) in [(1.0 / 120.0, 8), (1.0 / 500.0, 2), (1.0 / 1000.0, 1)] {
         for mass in [0.005, 0.1, 0.5] {
             let config = with_step(step, iterations);
-            let trial = Trial { config, mass, grip: 15.0, ..base.clone() };
+            let trial = GraspCase { config, mass, grip: 15.0, ..base.clone() };
             trials.push((format!("{step} s, {mass} kg"), trial));
         }
     }

@@ -11,7 +11,7 @@ use ruffini_core::{
 
 /// Parameters of one grasp.
 #[derive(Clone)]
-pub(crate) struct Trial {
+pub(crate) struct GraspCase {
     pub(crate) config: SceneConfig,
     pub(crate) mass: f64,
     pub(crate) friction: f64,
@@ -20,7 +20,7 @@ pub(crate) struct Trial {
     pub(crate) hold: f64,
 }
 
-impl Default for Trial {
+impl Default for GraspCase {
     fn default() -> Self {
         Self {
             config: SceneConfig::default(),
@@ -35,7 +35,7 @@ impl Default for Trial {
 
 /// Result of a grasp.
 #[derive(Debug, Default)]
-pub(crate) struct Outcome {
+pub(crate) struct GraspResult {
     pub(crate) failed: bool,
     /// Rise of the object over the table at the end of the hold (m).
     pub(crate) lifted: f64,
@@ -63,7 +63,7 @@ fn smooth(s: f64) -> f64 {
 }
 
 /// Wrist pose at time `t` (s) of a grasp at height `z` (m).
-fn wrist(trial: &Trial, t: f64, z: f64) -> Isometry3<f64> {
+fn wrist(trial: &GraspCase, t: f64, z: f64) -> Isometry3<f64> {
     let lifting = SETTLE + CLOSE;
     let shaking = lifting + LIFT + trial.hold;
     let lift = HEIGHT * smooth((t - lifting) / LIFT);
@@ -75,7 +75,7 @@ fn wrist(trial: &Trial, t: f64, z: f64) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(position), UnitQuaternion::from_scaled_axis(turn))
 }
 
-pub(crate) fn run(model: &ObjectModel, trial: &Trial) -> Result<Outcome> {
+pub(crate) fn run(model: &ObjectModel, trial: &GraspCase) -> Result<GraspResult> {
     let mut config = trial.config.clone();
     config.gripper.max_force = trial.grip;
     let pose = model.rest(1.0, 0.0, 0.0, 0.0);
@@ -88,7 +88,7 @@ pub(crate) fn run(model: &ObjectModel, trial: &Trial) -> Result<Outcome> {
     let lifted_at = SETTLE + CLOSE + LIFT;
     let held_until = lifted_at + trial.hold;
     let end = held_until + if trial.shake { SHAKE } else { 0.0 };
-    let mut outcome = Outcome::default();
+    let mut outcome = GraspResult::default();
     let (mut held_from, mut shaken_from): (Option<SceneState>, Option<SceneState>) = (None, None);
     let (mut forces, mut before) = (Vec::new(), scene.state());
     for i in 1..=(end / dt).round() as usize {
@@ -134,7 +134,7 @@ fn slip(from: &SceneState, to: &SceneState) -> f64 {
 }
 
 /// |Σ contact force − m (a + g)| relative to the weight.
-fn imbalance(trial: &Trial, before: &SceneState, state: &SceneState, dt: f64) -> f64 {
+fn imbalance(trial: &GraspCase, before: &SceneState, state: &SceneState, dt: f64) -> f64 {
     let on_object = |k: usize| {
         let finger = &state.fingers[k];
         -(finger.pad.rotation * finger.wrench.force)
@@ -174,7 +174,7 @@ pub(crate) fn matrix(config: &SceneConfig) -> Vec<String> {
         for (mass, grip) in
             [0.02, 0.1, 0.5].into_iter().flat_map(|m| [1.0, 5.0, 20.0].map(|g| (m, g)))
         {
-            let trial = Trial { config: config.clone(), mass, grip, ..Trial::default() };
+            let trial = GraspCase { config: config.clone(), mass, grip, ..GraspCase::default() };
             // Shaking needs up to 16 m/s² of friction; a third of reserve stays clear of the limit.
             let friction = 2.0 * trial.friction * grip;
             let (must_hold, must_drop) =
@@ -249,21 +249,25 @@ fn extremes_stay_finite_and_right() {
     let sphere = |radius| ObjectModel::new(Shape::Sphere { radius }).unwrap();
     let (block, ball) = (cuboid([0.015, 0.015, 0.02]), sphere(0.015));
     let plate = cuboid([0.0005, 0.015, 0.015]);
-    let base = Trial { hold: 2.0, ..Trial::default() };
+    let base = GraspCase { hold: 2.0, ..GraspCase::default() };
     let mut fast = base.clone();
     fast.config.gripper.closing_speed = 5.0;
-    let strong = Trial { grip: 100.0, ..base.clone() };
-    let mut cases: Vec<(String, &ObjectModel, Trial)> = Vec::new();
+    let strong = GraspCase { grip: 100.0, ..base.clone() };
+    let mut cases: Vec<(String, &ObjectModel, GraspCase)> = Vec::new();
     for mass in [1e-5, 1e-4, 5e-4, 1e-3, 1e-2, 1.0, 10.0, 100.0, 1000.0] {
         for (name, model) in [("block", &block), ("ball", &ball)] {
-            cases.push((format!("{name} of {mass} kg"), model, Trial { mass, ..base.clone() }));
+            cases.push((format!("{name} of {mass} kg"), model, GraspCase { mass, ..base.clone() }));
         }
     }
     for friction in [0.0, 0.2, 0.5, 1.0, 2.0] {
-        cases.push((format!("friction {friction}"), &block, Trial { friction, ..base.clone() }));
+        cases.push((
+            format!("friction {friction}"),
+            &block,
+            GraspCase { friction, ..base.clone() },
+        ));
     }
     let (small_block, small_ball) = (cuboid([0.0025; 3]), sphere(0.0025));
-    let small = Trial { mass: 0.0005, grip: 2.0, ..base.clone() };
+    let small = GraspCase { mass: 0.0005, grip: 2.0, ..base.clone() };
     cases.push(("5 mm block".into(), &small_block, small.clone()));
     cases.push(("5 mm ball".into(), &small_ball, small));
     cases.push(("100 N".into(), &block, strong.clone()));
@@ -271,7 +275,7 @@ fn extremes_stay_finite_and_right() {
     cases.push(("5 m/s".into(), &block, fast.clone()));
     cases.push(("5 m/s on a ball".into(), &ball, fast));
     for mass in [0.002, 0.05] {
-        let trial = Trial { mass, grip: 5.0, ..base.clone() };
+        let trial = GraspCase { mass, grip: 5.0, ..base.clone() };
         cases.push((format!("1 mm plate of {mass} kg"), &plate, trial));
     }
     let mut wrong = Vec::new();

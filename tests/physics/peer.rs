@@ -14,13 +14,13 @@ use crate::bodies::{gel_pad, press_and_shear};
 
 /// Last frames of the reference for one element.
 #[derive(Deserialize)]
-struct Answers {
-    press: Answer,
-    shear: Answer,
+struct ReferenceFrames {
+    press: ReferenceFrame,
+    shear: ReferenceFrame,
 }
 
 #[derive(Deserialize)]
-struct Answer {
+struct ReferenceFrame {
     /// Force on the pad (N).
     force: Vector3<f64>,
     /// Displacement of the vertices (m), x, y, z of each in turn.
@@ -29,7 +29,7 @@ struct Answer {
     von_mises: Vec<f64>,
 }
 
-fn answers(json: &str) -> Answers {
+fn answers(json: &str) -> ReferenceFrames {
     serde_json::from_str(json).expect("the peer's file is JSON")
 }
 
@@ -43,7 +43,7 @@ fn distance(pairs: impl Iterator<Item = (f64, f64, f64)>) -> f64 {
 }
 
 /// Relative distances of displacement, von Mises stress and force.
-fn distances(body: &SoftBody, ours: &Deformation, theirs: &Answer) -> [f64; 3] {
+fn distances(body: &SoftBody, ours: &Deformation, theirs: &ReferenceFrame) -> [f64; 3] {
     let mesh = body.mesh();
     let volume = |t: usize| mesh.tet_volume(t);
     assert_eq!(theirs.displacement.len(), 3 * mesh.vertices.len());
@@ -66,7 +66,7 @@ fn distances(body: &SoftBody, ours: &Deformation, theirs: &Answer) -> [f64; 3] {
     ]
 }
 
-fn compare(element: Element, friction: f64, frame: usize, theirs: &Answer) {
+fn compare(element: Element, friction: f64, frame: usize, theirs: &ReferenceFrame) {
     let options = FemOptions { element, friction, ..FemOptions::default() };
     let fem = Fem::new(gel_pad([14, 16, 3]), options).unwrap();
     let ours = fem.solve_path(&press_and_shear()).swap_remove(frame).unwrap();

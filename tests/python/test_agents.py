@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from drawn_agent import COARSE, HOLD, card, drawn, tensors
 
-from ruffini import TASKS, __version__, agents
+from ruffini import __version__, agents
 from ruffini._core import read_tensors, write_tensors
 from ruffini.agents import FORMAT, MOST_BYTES, Agent, Card, environment_id, load
 
@@ -119,9 +119,9 @@ def test_a_card_that_does_not_fit_is_refused(tmp_path, made, text):
     assert text in str(raised.value) and "bad.safetensors" in str(raised.value)
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_the_action_of_a_row_does_not_depend_on_the_others(task):
-    agent, random = agents.load(task), np.random.default_rng(0)
+@pytest.mark.parametrize("name", agents.names())
+def test_the_action_of_a_row_does_not_depend_on_the_others(name):
+    agent, random = agents.load(name), np.random.default_rng(0)
     rows = {
         name: random.normal(size=(48, size)).astype(np.float32)
         for name, size in agent.card["channels"].items()

@@ -34,7 +34,7 @@ def address():
 
 
 def printed(script: str, *options: str | Path) -> str:
-    """What a script prints."""
+    """Output of a script."""
     line = [sys.executable, POLICIES / script, *options]
     done = subprocess.run(line, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -74,7 +74,7 @@ def test_what_it_cannot_answer_is_said(network):
         Shape.sphere(4e-3), pose=([0, 0, 4e-3], UPRIGHT), force=1.0, direction=(0, 0, -1)
     )
     history = Surrogate(friction=0.8).solve(ball(5e-4))[0].history
-    for press, message in [(pushed, "told poses"), (ball(8e-4, history=history), "no memory")]:
+    for press, message in [(pushed, "expected a path"), (ball(8e-4, history=history), "no memory")]:
         error = network.solve(press)[0]
         assert isinstance(error, PressError)
         assert message in str(error)

@@ -1,4 +1,4 @@
-"""What 10⁸ steps cost: the model of it, and processes that step at once."""
+"""Cost of 10⁸ steps: the model of it, and processes that step at once."""
 
 from __future__ import annotations
 

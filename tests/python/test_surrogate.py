@@ -281,16 +281,16 @@ def test_every_variant_is_stopped_resumed_to_the_bit_and_loaded(data, tmp_path, 
         assert np.linalg.norm(network.solve(ball)[0].displacement) > 0
     card = json.loads(network.card)
     assert card["variant"] == ("soft" if variant == "soft" else f"paper-{variant}")
-    assert card["study"]["epochs"] == 2 and "seconds" not in card["study"]
+    assert card["training"]["epochs"] == 2 and "seconds" not in card["training"]
     assert (tmp_path / "card.toml").read_text().startswith(f'variant = "{card["variant"]}"')
 
 
-def test_a_network_told_forces_is_trained_and_judged(data, tmp_path):
+def test_a_network_whose_input_is_a_force_is_trained_and_judged(data, tmp_path):
     settings = PAPER | {"network": {"width": 8, "rounds": 1, "input": "force"}, "epochs": 1}
     card = surrogate.train(data, tmp_path, variant="b", **settings)
     assert card["network"]["input"] == "force" and card["novel"]["object"]["median"] > 0
     weights = tmp_path / "weights.safetensors"
-    with pytest.raises(ValueError, match="told forces, expected one told poses"):
+    with pytest.raises(ValueError, match="input force, expected translation"):
         PaperNetwork.load(weights)
     frames = surrogate.evaluate(weights, data, "novel-14")
     assert len(frames) == card["novel"]["all"]["presses"] + card["novel"]["all"]["still"]
@@ -312,7 +312,7 @@ def test_a_budget_of_time_ends_a_training_without_a_checkpoint(data, tmp_path, v
     card = surrogate.train(
         folder, tmp_path, variant=variant, seconds=1.0, network=sizes, watch=hear
     )
-    assert card["study"]["seconds"] == 1.0 and "epochs" not in card["study"]
+    assert card["training"]["seconds"] == 1.0 and "epochs" not in card["training"]
     left = [told["left"] for stage, told in heard if stage == "epoch"]
     assert len(left) > 1 and left[-1] < left[0]
     files = {path.name for path in tmp_path.iterdir()}

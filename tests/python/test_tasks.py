@@ -178,7 +178,8 @@ def test_a_fragile_grip_changes_by_its_rate_and_a_hand_that_lets_go_has_dropped(
     env.reset(seed=0)
     for step in range(1, 4):
         observation, *_ = env.step(np.array([0, 0, 0, 0, 0.5], np.float32))
-        np.testing.assert_allclose(observation["proprio"][11], 0.5 * np.exp(0.1 * step), rtol=1e-6)
+        grip = part(observation, "proprio", "grip force command")
+        np.testing.assert_allclose(grip, 0.5 * np.exp(0.1 * step), rtol=1e-6)
     for _ in range(60):
         # Up with a grip that holds nothing.
         _, _, terminated, _, info = env.step(np.array([0, 0, 1, 0, -1], np.float32))
@@ -207,7 +208,7 @@ def test_settings_that_no_fragile_grasp_has_are_refused(settings, message):
 
 def gripping(observation: dict, force: float) -> np.ndarray:
     """The grip on its way to `force` (N), which an action multiplies by e^0.4 at most."""
-    change = np.log(force / observation["proprio"][11]) / 0.4
+    change = np.log(force / part(observation, "proprio", "grip force command")) / 0.4
     return np.array([0, 0, 0, 0, np.clip(change, -1, 1)], np.float32)
 
 
@@ -221,7 +222,7 @@ def test_a_softer_object_is_deformed_more_by_the_same_force():
         for _ in range(40):
             observation, _, terminated, _, info = env.step(gripping(observation, 0.6))
             assert not terminated, info
-        pressed = observation["proprio"][12:14]
+        pressed = part(observation, "proprio", "normal force of each pad")
         np.testing.assert_allclose(pressed, 0.6, rtol=0.1)
         felt[young] = observation["squeeze"]
     # Between the depth of the contacts, which by Hertz goes as (F/E)^(2/3), and the bulk, as F/E.
@@ -246,7 +247,7 @@ def test_a_squeezed_object_resists_with_the_force_that_its_model_says():
     model = ruffini.SoftSurrogate(ruffini.Shape.sphere(0.018), young=6e4, friction=0.8)
     (answer,) = model.solve(ruffini.Press([finger, finger], [list(turned)]))
     force = -answer.contact_force[model.body.mesh.vertices[:, 0] > 0, 0].sum()
-    pressed = observation["proprio"][12:14]
+    pressed = part(observation, "proprio", "normal force of each pad")
     np.testing.assert_allclose(pressed, 0.6, rtol=0.05)
     np.testing.assert_allclose(pressed, force, rtol=0.05)
 
@@ -374,7 +375,8 @@ def test_random_actions_stay_within_the_spaces_and_end_by_name(env_id, settings)
 def towards(force: Any, observation: dict[str, np.ndarray]) -> np.ndarray:
     """Actions (N, 5) that bring the grip to a force (N) by a factor of exp(0.4) a step at most."""
     action = np.zeros((len(observation["proprio"]), 5), np.float32)
-    action[:, 4] = np.clip(np.log(force / observation["proprio"][:, 11]) / 0.4, -1, 1)
+    grip = part(observation, "proprio", "grip force command")
+    action[:, 4] = np.clip(np.log(force / grip) / 0.4, -1, 1)
     return action
 
 

@@ -23,6 +23,9 @@ const MARGIN: f64 = 1e-4;
 /// Motion of a shape in one load step beyond which it may run over points that it should press (m).
 /// For a thin shape it is half the thickness, if that is less.
 const LONG: f64 = 5e-4;
+/// Greatest depth by which a shape with edges sinks in within one load step (m). In longer steps a
+/// surface point may come nearer to the wrong face of an edge and be pushed out there.
+pub(super) const EDGE_STEP: f64 = 2.5e-4;
 /// Depth that a point must have reached in a shape to count as run over, in softnesses.
 const RUN_OVER: f64 = 10.0;
 

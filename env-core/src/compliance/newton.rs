@@ -6,20 +6,14 @@
 //!
 //! Shapes: m free nodes of a [`Zone`], A of them active.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use super::{
     condensed::{Condensed, add_rows},
-    preconditioner::Preconditioner,
+    preconditioner::{Preconditioner, Touching},
     zone::Zone,
 };
-use crate::{
-    contact::SurfacePoint,
-    fem::{GmresSolution, gmres},
-};
-
-/// A touching point with its stiffness (N/m).
-pub(super) type Touching<'a> = (&'a SurfacePoint, Matrix3<f64>);
+use crate::fem::{GmresSolution, gmres};
 
 /// Rank of a node that is not active.
 const INACTIVE: u32 = u32::MAX;

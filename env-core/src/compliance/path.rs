@@ -4,7 +4,11 @@ use std::time::Instant;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{balance::norm, load_stepping::LoadStepping, push::push};
+use super::{
+    balance::norm,
+    load_stepping::{EDGE_STEP, LoadStepping},
+    push::push,
+};
 use crate::{
     Error, Result,
     contact::{between, clearance},
@@ -15,9 +19,6 @@ use crate::{
 
 /// Smallest part of a frame, or of an [`EDGE_STEP`], that is tried as a load step.
 const SHORTEST: f64 = 1.0 / 64.0;
-/// Greatest depth by which a shape with edges sinks in within one load step (m). In longer steps a
-/// surface point may come nearer to the wrong face of an edge and be pushed out there.
-pub(super) const EDGE_STEP: f64 = 2.5e-4;
 
 impl LoadStepping<'_> {
     /// Solves every frame of `press` and returns the results of `report`; the first that fails is

@@ -10,9 +10,15 @@ use faer::{
     dyn_stack::{MemBuffer, MemStack},
     linalg::lu::partial_pivoting::factor,
 };
+use nalgebra::Matrix3;
 
-use super::newton::Touching;
-use crate::simd::{sum, vectorised};
+use crate::{
+    contact::SurfacePoint,
+    simd::{sum, vectorised},
+};
+
+/// A touching point with its stiffness (N/m).
+pub(super) type Touching<'a> = (&'a SurfacePoint, Matrix3<f64>);
 
 /// LU factors for the nodes that were active at the time of factorisation, which are the first A of
 /// all active nodes.
@@ -98,7 +104,7 @@ fn substitute(factors: &[f32], right: &mut [f32]) {
     }
 }
 
-fn carriers(point: &crate::contact::SurfacePoint) -> impl Iterator<Item = u32> {
+fn carriers(point: &SurfacePoint) -> impl Iterator<Item = u32> {
     point.shares.iter().map(|&(node, _)| node)
 }
 
@@ -157,10 +163,9 @@ fn local_stiffness(run: &[Touching]) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{DMatrix, DVector, Matrix3};
+    use nalgebra::{DMatrix, DVector};
 
     use super::*;
-    use crate::contact::SurfacePoint;
 
     /// 1 + H C in double precision.
     fn plain(count: usize, between: &[f64], touching: &[Touching]) -> DMatrix<f64> {

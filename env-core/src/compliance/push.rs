@@ -2,10 +2,7 @@
 
 use nalgebra::{Isometry3, Unit, Vector3};
 
-use super::{
-    load_stepping::{Equilibrium, LoadStepping},
-    path::EDGE_STEP,
-};
+use super::load_stepping::{EDGE_STEP, Equilibrium, LoadStepping};
 use crate::{
     Error, Result,
     contact::{advance_to_contact, clearance},

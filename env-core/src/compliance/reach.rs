@@ -87,8 +87,8 @@ mod tests {
             .collect();
         let mut reach = Reach::default();
         for i in 0..100 {
-            let way = 0.1 * f64::from(i);
-            let pose = |z: f64| Isometry3::translation(0.02 * way.sin(), 0.01 * way.cos(), z);
+            let angle = 0.1 * f64::from(i);
+            let pose = |z: f64| Isometry3::translation(0.02 * angle.sin(), 0.01 * angle.cos(), z);
             let poses = [pose(0.009), pose(-0.003)];
             let found = reach.reached(&shapes, &poses, &bounds, 1e-4);
             assert_eq!(found, Reach::default().reached(&shapes, &poses, &bounds, 1e-4), "step {i}");

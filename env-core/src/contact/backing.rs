@@ -53,16 +53,16 @@ impl Backing {
         let (mut deepest, mut through) = (0f64, false);
         for (shape, (from, to)) in shapes.iter().zip(from.iter().zip(to)) {
             let gap = |p: &Point3<f64>| shape.distance(p).value;
-            let way = |p: &Point3<f64>| [from, to].map(|pose| pose.inverse_transform_point(p));
+            let path = |p: &Point3<f64>| [from, to].map(|pose| pose.inverse_transform_point(p));
             let angle = from.rotation.angle_to(&to.rotation);
             for PointGroup { centre, radius, places } in &self.groups {
-                let [begin, end] = way(centre);
+                let [begin, end] = path(centre);
                 let at_centre = gap(&end);
                 if at_centre > (1.0 + angle) * radius + (end - begin).norm() {
                     continue;
                 }
                 for place in places {
-                    let [begin, end] = way(place);
+                    let [begin, end] = path(place);
                     // A distance changes by at most the distance moved, in time as from place to
                     // place.
                     let moved = (end - begin).norm();

@@ -36,10 +36,10 @@ impl ContactStep<'_> {
                 let [begin, end] =
                     [&self.from[s], pose].map(|pose| pose.inverse_transform_point(&self.start[c]));
                 let gap = |p: &Point3<f64>| self.shapes[s].distance(p).value;
-                let (pair, way) = (s * points + c, (end - begin).norm());
+                let (pair, travel) = (s * points + c, (end - begin).norm());
                 let seen = self.seen[pair];
                 self.room[pair] = seen.1 - (begin - seen.0).norm();
-                if self.room[pair] > SURE + way {
+                if self.room[pair] > SURE + travel {
                     return false;
                 }
                 let value = gap(&begin);
@@ -67,10 +67,10 @@ impl ContactStep<'_> {
     /// [`ContactStep::touches`] save most measurements.
     fn leaps(&self, poses: &[Isometry3<f64>], places: &[Point3<f64>], depth: f64) -> bool {
         self.any_motion(poses, places, |pair, shape, begin, end| {
-            let way = (end - begin).norm();
+            let travel = (end - begin).norm();
             let (seen, value) = self.seen[pair];
-            way > 2.0 * depth
-                && way > value - (end - seen).norm()
+            travel > 2.0 * depth
+                && travel > value - (end - seen).norm()
                 && leaps_through(shape, begin, end, depth)
         })
     }
@@ -110,10 +110,10 @@ pub(super) fn runs_through(
     end: &Point3<f64>,
     [depth, left]: [f64; 2],
 ) -> bool {
-    let way = end - begin;
-    let (length, mut gone, mut deep) = (way.norm(), 0.0, false);
+    let travel = end - begin;
+    let (length, mut gone, mut deep) = (travel.norm(), 0.0, false);
     while !deep && gone < length {
-        let value = gap(&(begin + way * (gone / length)));
+        let value = gap(&(begin + travel * (gone / length)));
         deep = value < -depth;
         gone += value.abs().max(depth);
     }

@@ -113,14 +113,14 @@ impl<'a> ContactStep<'a> {
                 if let Some(Distance { value, normal }) = self.inside(s, c, &local) {
                     let normal = pose.rotation * normal;
                     let stuck = self.sticks_at(s, c, pose);
-                    let way = place - pose * stuck;
+                    let stretch = place - pose * stuck;
                     touches.push(Touch {
                         shape: s as u32,
                         point: c as u32,
                         place: *place,
                         depth: -value,
                         normal,
-                        slip: way - normal * normal.dot(&way),
+                        slip: stretch - normal * normal.dot(&stretch),
                     });
                 }
             }
@@ -162,8 +162,8 @@ impl<'a> ContactStep<'a> {
         let turn = Matrix3::from_columns(&[column(0), column(1), column(2)]);
         let turn = if turn.norm() < SMOOTH { turn / SHORT } else { Matrix3::zeros() };
         let stuck = self.stuck[shape * self.surface.len() + touch.point as usize];
-        let way = stuck.map_or(touch.slip, |stuck| touch.place - pose * stuck);
-        Bend { turn: 0.5 * (turn + turn.transpose()), lift: touch.normal.dot(&way) }
+        let stretch = stuck.map_or(touch.slip, |stuck| touch.place - pose * stuck);
+        Bend { turn: 0.5 * (turn + turn.transpose()), lift: touch.normal.dot(&stretch) }
     }
 
     /// Anchors of the touching pairs after the step. `back` gives the vector from a point to where

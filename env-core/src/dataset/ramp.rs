@@ -42,17 +42,17 @@ pub(super) struct GraspFrame {
     pub(super) grasped: Grasped,
 }
 
-/// Exponent of force over depth by which strides are chosen.
+/// Exponent of force over depth by which steps are chosen.
 const EXPONENT: f64 = 1.9;
 /// Force above which an object counts as held (N): a free one may lie against a pad without force.
 const HELD: f64 = 1e-4;
-/// Closing of the first frame and shortest stride, over the depth.
-const STRIDES: [f64; 2] = [0.03, 0.001];
-/// Longest stride, over the depth, for a grasp of many frames. With few frames it is longer, see
-/// [`SPARE`].
-const LONGEST: f64 = 0.1;
-/// Smallest number of times that the longest strides of all frames together cover the depth.
-const SPARE: f64 = 1.5;
+/// Closing of the first frame and shortest step, over the depth.
+const STEPS: [f64; 2] = [0.03, 0.001];
+/// Longest step, over the depth, for a grasp of many frames. With few frames it is longer, see
+/// [`COVER`].
+const LONGEST_STEP: f64 = 0.1;
+/// Smallest number of times that the longest steps of all frames together cover the depth.
+const COVER: f64 = 1.5;
 /// Initial distance of each pad from its contact (m).
 const OPEN: f64 = 0.005;
 /// Distance at which a pad counts as touching (m).
@@ -103,7 +103,7 @@ impl Ramp {
         let (mut closing, mut force) = (0.0, 0.0);
         while frames.len() < self.frames && force < target && closing < self.depth {
             let wanted = target * (frames.len() + 1) as f64 / self.frames as f64;
-            closing += self.stride(closing, force, wanted);
+            closing += self.step(closing, force, wanted);
             match close(closing) {
                 Ok((reached, frame)) => {
                     force = reached;
@@ -120,10 +120,10 @@ impl Ramp {
     }
 
     /// Further closing (m) from `closing` at `force` to reach a force of `wanted` (N).
-    fn stride(&self, closing: f64, force: f64, wanted: f64) -> f64 {
-        let longest = LONGEST.max(SPARE / self.frames as f64);
+    fn step(&self, closing: f64, force: f64, wanted: f64) -> f64 {
+        let longest = LONGEST_STEP.max(COVER / self.frames as f64);
         let [first, shortest, longest] =
-            [STRIDES[0], STRIDES[1], longest].map(|share| share * self.depth);
+            [STEPS[0], STEPS[1], longest].map(|share| share * self.depth);
         let predicted = if force > HELD {
             closing * ((wanted / force).powf(1.0 / EXPONENT) - 1.0)
         } else {

@@ -203,7 +203,7 @@ impl Press {
 
     /// Returns a press from rest with only the last frame of this one; `None` if this one is such a
     /// press or is driven by a force.
-    pub fn its_end(&self) -> Option<Self> {
+    pub fn final_frame(&self) -> Option<Self> {
         let Drive::Translation { path } = &self.drive else { return None };
         if self.history.is_none() && path.len() < 2 {
             return None;

@@ -20,7 +20,7 @@ pub(super) struct Answer {
     pub(super) found: Result<Deformation>,
     /// Kind of the error ([`Error::kind`]) of the whole press, if `found` is the solution of its
     /// last pose from rest instead; the history of the contact is then lost.
-    pub(super) retaken: Option<&'static str>,
+    pub(super) restarted: Option<&'static str>,
 }
 
 /// Solves `presses` by `model`, each at contact with the object of that index in `objects`, with the
@@ -46,23 +46,23 @@ pub(super) fn answers(
     };
     let interrupt = Interrupt::current();
     match pool {
-        Some(pool) => pool.install(|| interrupt.during(|| retaken(presses, ask))),
-        None => retaken(presses, ask),
+        Some(pool) => pool.install(|| interrupt.during(|| restarted(presses, ask))),
+        None => restarted(presses, ask),
     }
 }
 
 /// Solves the presses by `ask`, which receives their indices with them. A press that fails is
-/// solved again from rest with only its last pose ([`Press::its_end`]).
-fn retaken(
+/// solved again from rest with only its last pose ([`Press::final_frame`]).
+fn restarted(
     presses: &[Press],
     mut ask: impl FnMut(&[usize], &[Press]) -> Vec<Result<Deformation>>,
 ) -> Vec<Answer> {
     let all: Vec<_> = (0..presses.len()).collect();
-    let plain = |found| Answer { found, retaken: None };
+    let plain = |found| Answer { found, restarted: None };
     let mut answers: Vec<_> = ask(&all, presses).into_iter().map(plain).collect();
     let failed = |&i: &usize| {
         let kind = answers[i].found.as_ref().err()?.kind();
-        Some((i, kind, presses[i].its_end()?))
+        Some((i, kind, presses[i].final_frame()?))
     };
     let failed: Vec<_> = all.iter().filter_map(failed).collect();
     if failed.is_empty() {
@@ -71,7 +71,7 @@ fn retaken(
     let (rows, ends): (Vec<_>, Vec<_>) = failed.iter().map(|(i, _, end)| (*i, end.clone())).unzip();
     for ((i, kind, _), found) in failed.into_iter().zip(ask(&rows, &ends)) {
         if found.is_ok() {
-            answers[i] = Answer { found, retaken: Some(kind) };
+            answers[i] = Answer { found, restarted: Some(kind) };
         }
     }
     answers
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_that_fails_is_left_for_its_end() {
+    fn a_path_that_fails_is_solved_from_rest_at_its_final_frame() {
         let mut model = TactileModel::Pads(coarse());
         let radius = 8e-3;
         let at = |depth: f64| vec![Isometry3::translation(0.0, 0.0, radius - depth)];
@@ -139,7 +139,7 @@ mod tests {
         let asked = [press.clone(), press.after(history).unwrap()];
         let [straight, lost] =
             answers(&mut model, &[0, 0], &asked, Wanted::default(), None).try_into().ok().unwrap();
-        assert_eq!([straight.retaken, lost.retaken], [None, Some("invalid")]);
+        assert_eq!([straight.restarted, lost.restarted], [None, Some("invalid")]);
         let forces = [straight, lost].map(|answer| answer.found.unwrap().contact_force);
         assert!(forces[0].iter().any(|force| force.norm() > 0.0));
         assert_eq!(forces[0], forces[1]);

@@ -48,7 +48,7 @@ pub(super) struct PendingStep {
     pub(super) presses: PerFinger<Press>,
     pub(super) answers: PerFinger<Result<Deformation>>,
     /// Kind of the error of a press of which only the last pose was solved, from rest.
-    pub(super) retaken: Option<&'static str>,
+    pub(super) restarted: Option<&'static str>,
 }
 
 /// Result of a step, besides its observation.
@@ -209,7 +209,7 @@ impl Episode {
     /// Creates the presses of the fingers in `state`, after the object has moved along `path`.
     fn motion(&mut self, setup: &Setup, state: SceneState, path: &[PosesInPads]) -> PendingStep {
         let mut motion =
-            PendingStep { state, presses: [None, None], answers: [None, None], retaken: None };
+            PendingStep { state, presses: [None, None], answers: [None, None], restarted: None };
         if motion.state.failure.is_some() {
             return motion;
         }
@@ -270,7 +270,7 @@ impl Episode {
         costs: &mut StageTimes,
     ) -> Outcome {
         let config = &setup.config;
-        let PendingStep { state, answers, retaken, .. } = motion;
+        let PendingStep { state, answers, restarted, .. } = motion;
         let felt = match costs.time(CORRECTION, || self.felt(setup, &state, answers)) {
             Ok(felt) => felt,
             Err(error) => return Outcome::press_failed(&error),
@@ -306,7 +306,7 @@ impl Episode {
             // What ended the episode early has failed, whatever it had reached.
             is_success: ending.is_none() && config.task.is_success(&step, &progress, config),
             ending,
-            press_error: retaken,
+            press_error: restarted,
         };
         self.progress = progress;
         if is_seen {

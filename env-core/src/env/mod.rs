@@ -97,7 +97,7 @@ impl Setup {
         })
     }
 
-    /// What deforms where the fingers touch, with its model.
+    /// Body that deforms where the fingers touch, with its model.
     pub fn tactile(&self) -> &TactileModel {
         &self.tactile
     }

@@ -126,7 +126,7 @@ impl Row {
     pub(super) fn answer(&mut self, finger: usize, answer: Answer) {
         if let Some(motion) = &mut self.motion {
             motion.answers[finger] = Some(answer.found);
-            motion.retaken = motion.retaken.or(answer.retaken);
+            motion.restarted = motion.restarted.or(answer.restarted);
         }
     }
 
@@ -200,7 +200,7 @@ mod tests {
         let (setup, mut row, mut observation) = row();
         let (before, mut scratch) = (observation.clone(), observation.clone());
         row.advance(&setup, &[0.0, 0.0, -1.0, 0.0, 0.0]);
-        row.answer(1, Answer { found: Err(Error::Inverted), retaken: None });
+        row.answer(1, Answer { found: Err(Error::Inverted), restarted: None });
         let outcome = row.conclude(&setup, &mut observation, &mut scratch);
         assert_eq!(outcome.ending, Some(Ending::PressFailed));
         assert_eq!(outcome.press_error, Some("inverted"));

@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_way_is_kept_in_short_pieces_and_a_short_one_as_its_end() {
+    fn a_long_trajectory_is_kept_in_short_pieces_and_a_short_one_as_its_final_pose() {
         let mut long = Trajectory::from(rolled(0.0), COARSE);
         (1..100).for_each(|i| long.go_on(rolled(0.01 * PI * f64::from(i))));
         long.arrive(rolled(PI));

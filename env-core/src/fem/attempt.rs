@@ -65,9 +65,9 @@ impl PressSolver<'_> {
         if engulfs_unfelt(shapes, &state.poses, felt, self.mesh, &state.displacement) {
             return Err(self.missed());
         }
-        let (way, limits) =
+        let (path, limits) =
             ([&self.state.poses[..], &state.poses], [system.deepest(), self.limits.tolerance]);
-        system.backing.check(shapes, way, limits)?;
+        system.backing.check(shapes, path, limits)?;
         let depth = forces.touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
         let most = system.refused();
         if depth > most {
@@ -141,13 +141,13 @@ impl PressSolver<'_> {
 
     /// Returns whether the motion to `poses` is about the same as that of the last load step.
     fn goes_on(&self, poses: &[Isometry3<f64>]) -> bool {
-        let ways = poses.iter().zip(&self.state.poses).zip(&self.before);
+        let motions = poses.iter().zip(&self.state.poses).zip(&self.before);
         self.before.len() == poses.len()
-            && ways.into_iter().all(|((next, now), before)| {
-                let way = |to: &Isometry3<f64>, from: &Isometry3<f64>| {
+            && motions.into_iter().all(|((next, now), before)| {
+                let motion = |to: &Isometry3<f64>, from: &Isometry3<f64>| {
                     (to.translation.vector - from.translation.vector, to.rotation / from.rotation)
                 };
-                let (next, last) = (way(next, now), way(now, before));
+                let (next, last) = (motion(next, now), motion(now, before));
                 let turn = (next.1 / last.1).angle();
                 (next.0 - last.0).norm() <= 0.5 * next.0.norm() && turn <= 0.5 * next.1.angle()
             })

@@ -195,8 +195,8 @@ impl CondensedSystem<'_> {
         rest -= self.pushed(&touches)?;
         for spring in self.held {
             let carriers = self.carriers(spring.point)?;
-            let way: Vector3<f64> = carriers.clone().map(|(i, s)| part(motion, i) * s).sum();
-            add(&mut rest, &(spring.stiffness * way), carriers);
+            let moved: Vector3<f64> = carriers.clone().map(|(i, s)| part(motion, i) * s).sum();
+            add(&mut rest, &(spring.stiffness * moved), carriers);
         }
         Some((touches, rest))
     }
@@ -205,8 +205,8 @@ impl CondensedSystem<'_> {
     fn touches(&self, contact: &mut ContactStep, motion: &Col<f64>) -> Option<Vec<Touch>> {
         let (points, start) = &self.start;
         let moved = |(&c, start): (&u32, &Point3<f64>)| {
-            let way: Vector3<f64> = self.carriers(c)?.map(|(i, s)| part(motion, i) * s).sum();
-            Some(start + way)
+            let shift: Vector3<f64> = self.carriers(c)?.map(|(i, s)| part(motion, i) * s).sum();
+            Some(start + shift)
         };
         let places: Vec<_> = points.iter().zip(start).map(moved).collect::<Option<_>>()?;
         let touches = contact.touches_among(points, self.poses, &places);

@@ -84,8 +84,8 @@ fn columns_of(
 ) -> [(Vec<f64>, bool); 6] {
     let missing = missing(springs, solver.springs());
     std::array::from_fn(|k| {
-        let ways = motions.iter().map(|motion| motion.column(k).into_owned());
-        let mut first = solver.gather(&system.resistance(springs.iter().zip(ways)));
+        let stretches = motions.iter().map(|motion| motion.column(k).into_owned());
+        let mut first = solver.gather(&system.resistance(springs.iter().zip(stretches)));
         solver.solve(&mut first);
         let found = gmres(
             |x| {

@@ -230,9 +230,9 @@ fn held(body: &SoftBody) -> bool {
     let place = |&node: &u32| body.mesh().vertices[node as usize];
     let mut fixed = body.fixed().iter().map(place);
     let Some(first) = fixed.next() else { return false };
-    let ways: Vec<Vector3<f64>> = fixed.map(|place| place - first).collect();
-    let Some(longest) = ways.iter().max_by(|a, b| a.norm().total_cmp(&b.norm())) else {
+    let offsets: Vec<Vector3<f64>> = fixed.map(|place| place - first).collect();
+    let Some(longest) = offsets.iter().max_by(|a, b| a.norm().total_cmp(&b.norm())) else {
         return false;
     };
-    ways.iter().any(|way| way.cross(longest).norm() > 1e-6 * longest.norm_squared())
+    offsets.iter().any(|offset| offset.cross(longest).norm() > 1e-6 * longest.norm_squared())
 }

@@ -49,12 +49,13 @@ mod tests {
         fem::{FemOptions, examples::grid},
     };
 
-    type Field = fn(&Point3<f64>) -> Vector3<f64>;
+    type DisplacementField = fn(&Point3<f64>) -> Vector3<f64>;
 
     #[test]
     fn loads_do_the_work_of_the_forces_they_stand_for() {
-        let slope: Field = |p| Vector3::new(0.1 * p.y, 0.2 * p.z, -0.1 * p.x);
-        let curve: Field = |p| Vector3::new(0.1 * p.y, 30.0 * p.x * p.z, 20.0 * p.z * p.z);
+        let slope: DisplacementField = |p| Vector3::new(0.1 * p.y, 0.2 * p.z, -0.1 * p.x);
+        let curve: DisplacementField =
+            |p| Vector3::new(0.1 * p.y, 30.0 * p.x * p.z, 20.0 * p.z * p.z);
         let cases = [(Element::P1Bar, slope), (Element::P2, curve)];
         let forces = [
             (Point3::new(3.1e-4, 1.7e-3, 3e-3), Vector3::new(0.1, -0.2, -1.0)),

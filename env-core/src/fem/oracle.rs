@@ -215,10 +215,13 @@ fn a_crooked_box_in_a_grasp_is_answered_alike() {
             assert!(off < AGREE, "frame {i}: displacements differ by {off:.1e}");
         }
         let turn = quick.object.rotation.angle_to(&slow.object.rotation);
-        let way = (quick.object.translation.vector - slow.object.translation.vector).norm();
+        let distance = (quick.object.translation.vector - slow.object.translation.vector).norm();
         // Either method leaves a residual of 1e-6 N on the object, which the pads hold by 100 N/m
         // or more, on an arm of 3 mm or less.
-        assert!(turn < 3e-6 && way < 1e-8, "frame {i}: off by {turn:.1e} rad and {way:.1e} m");
+        assert!(
+            turn < 3e-6 && distance < 1e-8,
+            "frame {i}: off by {turn:.1e} rad and {distance:.1e} m"
+        );
     }
     let differ =
         quick.iter().zip(&slow).any(|(a, b)| a.pads[0].displacement != b.pads[0].displacement);

@@ -280,12 +280,12 @@ mod tests {
             let wave = |x: &Point3<f64>| Vector3::new(x.z, x.x, x.y).map(|x| (2e3 * x).sin());
             let mut start = displaced(&nodes, &f);
             start.iter_mut().zip(&nodes.places).for_each(|(u, x)| *u += 3e-5 * wave(x));
-            let way: Vec<_> =
+            let direction: Vec<_> =
                 pattern.scatter(&pattern.gather(
                     &nodes.places.iter().map(|x| wave(&x.yzx()) * 1e-3).collect::<Vec<_>>(),
                 ));
             let at = |t: f64| {
-                let u: Vec<_> = start.iter().zip(&way).map(|(u, du)| u + du * t).collect();
+                let u: Vec<_> = start.iter().zip(&direction).map(|(u, du)| u + du * t).collect();
                 let (mut strain, mut forces) = (Strain::default(), vec![Vector3::zeros(); u.len()]);
                 let energy = solid.evaluate(&u, &mut strain, &mut forces).unwrap();
                 (energy, forces, strain)
@@ -293,10 +293,10 @@ mod tests {
             let step = 1e-5;
             let ((low, low_forces, _), (_, forces, strain), (high, high_forces, _)) =
                 (at(-step), at(0.0), at(step));
-            let slope: f64 = forces.iter().zip(&way).map(|(f, du)| f.dot(du)).sum();
+            let slope: f64 = forces.iter().zip(&direction).map(|(f, du)| f.dot(du)).sum();
             let difference = (high - low) / (2.0 * step);
             // The step changes strains by 1e-5: truncation 1e-10, rounding 1e-16/1e-5, some decades
-            // spare.
+            // of margin.
             let error = (difference / slope - 1.0).abs();
             assert!(error < 1e-7, "{law} {element}: {difference} J against {slope} J");
             let change: Vec<_> = high_forces.iter().zip(&low_forces).map(|(h, l)| h - l).collect();
@@ -306,8 +306,9 @@ mod tests {
             assert!(matrix.factorise(&pattern), "{law} {element}: not positive definite");
             matrix.solve(&pattern, &mut unknowns);
             let solved = pattern.scatter(&unknowns);
-            let size: f64 = way.iter().map(Vector3::norm_squared).sum();
-            let rest = solved.iter().zip(&way).map(|(s, w)| (s / (2.0 * step) - w).norm_squared());
+            let size: f64 = direction.iter().map(Vector3::norm_squared).sum();
+            let rest =
+                solved.iter().zip(&direction).map(|(s, w)| (s / (2.0 * step) - w).norm_squared());
             let error = (rest.sum::<f64>() / size).sqrt();
             // As above, times the condition number of a block of 18 free nodes, about 1e2.
             assert!(error < 1e-5, "{law} {element}: relative error {error:.1e}");

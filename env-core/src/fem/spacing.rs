@@ -95,8 +95,8 @@ impl Faces {
             mesh.vertices[node as usize] + moved
         };
         for (i, shape) in press.shapes().iter().enumerate() {
-            let way = LazyCell::new(|| ShapePath::new(i, press, &mesh.vertices));
-            let near = |face: &&FaceSpacing| !self.held || way.passes(&face.ends.map(place));
+            let path = LazyCell::new(|| ShapePath::new(i, press, &mesh.vertices));
+            let near = |face: &&FaceSpacing| !self.held || path.passes(&face.ends.map(place));
             let thickness = shape.thickness();
             let mut too_wide =
                 self.all.iter().take_while(|face| thickness < spacing.thinnest(face.edge));
@@ -187,13 +187,13 @@ impl<'a> ShapePath<'a> {
     ) -> bool {
         let shift = (to.translation.vector - from.translation.vector).norm();
         let lever = (centre.coords - from.translation.vector).norm() + shift;
-        let way = shift + from.rotation.angle_to(&to.rotation) * lever;
+        let travel = shift + from.rotation.angle_to(&to.rotation) * lever;
         let mut gone = 0.0;
         loop {
-            let pose = if gone < way { from.lerp_slerp(to, gone / way) } else { *to };
+            let pose = if gone < travel { from.lerp_slerp(to, gone / travel) } else { *to };
             let distance = self.shape.distance(&pose.inverse_transform_point(centre)).value;
             let room = distance - radius;
-            if room < self.margin || gone >= way {
+            if room < self.margin || gone >= travel {
                 return room < self.margin;
             }
             gone += room;

@@ -70,9 +70,9 @@ impl System {
         springs: impl Iterator<Item = (&'s Spring, Vector3<f64>)>,
     ) -> Vec<Vector3<f64>> {
         let mut forces = vec![Vector3::zeros(); self.nodes.places.len()];
-        for (spring, way) in springs {
+        for (spring, stretch) in springs {
             let point = &self.surface[spring.point as usize];
-            point.spread(&(spring.stiffness * way), &mut forces);
+            point.spread(&(spring.stiffness * stretch), &mut forces);
         }
         forces
     }
@@ -101,11 +101,14 @@ pub(super) fn product(
 ) -> Vec<f64> {
     let moved = solver.scatter(unknowns);
     let travel = push.map_or(Vector3::zeros(), |p| p.direction * unknowns[unknowns.len() - 1]);
-    let way = |spring: &Spring| system.surface[spring.point as usize].interpolate(&moved) - travel;
-    let ways: Vec<_> = springs.iter().map(way).collect();
-    let mut product = solver.gather(&system.resistance(springs.iter().zip(ways.iter().copied())));
+    let stretch =
+        |spring: &Spring| system.surface[spring.point as usize].interpolate(&moved) - travel;
+    let stretches: Vec<_> = springs.iter().map(stretch).collect();
+    let mut product =
+        solver.gather(&system.resistance(springs.iter().zip(stretches.iter().copied())));
     product.extend(push.map(|push| {
-        let forces = springs.iter().zip(&ways).map(|(spring, way)| spring.stiffness * way);
+        let forces =
+            springs.iter().zip(&stretches).map(|(spring, stretch)| spring.stiffness * stretch);
         -push.direction.dot(&forces.sum::<Vector3<f64>>())
     }));
     product

@@ -1,9 +1,9 @@
-//! Examples shared by the tests of this module: one solid of every kind, and points spread over a
-//! box.
+//! Examples shared by the tests of this module: one solid of every kind, the outline of a pad, and
+//! points spread over a box.
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Bump, Hollow, Shape, StarShaped, Wave};
+use super::{Bump, Hollow, PadOutline, Shape, StarShaped, Wave};
 
 /// One solid of every kind that has a finite surface and is not a mesh.
 pub(super) fn solids() -> Vec<Shape> {
@@ -27,6 +27,19 @@ pub(super) fn solids() -> Vec<Shape> {
         Shape::StarShaped(StarShaped::new(v, vec![wave])),
     ]);
     all
+}
+
+/// The outline of a GelSight Mini, which has a dome and a rim.
+pub(super) fn mini() -> PadOutline {
+    PadOutline {
+        length: 0.02525,
+        width: 0.02075,
+        thickness: 0.004,
+        radius_along: 0.210,
+        radius_across: 0.133,
+        rim_width: 0.00287,
+        rim_radius: 0.00524,
+    }
 }
 
 /// The first `count` points of a Halton sequence in the cube from −`half` to `half` on every axis.

@@ -144,19 +144,7 @@ fn smallest<T>(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// The outline of a GelSight Mini.
-    fn mini() -> PadOutline {
-        PadOutline {
-            length: 0.02525,
-            width: 0.02075,
-            thickness: 0.004,
-            radius_along: 0.210,
-            radius_across: 0.133,
-            rim_width: 0.00287,
-            rim_radius: 0.00524,
-        }
-    }
+    use crate::geometry::examples::mini;
 
     fn ring() -> Vec<Point3<f64>> {
         let on = |i: i32| {

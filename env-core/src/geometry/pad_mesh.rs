@@ -366,22 +366,10 @@ pub fn plan_shares([a, b, c]: &[Point3<f64>; 3], x: f64, y: f64) -> Option<[f64;
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// The outline of a common sensor with every feature.
-    fn crowned() -> PadOutline {
-        PadOutline {
-            length: 0.02525,
-            width: 0.02075,
-            thickness: 0.004,
-            radius_along: 0.210,
-            radius_across: 0.133,
-            rim_width: 0.00287,
-            rim_radius: 0.00524,
-        }
-    }
+    use crate::geometry::examples::mini;
 
     fn outlines() -> [PadOutline; 2] {
-        [crowned(), PadOutline::flat(0.02525, 0.02075, 0.004)]
+        [mini(), PadOutline::flat(0.02525, 0.02075, 0.004)]
     }
 
     #[test]
@@ -409,7 +397,7 @@ mod tests {
 
     #[test]
     fn fifteen_thousand_nodes_reach_the_spacing_of_truth_meshes() {
-        let pad = PadMesh::with_nodes(&crowned(), 15_000).unwrap();
+        let pad = PadMesh::with_nodes(&mini(), 15_000).unwrap();
         let zone = |i: &u32| {
             let p = pad.mesh.vertices[*i as usize];
             p.x.abs() < 0.005 && p.y.abs() < 0.005
@@ -472,7 +460,7 @@ mod tests {
 
     #[test]
     fn a_layer_has_the_nodes_of_the_pad_and_goes_on_beyond_it() {
-        let (pad, reach) = (PadMesh::with_nodes(&crowned(), 1000).unwrap(), 0.01);
+        let (pad, reach) = (PadMesh::with_nodes(&mini(), 1000).unwrap(), 0.01);
         let (layer, nodes) = pad.as_layer(reach).unwrap();
         assert_eq!(nodes.len(), pad.mesh.vertices.len());
         for (own, node) in pad.mesh.vertices.iter().zip(&nodes) {
@@ -480,7 +468,7 @@ mod tests {
             assert!((at - own).xy().norm() < 1e-15, "{own} at {at}");
             // Both are at the same share of the height over the base.
             let [high, share] = [own.z, at.z].map(|z| (z + 0.004) / 0.004);
-            let height = 1.0 + crowned().height(own.x, own.y) / 0.004;
+            let height = 1.0 + mini().height(own.x, own.y) / 0.004;
             assert!((high - share * height).abs() < 1e-12, "{own} at {at}");
         }
         let end = layer.mesh.vertices.iter().fold(Point3::origin(), |end, p| end.sup(p));
@@ -490,7 +478,7 @@ mod tests {
 
     #[test]
     fn the_mesh_is_its_own_mirror_image() {
-        let pad = PadMesh::with_nodes(&crowned(), 1000).unwrap();
+        let pad = PadMesh::with_nodes(&mini(), 1000).unwrap();
         let key = |p: Point3<f64>| [p.x, p.y, p.z].map(|x| (x * 1e12).round() as i64);
         let tets = |signs: [f64; 2]| {
             let mirrored = |i: u32| {

@@ -5,7 +5,7 @@
 //! Greer, "Triangle scan conversion using 2D homogeneous coordinates", 1997): with vertex i at
 //! `M_i` = (x w, y w, w) on the raster, λ/w = M⁻ᵀ (x, y, 1), whatever the sign of w.
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use retrofire_core::{
     geom::vertex,
     math::{Vector, pt3},
@@ -14,6 +14,8 @@ use retrofire_core::{
         raster::{Scanline, ScreenPt, tri_fill},
     },
 };
+
+use super::{camera::FAR, mesh::RenderMesh};
 
 /// Facet number of a sample that no facet covers.
 pub(super) const NOTHING: u32 = u32::MAX;
@@ -110,6 +112,25 @@ impl Raster {
                 input.clear();
                 output.clear();
                 self.clipped = [input, output];
+            }
+        }
+    }
+
+    /// Draws the depth values of `mesh` seen in parallel: [`FAR`] times the z of `to_clip`. `seen`
+    /// is scratch memory.
+    pub(super) fn fill_depth(
+        &mut self,
+        mesh: &RenderMesh,
+        to_clip: impl Fn(&Point3<f64>) -> [f32; 4],
+        seen: &mut Vec<[f32; 4]>,
+    ) {
+        seen.clear();
+        seen.extend(mesh.vertices.iter().map(to_clip));
+        for vertices in &mesh.triangles {
+            let corners = vertices.map(|i| seen[i as usize]);
+            let depths = corners.map(|c| c[2] * FAR as f32);
+            if let Some(triangle) = self.triangle(corners, depths) {
+                self.fill(&triangle, 0);
             }
         }
     }

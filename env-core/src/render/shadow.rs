@@ -75,15 +75,7 @@ impl ShadowMap {
             let q = rotation * p.coords + shift;
             [q.x / self.half_width, q.y / self.half_width, q.z / FAR, 1.0].map(|x| x as f32)
         };
-        seen.clear();
-        seen.extend(mesh.vertices.iter().map(to_clip));
-        for vertices in &mesh.triangles {
-            let corners = vertices.map(|i| seen[i as usize]);
-            let depths = corners.map(|c| c[2] * FAR as f32);
-            if let Some(triangle) = self.raster.triangle(corners, depths) {
-                self.raster.fill(&triangle, 0);
-            }
-        }
+        self.raster.fill_depth(mesh, to_clip, seen);
     }
 
     /// Completes the map, which can then be queried.

@@ -77,17 +77,17 @@ impl Approach {
         let goal = Isometry3::translation(0.0, 0.0, HEIGHT);
         let pose = goal * tool.inverse();
         let object = SceneObject { model: &self.model, scale: 1.0, mass: 0.1, friction: 1.0, pose };
-        let way = FINGER_TOP + config.gripper.pad_length;
-        let above = Vector3::new(0.0, 0.0, HEIGHT + way);
+        let descent = FINGER_TOP + config.gripper.pad_length;
+        let above = Vector3::new(0.0, 0.0, HEIGHT + descent);
         let mut scene = Scene::new(&config, &object, &above, 0.0)?;
         let moved = |scene: &Scene| {
             let now = scene.state().object.pose.translation.vector;
             (now - pose.translation.vector).norm() > TOUCHED
         };
         let dt = config.physics.time_step;
-        let steps = (way / (SPEED * dt)).ceil();
+        let steps = (descent / (SPEED * dt)).ceil();
         for step in 1..=steps as u32 {
-            let left = way * (1.0 - f64::from(step) / steps);
+            let left = descent * (1.0 - f64::from(step) / steps);
             scene.advance(&(goal * Isometry3::translation(0.0, 0.0, left)), -GRIP);
             if moved(&scene) {
                 return Ok(Some(ApproachFailure::Coming));

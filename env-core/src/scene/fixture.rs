@@ -6,7 +6,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rapier3d::prelude::{
     ColliderBuilder, ColliderHandle, InteractionGroups, InteractionTestMode, PhysicsWorld,
 };
@@ -85,14 +85,6 @@ impl Fixture {
         self.walls.iter().map(of).collect()
     }
 
-    /// Returns whether a place (m) over the table is in the hole's column, at any height.
-    pub fn is_over_hole(&self, place: &Point3<f64>) -> bool {
-        let seen = self.mouth().inverse_transform_point(place);
-        let inside =
-            |&[angle, distance]: &[f64; 2]| seen.x * angle.cos() + seen.y * angle.sin() <= distance;
-        self.walls.iter().all(inside)
-    }
-
     /// Inserts the block.
     pub(super) fn insert(&self, world: &mut PhysicsWorld) -> Vec<ColliderHandle> {
         let groups = InteractionGroups::new(TABLE, OBJECT, InteractionTestMode::And);
@@ -109,7 +101,17 @@ impl Fixture {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point3;
+
     use super::*;
+
+    /// Returns whether a place (m) over the table is in the hole's column, at any height.
+    fn is_over_hole(fixture: &Fixture, place: &Point3<f64>) -> bool {
+        let seen = fixture.mouth().inverse_transform_point(place);
+        let inside =
+            |&[angle, distance]: &[f64; 2]| seen.x * angle.cos() + seen.y * angle.sin() <= distance;
+        fixture.walls.iter().all(inside)
+    }
 
     #[test]
     fn boxes_leave_the_hole_free_and_cover_the_rest() {
@@ -136,9 +138,9 @@ mod tests {
                     Point3::new(3e-3 + radius * angle.cos(), -2e-3 + radius * angle.sin(), 0.01);
                 let peg = fixture.mouth().inverse_transform_point(&place);
                 let inside = shape.distance(&Point3::new(peg.x, peg.y, 0.0)).value;
-                assert_eq!(solid(&place), !fixture.is_over_hole(&place), "{place}");
-                assert!(inside > 1.9e-4 || fixture.is_over_hole(&place), "{place} of {shape:?}");
-                assert!(inside < 3.1e-4 || !fixture.is_over_hole(&place), "{place} of {shape:?}");
+                assert_eq!(solid(&place), !is_over_hole(&fixture, &place), "{place}");
+                assert!(inside > 1.9e-4 || is_over_hole(&fixture, &place), "{place} of {shape:?}");
+                assert!(inside < 3.1e-4 || !is_over_hole(&fixture, &place), "{place} of {shape:?}");
             }
         }
         let ball = Shape::Sphere { radius: 0.01 };

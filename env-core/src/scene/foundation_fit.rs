@@ -199,11 +199,11 @@ fn fit(indenters: &[Indenter], truth: &[Curve], start: SoftPads) -> SoftPads {
     while step > 5e-4 {
         let mut improved = false;
         // Factor and exponent are also changed together, along the narrow valley of the misfit.
-        for way in [[1.0, 0.0], [0.0, 1.0], [1.0, 0.4], [1.0, -0.4]] {
+        for direction in [[1.0, 0.0], [0.0, 1.0], [1.0, 0.4], [1.0, -0.4]] {
             for (pair, sign) in [(0, 1.0), (0, -1.0), (2, 1.0), (2, -1.0)] {
                 let mut next = best;
-                next[pair] += sign * step * way[0];
-                next[pair + 1] += sign * step * way[1];
+                next[pair] += sign * step * direction[0];
+                next[pair + 1] += sign * step * direction[1];
                 let there = loss(&next);
                 if there < least {
                     (best, least, improved) = (next, there, true);

@@ -1,4 +1,4 @@
-//! What a scene is made of beside the hand: Rapier's settings, the table, free bodies.
+//! Parts of a scene beside the hand: Rapier's settings, the table, free bodies.
 
 use nalgebra::Unit;
 use rapier3d::prelude::{

@@ -264,8 +264,8 @@ impl PadModel {
             let linear = self.linear.path(&same).swap_remove(0)?;
             let answer = self.correct(press, linear, ALL, evaluation)?;
             reached = answer.wrench.force.dot(direction);
-            let way = answer.poses[0].translation.vector - poses[0].translation.vector;
-            travel = way.dot(direction);
+            let moved = answer.poses[0].translation.vector - poses[0].translation.vector;
+            travel = moved.dot(direction);
             if (reached / force - 1.0).abs() < FORCE {
                 return Ok(answer);
             }

@@ -130,11 +130,11 @@ impl PadInput {
         let mut directions = Vec::with_capacity(3 * DIRECTIONS * columns);
         let slopes = graph.slopes(|column| linear.displacement[column].z);
         for (column, &rest) in places[..columns].iter().enumerate() {
-            let way = linear.displacement[column];
-            let Distance { value: gap, normal } = nearest(shapes, linear, &(rest + way));
+            let displacement = linear.displacement[column];
+            let Distance { value: gap, normal } = nearest(shapes, linear, &(rest + displacement));
             // A distance changes by at most the displacement: that of the undisplaced column need
             // not be computed where its feature is 1 in any case.
-            let is_far = gap - way.norm() >= 0.5 * length + margin;
+            let is_far = gap - displacement.norm() >= 0.5 * length + margin;
             let before = if is_far { 0.5 * length } else { nearest(shapes, linear, &rest).value };
             let layers = (0..LAYERS).map(|k| linear.displacement[k * columns + column]);
             let force = linear.contact_force[column] / strongest.max(f64::MIN_POSITIVE);
@@ -155,7 +155,7 @@ impl PadInput {
             let numbers = [slope.x, slope.y, slope.norm(), slope.dot(&normal)];
             features.extend(numbers.map(|x| (4.0 * x) as f32));
             let near = distances[1] * amplitude * normal;
-            let dragged = way.z * slope;
+            let dragged = displacement.z * slope;
             normals.extend(normal.iter().map(|x| *x as f32));
             directions.extend(flat(&[amplitude * normal, near, dragged], length));
             let gate = (1.0 - gap / (REACH * length)).clamp(0.0, 1.0) as f32;

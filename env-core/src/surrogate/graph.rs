@@ -163,9 +163,10 @@ fn neighbours(size: [usize; 2], places: &[[f64; 3]]) -> (Edges, Vec<f32>) {
                     continue;
                 }
                 senders.push(sender as u32);
-                let way: [f64; 3] = std::array::from_fn(|axis| place[axis] - places[sender][axis]);
-                let length = way.iter().map(|x| x * x).sum::<f64>().sqrt();
-                features.extend(way.iter().chain([&length]).map(|&x| x as f32));
+                let offset: [f64; 3] =
+                    std::array::from_fn(|axis| place[axis] - places[sender][axis]);
+                let length = offset.iter().map(|x| x * x).sum::<f64>().sqrt();
+                features.extend(offset.iter().chain([&length]).map(|&x| x as f32));
             }
         }
         starts.push(senders.len() as u32);

@@ -7,7 +7,7 @@
 
 use nalgebra::Vector3;
 
-use super::{depth, skin::Skin, traction};
+use super::{config::Resolution, depth, skin::Skin, traction};
 use crate::{
     deformation::{Deformation, Wanted},
     geometry::Shape,
@@ -99,6 +99,43 @@ impl Channel {
             Self::Depth => "depth",
             Self::Image => "image",
             Self::Trust => "trust",
+        }
+    }
+
+    /// Content, as a phrase.
+    pub const fn doc(self) -> &'static str {
+        match self {
+            Self::Markers => "displacement of the sensor's markers (m)",
+            Self::MarkerPixels => "the same across and along ``image`` (pixels of ``image``)",
+            Self::Displacement => "displacement of all free nodes of the pad's surface (m)",
+            Self::Stress => "von Mises stress under the face (Pa)",
+            Self::TetStress => "von Mises stress in each tetrahedron (Pa)",
+            Self::Traction => "contact force per area (Pa): shear in x and y, normal in z",
+            Self::Wrench => "force (N) and torque about the apex (N m)",
+            Self::Slip => "share of the normal force carried by skin that slides",
+            Self::Depth => "height of the face over the camera's view (m)",
+            Self::Image => "red, green and blue that the sensor's camera sees (0 to 1)",
+            Self::Trust => "unbalanced force (N), its share, 1 if deeper than gels are calibrated",
+        }
+    }
+
+    /// Size for one finger at the default resolution, in words: the pad has T tetrahedra, its
+    /// surface S free nodes.
+    pub fn default_size(self) -> String {
+        let Resolution { markers, grid, depth, image, .. } = Resolution::default();
+        let map = |[across, along]: [u32; 2]| format!("{along} x {across}");
+        match self {
+            Self::Markers => map(markers) + " x 3",
+            Self::MarkerPixels => map(markers) + " x 2",
+            Self::Displacement => "S x 3".to_owned(),
+            Self::Stress => map(grid),
+            Self::TetStress => "T".to_owned(),
+            Self::Traction => map(grid) + " x 3",
+            Self::Wrench => "6".to_owned(),
+            Self::Slip => "1".to_owned(),
+            Self::Depth => map(depth),
+            Self::Image => map(image) + " x 3",
+            Self::Trust => "3".to_owned(),
         }
     }
 

@@ -20,7 +20,7 @@ use crate::{
     surrogate::{LinearPad, Surrogate},
 };
 
-/// What deforms where fingers touch an object, with its model.
+/// Body that deforms where fingers touch an object, with its model.
 #[derive(Clone, Debug)]
 pub enum TactileModel {
     /// Nothing: fingers and objects are rigid.

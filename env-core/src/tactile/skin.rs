@@ -25,7 +25,7 @@ pub struct Feeling<'a> {
     pub skin: &'a Skin,
     /// Solution of the finger on −x and of the one on +x; `None` without contact.
     pub fingers: [Option<&'a Deformation>; 2],
-    /// What the pads can touch, each shape in its own frame.
+    /// Shapes that the pads can touch, each in its own frame.
     pub bodies: &'a [Shape],
     /// Numbers of the bodies in the press of each finger.
     pub pressed: [&'a [usize]; 2],

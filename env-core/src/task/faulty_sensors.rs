@@ -171,7 +171,7 @@ mod tests {
         [3, 4].map(ChaCha8Rng::seed_from_u64)
     }
 
-    /// What is reported in each of `steps` steps in which `row` is true.
+    /// Reported values in each of `steps` steps in which `row` is true.
     fn reports(
         sensors: &mut FaultySensors,
         layout: &ObservationLayout,

@@ -91,18 +91,7 @@ the pad's frame (x across, y along the finger, z out of the gel), flat; `resolut
 sizes. Without contact each is exactly 0, except ``depth`` and ``image``. With soft pads,
 ``wrench`` comes from the tactile model.
 
-| channel | size of each pad | content |
-| --- | --- | --- |
-| ``markers`` | 7 x 5 x 3 | displacement of the sensor's markers (m) |
-| ``marker_pixels`` | 7 x 5 x 2 | the same across and along ``image`` (pixels of ``image``) |
-| ``displacement`` | S x 3 | displacement of all free nodes of the pad's surface (m) |
-| ``stress`` | 12 x 10 | von Mises stress under the face (Pa) |
-| ``tet_stress`` | T | von Mises stress in each tetrahedron (Pa) |
-| ``traction`` | 12 x 10 x 3 | contact force per area (Pa): shear in x and y, normal in z |
-| ``slip`` | 1 | share of the normal force carried by skin that slides |
-| ``depth`` | 32 x 24 | height of the face over the camera's view (m) |
-| ``image`` | 80 x 60 x 3 | red, green and blue that the sensor's camera sees (0 to 1) |
-| ``trust`` | 3 | unbalanced force (N), its share, 1 if deeper than gels are calibrated |
+{tactile_channels}
 
 ## Reward
 {terms}

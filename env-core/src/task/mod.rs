@@ -57,8 +57,9 @@ pub trait Rules {
     /// Name, as in the environment's id.
     fn name(&self) -> &'static str;
 
-    /// Specification in Markdown, the docstring of the environment. Lines `{channels}`, `{terms}` and
-    /// `{settings}` stand for the tables of the task's channels, reward terms and settings.
+    /// Specification in Markdown, the docstring of the environment. Lines `{channels}`,
+    /// `{tactile_channels}`, `{terms}` and `{settings}` stand for the tables of the task's channels,
+    /// those of tactile fingers, reward terms and settings.
     fn doc(&self) -> &'static str;
 
     /// Terms of the reward.

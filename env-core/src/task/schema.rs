@@ -7,10 +7,15 @@ use super::{
     Component, Ending, Setting, StateChannel, TACTILE_CHANNELS, Task, TaskConfig, config::PLACE,
     objects::numbers, observation::components, read::OTHERS,
 };
-use crate::{Error, geometry::Shape, scene, tactile::NODES};
+use crate::{
+    Error,
+    geometry::Shape,
+    scene,
+    tactile::{Channel, NODES},
+};
 
-/// The description as JSON: `tasks`, `settings` that all of them have, `channels`, `endings`, kinds
-/// of `shapes` and of `press_errors`.
+/// The description as JSON: `tasks`, `settings` that all of them have, `channels`, those of tactile
+/// fingers, `endings`, kinds of `shapes` and of `press_errors`.
 pub fn schema() -> Value {
     let mut usual = TaskConfig::default();
     let own = usual.task.settings().len();
@@ -18,11 +23,14 @@ pub fn schema() -> Value {
     shared.truncate(shared.len() - own);
     shared.extend(OTHERS.map(|(name, _)| json!({"name": name, "kind": "other"})));
     let channels = StateChannel::SHARED.map(|channel| describe(channel, &usual));
+    let tactile = TACTILE_CHANNELS.into_iter().filter_map(Channel::named).map(|channel| {
+        json!({"name": channel.name(), "size": channel.default_size(), "doc": channel.doc()})
+    });
     json!({
         "tasks": Task::all().iter().map(task).collect::<Vec<_>>(),
         "settings": shared,
         "channels": channels,
-        "tactile_channels": TACTILE_CHANNELS,
+        "tactile_channels": tactile.collect::<Vec<_>>(),
         "shapes": Shape::kinds().iter().map(kind).collect::<Vec<_>>(),
         "press_errors": Error::KINDS,
         "endings": Ending::ALL.map(|e| json!({"name": e.name(), "is_rule": e.is_of_the_task()})),

@@ -15,7 +15,7 @@ SCHEMA: dict[str, Any] = json.loads(_core.schema())
 SHARED_CHANNELS: list[str] = [channel["name"] for channel in SCHEMA["channels"]]
 """Names of the channels that every environment has."""
 
-TACTILE_CHANNELS: list[str] = SCHEMA["tactile_channels"]
+TACTILE_CHANNELS: list[str] = [each["name"] for each in SCHEMA["tactile_channels"]]
 """Names of the channels of tactile fingers."""
 
 ENDINGS: list[str] = [ending["name"] for ending in SCHEMA["endings"]]
@@ -50,6 +50,7 @@ def specification(task: dict[str, Any]) -> str:
     """Specification of a task with its tables, indented as a docstring is."""
     tables = {
         "{channels}": _channels(_described(task)),
+        "{tactile_channels}": _tactile_channels(),
         "{terms}": _terms(task["terms"]),
         "{settings}": _settings(task),
     }
@@ -77,6 +78,12 @@ def _channels(channels: list[dict[str, Any]]) -> str:
 
     rows = ([f"``{each['name']}``", size(each), each["doc"]] for each in channels)
     return _table(["channel", "size", "content"], *rows)
+
+
+def _tactile_channels() -> str:
+    channels = SCHEMA["tactile_channels"]
+    rows = ([f"``{each['name']}``", each["size"], each["doc"]] for each in channels)
+    return _table(["channel", "size of each pad", "content"], *rows)
 
 
 def _terms(terms: list[dict[str, Any]]) -> str:

@@ -32,7 +32,7 @@ def unlike(
     calibration: str | None = None,
     poisson: float | None = None,
 ) -> list[str]:
-    """What of a gel is not between those that a network was trained on, in words.
+    """Properties of a gel outside of those that a network was trained on, in words.
 
     Args:
         trained: ``sensors`` and ``poisson`` of the training data.

@@ -67,7 +67,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
 
     @property
     def spec(self) -> EnvSpec | None:
-        """How ``gymnasium.make_vec`` made it, with the time limit of its rows."""
+        """Specification given by ``gymnasium.make_vec``, with the time limit of its rows."""
         return self._spec
 
     @spec.setter

@@ -216,9 +216,9 @@ def _fill(infos: list[dict[str, Any]], info: dict[str, Any]) -> None:
     names = [name for name in info["reward_terms"] if not name.startswith("_")]
     terms = zip(*(info["reward_terms"][name].tolist() for name in names), strict=True)
     success = info["is_success"].tolist()
-    told = info["_is_success"].tolist()
-    for row_info, tells, values, done in zip(infos, told, terms, success, strict=True):
-        if tells:
+    given = info["_is_success"].tolist()
+    for row_info, has_terms, values, done in zip(infos, given, terms, success, strict=True):
+        if has_terms:
             row_info["reward_terms"] = dict(zip(names, values, strict=True))
             row_info["is_success"] = done
     for key in ("ending", "press_error"):
@@ -320,7 +320,7 @@ class TouchExtractor(BaseFeaturesExtractor):
 class AsymmetricPolicy(MultiInputActorCriticPolicy):
     """Policy of PPO whose value function sees channels that its actions do not depend on.
 
-    A simulator knows what a robot has to find out: give such state, as ``insertion`` of InsertPeg,
+    A simulator has state that a robot has to find out: give it, as ``insertion`` of InsertPeg,
     to the value function alone, and advantages are told apart from luck (Pinto et al., "Asymmetric
     actor critic for image-based robot learning", arXiv:1710.06542).
 

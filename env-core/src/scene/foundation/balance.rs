@@ -9,15 +9,12 @@
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::{
-    stops::{FixtureContact, FixtureImpulses},
+    stops::{FixtureContact, FixtureImpulses, Velocities},
     touch::{BristleContact, cut},
 };
 use crate::{deformation::Wrench, scene::MOST_DISTRACTORS};
 
-/// Velocity of the centre of mass and angular velocity of each body, and speeds of the slides along
-/// the wrist's x.
-pub(super) type Velocities<const N: usize> = SVector<f64, N>;
-type Stiffness<const N: usize> = SMatrix<f64, N, N>;
+type StiffnessMatrix<const N: usize> = SMatrix<f64, N, N>;
 
 /// Number of unknowns with as many bodies as a scene can have.
 const MOST_UNKNOWNS: usize = 6 * (1 + MOST_DISTRACTORS) + 2;
@@ -116,8 +113,8 @@ impl LoadedBristle {
         let stiffness = self.gain * touch.stiffness;
         let pressing = stiffness * (depth.mean() + DAMPING * approach * depth.cover());
         let (pressing, across) = (pressing.max(0.0), velocity - approach * self.normal);
-        let way = self.stretch + h * across;
-        let trial = -touch.shear * (way + DAMPING * across);
+        let stretch = self.stretch + h * across;
+        let trial = -touch.shear * (stretch + DAMPING * across);
         let sideways = cut(&trial, friction * pressing);
         let held = if sideways == trial { 1.0 } else { sideways.norm() / trial.norm() };
         let along = if pressing > 0.0 { stiffness * depth.cover() } else { 0.0 };
@@ -126,7 +123,7 @@ impl LoadedBristle {
             sideways,
             stiffness: [along, held * touch.shear],
             stretch: if held < 1.0 {
-                self.stretch - (way - held * (way + DAMPING * across))
+                self.stretch - (stretch - held * (stretch + DAMPING * across))
             } else {
                 self.stretch
             },
@@ -216,8 +213,8 @@ impl Bodies {
         contacts: &[LoadedBristle],
         motion: &Velocities<N>,
         friction: f64,
-    ) -> (Velocities<N>, Stiffness<N>) {
-        let (mut forces, mut stiffness) = (Velocities::<N>::zeros(), Stiffness::<N>::zeros());
+    ) -> (Velocities<N>, StiffnessMatrix<N>) {
+        let (mut forces, mut stiffness) = (Velocities::<N>::zeros(), StiffnessMatrix::<N>::zeros());
         for (finger, body) in (0..2).flat_map(|f| (0..self.inertias.len()).map(move |b| (f, b))) {
             let (mut wrench, mut sums) = (Wrench::default(), Sums::default());
             let is_here =
@@ -240,7 +237,7 @@ impl Bodies {
         &self,
         motion: &Velocities<N>,
         foundation: &Velocities<N>,
-        stiffness: &Stiffness<N>,
+        stiffness: &StiffnessMatrix<N>,
         friction: f64,
         stopped: &mut FixtureImpulses<N>,
     ) -> Velocities<N> {
@@ -340,7 +337,7 @@ impl Sums {
         axis: &Vector3<f64>,
         body: usize,
         finger: usize,
-        stiffness: &mut Stiffness<N>,
+        stiffness: &mut StiffnessMatrix<N>,
     ) {
         let mut object = self.normal;
         let skew = self.first.cross_matrix();

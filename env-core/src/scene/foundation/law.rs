@@ -65,9 +65,9 @@ impl Depth {
         }
     }
 
-    /// Returns the depth after the object has moved into the cell by `way` (m).
-    pub(super) fn moved(&self, way: f64) -> Self {
-        Self { middle: self.middle + way, ..*self }
+    /// Returns the depth after the object has moved into the cell by `travel` (m).
+    pub(super) fn moved(&self, travel: f64) -> Self {
+        Self { middle: self.middle + travel, ..*self }
     }
 }
 

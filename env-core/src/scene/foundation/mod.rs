@@ -100,7 +100,7 @@ pub(super) struct FoundationStep {
 /// Contacts and state at the beginning of a step, for [`Foundations::settle`] after it.
 pub(super) struct Applied {
     contacts: Vec<LoadedBristle>,
-    /// What the pads touch, the object first.
+    /// Bodies that the pads can touch, the object first.
     touched: Vec<TouchedBody>,
     bodies: Bodies,
     /// Poses of the pads in the world (m).
@@ -409,9 +409,9 @@ struct Twist {
 impl Twist {
     fn of(wrist: &[Isometry3<f64>; 2], time: f64) -> Self {
         let [from, to] = wrist;
-        let way = to.translation.vector - from.translation.vector;
+        let travel = to.translation.vector - from.translation.vector;
         let turn = (to.rotation * from.rotation.inverse()).scaled_axis();
-        Self { origin: from.translation.vector, linear: way / time, angular: turn / time }
+        Self { origin: from.translation.vector, linear: travel / time, angular: turn / time }
     }
 
     fn at(&self, place: &Vector3<f64>) -> Vector3<f64> {

@@ -8,7 +8,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix3, Point3, SMatrix, Vector3};
+use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
 use rapier3d::{
     parry::{
         bounding_volume::BoundingVolume,
@@ -17,8 +17,11 @@ use rapier3d::{
     prelude::{Collider, Cuboid},
 };
 
-use super::balance::Velocities;
 use crate::scene::{Fixture, units};
+
+/// Velocity of the centre of mass and angular velocity of each body, and speeds of the slides along
+/// the wrist's x.
+pub(super) type Velocities<const N: usize> = SVector<f64, N>;
 
 /// Distance below which a point takes part (m): twice what a peg moves in a Rapier step.
 const NEAR: f64 = 2e-4;
@@ -113,8 +116,8 @@ fn outermost(stops: Vec<FixtureContact>) -> Vec<FixtureContact> {
             let mut chosen: Vec<usize> = (0..DIRECTIONS)
                 .map(|k| {
                     let angle = TAU * k as f64 / DIRECTIONS as f64;
-                    let way = frame * Vector3::new(0.0, angle.cos(), angle.sin());
-                    let reach = |i: &usize| face[*i].arm.dot(&way);
+                    let direction = frame * Vector3::new(0.0, angle.cos(), angle.sin());
+                    let reach = |i: &usize| face[*i].arm.dot(&direction);
                     let all = 0..face.len();
                     all.max_by(|a, b| reach(a).total_cmp(&reach(b))).unwrap_or_default()
                 })

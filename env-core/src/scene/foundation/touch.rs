@@ -158,8 +158,8 @@ impl BristleFace {
         let mut most = depth(&best).max(deepest.depth.middle);
         for halving in 1..=HALVINGS {
             let step = self.roots[0].edges[0].norm() * 0.5f64.powi(halving);
-            for way in [Vector2::x(), -Vector2::x(), Vector2::y(), -Vector2::y()] {
-                let at = (best + step * way).inf(&half).sup(&-half);
+            for direction in [Vector2::x(), -Vector2::x(), Vector2::y(), -Vector2::y()] {
+                let at = (best + step * direction).inf(&half).sup(&-half);
                 let there = depth(&at);
                 if there > most {
                     (best, most) = (at, there);
@@ -218,13 +218,13 @@ impl BristleFace {
     /// one.
     fn way_out(&self, place: &Vector3<f64>, obstacle: &PlacedObject, start: f64) -> f64 {
         const SHORTEST: f64 = 2e-5;
-        let mut way = start;
-        while way < self.outline.thickness {
-            let (value, _) = obstacle.distance(&(place - Vector3::z() * way));
+        let mut travel = start;
+        while travel < self.outline.thickness {
+            let (value, _) = obstacle.distance(&(place - Vector3::z() * travel));
             if value >= 0.0 {
-                return way - value;
+                return travel - value;
             }
-            way += (-value).max(SHORTEST);
+            travel += (-value).max(SHORTEST);
         }
         self.outline.thickness
     }
@@ -298,8 +298,8 @@ impl BristleContact {
     /// contact, so that vibration does not release the bristle.
     fn hold(&mut self, anchor: &BristleAnchor, pose: &Isometry3<f64>) {
         const SLACK: f64 = 0.1;
-        let way = (pose * anchor.place).coords - self.root;
-        let along = way - self.normal * self.normal.dot(&way);
+        let stretch = (pose * anchor.place).coords - self.root;
+        let along = stretch - self.normal * self.normal.dot(&stretch);
         self.cover = anchor.cover.clamp(self.cover, (1.0 + SLACK) * self.cover);
         self.stretch = along * f64::min(1.0, anchor.cover / self.cover);
     }

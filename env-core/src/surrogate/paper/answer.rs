@@ -86,7 +86,7 @@ impl PaperNetwork {
         let (network, card) = TrainablePaper::opened(name, bytes)?;
         let bad = |reason: String| Error::File { path: name.to_owned(), reason };
         if card.network.input == Input::Force {
-            return Err(bad("a network told forces, expected one told poses".to_owned()));
+            return Err(bad("input force, expected translation".to_owned()));
         }
         if card.model_nodes > MOST_NODES {
             return Err(bad(format!("{} nodes, expected at most {MOST_NODES}", card.model_nodes)));
@@ -158,7 +158,7 @@ impl PaperModel {
             return Err(Error::invalid("shapes", press.shapes().len(), "one"));
         };
         let Drive::Translation { path } = press.drive() else {
-            return Err(Error::invalid("press", "a force", "a path: the network is told poses"));
+            return Err(Error::invalid("press", "a force", "a path: the input is the translation"));
         };
         if press.history().is_some() {
             return Err(Error::invalid("history", "one", "none: the network has no memory"));
@@ -264,7 +264,7 @@ mod tests {
         let (here, sphere) = (Isometry3::translation(0.0, 0.0, 7.5e-3), ball(&[7.5e-3]));
         let shape = sphere.shapes()[0].clone();
         let force = Press::with_force(vec![shape.clone()], vec![here], 1.0, -Vector3::z());
-        assert!(message(force.unwrap()).contains("told poses"));
+        assert!(message(force.unwrap()).contains("a path"));
         let two = Press::along(vec![shape.clone(), shape], vec![vec![here, here]]);
         assert!(message(two.unwrap()).contains("shapes: found 2"));
         let plane = Press::along(vec![Shape::HalfSpace], vec![vec![Isometry3::identity()]]);
@@ -291,7 +291,10 @@ mod tests {
             change(&mut card);
             refused(&weights::to_bytes(&tensors, &card), what);
         };
-        refused_with(&|card| card.network.input = Input::Force, "told poses");
+        refused_with(
+            &|card| card.network.input = Input::Force,
+            "input force, expected translation",
+        );
         refused_with(&|card| card.model_nodes = MOST_NODES + 1, "expected at most");
         refused_with(&|card| card.network.rounds += 1, "missing from the weights");
         refused_with(

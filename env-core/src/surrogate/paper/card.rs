@@ -18,7 +18,7 @@ pub struct PaperCard {
     /// Nodes of the model mesh, at most.
     pub model_nodes: usize,
     /// Training configuration.
-    pub study: PaperTrainingConfig,
+    pub training: PaperTrainingConfig,
     /// Training data; the test part has objects outside of it.
     pub data: Data,
     /// Errors on unseen grasps of known objects.

@@ -71,7 +71,7 @@ pub(super) fn judge_paper(
         seconds += (clock() - start) / test.len() as f64;
         let (true_fields, gel) = TrainablePaper::target(gels, sample);
         presses.push(errors(&fields(&answer)?, true_fields, gel));
-        let in_units = |[angle, way]: [f64; 2]| [way * gel.thickness, angle.to_degrees()];
+        let in_units = |[angle, distance]: [f64; 2]| [distance * gel.thickness, angle.to_degrees()];
         rigid.extend(rigid_apart(&answer, sample)?.map(in_units));
         target.push(in_units(sample.turned()));
         if network.input == Input::Force {

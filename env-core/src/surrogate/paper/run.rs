@@ -147,7 +147,7 @@ impl PaperRun {
             network: self.network,
             density: self.density,
             model_nodes: config.model_nodes,
-            study: settings.clone(),
+            training: settings.clone(),
             data: Data {
                 train: counts["train"],
                 test: counts["novel"],

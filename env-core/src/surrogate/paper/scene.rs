@@ -88,7 +88,7 @@ impl PaperScene {
         };
         let places: Vec<_> = graph.places.iter().chain(&object).copied().collect();
         let signs = Vector3::from(signs(mirror));
-        let way = |a: u32, b: u32| {
+        let offset = |a: u32, b: u32| {
             (places[a as usize] - places[b as usize]).component_mul(&signs) / length
         };
         let joined = contacts(&graph.places[..graph.columns], &object, gel_nodes);
@@ -104,7 +104,7 @@ impl PaperScene {
         let shift = gel_nodes as u32;
         let on_object = on_object.map(|&(a, b)| (a + shift, b + shift));
         let pairs: Vec<_> = graph.pairs.iter().copied().chain(on_object).collect();
-        let row = |a, b| [way(a, b).x, way(a, b).y, way(a, b).z, way(a, b).norm()];
+        let row = |a, b| [offset(a, b).x, offset(a, b).y, offset(a, b).z, offset(a, b).norm()];
         let mesh = Links::between(&pairs, places.len(), |a, b| row(a, b).to_vec())?;
         let contact = Links::between(&joined, places.len(), |a, b| {
             row(a, b).into_iter().chain([force]).collect()

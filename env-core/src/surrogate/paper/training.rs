@@ -94,7 +94,7 @@ pub struct Report {
     /// Trained network.
     pub run: Run,
     /// Data and budget.
-    pub study: PaperTrainingConfig,
+    pub training: PaperTrainingConfig,
     /// Numbers of grasps and frames by part: training, known objects and novel objects.
     pub counts: BTreeMap<String, [usize; 2]>,
     /// Number of trainable parameters.
@@ -281,9 +281,9 @@ impl PaperTrainingConfig {
         errors: BTreeMap<String, BTreeMap<String, Judged>>,
     ) -> Report {
         let learnt = trainer.parameters.count();
-        let (run, study, steps) = (*run, self.clone(), trainer.adam.steps);
+        let (run, training, steps) = (*run, self.clone(), trainer.adam.steps);
         let (curve, seconds) = (curve.clone(), *seconds);
-        Report { run, study, counts, parameters: learnt, steps, seconds, curve, errors }
+        Report { run, training, counts, parameters: learnt, steps, seconds, curve, errors }
     }
 }
 

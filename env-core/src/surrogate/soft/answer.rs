@@ -81,7 +81,7 @@ impl SoftSurrogate {
     ) -> Result<Self> {
         let (tensors, card): (_, SoftCard) = weights::of_kind(name, bytes)?;
         let parameters = weights::parameters(tensors)?;
-        let network = Soft::new(&card.study.network, &parameters.builder())?;
+        let network = Soft::new(&card.training.network, &parameters.builder())?;
         let mesh = tets_within(shape, card.model_nodes)?;
         let graph = ObjectGraph::new(&mesh);
         let network = ObjectInference::new(&network, &graph, &mesh)?;

@@ -38,7 +38,7 @@ pub(super) struct ObjectGraph {
     /// Scales from fine to coarse.
     pub(super) levels: [Level; SCALES],
     /// Vectors along the edges of each scale (E).
-    ways: [Vec<Vector3<f64>>; SCALES],
+    offsets: [Vec<Vector3<f64>>; SCALES],
     /// Operator from displacement to stress.
     pub(super) gradients: Arc<ShapeGradients>,
     /// Matrix that sums over the corners of each tetrahedron (T, V).
@@ -55,7 +55,7 @@ impl ObjectGraph {
         }
         let mut scale = |level: usize| {
             let here = if level == 0 { std::mem::take(&mut pairs) } else { heard(&places) };
-            let (edges, ways) = edges(&here, &places);
+            let (edges, offsets) = edges(&here, &places);
             let links = (level + 1 < SCALES).then(|| {
                 let coarse = spread_out(&places, places.len().div_ceil(COARSER));
                 let up = interpolation(&places, &coarse);
@@ -63,7 +63,7 @@ impl ObjectGraph {
                 places = coarse;
                 [Arc::new(up), Arc::new(down)]
             });
-            (Level { edges: Arc::new(edges), links }, ways)
+            (Level { edges: Arc::new(edges), links }, offsets)
         };
         let [fine, middle, coarse] = [scale(0), scale(1), scale(2)];
         let corner = |tet: &[u32; 4]| tet.iter().map(|&node| (node, 1.0)).collect();
@@ -71,7 +71,7 @@ impl ObjectGraph {
         Self {
             length,
             levels: [fine.0, middle.0, coarse.0],
-            ways: [fine.1, middle.1, coarse.1],
+            offsets: [fine.1, middle.1, coarse.1],
             places: mesh.vertices.clone(),
             normals: normals(mesh),
             gradients: Arc::new(ShapeGradients::new(mesh, length)),
@@ -83,11 +83,11 @@ impl ObjectGraph {
 impl ObjectGraph {
     /// Features of the edges of a scale (E, 4) in a frame, given by the rotation `turn` to it.
     pub(super) fn edges(&self, scale: usize, turn: &Matrix3<f64>) -> Vec<f32> {
-        let row = |way: &Vector3<f64>| {
-            let seen = turn * way;
-            [seen.x, seen.y, seen.z, way.norm()].map(|x| x as f32)
+        let row = |offset: &Vector3<f64>| {
+            let seen = turn * offset;
+            [seen.x, seen.y, seen.z, offset.norm()].map(|x| x as f32)
         };
-        self.ways[scale].iter().flat_map(row).collect()
+        self.offsets[scale].iter().flat_map(row).collect()
     }
 }
 
@@ -113,9 +113,9 @@ fn edges(pairs: &BTreeSet<(u32, u32)>, places: &[Vector3<f64>]) -> (Edges, Vec<V
     for i in 0..places.len() {
         starts[i + 1] += starts[i];
     }
-    let way = |&(r, s): &(u32, u32)| places[r as usize] - places[s as usize];
+    let offset = |&(r, s): &(u32, u32)| places[r as usize] - places[s as usize];
     let senders = pairs.iter().map(|pair| pair.1).collect();
-    (Edges { senders, starts }, pairs.iter().map(way).collect())
+    (Edges { senders, starts }, pairs.iter().map(offset).collect())
 }
 
 /// Pairs of receiver and sender: every node with the nearest others.

@@ -174,8 +174,8 @@ pub(super) mod tests {
         let mut mesh = tets_within(&Shape::Sphere { radius: 0.02 }, 150).unwrap();
         // No two distances are equal, or coarse scales would depend on rounding.
         for (i, place) in mesh.vertices.iter_mut().enumerate() {
-            let way = Vector3::from([1.0, 2.0, 3.0].map(|k| (k * (i * i) as f64).sin()));
-            *place += 2e-4 * way;
+            let shift = Vector3::from([1.0, 2.0, 3.0].map(|k| (k * (i * i) as f64).sin()));
+            *place += 2e-4 * shift;
         }
         let half = Vector3::new(0.01, 0.012, 0.002);
         let flip = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);

@@ -75,7 +75,7 @@ pub struct SoftCard {
     /// Form of the network: soft.
     pub variant: String,
     /// Training configuration, and sizes of the network.
-    pub study: SoftTrainingConfig,
+    pub training: SoftTrainingConfig,
     /// Nodes of the model mesh, at most.
     pub model_nodes: usize,
     /// Nodes of the mesh of the linear model, at most.
@@ -157,7 +157,7 @@ impl SoftTrainingConfig {
         let amplitude = train.iter().map(|s| f64::from(s.input.amplitude)).fold(0.0, f64::max);
         let card = SoftCard {
             variant: "soft".to_owned(),
-            study: settings,
+            training: settings,
             model_nodes: dataset.config().model_nodes,
             linear_nodes: dataset.config().truth_nodes,
             steps: run.trainer.adam.steps,

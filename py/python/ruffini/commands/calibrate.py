@@ -177,10 +177,10 @@ def _report(problem: Problem, fit: Fit, left_out: list[NDArray[np.float64]]) -> 
             ends.append(f"{100 * level:.0f} %: {low} to {high}")
         print(f"{name:<12} {_written(name, value)} ({', '.join(ends)})")
         if not np.isfinite(fit.intervals[name][0.95]).all():
-            print(f"{'':<12} not told by these points: its 95 % go on to an end of its range")
+            print(f"{'':<12} not determined by these points: its 95 % go on to an end of its range")
     for i, j in zip(*np.triu(np.abs(fit.correlation) > _TIED, 1).nonzero(), strict=True):
         names = f"{problem.names[i]} and {problem.names[j]}"
-        print(f"{'':<12} {names} are told together, correlation {fit.correlation[i, j]:+.3f}")
+        print(f"{'':<12} {names} cannot be told apart, correlation {fit.correlation[i, j]:+.3f}")
     count, points = len(fit.values), sum(len(curve.depths) for curve in problem.curves)
     few = "; so few that the intervals rest on errors being normal" if points < count + 10 else ""
     print(f"{'points':<12} {points} for {count} parameters{few}")
@@ -219,12 +219,12 @@ def _material(options: argparse.Namespace, problem: Problem, fit: Fit, law: str)
     """The table of the calibration, as TOML."""
     at = {**problem.held, **fit.values}
     measured = ", ".join(f"{path.name}" for path in options.curves)
-    told = ", ".join(f"{name} {_written(name, value)}" for name, value in fit.values.items())
+    values = ", ".join(f"{name} {_written(name, value)}" for name, value in fit.values.items())
     every = np.concatenate(fit.errors)
     most = 100 * np.nanmax(np.abs(every))
     source = (
         f"ruffini calibrate: {len(every)} points of {measured}, {' and '.join(options.indenter)}; "
-        f"fitted {told}; friction {at['friction']:.3g}; errors of at most {most:.1f} %"
+        f"fitted {values}; friction {at['friction']:.3g}; errors of at most {most:.1f} %"
     )
     return (
         f"name = {json.dumps(options.name)}\nyoung = {at['young']:.0f}\n"

@@ -63,9 +63,9 @@ def run(options: argparse.Namespace) -> None:
     result = evaluated(chosen, episodes, options.seed, options.threads)
     agent = chosen.policy if isinstance(chosen.policy, Agent) else None
     print(line("agent" if agent is not None else options.policy, result))
-    if agent is not None and (told := agent.card["evaluation"]):
-        print(line(f"its card, {told['episodes']} seeds", told))
-        print(_verdict(result["interval"], told["interval"]))
+    if agent is not None and (stated := agent.card["evaluation"]):
+        print(line(f"its card, {stated['episodes']} seeds", stated))
+        print(_verdict(result["interval"], stated["interval"]))
     if options.video is not None:
         count = min(options.video_episodes, episodes)
         seeds = range(options.seed, options.seed + count)
@@ -89,8 +89,8 @@ def _picture(camera: str, size: str | None) -> dict[str, Any]:
     return picture
 
 
-def _verdict(found: Sequence[float], told: Sequence[float]) -> str:
+def _verdict(found: Sequence[float], stated: Sequence[float]) -> str:
     """Text that compares two confidence intervals of a success rate."""
-    if found[1] < told[0]:
+    if found[1] < stated[0]:
         return "less than its card says"
-    return "more than its card says" if found[0] > told[1] else "as its card says"
+    return "more than its card says" if found[0] > stated[1] else "as its card says"

@@ -91,15 +91,8 @@ class RandomPolicy(ScriptedPolicy):
 def scripted(env_id: str) -> Policy:
     """The scripted policy of an environment.
 
-    It reads a part of the default observation, as a dict (``obs="dict"``):
-
-    | task | channels |
-    | --- | --- |
-    | GraspLift | ``proprio``, ``object`` |
-    | GraspFragile | ``proprio``, ``stress_ratio`` |
-    | GraspSoft | ``proprio``, ``squeeze`` |
-    | HoldStill | ``slip`` |
-    | InsertPeg | ``proprio``, ``wrench`` |
+    It reads a part of the default observation, as a dict (``obs="dict"``); ``READS`` of the task's
+    module, as in ``ruffini.policies.hold_still.READS``, names the channels.
 
     Raises:
         ValueError: If there is no such environment.
