@@ -14,9 +14,9 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::{
     ContactSolution,
     contact_nodes::ContactNodes,
+    face_responses::FaceResponses,
     grid::{CellGrid, CellLevels, ROOT},
     kernel::PlaneKernel,
-    layer_elements::LayerElements,
     load_stepping::{ContactResolution, NodalLoadStepping, NodalScratch},
     near_field::{NearField, PointForce},
 };
@@ -102,20 +102,20 @@ struct ModelFace {
 
 impl LayeredPad {
     /// Builds the model of the pad of `outline` from its `compliance` on a `fine` mesh, for fields
-    /// on a `model` mesh, with contact at the `resolution`. The influence of the sides is taken into
-    /// account everywhere if there are elements of a `layer` on the fine mesh, else near them alone.
+    /// on a `model` mesh, with contact at the `resolution`. The influence of its `sides` is that on the
+    /// fine mesh ([`Compliance::side_responses`]).
     pub fn new(
         compliance: &Compliance,
         outline: &PadOutline,
         (fine, model): (&PadMesh, &PadMesh),
         resolution: ContactResolution,
-        layer: Option<&LayerElements>,
+        sides: &FaceResponses,
     ) -> Self {
         let condensed = &compliance.condensed;
         let along = |extent: f64| ROOT * (extent / (FIRST * f64::from(ROOT))).ceil() as u32;
         let count = [along(outline.width), along(outline.length)];
         let (levels, bodies) = (resolution.levels as usize, (&**condensed, fine));
-        let cells = CellLevels::new(outline, count, levels, bodies, layer);
+        let cells = CellLevels::new(outline, count, levels, bodies, sides);
         let level = |level| {
             ContactNodes::of_grid(Arc::clone(condensed), CellGrid::new(&cells, level), level == 0)
         };
@@ -201,23 +201,14 @@ impl LayeredPad {
         self.grid(settled).area().sqrt()
     }
 
-    /// Replaces the displacement of the model mesh's nodes (m), which elements give for a unit force
-    /// along `axis` around node `loaded` of the face, by that of the layer, and keeps the influence
-    /// of the sides. Where that is taken into account everywhere, the displacement is less that of the
-    /// layer's elements.
-    pub fn replace(&self, [loaded, axis]: [usize; 2], displacement: &mut [Vector3<f64>]) {
-        let (grid, model) = (&self.levels[0].grid().expect("levels are grids"), &self.model);
-        let count = model.nodes.len();
-        for (layer, between) in model.between.iter().enumerate() {
-            for (node, place) in model.nodes.iter().enumerate() {
-                let by_layer =
-                    between[loaded * count + node].column(axis).into_owned().cast::<f64>();
-                let moved = &mut displacement[layer * count + node];
-                if !self.resolution.sides_everywhere {
-                    let share = grid.cells().share_of_sides(place.x, place.y);
-                    *moved = (*moved - by_layer) * share;
-                }
-                *moved += by_layer;
+    /// Adds to the displacement of the model mesh's nodes (m) that the sides change under a unit force
+    /// along `axis` around node `loaded` of the face that by the layer.
+    pub fn add_layer(&self, [loaded, axis]: [usize; 2], displacement: &mut [Vector3<f64>]) {
+        let count = self.model.nodes.len();
+        let layers = displacement.chunks_exact_mut(count);
+        for (between, moved) in self.model.between.iter().zip(layers) {
+            for (by_layer, moved) in between[loaded * count..].iter().zip(moved) {
+                *moved += Vector3::from(by_layer.column(axis)).cast::<f64>();
             }
         }
     }
@@ -493,7 +484,8 @@ mod tests {
         let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
         let compliance = Compliance::new(body, options).unwrap();
         let fast = ContactResolution::FAST;
-        LayeredPad::new(&compliance, &sensor.outline, (&pad, &pad), fast, None)
+        let sides = compliance.side_responses(&pad).unwrap();
+        LayeredPad::new(&compliance, &sensor.outline, (&pad, &pad), fast, &sides)
     }
 
     #[test]
@@ -709,28 +701,20 @@ mod tests {
                 .map(|(node, c)| (*node as usize, c.force))
                 .collect();
             assert!(forces.len() > 3, "{} nodes bear some", forces.len());
-            // What elements give is kept to the share of the sides by both; it is taken as zero.
-            let (model, grid) = (&layered.model, layered.grid(&settled));
-            let count = model.nodes.len();
-            let mut found = vec![Vector3::zeros(); model.between.len() * count];
+            // What the sides change is left out.
+            let count = layered.model.nodes.len();
+            let mut found = vec![Vector3::zeros(); layered.model.between.len() * count];
             for (node, force) in &forces {
                 for axis in 0..3 {
                     let mut unit = vec![Vector3::zeros(); found.len()];
-                    layered.replace([*node, axis], &mut unit);
+                    layered.add_layer([*node, axis], &mut unit);
                     found.iter_mut().zip(unit).for_each(|(sum, u)| *sum += u * force[axis]);
                 }
             }
             layered.refine(&settled, &mut found);
             let (mut error, mut most, mut squares) = (0f64, 0f64, [0.0; 2]);
             for (k, found) in found.iter().enumerate() {
-                let (layer, node) = (k / count, k % count);
-                let at = &model.nodes[node];
-                let by_tents = |(other, force): &(usize, Vector3<f64>)| {
-                    model.between[layer][other * count + node].cast::<f64>() * force
-                };
-                let cells = under_cells(&layered, &settled, [layer, node]);
-                let tents: Vector3<f64> = forces.iter().map(by_tents).sum();
-                let right = cells - tents * grid.cells().share_of_sides(at.x, at.y);
+                let right = under_cells(&layered, &settled, [k / count, k % count]);
                 error = error.max((found - right).norm());
                 most = most.max(right.norm());
                 squares[0] += (found - right).norm_squared();

@@ -61,21 +61,16 @@ pub struct ContactResolution {
     /// Sweeps times the square of the number of nodes that touch, summed over a frame, after which
     /// it counts as not converged.
     pub work: usize,
-    /// True if the influence of the pad's sides and of its curvature is taken into account in all of
-    /// its contact; false if near the sides alone.
-    pub sides_everywhere: bool,
 }
 
 impl ContactResolution {
     /// Resolution for many presses a second. The work is some seconds: the whole pad under a block
     /// 2 mm deep takes a twentieth of it; a wall thinner than the first cells, which touches
     /// thousands of small ones, takes all.
-    pub const FAST: Self =
-        Self { levels: 8, most: 96, few: 12, work: 200_000_000, sides_everywhere: false };
+    pub const FAST: Self = Self { levels: 8, most: 96, few: 12, work: 200_000_000 };
     /// Resolution at which displacement and force are within some per cent of their limit, also under
     /// edges; a press takes seconds.
-    pub const FINE: Self =
-        Self { levels: 8, most: 800, few: 160, work: 20_000_000_000, sides_everywhere: true };
+    pub const FINE: Self = Self { levels: 8, most: 800, few: 160, work: 20_000_000_000 };
 }
 
 impl FromStr for ContactResolution {
