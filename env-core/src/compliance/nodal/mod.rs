@@ -19,6 +19,7 @@ mod face_responses;
 mod grid;
 mod kernel;
 mod layered;
+mod model_face;
 mod near_field;
 mod patch;
 mod settle;
