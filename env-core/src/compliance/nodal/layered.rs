@@ -17,9 +17,10 @@ use super::{
     face_responses::FaceResponses,
     grid::{CellGrid, CellLevels, ROOT},
     kernel::PlaneKernel,
-    load_stepping::{ContactResolution, NodalLoadStepping, NodalScratch},
+    load_stepping::{NodalLoadStepping, NodalScratch},
     model_face::ModelFace,
     near_field::{NearField, PointForce},
+    resolution::ContactResolution,
 };
 use crate::{
     Result,

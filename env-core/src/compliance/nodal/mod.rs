@@ -22,9 +22,11 @@ mod layered;
 mod model_face;
 mod near_field;
 mod patch;
+mod resolution;
 mod settle;
 mod side_compliance;
 mod spots;
+mod start;
 mod load_stepping;
 
 use std::sync::Arc;
@@ -43,8 +45,8 @@ use crate::{
 use contact_nodes::ContactNodes;
 pub use face_responses::FaceResponses;
 pub use layered::{LayeredPad, NodeContact};
-pub use load_stepping::ContactResolution;
 use load_stepping::{NodalLoadStepping, NodalScratch};
+pub use resolution::ContactResolution;
 
 /// Compliance model of one soft body with contact at its nodes. Copies share the precomputed data.
 #[derive(Clone)]
