@@ -124,9 +124,9 @@ mod tests {
                 let forces = [(node, force)];
                 let found = own.displacement(&forces).into_iter().zip(sides.displacement(&forces));
                 for ((own, sides), (by_pad, by_layer)) in found.zip(by_pad.iter().zip(&by_layer)) {
-                    // Rounding of two solves for thousands of unknowns.
+                    // Rounding of solves for thousands of unknowns, in nearly incompressible gel.
                     let errors = [own - by_pad, sides - (by_pad - by_layer)].map(|e| e.norm());
-                    assert!(errors.iter().all(|e| *e < 1e-9 * most), "{errors:?} m of {most} m");
+                    assert!(errors.iter().all(|e| *e < 1e-8 * most), "{errors:?} m of {most} m");
                 }
             }
         }
