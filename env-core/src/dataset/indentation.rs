@@ -26,7 +26,7 @@ use crate::{
     Error, Result,
     compliance::{
         Compliance, ComplianceOptions,
-        nodal::{ContactResolution, LayerElements, LayeredPad},
+        nodal::{ContactResolution, LayeredPad},
     },
     contact::between,
     deformation::{Deformation, History, Law, Moduli, Press, SoftBody},
@@ -179,9 +179,8 @@ impl PressedPad {
             let body = SoftBody::new(pad.mesh.clone(), Law::Linear, moduli, &pad.base)?;
             let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
             let (compliance, fine) = (Compliance::new(body, options)?, ContactResolution::FINE);
-            let layer = LayerElements::new(&pad, moduli)?;
-            let meshes = (&pad, &model);
-            Ok(LayeredPad::new(&compliance, &sensor.outline, meshes, fine, Some(&layer)))
+            let (meshes, sides) = ((&pad, &model), compliance.side_responses(&pad)?);
+            Ok(LayeredPad::new(&compliance, &sensor.outline, meshes, fine, &sides))
         };
         let contact = fine.then(contact).transpose()?;
         Ok(Self { sensor, model, contact })

@@ -7,7 +7,7 @@
 use nalgebra::Vector3;
 
 use crate::{
-    compliance::nodal::{LayerElements, Nodal},
+    compliance::nodal::{FaceResponses, Nodal},
     responses::Responses,
 };
 
@@ -21,15 +21,16 @@ pub(super) struct Extension {
 }
 
 impl Extension {
-    /// Computes the matrix of `nodal`, whose displacement under a unit force on a node along an axis,
-    /// less that of a `layer` if there is one, `carry` converts to the numbers of the target mesh (D). Runs on the calling thread alone: a pool thread that waited for others
-    /// could be given a press that waits for this matrix.
+    /// Computes the matrix for forces on the contact nodes of `nodal`, whose displacement by `responses`
+    /// under a unit force on a node along an axis is converted by `carry` to the numbers of the target
+    /// mesh (D). Runs on the calling thread alone: a pool thread that waited for others could be given
+    /// a press that waits for this matrix.
     pub(super) fn new(
         nodal: &Nodal,
-        layer: Option<&LayerElements>,
+        responses: &FaceResponses,
         carry: impl Fn(&[Vector3<f64>], [usize; 2]) -> Vec<f64>,
     ) -> Self {
-        let answers = nodal.unit_responses(layer, carry);
+        let answers = nodal.unit_responses(responses, carry);
         let size = answers.first().map_or(0, Vec::len);
         let moved = |answer: &Vec<f64>| answer.iter().rposition(|u| *u != 0.0);
         let free = answers.iter().filter_map(moved).max().map_or(0, |last| last + 1);

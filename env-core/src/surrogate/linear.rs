@@ -19,9 +19,7 @@ use crate::{
     Result,
     compliance::{
         Compliance, ComplianceOptions,
-        nodal::{
-            ContactResolution, ContactSolution, LayerElements, LayeredPad, Nodal, NodeContact,
-        },
+        nodal::{ContactResolution, ContactSolution, LayeredPad, Nodal, NodeContact},
     },
     deformation::{Law, Moduli, Press, SoftBody},
     geometry::{PadMesh, Transfer},
@@ -32,6 +30,8 @@ use crate::{
 /// Linear model of a gel.
 pub(super) struct LinearBaseline {
     layered: LayeredPad,
+    /// The fine mesh.
+    compliance: Compliance,
     /// Response of the fine mesh to forces around the nodes of the model mesh's face.
     nodal: Nodal,
     extension: Extension,
@@ -109,18 +109,15 @@ impl LinearBaseline {
         let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
         let compliance = Compliance::new(body(&fine, gel.moduli)?, options)?;
         let nodal = compliance.at_coarse_nodes(&fine, model)?;
-        let layer = resolution.sides_everywhere.then(|| LayerElements::new(&fine, gel.moduli));
-        let layer = layer.transpose()?;
-        let pads = (&fine, model);
-        let layered =
-            LayeredPad::new(&compliance, &sensor.outline, pads, resolution, layer.as_ref());
-        let extension = Extension::new(&nodal, layer.as_ref(), |u, force| {
+        let (pads, sides) = ((&fine, model), compliance.side_responses(&fine)?);
+        let layered = LayeredPad::new(&compliance, &sensor.outline, pads, resolution, &sides);
+        let extension = Extension::new(&nodal, &sides, |u, force| {
             let mut moved = transfer.interpolate(u);
-            layered.replace(force, &mut moved);
+            layered.add_layer(force, &mut moved);
             flat(&moved)
         });
         let stress = OnceLock::new();
-        Ok(Self { layered, nodal, extension, fine, transfer, stress })
+        Ok(Self { layered, compliance, nodal, extension, fine, transfer, stress })
     }
 
     /// Solves the frames of `press`, in order; the first that fails is an error and the last.
@@ -181,7 +178,8 @@ impl LinearBaseline {
 impl Stress {
     fn new(linear: &LinearBaseline, transfer: &Transfer) -> Self {
         let elements = PadStress::new(&linear.fine, 1.0);
-        let extension = Extension::new(&linear.nodal, None, |u, _| {
+        let responses = linear.compliance.face_responses(&linear.fine);
+        let extension = Extension::new(&linear.nodal, &responses, |u, _| {
             let u: Vec<[f64; 3]> = u.iter().map(|&u| u.into()).collect();
             elements.arranged(&u)
         });

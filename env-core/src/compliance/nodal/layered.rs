@@ -9,31 +9,30 @@
 
 use std::{cell::RefCell, sync::Arc};
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
 use super::{
     ContactSolution,
     contact_nodes::ContactNodes,
+    face_responses::FaceResponses,
     grid::{CellGrid, CellLevels, ROOT},
     kernel::PlaneKernel,
-    layer_elements::LayerElements,
-    load_stepping::{ContactResolution, NodalLoadStepping, NodalScratch},
+    load_stepping::{NodalLoadStepping, NodalScratch},
+    model_face::ModelFace,
     near_field::{NearField, PointForce},
+    resolution::ContactResolution,
 };
 use crate::{
     Result,
     compliance::Compliance,
     contact::ContactLaw,
     deformation::Press,
-    geometry::{PadMesh, PadOutline, plan_shares},
+    geometry::{PadMesh, PadOutline},
     simd::vectorised,
 };
 
 /// Longest side of the cells of the first grid (m).
 const FIRST: f64 = 1.33e-3;
-/// Distance in plan from a cell up to which nodes are displaced by the force on the cell itself,
-/// and not by tractions around face nodes, in spacings of the nodes.
-const NEAR: f64 = 3.5;
 /// Number of levels whose cells have precomputed data.
 const KEPT: usize = 2;
 
@@ -82,40 +81,22 @@ pub struct NodeContact {
     pub slope: f64,
 }
 
-/// The mesh on which fields are output: layers of nodes of one plan. C nodes a layer.
-struct ModelFace {
-    /// Nodes of the face (C).
-    nodes: Vec<Point3<f64>>,
-    triangles: Vec<[u32; 3]>,
-    /// Triangles that a square of the plan may touch, row after row along y.
-    squares: Vec<Vec<u32>>,
-    /// Nodes of the face within [`NEAR`] of each square.
-    near: Vec<Vec<u32>>,
-    /// Lowest corner of the squares (m).
-    corner: [f64; 2],
-    /// Free layers below the face.
-    below: Vec<PlaneKernel>,
-    /// Displacement of the nodes of each free layer under unit forces around each face node, by the
-    /// elastic layer alone, by the latter first (C, C) in m/N.
-    between: Vec<Vec<Matrix3<f32>>>,
-}
-
 impl LayeredPad {
     /// Builds the model of the pad of `outline` from its `compliance` on a `fine` mesh, for fields
-    /// on a `model` mesh, with contact at the `resolution`. The influence of the sides is taken into
-    /// account everywhere if there are elements of a `layer` on the fine mesh, else near them alone.
+    /// on a `model` mesh, with contact at the `resolution`. The influence of its `sides` is that on the
+    /// fine mesh ([`Compliance::side_responses`]).
     pub fn new(
         compliance: &Compliance,
         outline: &PadOutline,
         (fine, model): (&PadMesh, &PadMesh),
         resolution: ContactResolution,
-        layer: Option<&LayerElements>,
+        sides: &FaceResponses,
     ) -> Self {
         let condensed = &compliance.condensed;
         let along = |extent: f64| ROOT * (extent / (FIRST * f64::from(ROOT))).ceil() as u32;
         let count = [along(outline.width), along(outline.length)];
         let (levels, bodies) = (resolution.levels as usize, (&**condensed, fine));
-        let cells = CellLevels::new(outline, count, levels, bodies, layer);
+        let cells = CellLevels::new(outline, count, levels, bodies, sides);
         let level = |level| {
             ContactNodes::of_grid(Arc::clone(condensed), CellGrid::new(&cells, level), level == 0)
         };
@@ -201,23 +182,14 @@ impl LayeredPad {
         self.grid(settled).area().sqrt()
     }
 
-    /// Replaces the displacement of the model mesh's nodes (m), which elements give for a unit force
-    /// along `axis` around node `loaded` of the face, by that of the layer, and keeps the influence
-    /// of the sides. Where that is taken into account everywhere, the displacement is less that of the
-    /// layer's elements.
-    pub fn replace(&self, [loaded, axis]: [usize; 2], displacement: &mut [Vector3<f64>]) {
-        let (grid, model) = (&self.levels[0].grid().expect("levels are grids"), &self.model);
-        let count = model.nodes.len();
-        for (layer, between) in model.between.iter().enumerate() {
-            for (node, place) in model.nodes.iter().enumerate() {
-                let by_layer =
-                    between[loaded * count + node].column(axis).into_owned().cast::<f64>();
-                let moved = &mut displacement[layer * count + node];
-                if !self.resolution.sides_everywhere {
-                    let share = grid.cells().share_of_sides(place.x, place.y);
-                    *moved = (*moved - by_layer) * share;
-                }
-                *moved += by_layer;
+    /// Adds to the displacement of the model mesh's nodes (m) that the sides change under a unit force
+    /// along `axis` around node `loaded` of the face that by the layer.
+    pub fn add_layer(&self, [loaded, axis]: [usize; 2], displacement: &mut [Vector3<f64>]) {
+        let count = self.model.nodes.len();
+        let layers = displacement.chunks_exact_mut(count);
+        for (between, moved) in self.model.between.iter().zip(layers) {
+            for (by_layer, moved) in between[loaded * count..].iter().zip(moved) {
+                *moved += Vector3::from(by_layer.column(axis)).cast::<f64>();
             }
         }
     }
@@ -314,167 +286,11 @@ fn add(
     }
 }
 
-/// Squares of the plan along each axis.
-const SQUARES: usize = 48;
-
-impl ModelFace {
-    /// Takes `grid` for the layer's response.
-    fn new(model: &PadMesh, below: Vec<PlaneKernel>, grid: &CellGrid) -> Self {
-        let nodes: Vec<_> =
-            model.face.iter().map(|&node| model.mesh.vertices[node as usize]).collect();
-        let corner = [0, 1].map(|axis| nodes.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min));
-        let mut face = Self {
-            triangles: model.face_triangles.clone(),
-            squares: vec![Vec::new(); SQUARES * SQUARES],
-            near: Vec::new(),
-            corner,
-            between: Vec::new(),
-            below,
-            nodes,
-        };
-        for (t, corners) in face.triangles.iter().enumerate() {
-            let ends = [0, 1].map(|axis| {
-                let along = corners.map(|node| face.nodes[node as usize][axis]);
-                let (low, high) = along
-                    .iter()
-                    .fold((f64::INFINITY, f64::NEG_INFINITY), |e, p| (e.0.min(*p), e.1.max(*p)));
-                [face.square(axis, low), face.square(axis, high)]
-            });
-            for i in ends[0][0]..=ends[0][1] {
-                for j in ends[1][0]..=ends[1][1] {
-                    face.squares[i * SQUARES + j].push(t as u32);
-                }
-            }
-        }
-        face.near = face.nodes_near_squares();
-        face.between = face.between(grid);
-        face
-    }
-
-    fn nodes_near_squares(&self) -> Vec<Vec<u32>> {
-        // Area of the triangles at each node (m²), and their number.
-        let mut around = vec![(0.0, 0.0); self.nodes.len()];
-        for corners in &self.triangles {
-            let [a, b, c] = corners.map(|node| self.nodes[node as usize].coords);
-            for &node in corners {
-                let (area, number) = &mut around[node as usize];
-                *area += 0.5 * (b - a).xy().perp(&(c - a).xy()).abs();
-                *number += 1.0;
-            }
-        }
-        let reach: Vec<_> =
-            around.iter().map(|(area, number)| NEAR * f64::sqrt(2.0 * area / number)).collect();
-        let sides = self.corner.map(|low| -2.0 * low / SQUARES as f64);
-        let near = |square: usize| {
-            let centre = Point3::new(
-                self.corner[0] + sides[0] * ((square / SQUARES) as f64 + 0.5),
-                self.corner[1] + sides[1] * ((square % SQUARES) as f64 + 0.5),
-                0.0,
-            );
-            let is_near = |&node: &u32| {
-                let (place, reach) = (&self.nodes[node as usize], reach[node as usize]);
-                (place - centre).xy().norm_squared() < reach * reach
-            };
-            (0..self.nodes.len() as u32).filter(is_near).collect()
-        };
-        (0..SQUARES * SQUARES).map(near).collect()
-    }
-
-    /// Nodes of the face within [`NEAR`] of the square around a point.
-    fn near(&self, point: &Point3<f64>) -> &[u32] {
-        &self.near[self.square(0, point.x) * SQUARES + self.square(1, point.y)]
-    }
-
-    fn square(&self, axis: usize, p: f64) -> usize {
-        let extent = -2.0 * self.corner[axis];
-        ((p - self.corner[axis]) / extent * SQUARES as f64).clamp(0.0, SQUARES as f64 - 1.0)
-            as usize
-    }
-
-    /// Face nodes around a point, with weights that sum to 1.
-    fn under(&self, point: &Point3<f64>) -> ([u32; 3], [f64; 3]) {
-        let [i, j] = [self.square(0, point.x), self.square(1, point.y)];
-        let candidates = self.squares[i * SQUARES + j].iter().filter_map(|&t| {
-            let corners = self.triangles[t as usize];
-            let places = corners.map(|node| self.nodes[node as usize]);
-            Some((corners, plan_shares(&places, point.x, point.y)?))
-        });
-        let least = |shares: &[f64; 3]| shares.iter().copied().fold(f64::INFINITY, f64::min);
-        let best = candidates.max_by(|(_, a), (_, b)| least(a).total_cmp(&least(b)));
-        best.expect("the mesh covers the face")
-    }
-
-    /// Change of the displacement of the nodes near a `cell` of a grid, by layer, if a `force` (N) is
-    /// spread over it, and not as tractions around the nodes of the face (m).
-    fn changes(&self, grid: &CellGrid, cell: u32, force: [f32; 3]) -> Vec<[f32; 3]> {
-        let count = self.nodes.len();
-        let from = grid.place(cell);
-        let (corners, shares) = self.under(&from);
-        let borne = shares.map(|share| force.map(|f| f * share as f32));
-        let near = self.near(&from);
-        let mut changes = vec![[0.0; 3]; self.between.len() * near.len()];
-        let away = |node: u32| {
-            let at = &self.nodes[node as usize];
-            [at.x - from.x, at.y - from.y]
-        };
-        let layers = changes.chunks_exact_mut(near.len());
-        for ((layer, between), changes) in self.between.iter().enumerate().zip(layers) {
-            let rows = corners.map(|corner| &between[corner as usize * count..][..count]);
-            vectorised(
-                #[inline(always)]
-                || {
-                    for (&node, change) in near.iter().zip(&mut *changes) {
-                        *change = match layer.checked_sub(1) {
-                            None => grid.under(away(node), force),
-                            Some(below) => self.below[below].under(away(node), force),
-                        };
-                        for (row, f) in rows.iter().zip(&borne) {
-                            let columns = &row[node as usize].data.0;
-                            for i in 0..3 {
-                                change[i] -= f[0] * columns[0][i]
-                                    + f[1] * columns[1][i]
-                                    + f[2] * columns[2][i];
-                            }
-                        }
-                    }
-                },
-            );
-        }
-        changes
-    }
-
-    fn between(&self, grid: &CellGrid) -> Vec<Vec<Matrix3<f32>>> {
-        let mut tents = vec![Vec::new(); self.nodes.len()];
-        for cell in 0..grid.len() as u32 {
-            let place = grid.place(cell);
-            let (corners, shares) = self.under(&place);
-            for (corner, share) in corners.into_iter().zip(shares).filter(|(_, s)| *s > 0.0) {
-                tents[corner as usize].push((cell, place, share));
-            }
-        }
-        let layer = |plane: Option<&PlaneKernel>| -> Vec<Matrix3<f32>> {
-            let under = |at: &Point3<f64>, cells: &[(u32, Point3<f64>, f64)]| {
-                let part = |(cell, from, share): &(u32, Point3<f64>, f64)| match plane {
-                    None => grid.at_point(*cell, at) * *share as f32,
-                    Some(plane) => plane.at(at.x - from.x, at.y - from.y).cast() * *share as f32,
-                };
-                let sum: f64 = cells.iter().map(|(_, _, share)| share).sum();
-                cells.iter().map(part).sum::<Matrix3<f32>>() / sum as f32
-            };
-            tents
-                .iter()
-                .flat_map(|cells| self.nodes.iter().map(move |at| under(at, cells)))
-                .collect()
-        };
-        std::iter::once(None).chain(self.below.iter().map(Some)).map(layer).collect()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::f64::consts::{FRAC_PI_2, PI};
 
-    use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+    use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion};
 
     use super::*;
     use crate::{
@@ -493,7 +309,8 @@ mod tests {
         let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
         let compliance = Compliance::new(body, options).unwrap();
         let fast = ContactResolution::FAST;
-        LayeredPad::new(&compliance, &sensor.outline, (&pad, &pad), fast, None)
+        let sides = compliance.side_responses(&pad).unwrap();
+        LayeredPad::new(&compliance, &sensor.outline, (&pad, &pad), fast, &sides)
     }
 
     #[test]
@@ -709,28 +526,20 @@ mod tests {
                 .map(|(node, c)| (*node as usize, c.force))
                 .collect();
             assert!(forces.len() > 3, "{} nodes bear some", forces.len());
-            // What elements give is kept to the share of the sides by both; it is taken as zero.
-            let (model, grid) = (&layered.model, layered.grid(&settled));
-            let count = model.nodes.len();
-            let mut found = vec![Vector3::zeros(); model.between.len() * count];
+            // What the sides change is left out.
+            let count = layered.model.nodes.len();
+            let mut found = vec![Vector3::zeros(); layered.model.between.len() * count];
             for (node, force) in &forces {
                 for axis in 0..3 {
                     let mut unit = vec![Vector3::zeros(); found.len()];
-                    layered.replace([*node, axis], &mut unit);
+                    layered.add_layer([*node, axis], &mut unit);
                     found.iter_mut().zip(unit).for_each(|(sum, u)| *sum += u * force[axis]);
                 }
             }
             layered.refine(&settled, &mut found);
             let (mut error, mut most, mut squares) = (0f64, 0f64, [0.0; 2]);
             for (k, found) in found.iter().enumerate() {
-                let (layer, node) = (k / count, k % count);
-                let at = &model.nodes[node];
-                let by_tents = |(other, force): &(usize, Vector3<f64>)| {
-                    model.between[layer][other * count + node].cast::<f64>() * force
-                };
-                let cells = under_cells(&layered, &settled, [layer, node]);
-                let tents: Vector3<f64> = forces.iter().map(by_tents).sum();
-                let right = cells - tents * grid.cells().share_of_sides(at.x, at.y);
+                let right = under_cells(&layered, &settled, [k / count, k % count]);
                 error = error.max((found - right).norm());
                 most = most.max(right.norm());
                 squares[0] += (found - right).norm_squared();

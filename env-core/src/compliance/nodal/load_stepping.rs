@@ -1,6 +1,6 @@
 //! Load stepping of a press with contact at the nodes.
 
-use std::{cell::LazyCell, collections::BTreeMap, slice, str::FromStr, time::Instant};
+use std::{cell::LazyCell, collections::BTreeMap, time::Instant};
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -11,11 +11,13 @@ use super::{
     contact_nodes::{ContactNodes, Group},
     grid::CellGrid,
     patch::{Move, Patch, nearest},
+    resolution::ContactResolution,
     spots::Spots,
+    start::{outside, recalled},
 };
 use crate::{
     Error, Result,
-    contact::{ContactLaw, backed_off, between, clearance, is_engulfed},
+    contact::{ContactLaw, between, clearance, is_engulfed},
     deformation::{
         Anchor, FrameDrive, History, NextStep, Press, Wrench, solve_frames, solve_in_steps,
     },
@@ -40,56 +42,6 @@ const WALL: [f64; 2] = [4.0, 1.2];
 const BROAD: usize = 256;
 /// Smallest part of the longest step that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
-/// Number of first cells in a shape from which they tell where it came from.
-const TELLING: usize = 4;
-/// Depth of the cells in a shape (m), and the same relative to its thickness, up to which the
-/// first cells need not tell.
-const SUNK: [f64; 2] = [1e-4, 0.25];
-/// Largest number of times that the lift of a shape is doubled.
-const DOUBLED: usize = 20;
-
-/// How finely contact is resolved on a body with several grids of cells.
-#[derive(Clone, Copy, Debug)]
-pub struct ContactResolution {
-    /// Number of grids, each with cells half as long as those of the one before.
-    pub levels: u32,
-    /// Most cells that touch on a level unless it is the coarsest.
-    pub most: usize,
-    /// Number of touching cells below which a finer level is taken. Cells of the next level are
-    /// quarters.
-    pub few: usize,
-    /// Sweeps times the square of the number of nodes that touch, summed over a frame, after which
-    /// it counts as not converged.
-    pub work: usize,
-    /// True if the influence of the pad's sides and of its curvature is taken into account in all of
-    /// its contact; false if near the sides alone.
-    pub sides_everywhere: bool,
-}
-
-impl ContactResolution {
-    /// Resolution for many presses a second. The work is some seconds: the whole pad under a block
-    /// 2 mm deep takes a twentieth of it; a wall thinner than the first cells, which touches
-    /// thousands of small ones, takes all.
-    pub const FAST: Self =
-        Self { levels: 8, most: 96, few: 12, work: 200_000_000, sides_everywhere: false };
-    /// Resolution at which displacement and force are within some per cent of their limit, also under
-    /// edges; a press takes seconds.
-    pub const FINE: Self =
-        Self { levels: 8, most: 800, few: 160, work: 20_000_000_000, sides_everywhere: true };
-}
-
-impl FromStr for ContactResolution {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self> {
-        match name {
-            "fast" => Ok(Self::FAST),
-            "fine" => Ok(Self::FINE),
-            _ => Err(Error::invalid("contact", name, "fast or fine")),
-        }
-    }
-}
-
 /// Working memory of one thread, reused for successive presses.
 #[derive(Default)]
 pub(super) struct NodalScratch {
@@ -114,12 +66,12 @@ pub(super) struct Held {
 pub(super) struct NodalState {
     pub(super) poses: Vec<Isometry3<f64>>,
     /// Index of the set of contact nodes that touch.
-    level: usize,
+    pub(super) level: usize,
     /// Touching nodes, ascending by rank.
-    held: Vec<Held>,
+    pub(super) held: Vec<Held>,
     pub(super) wrench: Wrench,
     /// Largest displacement of a node near the shapes (m).
-    amplitude: f64,
+    pub(super) amplitude: f64,
     pub(super) sweeps: usize,
 }
 
@@ -556,89 +508,4 @@ impl ForceControlled for NodalLoadStepping<'_> {
     fn iterations(state: &mut NodalState) -> &mut usize {
         &mut state.sweeps
     }
-}
-
-/// Returns the `first` poses with each shape that overlaps the body at rest moved out of it, to where
-/// it is taken to come from.
-fn outside(
-    levels: &[ContactNodes],
-    shapes: &[Shape],
-    first: &[Isometry3<f64>],
-) -> Vec<Isometry3<f64>> {
-    let (nodes, mesh) = (&levels[0], levels[0].condensed.body.mesh());
-    let start = |(shape, pose): (&Shape, &Isometry3<f64>)| {
-        lifted(levels, shape, pose).unwrap_or_else(|| {
-            let (shape, pose) = (slice::from_ref(shape), slice::from_ref(pose));
-            backed_off(shape, pose, &nodes.points, &nodes.places, mesh)[0]
-        })
-    };
-    shapes.iter().zip(first).map(start).collect()
-}
-
-/// Moves a shape that has sunk into a pad between the cells of the first grid out along z; `None`
-/// if it has not.
-fn lifted(levels: &[ContactNodes], shape: &Shape, pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
-    let finest = levels.last()?.grid()?;
-    let holds =
-        |place: &&Point3<f64>| shape.distance(&pose.inverse_transform_point(place)).value < 0.0;
-    if levels[0].places.iter().filter(holds).take(TELLING).count() == TELLING {
-        return None;
-    }
-    let depth = |pose: Isometry3<f64>| -finest.clearance(slice::from_ref(shape), &[pose]);
-    let mut step = depth(*pose);
-    if step <= f64::min(SUNK[0], SUNK[1] * shape.thickness()) {
-        return None;
-    }
-    let mut lifted = *pose;
-    for _ in 0..DOUBLED {
-        lifted.translation.vector.z += step;
-        step *= 2.0;
-        if depth(lifted) <= 0.0 {
-            break;
-        }
-    }
-    Some(lifted)
-}
-
-/// Restores the state of a `history`; returns an error if it is of another model.
-fn recalled(levels: &[ContactNodes], history: &History) -> Result<NodalState> {
-    history.check(0, levels.iter().map(ContactNodes::len).sum())?;
-    if history.forces.len() != history.anchors.len() {
-        let expected = format!("the forces at its {} anchors", history.anchors.len());
-        return Err(Error::invalid("history", history.forces.len(), expected));
-    }
-    // Points are counted through all levels; those of a history are of one.
-    let (mut level, mut first) = (levels.len() - 1, 0);
-    if let Some(anchor) = history.anchors.first() {
-        level = 0;
-        while anchor.point >= first + levels[level].len() as u32 {
-            first += levels[level].len() as u32;
-            level += 1;
-        }
-    }
-    let nodes = &levels[level];
-    let of_level = |anchor: &Anchor| (first..first + nodes.len() as u32).contains(&anchor.point);
-    if !history.anchors.iter().all(of_level) {
-        return Err(Error::invalid("history", "anchors on several levels", "anchors on one"));
-    }
-    let held = |(anchor, force): (&Anchor, &Vector3<f64>)| Held {
-        rank: anchor.point - first,
-        shape: anchor.shape,
-        stuck: anchor.place,
-        force: *force,
-        normal: Vector3::zeros(),
-    };
-    let mut held: Vec<_> = history.anchors.iter().zip(&history.forces).map(held).collect();
-    held.sort_unstable_by_key(|held| held.rank);
-    held.dedup_by_key(|held| held.rank);
-    // A touching node is at the place where it sticks, apart from the compliance of the contact
-    // law.
-    let (mut amplitude, mut wrench) = (0f64, Wrench::default());
-    for Held { rank, shape, stuck, force, .. } in &held {
-        let place = history.poses[*shape as usize] * stuck;
-        amplitude = amplitude.max((place - nodes.place(*rank)).norm());
-        wrench.force += force;
-        wrench.torque += place.coords.cross(force);
-    }
-    Ok(NodalState { poses: history.poses.clone(), level, amplitude, held, wrench, sweeps: 0 })
 }

@@ -15,14 +15,18 @@
 
 mod between;
 mod contact_nodes;
+mod face_responses;
 mod grid;
 mod kernel;
-mod layer_elements;
 mod layered;
+mod model_face;
 mod near_field;
 mod patch;
+mod resolution;
 mod settle;
+mod side_compliance;
 mod spots;
+mod start;
 mod load_stepping;
 
 use std::sync::Arc;
@@ -39,10 +43,10 @@ use crate::{
 };
 
 use contact_nodes::ContactNodes;
-pub use layer_elements::LayerElements;
+pub use face_responses::FaceResponses;
 pub use layered::{LayeredPad, NodeContact};
-pub use load_stepping::ContactResolution;
 use load_stepping::{NodalLoadStepping, NodalScratch};
+pub use resolution::ContactResolution;
 
 /// Compliance model of one soft body with contact at its nodes. Copies share the precomputed data.
 #[derive(Clone)]
@@ -78,28 +82,24 @@ impl Nodal {
         &self.nodes.condensed.body
     }
 
-    /// Applies `carry` to the displacement of all nodes (V) in m under a unit force on each contact
-    /// node along each axis (3M), less that of a `layer` on the same nodes if there is one, and to that
-    /// node and axis.
+    /// Applies `carry` to the displacement of all nodes (V) in m that `responses` give for a unit force
+    /// on each contact node along each axis (3M), and to that node and axis. Forces on contact nodes
+    /// must be distributed to the face alone.
     pub(crate) fn unit_responses<T>(
         &self,
-        layer: Option<&LayerElements>,
+        responses: &FaceResponses,
         carry: impl Fn(&[Vector3<f64>], [usize; 2]) -> T,
     ) -> Vec<T> {
-        let rest = &self.nodes.condensed.rest;
-        let mut workspace = rest.workspace();
-        let mut layer = layer.map(|layer| (layer, layer.workspace()));
+        let ContactNodes { condensed, loads, .. } = &*self.nodes;
         let answer = |i: usize| {
             let [node, axis] = [i / 3, i % 3];
-            let loads = self.spread(&[(node as u32, Vector3::ith(axis, 1.0))]);
-            let mut moved = rest.displacement(&loads, &mut workspace);
-            if let Some((layer, workspace)) = &mut layer {
-                let by_layer = layer.displacement(&loads, workspace);
-                moved.iter_mut().zip(by_layer).for_each(|(u, by_layer)| *u -= by_layer);
-            }
-            carry(&moved, [node, axis])
+            let load = |&(rank, share): &(u32, f64)| {
+                (condensed.skin[rank as usize], Vector3::ith(axis, share))
+            };
+            let loads: Vec<_> = loads[node].iter().map(load).collect();
+            carry(&responses.displacement(&loads), [node, axis])
         };
-        (0..3 * self.nodes.places.len()).map(answer).collect()
+        (0..3 * loads.len()).map(answer).collect()
     }
 
     /// Distributes forces on contact nodes to the nodes of the mesh (V) in N.

@@ -10,11 +10,14 @@
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
+use std::ops::Range;
+
 use nalgebra::{Matrix3, Vector3};
 
 use super::{
-    grid::{Around, CellGrid},
+    grid::CellGrid,
     kernel::{STRIP, Table, matrix},
+    side_compliance::Around,
 };
 use crate::simd::vectorised;
 
@@ -40,9 +43,8 @@ pub(super) struct Spots {
     /// Displacement around the first grid's cells under unit forces on some cells (3, 3T each) in
     /// m/N, by the sides.
     rows: Vec<f32>,
-    /// First and end in `rows` of each cell's, if they have been computed; the same if they are
-    /// zero (N).
-    known: Vec<Option<[usize; 2]>>,
+    /// Place in `rows` of each cell's, if they have been computed (N).
+    known: Vec<Option<usize>>,
 }
 
 impl Spots {
@@ -133,7 +135,8 @@ impl Spots {
         force: &Vector3<f64>,
         displacement: &mut [f32],
     ) {
-        let [first, end] = self.rows(grid, loaded);
+        let rows = self.rows(grid, loaded);
+        let rows = &self.rows[rows];
         let (by_layer, by_sides) = displacement.split_at_mut(3 * STRIP * self.strips.len());
         let by_layer = by_layer.as_chunks_mut().0;
         let (force, from) = (force.cast::<f32>().into(), self.cells[loaded]);
@@ -141,9 +144,7 @@ impl Spots {
             #[inline(always)]
             || {
                 add_strips(by_layer, (&self.active, &self.strips), grid.layer(), from, force);
-                if first < end {
-                    add_rows(by_sides, &self.rows[first..end], force);
-                }
+                add_rows(by_sides, rows, force);
             },
         );
     }
@@ -172,13 +173,11 @@ impl Spots {
     /// Displacement of a cell under unit forces on itself (m/N).
     pub(super) fn own(&mut self, grid: &CellGrid, cell: usize) -> Matrix3<f64> {
         let mut sum = matrix(&grid.layer().at([0, 0]));
-        let [first, end] = self.rows(grid, cell);
-        if first < end {
-            let size = 3 * self.coarse.len();
-            for (number, (_, share)) in self.parts(cell) {
-                let at = |i, axis| self.rows[first + axis * size + 3 * number as usize + i];
-                sum += Matrix3::from_fn(at) * share;
-            }
+        let first = self.rows(grid, cell).start;
+        let size = 3 * self.coarse.len();
+        for (number, (_, share)) in self.parts(cell) {
+            let at = |i, axis| self.rows[first + axis * size + 3 * number as usize + i];
+            sum += Matrix3::from_fn(at) * share;
         }
         sum.cast()
     }
@@ -188,22 +187,18 @@ impl Spots {
         self.numbers[cell].into_iter().zip(self.around[cell])
     }
 
-    /// First and end in `rows` of the responses to forces on cell `loaded`, which are computed on
-    /// first use; the same if they are zero.
-    fn rows(&mut self, grid: &CellGrid, loaded: usize) -> [usize; 2] {
-        if let Some(known) = self.known[loaded] {
-            return known;
-        }
-        let first = self.rows.len();
-        if let Some(edges) = grid.edges() {
-            self.rows.resize(first + 9 * self.coarse.len(), 0.0);
-            if !edges.add_rows(self.around[loaded], &self.coarse, &mut self.rows[first..]) {
-                self.rows.truncate(first);
-            }
-        }
-        let rows = [first, self.rows.len()];
-        self.known[loaded] = Some(rows);
-        rows
+    /// Place in `rows` of the responses to forces on cell `loaded`, which are computed on first use.
+    fn rows(&mut self, grid: &CellGrid, loaded: usize) -> Range<usize> {
+        let size = 9 * self.coarse.len();
+        let first = self.known[loaded].unwrap_or_else(|| {
+            let first = self.rows.len();
+            self.rows.resize(first + size, 0.0);
+            let rows = &mut self.rows[first..];
+            grid.edges().add_rows(self.around[loaded], &self.coarse, rows);
+            first
+        });
+        self.known[loaded] = Some(first);
+        first..first + size
     }
 }
 
@@ -261,7 +256,8 @@ mod tests {
         let law = crate::deformation::Law::default();
         let body = SoftBody::new(pad.mesh.clone(), law, moduli, &pad.base).unwrap();
         let model = Compliance::new(body, ComplianceOptions { friction: 0.8, sweeps: 0 }).unwrap();
-        let cells = CellLevels::new(&outline, [12, 16], 4, (&model.condensed, &pad), None);
+        let (bodies, sides) = ((&*model.condensed, &pad), model.side_responses(&pad).unwrap());
+        let cells = CellLevels::new(&outline, [12, 16], 4, bodies, &sides);
         for level in 0..4 {
             let grid = CellGrid::new(&cells, level);
             // Every few cells of the whole pad: at its sides and in its middle.
@@ -290,12 +286,10 @@ mod tests {
             let response = |loaded: u32, at: u32| -> Matrix3<f64> {
                 let (from, to) = (grid.cell(loaded), grid.cell(at));
                 let layer = matrix(&grid.layer().at([to[0] - from[0], to[1] - from[1]]));
-                let edges = grid.edges().unwrap();
                 let mut sum = layer.cast::<f64>();
                 for (from, by) in grid.around(loaded) {
                     for (to, share) in grid.around(at) {
-                        let block =
-                            edges.block(from, to).as_ref().map_or_else(Matrix3::zeros, matrix);
+                        let block = matrix(&grid.edges().block(from, to));
                         sum += block.cast::<f64>() * (by * share);
                     }
                 }

@@ -1,0 +1,191 @@
+//! Face of the mesh on which fields are output, and its displacement by the elastic layer.
+//!
+//! Forces on cells are spread as tractions around the nodes of the face, between which displacement
+//! is known in advance; near a cell, the displacement by the force on the cell itself takes its place.
+//!
+//! Shapes: C nodes a layer.
+
+use nalgebra::{Matrix3, Point3};
+
+use super::{grid::CellGrid, kernel::PlaneKernel};
+use crate::{
+    geometry::{PadMesh, plan_shares},
+    simd::vectorised,
+};
+
+/// Distance in plan from a cell up to which nodes are displaced by the force on the cell itself,
+/// and not by tractions around face nodes, in spacings of the nodes.
+const NEAR: f64 = 3.5;
+/// Squares of the plan along each axis.
+const SQUARES: usize = 48;
+
+/// The mesh on which fields are output: layers of nodes of one plan. C nodes a layer.
+pub(super) struct ModelFace {
+    /// Nodes of the face (C).
+    pub(super) nodes: Vec<Point3<f64>>,
+    triangles: Vec<[u32; 3]>,
+    /// Triangles that a square of the plan may touch, row after row along y.
+    squares: Vec<Vec<u32>>,
+    /// Nodes of the face within [`NEAR`] of each square.
+    near: Vec<Vec<u32>>,
+    /// Lowest corner of the squares (m).
+    corner: [f64; 2],
+    /// Free layers below the face.
+    pub(super) below: Vec<PlaneKernel>,
+    /// Displacement of the nodes of each free layer under unit forces around each face node, by the
+    /// elastic layer alone, by the latter first (C, C) in m/N.
+    pub(super) between: Vec<Vec<Matrix3<f32>>>,
+}
+
+impl ModelFace {
+    /// Takes `grid` for the layer's response.
+    pub(super) fn new(model: &PadMesh, below: Vec<PlaneKernel>, grid: &CellGrid) -> Self {
+        let nodes: Vec<_> =
+            model.face.iter().map(|&node| model.mesh.vertices[node as usize]).collect();
+        let corner = [0, 1].map(|axis| nodes.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min));
+        let mut face = Self {
+            triangles: model.face_triangles.clone(),
+            squares: vec![Vec::new(); SQUARES * SQUARES],
+            near: Vec::new(),
+            corner,
+            between: Vec::new(),
+            below,
+            nodes,
+        };
+        for (t, corners) in face.triangles.iter().enumerate() {
+            let ends = [0, 1].map(|axis| {
+                let along = corners.map(|node| face.nodes[node as usize][axis]);
+                let (low, high) = along
+                    .iter()
+                    .fold((f64::INFINITY, f64::NEG_INFINITY), |e, p| (e.0.min(*p), e.1.max(*p)));
+                [face.square(axis, low), face.square(axis, high)]
+            });
+            for i in ends[0][0]..=ends[0][1] {
+                for j in ends[1][0]..=ends[1][1] {
+                    face.squares[i * SQUARES + j].push(t as u32);
+                }
+            }
+        }
+        face.near = face.nodes_near_squares();
+        face.between = face.between(grid);
+        face
+    }
+
+    fn nodes_near_squares(&self) -> Vec<Vec<u32>> {
+        // Area of the triangles at each node (m²), and their number.
+        let mut around = vec![(0.0, 0.0); self.nodes.len()];
+        for corners in &self.triangles {
+            let [a, b, c] = corners.map(|node| self.nodes[node as usize].coords);
+            for &node in corners {
+                let (area, number) = &mut around[node as usize];
+                *area += 0.5 * (b - a).xy().perp(&(c - a).xy()).abs();
+                *number += 1.0;
+            }
+        }
+        let reach: Vec<_> =
+            around.iter().map(|(area, number)| NEAR * f64::sqrt(2.0 * area / number)).collect();
+        let sides = self.corner.map(|low| -2.0 * low / SQUARES as f64);
+        let near = |square: usize| {
+            let centre = Point3::new(
+                self.corner[0] + sides[0] * ((square / SQUARES) as f64 + 0.5),
+                self.corner[1] + sides[1] * ((square % SQUARES) as f64 + 0.5),
+                0.0,
+            );
+            let is_near = |&node: &u32| {
+                let (place, reach) = (&self.nodes[node as usize], reach[node as usize]);
+                (place - centre).xy().norm_squared() < reach * reach
+            };
+            (0..self.nodes.len() as u32).filter(is_near).collect()
+        };
+        (0..SQUARES * SQUARES).map(near).collect()
+    }
+
+    /// Nodes of the face within [`NEAR`] of the square around a point.
+    pub(super) fn near(&self, point: &Point3<f64>) -> &[u32] {
+        &self.near[self.square(0, point.x) * SQUARES + self.square(1, point.y)]
+    }
+
+    fn square(&self, axis: usize, p: f64) -> usize {
+        let extent = -2.0 * self.corner[axis];
+        ((p - self.corner[axis]) / extent * SQUARES as f64).clamp(0.0, SQUARES as f64 - 1.0)
+            as usize
+    }
+
+    /// Face nodes around a point, with weights that sum to 1.
+    pub(super) fn under(&self, point: &Point3<f64>) -> ([u32; 3], [f64; 3]) {
+        let [i, j] = [self.square(0, point.x), self.square(1, point.y)];
+        let candidates = self.squares[i * SQUARES + j].iter().filter_map(|&t| {
+            let corners = self.triangles[t as usize];
+            let places = corners.map(|node| self.nodes[node as usize]);
+            Some((corners, plan_shares(&places, point.x, point.y)?))
+        });
+        let least = |shares: &[f64; 3]| shares.iter().copied().fold(f64::INFINITY, f64::min);
+        let best = candidates.max_by(|(_, a), (_, b)| least(a).total_cmp(&least(b)));
+        best.expect("the mesh covers the face")
+    }
+
+    /// Change of the displacement of the nodes near a `cell` of a grid, by layer, if a `force` (N) is
+    /// spread over it, and not as tractions around the nodes of the face (m).
+    pub(super) fn changes(&self, grid: &CellGrid, cell: u32, force: [f32; 3]) -> Vec<[f32; 3]> {
+        let count = self.nodes.len();
+        let from = grid.place(cell);
+        let (corners, shares) = self.under(&from);
+        let borne = shares.map(|share| force.map(|f| f * share as f32));
+        let near = self.near(&from);
+        let mut changes = vec![[0.0; 3]; self.between.len() * near.len()];
+        let away = |node: u32| {
+            let at = &self.nodes[node as usize];
+            [at.x - from.x, at.y - from.y]
+        };
+        let layers = changes.chunks_exact_mut(near.len());
+        for ((layer, between), changes) in self.between.iter().enumerate().zip(layers) {
+            let rows = corners.map(|corner| &between[corner as usize * count..][..count]);
+            vectorised(
+                #[inline(always)]
+                || {
+                    for (&node, change) in near.iter().zip(&mut *changes) {
+                        *change = match layer.checked_sub(1) {
+                            None => grid.under(away(node), force),
+                            Some(below) => self.below[below].under(away(node), force),
+                        };
+                        for (row, f) in rows.iter().zip(&borne) {
+                            let columns = &row[node as usize].data.0;
+                            for i in 0..3 {
+                                change[i] -= f[0] * columns[0][i]
+                                    + f[1] * columns[1][i]
+                                    + f[2] * columns[2][i];
+                            }
+                        }
+                    }
+                },
+            );
+        }
+        changes
+    }
+
+    fn between(&self, grid: &CellGrid) -> Vec<Vec<Matrix3<f32>>> {
+        let mut tents = vec![Vec::new(); self.nodes.len()];
+        for cell in 0..grid.len() as u32 {
+            let place = grid.place(cell);
+            let (corners, shares) = self.under(&place);
+            for (corner, share) in corners.into_iter().zip(shares).filter(|(_, s)| *s > 0.0) {
+                tents[corner as usize].push((cell, place, share));
+            }
+        }
+        let layer = |plane: Option<&PlaneKernel>| -> Vec<Matrix3<f32>> {
+            let under = |at: &Point3<f64>, cells: &[(u32, Point3<f64>, f64)]| {
+                let part = |(cell, from, share): &(u32, Point3<f64>, f64)| match plane {
+                    None => grid.at_point(*cell, at) * *share as f32,
+                    Some(plane) => plane.at(at.x - from.x, at.y - from.y).cast() * *share as f32,
+                };
+                let sum: f64 = cells.iter().map(|(_, _, share)| share).sum();
+                cells.iter().map(part).sum::<Matrix3<f32>>() / sum as f32
+            };
+            tents
+                .iter()
+                .flat_map(|cells| self.nodes.iter().map(move |at| under(at, cells)))
+                .collect()
+        };
+        std::iter::once(None).chain(self.below.iter().map(Some)).map(layer).collect()
+    }
+}
