@@ -113,9 +113,11 @@ pub(crate) fn solve_press<'py>(
 ) -> PyResult<Vec<Bound<'py, PyAny>>> {
     let config = configuration(config, overrides)?;
     let poses = path.iter().enumerate().map(|(i, found)| pose(&format!("path[{i}]"), found));
-    let mut poses = poses.collect::<PyResult<Vec<_>>>()?.into_iter();
-    let start = poses.next().ok_or_else(|| refused("path", "no pose", "two or more"))?;
-    let solve = || dataset::solve_press(&config, &shape.inner, start, poses.collect());
+    let poses = poses.collect::<PyResult<Vec<_>>>()?;
+    let [start, frames @ ..] = &poses[..] else {
+        return Err(refused("path", "no pose", "two or more"));
+    };
+    let solve = || dataset::solve_press(&config, &shape.inner, *start, frames.to_vec());
     let (frames, error) = interruptible(py, solve)?.map_err(python_error)?;
     let fields = |frame: BodyFields| {
         let Carried { displacement, von_mises } = frame.carried;

@@ -277,7 +277,7 @@ pub fn solve_press(
         return Err(Error::invalid("scenario", found, "presses"));
     }
     let Some(down) = path.iter().take(DOWN.len()).next_back() else {
-        return Err(Error::invalid("path", "no pose", "one or more"));
+        return Err(Error::invalid("path", "first touch alone", "poses of frames after it"));
     };
     let (gel, depth) = (&config.gels[0], start.translation.z - down.translation.z);
     let pad = PressedPad::new(gel, config.model_nodes, config.truth_linear_nodes > 0)?;
