@@ -168,10 +168,14 @@ def listed(report: dict[str, Any], places: Collection[str], indenters: list[Inde
         f"not solved by {', '.join(row['failed'])}" if "failed" in row else f"{row['force']:.2f} N"
     )
     for who, heading in [*((who, who) for who in MODELS), ("truth", "(truth, by coarser meshes)")]:
-        sign = "" if who == "truth" else "+"
-        forms = zip(PARTS, ("", "", sign), strict=True)
-        columns[heading] = " / ".join(f"{{{who}[{part}]:100*{of}.1f}}" for part, of in forms)
+        columns[heading] = lambda row, who=who: shown(row[who], who in MODELS and row in known)
     return table(columns, rows, absent="")
+
+
+def shown(errors: dict[str, float], signed: bool) -> str:
+    """Errors in per cent, that of the force with its sign if wanted."""
+    u, stress, force = (100 * errors[part] for part in PARTS)
+    return f"{u:.1f} / {stress:.1f} / {force:{'+' if signed else ''}.1f}"
 
 
 def named(indenter: Indenter) -> str:
