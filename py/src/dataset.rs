@@ -5,18 +5,29 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-use pyo3::{exceptions::PyValueError, prelude::*};
+use numpy::PyArray1;
+use pyo3::{IntoPyObjectExt, exceptions::PyValueError, prelude::*};
 use ruffini_core::{
     dataset::{
-        DatasetConfig, Estimate, GenerationProgress, Orders, Plan, Scenario, estimate, generate,
-        shards,
+        self, BodyFields, DatasetConfig, Estimate, GenerationProgress, Orders, Plan, Scenario,
+        estimate, generate, shards,
     },
+    deformation::Wrench,
+    fem::Carried,
     interrupt::Interrupt,
     objects::{GraspSampler, Object},
     scene::{Approach, ObjectModel},
 };
 
-use crate::{error::python_error, signals::interruptible};
+use crate::{
+    error::{press_error, python_error},
+    mechanics::{
+        Shape,
+        arrays::{array_of_vectors, refused},
+        press::pose,
+    },
+    signals::interruptible,
+};
 
 /// Names of the shards of a dataset; the configuration is as in `generate_dataset`.
 #[pyfunction]
@@ -82,6 +93,41 @@ pub(crate) fn generate_dataset(
     let finished = manifest.map_err(python_error)?.is_some();
     let raised = raised.into_inner().unwrap_or_else(PoisonError::into_inner);
     raised.map_or(Ok(finished), Err)
+}
+
+/// Fields of one press of the first gel of a configuration, solved as the presses of a dataset are;
+/// the configuration is as in `generate_dataset`.
+///
+/// `path` holds poses: the first where the indenter touches, then those of the frames, up to four of
+/// them straight below. Returns for each frame displacement (V, 3) in m and von Mises stress (T,) in
+/// Pa on the mesh of `model_nodes`, and the wrench on the pad (6,) in N and N m. It ends early with a
+/// `PressError` at the first frame that is not solved.
+#[pyfunction]
+#[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
+pub(crate) fn solve_press<'py>(
+    py: Python<'py>,
+    config: Option<PathBuf>,
+    overrides: &str,
+    shape: &Shape,
+    path: Vec<Bound<'py, PyAny>>,
+) -> PyResult<Vec<Bound<'py, PyAny>>> {
+    let config = configuration(config, overrides)?;
+    let poses = path.iter().enumerate().map(|(i, found)| pose(&format!("path[{i}]"), found));
+    let poses = poses.collect::<PyResult<Vec<_>>>()?;
+    let [start, frames @ ..] = &poses[..] else {
+        return Err(refused("path", "no pose", "two or more"));
+    };
+    let solve = || dataset::solve_press(&config, &shape.inner, *start, frames.to_vec());
+    let (frames, error) = interruptible(py, solve)?.map_err(python_error)?;
+    let fields = |frame: BodyFields| {
+        let Carried { displacement, von_mises } = frame.carried;
+        let Wrench { force, torque } = frame.wrench;
+        let wrench: Vec<f64> = force.iter().chain(&torque).copied().collect();
+        let [stress, wrench] = [von_mises, wrench].map(|values| PyArray1::from_vec(py, values));
+        (array_of_vectors(py, &displacement), stress, wrench).into_bound_py_any(py)
+    };
+    let ended = error.map(|error| press_error(py, &error, None));
+    frames.into_iter().map(fields).chain(ended).collect()
 }
 
 /// Describes what keeps the gripper of the scene from a grasp, if anything does; indenters are held

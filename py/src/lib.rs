@@ -353,7 +353,7 @@ mod _core {
     #[pymodule_export]
     use super::{Batch, PressError, SimulationError, check_mesh, schema};
     #[pymodule_export]
-    use crate::dataset::{dataset_shards, estimate_dataset, generate_dataset};
+    use crate::dataset::{dataset_shards, estimate_dataset, generate_dataset, solve_press};
     #[pymodule_export]
     use crate::gif::encode_gif;
     #[pymodule_export]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ruffini import LinearPad, Press, PressError, Shape, Surrogate, dataset, surrogate
+from ruffini._core import solve_press
 from ruffini.commands import main
 
 pytest.importorskip("safetensors")
@@ -24,6 +25,9 @@ PRESSES = {
     "depth": 0.1,
     "gels": [GEL],
 }
+
+
+FIELDS = ("displacement", "von_mises", "wrench")
 
 
 @pytest.fixture(scope="module")
@@ -99,12 +103,38 @@ def test_what_the_nonlinear_law_changes_is_added_to_finely_resolved_contact(tmp_
             assert found.imbalance()["contact"] < 1e-5 * np.abs(found.pad.wrench).max()
             assert 0 < apart(found.pad.wrench[:3], answer.wrench[:3]) < 0.15
             # By the pad's sides the linear contact is a tenth off.
-            for field in ("displacement", "von_mises", "wrench"):
+            for field in FIELDS:
                 assert apart(getattr(found.pad, field), getattr(exact, field)) < 0.25, field
+        # The same press alone, without the dataset.
+        alone = {**settings, **pair, "objects": 1, "object": [], "gels": [GEL | gel]}
+        start = data.column(grasp, "first.start")
+        poses = [(start[:3], start[3:]), *path]
+        solved = solve_press(None, json.dumps(alone), shape, poses)
+        for number, frame in zip(data.frames(grasp), solved, strict=True):
+            for field, values in zip(FIELDS, frame, strict=True):
+                assert apart(values, getattr(data[number].pad, field)) < 1e-4, field
     wrongs = ({"truth_linear_nodes": 5}, {"truth_element": "p1-bar"}, {"scenario": "pads"})
     for wrong in wrongs:
         with pytest.raises(ValueError, match="truth_linear_nodes"):
             dataset.generate(tmp_path / "none", **settings | pair | wrong)
+
+
+def test_a_press_alone_says_what_is_wrong_with_it():
+    ball, settings = Shape.sphere(4e-3), {**PRESSES, "objects": 1}
+    path = [([0, 0, 4e-3 - depth], (0, 0, 0, 1)) for depth in (0.0, 1e-4)]
+    for wrong, poses, told in (
+        ({"scenario": "pads"}, path, "scenario: found pads, expected presses"),
+        ({}, path[:1], "path: found first touch alone"),
+        ({}, [], "path: found no pose"),
+        ({}, [path[0], ([0, 0], (0, 0, 0, 1))], r"path\[1\]: position"),
+        ({"truth_linear_nodes": 5}, path, "truth_linear_nodes"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            solve_press(None, json.dumps(settings | wrong), ball, poses)
+    # Through the gel: the frames before it, and why it ends.
+    deep = [*path, ([0, 0, -3e-3], (0, 0, 0, 1))]
+    *frames, error = solve_press(None, json.dumps(settings), ball, deep)
+    assert len(frames) == 1 and isinstance(error, PressError)
 
 
 def apart(one, other):

@@ -17,7 +17,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    config::{DatasetConfig, GelConfig},
+    config::{DatasetConfig, GelConfig, Scenario},
     plan::{Plan, choose},
     record::{BodyFields, Named, of_frames, pose, wrenches},
     tensor::Tensor,
@@ -225,14 +225,8 @@ impl PressedPad {
         let (gel, outline) = (&config.gels[plan.gel], &self.sensor.outline);
         let shape = shape.clone().validated()?;
         let (start, path) = drawn.path(&shape, outline);
-        let (width, points) = covered(&shape, &path, outline, drawn.depth);
-        let finest = width / config.truth_across;
-        let friction = drawn.friction;
-        let run = PressRun { pad: self, config, gel, shape, start, path, friction, finest, points };
-        let solved = match &self.contact {
-            Some(contact) => run.corrected(contact)?,
-            None => run.direct()?,
-        };
+        let motion = Motion { start, path, depth: drawn.depth, friction: drawn.friction };
+        let solved = self.solve_along(config, gel, shape, motion)?;
         let unit = gel.young * outline.thickness.powi(2);
         let held = |fields: &BodyFields| {
             let force = fields.wrench.force.norm() / unit;
@@ -243,6 +237,63 @@ impl PressedPad {
         let frames = solved.frames.into_iter().skip(first).take(fields.len()).collect();
         Ok((start, SolvedPress { frames, fields, error: solved.error }))
     }
+
+    /// Solves the frames of a press.
+    fn solve_along(
+        &self,
+        config: &DatasetConfig,
+        gel: &GelConfig,
+        shape: Shape,
+        motion: Motion,
+    ) -> Result<SolvedPress> {
+        let Motion { start, path, depth, friction } = motion;
+        let (width, points) = covered(&shape, &path, &self.sensor.outline, depth);
+        let finest = width / config.truth_across;
+        let run = PressRun { pad: self, config, gel, shape, start, path, friction, finest, points };
+        match &self.contact {
+            Some(contact) => run.corrected(contact),
+            None => run.direct(),
+        }
+    }
+}
+
+/// Solves one press of the first gel of `config`, with its friction, as the presses of a dataset are
+/// solved.
+///
+/// The indenter touches first at `start` and moves through the poses of `path`, the first four of
+/// which are straight below. Returns the fields of each frame on the pad's mesh of
+/// [`model_nodes`](DatasetConfig::model_nodes), and the error that ended it early. Returns an error
+/// for a configuration that is not one of presses, a path without a pose, or a mesh that cannot be
+/// made.
+pub fn solve_press(
+    config: &DatasetConfig,
+    shape: &Shape,
+    start: Isometry3<f64>,
+    path: Vec<Isometry3<f64>>,
+) -> Result<(Vec<BodyFields>, Option<Error>)> {
+    if config.scenario != Scenario::Presses {
+        let found = format!("{:?}", config.scenario).to_lowercase();
+        return Err(Error::invalid("scenario", found, "presses"));
+    }
+    let Some(down) = path.iter().take(DOWN.len()).next_back() else {
+        return Err(Error::invalid("path", "first touch alone", "poses of frames after it"));
+    };
+    let (gel, depth) = (&config.gels[0], start.translation.z - down.translation.z);
+    let pad = PressedPad::new(gel, config.model_nodes, config.truth_linear_nodes > 0)?;
+    let motion = Motion { start, path, depth, friction: gel.friction };
+    let solved = pad.solve_along(config, gel, shape.clone().validated()?, motion)?;
+    Ok((solved.fields, solved.error))
+}
+
+/// Motion of an indenter, with its friction.
+struct Motion {
+    /// Pose at first touch.
+    start: Isometry3<f64>,
+    /// Poses of the frames.
+    path: Vec<Isometry3<f64>>,
+    /// Depth to which it goes straight down (m).
+    depth: f64,
+    friction: f64,
 }
 
 /// Frames of a press by finite elements on its truth mesh, what is stored of them, and the error
@@ -446,7 +497,7 @@ fn covered(
     depth: f64,
 ) -> (f64, Vec<Point3<f64>>) {
     let last = path.len() - 1;
-    let ends = [path[DOWN.len() - 1], path[last.min(DOWN.len() + 1)]];
+    let ends = [DOWN.len() - 1, DOWN.len() + 1].map(|end| path[last.min(end)]);
     let gap = |p: &Point3<f64>| {
         let gaps = ends.iter().map(|pose| shape.distance(&pose.inverse_transform_point(p)).value);
         gaps.fold(f64::INFINITY, f64::min)

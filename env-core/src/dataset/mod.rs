@@ -29,11 +29,12 @@ mod weight;
 
 pub use config::{DatasetConfig, GelConfig, SOFT, Scenario};
 pub use generate::{Estimate, GenerationProgress, Obstacle, Orders, estimate, generate, shards};
-pub use indentation::Indentation;
 pub(crate) use indentation::steps;
+pub use indentation::{Indentation, solve_press};
 pub use manifest::{FORMAT, Manifest, Shard, Solved, Split, Unsolved};
 pub use mesh_object::MeshObject;
 pub use plan::{Plan, plans};
 pub use read::{Dataset, PadFrames};
+pub use record::BodyFields;
 pub use squeezes::{SqueezeFrames, Squeezes};
 pub(crate) use tensor::write_whole;

@@ -76,12 +76,13 @@ pub(super) fn of_pads(frames: &[GraspFrame], carrier: &Carrier) -> Named {
 }
 
 /// Fields of a soft body on the model mesh (V, T), and the resultant of its contact.
-pub(super) struct BodyFields {
+pub struct BodyFields {
     /// Displacement (V) in m, and von Mises stress (T) in Pa.
-    pub(super) carried: Carried,
+    pub carried: Carried,
     /// Contact force (V) in N.
-    pub(super) contact_force: Vec<Vector3<f64>>,
-    pub(super) wrench: Wrench,
+    pub contact_force: Vec<Vector3<f64>>,
+    /// Resultant force (N) and torque (N m) of contact.
+    pub wrench: Wrench,
 }
 
 impl BodyFields {

@@ -44,6 +44,7 @@ __all__ = [
     "sensor",
     "sensor_names",
     "sensor_template",
+    "solve_press",
     "train_surrogate",
     "write_tensors",
 ]
@@ -446,6 +447,9 @@ def generate_dataset(
     only: Sequence[str] | None,
     watch: Callable[[int, int, int, int, float, int], bool],
 ) -> bool: ...
+def solve_press(
+    config: _Path | None, overrides: str, shape: Shape, path: Sequence[_Pose]
+) -> list[tuple[_Array, _Array, _Array] | PressError]: ...
 def train_surrogate(
     data: _Path,
     out: _Path,

@@ -11,7 +11,7 @@ mod mesh;
 mod model;
 mod paper;
 mod pool;
-mod press;
+pub(crate) mod press;
 mod shape;
 mod soft;
 mod surrogate;

@@ -119,7 +119,7 @@ fn is_pose(found: &Bound<'_, PyAny>) -> bool {
     position.is_ok_and(|x| x.extract::<f64>().is_ok())
 }
 
-pub(super) fn pose(name: &str, found: &Bound<'_, PyAny>) -> PyResult<Isometry3<f64>> {
+pub(crate) fn pose(name: &str, found: &Bound<'_, PyAny>) -> PyResult<Isometry3<f64>> {
     let (position, quaternion) = found
         .extract::<(Bound<'_, PyAny>, Bound<'_, PyAny>)>()
         .map_err(|_| refused(name, found.get_type(), POSE))?;

@@ -25,7 +25,7 @@ const MOST_SEGMENTS: i64 = 200;
 /// describe no solid raise a ValueError.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Shape {
-    pub(super) inner: geometry::Shape,
+    pub(crate) inner: geometry::Shape,
 }
 
 #[pymethods]
