@@ -23,6 +23,7 @@ use crate::{
             ContactResolution, ContactSolution, LayerElements, LayeredPad, Nodal, NodeContact,
         },
     },
+    contact::Backing,
     deformation::{Law, Moduli, Press, SoftBody},
     geometry::{PadMesh, Transfer},
     sensor::Sensor,
@@ -121,6 +122,11 @@ impl LinearBaseline {
         });
         let stress = OnceLock::new();
         Ok(Self { layered, nodal, extension, fine, transfer, stress })
+    }
+
+    /// Held faces of the pad.
+    pub(super) fn backing(&self) -> &Backing {
+        self.layered.backing()
     }
 
     /// Solves the frames of `press`, in order; the first that fails is an error and the last.
