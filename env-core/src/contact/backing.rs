@@ -6,14 +6,24 @@ use std::collections::BTreeMap;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::leap::runs_through;
-use crate::{Error, Result, geometry::Shape};
+use crate::{
+    Error, Result,
+    geometry::{Distance, Shape},
+};
 
 /// Side of the cubes in which points are grouped (m).
 const BOX: f64 = 3.5e-3;
+/// Most moves of a shape out of the held faces. A second is needed at a concave side or a corner.
+const MOVES: usize = 20;
+
+/// Depth of a point that counts as none (m).
+const ROUNDING: f64 = 1e-9;
 
 /// Points on the held faces of a body.
 pub struct Backing {
     groups: Vec<PointGroup>,
+    /// Ball that contains all points: centre and radius (m).
+    ball: (Point3<f64>, f64),
 }
 
 /// Points in one cube.
@@ -32,13 +42,40 @@ impl Backing {
             let index = [place.x, place.y, place.z].map(|x| (x / BOX).floor() as i64);
             boxes.entry(index).or_default().push(place);
         }
+        let all: Vec<_> = boxes.values().flatten().copied().collect();
         let group = |places: Vec<Point3<f64>>| {
-            let sum = places.iter().map(|p| p.coords).sum::<Vector3<f64>>();
-            let centre = Point3::from(sum / places.len() as f64);
-            let radius = places.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max);
+            let (centre, radius) = ball(&places);
             PointGroup { centre, radius, places }
         };
-        Self { groups: boxes.into_values().map(group).collect() }
+        Self { groups: boxes.into_values().map(group).collect(), ball: ball(&all) }
+    }
+
+    /// Moves a shape at `pose` that contains points out of the held faces, along its normal at the
+    /// deepest point as far as that is deep. A shape that still contains points after a number of
+    /// such moves, as if skewered, stays at `pose`.
+    pub fn outside(&self, shape: &Shape, pose: &Isometry3<f64>) -> Isometry3<f64> {
+        let mut moved = *pose;
+        for _ in 0..MOVES {
+            let Some(Distance { value, normal }) = self.deepest(shape, &moved) else {
+                return moved;
+            };
+            moved.translation.vector += moved.rotation * normal * value;
+        }
+        *pose
+    }
+
+    /// Distance of the deepest point inside `shape` at `pose`, with the normal in the shape's frame;
+    /// `None` if there is none deeper than [`ROUNDING`].
+    fn deepest(&self, shape: &Shape, pose: &Isometry3<f64>) -> Option<Distance> {
+        let distance = |place| shape.distance(&pose.inverse_transform_point(place));
+        let may_hold = |centre, radius| distance(centre).value < radius;
+        let (centre, radius) = &self.ball;
+        if !may_hold(centre, *radius) {
+            return None;
+        }
+        let near = self.groups.iter().filter(|group| may_hold(&group.centre, group.radius));
+        let found = near.flat_map(|group| &group.places).map(distance);
+        found.filter(|at| at.value < -ROUNDING).min_by(|a, b| a.value.total_cmp(&b.value))
     }
 
     /// Returns an error if one of the `shapes` contains a point deeper than `most` (m) at its pose
@@ -84,5 +121,51 @@ impl Backing {
         }
         let missed = Error::NotConverged { iterations: 0, residual: f64::INFINITY, tolerance };
         if through { Err(missed) } else { Ok(()) }
+    }
+}
+
+/// Mean of the `places` and distance of the farthest from it (m); the radius is below zero if there
+/// are none.
+fn ball(places: &[Point3<f64>]) -> (Point3<f64>, f64) {
+    let sum = places.iter().map(|p| p.coords).sum::<Vector3<f64>>();
+    let centre = Point3::from(sum / places.len().max(1) as f64);
+    let radius = places.iter().map(|p| (p - centre).norm()).fold(f64::NEG_INFINITY, f64::max);
+    (centre, radius)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Points 0.5 mm apart on a square of 20 mm in the plane z = −4 mm.
+    fn plate() -> Backing {
+        let along = |i: i32| 5e-4 * f64::from(i);
+        let row = |i| (-20..=20).map(move |j| Point3::new(along(i), along(j), -4e-3));
+        Backing::new((-20..=20).flat_map(row))
+    }
+
+    #[test]
+    fn a_shape_is_moved_out_of_held_faces_by_its_depth_in_them() {
+        let block = Shape::Cuboid { half_extents: Vector3::repeat(5e-3) };
+        let moved = |x: f64, z: f64| {
+            let pose = Isometry3::translation(x, 3e-3, z);
+            plate().outside(&block, &pose).translation.vector - pose.translation.vector
+        };
+        let error = (moved(-14.7e-3, -3e-3) - Vector3::new(-3e-4, 0.0, 0.0)).norm();
+        assert!(error < 1e-8, "from the side: {error} m");
+        let error = (moved(0.0, 2e-4) - Vector3::new(0.0, 0.0, 8e-4)).norm();
+        assert!(error < 1e-8, "from the front: {error} m");
+        assert_eq!(moved(-15.1e-3, -3e-3), Vector3::zeros(), "beside them");
+        assert_eq!(moved(0.0, 1.1e-3), Vector3::zeros(), "in front of them");
+    }
+
+    #[test]
+    fn a_shape_moved_out_of_held_faces_is_accepted_there() {
+        let ring = Shape::Annulus { outer: 12e-3, inner: 8e-3, half_height: 3e-3 };
+        let pose = Isometry3::new(Vector3::new(-2e-3, -20e-3, -3e-3), Vector3::new(0.4, 0.3, 0.2));
+        let limits = [2e-5, 0.0];
+        let check = |pose| plate().check(std::slice::from_ref(&ring), [&[pose], &[pose]], limits);
+        assert!(matches!(check(pose), Err(Error::Penetrated { .. })), "{:?}", check(pose));
+        assert_eq!(check(plate().outside(&ring, &pose)), Ok(()));
     }
 }

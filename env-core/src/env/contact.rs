@@ -91,7 +91,8 @@ impl ContactState {
                     bodies.extend(parameters.bodies().map(sized));
                 }
                 for (i, (press, finger)) in presses.iter_mut().zip(fingers).enumerate() {
-                    let path: Vec<_> = path.iter().map(|poses| poses[i].clone()).collect();
+                    let clear = |poses: &PosesInPads| pad.model().beside_base(bodies, &poses[i]);
+                    let path: Vec<_> = path.iter().map(clear).collect();
                     *press = finger.press(pad.skin(), bodies, &path, friction)?;
                 }
             }
@@ -179,4 +180,47 @@ pub(super) fn stiffened(
     stiffness: f64,
 ) -> PerFinger<Result<Deformation>> {
     answers.map(|answer| Some(answer?.map(|felt| felt.stiffened(stiffness))))
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Isometry3;
+
+    use super::*;
+    use crate::{
+        deformation::Wanted,
+        env::Row,
+        scene::Gripper,
+        tactile::{Choice, Resolution},
+        task::{ObjectSpec, TaskConfig},
+    };
+
+    /// Rapier lets a hand that comes down on an object overlap it.
+    #[test]
+    fn a_finger_that_stands_in_an_object_by_a_part_of_a_millimetre_has_an_answer() {
+        let resolution = Resolution { nodes: 100, ..Resolution::default() };
+        let objects = vec![ObjectSpec::Name("cuboid".into())];
+        let config = TaskConfig {
+            tactile: Choice::Compliance,
+            objects,
+            resolution,
+            ..TaskConfig::default()
+        };
+        let (setup, mut row) = (Setup::new(config).unwrap(), Row::new(1));
+        row.reset(&setup).unwrap();
+        let (state, parameters) = row.state().unwrap();
+        let end = 0.5 * Gripper::default().pad_length;
+        let under = |overlap: f64| {
+            let y = -end - parameters.half_extents[1] + overlap;
+            vec![Isometry3::translation(0.0, y, -2e-3)]
+        };
+        let path = [under(-5e-3), under(3e-4)].map(|poses| [poses.clone(), poses]);
+        let mut contact = ContactState::new(setup.tactile(), path[0].clone());
+        let presses = contact.press(&setup, &state, &path[1..], &parameters).unwrap();
+        let press = presses[0].clone().expect("the object is in reach");
+        let felt = setup.tactile().clone().feel(&[0], &[press], Wanted::default()).remove(0);
+        let force = felt.map(|felt| felt.wrench.force.norm());
+        // It stands beside the face of the pad, which feels nothing.
+        assert_eq!(force, Ok(0.0));
+    }
 }

@@ -61,7 +61,7 @@ use rayon::prelude::*;
 use crate::geometry::Shape;
 use crate::{
     Error, Result,
-    contact::{ContactLaw, is_engulfed},
+    contact::{Backing, ContactLaw, is_engulfed},
     deformation::{Deformation, DeformationModel, Drive, History, Press, SoftBody},
     geometry::TetMesh,
     interrupt::Interrupt,
@@ -144,6 +144,11 @@ impl Fem {
     /// The body.
     pub fn body(&self) -> &SoftBody {
         &self.body
+    }
+
+    /// Held faces of the body.
+    pub(crate) fn backing(&self) -> &Backing {
+        &self.system.backing
     }
 
     /// Number of unknowns, and of entries in the factor of the stiffness matrix.

@@ -21,7 +21,7 @@ use super::{
 use crate::{
     Error, Result,
     compliance::nodal::{ContactResolution, ContactSolution},
-    contact::{SurfacePoint, clearance},
+    contact::{Backing, SurfacePoint, clearance},
     deformation::{
         Deformation, DeformationModel, Drive, Moduli, PredictedError, Press, SoftBody, Wanted,
         Wrench,
@@ -164,6 +164,11 @@ impl Surrogate {
     /// Body whose nodes and tetrahedra the answers refer to.
     pub fn body(&self) -> &SoftBody {
         &self.trained.body
+    }
+
+    /// Held faces of the pad.
+    pub(crate) fn backing(&self) -> &Backing {
+        self.trained.linear.backing()
     }
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last. In a

@@ -21,6 +21,7 @@ use crate::{
         Compliance, ComplianceOptions,
         nodal::{ContactResolution, ContactSolution, LayeredPad, Nodal, NodeContact},
     },
+    contact::Backing,
     deformation::{Law, Moduli, Press, SoftBody},
     geometry::{PadMesh, Transfer},
     sensor::Sensor,
@@ -118,6 +119,11 @@ impl LinearBaseline {
         });
         let stress = OnceLock::new();
         Ok(Self { layered, compliance, nodal, extension, fine, transfer, stress })
+    }
+
+    /// Held faces of the pad.
+    pub(super) fn backing(&self) -> &Backing {
+        self.layered.backing()
     }
 
     /// Solves the frames of `press`, in order; the first that fails is an error and the last.

@@ -11,6 +11,7 @@ use super::{
 use crate::{
     Error, Result,
     compliance::nodal::{ContactResolution, ContactSolution},
+    contact::Backing,
     deformation::{Deformation, DeformationModel, Moduli, Press, SoftBody, Wanted},
     fem::Linearised,
     interrupt::Interrupt,
@@ -60,6 +61,11 @@ impl LinearPad {
     /// Body whose nodes and tetrahedra the answers refer to.
     pub fn body(&self) -> &SoftBody {
         &self.body
+    }
+
+    /// Held faces of the pad.
+    pub(crate) fn backing(&self) -> &Backing {
+        self.linear.backing()
     }
 
     fn fields(&self, settled: ContactSolution, wanted: Wanted) -> Result<Deformation> {

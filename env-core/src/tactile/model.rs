@@ -7,6 +7,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
+use nalgebra::Isometry3;
 use rayon::{ThreadPoolBuilder, prelude::*};
 
 use super::{Choice, Shell, Skin, SoftObject, TactileConfig};
@@ -15,7 +16,7 @@ use crate::{
     compliance::nodal::ContactResolution,
     deformation::{Deformation, DeformationModel, Law, Press, SoftBody, Wanted},
     fem::{Fem, FemOptions},
-    geometry::PadMesh,
+    geometry::{PadMesh, Shape},
     sensor::Sensor,
     surrogate::{LinearPad, Surrogate},
 };
@@ -160,6 +161,19 @@ impl Model {
             Self::Surrogate(network) => Some(network.body()),
             Self::Fem(_) => None,
         }
+    }
+
+    /// Poses of rigid bodies of these `shapes` (S), each moved out of the base of the pad, to which
+    /// the gel is bonded and into which no press leads. Rapier lets a body overlap a finger by what
+    /// either moves in a time step, up to a millimetre, and by more where the hand holds it down on
+    /// the table.
+    pub fn beside_base(&self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> Vec<Isometry3<f64>> {
+        let backing = match self {
+            Self::Linear(pad) => pad.backing(),
+            Self::Surrogate(network) => network.backing(),
+            Self::Fem(fem) => fem.backing(),
+        };
+        shapes.iter().zip(poses).map(|(shape, pose)| backing.outside(shape, pose)).collect()
     }
 
     /// Builds the chosen model of the gel of `sensor`, with its pad and soft body; `None` for rigid

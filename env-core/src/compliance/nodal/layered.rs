@@ -25,7 +25,7 @@ use super::{
 use crate::{
     Result,
     compliance::Compliance,
-    contact::ContactLaw,
+    contact::{Backing, ContactLaw},
     deformation::Press,
     geometry::{PadMesh, PadOutline},
     simd::vectorised,
@@ -118,6 +118,11 @@ impl LayeredPad {
         let known = Arc::new(known.collect());
         let law = compliance.settings.law;
         Self { levels: Arc::new(levels), resolution, law, model, near_field, known }
+    }
+
+    /// Held faces of the pad.
+    pub(crate) fn backing(&self) -> &Backing {
+        &self.levels[0].condensed.backing
     }
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
