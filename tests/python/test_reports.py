@@ -34,11 +34,28 @@ README = [
     ("6 %", "displacement", "unseen", "table / all / network / displacement / 0"),
     ("12 %", "stress", "unseen", "table / all / network / stress / 0"),
     ("3 %", "force", "unseen", "table / all / network / force / 0"),
+    ("9 %", "68 %", "unseen", "table / all / linear, on cells / displacement / 0"),
+    ("68 %", "4 %", "unseen", "table / all / linear, on cells / stress / 0"),
+    ("4 %", "It predicts", "unseen", "table / all / linear, on cells / force / 0"),
     ("100,000", "extreme presses", "stability", "presses"),
     ("745", "to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
     ("1,145", "steps a second", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
 ]
 """Figures of README: as they are written, a word near by, the report and the keys to them in it."""
+SPEEDS = {
+    "times as slow": (
+        REPORTS / "sim_to_sim.json",
+        lambda report: [(row["surrogate"], row["fem"]) for row in report["policies"].values()],
+    ),
+    "times as many": (
+        ROOT / "policies/results/touch_speed.json",
+        lambda report: [
+            (report["touching"]["none"][name], row)
+            for name, row in report["touching"]["surrogate"].items()
+        ],
+    ),
+}
+"""Quotients of speeds in README, "8 to 12" with these words, and the pairs that they are of."""
 MADE = [name for name in command.REPORTS if (REPORTS / f"{name}.json").exists()]
 """Reports whose JSON is committed."""
 
@@ -76,6 +93,19 @@ def test_every_figure_of_the_readme_is_that_of_its_report(written, word, report,
     true = pages.value(report, keys) * (100 if unit == "%" else 1)
     digits = len(number.partition(".")[2])
     assert number.replace(",", "") == f"{true:.{digits}f}" or is_time(keys)
+
+
+@pytest.mark.parametrize("words", SPEEDS)
+def test_quotients_of_speeds_in_the_readme_are_those_of_their_report(words):
+    file, pairs = SPEEDS[words]
+    text = " ".join((ROOT / "README.md").read_text().split())
+    [written] = re.findall(rf"(\d+) to (\d+) {words}", text)
+    times = [
+        fast["steps_per_second"] / slow["steps_per_second"]
+        for fast, slow in pairs(json.loads(file.read_text()))
+    ]
+    # On another machine, or another day, they are others.
+    assert [int(number) for number in written] == pytest.approx([min(times), max(times)], rel=0.2)
 
 
 def test_the_readme_is_short_and_hides_nothing():
