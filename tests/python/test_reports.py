@@ -232,6 +232,48 @@ def test_what_a_change_may_touch_is_asked_again(tmp_path, monkeypatch):
     assert asked(build="three")["surrogate"].keys() == {"three"}
 
 
+def test_shapes_that_begin_buried_are_as_deep_as_is_said():
+    extreme, turned = module("extreme"), module("meshes").turned
+    vertices = ruffini.sensor("gelsight-mini", resolution=300).mesh.vertices
+    for number in range(20):
+        case = extreme.draw_buried(np.random.default_rng(number), "linear")
+        path = extreme.buried(case, vertices)
+        assert len(path) == (1 if case["kind"] == "buried" else case["frames"] + 1)
+        corners = turned(path[0][1], extreme.shape(case)[0].surface()[0]) + path[0][0]
+        depth = -corners[:, 2].min() / 4e-3
+        # The face is curved, by 0.3 mm to the place, and the mesh has a node every 2 mm.
+        assert depth == pytest.approx(case["depth"], abs=0.2), case["shape"]
+
+
+def test_contact_that_pulls_is_found():
+    verdict, case = module("verdict"), {"answerer": "linear", "mesh": "mini", "young": 3e5}
+    case |= {"shape": "pin", "size": 5e-4, "slenderness": 4.0, "turn": None, "friction": 0.0}
+    case |= {
+        "kind": "buried",
+        "depth": 0.1,
+        "frames": 1,
+        "aside": [0.0, 0.0],
+        "poisson": 0.47,
+        "shear": [0.0, 0.0],
+    }
+    model = verdict.answerer(case)
+    [found] = model.solve_path(verdict.press(case, model.body.mesh.vertices))
+    total = np.abs(found.contact_force).sum()
+
+    def judged(force):
+        wrench = np.r_[force.sum(axis=0), 0, 0, 0]
+        frame = {"displacement": found.displacement, "pose": found.pose, "wrench": wrench}
+        verdict.check_pull(case, model.body, Namespace(**frame, contact_force=force), total)
+
+    judged(found.contact_force)
+    with pytest.raises(verdict.WrongError, match="contact pulls"):
+        judged(-found.contact_force)
+    pulled = found.contact_force.copy()
+    pulled[pulled[:, 2].argmax()] = [0.0, 0.0, 0.01 * total]
+    with pytest.raises(verdict.WrongError, match="nodes are pulled"):
+        judged(pulled)
+
+
 def test_paired_differences_have_the_intervals_that_others_found():
     """Of a table whose interval the R package contingencytables tests, and of an exact binomial."""
     paired = module("paired")
