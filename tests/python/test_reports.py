@@ -268,6 +268,9 @@ def test_contact_that_pulls_is_found():
     judged(found.contact_force)
     with pytest.raises(verdict.WrongError, match="contact pulls"):
         judged(-found.contact_force)
+    aside = np.r_[-2.0, 0.5, -1.0, 0, 0, 0]
+    with pytest.raises(verdict.WrongError, match="pushes aside with"):
+        verdict.check_upright(case, Namespace(pose=found.pose, wrench=aside), total)
     pulled = found.contact_force.copy()
     pulled[pulled[:, 2].argmax()] = [0.0, 0.0, 0.01 * total]
     with pytest.raises(verdict.WrongError, match="nodes are pulled"):
