@@ -11,7 +11,7 @@ import numpy as np
 
 import ruffini
 from engine import ROOT
-from meshes import turned
+from meshes import surface, turned
 from ruffini import Press, Shape, SoftBody, TetMesh
 
 sys.path.append(str(ROOT / "tests/python"))
@@ -237,30 +237,42 @@ Pose = tuple[np.ndarray, np.ndarray]
 """Place (m) and orientation, a quaternion."""
 
 
-def buried(case: dict, vertices: np.ndarray) -> list[Pose]:
-    """Poses of a shape of which the first is in a body at rest."""
+def face_height(mesh: TetMesh, place: np.ndarray) -> float:
+    """Height of the upper face of a body over a place (x, y) (m)."""
+    corners = mesh.vertices[surface(mesh)]
+    base, sides = corners[:, 0], corners[:, 1:] - corners[:, :1]
+    upward = np.linalg.det(sides[..., :2]) > 1e-12  # Twice the area (m²), seen from above.
+    base, sides = base[upward], sides[upward]
+    weights = np.linalg.solve(sides[..., :2].transpose(0, 2, 1), (place - base[:, :2])[..., None])
+    inside = (weights.min(axis=1)[:, 0] > -1e-9) & (weights.sum(axis=1)[:, 0] < 1.0 + 1e-9)
+    return float((base[:, 2] + (sides[..., 2] * weights[..., 0]).sum(axis=1))[inside].max())
+
+
+def buried(case: dict, mesh: TetMesh) -> list[Pose]:
+    """Poses of a shape of which the first is in a body at rest of that mesh."""
     form, turn = shape(case)
-    place = 0.6 * np.ptp(vertices[:, :2], axis=0) / 2 * case["aside"]
-    near = np.linalg.norm(vertices[:, :2] - place, axis=1) < 2e-3
-    over = vertices[near, 2].max() - turned(turn, form.surface()[0])[:, 2].min()
-    begin = np.array([*place, over - case["depth"] * np.ptp(vertices[:, 2])])
+    wide, long, thick = np.ptp(mesh.vertices, axis=0)
+    place = 0.3 * np.array([wide, long]) * case["aside"]
+    lowest = turned(turn, form.surface()[0])[:, 2].min()
+    begin = np.array([*place, face_height(mesh, place) - lowest - case["depth"] * thick])
     frames = case["frames"] if case["kind"] == "buried, slid" else 0
     slid = np.linspace(0, 1, frames + 1)[:, None] * [*case["shear"], 0]
     return [(begin + way, turn) for way in slid]
 
 
-def lowered(case: dict, vertices: np.ndarray) -> Press:
+def lowered(case: dict, mesh: TetMesh) -> Press:
     """The press that leads a buried shape down to where it begins."""
     form, _ = shape(case)
-    place, turn = buried(case, vertices)[0]
+    place, turn = buried(case, mesh)[0]
     above = place + np.array([0, 0, 2 * reach(form)])
     return Press(form, [(above, turn), (place, turn)])
 
 
-def press(case: dict, vertices: np.ndarray, finer: int = 1) -> Press:
-    """The press of a case on a body at rest, each step cut into `finer`."""
+def press(case: dict, mesh: TetMesh, finer: int = 1) -> Press:
+    """The press of a case on a body at rest of that mesh, each step cut into `finer`."""
     if case["kind"] in BURIED:
-        return Press(shape(case)[0], buried(case, vertices))
+        return Press(shape(case)[0], buried(case, mesh))
+    vertices = mesh.vertices
     form, turn = shape(case)
     half, thick = np.ptp(vertices[:, :2], axis=0) / 2, np.ptp(vertices[:, 2])
     place = 0.6 * half * case["aside"]

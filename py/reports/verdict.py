@@ -59,7 +59,7 @@ def answered(case: dict) -> dict:
     """
     model = answerer(case)
     body = model.body
-    asked = press(case, body.mesh.vertices)
+    asked = press(case, body.mesh)
     frames = model.solve_path(asked)
     last = frames[-1]
     for frame in frames:
@@ -273,10 +273,9 @@ def beside(case: dict, model: Any, last: Deformation) -> dict:
 
 def from_above(case: dict, model: Any, last: Deformation) -> dict:
     """Difference of the force at a first pose in the body from that of coming down to it."""
-    vertices = model.body.mesh.vertices
     if case["kind"] != "buried":
         return {}
-    down = model.solve_path(lowered(case, vertices))[-1]
+    down = model.solve_path(lowered(case, model.body.mesh))[-1]
     if isinstance(down, PressError):
         return {"lowered": down.kind}
     return {"lowered": apart(last, down, 1e-10 * case["young"])}
@@ -293,7 +292,7 @@ def truth(case: dict, model: Surrogate, last: Deformation) -> dict:
     around = model.body.mesh.vertices[felt] if felt.any() else None
     pad = ruffini.sensor(GELS[case["mesh"]], resolution=2000, around=around)
     body = SoftBody(pad.mesh, case["young"], case["poisson"], fixed=pad.fixed)
-    asked = press(case, model.body.mesh.vertices)
+    asked = press(case, model.body.mesh)
     frames = Fem(body, friction=case["friction"]).solve_path(asked)
     if isinstance(frames[-1], PressError):
         return {"truth": frames[-1].kind}
@@ -304,7 +303,7 @@ def finer(case: dict, model: Fem, last: Deformation) -> dict:
     """The same press in steps a quarter as long: the same force, unless the body can buckle."""
     if case["friction"] > 0.0:
         return {}
-    slow = model.solve_path(press(case, model.body.mesh.vertices, finer=4))[-1]
+    slow = model.solve_path(press(case, model.body.mesh, finer=4))[-1]
     if isinstance(slow, PressError):
         return {"finer": slow.kind}
     return {"finer": apart(last, slow, allowed(case))}
@@ -316,7 +315,7 @@ def stiffer(case: dict, last: Deformation) -> dict:
     if case["kind"] == "force" or case["mesh"] == "layers" or not 1e6 <= case["young"] <= 1e9 / 16:
         return {}
     other = answerer(case | {"young": 16 * case["young"]})
-    again = other.solve_path(press(case, other.body.mesh.vertices))[-1]
+    again = other.solve_path(press(case, other.body.mesh))[-1]
     if isinstance(again, PressError):
         return {"stiffer": again.kind}
     off = size(again.displacement - last.displacement) / max(size(last.displacement), 1e-300)
