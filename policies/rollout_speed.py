@@ -14,7 +14,8 @@ cost. With ``--touch``, by model of touch and object, on one thread in some minu
 policy grasps, lifts and holds, and only steps in which all pads of four environments touch are
 counted, by processor time. With ``--infos``, the adapter for Stable-Baselines3 alone: what infos in
 every step cost; with ``--custom``, what rules in Python cost, those of GraspLift written once more;
-with ``--cost``, what 10⁸ steps of grasping cost, in some four minutes on two cores (`scaling`).
+with ``--cost``, what 10⁸ steps of grasping cost, in some four minutes on two cores (`scaling`), and
+the table of it for ``py/docs/scale.md``.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from numpy.typing import NDArray
 from peers import PEERS, peer
 from ruffini import custom
 from ruffini.evaluation import about_this_run
-from scaling import cost
+from scaling import cost, table
 from timing import (
     ENV_ID,
     make,
@@ -306,7 +307,9 @@ def main() -> None:
     arguments = parser.parse_args()
     seconds = 0.3 if arguments.quick else 3.0
     if arguments.cost:
-        write(arguments.json, cost(arguments.quick))
+        found = cost(arguments.quick)
+        write(arguments.json, found)
+        print(table(found))
     elif arguments.alone:
         write(arguments.json, arguments.alone(seconds))
     else:

@@ -13,6 +13,7 @@ import multiprocessing
 import os
 import statistics
 from concurrent.futures import ProcessPoolExecutor
+from functools import reduce
 from itertools import islice
 from typing import Any
 
@@ -31,6 +32,19 @@ N = 64
 LONGEST = 600.0
 """Time that a process waits for the others (s)."""
 
+FIGURES = {
+    "one core (steps/s)": ("processes / 1", ",.0f", 1),
+    "efficiency of all cores, a process each": ("efficiency / processes", ".0f", 100),
+    "10⁸ steps (core hours)": ("core_hours", ".1f", 1),
+    "10⁸ steps, 2 cores (h)": ("hours / 2", ".1f", 1),
+    "10⁸ steps, 64 cores (h)": ("hours / 64", ".2f", 1),
+    "10⁸ steps, 1,000 cores (h)": ("hours / 1000", ".3f", 1),
+    "half of the cores predict all of them, error": ("check / error_processes", ".1f", 100),
+    "memory of a process (MB)": ("megabytes_of_a_process", ".0f", 1),
+    "memory of an environment (kB)": ("kilobytes_per_environment", ".0f", 1),
+}
+"""Rows of the table: keys to a figure of a model of touch, its form and a factor."""
+
 Rates = dict[str, dict[str, float]]
 """Steps per second by environments and threads."""
 
@@ -42,6 +56,24 @@ def cost(quick: bool) -> dict[str, Any]:
     sizes = sorted({1, n // 4, n, 4 * n})
     models = {model: measured(model, n, sizes, repeats) for model in MODELS}
     return {"steps": STEPS, "environments": n, "episode": EPISODE, "repeats": repeats} | models
+
+
+def table(found: dict[str, Any], report: str = "rollout_cost") -> str:
+    """Table for `py/docs/scale.md`; by the marks of its figures ``.ci/report --pages`` renews them.
+
+    Args:
+        found: What `cost` returns.
+        report: Name of the JSON in ``policies/results`` that holds it.
+    """
+    lines = ["| | rigid pads | touch by the network |", "| --- | ---: | ---: |"]
+    for name, (keys, form, factor) in FIGURES.items():
+        cells = []
+        for model in MODELS:
+            value = reduce(lambda part, key: part[key], keys.split(" / "), found[model])
+            percent = " %" if factor == 100 else ""
+            cells.append(f"{factor * value:{form}}{percent}<!-- {report}: {model} / {keys} -->")
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def measured(model: str, n: int, sizes: list[int], repeats: int) -> dict[str, Any]:

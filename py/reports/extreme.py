@@ -11,7 +11,7 @@ import numpy as np
 
 import ruffini
 from engine import ROOT
-from meshes import turned
+from meshes import surface, turned
 from ruffini import Press, Shape, SoftBody, TetMesh
 
 sys.path.append(str(ROOT / "tests/python"))
@@ -22,6 +22,10 @@ ELEMENTS = ("p1", "p1-bar", "p2")
 MESHES = ("block", "wall", "film", "needles", "slivers", "inverted", "layers", "mini")
 SHAPES = ("ball", "large ball", "tip", "plate", "edge", "cone", "rim", "prism", "annulus", "cup")
 KINDS = ("steps", "at once", "tiny", "slide", "hold", "force", "force", "afar", "through")
+BURIED = ("buried", "buried, slid")
+"""Motions whose first pose is in the body already: the only one, or followed by ones beside it."""
+SLENDER = ("ball", "pin", "capsule", "cone", "needle", "blade", "lens", "tube")
+"""Shapes that begin buried."""
 NETWORK = "surrogate"
 """The answerer that is a network."""
 GELS = {"mini": "gelsight-mini", "digit": "digit"}
@@ -51,6 +55,35 @@ def draw(random: np.random.Generator, answerer: str) -> dict:
         case["element"] = str(random.choice(ELEMENTS, p=[0.2, 0.6, 0.2]))
         case["long way"] = str(random.choice(["none", "finer", "stiffer"], p=[0.6, 0.2, 0.2]))
     return case
+
+
+def draw_buried(random: np.random.Generator, answerer: str) -> dict:
+    """Draws a press for `answerer` whose first pose is in the pad: slender or small, any tilt."""
+    tilt, heading = random.uniform(0.0, np.pi, 2) * [1, 2]
+    if random.random() < 0.3:
+        tilt = float(random.choice([0.0, np.pi]))
+    x, y = np.sin(tilt / 2) * np.array([np.cos(heading), np.sin(heading)])
+    case = {
+        "answerer": answerer,
+        "mesh": str(random.choice(list(GELS), p=[0.7, 0.3])),
+        "nodes": int(random.choice([300, 900])),
+        "young": spread(random, 1e4, 1e7),
+        "poisson": float(random.choice([0.3, 0.45, 0.48, 0.495])),
+        "friction": 0.0 if random.random() < 0.4 else spread(random, 0.05, 2.0),
+        "law": "neo-hookean",
+        "shape": str(random.choice(SLENDER)),
+        "size": spread(random, 2e-4, 2e-3),
+        "slenderness": spread(random, 1.0, 8.0),
+        "turn": [float(x), float(y), 0.0, float(np.cos(tilt / 2))],
+        "aside": [float(x) for x in random.uniform(-1.0, 1.0, 2)],
+        "kind": str(random.choice(BURIED, p=[0.7, 0.3])),
+        "depth": spread(random, 0.02, 0.6),
+        "frames": int(random.integers(1, 5)),
+        "shear": [float(x) for x in random.uniform(-1e-3, 1e-3, 2)],
+    }
+    if answerer == "fem":
+        case["element"] = str(random.choice(["p1", "p1-bar"]))
+    return case | {"sweeps": 0, "free": False, "long way": "lowered"}
 
 
 def body(random: np.random.Generator, answerer: str) -> dict:
@@ -94,8 +127,8 @@ def soft_body(case: dict) -> SoftBody:
     Raises:
         ValueError: If it cannot be pressed.
     """
-    if case["mesh"] == "mini":
-        pad = ruffini.sensor("gelsight-mini", resolution=300)
+    if case["mesh"] in GELS:
+        pad = ruffini.sensor(GELS[case["mesh"]], resolution=case.get("nodes", 300))
         base = None if case["free"] else pad.fixed
         return SoftBody(pad.mesh, case["young"], case["poisson"], case["law"], base)
     mesh = solid(case)
@@ -150,6 +183,7 @@ def with_slivers(mesh: TetMesh, height: float) -> TetMesh:
 def shape(case: dict) -> tuple[Shape, np.ndarray]:
     """Rigid shape of a press, and the orientation (a quaternion) with its sharp end below."""
     r, name = case["size"], case["shape"]
+    long = r * case.get("slenderness", 1.0)
     straight, eighth = np.array([0.0, 0, 0, 1]), np.pi / 8
     on_edge = np.array([np.sin(eighth), 0, 0, np.cos(eighth)])
     kinds = {
@@ -158,11 +192,17 @@ def shape(case: dict) -> tuple[Shape, np.ndarray]:
         "tip": lambda: (Shape.sphere(5e-4), straight),
         "plate": lambda: (Shape.half_space(), HALF_TURN),
         "edge": lambda: (Shape.cuboid((2 * r, r, r)), on_edge),
-        "cone": lambda: (Shape.cone(r, r), HALF_TURN),
+        "cone": lambda: (Shape.cone(r, long), HALF_TURN),
         "rim": lambda: (Shape.cylinder(r, r), on_edge),
         "prism": lambda: (Shape.prism(5, r, 2 * r), on_edge),
         "annulus": lambda: (Shape.annulus(r, 0.6 * r, 0.5 * r), straight),
         "cup": lambda: (Shape.cup(0.7 * r, r, r, 0.1 * r), HALF_TURN),
+        "pin": lambda: (Shape.cylinder(r, long), straight),
+        "capsule": lambda: (Shape.capsule(r, long), straight),
+        "needle": lambda: (Shape.prism(5, r, long), straight),
+        "blade": lambda: (Shape.cuboid((0.3 * r, r, long)), straight),
+        "lens": lambda: (Shape.ellipsoid((r, 0.6 * r, long)), straight),
+        "tube": lambda: (Shape.annulus(r, 0.5 * r, long), straight),
     }
     found, turn = kinds[name]()
     if case["turn"] is not None and name != "plate":
@@ -193,8 +233,46 @@ def touching(form: Shape, turn: np.ndarray, place: np.ndarray, vertices: np.ndar
     return vertices[:, 2].max() + 1e-3
 
 
-def press(case: dict, vertices: np.ndarray, finer: int = 1) -> Press:
-    """The press of a case on a body at rest, each step cut into `finer`."""
+Pose = tuple[np.ndarray, np.ndarray]
+"""Place (m) and orientation, a quaternion."""
+
+
+def face_height(mesh: TetMesh, place: np.ndarray) -> float:
+    """Height of the upper face of a body over a place (x, y) (m)."""
+    corners = mesh.vertices[surface(mesh)]
+    base, sides = corners[:, 0], corners[:, 1:] - corners[:, :1]
+    upward = np.linalg.det(sides[..., :2]) > 1e-12  # Twice the area (m²), seen from above.
+    base, sides = base[upward], sides[upward]
+    weights = np.linalg.solve(sides[..., :2].transpose(0, 2, 1), (place - base[:, :2])[..., None])
+    inside = (weights.min(axis=1)[:, 0] > -1e-9) & (weights.sum(axis=1)[:, 0] < 1.0 + 1e-9)
+    return float((base[:, 2] + (sides[..., 2] * weights[..., 0]).sum(axis=1))[inside].max())
+
+
+def buried(case: dict, mesh: TetMesh) -> list[Pose]:
+    """Poses of a shape of which the first is in a body at rest of that mesh."""
+    form, turn = shape(case)
+    wide, long, thick = np.ptp(mesh.vertices, axis=0)
+    place = 0.3 * np.array([wide, long]) * case["aside"]
+    lowest = turned(turn, form.surface()[0])[:, 2].min()
+    begin = np.array([*place, face_height(mesh, place) - lowest - case["depth"] * thick])
+    frames = case["frames"] if case["kind"] == "buried, slid" else 0
+    slid = np.linspace(0, 1, frames + 1)[:, None] * [*case["shear"], 0]
+    return [(begin + way, turn) for way in slid]
+
+
+def lowered(case: dict, mesh: TetMesh) -> Press:
+    """The press that leads a buried shape down to where it begins."""
+    form, _ = shape(case)
+    place, turn = buried(case, mesh)[0]
+    above = place + np.array([0, 0, 2 * reach(form)])
+    return Press(form, [(above, turn), (place, turn)])
+
+
+def press(case: dict, mesh: TetMesh, finer: int = 1) -> Press:
+    """The press of a case on a body at rest of that mesh, each step cut into `finer`."""
+    if case["kind"] in BURIED:
+        return Press(shape(case)[0], buried(case, mesh))
+    vertices = mesh.vertices
     form, turn = shape(case)
     half, thick = np.ptp(vertices[:, :2], axis=0) / 2, np.ptp(vertices[:, 2])
     place = 0.6 * half * case["aside"]

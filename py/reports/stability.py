@@ -78,7 +78,8 @@ def make(options: Namespace) -> dict:
     count = options.presses or (32 if options.quick else 100_000)
     numbers = [n for n in range(count) if n in old or n not in rows]
     hours = options.hours or (0.1 if options.quick else 1e3)
-    ask(rows, options.seed, numbers, options.jobs, time.monotonic() + 3600 * hours, now)
+    drawn = ({"number": number} | case(options.seed, number) for number in numbers)
+    ask(rows, drawn, options.jobs, time.monotonic() + 3600 * hours, now)
     return about | {"note": options.note} | summary(list(rows))
 
 
@@ -89,15 +90,15 @@ def case(seed: int, number: int) -> dict:
     return extreme_scenes.draw(random) if who == "environment" else extreme.draw(random, who)
 
 
-def ask(rows: Rows, seed: int, numbers: Iterable[int], jobs: int, until: float, by: str) -> None:
-    """Solves presses until a time is reached; `by` is the commit of the build."""
+def ask(rows: Rows, cases: Iterable[dict], jobs: int, until: float, by: str) -> None:
+    """Solves presses, with their numbers, until a time is reached; `by` is the build's commit."""
     begun = time.monotonic()
 
     def in_time() -> Iterator[dict]:
-        for number in numbers:
+        for one in cases:
             if time.monotonic() > until:
                 return
-            yield {"number": number} | case(seed, number)
+            yield one
 
     for done, (asked, found) in enumerate(answers(judged, in_time(), jobs, LIMIT), 1):
         number = asked.pop("number")

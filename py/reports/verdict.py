@@ -5,8 +5,9 @@ balance is within the tolerance that the finite elements state. The wrench is th
 forces. Held nodes stay. No tetrahedron is inside out where the law forbids it. No shape is deeper
 in the skin than 250 softnesses (0.5 mm), the bound that is documented for contact points, and the
 distance from there to the next one. Contact never pulls: a shape that comes down on a bonded body
-presses it down, and a ball without friction pushes every node that it touches outwards. A plate
-does not rub with more than the cone of friction.
+presses it down, and a ball without friction pushes every node that it touches outwards. What begins
+in the body is felt and pushes it down, an upright shape at least as much as aside. A plate does not
+rub with more than the cone of friction.
 Linear answers and networks are nothing where nothing touches.
 """
 
@@ -19,9 +20,9 @@ import numpy as np
 
 import extreme_scenes
 import ruffini
-from extreme import GELS, NETWORK, WrongError, press, shape, soft_body
+from extreme import BURIED, GELS, NETWORK, WrongError, lowered, press, shape, soft_body
 from meshes import surface, turned, volumes
-from ruffini import Compliance, Deformation, Fem, PressError, SoftBody, Surrogate
+from ruffini import Compliance, Deformation, Fem, LinearPad, PressError, SoftBody, Surrogate
 
 NAMED = ("not-converged", "penetrated", "inverted", "unreachable", "invalid", "network")
 TOLERANCE = 1e-7
@@ -58,7 +59,7 @@ def answered(case: dict) -> dict:
     """
     model = answerer(case)
     body = model.body
-    asked = press(case, body.mesh.vertices)
+    asked = press(case, body.mesh)
     frames = model.solve_path(asked)
     last = frames[-1]
     for frame in frames:
@@ -68,20 +69,26 @@ def answered(case: dict) -> dict:
         if last.kind not in NAMED:
             raise WrongError(f"{last.kind}: {last}"[:200])
         return {"verdict": "refused", "why": last.kind, "text": str(last)[:120]}
-    off = abs(-last.wrench[2] - case["force"])
-    if case["kind"] == "force" and off > 2e-3 * case["force"] + allowed(case):
-        raise WrongError(f"{-last.wrench[2]:.3e} N, asked for {case['force']:.3e} N")
+    if case["kind"] == "force":
+        force, asked = -last.wrench[2], case["force"]
+        if abs(force - asked) > 2e-3 * asked + allowed(case):
+            raise WrongError(f"{force:.3e} N, asked for {asked:.3e} N")
     through = case["kind"] == "through" and not case.get("free")
     if through and not np.abs(last.contact_force).any():
         raise WrongError("went through the body unfelt")
+    if case["kind"] in BURIED and not np.abs(frames[0].contact_force).any():
+        depth = case["depth"] * np.ptp(body.mesh.vertices[:, 2])
+        if depth > DEEPEST + BETWEEN:
+            raise WrongError(f"begins {depth:.1e} m deep and is not felt")
     return {"verdict": "solved"} | beside(case, model, last)
 
 
-def answerer(case: dict) -> Fem | Compliance | Surrogate:
+def answerer(case: dict) -> Fem | Compliance | LinearPad | Surrogate:
     """The model of a case."""
-    if case["answerer"] == NETWORK:
+    if case["answerer"] in (NETWORK, "linear"):
         chosen = {key: case[key] for key in ("young", "poisson", "friction")}
-        return Surrogate(GELS[case["mesh"]], **chosen)
+        model = Surrogate if case["answerer"] == NETWORK else LinearPad
+        return model(GELS[case["mesh"]], **chosen)
     if case["answerer"] == "nodes":
         return Compliance(soft_body(case), friction=case["friction"], contact="nodes")
     if case["answerer"] == "compliance":
@@ -114,6 +121,8 @@ def check(case: dict, model: Any, frame: Deformation) -> None:
     check_pull(case, body, frame, total)
     if case["shape"] == "plate":
         check_plate(case, frame, total)
+    if case["kind"] == "buried":
+        check_upright(case, frame, total)
     # The finite elements may leave a little force, which bends a thin wall by micrometres.
     exact = case["answerer"] != "fem"
     if total == 0.0 and exact and size(frame.displacement) > 1e-12 * len(forces):
@@ -147,7 +156,7 @@ def allowed(case: dict) -> float:
     return TOLERANCE * max(case["young"] / 1e6, 1.0)
 
 
-LOWERED = ("steps", "at once", "tiny", "afar", "force")
+LOWERED = ("steps", "at once", "tiny", "afar", "force", "buried")
 """Ways in which a shape only comes down."""
 BROAD = ("block", "film", "layers", "mini", "digit")
 """Meshes whose sides no shape is beside."""
@@ -158,22 +167,44 @@ PULLING = 1e-3
 def check_pull(case: dict, body: SoftBody, frame: Deformation, total: float) -> None:
     """Contact pushes, as a whole and, where the forces of nodes are those of contact, at each node.
 
-    Quadratic faces, those of ``p1-bar`` among them, spread a force over their nodes with weights
-    of both signs, and networks add forces of their own.
+    Quadratic faces, and those of ``p1-bar``, which compliance has, too, spread a force over their
+    nodes with weights of both signs, and networks add forces of their own. Without friction a node
+    is pushed along the normal of a ball, and down by whatever comes down.
     """
     least = PULLING * total + 2 * allowed(case)
-    lowered = case["kind"] in LOWERED and case["mesh"] in BROAD and not case.get("free")
-    if lowered and frame.wrench[2] > least:
+    comes_down = case["kind"] in LOWERED and case["mesh"] in BROAD and not case.get("free")
+    if comes_down and frame.wrench[2] > least:
         raise WrongError(f"contact pulls with {frame.wrench[2]:.2e} N of {total:.2e} N")
-    plain = case["answerer"] in ("compliance", "nodes") or case.get("element") == "p1"
-    if plain and case["friction"] == 0.0 and case["shape"] in ("ball", "large ball", "tip"):
+    plain = case["answerer"] in ("nodes", "linear") or case.get("element") == "p1"
+    if not plain or case["friction"] > 0.0:
+        return
+    if case["shape"] in ("ball", "large ball", "tip"):
         form, _ = shape(case)
         place, turn = pose(frame)
         moved = body.mesh.vertices + frame.displacement - place
-        normals = form.distance(turned(turn * [-1, -1, -1, 1], moved))[1]
-        outward = np.einsum("vi,vi->v", turned(turn, normals), frame.contact_force)
-        if -outward[outward < 0.0].sum() > least:
-            raise WrongError(f"nodes are pulled with {-outward[outward < 0.0].sum():.2e} N")
+        normals = turned(turn, form.distance(turned(turn * [-1, -1, -1, 1], moved))[1])
+        outward = np.einsum("vi,vi->v", normals, frame.contact_force)
+    elif case["kind"] == "buried":
+        outward = -frame.contact_force[:, 2]
+    else:
+        return
+    pulled = -outward[outward < 0.0].sum()
+    if pulled > least:
+        raise WrongError(f"nodes are pulled with {pulled:.2e} N of {total:.2e} N")
+
+
+SLIGHT = 1e-9
+"""Force aside over Young's modulus that is nothing: that of a tip that hardly touches (m²)."""
+
+
+def check_upright(case: dict, frame: Deformation, total: float) -> None:
+    """An upright shape that begins in the body pushes it down, at least as much as aside."""
+    _, turn = pose(frame)
+    if abs(turned(turn, np.array([0.0, 0.0, 1.0]))[2]) < 0.999:
+        return
+    down, sideways = -frame.wrench[2], size(frame.wrench[:2])
+    if sideways > down + PULLING * total + 2 * allowed(case) + SLIGHT * case["young"]:
+        raise WrongError(f"an upright shape pushes aside with {sideways:.2e} N, down {down:.2e} N")
 
 
 def check_plate(case: dict, frame: Deformation, total: float) -> None:
@@ -228,6 +259,8 @@ def pose(frame: Deformation) -> tuple[np.ndarray, np.ndarray]:
 
 def beside(case: dict, model: Any, last: Deformation) -> dict:
     """Difference of the answer from one that was found by another method."""
+    if case.get("long way") == "lowered":
+        return from_above(case, model, last)
     if case["answerer"] == NETWORK:
         return truth(case, model, last) if model.is_in_distribution(last) else {}
     if case["answerer"] != "fem":
@@ -236,6 +269,16 @@ def beside(case: dict, model: Any, last: Deformation) -> dict:
     if case["long way"] == "finer":
         return found | finer(case, model, last)
     return found | (stiffer(case, last) if case["long way"] == "stiffer" else {})
+
+
+def from_above(case: dict, model: Any, last: Deformation) -> dict:
+    """Difference of the force at a first pose in the body from that of coming down to it."""
+    if case["kind"] != "buried":
+        return {}
+    down = model.solve_path(lowered(case, model.body.mesh))[-1]
+    if isinstance(down, PressError):
+        return {"lowered": down.kind}
+    return {"lowered": apart(last, down, 1e-10 * case["young"])}
 
 
 def truth(case: dict, model: Surrogate, last: Deformation) -> dict:
@@ -249,7 +292,7 @@ def truth(case: dict, model: Surrogate, last: Deformation) -> dict:
     around = model.body.mesh.vertices[felt] if felt.any() else None
     pad = ruffini.sensor(GELS[case["mesh"]], resolution=2000, around=around)
     body = SoftBody(pad.mesh, case["young"], case["poisson"], fixed=pad.fixed)
-    asked = press(case, model.body.mesh.vertices)
+    asked = press(case, model.body.mesh)
     frames = Fem(body, friction=case["friction"]).solve_path(asked)
     if isinstance(frames[-1], PressError):
         return {"truth": frames[-1].kind}
@@ -260,7 +303,7 @@ def finer(case: dict, model: Fem, last: Deformation) -> dict:
     """The same press in steps a quarter as long: the same force, unless the body can buckle."""
     if case["friction"] > 0.0:
         return {}
-    slow = model.solve_path(press(case, model.body.mesh.vertices, finer=4))[-1]
+    slow = model.solve_path(press(case, model.body.mesh, finer=4))[-1]
     if isinstance(slow, PressError):
         return {"finer": slow.kind}
     return {"finer": apart(last, slow, allowed(case))}
@@ -272,7 +315,7 @@ def stiffer(case: dict, last: Deformation) -> dict:
     if case["kind"] == "force" or case["mesh"] == "layers" or not 1e6 <= case["young"] <= 1e9 / 16:
         return {}
     other = answerer(case | {"young": 16 * case["young"]})
-    again = other.solve_path(press(case, other.body.mesh.vertices))[-1]
+    again = other.solve_path(press(case, other.body.mesh))[-1]
     if isinstance(again, PressError):
         return {"stiffer": again.kind}
     off = size(again.displacement - last.displacement) / max(size(last.displacement), 1e-300)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 
 import gymnasium as gym
 import numpy as np
@@ -55,6 +56,23 @@ def test_a_window_shows_every_step(monkeypatch):
         env.step(action)
         shown = pygame.surfarray.array3d(pygame.display.get_surface()).transpose(1, 0, 2)
         np.testing.assert_array_equal(shown, env.unwrapped.render())
+    env.close()
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_window_that_nobody_sees_is_warned_of(monkeypatch):
+    pygame = pytest.importorskip("pygame")
+    env = gym.make("ruffini/GraspLift-v0", render_mode="human", width=160, height=120, **RIGID)
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env.reset(seed=0)
+    monkeypatch.delenv("SDL_VIDEODRIVER")
+    monkeypatch.setattr(pygame.display, "get_driver", lambda: "offscreen")
+    with pytest.warns(UserWarning, match="no display was found.*`ruffini play --video"):
+        env.step(env.action_space.sample())
+    monkeypatch.setenv("SDL_VIDEODRIVER", "offscreen")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env.step(env.action_space.sample())
     env.close()
 
 

@@ -14,14 +14,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = ("policies", "py/docs", "py/reports")
+FOLDERS = ("policies", "py/docs", "py/reports", "tests/reference")
 SCRIPTS = [
     str(file.relative_to(ROOT))
     for folder in FOLDERS
     for file in sorted((ROOT / folder).glob("*.py"))
     if re.search(r"^if __name__ == ", file.read_text(), re.MULTILINE)
 ]
-OPTIONAL = ("ray", "tensordict", "torchrl")
+OPTIONAL = ("pypardiso", "ray", "skfem", "tensordict", "torchrl")
 """Packages that are not in the extra `dev`."""
 
 
@@ -100,6 +100,8 @@ def test_links_that_another_site_does_not_have_are_named(tmp_path):
         "policies/study.py --pages",
         "py/docs/channels.py",
         "py/reports/scenes.py tasks",
+        "tests/reference/peer.py --speed",
+        "tests/reference/samples.py",
     ],
 )
 def test_what_writes_committed_files_is_told_where(line, monkeypatch, capsys):

@@ -34,11 +34,28 @@ README = [
     ("6 %", "displacement", "unseen", "table / all / network / displacement / 0"),
     ("12 %", "stress", "unseen", "table / all / network / stress / 0"),
     ("3 %", "force", "unseen", "table / all / network / force / 0"),
+    ("9 %", "68 %", "unseen", "table / all / linear, on cells / displacement / 0"),
+    ("68 %", "4 %", "unseen", "table / all / linear, on cells / stress / 0"),
+    ("4 %", "It predicts", "unseen", "table / all / linear, on cells / force / 0"),
     ("100,000", "extreme presses", "stability", "presses"),
     ("745", "to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
     ("1,145", "steps a second", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
 ]
 """Figures of README: as they are written, a word near by, the report and the keys to them in it."""
+SPEEDS = {
+    "times as slow": (
+        REPORTS / "sim_to_sim.json",
+        lambda report: [(row["surrogate"], row["fem"]) for row in report["policies"].values()],
+    ),
+    "times as many": (
+        ROOT / "policies/results/touch_speed.json",
+        lambda report: [
+            (report["touching"]["none"][name], row)
+            for name, row in report["touching"]["surrogate"].items()
+        ],
+    ),
+}
+"""Quotients of speeds in README, "8 to 12" with these words, and the pairs that they are of."""
 MADE = [name for name in command.REPORTS if (REPORTS / f"{name}.json").exists()]
 """Reports whose JSON is committed."""
 
@@ -76,6 +93,19 @@ def test_every_figure_of_the_readme_is_that_of_its_report(written, word, report,
     true = pages.value(report, keys) * (100 if unit == "%" else 1)
     digits = len(number.partition(".")[2])
     assert number.replace(",", "") == f"{true:.{digits}f}" or is_time(keys)
+
+
+@pytest.mark.parametrize("words", SPEEDS)
+def test_quotients_of_speeds_in_the_readme_are_those_of_their_report(words):
+    file, pairs = SPEEDS[words]
+    text = " ".join((ROOT / "README.md").read_text().split())
+    [written] = re.findall(rf"(\d+) to (\d+) {words}", text)
+    times = [
+        fast["steps_per_second"] / slow["steps_per_second"]
+        for fast, slow in pairs(json.loads(file.read_text()))
+    ]
+    # On another machine, or another day, they are others.
+    assert [int(number) for number in written] == pytest.approx([min(times), max(times)], rel=0.2)
 
 
 def test_the_readme_is_short_and_hides_nothing():
@@ -200,6 +230,51 @@ def test_what_a_change_may_touch_is_asked_again(tmp_path, monkeypatch):
         asked("--keep", "one", "--again", "surrogat", build="three")
     assert asked("--keep", "one", build="three") == by
     assert asked(build="three")["surrogate"].keys() == {"three"}
+
+
+def test_shapes_that_begin_buried_are_as_deep_as_is_said():
+    extreme, turned = module("extreme"), module("meshes").turned
+    mesh = ruffini.sensor("gelsight-mini", resolution=300).mesh
+    assert extreme.face_height(mesh, np.zeros(2)) == pytest.approx(0.0, abs=1e-4)
+    for number in range(20):
+        case = extreme.draw_buried(np.random.default_rng(number), "linear")
+        path = extreme.buried(case, mesh)
+        assert len(path) == (1 if case["kind"] == "buried" else case["frames"] + 1)
+        corners = turned(path[0][1], extreme.shape(case)[0].surface()[0]) + path[0][0]
+        depth = extreme.face_height(mesh, path[0][0][:2]) - corners[:, 2].min()
+        assert depth == pytest.approx(case["depth"] * 4e-3, abs=1e-9), case["shape"]
+
+
+def test_contact_that_pulls_is_found():
+    verdict, case = module("verdict"), {"answerer": "linear", "mesh": "mini", "young": 3e5}
+    case |= {"shape": "pin", "size": 5e-4, "slenderness": 4.0, "turn": None, "friction": 0.0}
+    case |= {
+        "kind": "buried",
+        "depth": 0.1,
+        "frames": 1,
+        "aside": [0.0, 0.0],
+        "poisson": 0.47,
+        "shear": [0.0, 0.0],
+    }
+    model = verdict.answerer(case)
+    [found] = model.solve_path(verdict.press(case, model.body.mesh))
+    total = np.abs(found.contact_force).sum()
+
+    def judged(force):
+        wrench = np.r_[force.sum(axis=0), 0, 0, 0]
+        frame = {"displacement": found.displacement, "pose": found.pose, "wrench": wrench}
+        verdict.check_pull(case, model.body, Namespace(**frame, contact_force=force), total)
+
+    judged(found.contact_force)
+    with pytest.raises(verdict.WrongError, match="contact pulls"):
+        judged(-found.contact_force)
+    aside = np.r_[-2.0, 0.5, -1.0, 0, 0, 0]
+    with pytest.raises(verdict.WrongError, match="pushes aside with"):
+        verdict.check_upright(case, Namespace(pose=found.pose, wrench=aside), total)
+    pulled = found.contact_force.copy()
+    pulled[pulled[:, 2].argmax()] = [0.0, 0.0, 0.01 * total]
+    with pytest.raises(verdict.WrongError, match="nodes are pulled"):
+        judged(pulled)
 
 
 def test_paired_differences_have_the_intervals_that_others_found():

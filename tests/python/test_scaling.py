@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import sys
+from pathlib import Path
+
 import pytest
 
-from scaling import doubled, predicted, together
+from scaling import doubled, predicted, table, together
 
 
 def test_the_cost_is_that_of_as_many_cores_with_the_efficiency_of_all_here():
@@ -43,3 +47,19 @@ def test_processes_that_step_at_once_tell_their_speed_and_memory():
 def test_a_process_that_fails_stops_all():
     with pytest.raises(ValueError, match="eyes"):
         together(2, 2, "eyes", repeats=1)
+
+
+def test_the_table_of_costs_is_renewed_from_its_json(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib", reason="reports draw with it")
+    sys.path.append(str(Path(__file__).parents[2] / "py/reports"))
+    from engine import pages
+
+    measured = {"kilobytes_per_environment": 89.6, "megabytes_of_a_process": 51.2}
+    measured |= {"processes": {"1": 8464.8}} | predicted({1: 8464.8, 2: 16000}, {1: 8e3, 2: 15e3})
+    found = {"none": measured, "surrogate": measured}
+    (tmp_path / "cost.json").write_text(json.dumps(found))
+    monkeypatch.setattr(pages, "FOLDERS", (tmp_path,))
+    made = table(found, "cost")
+    assert len(list(pages.MARK.finditer(made))) == made.count("<!--") > 10
+    assert "8,465<!-- cost: none / processes / 1 -->" in made
+    assert pages.requoted(made) == made

@@ -6,8 +6,8 @@ friction), then moved aside by 0.5 mm in ten ("shear", μ = 0.5 from the beginni
 method.
 
     pip install -r tests/reference/requirements.txt
-    python tests/reference/peer.py            # writes peer_p1.json and peer_p2.json
-    python tests/reference/peer.py --speed    # times both programs, writes peer_speed.json
+    python tests/reference/peer.py --out tests/reference    # peer_p1.json and peer_p2.json
+    python tests/reference/peer.py --speed --out tests/reference    # peer_speed.json
 """
 
 import argparse
@@ -19,6 +19,23 @@ import tempfile
 import time
 from importlib.metadata import version
 from pathlib import Path
+
+
+def command_line():
+    """The options."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--speed", action="store_true", help="time both programs")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write to")
+    parser.add_argument("--order", type=int, help="volume quadrature (p1: 1, p2: 2)")
+    parser.add_argument("--face-order", type=int, help="contact quadrature (16; to time, 8)")
+    parser.add_argument("--softness", type=float, default=2e-6, help="contact softness (m)")
+    parser.add_argument("--steps", type=int, default=1, help="load steps a frame")
+    return parser
+
+
+if __name__ == "__main__":
+    # For --help, before packages that are not installed.
+    command_line().parse_args()
 
 for variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[variable] = "1"
@@ -128,14 +145,7 @@ def cpu():
 
 def main():
     """Runs the comparison that the arguments choose."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--speed", action="store_true", help="time both programs")
-    parser.add_argument("--out", type=Path, default=HERE, help="folder to write to")
-    parser.add_argument("--order", type=int, help="volume quadrature (p1: 1, p2: 2)")
-    parser.add_argument("--face-order", type=int, help="contact quadrature (16; to time, 8)")
-    parser.add_argument("--softness", type=float, default=2e-6, help="contact softness (m)")
-    parser.add_argument("--steps", type=int, default=1, help="load steps a frame")
-    settings = parser.parse_args()
+    settings = command_line().parse_args()
     settings.face_order = settings.face_order or (8 if settings.speed else 16)
     (write_speed if settings.speed else write_answers)(gel_pad(), settings)
 

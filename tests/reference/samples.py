@@ -1,4 +1,9 @@
-"""Makes the samples of datasets beside this file anew, each of its .toml: python samples.py"""
+"""Makes the samples of datasets anew, each of its .toml beside this file.
+
+Use::
+
+    python tests/reference/samples.py --out tests/reference
+"""
 
 from __future__ import annotations
 
@@ -15,12 +20,14 @@ SAMPLES = ("grasps", "squeezes")
 
 def main() -> None:
     """Replaces the folders; the commit in their manifests is the last one."""
-    argparse.ArgumentParser(description=__doc__).parse_args()
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("--out", type=Path, required=True, help="where the folders lie")
+    out = parser.parse_args().out
     last = ["git", "rev-parse", "--short", "HEAD"]
     commit = subprocess.check_output(last, cwd=HERE, text=True).strip()
     for name in SAMPLES:
-        shutil.rmtree(HERE / name, ignore_errors=True)
-        made = dataset.generate(HERE / name, HERE / f"{name}.toml", threads=2, commit=commit)
+        shutil.rmtree(out / name, ignore_errors=True)
+        made = dataset.generate(out / name, HERE / f"{name}.toml", threads=2, commit=commit)
         assert made is not None, "nobody stops it"
         print(f"{name}: {len(made)} frames, {len(made.manifest['unsolved'])} grasps unsolved")
 

@@ -110,6 +110,11 @@ def nearest(word: str, known: Iterable[str]) -> str:
     return f", did you mean {letters[near[0]]!r}?" if near else ","
 
 
+def counted(number: int, noun: str) -> str:
+    """A number of things whose plural ends in s, as in ``1 episode``."""
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 _UNKNOWN = re.compile(
     r"(?P<about>(?:found|unknown field|unknown variant) (?P<mark>[`'\"]?)(?P<word>[^\s,`'\"]+)"
     r"(?P=mark)), expected (?P<known>.+)"

@@ -24,6 +24,7 @@ from ruffini._spaces import (
     check_options,
     check_seed,
     metadata,
+    warn_of_unseen_window,
 )
 
 
@@ -134,6 +135,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         """
         if self.render_mode is None:
             return None
+        warn_of_unseen_window()
         return self._renderer.draw(self._batch, 0, camera)
 
     def state(self) -> bytes:

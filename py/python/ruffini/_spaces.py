@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import os
+import sys
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,6 +48,25 @@ _LARGEST = float(np.finfo(np.float32).max)
 _WINDOW = (
     'gymnasium.make(..., render_mode="human") shows a window, with pip install "ruffini[human]"'
 )
+
+
+_UNSEEN = (
+    "no display was found, so the window is drawn off screen and nobody sees it: film with "
+    '`ruffini play --video lift.gif` or render_mode="rgb_array", or write a page with '
+    "`ruffini view --out page.html` (SDL_VIDEODRIVER=dummy if no window is meant to be seen)"
+)
+
+
+def warn_of_unseen_window() -> None:
+    """Warn if Gymnasium's window is drawn off screen without ``SDL_VIDEODRIVER`` asking for it.
+
+    SDL, with which pygame opens windows, says nothing where it finds no display.
+    """
+    display = getattr(sys.modules.get("pygame"), "display", None)
+    if display is None or not display.get_init() or "SDL_VIDEODRIVER" in os.environ:
+        return
+    if display.get_driver() == "offscreen":
+        warnings.warn(_UNSEEN, UserWarning, stacklevel=3)
 
 
 def metadata(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ruffini import SimulationError
 from ruffini._core import encode_gif
+from ruffini._settings import counted
 from ruffini._spaces import Frame, check_writable
 from ruffini.evaluation import Policy
 
@@ -133,7 +134,7 @@ def film(policy: Policy, env_id: str, path: Path, seeds: range, **settings: Any)
     except OSError as error:
         raise SimulationError(f"video: {path}: {error.strerror or error}") from None
     megabytes = path.stat().st_size / 1e6
-    return f"{path}: {len(seeds)} episodes ({', '.join(endings)}), {megabytes:.1f} MB"
+    return f"{path}: {counted(len(seeds), 'episode')} ({', '.join(endings)}), {megabytes:.1f} MB"
 
 
 def _row(observation: Any) -> Any:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ruffini._core import TetMesh
 from ruffini._frames import _turned
+from ruffini._settings import counted
 from ruffini._spaces import check_writable, writing
 
 __all__ = ["Frame", "Gel", "Rigid", "Scene", "Skin", "check", "nodal", "traction", "view"]
@@ -185,7 +186,8 @@ def view(
                 scene.live(sequences)
         else:
             count = scene.record([list(frames) for frames in sequences], out)
-            say(f"{out}: {count} frames, {out.stat().st_size / 1e6:.1f} MB; any browser opens it")
+            size = f"{counted(count, 'frame')}, {out.stat().st_size / 1e6:.1f} MB"
+            say(f"{out}: {size}; any browser opens it")
     finally:
         scene.close()
 

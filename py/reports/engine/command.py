@@ -15,8 +15,17 @@ from engine.figures import save
 from engine.pages import WRITTEN, requoted
 from engine.rows import KEPT, OUT
 
-REPORTS = ["dataset", "episode", "fem", "load", "networks", "paper", "pareto", "paths", "reality"]
-REPORTS += ["scene_cost", "sensors", "shapes", "sim_to_sim", "soak", "stability", "unseen"]
+REPORTS = ["buried", "dataset", "episode", "fem", "load", "networks", "paper", "pareto", "paths"]
+REPORTS += [
+    "reality",
+    "scene_cost",
+    "sensors",
+    "shapes",
+    "sim_to_sim",
+    "soak",
+    "stability",
+    "unseen",
+]
 
 
 def main(arguments: list[str]) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from ruffini import video
 from ruffini._core import CAMERAS
+from ruffini._settings import counted
 from ruffini._spaces import Renderer
 from ruffini.agents import Agent
 from ruffini.commands.policy import HELP, TASK, add_evaluation, choose, evaluated
@@ -64,7 +65,7 @@ def run(options: argparse.Namespace) -> None:
     agent = chosen.policy if isinstance(chosen.policy, Agent) else None
     print(line("agent" if agent is not None else options.policy, result))
     if agent is not None and (stated := agent.card["evaluation"]):
-        print(line(f"its card, {stated['episodes']} seeds", stated))
+        print(line(f"its card, {counted(stated['episodes'], 'seed')}", stated))
         print(_verdict(result["interval"], stated["interval"]))
     if options.video is not None:
         count = min(options.video_episodes, episodes)

@@ -11,7 +11,7 @@ from typing import Any
 import gymnasium as gym
 
 from ruffini._schema import TASKS
-from ruffini._settings import nearest
+from ruffini._settings import counted, nearest
 from ruffini._spaces import check_count, check_seed
 from ruffini.agents import Agent, environment_id, load
 from ruffini.evaluation import FIRST_SEED, Policy, evaluate
@@ -134,7 +134,8 @@ def evaluated(chosen: Chosen, episodes: int, seed: int, threads: int | None) -> 
     check_seed(seed)
     if threads is not None:
         check_count("threads", threads)
-    print(f"{chosen.env_id}: {chosen.about}; {episodes} episodes from seed {seed}", flush=True)
+    about = f"{chosen.about}; {counted(episodes, 'episode')} from seed {seed}"
+    print(f"{chosen.env_id}: {about}", flush=True)
     settings = {"num_threads": threads} | chosen.settings
     bar = Bar(chosen.env_id, settings)
     return evaluate(
@@ -152,7 +153,7 @@ class Bar:
     def __call__(self, finished: int, episodes: int, steps: int) -> None:
         """Show how far the evaluation is; a callback as `ruffini.evaluation.Progress`."""
         share = 1.0 if finished == episodes else min(steps / self._limit, 0.99)
-        done = f"{finished} of {episodes} episodes"
+        done = f"{finished} of {counted(episodes, 'episode')}"
         if sys.stderr.isatty():
             full = int(share * _WIDTH)
             bar = f"[{'#' * full}{'.' * (_WIDTH - full)}] {share:4.0%}  {done}"
