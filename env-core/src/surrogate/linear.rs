@@ -63,7 +63,7 @@ pub(super) enum LinearStress {
 
 impl LinearStress {
     /// Stress that the network is given and adds to. Its weights are trained for one of them.
-    pub(super) const OF_NETWORK: Self = Self::Spread;
+    pub(super) const OF_NETWORK: Self = Self::Resolved;
 }
 
 /// Fields on the model mesh. V nodes, T tetrahedra, S shapes.
