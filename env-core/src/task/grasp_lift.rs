@@ -113,11 +113,12 @@ episode.
 Terminated, with the reason in ``info["ending"]``, when the object leaves the table
 (``object_lost``), a body's state becomes infinite (``non_finite``) or leaves the declared
 bounds (``out_of_range``), the engine fails (``engine_error``), or the tactile model cannot
-solve a press (``press_failed``, with the kind of the error in ``info["press_error"]``; mostly
-when the hand comes down on the object); the last observation is then the last valid one. If a
-press fails along its path but can be solved at the end of the path from rest, the episode
-continues without the history of friction, and ``info["press_error"]`` has the kind of the
-error. ``info["is_success"]`` is true while the object is lifted and has been for ``hold_time``.
+solve a press (``press_failed``, with the kind of the error in ``info["press_error"]``; rarely,
+mostly when a finger stands in a wall of the object); the last observation is then the last
+valid one. If a press fails along its path but can be solved at the end of the path from rest,
+the episode continues without the history of friction, and ``info["press_error"]`` has the kind
+of the error. ``info["is_success"]`` is true while the object is lifted and has been for
+``hold_time``.
 
 ## Picture
 With a `tactile` model, pads have their deformed shape and are coloured by von Mises stress.
