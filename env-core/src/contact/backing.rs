@@ -68,14 +68,27 @@ impl Backing {
     /// `None` if there is none deeper than [`ROUNDING`].
     fn deepest(&self, shape: &Shape, pose: &Isometry3<f64>) -> Option<Distance> {
         let distance = |place| shape.distance(&pose.inverse_transform_point(place));
-        let may_hold = |centre, radius| distance(centre).value < radius;
         let (centre, radius) = &self.ball;
-        if !may_hold(centre, *radius) {
+        if distance(centre).value > *radius {
             return None;
         }
-        let near = self.groups.iter().filter(|group| may_hold(&group.centre, group.radius));
-        let found = near.flat_map(|group| &group.places).map(distance);
-        found.filter(|at| at.value < -ROUNDING).min_by(|a, b| a.value.total_cmp(&b.value))
+        let mut deepest = Distance { value: -ROUNDING, normal: Vector3::zeros() };
+        for PointGroup { centre, radius, places } in &self.groups {
+            let at_centre = distance(centre).value;
+            // From place to place, a distance changes by at most the way between them.
+            if at_centre - radius >= deepest.value {
+                continue;
+            }
+            for place in places {
+                if at_centre - (place - centre).norm() < deepest.value {
+                    let found = distance(place);
+                    if found.value < deepest.value {
+                        deepest = found;
+                    }
+                }
+            }
+        }
+        (deepest.value < -ROUNDING).then_some(deepest)
     }
 
     /// Returns an error if one of the `shapes` contains a point deeper than `most` (m) at its pose
