@@ -50,9 +50,8 @@ impl LinearPad {
         Ok(Self { linear, body, elements, stress })
     }
 
-    /// Returns this model with the stress that the network is given, under forces spread over the
-    /// nodes: too low under small contact, but steady while contact moves over the mesh, as limits of
-    /// stress need it.
+    /// Returns this model with the stress under forces spread over the nodes: too low under small
+    /// contact, but steady while contact moves over the mesh, as limits of stress need it.
     #[must_use]
     pub fn with_spread_stress(self) -> Self {
         Self { stress: LinearStress::Spread, ..self }
