@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from ruffini._schema import TASKS
 from ruffini._settings import nearest
-from ruffini.evaluation import Policy
 from ruffini.policies._parts import part
 
 __all__ = ["RandomPolicy", "ScriptedPolicy", "part", "scripted"]
@@ -38,7 +37,9 @@ class ScriptedPolicy:
     def __init__(
         self, act: Callable[[Any, Any], tuple[NDArray[np.float32], Any]], reads: Sequence[str] = ()
     ) -> None:
-        self._act, self._reads = act, reads
+        self._act = act
+        self.reads = tuple(reads)
+        """Channels that it reads."""
 
     def predict(
         self,
@@ -57,13 +58,13 @@ class ScriptedPolicy:
 
     def _check(self, observation: Any) -> None:
         """Raise a ``ValueError`` unless all that is read is there, for N environments."""
-        if not self._reads:
+        if not self.reads:
             return
-        expected = f"the channels {', '.join(self._reads)} of N environments, each (N, ...)"
+        expected = f"the channels {', '.join(self.reads)} of N environments, each (N, ...)"
         if not isinstance(observation, Mapping):
             found = f"an array of shape {np.shape(observation)}"
             raise ValueError(f"observation: found {found}, expected {expected}, in a dict")
-        for name in self._reads:
+        for name in self.reads:
             if name not in observation:
                 raise ValueError(
                     f"observation: found no {name} among {', '.join(observation)}, "
@@ -88,11 +89,11 @@ class RandomPolicy(ScriptedPolicy):
         super().__init__(act)
 
 
-def scripted(env_id: str) -> Policy:
+def scripted(env_id: str) -> ScriptedPolicy:
     """The scripted policy of an environment.
 
-    It reads a part of the default observation, as a dict (``obs="dict"``); ``READS`` of the task's
-    module, as in ``ruffini.policies.hold_still.READS``, names the channels.
+    It reads a part of the default observation, as a dict (``obs="dict"``); ``reads`` of the policy
+    names the channels.
 
     Raises:
         ValueError: If there is no such environment.
