@@ -353,7 +353,7 @@ def test_a_held_object_is_felt_from_the_first_observation():
     np.testing.assert_allclose(-wrench[:, 2], 5.0, atol=1.0)
     # So is the shear of the gel since the object hangs on it, by pads that no model has corrected.
     look = env.look()
-    np.testing.assert_allclose(-wrench[:, 1].sum(), 9.81 * look["mass"], rtol=0.25)
+    np.testing.assert_allclose(-wrench[:, 1].sum(), 9.81 * look["mass"], rtol=0.3)
     assert {"load", "shaking", "shaking_frequency"} <= look.keys()
     # The shape stands as deep in both faces, and no deeper than a gel of 4 mm gives to 5 N.
     left, right = look["indentations"]

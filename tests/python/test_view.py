@@ -81,7 +81,7 @@ def test_a_recording_is_one_page_that_needs_no_network(frames, tmp_path):
     assert text.lstrip().startswith("<!doctype html>") and "__VISER_EMBED_DATA__" in text
     assert 'src="http' not in text and 'href="http' not in text
     viewing.view([frames[:1]], out, say=said.append)
-    assert said[0].startswith(f"{out}: 1 frames")
+    assert said[0].startswith(f"{out}: 1 frame,")
 
 
 def test_bodies_charts_and_texts_are_in_the_picture(frames, tmp_path):
@@ -163,7 +163,7 @@ def test_frames_of_a_dataset_are_shown(settings, gels, tmp_path, capsys):
     for name in gels:
         assert len(bodies[name].forces[0]) > 0 and bodies[name].von_mises.max() > 0
     assert commands.main(["view", str(folder), "-1", "--out", str(out)]) == 0
-    assert f"{out}: 1 frames" in capsys.readouterr().out
+    assert f"{out}: 1 frame," in capsys.readouterr().out
     assert commands.main(["view", str(folder), "99", "--out", str(out)]) == 2
     assert "frame: found 99, expected less than" in capsys.readouterr().err
 
