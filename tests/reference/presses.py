@@ -155,11 +155,13 @@ def face(spacing: float) -> NDArray[np.float64]:
 
 
 def first_touch(shape: Shape, pose: tuple[NDArray, NDArray], spot: NDArray) -> float:
-    """Distance by which the shape has to be lowered from `pose` to touch the face (m)."""
+    """Distance by which the shape has to be lowered from `pose`, where it touches the face over the
+    spot, to touch it at all (m); below zero if it has to be raised. Farther down, a small shape
+    would have passed."""
     places = np.vstack([face(2e-4), [*spot, height(*spot)]])
     place, turn = pose[0], Rotation.from_quat(pose[1])
     near = places
-    low, high = -5e-3, 5e-3
+    low, high = -5e-3, 1e-4
     for step in range(24):
         middle = (low + high) / 2
         inside = turn.inv().apply(near - (place - [0, 0, middle]))
