@@ -26,7 +26,12 @@ GEL = {"young": 3e5, "poisson": 0.47, "friction": 0.8}
 Indenter = tuple[str, float, float]
 """Ball or block, its radius or half its edge (mm), and the depth of the press (mm)."""
 MIDDLE: list[Indenter] = [
-    *(("ball", radius, depth) for radius in (1, 3, 6, 12) for depth in (0.1, 0.4, 1, 2)),
+    *(
+        ("ball", radius, depth)
+        for radius in (1, 3, 6, 12)
+        for depth in (0.1, 0.4, 1, 2)
+        if depth < 2 * radius
+    ),
     *(("block", 5, depth) for depth in (0.1, 0.4)),
 ]
 """Presses in the middle alone; under a block's edges finite elements seldom converge beyond."""
