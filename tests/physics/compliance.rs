@@ -420,24 +420,6 @@ fn a_tip_finer_than_the_mesh_is_felt() {
     assert!(frame.wrench.force.z < 0.0, "{} N", frame.wrench.force.z);
 }
 
-/// Its top stands out, and what of the skin is inside it has no contact point.
-#[test]
-fn a_shape_that_begins_between_contact_points_has_come_from_outside() {
-    let model = linear(&block(), 0.0);
-    for radius in [0.1, 0.2, 0.3] {
-        let at =
-            |up: f64| vec![Isometry3::translation(0.4 * MM, 0.3 * MM, (up - 0.95 * radius) * MM)];
-        let force = |path: Vec<_>| {
-            let press = along(Shape::Sphere { radius: radius * MM }, path);
-            Some(model.solve_path(&press).pop()?.ok()?.wrench.force.z)
-        };
-        let (once, lowered) = (force(vec![at(0.0)]), force(vec![at(2.0 * radius), at(0.0)]));
-        let pair = once.zip(lowered);
-        let is_same = pair.map_or(once == lowered, |(a, b)| (a - b).abs() < 0.05 * b.abs());
-        assert!(is_same, "{radius} mm: {once:?} N at once, {lowered:?} N led down");
-    }
-}
-
 #[test]
 fn a_press_through_the_pad_is_refused() {
     for sweeps in [0, 4] {

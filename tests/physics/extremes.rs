@@ -3,7 +3,7 @@
 
 use std::f64::consts::{FRAC_PI_4, PI, SQRT_2};
 
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use rayon::ThreadPoolBuilder;
 use ruffini_core::{
     Error, Result,
@@ -220,7 +220,8 @@ fn what_would_pierce_the_skin_is_refused() {
     let pad = mini(0.0);
     let capsule = Shape::Capsule { radius: 0.55 * MM, half_height: 0.77 * MM };
     let lens = Shape::Ellipsoid { semi_axes: Vector3::new(0.211, 0.1266, 0.338) * MM };
-    let tilt = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 2.0 * 0.927f64.atan2(0.375));
+    let axis = Unit::new_normalize(Vector3::new(0.375, 0.927, 0.0));
+    let tilt = UnitQuaternion::from_axis_angle(&axis, PI);
     for (shape, [x, y, z], turn) in [
         (capsule, [0.0, 0.0, 0.6], UnitQuaternion::identity()),
         (lens, [-2.292, -3.339, -0.121], tilt),

@@ -160,6 +160,22 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_shape_between_surface_points_is_moved_out_of_the_body() {
+        // A unit cube on z = 0 and a ball that stands out at its top; no surface points.
+        let cube = Shape::Cuboid { half_extents: Vector3::repeat(0.5) };
+        let mut mesh = TetMesh::of_shape(&cube, 0.3).unwrap();
+        mesh.vertices.iter_mut().for_each(|p| *p += Vector3::repeat(0.5));
+        let ball = [Shape::Sphere { radius: 0.1 }];
+        let moved = |z: f64| {
+            let first = [Isometry3::translation(0.5, 0.5, z)];
+            backed_off(&ball, &first, &[], &[], &mesh)[0].translation.z
+        };
+        // The ball is triangulated, so its lowest corner may be a little higher than the ball.
+        assert!((moved(0.95) - 1.1).abs() < 0.01, "{} m", moved(0.95));
+        assert!((moved(1.2) - 1.2).abs() < 1e-15, "{} m", moved(1.2));
+    }
+
+    #[test]
     fn shapes_advance_until_one_is_near_or_all_have_missed() {
         let (wall, near) = (0.01, 2e-6);
         let height = |poses: &[Isometry3<f64>]| poses[0].translation.z;
