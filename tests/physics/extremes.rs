@@ -3,7 +3,7 @@
 
 use std::f64::consts::{FRAC_PI_4, PI, SQRT_2};
 
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use rayon::ThreadPoolBuilder;
 use ruffini_core::{
     Error, Result,
@@ -152,43 +152,89 @@ fn an_edge_a_point_and_a_small_tip_go_in_by_a_millimetre_at_once() {
 }
 
 #[test]
-fn a_shape_that_begins_inside_the_body_is_refused() {
+fn a_shape_that_begins_inside_the_body_is_refused_by_all_models() {
     let fem = block(GEL, 2, rough(0.0));
+    let compliance = Compliance::new(fem.body().clone(), ComplianceOptions::default()).unwrap();
+    let pad = mini(0.5);
+    let models: [&dyn DeformationModel; 4] = [&fem, &compliance, &compliance.at_nodes(), &pad];
     let tip = vec![Shape::Sphere { radius: 0.5 * MM }];
     let inside = vec![Isometry3::translation(0.0, 0.0, -2.0 * MM)];
     // The ring does not contain its own centre.
     let ring = vec![Shape::Annulus { outer: 1.5 * MM, inner: 0.9 * MM, half_height: 0.7 * MM }];
-    for shape in [tip, ring] {
-        let press = Press::along(shape, vec![inside.clone()]).unwrap();
-        let error = fem.solve_path(&press).pop().unwrap().unwrap_err();
+    for (shape, model) in [tip, ring].iter().flat_map(|shape| models.map(|model| (shape, model))) {
+        let press = Press::along(shape.clone(), vec![inside.clone()]).unwrap();
+        let error = model.solve_path(&press).pop().unwrap().unwrap_err();
         assert!(error.to_string().contains("across its surface"), "{error}");
     }
 }
 
-#[test]
-fn a_small_shape_that_begins_in_a_pad_has_come_down_on_it() {
+/// Linear elasticity of a GelSight Mini's pad.
+fn mini(friction: f64) -> LinearPad {
     let sensor = Sensor::named("gelsight-mini").unwrap();
-    let pad = LinearPad::new(&sensor, GEL, 0.5, 1000, ContactResolution::FAST).unwrap();
+    LinearPad::new(&sensor, GEL, friction, 1000, ContactResolution::FAST).unwrap()
+}
+
+#[test]
+fn a_shape_that_begins_in_a_pad_has_come_down_on_it() {
+    let pad = mini(0.5);
     let upright = UnitQuaternion::identity();
     let tilted = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.3);
-    for (shape, height, turn) in [
-        (Shape::Cone { radius: 0.73 * MM, half_height: 1.85 * MM }, -0.6 * MM, tilted),
-        (Shape::Cylinder { radius: 0.5 * MM, half_height: 2.0 * MM }, 0.8 * MM, upright),
-        (Shape::Cylinder { radius: MM, half_height: 2.0 * MM }, 1.5 * MM, upright),
-        (Shape::Sphere { radius: 0.5 * MM }, 0.0, upright),
+    let cone = |radius, half_height| Shape::Cone { radius, half_height };
+    let pin = |radius| Shape::Cylinder { radius, half_height: 2.0 * MM };
+    for (shape, [x, y, z], turn) in [
+        (cone(0.73 * MM, 1.85 * MM), [0.31, 0.0, -0.6], tilted),
+        (pin(0.5 * MM), [0.31, 0.0, 0.8], upright),
+        (pin(MM), [0.31, 0.0, 1.5], upright),
+        (Shape::Sphere { radius: 0.5 * MM }, [0.31, 0.0, 0.0], upright),
+        // As wide as they are deep, and most of the skin inside them nearest to their sides.
+        (pin(1.186 * MM), [-4.948, 3.809, 0.9], upright),
+        (Shape::Capsule { radius: 1.6 * MM, half_height: 3.35 * MM }, [0.91, -4.92, 2.9], upright),
+        (
+            Shape::Prism { sides: 5, radius: 1.965 * MM, half_height: 6.7 * MM },
+            [-2.44, 3.29, 4.9],
+            upright,
+        ),
+        // On its base, with little but its apex in the skin.
+        (cone(0.286 * MM, 0.835 * MM), [-0.723, 0.895, -0.443], upright),
     ] {
         let force = |heights: &[f64]| {
-            let at =
-                |&z: &f64| vec![Isometry3::from_parts(Translation3::new(0.31 * MM, 0.0, z), turn)];
+            let at = |&z: &f64| {
+                vec![Isometry3::from_parts(Translation3::from(Vector3::new(x, y, z) * MM), turn)]
+            };
             let path = heights.iter().map(at).collect();
             let press = Press::along(vec![shape.clone()], path).unwrap();
             pad.solve_path(&press).pop().unwrap().unwrap().wrench.force
         };
-        let (once, lowered) = (force(&[height]), force(&[3.0 * MM, height]));
+        let (once, lowered) = (force(&[z]), force(&[z + 4.0, z]));
         assert!(lowered.z < -0.05, "{shape:?}: {lowered:?} N");
         // Load steps from another height, with friction, differ by up to 4 %.
         let off = (once - lowered).norm() / lowered.norm();
         assert!(off < 0.05, "{shape:?}: {once:?} N at once, {lowered:?} N from above");
+    }
+}
+
+/// Without friction the skin slides off a round end and up past the widest part. Linear elasticity
+/// then holds it apart beside the shape, with nothing under it.
+#[test]
+fn what_would_pierce_the_skin_is_refused() {
+    let pad = mini(0.0);
+    let capsule = Shape::Capsule { radius: 0.55 * MM, half_height: 0.77 * MM };
+    let lens = Shape::Ellipsoid { semi_axes: Vector3::new(0.211, 0.1266, 0.338) * MM };
+    let axis = Unit::new_normalize(Vector3::new(0.375, 0.927, 0.0));
+    let tilt = UnitQuaternion::from_axis_angle(&axis, PI);
+    for (shape, [x, y, z], turn) in [
+        (capsule, [0.0, 0.0, 0.6], UnitQuaternion::identity()),
+        (lens, [-2.292, -3.339, -0.121], tilt),
+    ] {
+        for steps in [1, 9] {
+            let at = |i: i32| {
+                let up = 1.5 * (1.0 - f64::from(i) / f64::from(steps));
+                vec![Isometry3::from_parts((Vector3::new(x, y, z + up) * MM).into(), turn)]
+            };
+            let press = Press::along(vec![shape.clone()], (0..=steps).map(at).collect()).unwrap();
+            let error = pad.solve_path(&press).pop().unwrap().map(|frame| frame.wrench.force);
+            assert!(error.is_err(), "{shape:?} in {steps} steps: {error:?} N");
+        }
     }
 }
 

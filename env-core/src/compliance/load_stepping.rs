@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactLaw, ContactStep, Touch, backed_off, engulfs_unfelt},
+    contact::{ContactLaw, ContactStep, Touch, backed_off, check_first, engulfs_unfelt, holds},
     deformation::{Anchor, History, Press, Wrench},
     fem::SolverWorkspace,
     geometry::Shape,
@@ -129,17 +129,20 @@ impl<'a> LoadStepping<'a> {
             Self { condensed, shapes, settings, scratch, reach, zone, state, seconds };
         match press.history() {
             Some(history) => stepping.recall(history)?,
-            None => stepping.approach(press.drive().first()),
+            None => stepping.approach(press.drive().first())?,
         }
         Ok(stepping)
     }
 
-    /// Places the shapes at the poses `first`, backed off from the body at rest.
-    fn approach(&mut self, first: &[Isometry3<f64>]) {
+    /// Places the shapes at the poses `first`, backed off from the body at rest; returns an error if
+    /// one is wholly inside it.
+    fn approach(&mut self, first: &[Isometry3<f64>]) -> Result<()> {
         self.cover(first);
         let places = self.zone_places();
         let mesh = self.condensed.body.mesh();
+        check_first(self.shapes, first, mesh, |i| holds(&self.shapes[i], &first[i], &places))?;
         self.state.poses = backed_off(self.shapes, first, &self.zone.surface, &places, mesh);
+        Ok(())
     }
 
     /// Restores the state of a `history`; returns an error if it is of another model.

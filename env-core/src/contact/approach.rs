@@ -4,7 +4,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::SurfacePoint;
+use super::{SurfacePoint, engulfing::SEGMENTS};
 use crate::geometry::{Shape, TetMesh};
 
 /// Steps of the depth of the deepest point after which a shape is no longer backed off.
@@ -20,7 +20,8 @@ const FARTHEST: f64 = 1.0;
 /// to a body at rest of this `mesh`.
 ///
 /// A shape that is buried past its widest part would push the surface out of the body, and would be
-/// taken to come from inside. It is moved out along the body's normal at its deepest point.
+/// taken to come from inside. It is moved out along the body's normal at its deepest point. So is one
+/// that stands in the body between surface points.
 pub fn backed_off(
     shapes: &[Shape],
     poses: &[Isometry3<f64>],
@@ -32,6 +33,7 @@ pub fn backed_off(
     for (shape, pose) in shapes.iter().zip(&mut apart) {
         let Some(Overlap { mut deepest, place, push }) = overlap(shape, pose, surface, places)
         else {
+            pose.translation.vector += way_out(shape, pose, mesh);
             continue;
         };
         let Some(mut away) = (-push).try_normalize(0.0) else { continue };
@@ -76,6 +78,27 @@ fn overlap(
         }
     }
     (found.deepest > 0.0).then_some(found)
+}
+
+/// Motion (m) along the body's normal that brings a shape with corners inside the body of `mesh` out of
+/// it; zero if there are none.
+fn way_out(shape: &Shape, pose: &Isometry3<f64>, mesh: &TetMesh) -> Vector3<f64> {
+    let Some(surface) = shape.surface(SEGMENTS) else { return Vector3::zeros() };
+    let places = || mesh.vertices.iter().map(|place| place.coords);
+    let low = places().fold(Vector3::repeat(f64::INFINITY), |low, place| low.inf(&place));
+    let high = places().fold(Vector3::repeat(f64::NEG_INFINITY), |high, place| high.sup(&place));
+    let is_near = |p: &Point3<f64>| (0..3).all(|i| low[i] <= p[i] && p[i] <= high[i]);
+    let corners = surface.vertices().iter().map(|corner| pose * corner).filter(is_near);
+    let inside: Vec<_> = corners.filter(|corner| mesh.contains(corner)).collect();
+    if inside.is_empty() {
+        return Vector3::zeros();
+    }
+    let middle = inside.iter().map(|corner| corner.coords).sum::<Vector3<f64>>();
+    let away = outward(mesh, &(middle / inside.len() as f64).into());
+    let height = |place: &Point3<f64>| away.dot(&place.coords);
+    let lowest = inside.iter().map(height).fold(f64::INFINITY, f64::min);
+    let top = places().map(|place| away.dot(&place)).fold(f64::NEG_INFINITY, f64::max);
+    away * (top - lowest)
 }
 
 /// Unit normal of the body of `mesh` at its face nearest to `place`.
@@ -135,6 +158,22 @@ pub fn between(from: &[Isometry3<f64>], to: &[Isometry3<f64>], t: f64) -> Vec<Is
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_shape_between_surface_points_is_moved_out_of_the_body() {
+        // A unit cube on z = 0 and a ball that stands out at its top; no surface points.
+        let cube = Shape::Cuboid { half_extents: Vector3::repeat(0.5) };
+        let mut mesh = TetMesh::of_shape(&cube, 0.3).unwrap();
+        mesh.vertices.iter_mut().for_each(|p| *p += Vector3::repeat(0.5));
+        let ball = [Shape::Sphere { radius: 0.1 }];
+        let moved = |z: f64| {
+            let first = [Isometry3::translation(0.5, 0.5, z)];
+            backed_off(&ball, &first, &[], &[], &mesh)[0].translation.z
+        };
+        // The ball is triangulated, so its lowest corner may be a little higher than the ball.
+        assert!((moved(0.95) - 1.1).abs() < 0.01, "{} m", moved(0.95));
+        assert!((moved(1.2) - 1.2).abs() < 1e-15, "{} m", moved(1.2));
+    }
 
     #[test]
     fn shapes_advance_until_one_is_near_or_all_have_missed() {

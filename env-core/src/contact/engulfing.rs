@@ -2,10 +2,13 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use crate::geometry::{Distance, Shape, TetMesh};
+use crate::{
+    Error, Result,
+    geometry::{Distance, Shape, TetMesh},
+};
 
 /// Segments round a circle of the triangulated shape.
-const SEGMENTS: u32 = 16;
+pub(super) const SEGMENTS: u32 = 16;
 
 /// Returns whether `shape` at its `pose` lies wholly inside the body of this `mesh`, whose nodes
 /// are displaced (V or more) in m. A half-space is never inside.
@@ -28,6 +31,30 @@ pub fn is_engulfed(
     let Some(surface) = shape.surface(SEGMENTS) else { return false };
     let deformed = TetMesh { vertices: moved().collect(), tets: mesh.tets.clone() };
     surface.vertices().iter().all(|corner| deformed.contains(&(pose * corner)))
+}
+
+/// Refuses the `first` poses of a press from rest if one of its `shapes` lies wholly inside the body
+/// of this `mesh`, and no surface point `touches` it, given its index.
+pub fn check_first(
+    shapes: &[Shape],
+    first: &[Isometry3<f64>],
+    mesh: &TetMesh,
+    touches: impl Fn(usize) -> bool,
+) -> Result<()> {
+    let still = vec![Vector3::zeros(); mesh.vertices.len()];
+    for (i, (shape, pose)) in shapes.iter().zip(first).enumerate() {
+        if !touches(i) && is_engulfed(shape, pose, mesh, &still) {
+            let expected = "a first pose outside the body or across its surface";
+            return Err(Error::invalid(format!("pose of shape {i}"), "all inside", expected));
+        }
+    }
+    Ok(())
+}
+
+/// Returns whether one of the `places` is inside a `shape` at its `pose`.
+pub fn holds(shape: &Shape, pose: &Isometry3<f64>, places: &[Point3<f64>]) -> bool {
+    let inside = |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value < 0.0;
+    places.iter().any(inside)
 }
 
 /// Returns whether one of the `shapes` at their `poses` is engulfed. Shapes whose index is `felt`,

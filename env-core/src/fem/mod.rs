@@ -61,7 +61,7 @@ use rayon::prelude::*;
 use crate::geometry::Shape;
 use crate::{
     Error, Result,
-    contact::{Backing, ContactLaw, is_engulfed},
+    contact::{Backing, ContactLaw, check_first, holds},
     deformation::{Deformation, DeformationModel, Drive, History, Press, SoftBody},
     geometry::TetMesh,
     interrupt::Interrupt,
@@ -194,15 +194,9 @@ impl Fem {
         }
         let rest = vec![Vector3::zeros(); system.nodes.places.len()];
         let places = system.surface_places(&rest);
-        for (i, (shape, pose)) in press.shapes().iter().zip(press.drive().first()).enumerate() {
-            let inside =
-                |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value < 0.0;
-            if !places.iter().any(inside) && is_engulfed(shape, pose, self.body.mesh(), &rest) {
-                let expected = "a first pose outside the body or across its surface";
-                return Err(Error::invalid(format!("pose of shape {i}"), "all inside", expected));
-            }
-        }
-        Ok(())
+        let (shapes, first) = (press.shapes(), press.drive().first());
+        let touches = |i: usize| holds(&shapes[i], &first[i], &places);
+        check_first(shapes, first, self.body.mesh(), touches)
     }
 }
 

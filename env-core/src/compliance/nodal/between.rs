@@ -17,7 +17,7 @@ const UNFELT: (f64, f64) = (0.125, 2.5e-4);
 /// Greatest depth of a shape that touches some node, relative to its thickness. A load step of at
 /// most half a thickness cannot lead from that depth to nearer than a quarter of the thickness to
 /// the shape's other side, and the lattice shows any larger depth.
-const FELT: f64 = 0.25;
+pub(super) const FELT: f64 = 0.25;
 /// Spacing of the lattice, relative to the thickness, and greatest number of intervals along a
 /// side.
 const SPACING: (f64, u32) = (0.5, 64);

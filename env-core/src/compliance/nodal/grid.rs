@@ -179,6 +179,20 @@ impl CellGrid {
         [[0, 0], [0, 1], [1, 0], [1, 1]].map(|[a, b]| (i + a) * 2 * self.count()[1] + j + b)
     }
 
+    /// The neighbours of a cell, corner to corner, too, that are counted after it.
+    pub(super) fn later_neighbours(&self, rank: u32) -> impl Iterator<Item = u32> {
+        let (count, cell) = (self.count().map(u32::cast_signed), self.cell(rank));
+        let places = [[0, 1], [1, -1], [1, 0], [1, 1]].map(|[i, j]| [cell[0] + i, cell[1] + j]);
+        let is_there = move |[i, j]: &[i32; 2]| *i < count[0] && (0..count[1]).contains(j);
+        let rank = move |[i, j]: [i32; 2]| (i * count[1] + j).cast_unsigned();
+        places.into_iter().filter(is_there).map(rank)
+    }
+
+    /// Thickness of the pad (m).
+    pub(super) fn thickness(&self) -> f64 {
+        self.cells.first.outline.thickness
+    }
+
     /// Displacement of cells by the layer alone.
     pub(super) fn layer(&self) -> &Table {
         self.cells.kernel.level(self.level as usize)

@@ -107,7 +107,7 @@ impl<'a> NodalLoadStepping<'a> {
             Some(history) => recalled(levels, history)?,
             None => NodalState {
                 level: levels.len() - 1,
-                poses: outside(levels, shapes, press.drive().first()),
+                poses: outside(levels, shapes, press.drive().first())?,
                 held: Vec::new(),
                 wrench: Wrench::default(),
                 amplitude: 0.0,
@@ -394,6 +394,9 @@ impl<'a> NodalLoadStepping<'a> {
         }
         if patch.folds() {
             return Err(Error::Inverted);
+        }
+        if let Some([depth, most]) = patch.pierced() {
+            return Err(Error::Penetrated { depth, most });
         }
         let held = patch.held();
         let mut wrench = Wrench::default();

@@ -9,6 +9,7 @@
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
+    between::FELT,
     contact_nodes::{ContactNodes, Group, NodeCompliance},
     load_stepping::{Held, NodalScratch},
     spots::Spots,
@@ -28,6 +29,11 @@ const TURNED: f64 = 0.5;
 /// Cosine between the outward normals of body and shape above which the shape is on the wrong side
 /// of the skin. Where body and shape touch, these normals oppose each other.
 const FOLDED: f64 = 0.5;
+/// Cosine between the outward normals of body and shape above which a flank of the shape touches, not
+/// its end.
+const FLANK: f64 = -0.2;
+/// Number of parts in which the line between two neighbouring cells is looked at.
+const PARTS: u32 = 8;
 /// Number of nodes between two runs below which they are merged: fewer, longer runs are faster in
 /// spite of the additional nodes.
 const BRIDGE: usize = 16;
@@ -311,6 +317,40 @@ impl<'a> Patch<'a> {
         pressed
             .filter_map(|member| Some((member.rank, member.target?.normal)))
             .any(|(rank, out_of_shape)| out_of_shape.dot(&self.nodes.normal(rank)) > FOLDED)
+    }
+
+    /// Depth of a shape between neighbouring cells of a grid that its flanks hold apart, with none
+    /// under it, and the depth allowed (m), if the former is larger: the shape has pierced the skin.
+    pub(super) fn pierced(&self) -> Option<[f64; 2]> {
+        let grid = self.nodes.grid()?;
+        let at_flank = |member: &&Member| {
+            member.force != Vector3::zeros()
+                && member.target.is_some_and(|target| {
+                    target.normal.dot(&self.nodes.normal(member.rank)) > FLANK
+                })
+        };
+        let flanks: Vec<_> = self.members.iter().filter(at_flank).collect();
+        for member in &flanks {
+            let Some((shape, _)) = member.stuck else { continue };
+            let (shape, pose) = (&self.way.shapes[shape as usize], &self.way.to[shape as usize]);
+            let place = |member| pose.inverse_transform_point(&self.place(member));
+            let (begin, allowed) = (place(member), FELT * shape.thickness());
+            for rank in grid.later_neighbours(member.rank) {
+                let Ok(k) = flanks.binary_search_by_key(&rank, |flank| flank.rank) else {
+                    continue;
+                };
+                let across = place(flanks[k]) - begin;
+                if across.norm() < 2.0 * allowed {
+                    continue;
+                }
+                let at = |i: u32| begin + across * (f64::from(i) / f64::from(PARTS));
+                let depth = (1..PARTS).map(|i| -shape.distance(&at(i)).value).fold(0.0, f64::max);
+                if depth > allowed {
+                    return Some([depth, allowed]);
+                }
+            }
+        }
+        None
     }
 
     /// Number of members that touch.

@@ -2,67 +2,70 @@
 
 use std::slice;
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Vector3};
 
 use super::{
     contact_nodes::ContactNodes,
+    grid::CellGrid,
     load_stepping::{Held, NodalState},
 };
 use crate::{
     Error, Result,
-    contact::backed_off,
+    contact::{backed_off, check_first, clearance},
     deformation::{Anchor, History, Wrench},
     geometry::Shape,
 };
 
-/// Number of first cells in a shape from which they tell where it came from.
-const TELLING: usize = 4;
-/// Depth of the cells in a shape (m), and the same relative to its thickness, up to which the
-/// first cells need not tell.
-const SUNK: [f64; 2] = [1e-4, 0.25];
-/// Largest number of times that the lift of a shape is doubled.
-const DOUBLED: usize = 20;
+/// Shortest first part of the lift of a shape (m).
+const SHORTEST: f64 = 1e-6;
 
 /// Returns the `first` poses with each shape that overlaps the body at rest moved out of it, to where
-/// it is taken to come from.
+/// it is taken to come from: to above a pad if it does not reach below its base. Returns an error if
+/// one is wholly inside the body.
 pub(super) fn outside(
     levels: &[ContactNodes],
     shapes: &[Shape],
     first: &[Isometry3<f64>],
-) -> Vec<Isometry3<f64>> {
+) -> Result<Vec<Isometry3<f64>>> {
     let (nodes, mesh) = (&levels[0], levels[0].condensed.body.mesh());
-    let start = |(shape, pose): (&Shape, &Isometry3<f64>)| {
-        lifted(levels, shape, pose).unwrap_or_else(|| {
+    let finest = levels.last().and_then(ContactNodes::grid);
+    let depth = |shape: &Shape, pose: &Isometry3<f64>| match finest {
+        Some(grid) => -grid.clearance(slice::from_ref(shape), slice::from_ref(pose)),
+        None => -clearance(slice::from_ref(shape), slice::from_ref(pose), &nodes.places),
+    };
+    let depths: Vec<_> = shapes.iter().zip(first).map(|(shape, pose)| depth(shape, pose)).collect();
+    check_first(shapes, first, mesh, |i| depths[i] > 0.0)?;
+    let start = |((shape, pose), sunk): ((&Shape, &Isometry3<f64>), &f64)| {
+        if finest.is_some() && *sunk <= 0.0 {
+            return *pose;
+        }
+        let most = finest.map_or(0.0, CellGrid::thickness);
+        let above = lifted(pose, [*sunk, most], |pose| depth(shape, pose));
+        above.unwrap_or_else(|| {
             let (shape, pose) = (slice::from_ref(shape), slice::from_ref(pose));
             backed_off(shape, pose, &nodes.points, &nodes.places, mesh)[0]
         })
     };
-    shapes.iter().zip(first).map(start).collect()
+    Ok(shapes.iter().zip(first).zip(&depths).map(start).collect())
 }
 
-/// Moves a shape that has sunk into a pad between the cells of the first grid out along z; `None`
-/// if it has not.
-fn lifted(levels: &[ContactNodes], shape: &Shape, pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
-    let finest = levels.last()?.grid()?;
-    let holds =
-        |place: &&Point3<f64>| shape.distance(&pose.inverse_transform_point(place)).value < 0.0;
-    if levels[0].places.iter().filter(holds).take(TELLING).count() == TELLING {
-        return None;
-    }
-    let depth = |pose: Isometry3<f64>| -finest.clearance(slice::from_ref(shape), &[pose]);
-    let mut step = depth(*pose);
-    if step <= f64::min(SUNK[0], SUNK[1] * shape.thickness()) {
-        return None;
-    }
-    let mut lifted = *pose;
-    for _ in 0..DOUBLED {
-        lifted.translation.vector.z += step;
+/// Moves a shape, `sunk` into a pad (m), along z until its `depth` there (m) is 0; `None` if it is not
+/// after `most` (m).
+fn lifted(
+    pose: &Isometry3<f64>,
+    [sunk, most]: [f64; 2],
+    depth: impl Fn(&Isometry3<f64>) -> f64,
+) -> Option<Isometry3<f64>> {
+    let (mut step, mut lift, mut above) = (sunk.max(SHORTEST), 0.0, *pose);
+    while lift < most {
+        lift = f64::min(lift + step, most);
         step *= 2.0;
-        if depth(lifted) <= 0.0 {
-            break;
+        above.translation.vector.z = pose.translation.vector.z + lift;
+        if depth(&above) <= 0.0 {
+            return Some(above);
         }
     }
-    Some(lifted)
+    None
 }
 
 /// Restores the state of a `history`; returns an error if it is of another model.
