@@ -394,7 +394,11 @@ impl PressRun<'_> {
         let Self { shape, start, path, .. } = self;
         let mut frames = Vec::<T>::new();
         for (from, to) in std::iter::once(start).chain(path).zip(path) {
-            let steps = steps(from, to, self.config.truth_steps);
+            let mut steps = steps(from, to, self.config.truth_steps);
+            if frames.is_empty() {
+                // Else each model would come from where it takes such a shape to come from.
+                steps.insert(0, vec![*from]);
+            }
             let mut press =
                 Press::along(vec![shape.clone()], steps)?.with_friction(self.friction)?;
             if let Some(before) = frames.last() {
