@@ -13,7 +13,7 @@ use crate::foundation::{ball, gripped, hold, soft};
 
 const RADIUS: f64 = 0.015;
 
-/// PowerLawGel under a ball with a force law unlike that of the elastic foundation: a power law in depth,
+/// Gel under a ball with a force law unlike that of the elastic foundation: a power law in depth,
 /// and a linear spring sideways from the place of first contact up to Coulomb's limit. Both act at
 /// the deepest point of the contact.
 #[derive(Clone, Copy)]
