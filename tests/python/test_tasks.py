@@ -347,13 +347,13 @@ def test_the_plan_shows_what_the_task_asks_for(env_id, settings, channels, terms
 
 def test_a_held_object_is_felt_from_the_first_observation():
     env = gym.make(HOLD, **SOFT, observation=["wrench", "markers"]).unwrapped
-    observation, _ = env.reset(seed=0)
-    wrench = observation["wrench"].reshape(2, 6)
-    assert np.any(observation["markers"])
-    np.testing.assert_allclose(-wrench[:, 2], 5.0, atol=1.0)
-    # So is the shear of the gel since the object hangs on it, by pads that no model has corrected.
-    look = env.look()
-    np.testing.assert_allclose(-wrench[:, 1].sum(), 9.81 * look["mass"], rtol=0.3)
+    for seed in range(10):
+        observation, _ = env.reset(seed=seed)
+        wrench = observation["wrench"].reshape(2, 6)
+        assert np.any(observation["markers"])
+        # The grip, and the weight that hangs on the gel.
+        np.testing.assert_allclose(-wrench[:, 2], 5.0, rtol=0.15)
+        np.testing.assert_allclose(-wrench[:, 1].sum(), 9.81 * env.look()["mass"], rtol=0.15)
     assert {"load", "shaking", "shaking_frequency"} <= look.keys()
     # The shape stands as deep in both faces, and no deeper than a gel of 4 mm gives to 5 N.
     left, right = look["indentations"]

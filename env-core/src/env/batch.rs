@@ -152,7 +152,7 @@ impl Batch {
         let chosen = |i: usize| mask.is_none_or(|mask| mask[i]);
         let reset = self.each(|i, row, _| if chosen(i) { row.reset(&setup) } else { Ok(()) })?;
         reset.into_iter().collect::<Result<()>>()?;
-        self.feel();
+        self.feel_starts()?;
         self.each(|_, row, observation| row.open(&setup, observation))?;
         Ok(self.observation.clone())
     }
@@ -172,7 +172,7 @@ impl Batch {
         let (setup, autoreset) = (self.setup.clone(), self.autoreset);
         let begun = self.each(|i, row, _| begin_step(&setup, autoreset, row, &actions[i]))?;
         let begun = begun.into_iter().collect::<Result<Vec<_>>>()?;
-        self.feel();
+        self.feel_starts()?;
         let steps = self.each(|i, row, observation| match begun[i] {
             Begun::Reset => {
                 row.open(&setup, observation);
@@ -187,7 +187,7 @@ impl Batch {
             result.finals.extend(last.map(|last| (i, last)));
         }
         if !result.finals.is_empty() {
-            self.feel();
+            self.feel_starts()?;
             self.each(|_, row, observation| row.open(&setup, observation))?;
         }
         Ok(StepResult { observation: self.observation.clone(), ..result })
@@ -207,6 +207,16 @@ impl Batch {
     pub fn end(&mut self, mask: &[bool]) -> Result<()> {
         self.expect_length("mask", mask.len(), "one flag a row")?;
         self.rows.iter_mut().zip(mask).filter(|(_, over)| **over).for_each(|(row, _)| row.end());
+        Ok(())
+    }
+
+    /// Solves the presses of all rows, then those of the rows whose episode begins in the hand once
+    /// more, after the object has come to rest with the first solutions.
+    fn feel_starts(&mut self) -> Result<()> {
+        self.feel();
+        let setup = self.setup.clone();
+        self.each(|_, row, _| row.settle(&setup))?;
+        self.feel();
         Ok(())
     }
 

@@ -1,5 +1,7 @@
 //! One episode: its start, its steps and its end.
 
+use std::mem;
+
 use nalgebra::{Isometry3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -11,9 +13,9 @@ use super::{
     distractors::beside,
     given::{GivenStart, StartQuantity},
     plan::{CHANNEL, CORRECTION, PEAK, PRESS, REWARD, SCENE, StageTimes},
-    start::InitialState,
-    trajectory::{PosesInPads, Trajectory},
-    trial::{limit, trial},
+    start::{InitialState, settle},
+    trajectory::{COARSE, PosesInPads, Trajectory},
+    trial::{Trial, limit},
 };
 use crate::{
     Error, Result,
@@ -21,7 +23,7 @@ use crate::{
     scene::{MOST_DISTRACTORS, Scene, SceneObject, SceneState},
     task::{
         ACTION_SIZE, Ending, EpisodeParameters, FaultySensors, ObjectSpec, Progress, Range,
-        RewardTerms, StepState, TrialGrip, command,
+        RewardTerms, Start, StepState, TrialGrip, command,
     },
 };
 
@@ -49,6 +51,16 @@ pub(super) struct PendingStep {
     pub(super) answers: PerFinger<Result<Deformation>>,
     /// Kind of the error of a press of which only the last pose was solved, from rest.
     pub(super) restarted: Option<&'static str>,
+    /// What is still to come to rest.
+    unsettled: Option<Unsettled>,
+}
+
+/// What has been gripped by pads that no solution has corrected yet.
+enum Unsettled {
+    /// The object of the episode.
+    Start,
+    /// The object in the trial grip of a fragile grasp, which is not a part of the episode.
+    Trial(Box<Trial>),
 }
 
 /// Result of a step, besides its observation.
@@ -123,16 +135,47 @@ impl Episode {
         let object = SceneObject { model: &setup.models[object], scale, mass, friction, pose };
         let InitialState { scene, grip, path } =
             InitialState::new(setup, &object, place, parameters)?;
-        let tried = |t: TrialGrip| trial(setup, &object, parameters, t.grip);
-        let presses = parameters.trial.map(tried).transpose()?;
+        let tried = |t: TrialGrip| Trial::new(setup, &object, parameters, t.grip);
+        let trial = parameters.trial.map(tried).transpose()?;
         let state = scene.state();
         let contact = ContactState::new(setup.tactile(), path.start());
         let (progress, steps, over) = (Progress::new(&state), 0, false);
         let parameters = *parameters;
         let mut episode = Self { scene, parameters, contact, grip, steps, progress, sensors, over };
         let mut motion = episode.motion(setup, state, path.poses());
-        motion.presses = presses.unwrap_or(motion.presses);
+        if let Some((trial, presses)) = trial {
+            motion.presses = presses;
+            motion.unsettled = Some(Unsettled::Trial(Box::new(trial)));
+        } else if setup.config.task.start() == Start::InHand {
+            motion.unsettled = Some(Unsettled::Start);
+        }
         Ok((episode, motion))
+    }
+
+    /// Corrects the pads of a hand that holds an object at the beginning of an episode with the
+    /// solutions in `motion`, lets the object come to rest again, and puts the presses of this in
+    /// their place. Everything else is left as it is.
+    pub(super) fn settle(&mut self, setup: &Setup, motion: &mut PendingStep) {
+        let Some(unsettled) = motion.unsettled.take() else { return };
+        if motion.answers.iter().all(Option::is_none) {
+            return;
+        }
+        let answers = mem::take(&mut motion.answers);
+        let parameters = &self.parameters;
+        let presses = match unsettled {
+            Unsettled::Start => {
+                let (scene, contact) = (&mut self.scene, &mut self.contact);
+                let presses = settle(setup, scene, contact, self.grip, parameters, answers);
+                motion.state = scene.state();
+                self.progress = Progress::new(&motion.state);
+                presses
+            }
+            Unsettled::Trial(trial) => trial.settle(setup, parameters, answers),
+        };
+        match presses {
+            Ok(presses) => motion.presses = presses,
+            Err(error) => motion.answers[0] = Some(Err(error)),
+        }
     }
 
     /// Ends a reset and writes the observation of the initial state in `motion`. If a press cannot
@@ -208,8 +251,13 @@ impl Episode {
 
     /// Creates the presses of the fingers in `state`, after the object has moved along `path`.
     fn motion(&mut self, setup: &Setup, state: SceneState, path: &[PosesInPads]) -> PendingStep {
-        let mut motion =
-            PendingStep { state, presses: [None, None], answers: [None, None], restarted: None };
+        let mut motion = PendingStep {
+            state,
+            presses: [None, None],
+            answers: [None, None],
+            restarted: None,
+            unsettled: None,
+        };
         if motion.state.failure.is_some() {
             return motion;
         }
@@ -242,7 +290,7 @@ impl Episode {
         let (start, shaking) = (self.time(setup), self.parameters.shaking);
         self.grip = command.grip;
         self.steps += 1;
-        let mut path = self.contact.trajectory();
+        let mut path = self.contact.trajectory(COARSE);
         let state = costs.time(SCENE, || {
             let force = |time| shaking.map_or_else(Vector3::zeros, |s| s.force(start + time));
             self.scene.step_under(&command, force, |scene| {

@@ -59,6 +59,14 @@ impl Row {
         Ok(())
     }
 
+    /// Puts further presses in the place of those that have been solved, if what the hand holds at
+    /// the beginning of an episode has to come to rest with them.
+    pub(super) fn settle(&mut self, setup: &Setup) {
+        if let (Some(episode), Some(motion)) = (&mut self.episode, &mut self.motion) {
+            episode.settle(setup, motion);
+        }
+    }
+
     /// Ends the reset that [`Row::reset`] began and writes the first observation.
     pub(super) fn open(&mut self, setup: &Setup, observation: &mut [f32]) {
         if let (Some(episode), Some(motion)) = (&mut self.episode, self.motion.take()) {

@@ -5,10 +5,12 @@ use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::{
     Setup,
+    contact::{ContactState, PerFinger},
     trajectory::{FINE, Trajectory},
 };
 use crate::{
     Result,
+    deformation::{Deformation, Press},
     scene::{Pads, Scene, SceneConfig, SceneObject},
     task::{Distractor, EpisodeParameters, Start},
 };
@@ -91,6 +93,34 @@ impl InitialState {
         path.arrive(scene.bodies_in_pads());
         Self { scene, grip, path }
     }
+}
+
+/// Corrects the pads of a hand that holds an object with `grip` (N) towards `answers`, the solutions
+/// of its presses, and lets the object come to rest again. Returns the presses of this motion.
+///
+/// Until then the grip was that of the elastic foundation alone, whose forces differ from those of
+/// the model by a quarter.
+pub(super) fn settle(
+    setup: &Setup,
+    scene: &mut Scene,
+    contact: &mut ContactState,
+    grip: f64,
+    parameters: &EpisodeParameters,
+    answers: PerFinger<Result<Deformation>>,
+) -> Result<PerFinger<Press>> {
+    let felt = contact.keep(setup, answers, parameters)?;
+    contact.correct(scene, &scene.state(), &felt);
+    let mut path = contact.trajectory(FINE);
+    scene.rest_in_hand(grip, |scene| {
+        if let Some(path) = &mut path {
+            path.go_on(scene.bodies_in_pads());
+        }
+    });
+    if let Some(path) = &mut path {
+        path.arrive(scene.bodies_in_pads());
+    }
+    let poses = path.as_ref().map_or(&[][..], Trajectory::poses);
+    contact.press(setup, &scene.state(), poses, parameters)
 }
 
 /// Configuration of the scene of an episode with these parameters: that of the settings, with pads

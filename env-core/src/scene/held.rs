@@ -47,25 +47,34 @@ impl Scene {
     ) -> Result<Self> {
         let mut scene = Self::around(config, object, tool_center)?;
         scene.set_gravity(0.0);
-        let command = Command { grip, ..Command::default() };
         seen(&scene);
-        let mut stepped = |scene: &mut Self| {
-            scene.step_under(&command, |_| Vector3::zeros(), &mut seen);
-            scene.state()
-        };
         let pressed = |state: SceneState| {
             state.fingers.iter().all(|finger| finger.normal_force() > FIRM * grip)
         };
-        let closed = (0..MOST_PERIODS).any(|_| pressed(stepped(&mut scene)));
+        let closed = (0..MOST_PERIODS).any(|_| {
+            scene.hold(grip, 1, &mut seen);
+            pressed(scene.state())
+        });
         if !closed {
             return Err(Error::NotHeld { grip });
         }
         scene.set_gravity(config.physics.gravity);
-        for _ in 0..REST {
-            stepped(&mut scene);
-        }
+        scene.rest_in_hand(grip, seen);
         let is_held = scene.state().fingers.iter().all(FingerState::touches);
         if is_held { Ok(scene) } else { Err(Error::NotHeld { grip }) }
+    }
+
+    /// Lets the object come to rest in the hand, which stands still and grips with `grip` (N). `seen`
+    /// is called after each time step.
+    pub fn rest_in_hand(&mut self, grip: f64, seen: impl FnMut(&Self)) {
+        self.hold(grip, REST, seen);
+    }
+
+    fn hold(&mut self, grip: f64, periods: usize, mut seen: impl FnMut(&Self)) {
+        let command = Command { grip, ..Command::default() };
+        for _ in 0..periods {
+            self.step_under(&command, |_| Vector3::zeros(), &mut seen);
+        }
     }
 }
 
