@@ -14,7 +14,7 @@ use super::{
     given::{GivenStart, StartQuantity},
     plan::{CHANNEL, CORRECTION, PEAK, PRESS, REWARD, SCENE, StageTimes},
     start::{InitialState, settle},
-    trajectory::{COARSE, PosesInPads, Trajectory},
+    trajectory::{PosesInPads, Trajectory},
     trial::{Trial, limit},
 };
 use crate::{
@@ -290,7 +290,7 @@ impl Episode {
         let (start, shaking) = (self.time(setup), self.parameters.shaking);
         self.grip = command.grip;
         self.steps += 1;
-        let mut path = self.contact.trajectory(COARSE);
+        let mut path = self.contact.trajectory();
         let state = costs.time(SCENE, || {
             let force = |time| shaking.map_or_else(Vector3::zeros, |s| s.force(start + time));
             self.scene.step_under(&command, force, |scene| {
