@@ -135,8 +135,9 @@ pub trait DeformationModel: Send {
     /// its place.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>>;
 
-    /// Performs [`DeformationModel::solve`] and may omit the parts that are not `wanted`.
-    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    /// Solves each press as [`DeformationModel::solve`] does; optional parts of the solutions that
+    /// are not `wanted` may be left out.
+    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let _ = wanted;
         self.solve(presses)
     }

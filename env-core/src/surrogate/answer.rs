@@ -387,10 +387,10 @@ fn wrench(
 impl DeformationModel for Surrogate {
     /// Solves the presses in parallel, each on one thread.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        self.feel(presses, ALL)
+        self.solve_partially(presses, ALL)
     }
 
-    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let model = &*self;
         let answer = |evaluation: &mut Evaluation, press| model.last(press, wanted, evaluation);
         presses.par_iter().map_init(|| model.evaluation(), answer).collect()

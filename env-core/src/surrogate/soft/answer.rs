@@ -192,11 +192,11 @@ impl DeformationModel for SoftSurrogate {
     /// Solves the presses in parallel, each on one thread; the frames before the last are not
     /// corrected.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        self.feel(presses, Wanted { stress: true, residual: true })
+        self.solve_partially(presses, Wanted { stress: true, residual: true })
     }
 
     /// Performs [`DeformationModel::solve`]; the stress is always computed.
-    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let model = &*self.0;
         let last = |press: &Press| {
             let half = Grip::half_extents(press)?;
