@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -391,27 +390,13 @@ impl GelConfig {
         Ok(PadModels { truth, model: sensor.pad(config.model_nodes)?, sensor })
     }
 
-    /// Builds the finite elements of the `sensor`'s pad by `law` on a mesh of at most `nodes` nodes,
-    /// graded towards `points` with no spacing less than `finest` (m).
-    pub(super) fn graded(
-        &self,
-        sensor: &Sensor,
-        (finest, points): (f64, &[Point3<f64>]),
-        (nodes, law): (usize, Law),
-        config: &DatasetConfig,
-    ) -> Result<Fem> {
-        let pad = sensor.outline.graded_to(finest, points, nodes)?;
-        let [iterations, patience] = [indentation::STEPS, indentation::PATIENCE];
-        let limits = FemOptions { iterations, patience, ..FemOptions::default() };
-        self.body((pad.mesh, law), &pad.base, config, limits)
-    }
-
     /// Builds a free object of this material.
     pub(super) fn object(&self, mesh: TetMesh, config: &DatasetConfig) -> Result<Fem> {
         self.body((mesh, Law::default()), &[], config, FemOptions::default())
     }
 
-    fn body(
+    /// Builds finite elements of this material on a mesh with `fixed` nodes.
+    pub(super) fn body(
         &self,
         (mesh, law): (TetMesh, Law),
         fixed: &[u32],

@@ -10,10 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::{
-    generate::hex,
-    tensor::{read, write_whole},
-};
+use super::file::{read, sha256, write_whole};
 use crate::{
     Error, Result,
     geometry::read_solid,
@@ -96,7 +93,7 @@ impl MeshObject {
     /// Content of the file and its hash, or an error if it is not that of the mesh.
     fn read(&self) -> Result<(Vec<u8>, String)> {
         let bytes = read(Path::new(&self.mesh))?;
-        let found = hex(&Sha256::digest(&bytes));
+        let found = sha256(&bytes);
         if self.sha256.is_empty() || self.sha256 == found {
             return Ok((bytes, found));
         }

@@ -9,14 +9,13 @@ use std::{
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
 use serde::Deserialize;
-use sha2::{Digest, Sha256};
 
 use super::{
     config::{DatasetConfig, Scenario},
-    generate::hex,
+    file::{read, sha256},
     manifest::{Shard, Split, splits},
     record::Entry,
-    tensor::{entries, read},
+    tensor::entries,
 };
 use crate::{
     Error, Result,
@@ -205,7 +204,7 @@ fn check(path: &Path, bytes: &[u8], listed: Option<&Shard>) -> Result<()> {
         let reason = format!("truncated: found {found} bytes, expected {expected}");
         return Err(Error::file(path, &reason));
     }
-    if hex(&Sha256::digest(bytes)) != listed.sha256 {
+    if sha256(bytes) != listed.sha256 {
         let reason = "damaged or of another dataset: its SHA-256 is not that of the manifest";
         return Err(Error::file(path, &reason));
     }

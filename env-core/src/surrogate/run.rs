@@ -1,9 +1,8 @@
 //! Training and evaluation of the corrector.
 
-use std::{collections::BTreeSet, fmt::Write as _, path::Path};
+use std::{collections::BTreeSet, path::Path};
 
 use rayon::prelude::*;
-use sha2::{Digest, Sha256};
 
 use super::{
     budget::{Budget, Pace},
@@ -18,7 +17,7 @@ use super::{
 };
 use crate::{
     Result,
-    dataset::{Dataset, Split},
+    dataset::{Dataset, Split, sha256},
 };
 
 /// Trains on the dataset in `data` and writes checkpoints, weights and their card into `out`;
@@ -133,15 +132,7 @@ pub(super) fn counts<'a>(grasps: impl Iterator<Item = &'a String>) -> [usize; 2]
 /// SHA-256 of a dataset's configuration and of the grasps of a split.
 pub(super) fn fingerprint(dataset: &Dataset, split: &Split) -> String {
     let text = serde_json::to_string(&(dataset.config(), split)).expect("plain data");
-    hex(&Sha256::digest(text))
-}
-
-/// Hexadecimal text of `bytes`.
-pub(super) fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
+    sha256(text)
 }
 
 /// Errors of a network on a press, and of the linear answer that it corrects, if any.
