@@ -158,6 +158,26 @@ impl Error {
     }
 }
 
+/// Returns an error unless a setting lies within `least` and `most`, both included.
+pub(crate) fn within<T: PartialOrd + Copy + std::fmt::Display>(
+    name: &str,
+    value: T,
+    [least, most]: [T; 2],
+) -> Result<()> {
+    if (least..=most).contains(&value) {
+        return Ok(());
+    }
+    Err(Error::invalid(name, value, format!("{least} to {most}")))
+}
+
+/// Returns an error unless a setting is a finite number above 0.
+pub(crate) fn positive(name: &str, value: f64) -> Result<()> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    Err(Error::invalid(name, value, "a number above 0"))
+}
+
 /// Defines the names of all kinds of [`Error`].
 macro_rules! kinds {
     ($($kind:ident: $name:literal),* $(,)?) => {

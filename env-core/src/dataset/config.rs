@@ -11,6 +11,7 @@ use super::{
 use crate::{
     Error, Result,
     deformation::{Law, Moduli, SoftBody},
+    error::within,
     fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, TetMesh},
     objects::{Object, catalogue, indenters},
@@ -303,9 +304,7 @@ impl DatasetConfig {
         let own = self.meshes.iter().filter_map(|mesh| mesh.grasps);
         counts.extend(own.map(|count| ("object.grasps", count, 1, MOST_GRASPS)));
         for (name, count, least, most) in counts {
-            if !(least..=most).contains(&count) {
-                return Err(Error::invalid(name, count, format!("{least} to {most}")));
-            }
+            within(name, count, [least, most])?;
         }
         let presses = self.scenario == Scenario::Presses;
         if presses && ![indentation::FRAMES, USUAL_FRAMES].contains(&self.frames) {
@@ -335,9 +334,7 @@ impl DatasetConfig {
             let found = format!("{least} to {most}");
             return Err(Error::invalid("scale", found, "a range from 0.01 to 2"));
         }
-        if !(1.0..=100.0).contains(&self.truth_across) {
-            return Err(Error::invalid("truth_across", self.truth_across, "1 to 100"));
-        }
+        within("truth_across", self.truth_across, [1.0, 100.0])?;
         // Osmium is the densest element; soft objects are solved without their weight.
         let densest = if self.scenario == Scenario::Pads { 22_600.0 } else { 0.0 };
         let settings = [
@@ -346,9 +343,7 @@ impl DatasetConfig {
             ("density", self.density, densest),
         ];
         for (name, value, most) in settings {
-            if !(0.0..=most).contains(&value) {
-                return Err(Error::invalid(name, value, format!("0 to {most}")));
-            }
+            within(name, value, [0.0, most])?;
         }
         let shares: f64 = self.gels.iter().map(|gel| gel.share).sum();
         if !(shares > 0.0 && self.gels.iter().all(|gel| gel.share >= 0.0)) {

@@ -12,9 +12,11 @@ use rayon::prelude::*;
 use super::{
     corrector::Corrector,
     fast::{PadBuffers, PadInference},
-    features::{PadInput, PadMaterial},
+    features::PadInput,
     graph::{LAYERS, PadGraph},
     linear::{LinearBaseline, LinearFields, LinearStress, PadFields, body},
+    material::PadMaterial,
+    parameters::Parameters,
     predicted::ErrorModel,
     weights::{self, Card, bearing_of},
 };
@@ -129,7 +131,7 @@ impl Surrogate {
         friction: f64,
     ) -> Result<Self> {
         let (tensors, card): (_, Card) = weights::of_kind(name, bytes)?;
-        let parameters = weights::parameters(tensors)?;
+        let parameters = Parameters::given(tensors)?;
         let plain = Corrector::new(&card.network, &parameters.builder())?;
         let gel = PadMaterial { moduli, friction, thickness: sensor.outline.thickness };
         let pad = sensor.pad(card.model_nodes)?;

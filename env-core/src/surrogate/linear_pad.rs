@@ -5,8 +5,8 @@ use std::{sync::Arc, time::Instant};
 use rayon::prelude::*;
 
 use super::{
-    features::PadMaterial,
     linear::{LinearBaseline, LinearStress, PadFields, body},
+    material::PadMaterial,
 };
 use crate::{
     Error, Result,

@@ -6,9 +6,10 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{
-    features::{PadInput, PadMaterial, Target},
+    features::{PadInput, Target},
     graph::PadGraph,
     linear::{LinearBaseline, LinearFields, LinearStress},
+    material::PadMaterial,
 };
 use crate::{
     Result,

@@ -9,8 +9,9 @@ use serde_json::{Map, Value};
 use super::{
     budget::Pace,
     metrics::{Summary, judge},
+    parameters::{Parameters, Vectors},
     train::{Epoch, Network, Trainer, Training},
-    weights::{self, Vectors},
+    weights,
 };
 use crate::{Error, Result, dataset::write_whole};
 
@@ -226,7 +227,7 @@ impl<'a, N: Network> TrainingRun<'a, N> {
             Some(_) => checkpoint(&self.out.join(BEST))?.0,
             None => self.trainer.parameters.vectors()?,
         };
-        let parameters = weights::parameters(vectors.clone())?;
+        let parameters = Parameters::given(vectors.clone())?;
         Ok((N::new(&self.trainer.training.network, &parameters.builder())?, vectors))
     }
 

@@ -18,7 +18,7 @@ use crate::{
     deformation::{Drive, Moduli, Press, SoftBody},
     geometry::Shape,
     sensor::Sensor,
-    surrogate::{features::PadMaterial, linear::body, weights},
+    surrogate::{linear::body, material::PadMaterial, weights},
 };
 
 /// A trained network of the paper's on one gel. Copies share the precomputed data.

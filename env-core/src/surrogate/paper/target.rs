@@ -19,9 +19,10 @@ use super::{
 use crate::{
     Error, Result,
     surrogate::{
-        features::{PadMaterial, Target},
+        features::{Fields, Target},
         loss::relative,
-        metrics::Fields,
+        material::PadMaterial,
+        parameters::Parameters,
         train::{Loss, Network},
         weights,
     },
@@ -47,7 +48,7 @@ impl TrainablePaper {
         if let Err(error) = card.network.validated() {
             return Err(bad(error.to_string()));
         }
-        let network = Self::new(&card.network, &weights::parameters(tensors)?.builder());
+        let network = Self::new(&card.network, &Parameters::given(tensors)?.builder());
         // Only the first line, since a trace may follow.
         let network = network.map_err(|error| {
             bad(error.to_string().lines().next().unwrap_or_default().to_owned())

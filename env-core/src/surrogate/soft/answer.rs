@@ -23,7 +23,7 @@ use crate::{
     deformation::{Deformation, DeformationModel, Law, Moduli, Press, SoftBody, Wanted, Wrench},
     geometry::Shape,
     objects::tets_within,
-    surrogate::{features::PadMaterial, weights},
+    surrogate::{material::PadMaterial, parameters::Parameters, weights},
 };
 
 /// A trained network on one soft object. Copies share the precomputed data.
@@ -80,7 +80,7 @@ impl SoftSurrogate {
         friction: f64,
     ) -> Result<Self> {
         let (tensors, card): (_, SoftCard) = weights::of_kind(name, bytes)?;
-        let parameters = weights::parameters(tensors)?;
+        let parameters = Parameters::given(tensors)?;
         let network = Soft::new(&card.training.network, &parameters.builder())?;
         let mesh = tets_within(shape, card.model_nodes)?;
         let graph = ObjectGraph::new(&mesh);

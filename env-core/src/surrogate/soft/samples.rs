@@ -24,9 +24,9 @@ use crate::{
     objects::FamilySplit,
     sensor::Sensor,
     surrogate::{
-        features::{PadMaterial, Target},
+        features::{Fields, Target},
         loss::relative,
-        metrics::Fields,
+        material::PadMaterial,
         train::{Loss, Network},
         training_run::{self, Watch},
     },

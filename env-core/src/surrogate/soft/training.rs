@@ -14,11 +14,11 @@ use crate::{
     surrogate::{
         Spread, Summary, Training, TrainingProgress,
         budget::{Budget, Pace},
-        metrics::{Fields, errors, judge},
-        run::counts,
+        features::Fields,
+        metrics::{errors, judge},
         train::{in_range, scaled},
         training_run::{TrainingRun, Watch},
-        weights::{Data, NetworkCard},
+        weights::{Data, NetworkCard, counts},
     },
 };
 
