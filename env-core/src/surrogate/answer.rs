@@ -6,7 +6,7 @@ use std::{
     time::Instant,
 };
 
-use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use nalgebra::{Isometry3, Unit, Vector3};
 use rayon::prelude::*;
 
 use super::{
@@ -320,8 +320,10 @@ impl PadModel {
         let residual =
             if wanted.residual { self.residual(&displacement, &contact_force)? } else { 0.0 };
         let ContactSolution { sliding, history, iterations, seconds, .. } = settled;
+        let arms = places.iter().zip(&displacement).map(|(place, u)| place.coords + u);
+        let wrench = Wrench::of_forces(contact_force.iter().copied().zip(arms));
         Ok(Deformation {
-            wrench: wrench(places, &displacement, &contact_force),
+            wrench,
             sliding,
             displacement,
             von_mises,
@@ -370,20 +372,6 @@ impl PadModel {
     fn residual(&self, displacement: &[Vector3<f64>], contact: &[Vector3<f64>]) -> Result<f64> {
         self.elements.residual(displacement, contact).ok_or(Error::Inverted)
     }
-}
-
-/// Resultant of forces on displaced nodes.
-fn wrench(
-    places: &[Point3<f64>],
-    displacement: &[Vector3<f64>],
-    forces: &[Vector3<f64>],
-) -> Wrench {
-    let mut wrench = Wrench::default();
-    for ((place, u), force) in places.iter().zip(displacement).zip(forces) {
-        wrench.force += force;
-        wrench.torque += (place.coords + u).cross(force);
-    }
-    wrench
 }
 
 impl DeformationModel for Surrogate {

@@ -365,11 +365,7 @@ impl<'a> NodalLoadStepping<'a> {
             return Err(Error::Penetrated { depth, most });
         }
         let held = patch.held();
-        let mut wrench = Wrench::default();
-        for (Held { force, .. }, place) in &held {
-            wrench.force += force;
-            wrench.torque += place.coords.cross(force);
-        }
+        let wrench = Wrench::of_forces(held.iter().map(|(held, place)| (held.force, place.coords)));
         if !wrench.force.iter().chain(wrench.torque.iter()).all(|x| x.is_finite()) {
             let residual = f64::INFINITY;
             return Err(Error::NotConverged { iterations: sweeps, residual, tolerance: 0.0 });

@@ -154,8 +154,7 @@ pub(super) fn recalled(levels: &[ContactNodes], history: &History) -> Result<Nod
     for Held { rank, shape, stuck, force, .. } in &held {
         let place = history.poses[*shape as usize] * stuck;
         amplitude = amplitude.max((place - nodes.place(*rank)).norm());
-        wrench.force += force;
-        wrench.torque += place.coords.cross(force);
+        wrench.add_force(force, &place.coords);
     }
     Ok(NodalState { poses: history.poses.clone(), level, amplitude, held, wrench, sweeps: 0 })
 }

@@ -6,7 +6,7 @@ use std::{
     time::Instant,
 };
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::{
@@ -127,7 +127,7 @@ impl SoftSurrogate {
         let nodes = self.body().mesh().vertices.iter().zip(&answer.displacement);
         for ((rest, u), force) in nodes.zip(&answer.contact_force) {
             let place = rest + u;
-            add(&mut wrenches[grip.nearer(&place)], &place, force);
+            wrenches[grip.nearer(&place)].add_force(force, &place.coords);
         }
         wrenches
     }
@@ -169,9 +169,8 @@ impl ObjectNetwork {
         let displacement = vectors(&output.displacement, unit.thickness);
         let contact_force = vectors(&output.forces, unit.force());
         let shear = unit.moduli.shear();
-        let mut wrench = Wrench::default();
-        let places = self.graph.places.iter().zip(&displacement).map(|(p, u)| p + u);
-        places.zip(&contact_force).for_each(|(place, f)| add(&mut wrench, &place, f));
+        let arms = self.graph.places.iter().zip(&displacement).map(|(place, u)| place.coords + u);
+        let wrench = Wrench::of_forces(contact_force.iter().copied().zip(arms));
         Deformation {
             displacement,
             contact_force,
@@ -181,11 +180,6 @@ impl ObjectNetwork {
             ..linear
         }
     }
-}
-
-fn add(wrench: &mut Wrench, place: &Point3<f64>, force: &Vector3<f64>) {
-    wrench.force += force;
-    wrench.torque += place.coords.cross(force);
 }
 
 impl DeformationModel for SoftSurrogate {
