@@ -352,17 +352,12 @@ impl PadModel {
         };
         let blend = |model: &ErrorModel| model.blended(input, &mut fields);
         let predicted_error = self.card.predicted.as_ref().map(blend);
-        let vectors = |numbers: &[f32], unit: f64| {
-            let vector = |&v: &[f32; 3]| Vector3::from(v).cast::<f64>() * unit;
-            numbers.as_chunks::<3>().0.iter().map(vector).collect::<Vec<_>>()
-        };
-        let mut contact_force = vectors(&fields.forces, self.gel.force());
+        let mut contact_force = self.gel.forces(&fields.forces);
         contact_force.extend(&linear.contact_force[self.graph.columns..]);
-        let shear = self.gel.moduli.shear();
         let corrected = PadFields {
-            displacement: vectors(&fields.displacement, self.gel.thickness),
+            displacement: self.gel.displacement(&fields.displacement),
             contact_force,
-            von_mises: fields.stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
+            von_mises: self.gel.von_mises(&fields.stress),
             poses: linear.poses,
         };
         Ok((corrected, predicted_error))

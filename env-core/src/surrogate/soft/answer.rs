@@ -162,19 +162,14 @@ impl ObjectNetwork {
             return linear;
         }
         let output = self.network.forward(&input, &self.graph, scratch);
-        let vectors = |field: &[f32], unit: f64| -> Vec<Vector3<f64>> {
-            let vector = |&v: &[f32; 3]| Vector3::from(v).cast::<f64>() * unit;
-            field.as_chunks::<3>().0.iter().map(vector).collect()
-        };
-        let displacement = vectors(&output.displacement, unit.thickness);
-        let contact_force = vectors(&output.forces, unit.force());
-        let shear = unit.moduli.shear();
+        let displacement = unit.displacement(&output.displacement);
+        let contact_force = unit.forces(&output.forces);
         let arms = self.graph.places.iter().zip(&displacement).map(|(place, u)| place.coords + u);
         let wrench = Wrench::of_forces(contact_force.iter().copied().zip(arms));
         Deformation {
             displacement,
             contact_force,
-            von_mises: output.stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
+            von_mises: unit.von_mises(&output.stress),
             wrench,
             seconds: linear.seconds + start.elapsed().as_secs_f64(),
             ..linear
