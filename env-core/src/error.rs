@@ -152,9 +152,10 @@ impl Error {
         }
     }
 
-    /// Returns an [`Error::File`] from a path and any printable reason.
-    pub(crate) fn file(path: &std::path::Path, reason: &dyn std::fmt::Display) -> Self {
-        Self::File { path: path.display().to_string(), reason: reason.to_string() }
+    /// Returns an [`Error::File`] from a path, or a name in its place, and any printable reason.
+    #[allow(clippy::needless_pass_by_value)] // As for `invalid`.
+    pub(crate) fn file(path: impl AsRef<std::path::Path>, reason: impl std::fmt::Display) -> Self {
+        Self::File { path: path.as_ref().display().to_string(), reason: reason.to_string() }
     }
 }
 

@@ -217,9 +217,8 @@ impl Scenario {
 impl DatasetConfig {
     /// Reads the configuration from a TOML file; missing settings take their defaults.
     pub fn read(path: &Path) -> Result<Self> {
-        let file = |reason: String| Error::File { path: path.display().to_string(), reason };
-        let text = std::fs::read_to_string(path).map_err(|error| file(error.to_string()))?;
-        let config: Self = toml::from_str(&text).map_err(|error| file(error.to_string()))?;
+        let text = std::fs::read_to_string(path).map_err(|error| Error::file(path, error))?;
+        let config: Self = toml::from_str(&text).map_err(|error| Error::file(path, error))?;
         config.with_meshes_in(path.parent().unwrap_or(Path::new(""))).validated()
     }
 

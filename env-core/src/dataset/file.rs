@@ -8,7 +8,7 @@ use crate::{Error, Result};
 
 /// Reads the bytes of a file.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
-    fs::read(path).map_err(|error| Error::file(path, &error))
+    fs::read(path).map_err(|error| Error::file(path, error))
 }
 
 /// Writes a file completely or not at all, even if the process is killed.
@@ -21,7 +21,7 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
         file.sync_all()?;
         fs::rename(&partial, path)
     };
-    write().map_err(|error: std::io::Error| Error::file(path, &error))
+    write().map_err(|error: std::io::Error| Error::file(path, error))
 }
 
 /// SHA-256 of `bytes` in hexadecimal digits.

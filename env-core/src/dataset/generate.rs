@@ -166,7 +166,7 @@ pub fn generate(
     write_whole(&folder.join("manifest.json"), text.as_bytes())?;
     // A run that was killed may have left parts of shards that it had just packed.
     let parts = folder.join("parts");
-    fs::remove_dir_all(&parts).map_err(|error| Error::file(&parts, &error))?;
+    fs::remove_dir_all(&parts).map_err(|error| Error::file(&parts, error))?;
     Ok(Some(manifest))
 }
 
@@ -192,13 +192,13 @@ struct Claim<'a> {
 fn claim(config: &DatasetConfig, folder: &Path) -> Result<()> {
     for name in ["shards", "parts", "meshes"] {
         let path = folder.join(name);
-        fs::create_dir_all(&path).map_err(|error| Error::file(&path, &error))?;
+        fs::create_dir_all(&path).map_err(|error| Error::file(&path, error))?;
     }
     let path = folder.join("config.json");
     let claim = Claim { format: FORMAT, config: &config.stored() };
     let text = serde_json::to_string_pretty(&claim).expect("plain data");
     let keep = || config.meshes.iter().try_for_each(|mesh| mesh.keep(folder));
-    let refused = |reason| Err(Error::File { path: path.display().to_string(), reason });
+    let refused = |reason: String| Err(Error::file(&path, reason));
     match fs::read_to_string(&path) {
         Ok(found) if found == text => keep(),
         Ok(found) if !found.contains(&format!("\"format\": {FORMAT},")) => refused(format!(

@@ -98,7 +98,7 @@ impl MeshObject {
             return Ok((bytes, found));
         }
         let reason = format!("its SHA-256 is {found}, expected {}", self.sha256);
-        Err(Error::file(Path::new(&self.mesh), &reason))
+        Err(Error::file(&self.mesh, reason))
     }
 
     /// Reads the object. Its grasps are drawn from `seed` and its name, whatever else is listed.
@@ -106,7 +106,7 @@ impl MeshObject {
         self.read()?;
         let path = Path::new(&self.mesh);
         let shape = read_solid(path, self.scale, self.centred).map_err(|error| match error {
-            Error::Invalid { .. } => Error::file(path, &error),
+            Error::Invalid { .. } => Error::file(path, error),
             other => other,
         })?;
         let name = Sha256::digest(self.stem());

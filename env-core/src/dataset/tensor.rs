@@ -47,8 +47,7 @@ impl<Entry: Serialize + DeserializeOwned> Tensors<Entry> {
     /// Reads a file; returns an error if it is missing or damaged.
     pub(super) fn read(path: &Path) -> Result<Self> {
         let bytes = read(path)?;
-        let bad = |reason: String| Error::File { path: path.display().to_string(), reason };
-        let found = SafeTensors::deserialize(&bytes).map_err(|error| bad(error.to_string()))?;
+        let found = SafeTensors::deserialize(&bytes).map_err(|error| Error::file(path, error))?;
         let keep = |(name, view): (String, TensorView)| {
             let (dtype, shape) = (view.dtype(), view.shape().to_vec());
             (name, Tensor { dtype, shape, bytes: view.data().to_vec() })
@@ -71,7 +70,7 @@ impl<Entry: Serialize + DeserializeOwned> Tensors<Entry> {
 
 /// Reads the entries in a file's bytes; returns an error if the file is damaged.
 pub(super) fn entries<Entry: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<Vec<Entry>> {
-    let bad = |reason: String| Error::File { path: path.display().to_string(), reason };
+    let bad = |reason: String| Error::file(path, reason);
     SafeTensors::deserialize(bytes)
         .map_err(|error| bad(format!("damaged or truncated, expected a shard ({error})")))?;
     let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;

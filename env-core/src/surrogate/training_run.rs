@@ -120,7 +120,7 @@ impl<'a, N: Network> TrainingRun<'a, N> {
         pace: Pace<'a>,
         out: &'a Path,
     ) -> Result<Self> {
-        fs::create_dir_all(out).map_err(|error| Error::file(out, &error))?;
+        fs::create_dir_all(out).map_err(|error| Error::file(out, error))?;
         let settings = serde_json::to_string(settings).expect("plain data");
         let trainer = Trainer::new(training)?;
         let mut run = Self { trainer, out, pace, settings, data, best: None };
@@ -142,11 +142,11 @@ impl<'a, N: Network> TrainingRun<'a, N> {
                 "its run had other settings, {}: expected those, or another folder",
                 differences(&found.settings, &run.settings)
             );
-            return Err(Error::file(&path, &reason));
+            return Err(Error::file(&path, reason));
         }
         if found.data != run.data {
             let reason = "its run was on other data, expected those, or another folder";
-            return Err(Error::file(&path, &reason));
+            return Err(Error::file(&path, reason));
         }
         run.trainer.restore(&vectors, found.epoch, found.steps)?;
         run.best = found.best;

@@ -209,7 +209,7 @@ pub(super) fn variant(name: &str, bytes: &[u8], expected: &[&str]) -> Result<Str
         return Ok(variant);
     }
     let reason = format!("weights of {variant}, expected {}", expected.join(", "));
-    Err(Error::File { path: name.to_owned(), reason })
+    Err(Error::file(name, reason))
 }
 
 /// Returns the tensors and the card in `bytes`, or an error that names `name` if they are of
@@ -221,17 +221,18 @@ pub(super) fn of_kind<C: NetworkCard>(name: &str, bytes: &[u8]) -> Result<(Vecto
 
 /// Returns the tensors and the card in `bytes`, or an error that names `name` if they are invalid.
 pub(super) fn from_bytes<C: DeserializeOwned>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
-    let bad = |reason: String| Error::File { path: name.to_owned(), reason };
     let (file, card) = opened(name, bytes)?;
     let mut tensors = BTreeMap::new();
     for (tensor, view) in file.tensors() {
         if view.dtype() != Dtype::F32 {
-            return Err(bad(format!("{tensor} is {:?}, expected F32", view.dtype())));
+            let reason = format!("{tensor} is {:?}, expected F32", view.dtype());
+            return Err(Error::file(name, reason));
         }
         let numbers = view.data().as_chunks().0.iter();
         let values: Vec<f32> = numbers.map(|bytes| f32::from_le_bytes(*bytes)).collect();
         if let Some(x) = values.iter().find(|x| !x.is_finite()) {
-            return Err(bad(format!("{tensor} holds {x}, expected finite numbers")));
+            let reason = format!("{tensor} holds {x}, expected finite numbers");
+            return Err(Error::file(name, reason));
         }
         tensors.insert(tensor, (view.shape().to_vec(), values));
     }
@@ -240,7 +241,7 @@ pub(super) fn from_bytes<C: DeserializeOwned>(name: &str, bytes: &[u8]) -> Resul
 
 /// Returns the file in `bytes`, whose tensors are not read yet, and its card.
 fn opened<'a, C: DeserializeOwned>(name: &str, bytes: &'a [u8]) -> Result<(SafeTensors<'a>, C)> {
-    let bad = |reason: String| Error::File { path: name.to_owned(), reason };
+    let bad = |reason: String| Error::file(name, reason);
     let file = SafeTensors::deserialize(bytes).map_err(|error| {
         bad(format!("not a whole .safetensors file, expected weights of ruffini ({error})"))
     })?;
@@ -260,10 +261,9 @@ fn foreign(metadata: Option<&HashMap<String, String>>) -> String {
 
 /// Reads a file, or returns an error if it is larger than [`MOST`].
 pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
-    let bad = |reason: String| Error::File { path: path.display().to_string(), reason };
-    let size = fs::metadata(path).map_err(|error| bad(error.to_string()))?.len();
+    let size = fs::metadata(path).map_err(|error| Error::file(path, error))?.len();
     if size > MOST {
-        return Err(bad(format!("{size} bytes, expected at most {MOST}")));
+        return Err(Error::file(path, format!("{size} bytes, expected at most {MOST}")));
     }
-    fs::read(path).map_err(|error| bad(error.to_string()))
+    fs::read(path).map_err(|error| Error::file(path, error))
 }

@@ -84,12 +84,12 @@ impl PaperNetwork {
         friction: f64,
     ) -> Result<Self> {
         let (network, card) = TrainablePaper::opened(name, bytes)?;
-        let bad = |reason: String| Error::File { path: name.to_owned(), reason };
         if card.network.input == Input::Force {
-            return Err(bad("input force, expected translation".to_owned()));
+            return Err(Error::file(name, "input force, expected translation"));
         }
         if card.model_nodes > MOST_NODES {
-            return Err(bad(format!("{} nodes, expected at most {MOST_NODES}", card.model_nodes)));
+            let reason = format!("{} nodes, expected at most {MOST_NODES}", card.model_nodes);
+            return Err(Error::file(name, reason));
         }
         let mesh = sensor.pad(card.model_nodes)?;
         let body = body(&mesh, moduli)?;
