@@ -78,13 +78,15 @@ fn presses(criterion: &mut Criterion) {
         group.sample_size(20);
         let press = held.onwards(&network);
         for (what, wanted) in WANTED {
-            let mut feel = || one.install(|| network.feel(slice::from_ref(&press), wanted));
-            group.bench_function(format!("surrogate {what}"), |b| b.iter(|| black_box(feel())));
+            let mut solve =
+                || one.install(|| network.solve_partially(slice::from_ref(&press), wanted));
+            group.bench_function(format!("surrogate {what}"), |b| b.iter(|| black_box(solve())));
         }
         let press = held.onwards(&linear);
         for (what, wanted) in WANTED {
-            let mut feel = || one.install(|| linear.feel(slice::from_ref(&press), wanted));
-            group.bench_function(format!("linear {what}"), |b| b.iter(|| black_box(feel())));
+            let mut solve =
+                || one.install(|| linear.solve_partially(slice::from_ref(&press), wanted));
+            group.bench_function(format!("linear {what}"), |b| b.iter(|| black_box(solve())));
         }
         let press = held.onwards(&elements);
         group.bench_function("fem whole", |b| b.iter(|| black_box(elements.solve_path(&press))));

@@ -152,10 +152,31 @@ impl Error {
         }
     }
 
-    /// Returns an [`Error::File`] from a path and any printable reason.
-    pub(crate) fn file(path: &std::path::Path, reason: &dyn std::fmt::Display) -> Self {
-        Self::File { path: path.display().to_string(), reason: reason.to_string() }
+    /// Returns an [`Error::File`] from a path, or a name in its place, and any printable reason.
+    #[allow(clippy::needless_pass_by_value)] // As for `invalid`.
+    pub(crate) fn file(path: impl AsRef<std::path::Path>, reason: impl std::fmt::Display) -> Self {
+        Self::File { path: path.as_ref().display().to_string(), reason: reason.to_string() }
     }
+}
+
+/// Returns an error unless a setting lies within `least` and `most`, both included.
+pub(crate) fn within<T: PartialOrd + Copy + std::fmt::Display>(
+    name: &str,
+    value: T,
+    [least, most]: [T; 2],
+) -> Result<()> {
+    if (least..=most).contains(&value) {
+        return Ok(());
+    }
+    Err(Error::invalid(name, value, format!("{least} to {most}")))
+}
+
+/// Returns an error unless a setting is a finite number above 0.
+pub(crate) fn positive(name: &str, value: f64) -> Result<()> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    Err(Error::invalid(name, value, "a number above 0"))
 }
 
 /// Defines the names of all kinds of [`Error`].

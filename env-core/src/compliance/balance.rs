@@ -161,13 +161,7 @@ impl Contact<'_> {
 
     /// Resultant of `touches`.
     pub(super) fn wrench(&self, touches: &[Touch]) -> Wrench {
-        let mut wrench = Wrench::default();
-        for touch in touches {
-            let force = self.force(touch);
-            wrench.force += force;
-            wrench.torque += touch.place.coords.cross(&force);
-        }
-        wrench
+        Wrench::of_forces(touches.iter().map(|touch| (self.force(touch), touch.place.coords)))
     }
 
     fn trial(

@@ -45,11 +45,7 @@ impl Stored {
             return Ok(values);
         }
         let values = compute();
-        let failed = |e: io::Error| {
-            let path = self.path.display().to_string();
-            Error::File { path, reason: e.to_string() }
-        };
-        self.write(&values).map_err(failed)?;
+        self.write(&values).map_err(|error| Error::file(&self.path, error))?;
         Ok(values)
     }
 

@@ -121,6 +121,19 @@ impl Condensed {
         (rank != INSIDE).then_some(rank as usize)
     }
 
+    /// Area that each skin node represents (M) in m².
+    pub(super) fn areas(&self) -> Vec<f64> {
+        let mut areas = vec![0.0; self.skin.len()];
+        for point in self.surface.iter() {
+            for &(node, share) in &point.shares {
+                if let Some(rank) = self.rank_of(node) {
+                    areas[rank] += share * point.area;
+                }
+            }
+        }
+        areas
+    }
+
     /// Displacement (V) in m under `forces` on `nodes`, known on the skin and zero elsewhere.
     pub(super) fn response(&self, nodes: &[u32], forces: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut sum = vec![0.0; 3 * self.skin.len()];

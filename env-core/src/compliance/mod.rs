@@ -155,7 +155,7 @@ impl DeformationModel for Compliance {
         self.each(presses, whole)
     }
 
-    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         if wanted == Wanted::default() {
             self.each(presses, |stepping| Ok(stepping.unstressed()))
         } else {

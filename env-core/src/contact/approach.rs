@@ -5,7 +5,7 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{SurfacePoint, engulfing::SEGMENTS};
-use crate::geometry::{Shape, TetMesh};
+use crate::geometry::{Distance, Shape, TetMesh};
 
 /// Steps of the depth of the deepest point after which a shape is no longer backed off.
 const STEPS: usize = 100;
@@ -145,6 +145,16 @@ pub fn clearance(shapes: &[Shape], poses: &[Isometry3<f64>], places: &[Point3<f6
         places.iter().map(measure).fold(f64::INFINITY, f64::min)
     };
     pairs.map(distance).fold(f64::INFINITY, f64::min)
+}
+
+/// Index of the nearest shape, and the distance with its normal in the frame of the body.
+pub fn nearest(shapes: &[Shape], poses: &[Isometry3<f64>], place: &Point3<f64>) -> (u32, Distance) {
+    let measure = |(s, (shape, pose)): (usize, (&Shape, &Isometry3<f64>))| {
+        let found = shape.distance(&pose.inverse_transform_point(place));
+        (s as u32, Distance { value: found.value, normal: pose.rotation * found.normal })
+    };
+    let all = shapes.iter().zip(poses).enumerate().map(measure);
+    all.min_by(|(_, a), (_, b)| a.value.total_cmp(&b.value)).expect("a press has a shape")
 }
 
 /// Interpolates between two sets of poses at the fraction `t`.

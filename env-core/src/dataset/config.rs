@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -12,6 +11,7 @@ use super::{
 use crate::{
     Error, Result,
     deformation::{Law, Moduli, SoftBody},
+    error::within,
     fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, TetMesh},
     objects::{Object, catalogue, indenters},
@@ -217,9 +217,8 @@ impl Scenario {
 impl DatasetConfig {
     /// Reads the configuration from a TOML file; missing settings take their defaults.
     pub fn read(path: &Path) -> Result<Self> {
-        let file = |reason: String| Error::File { path: path.display().to_string(), reason };
-        let text = std::fs::read_to_string(path).map_err(|error| file(error.to_string()))?;
-        let config: Self = toml::from_str(&text).map_err(|error| file(error.to_string()))?;
+        let text = std::fs::read_to_string(path).map_err(|error| Error::file(path, error))?;
+        let config: Self = toml::from_str(&text).map_err(|error| Error::file(path, error))?;
         config.with_meshes_in(path.parent().unwrap_or(Path::new(""))).validated()
     }
 
@@ -304,9 +303,7 @@ impl DatasetConfig {
         let own = self.meshes.iter().filter_map(|mesh| mesh.grasps);
         counts.extend(own.map(|count| ("object.grasps", count, 1, MOST_GRASPS)));
         for (name, count, least, most) in counts {
-            if !(least..=most).contains(&count) {
-                return Err(Error::invalid(name, count, format!("{least} to {most}")));
-            }
+            within(name, count, [least, most])?;
         }
         let presses = self.scenario == Scenario::Presses;
         if presses && ![indentation::FRAMES, USUAL_FRAMES].contains(&self.frames) {
@@ -336,9 +333,7 @@ impl DatasetConfig {
             let found = format!("{least} to {most}");
             return Err(Error::invalid("scale", found, "a range from 0.01 to 2"));
         }
-        if !(1.0..=100.0).contains(&self.truth_across) {
-            return Err(Error::invalid("truth_across", self.truth_across, "1 to 100"));
-        }
+        within("truth_across", self.truth_across, [1.0, 100.0])?;
         // Osmium is the densest element; soft objects are solved without their weight.
         let densest = if self.scenario == Scenario::Pads { 22_600.0 } else { 0.0 };
         let settings = [
@@ -347,9 +342,7 @@ impl DatasetConfig {
             ("density", self.density, densest),
         ];
         for (name, value, most) in settings {
-            if !(0.0..=most).contains(&value) {
-                return Err(Error::invalid(name, value, format!("0 to {most}")));
-            }
+            within(name, value, [0.0, most])?;
         }
         let shares: f64 = self.gels.iter().map(|gel| gel.share).sum();
         if !(shares > 0.0 && self.gels.iter().all(|gel| gel.share >= 0.0)) {
@@ -391,27 +384,13 @@ impl GelConfig {
         Ok(PadModels { truth, model: sensor.pad(config.model_nodes)?, sensor })
     }
 
-    /// Builds the finite elements of the `sensor`'s pad by `law` on a mesh of at most `nodes` nodes,
-    /// graded towards `points` with no spacing less than `finest` (m).
-    pub(super) fn graded(
-        &self,
-        sensor: &Sensor,
-        (finest, points): (f64, &[Point3<f64>]),
-        (nodes, law): (usize, Law),
-        config: &DatasetConfig,
-    ) -> Result<Fem> {
-        let pad = sensor.outline.graded_to(finest, points, nodes)?;
-        let [iterations, patience] = [indentation::STEPS, indentation::PATIENCE];
-        let limits = FemOptions { iterations, patience, ..FemOptions::default() };
-        self.body((pad.mesh, law), &pad.base, config, limits)
-    }
-
     /// Builds a free object of this material.
     pub(super) fn object(&self, mesh: TetMesh, config: &DatasetConfig) -> Result<Fem> {
         self.body((mesh, Law::default()), &[], config, FemOptions::default())
     }
 
-    fn body(
+    /// Builds finite elements of this material on a mesh with `fixed` nodes.
+    pub(super) fn body(
         &self,
         (mesh, law): (TetMesh, Law),
         fixed: &[u32],

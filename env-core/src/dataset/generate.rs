@@ -12,10 +12,10 @@ use std::{
 
 use rayon::prelude::*;
 use serde::Serialize;
-use sha2::{Digest, Sha256};
 
 use super::{
     config::{DatasetConfig, Scenario},
+    file::{read, sha256, write_whole},
     job::{GraspJob, Job, is_whole, jobs},
     manifest::{FORMAT, Manifest, Shard, Solved, Unsolved, splits},
     mesh_object::MeshObject,
@@ -23,7 +23,7 @@ use super::{
     read::claimed,
     record::{Entry, GraspTensors},
     setup::ScenarioBodies,
-    tensor::{entries, read, write_whole},
+    tensor::entries,
 };
 use crate::{Error, Result, interrupt::Interrupt, objects::Object};
 
@@ -166,7 +166,7 @@ pub fn generate(
     write_whole(&folder.join("manifest.json"), text.as_bytes())?;
     // A run that was killed may have left parts of shards that it had just packed.
     let parts = folder.join("parts");
-    fs::remove_dir_all(&parts).map_err(file_error(&parts))?;
+    fs::remove_dir_all(&parts).map_err(|error| Error::file(&parts, error))?;
     Ok(Some(manifest))
 }
 
@@ -192,13 +192,13 @@ struct Claim<'a> {
 fn claim(config: &DatasetConfig, folder: &Path) -> Result<()> {
     for name in ["shards", "parts", "meshes"] {
         let path = folder.join(name);
-        fs::create_dir_all(&path).map_err(file_error(&path))?;
+        fs::create_dir_all(&path).map_err(|error| Error::file(&path, error))?;
     }
     let path = folder.join("config.json");
     let claim = Claim { format: FORMAT, config: &config.stored() };
     let text = serde_json::to_string_pretty(&claim).expect("plain data");
     let keep = || config.meshes.iter().try_for_each(|mesh| mesh.keep(folder));
-    let refused = |reason| Err(Error::File { path: path.display().to_string(), reason });
+    let refused = |reason: String| Err(Error::file(&path, reason));
     match fs::read_to_string(&path) {
         Ok(found) if found == text => keep(),
         Ok(found) if !found.contains(&format!("\"format\": {FORMAT},")) => refused(format!(
@@ -223,11 +223,6 @@ fn changed<'a>(config: &'a DatasetConfig, stored: &str) -> Option<&'a str> {
         before.iter().any(|old| old.name() == mesh.name() && old.sha256 != mesh.sha256)
     };
     config.meshes.iter().find(differs).map(|mesh| mesh.mesh.as_str())
-}
-
-fn file_error(path: &Path) -> impl Fn(std::io::Error) -> Error {
-    let path = path.display().to_string();
-    move |error| Error::File { path: path.clone(), reason: error.to_string() }
 }
 
 /// Run over the missing grasps.
@@ -315,7 +310,7 @@ fn summary(
                 grasps.push(Solved { name, gel: plan.gel, frames });
             }
         }
-        let sha256 = hex(&Sha256::digest(&bytes));
+        let sha256 = sha256(&bytes);
         let file = job.file.clone();
         shards.push(Shard { file, sha256, bytes: bytes.len() as u64, grasps });
     }
@@ -337,10 +332,4 @@ fn summary(
         shards,
         unsolved,
     })
-}
-
-/// Hexadecimal text of `bytes`.
-pub(super) fn hex(bytes: &[u8]) -> String {
-    let digit = |value: u8| char::from_digit(value.into(), 16).expect("half a byte is a digit");
-    bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]).collect()
 }

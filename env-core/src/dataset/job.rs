@@ -7,9 +7,10 @@ use std::{
 };
 
 use super::{
+    file::{read, write_whole},
     plan::Plan,
     record::GraspTensors,
-    tensor::{Tensors, entries, read, write_whole},
+    tensor::{Tensors, entries},
 };
 use crate::{Result, objects::Object};
 

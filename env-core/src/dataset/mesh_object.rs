@@ -10,10 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::{
-    generate::hex,
-    tensor::{read, write_whole},
-};
+use super::file::{read, sha256, write_whole};
 use crate::{
     Error, Result,
     geometry::read_solid,
@@ -96,12 +93,12 @@ impl MeshObject {
     /// Content of the file and its hash, or an error if it is not that of the mesh.
     fn read(&self) -> Result<(Vec<u8>, String)> {
         let bytes = read(Path::new(&self.mesh))?;
-        let found = hex(&Sha256::digest(&bytes));
+        let found = sha256(&bytes);
         if self.sha256.is_empty() || self.sha256 == found {
             return Ok((bytes, found));
         }
         let reason = format!("its SHA-256 is {found}, expected {}", self.sha256);
-        Err(Error::file(Path::new(&self.mesh), &reason))
+        Err(Error::file(&self.mesh, reason))
     }
 
     /// Reads the object. Its grasps are drawn from `seed` and its name, whatever else is listed.
@@ -109,7 +106,7 @@ impl MeshObject {
         self.read()?;
         let path = Path::new(&self.mesh);
         let shape = read_solid(path, self.scale, self.centred).map_err(|error| match error {
-            Error::Invalid { .. } => Error::file(path, &error),
+            Error::Invalid { .. } => Error::file(path, error),
             other => other,
         })?;
         let name = Sha256::digest(self.stem());

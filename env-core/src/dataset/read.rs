@@ -9,14 +9,13 @@ use std::{
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
 use serde::Deserialize;
-use sha2::{Digest, Sha256};
 
 use super::{
     config::{DatasetConfig, Scenario},
-    generate::hex,
+    file::{read, sha256},
     manifest::{Shard, Split, splits},
     record::Entry,
-    tensor::{entries, read},
+    tensor::entries,
 };
 use crate::{
     Error, Result,
@@ -67,8 +66,8 @@ impl Dataset {
     /// these `scenarios`.
     pub(super) fn of(folder: &Path, scenarios: &[Scenario]) -> Result<Self> {
         let path = folder.join("config.json");
-        let text = fs::read_to_string(&path).map_err(|error| Error::file(&path, &error))?;
-        let config = claimed(&text).map_err(|error| Error::file(&path, &error))?;
+        let text = fs::read_to_string(&path).map_err(|error| Error::file(&path, error))?;
+        let config = claimed(&text).map_err(|error| Error::file(&path, error))?;
         if !scenarios.contains(&config.scenario) {
             let [found, expected] =
                 [config.scenario, scenarios[0]].map(|scenario| match scenario {
@@ -76,7 +75,7 @@ impl Dataset {
                     Scenario::Soft => "soft objects",
                     Scenario::Presses => "presses of indenters",
                 });
-            return Err(Error::file(&path, &format!("{found}, expected {expected}")));
+            return Err(Error::file(&path, format!("{found}, expected {expected}")));
         }
         let mut objects = match config.scenario {
             Scenario::Pads | Scenario::Soft => catalogue(config.seed),
@@ -108,7 +107,7 @@ impl Dataset {
             }
         }
         if shards.is_empty() {
-            return Err(Error::file(&folder.join("shards"), &"no shards in it, expected some"));
+            return Err(Error::file(folder.join("shards"), "no shards in it, expected some"));
         }
         let splits = match manifest {
             Some(said) => said.splits,
@@ -157,13 +156,13 @@ impl Dataset {
     ) -> Result<(&Object, Vec<T>)> {
         let (object, path) = &self.shards[index];
         let bytes = read(path)?;
-        let file = SafeTensors::deserialize(&bytes).map_err(|error| Error::file(path, &error))?;
+        let file = SafeTensors::deserialize(&bytes).map_err(|error| Error::file(path, error))?;
         let entries = entries::<Entry>(path, &bytes)?.into_iter().filter(|entry| entry.frames > 0);
         if let Some(name) = not_finite(&file) {
-            return Err(Error::file(path, &format!("{name} holds NaN, expected finite numbers")));
+            return Err(Error::file(path, format!("{name} holds NaN, expected finite numbers")));
         }
         let all: Found<_> = entries.map(|entry| frames(&file, &entry)).collect();
-        Ok((&self.objects[*object], all.map_err(|error| Error::file(path, &error))?))
+        Ok((&self.objects[*object], all.map_err(|error| Error::file(path, error))?))
     }
 }
 
@@ -190,7 +189,7 @@ impl Finished {
 /// Reads a manifest; `None` if there is none.
 fn finished(manifest: &Path) -> Result<Option<Finished>> {
     let Ok(text) = fs::read_to_string(manifest) else { return Ok(None) };
-    let said = serde_json::from_str(&text).map_err(|error| Error::file(manifest, &error))?;
+    let said = serde_json::from_str(&text).map_err(|error| Error::file(manifest, error))?;
     Ok(Some(said))
 }
 
@@ -198,16 +197,16 @@ fn finished(manifest: &Path) -> Result<Option<Finished>> {
 fn check(path: &Path, bytes: &[u8], listed: Option<&Shard>) -> Result<()> {
     let Some(listed) = listed else {
         let reason = "not in the manifest, expected the shards of one dataset";
-        return Err(Error::file(path, &reason));
+        return Err(Error::file(path, reason));
     };
     let (found, expected) = (bytes.len() as u64, listed.bytes);
     if found < expected {
         let reason = format!("truncated: found {found} bytes, expected {expected}");
-        return Err(Error::file(path, &reason));
+        return Err(Error::file(path, reason));
     }
-    if hex(&Sha256::digest(bytes)) != listed.sha256 {
+    if sha256(bytes) != listed.sha256 {
         let reason = "damaged or of another dataset: its SHA-256 is not that of the manifest";
-        return Err(Error::file(path, &reason));
+        return Err(Error::file(path, reason));
     }
     Ok(())
 }

@@ -6,12 +6,12 @@ use rayon::prelude::*;
 
 use super::{
     config::{DatasetConfig, GelConfig, PadModels, Scenario},
-    indentation::PressedPad,
+    file::write_whole,
     plan::Plan,
+    press::PressedPad,
     ramp::Ramp,
     record::{Entry, GraspTensors, mesh_file, of_pads, wrenches},
     squeeze::{Squeeze, of_squeeze},
-    tensor::write_whole,
     weight::Weight,
 };
 use crate::{Result, fem::Carrier, geometry::TetMesh, objects::Object, sensor::Sensor};

@@ -114,8 +114,7 @@ fn shares(
         let seen = faces.map(|face| face.inverse_transform_point(place));
         let nearer = usize::from(seen[1].z.abs() < seen[0].z.abs());
         let force = -(faces[nearer].rotation.inverse() * force);
-        wrenches[nearer].force += force;
-        wrenches[nearer].torque += seen[nearer].coords.cross(&force);
+        wrenches[nearer].add_force(&force, &seen[nearer].coords);
     }
     wrenches
 }

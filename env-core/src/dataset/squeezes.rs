@@ -1,12 +1,13 @@
 //! Reading of squeezes of soft objects, finished or not.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use nalgebra::{Isometry3, Point3};
-use safetensors::SafeTensors;
+use safetensors::{SafeTensorError, SafeTensors};
 
 use super::{
     config::{DatasetConfig, Scenario},
+    file::read,
     manifest::Split,
     read::{Dataset, Found, double, pose, single},
     record::Entry,
@@ -61,11 +62,11 @@ impl Squeezes {
     /// Reads the model mesh of an object.
     pub fn mesh(&self, object: &str) -> Result<TetMesh> {
         let path = self.0.folder().join(format!("meshes/{object}.safetensors"));
-        let bad = |error: &dyn std::fmt::Display| Error::file(&path, &error);
-        let bytes = fs::read(&path).map_err(|error| bad(&error))?;
-        let file = SafeTensors::deserialize(&bytes).map_err(|error| bad(&error))?;
-        let places = double(&file, "vertices").map_err(|error| bad(&error))?;
-        let corners = file.tensor("tets").map_err(|error| bad(&error))?;
+        let bad = |error: SafeTensorError| Error::file(&path, error);
+        let bytes = read(&path)?;
+        let file = SafeTensors::deserialize(&bytes).map_err(bad)?;
+        let places = double(&file, "vertices").map_err(bad)?;
+        let corners = file.tensor("tets").map_err(bad)?;
         let corners = corners.data().as_chunks().0.iter().map(|b| u32::from_le_bytes(*b));
         let corners: Vec<u32> = corners.collect();
         let vertices = places.as_chunks::<3>().0.iter().map(|&p| Point3::from(p)).collect();

@@ -1,10 +1,11 @@
-//! Named tensors in safetensors files, which are written completely or not at all.
+//! Named tensors in safetensors files.
 
-use std::{collections::HashMap, fs, path::Path};
+use std::{collections::HashMap, path::Path};
 
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Serialize, de::DeserializeOwned};
 
+use super::file::read;
 use crate::{Error, Result};
 
 /// Numbers with their type and shape.
@@ -46,8 +47,7 @@ impl<Entry: Serialize + DeserializeOwned> Tensors<Entry> {
     /// Reads a file; returns an error if it is missing or damaged.
     pub(super) fn read(path: &Path) -> Result<Self> {
         let bytes = read(path)?;
-        let bad = |reason: String| Error::File { path: path.display().to_string(), reason };
-        let found = SafeTensors::deserialize(&bytes).map_err(|error| bad(error.to_string()))?;
+        let found = SafeTensors::deserialize(&bytes).map_err(|error| Error::file(path, error))?;
         let keep = |(name, view): (String, TensorView)| {
             let (dtype, shape) = (view.dtype(), view.shape().to_vec());
             (name, Tensor { dtype, shape, bytes: view.data().to_vec() })
@@ -70,36 +70,11 @@ impl<Entry: Serialize + DeserializeOwned> Tensors<Entry> {
 
 /// Reads the entries in a file's bytes; returns an error if the file is damaged.
 pub(super) fn entries<Entry: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<Vec<Entry>> {
-    let bad = |reason: String| Error::File { path: path.display().to_string(), reason };
+    let bad = |reason: String| Error::file(path, reason);
     SafeTensors::deserialize(bytes)
         .map_err(|error| bad(format!("damaged or truncated, expected a shard ({error})")))?;
     let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
     let text = metadata.metadata().as_ref().and_then(|map| map.get(ENTRIES));
     let text = text.ok_or_else(|| bad(format!("no \"{ENTRIES}\" in its metadata")))?;
     serde_json::from_str(text).map_err(|error| bad(error.to_string()))
-}
-
-/// Reads the bytes of a file.
-pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
-    fs::read(path).map_err(|error| Error::File {
-        path: path.display().to_string(),
-        reason: error.to_string(),
-    })
-}
-
-/// Writes a file completely or not at all, even if the process is killed.
-pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    let failed = |error: std::io::Error| Error::File {
-        path: path.display().to_string(),
-        reason: error.to_string(),
-    };
-    let partial = path.with_extension("partial");
-    let write = || {
-        use std::io::Write;
-        let mut file = fs::File::create(&partial)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&partial, path)
-    };
-    write().map_err(failed)
 }

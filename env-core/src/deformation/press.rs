@@ -48,6 +48,21 @@ pub struct Wrench {
     pub torque: Vector3<f64>,
 }
 
+impl Wrench {
+    /// Resultant of forces (N), each with its arm (m) about the point of the torque.
+    pub fn of_forces(forces: impl IntoIterator<Item = (Vector3<f64>, Vector3<f64>)>) -> Self {
+        let mut sum = Self::default();
+        forces.into_iter().for_each(|(force, arm)| sum.add_force(&force, &arm));
+        sum
+    }
+
+    /// Adds a `force` (N) with its `arm` (m) about the point of the torque.
+    pub fn add_force(&mut self, force: &Vector3<f64>, arm: &Vector3<f64>) {
+        self.force += force;
+        self.torque += arm.cross(force);
+    }
+}
+
 impl Add for Wrench {
     type Output = Self;
 
@@ -135,8 +150,9 @@ pub trait DeformationModel: Send {
     /// its place.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>>;
 
-    /// Performs [`DeformationModel::solve`] and may omit the parts that are not `wanted`.
-    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    /// Solves each press as [`DeformationModel::solve`] does; optional parts of the solutions that
+    /// are not `wanted` may be left out.
+    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let _ = wanted;
         self.solve(presses)
     }

@@ -95,7 +95,7 @@ fn each(
     wanted: Wanted,
 ) -> Vec<Result<Deformation>> {
     let mut solve = |objects: &[usize], presses: &[Press]| {
-        catch_unwind(AssertUnwindSafe(|| model.feel(objects, presses, wanted)))
+        catch_unwind(AssertUnwindSafe(|| model.solve_partially(objects, presses, wanted)))
     };
     solve(objects, presses).unwrap_or_else(|_| {
         let mut alone = |(object, press)| {
@@ -151,7 +151,10 @@ mod tests {
         let radius = 8e-3;
         let pose = Isometry3::translation(0.0, 0.0, radius - 3e-4);
         let press = Press::along(vec![Shape::Sphere { radius }], vec![vec![pose]]).unwrap();
-        let flat = model.feel(std::slice::from_ref(&press), Wanted::default()).remove(0).unwrap();
+        let flat = model
+            .solve_partially(std::slice::from_ref(&press), Wanted::default())
+            .remove(0)
+            .unwrap();
         let mesh = model.linear_body().unwrap().mesh().clone();
         let mut folded = flat.clone();
         // A corner pushed through the opposite side.

@@ -152,7 +152,7 @@ impl Batch {
         let chosen = |i: usize| mask.is_none_or(|mask| mask[i]);
         let reset = self.each(|i, row, _| if chosen(i) { row.reset(&setup) } else { Ok(()) })?;
         reset.into_iter().collect::<Result<()>>()?;
-        self.feel_starts()?;
+        self.solve_and_settle()?;
         self.each(|_, row, observation| row.open(&setup, observation))?;
         Ok(self.observation.clone())
     }
@@ -172,7 +172,7 @@ impl Batch {
         let (setup, autoreset) = (self.setup.clone(), self.autoreset);
         let begun = self.each(|i, row, _| begin_step(&setup, autoreset, row, &actions[i]))?;
         let begun = begun.into_iter().collect::<Result<Vec<_>>>()?;
-        self.feel_starts()?;
+        self.solve_and_settle()?;
         let steps = self.each(|i, row, observation| match begun[i] {
             Begun::Reset => {
                 row.open(&setup, observation);
@@ -187,7 +187,7 @@ impl Batch {
             result.finals.extend(last.map(|last| (i, last)));
         }
         if !result.finals.is_empty() {
-            self.feel_starts()?;
+            self.solve_and_settle()?;
             self.each(|_, row, observation| row.open(&setup, observation))?;
         }
         Ok(StepResult { observation: self.observation.clone(), ..result })
@@ -212,16 +212,18 @@ impl Batch {
 
     /// Solves the presses of all rows, then those of the rows whose episode begins in the hand once
     /// more, after the object has come to rest with the first solutions.
-    fn feel_starts(&mut self) -> Result<()> {
-        self.feel();
-        let setup = self.setup.clone();
-        self.each(|_, row, _| row.settle(&setup))?;
-        self.feel();
+    fn solve_and_settle(&mut self) -> Result<()> {
+        self.solve_presses();
+        if self.rows.iter().any(Row::is_unsettled) {
+            let setup = self.setup.clone();
+            self.each(|_, row, _| row.settle(&setup))?;
+            self.solve_presses();
+        }
         Ok(())
     }
 
     /// Solves the presses of all rows in one call.
-    fn feel(&mut self) {
+    fn solve_presses(&mut self) {
         if matches!(self.model, TactileModel::Rigid) {
             return;
         }
@@ -272,20 +274,20 @@ impl Batch {
         let Some((state, draw)) = state else {
             return Err(Error::invalid("render", format!("row {row}"), "a row that was reset"));
         };
-        let (setup, felt) = (self.setup.clone(), self.felt_by(row, &draw)?);
+        let (setup, deformation) = (self.setup.clone(), self.current_deformation(row, &draw)?);
         let view = setup.tactile().shell(draw.object).map(|shell| {
-            let felt = felt.each_ref().map(Option::as_ref);
+            let deformation = deformation.each_ref().map(Option::as_ref);
             let (bodies, darkest) = match setup.tactile() {
                 TactileModel::Objects(_) => {
                     let material = setup.config().task.soft_material();
                     let crush = material.map_or(1.0, |material| material.crush);
                     let darkest = crush * draw.young.unwrap_or(1.0);
-                    (DeformedBodies::Object(felt[0]), darkest)
+                    (DeformedBodies::Object(deformation[0]), darkest)
                 }
                 model => {
                     let young = model.pads().map_or(1.0, |pad| pad.skin().young());
                     let darkest = draw.stress_limit.unwrap_or(DARKEST * young);
-                    (DeformedBodies::Pads(felt), darkest)
+                    (DeformedBodies::Pads(deformation), darkest)
                 }
             };
             DeformationView { shell, bodies, darkest }
@@ -311,12 +313,12 @@ impl Batch {
         let setup = self.setup.clone();
         let model = &setup.models()[draw.object];
         let object = if let Some(soft) = setup.tactile().object(draw.object) {
-            let felt = self.felt_by(row, &draw)?[0].take();
+            let deformation = self.current_deformation(row, &draw)?[0].take();
             BodySurface {
                 name: "object",
-                vertices: soft.shell().places(felt.as_ref()),
+                vertices: soft.shell().places(deformation.as_ref()),
                 triangles: soft.shell().triangles().to_vec(),
-                stress: Some(soft.shell().stress(felt.as_ref())),
+                stress: Some(soft.shell().stress(deformation.as_ref())),
             }
         } else {
             BodySurface::rigid("object", &model.surface().scaled(draw.scale))
@@ -332,7 +334,7 @@ impl Batch {
 
     /// Solves the current contact of a row with these `parameters` again, for a picture; `None` where
     /// nothing touches or the solution fails. The state of the row does not change.
-    fn felt_by(
+    fn current_deformation(
         &mut self,
         row: usize,
         parameters: &EpisodeParameters,
@@ -340,15 +342,15 @@ impl Batch {
         self.start_threads()?;
         let pool = self.pool.as_ref().map(|(_, pool)| pool);
         let wanted = Wanted { stress: true, residual: false };
-        let felt = self.rows[row].touch_again(&self.setup)?.map(|press| {
+        let deformation = self.rows[row].touch_again(&self.setup)?.map(|press| {
             let press = press.as_slice();
             answers(&mut self.model, &[parameters.object], press, wanted, pool).pop()
         });
-        let felt = stiffened(
-            felt.map(|answer| answer.map(|answer| answer.found)),
+        let deformation = stiffened(
+            deformation.map(|answer| answer.map(|answer| answer.found)),
             self.setup.stiffness(parameters),
         );
-        Ok(felt.map(|answer| answer?.ok()))
+        Ok(deformation.map(|answer| answer?.ok()))
     }
 
     /// Saves each row as bytes.

@@ -12,7 +12,7 @@ use crate::{
     deformation::{Deformation, History, Press},
     geometry::Shape,
     scene::{Scene, SceneState},
-    tactile::{Feeling, Finger, Squeezed, TactileModel},
+    tactile::{Finger, PadDeformations, Squeezed, TactileModel},
     task::EpisodeParameters,
 };
 
@@ -23,7 +23,7 @@ pub(super) type PerFinger<T> = [Option<T>; 2];
 /// State of the contact between steps; one variant for each of [`TactileModel`].
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) enum ContactState {
-    /// Nothing is felt.
+    /// Nothing deforms.
     Rigid,
     /// Contact of each pad.
     Pads(Box<PadContact>),
@@ -42,7 +42,7 @@ pub(super) struct PadContact {
 
 /// Solutions of one step.
 #[derive(Default)]
-pub(super) struct Felt {
+pub(super) struct StepSolutions {
     /// Deformation of each pad that touches.
     pub(super) pads: PerFinger<Deformation>,
     /// Deformation of a soft object that is squeezed.
@@ -116,15 +116,15 @@ impl ContactState {
         setup: &Setup,
         answers: PerFinger<Result<Deformation>>,
         parameters: &EpisodeParameters,
-    ) -> Result<Felt> {
-        let mut felt = Felt::default();
+    ) -> Result<StepSolutions> {
+        let mut solutions = StepSolutions::default();
         match self {
             Self::Rigid => {}
             Self::Pads(contact) => {
                 let answers = stiffened(answers, parameters.gel_stiffness);
-                let fingers = felt.pads.iter_mut().zip(&mut contact.fingers);
-                for ((felt, finger), answer) in fingers.zip(answers) {
-                    *felt = answer.transpose()?.filter(|answer| finger.keep(answer));
+                let fingers = solutions.pads.iter_mut().zip(&mut contact.fingers);
+                for ((solution, finger), answer) in fingers.zip(answers) {
+                    *solution = answer.transpose()?.filter(|answer| finger.keep(answer));
                 }
             }
             Self::Object(history) => {
@@ -132,44 +132,50 @@ impl ContactState {
                 let object = setup.tactile().object(parameters.object);
                 if let Some((object, answer)) = object.zip(answer.transpose()?) {
                     let young = parameters.young.unwrap_or_default();
-                    felt.squeezed = object.squeezed(&answer, young)?;
+                    solutions.squeezed = object.squeezed(&answer, young)?;
                     *history = Some(answer.history);
                 }
             }
         }
-        Ok(felt)
+        Ok(solutions)
     }
 
     /// Corrects the elastic foundation of `scene`, whose state is `state`, towards the forces of the
     /// solutions. The model of a soft object is in equilibrium and without weight, so it gives the
     /// normal forces of the fingers but not the friction that carries the weight.
-    pub(super) fn correct(&self, scene: &mut Scene, state: &SceneState, felt: &Felt) {
+    pub(super) fn correct(&self, scene: &mut Scene, state: &SceneState, solutions: &StepSolutions) {
         for finger in 0..2 {
             match self {
                 Self::Rigid => {}
                 Self::Pads(_) => {
-                    let solution = felt.pads[finger].as_ref();
+                    let solution = solutions.pads[finger].as_ref();
                     if solution.is_some() || state.fingers[finger].touches() {
-                        scene
-                            .correct(finger, &solution.map(|felt| felt.wrench).unwrap_or_default());
+                        scene.correct(
+                            finger,
+                            &solution.map(|solution| solution.wrench).unwrap_or_default(),
+                        );
                     }
                 }
                 Self::Object(_) => {
-                    let force = felt.squeezed.as_ref().map(|squeezed| squeezed.forces[finger]);
+                    let force = solutions.squeezed.as_ref().map(|squeezed| squeezed.forces[finger]);
                     scene.correct_pressing(finger, force.unwrap_or_default());
                 }
             }
         }
     }
 
-    /// Input of the tactile channels; `None` unless the pads feel.
-    pub(super) fn feeling<'a>(&'a self, setup: &'a Setup, felt: &'a Felt) -> Option<Feeling<'a>> {
+    /// Input of the tactile channels; `None` unless the pads deform.
+    pub(super) fn pads<'a>(
+        &'a self,
+        setup: &'a Setup,
+        solutions: &'a StepSolutions,
+    ) -> Option<PadDeformations<'a>> {
         let (Self::Pads(contact), Some(pad)) = (self, setup.tactile().pads()) else {
             return None;
         };
-        let fingers = felt.pads.each_ref().map(Option::as_ref);
+        let fingers = solutions.pads.each_ref().map(Option::as_ref);
         let pressed = contact.fingers.each_ref().map(Finger::pressed);
-        Some(Feeling { skin: pad.skin(), fingers, bodies: &contact.bodies, pressed })
+        Some(PadDeformations { skin: pad.skin(), fingers, bodies: &contact.bodies, pressed })
     }
 }
 
@@ -179,7 +185,7 @@ pub(super) fn stiffened(
     answers: PerFinger<Result<Deformation>>,
     stiffness: f64,
 ) -> PerFinger<Result<Deformation>> {
-    answers.map(|answer| Some(answer?.map(|felt| felt.stiffened(stiffness))))
+    answers.map(|answer| Some(answer?.map(|solution| solution.stiffened(stiffness))))
 }
 
 #[cfg(test)]
@@ -218,8 +224,9 @@ mod tests {
         let mut contact = ContactState::new(setup.tactile(), path[0].clone());
         let presses = contact.press(&setup, &state, &path[1..], &parameters).unwrap();
         let press = presses[0].clone().expect("the object is in reach");
-        let felt = setup.tactile().clone().feel(&[0], &[press], Wanted::default()).remove(0);
-        let force = felt.map(|felt| felt.wrench.force.norm());
+        let solution =
+            setup.tactile().clone().solve_partially(&[0], &[press], Wanted::default()).remove(0);
+        let force = solution.map(|solution| solution.wrench.force.norm());
         // It stands beside the face of the pad, which feels nothing.
         assert_eq!(force, Ok(0.0));
     }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Setup,
-    contact::{ContactState, Felt, PerFinger, stiffened},
+    contact::{ContactState, PerFinger, StepSolutions, stiffened},
     distractors::beside,
     given::{GivenStart, StartQuantity},
     plan::{CHANNEL, CORRECTION, PEAK, PRESS, REWARD, SCENE, StageTimes},
@@ -91,6 +91,13 @@ impl Outcome {
 
     fn press_failed(error: &Error) -> Self {
         Self { press_error: Some(error.kind()), ..Self::ended(Ending::PressFailed) }
+    }
+}
+
+impl PendingStep {
+    /// Returns whether [`Episode::settle`] has still to be called.
+    pub(super) fn is_unsettled(&self) -> bool {
+        self.unsettled.is_some()
     }
 }
 
@@ -184,14 +191,14 @@ impl Episode {
     /// limit, and without a limit the first step ends the episode.
     pub(super) fn open(&mut self, setup: &Setup, motion: PendingStep, observation: &mut [f32]) {
         let PendingStep { state, answers, .. } = motion;
-        let felt = if let Some(trial) = &self.parameters.trial {
+        let solutions = if let Some(trial) = &self.parameters.trial {
             let stiffness = self.parameters.gel_stiffness;
             self.parameters.stress_limit = limit(trial, stiffened(answers, stiffness)).ok();
-            Felt::default()
+            StepSolutions::default()
         } else {
-            self.felt(setup, &state, answers).unwrap_or_default()
+            self.apply_solutions(setup, &state, answers).unwrap_or_default()
         };
-        setup.layout.write(&self.step_state(&state, setup, &felt), observation);
+        setup.layout.write(&self.step_state(&state, setup, &solutions), observation);
         if let Some(sensors) = &mut self.sensors {
             sensors.report(&setup.layout, observation);
         }
@@ -228,25 +235,25 @@ impl Episode {
         &'a self,
         state: &'a SceneState,
         setup: &'a Setup,
-        felt: &'a Felt,
+        solutions: &'a StepSolutions,
     ) -> StepState<'a> {
-        let (feeling, squeezed) = (self.contact.feeling(setup, felt), felt.squeezed.as_ref());
+        let (pads, squeezed) = (self.contact.pads(setup, solutions), solutions.squeezed.as_ref());
         let (time, episode, grip) = (self.time(setup), &self.parameters, self.grip);
         let peak_stress = squeezed.map_or(0.0, |squeezed| squeezed.peak);
-        StepState { state, episode, grip, time, feeling, squeezed, peak_stress }
+        StepState { state, episode, grip, time, pads, squeezed, peak_stress }
     }
 
     /// Stores the solutions of the presses and corrects the contact forces of the scene with them.
     /// Returns the solutions, or the first error.
-    fn felt(
+    fn apply_solutions(
         &mut self,
         setup: &Setup,
         state: &SceneState,
         answers: PerFinger<Result<Deformation>>,
-    ) -> Result<Felt> {
-        let felt = self.contact.keep(setup, answers, &self.parameters)?;
-        self.contact.correct(&mut self.scene, state, &felt);
-        Ok(felt)
+    ) -> Result<StepSolutions> {
+        let solutions = self.contact.keep(setup, answers, &self.parameters)?;
+        self.contact.correct(&mut self.scene, state, &solutions);
+        Ok(solutions)
     }
 
     /// Creates the presses of the fingers in `state`, after the object has moved along `path`.
@@ -319,17 +326,18 @@ impl Episode {
     ) -> Outcome {
         let config = &setup.config;
         let PendingStep { state, answers, restarted, .. } = motion;
-        let felt = match costs.time(CORRECTION, || self.felt(setup, &state, answers)) {
-            Ok(felt) => felt,
-            Err(error) => return Outcome::press_failed(&error),
-        };
+        let solutions =
+            match costs.time(CORRECTION, || self.apply_solutions(setup, &state, answers)) {
+                Ok(solutions) => solutions,
+                Err(error) => return Outcome::press_failed(&error),
+            };
         let mut progress = self.progress;
-        let mut step = self.step_state(&state, setup, &felt);
+        let mut step = self.step_state(&state, setup, &solutions);
         if self.parameters.trial.is_some() && self.parameters.stress_limit.is_none() {
             return Outcome::press_failed(&Error::NoTrial);
         }
-        if let (Some(_), Some(feeling)) = (self.parameters.stress_limit, &step.feeling) {
-            step.peak_stress = costs.time(PEAK, || feeling.peak_stress());
+        if let (Some(_), Some(pads)) = (self.parameters.stress_limit, &step.pads) {
+            step.peak_stress = costs.time(PEAK, || pads.peak_stress());
         }
         observe(setup, &step, scratch, costs);
         let mut ending = Ending::of(&step, &progress, config);

@@ -108,8 +108,8 @@ pub(super) fn settle(
     parameters: &EpisodeParameters,
     answers: PerFinger<Result<Deformation>>,
 ) -> Result<PerFinger<Press>> {
-    let felt = contact.keep(setup, answers, parameters)?;
-    contact.correct(scene, &scene.state(), &felt);
+    let solutions = contact.keep(setup, answers, parameters)?;
+    contact.correct(scene, &scene.state(), &solutions);
     let mut path = contact.trajectory();
     scene.rest_in_hand(grip, |scene| {
         if let Some(path) = &mut path {

@@ -14,7 +14,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::{
     dense::DenseFactor,
     direct::DirectSolver,
-    newton::{Search, norm},
+    gmres::norm,
+    newton::Search,
     region::{NEAR, Region},
     springs::Spring,
     system::{Configuration, Forces, System},

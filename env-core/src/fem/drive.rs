@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{DistanceCache, advance_to_contact, backed_off, between, clearance},
+    contact::{DistanceCache, Touch, advance_to_contact, backed_off, between, clearance},
     deformation::{
         Anchor, Deformation, Drive, FrameDrive, History, NextStep, Press, Wrench, solve_frames,
         solve_in_steps,
@@ -187,13 +187,8 @@ impl<'a> PressSolver<'a> {
 
     /// Resultant of all contact on the body.
     pub(super) fn wrench(&self, forces: &Forces) -> Wrench {
-        let mut wrench = Wrench::default();
-        for touch in &forces.touches {
-            let force = self.system.contact_force(touch);
-            wrench.force += force;
-            wrench.torque += touch.place.coords.cross(&force);
-        }
-        wrench
+        let force = |touch: &Touch| (self.system.contact_force(touch), touch.place.coords);
+        Wrench::of_forces(forces.touches.iter().map(force))
     }
 
     /// Returns the current state as a [`Deformation`].

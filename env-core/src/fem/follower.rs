@@ -10,7 +10,8 @@ use nalgebra::{Matrix3x6, Matrix6, Point3, Vector3, Vector6};
 use super::{
     direct::DirectSolver,
     gmres::gmres,
-    springs::{Spring, missing, product},
+    push::product,
+    springs::{Spring, missing},
     system::{Forces, Stiffness, System},
 };
 

@@ -120,7 +120,7 @@ impl Linearised {
         body: &SoftBody,
         press: &Press,
     ) -> Result<Option<(Vec<SurfacePoint>, Backing)>> {
-        let spacing = self.faces.felt(body.mesh(), press)?;
+        let spacing = self.faces.for_press(body.mesh(), press)?;
         let closer = || surface(body, &self.nodes, self.element, spacing);
         Ok((spacing != self.faces.usual).then(closer))
     }

@@ -17,9 +17,9 @@
 
 use super::{
     direct::DirectSolver,
-    gmres::{GmresSolution, gmres},
-    push::{Border, ForceControl},
-    springs::{Spring, missing, product},
+    gmres::{GmresSolution, dot, gmres, norm},
+    push::{Border, ForceControl, product, solve},
+    springs::{Spring, missing},
     system::{Configuration, Forces, Stiffness, System},
 };
 use crate::{
@@ -154,9 +154,9 @@ impl Search<'_, '_> {
             if !self.solver.factorise(self.system, forces, stiffness) {
                 continue;
             }
-            let border = self.border();
+            let border = self.push.map(|push| Border::new(self.system, self.solver, push));
             let mut step = residual.iter().map(|r| -r).collect::<Vec<_>>();
-            self.solve(border.as_ref(), &mut step);
+            solve(self.solver, border.as_ref(), &mut step);
             let missing = missing(&springs, self.solver.springs());
             let found = self
                 .coupled_step(state, forces, &missing, (border.as_ref(), &step), tolerance)
@@ -182,7 +182,7 @@ impl Search<'_, '_> {
         }
         let missing = missing(springs, self.solver.kept()?);
         let mut step = self.residual(forces).iter().map(|r| -r).collect();
-        self.solve(None, &mut step);
+        solve(self.solver, None, &mut step);
         let found = self.with_springs(&missing, None, &step);
         if !found.converged {
             return None;
@@ -217,7 +217,7 @@ impl Search<'_, '_> {
     ) -> GmresSolution {
         let product = |x: &[f64]| {
             let mut y = product(self.system, self.solver, missing, x, self.push);
-            self.solve(border, &mut y);
+            solve(self.solver, border, &mut y);
             y.iter_mut().zip(x).for_each(|(y, x)| *y += x);
             y
         };
@@ -351,12 +351,4 @@ impl FrictionLimits {
         let pair = touch.shape as usize * self.points + touch.point as usize;
         self.of_pair.get(pair).copied().unwrap_or(0.0)
     }
-}
-
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
-pub(super) fn norm(a: &[f64]) -> f64 {
-    dot(a, a).sqrt()
 }

@@ -2,10 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{
-    newton::{Search, dot},
-    springs::product,
-};
+use super::{direct::DirectSolver, gmres::dot, springs::Spring, system::System};
 
 /// Longest travel of pushed shapes in one Newton step (m).
 const LONGEST_TRAVEL: f64 = 5e-4;
@@ -28,31 +25,55 @@ pub(super) struct Border {
     schur: f64,
 }
 
-impl Search<'_, '_> {
-    /// Computes the border of the stiffness that was factorised last, if there is a push.
-    pub(super) fn border(&mut self) -> Option<Border> {
-        let mut unit = vec![0.0; self.solver.size() + 1];
-        *unit.last_mut()? = 1.0;
-        let springs = self.solver.springs();
-        let mut column = product(self.system, self.solver, springs, &unit, Some(self.push?));
-        let corner = column.pop()?;
+impl Border {
+    /// Computes the border of the stiffness that `solver` factorised last.
+    pub(super) fn new(system: &System, solver: &mut DirectSolver, push: &ForceControl) -> Self {
+        let mut unit = vec![0.0; solver.size() + 1];
+        unit[solver.size()] = 1.0;
+        let mut column = product(system, solver, solver.springs(), &unit, Some(push));
+        let corner = column.pop().expect("the travel is the last unknown");
         let mut lifted = column.clone();
-        self.solver.solve(&mut lifted);
+        solver.solve(&mut lifted);
         let schur = corner - dot(&column, &lifted);
-        Some(Border { column, lifted, schur })
+        Self { column, lifted, schur }
     }
+}
 
-    /// Multiplies `right` by the inverse of the stiffness matrix, in place.
-    pub(super) fn solve(&mut self, border: Option<&Border>, right: &mut Vec<f64>) {
-        let last = if border.is_some() { right.pop() } else { None };
-        self.solver.solve(right);
-        if let (Some(border), Some(last)) = (border, last) {
-            let pull = last - dot(&border.column, right);
-            // Shapes that no longer touch have no stiffness and move by the longest travel.
-            let travel = if border.schur > 0.0 { pull / border.schur } else { pull.signum() };
-            let travel = travel.clamp(-LONGEST_TRAVEL, LONGEST_TRAVEL);
-            right.iter_mut().zip(&border.lifted).for_each(|(x, lift)| *x -= lift * travel);
-            right.push(travel);
-        }
+/// Multiplies `right` by the inverse of the stiffness matrix that `solver` factorised last, in
+/// place.
+pub(super) fn solve(solver: &mut DirectSolver, border: Option<&Border>, right: &mut Vec<f64>) {
+    let last = if border.is_some() { right.pop() } else { None };
+    solver.solve(right);
+    if let (Some(border), Some(last)) = (border, last) {
+        let pull = last - dot(&border.column, right);
+        // Shapes that no longer touch have no stiffness and move by the longest travel.
+        let travel = if border.schur > 0.0 { pull / border.schur } else { pull.signum() };
+        let travel = travel.clamp(-LONGEST_TRAVEL, LONGEST_TRAVEL);
+        right.iter_mut().zip(&border.lifted).for_each(|(x, lift)| *x -= lift * travel);
+        right.push(travel);
     }
+}
+
+/// Forces of resistance of `springs` to a motion of the nodes by `unknowns`, and of the shapes
+/// along `push` if the last unknown is their travel; as unknowns (N).
+pub(super) fn product(
+    system: &System,
+    solver: &DirectSolver,
+    springs: &[Spring],
+    unknowns: &[f64],
+    push: Option<&ForceControl>,
+) -> Vec<f64> {
+    let moved = solver.scatter(unknowns);
+    let travel = push.map_or(Vector3::zeros(), |p| p.direction * unknowns[unknowns.len() - 1]);
+    let stretch =
+        |spring: &Spring| system.surface[spring.point as usize].interpolate(&moved) - travel;
+    let stretches: Vec<_> = springs.iter().map(stretch).collect();
+    let mut product =
+        solver.gather(&system.resistance(springs.iter().zip(stretches.iter().copied())));
+    product.extend(push.map(|push| {
+        let forces =
+            springs.iter().zip(&stretches).map(|(spring, stretch)| spring.stiffness * stretch);
+        -push.direction.dot(&forces.sum::<Vector3<f64>>())
+    }));
+    product
 }

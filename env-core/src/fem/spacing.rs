@@ -83,7 +83,7 @@ impl Faces {
     /// Returns the spacing at which the shapes of a `press` of `mesh` are detected, or an error if
     /// one of them is too thin for a face near its path. On a body that is not held, every face
     /// counts as near.
-    pub(super) fn felt(&self, mesh: &TetMesh, press: &Press) -> Result<Spacing> {
+    pub(super) fn for_press(&self, mesh: &TetMesh, press: &Press) -> Result<Spacing> {
         let thinnest = press.shapes().iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
         let spacing = match thinnest / THINNEST {
             length if length < self.usual.length => spacing(length, &self.all),

@@ -1,10 +1,10 @@
-//! Touching points as springs, and products with their stiffness.
+//! Touching points as springs.
 
 use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-use super::{direct::DirectSolver, push::ForceControl, system::System};
+use super::system::System;
 use crate::contact::{ContactStep, Touch};
 
 /// Linearised contact of a surface point with a shape.
@@ -88,28 +88,4 @@ pub(super) fn missing(springs: &[Spring], others: &[Spring]) -> Vec<Spring> {
     }
     let some = of_point.into_iter().filter(|(_, stiffness)| *stiffness != Matrix3::zeros());
     some.map(|(point, stiffness)| Spring { point, stiffness, symmetric: false }).collect()
-}
-
-/// Forces of resistance of `springs` to a motion of the nodes by `unknowns`, and of the shapes
-/// along `push` if the last unknown is their travel; as unknowns (N).
-pub(super) fn product(
-    system: &System,
-    solver: &DirectSolver,
-    springs: &[Spring],
-    unknowns: &[f64],
-    push: Option<&ForceControl>,
-) -> Vec<f64> {
-    let moved = solver.scatter(unknowns);
-    let travel = push.map_or(Vector3::zeros(), |p| p.direction * unknowns[unknowns.len() - 1]);
-    let stretch =
-        |spring: &Spring| system.surface[spring.point as usize].interpolate(&moved) - travel;
-    let stretches: Vec<_> = springs.iter().map(stretch).collect();
-    let mut product =
-        solver.gather(&system.resistance(springs.iter().zip(stretches.iter().copied())));
-    product.extend(push.map(|push| {
-        let forces =
-            springs.iter().zip(&stretches).map(|(spring, stretch)| spring.stiffness * stretch);
-        -push.direction.dot(&forces.sum::<Vector3<f64>>())
-    }));
-    product
 }

@@ -112,7 +112,7 @@ impl System {
     pub(super) fn suited(&self, body: &SoftBody, press: &Press) -> Result<Self> {
         let mut system = self.clone();
         system.law.friction = press.friction().unwrap_or(self.law.friction);
-        let spacing = self.faces.felt(body.mesh(), press)?;
+        let spacing = self.faces.for_press(body.mesh(), press)?;
         if spacing != self.faces.usual {
             let (surface, backing) = surface(body, &self.nodes, self.element, spacing);
             (system.surface, system.backing) = (surface.into(), backing.into());

@@ -41,7 +41,7 @@ impl TetMesh {
             "npz" => self.npz(fields),
             _ => return Err(Error::invalid("file", shown, "a name in .vtu or .npz")),
         };
-        fs::write(path, bytes).map_err(|e| Error::File { path: shown, reason: e.to_string() })
+        fs::write(path, bytes).map_err(|error| Error::file(path, error))
     }
 
     fn check(&self, fields: &[Field]) -> Result<()> {

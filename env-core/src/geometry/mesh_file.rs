@@ -54,13 +54,9 @@ pub fn read_solid(path: &Path, scale: f64, centred: bool) -> Result<Shape> {
 
 type Triangles = (Vec<[f64; 3]>, Vec<[u32; 3]>);
 
-fn failure(path: &Path, reason: &impl ToString) -> Error {
-    Error::File { path: path.display().to_string(), reason: reason.to_string() }
-}
-
 fn read_obj(path: &Path) -> Result<Triangles> {
     let options = tobj::LoadOptions { triangulate: true, ..Default::default() };
-    let (models, _) = tobj::load_obj(path, &options).map_err(|e| failure(path, &e))?;
+    let (models, _) = tobj::load_obj(path, &options).map_err(|error| Error::file(path, error))?;
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
     for model in models {
         let first = vertices.len() as u32;
@@ -72,12 +68,12 @@ fn read_obj(path: &Path) -> Result<Triangles> {
 }
 
 fn read_stl(path: &Path) -> Result<Triangles> {
-    let file = File::open(path).map_err(|e| failure(path, &e))?;
+    let file = File::open(path).map_err(|error| Error::file(path, error))?;
     let mesh = stl_io::read_stl(&mut BufReader::new(file)).map_err(|e| match e.kind() {
         ErrorKind::UnexpectedEof => {
-            failure(path, &"no .stl file, or one cut short: it ends before its last triangle")
+            Error::file(path, "no .stl file, or one cut short: it ends before its last triangle")
         }
-        _ => failure(path, &e),
+        _ => Error::file(path, e),
     })?;
     let vertices = mesh.vertices.iter().map(|v| [v[0], v[1], v[2]].map(f64::from)).collect();
     let triangles = mesh.faces.iter().map(|f| f.vertices.map(|i| i as u32)).collect();

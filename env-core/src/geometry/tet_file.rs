@@ -28,19 +28,19 @@ impl TetMesh {
             return Err(Error::invalid("scale", scale, "a finite number of metres above 0"));
         }
         let name = path.display().to_string();
-        let failure = |reason: String| Error::File { path: name.clone(), reason };
         let parse: fn(&str) -> Parsed<VerticesAndTets> =
             match path.extension().and_then(|e| e.to_str()).unwrap_or_default() {
                 "tet" => parse_tet,
                 "msh" => parse_msh,
                 _ => return Err(Error::invalid("mesh file", name, "a name in .tet or .msh")),
             };
-        let length = fs::metadata(path).map_err(|e| failure(e.to_string()))?.len();
+        let length = fs::metadata(path).map_err(|error| Error::file(path, error))?.len();
         if length > LARGEST {
-            return Err(failure(format!("{length} bytes, expected at most {LARGEST}")));
+            let reason = format!("{length} bytes, expected at most {LARGEST}");
+            return Err(Error::file(path, reason));
         }
-        let text = fs::read_to_string(path).map_err(|e| failure(e.to_string()))?;
-        let (vertices, tets) = parse(&text).map_err(failure)?;
+        let text = fs::read_to_string(path).map_err(|error| Error::file(path, error))?;
+        let (vertices, tets) = parse(&text).map_err(|reason| Error::file(path, reason))?;
         let (vertices, tets) = without_unused(&vertices, tets, scale);
         Self::new(&name, vertices, tets)
     }

@@ -66,18 +66,18 @@ impl StressedBody {
     pub(super) fn all(view: &DeformationView) -> Result<Vec<Self>> {
         let DeformationView { shell, bodies, darkest } = *view;
         let rest = RenderMesh::new(&Surface::new("body", &shell.places(None), shell.triangles())?);
-        let body = |felt: Option<&Deformation>| {
-            let stress = shell.stress(felt);
+        let body = |deformation: Option<&Deformation>| {
+            let stress = shell.stress(deformation);
             Ok(Self {
-                mesh: rest.moved(&shell.places(felt))?,
+                mesh: rest.moved(&shell.places(deformation))?,
                 colors: stress.iter().map(|stress| color(stress / darkest)).collect(),
                 peak: stress.iter().copied().fold(0.0, f64::max),
                 darkest,
             })
         };
         match bodies {
-            DeformedBodies::Pads(felt) => felt.into_iter().map(body).collect(),
-            DeformedBodies::Object(felt) => Ok(vec![body(felt)?]),
+            DeformedBodies::Pads(deformation) => deformation.into_iter().map(body).collect(),
+            DeformedBodies::Object(deformation) => Ok(vec![body(deformation)?]),
         }
     }
 

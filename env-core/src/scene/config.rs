@@ -9,6 +9,7 @@ use super::{Fixture, ObjectModel};
 use crate::{
     Error, Result,
     deformation::Moduli,
+    error::within,
     geometry::PadOutline,
     sensor::{Calibration, ElasticFoundation, Sensor},
 };
@@ -240,7 +241,7 @@ impl SceneConfig {
     /// Checks all settings; the error names the first one out of its range.
     pub fn validate(&self) -> Result<()> {
         for BoundedNumber { name, value, bounds: [low, high], .. } in self.numbers() {
-            within(name, value, low, high)?;
+            within(name, value, [low, high])?;
         }
         let p = &self.physics;
         let steps = p.control_period / p.time_step;
@@ -267,7 +268,7 @@ impl SceneConfig {
 impl SoftPads {
     fn validate(&self, gripper: &Gripper) -> Result<()> {
         let outline = self.outline.validated()?;
-        within("pads.young", self.young, 1e3, 1e8)?;
+        within("pads.young", self.young, [1e3, 1e8])?;
         let extents = [outline.width, outline.length, outline.thickness];
         let expected = [gripper.pad_width, gripper.pad_length, gripper.pad_thickness];
         if extents == expected {
@@ -415,8 +416,8 @@ impl Physics {
 impl Workspace {
     fn validate(&self, gripper: &Gripper) -> Result<()> {
         for axis in 0..3 {
-            within("workspace.low", self.low[axis], -1.0, 1.0)?;
-            within("workspace.high", self.high[axis], -1.0, 1.0)?;
+            within("workspace.low", self.low[axis], [-1.0, 1.0])?;
+            within("workspace.high", self.high[axis], [-1.0, 1.0])?;
             if self.low[axis] > self.high[axis] {
                 let found = format!("{:?} above {:?}", self.low, self.high);
                 return Err(Error::invalid("workspace", found, "low ≤ high on every axis"));
@@ -451,13 +452,13 @@ impl SceneObject<'_> {
     /// Checks all properties; the error names the first one out of its range.
     pub fn validate(&self, gripper: &Gripper) -> Result<()> {
         let lightest = gripper.max_force / MOST_ACCELERATION;
-        within("object scale", self.scale, 0.05, 20.0)?;
+        within("object scale", self.scale, [0.05, 20.0])?;
         if !(lightest..=1000.0).contains(&self.mass) {
             let force = gripper.max_force;
             let expected = format!("{lightest} to 1000 kg under a grip of up to {force} N");
             return Err(Error::invalid("object mass", format!("{} kg", self.mass), expected));
         }
-        within("object friction", self.friction, 0.0, 10.0)?;
+        within("object friction", self.friction, [0.0, 10.0])?;
         let position = self.pose.translation.vector;
         if !position.iter().all(|x| x.abs() <= 1.0) {
             let found = format!("{:?} m", position.as_slice());
@@ -465,13 +466,6 @@ impl SceneObject<'_> {
         }
         Ok(())
     }
-}
-
-fn within(name: &str, value: f64, low: f64, high: f64) -> Result<()> {
-    if (low..=high).contains(&value) {
-        return Ok(());
-    }
-    Err(Error::invalid(name, value, format!("{low} to {high}")))
 }
 
 #[cfg(test)]

@@ -35,8 +35,7 @@ pub(super) fn wrench(
                 units::si_vector(impulse) * (on_first / f64::from(world.integration_parameters.dt));
             let (p1, p2) = manifold.data.solver_contact_world_points(contact, &world.bodies);
             let at = units::si_vector((p1 + p2) * 0.5);
-            sum.force += force;
-            sum.torque += (at - origin.coords).cross(&force);
+            sum.add_force(&force, &(at - origin.coords));
         }
     }
     sum

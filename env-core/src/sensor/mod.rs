@@ -189,10 +189,8 @@ impl Sensor {
 
     /// Reads a sensor from a TOML file in the format of `assets/sensors`.
     pub fn read(path: &Path) -> Result<Self> {
-        let shown = path.display().to_string();
-        let text = fs::read_to_string(path)
-            .map_err(|e| Error::File { path: shown.clone(), reason: e.to_string() })?;
-        Self::parse(&shown, &text)
+        let text = fs::read_to_string(path).map_err(|error| Error::file(path, error))?;
+        Self::parse(&path.display().to_string(), &text)
     }
 
     /// Returns the built-in sensor `name`, or reads the file if `name` is the path of a .toml file.
@@ -220,7 +218,7 @@ impl Sensor {
         fields::check(text)
             .and_then(|()| toml::from_str::<Self>(text).map_err(|error| vec![error.to_string()]))
             .and_then(Self::validated)
-            .map_err(|defects| Error::File { path: path.to_owned(), reason: defects.join("; ") })
+            .map_err(|defects| Error::file(path, defects.join("; ")))
     }
 
     /// Returns this sensor, or the defects of values that depend on each other.

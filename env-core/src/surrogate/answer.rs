@@ -6,15 +6,17 @@ use std::{
     time::Instant,
 };
 
-use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use nalgebra::{Isometry3, Unit, Vector3};
 use rayon::prelude::*;
 
 use super::{
     corrector::Corrector,
     fast::{PadBuffers, PadInference},
-    features::{PadInput, PadMaterial},
+    features::PadInput,
     graph::{LAYERS, PadGraph},
     linear::{LinearBaseline, LinearFields, LinearStress, PadFields, body},
+    material::PadMaterial,
+    parameters::Parameters,
     predicted::ErrorModel,
     weights::{self, Card, bearing_of},
 };
@@ -129,7 +131,7 @@ impl Surrogate {
         friction: f64,
     ) -> Result<Self> {
         let (tensors, card): (_, Card) = weights::of_kind(name, bytes)?;
-        let parameters = weights::parameters(tensors)?;
+        let parameters = Parameters::given(tensors)?;
         let plain = Corrector::new(&card.network, &parameters.builder())?;
         let gel = PadMaterial { moduli, friction, thickness: sensor.outline.thickness };
         let pad = sensor.pad(card.model_nodes)?;
@@ -318,8 +320,10 @@ impl PadModel {
         let residual =
             if wanted.residual { self.residual(&displacement, &contact_force)? } else { 0.0 };
         let ContactSolution { sliding, history, iterations, seconds, .. } = settled;
+        let arms = places.iter().zip(&displacement).map(|(place, u)| place.coords + u);
+        let wrench = Wrench::of_forces(contact_force.iter().copied().zip(arms));
         Ok(Deformation {
-            wrench: wrench(places, &displacement, &contact_force),
+            wrench,
             sliding,
             displacement,
             von_mises,
@@ -348,17 +352,12 @@ impl PadModel {
         };
         let blend = |model: &ErrorModel| model.blended(input, &mut fields);
         let predicted_error = self.card.predicted.as_ref().map(blend);
-        let vectors = |numbers: &[f32], unit: f64| {
-            let vector = |&v: &[f32; 3]| Vector3::from(v).cast::<f64>() * unit;
-            numbers.as_chunks::<3>().0.iter().map(vector).collect::<Vec<_>>()
-        };
-        let mut contact_force = vectors(&fields.forces, self.gel.force());
+        let mut contact_force = self.gel.forces(&fields.forces);
         contact_force.extend(&linear.contact_force[self.graph.columns..]);
-        let shear = self.gel.moduli.shear();
         let corrected = PadFields {
-            displacement: vectors(&fields.displacement, self.gel.thickness),
+            displacement: self.gel.displacement(&fields.displacement),
             contact_force,
-            von_mises: fields.stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
+            von_mises: self.gel.von_mises(&fields.stress),
             poses: linear.poses,
         };
         Ok((corrected, predicted_error))
@@ -370,27 +369,13 @@ impl PadModel {
     }
 }
 
-/// Resultant of forces on displaced nodes.
-fn wrench(
-    places: &[Point3<f64>],
-    displacement: &[Vector3<f64>],
-    forces: &[Vector3<f64>],
-) -> Wrench {
-    let mut wrench = Wrench::default();
-    for ((place, u), force) in places.iter().zip(displacement).zip(forces) {
-        wrench.force += force;
-        wrench.torque += (place.coords + u).cross(force);
-    }
-    wrench
-}
-
 impl DeformationModel for Surrogate {
     /// Solves the presses in parallel, each on one thread.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        self.feel(presses, ALL)
+        self.solve_partially(presses, ALL)
     }
 
-    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let model = &*self;
         let answer = |evaluation: &mut Evaluation, press| model.last(press, wanted, evaluation);
         presses.par_iter().map_init(|| model.evaluation(), answer).collect()

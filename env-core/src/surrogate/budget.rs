@@ -2,8 +2,10 @@
 
 use std::cell::Cell;
 
-use super::train::{positive, within};
-use crate::{Error, Result};
+use crate::{
+    Error, Result,
+    error::{positive, within},
+};
 
 /// Condition that ends a training run.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -14,10 +14,9 @@ use candle_nn::VarBuilder;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    features::{DIRECTIONS, FEATURES, PadInput},
+    features::{DIRECTIONS, FEATURES, Fields, PadInput},
     graph::{LAYERS, PadGraph, SCALES},
     layers::{Linear, Mlp},
-    metrics::Fields,
     multi_scale::MultiScale,
     ops::{sparse, von_mises},
 };

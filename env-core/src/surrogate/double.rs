@@ -9,12 +9,13 @@ use super::{
     answer::SHIPPED,
     corrector::{Corrector, OF_LAYER},
     fast::{PadBuffers, PadInference},
-    features::{DIRECTIONS, FEATURES, PadInput, PadMaterial},
-    graph::{LAYERS, PadGraph},
+    features::{DIRECTIONS, FEATURES, PadInput},
+    graph::{LAYERS, Level, PadGraph},
     layers::{LayerNorm, Linear, Mlp, Round},
     linear::{LinearBaseline, LinearStress},
-    multi_scale::Level,
+    material::PadMaterial,
     ops::Sparse,
+    parameters::Parameters,
     weights::{self, Card},
 };
 use crate::{
@@ -219,7 +220,7 @@ fn precision_single_is_enough() {
     let sensor = Sensor::named("gelsight-mini").unwrap();
     let (mut worst, mut count) = ([0.0_f64; 3], 0);
     let (tensors, card): (_, Card) = weights::of_kind("pads", SHIPPED).unwrap();
-    let parameters = weights::parameters(tensors).unwrap();
+    let parameters = Parameters::given(tensors).unwrap();
     let network = Corrector::new(&card.network, &parameters.builder()).unwrap();
     let pad = sensor.pad(card.model_nodes).unwrap();
     let graph = PadGraph::new(&pad).unwrap();

@@ -9,9 +9,8 @@ use candle_core::Result;
 
 use super::{
     corrector::{Corrector, OF_LAYER, OUTPUTS},
-    features::{DIRECTIONS, PadInput},
+    features::{DIRECTIONS, Fields, PadInput},
     graph::{LAYERS, PadGraph, SCALES},
-    metrics::Fields,
     ops::PadStress,
     stress_head::{StressHead, Stresses},
     trunk::{self, Dense, Trunk, relu},

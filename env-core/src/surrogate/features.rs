@@ -7,13 +7,16 @@
 //!
 //! Shapes: C columns, V nodes, T tetrahedra.
 
+use candle_core::Tensor;
 use nalgebra::{Point3, Vector3};
 
-use super::graph::{LAYERS, Mirror, PLACE_FEATURES, PadGraph};
-use super::linear::{CellContact, LinearFields, PadFields};
+use super::{
+    graph::{LAYERS, Mirror, PLACE_FEATURES, PadGraph},
+    linear::{CellContact, LinearFields, PadFields},
+    material::PadMaterial,
+};
 use crate::{
     compliance::nodal::NodeContact,
-    deformation::Moduli,
     geometry::{Distance, Shape},
 };
 
@@ -81,19 +84,29 @@ pub(super) struct Target {
     pub(super) force: [f32; 3],
 }
 
-/// Material, friction and thickness of a pad, which define its units.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct PadMaterial {
-    pub(super) moduli: Moduli,
-    pub(super) friction: f64,
-    /// Thickness L (m).
-    pub(super) thickness: f64,
+/// Fields of an answer in the units of [`Target`]; NaN where the model does not output a field.
+pub(super) struct Fields {
+    pub(super) displacement: Vec<f32>,
+    pub(super) stress: Vec<f32>,
+    pub(super) forces: Vec<f32>,
+    pub(super) force: [f32; 3],
 }
 
-impl PadMaterial {
-    /// Unit of force (N).
-    pub(super) fn force(&self) -> f64 {
-        self.moduli.young * self.thickness * self.thickness
+impl Fields {
+    /// Converts a network's output for one press: displacement, stress, nodal forces and net force.
+    pub(super) fn of(
+        [displacement, stress, forces, force]: [&Tensor; 4],
+    ) -> candle_core::Result<Self> {
+        let flat = |x: &Tensor| x.flatten_all()?.to_vec1();
+        let (displacement, stress, forces, force) =
+            (flat(displacement)?, flat(stress)?, flat(forces)?, flat(force)?);
+        Ok(Self { displacement, stress, forces, force: [force[0], force[1], force[2]] })
+    }
+
+    /// The linear answer in `input`.
+    pub(super) fn linear(input: &PadInput) -> Self {
+        let PadInput { displacement, stress, forces, .. } = input.clone();
+        Self { displacement, stress, forces, force: input.force() }
     }
 }
 

@@ -12,10 +12,7 @@ use std::sync::Arc;
 
 use candle_core::{Device, Tensor};
 
-use super::{
-    multi_scale::Level,
-    ops::{Edges, ShapeGradients, Sparse},
-};
+use super::ops::{Edges, ShapeGradients, Sparse};
 use crate::{Error, Result, geometry::PadMesh};
 
 /// Number of free layers of nodes that the network requires.
@@ -26,6 +23,15 @@ pub(super) const SCALES: usize = 3;
 pub(super) const EDGE_FEATURES: usize = 4;
 /// Number of features of a column at rest.
 pub(super) const PLACE_FEATURES: usize = 4;
+
+/// One scale of a graph.
+#[derive(Clone, Debug)]
+pub(super) struct Level {
+    pub(super) edges: Arc<Edges>,
+    /// Interpolation from the next coarser scale to this one, and pooling back; `None` at the
+    /// coarsest.
+    pub(super) links: Option<[Arc<Sparse>; 2]>,
+}
 
 /// Data shared by all presses on one pad mesh.
 #[derive(Clone, Debug)]

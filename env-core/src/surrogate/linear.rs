@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::{
     extension::Extension,
-    features::PadMaterial,
+    material::PadMaterial,
     ops::{PadStress, Sparse},
 };
 use crate::{

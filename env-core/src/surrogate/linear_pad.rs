@@ -5,8 +5,8 @@ use std::{sync::Arc, time::Instant};
 use rayon::prelude::*;
 
 use super::{
-    features::PadMaterial,
     linear::{LinearBaseline, LinearStress, PadFields, body},
+    material::PadMaterial,
 };
 use crate::{
     Error, Result,
@@ -97,12 +97,12 @@ impl LinearPad {
 
 impl DeformationModel for LinearPad {
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        self.feel(presses, Wanted { stress: true, residual: false })
+        self.solve_partially(presses, Wanted { stress: true, residual: false })
     }
 
     /// Solves the presses in parallel, each on one thread. The residual force is that of hyperelastic
     /// elements on the mesh of the body.
-    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let current = Interrupt::current();
         let last = |press| {
             if current.is_requested() {

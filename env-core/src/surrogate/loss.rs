@@ -9,9 +9,9 @@ use candle_nn::VarBuilder;
 
 use super::{
     corrector::{Corrector, CorrectorConfig, CorrectorOutput, PadBatch},
-    features::{PadInput, PadMaterial, Target},
+    features::{Fields, PadInput, Target},
     graph::PadGraph,
-    metrics::Fields,
+    material::PadMaterial,
     samples::{Gels, Sample},
     train::{Loss, Network},
 };

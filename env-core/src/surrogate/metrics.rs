@@ -7,12 +7,12 @@
 
 use std::borrow::Borrow;
 
-use candle_core::Tensor;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    features::{PadInput, PadMaterial, Target},
+    features::{Fields, Target},
+    material::PadMaterial,
     samples::{Gels, Sample},
     train::Network,
 };
@@ -22,32 +22,6 @@ use crate::Result;
 const STILL: f64 = 1e-6;
 /// Share of the peak stress above which a tetrahedron belongs to the stressed set.
 const STRESSED: f64 = 0.05;
-
-/// Fields of an answer in the units of [`Target`]; NaN where the model does not output a field.
-pub(super) struct Fields {
-    pub(super) displacement: Vec<f32>,
-    pub(super) stress: Vec<f32>,
-    pub(super) forces: Vec<f32>,
-    pub(super) force: [f32; 3],
-}
-
-impl Fields {
-    /// Converts a network's output for one press: displacement, stress, nodal forces and net force.
-    pub(super) fn of(
-        [displacement, stress, forces, force]: [&Tensor; 4],
-    ) -> candle_core::Result<Self> {
-        let flat = |x: &Tensor| x.flatten_all()?.to_vec1();
-        let (displacement, stress, forces, force) =
-            (flat(displacement)?, flat(stress)?, flat(forces)?, flat(force)?);
-        Ok(Self { displacement, stress, forces, force: [force[0], force[1], force[2]] })
-    }
-
-    /// The linear answer in `input`.
-    pub(super) fn linear(input: &PadInput) -> Self {
-        let PadInput { displacement, stress, forces, .. } = input.clone();
-        Self { displacement, stress, forces, force: input.force() }
-    }
-}
 
 /// Errors of one press.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -72,6 +46,17 @@ pub struct PressErrors {
     pub nodal_force: f64,
     /// Relative error of the net force vector.
     pub force: f64,
+}
+
+/// Errors of a network on a press, and of the linear answer that it corrects, if any.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evaluated {
+    /// Name of the grasp.
+    pub grasp: String,
+    /// Errors of the network; NaN for fields that it does not output.
+    pub network: PressErrors,
+    /// Errors of the linear answer.
+    pub linear: Option<PressErrors>,
 }
 
 /// Median and 95th percentile.

@@ -6,15 +6,13 @@
 //!
 //! Shapes: B presses in a batch, N nodes, E edges, H latent width.
 
-use std::sync::Arc;
-
 use candle_core::{Result, Tensor};
 use candle_nn::VarBuilder;
 
 use super::{
-    graph::{EDGE_FEATURES, SCALES},
+    graph::{EDGE_FEATURES, Level, SCALES},
     layers::{LayerNorm, Linear, Mlp, Round},
-    ops::{Edges, Sparse, sparse},
+    ops::sparse,
 };
 
 /// Layers of the network.
@@ -30,15 +28,6 @@ pub(super) struct MultiScale {
     pub(super) raise: [Linear; SCALES - 1],
     pub(super) global: Mlp,
     pub(super) norm: LayerNorm,
-}
-
-/// One scale of a graph.
-#[derive(Clone, Debug)]
-pub(super) struct Level {
-    pub(super) edges: Arc<Edges>,
-    /// Interpolation from the next coarser scale to this one, and pooling back; `None` at the
-    /// coarsest.
-    pub(super) links: Option<[Arc<Sparse>; 2]>,
 }
 
 impl MultiScale {

@@ -10,6 +10,9 @@ use candle_nn::{Init, VarBuilder, init::NormalOrUniform, var_builder::SimpleBack
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+/// Shapes and values of tensors by name.
+pub(super) type Vectors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
+
 /// Variables by name: initialised from a seed when a network is built, or read from a file.
 #[derive(Clone)]
 pub(super) struct Parameters(Arc<Mutex<Store>>);
@@ -28,8 +31,10 @@ impl Parameters {
     }
 
     /// Creates a set of the given variables and no others.
-    pub(super) fn given(tensors: impl IntoIterator<Item = (String, Tensor)>) -> Result<Self> {
-        let variable = |(name, tensor): (String, Tensor)| Ok((name, Var::from_tensor(&tensor)?));
+    pub(super) fn given(tensors: Vectors) -> Result<Self> {
+        let variable = |(name, (shape, values)): (String, (Vec<usize>, Vec<f32>))| {
+            Ok((name, Var::from_vec(values, shape, &Device::Cpu)?))
+        };
         let variables = tensors.into_iter().map(variable).collect::<Result<_>>()?;
         Ok(Self(Arc::new(Mutex::new(Store { variables, random: None }))))
     }
@@ -42,6 +47,15 @@ impl Parameters {
     /// All variables with their names, sorted by name.
     pub(super) fn all(&self) -> Vec<(String, Var)> {
         self.store().variables.iter().map(|(name, var)| (name.clone(), var.clone())).collect()
+    }
+
+    /// Shapes and values of all variables.
+    pub(super) fn vectors(&self) -> Result<Vectors> {
+        let vector = |(name, variable): (String, Var)| {
+            let values = variable.flatten_all()?.to_vec1()?;
+            Ok((name, (variable.dims().to_vec(), values)))
+        };
+        self.all().into_iter().map(vector).collect()
     }
 
     /// Total number of parameters.

@@ -8,7 +8,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{features::PadInput, metrics::Fields};
+use super::features::{Fields, PadInput};
 use crate::deformation::PredictedError;
 
 /// Number of quantities of an answer.

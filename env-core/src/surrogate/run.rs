@@ -1,25 +1,23 @@
 //! Training and evaluation of the corrector.
 
-use std::{collections::BTreeSet, fmt::Write as _, path::Path};
+use std::path::Path;
 
 use rayon::prelude::*;
-use sha2::{Digest, Sha256};
 
 use super::{
     budget::{Budget, Pace},
     corrector::Corrector,
-    metrics::{Fields, PressErrors, Summary, errors, judge_linear},
+    features::Fields,
+    metrics::{Evaluated, PressErrors, Summary, errors, judge_linear},
     paper::{self, PaperCard},
+    parameters::Parameters,
     predicted::{self, ErrorModel, JudgedAnswer},
     samples::{Gels, Sample},
     train::{Network, Training},
     training_run::{TrainingProgress, TrainingRun, Watch, trainable},
-    weights::{self, Card, Data, NetworkCard, TrainingBounds},
+    weights::{self, Card, Data, NetworkCard, TrainingBounds, counts, fingerprint},
 };
-use crate::{
-    Result,
-    dataset::{Dataset, Split},
-};
+use crate::{Result, dataset::Dataset};
 
 /// Trains on the dataset in `data` and writes checkpoints, weights and their card into `out`;
 /// resumes from the last checkpoint there. `watch` is called at every step and stops the run by
@@ -123,38 +121,6 @@ fn judge_blended(
     samples.par_iter().map(one).collect()
 }
 
-/// Numbers of grasps and frames, from the name of the grasp of each frame.
-pub(super) fn counts<'a>(grasps: impl Iterator<Item = &'a String>) -> [usize; 2] {
-    let all: Vec<_> = grasps.collect();
-    let grasps: BTreeSet<_> = all.iter().collect();
-    [grasps.len(), all.len()]
-}
-
-/// SHA-256 of a dataset's configuration and of the grasps of a split.
-pub(super) fn fingerprint(dataset: &Dataset, split: &Split) -> String {
-    let text = serde_json::to_string(&(dataset.config(), split)).expect("plain data");
-    hex(&Sha256::digest(text))
-}
-
-/// Hexadecimal text of `bytes`.
-pub(super) fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
-}
-
-/// Errors of a network on a press, and of the linear answer that it corrects, if any.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Evaluated {
-    /// Name of the grasp.
-    pub grasp: String,
-    /// Errors of the network; NaN for fields that it does not output.
-    pub network: PressErrors,
-    /// Errors of the linear answer.
-    pub linear: Option<PressErrors>,
-}
-
 /// Computes the errors of a corrector, or of one of the paper's networks, on each press of the test
 /// part of a split.
 ///
@@ -176,7 +142,7 @@ fn corrector(
     names: &[String],
 ) -> Result<Vec<Evaluated>> {
     let (vectors, card): (_, Card) = weights::of_kind(name, bytes)?;
-    let network = Corrector::new(&card.network, &weights::parameters(vectors)?.builder())?;
+    let network = Corrector::new(&card.network, &Parameters::given(vectors)?.builder())?;
     let gels = Gels::new(dataset.config(), card.linear_nodes)?;
     let ([samples], _) = gels.samples(dataset, [names], &mut |_, _| true)?;
     let found = judge_blended(&network, card.predicted.as_ref(), &gels, &samples)?;

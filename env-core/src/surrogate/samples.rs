@@ -6,9 +6,10 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{
-    features::{PadInput, PadMaterial, Target},
+    features::{PadInput, Target},
     graph::PadGraph,
     linear::{LinearBaseline, LinearFields, LinearStress},
+    material::PadMaterial,
 };
 use crate::{
     Result,
@@ -159,7 +160,7 @@ impl Target {
 
     /// Extracts a frame of a finite-element solution on a pad of `columns` columns.
     pub(super) fn new(frames: &PadFrames, frame: usize, columns: usize, gel: &PadMaterial) -> Self {
-        let part = |field: &[f32], unit: f64| part(field, frame, frames.poses.len(), unit);
+        let part = |field: &[f32], unit: f64| in_units(field, frame, frames.poses.len(), unit);
         let mut forces = part(&frames.contact_force, gel.force());
         forces.truncate(3 * columns);
         let wrench = &frames.wrench[6 * frame..];
@@ -173,7 +174,7 @@ impl Target {
 }
 
 /// A frame of a field of so many `frames`, over its `unit`.
-fn part(field: &[f32], frame: usize, frames: usize, unit: f64) -> Vec<f32> {
+pub(super) fn in_units(field: &[f32], frame: usize, frames: usize, unit: f64) -> Vec<f32> {
     let (size, unit) = (field.len() / frames, unit as f32);
     field[frame * size..][..size].iter().map(|x| x / unit).collect()
 }

@@ -14,12 +14,14 @@ use super::{
     adam::{self, Adam},
     budget::Budget,
     corrector::CorrectorConfig,
-    features::{PadMaterial, Target},
-    metrics::Fields,
-    parameters::Parameters,
-    weights::Vectors,
+    features::{Fields, Target},
+    material::PadMaterial,
+    parameters::{Parameters, Vectors},
 };
-use crate::{Error, Result};
+use crate::{
+    Error, Result,
+    error::{positive, within},
+};
 
 /// A network that can be trained and evaluated.
 pub(super) trait Network: Sized + Sync {
@@ -110,22 +112,6 @@ impl Training {
         scaled(width, corner, &[&down[..], &up])?;
         Ok(self)
     }
-}
-
-/// Returns an error unless a setting is a finite number above 0.
-pub(super) fn positive(name: &'static str, value: f64) -> Result<()> {
-    if value > 0.0 && value.is_finite() {
-        return Ok(());
-    }
-    Err(Error::invalid(name, value, "a number above 0"))
-}
-
-/// Returns an error unless a setting lies between two bounds, both included.
-pub(super) fn within(name: &'static str, count: usize, [least, most]: [usize; 2]) -> Result<()> {
-    if (least..=most).contains(&count) {
-        return Ok(());
-    }
-    Err(Error::invalid(name, count, format!("{least} to {most}")))
 }
 
 /// Returns an error unless the seed of a training run, its highest learning rate and its number of

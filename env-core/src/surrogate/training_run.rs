@@ -9,8 +9,9 @@ use serde_json::{Map, Value};
 use super::{
     budget::Pace,
     metrics::{Summary, judge},
+    parameters::{Parameters, Vectors},
     train::{Epoch, Network, Trainer, Training},
-    weights::{self, Vectors},
+    weights,
 };
 use crate::{Error, Result, dataset::write_whole};
 
@@ -119,7 +120,7 @@ impl<'a, N: Network> TrainingRun<'a, N> {
         pace: Pace<'a>,
         out: &'a Path,
     ) -> Result<Self> {
-        fs::create_dir_all(out).map_err(|error| Error::file(out, &error))?;
+        fs::create_dir_all(out).map_err(|error| Error::file(out, error))?;
         let settings = serde_json::to_string(settings).expect("plain data");
         let trainer = Trainer::new(training)?;
         let mut run = Self { trainer, out, pace, settings, data, best: None };
@@ -141,11 +142,11 @@ impl<'a, N: Network> TrainingRun<'a, N> {
                 "its run had other settings, {}: expected those, or another folder",
                 differences(&found.settings, &run.settings)
             );
-            return Err(Error::file(&path, &reason));
+            return Err(Error::file(&path, reason));
         }
         if found.data != run.data {
             let reason = "its run was on other data, expected those, or another folder";
-            return Err(Error::file(&path, &reason));
+            return Err(Error::file(&path, reason));
         }
         run.trainer.restore(&vectors, found.epoch, found.steps)?;
         run.best = found.best;
@@ -226,7 +227,7 @@ impl<'a, N: Network> TrainingRun<'a, N> {
             Some(_) => checkpoint(&self.out.join(BEST))?.0,
             None => self.trainer.parameters.vectors()?,
         };
-        let parameters = weights::parameters(vectors.clone())?;
+        let parameters = Parameters::given(vectors.clone())?;
         Ok((N::new(&self.trainer.training.network, &parameters.builder())?, vectors))
     }
 

@@ -15,9 +15,9 @@ use candle_core::{Result, Tensor};
 use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul};
 
 use super::{
-    graph::SCALES,
+    graph::{Level, SCALES},
     layers::{LayerNorm, Linear, Mlp, Round},
-    multi_scale::{Level, MultiScale},
+    multi_scale::MultiScale,
     ops::{Edges, Sparse, hear, moments},
 };
 use crate::simd::vectorised;

@@ -5,27 +5,27 @@
 //! network requires.
 
 use std::{
-    collections::{BTreeMap, HashMap},
+    collections::{BTreeMap, BTreeSet, HashMap},
     fs,
     path::Path,
 };
 
-use candle_core::{Device, Tensor};
 use nalgebra::Vector3;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
     corrector::CorrectorConfig,
-    features::{self, Target},
+    features::Target,
+    material::PadMaterial,
     metrics::{Summary, quantiles},
-    parameters::Parameters,
+    parameters::Vectors,
     predicted::ErrorModel,
     train::Training,
 };
 use crate::{
     Error, Result,
-    dataset::{DatasetConfig, GelConfig},
+    dataset::{Dataset, DatasetConfig, GelConfig, Split, sha256},
 };
 
 /// Description of a network, its training data and its errors.
@@ -139,17 +139,26 @@ impl Data {
     }
 
     /// Returns whether a displacement (V, 3) in m on `gel` lies within the range of these data.
-    pub(super) fn covers(
-        &self,
-        gel: &features::PadMaterial,
-        displacement: &[Vector3<f64>],
-    ) -> bool {
+    pub(super) fn covers(&self, gel: &PadMaterial, displacement: &[Vector3<f64>]) -> bool {
         let within = |x: f64, [low, high]: [f64; 2]| (low..=high).contains(&x);
         let deepest = displacement.iter().map(Vector3::norm).fold(0.0, f64::max);
         deepest <= self.amplitude * gel.thickness
             && within(gel.moduli.poisson, self.poisson)
             && within(gel.friction, self.friction)
     }
+}
+
+/// Numbers of grasps and frames, from the name of the grasp of each frame.
+pub(super) fn counts<'a>(grasps: impl Iterator<Item = &'a String>) -> [usize; 2] {
+    let all: Vec<_> = grasps.collect();
+    let grasps: BTreeSet<_> = all.iter().collect();
+    [grasps.len(), all.len()]
+}
+
+/// SHA-256 of a dataset's configuration and of the grasps of a split.
+pub(super) fn fingerprint(dataset: &Dataset, split: &Split) -> String {
+    let text = serde_json::to_string(&(dataset.config(), split)).expect("plain data");
+    sha256(text)
 }
 
 /// A card with the kind of its network.
@@ -167,9 +176,6 @@ impl NetworkCard for Card {
 struct Form {
     variant: Option<String>,
 }
-
-/// Shapes and values of tensors by name.
-pub(super) type Vectors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 
 /// Largest file that is read (bytes).
 pub(super) const MOST: u64 = 64 << 20;
@@ -203,7 +209,7 @@ pub(super) fn variant(name: &str, bytes: &[u8], expected: &[&str]) -> Result<Str
         return Ok(variant);
     }
     let reason = format!("weights of {variant}, expected {}", expected.join(", "));
-    Err(Error::File { path: name.to_owned(), reason })
+    Err(Error::file(name, reason))
 }
 
 /// Returns the tensors and the card in `bytes`, or an error that names `name` if they are of
@@ -215,17 +221,18 @@ pub(super) fn of_kind<C: NetworkCard>(name: &str, bytes: &[u8]) -> Result<(Vecto
 
 /// Returns the tensors and the card in `bytes`, or an error that names `name` if they are invalid.
 pub(super) fn from_bytes<C: DeserializeOwned>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
-    let bad = |reason: String| Error::File { path: name.to_owned(), reason };
     let (file, card) = opened(name, bytes)?;
     let mut tensors = BTreeMap::new();
     for (tensor, view) in file.tensors() {
         if view.dtype() != Dtype::F32 {
-            return Err(bad(format!("{tensor} is {:?}, expected F32", view.dtype())));
+            let reason = format!("{tensor} is {:?}, expected F32", view.dtype());
+            return Err(Error::file(name, reason));
         }
         let numbers = view.data().as_chunks().0.iter();
         let values: Vec<f32> = numbers.map(|bytes| f32::from_le_bytes(*bytes)).collect();
         if let Some(x) = values.iter().find(|x| !x.is_finite()) {
-            return Err(bad(format!("{tensor} holds {x}, expected finite numbers")));
+            let reason = format!("{tensor} holds {x}, expected finite numbers");
+            return Err(Error::file(name, reason));
         }
         tensors.insert(tensor, (view.shape().to_vec(), values));
     }
@@ -234,7 +241,7 @@ pub(super) fn from_bytes<C: DeserializeOwned>(name: &str, bytes: &[u8]) -> Resul
 
 /// Returns the file in `bytes`, whose tensors are not read yet, and its card.
 fn opened<'a, C: DeserializeOwned>(name: &str, bytes: &'a [u8]) -> Result<(SafeTensors<'a>, C)> {
-    let bad = |reason: String| Error::File { path: name.to_owned(), reason };
+    let bad = |reason: String| Error::file(name, reason);
     let file = SafeTensors::deserialize(bytes).map_err(|error| {
         bad(format!("not a whole .safetensors file, expected weights of ruffini ({error})"))
     })?;
@@ -254,30 +261,9 @@ fn foreign(metadata: Option<&HashMap<String, String>>) -> String {
 
 /// Reads a file, or returns an error if it is larger than [`MOST`].
 pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
-    let bad = |reason: String| Error::File { path: path.display().to_string(), reason };
-    let size = fs::metadata(path).map_err(|error| bad(error.to_string()))?.len();
+    let size = fs::metadata(path).map_err(|error| Error::file(path, error))?.len();
     if size > MOST {
-        return Err(bad(format!("{size} bytes, expected at most {MOST}")));
+        return Err(Error::file(path, format!("{size} bytes, expected at most {MOST}")));
     }
-    fs::read(path).map_err(|error| bad(error.to_string()))
-}
-
-/// Creates the variables of `tensors`.
-pub(super) fn parameters(tensors: Vectors) -> Result<Parameters> {
-    let tensor = |(name, (shape, values)): (String, (Vec<usize>, Vec<f32>))| {
-        Ok((name, Tensor::from_vec(values, shape, &Device::Cpu)?))
-    };
-    let tensors = tensors.into_iter().map(tensor).collect::<candle_core::Result<Vec<_>>>()?;
-    Ok(Parameters::given(tensors)?)
-}
-
-impl Parameters {
-    /// Returns shapes and values of all variables.
-    pub(super) fn vectors(&self) -> Result<Vectors> {
-        let vector = |(name, variable): (String, candle_core::Var)| {
-            let values = variable.flatten_all()?.to_vec1()?;
-            Ok((name, (variable.dims().to_vec(), values)))
-        };
-        self.all().into_iter().map(vector).collect()
-    }
+    fs::read(path).map_err(|error| Error::file(path, error))
 }

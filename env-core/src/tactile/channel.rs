@@ -288,28 +288,28 @@ fn flat<'a>(vectors: impl IntoIterator<Item = &'a Vector3<f64>>) -> Vec<f64> {
     vectors.into_iter().flat_map(|v| v.iter().copied()).collect()
 }
 
-fn markers(skin: &Skin, felt: &Deformation) -> Vec<Vector3<f64>> {
+fn markers(skin: &Skin, deformation: &Deformation) -> Vec<Vector3<f64>> {
     let moved = |(corners, shares): &([u32; 3], [f64; 3])| {
-        (0..3).map(|i| felt.displacement[corners[i] as usize] * shares[i]).sum()
+        (0..3).map(|i| deformation.displacement[corners[i] as usize] * shares[i]).sum()
     };
     skin.markers.iter().map(moved).collect()
 }
 
-fn stress(skin: &Skin, felt: &Deformation) -> Vec<f64> {
+fn stress(skin: &Skin, deformation: &Deformation) -> Vec<f64> {
     let at = |shares: &Vec<(u32, f64)>| {
-        shares.iter().map(|&(tet, share)| felt.von_mises[tet as usize] * share).sum()
+        shares.iter().map(|&(tet, share)| deformation.von_mises[tet as usize] * share).sum()
     };
     skin.stress.iter().map(at).collect()
 }
 
 /// Unbalanced force (N), its share of the sum of unbalanced and contact force, and 1 if the press
 /// is out of range.
-fn trust(skin: &Skin, felt: &Deformation) -> [f64; 3] {
-    let contact = felt.contact_force.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
-    let all = felt.residual + contact;
-    let share = if all > 0.0 { felt.residual / all } else { 0.0 };
+fn trust(skin: &Skin, deformation: &Deformation) -> [f64; 3] {
+    let contact = deformation.contact_force.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
+    let all = deformation.residual + contact;
+    let share = if all > 0.0 { deformation.residual / all } else { 0.0 };
     let most = CALIBRATED * skin.thickness;
-    let moved = skin.free.iter().map(|&node| felt.displacement[node as usize].norm());
+    let moved = skin.free.iter().map(|&node| deformation.displacement[node as usize].norm());
     let out_of_range = moved.fold(0.0, f64::max) > most;
-    [felt.residual, share, f64::from(u8::from(out_of_range))]
+    [deformation.residual, share, f64::from(u8::from(out_of_range))]
 }

@@ -64,13 +64,13 @@ impl TactileCamera {
     pub(super) fn picture(
         &self,
         skin: &Skin,
-        felt: Option<&Deformation>,
+        deformation: Option<&Deformation>,
         shapes: &[&Shape],
     ) -> Vec<f64> {
         let mut colours = self.background.clone();
-        if let Some(felt) = felt {
-            let placed: Vec<_> = shapes.iter().copied().zip(&felt.poses).collect();
-            let heights = self.heights(skin, felt, &placed);
+        if let Some(deformation) = deformation {
+            let placed: Vec<_> = shapes.iter().copied().zip(&deformation.poses).collect();
+            let heights = self.heights(skin, deformation, &placed);
             let raised = heights.iter().zip(&self.rest).map(|(z, rest)| (z - rest) as f32);
             let raised: Vec<_> = raised.collect();
             self.add_response(&self.smoothed(&raised), &mut colours);
@@ -83,10 +83,10 @@ impl TactileCamera {
     fn heights(
         &self,
         skin: &Skin,
-        felt: &Deformation,
+        deformation: &Deformation,
         objects: &[(&Shape, &Isometry3<f64>)],
     ) -> Vec<f64> {
-        let displacement = Some(&felt.displacement[..]);
+        let displacement = Some(&deformation.displacement[..]);
         if objects.is_empty() {
             return depth::heights(skin, &self.grid, displacement);
         }
@@ -94,7 +94,8 @@ impl TactileCamera {
             let gaps = objects.iter().filter_map(|(shape, pose)| gap(shape, pose, place));
             gaps.filter(|gap| (0.0..CLOSE).contains(gap)).reduce(f64::min)
         };
-        let bears = felt.contact_force.iter().zip(&felt.displacement).zip(&skin.places);
+        let bears =
+            deformation.contact_force.iter().zip(&deformation.displacement).zip(&skin.places);
         let missing = |((force, moved), place): ((&Vector3<f64>, _), &Point3<f64>)| {
             let touches = *force != Vector3::zeros();
             touches.then(|| gap(&(place + moved))).flatten().unwrap_or_default()

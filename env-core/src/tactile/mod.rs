@@ -25,4 +25,4 @@ pub use finger::Finger;
 pub use model::{Model, TactileModel, TactilePad};
 pub use object::{MARKERS, SoftObject, Squeezed};
 pub use shell::Shell;
-pub use skin::{Feeling, Skin, peak_stress};
+pub use skin::{PadDeformations, Skin, peak_stress};

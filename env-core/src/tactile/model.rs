@@ -96,8 +96,9 @@ impl TactileModel {
         }
     }
 
-    /// Solves `presses` in order, each at contact with the object of that index in `objects`.
-    pub fn feel(
+    /// Solves `presses` in order, each at contact with the object of that index in `objects`;
+    /// optional parts of the solutions that are not `wanted` may be left out.
+    pub fn solve_partially(
         &mut self,
         objects: &[usize],
         presses: &[Press],
@@ -106,11 +107,11 @@ impl TactileModel {
         let rigid = || Err(Error::invalid("press", "rigid bodies", "soft pads or a soft object"));
         match self {
             Self::Rigid => presses.iter().map(|_| rigid()).collect(),
-            Self::Pads(pad) => pad.model.feel(presses, wanted),
+            Self::Pads(pad) => pad.model.solve_partially(presses, wanted),
             Self::Objects(all) => {
                 let one = |(&index, press): (&usize, &Press)| {
                     let Some(object) = all.get(index) else { return rigid() };
-                    object.model().clone().feel(slice::from_ref(press), wanted).remove(0)
+                    object.model().clone().solve_partially(slice::from_ref(press), wanted).remove(0)
                 };
                 objects.par_iter().zip(presses).map(one).collect()
             }
@@ -215,11 +216,11 @@ impl DeformationModel for Model {
         }
     }
 
-    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         match self {
-            Self::Linear(model) => model.feel(presses, wanted),
-            Self::Fem(model) => model.feel(presses, wanted),
-            Self::Surrogate(model) => model.feel(presses, wanted),
+            Self::Linear(model) => model.solve_partially(presses, wanted),
+            Self::Fem(model) => model.solve_partially(presses, wanted),
+            Self::Surrogate(model) => model.solve_partially(presses, wanted),
         }
     }
 

@@ -45,19 +45,19 @@ impl Shell {
         &self.triangles
     }
 
-    /// Positions of the nodes (B) in m, at rest if `felt` is `None`.
-    pub fn places(&self, felt: Option<&Deformation>) -> Vec<Point3<f64>> {
-        let Some(felt) = felt else { return self.places.clone() };
+    /// Positions of the nodes (B) in m, at rest if `deformation` is `None`.
+    pub fn places(&self, deformation: Option<&Deformation>) -> Vec<Point3<f64>> {
+        let Some(deformation) = deformation else { return self.places.clone() };
         let nodes = self.nodes.iter().zip(&self.places);
-        nodes.map(|(&node, place)| place + felt.displacement[node as usize]).collect()
+        nodes.map(|(&node, place)| place + deformation.displacement[node as usize]).collect()
     }
 
-    /// Von Mises stress at the nodes (B) in Pa, the mean of the tetrahedra around each; 0 if `felt`
+    /// Von Mises stress at the nodes (B) in Pa, the mean of the tetrahedra around each; 0 if `deformation`
     /// is `None`.
-    pub fn stress(&self, felt: Option<&Deformation>) -> Vec<f64> {
-        let Some(felt) = felt else { return vec![0.0; self.nodes.len()] };
+    pub fn stress(&self, deformation: Option<&Deformation>) -> Vec<f64> {
+        let Some(deformation) = deformation else { return vec![0.0; self.nodes.len()] };
         let mean = |shares: &Vec<(u32, f64)>| {
-            shares.iter().map(|&(tet, share)| share * felt.von_mises[tet as usize]).sum()
+            shares.iter().map(|&(tet, share)| share * deformation.von_mises[tet as usize]).sum()
         };
         self.shares.iter().map(mean).collect()
     }

@@ -20,7 +20,7 @@ pub(super) type FacePoint = ([u32; 3], [f64; 3]);
 
 /// Deformation of the pads of both fingers, and the surface that they share.
 #[derive(Clone, Copy, Debug)]
-pub struct Feeling<'a> {
+pub struct PadDeformations<'a> {
     /// Surface of the pads.
     pub skin: &'a Skin,
     /// Solution of the finger on −x and of the one on +x; `None` without contact.
@@ -31,7 +31,7 @@ pub struct Feeling<'a> {
     pub pressed: [&'a [usize]; 2],
 }
 
-impl<'a> Feeling<'a> {
+impl<'a> PadDeformations<'a> {
     /// Shapes in the press of a finger, in the order of its solution.
     pub fn shapes(&self, finger: usize) -> Vec<&'a Shape> {
         self.pressed[finger].iter().filter_map(|&body| self.bodies.get(body)).collect()

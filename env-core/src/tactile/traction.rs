@@ -10,10 +10,10 @@ use super::skin::{PlanGrid, Skin};
 use crate::deformation::Deformation;
 
 /// Contact force on the pad per area of each cell (G, 3) in Pa.
-pub(super) fn map(skin: &Skin, felt: &Deformation) -> Vec<Vector3<f64>> {
+pub(super) fn map(skin: &Skin, deformation: &Deformation) -> Vec<Vector3<f64>> {
     let grid = &skin.grid;
     let mut map = vec![Vector3::zeros(); (grid.counts[0] * grid.counts[1]) as usize];
-    let nodes = felt.contact_force.iter().zip(&felt.displacement).zip(&skin.places);
+    let nodes = deformation.contact_force.iter().zip(&deformation.displacement).zip(&skin.places);
     for ((force, moved), place) in nodes.filter(|((force, _), _)| **force != Vector3::zeros()) {
         let traction = force / skin.cell_area();
         let [across, along] = [0, 1].map(|axis| weights(grid, axis, place[axis] + moved[axis]));

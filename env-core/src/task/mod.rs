@@ -49,7 +49,7 @@ use crate::{
     Result,
     geometry::Shape,
     scene::{Fixture, MOST_DISTRACTORS, SceneState},
-    tactile::{Feeling, Squeezed},
+    tactile::{PadDeformations, Squeezed},
 };
 
 /// Rules of a task, and its settings. A method that is not written leaves a task as GraspLift is.
@@ -303,7 +303,7 @@ pub struct StepState<'a> {
     /// Time since the start of the episode (s).
     pub time: f64,
     /// Contact of the fingers, if they are tactile.
-    pub feeling: Option<Feeling<'a>>,
+    pub pads: Option<PadDeformations<'a>>,
     /// Deformation of a soft object, if it is squeezed.
     pub squeezed: Option<&'a Squeezed>,
     /// Highest von Mises stress in the pads, or in a soft object (Pa), if the task needs it; 0

@@ -280,9 +280,9 @@ impl ObservationLayout {
         let mut writer = Writer { row: here, at: 0 };
         match self.sources[channel] {
             Source::Fingers(channel) => {
-                let feeling = step.feeling.expect("tactile channels are of tactile fingers");
-                for (finger, felt) in feeling.fingers.into_iter().enumerate() {
-                    for x in channel.read(feeling.skin, felt, &feeling.shapes(finger)) {
+                let pads = step.pads.expect("tactile channels are of tactile fingers");
+                for (finger, deformation) in pads.fingers.into_iter().enumerate() {
+                    for x in channel.read(pads.skin, deformation, &pads.shapes(finger)) {
                         writer.push(x);
                     }
                 }

@@ -15,7 +15,6 @@ use super::{
     super::condensed::Condensed,
     between::{Face, widest},
     grid::CellGrid,
-    load_stepping::Held,
 };
 use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh, responses::Responses};
 
@@ -69,7 +68,7 @@ impl ContactNodes {
         let rows = condensed.compliance().chunks_exact(size);
         rows.for_each(|row| compliance.push(row.iter().copied()));
         let loads = (0..places.len() as u32).map(|rank| vec![(rank, 1.0)]).collect();
-        let areas = areas(&condensed);
+        let areas = condensed.areas();
         let rank = |node: u32| condensed.rank_of(node).map(|rank| rank as u32);
         let ranks = |[a, b, c]: [u32; 3]| Some([rank(a)?, rank(b)?, rank(c)?]);
         let faces = condensed.body.mesh().boundary().into_iter().filter_map(ranks).collect();
@@ -180,19 +179,18 @@ impl ContactNodes {
         }
     }
 
-    /// Displacement of every contact node (M) in m under the forces on the `held` nodes.
-    pub(super) fn displacement(&self, held: &[Held]) -> Vec<Vector3<f64>> {
+    /// Displacement of every contact node (M) in m under `forces` (N) on some of them.
+    pub(super) fn displacement(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
         match &self.compliance {
             NodeCompliance::Matrix(compliance, _) => {
                 let mut sum = vec![0.0; 3 * self.places.len()];
-                for Held { rank, force, .. } in held {
+                for (rank, force) in forces {
                     compliance.add(*rank, force, 0..sum.len(), &mut sum);
                 }
                 sum.as_chunks::<3>().0.iter().map(|&u| Vector3::from(u).cast()).collect()
             }
             NodeCompliance::Grid(grid) => {
-                let forces: Vec<_> = held.iter().map(|held| (held.rank, held.force)).collect();
-                let field = grid.field(&forces);
+                let field = grid.field(forces);
                 (0..grid.len() as u32).map(field).collect()
             }
         }
@@ -217,7 +215,7 @@ pub(super) fn tents(
     fine: &PadMesh,
     coarse: &PadMesh,
 ) -> Result<(Vec<Shares>, Vec<f64>)> {
-    let areas = areas(condensed);
+    let areas = condensed.areas();
     let mut loads: Vec<Shares> = vec![Vec::new(); coarse.face.len()];
     for &node in &fine.face {
         let place = &condensed.rest.places()[node as usize];
@@ -235,19 +233,6 @@ pub(super) fn tents(
         }
     }
     Ok((loads, borne))
-}
-
-/// Area that each skin node represents (N) in m².
-pub(super) fn areas(condensed: &Condensed) -> Vec<f64> {
-    let mut areas = vec![0.0; condensed.skin.len()];
-    for point in condensed.surface.iter() {
-        for &(node, share) in &point.shares {
-            if let Some(rank) = condensed.rank_of(node) {
-                areas[rank] += share * point.area;
-            }
-        }
-    }
-    areas
 }
 
 /// Mean normals of the `faces` at each of `places`, weighted by area.

@@ -15,11 +15,11 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use super::{
     face_responses::FaceResponses,
     kernel::{Columns, LayerKernel, Table},
-    patch::nearest,
     side_compliance::{FirstGrid, SideCompliance},
 };
 use crate::{
     compliance::condensed::Condensed,
+    contact::nearest,
     deformation::Moduli,
     geometry::{PadMesh, PadOutline, Shape},
     responses::Responses,

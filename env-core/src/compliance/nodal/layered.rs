@@ -12,15 +12,16 @@ use std::{cell::RefCell, sync::Arc};
 use nalgebra::{Point3, Vector3};
 
 use super::{
-    ContactSolution,
     contact_nodes::ContactNodes,
     face_responses::FaceResponses,
     grid::{CellGrid, CellLevels, ROOT},
     kernel::PlaneKernel,
-    load_stepping::{NodalLoadStepping, NodalScratch},
+    load_stepping::NodalLoadStepping,
     model_face::ModelFace,
     near_field::{NearField, PointForce},
+    patch::NodalScratch,
     resolution::ContactResolution,
+    state::ContactSolution,
 };
 use crate::{
     Result,

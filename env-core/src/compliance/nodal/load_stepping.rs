@@ -2,22 +2,20 @@
 
 use std::{cell::LazyCell, collections::BTreeMap, time::Instant};
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Vector3};
 
 use super::{
     super::push::{ForceControlled, push},
-    ContactSolution,
     between::{Face, Standing, watched},
     contact_nodes::{ContactNodes, Group},
     grid::CellGrid,
-    patch::{Move, Patch, nearest},
+    patch::{Move, NodalScratch, Patch},
     resolution::ContactResolution,
-    spots::Spots,
-    start::{outside, recalled},
+    state::{ContactSolution, Held, NodalState, forces, outside, recalled},
 };
 use crate::{
     Error, Result,
-    contact::{ContactLaw, between, clearance, is_engulfed},
+    contact::{ContactLaw, between, clearance, is_engulfed, nearest},
     deformation::{
         Anchor, FrameDrive, History, NextStep, Press, Wrench, solve_frames, solve_in_steps,
     },
@@ -42,38 +40,6 @@ const WALL: [f64; 2] = [4.0, 1.2];
 const BROAD: usize = 256;
 /// Smallest part of the longest step that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
-/// Working memory of one thread, reused for successive presses.
-#[derive(Default)]
-pub(super) struct NodalScratch {
-    pub(super) displacement: Vec<f32>,
-    pub(super) spots: Spots,
-}
-
-/// Touching node.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Held {
-    pub(super) rank: u32,
-    pub(super) shape: u32,
-    /// Place where friction holds it, in the frame of the shape.
-    pub(super) stuck: Point3<f64>,
-    /// Force of the shape on the node (N).
-    pub(super) force: Vector3<f64>,
-    /// Outward normal of the shape there; zero if it has not been measured yet.
-    pub(super) normal: Vector3<f64>,
-}
-
-/// State of body and shapes in balance.
-pub(super) struct NodalState {
-    pub(super) poses: Vec<Isometry3<f64>>,
-    /// Index of the set of contact nodes that touch.
-    pub(super) level: usize,
-    /// Touching nodes, ascending by rank.
-    pub(super) held: Vec<Held>,
-    pub(super) wrench: Wrench,
-    /// Largest displacement of a node near the shapes (m).
-    pub(super) amplitude: f64,
-    pub(super) sweeps: usize,
-}
 
 /// A press during load stepping.
 pub(super) struct NodalLoadStepping<'a> {
@@ -399,11 +365,7 @@ impl<'a> NodalLoadStepping<'a> {
             return Err(Error::Penetrated { depth, most });
         }
         let held = patch.held();
-        let mut wrench = Wrench::default();
-        for (Held { force, .. }, place) in &held {
-            wrench.force += force;
-            wrench.torque += place.coords.cross(force);
-        }
+        let wrench = Wrench::of_forces(held.iter().map(|(held, place)| (held.force, place.coords)));
         if !wrench.force.iter().chain(wrench.torque.iter()).all(|x| x.is_finite()) {
             let residual = f64::INFINITY;
             return Err(Error::NotConverged { iterations: sweeps, residual, tolerance: 0.0 });
@@ -435,7 +397,8 @@ impl<'a> NodalLoadStepping<'a> {
 
     /// Returns an error if a shape penetrates too deeply between nodes.
     fn check_between(&self, state: &NodalState) -> Result<()> {
-        let displacement = LazyCell::new(|| self.levels[state.level].displacement(&state.held));
+        let displacement =
+            LazyCell::new(|| self.levels[state.level].displacement(&forces(&state.held)));
         let displaced = |rank: u32| displacement[rank as usize];
         for (s, (shape, pose)) in (0..).zip(self.shapes.iter().zip(&state.poses)) {
             let felt = state.held.iter().any(|held| held.shape == s);
@@ -458,7 +421,7 @@ impl<'a> NodalLoadStepping<'a> {
             |held: &Held| Anchor { shape: held.shape, point: first + held.rank, place: held.stuck };
         ContactSolution {
             level: *level,
-            forces: held.iter().map(|held| (held.rank, held.force)).collect(),
+            forces: forces(held),
             normals: held.iter().map(|held| held.normal).collect(),
             wrench: *wrench,
             sliding: self.law.sliding_share(held.iter().map(|held| (held.force, held.normal))),

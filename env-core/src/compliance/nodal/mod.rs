@@ -19,6 +19,7 @@ mod face_responses;
 mod grid;
 mod kernel;
 mod layered;
+mod load_stepping;
 mod model_face;
 mod near_field;
 mod patch;
@@ -26,8 +27,7 @@ mod resolution;
 mod settle;
 mod side_compliance;
 mod spots;
-mod start;
-mod load_stepping;
+mod state;
 
 use std::sync::Arc;
 
@@ -38,42 +38,23 @@ use super::Compliance;
 use crate::{
     Error, Result,
     contact::ContactLaw,
-    deformation::{Deformation, DeformationModel, History, Press, SoftBody, Wrench},
+    deformation::{Deformation, DeformationModel, Press, SoftBody},
     geometry::PadMesh,
 };
 
 use contact_nodes::ContactNodes;
 pub use face_responses::FaceResponses;
 pub use layered::{LayeredPad, NodeContact};
-use load_stepping::{NodalLoadStepping, NodalScratch};
+use load_stepping::NodalLoadStepping;
+use patch::NodalScratch;
 pub use resolution::ContactResolution;
+pub use state::ContactSolution;
 
 /// Compliance model of one soft body with contact at its nodes. Copies share the precomputed data.
 #[derive(Clone)]
 pub struct Nodal {
     nodes: Arc<ContactNodes>,
     law: ContactLaw,
-}
-
-/// Solution of a press without fields.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ContactSolution {
-    /// Index of the set of contact nodes, if the model has several.
-    pub level: usize,
-    /// Touching contact nodes with the forces on them (N).
-    pub forces: Vec<(u32, Vector3<f64>)>,
-    /// Outward normal of the shape at each of them.
-    pub normals: Vec<Vector3<f64>>,
-    /// Resultant of all contact on the soft body.
-    pub wrench: Wrench,
-    /// Share of the normal force that slides.
-    pub sliding: f64,
-    /// History from which a later press may continue.
-    pub history: History,
-    /// Sweeps since the last frame.
-    pub iterations: usize,
-    /// Wall time (s).
-    pub seconds: f64,
 }
 
 impl Nodal {

@@ -11,11 +11,11 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use super::{
     between::FELT,
     contact_nodes::{ContactNodes, Group, NodeCompliance},
-    load_stepping::{Held, NodalScratch},
     spots::Spots,
+    state::{Held, forces},
 };
 use crate::{
-    contact::{ContactLaw, SurfacePoint, first_touch, went_through},
+    contact::{ContactLaw, SurfacePoint, first_touch, nearest, went_through},
     geometry::{Distance, Shape},
     responses::Responses,
 };
@@ -37,6 +37,13 @@ const PARTS: u32 = 8;
 /// Number of nodes between two runs below which they are merged: fewer, longer runs are faster in
 /// spite of the additional nodes.
 const BRIDGE: usize = 16;
+
+/// Working memory of one thread, reused for successive presses.
+#[derive(Default)]
+pub(super) struct NodalScratch {
+    pub(super) displacement: Vec<f32>,
+    pub(super) spots: Spots,
+}
 
 /// Motion of the shapes in one load step.
 #[derive(Clone, Copy)]
@@ -106,7 +113,7 @@ impl<'a> Patch<'a> {
         scratch: &'a mut NodalScratch,
     ) -> Option<Self> {
         let NodalScratch { displacement, spots } = scratch;
-        let forces: Vec<_> = held.iter().map(|held| (held.rank, held.force)).collect();
+        let forces = forces(held);
         let mut ranks: Vec<u32> = match &nodes.compliance {
             NodeCompliance::Matrix(..) => {
                 let near = nodes.groups.iter().filter(|group| is_near(way, group, room));
@@ -458,20 +465,6 @@ fn is_near(way: Move, group: &Group, room: f64) -> bool {
         let centre = pose.inverse_transform_point(&group.centre);
         shape.distance(&centre).value < group.radius + room
     })
-}
-
-/// Index of the nearest shape, and the distance with its normal in the frame of the body.
-pub(super) fn nearest(
-    shapes: &[Shape],
-    poses: &[Isometry3<f64>],
-    place: &Point3<f64>,
-) -> (u32, Distance) {
-    let measure = |(s, (shape, pose)): (usize, (&Shape, &Isometry3<f64>))| {
-        let found = shape.distance(&pose.inverse_transform_point(place));
-        (s as u32, Distance { value: found.value, normal: pose.rotation * found.normal })
-    };
-    let all = shapes.iter().zip(poses).enumerate().map(measure);
-    all.min_by(|(_, a), (_, b)| a.value.total_cmp(&b.value)).expect("a press has a shape")
 }
 
 fn displaced(displacement: &[f32], rank: u32) -> Vector3<f64> {

@@ -141,7 +141,10 @@ mod tests {
     use crate::{
         compliance::{
             Compliance, ComplianceOptions,
-            nodal::{contact_nodes::ContactNodes, load_stepping::NodalScratch, patch::Move},
+            nodal::{
+                contact_nodes::ContactNodes,
+                patch::{Move, NodalScratch},
+            },
         },
         deformation::{Moduli, SoftBody},
         geometry::{PadMesh, PadOutline, Shape},

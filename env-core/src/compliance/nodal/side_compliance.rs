@@ -11,7 +11,7 @@
 
 use nalgebra::Vector3;
 
-use super::{contact_nodes::areas, face_responses::FaceResponses, kernel::Columns};
+use super::{face_responses::FaceResponses, kernel::Columns};
 use crate::{
     compliance::condensed::Condensed,
     geometry::{PadMesh, PadOutline},
@@ -97,7 +97,7 @@ impl FirstGrid {
     /// Nodes of the face of a `fine` mesh of the pad that bear tractions around each cell (C), with
     /// shares of the force.
     fn loads(&self, condensed: &Condensed, fine: &PadMesh) -> Vec<Vec<(u32, f64)>> {
-        let areas = areas(condensed);
+        let areas = condensed.areas();
         let mut loads = vec![Vec::new(); (self.count[0] * self.count[1]) as usize];
         for &node in &fine.face {
             let place = &condensed.rest.places()[node as usize];

@@ -190,9 +190,7 @@ impl Bodies {
         for contact in contacts {
             let answer = contact.answer(self, motion, friction);
             let force = answer.normal + answer.sideways;
-            let wrench = &mut wrenches[contact.body][contact.finger];
-            wrench.force += force;
-            wrench.torque += contact.arm.cross(&force);
+            wrenches[contact.body][contact.finger].add_force(&force, &contact.arm);
             contact.left = answer.stretch;
         }
         wrenches
@@ -222,8 +220,7 @@ impl Bodies {
             for contact in contacts.iter().filter(is_here) {
                 let answer = contact.answer(self, motion.as_slice(), friction);
                 let force = answer.normal + answer.sideways;
-                wrench.force += force;
-                wrench.torque += contact.arm.cross(&force);
+                wrench.add_force(&force, &contact.arm);
                 sums.add(contact, answer.stiffness);
             }
             self.add(forces.as_mut_slice(), body, finger, &wrench);

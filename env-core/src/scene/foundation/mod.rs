@@ -361,13 +361,8 @@ impl Surroundings {
 
 /// Wrench of touches at rest on their pad, in its frame about its origin.
 fn at_rest(touches: &[BristleContact], gain: f64, friction: f64) -> Wrench {
-    let mut sum = Wrench::default();
-    for touch in touches {
-        let force = -touch.at_rest(gain, friction).0;
-        sum.force += force;
-        sum.torque += touch.place.cross(&force);
-    }
-    sum
+    let force = |touch: &BristleContact| (-touch.at_rest(gain, friction).0, touch.place);
+    Wrench::of_forces(touches.iter().map(force))
 }
 
 impl SoftPads {

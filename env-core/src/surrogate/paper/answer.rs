@@ -18,7 +18,7 @@ use crate::{
     deformation::{Drive, Moduli, Press, SoftBody},
     geometry::Shape,
     sensor::Sensor,
-    surrogate::{features::PadMaterial, linear::body, weights},
+    surrogate::{linear::body, material::PadMaterial, weights},
 };
 
 /// A trained network of the paper's on one gel. Copies share the precomputed data.
@@ -84,12 +84,12 @@ impl PaperNetwork {
         friction: f64,
     ) -> Result<Self> {
         let (network, card) = TrainablePaper::opened(name, bytes)?;
-        let bad = |reason: String| Error::File { path: name.to_owned(), reason };
         if card.network.input == Input::Force {
-            return Err(bad("input force, expected translation".to_owned()));
+            return Err(Error::file(name, "input force, expected translation"));
         }
         if card.model_nodes > MOST_NODES {
-            return Err(bad(format!("{} nodes, expected at most {MOST_NODES}", card.model_nodes)));
+            let reason = format!("{} nodes, expected at most {MOST_NODES}", card.model_nodes);
+            return Err(Error::file(name, reason));
         }
         let mesh = sensor.pad(card.model_nodes)?;
         let body = body(&mesh, moduli)?;
@@ -180,20 +180,18 @@ impl PaperModel {
     /// Answer with the shape at `pose`; all displacements are zero if it does not touch.
     fn answer(&self, input: &PaperInput, pose: &Isometry3<f64>) -> Result<PaperAnswer> {
         let (start, PaperInput { shape, pad, touch }) = (Instant::now(), input);
-        let (length, shear) = (pad.gel.thickness, pad.gel.moduli.shear());
         let still = |rows: usize| vec![Vector3::zeros(); rows];
         let (displacement, von_mises, rigid) = match touch {
             Some((touch, patch)) if pad.graph.touches(shape, pose) => {
                 let push = PaperPush::Moved(pose * touch.inverse());
                 let output = self.network.answer_to(pad, patch, push)?;
-                let numbers: Vec<f32> = output.displacement.flatten_all()?.to_vec1()?;
-                let vector = |&u: &[f32; 3]| Vector3::from(u).cast::<f64>() * length;
-                let stress = output.stress.to_vec1::<f32>()?.into_iter();
+                let displacement: Vec<f32> = output.displacement.flatten_all()?.to_vec1()?;
+                let stress: Vec<f32> = output.stress.to_vec1()?;
                 let motion = output.rigid.map(|m| m.to_vec1::<f32>()).transpose()?;
                 (
-                    numbers.as_chunks::<3>().0.iter().map(vector).collect(),
-                    stress.map(|s| f64::from(s.max(0.0)) * shear).collect(),
-                    motion.map(|numbers| isometry(&numbers, length)),
+                    pad.gel.displacement(&displacement),
+                    pad.gel.von_mises(&stress),
+                    motion.map(|numbers| isometry(&numbers, pad.gel.thickness)),
                 )
             }
             _ => {

@@ -9,7 +9,7 @@ use crate::{
     deformation::Moduli,
     geometry::{PadMesh, Shape},
     sensor::Sensor,
-    surrogate::{features::PadMaterial, ops::Sparse},
+    surrogate::{material::PadMaterial, ops::Sparse},
 };
 
 /// The gels of a dataset.

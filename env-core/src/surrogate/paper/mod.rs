@@ -31,10 +31,9 @@ mod training;
 mod target;
 
 pub use answer::{PaperAnswer, PaperNetwork};
-pub use card::PaperCard;
-pub use config::{Input, PaperConfig, Variant};
-pub use judge::Judged;
+pub use card::{Judged, PaperCard};
+pub use config::{Input, PaperConfig, PaperTrainingConfig, Variant};
 pub(super) use judge::evaluate;
 pub use patch::Density;
 pub use run::PaperRun;
-pub use training::{PaperTrainingConfig, PaperWeights, Point, Report, Run};
+pub use training::{PaperWeights, Point, Report, Run};

@@ -5,15 +5,14 @@ use std::{collections::BTreeMap, path::Path};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    card::PaperCard,
-    config::PaperConfig,
+    card::{Judged, PaperCard},
+    config::{PaperConfig, PaperTrainingConfig},
     gels::PaperGels,
-    judge::{Judged, judge_paper, thinned},
+    judge::{judge_paper, thinned},
     parts::PaperSplit,
     patch::Density,
     samples::PaperSample,
     target::TrainablePaper,
-    training::PaperTrainingConfig,
 };
 use crate::{
     Result,
@@ -21,9 +20,8 @@ use crate::{
     surrogate::{
         TrainingProgress,
         budget::Pace,
-        run::{counts, fingerprint},
         training_run::{TrainingRun, Watch, trainable},
-        weights::Data,
+        weights::{Data, counts, fingerprint},
     },
 };
 

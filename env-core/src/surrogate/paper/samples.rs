@@ -16,7 +16,8 @@ use crate::{
     dataset::{Dataset, PadFrames},
     objects::Object,
     surrogate::{
-        features::{PadMaterial, Target},
+        features::Target,
+        material::PadMaterial,
         training_run::{self, Watch},
     },
 };

@@ -19,9 +19,10 @@ use super::{
 use crate::{
     Error, Result,
     surrogate::{
-        features::{PadMaterial, Target},
+        features::{Fields, Target},
         loss::relative,
-        metrics::Fields,
+        material::PadMaterial,
+        parameters::Parameters,
         train::{Loss, Network},
         weights,
     },
@@ -43,14 +44,11 @@ impl TrainablePaper {
     /// Reads a network and its card from the `bytes` of weights called `name`.
     pub(super) fn opened(name: &str, bytes: &[u8]) -> Result<(Self, PaperCard)> {
         let (tensors, card): (_, PaperCard) = weights::of_kind(name, bytes)?;
-        let bad = |reason: String| Error::File { path: name.to_owned(), reason };
-        if let Err(error) = card.network.validated() {
-            return Err(bad(error.to_string()));
-        }
-        let network = Self::new(&card.network, &weights::parameters(tensors)?.builder());
+        card.network.validated().map_err(|error| Error::file(name, error))?;
+        let network = Self::new(&card.network, &Parameters::given(tensors)?.builder());
         // Only the first line, since a trace may follow.
         let network = network.map_err(|error| {
-            bad(error.to_string().lines().next().unwrap_or_default().to_owned())
+            Error::file(name, error.to_string().lines().next().unwrap_or_default())
         })?;
         Ok((network, card))
     }

@@ -7,8 +7,9 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    card::PaperCard,
-    judge::{Judged, judge_paper, thinned},
+    card::{Judged, PaperCard},
+    config::PaperTrainingConfig,
+    judge::{judge_paper, thinned},
     parts::PaperSplit,
     patch::Density,
     run::{Frames, PaperRun},
@@ -19,14 +20,13 @@ use crate::{
     dataset::Dataset,
     surrogate::{
         Spread, Summary, Training, TrainingProgress,
-        budget::{Budget, Pace},
+        budget::Pace,
         corrector::{Corrector, CorrectorConfig},
         metrics::{judge, judge_linear},
-        run::counts,
         samples::Gels,
-        train::{Network, Trainer, in_range, within},
+        train::{Network, Trainer},
         training_run::trainable,
-        weights,
+        weights::{self, counts},
     },
 };
 
@@ -38,43 +38,6 @@ pub enum Run {
     Paper(PaperRun),
     /// The corrector of linear answers, and the linear answers themselves.
     Corrector(CorrectorConfig),
-}
-
-/// Data and budget that runs have in common.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PaperTrainingConfig {
-    /// Split of the dataset; the last grasp of each training object is for evaluation instead.
-    pub split: String,
-    /// Seed of weights and batches.
-    pub seed: u64,
-    /// Number of epochs; ten if neither this nor `seconds` is given.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub epochs: Option<usize>,
-    /// Budget of time (s) in place of epochs.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub seconds: Option<f64>,
-    /// Number of presses per step.
-    pub batch: usize,
-    /// Highest learning rate.
-    pub rate: f64,
-    /// Interval of the frames that are evaluated: 1 for all.
-    pub every: usize,
-}
-
-impl Default for PaperTrainingConfig {
-    /// One press per step: in few epochs, more steps are worth more than better ones.
-    fn default() -> Self {
-        Self {
-            split: "novel-14".to_owned(),
-            seed: 0,
-            epochs: None,
-            seconds: None,
-            batch: 1,
-            rate: 2e-3,
-            every: 1,
-        }
-    }
 }
 
 /// Errors during training, on a sample of the frames for evaluation.
@@ -129,35 +92,7 @@ struct FinishedTraining<N: Network> {
     seconds: [f64; 2],
 }
 
-/// Default number of epochs.
-const EPOCHS: usize = 10;
-
 impl PaperTrainingConfig {
-    /// Returns this configuration with its budget filled in, or an error if a setting is out of
-    /// range.
-    pub(super) fn validated(mut self) -> Result<Self> {
-        Budget::filled(&mut self.epochs, self.seconds, EPOCHS)?;
-        in_range(self.seed, self.rate, self.batch, 1)?;
-        within("every", self.every, [1, 1_000_000])?;
-        Ok(self)
-    }
-
-    pub(super) fn budget(&self) -> Result<Budget> {
-        Budget::of(self.epochs, self.seconds)
-    }
-
-    /// Training configuration of a network of that size.
-    pub(super) fn training<C: Default>(&self, network: C) -> Training<C> {
-        Training {
-            seed: self.seed,
-            split: self.split.clone(),
-            batch: self.batch,
-            rate: self.rate,
-            network,
-            ..Training::default()
-        }
-    }
-
     /// Trains `run` on the dataset in `data` for the budget, timed by `clock` (s), and evaluates
     /// it. For one of the paper's networks, also returns the weights.
     ///

@@ -6,7 +6,7 @@ use std::{
     time::Instant,
 };
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::{
@@ -23,7 +23,7 @@ use crate::{
     deformation::{Deformation, DeformationModel, Law, Moduli, Press, SoftBody, Wanted, Wrench},
     geometry::Shape,
     objects::tets_within,
-    surrogate::{features::PadMaterial, weights},
+    surrogate::{material::PadMaterial, parameters::Parameters, weights},
 };
 
 /// A trained network on one soft object. Copies share the precomputed data.
@@ -80,7 +80,7 @@ impl SoftSurrogate {
         friction: f64,
     ) -> Result<Self> {
         let (tensors, card): (_, SoftCard) = weights::of_kind(name, bytes)?;
-        let parameters = weights::parameters(tensors)?;
+        let parameters = Parameters::given(tensors)?;
         let network = Soft::new(&card.training.network, &parameters.builder())?;
         let mesh = tets_within(shape, card.model_nodes)?;
         let graph = ObjectGraph::new(&mesh);
@@ -127,7 +127,7 @@ impl SoftSurrogate {
         let nodes = self.body().mesh().vertices.iter().zip(&answer.displacement);
         for ((rest, u), force) in nodes.zip(&answer.contact_force) {
             let place = rest + u;
-            add(&mut wrenches[grip.nearer(&place)], &place, force);
+            wrenches[grip.nearer(&place)].add_force(force, &place.coords);
         }
         wrenches
     }
@@ -162,20 +162,14 @@ impl ObjectNetwork {
             return linear;
         }
         let output = self.network.forward(&input, &self.graph, scratch);
-        let vectors = |field: &[f32], unit: f64| -> Vec<Vector3<f64>> {
-            let vector = |&v: &[f32; 3]| Vector3::from(v).cast::<f64>() * unit;
-            field.as_chunks::<3>().0.iter().map(vector).collect()
-        };
-        let displacement = vectors(&output.displacement, unit.thickness);
-        let contact_force = vectors(&output.forces, unit.force());
-        let shear = unit.moduli.shear();
-        let mut wrench = Wrench::default();
-        let places = self.graph.places.iter().zip(&displacement).map(|(p, u)| p + u);
-        places.zip(&contact_force).for_each(|(place, f)| add(&mut wrench, &place, f));
+        let displacement = unit.displacement(&output.displacement);
+        let contact_force = unit.forces(&output.forces);
+        let arms = self.graph.places.iter().zip(&displacement).map(|(place, u)| place.coords + u);
+        let wrench = Wrench::of_forces(contact_force.iter().copied().zip(arms));
         Deformation {
             displacement,
             contact_force,
-            von_mises: output.stress.iter().map(|s| f64::from(s.max(0.0)) * shear).collect(),
+            von_mises: unit.von_mises(&output.stress),
             wrench,
             seconds: linear.seconds + start.elapsed().as_secs_f64(),
             ..linear
@@ -183,20 +177,15 @@ impl ObjectNetwork {
     }
 }
 
-fn add(wrench: &mut Wrench, place: &Point3<f64>, force: &Vector3<f64>) {
-    wrench.force += force;
-    wrench.torque += place.coords.cross(force);
-}
-
 impl DeformationModel for SoftSurrogate {
     /// Solves the presses in parallel, each on one thread; the frames before the last are not
     /// corrected.
     fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        self.feel(presses, Wanted { stress: true, residual: true })
+        self.solve_partially(presses, Wanted { stress: true, residual: true })
     }
 
     /// Performs [`DeformationModel::solve`]; the stress is always computed.
-    fn feel(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let model = &*self.0;
         let last = |press: &Press| {
             let half = Grip::half_extents(press)?;

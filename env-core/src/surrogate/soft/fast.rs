@@ -9,7 +9,7 @@ use super::{graph::ObjectGraph, input::ObjectInput, network::Soft};
 use crate::{
     geometry::TetMesh,
     surrogate::{
-        metrics::Fields,
+        features::Fields,
         stress_head::{StressHead, Stresses},
         trunk::{self, Dense, Trunk, relu},
     },

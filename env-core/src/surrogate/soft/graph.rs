@@ -14,8 +14,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use crate::{
     geometry::TetMesh,
     surrogate::{
-        graph::SCALES,
-        multi_scale::Level,
+        graph::{Level, SCALES},
         ops::{Edges, ShapeGradients, Sparse},
     },
 };

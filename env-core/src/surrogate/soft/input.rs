@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::{graph::ObjectGraph, grip::Grip};
 use crate::{
     deformation::Deformation,
-    surrogate::features::{PadMaterial, flat},
+    surrogate::{features::flat, material::PadMaterial},
 };
 
 /// Number of features of a node: displacement, contact force, place and normal, 1 on the surface,

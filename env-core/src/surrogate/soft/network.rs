@@ -161,7 +161,7 @@ pub(super) mod tests {
         deformation::{Deformation, Law, Moduli, Press, SoftBody},
         geometry::{Shape, TetMesh},
         objects::tets_within,
-        surrogate::{features::PadMaterial, parameters::Parameters},
+        surrogate::{material::PadMaterial, parameters::Parameters},
     };
 
     const MODULI: Moduli = Moduli { young: 1e5, poisson: 0.45 };

@@ -24,9 +24,10 @@ use crate::{
     objects::FamilySplit,
     sensor::Sensor,
     surrogate::{
-        features::{PadMaterial, Target},
+        features::{Fields, Target},
         loss::relative,
-        metrics::Fields,
+        material::PadMaterial,
+        samples::in_units,
         train::{Loss, Network},
         training_run::{self, Watch},
     },
@@ -150,10 +151,7 @@ fn answers(
 
 /// Finite elements' solution of a frame.
 fn target(frames: &SqueezeFrames, frame: usize, shares: &[f32], unit: &PadMaterial) -> Target {
-    let part = |field: &[f32], unit: f64| -> Vec<f32> {
-        let size = field.len() / frames.fingers[0].len();
-        field[frame * size..][..size].iter().map(|x| x / unit as f32).collect()
-    };
+    let part = |field: &[f32], unit: f64| in_units(field, frame, frames.fingers[0].len(), unit);
     let forces = part(&frames.contact_force, unit.force());
     let force = squeezing(&forces, shares);
     Target {

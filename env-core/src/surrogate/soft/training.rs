@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 use super::{
     network::{Soft, SoftConfig},
@@ -11,15 +10,15 @@ use super::{
 };
 use crate::{
     Error, Result,
-    dataset::Squeezes,
+    dataset::{Squeezes, sha256},
     surrogate::{
         Spread, Summary, Training, TrainingProgress,
         budget::{Budget, Pace},
-        metrics::{Fields, errors, judge},
-        run::{counts, hex},
+        features::Fields,
+        metrics::{errors, judge},
         train::{in_range, scaled},
         training_run::{TrainingRun, Watch},
-        weights::{Data, NetworkCard},
+        weights::{Data, NetworkCard, counts},
     },
 };
 
@@ -130,7 +129,7 @@ impl SoftTrainingConfig {
         let count = samples.len();
         let names: Vec<_> = samples.iter().map(|s| s.grasp.clone()).collect();
         let text = serde_json::to_string(&(dataset.config(), names)).expect("plain data");
-        let fingerprint = hex(&Sha256::digest(text));
+        let fingerprint = sha256(text);
         let [train, validation, known, novel] =
             [Part::Train, Part::Validation, Part::Known, Part::Novel]
                 .map(|part| take(&mut samples, part));

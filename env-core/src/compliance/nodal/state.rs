@@ -1,14 +1,11 @@
-//! State in which a press begins: with the shapes outside of the body, or as a history left it.
+//! State of a press with contact at the nodes, and its solution. A press begins with the shapes
+//! outside of the body, or as a history left it.
 
 use std::slice;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{
-    contact_nodes::ContactNodes,
-    grid::CellGrid,
-    load_stepping::{Held, NodalState},
-};
+use super::{contact_nodes::ContactNodes, grid::CellGrid};
 use crate::{
     Error, Result,
     contact::{backed_off, check_first, clearance},
@@ -18,6 +15,58 @@ use crate::{
 
 /// Shortest first part of the lift of a shape (m).
 const SHORTEST: f64 = 1e-6;
+
+/// Touching node.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Held {
+    pub(super) rank: u32,
+    pub(super) shape: u32,
+    /// Place where friction holds it, in the frame of the shape.
+    pub(super) stuck: Point3<f64>,
+    /// Force of the shape on the node (N).
+    pub(super) force: Vector3<f64>,
+    /// Outward normal of the shape there; zero if it has not been measured yet.
+    pub(super) normal: Vector3<f64>,
+}
+
+/// State of body and shapes in balance.
+pub(super) struct NodalState {
+    pub(super) poses: Vec<Isometry3<f64>>,
+    /// Index of the set of contact nodes that touch.
+    pub(super) level: usize,
+    /// Touching nodes, ascending by rank.
+    pub(super) held: Vec<Held>,
+    pub(super) wrench: Wrench,
+    /// Largest displacement of a node near the shapes (m).
+    pub(super) amplitude: f64,
+    pub(super) sweeps: usize,
+}
+
+/// Solution of a press without fields.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ContactSolution {
+    /// Index of the set of contact nodes, if the model has several.
+    pub level: usize,
+    /// Touching contact nodes with the forces on them (N).
+    pub forces: Vec<(u32, Vector3<f64>)>,
+    /// Outward normal of the shape at each of them.
+    pub normals: Vec<Vector3<f64>>,
+    /// Resultant of all contact on the soft body.
+    pub wrench: Wrench,
+    /// Share of the normal force that slides.
+    pub sliding: f64,
+    /// History from which a later press may continue.
+    pub history: History,
+    /// Sweeps since the last frame.
+    pub iterations: usize,
+    /// Wall time (s).
+    pub seconds: f64,
+}
+
+/// Touching nodes with the forces on them (N).
+pub(super) fn forces(held: &[Held]) -> Vec<(u32, Vector3<f64>)> {
+    held.iter().map(|held| (held.rank, held.force)).collect()
+}
 
 /// Returns the `first` poses with each shape that overlaps the body at rest moved out of it, to where
 /// it is taken to come from: to above a pad if it does not reach below its base. Returns an error if
@@ -105,8 +154,7 @@ pub(super) fn recalled(levels: &[ContactNodes], history: &History) -> Result<Nod
     for Held { rank, shape, stuck, force, .. } in &held {
         let place = history.poses[*shape as usize] * stuck;
         amplitude = amplitude.max((place - nodes.place(*rank)).norm());
-        wrench.force += force;
-        wrench.torque += place.coords.cross(force);
+        wrench.add_force(force, &place.coords);
     }
     Ok(NodalState { poses: history.poses.clone(), level, amplitude, held, wrench, sweeps: 0 })
 }
