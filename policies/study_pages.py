@@ -14,6 +14,7 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
+from ruffini import TASKS
 from ruffini.evaluation import bootstrap
 
 mpl.use("Agg")
@@ -54,9 +55,9 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
         f"Success over {first['episodes']} evaluation seeds without exploration noise, for "
         "training seeds that no hyper-parameter was tuned on. IQM is the mean of the middle half "
         "of the seeds, with its 95 % bootstrap interval over seeds. Made by "
-        "`python policies/study.py`. *Minutes* are on the clock, some beside other work; CPU "
-        "minutes are the run's own. *Return* is the sum of an episode's rewards, a mean over "
-        "episodes.",
+        "`python policies/study.py`. *Minutes* are wall time, partly on a busy machine; *CPU "
+        "minutes* are the run's own. *Return* is the sum of an episode's rewards, a mean over "
+        f"episodes. The default observation is {usual(first['env'])}.",
         "",
         "| agent sees | seeds | IQM | 95 % interval | median | worst seed | steps | minutes | "
         "CPU minutes | steps/s |",
@@ -94,9 +95,38 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
         lines.append(
             f"| {NAMES[kind]} | " + " | ".join(percent(share, 0) for share in shares) + " |"
         )
-    machines = {machine(row) for rows in by_kind.values() for row in rows}
-    lines += ["", *(f"Trained on {one}." for one in sorted(machines)), ""]
+    machines = sorted({machine(row) for rows in by_kind.values() for row in rows})
+    lines += ["", *(f"Trained on {one}." for one in machines), "", commits(by_kind), ""]
     return "\n".join(lines)
+
+
+def usual(env_id: str) -> str:
+    """Channels that an environment shows by default."""
+    task = env_id.split("/")[-1].split("-v")[0]
+    *most, last = (f"`{channel}`" for channel in TASKS[task]["usual_channels"])
+    return f"{', '.join(most)} and {last}"
+
+
+def commits(by_kind: dict[str, list[dict[str, Any]]]) -> str:
+    """Commits by which the rows were made, with their seeds where a kind has several."""
+    found: dict[str, dict[str, list[int]]] = {kind: {} for kind in by_kind}
+    for kind, rows in by_kind.items():
+        for row in rows:
+            found[kind].setdefault(row["about"]["commit"], []).append(row["seed"])
+    different = {commit for seeds in found.values() for commit in seeds}
+    if len(different) == 1:
+        return f"Commit {different.pop()}."
+    texts = []
+    for kind, seeds in found.items():
+        each = [
+            f"{commit} (seeds {min(of)} to {max(of)})" if len(seeds) > 1 else commit
+            for commit, of in seeds.items()
+        ]
+        texts.append(f"{NAMES[kind]}, at {' and '.join(each)}")
+    return (
+        f"Commits: {'; '.join(texts)}. Agents of different commits may have been trained with "
+        "different networks of the gel."
+    )
 
 
 def otherwise(by_kind: dict[str, list[dict[str, Any]]]) -> list[str]:
@@ -132,12 +162,11 @@ def percent(share: Any, digits: int = 1) -> str:
 
 
 def machine(row: dict[str, Any]) -> str:
-    """Processor, threads, commit and versions of a run."""
+    """Processor, threads and versions of a run."""
     about = row["about"]
     return (
         f"{about['cores']} cores of {about['processor']}, {row['threads']} thread"
-        f"{'s' * (row['threads'] != 1)}; commit {about['commit']}, Python {about['python']}, "
-        f"gymnasium {about['gymnasium']}"
+        f"{'s' * (row['threads'] != 1)}, Python {about['python']}, gymnasium {about['gymnasium']}"
     )
 
 

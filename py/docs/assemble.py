@@ -90,6 +90,8 @@ def copied(file: Path) -> list[Path]:
     text = LINK.sub(fitted, MARK.sub("", file.read_text()))
     if file == DOCS / "tasks.md":
         text = with_specifications(text)
+    if file == DOCS / "index.md":
+        text = with_reference(text)
     if place(file).parts[0] in ("policies", "tests"):
         # A search finds the pages on a matter before the reports behind them.
         text = f"---\nsearch: {{boost: 0.5}}\n---\n\n{text}"
@@ -103,6 +105,12 @@ def with_specifications(text: str) -> str:
         link = f"[Specification, settings, a moving picture](environments/{task}.md)"
         text = text.replace(f"\n## {task}\n", f"\n## {task}\n\n{link}\n")
     return text
+
+
+def with_reference(text: str) -> str:
+    """The first page, links to the reference in the row that says how to find a function."""
+    links = ", ".join(f"[{title}](api/{name}.md)" for name, (title, _) in REFERENCE.items())
+    return re.sub(r"(\| look up a class or function \| ).*(?= \|)", rf"\1{links}", text)
 
 
 def pages() -> None:

@@ -1,6 +1,6 @@
-"""Pictures of what each channel of touch is, all from one episode.
+"""Pictures of the pad's axes and of what each channel of touch is, all from one episode.
 
-    python py/docs/channels.py --out py/docs/channels    # writes <channel>.png there
+    python py/docs/channels.py --out py/docs/channels    # writes axes.png, <channel>.png there
 
 HoldStill: a ball of 150 g, pulled down by 1 N more, hangs between the fingers, which loosen their
 grip until it slips. Maps show the pads after 0.6 s, curves the whole episode.
@@ -21,6 +21,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -194,8 +195,37 @@ def curves(lines: dict[str, Floats], grip: Floats, label: str) -> Figure:
     return figure
 
 
+def pad_axes() -> Figure:
+    """Draws the undeformed pad with the axes of its frame, y upwards and z to the front."""
+    mesh = ruffini.sensor("gelsight-mini", resolution=2000).mesh
+    sides = np.sort(mesh.tets[:, [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]].reshape(-1, 3))
+    faces, times = np.unique(sides, axis=0, return_counts=True)
+    corners = mesh.vertices[faces[times == 1]] * (MM, MM, -MM)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    normals *= np.sign(np.sum(normals * (corners.mean(axis=1) - (0, 0, 2)), axis=1))[:, None]
+    grey = 0.6 + 0.3 * normals @ (-0.4, 0.6, -0.7)
+    figure = plt.figure(figsize=(4.6, 3.2), dpi=110)
+    ax = figure.add_axes((0, 0, 1, 1), projection="3d", proj_type="ortho", computed_zorder=False)
+    colours = np.repeat(grey.clip(0, 1)[:, None], 3, axis=1)
+    drawn = corners[:, :, [0, 2, 1]]
+    ax.add_collection3d(Poly3DCollection(drawn, facecolors=colours, edgecolors=colours, zorder=1))
+    for text, end, colour, side in (
+        ("x, across\nthe finger", (17, 0, 0), "tab:red", "left"),
+        ("y, along the finger,\ntowards the hand", (0, 0, 19), "tab:green", "left"),
+        ("z, out of\nthe gel", (0, -17, 0), "tab:blue", "right"),
+    ):
+        ax.quiver(0, 0, 0, *end, color=colour, lw=2, arrow_length_ratio=0.12, zorder=2)
+        ax.text(*np.multiply(end, 1.08), text, color=colour, ha=side, zorder=3)
+    ax.set(xlim=(-16, 16), ylim=(-16, 16), zlim=(-12, 20))
+    ax.set_box_aspect((1, 1, 1), zoom=1.3)
+    ax.view_init(elev=22, azim=-55)
+    ax.set_axis_off()
+    return figure
+
+
 def figures() -> dict[str, Figure]:
-    """A figure of every channel."""
+    """A figure of the pad's axes and of every channel."""
     env, films = episode()
     skin, now = env.skin(), {name: film[SHOWN] for name, film in films.items()}
     stress, depth = now["stress"] * KPA, now["depth"] * MM
@@ -212,6 +242,7 @@ def figures() -> dict[str, Figure]:
         strict=True,
     )
     return {
+        "axes": pad_axes(),
         "markers": arrows(skin["markers"], now["markers"], 10, 40),
         "marker_pixels": marker_pixels(
             skin["markers"], skin["image"], now["marker_pixels"], now["image"]
@@ -229,7 +260,7 @@ def figures() -> dict[str, Figure]:
 
 
 def main() -> None:
-    """Draws every channel."""
+    """Draws the axes and every channel."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("--out", type=Path, required=True, help="folder of the pictures")
     out: Path = parser.parse_args().out

@@ -36,6 +36,8 @@ SIZES: dict[str, dict[str, Any]] = {
         "refinement": [[2, 2, 1]],
     },
 }
+FRICTIONS = (0.2, 1.0)
+"""Coefficients of TacFlex while sliding and at rest."""
 DATA = "p1-bar"
 """Element that data are made with."""
 WITHIN = 0.05
@@ -52,8 +54,7 @@ def make(options: Namespace) -> dict:
         for nodes in sizes["speed"]
         for friction in (0.0, 0.5)
     }
-    frictions = (MINI["friction"]["dynamic"], MINI["friction"]["static"])
-    pressed = list(product(calibrations, frictions, sizes["mini"]))
+    pressed = list(product(calibrations, FRICTIONS, sizes["mini"]))
     others: dict[str, tuple] = {
         f"mini {name}, friction {friction}, {element} {nodes}": (
             mini,
@@ -127,10 +128,10 @@ CalculiX agree under refinement (± 0.0005 N). Contact gives by its softness, 0.
 ## Force of a GelSight Mini, nothing fitted
 
 Ball of {scene[mini_radius]:1e3*g} mm at the apex, in steps of 0.25 mm; E, ν and law of each
-published calibration. μ is the sensor's static and its sliding coefficient, each used as Coulomb's
-one. Measured: FEATS (arXiv 2411.03315). The closed forms are for a flat face without friction:
-Hertz on a half-space; a bonded layer by Dimitriadis et al. (2002), for the calibration's ν and by
-their equation for ν = 0.5.
+published calibration. μ is TacFlex's coefficient while sliding and that at rest, each used as
+Coulomb's one. Measured: FEATS (arXiv 2411.03315). The closed forms are for a flat face without
+friction: Hertz on a half-space; a bonded layer by Dimitriadis et al. (2002), for the calibration's
+ν and by their equation for ν = 0.5.
 
 {mini}
 

@@ -33,7 +33,6 @@ poisson = 0.47
 law = "neo-hookean"
 [friction]
 static = 1.0
-dynamic = 1.0
 [markers]
 across = 3
 along = 3

@@ -53,6 +53,9 @@ enum Kind {
 /// Names of the material laws.
 pub(crate) const LAWS: [&str; 4] = ["neo-hookean", "stable-neo-hookean", "corotated", "linear"];
 
+/// Keys of earlier files.
+const UNUSED: [&str; 1] = ["friction.dynamic"];
+
 const fn key(name: &'static str, kind: Kind, about: &'static str, example: &'static str) -> Key {
     Key { name, kind, about, example, required: true }
 }
@@ -171,8 +174,7 @@ const FILE: [Section; 7] = [
         about: "Coulomb friction of the skin.",
         required: true,
         keys: &[
-            key("static", Kind::Number(0.0, 100.0, ""), "coefficient at rest", "1.0"),
-            key("dynamic", Kind::Number(0.0, 100.0, ""), "coefficient while sliding", "1.0"),
+            key("static", Kind::Number(0.0, 100.0, ""), "coefficient, while sliding too", "1.0"),
             SOURCE,
         ],
     },
@@ -330,6 +332,11 @@ fn keys(table: &Table, place: &str, expected: &[Key], defects: &mut Vec<String>)
 /// Adds the keys of a table that are none of `known`.
 fn unknown(table: &Table, place: &str, known: &[&str], defects: &mut Vec<String>) {
     for found in table.keys().filter(|key| !known.contains(&key.as_str())) {
+        let name = path(place, found);
+        if UNUSED.contains(&name.as_str()) {
+            defects.push(format!("{name}: no longer used, expected the line to be removed"));
+            continue;
+        }
         let near = known
             .iter()
             .map(|name| (strsim::jaro_winkler(found, name), *name))
@@ -339,7 +346,7 @@ fn unknown(table: &Table, place: &str, known: &[&str], defects: &mut Vec<String>
             Some((_, name)) => format!("did you mean {name}?"),
             None => format!("expected {}", known.join(", ")),
         };
-        defects.push(format!("{}: unknown, {hint}", path(place, found)));
+        defects.push(format!("{name}: unknown, {hint}"));
     }
 }
 
@@ -431,7 +438,8 @@ mod tests {
             .replace("thickness =", "thicknes =")
             .replace("poisson = 0.47", "poisson = 0.6")
             .replace("density = 1000.0", "density = \"heavy\"")
-            .replace("pixels = [240, 320]", "pixels = [240]");
+            .replace("pixels = [240, 320]", "pixels = [240]")
+            .replace("[friction]", "[friction]\ndynamic = 1.0");
         let message = Sensor::parse("my.toml", &text).unwrap_err().to_string();
         let expected = [
             "outline.thicknes: unknown, did you mean thickness?",
@@ -439,6 +447,7 @@ mod tests {
             "calibration.poisson: found 0.6, expected 0 to 0.4999995",
             "gel.density: found \"heavy\", expected 0 to 30000 kg/m³",
             "camera.pixels: found [240], expected two whole numbers from 1 to 10000",
+            "friction.dynamic: no longer used, expected the line to be removed",
         ];
         for part in expected {
             assert!(message.contains(part), "{part} is not in: {message}");

@@ -100,16 +100,13 @@ pub struct ElasticFoundation {
     pub spread: f64,
 }
 
-/// Coulomb friction coefficients of a gel's skin.
+/// Coulomb friction of a gel's skin.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Friction {
-    /// Coefficient at rest.
+    /// Coefficient, at rest and while sliding.
     #[serde(rename = "static")]
-    pub at_rest: f64,
-    /// Coefficient while sliding.
-    #[serde(rename = "dynamic")]
-    pub sliding: f64,
+    pub coefficient: f64,
     /// Source of the figures, or empty.
     #[serde(default)]
     pub source: String,

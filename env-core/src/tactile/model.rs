@@ -186,7 +186,7 @@ impl Model {
             Choice::None => return Ok(None),
             Choice::Compliance => {
                 let (_, moduli) = config.material(sensor)?;
-                let (friction, nodes) = (sensor.friction.at_rest, config.resolution.nodes);
+                let (friction, nodes) = (sensor.friction.coefficient, config.resolution.nodes);
                 let fast = ContactResolution::FAST;
                 let model = alone(|| LinearPad::new(sensor, moduli, friction, nodes, fast))?;
                 Self::Linear(model.with_spread_stress())
@@ -240,7 +240,7 @@ fn trained(config: &TactileConfig, sensor: &Sensor) -> Result<Surrogate> {
         let expected = "a neo-hookean gel for the surrogate";
         return Err(Error::invalid("material", law, expected));
     }
-    let friction = sensor.friction.at_rest;
+    let friction = sensor.friction.coefficient;
     let model = alone(|| match &config.network {
         Some(path) => Surrogate::load(Path::new(path), sensor, moduli, friction),
         None => Surrogate::new(sensor, moduli, friction),

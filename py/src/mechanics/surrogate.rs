@@ -278,6 +278,6 @@ impl CalibratedGel {
             young: young.unwrap_or(known.young),
             poisson: poisson.unwrap_or(known.poisson),
         };
-        Ok(Self { moduli, friction: friction.unwrap_or(sensor.friction.at_rest), sensor })
+        Ok(Self { moduli, friction: friction.unwrap_or(sensor.friction.coefficient), sensor })
     }
 }

@@ -1,4 +1,4 @@
-"""``ruffini dataset``: generation, inspection and errors of datasets of solved grasps."""
+"""``ruffini dataset``: generation, inspection and errors of solved grasps and presses."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ruffini.dataset import Progress
 
 _SETTINGS = {
     "objects": "number of drawn objects, spread evenly over the catalogue",
-    "grasps": "number of grasps of each object",
+    "grasps": "number of grasps or presses of each object",
     "frames": "number of frames, of growing force, in each grasp; presses have up to 7",
-    "seed": "seed of objects and grasps",
+    "seed": "seed of objects, grasps and presses",
 }
 _MOST_BYTES = 2_000_000_000
 _MOST_HOURS = 4
@@ -28,14 +28,14 @@ _MOST_HOURS = 4
 def add_to(commands: Any) -> None:
     """Add the subcommand to the parser."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "dataset", help="make or look into a dataset of solved grasps"
+        "dataset", help="make or look into a dataset of solved grasps or presses"
     )
     parts = parser.add_subparsers(metavar="generate|inspect|error|plot|export", required=True)
     maker = parts.add_parser(
         "generate",
-        help="solve grasps and store them",
-        description="Solves grasps by finite elements. After Ctrl-C, which drops the grasps being "
-        "solved, or a kill the same command goes on with what is missing.",
+        help="solve grasps or presses and store them",
+        description="Solves grasps or presses by finite elements. After Ctrl-C, which drops those "
+        "being solved, or a kill the same command goes on with what is missing.",
     )
     maker.add_argument("folder", help="where the dataset is made")
     maker.add_argument(

@@ -24,7 +24,6 @@ def add_to(commands: Any) -> None:
     """Add the subcommand to the parser."""
     parser: argparse.ArgumentParser = commands.add_parser(
         "play",
-        aliases=["demo"],
         help="watch a policy at a task: the trained agent, a scripted or a random one",
         description="Plays a policy on evaluation seeds and prints its success rate; that of a "
         "trained agent is compared with what its card says.",
@@ -43,6 +42,8 @@ def add_to(commands: Any) -> None:
         "--size", metavar="WxH", help="pixels of a picture; 320x240 for .gif, 640x480 for .mp4"
     )
     parser.set_defaults(run=run)
+    # Another name, without a line of its own in the help.
+    commands.add_parser("demo", add_help=False, parents=[parser])
 
 
 def run(options: argparse.Namespace) -> None:

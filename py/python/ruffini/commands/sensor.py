@@ -121,7 +121,7 @@ def _summary(file: str, found: dict[str, Any]) -> dict[str, str]:
         if missing
         else "given"
     )
-    rows["friction"] = f"{friction['static']:g} at rest, {friction['dynamic']:g} while sliding"
+    rows["friction"] = f"{friction['static']:g}"
     if markers := found["markers"]:
         rows["markers"] = (
             f"{markers['across']} x {markers['along']}, {1e3 * markers['pitch']:.3g} mm apart"
