@@ -326,6 +326,7 @@ mod tests {
 
     use super::*;
     use crate::{
+        deformation::Moduli,
         geometry::{StarShaped, Wave},
         sensor::Sensor,
     };
