@@ -166,14 +166,13 @@ A likely reason, which fits this but is not proved by it: gel rises beside the b
 and meets its side when it comes back. It is then pushed along, and cannot get below a corner at
 which the side ends at once; a real skin would slip round it.
 
-Rounded edges give it a slope to slip on. With 0.5 mm the linear pad and the network come back
-within {large[LinearPad]:100*.2f} and {large[Surrogate]:100*.2f} %, finite elements within
-{large[Fem p1-bar 800]:100*.0f} and {large[Fem p1-bar 1500]:100*.0f} %. A radius of 0.1 mm, less
-than contact points lie apart, is enough for finite elements to come nearer,
-{small[Fem p1-bar 800]:100*.0f} and {small[Fem p1-bar 1500]:100*.0f} %, and does nothing for the
-linear pad. Coming back does not mean that all was well on the way: those loops take up to
-{loop_small[Fem p1-bar 1500]:100*.0f} % of the work of pressing with 0.1 mm, and
-{loop_large[LinearPad]:100*.0f} % (linear pad) with 0.5 mm.
+Rounded edges give it a slope to slip on. With 0.5 mm all that is solved comes back: the linear pad
+within {large[LinearPad]:100*.2f}, the network within {large[Surrogate]:100*.2f}, finite elements on
+780 nodes within {large[Fem p1-bar 800]:100*.2f} %. A radius of 0.1 mm, less than contact points lie
+apart, is enough for finite elements to come nearer, {small[Fem p1-bar 800]:100*.0f} and
+{small[Fem p1-bar 1500]:100*.0f} %, and does nothing for the linear pad. Coming back does not mean
+that all was well on the way: those loops take up to {loop_small[Fem p1-bar 1500]:100*.0f} % of the
+work of pressing.
 
 **What to do:** real edges are round, so round those of an object that is dragged, by half a
 millimetre or as they really are, and solve on another mesh to see how far the answer depends on
@@ -183,19 +182,18 @@ corrects it, choose the size of the cells on which they solve contact by what to
 later on the way back than on the way there. So two answers at one pose can be those of two
 grids.""",
     "cycle": """Finite elements give back what they took, and with friction a little less. The
-linear pad and the network give back more than they took where the grid of cells changes. With
-friction, too, if the figure is below 0: that gain is larger than what friction took.""",
+linear pad and the network give back a little more than they took where the grid of cells changes.
+With friction, too, if the figure is below 0: that gain is larger than what friction took.""",
     "ripple": """The ripple of finite elements follows their nodes, which lie 1 to 1.4 mm apart: the
 shallower contact is one or two of these wide, and 1,292 nodes have nearly as much of it as 780. The
-network has little there and {ripple[Surrogate]:100*.1f} % in the deeper contact. Where a force has
-to be smooth over such a way, use the quadratic elements or the linear pad.""",
+network has {ripple[Surrogate]:100*.1f} % in the deeper contact. Where a force has to be smooth over
+such a way, use the network, the linear pad or quadratic elements.""",
     "pull": """Contact points of `p1-bar` lie on a face that is smoothed between nodes, and hand
 their force to the nodes around with weights of both signs. Its sum and its torque are exact, but
 single nodes pull as if the gel stuck to the ball. `p1` and `p2` show none of it here.""",
     "trust": """With the network {floor:.2f} to {ceiling:.2f} are no sign that something is wrong:
 the residual is taken on the pad's own coarse mesh, where the right displacement is not in
-equilibrium either. With the linear answer it depends on the object. Only its changes tell
-something.""",
+equilibrium either. It depends on the object. Only its changes tell something.""",
 }
 """Text under the tables."""
 
@@ -219,20 +217,16 @@ SHORT = {
 
 def told_of(words: str, cases: dict[str, Any]) -> str:
     """Paragraphs with their figures; nothing if a quick run or a failed press lacks one of them."""
+    figures: dict[str, dict[str, Any]] = {}
+    for name, variant in SHORT.items():
+        solved = {of: row for of, row in cases["drag"].get(variant, {}).items() if "change" in row}
+        figures[name] = {of: row["change"]["displacement"] for of, row in solved.items()}
+        figures[f"loop_{name}"] = {of: row["work of pressing"] for of, row in solved.items()}
+    still = [row["surrogate"]["residual"] for row in cases["trust"].values()]
+    ripples = cases["ripple"].get("0.5 mm", {})
+    deep = {name: row["peak to peak"] for name, row in ripples.items() if "peak to peak" in row}
     try:
-        dragged = {name: cases["drag"][of] for name, of in SHORT.items()}
-        changes = {
-            name: {of: row["change"]["displacement"] for of, row in rows.items()}
-            for name, rows in dragged.items()
-        }
-        loops = {
-            f"loop_{name}": {of: row["work of pressing"] for of, row in rows.items()}
-            for name, rows in dragged.items()
-        }
-        still = [row["surrogate"]["residual"] for row in cases["trust"].values()]
-        deep = {name: row["peak to peak"] for name, row in cases["ripple"]["0.5 mm"].items()}
-        rest = {"ripple": deep, "floor": min(still), "ceiling": max(still)}
-        return text(words, changes | loops | rest)
+        return text(words, figures | {"ripple": deep, "floor": min(still), "ceiling": max(still)})
     except KeyError:
         return ""
 

@@ -214,9 +214,11 @@ impl Batch {
     /// more, after the object has come to rest with the first solutions.
     fn solve_and_settle(&mut self) -> Result<()> {
         self.solve_presses();
-        let setup = self.setup.clone();
-        self.each(|_, row, _| row.settle(&setup))?;
-        self.solve_presses();
+        if self.rows.iter().any(Row::is_unsettled) {
+            let setup = self.setup.clone();
+            self.each(|_, row, _| row.settle(&setup))?;
+            self.solve_presses();
+        }
         Ok(())
     }
 

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Setup,
-    trajectory::{PosesInPads, Trajectory},
+    trajectory::{COARSE, PosesInPads, Trajectory},
 };
 use crate::{
     Result,
@@ -62,13 +62,12 @@ impl ContactState {
         }
     }
 
-    /// Trajectory that goes on from the last press, with poses `coarseness` (m) apart; `None` if
-    /// presses do not depend on it.
-    pub(super) fn trajectory(&self, coarseness: f64) -> Option<Trajectory> {
+    /// Trajectory that goes on from the last press; `None` if presses do not depend on it.
+    pub(super) fn trajectory(&self) -> Option<Trajectory> {
         match self {
             Self::Pads(contact) => {
                 let last = contact.fingers.each_ref().map(|finger| finger.last().to_vec());
-                Some(Trajectory::from(last, coarseness))
+                Some(Trajectory::from(last, COARSE))
             }
             Self::Rigid | Self::Object(_) => None,
         }

@@ -14,7 +14,7 @@ use super::{
     given::{GivenStart, StartQuantity},
     plan::{CHANNEL, CORRECTION, PEAK, PRESS, REWARD, SCENE, StageTimes},
     start::{InitialState, settle},
-    trajectory::{COARSE, PosesInPads, Trajectory},
+    trajectory::{PosesInPads, Trajectory},
     trial::{Trial, limit},
 };
 use crate::{
@@ -91,6 +91,13 @@ impl Outcome {
 
     fn press_failed(error: &Error) -> Self {
         Self { press_error: Some(error.kind()), ..Self::ended(Ending::PressFailed) }
+    }
+}
+
+impl PendingStep {
+    /// Returns whether [`Episode::settle`] has still to be called.
+    pub(super) fn is_unsettled(&self) -> bool {
+        self.unsettled.is_some()
     }
 }
 
@@ -290,7 +297,7 @@ impl Episode {
         let (start, shaking) = (self.time(setup), self.parameters.shaking);
         self.grip = command.grip;
         self.steps += 1;
-        let mut path = self.contact.trajectory(COARSE);
+        let mut path = self.contact.trajectory();
         let state = costs.time(SCENE, || {
             let force = |time| shaking.map_or_else(Vector3::zeros, |s| s.force(start + time));
             self.scene.step_under(&command, force, |scene| {

@@ -59,6 +59,11 @@ impl Row {
         Ok(())
     }
 
+    /// Returns whether the reset that has begun is to go on with [`Row::settle`].
+    pub(super) fn is_unsettled(&self) -> bool {
+        self.motion.as_ref().is_some_and(PendingStep::is_unsettled)
+    }
+
     /// Puts further presses in the place of those that have been solved, if what the hand holds at
     /// the beginning of an episode has to come to rest with them.
     pub(super) fn settle(&mut self, setup: &Setup) {

@@ -110,7 +110,7 @@ pub(super) fn settle(
 ) -> Result<PerFinger<Press>> {
     let solutions = contact.keep(setup, answers, parameters)?;
     contact.correct(scene, &scene.state(), &solutions);
-    let mut path = contact.trajectory(FINE);
+    let mut path = contact.trajectory();
     scene.rest_in_hand(grip, |scene| {
         if let Some(path) = &mut path {
             path.go_on(scene.bodies_in_pads());

@@ -104,7 +104,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Take one control step of 40 ms."""
+        """Take one control step, of 40 ms by default."""
         check_open(self._closed, "step")
         actions = as_actions(action, (ACTION_SIZE,))[None]
         step = self._advance(actions)

@@ -173,7 +173,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         return np.ascontiguousarray(mask)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Take one control step of 40 ms in every row.
+        """Take one control step, of 40 ms by default, in every row.
 
         With ``NextStep``, a row whose episode ended in the previous step starts the next episode
         instead: it has a reward of 0 and no info.

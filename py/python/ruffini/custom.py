@@ -134,7 +134,7 @@ class Task:
         return {}
 
     def is_success(self, state: State) -> Any:
-        """Rows (N,) in which the task is done; by default, those in which the base's is."""
+        """Rows (N,) in which the task is done, which ends no episode; by default, the base's."""
         return state.base_success
 
 

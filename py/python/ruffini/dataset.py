@@ -1,4 +1,4 @@
-"""Datasets of solved grasps: generation, and reading frame by frame.
+"""Datasets of solved grasps and presses: generation, and reading frame by frame.
 
 V vertices and T tetrahedra of the mesh that fields are stored on; SI units. A pose is a position
 and a quaternion (x, y, z, w), 7 numbers. Reading needs ``pip install "ruffini[data]"``.

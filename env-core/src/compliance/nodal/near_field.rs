@@ -28,14 +28,14 @@ use crate::{
 };
 
 /// Distance in plan from a cell up to which stress is computed so, in spacings of the nodes.
-const REACH: f64 = 3.5;
+const REACH: f32 = 3.5;
 /// Distances from the nearest cell, in spacings, up to which the stress of a tetrahedron is the mean
 /// of the most samples, and of [`FEW`]; farther away it is that of its centre.
 const CLOSE: [f32; 2] = [0.9, 2.0];
 /// Distance in plan from the middle of a column, in spacings, up to which forces are taken one by one,
 /// and side of the squares in which farther ones are merged.
-const BESIDE: f64 = 1.7;
-const MERGED: f64 = 0.25;
+const BESIDE: f32 = 1.7;
+const MERGED: f32 = 0.25;
 /// Samples along an edge of a tetrahedron, as those of [`sample_shares`].
 const FEW: usize = 2;
 const MOST: usize = 5;
@@ -57,9 +57,9 @@ pub(super) struct NearField {
 /// Grid cells of the model mesh over each other.
 struct Column {
     /// Centre in plan (m).
-    centre: [f64; 2],
+    centre: [f32; 2],
     /// Root of its area in plan (m).
-    spacing: f64,
+    spacing: f32,
     /// Corners of its tetrahedra.
     nodes: Vec<u32>,
     /// Places of the corners in plan and in depth below the face (m).
@@ -135,8 +135,8 @@ impl NearField {
             let (middle, sides) = (nalgebra::center(&low, &high), high - low);
             let tets: Vec<_> = (0..nz).flat_map(of).map(tet).collect();
             Column {
-                centre: [middle.x, middle.y],
-                spacing: (sides.x * sides.y).sqrt(),
+                centre: [middle.x as f32, middle.y as f32],
+                spacing: (sides.x * sides.y).sqrt() as f32,
                 in_layer: Points::new(in_layer),
                 centres: Points::new(tets.iter().map(|tet| tet.at(&places, &[0.25; 4]))),
                 nodes: nodes.into_iter().map(|node| node as u32).collect(),
@@ -163,12 +163,20 @@ impl NearField {
         von_mises: &mut [f64],
     ) {
         let m = (1.0 - 2.0 * self.moduli.poisson) as f32;
-        let least = self.columns.iter().map(|column| column.spacing).fold(f64::INFINITY, f64::min);
-        let merged = merged(forces, (MERGED * least) as f32);
-        let (mut near, mut strains) = (Vec::new(), Vec::new());
+        let scale = self.scale() as f32;
+        let spacings = self.columns.iter().map(|column| column.spacing);
+        let merged = merged(forces, MERGED * spacings.fold(f32::INFINITY, f32::min));
+        let (low, high) = corners(forces);
+        let (mut near, mut norms) = (Vec::new(), Vec::new());
         for column in &self.columns {
-            let within = |force: &PointForce, spacings: f64| {
-                let [x, y] = [0, 1].map(|i| f64::from(force.place[i]) - column.centre[i]);
+            let reach = REACH * column.spacing;
+            let is_far =
+                |i: usize| column.centre[i] < low[i] - reach || column.centre[i] > high[i] + reach;
+            if is_far(0) || is_far(1) {
+                continue;
+            }
+            let within = |force: &PointForce, spacings: f32| {
+                let [x, y] = [0, 1].map(|i| force.place[i] - column.centre[i]);
                 x * x + y * y < (spacings * column.spacing).powi(2)
             };
             let is_beside = forces.iter().any(|force| within(force, BESIDE));
@@ -178,29 +186,28 @@ impl NearField {
             if near.is_empty() {
                 continue;
             }
-            let along = (column.spacing / side).clamp(FEW as f64, MOST as f64) as usize;
+            let along = (f64::from(column.spacing) / side).clamp(FEW as f64, MOST as f64) as usize;
             let lift = side * LIFT[usize::from(along <= FEW)];
             let space = HalfSpace { m, lift: lift as f32 };
             let (points, counts) = self.points(column, &near, along);
             let rest = self.rest(column, &near, space, displacement);
-            strains.clear();
+            let smooth = points.constant(column.tets.iter().map(|tet| tet.strain(&rest)), &counts);
+            norms.clear();
             vectorised(
                 #[inline(always)]
                 || {
-                    for at in &points.blocks {
-                        strains.push(space.strain(at, &near));
+                    for (at, smooth) in points.blocks.iter().zip(&smooth) {
+                        norms.push(deviator_norm(&space.strain(at, &near), scale, smooth));
                     }
                 },
             );
-            let mut first = 0;
+            let mut rest = norms.as_flattened();
             for (tet, count) in column.tets.iter().zip(counts) {
-                let [a, b, c, d] = tet.corners.map(|corner| rest[corner]);
-                let gradient = Matrix3::from_columns(&[b - a, c - a, d - a]) * tet.slopes;
-                let sum: f64 = (first..first + count)
-                    .map(|point| self.von_mises(&gradient, &strains[point / LANES], point % LANES))
-                    .sum();
-                von_mises[tet.tet as usize] = sum / count as f64;
-                first += count;
+                let (norms, others) = rest.split_at(count);
+                let mean = norms.iter().sum::<f32>() / count as f32;
+                von_mises[tet.tet as usize] =
+                    6.0_f64.sqrt() * self.moduli.shear() * f64::from(mean);
+                rest = others;
             }
         }
     }
@@ -209,7 +216,7 @@ impl NearField {
     /// the forces have `along` along an edge.
     fn points(&self, column: &Column, forces: &[PointForce], along: usize) -> (Points, Vec<usize>) {
         let mut points = Points::default();
-        let [close, middle] = CLOSE.map(|spacings| (spacings * column.spacing as f32).powi(2));
+        let [close, middle] = CLOSE.map(|spacings| (spacings * column.spacing).powi(2));
         let mut distances = Vec::new();
         vectorised(
             #[inline(always)]
@@ -259,15 +266,6 @@ impl NearField {
         column.nodes.iter().enumerate().map(rest).collect()
     }
 
-    /// Von Mises stress (Pa) where the half-space has a strain and the rest a displacement gradient.
-    fn von_mises(&self, gradient: &Matrix3<f64>, strain: &[Lanes; 6], lane: usize) -> f64 {
-        let [xx, yy, zz, xy, xz, yz] = strain.each_ref().map(|part| f64::from(part[lane]));
-        let half_space = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) * self.scale();
-        let strain = (gradient + gradient.transpose()) * 0.5 + half_space;
-        let deviator = strain - Matrix3::from_diagonal_element(strain.trace() / 3.0);
-        2.0 * self.moduli.shear() * 1.5_f64.sqrt() * deviator.norm()
-    }
-
     /// 1/(4πμ) (m²/N).
     fn scale(&self) -> f64 {
         1.0 / (4.0 * std::f64::consts::PI * self.moduli.shear())
@@ -279,6 +277,14 @@ impl ColumnTet {
     fn at(&self, places: &[[f32; 3]], shares: &[f32; 4]) -> [f32; 3] {
         let corners = self.corners.map(|corner| places[corner]);
         std::array::from_fn(|i| (0..4).map(|a| shares[a] * corners[a][i]).sum())
+    }
+
+    /// Strain under the `displacement` (m) of the corners of its column: xx, yy, zz, xy, xz and yz.
+    fn strain(&self, displacement: &[Vector3<f64>]) -> [f32; 6] {
+        let [a, b, c, d] = self.corners.map(|corner| displacement[corner]);
+        let gradient = Matrix3::from_columns(&[b - a, c - a, d - a]) * self.slopes;
+        let strain = (gradient + gradient.transpose()) * 0.5;
+        [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|at| strain[at] as f32)
     }
 }
 
@@ -299,6 +305,51 @@ impl Points {
         (0..3).for_each(|axis| last[axis][lane] = point[axis]);
         self.count += 1;
     }
+
+    /// The `strains` of tetrahedra at their points, in the same blocks; `counts` are the numbers of
+    /// their points.
+    fn constant(
+        &self,
+        strains: impl Iterator<Item = [f32; 6]>,
+        counts: &[usize],
+    ) -> Vec<[Lanes; 6]> {
+        let mut all = vec![[[0.0; LANES]; 6]; self.blocks.len()];
+        let mut point = 0;
+        for (strain, count) in strains.zip(counts) {
+            for _ in 0..*count {
+                let block = &mut all[point / LANES];
+                (0..6).for_each(|part| block[part][point % LANES] = strain[part]);
+                point += 1;
+            }
+        }
+        all
+    }
+}
+
+/// Norm of the deviator of `strain` times `scale` plus `smooth`, of the parts xx, yy, zz, xy, xz and
+/// yz.
+#[inline(always)]
+fn deviator_norm(strain: &[Lanes; 6], scale: f32, smooth: &[Lanes; 6]) -> Lanes {
+    let mut norms = [0.0; LANES];
+    for i in 0..LANES {
+        let part = |part: usize| smooth[part][i] + scale * strain[part][i];
+        let mean = (part(0) + part(1) + part(2)) / 3.0;
+        let [x, y, z] = [part(0) - mean, part(1) - mean, part(2) - mean];
+        let [xy, xz, yz] = [part(3), part(4), part(5)];
+        norms[i] = (x * x + y * y + z * z + 2.0 * (xy * xy + xz * xz + yz * yz)).sqrt();
+    }
+    norms
+}
+
+/// Least and greatest coordinates of the places of `forces` (m).
+fn corners(forces: &[PointForce]) -> ([f32; 2], [f32; 2]) {
+    let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+    for PointForce { place, .. } in forces {
+        for i in 0..2 {
+            (low[i], high[i]) = (low[i].min(place[i]), high[i].max(place[i]));
+        }
+    }
+    (low, high)
 }
 
 /// 1/ρ and 1/(ρ + d), for ρ² and d.
