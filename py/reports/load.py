@@ -258,7 +258,12 @@ torque over that force times {sizes[arm of torques (mm)]:.0f} mm, about half the
 comparison. Where they miss the load too, part of the error is of the comparison (motion that is
 quicker than its samples) or of the engine's account, not of the model of the gel.
 
-{pushed}
+The hand takes on the velocity of a command at the start of a step, at up to
+{sizes[most acceleration of the hand (m/s²)]:.0f} m/s² (*moved*: 1 m/s²), so that the push is mostly
+over at its end, where the wrench is felt, while the poses have all of it. That part is known from
+the hand's own places and velocities, and is added to what is felt: m times the second difference of
+its places, less the mean of what its limit leaves to the ends of steps. What the pads bear within a
+step is not judged by this.
 
 A sample is *sticking* where `slip` of both pads is below 0.1, *sliding* where both are above 0.9,
 and else in *transition*. Goals are 2 % at the 95th percentile where it sticks, and 5 % elsewhere.
@@ -345,11 +350,6 @@ many steps.
 {by_marker}
 
 {made}"""
-PUSHED = """The hand takes on the velocity of a command at the start of a step, at up to
-{limit:.0f} m/s² (*moved*: 1 m/s²), so that the push is mostly over at its end, where the wrench is
-felt, while the poses have all of it. That part is known from the hand's own places and velocities,
-and is added to what is felt: m times the second difference of its places, less the mean of what its
-limit leaves to the ends of steps. What the pads bear within a step is not judged by this."""
 ONSET = """## When a loosened grip slips
 
 HoldStill under a steady load, the grip falling along a line from {start:.0f} N to nothing in
@@ -450,7 +450,6 @@ def page(report: dict[str, Any]) -> str:
         PAGE,
         report | {"still": report["swinging"][0]["rigid bodies"]},
         verdict=verdict(report),
-        pushed=pushed(report["sizes"]),
         by_case=table(CASE, report["table"]),
         trembling=table(TREMBLE, report["trembling"]),
         by_object=objects(report["objects"]),
@@ -521,12 +520,6 @@ def by_marker(report: dict[str, Any]) -> str:
         shares=table(columns, rows, absent="–"),
         elements=elements(report["markers"]),
     )
-
-
-def pushed(sizes: dict[str, Any]) -> str:
-    """The part of the hand's acceleration that is left out, if the report was made so."""
-    limit = sizes.get("most acceleration of the hand (m/s²)")
-    return "" if limit is None else text(PUSHED, {"limit": limit})
 
 
 def elements(rows: list[dict[str, Any]]) -> str:

@@ -214,9 +214,10 @@ impl Batch {
     /// more, after the object has come to rest with the first solutions.
     fn solve_and_settle(&mut self) -> Result<()> {
         self.solve_presses();
-        if self.rows.iter().any(Row::is_unsettled) {
+        while self.rows.iter().any(Row::is_unsettled) {
             let setup = self.setup.clone();
-            self.each(|_, row, _| row.settle(&setup))?;
+            let settled = self.each(|_, row, _| row.settle(&setup))?;
+            settled.into_iter().collect::<Result<()>>()?;
             self.solve_presses();
         }
         Ok(())

@@ -28,7 +28,7 @@ use crate::{
 };
 
 /// Most draws of the parameters of an episode until the hand holds the object.
-const DRAWS: usize = 20;
+pub(super) const DRAWS: usize = 20;
 
 /// Running episode.
 #[derive(Serialize, Deserialize)]
@@ -161,11 +161,12 @@ impl Episode {
 
     /// Corrects the pads of a hand that holds an object at the beginning of an episode with the
     /// solutions in `motion`, lets the object come to rest again, and puts the presses of this in
-    /// their place. Everything else is left as it is.
-    pub(super) fn settle(&mut self, setup: &Setup, motion: &mut PendingStep) {
-        let Some(unsettled) = motion.unsettled.take() else { return };
+    /// their place. Everything else is left as it is. Returns an [`Error::NotHeld`] if the object
+    /// slips out of the hand.
+    pub(super) fn settle(&mut self, setup: &Setup, motion: &mut PendingStep) -> Result<()> {
+        let Some(unsettled) = motion.unsettled.take() else { return Ok(()) };
         if motion.answers.iter().all(Option::is_none) {
-            return;
+            return Ok(());
         }
         let answers = mem::take(&mut motion.answers);
         let parameters = &self.parameters;
@@ -181,8 +182,10 @@ impl Episode {
         };
         match presses {
             Ok(presses) => motion.presses = presses,
+            Err(error @ Error::NotHeld { .. }) => return Err(error),
             Err(error) => motion.answers[0] = Some(Err(error)),
         }
+        Ok(())
     }
 
     /// Ends a reset and writes the observation of the initial state in `motion`. If a press cannot

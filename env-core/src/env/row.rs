@@ -10,7 +10,7 @@ use super::{
     Outcome, Setup,
     answers::Answer,
     contact::PerFinger,
-    episode::{Episode, PendingStep},
+    episode::{DRAWS, Episode, PendingStep},
     given::{GivenStart, StartQuantity},
     plan::StageTimes,
 };
@@ -29,6 +29,9 @@ pub struct Row {
     /// Reset or step whose presses have not been solved yet.
     #[serde(skip)]
     motion: Option<PendingStep>,
+    /// Draws of this reset of which the object slipped out of the hand.
+    #[serde(skip)]
+    slipped: usize,
     #[serde(skip)]
     costs: StageTimes,
     #[serde(skip)]
@@ -42,6 +45,7 @@ impl Row {
             random: ChaCha8Rng::seed_from_u64(seed),
             episode: None,
             motion: None,
+            slipped: 0,
             costs: StageTimes::default(),
             given: GivenStart::default(),
         }
@@ -54,6 +58,11 @@ impl Row {
 
     /// Begins a reset, which [`Row::open`] ends.
     pub(super) fn reset(&mut self, setup: &Setup) -> Result<()> {
+        self.slipped = 0;
+        self.draw(setup)
+    }
+
+    fn draw(&mut self, setup: &Setup) -> Result<()> {
         let (episode, motion) = Episode::start(setup, &mut self.random, &self.given)?;
         (self.episode, self.motion) = (Some(episode), Some(motion));
         Ok(())
@@ -65,11 +74,17 @@ impl Row {
     }
 
     /// Puts further presses in the place of those that have been solved, if what the hand holds at
-    /// the beginning of an episode has to come to rest with them.
-    pub(super) fn settle(&mut self, setup: &Setup) {
-        if let (Some(episode), Some(motion)) = (&mut self.episode, &mut self.motion) {
-            episode.settle(setup, motion);
+    /// the beginning of an episode has to come to rest with them. If it slips out of the hand, the
+    /// parameters of the episode are drawn again, [`DRAWS`] times at most.
+    pub(super) fn settle(&mut self, setup: &Setup) -> Result<()> {
+        let (Some(episode), Some(motion)) = (&mut self.episode, &mut self.motion) else {
+            return Ok(());
+        };
+        if episode.settle(setup, motion).is_err() && self.slipped < DRAWS {
+            self.slipped += 1;
+            self.draw(setup)?;
         }
+        Ok(())
     }
 
     /// Ends the reset that [`Row::reset`] began and writes the first observation.

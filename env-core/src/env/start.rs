@@ -9,9 +9,9 @@ use super::{
     trajectory::{FINE, Trajectory},
 };
 use crate::{
-    Result,
+    Error, Result,
     deformation::{Deformation, Press},
-    scene::{Pads, Scene, SceneConfig, SceneObject},
+    scene::{FingerState, Pads, Scene, SceneConfig, SceneObject},
     task::{Distractor, EpisodeParameters, Start},
 };
 
@@ -96,7 +96,8 @@ impl InitialState {
 }
 
 /// Corrects the pads of a hand that holds an object with `grip` (N) towards `answers`, the solutions
-/// of its presses, and lets the object come to rest again. Returns the presses of this motion.
+/// of its presses, and lets the object come to rest again. Returns the presses of this motion; an
+/// [`Error::NotHeld`] if the object slips out of the hand.
 ///
 /// Until then the grip was that of the elastic foundation alone, whose forces differ from those of
 /// the model by a quarter.
@@ -119,8 +120,15 @@ pub(super) fn settle(
     if let Some(path) = &mut path {
         path.arrive(scene.bodies_in_pads());
     }
+    let state = scene.state();
+    if state.failure.is_some() {
+        return Ok([None, None]);
+    }
+    if !state.fingers.iter().all(FingerState::touches) {
+        return Err(Error::NotHeld { grip });
+    }
     let poses = path.as_ref().map_or(&[][..], Trajectory::poses);
-    contact.press(setup, &scene.state(), poses, parameters)
+    contact.press(setup, &state, poses, parameters)
 }
 
 /// Configuration of the scene of an episode with these parameters: that of the settings, with pads
