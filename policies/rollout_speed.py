@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 
 from peers import PEERS, peer
 from ruffini import custom
+from ruffini._schema import TASKS
 from ruffini.evaluation import about_this_run
 from scaling import cost, table
 from timing import (
@@ -108,8 +109,9 @@ def custom_cost(seconds: float) -> dict[str, Any]:
     return {"custom_n64_1_thread": figures}
 
 
-TOUCH = {"none": 2000, "surrogate": 100, "compliance": 100}
-"""Models of touch, and steps for each; those with rigid pads take tens of microseconds."""
+TOUCH = {"none": 2000, "surrogate": 100, "surrogate, stress": 100, "compliance": 100}
+"""Models of touch, one with a channel of stress, and steps for each; those with rigid pads take
+tens of microseconds."""
 OBJECTS = ("sphere", "cuboid", "cylinder", "cup")
 GRIPS = 4
 """Environments whose pads all have to touch."""
@@ -123,9 +125,16 @@ def touch_speed(seconds: float) -> dict[str, Any]:
     }
 
 
+def touch(model: str) -> dict[str, Any]:
+    """Settings of a model of touch."""
+    tactile, _, stress = model.partition(", ")
+    observation = TASKS["GraspLift"]["usual_channels"]
+    return {"tactile": tactile} | ({"observation": [*observation, stress]} if stress else {})
+
+
 def grasping(model: str, name: str) -> dict[str, Any]:
     """Steps a second of processor time with all pads touching, and how the episodes ended."""
-    envs = make(GRIPS, 1, tactile=model, objects=[name])
+    envs = make(GRIPS, 1, objects=[name], **touch(model))
     spent, counted, episodes, lifted = 0.0, 0, 0, 0
     for step in islice(scripted_steps(envs, ENV_ID), TOUCH[model]):
         if touching(step.observation).all():
@@ -149,7 +158,7 @@ def untouched(model: str, seconds: float) -> float:
     Raises:
         RuntimeError: If a pad touches.
     """
-    envs = make(GRIPS, 1, tactile=model, objects=["sphere"])
+    envs = make(GRIPS, 1, objects=["sphere"], **touch(model))
     still = np.zeros((GRIPS, 5), np.float32)
 
     def step(_count: int) -> None:
