@@ -15,7 +15,7 @@ use super::{
     plan::{CHANNEL, CORRECTION, PEAK, PRESS, REWARD, SCENE, StageTimes},
     start::{InitialState, settle},
     trajectory::{PosesInPads, Trajectory},
-    trial::{Trial, limit},
+    trial::{TrialHold, limit},
 };
 use crate::{
     Error, Result,
@@ -60,7 +60,7 @@ enum Unsettled {
     /// The object of the episode.
     Start,
     /// The object in the trial grip of a fragile grasp, which is not a part of the episode.
-    Trial(Box<Trial>),
+    Trial(Box<TrialHold>),
 }
 
 /// Result of a step, besides its observation.
@@ -142,7 +142,7 @@ impl Episode {
         let object = SceneObject { model: &setup.models[object], scale, mass, friction, pose };
         let InitialState { scene, grip, path } =
             InitialState::new(setup, &object, place, parameters)?;
-        let tried = |t: TrialGrip| Trial::new(setup, &object, parameters, t.grip);
+        let tried = |t: TrialGrip| TrialHold::new(setup, &object, parameters, t.grip);
         let trial = parameters.trial.map(tried).transpose()?;
         let state = scene.state();
         let contact = ContactState::new(setup.tactile(), path.start());

@@ -20,13 +20,13 @@ use crate::{
 const COARSE: f64 = 2e-4;
 
 /// Hand that holds the object in the air with the trial grip.
-pub(super) struct Trial {
+pub(super) struct TrialHold {
     scene: Scene,
     contact: ContactState,
     grip: f64,
 }
 
-impl Trial {
+impl TrialHold {
     /// Creates a hand that holds the `object` in the air with `grip` (N), and the presses of this.
     pub(super) fn new(
         setup: &Setup,
