@@ -201,13 +201,13 @@ impl NearField {
                     }
                 },
             );
-            let mut rest = norms.as_flattened();
+            let mut remaining = norms.as_flattened();
             for (tet, count) in column.tets.iter().zip(counts) {
-                let (norms, others) = rest.split_at(count);
+                let (norms, others) = remaining.split_at(count);
                 let mean = norms.iter().sum::<f32>() / count as f32;
                 von_mises[tet.tet as usize] =
                     6.0_f64.sqrt() * self.moduli.shear() * f64::from(mean);
-                rest = others;
+                remaining = others;
             }
         }
     }
