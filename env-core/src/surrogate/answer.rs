@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::{
     corrector::Corrector,
-    fast::{PadBuffers, PadInference},
+    fast::PadInference,
     features::PadInput,
     graph::{LAYERS, PadGraph},
     linear::{LinearBaseline, LinearFields, LinearStress, PadFields, body},
@@ -52,12 +52,6 @@ struct PadModel {
     body: SoftBody,
     /// Contact points of finite elements on the model mesh, computed on first use.
     skin: OnceLock<Vec<SurfacePoint>>,
-}
-
-/// Implementation that evaluates the network, with the buffers of one thread.
-enum Evaluation {
-    Fast(Box<PadBuffers>),
-    Plain,
 }
 
 /// Largest residual force of a trusted answer, relative to the net contact force.
@@ -154,10 +148,6 @@ impl Surrogate {
         Self { is_plain: true, ..self.clone() }
     }
 
-    fn evaluation(&self) -> Evaluation {
-        if self.is_plain { Evaluation::Plain } else { Evaluation::Fast(Box::default()) }
-    }
-
     /// Description of the weights.
     pub fn card(&self) -> &Card {
         &self.trained.card
@@ -176,13 +166,13 @@ impl Surrogate {
     /// Solves every frame of `press`, in order; the first that fails is an error and the last. In a
     /// force-driven press the corrected answer has the required force.
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
-        let (trained, evaluation) = (&self.trained, &mut self.evaluation());
+        let (trained, is_plain) = (&self.trained, self.is_plain);
         match press.drive() {
             Drive::Translation { .. } => {
                 let mut frames = Vec::new();
                 for linear in trained.linear.path(press) {
                     frames.push(
-                        linear.and_then(|linear| trained.correct(press, linear, ALL, evaluation)),
+                        linear.and_then(|linear| trained.correct(press, linear, ALL, is_plain)),
                     );
                     if frames.last().is_some_and(Result::is_err) {
                         break;
@@ -191,25 +181,21 @@ impl Surrogate {
                 frames
             }
             Drive::Force { poses, force, direction } => {
-                vec![trained.push(press, poses, *force, direction, evaluation)]
+                vec![trained.push(press, poses, *force, direction, is_plain)]
             }
         }
     }
 
     /// Solves `press` and returns its last frame; earlier frames are not corrected by the network.
-    fn last(
-        &self,
-        press: &Press,
-        wanted: Wanted,
-        evaluation: &mut Evaluation,
-    ) -> Result<Deformation> {
+    fn last(&self, press: &Press, wanted: Wanted) -> Result<Deformation> {
+        let is_plain = self.is_plain;
         match press.drive() {
             Drive::Translation { .. } => {
                 let linear = self.trained.linear.path(press).pop().expect("a press has a frame")?;
-                self.trained.correct(press, linear, wanted, evaluation)
+                self.trained.correct(press, linear, wanted, is_plain)
             }
             Drive::Force { poses, force, direction } => {
-                self.trained.push(press, poses, *force, direction, evaluation)
+                self.trained.push(press, poses, *force, direction, is_plain)
             }
         }
     }
@@ -261,7 +247,7 @@ impl PadModel {
         poses: &[Isometry3<f64>],
         force: f64,
         direction: &Unit<Vector3<f64>>,
-        evaluation: &mut Evaluation,
+        is_plain: bool,
     ) -> Result<Deformation> {
         let (mut asked, mut reached, mut travel) = (force, 0.0, 0.0);
         let [mut low, mut high] = [0.0, f64::INFINITY];
@@ -269,7 +255,7 @@ impl PadModel {
         for trial in 0..TRIES {
             let same = press.with_other_force(asked);
             let linear = self.linear.path(&same).swap_remove(0)?;
-            let answer = self.correct(press, linear, ALL, evaluation)?;
+            let answer = self.correct(press, linear, ALL, is_plain)?;
             reached = answer.wrench.force.dot(direction);
             let moved = answer.poses[0].translation.vector - poses[0].translation.vector;
             travel = moved.dot(direction);
@@ -299,11 +285,11 @@ impl PadModel {
         press: &Press,
         settled: ContactSolution,
         wanted: Wanted,
-        evaluation: &mut Evaluation,
+        is_plain: bool,
     ) -> Result<Deformation> {
         let start = Instant::now();
         // Candle's layers always compute the stress.
-        let with_stress = wanted.stress || matches!(evaluation, Evaluation::Plain);
+        let with_stress = wanted.stress || is_plain;
         let stress = if with_stress { LinearStress::OF_NETWORK } else { LinearStress::Omitted };
         let linear = self.linear.carry(&settled, stress);
         let places = &self.body.mesh().vertices;
@@ -312,7 +298,7 @@ impl PadModel {
         let input = PadInput::new(&self.graph, &gel, places, press.shapes(), &linear);
         let LinearFields { fields: linear, .. } = linear;
         let (corrected, predicted_error) = if input.amplitude > 0.0 {
-            self.corrected(&input, linear, with_stress, evaluation)?
+            self.corrected(&input, linear, with_stress, is_plain)?
         } else {
             (linear, None)
         };
@@ -344,11 +330,12 @@ impl PadModel {
         input: &PadInput,
         linear: PadFields,
         with_stress: bool,
-        evaluation: &mut Evaluation,
+        is_plain: bool,
     ) -> Result<(PadFields, Option<PredictedError>)> {
-        let mut fields = match evaluation {
-            Evaluation::Fast(scratch) => self.network.forward(input, with_stress, scratch),
-            Evaluation::Plain => self.plain.fields(input, &self.graph)?,
+        let mut fields = if is_plain {
+            self.plain.fields(input, &self.graph)?
+        } else {
+            self.network.forward(input, with_stress)
         };
         let blend = |model: &ErrorModel| model.blended(input, &mut fields);
         let predicted_error = self.card.predicted.as_ref().map(blend);
@@ -377,8 +364,7 @@ impl DeformationModel for Surrogate {
 
     fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let model = &*self;
-        let answer = |evaluation: &mut Evaluation, press| model.last(press, wanted, evaluation);
-        presses.par_iter().map_init(|| model.evaluation(), answer).collect()
+        presses.par_iter().map(|press| model.last(press, wanted)).collect()
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {

@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
 use super::{
     answer::SHIPPED,
     corrector::{Corrector, OF_LAYER},
-    fast::{PadBuffers, PadInference},
+    fast::PadInference,
     features::{DIRECTIONS, FEATURES, PadInput},
     graph::{LAYERS, Level, PadGraph},
     layers::{LayerNorm, Linear, Mlp, Round},
@@ -239,7 +239,7 @@ fn precision_single_is_enough() {
             if input.amplitude == 0.0 {
                 continue;
             }
-            let found = fast.forward(&input, true, &mut PadBuffers::default());
+            let found = fast.forward(&input, true);
             let exact = forward(&network, &input, &graph, &pad, gel.thickness);
             let off = [
                 apart(&found.displacement, &exact[0]),

@@ -5,6 +5,8 @@
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
+use std::cell::RefCell;
+
 use candle_core::Result;
 
 use super::{
@@ -13,7 +15,7 @@ use super::{
     graph::{LAYERS, PadGraph, SCALES},
     ops::PadStress,
     stress_head::{StressHead, Stresses},
-    trunk::{self, Dense, Trunk, relu},
+    trunk::{self, Dense, Trunk},
 };
 use crate::{geometry::PadMesh, simd::vectorised};
 
@@ -26,9 +28,14 @@ pub(super) struct PadInference {
     columns: usize,
 }
 
+thread_local! {
+    /// Reused from press to press: to free and allocate them costs as much as a layer.
+    static BUFFERS: RefCell<PadBuffers> = RefCell::default();
+}
+
 /// Buffers of a forward pass.
 #[derive(Default)]
-pub(super) struct PadBuffers {
+struct PadBuffers {
     trunk: trunk::TrunkBuffers,
     hidden: Vec<f32>,
     output: Vec<f32>,
@@ -54,16 +61,14 @@ impl PadInference {
     }
 
     /// Corrects the linear answer in `input`; stress is left empty unless `with_stress`.
-    pub(super) fn forward(
-        &self,
-        input: &PadInput,
-        with_stress: bool,
-        scratch: &mut PadBuffers,
-    ) -> Fields {
-        let PadBuffers { trunk, hidden, output, corners, stress } = scratch;
+    pub(super) fn forward(&self, input: &PadInput, with_stress: bool) -> Fields {
+        BUFFERS.with_borrow_mut(|buffers| self.forward_in(buffers, input, with_stress))
+    }
+
+    fn forward_in(&self, buffers: &mut PadBuffers, input: &PadInput, with_stress: bool) -> Fields {
+        let PadBuffers { trunk, hidden, output, corners, stress } = buffers;
         let latent = self.trunk.latent(&input.features, &[&[]; SCALES], trunk);
-        self.nodes[0].forward(latent, hidden);
-        relu(hidden);
+        self.nodes[0].forward_relu(latent, hidden);
         self.nodes[1].forward(hidden, output);
         let displacement = self.displaced(input, output);
         let (forces, force) = pressed(input, output);
@@ -191,7 +196,7 @@ mod tests {
         };
         let answer = network.forward(&PadBatch::new(&[&input]).unwrap(), &graph).unwrap();
         let fast = PadInference::new(&network, &graph, &pad).unwrap();
-        let found = fast.forward(&input, true, &mut PadBuffers::default());
+        let found = fast.forward(&input, true);
         let near = |name: &str, plain: &Tensor, own: &[f32]| {
             let plain: Vec<f32> = plain.flatten_all().unwrap().to_vec1().unwrap();
             let scale = plain.iter().fold(0.0_f32, |most, x| most.max(x.abs()));

@@ -134,45 +134,58 @@ impl PadInput {
             10.0 * (0.5 - gel.moduli.poisson),
             gel.friction,
             (total.norm() * length / (gel.force() * amplitude.max(f64::MIN_POSITIVE))).ln_1p(),
-        ];
+        ]
+        .map(|x| x as f32);
         let (of_columns, of_press) = cell_features(cells, gel, columns);
         let margin = 2.0 * shapes.iter().map(Shape::distance_error).fold(0.0, f64::max);
-        let mut features = Vec::with_capacity(columns * FEATURES);
-        let mut gates = Vec::with_capacity(columns);
-        let mut normals = Vec::with_capacity(3 * columns);
-        let mut directions = Vec::with_capacity(3 * DIRECTIONS * columns);
+        let mut features = vec![0.0; columns * FEATURES];
+        let mut gates = vec![0.0; columns];
+        let mut normals = vec![0.0; 3 * columns];
+        let mut directions = vec![0.0; 3 * DIRECTIONS * columns];
         let slopes = graph.slopes(|column| linear.displacement[column].z);
-        for (column, &rest) in places[..columns].iter().enumerate() {
-            let displacement = linear.displacement[column];
+        let [by_amplitude, by_strongest] =
+            [amplitude, strongest].map(|most| 1.0 / most.max(f64::MIN_POSITIVE));
+        for (column, features) in features.as_chunks_mut::<FEATURES>().0.iter_mut().enumerate() {
+            let (rest, displacement) = (places[column], linear.displacement[column]);
             let Distance { value: gap, normal } = nearest(shapes, linear, &(rest + displacement));
             // A distance changes by at most the displacement: that of the undisplaced column need
             // not be computed where its feature is 1 in any case.
             let is_far = gap - displacement.norm() >= 0.5 * length + margin;
             let before = if is_far { 0.5 * length } else { nearest(shapes, linear, &rest).value };
-            let layers = (0..LAYERS).map(|k| linear.displacement[k * columns + column]);
-            let force = linear.contact_force[column] / strongest.max(f64::MIN_POSITIVE);
-            let moved = layers.map(|u| u / amplitude.max(f64::MIN_POSITIVE));
             let distances = [
                 (2.0 * before / length).clamp(-1.0, 1.0),
-                (gap / amplitude.max(f64::MIN_POSITIVE)).clamp(-1.0, 1.0),
+                (gap * by_amplitude).clamp(-1.0, 1.0),
                 (8.0 * gap / length).clamp(-1.0, 1.0),
             ];
-            let vectors = moved.chain([force]).flat_map(|v| [v.x, v.y, v.z]);
-            let numbers = vectors.chain(distances).chain([normal.x, normal.y, normal.z]);
-            features.extend(numbers.map(|x| x as f32));
-            features.extend(&graph.places[column * PLACE_FEATURES..][..PLACE_FEATURES]);
-            features.extend(globals.map(|x| x as f32));
-            let of_column = &of_columns[column];
-            features.extend(of_column.iter().chain(&of_press));
             let slope = Vector3::new(slopes[column][0], slopes[column][1], 0.0);
+            let of_column = &of_columns[column];
+            let mut rest = &mut features[..];
+            let mut put = |numbers: &[f32]| {
+                let (here, after) = std::mem::take(&mut rest).split_at_mut(numbers.len());
+                here.copy_from_slice(numbers);
+                rest = after;
+            };
+            for layer in 0..LAYERS {
+                put(&single(&(linear.displacement[layer * columns + column] * by_amplitude)));
+            }
+            put(&single(&(linear.contact_force[column] * by_strongest)));
+            put(&distances.map(|x| x as f32));
+            put(&single(&normal));
+            put(&graph.places[column * PLACE_FEATURES..][..PLACE_FEATURES]);
+            put(&globals);
+            put(of_column);
+            put(&of_press);
             let numbers = [slope.x, slope.y, slope.norm(), slope.dot(&normal)];
-            features.extend(numbers.map(|x| (4.0 * x) as f32));
+            put(&numbers.map(|x| (4.0 * x) as f32));
             let near = distances[1] * amplitude * normal;
             let dragged = displacement.z * slope;
-            normals.extend(normal.iter().map(|x| *x as f32));
-            directions.extend(flat(&[amplitude * normal, near, dragged], length));
+            normals[3 * column..][..3].copy_from_slice(&single(&normal));
+            let of_column = directions[3 * DIRECTIONS * column..].as_chunks_mut().0.iter_mut();
+            for (to, direction) in of_column.zip([amplitude * normal, near, dragged]) {
+                *to = single(&(direction / length));
+            }
             let gate = (1.0 - gap / (REACH * length)).clamp(0.0, 1.0) as f32;
-            gates.push(if of_column[0] > 0.0 { 1.0 } else { gate });
+            gates[column] = if features[CELLS] > 0.0 { 1.0 } else { gate };
         }
         Self {
             features,
@@ -300,9 +313,17 @@ fn moved(field: &[f32], images: &[u32], signs: &[f32]) -> Vec<f32> {
     rows.flat_map(|row| row.iter().zip(signs).map(|(x, sign)| x * sign)).collect()
 }
 
+fn single(vector: &Vector3<f64>) -> [f32; 3] {
+    vector.cast::<f32>().into()
+}
+
 /// Vectors in units of `unit`.
 pub(super) fn flat(vectors: &[Vector3<f64>], unit: f64) -> Vec<f32> {
-    vectors.iter().flat_map(|v| [v.x, v.y, v.z].map(|x| (x / unit) as f32)).collect()
+    let mut all = vec![0.0; 3 * vectors.len()];
+    for (to, vector) in all.as_chunks_mut().0.iter_mut().zip(vectors) {
+        *to = single(&(vector / unit));
+    }
+    all
 }
 
 /// Distance to the nearest shape, with its normal in the pad's frame.

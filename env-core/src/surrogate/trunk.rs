@@ -47,12 +47,10 @@ pub(super) struct TrunkBuffers {
 struct ScaleBuffers {
     v: Vec<f32>,
     normal: Vec<f32>,
-    /// Sender's and receiver's part of messages, and the node's own part of the update.
+    /// Sender's and receiver's part of messages, and the hidden row of the update (N, 3H).
     parts: Vec<f32>,
-    ends: Vec<f32>,
     edges: Vec<f32>,
     heard: Vec<f32>,
-    hidden: Vec<f32>,
 }
 
 /// x W + b for row-major W (K, M).
@@ -65,7 +63,8 @@ pub(super) struct Dense {
 /// A round of message passing.
 struct FastRound {
     norm: [Vec<f32>; 2],
-    /// Layer from a normalised row to both ends of messages and to the update.
+    /// Layer from a normalised row to both ends of messages and to the update; its biases are those
+    /// of the edges and of `heard`.
     fan: Dense,
     /// Layer from the summed messages to the update.
     heard: Dense,
@@ -74,7 +73,7 @@ struct FastRound {
     graph: Arc<Edges>,
 }
 
-/// Edge parts of messages (E, H).
+/// Edge parts of messages (E, H), which include the biases of their ends.
 enum EdgeParts {
     Known(Vec<f32>),
     /// Layer that computes them from the features of the edges.
@@ -103,19 +102,38 @@ impl Dense {
 
     /// Sets `y` (N, M) to x W + b.
     pub(super) fn forward(&self, x: &[f32], y: &mut Vec<f32>) {
-        let rows = x.len() / self.inputs;
-        y.clear();
-        (0..rows).for_each(|_| y.extend_from_slice(&self.bias));
-        self.add(x, y);
+        self.product(x, y);
+        vectorised(
+            #[inline(always)]
+            || add_rows(y, &self.bias),
+        );
+    }
+
+    /// Sets `y` (N, M) to max(x W + b, 0).
+    pub(super) fn forward_relu(&self, x: &[f32], y: &mut Vec<f32>) {
+        self.product(x, y);
+        vectorised(
+            #[inline(always)]
+            || y.chunks_exact_mut(self.outputs()).for_each(|row| add_relu(row, &self.bias)),
+        );
+    }
+
+    /// Sets `y` (N, M) to x W.
+    fn product(&self, x: &[f32], y: &mut Vec<f32>) {
+        let (rows, outputs) = (x.len() / self.inputs, self.outputs());
+        y.resize(rows * outputs, 0.0);
+        let x = MatRef::from_row_major_slice(x, rows, self.inputs);
+        let y = MatMut::from_row_major_slice_mut(y, rows, outputs);
+        matmul(y, Accum::Replace, x, self.weight(), 1.0, Par::Seq);
     }
 
     /// Adds x W to `y` (N, M).
-    fn add(&self, x: &[f32], y: &mut [f32]) {
-        let (rows, outputs) = (x.len() / self.inputs, self.outputs());
-        let x = MatRef::from_row_major_slice(x, rows, self.inputs);
-        let weight = MatRef::from_row_major_slice(&self.weight, self.inputs, outputs);
-        let y = MatMut::from_row_major_slice_mut(y, rows, outputs);
-        matmul(y, Accum::Add, x, weight, 1.0, Par::Seq);
+    fn add(&self, x: MatRef<f32>, y: MatMut<f32>) {
+        matmul(y, Accum::Add, x, self.weight(), 1.0, Par::Seq);
+    }
+
+    fn weight(&self) -> MatRef<'_, f32> {
+        MatRef::from_row_major_slice(&self.weight, self.inputs, self.outputs())
     }
 }
 
@@ -127,18 +145,19 @@ impl FastRound {
         let own = first.weight.narrow(1, 0, width)?;
         let rest = first.weight.narrow(1, width, width)?;
         let fan = Tensor::cat(&[&ends.weight, &own], 0)?;
-        let bias = Tensor::cat(&[&ends.bias, &first.bias], 0)?;
-        let none = first.bias.zeros_like()?;
+        let none = Tensor::cat(&[&ends.bias, &first.bias], 0)?.zeros_like()?;
+        let of_ends = (ends.bias.narrow(0, 0, width)? + ends.bias.narrow(0, width, width)?)?;
+        let edges = Linear { weight: edges.weight.clone(), bias: (&edges.bias + of_ends)? };
         Ok(Self {
             norm: vectors(norm)?,
-            fan: Dense::of(&fan, &bias)?,
-            heard: Dense::of(&rest, &none)?,
+            fan: Dense::of(&fan, &none)?,
+            heard: Dense::of(&rest, &first.bias)?,
             update: Dense::new(&update.second)?,
             edges: match features {
                 Some(features) => {
                     EdgeParts::Known(edges.forward(features)?.flatten_all()?.to_vec1()?)
                 }
-                None => EdgeParts::Of(Dense::new(edges)?),
+                None => EdgeParts::Of(Dense::new(&edges)?),
             },
             graph: Arc::clone(&level.edges),
         })
@@ -148,20 +167,13 @@ impl FastRound {
     /// to press.
     fn run(&self, features: &[f32], buffers: &mut ScaleBuffers) {
         let width = self.update.outputs();
-        let ScaleBuffers { v, normal, parts, ends, edges, heard, hidden } = buffers;
-        normal.clear();
-        normal.extend_from_slice(v);
+        let ScaleBuffers { v, normal, parts, edges, heard } = buffers;
+        normal.resize(v.len(), 0.0);
         vectorised(
             #[inline(always)]
-            || normalise(normal, &self.norm),
+            || normalise(v, &self.norm, normal),
         );
-        self.fan.forward(normal, parts);
-        ends.clear();
-        hidden.clear();
-        for row in parts.chunks_exact(3 * width) {
-            ends.extend_from_slice(&row[..2 * width]);
-            hidden.extend_from_slice(&row[2 * width..]);
-        }
+        self.fan.product(normal, parts);
         let edges = match &self.edges {
             EdgeParts::Known(parts) => parts,
             EdgeParts::Of(layer) => {
@@ -169,16 +181,27 @@ impl FastRound {
                 edges
             }
         };
-        heard.clear();
         heard.resize(v.len(), 0.0);
         vectorised(
             #[inline(always)]
-            || hear(&self.graph, ends, edges, width, heard),
+            || hear(&self.graph, parts, 3 * width, edges, width, heard),
         );
-        self.heard.add(heard, hidden);
-        relu(hidden);
-        self.update.forward(hidden, parts);
-        v.iter_mut().zip(&*parts).for_each(|(v, more)| *v += more);
+        let rows = v.len() / width;
+        let row_major = |x| MatRef::from_row_major_slice(x, rows, width);
+        let hidden = MatMut::from_row_major_slice_mut(parts, rows, 3 * width);
+        self.heard.add(row_major(heard), hidden.subcols_mut(2 * width, width));
+        vectorised(
+            #[inline(always)]
+            || {
+                for row in parts.chunks_exact_mut(3 * width) {
+                    add_relu(&mut row[2 * width..], &self.heard.bias);
+                }
+                add_rows(v, &self.update.bias);
+            },
+        );
+        let hidden = MatRef::from_row_major_slice(parts, rows, 3 * width);
+        let hidden = hidden.subcols(2 * width, width);
+        self.update.add(hidden, MatMut::from_row_major_slice_mut(v, rows, width));
     }
 }
 
@@ -186,20 +209,29 @@ fn vectors(norm: &LayerNorm) -> Result<[Vec<f32>; 2]> {
     Ok([norm.scale.to_vec1()?, norm.shift.to_vec1()?])
 }
 
+/// Sets `normal` (N, H) to the normalised `rows`.
 #[inline(always)]
-fn normalise(rows: &mut [f32], [scale, shift]: &[Vec<f32>; 2]) {
-    for row in rows.chunks_exact_mut(scale.len()) {
+fn normalise(rows: &[f32], [scale, shift]: &[Vec<f32>; 2], normal: &mut [f32]) {
+    let width = scale.len();
+    for (row, normal) in rows.chunks_exact(width).zip(normal.chunks_exact_mut(width)) {
         let (mean, inverse) = moments(row);
-        for (x, (scale, shift)) in row.iter_mut().zip(scale.iter().zip(shift)) {
-            *x = (*x - mean) * inverse * scale + shift;
+        let learnt = scale.iter().zip(shift);
+        for ((to, x), (scale, shift)) in normal.iter_mut().zip(row).zip(learnt) {
+            *to = (x - mean) * inverse * scale + shift;
         }
     }
 }
 
-pub(super) fn relu(values: &mut [f32]) {
-    for x in values {
-        *x = x.max(0.0);
+#[inline(always)]
+fn add_rows(rows: &mut [f32], more: &[f32]) {
+    for row in rows.chunks_exact_mut(more.len()) {
+        row.iter_mut().zip(more).for_each(|(x, more)| *x += more);
     }
+}
+
+#[inline(always)]
+fn add_relu(row: &mut [f32], more: &[f32]) {
+    row.iter_mut().zip(more).for_each(|(x, more)| *x = (*x + more).max(0.0));
 }
 
 impl Trunk {
@@ -237,8 +269,7 @@ impl Trunk {
         scratch: &'a mut TrunkBuffers,
     ) -> &'a [f32] {
         let TrunkBuffers { scales, latent, buffers: [buffer, other] } = scratch;
-        self.encoder[0].forward(features, buffer);
-        relu(buffer);
+        self.encoder[0].forward_relu(features, buffer);
         self.encoder[1].forward(buffer, &mut scales[0].v);
         for scale in 0..SCALES {
             if scale > 0 {
@@ -254,11 +285,10 @@ impl Trunk {
             scales[scale].v.iter_mut().zip(&*buffer).for_each(|(v, more)| *v += more);
             self.up[scale].iter().for_each(|round| round.run(edges[scale], &mut scales[scale]));
         }
-        latent.clear();
-        latent.extend_from_slice(&scales[0].v);
+        latent.resize(scales[0].v.len(), 0.0);
         vectorised(
             #[inline(always)]
-            || normalise(latent, &self.norm),
+            || normalise(&scales[0].v, &self.norm, latent),
         );
         latent
     }
@@ -282,8 +312,7 @@ impl Trunk {
         for row in v.chunks_exact(width) {
             mean.iter_mut().zip(row).for_each(|(mean, x)| *mean += x / count);
         }
-        self.global[0].forward(&mean, hidden);
-        relu(hidden);
+        self.global[0].forward_relu(&mean, hidden);
         self.global[1].forward(hidden, output);
         for row in v.chunks_exact_mut(width) {
             row.iter_mut().zip(&*output).for_each(|(x, more)| *x += more);

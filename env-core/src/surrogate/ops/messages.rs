@@ -9,6 +9,7 @@ use std::sync::Arc;
 use candle_core::{CpuStorage, CustomOp2, Layout, Result, Shape, Tensor};
 
 use super::{numbers, with_numbers};
+use crate::simd::LANES;
 
 /// Directed edges sorted by receiver.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,7 +64,7 @@ impl CustomOp2 for Messages {
         let mut sums = vec![0.0; rows * width];
         let presses = nodes.chunks_exact(2 * width * self.0.nodes());
         for (nodes, sums) in presses.zip(sums.chunks_exact_mut(width * self.0.nodes())) {
-            hear(&self.0, nodes, edges, width, sums);
+            hear(&self.0, nodes, 2 * width, edges, width, sums);
         }
         Ok((CpuStorage::F32(sums), (rows, width).into()))
     }
@@ -94,24 +95,42 @@ impl CustomOp2 for Messages {
     }
 }
 
-/// Adds the messages of one press to `sums` (V, H).
+/// Sets `sums` (V, H) to the messages of one press. A row of `nodes` is `stride` long and begins with
+/// the sender's and the receiver's part.
 #[inline(always)]
 pub(in super::super) fn hear(
     graph: &Edges,
     nodes: &[f32],
+    stride: usize,
     edges: &[f32],
     width: usize,
     sums: &mut [f32],
 ) {
     for (receiver, range) in graph.receivers() {
-        let own = &nodes[(2 * receiver + 1) * width..][..width];
-        let sum = &mut sums[receiver * width..][..width];
-        for edge in range {
-            let sent = &nodes[2 * graph.senders[edge] as usize * width..][..width];
-            let edge = &edges[edge * width..][..width];
-            for (((sum, sent), own), edge) in sum.iter_mut().zip(sent).zip(own).zip(edge) {
-                *sum += (sent + own + edge).max(0.0);
+        let own = &nodes[receiver * stride + width..][..width];
+        let (own, own_rest) = own.as_chunks::<LANES>();
+        let (sum, sum_rest) = sums[receiver * width..][..width].as_chunks_mut::<LANES>();
+        // Sums of a part of the row stay in a register.
+        for (part, (sum, own)) in sum.iter_mut().zip(own).enumerate() {
+            let mut heard = [0.0_f32; LANES];
+            for edge in range.clone() {
+                let sent = graph.senders[edge] as usize * stride + LANES * part;
+                let sent: &[f32; LANES] = nodes[sent..].first_chunk().expect("a part of a row");
+                let edge = edge * width + LANES * part;
+                let edge: &[f32; LANES] = edges[edge..].first_chunk().expect("a part of a row");
+                for i in 0..LANES {
+                    heard[i] += (sent[i] + own[i] + edge[i]).max(0.0);
+                }
             }
+            *sum = heard;
+        }
+        let first = width - sum_rest.len();
+        for (i, (sum, own)) in (first..).zip(sum_rest.iter_mut().zip(own_rest)) {
+            let heard = |edge: usize| {
+                let sent = nodes[graph.senders[edge] as usize * stride + i];
+                (sent + own + edges[edge * width + i]).max(0.0)
+            };
+            *sum = range.clone().map(heard).sum();
         }
     }
 }

@@ -11,7 +11,7 @@ use crate::{
     surrogate::{
         features::Fields,
         stress_head::{StressHead, Stresses},
-        trunk::{self, Dense, Trunk, relu},
+        trunk::{self, Dense, Trunk},
     },
 };
 
@@ -54,8 +54,7 @@ impl ObjectInference {
         let edges = [0, 1, 2].map(|scale| graph.edges(scale, &input.turn));
         let edges = edges.each_ref().map(Vec::as_slice);
         let latent = self.trunk.latent(&input.features, &edges, trunk);
-        self.nodes[0].forward(latent, hidden);
-        relu(hidden);
+        self.nodes[0].forward_relu(latent, hidden);
         self.nodes[1].forward(hidden, output);
         let displacement = displaced(input, output);
         let forces = pressed(input, output);
