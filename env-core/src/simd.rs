@@ -48,3 +48,15 @@ pub(crate) fn sum(a: &[f32], b: &[f32], term: impl Fn(f32, f32) -> f32) -> f32 {
     let rest: f32 = a_rest.iter().zip(b_rest).map(|(&a, &b)| term(a, b)).sum();
     sums.iter().sum::<f32>() + rest
 }
+
+/// Adds x a + y b + z c to `sum`, whose length is that of the three rows and a multiple of [`LANES`].
+///
+/// A loop over all numbers: one over parts of [`LANES`] is unrolled and not converted to vectors.
+#[inline(always)]
+pub(crate) fn add_rows(sum: &mut [f32], [a, b, c]: [&[i16]; 3], [x, y, z]: [f32; 3]) {
+    let count = sum.len() / LANES * LANES;
+    let (sum, a, b, c) = (&mut sum[..count], &a[..count], &b[..count], &c[..count]);
+    for i in 0..count {
+        sum[i] += x * f32::from(a[i]) + y * f32::from(b[i]) + z * f32::from(c[i]);
+    }
+}

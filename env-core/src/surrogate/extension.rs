@@ -43,11 +43,11 @@ impl Extension {
 
     /// Displacement (D) in m under forces (N) on some nodes of the face.
     pub(super) fn displacement(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<f32> {
-        let free = self.columns.width();
-        let mut all = vec![0.0; self.size];
+        let mut all = vec![0.0; self.size.max(self.columns.len())];
         for (node, force) in forces {
-            self.columns.add(*node, force, 0..free, &mut all[..free]);
+            self.columns.add(*node, force, &mut all);
         }
+        all.truncate(self.size);
         all
     }
 }

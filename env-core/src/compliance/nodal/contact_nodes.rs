@@ -183,11 +183,12 @@ impl ContactNodes {
     pub(super) fn displacement(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
         match &self.compliance {
             NodeCompliance::Matrix(compliance, _) => {
-                let mut sum = vec![0.0; 3 * self.places.len()];
+                let mut sum = vec![0.0; compliance.len()];
                 for (rank, force) in forces {
-                    compliance.add(*rank, force, 0..sum.len(), &mut sum);
+                    compliance.add(*rank, force, &mut sum);
                 }
-                sum.as_chunks::<3>().0.iter().map(|&u| Vector3::from(u).cast()).collect()
+                let sum = sum[..compliance.width()].as_chunks::<3>().0;
+                sum.iter().map(|&u| Vector3::from(u).cast()).collect()
             }
             NodeCompliance::Grid(grid) => {
                 let field = grid.field(forces);

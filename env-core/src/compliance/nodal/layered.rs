@@ -17,7 +17,7 @@ use super::{
     grid::{CellGrid, CellLevels, ROOT},
     kernel::PlaneKernel,
     load_stepping::NodalLoadStepping,
-    model_face::ModelFace,
+    model_face::{ModelFace, NearNodes},
     near_field::{NearField, PointForce},
     patch::NodalScratch,
     resolution::ContactResolution,
@@ -29,7 +29,7 @@ use crate::{
     contact::{Backing, ContactLaw},
     deformation::Press,
     geometry::{PadMesh, PadOutline},
-    simd::vectorised,
+    simd::{LANES, add_rows, vectorised},
 };
 
 /// Longest side of the cells of the first grid (m).
@@ -54,16 +54,13 @@ pub struct LayeredPad {
     known: Arc<Vec<Vec<Known>>>,
 }
 
-/// Change of the displacement of a node by a unit force along each axis on a cell: three numbers
-/// in some unit and one that is not used.
-type Change = [[i16; 4]; 3];
-
 /// Precomputed data of a cell.
 struct Known {
     /// [`ModelFace::under`] it.
     under: ([u32; 3], [f64; 3]),
-    /// Changes by a unit force on it, and their unit (m/N).
-    changes: Vec<Change>,
+    /// Changes of the displacement of [`NearNodes::parts`], layer after layer, by a unit force along
+    /// each axis on it, and their unit (m/N).
+    changes: [Vec<i16>; 3],
     unit: f32,
 }
 
@@ -204,7 +201,9 @@ impl LayeredPad {
     /// what the forces on cells change.
     pub fn refine(&self, settled: &ContactSolution, displacement: &mut [Vector3<f64>]) {
         let (grid, model) = (self.grid(settled), &self.model);
-        let mut sum = vec![[0f32; 4]; displacement.len()];
+        let layer = 3 * model.nodes.len();
+        // Parts of the last nodes reach beyond them.
+        let mut sum = vec![0f32; 3 * displacement.len() + LANES];
         for (cell, force) in &settled.forces {
             let force: [f32; 3] = force.cast::<f32>().into();
             let near = model.near(&grid.place(*cell));
@@ -213,21 +212,22 @@ impl LayeredPad {
                 let force = force.map(|f| f * unit);
                 vectorised(
                     #[inline(always)]
-                    || add(&mut sum, model.nodes.len(), near, changes, force),
+                    || add(&mut sum, layer, near, changes, force),
                 );
             } else {
                 let changes = model.changes(grid, *cell, force);
-                let layers = sum.chunks_exact_mut(model.nodes.len());
-                for (layer, changes) in layers.zip(changes.chunks_exact(near.len())) {
-                    for (node, change) in near.iter().zip(changes) {
+                let layers = sum.chunks_exact_mut(layer);
+                for (layer, changes) in layers.zip(changes.chunks_exact(near.nodes.len())) {
+                    let layer = layer.as_chunks_mut::<3>().0;
+                    for (node, change) in near.nodes.iter().zip(changes) {
                         let sum = &mut layer[*node as usize];
                         (0..3).for_each(|i| sum[i] += change[i]);
                     }
                 }
             }
         }
-        for (u, [x, y, z, _]) in displacement.iter_mut().zip(sum) {
-            *u += Vector3::new(x, y, z).cast::<f64>();
+        for (u, &sum) in displacement.iter_mut().zip(sum.as_chunks::<3>().0) {
+            *u += Vector3::from(sum).cast::<f64>();
         }
     }
 
@@ -256,39 +256,40 @@ impl LayeredPad {
 impl Known {
     fn new(model: &ModelFace, grid: &CellGrid, cell: u32) -> Self {
         let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let place = grid.place(cell);
+        let near = model.near(&place);
         let [x, y, z] = axes.map(|force| model.changes(grid, cell, force));
         let all = [&x, &y, &z].map(|changes| changes.as_flattened());
         let largest = all.into_iter().flatten().fold(0f32, |most, u| most.max(u.abs()));
         let unit = largest / f32::from(i16::MAX);
-        let round = |u: [f32; 3]| {
-            let [x, y, z] = u.map(|u| (u / unit.max(f32::MIN_POSITIVE)).round() as i16);
-            [x, y, z, 0]
-        };
-        let changes = x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z].map(round));
-        Self { under: model.under(&grid.place(cell)), changes: changes.collect(), unit }
+        let round = |u: f32| (u / unit.max(f32::MIN_POSITIVE)).round() as i16;
+        let changes = [x, y, z].map(|changes| {
+            let layers = changes.chunks_exact(near.nodes.len());
+            layers.flat_map(|layer| near.in_parts(layer)).map(round).collect()
+        });
+        Self { under: model.under(&place), changes, unit }
     }
 }
 
-/// Adds to the displacement of layers of `count` nodes the `changes` of those that are `near`, by
-/// layer, under a `force`.
+/// Adds to the displacement of layers of `layer` numbers the `changes` of what is `near`, by layer,
+/// under a `force`.
 #[inline(always)]
 fn add(
-    displacement: &mut [[f32; 4]],
-    count: usize,
-    near: &[u32],
-    changes: &[Change],
+    displacement: &mut [f32],
+    layer: usize,
+    near: &NearNodes,
+    changes: &[Vec<i16>; 3],
     force: [f32; 3],
 ) {
-    let layers = displacement.chunks_exact_mut(count);
-    for (layer, changes) in layers.zip(changes.chunks_exact(near.len())) {
-        for (node, [x, y, z]) in near.iter().zip(changes) {
-            let sum = &mut layer[*node as usize];
-            for i in 0..4 {
-                sum[i] += force[0] * f32::from(x[i])
-                    + force[1] * f32::from(y[i])
-                    + force[2] * f32::from(z[i]);
-            }
+    let (mut begin, mut done) = (0, 0);
+    while done < changes[0].len() {
+        for &[first, last] in &near.parts {
+            let sum = &mut displacement[begin + first..begin + last];
+            let changes = changes.each_ref().map(|changes| &changes[done..][..last - first]);
+            add_rows(sum, changes, force);
+            done += last - first;
         }
+        begin += layer;
     }
 }
 

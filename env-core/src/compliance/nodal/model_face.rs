@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Point3};
 use super::{grid::CellGrid, kernel::PlaneKernel};
 use crate::{
     geometry::{PadMesh, plan_shares},
-    simd::vectorised,
+    simd::{LANES, vectorised},
 };
 
 /// Distance in plan from a cell up to which nodes are displaced by the force on the cell itself,
@@ -18,6 +18,17 @@ use crate::{
 const NEAR: f64 = 3.5;
 /// Squares of the plan along each axis.
 const SQUARES: usize = 48;
+
+/// Nodes of the face near a square of the plan.
+pub(super) struct NearNodes {
+    /// Their numbers, ascending.
+    pub(super) nodes: Vec<u32>,
+    /// Ranges of successive numbers among them.
+    runs: Vec<[usize; 2]>,
+    /// Ranges of a layer's displacement (C, 3) that begin with the nodes of a run and contain them, each
+    /// a multiple of [`LANES`] long.
+    pub(super) parts: Vec<[usize; 2]>,
+}
 
 /// The mesh on which fields are output: layers of nodes of one plan. C nodes a layer.
 pub(super) struct ModelFace {
@@ -27,7 +38,7 @@ pub(super) struct ModelFace {
     /// Triangles that a square of the plan may touch, row after row along y.
     squares: Vec<Vec<u32>>,
     /// Nodes of the face within [`NEAR`] of each square.
-    near: Vec<Vec<u32>>,
+    near: Vec<NearNodes>,
     /// Lowest corner of the squares (m).
     corner: [f64; 2],
     /// Free layers below the face.
@@ -35,6 +46,35 @@ pub(super) struct ModelFace {
     /// Displacement of the nodes of each free layer under unit forces around each face node, by the
     /// elastic layer alone, by the latter first (C, C) in m/N.
     pub(super) between: Vec<Vec<Matrix3<f32>>>,
+}
+
+impl NearNodes {
+    fn new(nodes: Vec<u32>) -> Self {
+        let mut runs: Vec<[usize; 2]> = Vec::new();
+        for (i, node) in nodes.iter().enumerate() {
+            match runs.last_mut() {
+                Some([_, end]) if nodes[*end - 1] + 1 == *node => *end = i + 1,
+                _ => runs.push([i, i + 1]),
+            }
+        }
+        let part = |&[first, last]: &[usize; 2]| {
+            let begin = 3 * nodes[first] as usize;
+            [begin, begin + (3 * (last - first)).next_multiple_of(LANES)]
+        };
+        let parts = runs.iter().map(part).collect();
+        Self { nodes, runs, parts }
+    }
+
+    /// Numbers of the nodes (N, 3) by part, zero where there is no node.
+    pub(super) fn in_parts(&self, numbers: &[[f32; 3]]) -> Vec<f32> {
+        let mut all = Vec::new();
+        for (&[first, last], [begin, end]) in self.runs.iter().zip(&self.parts) {
+            let length = all.len() + end - begin;
+            all.extend_from_slice(numbers[first..last].as_flattened());
+            all.resize(length, 0.0);
+        }
+        all
+    }
 }
 
 impl ModelFace {
@@ -71,7 +111,7 @@ impl ModelFace {
         face
     }
 
-    fn nodes_near_squares(&self) -> Vec<Vec<u32>> {
+    fn nodes_near_squares(&self) -> Vec<NearNodes> {
         // Area of the triangles at each node (m²), and their number.
         let mut around = vec![(0.0, 0.0); self.nodes.len()];
         for corners in &self.triangles {
@@ -95,13 +135,13 @@ impl ModelFace {
                 let (place, reach) = (&self.nodes[node as usize], reach[node as usize]);
                 (place - centre).xy().norm_squared() < reach * reach
             };
-            (0..self.nodes.len() as u32).filter(is_near).collect()
+            NearNodes::new((0..self.nodes.len() as u32).filter(is_near).collect())
         };
         (0..SQUARES * SQUARES).map(near).collect()
     }
 
     /// Nodes of the face within [`NEAR`] of the square around a point.
-    pub(super) fn near(&self, point: &Point3<f64>) -> &[u32] {
+    pub(super) fn near(&self, point: &Point3<f64>) -> &NearNodes {
         &self.near[self.square(0, point.x) * SQUARES + self.square(1, point.y)]
     }
 
@@ -131,7 +171,7 @@ impl ModelFace {
         let from = grid.place(cell);
         let (corners, shares) = self.under(&from);
         let borne = shares.map(|share| force.map(|f| f * share as f32));
-        let near = self.near(&from);
+        let near = &self.near(&from).nodes;
         let mut changes = vec![[0.0; 3]; self.between.len() * near.len()];
         let away = |node: u32| {
             let at = &self.nodes[node as usize];

@@ -17,7 +17,7 @@ use super::{
 use crate::{
     contact::{ContactLaw, SurfacePoint, first_touch, nearest, went_through},
     geometry::{Distance, Shape},
-    responses::Responses,
+    simd::LANES,
 };
 
 /// Depth that a node must have reached in a shape to count as having passed through it, in
@@ -34,9 +34,9 @@ const FOLDED: f64 = 0.5;
 const FLANK: f64 = -0.2;
 /// Number of parts in which the line between two neighbouring cells is looked at.
 const PARTS: u32 = 8;
-/// Number of nodes between two runs below which they are merged: fewer, longer runs are faster in
-/// spite of the additional nodes.
-const BRIDGE: usize = 16;
+/// Length between two runs up to which they are merged: fewer, longer runs are faster in spite of the
+/// additional numbers.
+const BRIDGE: usize = LANES;
 
 /// Working memory of one thread, reused for successive presses.
 #[derive(Default)]
@@ -59,7 +59,7 @@ pub(super) struct Patch<'a> {
     law: &'a ContactLaw,
     way: Move<'a>,
     pub(super) members: Vec<Member>,
-    /// Ranges of the displacement, in threes, that follow the forces in sweeps.
+    /// Ranges of the displacement that follow the forces in sweeps.
     pub(super) runs: Vec<[usize; 2]>,
     /// Displacement in m: by rank and valid only in the runs, or on a grid that of the spots.
     pub(super) displacement: &'a mut Vec<f32>,
@@ -91,12 +91,14 @@ pub(super) struct NodeTarget {
     normal: Vector3<f64>,
     /// Displacement of the node at the target (m).
     displacement: Vector3<f64>,
-    /// Compliance of the contact K⁻¹ (m/N).
-    give: Matrix3<f64>,
-    /// C + K⁻¹ (m/N).
+    /// Own compliance C of the node (m/N).
+    own: Matrix3<f64>,
+    /// C + K⁻¹, with K⁻¹ the compliance of the contact (m/N).
     compliance: Matrix3<f64>,
     /// Inverse of `compliance` (N/m).
     stiffness: Matrix3<f64>,
+    /// `stiffness` × C: part of the old force in a new one.
+    kept: Matrix3<f64>,
 }
 
 impl<'a> Patch<'a> {
@@ -129,12 +131,12 @@ impl<'a> Patch<'a> {
         let moved: Vec<Vector3<f64>> = match &nodes.compliance {
             NodeCompliance::Matrix(compliance, _) => {
                 let runs = runs(ranks.iter().copied());
-                displacement.resize(3 * nodes.places.len(), 0.0);
+                displacement.resize(compliance.len(), 0.0);
                 for &[first, last] in &runs {
-                    displacement[3 * first..3 * last].fill(0.0);
+                    displacement[first..last].fill(0.0);
                 }
                 for held in held {
-                    give_way(displacement, compliance, held.rank, &held.force, &runs);
+                    compliance.add_to(held.rank, &held.force, &runs, displacement);
                 }
                 ranks.iter().map(|&rank| displaced(displacement, rank)).collect()
             }
@@ -247,14 +249,13 @@ impl<'a> Patch<'a> {
         let compliance = own + give;
         let stiffness = compliance.try_inverse().unwrap_or_else(Matrix3::zeros);
         let displacement = aim - member.rest;
-        NodeTarget { normal, displacement, give, compliance, stiffness }
+        NodeTarget { normal, displacement, own, compliance, stiffness, kept: stiffness * own }
     }
 
     /// New force on a touching member, pushed to its `target`.
     fn pushed(&self, member: &Member, target: &NodeTarget) -> Vector3<f64> {
-        let moved = self.moved(member);
-        let off = target.displacement - moved - target.give * member.force;
-        target.force(&member.force, &off, self.law.friction)
+        let away = target.displacement - self.moved(member);
+        target.force(&member.force, &away, self.law.friction)
     }
 
     /// Performs one sweep over the touching nodes, in reverse order if `back`. Returns the largest
@@ -284,7 +285,7 @@ impl<'a> Patch<'a> {
         let Member { rank, spot, .. } = self.members[i];
         match &self.nodes.compliance {
             NodeCompliance::Matrix(compliance, _) => {
-                give_way(self.displacement, compliance, rank, force, &self.runs);
+                compliance.add_to(rank, force, &self.runs, self.displacement);
             }
             NodeCompliance::Grid(grid) => {
                 self.spots.give_way(grid, spot as usize, force, self.displacement);
@@ -389,19 +390,21 @@ impl<'a> Patch<'a> {
 }
 
 impl NodeTarget {
-    /// New force on a node with the force `old` and the vector `off` to its target (m).
-    fn force(&self, old: &Vector3<f64>, off: &Vector3<f64>, friction: f64) -> Vector3<f64> {
+    /// New force on a node with the force `old` that is `away` from its target (m).
+    fn force(&self, old: &Vector3<f64>, away: &Vector3<f64>, friction: f64) -> Vector3<f64> {
         let n = &self.normal;
-        let trial = old + self.stiffness * off;
+        // f + (C + K⁻¹)⁻¹ (away − K⁻¹ f), in products that do not wait for each other.
+        let trial = self.kept * old + self.stiffness * away;
         let press = n.dot(&trial);
         if press > 0.0 && (trial - n * press).norm() <= friction * press {
             return trial;
         }
+        let free = away + self.own * old;
+        let off = free - self.compliance * old;
         let pull = old + off * (1.0 / (self.compliance.trace() - n.dot(&(self.compliance * n))));
         let pull = pull - n * n.dot(&pull);
         let along = pull.try_normalize(0.0).unwrap_or_default();
         let cone = n + along * friction;
-        let free = off + self.compliance * old;
         let press = n.dot(&free) / n.dot(&(self.compliance * cone));
         if press > 0.0 {
             n * press + along * f64::min(pull.norm(), friction * press)
@@ -441,13 +444,15 @@ fn entered(shape: &Shape, entry: &Point3<f64>, place: &Point3<f64>) -> Option<Di
     (value < 0.0).then_some(Distance { value, normal })
 }
 
-/// Ranges that contain all of the ascending `ranks`.
+/// Ranges of numbers, of whole parts of [`LANES`], that contain those of the ascending `ranks`.
 fn runs(ranks: impl Iterator<Item = u32>) -> Vec<[usize; 2]> {
     let mut runs: Vec<[usize; 2]> = Vec::new();
-    for rank in ranks.map(|rank| rank as usize) {
+    for rank in ranks {
+        let first = 3 * rank as usize;
+        let [first, last] = [first / LANES * LANES, (first + 3).next_multiple_of(LANES)];
         match runs.last_mut() {
-            Some([_, end]) if rank - *end < BRIDGE => *end = rank + 1,
-            _ => runs.push([rank, rank + 1]),
+            Some([_, end]) if first <= *end + BRIDGE => *end = last,
+            _ => runs.push([first, last]),
         }
     }
     runs
@@ -470,17 +475,4 @@ fn is_near(way: Move, group: &Group, room: f64) -> bool {
 fn displaced(displacement: &[f32], rank: u32) -> Vector3<f64> {
     let u = &displacement[3 * rank as usize..][..3];
     Vector3::new(f64::from(u[0]), f64::from(u[1]), f64::from(u[2]))
-}
-
-/// Adds to the displacement in the runs the response to a `force` on the node of that `rank`.
-fn give_way(
-    displacement: &mut [f32],
-    compliance: &Responses,
-    rank: u32,
-    force: &Vector3<f64>,
-    runs: &[[usize; 2]],
-) {
-    for part in runs.iter().map(|&[first, last]| 3 * first..3 * last) {
-        compliance.add(rank, force, part.clone(), &mut displacement[part]);
-    }
 }

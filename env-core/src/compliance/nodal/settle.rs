@@ -67,7 +67,7 @@ impl Patch<'_> {
     fn mix(&mut self, past: &mut Past, before: &[Vector3<f64>]) {
         let step: Vec<_> = self.forces().iter().zip(before).map(|(f, b)| f - b).collect();
         let touching = self.members.iter().map(|member| member.target.is_some()).collect();
-        let runs = self.runs.iter().map(|&[first, last]| 3 * first..3 * last);
+        let runs = self.runs.iter().map(|&[first, last]| first..last);
         let here: Vec<f32> =
             runs.clone().flat_map(|run| &self.displacement[run]).copied().collect();
         let (forces, moved) = past.mixed(touching, before, &step, here);

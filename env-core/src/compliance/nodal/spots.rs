@@ -89,8 +89,8 @@ impl Spots {
     }
 
     /// Makes the strips of the `touching` cells active and the others passive. The displacement of
-    /// the latter must include all forces. Returns the ranges of a displacement that follow every
-    /// force.
+    /// the latter must include all forces. Returns the ranges of numbers of a displacement that follow
+    /// every force.
     pub(super) fn activate(&mut self, touching: impl Iterator<Item = u32>) -> Vec<[usize; 2]> {
         self.active.clear();
         self.active.extend(touching.map(|cell| self.places[cell as usize] / STRIP as u32));
@@ -100,11 +100,10 @@ impl Spots {
         let is_passive = |strip: &u32| next.next_if_eq(&strip).is_none();
         self.passive.extend((0..self.strips.len() as u32).filter(is_passive));
         let mut runs: Vec<[usize; 2]> = Vec::new();
-        let sides = self.strips.len() * STRIP;
-        let active = self.active.iter().map(|&strip| strip as usize * STRIP);
-        for run in
-            active.map(|first| [first, first + STRIP]).chain([[sides, sides + self.coarse.len()]])
-        {
+        let strip = |first: usize| [first, first + 3 * STRIP];
+        let active = self.active.iter().map(|&number| strip(3 * STRIP * number as usize));
+        let sides = 3 * STRIP * self.strips.len();
+        for run in active.chain([[sides, sides + 3 * self.coarse.len()]]) {
             match runs.last_mut() {
                 Some([_, end]) if *end == run[0] => *end = run[1],
                 _ => runs.push(run),
