@@ -34,8 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from peers import PEERS, peer
-from ruffini import custom
-from ruffini._schema import TASKS
+from ruffini import TASKS, custom
 from ruffini.evaluation import about_this_run
 from scaling import cost, table
 from timing import (

@@ -14,7 +14,7 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from ruffini._schema import TASKS
+from ruffini import TASKS
 from ruffini.evaluation import bootstrap
 
 mpl.use("Agg")

@@ -23,8 +23,7 @@ import re
 import shutil
 from pathlib import Path
 
-from ruffini import _core, agents, envs
-from ruffini._schema import TASKS
+from ruffini import TASKS, _core, agents, envs
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS, SITE = ROOT / "py/docs", ROOT / "target/site"

@@ -29,9 +29,8 @@ from PIL import Image
 
 import ruffini
 from meshes import at_nodes, surface, turned
-from ruffini import Fem, Grasp, Press, PressError, Shape, SoftBody
+from ruffini import TASKS, Fem, Grasp, Press, PressError, Shape, SoftBody
 from ruffini._core import CAMERAS
-from ruffini._schema import TASKS
 from ruffini.policies import scripted
 
 matplotlib.use("Agg")

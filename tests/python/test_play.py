@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from drawn_agent import COARSE, card, drawn, tensors
 
-from ruffini import agents, commands, video
+from ruffini import TASKS, agents, commands, video
 from ruffini._core import encode_gif
-from ruffini._schema import TASKS
 from ruffini.agents import Agent
 from ruffini.evaluation import evaluate
 

@@ -51,6 +51,7 @@ __all__ = [
     "OBJECTS",
     "REWARD_TERMS",
     "TACTILE_CHANNELS",
+    "TASKS",
     "Antipodal",
     "Compliance",
     "Deformation",
