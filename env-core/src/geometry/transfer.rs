@@ -93,7 +93,7 @@ impl Transfer {
     }
 
     /// Source tetrahedra that overlap each target tetrahedron (T′), with shares that sum to 1.
-    pub(crate) fn parts(&self) -> impl Iterator<Item = &[(u32, f64)]> {
+    pub(crate) fn parts(&self) -> impl ExactSizeIterator<Item = &[(u32, f64)]> {
         self.starts.windows(2).map(|ends| &self.parts[ends[0] as usize..ends[1] as usize])
     }
 }

@@ -143,13 +143,14 @@ impl LinearBaseline {
         for (node, force) in &forces {
             contact_force[*node as usize] = *force;
         }
-        let mut von_mises = match stress {
+        let von_mises = match stress {
             LinearStress::Omitted => Vec::new(),
-            _ => self.von_mises(&forces, &self.transfer),
+            LinearStress::Spread => self.von_mises(&forces, &self.transfer, None),
+            LinearStress::Resolved => {
+                let near = self.layered.stress_near_contact(settled, &displacement);
+                self.von_mises(&forces, &self.transfer, Some(&near))
+            }
         };
-        if stress == LinearStress::Resolved {
-            self.layered.refine_stress(settled, &displacement, &mut von_mises);
-        }
         let fields = PadFields {
             displacement,
             contact_force,
@@ -160,13 +161,23 @@ impl LinearBaseline {
         LinearFields { fields, cells }
     }
 
-    /// Von Mises stress of the model mesh under `forces` (N) on its face in Pa, averaged from the
-    /// fine mesh.
-    fn von_mises(&self, forces: &[(u32, Vector3<f64>)], transfer: &Transfer) -> Vec<f64> {
-        let stress = self.stress.get_or_init(|| Stress::new(self, transfer));
+    /// Von Mises stress of the model mesh (T) in Pa: that given as `near`, elsewhere that under `forces`
+    /// (N) on its face, averaged from the fine mesh.
+    fn von_mises(
+        &self,
+        forces: &[(u32, Vector3<f64>)],
+        transfer: &Transfer,
+        near: Option<&[Option<f64>]>,
+    ) -> Vec<f64> {
+        let near = |tet: usize| near.and_then(|near| near[tet]);
+        let tets = transfer.parts().len();
         if forces.is_empty() {
-            return vec![0.0; stress.shares.height()];
+            return vec![0.0; tets];
         }
+        if let Some(all) = (0..tets).map(near).collect() {
+            return all;
+        }
+        let stress = self.stress.get_or_init(|| Stress::new(self, transfer));
         let displacement = stress.extension.displacement(forces);
         let mut fine = Vec::new();
         vectorised(
@@ -177,7 +188,8 @@ impl LinearBaseline {
         let mean = |tet: usize| -> f32 {
             stress.shares.row(tet).map(|(place, share)| fine[place] * share).sum()
         };
-        (0..stress.shares.height()).map(|tet| shear * f64::from(mean(tet))).collect()
+        let spread = |tet: usize| shear * f64::from(mean(tet));
+        (0..tets).map(|tet| near(tet).unwrap_or_else(|| spread(tet))).collect()
     }
 }
 
@@ -231,7 +243,7 @@ mod tests {
     fn stress_by_the_matrix_is_that_of_a_solve_on_the_whole_mesh() {
         let (linear, settled) = pressed();
         let same = Transfer::new(&linear.fine.mesh, &linear.fine.mesh).unwrap();
-        let found = linear.von_mises(&settled.forces, &same);
+        let found = linear.von_mises(&settled.forces, &same, None);
         let solved = same.average(&linear.nodal.deformation(settled).unwrap().von_mises);
         let most = solved.iter().copied().fold(0.0, f64::max);
         let pairs = found.iter().zip(&solved);
@@ -278,7 +290,7 @@ mod tests {
             for round in 0..ROUNDS {
                 linear.stress = OnceLock::new();
                 pool.in_place_scope(|scope| {
-                    let ask = |_: &_| drop(linear.von_mises(&settled.forces, &same));
+                    let ask = |_: &_| drop(linear.von_mises(&settled.forces, &same, None));
                     scope.spawn(ask);
                     // The matrix is being computed here. If that used the pool, its thread could be
                     // handed one of these tasks while it waits for others, and would deadlock.

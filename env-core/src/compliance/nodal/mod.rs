@@ -17,6 +17,7 @@ mod between;
 mod contact_nodes;
 mod face_responses;
 mod grid;
+mod half_space;
 mod kernel;
 mod layered;
 mod load_stepping;

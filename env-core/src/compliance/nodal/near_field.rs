@@ -3,17 +3,8 @@
 //! Where the contact is small beside the mesh, the displacement interpolated between the nodes
 //! misses most of the stress. Near the contact the displacement is therefore split into that of a
 //! half-space under the forces on cells, whose strain is known in closed form, and the rest, which
-//! is smooth and interpolated. For a force F on the face, the vector r from there to a point at depth d
-//! below the face, ρ = |r|, m = 1 − 2ν and Φ = (F_x r_x + F_y r_y)/(ρ + d) + F_z ln(ρ + d), with z out
-//! of the face, displacement and strain are 1/(4πμ) times
-//!
-//! - u = F/ρ + (F·r) r/ρ³ + m (Φ,x  Φ,y  Φ,d),
-//! - ε = (F·r) (1/ρ³ − 3 r rᵀ/ρ⁵) + m H, where H is the Hessian of Φ in the plane, −Φ,dd normal to it
-//!   and zero otherwise
-//!
-//! (Boussinesq's and Cerruti's solutions; Johnson 1985, Contact Mechanics, ch. 3). The force on a
-//! cell acts at a point above its centre, so that it bears on the face as a smooth pressure about as
-//! wide as the cell.
+//! is smooth and interpolated. The force on a cell acts at a point above its centre, so that it bears
+//! on the face as a smooth pressure about as wide as the cell.
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
@@ -21,6 +12,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::half_space::{HalfSpace, Lanes, PointForce};
 use crate::{
     deformation::Moduli,
     geometry::{PadMesh, sample_shares},
@@ -39,18 +31,17 @@ const MERGED: f32 = 0.25;
 /// Samples along an edge of a tetrahedron, as those of [`sample_shares`].
 const FEW: usize = 2;
 const MOST: usize = 5;
+/// Samples that are written together: those of a tetrahedron with [`FEW`] along an edge.
+const TOGETHER: usize = 4;
 /// Height over a cell, in its sides, at which the force on it acts, for cells narrow and wide against
 /// the spacing of the nodes. The latter displaces the centre of the cell about as an even pressure.
 pub(super) const LIFT: [f64; 2] = [0.3, 0.6];
 
-/// One number for each of the points that are computed together.
-type Lanes = [f32; LANES];
-
 /// Tetrahedra of the model mesh in columns of grid cells.
 pub(super) struct NearField {
     moduli: Moduli,
-    /// Shares of the corners in each sample of a tetrahedron, by samples along an edge.
-    samples: Vec<Vec<[f32; 4]>>,
+    /// Samples of a tetrahedron, by their number along an edge.
+    rules: Vec<SampleRule>,
     columns: Vec<Column>,
 }
 
@@ -75,15 +66,33 @@ struct ColumnTet {
     tet: u32,
     /// Corners among those of the column.
     corners: [usize; 4],
-    /// Gradients of the shape functions of the last three corners, by row (1/m).
-    slopes: Matrix3<f64>,
+    /// Gradients of the shape functions of the last three corners, by corner (1/m).
+    slopes: [[f32; 3]; 3],
 }
 
-/// Force (N) at a place of the face (m).
-#[derive(Clone, Copy)]
-pub(super) struct PointForce {
-    pub(super) place: [f32; 2],
-    pub(super) force: [f32; 3],
+/// Samples of a tetrahedron.
+struct SampleRule {
+    count: usize,
+    /// Shares of the corners, by corner; the last samples may be repeated.
+    shares: Vec<[[f32; TOGETHER]; 4]>,
+}
+
+/// Samples of the tetrahedra of a column, one after another.
+struct Samples {
+    /// Places in plan and in depth (m).
+    places: [Vec<f32>; 3],
+    /// Strain of the interpolated displacement: xx, yy, zz, xy, xz and yz.
+    smooth: [Vec<f32>; 6],
+    /// Number of each tetrahedron's.
+    counts: Vec<usize>,
+    /// Number of all.
+    count: usize,
+}
+
+/// Forces, and their places in blocks.
+struct Forces {
+    forces: Vec<PointForce>,
+    places: Vec<[Lanes; 2]>,
 }
 
 /// Points in the plan and in depth (m), in blocks.
@@ -91,13 +100,6 @@ pub(super) struct PointForce {
 struct Points {
     count: usize,
     blocks: Vec<[Lanes; 3]>,
-}
-
-/// Half-space with m = 1 − 2ν, and the height over its face from which forces act (m).
-#[derive(Clone, Copy)]
-struct HalfSpace {
-    m: f32,
-    lift: f32,
 }
 
 impl NearField {
@@ -125,10 +127,11 @@ impl NearField {
                 let [a, b, c, d] = mesh.corners(tet);
                 let edges = Matrix3::from_columns(&[b - a, c - a, d - a]);
                 let corner = |node: u32| nodes.iter().position(|own| *own == node as usize);
+                let slopes = edges.try_inverse().expect("soft bodies have no flat tetrahedra");
                 ColumnTet {
                     tet: tet as u32,
                     corners: mesh.tets[tet].map(|node| corner(node).expect("a grid of columns")),
-                    slopes: edges.try_inverse().expect("soft bodies have no flat tetrahedra"),
+                    slopes: slopes.transpose().cast().into(),
                 }
             };
             let [low, high] = [first, first + nx + 2].map(|node| mesh.vertices[node]);
@@ -138,7 +141,7 @@ impl NearField {
                 centre: [middle.x as f32, middle.y as f32],
                 spacing: (sides.x * sides.y).sqrt() as f32,
                 in_layer: Points::new(in_layer),
-                centres: Points::new(tets.iter().map(|tet| tet.at(&places, &[0.25; 4]))),
+                centres: Points::new(tets.iter().map(|tet| tet.centre(&places))),
                 nodes: nodes.into_iter().map(|node| node as u32).collect(),
                 places,
                 tets,
@@ -146,28 +149,28 @@ impl NearField {
         };
         let first = |j: usize| (0..nx).map(move |i| j * (nx + 1) + i);
         let columns = (0..ny).flat_map(first).map(column).collect();
-        let shares = |along: usize| {
-            let shares = sample_shares(along as u32);
-            shares.iter().map(|shares| shares.map(|share| share as f32)).collect()
-        };
-        Self { moduli, samples: (0..=MOST).map(shares).collect(), columns }
+        let rules = (0..=MOST).map(SampleRule::new).collect();
+        Self { moduli, rules, columns }
     }
 
-    /// Replaces the von Mises stress (T) in Pa of tetrahedra near `forces`, each spread over a cell
-    /// with `side` (m), under which the nodes have the `displacement` (V) in m.
-    pub(super) fn refine(
+    /// Von Mises stress (T) in Pa of tetrahedra near `forces`, each spread over a cell with `side`
+    /// (m), under which the nodes have the `displacement` (V) in m; `None` of those farther away.
+    pub(super) fn von_mises(
         &self,
         forces: &[PointForce],
         side: f64,
         displacement: &[Vector3<f64>],
-        von_mises: &mut [f64],
-    ) {
+    ) -> Vec<Option<f64>> {
+        let tets = self.columns.iter().map(|column| column.tets.len());
+        let mut all = vec![None; tets.clone().sum()];
         let m = (1.0 - 2.0 * self.moduli.poisson) as f32;
         let scale = self.scale() as f32;
         let spacings = self.columns.iter().map(|column| column.spacing);
         let merged = merged(forces, MERGED * spacings.fold(f32::INFINITY, f32::min));
-        let (low, high) = corners(forces);
-        let (mut near, mut norms) = (Vec::new(), Vec::new());
+        let (forces, merged) = (Forces::new(forces.to_vec()), Forces::new(merged));
+        let (low, high) = forces.corners();
+        let (mut near, mut squares) = (Vec::new(), Vec::new());
+        let (mut samples, mut norms) = (self.samples(tets.max().unwrap_or(0)), Vec::new());
         for column in &self.columns {
             let reach = REACH * column.spacing;
             let is_far =
@@ -175,93 +178,103 @@ impl NearField {
             if is_far(0) || is_far(1) {
                 continue;
             }
-            let within = |force: &PointForce, spacings: f32| {
-                let [x, y] = [0, 1].map(|i| force.place[i] - column.centre[i]);
-                x * x + y * y < (spacings * column.spacing).powi(2)
-            };
-            let is_beside = forces.iter().any(|force| within(force, BESIDE));
-            let all = if is_beside { forces } else { &merged };
             near.clear();
-            near.extend(all.iter().filter(|force| within(force, REACH)));
+            let nearest = forces.distances_squared(column.centre, &mut squares);
+            if nearest < (BESIDE * column.spacing).powi(2) {
+                forces.within(reach, &squares, &mut near);
+            } else {
+                merged.distances_squared(column.centre, &mut squares);
+                merged.within(reach, &squares, &mut near);
+            }
             if near.is_empty() {
                 continue;
             }
             let along = (f64::from(column.spacing) / side).clamp(FEW as f64, MOST as f64) as usize;
             let lift = side * LIFT[usize::from(along <= FEW)];
             let space = HalfSpace { m, lift: lift as f32 };
-            let (points, counts) = self.points(column, &near, along);
             let rest = self.rest(column, &near, space, displacement);
-            let smooth = points.constant(column.tets.iter().map(|tet| tet.strain(&rest)), &counts);
-            norms.clear();
-            vectorised(
-                #[inline(always)]
-                || {
-                    for (at, smooth) in points.blocks.iter().zip(&smooth) {
-                        norms.push(deviator_norm(&space.strain(at, &near), scale, smooth));
-                    }
-                },
-            );
+            self.sample(column, &near, along, &rest, &mut samples);
+            samples.deviator_norms(space, &near, scale, &mut norms);
             let mut remaining = norms.as_flattened();
-            for (tet, count) in column.tets.iter().zip(counts) {
-                let (norms, others) = remaining.split_at(count);
-                let mean = norms.iter().sum::<f32>() / count as f32;
-                von_mises[tet.tet as usize] =
-                    6.0_f64.sqrt() * self.moduli.shear() * f64::from(mean);
+            for (tet, count) in column.tets.iter().zip(&samples.counts) {
+                let (norms, others) = remaining.split_at(*count);
+                let mean = norms.iter().sum::<f32>() / *count as f32;
+                let stress = 6.0_f64.sqrt() * self.moduli.shear() * f64::from(mean);
+                all[tet.tet as usize] = Some(stress);
                 remaining = others;
             }
         }
+        all
     }
 
-    /// Samples of the tetrahedra of a column, and the number of each tetrahedron's: those close to
-    /// the forces have `along` along an edge.
-    fn points(&self, column: &Column, forces: &[PointForce], along: usize) -> (Points, Vec<usize>) {
-        let mut points = Points::default();
+    /// Room for the most samples of a column of that many `tets`.
+    fn samples(&self, tets: usize) -> Samples {
+        let room = (tets * self.rules[MOST].count + TOGETHER).next_multiple_of(LANES);
+        let [places, smooth] = [3, 6].map(|parts| vec![vec![0.0; room]; parts]);
+        Samples {
+            places: places.try_into().expect("three axes"),
+            smooth: smooth.try_into().expect("six parts"),
+            counts: Vec::new(),
+            count: 0,
+        }
+    }
+
+    /// Writes the samples of the tetrahedra of a column under the `rest` of the displacement of its
+    /// corners (m): those close to the forces have `along` along an edge.
+    fn sample(
+        &self,
+        column: &Column,
+        forces: &[PointForce],
+        along: usize,
+        rest: &[[f32; 4]],
+        samples: &mut Samples,
+    ) {
         let [close, middle] = CLOSE.map(|spacings| (spacings * column.spacing).powi(2));
-        let mut distances = Vec::new();
+        let mut distances = vec![[0.0; LANES]; column.centres.blocks.len()];
         vectorised(
             #[inline(always)]
             || {
-                for at in &column.centres.blocks {
-                    distances.push(distance_squared(at, forces));
+                for (at, distances) in column.centres.blocks.iter().zip(&mut distances) {
+                    *distances = distance_squared(at, forces);
                 }
             },
         );
-        let number = |(tet, distance): (&ColumnTet, &f32)| {
-            let samples = match *distance {
-                nearest if nearest < close => &self.samples[along],
-                nearest if nearest < middle => &self.samples[FEW],
-                _ => &self.samples[1],
+        samples.counts.clear();
+        samples.count = 0;
+        for (tet, distance) in column.tets.iter().zip(distances.as_flattened()) {
+            let rule = match *distance {
+                nearest if nearest < close => along,
+                nearest if nearest < middle => FEW,
+                _ => 1,
             };
-            for shares in samples {
-                points.push(tet.at(&column.places, shares));
-            }
-            samples.len()
-        };
-        let counts = column.tets.iter().zip(distances.as_flattened()).map(number).collect();
-        (points, counts)
+            let corners = tet.corners.map(|corner| column.places[corner]);
+            samples.add(&self.rules[rule], &corners, &tet.strain(rest));
+        }
     }
 
-    /// Displacement (m) of the corners of a column less that of the half-space under the `forces`.
+    /// Displacement (m) of the corners of a column less that of the half-space under the `forces`:
+    /// three numbers and one that is not used.
     fn rest(
         &self,
         column: &Column,
         forces: &[PointForce],
         space: HalfSpace,
         displacement: &[Vector3<f64>],
-    ) -> Vec<Vector3<f64>> {
-        let mut moved = Vec::new();
+    ) -> Vec<[f32; 4]> {
+        let mut moved = vec![[[0.0; LANES]; 3]; column.in_layer.blocks.len()];
         vectorised(
             #[inline(always)]
             || {
-                for at in &column.in_layer.blocks {
-                    moved.push(space.displacement(at, forces));
+                for (at, moved) in column.in_layer.blocks.iter().zip(&mut moved) {
+                    *moved = space.displacement(at, forces);
                 }
             },
         );
         let scale = self.scale();
         let rest = |(i, node): (usize, &u32)| {
             let u = [0, 1, 2].map(|axis| f64::from(moved[i / LANES][axis][i % LANES]));
-            displacement[*node as usize] - Vector3::from(u) * scale
+            let rest = displacement[*node as usize] - Vector3::from(u) * scale;
+            [rest.x as f32, rest.y as f32, rest.z as f32, 0.0]
         };
         column.nodes.iter().enumerate().map(rest).collect()
     }
@@ -273,18 +286,128 @@ impl NearField {
 }
 
 impl ColumnTet {
-    /// Point with these shares of the corners, whose `places` are those of the column.
-    fn at(&self, places: &[[f32; 3]], shares: &[f32; 4]) -> [f32; 3] {
+    /// Centre, given the `places` of the corners of the column.
+    fn centre(&self, places: &[[f32; 3]]) -> [f32; 3] {
         let corners = self.corners.map(|corner| places[corner]);
-        std::array::from_fn(|i| (0..4).map(|a| shares[a] * corners[a][i]).sum())
+        std::array::from_fn(|i| 0.25 * corners.iter().map(|corner| corner[i]).sum::<f32>())
     }
 
     /// Strain under the `displacement` (m) of the corners of its column: xx, yy, zz, xy, xz and yz.
-    fn strain(&self, displacement: &[Vector3<f64>]) -> [f32; 6] {
+    fn strain(&self, displacement: &[[f32; 4]]) -> [f32; 6] {
         let [a, b, c, d] = self.corners.map(|corner| displacement[corner]);
-        let gradient = Matrix3::from_columns(&[b - a, c - a, d - a]) * self.slopes;
-        let strain = (gradient + gradient.transpose()) * 0.5;
-        [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|at| strain[at] as f32)
+        let mut gradient = [[0.0; 4]; 3];
+        for (end, slopes) in [b, c, d].into_iter().zip(&self.slopes) {
+            for (by_axis, slope) in gradient.iter_mut().zip(slopes) {
+                (0..4).for_each(|i| by_axis[i] += (end[i] - a[i]) * slope);
+            }
+        }
+        let [x, y, z] = gradient;
+        let [xy, xz, yz] = [x[1] + y[0], x[2] + z[0], y[2] + z[1]].map(|twice| 0.5 * twice);
+        [x[0], y[1], z[2], xy, xz, yz]
+    }
+}
+
+impl SampleRule {
+    /// Returns the rule with that many samples `along` an edge.
+    fn new(along: usize) -> Self {
+        let shares = sample_shares(along as u32);
+        let together = |shares: &[[f64; 4]]| {
+            let of = |corner: usize, i: usize| shares[i.min(shares.len() - 1)][corner] as f32;
+            std::array::from_fn(|corner| std::array::from_fn(|i| of(corner, i)))
+        };
+        Self { count: shares.len(), shares: shares.chunks(TOGETHER).map(together).collect() }
+    }
+}
+
+impl Samples {
+    /// Adds the samples of a tetrahedron with these `corners` and the `smooth` strain.
+    fn add(&mut self, rule: &SampleRule, corners: &[[f32; 3]; 4], smooth: &[f32; 6]) {
+        // Those beyond its number are overwritten by the next tetrahedron's.
+        for (first, shares) in (self.count..).step_by(TOGETHER).zip(&rule.shares) {
+            let room = first..first + TOGETHER;
+            for (axis, places) in self.places.iter_mut().enumerate() {
+                let mut sum = [0.0; TOGETHER];
+                for (corner, shares) in corners.iter().zip(shares) {
+                    (0..TOGETHER).for_each(|i| sum[i] += shares[i] * corner[axis]);
+                }
+                places[room.clone()].copy_from_slice(&sum);
+            }
+            for (all, part) in self.smooth.iter_mut().zip(smooth) {
+                all[room.clone()].copy_from_slice(&[*part; TOGETHER]);
+            }
+        }
+        self.counts.push(rule.count);
+        self.count += rule.count;
+    }
+
+    /// Writes to `norms` the norm of the deviator of each sample's strain: that of `space` under
+    /// `forces` times `scale` plus the smooth one.
+    fn deviator_norms(
+        &self,
+        space: HalfSpace,
+        forces: &[PointForce],
+        scale: f32,
+        norms: &mut Vec<Lanes>,
+    ) {
+        norms.resize(self.count.div_ceil(LANES), [0.0; LANES]);
+        let places = self.places.each_ref().map(|all| all.as_chunks().0);
+        let smooth = self.smooth.each_ref().map(|all| all.as_chunks().0);
+        vectorised(
+            #[inline(always)]
+            || {
+                for (block, norms) in norms.iter_mut().enumerate() {
+                    let strain = space.strain(&places.map(|all| all[block]), forces);
+                    *norms = deviator_norm(&strain, scale, &smooth.map(|all| all[block]));
+                }
+            },
+        );
+    }
+}
+
+impl Forces {
+    fn new(forces: Vec<PointForce>) -> Self {
+        // Lanes without a force of their own are infinitely far away.
+        let mut places = vec![[[f32::INFINITY; LANES]; 2]; forces.len().div_ceil(LANES)];
+        for (i, force) in forces.iter().enumerate() {
+            (0..2).for_each(|axis| places[i / LANES][axis][i % LANES] = force.place[axis]);
+        }
+        Self { forces, places }
+    }
+
+    /// Writes the squared distances (m²) in plan of the forces from a `centre`, and returns the least.
+    fn distances_squared(&self, centre: [f32; 2], squares: &mut Vec<Lanes>) -> f32 {
+        squares.resize(self.places.len(), [0.0; LANES]);
+        let mut least = [f32::INFINITY; LANES];
+        vectorised(
+            #[inline(always)]
+            || {
+                for ([x, y], squares) in self.places.iter().zip(squares.iter_mut()) {
+                    for i in 0..LANES {
+                        let (x, y) = (x[i] - centre[0], y[i] - centre[1]);
+                        squares[i] = x * x + y * y;
+                        least[i] = least[i].min(squares[i]);
+                    }
+                }
+            },
+        );
+        least.into_iter().fold(f32::INFINITY, f32::min)
+    }
+
+    /// Adds to `near` the forces whose squared distances are less than that of `reach` (m).
+    fn within(&self, reach: f32, squares: &[Lanes], near: &mut Vec<PointForce>) {
+        let all = self.forces.iter().zip(squares.as_flattened());
+        near.extend(all.filter(|(_, square)| **square < reach * reach).map(|(force, _)| *force));
+    }
+
+    /// Least and greatest coordinates of their places (m).
+    fn corners(&self) -> ([f32; 2], [f32; 2]) {
+        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+        for PointForce { place, .. } in &self.forces {
+            for i in 0..2 {
+                (low[i], high[i]) = (low[i].min(place[i]), high[i].max(place[i]));
+            }
+        }
+        (low, high)
     }
 }
 
@@ -305,25 +428,6 @@ impl Points {
         (0..3).for_each(|axis| last[axis][lane] = point[axis]);
         self.count += 1;
     }
-
-    /// The `strains` of tetrahedra at their points, in the same blocks; `counts` are the numbers of
-    /// their points.
-    fn constant(
-        &self,
-        strains: impl Iterator<Item = [f32; 6]>,
-        counts: &[usize],
-    ) -> Vec<[Lanes; 6]> {
-        let mut all = vec![[[0.0; LANES]; 6]; self.blocks.len()];
-        let mut point = 0;
-        for (strain, count) in strains.zip(counts) {
-            for _ in 0..*count {
-                let block = &mut all[point / LANES];
-                (0..6).for_each(|part| block[part][point % LANES] = strain[part]);
-                point += 1;
-            }
-        }
-        all
-    }
 }
 
 /// Norm of the deviator of `strain` times `scale` plus `smooth`, of the parts xx, yy, zz, xy, xz and
@@ -339,25 +443,6 @@ fn deviator_norm(strain: &[Lanes; 6], scale: f32, smooth: &[Lanes; 6]) -> Lanes 
         norms[i] = (x * x + y * y + z * z + 2.0 * (xy * xy + xz * xz + yz * yz)).sqrt();
     }
     norms
-}
-
-/// Least and greatest coordinates of the places of `forces` (m).
-fn corners(forces: &[PointForce]) -> ([f32; 2], [f32; 2]) {
-    let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
-    for PointForce { place, .. } in forces {
-        for i in 0..2 {
-            (low[i], high[i]) = (low[i].min(place[i]), high[i].max(place[i]));
-        }
-    }
-    (low, high)
-}
-
-/// 1/ρ and 1/(ρ + d), for ρ² and d.
-#[inline(always)]
-fn inverses(square: f32, d: f32) -> (f32, f32) {
-    let rho = square.sqrt();
-    let both = 1.0 / (square * (rho + d));
-    (rho * (rho + d) * both, square * both)
 }
 
 /// Resultants of the `forces` in squares of a `side` (m), at their centres.
@@ -388,120 +473,4 @@ fn distance_squared(at: &[Lanes; 3], forces: &[PointForce]) -> Lanes {
         }
     }
     least
-}
-
-impl HalfSpace {
-    /// Displacement of the points `at` under `forces`, times 4πμ: x, y and z.
-    #[inline(always)]
-    fn displacement(self, at: &[Lanes; 3], forces: &[PointForce]) -> [Lanes; 3] {
-        let mut sum = [[0.0; LANES]; 3];
-        for PointForce { place, force: [fx, fy, fz] } in forces {
-            for i in 0..LANES {
-                let (x, y, d) = (at[0][i] - place[0], at[1][i] - place[1], at[2][i] + self.lift);
-                let (r, w) = inverses(x * x + y * y + d * d, d);
-                let plane = fx * x + fy * y;
-                let along = (plane - fz * d) * r * r * r;
-                // Part of the gradient of Φ that is along r in the plane.
-                let inwards = (fz - plane * w) * w * r;
-                sum[0][i] += fx * (r + self.m * w) + x * (along + self.m * inwards);
-                sum[1][i] += fy * (r + self.m * w) + y * (along + self.m * inwards);
-                sum[2][i] += fz * r - d * along + self.m * (fz - plane * w) * r;
-            }
-        }
-        sum
-    }
-
-    /// Strain of the points `at` under `forces`, times 4πμ: xx, yy, zz, xy, xz and yz.
-    #[inline(always)]
-    fn strain(self, at: &[Lanes; 3], forces: &[PointForce]) -> [Lanes; 6] {
-        let mut sum = [[0.0; LANES]; 6];
-        for PointForce { place, force: [fx, fy, fz] } in forces {
-            for i in 0..LANES {
-                let (x, y, d) = (at[0][i] - place[0], at[1][i] - place[1], at[2][i] + self.lift);
-                let (r, w) = inverses(x * x + y * y + d * d, d);
-                let (plane, cube) = (fx * x + fy * y, r * r * r);
-                let even = (plane - fz * d) * cube;
-                let along = -3.0 * even * r * r;
-                // Factors in the Hessian of Φ: of F_x x and its like, of x² and its like, of 1.
-                let turn = self.m * w * w * r;
-                let square =
-                    plane * (2.0 * turn * w * r + turn * r * r) - self.m * fz * r * r * w * (r + w);
-                let unit = self.m * fz * r * w - plane * turn;
-                let (both, all) = (along + square, even + unit);
-                sum[0][i] += both * x * x + all - 2.0 * turn * fx * x;
-                sum[1][i] += both * y * y + all - 2.0 * turn * fy * y;
-                sum[2][i] += along * d * d + (1.0 - self.m) * even;
-                sum[3][i] += both * x * y - turn * (fx * y + fy * x);
-                sum[4][i] -= along * x * d;
-                sum[5][i] -= along * y * d;
-            }
-        }
-        sum
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::f64::consts::{FRAC_PI_2, PI};
-
-    use super::*;
-
-    const FORCES: [PointForce; 2] = [
-        PointForce { place: [0.2, -0.1], force: [0.7, -0.3, -1.0] },
-        PointForce { place: [-0.4, 0.3], force: [0.0, 0.5, 0.2] },
-    ];
-
-    fn lanes([x, y, depth]: [f32; 3]) -> [Lanes; 3] {
-        [x, y, depth].map(|x| [x; LANES])
-    }
-
-    #[test]
-    fn strain_is_the_derivative_of_displacement() {
-        const STEP: f32 = 1e-2;
-        let space = HalfSpace { m: 0.4, lift: 0.1 };
-        for point in [[0.0, 0.0, 0.6], [1.1, -0.3, 0.9], [-0.6, 0.8, 0.2], [0.2, -0.1, 1.4]] {
-            let moved = |axis: usize, step: f32| {
-                let mut point = point;
-                // Depth grows against z.
-                point[axis] += if axis == 2 { -step } else { step };
-                space.displacement(&lanes(point), &FORCES).map(|u| u[0])
-            };
-            let by = |axis| {
-                let [there, back] = [moved(axis, STEP), moved(axis, -STEP)];
-                Vector3::from(there) - Vector3::from(back)
-            };
-            let gradient = Matrix3::from_columns(&[by(0), by(1), by(2)]) / (2.0 * STEP);
-            let right = (gradient + gradient.transpose()) * 0.5;
-            let [xx, yy, zz, xy, xz, yz] = space.strain(&lanes(point), &FORCES).map(|e| e[0]);
-            let found = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
-            let error = (found - right).norm() / right.norm();
-            assert!(error < 5e-3, "{found} instead of {right} at {point:?}");
-        }
-    }
-
-    /// The stress across a plane under the face, summed over the plane, is the force on the face.
-    #[test]
-    fn stress_across_a_plane_bears_the_force() {
-        const RADII: usize = 400;
-        const ANGLES: usize = 32;
-        let (nu, depth) = (0.3, 0.5);
-        let space = HalfSpace { m: (1.0 - 2.0 * nu) as f32, lift: 0.0 };
-        let force = Vector3::new(0.7, -0.3, -1.0);
-        let load = PointForce { place: [0.0; 2], force: force.map(|f| f as f32).into() };
-        let mut sum = Vector3::zeros();
-        for slope in (0..RADII).map(|i| (i as f64 + 0.5) * FRAC_PI_2 / RADII as f64) {
-            let radius = depth * slope.tan();
-            let ring = depth / slope.cos().powi(2) * FRAC_PI_2 / RADII as f64;
-            for angle in (0..ANGLES).map(|i| i as f64 * 2.0 * PI / ANGLES as f64) {
-                let at = [radius * angle.cos(), radius * angle.sin(), depth].map(|x| x as f32);
-                let strain = space.strain(&lanes(at), &[load]).map(|e| f64::from(e[0]));
-                let [xx, yy, zz, _, xz, yz] = strain;
-                // Strain is times 4πμ, so that stress is 2μ of it over 4πμ.
-                let normal = zz + nu / (1.0 - 2.0 * nu) * (xx + yy + zz);
-                let area = radius * ring * 2.0 * PI / ANGLES as f64;
-                sum += Vector3::new(xz, yz, normal) * (area / (2.0 * PI));
-            }
-        }
-        assert!((sum - force).norm() < 2e-3, "{sum} instead of {force}");
-    }
 }

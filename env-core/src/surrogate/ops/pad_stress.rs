@@ -109,11 +109,11 @@ impl PadStress {
     /// Writes the result of [`ShapeGradients::stress`] to `stress`, at [`PadStress::places`].
     #[inline(always)]
     pub(in super::super) fn stress(&self, arranged: &[f32], stress: &mut Vec<f32>) {
-        stress.clear();
-        let mut gradients = self.gradients.iter();
+        stress.resize(self.count(), 0.0);
+        let mut blocks = self.gradients.iter().zip(stress.as_chunks_mut::<LANES>().0);
         for run in &self.runs {
-            let blocks = (0..run.blocks as usize).zip(&mut gradients);
-            for (block, gradients) in blocks {
+            let blocks = (0..run.blocks as usize).zip(&mut blocks);
+            for (block, (gradients, stress)) in blocks {
                 let mut u: [[&Lanes; 3]; 4] = [[&[0.0; LANES]; 3]; 4];
                 for (u, &corner) in u.iter_mut().zip(&run.corners) {
                     for (axis, u) in u.iter_mut().enumerate() {
@@ -121,7 +121,7 @@ impl PadStress {
                         *u = arranged[at..].first_chunk().expect("room for a block");
                     }
                 }
-                stress.extend(von_mises(&u, gradients));
+                *stress = von_mises(&u, gradients);
             }
         }
     }
