@@ -166,7 +166,10 @@ impl NearField {
         let m = (1.0 - 2.0 * self.moduli.poisson) as f32;
         let scale = self.scale() as f32;
         let spacings = self.columns.iter().map(|column| column.spacing);
-        let merged = merged(forces, MERGED * spacings.fold(f32::INFINITY, f32::min));
+        let square = MERGED * spacings.fold(f32::INFINITY, f32::min);
+        // Wide cells have squares of their own.
+        let is_wide = side > f64::from(square);
+        let merged = if is_wide { forces.to_vec() } else { merged(forces, square) };
         let (forces, merged) = (Forces::new(forces.to_vec()), Forces::new(merged));
         let (low, high) = forces.corners();
         let (mut near, mut squares) = (Vec::new(), Vec::new());
@@ -241,15 +244,20 @@ impl NearField {
         );
         samples.counts.clear();
         samples.count = 0;
-        for (tet, distance) in column.tets.iter().zip(distances.as_flattened()) {
-            let rule = match *distance {
-                nearest if nearest < close => along,
-                nearest if nearest < middle => FEW,
-                _ => 1,
-            };
-            let corners = tet.corners.map(|corner| column.places[corner]);
-            samples.add(&self.rules[rule], &corners, &tet.strain(rest));
-        }
+        vectorised(
+            #[inline(always)]
+            || {
+                for (tet, distance) in column.tets.iter().zip(distances.as_flattened()) {
+                    let rule = match *distance {
+                        nearest if nearest < close => along,
+                        nearest if nearest < middle => FEW,
+                        _ => 1,
+                    };
+                    let corners = tet.corners.map(|corner| column.places[corner]);
+                    samples.add(&self.rules[rule], &corners, &tet.strain(rest));
+                }
+            },
+        );
     }
 
     /// Displacement (m) of the corners of a column less that of the half-space under the `forces`:
@@ -293,6 +301,7 @@ impl ColumnTet {
     }
 
     /// Strain under the `displacement` (m) of the corners of its column: xx, yy, zz, xy, xz and yz.
+    #[inline(always)]
     fn strain(&self, displacement: &[[f32; 4]]) -> [f32; 6] {
         let [a, b, c, d] = self.corners.map(|corner| displacement[corner]);
         let mut gradient = [[0.0; 4]; 3];
@@ -321,6 +330,7 @@ impl SampleRule {
 
 impl Samples {
     /// Adds the samples of a tetrahedron with these `corners` and the `smooth` strain.
+    #[inline(always)]
     fn add(&mut self, rule: &SampleRule, corners: &[[f32; 3]; 4], smooth: &[f32; 6]) {
         // Those beyond its number are overwritten by the next tetrahedron's.
         for (first, shares) in (self.count..).step_by(TOGETHER).zip(&rule.shares) {
@@ -473,4 +483,108 @@ fn distance_squared(at: &[Lanes; 3], forces: &[PointForce]) -> Lanes {
         }
     }
     least
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::Sensor;
+
+    #[test]
+    fn stress_is_that_of_the_samples_one_by_one() {
+        let pad = Sensor::named("gelsight-mini").unwrap().pad(1000).unwrap();
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let layers = pad.cells[2] as usize;
+        let depths: Vec<_> = (0..=layers).map(|k| 4e-3 * k as f64 / layers as f64).collect();
+        let near_field = NearField::new(&pad, &depths, moduli);
+        let wave = |p: &nalgebra::Point3<f64>| (p.coords.yzx() * 300.0).map(f64::sin) * 5e-5;
+        let displacement: Vec<_> = pad.mesh.vertices.iter().map(wave).collect();
+        // Cells as wide as columns, which are taken one by one, and small ones, merged far away.
+        for side in [1.3e-3, 2e-4] {
+            let cell = |i: i32| {
+                let place = [i % 5, i / 5].map(|k| ((f64::from(k) - 1.7) * side) as f32);
+                let part = i as f32 - 9.0;
+                PointForce { place, force: [1e-3 * part, -2e-3, -1e-2 - 5e-5 * part * part] }
+            };
+            let forces: Vec<_> = (0..25).map(cell).collect();
+            let found = near_field.von_mises(&forces, side, &displacement);
+            let most = found.iter().flatten().copied().fold(0.0, f64::max);
+            let near = found.iter().flatten().count();
+            assert!(near > 200 && near < found.len(), "{near} of {} near", found.len());
+            for column in &near_field.columns {
+                let right = near_field.one_by_one(column, &forces, side, &displacement);
+                for (t, tet) in column.tets.iter().enumerate() {
+                    let (found, right) =
+                        (found[tet.tet as usize], right.as_ref().map(|all| all[t]));
+                    assert_eq!(found.is_some(), right.is_some(), "tetrahedron {}", tet.tet);
+                    let error = found.unwrap_or(0.0) - right.unwrap_or(0.0);
+                    // Both have single precision.
+                    assert!(error.abs() < 1e-5 * most, "{found:?} Pa for {right:?} of {most} Pa");
+                }
+            }
+        }
+    }
+
+    impl NearField {
+        /// Stress (Pa) of the tetrahedra of a column, if it is near.
+        fn one_by_one(
+            &self,
+            column: &Column,
+            forces: &[PointForce],
+            side: f64,
+            displacement: &[Vector3<f64>],
+        ) -> Option<Vec<f64>> {
+            let away = |force: &PointForce| {
+                let [x, y] = [0, 1].map(|i| force.place[i] - column.centre[i]);
+                x.hypot(y) / column.spacing
+            };
+            let least = self.columns.iter().map(|c| c.spacing).fold(f32::INFINITY, f32::min);
+            let is_beside = forces.iter().any(|force| away(force) < BESIDE);
+            let mut near = if is_beside { forces.to_vec() } else { merged(forces, MERGED * least) };
+            near.retain(|force| away(force) < REACH);
+            if near.is_empty() {
+                return None;
+            }
+            let along = (f64::from(column.spacing) / side).clamp(FEW as f64, MOST as f64) as usize;
+            let lift = (side * LIFT[usize::from(along <= FEW)]) as f32;
+            let space = HalfSpace { m: (1.0 - 2.0 * self.moduli.poisson) as f32, lift };
+            let lanes = |point: [f32; 3]| point.map(|x| [x; LANES]);
+            let rest = |corner: usize| -> Vector3<f64> {
+                let (block, lane) = (&column.in_layer.blocks[corner / LANES], corner % LANES);
+                let moved = space.displacement(&lanes(block.map(|axis| axis[lane])), &near);
+                let u = displacement[column.nodes[corner] as usize];
+                u - Vector3::from(moved.map(|u| f64::from(u[0]))) * self.scale()
+            };
+            let stress = |tet: &ColumnTet| {
+                let places = tet.corners.map(|corner| Vector3::from(column.places[corner]));
+                let distance = |force: &PointForce| {
+                    let [x, y] = force.place;
+                    (places.iter().sum::<Vector3<f32>>() / 4.0 - Vector3::new(x, y, 0.0)).norm()
+                };
+                let nearest = near.iter().map(distance).fold(f32::INFINITY, f32::min);
+                let rule = match nearest / column.spacing {
+                    x if x < CLOSE[0] => along,
+                    x if x < CLOSE[1] => FEW,
+                    _ => 1,
+                };
+                let [a, b, c, d] = tet.corners.map(rest);
+                let slopes = Matrix3::from(tet.slopes).transpose().cast::<f64>();
+                let gradient = Matrix3::from_columns(&[b - a, c - a, d - a]) * slopes;
+                let smooth = (gradient + gradient.transpose()) * 0.5;
+                let norm = |shares: &[f64; 4]| {
+                    let place: Vector3<f32> =
+                        places.iter().zip(shares).map(|(p, share)| p * *share as f32).sum();
+                    let strain = space.strain(&lanes(place.into()), &near);
+                    let [xx, yy, zz, xy, xz, yz] = strain.map(|e| f64::from(e[0]));
+                    let own = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) * self.scale();
+                    let all = smooth + own;
+                    (all - Matrix3::from_diagonal_element(all.trace() / 3.0)).norm()
+                };
+                let shares = sample_shares(rule as u32);
+                let mean = shares.iter().map(norm).sum::<f64>() / shares.len() as f64;
+                6.0_f64.sqrt() * self.moduli.shear() * mean
+            };
+            Some(column.tets.iter().map(stress).collect())
+        }
+    }
 }
