@@ -288,6 +288,7 @@ impl Shape {
     }
 
     /// Signed distance and its gradient at `point`, in the shape's frame (m).
+    #[inline]
     pub fn distance(&self, point: &Point3<f64>) -> Distance {
         let p = &point.coords;
         match self {

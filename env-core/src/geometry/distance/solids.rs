@@ -4,25 +4,28 @@ use nalgebra::{Vector2, Vector3};
 
 use super::{Distance, length_and_direction};
 
+#[inline]
 pub(in crate::geometry) fn sphere(p: &Vector3<f64>, radius: f64) -> Distance {
     let (length, normal) = length_and_direction(p, &Vector3::z());
     Distance { value: length - radius, normal }
 }
 
+#[inline]
 pub(in crate::geometry) fn cuboid(p: &Vector3<f64>, half_extents: &Vector3<f64>) -> Distance {
     let beyond = p.abs() - half_extents;
     let signs = p.map(|x| 1f64.copysign(x));
-    let nearest_face = beyond.imax();
-    if beyond[nearest_face] <= 0.0 {
+    let (nearest_face, largest) = beyond.argmax();
+    if beyond.iter().filter(|beyond| **beyond > 0.0).count() <= 1 {
         let mut normal = Vector3::zeros();
         normal[nearest_face] = signs[nearest_face];
-        return Distance { value: beyond[nearest_face], normal };
+        return Distance { value: largest, normal };
     }
     let outside = beyond.sup(&Vector3::zeros());
     let (value, direction) = length_and_direction(&outside, &outside);
     Distance { value, normal: direction.component_mul(&signs) }
 }
 
+#[inline]
 pub(in crate::geometry) fn cylinder(p: &Vector3<f64>, radius: f64, half_height: f64) -> Distance {
     let (from_axis, outward) = radial(p);
     extruded(from_axis - radius, outward, p.z, half_height)
@@ -76,6 +79,7 @@ pub(in crate::geometry) fn prism(
 /// runs from the axis to the axis.
 ///
 /// The nearest point lies in the half-plane of the axis and the point, so the problem is planar.
+#[inline]
 pub(in crate::geometry) fn revolved(p: &Vector3<f64>, profile: &[[f64; 2]]) -> Distance {
     let (from_axis, outward) = radial(p);
     let at = Vector2::new(from_axis, p.z);

@@ -71,6 +71,8 @@ pub(super) struct LoadedBristle {
     base: Vector3<f64>,
     /// Factor on the normal force.
     gain: f64,
+    /// Stiffness along the normal and across it at the last motion of the balance (N/m).
+    stiffness: [f64; 2],
 }
 
 /// Force of one bristle on the object and its stiffness.
@@ -94,7 +96,13 @@ impl LoadedBristle {
         base: Vector3<f64>,
     ) -> Self {
         let (normal, stretch) = (turn * touch.normal, turn * touch.stretch);
-        Self { finger, body, touch, arm, normal, stretch, left: stretch, base, gain }
+        let (left, stiffness) = (stretch, [0.0; 2]);
+        Self { finger, body, touch, arm, normal, stretch, left, base, gain, stiffness }
+    }
+
+    /// Returns whether `other` is of the same finger and body, all of whose contacts are in a row.
+    fn is_of_pair(&self, other: &Self) -> bool {
+        (self.finger, self.body) == (other.finger, other.body)
     }
 
     /// Velocity of the body relative to the pad (m/s).
@@ -105,6 +113,7 @@ impl LoadedBristle {
         linear + spin - self.base - bodies.axis * motion[slide(motion, self.finger)]
     }
 
+    #[inline]
     fn answer(&self, bodies: &Bodies, motion: &[f64], friction: f64) -> BristleForce {
         let velocity = self.velocity(bodies, motion);
         let approach = velocity.dot(&self.normal);
@@ -142,7 +151,7 @@ impl Bodies {
     /// contact in it.
     pub(super) fn balance(
         &self,
-        contacts: &[LoadedBristle],
+        contacts: &mut [LoadedBristle],
         stops: &[FixtureContact],
         friction: f64,
     ) -> (Vec<f64>, Wrench) {
@@ -155,18 +164,19 @@ impl Bodies {
 
     fn balanced<const N: usize>(
         &self,
-        contacts: &[LoadedBristle],
+        contacts: &mut [LoadedBristle],
         stops: &[FixtureContact],
         friction: f64,
     ) -> (Vec<f64>, Wrench) {
         let (mut motion, mut stopped) =
             (padded::<N>(&self.motion), FixtureImpulses::<N>::new(stops));
-        let (mut forces, mut stiffness) = self.linearised(contacts, &motion, friction);
+        let mut forces = self.exerted_on_unknowns(contacts, &motion, friction);
         for _ in 0..MOST_STEPS {
+            let stiffness = stiffness(contacts, &self.axis);
             let step = self.newton_step(&motion, &forces, &stiffness, friction, &mut stopped);
             let expected = forces - stiffness * step * (self.time_step + DAMPING);
             motion += step;
-            (forces, stiffness) = self.linearised(contacts, &motion, friction);
+            forces = self.exerted_on_unknowns(contacts, &motion, friction);
             if size(&(forces - expected)) <= CLOSE * size(&expected) {
                 break;
             }
@@ -205,28 +215,26 @@ impl Bodies {
         forces[slide] -= self.axis.dot(&wrench.force);
     }
 
-    /// Forces of the foundation on the unknowns and their stiffness −∂f/∂x.
-    fn linearised<const N: usize>(
+    /// Forces of the foundation on the unknowns. Stores the stiffness that belongs to them in
+    /// `contacts`.
+    fn exerted_on_unknowns<const N: usize>(
         &self,
-        contacts: &[LoadedBristle],
+        contacts: &mut [LoadedBristle],
         motion: &Velocities<N>,
         friction: f64,
-    ) -> (Velocities<N>, StiffnessMatrix<N>) {
-        let (mut forces, mut stiffness) = (Velocities::<N>::zeros(), StiffnessMatrix::<N>::zeros());
-        for (finger, body) in (0..2).flat_map(|f| (0..self.inertias.len()).map(move |b| (f, b))) {
-            let (mut wrench, mut sums) = (Wrench::default(), Sums::default());
-            let is_here =
-                |contact: &&LoadedBristle| (contact.finger, contact.body) == (finger, body);
-            for contact in contacts.iter().filter(is_here) {
+    ) -> Velocities<N> {
+        let mut forces = Velocities::<N>::zeros();
+        for pair in contacts.chunk_by_mut(LoadedBristle::is_of_pair) {
+            let (finger, body) = (pair[0].finger, pair[0].body);
+            let mut wrench = Wrench::default();
+            for contact in pair {
                 let answer = contact.answer(self, motion.as_slice(), friction);
-                let force = answer.normal + answer.sideways;
-                wrench.add_force(&force, &contact.arm);
-                sums.add(contact, answer.stiffness);
+                wrench.add_force(&(answer.normal + answer.sideways), &contact.arm);
+                contact.stiffness = answer.stiffness;
             }
             self.add(forces.as_mut_slice(), body, finger, &wrench);
-            sums.spread(&self.axis, body, finger, &mut stiffness);
         }
-        (forces, stiffness)
+        forces
     }
 
     /// Change of `motion` in a Newton step, with the impulses of the stops that belong to it.
@@ -280,6 +288,21 @@ impl Bodies {
     }
 }
 
+/// Stiffness −∂f/∂x of the foundation's forces on the unknowns, from that stored in `contacts`, with
+/// slides along `axis`.
+fn stiffness<const N: usize>(
+    contacts: &[LoadedBristle],
+    axis: &Vector3<f64>,
+) -> StiffnessMatrix<N> {
+    let mut stiffness = StiffnessMatrix::<N>::zeros();
+    for pair in contacts.chunk_by(LoadedBristle::is_of_pair) {
+        let mut sums = Sums::default();
+        pair.iter().for_each(|contact| sums.add(contact));
+        sums.spread(axis, pair[0].body, pair[0].finger, &mut stiffness);
+    }
+    stiffness
+}
+
 /// The unknowns of some bodies and the slides, with zeros for further bodies.
 fn padded<const N: usize>(unknowns: &[f64]) -> Velocities<N> {
     let (bodies, slides) = unknowns.split_at(unknowns.len() - 2);
@@ -318,14 +341,17 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, contact: &LoadedBristle, [along, across]: [f64; 2]) {
+    fn add(&mut self, contact: &LoadedBristle) {
+        let [along, across] = contact.stiffness;
         let (arm, n) = (&contact.arm, &contact.normal);
         self.across += across;
         self.first += across * arm;
         self.second += across * arm * arm.transpose();
         let turn = arm.cross(n);
         let lever = SVector::<f64, 6>::new(n.x, n.y, n.z, turn.x, turn.y, turn.z);
-        self.normal.ger(along - across, &lever, &lever, 1.0);
+        for (mut column, part) in self.normal.column_iter_mut().zip(&lever) {
+            column += ((along - across) * part) * lever;
+        }
     }
 
     /// Adds Σ Jᵀ K J with J = (1, −[r]×, −axis) to `stiffness`.

@@ -55,6 +55,11 @@ pub(super) struct Foundations {
     /// Data derived from settings and object, not part of a saved scene.
     #[serde(skip)]
     surroundings: Option<Surroundings>,
+    /// Memory of the last step, for use in the next.
+    #[serde(skip)]
+    touches: Vec<BristleContact>,
+    #[serde(skip)]
+    contacts: Vec<LoadedBristle>,
 }
 
 /// State of one pad.
@@ -153,6 +158,8 @@ impl Foundations {
             pads: [pad.clone(), pad],
             fixture: Wrench::default(),
             surroundings: None,
+            touches: Vec::new(),
+            contacts: Vec::new(),
         };
         let models: Vec<_> = bodies.iter().map(|body| body.model).collect();
         foundation.attach(pads, &models);
@@ -220,12 +227,24 @@ impl Foundations {
 
     fn touches(&self, finger: usize, body: usize, pose: &Isometry3<f64>) -> Vec<BristleContact> {
         let mut touches = Vec::new();
+        self.find_touches(finger, body, pose, &mut touches);
+        touches
+    }
+
+    /// Replaces `touches` by those of a finger with a body at `pose` in the pad's frame.
+    fn find_touches(
+        &self,
+        finger: usize,
+        body: usize,
+        pose: &Isometry3<f64>,
+        touches: &mut Vec<BristleContact>,
+    ) {
+        touches.clear();
         if let Some(surroundings) = &self.surroundings {
             let obstacle = surroundings.obstacle(body, pose);
             let anchors = &self.pads[finger].contacts[body].anchors;
-            surroundings.face.touches(&obstacle, &self.law, anchors, &mut touches);
+            surroundings.face.touches(&obstacle, &self.law, anchors, touches);
         }
-        touches
     }
 
     /// Touches of a finger with all bodies, at `poses` in the pad's frame.
@@ -247,38 +266,36 @@ impl Foundations {
     ) -> Applied {
         let poses = hand.fingers.map(|finger| finger.pad_pose(world));
         let base = Twist::of(&step.wrist, step.time);
-        let (mut touched, mut touches) = (Vec::new(), Vec::new());
+        let mut touched: Vec<TouchedBody> = Vec::new();
+        let mut touches = std::mem::take(&mut self.touches);
+        let mut contacts = std::mem::take(&mut self.contacts);
+        contacts.clear();
         for (number, &handle) in solids.iter().enumerate() {
             let solid = &mut world.bodies[handle];
             solid.reset_forces(false);
             solid.reset_torques(false);
             let pose = units::si_pose(solid.position());
             let seen = poses.map(|pad| pad.inv_mul(&pose));
-            let own = [0, 1].map(|finger| self.touches(finger, number, &seen[finger]));
-            if number == 0 || own.iter().any(|touches| !touches.is_empty()) {
-                let center = units::si_vector(solid.center_of_mass());
-                let extra = [Wrench::default(); 2];
-                touched.push(TouchedBody { number, handle, center, seen, extra });
-                touches.push(own);
-            }
-        }
-        let mut bodies = bodies(world, hand, &touched, gripper, step, &base);
-        let mut contacts = Vec::with_capacity(touches.iter().flatten().map(Vec::len).sum());
-        for (body, (of, touches)) in touched.iter_mut().zip(touches).enumerate() {
-            for (finger, touches) in touches.into_iter().enumerate() {
-                let (pad, pose) = (&self.pads[finger], &poses[finger]);
+            let center = units::si_vector(solid.center_of_mass());
+            let (body, before, mut extra) = (touched.len(), contacts.len(), [Wrench::default(); 2]);
+            for (finger, pose) in poses.iter().enumerate() {
+                self.find_touches(finger, number, &seen[finger], &mut touches);
+                let (pad, turn) = (&self.pads[finger], &pose.rotation);
                 if !touches.is_empty() {
-                    of.extra[finger] = on_object(&pad.correction_of(of.number), pose, &of.center);
+                    extra[finger] = on_object(&pad.correction_of(number), pose, &center);
                 }
-                for touch in touches {
-                    let place = (pose * Point3::from(touch.place)).coords;
-                    let (arm, gain, rest) =
-                        (place - of.center, pad.correction.gain, base.at(&place));
-                    let turn = &pose.rotation;
-                    contacts.push(LoadedBristle::new(finger, body, touch, gain, turn, arm, rest));
-                }
+                contacts.extend(touches.iter().map(|touch| {
+                    let place = (pose * Point3::from(touch.place())).coords;
+                    let (arm, gain, rest) = (place - center, pad.correction.gain, base.at(&place));
+                    LoadedBristle::new(finger, body, *touch, gain, turn, arm, rest)
+                }));
+            }
+            if number == 0 || contacts.len() > before {
+                touched.push(TouchedBody { number, handle, center, seen, extra });
             }
         }
+        self.touches = touches;
+        let mut bodies = bodies(world, hand, &touched, gripper, step, &base);
         let add_extra = |forces: &mut [f64], bodies: &Bodies| {
             for finger in 0..2 {
                 for (body, of) in touched.iter().enumerate() {
@@ -289,7 +306,7 @@ impl Foundations {
         let mut loads = std::mem::take(&mut bodies.loads);
         add_extra(&mut loads, &bodies);
         bodies.loads = loads;
-        let (mut forces, fixture) = bodies.balance(&contacts, stops, self.friction);
+        let (mut forces, fixture) = bodies.balance(&mut contacts, stops, self.friction);
         self.fixture = fixture;
         add_extra(&mut forces, &bodies);
         for (body, of) in touched.iter().enumerate() {
@@ -322,6 +339,7 @@ impl Foundations {
             }
         }
         self.stick(&contacts, &touched, &poses);
+        self.contacts = contacts;
     }
 
     /// Stores the anchors of the bristles; a pad without contact loses its anchors and its
@@ -361,7 +379,7 @@ impl Surroundings {
 
 /// Wrench of touches at rest on their pad, in its frame about its origin.
 fn at_rest(touches: &[BristleContact], gain: f64, friction: f64) -> Wrench {
-    let force = |touch: &BristleContact| (-touch.at_rest(gain, friction).0, touch.place);
+    let force = |touch: &BristleContact| (-touch.at_rest(gain, friction).0, touch.place());
     Wrench::of_forces(touches.iter().map(force))
 }
 

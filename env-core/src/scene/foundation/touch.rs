@@ -14,9 +14,22 @@ struct Root {
     place: Vector3<f64>,
     /// Edges of the bristle's cell along the face (m).
     edges: [Vector3<f64>; 2],
+    /// Places half of an edge further along it and half of it back (m).
+    borders: [[Vector3<f64>; 2]; 2],
+    /// Half of the longer edge (m).
+    reach: f64,
+    /// Position across and along the face over the edges in these directions.
+    steps: [f64; 2],
 }
 
 impl Root {
+    fn new(place: Vector3<f64>, edges: [Vector3<f64>; 2]) -> Self {
+        let borders = edges.map(|edge| [0.5, -0.5].map(|share| place + share * edge));
+        let reach = 0.5 * edges[0].norm().max(edges[1].norm());
+        let steps = [0, 1].map(|axis| place[axis] / edges[axis][axis]);
+        Self { place, edges, borders, reach, steps }
+    }
+
     /// The `normal` turned so that the distance from the object grows by `rises` (m) along the edges
     /// of the cell.
     fn risen(&self, normal: &Vector3<f64>, rises: [f64; 2]) -> Vector3<f64> {
@@ -34,6 +47,8 @@ pub(super) struct BristleFace {
     roots: Vec<Root>,
     /// Area of a cell in plan view (m²).
     area: f64,
+    /// Largest reach of a root (m).
+    reach: f64,
     outline: PadOutline,
 }
 
@@ -64,8 +79,6 @@ pub(super) struct BristleContact {
     pub(super) bristle: usize,
     /// Root of the bristle on the undeformed face (m).
     root: Vector3<f64>,
-    /// Point at which the bristle meets the object's surface (m).
-    pub(super) place: Vector3<f64>,
     /// Outward normal of the object.
     pub(super) normal: Vector3<f64>,
     pub(super) depth: Depth,
@@ -88,16 +101,12 @@ impl BristleFace {
             let (x, y) = (at(i % across, across, cell[0]), at(i / across, along, cell[1]));
             let height = |dx: f64, dy: f64| outline.height(x + dx * cell[0], y + dy * cell[1]);
             let rise = [height(0.5, 0.0) - height(-0.5, 0.0), height(0.0, 0.5) - height(0.0, -0.5)];
-            Root {
-                place: Vector3::new(x, y, outline.height(x, y)),
-                edges: [Vector3::new(cell[0], 0.0, rise[0]), Vector3::new(0.0, cell[1], rise[1])],
-            }
+            let edges = [Vector3::new(cell[0], 0.0, rise[0]), Vector3::new(0.0, cell[1], rise[1])];
+            Root::new(Vector3::new(x, y, outline.height(x, y)), edges)
         };
-        Self {
-            roots: (0..across * along).map(root).collect(),
-            area: cell[0] * cell[1],
-            outline: *outline,
-        }
+        let roots: Vec<_> = (0..across * along).map(root).collect();
+        let reach = roots.iter().map(|root| root.reach).fold(0.0, f64::max);
+        Self { roots, area: cell[0] * cell[1], reach, outline: *outline }
     }
 
     pub(super) fn count(&self) -> usize {
@@ -116,29 +125,63 @@ impl BristleFace {
         if !self.is_near(obstacle) {
             return;
         }
-        for (bristle, root) in self.roots.iter().enumerate() {
-            touches.extend(self.meet(root, obstacle).map(|(normal, depth)| BristleContact {
-                bristle,
-                root: root.place,
-                place: root.place,
-                normal,
-                depth,
-                cover: 0.0,
-                stiffness: 0.0,
-                shear: 0.0,
-                stretch: Vector3::zeros(),
-            }));
-        }
+        self.meet(obstacle, touches);
         self.round(touches);
-        touches.retain(|touch| touch.depth.cover() > 0.0);
-        for touch in touches.iter_mut() {
-            touch.cover = touch.depth.cover();
-            touch.place = touch.root + touch.depth.middle * touch.normal;
-            if let Some(anchor) = anchors[touch.bristle] {
-                touch.hold(&anchor, &obstacle.pose);
+        let (mut squares, mut covered) = (0.0, 0.0);
+        touches.retain_mut(|touch| {
+            let cover = touch.depth.cover();
+            if cover > 0.0 {
+                squares += self.area * touch.depth.mean_square();
+                covered += self.area * cover;
+                touch.cover = cover;
+                if let Some(anchor) = anchors[touch.bristle] {
+                    touch.hold(&anchor, &obstacle.pose);
+                }
+            }
+            cover > 0.0
+        });
+        let (stiffness, shear) = (law.foundation(squares), law.shear_foundation(covered));
+        for touch in touches {
+            touch.stiffness = self.area * stiffness;
+            touch.shear = self.area * shear * touch.cover;
+        }
+    }
+
+    /// Adds the bristles that meet `obstacle`, with depths at the bristles.
+    fn meet(&self, obstacle: &PlacedObject, touches: &mut Vec<BristleContact>) {
+        // Where the exact distance is known, it is larger than `reach` nearer to that place than the
+        // rest. The factor is far above rounding.
+        let is_exact = obstacle.shape.distance_error() == 0.0;
+        let (mut known, mut free) = (Vector3::zeros(), 0.0);
+        for (bristle, root) in self.roots.iter().enumerate() {
+            let (offset, reach) = (root.place - obstacle.pose.translation.vector, root.reach);
+            if offset.norm_squared() > (obstacle.radius + reach).powi(2)
+                || (root.place - known).norm_squared() < free
+            {
+                continue;
+            }
+            let (value, normal) = obstacle.distance(&root.place);
+            if value > reach {
+                if is_exact {
+                    let rest = (value - self.reach).max(0.0);
+                    (known, free) = (root.place, 0.999_999 * rest * rest);
+                }
+                continue;
+            }
+            let met = self.meet_at(root, obstacle, value, &normal);
+            if let Some((normal, depth)) = met {
+                touches.push(BristleContact {
+                    bristle,
+                    root: root.place,
+                    normal,
+                    depth,
+                    cover: 0.0,
+                    stiffness: 0.0,
+                    shear: 0.0,
+                    stretch: Vector3::zeros(),
+                });
             }
         }
-        self.stiffen(touches, law);
     }
 
     /// Greatest depth of the face inside `obstacle` (m), 0 outside, by a pattern search from the
@@ -176,34 +219,45 @@ impl BristleFace {
             && obstacle.distance(&Vector3::zeros()).0 < last
     }
 
-    /// Normal of the object and depth of the cell of a bristle, if it touches.
-    fn meet(&self, root: &Root, obstacle: &PlacedObject) -> Option<(Vector3<f64>, Depth)> {
+    /// Normal of the object and depth of the cell of a bristle, if it touches, from the distance
+    /// `value` (m) and its `normal` at the root.
+    fn meet_at(
+        &self,
+        root: &Root,
+        obstacle: &PlacedObject,
+        value: f64,
+        normal: &Vector3<f64>,
+    ) -> Option<(Vector3<f64>, Depth)> {
         /// Largest z of the object's normal at which the surface counts as facing the pad. Above it
         /// the bristle is beside an edge and is pushed straight into the gel.
         const STEEPEST: f64 = -0.5;
-        let reach = 0.5 * root.edges[0].norm().max(root.edges[1].norm());
-        let offset = root.place - obstacle.pose.translation.vector;
-        if offset.norm_squared() > (obstacle.radius + reach).powi(2) {
-            return None;
-        }
-        let (value, normal) = obstacle.distance(&root.place);
-        if value > reach {
-            return None;
-        }
         if normal.z < STEEPEST {
-            let rises = root.edges.map(|edge| {
+            let face = obstacle.only_face(&root.place, root.reach);
+            let rises = [0, 1].map(|axis| {
+                let edge = &root.edges[axis];
                 if !obstacle.is_creased {
-                    return normal.dot(&edge);
+                    return normal.dot(edge);
+                }
+                if let Some(face) = face {
+                    let [one, other] = &root.borders[axis];
+                    return obstacle.beyond(face, one) - obstacle.beyond(face, other);
                 }
                 // Where a crease crosses the cell, the normal is the mean of those beside it. That of
                 // the middle alone would turn at once, and the object would jump.
-                let ends = [0.5, -0.5].map(|share| obstacle.distance(&(root.place + share * edge)));
-                let faces = ends.iter().all(|(_, normal)| normal.z < STEEPEST);
-                if faces { ends[0].0 - ends[1].0 } else { normal.dot(&edge) }
+                let [one, other] = &root.borders[axis];
+                let (one, its_normal) = obstacle.distance(one);
+                let (other, other_normal) = obstacle.distance(other);
+                let faces = its_normal.z < STEEPEST && other_normal.z < STEEPEST;
+                if faces { one - other } else { normal.dot(edge) }
             });
-            let normal = root.risen(&normal, rises);
+            // Rules out most of the cells beside the contact without the slow `hypot`.
+            let squared = rises[0] * rises[0] + rises[1] * rises[1];
+            if value > 0.0 && 4.0 * value * value > 1.000_001 * squared {
+                return None;
+            }
             let depth = Depth { middle: -value, spread: 0.5 * rises[0].hypot(rises[1]) };
-            return (depth.middle > -depth.spread).then_some((normal, depth));
+            let touches = depth.middle > -depth.spread;
+            return touches.then(|| (root.risen(normal, rises), depth));
         }
         let middle = if normal.z > -STEEPEST && value < 0.0 {
             self.way_out(&root.place, obstacle, -value)
@@ -235,19 +289,20 @@ impl BristleFace {
     fn round(&self, touches: &mut [BristleContact]) {
         /// Largest curvature that cells resolve (1/m).
         const SHARPEST: f64 = 250.0;
-        let lowered = [0, 1].map(|axis| {
-            let (mut weight, mut first, mut slope) = (0.0, 0.0, 0.0);
-            let (mut second, mut mixed) = (0.0, 0.0);
-            for touch in touches.iter() {
-                let edge = &self.roots[touch.bristle].edges[axis];
-                let (x, rise) = (touch.root[axis] / edge[axis], touch.normal.dot(edge));
-                let w = touch.depth.cover();
-                weight += w;
-                first += w * x;
-                slope += w * rise;
-                second += w * x * x;
-                mixed += w * x * rise;
+        let (mut weight, mut sums) = (0.0, [[0.0; 4]; 2]);
+        for touch in touches.iter() {
+            let (root, w) = (&self.roots[touch.bristle], touch.depth.cover());
+            weight += w;
+            for (axis, [first, slope, second, mixed]) in sums.iter_mut().enumerate() {
+                let (x, rise) = (root.steps[axis], touch.normal.dot(&root.edges[axis]));
+                *first += w * x;
+                *slope += w * rise;
+                *second += w * x * x;
+                *mixed += w * x * rise;
             }
+        }
+        let lowered = [0, 1].map(|axis| {
+            let [first, slope, second, mixed] = sums[axis];
             let spread = weight * second - first * first;
             if spread <= 1e-6 * weight * weight {
                 return 0.0;
@@ -259,19 +314,6 @@ impl BristleFace {
         });
         for touch in touches.iter_mut().filter(|touch| touch.depth.spread > 0.0) {
             touch.depth.middle -= lowered[0] + lowered[1];
-        }
-    }
-
-    /// Sets the stiffness of each touch to its share of the foundation's.
-    fn stiffen(&self, touches: &mut [BristleContact], law: &FoundationLaw) {
-        let (squares, covered) = touches.iter().fold((0.0, 0.0), |(squares, covered), touch| {
-            let depth = &touch.depth;
-            (squares + self.area * depth.mean_square(), covered + self.area * depth.cover())
-        });
-        let (stiffness, shear) = (law.foundation(squares), law.shear_foundation(covered));
-        for touch in touches {
-            touch.stiffness = self.area * stiffness;
-            touch.shear = self.area * shear * touch.cover;
         }
     }
 }
@@ -290,9 +332,34 @@ impl<'a> PlacedObject<'a> {
         let found = self.shape.distance(&Point3::from(seen));
         (found.value, self.turn * found.normal)
     }
+
+    /// Axis across the face of a cuboid that is nearest to every point within `reach` of `place`
+    /// (m), with half of the extent along it (m).
+    fn only_face(&self, place: &Vector3<f64>, reach: f64) -> Option<(usize, f64)> {
+        let Shape::Cuboid { half_extents } = self.shape else { return None };
+        // Larger by more than rounding.
+        let reach = 1.001 * reach;
+        let p = self.turn.tr_mul(&(place - self.pose.translation.vector)).abs();
+        let beyond = p - half_extents;
+        let face = beyond.imax();
+        let farthest_in = f64::min(-reach, beyond[face] - 2.0 * reach);
+        let is_only =
+            p[face] > reach && (0..3).all(|axis| axis == face || beyond[axis] < farthest_in);
+        is_only.then(|| (face, half_extents[face]))
+    }
+
+    /// Distance of a `place` from a face of [`PlacedObject::only_face`] (m).
+    fn beyond(&self, (axis, half): (usize, f64), place: &Vector3<f64>) -> f64 {
+        self.turn.column(axis).dot(&(place - self.pose.translation.vector)).abs() - half
+    }
 }
 
 impl BristleContact {
+    /// Point at which the bristle meets the object's surface (m).
+    pub(super) fn place(&self) -> Vector3<f64> {
+        self.root + self.depth.middle * self.normal
+    }
+
     /// Sets the stretch from `anchor`. The part of the cell that has come into contact since is
     /// unstretched. Sticking area that has lost contact counts up to the fraction `SLACK` of the
     /// contact, so that vibration does not release the bristle.
@@ -323,4 +390,84 @@ impl BristleContact {
 pub(super) fn cut(force: &Vector3<f64>, limit: f64) -> Vector3<f64> {
     let size = force.norm();
     if size > limit { force * (limit / size) } else { *force }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::sensor::Sensor;
+
+    /// Normal and depth of a bristle from all the distances that these are defined by.
+    fn met(face: &BristleFace, root: &Root, at: &PlacedObject) -> Option<(Vector3<f64>, Depth)> {
+        let (value, normal) = at.distance(&root.place);
+        let reach = 0.5 * root.edges[0].norm().max(root.edges[1].norm());
+        if value > reach {
+            return None;
+        }
+        if normal.z < -0.5 {
+            let rises = root.edges.map(|edge| {
+                let ends = [0.5, -0.5].map(|share| at.distance(&(root.place + share * edge)));
+                let faces = at.is_creased && ends.iter().all(|(_, normal)| normal.z < -0.5);
+                if faces { ends[0].0 - ends[1].0 } else { normal.dot(&edge) }
+            });
+            let depth = Depth { middle: -value, spread: 0.5 * rises[0].hypot(rises[1]) };
+            return (-value > -depth.spread).then(|| (root.risen(&normal, rises), depth));
+        }
+        let is_wrong = normal.z > 0.5 && value < 0.0;
+        let way = is_wrong.then(|| face.way_out(&root.place, at, -value));
+        let middle = way.unwrap_or(-value);
+        (middle > 0.0).then_some((-Vector3::z(), Depth { middle, spread: 0.0 }))
+    }
+
+    #[test]
+    fn distances_that_are_not_asked_for_would_change_nothing() {
+        let outline = Sensor::named("gelsight-mini").unwrap().outline;
+        let face = BristleFace::new(&outline);
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut shapes = Shape::kinds();
+        shapes.push(Shape::Cuboid { half_extents: Vector3::new(0.02, 0.015, 0.001) });
+        shapes.extend(Shape::kinds().iter().filter_map(|shape| shape.rounded(0.001).ok()));
+        for shape in shapes.iter().map(Shape::sampled) {
+            let radius = shape.surface(32).unwrap().vertices().iter();
+            let radius = radius.map(|vertex| vertex.coords.norm()).fold(0.0, f64::max) * 1.01;
+            let mut count = 0;
+            for trial in 0..60 {
+                let mut draw = || rng.random_range(-1.0..1.0);
+                // A face, or a side, is nearly parallel to the pad in half of the trials.
+                let size = if trial % 2 == 0 { 3.0 } else { 0.02 };
+                let turn = UnitQuaternion::from_scaled_axis(Vector3::from_fn(|_, _| size * draw()));
+                let quarter = UnitQuaternion::from_axis_angle(
+                    &[Vector3::x_axis(), Vector3::y_axis()][trial / 2 % 2],
+                    std::f64::consts::FRAC_PI_2 * (trial / 4 % 4) as f64,
+                );
+                let mut place = Translation3::new(0.01 * draw(), 0.01 * draw(), 0.1);
+                let depth = 1e-3 * (1.0 + draw());
+                let at = |place| {
+                    PlacedObject::new(&shape, radius, &Isometry3::from_parts(place, turn * quarter))
+                };
+                for _ in 0..100 {
+                    place.z -= at(place).distance(&Vector3::zeros()).0.max(0.0);
+                }
+                place.z -= depth;
+                let (obstacle, mut touches) = (at(place), Vec::new());
+                face.meet(&obstacle, &mut touches);
+                count += touches.len();
+                let bits = |bristle: usize, normal: &Vector3<f64>, depth: &Depth| {
+                    let numbers = [normal.x, normal.y, normal.z, depth.middle, depth.spread];
+                    (bristle, numbers.map(f64::to_bits))
+                };
+                let found = touches.iter().map(|t| bits(t.bristle, &t.normal, &t.depth));
+                let slow = face.roots.iter().enumerate().filter_map(|(bristle, root)| {
+                    met(&face, root, &obstacle)
+                        .map(|(normal, depth)| bits(bristle, &normal, &depth))
+                });
+                assert!(found.eq(slow), "{shape:?} at {}", obstacle.pose);
+            }
+            assert!(count > 200, "{shape:?} met {count} bristles");
+        }
+    }
 }
