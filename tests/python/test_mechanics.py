@@ -191,6 +191,19 @@ def test_a_shape_that_begins_buried_is_taken_to_come_from_outside(model, shape):
         assert found.wrench[2] <= 0.0, f"{found.wrench[2]} N out of the gel"
 
 
+@pytest.mark.parametrize("model", [Compliance, Fem])
+def test_a_small_ball_that_begins_buried_is_felt_as_if_led_down(model):
+    """Between the nodes, buried to its widest part, it touches with a point or two of its sides."""
+    pad, radius = ruffini.sensor("gelsight-mini", resolution=900), 3.9e-4
+    solver, upright, ball = model(pad, friction=0.5), (0, 0, 0, 1), Shape.sphere(radius)
+    for x, y in np.random.default_rng(0).uniform(-5e-3, 5e-3, (24, 2))[[5, 7, 9, 15, 17, 20]]:
+        there = ([x, y, radius - 7.5e-4], upright)
+        [begun] = solver.solve(Press(ball, [there]))
+        led = solver.solve_path(Press(ball, [([x, y, 2 * radius], upright), there]))[-1]
+        assert begun.wrench[2] < -0.3, f"{begun.wrench[2]} N at {x}, {y} m"
+        assert abs(begun.wrench[2] - led.wrench[2]) < 0.05 * abs(led.wrench[2])
+
+
 @pytest.mark.parametrize("model", ["compliance", "cells", "network"])
 def test_a_press_deeper_than_the_gel_says_so(model):
     path = [((0, 0, 4e-3 - 1e-3 * depth), (0, 0, 0, 1)) for depth in (1, 3, 5)]

@@ -9,9 +9,8 @@ use crate::geometry::{Distance, Shape, TetMesh};
 
 /// Steps of the depth of the deepest point after which a shape is no longer backed off.
 const STEPS: usize = 100;
-/// Distance from the deepest point, relative to its depth, at which a place is tested for being
-/// inside the body.
-const BESIDE: f64 = 0.05;
+/// Least cosine between the direction in which a shape is backed off and the body's normal.
+const STEEPEST: f64 = 0.5;
 /// Travel without contact after which shapes are taken to miss the body (m).
 const FARTHEST: f64 = 1.0;
 
@@ -19,9 +18,9 @@ const FARTHEST: f64 = 1.0;
 /// direction in which it would push the surface. The surface points are at `places` (C) and belong
 /// to a body at rest of this `mesh`.
 ///
-/// A shape that is buried past its widest part would push the surface out of the body, and would be
-/// taken to come from inside. It is moved out along the body's normal at its deepest point. So is one
-/// that stands in the body between surface points.
+/// A shape that is buried to its widest part or past it would push the surface aside or out of the
+/// body, and would be taken to come from inside. It is moved out along the body's normal at its deepest
+/// point. So is one that stands in the body between surface points.
 pub fn backed_off(
     shapes: &[Shape],
     poses: &[Isometry3<f64>],
@@ -33,13 +32,17 @@ pub fn backed_off(
     for (shape, pose) in shapes.iter().zip(&mut apart) {
         let Some(Overlap { mut deepest, place, push }) = overlap(shape, pose, surface, places)
         else {
-            pose.translation.vector += way_out(shape, pose, mesh);
+            if let Some(place) = middle_inside(shape, pose, mesh) {
+                pose.translation.vector += lift(shape, pose, mesh, &outward(mesh, &place));
+            }
             continue;
         };
-        let Some(mut away) = (-push).try_normalize(0.0) else { continue };
-        if mesh.contains(&(place + away * (BESIDE * deepest))) {
-            away = outward(mesh, &place);
-        }
+        let normal = outward(mesh, &place);
+        let Some(away) = (-push).try_normalize(0.0).filter(|away| away.dot(&normal) >= STEEPEST)
+        else {
+            pose.translation.vector += lift(shape, pose, mesh, &normal);
+            continue;
+        };
         for _ in 0..STEPS {
             pose.translation.vector += away * deepest.max(1e-6);
             match overlap(shape, pose, surface, places) {
@@ -80,25 +83,28 @@ fn overlap(
     (found.deepest > 0.0).then_some(found)
 }
 
-/// Motion (m) along the body's normal that brings a shape with corners inside the body of `mesh` out of
-/// it; zero if there are none.
-fn way_out(shape: &Shape, pose: &Isometry3<f64>, mesh: &TetMesh) -> Vector3<f64> {
-    let Some(surface) = shape.surface(SEGMENTS) else { return Vector3::zeros() };
+/// Mean place of the corners of a shape that are inside the body of `mesh`, if there are any.
+fn middle_inside(shape: &Shape, pose: &Isometry3<f64>, mesh: &TetMesh) -> Option<Point3<f64>> {
+    let surface = shape.surface(SEGMENTS)?;
     let places = || mesh.vertices.iter().map(|place| place.coords);
     let low = places().fold(Vector3::repeat(f64::INFINITY), |low, place| low.inf(&place));
     let high = places().fold(Vector3::repeat(f64::NEG_INFINITY), |high, place| high.sup(&place));
     let is_near = |p: &Point3<f64>| (0..3).all(|i| low[i] <= p[i] && p[i] <= high[i]);
     let corners = surface.vertices().iter().map(|corner| pose * corner).filter(is_near);
     let inside: Vec<_> = corners.filter(|corner| mesh.contains(corner)).collect();
-    if inside.is_empty() {
-        return Vector3::zeros();
-    }
-    let middle = inside.iter().map(|corner| corner.coords).sum::<Vector3<f64>>();
-    let away = outward(mesh, &(middle / inside.len() as f64).into());
+    let sum = inside.iter().map(|corner| corner.coords).sum::<Vector3<f64>>();
+    (!inside.is_empty()).then(|| (sum / inside.len() as f64).into())
+}
+
+/// Motion (m) along `away` that brings all of a shape beyond the body of `mesh`; zero for a shape
+/// without a bounded surface.
+fn lift(shape: &Shape, pose: &Isometry3<f64>, mesh: &TetMesh, away: &Vector3<f64>) -> Vector3<f64> {
+    let Some(surface) = shape.surface(SEGMENTS) else { return Vector3::zeros() };
     let height = |place: &Point3<f64>| away.dot(&place.coords);
-    let lowest = inside.iter().map(height).fold(f64::INFINITY, f64::min);
-    let top = places().map(|place| away.dot(&place)).fold(f64::NEG_INFINITY, f64::max);
-    away * (top - lowest)
+    let corners = surface.vertices().iter().map(|corner| height(&(pose * corner)));
+    let lowest = corners.fold(f64::INFINITY, f64::min);
+    let top = mesh.vertices.iter().map(height).fold(f64::NEG_INFINITY, f64::max);
+    away * (top - lowest).max(0.0)
 }
 
 /// Unit normal of the body of `mesh` at its face nearest to `place`.

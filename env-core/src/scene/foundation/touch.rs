@@ -432,8 +432,9 @@ mod tests {
         shapes.push(Shape::Cuboid { half_extents: Vector3::new(0.02, 0.015, 0.001) });
         shapes.extend(Shape::kinds().iter().filter_map(|shape| shape.rounded(0.001).ok()));
         for shape in shapes.iter().map(Shape::sampled) {
-            let radius = shape.surface(32).unwrap().vertices().iter();
-            let radius = radius.map(|vertex| vertex.coords.norm()).fold(0.0, f64::max) * 1.01;
+            let surface = shape.surface(32).unwrap();
+            let lengths = surface.vertices().iter().map(|vertex| vertex.coords.norm());
+            let radius = 1.01 * lengths.fold(0.0, f64::max);
             let mut count = 0;
             for trial in 0..60 {
                 let mut draw = || rng.random_range(-1.0..1.0);
