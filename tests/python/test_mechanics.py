@@ -204,6 +204,22 @@ def test_a_small_ball_that_begins_buried_is_felt_as_if_led_down(model):
         assert abs(begun.wrench[2] - led.wrench[2]) < 0.05 * abs(led.wrench[2])
 
 
+@pytest.mark.parametrize("model", [Compliance, Fem])
+def test_a_block_with_round_edges_that_is_dragged_without_friction_comes_back(model):
+    """On its edges the force turns with the surface; Newton's method that does not know crawls."""
+    half, depth = np.array([3e-3, 2e-3, 2e-3]), 5e-4
+    down = [(1e-3, -1e-3, half[2] - part * depth) for part in (0.2, 0.4, 0.6, 0.8, 1.0)]
+    away = [(1e-3 + 1e-4 * x, -1e-3, half[2] - depth) for x in (1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)]
+    block = Shape.cuboid(half).rounded(5e-4)
+    solver = model(ruffini.sensor("gelsight-mini", resolution=1500))
+    answers = solver.solve_path(Press(block, [(place, (0, 0, 0, 1)) for place in down + away]))
+    assert all(isinstance(answer, ruffini.Deformation) for answer in answers), answers[-1]
+    before, after = answers[4], answers[-1]
+    size = np.linalg.norm(before.displacement)
+    assert np.linalg.norm(after.displacement - before.displacement) < 1e-3 * size
+    assert max(answer.iterations for answer in answers) <= 12
+
+
 @pytest.mark.parametrize("model", ["compliance", "cells", "network"])
 def test_a_press_deeper_than_the_gel_says_so(model):
     path = [((0, 0, 4e-3 - 1e-3 * depth), (0, 0, 0, 1)) for depth in (1, 3, 5)]

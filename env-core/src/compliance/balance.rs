@@ -190,12 +190,12 @@ impl Contact<'_> {
 
     /// Returns the state after one Newton step, or `None` if no acceptable step was found.
     fn advance(&mut self, offset: &[Vector3<f64>], at: &Trial) -> Option<Trial> {
-        let slips = at.touches.iter().any(|touch| self.coupling(touch).is_some());
-        for coupled in [true, false] {
-            if coupled && !slips {
+        let slips = at.touches.iter().any(|touch| self.is_free(touch));
+        for exact in [true, false] {
+            if exact && !slips {
                 continue;
             }
-            let forces = self.newton_forces(&at.touches, &at.excess, coupled)?;
+            let forces = self.newton_forces(&at.touches, &at.excess, exact)?;
             let displacement = self.respond(&forces);
             let step = NewtonStep { forces, displacement };
             let full = self.moved(at, &step, 1.0);
@@ -210,17 +210,22 @@ impl Contact<'_> {
         None
     }
 
-    fn coupling(&self, touch: &Touch) -> Option<Matrix3<f64>> {
+    /// Returns whether a touching point can move along the shape: it slips, or has no friction.
+    fn is_free(&self, touch: &Touch) -> bool {
         let point = &self.zone.surface[touch.point as usize];
-        Some(self.law.limit_coupling(point, touch)? * point.area)
+        self.law.friction == 0.0 || self.law.limit_coupling(point, touch).is_some()
     }
 
-    /// Stiffness of a touch (N/m); if `coupled`, the friction limit follows the depth.
-    fn hessian(&self, touch: &Touch, coupled: bool) -> Matrix3<f64> {
+    /// Stiffness of a touch (N/m). If `exact`, the friction limit follows the depth, and the normal
+    /// the curvature of the shape; energy may rise along the step of such a stiffness.
+    fn hessian(&self, touch: &Touch, exact: bool) -> Matrix3<f64> {
         let point = &self.zone.surface[touch.point as usize];
-        let hessian = self.law.hessian(point, touch, self.law.limit(point, touch)) * point.area;
-        let coupling = if coupled { self.coupling(touch) } else { None };
-        coupling.map_or(hessian, |coupling| hessian + coupling)
+        let mut hessian = self.law.hessian(point, touch, self.law.limit(point, touch));
+        if exact && self.is_free(touch) {
+            hessian += self.law.limit_coupling(point, touch).unwrap_or_default();
+            hessian += self.law.curvature_term(point, touch, &self.step.bend(touch, self.poses));
+        }
+        hessian * point.area
     }
 
     /// Free nodes that a touching point is interpolated from, with their weights.
@@ -236,11 +241,10 @@ impl Contact<'_> {
         &mut self,
         touches: &[Touch],
         excess: &[Vector3<f64>],
-        coupled: bool,
+        exact: bool,
     ) -> Option<Vec<Vector3<f64>>> {
-        let stiffness = |touch: &Touch| {
-            (&self.zone.surface[touch.point as usize], self.hessian(touch, coupled))
-        };
+        let stiffness =
+            |touch: &Touch| (&self.zone.surface[touch.point as usize], self.hessian(touch, exact));
         let touching: Vec<_> = touches.iter().map(stiffness).collect();
         self.newton.solve(self.condensed, self.zone, &touching, excess)
     }

@@ -141,15 +141,18 @@ impl ContactLaw {
         slips.then(|| -self.friction * k * along * touch.normal.transpose())
     }
 
-    /// Term that appears at a slipping point when the shape is curved, and that
-    /// [`ContactLaw::hessian`] leaves out: the derivative of minus the traction with respect to the
-    /// normal n, times ∂n/∂x (Pa/m). With s the slip, it is −k δ ∂n/∂x − μp/|s| ((1 − ŝ ⊗ ŝ) ∂n/∂x
-    /// (n·w) + n ⊗ ∂n/∂x s), where w leads from the sticking place to the point.
+    /// Term that appears at a point that slips, or has no friction, when the shape is curved, and
+    /// that [`ContactLaw::hessian`] leaves out: the derivative of minus the traction with respect to
+    /// the normal n, times ∂n/∂x (Pa/m). With s the slip, it is −k δ ∂n/∂x − μp/|s| ((1 − ŝ ⊗ ŝ)
+    /// ∂n/∂x (n·w) + n ⊗ ∂n/∂x s), where w leads from the sticking place to the point.
     pub fn curvature_term(&self, point: &SurfacePoint, touch: &Touch, bend: &Bend) -> Matrix3<f64> {
-        let (turn, along) = (&bend.turn, touch.slip.normalize());
+        let (turn, pressure) = (&bend.turn, self.stiffness(point) * touch.depth);
+        if self.friction == 0.0 {
+            return -pressure * turn;
+        }
+        let along = touch.slip.normalize();
         let across = turn - along * (along.transpose() * turn);
         let turned = across * bend.lift + touch.normal * (turn * touch.slip).transpose();
-        let pressure = self.stiffness(point) * touch.depth;
         -pressure * (turn + self.friction / touch.slip.norm() * turned)
     }
 
@@ -230,32 +233,36 @@ mod tests {
     }
 
     #[test]
-    fn curvature_completes_the_derivative_at_a_slipping_point_of_a_ball() {
+    fn curvature_completes_the_derivative_at_a_point_that_moves_along_a_ball() {
         let (surface, shapes) = ([point()], [Shape::Sphere { radius: 1e-3 }]);
         let stuck = Point3::new(0.0, 6e-4, 8e-4);
         let anchors = [Anchor { shape: 0, point: 0, place: stuck }];
         let poses = vec![Isometry3::identity()];
         let mut step = ContactStep::new(&shapes, &surface, poses.clone(), vec![stuck], &anchors);
         let place = Point3::from(Vector3::new(5e-5, 6e-4, 8e-4).normalize() * (1e-3 - 4e-7));
-        let mut touch = |place: Point3<f64>| step.touches(&poses, &[place])[0];
-        let (here, d) = (touch(place), 1e-10);
-        let mut traction = |place: Point3<f64>| {
-            let touch = touch(place);
-            let traction = LAW.traction(&surface[0], &touch, LAW.limit(&surface[0], &touch));
-            traction.normal + traction.tangential
-        };
-        let columns = [0, 1, 2].map(|i| {
-            let aside = Vector3::ith(i, d);
-            (traction(place - aside) - traction(place + aside)) / (2.0 * d)
-        });
-        let exact = Matrix3::from_columns(&columns);
-        let limit = LAW.limit(&surface[0], &here);
-        let flat = LAW.hessian(&surface[0], &here, limit)
-            + LAW.limit_coupling(&surface[0], &here).expect("the point slips");
-        let curved = flat + LAW.curvature_term(&surface[0], &here, &step.bend(&here, &poses));
-        let [without, with] = [flat, curved].map(|found| (found - exact).norm() / exact.norm());
-        // Rounding 1e-19 m over the step; the term is as large as depth over radius.
-        assert!(without > 1e-4 && with < 1e-7, "{with:.1e} off, {without:.1e} without the term");
+        let (here, d) = (step.touches(&poses, &[place])[0], 1e-10);
+        for law in [LAW, ContactLaw { friction: 0.0, ..LAW }] {
+            let mut traction = |place: Point3<f64>| {
+                let touch = step.touches(&poses, &[place])[0];
+                let traction = law.traction(&surface[0], &touch, law.limit(&surface[0], &touch));
+                traction.normal + traction.tangential
+            };
+            let columns = [0, 1, 2].map(|i| {
+                let aside = Vector3::ith(i, d);
+                (traction(place - aside) - traction(place + aside)) / (2.0 * d)
+            });
+            let exact = Matrix3::from_columns(&columns);
+            let limit = law.limit(&surface[0], &here);
+            let flat = law.hessian(&surface[0], &here, limit)
+                + law.limit_coupling(&surface[0], &here).unwrap_or_default();
+            let curved = flat + law.curvature_term(&surface[0], &here, &step.bend(&here, &poses));
+            let [without, with] = [flat, curved].map(|found| (found - exact).norm() / exact.norm());
+            // Rounding 1e-19 m over the step; the term is as large as depth over radius.
+            assert!(
+                without > 1e-4 && with < 1e-7,
+                "{with:.1e} off, {without:.1e} without the term"
+            );
+        }
     }
 
     #[test]

@@ -238,9 +238,14 @@ impl CondensedSystem<'_> {
         touches: &[Touch],
         mut rest: Col<f64>,
     ) -> Option<Col<f64>> {
-        let mut springs = self.system.curved_springs(touches, contact, self.poses);
-        springs.extend(self.held.iter().map(Spring::opposite));
-        DenseFactor::new(self.region, self.stiffness, &springs)?.solve(&mut rest);
+        let factor = |mut springs: Vec<Spring>| {
+            springs.extend(self.held.iter().map(Spring::opposite));
+            DenseFactor::new(self.region, self.stiffness, &springs)
+        };
+        // Without friction it may be that only the body on a flat shape is stable.
+        factor(self.system.curved_springs(touches, contact, self.poses))
+            .or_else(|| factor(self.system.springs(touches)))?
+            .solve(&mut rest);
         let finite = rest.iter().all(|x| x.is_finite());
         finite.then_some(rest)
     }

@@ -38,7 +38,7 @@ impl System {
     }
 
     /// Returns [`System::springs`] with the curvature of the shapes, which are at `poses`, where
-    /// points slip.
+    /// points slip or have no friction.
     pub(super) fn curved_springs(
         &self,
         touches: &[Touch],
@@ -46,8 +46,9 @@ impl System {
         poses: &[Isometry3<f64>],
     ) -> Vec<Spring> {
         let mut springs = self.springs(touches);
-        let slipping = springs.iter_mut().zip(touches).filter(|(spring, _)| !spring.symmetric);
-        for (spring, touch) in slipping {
+        let is_free = |spring: &Spring| !spring.symmetric || self.law.friction == 0.0;
+        let free = springs.iter_mut().zip(touches).filter(|(spring, _)| is_free(spring));
+        for (spring, touch) in free {
             let (point, bend) = (&self.surface[touch.point as usize], contact.bend(touch, poses));
             spring.stiffness += self.law.curvature_term(point, touch, &bend) * point.area;
         }
