@@ -166,9 +166,10 @@ A likely reason, which fits this but is not proved by it: gel rises beside the b
 and meets its side when it comes back. It is then pushed along, and cannot get below a corner at
 which the side ends at once; a real skin would slip round it.
 
-Rounded edges give it a slope to slip on. With 0.5 mm all that is solved comes back: the linear pad
+Rounded edges give it a slope to slip on. With 0.5 mm all models come back: the linear pad
 within {large[LinearPad]:100*.2f}, the network within {large[Surrogate]:100*.2f}, finite elements on
-780 nodes within {large[Fem p1-bar 800]:100*.2f} %. A radius of 0.1 mm, less than contact points lie
+780 nodes within {large[Fem p1-bar 800]:100*.2f} %, and on 1,292 within
+{large[Fem p1-bar 1500]:100*.2f} %. A radius of 0.1 mm, less than contact points lie
 apart, is enough for finite elements to come nearer, {small[Fem p1-bar 800]:100*.0f} and
 {small[Fem p1-bar 1500]:100*.0f} %, and does nothing for the linear pad. Coming back does not mean
 that all was well on the way: those loops take up to {loop_small[Fem p1-bar 1500]:100*.0f} % of the
