@@ -42,8 +42,8 @@ README = [
     ("6 %", "and 2 %", "unseen", "table / truth known to 5 % / network / stress / 0"),
     ("2 %", "It predicts", "unseen", "table / truth known to 5 % / network / force / 0"),
     ("100,000", "extreme presses", "stability", "presses"),
-    ("465", "to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
-    ("750", "steps a second", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
+    ("556", "to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
+    ("880", "steps a second", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
 ]
 """Figures of README: as they are written, a word near by, the report and the keys to them in it."""
 SPEEDS = {
