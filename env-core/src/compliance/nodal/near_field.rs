@@ -78,7 +78,7 @@ struct SampleRule {
 }
 
 /// Samples of the tetrahedra of a column, one after another.
-struct Samples {
+struct ColumnSamples {
     /// Places in plan and in depth (m).
     places: [Vec<f32>; 3],
     /// Strain of the interpolated displacement: xx, yy, zz, xy, xz and yz.
@@ -90,7 +90,7 @@ struct Samples {
 }
 
 /// Forces, and their places in blocks.
-struct Forces {
+struct PointForces {
     forces: Vec<PointForce>,
     places: Vec<[Lanes; 2]>,
 }
@@ -170,7 +170,7 @@ impl NearField {
         // Wide cells have squares of their own.
         let is_wide = side > f64::from(square);
         let merged = if is_wide { forces.to_vec() } else { merged(forces, square) };
-        let (forces, merged) = (Forces::new(forces.to_vec()), Forces::new(merged));
+        let (forces, merged) = (PointForces::new(forces.to_vec()), PointForces::new(merged));
         let (low, high) = forces.corners();
         let (mut near, mut squares) = (Vec::new(), Vec::new());
         let (mut samples, mut norms) = (self.samples(tets.max().unwrap_or(0)), Vec::new());
@@ -211,10 +211,10 @@ impl NearField {
     }
 
     /// Room for the most samples of a column of that many `tets`.
-    fn samples(&self, tets: usize) -> Samples {
+    fn samples(&self, tets: usize) -> ColumnSamples {
         let room = (tets * self.rules[MOST].count + TOGETHER).next_multiple_of(LANES);
         let [places, smooth] = [3, 6].map(|parts| vec![vec![0.0; room]; parts]);
-        Samples {
+        ColumnSamples {
             places: places.try_into().expect("three axes"),
             smooth: smooth.try_into().expect("six parts"),
             counts: Vec::new(),
@@ -230,7 +230,7 @@ impl NearField {
         forces: &[PointForce],
         along: usize,
         rest: &[[f32; 4]],
-        samples: &mut Samples,
+        samples: &mut ColumnSamples,
     ) {
         let [close, middle] = CLOSE.map(|spacings| (spacings * column.spacing).powi(2));
         let mut distances = vec![[0.0; LANES]; column.centres.blocks.len()];
@@ -328,7 +328,7 @@ impl SampleRule {
     }
 }
 
-impl Samples {
+impl ColumnSamples {
     /// Adds the samples of a tetrahedron with these `corners` and the `smooth` strain.
     #[inline(always)]
     fn add(&mut self, rule: &SampleRule, corners: &[[f32; 3]; 4], smooth: &[f32; 6]) {
@@ -374,7 +374,7 @@ impl Samples {
     }
 }
 
-impl Forces {
+impl PointForces {
     fn new(forces: Vec<PointForce>) -> Self {
         // Lanes without a force of their own are infinitely far away.
         let mut places = vec![[[f32::INFINITY; LANES]; 2]; forces.len().div_ceil(LANES)];

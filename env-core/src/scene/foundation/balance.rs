@@ -297,7 +297,9 @@ fn stiffness<const N: usize>(
     let mut stiffness = StiffnessMatrix::<N>::zeros();
     for pair in contacts.chunk_by(LoadedBristle::is_of_pair) {
         let mut sums = Sums::default();
-        pair.iter().for_each(|contact| sums.add(contact));
+        for contact in pair {
+            sums.add(contact);
+        }
         sums.spread(axis, pair[0].body, pair[0].finger, &mut stiffness);
     }
     stiffness
