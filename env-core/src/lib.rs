@@ -11,6 +11,7 @@ mod simd;
 
 pub mod error;
 pub mod interrupt;
+pub mod tensor_file;
 pub mod geometry;
 pub mod sensor;
 pub mod objects;

@@ -1,20 +1,15 @@
-//! Named arrays and a text, the card, as the bytes of a safetensors file.
+//! Named arrays and a text, the card, as the bytes of a [`TensorFile`].
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
 use numpy::{Element, PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::{
-    exceptions::PyValueError,
     prelude::*,
     types::{PyBytes, PyDict},
 };
-use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
+use ruffini_core::tensor_file::{Dtype, TensorFile, TensorView};
 
 use crate::mechanics::arrays::refused;
-
-/// Key of the card in the file's metadata. It is the only key, so that the bytes do not depend on
-/// the order of keys.
-const CARD: &str = "card";
 
 /// Reads the arrays (float32 or float64) by name, and the card, from the bytes of a safetensors
 /// file.
@@ -23,22 +18,17 @@ pub(crate) fn read_tensors<'py>(
     py: Python<'py>,
     data: &[u8],
 ) -> PyResult<(Bound<'py, PyDict>, String)> {
-    let damaged = |error: SafeTensorError| {
-        let found = format!("bytes of something else, or not all ({error})");
-        refused("data", found, "the whole bytes of a safetensors file")
-    };
-    let (_, metadata) = SafeTensors::read_metadata(data).map_err(damaged)?;
-    let card = metadata.metadata().as_ref().and_then(|texts| texts.get(CARD)).cloned();
-    let card = card.ok_or_else(|| refused("data", "no card", "one in the file's metadata"))?;
+    let file = TensorFile::read(data)
+        .map_err(|found| refused("data", found, "a whole file of tensors with their card"))?;
     let arrays = PyDict::new(py);
-    for (name, view) in SafeTensors::deserialize(data).map_err(damaged)?.iter() {
+    for (name, view) in file.tensors {
         match view.dtype() {
             Dtype::F32 => arrays.set_item(name, array(py, &view, f32::from_le_bytes)?)?,
             Dtype::F64 => arrays.set_item(name, array(py, &view, f64::from_le_bytes)?)?,
-            other => return Err(refused(name, format!("{other:?}"), "F32 or F64")),
+            other => return Err(refused(&name, format!("{other:?}"), "F32 or F64")),
         }
     }
-    Ok((arrays, card))
+    Ok((arrays, file.card))
 }
 
 /// Bytes of a safetensors file with these arrays (float32 or float64) and `card`.
@@ -58,16 +48,9 @@ pub(crate) fn write_tensors<'py>(
         } else {
             return Err(refused(name, array.dtype(), "float32 or float64"));
         };
-        parts.insert(name, (dtype, array.shape().to_vec(), bytes));
+        parts.insert(name.clone(), (dtype, array.shape().to_vec(), bytes));
     }
-    let views = parts.iter().map(|(name, (dtype, shape, bytes))| {
-        let view = TensorView::new(*dtype, shape.clone(), bytes);
-        (name, view.expect("as many bytes as the shape says"))
-    });
-    let metadata = HashMap::from([(CARD.to_owned(), card)]);
-    let whole = safetensors::serialize(views, Some(metadata));
-    let whole = whole.map_err(|error| PyValueError::new_err(error.to_string()))?;
-    Ok(PyBytes::new(py, &whole))
+    Ok(PyBytes::new(py, &TensorFile::to_bytes(parts, card)))
 }
 
 fn array<'py, T: Element, const N: usize>(

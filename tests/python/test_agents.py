@@ -142,7 +142,9 @@ def test_damaged_files_are_refused(tmp_path):
     whole, path = drawn().to_bytes(), tmp_path / "bad.safetensors"
     header = int.from_bytes(whole[:8], "little")
     huge = (2**63).to_bytes(8, "little")
-    for damaged in (b"", whole[:-1], whole[: header // 2], whole + b"0", huge + whole[8:]):
+    flipped = bytearray(whole)
+    flipped[header + 20] ^= 1  # a weight that is finite still
+    for damaged in (b"", whole[:-1], whole[: header // 2], whole + b"0", huge + whole[8:], flipped):
         path.write_bytes(damaged)
         with pytest.raises(ValueError, match=r"bad\.safetensors: data: found .*, expected"):
             load(path)

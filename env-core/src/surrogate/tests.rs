@@ -229,6 +229,9 @@ fn damaged_weights_are_named() {
     let good = SHIPPED;
     assert!(message(b"").contains("weights.safetensors"));
     assert!(message(&good[..good.len() - 4]).contains("weights.safetensors"));
+    let mut flipped = good.to_vec();
+    flipped[good.len() / 2] ^= 1;
+    assert!(message(&flipped).contains("SHA-256"));
     // A header that announces more bytes than there are allocates nothing.
     assert!(message(&[&u64::MAX.to_le_bytes()[..], b"{}"].concat()).contains("weights"));
     let (mut vectors, card): (_, weights::Card) = weights::from_bytes("pads", good).unwrap();

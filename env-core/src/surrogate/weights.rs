@@ -1,17 +1,16 @@
 //! Files of weights, each with a card that describes them.
 //!
-//! A file is safetensors; the card is JSON in its metadata. Files are not trusted: only files up to
-//! a size above that of any network here are read, and tensors must have the shapes that the card's
-//! network requires.
+//! A file is a [`TensorFile`]; the card is JSON. Files are not trusted: only files up to a size above
+//! that of any network here are read, and tensors must have the shapes that the card's network
+//! requires.
 
 use std::{
-    collections::{BTreeMap, BTreeSet, HashMap},
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::Path,
 };
 
 use nalgebra::Vector3;
-use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
@@ -26,6 +25,7 @@ use super::{
 use crate::{
     Error, Result,
     dataset::{Dataset, DatasetConfig, GelConfig, Split, sha256},
+    tensor_file::{Dtype, TensorFile},
 };
 
 /// Description of a network, its training data and its errors.
@@ -179,25 +179,15 @@ struct Form {
 
 /// Largest file that is read (bytes).
 pub(super) const MOST: u64 = 64 << 20;
-/// Metadata key of the card.
-const KEY: &str = "card";
 
 /// Serialises named tensors with `card`.
 pub(super) fn to_bytes(tensors: &Vectors, card: &impl Serialize) -> Vec<u8> {
-    let fields: BTreeMap<&str, (&[usize], Vec<u8>)> = tensors
-        .iter()
-        .map(|(name, (shape, values))| {
-            let bytes = values.iter().flat_map(|x| x.to_le_bytes()).collect();
-            (name.as_str(), (shape.as_slice(), bytes))
-        })
-        .collect();
-    let views = fields.iter().map(|(name, (shape, bytes))| {
-        let view = TensorView::new(Dtype::F32, shape.to_vec(), bytes);
-        (*name, view.expect("as many bytes as the shape says"))
-    });
+    let part = |(name, (shape, values)): (&String, &(Vec<usize>, Vec<f32>))| {
+        let bytes = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+        (name.clone(), (Dtype::F32, shape.clone(), bytes))
+    };
     let text = serde_json::to_string(card).expect("plain data");
-    let metadata = [(KEY.to_owned(), text)].into();
-    safetensors::serialize(views, Some(metadata)).expect("valid tensors")
+    TensorFile::to_bytes(tensors.iter().map(part).collect(), text)
 }
 
 /// Returns the kind of the weights in `bytes`, or an error that names `name` if it is none of those
@@ -223,7 +213,7 @@ pub(super) fn of_kind<C: NetworkCard>(name: &str, bytes: &[u8]) -> Result<(Vecto
 pub(super) fn from_bytes<C: DeserializeOwned>(name: &str, bytes: &[u8]) -> Result<(Vectors, C)> {
     let (file, card) = opened(name, bytes)?;
     let mut tensors = BTreeMap::new();
-    for (tensor, view) in file.tensors() {
+    for (tensor, view) in file.tensors {
         if view.dtype() != Dtype::F32 {
             let reason = format!("{tensor} is {:?}, expected F32", view.dtype());
             return Err(Error::file(name, reason));
@@ -240,23 +230,12 @@ pub(super) fn from_bytes<C: DeserializeOwned>(name: &str, bytes: &[u8]) -> Resul
 }
 
 /// Returns the file in `bytes`, whose tensors are not read yet, and its card.
-fn opened<'a, C: DeserializeOwned>(name: &str, bytes: &'a [u8]) -> Result<(SafeTensors<'a>, C)> {
+fn opened<'a, C: DeserializeOwned>(name: &str, bytes: &'a [u8]) -> Result<(TensorFile<'a>, C)> {
     let bad = |reason: String| Error::file(name, reason);
-    let file = SafeTensors::deserialize(bytes).map_err(|error| {
-        bad(format!("not a whole .safetensors file, expected weights of ruffini ({error})"))
-    })?;
-    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
-    let text = metadata.metadata().as_ref().and_then(|map| map.get(KEY));
-    let text = text.ok_or_else(|| bad(foreign(metadata.metadata().as_ref())))?;
-    let card = serde_json::from_str(text).map_err(|error| bad(format!("its card: {error}")))?;
+    let file = TensorFile::read(bytes)
+        .map_err(|found| bad(format!("{found}, expected weights of ruffini")))?;
+    let card = serde_json::from_str(&file.card).map_err(|e| bad(format!("its card: {e}")))?;
     Ok((file, card))
-}
-
-/// Describes a file of tensors without a card.
-fn foreign(metadata: Option<&HashMap<String, String>>) -> String {
-    let is_shard = metadata.as_ref().is_some_and(|texts| texts.contains_key("grasps"));
-    let found = if is_shard { "a shard of a dataset" } else { "no card" };
-    format!("{found} in it, expected weights of ruffini")
 }
 
 /// Reads a file, or returns an error if it is larger than [`MOST`].
