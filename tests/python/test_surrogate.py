@@ -10,10 +10,10 @@ import pytest
 
 import ruffini
 from ruffini import PaperNetwork, Press, PressError, Shape, SoftSurrogate, Surrogate, surrogate
+from ruffini._core import read_tensors
 from ruffini._trained_gels import SHIPPED
 from ruffini.commands import main
 
-safetensors = pytest.importorskip("safetensors.numpy")
 SQUEEZES = Path(__file__).parents[1] / "reference/squeezes"
 UPRIGHT = (0, 0, 0, 1)
 GEL = {"sensor": "gelsight-mini", "young": 3e5, "poisson": 0.47, "friction": 0.8, "share": 1.0}
@@ -270,7 +270,7 @@ def test_every_variant_is_stopped_resumed_to_the_bit_and_loaded(data, tmp_path, 
         surrogate.train(data, tmp_path, split="known-63")
     assert train(tmp_path) is not None and train(tmp_path / "straight") is not None
     files = [tmp_path / part / "weights.safetensors" for part in (".", "straight")]
-    resumed, straight = map(safetensors.load_file, files)
+    resumed, straight = (read_tensors(file.read_bytes())[0] for file in files)
     assert resumed.keys() == straight.keys()
     for name, weights in straight.items():
         np.testing.assert_array_equal(resumed[name], weights, err_msg=name)

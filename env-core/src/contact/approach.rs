@@ -38,8 +38,11 @@ pub fn backed_off(
             continue;
         };
         let normal = outward(mesh, &place);
-        let Some(away) = (-push).try_normalize(0.0).filter(|away| away.dot(&normal) >= STEEPEST)
-        else {
+        // A half-space has no widest part.
+        let is_from_outside = |away: &Vector3<f64>| {
+            away.dot(&normal) >= STEEPEST || matches!(shape, Shape::HalfSpace)
+        };
+        let Some(away) = (-push).try_normalize(0.0).filter(is_from_outside) else {
             pose.translation.vector += lift(shape, pose, mesh, &normal);
             continue;
         };

@@ -242,7 +242,7 @@ impl CondensedSystem<'_> {
             springs.extend(self.held.iter().map(Spring::opposite));
             DenseFactor::new(self.region, self.stiffness, &springs)
         };
-        // Without friction it may be that only the body on a flat shape is stable.
+        // Where the curvature makes it unstable, it is solved as if the shape were flat.
         factor(self.system.curved_springs(touches, contact, self.poses))
             .or_else(|| factor(self.system.springs(touches)))?
             .solve(&mut rest);
