@@ -35,7 +35,7 @@ LONGEST = 600.0
 FIGURES = {
     "one core (steps/s)": ("processes / 1", ",.0f", 1),
     "efficiency of all cores, a process each": ("efficiency / processes", ".0f", 100),
-    "efficiency of a thread on each core, 64 environments": ("efficiency / threads", ".0f", 100),
+    "efficiency of all cores, a thread each": ("efficiency / threads", ".0f", 100),
     "10⁸ steps (core hours)": ("core_hours", ".1f", 1),
     "10⁸ steps, 2 cores (h)": ("hours / 2", ".1f", 1),
     "10⁸ steps, 64 cores (h)": ("hours / 64", ".2f", 1),
