@@ -190,9 +190,9 @@ impl Contact<'_> {
 
     /// Returns the state after one Newton step, or `None` if no acceptable step was found.
     fn advance(&mut self, offset: &[Vector3<f64>], at: &Trial) -> Option<Trial> {
-        let slips = at.touches.iter().any(|touch| self.is_free(touch));
+        let some_are_free = at.touches.iter().any(|touch| self.is_free(touch));
         for exact in [true, false] {
-            if exact && !slips {
+            if exact && !some_are_free {
                 continue;
             }
             let forces = self.newton_forces(&at.touches, &at.excess, exact)?;
