@@ -22,7 +22,7 @@ use crate::{
     contact::between,
     deformation::{Deformation, History, Law, Moduli, Press, SoftBody},
     fem::{Carrier, Fem, FemOptions},
-    geometry::{PadMesh, Shape},
+    geometry::{PadMesh, Shape, Transfer},
     sensor::Sensor,
 };
 
@@ -33,7 +33,7 @@ const PATIENCE: usize = 40;
 const STRONGEST: f64 = 17.0;
 /// Nodes of the finite elements from which the influence of the pad's sides on finely resolved
 /// contact is taken.
-const ELEMENTS: usize = 2000;
+const ELEMENTS: usize = 4000;
 /// Points along each side of a touching cell over which its force is spread: closer than the nodes of
 /// the finest mesh.
 const POINTS: u32 = 3;
@@ -54,12 +54,14 @@ impl PressedPad {
         let sensor = Sensor::named(&gel.sensor)?;
         let model = sensor.pad(nodes)?;
         let contact = || -> Result<_> {
-            let pad = sensor.pad(ELEMENTS)?;
+            let pad = PadMesh::towards_sides(&sensor.outline, ELEMENTS)?;
             let moduli = Moduli { young: gel.young, poisson: gel.poisson };
             let body = SoftBody::new(pad.mesh.clone(), Law::Linear, moduli, &pad.base)?;
             let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
             let (compliance, fine) = (Compliance::new(body, options)?, ContactResolution::FINE);
-            let (meshes, sides) = ((&pad, &model), compliance.side_responses(&pad)?);
+            let sides = compliance.side_responses(&pad, &sensor.outline)?;
+            let transfer = Transfer::new(&pad.mesh, &model.mesh)?;
+            let meshes = (&pad, &model, &transfer);
             Ok(LayeredPad::new(&compliance, &sensor.outline, meshes, fine, &sides))
         };
         let contact = fine.then(contact).transpose()?;

@@ -9,7 +9,7 @@
 //! of the face. Spacing is constant in the contact zone and grows linearly with the distance from
 //! it: with the density 1/h(s), nodes stand at equal steps of N(s) = ∫ ds / h(s).
 
-use nalgebra::Point3;
+use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::TetMesh;
@@ -114,6 +114,25 @@ impl PadOutline {
         let crown = sagitta(x, self.radius_across) + sagitta(y, self.radius_along);
         -crown - sagitta(over, self.rim_radius)
     }
+
+    /// Rotation by the shortest way from the z axis to the outward normal of the face at (x, y).
+    pub fn tilt(&self, x: f64, y: f64) -> Matrix3<f64> {
+        let beyond = |p: f64, extent: f64| {
+            let beyond = (p.abs() - (0.5 * extent - self.rim_width)).max(0.0);
+            beyond.copysign(p)
+        };
+        let [over_x, over_y] = [beyond(x, self.width), beyond(y, self.length)];
+        let over = over_x.hypot(over_y);
+        let on_rim = over > 0.0 && over <= self.rim_width;
+        let by_rim = if on_rim { steepness(over, self.rim_radius) / over } else { 0.0 };
+        let rise = [
+            steepness(x, self.radius_across) + by_rim * over_x,
+            steepness(y, self.radius_along) + by_rim * over_y,
+        ];
+        let [nx, ny, nz] = Vector3::new(rise[0], rise[1], 1.0).normalize().into();
+        let [xx, xy, yy] = [nx * nx, nx * ny, ny * ny].map(|product| product / (1.0 + nz));
+        Matrix3::new(1.0 - xx, -xy, nx, -xy, 1.0 - yy, ny, -nx, -ny, nz)
+    }
 }
 
 /// Drop of a circle of `radius` at `p` from its top: r − √(r² − p²) without cancellation.
@@ -122,6 +141,15 @@ fn sagitta(p: f64, radius: f64) -> f64 {
         return 0.0;
     }
     p * p / (radius + (radius * radius - p * p).max(0.0).sqrt())
+}
+
+/// Derivative of [`sagitta`] by `p`.
+fn steepness(p: f64, radius: f64) -> f64 {
+    if p == 0.0 || radius.is_infinite() {
+        return 0.0;
+    }
+    // The end of a quarter of a circle is upright.
+    p / (radius * radius - p * p).max(1e-6 * radius * radius).sqrt()
 }
 
 impl Grading {
@@ -274,14 +302,23 @@ impl PadMesh {
             return Err(Error::invalid("nodes", nodes, expected));
         }
         let outline = outline.validated()?;
-        let fits = |h: f64| node_count(&outline, &Grading::central(&outline, h)) <= nodes as f64;
-        // The count falls in steps as the spacing grows: halve the interval down to one step.
-        let (mut fine, mut coarse) = (1e-3 * outline.thickness, outline.length.max(outline.width));
-        while coarse > fine * (1.0 + 1e-6) {
-            let middle = (fine * coarse).sqrt();
-            *(if fits(middle) { &mut coarse } else { &mut fine }) = middle;
-        }
-        Self::new(&outline, &Grading::central(&outline, coarse))
+        Self::new(&outline, &finest(&outline, nodes, |h| Grading::central(&outline, h)))
+    }
+
+    /// Returns the finest mesh of at most `nodes` nodes that is finest at the sides, as far as 0.7
+    /// thicknesses from them: for the influence of the sides, which is smooth in the middle.
+    pub fn towards_sides(outline: &PadOutline, nodes: usize) -> Result<Self> {
+        let outline = outline.validated()?;
+        let (near, depth) = (0.7 * outline.thickness, 0.25 * outline.thickness);
+        let graded = |spacing| Grading { spacing, zone: [near, near, depth], growth: 0.3 };
+        let grading = finest(&outline, nodes, graded);
+        let inwards = |axis: usize, half: f64| {
+            let from_side = grading.positions(axis, half);
+            mirrored(&from_side.iter().rev().map(|p| half - p).collect::<Vec<_>>())
+        };
+        let (across, along) = (inwards(0, 0.5 * outline.width), inwards(1, 0.5 * outline.length));
+        let down = grading.positions(2, outline.thickness);
+        Self::of_positions([&across, &along, &down], |x, y| outline.height(x, y))
     }
 
     /// Height of the apex above the base (m).
@@ -298,6 +335,18 @@ impl PadMesh {
     pub fn cell(&self, tet: u32) -> u32 {
         tet / 6
     }
+}
+
+/// The finest of the gradings by spacing (m) whose mesh has at most `nodes` nodes.
+fn finest(outline: &PadOutline, nodes: usize, graded: impl Fn(f64) -> Grading) -> Grading {
+    let fits = |h: f64| node_count(outline, &graded(h)) <= nodes as f64;
+    // The count falls in steps as the spacing grows: halve the interval down to one step.
+    let (mut fine, mut coarse) = (1e-3 * outline.thickness, outline.length.max(outline.width));
+    while coarse > fine * (1.0 + 1e-6) {
+        let middle = (fine * coarse).sqrt();
+        *(if fits(middle) { &mut coarse } else { &mut fine }) = middle;
+    }
+    graded(coarse)
 }
 
 fn node_count(outline: &PadOutline, grading: &Grading) -> f64 {

@@ -6,10 +6,7 @@
 
 use nalgebra::Vector3;
 
-use crate::{
-    compliance::nodal::{FaceResponses, Nodal},
-    responses::Responses,
-};
+use crate::responses::Responses;
 
 /// The matrix.
 pub(super) struct Extension {
@@ -21,17 +18,11 @@ pub(super) struct Extension {
 }
 
 impl Extension {
-    /// Computes the matrix for forces on the contact nodes of `nodal`, whose displacement by `responses`
-    /// under a unit force on a node along an axis is converted by `carry` to the numbers of the target
-    /// mesh (D). Runs on the calling thread alone: a pool thread that waited for others could be given
-    /// a press that waits for this matrix.
-    pub(super) fn new(
-        nodal: &Nodal,
-        responses: &FaceResponses,
-        carry: impl Fn(&[Vector3<f64>], [usize; 2]) -> Vec<f64>,
-    ) -> Self {
-        let answers = nodal.unit_responses(responses, carry);
-        let size = answers.first().map_or(0, Vec::len);
+    /// Takes the displacement of `size` numbers D under a unit force on each node along each axis (3C),
+    /// of which trailing zeros may be left out. Runs on the calling thread alone: a pool thread that
+    /// waited for others could be given a press that waits for this matrix.
+    pub(super) fn new(answers: impl Iterator<Item = Vec<f64>>, size: usize) -> Self {
+        let answers: Vec<_> = answers.collect();
         let moved = |answer: &Vec<f64>| answer.iter().rposition(|u| *u != 0.0);
         let free = answers.iter().filter_map(moved).max().map_or(0, |last| last + 1);
         let mut columns = Responses::new(free);

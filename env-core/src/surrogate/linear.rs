@@ -105,18 +105,16 @@ impl LinearBaseline {
         model: &PadMesh,
         resolution: ContactResolution,
     ) -> Result<Self> {
-        let fine = sensor.pad(nodes)?;
+        let fine = PadMesh::towards_sides(&sensor.outline, nodes)?;
         let transfer = Transfer::new(&fine.mesh, &model.mesh)?;
         let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
         let compliance = Compliance::new(body(&fine, gel.moduli)?, options)?;
         let nodal = compliance.at_coarse_nodes(&fine, model)?;
-        let (pads, sides) = ((&fine, model), compliance.side_responses(&fine)?);
+        let sides = compliance.side_responses(&fine, &sensor.outline)?;
+        let pads = (&fine, model, &transfer);
         let layered = LayeredPad::new(&compliance, &sensor.outline, pads, resolution, &sides);
-        let extension = Extension::new(&nodal, &sides, |u, force| {
-            let mut moved = transfer.interpolate(u);
-            layered.add_layer(force, &mut moved);
-            flat(&moved)
-        });
+        let size = 3 * model.mesh.vertices.len();
+        let extension = Extension::new(layered.unit_responses().map(|u| flat(&u)), size);
         let stress = OnceLock::new();
         Ok(Self { layered, compliance, nodal, extension, fine, transfer, stress })
     }
@@ -197,10 +195,12 @@ impl Stress {
     fn new(linear: &LinearBaseline, transfer: &Transfer) -> Self {
         let elements = PadStress::new(&linear.fine, 1.0);
         let responses = linear.compliance.face_responses(&linear.fine);
-        let extension = Extension::new(&linear.nodal, &responses, |u, _| {
+        let stress = linear.nodal.unit_responses(&responses, |u| {
             let u: Vec<[f64; 3]> = u.iter().map(|&u| u.into()).collect();
             elements.arranged(&u)
         });
+        let size = stress.first().map_or(0, Vec::len);
+        let extension = Extension::new(stress.into_iter(), size);
         let share = |&(tet, share): &(u32, f64)| (elements.places()[tet as usize], share as f32);
         let shares: Vec<_> =
             transfer.parts().map(|parts| parts.iter().map(share).collect()).collect();

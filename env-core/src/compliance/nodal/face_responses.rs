@@ -12,7 +12,7 @@ use crate::{
     compliance::Compliance,
     deformation::{Law, SoftBody},
     fem::Linearised,
-    geometry::PadMesh,
+    geometry::{PadMesh, PadOutline},
 };
 
 /// Distance in thicknesses as far as the layer goes on beyond the sides of the pad.
@@ -34,16 +34,16 @@ impl Compliance {
     }
 
     /// Influence of the sides and the curved face of the `pad`, whose mesh is that of the body: its
-    /// responses less those of a flat layer without sides that has the same nodes in plan and depth.
-    /// Both have the same error of the mesh. Returns an error if the layer cannot be meshed.
-    pub fn side_responses(&self, pad: &PadMesh) -> Result<FaceResponses> {
+    /// responses less those of a flat layer without sides that has the same nodes in plan and depth,
+    /// turned with the face. Both have the same error of the mesh. Returns an error if the layer cannot be meshed.
+    pub fn side_responses(&self, pad: &PadMesh, outline: &PadOutline) -> Result<FaceResponses> {
         let (layer, nodes) = pad.as_layer(BEYOND * pad.thickness())?;
         let moduli = self.body().moduli()[0];
         let body = SoftBody::new(layer.mesh, Law::Linear, moduli, &layer.base)?;
         let of_layer =
             FaceResponses::new(&Linearised::new(&body)?, pad, |node| nodes[node as usize]);
         let mut sides = self.face_responses(pad);
-        sides.rows.iter_mut().zip(of_layer.rows).for_each(|(u, by_layer)| *u -= by_layer);
+        sides.subtract_tilted(&of_layer, pad, outline);
         Ok(sides)
     }
 }
@@ -59,6 +59,28 @@ impl FaceResponses {
         let free: Vec<_> = (0..(nx * ny * (nz - 1)) as u32).map(place).collect();
         let rows = elements.unit_responses(&quarter, &free, &mut elements.workspace());
         Self { nodes, rows: rows.as_chunks::<3>().0.iter().map(|&u| u.into()).collect() }
+    }
+
+    /// Subtracts the responses of a layer to forces that are turned with the face of the `pad`, and
+    /// turned so themselves.
+    fn subtract_tilted(&mut self, layer: &Self, pad: &PadMesh, outline: &PadOutline) {
+        let [nx, ny, nz] = self.nodes;
+        let (half, free, plane) = (nx.div_ceil(2), nx * ny * (nz - 1), nx * ny);
+        let tilt = |&node: &u32| {
+            let place = pad.mesh.vertices[node as usize];
+            outline.tilt(place.x, place.y)
+        };
+        let tilts: Vec<_> = pad.face.iter().map(tilt).collect();
+        for (number, rows) in self.rows.chunks_exact_mut(3 * free).enumerate() {
+            let loaded = &tilts[number / half * nx + number % half];
+            let by_layer = &layer.rows[3 * number * free..];
+            for (axis, row) in rows.chunks_exact_mut(free).enumerate() {
+                for (node, u) in row.iter_mut().enumerate() {
+                    let part = |i: usize| by_layer[i * free + node] * loaded[(axis, i)];
+                    *u -= tilts[node % plane] * (part(0) + part(1) + part(2));
+                }
+            }
+        }
     }
 
     /// Displacement (V) in m under forces (N) on some nodes of the face.

@@ -2,7 +2,8 @@
 //! before.
 //!
 //! The pad is a bonded elastic layer ([`LayerKernel`]) but for its sides, whose influence
-//! ([`SideCompliance`]) is interpolated between the centres of the cells of the first grid.
+//! ([`SideCompliance`]) is interpolated between the centres of the cells of the first grid. Where its
+//! face is inclined, forces and displacements turn with it.
 //!
 //! Shapes: M cells of a grid.
 
@@ -14,7 +15,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
     face_responses::FaceResponses,
-    kernel::{Columns, LayerKernel, Table},
+    kernel::{LayerKernel, Table, matrix},
     side_compliance::{FirstGrid, SideCompliance},
 };
 use crate::{
@@ -156,6 +157,17 @@ impl CellGrid {
         Vector3::new(-dx, -dy, 2.0 * STEP).normalize()
     }
 
+    /// Rotation from the frame of the layer under a cell, whose z axis is the normal of the face, to
+    /// that of the pad.
+    pub(super) fn tilt(&self, rank: u32) -> Matrix3<f64> {
+        self.tilt_at(&self.place(rank))
+    }
+
+    /// The same under a point of the face.
+    pub(super) fn tilt_at(&self, point: &Point3<f64>) -> Matrix3<f64> {
+        self.cells.first.outline.tilt(point.x, point.y)
+    }
+
     /// Cell of the grid before that this cell is a quarter of.
     pub(super) fn parent(&self, rank: u32) -> u32 {
         let [i, j] = self.cell(rank);
@@ -207,26 +219,26 @@ impl CellGrid {
     pub(super) fn at_point(&self, loaded: u32, point: &Point3<f64>) -> Matrix3<f32> {
         let (centre, sides) = (self.place(loaded), self.sides());
         let away = [(point.x - centre.x) / sides[0], (point.y - centre.y) / sides[1]];
-        self.layer().between(away.map(|cells| cells as f32))
+        let [from, to] = [&centre, point].map(|point| self.tilt_at(point).cast::<f32>());
+        to * self.layer().between(away.map(|cells| cells as f32)) * from.transpose()
     }
 
     /// Displacement of the cells under unit forces on each of them, if this is the first grid.
     pub(super) fn responses(&self) -> Responses {
         let count = self.len() as u32;
         let mut all = Responses::new(3 * count as usize);
+        let tilts: Vec<Matrix3<f32>> = (0..count).map(|cell| self.tilt(cell).cast()).collect();
         for loaded in 0..count {
-            let from = self.cell(loaded);
+            let (from, tilt) = (self.cell(loaded), tilts[loaded as usize].transpose());
             let response = |at: u32| {
                 let to = self.cell(at);
-                let mut sum = self.layer().at([to[0] - from[0], to[1] - from[1]]);
-                let by_edges = self.edges().block(loaded, at);
-                sum.iter_mut().zip(by_edges).for_each(|(sum, c)| *sum += c);
-                sum
+                let by_layer = matrix(&self.layer().at([to[0] - from[0], to[1] - from[1]]));
+                tilts[at as usize] * by_layer * tilt + matrix(&self.edges().block(loaded, at))
             };
-            let columns: Vec<_> = (0..count).map(response).collect();
+            let blocks: Vec<_> = (0..count).map(response).collect();
             for axis in 0..3 {
-                let part = |columns: &Columns| [0, 1, 2].map(|i| f64::from(columns[4 * axis + i]));
-                all.push(columns.iter().flat_map(part));
+                let part = |block: &Matrix3<f32>| <[f32; 3]>::from(block.column(axis));
+                all.push(blocks.iter().flat_map(part).map(f64::from));
             }
         }
         all
@@ -265,11 +277,13 @@ impl CellGrid {
             }
         }
         let by_edges = self.edges().field(&around);
-        let loaded: Vec<_> =
-            forces.iter().map(|(rank, f)| (self.cell(*rank), f.cast::<f32>().into())).collect();
+        let in_layer = |(rank, force): &(u32, Vector3<f64>)| {
+            (self.cell(*rank), self.tilt(*rank).tr_mul(force).cast::<f32>().into())
+        };
+        let loaded: Vec<_> = forces.iter().map(in_layer).collect();
         move |rank| {
-            let mut sum =
-                Vector3::<f32>::from(self.layer().sum(self.cell(rank), &loaded)).cast::<f64>();
+            let by_layer = Vector3::<f32>::from(self.layer().sum(self.cell(rank), &loaded));
+            let mut sum = self.tilt(rank) * by_layer.cast::<f64>();
             if !loaded.is_empty() {
                 for (to, share) in self.around(rank) {
                     let by_edges: [f32; 3] = std::array::from_fn(|i| by_edges[3 * to as usize + i]);

@@ -22,6 +22,7 @@ use super::{
     near_field::NearField,
     patch::NodalScratch,
     resolution::ContactResolution,
+    side_field::SideField,
     state::ContactSolution,
 };
 use crate::{
@@ -29,7 +30,7 @@ use crate::{
     compliance::Compliance,
     contact::{Backing, ContactLaw},
     deformation::Press,
-    geometry::{PadMesh, PadOutline},
+    geometry::{PadMesh, PadOutline, Transfer},
     simd::{LANES, add_rows, vectorised},
 };
 
@@ -83,11 +84,11 @@ pub struct NodeContact {
 impl LayeredPad {
     /// Builds the model of the pad of `outline` from its `compliance` on a `fine` mesh, for fields
     /// on a `model` mesh, with contact at the `resolution`. The influence of its `sides` is that on the
-    /// fine mesh ([`Compliance::side_responses`]).
+    /// fine mesh ([`Compliance::side_responses`]), from which `transfer` leads to the model mesh.
     pub fn new(
         compliance: &Compliance,
         outline: &PadOutline,
-        (fine, model): (&PadMesh, &PadMesh),
+        (fine, model, transfer): (&PadMesh, &PadMesh, &Transfer),
         resolution: ContactResolution,
         sides: &FaceResponses,
     ) -> Self {
@@ -109,7 +110,8 @@ impl LayeredPad {
         let plane = |depth: &f64| PlaneKernel::new(*depth, outline.thickness, moduli);
         let below = depths[1..layers].iter().map(plane).collect();
         let near_field = Arc::new(NearField::new(model, &depths, moduli));
-        let model = Arc::new(ModelFace::new(model, below, &CellGrid::new(&cells, 1)));
+        let side_field = SideField::new(sides, fine, transfer, layers * model.face.len());
+        let model = Arc::new(ModelFace::new(model, below, side_field, &CellGrid::new(&cells, 1)));
         let known = levels.iter().take(KEPT).map(|nodes| {
             let grid = nodes.grid().expect("levels are grids");
             (0..grid.len() as u32).map(|cell| Known::new(&model, grid, cell)).collect()
@@ -186,16 +188,17 @@ impl LayeredPad {
         self.grid(settled).area().sqrt()
     }
 
-    /// Adds to the displacement of the model mesh's nodes (m) that the sides change under a unit force
-    /// along `axis` around node `loaded` of the face that by the layer.
-    pub fn add_layer(&self, [loaded, axis]: [usize; 2], displacement: &mut [Vector3<f64>]) {
+    /// Displacement (m/N) of the model mesh's free nodes under a unit force along each axis around
+    /// each node of its face, by the node and the axis.
+    pub fn unit_responses(&self) -> impl Iterator<Item = Vec<Vector3<f64>>> {
         let count = self.model.nodes.len();
-        let layers = displacement.chunks_exact_mut(count);
-        for (between, moved) in self.model.between.iter().zip(layers) {
-            for (by_layer, moved) in between[loaded * count..].iter().zip(moved) {
-                *moved += Vector3::from(by_layer.column(axis)).cast::<f64>();
-            }
-        }
+        let response = move |i: usize| {
+            let [loaded, axis] = [i / 3, i % 3];
+            let rows =
+                self.model.between.iter().flat_map(move |rows| &rows[loaded * count..][..count]);
+            rows.map(|block| Vector3::from(block.column(axis)).cast()).collect()
+        };
+        (0..3 * count).map(response)
     }
 
     /// Adds to the displacement of nodes (m) near the contact under tractions around the face nodes
@@ -302,7 +305,7 @@ mod tests {
     use super::*;
     use crate::{
         compliance::ComplianceOptions,
-        compliance::nodal::near_field::LIFT,
+        compliance::nodal::{model_face::SPREAD, near_field::LIFT},
         deformation::{Law, Moduli, SoftBody},
         geometry::{Shape, sample_shares},
         sensor::Sensor,
@@ -316,8 +319,9 @@ mod tests {
         let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
         let compliance = Compliance::new(body, options).unwrap();
         let fast = ContactResolution::FAST;
-        let sides = compliance.side_responses(&pad).unwrap();
-        LayeredPad::new(&compliance, &sensor.outline, (&pad, &pad), fast, &sides)
+        let sides = compliance.side_responses(&pad, &sensor.outline).unwrap();
+        let same = Transfer::new(&pad.mesh, &pad.mesh).unwrap();
+        LayeredPad::new(&compliance, &sensor.outline, (&pad, &pad, &same), fast, &sides)
     }
 
     #[test]
@@ -404,7 +408,7 @@ mod tests {
     }
 
     /// Displacement (m) of a node of a free layer of the model mesh under the forces on all cells, by
-    /// the elastic layer.
+    /// the elastic layer and the sides.
     fn under_cells(
         layered: &LayeredPad,
         settled: &ContactSolution,
@@ -416,10 +420,21 @@ mod tests {
             let from = grid.place(*cell);
             match layer {
                 0 => grid.at_point(*cell, at).cast::<f64>() * force,
-                _ => model.below[layer - 1].at(at.x - from.x, at.y - from.y) * force,
+                _ => {
+                    let in_layer = grid.tilt(*cell).tr_mul(force);
+                    let away = at - from;
+                    grid.tilt_at(at) * (model.below[layer - 1].at(away.x, away.y) * in_layer)
+                }
             }
         };
-        settled.forces.iter().map(by_cell).sum()
+        let by_sides = |(point, force): &(Point3<f64>, Vector3<f64>)| {
+            let row = |from: usize| model.sides.row(node)[layer * model.nodes.len() + node];
+            let around = model.sides.around(point);
+            around.map(|(from, share)| row(from).cast::<f64>() * force * share).into_iter().sum()
+        };
+        let points = layered.point_forces(settled, SPREAD);
+        settled.forces.iter().map(by_cell).sum::<Vector3<f64>>()
+            + points.iter().map(by_sides).sum::<Vector3<f64>>()
     }
 
     /// Displacement (m) times 4πμ at `away` from a `force` on a half-space, as Johnson (1985,
@@ -533,13 +548,12 @@ mod tests {
                 .map(|(node, c)| (*node as usize, c.force))
                 .collect();
             assert!(forces.len() > 3, "{} nodes bear some", forces.len());
-            // What the sides change is left out.
             let count = layered.model.nodes.len();
             let mut found = vec![Vector3::zeros(); layered.model.between.len() * count];
+            let units: Vec<_> = layered.unit_responses().collect();
             for (node, force) in &forces {
                 for axis in 0..3 {
-                    let mut unit = vec![Vector3::zeros(); found.len()];
-                    layered.add_layer([*node, axis], &mut unit);
+                    let unit = &units[3 * node + axis];
                     found.iter_mut().zip(unit).for_each(|(sum, u)| *sum += u * force[axis]);
                 }
             }

@@ -27,6 +27,7 @@ mod patch;
 mod resolution;
 mod settle;
 mod side_compliance;
+mod side_field;
 mod spots;
 mod state;
 
@@ -65,12 +66,12 @@ impl Nodal {
     }
 
     /// Applies `carry` to the displacement of all nodes (V) in m that `responses` give for a unit force
-    /// on each contact node along each axis (3M), and to that node and axis. Forces on contact nodes
-    /// must be distributed to the face alone.
+    /// on each contact node along each axis (3M). Forces on contact nodes must be distributed to the
+    /// face alone.
     pub(crate) fn unit_responses<T>(
         &self,
         responses: &FaceResponses,
-        carry: impl Fn(&[Vector3<f64>], [usize; 2]) -> T,
+        carry: impl Fn(&[Vector3<f64>]) -> T,
     ) -> Vec<T> {
         let ContactNodes { condensed, loads, .. } = &*self.nodes;
         let answer = |i: usize| {
@@ -79,7 +80,7 @@ impl Nodal {
                 (condensed.skin[rank as usize], Vector3::ith(axis, share))
             };
             let loads: Vec<_> = loads[node].iter().map(load).collect();
-            carry(&responses.displacement(&loads), [node, axis])
+            carry(&responses.displacement(&loads))
         };
         (0..3 * loads.len()).map(answer).collect()
     }

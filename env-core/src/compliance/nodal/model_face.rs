@@ -1,13 +1,16 @@
-//! Face of the mesh on which fields are output, and its displacement by the elastic layer.
+//! Face of the mesh on which fields are output, and its displacement by the elastic layer and the
+//! sides.
 //!
 //! Forces on cells are spread as tractions around the nodes of the face, between which displacement
 //! is known in advance; near a cell, the displacement by the force on the cell itself takes its place.
 //!
 //! Shapes: C nodes a layer.
 
-use nalgebra::{Matrix3, Point3};
+use std::collections::BTreeMap;
 
-use super::{grid::CellGrid, kernel::PlaneKernel};
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::{grid::CellGrid, kernel::PlaneKernel, side_field::SideField};
 use crate::{
     geometry::{PadMesh, plan_shares},
     simd::{LANES, vectorised},
@@ -16,6 +19,8 @@ use crate::{
 /// Distance in plan from a cell up to which nodes are displaced by the force on the cell itself,
 /// and not by tractions around face nodes, in spacings of the nodes.
 const NEAR: f64 = 3.5;
+/// Points along each side of a cell over which a force is spread, where the sides are concerned.
+pub(super) const SPREAD: u32 = 2;
 /// Squares of the plan along each axis.
 const SQUARES: usize = 48;
 
@@ -34,6 +39,10 @@ pub(super) struct NearNodes {
 pub(super) struct ModelFace {
     /// Nodes of the face (C).
     pub(super) nodes: Vec<Point3<f64>>,
+    /// Rotations from the frames of the layer under the nodes to that of the pad (C).
+    tilts: Vec<Matrix3<f32>>,
+    /// What the sides change.
+    pub(super) sides: SideField,
     triangles: Vec<[u32; 3]>,
     /// Triangles that a square of the plan may touch, row after row along y.
     squares: Vec<Vec<u32>>,
@@ -44,7 +53,7 @@ pub(super) struct ModelFace {
     /// Free layers below the face.
     pub(super) below: Vec<PlaneKernel>,
     /// Displacement of the nodes of each free layer under unit forces around each face node, by the
-    /// elastic layer alone, by the latter first (C, C) in m/N.
+    /// latter first (C, C) in m/N.
     pub(super) between: Vec<Vec<Matrix3<f32>>>,
 }
 
@@ -78,10 +87,16 @@ impl NearNodes {
 }
 
 impl ModelFace {
-    /// Takes `grid` for the layer's response.
-    pub(super) fn new(model: &PadMesh, below: Vec<PlaneKernel>, grid: &CellGrid) -> Self {
+    /// Takes `grid` for the layer's response, to which that of the `sides` is added.
+    pub(super) fn new(
+        model: &PadMesh,
+        below: Vec<PlaneKernel>,
+        sides: SideField,
+        grid: &CellGrid,
+    ) -> Self {
         let nodes: Vec<_> =
             model.face.iter().map(|&node| model.mesh.vertices[node as usize]).collect();
+        let tilts = nodes.iter().map(|node| grid.tilt_at(node).cast()).collect();
         let corner = [0, 1].map(|axis| nodes.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min));
         let mut face = Self {
             triangles: model.face_triangles.clone(),
@@ -91,6 +106,8 @@ impl ModelFace {
             between: Vec::new(),
             below,
             nodes,
+            tilts,
+            sides,
         };
         for (t, corners) in face.triangles.iter().enumerate() {
             let ends = [0, 1].map(|axis| {
@@ -177,23 +194,43 @@ impl ModelFace {
             let at = &self.nodes[node as usize];
             [at.x - from.x, at.y - from.y]
         };
+        let in_layer = grid.tilt(cell).cast().tr_mul(&Vector3::from(force)).into();
+        let points: Vec<_> = grid.points(cell, SPREAD).collect();
+        let share = 1.0 / points.len() as f64;
+        let around = points.iter().flat_map(|point| self.sides.around(point));
+        let mut by_sides: Vec<(usize, [f32; 3])> = Vec::new();
+        for (node, part) in around.filter(|(_, part)| *part > 0.0) {
+            let part = force.map(|f| f * (part * share) as f32);
+            match by_sides.iter_mut().find(|(other, _)| *other == node) {
+                Some((_, sum)) => (0..3).for_each(|i| sum[i] += part[i]),
+                None => by_sides.push((node, part)),
+            }
+        }
         let layers = changes.chunks_exact_mut(near.len());
         for ((layer, between), changes) in self.between.iter().enumerate().zip(layers) {
             let rows = corners.map(|corner| &between[corner as usize * count..][..count]);
+            let by_sides: Vec<_> = by_sides
+                .iter()
+                .map(|(node, force)| (&self.sides.row(*node)[layer * count..][..count], force))
+                .collect();
             vectorised(
                 #[inline(always)]
                 || {
                     for (&node, change) in near.iter().zip(&mut *changes) {
-                        *change = match layer.checked_sub(1) {
-                            None => grid.under(away(node), force),
-                            Some(below) => self.below[below].under(away(node), force),
+                        let by_layer = match layer.checked_sub(1) {
+                            None => grid.under(away(node), in_layer),
+                            Some(below) => self.below[below].under(away(node), in_layer),
                         };
-                        for (row, f) in rows.iter().zip(&borne) {
+                        *change = (self.tilts[node as usize] * Vector3::from(by_layer)).into();
+                        let minus = rows.iter().zip(&borne).map(|(row, f)| (*row, f, -1.0));
+                        let plus = by_sides.iter().map(|(row, f)| (*row, *f, 1.0));
+                        for (row, f, sign) in minus.chain(plus) {
                             let columns = &row[node as usize].data.0;
                             for i in 0..3 {
-                                change[i] -= f[0] * columns[0][i]
-                                    + f[1] * columns[1][i]
-                                    + f[2] * columns[2][i];
+                                change[i] += sign
+                                    * (f[0] * columns[0][i]
+                                        + f[1] * columns[1][i]
+                                        + f[2] * columns[2][i]);
                             }
                         }
                     }
@@ -212,20 +249,43 @@ impl ModelFace {
                 tents[corner as usize].push((cell, place, share));
             }
         }
-        let layer = |plane: Option<&PlaneKernel>| -> Vec<Matrix3<f32>> {
+        let load = |cells: &Vec<(u32, Point3<f64>, f64)>| {
+            let sum: f64 = cells.iter().map(|(_, _, share)| share).sum();
+            let mut loads = BTreeMap::<usize, f32>::new();
+            for (_, place, share) in cells {
+                for (node, part) in self.sides.around(place) {
+                    *loads.entry(node).or_default() += (part * share / sum) as f32;
+                }
+            }
+            loads.into_iter().filter(|(_, share)| *share > 0.0).collect()
+        };
+        let loads: Vec<Vec<(usize, f32)>> = tents.iter().map(load).collect();
+        let layer = |(layer, plane): (usize, Option<&PlaneKernel>)| -> Vec<Matrix3<f32>> {
             let under = |at: &Point3<f64>, cells: &[(u32, Point3<f64>, f64)]| {
                 let part = |(cell, from, share): &(u32, Point3<f64>, f64)| match plane {
                     None => grid.at_point(*cell, at) * *share as f32,
-                    Some(plane) => plane.at(at.x - from.x, at.y - from.y).cast() * *share as f32,
+                    Some(plane) => {
+                        let by_layer = plane.at(at.x - from.x, at.y - from.y);
+                        let turned = grid.tilt_at(at) * by_layer * grid.tilt(*cell).transpose();
+                        turned.cast() * *share as f32
+                    }
                 };
                 let sum: f64 = cells.iter().map(|(_, _, share)| share).sum();
                 cells.iter().map(part).sum::<Matrix3<f32>>() / sum as f32
             };
-            tents
-                .iter()
-                .flat_map(|cells| self.nodes.iter().map(move |at| under(at, cells)))
-                .collect()
+            let by_layer =
+                tents.iter().flat_map(|cells| self.nodes.iter().map(move |at| under(at, cells)));
+            let count = self.nodes.len();
+            let by_sides = loads.iter().flat_map(|loads| {
+                let at = move |i: usize| {
+                    let part = |(node, share): &(usize, f32)| self.sides.row(*node)[i] * *share;
+                    loads.iter().map(part).sum::<Matrix3<f32>>()
+                };
+                (layer * count..(layer + 1) * count).map(at)
+            });
+            by_layer.zip(by_sides).map(|(layer, sides)| layer + sides).collect()
         };
-        std::iter::once(None).chain(self.below.iter().map(Some)).map(layer).collect()
+        let planes = std::iter::once(None).chain(self.below.iter().map(Some));
+        planes.enumerate().map(layer).collect()
     }
 }

@@ -215,7 +215,7 @@ mod tests {
         let body = SoftBody::new(pad.mesh.clone(), Law::Linear, moduli, &pad.base).unwrap();
         let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
         let compliance = Compliance::new(body, options).unwrap();
-        let sides = compliance.side_responses(&pad).unwrap();
+        let sides = compliance.side_responses(&pad, &outline).unwrap();
         let bodies = (&*compliance.condensed, &pad);
         let grid = CellGrid::new(&CellLevels::new(&outline, [16; 2], 2, bodies, &sides), 0);
         // Change of the displacement of a cell along z under a force on it, over that by the layer.

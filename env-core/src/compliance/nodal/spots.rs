@@ -26,6 +26,8 @@ use crate::simd::vectorised;
 pub(super) struct Spots {
     /// Places in the grid along x and y (N).
     cells: Vec<[i32; 2]>,
+    /// Rotations from the frames of the layer to that of the pad (N).
+    tilts: Vec<Matrix3<f32>>,
     /// Place of each cell among those of the strips (N).
     places: Vec<u32>,
     /// First cell of each strip (B).
@@ -57,6 +59,7 @@ impl Spots {
         displacement: &mut Vec<f32>,
     ) {
         self.cells.clear();
+        self.tilts.clear();
         self.places.clear();
         self.strips.clear();
         self.around.clear();
@@ -65,6 +68,7 @@ impl Spots {
         for rank in ranks {
             let cell = grid.cell(rank);
             self.cells.push(cell);
+            self.tilts.push(grid.tilt(rank).cast());
             match self.strips.last() {
                 Some(strip) if strip[0] == cell[0] && ((cell[1] - strip[1]) as usize) < STRIP => {}
                 _ => self.strips.push(cell),
@@ -115,7 +119,8 @@ impl Spots {
     /// Displacement of a cell (m).
     pub(super) fn moved(&self, cell: usize, displacement: &[f32]) -> Vector3<f64> {
         let at = |place: usize| <[f32; 3]>::try_from(&displacement[3 * place..][..3]).unwrap();
-        let mut sum = at(self.places[cell] as usize);
+        let by_layer = Vector3::from(at(self.places[cell] as usize));
+        let mut sum: [f32; 3] = (self.tilts[cell] * by_layer).into();
         for (number, (_, share)) in self.parts(cell) {
             let by_sides = at(STRIP * self.strips.len() + number as usize);
             for i in 0..3 {
@@ -138,12 +143,13 @@ impl Spots {
         let rows = &self.rows[rows];
         let (by_layer, by_sides) = displacement.split_at_mut(3 * STRIP * self.strips.len());
         let by_layer = by_layer.as_chunks_mut().0;
-        let (force, from) = (force.cast::<f32>().into(), self.cells[loaded]);
+        let (from, force) = (self.cells[loaded], force.cast::<f32>());
+        let in_layer = self.in_layer(loaded, &force);
         vectorised(
             #[inline(always)]
             || {
-                add_strips(by_layer, (&self.active, &self.strips), grid.layer(), from, force);
-                add_rows(by_sides, rows, force);
+                add_strips(by_layer, (&self.active, &self.strips), grid.layer(), from, in_layer);
+                add_rows(by_sides, rows, force.into());
             },
         );
     }
@@ -162,7 +168,7 @@ impl Spots {
         }
         self.told[cell] = *force;
         let by_layer = displacement[..3 * STRIP * self.strips.len()].as_chunks_mut().0;
-        let (force, from) = (news.cast::<f32>().into(), self.cells[cell]);
+        let (from, force) = (self.cells[cell], self.in_layer(cell, &news.cast()));
         vectorised(
             #[inline(always)]
             || add_strips(by_layer, (&self.passive, &self.strips), grid.layer(), from, force),
@@ -171,7 +177,8 @@ impl Spots {
 
     /// Displacement of a cell under unit forces on itself (m/N).
     pub(super) fn own(&mut self, grid: &CellGrid, cell: usize) -> Matrix3<f64> {
-        let mut sum = matrix(&grid.layer().at([0, 0]));
+        let tilt = self.tilts[cell];
+        let mut sum = tilt * matrix(&grid.layer().at([0, 0])) * tilt.transpose();
         let first = self.rows(grid, cell).start;
         let size = 3 * self.coarse.len();
         for (number, (_, share)) in self.parts(cell) {
@@ -179,6 +186,11 @@ impl Spots {
             sum += Matrix3::from_fn(at) * share;
         }
         sum.cast()
+    }
+
+    /// A force on a cell in the frame of the layer.
+    fn in_layer(&self, cell: usize, force: &Vector3<f32>) -> [f32; 3] {
+        self.tilts[cell].tr_mul(force).into()
     }
 
     /// Cells of the first grid around a cell: number, rank and weight.
@@ -255,7 +267,8 @@ mod tests {
         let law = crate::deformation::Law::default();
         let body = SoftBody::new(pad.mesh.clone(), law, moduli, &pad.base).unwrap();
         let model = Compliance::new(body, ComplianceOptions { friction: 0.8, sweeps: 0 }).unwrap();
-        let (bodies, sides) = ((&*model.condensed, &pad), model.side_responses(&pad).unwrap());
+        let (bodies, sides) =
+            ((&*model.condensed, &pad), model.side_responses(&pad, &outline).unwrap());
         let cells = CellLevels::new(&outline, [12, 16], 4, bodies, &sides);
         for level in 0..4 {
             let grid = CellGrid::new(&cells, level);

@@ -1,0 +1,71 @@
+//! Influence of the sides of a pad on the displacement of the mesh on which fields are output.
+//!
+//! It is that of finite elements ([`FaceResponses`]) under forces on the nodes of their face; a force
+//! elsewhere is shared among the four nodes around it.
+//!
+//! Shapes: F nodes of the elements' face, N free nodes of the output mesh.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::face_responses::FaceResponses;
+use crate::geometry::{PadMesh, Transfer};
+
+/// Displacement of the output mesh's free nodes under unit forces on the face, by the sides.
+pub(super) struct SideField {
+    /// Places of the columns of the elements across and along, ascending (m).
+    columns: [Vec<f64>; 2],
+    /// By loaded node (F, N), in m/N.
+    rows: Vec<Matrix3<f32>>,
+    free: usize,
+}
+
+impl SideField {
+    /// Transfers the influence of the `sides` on a `fine` mesh to the first `free` nodes of another.
+    pub(super) fn new(
+        sides: &FaceResponses,
+        fine: &PadMesh,
+        transfer: &Transfer,
+        free: usize,
+    ) -> Self {
+        let across = fine.cells[0] as usize + 1;
+        let place = |node: &u32| fine.mesh.vertices[*node as usize];
+        let columns = [
+            fine.face.iter().take(across).map(|node| place(node).x).collect(),
+            fine.face.iter().step_by(across).map(|node| place(node).y).collect(),
+        ];
+        let row = |&node: &u32| {
+            let under = |axis| {
+                let moved = sides.displacement(&[(node, Vector3::ith(axis, 1.0))]);
+                transfer.interpolate(&moved)
+            };
+            let [x, y, z] = [0, 1, 2].map(under);
+            let block = move |i: usize| Matrix3::from_columns(&[x[i], y[i], z[i]]).cast::<f32>();
+            (0..free).map(block)
+        };
+        Self { columns, rows: fine.face.iter().flat_map(row).collect(), free }
+    }
+
+    /// Displacement of the free nodes (N) under unit forces on a node of the elements' face (m/N).
+    pub(super) fn row(&self, node: usize) -> &[Matrix3<f32>] {
+        &self.rows[node * self.free..][..self.free]
+    }
+
+    /// Nodes of the elements' face around a point of the plan, with weights that sum to 1.
+    pub(super) fn around(&self, point: &Point3<f64>) -> [(usize, f64); 4] {
+        let [x, y] = [0, 1].map(|axis| {
+            let columns = &self.columns[axis];
+            let after = columns.partition_point(|column| *column <= point[axis]);
+            let first = after.clamp(1, columns.len() - 1) - 1;
+            let share = (point[axis] - columns[first]) / (columns[first + 1] - columns[first]);
+            (first, share.clamp(0.0, 1.0))
+        });
+        let across = self.columns[0].len();
+        [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| {
+            let by = |(_, share): (usize, f64), step: usize| match step {
+                0 => 1.0 - share,
+                _ => share,
+            };
+            ((y.0 + j) * across + x.0 + i, by(x, i) * by(y, j))
+        })
+    }
+}
