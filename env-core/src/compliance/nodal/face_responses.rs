@@ -121,7 +121,12 @@ mod tests {
     #[test]
     fn a_quarter_of_the_face_tells_all() {
         for name in ["gelsight-mini", "digit"] {
-            let pad = Sensor::named(name).unwrap().pad(500).unwrap();
+            let outline = Sensor::named(name).unwrap().outline;
+            let pad = PadMesh::with_nodes(&outline, 500).unwrap();
+            let tilt = |node: u32| {
+                let place = pad.mesh.vertices[node as usize];
+                outline.tilt(place.x, place.y)
+            };
             let moduli = Moduli { young: 3e5, poisson: 0.47 };
             let solid = SoftBody::new(pad.mesh.clone(), Law::Linear, moduli, &pad.base).unwrap();
             let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
@@ -136,12 +141,15 @@ mod tests {
                 let at = |node| moved[place(node) as usize];
                 (0..pad.mesh.vertices.len() as u32).map(at).collect::<Vec<_>>()
             };
-            let (own, sides) =
-                (compliance.face_responses(&pad), compliance.side_responses(&pad).unwrap());
+            let own = compliance.face_responses(&pad);
+            let sides = compliance.side_responses(&pad, &outline).unwrap();
             for &node in &pad.face {
                 let force = Vector3::new(1.0, -0.5, 0.3 + f64::from(node));
                 let by_pad = solved(&compliance.condensed.rest, &|node| node, node, force);
-                let by_layer = solved(&layer, &|node| nodes[node as usize], node, force);
+                let in_layer = tilt(node).tr_mul(&force);
+                let by_layer = solved(&layer, &|node| nodes[node as usize], node, in_layer);
+                let turned = (0..).zip(by_layer).map(|(node, u)| tilt(node) * u);
+                let by_layer: Vec<_> = turned.collect();
                 let most = by_pad.iter().map(Vector3::norm).fold(0.0, f64::max);
                 let forces = [(node, force)];
                 let found = own.displacement(&forces).into_iter().zip(sides.displacement(&forces));

@@ -428,9 +428,11 @@ mod tests {
             }
         };
         let by_sides = |(point, force): &(Point3<f64>, Vector3<f64>)| {
-            let row = |from: usize| model.sides.row(node)[layer * model.nodes.len() + node];
-            let around = model.sides.around(point);
-            around.map(|(from, share)| row(from).cast::<f64>() * force * share).into_iter().sum()
+            let at = layer * model.nodes.len() + node;
+            let part = |(from, share): (usize, f64)| {
+                model.sides.row(from)[at].cast::<f64>() * (force * share)
+            };
+            model.sides.around(point).into_iter().map(part).sum::<Vector3<f64>>()
         };
         let points = layered.point_forces(settled, SPREAD);
         settled.forces.iter().map(by_cell).sum::<Vector3<f64>>()

@@ -69,3 +69,44 @@ impl SideField {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        compliance::{Compliance, ComplianceOptions},
+        deformation::{Law, Moduli, SoftBody},
+        sensor::Sensor,
+    };
+
+    #[test]
+    fn rows_are_what_the_elements_say_of_a_force_on_a_node() {
+        let sensor = Sensor::named("gelsight-mini").unwrap();
+        let model = sensor.pad(500).unwrap();
+        let fine = PadMesh::towards_sides(&sensor.outline, 700).unwrap();
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let body = SoftBody::new(fine.mesh.clone(), Law::Linear, moduli, &fine.base).unwrap();
+        let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
+        let sides =
+            Compliance::new(body, options).unwrap().side_responses(&fine, &sensor.outline).unwrap();
+        let transfer = Transfer::new(&fine.mesh, &model.mesh).unwrap();
+        let free = model.face.len() * model.cells[2] as usize;
+        let field = SideField::new(&sides, &fine, &transfer, free);
+        let force = Vector3::new(0.3, -0.2, -1.0);
+        for &node in fine.face.iter().step_by(7) {
+            let right = transfer.interpolate(&sides.displacement(&[(node, force)]));
+            let most = right.iter().map(Vector3::norm).fold(0.0, f64::max);
+            let around = field.around(&fine.mesh.vertices[node as usize]);
+            let sum: f64 = around.iter().map(|(_, share)| share).sum();
+            assert!((sum - 1.0).abs() < 1e-12, "shares of node {node} sum to {sum}");
+            for (i, right) in right.iter().take(free).enumerate() {
+                let part = |(from, share): &(usize, f64)| {
+                    field.row(*from)[i].cast::<f64>() * (force * *share)
+                };
+                let found: Vector3<f64> = around.iter().map(part).sum();
+                // Single precision.
+                assert!((found - right).norm() < 1e-6 * most, "{found} m instead of {right} m");
+            }
+        }
+    }
+}
