@@ -6,8 +6,8 @@ use std::slice;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use ruffini_core::{
     compliance::{Compliance, ComplianceOptions, nodal::ContactResolution},
-    deformation::{Deformation, DeformationModel, History, Moduli, Press, SoftBody, Wrench},
-    fem::{Fem, FemOptions},
+    deformation::{Deformation, DeformationModel, History, Law, Moduli, Press, SoftBody, Wrench},
+    fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, PadOutline, Shape},
     sensor::{ImageResponse, Sensor},
     surrogate::LinearPad,
@@ -406,6 +406,50 @@ fn the_share_that_slides_grows_as_the_contact_gives_way() {
     assert!(first < 0.1 && last > 0.9, "{first} without shear, {last} dragged along");
     let felt = linear(&tip.body).solve_path(&press).pop().unwrap().unwrap();
     assert!(share(&felt) > 0.9, "contact at points, dragged along: {}", share(&felt));
+}
+
+/// Where the face is inclined, a ball that is pressed straight down with friction is pushed aside.
+#[test]
+fn beside_the_sides_a_force_leans_as_by_finite_elements() {
+    const RADIUS: f64 = 5.0 * MM;
+    let (sensor, moduli) =
+        (Sensor::named("gelsight-mini").unwrap(), Moduli { young: 3e5, poisson: 0.47 });
+    let outline = sensor.outline;
+    let cells = LinearPad::new(&sensor, moduli, 0.8, 1000, ContactResolution::FAST).unwrap();
+    for [x, y] in [[8.4 * MM, 0.0], [-7.9 * MM, -10.3 * MM]] {
+        let around = |reach: f64| {
+            let along = (-20..=20).map(move |i| f64::from(i) * reach / 20.0);
+            along.clone().flat_map(move |dx| along.clone().map(move |dy| (x + dx, y + dy)))
+        };
+        // Height of its centre over each place at which it would touch there.
+        let height = |(at_x, at_y): (f64, f64)| {
+            let away = (at_x - x).powi(2) + (at_y - y).powi(2);
+            outline.height(at_x, at_y) + (RADIUS * RADIUS - away).sqrt()
+        };
+        let (touch, top) = around(1.8 * MM)
+            .map(|place| (place, height(place)))
+            .max_by(|(_, a), (_, b)| a.total_cmp(b))
+            .unwrap();
+        let frames = [0.1, 0.2].map(|depth| vec![Isometry3::translation(x, y, top - depth * MM)]);
+        let press = Press::along(vec![Shape::Sphere { radius: RADIUS }], frames.to_vec()).unwrap();
+        let near = (-6..=6).flat_map(|i| (-6..=6).map(move |j| [f64::from(i), f64::from(j)]));
+        let near = near.filter(|[i, j]| i.hypot(*j) <= 6.0).map(|[i, j]| {
+            let [at_x, at_y] = [touch.0 + 0.2 * MM * i, touch.1 + 0.2 * MM * j];
+            Point3::new(at_x, at_y, outline.height(at_x, at_y))
+        });
+        let pad = outline.graded(&near.collect::<Vec<_>>(), 600).unwrap();
+        let body = SoftBody::new(pad.mesh, Law::default(), moduli, &pad.base).unwrap();
+        let options = FemOptions { friction: 0.8, element: Element::P2, ..FemOptions::default() };
+        let last = |model: &dyn DeformationModel| {
+            model.solve_path(&press).pop().unwrap().unwrap().wrench.force
+        };
+        let (truth, found) = (last(&Fem::new(body, options).unwrap()), last(&cells));
+        let error = (found - truth).norm() / truth.norm();
+        // On coarser meshes elements are too stiff.
+        assert!(error < 0.03, "{found} instead of {truth}: {error}");
+        let [share, right] = [found, truth].map(|force| force.xy().norm() / force.norm());
+        assert!((share - right).abs() < 0.2 * right, "{share} of the force, not {right}");
+    }
 }
 
 #[test]

@@ -508,6 +508,50 @@ mod tests {
     }
 
     #[test]
+    fn the_tilt_turns_upwards_to_the_normal_of_the_face() {
+        const STEP: f64 = 1e-7;
+        for outline in outlines() {
+            let height = |x: f64, y: f64| outline.height(x, y);
+            for [x, y] in
+                [[0.0, 0.0], [3e-3, -2e-3], [-9e-3, 1e-3], [8.5e-3, 11e-3], [1e-3, -12e-3]]
+            {
+                let slope = [
+                    (height(x + STEP, y) - height(x - STEP, y)) / (2.0 * STEP),
+                    (height(x, y + STEP) - height(x, y - STEP)) / (2.0 * STEP),
+                ];
+                let normal = Vector3::new(-slope[0], -slope[1], 1.0).normalize();
+                let tilt = outline.tilt(x, y);
+                let off = (tilt * Vector3::z() - normal).norm();
+                assert!(off < 1e-7, "{off} from the normal at ({x}, {y})");
+                assert!((tilt * tilt.transpose() - Matrix3::identity()).norm() < 1e-12);
+                // By the shortest way: about an axis in the plane.
+                assert!((tilt[(0, 1)] - tilt[(1, 0)]).abs() < 1e-15, "{tilt}");
+            }
+        }
+    }
+
+    #[test]
+    fn meshes_towards_the_sides_are_finest_there() {
+        for outline in outlines() {
+            for nodes in [700, 2000, 4000] {
+                let pad = PadMesh::towards_sides(&outline, nodes).unwrap();
+                let (count, across) = (pad.mesh.vertices.len(), pad.cells[0] as usize + 1);
+                assert!(count <= nodes && count > nodes * 3 / 5, "{count} nodes for {nodes}");
+                let columns: Vec<_> =
+                    pad.face[..across].iter().map(|i| pad.mesh.vertices[*i as usize].x).collect();
+                let apart: Vec<_> = columns.windows(2).map(|pair| pair[1] - pair[0]).collect();
+                let middle = apart[apart.len() / 2];
+                assert!(apart[0] < 0.5 * middle, "{} m at the sides, {middle} m inside", apart[0]);
+                assert!((columns[0] + 0.5 * outline.width).abs() < 1e-15 && apart[0] > 0.0);
+                for &i in &pad.face {
+                    let p = pad.mesh.vertices[i as usize];
+                    assert!((p.z - outline.height(p.x, p.y)).abs() < 1e-15, "{p}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn a_layer_has_the_nodes_of_the_pad_and_goes_on_beyond_it() {
         let (pad, reach) = (PadMesh::with_nodes(&mini(), 1000).unwrap(), 0.01);
         let (layer, nodes) = pad.as_layer(reach).unwrap();
