@@ -430,7 +430,8 @@ fn beside_the_sides_a_force_leans_as_by_finite_elements() {
             .map(|place| (place, height(place)))
             .max_by(|(_, a), (_, b)| a.total_cmp(b))
             .unwrap();
-        let frames = [0.1, 0.2].map(|depth| vec![Isometry3::translation(x, y, top - depth * MM)]);
+        let frames = [0.05, 0.1, 0.15, 0.2]
+            .map(|depth| vec![Isometry3::translation(x, y, top - depth * MM)]);
         let press = Press::along(vec![Shape::Sphere { radius: RADIUS }], frames.to_vec()).unwrap();
         let near = (-6..=6).flat_map(|i| (-6..=6).map(move |j| [f64::from(i), f64::from(j)]));
         let near = near.filter(|[i, j]| i.hypot(*j) <= 6.0).map(|[i, j]| {
@@ -445,10 +446,10 @@ fn beside_the_sides_a_force_leans_as_by_finite_elements() {
         };
         let (truth, found) = (last(&Fem::new(body, options).unwrap()), last(&cells));
         let error = (found - truth).norm() / truth.norm();
-        // On coarser meshes elements are too stiff.
-        assert!(error < 0.03, "{found} instead of {truth}: {error}");
+        // On up to 1,800 vertices, from which those on 600 differ by 1 and 2 %, it is 1.5 % off.
+        assert!(error < 0.045, "{found} instead of {truth}: {error}");
         let [share, right] = [found, truth].map(|force| force.xy().norm() / force.norm());
-        assert!((share - right).abs() < 0.2 * right, "{share} of the force, not {right}");
+        assert!((share - right).abs() < 0.15 * right, "{share} of the force, not {right}");
     }
 }
 
