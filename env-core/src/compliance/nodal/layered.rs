@@ -418,14 +418,12 @@ mod tests {
         let at = &model.nodes[node];
         let by_cell = |(cell, force): &(u32, Vector3<f64>)| {
             let from = grid.place(*cell);
-            match layer {
-                0 => grid.at_point(*cell, at).cast::<f64>() * force,
-                _ => {
-                    let in_layer = grid.tilt(*cell).tr_mul(force);
-                    let away = at - from;
-                    grid.tilt_at(at) * (model.below[layer - 1].at(away.x, away.y) * in_layer)
-                }
+            if layer == 0 {
+                return grid.at_point(*cell, at).cast::<f64>() * force;
             }
+            let in_layer = grid.tilt(*cell).tr_mul(force);
+            let away = at - from;
+            grid.tilt_at(at) * (model.below[layer - 1].at(away.x, away.y) * in_layer)
         };
         let by_sides = |(point, force): &(Point3<f64>, Vector3<f64>)| {
             let at = layer * model.nodes.len() + node;
