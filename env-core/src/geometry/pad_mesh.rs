@@ -9,32 +9,10 @@
 //! of the face. Spacing is constant in the contact zone and grows linearly with the distance from
 //! it: with the density 1/h(s), nodes stand at equal steps of N(s) = ∫ ds / h(s).
 
-use nalgebra::{Matrix3, Point3, Vector3};
-use serde::{Deserialize, Serialize};
+use nalgebra::Point3;
 
-use super::TetMesh;
+use super::{PadOutline, TetMesh};
 use crate::{Error, Result};
-
-/// The undeformed shape of a gel pad: a rectangular block with a crowned face.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct PadOutline {
-    /// Extent along y (m).
-    pub length: f64,
-    /// Extent along x (m).
-    pub width: f64,
-    /// Height of the apex above the base (m).
-    pub thickness: f64,
-    /// Radius of the face along y (m), infinite if straight.
-    pub radius_along: f64,
-    /// Radius of the face along x (m), infinite if straight.
-    pub radius_across: f64,
-    /// Width of the rim along which the face rolls off towards the sides (m), 0 if sharp.
-    pub rim_width: f64,
-    /// Radius of that roll-off (m): the width for a fillet that meets the sides smoothly, more for
-    /// one that meets them at an angle.
-    pub rim_radius: f64,
-}
 
 /// Node spacing of a pad mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,93 +42,6 @@ pub struct PadMesh {
 
 /// Fewest and most nodes of a pad mesh.
 pub(super) const NODES: std::ops::RangeInclusive<usize> = 100..=200_000;
-
-impl PadOutline {
-    /// A block with a flat face and sharp edges.
-    pub fn flat(length: f64, width: f64, thickness: f64) -> Self {
-        let (radius_along, radius_across) = (f64::INFINITY, f64::INFINITY);
-        let (rim_width, rim_radius) = (0.0, 0.0);
-        Self { length, width, thickness, radius_along, radius_across, rim_width, rim_radius }
-    }
-
-    /// Returns this outline if its values are in range and its corners are higher than 5 % of its
-    /// thickness.
-    pub fn validated(self) -> Result<Self> {
-        let extents =
-            [("length", self.length), ("width", self.width), ("thickness", self.thickness)];
-        for (name, value) in extents {
-            if !(value > 1e-4 && value < 1.0) {
-                return Err(Error::invalid(name, format!("{value} m"), "1e-4 to 1 m"));
-            }
-        }
-        let radii = [
-            ("radius_along", self.radius_along, 0.5 * self.length),
-            ("radius_across", self.radius_across, 0.5 * self.width),
-        ];
-        for (name, radius, half) in radii {
-            if radius.is_nan() || radius < half {
-                let expected = format!("half of the extent ({half} m) or more");
-                return Err(Error::invalid(name, format!("{radius} m"), expected));
-            }
-        }
-        let most = (0.5 * self.length.min(self.width)).min(self.rim_radius);
-        if !(self.rim_width >= 0.0 && self.rim_width <= most) {
-            let expected = format!("0 to its radius and half of the shorter side ({most} m)");
-            return Err(Error::invalid("rim_width", format!("{} m", self.rim_width), expected));
-        }
-        let edge = self.thickness + self.height(0.5 * self.width, 0.5 * self.length);
-        if edge <= 0.05 * self.thickness {
-            let found = format!("{edge:.2e} m at the corners");
-            return Err(Error::invalid("pad height", found, "more than 5 % of the thickness"));
-        }
-        Ok(self)
-    }
-
-    /// Height of the face at (x, y) (m): 0 at the apex, negative elsewhere.
-    pub fn height(&self, x: f64, y: f64) -> f64 {
-        let beyond = |p: f64, extent: f64| (p.abs() - (0.5 * extent - self.rim_width)).max(0.0);
-        // Round the corners the rim keeps its width and ends at one height.
-        let over = beyond(x, self.width).hypot(beyond(y, self.length)).min(self.rim_width);
-        let crown = sagitta(x, self.radius_across) + sagitta(y, self.radius_along);
-        -crown - sagitta(over, self.rim_radius)
-    }
-
-    /// Rotation by the shortest way from the z axis to the outward normal of the face at (x, y).
-    pub fn tilt(&self, x: f64, y: f64) -> Matrix3<f64> {
-        let beyond = |p: f64, extent: f64| {
-            let beyond = (p.abs() - (0.5 * extent - self.rim_width)).max(0.0);
-            beyond.copysign(p)
-        };
-        let [over_x, over_y] = [beyond(x, self.width), beyond(y, self.length)];
-        let over = over_x.hypot(over_y);
-        let on_rim = over > 0.0 && over <= self.rim_width;
-        let by_rim = if on_rim { steepness(over, self.rim_radius) / over } else { 0.0 };
-        let rise = [
-            steepness(x, self.radius_across) + by_rim * over_x,
-            steepness(y, self.radius_along) + by_rim * over_y,
-        ];
-        let [nx, ny, nz] = Vector3::new(rise[0], rise[1], 1.0).normalize().into();
-        let [xx, xy, yy] = [nx * nx, nx * ny, ny * ny].map(|product| product / (1.0 + nz));
-        Matrix3::new(1.0 - xx, -xy, nx, -xy, 1.0 - yy, ny, -nx, -ny, nz)
-    }
-}
-
-/// Drop of a circle of `radius` at `p` from its top: r − √(r² − p²) without cancellation.
-fn sagitta(p: f64, radius: f64) -> f64 {
-    if p == 0.0 || radius.is_infinite() {
-        return 0.0;
-    }
-    p * p / (radius + (radius * radius - p * p).max(0.0).sqrt())
-}
-
-/// Derivative of [`sagitta`] by `p`.
-fn steepness(p: f64, radius: f64) -> f64 {
-    if p == 0.0 || radius.is_infinite() {
-        return 0.0;
-    }
-    // The end of a quarter of a circle is upright.
-    p / (radius * radius - p * p).max(1e-6 * radius * radius).sqrt()
-}
 
 impl Grading {
     /// Spacing `spacing` (m) in the middle half of the face and the upper quarter of the gel.
@@ -504,29 +395,6 @@ mod tests {
                 .sum();
             let plan = outline.width * outline.length;
             assert!((on_face / plan - 1.0).abs() < 1e-12, "{on_face} m² over {plan} m²");
-        }
-    }
-
-    #[test]
-    fn the_tilt_turns_upwards_to_the_normal_of_the_face() {
-        const STEP: f64 = 1e-7;
-        for outline in outlines() {
-            let height = |x: f64, y: f64| outline.height(x, y);
-            for [x, y] in
-                [[0.0, 0.0], [3e-3, -2e-3], [-9e-3, 1e-3], [8.5e-3, 11e-3], [1e-3, -12e-3]]
-            {
-                let slope = [
-                    (height(x + STEP, y) - height(x - STEP, y)) / (2.0 * STEP),
-                    (height(x, y + STEP) - height(x, y - STEP)) / (2.0 * STEP),
-                ];
-                let normal = Vector3::new(-slope[0], -slope[1], 1.0).normalize();
-                let tilt = outline.tilt(x, y);
-                let off = (tilt * Vector3::z() - normal).norm();
-                assert!(off < 1e-7, "{off} from the normal at ({x}, {y})");
-                assert!((tilt * tilt.transpose() - Matrix3::identity()).norm() < 1e-12);
-                // By the shortest way: about an axis in the plane.
-                assert!((tilt[(0, 1)] - tilt[(1, 0)]).abs() < 1e-15, "{tilt}");
-            }
         }
     }
 
