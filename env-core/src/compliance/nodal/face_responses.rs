@@ -35,7 +35,8 @@ impl Compliance {
 
     /// Influence of the sides and the curved face of the `pad`, whose mesh is that of the body: its
     /// responses less those of a flat layer without sides that has the same nodes in plan and depth,
-    /// turned with the face. Both have the same error of the mesh. Returns an error if the layer cannot be meshed.
+    /// turned with the face. Both have the same error of the mesh. Returns an error if the layer
+    /// cannot be meshed.
     pub fn side_responses(&self, pad: &PadMesh, outline: &PadOutline) -> Result<FaceResponses> {
         let (layer, nodes) = pad.as_layer(BEYOND * pad.thickness())?;
         let moduli = self.body().moduli()[0];
