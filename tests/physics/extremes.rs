@@ -174,6 +174,23 @@ fn mini(friction: f64) -> LinearPad {
     LinearPad::new(&sensor, GEL, friction, 1000, ContactResolution::FAST).unwrap()
 }
 
+/// The faces of a coarse mesh lie under a curved face by more than the skin above this ball.
+#[test]
+fn a_ball_just_under_a_curved_face_is_refused() {
+    let sensor = Sensor::named("digit").unwrap();
+    let pad = LinearPad::new(&sensor, GEL, 0.0, 1000, ContactResolution::FAST).unwrap();
+    let (radius, x, y) = (0.6 * MM, -2.914 * MM, -5.675 * MM);
+    let at = |z: f64| vec![Isometry3::translation(x, y, sensor.outline.height(x, y) + z)];
+    let first = |z: f64| {
+        let press = Press::along(vec![Shape::Sphere { radius }], vec![at(z)]).unwrap();
+        pad.solve_path(&press).pop().unwrap()
+    };
+    let error = first(-radius - 0.06 * MM).unwrap_err();
+    assert!(error.to_string().contains("across its surface"), "{error}");
+    let across = first(0.7 * radius).unwrap();
+    assert!(across.wrench.force.z < 0.0, "{:?}", across.wrench);
+}
+
 #[test]
 fn a_shape_that_begins_in_a_pad_has_come_down_on_it() {
     let pad = mini(0.5);

@@ -12,7 +12,9 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactLaw, ContactStep, Touch, backed_off, check_first, engulfs_unfelt, holds},
+    contact::{
+        ContactLaw, ContactStep, Touch, backed_off, check_first, engulfs_unfelt, holds, is_engulfed,
+    },
     deformation::{Anchor, History, Press, Wrench},
     fem::SolverWorkspace,
     geometry::Shape,
@@ -140,7 +142,11 @@ impl<'a> LoadStepping<'a> {
         self.cover(first);
         let places = self.zone_places();
         let mesh = self.condensed.body.mesh();
-        check_first(self.shapes, first, mesh, |i| holds(&self.shapes[i], &first[i], &places))?;
+        let still = vec![Vector3::zeros(); mesh.vertices.len()];
+        check_first(self.shapes.len(), |i| {
+            let (shape, pose) = (&self.shapes[i], &first[i]);
+            !holds(shape, pose, &places) && is_engulfed(shape, pose, mesh, &still)
+        })?;
         self.state.poses = backed_off(self.shapes, first, &self.zone.surface, &places, mesh);
         Ok(())
     }

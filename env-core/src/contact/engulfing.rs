@@ -1,5 +1,7 @@
 //! Shapes wholly inside the body: they contain no surface point, so contact does not detect them.
 
+use std::cell::LazyCell;
+
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::{
@@ -10,6 +12,22 @@ use crate::{
 /// Segments round a circle of the triangulated shape.
 pub(super) const SEGMENTS: u32 = 16;
 
+/// Returns whether `shape` at its `pose` lies wholly in the region that `contains` its points. A
+/// half-space never does.
+pub fn is_within(
+    shape: &Shape,
+    pose: &Isometry3<f64>,
+    contains: impl Fn(&Point3<f64>) -> bool,
+) -> bool {
+    // One point of the shape's surface rules out nearly all cases.
+    let Distance { value, normal } = shape.distance(&Point3::origin());
+    if !contains(&(pose * Point3::from(-value * normal))) {
+        return false;
+    }
+    let Some(surface) = shape.surface(SEGMENTS) else { return false };
+    surface.vertices().iter().all(|corner| contains(&(pose * corner)))
+}
+
 /// Returns whether `shape` at its `pose` lies wholly inside the body of this `mesh`, whose nodes
 /// are displaced (V or more) in m. A half-space is never inside.
 pub fn is_engulfed(
@@ -18,37 +36,25 @@ pub fn is_engulfed(
     mesh: &TetMesh,
     displacement: &[Vector3<f64>],
 ) -> bool {
-    // One point of the shape's surface, outside the bounding box of the body, rules out nearly all
-    // cases.
-    let Distance { value, normal } = shape.distance(&Point3::origin());
-    let one = pose * Point3::from(-value * normal);
     let moved = || mesh.vertices.iter().zip(displacement).map(|(p, u)| p + u);
-    let spanned =
-        (0..3).all(|i| moved().any(|p| p[i] <= one[i]) && moved().any(|p| p[i] >= one[i]));
-    if !spanned {
-        return false;
-    }
-    let Some(surface) = shape.surface(SEGMENTS) else { return false };
-    let deformed = TetMesh { vertices: moved().collect(), tets: mesh.tets.clone() };
-    surface.vertices().iter().all(|corner| deformed.contains(&(pose * corner)))
+    let deformed =
+        LazyCell::new(|| TetMesh { vertices: moved().collect(), tets: mesh.tets.clone() });
+    let spanned = |point: &Point3<f64>| {
+        (0..3).all(|i| moved().any(|p| p[i] <= point[i]) && moved().any(|p| p[i] >= point[i]))
+    };
+    is_within(shape, pose, |point| spanned(point) && deformed.contains(point))
 }
 
-/// Refuses the `first` poses of a press from rest if one of its `shapes` lies wholly inside the body
-/// of this `mesh`, and no surface point `touches` it, given its index.
-pub fn check_first(
-    shapes: &[Shape],
-    first: &[Isometry3<f64>],
-    mesh: &TetMesh,
-    touches: impl Fn(usize) -> bool,
-) -> Result<()> {
-    let still = vec![Vector3::zeros(); mesh.vertices.len()];
-    for (i, (shape, pose)) in shapes.iter().zip(first).enumerate() {
-        if !touches(i) && is_engulfed(shape, pose, mesh, &still) {
+/// Refuses the first poses of a press from rest if one of its `shapes`, given its index, is
+/// `engulfed`: wholly inside the body without touching a surface point.
+pub fn check_first(shapes: usize, engulfed: impl Fn(usize) -> bool) -> Result<()> {
+    match (0..shapes).find(|&i| engulfed(i)) {
+        None => Ok(()),
+        Some(i) => {
             let expected = "a first pose outside the body or across its surface";
-            return Err(Error::invalid(format!("pose of shape {i}"), "all inside", expected));
+            Err(Error::invalid(format!("pose of shape {i}"), "all inside", expected))
         }
     }
-    Ok(())
 }
 
 /// Returns whether one of the `places` is inside a `shape` at its `pose`.

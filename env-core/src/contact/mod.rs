@@ -14,7 +14,7 @@ mod touch;
 
 pub use approach::{advance_to_contact, backed_off, between, clearance, nearest};
 pub use backing::Backing;
-pub use engulfing::{check_first, engulfs_unfelt, holds, is_engulfed};
+pub use engulfing::{check_first, engulfs_unfelt, holds, is_engulfed, is_within};
 pub use law::{ContactLaw, Traction};
 pub use leap::went_through;
 pub use near::DistanceCache;

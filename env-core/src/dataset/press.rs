@@ -17,12 +17,12 @@ use crate::{
     Error, Result,
     compliance::{
         Compliance, ComplianceOptions,
-        nodal::{ContactResolution, LayeredPad},
+        nodal::{ContactResolution, LayeredPad, Sides},
     },
     contact::between,
     deformation::{Deformation, History, Law, Moduli, Press, SoftBody},
     fem::{Carrier, Fem, FemOptions},
-    geometry::{PadMesh, Shape, Transfer},
+    geometry::{PadMesh, Shape},
     sensor::Sensor,
 };
 
@@ -31,9 +31,8 @@ const STEPS: usize = 25;
 const PATIENCE: usize = 40;
 /// Greatest force, in units of E t² with the thickness t: 80 N on a GelSight Mini.
 const STRONGEST: f64 = 17.0;
-/// Nodes of the finite elements from which the influence of the pad's sides on finely resolved
-/// contact is taken.
-const ELEMENTS: usize = 4000;
+/// Vertices of the quadratic elements from which the influence of the pad's sides is taken.
+const ELEMENTS: usize = 1000;
 /// Points along each side of a touching cell over which its force is spread: closer than the nodes of
 /// the finest mesh.
 const POINTS: u32 = 3;
@@ -54,15 +53,13 @@ impl PressedPad {
         let sensor = Sensor::named(&gel.sensor)?;
         let model = sensor.pad(nodes)?;
         let contact = || -> Result<_> {
-            let pad = PadMesh::towards_sides(&sensor.outline, ELEMENTS)?;
             let moduli = Moduli { young: gel.young, poisson: gel.poisson };
-            let body = SoftBody::new(pad.mesh.clone(), Law::Linear, moduli, &pad.base)?;
+            let body = SoftBody::new(model.mesh.clone(), Law::Linear, moduli, &model.base)?;
             let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
-            let (compliance, fine) = (Compliance::new(body, options)?, ContactResolution::FINE);
-            let sides = compliance.side_responses(&pad, &sensor.outline)?;
-            let transfer = Transfer::new(&pad.mesh, &model.mesh)?;
-            let meshes = (&pad, &model, &transfer);
-            Ok(LayeredPad::new(&compliance, &sensor.outline, meshes, fine, &sides))
+            let compliance = Compliance::new(body, options)?;
+            let sides = Sides::new(&sensor.outline, moduli, ELEMENTS)?;
+            let fine = ContactResolution::FINE;
+            LayeredPad::new(&compliance, &sensor.outline, &model, fine, &sides)
         };
         let contact = fine.then(contact).transpose()?;
         Ok(Self { sensor, model, contact })

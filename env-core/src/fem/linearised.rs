@@ -140,6 +140,11 @@ impl Linearised {
         self.pattern.scatter(&unknowns)
     }
 
+    /// The node in the middle of the edge between two vertices, or the vertex if they are one.
+    pub(crate) fn node_between(&self, a: u32, b: u32) -> u32 {
+        if a == b { a } else { self.nodes.middle(a, b) }
+    }
+
     /// Displacement of `nodes` under unit forces on the free nodes `at`, one row of numbers for
     /// each component of each force (m/N).
     pub(crate) fn unit_responses(

@@ -61,7 +61,7 @@ use rayon::prelude::*;
 use crate::geometry::Shape;
 use crate::{
     Error, Result,
-    contact::{Backing, ContactLaw, check_first, holds},
+    contact::{Backing, ContactLaw, check_first, holds, is_engulfed},
     deformation::{Deformation, DeformationModel, Drive, History, Press, SoftBody},
     geometry::TetMesh,
     interrupt::Interrupt,
@@ -195,8 +195,10 @@ impl Fem {
         let rest = vec![Vector3::zeros(); system.nodes.places.len()];
         let places = system.surface_places(&rest);
         let (shapes, first) = (press.shapes(), press.drive().first());
-        let touches = |i: usize| holds(&shapes[i], &first[i], &places);
-        check_first(shapes, first, self.body.mesh(), touches)
+        check_first(shapes.len(), |i| {
+            let (shape, pose) = (&shapes[i], &first[i]);
+            !holds(shape, pose, &places) && is_engulfed(shape, pose, self.body.mesh(), &rest)
+        })
     }
 }
 

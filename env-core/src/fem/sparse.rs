@@ -21,7 +21,7 @@ pub(super) struct Matrix {
 }
 
 /// Most right-hand sides solved at once.
-pub(super) const MOST_COLUMNS: usize = 8;
+pub(super) const MOST_COLUMNS: usize = 32;
 
 impl Pattern {
     /// Returns a matrix of this pattern with zero values.

@@ -139,6 +139,11 @@ impl PadMesh {
                 }
             }
         }
+        Self::of_vertices([nx, ny, nz], vertices)
+    }
+
+    /// Takes `vertices` in columns, x fastest, then y, as nodes.
+    fn of_vertices([nx, ny, nz]: [usize; 3], vertices: Vec<Point3<f64>>) -> Result<Self> {
         let mesh = TetMesh::new("pad", vertices, kuhn(nx, ny, nz))?;
         let (plane, all) = ((nx * ny) as u32, (nx * ny * nz) as u32);
         let face_triangles = mesh.boundary();
@@ -154,13 +159,39 @@ impl PadMesh {
         })
     }
 
+    /// Ends of the edge in whose middle each node of [`PadMesh::halved`] lies; twice the same node if it
+    /// is one of this mesh.
+    pub fn ends_of_halves(&self) -> Vec<[u32; 2]> {
+        let [nx, ny, nz] = self.cells.map(|cells| 2 * cells as usize + 1);
+        let [across, along, _] = self.cells.map(|cells| cells as usize + 1);
+        // All edges lead from even places to odd ones along the axes on which their ends differ.
+        let end = |half: [usize; 3], parity: usize| {
+            let [i, j, k] = half.map(|half| half / 2 + half % 2 * ((half / 2 + parity) % 2));
+            ((k * along + j) * across + i) as u32
+        };
+        let row = |k: usize, j: usize| (0..nx).map(move |i| [i, j, k]);
+        let places = (0..nz).flat_map(|k| (0..ny).flat_map(move |j| row(k, j)));
+        places.map(|half| [end(half, 0), end(half, 1)]).collect()
+    }
+
+    /// The same pad with the middles of all edges as nodes, too: two cells in the place of one along
+    /// each axis, with the same polyhedron as its surface.
+    pub fn halved(&self) -> Self {
+        let middle = |[a, b]: [u32; 2]| {
+            nalgebra::center(&self.mesh.vertices[a as usize], &self.mesh.vertices[b as usize])
+        };
+        let vertices = self.ends_of_halves().into_iter().map(middle).collect();
+        let count = self.cells.map(|cells| 2 * cells as usize + 1);
+        Self::of_vertices(count, vertices).expect("halves of good tetrahedra are good")
+    }
+
     /// The pad as a flat layer of the same thickness that goes on beyond the sides as far as `reach`
     /// (m) or farther, with the same nodes in plan and depth where the pad is; and the layer's node
     /// in the place of each of the pad's.
     pub fn as_layer(&self, reach: f64) -> Result<(Self, Vec<u32>)> {
         /// Growth of the spacing from one column to the next. Even numbers of them keep the pattern of
         /// the tetrahedra.
-        const GROWTH: f64 = 1.4;
+        const GROWTH: f64 = 1.6;
         let [nx, ny, nz] = self.cells.map(|cells| cells as usize + 1);
         let at = |node: usize| self.mesh.vertices[node];
         let middle = ny / 2 * nx + nx / 2;

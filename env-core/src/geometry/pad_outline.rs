@@ -1,6 +1,6 @@
 //! Undeformed shape of a gel pad: a rectangular block with a crowned face and a rim.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::{Error, Result};
@@ -74,6 +74,13 @@ impl PadOutline {
         let over = beyond(x, self.width).hypot(beyond(y, self.length)).min(self.rim_width);
         let crown = sagitta(x, self.radius_across) + sagitta(y, self.radius_along);
         -crown - sagitta(over, self.rim_radius)
+    }
+
+    /// Returns whether a point is in the pad.
+    pub fn contains(&self, point: &Point3<f64>) -> bool {
+        let [x, y, z] = point.coords.into();
+        let over = x.abs() <= 0.5 * self.width && y.abs() <= 0.5 * self.length;
+        over && z >= -self.thickness && z <= self.height(x, y)
     }
 
     /// Rotation by the shortest way from the z axis to the outward normal of the face at (x, y).

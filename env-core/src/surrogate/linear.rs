@@ -19,7 +19,7 @@ use crate::{
     Result,
     compliance::{
         Compliance, ComplianceOptions,
-        nodal::{ContactResolution, ContactSolution, LayeredPad, Nodal, NodeContact},
+        nodal::{ContactResolution, ContactSolution, LayeredPad, Nodal, NodeContact, Sides},
     },
     contact::Backing,
     deformation::{Law, Moduli, Press, SoftBody},
@@ -27,6 +27,9 @@ use crate::{
     sensor::Sensor,
     simd::vectorised,
 };
+
+/// Vertices of the quadratic elements from which the influence of the pad's sides is taken.
+const ELEMENTS: usize = 1000;
 
 /// Linear model of a gel.
 pub(super) struct LinearBaseline {
@@ -105,14 +108,13 @@ impl LinearBaseline {
         model: &PadMesh,
         resolution: ContactResolution,
     ) -> Result<Self> {
-        let fine = PadMesh::towards_sides(&sensor.outline, nodes)?;
+        let fine = PadMesh::with_nodes(&sensor.outline, nodes)?;
         let transfer = Transfer::new(&fine.mesh, &model.mesh)?;
         let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
         let compliance = Compliance::new(body(&fine, gel.moduli)?, options)?;
         let nodal = compliance.at_coarse_nodes(&fine, model)?;
-        let sides = compliance.side_responses(&fine, &sensor.outline)?;
-        let pads = (&fine, model, &transfer);
-        let layered = LayeredPad::new(&compliance, &sensor.outline, pads, resolution, &sides);
+        let sides = Sides::new(&sensor.outline, gel.moduli, ELEMENTS)?;
+        let layered = LayeredPad::new(&compliance, &sensor.outline, model, resolution, &sides)?;
         let size = 3 * model.mesh.vertices.len();
         let extension = Extension::new(layered.unit_responses().map(|u| flat(&u)), size);
         let stress = OnceLock::new();

@@ -9,14 +9,19 @@
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
     super::condensed::Condensed,
     between::{Face, widest},
     grid::CellGrid,
 };
-use crate::{Error, Result, contact::SurfacePoint, geometry::PadMesh, responses::Responses};
+use crate::{
+    Error, Result,
+    contact::{SurfacePoint, is_engulfed, is_within},
+    geometry::{PadMesh, Shape},
+    responses::Responses,
+};
 
 /// Contact nodes of a body, with the data that all its presses share.
 pub(super) struct ContactNodes {
@@ -169,6 +174,16 @@ impl ContactNodes {
     /// The node as a surface point; on a grid, where they differ by their place only, any.
     pub(super) fn point(&self, rank: u32) -> &SurfacePoint {
         if self.grid().is_some() { &self.points[0] } else { &self.points[rank as usize] }
+    }
+
+    /// Returns whether `shape` at its `pose` lies wholly inside the body at rest.
+    pub(super) fn engulfs(&self, shape: &Shape, pose: &Isometry3<f64>) -> bool {
+        if let Some(grid) = self.grid() {
+            // Where the mesh is coarse, its faces lie under that of a curved pad.
+            return is_within(shape, pose, |point| grid.outline().contains(point));
+        }
+        let mesh = self.condensed.body.mesh();
+        is_engulfed(shape, pose, mesh, &vec![Vector3::zeros(); mesh.vertices.len()])
     }
 
     /// The grid, if its cells are the nodes.

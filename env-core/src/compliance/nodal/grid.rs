@@ -14,15 +14,14 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
-    face_responses::FaceResponses,
     kernel::{LayerKernel, Table, matrix},
     side_compliance::{FirstGrid, SideCompliance},
+    sides::Sides,
 };
 use crate::{
-    compliance::condensed::Condensed,
     contact::nearest,
     deformation::Moduli,
-    geometry::{PadMesh, PadOutline, Shape},
+    geometry::{PadOutline, Shape},
     responses::Responses,
 };
 
@@ -57,17 +56,15 @@ pub(super) struct CellGrid {
 }
 
 impl CellLevels {
-    /// Covers the face of a pad with a first grid of `count` cells and finer ones, `levels` in all.
-    /// The influence of its `sides` is that on the nodes of a `fine` mesh, that of the `condensed`
-    /// body.
+    /// Covers the face of a pad of these `moduli` with a first grid of `count` cells and finer ones,
+    /// `levels` in all.
     pub(super) fn new(
         outline: &PadOutline,
         count: [u32; 2],
         levels: usize,
-        (condensed, fine): (&Condensed, &PadMesh),
-        sides: &FaceResponses,
+        moduli: Moduli,
+        sides: &Sides,
     ) -> Arc<Self> {
-        let moduli: Moduli = condensed.body.moduli()[0];
         let first = FirstGrid::new(outline, count);
         let kernel = LayerKernel::new(first.sides, levels, outline.thickness, moduli);
         let heights = |level: u32| -> Vec<f64> {
@@ -81,7 +78,7 @@ impl CellLevels {
             places.map(height).collect()
         };
         let heights = (0..levels as u32).map(heights).collect();
-        let edges = SideCompliance::new((condensed, fine), &first, sides);
+        let edges = SideCompliance::new(&first, sides);
         Arc::new(Self { first, kernel, heights, edges })
     }
 
@@ -200,9 +197,9 @@ impl CellGrid {
         places.into_iter().filter(is_there).map(rank)
     }
 
-    /// Thickness of the pad (m).
-    pub(super) fn thickness(&self) -> f64 {
-        self.cells.first.outline.thickness
+    /// Outline of the pad.
+    pub(super) fn outline(&self) -> &PadOutline {
+        &self.cells.first.outline
     }
 
     /// Displacement of cells by the layer alone.

@@ -13,7 +13,6 @@ use nalgebra::{Point3, Vector3};
 
 use super::{
     contact_nodes::ContactNodes,
-    face_responses::FaceResponses,
     grid::{CellGrid, CellLevels, ROOT},
     half_space::PointForce,
     kernel::PlaneKernel,
@@ -23,6 +22,7 @@ use super::{
     patch::NodalScratch,
     resolution::ContactResolution,
     side_field::SideField,
+    sides::Sides,
     state::ContactSolution,
 };
 use crate::{
@@ -30,7 +30,7 @@ use crate::{
     compliance::Compliance,
     contact::{Backing, ContactLaw},
     deformation::Press,
-    geometry::{PadMesh, PadOutline, Transfer},
+    geometry::{PadMesh, PadOutline},
     simd::{LANES, add_rows, vectorised},
 };
 
@@ -82,26 +82,25 @@ pub struct NodeContact {
 }
 
 impl LayeredPad {
-    /// Builds the model of the pad of `outline` from its `compliance` on a `fine` mesh, for fields
-    /// on a `model` mesh, with contact at the `resolution`. The influence of its `sides` is that on the
-    /// fine mesh ([`Compliance::side_responses`]), from which `transfer` leads to the model mesh.
+    /// Builds the model of the pad of `outline`, of the body and friction of `compliance`, for fields on
+    /// a `model` mesh, with contact at the `resolution`. Returns an error if that is not a mesh of the
+    /// pad whose `sides` are given.
     pub fn new(
         compliance: &Compliance,
         outline: &PadOutline,
-        (fine, model, transfer): (&PadMesh, &PadMesh, &Transfer),
+        model: &PadMesh,
         resolution: ContactResolution,
-        sides: &FaceResponses,
-    ) -> Self {
+        sides: &Sides,
+    ) -> Result<Self> {
         let condensed = &compliance.condensed;
         let along = |extent: f64| ROOT * (extent / (FIRST * f64::from(ROOT))).ceil() as u32;
         let count = [along(outline.width), along(outline.length)];
-        let (levels, bodies) = (resolution.levels as usize, (&**condensed, fine));
-        let cells = CellLevels::new(outline, count, levels, bodies, sides);
+        let (levels, moduli) = (resolution.levels as usize, condensed.body.moduli()[0]);
+        let cells = CellLevels::new(outline, count, levels, moduli, sides);
         let level = |level| {
             ContactNodes::of_grid(Arc::clone(condensed), CellGrid::new(&cells, level), level == 0)
         };
         let levels: Vec<_> = (0..resolution.levels).map(level).collect();
-        let moduli = condensed.body.moduli()[0];
         // Layers are equally deep, as a part of the height, in all columns.
         let height = |layer: usize| model.mesh.vertices[layer * model.face.len()].z;
         let layers = model.cells[2] as usize;
@@ -110,7 +109,7 @@ impl LayeredPad {
         let plane = |depth: &f64| PlaneKernel::new(*depth, outline.thickness, moduli);
         let below = depths[1..layers].iter().map(plane).collect();
         let near_field = Arc::new(NearField::new(model, &depths, moduli));
-        let side_field = SideField::new(sides, fine, transfer, layers * model.face.len());
+        let side_field = SideField::new(sides, model)?;
         let model = Arc::new(ModelFace::new(model, below, side_field, &CellGrid::new(&cells, 1)));
         let known = levels.iter().take(KEPT).map(|nodes| {
             let grid = nodes.grid().expect("levels are grids");
@@ -118,7 +117,7 @@ impl LayeredPad {
         });
         let known = Arc::new(known.collect());
         let law = compliance.settings.law;
-        Self { levels: Arc::new(levels), resolution, law, model, near_field, known }
+        Ok(Self { levels: Arc::new(levels), resolution, law, model, near_field, known })
     }
 
     /// Held faces of the pad.
@@ -319,9 +318,8 @@ mod tests {
         let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
         let compliance = Compliance::new(body, options).unwrap();
         let fast = ContactResolution::FAST;
-        let sides = compliance.side_responses(&pad, &sensor.outline).unwrap();
-        let same = Transfer::new(&pad.mesh, &pad.mesh).unwrap();
-        LayeredPad::new(&compliance, &sensor.outline, (&pad, &pad, &same), fast, &sides)
+        let sides = Sides::new(&sensor.outline, moduli, 300).unwrap();
+        LayeredPad::new(&compliance, &sensor.outline, &pad, fast, &sides).unwrap()
     }
 
     #[test]

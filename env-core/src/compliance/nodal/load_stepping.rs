@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactLaw, between, clearance, is_engulfed, nearest},
+    contact::{ContactLaw, between, clearance, nearest},
     deformation::{
         Anchor, FrameDrive, History, NextStep, Press, Wrench, solve_frames, solve_in_steps,
     },
@@ -386,8 +386,7 @@ impl<'a> NodalLoadStepping<'a> {
             if state.held.iter().any(|held| held.shape as usize == s) {
                 continue;
             }
-            let still = vec![Vector3::zeros(); condensed.rest.places().len()];
-            if is_engulfed(shape, pose, condensed.body.mesh(), &still) {
+            if self.levels[0].engulfs(shape, pose) {
                 let (residual, tolerance) = (f64::INFINITY, 0.0);
                 return Err(Error::NotConverged { iterations: state.sweeps, residual, tolerance });
             }

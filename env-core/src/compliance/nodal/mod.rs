@@ -28,6 +28,7 @@ mod resolution;
 mod settle;
 mod side_compliance;
 mod side_field;
+mod sides;
 mod spots;
 mod state;
 
@@ -50,6 +51,7 @@ pub use layered::{LayeredPad, NodeContact};
 use load_stepping::NodalLoadStepping;
 use patch::NodalScratch;
 pub use resolution::ContactResolution;
+pub use sides::Sides;
 pub use state::ContactSolution;
 
 /// Compliance model of one soft body with contact at its nodes. Copies share the precomputed data.

@@ -1,9 +1,7 @@
 //! Influence of the sides of a pad on displacement between its contact cells.
 //!
-//! What the sides, the rim and the curved face change against an elastic layer is smooth, and is taken
-//! from finite elements: it is the difference of the elements of the pad and of those of a layer on
-//! the same nodes ([`FaceResponses`]), whose errors are the same, between tractions that fall off
-//! linearly around the cells of the first grid.
+//! What the sides, the rim and the curved face change against an elastic layer ([`Sides`]) is smooth,
+//! and is taken between tractions that fall off linearly around the cells of the first grid.
 //!
 //! Shapes: C cells of the first grid.
 
@@ -11,12 +9,8 @@
 
 use nalgebra::Vector3;
 
-use super::{face_responses::FaceResponses, kernel::Columns};
-use crate::{
-    compliance::condensed::Condensed,
-    geometry::{PadMesh, PadOutline},
-    simd::vectorised,
-};
+use super::{kernel::Columns, sides::Sides};
+use crate::{geometry::PadOutline, simd::vectorised};
 
 /// Cells of the first grid, counted row after row along y.
 #[derive(Clone, Copy)]
@@ -94,17 +88,14 @@ impl FirstGrid {
         ]
     }
 
-    /// Nodes of the face of a `fine` mesh of the pad that bear tractions around each cell (C), with
-    /// shares of the force.
-    fn loads(&self, condensed: &Condensed, fine: &PadMesh) -> Vec<Vec<(u32, f64)>> {
-        let areas = condensed.areas();
+    /// Nodes of the face of `sides` that bear tractions around each cell (C), with shares of the force.
+    fn loads(&self, sides: &Sides) -> Vec<Vec<(u32, f64)>> {
         let mut loads = vec![Vec::new(); (self.count[0] * self.count[1]) as usize];
-        for &node in &fine.face {
-            let place = &condensed.rest.places()[node as usize];
-            let Some(rank) = condensed.rank_of(node) else { continue };
+        for (&node, area) in sides.mesh.face.iter().zip(sides.areas()) {
+            let place = &sides.mesh.mesh.vertices[node as usize];
             for (cell, share) in self.around(place.x, place.y) {
                 if share > 1e-9 {
-                    loads[cell as usize].push((node, share * areas[rank]));
+                    loads[cell as usize].push((node, share * area));
                 }
             }
         }
@@ -119,14 +110,9 @@ impl FirstGrid {
 }
 
 impl SideCompliance {
-    /// Takes the influence of the sides on the nodes of a `fine` mesh of the pad, that of the
-    /// `condensed` body, from `sides`.
-    pub(super) fn new(
-        (condensed, fine): (&Condensed, &PadMesh),
-        first: &FirstGrid,
-        sides: &FaceResponses,
-    ) -> Self {
-        let loads = first.loads(condensed, fine);
+    /// Takes the influence of the `sides` between the cells of the `first` grid.
+    pub(super) fn new(first: &FirstGrid, sides: &Sides) -> Self {
+        let loads = first.loads(sides);
         let row = |from: &[(u32, f64)], axis: usize| -> Vec<f32> {
             let force = |&(node, share): &(u32, f64)| (node, Vector3::ith(axis, share));
             let moved = sides.displacement(&from.iter().map(force).collect::<Vec<_>>());
@@ -200,24 +186,16 @@ impl SideCompliance {
 mod tests {
     use super::*;
     use crate::{
-        compliance::{
-            Compliance, ComplianceOptions,
-            nodal::grid::{CellGrid, CellLevels},
-        },
-        deformation::{Law, Moduli, SoftBody},
+        compliance::nodal::grid::{CellGrid, CellLevels},
+        deformation::Moduli,
     };
 
     #[test]
     fn sides_soften_what_is_near_them_and_not_what_is_far() {
         let outline = PadOutline::flat(0.032, 0.032, 0.003);
-        let pad = PadMesh::with_nodes(&outline, 1500).unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
-        let body = SoftBody::new(pad.mesh.clone(), Law::Linear, moduli, &pad.base).unwrap();
-        let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
-        let compliance = Compliance::new(body, options).unwrap();
-        let sides = compliance.side_responses(&pad, &outline).unwrap();
-        let bodies = (&*compliance.condensed, &pad);
-        let grid = CellGrid::new(&CellLevels::new(&outline, [16; 2], 2, bodies, &sides), 0);
+        let sides = Sides::new(&outline, moduli, 300).unwrap();
+        let grid = CellGrid::new(&CellLevels::new(&outline, [16; 2], 2, moduli, &sides), 0);
         // Change of the displacement of a cell along z under a force on it, over that by the layer.
         let change = |[i, j]: [u32; 2]| {
             let rank = 16 * i + j;

@@ -1,18 +1,21 @@
 //! Influence of the sides of a pad on the displacement of the mesh on which fields are output.
 //!
-//! It is that of finite elements ([`FaceResponses`]) under forces on the nodes of their face; a force
+//! It is that of finite elements ([`Sides`]) under forces on the nodes of their face; a force
 //! elsewhere is shared among the four nodes around it.
 //!
 //! Shapes: F nodes of the elements' face, N free nodes of the output mesh.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::face_responses::FaceResponses;
-use crate::geometry::{PadMesh, Transfer};
+use super::sides::Sides;
+use crate::{
+    Result,
+    geometry::{PadMesh, Transfer},
+};
 
 /// Displacement of the output mesh's free nodes under unit forces on the face, by the sides.
 pub(super) struct SideField {
-    /// Places of the columns of the elements across and along, ascending (m).
+    /// Places of the columns of nodes across and along, ascending (m).
     columns: [Vec<f64>; 2],
     /// By loaded node (F, N), in m/N.
     rows: Vec<Matrix3<f32>>,
@@ -20,13 +23,11 @@ pub(super) struct SideField {
 }
 
 impl SideField {
-    /// Transfers the influence of the `sides` on a `fine` mesh to the first `free` nodes of another.
-    pub(super) fn new(
-        sides: &FaceResponses,
-        fine: &PadMesh,
-        transfer: &Transfer,
-        free: usize,
-    ) -> Self {
+    /// Transfers the influence of the `sides` to the free nodes of a `model` mesh, its first. Returns an
+    /// error if that is not a mesh of the same pad.
+    pub(super) fn new(sides: &Sides, model: &PadMesh) -> Result<Self> {
+        let (fine, free) = (&sides.mesh, model.face.len() * model.cells[2] as usize);
+        let transfer = Transfer::new(&fine.mesh, &model.mesh)?;
         let across = fine.cells[0] as usize + 1;
         let place = |node: &u32| fine.mesh.vertices[*node as usize];
         let columns = [
@@ -42,7 +43,7 @@ impl SideField {
             let block = move |i: usize| Matrix3::from_columns(&[x[i], y[i], z[i]]).cast::<f32>();
             (0..free).map(block)
         };
-        Self { columns, rows: fine.face.iter().flat_map(row).collect(), free }
+        Ok(Self { columns, rows: fine.face.iter().flat_map(row).collect(), free })
     }
 
     /// Displacement of the free nodes (N) under unit forces on a node of the elements' face (m/N).
@@ -73,25 +74,17 @@ impl SideField {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        compliance::{Compliance, ComplianceOptions},
-        deformation::{Law, Moduli, SoftBody},
-        sensor::Sensor,
-    };
+    use crate::{deformation::Moduli, sensor::Sensor};
 
     #[test]
     fn rows_are_what_the_elements_say_of_a_force_on_a_node() {
         let sensor = Sensor::named("gelsight-mini").unwrap();
         let model = sensor.pad(500).unwrap();
-        let fine = PadMesh::towards_sides(&sensor.outline, 700).unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
-        let body = SoftBody::new(fine.mesh.clone(), Law::Linear, moduli, &fine.base).unwrap();
-        let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
-        let sides =
-            Compliance::new(body, options).unwrap().side_responses(&fine, &sensor.outline).unwrap();
+        let sides = Sides::new(&sensor.outline, moduli, 150).unwrap();
+        let (fine, field) = (&sides.mesh, SideField::new(&sides, &model).unwrap());
         let transfer = Transfer::new(&fine.mesh, &model.mesh).unwrap();
         let free = model.face.len() * model.cells[2] as usize;
-        let field = SideField::new(&sides, &fine, &transfer, free);
         let force = Vector3::new(0.3, -0.2, -1.0);
         for &node in fine.face.iter().step_by(7) {
             let right = transfer.interpolate(&sides.displacement(&[(node, force)]));

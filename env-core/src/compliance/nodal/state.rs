@@ -5,7 +5,7 @@ use std::slice;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{contact_nodes::ContactNodes, grid::CellGrid};
+use super::contact_nodes::ContactNodes;
 use crate::{
     Error, Result,
     contact::{backed_off, check_first, clearance},
@@ -83,12 +83,12 @@ pub(super) fn outside(
         None => -clearance(slice::from_ref(shape), slice::from_ref(pose), &nodes.places),
     };
     let depths: Vec<_> = shapes.iter().zip(first).map(|(shape, pose)| depth(shape, pose)).collect();
-    check_first(shapes, first, mesh, |i| depths[i] > 0.0)?;
+    check_first(shapes.len(), |i| depths[i] <= 0.0 && nodes.engulfs(&shapes[i], &first[i]))?;
     let start = |((shape, pose), sunk): ((&Shape, &Isometry3<f64>), &f64)| {
         if finest.is_some() && *sunk <= 0.0 {
             return *pose;
         }
-        let most = finest.map_or(0.0, CellGrid::thickness);
+        let most = finest.map_or(0.0, |grid| grid.outline().thickness);
         let above = lifted(pose, [*sunk, most], |pose| depth(shape, pose));
         above.unwrap_or_else(|| {
             let (shape, pose) = (slice::from_ref(shape), slice::from_ref(pose));

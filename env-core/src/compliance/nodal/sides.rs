@@ -1,0 +1,67 @@
+//! Influence of the sides and the curved face of a pad, by quadratic finite elements.
+//!
+//! It is what they change against a flat layer without sides that is turned with the face: the
+//! responses of the elements of the pad less those of a layer on the same nodes, whose errors are the
+//! same. Forces on single nodes are carried by linear elements too roughly for that.
+//!
+//! Shapes: F nodes of the elements' face, middles of edges among them.
+
+use nalgebra::Vector3;
+
+use super::face_responses::FaceResponses;
+use crate::{
+    Result,
+    deformation::{Law, Moduli, SoftBody},
+    fem::{Element, Linearised},
+    geometry::{PadMesh, PadOutline},
+};
+
+/// Distance in thicknesses as far as the layer goes on beyond the sides of the pad.
+const BEYOND: f64 = 1.5;
+
+/// Influence of the sides of a pad on its compliance.
+pub struct Sides {
+    /// All nodes of the elements as vertices.
+    pub(super) mesh: PadMesh,
+    responses: FaceResponses,
+}
+
+impl Sides {
+    /// Solves for a pad on at most `vertices` vertices of quadratic elements, finest at the sides.
+    /// Returns an error if it cannot be meshed.
+    pub fn new(outline: &PadOutline, moduli: Moduli, vertices: usize) -> Result<Self> {
+        let pad = PadMesh::towards_sides(outline, vertices)?;
+        let (layer, in_layer) = pad.as_layer(BEYOND * pad.thickness())?;
+        let (mesh, ends) = (pad.halved(), pad.ends_of_halves());
+        let linearised = |pad: &PadMesh| {
+            let body = SoftBody::new(pad.mesh.clone(), Law::Linear, moduli, &pad.base)?;
+            Linearised::of(&body, Element::P2)
+        };
+        let solved = |elements: &Linearised, vertex: &dyn Fn(u32) -> u32| {
+            FaceResponses::new(elements, &mesh, |node| {
+                let [a, b] = ends[node as usize].map(vertex);
+                elements.node_between(a, b)
+            })
+        };
+        let by_layer = solved(&linearised(&layer)?, &|vertex| in_layer[vertex as usize]);
+        let mut responses = solved(&linearised(&pad)?, &|vertex| vertex);
+        responses.subtract_tilted(&by_layer, &mesh, outline);
+        Ok(Self { mesh, responses })
+    }
+
+    /// Displacement of the vertices of the mesh in m under forces (N) on some of its face.
+    pub(super) fn displacement(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
+        self.responses.displacement(forces)
+    }
+
+    /// Area of the face that each of its nodes represents (F) in m².
+    pub(super) fn areas(&self) -> Vec<f64> {
+        let mut areas = vec![0.0; self.mesh.face.len()];
+        for corners in &self.mesh.face_triangles {
+            let [a, b, c] = corners.map(|node| self.mesh.mesh.vertices[node as usize]);
+            let third = (b - a).cross(&(c - a)).norm() / 6.0;
+            corners.iter().for_each(|&node| areas[node as usize] += third);
+        }
+        areas
+    }
+}
